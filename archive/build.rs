@@ -1,7 +1,11 @@
 //! Points `include_dir!` at `www/dist` where the page has been built, and at an empty folder where it has not, so that
-//! the server compiles on a machine that never built the page (it then says how).
+//! the server compiles on a machine that never built the page (it then says how). A page without the places that the
+//! facts of a model are put into stops the build.
 
 use std::path::{Path, PathBuf};
+
+#[path = "src/places.rs"]
+mod places;
 
 fn main() -> std::io::Result<()> {
     let here = PathBuf::from(std::env::var_os("CARGO_MANIFEST_DIR").unwrap_or_default());
@@ -9,6 +13,11 @@ fn main() -> std::io::Result<()> {
     let built = www.join("dist");
     // Watching a path that does not exist would rebuild every time: watch the folder that it would appear in.
     let (page, watched) = if built.join("index.html").is_file() {
+        let index = built.join("index.html");
+        if let Err(why) = places::cut(&std::fs::read_to_string(&index)?) {
+            let why = format!("{}: {why}; mend www/index.html and run `cargo xtask web`", index.display());
+            return Err(std::io::Error::other(why));
+        }
         (built.clone(), built)
     } else {
         let empty = Path::new(&std::env::var_os("OUT_DIR").unwrap_or_default()).join("no-page");
@@ -17,6 +26,7 @@ fn main() -> std::io::Result<()> {
     };
     println!("cargo:rerun-if-changed={}", watched.display());
     println!("cargo:rerun-if-changed=build.rs");
+    println!("cargo:rerun-if-changed=src/places.rs");
     println!("cargo:rustc-env=KILWA_PAGE={}", page.display());
     Ok(())
 }

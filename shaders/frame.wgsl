@@ -45,8 +45,8 @@ struct Frame {
     radius: f32,
     feature: f32,
     unused: u32,
-    // From a pixel of the target to the pixel of the relief map.
-    relief_shift: vec2<i32>,
+    // From a pixel of the target to the pixel of the depth and normal buffer.
+    depth_normal_shift: vec2<i32>,
     // Bit 0: the plane cuts; bit 1: the box cuts; bit 2: what is inside of the box goes.
     clip_flags: u32,
     // 1: modes of light show the scan's colours.
@@ -73,8 +73,8 @@ struct Draw {
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;
-// Depth and normals of the whole picture, for modes that look at the neighbourhood: shaders/relief.wgsl.
-@group(0) @binding(1) var relief: texture_2d<u32>;
+// Depth and normals of the whole picture, for modes that look at the neighbourhood: shaders/depth_normal.wgsl.
+@group(0) @binding(1) var depth_normal: texture_2d<u32>;
 @group(1) @binding(0) var<uniform> draw: Draw;
 
 // Exact up to the one conversion: equal lattice points give equal results in every chunk and every pass.

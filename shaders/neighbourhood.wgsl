@@ -1,4 +1,4 @@
-// Curvature and eye-dome lighting from the relief map. Part of the surface pass.
+// Curvature and eye-dome lighting from the depth and normal buffer. Part of the surface pass.
 // Both are measured over a distance, in metres or in pixels, and never over a triangle: they look the same at every level of detail.
 
 const DIRECTIONS: i32 = 4;
@@ -26,7 +26,7 @@ fn depth_along_axis(d: f32) -> f32 {
 }
 
 fn has_texel(pixel: vec2<i32>) -> bool {
-    let size = vec2<i32>(textureDimensions(relief));
+    let size = vec2<i32>(textureDimensions(depth_normal));
     return all(pixel >= vec2<i32>(0)) && all(pixel < size);
 }
 
@@ -44,8 +44,8 @@ fn eye_dome(pixel: vec2<i32>, d: f32) -> f32 {
         for (var k = 0; k < DIRECTIONS; k++) {
             let offset = vec2<i32>(round(direction(k) * radius));
             if has_texel(pixel + offset) && has_texel(pixel - offset) {
-                let da = bitcast<f32>(textureLoad(relief, pixel + offset, 0).x);
-                let db = bitcast<f32>(textureLoad(relief, pixel - offset, 0).x);
+                let da = bitcast<f32>(textureLoad(depth_normal, pixel + offset, 0).x);
+                let db = bitcast<f32>(textureLoad(depth_normal, pixel - offset, 0).x);
                 let nearer = max(0.5 * (da + db) - d, 0.0) * steps / (radius * steps_per_pixel);
                 // Below a tenth of a pixel's width it may be the triangulation.
                 let seen = max(nearer - 0.1, 0.0);
@@ -70,8 +70,8 @@ fn curvature(pixel: vec2<i32>, d: f32) -> f32 {
         for (var k = 0; k < DIRECTIONS; k++) {
             let offset = vec2<i32>(round(direction(k) * max(pixels * f32(ring) * 0.5, 1.0)));
             if has_texel(pixel + offset) && has_texel(pixel - offset) {
-                let a = textureLoad(relief, pixel + offset, 0).xy;
-                let b = textureLoad(relief, pixel - offset, 0).xy;
+                let a = textureLoad(depth_normal, pixel + offset, 0).xy;
+                let b = textureLoad(depth_normal, pixel - offset, 0).xy;
                 let za = depth_along_axis(bitcast<f32>(a.x));
                 let zb = depth_along_axis(bitcast<f32>(b.x));
                 let across = vec2<f32>(offset) * 2.0 * steps_per_pixel;

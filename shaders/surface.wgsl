@@ -133,7 +133,7 @@ fn shade(in: VertexOut, front: bool) -> vec3<f32> {
     if frame.on_color == 1u && has_color {
         base = in.color.rgb;
     }
-    let pixel = vec2<i32>(floor(in.clip.xy)) + frame.relief_shift;
+    let pixel = vec2<i32>(floor(in.clip.xy)) + frame.depth_normal_shift;
     var c: vec3<f32>;
     switch frame.mode {
         case 1u: {

@@ -13,7 +13,7 @@ use std::io::{BufRead, IsTerminal, Write};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
-/// Say who may see what is not public, and who may publish.
+/// Manage who may see models that are not public, and who may publish.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(subcommand)]
@@ -33,13 +33,13 @@ enum What {
         file: PathBuf,
         /// Name: a-z, 0-9 and . _ - @.
         name: String,
-        /// May see this object (its name in the address); can be given several times, and replaces what was granted before.
+        /// May see this object (its name in the address); repeat for several objects. Replaces earlier grants.
         #[arg(long, value_name = "SLUG", conflicts_with = "all")]
         object: Vec<String>,
-        /// May see everything that is not withdrawn.
+        /// May see every object that is not withdrawn.
         #[arg(long)]
         all: bool,
-        /// Set no password: leave the one there is, or, for a new user, have tokens only.
+        /// Set no password: keep the existing one, or give a new user only tokens.
         #[arg(long)]
         no_password: bool,
     },
@@ -63,10 +63,10 @@ enum What {
         file: PathBuf,
         /// Name of the user.
         name: String,
-        /// What it is for: view, publish.
+        /// Purpose of the token: view or publish.
         #[arg(long = "for", value_name = "PURPOSE", value_parser = purpose, default_value = "view")]
         purpose: Purpose,
-        /// How many days it works.
+        /// Days until the token expires.
         #[arg(long, default_value_t = 365, value_parser = clap::value_parser!(u32).range(1..=3660))]
         days: u32,
     },
@@ -81,7 +81,7 @@ enum What {
     List {
         /// The file.
         file: PathBuf,
-        /// As JSON.
+        /// Print as JSON.
         #[arg(long)]
         json: bool,
     },
@@ -91,7 +91,7 @@ fn purpose(text: &str) -> Result<Purpose, String> {
     match text {
         "view" => Ok(Purpose::View),
         "publish" => Ok(Purpose::Publish),
-        _ => Err("view or publish is wanted".to_owned()),
+        _ => Err("expected view or publish".to_owned()),
     }
 }
 
@@ -124,7 +124,7 @@ fn init(file: &Path) -> anyhow::Result<()> {
         anyhow::bail!("{} exists already; it is left as it is", file.display());
     }
     Accounts::new()?.create(file)?;
-    writeln!(crate::terminal::out(), "{}: nobody yet; add users with `kilwa access user`.", file.display())?;
+    writeln!(crate::terminal::out(), "{}: no users yet; add some with `kilwa access user`.", file.display())?;
     Ok(())
 }
 
@@ -152,7 +152,7 @@ fn password(name: &str) -> anyhow::Result<String> {
         let mut line = String::new();
         stdin.lock().read_line(&mut line).context("cannot read the password from stdin")?;
         let password = line.trim_end_matches(['\n', '\r']).to_owned();
-        anyhow::ensure!(!password.is_empty(), "no password came on stdin; give --no-password where none is wanted");
+        anyhow::ensure!(!password.is_empty(), "no password on standard input; give --no-password to set none");
         return Ok(password);
     }
     let terminal = console::Term::stderr();

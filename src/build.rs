@@ -31,7 +31,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicI32, Ordering};
 use std::time::Instant;
 
-/// Turn a mesh into a pack.
+/// Build a pack from meshes.
 ///
 /// Reads PLY, OBJ, STL and glTF. The pack holds the finest surface exactly, on a lattice finer than the mesh, and
 /// coarser forms of it, each with a certified error.
@@ -43,19 +43,19 @@ pub(crate) struct Args {
     /// The pack to write.
     #[arg(short, long, value_name = "NAME.kilwa")]
     output: PathBuf,
-    /// Worker threads; one per core where not given. The bytes do not depend on it.
+    /// Worker threads (default: one per core). The bytes do not depend on it.
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true, value_parser = parse_threads)]
     threads: usize,
-    /// Memory to hold, for example 300M or 2.5GiB; a quarter of the machine's where not given. The bytes do not depend on it.
+    /// Memory to use, for example 300M or 2.5GiB (default: a quarter of the machine's). The bytes do not depend on it.
     #[arg(long, value_name = "SIZE", value_parser = size::memory)]
     memory: Option<u64>,
-    /// Folder for scratch files, best on a fast disk; beside the output where not given.
+    /// Folder for scratch files, preferably on a fast disk (default: beside the output).
     #[arg(long, value_name = "DIR")]
     scratch: Option<PathBuf>,
-    /// Go on with a build that was stopped or killed, from its scratch files.
+    /// Resume a build that was stopped or killed, from its scratch files.
     #[arg(long)]
     resume: bool,
-    /// Lattice step in metres, a power of two such as 0.0001220703125; derived from the mesh where not given.
+    /// Lattice spacing in metres, a power of two such as 0.0001220703125 (default: derived from the mesh).
     #[arg(long, value_name = "METRES")]
     step: Option<f64>,
     /// Keep only triangles whose centroid lies in this box, in metres and axes of the pack.
@@ -67,33 +67,33 @@ pub(crate) struct Args {
     /// Drop components of fewer triangles than this.
     #[arg(long, value_name = "N")]
     drop_islands_below: Option<u64>,
-    /// Bits that each channel of a colour keeps, 4 to 8; 8 is exact.
+    /// Bits kept of each colour channel, 4 to 8; 8 is exact.
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = bits(COLOR_BITS))]
     color_bits: u8,
-    /// Bits that each of the two coordinates of a normal keeps, 6 to 16; 10 is a tenth of a degree.
+    /// Bits of each of the two coordinates of a normal, 6 to 16; 10 is a tenth of a degree.
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = bits(NORMAL_BITS))]
     normal_bits: u8,
     /// Coordinate reference system, for example EPSG:32737; stored with the model.
     #[arg(long)]
     crs: Option<String>,
-    /// Standard uncertainty of the capture in metres, where known; stored with the model.
+    /// Standard uncertainty of the capture in metres, if known; stored with the model.
     #[arg(long, value_name = "METRES")]
     capture_accuracy: Option<f64>,
-    /// Title of the model; the name of the first file where not given.
+    /// Title of the model (default: the name of the first file).
     #[arg(long)]
     title: Option<String>,
-    /// Replace the output where it exists.
+    /// Replace an existing output file.
     #[arg(long)]
     force: bool,
     /// Print the report as JSON.
     #[arg(long)]
     json: bool,
-    /// Say beforehand what will be used: memory, threads, room on disks.
+    /// Print beforehand what will be used: memory, threads, disk space.
     #[arg(long)]
     verbose: bool,
 }
 
-/// The build was stopped by the user; what it leaves and how to go on.
+/// The build was stopped by the user; what it leaves and how to continue.
 #[derive(Debug)]
 pub(crate) struct Interrupted(String);
 
@@ -350,7 +350,7 @@ fn discard_earlier(scratch: &Scratch) -> anyhow::Result<u64> {
     let files = scratch.files()?;
     if bytes > 0 {
         crate::terminal::say!(
-            "kilwa: {} of scratch files of an earlier build discarded; --resume would have gone on with it",
+            "kilwa: {} of scratch files of an earlier build discarded; --resume would have resumed it",
             binary(bytes)
         );
     }
@@ -484,7 +484,7 @@ mod tests {
     }
 
     #[test]
-    fn another_pack_or_build_is_not_mistaken_for_the_one_that_was_killed() {
+    fn another_pack_or_build_is_not_mistaken_for_the_killed_one() {
         type Spoil<'a> = (&'a [&'a str], &'a dyn Fn(&Path));
         let spoils: [Spoil<'_>; 4] = [
             (&["--resume"], &|f| std::fs::write(f.join("a.kilwa"), "my thesis").unwrap()),
@@ -504,7 +504,7 @@ mod tests {
     }
 
     #[test]
-    fn folders_that_a_build_made_for_its_scratch_files_are_removed_and_others_stay() {
+    fn only_scratch_folders_made_by_the_build_are_removed() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         std::fs::write(at("a.obj"), TRIANGLE).unwrap();

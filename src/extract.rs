@@ -11,12 +11,12 @@ use kilwa_pack::plural::plural;
 use std::io::Write as _;
 use std::path::PathBuf;
 
-/// Give the mesh back from a pack, at full detail or coarser, as PLY, OBJ, STL or GLB, without cracks.
+/// Extract the mesh from a pack, at full detail or coarser, as PLY, OBJ, STL or GLB, without cracks.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// The pack.
     pack: PathBuf,
-    /// The file to write; its ending says the format: .ply, .obj, .stl or .glb.
+    /// The file to write; its extension chooses the format: .ply, .obj, .stl or .glb.
     #[arg(short, long)]
     output: PathBuf,
     /// The coarsest surface whose certified error is at most this many metres.
@@ -34,7 +34,7 @@ pub(crate) struct Args {
     /// Replace an existing file.
     #[arg(long)]
     force: bool,
-    /// Report as JSON.
+    /// Print the report as JSON.
     #[arg(long)]
     json: bool,
 }
@@ -42,12 +42,12 @@ pub(crate) struct Args {
 fn error_limit(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(x) if x.is_finite() && x >= 0.0 => Ok(x),
-        _ => Err("a length in metres is wanted, for example 0.01".to_owned()),
+        _ => Err("expected a length in metres, for example 0.01".to_owned()),
     }
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    // What would stop the writing is said before the work is done.
+    // What would prevent writing is reported before the work is done.
     let format = Format::of(&args.output, args.ascii)?;
     refuse_inputs(&args.output, [args.pack.as_path()])?;
     let output = Output::prepare(&args.output, args.force)?;

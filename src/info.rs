@@ -18,8 +18,8 @@ use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::PathBuf;
 
-/// Say what a pack is: size, place, precision, levels of detail, where it came from. Or what a mesh is, before it is
-/// built: borders, components, edges, noise, what has to be repaired.
+/// Describe a pack: size, position, precision, levels of detail, sources. Or describe a mesh before it is
+/// built: borders, components, edges, noise, necessary repairs.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// The pack, or a mesh (PLY, OBJ, STL, glTF).
@@ -27,13 +27,13 @@ pub(crate) struct Args {
     /// Units of a mesh: m, dm, cm, mm, km, ft, us-ft, in.
     #[arg(long, default_value = "m", value_parser = crate::inputs::units)]
     units: LengthUnit,
-    /// Axis that points up in a mesh: z or y; where not given, z for PLY, OBJ and STL, y for glTF.
+    /// Axis that points up in a mesh: z or y (default: z for PLY, OBJ and STL, y for glTF).
     #[arg(long, value_parser = crate::inputs::up)]
     up: Option<Up>,
-    /// Read files outside of a mesh's own folder where it names them. Only for meshes that you trust.
+    /// Read files outside a mesh's own folder if it names them. Only for meshes that you trust.
     #[arg(long)]
     allow_outside: bool,
-    /// Report as JSON.
+    /// Print the report as JSON.
     #[arg(long)]
     json: bool,
 }
@@ -271,7 +271,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_read_well() {
+    fn numbers_are_readable() {
         assert_eq!(grouped(0), "0");
         assert_eq!(grouped(999), "999");
         assert_eq!(grouped(1_234_567), "1,234,567");

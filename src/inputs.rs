@@ -1,10 +1,10 @@
 //! The inputs of a verb that reads meshes: which files, and where each belongs.
 //!
-//! Input: file names, folders (every mesh in them, told by its content, not those in folders further down) and patterns
+//! Input: file names, folders (every mesh in them, recognised by its content, not those in subfolders) and patterns
 //! that the shell has left alone (`'blocks/*.ply'`). Output: each file once, sorted by path, so that the order of the arguments does
 //! not matter, each with the map from its own coordinates to metres, z up.
 //!
-//! Refused: a file that is not there or of a format that is not read, a file named twice, a pattern that nothing
+//! Refused: a file that does not exist or of a format that is not read, a file named twice, a pattern that nothing
 //! matches, a folder without meshes, a folder with something that is named like a mesh but is not one, something that matches a pattern but is not
 //! a readable regular file (a broken link, a folder, a pipe), a matrix that cannot place a mesh.
 
@@ -29,18 +29,18 @@ use std::io::Read;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
 
-/// Which meshes are read, and how their coordinates are meant.
+/// Which meshes are read, and how their coordinates are interpreted.
 #[derive(clap::Args)]
 pub(crate) struct InputArgs {
     /// Mesh files (PLY, OBJ, STL, glTF), folders of them, or quoted patterns such as 'blocks/*.ply'.
     ///
-    /// Several are joined, and vertices that match are welded; their order does not matter.
+    /// Several are joined, and matching vertices are welded; their order does not matter.
     #[arg(required = true, value_name = "INPUT")]
     pub(crate) inputs: Vec<PathBuf>,
     /// Units of the inputs: m, dm, cm, mm, km, ft, us-ft, in.
     #[arg(long, default_value = "m", value_parser = units)]
     pub(crate) units: LengthUnit,
-    /// Axis that points up in the inputs: z or y; where not given, z for PLY, OBJ and STL, y for glTF.
+    /// Axis that points up in the inputs: z or y (default: z for PLY, OBJ and STL, y for glTF).
     #[arg(long, value_parser = up)]
     pub(crate) up: Option<Up>,
     /// Added to all coordinates, in the units and axes of the inputs, after --transform.
@@ -50,15 +50,15 @@ pub(crate) struct InputArgs {
     /// `auto`: each NAME.ply has its own in NAME.xf beside it.
     #[arg(long, value_name = "FILE.xf|auto")]
     pub(crate) transform: Option<PathBuf>,
-    /// Split triangles of OBJ and glTF so that no edge spans more than so many texels of a picture; the surface stays the same.
+    /// Split triangles of OBJ and glTF so that no edge spans more than this many texels of a texture; the surface stays the same.
     ///
-    /// Without it, vertices have the colour of the picture where they lie, and nothing is split.
+    /// Without it, vertices take the colour of the texture at their position, and nothing is split.
     #[arg(long, value_name = "TEXELS", value_parser = texels)]
     pub(crate) texture_detail: Option<f64>,
     /// Read files outside a mesh's own folder if it names them (materials, pictures, buffers), and meshes that links
     /// in a given folder lead to.
     ///
-    /// What they hold ends up in the pack. Give it only for meshes that you trust.
+    /// Their contents become part of the pack. Use it only for meshes that you trust.
     #[arg(long)]
     pub(crate) allow_outside: bool,
 }
@@ -181,7 +181,7 @@ impl Inputs {
     }
 
     /// What the metadata says of the files: each with its SHA-256, sorted by name. Where they are too many, the last
-    /// entry stands for all that have no entry of their own.
+    /// entry represents all that have no entry of their own.
     ///
     /// Fails where a file cannot be read, or two have the same content and the same place: a surface that is there twice.
     fn sources(&self, progress: &dyn Progress, stop: &Stop) -> Result<Vec<SourceFile>, BuildError> {
@@ -459,10 +459,10 @@ fn own_matrix(input: &Path, allow_outside: bool) -> anyhow::Result<Placement> {
 /// The matrix in a file.
 fn matrix(file: &Path) -> anyhow::Result<Placement> {
     /// More is no matrix.
-    const MOST: u64 = 64 * 1024;
+    const MAX: u64 = 64 * 1024;
     let mut text = String::new();
     read::open_regular(file)
-        .and_then(|(f, _)| f.take(MOST).read_to_string(&mut text))
+        .and_then(|(f, _)| f.take(MAX).read_to_string(&mut text))
         .with_context(|| format!("cannot read {}", file.display()))?;
     let words = text.lines().flat_map(|line| line.split('#').next().unwrap_or_default().split_whitespace());
     let mut numbers = Vec::new();
@@ -561,14 +561,14 @@ mod tests {
     }
 
     #[test]
-    fn the_order_of_arguments_does_not_matter() {
+    fn the_result_does_not_depend_on_the_order_of_arguments() {
         let site = three();
         assert_eq!(site.names(&["b.obj", "a.obj"]), ["a.obj", "b.obj"]);
         assert_eq!(site.names(&["a.obj", "b.obj"]), ["a.obj", "b.obj"]);
     }
 
     #[test]
-    fn folders_give_every_mesh_by_content_and_patterns_what_fits() {
+    fn folders_give_every_file_with_mesh_content_and_patterns_every_match() {
         let site = three();
         std::fs::create_dir(site.path("further")).unwrap();
         std::fs::write(site.path("further/d.obj"), TRIANGLE).unwrap();
@@ -580,7 +580,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_missing_twice_or_no_mesh_is_refused_by_name() {
+    fn inputs_that_are_missing_repeated_or_no_mesh_are_refused_by_name() {
         let site = three();
         assert!(site.refusal(&["none.obj"]).contains("none.obj cannot be opened"));
         assert!(site.refusal(&["x*.obj"]).contains("no file fits"));
@@ -640,7 +640,7 @@ mod tests {
     }
 
     #[test]
-    fn coordinates_go_through_the_matrix_the_origin_and_the_units_in_this_order() {
+    fn coordinates_are_transformed_by_matrix_then_origin_then_units() {
         let site = three();
         std::fs::write(site.path("a.xf"), "# scan a\n0 -1 0 10\n1 0 0 20\n0 0 1 30\n0 0 0 1\n").unwrap();
         let place = |args: &[&str], p: [f64; 3]| site.find(args).unwrap().files[0].placement.place(p);
@@ -665,7 +665,7 @@ mod tests {
     }
 
     #[test]
-    fn matrices_that_are_none_are_refused_with_the_reason() {
+    fn invalid_matrices_are_refused_with_the_reason() {
         let site = three();
         for (text, reason) in [
             ("1 2 3", "has 3 numbers"),
@@ -680,7 +680,7 @@ mod tests {
     }
 
     #[test]
-    fn a_gltf_is_y_up_where_nobody_says_otherwise() {
+    fn a_gltf_is_y_up_by_default() {
         let gltf = r#"{"asset":{"version":"2.0"},"meshes":[],"accessors":[]}"#;
         let site = Site::new(&[("a.gltf", gltf), ("b.obj", TRIANGLE)]);
         let ups = |args: &[&str]| site.find(args).unwrap().files.iter().map(|f| f.up).collect::<Vec<_>>();
@@ -689,7 +689,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_content_at_the_same_place_is_refused_and_elsewhere_it_is_not() {
+    fn the_same_content_is_refused_at_the_same_position_and_accepted_elsewhere() {
         let site = three();
         let two = site.find(&["a.obj", "b.obj"]).unwrap();
         let message = format!("{:#}", two.sources(&Silent, &Stop::default()).unwrap_err());
@@ -720,7 +720,7 @@ mod tests {
     }
 
     #[test]
-    fn thousands_of_sources_are_named_as_far_as_there_is_room_and_summed_up() {
+    fn thousands_of_sources_are_named_as_far_as_space_allows_and_then_counted() {
         let source = |i: u64| SourceFile { name: format!("block_{i:05}.ply"), bytes: i, sha256: format!("{i:064x}") };
         let few: Vec<SourceFile> = (0..100).map(source).collect();
         assert_eq!(summarised(few.clone()), few);

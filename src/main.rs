@@ -90,7 +90,7 @@ fn main() -> ExitCode {
 }
 
 /// Where nobody is signed in to a desktop, a layer of Mesa's looks for one all the same, and prints an error of its own among ours for each
-/// picture. It is told not to, by beginning again with that said in the environment, which cannot be changed safely in a running program.
+/// picture. An environment variable prevents it, so the program restarts itself with it: the environment of a running program cannot be changed safely.
 #[cfg(target_os = "linux")]
 fn without_wayland() {
     use std::os::unix::process::CommandExt;

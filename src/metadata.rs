@@ -9,7 +9,7 @@ use kilwa_geometry::LengthUnit;
 use std::io::{BufRead, IsTerminal, Write};
 use std::path::PathBuf;
 
-/// Begin or check the metadata file of a model.
+/// Create or check the metadata file of a model.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(subcommand)]
@@ -22,10 +22,10 @@ enum What {
     Init {
         /// A pack, for title, units, reference system and counts.
         pack: Option<PathBuf>,
-        /// The file; without it, standard output.
+        /// The file to write (default: standard output).
         #[arg(short, long, value_name = "FILE")]
         output: Option<PathBuf>,
-        /// Ask nothing.
+        /// Do not ask questions.
         #[arg(long)]
         quiet: bool,
     },
@@ -84,7 +84,7 @@ fn of_pack(m: &kilwa_pack::Metadata) -> Known {
 fn ask(known: &mut Known, input: &mut impl BufRead, out: &mut impl Write) -> anyhow::Result<()> {
     writeln!(
         out,
-        "Some questions; Enter takes what stands in brackets, or leaves it open. Everything can be changed in the file."
+        "Some questions; Enter takes the value in brackets, or leaves the field empty. Everything can be changed in the file."
     )?;
     let any = |text: &str| Ok(text.to_owned());
     question("Title", &mut known.title, any, input, out)?;
@@ -108,7 +108,7 @@ fn ask(known: &mut Known, input: &mut impl BufRead, out: &mut impl Write) -> any
     question("Place", &mut known.place, any, input, out)?;
     let country = |text: &str| {
         let right = text.len() == 2 && text.bytes().all(|b| b.is_ascii_alphabetic());
-        if right { Ok(text.to_uppercase()) } else { Err("two letters are wanted, for example TZ".to_owned()) }
+        if right { Ok(text.to_uppercase()) } else { Err("expected two letters, for example TZ".to_owned()) }
     };
     question("Country (two letters)", &mut known.country, country, input, out)?;
     let date = |text: &str| {
@@ -215,7 +215,7 @@ fn question(
                 *value = Some(right);
                 return Ok(());
             }
-            Err(said) => writeln!(out, "  {said}")?,
+            Err(problem) => writeln!(out, "  {problem}")?,
         }
     }
 }
@@ -227,7 +227,7 @@ mod tests {
     use kilwa_archive::metadata::AgentKind;
 
     #[test]
-    fn answers_fill_the_file_and_wrong_ones_are_asked_again() {
+    fn answers_fill_the_file_and_invalid_ones_are_asked_again() {
         let answers = "\nsecret\nCC BY 4.0\nMuseum\nRüther, Heinz\nZamani Project\n\nAmina Juma\nx\n\n\nOmar\no\n\nA fort.\n\nKilwa\nTanzania\nTZ\n2009-7\n2009-07\nscan\nmiles\nmm\n";
         let mut known = Known { title: Some("Fort".to_owned()), ..Known::default() };
         let mut shown = Vec::new();

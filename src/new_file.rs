@@ -80,7 +80,7 @@ impl NewFile {
     /// Begin the file that will be at `path`.
     ///
     /// # Errors
-    /// When its folder is not there or cannot be written to.
+    /// When its folder does not exist or cannot be written to.
     pub(crate) fn create(path: &Path) -> anyhow::Result<Self> {
         let file = AtomicFile::create(path, Access::Default).with_context(|| cannot(path))?;
         Ok(Self { file, path: path.to_owned() })
@@ -130,9 +130,9 @@ mod tests {
         let input = at("in");
         let check = |name: &str| check_output(&at(name), true, [input.as_path()]);
         for name in ["in", "link", "hard", "folder/in"] {
-            let said = check(name).unwrap_err().to_string();
-            assert!(said.contains(name) && said.contains("an input of this command"), "{said}");
-            assert!(said.contains(&*at("in").to_string_lossy()), "{said}");
+            let message = check(name).unwrap_err().to_string();
+            assert!(message.contains(name) && message.contains("an input of this command"), "{message}");
+            assert!(message.contains(&*at("in").to_string_lossy()), "{message}");
         }
         assert!(check("other").is_ok() && check("new").is_ok());
         assert!(check_output(&at("other"), false, []).unwrap_err().to_string().contains("--force"));
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn no_other_user_can_look_into_a_temporary_folder() {
+    fn no_other_user_can_read_a_temporary_folder() {
         let folder = super::private_folder("kilwa-").unwrap();
         assert_eq!(folder.path().metadata().unwrap().permissions().mode() & 0o777, 0o700);
     }

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 /// Parts that a bar over a whole build has.
 const PARTS: f64 = 10_000.0;
 
-/// One bar over a whole build, with the stage under way and the time left.
+/// One bar over a whole build, with the stage in progress and the time left.
 pub(crate) struct Bar {
     state: Mutex<State>,
     visible: bool,
@@ -17,7 +17,7 @@ pub(crate) struct Bar {
 struct State {
     stage: &'static str,
     bar: ProgressBar,
-    /// When a share of the whole was told first, and that share.
+    /// When a share of the whole was first reported, and that share.
     first: Option<(Instant, f64)>,
 }
 

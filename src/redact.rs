@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn the_middle_goes_to_zero_and_the_reference_system_goes() {
+    fn redaction_moves_the_centre_to_zero_and_removes_the_reference_system() {
         let work = tempfile::tempdir().expect("a folder");
         let (from, to) = (far_pack(work.path()), work.path().join("near.kilwa"));
         let out = redact(&from, &to, Place::Nowhere, "A cave", &[]).expect("redacts");
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn two_models_in_one_cell_stand_at_the_same_place() {
+    fn two_models_redacted_to_one_cell_have_the_same_position() {
         let work = tempfile::tempdir().expect("a folder");
         let from = far_pack(work.path());
         let to = work.path().join("cell.kilwa");
@@ -245,7 +245,7 @@ mod tests {
         assert!((middle[0] - 525_000.0).abs() < 0.01 && (middle[1] - 9_015_000.0).abs() < 0.01, "{middle:?}");
         assert_eq!((m.crs.as_deref(), m.bounds_min[2]), (Some("EPSG:32737"), 0.0));
         let to = work.path().join("x");
-        let said = redact(&from, &to, Place::Cell(2.0), "A cave", &[]).expect_err("too small").to_string();
-        assert!(said.contains("larger than the model"), "{said}");
+        let message = redact(&from, &to, Place::Cell(2.0), "A cave", &[]).expect_err("too small").to_string();
+        assert!(message.contains("larger than the model"), "{message}");
     }
 }

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
 
-/// Draw a picture of a pack without a window.
+/// Render a picture of a pack without a window.
 ///
 /// Plan and elevations are parallel projections: north is +y, and `--view north` looks at the north face, from the
 /// north. `iso` is a perspective from the south-west and above.
@@ -25,10 +25,10 @@ use std::path::{Path, PathBuf};
 pub(crate) struct Args {
     /// The pack.
     pack: PathBuf,
-    /// The picture, a PNG.
+    /// The PNG file to write.
     #[arg(short, long, value_name = "FILE.png")]
     output: PathBuf,
-    /// Where to look from: plan, north, east, south, west or iso.
+    /// View: plan, north, east, south, west or iso.
     #[arg(long, default_value = "iso", value_parser = parse_view, conflicts_with = "camera")]
     view: StandardView,
     /// A camera from a JSON file: target [x, y, z] and distance in metres; azimuth (of the eye, clockwise from north),
@@ -44,8 +44,8 @@ pub(crate) struct Args {
     /// level or error.
     #[arg(long, value_parser = parse_mode)]
     mode: Option<Mode>,
-    /// How the model is shown, all of it: JSON, or a file with it (the page's link has it, `--json` prints it). Other options
-    /// change what it says.
+    /// All display settings: JSON, or a file with it (as in links of the page and printed by `--json`). Other options
+    /// override it.
     #[arg(long, value_name = "JSON|FILE")]
     display: Option<String>,
     /// Direction of the raking light: degrees from north clockwise, and degrees above the horizon.
@@ -54,31 +54,31 @@ pub(crate) struct Args {
     /// Headlight, raking, curvature and eye-dome on the scan's colours instead of a neutral surface.
     #[arg(long)]
     on_colour: bool,
-    /// Where the colours of height and distance begin and end, metres; without it, what the model has.
+    /// Range of the colours of height and distance, metres (default: that of the model).
     #[arg(long, value_name = "LOW,HIGH", value_parser = parse_numbers::<2>, allow_hyphen_values = true)]
     range: Option<[f64; 2]>,
-    /// The plane that the mode distance counts from: a point on it and its normal.
+    /// The plane that the mode distance measures from: a point on it and its normal.
     #[arg(long, value_name = "X,Y,Z,NX,NY,NZ", value_parser = parse_numbers::<6>, allow_hyphen_values = true)]
     plane: Option<[f64; 6]>,
-    /// Cut away what lies on the side that the normal points to: a point on the plane and its normal.
+    /// Clip the model at a plane and keep the side opposite to the normal: a point on the plane and its normal.
     #[arg(long, value_name = "X,Y,Z,NX,NY,NZ", value_parser = parse_numbers::<6>, allow_hyphen_values = true)]
     clip: Option<[f64; 6]>,
-    /// Cut away what lies outside of a box: smallest corner, largest corner, metres.
+    /// Clip the model to a box: smallest corner, largest corner, metres.
     #[arg(long, value_name = "X,Y,Z,X,Y,Z", value_parser = parse_numbers::<6>, allow_hyphen_values = true)]
     clip_box: Option<[f64; 6]>,
-    /// Largest error of what is drawn, in pixels.
+    /// Largest error of the picture, in pixels.
     #[arg(long, default_value_t = 1.0, value_parser = parse_pixels, value_name = "PIXELS")]
     pixel_error: f64,
-    /// light, dark, white, black, transparent, or a colour such as #ffffff. Without it: light.
+    /// light, dark, white, black, transparent, or a colour such as #ffffff (default: light).
     #[arg(long, value_parser = parse_background)]
     background: Option<String>,
-    /// Lamp at the eye on colours: 0 shows them as they are, 1 shades them fully. Without it: 0.35.
+    /// Strength of the headlight on colours: 0 shows them as they are, 1 shades them fully (default: 0.35).
     #[arg(long, value_parser = parse_share)]
     shading: Option<f64>,
     /// Do not tint the inside of the surface.
     #[arg(long)]
     plain_back_faces: bool,
-    /// Take a software renderer even where there is a graphics card.
+    /// Use a software renderer even if there is a graphics card.
     #[arg(long)]
     software: bool,
     /// Memory for chunks, in megabytes.
@@ -87,7 +87,7 @@ pub(crate) struct Args {
     /// Replace an existing picture, and the world file beside a plan to scale.
     #[arg(long)]
     force: bool,
-    /// Report as JSON.
+    /// Print the report as JSON.
     #[arg(long)]
     json: bool,
 }
@@ -180,7 +180,7 @@ fn check_outputs(args: &Args) -> anyhow::Result<()> {
     }
 }
 
-/// A drawing to scale: white paper unless told otherwise.
+/// A drawing to scale: on white paper by default.
 fn draw_sheet(args: &Args, mut session: Session<FileSource>) -> anyhow::Result<()> {
     let mut display = display(args)?;
     if args.background.is_none() && args.display.is_none() {

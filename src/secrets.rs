@@ -108,7 +108,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_password_is_replaced_and_nothing_else() {
+    fn only_the_password_is_replaced() {
         for (address, expected) in [
             ("https://me:secret@a.example/x", "https://me:***@a.example/x"),
             ("--to=https://me:secret@a.example", "--to=https://me:***@a.example"),

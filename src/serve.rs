@@ -5,7 +5,7 @@ use anyhow::Context;
 use kilwa_pack::plural::counted;
 use kilwa_pack::visible::visible;
 use kilwa_server::access::Sessions;
-use kilwa_server::door::Door;
+use kilwa_server::auth::Auth;
 use kilwa_server::extracts::Extracts;
 use kilwa_server::index::Index;
 use kilwa_server::store::{Place, S3, S3Options};
@@ -29,7 +29,7 @@ pub(crate) struct Args {
     /// Address and port to listen on; 0.0.0.0 makes it reachable from other machines, port 0 takes a free one.
     #[arg(long, default_value = "127.0.0.1:8080", value_name = "ADDRESS:PORT")]
     listen: SocketAddr,
-    /// Take the viewer page from this folder (a built www/dist) instead of the one in this program.
+    /// Use the viewer page of this folder (a built www/dist) instead of the one in this program.
     #[arg(long, value_name = "DIR")]
     www: Option<PathBuf>,
     #[command(flatten)]
@@ -49,7 +49,7 @@ pub(crate) struct Args {
 }
 
 /// For `s3://bucket/prefix`. Keys and region come from the environment: AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_SESSION_TOKEN, AWS_REGION,
-/// AWS_ENDPOINT_URL, AWS_VIRTUAL_HOSTED_STYLE_REQUEST; without keys what is public is asked for.
+/// AWS_ENDPOINT_URL, AWS_VIRTUAL_HOSTED_STYLE_REQUEST; without keys only public files are read.
 #[derive(clap::Args)]
 #[command(next_help_heading = "Object storage (s3://…; keys from AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY)")]
 struct StoreArgs {
@@ -59,7 +59,7 @@ struct StoreArgs {
     /// Seconds that each step of a request to the store may take.
     #[arg(long = "s3-timeout", default_value_t = 10, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..=600))]
     timeout: u64,
-    /// Seconds after which the list of objects is asked for anew.
+    /// Seconds after which the list of objects is requested again.
     #[arg(long = "s3-refresh", default_value_t = 30, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..=86_400))]
     refresh: u64,
 }
@@ -70,7 +70,7 @@ struct PageArgs {
     /// Sites that may show the pages in a frame: origins, `self`, `none` or `*` (default: self).
     #[arg(long, value_name = "ORIGIN", num_args = 1.., value_delimiter = ' ')]
     frame_ancestors: Vec<String>,
-    /// Origins whose pages may talk to an embedded viewer, beside its own; `*` for all.
+    /// Further origins whose pages may exchange messages with an embedded viewer; `*` for all.
     #[arg(long, value_name = "ORIGIN", num_args = 1.., value_delimiter = ' ')]
     origins: Vec<String>,
     /// Other hosts that the viewer may fetch packs from.
@@ -84,13 +84,13 @@ struct CatalogueArgs {
     /// Where to keep the index of the catalogue, which is made from the folder and can be deleted at any time (default: in memory).
     #[arg(long, value_name = "FILE")]
     index: Option<PathBuf>,
-    /// Address of the site for the world, such as https://museum.example (default: as each request names it).
+    /// Public address of the site, such as https://museum.example (default: as each request names it).
     #[arg(long, value_name = "URL")]
     url: Option<String>,
     /// The file that says which models belong together (default: collections.toml beside the objects, in the folder or the store).
     #[arg(long, value_name = "FILE")]
     collections: Option<PathBuf>,
-    /// Address for mail about harvesting (default: webmaster at the site).
+    /// Mail address for questions about harvesting (default: webmaster at the site).
     #[arg(long, value_name = "ADDRESS")]
     contact: Option<String>,
 }
@@ -98,10 +98,10 @@ struct CatalogueArgs {
 #[derive(clap::Args)]
 #[command(next_help_heading = "Extracts")]
 struct ExtractArgs {
-    /// Where to keep meshes that readers asked for; they can be deleted at any time (default: kilwa/extracts in the user's cache folder).
+    /// Where to keep meshes requested by readers; they can be deleted at any time (default: kilwa/extracts in the user's cache folder).
     #[arg(long, value_name = "DIR")]
     cache: Option<PathBuf>,
-    /// Megabytes that these may take; the oldest go. 0: no mesh is made on request.
+    /// Megabytes that these may use; the oldest are deleted. 0: no mesh is made on request.
     #[arg(long, default_value_t = 4096, value_name = "MB")]
     cache_size: u64,
 }
@@ -109,26 +109,26 @@ struct ExtractArgs {
 #[derive(clap::Args)]
 #[command(next_help_heading = "Access")]
 struct AccessArgs {
-    /// Let in who is in this file, made by `kilwa access init`, to what is not public (default: nobody).
+    /// Accounts with access to models that are not public: a file made by `kilwa access init` (default: none).
     #[arg(long, value_name = "FILE")]
     access: Option<PathBuf>,
     /// Keep sessions in this folder, so that they survive a restart and servers can share them (default: in memory).
     #[arg(long, value_name = "DIR", requires = "access")]
     sessions: Option<PathBuf>,
-    /// Append to this file who was let in to what, and who was not.
+    /// Append to this file who was granted or denied access to what.
     #[arg(long, value_name = "FILE", requires = "access")]
     audit: Option<PathBuf>,
-    /// Take versions that are published from elsewhere (`kilwa publish --to https://…`) by those who have a token for it.
+    /// Accept versions uploaded (`kilwa publish --to https://…`) by users with a token for it.
     #[arg(long, requires = "access")]
     accept_uploads: bool,
-    /// With `s3://…`: where on this computer what is sent lies until it is verified and in the store (default: uploads in the service's state folder under
+    /// With `s3://…`: where on this computer uploads are kept until they are verified and in the store (default: uploads in the service's state folder under
     /// systemd).
     #[arg(long, value_name = "DIR", requires = "accept_uploads")]
     upload_folder: Option<PathBuf>,
-    /// Largest version that is taken, gigabytes.
+    /// Largest version that is accepted, gigabytes.
     #[arg(long, default_value_t = 1000, value_name = "GB", value_parser = clap::value_parser!(u64).range(1..=1_000_000))]
     upload_limit: u64,
-    /// Days for which an upload that broke off is kept.
+    /// Days for which an interrupted upload is kept.
     #[arg(long, default_value_t = 7, value_name = "DAYS", value_parser = clap::value_parser!(u32).range(1..=365))]
     upload_days: u32,
 }
@@ -136,19 +136,19 @@ struct AccessArgs {
 #[derive(clap::Args)]
 #[command(next_help_heading = "Limits")]
 struct LimitArgs {
-    /// Connections at once; for further ones idle ones are closed, or they wait.
+    /// Connections at once. For further ones idle ones are closed, otherwise they wait.
     #[arg(long, default_value_t = 4096, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=65_536))]
     connections: u32,
-    /// Connections at once from one address (an IPv6 /64); 0 for no limit. Further ones are answered 503.
+    /// Connections at once from one address (an IPv6 /64); 0 for no limit. Further ones get status 503.
     #[arg(long, default_value_t = 256, value_name = "N")]
     connections_per_address: u32,
-    /// Seconds within which the headers of a request must be there; also the longest pause between two of one connection.
+    /// Seconds within which the headers of a request must arrive; also the longest pause between two requests of a connection.
     #[arg(long, default_value_t = 10, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..=3600))]
     header_timeout: u64,
-    /// Seconds after which an answer that the client takes nothing of is dropped.
+    /// Seconds after which a response that the client does not read is aborted.
     #[arg(long, default_value_t = 30, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..=3600))]
     write_timeout: u64,
-    /// Seconds that running transfers get to finish when it is told to stop.
+    /// Seconds that running transfers may take to finish when the server stops.
     #[arg(long, default_value_t = 5, value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(0..=3600))]
     shutdown: u64,
 }
@@ -156,16 +156,16 @@ struct LimitArgs {
 #[derive(clap::Args)]
 #[command(next_help_heading = "Reports")]
 struct ReportArgs {
-    /// Form of the log on standard error; RUST_LOG sets what is in it.
+    /// Format of the log on standard error; RUST_LOG selects its contents.
     #[arg(long, value_enum, default_value_t = LogForm::Text, value_name = "FORM")]
     log: LogForm,
-    /// A line in the log for every request, without its query.
+    /// Log a line for every request, without its query.
     #[arg(long)]
     access_log: bool,
     /// Who gets /metrics.
     #[arg(long, value_enum, default_value_t = MetricsFor::Local, value_name = "WHOM")]
     metrics: MetricsFor,
-    /// A proxy of yours is before it: the client is who X-Forwarded-For names last, and connections per address are not limited.
+    /// The server is behind your own proxy: the client is the last one in X-Forwarded-For, and connections per address are not limited.
     #[arg(long)]
     behind_proxy: bool,
 }
@@ -210,7 +210,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     site.collections = args.catalogue.collections.clone().map(Collections::new).or_else(beside).map(Arc::new);
     let cache = extracts(&args.extracts)?;
     site.extracts = cache.as_ref().map(|(_, extracts)| Arc::clone(extracts));
-    site.door = door(&args.access, &args.path)?;
+    site.auth = auth(&args.access, &args.path)?;
     site.behind_proxy = args.reports.behind_proxy;
     site.metrics_for = match args.reports.metrics {
         MetricsFor::Local => Audience::Local,
@@ -346,7 +346,7 @@ fn service_folder(variable: &str, name: &str) -> Option<PathBuf> {
 }
 
 /// The accounts, which must not be in the served folder.
-fn door(args: &AccessArgs, served: &std::path::Path) -> anyhow::Result<Option<Arc<Door>>> {
+fn auth(args: &AccessArgs, served: &std::path::Path) -> anyhow::Result<Option<Arc<Auth>>> {
     let Some(file) = &args.access else { return Ok(None) };
     // Checked before any of them is created.
     for secret in [Some(file), args.audit.as_ref(), args.sessions.as_ref()].into_iter().flatten() {
@@ -365,12 +365,12 @@ fn door(args: &AccessArgs, served: &std::path::Path) -> anyhow::Result<Option<Ar
         Sessions::in_folder(folder).with_context(|| format!("cannot keep sessions in {}", folder.display()))
     };
     let sessions = args.sessions.as_ref().map(kept).transpose()?;
-    let door = Door::open(file, args.audit.as_deref())?.with_sessions(sessions.unwrap_or_default());
+    let auth = Auth::open(file, args.audit.as_deref())?.with_sessions(sessions.unwrap_or_default());
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0, |d| d.as_secs());
-    if let Some(doubt) = door.doubt_of_clock(now) {
+    if let Some(doubt) = auth.doubt_of_clock(now) {
         tracing::error!("{doubt}");
     }
-    Ok(Some(Arc::new(door)))
+    Ok(Some(Arc::new(auth)))
 }
 
 /// The real path of a file or folder, which need not exist yet.
@@ -388,7 +388,7 @@ fn where_it_will_be(path: &std::path::Path) -> std::io::Result<PathBuf> {
     Ok(at)
 }
 
-/// An address that others can be told.
+/// An address that can be given to others.
 fn site_url(url: &str) -> anyhow::Result<String> {
     let rest = url.strip_prefix("https://").or_else(|| url.strip_prefix("http://"));
     let is_plain =
@@ -453,7 +453,7 @@ fn limits(args: &Args) -> Limits {
     };
     // A connection and the file that it sends, and some for the program itself.
     let wanted = u64::from(connections) * 2 + 128;
-    if let Some(files) = files_at_most(wanted).filter(|files| *files < wanted) {
+    if let Some(files) = max_files(wanted).filter(|files| *files < wanted) {
         limits.connections = usize::try_from(files.saturating_sub(128) / 2).unwrap_or(usize::MAX).max(1);
         tracing::warn!(
             "the system allows {}, so {} at once instead of {connections}; \
@@ -467,7 +467,7 @@ fn limits(args: &Args) -> Limits {
 
 /// Raise the limit of open files as far as needed and allowed; what it is then.
 #[cfg(unix)]
-fn files_at_most(wanted: u64) -> Option<u64> {
+fn max_files(wanted: u64) -> Option<u64> {
     use nix::sys::resource::{Resource, getrlimit, setrlimit};
     let (soft, hard) = getrlimit(Resource::RLIMIT_NOFILE).ok()?;
     let raised = wanted.min(hard);
@@ -475,7 +475,7 @@ fn files_at_most(wanted: u64) -> Option<u64> {
 }
 
 #[cfg(not(unix))]
-fn files_at_most(_wanted: u64) -> Option<u64> {
+fn max_files(_wanted: u64) -> Option<u64> {
     None
 }
 

@@ -8,13 +8,13 @@ use kilwa_synth::{self as synth, Phantom, Shape, SynthOptions, UTM_CRS};
 use std::io::Write as _;
 use std::path::PathBuf;
 
-/// Make a synthetic site: a mesh to try, to test and to measure with.
+/// Make a synthetic site: a mesh for trials, tests and benchmarks.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// What to make.
     #[arg(value_enum)]
     site: SiteArg,
-    /// Triangles wanted, for example 2000000, 2M or 300k; what it comes to is within 2 % of it.
+    /// Number of triangles, for example 2000000, 2M or 300k; the result is within 2 % of it.
     #[arg(long, value_name = "N", value_parser = count)]
     triangles: u64,
     /// The PLY file to write.
@@ -26,16 +26,16 @@ pub(crate) struct Args {
     /// Write B separate files NAME_000.ply, NAME_001.ply … whose border vertices match bit for bit.
     #[arg(long, value_name = "B")]
     blocks: Option<u32>,
-    /// Put it at real-world coordinates (EPSG:32737, near 566000 E, 9010000 N), in doubles.
+    /// Use real-world coordinates (EPSG:32737, near 566000 E, 9010000 N), in doubles.
     #[arg(long)]
     utm: bool,
     /// Which phantom.
     #[arg(long, value_enum, value_name = "SHAPE", default_value = "cube")]
     shape: ShapeArg,
-    /// Replace files that exist.
+    /// Replace existing files.
     #[arg(long)]
     force: bool,
-    /// Say what was written as JSON.
+    /// Print the report as JSON.
     #[arg(long)]
     json: bool,
 }

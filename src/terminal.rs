@@ -28,7 +28,7 @@ pub(crate) fn err_json() -> Escaping<Stderr> {
     Escaping::new(io::stderr(), Form::Json)
 }
 
-/// Print a line on standard error. Where that is closed there is nobody to tell.
+/// Print a line on standard error. If that is closed, nobody can read it.
 pub(crate) fn line_to_err(line: fmt::Arguments<'_>) {
     drop(err().write_all(format!("{line}\n").as_bytes()));
 }
@@ -148,14 +148,14 @@ mod tests {
     }
 
     #[test]
-    fn lines_tabs_and_letters_pass_and_what_acts_on_a_terminal_does_not() {
+    fn line_feeds_tabs_and_letters_pass_and_control_characters_are_escaped() {
         let text = "Kilwa\tملوى\n\u{1b}]0;owned\u{7}\u{9b}2J\u{202e}\u{2066}\u{7f}\r\u{8}";
         let shown = "Kilwa\tملوى\n\\u{1b}]0;owned\\u{7}\\u{9b}2J\\u{202e}\\u{2066}\\u{7f}\\u{d}\\u{8}";
         assert_eq!(through(Form::Text, &[text.as_bytes()]), shown);
     }
 
     #[test]
-    fn every_way_to_cut_a_text_gives_the_same() {
+    fn the_result_does_not_depend_on_how_the_text_is_split() {
         let text = "a\u{1b}é石\u{202e}𝕂\u{85}z".as_bytes();
         let whole = through(Form::Text, &[text]);
         for i in 0..=text.len() {
@@ -166,13 +166,13 @@ mod tests {
     }
 
     #[test]
-    fn bytes_that_are_no_text_are_shown_by_their_numbers() {
+    fn bytes_that_are_not_utf8_are_shown_as_numbers() {
         assert_eq!(through(Form::Text, &[b"a\x9b\xff", b"b\xe2\x80"]), "a\\x9b\\xffb\\xe2\\x80");
         assert_eq!(through(Form::Text, &[b"\xe2\x80", b"\x41"]), "\\xe2\\x80A");
     }
 
     #[test]
-    fn json_stays_the_same_json() {
+    fn escaping_does_not_change_the_meaning_of_json() {
         let value = serde_json::json!({ "a\u{9b}": "\u{1b}\u{202e}\n\"\u{7f}\u{2028}é" });
         let text = json_text(&value).unwrap();
         assert_eq!(serde_json::from_str::<serde_json::Value>(&text).unwrap(), value);
@@ -188,7 +188,7 @@ mod tests {
 
     /// Whatever is printed by another way would not be escaped.
     #[test]
-    fn nothing_is_printed_by_another_way() {
+    fn nothing_prints_except_through_the_terminal_module() {
         let mut open = vec![std::path::PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/src"))];
         let others = ["println!(", "print!(", "::stdout()", "::stderr()", "to_string_pretty(", "to_writer"];
         let allowed = |line: &str| line.contains("stderr().is_terminal()") || line.contains("Term::stderr()");

@@ -39,21 +39,21 @@ pub(crate) use web::is_address;
 /// Check every byte of packs and archive objects: checksums, chunks, records, links, versions.
 ///
 /// TARGET is a pack, an archive object, a folder of packs and objects, or the address (http or https) of one. Exits with 1 and names every
-/// damaged, missing or unknown file when something is wrong. For a nightly job: --state remembers what was checked when.
+/// damaged, missing or unknown file if something is wrong. For a nightly job: --state records what was checked when.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// What to check: a pack, a folder, or an address.
     target: String,
-    /// Report as JSON.
+    /// Print the report as JSON.
     #[arg(long)]
     json: bool,
-    /// Remember in this file what was checked when.
+    /// Record in this file what was checked when.
     #[arg(long, value_name = "FILE")]
     state: Option<PathBuf>,
-    /// Continue the run that was stopped.
+    /// Continue a stopped run.
     #[arg(long, requires = "state")]
     resume: bool,
-    /// Skip anything that was found sound less than this many days ago and has not changed since.
+    /// Skip units that were found intact less than this many days ago and have not changed since.
     #[arg(long, value_name = "DAYS", requires = "state", value_parser = clap::value_parser!(u64).range(1..=36_500))]
     older_than: Option<u64>,
     /// Forget this object, bag or pack, which was removed on purpose; otherwise it is reported as missing.
@@ -201,9 +201,9 @@ fn print_problems(
         return Ok(());
     }
     let text = format!("{name}: {}\n{}", counted(problems, "problem", "problems"), report.problems_from(before));
-    let mut said = Ok(());
-    progress.above(|| said = crate::terminal::out().write_all(text.as_bytes()));
-    Ok(said?)
+    let mut result = Ok(());
+    progress.above(|| result = crate::terminal::out().write_all(text.as_bytes()));
+    Ok(result?)
 }
 
 /// The units in the state that no longer exist, except the bag of a withdrawn object, which the withdrawal removes. Files beside objects
@@ -237,7 +237,7 @@ fn say(args: &Args, checked: &Checked, report: &Report) -> anyhow::Result<()> {
     // What was skipped has no figures of its own.
     let single = single && report.skipped == 0;
     let mut out = crate::terminal::out();
-    let said = if args.json {
+    let result = if args.json {
         let value = if single { of_pack(report) } else { report.to_json() };
         writeln!(out, "{}", crate::terminal::json_text(&value)?)
     } else {
@@ -251,7 +251,7 @@ fn say(args: &Args, checked: &Checked, report: &Report) -> anyhow::Result<()> {
         }
     };
     if report.count() == 0 {
-        return Ok(said?);
+        return Ok(result?);
     }
     // Damage is what counts, even where nobody listens to the report.
     if units > 1 {

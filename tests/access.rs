@@ -1,4 +1,4 @@
-//! `kilwa access`: accounts are made and changed, and no secret is shown but a new token, once.
+//! `kilwa access`: accounts are created and changed, and the only secret ever shown is a new token, once.
 
 use std::io::Write;
 use std::path::Path;
@@ -12,7 +12,7 @@ fn kilwa(args: &[&str], input: &str) -> Output {
         .stderr(Stdio::piped())
         .spawn()
         .expect("starts");
-    // A program that asks for nothing may be gone already.
+    // A program that reads no input may have ended already.
     child.stdin.take().expect("piped").write_all(input.as_bytes()).ok();
     child.wait_with_output().expect("ends")
 }
@@ -34,15 +34,15 @@ fn text(path: &Path) -> &str {
 }
 
 #[test]
-fn users_and_tokens_are_added_listed_and_taken_away() {
+fn users_and_tokens_are_added_listed_and_removed() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("access.json");
     let file = text(&path);
     done(&["access", "init", file], "");
     assert!(done(&["access", "list", file], "").contains("Nobody yet"));
-    let said =
+    let output =
         done(&["access", "user", file, "amina", "--object", "gereza", "--object", "husuni"], "a long sentence\n");
-    assert!(said.contains("amina is added") && said.contains("gereza, husuni"), "{said}");
+    assert!(output.contains("amina is added") && output.contains("gereza, husuni"), "{output}");
     done(&["access", "user", file, "robot", "--all", "--no-password"], "");
     let token = done(&["access", "token", file, "robot", "--for", "publish", "--days", "30"], "");
     assert!(token.starts_with("kilwa-") && token.trim().len() == 70, "{token}");
@@ -62,7 +62,7 @@ fn users_and_tokens_are_added_listed_and_taken_away() {
 }
 
 #[test]
-fn what_cannot_be_done_is_said_and_changes_nothing() {
+fn an_impossible_change_is_refused_with_the_reason_and_changes_nothing() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("access.json");
     let file = text(&path);
@@ -78,8 +78,8 @@ fn what_cannot_be_done_is_said_and_changes_nothing() {
         (vec!["access", "token", file, "nobody"], "", "nobody yet"),
         (vec!["access", "revoke", file, "123"], "", "no token 123"),
     ] {
-        let said = refused(&args, input);
-        assert!(said.contains(why), "{args:?}: {said}");
+        let message = refused(&args, input);
+        assert!(message.contains(why), "{args:?}: {message}");
         assert_eq!(std::fs::read(&path).expect("reads"), before, "{args:?}");
     }
     std::fs::write(&path, "{ half").expect("writes");
@@ -157,7 +157,7 @@ fn a_change_keeps_links_and_permissions() {
 
 #[cfg(unix)]
 #[test]
-fn a_pipe_in_place_of_the_file_is_named_and_not_waited_for() {
+fn a_pipe_in_place_of_the_file_is_refused_without_blocking() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("access.json");
     assert!(Command::new("mkfifo").arg(&path).status().expect("starts").success());
@@ -175,10 +175,10 @@ fn a_pipe_in_place_of_the_file_is_named_and_not_waited_for() {
     }
 }
 
-/// Files that a person names are read when they are files: devices and pipes have no end.
+/// Only regular files are read: devices and pipes have no end.
 #[cfg(unix)]
 #[test]
-fn devices_and_pipes_are_no_files_to_read() {
+fn devices_and_pipes_are_refused_as_input() {
     let folder = tempfile::tempdir().expect("a folder");
     let pipe = folder.path().join("pipe");
     assert!(Command::new("mkfifo").arg(&pipe).status().expect("starts").success());

@@ -1,5 +1,5 @@
-//! A build that is stopped, killed or robbed of its scratch files ends with the bytes of an undisturbed one, or says why
-//! it does not; in between nothing stands under the final name.
+//! A build that is stopped, killed or loses its scratch files ends with the bytes of an undisturbed one, or says why
+//! not; in between there is no file under the final name.
 
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
@@ -66,7 +66,7 @@ impl Site {
     fn stopped_at(&self, name: &str, args: &[&str]) -> Output {
         let file = self.scratch().join(name);
         for _ in 0..10 {
-            // What an earlier build left would be taken for this one's, and the signal come before it listens for one.
+            // Files of an earlier build would be taken for this one's, and the signal would be sent before the program handles it.
             std::fs::remove_file(&file).ok();
             let child = self.build(args).spawn().unwrap();
             wait(|| file.exists() || self.path("a.kilwa").exists(), name);
@@ -95,7 +95,7 @@ fn interrupt(child: &Child) {
 }
 
 #[test]
-fn fifty_random_kills_do_not_change_the_bytes_and_nothing_stands_under_the_final_name() {
+fn fifty_random_kills_do_not_change_the_bytes_and_leave_no_partial_file_under_the_final_name() {
     let site = Site::new();
     let mut random = fastrand::Rng::with_seed(7);
     let (mut kills, mut finished) = (0, 0);
@@ -113,7 +113,7 @@ fn fifty_random_kills_do_not_change_the_bytes_and_nothing_stands_under_the_final
         child.wait().unwrap();
         kills += 1;
         if site.path("a.kilwa").exists() {
-            // It was killed after the rename: then what stands there is complete.
+            // It was killed after the rename: then the file is complete.
             let bytes = std::fs::read(site.path("a.kilwa")).unwrap();
             assert!(bytes == site.undisturbed, "kill {kills}: an incomplete pack stands under the final name");
             std::fs::remove_file(site.path("a.kilwa")).unwrap();
@@ -146,13 +146,13 @@ fn threads_memory_and_resuming_do_not_change_the_bytes() {
 }
 
 #[test]
-fn ctrl_c_stops_cleanly_and_says_how_to_go_on() {
+fn ctrl_c_stops_cleanly_and_says_how_to_resume() {
     let site = Site::new();
     for at in ["journal", "corners", "level-02.shared"] {
         let stopped = site.stopped_at(at, &[]);
         assert_eq!(stopped.status.code(), Some(130), "{at}: {}", stderr(&stopped));
-        let said = stderr(&stopped);
-        assert!(said.contains("--resume") && said.contains(".a.kilwa.scratch"), "{at}: {said}");
+        let message = stderr(&stopped);
+        assert!(message.contains("--resume") && message.contains(".a.kilwa.scratch"), "{at}: {message}");
         assert!(!site.path("a.kilwa").exists() && !site.path(".a.kilwa.part").exists(), "{at}: no partial output");
         assert!(site.scratch().join("journal").exists(), "{at}: scratch files are kept");
     }
@@ -162,7 +162,7 @@ fn ctrl_c_stops_cleanly_and_says_how_to_go_on() {
 }
 
 #[test]
-fn another_build_is_not_resumed_and_its_scratch_files_stay() {
+fn another_build_is_not_resumed_and_its_scratch_files_are_kept() {
     let site = Site::new();
     site.stopped_at("level-01.patches", &[]);
     let refused = |args: &[&str], says: &str| {
@@ -184,16 +184,16 @@ fn another_build_is_not_resumed_and_its_scratch_files_stay() {
     std::fs::write(site.path("fort.ply"), &mesh).unwrap();
     refused(&["--resume"], "was changed");
     std::fs::write(site.path("fort.ply"), before).unwrap();
-    // Without --resume it begins anew, and says what is thrown away.
+    // Without --resume it starts over and says what is discarded.
     let anew = site.build(&[]).output().unwrap();
     assert!(anew.status.success(), "{}", stderr(&anew));
     assert!(stderr(&anew).contains("discarded"), "{}", stderr(&anew));
     site.assert_undisturbed("anew");
 }
 
-/// As `cp -p` or `rsync -t` leave a file.
+/// Restore the time of a file, like `cp -p` or `rsync -t`.
 #[test]
-fn an_input_changed_with_the_same_length_and_time_is_noticed_and_an_identical_copy_is_accepted() {
+fn an_input_changed_with_the_same_length_and_time_is_detected_and_an_identical_copy_accepted() {
     let site = Site::new();
     let (mesh, other) = (site.path("fort.ply"), site.path("other.ply"));
     let before = std::fs::read(&mesh).unwrap();
@@ -228,9 +228,9 @@ fn an_input_changed_with_the_same_length_and_time_is_noticed_and_an_identical_co
 }
 
 #[test]
-fn damaged_scratch_files_are_noticed_and_what_they_were_for_is_done_again() {
+fn damaged_scratch_files_are_detected_and_their_stage_is_repeated() {
     let site = Site::new();
-    // Each with a way to spoil it: cut, or one bit in the middle.
+    // Each with a way to damage it: truncated, or one bit flipped in the middle.
     for (file, cut) in [
         ("level-02.patches", true),
         ("level-02.patches", false),
@@ -243,7 +243,7 @@ fn damaged_scratch_files_are_noticed_and_what_they_were_for_is_done_again() {
         ("journal", true),
     ] {
         let path = site.scratch().join(file);
-        // What came farther before it heard the signal has used up the files of the stage before.
+        // A build that got further before the signal has already consumed the files of the previous stage.
         let is_stopped = (0..10).any(|_| {
             site.stopped_at("level-01.patches", &[]);
             path.exists()
@@ -263,10 +263,10 @@ fn damaged_scratch_files_are_noticed_and_what_they_were_for_is_done_again() {
     }
 }
 
-/// A pack is written under a temporary name first; what stands there must not lead it into somebody else's file.
+/// A pack is written under a temporary name first; a link under that name must not redirect it into another file.
 #[cfg(unix)]
 #[test]
-fn a_link_under_the_temporary_name_is_refused_and_what_it_leads_to_stays() {
+fn a_link_under_the_temporary_name_is_refused_and_its_target_is_kept() {
     let folder = tempfile::tempdir().unwrap();
     let (precious, part) = (folder.path().join("precious"), folder.path().join(".a.kilwa.part"));
     let made = kilwa(folder.path(), &["synth", "wall", "--triangles", "2000", "-o", "wall.ply"]).output().unwrap();
@@ -283,7 +283,7 @@ fn a_link_under_the_temporary_name_is_refused_and_what_it_leads_to_stays() {
     }
 }
 
-/// All files in a scratch folder are removed at the end, and somebody else may have put a link in its place.
+/// All files in a scratch folder are removed at the end, and another user may have put a link in its place.
 #[cfg(unix)]
 #[test]
 fn a_link_in_place_of_the_scratch_folder_is_refused_and_its_target_is_kept() {
@@ -318,7 +318,7 @@ fn a_link_in_place_of_the_scratch_folder_is_refused_and_its_target_is_kept() {
 /// A bad output is refused before the build starts, and a pack that was written is not reported as missing.
 #[cfg(unix)]
 #[test]
-fn a_broken_link_is_refused_as_output_and_an_unlistable_folder_is_no_failure() {
+fn a_broken_link_is_refused_as_output_and_an_unlistable_folder_is_accepted() {
     use std::os::unix::fs::{PermissionsExt, symlink};
     let folder = tempfile::tempdir().unwrap();
     let run = |args: &[&str]| kilwa(folder.path(), args).output().unwrap();
@@ -354,7 +354,7 @@ fn two_builds_of_one_pack_at_once_and_foreign_folders_are_refused() {
     assert_eq!(refused.status.code(), Some(1));
     assert!(stderr(&refused).contains("notes.txt"), "{}", stderr(&refused));
     assert_eq!(std::fs::read(site.scratch().join("notes.txt")).unwrap(), b"of the survey");
-    // A scratch folder elsewhere is used and left as it was found.
+    // A scratch folder elsewhere is used and left unchanged.
     std::fs::create_dir(site.path("disk")).unwrap();
     std::fs::remove_dir_all(site.scratch()).unwrap();
     let elsewhere = site.build(&["--scratch", "disk"]).output().unwrap();
@@ -363,7 +363,7 @@ fn two_builds_of_one_pack_at_once_and_foreign_folders_are_refused() {
     site.assert_undisturbed("scratch elsewhere");
 }
 
-/// A small disk in memory, gone with the test; `None` where this user may not mount one.
+/// A small disk in memory, removed with the test; `None` if this user may not mount one.
 struct Disk(PathBuf);
 
 impl Disk {
@@ -392,8 +392,8 @@ impl Drop for Disk {
     }
 }
 
-/// A build to `a.kilwa` while somebody else fills the disk of its scratch files, from the moment that the file `at` is
-/// there, and takes what it frees; tried again where the build got by with what it had.
+/// A build to `a.kilwa` while another program fills the disk of its scratch files as soon as the file `at` exists,
+/// and takes all space that is freed; retried if the build still had enough space.
 fn robbed_of_its_disk(site: &Site, disk: &Disk, at: &str) -> Output {
     let file = disk.0.join(".a.kilwa.scratch").join(at);
     let filler = disk.0.join("filler");
@@ -415,7 +415,7 @@ fn robbed_of_its_disk(site: &Site, disk: &Disk, at: &str) -> Output {
 }
 
 #[test]
-fn a_disk_that_is_too_small_is_refused_beforehand_and_one_that_fills_up_is_a_clear_error() {
+fn a_disk_too_small_is_refused_beforehand_and_one_that_fills_up_is_a_clear_error() {
     let site = Site::new();
     let Some(small) = Disk::mount(site.path("small"), "1m") else { return };
     let refused = site.build(&["--scratch", "small"]).output().unwrap();
@@ -427,8 +427,8 @@ fn a_disk_that_is_too_small_is_refused_beforehand_and_one_that_fills_up_is_a_cle
     for at in ["positions", "buckets", "level-02.patches"] {
         let output = robbed_of_its_disk(&site, &disk, at);
         assert_eq!(output.status.code(), Some(1), "{at}: {}", stderr(&output));
-        let said = stderr(&output);
-        assert!(said.contains("disk is full") || said.contains("No space left"), "{at}: {said}");
+        let message = stderr(&output);
+        assert!(message.contains("disk is full") || message.contains("No space left"), "{at}: {message}");
         assert_eq!(disk.files(), ["filler"], "{at}: scratch files are cleaned away");
         assert!(!site.path("a.kilwa").exists() && !site.path(".a.kilwa.part").exists(), "{at}");
         std::fs::remove_file(disk.0.join("filler")).unwrap();
@@ -450,8 +450,8 @@ fn terse(n: u32) -> String {
     obj
 }
 
-/// Text without a header is judged by its length. So the check beforehand lets disks pass that the build fills,
-/// each at another place: with nobody else at work, and with one thread, always at the same one.
+/// The need of a text without a header is estimated from its length. So the check beforehand accepts disks that the build
+/// then fills, each at another point; with one thread and no other program, always at the same one.
 #[test]
 fn a_disk_that_the_build_itself_fills_is_a_clear_error_wherever_that_happens() {
     let folder = tempfile::tempdir().unwrap();
@@ -475,7 +475,7 @@ fn a_disk_that_the_build_itself_fills_is_a_clear_error_wherever_that_happens() {
         let size = estimated + 65_536 + (peak - estimated) * step / 5;
         let Some(disk) = Disk::mount(folder.path().join(format!("disk{step}")), &size.to_string()) else { return };
         let output = build(&["--scratch", &format!("disk{step}")]);
-        let said = stderr(&output);
+        let message = stderr(&output);
         assert!(disk.files().is_empty(), "{size}: scratch files are cleaned away: {:?}", disk.files());
         if output.status.success() {
             // Less than the peak by the little that was rounded up.
@@ -485,11 +485,11 @@ fn a_disk_that_the_build_itself_fills_is_a_clear_error_wherever_that_happens() {
             std::fs::remove_file(folder.path().join("a.kilwa")).unwrap();
             continue;
         }
-        assert_eq!(output.status.code(), Some(1), "{size}: {said}");
-        assert!(said.contains("the disk is full") && said.contains("--scratch"), "{size}: {said}");
+        assert_eq!(output.status.code(), Some(1), "{size}: {message}");
+        assert!(message.contains("the disk is full") && message.contains("--scratch"), "{size}: {message}");
         assert!(!folder.path().join("a.kilwa").exists() && !folder.path().join(".a.kilwa.part").exists(), "{size}");
-        let file = said.split(".a.kilwa.scratch/").nth(1).and_then(|rest| rest.split(',').next());
-        full_at.insert(file.unwrap_or_else(|| panic!("no file is named: {said}")).to_owned());
+        let file = message.split(".a.kilwa.scratch/").nth(1).and_then(|rest| rest.split(',').next());
+        full_at.insert(file.unwrap_or_else(|| panic!("no file is named: {message}")).to_owned());
     }
     println!("{estimated} bytes estimated, {peak} needed; full at {full_at:?}");
     assert!(full_at.len() >= 2, "{full_at:?}");

@@ -1,5 +1,5 @@
-//! What every verb of `kilwa` owes its user: help, exit codes (0 done, 1 the input or the world is wrong, 2 usage), and a
-//! message that names the file it is about.
+//! Properties of every verb of `kilwa`: help, exit codes (0 success, 1 failure, 2 wrong usage), and messages that name the
+//! file they are about.
 
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
@@ -20,7 +20,7 @@ fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// A call with a file that is not there: the arguments in which `{in}` and `{out}` stand for paths in an empty folder.
+/// A call with a file that does not exist: in the arguments `{in}` and `{out}` are paths in an empty folder.
 fn calls_without_input() -> [(&'static str, Vec<&'static str>); 7] {
     [
         ("build", vec!["{in}.ply", "-o", "{out}.kilwa"]),
@@ -93,7 +93,7 @@ fn every_option_in_the_help_has_a_description() {
 }
 
 #[test]
-fn usage_errors_exit_with_2_and_say_how_it_goes() {
+fn usage_errors_exit_with_2_and_show_the_usage() {
     let mut calls: Vec<Vec<&str>> = vec![vec![], vec!["paint"], vec!["--no-such-option"]];
     calls.extend(VERBS.iter().map(|verb| vec![*verb]));
     calls.extend(VERBS.iter().map(|verb| vec![*verb, "--no-such-option"]));
@@ -125,7 +125,7 @@ fn a_missing_file_exits_with_1_names_the_file_and_leaves_nothing_behind() {
 }
 
 #[test]
-fn what_is_no_pack_is_refused_by_name() {
+fn a_file_that_is_no_pack_is_refused_by_name() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("letter.kilwa");
     std::fs::write(&file, "Dear archivist, this is not a pack.\n".repeat(200)).unwrap();
@@ -139,7 +139,7 @@ fn what_is_no_pack_is_refused_by_name() {
 }
 
 #[test]
-fn a_reader_that_leaves_early_is_no_error() {
+fn a_closed_output_pipe_is_no_error() {
     let mut child = Command::new(env!("CARGO_BIN_EXE_kilwa"))
         .arg("--help")
         .stdin(Stdio::null())
@@ -213,7 +213,7 @@ fn a_mesh_goes_through_every_verb_and_comes_back_whole() {
     succeed(&["extract", &pack, "-o", &whole]);
     assert_eq!(ply_count(&whole, "face"), triangles, "extract gives back every triangle");
 
-    // What comes out goes in again.
+    // The extract is a valid input.
     let again = folder.path().join("again.kilwa").display().to_string();
     succeed(&["build", &whole, "-o", &again]);
     assert_eq!(json(&succeed(&["verify", &again, "--json"]))["triangles"], triangles);
@@ -225,7 +225,7 @@ fn a_mesh_goes_through_every_verb_and_comes_back_whole() {
 }
 
 #[test]
-fn an_existing_file_is_not_replaced_unless_told() {
+fn an_existing_file_is_not_replaced_without_force() {
     let (folder, mesh, pack) = fort();
     let before = std::fs::read(&pack).unwrap();
     let ply = folder.path().join("out.ply").display().to_string();
@@ -290,7 +290,7 @@ fn bad_meshes_are_refused_by_name_and_leave_nothing_under_the_final_name() {
 }
 
 #[test]
-fn a_suffix_in_capitals_is_as_good() {
+fn a_file_extension_in_capitals_is_accepted() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (small, capital) = (path("fort.ply"), path("FORT.PLY"));

@@ -1,5 +1,5 @@
-//! `kilwa extract` in every format: what goes out comes in again, no cut cracks, boxes tile the model, `--max-triangles`
-//! keeps its promise, and nothing is overwritten.
+//! `kilwa extract` in every format: extracts can be read again, no cut has cracks, boxes tile the model, `--max-triangles`
+//! is respected, and nothing is overwritten.
 
 use crate::support::{Input, Ply, built_once, fails, json, kilwa, succeeds, text};
 use glam::DVec3;
@@ -62,7 +62,7 @@ fn read(path: &Path) -> RawMesh {
     read_mesh(path, &mut |_, _| {}).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// Positions as the world has them: GLB has y up, an STL may be relative to a point.
+/// Positions in world coordinates: GLB has y up, an STL may be relative to a point.
 fn to_world(report: &serde_json::Value) -> impl Fn(DVec3) -> DVec3 + use<> {
     let y_up = report["format"] == "glb";
     let offset = DVec3::from([0, 1, 2].map(|k| report["offset"][k].as_f64().unwrap_or(0.0)));
@@ -83,7 +83,7 @@ fn edge_uses(mesh: &RawMesh) -> BTreeMap<[[u64; 3]; 2], u32> {
 }
 
 #[test]
-fn every_format_gives_back_the_finest_level_as_far_as_it_holds_it() {
+fn every_format_contains_the_finest_level_as_far_as_it_can_represent_it() {
     let work = tempfile::tempdir().unwrap();
     let lattice = lattice(torus());
     let whole = work.path().join("whole.ply");
@@ -115,7 +115,7 @@ fn every_format_gives_back_the_finest_level_as_far_as_it_holds_it() {
 }
 
 #[test]
-fn what_was_extracted_builds_to_the_same_finest_level() {
+fn an_extracted_mesh_builds_to_the_same_finest_level() {
     let work = tempfile::tempdir().unwrap();
     let step = json(&["info", text(torus())])["lattice_step"].to_string();
     let whole = work.path().join("whole.ply");
@@ -132,7 +132,7 @@ fn what_was_extracted_builds_to_the_same_finest_level() {
 }
 
 #[test]
-fn no_cut_cracks_in_any_format() {
+fn no_cut_has_cracks_in_any_format() {
     let work = tempfile::tempdir().unwrap();
     for limit in ["0.1", "0.02", "0.005", "0"] {
         for name in ["a.obj", "a.stl", "a.glb"] {
@@ -147,7 +147,7 @@ fn no_cut_cracks_in_any_format() {
 }
 
 #[test]
-fn boxes_that_tile_the_model_give_every_triangle_once_and_whole() {
+fn boxes_that_tile_the_model_give_every_triangle_exactly_once() {
     let work = tempfile::tempdir().unwrap();
     let out = work.path().join("part.ply");
     let [x, y, z] = FAR;
@@ -175,17 +175,17 @@ fn boxes_that_tile_the_model_give_every_triangle_once_and_whole() {
     let found = part["triangles"].as_u64().unwrap();
     assert!((40_000..=60_000).contains(&found), "the count is of what lies in the box: {found}");
     let nowhere = work.path().join("nowhere.ply");
-    let said = fails(&["extract", text(torus()), "-o", text(&nowhere), "--box", "0,0,0,1,1,1"]);
+    let message = fails(&["extract", text(torus()), "-o", text(&nowhere), "--box", "0,0,0,1,1,1"]);
     assert!(
-        said.contains("no triangle has its centroid in the box 0,0,0,1,1,1; it spans") && !nowhere.exists(),
-        "{said}"
+        message.contains("no triangle has its centroid in the box 0,0,0,1,1,1; it spans") && !nowhere.exists(),
+        "{message}"
     );
     let usage = kilwa(&["extract", text(torus()), "-o", text(&nowhere), "--box", "1,2,3"]);
     assert_eq!(usage.status.code(), Some(2));
 }
 
 #[test]
-fn max_triangles_keeps_its_promise_on_three_meshes_or_says_so() {
+fn max_triangles_is_respected_on_three_meshes_or_refused() {
     let work = tempfile::tempdir().unwrap();
     let out = work.path().join("a.stl");
     let mut kept = 0;
@@ -203,12 +203,16 @@ fn max_triangles_keeps_its_promise_on_three_meshes_or_says_so() {
                 "--max-triangles",
                 &limit.to_string(),
             ]);
-            let said = String::from_utf8_lossy(&output.stderr).into_owned();
-            let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect(&said);
+            let message = String::from_utf8_lossy(&output.stderr).into_owned();
+            let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect(&message);
             let found = report["triangles"].as_u64().unwrap();
             let promise = found <= limit && (found * 3 >= limit * 2 || report["max_error"] == 0.0);
-            assert!(promise || said.contains("triangles"), "{}: {found} of {limit} without a word", pack.display());
-            assert!(found <= limit || said.contains("coarsest"), "{}: {found} of {limit}: {said}", pack.display());
+            assert!(promise || message.contains("triangles"), "{}: {found} of {limit} without a word", pack.display());
+            assert!(
+                found <= limit || message.contains("coarsest"),
+                "{}: {found} of {limit}: {message}",
+                pack.display()
+            );
             kept += u32::from(promise);
         }
     }
@@ -216,7 +220,7 @@ fn max_triangles_keeps_its_promise_on_three_meshes_or_says_so() {
 }
 
 #[test]
-fn a_glb_is_valid_and_has_the_place_and_the_colours_of_the_pack() {
+fn a_glb_is_valid_and_has_the_position_and_colours_of_the_pack() {
     let work = tempfile::tempdir().unwrap();
     let out = work.path().join("a.glb");
     succeeds(&["extract", text(torus()), "-o", text(&out), "--max-error", "0.01"]);
@@ -242,7 +246,7 @@ fn a_glb_is_valid_and_has_the_place_and_the_colours_of_the_pack() {
 }
 
 #[test]
-fn what_cannot_be_written_is_refused_by_name_before_anything_is_written() {
+fn unwritable_output_is_refused_by_name_before_anything_is_written() {
     let work = tempfile::tempdir().unwrap();
     for (name, part) in [("a.gltf", ".glb"), ("a.nxz", "cannot write .nxz"), ("a", "ends in .ply, .obj")] {
         let out = work.path().join(name);
@@ -254,8 +258,8 @@ fn what_cannot_be_written_is_refused_by_name_before_anything_is_written() {
 
     let pack = work.path().join("pack.ply");
     std::fs::copy(torus(), &pack).unwrap();
-    let said = fails(&["extract", text(&pack), "-o", text(&work.path().join("./pack.ply")), "--force"]);
-    assert!(said.contains("is an input of this command"), "{said}");
+    let message = fails(&["extract", text(&pack), "-o", text(&work.path().join("./pack.ply")), "--force"]);
+    assert!(message.contains("is an input of this command"), "{message}");
     assert_eq!(std::fs::read(&pack).unwrap(), std::fs::read(torus()).unwrap());
 
     std::fs::write(&stl, "precious").unwrap();
@@ -267,7 +271,7 @@ fn what_cannot_be_written_is_refused_by_name_before_anything_is_written() {
 }
 
 #[test]
-fn the_ply_reader_of_the_tests_agrees_on_what_a_box_holds() {
+fn the_ply_reader_of_the_tests_agrees_on_the_contents_of_a_box() {
     let work = tempfile::tempdir().unwrap();
     let out = work.path().join("part.ply");
     let [x, y, z] = FAR;
@@ -381,9 +385,12 @@ fn coordinates_that_a_format_cannot_represent_are_refused_and_others_stay_distin
                 }
                 std::fs::remove_file(&out).unwrap();
             } else {
-                let said = fails(&args);
-                assert!(said.contains("a.kilwa") && said.contains(&format!("2^{step_log2} m")), "{case}: {said}");
-                assert!(said.contains("instead") || said.contains("no other format"), "{case}: {said}");
+                let message = fails(&args);
+                assert!(
+                    message.contains("a.kilwa") && message.contains(&format!("2^{step_log2} m")),
+                    "{case}: {message}"
+                );
+                assert!(message.contains("instead") || message.contains("no other format"), "{case}: {message}");
                 assert!(!out.exists(), "{case}");
             }
         }

@@ -1,4 +1,4 @@
-//! `kilwa info` of a mesh: what it is, without building it.
+//! `kilwa info` of a mesh: a description without building a pack.
 
 use std::fmt::Write;
 use std::path::Path;
@@ -9,7 +9,7 @@ fn info(args: &[&str]) -> (i32, String) {
     (out.status.code().unwrap_or(-1), String::from_utf8(out.stdout).unwrap())
 }
 
-/// Two squares that touch nowhere, one of them with a triangle that stands twice.
+/// Two disjoint squares, one of them with a duplicate triangle.
 fn write_mesh(path: &Path) {
     let mut text = "ply\nformat ascii 1.0\nelement vertex 8\nproperty float x\nproperty float y\nproperty float z\n\
                     element face 5\nproperty list uchar int vertex_indices\nend_header\n"
@@ -41,7 +41,7 @@ fn a_mesh_is_described_in_words_and_as_json() {
 }
 
 #[test]
-fn what_is_neither_a_pack_nor_a_mesh_is_refused() {
+fn a_file_that_is_neither_pack_nor_mesh_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("notes.txt");
     std::fs::write(&path, "no mesh").unwrap();

@@ -1,4 +1,4 @@
-//! Many inputs: files, folders and patterns in any order give the same bytes; each input goes where it belongs.
+//! Many inputs: files, folders and patterns in any order give the same bytes; each input is placed correctly.
 
 use crate::support::{Input, Ply, fails, json, kilwa, succeeds, text};
 use std::path::Path;
@@ -17,7 +17,7 @@ fn blocks(folder: &Path) -> Vec<String> {
 }
 
 #[test]
-fn a_site_in_blocks_gives_the_same_bytes_in_any_order_as_a_folder_and_as_a_pattern() {
+fn a_site_in_blocks_gives_the_same_bytes_in_any_order_from_a_folder_and_from_a_pattern() {
     let folder = tempfile::tempdir().unwrap();
     let mut files = blocks(folder.path());
     let site = folder.path().join("site");
@@ -79,7 +79,7 @@ fn in_blocks(mesh: &Ply, across: usize, along: usize) -> Vec<Input> {
     blocks
 }
 
-/// As the literature's site comes: 96 files at map coordinates, listed as chance will have it.
+/// A site like those in the literature: 96 files at map coordinates, in random order.
 #[test]
 fn ninety_six_blocks_in_any_order_are_the_whole_mesh_without_a_seam_at_any_level() {
     let folder = tempfile::tempdir().unwrap();
@@ -119,7 +119,7 @@ fn ninety_six_blocks_in_any_order_are_the_whole_mesh_without_a_seam_at_any_level
 }
 
 #[test]
-fn blocks_that_were_moved_apart_close_up_again_by_their_matrices() {
+fn blocks_moved_apart_are_rejoined_by_their_matrices() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     // Two halves of a square, the second written 100 further on and mirrored.
@@ -134,8 +134,8 @@ fn blocks_that_were_moved_apart_close_up_again_by_their_matrices() {
     assert_eq!(report["triangles"], 2);
     assert_eq!(report["vertices"], 4, "welded: {report}");
     assert_eq!(report["border_edges"], 4, "{report}");
-    let said = fails(&["build", text(&inputs[0]), "-o", text(&path("c.kilwa")), "--transform", text(&inputs[1])]);
-    assert!(said.contains("b.obj"), "{said}");
+    let message = fails(&["build", text(&inputs[0]), "-o", text(&path("c.kilwa")), "--transform", text(&inputs[1])]);
+    assert!(message.contains("b.obj"), "{message}");
     std::fs::remove_file(path("b.xf")).unwrap();
     let again = fails(&[&args[..], &["--force"]].concat());
     assert!(again.contains("b.xf is not there"), "{again}");
@@ -147,8 +147,8 @@ fn an_origin_is_added_in_the_units_of_the_file() {
     let (obj, pack) = (folder.path().join("a.obj"), folder.path().join("a.kilwa"));
     std::fs::write(&obj, "v 0 0 0\nv 1000 0 0\nv 0 1000 0\nf 1 2 3\n").unwrap();
     let args = ["build", text(&obj), "-o", text(&pack), "--units", "mm", "--origin", "-500000,9000000,250"];
-    let said = succeeds(&args);
-    assert!(said.contains("levels 0.0"), "a pack of one chunk has no levels to build: {said}");
+    let output = succeeds(&args);
+    assert!(output.contains("levels 0.0"), "a pack of one chunk has no levels to build: {output}");
     let bounds = json(&["info", text(&pack)])["metadata"]["bounds_min"].clone();
     let near = |i: usize, v: f64| (bounds[i].as_f64().unwrap() - v).abs() < 0.01;
     assert!(near(0, -500.0) && near(1, 9000.0) && near(2, 0.25), "{bounds}");
@@ -170,9 +170,9 @@ fn a_pack_never_replaces_a_file_that_the_build_reads() {
         let before = std::fs::read(at(name)).unwrap();
         let (mesh, output) = (at("a.obj"), at(name));
         let refused = kilwa(&["build", text(&mesh), "--transform", "auto", "-o", text(&output), "--force"]);
-        let said = String::from_utf8_lossy(&refused.stderr).into_owned();
-        assert_eq!(refused.status.code(), Some(1), "{name}: {said}");
-        assert!(said.contains("give another name"), "{name}: {said}");
+        let message = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert_eq!(refused.status.code(), Some(1), "{name}: {message}");
+        assert!(message.contains("give another name"), "{name}: {message}");
         assert!(std::fs::read(at(name)).unwrap() == before, "{name} was replaced");
     }
     let (mesh, pack) = (at("a.obj"), at("a.kilwa"));
@@ -242,10 +242,10 @@ fn no_command_replaces_one_of_its_inputs() {
     ];
     for (input, call) in calls {
         let before = std::fs::read(at(input)).unwrap();
-        let said = fails(&call.iter().map(String::as_str).collect::<Vec<_>>());
+        let message = fails(&call.iter().map(String::as_str).collect::<Vec<_>>());
         assert!(
-            said.contains("an input of this command; give another name") && said.contains(input),
-            "{call:?}: {said}"
+            message.contains("an input of this command; give another name") && message.contains(input),
+            "{call:?}: {message}"
         );
         assert!(std::fs::read(at(input)).unwrap() == before, "{call:?}");
     }

@@ -42,9 +42,9 @@ fn leaves_nothing(folder: &Path, args: &[&str]) {
                 }
                 return false;
             }
-            let said = String::from_utf8_lossy(&output.stderr);
-            assert!(left.is_empty(), "{args:?}, {signal}: {left:?}: {said}");
-            assert_eq!(output.status.code(), Some(code), "{args:?}, {signal}: {said}");
+            let message = String::from_utf8_lossy(&output.stderr);
+            assert!(left.is_empty(), "{args:?}, {signal}: {left:?}: {message}");
+            assert_eq!(output.status.code(), Some(code), "{args:?}, {signal}: {message}");
             true
         });
         assert!(caught, "{args:?} was always faster than {signal}");
@@ -52,14 +52,14 @@ fn leaves_nothing(folder: &Path, args: &[&str]) {
 }
 
 #[test]
-fn nothing_is_left_of_a_synthetic_site_that_a_signal_ends() {
+fn a_signal_during_synth_leaves_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.ply");
     leaves_nothing(folder.path(), &["synth", "wall", "--triangles", "20M", "-o", text(&out)]);
 }
 
 #[test]
-fn nothing_is_left_of_an_extract_that_a_signal_ends() {
+fn a_signal_during_extract_leaves_no_file() {
     let packs = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pack_verbs");
     let pack = built_once(&packs, "large", |to| Input::torus(1280, 128, [0.0; 3]).write(to), &[]);
     let folder = tempfile::tempdir().unwrap();
@@ -68,7 +68,7 @@ fn nothing_is_left_of_an_extract_that_a_signal_ends() {
 }
 
 #[test]
-fn nothing_is_left_of_a_report_on_a_mesh_that_a_signal_ends() {
+fn a_signal_during_a_mesh_report_leaves_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let (mesh, temporary) = (folder.path().join("a.ply"), folder.path().join("temporary"));
     crate::support::succeeds(&["synth", "wall", "--triangles", "1M", "-o", text(&mesh)]);
@@ -89,7 +89,7 @@ fn nothing_is_left_of_a_report_on_a_mesh_that_a_signal_ends() {
 /// Under `nohup`, and in background jobs of a script, signals are ignored; this must stay so.
 #[cfg(target_os = "linux")]
 #[test]
-fn an_ignored_signal_stays_ignored() {
+fn a_signal_ignored_by_the_parent_stays_ignored() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.ply");
     let mut command = Command::new("sh");

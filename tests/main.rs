@@ -1,4 +1,4 @@
-//! The tests of the whole program, in one binary: linking one takes as long as each of many would.
+//! The tests of the whole program, in one binary, because linking one takes as long as linking each of many would.
 
 mod access;
 #[path = "../server/tests/store/bucket.rs"]

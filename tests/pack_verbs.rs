@@ -1,5 +1,5 @@
-//! `kilwa info`, `verify` and `extract` on packs that `kilwa build` wrote: the mesh comes back whole, coarser forms have
-//! no cracks, damage is found and named, and a failure leaves nothing behind.
+//! `kilwa info`, `verify` and `extract` on packs that `kilwa build` wrote: the mesh round-trips, coarser forms have
+//! no cracks, damage is found and named, and a failure leaves no files behind.
 
 use crate::support::{Input, Ply, built_once, fails, json, kilwa, plys, shared, succeeds, text};
 use kilwa_geometry::Lattice;
@@ -55,7 +55,7 @@ fn of_ply(ply: &Ply, lattice: &Lattice) -> Vec<[Corner; 3]> {
 }
 
 #[test]
-fn a_full_extract_gives_back_every_triangle_with_its_colours() {
+fn a_full_extract_contains_every_triangle_with_its_colours() {
     let folder = tempfile::tempdir().unwrap();
     let (mesh, pack) = torus();
     let lattice = lattice(pack);
@@ -79,7 +79,7 @@ fn a_full_extract_gives_back_every_triangle_with_its_colours() {
 }
 
 #[test]
-fn coarser_extracts_have_no_cracks_and_keep_their_promise() {
+fn coarser_extracts_have_no_cracks_and_stay_within_their_error() {
     let folder = tempfile::tempdir().unwrap();
     let (_, pack) = torus();
     let out = folder.path().join("coarse.ply");
@@ -98,13 +98,13 @@ fn coarser_extracts_have_no_cracks_and_keep_their_promise() {
     assert!(few.status.success());
     assert!(
         String::from_utf8_lossy(&few.stderr).contains("coarsest"),
-        "where there is nothing so coarse, that is said"
+        "if no cut is coarse enough, the message says so"
     );
 }
 
 /// A model of some dozens of diamonds: with few, the next step of refinement is too large for most limits.
 #[test]
-fn a_limit_of_triangles_is_kept_and_used_to_two_thirds() {
+fn a_triangle_limit_is_respected_and_used_to_at_least_two_thirds() {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pack_verbs");
     let pack = built_once(&folder, "large", |to| Input::torus(1280, 128, [0.0; 3]).write(to), &[]);
     let work = tempfile::tempdir().unwrap();
@@ -124,10 +124,13 @@ fn comes_back_whole(input: &Path) -> bool {
     let shown = input.display();
     let built = kilwa(&["build", text(input), "-o", text(&pack)]);
     if !built.status.success() {
-        let said = String::from_utf8_lossy(&built.stderr);
+        let message = String::from_utf8_lossy(&built.stderr);
         let name = input.file_name().unwrap().to_str().unwrap();
-        assert_eq!(built.status.code(), Some(1), "{shown}: {said}");
-        assert!(said.contains(name) || said.contains("no triangles"), "{shown}: the message names no file: {said}");
+        assert_eq!(built.status.code(), Some(1), "{shown}: {message}");
+        assert!(
+            message.contains(name) || message.contains("no triangles"),
+            "{shown}: the message names no file: {message}"
+        );
         assert!(std::fs::read_dir(folder.path()).unwrap().next().is_none(), "{shown}: something is left behind");
         return false;
     }
@@ -153,7 +156,7 @@ fn comes_back_whole(input: &Path) -> bool {
 }
 
 #[test]
-fn every_shared_ply_comes_back_whole_or_is_refused_by_name() {
+fn every_shared_ply_round_trips_or_is_refused_by_name() {
     let Some(listed) = shared("LIST.sha256") else { return };
     let mut files = Vec::new();
     plys(listed.parent().unwrap(), &mut files);
@@ -165,7 +168,7 @@ fn every_shared_ply_comes_back_whole_or_is_refused_by_name() {
 }
 
 #[test]
-fn fewer_bits_are_within_half_a_quantum_at_the_finest_level_and_the_pack_says_so() {
+fn rounding_to_fewer_bits_is_within_half_a_quantum_and_recorded_in_the_pack() {
     let folder = tempfile::tempdir().unwrap();
     let (mesh, exact) = torus();
     let input = folder.path().join("torus.ply");
@@ -211,14 +214,14 @@ fn fewer_bits_are_within_half_a_quantum_at_the_finest_level_and_the_pack_says_so
         [("--color-bits", "3"), ("--color-bits", "9"), ("--normal-bits", "5"), ("--normal-bits", "17")]
     {
         let output = kilwa(&["build", text(&input), "-o", text(&folder.path().join("no.kilwa")), option, bits]);
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{said}");
-        assert!(said.contains(option) && said.contains(bits), "{said}");
+        let message = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        assert!(message.contains(option) && message.contains(bits), "{message}");
     }
 }
 
 #[test]
-fn info_says_what_is_in_the_pack() {
+fn info_describes_the_pack() {
     let (mesh, pack) = torus();
     let info = json(&["info", text(pack)]);
     assert_eq!(info["metadata"]["triangles"], mesh.triangles.len());
@@ -259,8 +262,8 @@ fn verify_names_the_damaged_part() {
         let mut bytes = good.clone();
         bytes[at] ^= 0x10;
         std::fs::write(&damaged, &bytes).unwrap();
-        let said = fails(&["verify", text(&damaged)]);
-        assert!(said.contains(part) && said.contains("damaged.kilwa"), "byte {at}: {said}");
+        let message = fails(&["verify", text(&damaged)]);
+        assert!(message.contains(part) && message.contains("damaged.kilwa"), "byte {at}: {message}");
         let output = kilwa(&["verify", text(&damaged), "--json"]);
         let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
         assert_eq!(report["sound"], false);
@@ -274,8 +277,11 @@ fn verify_names_the_damaged_part() {
         bytes[at + 9] ^= 1;
     }
     std::fs::write(&damaged, &bytes).unwrap();
-    let said = fails(&["verify", text(&damaged)]);
-    assert!(["chunk 1", "chunk 3", "chunk 5"].iter().all(|c| said.contains(c)), "every damaged chunk is named: {said}");
+    let message = fails(&["verify", text(&damaged)]);
+    assert!(
+        ["chunk 1", "chunk 3", "chunk 5"].iter().all(|c| message.contains(c)),
+        "every damaged chunk is named: {message}"
+    );
 }
 
 /// A pack with a change in its header or first directory page, and all hashes corrected.
@@ -312,8 +318,8 @@ fn verify_finds_wrong_values_even_if_all_hashes_are_right() {
     succeeds(&["verify", text(&path)]);
     for error in [255.5, 1e30, f32::INFINITY] {
         write(&set(color_error(1), error));
-        let said = fails(&["verify", text(&path)]);
-        assert!(said.contains("directory entry 1") && said.contains("at most 255"), "{error}: {said}");
+        let message = fails(&["verify", text(&path)]);
+        assert!(message.contains("directory entry 1") && message.contains("at most 255"), "{error}: {message}");
     }
     // Between two parts, where a wrong offset leaves no gap, because there are no further pages.
     let places = [header.first_page + 16_384, reader.entries()[1].offset, header.file_bytes - 80];
@@ -321,8 +327,8 @@ fn verify_finds_wrong_values_even_if_all_hashes_are_right() {
     assert!(wrong.len() >= 2);
     for at in wrong {
         write(&|b: &mut [u8]| b[112..120].copy_from_slice(&at.to_le_bytes()));
-        let said = fails(&["verify", text(&path)]);
-        assert!(said.contains("directory page 1 is at byte"), "{at}: {said}");
+        let message = fails(&["verify", text(&path)]);
+        assert!(message.contains("directory page 1 is at byte"), "{at}: {message}");
     }
 }
 
@@ -333,17 +339,17 @@ fn verify_does_not_read_a_file_that_is_not_a_pack() {
     let path = folder.path().join("image.kilwa");
     // A sparse file of 1 TiB takes no space but would take hours to read.
     std::fs::File::create(&path).unwrap().set_len(1 << 40).unwrap();
-    let said = fails(&["verify", text(&path)]);
-    assert!(said.contains("not a Kilwa pack") && said.contains("image.kilwa"), "{said}");
+    let message = fails(&["verify", text(&path)]);
+    assert!(message.contains("not a Kilwa pack") && message.contains("image.kilwa"), "{message}");
     let output = kilwa(&["verify", text(&path), "--json"]);
     let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!((&report["sound"], output.status.code()), (&serde_json::Value::Bool(false), Some(1)));
 }
 
-/// `kilwa info x | head -1` is no failure, whoever reads first.
+/// `kilwa info x | head -1` succeeds.
 #[test]
 #[cfg(unix)]
-fn a_closed_pipe_is_no_failure_but_damage_stays_one() {
+fn a_closed_pipe_does_not_hide_damage() {
     let folder = tempfile::tempdir().unwrap();
     let (_, pack) = torus();
     let damaged = folder.path().join("damaged.kilwa");
@@ -375,8 +381,8 @@ fn a_failed_extract_leaves_nothing_behind() {
     let damaged = folder.path().join("damaged.kilwa");
     std::fs::write(&damaged, &bytes).unwrap();
     for limit in [&[][..], &["--max-triangles", "90000"]] {
-        let said = fails(&[&["extract", text(&damaged), "-o", text(&out)], limit].concat());
-        assert!(said.contains("chunk 4") && said.contains("damaged.kilwa"), "{said}");
+        let message = fails(&[&["extract", text(&damaged), "-o", text(&out)], limit].concat());
+        assert!(message.contains("chunk 4") && message.contains("damaged.kilwa"), "{message}");
         assert!(empty());
     }
     // What needs nothing of the damaged chunk is the same as without the damage.

@@ -75,11 +75,11 @@ fn the_state_of_verify_has_no_password() {
     assert!(!kept().contains(SECRET) && kept().contains("me:***@"), "{}", kept());
     // An earlier version stored it: the target is recognised, and the run removes the password.
     std::fs::write(&state, format!("{{\"kilwa-verify\":\"run\",\"target\":\"{address}\",\"at\":1}}\n")).unwrap();
-    let said = printed(&["verify", &address, "--state", text(&state)]);
-    assert!(!said.contains("belongs to"), "{said}");
+    let output = printed(&["verify", &address, "--state", text(&state)]);
+    assert!(!output.contains("belongs to"), "{output}");
     assert!(!kept().contains(SECRET), "{}", kept());
     // A state of another target is refused without naming its password.
     std::fs::write(&state, format!("{{\"kilwa-verify\":\"run\",\"target\":\"{address}\",\"at\":1}}\n")).unwrap();
-    let said = printed(&["verify", "http://127.0.0.1:1/x.kilwa", "--state", text(&state)]);
-    assert!(said.contains("belongs to http://me:***@"), "{said}");
+    let output = printed(&["verify", "http://127.0.0.1:1/x.kilwa", "--state", text(&state)]);
+    assert!(output.contains("belongs to http://me:***@"), "{output}");
 }

@@ -1,5 +1,5 @@
 //! How many triangles patches and chunks have, and how many could not be simplified: the report of the build and `kilwa info`
-//! say the same, and it is what the pack holds.
+//! agree with each other and with the pack.
 
 use crate::support::{json, succeeds, text};
 use kilwa_pack::{NO_DIAMOND, Reader};
@@ -14,7 +14,7 @@ fn spread(mut all: Vec<u64>) -> serde_json::Value {
 }
 
 #[test]
-fn build_and_info_tell_how_large_patches_and_chunks_are_and_what_could_not_be_simplified() {
+fn build_and_info_report_patch_and_chunk_sizes_and_what_could_not_be_simplified() {
     let folder = tempfile::tempdir().unwrap();
     let (ply, pack) = (folder.path().join("fort.ply"), folder.path().join("fort.kilwa"));
     succeeds(&["synth", "fort", "--triangles", "60000", "-o", text(&ply)]);
@@ -69,6 +69,6 @@ fn a_pack_whose_tables_contradict_its_directory_is_not_described() {
     let at = reader.entries()[0].offset as usize + 2;
     bytes[at] ^= 1;
     std::fs::write(&pack, bytes).unwrap();
-    let said = crate::support::fails(&["info", text(&pack)]);
-    assert!(said.contains("chunk 0") && said.contains("kilwa verify"), "{said}");
+    let message = crate::support::fails(&["info", text(&pack)]);
+    assert!(message.contains("chunk 0") && message.contains("kilwa verify"), "{message}");
 }

@@ -1,11 +1,11 @@
 //! Real OBJ, STL and glTF files of `../shared/data`, each by the whole program: it becomes a pack that verifies, or it is
-//! refused with exit code 1 and one line that names the file, in words of people, and nothing is left. (PLY: `real_input`.)
+//! refused with exit code 1 and one line that names the file, in plain language, and no file is left. (PLY: `real_input`.)
 
 use crate::support::{fails, json, kilwa, text};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 
-/// Words of programmers that no message may need.
+/// Programmers' jargon that no message may contain.
 const JARGON: [&str; 9] = ["usize", "u64", "f64", "struct", "EOF", "None", "Some", "unwrap", "panicked"];
 
 /// All files below a folder with one of the extensions, in order.
@@ -35,19 +35,19 @@ fn one(input: &Path, folder: &Path) -> Option<u64> {
         assert!(std::fs::read_dir(folder).unwrap().next().is_none(), "{} left something behind", input.display());
         return report["triangles"].as_u64();
     }
-    let said = fails(&["build", text(input), "-o", text(&pack)]);
+    let message = fails(&["build", text(input), "-o", text(&pack)]);
     let name = input.file_name().unwrap().to_str().unwrap();
-    assert!(said.contains(name), "the file is named: {said}");
-    assert_eq!(said.trim_end().lines().count(), 1, "one line says it: {said}");
+    assert!(message.contains(name), "the file is named: {message}");
+    assert_eq!(message.trim_end().lines().count(), 1, "one line says it: {message}");
     // What the file itself says may be quoted.
-    let own: String = said.replace(text(input), "").split('"').step_by(2).collect();
+    let own: String = message.replace(text(input), "").split('"').step_by(2).collect();
     let mut words = own.split(|c: char| !c.is_alphanumeric());
-    assert!(!words.any(|word| JARGON.contains(&word)), "in words of people: {said}");
+    assert!(!words.any(|word| JARGON.contains(&word)), "in words of people: {message}");
     assert!(std::fs::read_dir(folder).unwrap().next().is_none(), "{name} left something behind");
     None
 }
 
-fn every_file_is_built_or_refused(extensions: &[&str], least: (usize, usize)) {
+fn every_file_is_built_or_refused(extensions: &[&str], min: (usize, usize)) {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data");
     if !data.is_dir() {
         println!("skipped: {} is not here", data.display());
@@ -70,20 +70,20 @@ fn every_file_is_built_or_refused(extensions: &[&str], least: (usize, usize)) {
     });
     let (built, refused) = done.into_inner().unwrap();
     println!("{built} built, {refused} refused");
-    assert!(built >= least.0 && built + refused >= least.1, "{built} built, {refused} refused");
+    assert!(built >= min.0 && built + refused >= min.1, "{built} built, {refused} refused");
 }
 
 #[test]
-fn every_real_obj_is_built_and_verified_or_refused_in_plain_words() {
+fn every_real_obj_is_built_and_verified_or_refused_with_a_plain_message() {
     every_file_is_built_or_refused(&["obj"], (70, 85));
 }
 
 #[test]
-fn every_real_stl_is_built_and_verified_or_refused_in_plain_words() {
+fn every_real_stl_is_built_and_verified_or_refused_with_a_plain_message() {
     every_file_is_built_or_refused(&["stl"], (20, 20));
 }
 
 #[test]
-fn every_real_gltf_is_built_and_verified_or_refused_in_plain_words() {
+fn every_real_gltf_is_built_and_verified_or_refused_with_a_plain_message() {
     every_file_is_built_or_refused(&["gltf", "glb"], (70, 300));
 }

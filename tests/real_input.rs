@@ -1,4 +1,4 @@
-//! Input as it comes: every real PLY of `../shared/data` and every damaged one of `tests/malformed` becomes a pack that
+//! Real input: every real PLY of `../shared/data` and every damaged one of `tests/malformed` becomes a pack that
 //! verifies and gives the same triangles back, or is refused with exit code 1, a message that names the file, the place
 //! and the reason, and nothing left under the final name or beside it.
 
@@ -29,10 +29,10 @@ fn multiset(triangles: impl Iterator<Item = [Corner; 3]>) -> Vec<[Corner; 3]> {
     all
 }
 
-/// Build, verify and extract `input` in `folder`; the full extract must be the mesh that was read. The words of the build.
+/// Build, verify and extract `input` in `folder`; the full extract must be the mesh that was read. Returns the output of the build.
 fn round_trip(input: &Path, folder: &Path) -> String {
     let (pack, back) = (folder.join("a.kilwa"), folder.join("a.ply"));
-    let said = succeeds(&["build", text(input), "-o", text(&pack)]);
+    let output = succeeds(&["build", text(input), "-o", text(&pack)]);
     succeeds(&["verify", text(&pack)]);
     succeeds(&["extract", text(&pack), "-o", text(&back)]);
 
@@ -65,20 +65,20 @@ fn round_trip(input: &Path, folder: &Path) -> String {
         std::fs::remove_file(path).unwrap();
     }
     assert!(is_empty(folder), "nothing is left beside the results");
-    said
+    output
 }
 
-/// The build must refuse `input` and leave nothing; its words.
+/// The build must refuse `input` and leave no file; its message.
 fn refused(input: &Path, folder: &Path) -> String {
-    let said = fails(&["build", text(input), "-o", text(&folder.join("a.kilwa"))]);
+    let message = fails(&["build", text(input), "-o", text(&folder.join("a.kilwa"))]);
     assert!(is_empty(folder), "{} left something behind", input.display());
-    assert!(said.contains(input.file_name().unwrap().to_str().unwrap()), "the file is named: {said}");
-    assert_eq!(said.trim_end().lines().count(), 1, "one line says it: {said}");
-    said
+    assert!(message.contains(input.file_name().unwrap().to_str().unwrap()), "the file is named: {message}");
+    assert_eq!(message.trim_end().lines().count(), 1, "one line says it: {message}");
+    message
 }
 
 #[test]
-fn every_real_ply_gives_its_triangles_back_or_is_refused_with_place_and_reason() {
+fn every_real_ply_round_trips_or_is_refused_with_position_and_reason() {
     let data = root().join("../shared/data");
     if !data.is_dir() {
         println!("skipped: {} is not here", data.display());
@@ -93,8 +93,8 @@ fn every_real_ply_gives_its_triangles_back_or_is_refused_with_place_and_reason()
             round_trip(input, folder.path());
             built += 1;
         } else {
-            let said = refused(input, folder.path());
-            assert!(["line ", "byte "].iter().any(|place| said.contains(place)), "the place is named: {said}");
+            let message = refused(input, folder.path());
+            assert!(["line ", "byte "].iter().any(|place| message.contains(place)), "the place is named: {message}");
             turned_away += 1;
         }
     }
@@ -104,7 +104,7 @@ fn every_real_ply_gives_its_triangles_back_or_is_refused_with_place_and_reason()
 
 /// Each file of the corpus says in a comment what becomes of it: `refused: WORDS` or `repaired: WORDS`.
 #[test]
-fn every_malformed_ply_is_refused_or_repaired_as_it_says() {
+fn every_malformed_ply_is_refused_or_repaired_as_expected() {
     let mut all = Vec::new();
     plys(&root().join("tests/malformed"), &mut all);
     assert!(all.len() >= 35);
@@ -114,18 +114,18 @@ fn every_malformed_ply_is_refused_or_repaired_as_it_says() {
         let content = std::fs::read_to_string(input).unwrap();
         let after = |key: &str| content.lines().find_map(|l| l.split_once(key)).map(|(_, words)| words.trim());
         if let Some(words) = after("repaired: ") {
-            let said = round_trip(input, folder.path());
-            assert!(said.contains(words), "{name}: expected \"{words}\" in\n{said}");
+            let output = round_trip(input, folder.path());
+            assert!(output.contains(words), "{name}: expected \"{words}\" in\n{output}");
         } else {
             let words = after("refused: ").unwrap_or("0 bytes");
-            let said = refused(input, folder.path());
-            assert!(said.contains(words), "{name}: expected \"{words}\" in\n{said}");
+            let message = refused(input, folder.path());
+            assert!(message.contains(words), "{name}: expected \"{words}\" in\n{message}");
         }
     }
 }
 
 #[test]
-fn a_binary_ply_cut_at_any_byte_is_refused_and_leaves_nothing() {
+fn a_binary_ply_truncated_at_any_byte_is_refused_and_leaves_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let work = folder.path().join("work");
     std::fs::create_dir(&work).unwrap();
@@ -141,15 +141,15 @@ fn a_binary_ply_cut_at_any_byte_is_refused_and_leaves_nothing() {
     let cut = folder.path().join("cut.ply");
     for n in [5, header / 2, header, header + 1, header + 47, header + 48, header + 53, whole.len() - 1] {
         std::fs::write(&cut, &whole[..n]).unwrap();
-        let said = refused(&cut, &work);
-        assert!(said.contains("line ") || said.contains("byte "), "cut at {n}: {said}");
+        let message = refused(&cut, &work);
+        assert!(message.contains("line ") || message.contains("byte "), "cut at {n}: {message}");
     }
     std::fs::write(&cut, &whole).unwrap();
     round_trip(&cut, &work);
 }
 
 #[test]
-fn the_name_may_be_in_capitals() {
+fn a_file_name_in_capitals_is_accepted() {
     let folder = tempfile::tempdir().unwrap();
     let work = folder.path().join("work");
     std::fs::create_dir(&work).unwrap();
@@ -174,15 +174,15 @@ fn one_bad_file_among_several_stops_the_build() {
     let folder = tempfile::tempdir().unwrap();
     let corpus = root().join("tests/malformed");
     let (good, bad) = (corpus.join("repaired_quad.ply"), corpus.join("cut_in_a_row.ply"));
-    let said = fails(&["build", text(&good), text(&bad), "-o", text(&folder.path().join("a.kilwa"))]);
-    assert!(said.contains("cut_in_a_row.ply, line 16"), "{said}");
+    let message = fails(&["build", text(&good), text(&bad), "-o", text(&folder.path().join("a.kilwa"))]);
+    assert!(message.contains("cut_in_a_row.ply, line 16"), "{message}");
     assert!(is_empty(folder.path()));
 }
 
 /// Only things made in the test's own folder are given as output: a build that replaced a device of the machine would
 /// break the machine.
 #[test]
-fn what_is_not_a_file_is_never_replaced() {
+fn an_output_that_is_not_a_regular_file_is_never_replaced() {
     let input = root().join("tests/malformed/repaired_quad.ply");
     let folder = tempfile::tempdir().unwrap();
     let (inner, pipe) = (folder.path().join("a.kilwa"), folder.path().join("pipe.kilwa"));
@@ -192,8 +192,8 @@ fn what_is_not_a_file_is_never_replaced() {
     }
     for output in [&inner, &pipe].into_iter().filter(|p| p.exists()) {
         for force in [&[][..], &["--force"]] {
-            let said = fails(&[&["build", text(&input), "-o", text(output)], force].concat());
-            assert!(said.contains("is a folder or a device"), "{said}");
+            let message = fails(&[&["build", text(&input), "-o", text(output)], force].concat());
+            assert!(message.contains("is a folder or a device"), "{message}");
             assert!(output.exists() && !output.is_file(), "{} is what it was", output.display());
         }
     }
@@ -208,7 +208,7 @@ fn large_enough(folder: &Path) -> PathBuf {
 
 /// The system refuses to let any file grow beyond 8 blocks of 512 bytes: writing fails in the middle, as on a full disk.
 #[test]
-fn a_disk_that_fills_up_leaves_nothing_under_the_final_name() {
+fn a_disk_that_fills_up_leaves_no_file_under_the_final_name() {
     let folder = tempfile::tempdir().unwrap();
     let work = folder.path().join("work");
     std::fs::create_dir(&work).unwrap();
@@ -224,15 +224,15 @@ fn a_disk_that_fills_up_leaves_nothing_under_the_final_name() {
         println!("skipped: this shell cannot limit the size of files");
         return;
     }
-    let said = String::from_utf8_lossy(&run.stderr);
-    assert_eq!(run.status.code(), Some(1), "{said}");
-    assert!(said.contains("a.kilwa") && said.contains("the disk is full"), "{said}");
+    let message = String::from_utf8_lossy(&run.stderr);
+    assert_eq!(run.status.code(), Some(1), "{message}");
+    assert!(message.contains("a.kilwa") && message.contains("the disk is full"), "{message}");
     assert!(is_empty(&work), "{:?}", std::fs::read_dir(&work).unwrap().collect::<Vec<_>>());
 }
 
 /// The same on a file system that is really full, where one can be made.
 #[test]
-fn a_full_file_system_leaves_nothing_under_the_final_name() {
+fn a_full_file_system_leaves_no_file_under_the_final_name() {
     let folder = tempfile::tempdir().unwrap();
     let input = large_enough(folder.path());
     let small = folder.path().join("small");
@@ -245,9 +245,12 @@ fn a_full_file_system_leaves_nothing_under_the_final_name() {
     let output = crate::support::kilwa(&["build", text(&input), "-o", text(&small.join("a.kilwa"))]);
     let empty = is_empty(&small);
     assert!(Command::new("umount").arg(&small).status().unwrap().success());
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(1), "{said}");
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{message}");
     // The marker of the scratch folder is already written.
-    assert!(said.contains("small") && said.contains("12 KiB free") && said.contains("are needed"), "{said}");
+    assert!(
+        message.contains("small") && message.contains("12 KiB free") && message.contains("are needed"),
+        "{message}"
+    );
     assert!(empty, "nothing is left");
 }

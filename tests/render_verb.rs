@@ -29,7 +29,7 @@ fn code_and_message(output: &Output) -> (Option<i32>, String) {
 }
 
 #[test]
-fn pictures_have_the_size_asked_for_and_show_the_model_in_the_middle() {
+fn pictures_have_the_requested_size_and_show_the_model_in_the_middle() {
     let folder = tempfile::tempdir().expect("a folder");
     let pack = sphere(folder.path());
     for view in ["plan", "north", "east", "south", "west", "iso"] {
@@ -66,7 +66,7 @@ fn a_picture_larger_than_a_tile_has_no_seam() {
 }
 
 #[test]
-fn what_makes_no_sense_is_refused_before_anything_is_drawn() {
+fn invalid_options_are_refused_before_anything_is_drawn() {
     let folder = tempfile::tempdir().expect("a folder");
     let out = folder.path().join("p.png");
     for more in [
@@ -91,7 +91,7 @@ fn what_makes_no_sense_is_refused_before_anything_is_drawn() {
 }
 
 #[test]
-fn bad_cameras_and_damaged_packs_are_named_and_leave_no_picture() {
+fn invalid_cameras_and_damaged_packs_are_refused_and_leave_no_picture() {
     let folder = tempfile::tempdir().expect("a folder");
     let pack = sphere(folder.path());
     let out = folder.path().join("p.png");
@@ -121,7 +121,7 @@ fn bad_cameras_and_damaged_packs_are_named_and_leave_no_picture() {
 }
 
 #[test]
-fn the_report_says_how_true_the_picture_is() {
+fn the_report_states_the_error_of_the_picture() {
     let folder = tempfile::tempdir().expect("a folder");
     let pack = sphere(folder.path());
     let out = folder.path().join("p.png");
@@ -142,7 +142,7 @@ fn report_of(done: &Output) -> serde_json::Value {
 }
 
 #[test]
-fn a_legend_says_what_the_colours_of_a_mode_mean() {
+fn a_legend_explains_the_colours_of_a_mode() {
     let folder = tempfile::tempdir().expect("a folder");
     let pack = sphere(folder.path());
     let out = folder.path().join("p.png");
@@ -162,7 +162,7 @@ fn a_legend_says_what_the_colours_of_a_mode_mean() {
 }
 
 #[test]
-fn cuts_take_away_their_side() {
+fn cuts_remove_one_side() {
     let folder = tempfile::tempdir().expect("a folder");
     let pack = sphere(folder.path());
     let out = folder.path().join("p.png");
@@ -181,7 +181,7 @@ fn cuts_take_away_their_side() {
 }
 
 #[test]
-fn a_display_that_was_printed_gives_the_same_picture_and_a_wrong_one_is_refused_by_name() {
+fn printed_display_settings_give_the_same_picture_and_invalid_ones_are_refused_by_name() {
     let folder = tempfile::tempdir().expect("a folder");
     let pack = sphere(folder.path());
     let [first, second] = ["a.png", "b.png"].map(|n| folder.path().join(n));

@@ -51,7 +51,7 @@ fn rough_field(n: u32) -> String {
 }
 
 #[test]
-fn a_reader_written_from_the_specification_decodes_every_chunk_alike() {
+fn a_reader_written_from_the_specification_decodes_every_chunk_identically() {
     if Command::new("python3").arg("--version").output().is_err() {
         println!("skipped: python3 is not here");
         return;

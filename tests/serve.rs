@@ -1,4 +1,4 @@
-//! `kilwa serve` as a process: it says where it is, ends when it is told to, and refuses what cannot be served.
+//! `kilwa serve` as a process: it prints its address, ends on SIGTERM, and refuses what cannot be served.
 
 use crate::support::serving::{address, page};
 use std::io::{Read as _, Write as _};
@@ -27,7 +27,7 @@ fn get(address: SocketAddr, path: &str) -> String {
 }
 
 #[test]
-fn it_prints_its_address_answers_and_ends_well_at_sigterm() {
+fn the_server_prints_its_address_answers_and_exits_with_success_at_sigterm() {
     let dir = tempfile::tempdir().unwrap();
     page(dir.path());
     std::fs::write(dir.path().join("broken.kilwa"), "no pack").unwrap();
@@ -38,13 +38,13 @@ fn it_prints_its_address_answers_and_ends_well_at_sigterm() {
     assert!(get(address, "/").contains("cannot be shown"));
     assert!(get(address, "/packs/broken.kilwa").starts_with("HTTP/1.1 404"), "only packs are given out");
     assert!(get(address, "/packs/../broken.kilwa").starts_with("HTTP/1.1 404"));
-    let told = Command::new("kill").arg("-TERM").arg(child.id().to_string()).status().unwrap();
-    assert!(told.success());
+    let kill = Command::new("kill").arg("-TERM").arg(child.id().to_string()).status().unwrap();
+    assert!(kill.success());
     assert_eq!(child.wait().unwrap().code(), Some(0));
 }
 
 #[test]
-fn what_cannot_be_served_is_said() {
+fn a_folder_that_cannot_be_served_is_refused_with_the_reason() {
     let dir = tempfile::tempdir().unwrap();
     let folder = dir.path().to_str().unwrap();
     let no_page = refused(&[folder], dir.path());
@@ -65,7 +65,7 @@ fn what_cannot_be_served_is_said() {
 }
 
 #[test]
-fn secret_files_in_the_served_folder_are_refused_and_nothing_is_created_there() {
+fn secret_files_in_the_served_folder_are_refused_and_nothing_is_created_in_it() {
     let dir = tempfile::tempdir().unwrap();
     page(dir.path());
     let (models, elsewhere) = (dir.path().join("models"), dir.path().join("elsewhere"));
@@ -81,8 +81,8 @@ fn secret_files_in_the_served_folder_are_refused_and_nothing_is_created_there() 
         {
             let at = dir.path().join(place);
             let args = [folder, "--listen", "127.0.0.1:0", "--access", accounts.to_str().unwrap()];
-            let said = refused(&[&args[..], &[option, at.to_str().unwrap()]].concat(), dir.path());
-            assert!(said.contains("in the folder that is served"), "{option} {place}: {said}");
+            let message = refused(&[&args[..], &[option, at.to_str().unwrap()]].concat(), dir.path());
+            assert!(message.contains("in the folder that is served"), "{option} {place}: {message}");
             assert_eq!(std::fs::read_dir(&models).unwrap().count(), 0, "{option} {place}");
             assert_eq!(std::fs::read_dir(&elsewhere).unwrap().count(), 1, "{option} {place}");
         }

@@ -60,7 +60,7 @@ fn fort(folder: &Path) -> std::path::PathBuf {
 }
 
 #[test]
-fn the_first_view_costs_at_most_a_third_more_than_the_chunks_it_shows() {
+fn the_first_view_transfers_at_most_a_third_more_than_the_chunks_it_shows() {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("streaming");
     for link in [Link::FAST, Link::COMMON, Link::SLOW, Link::SLOW.failing(5)] {
         let view = first_view(&fort(&folder), link);

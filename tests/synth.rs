@@ -24,41 +24,41 @@ fn names(folder: &Path) -> Vec<String> {
 fn a_phantom_is_written_with_the_documented_properties_and_counted() {
     let folder = folder();
     let path = folder.path().join("ball.ply");
-    let said = succeeds(&["synth", "phantom", "--shape", "sphere", "--triangles", "5k", "-o", text(&path)]);
+    let output = succeeds(&["synth", "phantom", "--shape", "sphere", "--triangles", "5k", "-o", text(&path)]);
     let header = header(&path);
     assert!(header.contains("property float x\nproperty float y\nproperty float z\nproperty uchar red"), "{header}");
     assert!(header.contains("property list uchar int vertex_indices"), "{header}");
     let faces = header.lines().find_map(|l| l.strip_prefix("element face ")).unwrap();
-    assert!(said.contains(&format!("{faces} triangles")), "{said}");
+    assert!(output.contains(&format!("{faces} triangles")), "{output}");
 }
 
 #[test]
 fn utm_writes_doubles_and_names_the_reference_system() {
     let folder = folder();
     let path = folder.path().join("far.ply");
-    let said = json(&["synth", "wall", "--utm", "--triangles", "3000", "-o", text(&path)]);
+    let report = json(&["synth", "wall", "--utm", "--triangles", "3000", "-o", text(&path)]);
     let header = header(&path);
     assert!(header.contains("property double x") && header.contains("EPSG:32737"), "{header}");
-    assert_eq!(said["crs"], "EPSG:32737");
-    assert_eq!(said["bytes"].as_u64().unwrap(), std::fs::metadata(&path).unwrap().len());
+    assert_eq!(report["crs"], "EPSG:32737");
+    assert_eq!(report["bytes"].as_u64().unwrap(), std::fs::metadata(&path).unwrap().len());
 }
 
 #[test]
-fn blocks_are_numbered_files_that_hold_all_triangles() {
+fn blocks_are_numbered_files_that_together_hold_all_triangles() {
     let folder = folder();
-    let said = |extra: &[&str], name: &str| {
+    let report = |extra: &[&str], name: &str| {
         let path = folder.path().join(name);
         json(&[&["synth", "fort", "--triangles", "8000", "-o", text(&path)], extra].concat())
     };
-    let cut = said(&["--blocks", "4"], "part.ply");
-    let whole = said(&[], "whole.ply");
+    let cut = report(&["--blocks", "4"], "part.ply");
+    let whole = report(&[], "whole.ply");
     assert_eq!(names(folder.path()), ["part_000.ply", "part_001.ply", "part_002.ply", "part_003.ply", "whole.ply"]);
     assert_eq!(cut["triangles"], whole["triangles"]);
     assert!(cut["vertices"].as_u64() > whole["vertices"].as_u64(), "no border vertex is doubled");
 }
 
 #[test]
-fn what_cannot_be_written_is_said_by_name_and_leaves_nothing() {
+fn an_unwritable_output_is_reported_by_name_and_leaves_no_file() {
     let folder = folder();
     let missing = folder.path().join("no/such/a.ply");
     let error = fails(&["synth", "wall", "--triangles", "3000", "-o", text(&missing)]);
@@ -69,7 +69,7 @@ fn what_cannot_be_written_is_said_by_name_and_leaves_nothing() {
 }
 
 #[test]
-fn a_count_that_is_none_is_a_usage_error() {
+fn an_invalid_count_is_a_usage_error() {
     for count in ["many", "-5", "1.5M", "99999999999G", ""] {
         let output = kilwa(&["synth", "wall", "--triangles", count, "-o", "never.ply"]);
         assert_eq!(output.status.code(), Some(2), "{count:?}");

@@ -187,7 +187,7 @@ fn a_changed_byte_of_any_file_is_found_and_named() {
 }
 
 #[test]
-fn what_is_missing_or_too_much_is_named_and_all_of_it() {
+fn all_missing_and_extra_files_are_named() {
     let shelf = tempfile::tempdir().unwrap();
     publish(shelf.path(), "fort", 1);
     let object = publish(shelf.path(), "fort", 2);
@@ -218,15 +218,15 @@ fn what_is_missing_or_too_much_is_named_and_all_of_it() {
     let cut = found["problems"].to_string();
     assert!(cut.contains("truncated") && cut.contains("SHA-256"), "{cut}");
     assert!(found["notes"][0].as_str().unwrap().contains(".kilwa-abc"));
-    let said = fails(&["verify", text(&object)]);
-    assert!(["notes.txt", "thumbs.db", "v3/x", "truncated"].iter().all(|part| said.contains(part)), "{said}");
+    let message = fails(&["verify", text(&object)]);
+    assert!(["notes.txt", "thumbs.db", "v3/x", "truncated"].iter().all(|part| message.contains(part)), "{message}");
 }
 
 #[test]
-fn records_that_do_not_agree_and_links_that_lead_nowhere_are_named() {
+fn contradictory_records_and_broken_links_are_named() {
     let shelf = tempfile::tempdir().unwrap();
     let object = publish(shelf.path(), "fort", 1);
-    // As somebody would who writes checksums anew after a change.
+    // As somebody would who writes checksums again after a change.
     let redo = |change: &dyn Fn(&Path)| {
         let copy = tempfile::tempdir().unwrap();
         let to = copy.path().join("fort");
@@ -271,7 +271,7 @@ fn records_that_do_not_agree_and_links_that_lead_nowhere_are_named() {
 }
 
 #[test]
-fn a_failed_check_is_a_problem_in_json_too() {
+fn a_failed_check_is_reported_as_a_problem_in_json() {
     let folder = tempfile::tempdir().unwrap();
     let (none, notes) = (folder.path().join("none.kilwa"), folder.path().join("notes.txt"));
     fs::write(&notes, "years of work\n").unwrap();
@@ -307,20 +307,20 @@ pub(crate) fn withdraw_with(shelf: &Path, keep: &Path, changes: usize) -> Result
         count.set(count.get() + 1);
         if count.get() > changes { Err(std::io::Error::other("cut off")) } else { Ok(()) }
     };
-    let said = Withdrawal { reason: "asked to", day: "2026-11-22" };
-    withdraw(&Folders::lock(shelf, keep, &slug, &|_| (), &steps)?, &slug, &said, &steps).map(drop)
+    let withdrawal = Withdrawal { reason: "asked to", day: "2026-11-22" };
+    withdraw(&Folders::lock(shelf, keep, &slug, &|_| (), &steps)?, &slug, &withdrawal, &steps).map(drop)
 }
 
 /// Whether `kilwa verify` finds nothing wrong and explains that a withdrawal of `name` was interrupted.
 fn is_explained(target: &Path, name: &str) -> bool {
-    let said = report(&[text(target)], 0);
-    assert!(said["sound"] == true && problems(&said).is_empty(), "{said}");
+    let result = report(&[text(target)], 0);
+    assert!(result["sound"] == true && problems(&result).is_empty(), "{result}");
     let of_name = |note: &str| note.contains(name) && note.contains("a withdrawal is in progress or was interrupted");
-    said["notes"].as_array().unwrap().iter().filter_map(|note| note.as_str()).any(of_name)
+    result["notes"].as_array().unwrap().iter().filter_map(|note| note.as_str()).any(of_name)
 }
 
 #[test]
-fn an_interrupted_withdrawal_is_explained_and_damage_in_it_is_damage() {
+fn an_interrupted_withdrawal_is_explained_and_damage_in_it_is_reported() {
     let (mut bags, mut copies, mut damaged) = (0, 0, 0);
     for changes in (0..).step_by(4) {
         let folder = tempfile::tempdir().unwrap();
@@ -366,7 +366,7 @@ fn an_interrupted_withdrawal_is_explained_and_damage_in_it_is_damage() {
 }
 
 #[test]
-fn a_bag_is_checked_by_its_lists_and_by_its_object() {
+fn a_bag_is_checked_against_its_manifests_and_its_object() {
     let shelf = tempfile::tempdir().unwrap();
     publish(shelf.path(), "fort", 1);
     let bag = wrap(shelf.path());
@@ -386,7 +386,7 @@ fn a_bag_is_checked_by_its_lists_and_by_its_object() {
     assert!(problems(&report(&[text(&bag)], 1)).contains(&("data/extra".to_owned(), "extra".to_owned())));
 }
 
-/// A server of a folder that misbehaves as it is told: how many requests came, and its address.
+/// A server of a folder that misbehaves as configured; returns a counter of requests and its address.
 fn server(folder: &Path, behave: fn(usize, &str) -> Behaviour) -> (Arc<AtomicUsize>, String) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = format!("http://{}/", listener.local_addr().unwrap());
@@ -451,7 +451,7 @@ fn answer(
 }
 
 #[test]
-fn an_address_is_checked_as_a_folder_is() {
+fn an_address_is_checked_like_a_folder() {
     let shelf = tempfile::tempdir().unwrap();
     let object = publish(shelf.path(), "fort", 1);
     publish(shelf.path(), "mosque", 1);
@@ -492,7 +492,7 @@ fn an_address_is_checked_as_a_folder_is() {
 }
 
 #[test]
-fn what_a_list_no_longer_names_is_still_checked_and_missing_only_if_the_server_says_so() {
+fn units_no_longer_listed_are_still_checked_and_missing_only_if_the_server_says_so() {
     static IS_BROKEN: AtomicBool = AtomicBool::new(false);
     let folder = tempfile::tempdir().unwrap();
     let (shelf, state) = (folder.path().join("shelf"), folder.path().join("state"));
@@ -527,7 +527,7 @@ fn what_a_list_no_longer_names_is_still_checked_and_missing_only_if_the_server_s
 }
 
 #[test]
-fn an_address_that_cannot_be_asked_is_refused_with_the_reason() {
+fn an_unreachable_address_is_refused_with_the_reason() {
     let shelf = tempfile::tempdir().unwrap();
     publish(shelf.path(), "fort", 1);
     let (count, circle) = server(shelf.path(), |_, _| Behaviour::Redirects);
@@ -541,7 +541,7 @@ fn an_address_that_cannot_be_asked_is_refused_with_the_reason() {
     assert_eq!(kilwa(&["verify", text(empty.path()), "--state", "x", "--older-than", "0"]).status.code(), Some(2));
 }
 
-/// What is checked is what a server would serve: plain files below the folder, whatever links say.
+/// Only what a server would serve is checked: regular files below the folder, never links.
 #[cfg(unix)]
 #[test]
 fn links_and_special_files_are_named_and_never_followed() {
@@ -594,7 +594,7 @@ fn links_and_special_files_are_named_and_never_followed() {
 /// The same for a manifest, and for files that the server reads beside objects and packs.
 #[cfg(unix)]
 #[test]
-fn links_and_special_files_beside_objects_and_packs_are_damage() {
+fn links_and_special_files_beside_objects_and_packs_are_reported_as_damage() {
     let shelf = tempfile::tempdir().unwrap();
     publish(shelf.path(), "fort", 1);
     fs::create_dir(shelf.path().join("tower")).unwrap();
@@ -699,7 +699,7 @@ fn an_object_that_this_user_cannot_read_is_unreadable_and_not_missing() {
 
 #[cfg(unix)]
 #[test]
-fn another_users_unfinished_publication_is_noted_even_if_it_cannot_be_read() {
+fn an_unreadable_unfinished_publication_of_another_user_is_reported() {
     use std::os::unix::fs::PermissionsExt as _;
     let shelf = tempfile::tempdir().unwrap();
     fs::set_permissions(shelf.path(), fs::Permissions::from_mode(0o755)).unwrap();
@@ -711,8 +711,8 @@ fn another_users_unfinished_publication_is_noted_even_if_it_cannot_be_read() {
         println!("skipped: a folder of another user: this test cannot run the program as another user");
         return;
     };
-    let said = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
+    let printed = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
     fs::set_permissions(&closed, fs::Permissions::from_mode(0o700)).unwrap();
-    assert!(output.status.success(), "{said}");
-    assert!(said.contains(".kilwa-fort--aB3dEf belongs to a publication that is in progress"), "{said}");
+    assert!(output.status.success(), "{printed}");
+    assert!(printed.contains(".kilwa-fort--aB3dEf belongs to a publication that is in progress"), "{printed}");
 }

@@ -7,7 +7,7 @@ use std::collections::BTreeSet;
 use std::fs;
 
 #[test]
-fn a_folder_is_checked_unit_by_unit_and_a_night_goes_on_where_it_was_stopped() {
+fn a_folder_is_checked_unit_by_unit_and_a_stopped_run_resumes() {
     let shelf = tempfile::tempdir().unwrap();
     let state = shelf.path().join("state");
     for slug in ["a", "b", "c"] {
@@ -46,13 +46,13 @@ fn a_folder_is_checked_unit_by_unit_and_a_night_goes_on_where_it_was_stopped() {
     publish(shelf.path(), "a", 1);
     let found = problems(&run(&[], 1));
     assert_eq!(found, BTreeSet::from([("a/v2".to_owned(), "history".to_owned())]));
-    // Without a memory nothing tells of it.
+    // Without a state file nothing is known of it.
     succeeds(&["verify", &shelf_name]);
 }
 
 /// Regardless of the file's time, which can be set back.
 #[test]
-fn anything_changed_since_is_checked_again_however_recently_it_was_checked() {
+fn changed_units_are_checked_again_even_if_recently_checked() {
     let folder = tempfile::tempdir().unwrap();
     let (shelf, state) = (folder.path().join("shelf"), folder.path().join("state"));
     fs::create_dir(&shelf).unwrap();
@@ -109,9 +109,12 @@ fn a_removed_unit_is_reported_as_missing_until_it_is_forgotten() {
     for more in runs {
         assert_eq!(problems(&run(more, 1)), missing("single.kilwa"), "{more:?}");
     }
-    let said = kilwa(&["verify", text(&shelf), "--state", text(&state)]);
-    let said = String::from_utf8_lossy(&[said.stdout, said.stderr].concat()).into_owned();
-    assert!(said.contains("--forget 'single.kilwa'") && said.contains("1 problem in 1 of 2 objects"), "{said}");
+    let output = kilwa(&["verify", text(&shelf), "--state", text(&state)]);
+    let printed = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
+    assert!(
+        printed.contains("--forget 'single.kilwa'") && printed.contains("1 problem in 1 of 2 objects"),
+        "{printed}"
+    );
     // Checking one pack by name reports no others.
     assert_eq!(report(&[text(&other)], 0)["sound"], true);
     let refused = fails(&["verify", text(&shelf), "--state", text(&state), "--forget", "none"]);

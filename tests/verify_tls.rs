@@ -87,8 +87,8 @@ fn answer(mut stream: StreamOwned<ServerConnection, TcpStream>, bytes: &[u8], po
     let (status, more, body) = if head.starts_with("get /away.kilwa") {
         ("302 Found", format!("location: http://localhost:{port}/wall.kilwa\r\n"), &bytes[..0])
     } else if let Some((from, to)) = range {
-        let said = format!("content-range: bytes {from}-{to}/{}\r\n", bytes.len());
-        ("206 Partial Content", said, &bytes[from..=to])
+        let header = format!("content-range: bytes {from}-{to}/{}\r\n", bytes.len());
+        ("206 Partial Content", header, &bytes[from..=to])
     } else {
         ("200 OK", String::new(), bytes)
     };
@@ -111,29 +111,29 @@ fn verify(url: &str, authority: Option<&Path>) -> Output {
     command.output().expect("it runs")
 }
 
-fn said(output: &Output) -> String {
+fn printed(output: &Output) -> String {
     format!("{}{}", String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr))
 }
 
 #[test]
-fn a_pack_behind_a_certificate_is_verified_where_its_authority_is_known_and_damage_is_named() {
+fn a_pack_over_https_is_verified_if_its_certificate_authority_is_known_and_damage_is_named() {
     let folder = tempfile::tempdir().expect("a folder");
     let authority = Authority::new(folder.path());
     let bytes = pack();
     let port = serve(bytes.clone(), authority.vouches("localhost", 2099));
     let good = verify(&format!("https://localhost:{port}/wall.kilwa"), Some(&authority.file));
-    assert!(good.status.success(), "{}", said(&good));
+    assert!(good.status.success(), "{}", printed(&good));
     let mut bad = bytes;
     let middle = bad.len() / 2;
     bad[middle] ^= 4;
     let port = serve(bad, authority.vouches("localhost", 2099));
     let found = verify(&format!("https://localhost:{port}/wall.kilwa"), Some(&authority.file));
     assert_eq!(found.status.code(), Some(1));
-    assert!(said(&found).contains("chunk"), "{}", said(&found));
+    assert!(printed(&found).contains("chunk"), "{}", printed(&found));
 }
 
 #[test]
-fn a_certificate_of_an_unknown_authority_another_name_or_the_past_is_refused_with_the_reason() {
+fn a_certificate_that_is_untrusted_expired_or_for_another_name_is_refused_with_the_reason() {
     let folder = tempfile::tempdir().expect("a folder");
     let authority = Authority::new(folder.path());
     let other = tempfile::tempdir().expect("a folder");
@@ -147,17 +147,17 @@ fn a_certificate_of_an_unknown_authority_another_name_or_the_past_is_refused_wit
     for (number, (identity, file, reason)) in cases.into_iter().enumerate() {
         let port = serve(pack(), identity);
         let refused = verify(&format!("https://localhost:{port}/wall.kilwa"), file.map(PathBuf::as_path));
-        assert_eq!(refused.status.code(), Some(1), "case {number}: {}", said(&refused));
-        assert!(!said(&refused).contains("attempts"), "asking again changes nothing: {}", said(&refused));
-        assert!(said(&refused).contains(reason), "case {number}: {}", said(&refused));
+        assert_eq!(refused.status.code(), Some(1), "case {number}: {}", printed(&refused));
+        assert!(!printed(&refused).contains("attempts"), "asking again changes nothing: {}", printed(&refused));
+        assert!(printed(&refused).contains(reason), "case {number}: {}", printed(&refused));
     }
 }
 
 #[test]
-fn from_https_nobody_is_led_to_http() {
+fn redirects_from_https_to_http_are_refused() {
     let folder = tempfile::tempdir().expect("a folder");
     let authority = Authority::new(folder.path());
     let port = serve(pack(), authority.vouches("localhost", 2099));
     let refused = verify(&format!("https://localhost:{port}/away.kilwa"), Some(&authority.file));
-    assert_eq!(refused.status.code(), Some(1), "{}", said(&refused));
+    assert_eq!(refused.status.code(), Some(1), "{}", printed(&refused));
 }

@@ -5,14 +5,10 @@ import { count, setLocale } from "./format.js";
 export const LANGUAGES = ["en", "fr", "pt", "sw", "ar"];
 const RIGHT_TO_LEFT = new Set(["ar"]);
 
-/**
- * A message: a text, plural forms of the number that `$` names, or a list of these (i18n/src/message.rs).
- * @typedef {string | { $: string, [category: string]: Pattern } | Pattern[]} Pattern
- */
-
-/** @type {Record<string, Pattern>} */
+/** @type {Record<string, any>} */
 let messages = {};
-let plural = new Intl.PluralRules("en");
+/** @type {Intl.PluralRules} */
+let plural;
 /** @type {Set<() => void>} */
 const listeners = new Set();
 
@@ -27,14 +23,17 @@ export function t(key, values = {}) {
 }
 
 /**
- * @param {Pattern} message
+ * A message is a text, plural forms of the number that `$` names, or a list of these (i18n/src/message.rs).
+ * @param {any} message
  * @param {Record<string, any>} values
  * @returns {string}
  */
 function fill(message, values) {
   if (Array.isArray(message)) return message.map((part) => fill(part, values)).join("");
-  if (typeof message === "object") return fill(message[plural.select(values[message.$])] ?? message.other, values);
-  return message.replace(/\{(\w+)\}/g, (_, name) => (typeof values[name] === "number" ? count(values[name]) : (values[name] ?? "")));
+  if (message.$) return fill(message[plural.select(values[message.$])] ?? message.other, values);
+  return message.replace(/\{(\w+)\}/g, (/** @type {string} */ _, /** @type {string} */ name) =>
+    typeof values[name] === "number" ? count(values[name]) : (values[name] ?? ""),
+  );
 }
 
 /**

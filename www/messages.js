@@ -6,7 +6,7 @@ import { t } from "./i18n.js";
 
 /** @import { Failure, Message } from "./types/page.js" */
 
-/** How a value is written, by its kind; counts stay numbers, which choose the plural form. @type {Record<string, (value: any) => string | number>} */
+/** How a value is given to a message, by its kind. @type {Record<string, (value: any) => string | number>} */
 const KINDS = {
   count: Number,
   metres: length,

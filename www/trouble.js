@@ -78,7 +78,7 @@ function words({ kind, error, reason }) {
   return { title: t(`${key}Title`), text: t(`${key}Text`, { size }) };
 }
 
-/** Longest way back that the form takes (server/src/door/routes.rs). */
+/** Longest way back that the form takes (server/src/auth/routes.rs). */
 const LONGEST_NEXT = 4000;
 
 /** The form, in the language of the page, and from there back to what was to be seen: the view and the measurements of a link are in the address. @param {string} form */

@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 /// What is known of a version beside its files.
 #[derive(Debug, Clone)]
 pub struct Facts {
-    /// As it will be published: without the place where that is asked for.
+    /// As it will be published: without the place if requested.
     pub metadata: Metadata,
     /// Its statement of rights.
     pub rights: Rights,
@@ -197,7 +197,7 @@ pub fn complete(
     let (files, bytes) = (draft.files().len() + 1, draft.files().iter().map(|(_, bytes, _)| bytes).sum());
     let earlier = facts.before.as_ref().map(|m| m.versions.clone()).unwrap_or_default();
     let around = Surroundings { earlier, drawings: landing.drawings, list: landing.list };
-    let html = page::landing(landing.viewer.html(), publication, &around);
+    let html = page::landing(landing.viewer.frame()?, publication, &around);
     let manifest = |checksums, page| facts.manifest(publication, checksums, page);
     let object = draft.finish(lock, publication.version, html.as_bytes(), manifest)?;
     Ok(Completed { object, files, bytes })
@@ -254,8 +254,8 @@ pub fn agree(m: &Metadata, pack: &kilwa_pack::Metadata) -> Result<Option<String>
         ));
     }
     let in_pack = match &pack.crs {
-        Some(text) => crs::normalise(text).map_err(|said| {
-            format!("the pack's reference system; build it again with the right --crs, or without: {said}")
+        Some(text) => crs::normalise(text).map_err(|message| {
+            format!("the pack's reference system; build it again with the right --crs, or without: {message}")
         })?,
         None => None,
     };
@@ -276,10 +276,10 @@ pub fn agree(m: &Metadata, pack: &kilwa_pack::Metadata) -> Result<Option<String>
         crs::holds(text, pack.bounds_min, pack.bounds_max)?;
     }
     let accuracy = m.capture.as_ref().and_then(|c| c.accuracy);
-    if let (Some(said), Some(built)) = (accuracy, pack.capture_accuracy)
-        && said != built
+    if let (Some(given), Some(built)) = (accuracy, pack.capture_accuracy)
+        && given != built
     {
-        return Err(format!("capture.accuracy is {said} m, and the pack says {built} m; correct one of them"));
+        return Err(format!("capture.accuracy is {given} m, and the pack says {built} m; correct one of them"));
     }
     Ok(in_pack)
 }
@@ -297,9 +297,9 @@ pub struct Following<'a> {
     pub identity: &'a str,
     /// Whether its place is taken out.
     pub redacted: bool,
-    /// It was said that it is the same object.
+    /// The publisher states that it is the same object.
     pub same_object: bool,
-    /// It was said that it may be opened to more people, with its earlier versions.
+    /// The publisher states that it may be opened to more people, with its earlier versions.
     pub open_access: bool,
     /// The day it is, for embargoes.
     pub today: &'a str,
@@ -328,8 +328,8 @@ pub fn further(m: &Manifest, v: &Following<'_>) -> Result<String, String> {
         return Err(format!(
             "{at} is {}, and this version would be {}; that opens its earlier versions too. Write the same [access] in the metadata; \
              if it is to be opened, whoever keeps the folder or store does so there: kilwa publish --to DIR --open-access",
-            said_of(was),
-            said_of(is)
+            access_text(was),
+            access_text(is)
         ));
     }
     let doubts = if v.same_object { Vec::new() } else { doubts(m, v) };
@@ -344,7 +344,7 @@ pub fn further(m: &Manifest, v: &Following<'_>) -> Result<String, String> {
     let open = m.versions.iter().find(|v| !v.location_redacted);
     if let Some(open) = open.filter(|_| v.redacted) {
         return Err(format!(
-            "version {} of {at} tells the place, and versions are never changed; withdraw it first \
+            "version {} of {at} reveals the location, and versions are never changed; withdraw it first \
              (kilwa publish --withdraw {slug} --to DIR --keep FOLDER --reason …) and publish under another name",
             open.version
         ));
@@ -352,7 +352,7 @@ pub fn further(m: &Manifest, v: &Following<'_>) -> Result<String, String> {
     let hidden = m.versions.iter().find(|v| v.location_redacted);
     if let Some(hidden) = hidden.filter(|_| !v.redacted) {
         return Err(format!(
-            "version {} of {at} was published without its place, and a version that tells it would tell that one's too; \
+            "version {} of {at} was published without its location, which this version would reveal; \
              give --redact-location again, or publish under another name",
             hidden.version
         ));
@@ -383,7 +383,7 @@ fn closedness<'a>(state: AccessState, until: Option<&'a str>, today: &str) -> (u
     }
 }
 
-fn said_of((rank, until): (u8, &str)) -> String {
+fn access_text((rank, until): (u8, &str)) -> String {
     match rank {
         0 => "public".to_owned(),
         1 => format!("under embargo until {until}"),

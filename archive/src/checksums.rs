@@ -17,7 +17,7 @@ pub type Checksum = String;
 pub enum ChecksumsError {
     /// A line of another form.
     #[error(
-        "line {line} is no checksum: 64 hexadecimal digits, two spaces and a path are wanted, as sha256sum writes them"
+        "line {line} is no checksum: expected 64 hexadecimal digits, two spaces and a path, as sha256sum writes them"
     )]
     Line {
         /// From 1.

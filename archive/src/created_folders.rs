@@ -98,7 +98,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_folders_that_stayed_empty_are_removed() {
+    fn only_empty_folders_are_removed() {
         let parent = tempfile::tempdir().unwrap();
         let inner = parent.path().join("new/inner");
         drop(CreatedFolders::create(&inner, &|_| Ok(())).unwrap());

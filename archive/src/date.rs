@@ -1,6 +1,8 @@
 //! Dates as archives write them: `2009`, `2009-07`, `2009-07-21`, and spans `2009-07/2009-08` (level 0 of EDTF, ISO 8601-2).
 //!
-//! Also days from seconds since 1970, for `SOURCE_DATE_EPOCH` and the clock. All in UTC.
+//! Also days from seconds since 1970, for `SOURCE_DATE_EPOCH` and the clock. All in UTC. The calendar is [`chrono`]'s; which forms are taken is decided here.
+
+use chrono::{DateTime, NaiveDate, SecondsFormat, Utc};
 
 /// Whether a text is a day that exists, `YYYY-MM-DD`.
 pub fn is_day(text: &str) -> bool {
@@ -21,7 +23,7 @@ pub fn is_date(text: &str) -> bool {
     match (month, day) {
         (None, _) => true,
         (Some(m), None) => (1..=12).contains(&m),
-        (Some(m), Some(d)) => (1..=12).contains(&m) && (1..=days_of(year, m)).contains(&d),
+        (Some(m), Some(d)) => i32::try_from(year).is_ok_and(|y| NaiveDate::from_ymd_opt(y, m, d).is_some()),
     }
 }
 
@@ -82,26 +84,21 @@ pub fn iso(text: &str) -> Option<String> {
     }
 }
 
-fn days_of(year: u32, month: u32) -> u32 {
-    match month {
-        4 | 6 | 9 | 11 => 30,
-        2 if year.is_multiple_of(4) && (!year.is_multiple_of(100) || year.is_multiple_of(400)) => 29,
-        2 => 28,
-        _ => 31,
-    }
-}
-
 /// The day, `YYYY-MM-DD`, of seconds since 1970-01-01 in UTC; days after the year 9999 are its last.
 pub fn day_of(seconds: u64) -> String {
-    // Days since 0000-03-01 (Hinnant, "chrono-compatible low-level date algorithms").
-    let z = (seconds / 86_400).min(2_932_896) + 719_468;
-    let (era, doe) = (z / 146_097, z % 146_097);
-    let yoe = (doe - doe / 1460 + doe / 36_524 - doe / 146_096) / 365;
-    let doy = doe - (365 * yoe + yoe / 4 - yoe / 100);
-    let mp = (5 * doy + 2) / 153;
-    let (day, month) = (doy - (153 * mp + 2) / 5 + 1, if mp < 10 { mp + 3 } else { mp - 9 });
-    let year = yoe + era * 400 + u64::from(month <= 2);
-    format!("{year:04}-{month:02}-{day:02}")
+    utc(seconds).date_naive().to_string()
+}
+
+/// The moment, `YYYY-MM-DDThh:mm:ssZ`, of seconds since 1970-01-01 in UTC; moments after the year 9999 are its last.
+pub fn moment_of(seconds: u64) -> String {
+    utc(seconds).to_rfc3339_opts(SecondsFormat::Secs, true)
+}
+
+fn utc(seconds: u64) -> DateTime<Utc> {
+    /// 9999-12-31T23:59:59Z: years of five digits are no dates of ISO 8601.
+    const LAST: i64 = 253_402_300_799;
+    let seconds = i64::try_from(seconds).unwrap_or(LAST).min(LAST);
+    DateTime::from_timestamp(seconds, 0).unwrap_or_default()
 }
 
 #[cfg(test)]
@@ -138,8 +135,8 @@ mod tests {
     }
 
     #[test]
-    fn dates_of_other_forms_are_understood_and_said_in_ours() {
-        for (text, said) in [
+    fn dates_in_other_forms_are_recognised_and_the_message_gives_the_iso_form() {
+        for (text, suggestion) in [
             ("21.7.2009", "write 2009-07-21"),
             ("21/07/2009", "write 2009-07-21"),
             ("7/21/2009", "write 2009-07-21"),
@@ -150,7 +147,7 @@ mod tests {
             ("July 21st, 2009", "write 2009-07-21"),
             ("Nov 2009", "write 2009-11"),
         ] {
-            assert_eq!(iso(text).as_deref(), Some(said), "{text}");
+            assert_eq!(iso(text).as_deref(), Some(suggestion), "{text}");
         }
         for none in ["", "summer", "31.2.2009", "c. 1505", "13/2009", "99/99/2009"] {
             assert_eq!(iso(none), None, "{none}");
@@ -168,5 +165,7 @@ mod tests {
             assert_eq!(day_of(seconds), day);
         }
         assert_eq!(day_of(u64::MAX), "9999-12-31");
+        assert_eq!(moment_of(1_795_219_199), "2026-11-20T23:59:59Z");
+        assert_eq!(moment_of(u64::MAX), "9999-12-31T23:59:59Z");
     }
 }

@@ -1,4 +1,4 @@
-//! Changes on disk: each is told to [`Steps`] before it is made, and its failure says what, where and why.
+//! Changes on disk: each is reported to [`Steps`] before it is made, and its failure says what, where and why.
 
 use super::draft::{DraftError, Steps};
 use kilwa_files::atomic::{self, folder_of};
@@ -70,7 +70,7 @@ pub(crate) fn sync(folder: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
     sync_folder(folder)
 }
 
-/// Remove a file or a folder with everything in it; nothing where there is none.
+/// Remove a file or a folder with everything in it; nothing if there is none.
 pub(crate) fn remove(path: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
     let is_folder = match fs::symlink_metadata(path) {
         Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(()),

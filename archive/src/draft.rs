@@ -5,7 +5,7 @@
 //! is decided, and [`Draft::finish`] gives the version its name: a first one appears with its object in one rename, a further one by
 //! [`super::next`]. A version folder that is there is never touched.
 //!
-//! Before every change on disk [`Steps`] is told of it: for progress, and for tests that fail or kill there.
+//! Before every change on disk [`Steps`] is called: for progress, and for tests that fail or kill there.
 
 use super::checksums::{Checksum, Checksums, sha256, sha256_of};
 use super::disk::{self, failed};
@@ -15,6 +15,7 @@ use super::manifest::{FileEntry, MANIFEST_MAX, Manifest, ManifestError};
 use super::modes;
 use super::next::become_next;
 use super::scratch::{self, Scratch};
+use super::viewer::PageError;
 use kilwa_files::plain_file;
 use kilwa_pack::plural::counted;
 use std::fs::{self, File};
@@ -25,7 +26,7 @@ use thiserror::Error;
 /// How hidden temporary names begin.
 pub const HIDDEN: &str = ".kilwa-";
 
-/// Told of every change on disk before it is made; an error stops the publication there.
+/// Called before every change on disk; an error stops the publication there.
 pub type Steps<'a> = &'a dyn Fn(&str) -> io::Result<()>;
 
 /// Why nothing was published.
@@ -88,9 +89,12 @@ pub enum DraftError {
     /// What is there is no object, for people.
     #[error("{0}")]
     Other(String),
-    /// A file of somebody else's stands where one of ours would.
+    /// A file of another user stands where one of ours would.
     #[error("{0} is not from kilwa and is left as it is; move it away, publish to another folder, or leave --site out")]
     Foreign(PathBuf),
+    /// A viewer page that no landing page can be made of.
+    #[error(transparent)]
+    Page(#[from] PageError),
     /// A manifest that cannot be.
     #[error(transparent)]
     Manifest(#[from] ManifestError),

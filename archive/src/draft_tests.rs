@@ -11,12 +11,12 @@ pub(crate) fn slug() -> Slug {
     Slug::new("fort").unwrap()
 }
 
-/// Publish version `version` with some files; the words in them tell versions apart.
+/// Publish version `version` with some files whose text differs between versions.
 pub(crate) fn publish(shelf: &Path, version: u32, steps: Steps<'_>) -> Result<PathBuf, DraftError> {
     publish_as(shelf, version, steps, AccessState::Public)
 }
 
-/// The same, for those who may see what is `state`.
+/// The same, with the access state `state`.
 pub(crate) fn publish_as(
     shelf: &Path,
     version: u32,
@@ -123,7 +123,7 @@ pub(crate) fn is_whole(object: &Path) -> u32 {
 }
 
 #[test]
-fn versions_are_added_and_what_is_there_never_changes() {
+fn versions_are_added_and_published_files_never_change() {
     let shelf = tempfile::tempdir().unwrap();
     let object = publish(shelf.path(), 1, &|_| Ok(())).unwrap();
     let first = tree(&object.join("v1"));
@@ -136,7 +136,7 @@ fn versions_are_added_and_what_is_there_never_changes() {
 }
 
 #[test]
-fn a_failure_at_any_step_leaves_what_was_there_and_nothing_else() {
+fn a_failure_at_any_step_leaves_the_folder_as_it_was() {
     for version in [1, 2] {
         for step in 0.. {
             let shelf = tempfile::tempdir().unwrap();
@@ -154,19 +154,22 @@ fn a_failure_at_any_step_leaves_what_was_there_and_nothing_else() {
                     assert!(step > 5, "{step} steps are too few");
                     break;
                 }
-                // The manifest was replaced: it is the new object, and whoever comes next puts the page in its place.
+                // The manifest was replaced: it is the new object, and the next command replaces the page.
                 Err(e @ DraftError::Unfinished { .. }) => {
-                    let said = e.to_string();
-                    assert!(said.contains("the version is published") && said.contains("same command again"), "{said}");
-                    assert!(!said.contains("nothing was changed"), "{said}");
+                    let message = e.to_string();
+                    assert!(
+                        message.contains("the version is published") && message.contains("same command again"),
+                        "{message}"
+                    );
+                    assert!(!message.contains("nothing was changed"), "{message}");
                     settle(&Lock::wait(shelf.path(), PATIENCE, &|| ()).unwrap(), &slug(), &|_| Ok(())).unwrap();
                     let whole = tempfile::tempdir().unwrap();
                     (1..=version).for_each(|v| drop(publish(whole.path(), v, &|_| Ok(())).unwrap()));
                     assert!(tree(shelf.path()) == tree(whole.path()), "step {step} of version {version}: {e}");
                 }
                 Err(e) => {
-                    let said = e.to_string();
-                    assert!(said.contains("Make room") && said.contains("nothing was changed"), "{said}");
+                    let message = e.to_string();
+                    assert!(message.contains("Make room") && message.contains("nothing was changed"), "{message}");
                     assert!(tree(shelf.path()) == before, "step {step} of version {version}: {e}");
                 }
             }
@@ -175,10 +178,10 @@ fn a_failure_at_any_step_leaves_what_was_there_and_nothing_else() {
 }
 
 #[test]
-fn a_version_that_is_there_is_never_touched_whoever_put_it_there() {
+fn an_existing_version_is_never_touched_whoever_published_it() {
     let shelf = tempfile::tempdir().unwrap();
     let object = publish(shelf.path(), 1, &|_| Ok(())).unwrap();
-    // As somebody copies the next version from elsewhere, its manifest last.
+    // The next version copied from elsewhere, its manifest last.
     let (theirs, copied) = (object.join("v2"), "of theirs");
     fs::create_dir(&theirs).unwrap();
     fs::write(theirs.join("a.txt"), copied).unwrap();
@@ -189,7 +192,7 @@ fn a_version_that_is_there_is_never_touched_whoever_put_it_there() {
 }
 
 #[test]
-fn a_version_that_somebody_else_has_published_meanwhile_is_refused_and_theirs_stays() {
+fn a_version_published_meanwhile_by_another_program_is_kept_and_ours_refused() {
     let shelf = tempfile::tempdir().unwrap();
     let object = publish(shelf.path(), 1, &|_| Ok(())).unwrap();
     let lock = Lock::wait(shelf.path(), PATIENCE, &|| ()).unwrap();
@@ -204,7 +207,7 @@ fn a_version_that_somebody_else_has_published_meanwhile_is_refused_and_theirs_st
 }
 
 #[test]
-fn what_another_program_is_making_is_left_alone() {
+fn unfinished_work_of_another_program_is_left_alone() {
     let shelf = tempfile::tempdir().unwrap();
     for version in [1, 2] {
         let lock = Lock::wait(shelf.path(), PATIENCE, &|| ()).unwrap();
@@ -248,7 +251,7 @@ fn no_other_user_can_read_a_closed_model_while_it_is_published() {
 
 #[cfg(unix)]
 #[test]
-fn a_failure_at_any_step_leaves_the_permissions_that_the_manifest_asks_for() {
+fn after_a_failure_at_any_step_permissions_match_the_manifest() {
     for history in HISTORIES.into_iter().filter(|history| history.len() > 1) {
         let (last, (state, earlier)) = (history.len().try_into().unwrap(), history.split_last().unwrap());
         let before = |shelf: &Path| {
@@ -291,7 +294,7 @@ fn modes_of_packs(object: &Path) -> Vec<u32> {
 
 #[cfg(unix)]
 #[test]
-fn geometry_that_is_not_public_is_not_for_other_users_of_the_computer() {
+fn other_users_of_the_computer_cannot_read_geometry_that_is_not_public() {
     use AccessState::{Embargo, Public, Restricted};
     use std::os::unix::fs::PermissionsExt;
     let shelf = tempfile::tempdir().unwrap();
@@ -301,7 +304,7 @@ fn geometry_that_is_not_public_is_not_for_other_users_of_the_computer() {
         publish_as(shelf.path(), version, &|_| Ok(()), state).unwrap();
         assert_eq!(modes_of_packs(&object), wanted, "version {version}");
     }
-    // Words and pictures are for everybody, whatever the model is.
+    // Text and pictures are public even if the model is not.
     assert_eq!(fs::metadata(object.join("v3/a.txt")).unwrap().permissions().mode() & 0o777, 0o644);
 }
 
@@ -313,7 +316,7 @@ const NOBODY: u32 = 65_534;
 /// Run as another user by the tests below: publishes a version, public or not.
 #[cfg(unix)]
 #[test]
-fn publishes_as_another_user() {
+fn helper_process_that_publishes_as_another_user() {
     let Ok(text) = std::env::var(AS) else { return };
     let parts: Vec<&str> = text.splitn(3, ' ').collect();
     let state = if parts[1] == "public" { AccessState::Public } else { AccessState::Restricted };
@@ -332,8 +335,8 @@ fn shelf_of_another_user(group: u32) -> Option<tempfile::TempDir> {
 /// Publish as that user, who is in no group but their own; `None` if this program cannot run as another user.
 #[cfg(unix)]
 fn publish_as_another_user(shelf: &Path, version: u32, state: &str) -> Option<()> {
-    let (is_published, said) = try_as_another_user(shelf, version, state)?;
-    assert!(is_published, "{said}");
+    let (is_published, output) = try_as_another_user(shelf, version, state)?;
+    assert!(is_published, "{output}");
     Some(())
 }
 
@@ -342,11 +345,11 @@ fn publish_as_another_user(shelf: &Path, version: u32, state: &str) -> Option<()
 fn try_as_another_user(shelf: &Path, version: u32, state: &str) -> Option<(bool, String)> {
     use std::os::unix::process::CommandExt as _;
     let mut command = std::process::Command::new(std::env::current_exe().unwrap());
-    command.args(["--exact", "draft::tests::publishes_as_another_user", "--test-threads=1"]);
+    command.args(["--exact", "draft::tests::helper_process_that_publishes_as_another_user", "--test-threads=1"]);
     command.env(AS, format!("{version} {state} {}", shelf.display())).current_dir("/").uid(NOBODY).gid(NOBODY);
     let output = command.output().ok()?;
-    let said = String::from_utf8_lossy(&output.stdout).into_owned();
-    Some((output.status.success() && said.contains("1 passed"), said))
+    let printed = String::from_utf8_lossy(&output.stdout).into_owned();
+    Some((output.status.success() && printed.contains("1 passed"), printed))
 }
 
 #[cfg(unix)]
@@ -408,7 +411,7 @@ fn closed_files_are_owner_only_if_the_owner_is_not_in_the_group_of_the_folder() 
     }
 }
 
-/// A file of somebody else counts as closed only if nobody but its owner and the group of the folder can read it.
+/// A file of another user counts as closed only if nobody but its owner and the group of the folder can read it.
 #[cfg(unix)]
 #[test]
 fn a_file_of_another_user_that_others_can_read_is_refused_by_name() {
@@ -430,11 +433,11 @@ fn a_file_of_another_user_that_others_can_read_is_refused_by_name() {
         let pack = find_pack(&object);
         chown(&pack, Some(0), Some(group)).ok()?;
         fs::set_permissions(&pack, fs::Permissions::from_mode(mode)).unwrap();
-        let (is_published, said) = try_as_another_user(shelf.path(), 2, "restricted")?;
-        assert_eq!(is_published, is_closed, "group {group}, {mode:o}: {said}");
+        let (is_published, output) = try_as_another_user(shelf.path(), 2, "restricted")?;
+        assert_eq!(is_published, is_closed, "group {group}, {mode:o}: {output}");
         assert_eq!(is_whole(&object), if is_closed { 2 } else { 1 });
-        let is_named = said.contains(pack.to_str().unwrap()) && said.contains("belongs to another user");
-        assert_eq!(is_named, !is_closed, "group {group}, {mode:o}: {said}");
+        let is_named = output.contains(pack.to_str().unwrap()) && output.contains("belongs to another user");
+        assert_eq!(is_named, !is_closed, "group {group}, {mode:o}: {output}");
         Some(())
     });
     if tried.is_none() {

@@ -23,7 +23,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
 use tower::ServiceExt as _;
 
-/// What is killed, and what is there before.
+/// The command that is killed, and what exists before it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum What {
     /// A version of this number.
@@ -93,7 +93,7 @@ impl Archive {
     }
 }
 
-/// A program that another test starts in this moment has what is open here, locks too, until it runs.
+/// A program started by another test at this moment inherits open files and locks until it executes.
 fn locked(shelf: &Path) -> Result<Lock, DraftError> {
     Lock::wait(shelf, PATIENCE, &|| ())
 }
@@ -114,7 +114,7 @@ fn pages(shelf: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
     site::write(&locked(shelf)?, &page, steps)
 }
 
-/// The command, as often as it is given: what is done already is not done again.
+/// Run the command; running it again must not repeat finished work.
 fn run(what: What, folder: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
     let (shelf, keep) = (folder.join("shelf"), folder.join("keep"));
     match (what, what.added()) {
@@ -131,8 +131,8 @@ fn run(what: What, folder: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
         (What::Bag, _) => wrap(&shelf, steps),
         (What::Site(_), _) => pages(&shelf, steps),
         _ => {
-            let said = Withdrawal { reason: "asked to", day: "2026-11-21" };
-            withdraw(&Folders::lock(&shelf, &keep, &slug(), &|_| (), steps)?, &slug(), &said, steps).map(drop)
+            let withdrawal = Withdrawal { reason: "asked to", day: "2026-11-21" };
+            withdraw(&Folders::lock(&shelf, &keep, &slug(), &|_| (), steps)?, &slug(), &withdrawal, steps).map(drop)
         }
     }
 }
@@ -147,7 +147,7 @@ async fn get(shelf: &Path, path: &str) -> (StatusCode, Vec<u8>) {
     (status, axum::body::to_bytes(answer.into_body(), usize::MAX).await.unwrap().to_vec())
 }
 
-/// What must hold whenever it is looked at.
+/// What must hold at every moment.
 fn is_old_or_new(what: What, folder: &Path) {
     let (shelf, object) = (folder.join("shelf"), folder.join("shelf/fort"));
     let threads = tokio::runtime::Builder::new_current_thread().enable_all().build().unwrap();
@@ -208,7 +208,7 @@ fn is_gone_on_with(what: What, archive: &Archive, whole: &Archive, cut: &str) {
     run(what, folder, &|_| Ok(())).unwrap_or_else(|e| panic!("{what:?}, {cut}: {e}"));
     is_old_or_new(what, folder);
     let (mut there, wanted) = (tree(folder), tree(whole.folder.path()));
-    // Of these the newest stands, and nobody reads them.
+    // Only the newest of these remains, and nobody reads it.
     there.retain(|name, _| !name.ends_with(".kilwa-lock"));
     let differ = |name: &&String| there.get(*name) != wanted.get(*name);
     let names: Vec<&String> = there.keys().chain(wanted.keys()).filter(differ).collect();
@@ -231,9 +231,9 @@ fn whole(what: What) -> Archive {
 
 const KILL: &str = "KILWA_TEST_KILL_AT";
 
-/// Run by the other tests in a process of its own: does it, and dies at a step.
+/// Helper that other tests run in a separate process: performs the change and dies at a step.
 #[test]
-fn dies_at_a_step() {
+fn helper_process_that_dies_at_a_step() {
     let Ok(text) = std::env::var(KILL) else { return };
     let parts: Vec<&str> = text.splitn(3, ' ').collect();
     let (what, step): (usize, u32) = (parts[0].parse().unwrap(), parts[1].parse().unwrap());
@@ -261,7 +261,7 @@ fn dying(by: &[&str], what: What, step: u32, folder: &Path) -> ExitStatus {
         None => Command::new(program),
     };
     command
-        .args(["--exact", "kill_tests::dies_at_a_step", "--quiet", "--test-threads=1"])
+        .args(["--exact", "kill_tests::helper_process_that_dies_at_a_step", "--quiet", "--test-threads=1"])
         .env(KILL, format!("{number} {step} {}", folder.display()))
         .stdout(Stdio::null())
         .stderr(Stdio::null())

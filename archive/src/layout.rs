@@ -213,7 +213,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_title_becomes_a_name_for_an_address() {
+    fn a_title_becomes_a_slug() {
         let of = |t: &str| Slug::of_title(t).to_string();
         assert_eq!(of("Gereza, Kilwa Kisiwani"), "gereza-kilwa-kisiwani");
         assert_eq!(of("  Château d’Œuf — Nº 3 "), "chateau-doeuf-n-3");
@@ -223,8 +223,8 @@ mod tests {
             assert!(Slug::new(good).is_ok());
         }
         for bad in ["", "A", "a--b", "-a", "a-", "a/b", "..", "v1", "viewer", "a b", "ä"] {
-            let said = Slug::new(bad).unwrap_err().to_string();
-            assert!(said.contains("for example"), "{said}");
+            let message = Slug::new(bad).unwrap_err().to_string();
+            assert!(message.contains("for example"), "{message}");
         }
     }
 

@@ -20,6 +20,8 @@ pub mod date;
 mod disk;
 pub mod draft;
 pub mod drawing;
+pub mod frame;
+pub mod html;
 pub mod keep;
 #[cfg(test)]
 mod kill_tests;
@@ -33,6 +35,7 @@ pub mod next;
 pub mod notes;
 pub mod numbers;
 pub mod page;
+mod places;
 pub mod record;
 pub mod rights;
 pub mod scratch;

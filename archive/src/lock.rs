@@ -125,7 +125,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_folder_is_held_by_one_at_a_time_also_by_its_hidden_file() {
+    fn only_one_program_at_a_time_holds_the_lock_of_a_folder_or_of_its_hidden_file() {
         let folder = tempfile::tempdir().unwrap();
         for take in [Lock::take, Lock::of_file] {
             let held = take(folder.path()).unwrap();
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_waits_is_let_in_when_the_other_is_done_and_refused_when_patience_ends() {
+    fn a_waiting_program_gets_the_lock_when_it_is_released_or_gives_up_after_its_patience() {
         let folder = tempfile::tempdir().unwrap();
         let held = Lock::take(folder.path()).unwrap();
         let refused = Lock::wait(folder.path(), Duration::ZERO, &|| ());
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_in_which_nothing_can_be_locked_is_left_as_it_was() {
+    fn a_folder_that_cannot_be_locked_is_left_unchanged() {
         let folder = tempfile::tempdir().unwrap();
         let names = || std::fs::read_dir(folder.path()).unwrap().count();
         let refused = Lock::of_file_by(folder.path(), &no_lock).unwrap_err();
@@ -171,7 +171,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_lock_that_was_removed_meanwhile_keeps_nobody_out() {
+    fn a_removed_lock_file_blocks_nobody() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(LOCK_FILE);
         drop(Lock::of_file(folder.path()).unwrap());
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_locked_is_refused() {
+    fn a_path_that_cannot_be_locked_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         assert!(matches!(Lock::take(&folder.path().join("none")), Err(DraftError::Disk { .. })));
         std::fs::create_dir(folder.path().join(LOCK_FILE)).unwrap();

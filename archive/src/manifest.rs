@@ -193,7 +193,7 @@ pub struct Version {
     pub annotations: Option<FileEntry>,
     /// Its numbers.
     pub figures: Figures,
-    /// Whether reference system and place were taken away or made coarse before publication.
+    /// Whether reference system and place were removed or made coarse before publication.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub location_redacted: bool,
 }
@@ -304,7 +304,7 @@ impl Manifest {
         let days = [("access.until", &self.access.until), ("access.withdrawn", &self.access.withdrawn)];
         for (field, day) in days {
             if day.as_deref().is_some_and(|d| !is_day(d)) {
-                return wrong(field.to_owned(), "a day such as 2026-11-21 is wanted");
+                return wrong(field.to_owned(), "expected a date such as 2026-11-21");
             }
         }
         if self.access.state == AccessState::Embargo && self.access.until.is_none() {
@@ -329,13 +329,13 @@ fn check_file(field: &str, folder: &str, url: &str, sha256: &str) -> Result<(), 
         );
     }
     if !is_sha256(sha256) {
-        return wrong("sha256", "64 lower-case hexadecimal digits are wanted".to_owned());
+        return wrong("sha256", "expected 64 lower-case hexadecimal digits".to_owned());
     }
     Ok(())
 }
 
 impl Version {
-    /// Whether its notes are those of this SHA-256, or it has none where there is none.
+    /// Whether its notes are those of this SHA-256, or it has none if there is none.
     pub fn has_notes(&self, sha256: Option<&str>) -> bool {
         self.annotations.as_ref().map(|n| n.sha256.as_str()) == sha256
     }
@@ -344,10 +344,10 @@ impl Version {
         let at = |name: &str| format!("versions[{}].{name}", number - 1);
         let wrong = |name: &str, why: &str| Err(ManifestError::Wrong { field: at(name), why: why.to_owned() });
         if self.version != number || self.folder != version_folder(number) {
-            return wrong("version", "versions are numbered from 1 without a gap, and stand in v1, v2 and so on");
+            return wrong("version", "versions are numbered from 1 without gaps, in v1, v2 and so on");
         }
         if !is_day(&self.published) {
-            return wrong("published", "a day such as 2026-11-21 is wanted");
+            return wrong("published", "expected a date such as 2026-11-21");
         }
         let folder = format!("{}/", self.folder);
         check_file(&at("pack"), &folder, &self.pack.url, &self.pack.sha256)?;
@@ -355,18 +355,18 @@ impl Version {
             return wrong("pack.url", "the name of a pack has its SHA-256");
         }
         if self.pack.identity.len() != 32 || !self.pack.identity.bytes().all(|b| b.is_ascii_hexdigit()) {
-            return wrong("pack.identity", "32 hexadecimal digits are wanted");
+            return wrong("pack.identity", "expected 32 hexadecimal digits");
         }
         self.checksums.check(&at("checksums"), &folder)?;
         if let Some(notes) = &self.annotations {
             notes.check(&at("annotations"), &folder)?;
             if notes.url != format!("{folder}{ANNOTATIONS}") {
-                return wrong("annotations.url", "notes stand in annotations.json of the version");
+                return wrong("annotations.url", "notes must be in annotations.json of the version");
             }
         }
         let [min, max] = self.figures.bounds;
         if min.iter().zip(max).any(|(a, b)| !a.is_finite() || !b.is_finite() || *a > b) {
-            return wrong("figures.bounds", "the smallest and the largest corner are wanted");
+            return wrong("figures.bounds", "expected the smallest and the largest corner");
         }
         Ok(())
     }

@@ -54,14 +54,14 @@ pub(crate) fn sample() -> Manifest {
 }
 
 #[test]
-fn a_manifest_reads_back() {
+fn a_manifest_round_trips() {
     let manifest = sample();
     let bytes = manifest.to_bytes().unwrap();
     assert_eq!(Manifest::parse(&bytes), Ok(manifest));
 }
 
 #[test]
-fn what_cannot_be_is_refused_with_its_field() {
+fn impossible_values_in_a_manifest_are_refused_with_their_field() {
     let refuse = |change: &dyn Fn(&mut serde_json::Value)| {
         let mut value = serde_json::to_value(sample()).unwrap();
         change(&mut value);
@@ -81,7 +81,7 @@ fn what_cannot_be_is_refused_with_its_field() {
 }
 
 #[test]
-fn a_byte_that_is_changed_breaks_the_seal() {
+fn changing_any_byte_breaks_the_seal() {
     let bytes = sample().to_bytes().unwrap();
     assert_eq!(seal_of(&bytes), Seal::Whole);
     for at in 0..bytes.len() {
@@ -89,7 +89,7 @@ fn a_byte_that_is_changed_breaks_the_seal() {
         changed[at] ^= 1;
         assert_ne!(seal_of(&changed), Seal::Whole, "byte {at}");
     }
-    // One without a seal is read, as earlier ones are.
+    // A manifest without a seal is accepted, like those of earlier versions.
     let text = unsealed(&bytes).unwrap().0;
     assert_eq!((seal_of(&text), Manifest::parse(&text)), (Seal::None, Ok(sample())));
 }

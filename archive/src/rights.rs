@@ -52,7 +52,7 @@ pub const CHOICES: &str = "\"CC BY 4.0\", \"CC BY-SA 4.0\", \"CC BY-NC 4.0\", \"
     \"InC\", \"NoC-US\", \"UND\" … (rightsstatements.org), or the address of one of them";
 
 impl Rights {
-    /// The statement that an address or short name stands for.
+    /// The statement that an address or short name represents.
     ///
     /// # Errors
     /// A sentence that says what is wanted, with the nearest known name.
@@ -192,7 +192,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_spelling_that_is_about_becomes_the_canonical_address() {
+    fn every_known_spelling_of_a_rights_statement_becomes_its_canonical_address() {
         for (given, uri) in [
             ("CC BY 4.0", "https://creativecommons.org/licenses/by/4.0/"),
             ("cc-by-nc-sa-4.0", "https://creativecommons.org/licenses/by-nc-sa/4.0/"),
@@ -224,7 +224,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_in_no_list_is_refused_with_the_nearest() {
+    fn an_unknown_rights_statement_is_refused_with_the_nearest_known_one() {
         for (given, near) in [
             ("CC BY 5.0", Some("CC BY 4.0")),
             ("CC-BY 4", Some("CC BY 4.0")),
@@ -234,8 +234,8 @@ mod tests {
             ("all rights reserved", None),
             ("https://example.org/licence", None),
         ] {
-            let said = Rights::parse(given).unwrap_err();
-            assert!(near.is_none_or(|n| said.contains(n)) && said.contains("rightsstatements.org"), "{said}");
+            let message = Rights::parse(given).unwrap_err();
+            assert!(near.is_none_or(|n| message.contains(n)) && message.contains("rightsstatements.org"), "{message}");
         }
     }
 }

@@ -118,7 +118,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn hidden_folders_belong_to_one_object_and_stay_while_somebody_works_in_them() {
+    fn hidden_folders_belong_to_one_object_and_are_kept_while_in_use() {
         let of = |slug: &str, name: &str| is_of(&Slug::new(slug).unwrap(), name);
         assert!(of("fort", ".kilwa-fort--aB3dEf") && of("fort", ".kilwa-fort-aB3dEf"));
         for other in [".kilwa-fort-2--aB3dEf", ".kilwa-fort-2-aB3dEf", ".kilwa-fortress--aB3dEf", ".kilwa-lock", "fort"]

@@ -9,16 +9,17 @@ use super::draft::{DraftError, Steps};
 use super::layout::{MANIFEST, Slug, is_object, version_folder};
 use super::lock::Lock;
 use super::manifest::{AccessState, MANIFEST_MAX, Manifest};
-use super::record::xml::{Xml, escape};
+use super::record::xml::Xml;
 use super::scratch::{self, Scratch};
+use crate::html::render;
 use crate::layout::SMALL_FILE_MAX;
 use crate::layout::THUMBNAILS;
 use crate::numbers::{grouped, size, size_in_space};
 use crate::viewer::Page;
+use askama::Template;
 use kilwa_files::plain_file;
 use kilwa_pack::plural::{counted, plural};
 use serde_json::{Value, json};
-use std::fmt::Write as _;
 use std::fs;
 use std::path::Path;
 
@@ -39,12 +40,12 @@ const BEGUN: &str = ".kilwa-site";
 /// Write the pages of the locked folder.
 ///
 /// # Errors
-/// [`DraftError::Disk`] with the file; [`DraftError::Foreign`] where a page of somebody else's would be replaced.
+/// [`DraftError::Disk`] with the file; [`DraftError::Foreign`] where a page of another user would be replaced.
 pub fn write(lock: &Lock, page: &Page, steps: Steps<'_>) -> Result<(), DraftError> {
     check(lock.folder())?;
     let written = put_all(lock, page, steps);
     if written.is_err() {
-        // Where none of the pages is there, nothing says that they were begun. Otherwise whoever comes next goes on with them.
+        // Where none of the pages is there, nothing says that they were begun. Otherwise whoever comes next continues with them.
         drop(sweep(lock, &|_| Ok(())));
     }
     written
@@ -237,98 +238,81 @@ fn sitemap(entries: &[Entry], base: &str) -> String {
     x.finish()
 }
 
+#[derive(Template)]
+#[template(path = "catalogue.html")]
+struct Catalogue<'a> {
+    /// How many models are shown.
+    count: String,
+    triangles: String,
+    cards: Vec<Card<'a>>,
+    withdrawn: Vec<&'a Manifest>,
+    /// Objects that cannot be shown, and why.
+    broken: Vec<(&'a str, &'a str)>,
+}
+
+struct Card<'a> {
+    slug: &'a str,
+    title: &'a str,
+    poster: String,
+    /// Place and day of capture.
+    line: String,
+    facts: Vec<(&'static str, String)>,
+    /// Address of the pack, relative to the object, and its size.
+    pack: &'a str,
+    size: String,
+}
+
 fn catalogue(entries: &[Entry]) -> String {
-    let mut s = format!(
-        "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-         <meta name=\"color-scheme\" content=\"light dark\">\n{OURS}\n<title>Models</title>\n<link rel=\"icon\" href=\"{ASSETS}/kilwa.svg\" type=\"image/svg+xml\">\n\
-         <link rel=\"stylesheet\" href=\"{ASSETS}/style.css\">\n<link rel=\"alternate\" type=\"application/atom+xml\" href=\"feed.xml\" title=\"New models\">\n\
-         <link rel=\"alternate\" type=\"application/json\" href=\"models.json\">\n</head>\n<body class=\"list\">\n\
-         <header class=\"site\"><a class=\"brand\" href=\"./\"><img src=\"{ASSETS}/kilwa.svg\" alt=\"\" width=\"28\" height=\"28\"> Kilwa</a></header>\n<main>\n<h1>Models</h1>\n"
-    );
-    let shown: Vec<&Manifest> = entries
-        .iter()
-        .filter_map(|e| e.manifest.as_ref().ok())
-        .filter(|m| m.access.state != AccessState::Withdrawn)
-        .collect();
+    let all = entries.iter().filter_map(|e| e.manifest.as_ref().ok());
+    let (withdrawn, shown): (Vec<&Manifest>, Vec<&Manifest>) =
+        all.partition(|m| m.access.state == AccessState::Withdrawn);
     let triangles: u64 = shown.iter().filter_map(|m| m.current()).map(|v| v.figures.triangles).sum();
-    let n = shown.len();
-    let _ = writeln!(
-        s,
-        "<p class=\"lead\">{}, {} {}. <a href=\"feed.xml\">Feed</a></p>\n<ul class=\"cards\">",
-        counted(n, "model", "models"),
-        grouped(triangles),
-        plural(triangles, "triangle", "triangles")
-    );
-    for m in &shown {
-        card(&mut s, m);
-    }
-    s.push_str("</ul>\n");
-    let gone: Vec<&Manifest> = entries
-        .iter()
-        .filter_map(|e| e.manifest.as_ref().ok())
-        .filter(|m| m.access.state == AccessState::Withdrawn)
-        .collect();
-    if !gone.is_empty() {
-        s.push_str("<h2>Withdrawn</h2>\n<ul>\n");
-        for m in gone {
-            let _ = writeln!(s, "<li><a href=\"{}/\">{}</a></li>", m.slug, escape(&m.title));
-        }
-        s.push_str("</ul>\n");
-    }
-    for e in entries {
-        if let Err(why) = &e.manifest {
-            let _ = writeln!(
-                s,
-                "<p class=\"card broken\"><strong>{} cannot be shown.</strong> {}</p>",
-                escape(&e.slug),
-                escape(why)
-            );
-        }
-    }
-    s.push_str("</main>\n</body>\n</html>\n");
-    s
+    render(&Catalogue {
+        count: counted(shown.len(), "model", "models").to_string(),
+        triangles: format!("{} {}", grouped(triangles), plural(triangles, "triangle", "triangles")),
+        cards: shown.into_iter().filter_map(card).collect(),
+        withdrawn,
+        broken: entries.iter().filter_map(|e| Some((e.slug.as_str(), e.manifest.as_ref().err()?.as_str()))).collect(),
+    })
 }
 
-fn card(s: &mut String, m: &Manifest) {
-    let Some(v) = m.current() else { return };
+fn card(m: &Manifest) -> Option<Card<'_>> {
+    let v = m.current()?;
     let [min, max] = v.figures.bounds;
-    let extent = size_in_space([0, 1, 2].map(|k| max[k] - min[k]));
     let line: Vec<&str> = [m.place.as_deref(), m.captured.as_deref()].into_iter().flatten().collect();
-    let _ = write!(
-        s,
-        "<li class=\"card\">\n{}\n<h2><a href=\"{}/\">{}</a></h2>\n<p class=\"quiet\">{}</p>\n<dl class=\"facts\">\n",
-        poster(&format!("{}/{}", m.slug, version_folder(v.version))),
-        m.slug,
-        escape(&m.title),
-        escape(&line.join(" · "))
-    );
-    let mut row = |name: &str, value: &str| {
-        let _ = writeln!(s, "<div><dt>{name}</dt><dd>{}</dd></div>", escape(value));
-    };
-    row("Triangles", &grouped(v.figures.triangles));
-    row("Extent", &extent);
-    row("Licence", &m.rights.short);
+    let mut facts = vec![
+        ("Triangles", grouped(v.figures.triangles)),
+        ("Extent", size_in_space([0, 1, 2].map(|k| max[k] - min[k]))),
+        ("Licence", m.rights.short.clone()),
+    ];
     if let (AccessState::Embargo, Some(until)) = (m.access.state, &m.access.until) {
-        row("Public from", until);
+        facts.push(("Public from", until.clone()));
     }
-    let _ = writeln!(
-        s,
-        "</dl>\n<p class=\"actions\"><a href=\"{}/{}\" download>Download pack<span class=\"hidden\"> of {}</span></a> <span>{}</span></p>\n</li>",
-        m.slug,
-        escape(&v.pack.url),
-        escape(&m.title),
-        size(v.pack.bytes)
-    );
+    Some(Card {
+        slug: &m.slug,
+        title: &m.title,
+        poster: poster(&format!("{}/{}", m.slug, version_folder(v.version))),
+        line: line.join(" · "),
+        facts,
+        pack: &v.pack.url,
+        size: size(v.pack.bytes),
+    })
 }
 
-/// The poster of a version whose folder has this address, on a card of a list: in the size that the card and the screen need.
+#[derive(Template)]
+#[template(path = "poster.html")]
+struct Poster<'a> {
+    folder: &'a str,
+    small: &'static str,
+    small_width: u32,
+    wide: &'static str,
+    width: u32,
+}
+
+/// The poster of a version whose folder has this address, on a card of a list: in the size that the card and the screen need. HTML.
 pub fn poster(folder: &str) -> String {
     let [(wide, width), (small, small_width)] = THUMBNAILS;
-    format!(
-        "<img class=\"poster\" src=\"{folder}/{small}\" srcset=\"{folder}/{small} {small_width}w, {folder}/{wide} {width}w\" \
-         sizes=\"(max-width: 720px) 100vw, 360px\" alt=\"\" width=\"{width}\" height=\"{}\" loading=\"lazy\">",
-        width * 630 / 1200
-    )
+    render(&Poster { folder, small, small_width, wide, width })
 }
 
 #[cfg(test)]
@@ -337,20 +321,20 @@ mod tests {
     use crate::manifest::tests::sample;
 
     #[test]
-    fn a_page_of_somebody_elses_is_left_as_it_is() {
+    fn a_page_that_kilwa_did_not_write_is_left_unchanged() {
         let shelf = tempfile::tempdir().unwrap();
         assert!(check(shelf.path()).is_ok());
         for name in ["feed.xml", "index.html"] {
             fs::write(shelf.path().join(name), "<h1>My museum</h1>").unwrap();
-            let said = check(shelf.path()).unwrap_err().to_string();
-            assert!(said.contains("is not from kilwa") && said.contains("--site"), "{said}");
+            let message = check(shelf.path()).unwrap_err().to_string();
+            assert!(message.contains("is not from kilwa") && message.contains("--site"), "{message}");
         }
         fs::write(shelf.path().join("index.html"), catalogue(&[])).unwrap();
         assert!(check(shelf.path()).is_ok(), "ours is written anew");
     }
 
     #[test]
-    fn a_folder_becomes_a_catalogue_a_feed_a_list_and_a_sitemap() {
+    fn a_folder_gets_a_catalogue_page_a_feed_a_list_and_a_sitemap() {
         let shelf = tempfile::tempdir().unwrap();
         let put = |slug: &str, change: &dyn Fn(&mut Manifest)| {
             let mut m = sample();

@@ -22,8 +22,8 @@ const NAMED: usize = 1000;
 /// Those of them that a message has.
 const SAID: usize = 10;
 
-/// Told how many more bytes were read.
-pub type Told<'a> = &'a dyn Fn(u64);
+/// Called with the number of further bytes that were read.
+pub type OnRead<'a> = &'a dyn Fn(u64);
 
 /// What was found.
 #[derive(Debug, Default)]
@@ -81,10 +81,10 @@ impl<S: Source + ?Sized> Source for Lent<'_, S> {
 /// Check a pack.
 ///
 /// # Errors
-/// When not even its length can be told.
-pub fn check<S: Source + Sync + ?Sized>(source: &S, told: Told<'_>) -> io::Result<Checked> {
+/// When not even its length can be on_read.
+pub fn check<S: Source + Sync + ?Sized>(source: &S, on_read: OnRead<'_>) -> io::Result<Checked> {
     let mut checked = Checked { bytes: source.len()?, ..Checked::default() };
-    let mut pass = Pass { source, at: 0, hash: Some(Sha256::new()), told };
+    let mut pass = Pass { source, at: 0, hash: Some(Sha256::new()), on_read };
     match Reader::open(Lent(source)) {
         Ok(reader) => {
             checked.identity = Some(reader.identity());
@@ -93,7 +93,7 @@ pub fn check<S: Source + Sync + ?Sized>(source: &S, told: Told<'_>) -> io::Resul
         // A file that does not begin like a pack is not read further: it may be anything, of any length.
         Err(e @ PackError::Magic) => {
             checked.add(e.to_string());
-            told(checked.bytes);
+            on_read(checked.bytes);
             return Ok(checked);
         }
         Err(e) => checked.add(e.to_string()),
@@ -109,7 +109,7 @@ struct Pass<'a, S: ?Sized> {
     at: u64,
     /// Gone when something could not be read.
     hash: Option<Sha256>,
-    told: Told<'a>,
+    on_read: OnRead<'a>,
 }
 
 impl<S: Source + ?Sized> Pass<'_, S> {
@@ -117,7 +117,7 @@ impl<S: Source + ?Sized> Pass<'_, S> {
     fn read_to(&mut self, end: u64, checked: &mut Checked) -> Option<Vec<u8>> {
         let length = end.saturating_sub(self.at);
         let read = usize::try_from(length).map_err(io::Error::other).and_then(|n| self.source.read_at(self.at, n));
-        (self.told)(length);
+        (self.on_read)(length);
         let from = std::mem::replace(&mut self.at, end);
         match read {
             Ok(bytes) => {
@@ -245,13 +245,13 @@ fn gaps<R: Source>(reader: &Reader<R>) -> io::Result<Option<String>> {
 ///
 /// # Errors
 /// When it cannot be read.
-pub fn sha256<S: Source + ?Sized>(source: &S, told: Told<'_>) -> io::Result<(u64, String)> {
+pub fn sha256<S: Source + ?Sized>(source: &S, on_read: OnRead<'_>) -> io::Result<(u64, String)> {
     let length = source.len()?;
     let (mut at, mut hash) = (0, Sha256::new());
     while at < length {
         let n = (length - at).min(4 << 20);
         hash.update(source.read_at(at, n as usize)?);
-        told(n);
+        on_read(n);
         at += n;
     }
     Ok((length, hex(&hash.finalize())))

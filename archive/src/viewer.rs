@@ -3,6 +3,8 @@
 //! Files `NAME.br` and `NAME.gz` beside `NAME` are its compressed forms, sent where the client accepts brotli or gzip. Nothing else
 //! of the disk can be reached through it.
 
+use crate::frame::Frame;
+use crate::places::PLACES;
 use bytes::Bytes;
 use include_dir::{Dir, include_dir};
 use std::collections::BTreeMap;
@@ -11,6 +13,8 @@ use std::sync::Arc;
 use thiserror::Error;
 
 static EMBEDDED: Dir<'_> = include_dir!("$KILWA_PAGE");
+/// The first of [`crate::places::PLACES`].
+const HEAD: &str = PLACES[0].0;
 /// A page folder with more than this in it is not one of ours.
 const PAGE_LIMIT: u64 = 256 << 20;
 
@@ -28,6 +32,11 @@ pub enum PageError {
         /// The first file that is missing.
         missing: &'static str,
     },
+    /// A page without the places that the facts of a model are put into.
+    #[error(
+        "index.html of the viewer page cannot hold a model: {0}; run `cargo xtask web` with this version of Kilwa, and build again or give its www/dist with --www"
+    )]
+    Places(String),
     /// The folder given cannot be read.
     #[error("cannot read {path}: {source}")]
     Unreadable {
@@ -78,7 +87,10 @@ impl Page {
         }
         let page = Self::from_files(raw);
         match (page.missing(), folder) {
-            (None, _) => Ok(page),
+            (None, _) => {
+                page.frame()?;
+                Ok(page)
+            }
             (Some(_), None) => Err(PageError::NotBuilt),
             (Some(missing), Some(folder)) => Err(PageError::Incomplete { folder: folder.to_owned(), missing }),
         }
@@ -104,27 +116,31 @@ impl Page {
             return self;
         }
         let mut files = (*self.files).clone();
-        if let Some(index) = files.get_mut("index.html") {
-            let html =
-                String::from_utf8_lossy(&index.bytes).replacen("<head>", &format!("<head>\n{head}"), 1).into_bytes();
+        // A page that was loaded has a head.
+        if let Some(index) = files.get_mut("index.html")
+            && let Some((before, after)) = std::str::from_utf8(&index.bytes).ok().and_then(|html| html.split_once(HEAD))
+        {
+            let html = format!("{before}{HEAD}\n{head}{after}").into_bytes();
             // Its packed forms are of the other text.
             *index = asset("index.html", html, None, None);
         }
         Self { files: Arc::new(files) }
     }
 
+    /// Files that a page cannot be without.
+    const NEEDED: [&str; 8] = [
+        "index.html",
+        "boot.js",
+        "viewer.js",
+        "viewer_bg.wasm",
+        "viewer-gl.js",
+        "viewer-gl_bg.wasm",
+        "decode.js",
+        "decode_bg.wasm",
+    ];
+
     fn missing(&self) -> Option<&'static str> {
-        const NEEDED: [&str; 8] = [
-            "index.html",
-            "boot.js",
-            "viewer.js",
-            "viewer_bg.wasm",
-            "viewer-gl.js",
-            "viewer-gl_bg.wasm",
-            "decode.js",
-            "decode_bg.wasm",
-        ];
-        NEEDED.into_iter().find(|f| !self.files.contains_key(*f))
+        Self::NEEDED.into_iter().find(|f| !self.files.contains_key(*f))
     }
 
     /// One file by its name.
@@ -145,9 +161,13 @@ impl Page {
         self.files().map(|(_, bytes)| bytes.len() as u64).sum()
     }
 
-    /// The HTML of the viewer, empty where there is none.
-    pub fn html(&self) -> &str {
-        self.file("index.html").and_then(|a| std::str::from_utf8(&a.bytes).ok()).unwrap_or_default()
+    /// The HTML of the viewer, cut where the facts of a model go.
+    ///
+    /// # Errors
+    /// [`PageError::Places`] where one of the places is missing, which [`Page::load`] has checked.
+    pub fn frame(&self) -> Result<Frame<'_>, PageError> {
+        let html = self.file("index.html").and_then(|a| std::str::from_utf8(&a.bytes).ok()).unwrap_or_default();
+        Frame::of(html).map_err(PageError::Places)
     }
 }
 
@@ -215,5 +235,29 @@ pub fn content_type(name: &str) -> &'static str {
         "ris" => "application/x-research-info-systems; charset=utf-8",
         "txt" | "md" | "sha256" => "text/plain; charset=utf-8",
         _ => "application/octet-stream",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::places::PLACES;
+
+    #[test]
+    fn a_page_folder_without_a_place_is_refused_with_what_to_do() {
+        let folder = tempfile::tempdir().unwrap();
+        let html = include_str!("../../www/index.html");
+        for name in Page::NEEDED {
+            std::fs::write(folder.path().join(name), html).unwrap();
+        }
+        let page = Page::load(Some(folder.path())).unwrap();
+        let head = page.with_head("<meta name=\"x\">\n");
+        let index = head.file("index.html").unwrap();
+        assert!(String::from_utf8_lossy(&index.bytes).contains("<head>\n<meta name=\"x\">\n"));
+        for (place, _) in PLACES {
+            std::fs::write(folder.path().join("index.html"), html.replace(place, "")).unwrap();
+            let why = Page::load(Some(folder.path())).unwrap_err().to_string();
+            assert!(why.contains(place) && why.contains("cargo xtask web") && why.contains("--www"), "{why}");
+        }
     }
 }

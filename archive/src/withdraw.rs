@@ -120,7 +120,7 @@ pub(super) const WITHDRAWN: &str = "the object is withdrawn, but not all of its 
 pub fn withdraw(
     folders: &Folders,
     slug: &Slug,
-    said: &Withdrawal<'_>,
+    withdrawal: &Withdrawal<'_>,
     steps: Steps<'_>,
 ) -> Result<Withdrawn, DraftError> {
     let (shelf, object) = (folders.shelf.folder(), folders.shelf.folder().join(slug.as_str()));
@@ -143,7 +143,7 @@ pub fn withdraw(
         is_new = begun.map_err(|e| if is_withdrawn { e.after(WITHDRAWN) } else { e })?;
     }
     if !is_withdrawn {
-        let closed = close_object(&object, slug, manifest.clone(), said, steps);
+        let closed = close_object(&object, slug, manifest.clone(), withdrawal, steps);
         closed.map_err(|e| if is_new { give_up(e, &kept, slug) } else { e })?;
     }
     let moved = || {
@@ -158,7 +158,7 @@ pub fn withdraw(
         sweep(folders, slug, steps)
     };
     moved().map_err(|e| e.after(WITHDRAWN))?;
-    let day = manifest.access.withdrawn.filter(|_| is_withdrawn).unwrap_or_else(|| said.day.to_owned());
+    let day = manifest.access.withdrawn.filter(|_| is_withdrawn).unwrap_or_else(|| withdrawal.day.to_owned());
     Ok(Withdrawn { kept, day, before, changed: changes.get() > 0 })
 }
 
@@ -323,13 +323,13 @@ fn close_object(
     object: &Path,
     slug: &Slug,
     mut manifest: Manifest,
-    said: &Withdrawal<'_>,
+    withdrawal: &Withdrawal<'_>,
     steps: Steps<'_>,
 ) -> Result<(), DraftError> {
     manifest.access.state = AccessState::Withdrawn;
     manifest.access.until = None;
-    manifest.access.reason = Some(said.reason.to_owned());
-    manifest.access.withdrawn = Some(said.day.to_owned());
+    manifest.access.reason = Some(withdrawal.reason.to_owned());
+    manifest.access.withdrawn = Some(withdrawal.day.to_owned());
     let style = format!("{}/{VIEWER}/style.css", manifest.versions.last().map_or("v1", |v| v.folder.as_str()));
     let page = tombstone(&manifest, &style);
     manifest.page.bytes = page.len() as u64;
@@ -374,7 +374,7 @@ fn strip(folder: &Path, kept: &Path, prefix: &str, steps: Steps<'_>) -> Result<(
     Ok(())
 }
 
-/// Link or copy what is not there yet.
+/// Link or copy what does not exist yet.
 fn take(from: &Path, to: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
     disk::create_dir(to, steps)?;
     if !is_own_folder(to).map_err(failed("read", to))? {

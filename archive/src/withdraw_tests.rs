@@ -25,7 +25,7 @@ fn with_two_versions() -> tempfile::TempDir {
 }
 
 #[test]
-fn files_go_outside_and_words_stay() {
+fn a_withdrawal_moves_the_files_and_keeps_the_metadata() {
     let (shelf, keep) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     for version in [1, 2] {
         publish(shelf.path(), version, &|_| Ok(())).unwrap();
@@ -45,7 +45,7 @@ fn files_go_outside_and_words_stay() {
 }
 
 #[test]
-fn what_somebody_else_keeps_under_the_name_is_left_as_it_is() {
+fn a_foreign_file_of_the_same_name_is_left_unchanged() {
     let (shelf, keep) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     publish(shelf.path(), 1, &|_| Ok(())).unwrap();
     let before = tree(shelf.path());
@@ -57,11 +57,11 @@ fn what_somebody_else_keeps_under_the_name_is_left_as_it_is() {
 }
 
 #[test]
-fn no_file_is_removed_that_is_not_kept() {
+fn no_file_is_removed_unless_its_copy_is_kept() {
     let (shelf, keep) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     publish(shelf.path(), 1, &|_| Ok(())).unwrap();
     let kept = withdrawn(shelf.path(), keep.path()).unwrap();
-    // As an earlier attempt leaves it that was cut off, and a copy that was lost since.
+    // The state after an interrupted attempt whose copy was lost since.
     fs::rename(kept.join("v1/a.txt"), shelf.path().join("fort/v1/a.txt")).unwrap();
     withdrawn(shelf.path(), keep.path()).unwrap();
     assert_eq!(fs::read_to_string(kept.join("v1/a.txt")).unwrap(), "a of 1");
@@ -72,7 +72,7 @@ fn no_file_is_removed_that_is_not_kept() {
 fn a_resumed_withdrawal_includes_versions_published_since() {
     let (shelf, keep) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     publish(shelf.path(), 1, &|_| Ok(())).unwrap();
-    // As a command leaves it if it is killed before the manifest is replaced.
+    // The state after a command that was killed before it replaced the manifest.
     let begun = keep.path().join("fort");
     fs::create_dir(&begun).unwrap();
     for name in [PAGE, MANIFEST] {
@@ -101,13 +101,13 @@ fn a_resumed_withdrawal_keeps_the_page_as_it_is_now() {
 }
 
 #[test]
-fn nothing_was_changed_is_printed_only_if_true_and_a_rerun_finishes() {
+fn the_message_nothing_was_changed_is_true_and_a_rerun_finishes() {
     let run = |folder: &Path, steps: Steps<'_>| ended(&folder.join("shelf"), &folder.join("keep"), steps);
     let whole = with_two_versions();
     let done = run(whole.path(), &|_| Ok(())).unwrap();
     assert!(!done.before && done.changed);
     let everything = |folder: &Path| (tree(folder), folders_in(folder));
-    // Once, and from then on for good.
+    // From the first withdrawal on, permanently.
     for lasts in [false, true] {
         let mut after = 0;
         for step in 1.. {
@@ -126,11 +126,11 @@ fn nothing_was_changed_is_printed_only_if_true_and_a_rerun_finishes() {
             let manifest = Manifest::parse(&fs::read(object.join(MANIFEST)).unwrap()).unwrap();
             let is_withdrawn = manifest.access.state == AccessState::Withdrawn;
             if let Err(e) = &failed {
-                let said = e.to_string();
-                assert_eq!(said.contains("nothing was changed"), !is_withdrawn, "step {step}: {said}");
-                assert_eq!(said.contains("the object is withdrawn, but"), is_withdrawn, "step {step}: {said}");
-                assert_eq!(said.contains("Run the same command again"), is_withdrawn, "step {step}: {said}");
-                assert!(std::error::Error::source(e).is_none() && said.matches("denied").count() == 1, "{said}");
+                let message = e.to_string();
+                assert_eq!(message.contains("nothing was changed"), !is_withdrawn, "step {step}: {message}");
+                assert_eq!(message.contains("the object is withdrawn, but"), is_withdrawn, "step {step}: {message}");
+                assert_eq!(message.contains("Run the same command again"), is_withdrawn, "step {step}: {message}");
+                assert!(std::error::Error::source(e).is_none() && message.matches("denied").count() == 1, "{message}");
                 after += u32::from(is_withdrawn);
             }
             if !is_withdrawn {
@@ -156,7 +156,7 @@ fn failing_at_the_manifest(then: &dyn Fn()) -> impl Fn(&str) -> io::Result<()> +
 }
 
 #[test]
-fn a_failed_withdrawal_removes_what_it_began_and_nothing_that_was_there() {
+fn a_failed_withdrawal_removes_only_its_own_unfinished_files() {
     let folder = with_two_versions();
     let (shelf, keep) = (folder.path().join("shelf"), folder.path().join("keep"));
     fs::create_dir_all(keep.join("empty")).unwrap();
@@ -180,12 +180,12 @@ fn a_failed_withdrawal_removes_what_it_began_and_nothing_that_was_there() {
 }
 
 #[test]
-fn what_a_failed_withdrawal_cannot_remove_is_named() {
+fn files_that_a_failed_withdrawal_cannot_remove_are_named() {
     let folder = with_two_versions();
     let (shelf, keep) = (folder.path().join("shelf"), folder.path().join("keep"));
     let before = tree(&shelf);
     let theirs = keep.join("fort/thesis.txt");
-    // Somebody puts a file there meanwhile.
+    // Another program creates a file there meanwhile.
     let meanwhile = || fs::write(&theirs, "years of work").unwrap();
     let failed = ended(&shelf, &keep, &failing_at_the_manifest(&meanwhile)).unwrap_err().to_string();
     assert!(!failed.contains("nothing was changed"), "{failed}");
@@ -224,7 +224,7 @@ fn the_next_command_removes_leftovers_even_if_everything_is_withdrawn() {
 
 #[cfg(unix)]
 #[test]
-fn no_file_is_moved_to_where_a_web_server_would_still_serve_it() {
+fn no_file_is_moved_into_a_folder_that_a_web_server_would_serve() {
     use std::os::unix::fs::symlink;
     let folder = with_two_versions();
     let at = |path: &str| folder.path().join(path);
@@ -252,7 +252,7 @@ fn no_file_is_moved_to_where_a_web_server_would_still_serve_it() {
             assert!(refused.contains("give a folder outside it with --keep"), "{shelf}, {keep}: {refused}");
         }
     }
-    // A part that does not exist leads wherever somebody makes it lead.
+    // A missing part of the path could later be created as a link to anywhere.
     let refused = withdrawn(&at("shelf"), &at("none/../shelf/kept")).unwrap_err().to_string();
     assert!(refused.contains("give a path without .."), "{refused}");
     assert!((tree(folder.path()), folders_in(folder.path())) == before, "nothing was changed or made");

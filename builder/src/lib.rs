@@ -22,4 +22,4 @@ pub use build::options::{BuildError, BuildOptions};
 pub use build::precision::Precision;
 pub use build::progress::{Progress, Silent};
 pub use build::{BuildReport, Built, Inputs, Interruptible, Run, StageTime, build, build_pack};
-pub use ingest::surface::Finding;
+pub use ingest::surface::Diagnostic;

@@ -1,12 +1,12 @@
-//! What vertices carry, at every level: normals continue across chunks, places with two colours keep both, and colours
-//! average.
+//! Vertex attributes at every level: normals continue across chunks, positions with two colours keep both, and colours
+//! are averaged.
 
 use crate::support::{Opened, build, fort, open};
 use kilwa_formats::RawMesh;
 use kilwa_pack::cut::Cut;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Everything refined down to a level, for each level: what a view has that is equally sharp everywhere.
+/// The uniform cut of each level, as a view with the same detail everywhere has it.
 fn levels(pack: &Opened) -> Vec<Cut> {
     let deepest = pack.entries.iter().map(|e| e.level).max().unwrap();
     let above = |level: u8| {
@@ -17,7 +17,7 @@ fn levels(pack: &Opened) -> Vec<Cut> {
     (0..=deepest + 1).map(above).collect()
 }
 
-/// The vertices that a cut draws: place, normal, colour; those of each patch once.
+/// The vertices that a cut draws, once for each patch: position, normal, colour.
 fn vertices(pack: &Opened, cut: &Cut) -> Vec<([i32; 3], [i16; 2], [u8; 3])> {
     let mut all = Vec::new();
     for i in cut.refined() {
@@ -69,11 +69,11 @@ fn normals_continue_across_chunks_at_every_level() {
 }
 
 #[test]
-fn places_with_two_colours_keep_both_at_every_level() {
+fn positions_with_two_colours_keep_both_at_every_level() {
     const SIDES: [[u8; 3]; 2] = [[200, 20, 20], [20, 20, 200]];
     let n = 160;
     let mut mesh = square(n, |x, _| SIDES[usize::from(x > n / 2)]);
-    // The column in the middle stands twice: red for what is on its left, blue on its right.
+    // The middle column exists twice: red for the left half, blue for the right.
     let mut blue = BTreeMap::new();
     for t in 0..mesh.triangles.len() {
         let is_right = mesh.triangles[t].iter().any(|v| v % (n + 1) > n / 2);
@@ -105,7 +105,7 @@ fn places_with_two_colours_keep_both_at_every_level() {
 }
 
 #[test]
-fn colours_average_in_linear_light_from_level_to_level() {
+fn colours_are_averaged_in_linear_light_between_levels() {
     let mut random = fastrand::Rng::with_seed(3);
     let pack = open(&build(square(160, |_, _| if random.bool() { [40; 3] } else { [220; 3] }), 0));
     let linear = |c: u8| (f64::from(c) / 255.0).powf(2.2);

@@ -1,6 +1,6 @@
-//! The certified error holds: for every stored level of three made meshes and three real scans, points sampled on the coarse surface are within ε*
+//! The certified error holds: for every stored level of three synthetic meshes and three real scans, points sampled on the coarse surface are within ε*
 //! of the finest one and points sampled on the finest one within the cut's ε* of the coarse one. The search here is a
-//! plain grid, written apart from the certifier.
+//! simple grid, independent of the certifier.
 
 use crate::support::{Opened, build, closed, fort, open, wall};
 use glam::DVec3;
@@ -12,7 +12,7 @@ use std::path::Path;
 
 type Triangle = [DVec3; 3];
 
-/// Of larger meshes every level samples another share of the triangles, about as many as these.
+/// In larger meshes every level samples about this many triangles, different ones at each level.
 const SAMPLED: usize = 25_000;
 
 /// Triangles in a uniform grid of cubes.
@@ -185,7 +185,7 @@ fn the_bound_holds_on_a_fort() {
     the_bound_holds_at_every_level("fort", fort(60_000));
 }
 
-/// A real scan of the shared data; where it is not here, this is said.
+/// A real scan of the shared data; prints that it is skipped if missing.
 fn the_bound_holds_on_a_scan(name: &str) {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data").join(name);
     if !path.is_file() {

@@ -1,5 +1,5 @@
 //! No cut of any pack has a crack: every edge used once carries the true-border bit, a closed mesh has none, and no
-//! triangle stands more often than in the input. 1,000 random valid cuts of each of four meshes.
+//! triangle occurs more often than in the input. 1,000 random valid cuts of each of four meshes.
 
 use crate::support::{Opened, build, closed, fort, non_manifold, open, with_holes};
 use kilwa_pack::cut::Cut;
@@ -12,7 +12,7 @@ const CUTS: u64 = 1000;
 struct Numbered {
     patches: Vec<Vec<Numbers>>,
     edges: Vec<([i32; 3], [i32; 3])>,
-    /// How often each triangle may stand: as often as at the finest level, at least once.
+    /// How often each triangle may occur: as often as at the finest level, at least once.
     allowed: Vec<u16>,
 }
 

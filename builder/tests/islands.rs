@@ -70,7 +70,7 @@ fn covered(triangles: &[([LatticePoint; 3], u8)], lattice: &Lattice) -> f64 {
     fields.len() as f64 / 256.0
 }
 
-/// What the first request gives: the chunks that end within it, and of them the finest cut that they allow.
+/// The chunks that the first request contains whole, and the finest cut that they allow.
 fn first_request(bytes: &[u8], pack: &Opened) -> Cut {
     let first = &bytes[..bytes.len().min(HEAD_BYTES as usize)];
     let head = parse_head(first).expect("the first request holds header, metadata and page 0");
@@ -90,7 +90,7 @@ fn first_request(bytes: &[u8], pack: &Opened) -> Cut {
 }
 
 #[test]
-fn a_hundred_thousand_islands_are_built_and_the_first_request_shows_all_of_the_site() {
+fn a_site_of_a_hundred_thousand_islands_is_built_and_its_first_request_shows_all_of_it() {
     let raw = islands();
     let options = BuildOptions { title: "islands".into(), ..BuildOptions::default() };
     let (triangles, positions) = (raw.triangles.clone(), raw.positions.clone());

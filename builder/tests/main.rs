@@ -1,4 +1,4 @@
-//! The builder from outside: meshes in, packs out.
+//! Integration tests of the builder: meshes in, packs out.
 
 mod attributes;
 mod bound;

@@ -1,5 +1,5 @@
-//! What is kept on disk and how much memory there is never changes the bytes; nor does being stopped at any moment and
-//! going on with other threads and other memory.
+//! The bytes do not depend on the memory or on what is kept on disk, nor on being stopped at any moment and resumed with
+//! other threads and other memory.
 
 use crate::support::{fort, non_manifold, wall};
 use kilwa_builder::build::journal::PlannedInput;
@@ -77,7 +77,7 @@ impl Progress for StopAt<'_> {
 }
 
 #[test]
-fn a_build_stopped_at_any_moment_goes_on_to_the_same_bytes() {
+fn a_build_stopped_at_any_moment_resumes_to_the_same_bytes() {
     let raw = wall(10_000);
     let expected = undisturbed(&raw, 1, 1 << 32);
     let mut random = fastrand::Rng::with_seed(5);
@@ -88,7 +88,7 @@ fn a_build_stopped_at_any_moment_goes_on_to_the_same_bytes() {
         let bytes = loop {
             let stop = Stop::default();
             let at = StopAt { stop: &stop, left: AtomicU64::new(1 + random.usize(..longest) as u64) };
-            // A stage that is begun again and again must come to its end at last.
+            // A stage that is restarted again and again must finish in the end.
             longest *= 2;
             let (threads, memory) = (1 + random.usize(..3), 1 << (24 + random.usize(..8)));
             match built(&raw, &Settings { threads, memory, scratch: &scratch, resume }, &stop, &at) {
@@ -107,7 +107,7 @@ fn a_build_stopped_at_any_moment_goes_on_to_the_same_bytes() {
 }
 
 #[test]
-fn a_full_output_is_an_error_that_keeps_nothing_wrong_and_the_scratch_files_are_counted() {
+fn a_full_output_disk_is_an_error_that_leaves_no_wrong_file_and_scratch_files_are_counted() {
     struct Full(u64);
     impl std::io::Write for Full {
         fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
@@ -136,7 +136,7 @@ fn a_full_output_is_an_error_that_keeps_nothing_wrong_and_the_scratch_files_are_
     assert!(Path::new(scratch.folder()).join("journal").exists());
 }
 
-/// Little enough memory for several regions.
+/// So little memory that several regions are needed.
 fn settings(scratch: &Scratch, resume: bool) -> Settings<'_> {
     Settings { threads: 1, memory: 1 << 19, scratch, resume }
 }
@@ -172,7 +172,7 @@ fn damaged(bytes: &[u8], is_text: bool, is_moved: bool) -> Vec<u8> {
 }
 
 #[test]
-fn a_damaged_file_is_detected_before_a_stage_uses_it_and_is_made_again() {
+fn a_damaged_scratch_file_is_detected_before_use_and_made_again() {
     let raw = wall(4000);
     let expected = undisturbed(&raw, 1, 1 << 32);
     let stages: [(&str, &[&str]); 4] = [

@@ -12,7 +12,7 @@ fn one_two_and_eight_threads_give_the_same_bytes() {
 }
 
 #[test]
-fn the_order_of_triangles_and_vertices_does_not_matter() {
+fn the_bytes_do_not_depend_on_the_order_of_triangles_and_vertices() {
     let raw = wall(40_000);
     let mut shuffled = raw.clone();
     let mut random = fastrand::Rng::with_seed(11);

@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_of_our_own_is_neither_a_link_nor_a_pipe() {
+    fn an_owned_file_is_neither_a_link_nor_a_pipe() {
         let folder = tempfile::tempdir().unwrap();
         let at = |name: &str| folder.path().join(name);
         fs::write(at("file"), "x").unwrap();
@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn a_link_that_is_there_only_while_the_file_is_opened_is_not_followed() {
+    fn a_link_that_replaces_the_file_during_opening_is_not_followed() {
         let folder = tempfile::tempdir().unwrap();
         let (file, secret) = (folder.path().join("file"), folder.path().join("secret"));
         fs::write(&secret, "secret").unwrap();

@@ -1,16 +1,16 @@
 //! Mesh files, read and written.
 //!
 //! [`read`] delivers the mesh in a file of any format it knows, in blocks, to a [`read::MeshSink`]; [`read::read_mesh`]
-//! keeps a small one in memory as a [`RawMesh`]. Repairs and omissions are counted in [`Findings`]; a refused file
+//! keeps a small one in memory as a [`RawMesh`]. Repairs and omissions are counted in [`Diagnostics`]; a refused file
 //! gives a [`ReadError`]. [`extract`] writes the mesh of a pack as a file of such a format.
 
+mod diagnostics;
 pub mod extract;
-mod findings;
 mod mesh;
 pub mod read;
 mod up;
 
-pub use findings::Findings;
+pub use diagnostics::Diagnostics;
 pub use mesh::{RawMesh, UNCOLOURED};
 pub use read::ReadError;
 pub use up::Up;

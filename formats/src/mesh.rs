@@ -1,6 +1,6 @@
 //! What every reader yields: an indexed mesh as the file has it, before anything is snapped or welded.
 
-use crate::Findings;
+use crate::Diagnostics;
 
 /// An indexed triangle mesh in source units and axes.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -16,7 +16,7 @@ pub struct RawMesh {
     /// Vertex indices, all below `positions.len()`.
     pub triangles: Vec<[u32; 3]>,
     /// What was found and done while reading.
-    pub findings: Findings,
+    pub diagnostics: Diagnostics,
 }
 
 /// The grey of a vertex whose file has no colours, where others have.
@@ -24,12 +24,12 @@ pub const UNCOLOURED: [u8; 3] = [200, 196, 188];
 
 impl RawMesh {
     /// Join another mesh to this one. Where only one of them has colours or scalars, the vertices of the other get a
-    /// neutral grey or 0, counted; where only one has normals, the given normals are dropped and made anew, counted.
+    /// neutral grey or 0, counted; where only one has normals, the given normals are dropped and recomputed, counted.
     pub fn append(&mut self, mut other: Self) {
         let (mine, theirs) = (self.positions.len(), other.positions.len());
         if self.colors.is_empty() != other.colors.is_empty() {
             let n = if self.colors.is_empty() { mine } else { theirs };
-            self.findings.add_many("vertices without colour beside coloured ones, shown grey", n as u64);
+            self.diagnostics.add_many("vertices without colour beside coloured ones, shown grey", n as u64);
             self.colors.resize(mine, UNCOLOURED);
             other.colors.resize(theirs, UNCOLOURED);
         }
@@ -38,20 +38,20 @@ impl RawMesh {
             self.normals.append(&mut other.normals);
         } else {
             let n = self.normals.len() + other.normals.len();
-            self.findings.add_many("normals dropped and computed anew, because other files have none", n as u64);
+            self.diagnostics.add_many("normals dropped and computed anew, because other files have none", n as u64);
             self.normals.clear();
         }
         for (name, values) in &mut self.scalars {
             if let Some((_, more)) = other.scalars.iter_mut().find(|s| s.0 == *name) {
                 values.append(more);
             } else {
-                self.findings.add_many("vertices without a scalar that other files have, set to 0", theirs as u64);
+                self.diagnostics.add_many("vertices without a scalar that other files have, set to 0", theirs as u64);
                 values.resize(mine + theirs, 0.0);
             }
         }
         for (name, values) in other.scalars {
             if !self.scalars.iter().any(|s| s.0 == name) {
-                self.findings.add_many("vertices without a scalar that other files have, set to 0", mine as u64);
+                self.diagnostics.add_many("vertices without a scalar that other files have, set to 0", mine as u64);
                 let mut all = vec![0.0; mine];
                 all.extend(values);
                 self.scalars.push((name, all));
@@ -60,6 +60,6 @@ impl RawMesh {
         let base = mine as u32;
         self.positions.append(&mut other.positions);
         self.triangles.extend(other.triangles.iter().map(|t| t.map(|v| v + base)));
-        self.findings.merge(other.findings);
+        self.diagnostics.merge(other.diagnostics);
     }
 }

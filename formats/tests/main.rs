@@ -1,4 +1,4 @@
-//! Mesh files from outside: written files are checked, and every file of `../shared/data` is read if that folder exists.
+//! Integration tests of mesh files: written files are checked, and every file of `../shared/data` is read if that folder exists.
 
 mod preview;
 mod read_shared_data;

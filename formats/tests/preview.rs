@@ -32,7 +32,7 @@ fn write(pack: &Path, to: &Path, max_bytes: u64) -> Result<Preview, ExtractError
 }
 
 #[test]
-fn a_preview_stays_within_the_limit_uses_most_of_it_and_is_centred_at_zero() {
+fn a_preview_stays_within_the_limit_nearly_reaches_it_and_is_centred_at_zero() {
     let work = tempfile::tempdir().expect("a folder");
     let (pack, to) = (square(work.path()), work.path().join("preview.glb"));
     let preview = write(&pack, &to, 900_000).expect("writes");
@@ -49,10 +49,10 @@ fn a_preview_stays_within_the_limit_uses_most_of_it_and_is_centred_at_zero() {
 }
 
 #[test]
-fn a_limit_below_the_coarsest_surface_is_refused_and_leaves_nothing() {
+fn a_limit_below_the_coarsest_level_is_refused_and_leaves_no_file() {
     let work = tempfile::tempdir().expect("a folder");
     let (pack, to) = (square(work.path()), work.path().join("preview.glb"));
-    let said = write(&pack, &to, 2000).expect_err("too small").to_string();
-    assert!(said.contains("coarsest surface takes more than 2000 bytes"), "{said}");
+    let message = write(&pack, &to, 2000).expect_err("too small").to_string();
+    assert!(message.contains("coarsest surface takes more than 2000 bytes"), "{message}");
     assert_eq!(std::fs::read_dir(work.path()).expect("lists").count(), 1);
 }

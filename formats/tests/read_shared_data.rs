@@ -63,7 +63,7 @@ fn table(folder: &Path) -> BTreeMap<String, Row> {
     rows
 }
 
-/// What a mesh promises, whatever the file.
+/// Properties of every mesh that is read.
 fn check_invariants(mesh: &RawMesh, name: &str) {
     let n = mesh.positions.len();
     assert!(mesh.positions.iter().flatten().all(|v| v.is_finite()), "{name}: positions are finite");
@@ -89,11 +89,11 @@ fn every_ply_is_read_as_the_reference_reads_it_or_refused_with_a_reason() {
             Ok(mesh) => {
                 read += 1;
                 println!("read    {name}: {} vertices, {} triangles", mesh.positions.len(), mesh.triangles.len());
-                for (kind, n, places) in mesh.findings.iter() {
+                for (kind, n, places) in mesh.diagnostics.iter() {
                     println!("          {n} {kind}: {}", places.join("; "));
                 }
                 check_invariants(&mesh, &name);
-                let f = |kind| mesh.findings.count(kind);
+                let f = |kind| mesh.diagnostics.count(kind);
                 if !row.parsed {
                     continue;
                 }
@@ -138,7 +138,7 @@ const OBJ_REFUSED: &[(&str, &str)] = &[
     ("box_UTF16BE.obj", "UTF-16"),
     // Reads its colours from a folder beside its own; `--allow-outside` takes it.
     ("box-external-resources/box-external-resources.obj", "outside of the folder"),
-    ("ObjImporter/Test/empty.obj", "its content tells nothing"),
+    ("ObjImporter/Test/empty.obj", "its content does not look like one"),
     ("invalid/malformed.obj", "line 23: found vertex index 12"),
     ("issue-140-zero-face-idx.obj", "line 16: found vertex index 0"),
     ("testdata/inf_nan.obj", "of its 1 triangle none is left"),
@@ -171,8 +171,8 @@ fn every_obj_is_read_as_the_reference_reads_it_or_refused_with_a_reason() {
                 read += 1;
                 check_invariants(&mesh, &name);
                 let row = &table[&name];
-                let dropped = mesh.findings.count("triangles that name a vertex twice dropped")
-                    + mesh.findings.count("triangles dropped because a corner has no finite position");
+                let dropped = mesh.diagnostics.count("triangles that name a vertex twice dropped")
+                    + mesh.diagnostics.count("triangles dropped because a corner has no finite position");
                 if let (true, Some(triangles)) = (row.parsed, row.triangles) {
                     assert_eq!(mesh.triangles.len() as u64 + dropped, triangles, "{name}: triangles");
                 }

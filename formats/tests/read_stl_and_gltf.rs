@@ -34,7 +34,7 @@ fn reference(folder: &Path, path: &Path) -> Option<usize> {
     row.split('|').nth(6)?.trim().parse().ok()
 }
 
-/// What a mesh promises, whatever the file.
+/// Properties of every mesh that is read.
 fn check_invariants(mesh: &RawMesh, name: &str) {
     let n = mesh.positions.len();
     assert!(mesh.positions.iter().flatten().all(|v| v.is_finite()), "{name}: positions are finite");
@@ -47,7 +47,7 @@ fn check_invariants(mesh: &RawMesh, name: &str) {
 
 fn report(path: &Path, mesh: &RawMesh) {
     println!("read    {}: {} triangles", path.display(), mesh.triangles.len());
-    for (kind, n, places) in mesh.findings.iter() {
+    for (kind, n, places) in mesh.diagnostics.iter() {
         println!("          {n} {kind}: {}", places.join("; "));
     }
 }
@@ -70,7 +70,7 @@ fn every_stl_has_the_triangles_that_the_reference_finds() {
 }
 
 #[test]
-fn every_gltf_is_read_or_refused_with_a_message_for_people() {
+fn every_gltf_is_read_or_refused_with_a_plain_message() {
     let Some(folder) = data() else { return };
     let mut all = Vec::new();
     files(&folder, "gltf", &mut all);
@@ -109,7 +109,7 @@ fn every_gltf_is_read_or_refused_with_a_message_for_people() {
 
 /// A mesh and its Draco form, made by the same program, have the same triangles within the quantisation.
 #[test]
-fn a_draco_file_has_the_surface_of_its_plain_form() {
+fn a_draco_file_has_the_same_surface_as_its_uncompressed_form() {
     let Some(folder) = data() else { return };
     let read = |name: &str| read_mesh(&folder.join("IIIF+3d/assets/whale").join(name), &mut |_, _| {}).unwrap();
     let (plain, packed) = (read("whale_cranium.glb"), read("whale_cranium_draco.glb"));
@@ -128,8 +128,8 @@ fn a_draco_file_has_the_surface_of_its_plain_form() {
     assert!((a / b - 1.0).abs() < 0.01, "{a} {b}");
 }
 
-/// What is said of each damaged file of `tests/malformed`: of a refused one in the message, of a repaired one in the
-/// findings (empty: it needs no repair, though it looks as if).
+/// What is reported of each damaged file of `tests/malformed`: in the message if refused, in the diagnostics if repaired
+/// (empty: it looks damaged but needs no repair).
 const MALFORMED: &[(&str, &str)] = &[
     ("accessor_beyond_view.gltf", "accessors[0]: found 5 elements"),
     ("accessor_count_2_64.gltf", "accessors[0]"),
@@ -175,7 +175,7 @@ const MALFORMED: &[(&str, &str)] = &[
 ];
 
 #[test]
-fn every_malformed_stl_and_gltf_is_refused_or_repaired_as_the_table_says() {
+fn every_malformed_stl_and_gltf_is_refused_or_repaired_as_the_table_states() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/malformed");
     let mut all = Vec::new();
     for extension in ["stl", "gltf", "glb"] {
@@ -187,13 +187,16 @@ fn every_malformed_stl_and_gltf_is_refused_or_repaired_as_the_table_says() {
             Ok(mesh) => {
                 assert!(name.starts_with("repaired_"), "{name} was read");
                 check_invariants(&mesh, name);
-                let said: Vec<&str> = mesh.findings.iter().map(|(kind, _, _)| kind).collect();
-                assert!(said.iter().any(|s| s.contains(words)) || words.is_empty(), "{name}: {words:?} in {said:?}");
+                let kinds: Vec<&str> = mesh.diagnostics.iter().map(|(kind, _, _)| kind).collect();
+                assert!(kinds.iter().any(|s| s.contains(words)) || words.is_empty(), "{name}: {words:?} in {kinds:?}");
             }
             Err(e) => {
-                let said = e.to_string();
-                assert!(!name.starts_with("repaired_") && said.contains(words), "{name}: expected {words:?} in {said}");
-                assert!(said.contains(name), "names the file: {said}");
+                let message = e.to_string();
+                assert!(
+                    !name.starts_with("repaired_") && message.contains(words),
+                    "{name}: expected {words:?} in {message}"
+                );
+                assert!(message.contains(name), "names the file: {message}");
             }
         }
     }

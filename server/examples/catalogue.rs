@@ -1,6 +1,6 @@
 //! How long the catalogue takes: `cargo run --release -p kilwa-server --example catalogue -- [OBJECTS] [store]`.
 //!
-//! Writes so many small objects (10,000 unless told) to a temporary folder, then prints: first reading, warm start (the index, and all of the server's:
+//! Writes so many small objects (10,000 by default) to a temporary folder, then prints: first reading, warm start (the index, and all of the server's:
 //! folder and index), a refresh when nothing and when one object changed, and searches (median, 95 and 99 %) with two threads asking at
 //! once; then the same of whole pages (list, search, filters, map, collection, model) through the site's own router, without a socket.
 //! With `store` the objects lie in an S3-compatible store (moto, where `KILWA_MOTO` says), not in a folder.
@@ -97,7 +97,7 @@ impl Archive {
     fn asked(&self) -> String {
         match self {
             Self::Folder(_) => String::new(),
-            Self::Store(bucket) => format!(", {} requests", bucket.line.asked().len()),
+            Self::Store(bucket) => format!(", {} requests", bucket.proxy.asked().len()),
         }
     }
 
@@ -180,7 +180,7 @@ fn shares(what: &str, times: &mut [Duration]) {
     }
 }
 
-/// Processor time of the program so far, seconds, where the system tells it (Linux, in hundredths).
+/// Processor time of the program so far, seconds, if the system reports it (Linux, in hundredths).
 fn processor() -> Option<f64> {
     let stat = std::fs::read_to_string("/proc/self/stat").ok()?;
     let mut fields = stat.rsplit(')').next()?.split_whitespace().skip(11);

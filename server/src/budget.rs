@@ -147,7 +147,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_network_has_its_share_and_gets_it_back_with_the_last_of_the_bytes() {
+    fn a_network_has_its_share_and_regains_it_with_the_last_byte_sent() {
         let budget = Arc::new(Budget::new(100, 30));
         let first = budget.take("a", 20).expect("fits");
         assert!(budget.take("a", 20).is_none(), "beyond its share");

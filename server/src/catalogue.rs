@@ -1,11 +1,11 @@
 //! What there is to serve: the packs and archive objects of one folder (or one of either), by slug.
 //!
 //! The folder is the truth. It is listed again when somebody looks at the list or asks for a slug that is not known, at
-//! most once a second, and seldom enough that listing takes a small part of the time; what changed in size, time or identity is read anew.
+//! most once a second, and seldom enough that listing takes a small part of the time; what changed in size, time or identity is read again.
 //! What cannot be read stays in the list with the reason, so that nothing vanishes silently.
 
 use crate::access::{Clock, Verdict, verdict};
-use crate::holding::{Holding, Tables};
+use crate::object_files::{ObjectFiles, Tables};
 use crate::store::{self, Identity, Place, S3, Survey, is_away, is_refused, is_silent};
 use axum::http::StatusCode;
 use kilwa_archive::Manifest;
@@ -45,7 +45,7 @@ pub enum CatalogueError {
     Silent {
         /// Its address.
         name: String,
-        /// What it said.
+        /// Its message.
         source: std::io::Error,
     },
     /// A file of another kind.
@@ -85,7 +85,7 @@ pub struct Model {
     pub(crate) place: Place,
     pub(crate) identity: Identity,
     pub(crate) kind: Kind,
-    /// Its store refused to tell of it: it is asked again.
+    /// Its store refused access to it: it is requested again.
     is_unsure: bool,
     hash: OnceCell<Arc<str>>,
 }
@@ -107,7 +107,7 @@ pub(crate) enum Kind {
 /// What the list shows of an object.
 #[derive(Debug)]
 pub(crate) struct Object {
-    pub(crate) holding: Arc<Holding>,
+    pub(crate) files: Arc<ObjectFiles>,
     pub(crate) title: String,
     pub(crate) rights: Option<String>,
     pub(crate) access: Option<Access>,
@@ -124,7 +124,7 @@ impl Object {
 }
 
 impl Model {
-    /// The title, or the file name where there is none.
+    /// The title, or the file name if there is none.
     pub fn title(&self) -> &str {
         match (&self.kind, &self.summary) {
             (Kind::Object(object), _) if !object.title.is_empty() => &object.title,
@@ -159,7 +159,7 @@ impl Model {
         }
     }
 
-    /// BLAKE3 of the whole file, 64 hexadecimal digits, computed once per version of the file. What is begun goes on when nobody waits any more.
+    /// BLAKE3 of the whole file, 64 hexadecimal digits, computed once per version of the file. What is begun continues when nobody waits any more.
     ///
     /// # Errors
     /// When the file cannot be read, or changed since it was listed.
@@ -255,8 +255,8 @@ impl Catalogue {
         let listing = catalogue.listing();
         let refused = listing.models.values().next().filter(|_| listing.models.values().all(|m| m.is_unsure));
         if let Some(why) = refused.and_then(|model| model.summary.as_ref().err()) {
-            let said = format!("{why}; every object is refused: see AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY");
-            return Err(silent(std::io::Error::other(said)));
+            let message = format!("{why}; every object is refused: see AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY");
+            return Err(silent(std::io::Error::other(message)));
         }
         Ok(catalogue)
     }
@@ -502,8 +502,8 @@ fn object_of(
     survey: &Survey,
     tables: &Arc<Tables>,
 ) -> std::io::Result<Arc<Model>> {
-    let holding = Holding::new(place.clone(), Arc::clone(tables));
-    let mut object = Object { holding, title: String::new(), rights: None, access: None, pack: None };
+    let files = ObjectFiles::new(place.clone(), Arc::clone(tables));
+    let mut object = Object { files, title: String::new(), rights: None, access: None, pack: None };
     let (mut bytes, mut summary, mut is_unsure) = (0, Err("it was withdrawn".to_owned()), false);
     let read = place.join(MANIFEST).read_listed(identity, SMALL_FILE_MAX);
     match read.and_then(|bytes| Manifest::parse(&bytes).map_err(std::io::Error::other)) {
@@ -522,7 +522,7 @@ fn object_of(
                 let length = match survey.identity(place, name) {
                     Ok(identity) => Some(identity.bytes()),
                     Err(e) if is_away(&e) => return Err(e),
-                    // Who asks for it is told; that it is not there nobody can say.
+                    // Requests for it get this reason; whether it exists is unknown.
                     Err(e) if is_refused(&e) => Some(version.pack.bytes),
                     Err(_) => None,
                 };

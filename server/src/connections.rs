@@ -52,10 +52,10 @@ impl Connections {
     }
 
     /// Count a new connection, unless its address has `most` already (0: no limit).
-    pub(crate) fn enter(self: &Arc<Self>, address: IpAddr, most: usize) -> Option<Arc<Link>> {
+    pub(crate) fn enter(self: &Arc<Self>, address: IpAddr, max: usize) -> Option<Arc<Link>> {
         let mut table = self.table.lock().unwrap_or_else(PoisonError::into_inner);
         let count = table.by_address.entry(counted_as(address)).or_default();
-        if most > 0 && *count >= most {
+        if max > 0 && *count >= max {
             return None;
         }
         *count += 1;
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn an_address_has_its_share_and_gets_it_back() {
+    fn an_address_has_its_share_of_connections_and_regains_it() {
         let all = Connections::new();
         let held: Vec<_> = (0..3).map(|_| all.enter(ip("127.0.0.1"), 3).unwrap()).collect();
         assert!(all.enter(ip("127.0.0.1"), 3).is_none());
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn who_waits_longest_is_closed_first_and_who_works_never() {
+    async fn the_longest_idle_connection_is_closed_first_and_a_busy_one_never() {
         let all = Connections::new();
         let [first, second, third] = [1, 2, 3].map(|_| all.enter(ip("127.0.0.1"), 0).unwrap());
         assert!(!all.evict(), "they have only just come");

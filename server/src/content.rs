@@ -255,12 +255,12 @@ impl Part {
 
     /// What the next buffer holds: of as many stretches as there is room for.
     fn next(&mut self) -> Vec<(u64, usize)> {
-        let (mut parts, mut room) = (Vec::new(), BUFFER);
-        while room > 0 {
+        let (mut parts, mut left) = (Vec::new(), BUFFER);
+        while left > 0 {
             let Some((start, length)) = self.stretches.pop_front() else { break };
-            let taken = usize::try_from(length).map_or(room, |n| n.min(room));
+            let taken = usize::try_from(length).map_or(left, |n| n.min(left));
             parts.push((start, taken));
-            room -= taken;
+            left -= taken;
             if length > taken as u64 {
                 self.stretches.push_front((start + taken as u64, length - taken as u64));
             }

@@ -1,4 +1,4 @@
-//! A response body that tells, once, how it ended: handed over to its last byte, or given up before.
+//! A response body that reports, once, how it ended: sent to its last byte, or abandoned before.
 
 use axum::body::{Body, Bytes};
 use axum::http::Response;
@@ -15,44 +15,44 @@ pub(crate) struct End {
     pub(crate) complete: bool,
 }
 
-/// What is to be told; it is told also when no answer comes to be wrapped.
+/// The report to be made; it is also made if no response is ever wrapped.
 pub(crate) struct Ending<F: FnOnce(End)> {
-    tell: Option<F>,
+    report: Option<F>,
     end: End,
 }
 
 impl<F: FnOnce(End) + Send + Unpin + 'static> Ending<F> {
-    pub(crate) fn new(tell: F) -> Self {
-        Self { tell: Some(tell), end: End { bytes: 0, complete: false } }
+    pub(crate) fn new(report: F) -> Self {
+        Self { report: Some(report), end: End { bytes: 0, complete: false } }
     }
 
     /// Tell when this response's body has ended.
     pub(crate) fn wrap(self, response: Response<Body>) -> Response<Body> {
-        response.map(|body| Body::new(Told { ending: self, body }))
+        response.map(|body| Body::new(EndingBody { ending: self, body }))
     }
 }
 
 impl<F: FnOnce(End)> Drop for Ending<F> {
     fn drop(&mut self) {
-        if let Some(tell) = self.tell.take() {
-            tell(self.end);
+        if let Some(report) = self.report.take() {
+            report(self.end);
         }
     }
 }
 
-struct Told<F: FnOnce(End)> {
+struct EndingBody<F: FnOnce(End)> {
     ending: Ending<F>,
     body: Body,
 }
 
-impl<F: FnOnce(End)> Drop for Told<F> {
+impl<F: FnOnce(End)> Drop for EndingBody<F> {
     fn drop(&mut self) {
         // Nobody asks for the end of a body that says by itself that it has come.
         self.ending.end.complete |= self.body.is_end_stream();
     }
 }
 
-impl<F: FnOnce(End) + Unpin> http_body::Body for Told<F> {
+impl<F: FnOnce(End) + Unpin> http_body::Body for EndingBody<F> {
     type Data = Bytes;
     type Error = axum::Error;
 
@@ -81,7 +81,7 @@ mod tests {
     use std::sync::mpsc;
 
     #[tokio::test]
-    async fn it_is_told_once_and_truly() {
+    async fn the_end_of_a_response_is_reported_once_and_correctly() {
         let (send, ended) = mpsc::channel();
         let wrap = |body: Body| {
             let send = send.clone();

@@ -53,7 +53,7 @@ mod tests {
     }
 
     #[tokio::test]
-    async fn a_piece_is_made_when_it_is_wanted_and_a_failure_is_no_end() {
+    async fn a_piece_is_made_on_demand_and_a_failure_is_not_taken_for_the_end() {
         let made = Arc::new(AtomicUsize::new(0));
         let mut pieces = body("0".to_owned(), (Arc::clone(&made), 0), count, None).into_data_stream();
         assert_eq!(pieces.next().await.unwrap().unwrap(), "0");
@@ -67,7 +67,7 @@ mod tests {
         assert!(pieces.len() == 4 && pieces[3].is_err());
     }
     #[tokio::test]
-    async fn each_further_piece_waits_for_a_slot_and_none_is_held_between_pieces() {
+    async fn each_piece_waits_for_a_slot_and_no_slot_is_held_between_pieces() {
         let (gate, made) = (Arc::<Gate>::default(), Arc::new(AtomicUsize::new(0)));
         let turns = Some(Turns::new(&gate, "a"));
         let mut pieces = body("0".to_owned(), (Arc::clone(&made), 0), count, turns).into_data_stream();

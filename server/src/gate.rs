@@ -100,7 +100,7 @@ pub(crate) async fn pass(State(passing): State<Passing>, request: Request, next:
         drop(place);
         response
     };
-    // A task of its own: who hangs up does not give the place to the next while the work goes on.
+    // A task of its own: who hangs up does not give the place to the next while the work continues.
     tokio::spawn(work).await.unwrap_or_else(|_| plain(StatusCode::INTERNAL_SERVER_ERROR))
 }
 
@@ -110,7 +110,7 @@ mod tests {
     use futures_util::FutureExt as _;
 
     #[tokio::test]
-    async fn a_network_waits_for_itself_and_others_pass() {
+    async fn a_network_over_its_limit_waits_and_others_pass() {
         let gate = Gate::default();
         let held = [gate.enter("a").await, gate.enter("a").await];
         let mut third = std::pin::pin!(gate.enter("a"));

@@ -1,38 +1,38 @@
 //! HTML about one model: its facts inside the viewer page, its landing page as served, what is left of it, "not found".
 //!
-//! Everything from a pack is escaped. The pages work without JavaScript: a model's page holds its facts and the download in plain HTML. The list is
+//! The markup is in `server/templates`, which escape everything. The pages work without JavaScript: a model's page holds its facts and the download in plain HTML. The list is
 //! in [`crate::portal`].
 
 use crate::catalogue::{Kind, Model, Summary};
 use crate::portal::language::Language;
+use askama::Template;
+use kilwa_archive::frame::Frame;
+use kilwa_archive::html::render;
 use kilwa_archive::numbers::{length, size_in_space};
 use kilwa_archive::record::xml::escape;
+use kilwa_archive::viewer::{Page, PageError};
 use serde_json::{Value, json};
-use std::fmt::Write as _;
 
-pub(crate) const HEAD: &str = "<!doctype html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-    <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-    <meta name=\"color-scheme\" content=\"light dark\">\n\
-    <link rel=\"icon\" href=\"/viewer/icons/kilwa.svg\" type=\"image/svg+xml\">\n\
-    <link rel=\"stylesheet\" href=\"/viewer/style.css\">\n";
+/// What a pack says of itself: key of the name, value, direction where it is not the page's.
+#[derive(Template)]
+#[template(path = "facts.html")]
+pub(crate) struct Facts {
+    l: &'static Language,
+    rows: [(&'static str, String, &'static str); 6],
+}
 
 /// What a pack says of itself.
-pub(crate) fn facts(m: &Model, summary: &Summary, l: &'static Language) -> String {
-    let e = dimensions(summary);
-    let mut s = String::from("<dl class=\"facts\">\n");
-    let mut row = |name: &str, value: &str, dir: &str| {
-        let _ = writeln!(s, "<div><dt>{}</dt><dd{dir}>{value}</dd></div>", l.t(name));
-    };
-    let ltr = " dir=\"ltr\"";
-    row("triangles", &l.count(summary.triangles), "");
-    row("extent", &l.decimals(&size_in_space(e)), ltr);
-    row("spacing", &l.decimals(&length(summary.spacing)), ltr);
-    row("file", &l.size(m.bytes), "");
-    row("reference", &summary.crs.as_deref().map_or_else(|| l.t("local").to_owned(), escape), " dir=\"auto\"");
-    let rights = m.object().and_then(|o| o.rights.as_deref());
-    row("licence", &rights.map_or_else(|| l.t("notStated").to_owned(), escape), " dir=\"auto\"");
-    s.push_str("</dl>\n");
-    s
+pub(crate) fn facts(m: &Model, summary: &Summary, l: &'static Language) -> Facts {
+    let rights = m.object().and_then(|o| o.rights.clone());
+    let rows = [
+        ("triangles", l.count(summary.triangles), ""),
+        ("extent", l.decimals(&size_in_space(dimensions(summary))), "ltr"),
+        ("spacing", l.decimals(&length(summary.spacing)), "ltr"),
+        ("file", l.size(m.bytes), ""),
+        ("reference", summary.crs.clone().unwrap_or_else(|| l.t("local").to_owned()), "auto"),
+        ("licence", rights.unwrap_or_else(|| l.t("notStated").to_owned()), "auto"),
+    ];
+    Facts { l, rows }
 }
 
 fn dimensions(summary: &Summary) -> [f64; 3] {
@@ -40,11 +40,19 @@ fn dimensions(summary: &Summary) -> [f64; 3] {
     [0, 1, 2].map(|i: usize| (b[i] - a[i]).abs())
 }
 
-/// The model's box, drawn in proportion, with its longest side: what can be said of its shape without drawing it.
-pub(crate) fn extent(summary: &Summary) -> String {
+/// The model's box, drawn in proportion, with its longest side: what is known of its shape without drawing it.
+#[derive(Template)]
+#[template(path = "extent.html")]
+pub(crate) struct Extent {
+    /// Name and points of each side that is seen.
+    faces: [(&'static str, String); 3],
+}
+
+/// The model's box; `None` where it has no size.
+pub(crate) fn extent(summary: &Summary) -> Option<Extent> {
     let e = dimensions(summary);
     if e.iter().any(|v| !v.is_finite()) {
-        return String::new();
+        return None;
     }
     // Isometric axes: x to the lower right, y to the upper right, z up.
     let (cos, sin) = (0.866, 0.5);
@@ -61,72 +69,107 @@ pub(crate) fn extent(summary: &Summary) -> String {
         let (x, y) = corners[i];
         format!("{:.1},{:.1}", 160.0 + (x - f64::midpoint(x0, x1)) * scale, 80.0 + (y - f64::midpoint(y0, y1)) * scale)
     };
-    let face = |class: &str, c: [usize; 4]| {
-        format!("<polygon class=\"{class}\" points=\"{} {} {} {}\"/>", at(c[0]), at(c[1]), at(c[2]), at(c[3]))
-    };
-    format!(
-        "<svg class=\"extent\" viewBox=\"0 0 320 160\" aria-hidden=\"true\">{}{}{}</svg>\n",
-        face("top", [4, 5, 7, 6]),
-        face("left", [0, 1, 5, 4]),
-        face("right", [1, 3, 7, 5]),
-    )
+    let face = |class, [a, b, c, d]: [usize; 4]| (class, [at(a), at(b), at(c), at(d)].join(" "));
+    Some(Extent { faces: [face("top", [4, 5, 7, 6]), face("left", [0, 1, 5, 4]), face("right", [1, 3, 7, 5])] })
 }
 
-/// The viewer page for one model: title, addresses of pack and published notes, and facts put into the built `index.html`.
-pub(crate) fn model(page: &str, m: &Model, notes: bool) -> String {
-    let title = escape(m.title());
-    let pack = escape(&m.pack().unwrap_or_default());
-    let notes = match (&m.kind, notes) {
-        (_, false) => String::new(),
-        (Kind::Pack { .. }, true) => format!(" data-annotations=\"/packs/{}.annotations.json\"", m.slug),
-        (Kind::Object(_), true) => format!(" data-annotations=\"/{}/annotations.json\"", m.slug),
-    };
-    let body = match &m.summary {
-        // The viewer writes them anew in the reader's language.
-        Ok(summary) => facts(m, summary, Language::english()),
-        Err(why) => format!("<p><strong>This file cannot be shown.</strong> {}</p>\n", escape(why)),
-    };
-    page.replacen("<base href=\"./\">", "<base href=\"/viewer/\">", 1)
-        .replacen("<title>Kilwa</title>", &format!("<title>{title} - Kilwa</title>"), 1)
-        .replacen("<!--title-->", &title, 1)
-        .replacen("data-pack=\"\"", &format!("data-pack=\"{pack}\"{notes}"), 1)
-        .replacen("data-list=\"\"", "data-list=\"/\"", 1)
-        .replacen("<!--facts-->", &body, 1)
+#[derive(Template)]
+#[template(path = "model.html")]
+struct ModelPage<'a> {
+    frame: Frame<'a>,
+    title: &'a str,
+    pack: String,
+    /// Address of the published notes.
+    notes: Option<String>,
+    /// Or why there are none.
+    facts: Result<Facts, &'a str>,
+    /// Slug of a model of which extracts are made.
+    extracts: Option<&'a str>,
 }
 
-/// An object's own landing page, with the way back to the list, the address of its published notes where there are any, and the policy's
-/// part of the head.
-pub(crate) fn landing(page: &str, head: &str, notes: Option<&str>) -> String {
-    let notes = notes.map(|address| format!("data-annotations=\"{}\" data-pack=", escape(address)));
-    let page = page.replacen("<head>", &format!("<head>\n{head}"), usize::from(!head.is_empty()));
-    let page = match notes {
-        Some(notes) if !page.contains("data-annotations=") => page.replacen("data-pack=", &notes, 1),
-        _ => page,
+/// The viewer page for one model: title, addresses of pack and published notes, and facts in the frame of the built `index.html`; with the way
+/// to its extracts where there are any.
+///
+/// # Errors
+/// When the viewer page lacks a place.
+pub(crate) fn model(page: &Page, m: &Model, has_notes: bool, extracts: Option<&str>) -> Result<String, PageError> {
+    let notes = match &m.kind {
+        Kind::Pack { .. } => format!("/packs/{}.annotations.json", m.slug),
+        Kind::Object(_) => format!("/{}/annotations.json", m.slug),
     };
-    // Published without a list of its own; whatever it was published with, here this list is the one.
-    page.replacen("data-list=\"\"", "data-list=\"/\"", 1)
+    Ok(render(&ModelPage {
+        frame: page.frame()?,
+        title: m.title(),
+        pack: m.pack().unwrap_or_default(),
+        notes: has_notes.then_some(notes),
+        // The viewer writes them again in the reader's language.
+        facts: m.summary.as_ref().map(|summary| facts(m, summary, Language::english())).map_err(String::as_str),
+        extracts,
+    }))
 }
 
-/// A model's page with the way to its extracts: in the lists of files of an object, and below the facts of a pack. The words are the same in all
-/// languages, because the page changes its own.
-pub(crate) fn with_extracts(page: String, slug: Option<&str>) -> String {
-    let Some(slug) = slug else { return page };
-    let link = format!("<a href=\"/{}/extract\">PLY, GLB, OBJ, STL …</a>", escape(slug));
-    let list = "<ul class=\"files\">";
-    if page.contains(list) {
-        page.replace(list, &format!("{list}<li>{link}</li>"))
-    } else {
-        page.replacen("</dl>\n", &format!("</dl>\n<ul class=\"files\"><li>{link}</li></ul>\n"), 1)
+/// What is put into a landing page as it is served, and before or behind which text of it. Landing pages are files of the archive, written by any
+/// version of `kilwa publish`: they are no templates, and what a page does not have cannot be filled in.
+const HEAD: &str = "<head>";
+const PACK: &str = "data-pack=";
+const NOTES: &str = "data-annotations=";
+const LIST: &str = "data-list=\"\"";
+const FILES: &str = "<ul class=\"files\">";
+
+#[derive(Template)]
+#[template(path = "extracts-link.html")]
+struct ExtractsLink<'a> {
+    slug: &'a str,
+}
+
+/// An object's own landing page, with the way back to the list, the address of its published notes where there are any, the policy's part of
+/// the head, and the way to its extracts, where there are any, in its lists of files.
+pub(crate) fn landing(page: &str, head: &str, notes: Option<&str>, extracts: Option<&str>) -> String {
+    let mut page = page.to_owned();
+    if !head.is_empty() {
+        page = put(&page, HEAD, &format!("{HEAD}\n{head}"));
     }
+    if let Some(notes) = notes.filter(|_| !page.contains(NOTES)) {
+        page = put(&page, PACK, &format!("{NOTES}\"{}\" {PACK}", escape(notes)));
+    }
+    // Published without a list of its own; whatever it was published with, here this list is the one.
+    page = page.replacen(LIST, "data-list=\"/\"", 1);
+    match extracts {
+        Some(slug) => page.replace(FILES, &format!("{FILES}{}", render(&ExtractsLink { slug }))),
+        None => page,
+    }
+}
+
+fn put(page: &str, at: &str, text: &str) -> String {
+    if !page.contains(at) {
+        tracing::warn!(
+            "a landing page has no {at}, so what the server adds there is lacking; publish a new version of it"
+        );
+    }
+    page.replacen(at, text, 1)
+}
+
+#[derive(Template)]
+#[template(path = "message.html")]
+struct Message<'a> {
+    title: &'a str,
+    heading: &'a str,
+    /// What stands out at the beginning of the text; may be empty.
+    first: &'a str,
+    text: &'a str,
+    /// Whether the way back has a paragraph of its own.
+    is_link_apart: bool,
 }
 
 /// What is left of something that was withdrawn and has no tombstone of its own.
 pub(crate) fn gone(title: &str, why: &str) -> String {
-    let (title, why) = (escape(title), escape(why));
-    format!(
-        "{HEAD}<title>{title} - withdrawn - Kilwa</title>\n</head>\n<body class=\"list\">\n<main>\n<h1>{title}</h1>\n\
-         <p class=\"lead\"><strong>This was withdrawn.</strong> {why}</p>\n<p><a href=\"/\">See all models</a>.</p>\n</main>\n</body>\n</html>\n"
-    )
+    render(&Message {
+        title: &format!("{title} - withdrawn"),
+        heading: title,
+        first: "This was withdrawn.",
+        text: why,
+        is_link_apart: true,
+    })
 }
 
 /// A model in the list for machines.
@@ -154,18 +197,24 @@ pub(crate) fn model_json(m: &Model) -> Value {
 
 /// The page for an address that leads nowhere.
 pub(crate) fn lost() -> String {
-    format!(
-        "{HEAD}<title>Not found - Kilwa</title>\n</head>\n<body class=\"list\">\n<main>\n<h1>There is nothing at this address</h1>\n\
-         <p class=\"lead\">The model may have been renamed or taken away. <a href=\"/\">See all models</a>.</p>\n</main>\n</body>\n</html>\n"
-    )
+    render(&Message {
+        title: "Not found",
+        heading: "There is nothing at this address",
+        first: "",
+        text: "The model may have been renamed or taken away.",
+        is_link_apart: false,
+    })
 }
 
 /// The page while the archive's storage does not answer.
-pub(crate) fn away(said: &str) -> String {
-    format!(
-        "{HEAD}<title>Please come again - Kilwa</title>\n</head>\n<body class=\"list\">\n<main>\n<h1>This cannot be shown now</h1>\n\
-         <p class=\"lead\">{said} <a href=\"/\">See all models</a>.</p>\n</main>\n</body>\n</html>\n"
-    )
+pub(crate) fn away(text: &str) -> String {
+    render(&Message {
+        title: "Please come again",
+        heading: "This cannot be shown now",
+        first: "",
+        text,
+        is_link_apart: false,
+    })
 }
 
 #[cfg(test)]

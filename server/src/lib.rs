@@ -9,20 +9,20 @@
 //! no inline script or style. Everything here would work from a plain static host too: the server adds no protocol.
 
 pub mod access;
+pub mod auth;
 mod budget;
 mod catalogue;
 mod connections;
 mod content;
 mod countries;
-pub mod door;
 mod ending;
 pub mod extracts;
 mod flow;
 mod gate;
-mod holding;
 mod html;
 pub mod index;
 mod metrics;
+mod object_files;
 mod objects;
 mod observe;
 mod packs;

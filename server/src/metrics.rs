@@ -2,10 +2,8 @@
 //!
 //! Labels have few values by construction: kinds of address and status codes, never addresses of people or models.
 
-use std::collections::BTreeMap;
-use std::fmt::Write as _;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, PoisonError};
+use prometheus::core::Collector;
+use prometheus::{Histogram, HistogramOpts, IntCounter, IntCounterVec, IntGauge, Opts, Registry, TextEncoder};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 /// Upper ends of the classes of durations, seconds.
@@ -47,137 +45,113 @@ pub(crate) struct Answered {
 /// Counters of the server.
 #[derive(Debug)]
 pub struct Metrics {
-    started: SystemTime,
-    answers: Mutex<BTreeMap<(&'static str, u16), u64>>,
-    bytes: Mutex<BTreeMap<&'static str, u64>>,
-    classes: [AtomicU64; CLASSES.len()],
-    answered: AtomicU64,
-    micros: AtomicU64,
-    cut: AtomicU64,
-    slow: AtomicU64,
-    connected: AtomicU64,
-    closed: [AtomicU64; CLOSED.len()],
+    registry: Registry,
+    answers: IntCounterVec,
+    bytes: IntCounterVec,
+    seconds: Histogram,
+    cut: IntCounter,
+    slow: IntCounter,
+    connections: IntGauge,
+    connected: IntCounter,
+    closed: IntCounterVec,
+    models: IntGauge,
+    open_files: IntGauge,
+    resident: IntGauge,
 }
 
 impl Default for Metrics {
     fn default() -> Self {
-        Self {
-            started: SystemTime::now(),
-            answers: Mutex::default(),
-            bytes: Mutex::default(),
-            classes: Default::default(),
-            answered: AtomicU64::default(),
-            micros: AtomicU64::default(),
-            cut: AtomicU64::default(),
-            slow: AtomicU64::default(),
-            connected: AtomicU64::default(),
-            closed: Default::default(),
+        let r = &Registry::new();
+        let seconds = "From the request's headers to the last byte handed over.";
+        let seconds = HistogramOpts::new("kilwa_answer_seconds", seconds).buckets(CLASSES.to_vec());
+        let closed = "Connections that ended, by reason; refused ones were not taken.";
+        let metrics = Self {
+            answers: counters(r, "kilwa_answers_total", "Answers by kind of address and status.", &["route", "status"]),
+            bytes: counters(r, "kilwa_answer_bytes_total", "Bytes of bodies handed to clients.", &["route"]),
+            seconds: registered(r, true, Histogram::with_opts(seconds)),
+            cut: counter(r, "kilwa_answers_cut_total", "Answers that ended before their last byte."),
+            slow: counter(r, "kilwa_slow_readers_total", "Answers dropped because the client took too little."),
+            connections: gauge(r, true, "kilwa_connections", "Connections now."),
+            connected: counter(r, "kilwa_connections_total", "Connections taken."),
+            closed: counters(r, "kilwa_connections_closed_total", closed, &["reason"]),
+            models: gauge(r, true, "kilwa_models", "Models served."),
+            open_files: gauge(r, open_files().is_some(), "process_open_fds", "File descriptors in use."),
+            resident: gauge(r, resident().is_some(), "process_resident_memory_bytes", "Memory in use."),
+            registry: r.clone(),
+        };
+        for (_, reason) in CLOSED {
+            metrics.closed.with_label_values(&[reason]);
         }
+        let started = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
+        gauge(r, true, "process_start_time_seconds", "When the server was started.").set(started.cast_signed());
+        metrics
     }
+}
+
+/// A figure that is in the text, unless this system has no value for it.
+fn registered<C: Collector + Clone + 'static>(registry: &Registry, has_value: bool, made: prometheus::Result<C>) -> C {
+    let figure = made.expect("the names of figures and labels are valid");
+    if has_value {
+        registry.register(Box::new(figure.clone())).expect("each figure has a name of its own");
+    }
+    figure
+}
+
+fn counter(registry: &Registry, name: &str, help: &str) -> IntCounter {
+    registered(registry, true, IntCounter::new(name, help))
+}
+
+fn counters(registry: &Registry, name: &str, help: &str, labels: &[&str]) -> IntCounterVec {
+    registered(registry, true, IntCounterVec::new(Opts::new(name, help), labels))
+}
+
+fn gauge(registry: &Registry, has_value: bool, name: &str, help: &str) -> IntGauge {
+    registered(registry, has_value, IntGauge::new(name, help))
 }
 
 impl Metrics {
     pub(crate) fn answered(&self, a: Answered) {
-        *self.answers.lock().unwrap_or_else(PoisonError::into_inner).entry((a.route, a.status)).or_default() += 1;
-        *self.bytes.lock().unwrap_or_else(PoisonError::into_inner).entry(a.route).or_default() += a.bytes;
-        let seconds = a.took.as_secs_f64();
-        if let Some((_, class)) = CLASSES.iter().zip(&self.classes).find(|(end, _)| seconds <= **end) {
-            class.fetch_add(1, Ordering::Relaxed);
-        }
-        self.answered.fetch_add(1, Ordering::Relaxed);
-        self.micros.fetch_add(u64::try_from(a.took.as_micros()).unwrap_or(u64::MAX), Ordering::Relaxed);
+        self.answers.with_label_values(&[a.route, &a.status.to_string()]).inc();
+        self.bytes.with_label_values(&[a.route]).inc_by(a.bytes);
+        self.seconds.observe(a.took.as_secs_f64());
         if !a.complete {
-            self.cut.fetch_add(1, Ordering::Relaxed);
+            self.cut.inc();
         }
     }
 
     pub(crate) fn connected(&self) {
-        self.connected.fetch_add(1, Ordering::Relaxed);
+        self.connected.inc();
+        self.connections.inc();
     }
 
     pub(crate) fn closed(&self, why: Closed) {
-        if let Some((_, counter)) = CLOSED.iter().zip(&self.closed).find(|((w, _), _)| *w == why) {
-            counter.fetch_add(1, Ordering::Relaxed);
+        if let Some((_, reason)) = CLOSED.iter().find(|(w, _)| *w == why) {
+            self.closed.with_label_values(&[reason]).inc();
+        }
+        if why != Closed::Refused {
+            self.connections.dec();
         }
     }
 
     /// A client took too little for too long.
     pub(crate) fn slow(&self) {
-        self.slow.fetch_add(1, Ordering::Relaxed);
+        self.slow.inc();
     }
 
     /// All of it, with the number of models that are served.
     pub(crate) fn to_text(&self, models: usize) -> String {
-        let mut s = String::new();
-        let load = |a: &AtomicU64| a.load(Ordering::Relaxed);
-        head(&mut s, "kilwa_answers_total", "counter", "Answers by kind of address and status.");
-        for ((route, status), n) in self.answers.lock().unwrap_or_else(PoisonError::into_inner).iter() {
-            let _ = writeln!(s, "kilwa_answers_total{{route=\"{route}\",status=\"{status}\"}} {n}");
-        }
-        head(&mut s, "kilwa_answer_bytes_total", "counter", "Bytes of bodies handed to clients.");
-        for (route, n) in self.bytes.lock().unwrap_or_else(PoisonError::into_inner).iter() {
-            let _ = writeln!(s, "kilwa_answer_bytes_total{{route=\"{route}\"}} {n}");
-        }
-        head(&mut s, "kilwa_answer_seconds", "histogram", "From the request's headers to the last byte handed over.");
-        let mut below = 0;
-        for (end, class) in CLASSES.iter().zip(&self.classes) {
-            below += load(class);
-            let _ = writeln!(s, "kilwa_answer_seconds_bucket{{le=\"{end}\"}} {below}");
-        }
-        let answered = load(&self.answered);
-        let _ = writeln!(s, "kilwa_answer_seconds_bucket{{le=\"+Inf\"}} {answered}");
-        let _ = writeln!(s, "kilwa_answer_seconds_sum {}", load(&self.micros) as f64 / 1e6);
-        let _ = writeln!(s, "kilwa_answer_seconds_count {answered}");
-        single(
-            &mut s,
-            "kilwa_answers_cut_total",
-            "counter",
-            "Answers that ended before their last byte.",
-            load(&self.cut),
-        );
-        single(
-            &mut s,
-            "kilwa_slow_readers_total",
-            "counter",
-            "Answers dropped because the client took too little.",
-            load(&self.slow),
-        );
-        let (connected, gone) = (load(&self.connected), CLOSED.iter().zip(&self.closed));
-        let gone: u64 = gone.filter(|((why, _), _)| *why != Closed::Refused).map(|(_, n)| load(n)).sum();
-        single(&mut s, "kilwa_connections", "gauge", "Connections now.", connected.saturating_sub(gone));
-        single(&mut s, "kilwa_connections_total", "counter", "Connections taken.", connected);
-        head(
-            &mut s,
-            "kilwa_connections_closed_total",
-            "counter",
-            "Connections that ended, by reason; refused ones were not taken.",
-        );
-        for ((_, why), n) in CLOSED.iter().zip(&self.closed) {
-            let _ = writeln!(s, "kilwa_connections_closed_total{{reason=\"{why}\"}} {}", load(n));
-        }
-        single(&mut s, "kilwa_models", "gauge", "Models served.", models as u64);
-        let started = self.started.duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
-        single(&mut s, "process_start_time_seconds", "gauge", "When the server was started.", started);
-        if let Some(n) = open_files() {
-            single(&mut s, "process_open_fds", "gauge", "File descriptors in use.", n);
-        }
-        if let Some(n) = resident() {
-            single(&mut s, "process_resident_memory_bytes", "gauge", "Memory in use.", n);
-        }
-        s
+        let set = |gauge: &IntGauge, value: u64| gauge.set(i64::try_from(value).unwrap_or(i64::MAX));
+        set(&self.models, models as u64);
+        set(&self.open_files, open_files().unwrap_or_default());
+        set(&self.resident, resident().unwrap_or_default());
+        TextEncoder::new().encode_to_string(&self.registry.gather()).unwrap_or_else(|e| {
+            tracing::error!("the figures for /metrics cannot be written: {e}");
+            String::new()
+        })
     }
 }
 
-fn head(s: &mut String, name: &str, kind: &str, help: &str) {
-    let _ = writeln!(s, "# HELP {name} {help}\n# TYPE {name} {kind}");
-}
-
-fn single(s: &mut String, name: &str, kind: &str, help: &str, value: u64) {
-    head(s, name, kind, help);
-    let _ = writeln!(s, "{name} {value}");
-}
-
-/// Where the system tells it (Linux).
+/// If the system reports it (Linux).
 fn open_files() -> Option<u64> {
     Some(std::fs::read_dir("/proc/self/fd").ok()?.count() as u64)
 }
@@ -193,7 +167,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn figures_add_up() {
+    fn metrics_add_up() {
         let m = Metrics::default();
         let one = Answered { route: "pack", status: 206, bytes: 10, took: Duration::from_millis(3), complete: true };
         m.answered(one);

@@ -1,21 +1,21 @@
-//! `/<slug>/…`: the files of an archive object, found in its table ([`crate::holding`]).
+//! `/<slug>/…`: the files of an archive object, found in its table ([`crate::object_files`]).
 //!
 //! | address | answer |
 //! |---|---|
 //! | `/<slug>/` | its landing page, `no-cache` |
 //! | `/<slug>/manifest.json`, other files of the root | as they are now, tag from their content, `no-cache` |
 //! | `/<slug>/v1/…` | a file of a version: tag its SHA-256, ranges, `immutable`; of a pack, with ranges behind it, these |
-//! | geometry under an embargo or restricted | 403 with the reason; where people can sign in, 401, and for those let in the file ([`crate::door`]) |
+//! | geometry under an embargo or restricted | 403 with the reason; where people can sign in, 401, and for those let in the file ([`crate::auth`]) |
 //! | anything of what was withdrawn | 410, with the landing page as its tombstone |
 
 use crate::access::{Clock, Verdict, verdict};
+use crate::auth::Auth;
 use crate::catalogue::Model;
 use crate::content::{
     ASK_AGAIN, FOR_EVER, Source, answer, condition, insert, offer_pieces, pieces, plain, share, share_ranges, text,
 };
-use crate::door::Door;
-use crate::holding::{Entry, Holding, Table};
 use crate::html;
+use crate::object_files::{Entry, ObjectFiles, Table};
 use crate::packs::blocking;
 use crate::range::{is_pack, split};
 use crate::recheck::WhileAllowed;
@@ -46,33 +46,33 @@ pub(crate) async fn respond(
     model: &Model,
     name: &str,
     clock: &Clock,
-    door: Option<&Arc<Door>>,
+    auth: Option<&Arc<Auth>>,
     method: &Method,
     headers: &HeaderMap,
 ) -> Response<Body> {
     let Some(object) = model.object() else { return plain(StatusCode::NOT_FOUND) };
     // First of all: who may have a file may have ranges of it, and nobody else.
     let (name, ranges) = split(name);
-    let found = match table(&object.holding).await {
+    let found = match table(&object.files).await {
         Ok(table) => match verdict(&table.manifest.access, clock) {
-            Verdict::Gone(why) => Ok(gone(&object.holding, &table, name, &why).await),
+            Verdict::Gone(why) => Ok(gone(&object.files, &table, name, &why).await),
             Verdict::WithoutGeometry(why) if is_geometry(name) => {
                 let content = table.manifest.current().map(|v| v.pack.sha256.as_str()).unwrap_or_default();
-                match door {
-                    Some(door) if lets_out(door, headers, &model.slug, content, clock).await => {
-                        let asked = Asked { holding: &object.holding, table: &table, ranges, method, headers };
+                match auth {
+                    Some(auth) if lets_out(auth, headers, &model.slug, content, clock).await => {
+                        let asked = Asked { files: &object.files, table: &table, ranges, method, headers };
                         file(&asked, name)
                             .await
                             .map(keep_nowhere)
-                            .map(|r| while_allowed(r, name, model, clock, Some(door), headers))
+                            .map(|r| while_allowed(r, name, model, clock, Some(auth), headers))
                     }
                     Some(_) => Ok(locked(&model.slug, &why)),
                     None => Ok(withheld(&why)),
                 }
             }
             _ => {
-                let asked = Asked { holding: &object.holding, table: &table, ranges, method, headers };
-                file(&asked, name).await.map(|r| while_allowed(r, name, model, clock, door, headers))
+                let asked = Asked { files: &object.files, table: &table, ranges, method, headers };
+                file(&asked, name).await.map(|r| while_allowed(r, name, model, clock, auth, headers))
             }
         },
         Err(status) => Err(status),
@@ -93,15 +93,15 @@ pub(crate) fn while_allowed(
     name: &str,
     model: &Model,
     clock: &Clock,
-    door: Option<&Arc<Door>>,
+    auth: Option<&Arc<Auth>>,
     headers: &HeaderMap,
 ) -> Response<Body> {
     // These two remain of a withdrawn object.
     let Some(object) = model.object().filter(|_| ![MANIFEST, PAGE].contains(&name)) else { return response };
-    let (holding, slug, has_geometry) = (Arc::clone(&object.holding), model.slug.clone(), is_geometry(name));
-    let (clock, door, headers) = (clock.clone(), door.cloned(), headers.clone());
+    let (files, slug, has_geometry) = (Arc::clone(&object.files), model.slug.clone(), is_geometry(name));
+    let (clock, auth, headers) = (clock.clone(), auth.cloned(), headers.clone());
     let may_go_on = move || {
-        let Ok(table) = holding.table() else { return false };
+        let Ok(table) = files.table() else { return false };
         match verdict(&table.manifest.access, &clock) {
             Verdict::Open => true,
             Verdict::Gone(_) => false,
@@ -110,8 +110,8 @@ pub(crate) fn while_allowed(
                 let content = table.manifest.current().map(|v| v.pack.sha256.as_str()).unwrap_or_default();
                 let now = clock.seconds();
                 // A visitor who receives the capability with this answer sends it only with the next request.
-                let is_visitor = |door: &Door| door.visitor(&headers, now).is_some_and(|v| door.sees(&v.who, &slug));
-                door.as_ref().is_some_and(|door| door.lets_out(&headers, &slug, content, now) || is_visitor(door))
+                let is_visitor = |auth: &Auth| auth.visitor(&headers, now).is_some_and(|v| auth.sees(&v.who, &slug));
+                auth.as_ref().is_some_and(|auth| auth.lets_out(&headers, &slug, content, now) || is_visitor(auth))
             }
         }
     };
@@ -125,8 +125,8 @@ pub(crate) async fn landing(
     clock: &Clock,
 ) -> Result<(Option<String>, StatusCode, Arc<Table>), StatusCode> {
     let object = model.object().ok_or(StatusCode::NOT_FOUND)?;
-    let table = table(&object.holding).await?;
-    let html = match read_page(&object.holding, &table).await {
+    let table = table(&object.files).await?;
+    let html = match read_page(&object.files, &table).await {
         Ok(bytes) => Some(String::from_utf8_lossy(&bytes).into_owned()),
         Err(StatusCode::SERVICE_UNAVAILABLE) => return Err(StatusCode::SERVICE_UNAVAILABLE),
         Err(_) => None,
@@ -141,38 +141,38 @@ pub(crate) async fn landing(
 }
 
 /// Whether the object publishes notes.
-pub(crate) async fn has_notes(holding: &Arc<Holding>) -> bool {
-    table(holding).await.is_ok_and(|table| table.get(NOTES).is_some())
+pub(crate) async fn has_notes(files: &Arc<ObjectFiles>) -> bool {
+    table(files).await.is_ok_and(|table| table.get(NOTES).is_some())
 }
 
 /// The pack of the current version.
-pub(crate) async fn current_pack(holding: &Arc<Holding>, clock: &Clock) -> Result<Source, StatusCode> {
-    let table = table(holding).await?;
+pub(crate) async fn current_pack(files: &Arc<ObjectFiles>, clock: &Clock) -> Result<Source, StatusCode> {
+    let table = table(files).await?;
     match verdict(&table.manifest.access, clock) {
         Verdict::Open => {}
         Verdict::WithoutGeometry(_) => return Err(StatusCode::FORBIDDEN),
         Verdict::Gone(_) => return Err(StatusCode::GONE),
     }
     let version = table.manifest.current().ok_or(StatusCode::NOT_FOUND)?;
-    source(holding, &table, &version.pack.url).await
+    source(files, &table, &version.pack.url).await
 }
 
 /// Why the pack of the current version is not for everybody.
-pub(crate) async fn closed(holding: &Arc<Holding>, clock: &Clock) -> Result<Option<Response<Body>>, StatusCode> {
-    let table = table(holding).await?;
+pub(crate) async fn closed(files: &Arc<ObjectFiles>, clock: &Clock) -> Result<Option<Response<Body>>, StatusCode> {
+    let table = table(files).await?;
     Ok(match verdict(&table.manifest.access, clock) {
         Verdict::Open => None,
         Verdict::WithoutGeometry(why) => Some(withheld(&why)),
-        Verdict::Gone(why) => Some(gone(holding, &table, PAGE, &why).await),
+        Verdict::Gone(why) => Some(gone(files, &table, PAGE, &why).await),
     })
 }
 
-async fn table(holding: &Arc<Holding>) -> Result<Arc<Table>, StatusCode> {
-    let holding = Arc::clone(holding);
+async fn table(files: &Arc<ObjectFiles>) -> Result<Arc<Table>, StatusCode> {
+    let files = Arc::clone(files);
     blocking(move || {
-        holding.table().map_err(|e| {
-            warn(holding.folder(), &e);
-            // Not found: the folder, or its manifest, has been taken away.
+        files.table().map_err(|e| {
+            warn(files.folder(), &e);
+            // Not found: the folder, or its manifest, has been removed.
             let gone = e.kind() == io::ErrorKind::NotFound;
             if gone { StatusCode::NOT_FOUND } else { StatusCode::SERVICE_UNAVAILABLE }
         })
@@ -182,7 +182,7 @@ async fn table(holding: &Arc<Holding>) -> Result<Arc<Table>, StatusCode> {
 
 /// A request for a file of an object.
 struct Asked<'a> {
-    holding: &'a Arc<Holding>,
+    files: &'a Arc<ObjectFiles>,
     table: &'a Arc<Table>,
     /// Of the file, where they are part of its address.
     ranges: Option<&'a str>,
@@ -195,7 +195,7 @@ async fn file(asked: &Asked<'_>, name: &str) -> Result<Response<Body>, StatusCod
     match asked.table.get(name).ok_or(StatusCode::NOT_FOUND)?.sha256 {
         None if asked.ranges.is_some() => Err(StatusCode::NOT_FOUND),
         None if name == PAGE => {
-            let bytes = read_page(asked.holding, asked.table).await?;
+            let bytes = read_page(asked.files, asked.table).await?;
             Ok(whole(bytes, content_type(name), asked.method, asked.headers))
         }
         None => root_file(asked, name).await,
@@ -244,7 +244,7 @@ pub(crate) fn hashed(mut file: File) -> io::Result<Source> {
 /// A file of a version, under the name that says what kind it is; once more after looking again, where it is not what was listed.
 async fn sent(asked: &Asked<'_>, name: &str, kind: &str) -> Result<Response<Body>, StatusCode> {
     for _ in 0..2 {
-        let mut source = source(asked.holding, asked.table, name).await?;
+        let mut source = source(asked.files, asked.table, name).await?;
         source.content_type = content_type(kind);
         let answered = match asked.ranges {
             Some(ranges) => pieces(source, ranges, asked.method, asked.headers).await,
@@ -257,31 +257,31 @@ async fn sent(asked: &Asked<'_>, name: &str, kind: &str) -> Result<Response<Body
                 }
                 return Ok(response);
             }
-            Err(e) => look_again(asked.holding, &e),
+            Err(e) => look_again(asked.files, &e),
         }
     }
     Err(StatusCode::SERVICE_UNAVAILABLE)
 }
 
-/// What was listed is not what is there: it is listed anew when next asked for.
-fn look_again(holding: &Holding, e: &io::Error) {
-    warn(holding.folder(), e);
+/// What was listed is not what is there: it is listed again when next asked for.
+fn look_again(files: &ObjectFiles, e: &io::Error) {
+    warn(files.folder(), e);
     if !is_silent(e) {
-        holding.forget();
+        files.forget();
     }
 }
 
 /// The same for a model.
 pub(crate) fn again(model: &Model, e: &io::Error) {
     if let Some(object) = model.object() {
-        look_again(&object.holding, e);
+        look_again(&object.files, e);
     }
 }
 
-/// List a model anew when it is next asked for.
+/// List a model again when it is next asked for.
 pub(crate) fn forget(model: &Model) {
     if let Some(object) = model.object() {
-        object.holding.forget();
+        object.files.forget();
     }
 }
 
@@ -305,7 +305,7 @@ async fn viewer_file(asked: &Asked<'_>, name: &str) -> Result<Response<Body>, St
 }
 
 /// Open a file that has a checksum; once more after looking again, where it is not what was listed.
-async fn source(holding: &Arc<Holding>, table: &Arc<Table>, name: &str) -> Result<Source, StatusCode> {
+async fn source(files: &Arc<ObjectFiles>, table: &Arc<Table>, name: &str) -> Result<Source, StatusCode> {
     let open = |entry: Entry| {
         blocking(move || match entry.open() {
             Ok(opened) => Ok(entry.sha256.map(|sum| (opened, sum))),
@@ -317,18 +317,18 @@ async fn source(holding: &Arc<Holding>, table: &Arc<Table>, name: &str) -> Resul
     };
     let mut found = open(table.get(name).ok_or(StatusCode::NOT_FOUND)?.clone()).await??;
     if found.is_none() {
-        holding.forget();
-        let again = self::table(holding).await?;
+        files.forget();
+        let again = self::table(files).await?;
         found = open(again.get(name).ok_or(StatusCode::NOT_FOUND)?.clone()).await??;
     }
     let ((content, bytes), hash) = found.ok_or(StatusCode::SERVICE_UNAVAILABLE)?;
     Ok(Source { content, bytes, hash, content_type: content_type(name), cache: FOR_EVER })
 }
 
-/// The landing page, 404 where there is none. While a version is being published, and where that was cut off, `index.html` may be another one than
+/// The landing page, 404 if there is none. While a version is being published, and where that was cut off, `index.html` may be another one than
 /// the manifest names: then that one is looked for.
-async fn read_page(holding: &Arc<Holding>, table: &Arc<Table>) -> Result<Bytes, StatusCode> {
-    let (folder, sum) = (holding.folder().clone(), table.manifest.page.sha256.clone());
+async fn read_page(files: &Arc<ObjectFiles>, table: &Arc<Table>) -> Result<Bytes, StatusCode> {
+    let (folder, sum) = (files.folder().clone(), table.manifest.page.sha256.clone());
     let is_folder = folder.store().is_none();
     let kept = move || {
         folder.kept_page(&sum).unwrap_or_else(|e| {
@@ -350,7 +350,7 @@ async fn read_page(holding: &Arc<Holding>, table: &Arc<Table>) -> Result<Bytes, 
     blocking(kept).await?.map_or(page, Ok)
 }
 
-/// A file of the root, 404 where there is none.
+/// A file of the root, 404 if there is none.
 async fn read_entry(table: &Arc<Table>, name: &str) -> Result<Bytes, StatusCode> {
     let entry = table.get(name).ok_or(StatusCode::NOT_FOUND)?.clone();
     let read = move || {
@@ -380,11 +380,11 @@ pub(crate) fn whole(bytes: impl Into<Bytes>, kind: &str, method: &Method, header
     response
 }
 
-/// What the door says; it may have to read its file.
-pub(crate) async fn lets_out(door: &Arc<Door>, headers: &HeaderMap, slug: &str, content: &str, clock: &Clock) -> bool {
-    let (door, headers, now) = (Arc::clone(door), headers.clone(), clock.seconds());
+/// The decision of [`Auth`], which may have to read its file.
+pub(crate) async fn lets_out(auth: &Arc<Auth>, headers: &HeaderMap, slug: &str, content: &str, clock: &Clock) -> bool {
+    let (auth, headers, now) = (Arc::clone(auth), headers.clone(), clock.seconds());
     let (slug, content) = (slug.to_owned(), content.to_owned());
-    blocking(move || door.lets_out(&headers, &slug, &content, now)).await.unwrap_or(false)
+    blocking(move || auth.lets_out(&headers, &slug, &content, now)).await.unwrap_or(false)
 }
 
 /// What is not for everybody is kept by nobody on the way.
@@ -408,12 +408,12 @@ pub(crate) async fn manifest(site: &Site, slug: &str) -> Result<Manifest, Status
     let (catalogue, slug) = (Arc::clone(&site.catalogue), slug.to_owned());
     let model = blocking(move || catalogue.model(&slug).ok_or_else(|| catalogue.missing())).await??;
     let object = model.object().ok_or(StatusCode::NOT_FOUND)?;
-    Ok(table(&object.holding).await?.manifest.clone())
+    Ok(table(&object.files).await?.manifest.clone())
 }
 
 /// The manifest of an object that was found.
-pub(crate) async fn manifest_of(holding: &Arc<Holding>) -> Result<Manifest, StatusCode> {
-    Ok(table(holding).await?.manifest.clone())
+pub(crate) async fn manifest_of(files: &Arc<ObjectFiles>) -> Result<Manifest, StatusCode> {
+    Ok(table(files).await?.manifest.clone())
 }
 
 /// The pack of a version, and where it lies.
@@ -426,9 +426,9 @@ pub(crate) struct FoundPack {
     pub(crate) preview: Option<String>,
 }
 
-/// The pack of a version, of the current one unless told.
-pub(crate) async fn pack_of(holding: &Arc<Holding>, version: Option<u32>) -> Result<FoundPack, StatusCode> {
-    let table = table(holding).await?;
+/// The pack of a version, by default of the current one.
+pub(crate) async fn pack_of(files: &Arc<ObjectFiles>, version: Option<u32>) -> Result<FoundPack, StatusCode> {
+    let table = table(files).await?;
     let manifest = &table.manifest;
     let version = match version {
         Some(number) => manifest.versions.iter().find(|v| v.version == number),
@@ -449,9 +449,9 @@ fn withheld(why: &str) -> Response<Body> {
 }
 
 /// 410: the manifest for programs that ask for it, the landing page, which is the tombstone, for everything else.
-async fn gone(holding: &Arc<Holding>, table: &Arc<Table>, name: &str, why: &str) -> Response<Body> {
+async fn gone(files: &Arc<ObjectFiles>, table: &Arc<Table>, name: &str, why: &str) -> Response<Body> {
     let wanted = if name == MANIFEST { MANIFEST } else { PAGE };
-    let read = if wanted == MANIFEST { read_entry(table, MANIFEST).await } else { read_page(holding, table).await };
+    let read = if wanted == MANIFEST { read_entry(table, MANIFEST).await } else { read_page(files, table).await };
     let bytes = read.ok();
     let kind = content_type(if bytes.is_some() { wanted } else { PAGE });
     let tombstone = || html::gone(&table.manifest.title, why).into();

@@ -60,15 +60,15 @@ pub(crate) async fn observe(State(observer): State<Observer>, request: Request, 
 }
 
 /// Who asks: the socket's other end, or what the proxy before us says of its own other end (the last of the list; what stands before
-/// that was said by the client).
+/// that the client supplied).
 fn client(request: &Request, behind_proxy: bool) -> Option<IpAddr> {
     // Proxies that do not replace the header add a line of their own at the end.
-    let said = || {
+    let forwarded = || {
         let last = request.headers().get_all(&FORWARDED_FOR).iter().next_back()?.to_str().ok()?;
         last.rsplit(',').next()?.trim().parse().ok()
     };
     let socket = request.extensions().get::<Peer>().map(|peer| peer.0);
-    if behind_proxy { said().or(socket) } else { socket }
+    if behind_proxy { forwarded().or(socket) } else { socket }
 }
 
 /// The same as text for the record, and as it is counted (IPv6: its /64).
@@ -125,7 +125,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_a_plain_request_id_is_taken_over() {
+    fn only_a_plain_request_id_is_accepted() {
         assert_eq!(request_id(Some("abcd-EF_01")), "abcd-EF_01");
         let long = "x".repeat(65);
         for bad in [None, Some("short"), Some("has space in it"), Some("line\nbreak----"), Some(long.as_str())] {
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn addresses_are_of_few_kinds() {
+    fn addresses_are_grouped_into_few_kinds() {
         for (path, kind) in [
             ("/", "list"),
             ("/m/fort", "page"),

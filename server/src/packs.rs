@@ -68,7 +68,7 @@ async fn closed(catalogue: &Arc<Catalogue>, name: &str, clock: &Clock) -> Result
     let (c, slug) = (Arc::clone(catalogue), name.split('.').next().unwrap_or_default().to_owned());
     let model = blocking(move || c.model(&slug).ok_or_else(|| c.missing())).await??;
     let object = model.object().ok_or(StatusCode::NOT_FOUND)?;
-    objects::closed(&object.holding, clock).await?.ok_or(StatusCode::SERVICE_UNAVAILABLE)
+    objects::closed(&object.files, clock).await?.ok_or(StatusCode::SERVICE_UNAVAILABLE)
 }
 
 /// Open the pack of a URL. A file that changed since it was listed is listed again.
@@ -82,7 +82,7 @@ async fn find(catalogue: &Arc<Catalogue>, name: &str, clock: &Clock) -> Result<(
         let (c, s) = (Arc::clone(catalogue), slug.clone());
         let model = blocking(move || c.model(&s).ok_or_else(|| c.missing())).await??;
         if let Some(object) = model.object() {
-            let source = objects::current_pack(&object.holding, clock).await?;
+            let source = objects::current_pack(&object.files, clock).await?;
             return pinned(source, pin).map(|source| (source, model));
         }
         if is_no_pack(catalogue, &model).await? {

@@ -37,7 +37,9 @@ impl Policy {
         let ancestors = ancestors.iter().map(|a| match a.trim_matches('\'') {
             "self" => Ok("'self'".to_owned()),
             "none" if ancestors.len() == 1 => Ok("'none'".to_owned()),
-            "none" => Err(PolicyError { given: a.clone(), what: "said beside others", wanted: "it alone, or origins" }),
+            "none" => {
+                Err(PolicyError { given: a.clone(), what: "given beside others", wanted: "it alone, or origins" })
+            }
             "*" => Ok("*".to_owned()),
             other => origin(other, true),
         });
@@ -105,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn only_its_own_origin_may_frame_it_unless_told() {
+    fn only_its_own_origin_may_frame_the_page_by_default() {
         assert!(Policy::default().header().ends_with("; frame-ancestors 'self'"));
         assert_eq!(Policy::default().meta(), "");
         let p = policy(

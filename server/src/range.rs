@@ -101,7 +101,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ranges_mean_what_the_rfc_says() {
+    fn ranges_are_interpreted_as_the_rfc_defines() {
         let part = |start, end| Wanted::Part { start, end };
         for (value, length, wanted) in [
             ("bytes=0-0", 10, part(0, 0)),
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn several_ranges_name_no_byte_twice_and_stay_inside_the_file() {
+    fn several_ranges_contain_no_byte_twice_and_stay_inside_the_file() {
         assert_eq!(list("0-9", 10), Some(vec![(0, 10)]));
         assert_eq!(list("7-7,0-2,3-4", 10), Some(vec![(7, 1), (0, 3), (3, 2)]), "in the order asked for");
         for nonsense in [
@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn ranges_stand_behind_a_pack_only() {
+    fn ranges_are_accepted_only_in_the_address_of_a_pack() {
         assert_eq!(split("v1/pack.ab.kilwa/0-9,20-29"), ("v1/pack.ab.kilwa", Some("0-9,20-29")));
         assert_eq!(split("v1/pack.ab.kilwa"), ("v1/pack.ab.kilwa", None));
         assert_eq!(split("v1/poster.jpg/0-9"), ("v1/poster.jpg/0-9", None));

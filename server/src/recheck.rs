@@ -24,7 +24,7 @@ const EVERY: Duration = Duration::from_secs(1);
 /// Bytes handed out at a time.
 const PIECE: usize = 16 * 1024;
 
-/// Whether the transfer may go on. May block.
+/// Whether the transfer may continue. May block.
 type Check = Arc<dyn Fn() -> bool + Send + Sync>;
 
 /// Marks a response whose transfer may continue only while this check succeeds.
@@ -118,7 +118,7 @@ mod tests {
 
     /// A small file of a store is one frame, which the HTTP library would otherwise take whole.
     #[tokio::test]
-    async fn a_body_of_a_single_frame_is_ended_too() {
+    async fn a_body_of_a_single_frame_is_ended() {
         let bytes: Vec<u8> = (0..20 * PIECE + 7).map(|n| (n % 251) as u8).collect();
         for is_ended in [true, false] {
             let allowed = Arc::new(AtomicBool::new(true));

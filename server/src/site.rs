@@ -15,10 +15,10 @@
 //! | `/healthz`, `/metrics` | for those who keep the server |
 
 use crate::access::Clock;
+use crate::auth::{self, Auth};
 use crate::budget::{Budget, Counting, count, lean};
 use crate::catalogue::{Catalogue, Kind, Model};
 use crate::content::{share, text};
-use crate::door::{self, Door};
 use crate::extracts::{self, Extracts};
 use crate::flow;
 use crate::gate::{Gate, Passing, pass};
@@ -52,7 +52,7 @@ use axum::response::{Html, IntoResponse, Response};
 use axum::routing::{get, post};
 use flate2::Compression;
 use flate2::write::GzEncoder;
-use kilwa_archive::viewer::{Asset, Page};
+use kilwa_archive::viewer::{Asset, Page, PageError};
 use std::io::Write;
 use std::net::IpAddr;
 use std::sync::Arc;
@@ -100,7 +100,7 @@ pub struct Site {
     /// Models that belong together.
     pub collections: Option<Arc<Collections>>,
     /// Who is let in to what is not public; without it nobody is.
-    pub door: Option<Arc<Door>>,
+    pub auth: Option<Arc<Auth>>,
     /// Where versions are taken that are published from elsewhere; without it none are.
     pub uploads: Option<Arc<Uploads>>,
 }
@@ -122,7 +122,7 @@ impl Site {
             contact: None,
             extracts: None,
             collections: None,
-            door: None,
+            auth: None,
             uploads: None,
         }
     }
@@ -139,7 +139,8 @@ impl Site {
 /// The whole site.
 pub fn app(site: Site) -> Router {
     let observer = Observer { metrics: Arc::clone(&site.metrics), behind_proxy: site.behind_proxy };
-    let manner = Manner { policy: HeaderValue::from_str(&site.policy.header()).ok(), vary: vary_of(&site) };
+    let fixed_headers =
+        SecurityHeaders { policy: HeaderValue::from_str(&site.policy.header()).ok(), vary: vary_of(&site) };
     let place = site.catalogue.place().clone();
     let counting = Counting { budget: Arc::new(Budget::default()), behind_proxy: site.behind_proxy };
     Router::new()
@@ -153,23 +154,23 @@ pub fn app(site: Site) -> Router {
         .route("/metrics", get(metrics))
         .route("/{slug}", get(towards))
         .route("/{slug}/", get(landing))
-        .route("/sign-in", get(door::routes::ask).post(door::routes::sign_in))
-        .route("/sign-out", post(door::routes::sign_out))
-        .route("/{slug}/{*file}", get(object).post(door::routes::open).options(preflight))
+        .route("/sign-in", get(auth::routes::ask).post(auth::routes::sign_in))
+        .route("/sign-out", post(auth::routes::sign_out))
+        .route("/{slug}/{*file}", get(object).post(auth::routes::open).options(preflight))
         .merge(questions(site.behind_proxy))
         .merge(upload::routes::routes())
         .fallback(|| async { lost() })
-        .layer(from_fn_with_state(place, store::tell))
+        .layer(from_fn_with_state(place, store::report_outage))
         .layer(from_fn_with_state(counting, count))
         .layer(from_fn(recheck::watch))
-        .layer(from_fn_with_state(manner, manners))
+        .layer(from_fn_with_state(fixed_headers, security_headers))
         .layer(from_fn_with_state(observer, observe))
         .with_state(site)
 }
 
-/// What answers carry.
+/// Headers of every response.
 #[derive(Clone)]
-struct Manner {
+struct SecurityHeaders {
     policy: Option<HeaderValue>,
     vary: Option<HeaderValue>,
 }
@@ -206,11 +207,15 @@ fn questions(behind_proxy: bool) -> Router<Site> {
         .merge(extracts.route_layer(from_fn(short_query)))
 }
 
-/// Headers that every answer carries, and requests that nothing here takes.
-async fn manners(State(Manner { policy, vary }): State<Manner>, request: Request, next: Next) -> Response {
-    let most = if upload::is_upload(request.uri().path()) { upload::BODY_MAX } else { BODY_LIMIT };
+/// Adds the headers of every response, and refuses requests with unexpected bodies.
+async fn security_headers(
+    State(SecurityHeaders { policy, vary }): State<SecurityHeaders>,
+    request: Request,
+    next: Next,
+) -> Response {
+    let max = if upload::is_upload(request.uri().path()) { upload::BODY_MAX } else { BODY_LIMIT };
     let mut response = match request.body().size_hint().upper() {
-        Some(length) if length <= most => next.run(request).await,
+        Some(length) if length <= max => next.run(request).await,
         // What is not read cannot be followed by another request.
         _ => (StatusCode::PAYLOAD_TOO_LARGE, [(CONNECTION, "close")], "413 Payload Too Large\n").into_response(),
     };
@@ -312,11 +317,20 @@ async fn model(State(site): State<Site>, Path(slug): Path<String>, headers: Head
     match find(&site, &slug).await {
         Ok(model) if model.object().is_some() => to(&model.page()),
         Ok(model) => {
-            let html = html::model(site.page.html(), &model, has_notes(&model).await);
-            page(html::with_extracts(html, site.extracts.as_ref().map(|_| slug.as_str())), &headers)
+            let extracts = site.extracts.as_ref().map(|_| slug.as_str());
+            match html::model(&site.page, &model, has_notes(&model).await, extracts) {
+                Ok(html) => page(html, &headers),
+                Err(e) => unusable(&e),
+            }
         }
         Err(status) => or_lost(status),
     }
+}
+
+/// A page folder is checked when the server begins.
+fn unusable(e: &PageError) -> Response {
+    tracing::error!("{e}");
+    StatusCode::INTERNAL_SERVER_ERROR.into_response()
 }
 
 pub(crate) async fn find(site: &Site, slug: &str) -> Result<Arc<Model>, StatusCode> {
@@ -327,7 +341,7 @@ pub(crate) async fn find(site: &Site, slug: &str) -> Result<Arc<Model>, StatusCo
 async fn has_notes(model: &Model) -> bool {
     match &model.kind {
         Kind::Pack { notes, .. } => notes.is_some(),
-        Kind::Object(object) => objects::has_notes(&object.holding).await,
+        Kind::Object(object) => objects::has_notes(&object.files).await,
     }
 }
 
@@ -350,12 +364,15 @@ async fn landing(State(site): State<Site>, Path(slug): Path<String>, headers: He
         Err(status) => return or_lost(status),
     };
     let notes = table.get(objects::NOTES).map(|_| format!("/{slug}/{}", objects::NOTES));
+    let extracts = site.extracts.as_ref().filter(|_| status == StatusCode::OK).map(|_| slug.as_str());
     let html = match html {
-        Some(html) => html::landing(&html, &site.policy.meta(), notes.as_deref()),
-        None => html::model(site.page.html(), &model, notes.is_some()),
+        Some(html) => html::landing(&html, &site.policy.meta(), notes.as_deref(), extracts),
+        None => match html::model(&site.page, &model, notes.is_some(), extracts) {
+            Ok(html) => html,
+            Err(e) => return unusable(&e),
+        },
     };
-    let offered = site.extracts.as_ref().filter(|_| status == StatusCode::OK);
-    let mut response = page(html::with_extracts(html, offered.map(|_| slug.as_str())), &headers);
+    let mut response = page(html, &headers);
     *response.status_mut() = status;
     if status == StatusCode::OK {
         let base = base(site.url.as_deref(), &headers, site.behind_proxy);
@@ -374,7 +391,7 @@ async fn object(
     headers: HeaderMap,
 ) -> Response {
     match find(&site, &slug).await {
-        Ok(model) => objects::respond(&model, &file, &site.clock, site.door.as_ref(), &method, &headers).await,
+        Ok(model) => objects::respond(&model, &file, &site.clock, site.auth.as_ref(), &method, &headers).await,
         Err(status) => or_lost(status),
     }
 }

@@ -145,7 +145,7 @@ impl Server {
             drop(stream.try_write(REFUSAL));
             return;
         };
-        let permit = self.room().await;
+        let permit = self.slot().await;
         tune(&stream);
         let guarded = Guarded::new(stream, self.limits, Arc::clone(&link), Arc::clone(&self.metrics));
         let (app, watched) = (self.app.clone(), Arc::clone(&link));
@@ -170,7 +170,7 @@ impl Server {
     }
 
     /// A place for one more connection: a free one, else that of an idle one, else the next that ends.
-    async fn room(&self) -> Option<OwnedSemaphorePermit> {
+    async fn slot(&self) -> Option<OwnedSemaphorePermit> {
         loop {
             if let Ok(permit) = Arc::clone(&self.permits).try_acquire_owned() {
                 return Some(permit);

@@ -1,4 +1,4 @@
-//! Meshes for other programs: asked for by a form, waited for by a page, given as a file, to whoever may have the model.
+//! Meshes for other programs: requested by a form, made while a page waits, sent as a file, to readers with access to the model.
 
 #[path = "../src/extracts/fake.rs"]
 #[allow(dead_code, reason = "the tests of the module use all of it")]
@@ -11,7 +11,7 @@ use axum::http::Request;
 use fake::Fake;
 use kilwa_archive::manifest::{Access, AccessState};
 use kilwa_server::access::{Accounts, Grant};
-use kilwa_server::door::Door;
+use kilwa_server::auth::Auth;
 use kilwa_server::extracts::{Detail, Extractor, Extracts, Failure, Format, Pack};
 use kilwa_server::{Catalogue, Clock, Site, app};
 use std::sync::Arc;
@@ -43,7 +43,7 @@ fn archive() -> Archive {
     let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
     site.clock = Clock::new(|| 1_795_262_400);
     site.behind_proxy = true;
-    site.door = Some(Arc::new(Door::open(&folder.path().join("access.json"), None).unwrap()));
+    site.auth = Some(Arc::new(Auth::open(&folder.path().join("access.json"), None).unwrap()));
     let cache = folder.path().join("cache");
     site.extracts = Some(Extracts::with_extractor(cache, 140_000_000, fake.extractor()).unwrap());
     Archive { app: app(site), fake, folder }
@@ -76,7 +76,7 @@ impl Archive {
 }
 
 #[tokio::test]
-async fn a_form_leads_to_a_page_that_waits_and_to_the_file() {
+async fn the_form_leads_to_a_waiting_page_and_then_to_the_file() {
     let a = archive();
     let form = get(&a.app, "/fort/extract").await;
     assert_eq!(form.status, 200);
@@ -123,7 +123,7 @@ async fn a_form_leads_to_a_page_that_waits_and_to_the_file() {
 /// The server sends a file of the cache only if it is the one that it made.
 #[cfg(unix)]
 #[tokio::test]
-async fn a_changed_file_in_the_cache_is_made_again() {
+async fn a_modified_file_in_the_cache_is_made_again() {
     let a = archive();
     let (form, name) = ("format=stl&detail=whole", "/fort/extract/v2-whole.stl");
     let make = async || {
@@ -158,7 +158,7 @@ async fn a_changed_file_in_the_cache_is_made_again() {
 }
 
 #[tokio::test]
-async fn what_nobody_asked_for_and_what_is_no_order_is_refused_with_a_sentence() {
+async fn unrequested_extracts_and_invalid_names_are_refused_with_a_message() {
     let a = archive();
     let never = get(&a.app, "/fort/extract/v1-whole.ply").await;
     assert_eq!(never.status, 404);
@@ -179,11 +179,11 @@ async fn what_nobody_asked_for_and_what_is_no_order_is_refused_with_a_sentence()
         "format=exe&detail=whole",
         "format=ply&detail=error&error=nan",
     ] {
-        let said = a.post("/fort/extract", "", bad).await;
-        assert_eq!(said.status, 422, "{bad}");
-        assert!(said.text().contains("That is no size"), "{bad}: {}", said.text());
+        let answer = a.post("/fort/extract", "", bad).await;
+        assert_eq!(answer.status, 422, "{bad}");
+        assert!(answer.text().contains("That is no size"), "{bad}: {}", answer.text());
     }
-    // Within next to nothing is every triangle.
+    // A tiny error limit means every triangle.
     for large in ["format=obj&detail=whole", "format=obj&detail=error&error=0.000001"] {
         let large = a.post("/fort/extract", "", large).await;
         assert_eq!(large.status, 422);
@@ -201,7 +201,7 @@ async fn what_nobody_asked_for_and_what_is_no_order_is_refused_with_a_sentence()
 }
 
 #[tokio::test]
-async fn an_extract_is_for_whoever_may_have_the_model_and_needs_no_script() {
+async fn extracts_need_access_to_the_model_and_no_script() {
     let a = archive();
     let closed = get(&a.app, "/cave/extract").await;
     assert_eq!(closed.status, 403);
@@ -231,11 +231,11 @@ async fn an_extract_is_for_whoever_may_have_the_model_and_needs_no_script() {
 }
 
 #[tokio::test]
-async fn a_models_page_leads_to_its_downloads() {
+async fn the_page_of_a_model_links_to_its_downloads() {
     let a = archive();
     let plain = get(&a.app, "/m/plain").await.text();
     assert!(plain.contains("href=\"/plain/extract\""), "{plain}");
-    // Without a cache there is nothing to lead to.
+    // Without a cache there are no extracts to link to.
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("plain.kilwa"), pack("Plain pack")).unwrap();
     let app = app(Site::new(Catalogue::open(folder.path()).unwrap(), page()));
@@ -244,12 +244,12 @@ async fn a_models_page_leads_to_its_downloads() {
 }
 
 #[tokio::test]
-async fn a_network_has_its_share_of_the_queue_and_is_told_why_and_when_to_come_again() {
+async fn a_network_over_its_share_of_the_queue_learns_why_and_when_to_retry() {
     let a = archive();
     a.fake.waits(true);
     let order = |triangles: usize, client: &str, accept: &str| {
         let request = Request::post("/fort/extract").header("host", "museum.example").header("accept", accept);
-        // What stands before the last was said by the client itself.
+        // Everything before the last entry was supplied by the client itself.
         let request = request.header("x-forwarded-for", format!("203.0.113.{}, {client}", triangles % 250));
         let form = format!("format=ply&detail=triangles&triangles={triangles}");
         let (app, request) = (a.app.clone(), request.body(Body::from(form)).unwrap());
@@ -274,8 +274,8 @@ async fn a_network_has_its_share_of_the_queue_and_is_told_why_and_when_to_come_a
     let workers = std::thread::available_parallelism().unwrap().get();
     assert!(taken.len() <= 4 + workers, "{taken:?}");
     let json = order(200, "2001:db8:1:2::1", "application/json").await;
-    let said: serde_json::Value = serde_json::from_slice(&json.body).unwrap();
-    assert_eq!((json.status.as_u16(), said["seconds"].as_u64()), (429, json.header("retry-after").parse().ok()));
+    let report: serde_json::Value = serde_json::from_slice(&json.body).unwrap();
+    assert_eq!((json.status.as_u16(), report["seconds"].as_u64()), (429, json.header("retry-after").parse().ok()));
     // Another network is next, whatever the first asked for.
     assert_eq!(order(300, "2001:db8:1:3::1", "text/html").await.status, 303);
     let stands = |name: &str| {
@@ -283,12 +283,12 @@ async fn a_network_has_its_share_of_the_queue_and_is_told_why_and_when_to_come_a
         async move { ask(&app, "GET", &format!("/fort/extract/v2-{name}.ply"), &[("accept", "application/json")]).await }
     };
     let next = stands("300").await;
-    let said: serde_json::Value = serde_json::from_slice(&next.body).unwrap();
+    let report: serde_json::Value = serde_json::from_slice(&next.body).unwrap();
     assert_eq!(next.status, 202);
-    assert!(said["state"] == "running" || said["before"] == 0, "{said}");
+    assert!(report["state"] == "running" || report["before"] == 0, "{report}");
     let last = taken.last().unwrap();
-    let said: serde_json::Value = serde_json::from_slice(&stands(&last.to_string()).await.body).unwrap();
-    assert!(said["state"] == "waiting" && said["seconds"].is_null(), "nothing was measured yet: {said}");
+    let report: serde_json::Value = serde_json::from_slice(&stands(&last.to_string()).await.body).unwrap();
+    assert!(report["state"] == "waiting" && report["seconds"].is_null(), "nothing was measured yet: {report}");
     let page = get(&a.app, &format!("/fort/extract/v2-{last}.ply?page=1")).await.text();
     assert!(page.contains("before it.") && page.contains("cannot be estimated yet"), "{page}");
     a.fake.waits(false);

@@ -129,7 +129,7 @@ fn objects_are_found_by_words_of_their_metadata_best_match_first() {
 }
 
 #[test]
-fn nothing_that_is_typed_is_taken_as_a_language() {
+fn search_text_is_never_interpreted_as_query_syntax() {
     let folder = some();
     let index = in_memory(folder.path());
     let long = "fort ".repeat(10_000);
@@ -167,7 +167,7 @@ fn nothing_that_is_typed_is_taken_as_a_language() {
 }
 
 #[test]
-fn facets_narrow_and_their_counts_say_what_another_choice_would_give() {
+fn facets_narrow_the_result_and_their_counts_show_what_each_choice_gives() {
     let folder = some();
     let index = in_memory(folder.path());
     let choose = |facet: Facet, values: &[&str]| {
@@ -217,7 +217,7 @@ fn pages_and_orders_show_every_object_once() {
 }
 
 #[test]
-fn what_is_counted_follows_every_change_also_of_another_program_and_agrees_with_what_is_found() {
+fn counts_follow_every_change_also_by_other_programs_and_agree_with_the_results() {
     let folder = some();
     let file = file_in(folder.path());
     let [ours, theirs] = [(); 2].map(|()| Index::open(folder.path(), Some(&file)).expect("opens"));
@@ -248,7 +248,7 @@ fn what_is_counted_follows_every_change_also_of_another_program_and_agrees_with_
 }
 
 #[test]
-fn what_changes_in_the_folder_changes_in_the_index() {
+fn changes_in_the_folder_reach_the_index() {
     let folder = some();
     let index = in_memory(folder.path());
     assert_eq!(index.refresh().expect("reads"), kilwa_server::index::Changes::default());
@@ -284,7 +284,7 @@ fn file_in(folder: &Path) -> PathBuf {
 }
 
 #[test]
-fn a_warm_start_reads_no_object_again() {
+fn a_warm_start_rereads_no_object() {
     let (folder, home) = (some(), tempfile::tempdir().expect("a folder"));
     let file = file_in(home.path());
     assert_eq!(Index::open(folder.path(), Some(&file)).expect("opens").refresh().expect("reads").added, 6);
@@ -294,7 +294,7 @@ fn a_warm_start_reads_no_object_again() {
 }
 
 #[test]
-fn an_index_that_is_damaged_or_of_another_version_is_made_anew() {
+fn an_index_that_is_damaged_or_of_another_version_is_rebuilt() {
     let (folder, home) = (some(), tempfile::tempdir().expect("a folder"));
     let file = file_in(home.path());
     let make = || Index::open(folder.path(), Some(&file)).expect("opens").refresh().expect("reads");
@@ -322,7 +322,7 @@ fn an_index_that_is_damaged_or_of_another_version_is_made_anew() {
 }
 
 #[test]
-fn an_index_that_is_damaged_or_deleted_while_serving_is_made_anew() {
+fn an_index_damaged_or_deleted_while_serving_is_rebuilt() {
     let (folder, home) = (some(), tempfile::tempdir().expect("a folder"));
     let file = file_in(home.path());
     let index = Index::open(folder.path(), Some(&file)).expect("opens");
@@ -334,7 +334,7 @@ fn an_index_that_is_damaged_or_deleted_while_serving_is_made_anew() {
 }
 
 #[test]
-fn somebodys_own_database_is_never_overwritten_and_the_index_goes_to_memory() {
+fn a_foreign_database_is_never_overwritten_and_the_index_is_kept_in_memory() {
     let (folder, home) = (some(), tempfile::tempdir().expect("a folder"));
     let file = file_in(home.path());
     let own = rusqlite::Connection::open(&file).expect("opens");
@@ -351,7 +351,7 @@ fn somebodys_own_database_is_never_overwritten_and_the_index_goes_to_memory() {
 }
 
 #[test]
-fn searches_while_the_index_is_refreshed_see_a_whole_state() {
+fn searches_during_a_refresh_see_a_consistent_state() {
     let (folder, home) = (some(), tempfile::tempdir().expect("a folder"));
     let index = Index::open(folder.path(), Some(&file_in(home.path()))).expect("opens");
     index.refresh().expect("reads");

@@ -1,7 +1,7 @@
-//! The server from outside: requests to a site over a folder or a store, without a socket unless one is meant.
+//! Integration tests of the server: requests to a site over a folder or a store, without a socket unless one is meant.
 
+mod auth;
 mod common;
-mod door;
 mod extracts;
 mod index;
 mod objects;

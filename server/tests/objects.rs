@@ -9,7 +9,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
-/// Longer than the server trusts what it saw.
+/// Longer than the server relies on an earlier look at the folder.
 const NOTICED: Duration = Duration::from_millis(1100);
 
 #[tokio::test]
@@ -53,7 +53,7 @@ async fn an_object_is_served_file_by_file_under_its_checksums() {
 }
 
 #[tokio::test]
-async fn the_published_viewer_comes_packed_where_that_is_accepted() {
+async fn the_published_viewer_is_compressed_if_the_client_accepts_it() {
     let dir = tempfile::tempdir().unwrap();
     object(dir.path(), "fort", &[pack("Fort")], public());
     let app = site(dir.path());
@@ -74,7 +74,7 @@ async fn the_published_viewer_comes_packed_where_that_is_accepted() {
 }
 
 #[tokio::test]
-async fn addresses_lead_to_the_page_of_a_model_of_either_kind() {
+async fn packs_and_objects_have_a_model_page() {
     let dir = tempfile::tempdir().unwrap();
     object(dir.path(), "fort", &[pack("Fort")], public());
     write(dir.path().join("wall.kilwa"), pack("Wall")).unwrap();
@@ -127,7 +127,7 @@ async fn only_what_was_published_is_served() {
         assert_eq!(a.status, 404, "{name}");
         assert!(!a.text().contains("secret"), "{name}");
     }
-    // A list of checksums that is not the manifest's answers for nothing.
+    // A list of checksums other than the manifest's proves nothing.
     write(fort.join("v1/checksums.sha256"), "").unwrap();
     let app = site(dir.path());
     assert_eq!(get(&app, &format!("/fort/{}", manifest.versions[0].pack.url)).await.status, 404);
@@ -204,7 +204,7 @@ async fn no_link_and_no_special_file_is_followed_anywhere() {
         let a = get(&app, address).await;
         assert!(!a.text().contains("SECRET"), "{address}");
     }
-    // What is really there is served all the same.
+    // Real files are served as before.
     assert_eq!(get(&app, "/packs/plain.kilwa").await.status, 200);
     assert_eq!(get(&app, &format!("/fort/{}", pack_of(&fort))).await.status, 200);
 }
@@ -236,7 +236,7 @@ async fn new_and_changed_objects_are_noticed_without_a_restart() {
 }
 
 #[tokio::test]
-async fn what_is_withdrawn_answers_410_with_its_tombstone() {
+async fn a_withdrawn_object_answers_410_with_its_tombstone() {
     let dir = tempfile::tempdir().unwrap();
     let withdrawn = Access {
         state: AccessState::Withdrawn,
@@ -291,7 +291,7 @@ async fn an_embargo_ends_at_midnight_utc_while_serving() {
 }
 
 #[tokio::test]
-async fn restricted_models_keep_their_geometry_and_say_why() {
+async fn restricted_models_withhold_their_geometry_and_say_why() {
     let dir = tempfile::tempdir().unwrap();
     let restricted = Access { state: AccessState::Restricted, reason: Some("Rock art.".to_owned()), ..public() };
     let manifest = object(dir.path(), "fort", &[pack("Fort")], restricted);
@@ -307,7 +307,7 @@ async fn restricted_models_keep_their_geometry_and_say_why() {
 }
 
 #[tokio::test]
-async fn a_damaged_object_is_named_with_its_reason_and_the_others_go_on() {
+async fn a_damaged_object_is_reported_with_the_reason_and_others_are_served() {
     let dir = tempfile::tempdir().unwrap();
     object(dir.path(), "good", &[pack("Good")], public());
     for (name, manifest) in [("newer", "{\"kilwa\": 2}"), ("broken", "{"), ("empty", "")] {
@@ -331,7 +331,7 @@ async fn a_damaged_object_is_named_with_its_reason_and_the_others_go_on() {
 
 /// An operator who replaces a damaged file with a sound copy need not restart the server.
 #[tokio::test]
-async fn a_file_that_was_damaged_or_lost_and_is_put_back_is_served_again() {
+async fn a_damaged_or_lost_file_is_served_again_when_restored() {
     let dir = tempfile::tempdir().unwrap();
     let manifest = object(dir.path(), "fort", &[pack("fort")], public());
     let app = site(dir.path());
@@ -362,7 +362,7 @@ async fn a_file_that_was_damaged_or_lost_and_is_put_back_is_served_again() {
 }
 
 #[tokio::test]
-async fn published_notes_lie_where_the_page_looks_for_them() {
+async fn published_notes_are_served_where_the_page_looks_for_them() {
     let dir = tempfile::tempdir().unwrap();
     write(dir.path().join("fort.kilwa"), pack("Fort")).unwrap();
     write(dir.path().join("wall.kilwa"), pack("Wall")).unwrap();
@@ -378,7 +378,7 @@ async fn published_notes_lie_where_the_page_looks_for_them() {
 }
 
 #[tokio::test]
-async fn other_sites_may_frame_and_talk_as_far_as_they_are_named() {
+async fn only_named_sites_may_frame_the_page_and_exchange_messages() {
     let dir = tempfile::tempdir().unwrap();
     object(dir.path(), "fort", &[pack("Fort")], public());
     write(dir.path().join("wall.kilwa"), pack("Wall")).unwrap();
@@ -397,7 +397,7 @@ async fn other_sites_may_frame_and_talk_as_far_as_they_are_named() {
 }
 
 #[tokio::test]
-async fn requests_have_names_and_bodies_that_nothing_takes_are_refused() {
+async fn requests_have_ids_and_unexpected_bodies_are_refused() {
     let dir = tempfile::tempdir().unwrap();
     write(dir.path().join("fort.kilwa"), noise(10, 1)).unwrap();
     let app = site(dir.path());
@@ -432,7 +432,7 @@ async fn requests_have_names_and_bodies_that_nothing_takes_are_refused() {
 }
 
 #[tokio::test]
-async fn long_notes_are_sent_a_buffer_at_a_time_under_the_hash_of_their_content() {
+async fn long_notes_are_sent_buffer_by_buffer_with_an_etag_of_their_content() {
     let dir = tempfile::tempdir().unwrap();
     object(dir.path(), "fort", &[pack("fort")], public());
     let notes = noise(300_000, 5);

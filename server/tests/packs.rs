@@ -13,7 +13,7 @@ fn folder(bytes: &[u8]) -> TempDir {
 const URL: &str = "/packs/fort.kilwa";
 
 #[tokio::test]
-async fn a_whole_pack_comes_byte_for_byte_and_never_encoded() {
+async fn a_whole_pack_is_served_byte_for_byte_and_never_compressed() {
     let bytes = noise(200_000, 7);
     let dir = folder(&bytes);
     let app = site(dir.path());
@@ -83,7 +83,7 @@ async fn many_random_ranges_equal_the_file() {
 }
 
 #[tokio::test]
-async fn conditions_follow_the_tag() {
+async fn conditional_requests_follow_the_etag() {
     let dir = folder(&noise(1000, 3));
     let app = site(dir.path());
     let tag = get(&app, URL).await.header("etag").to_owned();
@@ -114,7 +114,7 @@ async fn conditions_follow_the_tag() {
 }
 
 #[tokio::test]
-async fn head_says_what_get_would_and_sends_nothing() {
+async fn head_answers_like_get_without_a_body() {
     let dir = folder(&noise(1000, 3));
     let app = site(dir.path());
     let a = ask(&app, "HEAD", URL, &[("range", "bytes=0-9")]).await;
@@ -127,7 +127,7 @@ async fn head_says_what_get_would_and_sends_nothing() {
 }
 
 #[tokio::test]
-async fn only_the_address_with_the_hash_may_be_kept_for_ever() {
+async fn only_the_address_with_the_hash_is_immutable() {
     let bytes = noise(1000, 3);
     let dir = folder(&bytes);
     let app = site(dir.path());
@@ -139,7 +139,7 @@ async fn only_the_address_with_the_hash_may_be_kept_for_ever() {
 }
 
 #[tokio::test]
-async fn a_changed_file_gets_another_tag_at_once() {
+async fn a_changed_file_gets_a_new_etag_at_once() {
     let dir = folder(&noise(1000, 3));
     let app = site(dir.path());
     let before = get(&app, URL).await;

@@ -6,7 +6,7 @@ use std::fs::write;
 use std::path::Path;
 
 #[tokio::test]
-async fn the_list_names_every_model_and_the_reason_of_every_broken_one() {
+async fn the_list_names_every_model_and_why_a_broken_one_is_refused() {
     let dir = tempfile::tempdir().unwrap();
     let good = pack("Gereza <Kilwa> & \"fort\"");
     write(dir.path().join("Gereza Ñ 2009.kilwa"), &good).unwrap();
@@ -24,7 +24,7 @@ async fn the_list_names_every_model_and_the_reason_of_every_broken_one() {
     assert!(!html.contains("<script"), "the list needs no script");
     let json = get(&app, "/models.json").await.text();
     assert!(json.contains("\"slug\":\"cut\"") && json.contains("\"triangles\":1"));
-    // What only has the ending of a pack is not given out; what is a pack, as far as it goes, is for its readers to judge.
+    // A file that only has the extension of a pack is not served; a pack that begins correctly is.
     assert_eq!(get(&app, "/packs/text.kilwa").await.status, 404);
     assert_eq!(get(&app, "/packs/cut.kilwa").await.status, 200);
     write(dir.path().join("text.kilwa"), &good).unwrap();
@@ -69,7 +69,7 @@ async fn a_model_added_to_the_folder_appears_and_a_single_pack_can_be_served() {
 }
 
 #[tokio::test]
-async fn page_files_are_compressed_where_that_is_accepted() {
+async fn page_files_are_compressed_if_the_client_accepts_it() {
     let dir = tempfile::tempdir().unwrap();
     let app = app(Site::new(Catalogue::open(dir.path()).unwrap(), page()));
     let plain = get(&app, "/viewer/boot.js").await;
@@ -99,7 +99,7 @@ async fn page_files_are_compressed_where_that_is_accepted() {
 }
 
 #[test]
-fn a_page_folder_without_a_page_says_how_to_build_it() {
+fn a_missing_page_answers_with_how_to_build_it() {
     let dir = tempfile::tempdir().unwrap();
     let e = Page::load(Some(dir.path())).err().unwrap().to_string();
     assert!(e.contains("cargo xtask web") && e.contains("index.html"), "{e}");

@@ -1,4 +1,4 @@
-//! The portal: what people search and other systems read, over objects as publishing writes them.
+//! The portal, for people and for other systems, over published objects.
 
 use crate::common::{Answer, ask, get, object, pack, page, public};
 use axum::body::{Body, Bytes};
@@ -69,9 +69,9 @@ fn titles(a: &Answer) -> Vec<&'static str> {
         .collect()
 }
 
-/// What absolute addresses are made of is named, so that a cache keeps answers to different hosts apart.
+/// `Vary` names the headers that absolute addresses depend on, so that a cache separates responses for different hosts.
 #[tokio::test]
-async fn answers_vary_by_host_unless_the_address_of_the_site_is_given() {
+async fn responses_vary_by_host_unless_the_site_address_is_configured() {
     let dir = tempfile::tempdir().unwrap();
     object(dir.path(), "fort", &[pack("Fort")], public());
     let site = |url: Option<&str>, behind_proxy| {
@@ -146,7 +146,7 @@ async fn no_part_of_an_address_becomes_markup() {
 }
 
 #[tokio::test]
-async fn the_catalogue_speaks_five_languages() {
+async fn the_catalogue_is_available_in_five_languages() {
     let dir = archive();
     let app = portal(dir.path());
     let arabic = get(&app, "/?lang=ar&q=coral").await.text();
@@ -176,7 +176,7 @@ fn stands(m: &mut Manifest, east: f64, north: f64) {
 }
 
 #[tokio::test]
-async fn the_map_shows_what_is_public_and_says_nothing_of_the_rest() {
+async fn the_map_shows_only_public_locations() {
     let dir = tempfile::tempdir().unwrap();
     published(dir.path(), "gereza", |m| stands(m, 556_800.0, 9_009_000.0));
     published(dir.path(), "songo", |m| stands(m, 560_000.0, 8_996_000.0));
@@ -197,7 +197,7 @@ async fn the_map_shows_what_is_public_and_says_nothing_of_the_rest() {
     });
     let app = portal(dir.path());
     let with_hidden = get(&app, "/map").await.text();
-    assert_eq!(with_hidden, whole.text(), "not even a gap, another middle or a number tells of them");
+    assert_eq!(with_hidden, whole.text(), "not even a gap, another middle or a number reveals them");
     assert!(with_hidden.contains("href=\"/gereza/\"") && with_hidden.contains("href=\"/songo/\""));
     assert!(with_hidden.contains("Models on the map: 2") && with_hidden.contains("class=\"land\""));
     assert!(!with_hidden.contains("<script") && !with_hidden.contains(" style="));
@@ -296,7 +296,7 @@ async fn oembed_answers_for_pages_of_this_site() {
 }
 
 #[tokio::test]
-async fn harvesters_get_what_oai_pmh_promises() {
+async fn oai_pmh_responses_conform() {
     let dir = archive();
     let app = portal(dir.path());
     let oai = async |query: &str| {
@@ -372,7 +372,7 @@ async fn long_lists_are_harvested_in_pages() {
 }
 
 #[tokio::test]
-async fn feed_and_sitemap_name_what_is_public() {
+async fn feed_and_sitemap_list_public_objects() {
     let dir = archive();
     let app = portal(dir.path());
     let feed = get(&app, "/feed.xml").await;
@@ -386,7 +386,7 @@ async fn feed_and_sitemap_name_what_is_public() {
 }
 
 #[tokio::test]
-async fn an_index_that_is_deleted_or_damaged_while_serving_costs_nothing() {
+async fn deleting_or_damaging_the_index_while_serving_loses_nothing() {
     let dir = archive();
     let scratch = tempfile::tempdir().unwrap();
     let file = scratch.path().join("index.sqlite");
@@ -403,7 +403,7 @@ async fn an_index_that_is_deleted_or_damaged_while_serving_costs_nothing() {
 }
 
 #[tokio::test]
-async fn a_question_beyond_reason_is_refused_with_what_to_do() {
+async fn an_excessive_query_is_refused_with_what_to_do() {
     let dir = archive();
     let app = portal(dir.path());
     let many = |n: usize| (0..n).map(|i| format!("subject=s{i}")).collect::<Vec<_>>().join("&");
@@ -431,7 +431,7 @@ async fn a_question_beyond_reason_is_refused_with_what_to_do() {
 }
 
 #[tokio::test]
-async fn long_lists_have_pages_and_lose_nothing() {
+async fn long_lists_are_divided_into_pages_without_loss() {
     let dir = tempfile::tempdir().unwrap();
     for n in 0..130 {
         published(dir.path(), &format!("fort-{n:03}"), |m| {
@@ -489,12 +489,12 @@ async fn long_lists_have_pages_and_lose_nothing() {
 }
 
 #[tokio::test]
-async fn records_that_are_long_make_pages_of_the_harvest_short() {
+async fn long_records_shorten_the_pages_of_a_harvest() {
     let dir = tempfile::tempdir().unwrap();
     for n in 0..20 {
         let slug = format!("fort-{n:02}");
         published(dir.path(), &slug, |_| {});
-        // Of the one that is too long only the least is told.
+        // Of a record that is too long only the minimum is sent.
         let length = if n == 3 { 200_000 } else { 60_000 };
         let record = format!("<dc>{}</dc>", "x".repeat(length));
         let list = dir.path().join(&slug).join("v1/checksums.sha256");

@@ -66,7 +66,7 @@ async fn more_connections_than_allowed_wait_and_are_then_served() {
 }
 
 #[tokio::test]
-async fn a_reader_that_takes_nothing_is_dropped_and_a_slow_one_is_not() {
+async fn a_stalled_reader_is_disconnected_and_a_slow_one_is_not() {
     let r = start(Limits { stall: Duration::from_millis(300), ..Limits::default() }, 32 << 20).await;
     let mut stuck = TcpStream::connect(r.address).await.unwrap();
     stuck.write_all(GET).await.unwrap();
@@ -80,7 +80,7 @@ async fn a_reader_that_takes_nothing_is_dropped_and_a_slow_one_is_not() {
 }
 
 #[tokio::test]
-async fn stopping_finishes_what_runs_takes_nothing_new_and_keeps_its_deadline() {
+async fn stopping_finishes_running_requests_accepts_no_new_ones_and_keeps_its_deadline() {
     let r = start(Limits { shutdown: Duration::from_secs(3), ..Limits::default() }, 32 << 20).await;
     let mut running = TcpStream::connect(r.address).await.unwrap();
     running.write_all(GET).await.unwrap();

@@ -8,7 +8,7 @@ use futures_util::StreamExt as _;
 use kilwa_archive::checksums::{Checksums, sha256};
 use kilwa_archive::manifest::{Access, AccessState, Manifest};
 use kilwa_server::access::{Accounts, AccountsError, Grant, Purpose};
-use kilwa_server::door::Door;
+use kilwa_server::auth::Auth;
 use kilwa_server::extracts::{Extracts, Failure};
 use kilwa_server::{Catalogue, Clock, Site, app};
 use std::fs::File;
@@ -59,7 +59,7 @@ fn change_access(models: &Path, slug: &str, access: Access) {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_transfer_ends_when_access_does_and_others_go_on() {
+async fn a_transfer_ends_when_access_ends_and_others_continue() {
     let folder = tempfile::tempdir().unwrap();
     let models = folder.path().join("models");
     std::fs::create_dir(&models).unwrap();
@@ -82,7 +82,7 @@ async fn a_transfer_ends_when_access_does_and_others_go_on() {
     accounts.create(&file).unwrap();
     let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
     site.clock = Clock::new(|| NOW);
-    site.door = Some(Arc::new(Door::open(&file, None).unwrap()));
+    site.auth = Some(Arc::new(Auth::open(&file, None).unwrap()));
     let app = app(site);
 
     let mut transfers = Vec::new();
@@ -137,7 +137,7 @@ fn mesh(to: &Path) -> Result<(), Failure> {
     std::fs::write(to, noise(FILE, 3)).map_err(|e| Failure::Other(e.to_string()))
 }
 
-/// Who reads.
+/// The reader.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Who {
     /// Anybody.
@@ -233,7 +233,7 @@ fn must_end(address: &str, who: Who, change: Change) -> bool {
 
 /// Every address that serves a model, and every way in which access to it can end.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn every_transfer_of_a_model_ends_when_a_request_for_it_would_be_refused() {
+async fn every_transfer_of_a_model_ends_once_a_request_for_it_would_be_refused() {
     let folder = tempfile::tempdir().unwrap();
     let (models, file) = (folder.path().join("models"), folder.path().join("access.json"));
     std::fs::create_dir(&models).unwrap();
@@ -274,7 +274,7 @@ async fn every_transfer_of_a_model_ends_when_a_request_for_it_would_be_refused()
         .collect();
     let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
     site.clock = Clock::new(|| NOW);
-    site.door = Some(Arc::new(Door::open(&file, None).unwrap()));
+    site.auth = Some(Arc::new(Auth::open(&file, None).unwrap()));
     site.extracts = Some(
         Extracts::with_extractor(folder.path().join("cache"), 140_000_000, Arc::new(|_, to, _, _, _| mesh(to)))
             .unwrap(),

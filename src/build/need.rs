@@ -1,4 +1,4 @@
-//! How much room a build needs on its disks, told before anything is read.
+//! How much disk space a build needs, estimated before anything is read.
 //!
 //! From headers where they say how many vertices and triangles there are (PLY, binary STL, glTF), from the length of the file
 //! otherwise; an estimate to the safe side. What is needed is compared with what is free, and refused with both numbers.
@@ -15,7 +15,7 @@ const PACK_BYTES: (u64, u64) = (12, 1 << 16);
 /// Bytes for each triangle that the levels need at most beside each other: leaves, two levels, chunks, records: an estimate; whole builds were seen to use 97 to 100 with what reading leaves.
 const LEVEL_BYTES: u64 = 80;
 /// The longest JSON of a glTF that is looked at.
-const MOST_JSON: u64 = 64 << 20;
+const MAX_JSON: u64 = 64 << 20;
 /// More vertices or triangles than any mesh has; what a file claims beyond them is not calculated with.
 const COUNT_MAX: u64 = 1 << 40;
 /// What the tree and the journal take in any case.
@@ -30,7 +30,7 @@ struct Count {
     attributes: u64,
 }
 
-/// Room needed.
+/// Disk space needed.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub(crate) struct Need {
     /// Bytes in the scratch folder, at most at a time.
@@ -108,7 +108,7 @@ fn json_length(start: &[u8], bytes: u64) -> Option<u64> {
     } else {
         return None;
     };
-    (length <= bytes.min(MOST_JSON)).then_some(length)
+    (length <= bytes.min(MAX_JSON)).then_some(length)
 }
 
 /// What the accessors of a glTF say, compressed or not, of each mesh as often as it is shown.
@@ -176,15 +176,15 @@ fn ply(start: &[u8], bytes: u64) -> Count {
     // No vertex takes less than 6 bytes, no face less than 4 indices of a byte.
     let (vertices, faces) = (vertices.min(bytes / 6), faces.min(bytes / 4));
     if faces > 0 && corner > 0 {
-        // Polygons: as many triangles as their corners make, which the length tells, or for text the vertices.
-        let most = if header.contains("format ascii") {
+        // Polygons: as many triangles as their corners make, estimated from the length, or for text from the vertices.
+        let max = if header.contains("format ascii") {
             faces.max(vertices.min(faces).saturating_mul(2))
         } else {
             let corners =
                 bytes.saturating_sub((header.len() + END.len()) as u64 + vertices * vertex + faces * face) / corner;
             corners.saturating_sub(faces * 2)
         };
-        triangles = faces.max(most);
+        triangles = faces.max(max);
     }
     Count { vertices, triangles: triangles.min(bytes / 4), attributes }
 }
@@ -204,7 +204,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn headers_say_how_much_room_is_needed_and_are_not_believed_beyond_the_file() {
+    fn the_space_needed_is_estimated_from_headers_limited_by_the_file_size() {
         let header = |faces: u64| {
             format!(
                 "ply\nformat binary_little_endian 1.0\nelement vertex 500\nproperty float x\nproperty float y\nproperty float \
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn too_little_room_is_refused_with_numbers() {
+    fn too_little_disk_space_is_refused_with_numbers() {
         let folder = tempfile::tempdir().unwrap();
         let need = Need { scratch_bytes: 1 << 58, pack_bytes: 1 << 50 };
         let error = need.check(folder.path(), folder.path(), 0).unwrap_err().to_string();

@@ -32,7 +32,7 @@ pub(super) struct Spent {
     cpu_seconds: Option<f64>,
     triangles_per_second: f64,
     triangles_per_cpu_second: Option<f64>,
-    /// Room that was thought to be needed on disks.
+    /// Disk space estimated beforehand.
     estimated: Need,
 }
 
@@ -129,7 +129,7 @@ pub(super) fn print(output: &Path, r: &Report<'_>, out: &mut impl Write) -> std:
     writeln!(out, "  patches   {}", spread(&p.patch_triangles))?;
     writeln!(out, "  chunks    {}", spread(&p.chunk_triangles))?;
     spent(r, out)?;
-    for (kind, f) in &b.findings {
+    for (kind, f) in &b.diagnostics {
         let places = if f.places.is_empty() { String::new() } else { format!(" (first: {})", f.places.join("; ")) };
         writeln!(out, "  {:>9} {kind}{places}", f.count)?;
     }

@@ -3,12 +3,12 @@
 use kilwa_files::size;
 
 /// The smallest budget that a build accepts: less does not hold one diamond.
-pub(crate) const LEAST_MEMORY: u64 = 100 << 20;
+pub(crate) const MIN_MEMORY: u64 = 100 << 20;
 
 /// Bytes of memory for a build.
 pub(crate) fn memory(text: &str) -> Result<u64, String> {
     let size = size::parse(text)?;
-    if size < LEAST_MEMORY {
+    if size < MIN_MEMORY {
         return Err(format!("{text} is too little to build with; give 100M or more"));
     }
     Ok(size)

@@ -75,8 +75,8 @@ fn words(names: &str, s: &Surface, out: &mut impl Write) -> std::io::Result<()> 
     for c in &s.scalars {
         writeln!(out, "  channel     {}, {} to {}", c.name, c.min, c.max)?;
     }
-    writeln!(out, "  a pack would have steps of {}", metres(s.lattice.step()))?;
-    for (kind, f) in &s.findings {
+    writeln!(out, "  a pack would have a lattice spacing of {}", metres(s.lattice.step()))?;
+    for (kind, f) in &s.diagnostics {
         let places = if f.places.is_empty() { String::new() } else { format!(" (first: {})", f.places.join("; ")) };
         writeln!(out, "  {:>9} {kind}{places}", f.count)?;
     }

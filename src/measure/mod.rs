@@ -24,8 +24,8 @@ use sweep::FileLeaves;
 
 /// Measure on the finest surface.
 ///
-/// Positions are three numbers each, in metres, in the coordinates of the model (world coordinates, z up); what counts is
-/// the point of the surface nearest to each.
+/// Positions are three numbers each, in metres, in the coordinates of the model (world coordinates, z up); each is
+/// replaced by the nearest point of the surface.
 #[derive(clap::Args)]
 #[command(allow_negative_numbers = true)]
 #[expect(clippy::struct_excessive_bools, reason = "each is a switch of the command line")]
@@ -40,19 +40,19 @@ pub(crate) struct Args {
     /// Unit that values are printed in: m, dm, cm, mm, km, ft, us-ft, in.
     #[arg(long, global = true, default_value = "m", value_parser = unit)]
     unit: LengthUnit,
-    /// Take positions as they are instead of the nearest points of the surface.
+    /// Use positions as given instead of the nearest points of the surface.
     #[arg(long, global = true)]
     exact: bool,
-    /// Points are given as rays, six numbers each: origin and direction; what counts is where they meet the surface first.
+    /// Points are given as rays, six numbers each: origin and direction; each is replaced by its first hit on the surface.
     #[arg(long, global = true, conflicts_with = "exact")]
     rays: bool,
-    /// Add the measurement to this document (.json), which is made where it is not there.
+    /// Add the measurement to this document (.json), which is created if missing.
     #[arg(long, global = true, value_name = "FILE")]
     save: Option<PathBuf>,
-    /// What the measurement is called where it is saved or cited.
+    /// Name of the measurement in the document and the citation.
     #[arg(long, global = true)]
     name: Option<String>,
-    /// Print a sentence to cite.
+    /// Print a citation.
     #[arg(long, global = true, conflicts_with = "json")]
     cite: bool,
     /// When it was measured, for the document and the citation.
@@ -92,15 +92,15 @@ pub(crate) struct PlaneArgs {
 enum Tool {
     /// The point of the surface nearest to a position.
     Coordinate(Points),
-    /// From the first point to the last by way of the others: straight, horizontal, vertical.
+    /// Distance from the first point to the last through the others: straight, horizontal, vertical.
     #[command(allow_negative_numbers = true)]
     Distance {
         #[command(flatten)]
         points: Points,
-        /// Back to the first point.
+        /// Close the path, back to the first point.
         #[arg(long)]
         closed: bool,
-        /// Along the surface too: in the plane through two points that stands upright on it, as a tape lies.
+        /// Also along the surface, like a tape: in the plane through two points that is perpendicular to it.
         #[arg(long, conflicts_with_all = ["closed", "exact"])]
         along: bool,
     },
@@ -146,7 +146,7 @@ enum Tool {
         #[command(flatten)]
         output: output::OutputArgs,
     },
-    /// What the upright planes along a line cut, straightened.
+    /// The profile along a line: its vertical planes cut the surface, unrolled into one plane.
     #[command(allow_negative_numbers = true)]
     Profile {
         #[command(flatten)]
@@ -156,7 +156,7 @@ enum Tool {
     },
     /// Lines of equal height.
     Contours {
-        /// Height from line to line, metres.
+        /// Height between contour lines, metres.
         #[arg(long, value_name = "METRES")]
         interval: f64,
         #[command(flatten)]
@@ -189,7 +189,7 @@ impl Tool {
 }
 
 fn unit(symbol: &str) -> Result<LengthUnit, String> {
-    LengthUnit::parse(symbol).ok_or_else(|| format!("one of {} is wanted", LengthUnit::symbols()))
+    LengthUnit::parse(symbol).ok_or_else(|| format!("expected one of {}", LengthUnit::symbols()))
 }
 
 /// A pack with what every tool needs of it.

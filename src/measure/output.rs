@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 /// Where a drawing goes.
 #[derive(clap::Args)]
 pub(crate) struct OutputArgs {
-    /// The file to write; its ending says the format: .svg, .dxf, .csv, .json or .geojson.
+    /// The file to write; its extension chooses the format: .svg, .dxf, .csv, .json or .geojson.
     #[arg(short, long)]
     output: Option<PathBuf>,
     /// Scale of the drawing on paper, for example 1:50.
@@ -27,12 +27,12 @@ fn scale(text: &str) -> Result<f64, String> {
     let number = text.strip_prefix("1:").unwrap_or(text).parse::<f64>();
     match number {
         Ok(n) if n.is_finite() && (0.001..=1e7).contains(&n) => Ok(n),
-        _ => Err("a scale such as 1:50 is wanted".to_owned()),
+        _ => Err("expected a scale such as 1:50".to_owned()),
     }
 }
 
 impl OutputArgs {
-    /// Say what would stop the writing, before the work is done.
+    /// Report what would prevent writing, before the work is done.
     pub(super) fn check(&self, pack: &Path) -> anyhow::Result<()> {
         let Some(path) = &self.output else { return Ok(()) };
         Self::format(path)?;

@@ -14,8 +14,8 @@ use std::io::IsTerminal;
 
 /// Chunks read at a time: bounds memory, and keeps all threads busy.
 const BATCH: usize = 64;
-/// From so many chunks on a person is told how far it is.
-const TOLD: usize = 512;
+/// From this many chunks on progress is shown.
+const PROGRESS_MIN: usize = 512;
 
 /// A pack in a file.
 pub(super) struct FileLeaves {
@@ -73,7 +73,7 @@ impl FileLeaves {
 
 /// A bar on stderr with the time left, where it takes long and somebody looks.
 fn bar(chunks: usize, bytes: u64) -> ProgressBar {
-    if chunks < TOLD || !std::io::stderr().is_terminal() {
+    if chunks < PROGRESS_MIN || !std::io::stderr().is_terminal() {
         return ProgressBar::hidden();
     }
     let bar = ProgressBar::with_draw_target(Some(bytes), ProgressDrawTarget::stderr_with_hz(5));

@@ -106,16 +106,16 @@ fn flatten(value: &Value, name: &str, known: &str, rows: &mut Vec<Row>) {
 
 /// Say it as was asked.
 pub(super) fn print(args: &super::Args, plan: &Plan) -> anyhow::Result<()> {
-    let said = if args.json { format!("{:#}", json(plan)) } else { text(plan) };
-    Ok(writeln!(crate::terminal::out(), "{said}")?)
+    let text = if args.json { format!("{:#}", json(plan)) } else { text(plan) };
+    Ok(writeln!(crate::terminal::out(), "{text}")?)
 }
 
 /// For people.
 fn text(plan: &Plan) -> String {
     let rows = rows(plan);
-    let short = |t: &str, most: usize| {
+    let short = |t: &str, max: usize| {
         let t = t.replace('\n', " ");
-        if t.chars().count() > most { format!("{}…", t.chars().take(most - 1).collect::<String>()) } else { t }
+        if t.chars().count() > max { format!("{}…", t.chars().take(max - 1).collect::<String>()) } else { t }
     };
     let heads = ["field", "value", "Dublin Core", "DataCite", "Europeana", "schema.org"];
     let cells: Vec<[String; 6]> = rows

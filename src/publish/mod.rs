@@ -23,15 +23,15 @@ use std::path::PathBuf;
 
 /// Publish a pack as an archive object: a folder with the viewer, metadata, pictures, citations and checksums.
 ///
-/// DIR/NAME/ is made, or gets another version. Nothing is written before everything was checked; what is published never
-/// changes. `kilwa metadata init` writes the metadata file to begin with.
+/// Creates DIR/NAME/, or adds a version to it. Nothing is written before everything has been checked; published files never
+/// change. `kilwa metadata init` writes the metadata file to begin with.
 #[derive(clap::Args, Clone)]
 #[expect(clippy::struct_excessive_bools, reason = "each is a switch of the command line")]
 pub(crate) struct Args {
     /// The pack.
     #[arg(required_unless_present = "withdraw")]
     pack: Option<PathBuf>,
-    /// The folder that holds the objects, made where it is not there; the address of a server that takes uploads; or `s3://bucket/prefix`.
+    /// The folder of the objects, created if missing; the address of a server that takes uploads; or `s3://bucket/prefix`.
     #[arg(long, value_name = "DIR|URL")]
     to: PathBuf,
     /// What is known about the model, a TOML file.
@@ -43,26 +43,26 @@ pub(crate) struct Args {
     /// Notes on the model, as the viewer saves them (Web Annotations): they become part of the version, and its page shows them.
     #[arg(long, value_name = "FILE")]
     notes: Option<PathBuf>,
-    /// Publish without notes, though the last version has some.
+    /// Publish without notes, although the previous version has some.
     #[arg(long, conflicts_with = "notes")]
     no_notes: bool,
-    /// It is a new version of the object that has this name, however different it looks.
+    /// Publish as a new version of the object with this name, however different it looks.
     #[arg(long)]
     same_object: bool,
-    /// Open the object to more people than its metadata did so far; its earlier versions are opened with it. Not by upload.
+    /// Give more people access to the object than before, including its earlier versions. Not for uploads.
     #[arg(long)]
     open_access: bool,
-    /// Day of publication, in place of the metadata's, of SOURCE_DATE_EPOCH and of today.
+    /// Date of publication (default: that of the metadata, of SOURCE_DATE_EPOCH, or today).
     #[arg(long, value_name = "YYYY-MM-DD", value_parser = parse_day)]
     date: Option<String>,
     /// Also wrap the object as a BagIt bag, DIR/NAME.bag, for deposit.
     #[arg(long)]
     bag: bool,
-    /// Take the place on earth out of everything that is written; with a number, leave in which cell of a grid of so many metres it lies.
+    /// Remove the location from everything that is written; with a number, keep the cell of a grid with this spacing in metres.
     #[arg(long, value_name = "METRES", num_args = 0..=1, require_equals = true, default_missing_value = "nowhere", value_parser = parse_place)]
     redact_location: Option<crate::redact::Place>,
-    /// With --redact-location, keep this scalar channel, which is left out otherwise: scans carry their coordinates as channels. Can be given several
-    /// times. A channel whose values are coordinates or heights is refused.
+    /// With --redact-location, keep this scalar channel; others are dropped, because scans may store coordinates as channels. Repeat for
+    /// several. A channel whose values are coordinates or heights is refused.
     #[arg(long, value_name = "NAME", requires = "redact_location")]
     keep_channel: Vec<String>,
     /// Check everything and show which field goes where; write nothing.
@@ -71,37 +71,37 @@ pub(crate) struct Args {
     /// Also write the pages of the whole folder: catalogue, feeds, sitemap.
     #[arg(long)]
     site: bool,
-    /// Withdraw an object instead: its files go to --keep, a page that says so is left.
+    /// Withdraw an object instead: its files are moved to --keep, and a page that says so remains.
     #[arg(long, value_name = "NAME", requires = "reason", requires = "keep", conflicts_with_all = ["pack", "metadata", "version_note", "notes", "no_notes", "bag", "redact_location", "keep_channel"])]
     withdraw: Option<String>,
-    /// Why it is withdrawn; everybody can read it.
+    /// The reason for the withdrawal, which is public.
     #[arg(long, value_name = "TEXT", requires = "withdraw")]
     reason: Option<String>,
-    /// Where the files of a withdrawn object go: a folder outside of DIR.
+    /// Where to move the files of a withdrawn object: a folder outside DIR.
     #[arg(long, value_name = "FOLDER", requires = "withdraw")]
     keep: Option<PathBuf>,
-    /// A file with the token for the server, in place of the environment's KILWA_TOKEN.
+    /// A file with the token for the server (default: the environment variable KILWA_TOKEN).
     #[arg(long, value_name = "FILE")]
     token_file: Option<PathBuf>,
     /// Address of a store that is not Amazon's, for --to s3://… (default: AWS_ENDPOINT_URL); keys come from AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY.
     #[arg(long, value_name = "URL")]
     s3_endpoint: Option<String>,
-    /// Send the token over http, where everybody on the way can read it, to other computers too.
+    /// Send the token over http even to other computers, where everybody on the way can read it.
     #[arg(long)]
     allow_http: bool,
-    /// Take the viewer page from this folder (a built www/dist) instead of the one in this program.
+    /// Use the viewer page of this folder (a built www/dist) instead of the one in this program.
     #[arg(long, value_name = "DIR")]
     www: Option<PathBuf>,
-    /// Draw with a software renderer even where there is a graphics card.
+    /// Draw with a software renderer even if there is a graphics card.
     #[arg(long)]
     software: bool,
-    /// Report as JSON.
+    /// Print the report as JSON.
     #[arg(long)]
     json: bool,
 }
 
 fn parse_day(text: &str) -> Result<String, String> {
-    if is_day(text) { Ok(text.to_owned()) } else { Err("a day such as 2026-11-21 is wanted".to_owned()) }
+    if is_day(text) { Ok(text.to_owned()) } else { Err("expected a date such as 2026-11-21".to_owned()) }
 }
 
 fn parse_place(text: &str) -> Result<crate::redact::Place, String> {
@@ -110,7 +110,7 @@ fn parse_place(text: &str) -> Result<crate::redact::Place, String> {
     }
     match text.parse::<f64>() {
         Ok(cell) if cell.is_finite() && cell > 0.0 => Ok(crate::redact::Place::Cell(cell)),
-        _ => Err("metres are wanted, for example --redact-location=10000, or nothing".to_owned()),
+        _ => Err("expected metres, for example --redact-location=10000, or no value".to_owned()),
     }
 }
 

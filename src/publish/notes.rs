@@ -128,6 +128,6 @@ pub(super) fn left_out(plan: &Plan) -> Vec<String> {
             counted(notes.left_out, "annotation of the notes, which names", "annotations of the notes, which name")
         )
     });
-    let telling = plan.given.place.and_then(|_: Place| notes.telling());
-    without.into_iter().chain(telling).collect()
+    let revealing = plan.given.place.and_then(|_: Place| notes.revealing());
+    without.into_iter().chain(revealing).collect()
 }

@@ -18,7 +18,7 @@ use std::path::{Path, PathBuf};
 
 /// Largest metadata file that is read, bytes; its reader names the limit.
 const METADATA_MAX: u64 = 2 << 20;
-/// Room for pictures, records and the preview, beside pack and viewer.
+/// Disk space for pictures, records and the preview, beside pack and viewer.
 const ROOM: u64 = 64 << 20;
 
 /// What was given, read and checked by itself.
@@ -118,7 +118,7 @@ impl Given {
     pub(super) fn location(&self) -> Location {
         let bounds = [self.of_pack.bounds_min, self.of_pack.bounds_max];
         let location = Location::of(bounds, self.crs.as_deref(), self.metadata.place.as_ref());
-        // A cell of the reference system is told with its name.
+        // A cell of the reference system is published with its name.
         if matches!(self.place, Some(Place::Cell(_))) { location.with_known_system() } else { location }
     }
 
@@ -129,7 +129,7 @@ impl Given {
     }
 }
 
-/// What a first version says of itself where nobody said what is new.
+/// The note of a first version without a given one.
 const FIRST: &str = "First publication";
 
 /// What is going to be published. It is decided twice: before anything is written, so that a mistake is named at once, and again when the version
@@ -214,7 +214,7 @@ impl Plan {
         };
         // Without a name, so that nothing of it can be left.
         tempfile::tempfile_in(&at).with_context(|| {
-            format!("cannot write to {}: give a folder with --to that you may write to, or ask whoever keeps it; nothing was changed", at.display())
+            format!("cannot write to {}: give a folder with --to that you may write to, or ask its administrator; nothing was changed", at.display())
         })?;
         if let Some(free) = machine::free_space(&at).filter(|free| *free < needed) {
             bail!(
@@ -233,13 +233,13 @@ impl Plan {
         let scalars = given.of_pack.scalars.iter().map(|s| s.name.as_str());
         let names: Vec<&str> =
             scalars.filter(|n| given.place.is_some() && !given.keep_channels.iter().any(|k| k == n)).collect();
-        let said = || {
+        let warning = || {
             format!(
                 "the scalar channels {}, which may hold coordinates; --keep-channel NAME keeps one that does not",
                 names.join(", ")
             )
         };
-        (!names.is_empty()).then(said).into_iter().collect()
+        (!names.is_empty()).then(warning).into_iter().collect()
     }
 
     /// What is hardly meant.
@@ -357,7 +357,7 @@ fn read_metadata_text(file: &Path) -> anyhow::Result<(Metadata, String)> {
         in_file()
     );
     let bytes = read_named(file, METADATA_MAX)?;
-    let text = in_utf8(bytes).map_err(|said| anyhow::anyhow!("{}: {said}", in_file()))?;
+    let text = in_utf8(bytes).map_err(|message| anyhow::anyhow!("{}: {message}", in_file()))?;
     let metadata = Metadata::parse(&text);
     let metadata = metadata.map_err(|problems| anyhow::anyhow!("{} cannot be used:\n  {problems}", in_file()))?;
     Ok((metadata, text))
@@ -398,7 +398,7 @@ fn day(args: &Args, metadata: &Metadata, before: Option<&Manifest>) -> anyhow::R
     let today = kilwa_archive::date::day_of(now.as_secs());
     ensure!(
         day <= today || args.date.is_some(),
-        "published: {day} is in the future (today is {today}, UTC); correct it in the metadata. An embargo is said with [access]"
+        "published: {day} is in the future (today is {today}, UTC); correct it in the metadata. Give an embargo with [access]"
     );
     Ok(day)
 }

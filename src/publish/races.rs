@@ -126,7 +126,7 @@ fn publish(args: &Args) -> anyhow::Result<Report> {
 }
 
 #[test]
-fn two_who_planned_the_same_version_publish_one_after_the_other_and_both_are_there() {
+fn two_publications_planned_as_the_same_version_are_both_published_in_turn() {
     let bench = Bench::new();
     publish(&bench.publishing(None, &[])).unwrap();
     let (ours, theirs) = (bench.publishing(Some("ours"), &[]), bench.publishing(Some("theirs"), &[]));
@@ -144,7 +144,7 @@ fn two_who_planned_the_same_version_publish_one_after_the_other_and_both_are_the
 }
 
 #[test]
-fn an_object_withdrawn_while_a_version_is_made_stays_withdrawn() {
+fn an_object_withdrawn_during_a_publication_stays_withdrawn() {
     let bench = Bench::new();
     publish(&bench.publishing(None, &[])).unwrap();
     let ours = bench.publishing(Some("ours"), &[]);
@@ -157,7 +157,7 @@ fn an_object_withdrawn_while_a_version_is_made_stays_withdrawn() {
 }
 
 #[test]
-fn what_an_object_asks_of_its_next_version_is_asked_when_the_version_has_been_made() {
+fn requirements_of_the_object_are_checked_again_after_the_version_is_made() {
     let bench = Bench::new();
     let closed = "[access]\nstate = \"restricted\"\n";
     let restrict = |args: &Args| {

@@ -1,7 +1,7 @@
 //! `kilwa publish --to https://…`: made here as for a folder, then sent to a server, which verifies it and publishes it.
 
 use super::plan::{Given, Plan};
-use super::send::{Patience, Sender, Told, is_loopback};
+use super::send::{Patience, SendEvent, Sender, is_loopback};
 use super::write::{picture, spinner, without_place};
 use super::{Args, Report, mapping, notes};
 use crate::redact::Place;
@@ -12,7 +12,7 @@ use kilwa_archive::assemble::is_metadata;
 use kilwa_archive::checksums::{sha256, sha256_of};
 use kilwa_archive::layout::{ANNOTATIONS, MANIFEST, METADATA, pack_name};
 use kilwa_archive::{Manifest, PackEntry};
-use kilwa_server::upload::wire::{Drawing, FORM, FileSaid, Intent, PreviewSaid};
+use kilwa_server::upload::wire::{AnnouncedFile, AnnouncedPreview, Drawing, FORM, Intent};
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
@@ -41,7 +41,7 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
     }
     ensure!(
         !args.open_access,
-        "--open-access opens earlier versions too, which no upload may; whoever keeps the server publishes that version to its folder"
+        "--open-access opens earlier versions too, which no upload may; its administrator can publish that version to the server's folder"
     );
     check_address(address, args.allow_http)?;
     let base = address.trim_end_matches('/');
@@ -86,10 +86,10 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path) -> anyhow::Resul
         std::fs::write(work.join(ANNOTATIONS), noted).context("cannot write the notes to the temporary folder")?;
         paths.push(ANNOTATIONS.to_owned());
     }
-    let mut files = vec![FileSaid { path: pack_name(&pack_sum), bytes, sha256: pack_sum.clone() }];
+    let mut files = vec![AnnouncedFile { path: pack_name(&pack_sum), bytes, sha256: pack_sum.clone() }];
     for path in &paths {
         let (bytes, sha256) = hashed(&work.join(path))?;
-        files.push(FileSaid { path: path.clone(), bytes, sha256 });
+        files.push(AnnouncedFile { path: path.clone(), bytes, sha256 });
     }
     let facts = &plan.facts;
     let intent = Intent {
@@ -106,14 +106,15 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path) -> anyhow::Resul
         kept_channels: plan.given.keep_channels.clone(),
         same_object: args.same_object,
         metadata: facts.metadata.clone(),
-        preview: pictured.preview.map(|p| PreviewSaid { triangles: p.triangles, error: p.error }),
+        preview: pictured.preview.map(|p| AnnouncedPreview { triangles: p.triangles, error: p.error }),
         drawings: pictured.drawings.iter().map(|(p, w)| Drawing { path: p.clone(), words: w.clone() }).collect(),
         files,
     };
-    let place =
-        |file: &FileSaid| -> PathBuf { if file.sha256 == pack_sum { pack.clone() } else { work.join(&file.path) } };
+    let place = |file: &AnnouncedFile| -> PathBuf {
+        if file.sha256 == pack_sum { pack.clone() } else { work.join(&file.path) }
+    };
     let progress = Progress::new();
-    let published = sender.publish(&intent, &place, &|told| progress.tell(&told));
+    let published = sender.publish(&intent, &place, &|event| progress.show(&event));
     let published = published.map_err(anyhow::Error::msg).with_context(|| plan.at.clone())?;
     progress.0.finish_and_clear();
     let now = manifest(sender, &intent.slug, &plan.at)?;
@@ -223,7 +224,7 @@ fn token(args: &Args) -> anyhow::Result<String> {
         (text.to_string_lossy().into_owned(), TOKEN.to_owned())
     } else {
         bail!(
-            "publishing to a server needs a token: whoever keeps it makes one with `kilwa access token FILE NAME --for publish`; put it into the environment as {TOKEN}, or give a file with --token-file"
+            "publishing to a server needs a token: its administrator makes one with `kilwa access token FILE NAME --for publish`; put it into the environment as {TOKEN}, or give a file with --token-file"
         );
     };
     let token = text.trim();
@@ -246,11 +247,11 @@ impl Progress {
         Self(bar)
     }
 
-    fn tell(&self, told: &Told<'_>) {
-        match told {
-            Told::Sent(done, of) => self.at("sending", *done, *of),
-            Told::Verified(done, of) => self.at("the server verifies", *done, *of),
-            Told::Waits(why, pause) => {
+    fn show(&self, event: &SendEvent<'_>) {
+        match event {
+            SendEvent::Sent(done, of) => self.at("sending", *done, *of),
+            SendEvent::Verified(done, of) => self.at("the server verifies", *done, *of),
+            SendEvent::Waits(why, pause) => {
                 let line = format!("kilwa: {why}; trying again in {} s", pause.as_secs_f32().ceil());
                 self.0.suspend(|| crate::terminal::say!("{line}"));
             }
@@ -272,7 +273,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_token_goes_in_the_clear_to_this_computer_only() {
+    fn a_token_is_sent_unencrypted_only_to_this_computer() {
         for good in
             ["https://museum.example/", "http://localhost:8080", "http://127.0.0.1:9/", "http://[::1]:80/", "HTTPS://x"]
         {

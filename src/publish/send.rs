@@ -1,14 +1,14 @@
 //! Sending a version to a server that takes uploads (tus 1.0.0 for the bytes; [`kilwa_server::upload`] for the rest).
 //!
 //! Every attempt begins with what is meant; the server says what it lacks, or that it is published already. So whatever broke off (this
-//! program, the line, the server) is gone on with in the same way, by waiting and trying again, or by running the same command again.
+//! program, the line, the server) is resumed in the same way, by waiting and trying again, or by running the same command again.
 //! Waits grow; what makes progress is not given up. The token goes to the address that was given, to no other, and into no message.
 //!
 //! Stands by itself (with `distrust`), so that tests can drive it without a command line.
 
 use kilwa_archive::checksums::sha256_of;
 use kilwa_pack::plural::counted;
-use kilwa_server::upload::wire::{FileSaid, Intent, Lacking, State, Status};
+use kilwa_server::upload::wire::{AnnouncedFile, Intent, Lacking, State, Status};
 use std::cell::Cell;
 use std::fs::File;
 use std::io::{BufReader, Read, Seek, SeekFrom};
@@ -45,9 +45,9 @@ impl Default for Patience {
     }
 }
 
-/// What is told on the way.
+/// Events while sending.
 #[derive(Debug, Clone, Copy)]
-pub(crate) enum Told<'a> {
+pub(crate) enum SendEvent<'a> {
     /// So many of so many bytes are there.
     Sent(u64, u64),
     /// The server has verified so many of so many bytes.
@@ -76,7 +76,7 @@ enum Failure {
     Final(String),
     /// It may, after so long at least; whether anything was got done.
     Passing { why: String, after: Option<Duration>, progressed: bool },
-    /// A file arrived with another content than was announced, and has to be sent anew: nothing was got done.
+    /// A file arrived with another content than was announced, and has to be sent again: nothing was got done.
     Altered(String),
 }
 
@@ -127,7 +127,7 @@ impl Sender {
         }
     }
 
-    /// A small public file of the site; `None` where there is none.
+    /// A small public file of the site; `None` if there is none.
     ///
     /// # Errors
     /// For people, when it cannot be had.
@@ -157,7 +157,7 @@ impl Sender {
                 // How the last upload ended, or that there is none, is no matter.
                 200..=299 | 404 | 409 | 422 | 423 | 507 if speaks_tus => Ok(()),
                 200..=299 | 404 => {
-                    Err(Failure::Final(format!("{} takes no uploads; is it a kilwa of this version?", self.base)))
+                    Err(Failure::Final(format!("{} accepts no uploads; does it run this version of kilwa?", self.base)))
                 }
                 _ if speaks_tus => {
                     let (parts, content) = response.into_parts();
@@ -181,14 +181,14 @@ impl Sender {
     pub(crate) fn publish(
         &self,
         intent: &Intent,
-        at: &dyn Fn(&FileSaid) -> PathBuf,
-        told: &dyn Fn(Told<'_>),
+        at: &dyn Fn(&AnnouncedFile) -> PathBuf,
+        report: &dyn Fn(SendEvent<'_>),
     ) -> Result<Published, String> {
-        self.persist(told, || self.attempt(intent, at, told).map_err(|e| self.looked_at(e, intent, at)))
+        self.persist(report, || self.attempt(intent, at, report).map_err(|e| self.looked_at(e, intent, at)))
     }
 
     /// When files arrive altered again, whether they are still what was announced.
-    fn looked_at(&self, e: Failure, intent: &Intent, at: &dyn Fn(&FileSaid) -> PathBuf) -> Failure {
+    fn looked_at(&self, e: Failure, intent: &Intent, at: &dyn Fn(&AnnouncedFile) -> PathBuf) -> Failure {
         if !matches!(e, Failure::Altered(_)) {
             return e;
         }
@@ -201,8 +201,8 @@ impl Sender {
             match File::open(&path).and_then(|f| sha256_of(BufReader::with_capacity(1 << 20, f))) {
                 Ok((_, sum)) if sum == file.sha256 => {}
                 Ok(_) => {
-                    let said = "the file changed while it was sent; run the same command again when nothing writes to it any more";
-                    return Failure::Final(format!("{}: {said}", path.display()));
+                    let message = "the file changed while it was sent; run the same command again when nothing writes to it any more";
+                    return Failure::Final(format!("{}: {message}", path.display()));
                 }
                 Err(e) => return Failure::Final(format!("{}: {e}", path.display())),
             }
@@ -211,7 +211,11 @@ impl Sender {
     }
 
     /// Try until it is done, refused, or nothing gets on for long.
-    fn persist<T>(&self, told: &dyn Fn(Told<'_>), attempt: impl Fn() -> Result<T, Failure>) -> Result<T, String> {
+    fn persist<T>(
+        &self,
+        report: &dyn Fn(SendEvent<'_>),
+        attempt: impl Fn() -> Result<T, Failure>,
+    ) -> Result<T, String> {
         let (mut tries, mut wait) = (0, self.patience.first);
         loop {
             let (why, after) = match attempt() {
@@ -228,12 +232,12 @@ impl Sender {
             tries += 1;
             if tries >= self.patience.attempts {
                 return Err(format!(
-                    "{why} ({}). What was sent is kept for some days: run the same command again to go on",
+                    "{why} ({}). What was sent is kept for some days: run the same command again to continue",
                     counted(tries, "attempt", "attempts")
                 ));
             }
             let pause = wait.max(after.unwrap_or_default()).min(self.patience.longest);
-            told(Told::Waits(&why, pause));
+            report(SendEvent::Waits(&why, pause));
             sleep(pause);
             wait *= 2;
         }
@@ -242,8 +246,8 @@ impl Sender {
     fn attempt(
         &self,
         intent: &Intent,
-        at: &dyn Fn(&FileSaid) -> PathBuf,
-        told: &dyn Fn(Told<'_>),
+        at: &dyn Fn(&AnnouncedFile) -> PathBuf,
+        report: &dyn Fn(SendEvent<'_>),
     ) -> Result<Published, Failure> {
         let text = serde_json::to_vec(intent).map_err(|e| Failure::Final(e.to_string()))?;
         let begun =
@@ -252,13 +256,13 @@ impl Sender {
         let lacking = begun.lacks.iter().map(|l| l.bytes.saturating_sub(l.offset)).sum::<u64>().min(all);
         let mut progressed = lacking < self.lacking.replace(lacking);
         let sent = Cell::new(all - lacking);
-        told(Told::Sent(sent.get(), all));
+        report(SendEvent::Sent(sent.get(), all));
         for lack in &begun.lacks {
             let file = intent.files.iter().find(|f| f.sha256 == lack.sha256);
             let file = file.ok_or_else(|| Failure::Final("the server asks for a file that there is not".to_owned()))?;
             let advance = |n: u64| {
                 sent.set(sent.get() + n);
-                told(Told::Sent(sent.get(), all));
+                report(SendEvent::Sent(sent.get(), all));
             };
             self.send(&intent.slug, lack, &at(file), &advance).map_err(|e| with_progress(e, &mut progressed))?;
             progressed = true;
@@ -274,8 +278,8 @@ impl Sender {
             match now.state {
                 State::Published => return Ok(Published { version: now.version, already: now.already }),
                 State::Verifying => match &now.waits {
-                    Some(why) => told(Told::Waits(why, pause)),
-                    None => told(Told::Verified(now.done, now.of)),
+                    Some(why) => report(SendEvent::Waits(why, pause)),
+                    None => report(SendEvent::Verified(now.done, now.of)),
                 },
                 State::Refused => return Err(passing(now.error.unwrap_or_default())),
                 State::Sending | State::Ready => return Err(passing("the server began anew")),
@@ -317,8 +321,8 @@ impl Sender {
                     continue;
                 }
                 // The file, or all of the upload, is at another place than was thought.
-                460 => return Err(Failure::Altered(said(response))),
-                404 | 409 => return Err(with_progress(passing(said(response)), &mut progressed)),
+                460 => return Err(Failure::Altered(text_of(response))),
+                404 | 409 => return Err(with_progress(passing(text_of(response)), &mut progressed)),
                 _ => return Err(with_progress(self.refused(response), &mut progressed)),
             }
             at += length as u64;
@@ -371,7 +375,7 @@ impl Sender {
         })
     }
 
-    /// What the server says of the upload; `is_first` where it is asked for the first time in an attempt.
+    /// What the server says of the upload; `is_first` if requested the first time in an attempt.
     fn status(&self, response: Response<Body>, is_first: bool) -> Result<Status, Failure> {
         match response.status().as_u16() {
             200..=202 => {
@@ -384,8 +388,8 @@ impl Sender {
                 })
             }
             // After a restart it knows of nothing until it is begun again; what was damaged on the way is sent again.
-            460 if !is_first => Err(Failure::Altered(said(response))),
-            404 if !is_first => Err(passing(said(response))),
+            460 if !is_first => Err(Failure::Altered(text_of(response))),
+            404 if !is_first => Err(passing(text_of(response))),
             _ => Err(self.refused(response)),
         }
     }
@@ -397,9 +401,9 @@ impl Sender {
         let after = header("retry-after").and_then(|s| s.parse().ok()).map(Duration::from_secs);
         if status.is_redirection() {
             let to = header("location").unwrap_or_default();
-            return Failure::Final(format!("{} leads to {to}; give the address that is meant with --to", self.base));
+            return Failure::Final(format!("{} redirects to {to}; give the right address with --to", self.base));
         }
-        let why = said(response);
+        let why = text_of(response);
         match status.as_u16() {
             408 | 423 | 425 | 429 | 500 | 502..=506 | 508..=599 => Failure::Passing { why, after, progressed: false },
             _ => Failure::Final(why),
@@ -432,7 +436,7 @@ fn body(mut response: Response<Body>) -> Result<Vec<u8>, Failure> {
 }
 
 /// What the server says, in its words where it has some.
-fn said(response: Response<Body>) -> String {
+fn text_of(response: Response<Body>) -> String {
     let status = response.status();
     let value = body(response).ok().and_then(|b| kilwa_pack::json::from_slice::<serde_json::Value>(&b).ok());
     let error = value.as_ref().and_then(|v| v.get("error")).and_then(serde_json::Value::as_str);

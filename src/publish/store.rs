@@ -53,10 +53,10 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
         return super::say(args, &report);
     }
     let bar = spinner();
-    let told = |key: &str| bar.set_message(format!("sending {}", visible(key)));
+    let on_send = |key: &str| bar.set_message(format!("sending {}", visible(key)));
     store
-        .send(&slug, shelf.path(), report.version, &against, &told)
-        .with_context(|| format!("{at}: not published; what was sent stays, and the same command goes on"))?;
+        .send(&slug, shelf.path(), report.version, &against, &on_send)
+        .with_context(|| format!("{at}: not published; what was sent is kept, and the same command continues"))?;
     bar.finish_and_clear();
     super::say(args, &report)
 }

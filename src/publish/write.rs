@@ -219,7 +219,7 @@ fn already(
     })
 }
 
-/// Write the pack without its place, where that is asked for; what was taken out.
+/// Write the pack without its place, if requested; what was taken out.
 pub(super) fn without_place(plan: &Plan, to: &Path) -> anyhow::Result<Option<redact::TakenOut>> {
     let Some(place) = plan.given.place else { return Ok(None) };
     let given = &plan.given;

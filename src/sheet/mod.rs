@@ -1,9 +1,10 @@
 //! Drawings to scale: `kilwa render --scale 1:50`. Plans and elevations as PNG, PDF or GeoTIFF of any size, in constant memory.
 //!
 //! How large the sheet is and what stands on it (picture, frame, grid, scale bar, north arrow, title block) is `kilwa_measure::sheet`'s,
-//! which the page has too; `picture` draws the model band by band, `paint` the marks on it, and `png` and `strips` (PDF, TIFF) write bands as they come. One pixel is
+//! which the page has too; `picture` draws the model band by band, `paint` the marks on it, `letters` sets texts that Helvetica lacks, and `png` and `strips` (PDF, TIFF) write bands as they come. One pixel is
 //! exactly `25.4 mm / dpi × scale`; the picture's middle is that of the model's box. The file gets its name when it is complete.
 
+mod letters;
 mod paint;
 mod picture;
 mod png;
@@ -27,19 +28,19 @@ use std::path::{Path, PathBuf};
 /// A drawing to scale.
 #[derive(clap::Args)]
 pub(crate) struct SheetArgs {
-    /// A drawing to this scale, for example 1:50; the ending of the output says the format: .png, .pdf or .tif (GeoTIFF).
+    /// A drawing to this scale, for example 1:50; the extension of the output chooses the format: .png, .pdf or .tif (GeoTIFF).
     #[arg(long, value_name = "1:N", value_parser = parse_scale, conflicts_with_all = ["size", "camera"])]
     scale: Option<f64>,
     /// Dots per inch of the drawing.
     #[arg(long, default_value_t = 300, value_parser = clap::value_parser!(u32).range(25..=2400), requires = "scale")]
     dpi: u32,
-    /// Paper: A0 to A4, WIDTHxHEIGHT in millimetres, or fit (as large as the drawing). Without it, the smallest from A4 to A0 that holds it.
+    /// Paper: A0 to A4, WIDTHxHEIGHT in millimetres, or fit (as large as the drawing). Default: the smallest from A4 to A0 that fits.
     #[arg(long, value_parser = Paper::parse, requires = "scale")]
     paper: Option<Paper>,
-    /// What the title block says; without it, the title of the pack.
+    /// Title in the title block (default: the title of the pack).
     #[arg(long, requires = "scale")]
     title: Option<String>,
-    /// Nothing but the model on the sheet: no frame, grid, scale bar or title block.
+    /// Draw only the model: no frame, grid, scale bar or title block.
     #[arg(long, requires = "scale")]
     bare: bool,
 }
@@ -73,7 +74,7 @@ fn parse_scale(text: &str) -> Result<f64, String> {
     let number = text.strip_prefix("1:").unwrap_or(text).parse::<f64>();
     match number {
         Ok(n) if n.is_finite() && (0.01..=1e6).contains(&n) => Ok(n),
-        _ => Err("a scale such as 1:50 is wanted".to_owned()),
+        _ => Err("expected a scale such as 1:50".to_owned()),
     }
 }
 
@@ -134,7 +135,10 @@ pub(crate) fn run<S: Source>(args: &SheetArgs, mut s: Subject<'_, S>) -> anyhow:
         identity: s.identity.clone(),
         spacing: metadata.median_edge,
     };
-    let layout = if args.bare { Layout::default() } else { Layout::of(&sheet, &title) };
+    let mut layout = if args.bare { Layout::default() } else { Layout::of(&sheet, &title) };
+    if format == Format::Pdf {
+        layout.letters = letters::of(&layout)?;
+    }
     let size = sheet.pixels()?;
     let georeference = GeoReference::of(&sheet, metadata.crs.as_deref());
     // The page of a PDF has its lines and letters as such; pictures have them painted.

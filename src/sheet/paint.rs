@@ -103,7 +103,7 @@ impl Band {
             return;
         }
         for (n, c) in words.chars().enumerate() {
-            // What the font does not have is said to be missing.
+            // Characters that the font lacks are shown as missing.
             let glyph = get_raster(c, FontWeight::Regular, size).or_else(|| get_raster('?', FontWeight::Regular, size));
             let Some(glyph) = glyph else { continue };
             for (y, row) in glyph.rows().enumerate() {
@@ -123,13 +123,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn bands_together_show_what_one_picture_shows() {
+    fn bands_together_equal_a_single_picture() {
         let layout = Layout {
             marks: vec![
                 Mark::Box { at: [2.0, 3.0], size: [20.0, 1.0], grey: 0.0 },
                 Mark::Triangle { corners: [[5.0, 5.0], [9.0, 12.0], [3.0, 11.0]], grey: 0.5 },
                 Mark::Text { at: [25.0, 10.0], height: 3.0, anchor: Anchor::End, words: "Gereza 1:50 é".into() },
             ],
+            ..Layout::default()
         };
         let mut whole = Band::new(300, 0, 160);
         whole.paint(&layout, 10.0);
@@ -144,9 +145,12 @@ mod tests {
     }
 
     #[test]
-    fn a_bar_is_as_long_as_it_says_to_half_a_pixel() {
+    fn a_scale_bar_is_exact_to_half_a_pixel() {
         for (scale, left) in [3.937, 5.906, 11.811, 23.622].into_iter().flat_map(|s| [(s, 3.3), (s, 3.35), (s, 16.0)]) {
-            let layout = Layout { marks: vec![Mark::Box { at: [left, 2.0], size: [40.0, 2.0], grey: 0.0 }] };
+            let layout = Layout {
+                marks: vec![Mark::Box { at: [left, 2.0], size: [40.0, 2.0], grey: 0.0 }],
+                ..Layout::default()
+            };
             let mut band = Band::new(1400, 0, 120);
             band.paint(&layout, scale);
             let row = (3.0 * scale) as usize;

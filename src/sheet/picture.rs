@@ -14,7 +14,7 @@ use std::io::IsTerminal;
 /// Widest tile, pixels.
 const TILE: u32 = 4096;
 
-/// What the tiles said of themselves.
+/// What the tiles reported.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Figures {
     pub(super) worst_error_metres: f64,

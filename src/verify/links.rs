@@ -105,7 +105,7 @@ mod tests {
 
     proptest::proptest! {
         #[test]
-        fn whatever_a_page_says_no_link_leaves_the_object(
+        fn no_link_of_a_page_leaves_the_object(
             html in "(<base href=\"[a-z./]{0,6}\">)?(<[a-z]{1,4} (href|src)=\"[a-z%./:?#&;é0-9]{0,20}\"?>?){0,6}", folder in "([a-z]{1,3}/){0,3}",
         ) {
             for link in of_html(&html) {
@@ -117,7 +117,7 @@ mod tests {
         }
 
         #[test]
-        fn no_text_stops_the_reader(text in ".{0,200}", folder in ".{0,20}") {
+        fn no_text_makes_the_reader_panic_or_hang(text in ".{0,200}", folder in ".{0,20}") {
             for link in of_html(&text).iter().chain([&text]) {
                 drop(target(link, &folder, None));
             }

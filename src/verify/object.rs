@@ -407,7 +407,7 @@ impl Check<'_> {
         let withdrawn = manifest.access.state == AccessState::Withdrawn;
         for (path, sum) in list.iter() {
             there.insert(in_folder(path));
-            // Of what is withdrawn records and citations stay; the rest was taken away.
+            // Of what is withdrawn records and citations stay; the rest was removed.
             let stays = path.starts_with("metadata/") || CITATIONS.contains(&path);
             if withdrawn && !stays && matches!(self.place.open(&in_folder(path)), Ok(None)) {
                 continue;
@@ -473,8 +473,8 @@ impl Check<'_> {
         let path = version.pack.url.clone();
         let mut differ = |what: &str, of_pack: &str, of_manifest: &str| {
             if of_pack != of_manifest {
-                let said = format!("its {what} is {of_pack}; {MANIFEST} says {of_manifest}");
-                self.add(&path, Kind::Incomplete, said);
+                let message = format!("its {what} is {of_pack}; {MANIFEST} says {of_manifest}");
+                self.add(&path, Kind::Incomplete, message);
             }
         };
         differ("identity", checked.identity.as_deref().unwrap_or_default(), &version.pack.identity);

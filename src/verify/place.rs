@@ -18,7 +18,7 @@ pub(crate) trait Place {
     /// What to call it, or a file in it.
     fn name(&self, path: &str) -> String;
 
-    /// A file; `None` where there is none. Fails where it cannot be told or opened.
+    /// A file; `None` if there is none. Fails if that is unknown or it cannot be opened.
     ///
     /// # Errors
     /// What the system or the server says.
@@ -37,7 +37,7 @@ pub(crate) trait Place {
     /// The same place, as seen from a folder in it.
     fn below(&self, folder: &str) -> Box<dyn Place>;
 
-    /// All of a small file; `None` where there is none.
+    /// All of a small file; `None` if there is none.
     ///
     /// # Errors
     /// What the system says, and where it is longer than `limit`.

@@ -77,9 +77,9 @@ struct SoundFile {
 pub(crate) struct State {
     file: Option<(PathBuf, File)>,
     units: BTreeMap<String, Unit>,
-    /// Files of the unit under way that were found sound.
+    /// Files of the unit in progress that were found sound.
     files: BTreeMap<String, SoundFile>,
-    /// Units that are done in the run that is gone on with.
+    /// Units that are done in the run that is resumed.
     resumed: BTreeSet<String>,
     /// Units checked since then, and sound, are left out.
     fresh_since: Option<u64>,
@@ -91,7 +91,7 @@ pub(crate) fn now() -> u64 {
 }
 
 impl State {
-    /// Open a state file, or begin it. With `resume` a run that was stopped is gone on with; `days`: what was found sound so many days ago or
+    /// Open a state file, or begin it. With `resume` a run that was stopped is resumed; `days`: what was found sound so many days ago or
     /// later is left out. The units named in `forget` are removed.
     ///
     /// # Errors
@@ -172,7 +172,7 @@ impl State {
         unit.is_some_and(|u| self.resumed.contains(name) || is_fresh(u))
     }
 
-    /// Whether a file of the unit under way was found to have these bytes before the run was stopped, and has not changed since.
+    /// Whether a file of the unit in progress was found to have these bytes before the run was stopped, and has not changed since.
     pub(crate) fn has(&self, path: &str, bytes: u64, sha256: &str, stamp: &str) -> bool {
         self.files.get(path).is_some_and(|f| f.bytes == bytes && f.sha256 == sha256 && f.stamp == stamp)
     }
@@ -292,7 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn a_run_that_was_stopped_is_gone_on_with_and_a_torn_line_is_passed_over() {
+    fn a_stopped_run_is_resumed_and_a_torn_line_is_skipped() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("state");
         let mut state = State::open(&path, "here", true, None, &[]).unwrap();
@@ -331,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_checked_lately_is_left_out() {
+    fn recently_checked_units_are_skipped() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("state");
         let mut state = State::open(&path, "here", false, None, &[]).unwrap();
@@ -344,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn states_of_earlier_versions_are_read_and_their_units_checked_again() {
+    fn state_files_of_earlier_versions_are_read_and_their_units_checked_again() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("state");
         let old = |at: u64| {
@@ -395,7 +395,7 @@ mod tests {
     }
 
     #[test]
-    fn files_of_others_are_not_overwritten() {
+    fn foreign_files_are_not_overwritten() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("thesis.txt");
         fs::write(&path, "years of work\n").unwrap();

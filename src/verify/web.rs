@@ -171,13 +171,13 @@ fn attempt_once(agent: &Agent, url: &str, from: u64, length: u64) -> io::Result<
         }
         408 | 425 | 429 | 500..=599 => {
             let after = header(&response, "retry-after").and_then(|s| s.parse().ok()).map(Duration::from_secs);
-            Ok(Outcome::Passing(said(status), after))
+            Ok(Outcome::Passing(refusal(status), after))
         }
-        _ => Err(io::Error::other(said(status))),
+        _ => Err(io::Error::other(refusal(status))),
     }
 }
 
-fn said(status: StatusCode) -> String {
+fn refusal(status: StatusCode) -> String {
     format!("the server answered {status}")
 }
 
@@ -284,7 +284,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_address_is_a_folder_and_a_file() {
+    fn an_address_is_divided_into_folder_and_file() {
         for (address, base, name) in [
             ("https://a.example/", "https://a.example/", ""),
             ("https://a.example", "https://a.example/", ""),

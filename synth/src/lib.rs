@@ -73,9 +73,9 @@ pub const UTM_ORIGIN: DVec3 = DVec3::new(565_982.0, 9_009_946.0, 2.0);
 /// The coordinate reference system of [`UTM_ORIGIN`]: WGS 84 / UTM zone 37S.
 pub const UTM_CRS: &str = "EPSG:32737";
 /// Most triangles of one file: about half as many vertices must fit a PLY `int` index (2^31 - 1).
-pub const MOST_TRIANGLES: u64 = 4_000_000_000;
+pub const MAX_TRIANGLES: u64 = 4_000_000_000;
 /// Most blocks.
-pub const MOST_BLOCKS: u32 = 1_000;
+pub const MAX_BLOCKS: u32 = 1_000;
 
 /// What was made.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -105,19 +105,19 @@ pub enum SynthError {
     },
     /// More triangles than PLY's `int` vertex indices can address.
     #[error(
-        "{asked} triangles are too many: their vertices would not fit the int indices of PLY; ask for at most {MOST_TRIANGLES}"
+        "{asked} triangles are too many: their vertices would not fit the int indices of PLY; ask for at most {MAX_TRIANGLES}"
     )]
     TooMany {
         /// Asked for.
         asked: u64,
     },
     /// No blocks, or more than the site can be cut into.
-    #[error("{} not possible: with so many triangles this shape can be cut into 1 to {most}", counted(*asked, "block is", "blocks are"))]
+    #[error("{} not possible: with so many triangles this shape can be cut into 1 to {max}", counted(*asked, "block is", "blocks are"))]
     Blocks {
         /// Asked for.
         asked: u32,
         /// Possible.
-        most: u32,
+        max: u32,
     },
     /// A block that no triangle falls into.
     #[error("block {block} of {asked} would be empty: ask for fewer blocks or more triangles")]
@@ -143,13 +143,13 @@ pub enum SynthError {
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What the system said.
+        /// The error of the system.
         source: std::io::Error,
     },
 }
 
 /// Make a site and write it to `out`, or with blocks to `out` with `_000`, `_001` … before its extension.
-/// `progress` is told the triangles written so far and the number expected.
+/// `progress` is called with the triangles written so far and the number expected.
 ///
 /// # Errors
 /// [`SynthError`]; the final names are then untouched.
@@ -223,25 +223,25 @@ fn site(shape: Shape, options: &SynthOptions, tiles: u32) -> Result<Box<dyn Site
     if asked < shape.fewest() {
         return Err(SynthError::TooFew { asked, fewest: shape.fewest() });
     }
-    if asked > MOST_TRIANGLES {
+    if asked > MAX_TRIANGLES {
         return Err(SynthError::TooMany { asked });
     }
-    let limit = |most: u32| {
-        let most = most.min(MOST_BLOCKS);
-        if tiles == 0 || tiles > most { Err(SynthError::Blocks { asked: tiles, most }) } else { Ok(()) }
+    let limit = |max: u32| {
+        let max = max.min(MAX_BLOCKS);
+        if tiles == 0 || tiles > max { Err(SynthError::Blocks { asked: tiles, max }) } else { Ok(()) }
     };
-    limit(MOST_BLOCKS)?;
+    limit(MAX_BLOCKS)?;
     Ok(match shape {
         Shape::Fort => {
             let fort = fort::Fort::new(asked, options.seed, tiles);
             if !fort.tiles_fit() {
-                limit(fort.most_tiles())?;
+                limit(fort.max_tiles())?;
             }
             Box::new(fort)
         }
         Shape::Wall => {
             let wall = wall::Wall::new(asked, options.seed, tiles);
-            limit(wall.most_tiles())?;
+            limit(wall.max_tiles())?;
             Box::new(wall)
         }
         Shape::Phantom(phantom) => {

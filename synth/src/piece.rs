@@ -60,7 +60,7 @@ pub(super) trait Sink {
 /// How many pieces are in memory at once.
 const PIECES_AT_ONCE: u32 = 64;
 
-/// Stream one tile into a sink. `single` rounds positions to `f32` first; `progress` is told the triangles so far.
+/// Stream one tile into a sink. `single` rounds positions to `f32` first; `progress` is called with the triangles so far.
 /// Gives the most shared vertices that were remembered at once.
 pub(super) fn weld<S: Sink>(
     site: &dyn Site,
@@ -69,7 +69,7 @@ pub(super) fn weld<S: Sink>(
     sink: &mut S,
     progress: &mut dyn FnMut(u64),
 ) -> Result<usize, S::Error> {
-    let mut most = 0;
+    let mut max = 0;
     let mut shared: HashMap<u64, (u32, u32)> = HashMap::new();
     let (mut next, mut written) = (0_u32, 0_u64);
     let mut local: Vec<Option<u32>> = Vec::new();
@@ -97,10 +97,10 @@ pub(super) fn weld<S: Sink>(
             }
             progress(written);
         }
-        most = most.max(shared.len());
+        max = max.max(shared.len());
         shared.retain(|_, (_, last)| *last > slab);
     }
-    Ok(most)
+    Ok(max)
 }
 
 /// The index of a vertex in the stream, putting it out where it is new.
@@ -154,7 +154,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tiling_has_the_count_asked_for_and_follows_the_shape() {
+    fn a_tiling_has_the_requested_count_and_follows_the_shape() {
         assert_eq!(tiling(96, 60.0, 40.0), (12, 8));
         assert_eq!(tiling(7, 10.0, 5.0), (7, 1));
         assert_eq!(tiling(1, 10.0, 5.0), (1, 1));

@@ -32,7 +32,7 @@ pub(super) fn file_names(out: &Path, blocks: Option<u32>) -> Result<Vec<PathBuf>
         file.push(extension);
         out.with_file_name(file)
     };
-    Ok((0..blocks.min(super::MOST_BLOCKS)).map(numbered).collect())
+    Ok((0..blocks.min(super::MAX_BLOCKS)).map(numbered).collect())
 }
 
 /// Refuse early what would fail late: a missing folder, a target that exists or is a folder.

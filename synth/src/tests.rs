@@ -1,4 +1,4 @@
-//! What synthetic sites promise, checked as properties.
+//! Properties of synthetic sites.
 
 use super::*;
 use glam::DVec3;
@@ -120,7 +120,7 @@ fn triangle_counts_are_within_two_percent_and_phantoms_within_ten() {
 }
 
 #[test]
-fn a_fort_too_large_to_count_meets_its_number_by_a_sample() {
+fn a_fort_too_large_to_count_has_its_triangle_count_according_to_a_sample() {
     let seed = SynthOptions { seed: 3, ..options(400_000) };
     let off = mesh(Shape::Fort, &seed).unwrap().triangles.len() as f64 / 400_000.0 - 1.0;
     assert!(off.abs() < 0.02, "off by {off}");
@@ -178,7 +178,7 @@ fn a_file_read_back_is_the_mesh_in_memory() {
 }
 
 #[test]
-fn utm_moves_the_site_into_the_real_world_without_losing_its_detail() {
+fn utm_coordinates_keep_the_detail_of_the_site() {
     let near = make(Shape::Wall, 4_000);
     let far = mesh(Shape::Wall, &SynthOptions { utm: true, ..options(4_000) }).unwrap();
     for (a, b) in near.positions.iter().zip(&far.positions) {
@@ -189,7 +189,7 @@ fn utm_moves_the_site_into_the_real_world_without_losing_its_detail() {
 }
 
 #[test]
-fn phantoms_are_closed_outward_and_of_their_analytic_size() {
+fn phantoms_are_closed_face_outward_and_have_their_analytic_size() {
     for phantom in Phantom::ALL {
         let m = make(Shape::Phantom(phantom), 40_000);
         assert!(edges(&m).values().all(|uses| *uses == [1, 1]), "{phantom:?} is not a closed oriented manifold");
@@ -262,7 +262,7 @@ fn the_fort_is_about_fifty_metres_across_and_coloured() {
 }
 
 #[test]
-fn memory_follows_the_border_of_a_slab_and_not_the_mesh() {
+fn memory_depends_on_the_border_of_a_slab_and_not_on_the_mesh() {
     struct Nowhere;
     impl Sink for Nowhere {
         type Error = Infallible;
@@ -286,7 +286,7 @@ fn memory_follows_the_border_of_a_slab_and_not_the_mesh() {
 }
 
 #[test]
-fn what_cannot_be_made_is_refused_and_leaves_nothing() {
+fn impossible_options_are_refused_and_leave_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     let refused = |shape, options: &SynthOptions, name: &str| {
@@ -304,7 +304,7 @@ fn what_cannot_be_made_is_refused_and_leaves_nothing() {
 }
 
 #[test]
-fn an_existing_file_is_replaced_only_by_force() {
+fn an_existing_file_is_replaced_only_with_force() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.ply");
     std::fs::write(&path, "mine").unwrap();
@@ -317,7 +317,7 @@ fn an_existing_file_is_replaced_only_by_force() {
 }
 
 #[test]
-fn progress_ends_at_what_was_written() {
+fn progress_ends_at_the_number_of_triangles_written() {
     let folder = tempfile::tempdir().unwrap();
     let (mut last, mut rising) = (0, true);
     let report = write(Shape::Fort, &options(10_000), &folder.path().join("a.ply"), &mut |done, _| {

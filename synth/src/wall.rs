@@ -54,7 +54,7 @@ impl Wall {
     }
 
     /// The largest number of tiles that a wall of this density can surely be cut into.
-    pub(super) fn most_tiles(&self) -> u32 {
+    pub(super) fn max_tiles(&self) -> u32 {
         self.columns.min(self.rows)
     }
 

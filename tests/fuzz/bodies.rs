@@ -1,14 +1,14 @@
 //! What every fuzz target does with its bytes, for both runners: cargo-fuzz (`fuzz_targets/`, needs a nightly compiler) and
 //! `tests/fuzzing`, which any compiler runs.
 //!
-//! Each body takes any bytes, must return, and panics where a promise is broken. What it returns tells inputs apart that
-//! took different ways: the kind of result, without its numbers.
+//! Each body takes any bytes, must return, and panics if a property does not hold. What it returns distinguishes inputs that
+//! took different paths: the kind of result, without its numbers.
 
 use kilwa_archive::layout::safe;
 use kilwa_archive::notes::Body as NoteBody;
 use kilwa_archive::rights::Rights;
 use kilwa_archive::{Checksums, Manifest, Metadata, Notes};
-use kilwa_formats::Findings;
+use kilwa_formats::Diagnostics;
 use kilwa_formats::RawMesh;
 use kilwa_formats::read::{
     Input, MemorySink, MeshSink, ReadError, ReadOptions, VertexBlock, gltf, obj, read_mesh_from, stl,
@@ -42,13 +42,13 @@ pub(crate) const ALL: [(&str, Body); 9] = [
 /// The words of an error, without numbers, quotations, what was found in the file and
 /// names at its end, so that the same complaint about another place is the same.
 fn complaint(error: impl Display) -> String {
-    let said = error.to_string();
-    let said = said.rsplit_once(" expected ").map_or(said.as_str(), |(_, expected)| expected);
-    let own = said.split(['"', '`']).step_by(2).flat_map(str::chars);
+    let message = error.to_string();
+    let message = message.rsplit_once(" expected ").map_or(message.as_str(), |(_, expected)| expected);
+    let own = message.split(['"', '`']).step_by(2).flat_map(str::chars);
     own.filter(|c| c.is_ascii_alphabetic() || *c == ' ').take(45).collect()
 }
 
-/// Checks what every reader promises of a mesh, and says what kind of mesh it is.
+/// Checks the properties that every reader guarantees of a mesh; returns what kind of mesh it is.
 fn sound(mesh: &RawMesh) -> String {
     let n = mesh.positions.len();
     assert!(mesh.positions.iter().flatten().all(|v| v.is_finite()));
@@ -58,8 +58,8 @@ fn sound(mesh: &RawMesh) -> String {
     assert!(mesh.normals.is_empty() || mesh.normals.len() == n);
     assert!(mesh.scalars.iter().all(|(_, values)| values.len() == n));
     let mut kind = format!("{} {} {}", mesh.colors.len().min(1), mesh.normals.len().min(1), mesh.scalars.len());
-    for (finding, _, _) in mesh.findings.iter() {
-        kind.push_str(finding);
+    for (diagnostic, _, _) in mesh.diagnostics.iter() {
+        kind.push_str(diagnostic);
     }
     kind
 }
@@ -97,7 +97,7 @@ pub(crate) fn obj_file(bytes: &[u8]) -> String {
     let (options, total) = (ReadOptions::default(), mesh.len() as u64);
     let mut source = Cursor::new(mesh);
     let input = Input { path, total, source: &mut source, progress: &mut |_, _| {}, options: &options };
-    // Also what the dispatch would not take for an OBJ.
+    // Also what the format detection would not recognise as an OBJ.
     match obj::read(input, &mut sink).and_then(|()| sink.into_mesh()) {
         Ok(mesh) => {
             // A vertex takes 8 bytes ("v 0 0 0\n"), a corner of a face 2; with a colour for each face it becomes one vertex.
@@ -115,7 +115,7 @@ pub(crate) fn stl_file(bytes: &[u8]) -> String {
     let (options, total) = (ReadOptions::default(), bytes.len() as u64);
     let mut source = Cursor::new(bytes);
     let input = Input { path, total, source: &mut source, progress: &mut |_, _| {}, options: &options };
-    // Also what the dispatch would not take for an STL.
+    // Also what the format detection would not recognise as an STL.
     match stl::read(input, &mut sink).and_then(|()| sink.into_mesh()) {
         Ok(mesh) => {
             // A text corner takes 13 bytes ("vertex 0 0 0 "), three positions make a facet, and fans deliver three for each.
@@ -126,7 +126,7 @@ pub(crate) fn stl_file(bytes: &[u8]) -> String {
     }
 }
 
-/// Keeps what comes, up to a limit.
+/// Collects the mesh, up to a limit.
 struct Limited(MemorySink, u64);
 
 impl Limited {
@@ -159,8 +159,8 @@ impl MeshSink for Limited {
     fn vertex_count(&self) -> u64 {
         self.0.vertex_count()
     }
-    fn findings(&mut self) -> &mut Findings {
-        self.0.findings()
+    fn diagnostics(&mut self) -> &mut Diagnostics {
+        self.0.diagnostics()
     }
 }
 
@@ -180,7 +180,7 @@ pub(crate) fn gltf_file(bytes: &[u8]) -> String {
 }
 
 /// A pack with its length and all hashes made to agree, where they lie inside it, as FORMAT sections 3, 4 and 7 place them:
-/// they would stop the fuzzer at the door.
+/// otherwise they would stop the fuzzer at once.
 fn agreeing(bytes: &[u8]) -> Vec<u8> {
     const FOOTER: usize = 80;
     let mut bytes = bytes.to_vec();
@@ -268,7 +268,7 @@ pub(crate) fn decode_chunk(bytes: &[u8]) -> String {
     format!("{} patches", chunk.patches.len().min(9))
 }
 
-/// Any bytes as the metadata of a model: right, with what is promised of it, or refused with lines that are there, in order.
+/// Any bytes as the metadata of a model: valid, with all properties of valid metadata, or refused with existing lines, in order.
 pub(crate) fn metadata(bytes: &[u8]) -> String {
     let Ok(text) = std::str::from_utf8(bytes) else { return "no UTF-8".to_owned() };
     match Metadata::parse(text) {
@@ -337,7 +337,7 @@ pub(crate) fn notes(bytes: &[u8]) -> String {
     assert_eq!(again.to_bytes(pack, identity).expect("is written again"), written);
     let hidden = notes.clone().without_place([500_000.0, 9_000_000.0, 10.0], &[]);
     assert!(hidden.notes.iter().all(|n| n.links().next().is_none() && n.made_on.is_none()));
-    // Without its links a note may say nothing any more.
+    // Without its links a note may be empty.
     if hidden.notes.iter().all(|n| n.label.is_some() || !n.bodies.is_empty()) {
         let written = hidden.to_bytes(pack, identity).expect("is written");
         let again = Notes::parse(&written).expect("reads back").without_place([0.0; 3], &[]);

@@ -1,15 +1,15 @@
 //! Fuzzing without a nightly compiler: the bodies of `tests/fuzz` on mutated seeds, each reader for itself.
 //!
-//! Without further word every target runs a fixed number of inputs from a fixed seed: always the same ones. What they are told
-//! by environment variables, as `cargo xtask test` does in its stage "fuzz":
+//! By default every target runs a fixed number of inputs from a fixed seed: always the same ones. Environment variables
+//! change this, as `cargo xtask test` does in its stage "fuzz":
 //!
-//! * `KILWA_FUZZ_SECONDS=30` goes on for so long;
-//! * `KILWA_FUZZ_SEED=2` begins with other random numbers;
+//! * `KILWA_FUZZ_SECONDS=30` runs for this time;
+//! * `KILWA_FUZZ_SEED=2` uses other random numbers;
 //! * `KILWA_FUZZ_INPUT=FILE` runs one input alone;
 //! * `KILWA_FUZZ_CORPUS=DIR` writes the seeds to `DIR/TARGET` for cargo-fuzz and runs nothing.
 //!
-//! An input that makes a body panic, take more than [`SLOWEST`], or hold more than [`LARGEST`] is kept, and its path said;
-//! so is one that ends the process.
+//! An input that makes a body panic, take more than [`SLOWEST`], or hold more than [`LARGEST`] is kept and its path printed,
+//! as is one that ends the process.
 
 #[path = "../fuzz/bodies.rs"]
 mod bodies;
@@ -25,20 +25,20 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::{Duration, Instant};
 
-/// Inputs of a run that is not told how long it may take.
+/// Inputs of a run without a time limit.
 const INPUTS: u64 = 4000;
 /// The longest that one input may take.
 const SLOWEST: Duration = Duration::from_secs(20);
 /// The most memory that the process may have held after an input, bytes.
 const LARGEST: u64 = 1 << 30;
-/// Most inputs kept to go on from.
-const MOST_KEPT: usize = 4000;
+/// The most inputs kept for further mutation.
+const MAX_KEPT: usize = 4000;
 
-fn told(name: &str) -> Option<String> {
+fn variable(name: &str) -> Option<String> {
     std::env::var(name).ok().filter(|value| !value.is_empty())
 }
 
-/// The input in hand, in a file that outlives the process.
+/// The current input, in a file that outlives the process.
 struct Current {
     file: File,
     path: PathBuf,
@@ -103,7 +103,7 @@ fn fuzz(name: &str) {
     let (_, body) = *bodies::ALL.iter().find(|(n, _)| *n == name).expect("a target of that name");
     let seeds = seeds::of(name);
     assert!(seeds.len() >= 5, "{name} has {} seeds", seeds.len());
-    if let Some(folder) = told("KILWA_FUZZ_CORPUS") {
+    if let Some(folder) = variable("KILWA_FUZZ_CORPUS") {
         let folder = Path::new(&folder).join(name);
         std::fs::create_dir_all(&folder).unwrap();
         for (i, seed) in seeds.iter().enumerate() {
@@ -111,7 +111,7 @@ fn fuzz(name: &str) {
         }
         return;
     }
-    if let Some(file) = told("KILWA_FUZZ_INPUT") {
+    if let Some(file) = variable("KILWA_FUZZ_INPUT") {
         println!("{}", body(&std::fs::read(file).unwrap()));
         return;
     }
@@ -127,8 +127,9 @@ fn fuzz(name: &str) {
 
 /// Mutates until the time or the number is up; how many inputs there were.
 fn go_on(name: &str, body: Body, seeds: Vec<Vec<u8>>, current: &Current) -> u64 {
-    let seconds: Option<u64> = told("KILWA_FUZZ_SECONDS").map(|s| s.parse().expect("KILWA_FUZZ_SECONDS is a number"));
-    let seed = told("KILWA_FUZZ_SEED").map_or(1, |s| s.parse().expect("KILWA_FUZZ_SEED is a number"));
+    let seconds: Option<u64> =
+        variable("KILWA_FUZZ_SECONDS").map(|s| s.parse().expect("KILWA_FUZZ_SECONDS is a number"));
+    let seed = variable("KILWA_FUZZ_SEED").map_or(1, |s| s.parse().expect("KILWA_FUZZ_SEED is a number"));
     let begun = Instant::now();
     let mut kinds: HashSet<String> = HashSet::new();
     for seed in &seeds {
@@ -140,8 +141,8 @@ fn go_on(name: &str, body: Body, seeds: Vec<Vec<u8>>, current: &Current) -> u64 
     while seconds.map_or(inputs < INPUTS, |s| begun.elapsed() < Duration::from_secs(s)) {
         let input = mutator.next();
         assert!(input.len() <= MAX_BYTES);
-        // What ends otherwise than all before is a place to go on from.
-        if kinds.insert(current.run(body, &input)) && mutator.len() < MOST_KEPT {
+        // An input with a new kind of result is kept for further mutation.
+        if kinds.insert(current.run(body, &input)) && mutator.len() < MAX_KEPT {
             mutator.keep(input);
         }
         inputs += 1;
@@ -155,46 +156,46 @@ fn go_on(name: &str, body: Body, seeds: Vec<Vec<u8>>, current: &Current) -> u64 
 }
 
 #[test]
-fn any_bytes_are_a_ply_or_refused() {
+fn any_bytes_are_read_as_ply_or_refused() {
     fuzz("ply");
 }
 
 #[test]
-fn any_bytes_are_an_obj_or_refused() {
+fn any_bytes_are_read_as_obj_or_refused() {
     fuzz("obj");
 }
 
 #[test]
-fn any_bytes_are_an_stl_or_refused() {
+fn any_bytes_are_read_as_stl_or_refused() {
     fuzz("stl");
 }
 
 #[test]
-fn any_bytes_are_a_gltf_or_refused() {
+fn any_bytes_are_read_as_gltf_or_refused() {
     fuzz("gltf");
 }
 
 #[test]
-fn any_bytes_are_a_pack_or_refused() {
+fn any_bytes_are_read_as_a_pack_or_refused() {
     fuzz("open_pack");
 }
 
 #[test]
-fn any_bytes_are_a_chunk_or_refused() {
+fn any_bytes_are_read_as_a_chunk_or_refused() {
     fuzz("decode_chunk");
 }
 
 #[test]
-fn any_bytes_are_metadata_or_refused() {
+fn any_bytes_are_read_as_metadata_or_refused() {
     fuzz("metadata");
 }
 
 #[test]
-fn any_bytes_are_a_manifest_or_refused() {
+fn any_bytes_are_read_as_a_manifest_or_refused() {
     fuzz("manifest");
 }
 
 #[test]
-fn any_bytes_are_notes_or_refused() {
+fn any_bytes_are_read_as_notes_or_refused() {
     fuzz("notes");
 }

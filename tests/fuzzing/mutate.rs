@@ -4,9 +4,9 @@
 /// No input is longer.
 pub(crate) const MAX_BYTES: usize = 1 << 16;
 
-/// Bytes at which parsers change their minds.
+/// Bytes that change what parsers do.
 const BYTES: [u8; 14] = [0, 1, 0x7f, 0x80, 0xff, b'\n', b' ', b'-', b'.', b'e', b'"', b'{', b'[', b'/'];
-/// Numbers at which arithmetic ends.
+/// Limits of number types.
 const NUMBERS: [u64; 12] = [
     0,
     1,
@@ -114,7 +114,7 @@ impl Mutator {
         bytes[at..at + size].copy_from_slice(&little[..size]);
     }
 
-    /// A word of text becomes a number at which arithmetic ends.
+    /// A word of text becomes the limit of a number type.
     fn word(&mut self, bytes: &mut Vec<u8>) {
         let Some(range) = self.word_of(bytes) else { return };
         let word = WORDS[self.below(WORDS.len())];

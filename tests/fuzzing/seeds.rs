@@ -1,4 +1,4 @@
-//! Files to begin with: the damaged and the repaired ones of `tests/malformed`, and what the program itself writes.
+//! Seed files: the damaged and repaired ones of `tests/malformed`, and files that the program itself writes.
 
 use crate::bodies::CHUNK_HEAD;
 use crate::mutate::MAX_BYTES;
@@ -60,14 +60,14 @@ fn metadata() -> Vec<Vec<u8>> {
     };
     let all = write(&known);
     let examples: Vec<&str> = all.lines().map(|l| if is_example(l) { &l[2..] } else { l }).collect();
-    let least = "title = \"Fort\"\n[rights]\nuri = \"InC\"\n[model]\nunits = \"m\"\n";
+    let minimal = "title = \"Fort\"\n[rights]\nuri = \"InC\"\n[model]\nunits = \"m\"\n";
     [
         write(&Known::default()),
         all.clone(),
         examples.join("\n"),
-        least.to_owned(),
-        format!("{least}crs = \"EPSG:4326\"\n[place]\nlatitude = 1e99\n[[creators]]\n[capture]\ndate = \"2009/2008\"\naccuracy = -1\n"),
-        format!("identifier = \"10.1/x\"\nlanguage = \"?\"\nurl = \"x\"\nslug = \"..\"\npublished = 2026\n{least}"),
+        minimal.to_owned(),
+        format!("{minimal}crs = \"EPSG:4326\"\n[place]\nlatitude = 1e99\n[[creators]]\n[capture]\ndate = \"2009/2008\"\naccuracy = -1\n"),
+        format!("identifier = \"10.1/x\"\nlanguage = \"?\"\nurl = \"x\"\nslug = \"..\"\npublished = 2026\n{minimal}"),
         "title = Fort\nrights = 1".to_owned(),
         "title: Fort".to_owned(),
     ]

@@ -1,4 +1,4 @@
-//! What each mode promises, as a property that can fail; the oracle is the ray-caster or the picture of another setting.
+//! Properties of each mode; the oracle is the ray-caster or the picture of another setting.
 
 use super::*;
 use kilwa_viewer::Image;
@@ -87,7 +87,7 @@ fn squares(places: &[(IVec3, i32)], tilt: i32) -> Chunk {
 }
 
 #[test]
-fn raking_light_brightens_what_faces_it_and_darkens_the_rest() {
+fn raking_light_brightens_faces_towards_it_and_darkens_others() {
     let mut ball = Scenery::new(ball_with_bumps(CENTER, RADIUS, 40, 0.0));
     let plan = view_from(StandardView::Plan, 4.0, SIZE);
     let (west, east) = ([0.34, 0.42], [0.58, 0.66]);
@@ -109,7 +109,7 @@ fn raking_light_brightens_what_faces_it_and_darkens_the_rest() {
         let [br, bg, bb] = linear([200.0, 180.0, 150.0]);
         assert!((r / g - br / bg).abs() < 0.05 && (b / g - bb / bg).abs() < 0.05, "{r} {g} {b}");
     }
-    // With the view: from the left of the picture, wherever the camera stands.
+    // Relative to the view: from the left of the picture, for any camera.
     let light = Light { azimuth: f64::to_radians(270.0), elevation: 0.2, with_view: true };
     for standard in [StandardView::Plan, StandardView::North, StandardView::East] {
         let image = ball.image(&view_from(standard, 4.0, SIZE), &RenderOptions { light, ..options(Mode::Raking) });
@@ -132,7 +132,7 @@ fn a_headlight_is_brightest_where_the_surface_faces_the_eye() {
 }
 
 #[test]
-fn colours_of_height_and_distance_are_those_of_the_value_and_of_nothing_else() {
+fn height_and_distance_colours_depend_only_on_the_value() {
     let mut ball = Scenery::new(ball(CENTER, RADIUS, 40));
     let oracle = ball.scene();
     let tilted = {
@@ -175,7 +175,7 @@ fn probes_at(pixel: [f64; 2], r: f64) -> impl Iterator<Item = [f64; 2]> {
 }
 
 #[test]
-fn a_scalar_has_the_colours_of_its_scale_and_grey_where_there_is_none() {
+fn scalars_have_the_colours_of_their_scale_and_missing_values_are_grey() {
     // A square whose scalar grows to the right, and one that has no values.
     let IVec3 { x, y, z } = CENTER;
     let mut chunk = squares(&[(IVec3::new(x - 16_000, y, z), 15_000), (IVec3::new(x + 16_000, y, z), 15_000)], 0);
@@ -265,7 +265,7 @@ fn eye_dome_lighting_darkens_behind_depth_steps_and_leaves_planes_as_they_are() 
 }
 
 #[test]
-fn curvature_is_that_of_the_surface_at_any_tilt_and_distance() {
+fn curvature_does_not_depend_on_tilt_or_distance() {
     let mut ball = Scenery::new(ball_with_bumps(CENTER, RADIUS, 80, 0.0));
     // On a ball of radius R the curvature times the feature is f / R everywhere.
     let feature = RADIUS / 5.0;
@@ -330,7 +330,7 @@ fn every_mode_looks_the_same_at_a_coarser_level() {
 }
 
 #[test]
-fn tiles_of_modes_that_look_round_have_no_seams() {
+fn tiles_of_modes_that_sample_neighbours_have_no_seams() {
     let mut ball = Scenery::new(ball(CENTER, RADIUS, 40));
     let view = view_from(StandardView::Iso, 2.2, [150, 100]);
     for mode in [Mode::Curvature, Mode::EyeDome] {
@@ -354,7 +354,7 @@ fn tiles_of_modes_that_look_round_have_no_seams() {
 }
 
 #[test]
-fn while_levels_fade_every_pixel_shows_one_of_them() {
+fn during_a_fade_every_pixel_shows_one_of_the_levels() {
     let mut two = Scenery::new(squares(&[(CENTER, 40_000), (CENTER, 40_000)], 0));
     for color in &mut two.chunks.get_mut(&0).expect("there").mesh.colors[4..] {
         *color = [10, 60, 200];
@@ -382,7 +382,7 @@ fn while_levels_fade_every_pixel_shows_one_of_them() {
 }
 
 #[test]
-fn far_from_the_origin_of_the_reference_system_the_picture_is_the_same() {
+fn the_picture_is_the_same_far_from_the_origin_of_the_reference_system() {
     // 10,000 km out, as far as no projected system goes: places on a grid of 1/1024 m, exact in f64 at both places.
     let mut raw = mesh(Shape::Fort, &SynthOptions::new(20_000)).expect("a fort");
     for p in &mut raw.positions {

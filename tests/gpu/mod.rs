@@ -1,7 +1,7 @@
 //! Frames of the GPU against a ray-caster on the CPU, over the same cut. No stored image.
 //!
 //! Runs on llvmpipe where there is no graphics card (Debian: mesa-vulkan-drivers). Without any adapter these tests
-//! fail: green on nothing would be a lie.
+//! fail, because passing without a test would be misleading.
 
 mod display;
 mod raycast;
@@ -273,7 +273,7 @@ fn a_closed_model_shows_no_background_from_inside_in_any_cut() {
     }
 }
 
-/// A closed bumpy ball round `center`, in one chunk of several patches, in lattice steps.
+/// A closed bumpy ball round `center`, in one chunk of several patches, in lattice units.
 fn ball(center: IVec3, radius: f64, rings: u32) -> Chunk {
     ball_with_bumps(center, radius, rings, 0.05)
 }
@@ -325,7 +325,7 @@ fn ball_view(center: IVec3, radius: f64, distance: f64, turn: f64, size: [u32; 2
 }
 
 #[test]
-fn far_out_on_the_lattice_nothing_shakes() {
+fn far_out_on_the_lattice_nothing_jitters() {
     // Twice the same ball, once near the lattice's origin and once near 2^29 on every axis, as UTM coordinates come.
     let gpu = gpu();
     let mut renderer = Renderer::headless(&gpu);
@@ -353,7 +353,7 @@ fn far_out_on_the_lattice_nothing_shakes() {
 }
 
 #[test]
-fn what_the_streamer_draws_is_what_the_ray_caster_sees() {
+fn the_streamer_draws_what_the_ray_caster_sees() {
     let raw = mesh(Shape::Fort, &SynthOptions::new(30_000)).expect("a fort");
     let world = World::build(raw, 400);
     let size = [128, 96];
@@ -372,7 +372,7 @@ fn what_the_streamer_draws_is_what_the_ray_caster_sees() {
 }
 
 #[test]
-fn tiles_make_up_the_whole_picture() {
+fn tiles_together_equal_the_whole_picture() {
     let gpu = gpu();
     let mut renderer = Renderer::headless(&gpu);
     let center = IVec3::splat(1 << 20);
@@ -405,7 +405,7 @@ fn tiles_make_up_the_whole_picture() {
 }
 
 #[test]
-fn every_mode_colours_the_model_and_leaves_the_background() {
+fn every_mode_colours_the_model_and_not_the_background() {
     let gpu = gpu();
     let mut renderer = Renderer::headless(&gpu);
     let center = IVec3::splat(1 << 20);
@@ -440,7 +440,7 @@ fn every_mode_colours_the_model_and_leaves_the_background() {
 }
 
 #[test]
-fn chunks_that_are_not_there_are_left_out_and_evicted_ones_free_their_memory() {
+fn missing_chunks_are_skipped_and_evicted_ones_free_their_memory() {
     let gpu = gpu();
     let mut renderer = Renderer::headless(&gpu);
     let chunk = ball(IVec3::splat(1 << 20), 50_000.0, 20);

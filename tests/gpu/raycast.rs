@@ -25,7 +25,7 @@ struct Node {
     count: usize,
 }
 
-/// A hit: the draw, the triangle and the depth along the view axis, in steps.
+/// A hit: the draw, the triangle and the depth along the view axis, in lattice units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Hit {
     pub(crate) id: u32,

@@ -1,4 +1,4 @@
-//! Cuts: what is removed is seen nowhere, what stays is seen as the ray-caster sees it, and a line follows the cut.
+//! Cuts: removed geometry is invisible, the rest is what the ray-caster sees, and a line follows the cut.
 
 use super::*;
 use glam::{DVec3, IVec3};
@@ -39,7 +39,7 @@ fn cast_cut(scene: &Scene, view: &View, clip: &Clip, pixel: [f64; 2]) -> Option<
 }
 
 #[test]
-fn what_a_cut_removes_is_seen_nowhere_and_what_it_leaves_is_what_the_ray_caster_sees() {
+fn clipped_geometry_is_invisible_and_the_rest_is_what_the_ray_caster_sees() {
     let raw = mesh(Shape::Fort, &SynthOptions::new(12_000)).expect("a fort");
     let mut world = World::build(raw, 400);
     let lattice = world.reader.header().lattice;
@@ -95,7 +95,7 @@ fn what_a_cut_removes_is_seen_nowhere_and_what_it_leaves_is_what_the_ray_caster_
 }
 
 #[test]
-fn picks_go_through_what_is_cut_away() {
+fn picks_pass_through_clipped_geometry() {
     let raw = mesh(Shape::Fort, &SynthOptions::new(12_000)).expect("a fort");
     let world = World::build(raw, 400);
     let lattice = world.reader.header().lattice;
@@ -127,7 +127,7 @@ fn picks_go_through_what_is_cut_away() {
 }
 
 #[test]
-fn what_is_cut_away_wholly_is_not_loaded_and_the_picture_is_the_same() {
+fn wholly_clipped_chunks_are_not_loaded_and_the_picture_is_the_same() {
     let raw = mesh(Shape::Wall, &SynthOptions::new(60_000)).expect("a wall");
     let world = World::build(raw, 200);
     let lattice = world.reader.header().lattice;
@@ -153,7 +153,7 @@ fn what_is_cut_away_wholly_is_not_loaded_and_the_picture_is_the_same() {
 }
 
 #[test]
-fn a_line_follows_the_cut_and_the_inside_has_a_colour_of_its_own() {
+fn a_line_marks_the_section_and_the_inside_has_its_own_colour() {
     let gpu = gpu();
     let mut renderer = Renderer::headless(&gpu);
     let center = IVec3::splat(1 << 20);

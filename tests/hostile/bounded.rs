@@ -3,7 +3,7 @@
 use crate::support::{Input, kilwa, succeeds, text};
 use std::path::Path;
 
-/// Triangles that no tree and no weld can tell apart, or that all meet somewhere.
+/// Triangles that no tree and no weld can separate, or that all meet in one vertex.
 const SHAPES: [&str; 9] = [
     "the same corners",
     "stacked",
@@ -80,7 +80,7 @@ fn cost(folder: &Path, kind: &str, n: u32) -> f64 {
 
 /// Four times as many triangles must take about four times as long; in quadratic time they would take sixteen times as long.
 #[test]
-fn coincident_triangles_and_hubs_take_time_in_proportion_to_their_number() {
+fn coincident_triangles_and_high_degree_vertices_take_linear_time() {
     let folder = tempfile::tempdir().unwrap();
     let few = if std::env::var_os("KILWA_SOAK").is_some() { 100_000 } else { 12_000 };
     for kind in SHAPES {
@@ -114,7 +114,7 @@ fn repeated(before: &str, part: impl Fn(usize) -> String, after: &str) -> String
     text + after
 }
 
-/// JSON of glTF of which a few bytes stand for many.
+/// glTF JSON in which a few bytes expand to many.
 fn documents(each: &mut dyn FnMut(&str, String)) {
     let asset = r#"{"asset":{"version":"2.0"},"#;
     let list = |name: &str, part: &'static str| repeated(&format!("{asset}\"{name}\":["), |_| part.to_owned(), "]}");
@@ -262,14 +262,14 @@ fn stays_within_memory(folder: &Path, name: &str, content: String) {
 
 #[cfg(unix)]
 #[test]
-fn the_json_of_a_gltf_stays_within_the_memory_whatever_it_is_made_of() {
+fn any_gltf_json_stays_within_the_memory_limit() {
     let folder = tempfile::tempdir().unwrap();
     documents(&mut |name, content| stays_within_memory(folder.path(), &format!("{name}.gltf"), content));
 }
 
 #[cfg(unix)]
 #[test]
-fn lines_headers_and_names_stay_within_the_memory_whatever_they_are_made_of() {
+fn any_lines_headers_and_names_stay_within_the_memory_limit() {
     let folder = tempfile::tempdir().unwrap();
     texts(&mut |name, content| stays_within_memory(folder.path(), name, content));
 }
@@ -304,7 +304,7 @@ fn encoded(picture: &image::DynamicImage) -> Vec<u8> {
 /// Before, a profile of 300 MB in a file of 300 KB took 300 MiB. Profiles and texts are not looked at.
 #[cfg(unix)]
 #[test]
-fn a_profile_or_text_that_inflates_stays_within_the_memory() {
+fn a_profile_or_text_that_inflates_stays_within_the_memory_limit() {
     let folder = tempfile::tempdir().unwrap();
     let plain = encoded(&image::DynamicImage::new_rgb8(4, 4));
     for (name, before) in [(b"iCCP", &b"a\0\0"[..]), (b"zTXt", b"a\0\0"), (b"iTXt", b"a\0\x01\0\0\0")] {
@@ -320,7 +320,7 @@ fn a_profile_or_text_that_inflates_stays_within_the_memory() {
 /// A picture that does not fit is refused with what to do, never left out: what is read does not depend on the memory.
 #[cfg(unix)]
 #[test]
-fn a_picture_that_decodes_to_more_than_the_memory_is_refused_with_what_to_do() {
+fn an_image_that_decodes_to_more_than_the_memory_limit_is_refused_with_what_to_do() {
     let folder = tempfile::tempdir().unwrap();
     for picture in [image::DynamicImage::new_luma8(6000, 6000), image::DynamicImage::new_rgba16(3600, 3600)] {
         let bytes = encoded(&picture);
@@ -367,7 +367,7 @@ fn coincident_instances(folder: &Path, places: u16) -> String {
 /// An earlier version took 769 MiB for 32 million such triangles under `--memory 100M` before it refused them.
 #[cfg(unix)]
 #[test]
-fn coincident_instances_are_refused_within_the_memory() {
+fn coincident_instances_are_refused_within_the_memory_limit() {
     let folder = tempfile::tempdir().unwrap();
     for places in [1, 60] {
         let document = coincident_instances(folder.path(), places);

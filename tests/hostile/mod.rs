@@ -1,5 +1,4 @@
-//! Inputs that somebody made to do harm: that name other files, that take time or memory without measure, that write to the
-//! terminal of whoever looks at them.
+//! Malicious inputs: that name other files, that take excessive time or memory, that control the terminal of the reader.
 
 mod bounded;
 mod outside;

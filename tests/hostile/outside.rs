@@ -1,4 +1,4 @@
-//! What a mesh names is read from its own folder only, unless the user insists.
+//! Files named by a mesh are read only from its own folder, unless the user allows others.
 
 use crate::support::{fails, kilwa, succeeds, text};
 use std::path::{Path, PathBuf};
@@ -87,7 +87,7 @@ fn corners() -> String {
 }
 
 #[test]
-fn a_library_of_materials_outside_is_refused_with_its_name_and_the_line() {
+fn a_material_library_outside_the_folder_is_refused_with_its_name_and_line() {
     let site = Site::new();
     let absolute = site.path("secret.mtl").display().to_string();
     for name in
@@ -102,7 +102,7 @@ fn a_library_of_materials_outside_is_refused_with_its_name_and_the_line() {
 }
 
 #[test]
-fn a_picture_of_a_material_outside_is_refused_with_the_library_and_the_line() {
+fn a_texture_outside_the_folder_is_refused_with_its_library_and_line() {
     let site = Site::new();
     site.obj("mtllib parts/a.mtl");
     let absolute = site.path("secret.png").display().to_string();
@@ -123,7 +123,7 @@ fn a_picture_of_a_material_outside_is_refused_with_the_library_and_the_line() {
 }
 
 #[test]
-fn a_buffer_and_an_image_of_a_gltf_outside_are_refused_with_their_number() {
+fn gltf_buffers_and_images_outside_the_folder_are_refused_with_their_number() {
     let site = Site::new();
     let absolute = |name: &str| site.path(name).display().to_string();
     let names = |name: &str| {
@@ -141,7 +141,7 @@ fn a_buffer_and_an_image_of_a_gltf_outside_are_refused_with_their_number() {
 }
 
 #[test]
-fn names_that_lead_nowhere_are_not_made_to_lead_anywhere() {
+fn names_of_missing_files_are_not_resolved_to_others() {
     let site = Site::new();
     let secret = site.path("secret.bin").display().to_string();
     let names = [
@@ -172,7 +172,7 @@ fn names_that_lead_nowhere_are_not_made_to_lead_anywhere() {
 
 #[cfg(unix)]
 #[test]
-fn links_out_of_the_folder_are_refused_and_pipes_and_devices_are_not_waited_for() {
+fn links_out_of_the_folder_are_refused_and_pipes_and_devices_do_not_block() {
     use std::os::unix::fs::symlink;
     let site = Site::new();
     symlink("../secret.mtl", site.path("site/link.mtl")).unwrap();
@@ -209,7 +209,7 @@ fn links_out_of_the_folder_are_refused_and_pipes_and_devices_are_not_waited_for(
 
 #[cfg(unix)]
 #[test]
-fn a_matrix_that_is_a_link_out_is_not_read_and_other_files_are_not_quoted() {
+fn a_matrix_file_that_is_a_link_out_of_the_folder_is_neither_read_nor_quoted() {
     let site = Site::new();
     site.obj("");
     std::os::unix::fs::symlink("../secret.mtl", site.path("site/scan.xf")).unwrap();
@@ -246,7 +246,7 @@ fn a_pattern_follows_no_link_out_of_its_folder() {
         assert!(!pack.exists(), "{pattern}");
     }
     succeeds(&["build", text(&site.path("blocks/?.obj")), "-o", text(&pack), "--allow-outside"]);
-    // What the user names as it is, is meant: a link to a file or a folder.
+    // A path named by the user is followed even if it is a link to a file or a folder.
     for given in ["blocks/x.obj", "blocks/linked", "blocks/linked/*.obj", "si*/*.obj"] {
         succeeds(&["build", text(&site.path(given)), "-o", text(&pack), "--force"]);
     }
@@ -255,10 +255,10 @@ fn a_pattern_follows_no_link_out_of_its_folder() {
 /// The folder of a mesh that is named through a link is that of the real file.
 #[cfg(unix)]
 #[test]
-fn a_mesh_named_through_a_link_is_read_with_what_lies_beside_the_real_file() {
+fn a_mesh_opened_through_a_link_uses_files_beside_its_target() {
     use std::os::unix::fs::symlink;
     let site = Site::new();
-    // Whoever made the mesh names what lies beside the link.
+    // The mesh names files beside the link.
     std::fs::create_dir(site.path("private")).unwrap();
     std::fs::rename(site.path("secret.mtl"), site.path("private/secret.mtl")).unwrap();
     site.obj("mtllib private/secret.mtl");
@@ -303,7 +303,7 @@ const PARTS: [&str; 18] = [
 /// Names made by chance: none that leads out is read.
 #[cfg(unix)]
 #[test]
-fn no_name_made_of_any_parts_leads_out_of_the_folder() {
+fn no_combination_of_name_parts_leads_out_of_the_folder() {
     let site = Site::new();
     std::os::unix::fs::symlink("../..", site.path("site/up")).unwrap();
     std::os::unix::fs::symlink("../secret.bin", site.path("site/link.bin")).unwrap();

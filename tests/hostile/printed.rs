@@ -1,11 +1,11 @@
-//! Names from files, packs and arguments: none of them acts on the terminal of whoever looks.
+//! No name in a file, pack or argument controls the terminal of the reader.
 
 use crate::support::{Input, kilwa, text};
 use std::io::{Read, Write};
 use std::path::PathBuf;
 use std::process::{Command, Output, Stdio};
 
-/// What terminals and readers act on: colours, titles, the cursor, links, the clipboard, other directions of text, the
+/// Sequences that terminals and readers interpret: colours, titles, the cursor, links, the clipboard, other directions of text, the
 /// eight-bit forms of these, delete, backspace, carriage return.
 const HOSTILE: [&str; 12] = [
     "\u{1b}[31mred",
@@ -27,7 +27,7 @@ fn names() -> Vec<String> {
     HOSTILE.chunks(4).map(|some| some.join(" ")).collect()
 }
 
-/// Whatever was printed has no more than lines, tabs and letters.
+/// Checks that the output has only lines, tabs and printable characters.
 fn is_plain(output: &Output, what: &str) -> String {
     let mut both = String::new();
     for bytes in [&output.stdout, &output.stderr] {
@@ -81,14 +81,14 @@ impl Site {
             .collect();
         std::fs::write(&mesh, format!("{head}end_header\n{}\n", rows.join("\n"))).unwrap();
         let built = kilwa(&["build", text(&mesh), "-o", text(&pack), "--force", "--title", name, "--crs", name]);
-        let said = is_plain(&built, "build");
-        assert!(built.status.success(), "{said}");
+        let output = is_plain(&built, "build");
+        assert!(built.status.success(), "{output}");
         pack
     }
 }
 
 #[test]
-fn every_verb_shows_what_a_pack_says_of_itself_without_acting_on_the_terminal() {
+fn no_verb_lets_metadata_of_a_pack_control_the_terminal() {
     let site = Site::new();
     for name in &names() {
         let pack = site.pack(name);
@@ -117,7 +117,7 @@ fn every_verb_shows_what_a_pack_says_of_itself_without_acting_on_the_terminal() 
 }
 
 #[test]
-fn error_messages_never_control_the_terminal_whatever_the_file_name() {
+fn file_names_in_error_messages_never_control_the_terminal() {
     let site = Site::new();
     for name in &names() {
         let missing = site.path(&format!("{name}.kilwa"));
@@ -202,7 +202,7 @@ fn gltf(uri: &str, kind: &str, image: &str) -> String {
 }
 
 #[test]
-fn names_in_meshes_are_quoted_without_acting_on_the_terminal() {
+fn names_in_meshes_never_control_the_terminal() {
     let site = Site::new();
     let mut trials = 0;
     for name in &names() {
@@ -220,10 +220,10 @@ fn names_in_meshes_are_quoted_without_acting_on_the_terminal() {
     println!("{trials} outputs");
 }
 
-/// The log of a server, whatever it is asked for and whatever it serves.
+/// The log of a server under hostile requests and packs.
 #[cfg(unix)]
 #[test]
-fn the_log_of_a_server_does_not_act_on_the_terminal() {
+fn the_server_log_never_controls_the_terminal() {
     let site = Site::new();
     let www = site.path("www");
     std::fs::create_dir(&www).unwrap();

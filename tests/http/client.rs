@@ -18,7 +18,7 @@ pub(crate) struct Answer {
 }
 
 impl Answer {
-    /// A header's value, empty where it is not there.
+    /// A header's value, empty if it is missing.
     pub(crate) fn header(&self, name: &str) -> &str {
         let line =
             self.head.lines().filter_map(|line| line.split_once(':')).find(|(n, _)| n.eq_ignore_ascii_case(name));

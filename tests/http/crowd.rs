@@ -1,9 +1,9 @@
-//! Many readers at the same time, each with a connection of its own: what went wrong, how long answers took, what the server's memory grew by
-//! while they went on, and the descriptors it holds when they have gone.
+//! Many readers at the same time, each with a connection of its own: errors, response times, the growth of the server's memory
+//! meanwhile, and the descriptors it holds afterwards.
 
 use super::client::{Client, loopback};
 use super::process::Server;
-use super::{claim, claim_none, claim_when_quiet};
+use super::{check_bound, check_bound_when_quiet, check_none};
 use fastrand::Rng;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -13,20 +13,20 @@ use tokio::sync::Barrier;
 pub(crate) struct Reader {
     pub(crate) client: Client,
     pub(crate) dice: Rng,
-    /// What was not answered as it must be.
+    /// Wrong responses.
     pub(crate) wrong: Vec<String>,
     /// Of the answers, milliseconds.
     pub(crate) times: Vec<f64>,
 }
 
-/// A crowd that has gone.
+/// The results of a crowd.
 pub(crate) struct Crowd {
     who: String,
     wrong: Vec<String>,
     pub(crate) times: Vec<f64>,
     /// From when a third of the rounds were over until the last reader had ended.
     pub(crate) took: Duration,
-    /// Of the server in that time, MiB, and its descriptors before; `None` where the system does not tell.
+    /// Of the server in that time, MiB, and its descriptors before; `None` if the system does not report it.
     grown: Option<(f64, usize)>,
 }
 
@@ -77,13 +77,13 @@ impl Crowd {
     }
 
     /// State that nothing went wrong, that memory grew by at most `memory` MiB, and that at most `descriptors` more are held than before.
-    pub(crate) async fn claim(&self, server: &Server, memory: f64, descriptors: usize) {
-        claim_none(&format!("errors of {}", self.who), self.times.len(), &self.wrong);
+    pub(crate) async fn check_bounds(&self, server: &Server, memory: f64, descriptors: usize) {
+        check_none(&format!("errors of {}", self.who), self.times.len(), &self.wrong);
         let Some((grown, before)) = self.grown else {
-            println!("skipped: memory and descriptors under {}, which this system does not tell", self.who);
+            println!("skipped: memory and descriptors under {}, which this system does not report", self.who);
             return;
         };
-        claim_when_quiet(&format!("memory that grows while {} go on", self.who), "MiB", memory, grown);
+        check_bound_when_quiet(&format!("memory that grows while {} go on", self.who), "MiB", memory, grown);
         let mut left = usize::MAX;
         for _ in 0..100 {
             left = server.files().unwrap();
@@ -93,6 +93,6 @@ impl Crowd {
             tokio::time::sleep(Duration::from_millis(100)).await;
         }
         let left = left.saturating_sub(before) as f64;
-        claim(&format!("descriptors left when {} have gone", self.who), "above before", descriptors as f64, left);
+        check_bound(&format!("descriptors left when {} have gone", self.who), "above before", descriptors as f64, left);
     }
 }

@@ -1,4 +1,4 @@
-//! What a request and a client may cost, and what happens beyond.
+//! Limits of requests and clients, and what happens beyond them.
 
 use super::client::{Client, loopback};
 use super::noise;
@@ -6,7 +6,7 @@ use super::process::Server;
 use std::time::Duration;
 
 #[tokio::test]
-async fn requests_beyond_reason_are_refused_with_their_status() {
+async fn excessive_requests_are_refused_with_the_right_status() {
     let server = Server::start(&[("fort", &noise(1000, 1))], &[]);
     let many = "X-A: a\r\n".repeat(200);
     for (request, wanted) in [
@@ -28,15 +28,15 @@ async fn requests_beyond_reason_are_refused_with_their_status() {
     ] {
         let mut client = Client::connect(server.address).await.unwrap();
         let answer = client.send(request.as_bytes(), false).await;
-        let said: String = request.chars().take(60).collect();
-        let answer = answer.unwrap_or_else(|e| panic!("{said:?}: {e}"));
-        assert!(wanted.contains(&answer.status), "{said:?}: {}", answer.head);
+        let excerpt: String = request.chars().take(60).collect();
+        let answer = answer.unwrap_or_else(|e| panic!("{excerpt:?}: {e}"));
+        assert!(wanted.contains(&answer.status), "{excerpt:?}: {}", answer.head);
     }
     assert_eq!(Client::connect(server.address).await.unwrap().get("/healthz", "").await.unwrap().status, 200);
 }
 
 #[tokio::test]
-async fn one_address_has_its_share_and_others_have_theirs() {
+async fn each_address_has_its_own_share() {
     if !cfg!(target_os = "linux") {
         println!("skipped: clients from several addresses, which only Linux gives without setting up");
         return;
@@ -65,7 +65,7 @@ async fn one_address_has_its_share_and_others_have_theirs() {
 }
 
 #[tokio::test]
-async fn who_is_idle_makes_room_for_who_asks() {
+async fn idle_connections_are_closed_for_active_ones() {
     let server = Server::start(&[("fort", &noise(1000, 1))], &["--connections", "10"]);
     let mut idle = Vec::new();
     for _ in 0..10 {

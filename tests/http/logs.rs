@@ -1,4 +1,4 @@
-//! The log: a line for each request, with its name, and nothing that has to stay secret.
+//! The log: a line for each request, with its id, and no secrets.
 
 use super::client::Client;
 use super::noise;
@@ -7,7 +7,7 @@ use serde_json::Value;
 use std::time::Duration;
 
 #[tokio::test]
-async fn the_access_log_names_requests_and_keeps_secrets() {
+async fn the_access_log_names_requests_and_contains_no_secrets() {
     let server = Server::start(&[("fort", &noise(5000, 1))], &["--access-log", "--log", "json"]);
     let mut client = Client::connect(server.address).await.unwrap();
     let secrets = "Authorization: Bearer hunter2\r\nCookie: session=hunter2\r\nReferer: http://x/?token=hunter2\r\n";
@@ -37,7 +37,7 @@ async fn the_access_log_names_requests_and_keeps_secrets() {
 }
 
 #[tokio::test]
-async fn behind_a_proxy_the_client_is_who_the_proxy_names() {
+async fn behind_a_proxy_the_client_address_is_the_forwarded_one() {
     let options = ["--access-log", "--log", "json", "--behind-proxy"];
     let server = Server::start(&[("fort", &noise(10, 1))], &options);
     let mut client = Client::connect(server.address).await.unwrap();

@@ -1,8 +1,8 @@
-//! `kilwa serve` as a process under everything that a public server meets: exact ranges, hostile addresses, slow and many clients, the
-//! order to stop, proxies in front of it.
+//! `kilwa serve` as a process under the conditions of a public server: exact ranges, hostile addresses, slow and many clients,
+//! signals to stop, proxies in front of it.
 //!
 //! `cargo xtask test` runs the short form, without asserting times; `cargo xtask test soak` sets `KILWA_SOAK` and runs the full numbers,
-//! one test at a time, and prints each claim with its bound and what was measured (archived in docs/bench).
+//! one test at a time, and prints each property with its bound and the measured value (archived in docs/bench).
 //! Traffic goes to this machine only, from several of its loopback addresses; loops are bounded.
 
 pub(crate) mod client;
@@ -19,28 +19,28 @@ mod traversal;
 mod viewers;
 mod worst;
 
-/// Whether the full numbers are wanted.
+/// Whether to run with the full numbers.
 fn full() -> bool {
     std::env::var_os("KILWA_SOAK").is_some()
 }
 
-/// State a claim: prints the row of the table, and fails where what was measured is more than the bound.
-fn claim(what: &str, unit: &str, bound: f64, measured: f64) {
+/// Check a property: prints the row of the table, and fails if the measured value exceeds the bound.
+fn check_bound(what: &str, unit: &str, bound: f64, measured: f64) {
     println!("soak | {what}, {unit} | {bound} | {measured:.3}");
     assert!(measured <= bound, "{what}: {measured} {unit} is more than {bound}");
 }
 
-/// As [`claim`], about time or memory: in the short form, on a machine that does other things too, it is printed and not asserted.
-fn claim_when_quiet(what: &str, unit: &str, bound: f64, measured: f64) {
+/// As [`check_bound`], about time or memory: in the short form, on a machine that does other things too, it is printed and not asserted.
+fn check_bound_when_quiet(what: &str, unit: &str, bound: f64, measured: f64) {
     if full() {
-        claim(what, unit, bound, measured);
+        check_bound(what, unit, bound, measured);
     } else {
         println!("{what}: {measured:.3} {unit}, bound {bound} (asserted by cargo xtask test soak)");
     }
 }
 
-/// State a claim about a count of exceptions, which has to be zero.
-fn claim_none(what: &str, of: usize, exceptions: &[String]) {
+/// Check that a count of exceptions is zero.
+fn check_none(what: &str, of: usize, exceptions: &[String]) {
     println!("soak | {what} | 0 of {of} | {}", exceptions.len());
     assert!(exceptions.is_empty(), "{what}: {} of {of}, such as {}", exceptions.len(), exceptions[0]);
 }

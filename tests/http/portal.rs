@@ -79,7 +79,7 @@ async fn round(mut r: Reader, packs: &[String], bytes: &[u8]) -> Reader {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_crowd_of_readers_gets_every_page_and_every_byte_and_leaves_nothing_behind() {
+async fn many_readers_get_every_page_and_byte_without_leaking_resources() {
     let (readers, rounds) = if full() { (500, 12) } else { (30, 3) };
     let bytes: &'static [u8] = Vec::leak(noise(1 << 20, 17));
     let cache = tempfile::tempdir().unwrap();
@@ -91,7 +91,7 @@ async fn a_crowd_of_readers_gets_every_page_and_every_byte_and_leaves_nothing_be
     let collection = format!("[[collection]]\nslug = \"some\"\ntitle = \"Some\"\nmembers = [{}]\n", members.join(", "));
     std::fs::write(server.folder().join("collections.toml"), collection).unwrap();
     let address = server.address;
-    // Until what was put there is noticed: the folder is looked at once a second.
+    // Until the new files are noticed: the server checks the folder once a second.
     for attempt in 0.. {
         let mut client = Client::connect(address).await.unwrap();
         let found = client.get("/?q=coral", "").await.unwrap();
@@ -115,5 +115,5 @@ async fn a_crowd_of_readers_gets_every_page_and_every_byte_and_leaves_nothing_be
         quantile(&crowd.times, 0.95)
     );
     // The index keeps a few connections of its own.
-    crowd.claim(&server, 64.0, 8).await;
+    crowd.check_bounds(&server, 64.0, 8).await;
 }

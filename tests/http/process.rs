@@ -51,7 +51,7 @@ impl Server {
         std::fs::read_to_string(self.dir.path().join("log")).unwrap()
     }
 
-    /// Resident memory, bytes; `None` where the system does not tell.
+    /// Resident memory, bytes; `None` if the system does not report it.
     pub(crate) fn memory(&self) -> Option<f64> {
         let status = std::fs::read_to_string(format!("/proc/{}/status", self.child.id())).ok()?;
         let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"))?;
@@ -63,10 +63,10 @@ impl Server {
         Some(std::fs::read_dir(format!("/proc/{}/fd", self.child.id())).ok()?.count())
     }
 
-    /// As a service manager asks it to stop.
+    /// Send SIGTERM, as a service manager does.
     pub(crate) fn terminate(&self) {
-        let told = Command::new("kill").arg("-TERM").arg(self.child.id().to_string()).status().unwrap();
-        assert!(told.success());
+        let kill = Command::new("kill").arg("-TERM").arg(self.child.id().to_string()).status().unwrap();
+        assert!(kill.success());
     }
 
     /// How it ended, and how long that took; a minute at most.
@@ -78,7 +78,7 @@ impl Server {
             }
             std::thread::sleep(Duration::from_millis(10));
         }
-        panic!("kilwa serve did not end within a minute of being told to");
+        panic!("kilwa serve did not end within a minute of SIGTERM");
     }
 }
 

@@ -1,9 +1,9 @@
-//! nginx and Caddy before the server, each with the configuration that docs/hosting tells people to use: what comes through is what
-//! `kilwa serve` answers.
+//! nginx and Caddy in front of the server, each with the configuration that docs/hosting recommends: responses are those of
+//! `kilwa serve`.
 
 use super::client::Client;
 use super::process::Server;
-use super::{claim_none, noise};
+use super::{check_none, noise};
 use fastrand::Rng;
 use std::net::{SocketAddr, TcpListener};
 use std::path::Path;
@@ -100,12 +100,12 @@ async fn check(name: &str, server: &Server, proxy: SocketAddr, bytes: &[u8]) {
     {
         wrong.push(format!("several ranges: {}{}", head.head, several.head));
     }
-    claim_none(&format!("answers through {name} that are not the server's"), rows.len() + 201, &wrong);
+    check_none(&format!("answers through {name} that are not the server's"), rows.len() + 201, &wrong);
     assert!(whole.header("access-control-expose-headers").contains("Content-Range"));
     let page = client.get("/", packed).await.unwrap();
     assert!(page.status == 200 && page.header("content-security-policy").contains("frame-ancestors"));
     assert_eq!(client.get("/metrics", "").await.unwrap().status, 404, "figures are not for everyone");
-    // Who says to be somebody else is not believed.
+    // A forged client address is ignored.
     client.get("/models.json", "X-Forwarded-For: 203.0.113.77\r\n").await.unwrap();
     tokio::time::sleep(Duration::from_millis(200)).await;
     let log = server.log();
@@ -113,7 +113,7 @@ async fn check(name: &str, server: &Server, proxy: SocketAddr, bytes: &[u8]) {
 }
 
 #[tokio::test]
-async fn nginx_with_the_documented_configuration_changes_nothing() {
+async fn responses_are_unchanged_behind_nginx_as_documented() {
     if !is_here("nginx", "-v") {
         return;
     }
@@ -145,7 +145,7 @@ async fn nginx_with_the_documented_configuration_changes_nothing() {
 }
 
 #[tokio::test]
-async fn caddy_with_the_documented_configuration_changes_nothing() {
+async fn responses_are_unchanged_behind_caddy_as_documented() {
     if !is_here("caddy", "version") {
         return;
     }

@@ -1,13 +1,13 @@
-//! Ranges and conditions: a table of what is asked and what has to come, and random ranges against the file.
+//! Ranges and conditions: a table of requests and expected responses, and random ranges compared with the file.
 
 use super::client::Client;
 use super::process::Server;
-use super::{claim_none, full, noise};
+use super::{check_none, full, noise};
 
 const LENGTH: usize = 1000;
 const URL: &str = "/packs/fort.kilwa";
 
-/// What has to come.
+/// The expected response.
 #[derive(Clone, Copy)]
 enum Wanted {
     /// 200 and all of it.
@@ -75,7 +75,7 @@ const RANGES: [(&str, Wanted); 49] = [
     ("bytes=\u{661}-\u{662}", Whole),
 ];
 
-/// Method, header lines (`TAG` stands for the file's tag) and what has to come.
+/// Method, header lines (`TAG` is replaced by the file's ETag) and the expected response.
 const CONDITIONS: [(&str, &str, Wanted); 31] = [
     ("GET", "", Whole),
     ("HEAD", "", Status(200)),
@@ -112,7 +112,7 @@ const CONDITIONS: [(&str, &str, Wanted); 31] = [
 ];
 
 #[tokio::test]
-async fn every_row_of_the_table_is_answered_exactly() {
+async fn every_request_in_the_table_is_answered_exactly() {
     let bytes = noise(LENGTH, 3);
     let server = Server::start(&[("fort", &bytes)], &[]);
     let mut client = Client::connect(server.address).await.unwrap();
@@ -141,7 +141,7 @@ async fn every_row_of_the_table_is_answered_exactly() {
         }
     }
     assert!(rows.len() >= 60, "{}", rows.len());
-    claim_none("range table: answers that are not exact", rows.len(), &wrong);
+    check_none("range table: answers that are not exact", rows.len(), &wrong);
 }
 
 /// One random request of each form that the RFC has, and the bytes that it means.
@@ -190,10 +190,10 @@ async fn random_ranges_are_the_bytes_of_the_file() {
     for client in clients.collect::<Vec<_>>() {
         wrong.extend(client.await.unwrap());
     }
-    claim_none("random ranges that are not the bytes of the file", (CLIENTS * each) as usize, &wrong);
+    check_none("random ranges that are not the bytes of the file", (CLIENTS * each) as usize, &wrong);
 }
 
-/// What stands behind the pack's address, and the stretches that it means; none where there is no such address.
+/// The suffix of the pack's address, and the ranges that it means; none if there is no such address.
 const SEVERAL: [(&str, &[(usize, usize)]); 24] = [
     ("0-999", &[(0, 999)]),
     ("5-5", &[(5, 5)]),
@@ -222,7 +222,7 @@ const SEVERAL: [(&str, &[(usize, usize)]); 24] = [
 ];
 
 #[tokio::test]
-async fn several_ranges_have_an_address_and_are_answered_in_its_order() {
+async fn several_ranges_in_an_address_are_answered_in_order() {
     let bytes = noise(LENGTH, 3);
     let server = Server::start(&[("fort", &bytes)], &[]);
     let mut client = Client::connect(server.address).await.unwrap();
@@ -255,7 +255,7 @@ async fn several_ranges_have_an_address_and_are_answered_in_its_order() {
     let ranged = client.ask("GET", &several, "Range: bytes=0-3\r\n").await.unwrap();
     assert_eq!((fresh.status, other.status, short.status), (304, 412, 200));
     assert_eq!((short.header("content-length"), ranged.status, ranged.body.len()), ("20", 200, 20));
-    claim_none("several ranges: answers that are not exact", 2 * SEVERAL.len(), &wrong);
+    check_none("several ranges: answers that are not exact", 2 * SEVERAL.len(), &wrong);
 }
 
 #[tokio::test]
@@ -270,8 +270,8 @@ async fn random_lists_of_ranges_are_the_bytes_of_the_file() {
         let mut ranges = Vec::new();
         let mut at = dice.u64(..40_000);
         while ranges.len() < 64 && at < bytes.len() as u64 {
-            let most = 1 << (1 + dice.u64(..17));
-            let end = (at + dice.u64(..most)).min(bytes.len() as u64 - 1);
+            let max = 1 << (1 + dice.u64(..17));
+            let end = (at + dice.u64(..max)).min(bytes.len() as u64 - 1);
             ranges.push(at as usize..end as usize + 1);
             at = end + 1 + dice.u64(..90_000);
         }
@@ -288,5 +288,5 @@ async fn random_lists_of_ranges_are_the_bytes_of_the_file() {
             wrong.push(format!("{}: {}", list.join(","), a.head));
         }
     }
-    claim_none("random lists of ranges that are not the bytes of the file", count, &wrong);
+    check_none("random lists of ranges that are not the bytes of the file", count, &wrong);
 }

@@ -1,8 +1,8 @@
-//! Clients that hold connections: requests that come a byte at a time, answers that are taken a little at a time.
+//! Slow clients: requests sent a byte at a time, responses read a little at a time.
 
 use super::client::{Client, loopback};
 use super::process::Server;
-use super::{claim, claim_none, claim_when_quiet, full, noise, quantile};
+use super::{check_bound, check_bound_when_quiet, check_none, full, noise, quantile};
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
@@ -36,8 +36,8 @@ async fn well_behaved(server: SocketAddr, ranges: usize) -> Vec<f64> {
     all
 }
 
-/// One who sends a byte of a request every `pause`, and begins again when the connection is closed, until told to stop: how long each of
-/// its connections was held, seconds.
+/// A client that sends a byte of a request every `pause` and reconnects when the connection is closed, until stopped. Returns how
+/// long each of its connections was open, seconds.
 async fn creeping(
     server: SocketAddr,
     number: usize,
@@ -70,7 +70,7 @@ async fn creeping(
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn requests_that_never_end_are_closed_and_others_do_not_notice() {
+async fn endless_requests_are_closed_without_affecting_others() {
     let (sockets, limit, pause) = if full() { (2000, "10", 5000) } else { (200, "1", 300) };
     let bytes = noise(9_000_000, 5);
     let server = Server::start(&[("fort", &bytes)], &["--header-timeout", limit]);
@@ -101,13 +101,13 @@ async fn requests_that_never_end_are_closed_and_others_do_not_notice() {
         "{at_once} creeping connections at once, {} in all; 99th percentile of 64 KiB: {quiet:.2} ms without, {busy:.2} ms with",
         held.len()
     );
-    claim_when_quiet(
+    check_bound_when_quiet(
         "a creeping request holds its connection at most",
         "s",
         15.0,
         held.iter().copied().fold(0.0, f64::max),
     );
-    claim_when_quiet(
+    check_bound_when_quiet(
         "99th percentile of the others beside 2,000 creeping requests, of that without",
         "times",
         2.0,
@@ -116,12 +116,12 @@ async fn requests_that_never_end_are_closed_and_others_do_not_notice() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn slow_readers_cost_little_memory() {
+async fn slow_readers_use_little_memory() {
     let readers = if full() { 1000 } else { 100 };
     let bytes = noise(48 << 20, 7);
     let server = Server::start(&[("fort", &bytes)], &[]);
     let Some(_) = server.memory() else {
-        println!("skipped: memory of slow readers, which this system does not tell");
+        println!("skipped: memory of slow readers, which this system does not report");
         return;
     };
     // What the first requests cost in any case: the hash, threads that read.
@@ -135,28 +135,28 @@ async fn slow_readers_cost_little_memory() {
         client.stream.write_all(format!("GET {URL} HTTP/1.1\r\nHost: x\r\n\r\n").as_bytes()).await.unwrap();
         held.push(client);
     }
-    let (mut most, mut bytes_read, mut buffer) = (0.0_f64, 0, vec![0; 1024]);
+    let (mut peak, mut bytes_read, mut buffer) = (0.0_f64, 0, vec![0; 1024]);
     for _ in 0..if full() { 40 } else { 6 } {
         tokio::time::sleep(Duration::from_millis(250)).await;
         for client in &mut held {
             bytes_read += client.stream.read(&mut buffer).await.unwrap();
         }
-        most = most.max(server.memory().unwrap());
+        peak = peak.max(server.memory().unwrap());
     }
     assert!(bytes_read > 0);
-    claim_when_quiet(
+    check_bound_when_quiet(
         &format!("memory for {readers} slow readers of 48 MiB each"),
         "MiB",
         64.0,
-        (most - before) / 1_048_576.0,
+        (peak - before) / 1_048_576.0,
     );
-    // Who does not read slowly still gets all of it.
+    // A fast reader still gets everything.
     let mut other = Client::connect_from(loopback(6000), server.address, None).await.unwrap();
     assert!(other.get(URL, "").await.unwrap().body == bytes);
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_reader_that_takes_nothing_is_dropped() {
+async fn a_stalled_reader_is_disconnected() {
     let bytes = noise(24 << 20, 9);
     let server = Server::start(&[("fort", &bytes)], &["--write-timeout", "1"]);
     let readers = 20;
@@ -178,7 +178,7 @@ async fn a_reader_that_takes_nothing_is_dropped() {
         }
     }
     let late: Vec<String> = (dropped..readers).map(|n| format!("reader {n}")).collect();
-    claim_none("readers that take nothing and are still served", readers, &late);
+    check_none("readers that take nothing and are still served", readers, &late);
     let mut whole = Vec::new();
     for mut client in stuck {
         let mut all = Vec::new();
@@ -187,5 +187,5 @@ async fn a_reader_that_takes_nothing_is_dropped() {
             whole.push(format!("{} bytes", all.len()));
         }
     }
-    claim("answers to them that were not cut", "of 20", 0.0, whole.len() as f64);
+    check_bound("answers to them that were not cut", "of 20", 0.0, whole.len() as f64);
 }

@@ -1,15 +1,15 @@
-//! The order to stop while answers are on their way: each is complete or visibly cut, and the process ends in time.
+//! A signal to stop during transfers: each response is complete or visibly truncated, and the process ends in time.
 
 use super::client::{Client, loopback};
 use super::process::Server;
-use super::{claim, claim_none, claim_when_quiet, full, noise};
+use super::{check_bound, check_bound_when_quiet, check_none, full, noise};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 use tokio::sync::Barrier;
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn sigterm_completes_or_cuts_every_transfer() {
+async fn sigterm_completes_or_aborts_every_transfer() {
     let transfers = if full() { 100 } else { 20 };
     let bytes: &'static [u8] = Vec::leak(noise(16 << 20, 17));
     let mut server = Server::start(&[("fort", bytes)], &["--shutdown", "5"]);
@@ -55,8 +55,8 @@ async fn sigterm_completes_or_cuts_every_transfer() {
     }
     let (status, took) = ended.await.unwrap();
     println!("{complete} of {transfers} transfers were completed, the others cut");
-    claim_none("transfers with bytes that are not the file's, at SIGTERM", transfers, &wrong);
-    claim("exit code after SIGTERM", "code", 0.0, f64::from(status.code().unwrap_or(99)));
-    claim_when_quiet("from SIGTERM to the end, with 5 s for transfers", "s", 6.0, took.as_secs_f64());
+    check_none("transfers with bytes that are not the file's, at SIGTERM", transfers, &wrong);
+    check_bound("exit code after SIGTERM", "code", 0.0, f64::from(status.code().unwrap_or(99)));
+    check_bound_when_quiet("from SIGTERM to the end, with 5 s for transfers", "s", 6.0, took.as_secs_f64());
     assert!(Client::connect(address).await.is_err(), "nobody listens any more");
 }

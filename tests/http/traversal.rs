@@ -1,6 +1,6 @@
-//! Addresses that try to leave the folder, written to the socket as they are: 400 or 404, whatever the spelling.
+//! Addresses that try to leave the folder, written to the socket verbatim: 400 or 404 for every spelling.
 
-use super::claim_none;
+use super::check_none;
 use super::client::Client;
 use super::process::Server;
 
@@ -79,6 +79,6 @@ async fn no_address_leaves_the_folder() {
         }
     }
     assert!(addresses.len() >= 200);
-    claim_none("hostile addresses answered other than 400 or 404", addresses.len(), &wrong);
+    check_none("hostile addresses answered other than 400 or 404", addresses.len(), &wrong);
     assert_eq!(Client::connect(server.address).await.unwrap().get("/healthz", "").await.unwrap().status, 200);
 }

@@ -1,4 +1,4 @@
-//! The address with the largest answer, over every route, and slow readers who hold it.
+//! The request with the largest response, over every route, and slow readers of it.
 //!
 //! The search asks every route with every kind of query that any handler reads, up to the longest request line that the server takes, and then random
 //! mixtures of them. What it finds is held by readers from two addresses: memory must stay within its bound, and others must be served meanwhile.
@@ -6,7 +6,7 @@
 use super::client::{Client, loopback};
 use super::portal::object;
 use super::process::Server;
-use super::{claim, claim_none, claim_when_quiet, full, noise};
+use super::{check_bound, check_bound_when_quiet, check_none, full, noise};
 use fastrand::Rng;
 use std::net::SocketAddr;
 use std::time::Duration;
@@ -190,7 +190,7 @@ async fn search(server: SocketAddr, addresses: Vec<String>) -> (Vec<(usize, Stri
     (answers, wrong)
 }
 
-/// Ask for `address` and take next to nothing of the answer.
+/// Request `address` and read hardly anything of the response.
 async fn slow_reader(number: usize, server: SocketAddr, address: &str) -> Client {
     let mut client = Client::connect_from(loopback(number % 2), server, Some(4096)).await.unwrap();
     client.stream.write_all(format!("GET {address} HTTP/1.1\r\nHost: x\r\n\r\n").as_bytes()).await.unwrap();
@@ -203,24 +203,24 @@ async fn held(server: &Server, before: f64, address: &str) -> Option<f64> {
     for number in 0..READERS {
         readers.push(slow_reader(number, server.address, address).await);
     }
-    let (mut most, mut buffer) = (0.0_f64, vec![0; 512]);
+    let (mut peak, mut buffer) = (0.0_f64, vec![0; 512]);
     for _ in 0..if full() { 12 } else { 4 } {
         tokio::time::sleep(Duration::from_millis(250)).await;
         for reader in &mut readers {
             // Where nothing has come, or no more comes, there is nothing to take.
             drop(reader.stream.try_read(&mut buffer));
         }
-        most = most.max(server.memory()?);
+        peak = peak.max(server.memory()?);
     }
     let mut other = Client::connect_from(loopback(7000), server.address, None).await.unwrap();
     for page in ["/?q=coral", "/map", "/fort-1/"] {
         assert_eq!(other.get(page, "").await.unwrap().status, 200, "{page} beside slow readers of another");
     }
-    Some((most - before) / 1_048_576.0)
+    Some((peak - before) / 1_048_576.0)
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn no_address_gets_an_answer_out_of_proportion_and_slow_readers_of_the_worst_cost_little_memory() {
+async fn no_request_gets_a_disproportionate_response_and_slow_readers_use_little_memory() {
     let (objects, mixtures) = if full() { (2_000, 5_000) } else { (150, 300) };
     let (server, _state) = museum(objects);
     noticed(server.address, objects).await;
@@ -235,7 +235,7 @@ async fn no_address_gets_an_answer_out_of_proportion_and_slow_readers_of_the_wor
             address.chars().take(100).collect::<String>()
         );
     }
-    claim_none("addresses with an error of the server", asked, &wrong);
+    check_none("addresses with an error of the server", asked, &wrong);
     let mut worst: Vec<&str> = vec![&answers[0].1];
     // The one that was found from outside, and the largest of each other route.
     let found = format!("/?{}", query(PIECES[0], LONGEST));
@@ -246,18 +246,23 @@ async fn no_address_gets_an_answer_out_of_proportion_and_slow_readers_of_the_wor
         }
         worst.dedup();
     }
-    let mut most = 0.0_f64;
+    let mut peak = 0.0_f64;
     for address in worst {
         let Some(grown) = held(&server, before, address).await else {
-            println!("skipped: memory of slow readers, which this system does not tell");
+            println!("skipped: memory of slow readers, which this system does not report");
             break;
         };
         println!("{grown:.1} MiB for {READERS} slow readers of {}", address.chars().take(100).collect::<String>());
-        most = most.max(grown);
+        peak = peak.max(grown);
     }
-    claim_when_quiet(&format!("memory for {READERS} slow readers of the worst address, from two"), "MiB", 64.0, most);
+    check_bound_when_quiet(
+        &format!("memory for {READERS} slow readers of the worst address, from two"),
+        "MiB",
+        64.0,
+        peak,
+    );
     // What is streamed may be of any length.
     let made = answers.iter().find(|(_, a)| !["/models.json", "/sitemap.xml"].iter().any(|s| a.starts_with(s)));
     let largest = made.map_or(0, |(bytes, _)| *bytes) as f64;
-    claim("largest answer that is made in memory, over every route", "bytes", ANSWER_MAX, largest);
+    check_bound("largest answer that is made in memory, over every route", "bytes", ANSWER_MAX, largest);
 }

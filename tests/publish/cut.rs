@@ -1,6 +1,6 @@
-//! What is left of a publication or withdrawal that was killed: `kilwa verify` says what happened, and the same command continues.
+//! A publication or withdrawal that was killed: `kilwa verify` says what happened, and the same command continues.
 
-use super::{Bench, LEAST, json_of, other_pack, run, tree};
+use super::{Bench, MINIMAL, json_of, other_pack, run, tree};
 use crate::support::text;
 use std::hash::{BuildHasher as _, RandomState};
 use std::path::Path;
@@ -10,50 +10,50 @@ const NEXT: &str = ".kilwa-next";
 const FURTHER: [&str; 4] = ["--version-note", "Better", "--date", "2026-12-01"];
 
 fn described() -> String {
-    format!("description = \"Better\"\n{LEAST}")
+    format!("description = \"Better\"\n{MINIMAL}")
 }
 
 fn verified(folder: &Path) -> (bool, String) {
     let output = run(&["verify", text(folder)]);
-    let said = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
-    (output.status.success(), said)
+    let printed = String::from_utf8_lossy(&[output.stdout, output.stderr].concat()).into_owned();
+    (output.status.success(), printed)
 }
 
 #[test]
-fn an_object_interrupted_around_the_manifest_is_sound_and_verify_explains() {
+fn an_object_interrupted_around_the_manifest_is_valid_and_verify_explains_it() {
     let bench = Bench::new();
-    let object = bench.published(&other_pack(), LEAST, &[]);
+    let object = bench.published(&other_pack(), MINIMAL, &[]);
     let old = ["manifest.json", "index.html"].map(|name| (name, std::fs::read(object.join(name)).unwrap()));
     bench.published(&other_pack(), &described(), &FURTHER);
     let whole = tree(&object);
     let next = object.join(NEXT);
-    // After the folder of the version: its manifest and page lie beside it, and the object is the old one.
+    // After the folder of the version: the new manifest and page are beside it, and the object is the old one.
     std::fs::create_dir(&next).unwrap();
     for (name, bytes) in &old {
         std::fs::rename(object.join(name), next.join(name)).unwrap();
         std::fs::write(object.join(name), bytes).unwrap();
     }
-    let (is_sound, said) = verified(&object);
-    assert!(is_sound && said.contains("v2 is a version whose publication was interrupted"), "{said}");
-    assert!(!said.contains("nobody knows this file"), "{said}");
+    let (is_sound, output) = verified(&object);
+    assert!(is_sound && output.contains("v2 is a version whose publication was interrupted"), "{output}");
+    assert!(!output.contains("nobody knows this file"), "{output}");
     bench.published(&other_pack(), &described(), &FURTHER);
     assert!(tree(&object) == whole, "the same command comes to the same");
     // After the manifest: the object is the new one, and its page lies beside it.
     std::fs::create_dir(&next).unwrap();
     std::fs::rename(object.join("index.html"), next.join("index.html")).unwrap();
     std::fs::write(object.join("index.html"), &old[1].1).unwrap();
-    let (is_sound, said) = verified(&object);
-    assert!(is_sound && said.contains("index.html is still the old page") && said.contains("again"), "{said}");
+    let (is_sound, output) = verified(&object);
+    assert!(is_sound && output.contains("index.html is still the old page") && output.contains("again"), "{output}");
     let again = bench.publish(&other_pack(), &described(), &FURTHER);
     assert!(again.status.success(), "{}", String::from_utf8_lossy(&again.stderr));
     assert!(tree(&object) == whole);
     // A page that is neither is damage.
     std::fs::write(object.join("index.html"), "another").unwrap();
-    let (is_sound, said) = verified(&object);
-    assert!(!is_sound && said.contains("it is not what was published"), "{said}");
+    let (is_sound, output) = verified(&object);
+    assert!(!is_sound && output.contains("it is not what was published"), "{output}");
 }
 
-/// Run a command that is killed before its n-th call of a kind; `None` where it came to its end.
+/// Run a command that is killed before its n-th call of a kind; `None` if it finished.
 fn killed(args: &[&str], call: &str, nth: u32) -> Option<Output> {
     let inject = format!("inject={call}:signal=KILL:when={nth}");
     let output = Command::new("strace")
@@ -91,7 +91,7 @@ fn seed() -> u32 {
 }
 
 #[test]
-fn the_program_killed_before_any_rename_leaves_a_sound_archive_and_goes_on() {
+fn a_kill_before_any_rename_leaves_a_valid_archive_and_a_rerun_finishes() {
     let works = Command::new("strace").args(["-f", "-qq", "-o", "/dev/null", "true"]).status();
     if !works.is_ok_and(|status| status.success()) {
         println!("skipped: killing the program before renames: strace is not installed, or may not trace programs");
@@ -100,7 +100,7 @@ fn the_program_killed_before_any_rename_leaves_a_sound_archive_and_goes_on() {
     let seed = seed();
     println!("killed at some of the calls; repeat with KILWA_KILL_SEED={seed}");
     let bench = Bench::new();
-    let object = bench.published(&other_pack(), LEAST, &[]);
+    let object = bench.published(&other_pack(), MINIMAL, &[]);
     let (first, kept) = (bench.path("first"), bench.path("keep"));
     let copy = |from: &Path, to: &Path| {
         drop(std::fs::remove_dir_all(to));
@@ -134,16 +134,16 @@ fn the_program_killed_before_any_rename_leaves_a_sound_archive_and_goes_on() {
                 break;
             }
             deaths += 1;
-            let (is_sound, said) = verified(&object);
-            assert!(is_sound, "killed before {call} {nth}: {said}");
+            let (is_sound, output) = verified(&object);
+            assert!(is_sound, "killed before {call} {nth}: {output}");
             if kept.join("fort").is_dir() {
-                let (is_sound, said) = verified(&kept.join("fort"));
-                assert!(is_sound, "kept, killed before {call} {nth}: {said}");
+                let (is_sound, output) = verified(&kept.join("fort"));
+                assert!(is_sound, "kept, killed before {call} {nth}: {output}");
             }
             let again = run(command);
             assert!(again.status.success(), "{call} {nth}: {}", String::from_utf8_lossy(&again.stderr));
-            let (is_sound, said) = verified(&object);
-            assert!(is_sound && !said.contains("cut off"), "{call} {nth}: {said}");
+            let (is_sound, output) = verified(&object);
+            assert!(is_sound && !output.contains("cut off"), "{call} {nth}: {output}");
             let manifest = json_of(&object.join("manifest.json"));
             if *command == publish {
                 assert_eq!(manifest["current"], 2);

@@ -1,4 +1,4 @@
-//! `kilwa publish` and `kilwa metadata` as programs: what an object is, what is refused, what second implementations say of it.
+//! `kilwa publish` and `kilwa metadata` as programs: the contents of an object, refusals, and independent validators.
 //!
 //! Each test publishes packs of its own to a folder of its own, with a page of a few small files in place of the built one.
 
@@ -15,7 +15,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
-/// Metadata with everything in it; `@` stands where tests put more at the top of the file.
+/// Metadata with every field; tests insert more at `@` at the top of the file.
 pub(crate) const FULL: &str = r#"
 title = "Gereza & fort, \"Kilwa\""
 alternative_titles = ["Ngome <ya> Kilwa"]
@@ -65,8 +65,8 @@ funder = "World Monuments Fund"
 award = "12"
 "#;
 
-/// The least that is taken.
-pub(crate) const LEAST: &str =
+/// The minimal metadata that is accepted.
+pub(crate) const MINIMAL: &str =
     "title = \"Fort\"\npublished = 2026-11-21\n[rights]\nuri = \"CC0\"\n[model]\nunits = \"m\"\n";
 
 /// A pack at UTM coordinates with a reference system.
@@ -82,7 +82,7 @@ pub(crate) fn other_pack() -> PathBuf {
     built_once(&folder, "local", |path| Input::torus(80, 30, [1.0, 2.0, 3.0]).write(path), &[])
 }
 
-/// A folder to work in: a page, metadata, and room for objects.
+/// A working folder with a page, metadata and objects.
 pub(crate) struct Bench {
     pub(crate) folder: tempfile::TempDir,
 }
@@ -131,7 +131,7 @@ impl Bench {
         PathBuf::from(report["object"].as_str().unwrap())
     }
 
-    /// As [`Self::publish`], which must exit with 1 and change nothing; what it says.
+    /// As [`Self::publish`], which must exit with 1 and change nothing; its message.
     pub(crate) fn refused(&self, pack: &Path, metadata: &str, more: &[&str]) -> String {
         let before = tree(&self.path("site"));
         let output = self.publish(pack, metadata, more);
@@ -147,7 +147,7 @@ pub(crate) fn run(args: &[&str]) -> Output {
     command.args(args).env_remove("SOURCE_DATE_EPOCH").stdin(Stdio::null()).output().unwrap()
 }
 
-/// Every file below a folder, hidden ones too; empty where there is none.
+/// Every file below a folder, hidden ones too; empty if there is none.
 pub(crate) fn tree(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     let mut all = BTreeMap::new();
     let Ok(entries) = std::fs::read_dir(folder) else { return all };

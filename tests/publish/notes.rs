@@ -1,6 +1,6 @@
-//! `--notes`: what people wrote on the model is part of a version, of its lists and of its page; what cannot be is refused before anything is written.
+//! `--notes`: notes are part of a version, of its checksum lists and of its page; invalid ones are refused before anything is written.
 
-use super::{Bench, FULL, LEAST, json_of, other_pack, pack, run, tree};
+use super::{Bench, FULL, MINIMAL, json_of, other_pack, pack, run, tree};
 use crate::support::{json, text};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
@@ -45,7 +45,7 @@ pub(crate) fn file(bench: &Bench, notes: &Value) -> PathBuf {
 }
 
 #[test]
-fn notes_are_part_of_the_version_of_its_lists_and_of_its_page() {
+fn notes_are_part_of_the_version_its_checksum_lists_and_its_page() {
     let bench = Bench::new();
     let notes = file(&bench, &annotations(&pack()));
     let object = bench.published(&pack(), FULL, &["--notes", text(&notes)]);
@@ -78,12 +78,15 @@ fn notes_are_part_of_the_version_of_its_lists_and_of_its_page() {
     assert!(html.contains("href=\"https://example.org/?q=-8.9577,39.5228\" rel=\"noopener noreferrer\""));
     crate::support::succeeds(&["verify", text(&object)]);
     let report = bench.publish(&pack(), FULL, &["--notes", text(&notes), "--dry-run", "--version-note", "x"]);
-    let said = String::from_utf8(report.stdout).unwrap();
-    assert!(said.contains("notes: 2") && said.contains("1 annotation of the notes, which names no point"), "{said}");
+    let output = String::from_utf8(report.stdout).unwrap();
+    assert!(
+        output.contains("notes: 2") && output.contains("1 annotation of the notes, which names no point"),
+        "{output}"
+    );
 }
 
 #[test]
-fn in_the_scene_of_iiif_notes_stand_where_they_stand_on_the_preview() {
+fn notes_have_the_same_position_in_the_iiif_scene_and_the_preview() {
     let bench = Bench::new();
     let notes = file(&bench, &annotations(&pack()));
     let object = bench.published(&pack(), FULL, &["--notes", text(&notes)]);
@@ -123,15 +126,15 @@ fn in_the_scene_of_iiif_notes_stand_where_they_stand_on_the_preview() {
 }
 
 #[test]
-fn notes_that_cannot_be_are_refused_with_the_note_and_what_to_do() {
+fn invalid_notes_are_refused_with_their_number_and_what_to_do() {
     let bench = Bench::new();
     let refused = |notes: &str, more: &[&str]| {
         let path = bench.path("bad.json");
         std::fs::write(&path, notes).unwrap();
-        let said = bench.refused(&pack(), FULL, &[&["--notes", text(&path)], more].concat());
-        assert!(!bench.path("site").exists(), "{said}");
-        assert!(said.contains("bad.json"), "{said}");
-        said
+        let message = bench.refused(&pack(), FULL, &[&["--notes", text(&path)], more].concat());
+        assert!(!bench.path("site").exists(), "{message}");
+        assert!(message.contains("bad.json"), "{message}");
+        message
     };
     let changed = |change: &dyn Fn(&mut Value)| {
         let mut notes = annotations(&pack());
@@ -142,22 +145,22 @@ fn notes_that_cannot_be_are_refused_with_the_note_and_what_to_do() {
     assert!(refused("{\"type\":\"FeatureCollection\"}", &[]).contains("no Web Annotations"));
     assert!(refused(&" ".repeat(16_000_001), &[]).contains("longer than 16000000 bytes"));
     let outside = changed(&|n| n["target"]["selector"]["x"] = 12.0.into());
-    let said = refused(&outside, &[]);
-    assert!(said.contains("note 2 (\"Well\"): 12 ") && said.contains("outside of the model"), "{said}");
+    let message = refused(&outside, &[]);
+    assert!(message.contains("note 2 (\"Well\"): 12 ") && message.contains("outside of the model"), "{message}");
     assert!(
         refused(&changed(&|n| n["body"][1]["source"] = "javascript:alert(1)".into()), &[]).contains("http or https")
     );
     assert!(refused(&changed(&|n| n["body"][0]["format"] = "text/html".into()), &[]).contains("save it again"));
     assert!(refused(&changed(&|n| n["id"] = GATE.into()), &[]).contains("same id"));
-    let telling = changed(&|n| n["body"][0]["value"] = "At 565 977 / 9 009 946".into());
-    assert!(refused(&telling, &["--redact-location"]).contains("\"565 977\" is a map coordinate of the model"));
+    let revealing = changed(&|n| n["body"][0]["value"] = "At 565 977 / 9 009 946".into());
+    assert!(refused(&revealing, &["--redact-location"]).contains("\"565 977\" is a map coordinate of the model"));
     // Degrees that nobody gave are those of the pack, through its reference system.
     let degrees = changed(&|n| n["body"][0]["value"] = "8.9562 S".into());
     let path = bench.path("bad.json");
     std::fs::write(&path, &degrees).unwrap();
     let unplaced = FULL.replace("latitude = -8.9577\nlongitude = 39.5228\n", "");
-    let said = bench.refused(&pack(), &unplaced, &["--notes", text(&path), "--redact-location"]);
-    assert!(said.contains("\"8.9562\" is a latitude or longitude of the model"), "{said}");
+    let message = bench.refused(&pack(), &unplaced, &["--notes", text(&path), "--redact-location"]);
+    assert!(message.contains("\"8.9562\" is a latitude or longitude of the model"), "{message}");
     let missing = bench.refused(&pack(), FULL, &["--notes", "/nowhere.json"]);
     assert!(missing.contains("cannot read the notes /nowhere.json"), "{missing}");
     let both = run(&["publish", "x", "--to", "y", "--metadata", "z", "--notes", "n", "--no-notes"]);
@@ -165,26 +168,27 @@ fn notes_that_cannot_be_are_refused_with_the_note_and_what_to_do() {
 }
 
 #[test]
-fn notes_of_another_pack_are_told() {
+fn notes_of_another_pack_are_reported() {
     let bench = Bench::new();
     let mut notes = annotations(&pack());
     notes["items"][0]["target"]["state"][0]["identity"] = "0123456789abcdef0123456789abcdef".into();
     let notes = file(&bench, &notes);
-    let said = String::from_utf8(bench.publish(&pack(), FULL, &["--notes", text(&notes), "--dry-run"]).stdout).unwrap();
-    assert!(said.contains("is this meant? 1 of the notes was made on another pack (0123456789ab…)"), "{said}");
+    let output =
+        String::from_utf8(bench.publish(&pack(), FULL, &["--notes", text(&notes), "--dry-run"]).stdout).unwrap();
+    assert!(output.contains("is this meant? 1 of the notes was made on another pack (0123456789ab…)"), "{output}");
 }
 
 #[test]
-fn a_further_version_says_what_becomes_of_the_notes() {
+fn a_further_version_must_state_whether_notes_are_kept() {
     let bench = Bench::new();
     let notes = file(&bench, &annotations(&pack()));
     let object = bench.published(&pack(), FULL, &["--notes", text(&notes)]);
     let next = ["--version-note", "Better text", "--date", "2026-12-01"];
     let better = FULL.replace("First paragraph", "The first paragraph");
-    let said = bench.refused(&pack(), &better, &next);
-    assert!(said.contains("version 1 has notes (") && said.contains("--no-notes"), "{said}");
+    let message = bench.refused(&pack(), &better, &next);
+    assert!(message.contains("version 1 has notes (") && message.contains("--no-notes"), "{message}");
     let kept = object.join("v1/annotations.json");
-    assert!(said.contains(text(&kept)), "{said}");
+    assert!(message.contains(text(&kept)), "{message}");
     let again = bench.refused(&pack(), FULL, &[&next[..], &["--notes", text(&kept)]].concat());
     assert!(again.contains("this very pack, metadata and notes"), "{again}");
     bench.published(&pack(), &better, &[&next[..], &["--notes", text(&kept)]].concat());
@@ -204,7 +208,7 @@ fn a_further_version_says_what_becomes_of_the_notes() {
 }
 
 #[test]
-fn notes_of_a_model_whose_place_was_taken_out_go_on_with_it() {
+fn notes_of_a_redacted_model_carry_over_to_its_next_version() {
     let bench = Bench::new();
     let notes = file(&bench, &annotations(&pack()));
     let object = bench.published(&pack(), FULL, &["--notes", text(&notes), "--redact-location"]);
@@ -235,32 +239,32 @@ fn notes_of_a_model_whose_place_was_taken_out_go_on_with_it() {
         "--notes",
         text(&theirs),
     ];
-    let said = bench.refused(&other, FULL, &next);
-    assert!(said.contains("has another size now") && said.contains("version 1"), "{said}");
+    let message = bench.refused(&other, FULL, &next);
+    assert!(message.contains("has another size now") && message.contains("version 1"), "{message}");
 }
 
 #[test]
-fn notes_on_a_closed_model_are_not_told_by_what_is_open() {
+fn notes_on_a_closed_model_are_not_revealed_by_public_files() {
     let bench = Bench::new();
     let notes = file(&bench, &annotations(&other_pack()));
-    let closed = format!("{LEAST}[access]\nstate = \"restricted\"\nreason = \"Rock art\"\n");
+    let closed = format!("{MINIMAL}[access]\nstate = \"restricted\"\nreason = \"Rock art\"\n");
     let object = bench.published(&other_pack(), &closed, &["--notes", text(&notes)]);
     for (path, bytes) in tree(&object) {
-        let tells = bytes.windows(9).any(|w| w == b"Coral rag");
-        assert_eq!(tells, path.ends_with("annotations.json"), "{path}");
+        let has_text = bytes.windows(9).any(|w| w == b"Coral rag");
+        assert_eq!(has_text, path.ends_with("annotations.json"), "{path}");
     }
 }
 
 #[test]
-fn notes_that_do_not_belong_to_the_version_are_found_by_verify() {
+fn verify_finds_notes_that_do_not_belong_to_the_version() {
     let bench = Bench::new();
     let notes = file(&bench, &annotations(&other_pack()));
-    let object = bench.published(&other_pack(), LEAST, &["--notes", text(&notes)]);
+    let object = bench.published(&other_pack(), MINIMAL, &["--notes", text(&notes)]);
     let failed = |what: &str| {
         let output = run(&["verify", text(&object)]);
         assert_eq!(output.status.code(), Some(1));
-        let said = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
-        assert!(said.contains(what), "{what} in {said}");
+        let printed = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
+        assert!(printed.contains(what), "{what} in {printed}");
     };
     let manifest = object.join("manifest.json");
     let right = std::fs::read_to_string(&manifest).unwrap();

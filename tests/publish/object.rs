@@ -1,11 +1,11 @@
-//! What an object is: complete, the same from the same, versions that are added and never changed.
+//! Properties of an object: complete, reproducible, with versions that are added and never changed.
 
-use super::{Bench, FULL, LEAST, json_of, other_pack, pack, run, tree};
+use super::{Bench, FULL, MINIMAL, json_of, other_pack, pack, run, tree};
 use crate::support::{json, succeeds, text};
 use std::process::Command;
 
 #[test]
-fn an_object_holds_everything_and_every_file_is_under_a_checksum() {
+fn an_object_is_complete_and_every_file_has_a_checksum() {
     let bench = Bench::new();
     let object = bench.published(&pack(), FULL, &["--site", "--bag"]);
     assert_eq!(object, bench.path("site/gereza"));
@@ -93,9 +93,9 @@ fn the_same_inputs_give_the_same_bytes() {
 }
 
 #[test]
-fn the_day_comes_from_the_option_the_metadata_source_date_epoch_or_the_clock_in_this_order() {
+fn the_date_comes_from_the_option_the_metadata_source_date_epoch_or_the_clock_in_this_order() {
     let bench = Bench::new();
-    let undated = LEAST.replace("published = 2026-11-21\n", "");
+    let undated = MINIMAL.replace("published = 2026-11-21\n", "");
     let day = |more: &[&str], text_: &str, epoch: Option<&str>| {
         let (metadata, site, www, pack) = (bench.metadata(text_), bench.path("site"), bench.path("www"), other_pack());
         let mut command = Command::new(env!("CARGO_BIN_EXE_kilwa"));
@@ -118,30 +118,30 @@ fn the_day_comes_from_the_option_the_metadata_source_date_epoch_or_the_clock_in_
             None => command.env_remove("SOURCE_DATE_EPOCH"),
         };
         let output = command.output().unwrap();
-        let said: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
-        (said["published"].as_str().unwrap_or_default().to_owned(), String::from_utf8(output.stderr).unwrap())
+        let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap_or_default();
+        (report["published"].as_str().unwrap_or_default().to_owned(), String::from_utf8(output.stderr).unwrap())
     };
-    assert_eq!(day(&["--date", "2020-02-02"], LEAST, Some("0")).0, "2020-02-02");
-    assert_eq!(day(&[], LEAST, Some("0")).0, "2026-11-21");
+    assert_eq!(day(&["--date", "2020-02-02"], MINIMAL, Some("0")).0, "2020-02-02");
+    assert_eq!(day(&[], MINIMAL, Some("0")).0, "2026-11-21");
     assert_eq!(day(&[], &undated, Some("86400")).0, "1970-01-02");
     assert_eq!(day(&[], &undated, None).0.len(), 10);
     assert!(day(&[], &undated, Some("noon")).1.contains("SOURCE_DATE_EPOCH"));
 }
 
 #[test]
-fn versions_are_added_with_what_is_new_and_the_old_ones_stay_as_they_are() {
+fn a_new_version_adds_only_new_files_and_earlier_versions_are_unchanged() {
     let bench = Bench::new();
     let object = bench.published(&pack(), FULL, &[]);
     let first = tree(&object.join("v1"));
     let again = bench.publish(&pack(), FULL, &[]);
-    let said = String::from_utf8_lossy(&again.stdout).into_owned();
-    assert!(again.status.success() && said.contains("version 1 of 2026-11-21 is already published"), "{said}");
-    let said = bench.refused(&pack(), &FULL.replace("First paragraph", "Better text"), &["--date", "2026-12-01"]);
-    assert!(said.contains("--version-note"), "{said}");
-    let said = bench.refused(&pack(), FULL, &["--version-note", "Nothing", "--date", "2026-12-01"]);
-    assert!(said.contains("nothing new to publish"), "{said}");
-    let said = bench.refused(&pack(), FULL, &["--version-note", "Earlier", "--date", "2026-01-01"]);
-    assert!(said.contains("after 2026-01-01"), "{said}");
+    let output = String::from_utf8_lossy(&again.stdout).into_owned();
+    assert!(again.status.success() && output.contains("version 1 of 2026-11-21 is already published"), "{output}");
+    let message = bench.refused(&pack(), &FULL.replace("First paragraph", "Better text"), &["--date", "2026-12-01"]);
+    assert!(message.contains("--version-note"), "{message}");
+    let message = bench.refused(&pack(), FULL, &["--version-note", "Nothing", "--date", "2026-12-01"]);
+    assert!(message.contains("nothing new to publish"), "{message}");
+    let message = bench.refused(&pack(), FULL, &["--version-note", "Earlier", "--date", "2026-01-01"]);
+    assert!(message.contains("after 2026-01-01"), "{message}");
     let changed = FULL.replace("First paragraph", "Better text");
     bench.published(&pack(), &changed, &["--version-note", "Text corrected", "--date", "2026-12-01"]);
     assert!(tree(&object.join("v1")) == first, "version 1 was changed");
@@ -160,7 +160,7 @@ fn versions_are_added_with_what_is_new_and_the_old_ones_stay_as_they_are() {
 fn a_dry_run_shows_every_field_and_writes_nothing() {
     let bench = Bench::new();
     let output = bench.publish(&pack(), FULL, &["--dry-run"]);
-    let said = String::from_utf8(output.stdout).unwrap();
+    let printed = String::from_utf8(output.stdout).unwrap();
     assert!(output.status.success() && !bench.path("site").exists());
     for word in [
         "creators[1].orcid",
@@ -170,9 +170,9 @@ fn a_dry_run_shows_every_field_and_writes_nothing() {
         "Nothing was written",
         "version 1 of 2026-11-21",
     ] {
-        assert!(said.contains(word), "{word} in {said}");
+        assert!(printed.contains(word), "{word} in {printed}");
     }
-    assert!(!said.contains("is this meant?"), "{said}");
+    assert!(!printed.contains("is this meant?"), "{printed}");
     let hardly = FULL.replace("-8.9577", "8.9577").replace("accuracy = 0.003", "accuracy = 30");
     let hardly = String::from_utf8(bench.publish(&pack(), &hardly, &["--dry-run"]).stdout).unwrap();
     assert!(
@@ -181,12 +181,12 @@ fn a_dry_run_shows_every_field_and_writes_nothing() {
     );
     // Each value that was given is on a line of its own.
     for value in ["Held, Christoph", "-8.9577", "coral rag", "Registration", "World Monuments Fund", "EPSG:32737"] {
-        assert!(said.contains(value), "{value} in {said}");
+        assert!(printed.contains(value), "{value} in {printed}");
     }
 }
 
 #[test]
-fn the_reason_of_a_withdrawal_states_no_place_that_is_withheld() {
+fn the_reason_for_a_withdrawal_must_not_reveal_a_withheld_location() {
     let bench = Bench::new();
     bench.published(&pack(), FULL, &["--redact-location"]);
     let (site, keep) = (bench.path("site"), bench.path("keep"));
@@ -198,8 +198,8 @@ fn the_reason_of_a_withdrawal_states_no_place_that_is_withheld() {
     for reason in ["Looters came to 8.956109, 39.600225", "Looters at EPSG:32737", "At 565977 9009946", "UTM zone 37S"]
     {
         let refused = withdraw(reason);
-        let said = String::from_utf8_lossy(&refused.stderr).into_owned();
-        assert!(!refused.status.success() && said.contains("--reason: \""), "{reason}: {said}");
+        let message = String::from_utf8_lossy(&refused.stderr).into_owned();
+        assert!(!refused.status.success() && message.contains("--reason: \""), "{reason}: {message}");
         assert!(tree(&site) == before && !keep.exists(), "{reason}");
     }
     let done = withdraw("Looters came in 2026");
@@ -207,7 +207,7 @@ fn the_reason_of_a_withdrawal_states_no_place_that_is_withheld() {
 }
 
 #[test]
-fn what_is_withdrawn_leaves_its_metadata_and_a_page_that_says_why() {
+fn a_withdrawn_object_keeps_its_metadata_and_a_page_that_says_why() {
     let bench = Bench::new();
     let object = bench.published(&pack(), FULL, &["--bag", "--site"]);
     let pack_file = json_of(&object.join("manifest.json"))["versions"][0]["pack"]["url"].as_str().unwrap().to_owned();
@@ -266,15 +266,18 @@ fn what_is_withdrawn_leaves_its_metadata_and_a_page_that_says_why() {
     std::fs::remove_file(&feed).unwrap();
     std::fs::create_dir_all(feed.join("in the way")).unwrap();
     let failed = withdraw(text(&keep));
-    let said = String::from_utf8_lossy(&failed.stderr).into_owned();
-    assert!(failed.status.code() == Some(1) && said.matches("os error").count() == 1, "{said}");
-    assert!(said.contains("the object is withdrawn, but the pages") && said.contains("same command again"), "{said}");
-    assert!(!said.contains("nothing was changed"), "{said}");
+    let message = String::from_utf8_lossy(&failed.stderr).into_owned();
+    assert!(failed.status.code() == Some(1) && message.matches("os error").count() == 1, "{message}");
+    assert!(
+        message.contains("the object is withdrawn, but the pages") && message.contains("same command again"),
+        "{message}"
+    );
+    assert!(!message.contains("nothing was changed"), "{message}");
     std::fs::remove_dir_all(&feed).unwrap();
     let done = withdraw(text(&keep));
-    let said = String::from_utf8_lossy(&done.stdout).into_owned();
+    let output = String::from_utf8_lossy(&done.stdout).into_owned();
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
-    assert!(said.contains("was withdrawn on 2027-01-01 already; the pages of the folder were written"), "{said}");
+    assert!(output.contains("was withdrawn on 2027-01-01 already; the pages of the folder were written"), "{output}");
     assert!(feed.is_file() && !site.join(".kilwa-site").exists());
     assert!(
         !object.join(&pack_file).exists()
@@ -290,16 +293,19 @@ fn what_is_withdrawn_leaves_its_metadata_and_a_page_that_says_why() {
     let reason = ["--reason", "The family asked for it"];
     let again = ["publish", "--withdraw", "gereza", "--to", text(&site), "--keep", text(&keep)];
     let twice = run(&[&again[..], &reason].concat());
-    let said = String::from_utf8_lossy(&twice.stderr).into_owned();
-    assert!(twice.status.code() == Some(1) && said.contains("was withdrawn on 2027-01-01 already"), "{said}");
+    let message = String::from_utf8_lossy(&twice.stderr).into_owned();
+    assert!(twice.status.code() == Some(1) && message.contains("was withdrawn on 2027-01-01 already"), "{message}");
     assert!(!std::fs::read_to_string(site.join("feed.xml")).unwrap().contains("gereza/"));
-    let again =
-        bench.refused(&other_pack(), &LEAST.replace("title =", "slug = \"gereza\"\ntitle ="), &["--version-note", "x"]);
+    let again = bench.refused(
+        &other_pack(),
+        &MINIMAL.replace("title =", "slug = \"gereza\"\ntitle ="),
+        &["--version-note", "x"],
+    );
     assert!(again.contains("was withdrawn on 2027-01-01"), "{again}");
 }
 
 #[test]
-fn init_writes_a_file_that_publish_takes_when_the_rights_are_filled_in() {
+fn a_file_written_by_init_is_accepted_by_publish_once_the_rights_are_filled_in() {
     let bench = Bench::new();
     let path = bench.path("new.toml");
     succeeds(&["metadata", "init", text(&pack()), "-o", text(&path)]);
@@ -309,14 +315,14 @@ fn init_writes_a_file_that_publish_takes_when_the_rights_are_filled_in() {
             && begun.contains("units = \"m\"")
             && begun.contains("crs = \"EPSG:32737\"")
     );
-    let said = bench.refused(&pack(), &begun, &["--dry-run"]);
-    assert!(said.contains("rights.uri") && said.matches("line ").count() == 1, "{said}");
+    let message = bench.refused(&pack(), &begun, &["--dry-run"]);
+    assert!(message.contains("rights.uri") && message.matches("line ").count() == 1, "{message}");
     let filled = begun.replacen("uri = \"\"", "uri = \"CC BY 4.0\"", 1);
-    // An example whose # was taken away, and nothing else.
+    // An example whose # was removed, and nothing else.
     let left = filled.replacen("# publisher", "publisher", 1);
     let line = left.lines().position(|l| l.starts_with("publisher")).unwrap() + 1;
-    let said = bench.refused(&pack(), &left, &["--dry-run"]);
-    assert!(said.contains(&format!("line {line}: publisher: <Museum of …> is still the example")), "{said}");
+    let message = bench.refused(&pack(), &left, &["--dry-run"]);
+    assert!(message.contains(&format!("line {line}: publisher: <Museum of …> is still the example")), "{message}");
     assert!(bench.publish(&pack(), &filled, &["--dry-run"]).status.success());
     let plain = succeeds(&["metadata", "init"]);
     assert!(plain.contains("# NEEDED") && plain.contains("[rights]"));

@@ -1,7 +1,7 @@
-//! What programs that others wrote say of an object: bagit, rocrate, DataCite's JSON schema, rdflib, expat, citation parsers. From PyPI, pinned
+//! Independent validators of an object: bagit, rocrate, DataCite's JSON schema, rdflib, expat, citation parsers. From PyPI, pinned
 //! in tests/trust/requirements.txt; `cargo xtask test` puts them in the tools' folder and names it in `KILWA_PYTHON`.
 
-use super::{Bench, FULL, LEAST, json_of, other_pack, pack};
+use super::{Bench, FULL, MINIMAL, json_of, other_pack, pack};
 use crate::support::text;
 use serde_json::Value;
 use std::path::Path;
@@ -121,45 +121,45 @@ print(json.dumps(out))
 "#;
 
 #[test]
-fn second_implementations_take_everything() {
+fn independent_validators_accept_every_record() {
     let bench = Bench::new();
     bench.published(&pack(), FULL, &["--bag", "--site"]);
-    let Some(said) = python(PROGRAM, &bench.path("site")) else { return };
+    let Some(report) = python(PROGRAM, &bench.path("site")) else { return };
     let title = "Gereza & fort, \"Kilwa\"";
-    assert_eq!((&said["bag"], &said["bag_info"]["Bagging-Date"]), (&true.into(), &"2026-11-21".into()));
-    let crate_ = &said["crate"];
+    assert_eq!((&report["bag"], &report["bag_info"]["Bagging-Date"]), (&true.into(), &"2026-11-21".into()));
+    let crate_ = &report["crate"];
     assert_eq!((&crate_["name"], crate_["missing"].as_array().unwrap().len()), (&title.into(), 0), "{crate_}");
     assert_eq!(crate_["license"], "https://creativecommons.org/licenses/by/4.0/");
     assert_eq!(crate_["people"], serde_json::json!(["Heinz Rüther", "Christoph Held"]));
-    assert_eq!(said["datacite"], serde_json::json!([]));
-    let edm = &said["edm"];
+    assert_eq!(report["datacite"], serde_json::json!([]));
+    let edm = &report["edm"];
     assert_eq!(
         (&edm["missing"], &edm["cho"], &edm["type"], &edm["resources"]),
         (&serde_json::json!([]), &true.into(), &"3D".into(), &5.into())
     );
     let expected = serde_json::json!({ "order": [], "rights": [], "title": true, "what": true, "language": true, "shown": true, "undescribed": [],
         "viewer": [["https://oembed.com/", 2, "3D"]], "loose": [] });
-    assert_eq!(said["edm_rules"], expected);
+    assert_eq!(report["edm_rules"], expected);
     assert_eq!((&edm["title"], &edm["rights"]), (&title.into(), &"http://creativecommons.org/licenses/by/4.0/".into()));
-    let dc = &said["dc"];
+    let dc = &report["dc"];
     assert_eq!(dc["root"], "{http://www.openarchives.org/OAI/2.0/oai_dc/}dc");
     assert_eq!(
         (&dc["strange"], &dc["title"], &dc["creators"]),
         (&serde_json::json!([]), &title.into(), &serde_json::json!(["Rüther, Heinz", "Zamani Project"]))
     );
-    assert_eq!(said["feed"], serde_json::json!(["{http://www.w3.org/2005/Atom}feed", title]));
-    let ris = &said["ris"][0];
+    assert_eq!(report["feed"], serde_json::json!(["{http://www.w3.org/2005/Atom}feed", title]));
+    let ris = &report["ris"][0];
     assert_eq!(
         (&ris["title"], &ris["authors"], &ris["doi"]),
         (&title.into(), &serde_json::json!(["Rüther, Heinz", "Zamani Project"]), &"10.1234/abc_d".into())
     );
-    let bib = &said["bib"];
+    let bib = &report["bib"];
     assert_eq!(
         (&bib["failed"], &bib["entries"][0]["year"], &bib["entries"][0]["doi"]),
         (&0.into(), &"2026".into(), &"10.1234/abc_d".into())
     );
     assert_eq!(
-        said["pictures"],
+        report["pictures"],
         serde_json::json!([
             ["JPEG", 1200, 630],
             ["JPEG", 600, 315],
@@ -168,18 +168,18 @@ fn second_implementations_take_everything() {
             ["PNG", 1754, 1240]
         ])
     );
-    assert_eq!((&said["page"]["ld"]["@type"], &said["page"]["ld"]["name"]), (&"3DModel".into(), &title.into()));
+    assert_eq!((&report["page"]["ld"]["@type"], &report["page"]["ld"]["name"]), (&"3DModel".into(), &title.into()));
 }
 
 #[test]
-fn the_validator_of_khronos_takes_the_preview() {
+fn the_khronos_validator_accepts_the_preview() {
     let validator = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/browser/node_modules/gltf-validator/index.js");
     if !validator.is_file() {
         println!("skipped: {} is not here (cargo xtask test installs it)", validator.display());
         return;
     }
     let bench = Bench::new();
-    let preview = bench.published(&other_pack(), LEAST, &[]).join("v1/preview.glb");
+    let preview = bench.published(&other_pack(), MINIMAL, &[]).join("v1/preview.glb");
     let script = "const v = require(process.argv[1]); const fs = require('fs');
         v.validateBytes(new Uint8Array(fs.readFileSync(process.argv[2]))).then(r => console.log(JSON.stringify(r.issues)));";
     let output = Command::new("node").args(["-e", script, text(&validator), text(&preview)]).output().unwrap();
@@ -188,33 +188,33 @@ fn the_validator_of_khronos_takes_the_preview() {
 }
 
 #[test]
-fn the_least_metadata_gives_valid_records_too() {
+fn minimal_metadata_gives_valid_records() {
     let bench = Bench::new();
-    let object = bench.published(&other_pack(), LEAST, &["--bag", "--site"]);
+    let object = bench.published(&other_pack(), MINIMAL, &["--bag", "--site"]);
     assert!(!object.join("v1/oembed.json").exists(), "oEmbed needs an address");
     assert_eq!(json_of(&object.join("v1/metadata/datacite.json"))["creators"][0]["name"], ":unkn");
-    let report = bench.publish(&other_pack(), LEAST, &["--dry-run", "--version-note", "x"]);
+    let report = bench.publish(&other_pack(), MINIMAL, &["--dry-run", "--version-note", "x"]);
     let advice = String::from_utf8(report.stdout).unwrap();
     for lacking in ["url: Europeana refuses", "publisher: Europeana refuses", "object.kind, object.period"] {
         assert!(advice.contains(&format!("better with: {lacking}")), "{lacking} in {advice}");
     }
-    let Some(said) = python(PROGRAM, &bench.path("site")) else { return };
-    assert_eq!((&said["bag"], &said["datacite"]), (&true.into(), &serde_json::json!([])));
-    let rules = &said["edm_rules"];
+    let Some(report) = python(PROGRAM, &bench.path("site")) else { return };
+    assert_eq!((&report["bag"], &report["datacite"]), (&true.into(), &serde_json::json!([])));
+    let rules = &report["edm_rules"];
     assert_eq!(
         (&rules["order"], &rules["what"], &rules["undescribed"]),
         (&serde_json::json!([]), &true.into(), &serde_json::json!([]))
     );
     assert_eq!(
-        (&said["crate"]["missing"], &said["edm"]["missing"], &said["bib"]["failed"]),
+        (&report["crate"]["missing"], &report["edm"]["missing"], &report["bib"]["failed"]),
         (&serde_json::json!([]), &serde_json::json!([]), &0.into())
     );
 }
 
 #[test]
-fn what_is_changed_afterwards_is_noticed_by_them() {
+fn independent_validators_detect_later_changes() {
     let bench = Bench::new();
-    let object = bench.published(&other_pack(), LEAST, &["--bag"]);
+    let object = bench.published(&other_pack(), MINIMAL, &["--bag"]);
     // The bag shares its files: what changes there changes here, and bagit sees it.
     let readme = bench.path("site/fort.bag/data/v1/README.txt");
     let old = std::fs::read(&readme).unwrap();
@@ -226,6 +226,6 @@ fn what_is_changed_afterwards_is_noticed_by_them() {
         "removing a file of the bag leaves the object's"
     );
     let program = "import sys, json, bagit, logging\nlogging.disable(logging.CRITICAL)\nprint(json.dumps(bagit.Bag(sys.argv[1] + '/fort.bag').is_valid()))";
-    let Some(said) = python(program, &bench.path("site")) else { return };
-    assert_eq!(said, false, "{}", text(&readme));
+    let Some(report) = python(program, &bench.path("site")) else { return };
+    assert_eq!(report, false, "{}", text(&readme));
 }

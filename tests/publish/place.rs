@@ -1,7 +1,7 @@
-//! `--redact-location`: no file of an object tells where the model was, as text or as a number, in any form.
+//! `--redact-location`: no file of an object reveals where the model was, as text or as a number, in any form.
 
 use super::traces::Traces;
-use super::{Bench, FULL, LEAST, json_of, notes, other_pack, pack, run, tree};
+use super::{Bench, FULL, MINIMAL, json_of, notes, other_pack, pack, run, tree};
 use crate::support::{built_once, json, text};
 use kilwa_archive::checksums::sha256;
 use std::fmt::Write as _;
@@ -30,7 +30,7 @@ fn survey() -> PathBuf {
     built_once(&folder, "survey-kilwa-fort", write, &["--crs", "EPSG:32737", "--title", "Survey at 565977"])
 }
 
-/// What tells the place of a pack: corners, middle and lattice of the true pack; its degrees and those of the metadata; codes; what the pack and its
+/// What reveals the location of a pack: corners, middle and lattice of the true pack; its degrees and those of the metadata; codes; what the pack and its
 /// sources are called.
 fn traces(pack: &Path) -> Traces {
     let info = json(&["info", text(pack)]);
@@ -60,7 +60,7 @@ fn metadata() -> String {
 }
 
 #[test]
-fn the_traces_are_found_where_they_are() {
+fn the_search_for_traces_finds_known_traces() {
     let traces = traces(&survey());
     for form in [
         "565977",
@@ -103,28 +103,28 @@ fn the_traces_are_found_where_they_are() {
     // An object that was published with its place is full of them.
     let bench = Bench::new();
     let object = bench.published(&survey(), &metadata(), &[]);
-    let telling: Vec<String> =
+    let revealing: Vec<String> =
         tree(&object).iter().filter(|(p, b)| traces.found(p, b).is_some()).map(|(p, _)| p.clone()).collect();
     for path in ["manifest.json", "index.html", "v1/preview.glb", "v1/metadata/paradata.json", "v1/drawings/plan.pgw"] {
-        assert!(telling.iter().any(|t| t == path), "{path} of {telling:?}");
+        assert!(revealing.iter().any(|t| t == path), "{path} of {revealing:?}");
     }
-    assert!(telling.iter().any(|t| t.starts_with("v1/pack.")), "{telling:?}");
+    assert!(revealing.iter().any(|t| t.starts_with("v1/pack.")), "{revealing:?}");
 }
 
 #[test]
-fn no_file_tells_where_it_was() {
+fn no_file_reveals_the_original_location() {
     let survey = survey();
     let traces = traces(&survey);
     let bench = Bench::new();
-    // Notes tell it by their places, by how they are looked at, by where they lead, and by what only looks like a date, a purpose or a name.
-    let mut telling = notes::annotations(&survey);
+    // Notes reveal it by their positions, their views, their links, and by text in fields for dates, purposes and names.
+    let mut revealing = notes::annotations(&survey);
     let (east, north) = (traces.map[2].trunc(), traces.map[8].trunc());
     for (i, key) in ["created", "modified", "motivation"].into_iter().enumerate() {
-        telling["items"][i % 2][key] = format!("{east} {north}").into();
+        revealing["items"][i % 2][key] = format!("{east} {north}").into();
     }
-    telling["items"][0]["body"][0]["purpose"] = format!("{north}").into();
-    telling["items"][1]["id"] = format!("urn:uuid:{east}-{north}").into();
-    let notes = notes::file(&bench, &telling);
+    revealing["items"][0]["body"][0]["purpose"] = format!("{north}").into();
+    revealing["items"][1]["id"] = format!("urn:uuid:{east}-{north}").into();
+    let notes = notes::file(&bench, &revealing);
     assert!(
         traces.found("notes.json", &std::fs::read(&notes).unwrap()).is_some(),
         "the search would find it in the notes"
@@ -147,7 +147,7 @@ fn no_file_tells_where_it_was() {
     let channels = json(&["info", text(&published)])["metadata"]["scalars"].clone();
     let names: Vec<&str> = channels.as_array().unwrap().iter().map(|c| c["name"].as_str().unwrap()).collect();
     assert_eq!(names, ["intensity"], "what was asked for, and nothing else");
-    // Areas are what they were.
+    // Areas are unchanged.
     let area = |pack: &std::path::Path| {
         let found = json(&["measure", text(pack), "area"]);
         let readings = found["readings"].as_array().unwrap();
@@ -157,35 +157,35 @@ fn no_file_tells_where_it_was() {
 }
 
 #[test]
-fn channels_are_left_out_unless_they_are_named_and_hold_no_coordinates() {
+fn channels_are_dropped_unless_named_and_free_of_coordinates() {
     let bench = Bench::new();
     let survey = survey();
     let dry = bench.publish(&survey, &metadata(), &["--redact-location", "--dry-run"]);
-    let said = String::from_utf8(dry.stdout).unwrap();
+    let output = String::from_utf8(dry.stdout).unwrap();
     assert!(
-        said.contains(
+        output.contains(
             "left out: the scalar channels scalar_X, scalar_Y, scalar_Elevation, intensity, which may hold coordinates"
         ),
-        "{said}"
+        "{output}"
     );
     for channel in ["scalar_X", "scalar_Y", "scalar_Elevation"] {
         let keep = ["--redact-location", "--keep-channel", "intensity", "--keep-channel", channel];
-        let said = bench.refused(&survey, &metadata(), &keep);
+        let message = bench.refused(&survey, &metadata(), &keep);
         let wanted = format!("--keep-channel {channel}: the channel holds ");
-        assert!(said.contains(&wanted), "{said}");
+        assert!(message.contains(&wanted), "{message}");
     }
-    let said = bench.refused(&survey, &metadata(), &["--redact-location", "--keep-channel", "Intensity"]);
-    assert!(said.contains("the pack has the channels scalar_X, scalar_Y, scalar_Elevation, intensity"), "{said}");
-    let said = bench.refused(&pack(), FULL, &["--redact-location", "--keep-channel", "x"]);
-    assert!(said.contains("no scalar channels"), "{said}");
-    let said = bench.refused(&pack(), &FULL.replace("\"gereza\"", "\"other\""), &["--redact-location=1e9"]);
-    assert!(said.contains("leave the number out"), "{said}");
+    let message = bench.refused(&survey, &metadata(), &["--redact-location", "--keep-channel", "Intensity"]);
+    assert!(message.contains("the pack has the channels scalar_X, scalar_Y, scalar_Elevation, intensity"), "{message}");
+    let message = bench.refused(&pack(), FULL, &["--redact-location", "--keep-channel", "x"]);
+    assert!(message.contains("no scalar channels"), "{message}");
+    let message = bench.refused(&pack(), &FULL.replace("\"gereza\"", "\"other\""), &["--redact-location=1e9"]);
+    assert!(message.contains("leave the number out"), "{message}");
     let usage = run(&["publish", "x", "--to", "y", "--metadata", "z", "--keep-channel", "x"]);
     assert_eq!(usage.status.code(), Some(2), "only where the location is taken out");
 }
 
 #[test]
-fn every_text_that_tells_the_place_is_refused_with_its_line() {
+fn every_text_that_reveals_the_location_is_refused_with_its_line() {
     let bench = Bench::new();
     let hidden = metadata();
     // A text of FULL, what is put in its place, and the field that is named.
@@ -214,9 +214,9 @@ fn every_text_that_tells_the_place_is_refused_with_its_line() {
         assert!(hidden.contains(old), "{old}");
         let changed = hidden.replace(old, new);
         let line = changed.lines().position(|l| l.contains(new)).unwrap() + 1;
-        let said = bench.refused(&survey(), &changed, &["--redact-location"]);
-        assert!(said.contains(&format!("line {line}: {field}: \"")), "{new}: {said}");
-        assert!(said.contains("remove it from the text"), "{said}");
+        let message = bench.refused(&survey(), &changed, &["--redact-location"]);
+        assert!(message.contains(&format!("line {line}: {field}: \"")), "{new}: {message}");
+        assert!(message.contains("remove it from the text"), "{message}");
         if field != "slug" && field != "title" {
             let dry = bench.publish(&survey(), &changed, &["--dry-run"]);
             assert!(
@@ -227,42 +227,46 @@ fn every_text_that_tells_the_place_is_refused_with_its_line() {
         }
     }
     let all = table.iter().fold(hidden, |text, (old, new, _)| text.replace(old, new));
-    let said = bench.refused(&survey(), &all, &["--redact-location"]);
+    let message = bench.refused(&survey(), &all, &["--redact-location"]);
     assert!(
-        said.matches("\n  line ").count() + usize::from(said.contains("  line ")) >= table.len() - 1,
-        "all at once: {said}"
+        message.matches("\n  line ").count() + usize::from(message.contains("  line ")) >= table.len() - 1,
+        "all at once: {message}"
     );
-    let said = bench.refused(&survey(), &metadata(), &["--redact-location", "--version-note", "Moved to 565977"]);
-    assert!(said.contains("--version-note: \"565977\" is a map coordinate of the model"), "{said}");
+    let message = bench.refused(&survey(), &metadata(), &["--redact-location", "--version-note", "Moved to 565977"]);
+    assert!(message.contains("--version-note: \"565977\" is a map coordinate of the model"), "{message}");
 }
 
 #[test]
-fn what_was_published_with_its_place_cannot_be_hidden_by_a_further_version() {
+fn a_published_location_cannot_be_hidden_by_a_further_version() {
     let bench = Bench::new();
     bench.published(&pack(), FULL, &[]);
-    let said = bench.refused(&pack(), FULL, &["--redact-location", "--version-note", "hide", "--date", "2026-12-01"]);
-    assert!(said.contains("version 1 of") && said.contains("tells the place") && said.contains("--withdraw"), "{said}");
-    let said = bench.refused(&pack(), &FULL.replace("\"gereza\"", "\"other\""), &["--redact-location=3"]);
-    assert!(said.contains("does not hide a model"), "{said}");
+    let message =
+        bench.refused(&pack(), FULL, &["--redact-location", "--version-note", "hide", "--date", "2026-12-01"]);
+    assert!(
+        message.contains("version 1 of") && message.contains("reveals the location") && message.contains("--withdraw"),
+        "{message}"
+    );
+    let message = bench.refused(&pack(), &FULL.replace("\"gereza\"", "\"other\""), &["--redact-location=3"]);
+    assert!(message.contains("does not hide a model"), "{message}");
     let usage = run(&["publish", "x", "--to", "y", "--metadata", "z", "--redact-location=far"]);
     assert_eq!(usage.status.code(), Some(2));
-    // Under another name it can, and the operator is told that the two can be compared.
-    let other = LEAST.replace("Fort", "Rock shelter");
+    // Under another name it can, and the operator is warned that the two can be compared.
+    let other = MINIMAL.replace("Fort", "Rock shelter");
     let dry = bench.publish(&pack(), &other, &["--redact-location", "--dry-run"]);
-    let said = String::from_utf8(dry.stdout).unwrap();
-    assert!(said.contains("is this meant? the same model with its location is published as gereza"), "{said}");
+    let output = String::from_utf8(dry.stdout).unwrap();
+    assert!(output.contains("is this meant? the same model with its location is published as gereza"), "{output}");
     let dry = bench.publish(&other_pack(), &other, &["--redact-location", "--dry-run"]);
     assert!(!String::from_utf8(dry.stdout).unwrap().contains("same model"));
 }
 
 #[test]
-fn a_cell_tells_the_region_and_nothing_finer() {
+fn a_cell_reveals_the_region_and_nothing_finer() {
     let bench = Bench::new();
     let survey = survey();
     let notes = notes::file(&bench, &notes::annotations(&survey));
     let object = bench.published(&survey, &metadata(), &["--redact-location=100000", "--notes", text(&notes)]);
     let mut traces = traces(&survey);
-    // The reference system and the square of 100 km are what is told.
+    // Only the reference system and the square of 100 km are revealed.
     traces.words.retain(|w| w != "32737" && w != "37lel");
     for (path, bytes) in tree(&object) {
         assert_eq!(traces.found(&path, &bytes), None, "{path}");

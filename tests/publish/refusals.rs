@@ -1,13 +1,13 @@
-//! What is refused: before anything is written, with what to do.
+//! Refusals: before anything is written, with what to do.
 
-use super::{Bench, FULL, LEAST, other_pack, pack, run, tree};
+use super::{Bench, FULL, MINIMAL, other_pack, pack, run, tree};
 use crate::support::text;
 use std::process::Command;
 
 #[test]
-fn missing_and_wrong_metadata_is_told_with_line_field_and_what_to_write() {
+fn missing_and_wrong_metadata_is_reported_with_line_field_and_what_to_write() {
     let bench = Bench::new();
-    for (from, to, said) in [
+    for (from, to, expected) in [
         ("title = \"Fort\"\n", "", "title: every model needs a title"),
         ("[rights]\nuri = \"CC0\"\n", "", "add a line [rights]"),
         ("uri = \"CC0\"", "uri = \"\"", "line 4: rights.uri: every model needs a statement of rights"),
@@ -25,9 +25,9 @@ fn missing_and_wrong_metadata_is_told_with_line_field_and_what_to_write() {
         ("title = \"Fort\"", "title = Fort", "line 1: "),
         ("published = 2026-11-21", "published = 2026-02-30", "line 2"),
     ] {
-        assert!(LEAST.contains(from));
-        let message = bench.refused(&other_pack(), &LEAST.replacen(from, to, 1), &[]);
-        assert!(message.contains(said), "{said} in {message}");
+        assert!(MINIMAL.contains(from));
+        let message = bench.refused(&other_pack(), &MINIMAL.replacen(from, to, 1), &[]);
+        assert!(message.contains(expected), "{expected} in {message}");
         assert!(!bench.path("site").exists());
     }
     let output =
@@ -40,17 +40,17 @@ fn missing_and_wrong_metadata_is_told_with_line_field_and_what_to_write() {
     assert!(String::from_utf8_lossy(&output.stderr).contains("line 2: the file is not UTF-8"));
     std::fs::write(bench.path("metadata.toml"), b"title = \"Ch\xe2teau\"\n").unwrap();
     let output = run(&["metadata", "check", text(&metadata)]);
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(said.contains("line 1") && said.contains("seems to be Latin-1 (`title = \"Château\"`)"), "{said}");
+    let reason = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(reason.contains("line 1") && reason.contains("seems to be Latin-1 (`title = \"Château\"`)"), "{reason}");
 }
 
 #[test]
-fn a_model_that_does_not_lie_in_its_reference_system_is_refused() {
+fn a_model_outside_its_reference_system_is_refused() {
     let bench = Bench::new();
     let (input, wrong) = (bench.path("t.ply"), bench.path("wrong.kilwa"));
     crate::support::Input::torus(20, 12, [1.0, 2.0, 3.0]).write(&input);
     crate::support::succeeds(&["build", text(&input), "-o", text(&wrong), "--crs", "EPSG:32737"]);
-    let message = bench.refused(&wrong, &LEAST.replace("units = \"m\"", "units = \"m\"\ncrs = \"EPSG:32737\""), &[]);
+    let message = bench.refused(&wrong, &MINIMAL.replace("units = \"m\"", "units = \"m\"\ncrs = \"EPSG:32737\""), &[]);
     assert!(message.contains("which is not in EPSG:32737") && message.contains("without --crs"), "{message}");
 }
 
@@ -62,20 +62,20 @@ fn a_pack_that_fails_verification_is_refused() {
     let middle = bytes.len() * 2 / 3;
     bytes[middle] ^= 0x10;
     std::fs::write(&damaged, &bytes).unwrap();
-    let message = bench.refused(&damaged, LEAST, &[]);
+    let message = bench.refused(&damaged, MINIMAL, &[]);
     assert!(message.contains("checksum does not match") && message.contains("damaged.kilwa"), "{message}");
     bytes.truncate(middle);
     std::fs::write(&damaged, &bytes).unwrap();
-    assert!(bench.refused(&damaged, LEAST, &[]).contains("truncated"));
+    assert!(bench.refused(&damaged, MINIMAL, &[]).contains("truncated"));
     assert!(!bench.path("site").exists());
 }
 
 #[test]
-fn a_name_that_another_model_has_is_refused_with_how_to_go_on() {
+fn a_name_used_by_another_model_is_refused_with_what_to_do() {
     let bench = Bench::new();
-    let object = bench.published(&other_pack(), LEAST, &[]);
-    let other = LEAST.replace("title = \"Fort\"", "slug = \"fort\"\ntitle = \"A mosque\"");
-    let without = LEAST.replace("\"Fort\"", "\"FORT!\"");
+    let object = bench.published(&other_pack(), MINIMAL, &[]);
+    let other = MINIMAL.replace("title = \"Fort\"", "slug = \"fort\"\ntitle = \"A mosque\"");
+    let without = MINIMAL.replace("\"Fort\"", "\"FORT!\"");
     // The name may have been left in from another model's file.
     for text in [&without, &other] {
         let message = bench.refused(&other_pack(), text, &["--version-note", "x"]);
@@ -84,21 +84,21 @@ fn a_name_that_another_model_has_is_refused_with_how_to_go_on() {
             "{message}"
         );
     }
-    let said = ["--version-note", "It was a mosque", "--date", "2026-12-01", "--same-object"];
-    bench.published(&other_pack(), &other, &said);
+    let options = ["--version-note", "It was a mosque", "--date", "2026-12-01", "--same-object"];
+    bench.published(&other_pack(), &other, &options);
     std::fs::create_dir_all(bench.path("site/taken")).unwrap();
-    let taken = LEAST.replace("title =", "slug = \"taken\"\ntitle =");
+    let taken = MINIMAL.replace("title =", "slug = \"taken\"\ntitle =");
     assert!(bench.refused(&other_pack(), &taken, &[]).contains("is no object of kilwa"));
     for bad in ["\"a/b\"", "\"..\"", "\"v1\""] {
         assert!(
             bench
-                .refused(&other_pack(), &LEAST.replace("title =", &format!("slug = {bad}\ntitle =")), &[])
+                .refused(&other_pack(), &MINIMAL.replace("title =", &format!("slug = {bad}\ntitle =")), &[])
                 .contains("slug"),
             "{bad}"
         );
     }
     let inside = object.join("v1");
-    let (metadata, www) = (bench.metadata(LEAST), bench.path("www"));
+    let (metadata, www) = (bench.metadata(MINIMAL), bench.path("www"));
     let output = run(&[
         "publish",
         text(&other_pack()),
@@ -113,7 +113,7 @@ fn a_name_that_another_model_has_is_refused_with_how_to_go_on() {
 }
 
 #[test]
-fn another_model_with_the_same_title_is_told_by_its_size_its_place_and_its_identifier() {
+fn another_model_with_the_same_title_is_recognised_by_size_position_and_identifier() {
     let bench = Bench::new();
     let build = |name: &str, scale: f64, origin: [f64; 3], more: &[&str]| {
         let (input, pack) = (bench.path("t.ply"), bench.path(name));
@@ -126,16 +126,16 @@ fn another_model_with_the_same_title_is_told_by_its_size_its_place_and_its_ident
     let utm = ["--crs", "EPSG:32737"];
     let here = [565_977.0, 9_009_946.0, 31.0];
     let first = build("first.kilwa", 1.0, here, &utm);
-    let named = LEAST.replace("title =", "identifier = \"doi:10.1234/a\"\ntitle =");
+    let named = MINIMAL.replace("title =", "identifier = \"doi:10.1234/a\"\ntitle =");
     bench.published(&first, &named, &[]);
     let note = ["--version-note", "x", "--date", "2026-12-01"];
-    for (pack, metadata, said) in [
+    for (pack, metadata, expected) in [
         (build("far.kilwa", 1.0, [566_977.0, 9_009_946.0, 31.0], &utm), named.clone(), "this one lies 99"),
         (build("large.kilwa", 10.0, here, &utm), named.clone(), "across, this one"),
         (first.clone(), named.replace("1234/a", "1234/b"), "its identifier is https://doi.org/10.1234/a"),
     ] {
         let message = bench.refused(&pack, &metadata, &note);
-        assert!(message.contains(said) && message.contains("--same-object"), "{said} in {message}");
+        assert!(message.contains(expected) && message.contains("--same-object"), "{expected} in {message}");
     }
     // One that overlaps it, with a title that was corrected: its identifier says enough.
     let better = build("better.kilwa", 1.1, here, &utm);
@@ -144,17 +144,18 @@ fn another_model_with_the_same_title_is_told_by_its_size_its_place_and_its_ident
 }
 
 #[test]
-fn a_folder_that_cannot_be_written_to_is_told_before_the_pack_is_read() {
+fn a_folder_that_is_not_writable_is_reported_before_the_pack_is_read() {
     let bench = Bench::new();
-    let (metadata, www) = (bench.metadata(LEAST), bench.path("www"));
+    let (metadata, www) = (bench.metadata(MINIMAL), bench.path("www"));
     for to in ["/proc/kilwa/objects", text(&metadata)] {
         let output =
             run(&["publish", text(&other_pack()), "--to", to, "--metadata", text(&metadata), "--www", text(&www)]);
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(output.status.code(), Some(1));
         assert!(
-            said.contains("cannot write to") && said.contains("nothing was changed") || said.contains("is a file"),
-            "{said}"
+            message.contains("cannot write to") && message.contains("nothing was changed")
+                || message.contains("is a file"),
+            "{message}"
         );
     }
     let site = bench.path("site");
@@ -165,9 +166,9 @@ fn a_folder_that_cannot_be_written_to_is_told_before_the_pack_is_read() {
 
 /// On a file system of 4 MB of its own, where the test may make one.
 #[test]
-fn a_disk_without_room_is_told_before_anything_is_written() {
+fn a_disk_without_space_is_reported_before_anything_is_written() {
     let bench = Bench::new();
-    let (disk, metadata, www, pack) = (bench.path("disk"), bench.metadata(LEAST), bench.path("www"), other_pack());
+    let (disk, metadata, www, pack) = (bench.path("disk"), bench.metadata(MINIMAL), bench.path("www"), other_pack());
     std::fs::create_dir(&disk).unwrap();
     let line = format!(
         "mount -t tmpfs -o size=4m tmpfs {disk} || exit 77; {kilwa} publish {pack} --to {disk}/site --metadata {metadata} --www {www} --software; code=$?; ls -A {disk}; exit $code",
@@ -182,20 +183,23 @@ fn a_disk_without_room_is_told_before_anything_is_written() {
         println!("skipped: unshare is not here, so that there is no small disk to fill");
         return;
     };
-    let said = String::from_utf8_lossy(&output.stderr).into_owned();
-    if output.status.code() != Some(1) || said.contains("unshare:") {
-        println!("skipped: no file system of its own may be mounted here: {said}");
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    if output.status.code() != Some(1) || message.contains("unshare:") {
+        println!("skipped: no file system of its own may be mounted here: {message}");
         return;
     }
-    assert!(said.contains("has") && said.contains("are needed") && said.contains("Nothing was changed"), "{said}");
+    assert!(
+        message.contains("has") && message.contains("are needed") && message.contains("Nothing was changed"),
+        "{message}"
+    );
     assert!(output.stdout.is_empty(), "left on the disk: {}", String::from_utf8_lossy(&output.stdout));
 }
 
-/// The largest file that may be written stands in for a disk that fills while the object is written: the same error at the same calls,
+/// A limit on file size simulates a disk that fills while the object is written: the same error at the same calls,
 /// without the check of free space before.
 #[cfg(unix)]
 #[test]
-fn a_disk_that_fills_half_way_leaves_nothing() {
+fn a_disk_that_fills_up_half_way_leaves_no_files() {
     let bench = Bench::new();
     bench.published(&pack(), FULL, &[]);
     let before = tree(&bench.path("site"));

@@ -1,5 +1,5 @@
-//! What a place leaves in files: its numbers in the forms in which text and binary formats hold them. Written apart from the search of the program,
-//! so that the two hold each other.
+//! Traces of a location in files: its numbers in the forms of text and binary formats. Independent of the search in the program,
+//! so that each checks the other.
 //!
 //! A file is looked at as it is, and as far as it is compressed or encoded, as what is in it: packs chunk by chunk, previews vertex by vertex,
 //! pictures with their compressed chunks, text with the encodings of addresses and HTML taken off.
@@ -8,7 +8,7 @@ use kilwa_pack::{Reader, SliceSource};
 use std::collections::HashMap;
 use std::io::Read as _;
 
-/// The place of a model, and what tells it.
+/// The location of a model, and what reveals it.
 pub(crate) struct Traces {
     /// Eastings and northings, metres.
     pub(crate) map: Vec<f64>,
@@ -19,7 +19,7 @@ pub(crate) struct Traces {
 }
 
 impl Traces {
-    /// What of the place a file tells; `name` says its format.
+    /// What a file reveals of the location; `name` gives its format.
     pub(crate) fn found(&self, name: &str, bytes: &[u8]) -> Option<String> {
         let ending = name.rsplit('.').next().unwrap_or_default();
         let inside = match ending {

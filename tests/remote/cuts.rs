@@ -1,4 +1,4 @@
-//! Cut off fifty times, at random bytes and steps: nobody ever sees half of a version, and at the end the whole of it is there.
+//! Interrupted fifty times, at random bytes and steps: nobody ever sees part of a version, and in the end it is complete.
 
 use super::proxy::Proxy;
 use super::send::{Patience, Sender};
@@ -7,7 +7,7 @@ use crate::support::succeeds;
 use fastrand::Rng;
 use kilwa_archive::Manifest;
 use kilwa_archive::checksums::{Checksums, sha256};
-use kilwa_server::upload::wire::{FileSaid, Intent};
+use kilwa_server::upload::wire::{AnnouncedFile, Intent};
 use std::io::{Read as _, Write as _};
 use std::net::TcpListener;
 use std::path::{Path, PathBuf};
@@ -15,10 +15,10 @@ use std::process::{Command, Stdio};
 use std::time::Duration;
 
 const CUTS: u32 = 50;
-/// What the client that is to be killed is told in its environment.
+/// Environment variables for the client that will be killed.
 const CLIENT: &str = "KILWA_TEST_CLIENT";
 
-/// One attempt: whatever breaks, breaks it off.
+/// One attempt, ended by the first failure.
 pub(crate) fn once() -> Patience {
     Patience { attempts: 1, first: Duration::ZERO, longest: Duration::ZERO }
 }
@@ -30,14 +30,14 @@ pub(crate) fn publish(address: &str, token: &str, number: u32, site: &Path, pati
 }
 
 /// Where the files of a version lie.
-fn at(site: &Path, intent: &Intent) -> impl Fn(&FileSaid) -> PathBuf + use<> {
+fn at(site: &Path, intent: &Intent) -> impl Fn(&AnnouncedFile) -> PathBuf + use<> {
     let folder = site.join("fort").join(format!("v{}", intent.version));
     move |file| folder.join(&file.path)
 }
 
-/// Run by the next test in a process of its own, to be killed.
+/// Helper that the next test runs in a separate process and kills.
 #[test]
-fn publishes_until_it_is_killed() {
+fn helper_process_that_publishes_until_it_is_killed() {
     let Ok(text) = std::env::var(CLIENT) else { return };
     let parts: Vec<&str> = text.splitn(4, ' ').collect();
     drop(publish(parts[0], parts[1], parts[2].parse().unwrap(), Path::new(parts[3]), once()));
@@ -45,7 +45,7 @@ fn publishes_until_it_is_killed() {
 
 pub(crate) fn killed_client(address: &str, token: &str, number: u32, site: &Path, after: Duration) {
     let mut child = Command::new(std::env::current_exe().unwrap())
-        .args(["--exact", "cuts::publishes_until_it_is_killed", "--quiet"])
+        .args(["--exact", "cuts::helper_process_that_publishes_until_it_is_killed", "--quiet"])
         .env(CLIENT, format!("{address} {token} {number} {}", site.display()))
         .stdout(Stdio::null())
         .stderr(Stdio::null())
@@ -90,7 +90,7 @@ pub(crate) fn portal(address: std::net::SocketAddr) -> usize {
 }
 
 #[test]
-fn cut_off_fifty_times_there_is_the_old_object_or_the_new_one_and_at_the_end_the_bytes_of_publishing_here() {
+fn an_upload_interrupted_fifty_times_shows_the_old_or_new_object_and_ends_with_the_bytes_of_a_local_publication() {
     let site = local();
     let mut dice = Rng::with_seed(0x1234_5678_9abc_def1);
     let mut server = Server::start();
@@ -106,7 +106,7 @@ fn cut_off_fifty_times_there_is_the_old_object_or_the_new_one_and_at_the_end_the
             let proxy = Proxy::before(server.address);
             let address = format!("http://{}", proxy.address);
             match kind {
-                // The line breaks after so many bytes, of the request or of the answer.
+                // The connection breaks after so many bytes, of the request or of the answer.
                 0 => {
                     proxy.allow(bytes as i64);
                     done = publish(&address, &server.token, number, &site, once()).is_ok();
@@ -131,7 +131,7 @@ fn cut_off_fifty_times_there_is_the_old_object_or_the_new_one_and_at_the_end_the
             assert!(shown == before || shown == number as usize, "cut {cuts}: {before} versions, {shown} are shown");
             done |= now == number as usize && kind != 1;
         }
-        // Without a cut it goes on from where it is.
+        // Without a cut it continues from where it is.
         let address = format!("http://{}", server.address);
         let published = publish(&address, &server.token, number, &site, Patience::default()).unwrap();
         assert_eq!(published, number);
@@ -140,7 +140,7 @@ fn cut_off_fifty_times_there_is_the_old_object_or_the_new_one_and_at_the_end_the
             assert_eq!(publish(&address, &server.token, 1, &site, Patience::default()), Ok(1));
         }
         while cuts < wanted {
-            // It is published: what comes after is told so, however it is cut.
+            // It is published: later attempts learn so, however they are interrupted.
             let proxy = Proxy::before(server.address);
             proxy.allow(1 + dice.u64(..3000) as i64);
             drop(publish(&format!("http://{}", proxy.address), &server.token, number, &site, once()));
@@ -149,7 +149,7 @@ fn cut_off_fifty_times_there_is_the_old_object_or_the_new_one_and_at_the_end_the
             kinds[0] += 1;
         }
     }
-    println!("{cuts} cuts: {} of the line, {} of the client, {} of the server", kinds[0], kinds[1], kinds[2]);
+    println!("{cuts} cuts: {} of the connection, {} of the client, {} of the server", kinds[0], kinds[1], kinds[2]);
     assert_eq!(cuts, CUTS);
     let (here, there) = (tree(&site.join("fort"), true), tree(&server.folder().join("fort"), false));
     assert_eq!(here.keys().collect::<Vec<_>>(), there.keys().collect::<Vec<_>>());
@@ -163,7 +163,7 @@ fn cut_off_fifty_times_there_is_the_old_object_or_the_new_one_and_at_the_end_the
 }
 
 #[test]
-fn a_line_that_breaks_again_and_again_is_waited_for_in_one_run() {
+fn one_run_survives_a_connection_that_breaks_repeatedly() {
     let site = local();
     let server = Server::start();
     let proxy = Proxy::before(server.address);
@@ -173,21 +173,21 @@ fn a_line_that_breaks_again_and_again_is_waited_for_in_one_run() {
     let intent = intent(&site, 1);
     let sender = Sender::new(&address, server.token.clone(), patience);
     let waits = std::cell::Cell::new(0);
-    let told = |told: super::send::Told<'_>| {
-        if let super::send::Told::Waits(..) = told {
+    let on_progress = |progress: super::send::SendEvent<'_>| {
+        if let super::send::SendEvent::Waits(..) = progress {
             waits.set(waits.get() + 1);
             left.allow(300_000);
         }
     };
-    let published = sender.publish(&intent, &at(&site, &intent), &told).unwrap();
+    let published = sender.publish(&intent, &at(&site, &intent), &on_progress).unwrap();
     assert_eq!((published.version, published.already), (1, false));
     assert!(waits.get() >= 2, "{} waits", waits.get());
 }
 
-/// Whatever status the last upload ended with, it can be repeated, even if that status otherwise means "try again later".
+/// An upload can be repeated whatever status the last one ended with, even if that status otherwise means "try again later".
 #[test]
 fn a_failed_upload_can_be_repeated_unless_the_server_refuses_to_answer() {
-    let answer = |said: &'static str| {
+    let answer = |response: &'static str| {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = format!("http://{}", listener.local_addr().unwrap());
         let server = std::thread::spawn(move || {
@@ -197,10 +197,10 @@ fn a_failed_upload_can_be_repeated_unless_the_server_refuses_to_answer() {
                 let length = stream.read(&mut buffer).unwrap();
                 asked.extend_from_slice(&buffer[..length]);
             }
-            let length = said.len();
+            let length = response.len();
             write!(
                 stream,
-                "HTTP/1.1 503 Service Unavailable\r\nTus-Resumable: 1.0.0\r\nContent-Length: {length}\r\nConnection: close\r\n\r\n{said}"
+                "HTTP/1.1 503 Service Unavailable\r\nTus-Resumable: 1.0.0\r\nContent-Length: {length}\r\nConnection: close\r\n\r\n{response}"
             )
             .unwrap();
         });
@@ -209,6 +209,6 @@ fn a_failed_upload_can_be_repeated_unless_the_server_refuses_to_answer() {
         greeted
     };
     answer("{\"state\":\"refused\",\"version\":2,\"error\":\"the disk failed\"}").unwrap();
-    let refused = answer("{\"error\":\"the server cannot tell who asks\"}").unwrap_err();
-    assert!(refused.contains("cannot tell who asks"), "{refused}");
+    let refused = answer("{\"error\":\"the server cannot identify the user\"}").unwrap_err();
+    assert!(refused.contains("cannot identify the user"), "{refused}");
 }

@@ -1,5 +1,5 @@
-//! Publishing to a server, cut off in every way: `kilwa serve` as a process that is killed and started again, a line that breaks at any byte,
-//! a client that is killed.
+//! Publishing to a server with interruptions of every kind: a `kilwa serve` that is killed and restarted, a connection that breaks at
+//! any byte, a client that is killed.
 //!
 //! What is sent is made once by `kilwa publish` to a folder; what the server has at the end must be the same bytes.
 
@@ -16,7 +16,7 @@ use crate::support::{Input, built_once, serving, succeeds, text};
 use kilwa_archive::checksums::sha256;
 use kilwa_archive::{Manifest, Metadata};
 use kilwa_server::access::{Accounts, Grant, Purpose};
-use kilwa_server::upload::wire::{Drawing, FORM, FileSaid, Intent, PreviewSaid};
+use kilwa_server::upload::wire::{AnnouncedFile, AnnouncedPreview, Drawing, FORM, Intent};
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -66,7 +66,7 @@ pub(crate) fn local() -> PathBuf {
     site
 }
 
-/// What is meant with version `number` of the object in `site`, made of what is published there.
+/// The announcement of version `number` of the object published in `site`.
 pub(crate) fn intent(site: &Path, number: u32) -> Intent {
     let object = site.join("fort");
     let manifest = Manifest::parse(&std::fs::read(object.join("manifest.json")).unwrap()).unwrap();
@@ -89,9 +89,9 @@ pub(crate) fn intent(site: &Path, number: u32) -> Intent {
             || *p == "preview.glb"
             || *p == "annotations.json"
     };
-    let said = |path: &String| {
+    let listed = |path: &String| {
         let bytes = std::fs::read(folder.join(path)).unwrap();
-        FileSaid { path: path.clone(), bytes: bytes.len() as u64, sha256: sha256(&bytes) }
+        AnnouncedFile { path: path.clone(), bytes: bytes.len() as u64, sha256: sha256(&bytes) }
     };
     let html = std::fs::read_to_string(object.join("index.html")).unwrap();
     let words = |path: &str| {
@@ -110,7 +110,7 @@ pub(crate) fn intent(site: &Path, number: u32) -> Intent {
         kept_channels: Vec::new(),
         same_object: false,
         metadata,
-        preview: Some(PreviewSaid {
+        preview: Some(AnnouncedPreview {
             triangles: preview["triangles"].as_u64().unwrap(),
             error: preview["error_m"].as_f64().unwrap(),
         }),
@@ -119,7 +119,7 @@ pub(crate) fn intent(site: &Path, number: u32) -> Intent {
             .filter(|p| p.starts_with("drawings/") && Path::new(p).extension().is_some_and(|e| e == "png"))
             .map(drawing)
             .collect(),
-        files: parts.iter().filter(is_sent).map(said).collect(),
+        files: parts.iter().filter(is_sent).map(listed).collect(),
     }
 }
 
@@ -164,7 +164,7 @@ impl Server {
         self.dir.path().join(name)
     }
 
-    /// Kill it, as a power cut would, and start it again.
+    /// Kill it without warning and start it again.
     pub(crate) fn restart(&mut self) {
         self.kill();
         let path = |name: &str| self.path(name);
@@ -213,7 +213,7 @@ impl Drop for Server {
     }
 }
 
-/// Every file below a folder; those that are hidden where it is asked for.
+/// Every file below a folder; those that are hidden if requested.
 pub(crate) fn tree(folder: &Path, hidden: bool) -> BTreeMap<String, Vec<u8>> {
     let mut all = BTreeMap::new();
     let Ok(entries) = std::fs::read_dir(folder) else { return all };

@@ -1,4 +1,4 @@
-//! A line that breaks: hands bytes on to the server until a budget is spent, then drops both sides.
+//! A proxy that breaks: forwards bytes to the server until a budget is spent, then drops both sides.
 
 use std::io::{Read, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};

@@ -15,7 +15,7 @@ use std::time::Duration;
 
 const CUTS: u32 = 40;
 
-/// The object as somebody finds it who comes to the store now; every file that its manifest names is there and right.
+/// The object as the store shows it now; every file that its manifest names exists and is correct.
 fn seen(bucket: &Bucket) -> BTreeMap<String, Vec<u8>> {
     let store = bucket.open_directly(ARCHIVE, Duration::from_secs(20)).unwrap();
     let site = Site::new(Catalogue::of_store(&store).unwrap(), Page::from_files(BTreeMap::new()));
@@ -57,7 +57,7 @@ fn versions(of: &BTreeMap<String, Vec<u8>>) -> usize {
 }
 
 #[test]
-fn cut_off_at_random_the_store_has_the_old_object_or_the_new_one_and_at_the_end_the_bytes_of_publishing_here() {
+fn a_publication_to_a_store_interrupted_at_random_shows_the_old_or_new_object_and_ends_with_the_bytes_of_a_local_one() {
     let Some(bucket) = Bucket::start("cut_off_at_random_the_store_has_the_old_object…") else { return };
     let site = local();
     let mut dice = Rng::with_seed(0x0dd0_5eed_1234_5679);
@@ -85,11 +85,11 @@ fn cut_off_at_random_the_store_has_the_old_object_or_the_new_one_and_at_the_end_
                     drop(client.join().unwrap());
                 }
                 _ => {
-                    bucket.line.cut_after(dice.u64(..8000) as i64);
+                    bucket.proxy.cut_after(dice.u64(..8000) as i64);
                     let client = std::thread::spawn(move || publish(&address, &token, number, &from, once()));
                     std::thread::sleep(Duration::from_millis(100 + dice.u64(..300)));
-                    bucket.line.down();
-                    bucket.line.up();
+                    bucket.proxy.down();
+                    bucket.proxy.up();
                     drop(client.join().unwrap());
                 }
             }
@@ -98,14 +98,14 @@ fn cut_off_at_random_the_store_has_the_old_object_or_the_new_one_and_at_the_end_
             let now = versions(&seen(&bucket));
             assert!(now == before || now == number as usize, "{before} versions became {now}");
         }
-        // Without a cut it goes on from where it is.
+        // Without a cut it continues from where it is.
         let address = format!("http://{}", server.address);
         assert_eq!(publish(&address, &server.token, number, &site, Patience::default()), Ok(number));
         assert_eq!(portal(server.address), number as usize, "the portal shows it at once");
     }
-    let [line, client, killed, store] = kinds;
+    let [connection, client, killed, store] = kinds;
     println!(
-        "{cuts} cuts: {line} of the line, {client} of the client, {killed} of the server, {store} of the line to the store"
+        "{cuts} cuts: {connection} of the connection, {client} of the client, {killed} of the server, {store} of the connection to the store"
     );
     assert!(kinds.iter().all(|n| *n > 0));
     let (here, there) = (tree(&site.join("fort"), true), seen(&bucket));

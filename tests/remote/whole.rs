@@ -1,4 +1,4 @@
-//! `kilwa publish --to http://…` as a program: what it says, what it refuses, and that it ends what was killed.
+//! `kilwa publish --to http://…` as a program: messages, refusals, and finishing what a killed command began.
 
 use super::{METADATA, NOTES, Server, local, pack, tree};
 use crate::support::{serving, text};
@@ -31,12 +31,12 @@ fn bench(metadata: &str) -> (tempfile::TempDir, PathBuf, PathBuf) {
     (folder, file, www)
 }
 
-fn said(output: &Output) -> String {
+fn printed(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned() + &String::from_utf8_lossy(&output.stdout)
 }
 
 #[test]
-fn killed_while_it_sends_the_same_command_ends_it_with_the_bytes_of_publishing_here_and_once() {
+fn a_command_killed_while_sending_is_finished_once_by_a_rerun_with_the_bytes_of_a_local_publication() {
     let site = local();
     let server = Server::start();
     let (folder, metadata, www) = bench(METADATA);
@@ -45,7 +45,7 @@ fn killed_while_it_sends_the_same_command_ends_it_with_the_bytes_of_publishing_h
     let more = ["--date", "2026-11-19", "--notes", text(&notes)];
     let make = || command(&to, &metadata, &www, &server.token, &more);
     let mut child = make().stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
-    // As soon as something of it is there.
+    // As soon as part of it exists.
     for _ in 0..6000 {
         let staged = server.folder().join(".kilwa-uploads/fort/upload.json");
         if staged.exists() || child.try_wait().unwrap().is_some() {
@@ -56,14 +56,14 @@ fn killed_while_it_sends_the_same_command_ends_it_with_the_bytes_of_publishing_h
     drop(child.kill());
     drop(child.wait());
     let output = make().output().unwrap();
-    assert!(output.status.success(), "{}", said(&output));
+    assert!(output.status.success(), "{}", printed(&output));
     let again = make().arg("--json").output().unwrap();
     let report: serde_json::Value = serde_json::from_slice(&again.stdout).unwrap();
-    assert_eq!((&report["already"], &report["version"]), (&true.into(), &1.into()), "{}", said(&again));
+    assert_eq!((&report["already"], &report["version"]), (&true.into(), &1.into()), "{}", printed(&again));
     let (here, there) = (tree(&site.join("fort/v1"), true), tree(&server.folder().join("fort/v1"), true));
     assert_eq!(here.keys().collect::<Vec<_>>(), there.keys().collect::<Vec<_>>());
     assert!(here.iter().all(|(path, bytes)| *bytes == there[path]));
-    assert!(!said(&output).contains(&server.token[6..]));
+    assert!(!printed(&output).contains(&server.token[6..]));
 }
 
 /// The state of an object whose server was killed after it replaced the manifest and before it replaced the page.
@@ -84,12 +84,12 @@ fn the_same_command_finishes_what_a_killed_server_left_undone() {
     let to = format!("http://{}/", server.address);
     let output = command(&to, &metadata, &www, &server.token, &["--no-notes", "--json"]).output().unwrap();
     let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    assert_eq!((&report["already"], &report["version"]), (&true.into(), &2.into()), "{}", said(&output));
+    assert_eq!((&report["already"], &report["version"]), (&true.into(), &2.into()), "{}", printed(&output));
     assert!(std::fs::read(&page).unwrap() == new && !next.exists());
 }
 
 #[test]
-fn an_upload_without_its_location_is_accepted_and_one_with_it_in_a_text_is_not_sent() {
+fn an_upload_without_its_location_is_accepted_and_one_that_reveals_it_is_not_sent() {
     let server = Server::start();
     let (folder, metadata, www) = bench(METADATA);
     let (to, notes) = (format!("http://{}/", server.address), folder.path().join("notes.json"));
@@ -98,7 +98,7 @@ fn an_upload_without_its_location_is_accepted_and_one_with_it_in_a_text_is_not_s
         command(&to, &metadata, &www, &server.token, more).args(["--date", "2026-11-19"]).output().unwrap()
     };
     let output = make(&["--redact-location", "--notes", text(&notes)]);
-    assert!(output.status.success(), "{}", said(&output));
+    assert!(output.status.success(), "{}", printed(&output));
     let read = |path: &str| -> serde_json::Value {
         serde_json::from_slice(&std::fs::read(server.folder().join(path)).unwrap()).unwrap()
     };
@@ -110,29 +110,29 @@ fn an_upload_without_its_location_is_accepted_and_one_with_it_in_a_text_is_not_s
         (at(0, 0) + at(1, 0)).abs() < 0.01 && (at(0, 1) + at(1, 1)).abs() < 0.01 && at(0, 2).abs() < 0.01,
         "{bounds}"
     );
-    // In a cell, which the server is told.
+    // Moved to a cell, which the upload announces.
     std::fs::write(&metadata, METADATA.replace("\"fort\"", "\"cell\"").replace("/fort/", "/cell/")).unwrap();
     let output = make(&["--redact-location=1000"]);
-    assert!(output.status.success(), "{}", said(&output));
+    assert!(output.status.success(), "{}", printed(&output));
     let east = &read("cell/manifest.json")["versions"][0]["figures"]["bounds"][0][0];
     assert!((400.0..500.0).contains(&east.as_f64().unwrap()), "{east}");
     let output = make(&["--redact-location", "--version-note", "See geo:-8.95,39.52"]);
     assert!(
-        !output.status.success() && said(&output).contains("--version-note: \"geo:-8.95,39.52\" leads to a map"),
+        !output.status.success() && printed(&output).contains("--version-note: \"geo:-8.95,39.52\" leads to a map"),
         "{}",
-        said(&output)
+        printed(&output)
     );
 }
 
 #[test]
-fn what_cannot_be_sent_is_refused_with_what_to_do() {
+fn an_impossible_upload_is_refused_with_what_to_do() {
     let server = Server::start();
     let (folder, metadata, www) = bench(METADATA);
     let to = format!("http://{}/", server.address);
     let run = |to: &str, token: &str, more: &[&str]| {
         let output = command(to, &metadata, &www, token, more).output().unwrap();
-        assert_eq!(output.status.code(), Some(1), "{}", said(&output));
-        said(&output)
+        assert_eq!(output.status.code(), Some(1), "{}", printed(&output));
+        printed(&output)
     };
     assert!(run("http://museum.example/", &server.token, &[]).contains("--allow-http"));
     assert!(run(&to, "", &[]).contains("holds no token"));
@@ -142,16 +142,16 @@ fn what_cannot_be_sent_is_refused_with_what_to_do() {
     assert!(refused.contains("kilwa access token"), "{refused}");
     let mut none = command(&to, &metadata, &www, "", &[]);
     let none = none.env_remove("KILWA_TOKEN").output().unwrap();
-    assert!(said(&none).contains("KILWA_TOKEN") && said(&none).contains("--token-file"), "{}", said(&none));
+    assert!(printed(&none).contains("KILWA_TOKEN") && printed(&none).contains("--token-file"), "{}", printed(&none));
     let file = folder.path().join("token");
     std::fs::write(&file, format!("{}\n", server.token)).unwrap();
     let dry = command(&to, &metadata, &www, "", &["--dry-run", "--token-file", text(&file)]).output().unwrap();
-    assert!(dry.status.success() && said(&dry).contains("Nothing was written"), "{}", said(&dry));
+    assert!(dry.status.success() && printed(&dry).contains("Nothing was written"), "{}", printed(&dry));
     assert!(tree(&server.folder(), true).is_empty());
 }
 
 #[test]
-fn a_token_for_this_computer_goes_through_no_proxy() {
+fn a_token_for_this_computer_is_not_sent_through_a_proxy() {
     let server = Server::start();
     let (_folder, file, www) = bench(METADATA);
     let proxy = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
@@ -162,12 +162,12 @@ fn a_token_for_this_computer_goes_through_no_proxy() {
         command.env(name, &named);
     }
     let output = command.env_remove("NO_PROXY").env_remove("no_proxy").output().unwrap();
-    assert!(output.status.success(), "{}", said(&output));
+    assert!(output.status.success(), "{}", printed(&output));
     assert!(proxy.accept().is_err(), "the proxy was asked");
 }
 
 #[test]
-fn a_file_that_changes_while_it_is_sent_is_named_and_not_sent_for_ever() {
+fn a_file_that_changes_while_it_is_sent_is_reported_and_not_resent_forever() {
     let (site, server, folder) = (local(), Server::start(), tempfile::tempdir().unwrap());
     let intent = super::intent(&site, 1);
     let changed = folder.path().join("changed");
@@ -177,7 +177,7 @@ fn a_file_that_changes_while_it_is_sent_is_named_and_not_sent_for_ever() {
     let (first, longest) = (Duration::ZERO, Duration::ZERO);
     let patience = super::send::Patience { attempts: 10, first, longest };
     let sender = super::send::Sender::new(&format!("http://{}", server.address), server.token.clone(), patience);
-    let at = |file: &kilwa_server::upload::wire::FileSaid| {
+    let at = |file: &kilwa_server::upload::wire::AnnouncedFile| {
         if file.path == "poster.jpg" { changed.clone() } else { site.join("fort/v1").join(&file.path) }
     };
     let why = sender.publish(&intent, &at, &|_| ()).unwrap_err();

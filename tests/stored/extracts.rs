@@ -1,4 +1,4 @@
-//! Meshes on request, as `kilwa serve` makes them: out of a store and out of a folder the same bytes, and a small one of a small part of the pack.
+//! Meshes on request, as `kilwa serve` makes them: the same bytes from a store and from a folder, and a small one reads a small part of the pack.
 
 use super::{ARCHIVE, Keeper, grown};
 use crate::bucket::Bucket;
@@ -43,7 +43,7 @@ impl Reader {
 }
 
 #[test]
-fn an_extract_of_a_pack_in_a_store_is_that_of_the_folder_and_a_small_one_takes_a_small_part_of_the_pack() {
+fn an_extract_from_a_store_equals_one_from_a_folder_and_a_small_one_reads_little_of_the_pack() {
     let Some(mut bucket) = Bucket::start("an_extract_of_a_pack_in_a_store_is_that_of_the_folder…") else { return };
     let keeper = Keeper::of(&bucket);
     let (local, pack) = (keeper.publish_here(), std::fs::read(large()).unwrap());
@@ -53,9 +53,9 @@ fn an_extract_of_a_pack_in_a_store_is_that_of_the_folder_and_a_small_one_takes_a
     let of_folder = keeper.serve_with(&[text(&local), "--cache", text(&here)]);
     let of_store = keeper.serve_with(&[ARCHIVE, "--s3-endpoint", &keeper.endpoint, "--cache", text(&there)]);
     let (folder, store) = (Reader::of(of_folder.address), Reader::of(of_store.address));
-    bucket.line.carried();
+    bucket.proxy.carried();
     let small = store.extract("format=ply&detail=triangles&triangles=10000");
-    let carried = bucket.line.carried();
+    let carried = bucket.proxy.carried();
     println!("10,000 triangles of a pack of {} bytes: {carried} bytes were fetched", pack.len());
     // Four blocks of 256 KiB, of eleven: head, directory, and some chunks.
     assert!(carried < 1 << 20 && pack.len() > 5 << 19, "{carried} of {}", pack.len());

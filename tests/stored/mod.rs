@@ -1,7 +1,7 @@
-//! `kilwa publish --to s3://…` and `kilwa serve s3://…` as programs, over a store that others made.
+//! `kilwa publish --to s3://…` and `kilwa serve s3://…` as programs, over an independent store.
 //!
 //! The store is moto, from PyPI: `cargo xtask test` puts it where `KILWA_MOTO` says; without that the tests say that they were skipped.
-//! What they check is what a person meets: the keys come from the environment, the object is published, opened, read and followed by a second version.
+//! They follow a person's path: the keys come from the environment, the object is published, opened, read and followed by a second version.
 
 mod extracts;
 
@@ -142,7 +142,7 @@ fn grown(object: &Path, pack: &[u8]) -> String {
 
 /// `KILWA_SOAK=1 KILWA_MOTO=… cargo nextest run --test stored slow_readers --no-capture`; archived in docs/bench.
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn slow_readers_of_a_pack_in_a_store_cost_little_memory() {
+async fn slow_readers_of_a_pack_in_a_store_use_little_memory() {
     // The store of the test holds the rest of each answer in its own memory: 100 times this.
     const PACK: usize = 24 << 20;
     if std::env::var_os("KILWA_SOAK").is_none() {
@@ -162,7 +162,7 @@ async fn slow_readers_of_a_pack_in_a_store_cost_little_memory() {
     };
     assert!(server.get(&url, "").await.body.len() == PACK);
     let Some(before) = memory() else {
-        println!("skipped: memory of slow readers, which this system does not tell");
+        println!("skipped: memory of slow readers, which this system does not report");
         return;
     };
     let mut held = Vec::new();
@@ -171,22 +171,22 @@ async fn slow_readers_of_a_pack_in_a_store_cost_little_memory() {
         client.stream.write_all(format!("GET {url} HTTP/1.1\r\nHost: x\r\n\r\n").as_bytes()).await.unwrap();
         held.push(client);
     }
-    let (mut most, mut buffer, mut read) = (before, vec![0; 4096], 0);
+    let (mut peak, mut buffer, mut read) = (before, vec![0; 4096], 0);
     for _ in 0..60 {
         tokio::time::sleep(Duration::from_millis(250)).await;
         for client in &mut held {
             let taken = tokio::time::timeout(Duration::from_millis(20), client.stream.read(&mut buffer)).await;
             read += taken.map_or(0, |n| n.unwrap());
         }
-        most = most.max(memory().unwrap_or_default());
+        peak = peak.max(memory().unwrap_or_default());
     }
     println!(
         "soak | memory for 100 slow readers of {} MiB each in a store, MiB | 32 | {:.1}",
         PACK >> 20,
-        most - before
+        peak - before
     );
     assert!(read > 1_000_000, "they are served: {read} bytes");
-    assert!(most - before <= 32.0, "{} MiB more than {before}", most - before);
+    assert!(peak - before <= 32.0, "{} MiB more than {before}", peak - before);
 }
 
 impl Drop for Server {
@@ -211,7 +211,7 @@ fn done(output: &Output) -> serde_json::Value {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn what_is_published_to_a_store_is_found_opened_and_read_from_it_and_a_second_version_follows() {
+async fn an_object_published_to_a_store_can_be_found_opened_and_read_and_gets_a_second_version() {
     let Some(bucket) = Bucket::start("what_is_published_to_a_store_is_found_opened…") else { return };
     let keeper = Keeper::of(&bucket);
     let bytes = std::fs::read(pack()).unwrap();
@@ -233,13 +233,13 @@ async fn what_is_published_to_a_store_is_found_opened_and_read_from_it_and_a_sec
     }
     // The same again is nothing new; other metadata are a second version, which appears without a restart.
     let again = keeper.publish("With a tower.", &["--version-note", "Again"]);
-    let said = String::from_utf8_lossy(&again.stderr);
-    assert!(!again.status.success() && said.contains("this very pack"), "{said}");
+    let message = String::from_utf8_lossy(&again.stderr);
+    assert!(!again.status.success() && message.contains("this very pack"), "{message}");
     let without = keeper.publish("Now with a cistern.", &[]);
-    let said = String::from_utf8_lossy(&without.stderr);
+    let message = String::from_utf8_lossy(&without.stderr);
     assert!(
-        !without.status.success() && said.contains("s3://museum/archive/of forts/fort is published already"),
-        "{said}"
+        !without.status.success() && message.contains("s3://museum/archive/of forts/fort is published already"),
+        "{message}"
     );
     let second = done(&keeper.publish("Now with a cistern.", &["--version-note", "Better text"]));
     assert_eq!(second["version"], 2, "{second}");
@@ -256,15 +256,15 @@ async fn what_is_published_to_a_store_is_found_opened_and_read_from_it_and_a_sec
 }
 
 #[test]
-fn what_cannot_be_is_said_with_what_to_do_and_without_the_keys() {
+fn an_unusable_store_is_refused_with_what_to_do_and_without_the_keys() {
     let Some(bucket) = Bucket::start("what_cannot_be_is_said_with_what_to_do…") else { return };
     let keeper = Keeper::of(&bucket);
     let refused = |command: &mut Command| {
         let output = command.output().unwrap();
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(1), "{said}");
-        assert!(!said.contains("secret-of-the-test"), "{said}");
-        said
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(1), "{message}");
+        assert!(!message.contains("secret-of-the-test"), "{message}");
+        message
     };
     let serve = |address: &str, endpoint: &str| {
         let mut command = Keeper::kilwa();
@@ -283,18 +283,18 @@ fn what_cannot_be_is_said_with_what_to_do_and_without_the_keys() {
         command
     };
     done(&keeper.publish("With a tower.", &[]));
-    let said = refused(&mut serve("s3://no-such-bucket", &keeper.endpoint));
-    assert!(said.contains("no such bucket"), "{said}");
-    let said = refused(&mut serve(ARCHIVE, "http://127.0.0.1:9"));
-    assert!(said.contains("--s3-endpoint"), "{said}");
-    let said =
+    let message = refused(&mut serve("s3://no-such-bucket", &keeper.endpoint));
+    assert!(message.contains("no such bucket"), "{message}");
+    let message = refused(&mut serve(ARCHIVE, "http://127.0.0.1:9"));
+    assert!(message.contains("--s3-endpoint"), "{message}");
+    let message =
         refused(serve(ARCHIVE, &keeper.endpoint).env_remove("AWS_ACCESS_KEY_ID").env_remove("AWS_SECRET_ACCESS_KEY"));
-    assert!(said.contains("403") && said.contains("AWS_ACCESS_KEY_ID"), "{said}");
-    bucket.line.down();
+    assert!(message.contains("403") && message.contains("AWS_ACCESS_KEY_ID"), "{message}");
+    bucket.proxy.down();
     let second = ["--version-note", "Better text"];
     let output = keeper.publish("Now with a cistern.", &second);
-    let said = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.code() == Some(1) && said.contains("s3://museum"), "{said}");
-    bucket.line.up();
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(1) && message.contains("s3://museum"), "{message}");
+    bucket.proxy.up();
     assert_eq!(done(&keeper.publish("Now with a cistern.", &second))["version"], 2, "the same command goes on");
 }

@@ -1,4 +1,4 @@
-//! Running `kilwa`, and a PLY reader of its own so that the program is not its own witness.
+//! Runs `kilwa`, and reads PLY files independently of the program.
 #![allow(dead_code, reason = "each test file uses its part")]
 
 pub(crate) mod serving;
@@ -67,7 +67,7 @@ pub(crate) fn plys(folder: &Path, found: &mut Vec<PathBuf>) {
     }
 }
 
-/// A file of the shared data, or `None`, said by name.
+/// A file of the shared data, or `None`, with a printed note that names it.
 pub(crate) fn shared(name: &str) -> Option<PathBuf> {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(name);
     if path.is_file() {

@@ -1,6 +1,6 @@
 //! Drawings are true to scale, also where other programs (Pillow, PDFium) open them.
 
-use super::claim;
+use super::check_bound;
 use super::opinions::python;
 use super::phantoms::phantom;
 use crate::support::{fails, json, text};
@@ -34,7 +34,7 @@ print(json.dumps(out))
 ";
 
 #[test]
-fn drawings_measure_on_paper_what_they_say() {
+fn drawings_are_to_scale_on_paper() {
     let p = phantom("cube", "utm");
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
@@ -51,9 +51,9 @@ fn drawings_measure_on_paper_what_they_say() {
     assert!((pixel - 0.0254 / 150.0 * 10.0).abs() < 1e-15);
     let world = std::fs::read_to_string(path("bare.pgw")).unwrap();
     let lines: Vec<f64> = world.lines().map(|l| l.parse().unwrap()).collect();
-    // The cube's corner is where the phantom stands; the first pixel's middle half a pixel inside of the sheet's corner.
+    // The cube's corner is at the phantom's position; the first pixel's middle half a pixel inside of the sheet's corner.
     let off = (lines[4] - p.at[0] - pixel * 0.5).abs().max((lines[5] - (p.at[1] + 1.0) + pixel * 0.5).abs());
-    claim("world file of a plan at UTM coordinates, pixels", 1.0, off / pixel);
+    check_bound("world file of a plan at UTM coordinates, pixels", 1.0, off / pixel);
     let sheet = path("sheet.png");
     let Some(seen) =
         python(MEASURE, &[text(&path("bare.png")), text(&sheet), text(&path("sheet.tif")), text(&path("sheet.pdf"))])
@@ -61,27 +61,27 @@ fn drawings_measure_on_paper_what_they_say() {
         return;
     };
     let span = |k: &str| seen[k][1].as_f64().unwrap() - seen[k][0].as_f64().unwrap();
-    claim("cube of 1 m in a plan 1:10 at 150 dpi, pixels from 590.55", 1.0, (span("cube") - 1.0 / pixel).abs());
+    check_bound("cube of 1 m in a plan 1:10 at 150 dpi, pixels from 590.55", 1.0, (span("cube") - 1.0 / pixel).abs());
     // 0.5 m at 1:10 are 50 mm of paper.
     let bar = 50.0 / 25.4 * 150.0;
-    claim("scale bar of the PNG, pixels from its length", 0.5 + 1e-9, (span("bar") - bar).abs());
-    claim(
+    check_bound("scale bar of the PNG, pixels from its length", 0.5 + 1e-9, (span("bar") - bar).abs());
+    check_bound(
         "scale bar of the PDF as PDFium draws it at 150 dpi, pixels from its length",
         1.5,
         (span("pdf_bar") - bar).abs(),
     );
     assert!((seen["dpi"].as_f64().unwrap() - 150.0).abs() < 0.1);
     assert_eq!(seen["same"], true, "PNG and TIFF hold the same pixels");
-    claim("size of a pixel in the GeoTIFF, m", 1e-15, (seen["scale"][0].as_f64().unwrap() - pixel).abs());
+    check_bound("size of a pixel in the GeoTIFF, m", 1e-15, (seen["scale"][0].as_f64().unwrap() - pixel).abs());
     assert!(seen["tie"][3].as_f64().unwrap() < p.at[0] && seen["tie"][4].as_f64().unwrap() > p.at[1] + 1.0);
     let paper = pdf["paper_mm"][0].as_f64().unwrap();
-    claim("width of the PDF's page, mm", 0.01, (seen["page_mm"][0].as_f64().unwrap() - paper).abs());
+    check_bound("width of the PDF's page, mm", 0.01, (seen["page_mm"][0].as_f64().unwrap() - paper).abs());
     let words = seen["words"].as_str().unwrap();
     assert!(words.contains("Cube (1 m)") && words.contains("1:10") && words.contains("Plan"), "{words}");
 }
 
 #[test]
-fn drawings_that_cannot_be_are_refused_with_what_would() {
+fn impossible_drawings_are_refused_with_a_possible_alternative() {
     let p = phantom("cube", "origin");
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("x.png");

@@ -1,7 +1,7 @@
 //! Second opinions by programs that others wrote: trimesh on areas, volumes and sections, ezdxf on the DXF. From PyPI; `cargo xtask
 //! test` puts them in the tools' folder and names it in `KILWA_PYTHON`; where that is not set the tests say so.
 
-use super::claim;
+use super::check_bound;
 use super::phantoms::{measure, phantom, reading};
 use crate::support::{json, shared, succeeds, text};
 use serde_json::Value;
@@ -38,21 +38,21 @@ fn compare(name: &str, pack: &Path, closed: bool) {
     let Some(other) = python(TRIMESH, &[text(&ply), &height]) else { return };
     let of = |k: &str| other[k].as_f64().unwrap();
     let found = json(&["measure", text(pack), "area"]);
-    claim(
+    check_bound(
         &format!("surface of {name} against trimesh, relative"),
         1e-6,
         (reading(&found, "surface") / of("area") - 1.0).abs(),
     );
     let section = json(&["measure", text(pack), "section", &format!("--z={height}"), "-o", text(&out)]);
     let length = reading(&section, "length");
-    claim(
+    check_bound(
         &format!("level section of {name} against trimesh, relative length"),
         1e-5,
         (length / of("section") - 1.0).abs(),
     );
     if closed {
         let volume = reading(&json(&["measure", text(pack), "volume"]), "volume");
-        claim(&format!("volume of {name} against trimesh, relative"), 1e-5, (volume / of("volume") - 1.0).abs());
+        check_bound(&format!("volume of {name} against trimesh, relative"), 1e-5, (volume / of("volume") - 1.0).abs());
     }
 }
 

@@ -1,7 +1,7 @@
 //! The page's face of measuring, without a browser: the same questions through the sans-I/O surface that its worker uses, over a network that
 //! answers late, against what the command line prints. The browser's own test is tests/browser/measure.test.mjs.
 
-use super::claim_none;
+use super::check_none;
 use super::oracle::between;
 use super::phantoms::phantom;
 use super::rays::Open;
@@ -69,7 +69,7 @@ impl Fetch for Line {
         Late { turns: offset.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 61, bytes }
     }
 
-    fn tell(&self, _done: u64, _all: u64) {}
+    fn report_progress(&self, _done: u64, _all: u64) {}
 }
 
 /// What the page has of a pack.
@@ -102,7 +102,7 @@ impl Page {
 }
 
 #[test]
-fn the_page_gives_the_digits_of_the_command_line_for_every_tool() {
+fn the_page_gives_the_same_digits_as_the_command_line_for_every_tool() {
     let folder = tempfile::tempdir().unwrap();
     let (mut tools, mut differing) = (0, 0);
     for place in ["origin", "utm"] {
@@ -128,7 +128,7 @@ fn the_page_gives_the_digits_of_the_command_line_for_every_tool() {
             }
         }
     }
-    claim_none("answers of the page's engine that differ from the command line in a digit", tools, differing);
+    check_none("answers of the page's engine that differ from the command line in a digit", tools, differing);
 }
 
 impl Page {
@@ -138,7 +138,7 @@ impl Page {
 }
 
 #[test]
-fn refusals_of_the_page_are_the_sentences_of_the_command_line() {
+fn refusals_in_the_page_match_the_command_line() {
     let page = Page::open(&phantom("cube", "origin").pack);
     let say = |task: Value| page.measure(&task)["refusal"].as_str().unwrap_or_default().to_owned();
     assert!(say(value!({ "tool": "angle", "local": [[0, 0, 0], [0, 0, 0], [1, 0, 0]] })).contains("same place"));
@@ -160,7 +160,7 @@ fn fort() -> PathBuf {
 }
 
 #[test]
-fn a_section_in_the_page_fetches_the_leaves_along_the_cut_and_nothing_else() {
+fn a_section_in_the_page_fetches_only_the_leaves_along_the_cut() {
     let pack = fort();
     let page = Page::open(&pack);
     let open = Open::of(&pack);
@@ -169,7 +169,7 @@ fn a_section_in_the_page_fetches_the_leaves_along_the_cut_and_nothing_else() {
         .filter(|(_, c)| c.patches.iter().all(|p| p.diamond != NO_DIAMOND))
         .map(|(i, _)| i)
         .collect();
-    // What the viewer has decoded it tells.
+    // The viewer reports what it has decoded.
     page.store.borrow_mut().are_leafless(leafless.iter().copied());
     let x = f64::midpoint(page.index.metadata().bounds_min[0], page.index.metadata().bounds_max[0]);
     let lattice = page.index.header().lattice;
@@ -199,7 +199,7 @@ fn a_section_in_the_page_fetches_the_leaves_along_the_cut_and_nothing_else() {
 }
 
 #[test]
-fn damaged_bytes_are_fetched_again_and_never_measured() {
+fn damaged_bytes_are_refetched_and_never_measured() {
     let pack = phantom("sphere", "origin").pack;
     let sound = Page::open(&pack).measure(&value!({ "tool": "volume" }));
     let page = Page::open(&pack);
@@ -240,7 +240,7 @@ fn drawn(open: &Open, cut: &Cut) -> (Vec<DrawPatch>, Vec<GpuChunk>) {
 }
 
 #[test]
-fn what_the_viewer_says_before_the_finest_surface_is_there_contains_the_final_pick_also_where_it_is_cut() {
+fn the_provisional_interval_of_the_viewer_contains_the_final_pick_also_at_cuts() {
     let mut random = Rng::with_seed(77);
     let (mut picks, mut outside, mut one) = (0, 0, 0);
     for (shape, place) in [("stepped-wall", "origin"), ("sphere", "utm"), ("bent-wall", "far")] {
@@ -281,7 +281,7 @@ fn what_the_viewer_says_before_the_finest_surface_is_there_contains_the_final_pi
             }
         }
     }
-    claim_none("intervals of the viewer, clipped or not, that do not contain the final pick", picks, outside);
+    check_none("intervals of the viewer, clipped or not, that do not contain the final pick", picks, outside);
     assert!(one > 100, "{one}");
 }
 
@@ -295,7 +295,7 @@ fn finest(open: &Open, ray: Ray, clip: Clip) -> Option<f64> {
 }
 
 #[test]
-fn a_pick_in_the_page_is_the_pick_of_the_command_line() {
+fn a_pick_in_the_page_equals_that_of_the_command_line() {
     let p = phantom("sphere", "utm");
     let page = Page::open(&p.pack);
     let open = Open::of(&p.pack);
@@ -326,5 +326,5 @@ fn a_pick_in_the_page_is_the_pick_of_the_command_line() {
         differing += usize::from(native["printed"] != here["printed"]);
     }
     assert!(hits > 5, "{hits}");
-    claim_none("picks of the page's engine that differ from the command line in a digit", hits, differing);
+    check_none("picks of the page's engine that differ from the command line in a digit", hits, differing);
 }

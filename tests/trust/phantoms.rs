@@ -1,12 +1,12 @@
-//! Analytic solids: lengths, areas, angles, volumes, sections, wherever in the world they stand.
+//! Analytic solids: lengths, areas, angles, volumes and sections, at any position.
 
 use super::oracle::{P, area, cut, dot, length, perimeter, six_volume, sub, to_segment};
-use super::{claim, claim_none};
+use super::{check_bound, check_none};
 use crate::support::{Input, Ply, built_once, json, succeeds, text};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 
-/// Where phantoms stand: at the origin, at UTM coordinates, 10^7 m away.
+/// Positions of the phantoms: at the origin, at UTM coordinates, 10^7 m away.
 pub(crate) const PLACES: [(&str, P); 3] =
     [("origin", [0.0; 3]), ("utm", [500_000.0, 4_649_776.0, 123.456]), ("far", [1e7, -1e7, 1e7])];
 
@@ -56,7 +56,7 @@ pub(crate) fn reading(of: &Value, name: &str) -> f64 {
 }
 
 #[test]
-fn distances_are_within_the_lattice_everywhere() {
+fn distances_are_exact_to_the_lattice_everywhere() {
     let tan = 1.0 / 3f64.sqrt();
     let cases: [(&str, P, P); 7] = [
         ("cube", [0.0, 0.0, 0.0], [1.0, 1.0, 1.0]),
@@ -92,12 +92,16 @@ fn distances_are_within_the_lattice_everywhere() {
             worst = worst.max((reading(&found, "vertical") - d[2]).abs() / p.step);
             worst = worst.max((reading(&found, "horizontal") - d[0].hypot(d[1])).abs() / p.step);
         }
-        claim(&format!("distance between corners of phantoms, {place}, in lattice steps"), 3f64.sqrt() + 1e-5, worst);
+        check_bound(
+            &format!("distance between corners of phantoms, {place}, in lattice units"),
+            3f64.sqrt() + 1e-5,
+            worst,
+        );
     }
 }
 
 #[test]
-fn areas_are_right_for_upright_oblique_and_bent_surfaces() {
+fn areas_are_correct_for_upright_oblique_and_curved_surfaces() {
     for (place, _) in PLACES {
         let mut worst = 0.0f64;
         for shape in ["cube", "ramp", "cylinder", "sphere", "stepped-wall", "bent-wall"] {
@@ -108,34 +112,34 @@ fn areas_are_right_for_upright_oblique_and_bent_surfaces() {
             let bound: f64 = p.triangles.iter().map(|t| perimeter(*t)).sum::<f64>() * 0.5 * 3f64.sqrt() * 0.5 * p.step;
             worst = worst.max((reading(&found, "surface") - true_area).abs() / bound);
         }
-        claim(&format!("surface area of phantoms, {place}, share of what the lattice explains"), 1.0, worst);
+        check_bound(&format!("surface area of phantoms, {place}, share of what the lattice explains"), 1.0, worst);
         let cube = phantom("cube", place);
         let side = [[0.2, 0.0, 0.2], [0.8, 0.0, 0.2], [0.8, 0.0, 0.8], [0.2, 0.0, 0.8]];
         let wall = measure(&cube, &["area"], &side);
         let error = |name: &str, right: f64| (reading(&wall, name) - right).abs();
-        claim(
+        check_bound(
             &format!("upright wall of 0.36 m², in its plane, {place}, m²"),
             2.4 * cube.step,
             error("fitted plane", 0.36),
         );
-        claim(
+        check_bound(
             &format!("upright wall of 0.36 m², surface inside, {place}, m²"),
             2.4 * cube.step,
             error("surface", 0.36),
         );
-        claim(&format!("upright wall of 0.36 m², in plan, {place}, m²"), 2.4 * cube.step, error("plan", 0.0));
+        check_bound(&format!("upright wall of 0.36 m², in plan, {place}, m²"), 2.4 * cube.step, error("plan", 0.0));
         let ramp = phantom("ramp", place);
         let on = |x: f64, y: f64| [x, y, x / 3f64.sqrt()];
         let slope = measure(&ramp, &["area"], &[on(0.5, 0.2), on(1.5, 0.2), on(1.5, 0.8), on(0.5, 0.8)]);
         let right = 0.6 / (std::f64::consts::PI / 6.0).cos();
         let error = |name: &str, right: f64| (reading(&slope, name) - right).abs();
-        claim(&format!("ramp of 30°, surface inside, {place}, m²"), 4.0 * ramp.step, error("surface", right));
-        claim(&format!("ramp of 30°, in plan, {place}, m²"), 4.0 * ramp.step, error("plan", 0.6));
+        check_bound(&format!("ramp of 30°, surface inside, {place}, m²"), 4.0 * ramp.step, error("surface", right));
+        check_bound(&format!("ramp of 30°, in plan, {place}, m²"), 4.0 * ramp.step, error("plan", 0.6));
     }
 }
 
 #[test]
-fn volumes_are_right_to_a_millionth_beyond_the_lattice() {
+fn volumes_are_correct_to_a_millionth_beyond_the_lattice() {
     for (place, _) in PLACES {
         let mut worst = 0.0f64;
         for shape in ["cube", "ramp", "cylinder", "sphere", "stepped-wall", "bent-wall"] {
@@ -147,12 +151,12 @@ fn volumes_are_right_to_a_millionth_beyond_the_lattice() {
             let found = reading(&measure(&p, &["volume"], &[]), "volume");
             worst = worst.max((found - true_volume).abs() / bound);
         }
-        claim(&format!("volume of phantoms, {place}, share of what the lattice explains and 1e-6"), 1.0, worst);
+        check_bound(&format!("volume of phantoms, {place}, share of what the lattice explains and 1e-6"), 1.0, worst);
     }
 }
 
 #[test]
-fn the_same_phantom_measures_the_same_wherever_it_stands() {
+fn measurements_do_not_depend_on_the_position_of_the_phantom() {
     // The places are whole steps apart in x and y; in z of "utm" the lattice falls otherwise.
     for shape in ["cube", "sphere"] {
         let (a, b) = (phantom(shape, "origin"), phantom(shape, "far"));
@@ -161,7 +165,7 @@ fn the_same_phantom_measures_the_same_wherever_it_stands() {
         };
         let (a, b) = (of(&a), of(&b));
         let apart = ((a.0 - b.0) / a.0).abs().max(((a.1 - b.1) / a.1).abs());
-        claim(
+        check_bound(
             &format!("area and volume of the {shape} at the origin and 10^7 m away, relative difference"),
             1e-6,
             apart,
@@ -170,7 +174,7 @@ fn the_same_phantom_measures_the_same_wherever_it_stands() {
 }
 
 #[test]
-fn angles_are_right_to_a_microradian_beyond_the_lattice() {
+fn angles_are_correct_to_a_microradian_beyond_the_lattice() {
     for (place, _) in PLACES {
         let ramp = phantom("ramp", place);
         let on = |x: f64, y: f64| [x, y, x / 3f64.sqrt()];
@@ -179,16 +183,16 @@ fn angles_are_right_to_a_microradian_beyond_the_lattice() {
         let found = measure(&ramp, &["angle", "--planes"], &[slope, floor].concat());
         let error = (reading(&found, "angle") - std::f64::consts::FRAC_PI_6).abs();
         // Two planes over a metre at least, each tilted by a step at most.
-        claim(&format!("angle of the ramp of 30° with its floor, {place}, rad"), 2.0 * ramp.step + 1e-6, error);
+        check_bound(&format!("angle of the ramp of 30° with its floor, {place}, rad"), 2.0 * ramp.step + 1e-6, error);
         let cube = phantom("cube", place);
         let corner = measure(&cube, &["angle"], &[[1.0, 0.0, 0.0], [0.0; 3], [0.0, 1.0, 0.0]]);
         let error = (reading(&corner, "angle") - std::f64::consts::FRAC_PI_2).abs();
-        claim(&format!("right angle of the cube, {place}, rad"), 2.0 * cube.step + 1e-6, error);
+        check_bound(&format!("right angle of the cube, {place}, rad"), 2.0 * cube.step + 1e-6, error);
     }
 }
 
 #[test]
-fn circles_have_their_radius() {
+fn fitted_circles_have_the_true_radius() {
     for (place, _) in PLACES {
         let p = phantom("cylinder", place);
         // Corners of the tessellation at the height of the rim.
@@ -196,8 +200,8 @@ fn circles_have_their_radius() {
             p.triangles.iter().flatten().filter(|v| v[2] > 3.999_99 && v[0].hypot(v[1]) > 1.999_99).copied().collect();
         let points: Vec<P> = rim.iter().step_by(rim.len() / 12).copied().collect();
         let found = reading(&measure(&p, &["circle"], &points), "radius");
-        claim(
-            &format!("radius of the cylinder's rim, {place}, in lattice steps"),
+        check_bound(
+            &format!("radius of the cylinder's rim, {place}, in lattice units"),
             3f64.sqrt(),
             (found - 2.0).abs() / p.step,
         );
@@ -205,7 +209,7 @@ fn circles_have_their_radius() {
 }
 
 #[test]
-fn sections_lie_where_the_tessellated_phantom_is_cut() {
+fn sections_match_the_analytic_section_of_the_tessellated_phantom() {
     // Planes at 30° or more to every face that they cut: there a step of the lattice moves the line by two at most.
     let level = [0.0, 0.0, 1.0];
     let cases: [(&str, P, P); 5] = [
@@ -244,11 +248,11 @@ fn sections_lie_where_the_tessellated_phantom_is_cut() {
                 worst = worst.max(nearest(middle, &mine) / p.step);
             }
         }
-        claim(
-            &format!("sections against those of the tessellated phantoms, {place}, in lattice steps"),
+        check_bound(
+            &format!("sections against those of the tessellated phantoms, {place}, in lattice units"),
             3f64.sqrt(),
             worst,
         );
-        claim_none(&format!("sections of closed phantoms that are open, {place}"), 5, open);
+        check_none(&format!("sections of closed phantoms that are open, {place}"), 5, open);
     }
 }

@@ -1,6 +1,6 @@
 //! Provisional picks: the interval that a coarse level gives holds the final value.
 
-use super::claim_none;
+use super::check_none;
 use super::phantoms::phantom;
 use super::rays::Open;
 use crate::support::{built_once, succeeds, text};
@@ -54,7 +54,7 @@ fn a_provisional_interval_contains_the_final_value() {
             }
         }
     }
-    claim_none("provisional intervals that do not contain the final value", picks, outside + missed);
+    check_none("provisional intervals that do not contain the final value", picks, outside + missed);
     println!("trust | of these, intervals that are one stretch | any | {one}");
     assert!(one > 500, "{one}");
 }

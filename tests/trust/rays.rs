@@ -1,6 +1,6 @@
 //! Picks: the same triangle as looking at every triangle finds, at any distance of the eye, never clipped geometry.
 
-use super::claim_none;
+use super::check_none;
 use super::oracle::between;
 use super::phantoms::phantom;
 use fastrand::Rng;
@@ -50,7 +50,7 @@ impl Open {
         picker.picked().copied()
     }
 
-    /// A ray from somewhere round the model towards a point near it, lattice steps.
+    /// A ray from somewhere round the model towards a point near it, lattice units.
     pub(crate) fn random_ray(&self, random: &mut Rng) -> Ray {
         let corners = self.finest().flatten().map(|p| p.as_dvec3());
         let (low, high) = corners.fold((DVec3::MAX, DVec3::MIN), |(a, b), p| (a.min(p), b.max(p)));
@@ -70,7 +70,7 @@ impl Open {
 }
 
 #[test]
-fn ten_thousand_rays_find_what_looking_at_every_triangle_finds() {
+fn ten_thousand_rays_agree_with_testing_every_triangle() {
     let mut random = Rng::with_seed(11);
     let (mut wrong, mut rays, mut hits) = (0, 0, 0);
     for (shape, place) in [("stepped-wall", "origin"), ("sphere", "utm"), ("bent-wall", "far"), ("ramp", "utm")] {
@@ -86,11 +86,11 @@ fn ten_thousand_rays_find_what_looking_at_every_triangle_finds() {
         }
     }
     assert!(hits > rays / 2, "{hits}");
-    claim_none("rays whose pick differs from looking at every triangle", rays, wrong);
+    check_none("rays whose pick differs from looking at every triangle", rays, wrong);
 }
 
 #[test]
-fn picks_never_return_what_is_clipped_away() {
+fn picks_never_return_clipped_geometry() {
     let mut random = Rng::with_seed(12);
     let open = Open::of(&phantom("stepped-wall", "utm").pack);
     let all: Vec<[DVec3; 3]> = open.finest().map(|t| t.map(|c| c.as_dvec3())).collect();
@@ -107,12 +107,12 @@ fn picks_never_return_what_is_clipped_away() {
         clipped += usize::from(found.is_some_and(|p| plane.distance(p.point) < 0.0));
         wrong += usize::from(found.map(|p| p.t.to_bits()) != slow.map(f64::to_bits));
     }
-    claim_none("picks of clipped geometry", rays, clipped);
-    claim_none("picks behind a clip plane that differ from looking at every triangle", rays, wrong);
+    check_none("picks of clipped geometry", rays, clipped);
+    check_none("picks behind a clip plane that differ from looking at every triangle", rays, wrong);
 }
 
 #[test]
-fn one_ray_gives_the_same_digits_in_whatever_order_chunks_arrive() {
+fn a_ray_gives_the_same_digits_for_any_arrival_order_of_chunks() {
     // Zoom, cache and network change which chunks are there first, and nothing else.
     let open = Open::of(&phantom("bent-wall", "utm").pack);
     let mut random = Rng::with_seed(13);
@@ -139,5 +139,5 @@ fn one_ray_gives_the_same_digits_in_whatever_order_chunks_arrive() {
             different += usize::from(again != first);
         }
     }
-    claim_none("picks along 200 rays whose digits depend on the order of arrival", 2000, different);
+    check_none("picks along 200 rays whose digits depend on the order of arrival", 2000, different);
 }

@@ -4,7 +4,7 @@ use super::phantoms::phantom;
 use crate::support::{fails, kilwa, text};
 
 #[test]
-fn what_means_nothing_is_refused_with_a_sentence() {
+fn meaningless_measurements_are_refused_with_a_message() {
     let cube = phantom("cube", "origin");
     let pack = text(&cube.pack);
     let asked = std::cell::Cell::new(0usize);
@@ -44,7 +44,7 @@ fn what_means_nothing_is_refused_with_a_sentence() {
     assert!(say(&["section", "--z", "0.5", "-o", "/nowhere/x.svg"]).contains("no folder"));
     let usage = kilwa(&["measure", pack, "area", "--unit", "furlong"]);
     assert_eq!(usage.status.code(), Some(2));
-    super::claim_none("questions without an answer that get a number", asked.get(), 0);
+    super::check_none("questions without an answer that get a number", asked.get(), 0);
 }
 
 #[test]
@@ -53,6 +53,6 @@ fn an_open_surface_has_no_volume() {
     let (ply, pack) = (folder.path().join("wall.ply"), folder.path().join("wall.kilwa"));
     crate::support::succeeds(&["synth", "wall", "--triangles", "2000", "-o", text(&ply)]);
     crate::support::succeeds(&["build", text(&ply), "-o", text(&pack)]);
-    let said = fails(&["measure", text(&pack), "volume"]);
-    assert!(said.contains("not closed") && said.contains("cut and fill"), "{said}");
+    let message = fails(&["measure", text(&pack), "volume"]);
+    assert!(message.contains("not closed") && message.contains("cut and fill"), "{message}");
 }

@@ -38,7 +38,7 @@ pub(crate) fn save_all(p: &Phantom, to: &Path) -> usize {
 }
 
 #[test]
-fn measurements_saved_at_the_same_time_are_all_kept() {
+fn concurrently_saved_measurements_are_all_kept() {
     let folder = tempfile::tempdir().unwrap();
     let (file, p) = (folder.path().join("all.json"), phantom("cube", "origin"));
     let save = || {
@@ -70,20 +70,20 @@ fn saving_in_a_locked_folder_prints_that_it_waits() {
         .stderr(std::process::Stdio::piped())
         .spawn()
         .unwrap();
-    let (mut said, mut line) = (BufReader::new(saving.stderr.take().unwrap()), String::new());
-    said.read_line(&mut line).unwrap();
+    let (mut stderr, mut line) = (BufReader::new(saving.stderr.take().unwrap()), String::new());
+    stderr.read_line(&mut line).unwrap();
     assert!(
         line.contains("another kilwa is publishing, withdrawing or saving in") && line.contains("10 minutes"),
         "{line}"
     );
     assert!(line.contains(text(folder.path())) && !file.exists(), "{line}");
     drop(held);
-    said.read_to_string(&mut line).unwrap();
+    stderr.read_to_string(&mut line).unwrap();
     assert!(saving.wait().unwrap().success() && file.exists(), "{line}");
 }
 
 #[test]
-fn every_tool_is_saved_and_measures_the_same_to_the_last_bit() {
+fn every_saved_tool_measures_the_same_to_the_last_bit() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("all.json");
     let mut differing = 0;
@@ -100,15 +100,15 @@ fn every_tool_is_saved_and_measures_the_same_to_the_last_bit() {
             words.contains("bulge, south (deviation)") && words.contains("Measured on the finest surface of"),
             "{words}"
         );
-        // Another pack: not added to, and said to be another.
+        // Another pack: the file is left unchanged, and the message says it belongs to another pack.
         let other = phantom("sphere", place);
         assert!(fails(&["measure", text(&other.pack), "area", "--save", text(&file)]).contains("another pack"));
-        let said = kilwa(&["measure", text(&other.pack), "again", text(&file)]);
-        assert_eq!(said.status.code(), Some(1));
-        assert!(String::from_utf8_lossy(&said.stdout).contains("were made on another pack"));
+        let output = kilwa(&["measure", text(&other.pack), "again", text(&file)]);
+        assert_eq!(output.status.code(), Some(1));
+        assert!(String::from_utf8_lossy(&output.stdout).contains("were made on another pack"));
         std::fs::remove_file(&file).unwrap();
     }
-    super::claim_none("saved measurements that do not come back and measure the same to the last bit", 30, differing);
+    super::check_none("saved measurements that do not come back and measure the same to the last bit", 30, differing);
 }
 
 #[test]
@@ -143,7 +143,7 @@ fn exports_open_in_other_programs() {
 }
 
 #[test]
-fn a_document_of_the_first_release_still_opens() {
+fn a_document_of_the_first_release_opens() {
     let file = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/compat/measurements-1.json");
     let bytes = std::fs::read(file).unwrap();
     let document = kilwa_measure::Document::parse(&bytes).unwrap();

@@ -172,7 +172,7 @@ impl Camera {
         let back = mix(back, right, -across);
         let (back, up) = (mix(back, up, upward), mix(up, back, -upward));
         self.elevation = libm::asin(back.z.clamp(-1.0, 1.0));
-        // Straight above or below, the azimuth says nothing: the roll takes what it said.
+        // Straight above or below, the azimuth has no meaning: the roll takes its value.
         if libm::hypot(back.x, back.y) > 1e-9 {
             self.azimuth = positive(libm::atan2(back.x, back.y));
         }
@@ -269,7 +269,7 @@ impl Camera {
         }
     }
 
-    /// The picture has another size: what its shorter side showed at the target it goes on showing, so that a sheet that is
+    /// The picture has another size: what its shorter side showed at the target it continues showing, so that a sheet that is
     /// opened on a phone, or a telephone that is turned, does not make the model small.
     pub fn resized(&mut self, from: [u32; 2], to: [u32; 2]) {
         let shorter = |size: [u32; 2]| f64::from(size[0].min(size[1]).max(1));
@@ -305,7 +305,7 @@ impl Camera {
         }
     }
 
-    /// The view in lattice steps for a picture of `size` pixels, to be refined to `target_pixels`, with nothing cut away. `bounds` is the
+    /// The view in lattice units for a picture of `size` pixels, to be refined to `target_pixels`, with nothing cut away. `bounds` is the
     /// model's box: parallel projection shows all of its depth.
     pub fn view(&self, lattice: &Lattice, bounds: &Bounds, size: [u32; 2], target_pixels: f64) -> View {
         let step = lattice.step();

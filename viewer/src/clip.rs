@@ -15,7 +15,7 @@ pub struct ClipTransform {
     pub cell: LatticePoint,
     /// Columns of the matrix.
     pub clip_from_cell: [[f32; 4]; 4],
-    /// The eye from the cell, in steps, and 1; or for parallel projection the direction to the eye, and 0.
+    /// The eye from the cell, in lattice units, and 1; or for parallel projection the direction to the eye, and 0.
     pub eye_from_cell: [f32; 4],
 }
 
@@ -56,7 +56,7 @@ impl ClipTransform {
     }
 }
 
-/// Depth along the view axis, in steps, of a value of the depth buffer.
+/// Depth along the view axis, in lattice units, of a value of the depth buffer.
 pub fn distance_from_depth(view: &View, depth: f32) -> f64 {
     match view.projection {
         Projection::Perspective { .. } => view.near / f64::from(depth),
@@ -116,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn the_axis_lands_in_the_middle_and_depth_is_near_over_distance() {
+    fn the_axis_projects_to_the_centre_and_depth_is_near_over_distance() {
         let t = ClipTransform::new(&view(), None);
         let [x, y, z, w] = apply(&t, LatticePoint::new(1000, -1000, 300));
         assert!((x / w).abs() < 1e-3 && (y / w).abs() < 1e-3);
@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn far_away_eyes_keep_the_cell_in_range() {
+    fn distant_cameras_keep_the_cell_in_range() {
         let mut v = view();
         v.eye = DVec3::new(1e12, -1e12, 0.0);
         v.anchor = v.eye;

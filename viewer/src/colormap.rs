@@ -37,7 +37,7 @@ mod tests {
     }
 
     #[test]
-    fn equal_steps_of_value_are_equal_steps_of_lightness() {
+    fn equal_differences_of_value_are_equal_differences_of_lightness() {
         let steps: Vec<f64> = (0..=16).map(|k| lightness(viridis(f64::from(k) / 16.0))).collect();
         let mean = (steps[16] - steps[0]) / 16.0;
         assert!(mean > 4.0, "lightness spans {mean} per step");

@@ -1,7 +1,7 @@
 //! How the model is shown, as people and links say it: names, metres in world coordinates, degrees. One compact JSON object that
 //! leaves out what is as usual; the page keeps it in the address, `kilwa render --display` reads it.
 //!
-//! [`Display::options`] turns it into what the renderer is told, in lattice steps. Reading refuses what is not finite or out of
+//! [`Display::options`] converts it to the renderer's options, in lattice units. Reading refuses what is not finite or out of
 //! range, with a sentence that names the field.
 
 use crate::camera::Bounds;
@@ -234,7 +234,7 @@ impl Display {
         self.feature.unwrap_or(bounds.radius() / 150.0)
     }
 
-    /// What the renderer is told, in lattice steps. `dark` is the theme that `auto` follows, `pixel_ratio` the pixels of the picture per
+    /// The renderer's options, in lattice units. `dark` is the theme that `auto` follows, `pixel_ratio` the pixels of the picture per
     /// CSS pixel; `channel` the range of the scalar that is shown.
     pub fn options(
         &self,
@@ -276,7 +276,7 @@ impl Display {
         }
     }
 
-    /// The cut, in lattice steps.
+    /// The cut, in lattice units.
     pub fn clip(&self, lattice: &Lattice) -> Clip {
         ClipState { clip_plane: self.clip_plane, clip_box: self.clip_box }.in_steps(lattice)
     }
@@ -328,7 +328,7 @@ mod tests {
     const BOUNDS: Bounds = Bounds { min: DVec3::new(0.0, 0.0, 2.0), max: DVec3::new(30.0, 20.0, 12.0) };
 
     #[test]
-    fn what_is_usual_takes_no_room_and_everything_else_comes_back() {
+    fn default_settings_are_omitted_and_all_others_round_trip() {
         assert_eq!(Display::default().to_json(), "{}");
         assert_eq!(Display::from_json("{}").unwrap(), Display::default());
         let display = Display {
@@ -345,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_refused_by_name() {
+    fn invalid_settings_are_refused_by_name() {
         for (text, name) in [
             (r#"{"mode":"pretty"}"#, "mode"),
             (r#"{"shading":2}"#, "shading"),
@@ -364,7 +364,7 @@ mod tests {
     }
 
     #[test]
-    fn scales_span_the_model_unless_told_otherwise() {
+    fn scales_span_the_model_by_default() {
         let of = |json: &str| {
             let d = Display::from_json(json).unwrap();
             (d.scale_plane(&BOUNDS), d.scale_range(&BOUNDS))
@@ -377,7 +377,7 @@ mod tests {
     }
 
     #[test]
-    fn the_channel_asked_for_is_shown_else_confidence_else_the_first() {
+    fn the_requested_channel_is_shown_or_confidence_or_the_first() {
         let names = ["intensity", "Confidence"];
         assert_eq!(Display::default().channel_index(&names), Some(1));
         let asked = Display { channel: Some("intensity".to_owned()), ..Display::default() };

@@ -53,7 +53,7 @@ impl Fader {
         *self = Self::default();
     }
 
-    /// What to draw at `now` where the cut is `cut`. `held` tells whether a chunk is still in memory: where one that is leaving is not,
+    /// What to draw at `now` where the cut is `cut`. `held` returns whether a chunk is still in memory: where one that is leaving is not,
     /// the change is there at once.
     pub fn step(&mut self, now: f64, cut: &[DrawPatch], held: impl Fn(u32) -> bool) -> Faded {
         if self.last.is_empty() {
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn every_pixel_shows_the_cut_of_a_moment_ago() {
+    fn during_a_fade_every_pixel_shows_a_recent_cut() {
         // Chunk 1 is refined to 2 and 3, 3 to 4 and 5 before that is done, and back to 3 soon after.
         let cuts: [(f64, &[u32]); 4] =
             [(0.0, &[0, 1]), (1000.0, &[0, 2, 3]), (1090.0, &[0, 2, 4, 5]), (1160.0, &[0, 2, 3])];
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn at_rest_the_exact_cut_is_drawn_and_nothing_else() {
+    fn at_rest_only_the_exact_cut_is_drawn() {
         let mut fader = Fader::default();
         let first = fader.step(0.0, &[patch(0)], |_| true);
         assert_eq!((first.patches.len(), first.is_fading), (1, false), "the first picture is there at once");
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_longer_in_memory_is_not_waited_for() {
+    fn a_fade_does_not_wait_for_evicted_chunks() {
         let mut fader = Fader::default();
         fader.step(0.0, &[patch(0)], |_| true);
         let faded = fader.step(5.0, &[patch(1)], |chunk| chunk != 0);

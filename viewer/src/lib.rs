@@ -1,6 +1,6 @@
 //! The renderer of Kilwa, shared by the page (wasm) and the headless command line.
 //!
-//! Who owns what, in order: a [`camera::Camera`] (world metres, f64) gives a [`kilwa_stream::View`] (lattice steps);
+//! Who owns what, in order: a [`camera::Camera`] (world metres, f64) gives a [`kilwa_stream::View`] (lattice units);
 //! the [`kilwa_stream::Streamer`] turns views into commands and a cut; a shell (`shell::native`, `shell::web`) carries
 //! the commands out; the [`renderer::Renderer`] owns the GPU memory of chunks and draws the cut with the passes of
 //! [`gpu`], one file per pass, each with its WGSL of the same name in `/shaders`.

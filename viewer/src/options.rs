@@ -1,4 +1,4 @@
-//! How the cut is shown: what the passes are told. [`crate::display`] has the same in metres, degrees and names.
+//! How the cut is shown: options of the passes. [`crate::display`] has the same in metres, degrees and names.
 
 use crate::section::Clip;
 use glam::DVec3;
@@ -62,8 +62,8 @@ impl Mode {
         Self::ALL.iter().find(|(mode, _)| *mode == self).map_or("colour", |(_, name)| name)
     }
 
-    /// Whether it looks at the neighbourhood of a pixel, and so needs the relief pass.
-    pub fn needs_relief(self) -> bool {
+    /// Whether it looks at the neighbourhood of a pixel, and so needs the depth and normal pass.
+    pub fn needs_depth_normal(self) -> bool {
         matches!(self, Self::Curvature | Self::EyeDome)
     }
 
@@ -134,9 +134,9 @@ impl Light {
 pub struct Scale {
     /// Unit normal; distances grow along it.
     pub normal: DVec3,
-    /// `normal · p` on the plane, in lattice steps.
+    /// `normal · p` on the plane, in lattice units.
     pub offset: f64,
-    /// First and last distance of the scale, in lattice steps.
+    /// First and last distance of the scale, in lattice units.
     pub range: [f64; 2],
 }
 
@@ -146,7 +146,7 @@ impl Default for Scale {
     }
 }
 
-/// How the cut is shown. Lengths are in lattice steps; [`crate::display::Display`] makes it from metres.
+/// How the cut is shown. Lengths are in lattice units; [`crate::display::Display`] makes it from metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RenderOptions {
     /// What colours the surface.
@@ -161,7 +161,7 @@ pub struct RenderOptions {
     pub strength: f32,
     /// Radius of the eye-dome lighting, pixels.
     pub radius: f32,
-    /// Size of what curvature shows, lattice steps.
+    /// Size of what curvature shows, lattice units.
     pub feature: f64,
     /// The plane and the scale of height and distance.
     pub scale: Scale,

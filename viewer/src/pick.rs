@@ -1,6 +1,6 @@
 //! What a pixel shows, computed from the decoded chunks: the nearest drawn triangle that a ray meets.
 //!
-//! Exact for what is on screen (the drawn cut, not the finest level), in f64, in lattice steps. No GPU and no waiting, so a wheel
+//! Exact for what is on screen (the drawn cut, not the finest level), in f64, in lattice units. No GPU and no waiting, so a wheel
 //! event can zoom towards the surface in the very frame that it belongs to.
 
 use crate::section::Clip;
@@ -16,7 +16,7 @@ use kilwa_stream::DrawPatch;
 /// A point of the drawn surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Hit {
-    /// The place, in lattice steps.
+    /// The place, in lattice units.
     pub point: DVec3,
     /// Certified error of the patch that was hit, metres: 0 where it is the finest.
     pub error: f32,
@@ -73,7 +73,7 @@ pub fn nearest<'a>(
 }
 
 /// Where along a ray the pick on the finest surface can lie, from the drawn cut of what `clip` leaves: see [`kilwa_measure::interval`]. A
-/// finest triangle that the ray meets ends the search: nothing behind it counts. `step` is the lattice step in metres.
+/// finest triangle that the ray meets ends the search: nothing behind it counts. `step` is the lattice spacing in metres.
 pub fn interval<'a>(
     ray: &Ray,
     patches: &[DrawPatch],
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn the_interval_holds_the_pick_and_ends_at_the_first_finest_triangle() {
+    fn the_interval_contains_the_pick_and_ends_at_the_first_finest_triangle() {
         let mesh = squares();
         let bounds = Aabb { min: IVec3::new(0, 10, 0), max: IVec3::new(8, 20, 8) };
         let ray = Ray { origin: DVec3::new(4.0, 0.0, 5.0), direction: DVec3::new(0.0, 2.0, 0.0) };

@@ -1,14 +1,14 @@
 //! The renderer: GPU memory of chunks, and pictures of a cut.
 
 use crate::gpu::context::{Gpu, GpuError};
+use crate::gpu::depth_normal::{self, DepthNormalBuffer};
 use crate::gpu::frame::{Draw, NO_FADE, TargetTraits, Uniforms, draw_uniform, frame_uniform};
 use crate::gpu::pool::{Pool, ShownScalar};
 use crate::gpu::present::Present;
 use crate::gpu::readback::Readback;
-use crate::gpu::relief::{self, ReliefMap};
 use crate::gpu::surface::Variant;
 use crate::gpu::target::{Attachments, texture, view_of};
-use crate::gpu::{ID_FORMAT, RELIEF_FORMAT, background, id, surface};
+use crate::gpu::{DEPTH_NORMAL_FORMAT, ID_FORMAT, background, id, surface};
 use crate::options::{Background, Mode, RenderOptions, Tile};
 use crate::section::Clip;
 use kilwa_geometry::color::{decode_f32, encode_f32};
@@ -82,12 +82,12 @@ pub struct Renderer {
     background: wgpu::RenderPipeline,
     /// Without and with a cut; made when they are first asked for, which the page never does.
     id: BTreeMap<bool, wgpu::RenderPipeline>,
-    relief: BTreeMap<bool, wgpu::RenderPipeline>,
-    relief_map: ReliefMap,
+    depth_normal_pipelines: BTreeMap<bool, wgpu::RenderPipeline>,
+    depth_normal: DepthNormalBuffer,
     scalar: Option<ShownScalar>,
     attachments: Attachments,
     id_attachments: Attachments,
-    relief_attachments: Attachments,
+    depth_normal_attachments: Attachments,
 }
 
 impl Renderer {
@@ -113,12 +113,12 @@ impl Renderer {
             surface,
             background,
             id: BTreeMap::new(),
-            relief: BTreeMap::new(),
-            relief_map: ReliefMap::default(),
+            depth_normal_pipelines: BTreeMap::new(),
+            depth_normal: DepthNormalBuffer::default(),
             scalar: None,
             attachments: Attachments::default(),
             id_attachments: Attachments::default(),
-            relief_attachments: Attachments::default(),
+            depth_normal_attachments: Attachments::default(),
         }
     }
 
@@ -195,16 +195,16 @@ impl Renderer {
         let cut = options.clip.is_on() || calls.iter().any(|c| c.fade != NO_FADE);
         let smooth = options.clip.is_on() && self.samples > 1 && options.background != Background::Transparent;
         let variant = Variant { cut, smooth, scalar: options.mode == Mode::Scalar && self.pool.has_scalars() };
-        let mut traits = TargetTraits { smooth_cut: smooth, relief_shift: [0, 0] };
+        let mut traits = TargetTraits { smooth_cut: smooth, depth_normal_shift: [0, 0] };
         let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        let map = options.mode.needs_relief().then(|| relief::covered(view, options.tile));
+        let map = options.mode.needs_depth_normal().then(|| depth_normal::covered(view, options.tile));
         if let Some((map, shift)) = map {
-            traits.relief_shift = shift;
-            self.prepare_relief(view, options, map, traits, cut);
+            traits.depth_normal_shift = shift;
+            self.prepare_depth_normal(view, options, map, traits, cut);
         }
         self.uniforms.write(&self.device, &self.queue, &frame_uniform(view, options, traits), &draws);
         if let Some((map, _)) = map {
-            self.draw_relief(&mut encoder, map.size, &calls, cut);
+            self.draw_depth_normal(&mut encoder, map.size, &calls, cut);
         }
         let (device, uniforms, format) = (&self.device, &self.uniforms, self.drawn);
         let make = || surface::pipeline(device, uniforms, format, self.samples, variant);
@@ -228,24 +228,31 @@ impl Renderer {
         self.queue.submit([encoder.finish()]);
     }
 
-    /// Uniforms, map and pipeline of the relief pass.
-    fn prepare_relief(&mut self, view: &View, options: &RenderOptions, map: Tile, traits: TargetTraits, cut: bool) {
-        let (texture, is_new) = self.relief_map.fit(&self.device, map.size);
+    /// Uniforms, map and pipeline of the depth and normal pass.
+    fn prepare_depth_normal(
+        &mut self,
+        view: &View,
+        options: &RenderOptions,
+        map: Tile,
+        traits: TargetTraits,
+        cut: bool,
+    ) {
+        let (texture, is_new) = self.depth_normal.fit(&self.device, map.size);
         if is_new {
-            self.uniforms.set_relief(&self.device, &texture);
+            self.uniforms.set_depth_normal(&self.device, &texture);
         }
         let options = RenderOptions { tile: Some(map), ..*options };
-        self.uniforms.write_relief(&self.queue, &frame_uniform(view, &options, traits));
+        self.uniforms.write_depth_normal(&self.queue, &frame_uniform(view, &options, traits));
         let (device, uniforms) = (&self.device, &self.uniforms);
-        self.relief.entry(cut).or_insert_with(|| relief::pipeline(device, uniforms, cut));
+        self.depth_normal_pipelines.entry(cut).or_insert_with(|| depth_normal::pipeline(device, uniforms, cut));
     }
 
-    fn draw_relief(&mut self, encoder: &mut wgpu::CommandEncoder, size: [u32; 2], calls: &[Call], cut: bool) {
-        let (map, _) = self.relief_map.fit(&self.device, size);
-        let (depth, _) = self.relief_attachments.fit(&self.device, size, 1, RELIEF_FORMAT);
-        let Some(pipeline) = self.relief.get(&cut) else { return };
+    fn draw_depth_normal(&mut self, encoder: &mut wgpu::CommandEncoder, size: [u32; 2], calls: &[Call], cut: bool) {
+        let (map, _) = self.depth_normal.fit(&self.device, size);
+        let (depth, _) = self.depth_normal_attachments.fit(&self.device, size, 1, DEPTH_NORMAL_FORMAT);
+        let Some(pipeline) = self.depth_normal_pipelines.get(&cut) else { return };
         let mut pass = begin(encoder, &map, None, &depth);
-        pass.set_bind_group(0, &self.uniforms.relief_group, &[]);
+        pass.set_bind_group(0, &self.uniforms.depth_normal_group, &[]);
         pass.set_pipeline(pipeline);
         self.record(&mut pass, calls, false);
     }

@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn the_eye_comes_to_rest_at_its_height_above_the_ground_from_above_and_from_below() {
+    fn the_eye_settles_at_its_height_above_the_ground_from_above_and_below() {
         for z in [0.5, 1.6, 7.0] {
             let eye = walk(DVec3::new(0.0, 0.0, z), DVec2::ZERO, 200);
             assert!((eye.z - HEIGHT).abs() < 1e-6, "{eye:?}");
@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_is_climbed_and_where_the_ground_ends_the_height_stays() {
+    fn a_step_is_climbed_and_beyond_the_ground_the_height_is_kept() {
         let on_step = walk(DVec3::new(9.0, 0.0, HEIGHT), DVec2::new(0.1, 0.0), 60);
         assert!((on_step[0] - 15.0).abs() < 1e-9 && (on_step[2] - HEIGHT - 0.3).abs() < 1e-6, "{on_step:?}");
         let beyond = walk(on_step, DVec2::new(0.1, 0.0), 100);
@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn a_wall_stops_the_walk_and_is_slid_along() {
+    fn a_wall_stops_the_walk_and_the_walker_slides_along_it() {
         let ahead = walk(DVec3::new(0.0, 0.0, HEIGHT), DVec2::new(0.0, 0.1), 200);
         assert!(ahead[1] < 5.0 - HEIGHT * SHOULDER * 0.5, "{ahead:?}");
         let aslant = walk(DVec3::new(0.0, 4.0, HEIGHT), DVec2::new(0.1, 0.05), 60);

@@ -1,4 +1,4 @@
-//! Claims about the camera.
+//! Properties of the camera.
 
 use glam::DVec3;
 use kilwa_geometry::Lattice;
@@ -51,7 +51,7 @@ fn axes_are_orthogonal_and_right_handed_from_every_side() {
 }
 
 #[test]
-fn every_standard_view_shows_all_of_the_model() {
+fn every_standard_view_shows_the_whole_model() {
     for (view, name) in StandardView::ALL {
         for size in [[1200u32, 800], [390, 844]] {
             let camera = Camera::standard(view, &BOUNDS, size);
@@ -128,7 +128,7 @@ fn a_new_pivot_does_not_move_the_picture() {
 }
 
 #[test]
-fn turned_freely_the_camera_passes_the_poles_and_keeps_its_distance_and_its_axes() {
+fn free_rotation_passes_the_poles_and_keeps_distance_and_axes() {
     let mut camera = Camera::standard(StandardView::Iso, &BOUNDS, SIZE);
     let mut lowest: f64 = 1.0;
     for k in 0..400 {
@@ -144,7 +144,7 @@ fn turned_freely_the_camera_passes_the_poles_and_keeps_its_distance_and_its_axes
 }
 
 #[test]
-fn a_free_turn_moves_the_eye_as_the_turntable_does_at_the_horizon() {
+fn free_rotation_equals_the_turntable_at_the_horizon() {
     let mut free = Camera::standard(StandardView::South, &BOUNDS, SIZE);
     let mut table = free;
     free.turn_free(0.2, 0.0, 0.0);
@@ -156,7 +156,7 @@ fn a_free_turn_moves_the_eye_as_the_turntable_does_at_the_horizon() {
 }
 
 #[test]
-fn looking_about_leaves_the_eye_where_it_is() {
+fn looking_around_does_not_move_the_eye() {
     let mut camera = Camera::standard(StandardView::Iso, &BOUNDS, SIZE);
     let eye = camera.eye();
     camera.look(1.1, -0.4);
@@ -184,7 +184,7 @@ fn the_pixel_of_a_point_is_the_one_whose_ray_meets_it() {
 }
 
 #[test]
-fn a_picture_of_another_size_keeps_what_its_shorter_side_shows() {
+fn resizing_a_picture_keeps_the_view_along_its_shorter_side() {
     let bounds = Bounds { min: DVec3::ZERO, max: DVec3::new(50.0, 50.0, 10.0) };
     for view in [StandardView::Iso, StandardView::Plan] {
         let phone = Camera::standard(view, &bounds, [390, 700]);

@@ -1,4 +1,4 @@
-//! The renderer from outside.
+//! Integration tests of the renderer.
 
 mod camera;
 mod present;

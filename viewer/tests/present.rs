@@ -7,7 +7,7 @@ use kilwa_stream::DrawPatch;
 use kilwa_viewer::renderer::IMAGE_FORMAT;
 use kilwa_viewer::{Background, Bounds, Camera, Gpu, Image, Prefer, RenderOptions, Renderer, StandardView};
 
-/// A white square that stands askew.
+/// A white square, rotated.
 fn square() -> Chunk {
     let mut chunk = Chunk::default();
     chunk.mesh.positions =
@@ -35,7 +35,7 @@ fn picture(gpu: &Gpu, format: wgpu::TextureFormat, background: Background) -> Im
 }
 
 #[test]
-fn edges_average_light_on_every_target() {
+fn antialiased_edges_average_linear_light_on_every_target() {
     let gpu = pollster::block_on(Gpu::headless(Prefer::Software)).expect("these tests need a graphics adapter");
     println!("adapter: {}", gpu.describe());
     for background in [Background::Flat([0; 3]), Background::Flat([30, 60, 90]), Background::LIMESTONE] {
@@ -51,7 +51,7 @@ fn edges_average_light_on_every_target() {
 }
 
 #[test]
-fn over_nothing_colours_are_those_of_the_model_and_alpha_its_share() {
+fn over_a_transparent_background_colours_are_those_of_the_model_and_alpha_its_coverage() {
     let gpu = pollster::block_on(Gpu::headless(Prefer::Software)).expect("these tests need a graphics adapter");
     for (format, linear) in [(IMAGE_FORMAT, true), (IMAGE_FORMAT.remove_srgb_suffix(), false)] {
         let image = picture(&gpu, format, Background::Transparent).with_straight_alpha(linear);

@@ -1,4 +1,4 @@
-//! Without a GPU: every shader is sound WGSL, stays inside WebGL2, and agrees with Rust about memory.
+//! Without a GPU: every shader is valid WGSL, stays within WebGL2, and agrees with Rust about memory layout.
 
 use kilwa_viewer::gpu::frame::{Draw, Frame};
 use kilwa_viewer::gpu::{SHADERS, pool};
@@ -8,7 +8,7 @@ fn parse(name: &str, source: &str) -> naga::Module {
 }
 
 #[test]
-fn every_shader_is_valid_with_no_capability_beyond_the_baseline() {
+fn every_shader_is_valid_within_the_baseline_capabilities() {
     for (name, source) in SHADERS {
         let module = parse(name, source);
         let mut validator =
@@ -31,7 +31,7 @@ fn no_shader_needs_more_than_webgl2_has() {
 }
 
 #[test]
-fn every_entry_point_becomes_glsl_of_webgl2() {
+fn every_entry_point_translates_to_webgl2_glsl() {
     use naga::back::glsl;
     for (name, source) in SHADERS {
         let module = parse(name, source);
@@ -89,10 +89,10 @@ macro_rules! fields {
 }
 
 #[test]
-fn uniforms_lie_in_memory_as_the_shaders_read_them() {
+fn uniforms_have_the_memory_layout_the_shaders_expect() {
     let frame = fields!(Frame: clip_from_cell eye_from_cell light rake top bottom right up depth plane clip cell mode
         tile_scale tile_shift shading back_tint error_low error_high range_low range_scale strength radius feature unused
-        relief_shift clip_flags on_color outline scalar_low scalar_scale smooth_cut);
+        depth_normal_shift clip_flags on_color outline scalar_low scalar_scale smooth_cut);
     let draw = fields!(Draw: id level error fade);
     for (name, source) in SHADERS.iter().filter(|(name, _)| *name != "present") {
         let module = parse(name, source);
@@ -106,7 +106,7 @@ fn uniforms_lie_in_memory_as_the_shaders_read_them() {
 }
 
 #[test]
-fn vertex_attributes_tile_the_vertex_of_the_pack() {
+fn vertex_attributes_cover_the_vertex_of_the_pack() {
     let mut at = 0;
     for attribute in pool::ATTRIBUTES {
         assert_eq!(attribute.offset, at);

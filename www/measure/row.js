@@ -165,7 +165,7 @@ const fact = (name, value) => html`<div><dt>${name}</dt><dd dir="ltr">${value}</
 function parts({ uncertainty, parts: more, read, remarks }) {
   const value = (/** @type {number | string | null | undefined} */ v) =>
     v === null || v === undefined ? t("unknownCapture") : v === 0 ? "0" : typeof v === "number" ? length(v) : v;
-  const own = Object.entries(uncertainty ?? {}).filter(([name]) => name in PARTS);
+  const own = uncertainty ? /** @type {const} */ (["lattice", "level", "capture"]).map((name) => /** @type {const} */ ([name, uncertainty[name]])) : [];
   const rows = [
     ...own.map(([name, v]) => html`<div><dt>${t(PARTS[name])}</dt><dd dir=${v === null ? "auto" : "ltr"}>${value(v)}</dd></div>`),
     ...rowsOf(more.filter((p) => !(p.what in PARTS)).map((p) => [p.what, value(p.value)])),

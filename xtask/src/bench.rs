@@ -8,6 +8,7 @@ mod codec;
 
 use crate::process::{cargo, command, compile_kilwa, on_path, output, root, run as run_command};
 use anyhow::{Context, Result, bail};
+use chrono::Timelike as _;
 use std::fmt::Write as _;
 use std::fs::{self, OpenOptions};
 use std::io::{Read, Write};
@@ -177,8 +178,8 @@ fn bench_quality(args: &Quality) -> Result<()> {
         run_command(&mut command(&program, &["extract", &pack, "--force", "-o", &fine])?)?;
         let all = ply_faces(Path::new(&fine))?;
         for half in 1..=4 {
-            let most = (all >> half).to_string();
-            let extract = ["extract", &pack, "--max-triangles", &most, "--force", "--json", "-o", &coarse];
+            let limit = (all >> half).to_string();
+            let extract = ["extract", &pack, "--max-triangles", &limit, "--force", "--json", "-o", &coarse];
             let report = output(&mut command(&program, &extract)?)?;
             let certified = number_of(&report, "\"max_error\"");
             let line = output(command(&deviation.to_string_lossy(), &[])?.args([&fine, &coarse]))?;
@@ -262,14 +263,16 @@ fn measured(_report: &Path, _program: &Path, _args: &[String]) -> Result<()> {
 /// Adds the table to today's file, with the commit and the machine. `what` is a bench, or `soak`, which is a test.
 pub(crate) fn archive(root: &Path, what: &str, table: &str, profile: &str) -> Result<()> {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).context("the clock stands before 1970")?.as_secs();
-    let (year, month, day) = civil_date(now / 86_400);
+    let now = i64::try_from(now).ok().and_then(|now| chrono::DateTime::from_timestamp(now, 0));
+    let now = now.context("the clock stands beyond every calendar")?;
+    let day = now.date_naive();
     let folder = root.join("docs/bench");
     fs::create_dir_all(&folder).with_context(|| format!("cannot create {}", folder.display()))?;
-    let file = folder.join(format!("{year:04}-{month:02}-{day:02}-{what}.md"));
+    let file = folder.join(format!("{day}-{what}.md"));
     let mut text = String::new();
     if !file.exists() {
         let task = if what == "soak" { "test" } else { "bench" };
-        writeln!(text, "# {task} {what}, {year:04}-{month:02}-{day:02}\n\nWritten by `cargo xtask {task} {what}`.")?;
+        writeln!(text, "# {task} {what}, {day}\n\nWritten by `cargo xtask {task} {what}`.")?;
     }
     let commit =
         output(&mut command("git", &["describe", "--always", "--dirty"])?).unwrap_or_else(|_| "unknown".into());
@@ -277,8 +280,8 @@ pub(crate) fn archive(root: &Path, what: &str, table: &str, profile: &str) -> Re
     writeln!(
         text,
         "\n## {:02}:{:02} UTC, commit {commit}\n\n{}; {compiler}, profile {profile}.\n",
-        now / 3600 % 24,
-        now / 60 % 60,
+        now.hour(),
+        now.minute(),
         machine()
     )?;
     text.push_str(table);
@@ -307,33 +310,12 @@ fn machine() -> String {
     format!("{processor}, {threads} threads available, memory {memory}, {system}")
 }
 
-/// Year, month and day of a day counted from 1970-01-01 in the Gregorian calendar (Hinnant, "chrono-compatible low-level date algorithms").
-fn civil_date(day: u64) -> (u64, u64, u64) {
-    let shifted = day + 719_468;
-    let era = shifted / 146_097;
-    let day_of_era = shifted % 146_097;
-    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let month_from_march = (5 * day_of_year + 2) / 153;
-    let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
-    let year = year_of_era + era * 400 + u64::from(month <= 2);
-    (year, month, day_of_year - (153 * month_from_march + 2) / 5 + 1)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn days_become_dates_across_leap_years_and_centuries() {
-        assert_eq!(civil_date(0), (1970, 1, 1));
-        assert_eq!(civil_date(11_016), (2000, 2, 29));
-        assert_eq!(civil_date(11_017), (2000, 3, 1));
-        assert_eq!(civil_date(20_778), (2026, 11, 21));
-    }
-
-    #[test]
-    fn a_number_is_found_by_its_key_and_only_there() {
+    fn a_number_is_found_only_by_its_key() {
         let json = "{\"a\": 1.5e-3, \"b\" : -2, \"c\": \"x\"}";
         assert_eq!(number_of(json, "\"a\""), Some(0.0015));
         assert_eq!(number_of(json, "\"b\""), Some(-2.0));

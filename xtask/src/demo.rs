@@ -84,7 +84,7 @@ pub(crate) fn check_small(kilwa: &Path, triangles: u64) -> Result<()> {
     fs::remove_dir_all(&folder).with_context(|| format!("cannot remove {}", folder.display()))
 }
 
-/// The fort's pack in `folder`, made anew unless the last run made the same with the same program.
+/// The fort's pack in `folder`, rebuilt unless the last run made the same with the same program.
 fn make_pack(
     times: &mut Vec<(&'static str, Duration)>,
     kilwa: &Path,
@@ -254,7 +254,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_taken_port_is_passed_over() {
+    fn a_port_in_use_is_skipped() {
         let taken = TcpListener::bind((Ipv4Addr::LOCALHOST, 0)).unwrap();
         let port = taken.local_addr().unwrap().port();
         let free = free_address(port).unwrap();

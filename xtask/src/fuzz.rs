@@ -29,15 +29,15 @@ pub(crate) struct Args {
 
 /// Targets, and the tests of `tests/fuzzing` that run their bodies.
 const TARGETS: [(&str, &str); 9] = [
-    ("ply", "any_bytes_are_a_ply_or_refused"),
-    ("obj", "any_bytes_are_an_obj_or_refused"),
-    ("stl", "any_bytes_are_an_stl_or_refused"),
-    ("gltf", "any_bytes_are_a_gltf_or_refused"),
-    ("open_pack", "any_bytes_are_a_pack_or_refused"),
-    ("decode_chunk", "any_bytes_are_a_chunk_or_refused"),
-    ("metadata", "any_bytes_are_metadata_or_refused"),
-    ("manifest", "any_bytes_are_a_manifest_or_refused"),
-    ("notes", "any_bytes_are_notes_or_refused"),
+    ("ply", "any_bytes_are_read_as_ply_or_refused"),
+    ("obj", "any_bytes_are_read_as_obj_or_refused"),
+    ("stl", "any_bytes_are_read_as_stl_or_refused"),
+    ("gltf", "any_bytes_are_read_as_gltf_or_refused"),
+    ("open_pack", "any_bytes_are_read_as_a_pack_or_refused"),
+    ("decode_chunk", "any_bytes_are_read_as_a_chunk_or_refused"),
+    ("metadata", "any_bytes_are_read_as_metadata_or_refused"),
+    ("manifest", "any_bytes_are_read_as_a_manifest_or_refused"),
+    ("notes", "any_bytes_are_read_as_notes_or_refused"),
 ];
 
 /// Targets that run at a time.
@@ -119,7 +119,7 @@ fn by_coverage(targets: &[&'static str], seconds: u64) -> Result<()> {
     if failed.is_empty() { Ok(()) } else { bail!("{}", failed.join("\n")) }
 }
 
-/// One target; its output goes to a file, what it says of a failure and its last figures are shown.
+/// One target; its output goes to a file, and the report of a failure and its last figures are shown.
 fn one(root: &Path, corpus: &Path, name: &'static str, seconds: u64) -> Result<()> {
     let artifacts = root.join("tests/fuzz/artifacts").join(name);
     std::fs::create_dir_all(&artifacts).with_context(|| format!("cannot make {}", artifacts.display()))?;
@@ -131,12 +131,12 @@ fn one(root: &Path, corpus: &Path, name: &'static str, seconds: u64) -> Result<(
     let both = file.try_clone().context("the log cannot be shared")?;
     let status = fuzz.stdin(Stdio::null()).stdout(both).stderr(file).status();
     let status = status.with_context(|| format!("cannot start `{}`", shown(&fuzz)))?;
-    let said = std::fs::read(&log).map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).unwrap_or_default();
-    let last = said.lines().rev().find(|line| line.starts_with("Done ")).unwrap_or("no figures");
+    let log_text = std::fs::read(&log).map(|bytes| String::from_utf8_lossy(&bytes).into_owned()).unwrap_or_default();
+    let last = log_text.lines().rev().find(|line| line.starts_with("Done ")).unwrap_or("no figures");
     if status.success() {
         println!("{name}: {last}");
         return Ok(());
     }
-    let kept = said.lines().find(|line| line.contains("Test unit written to")).unwrap_or("no input was kept");
-    bail!("{kept}; all that it said is in {}", log.display())
+    let kept = log_text.lines().find(|line| line.contains("Test unit written to")).unwrap_or("no input was kept");
+    bail!("{kept}; its full output is in {}", log.display())
 }

@@ -59,13 +59,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn status_and_body_are_taken_apart() {
+    fn status_and_body_are_separated() {
         let answer = parse(b"HTTP/1.0 206 Partial Content\r\nA: b\r\n\r\nx\r\n\r\ny").unwrap();
         assert_eq!((answer.status, answer.body.as_slice()), (206, &b"x\r\n\r\ny"[..]));
     }
 
     #[test]
-    fn what_is_not_http_is_said_to_be_so() {
+    fn a_response_that_is_not_http_is_reported_as_such() {
         assert!(parse(b"SSH-2.0-OpenSSH\r\n\r\n").unwrap_err().to_string().contains("SSH-2.0"));
         assert!(parse(b"HTTP/1.0 200 OK\r\n").is_err());
     }

@@ -2,15 +2,15 @@
 //!
 //! One file per task; `setup` holds the checks and installs they share, `process` how commands are run and shown,
 //! `tally` how the results of different test runners are read. Exit codes are those of `kilwa`: 0 done, 1 something
-//! failed (said above), 2 usage.
+//! failed (reported above), 2 usage.
 
 mod bench;
 mod bundle;
-mod claims;
 mod demo;
 mod fuzz;
 mod http;
 mod process;
+mod properties;
 mod screens;
 mod setup;
 mod soak;

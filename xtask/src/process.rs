@@ -11,7 +11,7 @@ use std::sync::mpsc::{self, RecvTimeoutError};
 use std::thread;
 use std::time::{Duration, Instant};
 
-/// How long nothing may come from a command that has ended before what it left behind is no longer listened to; and how often it is looked at.
+/// How long the output of an ended command may be silent before its background processes are ignored, and how often this is checked.
 const QUIET: Duration = Duration::from_secs(2);
 
 /// The repository root: the folder above `xtask/`.
@@ -154,7 +154,7 @@ pub(crate) fn watch(command: &mut Command, limit: Duration, mut each: impl FnMut
             Err(RecvTimeoutError::Timeout) => has_ended = child.try_wait().is_ok_and(|status| status.is_some()),
         }
         if is_late && started.elapsed() > limit + 5 * QUIET {
-            break; // Something that could not be found goes on writing.
+            break; // Something that could not be found continues writing.
         }
         if !is_late && !has_ended && started.elapsed() > limit {
             is_late = true;
@@ -162,7 +162,7 @@ pub(crate) fn watch(command: &mut Command, limit: Duration, mut each: impl FnMut
             stop_tree(&mut child);
         }
     }
-    // What has closed its output may still go on.
+    // What has closed its output may still continue.
     while child.try_wait().is_ok_and(|status| status.is_none()) {
         if !is_late && started.elapsed() > limit {
             is_late = true;
@@ -178,7 +178,7 @@ pub(crate) fn watch(command: &mut Command, limit: Duration, mut each: impl FnMut
     })
 }
 
-/// Ends a process and all that it has started, as far as `ps` can tell.
+/// Ends a process and all its descendants, as far as `ps` lists them.
 fn stop_tree(child: &mut Child) {
     let listing = Command::new("ps").args(["-A", "-o", "pid=,ppid="]).output().map(|o| o.stdout).unwrap_or_default();
     let listing = String::from_utf8_lossy(&listing);
@@ -195,7 +195,7 @@ fn stop_tree(child: &mut Child) {
         tree.extend(pairs.iter().filter(|(_, of)| *of == parent).map(|(id, _)| *id));
         at += 1;
     }
-    // Parents first, so that none goes on when its child ends.
+    // Parents first, so that none continues when its child ends.
     let ids = tree.iter().map(u32::to_string);
     // What has ended meanwhile is no failure; neither is a system without these programs, where the child itself is what can be ended.
     let _ = Command::new("kill").arg("-KILL").args(ids).stderr(Stdio::null()).status();
@@ -250,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_command_leaves_behind_is_not_waited_for() {
+    fn background_processes_of_a_command_are_not_waited_for() {
         let mut child = 0;
         let ended = watch(&mut shell("sleep 3000 & echo $!"), HOUR, |line| {
             child = line.parse().unwrap();
@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn what_hangs_is_stopped_with_all_that_it_started() {
+    fn a_hanging_command_is_stopped_with_its_children() {
         let mut child: u32 = 0;
         let ended = watch(&mut shell("sh -c 'sleep 3000 & echo $!; wait'; echo never"), Duration::ZERO, |line| {
             assert_ne!(line, "never");

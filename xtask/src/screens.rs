@@ -5,7 +5,7 @@ use crate::{setup, web};
 use anyhow::Result;
 use std::path::PathBuf;
 
-/// Take the pictures of the viewer in docs/screens anew: every shading, panel, dialog and trouble, at both sizes, in both themes.
+/// Take the pictures of the viewer in docs/screens again: every shading, panel, dialog and trouble, at both sizes, in both themes.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// Where they go, in place of docs/screens.

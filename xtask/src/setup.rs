@@ -15,12 +15,12 @@ use std::process::Command;
 pub(crate) const WASM: &str = "wasm32-unknown-unknown";
 
 /// Oldest major version of Node that the tools were run with.
-const NODE_AT_LEAST: u32 = 18;
+const MIN_NODE: u32 = 18;
 
 /// The standard library for wasm32 of the toolchain in use.
 ///
 /// # Errors
-/// It is not there and rustup cannot add it.
+/// It does not exist and rustup cannot add it.
 pub(crate) fn wasm_target() -> Result<()> {
     let folder = output(&mut command("rustc", &["--print", "target-libdir", "--target", WASM])?)?;
     if Path::new(&folder).is_dir() {
@@ -50,8 +50,8 @@ pub(crate) fn node() -> Result<()> {
     let version = output(&mut command("node", &["--version"])?)?;
     let major = version.trim_start_matches('v').split('.').next().and_then(|n| n.parse::<u32>().ok());
     match major {
-        Some(major) if major >= NODE_AT_LEAST => Ok(()),
-        _ => bail!("node is {version}; version {NODE_AT_LEAST} or newer is needed (https://nodejs.org)"),
+        Some(major) if major >= MIN_NODE => Ok(()),
+        _ => bail!("node is {version}; version {MIN_NODE} or newer is needed (https://nodejs.org)"),
     }
 }
 
@@ -105,7 +105,7 @@ pub(crate) fn chromium() -> Result<PathBuf> {
     on_path(&names).context("Debian's package chromium was installed, yet there is no chromium on PATH")
 }
 
-/// A Vulkan driver for headless rendering: any on Linux, Mesa's software one where there is none.
+/// A Vulkan driver for headless rendering: any on Linux, Mesa's software one if there is none.
 ///
 /// # Errors
 /// None is there and none can be installed.

@@ -1,5 +1,5 @@
 //! Reads the results that test runners print: cargo test, cargo nextest, node --test (TAP and spec), and the plain line
-//! `N passed, N failed, N skipped`; and collects by name what the tests themselves say they skipped.
+//! `N passed, N failed, N skipped`; and collects by name the tests that report themselves as skipped.
 //!
 //! Input: the output of a run, line by line. Invariant: only a runner's own closing line counts, which begins at the margin (that of nextest
 //! excepted, which indents its own and, deeper, what the tests printed, another runner's closing line included), so that nothing is
@@ -7,7 +7,7 @@
 
 use std::collections::BTreeSet;
 
-/// What a test prints, in any case, before the reason when it cannot run here, for example because `../shared/data` is not there.
+/// What a test prints, in any case, before the reason when it cannot run here, for example because `../shared/data` does not exist.
 const SKIPPED: &str = "skipped: ";
 
 /// Sums over the suites of a run.
@@ -19,7 +19,7 @@ pub(crate) struct Tally {
     pub(crate) failed: u64,
     /// Tests that a runner left out (ignored, filtered by the author).
     pub(crate) left_out: u64,
-    /// What tests said they skipped, sorted, each once; with the test's name where the runner tells.
+    /// What tests report as skipped, sorted, each once; with the test's name if the runner prints it.
     pub(crate) skips: BTreeSet<String>,
     /// The test whose output follows (nextest's heading).
     current: String,
@@ -115,7 +115,7 @@ fn is_plain(line: &str) -> bool {
     pairs && (words.len() == 4 || (words.len() == 6 && number(4) && word(5, "skipped")))
 }
 
-/// True for what nextest shows of a test that said nothing: its headings and blank lines.
+/// True for what nextest shows of a test without output: its headings and blank lines.
 pub(crate) fn is_noise(line: &str) -> bool {
     let text = line.trim();
     let is_heading = text.starts_with("stdout \u{2500}") || text == "running 1 test" || text.is_empty();
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_test_printed_under_nextest_is_not_counted_again() {
+    fn output_printed_by_a_test_under_nextest_is_not_counted_again() {
         let counts = read(&[
             "        PASS [   0.021s] ( 1/14) kilwa-pack tests::reads",
             "  stdout \u{2500}\u{2500}\u{2500}",
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn node_is_read_in_both_of_its_forms() {
+    fn both_output_forms_of_node_are_parsed() {
         assert_eq!(
             read(&["# tests 4", "# pass 2", "# fail 1", "# cancelled 1", "# skipped 0", "# duration_ms 12.5"]),
             (2, 2, 0)
@@ -178,7 +178,7 @@ mod tests {
     }
 
     #[test]
-    fn plain_lines_count_and_sentences_about_numbers_do_not() {
+    fn result_lines_count_and_other_sentences_with_numbers_do_not() {
         assert_eq!(read(&["12 passed, 1 failed, 2 skipped", "3 passed, 0 failed"]), (15, 1, 2));
         assert_eq!(
             read(&["3 passed the gate, 0 failed", "# pass the salt", "Summary of 3 passed, 1 failed"]),
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn a_skip_is_kept_by_name_once_wherever_the_runner_puts_it() {
+    fn a_skipped_test_is_recorded_once_by_name() {
         let mut tally = Tally::default();
         tally.read("test reads_horse ... SKIPPED: reads_horse: ../shared/data is not there");
         tally.read("    SKIPPED: reads_horse: ../shared/data is not there");

@@ -34,9 +34,9 @@ pub(crate) struct Args {
 /// Suites with a report of their own.
 #[derive(Clone, Copy, clap::ValueEnum)]
 enum Suite {
-    /// Measuring: each claim with its bound and the error measured
+    /// Measuring: each property with its bound and the error measured
     Trust,
-    /// Serving: thousands of slow and hundreds of busy clients, each claim with its bound and what was measured
+    /// Serving: thousands of slow and hundreds of busy clients, each property with its bound and the measured value
     Soak,
 }
 
@@ -162,7 +162,7 @@ fn report(rows: &[Row]) -> Result<()> {
     if total.failed > 0 { Err(Failed.into()) } else { Ok(()) }
 }
 
-/// Something failed and all of it has been said: the line of counts stays the last one.
+/// Something failed and everything has been printed: the line of counts stays the last one.
 #[derive(Debug)]
 pub(crate) struct Failed;
 
@@ -265,7 +265,7 @@ fn rust_tests(length: Length) -> Result<Tally> {
             test.args(packages).args(["--all-targets", "--", "--nocapture"]);
             test
         };
-        // Without the packages the tests that need them say so; with them they are second opinions.
+        // Without these packages the tests that need them print that they are skipped.
         runner.env(trust::VARIABLE, setup::python_packages(trust::PACKAGES)?);
         runner.env(STORE_VARIABLE, setup::python_packages(STORE_PACKAGES)?);
         let counts = suite(length.apply_to(&mut runner), length);

@@ -55,7 +55,7 @@ const BUILDS: [Build; 2] = [
     },
 ];
 
-/// What wasm-opt is told. The features are those rustc uses for this target plus `+simd128` of .cargo/config.toml.
+/// Options of wasm-opt. The features are those rustc uses for this target plus `+simd128` of .cargo/config.toml.
 const WASM_OPT: [&str; 9] = [
     "-Oz",
     "--enable-simd",
@@ -198,7 +198,8 @@ fn add_module(page: &mut Page, compiled: &Path, name: &str, tools: &Path, scratc
     let mut short = BTreeMap::new();
     for import in output.wasm_mut().imports.iter_mut().filter(|import| import.name.starts_with("__wb")) {
         let next = format!("i{}", short.len());
-        import.name = short.entry(std::mem::take(&mut import.name)).or_insert(next).clone();
+        let long = std::mem::take(&mut import.name);
+        short.entry(long).or_insert(next).clone_into(&mut import.name);
     }
     output.emit(&bound).with_context(|| format!("wasm-bindgen cannot write to {}", bound.display()))?;
     let glue = bound.join(format!("{name}.js"));
@@ -431,7 +432,7 @@ mod tests {
     }
 
     #[test]
-    fn synchronise_leaves_what_the_page_holds_and_nothing_else() {
+    fn synchronise_leaves_only_the_files_of_the_page() {
         let dist = scratch("sync");
         assert_eq!(
             synchronise(&dist, &page(&[("index.html", "a"), ("i18n/en.json", "{}"), ("old/x.js", "1")])).unwrap(),
@@ -457,7 +458,7 @@ mod tests {
     }
 
     #[test]
-    fn only_text_and_wasm_get_a_compressed_twin_and_it_decompresses_to_the_same() {
+    fn only_text_and_wasm_are_precompressed_and_decompress_to_the_same_bytes() {
         let text = "kilwa ".repeat(500);
         let mut files = page(&[("a.js", text.as_str()), ("b.png", "png"), ("c", "no extension")]);
         add_compressed(&mut files).unwrap();
@@ -468,7 +469,7 @@ mod tests {
     }
 
     #[test]
-    fn a_page_over_its_budget_is_refused_with_its_size() {
+    fn a_page_over_its_size_budget_is_refused_with_its_size() {
         let mut files = page(&[("index.html", "x")]);
         files.insert("viewer_bg.wasm".into(), vec![0; 10]);
         assert!(check_sizes(&files).is_ok());
@@ -490,8 +491,8 @@ mod tests {
 
     #[test]
     fn the_hook_of_trunk_without_trunk_says_how_it_is_meant() {
-        let said = run(&Args { trunk: true }).unwrap_err().to_string();
-        assert!(said.contains("TRUNK_STAGING_DIR") && said.contains("trunk serve"), "{said}");
+        let message = run(&Args { trunk: true }).unwrap_err().to_string();
+        assert!(message.contains("TRUNK_STAGING_DIR") && message.contains("trunk serve"), "{message}");
     }
 
     #[test]

@@ -10,7 +10,7 @@ pub(super) enum Axis {
     Longitude,
 }
 
-/// An angle in parts of sixty, or a number that is said to be a latitude or longitude.
+/// An angle in parts of sixty, or a number labelled as latitude or longitude.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Angle {
     /// Degrees, without the sign.
@@ -80,9 +80,9 @@ impl Cursor<'_> {
     }
 
     /// A whole number of at most `most` digits that is followed by no further digit.
-    fn whole(&mut self, most: usize) -> Option<f64> {
-        let digits: String = self.text.iter().skip(self.at).take(most + 1).take_while(|c| c.is_ascii_digit()).collect();
-        let value = digits.parse().ok().filter(|_| digits.len() <= most)?;
+    fn whole(&mut self, max: usize) -> Option<f64> {
+        let digits: String = self.text.iter().skip(self.at).take(max + 1).take_while(|c| c.is_ascii_digit()).collect();
+        let value = digits.parse().ok().filter(|_| digits.len() <= max)?;
         self.at += digits.len();
         Some(value)
     }

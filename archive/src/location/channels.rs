@@ -1,4 +1,4 @@
-//! Scalar channels that hold coordinates: scans are exported with `scalar_X`, `Elevation` and the like, which tell the true place to a metre
+//! Scalar channels that hold coordinates: scans are exported with `scalar_X`, `Elevation` and the like, which reveal the true location to a metre
 //! wherever the model is moved to.
 //!
 //! Names say nothing reliable, so values are looked at: a channel that is a linear function of the position is a coordinate or a height, in
@@ -319,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn coordinates_and_heights_are_known_in_every_unit_and_turned() {
+    fn coordinates_and_heights_are_found_in_every_unit_and_orientation() {
         let (east, north, height) = (565_980.0, 9_009_950.0, 38.0);
         let channels: Vec<(&str, Channel)> = vec![
             ("X", fitted(|x, _, _| (x + east) as f32)),
@@ -344,7 +344,7 @@ mod tests {
 
     /// Missing values as scanners and CloudCompare write them (0, -1, -9999, the largest float), at one vertex in thousands or at half of them.
     #[test]
-    fn missing_values_and_outliers_hide_no_coordinate() {
+    fn coordinates_are_found_among_missing_values_and_outliers() {
         type Value = fn(f64, f64, f64) -> f64;
         let coordinates: [(&str, Value); 5] = [
             ("X", |x, _, _| x + 565_980.0),
@@ -389,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn channels_of_the_surface_pass() {
+    fn channels_that_describe_the_surface_are_accepted() {
         for (name, channel) in [
             ("intensity", fitted(|x, y, _| ((x * 13.0 + y * 7.0).sin() * 2048.0) as f32)),
             ("confidence", fitted(|x, y, z| ((x * 91.0 + y * 53.0 + z).sin().abs()) as f32)),

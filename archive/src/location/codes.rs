@@ -11,7 +11,7 @@ pub(super) struct Square {
     inside: [f64; 2],
 }
 
-/// Degrees by which a code may be off: what is around a place tells it as well.
+/// Degrees by which a code may be off, because the surroundings reveal a location as well.
 const AROUND: f64 = 0.05;
 /// Metres, of the same.
 const AROUND_M: f64 = 1000.0;
@@ -459,7 +459,7 @@ fn plus(before: &[usize], after: &[usize]) -> Option<Area> {
     Some(([lat + half[0], lon + half[1]], half))
 }
 
-/// The area of a short Plus Code. Such a code stands for many places; it means the one nearest to a known place.
+/// The area of a short Plus Code. Such a code represents many places; it means the one nearest to a known place.
 fn recovered(code: &PlusCode, [lat, lon]: [f64; 2]) -> Option<Area> {
     let lacking = 8usize.checked_sub(code.before.len()).filter(|n| matches!(n, 2 | 4))?;
     let (mut rest, mut size, mut digits) =
@@ -598,7 +598,7 @@ mod tests {
 
     /// Examples of the specifications.
     #[test]
-    fn codes_decode_as_their_specifications_say() {
+    fn location_codes_decode_as_specified() {
         let close =
             |a: [f64; 2], b: [f64; 2]| assert!((a[0] - b[0]).abs() < 0.01 && (a[1] - b[1]).abs() < 0.01, "{a:?} {b:?}");
         close(area(geohash("u4pruydqqvj")), [57.649_11, 10.407_44]);

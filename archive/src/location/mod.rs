@@ -30,7 +30,7 @@ use text::{Number, numbers, readable, shown};
 
 /// Map coordinates begin here, metres: smaller numbers are lengths, years and house numbers.
 const MAP: f64 = 10_000.0;
-/// What is around the model tells its place as well, metres and degrees.
+/// The surroundings of the model reveal its location as well: metres and degrees.
 const AROUND: f64 = 1000.0;
 const AROUND_DEGREES: f64 = 0.05;
 /// Decimals from which on a number alone may be degrees, a pair anywhere in a text, and two numbers side by side.
@@ -105,7 +105,7 @@ impl Range {
     }
 }
 
-/// Two numbers that together tell the place, and how long each must be written at least, characters.
+/// Two numbers that together reveal the location, and the minimum length of each as written, characters.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Together {
     ranges: [Range; 2],
@@ -119,15 +119,15 @@ pub struct Location {
     sites: Vec<[f64; 2]>,
     /// The same and those of which only one is known.
     degrees: Vec<f64>,
-    /// Map coordinates any one of which tells it, metres.
+    /// Map coordinates each of which reveals it, metres.
     ranges: Vec<Range>,
-    /// Numbers of which two side by side tell it.
+    /// Numbers of which two side by side reveal it.
     together: Vec<Together>,
     squares: Vec<Square>,
     /// The code of the reference system, where that is withheld, too.
     epsg: Option<String>,
-    /// Whether the reference system is told.
-    is_system_told: bool,
+    /// Whether the reference system is public.
+    is_system_known: bool,
     /// Whether coordinates are refused by their form alone, as nothing else is known.
     is_unknown: bool,
     /// The box of the model in its reference system, metres; for channels.
@@ -148,9 +148,9 @@ impl Location {
         all.add_map([min[0], min[1]], [max[0], max[1]]);
         all.add_last_five([min[0], min[1]], [max[0], max[1]]);
         all.epsg = crs.and_then(|c| c.strip_prefix("EPSG:")).map(str::to_owned);
-        let said = place.map(|p| [p.latitude, p.longitude]).unwrap_or_default();
-        all.degrees.extend(said.iter().flatten());
-        if let [Some(lat), Some(lon)] = said {
+        let given = place.map(|p| [p.latitude, p.longitude]).unwrap_or_default();
+        all.degrees.extend(given.iter().flatten());
+        if let [Some(lat), Some(lon)] = given {
             all.add_site([lat, lon], [0.0; 2]);
         }
         if let Some(site) = crs.and_then(|crs| degrees_of_box(crs, bounds)) {
@@ -159,11 +159,11 @@ impl Location {
         all
     }
 
-    /// The same, where the reference system may be named: a cell of it is told.
+    /// The same if the reference system may be named, because a cell of it is public.
     #[must_use]
     pub fn with_known_system(mut self) -> Self {
         self.epsg = None;
-        self.is_system_told = true;
+        self.is_system_known = true;
         self
     }
 
@@ -278,7 +278,7 @@ impl Location {
             .or_else(|| codes::near(text, &self.sites, &self.squares).map(says(Kind::Code)))
             .or_else(|| self.system(text, &numbers).map(says(Kind::ReferenceSystem)))
             .or_else(|| {
-                let form = whichever::Form { is_system_told: self.is_system_told, is_written };
+                let form = whichever::Form { is_system_known: self.is_system_known, is_written };
                 let found = || whichever::found(text, &numbers, &angles, form);
                 let (from, to, kind) = if self.is_unknown { found()? } else { return None };
                 Some(Finding { found: shown(text, from, to), kind })
@@ -368,7 +368,7 @@ impl Location {
     }
 
     fn system(&self, text: &[char], numbers: &[Number]) -> Option<(usize, usize)> {
-        if self.is_system_told {
+        if self.is_system_known {
             return None;
         }
         let is_own = |zone: u32| self.squares.iter().any(|s| s.zone() == zone);
@@ -464,13 +464,13 @@ fn begins(text: &[char], at: usize, word: &str) -> bool {
 /// A latitude beside a longitude of whichever place: with letters or words that name the axes, or with so many digits that they can be nothing else.
 fn stated(text: &[char], numbers: &[Number], angles: &[Angle]) -> Option<(usize, usize)> {
     let named = |wanted: Axis| -> Vec<(usize, usize)> {
-        let most = if wanted == Axis::Latitude { 90.0 } else { 180.0 };
+        let max = if wanted == Axis::Latitude { 90.0 } else { 180.0 };
         let decimal = numbers.iter().filter(|n| {
-            n.value <= most
+            n.value <= max
                 && (n.decimals >= BESIDE_DECIMALS || is_degree(text, n))
                 && axis_of(text, n.from, n.to) == Some(wanted)
         });
-        let sixty = angles.iter().filter(|a| a.value <= most && a.is_marked && a.axis == Some(wanted));
+        let sixty = angles.iter().filter(|a| a.value <= max && a.is_marked && a.axis == Some(wanted));
         let mut all: Vec<_> = decimal.map(Placed::span).chain(sixty.map(Placed::span)).collect();
         all.sort_unstable();
         all

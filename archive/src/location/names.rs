@@ -1,4 +1,4 @@
-//! Names, whose hyphens may stand for decimal points or spaces, and lists, whose items may belong together.
+//! Names, whose hyphens may represent decimal points or spaces, and lists, whose items may belong together.
 
 use super::text::readable;
 use super::{Finding, Location, codes};

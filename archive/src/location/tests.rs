@@ -1,7 +1,7 @@
 use super::*;
 use proptest::prelude::*;
 
-/// A fort in UTM 37 S, and what its metadata say.
+/// A fort in UTM 37 S and its metadata.
 const BOUNDS: [[f64; 3]; 2] = [[565_950.0, 9_009_900.0, 2.0], [566_000.0, 9_009_990.0, 20.0]];
 
 fn place(latitude: f64, longitude: f64) -> Place {
@@ -107,7 +107,7 @@ const PLANTED: &[&str] = &[
     "9.9513 gon",
     "537.4 minutes south",
     "wd:Q12345",
-    // Digits that are no decimal ones, and encodings.
+    // Non-decimal digits, and encodings.
     "\u{2079}\u{2070}\u{2070}\u{2079}\u{2079}\u{2074}\u{2076}",
     "\u{2089}\u{2080}\u{2080}\u{2089}\u{2089}\u{2084}\u{2086}",
     "\u{2468}\u{24ea}\u{24ea}\u{2468}\u{2468}\u{2463}\u{2465}",
@@ -312,7 +312,7 @@ fn the_last_five_digits_of_easting_and_northing_are_found_in_every_system() {
 
 /// Short Plus Codes that consist of letters or of digits alone are found too.
 #[test]
-fn a_short_plus_code_of_letters_or_of_digits_is_found() {
+fn a_short_plus_code_in_letters_or_digits_is_found() {
     let peru = Location::of([[0.0; 3], [1.0; 3]], None, Some(&place(-13.1812, -72.5511)));
     let digit = |v: f64| "23456789CFGHJMPQRVWX".chars().nth(v as usize).unwrap();
     for (lat, lon) in
@@ -461,7 +461,7 @@ const ORDINARY: &[&str] = &[
 ];
 
 #[test]
-fn ordinary_sentences_pass() {
+fn ordinary_sentences_are_accepted() {
     assert!(ORDINARY.len() >= 50);
     let elsewhere = Location::of(
         [[428_000.0, 5_520_000.0, 90.0], [428_050.0, 5_520_040.0, 120.0]],
@@ -474,19 +474,19 @@ fn ordinary_sentences_pass() {
         assert!(refused.is_empty(), "{} of {}: {refused:#?}", refused.len(), ORDINARY.len());
     }
     let local = Location::of([[0.0; 3], [50.0; 3]], None, None);
-    assert!(local.find("1505 and 12.5").is_none(), "local coordinates tell nothing");
+    assert!(local.find("1505 and 12.5").is_none(), "local coordinates reveal nothing");
 }
 
 /// What looks like a date is still found if the place is known.
 #[test]
-fn an_angle_that_may_be_a_date_is_found_near_the_place() {
+fn an_angle_that_could_be_a_date_is_found_if_it_is_near_the_location() {
     let location = Location::of([[0.0; 3], [1.0; 3]], None, Some(&place(-8.156, 39.6)));
     for text in ["8.09.22 south", "8-09-22 south", "8/9/22 south"] {
         assert!(location.find(text).is_some() && Location::unknown().find(text).is_none(), "{text}");
     }
 }
 
-/// In slugs and titles, hyphens may stand for decimal points or spaces.
+/// In slugs and titles, hyphens may mean decimal points or spaces.
 #[test]
 fn coordinates_with_hyphens_are_found_in_names() {
     for name in [
@@ -529,7 +529,7 @@ fn coordinates_with_hyphens_are_found_in_names() {
 }
 
 #[test]
-fn lists_are_searched_joined() {
+fn lists_are_searched_as_one_joined_text() {
     for list in [["-8.956", "39.600"], ["65977", "09946"], ["8", "95611"], ["lat -8.95", "lon 39.52"]] {
         let found = |value: &Value| fort().find_in_json(value, &|_| false);
         let (at, _) = found(&serde_json::json!({ "subjects": ["fort", list[0], list[1]] })).unwrap();
@@ -546,11 +546,11 @@ fn lists_are_searched_joined() {
 
 /// The search of uploads refuses everything that the local search refuses, except texts that only match the place.
 #[test]
-fn without_the_location_every_recognisable_form_is_found() {
+fn every_recognisable_form_is_found_even_if_the_location_is_unknown() {
     let unknown = Location::unknown();
     let missed: Vec<&str> = PLANTED.iter().copied().filter(|text| unknown.find(text).is_none()).collect();
     assert_eq!(missed, FORMLESS, "{missed:#?}");
-    // Whatever is refused for another place is refused without one too.
+    // Text that is refused for another location is also refused if none is known.
     let elsewhere = Location::of([[0.0; 3], [1.0; 3]], None, Some(&place(61.5, 121.5)));
     for text in PLANTED.iter().chain(ORDINARY) {
         assert!(elsewhere.find(text).is_none() || unknown.find(text).is_some(), "{text}");
@@ -559,7 +559,7 @@ fn without_the_location_every_recognisable_form_is_found() {
 }
 
 #[test]
-fn without_the_location_only_what_can_be_nothing_else_is_refused() {
+fn if_the_location_is_unknown_only_unambiguous_coordinates_are_refused() {
     let unknown = Location::unknown();
     for text in [
         "8°57'27\" S, 39°31'22\" E",
@@ -590,7 +590,7 @@ const ZEROS: [u32; 75] = [
 const BY_DIGITS: [&str; 3] = ["9009946", "-8.9562", "8°57'22\" S"];
 
 #[test]
-fn digits_of_every_script_are_read() {
+fn digits_of_every_script_are_recognised() {
     let fort = fort();
     for zero in ZEROS {
         let other = |c: char| char::from_u32(zero + c.to_digit(10)?);
@@ -602,7 +602,7 @@ fn digits_of_every_script_are_read() {
 }
 
 #[test]
-fn what_nobody_sees_hides_no_coordinate() {
+fn invisible_characters_hide_no_coordinate() {
     let fort = fort();
     let ranges = [
         0xad..=0xad,
@@ -639,7 +639,7 @@ fn what_nobody_sees_hides_no_coordinate() {
 }
 
 #[test]
-fn without_the_location_the_form_alone_tells() {
+fn if_the_location_is_unknown_the_form_alone_decides() {
     let unknown = Location::unknown();
     for text in [
         "EPSG:32737",
@@ -695,13 +695,13 @@ fn without_the_location_the_form_alone_tells() {
     for text in ["EPSG:4326", "WGS 84 (EPSG:3857)", "projected with UTM", "123,456 vertices and 1,234,567 triangles"] {
         assert!(unknown.find(text).is_none(), "{text}");
     }
-    let told = Location::unknown().with_known_system();
-    assert!(told.find("EPSG:32737, UTM zone 37S").is_none() && told.find("565977 9009946").is_some());
+    let projected = Location::unknown().with_known_system();
+    assert!(projected.find("EPSG:32737, UTM zone 37S").is_none() && projected.find("565977 9009946").is_some());
 }
 
 /// If time grew with the square of the length, the first of these texts would take more than ten minutes, and nextest would end the test.
 #[test]
-fn time_grows_linearly_with_the_length_of_a_text_of_any_shape() {
+fn search_time_is_linear_in_the_length_of_any_text() {
     let length = if std::env::var_os("KILWA_SOAK").is_some() { 1_200_000 } else { 600_000 };
     for piece in [
         "1",
@@ -748,7 +748,7 @@ fn time_grows_linearly_with_the_length_of_a_text_of_any_shape() {
 }
 
 #[test]
-fn the_way_to_a_text_in_json_is_named() {
+fn the_json_path_of_a_text_is_reported() {
     let value = serde_json::json!({ "a": [{ "b": "fine" }, { "b": "at 565977", "c": 565_977 }], "passed": "565977" });
     let (at, finding) = fort().find_in_json(&value, &|at| at == "passed").unwrap();
     assert_eq!((at.as_str(), finding.kind), ("a[1].b", Kind::MapCoordinate));
@@ -773,19 +773,19 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(if std::env::var_os("KILWA_SOAK").is_some() { 20_000 } else { 500 }))]
 
     #[test]
-    fn no_text_stops_the_search(text in ".{0,300}") {
+    fn no_text_makes_the_search_panic_or_hang(text in ".{0,300}") {
         let _ = fort().find(&text);
         let _ = Location::unknown().find(&text);
     }
 
     #[test]
-    fn no_text_of_digits_and_signs_stops_the_search(text in "[0-9 .,:°'\"NSEWOnsewo+/%a-f_-]{0,200}") {
+    fn no_text_of_digits_and_signs_makes_the_search_panic_or_hang(text in "[0-9 .,:°'\"NSEWOnsewo+/%a-f_-]{0,200}") {
         let _ = fort().find(&text);
     }
 
     /// Any place on earth, in the forms that programs and people write.
     #[test]
-    fn a_planted_place_is_found_wherever_it_is(
+    fn a_planted_location_is_found_anywhere_in_a_text(
         lat in -79.9..79.9f64, lon in -179.9..179.9f64, decimals in 2..9usize, before in "[a-zA-Z ]{0,12}", after in "[a-zA-Z ]{0,12}",
     ) {
         let location = Location::of([[0.0; 3], [1.0; 3]], None, Some(&place(lat, lon)));

@@ -4,7 +4,7 @@ use super::unseen;
 
 /// Times that encodings are taken off: links are put into links.
 const DECODINGS: usize = 5;
-/// What stands for signs in HTML, and the sign.
+/// What represents signs in HTML, and the sign.
 const ENTITIES: [(&str, char); 67] = [
     ("&deg;", '°'),
     ("&#176;", '°'),
@@ -146,7 +146,7 @@ fn one(c: char) -> Option<char> {
     })
 }
 
-/// With `%2C` and the like as what they stand for; what is no encoding stays.
+/// With `%2C` and the like as what they represent; what is no encoding stays.
 fn without_percent(text: &str) -> String {
     let bytes = text.as_bytes();
     let hex = |at: usize| bytes.get(at).and_then(|b| char::from(*b).to_digit(16));
@@ -165,7 +165,7 @@ fn without_percent(text: &str) -> String {
     String::from_utf8_lossy(&out).into_owned()
 }
 
-/// With `&#57;`, `&#x39;`, `\u0039`, `\u{39}` and `\x39` as what they stand for; what is no such form stays.
+/// With `&#57;`, `&#x39;`, `\u0039`, `\u{39}` and `\x39` as what they represent; what is no such form stays.
 fn without_escapes(text: &str) -> String {
     let (mut out, mut rest) = (String::with_capacity(text.len()), text);
     while let Some(at) = rest.find(['&', '\\']) {
@@ -203,9 +203,9 @@ fn escape(text: &str) -> Option<(char, usize)> {
     if let Some(pair) = surrogates(text) {
         return Some((pair, 12));
     }
-    FORMS.iter().find_map(|(begin, end, radix, most)| {
+    FORMS.iter().find_map(|(begin, end, radix, max)| {
         let rest = text.strip_prefix(begin)?;
-        let digits = rest.bytes().take(*most).take_while(|b| char::from(*b).is_digit(*radix)).count();
+        let digits = rest.bytes().take(*max).take_while(|b| char::from(*b).is_digit(*radix)).count();
         let c = char::from_u32(u32::from_str_radix(rest.get(..digits)?, *radix).ok()?)?;
         let length = begin.len() + digits;
         // HTML is shown without the semicolon, too.
@@ -343,9 +343,8 @@ fn is_date(runs: &[Run], signs: &[char], first: usize) -> bool {
     let (Some([day, month, year]), Some(['.', '.'])) = (runs.get(first..first + 3), signs.get(first..first + 2)) else {
         return false;
     };
-    let small = |run: &Run, most: u32| {
-        run.digits.len() <= 2 && run.digits.parse::<u32>().is_ok_and(|n| (1..=most).contains(&n))
-    };
+    let small =
+        |run: &Run, max: u32| run.digits.len() <= 2 && run.digits.parse::<u32>().is_ok_and(|n| (1..=max).contains(&n));
     let is_year = year.digits.len() == 4 && ('1'..='2').contains(&year.digits.chars().next().unwrap_or('0'));
     is_year && small(day, 31) && small(month, 12)
 }

@@ -8,7 +8,7 @@ use super::codes::{grid_reference, labelled, labelled_grid};
 use super::text::Number;
 use super::{BESIDE, Kind, is_degree, may_be_degrees};
 
-/// Reference systems of the whole earth (EPSG), which tell no place.
+/// Reference systems of the whole earth (EPSG), which reveal no location.
 const WORLDWIDE: [&str; 9] = ["4326", "4978", "4979", "4936", "3857", "3395", "3785", "9707", "900913"];
 /// Decimals of a latitude or longitude without anything that says so, and of one beside another or with its letter.
 const ALONE_DECIMALS: usize = 5;
@@ -30,20 +30,21 @@ type Found = (usize, usize, Kind);
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Form {
     /// Whether the reference system is given.
-    pub(super) is_system_told: bool,
+    pub(super) is_system_known: bool,
     /// Whether the text is unchanged; otherwise its hyphens were replaced by points or spaces.
     pub(super) is_written: bool,
 }
 
-/// The first piece that can hardly be anything but a coordinate or a regional reference system; the latter only where it is not told.
+/// The first piece that can hardly be anything but a coordinate or a regional reference system; the latter only if it is not public.
 pub(super) fn found(text: &[char], numbers: &[Number], angles: &[Angle], form: Form) -> Option<Found> {
     let coordinates = |(from, to): (usize, usize)| (from, to, Kind::Coordinates);
     let system = || {
         let zone = || zones(text, numbers).next().map(|(_, from, to)| (from, to));
         epsg(text).or_else(zone).map(|(from, to)| (from, to, Kind::RegionalSystem))
     };
-    let told = if form.is_system_told { None } else { system() };
-    told.or_else(|| degrees(text, numbers, angles, form).map(coordinates))
+    let from_system = if form.is_system_known { None } else { system() };
+    from_system
+        .or_else(|| degrees(text, numbers, angles, form).map(coordinates))
         .or_else(|| eastings(text, numbers).map(coordinates))
         .or_else(|| {
             let code = grid_reference(text)
@@ -156,8 +157,8 @@ fn in_address(text: &[char], numbers: &[Number]) -> Option<(usize, usize)> {
 /// Whether a sexagesimal angle is unlikely to be a time or a date: it has unit signs, or all three parts and the letter of an axis.
 /// Three numbers that look like a date or a version do not count if only a direction word or an initial follows.
 fn is_angle(text: &[char], a: &Angle) -> bool {
-    let most = if a.axis == Some(Axis::Latitude) { 90.0 } else { 180.0 };
-    if a.value > most {
+    let max = if a.axis == Some(Axis::Latitude) { 90.0 } else { 180.0 };
+    if a.value > max {
         return false;
     }
     if a.is_marked {
@@ -218,12 +219,12 @@ fn lettered(text: &[char], numbers: &[Number]) -> Option<(usize, usize)> {
     super::beside(&east, &north)
 }
 
-/// A word that is said to be a geohash.
+/// A word labelled as a geohash.
 fn geohash(text: &[char]) -> Option<(usize, usize)> {
     let all = lower(text, 0, text.len());
     let (before, behind) = all.split_at(all.find("geohash")?);
-    let said = behind.get(7..)?.trim_start_matches(|c: char| !c.is_alphanumeric());
-    let code: String = said.chars().take_while(char::is_ascii_alphanumeric).collect();
+    let rest = behind.get(7..)?.trim_start_matches(|c: char| !c.is_alphanumeric());
+    let code: String = rest.chars().take_while(char::is_ascii_alphanumeric).collect();
     let from = before.chars().count();
     (code.len() >= 4 && code.chars().any(|c| c.is_ascii_digit())).then_some((from, from + 20))
 }

@@ -90,7 +90,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn systems_are_written_in_one_way() {
+    fn reference_systems_are_normalised_to_one_spelling() {
         for given in
             ["EPSG:32737", "epsg:32737", "urn:ogc:def:crs:EPSG::32737", "http://www.opengis.net/def/crs/EPSG/0/32737"]
         {
@@ -98,18 +98,18 @@ mod tests {
         }
         assert_eq!(normalise("Local"), Ok(None));
         assert!(normalise("PROJCRS[\"x\"]").unwrap().is_some());
-        for (bad, said) in [
+        for (bad, expected) in [
             ("32737", "write \"EPSG:32737\""),
             ("EPSG:4326", "degrees"),
             ("EPSG:99999", "no EPSG code"),
             ("UTM 37S", "EPSG code such as"),
         ] {
-            assert!(normalise(bad).unwrap_err().contains(said), "{bad}");
+            assert!(normalise(bad).unwrap_err().contains(expected), "{bad}");
         }
     }
 
     #[test]
-    fn a_model_cannot_lie_outside_of_its_zone() {
+    fn a_model_outside_its_zone_is_reported() {
         let at = |x: f64, y: f64| ([x, y, 0.0], [x + 50.0, y + 50.0, 5.0]);
         let (min, max) = at(512_000.0, 9_007_000.0);
         assert!(holds("EPSG:32737", min, max).is_ok() && holds("EPSG:2169", [0.0; 3], [1.0; 3]).is_ok());

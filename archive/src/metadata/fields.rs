@@ -60,7 +60,7 @@ const RELATIONS: [&str; 36] = [
 pub(super) fn parse(text: &str) -> Result<Metadata, Problems> {
     let alone = |message: String, line| Problems(vec![Problem::new(line, "", message)]);
     if text.len() > FILE_MAX {
-        return Err(alone(format!("the file has {} bytes; {FILE_MAX} are possible", text.len()), 1));
+        return Err(alone(format!("the file has {} bytes; at most {FILE_MAX} are allowed", text.len()), 1));
     }
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let file = File::new(text);
@@ -73,7 +73,7 @@ pub(super) fn parse(text: &str) -> Result<Metadata, Problems> {
     })?;
     let metadata = metadata(Table::new(&file, "", 0, root.get_ref()));
     let mut problems = file.into_problems();
-    // What is said of where a field stands explains what is said of the field.
+    // Problems of the position of a field explain problems of the field.
     problems.retain(|p| strays.iter().all(|s| s.line != p.line));
     problems.extend(strays);
     problems.sort_by_key(|p| p.line);
@@ -103,7 +103,7 @@ fn metadata(t: Table<'_, '_>) -> Option<Metadata> {
         t.texts("subjects"),
         t.text("identifier").and_then(|f| identifier(&t, &f)),
         t.text("publisher").map(|f| f.value),
-        checked(&t, "published", is_day, "a day such as 2026-11-21 is wanted"),
+        checked(&t, "published", is_day, "expected a date such as 2026-11-21"),
     );
     let rights = rights_field(&t);
     let creators = agents(&t, "creators");
@@ -149,7 +149,7 @@ fn rights_field(t: &Table<'_, '_>) -> Option<RightsField> {
     if given.is_none() {
         table.missing("uri", &wanted);
     }
-    let uri = given.and_then(|f| Rights::parse(&f.value).map_err(|said| table.wrong("uri", f.at, said)).ok());
+    let uri = given.and_then(|f| Rights::parse(&f.value).map_err(|message| table.wrong("uri", f.at, message)).ok());
     let (holder, statement) = (table.text("holder").map(|f| f.value), table.paragraphs("statement"));
     table.finish();
     Some(RightsField { uri: uri?.uri, holder, statement })
@@ -175,8 +175,8 @@ fn model(t: &Table<'_, '_>) -> Option<Model> {
     let crs = table.text("crs").and_then(|f| match crs::normalise(&f.value) {
         Ok(None) => Some("local".to_owned()),
         Ok(crs) => crs,
-        Err(said) => {
-            table.wrong("crs", f.at, said);
+        Err(message) => {
+            table.wrong("crs", f.at, message);
             None
         }
     });
@@ -215,16 +215,16 @@ fn place(t: Table<'_, '_>) -> Place {
             t.wrong(
                 "country",
                 f.at,
-                "two letters of ISO 3166-1 are wanted, for example TZ; the name can stand in place.name",
+                "expected two letters of ISO 3166-1, for example TZ; write the name in place.name",
             );
         }
         is_code.then(|| f.value.to_uppercase())
     });
-    let degrees = |key: &'static str, most: f64| {
+    let degrees = |key: &'static str, max: f64| {
         let f = t.number(key)?;
-        let is_right = f.value.abs() <= most;
+        let is_right = f.value.abs() <= max;
         if !is_right {
-            t.wrong(key, f.at, format!("degrees from -{most} to {most} are wanted"));
+            t.wrong(key, f.at, format!("expected degrees from -{max} to {max}"));
         }
         is_right.then_some(f.value)
     };
@@ -266,7 +266,7 @@ fn capture(t: Table<'_, '_>) -> Capture {
     let accuracy = t.number("accuracy").and_then(|f| {
         let is_right = f.value > 0.0 && f.value <= 1000.0;
         if !is_right {
-            t.wrong("accuracy", f.at, "metres are wanted, more than 0, for example 0.003");
+            t.wrong("accuracy", f.at, "expected metres, more than 0, for example 0.003");
         }
         is_right.then_some(f.value)
     });
@@ -306,7 +306,7 @@ fn access(t: Table<'_, '_>) -> Option<AccessField> {
             None
         }
     });
-    let until = checked(&t, "until", is_day, "the first day that is public is wanted, for example 2027-06-01");
+    let until = checked(&t, "until", is_day, "expected the first public day, for example 2027-06-01");
     match (state, &until) {
         (Some(AccessState::Embargo), None) => {
             t.missing("until", "an embargo needs the first day that is public, for example until = \"2027-06-01\"");
@@ -364,7 +364,7 @@ fn funding(t: &Table<'_, '_>) -> Vec<Funding> {
     t.tables("funding").into_iter().filter_map(one).collect()
 }
 
-const DATES: &str = "a year, month or day is wanted, or a span of two: 2009, 2009-07, 2009-07-20/2009-08-03";
+const DATES: &str = "expected a year, month or day, or a span of two: 2009, 2009-07, 2009-07-20/2009-08-03";
 
 fn checked(t: &Table<'_, '_>, key: &'static str, is_right: fn(&str) -> bool, wanted: &str) -> Option<String> {
     let f = t.text(key)?;
@@ -383,7 +383,7 @@ fn language(t: &Table<'_, '_>, f: Found<String>) -> Option<String> {
     let is_right =
         is_first && parts.all(|p| (1..=8).contains(&p.len()) && p.bytes().all(|b| b.is_ascii_alphanumeric()));
     if !is_right {
-        t.wrong("language", f.at, "a code such as en, fr, sw or pt-BR is wanted");
+        t.wrong("language", f.at, "expected a code such as en, fr, sw or pt-BR");
     }
     is_right.then_some(f.value)
 }
@@ -392,7 +392,7 @@ fn language(t: &Table<'_, '_>, f: Found<String>) -> Option<String> {
 fn address(t: &Table<'_, '_>, key: &str, f: Found<String>) -> Option<String> {
     let right = is_address(&f.value);
     if !right {
-        t.wrong(key, f.at, format!("\"{}\" is no address; it begins with https:// and has no spaces", f.value));
+        t.wrong(key, f.at, format!("\"{}\" is no address; an address begins with https:// and has no spaces", f.value));
     }
     right.then_some(f.value)
 }

@@ -1,15 +1,15 @@
 use super::*;
 
-const LEAST: &str = "title = \"Fort\"\n[rights]\nuri = \"CC BY 4.0\"\n[model]\nunits = \"m\"\n";
+const MINIMAL: &str = "title = \"Fort\"\n[rights]\nuri = \"CC BY 4.0\"\n[model]\nunits = \"m\"\n";
 
 /// The problems of a file, one per line.
-fn said(text: &str) -> String {
+fn refusal(text: &str) -> String {
     Metadata::parse(text).unwrap_err().to_string()
 }
 
 #[test]
 fn title_rights_and_units_are_enough() {
-    let m = Metadata::parse(LEAST).unwrap();
+    let m = Metadata::parse(MINIMAL).unwrap();
     assert_eq!(
         (m.title.as_str(), m.rights.uri.as_str(), m.model.units.as_str()),
         ("Fort", "https://creativecommons.org/licenses/by/4.0/", "m")
@@ -20,14 +20,14 @@ fn title_rights_and_units_are_enough() {
 }
 
 #[test]
-fn without_them_each_is_named_with_what_to_write() {
-    let all = said("");
+fn each_missing_field_is_named_with_what_to_write() {
+    let all = refusal("");
     assert!(all.contains("title: every model needs a title"), "{all}");
     assert!(all.contains("rights: add a line [rights]") && all.contains("CC BY 4.0"), "{all}");
     assert!(all.contains("model: add a line [model]") && all.contains("mm"), "{all}");
-    let unseen = said("title = \"\\u202E\"\n[rights]\nuri = \"CC0\"\n[model]\nunits = \"m\"\n");
+    let unseen = refusal("title = \"\\u202E\"\n[rights]\nuri = \"CC0\"\n[model]\nunits = \"m\"\n");
     assert!(unseen.contains("every model needs a title"), "{unseen}");
-    let empty = said("title = \"\"\n\n[rights]\nuri = \" \"\n[model]\n");
+    let empty = refusal("title = \"\"\n\n[rights]\nuri = \" \"\n[model]\n");
     assert!(
         empty.contains("line 1: title")
             && empty.contains("line 4: rights.uri")
@@ -37,9 +37,9 @@ fn without_them_each_is_named_with_what_to_write() {
 }
 
 #[test]
-fn every_mistake_is_told_with_line_and_field_in_order() {
+fn every_mistake_is_reported_in_order_with_line_and_field() {
     let text = format!(
-        "{LEAST}crs = \"EPSG:4326\"\nunitz = 1\n[[creators]]\nnmae = \"x\"\norcid = \"0000-0002-1825-0098\"\n[place]\nlatitude = 91\nlongitude = \"39\"\n\
+        "{MINIMAL}crs = \"EPSG:4326\"\nunitz = 1\n[[creators]]\nnmae = \"x\"\norcid = \"0000-0002-1825-0098\"\n[place]\nlatitude = 91\nlongitude = \"39\"\n\
          country = \"Tanzania\"\n[capture]\ndate = 2009-02-30\naccuracy = 0\n"
     );
     let problems = match Metadata::parse(&text.replace("2009-02-30", "\"2009-02-30\"")) {
@@ -68,16 +68,18 @@ fn every_mistake_is_told_with_line_and_field_in_order() {
 }
 
 #[test]
-fn text_that_is_no_toml_is_told_with_its_line_and_how_it_is_written() {
-    assert!(said("title = Fort\n").starts_with("line 1: ") && said("title = Fort\n").contains("quotation marks"));
-    assert!(said("\ntitle: \"Fort\"\n").starts_with("line 2: ") && said("\ntitle: \"Fort\"").contains("equals sign"));
-    assert!(said("title = \"a\"\ntitle = \"b\"").contains("line 2"));
+fn invalid_toml_is_reported_with_its_line_and_the_correct_form() {
+    assert!(refusal("title = Fort\n").starts_with("line 1: ") && refusal("title = Fort\n").contains("quotation marks"));
+    assert!(
+        refusal("\ntitle: \"Fort\"\n").starts_with("line 2: ") && refusal("\ntitle: \"Fort\"").contains("equals sign")
+    );
+    assert!(refusal("title = \"a\"\ntitle = \"b\"").contains("line 2"));
 }
 
 #[test]
-fn dates_identifiers_and_people_are_checked_and_made_alike() {
+fn dates_identifiers_and_people_are_checked_and_normalised() {
     let m = Metadata::parse(&format!(
-        "identifier = \"doi:10.5281/zenodo.123\"\npublished = 2026-11-21\nurl = \"https://a.org/fort\"\n{LEAST}\
+        "identifier = \"doi:10.5281/zenodo.123\"\npublished = 2026-11-21\nurl = \"https://a.org/fort\"\n{MINIMAL}\
          [[creators]]\nname = \"Rüther, Heinz\"\norcid = \"0000-0002-1825-0097\"\n[[creators]]\nname = \"Zamani\"\nkind = \"organisation\"\n\
          [access]\nstate = \"embargo\"\nuntil = 2027-01-01\n[[related]]\nrelation = \"isdescribedby\"\nuri = \"10.1145/1015706.1015802\"\n"
     ))
@@ -101,7 +103,7 @@ fn dates_identifiers_and_people_are_checked_and_made_alike() {
         ("subjects = [1]", "subjects"),
         ("description = 4", "description"),
     ] {
-        assert!(said(&format!("{bad}\n{LEAST}")).starts_with(&format!("line 1: {field}: ")), "{bad}");
+        assert!(refusal(&format!("{bad}\n{MINIMAL}")).starts_with(&format!("line 1: {field}: ")), "{bad}");
     }
     for (bad, what) in [
         ("state = \"embargo\"", "until"),
@@ -109,14 +111,14 @@ fn dates_identifiers_and_people_are_checked_and_made_alike() {
         ("state = \"secret\"", "none of"),
         ("state = \"public\"\nuntil = 2027-01-01", "only an embargo"),
     ] {
-        assert!(said(&format!("{LEAST}[access]\n{bad}\n")).contains(what), "{bad}");
+        assert!(refusal(&format!("{MINIMAL}[access]\n{bad}\n")).contains(what), "{bad}");
     }
 }
 
 #[test]
-fn what_tells_the_place_can_be_taken_away() {
+fn fields_that_reveal_the_location_can_be_removed() {
     let text = format!(
-        "{LEAST}crs = \"EPSG:32737\"\n[place]\nname = \"A cave\"\nlatitude = -8.95\nlongitude = 39.5\nuri = \"https://www.wikidata.org/wiki/Q1\"\n"
+        "{MINIMAL}crs = \"EPSG:32737\"\n[place]\nname = \"A cave\"\nlatitude = -8.95\nlongitude = 39.5\nuri = \"https://www.wikidata.org/wiki/Q1\"\n"
     );
     let m = Metadata::parse(&text).unwrap().without_location();
     let json = serde_json::to_string(&m).unwrap();

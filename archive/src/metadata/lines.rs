@@ -85,38 +85,41 @@ pub(super) fn syntax(message: &str, text: &str, line: usize) -> String {
 mod tests {
     use crate::Metadata;
 
-    const LEAST: &str = "title = \"Fort\"\n[rights]\nuri = \"CC BY 4.0\"\n[model]\nunits = \"m\"\n";
+    const MINIMAL: &str = "title = \"Fort\"\n[rights]\nuri = \"CC BY 4.0\"\n[model]\nunits = \"m\"\n";
 
-    fn said(more: &str) -> String {
-        Metadata::parse(&format!("{LEAST}{more}")).unwrap_err().to_string()
+    fn refusal(more: &str) -> String {
+        Metadata::parse(&format!("{MINIMAL}{more}")).unwrap_err().to_string()
     }
 
     #[test]
-    fn a_field_whose_block_is_a_comment_is_told_with_both_lines() {
+    fn a_field_under_a_commented_out_table_is_reported_with_both_lines() {
         // Unknown in the block before it, known there, and there for the second time.
         for (more, field) in [
             ("# [place]\nlatitude = -8.9\n", "place.latitude"),
             ("[object]\nkind = \"Fort\"\n# [capture]\ndate = 2009\n", "capture.date"),
             ("[[creators]]\nname = \"A\"\n# [[contributors]]\n# a word\nname = \"B\"\n", "contributors.name"),
         ] {
-            let said = said(more);
-            assert!(said.contains(field) && said.contains("which is a comment") && said.contains("away too"), "{said}");
-            assert_eq!(said.matches("line ").count(), 3, "told once: {said}");
+            let message = refusal(more);
+            assert!(
+                message.contains(field) && message.contains("which is a comment") && message.contains("away too"),
+                "{message}"
+            );
+            assert_eq!(message.matches("line ").count(), 3, "reported once: {message}");
         }
         let other = "# [place]\n# latitude = 1\n# holder = \"x\"\ncrs = \"EPSG:32737\"\n";
-        assert!(Metadata::parse(&format!("{LEAST}{other}")).is_ok(), "a field of the block that it stands in");
+        assert!(Metadata::parse(&format!("{MINIMAL}{other}")).is_ok(), "a field of the block that it stands in");
         let text = "[capture]\ndescription = \"\"\"\n# [place]\nname = x\n\"\"\"\n";
-        assert!(Metadata::parse(&format!("{LEAST}{text}")).is_ok(), "within a text");
+        assert!(Metadata::parse(&format!("{MINIMAL}{text}")).is_ok(), "within a text");
     }
 
     #[test]
-    fn quotation_marks_of_word_processors_and_bare_dates_are_named() {
+    fn typographic_quotation_marks_and_unquoted_dates_are_reported_by_name() {
         let curly = Metadata::parse("title = “Fort”\n").unwrap_err().to_string();
         assert!(curly.contains("line 1") && curly.contains("word processor"), "{curly}");
         for (text, meant) in [("21.11.2026", "2026-11-21"), ("21/11/2026", "2026-11-21")] {
-            let bare = said(&format!("[capture]\ndate = {text}\n"));
+            let bare = refusal(&format!("[capture]\ndate = {text}\n"));
             assert!(bare.contains("line 7") && bare.contains(meant), "{bare}");
-            let quoted = said(&format!("[capture]\ndate = \"{text}\"\n"));
+            let quoted = refusal(&format!("[capture]\ndate = \"{text}\"\n"));
             assert!(quoted.contains("line 7: capture.date") && quoted.contains(meant), "{quoted}");
         }
     }

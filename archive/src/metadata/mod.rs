@@ -18,7 +18,7 @@ pub use withheld::plain_accuracy;
 
 use serde::{Deserialize, Serialize};
 
-/// All that is said of a model. Names are those of the file.
+/// The metadata of a model. Names are those of the file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Metadata {
@@ -221,7 +221,7 @@ pub struct CaptureStep {
 pub struct Model {
     /// Units of the mesh that was scanned, as `kilwa build --units` names them.
     pub units: String,
-    /// Coordinate reference system, `EPSG:32737`; `local` where there is none.
+    /// Coordinate reference system, `EPSG:32737`; `local` if there is none.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub crs: Option<String>,
 }
@@ -285,16 +285,16 @@ impl Metadata {
     /// Every field that does not, with what to do.
     pub fn check(&self) -> Result<(), String> {
         let text = toml::to_string(self).map_err(|e| e.to_string())?;
-        let said =
+        let failed =
             |p: Problems| p.0.iter().map(|p| format!("{}: {}", p.field, p.message)).collect::<Vec<_>>().join("; ");
-        if Self::parse(&text).map_err(said)? == *self {
+        if Self::parse(&text).map_err(failed)? == *self {
             Ok(())
         } else {
             Err("a field is not in the form that kilwa writes".to_owned())
         }
     }
 
-    /// The same without what tells where on earth it is: latitude, longitude and the gazetteer's address of the place, the address of the
+    /// The same without what reveals where on earth it is: latitude, longitude and the gazetteer's address of the place, the address of the
     /// site in a register, the reference system. Names of places in texts stay: who writes them decides.
     #[must_use]
     pub fn without_location(mut self) -> Self {

@@ -132,42 +132,48 @@ mod tests {
         }
     }
 
-    fn said(more: &str, crs: Option<&str>) -> String {
+    fn joined_warnings(more: &str, crs: Option<&str>) -> String {
         let text = format!("title = \"t\"\n[rights]\nuri = \"CC0\"\n[model]\nunits = \"m\"\n{more}");
         warnings(&Metadata::parse(&text).unwrap(), &pack(crs, 0.001), "2026-11-21").join("\n")
     }
 
     #[test]
-    fn what_is_right_is_passed_over_in_silence() {
+    fn correct_metadata_gives_no_warnings() {
         for place in [
             "country = \"TZ\"\nlatitude = -8.9577\nlongitude = 39.5228",
             "country = \"PE\"\nlatitude = -13.2\nlongitude = -72.5",
             "country = \"GB\"\nlatitude = 51.5\nlongitude = 0.1",
             "country = \"NZ\"\nlatitude = -43.9\nlongitude = -176.5",
         ] {
-            assert_eq!(said(&format!("[place]\n{place}\n[capture]\naccuracy = 0.003\ndate = \"2026\""), None), "");
+            assert_eq!(
+                joined_warnings(&format!("[place]\n{place}\n[capture]\naccuracy = 0.003\ndate = \"2026\""), None),
+                ""
+            );
         }
         let fort = "[place]\nlatitude = -8.9577\nlongitude = 39.5228\n";
-        assert_eq!(said(fort, Some("EPSG:32737")), "");
+        assert_eq!(joined_warnings(fort, Some("EPSG:32737")), "");
     }
 
     #[test]
-    fn signs_codes_units_and_days_that_are_hardly_meant_are_said() {
-        let place = |text: &str| said(&format!("[place]\n{text}\n"), None);
+    fn implausible_signs_codes_units_and_dates_give_warnings() {
+        let place = |text: &str| joined_warnings(&format!("[place]\n{text}\n"), None);
         assert!(place("country = \"XX\"").contains("no country's code"));
         assert!(place("country = \"TZ\"\nlatitude = 8.9577\nlongitude = 39.5").contains("south of the equator"));
         assert!(place("country = \"TZ\"\nlatitude = -8.9\nlongitude = -39.5").contains("east of Greenwich"));
         assert!(place("country = \"DE\"\nlatitude = -50\nlongitude = 8").contains("north of the equator"));
         assert!(place("country = \"MX\"\nlatitude = 20\nlongitude = 90").contains("west of Greenwich"));
-        let swapped = said("[place]\nlatitude = 39.5228\nlongitude = -8.9577\n", Some("EPSG:32737"));
+        let swapped = joined_warnings("[place]\nlatitude = 39.5228\nlongitude = -8.9577\n", Some("EPSG:32737"));
         assert!(swapped.contains("UTM zone 37 S"), "{swapped}");
-        assert!(said("[capture]\naccuracy = 3.0\n", None).contains("3 mm are 0.003"));
-        assert!(said("[capture]\ndate = \"2027-01\"\n", None).contains("today is 2026-11-21"));
-        assert!(said("[access]\nstate = \"embargo\"\nuntil = 2026-11-21\n", None).contains("everybody may have it"));
+        assert!(joined_warnings("[capture]\naccuracy = 3.0\n", None).contains("3 mm are 0.003"));
+        assert!(joined_warnings("[capture]\ndate = \"2027-01\"\n", None).contains("today is 2026-11-21"));
+        assert!(
+            joined_warnings("[access]\nstate = \"embargo\"\nuntil = 2026-11-21\n", None)
+                .contains("everybody may have it")
+        );
     }
 
     #[test]
-    fn every_code_stands_in_one_list() {
+    fn every_code_is_in_exactly_one_list() {
         let all: Vec<&str> = [SOUTH, BOTH, NORTH].iter().flat_map(|l| l.split_whitespace()).collect();
         let set: std::collections::BTreeSet<&str> = all.iter().copied().collect();
         assert_eq!((all.len(), set.len()), (250, 250), "249 of ISO 3166-1, and XK");

@@ -63,7 +63,7 @@ mod tests {
     use super::nearest;
 
     #[test]
-    fn a_slip_of_the_finger_is_understood_and_another_word_is_not() {
+    fn a_typing_mistake_is_recognised_and_another_word_is_not() {
         let known = ["title", "description", "rights", "creators"];
         assert_eq!(nearest("titel", known.into_iter()), Some("title"));
         assert_eq!(nearest("Creator", known.into_iter()), Some("creators"));

@@ -112,16 +112,16 @@ impl<'a, 'i> Table<'a, 'i> {
         self.as_text(key, at, value.get_ref(), true)
     }
 
-    /// Whether the value is still an example of the template's, which is then said.
+    /// Whether the value is still an example of the template, which is then reported.
     fn is_example(&self, key: &str, at: usize, value: &DeValue<'_>) -> bool {
         let DeValue::String(text) = value else { return false };
         let text = text.trim();
         let is_example = text.len() > 2 && text.starts_with('<') && text.ends_with('>') || EXAMPLES.contains(&text);
         if is_example {
-            let told = format!(
+            let message = format!(
                 "{text} is still the example of the template; write what is true of this model, without < and >, or put a # before the line"
             );
-            let problem = Problem::new(self.file.line(at), self.field(key), told);
+            let problem = Problem::new(self.file.line(at), self.field(key), message);
             self.file.problems.borrow_mut().push(Problem { is_example: true, ..problem });
         }
         is_example
@@ -136,13 +136,13 @@ impl<'a, 'i> Table<'a, 'i> {
             // Dates may stand without quotation marks.
             DeValue::Datetime(date) => date.to_string(),
             other => {
-                self.wrong(key, at, format!("a text in quotation marks is wanted, not {}", kind(other)));
+                self.wrong(key, at, format!("expected a text in quotation marks, not {}", kind(other)));
                 return None;
             }
         };
-        let most = if is_long { TEXT_MAX } else { LINE_MAX };
-        if text.len() > most {
-            self.wrong(key, at, format!("it is {} bytes long; {most} are possible", text.len()));
+        let max = if is_long { TEXT_MAX } else { LINE_MAX };
+        if text.len() > max {
+            self.wrong(key, at, format!("it is {} bytes long; at most {max} are allowed", text.len()));
             return None;
         }
         if let Some(c) = text.chars().find(|c| c.is_control() && !(is_long && matches!(c, '\n' | '\t'))) {
@@ -161,7 +161,7 @@ impl<'a, 'i> Table<'a, 'i> {
             return self.as_text(key, at, value.get_ref(), false).into_iter().collect();
         };
         if list.len() > LIST_MAX {
-            self.wrong(key, at, format!("{} entries; {LIST_MAX} are possible", list.len()));
+            self.wrong(key, at, format!("{} entries; at most {LIST_MAX} are allowed", list.len()));
             return Vec::new();
         }
         list.iter().filter_map(|v| self.as_text(key, v.span().start, v.get_ref(), false)).collect()
@@ -177,7 +177,7 @@ impl<'a, 'i> Table<'a, 'i> {
             DeValue::Integer(n) => i64::from_str_radix(&n.as_str().replace('_', ""), n.radix()).ok().map(|n| n as f64),
             DeValue::Float(n) => n.as_str().replace('_', "").parse::<f64>().ok().filter(|n| n.is_finite()),
             other => {
-                self.wrong(key, at, format!("a number without quotation marks is wanted, not {}", kind(other)));
+                self.wrong(key, at, format!("expected a number without quotation marks, not {}", kind(other)));
                 return None;
             }
         };
@@ -205,7 +205,7 @@ impl<'a, 'i> Table<'a, 'i> {
         match value.get_ref() {
             DeValue::Table(table) => vec![Table::new(self.file, &name, at, table)],
             DeValue::Array(list) if list.len() > LIST_MAX => {
-                self.wrong(key, at, format!("{} entries; {LIST_MAX} are possible", list.len()));
+                self.wrong(key, at, format!("{} entries; at most {LIST_MAX} are allowed", list.len()));
                 Vec::new()
             }
             DeValue::Array(list) => {

@@ -233,7 +233,7 @@ mod tests {
     use crate::Metadata;
 
     #[test]
-    fn the_template_asks_for_what_is_needed_and_for_nothing_else() {
+    fn the_template_asks_only_for_required_fields() {
         let problems = Metadata::parse(&write(&Known::default())).unwrap_err().0;
         let fields: Vec<&str> = problems.iter().map(|p| p.field.as_str()).collect();
         assert_eq!(fields, ["title", "rights.uri", "model.units"]);
@@ -260,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_known_stands_in_it_and_reads_back() {
+    fn known_values_are_filled_into_the_template_and_round_trip() {
         let mut known = known();
         known.title = Some("A \"fort\" \\".to_owned());
         let m = Metadata::parse(&write(&known)).unwrap();
@@ -275,7 +275,7 @@ mod tests {
 
     /// Without their `#` the examples are refused, each with its line; without `<` and `>` they are right.
     #[test]
-    fn every_example_in_it_is_right_and_none_is_taken_for_true() {
+    fn every_example_in_the_template_is_valid_and_none_is_taken_as_a_value() {
         let known =
             Known { title: Some("t".into()), rights: Some("CC0".into()), units: Some("m".into()), ..Known::default() };
         let is_example = |l: &str| {
@@ -286,8 +286,8 @@ mod tests {
             write(&known).lines().map(|l| if is_example(l) { &l[2..] } else { l }).collect::<Vec<_>>().join("\n");
         let examples = text.lines().filter(|l| l.contains("= \"<") || l.contains("= [\"<")).count();
         let problems = Metadata::parse(&text).unwrap_err().0;
-        let told = problems.iter().filter(|p| p.is_example).map(|p| p.line);
-        assert_eq!(told.collect::<std::collections::BTreeSet<_>>().len(), examples, "{problems:?}");
+        let lines = problems.iter().filter(|p| p.is_example).map(|p| p.line);
+        assert_eq!(lines.collect::<std::collections::BTreeSet<_>>().len(), examples, "{problems:?}");
         let is_number = |l: &str| ["latitude", "longitude", "accuracy"].iter().any(|k| l.starts_with(k));
         let filled = |l: &str| if is_number(l) { l.replace(['<', '>', '"'], "") } else { l.replace(['<', '>'], "") };
         let text = text.lines().map(filled).collect::<Vec<_>>().join("\n");

@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn the_template_and_what_is_left_out_pass() {
+    fn the_template_and_omitted_fields_are_accepted() {
         let plain = "title = \"Fort\"\n[rights]\nuri = \"CC0\"\n[model]\nunits = \"m\"\ncrs = \"EPSG:32737\"\n[place]\nlatitude = -8.9577\nlongitude = 39.5228\n";
         assert_eq!(Metadata::check_withheld(plain, &location()), Ok(()));
         let metadata = Metadata::parse(plain).unwrap().without_location();

@@ -26,7 +26,7 @@ use thiserror::Error;
 /// Longest file, bytes: the page reads no longer one.
 pub const NOTES_MAX: u64 = 16_000_000;
 /// Most annotations of a file, as in the page.
-pub const MOST: usize = 5000;
+pub const MAX_ANNOTATIONS: usize = 5000;
 /// Longest title, text, and address or id, in the units of JavaScript's strings (UTF-16), as in the page.
 const LONGEST: [usize; 3] = [200, 20_000, 2000];
 /// How far from the model's box a place may be, of the box's diagonal: a coarse level, on which a place may have been chosen, reaches beyond the finest one.
@@ -36,12 +36,12 @@ const MARGIN: f64 = 0.02;
 const DEEPEST: usize = 32;
 /// Digits of an identity that tell packs apart, as in links of the page.
 const DIGITS: usize = 12;
-/// Problems that are told; of more only the number is.
-const TOLD: usize = 10;
+/// Problems that are listed; of further ones only the number is.
+const SHOWN_MAX: usize = 10;
 
 /// Why notes are refused.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
-#[error("{}", told(.0))]
+#[error("{}", listed(.0))]
 pub struct NotesError(Vec<String>);
 
 impl NotesError {
@@ -50,12 +50,12 @@ impl NotesError {
     }
 }
 
-fn told(problems: &[String]) -> String {
-    let mut said = problems.iter().take(TOLD).cloned().collect::<Vec<_>>().join("\n  ");
-    if problems.len() > TOLD {
-        let _ = write!(said, "\n  and {} more", problems.len() - TOLD);
+fn listed(problems: &[String]) -> String {
+    let mut list = problems.iter().take(SHOWN_MAX).cloned().collect::<Vec<_>>().join("\n  ");
+    if problems.len() > SHOWN_MAX {
+        let _ = write!(list, "\n  and {} more", problems.len() - SHOWN_MAX);
     }
-    said
+    list
 }
 
 /// A text, in no named language or in several.
@@ -68,7 +68,7 @@ pub enum Words {
 }
 
 impl Words {
-    /// In this language where it is said in it, else in English, else in the first.
+    /// In this language if available, otherwise in English, otherwise in the first.
     pub fn in_language(&self, language: &str) -> String {
         match self {
             Self::Plain(text) => text.clone(),
@@ -79,7 +79,7 @@ impl Words {
         }
     }
 
-    /// Each text with its language, where that is told.
+    /// Each text with its language, if stated.
     pub fn all(&self) -> Vec<(Option<&str>, &str)> {
         match self {
             Self::Plain(text) => vec![(None, text)],
@@ -140,7 +140,7 @@ pub struct Note {
     pub place: [f64; 3],
     /// How it is looked at, where that was kept.
     pub view: Option<View>,
-    /// Identity of the pack that it was made on, where that is told.
+    /// Identity of the pack that it was made on, if stated.
     pub made_on: Option<String>,
     /// Other states of the target, as they were.
     states: Vec<Value>,
@@ -149,7 +149,7 @@ pub struct Note {
 }
 
 impl Note {
-    /// Title in a language; empty where there is none.
+    /// Title in a language; empty if there is none.
     pub fn title(&self, language: &str) -> String {
         self.label.as_ref().map(|l| l.in_language(language)).unwrap_or_default()
     }
@@ -171,12 +171,12 @@ impl Note {
         })
     }
 
-    /// When it was made and changed, where told as text.
+    /// When it was made and changed, if stated as text.
     pub fn dates(&self) -> [Option<&str>; 2] {
         ["created", "modified"].map(|key| self.rest.get(key).and_then(Value::as_str))
     }
 
-    /// Who made it, where told: names.
+    /// The names of its authors, if stated.
     pub fn creators(&self) -> Vec<String> {
         let list = match self.rest.get("creator") {
             Some(Value::Array(list)) => list.as_slice(),
@@ -189,8 +189,8 @@ impl Note {
 
     /// A name made of what it says: the same note at the same place of the list has the same.
     fn derived_id(&self, number: usize) -> String {
-        let said = json!([number, self.label.as_ref().map(Words::json), self.bodies_json(), self.place]);
-        let sum = sha256(said.to_string().as_bytes());
+        let content = json!([number, self.label.as_ref().map(Words::json), self.bodies_json(), self.place]);
+        let sum = sha256(content.to_string().as_bytes());
         format!("urn:kilwa:note:{}", sum.get(..32).unwrap_or_default())
     }
 
@@ -285,10 +285,10 @@ impl Notes {
                 ));
                 continue;
             }
-            let said = |words: &Words| -> Vec<String> { words.all().into_iter().map(|(_, t)| t.to_owned()).collect() };
-            let labels = note.label.iter().flat_map(said);
+            let texts = |words: &Words| -> Vec<String> { words.all().into_iter().map(|(_, t)| t.to_owned()).collect() };
+            let labels = note.label.iter().flat_map(texts);
             let texts = note.bodies.iter().flat_map(|b| match b {
-                Body::Text { words, .. } => said(words),
+                Body::Text { words, .. } => texts(words),
                 Body::Link { .. } => Vec::new(),
             });
             for text in labels.chain(texts).chain(note.creators()) {
@@ -302,7 +302,7 @@ impl Notes {
     }
 }
 
-/// Whether two names are of one pack: as in the page, their first twelve digits tell.
+/// Whether two names are of one pack, compared by their first twelve digits as in the page.
 pub fn same_pack(one: &str, other: &str) -> bool {
     matches!((one.get(..DIGITS), other.get(..DIGITS)), (Some(a), Some(b)) if a == b)
 }

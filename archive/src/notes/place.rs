@@ -27,7 +27,7 @@ const YEARS: std::ops::RangeInclusive<u32> = 1900..=2100;
 /// Numeric regions and variants that are in use (IANA Language Subtag Registry).
 const REGIONS: [&str; 3] = ["001", "150", "419"];
 const VARIANTS: [&str; 6] = ["1901", "1996", "fonipa", "polyton", "tarask", "valencia"];
-/// Moved places are told to so many parts of a metre: a micrometre. Finer ones would be noise that tells how large the number was before.
+/// Moved positions are rounded to this part of a metre, a micrometre. Finer digits would be noise that reveals how large the number was before.
 const PARTS: f64 = 1e6;
 
 /// Whether a place is in a box with its margin.
@@ -45,7 +45,7 @@ pub fn scene_point(place: [f64; 3], origin: [f64; 3]) -> [f64; 3] {
 }
 
 impl Notes {
-    /// The notes without what tells a place on earth: moved by `offset` (what has to be added to the new coordinates to get the old ones), without
+    /// The notes without what reveals a location on earth: moved by `offset` (what has to be added to the new coordinates to get the old ones), without
     /// links, display, names of packs and everything else that is not words, dates or a name. Those that were made on a pack of `already`,
     /// whose place was taken out before, stand where they are to.
     #[must_use]
@@ -58,16 +58,16 @@ impl Notes {
     }
 
     /// What [`Self::without_place`] would leave out, for people; empty where nothing.
-    pub fn telling(&self) -> Option<String> {
+    pub fn revealing(&self) -> Option<String> {
         let links = self.notes.iter().filter(|n| n.links().next().is_some()).count();
         let displays = self.notes.iter().filter(|n| n.view.as_ref().is_some_and(|v| v.display.is_some())).count();
         let parts = [(links, "links"), (displays, "shading and sections")];
-        let said: Vec<String> = parts
+        let kinds: Vec<String> = parts
             .iter()
             .filter(|(n, _)| *n > 0)
             .map(|&(n, what)| format!("{what} of {}", counted(n, "note", "notes")))
             .collect();
-        (!said.is_empty()).then(|| format!("{}, which may tell the place", said.join(" and ")))
+        (!kinds.is_empty()).then(|| format!("{}, which may reveal the location", kinds.join(" and ")))
     }
 }
 
@@ -103,7 +103,7 @@ impl Note {
             rest.insert("creator".to_owned(), creators.into());
         }
         self.rest = rest;
-        // A name may be an address, or made of the place as it was; a random one tells nothing.
+        // A name may be an address, or contain the original location; a random one reveals nothing.
         if !self.id.strip_prefix("urn:uuid:").is_some_and(is_random_uuid) {
             self.id = self.derived_id(number);
         }
@@ -150,13 +150,13 @@ fn is_moment(text: &str) -> bool {
     let zone = clock.find(['Z', '+', '-']).unwrap_or(clock.len());
     let (time, zone) = clock.split_at(zone);
     let (time, fraction) = time.split_once('.').map_or((time, None), |(time, fraction)| (time, Some(fraction)));
-    let digits = |text: &str, most: u32| {
-        text.len() == 2 && text.bytes().all(|b| b.is_ascii_digit()) && text.parse::<u32>().is_ok_and(|n| n <= most)
+    let digits = |text: &str, max: u32| {
+        text.len() == 2 && text.bytes().all(|b| b.is_ascii_digit()) && text.parse::<u32>().is_ok_and(|n| n <= max)
     };
     // A leap second is the sixtieth.
-    let is_clock = |text: &str, most: [u32; 3]| {
+    let is_clock = |text: &str, max: [u32; 3]| {
         let parts: Vec<&str> = text.split(':').collect();
-        (2..=most.len()).contains(&parts.len()) && parts.iter().zip(most).all(|(part, most)| digits(part, most))
+        (2..=max.len()).contains(&parts.len()) && parts.iter().zip(max).all(|(part, max)| digits(part, max))
     };
     let is_zone = match zone.strip_prefix(['+', '-']) {
         Some(hours) => hours.len() == 5 && is_clock(hours, [23, 59, 59]),

@@ -1,7 +1,8 @@
 //! Reading Web Annotations as notes: strictly, all problems at once, each with its note.
 
 use super::{
-    Body, DEEPEST, LONGEST, MOST, NOTES_MAX, Note, Notes, NotesError, PACK_STATE, VIEW_STATE, View, Words, name_of,
+    Body, DEEPEST, LONGEST, MAX_ANNOTATIONS, NOTES_MAX, Note, Notes, NotesError, PACK_STATE, VIEW_STATE, View, Words,
+    name_of,
 };
 use serde_json::{Map, Value};
 use std::collections::BTreeMap;
@@ -19,7 +20,9 @@ impl Notes {
     pub fn parse(bytes: &[u8]) -> Result<Self, NotesError> {
         let length = bytes.len() as u64;
         if length > NOTES_MAX {
-            return Err(NotesError::one(format!("{length} bytes are too long for notes; {NOTES_MAX} are possible")));
+            return Err(NotesError::one(format!(
+                "{length} bytes are too long for notes; at most {NOTES_MAX} are allowed"
+            )));
         }
         let bytes = bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(bytes);
         let value: Value = kilwa_pack::json::from_slice(bytes).map_err(|e| {
@@ -28,8 +31,11 @@ impl Notes {
             ))
         })?;
         let items = items_of(value)?;
-        if items.len() > MOST {
-            return Err(NotesError::one(format!("{} annotations are too many; {MOST} are possible", items.len())));
+        if items.len() > MAX_ANNOTATIONS {
+            return Err(NotesError::one(format!(
+                "{} annotations are too many; at most {MAX_ANNOTATIONS} are allowed",
+                items.len()
+            )));
         }
         let (mut notes, mut left_out, mut problems) = (Vec::new(), 0, Vec::new());
         let mut ids: BTreeMap<String, usize> = BTreeMap::new();
@@ -61,7 +67,7 @@ impl Notes {
 fn items_of(value: Value) -> Result<Vec<Value>, NotesError> {
     let none = || {
         NotesError::one(
-            "it holds no Web Annotations: an AnnotationPage, an AnnotationCollection, an Annotation or a list of them is wanted, as the viewer saves it",
+            "it holds no Web Annotations: expected an AnnotationPage, an AnnotationCollection, an Annotation or a list of them, as saved by the viewer",
         )
     };
     let elsewhere = || {
@@ -334,11 +340,11 @@ fn link(address: &str, purpose: String) -> Result<Body, String> {
 }
 
 /// A text or texts by language, no longer than `most`.
-fn words(value: &Value, most: usize) -> Result<Words, String> {
+fn words(value: &Value, max: usize) -> Result<Words, String> {
     let text = |text: &str| {
         let length = text.encode_utf16().count();
-        if length > most {
-            return Err(format!("{length} characters are too long; {most} are possible"));
+        if length > max {
+            return Err(format!("{length} characters are too long; at most {max} are allowed"));
         }
         if text.chars().any(|c| c.is_control() && !"\n\r\t".contains(c)) {
             return Err("it has characters in it that are no text".to_owned());
@@ -363,11 +369,11 @@ fn words(value: &Value, most: usize) -> Result<Words, String> {
                     return Err(format!("{:?} is no language", language.chars().take(40).collect::<String>()));
                 }
                 let strings: Option<Vec<&str>> = list(texts).iter().map(Value::as_str).collect();
-                let strings = strings.ok_or("text is wanted, or texts by language")?;
+                let strings = strings.ok_or("expected a text, or texts by language")?;
                 all.insert(language.clone(), strings.into_iter().map(text).collect::<Result<_, _>>()?);
             }
             Ok(Words::ByLanguage(all))
         }
-        _ => Err("text is wanted, or texts by language".to_owned()),
+        _ => Err("expected a text, or texts by language".to_owned()),
     }
 }

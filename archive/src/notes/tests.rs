@@ -3,7 +3,7 @@ use proptest::prelude::*;
 
 const IDENTITY: &str = "9c7c0123456789abcdef0123456789ab";
 
-/// As the page writes it.
+/// A note as the page writes it.
 fn page(items: &Value) -> Vec<u8> {
     json!({ "@context": CONTEXT, "type": "AnnotationPage", "items": items }).to_string().into_bytes()
 }
@@ -27,7 +27,7 @@ fn refused(items: &Value) -> String {
 }
 
 #[test]
-fn what_the_page_saves_is_read_and_written_in_one_form() {
+fn notes_saved_by_the_page_are_read_and_written_in_one_form() {
     let notes = Notes::parse(&page(&json!([note("Gate", [1.0, 2.0, 3.0]), note("Well", [4.0, 5.0, 6.5])]))).unwrap();
     assert_eq!((notes.notes.len(), notes.left_out), (2, 0));
     let gate = &notes.notes[0];
@@ -50,7 +50,7 @@ fn what_the_page_saves_is_read_and_written_in_one_form() {
 }
 
 #[test]
-fn collections_lists_and_single_annotations_are_read_too() {
+fn collections_lists_and_single_annotations_are_read() {
     let one = note("Gate", [1.0, 2.0, 3.0]);
     let forms = [
         json!([one]),
@@ -72,7 +72,7 @@ fn collections_lists_and_single_annotations_are_read_too() {
     assert_eq!(Notes::parse(&page(&named)).unwrap().notes[0].id, gate.id, "the same file, the same names");
 }
 
-/// A note beside whose words stand so many levels of lists, with these values in the innermost.
+/// A note with `levels` nested lists beside its text, with these values in the innermost one.
 fn nested(levels: usize, values: &str) -> String {
     let target = note("Gate", [1.0, 2.0, 3.0])["target"].take();
     format!(
@@ -83,14 +83,14 @@ fn nested(levels: usize, values: &str) -> String {
 }
 
 #[test]
-fn notes_that_would_grow_when_they_are_written_are_refused_and_never_held() {
-    // As long as is possible, and thirty times as long when each zero has a line of its own.
+fn notes_whose_written_form_would_be_too_large_are_refused_without_allocating_it() {
+    // As long as possible, and thirty times as long with each zero on its own line.
     let wide = nested(DEEPEST - 1, &vec!["0"; 7_000_000].join(","));
     assert!(wide.len() as u64 <= NOTES_MAX);
     let notes = Notes::parse(wide.as_bytes()).unwrap();
-    // Were they written, their length is told, not the gigabytes of a list of their bytes.
-    let said = notes.to_bytes("pack.kilwa", IDENTITY).map(|bytes| bytes.len()).unwrap_err().to_string();
-    assert!(said.contains("would be longer than 16000000 bytes") && said.contains("leave some out"), "{said}");
+    // On success only the length is printed, not gigabytes of bytes.
+    let message = notes.to_bytes("pack.kilwa", IDENTITY).map(|bytes| bytes.len()).unwrap_err().to_string();
+    assert!(message.contains("would be longer than 16000000 bytes") && message.contains("leave some out"), "{message}");
     let mut written = write::Bounded::default();
     let page = write::Page { notes: &notes.notes, pack_file: "pack.kilwa", identity: IDENTITY };
     assert!(serde_json::to_writer_pretty(&mut written, &page).is_err());
@@ -98,15 +98,15 @@ fn notes_that_would_grow_when_they_are_written_are_refused_and_never_held() {
 }
 
 #[test]
-fn what_is_nested_deeper_than_can_be_read_again_is_refused_with_its_note() {
+fn nesting_too_deep_to_be_read_again_is_refused_with_its_note() {
     let parsed = |levels: usize| Notes::parse(nested(levels, "0").as_bytes());
     for levels in [DEEPEST, 124] {
-        let said = parsed(levels).unwrap_err().to_string();
-        assert!(said.contains("note 1: what it says is nested deeper than 32 levels"), "{said}");
+        let message = parsed(levels).unwrap_err().to_string();
+        assert!(message.contains("note 1: what it says is nested deeper than 32 levels"), "{message}");
     }
     let bytes = parsed(DEEPEST - 1).unwrap().to_bytes("pack.kilwa", IDENTITY).unwrap();
     assert_eq!(Notes::parse(&bytes).unwrap(), parsed(DEEPEST - 1).unwrap(), "what is taken is read again");
-    // Also in what is kept of its target.
+    // Also in the parts of its target that are kept.
     let mut deep = note("Gate", [1.0; 3]);
     deep["target"]["state"][1]["display"]["x"] = (0..30).fold(json!(0), |inner, _| json!([inner]));
     assert!(refused(&json!([deep])).contains("nested deeper"));
@@ -130,7 +130,7 @@ fn a_duplicate_key_is_refused() {
 type Change = fn(&mut Value);
 
 #[test]
-fn what_cannot_be_is_refused_with_its_note_and_what_to_do() {
+fn invalid_notes_are_refused_with_the_note_and_what_to_do() {
     let changed = |change: &dyn Fn(&mut Value)| {
         let mut bad = note("Bad", [1.0, 2.0, 3.0]);
         change(&mut bad);
@@ -155,9 +155,9 @@ fn what_cannot_be_is_refused_with_its_note_and_what_to_do() {
         (|v| v["id"] = "urn:uuid:Gate".into(), "notes 1 and 2 have the same id"),
         (|v| v["body"] = json!([{ "type": "Choice", "items": [] }]), "choice or composite"),
     ];
-    for (change, said) in table {
+    for (change, expected) in table {
         let message = changed(&change);
-        assert!(message.contains(said), "{said} in {message}");
+        assert!(message.contains(expected), "{expected} in {message}");
     }
     let empty = changed(&|v| (v["label"], v["body"]) = (json!(""), json!([])));
     assert!(empty.contains("note 2 says nothing") && empty.contains("delete it"), "{empty}");
@@ -170,39 +170,39 @@ fn what_cannot_be_is_refused_with_its_note_and_what_to_do() {
     assert!(parse("{\"type\":\"AnnotationCollection\",\"first\":\"https://a/1\"}").contains("other addresses"));
     assert!(parse("{\"items\":[],\"next\":\"https://a/2\"}").contains("other addresses"));
     assert!(parse("[1]").contains("annotation 1 is no object"));
-    assert!(refused(&Value::Array(vec![json!({}); MOST + 1])).contains("5001 annotations are too many"));
+    assert!(refused(&Value::Array(vec![json!({}); MAX_ANNOTATIONS + 1])).contains("5001 annotations are too many"));
     assert!(Notes::parse(&vec![b' '; NOTES_MAX as usize + 1]).unwrap_err().to_string().contains("too long"));
-    // All problems at once, and no more lines than a person reads.
+    // All problems at once, in no more lines than a person would read.
     let many =
         refused(&Value::Array((0..30).map(|i| json!({ "id": i, "target": note("x", [0.0; 3])["target"] })).collect()));
     assert!(many.lines().count() == 11 && many.contains("and 20 more"), "{many}");
 }
 
 #[test]
-fn a_place_beside_the_model_is_refused_and_one_of_a_coarse_level_is_not() {
+fn a_position_outside_the_model_is_refused_and_one_on_a_coarse_level_is_accepted() {
     let at = |place: [f64; 3]| {
         let notes = Notes::parse(&page(&json!([note("Gate", [3.0; 3]), note("Well", place)]))).unwrap();
         notes.within([0.0; 3], [10.0, 10.0, 4.0]).map_err(|e| e.to_string())
     };
     assert!(at([10.1, 5.0, 4.1]).is_ok());
-    let said = at([5.0, 12.0, 1.0]).unwrap_err();
+    let message = at([5.0, 12.0, 1.0]).unwrap_err();
     assert!(
-        said.contains("note 2 (\"Well\"): 5 12 1 is outside of the model") && said.contains("other coordinates"),
-        "{said}"
+        message.contains("note 2 (\"Well\"): 5 12 1 is outside of the model") && message.contains("other coordinates"),
+        "{message}"
     );
     assert!(at([5.0, 5.0, -9_009_000.0]).is_err());
 }
 
 #[test]
-fn packs_that_notes_were_made_on_are_told_apart() {
+fn notes_are_matched_to_the_pack_they_were_made_on() {
     let notes = Notes::parse(&page(&json!([note("Gate", [0.0; 3]), note("Well", [1.0; 3])]))).unwrap();
     assert!(notes.strangers(&[IDENTITY]).is_empty());
-    assert!(notes.strangers(&[&IDENTITY[..12]]).is_empty(), "twelve digits tell");
+    assert!(notes.strangers(&[&IDENTITY[..12]]).is_empty(), "twelve digits are enough");
     assert_eq!(notes.strangers(&["0123456789abcdef0123456789abcdef"]).into_iter().collect::<Vec<_>>(), [(IDENTITY, 2)]);
 }
 
 #[test]
-fn without_its_place_a_note_keeps_words_and_view_and_nothing_that_tells_it() {
+fn a_note_without_its_location_keeps_text_and_view_and_nothing_that_reveals_it() {
     let offset = [565_977.25, 9_009_946.5, 31.75];
     let true_place = [565_980.123_456_789, 9_009_950.5, 33.0];
     let mut gate = note("Gate", true_place);
@@ -210,35 +210,35 @@ fn without_its_place_a_note_keeps_words_and_view_and_nothing_that_tells_it() {
     gate["location"] = json!({ "latitude": -8.9577 });
     gate["target"]["state"].as_array_mut().unwrap().push(json!({ "type": "TimeState", "cached": "https://a/kilwa" }));
     let notes = Notes::parse(&page(&json!([gate]))).unwrap();
-    assert!(notes.telling().unwrap().contains("links of 1 note"), "{:?}", notes.telling());
+    assert!(notes.revealing().unwrap().contains("links of 1 note"), "{:?}", notes.revealing());
     let hidden = notes.clone().without_place(offset, &[]);
     let near = hidden.notes[0].place;
     assert_eq!(near, [2.873_457, 4.0, 1.25], "to a micrometre");
     let bytes = hidden.to_bytes("pack.kilwa", "0123456789abcdef").unwrap();
     let text = String::from_utf8(bytes.clone()).unwrap();
-    for told in ["5659", "90099", "8.9577", "kisiwani", "example.org", "clay", IDENTITY, "homepage", "cached"] {
-        assert!(!text.contains(told), "{told} in {text}");
+    for secret in ["5659", "90099", "8.9577", "kisiwani", "example.org", "clay", IDENTITY, "homepage", "cached"] {
+        assert!(!text.contains(secret), "{secret} in {text}");
     }
     for kept in ["Gate", "Coral rag", "M. Juma", "2026-11-20", "0123456789abcdef"] {
         assert!(text.contains(kept), "{kept} in {text}");
     }
     let camera = hidden.notes[0].view.as_ref().unwrap().camera.as_ref().unwrap();
     assert_eq!(camera[3..6], near, "it is looked at as before");
-    // Twice is once: so a server sees that nothing is left in it.
+    // Redacting is idempotent, so a server can check that nothing is left.
     let again = Notes::parse(&bytes).unwrap().without_place([0.0; 3], &[]);
     assert_eq!(again.to_bytes("pack.kilwa", "0123456789abcdef").unwrap(), bytes);
     assert_ne!(
         notes.clone().without_place([0.0; 3], &[]).to_bytes("p", "i").unwrap(),
         notes.to_bytes("p", "i").unwrap()
     );
-    // What was made on a model whose place was taken out before stands there already.
+    // Notes made on a redacted model already have its coordinates.
     let there =
         Notes::parse(&page(&json!([note("Gate", [2.0, 3.0, 4.0])]))).unwrap().without_place(offset, &[IDENTITY]);
     assert_eq!(there.notes[0].place, [2.0, 3.0, 4.0]);
 }
 
 #[test]
-fn without_its_place_nothing_is_kept_that_might_be_any_text() {
+fn a_note_without_its_location_keeps_no_unknown_text_fields() {
     let uuid = "urn:uuid:0B6FF3F0-5c3a-4c1f-9d53-8a5d00c0ffee";
     let with = |change: &dyn Fn(&mut Value)| {
         let mut one = note("Gate", [1.0; 3]);
@@ -250,15 +250,15 @@ fn without_its_place_nothing_is_kept_that_might_be_any_text() {
         let value: Value = serde_json::from_slice(&bytes).unwrap();
         value["items"][0].clone()
     };
-    for telling in ["565977 9009946", "565977-9009946", "565977", "-8.9577", "2026-11-20T565977", "5659-77-90"] {
+    for revealing in ["565977 9009946", "565977-9009946", "565977", "-8.9577", "2026-11-20T565977", "5659-77-90"] {
         let one = with(&|v| {
             for key in ["created", "modified", "motivation"] {
-                v[key] = telling.into();
+                v[key] = revealing.into();
             }
-            v["body"][0]["purpose"] = telling.into();
-            v["id"] = format!("urn:uuid:{}", telling.replace(' ', "-")).into();
+            v["body"][0]["purpose"] = revealing.into();
+            v["id"] = format!("urn:uuid:{}", revealing.replace(' ', "-")).into();
         });
-        assert!(!one.to_string().contains(telling), "{telling} in {one}");
+        assert!(!one.to_string().contains(revealing), "{revealing} in {one}");
         assert_eq!((&one["motivation"], &one["body"][0]["purpose"]), (&json!("describing"), &json!("describing")));
         assert!(one["id"].as_str().unwrap().starts_with("urn:kilwa:note:"), "{one}");
     }
@@ -305,35 +305,35 @@ fn without_its_place_nothing_is_kept_that_might_be_any_text() {
 }
 
 #[test]
-fn words_that_give_the_location_away_are_refused_with_their_note() {
+fn text_that_reveals_the_location_is_refused_with_its_note() {
     let location = Location::of([[565_950.0, 9_009_900.0, 0.0], [566_000.0, 9_009_990.0, 20.0]], None, None);
-    let said = Notes::parse(&page(&json!([note("Gate/565977", [0.0; 3])])))
+    let message = Notes::parse(&page(&json!([note("Gate/565977", [0.0; 3])])))
         .unwrap()
         .check_words(&location)
         .unwrap_err()
         .to_string();
-    assert!(said.contains("\"565977\" is a map coordinate of the model"), "{said}");
+    assert!(message.contains("\"565977\" is a map coordinate of the model"), "{message}");
     let tongue = |language: &str| {
         let mut one = note("Gate", [0.0; 3]);
         one["body"][0]["language"] = language.into();
         Notes::parse(&page(&json!([one]))).unwrap().check_words(&location)
     };
     for none in ["x-565977", "x-65977099", "x-895611-3960023", "sw-565977", "en-x-kilwa", "565", "sw-565"] {
-        let said = tongue(none).unwrap_err().to_string();
-        assert!(said.contains("is not a registered language"), "{none}: {said}");
+        let message = tongue(none).unwrap_err().to_string();
+        assert!(message.contains("is not a registered language"), "{none}: {message}");
     }
     for registered in ["en", "sw", "pt-BR", "zh-Hant-TW", "zh-yue", "es-419", "de-CH-1901", "sr-Latn"] {
         assert_eq!(tongue(registered), Ok(()), "{registered}");
     }
     let mut bare = note("", [0.0; 3]);
     bare["body"] = json!(["https://example.org/gate"]);
-    let said = Notes::parse(&page(&json!([bare]))).unwrap().check_words(&location).unwrap_err().to_string();
-    assert!(said.contains("nothing but links"), "{said}");
+    let message = Notes::parse(&page(&json!([bare]))).unwrap().check_words(&location).unwrap_err().to_string();
+    assert!(message.contains("nothing but links"), "{message}");
 }
 
 proptest! {
     #[test]
-    fn the_same_notes_are_the_same_bytes(
+    fn the_same_notes_give_the_same_bytes(
         titles in proptest::collection::vec("[^\\x00-\\x1f\\x7f-\\x9f]{1,20}", 1..5),
         at in proptest::collection::vec(proptest::array::uniform3(-1e7..1e7f64), 5),
         offset in proptest::array::uniform3(-1e7..1e7f64),
@@ -358,7 +358,7 @@ proptest! {
     }
 
     #[test]
-    fn a_scene_is_the_model_turned_so_that_y_is_up(
+    fn the_iiif_scene_has_y_up(
         a in proptest::array::uniform3(-1e3..1e3f64), b in proptest::array::uniform3(-1e3..1e3f64), origin in proptest::array::uniform3(-1e3..1e3f64),
     ) {
         let (p, q) = (scene_point(a, origin), scene_point(b, origin));
@@ -370,7 +370,7 @@ proptest! {
     }
 
     #[test]
-    fn no_bytes_stop_the_reader(text in ".{0,300}") {
+    fn no_bytes_make_the_reader_panic_or_hang(text in ".{0,300}") {
         let _ = Notes::parse(text.as_bytes());
     }
 }

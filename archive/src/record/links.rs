@@ -1,12 +1,12 @@
 //! `linkset.json` (RFC 9264, with the relations of FAIR Signposting) and `oembed.json` (oEmbed 1.0, `rich`).
 
-use super::xml::escape;
 use super::{Publication, media_type};
+use crate::html::{Embedded, render};
 use crate::layout::{ANNOTATIONS, CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, IIIF, OEMBED, POSTER, PREVIEW};
 use serde_json::{Value, json};
 
 /// Size of the frame that others embed, CSS pixels.
-const FRAME: [u32; 2] = [960, 540];
+const FRAME: [u64; 2] = [960, 540];
 
 pub(super) fn linkset(p: &Publication) -> Value {
     let described = [
@@ -64,11 +64,7 @@ pub(super) fn oembed(p: &Publication) -> Option<Value> {
     let m = &p.metadata;
     let host = url.splitn(4, '/').take(3).collect::<Vec<_>>().join("/");
     let [width, height] = FRAME;
-    let html = format!(
-        "<iframe src=\"{}?embed=1\" width=\"{width}\" height=\"{height}\" title=\"{}\" style=\"border:0\" allow=\"fullscreen\" loading=\"lazy\"></iframe>",
-        escape(url),
-        escape(&m.title)
-    );
+    let html = render(&Embedded { address: &format!("{url}?embed=1"), width, height, title: &m.title });
     let authors = m.creators.iter().map(|a| a.name.as_str()).collect::<Vec<_>>().join("; ");
     let mut v = json!({
         "version": "1.0",

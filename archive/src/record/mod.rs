@@ -57,7 +57,7 @@ pub struct Publication {
     pub figures: Figures,
     /// What the pack says of itself.
     pub of_pack: kilwa_pack::Metadata,
-    /// Whether reference system and place were taken away or made coarse.
+    /// Whether reference system and place were removed or made coarse.
     pub location_redacted: bool,
     /// Largest distance of `preview.glb` from the finest surface in metres, and its triangles; where there is one.
     pub preview: Option<Preview>,

@@ -80,7 +80,7 @@ pub fn ro_crate(p: &Publication, files: &[(String, u64, String)]) -> Vec<u8> {
     super::json(&json!({ "@context": "https://w3id.org/ro/crate/1.1/context", "@graph": graph }))
 }
 
-/// A reference to a person and the person, who gets an id where there is none. An affiliation becomes text: entities must be flat.
+/// A reference to a person and the person, who gets an id if there is none. An affiliation becomes text: entities must be flat.
 fn entity(mut value: Value, number: usize) -> (Value, Value) {
     if value.get("@id").is_none() {
         value["@id"] = json!(format!("#agent-{}", number + 1));

@@ -95,7 +95,7 @@ fn the_same_publication_gives_the_same_bytes() {
 }
 
 #[test]
-fn what_xml_and_tex_keep_for_themselves_is_escaped() {
+fn special_characters_of_xml_and_tex_are_escaped() {
     let dc = text(DUBLIN_CORE);
     assert!(dc.contains("Gereza &lt;Kilwa&gt; &amp; &quot;fort&quot;") && !dc.contains("<Kilwa>"), "{dc}");
     let bib = text(CITATIONS[1]);
@@ -107,10 +107,10 @@ fn what_xml_and_tex_keep_for_themselves_is_escaped() {
 }
 
 #[test]
-fn a_citation_names_makers_year_title_version_publisher_and_doi() {
-    let said = citation(&full());
+fn a_citation_has_creators_year_title_version_publisher_and_doi() {
+    let text = citation(&full());
     assert_eq!(
-        said,
+        text,
         "Rüther, H. {. and Zamani Project (2026): Gereza <Kilwa> & \"fort\" (version 2) [3D model]. Museum & Sons. https://doi.org/10.1234/abc_d"
     );
     let mut p = full();
@@ -120,7 +120,7 @@ fn a_citation_names_makers_year_title_version_publisher_and_doi() {
 }
 
 #[test]
-fn addresses_are_complete_where_the_place_is_known_and_relative_else() {
+fn addresses_are_absolute_if_the_site_is_known_and_relative_otherwise() {
     assert!(text(IIIF).contains("\"https://museum.example/gereza/v2/preview.glb\""));
     let mut p = full();
     p.metadata.url = None;
@@ -132,7 +132,7 @@ fn addresses_are_complete_where_the_place_is_known_and_relative_else() {
 }
 
 #[test]
-fn europeana_gets_the_viewer_the_model_and_who_provides_it_and_what_it_would_refuse_is_said() {
+fn the_edm_record_has_viewer_model_and_provider_and_warns_of_what_europeana_refuses() {
     let edm = text(EDM);
     for part in [
         "<edm:isShownBy rdf:resource=\"https://museum.example/gereza/v2/oembed.json\"/>",
@@ -148,13 +148,13 @@ fn europeana_gets_the_viewer_the_model_and_who_provides_it_and_what_it_would_ref
     }
     let full = full();
     assert_eq!(europeana_lacks(&full.metadata, &full.rights), Vec::<String>::new());
-    let least = Metadata::parse("title = \"Fort\"\n[rights]\nuri = \"UND\"\n[model]\nunits = \"m\"\n").unwrap();
+    let minimal = Metadata::parse("title = \"Fort\"\n[rights]\nuri = \"UND\"\n[model]\nunits = \"m\"\n").unwrap();
     let rights = Rights::parse("UND").unwrap();
-    let lacks = europeana_lacks(&least, &rights);
+    let lacks = europeana_lacks(&minimal, &rights);
     for what in ["url:", "publisher:", "rights.uri: Europeana refuses UND", "object.kind"] {
         assert!(lacks.iter().any(|l| l.starts_with(what)), "{what} in {lacks:?}");
     }
-    // Without an address there is no viewer to embed, and nothing says that there is.
+    // Without an address there is no viewer to embed, and no record mentions one.
     let mut p = full;
     (p.metadata.url, p.metadata.publisher, p.metadata.rights.holder) = (None, None, None);
     let edm = edm::edm(&p);

@@ -1,7 +1,7 @@
 //! A sink that refuses further blocks once a stop was asked for.
 
 use crate::build::work::Stop;
-use kilwa_formats::Findings;
+use kilwa_formats::Diagnostics;
 use kilwa_formats::read::{MeshSink, ReadError, VertexBlock};
 use std::path::Path;
 
@@ -50,7 +50,7 @@ impl MeshSink for Interruptible<'_> {
         self.sink.vertex_count()
     }
 
-    fn findings(&mut self) -> &mut Findings {
-        self.sink.findings()
+    fn diagnostics(&mut self) -> &mut Diagnostics {
+        self.sink.diagnostics()
     }
 }

@@ -86,13 +86,13 @@ impl Plan {
     /// Why a build of `self` cannot continue from what `before` left, ignoring stamps.
     fn differs_from(&self, before: &Self) -> Option<String> {
         if self.tool != before.tool {
-            return Some(format!("it was begun by {}, and this is {}", before.tool, self.tool));
+            return Some(format!("it was started by {}, and this is {}", before.tool, self.tool));
         }
         for name in self.options.keys().chain(before.options.keys()) {
             let (now, then) = (self.options.get(name), before.options.get(name));
             if now != then {
                 let say = |v: Option<&Value>| v.map_or_else(|| "nothing".to_owned(), Value::to_string);
-                return Some(format!("it was begun with {name} {}, and now it is {}", say(then), say(now)));
+                return Some(format!("it was started with {name} {}, and now it is {}", say(then), say(now)));
             }
         }
         if self.inputs.len() != before.inputs.len() {
@@ -109,7 +109,7 @@ impl Plan {
         } else if now.path == then.path {
             format!("{} was changed since", now.path)
         } else {
-            format!("it was begun with the input {}, and now it is {}", then.path, now.path)
+            format!("it was started with the input {}, and now it is {}", then.path, now.path)
         })
     }
 }
@@ -125,7 +125,7 @@ pub struct Stage {
     pub data: Value,
 }
 
-/// The journal of the build under way.
+/// The journal of the build in progress.
 #[derive(Debug)]
 pub struct Journal {
     scratch: Scratch,
@@ -135,7 +135,7 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// Begin anew: what was in the folder goes.
+    /// Start over: what was in the folder goes.
     ///
     /// # Errors
     /// [`ScratchError`].
@@ -150,7 +150,7 @@ impl Journal {
     }
 
     /// Go on with the build whose journal is in the folder, after the last stage whose files are all there. Where there is
-    /// no journal, or not even its first line, the build begins anew. So it does if no stage is complete and an input was changed.
+    /// no journal, or not even its first line, the build starts over. So it does if no stage is complete and an input was changed.
     ///
     /// # Errors
     /// [`BuildError::Resume`] if something else was being built; [`ScratchError`]; those of `is_unchanged`.
@@ -195,7 +195,7 @@ impl Journal {
         if kept < self.stages.len() {
             self.stages.truncate(kept);
         }
-        // Written anew, so that a torn last line does not spoil the next.
+        // Rewritten, so that a torn last line does not spoil the next.
         let mut text = line_of(&self.plan);
         self.stages.iter().for_each(|s| text.extend(line_of(s)));
         self.file.truncate(0)?;
@@ -278,7 +278,7 @@ mod tests {
     }
 
     #[test]
-    fn a_build_goes_on_after_its_last_stage_and_old_files_are_gone() {
+    fn a_build_resumes_after_its_last_stage_and_removes_old_files() {
         let scratch = Scratch::temporary().unwrap();
         drop(with_stages(&scratch, 4));
         let journal = resume(&scratch, plan()).unwrap();
@@ -288,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn a_short_missing_or_damaged_file_costs_one_stage() {
+    fn a_short_missing_or_damaged_file_repeats_one_stage() {
         for spoil in 0..3 {
             let scratch = Scratch::temporary().unwrap();
             drop(with_stages(&scratch, 4));
@@ -305,7 +305,7 @@ mod tests {
             }
             assert_eq!(journal.last().unwrap().stage, "stage-2");
             assert!(!path.exists());
-            // And from there it goes on.
+            // And from there it continues.
             journal.complete("again", &["file-2".to_owned()], Value::Null).unwrap();
             assert_eq!(resume(&scratch, plan()).unwrap().last().unwrap().stage, "again");
         }

@@ -1,14 +1,14 @@
 //! What the machine has and what this process has used of it: memory, processor time, room on disks.
 //!
 //! Memory and times come from `/proc` and, where the process is in a control group with a limit, from that group. Where
-//! the system has none of these, nothing is said, and the default budget is that of a small machine.
+//! the system has none of these, values are unknown, and the default budget is that of a small machine.
 
 use std::path::Path;
 
 /// Assumed where the system does not say: half of what a small machine has.
 const UNKNOWN_MEMORY: u64 = 4 << 30;
 /// The smallest budget that the default gives.
-const LEAST_MEMORY: u64 = 256 << 20;
+const MIN_MEMORY: u64 = 256 << 20;
 /// Ticks a second of the times in `/proc`: fixed for all Linux programs.
 const TICKS: f64 = 100.0;
 
@@ -22,7 +22,7 @@ pub fn memory() -> Option<u64> {
 
 /// A quarter of the memory that this process may use.
 pub fn default_budget() -> u64 {
-    (memory().unwrap_or(UNKNOWN_MEMORY) / 4).max(LEAST_MEMORY)
+    (memory().unwrap_or(UNKNOWN_MEMORY) / 4).max(MIN_MEMORY)
 }
 
 /// The most memory that this process has held so far, bytes.
@@ -44,7 +44,7 @@ pub fn free_space(folder: &Path) -> Option<u64> {
     fs4::available_space(folder).ok()
 }
 
-/// Whether two folders are on one disk; where the system does not tell, they are taken to be.
+/// Whether two folders are on one disk; assumed if the system does not report it.
 pub fn same_disk(a: &Path, b: &Path) -> bool {
     #[cfg(unix)]
     {
@@ -69,7 +69,7 @@ fn field_kib(text: &str, name: &str) -> Option<u64> {
 
 /// The smallest limit of the control group of this process and those above it, version 2 and 1.
 fn group_limit(groups: &str, mounted: &Path) -> Option<u64> {
-    let mut least = None;
+    let mut min = None;
     for line in groups.lines() {
         let mut parts = line.splitn(3, ':').skip(1);
         let (Some(controllers), Some(path)) = (parts.next(), parts.next()) else { continue };
@@ -83,10 +83,10 @@ fn group_limit(groups: &str, mounted: &Path) -> Option<u64> {
         for above in Path::new(path.trim_start_matches('/')).ancestors() {
             let limit = std::fs::read_to_string(root.join(above).join(file)).ok();
             let limit = limit.and_then(|text| text.trim().parse::<u64>().ok());
-            least = [least, limit].into_iter().flatten().min();
+            min = [min, limit].into_iter().flatten().min();
         }
     }
-    least
+    min
 }
 
 #[cfg(test)]
@@ -112,7 +112,7 @@ mod tests {
     }
 
     #[test]
-    fn this_machine_says_what_it_has() {
+    fn memory_cpu_time_and_disk_space_of_this_machine_are_detected() {
         if !cfg!(target_os = "linux") {
             eprintln!("skipped: /proc is Linux's");
             return;

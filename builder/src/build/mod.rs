@@ -1,7 +1,7 @@
 //! The whole build: inputs in, pack out, by way of scratch files, with a journal of the stages that are complete.
 //!
 //! Stages, each a function over files: `read` (the inputs into the spool), `ingest` (leaf patches, the tree),
-//! `level-NN` from the finest to level 0, then assembly straight into the output. A build that is resumed goes on after
+//! `level-NN` from the finest to level 0, then assembly straight into the output. A build that is resumed continues after
 //! the last complete stage. A scratch file that turns out to be damaged is noticed by its checksum, and the stages
 //! from the one that wrote it on are done again.
 //!
@@ -53,10 +53,10 @@ pub struct Built {
 
 /// Where the mesh comes from.
 pub trait Inputs {
-    /// What tells these inputs from others: a build is resumed only with the same.
+    /// Identifies the inputs: a build is resumed only with the same ones.
     ///
     /// # Errors
-    /// [`BuildError`] where an input is not there.
+    /// [`BuildError`] where an input does not exist.
     fn plan(&self) -> Result<Vec<PlannedInput>, BuildError>;
 
     /// Whether input `number` of the plan still has the content that was read, which `sources`, the list of inputs in the metadata, describes.
@@ -92,7 +92,7 @@ pub struct Run<'a> {
     pub resume: bool,
     /// Looked at between pieces of work.
     pub stop: &'a Stop,
-    /// Told how far it is.
+    /// Called with the progress.
     pub progress: &'a dyn Progress,
 }
 
@@ -133,7 +133,7 @@ pub fn build(
     let resumed_after = journal.last().map(|s| s.stage.clone());
     match &resumed_after {
         Some(stage) => run.progress.note(&format!("going on after stage {stage}, which was complete")),
-        None if run.resume => run.progress.note("no stage was complete: the build begins anew"),
+        None if run.resume => run.progress.note("no stage was complete: the build starts over"),
         None => {}
     }
     let mut building = Building { work, options, journal, stages: Vec::new(), spooled: None };
@@ -196,7 +196,7 @@ fn shaping(options: &BuildOptions) -> BTreeMap<String, Value> {
     }
 }
 
-/// A build under way.
+/// A build in progress.
 struct Building<'a> {
     work: Work<'a>,
     options: &'a BuildOptions,

@@ -30,7 +30,7 @@ pub struct BuildOptions {
     /// Worker threads; 0 means one per core. Never changes the bytes.
     #[serde(skip)]
     pub threads: usize,
-    /// Lattice step in metres, a power of two; `None` derives it from the mesh.
+    /// Lattice spacing in metres, a power of two; `None` derives it from the mesh.
     pub step: Option<f64>,
     /// Units of the source.
     #[serde(serialize_with = "by_name")]
@@ -93,8 +93,8 @@ impl BuildOptions {
         let options = [("--color-bits", self.color_bits, COLOR_BITS), ("--normal-bits", self.normal_bits, NORMAL_BITS)];
         for (option, bits, range) in options {
             if !range.contains(&bits) {
-                let (least, most) = range.into_inner();
-                return Err(BuildError::Bits { option, bits, least, most });
+                let (min, max) = range.into_inner();
+                return Err(BuildError::Bits { option, bits, min, max });
             }
         }
         Ok(())
@@ -128,16 +128,16 @@ pub enum BuildError {
         why: String,
     },
     /// So many bits cannot be kept.
-    #[error("{option} {bits} cannot be used: give {least} to {most}")]
+    #[error("{option} {bits} cannot be used: give {min} to {max}")]
     Bits {
         /// Name of the option.
         option: &'static str,
         /// The bits asked for.
         bits: u8,
         /// Fewest.
-        least: u8,
+        min: u8,
         /// Most.
-        most: u8,
+        max: u8,
     },
     /// The mesh is too small for any lattice.
     #[error("the mesh is too small: {why}")]
@@ -165,9 +165,9 @@ pub enum BuildError {
     /// A scratch file could not be used.
     #[error(transparent)]
     Scratch(#[from] crate::scratch::ScratchError),
-    /// There is a build to go on with, but it is another one.
+    /// There is a build to continue with, but it is another one.
     #[error(
-        "cannot resume what is in {}: {why}; build without --resume to begin anew",
+        "cannot resume what is in {}: {why}; build without --resume to start over",
         folder.display()
     )]
     Resume {

@@ -64,7 +64,7 @@ mod tests {
     use kilwa_geometry::normal;
 
     #[test]
-    fn colours_are_rounded_to_within_half_a_quantum_and_ends_stay() {
+    fn colours_are_rounded_to_within_half_a_quantum_and_black_and_white_are_kept() {
         for color_bits in 1..=8 {
             let precision = Precision { color_bits, ..Precision::default() };
             for c in 0..=255u8 {

@@ -1,4 +1,4 @@
-//! How long work tells the program above how far it is. The library never prints.
+//! How long-running work reports its progress to the program. The library never prints.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -39,14 +39,14 @@ const SHARES: &[(&str, f64, f64)] = &[
 /// Passes progress on and says how far the whole build is.
 pub struct Whole<'a> {
     inner: &'a dyn Progress,
-    /// The share told last, in parts of 2^32.
-    told: AtomicU64,
+    /// The share reported last, in parts of 2^32.
+    reported: AtomicU64,
 }
 
 impl<'a> Whole<'a> {
     /// Passes on to `inner`.
     pub fn new(inner: &'a dyn Progress) -> Self {
-        Self { inner, told: AtomicU64::new(0) }
+        Self { inner, reported: AtomicU64::new(0) }
     }
 }
 
@@ -56,7 +56,7 @@ impl Progress for Whole<'_> {
         if let Some((_, from, to)) = SHARES.iter().find(|s| s.0 == stage) {
             let part = if total == 0 { 1.0 } else { (done as f64 / total as f64).min(1.0) };
             let share = ((from + (to - from) * part) * 2f64.powi(32)) as u64;
-            let before = self.told.fetch_max(share, Ordering::Relaxed);
+            let before = self.reported.fetch_max(share, Ordering::Relaxed);
             self.inner.whole(before.max(share) as f64 * 2f64.powi(-32));
         }
     }

@@ -2,7 +2,7 @@
 
 use crate::assemble::PackSummary;
 use crate::build::options::BuildOptions;
-use crate::ingest::surface::{Finding, Surface};
+use crate::ingest::surface::{Diagnostic, Surface};
 use crate::levels::Levels;
 use kilwa_formats::Up;
 use kilwa_pack::{Header, Metadata};
@@ -15,7 +15,7 @@ pub struct BuildReport {
     pub triangles: u64,
     /// Distinct lattice positions.
     pub vertices: u64,
-    /// Lattice step, metres.
+    /// Lattice spacing, metres.
     pub step: f64,
     /// Size of the model, metres.
     pub extent: [f64; 3],
@@ -37,8 +37,9 @@ pub struct BuildReport {
     pub short_edge: f64,
     /// Estimated standard deviation of the noise along the normal, metres; see [`Surface::noise`].
     pub noise: f64,
-    /// Findings of reading and preparing: kind, count and first places.
-    pub findings: BTreeMap<String, Finding>,
+    /// Diagnostics of reading and preparing: kind, count and first places.
+    #[serde(rename = "findings")]
+    pub diagnostics: BTreeMap<String, Diagnostic>,
     /// Leaves that space could not split down to the patch size.
     pub overfull_leaves: u64,
     /// Diamonds that kept more than nine tenths of their triangles.
@@ -47,7 +48,7 @@ pub struct BuildReport {
     pub stuck_triangles: u64,
     /// The file.
     pub pack: PackSummary,
-    /// The last stage that an earlier, interrupted build had completed, where this one went on after it.
+    /// The last stage that an earlier, interrupted build had completed, where this one continued after it.
     pub resumed_after: Option<String>,
     /// Damaged scratch files whose stages were done again.
     pub redone: Vec<String>,
@@ -88,7 +89,7 @@ impl BuildReport {
             largest_component: s.largest_component,
             short_edge: s.short_edge,
             noise: s.noise,
-            findings: s.findings.clone(),
+            diagnostics: s.diagnostics.clone(),
             overfull_leaves: levels.tree.overfull_leaves,
             stuck_diamonds: stuck().count() as u64,
             stuck_triangles: stuck().map(|(_, coarse)| u64::from(coarse)).sum(),
@@ -147,6 +148,6 @@ pub(super) fn metadata(s: &Surface, options: &BuildOptions) -> Metadata {
         tool: format!("kilwa {}", env!("CARGO_PKG_VERSION")),
         options: shaped,
         capture_accuracy: options.capture_accuracy,
-        repairs: s.findings.iter().map(|(kind, f)| (kind.clone(), f.count)).collect(),
+        repairs: s.diagnostics.iter().map(|(kind, f)| (kind.clone(), f.count)).collect(),
     }
 }

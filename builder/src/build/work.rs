@@ -40,7 +40,7 @@ pub struct Work<'a> {
     pub threads: usize,
     /// Asked now and then.
     pub stop: &'a Stop,
-    /// Told now and then.
+    /// Called now and then.
     pub progress: &'a dyn Progress,
 }
 
@@ -72,7 +72,7 @@ fn locked(queue: &Mutex<Queue>) -> MutexGuard<'_, Queue> {
 }
 
 impl Work<'_> {
-    /// Run jobs `0..count` on the build's threads, in order of their numbers, such that those under way together cost at
+    /// Run jobs `0..count` on the build's threads, in order of their numbers, such that those in progress together cost at
     /// most `memory` bytes; one that costs more runs alone. Returns what they gave, in order of their numbers.
     ///
     /// Threads of its own, not rayon's: a job that waits for memory must not be taken up inside another that holds some.
@@ -139,26 +139,26 @@ mod tests {
     }
 
     #[test]
-    fn jobs_under_way_together_never_cost_more_than_the_memory_and_all_are_done_in_order() {
+    fn parallel_jobs_never_exceed_the_memory_and_finish_in_order() {
         for threads in [1, 3, 8] {
-            let (now, most) = (AtomicU64::new(0), AtomicU64::new(0));
+            let (now, max) = (AtomicU64::new(0), AtomicU64::new(0));
             let cost = |i: usize| [10, 45, 20, 500][i % 4];
             let done = with_work(threads, |work, _| {
                 work.run_jobs(200, 100, cost, |i| {
                     let sum = now.fetch_add(cost(i).min(100), Ordering::SeqCst) + cost(i).min(100);
-                    most.fetch_max(sum, Ordering::SeqCst);
+                    max.fetch_max(sum, Ordering::SeqCst);
                     std::thread::yield_now();
                     now.fetch_sub(cost(i).min(100), Ordering::SeqCst);
                     Ok(i * 2)
                 })
             });
             assert_eq!(done.unwrap(), (0..200).map(|i| i * 2).collect::<Vec<_>>());
-            assert!(most.into_inner() <= 100);
+            assert!(max.into_inner() <= 100);
         }
     }
 
     #[test]
-    fn nothing_is_begun_after_a_stop() {
+    fn no_job_starts_after_a_stop() {
         let begun = AtomicU64::new(0);
         let result = with_work(2, |work, stop| {
             work.run_jobs(

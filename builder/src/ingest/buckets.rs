@@ -25,13 +25,13 @@ pub(super) struct Buckets {
     nodes: Vec<Node>,
     /// The tetrahedron of each bucket, in the order of a depth-first walk.
     tetrahedra: Vec<Tetra>,
-    /// Whether each tetrahedron of that walk is split: enough to make the rest anew.
+    /// Whether each tetrahedron of that walk is split: enough to rebuild the rest.
     shape: Vec<bool>,
     grid: Grid,
 }
 
 impl Buckets {
-    /// Buckets of about `capacity` triangles. `samples` are sums of corners, each standing for `weight` triangles.
+    /// Buckets of about `capacity` triangles. `samples` are sums of corners, each representing `weight` triangles.
     pub(super) fn divide(cube_log2: u32, samples: &mut [I64Vec3], weight: u64, capacity: u64) -> Self {
         let mut shape = Vec::new();
         samples.sort_unstable_by_key(|s| root_of(*s));
@@ -288,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn the_grid_agrees_with_the_walk_and_the_shape_makes_the_same_buckets() {
+    fn the_grid_agrees_with_the_tree_walk_and_gives_the_same_buckets() {
         for cube_log2 in [4, 7, 12, 30] {
             let mut s = samples(3000, 1 << cube_log2);
             let buckets = Buckets::divide(cube_log2, &mut s, 3, 500);
@@ -305,7 +305,7 @@ mod tests {
     }
 
     #[test]
-    fn samples_at_one_place_do_not_divide_for_ever() {
+    fn coincident_samples_do_not_subdivide_forever() {
         let mut s = vec![I64Vec3::new(30, 60, 90); 5000];
         assert_eq!(Buckets::divide(20, &mut s, 10, 100).len(), 6);
     }

@@ -180,7 +180,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn parts_of_a_component_in_several_buckets_are_one() {
+    fn a_component_across_several_buckets_is_one_component() {
         let scratch = Scratch::temporary().unwrap();
         let joining = Joining::create(&scratch).unwrap();
         // A strip over three buckets, an island in the first, a pair that touches in a point of the second and third.

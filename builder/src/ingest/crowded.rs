@@ -10,7 +10,7 @@ use super::buckets::Buckets;
 use super::leaves::tree_of;
 use super::resolve::PIECE;
 use super::scatter::Scattered;
-use super::wishes::{self, Above, Places, add_place};
+use super::split_requests::{self, Above, Places, add_place};
 use super::words::{Layout, read_words};
 use crate::build::options::BuildError;
 use crate::build::work::Work;
@@ -52,7 +52,7 @@ impl Crowd<'_> {
             known[bucket] = above;
         }
         let cube_log2 = self.scattered.cube_log2;
-        keys.extend(wishes::above(self.buckets, &known, cube_log2, self.leaf_triangles));
+        keys.extend(split_requests::above(self.buckets, &known, cube_log2, self.leaf_triangles));
         self.refuse_leaves(&tree_of(cube_log2, keys))
     }
 

@@ -121,7 +121,7 @@ const CLASSES: u32 = 256;
 const OCTAVES: u32 = 88;
 
 /// How many edges of each length there are: 512 classes to a factor of two; powers of two begin
-/// one, so that the class tells on which side of a power a length is.
+/// one, so that the class shows on which side of a power a length is.
 #[derive(Debug, Clone)]
 pub(super) struct Lengths {
     counts: Vec<u64>,
@@ -265,7 +265,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_step_wider_than_the_model_is_refused() {
+    fn a_lattice_spacing_wider_than_the_model_is_refused() {
         let measured = Measured { bounds: [DVec3::ZERO, DVec3::ONE], first: 0.1, median: 0.5 };
         for log2 in [3, 32, 40, 63, 64, 100, 1023] {
             let refused = choose(&measured, Some(libm::scalbn(1.0, log2)));
@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn rounding_through_the_provisional_lattice_is_snapping_exactly_ties_included() {
+    fn rounding_through_the_provisional_lattice_equals_direct_snapping_ties_included() {
         let mut random = fastrand::Rng::with_seed(1);
         for (offset, size) in [
             (DVec3::ZERO, 7.3),
@@ -308,7 +308,7 @@ mod tests {
     }
 
     #[test]
-    fn percentiles_of_the_histogram_are_those_of_the_sorted_list_within_a_class() {
+    fn percentiles_of_the_histogram_match_the_sorted_list_within_one_bin() {
         let mut random = fastrand::Rng::with_seed(5);
         let (mut lengths, mut sorted) = (Lengths::default(), Vec::new());
         for _ in 0..5000 {

@@ -34,10 +34,10 @@ pub(super) struct Leaves {
 
 /// The tree that the split requests make. Those between two of its levels are dropped: what holds such a tetrahedron wants to be
 /// split as well, so a level above has the wish too.
-pub(super) fn tree_of(cube_log2: u32, wishes: impl IntoIterator<Item = DiamondKey>) -> Partition {
+pub(super) fn tree_of(cube_log2: u32, requests: impl IntoIterator<Item = DiamondKey>) -> Partition {
     let is_level =
         |key: &DiamondKey| key.level.is_multiple_of(BISECTIONS) && key.level + BISECTIONS <= max_level(cube_log2);
-    Partition::of_wishes(cube_log2, wishes.into_iter().filter(is_level))
+    Partition::from_split_requests(cube_log2, requests.into_iter().filter(is_level))
 }
 
 impl Leaves {

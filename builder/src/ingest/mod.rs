@@ -2,8 +2,8 @@
 //!
 //! Stages, each a function over named files of the scratch folder; what a stage knows beside its files stands in a small
 //! JSON file of its name, written when the files are complete, and its input is removed after that. A stage whose JSON
-//! is there is skipped, so a build that was interrupted goes on with the first that is not. Files of these stages are not
-//! forced to the disk, where many are never written at all: [`can_resume`] tells whether the machine has run without a
+//! is there is skipped, so a build that was interrupted continues with the first that is not. Files of these stages are not
+//! forced to the disk, where many are never written at all: [`can_resume`] checks whether the machine has run without a
 //! break since, and where it has not, the inputs are read again.
 //!
 //! | stage | reads | writes | a triangle takes |
@@ -29,18 +29,18 @@ mod leaves;
 mod resolve;
 mod scatter;
 mod spill;
+mod split_requests;
 pub mod spool;
 pub mod surface;
 mod tally;
 mod topology;
 mod weld;
-mod wishes;
 mod words;
 
 use crate::build::options::BuildError;
 use crate::build::precision::Precision;
 use crate::build::work::Work;
-use crate::ingest::surface::{Finding, Ingested, LEAVES, SHARED, Surface};
+use crate::ingest::surface::{Diagnostic, Ingested, LEAVES, SHARED, Surface};
 use crate::scratch::{PatchFile, Records, Scratch, ScratchError, Sum, seal, unseal};
 use buckets::Buckets;
 use crowded::Crowd;
@@ -59,7 +59,7 @@ pub use topology::Counts;
 pub struct IngestOptions {
     /// Largest leaf in triangles.
     pub leaf_triangles: usize,
-    /// Lattice step in metres, a power of two; `None` derives it from the mesh.
+    /// Lattice spacing in metres, a power of two; `None` derives it from the mesh.
     pub step: Option<f64>,
     /// Keep only triangles whose centroid lies in this box: smallest and largest corner, metres, axes of the pack.
     pub crop: Option<[DVec3; 2]>,
@@ -95,7 +95,7 @@ pub fn ingest(
     let mut stages = Stages { work, unchecked: BTreeMap::new() };
     let known = Known::find(&mut stages, spooled, options)?;
     let key = |(level, midpoint): &(u8, LatticePoint)| DiamondKey { level: *level, midpoint: *midpoint };
-    let mut tree = leaves::tree_of(known.resolved.cube_log2, known.topology.wishes.iter().map(key));
+    let mut tree = leaves::tree_of(known.resolved.cube_log2, known.topology.split_requests.iter().map(key));
     // The files that this stage writes carry their own checksums.
     let leaves = stages.run("leaves", &[topology::WELDED, topology::REPLIES], &[""; 0], || {
         let buckets = Buckets::of_shape(known.scattered.cube_log2, known.scattered.shape.clone());
@@ -177,8 +177,8 @@ impl Known {
         tally.merge(&scattered.tally);
         tally.add_many(WELDED_VERTICES, resolved.used.saturating_sub(topology.counts.vertices));
         let channel = |c: &spool::Channel| ScalarChannel { name: c.name.clone(), min: c.min, max: c.max };
-        let finding = |(kind, count, places): (&str, u64, &[String])| {
-            (kind.to_owned(), Finding { count, places: places.to_vec() })
+        let diagnostic = |(kind, count, places): (&str, u64, &[String])| {
+            (kind.to_owned(), Diagnostic { count, places: places.to_vec() })
         };
         Surface {
             lattice: resolved.lattice,
@@ -198,7 +198,7 @@ impl Known {
             short_edge: resolved.first,
             noise: topology.roughness * resolved.lattice.step() * DEVIATION_PER_MEDIAN,
             sources,
-            findings: tally.iter().map(finding).collect::<BTreeMap<_, _>>(),
+            diagnostics: tally.iter().map(diagnostic).collect::<BTreeMap<_, _>>(),
         }
     }
 }
@@ -209,8 +209,8 @@ const DEVIATION_PER_MEDIAN: f64 = 1.372_6;
 
 const WELDED_VERTICES: &str = "vertices welded because they are equal on the lattice";
 
-/// Whether the stages that were done in `scratch` can be gone on with: the mesh was read to the end, and the machine has
-/// not been started anew since then, which may lose what was written last.
+/// Whether the stages that were done in `scratch` can be resumed: the mesh was read to the end, and the machine has
+/// not been restarted since then, which may lose what was written last.
 pub fn can_resume(scratch: &Scratch) -> bool {
     let kept = scratch.existing(SESSION).and_then(|file| file.read(0, file.len().min(1024))).ok();
     scratch.length("spool.json").is_some() && kept.is_some_and(|kept| kept == session().as_bytes())

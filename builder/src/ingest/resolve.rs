@@ -36,7 +36,7 @@ const ROWS: usize = 1 << 16;
 const ROW_PIECE: usize = 1 << 12;
 /// About how many triangles are sampled.
 const SAMPLES: u64 = 1 << 17;
-/// Triangles that tell how long edges are where the lattice shows most of them as nothing.
+/// Triangles sampled for the length of edges if most of them vanish on the lattice.
 const ASTRAY_SAMPLES: u64 = 4096;
 
 /// What is known once triangles have corners.
@@ -54,7 +54,7 @@ pub(super) struct Resolved {
     /// 1st percentile and median of the lengths of edges, metres.
     pub(super) first: f64,
     pub(super) median: f64,
-    /// Sums of corners on the lattice, each standing for `weight` triangles.
+    /// Sums of corners on the lattice, each representing `weight` triangles.
     pub(super) samples: Vec<I64Vec3>,
     pub(super) weight: u64,
     pub(super) tally: Tally,
@@ -244,9 +244,9 @@ impl<'a> Run<'a> {
     fn range(&self) -> u64 {
         let bits = 8 * self.used.len() as u64 + self.spooled.triangles / 8;
         let blocks = (2 * block(self.work, self.layout) * (4 * self.layout.triangle() + 16)) as u64;
-        let room = (self.work.memory / 8 * 7).saturating_sub(bits + blocks) / (4 * self.layout.vertex() as u64);
+        let capacity = (self.work.memory / 8 * 7).saturating_sub(bits + blocks) / (4 * self.layout.vertex() as u64);
         // Ever more passes would take for ever: 64 of them at most.
-        room.max(self.spooled.vertices.div_ceil(64)).clamp(1, self.spooled.vertices)
+        capacity.max(self.spooled.vertices.div_ceil(64)).clamp(1, self.spooled.vertices)
     }
 
     /// Stream the triangles past the vertices; `keep` are the bits of those that are kept, where they are known.
@@ -454,8 +454,8 @@ impl<'a> Run<'a> {
             tally.add(NOT_FINITE, || format!("triangle {number}"));
             return false;
         }
-        if let (Some(at), Some(least)) = (self.confidence, self.options.min_confidence)
-            && vertices.clone().any(|c| f32::from_bits(c[at]) < least)
+        if let (Some(at), Some(lowest)) = (self.confidence, self.options.min_confidence)
+            && vertices.clone().any(|c| f32::from_bits(c[at]) < lowest)
         {
             tally.add_many(LOW_CONFIDENCE, 1);
             return false;
@@ -523,7 +523,7 @@ fn color_of_row([r, g, b, given]: [u8; 4], none: u32, precision: Precision) -> u
     if given == 0 { none } else { word_of_color(precision.color([r, g, b])) }
 }
 
-/// The word of a grey that stands for a scalar.
+/// The word of a grey that represents a scalar.
 fn grey_of_row(row: [u8; 4], [black, white]: [f32; 2], none: u32, precision: Precision) -> u32 {
     let v = f32::from_le_bytes(row);
     if !v.is_finite() {

@@ -15,7 +15,7 @@ use crate::scratch::{Scratch, ScratchError};
 use glam::{DVec3, Vec3};
 use kilwa_formats::ReadError;
 use kilwa_formats::read::sink::{MeshSink, NO_POSITION, TWICE, VertexBlock};
-use kilwa_formats::{Findings, RawMesh};
+use kilwa_formats::{Diagnostics, RawMesh};
 use kilwa_geometry::normal;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -27,7 +27,7 @@ pub(super) const TRIANGLES: &str = "triangles";
 pub(super) const TRIANGLE_COLORS: &str = "triangle-colors";
 
 /// Most vertices that a build numbers.
-const MOST_VERTICES: u64 = u32::MAX as u64 - 1;
+const MAX_VERTICES: u64 = u32::MAX as u64 - 1;
 /// Vertices in a block of the cache for [`MeshSink::positions`].
 const CACHE_BLOCK: u64 = 1 << 12;
 /// Blocks in that cache: 6 MiB.
@@ -60,7 +60,7 @@ pub(super) enum ColorSource {
 pub(super) struct Channel {
     pub(super) name: String,
     pub(super) file: String,
-    /// Smallest and largest finite value, 0 where there is none.
+    /// Smallest and largest finite value, 0 if there is none.
     pub(super) min: f32,
     pub(super) max: f32,
 }
@@ -72,7 +72,7 @@ pub struct Spooled {
     pub vertices: u64,
     /// Triangles of all inputs.
     pub triangles: u64,
-    /// Smallest and largest coordinates of finite vertices, metres; absent where there is none.
+    /// Smallest and largest coordinates of finite vertices, metres; absent if there is none.
     pub(super) bounds: Option<[DVec3; 2]>,
     pub(super) color: ColorSource,
     pub(super) vertex_colors: bool,
@@ -144,8 +144,8 @@ pub struct Spool {
     /// Vertices without colour in inputs that have no coloured triangles.
     uncoloured: u64,
     with_normal: u64,
-    /// Findings of the current input.
-    findings: Findings,
+    /// Diagnostics of the current input.
+    diagnostics: Diagnostics,
     tally: Tally,
     cache: Vec<(u64, Vec<[f64; 3]>)>,
 }
@@ -168,7 +168,7 @@ impl Spool {
             declared: Vec::new(),
             uncoloured: 0,
             with_normal: 0,
-            findings: Findings::default(),
+            diagnostics: Diagnostics::default(),
             tally: Tally::default(),
             cache: Vec::new(),
             scratch: scratch.clone(),
@@ -217,7 +217,7 @@ impl Spool {
             self.tally.add_many(NO_SCALAR, here);
         }
         self.tally.add_many(FACE_COLOR, c.coloured_triangles);
-        self.tally.take(&std::mem::take(&mut self.findings));
+        self.tally.take(&std::mem::take(&mut self.diagnostics));
         Ok(())
     }
 
@@ -276,7 +276,7 @@ impl Spool {
             let wide: Vec<[u64; 3]> = block.iter().map(|t| t.map(u64::from)).collect();
             self.triangles(&wide, &[])?;
         }
-        self.findings.merge(mesh.findings.clone());
+        self.diagnostics.merge(mesh.diagnostics.clone());
         Ok(())
     }
 }
@@ -391,8 +391,8 @@ impl MeshSink for Spool {
 
     fn vertices(&mut self, block: &VertexBlock<'_>) -> Result<(), ReadError> {
         let (before, n) = (self.positions.rows(), block.positions.len() as u64);
-        if before + n > MOST_VERTICES {
-            let what = format!("with it there are more than {MOST_VERTICES} vertices: build parts of the site");
+        if before + n > MAX_VERTICES {
+            let what = format!("with it there are more than {MAX_VERTICES} vertices: build parts of the site");
             return Err(ReadError::TooLarge { file: self.current.path.clone(), what });
         }
         let [min, max] = &mut self.bounds;
@@ -403,7 +403,7 @@ impl MeshSink for Spool {
                 (*min, *max) = (min.min(p), max.max(p));
             } else {
                 let place = || format!("vertex {} ({} {} {})", number + i as u64, p.x, p.y, p.z);
-                self.findings.add(NO_POSITION, place);
+                self.diagnostics.add(NO_POSITION, place);
             }
         }
         self.positions.push(block.positions.iter().map(row_of_position))?;
@@ -454,13 +454,13 @@ impl MeshSink for Spool {
         for (i, t) in triangles.iter().enumerate() {
             c.delivered += 1;
             if t[0] == t[1] || t[1] == t[2] || t[2] == t[0] {
-                self.findings.add(TWICE, || format!("triangle of the vertices {}, {} and {}", t[0], t[1], t[2]));
+                self.diagnostics.add(TWICE, || format!("triangle of the vertices {}, {} and {}", t[0], t[1], t[2]));
                 continue;
             }
             let largest = t[0].max(t[1]).max(t[2]);
             if c.largest.is_none_or(|l| largest > l.0) {
                 c.largest = Some((largest, c.delivered - 1));
-                if largest > MOST_VERTICES {
+                if largest > MAX_VERTICES {
                     let (file, vertices) = (c.path.clone(), self.positions.rows() - c.first_vertex);
                     return Err(ReadError::Index { file, triangle: c.delivered - 1, vertex: largest, vertices });
                 }
@@ -506,8 +506,8 @@ impl MeshSink for Spool {
         self.positions.rows() - self.current.first_vertex
     }
 
-    fn findings(&mut self) -> &mut Findings {
-        &mut self.findings
+    fn diagnostics(&mut self) -> &mut Diagnostics {
+        &mut self.diagnostics
     }
 }
 

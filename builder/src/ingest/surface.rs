@@ -3,7 +3,7 @@
 
 use crate::partition::Partition;
 use crate::scratch::{PatchFile, Records};
-use kilwa_formats::Findings;
+use kilwa_formats::Diagnostics;
 use kilwa_geometry::{Lattice, LatticePoint};
 use kilwa_pack::metadata::{ScalarChannel, SourceFile};
 use serde::{Deserialize, Serialize};
@@ -54,23 +54,25 @@ pub struct Surface {
     /// The files that it came from.
     pub sources: Vec<SourceFile>,
     /// What reading and preparing found: kind, count and first places.
-    pub findings: BTreeMap<String, Finding>,
+    #[serde(rename = "findings")]
+    pub diagnostics: BTreeMap<String, Diagnostic>,
 }
 
-/// One kind of finding.
+/// One kind of diagnostic.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Finding {
+pub struct Diagnostic {
     /// How often.
     pub count: u64,
     /// The first few places.
     pub places: Vec<String>,
 }
 
-/// Findings as they are reported and kept.
-pub fn findings_of(findings: &Findings) -> BTreeMap<String, Finding> {
-    let entry =
-        |(kind, count, places): (&str, u64, &[String])| (kind.to_owned(), Finding { count, places: places.to_vec() });
-    findings.iter().map(entry).collect()
+/// Diagnostics as they are reported and kept.
+pub fn diagnostics_of(diagnostics: &Diagnostics) -> BTreeMap<String, Diagnostic> {
+    let entry = |(kind, count, places): (&str, u64, &[String])| {
+        (kind.to_owned(), Diagnostic { count, places: places.to_vec() })
+    };
+    diagnostics.iter().map(entry).collect()
 }
 
 /// The finest surface in scratch files: what ingest hands to the levels.

@@ -1,13 +1,13 @@
-//! Counted findings that can be written down between stages.
+//! Counted diagnostics that can be written down between stages.
 
-use kilwa_formats::Findings;
+use kilwa_formats::Diagnostics;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// How many places of each kind are kept.
 const PLACES_KEPT: usize = 5;
 
-/// Kinds of findings with count and first places.
+/// Kinds of diagnostics with count and first places.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Tally(BTreeMap<String, (u64, Vec<String>)>);
 
@@ -33,8 +33,8 @@ impl Tally {
     }
 
     /// Take over what a reader found.
-    pub(super) fn take(&mut self, findings: &Findings) {
-        for (kind, n, places) in findings.iter() {
+    pub(super) fn take(&mut self, diagnostics: &Diagnostics) {
+        for (kind, n, places) in diagnostics.iter() {
             self.merge_one(kind, n, places);
         }
     }
@@ -49,8 +49,8 @@ impl Tally {
     fn merge_one(&mut self, kind: &str, n: u64, places: &[String]) {
         let entry = self.0.entry(kind.to_owned()).or_default();
         entry.0 += n;
-        let room = PLACES_KEPT.saturating_sub(entry.1.len());
-        entry.1.extend(places.iter().take(room).cloned());
+        let remaining = PLACES_KEPT.saturating_sub(entry.1.len());
+        entry.1.extend(places.iter().take(remaining).cloned());
     }
 
     /// How often `kind` was found.

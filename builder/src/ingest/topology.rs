@@ -3,7 +3,7 @@
 //!
 //! Input: `buckets` and `halo`. A point belongs to the bucket that it lies in, an edge to the first bucket of its two
 //! ends; all triangles at them are there, own ones or halo. Output: `welded`, each bucket as an indexed mesh
-//! ([`Welded`]); `replies`, for each bucket what others found out about its triangles; `wishes`.
+//! ([`Welded`]); `replies`, for each bucket what others found out about its triangles; `split_requests`.
 //!
 //! Normals are sums of the doubled areas, in integers, so that the order of triangles does not matter.
 
@@ -15,8 +15,8 @@ use super::lattice::Lengths;
 use super::resolve::Resolved;
 use super::scatter::{HALO_HEAD, Scattered, bytes_per_triangle};
 use super::spill::{Extents, Spill};
+use super::split_requests::{self, Above, SplitRequests};
 use super::weld::Weld;
-use super::wishes::{self, Above, Wishes};
 use super::words::{Layout, append_words, normal_of_word, read_words, word_of_normal};
 use crate::build::options::BuildError;
 use crate::build::precision::Precision;
@@ -36,12 +36,12 @@ pub(super) const REPLIES: &str = "replies";
 pub(super) const REPLY: usize = 5;
 /// Set in a corner's number where the edge from it is a border.
 pub(super) const BORDER: u32 = 1 << 31;
-/// One in so many points tells how rough the surface is.
+/// One in so many points is sampled for the roughness of the surface.
 const ROUGHNESS_SAMPLE: u64 = 16;
 /// Distances are counted in parts of a step.
 const ROUGHNESS_PARTS: f64 = 4096.0;
 /// Most triangles of a bucket: what fits beside the bits of an edge's name.
-const MOST: usize = 1 << 28;
+const MAX: usize = 1 << 28;
 
 /// Numbers of the whole model.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -78,10 +78,11 @@ pub(super) struct Topology {
     pub(super) places: Vec<(u64, u64)>,
     pub(super) replies: Extents,
     /// Level and midpoint of the diamonds that are wanted, sorted.
-    pub(super) wishes: Vec<(u8, LatticePoint)>,
+    #[serde(rename = "wishes")]
+    pub(super) split_requests: Vec<(u8, LatticePoint)>,
     pub(super) counts: Counts,
     pub(super) components: Components,
-    /// Median distance of a point from its neighbours, in steps: see [`Local::roughness`].
+    /// Median distance of a point from its neighbours, in lattice units: see [`Local::roughness`].
     pub(super) roughness: f64,
     /// Smallest and largest coordinates.
     pub(super) bounds: [LatticePoint; 2],
@@ -162,7 +163,7 @@ pub(super) fn topology(
                 replies.push(*to as usize, words)?;
             }
         }
-        let (above, keys) = local.wishes(&buckets, options.leaf_triangles);
+        let (above, keys) = local.split_requests(&buckets, options.leaf_triangles);
         let counts = local.counts(&edges);
         let (_, part) = local.components(&joining)?;
         let roughness = local.roughness(&normals);
@@ -172,12 +173,12 @@ pub(super) fn topology(
         Ok(Finished { place, above, keys, counts, part, roughness, bounds })
     };
     let cost = |b: usize| scattered.triangles_in(layout, b) * bytes_per_triangle(layout);
-    let room = work.memory / 10 * 9;
+    let budget = work.memory / 10 * 9;
     let run = |of: &[usize]| -> Result<Vec<(usize, Finished)>, BuildError> {
-        let done = work.run_jobs(of.len(), room, |i| cost(of[i]), |i| one(of[i]))?;
+        let done = work.run_jobs(of.len(), budget, |i| cost(of[i]), |i| one(of[i]))?;
         Ok(of.iter().copied().zip(done).collect())
     };
-    let (large, small): (Vec<usize>, Vec<usize>) = (0..buckets.len()).partition(|b| cost(*b) > room);
+    let (large, small): (Vec<usize>, Vec<usize>) = (0..buckets.len()).partition(|b| cost(*b) > budget);
     let mut finished = run(&small)?;
     let leaf_triangles = options.leaf_triangles;
     let crowd = Crowd { work, layout, lattice: &resolved.lattice, scattered, buckets: &buckets, leaf_triangles };
@@ -190,7 +191,7 @@ pub(super) fn topology(
     finished.sort_unstable_by_key(|(bucket, _)| *bucket);
     let mut finished: Vec<Finished> = finished.into_iter().map(|(_, f)| f).collect();
     let known: Vec<Above> = finished.iter().map(|f| f.above.clone()).collect();
-    let mut keys = wishes::above(&buckets, &known, scattered.cube_log2, options.leaf_triangles);
+    let mut keys = split_requests::above(&buckets, &known, scattered.cube_log2, options.leaf_triangles);
     let mut bounds = Aabb::EMPTY;
     let (mut counts, mut roughness, mut parts) = (Counts::default(), Lengths::default(), Vec::new());
     for f in &mut finished {
@@ -206,7 +207,7 @@ pub(super) fn topology(
     Ok(Topology {
         places: finished.iter().map(|f| f.place).collect(),
         replies,
-        wishes: keys.into_iter().map(|k| (k.level, k.midpoint)).collect(),
+        split_requests: keys.into_iter().map(|k| (k.level, k.midpoint)).collect(),
         counts,
         components: joining.finish(work.scratch, work.memory / 4, &parts)?.components,
         roughness: roughness.percentile(0.5) / ROUGHNESS_PARTS,
@@ -261,8 +262,8 @@ impl Local {
         let mut words = Vec::new();
         scattered.own.read(files.0, bucket, &mut words)?;
         let n = words.len() / layout.triangle();
-        if n > MOST {
-            let why = format!("{n} triangles at one place, which space cannot divide; at most {MOST}");
+        if n > MAX {
+            let why = format!("{n} triangles at one place, which space cannot divide; at most {MAX}");
             return Err(BuildError::TooLarge { why });
         }
         let mut local = Self::weld(&words, layout, bucket as u32);
@@ -408,18 +409,18 @@ impl Local {
         out
     }
 
-    fn wishes(&self, buckets: &Buckets, leaf_triangles: usize) -> (Above, Vec<DiamondKey>) {
+    fn split_requests(&self, buckets: &Buckets, leaf_triangles: usize) -> (Above, Vec<DiamondKey>) {
         let mut sums = Vec::with_capacity(self.own);
         let mut sizes = Vec::with_capacity(self.own);
         for vertices in &self.triangles[..self.own] {
             let corners = vertices.map(|v| self.weld.position(v));
-            sums.push(wishes::sum_of(corners));
-            sizes.push(wishes::size_of(corners));
+            sums.push(split_requests::sum_of(corners));
+            sizes.push(split_requests::size_of(corners));
         }
         let deepest = max_level(buckets.cube_log2());
-        let mut wishes = Wishes { sums: &sums, sizes: &sizes, leaf_triangles, deepest, keys: Vec::new() };
-        let above = wishes.collect(&buckets.tetrahedra()[self.bucket as usize]);
-        (above, wishes.keys)
+        let mut requests = SplitRequests { sums: &sums, sizes: &sizes, leaf_triangles, deepest, keys: Vec::new() };
+        let above = requests.collect(&buckets.tetrahedra()[self.bucket as usize]);
+        (above, requests.keys)
     }
 
     fn counts(&self, edges: &Edges) -> Counts {

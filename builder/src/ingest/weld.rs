@@ -35,7 +35,7 @@ impl Table {
         }
     }
 
-    /// Make room for twice as many.
+    /// Reserve space for twice as many.
     fn grow(&mut self, count: u32, hash: impl Fn(u32) -> u64) {
         *self = Self::new(self.slots.len());
         for i in 0..count {
@@ -150,7 +150,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn equal_words_are_one_vertex_and_equal_places_one_point() {
+    fn equal_keys_are_one_vertex_and_equal_positions_one_point() {
         let mut weld = Weld::new(4, 0);
         let mut numbers = Vec::new();
         for round in 0..2 {

@@ -99,7 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_of_colours_and_normals_sort_as_they_do_and_come_back() {
+    fn packed_colours_and_normals_keep_their_order_and_round_trip() {
         let colors = [[0, 0, 1], [0, 1, 0], [1, 0, 0], [255, 255, 255]];
         assert!(colors.is_sorted_by_key(|c| word_of_color(*c)));
         assert!(colors.iter().all(|c| color_of_word(word_of_color(*c)) == *c));

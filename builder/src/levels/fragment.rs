@@ -29,11 +29,11 @@ pub struct Coarsened {
     pub output: Vec<(u32, Patch)>,
     /// Points that another diamond may also use, or that several of the outputs do: key and tetrahedron of the output.
     pub records: Vec<(u128, u32)>,
-    /// Certified error of the coarse form in lattice steps.
+    /// Certified error of the coarse form in lattice units.
     pub error: f32,
     /// Root mean square colour difference of the coarse form, 0 to 255.
     pub color_error: f32,
-    /// Round the fragment and its coarse form, in lattice steps.
+    /// Round the fragment and its coarse form, in lattice units.
     pub sphere: Sphere,
     /// Triangles before and after.
     pub triangles: (usize, usize),
@@ -124,7 +124,7 @@ fn share_out(coarse: &Mesh, tree: &Partition, diamond: u32) -> Vec<(u32, Vec<u32
     groups
 }
 
-/// Numbers vertices anew for one part of a mesh after the other.
+/// Renumbers vertices for one part of a mesh after the other.
 pub(crate) struct Numbers {
     number: Vec<(u32, u32)>,
     part: u32,

@@ -11,11 +11,11 @@ use std::path::Path;
 pub struct Refined {
     /// Index in [`crate::partition::Partition::diamonds`].
     pub diamond: u32,
-    /// Certified error of the coarse form in lattice steps, not yet saturated over what lies below.
+    /// Certified error of the coarse form in lattice units, not yet saturated over what lies below.
     pub error: f32,
     /// Root mean square colour difference of the coarse form, 0 to 255, not yet saturated.
     pub color_error: f32,
-    /// Round the chunk and the coarse form, in lattice steps, not yet saturated.
+    /// Round the chunk and the coarse form, in lattice units, not yet saturated.
     pub sphere: Sphere,
     /// Triangles before and after simplification; the former are those of the chunk.
     pub triangles: (u32, u32),
@@ -135,7 +135,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn results_come_back_bit_for_bit_and_damage_is_noticed() {
+    fn results_round_trip_bit_for_bit_and_damage_is_detected() {
         let scratch = Scratch::temporary().unwrap();
         let one = |n: u32| Refined {
             diamond: n,

@@ -82,7 +82,7 @@ mod tests {
     use glam::IVec3;
 
     #[test]
-    fn equal_vertices_become_one_and_wedges_stay_apart() {
+    fn equal_vertices_are_welded_and_wedges_stay_separate() {
         let mut m = Mesh { scalars: vec![Vec::new()], ..Mesh::default() };
         for i in 0..2000 {
             m.positions.push(IVec3::new(i % 100, 7, 7));

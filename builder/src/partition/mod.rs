@@ -70,7 +70,7 @@ impl Partition {
 
     /// The smallest conforming tree in which these diamonds are split. Numbers follow from the tree alone: tetrahedra
     /// in the order of a depth-first walk behind the six roots, diamonds by their first tetrahedron.
-    pub fn of_wishes(cube_log2: u32, wishes: impl IntoIterator<Item = DiamondKey>) -> Self {
+    pub fn from_split_requests(cube_log2: u32, requests: impl IntoIterator<Item = DiamondKey>) -> Self {
         let mut tree = Self {
             cube_log2,
             tetrahedra: Vec::new(),
@@ -81,7 +81,7 @@ impl Partition {
         for tetra in Tetra::roots(cube_log2) {
             tree.add(tetra, u32::MAX);
         }
-        for key in wishes {
+        for key in requests {
             tree.split(key);
         }
         tree.renumbered()
@@ -177,7 +177,7 @@ mod tests {
     use super::*;
 
     /// Diamonds round some points, ever smaller ones; a wish without its parents each.
-    fn wishes() -> Vec<DiamondKey> {
+    fn requests() -> Vec<DiamondKey> {
         let mut out = Vec::new();
         for sum in [[300, 900, 1500], [2900, 100, 100], [1500, 1501, 1502]].map(I64Vec3::from) {
             let roots = Tetra::roots(10);
@@ -195,8 +195,8 @@ mod tests {
 
     #[test]
     fn a_split_diamond_has_all_its_parents_split_and_all_its_tetrahedra() {
-        let p = Partition::of_wishes(10, wishes());
-        assert!(wishes().iter().all(|w| p.diamonds[p.by_key[w] as usize].split));
+        let p = Partition::from_split_requests(10, requests());
+        assert!(requests().iter().all(|w| p.diamonds[p.by_key[w] as usize].split));
         for d in p.diamonds.iter().filter(|d| d.split) {
             for parent in d.key.grandparents(10) {
                 assert!(p.diamonds[p.by_key[&parent] as usize].split, "{:?}", d.key);
@@ -208,9 +208,9 @@ mod tests {
     }
 
     #[test]
-    fn numbers_follow_from_the_tree_and_not_from_the_order_of_wishes() {
-        let a = Partition::of_wishes(10, wishes());
-        let b = Partition::of_wishes(10, wishes().into_iter().rev());
+    fn node_numbers_depend_on_the_tree_and_not_on_the_order_of_split_requests() {
+        let a = Partition::from_split_requests(10, requests());
+        let b = Partition::from_split_requests(10, requests().into_iter().rev());
         assert_eq!(a.tetrahedra.len(), b.tetrahedra.len());
         for (x, y) in a.tetrahedra.iter().zip(&b.tetrahedra) {
             assert_eq!((x.tetra, x.diamond, x.children), (y.tetra, y.diamond, y.children));
@@ -221,8 +221,8 @@ mod tests {
     }
 
     #[test]
-    fn numbers_name_each_other_and_leaves_stand_in_the_order_of_a_walk() {
-        let p = Partition::of_wishes(10, wishes());
+    fn node_numbers_are_consistent_and_leaves_are_in_traversal_order() {
+        let p = Partition::from_split_requests(10, requests());
         for (i, t) in (0u32..).zip(&p.tetrahedra) {
             let d = &p.diamonds[t.diamond as usize];
             assert!(d.key == DiamondKey::of(&t.tetra) && d.tetrahedra.contains(&i) && d.tetrahedra.is_sorted());

@@ -123,15 +123,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tree_comes_back_and_damage_is_noticed() {
+    fn a_tree_round_trips_and_damage_is_detected() {
         // A path of ever smaller diamonds.
-        let mut wishes = Vec::new();
+        let mut requests = Vec::new();
         let mut tetra = Tetra::roots(10)[2];
         for level in 0..9 {
-            wishes.push(DiamondKey::of(&tetra));
+            requests.push(DiamondKey::of(&tetra));
             tetra = tetra.quarters()[level % 4];
         }
-        let mut tree = Partition::of_wishes(10, wishes);
+        let mut tree = Partition::from_split_requests(10, requests);
         tree.overfull_leaves = 3;
         let scratch = Scratch::temporary().unwrap();
         write(&scratch, &tree).unwrap();

@@ -69,7 +69,7 @@ impl ScratchError {
         Self::Io { path: path.to_owned(), doing, reason }
     }
 
-    /// A failed write of `bytes` at `held`: a full disk is told apart.
+    /// A failed write of `bytes` at `held`: a full disk is an error of its own.
     pub(crate) fn write(path: &Path, bytes: u64, held: u64, source: std::io::Error) -> Self {
         use std::io::ErrorKind::{FileTooLarge, QuotaExceeded, StorageFull};
         if matches!(source.kind(), StorageFull | QuotaExceeded | FileTooLarge) {

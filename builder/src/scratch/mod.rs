@@ -151,7 +151,7 @@ impl Scratch {
         Ok(())
     }
 
-    /// Length of a file in bytes, `None` where there is none.
+    /// Length of a file in bytes, `None` if there is none.
     pub fn length(&self, name: &str) -> Option<u64> {
         std::fs::symlink_metadata(self.path(name)).ok().filter(std::fs::Metadata::is_file).map(|m| m.len())
     }

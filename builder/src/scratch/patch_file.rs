@@ -125,7 +125,7 @@ impl PatchFile {
         all
     }
 
-    /// Write the index, wait until all is on the disk, and go on reading.
+    /// Write the index, wait until all is on the disk, and continue reading.
     ///
     /// # Errors
     /// [`ScratchError`] where it cannot be written.

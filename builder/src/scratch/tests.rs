@@ -19,7 +19,7 @@ fn patch(vertices: u32, colored: bool, channels: usize, bounded: bool) -> Patch 
 }
 
 #[test]
-fn a_patch_comes_back_from_its_file_as_it_was_now_and_after_opening_again() {
+fn a_patch_round_trips_through_its_file_also_after_reopening() {
     let scratch = Scratch::temporary().unwrap();
     let patches = [
         patch(3, false, 0, false),
@@ -49,7 +49,7 @@ fn a_patch_comes_back_from_its_file_as_it_was_now_and_after_opening_again() {
 }
 
 #[test]
-fn every_damaged_byte_of_a_patch_file_is_noticed() {
+fn every_damaged_byte_of_a_patch_file_is_detected() {
     let scratch = Scratch::temporary().unwrap();
     let file = PatchFile::create(&scratch, "p").unwrap();
     file.append(4, &patch(20, true, 1, true)).unwrap();
@@ -69,7 +69,7 @@ fn every_damaged_byte_of_a_patch_file_is_noticed() {
 }
 
 #[test]
-fn records_are_visited_in_order_and_once_however_little_memory_there_is() {
+fn records_are_visited_once_and_in_order_with_any_amount_of_memory() {
     let scratch = Scratch::temporary().unwrap();
     let records = Records::create(&scratch, "shared").unwrap();
     let mut random = fastrand::Rng::with_seed(1);
@@ -98,7 +98,7 @@ fn records_are_visited_in_order_and_once_however_little_memory_there_is() {
 }
 
 #[test]
-fn damaged_records_are_noticed_before_the_first_is_visited() {
+fn damaged_records_are_detected_before_the_first_is_visited() {
     let scratch = Scratch::temporary().unwrap();
     let records = Records::create(&scratch, "shared").unwrap();
     records.append(&(0..50).map(|i| record(LatticePoint::new(i, 2, 3), 4)).collect::<Vec<_>>()).unwrap();
@@ -125,7 +125,7 @@ fn damaged_records_are_noticed_before_the_first_is_visited() {
 }
 
 #[test]
-fn a_folder_in_use_is_refused_and_free_afterwards() {
+fn a_folder_in_use_is_refused_until_it_is_released() {
     let outer = tempfile::tempdir().unwrap();
     let folder = outer.path().join("scratch");
     let first = Scratch::open(&folder).unwrap();
@@ -144,16 +144,16 @@ fn a_folder_in_use_is_refused_and_free_afterwards() {
 
 #[cfg(unix)]
 #[test]
-fn no_other_user_can_look_into_a_temporary_folder() {
+fn no_other_user_can_read_a_temporary_folder() {
     use std::os::unix::fs::PermissionsExt as _;
     let scratch = Scratch::temporary().unwrap();
     assert_eq!(scratch.folder().metadata().unwrap().permissions().mode() & 0o777, 0o700);
 }
 
-/// A folder of meshes from somebody else, or a shared one, may contain anything where the scratch folder will be.
+/// A folder of meshes from another person, or a shared one, may contain anything where the scratch folder will be.
 #[cfg(unix)]
 #[test]
-fn a_folder_that_no_build_made_is_refused_and_left_unchanged() {
+fn a_folder_that_was_not_made_by_a_build_is_refused_and_left_unchanged() {
     let listed = |folder: &std::path::Path| {
         let names = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
         names.collect::<std::collections::BTreeSet<_>>()
@@ -201,7 +201,7 @@ fn a_refusal_says_what_is_wrong_with_the_folder() {
     assert!(damaged.contains("`lock` is damaged, or was not written by a build"), "{damaged}");
     let gone = refused(&|f| std::fs::remove_file(f.join("lock")).unwrap());
     assert!(gone.contains("contains journal but not the file `lock`"), "{gone}");
-    // As a build leaves it that found somebody else's folder in its own.
+    // The state after a build that found a foreign folder in its own.
     let theirs = refused(&|f| {
         std::fs::create_dir(f.join("theirs")).unwrap();
         Scratch::open(f).unwrap().discard(|_| true).unwrap();

@@ -1,5 +1,5 @@
-//! The ingest gives the same tree and the same leaf patches whatever the memory, the threads and the order of the input,
-//! and they are what a plain construction in memory gives.
+//! The ingest gives the same tree and the same leaf patches for any memory, threads and order of the input, and they equal
+//! those of a simple construction in memory.
 
 mod plain;
 
@@ -15,7 +15,7 @@ use plain::{partition, plain};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// A corner with all that it carries.
+/// A corner with all its attributes.
 type Corner = ([i32; 3], [u8; 3], [i16; 2], Vec<u32>);
 
 /// Triangles with their border bits.
@@ -31,7 +31,7 @@ fn triangles_of(m: &Mesh) -> Triangles {
     m.triangles.iter().zip(&m.borders).map(|(t, b)| (t.map(|v| corner(m, v)), *b)).collect()
 }
 
-/// What a run gave, in a form that can be compared.
+/// The result of a run, in a comparable form.
 #[derive(PartialEq)]
 struct Outcome {
     surface: Surface,
@@ -132,7 +132,7 @@ fn meshes() -> Vec<(&'static str, RawMesh)> {
 }
 
 #[test]
-fn memory_and_threads_do_not_matter() {
+fn the_result_does_not_depend_on_memory_or_threads() {
     for (name, mesh) in meshes() {
         let leaf_triangles = 300;
         let reference = run(&[&mesh], &Case { memory: LARGE, threads: 1, leaf_triangles });
@@ -144,7 +144,7 @@ fn memory_and_threads_do_not_matter() {
 }
 
 #[test]
-fn it_is_what_a_plain_construction_in_memory_gives() {
+fn an_ingest_equals_a_simple_construction_in_memory() {
     for (name, mesh) in meshes() {
         for memory in [LARGE, TINY] {
             let leaf_triangles = 300;
@@ -160,7 +160,7 @@ fn it_is_what_a_plain_construction_in_memory_gives() {
             assert!((s.median_edge / expected.median_edge - 1.0).abs() < 2e-3, "{name}");
             let bounds = expected.mesh.bounds();
             assert_eq!(s.bounds, [bounds.min, bounds.max], "{name}");
-            let count = |kind: &str| s.findings.get(kind).map_or(0, |f| f.count);
+            let count = |kind: &str| s.diagnostics.get(kind).map_or(0, |f| f.count);
             assert_eq!(count("triangles dropped because they collapse on the lattice"), expected.collapsed, "{name}");
             assert_eq!(count("vertices welded because they are equal on the lattice"), expected.welded, "{name}");
             let theirs: BTreeMap<Tetra, Triangles> = tree
@@ -220,7 +220,7 @@ fn shuffled(mesh: &RawMesh, seed: u64) -> RawMesh {
 }
 
 #[test]
-fn the_order_of_vertices_triangles_and_inputs_does_not_matter() {
+fn the_result_does_not_depend_on_the_order_of_vertices_triangles_and_inputs() {
     for (name, mesh) in meshes() {
         let case = |memory| Case { memory, threads: 2, leaf_triangles: 300 };
         let reference = run(&[&mesh], &case(LARGE));
@@ -258,7 +258,7 @@ fn grid(n: u32, edge: f64) -> RawMesh {
 }
 
 #[test]
-fn joined_files_with_more_channels_than_a_pack_holds_are_refused_by_name() {
+fn inputs_with_more_channels_together_than_a_pack_holds_are_refused_by_name() {
     let mut raw = grid(1, 1.0);
     raw.scalars = (0..20).map(|i| (format!("channel{i}"), vec![0.0; 3])).collect();
     let error = refused(&raw, None);
@@ -266,7 +266,7 @@ fn joined_files_with_more_channels_than_a_pack_holds_are_refused_by_name() {
 }
 
 #[test]
-fn a_vertex_far_astray_is_refused_instead_of_ruining_the_lattice() {
+fn an_outlying_vertex_is_refused_instead_of_coarsening_the_lattice() {
     let raw = grid(10, 0.01);
     assert_eq!(refused(&raw, None), "");
     for astray in [1e8, 1e12, 1e300, f64::MAX, -f64::MAX] {
@@ -274,12 +274,12 @@ fn a_vertex_far_astray_is_refused_instead_of_ruining_the_lattice() {
         raw.positions[0] = [astray, 0.0, 0.0];
         let error = refused(&raw, None);
         assert!(error.contains("m wide"), "{astray}: {error}");
-        // One that no triangle uses does no harm.
+        // An unused one is harmless.
         raw.positions[0] = [0.0; 3];
         raw.positions.push([astray, 0.0, 0.0]);
         let case = Case { memory: LARGE, threads: 2, leaf_triangles: 2048 };
         let found = run(&[&raw], &case);
-        assert_eq!(found.surface.findings["vertices that no triangle uses"].count, 1);
+        assert_eq!(found.surface.diagnostics["vertices that no triangle uses"].count, 1);
         raw.positions.pop();
         assert!(found.leaves == run(&[&raw], &case).leaves, "{astray}");
     }
@@ -295,7 +295,7 @@ fn a_mesh_too_small_for_a_lattice_is_reported_as_too_small() {
 }
 
 #[test]
-fn the_step_that_a_refusal_names_can_be_used() {
+fn the_lattice_spacing_suggested_by_a_refusal_works() {
     let raw = grid(80, 0.1);
     let error = refused(&raw, Some(2f64.powi(-40)));
     let named: f64 =
@@ -306,7 +306,7 @@ fn the_step_that_a_refusal_names_can_be_used() {
 }
 
 #[test]
-fn coincident_triangles_and_fans_do_not_divide_for_ever() {
+fn coincident_triangles_and_fans_do_not_subdivide_forever() {
     for memory in [LARGE, TINY] {
         let case = Case { memory, threads: 2, leaf_triangles: 100 };
         let mut raw = grid(12, 0.1);
@@ -329,7 +329,7 @@ fn coincident_triangles_and_fans_do_not_divide_for_ever() {
 }
 
 #[test]
-fn vertices_that_are_not_finite_drop_their_triangles_and_nothing_else() {
+fn only_triangles_with_vertices_that_are_not_finite_are_dropped() {
     let mut raw = grid(30, 0.1);
     for (v, x) in [(0, f64::NAN), (301, f64::INFINITY), (302, f64::NEG_INFINITY)] {
         raw.positions[v][v % 3] = x;
@@ -337,14 +337,14 @@ fn vertices_that_are_not_finite_drop_their_triangles_and_nothing_else() {
     for memory in [LARGE, TINY] {
         let found = run(&[&raw], &Case { memory, threads: 2, leaf_triangles: 100 }).surface;
         assert_eq!(found.triangles, 900 - 2);
-        let dropped = &found.findings["triangles dropped because a corner has no finite position"];
+        let dropped = &found.diagnostics["triangles dropped because a corner has no finite position"];
         assert_eq!((dropped.count, dropped.places.clone()), (2, vec!["triangle 0".into(), "triangle 100".into()]));
-        assert_eq!(found.findings["vertices without a finite position dropped"].count, 3);
+        assert_eq!(found.diagnostics["vertices without a finite position dropped"].count, 3);
     }
 }
 
 #[test]
-fn a_triangle_that_names_a_vertex_its_input_does_not_have_is_an_error_that_says_which() {
+fn a_triangle_with_an_index_out_of_range_is_an_error_that_names_it() {
     let (scratch, raw) = (Scratch::temporary().unwrap(), grid(3, 0.1));
     let mut spool = Spool::create(&scratch, Path::new("first.ply")).unwrap();
     spool.add(&raw).unwrap();
@@ -357,7 +357,7 @@ fn a_triangle_that_names_a_vertex_its_input_does_not_have_is_an_error_that_says_
 }
 
 #[test]
-fn crop_and_confidence_drop_triangles_and_count_them() {
+fn triangles_removed_by_crop_and_confidence_are_counted() {
     let mut raw = grid(30, 0.1);
     let confidence = (0..raw.positions.len()).map(|v| if v % 300 < 3 { 0.1 } else { 0.9 }).collect();
     raw.scalars.push(("confidence".into(), confidence));
@@ -366,7 +366,7 @@ fn crop_and_confidence_drop_triangles_and_count_them() {
         let crop = Some([[-1.0, -1.0, -1.0], [1.0, 0.5, 1.0]].map(Into::into));
         let o = IngestOptions { crop, min_confidence: Some(0.5), ..options(100) };
         let found = try_run(&[&raw], &case, &o).unwrap();
-        let n = |kind: &str| found.surface.findings.get(kind).map_or(0, |f| f.count);
+        let n = |kind: &str| found.surface.diagnostics.get(kind).map_or(0, |f| f.count);
         // Centroids lie a third of an edge inside: 10 columns and 5 rows, less those of low confidence among them.
         assert_eq!(n("triangles dropped because of --min-confidence"), 9);
         let low_inside = 1;
@@ -381,7 +381,7 @@ fn crop_and_confidence_drop_triangles_and_count_them() {
 }
 
 #[test]
-fn attributes_of_several_inputs_are_joined_and_what_is_missing_is_counted() {
+fn attributes_of_several_inputs_are_combined_and_missing_ones_counted() {
     let (mut coloured, mut plain) = (grid(4, 0.1), grid(4, 0.1));
     plain.positions.iter_mut().for_each(|p| p[0] += 0.4);
     coloured.colors = vec![[10, 20, 30]; 48];
@@ -394,14 +394,14 @@ fn attributes_of_several_inputs_are_joined_and_what_is_missing_is_counted() {
     let names: Vec<&str> = one.surface.scalars.iter().map(|s| s.name.as_str()).collect();
     assert_eq!(names, ["a", "alpha", "b"]);
     assert_eq!((one.surface.scalars[2].min, one.surface.scalars[2].max), (0.0, 2.0));
-    let n = |kind: &str| one.surface.findings.get(kind).map_or(0, |f| f.count);
+    let n = |kind: &str| one.surface.diagnostics.get(kind).map_or(0, |f| f.count);
     assert_eq!(n("vertices without colour beside coloured ones, shown grey"), 48);
     assert_eq!(n("vertices without a scalar that other files have, set to 0"), 3 * 48);
     assert_eq!(n("normals dropped and computed anew, because other files have none"), 48);
     let colors: std::collections::BTreeSet<[u8; 3]> =
         one.leaves.iter().flat_map(|(_, m)| m.colors.iter().copied()).collect();
     assert_eq!(colors.len(), 2);
-    // Alone, an alpha of 1 throughout says nothing; and an intensity is shown as grey.
+    // A constant alpha of 1 is dropped, and an intensity is shown as grey.
     let mut scan = grid(20, 0.1);
     let n = scan.positions.len();
     scan.scalars =
@@ -415,7 +415,7 @@ fn attributes_of_several_inputs_are_joined_and_what_is_missing_is_counted() {
 }
 
 #[test]
-fn small_components_are_dropped_with_everything_they_had_and_nothing_else() {
+fn only_small_components_are_dropped_and_they_leave_nothing_behind() {
     // A wall with islands of 1 to 40 triangles scattered before it.
     let base = wall(20_000);
     let mut raw = base.clone();
@@ -442,7 +442,7 @@ fn small_components_are_dropped_with_everything_they_had_and_nothing_else() {
         assert_eq!(all.surface.triangles - found.surface.triangles, dropped);
         assert_eq!(found.surface.components, 12);
         let kind = "triangles of components smaller than --drop-islands-below dropped";
-        assert_eq!(found.surface.findings[kind].count, dropped);
+        assert_eq!(found.surface.diagnostics[kind].count, dropped);
         let alone = with(IngestOptions { drop_islands_below: Some(41), ..below }, &raw);
         let expected = with(IngestOptions { step: Some(2f64.powi(-12)), ..options(300) }, &base);
         assert_eq!(alone.surface.border_edges, expected.surface.border_edges);
@@ -473,7 +473,7 @@ fn the_estimated_noise_is_that_of_the_surface() {
 }
 
 #[test]
-fn triangles_that_stand_twice_and_neighbours_that_face_apart_are_counted() {
+fn duplicate_triangles_and_inconsistent_orientation_are_counted() {
     let mut raw = closed(8_000);
     for t in [10, 500, 2000] {
         let [a, b, c] = raw.triangles[t];
@@ -500,7 +500,7 @@ impl kilwa_builder::Progress for StopAt {
 }
 
 #[test]
-fn an_ingest_that_was_stopped_in_any_stage_goes_on_and_gives_the_same() {
+fn an_ingest_stopped_in_any_stage_resumes_with_the_same_result() {
     let mesh = with_holes(20_000);
     let reference = run(&[&mesh], &Case { memory: LARGE, threads: 2, leaf_triangles: 300 });
     for stage in ["finding corners", "sorting into regions", "joining triangles", "filling leaves"] {
@@ -522,7 +522,7 @@ fn an_ingest_that_was_stopped_in_any_stage_goes_on_and_gives_the_same() {
 
 /// More triangles at a few places than a chunk holds: no later stage can divide them.
 #[test]
-fn a_leaf_that_no_chunk_holds_is_refused_whatever_the_memory() {
+fn a_leaf_too_large_for_a_chunk_is_refused_with_any_amount_of_memory() {
     for places in [1u32, 60] {
         let mut mesh = RawMesh::default();
         // The last one is far away, so that all others are in one leaf.

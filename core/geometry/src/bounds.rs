@@ -1,4 +1,4 @@
-//! Axis-aligned boxes on the lattice and bounding spheres in lattice steps.
+//! Axis-aligned boxes on the lattice and bounding spheres in lattice units.
 
 use crate::lattice::LatticePoint;
 use glam::{DVec3, IVec3};
@@ -43,12 +43,12 @@ impl Aabb {
     }
 }
 
-/// A ball in lattice steps.
+/// A ball in lattice units.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sphere {
-    /// Centre, in lattice steps.
+    /// Centre, in lattice units.
     pub center: DVec3,
-    /// Radius, in lattice steps; negative for the empty ball.
+    /// Radius, in lattice units; negative for the empty ball.
     pub radius: f64,
 }
 
@@ -89,7 +89,7 @@ impl Sphere {
         Self { center, radius: inflate(r) }
     }
 
-    /// Whether `o` lies inside, with the tolerance `slack` in steps.
+    /// Whether `o` lies inside, with the tolerance `slack` in lattice units.
     pub fn contains(&self, o: &Self, slack: f64) -> bool {
         o.radius < 0.0 || self.center.distance(o.center) + o.radius <= self.radius + slack
     }

@@ -1,4 +1,4 @@
-//! What is cut away: a plane and a box, in lattice steps. Exact in f64; what is cut away wholly is neither loaded nor drawn.
+//! What is cut away: a plane and a box, in lattice units. Exact in f64; what is cut away wholly is neither loaded nor drawn.
 
 use crate::Sphere;
 use glam::DVec3;
@@ -6,14 +6,14 @@ use glam::DVec3;
 /// A half-space: the side of a plane that stays. `normal · p <= offset` is kept.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct HalfSpace {
-    /// Unit normal, towards what is taken away.
+    /// Unit normal, towards what is removed.
     pub normal: DVec3,
     /// `normal · p` on the plane.
     pub offset: f64,
 }
 
 impl HalfSpace {
-    /// How far inside of what stays a point lies; negative where it is taken away.
+    /// How far inside of what stays a point lies; negative where it is removed.
     pub fn depth(&self, point: DVec3) -> f64 {
         self.offset - self.normal.dot(point)
     }
@@ -35,7 +35,7 @@ impl ClipBox {
     }
 }
 
-/// What is cut away: what the plane or the box takes away.
+/// What is cut away: what the plane or the box removes.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Clip {
     /// One plane.
@@ -55,7 +55,7 @@ impl Clip {
         self.plane.is_some() || self.bounds.is_some()
     }
 
-    /// How far inside of what stays a point lies; negative where it is taken away, infinite where nothing is cut.
+    /// How far inside of what stays a point lies; negative where it is removed, infinite where nothing is cut.
     pub fn depth(&self, point: DVec3) -> f64 {
         let plane = self.plane.map_or(f64::INFINITY, |p| p.depth(point));
         let bounds =
@@ -68,7 +68,7 @@ impl Clip {
         self.depth(point) >= 0.0
     }
 
-    /// Whether all of a ball is taken away (never wrongly `true`; a ball across an edge of the box may be kept).
+    /// Whether all of a ball is removed (never wrongly `true`; a ball across an edge of the box may be kept).
     pub fn removes(&self, ball: &Sphere) -> bool {
         if !self.is_on() {
             return false;
@@ -95,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn no_point_of_a_ball_that_is_removed_stays() {
+    fn no_point_of_a_clipped_ball_remains() {
         // A grid of balls and of points in each.
         let plane = HalfSpace { normal: DVec3::new(0.6, 0.0, 0.8), offset: 30.0 };
         let clips = [

@@ -146,9 +146,9 @@ mod tests {
                 next.extend(t.children().map(|c| (c, Some(key))));
             }
             for (key, found) in &parents {
-                let mut said: Vec<_> = key.parents(LOG2);
-                said.sort();
-                assert_eq!(said, found.iter().copied().collect::<Vec<_>>(), "level {l} {key:?}");
+                let mut parents: Vec<_> = key.parents(LOG2);
+                parents.sort();
+                assert_eq!(parents, found.iter().copied().collect::<Vec<_>>(), "level {l} {key:?}");
                 if key.midpoint.to_array().iter().all(|&x| x > 0 && x < side) {
                     assert_eq!(tets[key], [6, 4, 8][usize::from(l) % 3], "{key:?}");
                 }
@@ -161,7 +161,7 @@ mod tests {
     #[test]
     fn grandparents_and_tetrahedra_agree_with_an_exhaustive_enumeration() {
         const LOG2: u32 = 5;
-        // The corners tell tetrahedra apart; their order depends on the way down.
+        // The corners identify a tetrahedron; their order depends on the path.
         let corners = |t: &Tetra| {
             let mut v = t.v;
             v.sort_unstable_by_key(IVec3::to_array);

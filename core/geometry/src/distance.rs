@@ -1,6 +1,6 @@
 //! Exact-enough distances in `f64`: point to triangle, and the ray–triangle intersection that picks rest on.
 //!
-//! Coordinates are lattice steps below 2^31, so every difference of them is exact; a distance is right to a few units in
+//! Coordinates are lattice units below 2^31, so every difference of them is exact; a distance is right to a few units in
 //! the last place of the coordinates. Callers that need a *bound* add [`DISTANCE_SLACK`] and [`ABSOLUTE_SLACK`].
 
 use glam::DVec3;
@@ -8,7 +8,7 @@ use glam::DVec3;
 /// Relative rounding slack of [`point_triangle_squared`]'s square root, generous by orders of magnitude.
 pub const DISTANCE_SLACK: f64 = 1e-9;
 
-/// Absolute slack of a distance, in lattice steps: a hundred times what was seen at coordinates of 2^28.
+/// Absolute slack of a distance, in lattice units: a hundred times what was seen at coordinates of 2^28.
 pub const ABSOLUTE_SLACK: f64 = 1e-6;
 
 /// The point of triangle `abc` nearest to `p` (Ericson, "Real-Time Collision Detection", 2005, section 5.1.5).
@@ -114,7 +114,7 @@ mod tests {
         }
 
         #[test]
-        fn the_closest_point_beats_a_dense_sampling_of_the_triangle(p in point(), a in point(), b in point(), c in point()) {
+        fn the_closest_point_is_at_least_as_close_as_any_of_a_dense_sampling(p in point(), a in point(), b in point(), c in point()) {
             let d = point_triangle_squared(p, [a, b, c]).sqrt();
             let mut best = f64::MAX;
             for i in 0..=40 {

@@ -43,7 +43,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn it_passes_every_point_of_a_cube_once_and_goes_from_neighbour_to_neighbour() {
+    fn the_curve_visits_every_point_of_a_cube_once_moving_between_neighbours() {
         for bits in 1..5u32 {
             let side = 1u32 << bits;
             let mut at = vec![None; (side * side * side) as usize];
@@ -61,7 +61,7 @@ mod tests {
     }
 
     #[test]
-    fn points_of_a_small_cube_stay_together_in_a_large_one() {
+    fn the_curve_keeps_the_points_of_a_small_cube_together() {
         // An aligned cube of 2^k points a side is one stretch of the curve, whatever its place.
         let corner = [5u32 << 20, 1000 << 10, (1 << 31) - 1024];
         let cube = corner.map(|c| c & !1023);

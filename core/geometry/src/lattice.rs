@@ -32,13 +32,13 @@ impl Lattice {
         self.origin + step * p.as_dvec3()
     }
 
-    /// World position of a point given in (fractional) lattice steps.
+    /// World position of a point given in (fractional) lattice units.
     pub fn world_from_steps(&self, p: DVec3) -> DVec3 {
         let step = self.step();
         self.origin + step * p
     }
 
-    /// A world position in (fractional) lattice steps.
+    /// A world position in (fractional) lattice units.
     pub fn steps_from_world(&self, w: DVec3) -> DVec3 {
         let inv = libm::scalbn(1.0, -self.step_log2);
         (w - self.origin) * inv
@@ -58,7 +58,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn snapping_is_within_half_a_step_also_at_utm_offsets() {
+    fn snapping_moves_points_by_at_most_half_a_spacing_also_at_utm_offsets() {
         let lattice = Lattice { origin: DVec3::new(500_000.0, 4_649_776.0, 123.456), step_log2: -13 };
         for i in 0..1000 {
             let w = lattice.origin + f64::from(i) * DVec3::new(0.0137, 0.011, 1e-4);
@@ -71,7 +71,7 @@ mod tests {
     }
 
     #[test]
-    fn snapping_refuses_nan_and_outside() {
+    fn snapping_refuses_nan_and_points_outside() {
         let lattice = Lattice { origin: DVec3::ZERO, step_log2: 0 };
         assert_eq!(lattice.snap(DVec3::new(f64::NAN, 0.0, 0.0)), None);
         assert_eq!(lattice.snap(DVec3::NEG_X), None);

@@ -48,7 +48,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_round_trip_turns_a_normal_by_less_than_a_hundredth_of_a_degree() {
+    fn a_round_trip_changes_a_normal_by_less_than_a_hundredth_of_a_degree() {
         for i in 0..200 {
             for j in 0..50 {
                 let (a, b) = (f64::from(i) * 0.0314, f64::from(j) * 0.0628);

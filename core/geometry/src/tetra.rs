@@ -113,7 +113,7 @@ pub struct Faces([(DVec3, I64Vec3); 4]);
 
 impl Faces {
     /// How far the point `sum / 3` lies outside the tetrahedron, as a non-negative number comparable between
-    /// tetrahedra of one diamond (largest plane violation, in steps); 0 inside.
+    /// tetrahedra of one diamond (largest plane violation, in lattice units); 0 inside.
     pub fn violation(&self, sum: I64Vec3) -> f64 {
         let out = |(n, a): &(DVec3, I64Vec3)| n.dot((sum - a).as_dvec3());
         self.0.iter().map(out).fold(0.0, f64::max)
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn every_point_falls_into_a_child_that_contains_it() {
+    fn every_point_is_assigned_to_a_child_that_contains_it() {
         let mut generator = fastrand::Rng::with_seed(7);
         let mut random = || generator.i64(0..64 * 3);
         for _ in 0..2000 {

@@ -4,7 +4,7 @@
 //! the same corners, turning the way the polygon turns. Quads are split along the diagonal that lies inside, the shorter
 //! where both do. Others are cut ear by ear in the plane in which the polygon is largest (G. H. Meisters, "Polygons have
 //! ears", 1975; only reflex corners can lie in an ear). A polygon that crosses itself has no triangulation: it gets its
-//! n - 2 triangles all the same, and the caller is told.
+//! n - 2 triangles all the same, and the caller is informed.
 
 use glam::DVec3;
 
@@ -17,7 +17,7 @@ pub enum Outcome {
     Crossing,
 }
 
-/// How often all ears of one polygon may be looked for anew, which only polygons that cross themselves need.
+/// How often all ears of one polygon may be looked for again, which only polygons that cross themselves need.
 const SEARCHES: usize = 2;
 
 /// Lists reused from polygon to polygon.
@@ -233,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn a_concave_quad_is_split_along_the_diagonal_inside() {
+    fn a_concave_quad_is_split_along_the_inner_diagonal() {
         for turn in 0..4 {
             let mut dart = flat(&[[0.0, 0.0], [4.0, 0.0], [1.0, 1.0], [0.0, 4.0]]);
             dart.rotate_left(turn);
@@ -248,7 +248,7 @@ mod tests {
     }
 
     #[test]
-    fn a_comb_is_covered_once_whichever_way_it_turns_and_faces() {
+    fn a_comb_is_covered_once_in_either_winding_and_orientation() {
         let mut comb = vec![[0.0, 0.0], [20.0, 0.0]];
         for tooth in (0..10).rev() {
             let x = 2.0 * f64::from(tooth);
@@ -279,7 +279,7 @@ mod tests {
     }
 
     #[test]
-    fn corners_in_line_with_their_neighbours_are_kept() {
+    fn collinear_corners_are_kept() {
         let square = flat(&[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [2.0, 2.0], [1.0, 2.0], [0.0, 2.0], [0.0, 1.0]]);
         assert!(covers(&square));
         let (triangles, _) = cut(&square);
@@ -287,20 +287,20 @@ mod tests {
     }
 
     #[test]
-    fn a_bow_tie_gets_its_triangles_and_is_told_of() {
+    fn a_bow_tie_is_triangulated_and_reported() {
         let (triangles, outcome) = cut(&flat(&[[0.0, 0.0], [4.0, 4.0], [4.0, 0.0], [0.0, 4.1]]));
         assert_eq!((triangles.len(), outcome), (2, Outcome::Crossing));
     }
 
     #[test]
-    fn a_polygon_of_ten_thousand_crossing_corners_ends() {
+    fn triangulating_ten_thousand_crossing_corners_ends() {
         let wild: Vec<[f64; 3]> =
             (0..10_000u32).map(|i| [f64::from(i * 7919 % 10_007), f64::from(i * 104_729 % 10_009), 0.0]).collect();
         assert_eq!(cut(&wild).0.len(), 9_998);
     }
 
     #[test]
-    fn overflowing_coordinates_do_no_harm() {
+    fn overflowing_coordinates_cause_no_panic() {
         assert_eq!(cut(&flat(&[[-1e308, 0.0], [1e308, 0.0], [1e308, 1e308], [0.0, 1.0], [-1e308, 1e308]])).0.len(), 3);
     }
 

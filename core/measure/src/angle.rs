@@ -34,7 +34,7 @@ mod tests {
     use std::f64::consts::{FRAC_PI_2, FRAC_PI_6, PI};
 
     #[test]
-    fn angles_of_known_corners_also_tiny_and_flat_ones() {
+    fn angles_of_known_corners_are_exact_also_tiny_and_flat_ones() {
         let o = DVec3::ZERO;
         assert_eq!(at_corner([DVec3::X, o, DVec3::new(0.0, 2.0, 0.0)]).unwrap(), FRAC_PI_2);
         assert_eq!(at_corner([DVec3::X, o, DVec3::new(-3.0, 0.0, 0.0)]).unwrap(), PI);

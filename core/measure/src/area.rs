@@ -127,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_upright_wall_has_its_full_area_along_the_surface_and_none_in_plan() {
+    fn an_upright_wall_has_its_full_surface_area_and_no_plan_area() {
         let mut a = Areas::default();
         a.add([DVec3::ZERO, DVec3::new(4.0, 0.0, 0.0), DVec3::new(4.0, 0.0, 3.0)]);
         a.add([DVec3::ZERO, DVec3::new(4.0, 0.0, 3.0), DVec3::new(0.0, 0.0, 3.0)]);

@@ -115,7 +115,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn points_of_a_circle_give_it_back_at_any_place_and_tilt(
+        fn a_circle_is_fitted_exactly_at_any_position_and_tilt(
             r in 0.5f64..50.0, n in prop::array::uniform3(-1.0f64..1.0).prop_map(DVec3::from), from in 0.0f64..6.0, arc in 1.5f64..5.0,
             count in 3usize..40, far in prop::bool::ANY,
         ) {
@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_circle_of_n_points_is_as_certain_as_the_mean_of_n_and_a_line_is_none() {
+    fn a_circle_of_n_points_is_as_certain_as_the_mean_of_n_and_collinear_points_are_refused() {
         let points: Vec<DVec3> = (0..100)
             .map(|i| {
                 let a = f64::from(i) * 0.062_831_853;

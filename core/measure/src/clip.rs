@@ -1,6 +1,6 @@
 //! What is cut away: a plane and a box. Exact in f64 for picks; the shaders get the same half-spaces relative to their cell.
 //!
-//! Points and half-spaces are in one unit, in practice lattice steps. [`ClipState`] is what people and links say, in world metres.
+//! Points and half-spaces are in one unit, in practice lattice units. [`ClipState`] is what people and links say, in world metres.
 
 use crate::pick::Ray;
 use glam::DVec3;
@@ -29,7 +29,7 @@ pub struct WorldBox {
     /// Degrees that it is turned, clockwise seen from above.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub turn: f64,
-    /// Take away the inside instead of the outside.
+    /// Remove the inside instead of the outside.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub remove_inside: bool,
 }
@@ -50,7 +50,7 @@ pub struct ClipState {
 }
 
 impl ClipState {
-    /// In lattice steps.
+    /// In lattice units.
     pub fn in_steps(&self, lattice: &Lattice) -> Clip {
         let step = lattice.step();
         let bounds = self.clip_box.map(|b| ClipBox {
@@ -61,7 +61,7 @@ impl ClipState {
     }
 }
 
-/// The half-space in lattice steps that a plane's normal points away from.
+/// The half-space in lattice units that a plane's normal points away from.
 pub fn half_space(plane: &WorldPlane, lattice: &Lattice) -> HalfSpace {
     let length = plane.normal.length();
     let normal = plane.normal / length;
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn the_stretches_of_a_ray_are_where_its_points_stay() {
+    fn the_intervals_of_a_ray_contain_exactly_its_unclipped_points() {
         let faces = box_faces(DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 6.0, 2.0), 0.4);
         let plane = Some(HalfSpace { normal: DVec3::new(0.6, 0.0, 0.8), offset: 4.0 });
         let mut generator = fastrand::Rng::with_seed(1);
@@ -163,7 +163,7 @@ mod tests {
     }
 
     #[test]
-    fn plane_and_box_both_take_away() {
+    fn plane_and_box_are_both_applied() {
         let plane = Some(HalfSpace { normal: DVec3::X, offset: 0.0 });
         let faces = box_faces(DVec3::ZERO, DVec3::splat(2.0), 0.0);
         let clip = Clip { plane, bounds: Some(ClipBox { faces, remove_inside: false }) };

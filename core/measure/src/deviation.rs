@@ -119,7 +119,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_tilted_square_deviates_by_the_deviation_of_a_uniform_distribution() {
+    fn the_deviation_of_a_tilted_square_is_that_of_a_uniform_distribution() {
         let floor = Plane::new(DVec3::ZERO, DVec3::Z).unwrap();
         let (a, b, c, d) = (
             DVec3::new(0.0, 0.0, -1.0),

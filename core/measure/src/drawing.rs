@@ -77,9 +77,9 @@ impl Drawing {
 
     /// Length of the scale bar, metres: 1, 2 or 5 times a power of ten, at most 80 mm on paper, more than 30.
     pub fn scale_bar(&self) -> f64 {
-        let most = 0.08 * self.scale;
-        let power = libm::pow(10.0, libm::floor(libm::log10(most)));
-        [5.0, 2.0, 1.0].into_iter().map(|k| k * power).find(|x| *x <= most).unwrap_or(power)
+        let max = 0.08 * self.scale;
+        let power = libm::pow(10.0, libm::floor(libm::log10(max)));
+        [5.0, 2.0, 1.0].into_iter().map(|k| k * power).find(|x| *x <= max).unwrap_or(power)
     }
 }
 
@@ -126,7 +126,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_scale_bar_is_round_and_fits_the_paper() {
+    fn a_scale_bar_has_a_round_length_and_fits_the_paper() {
         let mut d = square();
         for (scale, bar) in [(50.0, 2.0), (1.0, 0.05), (100.0, 5.0), (200.0, 10.0), (20.0, 1.0), (1000.0, 50.0)] {
             d.scale = scale;

@@ -306,7 +306,7 @@ mod tests {
     use std::collections::BTreeSet;
 
     #[test]
-    fn pairs_are_well_formed_handles_are_used_once_and_coordinates_read_back_exactly() {
+    fn dxf_pairs_are_well_formed_handles_are_unique_and_coordinates_round_trip_exactly() {
         let mut drawing = square();
         drawing.lines[0].points[0] = DVec2::new(566_000.1 + 1e-9, 0.1 + 0.2);
         drawing.title = "Kilwa مسجد".to_owned();

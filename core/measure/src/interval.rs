@@ -132,7 +132,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_stretch_is_exactly_where_the_ray_is_within_the_error(
+        fn the_interval_is_exactly_where_the_ray_is_within_the_error(
             t in prop::array::uniform3(prop::array::uniform3(-10.0f64..10.0).prop_map(DVec3::from)),
             o in prop::array::uniform3(-20.0f64..20.0).prop_map(DVec3::from),
             d in prop::array::uniform3(-1.0f64..1.0).prop_map(DVec3::from), e in 0.01f64..5.0,
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn overlapping_stretches_are_one_and_separate_ones_give_no_number() {
+    fn overlapping_intervals_are_merged_and_separate_ones_give_no_number() {
         assert_eq!(provisional([]), Provisional::Nothing);
         assert_eq!(provisional([(2.0, 4.0), (1.0, 3.0)]), Provisional::Between { from: 1.0, to: 4.0 });
         assert_eq!(provisional([(5.0, 6.0), (1.0, 3.0)]), Provisional::Several(vec![(1.0, 3.0), (5.0, 6.0)]));

@@ -4,8 +4,8 @@
 //! Invariants of an implementation: a chunk's bytes are compared with their checksum before anything of them counts, and the parts
 //! of a sweep are joined in the order of the chunks, so that results are the same to the last bit whoever read them.
 
+use crate::message::{Message, ToMessage};
 use crate::refusal::Refusal;
-use crate::said::{Said, Say};
 use kilwa_geometry::{Aabb, LatticePoint};
 use kilwa_pack::reader::decode_checked;
 use kilwa_pack::{Chunk, DirectoryEntry, Header, Index, NO_DIAMOND, PackError};
@@ -27,12 +27,12 @@ pub enum Failure {
     Source(String),
 }
 
-impl Say for Failure {
-    fn said(&self) -> Said {
+impl ToMessage for Failure {
+    fn message(&self) -> Message {
         match self {
-            Self::Refused(why) => why.said(),
-            Self::Pack(_) => Said::new("pack-damaged", []),
-            Self::Source(_) => Said::new("source-failed", []),
+            Self::Refused(why) => why.message(),
+            Self::Pack(_) => Message::new("pack-damaged", []),
+            Self::Source(_) => Message::new("source-failed", []),
         }
     }
 }

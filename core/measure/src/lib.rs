@@ -1,7 +1,7 @@
 //! Measuring on decoded lattice geometry, in `f64`, on the CPU: what a researcher cites.
 //!
 //! Every value comes from the finest surface, so it does not depend on zoom, cache, network or GPU, and carries its
-//! standard uncertainty: the lattice step, and the capture accuracy where the metadata knows it. Pure: geometry in,
+//! standard uncertainty: the lattice spacing, and the capture accuracy where the metadata knows it. Pure: geometry in,
 //! numbers out; who has the chunks hands their triangles over. Trigonometry is `libm`'s, so that native programs and
 //! wasm agree to the last digit. Where there is no meaningful number there is a [`Refusal`], a sentence that says why.
 //!
@@ -20,6 +20,7 @@ pub mod interval;
 pub mod job;
 pub mod leaves;
 pub mod lines;
+pub mod message;
 pub mod path;
 pub mod pick;
 pub mod place;
@@ -31,7 +32,6 @@ pub mod record;
 pub mod refusal;
 pub mod region;
 pub mod remark;
-pub mod said;
 pub mod section;
 pub mod sheet;
 pub mod snap;
@@ -51,6 +51,7 @@ pub use drawing::{Drawing, DrawnLine};
 pub use job::{Outcome, measure};
 pub use leaves::{Failure, Leaves, Read};
 pub use lines::{Format, Line, Lines};
+pub use message::{Message, ToMessage};
 pub use pick::{Hit, Picked, Picker, Ray};
 pub use place::Place;
 pub use plane::{Plane, PlaneFit};
@@ -59,7 +60,6 @@ pub use record::{Document, Measurement, PackName, Task, ToolName};
 pub use refusal::{Refusal, Target};
 pub use region::Region;
 pub use remark::Remark;
-pub use said::{Said, Say};
 pub use section::{Cutter, Polyline, Section};
 pub use space::Space;
 pub use sum::Sum;

@@ -122,7 +122,7 @@ mod tests {
     }
 
     #[test]
-    fn a_path_has_its_parts() {
+    fn a_path_has_a_length_for_each_segment() {
         let l = length(&[DVec3::ZERO, DVec3::new(3.0, 4.0, 0.0), DVec3::new(3.0, 4.0, 12.0)], false).unwrap();
         assert_eq!((l.straight, l.horizontal, l.vertical, l.ends), (17.0, 5.0, 12.0, 13.0));
         let l = length(&[DVec3::ZERO, DVec3::new(3.0, 4.0, 0.0), DVec3::new(3.0, 4.0, 12.0)], true).unwrap();
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn along_a_step_it_is_longer_than_straight_and_round_a_ring_the_shorter_way() {
+    fn a_surface_path_over_a_step_is_longer_than_straight_and_round_a_ring_takes_the_shorter_way() {
         let step = vec![DVec3::ZERO, DVec3::X, DVec3::new(1.0, 0.0, 1.0), DVec3::new(2.0, 0.0, 1.0)];
         let s = section(step, false);
         for (a, b) in [

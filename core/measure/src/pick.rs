@@ -1,7 +1,7 @@
 //! Rays and what they meet: the final pick, on the finest surface, the same at every zoom.
 //!
-//! A [`Picker`] is told which chunks there are, asks for those that the ray can meet, nearest first, and is handed their
-//! triangles. Everything in lattice steps and `f64`. Where triangles are met at the very same place (along a shared edge), the one whose
+//! A [`Picker`] is given the existing chunks, requests those that the ray can meet, nearest first, and is handed their
+//! triangles. Everything in lattice units and `f64`. Where triangles are met at the very same place (along a shared edge), the one whose
 //! corners come first in the order of lattice points counts, so that the answer does not depend on chunks or their order.
 
 use crate::clip::Clip;
@@ -53,7 +53,7 @@ pub struct Hit {
 pub struct Picked {
     /// Parameter along the ray.
     pub t: f64,
-    /// The point, lattice steps.
+    /// The point, lattice units.
     pub point: DVec3,
     /// The corners of the triangle, in its own order.
     pub corners: [LatticePoint; 3],
@@ -69,12 +69,12 @@ pub struct Picker {
 }
 
 impl Picker {
-    /// Along `ray`; only what lies on the side of every plane of `clips` that its normal points to, or on it, counts. Lattice steps.
+    /// Along `ray`; only what lies on the side of every plane of `clips` that its normal points to, or on it, counts. Lattice units.
     pub fn new(ray: Ray, clips: Vec<Plane>) -> Self {
         Self { ray, clips, clip: Clip::default(), best: None }
     }
 
-    /// Along `ray`; only what `clip` leaves counts. Lattice steps.
+    /// Along `ray`; only what `clip` leaves counts. Lattice units.
     pub fn clipped(ray: Ray, clip: Clip) -> Self {
         Self { ray, clips: Vec::new(), clip, best: None }
     }
@@ -120,7 +120,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn clipped_triangles_are_passed_through_and_order_does_not_matter() {
+    fn rays_pass_through_clipped_triangles_in_any_order() {
         let near = [[0, 0, 10], [100, 0, 10], [0, 100, 10]].map(LatticePoint::from_array);
         let far = [[0, 0, 20], [100, 0, 20], [0, 100, 20]].map(LatticePoint::from_array);
         let twin = [[0, 0, 20], [100, 0, 20], [100, -100, 20]].map(LatticePoint::from_array);
@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn boxes_come_in_the_order_that_the_ray_meets_them() {
+    fn boxes_are_visited_in_the_order_the_ray_meets_them() {
         let b = |z: i32| Aabb { min: LatticePoint::new(0, 0, z), max: LatticePoint::new(10, 10, z + 5) };
         let (far, near, aside) =
             (b(50), b(20), Aabb { min: LatticePoint::new(90, 0, 0), max: LatticePoint::new(99, 9, 9) });

@@ -27,7 +27,7 @@ pub struct Place {
     pub normal: DVec3,
 }
 
-/// Where a ray (world coordinates) meets the finest surface first, of what `clip` (lattice steps) leaves.
+/// Where a ray (world coordinates) meets the finest surface first, of what `clip` (lattice units) leaves.
 ///
 /// # Errors
 /// [`Refusal::NoRay`], [`Refusal::Misses`], or what kept the chunks from being read.
@@ -113,7 +113,7 @@ fn unit_normal([a, b, c]: [DVec3; 3]) -> DVec3 {
     if size > 0.0 { n / size } else { DVec3::ZERO }
 }
 
-/// From a point to a box, lattice steps.
+/// From a point to a box, lattice units.
 pub(crate) fn box_distance(p: DVec3, b: &Aabb) -> f64 {
     if b.is_empty() {
         return f64::INFINITY;

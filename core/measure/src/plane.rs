@@ -167,7 +167,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn points_of_a_plane_give_the_plane_back(
+        fn a_plane_is_fitted_exactly_to_its_points(
             at in prop::array::uniform3(-1e3f64..1e3).prop_map(DVec3::from), n in prop::array::uniform3(-1.0f64..1.0).prop_map(DVec3::from),
             spread in prop::collection::vec((-50.0f64..50.0, -50.0f64..50.0), 6..40), far in prop::bool::ANY,
         ) {
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn points_on_a_line_fix_no_plane() {
+    fn collinear_points_define_no_plane() {
         let line = [DVec3::ZERO, DVec3::new(1.0, 2.0, 3.0), DVec3::new(2.0, 4.0, 6.0), DVec3::new(4.0, 8.0, 12.0)];
         assert!(matches!(Plane::fit(&line), Err(Refusal::Collinear { .. })));
         assert!(matches!(Plane::through([line[0], line[1], line[3]]), Err(Refusal::Collinear { .. })));

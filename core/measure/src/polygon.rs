@@ -118,7 +118,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_triangles_of_a_star_shaped_polygon_sum_to_its_area(
+        fn the_triangles_of_a_star_shaped_polygon_add_up_to_its_area(
             radii in prop::collection::vec(0.1f64..10.0, 3..30), reverse in prop::bool::ANY, shift in -1e6f64..1e6,
         ) {
             let n = radii.len() as f64;

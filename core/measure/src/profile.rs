@@ -148,7 +148,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_profile_keeps_what_lies_between_its_ends_and_goes_on_round_the_corner() {
+    fn a_profile_keeps_what_lies_between_its_ends_and_continues_around_corners() {
         let legs = legs(&[DVec3::new(0.0, 0.0, 5.0), DVec3::new(2.0, 0.0, 9.0), DVec3::new(2.0, 3.0, 0.0)]).unwrap();
         assert_eq!((legs[0].length, legs[1].length, legs[1].start), (2.0, 3.0, 2.0));
         assert!(legs[1].plane().distance(DVec3::new(2.0, 77.0, -3.0)).abs() < 1e-12);

@@ -14,7 +14,7 @@ pub struct Uncertainty {
 }
 
 impl Uncertainty {
-    /// Of a point on the finest surface of a pack with this lattice step, per axis.
+    /// Of a point on the finest surface of a pack with this lattice spacing, per axis.
     pub fn finest(step: f64, capture: Option<f64>) -> Self {
         Self { lattice: step / libm::sqrt(12.0), level: 0.0, capture }
     }

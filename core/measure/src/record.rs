@@ -6,9 +6,9 @@
 //! double as it was written; JavaScript does so too.
 
 use crate::drawing::short;
+use crate::message::{Message, MessageValue, ToMessage};
 use crate::plane::Plane;
 use crate::quantity::Uncertainty;
-use crate::said::{Said, Say, Worth};
 use crate::space::Space;
 use crate::unit::{self, Reading};
 use glam::DVec3;
@@ -192,18 +192,18 @@ pub enum DocumentError {
     Newer(u32),
 }
 
-impl Say for DocumentError {
-    fn said(&self) -> Said {
-        let count = |n: usize| Worth::Count(n as u64);
+impl ToMessage for DocumentError {
+    fn message(&self) -> Message {
+        let count = |n: usize| MessageValue::Count(n as u64);
         match self {
             Self::TooLong { bytes } => {
-                Said::new("document-too-long", [("bytes", count(*bytes)), ("most", count(MAX_BYTES))])
+                Message::new("document-too-long", [("bytes", count(*bytes)), ("most", count(MAX_BYTES))])
             }
-            Self::Json(e) => Said::new("document-json", [("line", count(e.line())), ("column", count(e.column()))]),
-            Self::Other(kind) => Said::new("document-other", [("kind", Worth::Word(kind.clone()))]),
-            Self::Newer(version) => Said::new(
+            Self::Json(e) => Message::new("document-json", [("line", count(e.line())), ("column", count(e.column()))]),
+            Self::Other(kind) => Message::new("document-other", [("kind", MessageValue::Word(kind.clone()))]),
+            Self::Newer(version) => Message::new(
                 "document-newer",
-                [("version", Worth::Count((*version).into())), ("known", Worth::Count(VERSION.into()))],
+                [("version", MessageValue::Count((*version).into())), ("known", MessageValue::Count(VERSION.into()))],
             ),
         }
     }
@@ -360,7 +360,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_document_reads_back_bit_for_bit(bits in prop::collection::vec(any::<u64>(), 6..30)) {
+        fn a_document_round_trips_bit_for_bit(bits in prop::collection::vec(any::<u64>(), 6..30)) {
             let values: Vec<f64> = bits.iter().map(|b| f64::from_bits(*b)).map(|x| if x.is_finite() { x } else { 0.1 }).collect();
             let d = document(&values);
             let back = Document::parse(d.to_json().as_bytes()).unwrap();
@@ -372,7 +372,7 @@ mod tests {
         }
 
         #[test]
-        fn damaged_documents_are_refused_or_read_and_nothing_else(cut in 0usize..1500, flip in 0usize..1500, bit in 0u8..8) {
+        fn damaged_documents_are_read_or_refused_without_a_panic(cut in 0usize..1500, flip in 0usize..1500, bit in 0u8..8) {
             let mut bytes = document(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.0]).to_json().into_bytes();
             if let Some(b) = bytes.get_mut(flip) { *b ^= 1 << bit; }
             bytes.truncate(cut.max(1));
@@ -381,7 +381,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_document_is_refused_with_a_sentence() {
+    fn input_that_is_no_document_is_refused_with_a_message() {
         let say = |text: &str| Document::parse(text.as_bytes()).unwrap_err().to_string();
         assert!(say("{}").contains("no document of measurements"));
         assert!(say("{\"kilwa\":\"pack\",\"version\":1}").contains("\"pack\""));
@@ -389,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn tables_quote_their_cells_and_maps_name_their_reference_system() {
+    fn csv_cells_are_quoted_and_geojson_names_its_reference_system() {
         let d = document(&[1.5, 0.25, 3.0, 4.0, 5.0, 6.0]);
         let csv = d.to_csv();
         let row = csv.lines().nth(1).unwrap();

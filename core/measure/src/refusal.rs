@@ -1,6 +1,6 @@
 //! Why there is no number: sentences for people.
 
-use crate::said::{Said, Say, Worth};
+use crate::message::{Message, MessageValue, ToMessage};
 use glam::DVec3;
 use kilwa_pack::plural::counted;
 use thiserror::Error;
@@ -118,14 +118,14 @@ pub enum Refusal {
     },
     /// Contours that are none or too many.
     #[error(
-        "an interval of {metres} m is not possible: it must be positive and give at most {most} contours between {low} \
+        "an interval of {metres} m is not possible: it must be positive and give at most {max} contours between {low} \
          and {high} m"
     )]
     Interval {
         /// What was given.
         metres: f64,
         /// Most contours.
-        most: usize,
+        max: usize,
         /// The lowest point, world height.
         low: f64,
         /// The highest.
@@ -133,33 +133,33 @@ pub enum Refusal {
     },
 }
 
-impl Say for Refusal {
-    fn said(&self) -> Said {
-        let metres = |name, value: f64| (name, Worth::Metres(value));
+impl ToMessage for Refusal {
+    fn message(&self) -> Message {
+        let metres = |name, value: f64| (name, MessageValue::Metres(value));
         match *self {
-            Self::TooFew { needed, given, .. } => Said::new(
+            Self::TooFew { needed, given, .. } => Message::new(
                 "refuse-few",
-                [("needed", Worth::Count(needed as u64)), ("given", Worth::Count(given as u64))],
+                [("needed", MessageValue::Count(needed as u64)), ("given", MessageValue::Count(given as u64))],
             ),
-            Self::Collinear { .. } => Said::new("refuse-collinear", []),
-            Self::Coincident { .. } => Said::new("refuse-same", []),
-            Self::Crossing => Said::new("refuse-cross", []),
-            Self::Open { borders } => Said::new("refuse-open", [("borders", Worth::Count(borders))]),
-            Self::Inconsistent => Said::new("refuse-inside", []),
-            Self::Misses { what: Target::Polygon | Target::Region, .. } => Said::new("refuse-misses-region", []),
-            Self::Misses { what: Target::Contours, .. } => Said::new("refuse-misses-heights", []),
-            Self::Misses { .. } => Said::new("refuse-misses", []),
-            Self::Gap => Said::new("refuse-gap", []),
-            Self::NotFinite => Said::new("refuse-not-finite", []),
-            Self::NoRay => Said::new("refuse-no-ray", []),
-            Self::NoPlane { .. } => Said::new("refuse-no-plane", []),
-            Self::Waits => Said::new("refuse-waits", []),
-            Self::Reach { .. } => Said::new("refuse-reach", []),
-            Self::Interval { metres: interval, most, low, high } => Said::new(
+            Self::Collinear { .. } => Message::new("refuse-collinear", []),
+            Self::Coincident { .. } => Message::new("refuse-same", []),
+            Self::Crossing => Message::new("refuse-cross", []),
+            Self::Open { borders } => Message::new("refuse-open", [("borders", MessageValue::Count(borders))]),
+            Self::Inconsistent => Message::new("refuse-inside", []),
+            Self::Misses { what: Target::Polygon | Target::Region, .. } => Message::new("refuse-misses-region", []),
+            Self::Misses { what: Target::Contours, .. } => Message::new("refuse-misses-heights", []),
+            Self::Misses { .. } => Message::new("refuse-misses", []),
+            Self::Gap => Message::new("refuse-gap", []),
+            Self::NotFinite => Message::new("refuse-not-finite", []),
+            Self::NoRay => Message::new("refuse-no-ray", []),
+            Self::NoPlane { .. } => Message::new("refuse-no-plane", []),
+            Self::Waits => Message::new("refuse-waits", []),
+            Self::Reach { .. } => Message::new("refuse-reach", []),
+            Self::Interval { metres: interval, max, low, high } => Message::new(
                 "refuse-interval",
                 [
                     metres("interval", interval),
-                    ("most", Worth::Count(most as u64)),
+                    ("most", MessageValue::Count(max as u64)),
                     metres("low", low),
                     metres("high", high),
                 ],

@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_beyond_the_reach_is_left_out_and_boxes_that_miss_are_known() {
+    fn geometry_outside_the_region_is_left_out_and_boxes_that_miss_it_are_skipped() {
         let plane = Plane::new(DVec3::ZERO, DVec3::Z).unwrap();
         let square = [DVec3::ZERO, DVec3::X, DVec3::new(1.0, 1.0, 0.0), DVec3::Y];
         let region = Region::new(plane, &square, 0.5).unwrap();

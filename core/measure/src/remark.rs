@@ -1,6 +1,6 @@
 //! What else is known of a measurement, in sentences.
 
-use crate::said::{Said, Say, Worth};
+use crate::message::{Message, MessageValue, ToMessage};
 use kilwa_pack::plural::{counted, plural};
 use thiserror::Error;
 
@@ -55,23 +55,24 @@ pub enum Remark {
     },
 }
 
-impl Say for Remark {
-    fn said(&self) -> Said {
-        let count = |n: usize| Worth::Count(n as u64);
+impl ToMessage for Remark {
+    fn message(&self) -> Message {
+        let count = |n: usize| MessageValue::Count(n as u64);
         match *self {
-            Self::Reach { reach } => Said::new("remark-reach", [("reach", Worth::Metres(reach))]),
-            Self::InsideOut => Said::new("remark-inside-out", []),
-            Self::Body => Said::new("remark-body", []),
-            Self::Covered { reach, covered } => {
-                Said::new("remark-covered", [("reach", Worth::Metres(reach)), ("share", Worth::Share(covered))])
-            }
-            Self::Holes => Said::new("remark-holes", []),
-            Self::Lines { lines, open, triangles } => Said::new(
+            Self::Reach { reach } => Message::new("remark-reach", [("reach", MessageValue::Metres(reach))]),
+            Self::InsideOut => Message::new("remark-inside-out", []),
+            Self::Body => Message::new("remark-body", []),
+            Self::Covered { reach, covered } => Message::new(
+                "remark-covered",
+                [("reach", MessageValue::Metres(reach)), ("share", MessageValue::Share(covered))],
+            ),
+            Self::Holes => Message::new("remark-holes", []),
+            Self::Lines { lines, open, triangles } => Message::new(
                 "remark-lines",
-                [("lines", count(lines)), ("open", count(open)), ("triangles", Worth::Count(triangles))],
+                [("lines", count(lines)), ("open", count(open)), ("triangles", MessageValue::Count(triangles))],
             ),
             Self::Heights { lines, heights } => {
-                Said::new("remark-heights", [("lines", count(lines)), ("heights", count(heights))])
+                Message::new("remark-heights", [("lines", count(lines)), ("heights", count(heights))])
             }
         }
     }

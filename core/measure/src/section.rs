@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn a_sheet_gives_an_open_line() {
+    fn the_section_of_an_open_sheet_is_an_open_line() {
         let sheet = [[[0, 0, 0], [1024, 0, 0], [1024, 1024, 0]], [[0, 0, 0], [1024, 1024, 0], [0, 1024, 0]]]
             .map(|t| t.map(LatticePoint::from_array));
         let plane = Plane::new(DVec3::new(0.25, 0.0, 0.0), DVec3::X).unwrap();
@@ -276,7 +276,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_closed_surface_gives_closed_lines_and_the_order_of_its_triangles_does_not_matter(
+        fn the_section_of_a_closed_surface_is_closed_for_any_order_of_its_triangles(
             at in prop::array::uniform3(0.3f64..0.7).prop_map(DVec3::from),
             n in prop::array::uniform3(-1.0f64..1.0).prop_map(DVec3::from), seed in any::<u64>(), on in prop::bool::ANY,
         ) {

@@ -31,7 +31,7 @@ pub enum Snap {
     Border,
 }
 
-/// The nearest of these within so many metres of a point (local metres); `None` where there is none. Of equals the one first in the order of
+/// The nearest of these within so many metres of a point (local metres); `None` if there is none. Of equals the one first in the order of
 /// lattice points.
 ///
 /// # Errors
@@ -127,7 +127,7 @@ mod tests {
     }
 
     #[test]
-    fn a_triangle_outside_the_ball_is_not_looked_at() {
+    fn a_triangle_outside_the_ball_is_ignored() {
         assert!(
             within_reach(DVec3::new(50.0, 95.0, 0.0), &STEP[2], 5.0)
                 && !within_reach(DVec3::new(50.0, 94.0, 0.0), &STEP[2], 5.0)

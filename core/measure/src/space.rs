@@ -21,7 +21,7 @@ impl Space {
         &self.lattice
     }
 
-    /// The lattice step, metres.
+    /// The lattice spacing, metres.
     pub fn step(&self) -> f64 {
         self.lattice.step()
     }
@@ -32,13 +32,13 @@ impl Space {
         p.as_dvec3() * step
     }
 
-    /// Local metres of a point in lattice steps; exact.
+    /// Local metres of a point in lattice units; exact.
     pub fn local_from_steps(&self, p: DVec3) -> DVec3 {
         let step = self.lattice.step();
         p * step
     }
 
-    /// Lattice steps of local metres; exact.
+    /// Lattice units of local metres; exact.
     pub fn steps_from_local(&self, p: DVec3) -> DVec3 {
         let inverse = libm::scalbn(1.0, -self.lattice.step_log2);
         p * inverse

@@ -33,7 +33,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn small_terms_among_large_ones_are_not_lost() {
+    fn small_terms_are_not_lost_among_large_ones() {
         let mut s = Sum::default();
         let mut naive = 0.0;
         for x in [1e16, 1.0, 1.0, 1.0, 1.0, -1e16] {

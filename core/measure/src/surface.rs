@@ -5,7 +5,7 @@ use glam::DVec3;
 use kilwa_geometry::Bvh;
 use kilwa_geometry::distance::{closest_on_triangle, ray_triangle};
 
-/// Triangles in any one unit, for example metres or lattice steps; answers come in the same.
+/// Triangles in any one unit, for example metres or lattice units; answers come in the same.
 pub struct Surface {
     triangles: Vec<[DVec3; 3]>,
     tree: Bvh,
@@ -76,7 +76,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
-        fn the_tree_finds_what_looking_at_every_triangle_finds(seed in any::<u64>(),
+        fn the_tree_agrees_with_testing_every_triangle(seed in any::<u64>(),
             o in prop::array::uniform3(-10.0f64..266.0).prop_map(DVec3::from),
             d in prop::array::uniform3(-1.0f64..1.0).prop_map(DVec3::from),
         ) {

@@ -4,9 +4,9 @@ use crate::drawing::{Drawing, short};
 use glam::DVec2;
 use std::fmt::Write;
 
-/// Room round the drawing, mm.
+/// Margin around the drawing, mm.
 const MARGIN: f64 = 15.0;
-/// Room for the dimension lines, mm.
+/// Space for the dimension lines, mm.
 const DIMENSION: f64 = 10.0;
 
 impl Drawing {
@@ -113,7 +113,7 @@ mod tests {
     use glam::DVec2;
 
     #[test]
-    fn ten_metres_at_one_to_fifty_are_two_hundred_millimetres_and_names_are_escaped() {
+    fn ten_metres_at_1_to_50_are_200_millimetres_and_names_are_escaped() {
         let svg = square().to_svg().unwrap();
         assert!(svg.contains("Gate &lt;west&gt; &amp; tower"));
         let polygon = svg.lines().find(|l| l.starts_with("<polygon")).unwrap();

@@ -89,9 +89,9 @@ fn distance(points: &[DVec3], closed: bool, point: &Uncertainty) -> Result<Vec<R
         all.extend(readings([("ends", Length)], points, point, |p| path::length(p, false).map(|l| [l.ends]))?);
     }
     // At a distance of nothing the derivative vanishes, the uncertainty does not.
-    let least = std::f64::consts::SQRT_2 * point.combined();
+    let min = std::f64::consts::SQRT_2 * point.combined();
     for r in &mut all {
-        r.quantity.uncertainty = r.quantity.uncertainty.max(if r.quantity.value == 0.0 { least } else { 0.0 });
+        r.quantity.uncertainty = r.quantity.uncertainty.max(if r.quantity.value == 0.0 { min } else { 0.0 });
     }
     Ok(all)
 }
@@ -165,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn every_tool_gives_its_numbers_with_their_uncertainty() {
+    fn every_tool_reports_values_with_uncertainty() {
         let wall = [DVec3::ZERO, DVec3::new(4.0, 0.0, 0.0), DVec3::new(4.0, 0.0, 3.0), DVec3::new(0.0, 0.0, 3.0)];
         assert_eq!(read(PointTool::Coordinate, &wall[1..2])[0], "x 500004.0000 ± 0.0020 m");
         assert_eq!(read(PointTool::Distance, &[wall[0], wall[2]])[0], "straight 5.0000 ± 0.0029 m");
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn points_that_mean_nothing_are_refused_with_a_sentence() {
+    fn degenerate_points_are_refused_with_a_message() {
         let u = Uncertainty::finest(space().step(), None);
         let line = [DVec3::ZERO, DVec3::new(1.0, 1.0, 1.0), DVec3::new(2.0, 2.0, 2.0), DVec3::new(3.0, 3.0, 3.0)];
         let say = |tool: PointTool, points: &[DVec3]| tool.measure(points, &space(), &u).unwrap_err().to_string();

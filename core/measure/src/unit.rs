@@ -69,7 +69,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lengths_areas_and_volumes_are_shown_in_powers_of_the_unit() {
+    fn lengths_areas_and_volumes_are_shown_in_the_right_power_of_the_unit() {
         let r = |dimension, value| Reading::new("x", dimension, value, 0.001);
         assert_eq!(r(Dimension::Length, 1234.5).text(LengthUnit::Kilometre), "1.2345000 ± 0.0000010 km");
         assert_eq!(r(Dimension::Length, 0.3048).text(LengthUnit::Foot), "1.0000 ± 0.0033 ft");

@@ -77,7 +77,7 @@ impl Enclosed {
     }
 }
 
-/// What would have to be taken away and filled in to make a region flat.
+/// What would have to be removed and filled in to make a region flat.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct CutFill {
     above: Sum,
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cube_far_from_the_origin_has_its_volume_and_without_a_face_none() {
+    fn a_cube_far_from_the_origin_has_its_volume_and_an_open_one_is_refused() {
         let at = DVec3::new(500_000.0, 4_649_776.0, 123.456);
         let mut v = Enclosed::new(at);
         for t in cube(at, 1.0) {
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn cut_and_fill_of_a_wedge_are_its_halves_and_an_overhang_counts_its_material_only() {
+    fn cut_and_fill_of_a_wedge_are_its_halves_and_an_overhang_counts_only_its_material() {
         let floor = Plane::new(DVec3::ZERO, DVec3::Z).unwrap();
         let square = [DVec3::ZERO, DVec3::new(2.0, 0.0, 0.0), DVec3::new(2.0, 1.0, 0.0), DVec3::Y];
         let region = Region::new(floor, &square, 10.0).unwrap();

@@ -6,7 +6,8 @@ use flate2::write::ZlibEncoder;
 use glam::DVec3;
 use kilwa_measure::sheet::file::{Form, Writer};
 use kilwa_measure::sheet::georeference::GeoReference;
-use kilwa_measure::sheet::layout::Layout;
+use kilwa_measure::sheet::layout::{Anchor, Layout, Mark};
+use kilwa_measure::sheet::letters::{Line, needed};
 use kilwa_measure::sheet::paper::Paper;
 use kilwa_measure::sheet::{Sheet, View};
 use proptest::prelude::*;
@@ -16,7 +17,7 @@ use tiff::tags::Tag;
 
 const CORNERS: (DVec3, DVec3) = (DVec3::new(500_000.0, 4_649_776.0, 100.0), DVec3::new(500_007.0, 4_649_779.0, 103.0));
 
-/// A plan so large on paper, mm.
+/// A plan of this size on paper, mm.
 fn plan(paper: [f64; 2], dpi: u32) -> Sheet {
     Sheet::new(View::Plan, CORNERS, (1000.0, dpi), Some(&Paper::Custom(paper)), true).expect("a sheet")
 }
@@ -27,10 +28,14 @@ fn packed(bytes: &[u8]) -> Vec<u8> {
     encoder.finish().expect("memory")
 }
 
-/// A file as whoever writes one makes it, and its pixels.
+/// A drawing file and its pixels.
 fn file(sheet: &Sheet, form: Form, place: Option<GeoReference>) -> (Vec<u8>, Vec<u8>) {
+    file_with(sheet, form, &Layout::default(), place)
+}
+
+fn file_with(sheet: &Sheet, form: Form, layout: &Layout, place: Option<GeoReference>) -> (Vec<u8>, Vec<u8>) {
     let [width, height] = sheet.pixels().expect("not too fine");
-    let mut writer = Writer::new(form, sheet, &Layout::default(), "Gereza (çé)", place).expect("not too fine");
+    let mut writer = Writer::new(form, sheet, layout, "Gereza (çé)", place).expect("not too fine");
     let (mut out, mut pixels) = (Vec::new(), Vec::new());
     let rows = Sheet::band_rows(width);
     for top in (0..height).step_by(rows as usize) {
@@ -54,7 +59,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
     #[test]
-    fn a_tiff_holds_the_rows_and_the_place_that_went_in(width in 20.0..60.0f64, height in 20.0..300.0f64, dpi in 25u32..150) {
+    fn a_tiff_holds_the_given_rows_and_georeference(width in 20.0..60.0f64, height in 20.0..300.0f64, dpi in 25u32..150) {
         let sheet = plan([width, height], dpi);
         let place = GeoReference::of(&sheet, Some("EPSG:32737")).expect("a plan");
         let (bytes, pixels) = file(&sheet, Form::Tiff, Some(place.clone()));
@@ -77,18 +82,10 @@ proptest! {
     }
 
     #[test]
-    fn a_pdf_names_every_object_where_it_is_and_its_strips_are_the_rows(width in 20.0..60.0f64, height in 20.0..300.0f64) {
+    fn the_cross_reference_table_of_a_pdf_is_exact_and_its_strips_hold_the_rows(width in 20.0..60.0f64, height in 20.0..300.0f64) {
         let sheet = plan([width, height], 60);
         let (bytes, pixels) = file(&sheet, Form::Pdf, None);
-        let end = bytes.len().saturating_sub(40);
-        let last: String = bytes[end..].iter().map(|b| char::from(*b)).collect();
-        let table: usize = last.split("startxref\n").nth(1).and_then(|t| t.lines().next()).expect("there").parse().expect("a number");
-        let table = std::str::from_utf8(&bytes[table..]).expect("a table is text");
-        let offsets = table.lines().filter(|l| l.ends_with(" n ")).map(|l| l[..10].parse::<usize>().expect("digits"));
-        for (n, at) in offsets.enumerate() {
-            let begin = format!("{} 0 obj\n", n + 1);
-            prop_assert!(bytes[at..].starts_with(begin.as_bytes()), "object {}", n + 1);
-        }
+        has_objects_where_its_table_says(&bytes);
         let mut read = Vec::new();
         let mut rest = &bytes[..];
         while let Some(at) = find(rest, b"/FlateDecode /Length ") {
@@ -100,12 +97,49 @@ proptest! {
     }
 }
 
+fn has_objects_where_its_table_says(bytes: &[u8]) {
+    let end = bytes.len().saturating_sub(40);
+    let last: String = bytes[end..].iter().map(|b| char::from(*b)).collect();
+    let table = last.split("startxref\n").nth(1).and_then(|t| t.lines().next()).expect("there");
+    let table = &bytes[table.parse::<usize>().expect("a number")..];
+    let table = std::str::from_utf8(table).expect("a table is text");
+    let offsets = table.lines().filter(|l| l.ends_with(" n ")).map(|l| l[..10].parse::<usize>().expect("digits"));
+    for (n, at) in offsets.enumerate() {
+        let begin = format!("{} 0 obj\n", n + 1);
+        assert!(bytes[at..].starts_with(begin.as_bytes()), "object {}", n + 1);
+    }
+}
+
+#[test]
+fn a_pdf_shows_letters_of_other_scripts_in_the_font_that_it_begins_with() {
+    let sheet = plan([40.0, 30.0], 60);
+    let text = |words: &str| Mark::Text { at: [20.0, 10.0], height: 3.0, anchor: Anchor::End, words: words.to_owned() };
+    let mut layout = Layout { marks: vec![text("Plan"), text("قلعة")], ..Layout::default() };
+    let shown = |layout: &Layout| {
+        let (bytes, _) = file_with(&sheet, Form::Pdf, layout, None);
+        has_objects_where_its_table_says(&bytes);
+        bytes.iter().map(|b| char::from(*b)).collect::<String>()
+    };
+    assert_eq!(needed(&layout).into_iter().collect::<Vec<_>>(), ["قلعة"]);
+    let without = shown(&layout);
+    assert!(without.contains("<3F3F3F3F> Tj") && !without.contains("/G"), "question marks without a font");
+    let line = Line { operators: "[<00010002>] TJ".to_owned(), width: 2.0 };
+    layout.letters.lines.insert("قلعة".to_owned(), line);
+    layout.letters.objects = [1, 2].map(|n| format!("{n} 0 obj\n<<>>\nendobj\n").into_bytes()).to_vec();
+    let with = shown(&layout);
+    assert!(with.contains("/G 1 0 R") && with.contains("<506C616E> Tj") && !with.contains("<3F"));
+    // The end of the line is where the text is anchored: 20 mm, less two sizes.
+    let size = 3.0 * 72.0 / 25.4 / 0.718;
+    let left = 20.0 * 72.0 / 25.4 - 2.0 * size;
+    assert!(with.contains(&format!("/G 1 Tf {size:.4} 0 0 {size:.4} {left:.4} ")), "{left}");
+}
+
 fn find(bytes: &[u8], what: &[u8]) -> Option<usize> {
     bytes.windows(what.len()).position(|w| w == what)
 }
 
 #[test]
-fn a_picture_that_classic_offsets_may_not_reach_is_a_bigtiff_and_its_strips_are_small() {
+fn a_picture_too_large_for_classic_offsets_is_a_bigtiff_with_small_strips() {
     let sheet = plan([6_000.0, 1_000.0], 400);
     let size = sheet.pixels().expect("not too fine");
     assert!(u64::from(size[0]) * u64::from(size[1]) * 3 > 3_900_000_000);
@@ -130,7 +164,7 @@ fn a_picture_that_classic_offsets_may_not_reach_is_a_bigtiff_and_its_strips_are_
 }
 
 #[test]
-fn the_parts_of_all_bands_cover_the_frame_once_and_no_band_grows_with_the_sheet() {
+fn all_bands_cover_the_frame_once_and_their_size_does_not_grow_with_the_sheet() {
     for (paper, dpi, widest) in [([300.0, 200.0], 100, 256), ([2_000.0, 60.0], 600, 2048), ([20.0, 20.0], 25, 64)] {
         let sheet =
             Sheet::new(View::South, CORNERS, (1000.0, dpi), Some(&Paper::Custom(paper)), true).expect("a sheet");

@@ -1,5 +1,5 @@
 //! Encoding and decoding of one chunk, in triangles per second: `cargo xtask bench kernels`. A height field of the size that the
-//! builder writes stands for real geometry; figures are compared on one machine only.
+//! builder writes represents real geometry; figures are compared on one machine only.
 
 #[path = "../tests/common/mod.rs"]
 mod common;

@@ -36,7 +36,7 @@ impl Cut {
     /// A cut of at most `limit` triangles (or the coarsest, where that has more already): refine the largest error
     /// first, and where a refinement does not fit any more, the next largest that does.
     ///
-    /// `coarse_triangles[i]` is the number of triangles that refining entry `i` takes away: the sum of the patches whose
+    /// `coarse_triangles[i]` is the number of triangles that refining entry `i` removes: the sum of the patches whose
     /// diamond is `i`; see [`coarse_triangles`].
     pub fn for_triangles(entries: &[DirectoryEntry], coarse_triangles: &[u64], limit: u64) -> Self {
         let mut sums = coarse_triangles.to_vec();
@@ -45,7 +45,7 @@ impl Cut {
     }
 
     /// The same without knowing the patches of every chunk before: `patches_of` gives those in the chunk of an entry, and is asked once for each
-    /// entry that is refined, in the order of refining, and for no other. What stands for a diamond stands in the chunks of its parents, which are
+    /// entry that is refined, in the order of refining, and for no other. What represents a diamond stands in the chunks of its parents, which are
     /// refined before it.
     ///
     /// # Errors
@@ -131,7 +131,7 @@ impl Cut {
     }
 }
 
-/// See [`Cut::for_triangles`]. `refined` is told of each entry that is refined, before what it opens is looked at.
+/// See [`Cut::for_triangles`]. `refined` is called for each entry that is refined, before its children are examined.
 fn grown<E>(
     entries: &[DirectoryEntry],
     limit: u64,

@@ -39,7 +39,7 @@ pub struct DirectoryEntry {
     pub error: f32,
     /// Largest colour difference of the coarse form, 0 to 255 per channel (estimate, root mean square), saturated.
     pub color_error: f32,
-    /// Saturated bounding sphere, in lattice steps: contains the chunk's geometry, the coarse form's, and the spheres of all children.
+    /// Saturated bounding sphere, in lattice units: contains the chunk's geometry, the coarse form's, and the spheres of all children.
     pub sphere: Sphere,
     /// Box of the chunk's geometry.
     pub bounds: Aabb,
@@ -48,7 +48,7 @@ pub struct DirectoryEntry {
     pub parents: [u32; 4],
     /// First 16 bytes of the chunk's BLAKE3 hash.
     pub checksum: [u8; 16],
-    /// The entries that name this one as a parent, where there are any and the directory tells them.
+    /// The entries that name this one as a parent, if there are any and the directory lists them.
     pub children: Option<Children>,
 }
 
@@ -108,7 +108,7 @@ fn page_of(index: u32) -> u32 {
 }
 
 /// Tell every entry its children, from the parents that entries name; `is_whole` says, by index, whether they replace all of its triangles.
-/// An entry whose numbers are too large for their fields is not told.
+/// Children whose numbers are too large for their fields are not listed.
 pub fn link_children(entries: &mut [DirectoryEntry], is_whole: impl Fn(usize) -> bool) {
     let found = children_of(entries);
     for (index, (entry, children)) in entries.iter_mut().zip(found).enumerate() {
@@ -127,12 +127,12 @@ pub(crate) fn children_of(entries: &[DirectoryEntry]) -> Vec<Option<Children>> {
             }
         }
     }
-    let told = |(&(first, last, count, error), entry): (&(u32, u32, u32, f32), &DirectoryEntry)| {
+    let children_of = |(&(first, last, count, error), entry): (&(u32, u32, u32, f32), &DirectoryEntry)| {
         let (count, pages) = (u8::try_from(count).ok()?, u8::try_from(page_of(last) - page_of(first)).ok()?);
         let children = Children { first, count, pages, is_whole: false, share: u16::MAX };
         (count > 0 && pages < WHOLE).then(|| children.bounding(error, entry.error))
     };
-    found.iter().zip(entries).map(told).collect()
+    found.iter().zip(entries).map(children_of).collect()
 }
 
 impl DirectoryEntry {
@@ -262,7 +262,7 @@ impl DirectoryEntry {
         let mut seen = Vec::with_capacity(4);
         for parent in self.parents() {
             if parent >= index || seen.contains(&parent) {
-                return bad(format!("parent {parent} does not come before it, or stands there twice"));
+                return bad(format!("parent {parent} does not come before it, or occurs twice"));
             }
             seen.push(parent);
         }

@@ -32,7 +32,7 @@ impl Footer {
     }
 
     /// What the pack is called where a measurement or an annotation refers to it: the first 16 bytes of the BLAKE3 hash of
-    /// the footer, as 32 lower-case hexadecimal digits. The footer stands for every checksum of the file, so that packs that
+    /// the footer, as 32 lower-case hexadecimal digits. The footer covers every checksum of the file, so that packs that
     /// differ anywhere are called otherwise. FORMAT section 7.
     pub fn identity(&self) -> String {
         let hash = blake3::hash(&self.to_bytes());

@@ -13,7 +13,7 @@ pub const HEAD_BYTES: u64 = 131_072;
 
 /// First bytes of every pack.
 pub const MAGIC: [u8; 8] = *b"KILWAPCK";
-/// Format version written: major, minor. Every minor version of this major one is read; what they add is told by
+/// Format version written: major, minor. Every minor version of this major one is read; what they add is indicated by
 /// feature bits.
 pub const VERSION: (u16, u16) = (1, 0);
 /// Longest metadata block, in bytes: it has to leave room for page 0 and a picture in the first [`HEAD_BYTES`].
@@ -133,13 +133,13 @@ impl Header {
             return bad("the lattice origin is not finite".to_owned());
         }
         if !(-1000..=1000).contains(&self.lattice.step_log2) {
-            return bad(format!("a lattice step of 2^{} metres is not usable", self.lattice.step_log2));
+            return bad(format!("a lattice spacing of 2^{} metres is not usable", self.lattice.step_log2));
         }
         if self.cube_log2 == 0 || self.cube_log2 > (MAX_COORDINATE + 1).trailing_zeros() {
             return bad(format!("a root cube of 2^{} steps is not usable", self.cube_log2));
         }
         if self.attributes.scalars > crate::chunk::MAX_SCALARS {
-            return bad(format!("{} scalar channels; at most 16 are possible", self.attributes.scalars));
+            return bad(format!("{} scalar channels; at most 16 are allowed", self.attributes.scalars));
         }
         if self.entry_count == 0 || self.entry_count > MAX_ENTRIES {
             return bad(format!("{} directory entries are not possible", self.entry_count));

@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn text_without_duplicates_is_read_as_serde_json_reads_it() {
+    fn text_without_duplicate_keys_is_read_as_by_serde_json() {
         for text in
             ["{\"a\":{\"a\":[{\"a\":1},{\"a\":2}]},\"A\":-1.5e3}", "7", "\"x\"", "null", "[]", "18446744073709551615"]
         {

@@ -39,7 +39,7 @@ pub struct Metadata {
     /// Coordinate reference system, an EPSG code or WKT, where known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub crs: Option<String>,
-    /// Lattice step in metres.
+    /// Lattice spacing in metres.
     pub lattice_step: f64,
     /// Smallest corner of the model, metres.
     pub bounds_min: [f64; 3],
@@ -96,7 +96,7 @@ impl Metadata {
             return Err(PackError::invalid(
                 "metadata",
                 format!(
-                    "it would take {} bytes, {MAX_METADATA_BYTES} are possible: shorten the title, the names and the \
+                    "it would take {} bytes, at most {MAX_METADATA_BYTES} are allowed: shorten the title, the names and the \
                      number of sources",
                     bytes.len()
                 ),
@@ -112,7 +112,11 @@ impl Metadata {
     fn check(&self, header: &Header) -> Result<(), PackError> {
         let bad = |why: String| Err(PackError::invalid("metadata", why));
         if self.lattice_step != header.lattice.step() {
-            return bad(format!("lattice step {} m, but {} m in the header", self.lattice_step, header.lattice.step()));
+            return bad(format!(
+                "lattice spacing {} m, but {} m in the header",
+                self.lattice_step,
+                header.lattice.step()
+            ));
         }
         if self.scalars.len() != usize::from(header.attributes.scalars) {
             return bad(format!(

@@ -30,7 +30,7 @@ pub trait Source {
     fn read_at(&self, offset: u64, length: usize) -> std::io::Result<Vec<u8>>;
 
     /// Stretches (offset and length in bytes, inside of [`Source::len`]) that will be read next, most of them and mostly in this order: a source that
-    /// is far away may fetch them together. What goes wrong with that is said when they are read.
+    /// is far away may fetch them together. Failures are reported when they are read.
     fn expect(&self, stretches: &[(u64, usize)]) {
         let _ = stretches;
     }

@@ -1,4 +1,4 @@
-//! What a sound pack promises beyond its checksums, chunk by chunk: that the directory tells the truth about each
+//! Properties of a valid pack beyond its checksums, chunk by chunk: that the directory is correct for each
 //! chunk, and that nothing of the finest level is lost. [`crate::Reader::open`] has checked header, metadata,
 //! directory and footer before.
 
@@ -53,14 +53,14 @@ impl Totals {
     /// [`PackError::Invalid`] when a triangle or border is missing or stands there twice, or the model is not as large as
     /// the metadata says.
     pub fn agree(&self, header: &Header, metadata: &Metadata) -> Result<(), PackError> {
-        for (what, found, said) in [
+        for (what, found, announced) in [
             ("chunks", self.chunks, u64::from(header.entry_count)),
             ("triangles of the finest level", self.finest_triangles, header.triangles),
             ("stored triangles", self.stored_triangles, header.stored_triangles),
             ("border edges of the finest level", self.finest_borders, metadata.border_edges),
         ] {
-            if found != said {
-                return Err(PackError::invalid("pack", format!("{found} {what} are there, {said} are announced")));
+            if found != announced {
+                return Err(PackError::invalid("pack", format!("{found} {what} are there, {announced} are announced")));
             }
         }
         if self.finest_bounds.is_empty() {
@@ -95,10 +95,11 @@ pub fn directory(entries: &[DirectoryEntry]) -> Result<(), PackError> {
         }
     }
     for (index, (entry, found)) in entries.iter().zip(children_of(entries)).enumerate() {
-        let told = entry.children.map(|c| Children { is_whole: false, ..c });
-        if told.is_some() && told != found {
-            let why =
-                format!("the children that it tells ({told:?}) are not those that name it as a parent ({found:?})");
+        let listed = entry.children.map(|c| Children { is_whole: false, ..c });
+        if listed.is_some() && listed != found {
+            let why = format!(
+                "the children that it lists ({listed:?}) are not those that name it as their parent ({found:?})"
+            );
             return Err(PackError::invalid(format!("directory entry {index}"), why));
         }
     }

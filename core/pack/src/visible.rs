@@ -34,7 +34,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_acts_on_a_terminal_is_shown_by_its_number_and_letters_of_any_script_stay() {
+    fn control_characters_are_shown_by_number_and_letters_of_any_script_are_kept() {
         assert_eq!(
             visible("a\u{1b}]0;x\u{7}b\nc\u{202e}\u{9b}\u{7f}\u{200f}"),
             "a\\u{1b}]0;x\\u{7}b\\nc\\u{202e}\\u{9b}\\u{7f}\\u{200f}"
@@ -45,7 +45,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_that_acts_on_a_terminal_is_left_of_any_character() {
+    fn no_character_keeps_an_effect_on_a_terminal() {
         for c in (0..=0x0010_ffff).filter_map(char::from_u32) {
             let text = c.to_string();
             assert!(!visible(&text).contains(is_control), "{c:?}");

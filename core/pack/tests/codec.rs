@@ -55,7 +55,7 @@ fn soup(seed: u64, triangles: usize, wide: bool, attributes: Attributes) -> Chun
 }
 
 #[test]
-fn a_height_field_comes_back_with_every_attribute_and_border() {
+fn a_height_field_round_trips_with_every_attribute_and_border() {
     for attributes in [COLORED, Attributes { colors: false, scalars: 2 }, Attributes { colors: false, scalars: 0 }] {
         let chunk = height_field(40, 5, 1, attributes);
         let bytes = encode(&chunk, attributes).expect("encodes");
@@ -93,7 +93,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
 
     #[test]
-    fn any_soup_comes_back(
+    fn any_triangle_soup_round_trips(
         seed in any::<u64>(), triangles in 0usize..120, wide in any::<bool>(), colors in any::<bool>(), scalars in 0u8..4,
     ) {
         let attributes = Attributes { colors, scalars };
@@ -106,7 +106,7 @@ proptest! {
     }
 
     #[test]
-    fn random_bytes_are_no_chunk(bytes in proptest::collection::vec(any::<u8>(), 0..400), triangles in 1u32..100) {
+    fn random_bytes_are_refused_as_a_chunk(bytes in proptest::collection::vec(any::<u8>(), 0..400), triangles in 1u32..100) {
         let declared = Declared { vertices: triangles, triangles };
         prop_assert!(decode(&bytes, declared, COLORED).is_err());
     }
@@ -144,7 +144,7 @@ fn damaged_chunks_never_panic_and_never_break_a_promise() {
 }
 
 #[test]
-fn noise_in_several_places_never_panics() {
+fn damage_in_several_places_never_panics() {
     let chunk = height_field(12, 3, 5, COLORED);
     let bytes = encode(&chunk, COLORED).expect("encodes");
     let mut random = fastrand::Rng::with_seed(11);
@@ -258,9 +258,9 @@ fn a_closed_surface_costs_few_bits_for_its_connectivity() {
 }
 
 /// Coarse forms may be rounded to multiples of a power of two: then the zeros must not be paid for, and vertices that
-/// are not rounded must come back all the same.
+/// are not rounded must round-trip as well.
 #[test]
-fn rounded_values_take_less_bytes_and_come_back() {
+fn rounded_values_take_fewer_bytes_and_round_trip() {
     let fine = height_field(40, 3, 7, COLORED);
     let mut mixed = fine.clone();
     let mesh = &mut mixed.mesh;
@@ -308,6 +308,6 @@ fn a_hundred_thousand_flipped_bits_and_ten_thousand_cuts_never_panic() {
         let length = random.u64(..small_bytes.len() as u64) as usize;
         assert!(decode(&small_bytes[..length], declared(&small), attributes).is_err(), "cut at {length}");
     }
-    // Raw bits are whatever they are; a chunk's checksum guards them.
+    // Raw bits can have any value; only the checksum of the chunk protects them.
     println!("{harmless} of 98,000 decode to something");
 }

@@ -28,7 +28,7 @@ fn verify_all(bytes: &[u8]) -> Result<(), PackError> {
     totals.agree(reader.header(), &metadata)
 }
 
-/// A header whose own hash is right, whatever it says.
+/// A header with a correct hash and any contents.
 fn forged(bytes: &[u8], change: impl Fn(&mut [u8])) -> Vec<u8> {
     let mut out = bytes.to_vec();
     change(&mut out);
@@ -38,7 +38,7 @@ fn forged(bytes: &[u8], change: impl Fn(&mut [u8])) -> Vec<u8> {
 }
 
 #[test]
-fn a_pack_reads_back_as_written() {
+fn a_pack_round_trips() {
     let attributes = Attributes { colors: true, scalars: 1 };
     let bytes = crate::common::pack(300, 6, attributes);
     let reader = Reader::open(SliceSource(&bytes)).expect("opens");
@@ -52,7 +52,7 @@ fn a_pack_reads_back_as_written() {
 }
 
 #[test]
-fn one_request_gives_a_picture() {
+fn one_request_is_enough_for_a_first_picture() {
     // Metadata as long as possible: 64 KiB.
     let mut metadata = crate::common::metadata(COLORED, 32);
     metadata.title = "x".repeat(64_000);
@@ -89,7 +89,7 @@ fn one_request_gives_a_picture() {
 }
 
 #[test]
-fn a_short_head_says_how_much_is_needed() {
+fn a_truncated_header_reports_how_many_bytes_are_needed() {
     let bytes = crate::common::pack(5, 3, COLORED);
     let needed = {
         let header = Header::parse(&bytes).expect("header");
@@ -97,8 +97,8 @@ fn a_short_head_says_how_much_is_needed() {
     };
     for length in (256..needed).step_by(997) {
         match parse_head(&bytes[..length as usize]) {
-            Err(PackError::Truncated { needed: said, available, .. }) => {
-                assert_eq!((said, available), (needed, length));
+            Err(PackError::Truncated { needed: reported, available, .. }) => {
+                assert_eq!((reported, available), (needed, length));
             }
             other => panic!("{other:?}"),
         }
@@ -130,9 +130,9 @@ fn every_flipped_bit_is_detected_and_names_a_part() {
             match verify_all(&damaged) {
                 Ok(()) => assert!(padding.contains(&(at as u64)), "byte {at} bit {bit} went unnoticed"),
                 Err(e) => {
-                    let said = e.to_string();
+                    let message = e.to_string();
                     let parts = ["not a Kilwa pack", "header", "metadata", "directory page 0", "chunk ", "footer"];
-                    assert!(parts.iter().any(|p| said.contains(p)), "{said}");
+                    assert!(parts.iter().any(|p| message.contains(p)), "{message}");
                 }
             }
         }
@@ -150,7 +150,7 @@ fn every_truncation_and_every_extension_is_detected() {
     assert!(verify_all(&longer).expect_err("refused").to_string().contains("follow its end"));
 }
 
-/// A source that counts what is asked of it, and refuses absurd requests loudly.
+/// A source that counts the bytes requested and panics at absurd requests.
 struct Guarded<'a>(&'a [u8]);
 
 impl Source for Guarded<'_> {
@@ -183,7 +183,7 @@ fn hostile_counts_are_refused_before_anything_is_read_for_them() {
     }
 }
 
-/// A hostile writer makes the hashes right: then the checks of values have to hold alone.
+/// A hostile writer makes the hashes correct, so the checks of values must suffice alone.
 #[test]
 fn forged_directories_with_right_hashes_never_panic() {
     let bytes = crate::common::pack(5, 3, COLORED);
@@ -242,7 +242,7 @@ fn another_major_version_is_refused_by_its_number_and_a_minor_one_read() {
 }
 
 #[test]
-fn other_files_are_no_packs() {
+fn files_of_other_formats_are_refused_as_packs() {
     for bytes in [&b""[..], b"ply\nformat ascii 1.0\n", b"KILWA", b"KILWAPCX", &[0; 1000]] {
         let e = Reader::open(SliceSource(bytes)).err().expect("refused");
         assert!(matches!(e, PackError::Magic | PackError::Truncated { .. }), "{e}");
@@ -250,7 +250,7 @@ fn other_files_are_no_packs() {
 }
 
 #[test]
-fn pages_of_another_pack_are_noticed() {
+fn pages_of_another_pack_are_detected() {
     let a = crate::common::pack(300, 2, COLORED);
     let b = crate::common::pack(300, 3, COLORED);
     let (ha, hb) = (Header::parse(&a).expect("header"), Header::parse(&b).expect("header"));
@@ -348,7 +348,7 @@ fn a_model_of_another_size_than_announced_is_found() {
 }
 
 #[test]
-fn lies_of_the_directory_are_found_by_verify() {
+fn false_values_in_the_directory_are_found_by_verify() {
     let chunk = {
         let mut c = crate::common::height_field(4, 2, 1, COLORED);
         c.patches[0].diamond = 1;
@@ -370,18 +370,18 @@ fn lies_of_the_directory_are_found_by_verify() {
         verify_all(&w.finish().expect("finishes"))
     };
     build(&|_| {}, 48).expect("sound");
-    let said = |change: &dyn Fn(&mut [kilwa_pack::DirectoryEntry]), triangles| {
+    let refusal = |change: &dyn Fn(&mut [kilwa_pack::DirectoryEntry]), triangles| {
         build(change, triangles).expect_err("found").to_string()
     };
-    assert!(said(&|_| {}, 47).contains("48 triangles of the finest level are there, 47 are announced"));
-    assert!(said(&|e| e[1].bounds.max[0] += 1, 48).contains("chunk 1"));
-    assert!(said(&|e| e[1].sphere.radius = 10.0, 48).contains("outside its bounding sphere"));
-    assert!(said(&|e| e[0].sphere.radius = 30_000.0, 48).contains("sphere of its parent 0"));
-    assert!(said(&|e| e[1].vertices += 1, 48).contains("chunk 1"));
+    assert!(refusal(&|_| {}, 47).contains("48 triangles of the finest level are there, 47 are announced"));
+    assert!(refusal(&|e| e[1].bounds.max[0] += 1, 48).contains("chunk 1"));
+    assert!(refusal(&|e| e[1].sphere.radius = 10.0, 48).contains("outside its bounding sphere"));
+    assert!(refusal(&|e| e[0].sphere.radius = 30_000.0, 48).contains("sphere of its parent 0"));
+    assert!(refusal(&|e| e[1].vertices += 1, 48).contains("chunk 1"));
 }
 
 #[test]
-fn children_are_told_with_a_bound_of_their_errors_that_holds_and_is_close() {
+fn the_error_bound_of_children_holds_and_is_tight() {
     use kilwa_pack::directory::link_children;
     let mut random = fastrand::Rng::with_seed(1);
     let mut next = || random.u32(..);
@@ -391,7 +391,7 @@ fn children_are_told_with_a_bound_of_their_errors_that_holds_and_is_close() {
     for index in 1..400u32 {
         let parent = next() % index;
         let above = entries[parent as usize].error.min(1.0);
-        // Down to nothing, and to what 32 bits can hardly tell apart.
+        // Down to zero, and to values that 32 bits can hardly distinguish.
         let error = match next() % 10 {
             0 => above,
             1 => above.next_down().max(0.0),
@@ -406,14 +406,17 @@ fn children_are_told_with_a_bound_of_their_errors_that_holds_and_is_close() {
     for (index, entry) in (0u32..).zip(&entries) {
         let below: Vec<u32> =
             (0u32..).zip(&entries).filter(|(_, e)| e.parents().any(|p| p == index)).map(|(i, _)| i).collect();
-        let Some(told) = entry.children else {
+        let Some(children) = entry.children else {
             assert!(below.is_empty());
             continue;
         };
-        assert_eq!((told.first, usize::from(told.count), told.is_whole), (below[0], below.len(), index % 3 == 0));
-        assert!(below.iter().all(|&i| told.pages().contains(&(i / 127))));
+        assert_eq!(
+            (children.first, usize::from(children.count), children.is_whole),
+            (below[0], below.len(), index % 3 == 0)
+        );
+        assert!(below.iter().all(|&i| children.pages().contains(&(i / 127))));
         let (bound, largest) =
-            (told.error(entry.error), below.iter().map(|&i| entries[i as usize].error).fold(0.0, f32::max));
+            (children.error(entry.error), below.iter().map(|&i| entries[i as usize].error).fold(0.0, f32::max));
         assert!(largest <= bound && bound <= entry.error, "{index}: {largest} <= {bound} <= {}", entry.error);
         assert!(
             index == 0 || f64::from(bound - largest) <= f64::from(entry.error) / 65_000.0,

@@ -1,4 +1,4 @@
-//! What must hold of every cut.
+//! Properties of every cut.
 
 use kilwa_geometry::{Aabb, Sphere};
 use kilwa_pack::cut::{Cut, coarse_triangles};
@@ -69,7 +69,7 @@ fn every_constructor_gives_a_valid_cut() {
 }
 
 #[test]
-fn an_error_limit_is_kept() {
+fn the_error_limit_of_a_cut_holds() {
     let (entries, _) = directory(300, 9);
     let mut last = usize::MAX;
     for limit in [0.0, 0.01, 0.1, 0.5, 2.0] {
@@ -82,7 +82,7 @@ fn an_error_limit_is_kept() {
 }
 
 #[test]
-fn a_triangle_limit_is_kept_and_nearly_used() {
+fn the_triangle_limit_of_a_cut_holds_and_is_nearly_reached() {
     for seed in 0..50 {
         let (entries, coarse) = directory(400, seed);
         let all = triangles(&Cut::finest(&entries), &entries, &coarse);
@@ -96,13 +96,13 @@ fn a_triangle_limit_is_kept_and_nearly_used() {
 }
 
 #[test]
-fn a_limit_below_the_coarsest_gives_the_coarsest() {
+fn a_limit_below_the_coarsest_cut_gives_the_coarsest_cut() {
     let (entries, coarse) = directory(100, 3);
     let cut = Cut::for_triangles(&entries, &coarse, 1);
     assert_eq!(cut, Cut::coarsest(&entries));
 }
 
-/// Patches that stand for each entry, in the chunks of its parents.
+/// Patches in the chunks of the parents that represent each entry.
 fn tables(entries: &[DirectoryEntry], coarse: &[u64]) -> Vec<Vec<PatchRange>> {
     let mut tables = vec![Vec::new(); entries.len()];
     for (i, entry) in (0u32..).zip(entries).skip(1) {
@@ -118,7 +118,7 @@ fn tables(entries: &[DirectoryEntry], coarse: &[u64]) -> Vec<Vec<PatchRange>> {
 }
 
 #[test]
-fn the_same_cut_is_found_by_reading_the_chunks_that_it_refines_and_no_other() {
+fn a_cut_is_found_by_reading_only_the_chunks_that_it_refines() {
     for seed in 0..50 {
         let (entries, coarse) = directory(400, seed);
         let tables = tables(&entries, &coarse);
@@ -139,7 +139,7 @@ fn the_same_cut_is_found_by_reading_the_chunks_that_it_refines_and_no_other() {
 }
 
 #[test]
-fn a_set_without_a_parent_is_no_cut() {
+fn a_set_of_nodes_without_a_parent_is_no_cut() {
     let (entries, _) = directory(100, 4);
     let child = 99;
     assert!(Cut::from_refined(&entries, [0, child]).is_none_or(|_| entries[99].parents == [0, !0, !0, !0]));
@@ -147,7 +147,7 @@ fn a_set_without_a_parent_is_no_cut() {
     assert!(Cut::from_refined(&entries, [0, 100]).is_none(), "no such entry");
 }
 
-/// In a tree whose chunks hold what their diamonds' coarse forms are replaced by, every cut draws each place once.
+/// In a tree whose chunks hold the refinements of their diamonds' coarse forms, every cut covers each place once.
 #[test]
 fn coarse_triangles_are_summed_from_the_patch_tables() {
     let reader =

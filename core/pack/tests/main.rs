@@ -1,4 +1,4 @@
-//! Packs from outside: what is written is read again, and what is damaged is refused.
+//! Integration tests of packs: written packs are read back, and damaged ones are refused.
 
 mod codec;
 mod common;

@@ -1,4 +1,4 @@
-//! A pack moved to another place is the same model, and nothing in it tells the old place.
+//! A relocated pack is the same model and reveals nothing of its former location.
 
 use glam::DVec3;
 use kilwa_pack::{Attributes, Metadata, Reader, SliceSource, relocate};
@@ -33,7 +33,7 @@ fn every_chunk_is_the_same_and_only_origin_and_metadata_differ() {
 }
 
 #[test]
-fn the_bounds_move_with_the_lattice_in_whole_steps() {
+fn the_bounds_move_with_the_lattice_by_whole_spacings() {
     let old = open(crate::common::pack(3, 6, COLOURED));
     let steps = |m: DVec3, origin: DVec3| ((m - origin) * 8192.0).round();
     let wanted = steps(old.metadata().bounds_max.into(), old.header().lattice.origin);
@@ -47,8 +47,8 @@ fn a_damaged_chunk_is_named_and_not_copied() {
     let at = open(bytes.clone()).entries()[3].offset as usize + 9;
     bytes[at] ^= 1;
     let old = open(bytes);
-    let said = relocate(&old, Vec::new(), DVec3::ZERO, |_| ()).map(drop).expect_err("damaged").to_string();
-    assert!(said.contains("chunk 3"), "{said}");
+    let message = relocate(&old, Vec::new(), DVec3::ZERO, |_| ()).map(drop).expect_err("damaged").to_string();
+    assert!(message.contains("chunk 3"), "{message}");
 }
 
 /// Every vertex of a chunk as its position and colour: what must survive when channels are left out.
@@ -59,7 +59,7 @@ fn without_channels(mut chunk: kilwa_pack::Chunk, keep: &[usize]) -> kilwa_pack:
 }
 
 #[test]
-fn channels_that_are_not_kept_are_gone_and_everything_else_is_the_same() {
+fn dropped_channels_are_removed_and_everything_else_is_unchanged() {
     let old = open(crate::common::pack(30, 9, Attributes { colors: true, scalars: 3 }));
     for keep in [&[][..], &[1], &[2, 0], &[0, 1, 2]] {
         let mut scratch = std::io::Cursor::new(Vec::new());

@@ -42,7 +42,7 @@ pub enum Command {
         request: RequestId,
     },
     /// Check and decode one chunk; report [`Event::Decoded`] or [`Event::DecodeFailed`]. Issued in the very step that
-    /// was told of the request's [`Event::Progress`] or [`Event::Bytes`], so that the shell can forget the bytes after that step;
+    /// received the request's [`Event::Progress`] or [`Event::Bytes`], so that the shell can forget the bytes after that step;
     /// the bytes of [`HEAD_REQUEST`] (the head of the file) must be kept.
     Decode {
         /// Directory index.
@@ -167,7 +167,7 @@ pub struct DrawPatch {
     pub diamond: u32,
     /// Level of the chunk it comes from.
     pub level: u8,
-    /// Certified error in metres: 0 for a leaf. Where the directory page of its diamond is not there yet, the bound
+    /// Certified error in metres: 0 for a leaf. Where the directory page of its diamond does not exist yet, the bound
     /// that its chunk's entry gives.
     pub error: f32,
     /// Whether it may lie in the view; a renderer of that view can skip the others.

@@ -35,7 +35,7 @@ impl Streamer {
         self.refined = refined;
     }
 
-    /// Entries that the view asks to be refined, closed under parents, as far as what is resident or told reaches.
+    /// Entries that the view asks to be refined, closed under parents, as far as resident or listed nodes reach.
     fn asked_for(&self, view: &View) -> BTreeSet<u32> {
         let step = self.header.lattice.step();
         let mut asked = BTreeSet::new();

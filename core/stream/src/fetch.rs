@@ -165,7 +165,7 @@ impl Streamer {
         waiting.next().is_some() || needed.iter().any(|p| is_page_coming(&p))
     }
 
-    /// Unknown pages with children of a wanted chunk that may be wanted, too, where the chunk is held or the directory tells; once there are
+    /// Unknown pages with children of a wanted chunk that may be wanted, too, if the chunk is held or the directory lists them; once there are
     /// none of these and nothing else is missing, all unknown pages of a directory that is not large.
     fn needed_pages(&self, wanted: &Wanted) -> BTreeMap<u32, Rank> {
         let page_count = self.header.page_count();
@@ -182,8 +182,8 @@ impl Streamer {
             }
             let of_patches = node.patches.iter().map(|p| p.diamond).filter(|&d| d < self.header.entry_count);
             let of_patches = of_patches.map(Nodes::page_of).filter(|&page| !self.nodes.has_page(page));
-            let told = self.nodes.pages_of_children(index).filter(|&page| page < page_count);
-            for page in of_patches.chain(told) {
+            let listed = self.nodes.pages_of_children(index).filter(|&page| page < page_count);
+            for page in of_patches.chain(listed) {
                 let best = needed.entry(page).or_insert(rank);
                 if rank.total_cmp(best).is_gt() {
                     *best = rank;

@@ -1,6 +1,6 @@
 //! Which chunks to fetch, decode, upload, draw and evict: a pure state machine, without I/O, clock or threads.
 //!
-//! The shell (a browser page, the headless renderer, a simulation) owns a [`Streamer`], tells it what happened as
+//! The shell (a browser page, the headless renderer, a simulation) owns a [`Streamer`], passes it what happened as
 //! [`Event`]s and where the camera is as a [`View`], and gets [`Command`]s to carry out and the cut to draw
 //! ([`DrawPatch`]) from [`Streamer::step`]. The same calls in the same order give the same answers.
 //!

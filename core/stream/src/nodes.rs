@@ -141,23 +141,23 @@ impl Nodes {
         self.children.get(&index).map_or(&[], Vec::as_slice)
     }
 
-    /// The children, where the directory tells that they replace all of a chunk and every one of them is known.
+    /// The children, if the directory states that they replace all of a chunk and every one of them is known.
     pub(crate) fn whole_family(&self, index: u32) -> Option<&[u32]> {
-        let told = self.get(index)?.entry.children.filter(|c| c.is_whole)?;
+        let listed = self.get(index)?.entry.children.filter(|c| c.is_whole)?;
         let known = self.children(index);
-        (known.len() == usize::from(told.count)).then_some(known)
+        (known.len() == usize::from(listed.count)).then_some(known)
     }
 
     /// Whether a child of a chunk may be an entry that is not known.
     pub(crate) fn lacks_children(&self, index: u32) -> bool {
-        let told = self.get(index).and_then(|node| node.entry.children);
-        told.is_none_or(|c| self.children(index).len() < usize::from(c.count))
+        let listed = self.get(index).and_then(|node| node.entry.children);
+        listed.is_none_or(|c| self.children(index).len() < usize::from(c.count))
     }
 
-    /// Unknown pages on which children of a chunk stand, where the directory tells them closely.
+    /// Unknown pages that contain children of a chunk, if the directory lists few pages for them.
     pub(crate) fn pages_of_children(&self, index: u32) -> impl Iterator<Item = u32> + '_ {
-        let told = self.get(index).and_then(|node| node.entry.children).filter(|c| c.pages <= CLOSE_PAGES);
-        let missing = told.filter(|c| self.children(index).len() < usize::from(c.count));
+        let listed = self.get(index).and_then(|node| node.entry.children).filter(|c| c.pages <= CLOSE_PAGES);
+        let missing = listed.filter(|c| self.children(index).len() < usize::from(c.count));
         missing.into_iter().flat_map(|c| c.pages()).filter(|&page| !self.has_page(page))
     }
 

@@ -20,7 +20,7 @@ pub const COMFORT: f64 = 4.0;
 pub const RESCUE: f64 = 32.0;
 /// A frame later than this after the last one says nothing about the time it took.
 const PAUSE_MS: f64 = 3000.0;
-/// The camera rests when it has not moved for so long.
+/// The camera rests when it has not moved for this long.
 const REST_MS: f64 = 200.0;
 /// How often the factor changes at most.
 const EVERY_MS: f64 = 100.0;
@@ -112,8 +112,8 @@ impl Pace {
         self.changed_at = now_ms;
         let excess = self.smooth / AIM_MS;
         if excess > 1.15 {
-            let most = if self.smooth > FLOOR_MS { RESCUE } else { COMFORT.max(self.factor) };
-            let next = (self.factor * libm::sqrt(excess).min(2.0)).min(most);
+            let max = if self.smooth > FLOOR_MS { RESCUE } else { COMFORT.max(self.factor) };
+            let next = (self.factor * libm::sqrt(excess).min(2.0)).min(max);
             if next > self.factor {
                 self.remember(now_ms);
                 self.factor = next;
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn a_slower_device_comes_to_sixty_frames_a_second_while_it_moves() {
+    fn a_slower_device_reaches_sixty_frames_a_second_in_motion() {
         for full_ms in [20.0, 30.0, 45.0, 55.0] {
             let mut pace = Pace::new(1.0);
             let times = fly(&mut pace, full_ms, 0.0, 20_000.0);
@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_at_rest_gets_what_is_asked_for_and_keeps_it_however_long_frames_take() {
+    fn a_camera_at_rest_gets_and_keeps_the_requested_detail_however_long_frames_take() {
         let mut pace = Pace::new(1.5);
         fly(&mut pace, 200.0, 0.0, 5000.0);
         assert!(pace.factor() > 2.0);
@@ -238,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn pauses_say_nothing_about_frame_times() {
+    fn pauses_do_not_count_as_frame_times() {
         let mut pace = Pace::new(1.0);
         for k in 0..50 {
             // A key pressed every half second: a frame at once, and some until the camera counts as resting.

@@ -8,7 +8,7 @@ use glam::DVec3;
 
 /// How far ahead, milliseconds: about what a request and its decoding take.
 const HORIZON_MS: f64 = 600.0;
-/// Steps farther apart than this are no movement that goes on.
+/// Steps farther apart than this are no movement that continues.
 const LONGEST_STEP_MS: f64 = 250.0;
 /// A movement whose speed changes by more than this factor between two steps is a jump.
 const STEADY: f64 = 4.0;
@@ -62,7 +62,7 @@ fn ahead(was: &View, is: &View, times: f64) -> Option<View> {
     let right = unit(forward.cross(on(was.up, is.up)))?;
     let projection = match (was.projection, is.projection) {
         (Projection::Orthographic { half_height: x }, Projection::Orthographic { half_height: y }) => {
-            // A zoom goes on by the same factor per step, within reason.
+            // A zoom continues by the same factor per step, within reason.
             let factor = libm::pow(y / x, times).clamp(0.1, 10.0);
             Projection::Orthographic { half_height: y * factor }
         }
@@ -93,7 +93,7 @@ mod tests {
     }
 
     #[test]
-    fn a_glide_goes_on_and_a_rest_predicts_nothing() {
+    fn a_glide_is_extrapolated_and_a_camera_at_rest_predicts_nothing() {
         let mut p = Predictor::default();
         assert_eq!(p.update(0.0, &at(0.0)), None);
         assert_eq!(p.update(20.0, &at(1.0)), None, "one movement may be a jump");

@@ -14,7 +14,7 @@ use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
 /// How much more a chunk counts that is already held, and how much farther one that is drawn stays drawn.
 pub(crate) const HELD_BONUS: f64 = 1.2;
 
-/// Weight of what the camera will see if it goes on as it does: prefetched, twice as coarse.
+/// Weight of what the camera will see if it continues as it does: prefetched, twice as coarse.
 const PREDICTED_WEIGHT: f64 = 0.5;
 
 /// Levels that stay loaded whatever the view, if they take up no more than an eighth of the budgets.
@@ -41,7 +41,7 @@ impl Rank {
 pub(crate) struct Cameras {
     pub(crate) view: View,
     pub(crate) predicted: Option<View>,
-    /// Metres of a lattice step.
+    /// Metres of a lattice spacing.
     pub(crate) step: f64,
 }
 
@@ -93,7 +93,7 @@ impl Wanted {
         self.ranks.get(&index).is_some_and(|r| r.visible) && !self.skipped.contains(&index)
     }
 
-    /// Whether a child of this chunk may be wanted, by what the directory tells before the children are known.
+    /// Whether a child of this chunk may be wanted, by what the directory states before the children are known.
     pub(crate) fn may_want_below(&self, index: u32, nodes: &Nodes) -> bool {
         let bound = nodes.get(index).map(|node| self.cameras.bound_below(index, node));
         bound.is_some_and(|bound| bound > self.cameras.view.target_pixels)
@@ -129,12 +129,12 @@ impl Ord for Candidate {
 }
 
 /// Running sums against the two memory budgets.
-struct Room {
+struct Headroom {
     gpu: u64,
     cpu: u64,
 }
 
-impl Room {
+impl Headroom {
     /// Take what is there, and more: nothing is left then.
     fn force(&mut self, node: &Node, scalars: u8) {
         self.gpu = self.gpu.saturating_sub(node.gpu_bytes());
@@ -163,11 +163,11 @@ pub(crate) fn raw_priority(index: u32, node: &Node, view: &View, step: f64) -> f
 
 /// The pinned chunks: the first ones in directory order, closed under parents.
 pub(crate) fn pinned(nodes: &Nodes, budgets: &Budgets, scalars: u8) -> Vec<u32> {
-    let mut room = Room { gpu: budgets.gpu_bytes / PINNED_SHARE, cpu: budgets.cpu_bytes / PINNED_SHARE };
+    let mut headroom = Headroom { gpu: budgets.gpu_bytes / PINNED_SHARE, cpu: budgets.cpu_bytes / PINNED_SHARE };
     let mut pinned: Vec<u32> = Vec::new();
     for (index, node) in nodes.iter() {
         let next = index as usize == pinned.len() && node.entry.level <= PINNED_LEVEL;
-        let fits = next && room.take(node, scalars);
+        let fits = next && headroom.take(node, scalars);
         if !fits && index > 0 {
             break;
         }
@@ -185,9 +185,9 @@ pub(crate) fn wanted(
     pinned: &[u32],
     head_bytes: u64,
 ) -> Wanted {
-    let mut room = Room { gpu: budgets.gpu_bytes, cpu: budgets.cpu_bytes };
+    let mut headroom = Headroom { gpu: budgets.gpu_bytes, cpu: budgets.cpu_bytes };
     for node in pinned.iter().filter_map(|&i| nodes.get(i)) {
-        room.force(node, scalars);
+        headroom.force(node, scalars);
     }
     let target = cameras.view.target_pixels;
     let mut out = Wanted {
@@ -207,7 +207,7 @@ pub(crate) fn wanted(
             if priority <= target {
                 continue;
             }
-            full = full || !room.take(node, scalars);
+            full = full || !headroom.take(node, scalars);
             if full {
                 out.limited |= raw_priority(index, node, &cameras.view, cameras.step) > target;
                 continue;

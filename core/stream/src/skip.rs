@@ -1,6 +1,6 @@
 //! Chunks that a view passes over: between what is shown and what was shown before.
 //!
-//! A chunk all of whose children are refined shows nothing. Where the directory tells the children ([`kilwa_pack::Children`]) that is known without
+//! A chunk all of whose children are refined shows nothing. If the directory lists the children ([`kilwa_pack::Children`]) that is known without
 //! the chunk, so it need not be there: the picture goes from its parents to its children at once, two levels in a step. What is
 //! skipped is wanted all the same, after all that the picture needs: it is there when the camera goes back.
 //!
@@ -11,7 +11,7 @@ use crate::nodes::{Node, Nodes, State};
 use crate::select::Rank;
 use std::collections::{BTreeMap, BTreeSet};
 
-/// Those of the wanted chunks that the picture does not need. `is_free` tells what costs nothing (the head has it), or stays anyway;
+/// Those of the wanted chunks that the picture does not need. `is_free` decides what costs nothing (the head has it), or stays anyway;
 /// `is_likely` where children whose entries are not known yet will be wanted.
 pub(crate) fn skipped(
     nodes: &Nodes,

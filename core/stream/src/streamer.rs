@@ -368,9 +368,9 @@ impl Streamer {
             if fits(self) {
                 return true;
             }
-            let told = self.nodes.get(chunk).is_some_and(|n| !matches!(n.state, State::Requested(_)));
+            let is_loaded = self.nodes.get(chunk).is_some_and(|n| !matches!(n.state, State::Requested(_)));
             self.release(chunk);
-            if told {
+            if is_loaded {
                 commands.push(Command::Evict { chunk });
             }
         }

@@ -1,4 +1,4 @@
-//! Where the camera is, in lattice steps, and how many pixels an error takes up there.
+//! Where the camera is, in lattice units, and how many pixels an error takes up there.
 
 use glam::DVec3;
 use kilwa_geometry::Sphere;
@@ -17,12 +17,12 @@ pub enum Projection {
     },
     /// Parallel rays.
     Orthographic {
-        /// Half the height of the picture, in lattice steps.
+        /// Half the height of the picture, in lattice units.
         half_height: f64,
     },
 }
 
-/// A camera. Lengths are in lattice steps, the axes are orthogonal unit vectors.
+/// A camera. Lengths are in lattice units, the axes are orthogonal unit vectors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct View {
     /// The eye; for parallel projection the centre of the plane that depth is counted from.
@@ -82,7 +82,7 @@ impl View {
         }
     }
 
-    /// Pixels that a displacement of `error` (lattice steps) takes up at most, anywhere in the ball that the view
+    /// Pixels that a displacement of `error` (lattice units) takes up at most, anywhere in the ball that the view
     /// can show: `error / distance × pixels per radian`, at the nearest point of the ball, times `1 / cos²` of the
     /// largest angle off the axis. Monotone: a ball inside another one never gets more.
     pub fn pixel_error(&self, sphere: &Sphere, error: f64) -> f64 {

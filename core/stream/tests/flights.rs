@@ -1,5 +1,5 @@
 //! A recorded flight over simulated links: the commands are the same on every machine, byte by byte (`tests/snapshots`; written
-//! anew with `KILWA_BLESS=1`), every step is sound, and at every stop the target is reached, after any failure.
+//! again with `KILWA_BLESS=1`), every step is sound, and at every stop the target is reached, after any failure.
 
 use crate::support::{Pack, assert_sound};
 use glam::DVec3;
@@ -44,15 +44,15 @@ fn flight() -> Flight {
     Flight::new(a, keys.into_iter().map(|(s, v)| (s * 1e3, v)).collect())
 }
 
-/// Fly, check every step, and tell what happened in a few lines.
-fn tell(link: Link, budgets: Budgets) -> String {
+/// Fly, check every step, and return a summary of a few lines.
+fn flight_summary(link: Link, budgets: Budgets) -> String {
     let pack = Pack::random(9, 400);
     let flight = flight();
     let streamer = Streamer::new(&pack.head, pack.head_bytes, budgets);
     let mut sim = Simulator::new(streamer, pack.head_bytes, &pack, link, Decoders::default());
-    let mut told = String::new();
+    let mut summary = String::new();
     writeln!(
-        told,
+        summary,
         "{:.3} Mbit/s, {} ms, {} % fail, away {:?}",
         link.bits_per_second / 1e6,
         link.latency_ms,
@@ -64,7 +64,7 @@ fn tell(link: Link, budgets: Budgets) -> String {
     for (begins, ends) in flight.stops(1000.0) {
         let mut reached = f64::NAN;
         let mut last = None;
-        // The simulator is told of every frame, also of those in which nothing happens, until the end of the stop.
+        // The simulator is summary of every frame, also of those in which nothing happens, until the end of the stop.
         let mut steps = Vec::new();
         sim.fly(&flight, from, ends, FRAME_MS, |now, step| {
             if now >= begins && reached.is_nan() && step.stats.target_reached {
@@ -88,7 +88,7 @@ fn tell(link: Link, budgets: Budgets) -> String {
         }
         let s = step.stats;
         writeln!(
-            told,
+            summary,
             "stop at {} s: target after {reached:.0} ms; {} of {} chunks resident are shown, {} triangles, {:.2} px",
             begins / 1e3,
             s.chunks_shown,
@@ -99,24 +99,24 @@ fn tell(link: Link, budgets: Budgets) -> String {
         .unwrap();
         from = ends;
     }
-    writeln!(told, "{:?}", sim.totals()).unwrap();
+    writeln!(summary, "{:?}", sim.totals()).unwrap();
     let hash = u128::from_be_bytes(kilwa_pack::checksum(sim.log().as_bytes()));
-    writeln!(told, "log: {} lines, BLAKE3 {hash:032x}; it begins", sim.log().lines().count()).unwrap();
+    writeln!(summary, "log: {} lines, BLAKE3 {hash:032x}; it begins", sim.log().lines().count()).unwrap();
     for line in sim.log().lines().take(12) {
-        writeln!(told, "  {line}").unwrap();
+        writeln!(summary, "  {line}").unwrap();
     }
-    told
+    summary
 }
 
 fn compare(name: &str, link: Link, budgets: Budgets) {
-    let told = tell(link, budgets);
-    assert_eq!(told, tell(link, budgets), "two flights are one");
+    let summary = flight_summary(link, budgets);
+    assert_eq!(summary, flight_summary(link, budgets), "two flights are one");
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/snapshots/{name}.txt"));
     if std::env::var_os("KILWA_BLESS").is_some() {
-        std::fs::write(&path, &told).unwrap();
+        std::fs::write(&path, &summary).unwrap();
     }
     let kept = std::fs::read_to_string(&path).unwrap_or_default();
-    assert!(told == kept, "{} is not what happens now (KILWA_BLESS=1 writes it anew):\n{told}", path.display());
+    assert!(summary == kept, "{} is not what happens now (KILWA_BLESS=1 writes it anew):\n{summary}", path.display());
 }
 
 #[test]
@@ -129,7 +129,7 @@ fn ten_megabits() {
     compare("ten_megabits", Link::COMMON, Budgets::default());
 }
 
-/// As `kilwa serve` is asked.
+/// With the requests that `kilwa serve` accepts.
 fn several_ranges() -> Budgets {
     Budgets { ranges: 64, request_bytes: 128 << 10, ..Budgets::default() }
 }
@@ -162,8 +162,8 @@ fn little_memory() {
 }
 
 #[test]
-fn while_a_camera_glides_what_it_will_see_is_loaded() {
-    // The same flight with and without the frames between, by which the movement is known.
+fn a_gliding_camera_loads_what_it_will_see() {
+    // The same flight with and without the intermediate frames, from which the movement is known.
     let pack = Pack::random(9, 400);
     let flight = flight();
     let asked_until = |frame_ms: f64| {
@@ -179,7 +179,7 @@ fn while_a_camera_glides_what_it_will_see_is_loaded() {
 }
 
 #[test]
-fn a_step_between_frames_changes_nothing_about_what_a_glide_will_see() {
+fn a_step_between_frames_does_not_change_the_prediction_of_a_glide() {
     let pack = Pack::random(9, 400);
     let flight = flight();
     let streamer = Streamer::new(&pack.head, pack.head_bytes, Budgets::default());

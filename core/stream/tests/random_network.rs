@@ -1,4 +1,4 @@
-//! Claims about the streamer under random packs, cameras, latencies and failures.
+//! Properties of the streamer under random packs, cameras, latencies and failures.
 
 use crate::support::{Faults, Pack, World, random_view};
 use fastrand::Rng;
@@ -73,7 +73,7 @@ proptest! {
 
     /// `World` checks every step: no hole, no overlap, only resident chunks, all budgets.
     #[test]
-    fn every_cut_is_valid_and_at_rest_the_target_is_reached(
+    fn every_cut_is_valid_and_a_camera_at_rest_reaches_the_target(
         seed in any::<u64>(), splits in 1usize..300, budgets in budgets(), fail in 0usize..60, garble in 0usize..30,
     ) {
         let pack = Pack::random(seed, splits);
@@ -83,7 +83,7 @@ proptest! {
     }
 
     #[test]
-    fn with_room_for_everything_the_target_is_reached(
+    fn with_enough_memory_the_target_is_reached(
         seed in any::<u64>(), splits in 1usize..300, fail in 0usize..60, garble in 0usize..30,
     ) {
         let pack = Pack::random(seed, splits);
@@ -99,7 +99,7 @@ proptest! {
     }
 
     #[test]
-    fn a_camera_at_rest_is_a_picture_at_rest(seed in any::<u64>(), budgets in budgets()) {
+    fn a_camera_at_rest_gives_an_unchanging_picture(seed in any::<u64>(), budgets in budgets()) {
         let pack = Pack::random(seed, 200);
         let Landed { mut streamer, step: last, view, .. } = fly(&pack, seed, budgets, Faults { fail: 10, garble: 5 });
         for k in 0..5 {
@@ -113,9 +113,9 @@ proptest! {
 proptest! {
     #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
 
-    /// `World` checks that every cut is valid, with sections that come and go; here: what a section takes away costs nothing.
+    /// `World` checks that every cut is valid, with sections that come and go; here: what a section removes costs nothing.
     #[test]
-    fn what_is_cut_away_is_neither_loaded_nor_shown(seed in any::<u64>(), splits in 50usize..300) {
+    fn clipped_geometry_is_neither_loaded_nor_shown(seed in any::<u64>(), splits in 50usize..300) {
         let pack = Pack::random(seed, splits);
         let mut random = Rng::with_seed(seed);
         let mut cut = random_view(&mut random);
@@ -183,22 +183,27 @@ fn until_the_target(pack: &Pack, view: &View) -> (u64, BTreeSet<(u32, u32)>) {
 }
 
 #[test]
-fn what_only_leads_to_the_picture_is_not_loaded_before_it() {
+fn ancestors_that_are_not_shown_are_not_loaded_before_visible_chunks() {
     let (mut with, mut without) = (0, 0);
     for seed in 0..40 {
         let view = View { clip: Clip::default(), ..random_view(&mut Rng::with_seed(seed)) };
-        let told = until_the_target(&Pack::random(seed, 400).telling(true), &view);
-        let untold = until_the_target(&Pack::random(seed, 400).telling(false), &view);
-        assert_eq!(told.1, untold.1, "both show the same in the end, seed {seed}");
-        assert!(told.0 <= untold.0, "{} bytes where the directory tells, {} where not, seed {seed}", told.0, untold.0);
-        (with, without) = (with + told.0, without + untold.0);
+        let listed = until_the_target(&Pack::random(seed, 400).listing_children(true), &view);
+        let unlisted = until_the_target(&Pack::random(seed, 400).listing_children(false), &view);
+        assert_eq!(listed.1, unlisted.1, "both show the same in the end, seed {seed}");
+        assert!(
+            listed.0 <= unlisted.0,
+            "{} bytes where the directory lists children, {} where not, seed {seed}",
+            listed.0,
+            unlisted.0
+        );
+        (with, without) = (with + listed.0, without + unlisted.0);
     }
-    println!("{with} bytes of chunks where the directory tells children, {without} where it does not");
-    assert!(with * 10 < without * 9, "{with} bytes where the directory tells children, {without} where it does not");
+    println!("{with} bytes of chunks where the directory lists children, {without} where it does not");
+    assert!(with * 10 < without * 9, "{with} bytes where the directory lists children, {without} where it does not");
 }
 
 #[test]
-fn events_that_nobody_asked_for_change_nothing() {
+fn unsolicited_events_change_nothing() {
     let pack = Pack::random(3, 50);
     let mut streamer = Streamer::new(&pack.head, pack.head_bytes, Budgets::default());
     let view = random_view(&mut Rng::with_seed(1));
@@ -226,11 +231,11 @@ fn neighbouring_chunks_come_in_one_request() {
 }
 
 #[test]
-fn where_the_server_takes_several_ranges_fewer_requests_bring_fewer_bytes() {
+fn multirange_requests_need_fewer_requests_and_fewer_bytes() {
     let (mut several, mut one) = ((0, 0), (0, 0));
     for seed in 0..40 {
         let view = View { clip: Clip::default(), ..random_view(&mut Rng::with_seed(seed)) };
-        let pack = Pack::random(seed, 400).telling(true);
+        let pack = Pack::random(seed, 400).listing_children(true);
         let cost = |ranges| {
             let budgets = Budgets { ranges, ..Budgets::default() };
             let landed = settle(&pack, &view, budgets);
@@ -270,7 +275,7 @@ fn settle(pack: &Pack, view: &View, budgets: Budgets) -> (Step, Vec<Range<u64>>,
 }
 
 #[test]
-fn between_two_frames_everything_is_asked_for_and_decoded_and_nothing_is_shown() {
+fn steps_between_frames_request_and_decode_and_show_nothing() {
     let pack = Pack::random(3, 200);
     let budgets = Budgets::default();
     let mut random = Rng::with_seed(3);
@@ -298,7 +303,7 @@ fn between_two_frames_everything_is_asked_for_and_decoded_and_nothing_is_shown()
 }
 
 #[test]
-fn a_lost_gpu_is_filled_again() {
+fn a_lost_gpu_context_is_restored() {
     let pack = Pack::random(5, 80);
     let Landed { mut streamer, step: last, .. } = fly(&pack, 5, Budgets::default(), Faults { fail: 0, garble: 0 });
     assert!(!last.draw.is_empty());
@@ -339,7 +344,7 @@ fn the_pixel_error_covers_every_displacement_that_can_be_seen() {
             continue;
         }
         seen += 1;
-        assert!(view.may_see(&sphere), "a visible point lies in a ball that is said to be invisible");
+        assert!(view.may_see(&sphere), "a visible point lies in a ball that is reported as invisible");
         let moved = (a[0] - b[0]).hypot(a[1] - b[1]);
         assert!(moved <= bound * (1.0 + 1e-4) + 1e-9, "moved {moved} px, bound {bound}");
     }

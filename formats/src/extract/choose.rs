@@ -46,7 +46,7 @@ pub(super) fn choose<S: Source + Sync>(
     Ok(Chosen { cut, error, is_finest })
 }
 
-/// The patches of a chunk. What each refinement takes away stands in them; the directory has what it adds.
+/// The patches of a chunk. What each refinement removes stands in them; the directory has what it adds.
 fn patches<S: Source>(reader: &Reader<S>, i: u32) -> Result<Vec<PatchRange>, ExtractError> {
     let e = reader.entries().get(i as usize).ok_or(ExtractError::NoChunk(i))?;
     let bytes = reader

@@ -42,7 +42,7 @@ pub(super) trait Encoder {
     }
 
     /// Vertices that can be named.
-    fn most_vertices(&self) -> u32 {
+    fn max_vertices(&self) -> u32 {
         u32::MAX
     }
 
@@ -164,7 +164,7 @@ pub(super) struct Target {
     pub(super) metadata: Metadata,
     /// Certified error in metres.
     pub(super) error: f32,
-    /// GLB: the model stands at zero, and its place is told beside it.
+    /// GLB: the model is at the origin, and its position is recorded beside it.
     pub(super) at_zero: bool,
 }
 
@@ -173,7 +173,7 @@ pub(super) struct Target {
 struct Coordinates {
     lattice: Lattice,
     cube_log2: u32,
-    /// Bounds of what is written, in lattice steps; not empty.
+    /// Bounds of what is written, in lattice units; not empty.
     bounds: Aabb,
     /// Median edge of the finest surface, or the error of what is written if that is larger; metres.
     median_edge: f64,
@@ -322,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn each_format_is_refused_exactly_when_its_numbers_do_not_suffice() {
+    fn each_format_is_refused_exactly_if_its_number_type_is_not_precise_enough() {
         // Step; origin; whether PLY uses double; whether PLY, OBJ, STL and GLB can represent it.
         for (step, origin, double, fit) in [
             (-13, 0.0, false, [true; 4]),
@@ -365,7 +365,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_of_one_unit_in_the_last_place_is_accepted_if_the_origin_is_a_multiple_of_it() {
+    fn a_spacing_of_one_ulp_is_accepted_if_the_origin_is_a_multiple_of_it() {
         let exact = coordinates(-29, 9e6);
         assert!(exact.fit(Format::Obj), "the finest step that kilwa build derives");
         let mut between = exact;
@@ -386,7 +386,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refusal_names_step_origin_and_remedy() {
+    fn a_refusal_names_spacing_origin_and_remedy() {
         let say = |c: Coordinates, f: Format| c.refuse_unless_fit(f).unwrap_err().to_string();
         let far = say(coordinates(-40, 5e5), Format::Obj);
         assert!(far.contains("OBJ") && far.contains("2^-40 m") && far.contains("500000.0 -500000.0"), "{far}");

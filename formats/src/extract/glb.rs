@@ -81,8 +81,8 @@ impl Glb {
 }
 
 impl Encoder for Glb {
-    /// The largest index stands for "begin again".
-    fn most_vertices(&self) -> u32 {
+    /// The largest index represents "begin again".
+    fn max_vertices(&self) -> u32 {
         u32::MAX - 1
     }
 

@@ -59,7 +59,7 @@ impl Ply {
 
 impl Encoder for Ply {
     /// Indices are `int`.
-    fn most_vertices(&self) -> u32 {
+    fn max_vertices(&self) -> u32 {
         i32::MAX as u32
     }
 
@@ -123,7 +123,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn scalar_names_stay_apart_and_legal() {
+    fn scalar_names_stay_distinct_and_valid() {
         let names = scalar_names(["confidence", "x", "a b", "confidence", ""].into_iter());
         assert_eq!(names, ["confidence", "scalar_x", "a_b", "scalar_confidence", "scalar_"]);
     }

@@ -24,15 +24,15 @@ const BYTES_PER_TRIANGLE: u64 = 29;
 /// How often fewer triangles are tried.
 const TRIES: u32 = 6;
 
-/// Write the best surface of a pack that takes at most `most_bytes` as GLB to `to`, a new file.
-/// The model stands at zero, because viewers that compute in `float` break far from it; its place is told in `asset.extras`.
+/// Write the best surface of a pack that takes at most `max_bytes` as GLB to `to`, a new file.
+/// The model is at the origin, because viewers that compute in `float` fail far from it; its position is recorded in `asset.extras`.
 ///
 /// # Errors
 /// When the pack cannot be read, its coarsest surface takes more than that, or the file cannot be written.
-pub fn preview<S: Source + Sync>(reader: &Reader<S>, to: &Path, most_bytes: u64) -> Result<Preview, ExtractError> {
-    let mut most = (most_bytes / BYTES_PER_TRIANGLE).max(1);
+pub fn preview<S: Source + Sync>(reader: &Reader<S>, to: &Path, max_bytes: u64) -> Result<Preview, ExtractError> {
+    let mut max = (max_bytes / BYTES_PER_TRIANGLE).max(1);
     for _ in 0..TRIES {
-        let chosen = choose::choose(reader, None, Some(most), None)?;
+        let chosen = choose::choose(reader, None, Some(max), None)?;
         let target = Target::new(reader, &chosen, None, Format::Glb)?;
         let target = Target { at_zero: true, ..target };
         let mut encoder = Format::Glb.encoder(&target);
@@ -47,14 +47,14 @@ pub fn preview<S: Source + Sync>(reader: &Reader<S>, to: &Path, most_bytes: u64)
             .assemble(&mut bytes, &mut scratch, counts)
             .map_err(|source| ExtractError::Write { path: to.to_owned(), source })?;
         let length = bytes.len() as u64;
-        if length <= most_bytes {
+        if length <= max_bytes {
             output.write(|out| out.write_all(&bytes))?;
             return Ok(Preview { bytes: length, triangles: counts.triangles, error: chosen.error });
         }
-        if counts.triangles > most {
+        if counts.triangles > max {
             break;
         }
-        most = (counts.triangles * most_bytes / length).min(most * 9 / 10).max(1);
+        max = (counts.triangles * max_bytes / length).min(max * 9 / 10).max(1);
     }
-    Err(ExtractError::TooLarge { limit: most_bytes })
+    Err(ExtractError::TooLarge { limit: max_bytes })
 }

@@ -17,7 +17,7 @@ impl FromStr for Region {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let wanted = || "six numbers are wanted, xmin,ymin,zmin,xmax,ymax,zmax, in metres".to_owned();
+        let wanted = || "expected six numbers, xmin,ymin,zmin,xmax,ymax,zmax, in metres".to_owned();
         let numbers: Vec<f64> =
             text.split(',').map(|n| n.trim().parse()).collect::<Result<_, _>>().map_err(|_| wanted())?;
         let &[a, b, c, d, e, f] = &numbers[..] else { return Err(wanted()) };
@@ -47,7 +47,7 @@ impl Region {
     }
 }
 
-/// A box in lattice steps.
+/// A box in lattice units.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Steps {
     min: DVec3,
@@ -78,7 +78,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn six_numbers_make_a_box_and_others_are_explained() {
+    fn six_numbers_make_a_box_and_other_input_is_refused_with_the_reason() {
         assert_eq!("-1,0,0,1,2.5,1e2".parse::<Region>().unwrap().max, DVec3::new(1.0, 2.5, 100.0));
         for text in ["", "1,2,3", "1,2,3,4,5,six", "0,0,0,1,1,nan", "0,0,0,1,1,1,1"] {
             assert!(text.parse::<Region>().unwrap_err().contains("six numbers"), "{text}");
@@ -87,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn the_centroid_decides() {
+    fn a_triangle_is_inside_a_box_if_its_centroid_is() {
         let region = Steps { min: DVec3::ZERO, max: DVec3::new(4.0, 4.0, 0.0) };
         assert!(region.holds([[0, 0, 0], [9, 0, 0], [3, 9, 0]].map(LatticePoint::from_array)), "its centroid is 4 3 0");
         assert!(!region.holds([[0, 0, 0], [9, 0, 0], [4, 9, 0]].map(LatticePoint::from_array)));

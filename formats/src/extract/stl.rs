@@ -1,5 +1,5 @@
 //! Binary STL: 80 bytes of text, the number of facets, 50 bytes for each. It has no colours and its numbers are floats:
-//! where these are too short for the coordinates of the world, coordinates are relative to a point that is said.
+//! where these are too short for the coordinates of the world, coordinates are relative to a point that is reported.
 
 use super::format::{Encoder, Target};
 use super::output::Scratch;

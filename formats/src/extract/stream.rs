@@ -156,7 +156,7 @@ impl Weld {
         if let Some(&number) = self.known.get(&wedge) {
             return Ok(number);
         }
-        let limit = encoder.most_vertices();
+        let limit = encoder.max_vertices();
         let number = u32::try_from(self.counts.vertices).ok().filter(|n| *n < limit);
         let number = number.ok_or(ExtractError::TooManyVertices { limit })?;
         self.counts.vertices += 1;

@@ -302,7 +302,7 @@ mod tests {
     }
 
     #[test]
-    fn names_of_other_systems_cases_and_folders_are_found() {
+    fn file_names_with_other_separators_case_or_folders_are_found() {
         let site = site();
         let real = |found: Found| if let Found::File(path) = found { path.canonicalize().ok() } else { None };
         let wall = site.folder.join("Maps/Wall Nord.JPG").canonicalize().ok();
@@ -319,7 +319,7 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_outside_is_found_only_where_that_is_allowed() {
+    fn files_outside_the_folder_are_found_only_if_allowed() {
         let site = site();
         let secret = site.folder.join("../secret.png").canonicalize().unwrap();
         let absolute = secret.display().to_string();
@@ -336,7 +336,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn links_are_followed_inside_and_nowhere_else() {
+    fn links_are_followed_only_inside_the_folder() {
         use std::os::unix::fs::symlink;
         let site = site();
         symlink("plain.png", site.folder.join("link.png")).unwrap();
@@ -377,7 +377,7 @@ mod tests {
 
     #[cfg(windows)]
     #[test]
-    fn another_computer_is_not_asked() {
+    fn network_paths_are_not_opened() {
         let site = site();
         assert!(matches!(found(&site, false, "\\\\server\\share\\a.png"), Found::Outside(_)));
     }

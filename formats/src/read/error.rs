@@ -95,7 +95,7 @@ pub enum ReadError {
         /// What should stand there and, where that helps, what to do.
         expected: String,
     },
-    /// A part of a file of named parts (glTF) is damaged or names what is not there.
+    /// A part of a file of named parts (glTF) is damaged or names what does not exist.
     #[error("{}, {part}: found {found}; expected {expected}", file.display())]
     Part {
         /// The file.

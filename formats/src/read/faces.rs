@@ -6,7 +6,7 @@
 
 use super::ReadError;
 use super::sink::{MeshSink, NOT_FINITE, TWICE};
-use crate::Findings;
+use crate::Diagnostics;
 use kilwa_geometry::triangulate::{Outcome, Triangulator};
 
 pub(super) const TOO_FEW: &str = "faces of fewer than three corners dropped";
@@ -57,10 +57,10 @@ impl Faces {
 
     /// One face as the file has it. [`flush_if_full`](Self::flush_if_full) is to be called after it.
     #[inline]
-    pub(super) fn face(&mut self, corners: &[u64], color: FaceColor, number: u64, findings: &mut Findings) {
+    pub(super) fn face(&mut self, corners: &[u64], color: FaceColor, number: u64, diagnostics: &mut Diagnostics) {
         match *corners {
-            [a, b, c] => self.triangle([a, b, c], color, number, findings),
-            [] | [_] | [_, _] => findings.add(TOO_FEW, || format!("{} {number}", self.noun)),
+            [a, b, c] => self.triangle([a, b, c], color, number, diagnostics),
+            [] | [_] | [_, _] => diagnostics.add(TOO_FEW, || format!("{} {number}", self.noun)),
             _ => {
                 let before = self.corners.len();
                 for &corner in corners {
@@ -73,11 +73,11 @@ impl Faces {
                 }
                 let left = self.corners.len() - before;
                 if left < corners.len() {
-                    findings.add(REPEATED, || format!("{} {number}", self.noun));
-                    findings.add_many(REPEATED, (corners.len() - left) as u64 - 1);
+                    diagnostics.add(REPEATED, || format!("{} {number}", self.noun));
+                    diagnostics.add_many(REPEATED, (corners.len() - left) as u64 - 1);
                 }
                 if left < 3 {
-                    findings.add(TOO_FEW, || format!("{} {number}", self.noun));
+                    diagnostics.add(TOO_FEW, || format!("{} {number}", self.noun));
                     self.corners.truncate(before);
                 } else {
                     self.waiting.push((number, color, left));
@@ -99,8 +99,12 @@ impl Faces {
 
     /// Hand on what is collected where that is much. All vertices read so far must have been delivered.
     #[inline]
-    pub(super) fn flush_if_full(&mut self, sink: &mut dyn MeshSink, findings: &mut Findings) -> Result<(), ReadError> {
-        if self.is_full() { self.flush(sink, findings) } else { Ok(()) }
+    pub(super) fn flush_if_full(
+        &mut self,
+        sink: &mut dyn MeshSink,
+        diagnostics: &mut Diagnostics,
+    ) -> Result<(), ReadError> {
+        if self.is_full() { self.flush(sink, diagnostics) } else { Ok(()) }
     }
 
     /// Whether much is collected.
@@ -110,7 +114,7 @@ impl Faces {
     }
 
     /// Hand on all that is collected. All vertices read so far must have been delivered.
-    pub(super) fn flush(&mut self, sink: &mut dyn MeshSink, findings: &mut Findings) -> Result<(), ReadError> {
+    pub(super) fn flush(&mut self, sink: &mut dyn MeshSink, diagnostics: &mut Diagnostics) -> Result<(), ReadError> {
         self.hand_on(sink)?;
         if self.waiting.is_empty() {
             return Ok(());
@@ -121,7 +125,7 @@ impl Faces {
         let positions = std::mem::take(&mut self.positions);
         let mut at = 0;
         for (number, color, n) in std::mem::take(&mut self.waiting) {
-            self.polygon(&corners[at..at + n], &positions[at..at + n], color, number, findings);
+            self.polygon(&corners[at..at + n], &positions[at..at + n], color, number, diagnostics);
             at += n;
             if self.triangles.len() >= BLOCK {
                 self.hand_on(sink)?;
@@ -148,9 +152,9 @@ impl Faces {
     }
 
     #[inline]
-    fn triangle(&mut self, corners: [u64; 3], color: FaceColor, number: u64, findings: &mut Findings) {
+    fn triangle(&mut self, corners: [u64; 3], color: FaceColor, number: u64, diagnostics: &mut Diagnostics) {
         if is_degenerate(corners) {
-            findings.add(TWICE, || format!("{} {number}", self.noun));
+            diagnostics.add(TWICE, || format!("{} {number}", self.noun));
             return;
         }
         self.triangles.push(corners);
@@ -163,21 +167,21 @@ impl Faces {
         positions: &[[f64; 3]],
         color: FaceColor,
         number: u64,
-        findings: &mut Findings,
+        diagnostics: &mut Diagnostics,
     ) {
         let noun = self.noun;
         let place = || format!("{noun} {number}");
         if !positions.iter().flatten().all(|v| v.is_finite()) {
-            findings.add(NOT_FINITE, place);
-            findings.add_many(NOT_FINITE, corners.len() as u64 - 3);
+            diagnostics.add(NOT_FINITE, place);
+            diagnostics.add_many(NOT_FINITE, corners.len() as u64 - 3);
             return;
         }
-        findings.add(TRIANGULATED, place);
+        diagnostics.add(TRIANGULATED, place);
         let mut triangulator = std::mem::take(&mut self.triangulator);
         let outcome =
-            triangulator.polygon(positions, |t| self.triangle(t.map(|i| corners[i]), color, number, findings));
+            triangulator.polygon(positions, |t| self.triangle(t.map(|i| corners[i]), color, number, diagnostics));
         if outcome == Outcome::Crossing {
-            findings.add(CROSSING, place);
+            diagnostics.add(CROSSING, place);
         }
         self.triangulator = triangulator;
     }
@@ -199,7 +203,7 @@ impl Strip<'_> {
         &mut self,
         corner: u64,
         sink: &mut dyn MeshSink,
-        findings: &mut Findings,
+        diagnostics: &mut Diagnostics,
     ) -> Result<(), ReadError> {
         let [a, b] = self.last;
         self.last = [b, corner];
@@ -210,11 +214,11 @@ impl Strip<'_> {
         let corners = if self.odd { [b, a, corner] } else { [a, b, corner] };
         self.odd = !self.odd;
         if is_degenerate(corners) {
-            findings.add_many(JOINTS, 1);
+            diagnostics.add_many(JOINTS, 1);
             Ok(())
         } else {
             self.faces.triangles.push(corners);
-            self.faces.flush_if_full(sink, findings)
+            self.faces.flush_if_full(sink, diagnostics)
         }
     }
 

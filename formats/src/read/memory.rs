@@ -7,7 +7,7 @@
 
 use super::ReadError;
 use super::sink::{MeshSink, NO_POSITION, NOT_FINITE, TWICE, UNUSED, VertexBlock};
-use crate::{Findings, RawMesh, UNCOLOURED};
+use crate::{Diagnostics, RawMesh, UNCOLOURED};
 use kilwa_pack::plural::counted;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -41,7 +41,7 @@ impl MemorySink {
     pub fn into_mesh(mut self) -> Result<RawMesh, ReadError> {
         if self.without_normal > 0 && !self.mesh.normals.is_empty() {
             let n = self.mesh.normals.len() as u64 - self.without_normal;
-            self.mesh.findings.add_many("normals dropped and computed anew, because other vertices have none", n);
+            self.mesh.diagnostics.add_many("normals dropped and computed anew, because other vertices have none", n);
             self.mesh.normals = Vec::new();
         } else if self.without_normal > 0 {
             self.mesh.normals = Vec::new();
@@ -52,7 +52,7 @@ impl MemorySink {
             split_wedges(&mut mesh, &colors, &path)?;
         }
         if mesh.triangles.is_empty() {
-            let reasons: Vec<String> = mesh.findings.iter().map(|(kind, n, _)| format!("{kind}: {n}")).collect();
+            let reasons: Vec<String> = mesh.diagnostics.iter().map(|(kind, n, _)| format!("{kind}: {n}")).collect();
             return Err(ReadError::NoTriangles {
                 file: path,
                 found: format!(
@@ -66,7 +66,7 @@ impl MemorySink {
         let mut used = vec![false; mesh.positions.len()];
         mesh.triangles.iter().flatten().for_each(|&i| used[i as usize] = true);
         let unused = used.iter().filter(|u| !**u).count();
-        mesh.findings.add_many(UNUSED, unused as u64);
+        mesh.diagnostics.add_many(UNUSED, unused as u64);
         Ok(mesh)
     }
 
@@ -90,11 +90,11 @@ impl MeshSink for MemorySink {
         let mesh = &mut self.mesh;
         mesh.positions.extend(block.positions);
         if block.colors.is_empty() && !mesh.colors.is_empty() {
-            mesh.findings.add_many("vertices without colour beside coloured ones, shown grey", n as u64);
+            mesh.diagnostics.add_many("vertices without colour beside coloured ones, shown grey", n as u64);
             mesh.colors.resize(before + n, UNCOLOURED);
         } else if !block.colors.is_empty() {
             if mesh.colors.is_empty() {
-                mesh.findings.add_many("vertices without colour beside coloured ones, shown grey", before as u64);
+                mesh.diagnostics.add_many("vertices without colour beside coloured ones, shown grey", before as u64);
                 mesh.colors.resize(before, UNCOLOURED);
             }
             mesh.colors.extend(block.colors);
@@ -121,7 +121,9 @@ impl MeshSink for MemorySink {
         let colored = !colors.is_empty() || !self.colors.is_empty();
         for (i, t) in triangles.iter().enumerate() {
             if t[0] == t[1] || t[1] == t[2] || t[2] == t[0] {
-                self.mesh.findings.add(TWICE, || format!("triangle of the vertices {}, {} and {}", t[0], t[1], t[2]));
+                self.mesh
+                    .diagnostics
+                    .add(TWICE, || format!("triangle of the vertices {}, {} and {}", t[0], t[1], t[2]));
                 continue;
             }
             if t.iter().any(|&v| v >= u64::from(u32::MAX)) {
@@ -145,8 +147,8 @@ impl MeshSink for MemorySink {
         self.mesh.positions.len() as u64
     }
 
-    fn findings(&mut self) -> &mut Findings {
-        &mut self.mesh.findings
+    fn diagnostics(&mut self) -> &mut Diagnostics {
+        &mut self.mesh.diagnostics
     }
 }
 
@@ -160,15 +162,15 @@ fn drop_without_position(mesh: &mut RawMesh, colors: &mut Vec<OwnColor>) {
     }
     let keep: Vec<bool> = mesh.positions.iter().map(finite).collect();
     for (number, p) in mesh.positions.iter().enumerate().filter(|(number, _)| !keep[*number]) {
-        mesh.findings.add(NO_POSITION, || format!("vertex {number} ({} {} {})", p[0], p[1], p[2]));
+        mesh.diagnostics.add(NO_POSITION, || format!("vertex {number} ({} {} {})", p[0], p[1], p[2]));
     }
     let stays = |t: &[u32; 3]| t.iter().all(|&i| keep.get(i as usize) == Some(&true));
     let mut triangles = mesh.triangles.iter();
     colors.retain(|_| triangles.next().is_some_and(stays));
-    let findings = &mut mesh.findings;
+    let diagnostics = &mut mesh.diagnostics;
     mesh.triangles.retain(|t| {
         if !stays(t) {
-            findings.add(NOT_FINITE, || format!("triangle of the vertices {}, {} and {}", t[0], t[1], t[2]));
+            diagnostics.add(NOT_FINITE, || format!("triangle of the vertices {}, {} and {}", t[0], t[1], t[2]));
         }
         stays(t)
     });
@@ -225,8 +227,8 @@ fn split_wedges(mesh: &mut RawMesh, colors: &[OwnColor], path: &Path) -> Result<
         }
     }
     let given = colors.iter().flatten().count();
-    mesh.findings.add_many("triangles whose colour was given to their vertices", given as u64);
-    mesh.findings.add_many("vertices split so that faces keep their colours", origins.len() as u64);
+    mesh.diagnostics.add_many("triangles whose colour was given to their vertices", given as u64);
+    mesh.diagnostics.add_many("vertices split so that faces keep their colours", origins.len() as u64);
     mesh.colors = (0u32..).zip(first).map(|(v, color)| color.unwrap_or_else(|| own(v, &mesh.colors))).collect();
     mesh.colors.extend(origins.iter().map(|(_, color)| *color));
     append_copies(&mut mesh.positions, &origins);
@@ -266,8 +268,8 @@ mod tests {
         s.triangles(&[[0, 1, 2], [0, 2, 3], [0, 2, 9], [3, 3, 0]], &[]).unwrap();
         let mesh = s.into_mesh().unwrap();
         assert_eq!(mesh.triangles, [[0, 1, 2]]);
-        assert_eq!((mesh.findings.count(NOT_FINITE), mesh.findings.count(TWICE)), (2, 1));
-        assert_eq!(mesh.findings.count(NO_POSITION), 1);
+        assert_eq!((mesh.diagnostics.count(NOT_FINITE), mesh.diagnostics.count(TWICE)), (2, 1));
+        assert_eq!(mesh.diagnostics.count(NO_POSITION), 1);
     }
 
     #[test]
@@ -290,7 +292,7 @@ mod tests {
             s.triangles(&[[0, 1, 2], [3, 4, 5]], &[]).unwrap();
             let mesh = s.into_mesh().unwrap();
             assert_eq!(mesh.colors.iter().filter(|c| **c == UNCOLOURED).count(), 3);
-            assert_eq!(mesh.findings.count("vertices without colour beside coloured ones, shown grey"), 3);
+            assert_eq!(mesh.diagnostics.count("vertices without colour beside coloured ones, shown grey"), 3);
         }
     }
 
@@ -307,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn normals_that_only_some_vertices_have_are_dropped_and_counted() {
+    fn normals_of_only_some_vertices_are_dropped_and_counted() {
         let mut s = sink(&[[0.0; 3]]);
         let positions = &[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
         s.vertices(&VertexBlock { positions, normals: &[[0.0, 0.0, 1.0]; 2], ..VertexBlock::default() }).unwrap();
@@ -315,11 +317,11 @@ mod tests {
         let mesh = s.into_mesh().unwrap();
         assert!(mesh.normals.is_empty());
         let kind = "normals dropped and computed anew, because other vertices have none";
-        assert_eq!(mesh.findings.count(kind), 2);
+        assert_eq!(mesh.diagnostics.count(kind), 2);
     }
 
     #[test]
-    fn an_input_of_which_no_triangle_is_left_is_refused_with_the_reasons() {
+    fn an_input_left_without_triangles_is_refused_with_the_reasons() {
         let mut s = sink(&[[0.0; 3], [NAN; 3]]);
         s.triangles(&[[0, 0, 1], [0, 1, 7]], &[]).unwrap();
         let text = s.into_mesh().unwrap_err().to_string();

@@ -1,11 +1,11 @@
 //! Mesh readers: a file on disk is handed on in blocks to a [`MeshSink`].
 //!
-//! The format is told by the content of the file, never by its name, so `SCAN.PLY` and `scan.dat` read alike. The table
+//! The format is recognised by the content of the file, never by its name, so `SCAN.PLY` and `scan.dat` read alike. The table
 //! [`FORMATS`] lists what is read; every other format that can be recognised is refused by its name, with the way out.
 //!
 //! Invariants: a reader delivers vertices and triangles in the order of the file and holds nothing that grows with the
 //! mesh; at least one triangle is delivered, or the file is refused. [`read_mesh`] keeps all in memory, with what
-//! [`MemorySink`] promises. Whatever was dropped or repaired is in the findings, with a count and the first places.
+//! [`MemorySink`] promises. Whatever was dropped or repaired is in the diagnostics, with a count and the first places.
 //!
 //! Failures: the file cannot be opened or read; it is of another format; it is damaged or cut; it has no triangles.
 //! Memory is bounded by what the file really holds, never by what its header claims.
@@ -88,7 +88,7 @@ pub struct ReadOptions {
     pub replaced: Option<Arc<Replaced>>,
 }
 
-/// Where nothing else is said.
+/// The default.
 const MEMORY: u64 = 1 << 30;
 
 impl Default for ReadOptions {
@@ -193,7 +193,7 @@ pub fn read_into_from(
     dispatch(Input { path, total, source, progress: &mut |a, b| progress(a, b), options }, sink)
 }
 
-/// The format of the file at `path`, told by its content.
+/// The format of the file at `path`, recognised by its content.
 ///
 /// # Errors
 /// [`ReadError`] where it cannot be opened or is of no format that is read.

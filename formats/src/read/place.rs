@@ -6,7 +6,7 @@
 
 use super::ReadError;
 use super::sink::{MeshSink, VertexBlock};
-use crate::Findings;
+use crate::Diagnostics;
 use crate::Up;
 use glam::{DMat3, DVec3, Vec3};
 use kilwa_geometry::LengthUnit;
@@ -172,8 +172,8 @@ impl MeshSink for Placed<'_> {
         self.sink.vertex_count()
     }
 
-    fn findings(&mut self) -> &mut Findings {
-        self.sink.findings()
+    fn diagnostics(&mut self) -> &mut Diagnostics {
+        self.sink.diagnostics()
     }
 }
 
@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn maps_follow_one_another_in_the_order_they_are_named() {
+    fn transforms_apply_in_the_order_given() {
         let shift = Placement::translation(DVec3::new(1.0, 2.0, 3.0));
         let scale = Placement::to_metres(LengthUnit::Kilometre, Up::Z);
         assert_eq!(shift.then(&scale).place([0.0; 3]), [1000.0, 2000.0, 3000.0]);
@@ -227,7 +227,7 @@ mod tests {
     }
 
     #[test]
-    fn large_offsets_lose_nothing() {
+    fn large_offsets_lose_no_precision() {
         let utm = Placement::translation(DVec3::new(500_000.125, 9_000_000.5, 10.0));
         assert_eq!(utm.place([0.000_976_562_5, 0.0, 0.0]), [500_000.125_976_562_5, 9_000_000.5, 10.0]);
     }
@@ -251,7 +251,7 @@ mod tests {
     proptest! {
         /// Whatever the map, mirrored or not: outside stays outside, volumes scale, normals stay with their side.
         #[test]
-        fn outside_stays_outside(m in proptest::array::uniform3(proptest::array::uniform3(-3.0f64..3.0))) {
+        fn transforms_keep_the_outside_of_a_surface_outside(m in proptest::array::uniform3(proptest::array::uniform3(-3.0f64..3.0))) {
             let Ok(map) = Placement::from_matrix(matrix(m, [5.0, -7.0, 11.0])) else { return Ok(()) };
             prop_assume!(map.determinant().abs() > 1e-3);
             let (before, after) = (placed(Placement::IDENTITY), placed(map));

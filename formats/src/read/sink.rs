@@ -2,19 +2,19 @@
 //! of the file, and the sink keeps them (in memory: [`super::MemorySink`]; in scratch files: the builder).
 //!
 //! Vertices are numbered from 0 within one input, in the order of delivery; triangles name these numbers. A triangle may
-//! name vertices that come later. What cannot be kept is dropped and counted by the reader in [`MeshSink::findings`]; what needs all
+//! name vertices that come later. What cannot be kept is dropped and counted by the reader in [`MeshSink::diagnostics`]; what needs all
 //! vertices (indices out of range, positions that are not finite) the sink checks.
 
 use super::ReadError;
-use crate::Findings;
+use crate::Diagnostics;
 
-/// Finding: a triangle names a vertex twice. Reader or sink.
+/// Diagnostic: a triangle names a vertex twice. Reader or sink.
 pub const TWICE: &str = "triangles that name a vertex twice dropped";
-/// Finding: a vertex that is not finite. Sink.
+/// Diagnostic: a vertex that is not finite. Sink.
 pub const NO_POSITION: &str = "vertices without a finite position dropped";
-/// Finding: a triangle at such a vertex. Sink; the reader for polygons that it does not cut for that reason.
+/// Diagnostic: a triangle at such a vertex. Sink; the reader for polygons that it does not cut for that reason.
 pub const NOT_FINITE: &str = "triangles dropped because a corner has no finite position";
-/// Finding: a vertex that no triangle names. Sink, once per input.
+/// Diagnostic: a vertex that no triangle names. Sink, once per input.
 pub const UNUSED: &str = "vertices that no triangle uses";
 
 /// A block of vertices. Every attribute that is present has one entry per position; an input may give an attribute for
@@ -62,5 +62,5 @@ pub trait MeshSink {
     fn vertex_count(&self) -> u64;
 
     /// Where the reader counts what it drops and repairs.
-    fn findings(&mut self) -> &mut Findings;
+    fn diagnostics(&mut self) -> &mut Diagnostics;
 }

@@ -16,7 +16,7 @@ type Known = (&'static str, &'static str);
 const UTF_16: Known =
     ("a text file in UTF-16", "Save it again as UTF-8 or plain ASCII (in a text editor: Save as, encoding).");
 
-/// Formats told by fixed bytes at the beginning.
+/// Formats recognised by fixed bytes at the beginning.
 const SIGNATURES: &[(&[u8], Known)] = &[
     (b"KILWAPCK", ("already a Kilwa pack", "Use it as it is with `kilwa info`, `kilwa render` or `kilwa serve`.")),
     (b"glTF", ("a glTF binary (GLB)", EXPORT)),
@@ -64,9 +64,9 @@ const SIGNATURES: &[(&[u8], Known)] = &[
     ),
 ];
 
-/// What a file whose content tells nothing calls itself.
+/// Formats by file name, for files whose content is not recognised.
 const BY_NAME: &[(&str, Known)] = &[
-    ("obj", ("named as a Wavefront OBJ mesh, but its content tells nothing", EXPORT)),
+    ("obj", ("named as a Wavefront OBJ mesh, but its content does not look like one", EXPORT)),
     ("stl", ("named as an STL mesh, but its content is not one (it may be cut)", EXPORT)),
     ("glb", ("named as a glTF binary, but its content is not one", EXPORT)),
     ("gltf", ("named as a glTF scene, but its content is not one", EXPORT)),
@@ -182,20 +182,20 @@ mod tests {
     }
 
     #[test]
-    fn the_content_decides_and_not_the_name() {
+    fn the_format_is_recognised_by_content_not_by_name() {
         assert!(message(b"# red\nnewmtl red\nKd 1 0 0\n", "scan.obj").contains("Wavefront material library"));
         assert!(message(b"glTF\x02\0\0\0", "scan.ply").contains("GLB"));
         assert!(message(b"LASF....", "scan.ply").contains("LAS"));
     }
 
     #[test]
-    fn a_refusal_says_what_is_read_and_what_to_do() {
+    fn a_refusal_lists_the_supported_formats_and_what_to_do() {
         let text = message(b"PK\x03\x04....", "site.zip");
         assert!(text.contains("site.zip") && text.contains("reads PLY") && text.contains("Unpack it"), "{text}");
     }
 
     #[test]
-    fn an_empty_file_and_noise_are_refused_too() {
+    fn an_empty_file_and_noise_are_refused() {
         assert!(message(b"", "a.ply").contains("0 bytes"));
         assert!(message(&[0, 1, 2, 3], "a.dat").contains("does not know"));
         assert!(message(b"plywood is not a mesh", "a.ply").contains("does not begin with a line \"ply\""));

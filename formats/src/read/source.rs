@@ -22,8 +22,8 @@ pub(super) struct Source<'a> {
     /// Offset in the file of `buffer[0]`.
     base: u64,
     ended: bool,
-    /// The furthest place that progress was told of; it never goes back.
-    told: u64,
+    /// The furthest place that progress was reported of; it never goes back.
+    reported: u64,
     /// Which part of the work this pass over the file is: where it begins and how much it is, of 1.
     pass: (f64, f64),
 }
@@ -39,7 +39,7 @@ impl<'a> Source<'a> {
             ready: 0..0,
             base: 0,
             ended: false,
-            told: 0,
+            reported: 0,
             pass: (0.0, 1.0),
         }
     }
@@ -80,8 +80,8 @@ impl<'a> Source<'a> {
                     self.ready.end += n;
                     let read = (self.base + self.ready.end as u64).min(self.total);
                     let done = (self.pass.0 * self.total as f64 + self.pass.1 * read as f64) as u64;
-                    if done > self.told {
-                        self.told = done;
+                    if done > self.reported {
+                        self.reported = done;
                         (self.progress)(done.min(self.total), self.total);
                     }
                     return Ok(true);

@@ -101,7 +101,7 @@ pub struct User {
     /// Tokens.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub tokens: Vec<Token>,
-    /// Counts what ends all sessions: a grant that was taken away, [`Accounts::sign_out`].
+    /// Counts what ends all sessions: a grant that was removed, [`Accounts::sign_out`].
     #[serde(default, skip_serializing_if = "is_zero")]
     ended: u64,
 }
@@ -127,7 +127,7 @@ impl User {
         self.password.is_some()
     }
 
-    /// Changes with the password, when a grant is taken away and with [`Accounts::sign_out`], so that sessions begun before end.
+    /// Changes with the password, when a grant is removed and with [`Accounts::sign_out`], so that sessions begun before end.
     pub fn stamp(&self) -> String {
         let password = self.password.as_deref().unwrap_or_default();
         token_hash(&format!("{} {password}", self.ended)).to_hex()[..16].to_owned()
@@ -267,7 +267,7 @@ impl Accounts {
         let grants = match grant {
             Grant::All => vec!["*".to_owned()],
             Grant::Objects(slugs) => {
-                // What stands for everything in the file is not the name of an object.
+                // What represents everything in the file is not the name of an object.
                 let all = slugs.iter().map(|slug| Slug::new(slug).map(|_| slug.clone()));
                 all.collect::<Result<_, _>>().map_err(|e| AccountsError::Refused(e.to_string()))?
             }
@@ -443,7 +443,7 @@ mod tests {
     }
 
     #[test]
-    fn they_read_back_and_no_secret_can_be_read() {
+    fn accounts_round_trip_and_reveal_no_secret() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("access.json");
         let mut accounts = some();
@@ -503,7 +503,7 @@ mod tests {
     }
 
     #[test]
-    fn a_new_password_and_a_grant_taken_away_end_sessions_and_a_further_grant_does_not() {
+    fn a_new_password_or_a_revoked_grant_ends_sessions_and_an_additional_grant_does_not() {
         let mut accounts = some();
         let begin = |a: &Accounts| {
             let holder = Holder { who: "amina".to_owned(), session: "0".repeat(32) };
@@ -537,7 +537,7 @@ mod tests {
     }
 
     #[test]
-    fn a_token_works_until_its_day_and_not_after_it_is_revoked() {
+    fn a_token_works_until_it_expires_or_is_revoked() {
         let mut accounts = some();
         let token = accounts.add_token("robot", Purpose::Publish, 30, NOW).expect("makes");
         let id = accounts.users()[1].tokens[0].id.clone();
@@ -551,15 +551,17 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_is_refused_with_a_reason() {
+    fn invalid_accounts_are_refused_with_the_reason() {
         let mut accounts = some();
-        let said = |r: Result<(), AccountsError>| r.expect_err("refused").to_string();
-        assert!(said(accounts.set_user("Amina!", &Grant::All, None)).contains("cannot be a name"));
-        assert!(said(accounts.set_user("a", &Grant::Objects(vec!["../x".to_owned()]), None)).contains("for example"));
+        let refusal = |r: Result<(), AccountsError>| r.expect_err("refused").to_string();
+        assert!(refusal(accounts.set_user("Amina!", &Grant::All, None)).contains("cannot be a name"));
+        assert!(
+            refusal(accounts.set_user("a", &Grant::Objects(vec!["../x".to_owned()]), None)).contains("for example")
+        );
         let everything = Grant::Objects(vec!["fort".to_owned(), "*".to_owned()]);
-        assert!(said(accounts.set_user("a", &everything, None)).contains("for example"));
-        assert!(said(accounts.set_user("a", &Grant::All, Some("short"))).contains("8 characters"));
-        assert!(said(accounts.remove_user("b")).contains("amina, robot"));
+        assert!(refusal(accounts.set_user("a", &everything, None)).contains("for example"));
+        assert!(refusal(accounts.set_user("a", &Grant::All, Some("short"))).contains("8 characters"));
+        assert!(refusal(accounts.remove_user("b")).contains("amina, robot"));
         let key = "0".repeat(64);
         for (text, why) in [
             ("", "line 1"),
@@ -571,8 +573,8 @@ mod tests {
                 "twice",
             ),
         ] {
-            let said = Accounts::parse(text.as_bytes()).expect_err("refused");
-            assert!(said.contains(why), "{text}: {said}");
+            let message = Accounts::parse(text.as_bytes()).expect_err("refused");
+            assert!(message.contains(why), "{text}: {message}");
         }
         let secret = "{\"kilwa_access\":1,\"key\":\"not-to-be-seen\",\"users\":[";
         assert!(!Accounts::parse(secret.as_bytes()).expect_err("cut").contains("not-to-be-seen"));

@@ -1,4 +1,4 @@
-//! Brakes on guessing: after some failures, whoever goes on has to wait, twice as long each time.
+//! Rate limits on guessing: after some failures further attempts must wait, twice as long each time.
 //!
 //! Counted by address and by name, so that neither one address trying many names nor many addresses trying one name gets far. Memory is
 //! bounded: the longest idle is forgotten first. Times are seconds since any beginning, handed in.
@@ -41,7 +41,7 @@ impl Attempts {
         Self { failures: HashMap::new(), longest: LONGEST_OF_NAME }
     }
 
-    /// Begin an attempt at `now`: it counts as failed until [`Attempts::succeeded`] or [`Attempts::forgiven`] is told, so that many at once are
+    /// Begin an attempt at `now`: it counts as failed until [`Attempts::succeeded`] or [`Attempts::forgiven`] is called, so that many at once are
     /// not all free.
     ///
     /// # Errors
@@ -112,7 +112,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn some_failures_are_free_then_each_doubles_the_wait() {
+    fn after_a_few_free_failures_each_doubles_the_wait() {
         let mut a = Attempts::of_addresses();
         let mut now = 1000;
         for _ in 0..FREE {
@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn an_hour_forgives_and_a_clock_set_back_locks_nobody_out() {
+    fn failures_expire_after_an_hour_and_a_clock_set_back_locks_nobody_out() {
         let mut a = Attempts::of_addresses();
         (0..20).for_each(|_| a.failed("x", 10_000));
         assert!(a.wait("x", 10_001) > 0 && a.wait("x", 10_000 + FORGIVEN) == 0);
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn attempts_that_are_under_way_at_once_are_counted() {
+    fn concurrent_attempts_are_counted() {
         let mut a = Attempts::of_addresses();
         let begun = (0..100).filter(|_| a.begin("x", 1000).is_ok()).count();
         assert_eq!(begun, FREE as usize + 1);
@@ -156,7 +156,7 @@ mod tests {
     }
 
     #[test]
-    fn memory_is_bounded_and_the_latest_are_remembered() {
+    fn the_memory_of_attempts_is_bounded_and_keeps_the_latest() {
         let mut a = Attempts::of_addresses();
         for i in 0..100_000u64 {
             for _ in 0..7 {

@@ -1,7 +1,7 @@
 //! The record of who was let in to what, and who was not: one JSON object per line, only ever appended.
 //!
 //! Written are sign-ins, failed ones, sign-outs, and who was given or refused a capability for which object; never a password, a token, a
-//! capability or a cookie. A record that cannot be written does not stop the server: it goes to the log, and the number of lost ones is told
+//! capability or a cookie. A record that cannot be written does not stop the server: it goes to the log, and the number of lost ones is recorded
 //! with the next that can.
 
 use serde::Serialize;
@@ -82,8 +82,8 @@ impl Audit {
         line.push('\n');
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         if state.lost > 0 {
-            let told = format!("{{\"at\":{},\"action\":\"lost\",\"records\":{}}}\n", event.at, state.lost);
-            line.insert_str(0, &told);
+            let entry = format!("{{\"at\":{},\"action\":\"lost\",\"records\":{}}}\n", event.at, state.lost);
+            line.insert_str(0, &entry);
         }
         // One write: lines of two programs that append do not mix.
         match state.file.write_all(line.as_bytes()) {
@@ -141,7 +141,7 @@ mod tests {
 
     #[cfg(target_os = "linux")]
     #[test]
-    fn a_full_disk_loses_no_count() {
+    fn entries_lost_on_a_full_disk_are_counted() {
         // /dev/full is a disk that is always full; opened for appending, written by nobody.
         let full = Path::new("/dev/full");
         if !full.exists() {
@@ -158,7 +158,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_pipe_that_nobody_reads_is_refused_and_one_with_a_reader_taken() {
+    fn a_pipe_without_a_reader_is_refused_and_one_with_a_reader_accepted() {
         let folder = tempfile::tempdir().expect("a folder");
         let path = folder.path().join("audit");
         assert!(std::process::Command::new("mkfifo").arg(&path).status().expect("starts").success());

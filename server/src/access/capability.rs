@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn one_opens_its_pack_for_its_time_and_no_other() {
+    fn a_capability_opens_only_its_pack_and_only_until_it_expires() {
         let c = capabilities();
         let (pack, other) = ("ab".repeat(32), "cd".repeat(32));
         let given = c.for_pack(&pack, &holder("amina.h"), "s", NOW);
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn a_session_ends_with_the_password_it_was_begun_with() {
+    fn a_session_ends_when_its_password_changes() {
         let c = capabilities();
         let session = c.session(&holder("amina"), "stamp", NOW);
         let now_is = |stamp: Option<&str>| c.of_session(&session, |_| stamp.map(str::to_owned), NOW + 60);
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn no_change_of_one_byte_still_opens() {
+    fn a_capability_with_any_byte_changed_opens_nothing() {
         let c = capabilities();
         let pack = "ab".repeat(32);
         let given = c.for_pack(&pack, &holder("amina"), "s", NOW).into_bytes();
@@ -214,7 +214,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn nothing_else_opens_and_nothing_panics(text in ".{0,300}", until in any::<u64>(), who in "[a-z.]{0,9}") {
+        fn arbitrary_text_opens_nothing_and_never_panics(text in ".{0,300}", until in any::<u64>(), who in "[a-z.]{0,9}") {
             let c = capabilities();
             prop_assert!(c.of_pack(&text, "", stamp, NOW).is_err());
             let forged = format!("k2.{until}.{who}.{}.{}", "0".repeat(32), "0".repeat(64));

@@ -9,7 +9,7 @@
 //!
 //! Invariant: whatever is not certainly allowed is refused; a clock that was set back only keeps an embargo longer.
 
-use kilwa_archive::date::day_of;
+use kilwa_archive::date::{day_of, moment_of};
 use kilwa_archive::manifest::{Access, AccessState};
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -44,9 +44,7 @@ impl Clock {
 
     /// Now, UTC, `YYYY-MM-DDThh:mm:ssZ`.
     pub(crate) fn instant(&self) -> String {
-        let seconds = (self.0)();
-        let (h, m, s) = (seconds / 3600 % 24, seconds / 60 % 60, seconds % 60);
-        format!("{}T{h:02}:{m:02}:{s:02}Z", day_of(seconds))
+        moment_of((self.0)())
     }
 }
 
@@ -89,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn an_embargo_ends_with_the_first_second_of_its_day() {
+    fn an_embargo_ends_at_the_first_second_of_its_day() {
         // 2026-11-22T00:00:00Z
         let midnight = 1_795_305_600;
         let embargo = access(AccessState::Embargo, Some("2026-11-22"));
@@ -104,7 +102,7 @@ mod tests {
     }
 
     #[test]
-    fn the_other_states_do_not_ask_the_clock() {
+    fn states_other_than_embargo_do_not_depend_on_the_clock() {
         let clock = Clock::default();
         assert_eq!(verdict(&access(AccessState::Public, None), &clock), Verdict::Open);
         assert_eq!(
@@ -115,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn geometry_is_told_by_its_name() {
+    fn geometry_is_recognised_by_its_file_name() {
         assert!(is_geometry("v1/pack.00.kilwa") && is_geometry("v1/preview.GLB"));
         assert!(is_geometry("v1/annotations.json") && is_geometry("v1/iiif/annotations.json"));
         assert!(is_geometry("annotations.json") && !is_geometry("v1/poster.jpg") && !is_geometry("manifest.json"));

@@ -56,7 +56,7 @@ pub(super) fn token_hash(token: &str) -> blake3::Hash {
 /// A password as it is kept.
 pub(super) fn hash_password(password: &str) -> Result<String, String> {
     if password.chars().count() < PASSWORD_MIN || password.len() > PASSWORD_MAX {
-        return Err(format!("a password of {PASSWORD_MIN} characters or more is wanted; a sentence is good"));
+        return Err(format!("the password needs {PASSWORD_MIN} characters or more; a sentence works well"));
     }
     let hash = Argon2::default().hash_password(password.as_bytes());
     hash.map(|h| h.to_string()).map_err(|e| format!("the password cannot be hashed: {e}"))

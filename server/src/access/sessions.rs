@@ -19,7 +19,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Sessions of one user at once.
 const PER_USER: usize = 50;
-/// Hexadecimal digits of a name that stand for the user; the rest stand for the session.
+/// Hexadecimal digits of a name that represent the user; the rest represent the session.
 const USER_DIGITS: usize = 32;
 const SESSION_DIGITS: usize = 64;
 /// Longest file of a session, bytes: a number.
@@ -103,7 +103,7 @@ impl Sessions {
     /// End a session; it is ended for good when this returns.
     ///
     /// # Errors
-    /// When the folder cannot be written: the session goes on.
+    /// When the folder cannot be written: the session continues.
     pub fn end(&self, holder: &Holder) -> io::Result<()> {
         self.remove(&mut self.lock(), &name_of(holder))
     }
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn a_session_lives_until_it_is_ended_and_nothing_else_lives() {
+    fn a_session_is_valid_until_it_ends_and_no_other_token_is() {
         each(|sessions| {
             let [first, second] = [0, 1].map(|_| sessions.begin("amina", NOW).expect("begins"));
             let other = sessions.begin("omar", NOW).expect("begins");
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn a_user_has_so_many_and_those_whose_time_is_over_are_swept() {
+    fn sessions_of_a_user_are_limited_and_expired_ones_are_removed() {
         each(|sessions| {
             let all: Vec<Holder> =
                 (0..PER_USER as u64 + 3).map(|n| sessions.begin("amina", NOW + n).expect("begins")).collect();
@@ -264,7 +264,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_session_that_is_not_a_regular_file_is_over_and_blocks_no_sign_in() {
+    fn a_session_that_is_not_a_regular_file_is_invalid_and_blocks_no_sign_in() {
         let folder = tempfile::tempdir().expect("a folder");
         let sessions = Sessions::in_folder(folder.path()).expect("uses it");
         let spoil: [&dyn Fn(&Path); 4] = [
@@ -284,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn a_session_that_a_crash_left_unfinished_is_not_valid_and_is_removed_when_it_expires() {
+    fn a_session_left_unfinished_by_a_crash_is_invalid_and_is_removed_when_it_expires() {
         let folder = tempfile::tempdir().expect("a folder");
         let sessions = Sessions::in_folder(folder.path()).expect("uses it");
         let holder = sessions.begin("amina", NOW).expect("begins");
@@ -319,7 +319,7 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn nobody_else_reads_the_folder_and_its_names_are_no_cookies() {
+    fn other_users_cannot_read_the_session_folder_and_its_names_are_no_cookies() {
         use std::os::unix::fs::PermissionsExt as _;
         let folder = tempfile::tempdir().expect("a folder");
         let place = folder.path().join("sessions");

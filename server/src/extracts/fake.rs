@@ -12,8 +12,8 @@ pub(crate) const BYTES: usize = 1000;
 #[derive(Default)]
 pub(crate) struct Fake {
     /// Whether it waits, and fails.
-    orders: Mutex<(bool, Option<Failure>)>,
-    told: Condvar,
+    behaviour: Mutex<(bool, Option<Failure>)>,
+    changed: Condvar,
     /// How many meshes it was let make.
     pub(crate) made: AtomicU32,
 }
@@ -28,13 +28,13 @@ impl Fake {
 
     /// Whether it waits from now on.
     pub(crate) fn waits(&self, waits: bool) {
-        self.orders.lock().expect("no panic").0 = waits;
-        self.told.notify_all();
+        self.behaviour.lock().expect("no panic").0 = waits;
+        self.changed.notify_all();
     }
 
     /// It fails from now on.
     pub(crate) fn fails(&self, failure: Failure) {
-        self.orders.lock().expect("no panic").1 = Some(failure);
+        self.behaviour.lock().expect("no panic").1 = Some(failure);
     }
 }
 
@@ -54,10 +54,10 @@ impl Fake {
         progress: &(dyn Fn(f64) + Sync),
     ) -> Result<(), Failure> {
         progress(0.25);
-        let orders =
-            self.told.wait_while(self.orders.lock().expect("no panic"), |(waits, _)| *waits).expect("no panic");
+        let behaviour =
+            self.changed.wait_while(self.behaviour.lock().expect("no panic"), |(waits, _)| *waits).expect("no panic");
         self.made.fetch_add(1, Ordering::SeqCst);
-        if let Some(failure) = &orders.1 {
+        if let Some(failure) = &behaviour.1 {
             return Err(failure.clone());
         }
         let name = pack.name();

@@ -35,9 +35,10 @@ pub(super) fn extract(
         Format::Stl => extract::Format::Stl,
     };
     let request = Request { format, max_error, max_triangles, region: None };
-    let told = |done: u64, all: u64| progress(READ * done as f64 / all.max(1) as f64);
+    let on_progress = |done: u64, all: u64| progress(READ * done as f64 / all.max(1) as f64);
     // Another server that uses the same cache may have made it meanwhile: the same bytes.
-    let written = Output::prepare(to, true).and_then(|output| extract::extract(&reader, &request, &output, &told));
+    let written =
+        Output::prepare(to, true).and_then(|output| extract::extract(&reader, &request, &output, &on_progress));
     written.map(drop).map_err(|e: ExtractError| failure(pack, &e))
 }
 
@@ -96,8 +97,8 @@ mod tests {
             ] {
                 let made = work.path().join(format!("made.{}", wanted.ending()));
                 let shares = Mutex::new(Vec::new());
-                let told = |share: f64| shares.lock().expect("alone").push(share);
-                super::extract(&Pack::here(&pack), &made, wanted, detail, &told).expect("makes it");
+                let on_progress = |share: f64| shares.lock().expect("alone").push(share);
+                super::extract(&Pack::here(&pack), &made, wanted, detail, &on_progress).expect("makes it");
                 let shares = shares.into_inner().expect("alone");
                 assert!(shares.is_sorted() && shares.last() == Some(&READ), "{shares:?}");
                 let by_hand = work.path().join(format!("by-hand.{}", wanted.ending()));
@@ -120,7 +121,7 @@ mod tests {
 
     #[cfg(target_os = "linux")]
     #[test]
-    fn a_full_disk_is_told_apart() {
+    fn a_full_disk_is_distinguished_from_other_failures() {
         let pack = Pack::here(Path::new("none.kilwa"));
         let full = ExtractError::Scratch(io::Error::from_raw_os_error(28));
         assert_eq!(failure(&pack, &full), Failure::Full);

@@ -6,30 +6,30 @@
 //! | POST there | asks for a file and leads to it |
 //! | `/<slug>/extract/<name>` | the file; 202 with how far it is while it is being made; 404 where nobody asked for it |
 //!
-//! [`order`] says what can be asked for and how it is called, this module makes it: as many at once as there are cores, others wait in a
+//! [`job_spec`] defines what can be requested and its name, this module makes it: as many at once as there are cores, others wait in a
 //! queue in which networks take turns ([`queue`]), and learn how many are ahead of them and the estimated wait ([`pace`]). Files being made may take as much room as the cache has; identical requests share one file. [`mesh`] extracts the mesh from the pack.
 //!
-//! Invariants: the cache holds complete files only, under names made from the pack's hash and the order, never from an address; its size stays below
+//! Invariants: the cache holds complete files only, under names made from the hash of the pack and the job, never from an address; its size stays below
 //! the limit, the oldest go first; a file is given to whoever may have the pack, and nobody else. Of a pack in a store only what a mesh needs is fetched, into room that
-//! counts beside that of the mesh ([`pack`]). Failures: a full disk and a pack that cannot be read are told to whoever waits, and tried again when somebody asks
-//! again; a store that goes away is waited for, and told of.
+//! counts beside that of the mesh ([`pack`]). Failures: a full disk and a pack that cannot be read are reported to those who wait, and retried at the next
+//! request; an unavailable store is waited for and reported.
 
 #[cfg(test)]
 mod fake;
+pub(crate) mod job_spec;
 mod mesh;
-pub(crate) mod order;
 pub(crate) mod pace;
 mod pack;
 pub(crate) mod page;
 mod queue;
 pub(crate) mod routes;
 
-pub use order::{Detail, Format};
+pub use job_spec::{Detail, Format};
 pub use pack::{Opened, Pack, is_not_given};
 
 use crate::store::{Content, Identity};
+use job_spec::JobSpec;
 use kilwa_files::plain_file;
-use order::Order;
 use pace::{Pace, Wait};
 use queue::{Full, Queue, SHARE};
 use std::collections::{BTreeMap, VecDeque};
@@ -39,7 +39,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant, SystemTime};
 
-/// Orders of one network that begin something new, in [`WHILE`].
+/// Jobs of one network that begin something new, in [`WHILE`].
 pub(crate) const STARTS: usize = 20;
 /// Seconds after which whoever was refused may come again: where nothing is known, at least, and at most.
 const COME_AGAIN: u64 = 30;
@@ -48,13 +48,13 @@ const LATEST: u64 = 600;
 const WHILE: Duration = Duration::from_secs(600);
 /// Networks that are remembered; an older one is forgotten for a new one.
 const NETWORKS: usize = 10_000;
-/// A failure is told for so long.
-const TOLD: Duration = Duration::from_secs(600);
+/// How long a failure is reported.
+const FAILURE_SHOWN: Duration = Duration::from_secs(600);
 /// Where something could not be made, the same is not tried again before this.
 const AGAIN: Duration = Duration::from_secs(10);
 /// Prefix of the names of folders in which meshes are being made.
 const UNFINISHED: &str = ".kilwa-";
-/// What a crash left half written is taken away after this.
+/// What a crash left half written is removed after this.
 const STALE: Duration = Duration::from_secs(24 * 3600);
 /// Endings of files of this cache.
 const ENDINGS: [&str; 4] = ["ply", "glb", "obj", "stl"];
@@ -74,9 +74,9 @@ pub enum Failure {
 /// files.
 pub type Extractor = dyn Fn(&Pack, &Path, Format, Detail, &(dyn Fn(f64) + Sync)) -> Result<(), Failure> + Send + Sync;
 
-/// How an order stands.
+/// The status of a job.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Standing {
+pub(crate) enum JobStatus {
     /// The file is there.
     Ready(PathBuf),
     /// So many are before it; and when it will probably be there.
@@ -89,7 +89,7 @@ pub(crate) enum Standing {
     Unknown,
 }
 
-/// Why an order is not taken.
+/// Why a job is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Refusal {
     /// The queue is full: seconds to wait.
@@ -103,8 +103,8 @@ pub(crate) enum Refusal {
 struct Job {
     pack: Pack,
     /// Bytes on the disk while it is made, at most: of the mesh, and of what is read of a pack in a store.
-    room: [u64; 2],
-    order: Order,
+    disk_bytes: [u64; 2],
+    spec: JobSpec,
     share: Arc<AtomicU32>,
     /// Who asked first; where it runs, whose turn it was.
     network: String,
@@ -114,7 +114,7 @@ struct Job {
 impl Job {
     /// What it takes while it is made: what estimates of time go by.
     fn bytes(&self) -> u64 {
-        total(self.room)
+        total(self.disk_bytes)
     }
 
     /// For how long it runs, and the share of it that is done.
@@ -137,7 +137,7 @@ struct State {
     pace: Pace,
     running: usize,
     /// Of those that run.
-    room: u64,
+    disk_bytes: u64,
     starts: BTreeMap<String, VecDeque<Instant>>,
     /// The identities of the cached files when they were made, or, if an earlier run made them, when they were first requested.
     made: BTreeMap<String, Identity>,
@@ -150,10 +150,10 @@ impl State {
     }
 
     /// How many are before a job that waits, and when it will probably be there.
-    fn waiting(&self, key: &str, job: &Job, workers: usize) -> Standing {
+    fn waiting(&self, key: &str, job: &Job, workers: usize) -> JobStatus {
         let before = self.queue.before(key);
         let bytes: Vec<u64> = before.iter().filter_map(|key| self.jobs.get(key)).map(Job::bytes).collect();
-        Standing::Waiting(before.len(), self.pace.of_waiting(job.bytes(), &self.running(), &bytes, workers))
+        JobStatus::Waiting(before.len(), self.pace.of_waiting(job.bytes(), &self.running(), &bytes, workers))
     }
 
     /// Seconds until a place will probably be free: when the first of those that run has ended.
@@ -166,7 +166,7 @@ impl State {
 /// The cache, and what is being made for it.
 pub struct Extracts {
     cache: PathBuf,
-    most_bytes: u64,
+    max_bytes: u64,
     workers: usize,
     extractor: Arc<Extractor>,
     /// Asked how much room the disk of a folder has.
@@ -178,19 +178,19 @@ pub struct Extracts {
 type Space = Box<dyn Fn(&Path) -> Option<u64> + Send + Sync>;
 
 impl Extracts {
-    /// With a cache in the folder `cache`, which is made where it is missing, of at most `most_bytes`.
+    /// With a cache in the folder `cache`, which is made where it is missing, of at most `max_bytes`.
     ///
     /// # Errors
     /// If the folder cannot be created or listed.
-    pub fn open(cache: PathBuf, most_bytes: u64) -> std::io::Result<Arc<Self>> {
-        Self::with_extractor(cache, most_bytes, Arc::new(mesh::extract))
+    pub fn open(cache: PathBuf, max_bytes: u64) -> std::io::Result<Arc<Self>> {
+        Self::with_extractor(cache, max_bytes, Arc::new(mesh::extract))
     }
 
     /// As [`Extracts::open`], with meshes that `extractor` makes.
     ///
     /// # Errors
     /// As [`Extracts::open`].
-    pub fn with_extractor(cache: PathBuf, most_bytes: u64, extractor: Arc<Extractor>) -> std::io::Result<Arc<Self>> {
+    pub fn with_extractor(cache: PathBuf, max_bytes: u64, extractor: Arc<Extractor>) -> std::io::Result<Arc<Self>> {
         create(&cache)?;
         for entry in std::fs::read_dir(&cache)? {
             let entry = entry?;
@@ -204,7 +204,7 @@ impl Extracts {
         }
         let workers = std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         let space = Box::new(|at: &Path| fs4::available_space(at).ok());
-        let extracts = Self { cache, most_bytes, workers, extractor, space, state: Mutex::default() };
+        let extracts = Self { cache, max_bytes, workers, extractor, space, state: Mutex::default() };
         extracts.tidy(None);
         Ok(Arc::new(extracts))
     }
@@ -219,14 +219,14 @@ impl Extracts {
     }
 
     /// Bytes that the cache may hold.
-    pub(crate) fn most_bytes(&self) -> u64 {
-        self.most_bytes
+    pub(crate) fn max_bytes(&self) -> u64 {
+        self.max_bytes
     }
 
-    /// Bytes that an order of a pack of so many triangles takes while it is made: of the mesh, and of what is read of a pack in a store.
-    pub(crate) fn room(&self, pack: &Pack, triangles: u64, order: Order) -> [u64; 2] {
-        let mesh = order.room(triangles);
-        [mesh, pack.room(mesh, self.most_bytes)]
+    /// Bytes that a job for a pack of so many triangles takes while it is made: of the mesh, and of what is read of a pack in a store.
+    pub(crate) fn disk_bytes(&self, pack: &Pack, triangles: u64, spec: JobSpec) -> [u64; 2] {
+        let mesh = spec.disk_bytes(triangles);
+        [mesh, pack.disk_bytes(mesh, self.max_bytes)]
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
@@ -260,7 +260,7 @@ impl Extracts {
         None
     }
 
-    /// Open a file of the cache that is [`Standing::Ready`]. Blocks.
+    /// Open a file of the cache that is [`JobStatus::Ready`]. Blocks.
     ///
     /// # Errors
     /// If it was removed at this moment to make space, or was replaced.
@@ -280,17 +280,19 @@ impl Extracts {
         self: &Arc<Self>,
         (pack, hash): (&Pack, &str),
         triangles: u64,
-        order: Order,
+        spec: JobSpec,
         network: &str,
     ) -> Result<(), Refusal> {
-        let key = order.key(hash);
+        let key = spec.key(hash);
         if self.ready(&key).is_some() {
             return Ok(());
         }
         let now = Instant::now();
         {
             let mut state = self.lock();
-            state.jobs.retain(|_, job| !matches!(&job.phase, Phase::Failed(_, at) if now.duration_since(*at) > TOLD));
+            state.jobs.retain(
+                |_, job| !matches!(&job.phase, Phase::Failed(_, at) if now.duration_since(*at) > FAILURE_SHOWN),
+            );
             match state.jobs.get(&key).map(|job| &job.phase) {
                 Some(Phase::Waiting) => {
                     state.queue.join(network, &key);
@@ -309,62 +311,62 @@ impl Extracts {
                 state.queue.remove(&key);
                 return Err(Refusal::TooMany(seconds));
             }
-            let room = self.room(pack, triangles, order);
-            let (share, pack) = (Arc::default(), pack.clone().with_room(&self.cache, room[1]));
+            let disk_bytes = self.disk_bytes(pack, triangles, spec);
+            let (share, pack) = (Arc::default(), pack.clone().with_disk_space(&self.cache, disk_bytes[1]));
             let network = network.to_owned();
-            state.jobs.insert(key, Job { pack, room, order, share, network, phase: Phase::Waiting });
+            state.jobs.insert(key, Job { pack, disk_bytes, spec, share, network, phase: Phase::Waiting });
         }
         self.go_on();
         Ok(())
     }
 
-    /// How an order stands. Blocks on the file system.
-    pub(crate) fn standing(&self, hash: &str, order: Order) -> Standing {
-        let key = order.key(hash);
+    /// The status of a job. Blocks on the file system.
+    pub(crate) fn job_status(&self, hash: &str, spec: JobSpec) -> JobStatus {
+        let key = spec.key(hash);
         {
             let state = self.lock();
             match state.jobs.get(&key) {
                 Some(job @ Job { phase: Phase::Running(_), share, pack, .. }) => {
                     let left = job.state().and_then(|now| state.pace.of_running(job.bytes(), now));
-                    return Standing::Running(share.load(Ordering::Relaxed), pack.fetched(), left);
+                    return JobStatus::Running(share.load(Ordering::Relaxed), pack.fetched(), left);
                 }
                 Some(job @ Job { phase: Phase::Waiting, .. }) => return state.waiting(&key, job, self.workers),
-                Some(Job { phase: Phase::Failed(failure, _), .. }) => return Standing::Failed(failure.clone()),
+                Some(Job { phase: Phase::Failed(failure, _), .. }) => return JobStatus::Failed(failure.clone()),
                 None => {}
             }
         }
-        self.ready(&key).map_or(Standing::Unknown, Standing::Ready)
+        self.ready(&key).map_or(JobStatus::Unknown, JobStatus::Ready)
     }
 
     /// Begin what can be begun.
     fn go_on(self: &Arc<Self>) {
         loop {
-            let (key, pack, order, share) = {
+            let (key, pack, spec, share) = {
                 let mut state = self.lock();
                 if state.running >= self.workers {
                     return;
                 }
                 let Some((network, key)) = state.queue.next(self.workers) else { return };
-                let beside = state.room;
+                let beside = state.disk_bytes;
                 let Some(job) = state.jobs.get_mut(&key) else {
                     state.queue.remove(&key);
                     continue;
                 };
                 // Whatever is in the cache already goes for it; what is being made beside it does not. Alone it always fits.
-                let room = beside.saturating_add(total(job.room));
-                if beside > 0 && room > self.most_bytes {
+                let disk_bytes = beside.saturating_add(total(job.disk_bytes));
+                if beside > 0 && disk_bytes > self.max_bytes {
                     return;
                 }
                 job.phase = Phase::Running(Instant::now());
                 job.network.clone_from(&network);
-                let begun = (key, (job.pack.clone(), job.room), job.order, Arc::clone(&job.share));
+                let begun = (key, (job.pack.clone(), job.disk_bytes), job.spec, Arc::clone(&job.share));
                 state.queue.begin(&network, &begun.0);
                 state.running += 1;
-                state.room = room;
+                state.disk_bytes = disk_bytes;
                 begun
             };
             let (extracts, name) = (Arc::clone(self), key.clone());
-            let make = move || extracts.make(&name, &pack, order, &share);
+            let make = move || extracts.make(&name, &pack, spec, &share);
             // A thread of its own: hours of work must not stand in the way of reading files.
             if let Err(e) = std::thread::Builder::new().name("extract".to_owned()).spawn(make) {
                 self.ended(&key, Err(Failure::Other(format!("no thread: {e}"))));
@@ -372,23 +374,24 @@ impl Extracts {
         }
     }
 
-    fn make(self: &Arc<Self>, key: &str, (pack, room): &(Pack, [u64; 2]), order: Order, share: &AtomicU32) {
+    fn make(self: &Arc<Self>, key: &str, (pack, disk_bytes): &(Pack, [u64; 2]), spec: JobSpec, share: &AtomicU32) {
         let progress = |done: f64| share.store((done.clamp(0.0, 1.0) * 100.0) as u32, Ordering::Relaxed);
         // What would have to be fetched again is not fetched in vain.
-        let lacks_room = || pack.is_stored() && (self.space)(&self.cache).is_some_and(|free| free < total(*room));
-        let work = || if lacks_room() { Err(Failure::Full) } else { self.take(pack, key, order, &progress) };
+        let lacks_space =
+            || pack.is_stored() && (self.space)(&self.cache).is_some_and(|free| free < total(*disk_bytes));
+        let work = || if lacks_space() { Err(Failure::Full) } else { self.take(pack, key, spec, &progress) };
         // A defect in it must not leave a place taken for ever.
         let made = std::panic::catch_unwind(AssertUnwindSafe(work));
         let made = made.unwrap_or_else(|_| Err(Failure::Other("the program failed".to_owned())));
         match &made {
             Ok(()) => self.tidy(Some(key)),
-            Err(failure) => tracing::warn!("{}: {} could not be made: {failure:?}", pack, order.name(1)),
+            Err(failure) => tracing::warn!("{}: {} could not be made: {failure:?}", pack, spec.name(1)),
         }
         self.ended(key, made);
         self.go_on();
     }
 
-    fn take(&self, pack: &Pack, key: &str, order: Order, progress: &(dyn Fn(f64) + Sync)) -> Result<(), Failure> {
+    fn take(&self, pack: &Pack, key: &str, spec: JobSpec, progress: &(dyn Fn(f64) + Sync)) -> Result<(), Failure> {
         let failed = |e: std::io::Error| {
             let why = format!("cannot write to {}: {e}", self.cache.display());
             if e.kind() == std::io::ErrorKind::StorageFull { Failure::Full } else { Failure::Other(why) }
@@ -401,7 +404,7 @@ impl Extracts {
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
         let work = builder.prefix(UNFINISHED).tempdir_in(&self.cache).map_err(failed)?;
         let made = work.path().join(key);
-        (self.extractor)(pack, &made, order.format, order.detail, progress)?;
+        (self.extractor)(pack, &made, spec.format, spec.detail, progress)?;
         #[cfg(unix)]
         std::fs::set_permissions(&made, std::os::unix::fs::PermissionsExt::from_mode(0o600)).map_err(failed)?;
         std::fs::rename(&made, self.path(key)).map_err(failed)
@@ -412,7 +415,7 @@ impl Extracts {
         let ran = state.jobs.get(key).map(|job| (job.network.clone(), job.bytes(), job.state()));
         state.running = state.running.saturating_sub(1);
         if let Some((network, bytes, now)) = ran {
-            state.room = state.room.saturating_sub(bytes);
+            state.disk_bytes = state.disk_bytes.saturating_sub(bytes);
             state.queue.end(&network);
             if let (Ok(()), Some((took, _))) = (&made, now) {
                 state.pace.add(bytes, took);
@@ -446,7 +449,7 @@ impl Extracts {
         files.sort();
         let mut total: u64 = files.iter().map(|(_, bytes, _)| bytes).sum();
         for (_, bytes, path) in files {
-            if total <= self.most_bytes {
+            if total <= self.max_bytes {
                 break;
             }
             if new.is_some_and(|new| path == self.path(new)) {
@@ -510,105 +513,105 @@ mod tests {
     use super::fake::Fake;
     use super::*;
 
-    fn order(triangles: u64) -> Order {
-        Order { format: Format::Ply, detail: Detail::Triangles(triangles) }
+    fn spec(triangles: u64) -> JobSpec {
+        JobSpec { format: Format::Ply, detail: Detail::Triangles(triangles) }
     }
 
     fn hash() -> String {
         "a".repeat(64)
     }
 
-    fn wait_for(extracts: &Extracts, order: Order, is_so: impl Fn(&Standing) -> bool) {
+    fn wait_for(extracts: &Extracts, spec: JobSpec, is_so: impl Fn(&JobStatus) -> bool) {
         for _ in 0..2000 {
-            if is_so(&extracts.standing(&hash(), order)) {
+            if is_so(&extracts.job_status(&hash(), spec)) {
                 return;
             }
             std::thread::sleep(Duration::from_millis(5));
         }
-        panic!("{:?}", extracts.standing(&hash(), order));
+        panic!("{:?}", extracts.job_status(&hash(), spec));
     }
 
     /// With a fake that waits to be released.
-    fn shop(most: u64, workers: usize) -> (tempfile::TempDir, Arc<Fake>, Arc<Extracts>) {
+    fn shop(max: u64, workers: usize) -> (tempfile::TempDir, Arc<Fake>, Arc<Extracts>) {
         let dir = tempfile::tempdir().unwrap();
         let fake = Arc::new(Fake::waiting());
-        let mut extracts = Extracts::with_extractor(dir.path().join("cache"), most, fake.extractor()).unwrap();
+        let mut extracts = Extracts::with_extractor(dir.path().join("cache"), max, fake.extractor()).unwrap();
         Arc::get_mut(&mut extracts).unwrap().workers = workers;
         (dir, fake, extracts)
     }
 
     #[test]
-    fn the_same_order_is_made_once_and_others_wait_their_turn() {
+    fn the_same_extract_is_made_once_and_other_jobs_wait_their_turn() {
         let (_dir, fake, extracts) = shop(1 << 20, 1);
-        let ask = |n| extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, order(n), "net");
+        let ask = |n| extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, spec(n), "net");
         for _ in 0..5 {
             ask(1).unwrap();
         }
         ask(2).unwrap();
         ask(3).unwrap();
-        wait_for(&extracts, order(1), |s| matches!(s, Standing::Running(25, None, _)));
-        assert_eq!(extracts.standing(&hash(), order(3)), Standing::Waiting(1, None));
-        assert_eq!(extracts.standing(&hash(), order(9)), Standing::Unknown);
+        wait_for(&extracts, spec(1), |s| matches!(s, JobStatus::Running(25, None, _)));
+        assert_eq!(extracts.job_status(&hash(), spec(3)), JobStatus::Waiting(1, None));
+        assert_eq!(extracts.job_status(&hash(), spec(9)), JobStatus::Unknown);
         fake.waits(false);
         for n in 1..=3 {
-            wait_for(&extracts, order(n), |s| matches!(s, Standing::Ready(_)));
+            wait_for(&extracts, spec(n), |s| matches!(s, JobStatus::Ready(_)));
         }
         ask(1).unwrap();
         assert_eq!(fake.made.load(Ordering::SeqCst), 3, "an existing file is not made again");
     }
 
     #[test]
-    fn what_does_not_fit_beside_what_is_being_made_waits() {
-        let room = order(1000).room(1000);
-        let (_dir, fake, extracts) = shop(room * 2 + room / 2, 4);
-        let within = |n: u32| Order { format: Format::Ply, detail: Detail::Error(f64::from(n) / 1e6) };
+    fn a_job_that_does_not_fit_beside_running_jobs_waits() {
+        let disk_bytes = spec(1000).disk_bytes(1000);
+        let (_dir, fake, extracts) = shop(disk_bytes * 2 + disk_bytes / 2, 4);
+        let within = |n: u32| JobSpec { format: Format::Ply, detail: Detail::Error(f64::from(n) / 1e6) };
         for n in 1..=4 {
             extracts.ask((&Pack::here(Path::new("p")), &hash()), 1000, within(n), "net").unwrap();
         }
-        wait_for(&extracts, within(2), |s| matches!(s, Standing::Running(25, None, _)));
-        assert_eq!(extracts.standing(&hash(), within(3)), Standing::Waiting(0, None));
-        assert_eq!(extracts.standing(&hash(), within(4)), Standing::Waiting(1, None));
+        wait_for(&extracts, within(2), |s| matches!(s, JobStatus::Running(25, None, _)));
+        assert_eq!(extracts.job_status(&hash(), within(3)), JobStatus::Waiting(0, None));
+        assert_eq!(extracts.job_status(&hash(), within(4)), JobStatus::Waiting(1, None));
         fake.waits(false);
         for n in 1..=4 {
-            wait_for(&extracts, within(n), |s| matches!(s, Standing::Ready(_)));
+            wait_for(&extracts, within(n), |s| matches!(s, JobStatus::Ready(_)));
         }
-        assert_eq!(extracts.lock().room, 0);
+        assert_eq!(extracts.lock().disk_bytes, 0);
     }
 
     #[test]
-    fn one_network_that_asks_for_all_it_can_has_its_share_and_others_are_next() {
+    fn a_network_with_many_requests_gets_its_share_and_other_networks_are_next() {
         let (_dir, fake, extracts) = shop(1 << 20, 1);
-        let ask = |n, net: &str| extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, order(n), net);
+        let ask = |n, net: &str| extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, spec(n), net);
         let taken = (0..100).filter(|n| ask(*n, "greedy").is_ok()).count();
         // One runs, the others wait.
         assert_eq!(taken, 1 + SHARE);
         assert!(matches!(ask(200, "greedy"), Err(Refusal::Share(SOONEST..=LATEST))));
         assert_eq!(ask(300, "other"), Ok(()));
-        wait_for(&extracts, order(0), |s| matches!(s, Standing::Running(..)));
-        assert_eq!(extracts.standing(&hash(), order(300)), Standing::Waiting(0, None), "nobody is before it");
-        assert_eq!(extracts.standing(&hash(), order(1)), Standing::Waiting(1, None));
+        wait_for(&extracts, spec(0), |s| matches!(s, JobStatus::Running(..)));
+        assert_eq!(extracts.job_status(&hash(), spec(300)), JobStatus::Waiting(0, None), "nobody is before it");
+        assert_eq!(extracts.job_status(&hash(), spec(1)), JobStatus::Waiting(1, None));
         // Whoever asks for what another waits for has the better place of both.
         assert_eq!(ask(4, "third"), Ok(()));
-        assert_eq!(extracts.standing(&hash(), order(4)), Standing::Waiting(1, None));
+        assert_eq!(extracts.job_status(&hash(), spec(4)), JobStatus::Waiting(1, None));
         fake.waits(false);
         for n in [0, 1, 2, 3, 4, 300] {
-            wait_for(&extracts, order(n), |s| matches!(s, Standing::Ready(_)));
+            wait_for(&extracts, spec(n), |s| matches!(s, JobStatus::Ready(_)));
         }
         assert_eq!(fake.made.load(Ordering::SeqCst), 6);
-        // What was measured tells how long the next will take.
+        // Measurements predict how long the next will take.
         fake.waits(true);
         assert_eq!((ask(500, "greedy"), ask(501, "other")), (Ok(()), Ok(())));
-        let waits = extracts.standing(&hash(), order(501));
-        assert!(matches!(waits, Standing::Waiting(0, Some(wait)) if wait.from <= wait.to), "{waits:?}");
+        let waits = extracts.job_status(&hash(), spec(501));
+        assert!(matches!(waits, JobStatus::Waiting(0, Some(wait)) if wait.from <= wait.to), "{waits:?}");
         fake.waits(false);
     }
 
     #[test]
-    fn the_queue_ends_somewhere_and_so_does_what_a_network_may_begin() {
+    fn the_queue_and_the_jobs_of_a_network_are_limited() {
         let (_dir, fake, extracts) = shop(1 << 20, 1);
-        let ask = |n, net: &str| extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, order(n), net);
+        let ask = |n, net: &str| extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, spec(n), net);
         ask(0, "first").unwrap();
-        wait_for(&extracts, order(0), |s| matches!(s, Standing::Running(..)));
+        wait_for(&extracts, spec(0), |s| matches!(s, JobStatus::Running(..)));
         let places = queue::PLACES as u64;
         for n in 1..=places {
             ask(n, &format!("net {n}")).unwrap();
@@ -616,42 +619,42 @@ mod tests {
         assert!(matches!(ask(99, "another"), Err(Refusal::Busy(SOONEST..=LATEST))));
         assert_eq!(ask(3, "another"), Ok(()), "what waits already can be joined");
         fake.waits(false);
-        wait_for(&extracts, order(places), |s| matches!(s, Standing::Ready(_)));
+        wait_for(&extracts, spec(places), |s| matches!(s, JobStatus::Ready(_)));
         let refused = (0..40).find(|n| {
             let refused = matches!(ask(200 + n, "greedy"), Err(Refusal::TooMany(1..=600)));
-            wait_for(&extracts, order(200 + n), |s| refused || matches!(s, Standing::Ready(_)));
+            wait_for(&extracts, spec(200 + n), |s| refused || matches!(s, JobStatus::Ready(_)));
             refused
         });
         assert_eq!(refused, Some(STARTS as u64));
-        assert_eq!(extracts.standing(&hash(), order(220)), Standing::Unknown);
+        assert_eq!(extracts.job_status(&hash(), spec(220)), JobStatus::Unknown);
         assert_eq!(ask(999, "another"), Ok(()));
     }
 
     #[test]
-    fn the_oldest_go_when_the_cache_is_full_and_what_is_not_ours_stays() {
+    fn a_full_cache_evicts_its_oldest_files_and_keeps_foreign_files() {
         let (dir, fake, extracts) = shop(2500, 1);
         std::fs::write(dir.path().join("cache/notes.ply"), vec![0; 5000]).unwrap();
         fake.waits(false);
         for n in 1..=4 {
-            extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, order(n), "net").unwrap();
-            wait_for(&extracts, order(n), |s| matches!(s, Standing::Ready(_)));
-            // Times of files are told apart by more than the clock's steps.
+            extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, spec(n), "net").unwrap();
+            wait_for(&extracts, spec(n), |s| matches!(s, JobStatus::Ready(_)));
+            // Times of files must differ by more than the clock's resolution.
             std::thread::sleep(Duration::from_millis(20));
         }
         let left: Vec<bool> =
-            (1..=4).map(|n| matches!(extracts.standing(&hash(), order(n)), Standing::Ready(_))).collect();
+            (1..=4).map(|n| matches!(extracts.job_status(&hash(), spec(n)), JobStatus::Ready(_))).collect();
         assert_eq!(left, [false, false, true, true]);
         assert!(dir.path().join("cache/notes.ply").exists());
     }
 
     #[test]
-    fn a_failure_is_told_and_not_tried_again_at_once() {
+    fn a_failure_is_reported_and_not_retried_at_once() {
         let (_dir, fake, extracts) = shop(1000, 1);
         fake.fails(Failure::Full);
         fake.waits(false);
-        let ask = || extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, order(1), "net").unwrap();
+        let ask = || extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, spec(1), "net").unwrap();
         ask();
-        wait_for(&extracts, order(1), |s| *s == Standing::Failed(Failure::Full));
+        wait_for(&extracts, spec(1), |s| *s == JobStatus::Failed(Failure::Full));
         ask();
         std::thread::sleep(Duration::from_millis(50));
         assert_eq!(fake.made.load(Ordering::SeqCst), 1);

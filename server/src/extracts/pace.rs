@@ -7,8 +7,8 @@ use std::time::Duration;
 /// Jobs that are remembered, and how many it takes to say anything.
 const REMEMBERED: usize = 16;
 const ENOUGH: usize = 3;
-/// No job is said to take less, seconds: starting and writing take their time.
-const LEAST: f64 = 1.0;
+/// The shortest estimate of a job, seconds: starting and writing take their time.
+const MIN: f64 = 1.0;
 /// Share of a job that must be done before its own progress says when it ends.
 const TELLING: f64 = 0.1;
 /// How far its own progress is trusted.
@@ -49,7 +49,7 @@ impl Pace {
         }
         let pick = |start: f64, pick: fn(f64, f64) -> f64| self.0.iter().copied().fold(start, pick);
         let range = [pick(f64::INFINITY, f64::min), pick(0.0, f64::max)];
-        Some(range.map(|rate| (rate * bytes as f64).max(LEAST)))
+        Some(range.map(|rate| (rate * bytes as f64).max(MIN)))
     }
 
     /// Seconds that are left of a job that runs, with the share of it that is done.
@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_said_before_enough_was_measured_and_then_a_range() {
+    fn no_estimate_is_given_before_enough_was_measured_and_then_a_range() {
         let mut pace = Pace::default();
         let second = Duration::from_secs(1);
         for seconds in [10, 40] {
@@ -114,7 +114,7 @@ mod tests {
     }
 
     #[test]
-    fn a_job_that_runs_tells_for_itself() {
+    fn a_running_job_is_estimated_from_its_own_progress() {
         let pace = Pace::default();
         let second = Duration::from_secs(1);
         assert_eq!(pace.of_running(1000, (second * 9, 0.05)), None);

@@ -10,9 +10,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Room on the disk for what is read of a pack in a store, at most and at least, bytes.
-const MOST: u64 = 1 << 30;
-const LEAST: u64 = 16 << 20;
+/// Disk space for what is read of a pack in a store, at most and at least, bytes.
+const MAX: u64 = 1 << 30;
+const MIN: u64 = 16 << 20;
 
 /// A pack that lies somewhere.
 #[derive(Debug, Clone)]
@@ -20,13 +20,13 @@ pub struct Pack {
     place: Place,
     /// As it was listed, where it lies in a store.
     identity: Option<Identity>,
-    room: Option<Room>,
+    disk_space: Option<DiskSpace>,
     fetched: Arc<AtomicU64>,
 }
 
 /// Where what is read of it is held.
 #[derive(Debug, Clone)]
-struct Room {
+struct DiskSpace {
     folder: PathBuf,
     bytes: u64,
 }
@@ -35,13 +35,13 @@ impl Pack {
     /// A file of this computer.
     #[must_use]
     pub fn here(path: &Path) -> Self {
-        Self { place: Place::Path(path.to_owned()), identity: None, room: None, fetched: Arc::default() }
+        Self { place: Place::Path(path.to_owned()), identity: None, disk_space: None, fetched: Arc::default() }
     }
 
     /// As it was listed.
     pub(crate) fn of(place: &Place, identity: &Identity) -> Self {
         let identity = place.store().map(|_| identity.clone());
-        Self { place: place.clone(), identity, room: None, fetched: Arc::default() }
+        Self { place: place.clone(), identity, disk_space: None, fetched: Arc::default() }
     }
 
     /// Its file name.
@@ -49,17 +49,17 @@ impl Pack {
         self.place.name()
     }
 
-    /// Room that reading it takes, bytes, where `beside` of `most` are for something else; at least what it cannot do without.
-    pub(crate) fn room(&self, beside: u64, most: u64) -> u64 {
+    /// Disk space that reading it takes, bytes, where `beside` of `most` are for something else; at least what it cannot do without.
+    pub(crate) fn disk_bytes(&self, beside: u64, max: u64) -> u64 {
         let Some(identity) = &self.identity else { return 0 };
         let whole = identity.bytes().div_ceil(BLOCK).saturating_mul(BLOCK);
-        let good = (most / 4).clamp(LEAST, MOST).min(most.saturating_sub(beside));
-        whole.min(good.max(LEAST))
+        let good = (max / 4).clamp(MIN, MAX).min(max.saturating_sub(beside));
+        whole.min(good.max(MIN))
     }
 
     /// The same, to be held in `folder`.
-    pub(super) fn with_room(mut self, folder: &Path, bytes: u64) -> Self {
-        self.room = Some(Room { folder: folder.to_owned(), bytes });
+    pub(super) fn with_disk_space(mut self, folder: &Path, bytes: u64) -> Self {
+        self.disk_space = Some(DiskSpace { folder: folder.to_owned(), bytes });
         self
     }
 
@@ -78,15 +78,16 @@ impl Pack {
     /// # Errors
     /// When it cannot be opened, or there is no room for what is read of it; the message names it.
     pub fn open(&self) -> io::Result<Opened> {
-        match (&self.place, &self.identity, &self.room) {
+        match (&self.place, &self.identity, &self.disk_space) {
             (Place::Path(path), ..) => match plain_file::open_direct(path) {
                 Ok(file) => Ok(Opened(Reads::Here(FileSource::of(file)))),
                 Err(e) => Err(io::Error::new(e.kind(), format!("cannot open {}: {e}", path.display()))),
             },
-            (Place::Key(store, key), Some(identity), Some(room)) => {
+            (Place::Key(store, key), Some(identity), Some(disk_space)) => {
                 let fetched = Arc::clone(&self.fetched);
                 let of = (store, key.as_str(), identity);
-                Blocks::new(of, &room.folder, room.bytes, fetched).map(|blocks| Opened(Reads::Stored(blocks)))
+                Blocks::new(of, &disk_space.folder, disk_space.bytes, fetched)
+                    .map(|blocks| Opened(Reads::Stored(blocks)))
             }
             (Place::Key(..), ..) => Err(io::Error::other(format!("{self}: there is no room for what is read of it"))),
         }

@@ -1,4 +1,4 @@
-//! Jobs that wait, and whose turn it is: each network has a line of its own, and the networks take turns, so that one that asks for many files lets those
+//! Jobs that wait, and whose turn it is: each network has a queue of its own, and the networks take turns, so that one that asks for many files lets those
 //! of all others go between its own.
 //!
 //! Invariants: a network has at most [`SHARE`] places and there are at most [`PLACES`] in all; a network that had its turn goes behind all that wait at that
@@ -25,7 +25,7 @@ pub(super) enum Full {
 #[derive(Debug, Clone, Default)]
 pub(super) struct Queue {
     /// Networks in the order of their turns, each with the keys of its jobs.
-    lines: VecDeque<(String, VecDeque<String>)>,
+    queues: VecDeque<(String, VecDeque<String>)>,
     /// How many jobs of each network are running.
     running: BTreeMap<String, usize>,
 }
@@ -36,39 +36,39 @@ impl Queue {
     /// # Errors
     /// [`Full`].
     pub(super) fn push(&mut self, network: &str, key: &str) -> Result<(), Full> {
-        if self.line(network).map_or(0, VecDeque::len) >= SHARE {
+        if self.queue_of(network).map_or(0, VecDeque::len) >= SHARE {
             return Err(Full::Share);
         }
-        if self.lines.iter().map(|(_, line)| line.len()).sum::<usize>() >= PLACES {
+        if self.queues.iter().map(|(_, waiting)| waiting.len()).sum::<usize>() >= PLACES {
             return Err(Full::All);
         }
-        match self.lines.iter_mut().find(|(n, _)| n == network) {
-            Some((_, line)) => line.push_back(key.to_owned()),
-            None => self.lines.push_back((network.to_owned(), VecDeque::from([key.to_owned()]))),
+        match self.queues.iter_mut().find(|(n, _)| n == network) {
+            Some((_, waiting)) => waiting.push_back(key.to_owned()),
+            None => self.queues.push_back((network.to_owned(), VecDeque::from([key.to_owned()]))),
         }
         Ok(())
     }
 
-    /// Another network wants a job that waits: it has a place in the line of each, as far as there are places.
+    /// Another network wants a job that waits: it has a place in the queue of each, as far as there are places.
     pub(super) fn join(&mut self, network: &str, key: &str) {
-        if self.line(network).is_none_or(|line| !line.iter().any(|k| k == key)) {
+        if self.queue_of(network).is_none_or(|waiting| !waiting.iter().any(|k| k == key)) {
             // Without a place of its own it has that of the other.
             let _ = self.push(network, key);
         }
     }
 
-    fn line(&self, network: &str) -> Option<&VecDeque<String>> {
-        self.lines.iter().find(|(n, _)| n == network).map(|(_, line)| line)
+    fn queue_of(&self, network: &str) -> Option<&VecDeque<String>> {
+        self.queues.iter().find(|(n, _)| n == network).map(|(_, waiting)| waiting)
     }
 
     /// Network and key of the job whose turn it is, where `workers` make them.
     pub(super) fn next(&self, workers: usize) -> Option<(String, String)> {
-        let most = workers.saturating_sub(1).max(1);
+        let max = workers.saturating_sub(1).max(1);
         let running = |network: &str| self.running.get(network).copied().unwrap_or(0);
-        let may = self.lines.iter().filter(|(network, _)| running(network) < most);
+        let may = self.queues.iter().filter(|(network, _)| running(network) < max);
         // The first of those that have the fewest running.
-        let (network, line) = may.min_by_key(|(network, _)| running(network))?;
-        Some((network.clone(), line.front()?.clone()))
+        let (network, waiting) = may.min_by_key(|(network, _)| running(network))?;
+        Some((network.clone(), waiting.front()?.clone()))
     }
 
     /// A job begins, for a network.
@@ -89,36 +89,36 @@ impl Queue {
 
     /// A job no longer waits.
     pub(super) fn remove(&mut self, key: &str) {
-        for (_, line) in &mut self.lines {
-            line.retain(|k| k != key);
+        for (_, waiting) in &mut self.queues {
+            waiting.retain(|k| k != key);
         }
-        self.lines.retain(|(_, line)| !line.is_empty());
+        self.queues.retain(|(_, waiting)| !waiting.is_empty());
     }
 
     fn move_back(&mut self, network: &str) {
-        if let Some(at) = self.lines.iter().position(|(n, _)| n == network)
-            && let Some(line) = self.lines.remove(at)
+        if let Some(at) = self.queues.iter().position(|(n, _)| n == network)
+            && let Some(waiting) = self.queues.remove(at)
         {
-            self.lines.push_back(line);
+            self.queues.push_back(waiting);
         }
     }
 
     /// The jobs that will begin before one that waits, in their order, as far as is known now.
     pub(super) fn before(&self, key: &str) -> Vec<String> {
-        let mut lines = self.lines.clone();
+        let mut queues = self.queues.clone();
         // Whoever has one running goes behind the others when it ends.
         let has_running = |(network, _): &(String, VecDeque<String>)| self.running.contains_key(network);
-        lines.make_contiguous().sort_by_key(has_running);
+        queues.make_contiguous().sort_by_key(has_running);
         let (mut before, mut begun) = (Vec::new(), BTreeSet::new());
-        while let Some((network, mut line)) = lines.pop_front() {
-            let Some(next) = line.pop_front() else { continue };
+        while let Some((network, mut waiting)) = queues.pop_front() {
+            let Some(next) = waiting.pop_front() else { continue };
             if next == key {
                 break;
             }
             if begun.insert(next.clone()) {
                 before.push(next);
             }
-            lines.push_back((network, line));
+            queues.push_back((network, waiting));
         }
         before
     }
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn networks_take_turns_whoever_asked_first_and_for_how_many() {
+    fn networks_take_turns_regardless_of_order_and_number_of_their_requests() {
         let jobs = [("a", "a1"), ("a", "a2"), ("a", "a3"), ("a", "a4"), ("b", "b1"), ("c", "c1"), ("b", "b2")];
         let mut queue = with(&jobs);
         for (key, before) in [("a1", 0), ("b1", 1), ("c1", 2), ("a2", 3), ("b2", 4), ("a4", 6)] {
@@ -158,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_comes_while_another_is_served_is_next() {
+    fn a_network_that_arrives_while_another_is_served_is_next() {
         let mut queue = with(&[("a", "a1"), ("a", "a2"), ("a", "a3")]);
         queue.begin("a", "a1");
         queue.push("b", "b1").unwrap();
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn a_worker_is_left_for_others_where_there_are_several() {
+    fn one_of_several_workers_is_kept_free_for_other_networks() {
         let mut queue = with(&[("a", "a1"), ("a", "a2"), ("a", "a3")]);
         queue.begin("a", "a1");
         assert_eq!(queue.next(2), None, "the second worker is for others");
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn places_are_limited_for_each_and_for_all_and_what_waits_can_be_joined() {
+    fn the_queue_is_limited_per_network_and_in_total_and_a_waiting_job_can_be_joined() {
         let mut queue = Queue::default();
         for number in 0..SHARE {
             queue.push("greedy", &format!("g{number}")).unwrap();
@@ -195,14 +195,14 @@ mod tests {
         queue.remove("j0");
         queue.join("late", "g3");
         queue.join("late", "g3");
-        assert_eq!(queue.line("late").unwrap().len(), 1);
+        assert_eq!(queue.queue_of("late").unwrap().len(), 1);
         let all = order(&mut queue);
         assert_eq!(all.len(), PLACES - 1, "what two want is made once");
         assert_eq!(all.iter().collect::<BTreeSet<_>>().len(), all.len());
     }
 
     #[test]
-    fn a_crowd_of_new_networks_keeps_nobody_from_their_turn() {
+    fn many_new_networks_do_not_delay_anyone_already_waiting() {
         let mut queue = with(&[("a", "a1"), ("a", "a2")]);
         let mut waited = 0;
         for number in 0..50 {

@@ -1,14 +1,14 @@
 //! Answers about extracts. Who may have the pack may have an extract of it: for everybody where it is public, for whoever holds a capability or a
 //! token where it is not; a visitor who is signed in and granted it gets the capability here, so that no script is needed, and it is recorded.
 
-use super::order::{Detail, Format, Order};
+use super::job_spec::{Detail, Format, JobSpec};
 use super::pace::Wait;
-use super::page::{About, Said, Stage, closed, form, stage, why};
-use super::{Extracts, Failure, Pack, Refusal, Standing};
+use super::page::{About, Message, Stage, closed, form, stage, why};
+use super::{Extracts, Failure, JobStatus, Pack, Refusal};
 use crate::access::{Verdict, verdict};
+use crate::auth::routes::{capability, from_here};
 use crate::catalogue::Model;
 use crate::content::{ASK_AGAIN, Source, answer, insert, plain, text};
-use crate::door::routes::{capability, from_here};
 use crate::objects;
 use crate::observe::client_of;
 use crate::packs::blocking;
@@ -82,8 +82,8 @@ pub(crate) async fn ask(State(site): State<Site>, Path(slug): Path<String>, requ
     let given = Given::of(&site, parts.uri.query().unwrap_or_default(), headers).await;
     match admit(&site, &slug, None, headers, address, &given).await {
         Ok(asked) => {
-            let said = if given.get("unknown").is_some() { Said::Unknown } else { Said::Nothing };
-            html(&asked, form(&asked.about, &given.reader(), said, None), StatusCode::OK, headers)
+            let message = if given.get("unknown").is_some() { Message::Unknown } else { Message::Nothing };
+            html(&asked, form(&asked.about, &given.reader(), message, None), StatusCode::OK, headers)
         }
         Err(refused) => refused,
     }
@@ -105,25 +105,25 @@ pub(crate) async fn begin(State(site): State<Site>, Path(slug): Path<String>, re
         Err(refused) => return refused,
     };
     let reader = given.reader();
-    let Some(order) = order(&given) else {
-        let html_ = form(&asked.about, &reader, Said::Wrong, None);
+    let Some(spec) = spec(&given) else {
+        let html_ = form(&asked.about, &reader, Message::Wrong, None);
         return html(&asked, html_, StatusCode::UNPROCESSABLE_ENTITY, headers);
     };
     let triangles = asked.about.triangles;
-    let [mesh, read] = asked.extracts.room(&asked.pack.0, triangles, order);
-    let (size, most) = (mesh.saturating_add(read), asked.extracts.most_bytes());
-    if size > most {
-        let said = form(&asked.about, &reader, Said::TooLarge(size, most), Some(order));
-        return html(&asked, said, StatusCode::UNPROCESSABLE_ENTITY, headers);
+    let [mesh, read] = asked.extracts.disk_bytes(&asked.pack.0, triangles, spec);
+    let (size, max) = (mesh.saturating_add(read), asked.extracts.max_bytes());
+    if size > max {
+        let page = form(&asked.about, &reader, Message::TooLarge(size, max), Some(spec));
+        return html(&asked, page, StatusCode::UNPROCESSABLE_ENTITY, headers);
     }
     let (extracts, pack) = (Arc::clone(&asked.extracts), asked.pack.clone());
-    let taken = blocking(move || extracts.ask((&pack.0, &pack.1), triangles, order, &network)).await;
+    let taken = blocking(move || extracts.ask((&pack.0, &pack.1), triangles, spec, &network)).await;
     match taken {
         Err(status) => plain(status).into_response(),
-        Ok(Err(refusal)) => busy(&asked, &reader, order, refusal, headers),
+        Ok(Err(refusal)) => busy(&asked, &reader, spec, refusal, headers),
         Ok(Ok(())) => {
             let lang = reader.lang.map(|lang| format!("&lang={}", encoded(lang))).unwrap_or_default();
-            let to = format!("/{slug}/extract/{}?page=1{lang}", order.name(asked.about.version));
+            let to = format!("/{slug}/extract/{}?page=1{lang}", spec.name(asked.about.version));
             let mut response = StatusCode::SEE_OTHER.into_response();
             insert(&mut response, LOCATION, &to);
             keep(&mut response, &asked);
@@ -132,25 +132,25 @@ pub(crate) async fn begin(State(site): State<Site>, Path(slug): Path<String>, re
     }
 }
 
-fn busy(asked: &Asked, reader: &Reader<'_>, order: Order, refusal: Refusal, headers: &HeaderMap) -> Response {
+fn busy(asked: &Asked, reader: &Reader<'_>, spec: JobSpec, refusal: Refusal, headers: &HeaderMap) -> Response {
     let (status, seconds) = match refusal {
         Refusal::Busy(seconds) => (StatusCode::SERVICE_UNAVAILABLE, seconds),
         Refusal::Share(seconds) | Refusal::TooMany(seconds) => (StatusCode::TOO_MANY_REQUESTS, seconds),
     };
     let mut response = if wants_json(headers) {
-        let said = why(&Reader { language: Language::english(), ..*reader }, refusal);
-        let mut response = (status, axum::Json(json!({ "error": said, "seconds": seconds }))).into_response();
+        let message = why(&Reader { language: Language::english(), ..*reader }, refusal);
+        let mut response = (status, axum::Json(json!({ "error": message, "seconds": seconds }))).into_response();
         insert(&mut response, CACHE_CONTROL, "no-store");
         response
     } else {
-        html(asked, form(&asked.about, reader, Said::Refused(refusal), Some(order)), status, headers)
+        html(asked, form(&asked.about, reader, Message::Refused(refusal), Some(spec)), status, headers)
     };
     insert(&mut response, RETRY_AFTER, &seconds.to_string());
     response
 }
 
 /// What the form holds.
-fn order(given: &Given) -> Option<Order> {
+fn spec(given: &Given) -> Option<JobSpec> {
     let format = Format::of(given.get("format")?)?;
     let detail = match given.get("detail")? {
         "whole" => Detail::Whole,
@@ -158,7 +158,7 @@ fn order(given: &Given) -> Option<Order> {
         "error" => Detail::error(given.get("error")?)?,
         _ => return None,
     };
-    Some(Order { format, detail })
+    Some(JobSpec { format, detail })
 }
 
 /// `GET /<slug>/extract/<name>`: the file, or with `?page=1` the page that leads to it.
@@ -172,61 +172,63 @@ pub(crate) async fn file(
     let (parts, _) = request.into_parts();
     let headers = &parts.headers;
     let given = Given::of(&site, parts.uri.query().unwrap_or_default(), headers).await;
-    let Some((version, order)) = Order::parse(&name) else { return lost() };
+    let Some((version, spec)) = JobSpec::parse(&name) else { return lost() };
     let asked = match admit(&site, &slug, Some(version), headers, address, &given).await {
         Ok(asked) => asked,
         Err(refused) => return refused,
     };
     let (extracts, hash) = (Arc::clone(&asked.extracts), Arc::clone(&asked.pack.1));
-    let standing = match blocking(move || extracts.standing(&hash, order)).await {
-        Ok(standing) => standing,
+    let job_status = match blocking(move || extracts.job_status(&hash, spec)).await {
+        Ok(job_status) => job_status,
         Err(status) => return plain(status).into_response(),
     };
     let wants_page = given.get("page").is_some();
-    let told = told(&standing);
+    let report = status_json(&job_status);
     let shown = |stage_: &Stage, status: StatusCode| {
         if wants_json(headers) {
-            let mut response = (status, axum::Json(&told)).into_response();
+            let mut response = (status, axum::Json(&report)).into_response();
             insert(&mut response, CACHE_CONTROL, "no-store");
             keep(&mut response, &asked);
             return response;
         }
-        html(&asked, stage(&asked.about, &given.reader(), order, stage_), status, headers)
+        html(&asked, stage(&asked.about, &given.reader(), spec, stage_), status, headers)
     };
-    match standing {
-        Standing::Waiting(before, wait) => soon(shown(&Stage::Waiting(before, wait), StatusCode::ACCEPTED), wait),
-        // It goes on when the store answers again.
-        Standing::Running(_, fetched @ Some(_), _) if is_away(&site) => {
+    match job_status {
+        JobStatus::Waiting(before, wait) => soon(shown(&Stage::Waiting(before, wait), StatusCode::ACCEPTED), wait),
+        // It continues when the store answers again.
+        JobStatus::Running(_, fetched @ Some(_), _) if is_away(&site) => {
             later(shown(&Stage::Halted(fetched), StatusCode::SERVICE_UNAVAILABLE))
         }
-        Standing::Running(percent, fetched, wait) => {
+        JobStatus::Running(percent, fetched, wait) => {
             soon(shown(&Stage::Running(percent, fetched, wait), StatusCode::ACCEPTED), wait)
         }
-        Standing::Failed(Failure::Away) => later(shown(&Stage::Failed(Failure::Away), StatusCode::SERVICE_UNAVAILABLE)),
-        Standing::Failed(Failure::Full) => shown(&Stage::Failed(Failure::Full), StatusCode::INSUFFICIENT_STORAGE),
-        Standing::Failed(failure) => {
+        JobStatus::Failed(Failure::Away) => {
+            later(shown(&Stage::Failed(Failure::Away), StatusCode::SERVICE_UNAVAILABLE))
+        }
+        JobStatus::Failed(Failure::Full) => shown(&Stage::Failed(Failure::Full), StatusCode::INSUFFICIENT_STORAGE),
+        JobStatus::Failed(failure) => {
             // It may be another file by now than the one that was listed.
             objects::forget(&asked.model);
             shown(&Stage::Failed(failure), StatusCode::INTERNAL_SERVER_ERROR)
         }
-        Standing::Unknown => html(
+        JobStatus::Unknown => html(
             &asked,
-            form(&asked.about, &given.reader(), Said::Unknown, Some(order)),
+            form(&asked.about, &given.reader(), Message::Unknown, Some(spec)),
             StatusCode::NOT_FOUND,
             headers,
         ),
-        Standing::Ready(path) => {
+        JobStatus::Ready(path) => {
             let extracts = Arc::clone(&asked.extracts);
             match blocking(move || extracts.open_ready(&path)).await {
                 Ok(Ok(content)) if wants_page => shown(&Stage::Ready(content.bytes()), StatusCode::OK),
                 Ok(Ok(content)) => {
-                    let sent = send(&asked, order, &name, content, &method, headers).await;
-                    objects::while_allowed(sent, &name, &asked.model, &site.clock, site.door.as_ref(), headers)
+                    let sent = send(&asked, spec, &name, content, &method, headers).await;
+                    objects::while_allowed(sent, &name, &asked.model, &site.clock, site.auth.as_ref(), headers)
                 }
                 // It went for others in this moment.
                 _ => html(
                     &asked,
-                    form(&asked.about, &given.reader(), Said::Unknown, Some(order)),
+                    form(&asked.about, &given.reader(), Message::Unknown, Some(spec)),
                     StatusCode::NOT_FOUND,
                     headers,
                 ),
@@ -248,21 +250,21 @@ fn wants_json(headers: &HeaderMap) -> bool {
         .is_some_and(|accepted| accepted.split(',').any(|kind| kind.trim().starts_with("application/json")))
 }
 
-/// How an order stands, for programs: `seconds` is a range in which it will probably be there, where that can be said.
-fn told(standing: &Standing) -> Value {
+/// The status of a job, for programs: `seconds` is the estimated range of the wait, if known.
+fn status_json(status: &JobStatus) -> Value {
     let seconds = |wait: &Option<Wait>| wait.map(|w| [w.from.as_secs(), w.to.as_secs()]);
-    match standing {
-        Standing::Waiting(before, wait) => json!({ "state": "waiting", "before": before, "seconds": seconds(wait) }),
-        Standing::Running(percent, fetched, wait) => {
+    match status {
+        JobStatus::Waiting(before, wait) => json!({ "state": "waiting", "before": before, "seconds": seconds(wait) }),
+        JobStatus::Running(percent, fetched, wait) => {
             json!({ "state": "running", "percent": percent, "fetched": fetched, "seconds": seconds(wait) })
         }
-        Standing::Ready(_) => json!({ "state": "ready" }),
-        Standing::Failed(Failure::Full) => json!({ "state": "failed", "error": "the server's disk is full" }),
-        Standing::Failed(Failure::Away) => {
+        JobStatus::Ready(_) => json!({ "state": "ready" }),
+        JobStatus::Failed(Failure::Full) => json!({ "state": "failed", "error": "the server's disk is full" }),
+        JobStatus::Failed(Failure::Away) => {
             json!({ "state": "failed", "error": "the archive's storage does not answer" })
         }
-        Standing::Failed(Failure::Other(_)) => json!({ "state": "failed", "error": "the file could not be made" }),
-        Standing::Unknown => json!({ "state": "unknown", "error": "this file was not requested" }),
+        JobStatus::Failed(Failure::Other(_)) => json!({ "state": "failed", "error": "the file could not be made" }),
+        JobStatus::Unknown => json!({ "state": "unknown", "error": "this file was not requested" }),
     }
 }
 
@@ -276,16 +278,16 @@ fn is_away(site: &Site) -> bool {
     site.catalogue.place().store().is_some_and(|store| store.away().is_some())
 }
 
-/// The file, whole or a range of it. The same pack and order give the same bytes, so their hash is a strong tag.
+/// The file, whole or a range of it. The same pack and job give the same bytes, so their hash is a strong tag.
 async fn send(
     asked: &Asked,
-    order: Order,
+    spec: JobSpec,
     name: &str,
     content: Content,
     method: &Method,
     headers: &HeaderMap,
 ) -> Response {
-    let hash = blake3::hash(order.key(&asked.pack.1).as_bytes()).to_hex();
+    let hash = blake3::hash(spec.key(&asked.pack.1).as_bytes()).to_hex();
     let kind = content_type(name);
     let source =
         Source { bytes: content.bytes(), content, hash: hash.as_str().into(), content_type: kind, cache: ASK_AGAIN };
@@ -329,7 +331,7 @@ async fn admit(
         |status: StatusCode| if status == StatusCode::NOT_FOUND { lost() } else { plain(status).into_response() };
     let model = find(site, slug).await.map_err(or_lost)?;
     let manifest = match model.object() {
-        Some(object) => Some(objects::manifest_of(&object.holding).await.map_err(or_lost)?),
+        Some(object) => Some(objects::manifest_of(&object.files).await.map_err(or_lost)?),
         None => None,
     };
     let verdict = manifest.as_ref().map(|manifest| verdict(&manifest.access, &site.clock));
@@ -346,8 +348,8 @@ async fn admit(
     asked.is_closed = true;
     // Capabilities are for the content of the current version, as in `objects`.
     let content = manifest.current().map(|v| v.pack.sha256.clone()).unwrap_or_default();
-    if let Some(door) = &site.door {
-        if objects::lets_out(door, headers, slug, &content, &site.clock).await {
+    if let Some(auth) = &site.auth {
+        if objects::lets_out(auth, headers, slug, &content, &site.clock).await {
             return Ok(asked);
         }
         if let Some(Some(cookie)) = capability(site, headers, slug, &content, address).await {
@@ -355,16 +357,16 @@ async fn admit(
             return Ok(asked);
         }
     }
-    let sign_in = site.door.as_ref().map(|_| format!("/sign-in?next={}", encoded(&format!("/{slug}/extract"))));
-    let said = closed(&asked.about, &given.reader(), &why, sign_in.as_deref());
-    Err(html(&asked, said, StatusCode::FORBIDDEN, headers))
+    let sign_in = site.auth.as_ref().map(|_| format!("/sign-in?next={}", encoded(&format!("/{slug}/extract"))));
+    let page = closed(&asked.about, &given.reader(), &why, sign_in.as_deref());
+    Err(html(&asked, page, StatusCode::FORBIDDEN, headers))
 }
 
 type Found = (About, (Pack, Arc<str>));
 
 async fn of_object(model: &Arc<Model>, version: Option<u32>) -> Result<Found, StatusCode> {
     let object = model.object().ok_or(StatusCode::NOT_FOUND)?;
-    let found = objects::pack_of(&object.holding, version).await?;
+    let found = objects::pack_of(&object.files, version).await?;
     let slug = &model.slug;
     let about = About {
         slug: slug.clone(),

@@ -2,7 +2,7 @@
 //! thousand objects that is the larger part of a search.
 //!
 //! Input: the tables `has` and `value`. Invariant: it is that of the `generation` that it names, which every change of the index counts up;
-//! whoever finds another generation reads it anew. Some 30 bytes for each object and value.
+//! whoever finds another generation reads it again. Some 30 bytes for each object and value.
 
 use super::search::{Count, Facet, FacetCounts};
 use rusqlite::Connection;
@@ -64,8 +64,8 @@ impl Facets {
         Ok(facets)
     }
 
-    /// How many of these objects have each value: the `most` most frequent of each facet, of `only` one where that is said.
-    pub(super) fn count(&self, objects: &[i64], only: Option<Facet>, most: usize) -> FacetCounts {
+    /// How many of these objects have each value: the `most` most frequent of each facet, of one facet only if `only` is given.
+    pub(super) fn count(&self, objects: &[i64], only: Option<Facet>, max: usize) -> FacetCounts {
         let mut counts = vec![0_u64; self.values.len()];
         for object in objects {
             let Ok(at) = self.objects.binary_search(object) else { continue };
@@ -85,7 +85,7 @@ impl Facets {
         }
         for counts in facets.values_mut() {
             counts.sort_by(|a, b| b.count.cmp(&a.count).then_with(|| a.value.cmp(&b.value)));
-            counts.truncate(most);
+            counts.truncate(max);
         }
         facets
     }

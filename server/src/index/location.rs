@@ -1,6 +1,6 @@
 //! Where on earth an object is, for the map: what its metadata say, else the middle of its box through its reference system.
 //!
-//! Nothing is told of an object any version of which was published without its place, nor, where only its geometry would tell, of one whose
+//! No location is given for an object any version of which was published without it, nor, if only its geometry would reveal it, for one whose
 //! geometry is not for everybody. A system that is not known gives no place, never a wrong one.
 
 use kilwa_archive::location::projection::degrees_of_box;
@@ -13,12 +13,12 @@ pub(super) fn of(manifest: &Manifest, place: Option<&Place>) -> Option<[f64; 2]>
     if manifest.access.state == AccessState::Withdrawn || manifest.versions.iter().any(|v| v.location_redacted) {
         return None;
     }
-    let said = place.and_then(|p| Some([p.latitude?, p.longitude?]));
+    let given = place.and_then(|p| Some([p.latitude?, p.longitude?]));
     let derived = || {
         let version = manifest.current().filter(|_| manifest.access.state == AccessState::Public)?;
         of_box(version)
     };
-    said.or_else(derived).filter(|[lat, lon]| lat.abs() <= 90.0 && lon.abs() <= 180.0)
+    given.or_else(derived).filter(|[lat, lon]| lat.abs() <= 90.0 && lon.abs() <= 180.0)
 }
 
 /// The middle of a version's box, in degrees.

@@ -3,7 +3,7 @@
 //! The folder (or the store) is the truth and the index is derived: it can be deleted at any time. [`Index::refresh`] compares every object's
 //! manifest (size and time, in a store size and tag) with what was read last, so that a warm start reads nothing but directory entries, and of a store nothing but
 //! its list: of its objects the manifests themselves are kept in the file too. What cannot be opened
-//! as an index of this form (damaged, of another version, half written) is made anew from the folder; where no file can be written the index
+//! as an index of this form (damaged, of another version, half written) is rebuilt from the folder; where no file can be written the index
 //! is held in memory. A store that does not answer changes nothing. An object that cannot be read is kept in a list with the reason, so that nothing vanishes silently.
 //!
 //! One file per part: `schema` (opening and tables), `entry` (what is known of an object), `location` (where it is), `refresh` (folder to index), `search`,
@@ -48,12 +48,12 @@ pub enum IndexError {
 }
 
 impl IndexError {
-    /// Whether the store of the objects gave no answer, which is said elsewhere.
+    /// Whether the store of the objects gave no answer, which is reported elsewhere.
     pub(crate) fn is_away(&self) -> bool {
         matches!(self, Self::Folder { source, .. } if crate::store::is_away(source))
     }
 
-    /// Whether the file is damaged, so that making it anew helps.
+    /// Whether the file is damaged, so that rebuilding it helps.
     fn is_damage(&self) -> bool {
         use rusqlite::ErrorCode::{DatabaseCorrupt, NotADatabase};
         matches!(self, Self::Database(e) if matches!(e.sqlite_error_code(), Some(DatabaseCorrupt | NotADatabase)))
@@ -75,8 +75,8 @@ pub struct Index {
 }
 
 impl Index {
-    /// The index of `folder` in `file` (made, or made anew, where it is not a sound one), or in memory. Says in the log why it had to be
-    /// made anew or goes to memory. Reads nothing of the folder yet: [`Index::refresh`].
+    /// The index of `folder` in `file` (created or rebuilt where it is not a sound one), or in memory. Says in the log why it had to be
+    /// rebuilt or goes to memory. Reads nothing of the folder yet: [`Index::refresh`].
     ///
     /// # Errors
     /// When not even an index in memory can be had.
@@ -150,7 +150,7 @@ impl Index {
         self.refresh_once()
     }
 
-    /// Bring the index up to the folder: what is new, changed, gone. An index found damaged is made anew first.
+    /// Bring the index up to the folder: what is new, changed, gone. An index found damaged is rebuilt first.
     ///
     /// # Errors
     /// When the folder cannot be listed, or the index not written.
@@ -192,7 +192,7 @@ impl Index {
     /// What answers a query.
     ///
     /// # Errors
-    /// When the index is damaged beyond being made anew.
+    /// When the index is damaged beyond being rebuilt.
     pub fn search(&self, query: &Query) -> Result<Found, IndexError> {
         self.reading(|c| search::search(c, query, &self.facets))
     }
@@ -237,7 +237,7 @@ impl Index {
         self.reading(search::refused)
     }
 
-    /// Do something with a connection that only reads; where the index proves damaged, make it anew and do it again.
+    /// Do something with a connection that only reads; where the index proves damaged, rebuild it and do it again.
     fn reading<T>(&self, what: impl Fn(&Connection) -> Result<T, IndexError>) -> Result<T, IndexError> {
         match self.read_once(&what) {
             Err(e) if e.is_damage() => {
@@ -265,7 +265,7 @@ fn keep(store: &S3, part: &str, file: &Path, readers: &Arc<Readers>) {
     store.keep(move |key, identity| {
         let inside = if part.is_empty() { key } else { key.strip_prefix(&part)?.strip_prefix('/')? };
         let slug = inside.strip_suffix(MANIFEST)?.strip_suffix('/')?;
-        // A damaged index is found out, and made anew, where it is searched and refreshed.
+        // A damaged index is found out, and rebuilt, where it is searched and refreshed.
         let found = readers.with(&file, |connection| refresh::kept(connection, slug, &identity.mark()));
         found.ok().flatten().map(Bytes::from)
     });

@@ -11,7 +11,7 @@ use std::path::Path;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 /// More than this, and more than there are cores, only wait for each other.
-const AT_LEAST: usize = 4;
+const MIN: usize = 4;
 
 /// See the module.
 #[derive(Default)]
@@ -24,7 +24,7 @@ pub(super) struct Readers {
 struct State {
     idle: Vec<Connection>,
     in_use: usize,
-    /// How often the index was made anew: a connection of before is not kept.
+    /// How often the index was rebuilt: a connection of before is not kept.
     age: u64,
 }
 
@@ -35,9 +35,9 @@ impl Readers {
         file: &Path,
         what: impl Fn(&Connection) -> Result<T, IndexError>,
     ) -> Result<T, IndexError> {
-        let most = std::thread::available_parallelism().map_or(AT_LEAST, |n| n.get().max(AT_LEAST));
+        let max = std::thread::available_parallelism().map_or(MIN, |n| n.get().max(MIN));
         let mut state = self.lock();
-        while state.in_use >= most {
+        while state.in_use >= max {
             state = self.returned.wait(state).unwrap_or_else(PoisonError::into_inner);
         }
         state.in_use += 1;
@@ -88,18 +88,18 @@ mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     #[test]
-    fn a_crowd_shares_a_few_connections_and_a_panic_gives_its_place_back() {
+    fn many_readers_share_a_few_connections_and_a_panic_returns_its_connection() {
         let folder = tempfile::tempdir().unwrap();
         let file = folder.path().join("index.sqlite");
         drop(schema::open(&file).unwrap());
-        let (readers, now, most) = (Readers::default(), AtomicUsize::new(0), AtomicUsize::new(0));
+        let (readers, now, max) = (Readers::default(), AtomicUsize::new(0), AtomicUsize::new(0));
         std::thread::scope(|scope| {
             for number in 0..60 {
-                let (readers, file, now, most) = (&readers, &file, &now, &most);
+                let (readers, file, now, max) = (&readers, &file, &now, &max);
                 scope.spawn(move || {
                     let once = std::panic::AssertUnwindSafe(|| {
                         readers.with(file, |_| {
-                            most.fetch_max(now.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
+                            max.fetch_max(now.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
                             std::thread::sleep(std::time::Duration::from_millis(2));
                             now.fetch_sub(1, Ordering::SeqCst);
                             assert!(number % 20 != 7, "one of the panics of this test");
@@ -110,8 +110,8 @@ mod tests {
                 });
             }
         });
-        let bound = std::thread::available_parallelism().map_or(AT_LEAST, |n| n.get().max(AT_LEAST));
-        assert!(most.load(Ordering::SeqCst) <= bound);
+        let bound = std::thread::available_parallelism().map_or(MIN, |n| n.get().max(MIN));
+        assert!(max.load(Ordering::SeqCst) <= bound);
         let state = readers.lock();
         assert_eq!(state.in_use, 0);
         assert!((1..=bound).contains(&state.idle.len()));

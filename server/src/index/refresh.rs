@@ -107,7 +107,7 @@ pub(super) fn refresh(
                 Ok(_) if before.contains_key(*slug) => changes.changed += 1,
                 Ok(_) => changes.added += 1,
                 Err(why) => {
-                    // What a store refuses it has said itself, once.
+                    // A refusal by the store has been logged already, once.
                     if !seen.is_unsure {
                         tracing::warn!("{slug} is not in the catalogue: {why}");
                     }
@@ -194,8 +194,8 @@ fn stays(connection: &Connection, slug: &str, seen: &Seen) -> Result<bool, Index
         Err(_) => return Ok(true),
         Ok(new) => new,
     };
-    let told = |e: &Entry| (e.access.clone(), e.version, e.location_redacted);
-    Ok(search::entry(connection, slug)?.is_some_and(|old| told(&old) == told(new)))
+    let shown = |e: &Entry| (e.access.clone(), e.version, e.location_redacted);
+    Ok(search::entry(connection, slug)?.is_some_and(|old| shown(&old) == shown(new)))
 }
 
 /// The index is another one now.
@@ -280,11 +280,11 @@ mod tests {
     }
 
     #[test]
-    fn what_was_known_stays_only_while_the_manifest_hides_no_more_than_before() {
+    fn a_known_entry_is_kept_only_while_the_manifest_hides_no_more_than_before() {
         let mut connection = super::super::schema::in_memory().unwrap();
         let transaction = connection.transaction().unwrap();
         let old = seen(&|_| (), true).entry.unwrap();
-        assert!(old.at.is_some(), "it tells its place");
+        assert!(old.at.is_some(), "it has a location");
         add(&transaction, "mark", &old).unwrap();
         let kept = |change: &dyn Fn(&mut Value)| stays(&transaction, "fort", &seen(change, false)).unwrap();
         assert!(kept(&|_| ()), "the same manifest, and no metadata");

@@ -1,6 +1,6 @@
 //! Opening the file, and its tables.
 //!
-//! `user_version` is the version of the tables: an index of another version is made anew, there is nothing to migrate. The journal is
+//! `user_version` is the version of the tables: an index of another version is rebuilt, there is nothing to migrate. The journal is
 //! WAL, so that readers and the refresh do not wait for each other; a cut of power costs at most the last refresh.
 
 use super::IndexError;
@@ -53,7 +53,7 @@ const TABLES: &str = "
     );
 ";
 
-/// Open for writing; made where it is missing, made anew where it is damaged or of another version.
+/// Open for writing; made where it is missing, rebuilt where it is damaged or of another version.
 pub(super) fn open(file: &Path) -> Result<Connection, IndexError> {
     match open_sound(file) {
         Ok(Some(connection)) => return Ok(connection),
@@ -88,9 +88,9 @@ fn open_sound(file: &Path) -> Result<Option<Connection>, IndexError> {
     }
     settings(&connection)?;
     // Reads every page: damage shows now and not at some search. A catalogue of 10,000 objects takes some 100 ms.
-    let said: String = connection.pragma_query_value(None, "quick_check", |row| row.get(0))?;
-    if said != "ok" {
-        tracing::warn!("the index {} is damaged: {said}", file.display());
+    let result: String = connection.pragma_query_value(None, "quick_check", |row| row.get(0))?;
+    if result != "ok" {
+        tracing::warn!("the index {} is damaged: {result}", file.display());
         return Ok(None);
     }
     Ok(Some(connection))

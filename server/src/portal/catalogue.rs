@@ -4,15 +4,15 @@
 
 use super::collections::{self, Collection};
 use super::encoded;
-use super::frame::{FOOT, Reader, feed_link, head};
+use super::frame::{Reader, Top};
 use super::language::Language;
 use super::limit::{QUERY_MAX, TooMuch, VALUES_MAX};
 use crate::index::{Entry, Facet, Found, Query, Sort};
+use askama::Template;
 use kilwa_archive::AccessState;
-use kilwa_archive::record::xml::escape;
+use kilwa_archive::html::render;
 use kilwa_archive::site::poster;
 use std::collections::{BTreeMap, BTreeSet};
-use std::fmt::Write as _;
 
 /// Cards of a page.
 const PER_PAGE: u32 = 24;
@@ -94,225 +94,185 @@ pub(crate) struct Around<'a> {
     pub(crate) collections: &'a [Collection],
 }
 
+/// A filter, with what can be chosen.
+struct Filter<'a> {
+    name: &'static str,
+    values: Vec<FilterValue<'a>>,
+}
+
+struct FilterValue<'a> {
+    value: &'a str,
+    text: &'a str,
+    count: String,
+    is_checked: bool,
+}
+
+#[derive(Template)]
+#[template(path = "catalogue.html")]
+struct Page<'a> {
+    top: Top,
+    search: Search<'a>,
+    results: String,
+    /// Address of the map.
+    map: String,
+    chosen: Option<Chosen>,
+    cards: Vec<Card<'a>>,
+    pager: Option<Pager>,
+    collections: Option<collections::List<'a>>,
+    others: &'a str,
+    filters: Vec<Filter<'a>>,
+}
+
 /// The page.
 pub(crate) fn page(query: &Query, found: &Found, around: &Around<'_>) -> String {
-    let l = around.reader.language;
-    let more = feed_link("/feed.xml", l.t("feed"));
-    let mut s = head(&around.reader, l.t("title"), &|code| address("/", query, query.page, Some(code)), &more);
-    let _ = writeln!(s, "<h1>{}</h1>", l.t("title"));
-    search_form(&mut s, "/", query, &around.reader);
-    let _ = writeln!(s, "<div class=\"portal-body\">\n<section class=\"results\" aria-label=\"{}\">", l.t("title"));
-    let _ = writeln!(
-        s,
-        "<p class=\"lead\" role=\"status\">{} <a class=\"way\" href=\"{}\">{}</a> <a class=\"jump\" href=\"#filters\">{}</a></p>",
-        l.with("results", &[("count", found.total)]),
-        escape(&address("/map", query, 0, around.reader.lang)),
-        l.t("map"),
-        l.t("filters")
-    );
-    chosen(&mut s, "/", query, &around.reader);
-    if found.entries.is_empty() {
-        let _ = writeln!(
-            s,
-            "<p><strong>{}</strong> {} <a href=\"{}\">{}</a></p>",
-            l.t("none"),
-            l.t("noneNext"),
-            around.reader.to("/"),
-            l.t("all")
-        );
-    } else {
-        s.push_str("<ul class=\"cards\">\n");
-        for entry in &found.entries {
-            card(&mut s, entry, &around.reader, around.today);
-        }
-        s.push_str("</ul>\n");
-        pages(&mut s, query, found.total, around);
-    }
-    if query.is_start() && !around.collections.is_empty() {
-        let first = around.collections.iter().take(COLLECTIONS);
-        let _ = writeln!(s, "<h2 class=\"others\">{}</h2>", l.t("collections"));
-        s.push_str(&collections::list(first, &around.reader));
-    }
-    if query.is_start() && !around.others.is_empty() {
-        let _ = writeln!(s, "<h2 class=\"others\" id=\"packs\">{}</h2>\n{}", l.t("packs"), around.others);
-    }
-    s.push_str("</section>\n");
-    facets(&mut s, query, found, around);
-    let _ = writeln!(s, "</div>\n<p class=\"lead feed\"><a href=\"/feed.xml\">{}</a></p>\n{FOOT}", l.t("feed"));
-    s
+    let (reader, l) = (&around.reader, around.reader.language);
+    let first = around.collections.iter().take(COLLECTIONS);
+    let has_collections = query.is_start() && !around.collections.is_empty();
+    render(&Page {
+        top: reader.top(&|code| address("/", query, query.page, Some(code))),
+        search: search("/", query, reader),
+        results: l.with("results", &[("count", found.total)]),
+        map: address("/map", query, 0, reader.lang),
+        chosen: chosen("/", query, reader),
+        cards: found.entries.iter().map(|entry| card(entry, reader, around.today)).collect(),
+        pager: pages(query, found.total, around),
+        collections: has_collections.then(|| collections::list(first, reader)),
+        others: if query.is_start() { around.others } else { "" },
+        filters: filters(query, found, l),
+    })
+}
+
+#[derive(Template)]
+#[template(path = "failed.html")]
+struct FailedPage<'a> {
+    top: Top,
+    others: &'a str,
 }
 
 /// The page while the index gives no answer.
 pub(crate) fn failed(around: &Around<'_>) -> String {
-    let l = around.reader.language;
-    let mut s = head(&around.reader, l.t("title"), &|code| format!("/?lang={code}"), "");
-    let _ = writeln!(
-        s,
-        "<h1>{}</h1>\n<p class=\"lead\"><strong>{}</strong> {}</p>\n{}{FOOT}",
-        l.t("title"),
-        l.t("failed"),
-        l.t("failedNext"),
-        around.others
-    );
-    s
+    render(&FailedPage { top: around.reader.top(&|code| format!("/?lang={code}")), others: around.others })
 }
 
 /// The form, whose answer is at `path`.
-pub(super) fn search_form(s: &mut String, path: &str, query: &Query, reader: &Reader<'_>) {
-    let l = reader.language;
-    let _ = write!(
-        s,
-        "<form id=\"search\" class=\"search\" role=\"search\" action=\"{path}\" method=\"get\">\n\
-         <label class=\"hidden\" for=\"q\">{label}</label>\
-         <input id=\"q\" name=\"q\" type=\"search\" value=\"{}\" placeholder=\"{label}\" maxlength=\"{TEXT_MAX}\" dir=\"auto\" autocomplete=\"off\">\n",
-        escape(&query.text),
-        label = l.t("searchLabel"),
-    );
-    if path == "/" {
-        let _ =
-            write!(s, "<label class=\"hidden\" for=\"sort\">{}</label><select id=\"sort\" name=\"sort\">", l.t("sort"));
-        for (name, text, sort) in SORTS {
-            let selected = if sort == query.sort { " selected" } else { "" };
-            let _ = write!(s, "<option value=\"{name}\"{selected}>{}</option>", l.t(text));
-        }
-        s.push_str("</select>\n");
-    } else {
-        // Where there is no order to choose there are no filters either: what was chosen in the list stays.
-        for (facet, value) in query.facets.iter().flat_map(|(facet, values)| values.iter().map(move |v| (facet, v))) {
-            let _ = writeln!(s, "<input type=\"hidden\" name=\"{}\" value=\"{}\">", facet.name(), escape(value));
-        }
-    }
-    let _ = writeln!(s, "<button class=\"button filled\">{}</button>", l.t("search"));
-    if let Some(lang) = reader.lang {
-        let _ = writeln!(s, "<input type=\"hidden\" name=\"lang\" value=\"{}\">", escape(lang));
-    }
-    s.push_str("</form>\n");
+#[derive(Template)]
+#[template(path = "search.html")]
+pub(super) struct Search<'a> {
+    l: &'static Language,
+    path: &'a str,
+    query: &'a Query,
+    lang: Option<&'a str>,
+}
+
+pub(super) fn search<'a>(path: &'a str, query: &'a Query, reader: &Reader<'a>) -> Search<'a> {
+    Search { l: reader.language, path, query, lang: reader.lang }
 }
 
 /// The text of a facet's value.
-fn named(l: &'static Language, facet: Facet, value: &str) -> String {
+fn named<'v>(l: &'static Language, facet: Facet, value: &'v str) -> &'v str {
     match facet {
-        // The value comes from an address. A value that is not one of ours is shown unchanged, so it must be escaped.
-        Facet::Size => escape(l.find(&format!("size-{value}")).unwrap_or(value)),
-        Facet::Country => escape(l.country(value)),
-        _ => escape(value),
+        // The value comes from an address. One that is not ours is shown unchanged.
+        Facet::Size => l.find(&format!("size-{value}")).unwrap_or(value),
+        Facet::Country => l.country(value),
+        _ => value,
     }
 }
 
 /// What is chosen, each with a link that takes it away.
-pub(super) fn chosen(s: &mut String, path: &str, query: &Query, reader: &Reader<'_>) {
-    let l = reader.language;
-    if query.facets.is_empty() {
-        return;
-    }
-    let _ = write!(s, "<ul class=\"chosen\" aria-label=\"{}\">", l.t("chosen"));
-    for (facet, values) in &query.facets {
-        for value in values {
-            let mut without = query.clone();
-            if let Some(values) = without.facets.get_mut(facet) {
-                values.remove(value);
-            }
-            without.facets.retain(|_, values| !values.is_empty());
-            let _ = write!(
-                s,
-                "<li><a class=\"button outlined\" href=\"{}\"><span dir=\"auto\">{}</span> <span aria-hidden=\"true\">×</span><span class=\"hidden\">{}</span></a></li>",
-                escape(&address(path, &without, 0, reader.lang)),
-                named(l, *facet, value),
-                l.t("remove")
-            );
-        }
-    }
-    let all = Query { text: query.text.clone(), sort: query.sort, ..Query::default() };
-    let _ = writeln!(
-        s,
-        "<li><a class=\"button outlined\" href=\"{}\">{}</a></li></ul>",
-        escape(&address(path, &all, 0, reader.lang)),
-        l.t("clear")
-    );
+#[derive(Template)]
+#[template(path = "chosen.html")]
+pub(super) struct Chosen {
+    l: &'static Language,
+    /// Addresses without a value, and its text.
+    values: Vec<(String, String)>,
+    /// Address without all of them.
+    all: String,
 }
 
-fn facets(s: &mut String, query: &Query, found: &Found, around: &Around<'_>) {
-    let l = around.reader.language;
-    let _ = writeln!(s, "<aside class=\"filters\" id=\"filters\" aria-label=\"{}\">", l.t("filters"));
+/// `None` where nothing is chosen.
+pub(super) fn chosen(path: &str, query: &Query, reader: &Reader<'_>) -> Option<Chosen> {
+    let l = reader.language;
+    if query.facets.is_empty() {
+        return None;
+    }
+    let mut values = Vec::new();
+    for (facet, value) in query.facets.iter().flat_map(|(facet, values)| values.iter().map(move |v| (facet, v))) {
+        let mut without = query.clone();
+        if let Some(values) = without.facets.get_mut(facet) {
+            values.remove(value);
+        }
+        without.facets.retain(|_, values| !values.is_empty());
+        values.push((address(path, &without, 0, reader.lang), named(l, *facet, value).to_owned()));
+    }
+    let all = Query { text: query.text.clone(), sort: query.sort, ..Query::default() };
+    Some(Chosen { l, values, all: address(path, &all, 0, reader.lang) })
+}
+
+fn filters<'a>(query: &'a Query, found: &'a Found, l: &'static Language) -> Vec<Filter<'a>> {
+    let mut filters = Vec::new();
     for facet in Facet::ALL {
         let counts = found.facets.get(&facet).map(Vec::as_slice).unwrap_or_default();
         let picked = query.facets.get(&facet);
-        // What is chosen stays to be taken away, also where nothing has it.
+        // What is chosen stays to be removed, also where nothing has it.
         let missing = picked.into_iter().flatten().filter(|value| !counts.iter().any(|c| c.value == **value));
-        let rows: Vec<(&str, u64)> = counts
-            .iter()
-            .map(|c| (c.value.as_str(), c.count))
-            .chain(missing.map(|value| (value.as_str(), 0)))
+        let rows = counts.iter().map(|c| (c.value.as_str(), c.count)).chain(missing.map(|value| (value.as_str(), 0)));
+        let values: Vec<FilterValue<'_>> = rows
+            .map(|(value, count)| FilterValue {
+                value,
+                text: named(l, facet, value),
+                count: l.count(count),
+                is_checked: picked.is_some_and(|p| p.contains(value)),
+            })
             .collect();
-        if rows.is_empty() {
-            continue;
+        if !values.is_empty() {
+            filters.push(Filter { name: facet.name(), values });
         }
-        let _ = writeln!(s, "<fieldset><legend>{}</legend>", l.t(facet.name()));
-        for (value, count) in rows {
-            let checked = if picked.is_some_and(|p| p.contains(value)) { " checked" } else { "" };
-            let _ = writeln!(
-                s,
-                "<label><input type=\"checkbox\" form=\"search\" name=\"{}\" value=\"{}\"{checked}> <span dir=\"auto\">{}</span> <span class=\"quiet\">{}</span></label>",
-                facet.name(),
-                escape(value),
-                named(l, facet, value),
-                l.count(count)
-            );
-        }
-        s.push_str("</fieldset>\n");
     }
-    let _ = writeln!(s, "<button class=\"button filled\" form=\"search\">{}</button>\n</aside>", l.t("apply"));
+    filters
 }
 
 /// A card in a list.
-pub(super) fn card(s: &mut String, entry: &Entry, reader: &Reader<'_>, today: &str) {
-    let l = reader.language;
-    let slug = escape(&entry.slug);
-    let place = entry.place.as_ref().and_then(|p| p.name.as_deref());
-    let line: Vec<String> = [place, entry.captured.as_deref()]
-        .into_iter()
-        .flatten()
-        .map(|text| format!("<bdi>{}</bdi>", escape(text)))
-        .collect();
-    let folder = format!("/{slug}/v{}", entry.version);
-    let page = reader.to(&format!("/{}/", entry.slug));
-    let _ = write!(
-        s,
-        "<li class=\"card\">\n{}\n<h2 lang=\"{lang}\" dir=\"auto\"><a href=\"{page}\">{}</a></h2>\n<p class=\"quiet\">{}</p>\n<dl class=\"facts\">\n",
-        poster(&folder),
-        escape(&entry.title),
-        line.join(" · "),
-        lang = escape(&entry.language),
-    );
-    let mut row = |name: &str, value: &str| {
-        let _ = writeln!(s, "<div><dt>{}</dt><dd>{}</dd></div>", l.t(name), escape(value));
-    };
-    row("triangles", &l.count(entry.triangles));
-    row("file", &l.size(entry.pack_bytes));
-    row("licence", &entry.rights.short);
-    s.push_str("</dl>\n");
-    let until = entry.access.until.as_deref().unwrap_or("9999-12-31");
-    match entry.access.state {
-        AccessState::Embargo if until > today => {
-            let _ = writeln!(
-                s,
-                "<p class=\"state\"><strong>{}</strong></p>",
-                l.with("embargo", &[("day", &escape(until))])
-            );
-        }
-        AccessState::Restricted => {
-            let _ = writeln!(s, "<p class=\"state\"><strong>{}</strong></p>", l.t("restricted"));
-        }
-        _ => {}
-    }
-    s.push_str("</li>\n");
+#[derive(Template)]
+#[template(path = "card.html")]
+pub(super) struct Card<'a> {
+    l: &'static Language,
+    entry: &'a Entry,
+    poster: String,
+    page: String,
+    /// Place and day of capture.
+    line: Vec<&'a str>,
+    triangles: String,
+    size: String,
+    /// Who may have the model, where not everybody may.
+    state: Option<String>,
 }
 
-fn pages(s: &mut String, query: &Query, total: u64, around: &Around<'_>) {
+pub(super) fn card<'a>(entry: &'a Entry, reader: &Reader<'_>, today: &str) -> Card<'a> {
+    let l = reader.language;
+    let place = entry.place.as_ref().and_then(|p| p.name.as_deref());
+    let until = entry.access.until.as_deref().unwrap_or("9999-12-31");
+    let state = match entry.access.state {
+        AccessState::Embargo if until > today => Some(l.with("embargo", &[("day", until)])),
+        AccessState::Restricted => Some(l.t("restricted").to_owned()),
+        _ => None,
+    };
+    Card {
+        l,
+        entry,
+        poster: poster(&format!("/{}/v{}", entry.slug, entry.version)),
+        page: reader.to(&format!("/{}/", entry.slug)),
+        line: [place, entry.captured.as_deref()].into_iter().flatten().collect(),
+        triangles: l.count(entry.triangles),
+        size: l.size(entry.pack_bytes),
+        state,
+    }
+}
+
+fn pages(query: &Query, total: u64, around: &Around<'_>) -> Option<Pager> {
     let pages = usize::try_from(total.div_ceil(u64::from(PER_PAGE))).unwrap_or(usize::MAX);
     let part = Part { page: query.page as usize, pages };
     let to = |page: usize| address("/", query, u32::try_from(page).unwrap_or(u32::MAX), around.reader.lang);
-    pager(s, part, &to, around.reader.language);
+    pager(part, &to, around.reader.language)
 }
 
 /// One page of several.
@@ -324,23 +284,25 @@ pub(crate) struct Part {
     pub(crate) pages: usize,
 }
 
-/// Links to the page before and the next; `to` gives their addresses.
-pub(super) fn pager(s: &mut String, Part { page, pages }: Part, to: &dyn Fn(usize) -> String, l: &'static Language) {
+/// Links to the page before and the next.
+#[derive(Template)]
+#[template(path = "pager.html")]
+pub(super) struct Pager {
+    l: &'static Language,
+    /// `rel`, address, text.
+    links: Vec<(&'static str, String, &'static str)>,
+    numbers: String,
+}
+
+/// `to` gives the addresses; `None` where there is one page.
+pub(super) fn pager(Part { page, pages }: Part, to: &dyn Fn(usize) -> String, l: &'static Language) -> Option<Pager> {
     if pages < 2 {
-        return;
+        return None;
     }
-    let _ = write!(s, "<nav class=\"pages\" aria-label=\"{}\">", l.t("pages"));
-    let mut link = |page: usize, rel: &str, text: &str| {
-        let _ = write!(s, "<a class=\"button outlined\" rel=\"{rel}\" href=\"{}\">{text}</a> ", escape(&to(page)));
-    };
-    if page > 0 {
-        link(page.min(pages) - 1, "prev", l.t("previous"));
-    }
-    if page + 1 < pages {
-        link(page + 1, "next", l.t("next"));
-    }
+    let previous = (page > 0).then(|| ("prev", to(page.min(pages) - 1), l.t("previous")));
+    let next = (page + 1 < pages).then(|| ("next", to(page + 1), l.t("next")));
     let numbers = [("page", page + 1), ("pages", pages)];
-    let _ = writeln!(s, "<span class=\"quiet\">{}</span></nav>", l.with("page", &numbers));
+    Some(Pager { l, links: previous.into_iter().chain(next).collect(), numbers: l.with("page", &numbers) })
 }
 
 #[cfg(test)]
@@ -349,7 +311,7 @@ mod tests {
     use crate::portal::pairs;
 
     #[test]
-    fn an_address_is_a_query_and_back() {
+    fn a_query_round_trips_through_its_address() {
         for text in ["", "q=fort%20x&country=TZ&kind=fort&kind=wall&sort=newest&page=3", "q=%22%3E&subject=a%26b"] {
             let asked = query("/", &pairs(text)).unwrap();
             let again = address("/", &asked, asked.page, None);
@@ -360,7 +322,7 @@ mod tests {
         assert_eq!(address("/", &Query::default(), 0, Some("sw")), "/?lang=sw");
     }
     #[test]
-    fn ten_values_of_a_filter_are_taken_and_no_address_grows_beyond_its_limit() {
+    fn ten_values_of_a_filter_are_accepted_and_no_address_exceeds_its_limit() {
         let values = |n: usize| (0..n).map(|i| format!("kind=k{i}")).collect::<Vec<_>>().join("&");
         assert!(query("/", &pairs(&format!("{}&kind=k3", values(10)))).is_ok(), "the same twice is one");
         let Err(TooMuch::Values(Facet::Kind, first)) = query("/", &pairs(&values(11))) else { panic!("eleven") };

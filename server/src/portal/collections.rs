@@ -17,15 +17,15 @@
 //! are kept; the log says once what is wrong and on which line. They are also kept if the store does not answer or
 //! does not deliver the file; the store logs this itself.
 
-use super::catalogue::{Part, card, pager};
-use super::frame::{FOOT, Reader, feed_link, head};
+use super::catalogue::{Card, Pager, Part, card, pager};
+use super::frame::{Reader, Top};
 use crate::index::Entry;
 use crate::store::{Identity, Place, is_away, is_silent};
+use askama::Template;
+use kilwa_archive::html::render;
 use kilwa_archive::layout::Slug;
-use kilwa_archive::record::xml::escape;
 use serde::Deserialize;
 use std::collections::BTreeSet;
-use std::fmt::Write as _;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -187,7 +187,7 @@ impl Collections {
     }
 }
 
-/// What is there now, and what tells it from what was there `before`.
+/// What is there now, and its identity compared with what was there `before`.
 type Seen = (Option<Identity>, Result<Vec<Collection>, String>);
 
 /// The file as it is now, unless it is the same as `before`.
@@ -217,42 +217,68 @@ fn look(file: &Place, before: Option<&Identity>) -> io::Result<Option<Seen>> {
 }
 
 /// Collections as links with their numbers.
-pub(crate) fn list<'c>(all: impl Iterator<Item = &'c Collection>, reader: &Reader<'_>) -> String {
-    let mut s = String::from("<ul class=\"collections\">\n");
-    for collection in all {
-        let _ = writeln!(
-            s,
-            "<li><a href=\"{}\" lang=\"{}\" dir=\"auto\">{}</a> <span class=\"quiet\">{}</span></li>",
-            reader.to(&format!("/collections/{}/", collection.slug)),
-            escape(&collection.language),
-            escape(&collection.title),
-            reader.language.with("members", &[("count", collection.members.len())])
-        );
-    }
-    s.push_str("</ul>\n");
-    s
+#[derive(Template)]
+#[template(path = "collection-list.html")]
+pub(super) struct List<'a> {
+    items: Vec<Listed<'a>>,
+}
+
+struct Listed<'a> {
+    address: String,
+    language: &'a str,
+    title: &'a str,
+    /// How many members it has.
+    members: String,
+}
+
+pub(super) fn list<'c>(all: impl Iterator<Item = &'c Collection>, reader: &Reader<'_>) -> List<'c> {
+    let l = reader.language;
+    let one = |collection: &'c Collection| Listed {
+        address: reader.to(&format!("/collections/{}/", collection.slug)),
+        language: &collection.language,
+        title: &collection.title,
+        members: l.with("members", &[("count", collection.members.len())]),
+    };
+    List { items: all.map(one).collect() }
+}
+
+#[derive(Template)]
+#[template(path = "collections.html")]
+struct AllPage<'a> {
+    top: Top,
+    list: Option<List<'a>>,
+    pager: Option<Pager>,
 }
 
 /// `/collections/`
 pub(crate) fn all_page(all: &[Collection], page: usize, reader: &Reader<'_>) -> String {
-    let l = reader.language;
-    let mut s = head(reader, l.t("collections"), &|code| format!("/collections/?lang={code}"), "");
-    let _ = writeln!(s, "<h1>{}</h1>", l.t("collections"));
-    if all.is_empty() {
-        let _ = writeln!(s, "<p>{} <a href=\"{}\">{}</a></p>", l.t("noCollections"), reader.to("/"), l.t("all"));
-    } else {
-        s.push_str(&list(all.iter().skip(page.saturating_mul(LISTED)).take(LISTED), reader));
-        let to = |page| paged("/collections/", page, reader);
-        pager(&mut s, Part { page, pages: all.len().div_ceil(LISTED) }, &to, l);
-    }
-    s.push_str(FOOT);
-    s
+    let shown = all.iter().skip(page.saturating_mul(LISTED)).take(LISTED);
+    let to = |page| paged("/collections/", page, reader);
+    render(&AllPage {
+        top: reader.top(&|code| format!("/collections/?lang={code}")),
+        list: (!all.is_empty()).then(|| list(shown, reader)),
+        pager: pager(Part { page, pages: all.len().div_ceil(LISTED) }, &to, reader.language),
+    })
 }
 
 /// The address of a page of a list at `path`.
 fn paged(path: &str, page: usize, reader: &Reader<'_>) -> String {
     let lang = reader.lang.map(|lang| format!("&lang={lang}")).unwrap_or_default();
     format!("{path}?page={}{lang}", page + 1)
+}
+
+#[derive(Template)]
+#[template(path = "collection.html")]
+struct OnePage<'a> {
+    top: Top,
+    collection: &'a Collection,
+    /// Addresses of the feed and of all collections.
+    feed: String,
+    all: String,
+    paragraphs: Vec<&'a str>,
+    count: String,
+    cards: Vec<Card<'a>>,
+    pager: Option<Pager>,
 }
 
 /// `/collections/<slug>/`: how many members are there, and those of this part, in order.
@@ -265,28 +291,16 @@ pub(crate) fn page(
 ) -> String {
     let l = reader.language;
     let path = format!("/collections/{}/", collection.slug);
-    let title = escape(&collection.title);
-    let feed = format!("{path}feed.xml");
-    let mut s = head(reader, &title, &|code| format!("{path}?lang={code}"), &feed_link(&feed, &title));
-    let words = format!("lang=\"{}\" dir=\"auto\"", escape(&collection.language));
-    let _ = writeln!(
-        s,
-        "<p class=\"crumb\"><a href=\"{}\">{}</a></p>\n<h1 {words}>{title}</h1>",
-        reader.to("/collections/"),
-        l.t("collections")
-    );
-    for paragraph in collection.text.split("\n\n").map(str::trim).filter(|p| !p.is_empty()) {
-        let _ = writeln!(s, "<p class=\"prose\" {words}>{}</p>", escape(paragraph));
-    }
-    let _ = writeln!(s, "<p class=\"lead\">{}</p>\n<ul class=\"cards\">", l.with("members", &[("count", count)]));
-    for entry in members {
-        card(&mut s, entry, reader, today);
-    }
-    s.push_str("</ul>\n");
-    pager(&mut s, part, &|page| paged(&path, page, reader), l);
-    let _ = writeln!(s, "<p class=\"lead feed\"><a href=\"{feed}\">{}</a></p>", l.t("collectionFeed"));
-    s.push_str(FOOT);
-    s
+    render(&OnePage {
+        top: reader.top(&|code| format!("{path}?lang={code}")),
+        collection,
+        feed: format!("{path}feed.xml"),
+        all: reader.to("/collections/"),
+        paragraphs: collection.text.split("\n\n").map(str::trim).filter(|p| !p.is_empty()).collect(),
+        count: l.with("members", &[("count", count)]),
+        cards: members.iter().map(|entry| card(entry, reader, today)).collect(),
+        pager: pager(part, &|page| paged(&path, page, reader), l),
+    })
 }
 
 #[cfg(test)]
@@ -296,14 +310,14 @@ mod tests {
     const GOOD: &str = "[[collection]]\nslug = \"kilwa\"\ntitle = \"Kilwa\"\nmembers = [\"b\", \"a\"]\n";
 
     #[test]
-    fn a_file_is_read_with_its_order_and_every_mistake_is_named() {
+    fn collections_are_read_in_order_and_every_mistake_is_named() {
         let all = parse(GOOD).unwrap();
         assert_eq!(
             (all[0].members.as_slice(), all[0].language.as_str()),
             (&["b".to_owned(), "a".to_owned()][..], "en")
         );
         assert_eq!(parse("").unwrap(), []);
-        for (bad, said) in [
+        for (bad, expected) in [
             ("[[collection]]\nslug = \"a\"\n", "line"),
             ("[[collection]]\nslug = \"A b\"\ntitle = \"x\"\nmembers = []\n", "collection \"A b\""),
             (&format!("{GOOD}{GOOD}"), "two collections"),
@@ -313,13 +327,13 @@ mod tests {
             (&format!("{GOOD}order = 1\n"), "line 5"),
         ] {
             let e = parse(bad).unwrap_err();
-            assert!(e.contains(said), "{bad}: {e}");
+            assert!(e.contains(expected), "{bad}: {e}");
         }
     }
 
     proptest::proptest! {
         #[test]
-        fn any_text_is_read_or_refused(cut in 0usize..80, more in ".{0,40}") {
+        fn any_text_is_parsed_or_refused(cut in 0usize..80, more in ".{0,40}") {
             let cut = (0..=cut.min(GOOD.len())).rev().find(|at| GOOD.is_char_boundary(*at)).unwrap_or(0);
             for text in [format!("{}{more}{}", &GOOD[..cut], &GOOD[cut..]), format!("{}{more}", &GOOD[..cut]), more] {
                 if let Ok(all) = parse(&text) {
@@ -330,7 +344,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_that_is_damaged_leaves_what_was_read_before() {
+    fn a_damaged_file_keeps_the_collections_read_before() {
         let dir = tempfile::tempdir().unwrap();
         let file = dir.path().join(FILE);
         let look = |c: &Collections| {

@@ -116,7 +116,7 @@ fn beginning(text: &str) -> String {
     if short.len() < text.len() { format!("{short}…") } else { short }
 }
 
-/// Everything may be read; packs are large and tell a search engine nothing.
+/// Everything may be read except packs, which are large and useless to a search engine.
 pub(crate) fn robots(base: &str) -> String {
     format!(
         "User-agent: *\nDisallow: /packs/\nDisallow: /*.kilwa$\nDisallow: /*.kilwa/\nDisallow: /*/extract\nAllow: /\n\nSitemap: {base}/sitemap.xml\n"
@@ -128,7 +128,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sitemap_comes_in_pieces_that_are_one_document() {
+    fn the_pieces_of_a_sitemap_form_one_document() {
         let sets: Vec<Collection> = (0..450)
             .map(|n| format!("[[collection]]\nslug = \"s{n}\"\ntitle = \"S\"\nmembers = []\n"))
             .flat_map(|text| super::super::collections::parse(&text).unwrap())

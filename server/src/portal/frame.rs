@@ -2,8 +2,6 @@
 
 use super::encoded;
 use super::language::Language;
-use kilwa_archive::record::xml::escape;
-use std::fmt::Write as _;
 
 /// For whom a page is written.
 #[derive(Debug, Clone, Copy)]
@@ -18,53 +16,48 @@ pub(crate) struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    /// An address of this site with the reader's language; `path` has no query. Escaped.
+    /// An address of this site with the reader's language; `path` has no query.
     pub(crate) fn to(&self, path: &str) -> String {
         let lang = self.lang.map(|lang| format!("?lang={}", encoded(lang))).unwrap_or_default();
-        escape(&format!("{path}{lang}"))
+        format!("{path}{lang}")
     }
-}
 
-/// Up to and with `<main>`. `title` is escaped; `other` is the address of the same page in another language; `more` goes into the head.
-pub(crate) fn head(reader: &Reader<'_>, title: &str, other: &dyn Fn(&str) -> String, more: &str) -> String {
-    let l = reader.language;
-    let mut s = format!(
-        "<!doctype html>\n<html lang=\"{}\" dir=\"{}\">\n<head>\n<meta charset=\"utf-8\">\n\
-         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n<meta name=\"color-scheme\" content=\"light dark\">\n\
-         <title>{title}</title>\n<link rel=\"icon\" href=\"/viewer/icons/kilwa.svg\" type=\"image/svg+xml\">\n\
-         <link rel=\"stylesheet\" href=\"/viewer/style.css\">\n{more}</head>\n<body class=\"list portal\">\n\
-         <header class=\"site\"><a class=\"brand\" href=\"{}\"><img src=\"/viewer/icons/kilwa.svg\" alt=\"\" width=\"28\" height=\"28\"> Kilwa</a>\n",
-        l.code,
-        l.t("dir"),
-        reader.to("/"),
-    );
-    let parts = [("/map", "map", reader.has_map), ("/collections/", "collections", reader.has_collections)];
-    if parts.iter().any(|(.., is_there)| *is_there) {
-        let _ = write!(s, "<nav class=\"parts\" aria-label=\"{}\">", l.t("parts"));
-        for (path, key, _) in [("/", "title", true)].into_iter().chain(parts).filter(|(.., is_there)| *is_there) {
-            let _ = write!(s, "<a href=\"{}\">{}</a> ", reader.to(path), l.t(key));
+    /// The top of a page; `other` is the address of the same page in another language.
+    pub(crate) fn top(&self, other: &dyn Fn(&str) -> String) -> Top {
+        let parts = [("/map", "map", self.has_map), ("/collections/", "collections", self.has_collections)];
+        let parts: Vec<_> = parts.into_iter().filter(|(.., is_there)| *is_there).collect();
+        let all = (!parts.is_empty()).then_some(("/", "title", true));
+        let choice = |one: &'static Language| Choice {
+            address: other(one.code),
+            code: one.code,
+            name: one.t("name"),
+            is_current: one.code == self.language.code,
+        };
+        Top {
+            l: self.language,
+            home: self.to("/"),
+            parts: all.into_iter().chain(parts).map(|(path, key, _)| (self.to(path), key)).collect(),
+            languages: Language::all().iter().map(choice).collect(),
         }
-        s.push_str("</nav>\n");
     }
-    let _ = write!(s, "<nav class=\"languages\" aria-label=\"{}\">", l.t("language"));
-    for one in Language::all() {
-        let current = if one.code == l.code { " aria-current=\"true\"" } else { "" };
-        let _ = write!(
-            s,
-            "<a href=\"{}\" lang=\"{code}\" hreflang=\"{code}\"{current}>{}</a> ",
-            escape(&other(one.code)),
-            one.t("name"),
-            code = one.code
-        );
-    }
-    s.push_str("</nav></header>\n<main>\n");
-    s
 }
 
-/// The end of every page.
-pub(crate) const FOOT: &str = "</main>\n</body>\n</html>\n";
+/// What `templates/portal.html` has above the content of a page: the ways to the site's parts, and the languages.
+#[derive(Debug)]
+pub(crate) struct Top {
+    pub(crate) l: &'static Language,
+    /// Address of the list.
+    pub(crate) home: String,
+    /// Addresses of the parts and the keys of their names.
+    pub(crate) parts: Vec<(String, &'static str)>,
+    pub(crate) languages: Vec<Choice>,
+}
 
-/// `<link>` of a feed, for the head.
-pub(crate) fn feed_link(address: &str, title: &str) -> String {
-    format!("<link rel=\"alternate\" type=\"application/atom+xml\" href=\"{}\" title=\"{title}\">\n", escape(address))
+/// A language that the page can be read in.
+#[derive(Debug)]
+pub(crate) struct Choice {
+    pub(crate) address: String,
+    pub(crate) code: &'static str,
+    pub(crate) name: &'static str,
+    pub(crate) is_current: bool,
 }

@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn the_outline_is_that_of_the_earth() {
+    fn the_coastline_is_that_of_the_earth() {
         assert!(
             RINGS.len() > 300 && RINGS.iter().all(|r| r.low[0] >= -180.0 && r.high[0] <= 180.0 && r.high[1] <= 90.0)
         );
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_cut_lies_in_the_window_and_keeps_its_area() {
+    fn a_clipped_outline_lies_in_the_window_and_keeps_its_area() {
         let square = vec![[0.0, 0.0], [4.0, 0.0], [4.0, 4.0], [0.0, 4.0]];
         let half = cut(&square, 0, |v| v <= 1.0, 1.0);
         assert_eq!(area(&half), 4.0);
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn a_line_of_another_encoding_is_left_out() {
+    fn a_line_in_another_encoding_is_skipped() {
         assert_eq!(decoded("_p~iF~ps|U").unwrap().len(), 1);
         assert_eq!(decoded(" ü"), None);
         assert!(decoded("~~~~~~~~~~~~~~~~").is_none_or(|points| points.is_empty()));

@@ -93,7 +93,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_are_written_as_each_language_does() {
+    fn numbers_are_written_in_the_style_of_each_language() {
         let of = |code: &str| Language::choose(Some(code), "");
         assert_eq!(of("en").count(1_234_567), "1,234,567");
         assert_eq!(of("fr").count(1_234_567), "1\u{202f}234\u{202f}567");
@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn the_reader_chooses_else_the_browser_else_english() {
+    fn the_language_is_chosen_by_the_reader_then_the_browser_then_english() {
         for (code, accepted, wanted) in [
             (None, "", "en"),
             (None, "de-DE,de;q=0.9,fr;q=0.5,ar;q=0.6", "ar"),

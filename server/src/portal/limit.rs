@@ -4,19 +4,19 @@
 //! and the query as the page would write it are limited, and so are the values of one filter.
 
 use super::catalogue::address;
-use super::frame::{FOOT, Reader, head};
+use super::frame::{Reader, Top};
 use super::language::Language;
 use crate::content::text;
 use crate::index::{Facet, Query};
 use crate::site::page;
+use askama::Template;
 use axum::extract::Request;
 use axum::http::header::{ACCEPT_LANGUAGE, VARY};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::middleware::Next;
 use axum::response::Response;
-use kilwa_archive::record::xml::escape;
+use kilwa_archive::html::render;
 use kilwa_messages::Value;
-use std::fmt::Write as _;
 
 /// Bytes of a query.
 pub(crate) const QUERY_MAX: usize = 2048;
@@ -46,24 +46,35 @@ pub(crate) async fn short_query(request: Request, next: Next) -> Response {
     refused("/", &TooMuch::Long, &reader, request.headers())
 }
 
+#[derive(Template)]
+#[template(path = "refused.html")]
+struct Refused {
+    top: Top,
+    why: String,
+    next: Option<&'static str>,
+    /// Where to continue, and what is there.
+    address: String,
+    link: String,
+}
+
 /// The page that says why a question at `path` is not answered, and what to do.
 pub(crate) fn refused(path: &str, why: &TooMuch, reader: &Reader<'_>, headers: &HeaderMap) -> Response {
     let l = reader.language;
-    let (status, said, next) = match why {
+    let top = reader.top(&|code| format!("{path}?lang={code}"));
+    let (status, refused) = match why {
         TooMuch::Long => {
-            let next = format!("{} <a href=\"{}\">{}</a>", l.t("tooLongNext"), reader.to(path), l.t("all"));
-            (StatusCode::URI_TOO_LONG, l.t("tooLong").to_owned(), next)
+            let (why, link) = (l.t("tooLong").to_owned(), l.t("all").to_owned());
+            let next = Some(l.t("tooLongNext"));
+            (StatusCode::URI_TOO_LONG, Refused { top, why, next, address: reader.to(path), link })
         }
         TooMuch::Values(facet, query) => {
-            let said = l.with("tooMany", &[("count", VALUES_MAX.into()), ("filter", Value::from(l.t(facet.name())))]);
-            let first = escape(&address(path, query, 0, reader.lang));
-            let next = format!("<a href=\"{first}\">{}</a>", l.with("tooManyNext", &[("count", VALUES_MAX)]));
-            (StatusCode::BAD_REQUEST, said, next)
+            let why = l.with("tooMany", &[("count", VALUES_MAX.into()), ("filter", Value::from(l.t(facet.name())))]);
+            let address = address(path, query, 0, reader.lang);
+            let link = l.with("tooManyNext", &[("count", VALUES_MAX)]);
+            (StatusCode::BAD_REQUEST, Refused { top, why, next: None, address, link })
         }
     };
-    let mut s = head(reader, l.t("title"), &|code| format!("{path}?lang={code}"), "");
-    let _ = write!(s, "<h1>{}</h1>\n<p class=\"lead\"><strong>{said}</strong> {next}</p>\n{FOOT}", l.t("title"));
-    let mut response = page(s, headers);
+    let mut response = page(render(&refused), headers);
     *response.status_mut() = status;
     response.headers_mut().insert(VARY, HeaderValue::from_static("Accept-Encoding, Accept-Language"));
     response

@@ -4,11 +4,12 @@
 //! middle of what is shown. Dots that would overlap are one, with their number; following it looks closer. Only what the index holds as
 //! public is here ([`crate::index::Located`]): what is withheld leaves no gap that could be counted.
 
-use super::catalogue::{address, chosen, search_form};
-use super::frame::{FOOT, Reader, head};
+use super::catalogue::{Chosen, Search, address, chosen, search};
+use super::frame::{Reader, Top};
 use super::land;
 use crate::index::{Located, Query};
-use kilwa_archive::record::xml::escape;
+use askama::Template;
+use kilwa_archive::html::render;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
@@ -19,7 +20,7 @@ const HEIGHT: f64 = 480.0;
 const APART: f64 = 44.0;
 /// Places of the list; more are for looking closer.
 const LISTED: usize = 200;
-/// The outline tells nothing below this many degrees of latitude.
+/// The outline has nothing below this many degrees of latitude.
 const CLOSEST: f64 = 2.0;
 /// Points of the outline nearer to the last one than this are left out.
 const FINE: f64 = 0.6;
@@ -84,8 +85,8 @@ impl Projection {
     fn corners(&self) -> [[f64; 2]; 2] {
         let half = [WIDTH / 2.0 / self.scale / self.squeeze, HEIGHT / 2.0 / self.scale];
         let end = |sign: f64| {
-            let most = [180.0, 90.0];
-            [0, 1].map(|k: usize| (self.middle[k] + sign * half[k]).clamp(-most[k], most[k]))
+            let max = [180.0, 90.0];
+            [0, 1].map(|k: usize| (self.middle[k] + sign * half[k]).clamp(-max[k], max[k]))
         };
         [end(-1.0), end(1.0)]
     }
@@ -133,7 +134,14 @@ fn degree(reader: &Reader<'_>, value: f64, letters: [&str; 2]) -> String {
     format!("{number}° {letter}").trim_end().to_owned()
 }
 
-fn graticule(s: &mut String, projection: &Projection, reader: &Reader<'_>) {
+/// Lines of longitude and latitude, with their names: position and text.
+struct Graticule {
+    path: String,
+    meridians: Vec<(String, String, String)>,
+    parallels: Vec<(String, String, String)>,
+}
+
+fn graticule(projection: &Projection, reader: &Reader<'_>) -> Graticule {
     let [low, high] = projection.corners();
     let step = step((high[0] - low[0]).max(high[1] - low[1]));
     let lines = |k: usize| {
@@ -143,33 +151,26 @@ fn graticule(s: &mut String, projection: &Projection, reader: &Reader<'_>) {
     };
     let ([left, bottom], [right, top]) = (projection.at(low), projection.at(high));
     let mut path = String::new();
-    let mut words = String::new();
+    let (mut meridians, mut parallels) = (Vec::new(), Vec::new());
     for lon in lines(0) {
         let x = projection.at([lon, 0.0])[0];
         let _ = write!(path, "M{x:.1} {top:.1}V{bottom:.1}");
         if (40.0..WIDTH - 30.0).contains(&x) {
-            let _ = write!(
-                words,
-                "<text x=\"{x:.0}\" y=\"{:.0}\" text-anchor=\"middle\">{}</text>",
-                HEIGHT - 8.0,
-                degree(reader, lon, ["E", "W"])
-            );
+            meridians.push((format!("{x:.0}"), format!("{:.0}", HEIGHT - 8.0), degree(reader, lon, ["E", "W"])));
         }
     }
     for lat in lines(1) {
         let y = projection.at([0.0, lat])[1];
         let _ = write!(path, "M{left:.1} {y:.1}H{right:.1}");
         if (24.0..HEIGHT - 30.0).contains(&y) {
-            let _ = write!(words, "<text x=\"8\" y=\"{:.0}\">{}</text>", y - 4.0, degree(reader, lat, ["N", "S"]));
+            parallels.push(("8".to_owned(), format!("{:.0}", y - 4.0), degree(reader, lat, ["N", "S"])));
         }
     }
-    let _ = writeln!(
-        s,
-        "<path class=\"graticule\" d=\"{path}\"/>\n<g class=\"degrees\" aria-hidden=\"true\" direction=\"ltr\">{words}</g>"
-    );
+    Graticule { path, meridians, parallels }
 }
 
-fn outline(s: &mut String, projection: &Projection) {
+/// The land as the path of a drawing.
+fn outline(projection: &Projection) -> String {
     let [low, high] = projection.corners();
     let mut path = String::new();
     for ring in land::within(low, high) {
@@ -189,7 +190,7 @@ fn outline(s: &mut String, projection: &Projection) {
             let _ = write!(path, "{drawn}Z");
         }
     }
-    let _ = writeln!(s, "<path class=\"land\" d=\"{path}\"/>");
+    path
 }
 
 /// What the page is made of.
@@ -210,112 +211,99 @@ impl Shown<'_> {
     }
 }
 
-/// The page.
-pub(crate) fn page(shown: &Shown<'_>, reader: &Reader<'_>) -> String {
-    let l = reader.language;
-    let mut s = head(reader, l.t("map"), &|code| shown.address(shown.window, Some(code)), "");
-    let _ = writeln!(s, "<h1>{}</h1>", l.t("map"));
-    search_form(&mut s, "/map", shown.query, reader);
-    chosen(&mut s, "/map", shown.query, reader);
-    let Some(window) = shown.window.or_else(|| Window::around(&shown.places.iter())) else {
-        let _ = write!(
-            s,
-            "<p><strong>{}</strong> <a href=\"{}\">{}</a></p>\n{FOOT}",
-            l.t("mapNone"),
-            reader.to("/"),
-            l.t("all")
-        );
-        return s;
-    };
-    // All that the drawing reaches, which has a form of its own.
-    let [low, high] = Projection::of(window).corners();
-    let drawn = Window([low[0], low[1], high[0], high[1]]);
-    let here: Vec<&Located> = shown.places.iter().filter(|p| drawn.has(p)).collect();
-    let _ = write!(s, "<p class=\"lead\" role=\"status\">{}", l.with("mapCount", &[("count", here.len())]));
-    let list = escape(&address("/", shown.query, 0, reader.lang));
-    let _ = write!(s, " <a class=\"way\" href=\"{list}\">{}</a>", l.t("list"));
-    if shown.window.is_some() {
-        let _ = write!(
-            s,
-            " <a class=\"way\" href=\"{}\">{}</a>",
-            escape(&shown.address(None, reader.lang)),
-            l.t("mapWhole")
-        );
-    }
-    s.push_str("</p>\n<div class=\"map-body\">\n");
-    drawing(&mut s, shown, window, &here, reader);
-    places(&mut s, &here, reader);
-    s.push_str("</div>\n");
-    s.push_str(FOOT);
-    s
+#[derive(Template)]
+#[template(path = "map.html")]
+struct Page<'a> {
+    top: Top,
+    search: Search<'a>,
+    chosen: Option<Chosen>,
+    /// `None` where there is no place.
+    view: Option<View<'a>>,
 }
 
-fn drawing(s: &mut String, shown: &Shown<'_>, window: Window, here: &[&Located], reader: &Reader<'_>) {
+/// The drawing and the list beside it.
+struct View<'a> {
+    count: String,
+    /// Addresses of the same models as a list, and of the whole map.
+    list: String,
+    whole: Option<String>,
+    land: String,
+    graticule: Graticule,
+    dots: Vec<DrawnDot>,
+    /// Where not all are listed.
+    more: Option<String>,
+    /// Addresses and places.
+    places: Vec<(String, &'a Located)>,
+}
+
+/// A dot of the drawing.
+struct DrawnDot {
+    address: String,
+    title: String,
+    x: String,
+    y: String,
+    /// Of several places.
+    many: Option<Many>,
+}
+
+struct Many {
+    radius: String,
+    /// Where the number stands.
+    y: String,
+    count: String,
+}
+
+/// The page.
+pub(crate) fn page(shown: &Shown<'_>, reader: &Reader<'_>) -> String {
+    let window = shown.window.or_else(|| Window::around(&shown.places.iter()));
+    render(&Page {
+        top: reader.top(&|code| shown.address(shown.window, Some(code))),
+        search: search("/map", shown.query, reader),
+        chosen: chosen("/map", shown.query, reader),
+        view: window.map(|window| view(shown, window, reader)),
+    })
+}
+
+fn view<'a>(shown: &Shown<'a>, window: Window, reader: &Reader<'_>) -> View<'a> {
     let l = reader.language;
     let projection = Projection::of(window);
-    let _ = writeln!(
-        s,
-        "<figure class=\"map\">\n<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"group\" aria-label=\"{}\">",
-        l.t("map")
-    );
-    outline(s, &projection);
-    graticule(s, &projection, reader);
-    for dot in dots(here, &projection) {
-        let [x, y] = dot.at;
-        if let [place] = dot.places[..] {
-            let words = [Some(place.title.as_str()), place.place.as_deref()]
-                .into_iter()
-                .flatten()
-                .collect::<Vec<_>>()
-                .join(", ");
-            let _ = writeln!(
-                s,
-                "<a href=\"{}\"><title>{}</title><circle class=\"target\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"22\"/><circle class=\"dot\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"8\"/></a>",
-                reader.to(&format!("/{}/", place.slug)),
-                escape(&words)
-            );
-        } else {
-            let closer = Window::around(&dot.places.iter().copied()).filter(|w| *w != window && is_closer(*w, window));
-            let to = closer.map_or_else(|| "#places".to_owned(), |w| escape(&shown.address(Some(w), reader.lang)));
-            let count = l.count(dot.places.len() as u64);
-            let radius = 11.0 + (dot.places.len() as f64).ln().min(9.0);
-            let _ = writeln!(
-                s,
-                "<a href=\"{to}\"><title>{}</title><circle class=\"target\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"22\"/><circle class=\"dot many\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius:.1}\"/><text x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{count}</text></a>",
-                l.with("mapCloser", &[("count", dot.places.len())]),
-                y + 4.5
-            );
-        }
+    // All that the drawing reaches, which has a form of its own.
+    let [low, high] = projection.corners();
+    let drawn = Window([low[0], low[1], high[0], high[1]]);
+    let here: Vec<&Located> = shown.places.iter().filter(|p| drawn.has(p)).collect();
+    View {
+        count: l.with("mapCount", &[("count", here.len())]),
+        list: address("/", shown.query, 0, reader.lang),
+        whole: shown.window.is_some().then(|| shown.address(None, reader.lang)),
+        land: outline(&projection),
+        graticule: graticule(&projection, reader),
+        dots: dots(&here, &projection).iter().map(|dot| drawn_dot(dot, shown, window, reader)).collect(),
+        more: (here.len() > LISTED).then(|| l.with("mapMore", &[("count", LISTED)])),
+        places: here.iter().take(LISTED).map(|place| (reader.to(&format!("/{}/", place.slug)), *place)).collect(),
     }
-    let _ = writeln!(s, "</svg>\n<figcaption class=\"quiet\">{}</figcaption>\n</figure>", l.t("mapSource"));
+}
+
+fn drawn_dot(dot: &Dot<'_>, shown: &Shown<'_>, window: Window, reader: &Reader<'_>) -> DrawnDot {
+    let l = reader.language;
+    let [x, y] = dot.at;
+    let (address, title, many) = if let [place] = dot.places[..] {
+        let words: Vec<&str> = std::iter::once(place.title.as_str()).chain(place.place.as_deref()).collect();
+        (reader.to(&format!("/{}/", place.slug)), words.join(", "), None)
+    } else {
+        let closer = Window::around(&dot.places.iter().copied()).filter(|w| *w != window && is_closer(*w, window));
+        let to = closer.map_or_else(|| "#places".to_owned(), |w| shown.address(Some(w), reader.lang));
+        let count = l.count(dot.places.len() as u64);
+        let radius = format!("{:.1}", 11.0 + (dot.places.len() as f64).ln().min(9.0));
+        let title = l.with("mapCloser", &[("count", dot.places.len())]);
+        (to, title, Some(Many { radius, y: format!("{:.1}", y + 4.5), count }))
+    };
+    DrawnDot { address, title, x: format!("{x:.1}"), y: format!("{y:.1}"), many }
 }
 
 /// Whether looking at a window shows more than another one did.
 fn is_closer(new: Window, old: Window) -> bool {
     let span = |Window([west, south, east, north]): Window| (east - west).max(north - south);
     span(new) < span(old) * 0.8
-}
-
-fn places(s: &mut String, here: &[&Located], reader: &Reader<'_>) {
-    let l = reader.language;
-    let _ = writeln!(s, "<section class=\"places\" id=\"places\" aria-label=\"{0}\">\n<h2>{0}</h2>", l.t("places"));
-    if here.len() > LISTED {
-        let _ = writeln!(s, "<p class=\"quiet\">{}</p>", l.with("mapMore", &[("count", LISTED)]));
-    }
-    s.push_str("<ul>\n");
-    for place in here.iter().take(LISTED) {
-        let name =
-            place.place.as_ref().map(|name| format!("<span class=\"quiet\" dir=\"auto\">{}</span>", escape(name)));
-        let _ = writeln!(
-            s,
-            "<li><a href=\"{}\" lang=\"{}\" dir=\"auto\">{}</a> {}</li>",
-            reader.to(&format!("/{}/", place.slug)),
-            escape(&place.language),
-            escape(&place.title),
-            name.unwrap_or_default()
-        );
-    }
-    s.push_str("</ul>\n</section>\n");
 }
 
 #[cfg(test)]
@@ -339,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn every_place_is_a_dot_or_part_of_one_and_is_listed() {
+    fn every_location_is_in_a_dot_of_the_map_and_in_the_list() {
         let places: Vec<Located> = (0..300)
             .map(|i| place(&format!("m{i}"), f64::from(i % 17) * 0.9 - 12.0, f64::from(i % 31) * 1.1 + 20.0))
             .collect();
@@ -359,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn looking_closer_ends_where_places_are_the_same() {
+    fn zooming_in_ends_where_locations_are_equal() {
         let near = [place("a", -8.96, 39.51), place("b", -8.9601, 39.5101)];
         let html = shown(&near, None);
         assert!(html.contains("href=\"#places\"") && !html.contains("box="), "{html}");
@@ -372,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn a_box_is_a_box_or_nothing() {
+    fn a_bounding_box_is_parsed_or_refused() {
         assert!(Window::parse("-10,-5.5,10,20").is_some());
         for bad in ["", "1,2,3", "10,0,5,1", "0,0,nan,1", "-190,0,1,1", "0,0,1,1,1", "a,b,c,d", "0,0,1,91"] {
             assert_eq!(Window::parse(bad), None, "{bad}");
@@ -382,14 +370,14 @@ mod tests {
 
     proptest::proptest! {
         #[test]
-        fn any_box_gives_a_page(text in "[-0-9.,eE]{0,40}", lat in -90.0..=90.0f64, lon in -180.0..=180.0f64) {
+        fn any_bounding_box_gives_a_page(text in "[-0-9.,eE]{0,40}", lat in -90.0..=90.0f64, lon in -180.0..=180.0f64) {
             let html = shown(&[place("a", lat, lon), place("b", -lat, lon / 2.0)], Window::parse(&text));
             proptest::prop_assert!(html.ends_with("</html>\n") && !html.contains("NaN") && !html.contains("inf"));
         }
     }
 
     #[test]
-    fn distances_are_true_in_the_middle_of_the_map() {
+    fn distances_are_exact_at_the_centre_of_the_map() {
         let p = Projection::of(Window([0.0, 50.0, 20.0, 60.0]));
         let [x0, y0] = p.at([10.0, 55.0]);
         let (east, north) = (p.at([10.1, 55.0])[0] - x0, y0 - p.at([10.0, 55.1])[1]);

@@ -42,8 +42,8 @@ pub(crate) fn base(given: Option<&str>, headers: &HeaderMap, behind_proxy: bool)
         (1..=255).contains(&host.len()) && host.bytes().all(|b| b.is_ascii_alphanumeric() || b"-.:[]_".contains(&b))
     };
     let host = text(headers, &HOST).filter(plain).unwrap_or("localhost");
-    let said = text(headers, &HeaderName::from_static("x-forwarded-proto"));
-    let scheme = if behind_proxy && said == Some("https") { "https" } else { "http" };
+    let forwarded = text(headers, &HeaderName::from_static("x-forwarded-proto"));
+    let scheme = if behind_proxy && forwarded == Some("https") { "https" } else { "http" };
     format!("{scheme}://{host}")
 }
 
@@ -62,7 +62,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn queries_are_read_as_browsers_write_them() {
+    fn queries_are_parsed_as_browsers_encode_them() {
         let read = pairs("q=%C3%B1and%C3%BA+x&country=TZ&&odd&bad=%zz%f");
         let pair = |a: &str, b: &str| (a.to_owned(), b.to_owned());
         assert_eq!(read, [pair("q", "ñandú x"), pair("country", "TZ"), pair("odd", ""), pair("bad", "%zz%f")]);
@@ -73,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn a_host_is_taken_only_if_it_is_one() {
+    fn a_host_header_is_used_only_if_valid() {
         let mut headers = HeaderMap::new();
         let mut with = |host: &str| {
             headers.insert(HOST, host.parse().unwrap());

@@ -9,9 +9,8 @@ use super::pairs;
 use crate::index::Entry;
 use kilwa_archive::AccessState;
 use kilwa_archive::date::is_day;
-use kilwa_archive::record::xml::escape;
+use kilwa_archive::record::xml::{Xml, without_declaration};
 use std::collections::BTreeMap;
-use std::fmt::Write as _;
 
 /// Records of one page.
 pub(crate) const PAGE: u32 = 100;
@@ -86,32 +85,42 @@ pub(crate) fn answer(source: &dyn Source, asked: &Asked<'_>, query: &str) -> Res
         _ => list(source, asked, &arguments, verb == "ListRecords")?,
     };
     Ok(match body {
-        Ok(body) => envelope(asked, &arguments, &format!("<{verb}>\n{body}</{verb}>\n")),
+        Ok(body) => envelope(asked, &arguments, |x| {
+            x.begin(verb, &[]);
+            x.insert(body.finish().trim_end());
+            x.end();
+        }),
         Err(problem) => failed(asked, &arguments, &problem),
     })
 }
 
-fn envelope(asked: &Asked<'_>, arguments: &BTreeMap<String, String>, body: &str) -> String {
-    let attributes: String =
-        arguments.iter().fold(String::new(), |all, (name, value)| all + &format!(" {name}=\"{}\"", escape(value)));
-    format!(
-        "<?xml version=\"1.0\" encoding=\"UTF-8\"?>\n<OAI-PMH xmlns=\"http://www.openarchives.org/OAI/2.0/\" \
-         xmlns:xsi=\"http://www.w3.org/2001/XMLSchema-instance\" \
-         xsi:schemaLocation=\"http://www.openarchives.org/OAI/2.0/ http://www.openarchives.org/OAI/2.0/OAI-PMH.xsd\">\n\
-         <responseDate>{}</responseDate>\n<request{attributes}>{}</request>\n{body}</OAI-PMH>\n",
-        asked.now,
-        escape(&asked.url)
-    )
+fn envelope(asked: &Asked<'_>, arguments: &BTreeMap<String, String>, body: impl FnOnce(&mut Xml)) -> String {
+    let mut x = Xml::flat();
+    x.declare();
+    let schema = "http://www.openarchives.org/OAI/2.0/ http://www.openarchives.org/OAI/2.0/OAI-PMH.xsd";
+    x.begin(
+        "OAI-PMH",
+        &[
+            ("xmlns", "http://www.openarchives.org/OAI/2.0/"),
+            ("xmlns:xsi", "http://www.w3.org/2001/XMLSchema-instance"),
+            ("xsi:schemaLocation", schema),
+        ],
+    );
+    x.text("responseDate", &[], &asked.now);
+    let attributes: Vec<(&str, &str)> = arguments.iter().map(|(name, value)| (name.as_str(), value.as_str())).collect();
+    x.text("request", &attributes, &asked.url);
+    body(&mut x);
+    x.finish()
 }
 
 fn failed(asked: &Asked<'_>, arguments: &BTreeMap<String, String>, (code, why): &Problem) -> String {
     // With these two errors the request is given without its arguments.
     let none = BTreeMap::new();
     let arguments = if matches!(*code, "badVerb" | "badArgument") { &none } else { arguments };
-    envelope(asked, arguments, &format!("<error code=\"{code}\">{}</error>\n", escape(why)))
+    envelope(asked, arguments, |x| x.text("error", &[("code", code)], why))
 }
 
-fn identify(source: &dyn Source, asked: &Asked<'_>) -> Result<String, String> {
+fn identify(source: &dyn Source, asked: &Asked<'_>) -> Result<Xml, String> {
     // The first of all datestamps; walking all is cheap beside being asked once in a while.
     let (mut earliest, mut slug) = (String::from("9999-12-31"), String::new());
     loop {
@@ -125,47 +134,44 @@ fn identify(source: &dyn Source, asked: &Asked<'_>) -> Result<String, String> {
     if earliest == "9999-12-31" {
         earliest = asked.now.chars().take(10).collect();
     }
-    Ok(format!(
-        "<repositoryName>Kilwa at {host}</repositoryName>\n<baseURL>{url}</baseURL>\n<protocolVersion>2.0</protocolVersion>\n\
-         <adminEmail>{contact}</adminEmail>\n<earliestDatestamp>{earliest}</earliestDatestamp>\n<deletedRecord>persistent</deletedRecord>\n\
-         <granularity>YYYY-MM-DD</granularity>\n",
-        host = escape(&asked.host),
-        url = escape(&asked.url),
-        contact = escape(asked.contact),
-    ))
+    let mut x = Xml::flat();
+    x.text("repositoryName", &[], &format!("Kilwa at {}", asked.host));
+    x.text("baseURL", &[], &asked.url);
+    x.text("protocolVersion", &[], "2.0");
+    x.text("adminEmail", &[], asked.contact);
+    x.text("earliestDatestamp", &[], &earliest);
+    x.text("deletedRecord", &[], "persistent");
+    x.text("granularity", &[], "YYYY-MM-DD");
+    Ok(x)
 }
 
-fn sets(source: &dyn Source, token: Option<&str>) -> Result<String, Problem> {
+fn sets(source: &dyn Source, token: Option<&str>) -> Result<Xml, Problem> {
     let all = source.sets();
     // The token is the last set of the page before.
     let first = match token {
         None => 0,
         Some(last) => {
             let at = all.iter().position(|set| set.slug == last);
-            at.ok_or(("badResumptionToken", "this resumption token is none of ours".to_owned()))? + 1
+            at.ok_or(("badResumptionToken", "unknown resumption token".to_owned()))? + 1
         }
     };
     if all.is_empty() {
         return Err(("noSetHierarchy", "this archive has no sets".to_owned()));
     }
     let page = all.get(first..).unwrap_or_default();
-    let mut s = String::new();
+    let mut x = Xml::flat();
     for set in page.iter().take(PAGE as usize) {
-        let _ = writeln!(
-            s,
-            "<set>\n<setSpec>{}</setSpec>\n<setName>{}</setName>\n</set>",
-            escape(&set.slug),
-            escape(&set.title)
-        );
+        x.begin("set", &[]);
+        x.text("setSpec", &[], &set.slug);
+        x.text("setName", &[], &set.title);
+        x.end();
     }
     match page.get(PAGE as usize - 1).filter(|_| page.len() > PAGE as usize) {
-        Some(last) => {
-            let _ = writeln!(s, "<resumptionToken>{}</resumptionToken>", escape(&last.slug));
-        }
-        None if token.is_some() => s.push_str("<resumptionToken/>\n"),
+        Some(last) => x.text("resumptionToken", &[], &last.slug),
+        None if token.is_some() => x.empty("resumptionToken", &[]),
         None => {}
     }
-    Ok(s)
+    Ok(x)
 }
 
 fn slug_of<'i>(asked: &Asked<'_>, identifier: &'i str) -> Option<&'i str> {
@@ -180,19 +186,19 @@ fn found(source: &dyn Source, asked: &Asked<'_>, identifier: &str) -> Result<Res
     Ok(entry.ok_or_else(|| ("idDoesNotExist", format!("there is nothing called {identifier} here"))))
 }
 
-fn formats(
-    source: &dyn Source,
-    asked: &Asked<'_>,
-    identifier: Option<&str>,
-) -> Result<Result<String, Problem>, String> {
+fn formats(source: &dyn Source, asked: &Asked<'_>, identifier: Option<&str>) -> Result<Result<Xml, Problem>, String> {
     if let Some(identifier) = identifier
         && let Err(problem) = found(source, asked, identifier)?
     {
         return Ok(Err(problem));
     }
-    Ok(Ok("<metadataFormat>\n<metadataPrefix>oai_dc</metadataPrefix>\n<schema>http://www.openarchives.org/OAI/2.0/oai_dc.xsd</schema>\n\
-           <metadataNamespace>http://www.openarchives.org/OAI/2.0/oai_dc/</metadataNamespace>\n</metadataFormat>\n"
-        .to_owned()))
+    let mut x = Xml::flat();
+    x.begin("metadataFormat", &[]);
+    x.text("metadataPrefix", &[], "oai_dc");
+    x.text("schema", &[], "http://www.openarchives.org/OAI/2.0/oai_dc.xsd");
+    x.text("metadataNamespace", &[], "http://www.openarchives.org/OAI/2.0/oai_dc/");
+    x.end();
+    Ok(Ok(x))
 }
 
 fn is_known_format(prefix: Option<&str>) -> Result<(), Problem> {
@@ -208,24 +214,27 @@ fn one(
     asked: &Asked<'_>,
     identifier: Option<&str>,
     prefix: Option<&str>,
-) -> Result<Result<String, Problem>, String> {
+) -> Result<Result<Xml, Problem>, String> {
     let Some(identifier) = identifier else { return Ok(Err(("badArgument", "identifier is missing".to_owned()))) };
     if let Err(problem) = is_known_format(prefix) {
         return Ok(Err(problem));
     }
-    Ok(found(source, asked, identifier)?.map(|entry| record(source, asked, &entry)))
+    Ok(found(source, asked, identifier)?.map(|entry| {
+        let mut x = Xml::flat();
+        record(&mut x, source, asked, &entry);
+        x
+    }))
 }
 
-fn header(source: &dyn Source, asked: &Asked<'_>, entry: &Entry) -> String {
-    let sets = source.sets().iter().filter(|set| set.members.contains(&entry.slug));
-    let sets = sets.fold(String::new(), |s, set| s + &format!("<setSpec>{}</setSpec>\n", escape(&set.slug)));
-    let deleted = if entry.access.state == AccessState::Withdrawn { " status=\"deleted\"" } else { "" };
-    format!(
-        "<header{deleted}>\n<identifier>oai:{}:{}</identifier>\n<datestamp>{}</datestamp>\n{sets}</header>\n",
-        escape(&asked.host),
-        escape(&entry.slug),
-        escape(stamp(entry))
-    )
+fn header(x: &mut Xml, source: &dyn Source, asked: &Asked<'_>, entry: &Entry) {
+    let is_deleted = entry.access.state == AccessState::Withdrawn;
+    x.begin("header", if is_deleted { &[("status", "deleted")] } else { &[] });
+    x.text("identifier", &[], &format!("oai:{}:{}", asked.host, entry.slug));
+    x.text("datestamp", &[], stamp(entry));
+    for set in source.sets().iter().filter(|set| set.members.contains(&entry.slug)) {
+        x.text("setSpec", &[], &set.slug);
+    }
+    x.end();
 }
 
 /// The day it last changed: of its withdrawal, or of its current version.
@@ -233,28 +242,31 @@ fn stamp(entry: &Entry) -> &str {
     entry.access.withdrawn.as_deref().unwrap_or(&entry.published[1])
 }
 
-fn record(source: &dyn Source, asked: &Asked<'_>, entry: &Entry) -> String {
-    let mut s = format!("<record>\n{}", header(source, asked, entry));
+fn record(x: &mut Xml, source: &dyn Source, asked: &Asked<'_>, entry: &Entry) {
+    x.begin("record", &[]);
+    header(x, source, asked, entry);
     if entry.access.state != AccessState::Withdrawn {
-        let dc = source.dublin_core(&entry.slug).unwrap_or_else(|| least(source, entry));
-        let dc = dc.trim_start_matches('\u{feff}');
+        let dc = source.dublin_core(&entry.slug).unwrap_or_else(|| minimal_record(source, entry));
+        x.begin("metadata", &[]);
         // The declaration stands once, at the beginning of the answer.
-        let body = dc.strip_prefix("<?xml").and_then(|rest| rest.split_once("?>")).map_or(dc, |(_, body)| body);
-        let _ = writeln!(s, "<metadata>\n{}\n</metadata>", body.trim());
+        x.insert(without_declaration(dc.trim_start_matches('\u{feff}')).trim());
+        x.end();
     }
-    s.push_str("</record>\n");
-    s
+    x.end();
 }
 
 /// A record from what the index knows, for an object whose own cannot be read.
-fn least(source: &dyn Source, entry: &Entry) -> String {
-    format!(
-        "<oai_dc:dc xmlns:oai_dc=\"http://www.openarchives.org/OAI/2.0/oai_dc/\" xmlns:dc=\"http://purl.org/dc/elements/1.1/\">\n\
-         <dc:title>{}</dc:title>\n<dc:identifier>{}</dc:identifier>\n<dc:rights>{}</dc:rights>\n</oai_dc:dc>",
-        escape(&entry.title),
-        escape(&source.page(&entry.slug)),
-        escape(&entry.rights.uri)
-    )
+fn minimal_record(source: &dyn Source, entry: &Entry) -> String {
+    let mut x = Xml::flat();
+    let namespaces = [
+        ("xmlns:oai_dc", "http://www.openarchives.org/OAI/2.0/oai_dc/"),
+        ("xmlns:dc", "http://purl.org/dc/elements/1.1/"),
+    ];
+    x.begin("oai_dc:dc", &namespaces);
+    x.text("dc:title", &[], &entry.title);
+    x.text("dc:identifier", &[], &source.page(&entry.slug));
+    x.text("dc:rights", &[], &entry.rights.uri);
+    x.finish()
 }
 
 /// What a list is of, also as its resumption token: `from,until,set,slug`.
@@ -280,7 +292,7 @@ impl Selection {
                     let [from, until, set, after] = [from, until, set, after].map(str::to_owned);
                     Ok(Self { from, until, set, after })
                 }
-                _ => Err(("badResumptionToken", "this resumption token is none of ours".to_owned())),
+                _ => Err(("badResumptionToken", "unknown resumption token".to_owned())),
             };
         }
         is_known_format(get("metadataPrefix"))?;
@@ -317,7 +329,7 @@ fn list(
     asked: &Asked<'_>,
     arguments: &BTreeMap<String, String>,
     whole: bool,
-) -> Result<Result<String, Problem>, String> {
+) -> Result<Result<Xml, Problem>, String> {
     let selection = match Selection::of(arguments, source.sets()) {
         Ok(selection) => selection,
         Err(problem) => return Ok(Err(problem)),
@@ -333,27 +345,25 @@ fn list(
     if entries.is_empty() {
         return Ok(Err(("noRecordsMatch", "there is nothing from these days".to_owned())));
     }
-    let mut s = String::new();
+    let mut x = Xml::flat();
     let mut last = "";
-    let mut written = 0;
+    let mut count = 0;
     for entry in entries.iter().take(PAGE as usize) {
-        s.push_str(&if whole { record(source, asked, entry) } else { header(source, asked, entry) });
-        (last, written) = (entry.slug.as_str(), written + 1);
-        if s.len() > PAGE_BYTES {
+        if whole {
+            record(&mut x, source, asked, entry);
+        } else {
+            header(&mut x, source, asked, entry);
+        }
+        (last, count) = (entry.slug.as_str(), count + 1);
+        if x.written() > PAGE_BYTES {
             break;
         }
     }
-    if entries.len() > written {
-        let _ = writeln!(
-            s,
-            "<resumptionToken>{},{},{},{}</resumptionToken>",
-            selection.from,
-            selection.until,
-            selection.set,
-            escape(last)
-        );
+    if entries.len() > count {
+        let Selection { from, until, set, .. } = &selection;
+        x.text("resumptionToken", &[], &format!("{from},{until},{set},{last}"));
     } else if !selection.after.is_empty() {
-        s.push_str("<resumptionToken/>\n");
+        x.empty("resumptionToken", &[]);
     }
-    Ok(Ok(s))
+    Ok(Ok(x))
 }

@@ -5,14 +5,15 @@
 use super::{encoded, pairs};
 use crate::index::Entry;
 use kilwa_archive::AccessState;
+use kilwa_archive::html::{Embedded, render};
 use kilwa_archive::layout::POSTER;
-use kilwa_archive::record::xml::{Xml, escape};
+use kilwa_archive::record::xml::Xml;
 use serde_json::{Value, json};
 
 /// Size of the frame where nothing is asked for, CSS pixels.
 const FRAME: [u64; 2] = [960, 540];
 /// Smallest frame that is of use.
-const LEAST: u64 = 200;
+const MIN: u64 = 200;
 
 /// What was asked for.
 #[derive(Debug, PartialEq, Eq)]
@@ -35,7 +36,7 @@ pub(crate) fn question(base: &str, query: &str) -> Result<Question, u16> {
     };
     let number = |name: &str, usual: u64| match get(name).map(str::parse::<u64>) {
         None => Ok(usual),
-        Some(Ok(n)) => Ok(n.clamp(LEAST, usual.max(LEAST))),
+        Some(Ok(n)) => Ok(n.clamp(MIN, usual.max(MIN))),
         Some(Err(_)) => Err(400_u16),
     };
     let size = [number("maxwidth", FRAME[0])?, number("maxheight", FRAME[1])?];
@@ -56,11 +57,8 @@ pub(crate) fn answer(base: &str, question: &Question, entry: &Entry) -> Option<V
     }
     let [width, height] = question.size;
     let view = if question.view.is_empty() { String::new() } else { format!("#{}", encoded_view(&question.view)) };
-    let html = format!(
-        "<iframe src=\"{base}/{}/?embed=1{view}\" width=\"{width}\" height=\"{height}\" title=\"{}\" style=\"border:0\" allow=\"fullscreen\" loading=\"lazy\"></iframe>",
-        encoded(&entry.slug),
-        escape(&entry.title)
-    );
+    let address = format!("{base}/{}/?embed=1{view}", encoded(&entry.slug));
+    let html = render(&Embedded { address: &address, width, height, title: &entry.title });
     let mut v = json!({
         "version": "1.0",
         "type": "rich",
@@ -99,7 +97,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn questions_are_about_pages_of_this_site() {
+    fn oembed_accepts_only_pages_of_this_site() {
         let base = "https://a.example";
         let ask = |query: &str| question(base, query);
         let q =

@@ -54,7 +54,7 @@ async fn ask<T: Send + 'static>(
         }
         began.elapsed()
     });
-    // Given up here, it still goes on.
+    // Given up here, it still continues.
     drop(tokio::time::timeout(PATIENCE, refresh).await);
     let index = Arc::clone(index);
     blocking(move || what(&index)).await?.map_err(|e| {
@@ -255,7 +255,7 @@ pub(crate) async fn collection_feed(
 /// Cards of packs without metadata, and of objects that cannot be read: a part of them, and links to the others.
 async fn others(site: &Site, reader: &Reader<'_>, page: usize) -> String {
     let catalogue = Arc::clone(&site.catalogue);
-    // Given up here, it still goes on; what is new is there for the next reader.
+    // Given up here, it still continues; what is new is there for the next reader.
     drop(tokio::time::timeout(PATIENCE, blocking(move || catalogue.refresh())).await);
     let others = site.catalogue.others();
     plain_part(&others, Part { page, pages: others.len().div_ceil(OTHERS) }, OTHERS, "packs", &site.clock, reader)
@@ -288,7 +288,7 @@ pub(crate) async fn sitemap(
     let Some(index) = &site.index else { return plain(StatusCode::NOT_FOUND) };
     let (base, collections) = (site_base(&site, &headers), collections(&site).await);
     let sitemap = Sitemap::new(&base, collections);
-    // The first piece tells whether there is an index to make it of.
+    // The first piece shows whether there is an index to make it from.
     let of = Arc::clone(index);
     let begun = ask(index, move |_| {
         let mut state = (sitemap, of);
@@ -354,7 +354,7 @@ impl oai::Source for Archive {
 
     fn dublin_core(&self, slug: &str) -> Option<String> {
         let model = self.site.catalogue.model(slug)?;
-        let table = model.object()?.holding.table().ok()?;
+        let table = model.object()?.files.table().ok()?;
         let version = table.manifest.current()?;
         let entry = table.get(&format!("{}/{DUBLIN_CORE}", version.folder))?;
         let bytes = Some(entry).filter(|e| e.identity().bytes() <= oai::RECORD_MAX)?.read().ok()?;

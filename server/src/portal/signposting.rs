@@ -3,7 +3,7 @@
 use kilwa_archive::layout::{CITATIONS, DATACITE, DUBLIN_CORE, LINKSET};
 use kilwa_archive::{AccessState, Manifest};
 
-/// The value of `Link`; addresses are absolute. `has` tells which files the current version holds.
+/// The value of `Link`; addresses are absolute. `has` decides which files the current version has.
 pub(crate) fn links(base: &str, manifest: &Manifest, has: impl Fn(&str) -> bool) -> String {
     let Some(version) = manifest.current() else { return String::new() };
     let page = format!("{base}/{}/", manifest.slug);

@@ -25,7 +25,7 @@ pub(crate) const BLOCK: u64 = 256 << 10;
 const TOGETHER: u64 = 16;
 /// Such questions at once.
 pub(super) const AT_ONCE: usize = 8;
-/// A store that does not answer is waited for so long.
+/// A store that does not answer is waited for this long.
 const PATIENCE: Duration = Duration::from_secs(600);
 /// It is looked at so often whether it answers.
 const LOOK: Duration = Duration::from_millis(250);
@@ -37,7 +37,7 @@ pub(crate) struct Blocks {
     key: String,
     identity: Identity,
     /// Blocks that may be held.
-    room: u64,
+    capacity: u64,
     held: Mutex<Held>,
     /// Bytes that were fetched so far, for whoever waits.
     fetched: Arc<AtomicU64>,
@@ -71,7 +71,7 @@ impl Blocks {
             store: Arc::clone(store),
             key: key.to_owned(),
             identity: identity.clone(),
-            room: (bytes / BLOCK).max(1),
+            capacity: (bytes / BLOCK).max(1),
             held: Mutex::new(held),
             fetched,
         })
@@ -131,11 +131,11 @@ impl Held {
     }
 
     /// Hold a block, in the place of the one that was asked for longest ago where there is no other.
-    fn put(&mut self, number: u64, bytes: &[u8], room: u64) -> io::Result<()> {
+    fn put(&mut self, number: u64, bytes: &[u8], capacity: u64) -> io::Result<()> {
         if self.places.contains_key(&number) {
             return Ok(());
         }
-        let place = if (self.places.len() as u64) < room {
+        let place = if (self.places.len() as u64) < capacity {
             self.places.len() as u64
         } else {
             let oldest = self.used.pop_first().and_then(|(_, oldest)| self.places.remove(&oldest));
@@ -195,28 +195,28 @@ impl Source for Blocks {
         }
         self.fetch(&runs(missing), |number, block| {
             copy(number, block);
-            self.with(|held| held.put(number, block, self.room))
+            self.with(|held| held.put(number, block, self.capacity))
         })?;
         Ok(all)
     }
 
     fn expect(&self, stretches: &[(u64, usize)]) {
         // No more than stays until it is read.
-        let most = (self.room / 2).max(1) as usize;
+        let max = (self.capacity / 2).max(1) as usize;
         let mut wanted = BTreeSet::new();
         for (offset, length) in stretches {
             let end = offset.saturating_add(*length as u64).min(self.identity.bytes());
             wanted.extend(offset / BLOCK..end.div_ceil(BLOCK));
-            if wanted.len() > most {
+            if wanted.len() > max {
                 break;
             }
         }
         let missing =
-            self.with(|held| Ok(wanted.into_iter().take(most).filter(|n| !held.places.contains_key(n)).collect()));
+            self.with(|held| Ok(wanted.into_iter().take(max).filter(|n| !held.places.contains_key(n)).collect()));
         let missing: Vec<u64> = missing.unwrap_or_default();
         // A single one is fetched as soon when it is read, which also says what goes wrong.
         if missing.len() > 1 {
-            let put = |number, block: &[u8]| self.with(|held| held.put(number, block, self.room));
+            let put = |number, block: &[u8]| self.with(|held| held.put(number, block, self.capacity));
             drop(self.fetch(&runs(missing), put));
         }
     }
@@ -227,7 +227,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn numbers_that_follow_each_other_are_fetched_together_and_not_without_end() {
+    fn consecutive_blocks_are_fetched_together_up_to_a_limit() {
         assert_eq!(runs([1, 2, 3, 7, 9, 10]), [1..4, 7..8, 9..11]);
         let long = runs(0..40);
         assert_eq!((long.len(), long.last()), (3, Some(&(32..40))));
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_held_never_takes_more_than_its_room_and_the_last_asked_for_stays() {
+    fn the_block_cache_never_exceeds_its_size_and_keeps_the_latest_blocks() {
         let folder = tempfile::tempdir().unwrap();
         let file = tempfile::tempfile_in(folder.path()).unwrap();
         let mut held = Held { file, places: HashMap::new(), used: BTreeMap::new(), clock: 0 };

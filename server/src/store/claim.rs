@@ -2,9 +2,9 @@
 //!
 //! A store changes one file at a time. The manifest can be put on the condition that nobody has changed it; the files of a version cannot be put on the
 //! condition that nobody has published them meanwhile. So whoever sends a version claims its number first, and nobody else touches its files while that
-//! claim is renewed. A claim says what is published (a hash of pack, metadata, notes and words), so that the same command goes on at once where it was cut
+//! claim is renewed. A claim says what is published (a hash of pack, metadata, notes and words), so that the same command continues at once where it was cut
 //! off; another one may take it over when it was not renewed for [`super::S3Options::lease`], by the clock of the store. The claim goes when
-//! the version is published. Failures: a claim of somebody else's is an error that says since when and what to do.
+//! the version is published. Failures: a claim of another user is an error that says since when and what to do.
 
 use super::S3;
 use super::s3::is_changed;
@@ -36,7 +36,7 @@ pub(super) struct Claim<'a> {
     held: Mutex<(Option<String>, Instant)>,
 }
 
-/// What a claim is for, from the object as it lies in a folder: what is published, without the day and the pictures, which another run may make anew.
+/// What a claim is for, from the object as it lies in a folder: what is published, without the day and the pictures, which another run may rebuild.
 pub(super) fn purpose(object: &Path, version: u32) -> io::Result<String> {
     let manifest =
         Manifest::parse(&plain_file::read_at(&object.join(MANIFEST), SMALL_FILE_MAX)?).map_err(io::Error::other)?;

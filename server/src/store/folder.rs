@@ -1,6 +1,6 @@
 //! A folder of this computer.
 
-use super::{DEPTH, MOST_FILES};
+use super::{DEPTH, MAX_FILES};
 use kilwa_archive::layout::MANIFEST;
 use kilwa_files::plain_file;
 use std::collections::{BTreeMap, BTreeSet};
@@ -68,7 +68,7 @@ pub(crate) fn warn_once(warning: String) {
     /// The warnings that were logged. When there are too many, no new ones are logged.
     static LOGGED: Mutex<BTreeSet<String>> = Mutex::new(BTreeSet::new());
     let mut logged = LOGGED.lock().unwrap_or_else(PoisonError::into_inner);
-    if logged.len() < MOST_FILES && !logged.contains(&warning) {
+    if logged.len() < MAX_FILES && !logged.contains(&warning) {
         tracing::warn!("{warning}");
         logged.insert(warning);
     }
@@ -121,8 +121,8 @@ pub(super) fn walk(folder: &Path, prefix: &str, depth: usize, into: &mut BTreeMa
         let entry = entry?;
         let Some((name, kind)) = servable(&entry) else { continue };
         let name = if prefix.is_empty() { name } else { format!("{prefix}/{name}") };
-        if into.len() >= MOST_FILES {
-            return Err(io::Error::other(format!("more than {MOST_FILES} files; the rest is not served")));
+        if into.len() >= MAX_FILES {
+            return Err(io::Error::other(format!("more than {MAX_FILES} files; the rest is not served")));
         }
         if kind.is_file() {
             into.insert(name, Identity::of(&entry.metadata()?));

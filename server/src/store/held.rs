@@ -53,7 +53,7 @@ mod tests {
     use std::time::SystemTime;
 
     #[test]
-    fn what_is_held_is_bounded_and_what_was_asked_for_stays() {
+    fn the_cache_of_files_is_bounded_and_keeps_requested_files() {
         let mut held = Held::default();
         let of = |tag: &str| Identity::of_store(1 << 20, Some(tag), SystemTime::UNIX_EPOCH);
         held.put("first", of("a"), vec![1; 1 << 20].into());

@@ -3,7 +3,7 @@
 //! [`Place`] is a spot in either: list what is there, read a small file, open a large one. Inputs: a path, or `s3://bucket/prefix` with
 //! [`S3Options`]. Invariants: a place is joined from names that were listed there or that a manifest's reader let through, never from an
 //! address; what was listed under one [`Identity`] is opened under that or not at all; a file of the store is never loaded whole unless
-//! it is small. Failures: [`is_silent`] tells that the store gives no answer, or not this file, from that a thing is not there, so that nothing is
+//! it is small. Failures: [`is_silent`] distinguishes a store that gives no answer, or not for this file, from a missing file, so that nothing is
 //! dropped from a list because of a silence or a refusal; [`outage`] says the former to readers.
 
 mod blocks;
@@ -22,7 +22,7 @@ pub use s3::{S3, S3Options, StoreError};
 
 pub(crate) use blocks::{BLOCK, Blocks};
 pub(crate) use folder::{Identity, warn_of, warn_once};
-pub(crate) use outage::{is_away, tell};
+pub(crate) use outage::{is_away, report_outage};
 pub(crate) use refused::{hint, is_refused};
 pub(crate) use s3::{HELD_MAX, is_changed};
 pub(crate) use survey::Survey;
@@ -45,7 +45,7 @@ use std::time::Duration;
 /// Folders below a version folder are looked into down to this depth.
 const DEPTH: usize = 6;
 /// A version with more files than this is no work of `kilwa publish`; it is not served, and that is logged.
-const MOST_FILES: usize = 20_000;
+const MAX_FILES: usize = 20_000;
 /// Requests to a store at once when many objects are looked at.
 const AT_ONCE: usize = 24;
 /// What is seen of the folder is trusted so long.
@@ -143,7 +143,7 @@ impl Place {
         self.store().map_or(SEEN, |store| store.look_again())
     }
 
-    /// What tells the versions of one file apart.
+    /// Identifies a version of a file.
     pub(crate) fn identity(&self) -> io::Result<Identity> {
         match self {
             Self::Path(path) => Ok(Identity::of(&plain_file::metadata_direct(path)?)),
@@ -152,14 +152,14 @@ impl Place {
     }
 
     /// All of a file of at most `most` bytes that was listed as `identity`: from the folder as it is now, from the store as it was listed.
-    pub(crate) fn read_listed(&self, identity: &Identity, most: u64) -> io::Result<Bytes> {
+    pub(crate) fn read_listed(&self, identity: &Identity, max: u64) -> io::Result<Bytes> {
         match self {
-            Self::Path(path) => plain_file::read(plain_file::open_direct(path)?, most).map(Bytes::from),
-            Self::Key(store, key) => store.read_listed(key, identity, most),
+            Self::Path(path) => plain_file::read(plain_file::open_direct(path)?, max).map(Bytes::from),
+            Self::Key(store, key) => store.read_listed(key, identity, max),
         }
     }
 
-    /// The objects directly below: folders with a manifest, nothing hidden, with what tells the versions of their manifests apart, and of a store
+    /// The objects directly below: folders with a manifest, nothing hidden, with the identities of their manifests, and of a store
     /// what its list says of their packs and metadata.
     pub(crate) fn objects(&self) -> io::Result<Arc<Survey>> {
         match self {
@@ -168,7 +168,7 @@ impl Place {
         }
     }
 
-    /// Plain files directly below with what tells their versions apart, folders without; no links, nothing hidden.
+    /// Plain files directly below with their identities, folders without; no links, nothing hidden.
     pub(crate) fn directly_below(&self) -> io::Result<BTreeMap<String, Option<Identity>>> {
         match self {
             Self::Path(path) => folder::directly_below(path),
@@ -215,7 +215,7 @@ pub(crate) fn is_silent(e: &io::Error) -> bool {
     is_away(e) || is_refused(e)
 }
 
-/// A warning about a place; that its store does not answer, or refuses it, is said once, and not here.
+/// A warning about a place; that its store does not answer or refuses it is logged once, elsewhere.
 pub(crate) fn warn(place: &Place, e: &io::Error) {
     if !is_silent(e) {
         tracing::warn!("{place}: {e}");

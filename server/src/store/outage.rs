@@ -1,4 +1,4 @@
-//! A store that does not answer: found out once, said once, asked again until it does.
+//! A store that does not answer: detected once, logged once, asked again until it does.
 //!
 //! From the first failure on, nothing waits for the store: who needs it is answered 503 with `Retry-After` and the reason at once, and
 //! what is held is served. A task of the store asks again by itself; its answer ends the outage.
@@ -53,7 +53,7 @@ pub(super) struct Outage {
 struct Now {
     /// Since when it does not, and why.
     away: Option<(Instant, Away)>,
-    said: Option<Instant>,
+    logged: Option<Instant>,
 }
 
 impl Outage {
@@ -68,9 +68,9 @@ impl Outage {
         if now.away.is_some() {
             return false;
         }
-        let again = now.said.is_some_and(|at| at.elapsed() < ONE);
+        let again = now.logged.is_some_and(|at| at.elapsed() < ONE);
         now.away = Some((Instant::now(), away.clone()));
-        now.said = Some(Instant::now());
+        now.logged = Some(Instant::now());
         if again {
             tracing::debug!("{name}: {away}, again");
         } else {
@@ -94,7 +94,7 @@ impl Outage {
 }
 
 /// Say in a 503 that the store is the reason, and when to come again; also where it refuses one file alone.
-pub(crate) async fn tell(State(place): State<Place>, request: Request, next: Next) -> Response {
+pub(crate) async fn report_outage(State(place): State<Place>, request: Request, next: Next) -> Response {
     let wants_page =
         request.headers().get(ACCEPT).and_then(|v| v.to_str().ok()).is_some_and(|v| v.contains("text/html"));
     let slug = slug_of(request.uri().path());
@@ -112,11 +112,12 @@ pub(crate) async fn tell(State(place): State<Place>, request: Request, next: Nex
         headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-store"));
         return response;
     }
-    let said = "The archive's storage does not answer at the moment. Nothing is lost; please come again in a minute.";
+    let message =
+        "The archive's storage does not answer at the moment. Nothing is lost; please come again in a minute.";
     let (kind, body) = if wants_page {
-        ("text/html; charset=utf-8", crate::html::away(said))
+        ("text/html; charset=utf-8", crate::html::away(message))
     } else {
-        ("text/plain; charset=utf-8", format!("503 Service Unavailable: {said}\n"))
+        ("text/plain; charset=utf-8", format!("503 Service Unavailable: {message}\n"))
     };
     let headers = response.headers_mut();
     let is_of = |kind: &str| headers.get(CONTENT_TYPE).is_some_and(|v| v.as_bytes().starts_with(kind.as_bytes()));

@@ -3,7 +3,7 @@
 //! Order: the files of the version, the landing page, the manifest last and only if it still is the one that the version was made
 //! against (`If-Match`; `If-None-Match: *` for a new object). So whatever fails, the store has the old object, whole, or the new one; files of a
 //! version that no manifest names are served by nobody. No store replaces page and manifest at once, so each page is kept under a hidden name
-//! too, which tells its hash: the page that is shown is the one that the manifest names, also where the line ends between the two.
+//! too, which states its hash: the page that is shown is the one that the manifest names, also if the connection ends between the two.
 //! A file carries its SHA-256 as metadata: what an earlier attempt has sent is not sent
 //! again. Before each file the store's manifest must still be the one that the version was made against, and a small file is put only where there
 //! is none or over exactly the one that was seen (a long one is the pack, whose name is its hash): so a version that somebody else has
@@ -87,7 +87,7 @@ impl S3 {
         Ok(Against(Some(identity.tag().unwrap_or_default().to_owned())))
     }
 
-    /// Send version `version` of the object `slug`, which lies complete in `shelf`. `told` hears the name of each file before it is sent.
+    /// Send version `version` of the object `slug`, which lies complete in `shelf`. `on_send` is called with the name of each file before it is sent.
     ///
     /// # Errors
     /// When the store does not answer, somebody else has published meanwhile, or files cannot be read. The same again goes on
@@ -98,7 +98,7 @@ impl S3 {
         shelf: &Path,
         version: u32,
         against: &Against,
-        told: &dyn Fn(&str),
+        on_send: &dyn Fn(&str),
     ) -> io::Result<Sent> {
         let (object, folder) = (shelf.join(slug.as_str()), version_folder(version));
         let mut files = BTreeMap::new();
@@ -112,12 +112,12 @@ impl S3 {
         }
         for (name, identity) in &files {
             let key = format!("{slug}/{folder}/{name}");
-            told(&key);
+            on_send(&key);
             let path = object.join(&folder).join(name);
             let (_, sum) = sha256_of(File::open(&path)?)?;
             claim.renew().map_err(or_others)?;
-            let said = attributes(name, FOR_EVER, &sum);
-            let (is_there, tag) = self.send_file((slug, against, &claim), &key, &path, &said)?;
+            let attributes = attributes(name, FOR_EVER, &sum);
+            let (is_there, tag) = self.send_file((slug, against, &claim), &key, &path, &attributes)?;
             sent.there += usize::from(is_there);
             tags.insert(name.clone(), (identity.bytes(), tag));
         }
@@ -132,7 +132,7 @@ impl S3 {
         }
         self.keep_page(slug, plain_file::read_at(&object.join(PAGE), SMALL_FILE_MAX)?)?;
         for name in [PAGE, MANIFEST] {
-            told(&format!("{slug}/{name}"));
+            on_send(&format!("{slug}/{name}"));
             let bytes = plain_file::read_at(&object.join(name), SMALL_FILE_MAX)?;
             // The page is not under the manifest's condition: nothing is replaced once somebody else has published.
             if name == PAGE {
@@ -158,7 +158,7 @@ impl S3 {
         Ok(sent)
     }
 
-    /// Keep a landing page under its hash, where it is not there.
+    /// Keep a landing page under its hash, if it is missing.
     fn keep_page(self: &Arc<Self>, slug: &Slug, page: Vec<u8>) -> io::Result<()> {
         let sum = sha256(&page);
         let key = format!("{slug}/{}", kept(&sum));
@@ -182,21 +182,21 @@ impl S3 {
         self.read(&format!("{slug}/{MANIFEST}"), SMALL_FILE_MAX)
     }
 
-    /// List the objects anew when they are next asked for.
+    /// List the objects again when they are next asked for.
     pub(crate) fn forget_list(&self) {
         *lock(&self.objects) = None;
     }
 
     /// Whether it lets itself be written to: puts a small hidden file there, and takes it away again.
     pub(crate) fn check_writing(self: &Arc<Self>) -> io::Result<()> {
-        let said = |e: io::Error| {
+        let explain = |e: io::Error| {
             let why = "these keys may not write there; uploads need keys with s3:PutObject: see AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY";
-            let said =
+            let message =
                 if is_refused(&e) { format!("{}: {e}: {why}", self.name()) } else { format!("{}: {e}", self.name()) };
-            io::Error::other(said)
+            io::Error::other(message)
         };
         let bytes = Bytes::from_static(b"kilwa serve --accept-uploads asks whether it may write here\n");
-        self.put(PROBE, bytes, PutMode::Overwrite, Attributes::new()).map_err(said)?;
+        self.put(PROBE, bytes, PutMode::Overwrite, Attributes::new()).map_err(explain)?;
         let path = self.at(PROBE)?;
         // Who may write and not delete leaves it there: it is hidden, and some sixty bytes.
         drop(self.wait(PROBE, move |store| async move { store.client.delete(&path).await }));
@@ -218,14 +218,14 @@ impl S3 {
         (slug, against, claim): (&Slug, &Against, &Claim<'_>),
         key: &str,
         path: &Path,
-        said: &Attributes,
+        attributes: &Attributes,
     ) -> io::Result<(bool, Option<String>)> {
         let length = std::fs::metadata(path)?.len();
         for _ in 0..TRIES {
             let there = self.there(key)?;
             if let Some((meta, sum)) = &there
                 && meta.size == length
-                && sum.as_ref() == said.get(&Attribute::Metadata(SUM.into()))
+                && sum.as_ref() == attributes.get(&Attribute::Metadata(SUM.into()))
             {
                 return Ok((true, meta.e_tag.clone()));
             }
@@ -233,13 +233,13 @@ impl S3 {
             self.still(slug, against)?;
             claim.renew_now().map_err(or_others)?;
             if length > PART {
-                return Ok((false, self.put_parts(claim, key, path, length, said)?));
+                return Ok((false, self.put_parts(claim, key, path, length, attributes)?));
             }
             let mode = match there {
                 None => PutMode::Create,
                 Some((meta, _)) => PutMode::Update(UpdateVersion { e_tag: meta.e_tag, version: None }),
             };
-            match self.put(key, plain_file::read_at(path, PART)?.into(), mode, said.clone()) {
+            match self.put(key, plain_file::read_at(path, PART)?.into(), mode, attributes.clone()) {
                 // Somebody else's, or ours, whose answer was lost: look again.
                 Err(e) if super::s3::is_changed(&e) => {}
                 tag => return Ok((false, tag?)),
@@ -272,12 +272,12 @@ impl S3 {
         key: &str,
         path: &Path,
         length: u64,
-        said: &Attributes,
+        attributes: &Attributes,
     ) -> io::Result<Option<String>> {
-        let (to, said) =
-            (self.at(key)?, PutMultipartOptions { attributes: said.clone(), ..PutMultipartOptions::default() });
+        let (to, options) =
+            (self.at(key)?, PutMultipartOptions { attributes: attributes.clone(), ..PutMultipartOptions::default() });
         let mut upload =
-            self.wait(key, move |store| async move { store.client.put_multipart_opts(&to, said).await })?;
+            self.wait(key, move |store| async move { store.client.put_multipart_opts(&to, options).await })?;
         let (mut file, part) = (File::open(path)?, PART.max(length / PARTS));
         loop {
             let mut bytes = Vec::new();
@@ -339,5 +339,5 @@ fn or_others(e: io::Error) -> io::Error {
 }
 
 fn others() -> io::Error {
-    io::Error::other("somebody else has published this object meanwhile; look at what is there, and publish again")
+    io::Error::other("somebody else has published this object meanwhile; check their version, then publish again")
 }

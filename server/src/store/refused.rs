@@ -1,7 +1,7 @@
 //! What a store refuses, or cannot give, of one file while it answers for the others: no outage, and no reason to take anything else away.
 //!
 //! Whoever asks for that file is answered 503; nothing is concluded from it about what there is. The log has a line when it begins, and
-//! again after [`SAID_FOR`], not one for each request.
+//! again after [`LOG_INTERVAL`], not one for each request.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -10,13 +10,13 @@ use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 /// How long a line in the log about a file counts.
-const SAID_FOR: Duration = Duration::from_secs(600);
+const LOG_INTERVAL: Duration = Duration::from_secs(600);
 /// Files that are remembered; beyond, a line may come twice.
 const REMEMBERED: usize = 1000;
 /// That the store answers is trusted so long: a crowd that asks for what is refused asks the store no more than that.
 const ANSWERED_FOR: Duration = Duration::from_secs(1);
 
-/// The store does not give this file.
+/// The store refuses this file.
 #[derive(Debug, Clone)]
 pub(super) struct Refused {
     /// What it said.
@@ -29,7 +29,7 @@ impl Refused {
     /// What to do about it.
     fn hint(&self) -> &'static str {
         if self.is_server_error {
-            "the store has trouble with it; where that stays, ask whoever keeps the store"
+            "the store cannot deliver it; if this persists, ask the administrator of the store"
         } else {
             "see to its rights in the store"
         }
@@ -60,10 +60,10 @@ pub(crate) fn is_refused(e: &io::Error) -> bool {
     e.get_ref().and_then(|inner| inner.downcast_ref::<Refused>()).is_some()
 }
 
-/// What was said of such files, and when the store was seen to answer.
+/// Which such files were logged, and when the store was last seen to answer.
 #[derive(Debug, Default)]
 pub(super) struct Refusals {
-    said: Mutex<BTreeMap<String, Instant>>,
+    logged: Mutex<BTreeMap<String, Instant>>,
     answered: Mutex<Option<Instant>>,
 }
 
@@ -76,9 +76,9 @@ impl Refusals {
 
     /// Whether something of an object was refused a while ago.
     pub(super) fn concern(&self, slug: &str) -> bool {
-        let said = self.said.lock().unwrap_or_else(PoisonError::into_inner);
+        let logged = self.logged.lock().unwrap_or_else(PoisonError::into_inner);
         let is_of = |key: &str| key.strip_prefix(slug).is_some_and(|rest| rest.starts_with('/'));
-        said.iter().any(|(key, at)| is_of(key) && at.elapsed() < SAID_FOR)
+        logged.iter().any(|(key, at)| is_of(key) && at.elapsed() < LOG_INTERVAL)
     }
 
     /// It answers.
@@ -86,20 +86,20 @@ impl Refusals {
         *self.answered.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
     }
 
-    /// Say it, unless it was said.
+    /// Log it, unless that was done already.
     pub(super) fn say(&self, name: &str, key: &str, why: &Refused) {
-        let mut said = self.said.lock().unwrap_or_else(PoisonError::into_inner);
-        if said.get(key).is_some_and(|at| at.elapsed() < SAID_FOR) {
+        let mut logged = self.logged.lock().unwrap_or_else(PoisonError::into_inner);
+        if logged.get(key).is_some_and(|at| at.elapsed() < LOG_INTERVAL) {
             return;
         }
-        if said.len() >= REMEMBERED {
-            said.retain(|_, at| at.elapsed() < SAID_FOR);
+        if logged.len() >= REMEMBERED {
+            logged.retain(|_, at| at.elapsed() < LOG_INTERVAL);
         }
-        if said.len() >= REMEMBERED {
-            said.clear();
+        if logged.len() >= REMEMBERED {
+            logged.clear();
         }
-        said.insert(key.to_owned(), Instant::now());
-        drop(said);
+        logged.insert(key.to_owned(), Instant::now());
+        drop(logged);
         tracing::warn!("{name}/{key}: {why}; it is answered 503, everything else is served; {}", why.hint());
     }
 }
@@ -109,7 +109,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_file_without_rights_and_a_store_with_trouble_are_told_apart() {
+    fn a_file_without_permission_is_distinguished_from_a_failing_store() {
         let refused = |why: &str, is_server_error| Refused { why: why.to_owned(), is_server_error };
         assert!(refused("the store says 403 Forbidden (AccessDenied)", false).hint().contains("rights"));
         let trouble = io::Error::from(refused("the store says 500 Internal Server Error (InternalError)", true));

@@ -11,7 +11,7 @@ use super::http::{Connector, Failure, Seen};
 use super::outage::{Away, Outage};
 use super::refused::{Refusals, Refused, is_refused};
 use super::survey::Survey;
-use super::{DEPTH, Identity, MOST_FILES, blocks};
+use super::{DEPTH, Identity, MAX_FILES, blocks};
 use axum::body::Bytes;
 use futures_util::stream::{self, BoxStream};
 use futures_util::{StreamExt as _, TryStreamExt as _};
@@ -47,7 +47,7 @@ const KEYS: [&str; 5] = [
 /// What is seen of one object is trusted at most so long.
 const LOOK_AGAIN: Duration = Duration::from_secs(5);
 
-/// How long a version stays claimed by somebody who does not go on.
+/// How long a version stays claimed by somebody who does not continue.
 const LEASE: Duration = Duration::from_secs(1800);
 
 /// Where a store is and how it is asked.
@@ -65,7 +65,7 @@ pub struct S3Options {
     pub refresh: Duration,
     /// How often a step that failed is tried again.
     pub retries: usize,
-    /// How long nobody else may publish a version that somebody began to send and does not go on with. Longer than a step with all its attempts.
+    /// How long nobody else may publish a version that somebody began to send and does not continue with. Longer than a step with all its attempts.
     pub lease: Duration,
 }
 
@@ -186,7 +186,7 @@ impl S3 {
             refresh: options.refresh,
             lease: options.lease,
         });
-        // A bucket that is not there, keys that are refused: better now than at the first reader.
+        // A bucket that does not exist, keys that are refused: better now than at the first reader.
         match store.check() {
             Ok(()) => Ok(store),
             Err(e) => Err(StoreError::Unreachable { name, why: e.to_string() }),
@@ -262,15 +262,15 @@ impl S3 {
     }
 
     /// All of a small file, as it is now.
-    pub(super) fn read(self: &Arc<Self>, key: &str, most: u64) -> io::Result<Vec<u8>> {
+    pub(super) fn read(self: &Arc<Self>, key: &str, max: u64) -> io::Result<Vec<u8>> {
         let identity = self.identity(key)?;
-        self.read_listed(key, &identity, most).map(Vec::from)
+        self.read_listed(key, &identity, max).map(Vec::from)
     }
 
     /// All of a small file as it was listed; from memory, where it is held.
-    pub(super) fn read_listed(self: &Arc<Self>, key: &str, identity: &Identity, most: u64) -> io::Result<Bytes> {
-        if identity.bytes() > most {
-            return Err(io::Error::other(format!("longer than {most} bytes")));
+    pub(super) fn read_listed(self: &Arc<Self>, key: &str, identity: &Identity, max: u64) -> io::Result<Bytes> {
+        if identity.bytes() > max {
+            return Err(io::Error::other(format!("longer than {max} bytes")));
         }
         if let Some(bytes) = lock(&self.held).get(key, identity) {
             return Ok(bytes);
@@ -307,14 +307,14 @@ impl S3 {
         let path = self.at(key)?;
         let result = match self.get(&path, identity, range).await {
             Ok(result) => result,
-            Err(e) => return Err(self.told(key, e).await),
+            Err(e) => return Err(self.explained(key, e).await),
         };
         let (store, key) = (Arc::clone(self), key.to_owned());
-        let told = move |e| {
+        let explain = move |e| {
             let (store, key) = (Arc::clone(&store), key.clone());
-            async move { Err(store.told(&key, e).await) }
+            async move { Err(store.explained(&key, e).await) }
         };
-        Ok(result.into_stream().or_else(told).boxed())
+        Ok(result.into_stream().or_else(explain).boxed())
     }
 
     /// Stretches of a file as it was listed, several at once, each whole. Blocks.
@@ -382,7 +382,7 @@ impl S3 {
     ) -> io::Result<Option<Identity>> {
         match self.client.head(path).await {
             Ok(meta) => Ok(Some(identity_of(&meta))),
-            Err(e) => match self.told(&format!("{name}/{MANIFEST}"), e).await {
+            Err(e) => match self.explained(&format!("{name}/{MANIFEST}"), e).await {
                 e if e.kind() == io::ErrorKind::NotFound => Ok(None),
                 e if is_refused(&e) => {
                     let unknown = || Identity::of_store(1, None, SystemTime::UNIX_EPOCH);
@@ -406,10 +406,10 @@ impl S3 {
         let path = self.at(key)?;
         let below = path.clone();
         let listed: Vec<ObjectMeta> = self.wait(key, move |store| async move {
-            store.client.list(Some(&path)).take(MOST_FILES + 1).try_collect().await
+            store.client.list(Some(&path)).take(MAX_FILES + 1).try_collect().await
         })?;
-        if listed.len() > MOST_FILES {
-            return Err(io::Error::other(format!("more than {MOST_FILES} files; the rest is not served")));
+        if listed.len() > MAX_FILES {
+            return Err(io::Error::other(format!("more than {MAX_FILES} files; the rest is not served")));
         }
         let name = |meta: &ObjectMeta| {
             let parts: Vec<String> = meta.location.prefix_match(&below)?.map(|p| p.as_ref().to_owned()).collect();
@@ -442,7 +442,7 @@ impl S3 {
             async move {
                 match work.await {
                     Ok(done) => Ok(done),
-                    Err(e) => Err(store.told(&key, e).await),
+                    Err(e) => Err(store.explained(&key, e).await),
                 }
             }
         })
@@ -463,7 +463,7 @@ impl S3 {
     }
 
     /// An error in our words. One that is the store's begins an outage; where the store answers otherwise, it is this key's alone.
-    pub(super) async fn told(self: &Arc<Self>, key: &str, e: Error) -> io::Error {
+    pub(super) async fn explained(self: &Arc<Self>, key: &str, e: Error) -> io::Error {
         match e {
             Error::NotFound { ref source, .. } if !source.to_string().contains("NoSuchBucket") => {
                 io::Error::new(io::ErrorKind::NotFound, "it is not in the store")
@@ -487,9 +487,9 @@ impl S3 {
     }
 
     /// What was seen, with the store's own word for it where it gives one. The rest of its words may repeat what was signed.
-    fn reason(&self, told: &str) -> (String, bool) {
+    fn reason(&self, body: &str) -> (String, bool) {
         let Failure { what: seen, is_server_error } = self.seen.last();
-        let word = told.split_once("<Code>").and_then(|(_, rest)| rest.split_once("</Code>")).map(|(code, _)| code);
+        let word = body.split_once("<Code>").and_then(|(_, rest)| rest.split_once("</Code>")).map(|(code, _)| code);
         let why = match word.filter(|code| code.len() <= 64 && code.bytes().all(|b| b.is_ascii_alphanumeric())) {
             Some("NoSuchBucket") => "the store has no such bucket".to_owned(),
             Some(code) => format!("{seen} ({code})"),
@@ -589,7 +589,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn addresses_have_a_bucket_and_perhaps_a_prefix() {
+    fn addresses_have_a_bucket_and_an_optional_prefix() {
         assert_eq!(parse("s3://museum"), Some(("museum", "")));
         assert_eq!(parse("s3://museum/"), Some(("museum", "")));
         assert_eq!(parse("s3://museum.tz/a/b/"), Some(("museum.tz", "a/b")));

@@ -23,7 +23,7 @@ const MANY: usize = 1000;
 /// The objects of a place, and what was seen of their files without asking for each.
 #[derive(Debug, Default)]
 pub(crate) struct Survey {
-    /// Their names, and what tells the versions of their manifests apart.
+    /// Their names, and the identities of their manifests.
     pub(crate) objects: BTreeMap<String, Identity>,
     /// Packs and metadata of their versions, by object and path in it; of those in `seen` all that there are.
     files: HashMap<String, Identity>,
@@ -37,7 +37,7 @@ impl Survey {
         Self { objects, ..Self::default() }
     }
 
-    /// What tells the versions of a pack, or of metadata, apart: `path` of the object that lies at `object`. Asks only where it was not seen.
+    /// The identity of a pack or of metadata: `path` of the object at `object`. Makes a request only if it was not listed.
     pub(crate) fn identity(&self, object: &Place, path: &str) -> io::Result<Identity> {
         let name = object.name();
         if !self.seen.contains(&name) || !is_kept(path) {
@@ -139,7 +139,7 @@ impl S3 {
                         part.seen.extend(names.iter().take(before).filter(|n| !passed.contains(n)).cloned());
                         return Ok(part);
                     }
-                    Some(Err(e)) => return Err(self.told("", e).await),
+                    Some(Err(e)) => return Err(self.explained("", e).await),
                 };
                 let Some((object, path)) = relative(&meta, below) else { continue };
                 if format!("{object}/") > format!("{last}/") {
@@ -188,7 +188,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn packs_and_metadata_of_versions_are_kept_and_nothing_else() {
+    fn only_packs_and_metadata_of_versions_are_kept() {
         for kept in ["v1/pack.abc.kilwa", "v12/metadata/metadata.json"] {
             assert!(is_kept(kept), "{kept}");
         }

@@ -4,7 +4,7 @@
 //! cannot become a page. A preview must be glTF 2.0 that is whole in itself. Nothing here decodes pixels. Notes must be byte for byte what
 //! `kilwa publish` writes of them: nothing stands in them that was not looked at.
 
-use super::wire::PreviewSaid;
+use super::wire::AnnouncedPreview;
 use kilwa_archive::Notes;
 use kilwa_archive::layout::{ANNOTATIONS, DRAWINGS, POSTER, PREVIEW, PREVIEW_MAX, THUMBNAILS};
 use kilwa_archive::location::Location;
@@ -35,7 +35,7 @@ pub(super) fn is_expected(path: &str) -> bool {
 }
 
 /// Most bytes of such a file.
-pub(super) fn most(path: &str) -> u64 {
+pub(super) fn max_bytes(path: &str) -> u64 {
     match path {
         PREVIEW => PREVIEW_MAX,
         WORLD => TEXT_MAX,
@@ -84,7 +84,7 @@ pub(super) fn check(path: &str, at: &Path) -> io::Result<()> {
 ///
 /// # Errors
 /// As [`check`].
-pub(super) fn check_announced(at: &Path, announced: PreviewSaid) -> io::Result<()> {
+pub(super) fn check_announced(at: &Path, announced: AnnouncedPreview) -> io::Result<()> {
     let wrong = |what: String| io::Error::new(io::ErrorKind::InvalidData, format!("{PREVIEW} {what}"));
     let mut bytes = Vec::new();
     File::open(at)?.take(PREVIEW_MAX + 1).read_to_end(&mut bytes)?;
@@ -112,7 +112,7 @@ pub(super) struct Noted<'a> {
     pub(super) bounds: [[f64; 3]; 2],
     /// File name and identity of the pack.
     pub(super) pack: (&'a str, &'a str),
-    /// Whether nothing in them may tell the place.
+    /// Whether nothing in them may reveal the location.
     pub(super) location_redacted: bool,
 }
 
@@ -134,7 +134,7 @@ pub(super) fn check_notes(at: &Path, noted: &Noted<'_>) -> io::Result<()> {
     if notes.left_out == 0 && written == bytes {
         return Ok(());
     }
-    let hidden = if noted.location_redacted { ", or with something in them that may tell the place" } else { "" };
+    let hidden = if noted.location_redacted { ", or with something in them that may reveal the location" } else { "" };
     Err(wrong(format!(
         "the notes are not in the form in which kilwa publish writes them{hidden}; use the same version of kilwa on both sides"
     )))
@@ -228,19 +228,19 @@ mod tests {
     }
 
     #[test]
-    fn a_page_is_no_picture_and_a_preview_leads_nowhere() {
+    fn an_html_page_is_refused_as_a_picture_and_a_preview_with_external_references_is_refused() {
         let folder = tempfile::tempdir().unwrap();
         let at = folder.path().join("x");
-        let said = |path: &str, bytes: &[u8]| {
+        let checked = |path: &str, bytes: &[u8]| {
             std::fs::write(&at, bytes).unwrap();
             check(path, &at).map_err(|e| e.to_string())
         };
-        assert!(said("poster.jpg", b"<!doctype html><script>").unwrap_err().contains("no picture"));
-        assert!(said("poster.jpg", b"\x89PNG\r\n\x1a\n").is_err(), "a PNG is no JPEG");
-        assert!(said("poster.jpg", b"\xff\xd8").is_err(), "too short");
-        assert!(said("drawings/plan.png", b"\x89PNG\r\n\x1a\n....").is_ok());
-        assert!(said("drawings/plan.pgw", b"1\n0\n0\n-1\n5.5\n6\n").is_ok());
-        assert!(said("drawings/plan.pgw", b"<script>").is_err());
+        assert!(checked("poster.jpg", b"<!doctype html><script>").unwrap_err().contains("no picture"));
+        assert!(checked("poster.jpg", b"\x89PNG\r\n\x1a\n").is_err(), "a PNG is no JPEG");
+        assert!(checked("poster.jpg", b"\xff\xd8").is_err(), "too short");
+        assert!(checked("drawings/plan.png", b"\x89PNG\r\n\x1a\n....").is_ok());
+        assert!(checked("drawings/plan.pgw", b"1\n0\n0\n-1\n5.5\n6\n").is_ok());
+        assert!(checked("drawings/plan.pgw", b"<script>").is_err());
         let glb = |json: &str| {
             let mut bytes = b"glTF".to_vec();
             for word in [2, 20 + json.len() as u32, json.len() as u32, 0x4e4f_534a] {
@@ -249,10 +249,10 @@ mod tests {
             bytes.extend_from_slice(json.as_bytes());
             bytes
         };
-        assert!(said("preview.glb", &glb("{\"asset\":{\"version\":\"2.0\"}}")).is_ok());
+        assert!(checked("preview.glb", &glb("{\"asset\":{\"version\":\"2.0\"}}")).is_ok());
         let elsewhere = "{\"asset\":{},\"buffers\":[{\"uri\":\"http://x\"}]}";
-        assert!(said("preview.glb", &glb(elsewhere)).unwrap_err().contains("self-contained"));
-        assert!(said("preview.glb", &glb("{\"asset\":{}}")[..30]).is_err());
+        assert!(checked("preview.glb", &glb(elsewhere)).unwrap_err().contains("self-contained"));
+        assert!(checked("preview.glb", &glb("{\"asset\":{}}")[..30]).is_err());
         // Addresses in extensions and extras, hidden by letters, and keys that two programs read differently.
         for json in [
             "{\"asset\":{},\"images\":[{\"uri\":\"x.png\"}]}",
@@ -265,23 +265,26 @@ mod tests {
             "{\"asset\":{},\"extensions\":{\"\\u0075ri\":\"a\"}}",
             "{\"asset\":{},\"extras\":{\"https://evil.example\":1}}",
         ] {
-            assert!(said("preview.glb", &glb(json)).unwrap_err().contains("leads to another file or site"), "{json}");
+            assert!(
+                checked("preview.glb", &glb(json)).unwrap_err().contains("leads to another file or site"),
+                "{json}"
+            );
         }
         let twice = "{\"asset\":{},\"buffers\":[],\"buffers\":[]}";
-        assert!(said("preview.glb", &glb(twice)).unwrap_err().contains("duplicate key"));
+        assert!(checked("preview.glb", &glb(twice)).unwrap_err().contains("duplicate key"));
         let mut more = glb("{\"asset\":{}}");
         more.extend_from_slice(b"4 more bytes");
         let length = more.len() as u32;
         more[8..12].copy_from_slice(&length.to_le_bytes());
-        assert!(said("preview.glb", &more).is_err(), "no chunk of glTF");
-        assert!(said("preview.glb", &glb("{\"asset\":{},\"extras\":{\"crs\":\"EPSG:32737\"}}")).is_ok());
+        assert!(checked("preview.glb", &more).is_err(), "no chunk of glTF");
+        assert!(checked("preview.glb", &glb("{\"asset\":{},\"extras\":{\"crs\":\"EPSG:32737\"}}")).is_ok());
     }
 
     #[test]
-    fn notes_are_taken_in_the_form_in_which_they_are_written_only() {
+    fn notes_are_accepted_only_in_the_form_kilwa_writes() {
         let folder = tempfile::tempdir().unwrap();
         let at = folder.path().join("x");
-        let said = |bytes: &[u8], location_redacted: bool| {
+        let checked = |bytes: &[u8], location_redacted: bool| {
             std::fs::write(&at, bytes).unwrap();
             let noted =
                 Noted { bounds: [[0.0; 3], [9.0; 3]], pack: ("pack.kilwa", "0123456789abcdef"), location_redacted };
@@ -294,17 +297,20 @@ mod tests {
         };
         let written = |notes: Notes| notes.to_bytes("pack.kilwa", "0123456789abcdef").unwrap();
         let notes = Notes::parse(one(1.0, "").as_bytes()).unwrap();
-        assert!(said(&written(notes.clone()), false).is_ok());
-        assert!(said(&written(notes.clone().without_place([0.0; 3], &[])), true).is_ok());
-        assert!(said(&written(notes.clone()), true).unwrap_err().contains("may tell the place"), "it has a link");
+        assert!(checked(&written(notes.clone()), false).is_ok());
+        assert!(checked(&written(notes.clone().without_place([0.0; 3], &[])), true).is_ok());
+        assert!(
+            checked(&written(notes.clone()), true).unwrap_err().contains("may reveal the location"),
+            "it has a link"
+        );
         for bad in [
             one(1.0, "").into_bytes(),
             notes.to_bytes("https://evil.example/", "0123456789abcdef").unwrap(),
             b"<script>".to_vec(),
         ] {
-            assert!(said(&bad, false).is_err());
+            assert!(checked(&bad, false).is_err());
         }
         let far = Notes::parse(one(50.0, "").as_bytes()).unwrap();
-        assert!(said(&written(far), false).unwrap_err().contains("outside of the model"));
+        assert!(checked(&written(far), false).unwrap_err().contains("outside of the model"));
     }
 }

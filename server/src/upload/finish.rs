@@ -1,7 +1,7 @@
 //! Verify what was sent, and publish it: on a thread of its own, one version at a time, with how far it is for who asks.
 
 use super::staging::Staging;
-use super::wire::{FileSaid, Intent, Meant, State, Status};
+use super::wire::{AnnouncedFile, Intent, Meant, State, Status};
 use super::{Refusal, Uploads, files, lock, withheld};
 use axum::http::StatusCode;
 use kilwa_archive::assemble::{
@@ -34,7 +34,7 @@ pub(super) struct Job {
     files: BTreeMap<String, u64>,
     /// What is on its way to a store.
     pub(super) sending: Mutex<Option<String>>,
-    /// Why it does not go on at the moment.
+    /// Why it does not continue at the moment.
     pub(super) waits: Mutex<Option<String>>,
     pub(super) ended: Mutex<Option<Result<Done, Refusal>>>,
 }
@@ -44,8 +44,9 @@ pub(super) struct Ending(pub(super) Arc<Job>);
 
 impl Drop for Ending {
     fn drop(&mut self) {
-        let said = "the server failed while it verified the version; nothing was published. Run the same command again";
-        lock(&self.0.ended).get_or_insert_with(|| Err(Refusal::new(StatusCode::SERVICE_UNAVAILABLE, said)));
+        let message =
+            "the server failed while it verified the version; nothing was published. Run the same command again";
+        lock(&self.0.ended).get_or_insert_with(|| Err(Refusal::new(StatusCode::SERVICE_UNAVAILABLE, message)));
     }
 }
 
@@ -102,7 +103,7 @@ pub(super) fn publish(uploads: &Uploads, staging: Staging, job: &Arc<Job>, now: 
     let intent = staging.record.intent.clone();
     let meant = intent.check(&uploads.limits, now)?;
     if !staging.lacking().is_empty() {
-        return Err(Refusal::new(StatusCode::TOO_EARLY, "files are lacking; run the same command again"));
+        return Err(Refusal::new(StatusCode::TOO_EARLY, "files are missing; run the same command again"));
     }
     // Whatever takes long needs only the upload, whose lock is held, and keeps nobody else from the folder.
     let checked = checked(&staging, &intent, &meant, job);
@@ -153,10 +154,10 @@ fn checked(staging: &Staging, intent: &Intent, meant: &Meant, job: &Job) -> Resu
     Ok(of_pack)
 }
 
-/// A file is not what was announced; it is taken away, to be sent anew.
-fn altered(staging: &Staging, said: &FileSaid) -> Refusal {
-    staging.discard(said);
-    let path = &said.path;
+/// A file is not what was announced; it is removed, to be sent again.
+fn altered(staging: &Staging, file: &AnnouncedFile) -> Refusal {
+    staging.discard(file);
+    let path = &file.path;
     Refusal::altered(format!(
         "{path} arrived with another content than was announced; run the same command again to send it anew"
     ))
@@ -176,8 +177,8 @@ pub(super) fn check_version(intent: &Intent, before: Option<&Manifest>) -> Resul
 }
 
 fn locked(folder: &Path, job: &Job) -> Result<Lock, Refusal> {
-    let said = "another publication or withdrawal is in progress; this one continues after it";
-    let taken = Lock::wait(folder, PATIENCE, &|| *lock(&job.waits) = Some(said.to_owned()));
+    let message = "another publication or withdrawal is in progress; this one continues after it";
+    let taken = Lock::wait(folder, PATIENCE, &|| *lock(&job.waits) = Some(message.to_owned()));
     *lock(&job.waits) = None;
     taken.map_err(|e| Refusal { retry_after: Some(60), ..refused(&e) })
 }
@@ -272,21 +273,21 @@ fn following<'a>(
 }
 
 /// Every byte and chunk of the pack.
-fn check_pack(staging: &Staging, intent: &Intent, said: &FileSaid, done: &AtomicU64) -> Result<OfPack, Refusal> {
-    let path = staging.at(said);
+fn check_pack(staging: &Staging, intent: &Intent, file: &AnnouncedFile, done: &AtomicU64) -> Result<OfPack, Refusal> {
+    let path = staging.at(file);
     let failed = |e: io::Error| Refusal::disk("read the pack", &e);
     let source = FileSource::open(&path).map_err(failed)?;
     // Half of the processors: readers come first.
     let threads = std::thread::available_parallelism().map_or(1, |n| n.get().div_ceil(2));
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pool = pool.map_err(|e| Refusal::disk("start threads", &io::Error::other(e)))?;
-    let told = |n: u64| {
+    let on_read = |n: u64| {
         done.fetch_add(n, Ordering::Relaxed);
     };
-    let checked = pool.install(|| sound::check(&source, &told));
+    let checked = pool.install(|| sound::check(&source, &on_read));
     let checked = checked.map_err(failed)?;
-    if checked.sha256.as_ref() != Some(&said.sha256) {
-        return Err(altered(staging, said));
+    if checked.sha256.as_ref() != Some(&file.sha256) {
+        return Err(altered(staging, file));
     }
     if let Some(damage) = checked.damage() {
         return Err(Refusal::content(format!("the pack is damaged: {damage}")));
@@ -300,8 +301,8 @@ fn check_pack(staging: &Staging, intent: &Intent, said: &FileSaid, done: &Atomic
 
 /// Give a file of the upload its name in the draft: as a link, so that a failure later costs nothing; as a copy where there are no links.
 /// Whether it is the same file.
-fn put(staging: &Staging, said: &FileSaid, folder: &Path) -> Result<bool, Refusal> {
-    let (from, to) = (staging.at(said), folder.join(&said.path));
+fn put(staging: &Staging, file: &AnnouncedFile, folder: &Path) -> Result<bool, Refusal> {
+    let (from, to) = (staging.at(file), folder.join(&file.path));
     let linked = (|| {
         if let Some(parent) = to.parent() {
             fs::create_dir_all(parent)?;
@@ -331,7 +332,7 @@ pub(super) fn refused(e: &DraftError) -> Refusal {
         DraftError::Unfinished { done, why } if is_full(why) => Refusal::new(
             StatusCode::INSUFFICIENT_STORAGE,
             format!(
-                "{done}: the disk of the server has no room. Ask whoever keeps it to make room, then run the same command again to finish"
+                "{done}: the disk of the server is full. Ask its administrator to free space, then run the same command again to finish"
             ),
         ),
         DraftError::Unfinished { done, .. } => passing(format!(
@@ -352,6 +353,12 @@ pub(super) fn refused(e: &DraftError) -> Refusal {
         DraftError::Other(_) => Refusal::conflict(format!(
             "the server has something under this name that is not an object of kilwa, or is damaged. {ASK}, or give another name with slug = \"…\" in the metadata, then run the same command again"
         )),
+        DraftError::Page(_) => Refusal::new(
+            StatusCode::INTERNAL_SERVER_ERROR,
+            format!(
+                "the server has a viewer page that no landing page can be made of; nothing was published. {ASK}, then run the same command again"
+            ),
+        ),
         DraftError::Manifest(e) => Refusal::content(format!(
             "the manifest of this version cannot be written{}. Correct the metadata, then run the same command again; if that does not help, {ask}",
             field_of(e).map(|field| format!(", because of {field}")).unwrap_or_default(),
@@ -368,11 +375,12 @@ fn field_of(e: &ManifestError) -> Option<&str> {
 }
 
 /// What to do if only the server's log may name the place.
-const ASK: &str = "Ask whoever keeps the server (its log says where)";
+const ASK: &str = "Ask the administrator of the server (its log says where)";
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use kilwa_archive::viewer::PageError;
     use std::path::PathBuf;
 
     #[test]
@@ -399,6 +407,7 @@ mod tests {
             disk().after("the version is published, but not all of its files are in place"),
             manifest(ManifestError::Form("/srv/secret/fort: no JSON".to_owned())),
             manifest(ManifestError::Newer(7)),
+            DraftError::Page(PageError::Places("/srv/secret".to_owned())),
             manifest(ManifestError::Wrong { field: "versions[1].pack.url".to_owned(), why: "/srv/secret".to_owned() }),
             manifest(ManifestError::Wrong { field: "/srv/secret/fort".to_owned(), why: "it is empty".to_owned() }),
             manifest(ManifestError::Form("/srv/secret".to_owned())).after("the version is published"),
@@ -418,6 +427,7 @@ mod tests {
                 | DraftError::Left { .. }
                 | DraftError::Other(_)
                 | DraftError::Foreign(_)
+                | DraftError::Page(_)
                 | DraftError::Manifest(_) => {}
             }
         }

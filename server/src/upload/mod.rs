@@ -2,7 +2,7 @@
 //!
 //! | request | what |
 //! |---|---|
-//! | `POST /uploads` | begin or go on: an [`Intent`] (facts and files of a version) is answered with what is lacking ([`Status`]) |
+//! | `POST /uploads` | begin or continue: an [`Intent`] (facts and files of a version) is answered with what is lacking ([`Status`]) |
 //! | `HEAD`, `PATCH /uploads/<slug>/<sha256>` | tus 1.0.0: how much of a file is there; the bytes that follow |
 //! | `POST /uploads/<slug>` | everything is there: verify and publish |
 //! | `GET /uploads/<slug>` | how far that is, and how it ended |
@@ -17,7 +17,7 @@
 //! [`kilwa_archive::draft`] when every byte was verified, or not at all. Failures: an impossible request is refused with what to do; what was sent
 //! is kept until it lapses, unless it is damaged.
 //!
-//! One file per part: `wire` (what is said), `staging` (what lies on the disk), `files` (what a file must be), `withheld` (that a location that is said to be withheld is), `finish` (verify and publish),
+//! One file per part: `wire` (the protocol), `staging` (files on the disk), `files` (requirements of a file), `withheld` (that a location announced as withheld is), `finish` (verify and publish),
 //! `there` (the object as it is, in the folder or a store, and the way there), `routes`.
 
 mod files;
@@ -58,7 +58,7 @@ pub struct UploadLimits {
     pub version_bytes: u64,
     /// Bytes of all that lies there unpublished.
     pub staged_bytes: u64,
-    /// Days after which what nobody went on with is removed.
+    /// Days after which what nobody continued with is removed.
     pub days: u32,
     /// Uploads that a user may begin or finish in a minute.
     pub per_minute: u32,
@@ -70,7 +70,7 @@ impl Default for UploadLimits {
     }
 }
 
-/// Told of every change on disk before it is made; an error stops there.
+/// Called before every change on disk; an error stops there.
 type Steps = Arc<dyn Fn(&str) -> io::Result<()> + Send + Sync>;
 
 /// Tells the free bytes of the disk that holds a folder, where that can be known.
@@ -86,8 +86,8 @@ pub struct Uploads {
     limits: UploadLimits,
     steps: Steps,
     /// Held while room is looked for, until a record or a part claims it.
-    room: Mutex<()>,
-    /// Bytes that requests under way may still write.
+    space_lock: Mutex<()>,
+    /// Bytes that requests in progress may still write.
     coming: Arc<AtomicU64>,
     /// Asked how much room the disk of a folder has.
     space: Space,
@@ -109,7 +109,7 @@ impl Uploads {
             page,
             limits,
             steps: Arc::new(|_| Ok(())),
-            room: Mutex::default(),
+            space_lock: Mutex::default(),
             coming: Arc::default(),
             space: Arc::new(|at| fs4::available_space(at).ok()),
             jobs: Mutex::default(),
@@ -170,7 +170,7 @@ impl Uploads {
         if *count <= self.limits.per_minute {
             return Ok(());
         }
-        let mut refusal = Refusal::new(StatusCode::TOO_MANY_REQUESTS, "too many uploads were begun in this minute");
+        let mut refusal = Refusal::new(StatusCode::TOO_MANY_REQUESTS, "too many uploads were started in this minute");
         refusal.retry_after = Some(60 - now % 60);
         Err(refusal)
     }
@@ -212,10 +212,10 @@ impl Refusal {
         Self::new(StatusCode::from_u16(460).unwrap_or(StatusCode::UNPROCESSABLE_ENTITY), why)
     }
 
-    /// Another request of this upload is under way.
+    /// Another request of this upload is in progress.
     fn busy() -> Self {
         let status = StatusCode::LOCKED;
-        Self { retry_after: Some(2), ..Self::new(status, "another request of this upload is under way") }
+        Self { retry_after: Some(2), ..Self::new(status, "another request of this upload is in progress") }
     }
 
     /// What the disk says.
@@ -227,15 +227,15 @@ impl Refusal {
         if matches!(kind, StorageFull | QuotaExceeded) {
             return Self::full(format!("cannot {what}: {kind}"));
         }
-        let said = format!("the server cannot {what}: {kind}; its log says where. Run the same command again");
-        Self { retry_after: Some(5), ..Self::new(StatusCode::SERVICE_UNAVAILABLE, said) }
+        let message = format!("the server cannot {what}: {kind}; its log says where. Run the same command again");
+        Self { retry_after: Some(5), ..Self::new(StatusCode::SERVICE_UNAVAILABLE, message) }
     }
 
     fn full(what: impl std::fmt::Display) -> Self {
         tracing::error!("an upload: no room: {what}");
-        let said = format!(
-            "the disk of the server has no room ({what}); nothing was published. Ask whoever keeps it to make room, then run the same command again: what was sent so far is kept"
+        let message = format!(
+            "the disk of the server is full ({what}); nothing was published. Ask its administrator to free space, then run the same command again: what was sent so far is kept"
         );
-        Self::new(StatusCode::INSUFFICIENT_STORAGE, said)
+        Self::new(StatusCode::INSUFFICIENT_STORAGE, message)
     }
 }

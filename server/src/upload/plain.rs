@@ -235,25 +235,27 @@ pub(super) fn check_preview(bytes: &[u8], of_pack: &Metadata) -> Result<(), Stri
     let length = bytes.get(12..16).and_then(|b| b.try_into().ok()).map_or(0, u32::from_le_bytes) as usize;
     let written = bytes.get(20..20 + length).unwrap_or_default();
     let foreign = || "is not in the form in which this version of kilwa publish writes previews".to_owned();
-    let said = Said::of(&value).ok_or_else(foreign)?;
-    if written != said.json(of_pack).ok_or_else(foreign)? {
+    let declared = DeclaredPreview::of(&value).ok_or_else(foreign)?;
+    if written != declared.json(of_pack).ok_or_else(foreign)? {
         return Err(foreign());
     }
     let size = [0, 1, 2].map(|k| of_pack.bounds_max[k] - of_pack.bounds_min[k]);
     let diagonal = size.iter().map(|s| s * s).sum::<f64>().sqrt();
-    let near = |k: usize| (said.place[k] - f64::midpoint(of_pack.bounds_min[k], of_pack.bounds_max[k])).abs();
+    let near = |k: usize| (declared.place[k] - f64::midpoint(of_pack.bounds_min[k], of_pack.bounds_max[k])).abs();
     if (0..3).any(|k| near(k) > diagonal / 100.0 + 1e-3) {
         return Err("states a position outside the pack".to_owned());
     }
-    if !(0.0..=diagonal).contains(&said.error) || said.min.iter().chain(&said.max).any(|v| v.abs() > diagonal) {
+    if !(0.0..=diagonal).contains(&declared.error)
+        || declared.min.iter().chain(&declared.max).any(|v| v.abs() > diagonal)
+    {
         return Err("has coordinates larger than the model".to_owned());
     }
     let binary = bytes.get(28 + length..).unwrap_or_default();
-    if said.holds(binary) { Ok(()) } else { Err("has other vertices or triangles than it declares".to_owned()) }
+    if declared.holds(binary) { Ok(()) } else { Err("has other vertices or triangles than it declares".to_owned()) }
 }
 
 /// What differs from preview to preview.
-struct Said {
+struct DeclaredPreview {
     vertices: u64,
     corners: u64,
     has_colors: bool,
@@ -263,7 +265,7 @@ struct Said {
     error: f64,
 }
 
-impl Said {
+impl DeclaredPreview {
     fn of(value: &Value) -> Option<Self> {
         let count = |at: &str| value.pointer(at)?.as_u64().filter(|n| u32::try_from(*n).is_ok());
         let three = |at: &str| -> Option<[f64; 3]> {
@@ -322,7 +324,7 @@ impl Said {
         Some(json)
     }
 
-    /// Whether these are the vertices, whose box is the one that is said, and the triangles.
+    /// Whether these are the vertices, with the declared bounds, and the triangles.
     fn holds(&self, binary: &[u8]) -> bool {
         let (stride, vertex_bytes) = (self.stride() as usize, self.vertices * self.stride());
         if !self.corners.is_multiple_of(3) || binary.len() as u64 != vertex_bytes + self.corners * 4 {

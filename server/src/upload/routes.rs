@@ -5,9 +5,9 @@ use super::staging::{Part, Staging, none};
 use super::wire::{Intent, State as At, Status};
 use super::{Refusal, Uploads, lock};
 use crate::access::audit::Action;
+use crate::auth::{Auth, Publisher};
 use crate::catalogue::Catalogue;
 use crate::content::{insert, text};
-use crate::door::{Door, Publisher};
 use crate::index::Index;
 use crate::observe::client_of;
 use crate::packs::blocking;
@@ -36,7 +36,7 @@ const TUS: &str = "1.0.0";
 /// Largest intent, bytes, and the time to send it.
 const INTENT_MAX: usize = 4 << 20;
 const INTENT_TIME: Duration = Duration::from_secs(30);
-/// A body of which nothing comes for so long is given up.
+/// A body of which nothing comes for this long is given up.
 const STALL: Duration = Duration::from_secs(30);
 /// After so long, one slower than this many bytes a second too.
 const GRACE: Duration = Duration::from_secs(60);
@@ -55,7 +55,7 @@ pub(crate) fn routes() -> Router<Site> {
 /// Who asks, and the folder that takes uploads.
 struct Allowed {
     uploads: Arc<Uploads>,
-    door: Arc<Door>,
+    auth: Arc<Auth>,
     who: String,
     address: String,
     now: u64,
@@ -68,43 +68,44 @@ async fn allowed(
     headers: &HeaderMap,
     slug: Option<&str>,
 ) -> Result<Allowed, Refusal> {
-    let (Some(uploads), Some(door)) = (site.uploads.clone(), site.door.clone()) else {
-        let said = "this server takes no uploads; whoever keeps it starts it with `kilwa serve --accept-uploads --access FILE`";
-        return Err(Refusal::new(StatusCode::NOT_IMPLEMENTED, said));
+    let (Some(uploads), Some(auth)) = (site.uploads.clone(), site.auth.clone()) else {
+        let message = "this server accepts no uploads; its administrator can start it with `kilwa serve --accept-uploads --access FILE`";
+        return Err(Refusal::new(StatusCode::NOT_IMPLEMENTED, message));
     };
     // Paths are made of it: `..%2Fx` in an address is `../x` here.
     if slug.is_some_and(|s| Slug::new(s).is_err()) {
         return Err(none());
     }
     let now = site.clock.seconds();
-    let (asked, headers, object, network) = (Arc::clone(&door), headers.clone(), slug.map(str::to_owned), client.1);
+    let (asked, headers, object, network) = (Arc::clone(&auth), headers.clone(), slug.map(str::to_owned), client.1);
     let publisher = blocking(move || asked.publisher(&headers, object.as_deref(), &network, now)).await;
-    let publisher = publisher.map_err(|status| Refusal::new(status, "the server cannot tell who asks"))?;
+    let publisher = publisher.map_err(|status| Refusal::new(status, "the server cannot identify the user"))?;
     let who = match publisher {
         Publisher::Is(who) => who,
         Publisher::Unknown => {
-            let said = "a token for publishing is needed that is known here and has not lapsed: `kilwa access token FILE NAME --for publish`";
-            return Err(Refusal::new(StatusCode::UNAUTHORIZED, said));
+            let message =
+                "publishing needs a valid token that has not expired: `kilwa access token FILE NAME --for publish`";
+            return Err(Refusal::new(StatusCode::UNAUTHORIZED, message));
         }
         Publisher::NotFor => {
-            let said = "this token is for looking at models; publishing needs one of its own: `kilwa access token FILE NAME --for publish`";
-            return Err(Refusal::new(StatusCode::FORBIDDEN, said));
+            let message = "this token is only for viewing; publishing needs a token of its own: `kilwa access token FILE NAME --for publish`";
+            return Err(Refusal::new(StatusCode::FORBIDDEN, message));
         }
         Publisher::NotGranted(who) => {
             let slug = slug.unwrap_or_default();
-            door.record(Action::Refused, Some(&who), &client.0, Some(slug), now);
-            let said = format!(
+            auth.record(Action::Refused, Some(&who), &client.0, Some(slug), now);
+            let message = format!(
                 "{who} was not granted {slug}: `kilwa access user FILE {who} --object {slug} --no-password`, or --all"
             );
-            return Err(Refusal::new(StatusCode::FORBIDDEN, said));
+            return Err(Refusal::new(StatusCode::FORBIDDEN, message));
         }
         Publisher::Wait(seconds) => {
-            let said = "too many tokens that are not known came from this address";
-            let refusal = Refusal::new(StatusCode::TOO_MANY_REQUESTS, said);
+            let message = "too many unknown tokens were sent from this address";
+            let refusal = Refusal::new(StatusCode::TOO_MANY_REQUESTS, message);
             return Err(Refusal { retry_after: Some(seconds), ..refusal });
         }
     };
-    Ok(Allowed { uploads, door, who, address: client.0, now })
+    Ok(Allowed { uploads, auth, who, address: client.0, now })
 }
 
 /// `POST /uploads`
@@ -205,7 +206,7 @@ async fn finish(State(site): State<Site>, Path(slug): Path<String>, request: Req
 
 /// Verify and publish what lies there, on a thread of its own.
 async fn start(site: &Site, allowed: Allowed, slug: String) -> Result<(StatusCode, Status), Refusal> {
-    let Allowed { uploads, door, who, address, now } = allowed;
+    let Allowed { uploads, auth, who, address, now } = allowed;
     if let Some(job) = uploads.job(&slug).filter(|j| j.who == who && j.is_running()) {
         return Ok(job.status());
     }
@@ -214,7 +215,7 @@ async fn start(site: &Site, allowed: Allowed, slug: String) -> Result<(StatusCod
     let staging = staging.map_err(|status| Refusal::new(status, "the server could not look"))??.ok_or_else(none)?;
     let job = Arc::new(Job::new(&who, &staging.record.intent, uploads.store.is_some()));
     lock(&uploads.jobs).insert(slug.clone(), Arc::clone(&job));
-    let (status, said) = job.status();
+    let (status, body) = job.status();
     let (catalogue, index) = (Arc::clone(&site.catalogue), site.index.clone());
     let (own, turn) = (uploads.queue(&who), Arc::clone(&uploads.turn));
     let ending = Ending(Arc::clone(&job));
@@ -226,7 +227,7 @@ async fn start(site: &Site, allowed: Allowed, slug: String) -> Result<(StatusCod
                 Ok(done) => {
                     show(&catalogue, index.as_deref());
                     if !done.already {
-                        door.published(&who, &address, &slug, done.version, now);
+                        auth.published(&who, &address, &slug, done.version, now);
                     }
                 }
                 Err(refusal) => tracing::warn!("{slug} was not published: {}", refusal.why),
@@ -240,7 +241,7 @@ async fn start(site: &Site, allowed: Allowed, slug: String) -> Result<(StatusCod
         }
     });
     let status = if status == StatusCode::OK { StatusCode::ACCEPTED } else { status };
-    Ok((status, said))
+    Ok((status, body))
 }
 
 /// Look at what there is at once: a store is else looked at seldom.
@@ -329,10 +330,10 @@ fn offset_of(headers: &HeaderMap) -> Result<u64, Refusal> {
     }
     if text(headers, &CONTENT_TYPE) != Some("application/offset+octet-stream") {
         let status = StatusCode::UNSUPPORTED_MEDIA_TYPE;
-        return Err(Refusal::new(status, "Content-Type: application/offset+octet-stream is wanted"));
+        return Err(Refusal::new(status, "expected Content-Type: application/offset+octet-stream"));
     }
     let offset = text(headers, &OFFSET).and_then(|o| o.parse().ok());
-    offset.ok_or_else(|| Refusal::new(StatusCode::BAD_REQUEST, "Upload-Offset: a number is wanted"))
+    offset.ok_or_else(|| Refusal::new(StatusCode::BAD_REQUEST, "Upload-Offset must be a number"))
 }
 
 /// Write a body to a part as it comes; what came before it broke off is written too. How far the file is then.
@@ -352,7 +353,7 @@ async fn receive(uploads: &Arc<Uploads>, mut part: Part, mut body: Body) -> Resu
             break Err(Refusal::new(StatusCode::REQUEST_TIMEOUT, "the bytes come too slowly"));
         }
         if (held.len() + data.len()) as u64 > part.remaining() {
-            break Err(Refusal::new(StatusCode::BAD_REQUEST, "more bytes came than the file was said to have"));
+            break Err(Refusal::new(StatusCode::BAD_REQUEST, "more bytes were sent than announced for the file"));
         }
         held.extend_from_slice(&data);
         if held.len() >= HELD {

@@ -2,9 +2,9 @@
 //! SHA-256, as far as it came.
 //!
 //! The length of a file is how far it came; its content counts only when it was hashed. A lock on the folder keeps two requests, and two
-//! servers, from writing at once. Paths are made of slugs and SHA-256 only. Links and folders that stand where a file would are taken away.
+//! servers, from writing at once. Paths are made of slugs and SHA-256 only. Links and folders that stand where a file would are removed.
 
-use super::wire::{FileSaid, Intent, Lacking};
+use super::wire::{AnnouncedFile, Intent, Lacking};
 use super::{BODY_MAX, Refusal, Uploads, lock};
 use axum::http::StatusCode;
 use kilwa_archive::checksums::{is_sha256, sha256_of};
@@ -27,10 +27,10 @@ const RECORD: &str = "upload.json";
 const LOCK: &str = "lock";
 /// Files up to this length are hashed when they are complete; longer ones when the version is verified.
 const HASHED_AT_ONCE: u64 = 64 << 20;
-/// Room that a version takes beside its files: records and viewer.
+/// Disk space that a version takes beside its files: records and viewer.
 const ROOM: u64 = 64 << 20;
 const DAY: u64 = 86_400;
-/// Room that was announced is kept for an upload as long as something of it comes at least this often, seconds.
+/// Disk space that was announced is kept for an upload as long as something of it comes at least this often, seconds.
 const CLAIM: u64 = 3600;
 
 /// Who uploads what.
@@ -55,7 +55,7 @@ pub(super) struct Staging {
 pub(super) struct Part {
     file: File,
     path: PathBuf,
-    said: FileSaid,
+    announced: AnnouncedFile,
     pub(super) offset: u64,
     coming: Coming,
     _staging: Staging,
@@ -87,7 +87,7 @@ impl Uploads {
         self.shelf.join(FOLDER).join(slug)
     }
 
-    /// Begin an upload, or go on with it: what of `intent` is there already is kept, what belongs to another is removed.
+    /// Begin an upload, or continue with it: what of `intent` is there already is kept, what belongs to another is removed.
     pub(super) fn stage(&self, who: &str, intent: Intent, now: u64) -> Result<Staging, Refusal> {
         let root = self.shelf.join(FOLDER);
         let folder = self.folder(&intent.slug);
@@ -106,7 +106,7 @@ impl Uploads {
         let begun = before.filter(|r| r.who == who).map_or(now, |r| r.begun);
         let staging = Staging { folder, record: Record { who: who.to_owned(), begun, intent }, _lock: held };
         staging.remove_others().map_err(|e| Refusal::disk("remove what an earlier upload left", &e))?;
-        let _room = lock(&self.room);
+        let _space = lock(&self.space_lock);
         self.check_room(&staging, now)?;
         staging.write_record().map_err(|e| Refusal::disk("write what is meant", &e))?;
         Ok(staging)
@@ -126,22 +126,22 @@ impl Uploads {
         let coming: u64 = staging.lacking().iter().map(|l| l.bytes - l.offset).sum();
         let needed = coming.saturating_add(others_come).saturating_add(self.page.bytes() + ROOM);
         if let Some(free) = (self.space)(&self.shelf).filter(|free| *free < needed) {
-            let said =
+            let message =
                 format!("{free} bytes are free, about {needed} are needed, {others_come} of them for other uploads");
-            return Err(Refusal::full(said));
+            return Err(Refusal::full(message));
         }
         let all: u64 = staging.record.intent.files.iter().map(|f| f.bytes).sum();
         if others.saturating_add(all) > self.limits.staged_bytes {
-            let said = format!(
+            let message = format!(
                 "uploads that are not finished have sent or announced {others} bytes, and {} are possible; run the same command again when they are published or have lapsed",
                 self.limits.staged_bytes
             );
-            return Err(Refusal::new(StatusCode::INSUFFICIENT_STORAGE, said));
+            return Err(Refusal::new(StatusCode::INSUFFICIENT_STORAGE, message));
         }
         Ok(())
     }
 
-    /// The upload of an object, by who began it; `None` where there is none.
+    /// The upload of an object, by who began it; `None` if there is none.
     pub(super) fn staging(&self, slug: &str, who: &str) -> Result<Option<Staging>, Refusal> {
         let folder = self.folder(slug);
         if !folder.is_dir() {
@@ -155,57 +155,57 @@ impl Uploads {
         Ok(Some(Staging { folder, record, _lock: lock }))
     }
 
-    /// A file of an upload, to go on with at `offset`.
+    /// A file of an upload, to continue with at `offset`.
     pub(super) fn part(&self, slug: &str, sha256: &str, who: &str, offset: u64) -> Result<Part, Refusal> {
         let staging = self.staging(slug, who)?.ok_or_else(none)?;
-        let said = staging.said(sha256)?;
-        let path = staging.folder.join(&said.sha256);
-        let there = staging.length(&said).map_err(|e| Refusal::disk("read what is there", &e))?;
+        let announced = staging.announced(sha256)?;
+        let path = staging.folder.join(&announced.sha256);
+        let there = staging.length(&announced).map_err(|e| Refusal::disk("read what is there", &e))?;
         if there != offset {
-            let said = format!(
+            let message = format!(
                 "{} there, so that what follows begins at {there}, not at {offset}",
                 counted(there, "byte of it is", "bytes of it are")
             );
-            return Err(Refusal { offset: Some(there), ..Refusal::conflict(said) });
+            return Err(Refusal { offset: Some(there), ..Refusal::conflict(message) });
         }
-        let coming = self.claim_part((said.bytes - offset).min(BODY_MAX))?;
+        let coming = self.claim_part((announced.bytes - offset).min(BODY_MAX))?;
         let opened = (|| {
             let mut file = OpenOptions::new().create(true).write(true).truncate(false).open(&path)?;
             file.seek(SeekFrom::Start(offset))?;
             Ok(file)
         })();
         let file = opened.map_err(|e| Refusal::disk("write what is sent", &e))?;
-        Ok(Part { file, path, said, offset, coming, _staging: staging })
+        Ok(Part { file, path, announced: announced, offset, coming, _staging: staging })
     }
 
-    /// Room for what one request may write: others may have taken it since it was announced.
+    /// Disk space for what one request may write: others may have taken it since it was announced.
     fn claim_part(&self, bytes: u64) -> Result<Coming, Refusal> {
-        let _room = lock(&self.room);
+        let _space = lock(&self.space_lock);
         let coming = self.coming.load(Ordering::Relaxed).saturating_add(bytes);
         let needed = ROOM.saturating_add(coming);
         if let Some(free) = (self.space)(&self.shelf).filter(|free| *free < needed) {
-            let said = format!("{free} bytes are free; {coming} may come now, and {ROOM} are kept free");
-            return Err(Refusal::full(said));
+            let message = format!("{free} bytes are free; this request may bring {coming}, and {ROOM} must stay free");
+            return Err(Refusal::full(message));
         }
         let held: u64 = self.staged().iter().map(|folder| bytes_in(folder, is_sent)).sum();
         if held.saturating_add(coming) > self.limits.staged_bytes {
-            let said = format!(
+            let message = format!(
                 "uploads that are not finished hold {held} bytes, {coming} more may come now, and {} are possible; run the same command again when they are published or have lapsed",
                 self.limits.staged_bytes
             );
-            return Err(Refusal::new(StatusCode::INSUFFICIENT_STORAGE, said));
+            return Err(Refusal::new(StatusCode::INSUFFICIENT_STORAGE, message));
         }
         self.coming.fetch_add(bytes, Ordering::Relaxed);
         Ok(Coming { all: Arc::clone(&self.coming), bytes })
     }
 
-    /// Remove what nobody went on with.
+    /// Remove what nobody continued with.
     pub(super) fn sweep(&self, now: u64) {
         for folder in self.staged().into_iter().filter(|f| self.is_stale(f, now)) {
             // Whoever writes there holds the lock.
             let Ok(Some(_lock)) = locked(&folder) else { continue };
             match fs::remove_dir_all(&folder) {
-                Ok(()) => tracing::info!("{}: an upload that nobody went on with is removed", folder.display()),
+                Ok(()) => tracing::info!("{}: an abandoned upload is removed", folder.display()),
                 Err(e) => tracing::warn!("{}: cannot be removed: {e}", folder.display()),
             }
         }
@@ -234,17 +234,17 @@ pub(super) fn none() -> Refusal {
 
 impl Staging {
     /// The file of a SHA-256 that is meant.
-    fn said(&self, sha256: &str) -> Result<FileSaid, Refusal> {
+    fn announced(&self, sha256: &str) -> Result<AnnouncedFile, Refusal> {
         let found = self.record.intent.files.iter().find(|f| f.sha256 == sha256);
         found.cloned().ok_or_else(|| Refusal::new(StatusCode::NOT_FOUND, "this upload has no such file"))
     }
 
-    /// How much of a file is there. What is no plain file, too long, or has another name elsewhere is taken away.
-    fn length(&self, said: &FileSaid) -> io::Result<u64> {
-        let path = self.at(said);
+    /// How much of a file is there. What is no plain file, too long, or has another name elsewhere is removed.
+    fn length(&self, file: &AnnouncedFile) -> io::Result<u64> {
+        let path = self.at(file);
         match fs::symlink_metadata(&path) {
             // A second name of it is in a version, or was to be: nothing must be appended to that.
-            Ok(m) if m.is_file() && m.len() <= said.bytes && names_of(&m) == 1 => Ok(m.len()),
+            Ok(m) if m.is_file() && m.len() <= file.bytes && names_of(&m) == 1 => Ok(m.len()),
             Ok(m) if m.is_dir() => fs::remove_dir_all(&path).map(|()| 0),
             Ok(_) => fs::remove_file(&path).map(|()| 0),
             Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(0),
@@ -254,32 +254,32 @@ impl Staging {
 
     /// How much of a file is there, by its SHA-256.
     pub(super) fn offset(&self, sha256: &str) -> Result<(u64, u64), Refusal> {
-        let said = self.said(sha256)?;
-        let there = self.length(&said).map_err(|e| Refusal::disk("read what is there", &e))?;
-        Ok((there, said.bytes))
+        let announced = self.announced(sha256)?;
+        let there = self.length(&announced).map_err(|e| Refusal::disk("read what is there", &e))?;
+        Ok((there, announced.bytes))
     }
 
     /// Where a file lies.
-    pub(super) fn at(&self, said: &FileSaid) -> PathBuf {
-        self.folder.join(&said.sha256)
+    pub(super) fn at(&self, file: &AnnouncedFile) -> PathBuf {
+        self.folder.join(&file.sha256)
     }
 
-    /// What is not there, or not wholly.
+    /// What does not exist, or not wholly.
     pub(super) fn lacking(&self) -> Vec<Lacking> {
         let mut all: Vec<Lacking> = Vec::new();
-        for said in &self.record.intent.files {
-            let offset = self.length(said).unwrap_or(0);
-            if offset < said.bytes && !all.iter().any(|l| l.sha256 == said.sha256) {
-                all.push(Lacking { sha256: said.sha256.clone(), offset, bytes: said.bytes });
+        for file in &self.record.intent.files {
+            let offset = self.length(file).unwrap_or(0);
+            if offset < file.bytes && !all.iter().any(|l| l.sha256 == file.sha256) {
+                all.push(Lacking { sha256: file.sha256.clone(), offset, bytes: file.bytes });
             }
         }
         all
     }
 
-    /// A file is not what was said: send it again.
-    pub(super) fn discard(&self, said: &FileSaid) {
-        if let Err(e) = fs::remove_file(self.at(said)) {
-            tracing::warn!("{}: cannot be removed: {e}", self.at(said).display());
+    /// A file is not what was announced: it must be sent again.
+    pub(super) fn discard(&self, file: &AnnouncedFile) {
+        if let Err(e) = fs::remove_file(self.at(file)) {
+            tracing::warn!("{}: cannot be removed: {e}", self.at(file).display());
         }
     }
 
@@ -312,7 +312,7 @@ impl Staging {
 impl Part {
     /// How much of it is still to come.
     pub(super) fn remaining(&self) -> u64 {
-        self.said.bytes - self.offset
+        self.announced.bytes - self.offset
     }
 
     /// The next bytes.
@@ -338,13 +338,14 @@ impl Part {
     /// Put it on the disk; a file that is complete, and not too long to wait for, must have its SHA-256.
     pub(super) fn close(self) -> Result<u64, Refusal> {
         self.file.sync_data().map_err(|e| Refusal::disk("write what is sent", &e))?;
-        if self.remaining() == 0 && self.said.bytes <= HASHED_AT_ONCE {
+        if self.remaining() == 0 && self.announced.bytes <= HASHED_AT_ONCE {
             let opened = File::open(&self.path).and_then(sha256_of);
             let (_, sum) = opened.map_err(|e| Refusal::disk("read what was sent", &e))?;
-            if sum != self.said.sha256 {
+            if sum != self.announced.sha256 {
                 drop(fs::remove_file(&self.path));
-                let said = format!("{} arrived with another content than was announced; send it again", self.said.path);
-                return Err(Refusal { offset: Some(0), ..Refusal::altered(said) });
+                let message =
+                    format!("{} arrived with another content than was announced; send it again", self.announced.path);
+                return Err(Refusal { offset: Some(0), ..Refusal::altered(message) });
             }
         }
         Ok(self.offset)

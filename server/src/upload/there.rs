@@ -3,7 +3,7 @@
 //! For a store what a version is made against (manifest, page, metadata of the last version) is fetched into a folder beside the uploads, the version
 //! is made there, and sent: manifest last, and only against what was fetched ([`S3::send`]). Invariants: nothing of such a folder is served; it is
 //! removed when it was sent or not, and what a crash left of it when the server starts. Failures: a store that goes away is waited for, and whoever
-//! asks how far it is is told; one that does not let the server write is named with what to do; somebody else's version is a conflict.
+//! asks for the status gets it; one that does not let the server write is named with what to do; another user's version is a conflict.
 
 use super::finish::Job;
 use super::{Refusal, Uploads, lock};
@@ -26,7 +26,7 @@ use std::time::{Duration, Instant};
 /// Prefix of the folders in which versions for a store are made, and the folder whose lock is held while one of them is created.
 const WORK: &str = ".kilwa-work-";
 const MAKING: &str = ".kilwa-making";
-/// A store that does not answer is waited for so long; what was sent to the server is kept then.
+/// A store that does not answer is waited for this long; what was sent to the server is kept then.
 const PATIENCE: Duration = Duration::from_secs(3600);
 const LOOK: Duration = Duration::from_millis(250);
 /// Creating a work folder, or changing the requested object, takes less than this.
@@ -53,7 +53,7 @@ impl Uploads {
         found(slug, work, against)
     }
 
-    /// The same for a version that is being published, under the lock of the folder: what an earlier change has left there is finished or taken away. A
+    /// The same for a version that is being published, under the lock of the folder: what an earlier change has left there is finished or removed. A
     /// store that does not answer is waited for.
     pub(super) fn there_at_last(&self, locked: &Lock, slug: &Slug, job: &Job) -> Result<There, Refusal> {
         let Some(store) = &self.store else {
@@ -71,7 +71,7 @@ impl Uploads {
         made.map_err(|e| super::finish::refused(&e))
     }
 
-    /// Finish or undo an interrupted change of an object before a client is told that it is published. Not needed for a store, whose objects change with their
+    /// Finish or undo an interrupted change of an object before a client learns that it is published. Not needed for a store, whose objects change with their
     /// manifest.
     ///
     /// # Errors
@@ -91,10 +91,10 @@ impl Uploads {
         let (Some(store), Some((against, _))) = (&self.store, &there.stored) else { return Ok(()) };
         let manifest = there.shelf.join(slug.as_str()).join(MANIFEST);
         let manifest = fs::read(manifest).map_err(|e| Refusal::disk("read the version", &e))?;
-        let told = |key: &str| job.sends(key);
+        let on_send = |key: &str| job.sends(key);
         let sent = waiting(job, || {
             (self.steps)("send")?;
-            match store.send(slug, &there.shelf, version, against, &told) {
+            match store.send(slug, &there.shelf, version, against, &on_send) {
                 Ok(_) => Ok(()),
                 // What cut the line may have cut off no more than the answer to the last step.
                 Err(e) if !is_away(&e) && has_manifest(store, slug, &manifest)? => Ok(()),
@@ -124,14 +124,14 @@ fn has_manifest(store: &Arc<S3>, slug: &Slug, manifest: &[u8]) -> io::Result<boo
     }
 }
 
-/// Do it, and again while the store does not answer; meanwhile whoever asks is told.
+/// Do it, and repeat it while the store does not answer; meanwhile the status says so.
 fn waiting<T>(job: &Job, mut what: impl FnMut() -> io::Result<T>) -> io::Result<T> {
     let began = Instant::now();
     let done = loop {
         match what() {
             Err(e) if is_away(&e) && began.elapsed() < PATIENCE => {
-                let said = format!("the archive's storage does not answer ({e}); it goes on when it does");
-                *lock(&job.waits) = Some(said);
+                let message = format!("the archive's storage does not answer ({e}); this continues when it does");
+                *lock(&job.waits) = Some(message);
                 std::thread::sleep(LOOK);
             }
             done => break done,
@@ -144,19 +144,19 @@ fn waiting<T>(job: &Job, mut what: impl FnMut() -> io::Result<T>) -> io::Result<
 /// What the store says, and what to do.
 fn refused(e: &io::Error) -> Refusal {
     if is_away(e) {
-        let said = format!(
+        let message = format!(
             "the archive's storage does not answer ({e}); nothing was published. What was sent is kept: run the same command again when it does"
         );
-        return Refusal { retry_after: Some(10), ..Refusal::new(StatusCode::SERVICE_UNAVAILABLE, said) };
+        return Refusal { retry_after: Some(10), ..Refusal::new(StatusCode::SERVICE_UNAVAILABLE, message) };
     }
     if is_refused(e) {
         tracing::error!(
             "an upload: the store refuses to be written to: {e}; the server's keys need the right to write there (s3:PutObject)"
         );
-        let said = format!(
+        let message = format!(
             "the archive's storage does not let this server write ({e}); nothing was published. Ask whoever keeps it for keys that may write, then run the same command again: what was sent is kept"
         );
-        return Refusal::new(StatusCode::FORBIDDEN, said);
+        return Refusal::new(StatusCode::FORBIDDEN, message);
     }
     match e.kind() {
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => Refusal::disk("write the version", e),
@@ -174,7 +174,7 @@ impl Job {
     }
 }
 
-/// Make the folder for uploads where it is missing, and take away what a crash left in it.
+/// Make the folder for uploads where it is missing, and remove what a crash left in it.
 pub(super) fn prepare(folder: &Path) -> io::Result<()> {
     private(folder)?;
     let _making = making(folder).map_err(io::Error::other)?;

@@ -35,29 +35,29 @@ pub struct Intent {
     /// Whether the place was taken out.
     #[serde(default)]
     pub location_redacted: bool,
-    /// Side of the grid cell, metres, in whose middle the model stands, where that much of the place is told.
+    /// Side of the grid cell, metres, to whose centre the model was moved, if that much of the location is public.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub location_cell: Option<f64>,
     /// Scalar channels that were kept although the place was taken out.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub kept_channels: Vec<String>,
-    /// Whether it was said that it is the same object, however different it looks.
+    /// Whether the publisher states that it is the same object, however different it looks.
     #[serde(default)]
     pub same_object: bool,
     /// What is known of the model.
     pub metadata: Metadata,
     /// What is known of the preview, where there is one.
-    pub preview: Option<PreviewSaid>,
+    pub preview: Option<AnnouncedPreview>,
     /// The drawings: path in the version and words.
     pub drawings: Vec<Drawing>,
     /// The files: pack, pictures, preview, notes.
-    pub files: Vec<FileSaid>,
+    pub files: Vec<AnnouncedFile>,
 }
 
-/// What is said of the preview.
+/// The announced properties of the preview.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct PreviewSaid {
+pub struct AnnouncedPreview {
     /// Its triangles.
     pub triangles: u64,
     /// Its distance from the finest surface, metres.
@@ -77,7 +77,7 @@ pub struct Drawing {
 /// A file.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct FileSaid {
+pub struct AnnouncedFile {
     /// Path in the version.
     pub path: String,
     /// Length.
@@ -127,7 +127,7 @@ pub struct Status {
     /// Day on which what was sent lapses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub until: Option<String>,
-    /// Why it does not go on at the moment; it will by itself.
+    /// Why it does not continue at the moment; it will by itself.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub waits: Option<String>,
 }
@@ -165,7 +165,7 @@ pub struct Lacking {
 pub(super) struct Meant {
     pub(super) slug: Slug,
     pub(super) rights: Rights,
-    pub(super) pack: FileSaid,
+    pub(super) pack: AnnouncedFile,
     pub(super) preview: Option<Preview>,
 }
 
@@ -184,7 +184,7 @@ impl Intent {
         let wrong = |what: String| Err(Refusal::content(what));
         if self.kilwa_upload != FORM {
             return wrong(format!(
-                "this server takes uploads of form {FORM}, not {}; use the same version of kilwa on both sides",
+                "this server accepts uploads of form {FORM}, not {}; use the same version of kilwa on both sides",
                 self.kilwa_upload
             ));
         }
@@ -209,7 +209,7 @@ impl Intent {
             return wrong(format!("the note of the version is empty, longer than {NOTE_MAX} bytes, or no text"));
         }
         if self.location_redacted && self.metadata.clone().without_location() != self.metadata {
-            return wrong("the place is to be taken out, and the metadata still tell it".to_owned());
+            return wrong("the location is to be removed, and the metadata still contain it".to_owned());
         }
         super::withheld::check_intent(self).map_err(Refusal::content)?;
         let pack = self.check_files(limits)?;
@@ -219,11 +219,11 @@ impl Intent {
     }
 
     /// The files, each of which must be one that a version has; the pack.
-    fn check_files(&self, limits: &UploadLimits) -> Result<FileSaid, Refusal> {
+    fn check_files(&self, limits: &UploadLimits) -> Result<AnnouncedFile, Refusal> {
         let (mut paths, mut pack, mut total) = (BTreeSet::new(), None, 0u64);
         for file in &self.files {
             if !is_sha256(&file.sha256) {
-                return Err(Refusal::content(format!("{:?}: its SHA-256 is none", short(&file.path))));
+                return Err(Refusal::content(format!("{:?}: its SHA-256 is invalid", short(&file.path))));
             }
             let is_pack = file.path == pack_name(&file.sha256);
             if !is_pack && !super::files::is_expected(&file.path) {
@@ -235,11 +235,11 @@ impl Intent {
             if !paths.insert(file.path.as_str()) {
                 return Err(Refusal::content(format!("{} is there twice", file.path)));
             }
-            let most = if is_pack { limits.version_bytes } else { super::files::most(&file.path) };
-            if file.bytes == 0 || file.bytes > most {
+            let max = if is_pack { limits.version_bytes } else { super::files::max_bytes(&file.path) };
+            if file.bytes == 0 || file.bytes > max {
                 let status = axum::http::StatusCode::PAYLOAD_TOO_LARGE;
-                let said = format!("{} has {} bytes; from 1 to {most} are possible", file.path, file.bytes);
-                return Err(Refusal::new(status, said));
+                let message = format!("{} has {} bytes; from 1 to {max} are allowed", file.path, file.bytes);
+                return Err(Refusal::new(status, message));
             }
             total = total.saturating_add(file.bytes);
             if is_pack && pack.replace(file.clone()).is_some() {
@@ -248,12 +248,12 @@ impl Intent {
         }
         if total > limits.version_bytes {
             let status = axum::http::StatusCode::PAYLOAD_TOO_LARGE;
-            let said = format!(
+            let message = format!(
                 "the version has {}; this server takes {}",
                 counted(total, "byte", "bytes"),
                 limits.version_bytes
             );
-            return Err(Refusal::new(status, said));
+            return Err(Refusal::new(status, message));
         }
         let posters = [POSTER].into_iter().chain(THUMBNAILS.map(|(name, _)| name));
         if let Some(lacking) = posters.into_iter().find(|name| !paths.contains(name)) {
@@ -290,10 +290,10 @@ impl Intent {
         let bytes = self.files.iter().find(|f| f.path == PREVIEW).map(|f| f.bytes);
         match (self.preview, bytes) {
             (None, None) => Ok(None),
-            (Some(said), Some(bytes)) if said.error.is_finite() && said.error >= 0.0 => {
-                Ok(Some(Preview { bytes, triangles: said.triangles, error: said.error }))
+            (Some(announced), Some(bytes)) if announced.error.is_finite() && announced.error >= 0.0 => {
+                Ok(Some(Preview { bytes, triangles: announced.triangles, error: announced.error }))
             }
-            _ => Err(Refusal::content(format!("{PREVIEW} and what is said of it do not belong together"))),
+            _ => Err(Refusal::content(format!("{PREVIEW} and its announcement do not match"))),
         }
     }
 }

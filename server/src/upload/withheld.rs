@@ -17,7 +17,7 @@ use std::path::Path;
 
 /// Largest cell, metres: as `kilwa publish` takes it.
 const CELL_MAX: f64 = 1e7;
-/// Lattice steps by which a middle may be off: it is rounded to whole ones.
+/// Lattice units by which a middle may be off: it is rounded to whole ones.
 const ROUNDING: f64 = 1.5;
 /// How far from the model preview and world file may reach, in diagonals of its box.
 const REACH: f64 = 4.0;
@@ -84,8 +84,8 @@ pub(super) fn check_pack<S: Source + Sync>(intent: &Intent, reader: &Reader<S>) 
     }
     written::check(reader).map_err(|what| claimed(&what))?;
     let surveyed = channels::survey(reader).map_err(|e| format!("the pack: {e}"))?;
-    let told = surveyed.iter().find_map(|c| Some((&c.name, c.gives_away(&Location::unknown())?)));
-    match told {
+    let revealing = surveyed.iter().find_map(|c| Some((&c.name, c.gives_away(&Location::unknown())?)));
+    match revealing {
         Some((name, why)) => Err(claimed(&format!("its scalar channel {name:?} {why}"))),
         None => Ok(()),
     }
@@ -128,7 +128,7 @@ fn check_place<S: Source>(intent: &Intent, reader: &Reader<S>) -> Result<(), Str
     if corners { Ok(()) } else { Err(claimed("the metadata of its pack give a different position from its lattice")) }
 }
 
-/// What was found although the location is said to be withheld.
+/// What was found although the location is announced as withheld.
 fn claimed(what: &str) -> String {
     format!(
         "the version is announced as having no location (--redact-location), but {what}; publish it with this version of kilwa, which removes the location"

@@ -116,7 +116,7 @@ fn check_edge<S: Source + Sync>(reader: &Reader<S>) -> Result<(), String> {
     }
 }
 
-/// Lengths, in lattice steps, of the edges of those triangles of a chunk that no other chunk refines.
+/// Lengths, in lattice units, of the edges of those triangles of a chunk that no other chunk refines.
 fn finest_edges(chunk: &Chunk, edges: &mut Vec<f64>) {
     for patch in chunk.patches.iter().filter(|p| p.diamond == NO_DIAMOND) {
         let triangles = chunk.mesh.triangles.iter().skip(patch.first as usize).take(patch.count as usize);

@@ -21,7 +21,7 @@ use tower::ServiceExt as _;
 /// A page of a few small files.
 pub(crate) fn page() -> Page {
     let html = "<!doctype html><html lang=\"en\"><head><base href=\"./\"><title>Kilwa</title></head>\
-        <body data-pack=\"\" data-list=\"\"><h1><!--title--></h1><!--facts--></body></html>";
+        <body data-pack=\"\" data-list=\"\"><h1><!--title--></h1><!--facts--><!--about--></body></html>";
     let files = [
         ("index.html", html.as_bytes()),
         ("boot.js", b"export {};".as_slice()),
@@ -83,7 +83,7 @@ pub(crate) async fn get(app: &Router, uri: &str) -> Answer {
     ask(app, "GET", uri, &[]).await
 }
 
-/// A true pack of one triangle.
+/// A valid pack of one triangle.
 pub(crate) fn pack(title: &str) -> Vec<u8> {
     pack_in(title, Some("EPSG:32737"))
 }
@@ -217,7 +217,7 @@ fn version(root: &Path, number: u32, pack: &[u8]) -> Version {
     let name = format!("pack.{}.kilwa", sha256(pack));
     let mut list = Checksums::default();
     std::fs::create_dir_all(root.join(&folder).join("viewer")).unwrap();
-    // As of a true model, the picture is another one when the pack is.
+    // As with real models, another pack has another picture.
     let poster = [b"JPEG", sha256(pack).as_bytes()].concat();
     let files: [(&str, &[u8]); 7] = [
         (name.as_str(), pack),

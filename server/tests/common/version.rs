@@ -1,11 +1,11 @@
-//! Versions as `kilwa publish` sends them, and what the server says of them.
+//! Versions as `kilwa publish` sends them, and the responses of the server.
 
 use super::{Answer, pack_in};
 use kilwa_archive::Metadata;
 use kilwa_archive::checksums::sha256;
-use kilwa_server::upload::wire::{Drawing, FORM, FileSaid, Intent, PreviewSaid, Status};
+use kilwa_server::upload::wire::{AnnouncedFile, AnnouncedPreview, Drawing, FORM, Intent, Status};
 
-/// What an answer says; a refusal without a state counts as refused.
+/// The status in a response; a refusal without a state counts as refused.
 pub(crate) fn status(answer: &Answer) -> Status {
     serde_json::from_slice(&answer.body).unwrap_or_else(|_| {
         let value: serde_json::Value = serde_json::from_slice(&answer.body).unwrap_or_default();
@@ -57,7 +57,7 @@ impl Version {
                 kept_channels: Vec::new(),
                 same_object: false,
                 metadata,
-                preview: Some(PreviewSaid { triangles: 1, error: 0.0 }),
+                preview: Some(AnnouncedPreview { triangles: 1, error: 0.0 }),
                 drawings: vec![Drawing { path: "drawings/plan.png".to_owned(), words: "Plan, 1:100".to_owned() }],
                 files: Vec::new(),
             },
@@ -74,8 +74,8 @@ impl Version {
     }
 
     pub(crate) fn add(&mut self, path: &str, bytes: Vec<u8>) {
-        let said = FileSaid { path: path.to_owned(), bytes: bytes.len() as u64, sha256: sha256(&bytes) };
-        self.intent.files.push(said);
+        let file = AnnouncedFile { path: path.to_owned(), bytes: bytes.len() as u64, sha256: sha256(&bytes) };
+        self.intent.files.push(file);
         self.files.push(bytes);
     }
 

@@ -1,4 +1,4 @@
-//! A store that was made by others (moto, over Python), and a line to it that can be cut, and can hold or refuse requests.
+//! An independent store (moto, in Python), and a proxy to it that can break connections and hold or refuse requests.
 
 use kilwa_server::store::{S3, S3Options, StoreError};
 use std::io::{BufRead as _, BufReader, Write as _};
@@ -17,7 +17,7 @@ pub(crate) struct Bucket {
     child: Child,
     say: Option<ChildStdin>,
     hear: BufReader<ChildStdout>,
-    pub(crate) line: Line,
+    pub(crate) proxy: Proxy,
 }
 
 impl Bucket {
@@ -38,8 +38,8 @@ impl Bucket {
         let mut hear = BufReader::new(child.stdout.take().expect("its output"));
         let mut port = String::new();
         hear.read_line(&mut port).expect("it speaks");
-        let line = Line::to(port.trim().parse().expect("a port"));
-        Some(Self { child, say, hear, line })
+        let proxy = Proxy::to(port.trim().parse().expect("a port"));
+        Some(Self { child, say, hear, proxy })
     }
 
     fn order(&mut self, words: &[&str]) {
@@ -64,7 +64,7 @@ impl Bucket {
         self.order(&["delete", key]);
     }
 
-    /// How it is reached, over the line.
+    /// How it is reached, through the proxy.
     pub(crate) fn options(&self, url: &str, timeout: Duration) -> S3Options {
         let settings = [
             ("AWS_ACCESS_KEY_ID", "test"),
@@ -73,19 +73,19 @@ impl Bucket {
         ];
         S3Options {
             url: url.to_owned(),
-            endpoint: Some(format!("http://127.0.0.1:{}", self.line.port)),
+            endpoint: Some(format!("http://127.0.0.1:{}", self.proxy.port)),
             settings: settings.map(|(n, v)| (n.to_owned(), v.to_owned())).to_vec(),
             timeout,
             refresh: Duration::from_millis(100),
             retries: 1,
-            // Whoever comes takes over what another has begun; tests of claims say otherwise.
+            // A command takes over what another has begun; tests of claims choose otherwise.
             lease: Duration::ZERO,
         }
     }
 
-    /// The store without the line.
+    /// The store without the proxy.
     pub(crate) fn open_directly(&self, url: &str, timeout: Duration) -> Result<Arc<S3>, StoreError> {
-        let endpoint = Some(format!("http://127.0.0.1:{}", self.line.upstream));
+        let endpoint = Some(format!("http://127.0.0.1:{}", self.proxy.upstream));
         S3::open(&S3Options { endpoint, ..self.options(url, timeout) })
     }
 
@@ -103,16 +103,16 @@ impl Drop for Bucket {
     }
 }
 
-/// What becomes of requests whose first line has certain words in it.
+/// How requests are treated whose first line contains certain words.
 #[derive(Clone, Copy, PartialEq)]
 enum Fate {
     /// The store says 403.
     Refused,
-    /// They come no further for now.
+    /// They are held for now.
     Held,
 }
 
-/// What goes through the line.
+/// State of the proxy.
 struct Traffic {
     /// Bytes of answers that still go through.
     left: AtomicI64,
@@ -146,17 +146,17 @@ impl Traffic {
     }
 }
 
-/// A line to a port, which can be cut, silent, or go dead in the middle.
-pub(crate) struct Line {
+/// A proxy to a port that can be cut, silent, or stop in the middle of a response.
+pub(crate) struct Proxy {
     port: u16,
     upstream: u16,
     threads: Option<Runtime>,
-    /// Counted up whenever the line is opened or ended: what was carried before ends, however soon the line is open again.
+    /// Counted up whenever the proxy is opened or closed: earlier connections end, however soon it is open again.
     turn: watch::Sender<u64>,
     traffic: Arc<Traffic>,
 }
 
-impl Line {
+impl Proxy {
     fn to(upstream: u16) -> Self {
         let threads =
             tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().expect("threads");
@@ -172,10 +172,10 @@ impl Line {
             asked: Mutex::default(),
             carried: AtomicU64::new(0),
         };
-        let line =
+        let proxy =
             Self { port, upstream, threads: Some(threads), turn: watch::Sender::new(0), traffic: Arc::new(traffic) };
-        line.up();
-        line
+        proxy.up();
+        proxy
     }
 
     /// Take connections, and let everything through.
@@ -273,7 +273,7 @@ impl Line {
     }
 }
 
-impl Drop for Line {
+impl Drop for Proxy {
     fn drop(&mut self) {
         if let Some(threads) = self.threads.take() {
             threads.shutdown_background();
@@ -281,7 +281,7 @@ impl Drop for Line {
     }
 }
 
-/// Carry a connection until either side ends it or the line is cut.
+/// Carry a connection until either side ends it or the proxy is cut.
 async fn carry(near: TcpStream, upstream: u16, traffic: &Traffic) {
     traffic.connections.fetch_add(1, Ordering::SeqCst);
     let Ok(far) = TcpStream::connect(("127.0.0.1", upstream)).await else { return };
@@ -333,9 +333,9 @@ async fn carry(near: TcpStream, upstream: u16, traffic: &Traffic) {
     tokio::select! {
         () = answered => {}
         () = async { if !asked.await { std::future::pending::<()>().await } } => {
-            let said = "<Error><Code>AccessDenied</Code><Message>Access Denied</Message></Error>";
-            let head = format!("HTTP/1.1 403 Forbidden\r\ncontent-type: application/xml\r\ncontent-length: {}\r\nconnection: close\r\n\r\n", said.len());
-            near_write.write_all(format!("{head}{said}").as_bytes()).await.ok();
+            let body = "<Error><Code>AccessDenied</Code><Message>Access Denied</Message></Error>";
+            let head = format!("HTTP/1.1 403 Forbidden\r\ncontent-type: application/xml\r\ncontent-length: {}\r\nconnection: close\r\n\r\n", body.len());
+            near_write.write_all(format!("{head}{body}").as_bytes()).await.ok();
             near_write.shutdown().await.ok();
         }
     }

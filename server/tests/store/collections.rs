@@ -1,7 +1,7 @@
 //! `collections.toml` beside the objects of a store.
 
 use super::bucket::Bucket;
-use super::{PATIENCE, SHORT, Said, of_store, until};
+use super::{LogCapture, PATIENCE, SHORT, of_store, until};
 use crate::common::{get, noise, object, public};
 use axum::Router;
 use kilwa_server::{Collections, Site, app};
@@ -23,9 +23,9 @@ fn put(bucket: &mut Bucket, folder: &Path, text: &str) {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn collections_lie_beside_the_objects_follow_what_is_put_there_and_outlive_a_mistake() {
+async fn collections_in_the_store_follow_changes_and_survive_a_mistake() {
     let Some(mut bucket) = Bucket::start("collections_lie_beside_the_objects…") else { return };
-    let said = Said::listen();
+    let log = LogCapture::listen();
     let (dir, drafts) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     object(dir.path(), "fort", &[noise(3000, 1)], public());
     object(dir.path(), "wall", &[noise(3000, 2)], public());
@@ -38,16 +38,16 @@ async fn collections_lie_beside_the_objects_follow_what_is_put_there_and_outlive
     let at = |what: &str| page.find(what).unwrap_or_else(|| panic!("{what}: {page}"));
     assert!(at("Title of wall") < at("Title of fort"), "in the order of the file");
     assert!(get(&app, "/").await.text().contains("href=\"/collections/coast/\""));
-    // A mistake is named with its line, and what was there goes on.
+    // A mistake is reported with its line, and the earlier collections stay.
     put(&mut bucket, drafts.path(), "[[collection]]\nslug = \"coast\"\ntitle = \"Cut off");
-    let named = || said.about("shelf/collections.toml").into_iter().find(|line| line.contains("line 3"));
+    let named = || log.about("shelf/collections.toml").into_iter().find(|line| line.contains("line 3"));
     until(|| async {
         get(&app, "/collections/coast/").await;
         named()
     })
     .await;
     assert_eq!(get(&app, "/collections/coast/").await.status, 200);
-    assert_eq!(said.about("shelf/collections.toml").len(), 1, "once");
+    assert_eq!(log.about("shelf/collections.toml").len(), 1, "once");
     put(&mut bucket, drafts.path(), &ONE.replace("The coast", "The shore"));
     until(|| async { get(&app, "/collections/coast/").await.text().contains("The shore").then_some(()) }).await;
     bucket.delete("shelf/collections.toml");
@@ -56,7 +56,7 @@ async fn collections_lie_beside_the_objects_follow_what_is_put_there_and_outlive
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn while_the_store_is_away_or_refuses_them_the_collections_stay_and_nobody_waits() {
+async fn collections_are_kept_and_nobody_waits_while_the_store_is_unavailable_or_refuses() {
     let Some(mut bucket) = Bucket::start("while_the_store_is_away_or_refuses_them_the_collections_stay…") else {
         return;
     };
@@ -66,19 +66,19 @@ async fn while_the_store_is_away_or_refuses_them_the_collections_stay_and_nobody
     put(&mut bucket, drafts.path(), ONE);
     let app = serve(of_store(&bucket.open("s3://museum/shelf", SHORT).unwrap()));
     assert_eq!(get(&app, "/collections/coast/").await.status, 200, "they are there from the beginning");
-    bucket.line.refuse("/collections.toml");
+    bucket.proxy.refuse("/collections.toml");
     tokio::time::sleep(Duration::from_millis(150)).await;
     for _ in 0..3 {
         assert_eq!(get(&app, "/collections/coast/").await.status, 200, "refused");
         tokio::time::sleep(Duration::from_millis(120)).await;
     }
-    bucket.line.allow();
-    bucket.line.down();
+    bucket.proxy.allow();
+    bucket.proxy.down();
     tokio::time::sleep(Duration::from_millis(150)).await;
     for _ in 0..5 {
         assert_eq!(get(&app, "/collections/coast/").await.status, 200, "away");
     }
     put(&mut bucket, drafts.path(), &ONE.replace("The coast", "The shore"));
-    bucket.line.up();
+    bucket.proxy.up();
     until(|| async { get(&app, "/collections/coast/").await.text().contains("The shore").then_some(()) }).await;
 }

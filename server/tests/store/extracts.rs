@@ -1,4 +1,4 @@
-//! Meshes on request of packs in a store: read where they are wanted, as they are, to the bytes of a folder.
+//! Meshes on request from packs in a store: only the needed parts are read, and the bytes equal those of a folder.
 
 use super::bucket::Bucket;
 use super::{PATIENCE, SHORT, archive, of_store, site, until};
@@ -58,8 +58,8 @@ impl Copier {
     }
 }
 
-fn with_extracts(mut site: Site, cache: &Path, most: u64, pause: Duration) -> Router {
-    site.extracts = Some(Extracts::with_extractor(cache.to_owned(), most, Copier { pause }.extractor()).unwrap());
+fn with_extracts(mut site: Site, cache: &Path, max: u64, pause: Duration) -> Router {
+    site.extracts = Some(Extracts::with_extractor(cache.to_owned(), max, Copier { pause }.extractor()).unwrap());
     app(site)
 }
 
@@ -73,7 +73,7 @@ async fn made(app: &Router, uri: &str) -> Answer {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn every_extract_is_of_the_bytes_of_a_folder_for_the_same_readers_and_a_part_is_fetched_for_a_part() {
+async fn extracts_from_a_store_equal_those_of_a_folder_and_partial_ones_fetch_partial_packs() {
     let Some(mut bucket) = Bucket::start("every_extract_is_of_the_bytes_of_a_folder…") else { return };
     let (dir, caches) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     archive(dir.path());
@@ -109,10 +109,10 @@ async fn every_extract_is_of_the_bytes_of_a_folder_for_the_same_readers_and_a_pa
         }
     }
     // Of the 2.5 MB some 10 kB: a block or two.
-    bucket.line.carried();
+    bucket.proxy.carried();
     assert_eq!(post(&store, "/wall/extract", "format=ply&detail=triangles&triangles=10000").await.status, 303);
     assert_eq!(made(&store, "/wall/extract/v1-10000.ply").await.body.len(), 10_000 + "ply of pack.".len() + 64 + 7);
-    let carried = bucket.line.carried();
+    let carried = bucket.proxy.carried();
     assert!((10_000..600_000).contains(&carried), "{carried} bytes for 10,000");
     let left: Vec<_> = std::fs::read_dir(&cache).unwrap().map(|e| e.unwrap().file_name()).collect();
     let is_mesh =
@@ -121,7 +121,7 @@ async fn every_extract_is_of_the_bytes_of_a_folder_for_the_same_readers_and_a_pa
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_store_that_goes_away_halts_a_mesh_which_says_so_and_goes_on() {
+async fn an_extract_pauses_while_the_store_is_unavailable_reports_it_and_continues() {
     let Some(mut bucket) = Bucket::start("a_store_that_goes_away_halts_a_mesh…") else { return };
     let (dir, cache) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let bytes = noise(6_000_000, 3);
@@ -133,33 +133,33 @@ async fn a_store_that_goes_away_halts_a_mesh_which_says_so_and_goes_on() {
         assert_eq!(post(&app, "/wall/extract", &format!("format={format}&detail=whole")).await.status, 303);
         let file = format!("/wall/extract/v1-whole.{format}");
         let page = format!("{file}?page=1&lang=en");
-        // It tells how much of it was fetched.
+        // The response states how much was fetched.
         until(|| async {
             let text = get(&app, &page).await.text();
             (text.contains("storage so far:") && !text.contains("so far: 0")).then_some(())
         })
         .await;
         if how == "is silent" {
-            bucket.line.silent();
+            bucket.proxy.silent();
         } else {
-            bucket.line.down();
+            bucket.proxy.down();
         }
         let halted = until(|| async { Some(get(&app, &page).await).filter(|a| a.status == 503) }).await;
         assert_eq!(halted.header("retry-after"), "10", "{how}");
         assert!(halted.text().contains("Your file goes on when it does"), "{how}: {}", halted.text());
         assert!(halted.text().contains("http-equiv=\"refresh\""), "{how}: the page looks again");
-        assert_eq!(get(&app, &file).await.status, 503, "{how}: a program is told as well");
+        assert_eq!(get(&app, &file).await.status, 503, "{how}: a program gets the same status");
         if how == "is silent" {
-            bucket.line.down();
+            bucket.proxy.down();
         }
-        bucket.line.up();
+        bucket.proxy.up();
         let done = until(|| async { Some(get(&app, &file).await).filter(|a| a.status == 200) }).await;
         assert!(done.body.ends_with(&bytes) && done.text().starts_with(format), "{how}");
     }
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_pack_that_is_refused_or_another_or_has_no_room_is_an_answer_and_can_be_asked_for_again() {
+async fn an_extract_of_a_refused_changed_or_too_large_pack_is_answered_and_can_be_retried() {
     let Some(mut bucket) = Bucket::start("a_pack_that_is_refused_or_another…") else { return };
     let (dir, caches) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let bytes = noise(3_000_000, 3);
@@ -180,13 +180,13 @@ async fn a_pack_that_is_refused_or_another_or_has_no_room_is_an_answer_and_can_b
     assert_eq!(post(&full, "/wall/extract", form).await.status, 303);
     assert_eq!(made(&full, "/wall/extract/v1-whole.ply").await.status, 507);
     let app = with_extracts(site(), &caches.path().join("cache"), 100 << 20, Duration::ZERO);
-    bucket.line.refuse("/wall/v1/pack.");
+    bucket.proxy.refuse("/wall/v1/pack.");
     assert_eq!(post(&app, "/wall/extract", form).await.status, 303);
     let refused = made(&app, "/wall/extract/v1-whole.ply?page=1&lang=en").await;
     assert_eq!((refused.status.as_u16(), refused.header("retry-after")), (503, "10"));
     assert!(refused.text().contains("does not give the model"), "{}", refused.text());
-    bucket.line.allow();
-    // Not again before ten seconds have passed; then as if nothing had been.
+    bucket.proxy.allow();
+    // Not retried before ten seconds have passed; then it works as usual.
     let done = until(|| async {
         post(&app, "/wall/extract", form).await;
         Some(get(&app, "/wall/extract/v1-whole.ply").await).filter(|a| a.status == 200)

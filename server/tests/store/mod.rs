@@ -1,4 +1,4 @@
-//! An archive in an S3-compatible store is served as the same archive in a folder is, and a store that goes away costs nobody anything.
+//! An archive in an S3-compatible store is served as the same archive in a folder is, and nothing is lost while the store is unavailable.
 //!
 //! The store is moto, filled by boto3, both from PyPI: `cargo xtask test` puts them where `KILWA_MOTO` says; without that the tests say that
 //! they were skipped.
@@ -73,7 +73,7 @@ fn archive(folder: &Path) -> Vec<Manifest> {
     all
 }
 
-/// What counts of an answer: status, headers but those of the moment, body.
+/// The comparable parts of a response: status, headers except those that depend on time, body.
 fn facts(a: &Answer) -> (u16, Vec<(String, String)>, axum::body::Bytes) {
     let mut headers: Vec<_> = a
         .headers
@@ -143,7 +143,7 @@ async fn every_address_answers_from_the_store_as_from_the_folder() {
     let dir = tempfile::tempdir().unwrap();
     let all = archive(dir.path());
     bucket.sync(dir.path(), "a/b");
-    // What lies beside the prefix is nobody's business.
+    // Keys beside the prefix are not served.
     bucket.put(&dir.path().join("fort/manifest.json"), "a/secret/manifest.json");
     bucket.put(&dir.path().join("fort/manifest.json"), "a/bc/manifest.json");
     let folder = of_folder(dir.path());
@@ -188,7 +188,7 @@ async fn every_address_answers_from_the_store_as_from_the_folder() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn one_object_of_a_store_can_be_served_by_itself_and_many_readers_at_once_get_their_bytes() {
+async fn a_single_object_of_a_store_can_be_served_to_many_concurrent_readers() {
     let Some(mut bucket) = Bucket::start("one_object_of_a_store_can_be_served_by_itself…") else { return };
     let dir = tempfile::tempdir().unwrap();
     let bytes = noise(2_000_000, 9);
@@ -215,7 +215,7 @@ async fn one_object_of_a_store_can_be_served_by_itself_and_many_readers_at_once_
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn what_changes_in_the_store_shows_and_is_never_mixed_with_what_was_listed() {
+async fn changes_in_the_store_appear_and_are_never_mixed_with_the_previous_listing() {
     let Some(mut bucket) = Bucket::start("what_changes_in_the_store_shows…") else { return };
     let dir = tempfile::tempdir().unwrap();
     let (old, new) = (noise(1_500_000, 1), noise(1_500_000, 2));
@@ -269,9 +269,9 @@ async fn until<T, F: Future<Output = Option<T>>>(mut ask: impl FnMut() -> F) -> 
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn while_the_store_is_away_readers_are_told_and_what_is_held_is_served() {
+async fn while_the_store_is_unavailable_readers_are_informed_and_cached_files_are_served() {
     let Some(mut bucket) = Bucket::start("while_the_store_is_away_readers_are_told…") else { return };
-    let said = Said::listen();
+    let log = LogCapture::listen();
     let dir = tempfile::tempdir().unwrap();
     let all = archive(dir.path());
     bucket.sync(dir.path(), "outage");
@@ -295,9 +295,9 @@ async fn while_the_store_is_away_readers_are_told_and_what_is_held_is_served() {
     let whole = ask(&app, "GET", &pack, &range).await;
     for how in ["refuses connections", "takes questions and answers nothing"] {
         if how.starts_with("refuses") {
-            bucket.line.down();
+            bucket.proxy.down();
         } else {
-            bucket.line.silent();
+            bucket.proxy.silent();
         }
         tokio::time::sleep(Duration::from_millis(150)).await;
         let began = Instant::now();
@@ -307,12 +307,12 @@ async fn while_the_store_is_away_readers_are_told_and_what_is_held_is_served() {
         assert_eq!(a.header("retry-after"), "10");
         assert!(a.text().contains("storage does not answer") && !a.headers.contains_key("etag"), "{}", a.text());
         let began = Instant::now();
-        let before = bucket.line.connections();
+        let before = bucket.proxy.connections();
         for _ in 0..30 {
             assert_eq!(ask(&app, "GET", &pack, &range).await.status, 503);
         }
         assert!(began.elapsed() < SHORT * 2, "{how}: known, it is answered at once");
-        assert!(bucket.line.connections() - before < 20, "{how}: readers are no load on a store that is ill");
+        assert!(bucket.proxy.connections() - before < 20, "{how}: readers are no load on a store that is ill");
         let a = ask(&app, "GET", "/wall/", &[("accept", "text/html")]).await;
         assert!(a.status == 503 && a.text().contains("<h1>"), "{} {}", a.status, a.text());
         assert_eq!(get(&app, "/never-seen/").await.status, 503, "nobody can say that there is nothing");
@@ -322,10 +322,10 @@ async fn while_the_store_is_away_readers_are_told_and_what_is_held_is_served() {
         assert_eq!(get(&app, "/healthz").await.status, 503);
         assert!(index.refresh().is_err() && index.search(&Query::default()).unwrap().total == known, "{how}");
         if how.starts_with("refuses") {
-            bucket.line.up();
+            bucket.proxy.up();
         } else {
-            bucket.line.down();
-            bucket.line.up();
+            bucket.proxy.down();
+            bucket.proxy.up();
         }
         let again = until(|| async { Some(ask(&app, "GET", &pack, &range).await).filter(|a| a.status == 206) }).await;
         assert!(again.body == whole.body && again.header("etag") == whole.header("etag"), "{how}");
@@ -333,14 +333,14 @@ async fn while_the_store_is_away_readers_are_told_and_what_is_held_is_served() {
     }
     index.refresh().unwrap();
     assert_eq!(index.search(&Query::default()).unwrap().total, known);
-    let mut lines = said.about("museum/outage");
+    let mut lines = log.about("museum/outage");
     lines.retain(|line| !line.contains("left-behind"));
     assert_eq!(lines.len(), 1, "a line for an outage and not for each request: {lines:#?}");
-    assert!(!said.about("").iter().any(|line| line.contains("secret")), "keys are in no line");
+    assert!(!log.about("").iter().any(|line| line.contains("secret")), "keys are in no line");
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_transfer_that_is_cut_ends_early_or_is_carried_on_and_never_looks_complete() {
+async fn an_interrupted_transfer_ends_early_or_resumes_and_never_looks_complete() {
     let Some(mut bucket) = Bucket::start("a_transfer_that_is_cut_ends_early…") else { return };
     let dir = tempfile::tempdir().unwrap();
     let bytes = noise(4_000_000, 5);
@@ -353,7 +353,7 @@ async fn a_transfer_that_is_cut_ends_early_or_is_carried_on_and_never_looks_comp
         app.clone().oneshot(request).await.unwrap()
     };
     assert_eq!(axum::body::to_bytes(begin().await.into_body(), usize::MAX).await.unwrap(), bytes);
-    let cuts: [&dyn Fn(&Bucket); 2] = [&|b| b.line.cut_after(500_000), &|b| b.line.silent_after(500_000)];
+    let cuts: [&dyn Fn(&Bucket); 2] = [&|b| b.proxy.cut_after(500_000), &|b| b.proxy.silent_after(500_000)];
     for (i, cut) in cuts.iter().enumerate() {
         cut(&bucket);
         let response = begin().await;
@@ -363,17 +363,17 @@ async fn a_transfer_that_is_cut_ends_early_or_is_carried_on_and_never_looks_comp
         );
         let read = tokio::time::timeout(SHORT * 10, axum::body::to_bytes(response.into_body(), usize::MAX)).await;
         assert!(read.expect("no reader hangs").is_err(), "cut {i}: a short body is no body");
-        bucket.line.down();
-        bucket.line.up();
+        bucket.proxy.down();
+        bucket.proxy.up();
         let again = until(|| async { Some(get(&app, &url).await).filter(|a| a.status == 200) }).await;
         assert!(again.body == bytes, "cut {i}: it recovers by itself");
     }
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_file_that_the_store_refuses_takes_nothing_else_away_and_is_there_as_soon_as_it_is_given() {
+async fn a_file_refused_by_the_store_affects_no_other_and_is_served_once_readable() {
     let Some(mut bucket) = Bucket::start("a_file_that_the_store_refuses_takes_nothing_else_away…") else { return };
-    let said = Said::listen();
+    let log = LogCapture::listen();
     let dir = tempfile::tempdir().unwrap();
     let all = archive(dir.path());
     bucket.sync(dir.path(), "refusing");
@@ -383,7 +383,7 @@ async fn a_file_that_the_store_refuses_takes_nothing_else_away_and_is_there_as_s
     let range = [("range", "bytes=1000-99999")];
     let whole = ask(&app, "GET", &wall, &range).await;
     assert_eq!(whole.status, 206);
-    bucket.line.refuse("/wall/v1/pack.");
+    bucket.proxy.refuse("/wall/v1/pack.");
     for _ in 0..20 {
         let refused = ask(&app, "GET", &wall, &range).await;
         assert_eq!((refused.status.as_u16(), refused.header("retry-after")), (503, "10"));
@@ -393,20 +393,20 @@ async fn a_file_that_the_store_refuses_takes_nothing_else_away_and_is_there_as_s
     for address in ["/healthz", "/wall/", "/wall/v1/poster.jpg", "/models.json"] {
         assert_eq!(get(&app, address).await.status, 200, "{address}");
     }
-    let lines = said.about("refusing/wall");
+    let lines = log.about("refusing/wall");
     assert!(lines.len() == 1 && lines[0].contains("403") && lines[0].contains("/v1/pack."), "once: {lines:#?}");
-    assert!(!said.about("").iter().any(|line| line.contains("everything else is answered 503")));
-    bucket.line.allow();
+    assert!(!log.about("").iter().any(|line| line.contains("everything else is answered 503")));
+    bucket.proxy.allow();
     let again = ask(&app, "GET", &wall, &range).await;
     assert!(again.status == 206 && again.body == whole.body, "nothing has to be waited for: {}", again.status);
-    // In the middle of an answer: the line breaks, and what follows is refused.
-    bucket.line.cut_after(500_000);
+    // In the middle of an answer: the connection breaks, and what follows is refused.
+    bucket.proxy.cut_after(500_000);
     let request = Request::get(&wall).body(Body::empty()).unwrap();
     let mut body = app.clone().oneshot(request).await.unwrap().into_body().into_data_stream();
     assert!(body.next().await.unwrap().is_ok());
-    bucket.line.refuse("/wall/v1/pack.");
-    bucket.line.down();
-    bucket.line.up();
+    bucket.proxy.refuse("/wall/v1/pack.");
+    bucket.proxy.down();
+    bucket.proxy.up();
     let rest: Result<Vec<_>, _> = body.try_collect().await;
     assert!(rest.is_err(), "a short body is no body");
     assert_eq!(ask(&app, "GET", &fort, &range).await.status, 206, "no outage began");
@@ -414,7 +414,7 @@ async fn a_file_that_the_store_refuses_takes_nothing_else_away_and_is_there_as_s
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn an_object_whose_manifest_is_refused_stays_known_or_is_named_and_comes_when_it_is_given() {
+async fn an_object_with_a_refused_manifest_stays_known_or_is_reported_and_returns_once_readable() {
     let Some(mut bucket) = Bucket::start("an_object_whose_manifest_is_refused_stays_known…") else { return };
     let dir = tempfile::tempdir().unwrap();
     archive(dir.path());
@@ -425,7 +425,7 @@ async fn an_object_whose_manifest_is_refused_stays_known_or_is_named_and_comes_w
     };
     let (index, app) = fresh();
     let known = index.search(&Query::default()).unwrap().total;
-    bucket.line.refuse("/wall/manifest.json");
+    bucket.proxy.refuse("/wall/manifest.json");
     tokio::time::sleep(Duration::from_millis(150)).await;
     index.refresh().unwrap();
     assert_eq!(index.search(&Query::default()).unwrap().total, known, "what was known stays");
@@ -438,20 +438,20 @@ async fn an_object_whose_manifest_is_refused_stays_known_or_is_named_and_comes_w
     assert!(refused.iter().any(|r| r.slug == "wall" && r.why.contains("403")), "{refused:?}");
     assert_eq!(get(&app, "/wall/").await.status, 503, "that there is nothing nobody can say");
     assert_eq!((get(&app, "/fort/").await.status.as_u16(), get(&app, "/healthz").await.status.as_u16()), (200, 200));
-    bucket.line.allow();
+    bucket.proxy.allow();
     until(|| async { get(&app, "/").await.text().contains("Title of wall").then_some(()) }).await;
     assert_eq!(get(&app, "/wall/").await.status, 200);
     // The list of one version: the other is served, and this one when it is given.
-    bucket.line.refuse("/fort/v1/checksums.sha256");
+    bucket.proxy.refuse("/fort/v1/checksums.sha256");
     let (_, app) = fresh();
     assert_eq!(get(&app, "/fort/v2/poster.jpg").await.status, 200);
     assert_eq!(get(&app, "/fort/v1/poster.jpg").await.status, 404);
-    bucket.line.allow();
+    bucket.proxy.allow();
     until(|| async { (get(&app, "/fort/v1/poster.jpg").await.status == 200).then_some(()) }).await;
 }
 
 #[test]
-fn a_store_that_cannot_be_served_is_named_with_what_to_do_and_without_keys() {
+fn a_store_that_cannot_be_served_is_refused_with_what_to_do_and_without_keys() {
     let Some(mut bucket) = Bucket::start("a_store_that_cannot_be_served_is_named…") else { return };
     let dir = tempfile::tempdir().unwrap();
     object(dir.path(), "fort", &[noise(3000, 1)], public());
@@ -459,37 +459,38 @@ fn a_store_that_cannot_be_served_is_named_with_what_to_do_and_without_keys() {
     let error = |change: &dyn Fn(&mut kilwa_server::store::S3Options)| {
         let mut options = bucket.options("s3://museum/x", SHORT);
         change(&mut options);
-        let said = S3::open(&options).expect_err("refused").to_string();
-        assert!(!said.contains("secret-of-the-test"), "{said}");
-        said
+        let message = S3::open(&options).expect_err("refused").to_string();
+        assert!(!message.contains("secret-of-the-test"), "{message}");
+        message
     };
-    let said = error(&|o| o.url = "s3://nothing-of-that-name/x".to_owned());
-    assert!(said.contains("s3://nothing-of-that-name/x") && said.contains("bucket"), "{said}");
-    let said = error(&|o| o.endpoint = Some("http://127.0.0.1:9".to_owned()));
-    assert!(said.contains("no connection") && said.contains("--s3-endpoint"), "{said}");
+    let message = error(&|o| o.url = "s3://nothing-of-that-name/x".to_owned());
+    assert!(message.contains("s3://nothing-of-that-name/x") && message.contains("bucket"), "{message}");
+    let message = error(&|o| o.endpoint = Some("http://127.0.0.1:9".to_owned()));
+    assert!(message.contains("no connection") && message.contains("--s3-endpoint"), "{message}");
     // Without keys what is public is asked for, and this is not.
     let mut options = bucket.options("s3://museum", SHORT);
     options.settings.clear();
-    let said = S3::open(&options).map_err(|e| e.to_string());
-    let said = said.and_then(|store| Catalogue::of_store(&store).map_err(|e| e.to_string())).err().expect("refused");
-    assert!(said.contains("s3://museum") && said.contains("403"), "{said}");
-    let said = error(&|o| o.url = "s3://test:secret-of-the-test@museum".to_owned());
-    assert!(said.contains("s3://bucket/folder"), "{said}");
-    bucket.line.silent();
+    let result = S3::open(&options).map_err(|e| e.to_string());
+    let message =
+        result.and_then(|store| Catalogue::of_store(&store).map_err(|e| e.to_string())).err().expect("refused");
+    assert!(message.contains("s3://museum") && message.contains("403"), "{message}");
+    let message = error(&|o| o.url = "s3://test:secret-of-the-test@museum".to_owned());
+    assert!(message.contains("s3://bucket/folder"), "{message}");
+    bucket.proxy.silent();
     let began = Instant::now();
     assert!(error(&|_| {}).contains("nothing within"));
     assert!(began.elapsed() < SHORT * 6);
 }
 
-/// What is logged.
+/// Captures the log.
 #[derive(Clone, Default)]
-struct Said(Arc<Mutex<Vec<String>>>);
+struct LogCapture(Arc<Mutex<Vec<String>>>);
 
-impl Said {
+impl LogCapture {
     fn listen() -> Self {
-        let said = Self::default();
-        tracing::subscriber::set_global_default(said.clone()).ok();
-        said
+        let log = Self::default();
+        tracing::subscriber::set_global_default(log.clone()).ok();
+        log
     }
 
     fn about(&self, what: &str) -> Vec<String> {
@@ -497,7 +498,7 @@ impl Said {
     }
 }
 
-impl tracing::Subscriber for Said {
+impl tracing::Subscriber for LogCapture {
     fn enabled(&self, metadata: &tracing::Metadata<'_>) -> bool {
         *metadata.level() <= tracing::Level::WARN && metadata.target().starts_with("kilwa")
     }

@@ -1,4 +1,4 @@
-//! Versions that are sent to a store: whole or not at all, whoever else does the same and wherever it is cut off.
+//! Versions sent to a store appear whole or not at all, also with concurrent publishers and interruptions anywhere.
 
 use super::bucket::Bucket;
 use super::{PATIENCE, SHORT};
@@ -52,7 +52,7 @@ fn send_to(bucket: &Bucket, name: &str, shelf: &Path, version: u32) -> Result<Se
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_version_is_sent_whole_and_only_against_what_it_was_made_against() {
+async fn a_version_is_published_whole_and_only_on_the_manifest_it_was_made_for() {
     let Some(bucket) = Bucket::start("a_version_is_sent_whole_and_only_against…") else { return };
     // Long enough for parts.
     let packs = [noise(20_000_000, 1), noise(300_000, 2), noise(300_000, 3)];
@@ -84,7 +84,7 @@ async fn a_version_is_sent_whole_and_only_against_what_it_was_made_against() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn cut_off_anywhere_it_shows_the_old_object_or_the_new_one_and_goes_on() {
+async fn a_publication_interrupted_anywhere_shows_the_old_or_the_new_object_and_resumes() {
     let Some(bucket) = Bucket::start("cut_off_anywhere_it_shows_the_old_object…") else { return };
     let packs = [noise(100_000, 1), noise(100_000, 2)];
     let (first, second) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
@@ -94,10 +94,10 @@ async fn cut_off_anywhere_it_shows_the_old_object_or_the_new_one_and_goes_on() {
         // Answers are short: so many bytes of them are so many steps.
         let mut cut = 0;
         for i in 0..10 {
-            bucket.line.cut_after(i * 700 * i64::from(version));
+            bucket.proxy.cut_after(i * 700 * i64::from(version));
             let sent = send(&bucket, shelf, version);
-            bucket.line.down();
-            bucket.line.up();
+            bucket.proxy.down();
+            bucket.proxy.up();
             let now = shown(&bucket, &packs).await.unwrap_or(0);
             cut += u32::from(sent.is_err());
             assert!(now == version || (now == version - 1 && sent.is_err()), "cut {i}: {now}, {sent:?}");
@@ -115,7 +115,7 @@ async fn cut_off_anywhere_it_shows_the_old_object_or_the_new_one_and_goes_on() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn cut_off_between_landing_page_and_manifest_the_page_shown_is_the_one_that_the_manifest_names() {
+async fn interrupted_between_landing_page_and_manifest_the_page_matches_the_manifest() {
     let Some(bucket) = Bucket::start("cut_off_between_landing_page_and_manifest…") else { return };
     let packs = [noise(1000, 1), noise(1000, 2)];
     let shelves = [1, 2].map(|version: usize| {
@@ -132,10 +132,10 @@ async fn cut_off_between_landing_page_and_manifest_the_page_shown_is_the_one_tha
     assert!(send(&bucket, shelves[0].path(), 1).is_ok());
     let running = served();
     assert!(get(&running, "/fort/").await.text().contains("version 1"));
-    bucket.line.refuse("PUT /museum/shelf/fort/manifest.json");
+    bucket.proxy.refuse("PUT /museum/shelf/fort/manifest.json");
     let sent = send(&bucket, shelves[1].path(), 2);
     assert!(sent.is_err(), "{sent:?}");
-    bucket.line.allow();
+    bucket.proxy.allow();
     for app in [&running, &served()] {
         let manifest = Manifest::parse(&get(app, "/fort/manifest.json").await.body).unwrap();
         assert_eq!(manifest.current, 1);
@@ -149,7 +149,7 @@ async fn cut_off_between_landing_page_and_manifest_the_page_shown_is_the_one_tha
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn what_somebody_else_published_meanwhile_stays_as_it_is() {
+async fn a_version_published_meanwhile_by_another_is_left_unchanged() {
     let Some(bucket) = Bucket::start("what_somebody_else_published_meanwhile…") else { return };
     let first = noise(100_000, 1);
     // Before anything of ours is sent, and when some of it is.
@@ -174,11 +174,11 @@ async fn what_somebody_else_published_meanwhile_stays_as_it_is() {
         if at == 0 {
             publish(0);
         }
-        let told = |_: &str| {
+        let report = |_: &str| {
             heard.set(heard.get() + 1);
             publish(heard.get());
         };
-        let late = store.send(&slug, shelves[1].path(), 2, &against, &told).unwrap_err().to_string();
+        let late = store.send(&slug, shelves[1].path(), 2, &against, &report).unwrap_err().to_string();
         assert!(late.contains("somebody else"), "{late}");
         assert!(heard.get() >= at);
         assert_eq!(shown_at(&bucket, &name, &theirs).await, Some(2));
@@ -186,7 +186,7 @@ async fn what_somebody_else_published_meanwhile_stays_as_it_is() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_file_that_is_under_way_while_somebody_else_publishes_is_not_put_over_theirs() {
+async fn a_file_sent_during_another_publication_does_not_overwrite_it() {
     let Some(bucket) = Bucket::start("a_file_that_is_under_way_while_somebody_else_publishes…") else { return };
     let first = noise(100_000, 1);
     let (ours, theirs) = ([first.clone(), noise(100_000, 2)], [first.clone(), noise(100_000, 4)]);
@@ -199,16 +199,16 @@ async fn a_file_that_is_under_way_while_somebody_else_publishes_is_not_put_over_
     let (slug, fetched) = (Slug::new("fort").unwrap(), tempfile::tempdir().unwrap());
     let store = bucket.open("s3://museum/shelf", PATIENCE).unwrap();
     let against = store.fetch(&slug, fetched.path()).unwrap();
-    // Ours has looked at everything and is on its way; then theirs is published, whole.
-    bucket.line.hold("PUT /museum/shelf/fort/v2/poster.jpg");
+    // Our publication has compared everything and is sending; then theirs is published, whole.
+    bucket.proxy.hold("PUT /museum/shelf/fort/v2/poster.jpg");
     let late = std::thread::scope(|scope| {
         let sending = scope.spawn(|| store.send(&slug, shelves[1].path(), 2, &against, &|_| ()));
-        bucket.line.wait_until_held();
+        bucket.proxy.wait_until_held();
         let direct = bucket.open_directly("s3://museum/shelf", PATIENCE).unwrap();
         let folder = tempfile::tempdir().unwrap();
         let before = direct.fetch(&slug, folder.path()).unwrap();
         assert!(direct.send(&slug, shelves[2].path(), 2, &before, &|_| ()).is_ok());
-        bucket.line.allow();
+        bucket.proxy.allow();
         sending.join().unwrap().unwrap_err().to_string()
     });
     assert!(late.contains("somebody else"), "{late}");

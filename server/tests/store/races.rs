@@ -1,4 +1,4 @@
-//! Concurrent publishing to one store, or to one folder through a server and directly: a version reported as published is there, complete; the others are told why not.
+//! Concurrent publishing to one store, or to one folder through a server and directly: a version reported as published is there, complete; the others are report why not.
 
 use super::bucket::Bucket;
 use super::uploads::{Museum, tree, version};
@@ -19,7 +19,7 @@ use std::path::Path;
 use std::sync::mpsc::channel;
 use std::time::Duration;
 
-/// A version stays claimed for so long, unless a test says otherwise.
+/// A version stays claimed for this long, unless a test says otherwise.
 const LEASE: Duration = Duration::from_secs(3600);
 
 fn options(bucket: &Bucket, part: &str, lease: Duration) -> S3Options {
@@ -27,11 +27,11 @@ fn options(bucket: &Bucket, part: &str, lease: Duration) -> S3Options {
 }
 
 /// Send a version that lies in a folder, as `kilwa publish --to s3://…` does.
-fn send(options: &S3Options, shelf: &Path, version: u32, told: &dyn Fn(&str)) -> Result<(), String> {
+fn send(options: &S3Options, shelf: &Path, version: u32, report: &dyn Fn(&str)) -> Result<(), String> {
     let (slug, fetched) = (Slug::new("fort").unwrap(), tempfile::tempdir().unwrap());
     let store = S3::open(options).map_err(|e| e.to_string())?;
     let against = store.fetch(&slug, fetched.path()).map_err(|e| e.to_string())?;
-    store.send(&slug, shelf, version, &against, told).map(drop).map_err(|e| e.to_string())
+    store.send(&slug, shelf, version, &against, report).map(drop).map_err(|e| e.to_string())
 }
 
 /// What the store has: every file of every version is the one that its list names.
@@ -52,7 +52,7 @@ async fn concurrent_versions_are_never_mixed() {
         dir
     });
     send(&options, shelves[0].path(), 1, &|_| ()).unwrap();
-    // Ours has sent and compared everything but page and manifest; theirs begins then, and writes some of its files before ours goes on.
+    // Ours has sent and compared everything but page and manifest; theirs begins then, and writes some of its files before ours continues.
     let ((compared, on), (begun, wrote)) = (channel::<()>(), channel::<()>());
     let (go, goes) = channel::<()>();
     let (ours, theirs) = std::thread::scope(|scope| {
@@ -67,20 +67,20 @@ async fn concurrent_versions_are_never_mixed() {
         });
         on.recv().unwrap();
         let theirs = scope.spawn(move || {
-            let said = std::cell::Cell::new(false);
+            let has_raced = std::cell::Cell::new(false);
             let sent = send(options, shelves[2].path(), 2, &|key| {
-                if key.contains("/v2/pack.") && !said.replace(true) {
+                if key.contains("/v2/pack.") && !has_raced.replace(true) {
                     begun.send(()).unwrap();
                     goes.recv().unwrap();
                 }
             });
-            if !said.get() {
+            if !has_raced.get() {
                 begun.send(()).unwrap();
             }
             sent
         });
         let ours = ours.join().unwrap();
-        // Nobody hears it where theirs did not come so far.
+        // Nobody receives it if the other publication did not get this far.
         let _ = go.send(());
         (ours, theirs.join().unwrap())
     });
@@ -93,7 +93,7 @@ async fn concurrent_versions_are_never_mixed() {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_command_started_again_while_it_still_runs_publishes_one_version_and_not_a_mixture() {
+async fn a_command_started_twice_publishes_one_version_and_no_mixture() {
     let Some(bucket) = Bucket::start("a_command_started_again…") else { return };
     let options = options(&bucket, "twice", LEASE);
     // The same pack with the same metadata, with two different posters.
@@ -153,14 +153,14 @@ async fn an_abandoned_claim_goes_to_the_same_command_at_once_and_to_others_after
         dir
     });
     let claimed = options(&bucket, "left", LEASE);
-    bucket.line.refuse("PUT /museum/left/fort/v1/poster.jpg");
+    bucket.proxy.refuse("PUT /museum/left/fort/v1/poster.jpg");
     assert!(send(&claimed, shelves[0].path(), 1, &|_| ()).is_err());
-    bucket.line.allow();
+    bucket.proxy.allow();
     let why = send(&claimed, shelves[1].path(), 1, &|_| ()).unwrap_err();
     assert!(why.contains("somebody else is publishing version 1"), "{why}");
-    bucket.line.refuse("PUT /museum/left/fort/v1/poster.jpg");
+    bucket.proxy.refuse("PUT /museum/left/fort/v1/poster.jpg");
     assert!(send(&claimed, shelves[0].path(), 1, &|_| ()).is_err());
-    bucket.line.allow();
+    bucket.proxy.allow();
     // A lease of no time is over at once.
     send(&options(&bucket, "left", Duration::ZERO), shelves[1].path(), 1, &|_| ()).unwrap();
     let published = std::fs::read(shelves[1].path().join("fort/manifest.json")).unwrap();
@@ -203,11 +203,11 @@ fn publish_beside(models: &Path, words: &str, pause: &dyn Fn(&str)) -> Result<()
 }
 
 /// Pauses of any length up to so many microseconds.
-fn pauses(seed: u64, most: u64) -> impl Fn(&str) + Send {
+fn pauses(seed: u64, max: u64) -> impl Fn(&str) + Send {
     let random = std::cell::RefCell::new(fastrand::Rng::with_seed(seed));
     move |_: &str| {
-        // What is under way at the same time is what this is about: no state is waited for.
-        std::thread::sleep(Duration::from_micros(random.borrow_mut().u64(..most)));
+        // The test is about concurrent operations, so it waits for no state.
+        std::thread::sleep(Duration::from_micros(random.borrow_mut().u64(..max)));
     }
 }
 
@@ -245,13 +245,14 @@ async fn a_concurrent_upload_publication_and_withdrawal_lose_nothing() {
                     pause(what);
                     Ok(())
                 };
-                let (slug, said) = (Slug::new("fort").unwrap(), Withdrawal { reason: "asked to", day: "2026-11-21" });
-                withdraw(&Folders::lock(&at, &to, &slug, &|_| (), &steps)?, &slug, &said, &steps)
+                let (slug, withdrawal) =
+                    (Slug::new("fort").unwrap(), Withdrawal { reason: "asked to", day: "2026-11-21" });
+                withdraw(&Folders::lock(&at, &to, &slug, &|_| (), &steps)?, &slug, &withdrawal, &steps)
             })
         });
         server.finish().await;
-        let (_, said) = server.ended().await;
-        let by_upload = if said.state == State::Published { Ok(()) } else { Err(said.error.unwrap_or_default()) };
+        let (_, status) = server.ended().await;
+        let by_upload = if status.state == State::Published { Ok(()) } else { Err(status.error.unwrap_or_default()) };
         let ends = [("uploaded", by_upload), ("beside", beside.await.unwrap())];
         let is_withdrawn = match taking {
             Some(taking) => taking.await.unwrap().map_err(|e| panic!("round {round}: {e}")).is_ok(),
@@ -320,8 +321,8 @@ async fn three_concurrent_publishers_lose_nothing() {
             })
             .collect();
         server.finish().await;
-        let (_, said) = server.ended().await;
-        let uploaded = if said.state == State::Published { Ok(()) } else { Err(said.error.unwrap_or_default()) };
+        let (_, status) = server.ended().await;
+        let uploaded = if status.state == State::Published { Ok(()) } else { Err(status.error.unwrap_or_default()) };
         let mut ends = vec![("With a cistern.", uploaded)];
         for one in sending {
             ends.push(one.await.unwrap());

@@ -1,4 +1,4 @@
-//! What a start over a store asks: its list, and of an object only what is not known.
+//! What a start over a store requests: its list, and of each object only what is unknown.
 
 use super::bucket::Bucket;
 use super::{PATIENCE, of_folder};
@@ -13,13 +13,13 @@ use std::sync::Arc;
 fn start(bucket: &Bucket, name: &str, file: &Path) -> (Arc<S3>, Site, Vec<String>) {
     let mut options = bucket.options(name, PATIENCE);
     options.refresh = std::time::Duration::from_secs(60);
-    bucket.line.asked();
+    bucket.proxy.asked();
     let store = S3::open(&options).unwrap();
     let index = Index::of(&Place::Key(Arc::clone(&store), String::new()), Some(file)).unwrap();
     index.refresh().unwrap();
     let mut site = Site::new(Catalogue::of_store(&store).unwrap(), page());
     site.index = Some(Arc::new(index));
-    let asked = bucket.line.asked();
+    let asked = bucket.proxy.asked();
     (store, site, asked)
 }
 
@@ -28,7 +28,7 @@ fn is_list(line: &str) -> bool {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_warm_start_asks_for_the_list_alone_and_a_cold_one_twice_for_each_object() {
+async fn a_warm_start_requests_only_the_list_and_a_cold_one_two_files_per_object() {
     let Some(mut bucket) = Bucket::start("a_warm_start_asks_for_the_list_alone…") else { return };
     let (dir, home) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
     let file = home.path().join("index.sqlite");
@@ -87,7 +87,7 @@ async fn objects_are_found_among_names_and_keys_of_any_kind() {
         site
     };
     assert_eq!(get(&app(shown("first")), "/models.json").await.text(), wanted);
-    // A pack that is gone is seen to be, and one of another length.
+    // A missing pack and one of another length are detected.
     let site = shown("again");
     let pack = site.catalogue.model("b").unwrap();
     assert!(pack.summary.is_ok(), "{:?}", pack.summary);
@@ -95,9 +95,9 @@ async fn objects_are_found_among_names_and_keys_of_any_kind() {
     let name = name.map(|n| n.to_string_lossy().into_owned()).find(|n| n.starts_with("pack.")).unwrap();
     bucket.delete(&format!("shelf/b/v1/{name}"));
     let (_, site, _) = start(&bucket, "s3://museum/shelf", &home.path().join("third"));
-    let said = site.catalogue.model("b").unwrap().summary.clone().unwrap_err();
-    assert!(said.contains("is not there"), "{said}");
-    // A key that no path can be made of takes nothing away: of its part each object is asked for.
+    let message = site.catalogue.model("b").unwrap().summary.clone().unwrap_err();
+    assert!(message.contains("is not there"), "{message}");
+    // A key that is no valid path hides nothing: every object in its part of the list is requested.
     bucket.put(&dir.path().join("b/index.html"), "shelf/a-b/odd//key");
     let (_, site, asked) = start(&bucket, "s3://museum/shelf", &home.path().join("fourth"));
     assert_eq!(site.catalogue.models().len(), 7, "{asked:#?}");

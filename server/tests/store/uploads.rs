@@ -11,7 +11,7 @@ use futures_util::stream;
 use kilwa_archive::Manifest;
 use kilwa_archive::checksums::{Checksums, sha256};
 use kilwa_server::access::{Accounts, Grant, Purpose};
-use kilwa_server::door::Door;
+use kilwa_server::auth::Auth;
 use kilwa_server::index::Index;
 use kilwa_server::store::{Place, S3, S3Options};
 use kilwa_server::upload::wire::{State, Status};
@@ -43,7 +43,7 @@ impl Museum {
     pub(super) fn over_part(mut options: S3Options) -> Self {
         let folder = tempfile::tempdir().unwrap();
         let writer = S3::open(&options).unwrap();
-        // Whatever shows at once does not show because the list was old.
+        // The list is never refreshed by age, so what appears at once does so for another reason.
         options.refresh = Duration::from_secs(600);
         let store = S3::open(&options).unwrap();
         let shelf = Place::Key(Arc::clone(&store), String::new());
@@ -78,7 +78,7 @@ impl Museum {
         let robot = accounts.add_token("robot", Purpose::Publish, 30, NOW).unwrap();
         let file = folder.path().join("access.json");
         accounts.create(&file).unwrap();
-        site.door = Some(Arc::new(Door::open(&file, Some(&folder.path().join("audit.jsonl"))).unwrap()));
+        site.auth = Some(Arc::new(Auth::open(&file, Some(&folder.path().join("audit.jsonl"))).unwrap()));
         site.clock = Clock::new(|| NOW);
         Self { app: app(site), robot, folder }
     }
@@ -106,7 +106,7 @@ impl Museum {
         self.send(Method::PATCH, &format!("/uploads/fort/{sha256}"), &headers, body).await
     }
 
-    /// Everything that is lacking.
+    /// Send everything that is missing.
     pub(super) async fn send_all(&self, version: &Version) {
         let begun = self.begin(version).await;
         assert_eq!(begun.status, StatusCode::CREATED, "{}", begun.text());
@@ -127,7 +127,7 @@ impl Museum {
     }
 
     pub(super) async fn ended(&self) -> (StatusCode, Status) {
-        until(|| async { Some(self.look().await).filter(|(_, said)| said.state != State::Verifying) }).await
+        until(|| async { Some(self.look().await).filter(|(_, status)| status.state != State::Verifying) }).await
     }
 
     fn left(&self) -> Vec<String> {
@@ -145,14 +145,14 @@ impl Museum {
     }
 }
 
-/// A version with a pack that is true, and pictures that differ.
+/// A version with a valid pack, and pictures that differ.
 pub(super) fn version(number: u32, words: &str) -> Version {
     let mut version = Version::new("fort", number, fort_pack());
     version.intent.metadata.description = Some(words.to_owned());
     version
 }
 
-/// Every file of the object that a site serves, by the lists of its versions, each as its list says it is; `None` where there is none.
+/// Every file of the object that a site serves, by the lists of its versions, each as its list says it is; `None` if there is none.
 pub(super) async fn tree(app: &Router) -> Option<BTreeMap<String, Bytes>> {
     let answer = get(app, "/fort/manifest.json").await;
     if answer.status == 404 {
@@ -193,7 +193,7 @@ async fn seen(bucket: &Bucket) -> Option<BTreeMap<String, Bytes>> {
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn what_is_sent_is_in_the_store_as_it_would_be_in_a_folder_and_shows_at_once() {
+async fn an_upload_to_a_store_equals_one_to_a_folder_and_is_served_at_once() {
     let Some(bucket) = Bucket::start("what_is_sent_is_in_the_store_as_it_would_be_in_a_folder…") else { return };
     let (store, folder) = (Museum::over(&bucket, PATIENCE), Museum::over_folder());
     for (number, words) in [(1, "With a tower."), (2, "With a cistern.")] {
@@ -201,8 +201,8 @@ async fn what_is_sent_is_in_the_store_as_it_would_be_in_a_folder_and_shows_at_on
         for museum in [&store, &folder] {
             museum.send_all(&version).await;
             assert_eq!(museum.finish().await.status, StatusCode::ACCEPTED);
-            let (code, said) = museum.ended().await;
-            assert_eq!((code, said.state, said.version), (StatusCode::OK, State::Published, number), "{said:?}");
+            let (code, upload) = museum.ended().await;
+            assert_eq!((code, upload.state, upload.version), (StatusCode::OK, State::Published, number), "{upload:?}");
         }
         let list =
             get(&store.app, &format!("/?q={}", words.split(' ').next_back().unwrap().trim_end_matches('.'))).await;
@@ -214,7 +214,7 @@ async fn what_is_sent_is_in_the_store_as_it_would_be_in_a_folder_and_shows_at_on
         assert!(seen(&bucket).await.unwrap() == there, "and in the store itself");
         assert_eq!(store.left(), Vec::<String>::new(), "nothing is left on the server");
     }
-    // Again: it is there already. An old number: what is there is said.
+    // Again: it exists already. An old number: the response states which version exists.
     let again = store.begin(&version(2, "With a cistern.")).await;
     assert_eq!((again.status, status(&again).already), (StatusCode::OK, true), "{}", again.text());
     let late = store.begin(&version(2, "Another text.")).await;
@@ -225,21 +225,21 @@ async fn what_is_sent_is_in_the_store_as_it_would_be_in_a_folder_and_shows_at_on
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_store_that_goes_away_is_told_of_and_waited_for() {
-    let Some(bucket) = Bucket::start("a_store_that_goes_away_is_told_of_and_waited_for") else { return };
+async fn an_unavailable_store_is_reported_and_waited_for() {
+    let Some(bucket) = Bucket::start("an_unavailable_store_is_reported_and_waited_for") else { return };
     let museum = Museum::over(&bucket, SHORT);
     museum.send_all(&version(1, "With a tower.")).await;
-    bucket.line.down();
+    bucket.proxy.down();
     assert_eq!(museum.finish().await.status, StatusCode::ACCEPTED);
-    let said = until(|| async { museum.look().await.1.waits }).await;
-    assert!(said.contains("does not answer") && said.contains("goes on when it does"), "{said}");
+    let message = until(|| async { museum.look().await.1.waits }).await;
+    assert!(message.contains("does not answer") && message.contains("goes on when it does"), "{message}");
     assert_eq!(museum.look().await.1.state, State::Verifying);
-    bucket.line.up();
-    let (code, said) = museum.ended().await;
-    assert_eq!((code, said.state, said.waits), (StatusCode::OK, State::Published, None), "{:?}", said.error);
+    bucket.proxy.up();
+    let (code, status) = museum.ended().await;
+    assert_eq!((code, status.state, status.waits), (StatusCode::OK, State::Published, None), "{:?}", status.error);
     assert!(seen(&bucket).await.is_some());
-    // Before anything is sent, whoever begins is told.
-    bucket.line.down();
+    // The client learns it before anything is sent.
+    bucket.proxy.down();
     let refused =
         until(|| async { Some(museum.begin(&version(2, "Better.")).await).filter(|a| a.status == 503) }).await;
     assert!(
@@ -248,60 +248,60 @@ async fn a_store_that_goes_away_is_told_of_and_waited_for() {
         refused.text()
     );
     assert_eq!(refused.header("retry-after"), "10");
-    bucket.line.up();
+    bucket.proxy.up();
     until(|| async { (museum.begin(&version(2, "Better.")).await.status == 201).then_some(()) }).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn a_store_that_does_not_let_itself_be_written_to_is_named_and_what_was_sent_stays() {
+async fn a_read_only_store_is_reported_and_uploaded_files_are_kept() {
     let Some(bucket) = Bucket::start("a_store_that_does_not_let_itself_be_written_to…") else { return };
     let dir = tempfile::tempdir().unwrap();
     let store = bucket.open(SHELF, PATIENCE).unwrap();
-    bucket.line.refuse("PUT /museum/");
+    bucket.proxy.refuse("PUT /museum/");
     let refused = Uploads::into_store(&dir.path().join("x"), &store, page(), UploadLimits::default());
-    let said = refused.err().expect("it may not write").to_string();
-    assert!(said.contains("s3:PutObject") && said.contains("403") && !said.contains("secret"), "{said}");
-    bucket.line.allow();
+    let message = refused.err().expect("it may not write").to_string();
+    assert!(message.contains("s3:PutObject") && message.contains("403") && !message.contains("secret"), "{message}");
+    bucket.proxy.allow();
     let file = dir.path().join("file");
     std::fs::write(&file, "").unwrap();
     let refused = Uploads::into_store(&file, &store, page(), UploadLimits::default());
-    let said = refused.err().expect("a file is no folder").to_string();
-    assert!(said.contains(file.to_str().unwrap()), "{said}");
+    let message = refused.err().expect("a file is no folder").to_string();
+    assert!(message.contains(file.to_str().unwrap()), "{message}");
     let museum = Museum::over(&bucket, PATIENCE);
     museum.send_all(&version(1, "With a tower.")).await;
-    bucket.line.refuse("PUT /museum/shelf/fort/v1/");
+    bucket.proxy.refuse("PUT /museum/shelf/fort/v1/");
     museum.finish().await;
-    let (code, said) = museum.ended().await;
-    let why = said.error.unwrap_or_default();
+    let (code, upload) = museum.ended().await;
+    let why = upload.error.unwrap_or_default();
     assert!(code == StatusCode::FORBIDDEN && why.contains("keys that may write"), "{code}: {why}");
     assert!(seen(&bucket).await.is_none());
-    bucket.line.allow();
+    bucket.proxy.allow();
     assert!(status(&museum.begin(&version(1, "With a tower.")).await).lacks.is_empty(), "what was sent is kept");
     museum.finish().await;
     assert_eq!(museum.ended().await.1.state, State::Published);
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
-async fn cut_off_fifty_times_on_either_side_the_store_has_the_old_object_or_the_new_one_whole() {
+async fn interrupted_fifty_times_on_either_side_the_store_has_the_whole_old_or_new_object() {
     let Some(bucket) = Bucket::start("cut_off_fifty_times_on_either_side…") else { return };
     let (museum, folder) = (Museum::over(&bucket, SHORT), Museum::over_folder());
     let mut random = fastrand::Rng::with_seed(1);
     let mut below = |n: u64| random.u64(..n);
-    let (mut client, mut line, mut number) = (0, 0, 0);
-    while client + line < 50 || number < 2 {
+    let (mut client, mut store, mut number) = (0, 0, 0);
+    while client + store < 50 || number < 2 {
         number += 1;
         let version = version(number, &format!("The version of the number {number}."));
         folder.send_all(&version).await;
         folder.finish().await;
         assert_eq!(folder.ended().await.1.state, State::Published);
-        // The client's line breaks in the middle of a file.
+        // The client's connection breaks in the middle of a file.
         loop {
             let begun = museum.begin(&version).await;
             assert_eq!(begun.status, StatusCode::CREATED, "{}", begun.text());
             let Some(lack) = status(&begun).lacks.first().cloned() else { break };
             let rest = &version.bytes(&lack.sha256)[lack.offset as usize..];
             let part = Bytes::copy_from_slice(&rest[..below(rest.len() as u64 + 1) as usize]);
-            let broken = stream::iter([Ok(part), Err(std::io::Error::other("the line broke"))]);
+            let broken = stream::iter([Ok(part), Err(std::io::Error::other("the connection broke"))]);
             if client < 12 * number && rest.len() > 1 {
                 assert_ne!(museum.patch(&lack.sha256, lack.offset, Body::from_stream(broken)).await.status, 204);
                 client += 1;
@@ -309,37 +309,37 @@ async fn cut_off_fifty_times_on_either_side_the_store_has_the_old_object_or_the_
                 assert_eq!(museum.patch(&lack.sha256, lack.offset, rest.to_vec().into()).await.status, 204);
             }
         }
-        // The line to the store, again and again, wherever it happens to be.
+        // The connection to the store, repeatedly and at any point.
         let before = seen(&bucket).await;
-        bucket.line.cut_after(below(3000) as i64);
+        bucket.proxy.cut_after(below(3000) as i64);
         museum.finish().await;
         loop {
-            let said = until(|| async {
-                let (_, said) = museum.look().await;
-                (said.state != State::Verifying || said.waits.is_some()).then_some(said)
+            let upload = until(|| async {
+                let (_, upload) = museum.look().await;
+                (upload.state != State::Verifying || upload.waits.is_some()).then_some(upload)
             })
             .await;
             let now = seen(&bucket).await;
             let shown = now.as_ref().map_or(0, |all| Manifest::parse(&all["manifest.json"]).unwrap().versions.len());
             assert!(now == before || shown == number as usize, "a half: {shown}");
-            if said.state != State::Verifying {
-                assert_eq!(said.state, State::Published, "{said:?}");
+            if upload.state != State::Verifying {
+                assert_eq!(upload.state, State::Published, "{upload:?}");
                 break;
             }
-            line += 1;
-            bucket.line.down();
-            bucket.line.up();
-            if line < 20 * number {
-                bucket.line.cut_after(200 + below(6000) as i64);
+            store += 1;
+            bucket.proxy.down();
+            bucket.proxy.up();
+            if store < 20 * number {
+                bucket.proxy.cut_after(200 + below(6000) as i64);
             }
             tokio::time::sleep(Duration::from_millis(100)).await;
         }
-        bucket.line.down();
-        bucket.line.up();
+        bucket.proxy.down();
+        bucket.proxy.up();
         until(|| async { (get(&museum.app, "/healthz").await.status == 200).then_some(()) }).await;
         let (here, there) = (tree(&folder.app).await.unwrap(), seen(&bucket).await.unwrap());
         assert!(here == there, "version {number} is another than in a folder");
     }
-    println!("{} cuts: {client} of the client's line, {line} of the store's", client + line);
-    assert!(client >= 20 && line >= 20);
+    println!("{} cuts: {client} of the client's connection, {store} of the store's", client + store);
+    assert!(client >= 20 && store >= 20);
 }

@@ -1,4 +1,4 @@
-//! What uploads may take of the disk, and how many may be begun.
+//! Limits of uploads: disk space and number.
 
 use super::{Museum, NOW};
 use crate::common::get;
@@ -11,20 +11,20 @@ use std::sync::atomic::Ordering;
 use std::time::Duration;
 
 #[tokio::test]
-async fn a_disk_that_is_full_at_any_step_publishes_nothing_keeps_what_came_and_goes_on_when_there_is_room() {
+async fn a_disk_full_at_any_step_publishes_nothing_keeps_received_files_and_resumes_when_there_is_space() {
     let version = Version::new("fort", 1, fort_pack());
     let mut full = 0;
     for allowed in (0..).step_by(3) {
         let m = Museum::new();
         m.steps.store(allowed, Ordering::Relaxed);
-        let (code, said) = m.publish(&version).await;
-        if said.state == State::Published {
+        let (code, upload) = m.publish(&version).await;
+        if upload.state == State::Published {
             break;
         }
         full += 1;
-        assert_eq!(code, StatusCode::INSUFFICIENT_STORAGE, "step {allowed}: {said:?}");
-        let why = said.error.unwrap_or_default();
-        assert!(why.contains("no room") && why.contains("run the same command again"), "{why}");
+        assert_eq!(code, StatusCode::INSUFFICIENT_STORAGE, "step {allowed}: {upload:?}");
+        let why = upload.error.unwrap_or_default();
+        assert!(why.contains("is full") && why.contains("run the same command again"), "{why}");
         // After the manifest, only the page and the permissions are missing, and the message says so.
         let is_published = why.contains("the version is published, but not all of its files are in place");
         let status = get(&m.app, "/fort/").await.status;
@@ -69,7 +69,7 @@ async fn uploads_are_limited_in_size_number_and_time() {
 }
 
 #[tokio::test]
-async fn room_that_was_announced_is_no_longer_free_until_nothing_follows() {
+async fn announced_space_is_reserved_until_the_upload_is_abandoned() {
     let limits = UploadLimits { version_bytes: u64::MAX / 4, staged_bytes: u64::MAX / 2, ..UploadLimits::default() };
     let m = Museum::with(limits);
     let most_of_the_disk = fs4::available_space(m.models()).unwrap() / 10 * 6;
@@ -85,7 +85,7 @@ async fn room_that_was_announced_is_no_longer_free_until_nothing_follows() {
     assert_eq!(both.status, StatusCode::INSUFFICIENT_STORAGE, "together they would fill the disk");
     assert!(both.text().contains("for other uploads"), "{}", both.text());
     assert_eq!(m.begin(&m.robot, &Version::new("tower", 1, fort_pack()).intent).await.status, StatusCode::CREATED);
-    // Announcing it again is not sending it.
+    // Announcing it again does not count as sending.
     at(3000);
     assert_eq!(m.begin(&m.robot, &large("fort").intent).await.status, StatusCode::CREATED);
     at(2 * 3600);
@@ -97,7 +97,7 @@ async fn room_that_was_announced_is_no_longer_free_until_nothing_follows() {
 const KEPT_FREE: u64 = 64 << 20;
 
 #[tokio::test]
-async fn bytes_are_taken_only_where_they_leave_room() {
+async fn bytes_are_accepted_only_while_enough_disk_space_remains() {
     let m = Museum::new();
     for slug in ["fort", "wall"] {
         let version = Version::new(slug, 1, vec![1; 1_000_000]);
@@ -118,7 +118,7 @@ async fn bytes_are_taken_only_where_they_leave_room() {
 }
 
 #[tokio::test]
-async fn what_all_uploads_hold_is_limited_also_where_it_was_announced_long_ago() {
+async fn the_total_size_of_all_uploads_is_limited_including_old_ones() {
     let m = Museum::with(UploadLimits { staged_bytes: 1_500_000, ..UploadLimits::default() });
     let version = |slug: &str| Version::new(slug, 1, vec![1; 1_000_000]);
     let (fort, wall) = (version("fort"), version("wall"));

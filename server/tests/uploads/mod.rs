@@ -1,4 +1,4 @@
-//! Versions that are published from elsewhere: whole, verified, by whoever may, or not at all; and nothing that a browser runs comes from them.
+//! Uploaded versions: published whole, verified and by authorised users, or not at all; and they contain nothing that a browser executes.
 
 mod limits;
 mod unfinished;
@@ -11,7 +11,7 @@ use axum::body::Body;
 use axum::http::{Method, Request, StatusCode};
 use kilwa_archive::{Manifest, Metadata};
 use kilwa_server::access::{Accounts, Grant, Purpose};
-use kilwa_server::door::Door;
+use kilwa_server::auth::Auth;
 use kilwa_server::upload::wire::{Intent, State, Status};
 use kilwa_server::upload::{UploadLimits, Uploads};
 use kilwa_server::{Catalogue, Clock, Site, app};
@@ -31,7 +31,7 @@ struct Museum {
     clock: Arc<AtomicU64>,
     /// How many more steps the disk allows.
     steps: Arc<AtomicU64>,
-    /// Whether verifying comes to a defect of the program.
+    /// Whether verifying panics.
     falls: Arc<AtomicBool>,
     /// Whether verifying goes no further than its first step.
     waits: Arc<AtomicBool>,
@@ -62,9 +62,9 @@ impl Museum {
         accounts.create(&file).unwrap();
         let clock = Arc::new(AtomicU64::new(NOW));
         let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
-        let told = Arc::clone(&clock);
-        site.clock = Clock::new(move || told.load(Ordering::Relaxed));
-        site.door = Some(Arc::new(Door::open(&file, Some(&folder.path().join("audit.jsonl"))).unwrap()));
+        let time = Arc::clone(&clock);
+        site.clock = Clock::new(move || time.load(Ordering::Relaxed));
+        site.auth = Some(Arc::new(Auth::open(&file, Some(&folder.path().join("audit.jsonl"))).unwrap()));
         let steps = Arc::new(AtomicU64::new(u64::MAX));
         let left = Arc::clone(&steps);
         let falls = Arc::new(AtomicBool::new(false));
@@ -84,10 +84,10 @@ impl Museum {
             }
         });
         let free = Arc::new(AtomicU64::new(u64::MAX));
-        let most = Arc::clone(&free);
+        let limit = Arc::clone(&free);
         let uploads = uploads.with_space(move |at| {
             let free = fs4::available_space(at).ok()?;
-            Some(free.min(most.load(Ordering::Relaxed)))
+            Some(free.min(limit.load(Ordering::Relaxed)))
         });
         site.uploads = Some(Arc::new(uploads));
         Self { app: app(site), clock, steps, falls, waits, free, folder, robot, amina, viewer }
@@ -127,18 +127,18 @@ impl Museum {
         self.send(Method::PATCH, &uri, token, &headers, bytes.to_vec()).await
     }
 
-    /// Everything of a version, and that it be published.
+    /// Send all files of a version and request its publication.
     async fn hand_in(&self, token: &str, version: &Version) -> Answer {
         let slug = &version.intent.slug;
         assert_eq!(self.begin(token, &version.intent).await.status, StatusCode::CREATED);
-        for (said, bytes) in version.intent.files.iter().zip(&version.files) {
-            let answer = self.patch_as(token, slug, &said.sha256, 0, bytes).await;
+        for (file, bytes) in version.intent.files.iter().zip(&version.files) {
+            let answer = self.patch_as(token, slug, &file.sha256, 0, bytes).await;
             assert_eq!(answer.status, StatusCode::NO_CONTENT, "{}", answer.text());
         }
         self.send(Method::POST, &format!("/uploads/{slug}"), token, &[], Vec::new()).await
     }
 
-    /// Everything that is lacking, then the end; how it ended.
+    /// Send everything that is missing and finish; the final status.
     async fn publish(&self, version: &Version) -> (StatusCode, Status) {
         let begun = self.begin(&self.robot, &version.intent).await;
         if begun.status != StatusCode::CREATED {
@@ -158,17 +158,17 @@ impl Museum {
     async fn finish(&self, slug: &str) -> (StatusCode, Status) {
         let uri = format!("/uploads/{slug}");
         let answer = self.send(Method::POST, &uri, &self.robot, &[], Vec::new()).await;
-        let said = status(&answer);
-        if said.state == State::Verifying { self.ended(slug).await } else { (answer.status, said) }
+        let upload = status(&answer);
+        if upload.state == State::Verifying { self.ended(slug).await } else { (answer.status, upload) }
     }
 
     /// How verifying ends.
     async fn ended(&self, slug: &str) -> (StatusCode, Status) {
         for _ in 0..3000 {
             let answer = self.send(Method::GET, &format!("/uploads/{slug}"), &self.robot, &[], Vec::new()).await;
-            let said = status(&answer);
-            if said.state != State::Verifying {
-                return (answer.status, said);
+            let upload = status(&answer);
+            if upload.state != State::Verifying {
+                return (answer.status, upload);
             }
             tokio::time::sleep(Duration::from_millis(10)).await;
         }
@@ -197,11 +197,11 @@ fn tree(folder: &Path) -> std::collections::BTreeMap<String, Vec<u8>> {
 }
 
 #[tokio::test]
-async fn what_is_sent_whole_is_published_served_and_written_down() {
+async fn a_complete_upload_is_published_served_and_logged() {
     let m = Museum::new();
     let version = Version::new("fort", 1, fort_pack());
-    let (code, said) = m.publish(&version).await;
-    assert_eq!((code, said.state, said.version), (StatusCode::OK, State::Published, 1), "{said:?}");
+    let (code, status) = m.publish(&version).await;
+    assert_eq!((code, status.state, status.version), (StatusCode::OK, State::Published, 1), "{status:?}");
     let manifest = Manifest::parse(&get(&m.app, "/fort/manifest.json").await.body).unwrap();
     assert_eq!((manifest.title.as_str(), manifest.versions.len()), ("Fort", 1));
     let served = get(&m.app, &format!("/fort/{}", manifest.versions[0].pack.url)).await;
@@ -213,22 +213,22 @@ async fn what_is_sent_whole_is_published_served_and_written_down() {
     let record = std::fs::read_to_string(m.folder.path().join("audit.jsonl")).unwrap();
     assert!(record.contains("\"published\",\"who\":\"robot\"") && record.contains("\"version\":1"), "{record}");
     assert!(!record.contains(&m.robot[6..]));
-    // Again: there already. Changed: the next version, after the first.
+    // Again: it exists already. Changed: it is the next version.
     let before = tree(&m.models().join("fort"));
-    let (code, said) = m.publish(&version).await;
-    assert_eq!((code, said.state, said.already), (StatusCode::OK, State::Published, true));
+    let (code, status) = m.publish(&version).await;
+    assert_eq!((code, status.state, status.already), (StatusCode::OK, State::Published, true));
     assert!(tree(&m.models().join("fort")) == before, "nothing was added");
     let mut second = Version::new("fort", 2, fort_pack());
     second.intent.metadata.description = Some("Better text".to_owned());
-    let (code, said) = m.publish(&second).await;
-    assert_eq!((code, said.version), (StatusCode::OK, 2), "{said:?}");
+    let (code, status) = m.publish(&second).await;
+    assert_eq!((code, status.version), (StatusCode::OK, 2), "{status:?}");
     let now = tree(&m.models().join("fort"));
     assert!(before.iter().filter(|(p, _)| p.starts_with("v1/")).all(|(p, b)| now[p] == *b), "version 1 is as it was");
     assert_eq!(std::fs::read_dir(m.models().join(".kilwa-uploads")).unwrap().count(), 0, "nothing is left of it");
 }
 
 #[tokio::test]
-async fn only_a_token_for_publishing_of_somebody_who_was_granted_the_object_publishes() {
+async fn publishing_needs_a_publishing_token_of_a_user_with_a_grant_for_the_object() {
     let m = Museum::new();
     let fort = Version::new("fort", 1, fort_pack()).intent;
     for (token, code) in [
@@ -246,7 +246,7 @@ async fn only_a_token_for_publishing_of_somebody_who_was_granted_the_object_publ
     assert_eq!(m.begin(&m.robot, &cave).await.status, StatusCode::CONFLICT, "one upload of an object at a time");
     let uri = format!("/uploads/cave/{}", cave.files[0].sha256);
     assert_eq!(m.send(Method::HEAD, &uri, &m.robot, &[], Vec::new()).await.status, StatusCode::FORBIDDEN);
-    // A session opens nothing here: what a browser sends by itself does not count.
+    // A session is not accepted here: what a browser sends automatically does not count.
     let form = "name=robot&password=a+long+sentence&next=%2F";
     let signed = m.send(Method::POST, "/sign-in", "", &[("origin", "http://museum.example")], form.into()).await;
     let cookie = signed.header("set-cookie").split(';').next().unwrap().to_owned();
@@ -254,7 +254,7 @@ async fn only_a_token_for_publishing_of_somebody_who_was_granted_the_object_publ
     let body = serde_json::to_vec(&fort).unwrap();
     let answer = m.send(Method::POST, "/uploads", "", &[("cookie", &cookie)], body).await;
     assert_eq!(answer.status, StatusCode::UNAUTHORIZED);
-    // Guessing has to wait, and so does whoever guesses when right.
+    // Guessing is slowed down, even for a correct guess.
     let mut last = StatusCode::OK;
     for i in 0..8 {
         last = m.begin(&format!("kilwa-{i:064x}"), &fort).await.status;
@@ -266,7 +266,7 @@ async fn only_a_token_for_publishing_of_somebody_who_was_granted_the_object_publ
 }
 
 #[tokio::test]
-async fn a_file_is_gone_on_with_where_it_broke_off_and_nowhere_else() {
+async fn an_interrupted_file_resumes_only_where_it_stopped() {
     let m = Museum::new();
     let version = Version::new("fort", 1, fort_pack());
     let (pack, name) = (&version.files[0], &version.intent.files[0].sha256);
@@ -284,13 +284,13 @@ async fn a_file_is_gone_on_with_where_it_broke_off_and_nowhere_else() {
     let again = status(&m.begin(&m.robot, &version.intent).await);
     assert_eq!(again.lacks[0].offset, 100);
     assert_eq!(m.finish("fort").await.1.state, State::Refused, "not whole");
-    // What is there of a file serves another version of the same object too.
+    // Received parts of a file can be used by another version of the same object.
     let mut other = Version::new("fort", 1, fort_pack());
     other.intent.note = "With a better note".to_owned();
     assert_eq!(status(&m.begin(&m.robot, &other.intent).await).lacks[0].offset, 100);
     let plain = [("upload-offset", "100"), ("content-type", "application/offset+octet-stream")];
     assert_eq!(m.send(Method::PATCH, &uri, &m.robot, &plain, vec![1]).await.status, StatusCode::PRECONDITION_FAILED);
-    // Nothing of it can be had.
+    // None of it can be downloaded.
     for address in [format!("/.kilwa-uploads/fort/{name}"), "/.kilwa-uploads/fort/upload.json".to_owned(), uri.clone()]
     {
         let answer = m.send(Method::GET, &address, &m.robot, &[], Vec::new()).await;
@@ -317,7 +317,7 @@ async fn a_file_is_gone_on_with_where_it_broke_off_and_nowhere_else() {
 }
 
 #[tokio::test]
-async fn what_cannot_be_is_refused_before_a_byte_is_sent() {
+async fn an_invalid_announcement_is_refused_before_a_byte_is_sent() {
     let m = Museum::new();
     let change = |how: &dyn Fn(&mut Version)| {
         let mut version = Version::new("fort", 1, fort_pack());
@@ -355,7 +355,7 @@ async fn what_cannot_be_is_refused_before_a_byte_is_sent() {
             StatusCode::UNPROCESSABLE_ENTITY,
             "SHA-256",
         ),
-        ("too large", change(&|v| v.intent.files[1].bytes = 1 << 40), StatusCode::PAYLOAD_TOO_LARGE, "are possible"),
+        ("too large", change(&|v| v.intent.files[1].bytes = 1 << 40), StatusCode::PAYLOAD_TOO_LARGE, "are allowed"),
         ("reserved", change(&|v| v.intent.slug = "viewer".to_owned()), StatusCode::UNPROCESSABLE_ENTITY, "slug"),
         ("hidden", change(&|v| v.intent.slug = ".kilwa-x".to_owned()), StatusCode::UNPROCESSABLE_ENTITY, "slug"),
         (
@@ -396,9 +396,14 @@ async fn what_cannot_be_is_refused_before_a_byte_is_sent() {
             "drawings",
         ),
     ];
-    for (what, intent, code, said) in cases {
+    for (what, intent, code, expected) in cases {
         let answer = m.begin(&m.robot, &intent).await;
-        assert!(answer.status == code && answer.text().contains(said), "{what}: {} {}", answer.status, answer.text());
+        assert!(
+            answer.status == code && answer.text().contains(expected),
+            "{what}: {} {}",
+            answer.status,
+            answer.text()
+        );
     }
     assert!(m.has_nothing());
     let answer = m.send(Method::POST, "/uploads", &m.robot, &[], b"{\"kilwa_upload\":1}".to_vec()).await;
@@ -408,7 +413,7 @@ async fn what_cannot_be_is_refused_before_a_byte_is_sent() {
 }
 
 #[tokio::test]
-async fn what_arrives_otherwise_than_it_was_said_is_never_published() {
+async fn files_that_differ_from_the_announcement_are_never_published() {
     let m = Museum::new();
     let version = Version::new("fort", 1, fort_pack());
     let poster = &version.intent.files[1];
@@ -419,26 +424,26 @@ async fn what_arrives_otherwise_than_it_was_said_is_never_published() {
     assert_eq!(m.patch("fort", &poster.sha256, 0, &long).await.status, StatusCode::BAD_REQUEST);
     assert_eq!(m.patch("fort", &"0".repeat(64), 0, b"x").await.status, StatusCode::NOT_FOUND, "not announced");
     assert_eq!(m.patch("fort", "..%2Fupload.json", 0, b"x").await.status, StatusCode::NOT_FOUND);
-    // A pack that is damaged, and says so of itself with the right SHA-256.
+    // A damaged pack with a correct SHA-256 in the announcement.
     let mut bytes = fort_pack();
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;
-    let (code, said) = m.publish(&Version::new("fort", 1, bytes)).await;
+    let (code, status) = m.publish(&Version::new("fort", 1, bytes)).await;
     assert_eq!(code, StatusCode::UNPROCESSABLE_ENTITY);
-    assert!(said.error.as_deref().is_some_and(|e| e.contains("damaged")), "{said:?}");
+    assert!(status.error.as_deref().is_some_and(|e| e.contains("damaged")), "{status:?}");
     // A page that is called a picture.
     let mut page = Version::new("fort", 1, fort_pack());
     page.intent.files.remove(1);
     page.files.remove(1);
     page.add("poster.jpg", b"<!doctype html><script>alert(1)</script>".to_vec());
-    let (code, said) = m.publish(&page).await;
+    let (code, status) = m.publish(&page).await;
     assert_eq!(code, StatusCode::UNPROCESSABLE_ENTITY);
-    assert!(said.error.as_deref().is_some_and(|e| e.contains("no picture")), "{said:?}");
+    assert!(status.error.as_deref().is_some_and(|e| e.contains("no picture")), "{status:?}");
     // Metadata of another model.
     let mut other = Version::new("fort", 1, fort_pack());
     other.intent.metadata.model.units = "mm".to_owned();
-    let (code, said) = m.publish(&other).await;
-    assert!(code == StatusCode::UNPROCESSABLE_ENTITY && said.error.is_some_and(|e| e.contains("units")));
+    let (code, status) = m.publish(&other).await;
+    assert!(code == StatusCode::UNPROCESSABLE_ENTITY && status.error.is_some_and(|e| e.contains("units")));
     assert!(m.has_nothing() && get(&m.app, "/fort/").await.status == StatusCode::NOT_FOUND);
 }
 
@@ -458,22 +463,22 @@ async fn a_link_in_the_folder_of_an_upload_leads_nowhere() {
 }
 
 #[tokio::test]
-async fn a_model_that_seems_to_be_another_is_no_version_of_this_one() {
+async fn a_model_that_appears_to_be_a_different_one_is_refused_as_a_version() {
     let m = Museum::new();
     assert_eq!(m.publish(&Version::new("fort", 1, fort_pack())).await.1.version, 1);
     let mut mosque = Version::new("fort", 2, pack_in("mosque", None));
     mosque.intent.metadata.title = "A mosque".to_owned();
-    let (code, said) = m.publish(&mosque).await;
-    assert!(code == StatusCode::CONFLICT && said.error.is_some_and(|e| e.contains("--same-object")), "{code}");
+    let (code, status) = m.publish(&mosque).await;
+    assert!(code == StatusCode::CONFLICT && status.error.is_some_and(|e| e.contains("--same-object")), "{code}");
     mosque.intent.same_object = true;
     assert_eq!(m.publish(&mosque).await.1.version, 2);
-    // Somebody else was quicker.
+    // Another publisher was faster.
     let late = Version::new("fort", 2, fort_pack());
     assert_eq!(m.publish(&late).await.0, StatusCode::CONFLICT);
 }
 
 #[tokio::test]
-async fn an_upload_never_opens_what_is_closed() {
+async fn an_upload_never_makes_a_closed_model_public() {
     let closed = |number: u32, access: &str| {
         let mut version = Version::new("fort", number, fort_pack());
         version.intent.metadata = Metadata::parse(&format!("{METADATA}{access}")).unwrap();
@@ -483,15 +488,15 @@ async fn an_upload_never_opens_what_is_closed() {
     let embargo = |day: &str| format!("[access]\nstate = \"embargo\"\nuntil = {day}\n");
     let (restricted, public) = ("[access]\nstate = \"restricted\"\n", "");
     let (early, late) = (embargo("2026-12-01"), embargo("2026-12-10"));
-    // What it is, what is refused then, what is not.
+    // The access of the object, what is refused then, and what is accepted.
     let cases: [(&str, &[&str], &str); 3] =
         [(restricted, &[public, &late], restricted), (&late, &[public, &early], restricted), (public, &[], &early)];
     for (is, refused, taken) in cases {
         let m = Museum::new();
         assert_eq!(m.publish(&closed(1, is)).await.1.version, 1, "{is}");
         for open in refused {
-            let (code, said) = m.publish(&closed(2, open)).await;
-            let why = said.error.unwrap_or_default();
+            let (code, status) = m.publish(&closed(2, open)).await;
+            let why = status.error.unwrap_or_default();
             assert!(code == StatusCode::CONFLICT && why.contains("--open-access"), "{is} {open}: {code} {why}");
         }
         assert_eq!(m.publish(&closed(2, taken)).await.1.version, 2, "{is} {taken}");
@@ -504,11 +509,11 @@ async fn an_upload_never_opens_what_is_closed() {
 }
 
 #[tokio::test]
-async fn a_defect_while_it_is_verified_ends_the_upload_and_it_can_be_gone_on_with_or_given_up() {
+async fn a_crash_during_verification_ends_the_upload_which_can_be_resumed_or_abandoned() {
     let (m, version) = (Museum::new(), Version::new("fort", 1, fort_pack()));
     m.falls.store(true, Ordering::Relaxed);
-    let (code, said) = m.publish(&version).await;
-    assert_eq!((code, said.state), (StatusCode::SERVICE_UNAVAILABLE, State::Refused), "{said:?}");
+    let (code, status) = m.publish(&version).await;
+    assert_eq!((code, status.state), (StatusCode::SERVICE_UNAVAILABLE, State::Refused), "{status:?}");
     let given_up = m.send(Method::DELETE, "/uploads/fort", &m.robot, &[], Vec::new()).await;
     assert_eq!(given_up.status, StatusCode::NO_CONTENT);
     let after = m.send(Method::GET, "/uploads/fort", &m.robot, &[], Vec::new()).await;
@@ -520,7 +525,7 @@ async fn a_defect_while_it_is_verified_ends_the_upload_and_it_can_be_gone_on_wit
 
 #[cfg(unix)]
 #[tokio::test]
-async fn what_has_a_name_in_a_version_too_is_not_appended_to() {
+async fn a_file_hard_linked_into_a_version_is_not_appended_to() {
     let (m, version) = (Museum::new(), Version::new("fort", 1, fort_pack()));
     let (pack, name) = (&version.files[0], &version.intent.files[0].sha256);
     m.begin(&m.robot, &version.intent).await;
@@ -534,20 +539,20 @@ async fn what_has_a_name_in_a_version_too_is_not_appended_to() {
 }
 
 #[tokio::test]
-async fn what_was_sent_is_checked_to_its_last_byte_while_somebody_else_publishes_to_the_folder() {
+async fn uploads_are_checked_to_the_last_byte_during_other_publications() {
     let m = Museum::new();
     let other = kilwa_archive::lock::Lock::take(&m.models()).unwrap();
     let mut bytes = fort_pack();
     let middle = bytes.len() / 2;
     bytes[middle] ^= 1;
-    let (code, said) = m.publish(&Version::new("fort", 1, bytes)).await;
-    assert_eq!(code, StatusCode::UNPROCESSABLE_ENTITY, "{said:?}");
+    let (code, upload) = m.publish(&Version::new("fort", 1, bytes)).await;
+    assert_eq!(code, StatusCode::UNPROCESSABLE_ENTITY, "{upload:?}");
     assert_eq!(m.hand_in(&m.robot, &Version::new("fort", 1, fort_pack())).await.status, StatusCode::ACCEPTED);
     let mut checked = false;
     for _ in 0..2000 {
-        let said = status(&m.send(Method::GET, "/uploads/fort", &m.robot, &[], Vec::new()).await);
-        assert_eq!(said.state, State::Verifying, "the folder is somebody else's: {said:?}");
-        checked = said.done == said.of;
+        let upload = status(&m.send(Method::GET, "/uploads/fort", &m.robot, &[], Vec::new()).await);
+        assert_eq!(upload.state, State::Verifying, "the folder is somebody else's: {upload:?}");
+        checked = upload.done == upload.of;
         if checked {
             break;
         }
@@ -559,7 +564,7 @@ async fn what_was_sent_is_checked_to_its_last_byte_while_somebody_else_publishes
 }
 
 #[tokio::test]
-async fn who_publishes_many_versions_lets_others_go_between_them() {
+async fn a_publisher_of_many_versions_lets_others_in_between() {
     let m = Museum::new();
     m.waits.store(true, Ordering::Relaxed);
     for slug in ["fort", "wall", "tower"] {

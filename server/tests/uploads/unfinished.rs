@@ -35,13 +35,13 @@ async fn the_same_command_finishes_a_version_interrupted_after_its_manifest() {
         for allowed in 0.. {
             let version = numbered(number);
             m.steps.store(allowed, Ordering::Relaxed);
-            let (code, said) = m.publish(&version).await;
+            let (code, status) = m.publish(&version).await;
             m.steps.store(u64::MAX, Ordering::Relaxed);
-            if said.state == State::Published {
-                assert!(!said.already && is_finished(&object));
+            if status.state == State::Published {
+                assert!(!status.already && is_finished(&object));
                 break;
             }
-            let why = said.error.unwrap_or_default();
+            let why = status.error.unwrap_or_default();
             assert!(!why.contains(inside) && !why.contains(".kilwa"), "step {allowed}: {code} {why}");
             if !object.join(".kilwa-next").exists() {
                 continue;
@@ -53,8 +53,12 @@ async fn the_same_command_finishes_a_version_interrupted_after_its_manifest() {
                 let looked = m.send(Method::GET, "/uploads/fort", &m.robot, &[], Vec::new()).await;
                 assert!(is_finished(&object), "step {allowed}: {}", looked.text());
             }
-            let (code, said) = m.publish(&version).await;
-            assert_eq!((code, said.version, said.already), (StatusCode::OK, number, is_published), "step {allowed}");
+            let (code, status) = m.publish(&version).await;
+            assert_eq!(
+                (code, status.version, status.already),
+                (StatusCode::OK, number, is_published),
+                "step {allowed}"
+            );
             assert!(is_finished(&object), "step {allowed}");
             number += 1;
         }
@@ -63,7 +67,7 @@ async fn the_same_command_finishes_a_version_interrupted_after_its_manifest() {
 }
 
 #[tokio::test]
-async fn a_file_in_the_way_is_reported_without_the_paths_of_the_server() {
+async fn an_obstructing_file_is_reported_without_paths_of_the_server() {
     let m = Museum::new();
     let inside = m.folder.path().to_str().unwrap();
     assert_eq!(m.publish(&numbered(1)).await.1.version, 1);
@@ -73,7 +77,7 @@ async fn a_file_in_the_way_is_reported_without_the_paths_of_the_server() {
     std::fs::write(m.models().join("fort/manifest.json"), "{").unwrap();
     let (other, foreign) = m.publish(&numbered(2)).await;
     assert_eq!(other, StatusCode::CONFLICT);
-    for why in [unnamed, foreign].map(|said| said.error.unwrap_or_default()) {
+    for why in [unnamed, foreign].map(|status| status.error.unwrap_or_default()) {
         assert!(!why.contains(inside) && why.contains("un the same command again"), "{why}");
     }
 }

@@ -1,4 +1,4 @@
-//! A version that claims to be without its location is looked through: texts, channels, pictures, preview.
+//! A version announced as without its location is searched for it: texts, channels, pictures, preview.
 
 use super::Museum;
 use crate::common::pack_at;
@@ -9,7 +9,7 @@ use kilwa_server::upload::wire::State;
 use serde_json::{Value, json};
 use std::io::Write as _;
 
-/// A version that is said to be without its location, with the pictures that `kilwa publish` makes.
+/// A version announced as without its location, with the pictures that `kilwa publish` makes.
 fn withheld(pack: Vec<u8>) -> Version {
     let mut version = Version::new("fort", 1, pack);
     version.intent.location_redacted = true;
@@ -363,7 +363,7 @@ async fn announced_numbers_are_compared_with_the_files() {
         with(|v| v.intent.metadata.capture = Some(serde_json::from_value(json!({ "accuracy": metres })).unwrap()))
     };
     let announced = |mut version: Version, triangles: u64, error: f64| {
-        version.intent.preview = Some(kilwa_server::upload::wire::PreviewSaid { triangles, error });
+        version.intent.preview = Some(kilwa_server::upload::wire::AnnouncedPreview { triangles, error });
         version
     };
     let open = || Version::new("fort", 1, pack(true_place(), &[]));
@@ -493,7 +493,7 @@ async fn a_drawing_whose_pixels_are_compressed_in_another_way_is_refused_by_name
 
 /// Without a place, with a channel of the surface, in a cell; and where nothing is announced as withheld, nothing is searched for.
 #[tokio::test]
-async fn a_version_whose_announcement_is_true_is_published() {
+async fn a_version_that_matches_its_announcement_is_published() {
     let m = Museum::new();
     let mut cell = withheld(pack_at("Fort", Some("EPSG:32737"), at(550_000.0, 9_050_000.0, 0.0), &[]));
     cell.intent.location_cell = Some(100_000.0);

@@ -1,7 +1,7 @@
 //! The fort as one signed distance field: plan, ruin, relief, ground and stray crumbs. Negative inside, metres.
 
 use super::ground::{Ground, broad, ground, standing};
-use super::masonry::{MOST_IN, MOST_OUT, face};
+use super::masonry::{MAX_IN, MAX_OUT, face};
 use super::plan::{HALF_X, HALF_Y, PARAPET, Plan};
 use super::solid::{Form, Solid};
 use crate::noise::{derive, hash2, noise3, unit};
@@ -71,7 +71,7 @@ impl Field {
     /// Whether everything is further than `reach` from a place, or it lies that deep inside.
     pub(super) fn clear(&self, near: &Near, p: DVec3, reach: f64) -> bool {
         let d = self.rough(near, p);
-        d.all > reach + MOST_OUT + SLACK || (d.all < -(reach + MOST_IN + SLACK) && d.walls.min(d.ground) == d.all)
+        d.all > reach + MAX_OUT + SLACK || (d.all < -(reach + MAX_IN + SLACK) && d.walls.min(d.ground) == d.all)
     }
 
     /// Distances without relief.
@@ -90,7 +90,7 @@ impl Field {
     /// Distances with relief, on ground known to be `g`.
     pub(super) fn fine(&self, near: &Near, p: DVec3, g: &Ground) -> Distance {
         let mut walls = Self::masonry(near, p, g.standing);
-        if walls < MOST_OUT + 0.02 && walls > -(MOST_IN + 0.02) {
+        if walls < MAX_OUT + 0.02 && walls > -(MAX_IN + 0.02) {
             walls -= face(self.seed, p, self.step).relief;
         }
         let earth = (p[2] - g.height) * 0.85;

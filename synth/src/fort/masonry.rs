@@ -8,9 +8,9 @@ use crate::noise::{cell, derive, fractal3, hash3, lerp, noise3, smooth, unit};
 use glam::DVec3;
 
 /// The relief never stands out further than this, in metres.
-pub(super) const MOST_OUT: f64 = 0.12;
+pub(super) const MAX_OUT: f64 = 0.12;
 /// The relief never goes in deeper than this, in metres.
-pub(super) const MOST_IN: f64 = 0.34;
+pub(super) const MAX_IN: f64 = 0.34;
 
 /// The surface of masonry at a place.
 #[derive(Debug, Clone, Copy)]
@@ -51,7 +51,7 @@ pub(super) fn face(seed: u64, p: DVec3, step: f64) -> Face {
         + grain * lerp(0.010, 0.026, worn);
     let fallen = if missing { -(0.10 + 0.09 * unit(stone, 2)) * smooth(0.0, (0.9 * step).max(0.05), gap) } else { 0.0 };
     let coated = 0.034 + 0.004 * grain + 0.012 * decay;
-    let relief = lerp(bare + fallen, coated, plaster).clamp(-MOST_IN, MOST_OUT);
+    let relief = lerp(bare + fallen, coated, plaster).clamp(-MAX_IN, MAX_OUT);
     Face { relief, stone, joint, plaster, worn, missing }
 }
 

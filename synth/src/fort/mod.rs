@@ -2,7 +2,7 @@
 //! Kisiwani. The demo, the benchmark and the stress input.
 //!
 //! It is a signed distance field ([`field`]: [`plan`], [`masonry`], [`ground`]) whose zero surface is extracted on a
-//! cubic grid by surface nets (Gibson 1998) block by block ([`net`]); [`scan`] then takes away what a scanner would
+//! cubic grid by surface nets (Gibson 1998) block by block ([`net`]); [`scan`] then removes what a scanner would
 //! not have seen and [`paint`] colours the rest. A vertex is a pure function of its grid cell, a triangle of its grid
 //! edge, so blocks are made in any order and meet exactly. Triangles go with the inverse square of the grid constant;
 //! [`Fort::new`] finds the constant that gives the number asked for.
@@ -108,7 +108,7 @@ impl Fort {
     }
 
     /// The largest number of tiles along one side.
-    pub(super) fn most_tiles(&self) -> u32 {
+    pub(super) fn max_tiles(&self) -> u32 {
         self.blocks[0]
     }
 

@@ -91,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn a_chunk_comes_out_in_the_layout_of_the_gpu() {
+    fn a_chunk_is_decoded_into_the_layout_of_the_gpu() {
         let (bytes, _) = one_triangle();
         let mut d = decode(&bytes, 3, 1, true, 0, &kilwa_pack::checksum(&bytes)).unwrap();
         assert_eq!(d.take_patches(), [0, 1, NO_DIAMOND]);
@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn every_flipped_bit_is_noticed_before_decoding() {
+    fn every_flipped_bit_is_detected_before_decoding() {
         let (bytes, _) = one_triangle();
         let sum = kilwa_pack::checksum(&bytes);
         for at in 0..bytes.len() * 8 {

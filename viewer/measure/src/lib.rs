@@ -2,14 +2,14 @@
 //!
 //! JavaScript gives the bytes (`www/measure/engine.js` through the page's loader) and carries JSON; everything that is computed is
 //! `kilwa_measure`'s. Several questions may be open at a time; each is cancelled by rejecting what it waits for. What is thrown is an `Error` whose
-//! message is English and whose `said` is the same as JSON for the page's language ([`kilwa_measure::said`]).
+//! message is English and whose `said` is the same as JSON for the page's language ([`kilwa_measure::message`]).
 
 pub mod question;
 pub mod remote;
 pub mod sheet;
 
 use js_sys::{Function, Promise, Uint8Array};
-use kilwa_measure::{Failure, Say, Uncertainty};
+use kilwa_measure::{Failure, ToMessage, Uncertainty};
 use kilwa_pack::{Index, PackError};
 use question::{Pick, Question, QuestionError};
 use remote::{Fetch, Remote, Store};
@@ -27,10 +27,10 @@ pub struct Engine {
     store: RefCell<Store>,
 }
 
-/// How JavaScript gives bytes: `fetch(offset, length, fresh)` resolves to them, `tell(done, all)` hears of progress.
+/// How JavaScript gives bytes: `fetch(offset, length, fresh)` resolves to them, `on_progress(done, all)` is called with the progress.
 struct Callbacks {
     fetch: Function,
-    tell: Function,
+    on_progress: Function,
 }
 
 impl Fetch for Callbacks {
@@ -40,25 +40,25 @@ impl Fetch for Callbacks {
         // Called now, so that it is on its way before anybody waits for it.
         let sent = self.fetch.call3(&JsValue::NULL, &(offset as f64).into(), &(length as f64).into(), &fresh.into());
         Box::pin(async move {
-            let promise: Promise = sent.map_err(|e| said(&e))?.dyn_into().map_err(|e| said(&e))?;
-            let bytes = JsFuture::from(promise).await.map_err(|e| said(&e))?;
+            let promise: Promise = sent.map_err(|e| text_of(&e))?.dyn_into().map_err(|e| text_of(&e))?;
+            let bytes = JsFuture::from(promise).await.map_err(|e| text_of(&e))?;
             Ok(Uint8Array::new(&bytes).to_vec())
         })
     }
 
-    fn tell(&self, done: u64, all: u64) {
+    fn report_progress(&self, done: u64, all: u64) {
         // Nobody listens any more: nothing to do about it.
-        let _ = self.tell.call2(&JsValue::NULL, &(done as f64).into(), &(all as f64).into());
+        let _ = self.on_progress.call2(&JsValue::NULL, &(done as f64).into(), &(all as f64).into());
     }
 }
 
-fn said(error: &JsValue) -> String {
+fn text_of(error: &JsValue) -> String {
     let message = error.dyn_ref::<js_sys::Error>().map(|e| String::from(e.message()));
     message.or_else(|| error.as_string()).unwrap_or_else(|| "the bytes did not come".to_owned())
 }
 
 /// What is thrown.
-fn thrown(why: &impl Say) -> JsValue {
+fn thrown(why: &impl ToMessage) -> JsValue {
     let error = js_sys::Error::new(&why.to_string());
     // A new object takes any property.
     let _ = js_sys::Reflect::set(&error, &"said".into(), &why.as_json().to_string().into());
@@ -106,9 +106,9 @@ impl Engine {
     ///
     /// # Errors
     /// A sentence.
-    pub async fn pick(&self, asked: String, fetch: Function, tell: Function) -> Result<String, JsValue> {
+    pub async fn pick(&self, asked: String, fetch: Function, on_progress: Function) -> Result<String, JsValue> {
         let asked: Pick = serde_json::from_str(&asked).map_err(self::asked)?;
-        let leaves = Remote::new(&self.index, &self.store, Callbacks { fetch, tell });
+        let leaves = Remote::new(&self.index, &self.store, Callbacks { fetch, on_progress });
         let mut answer = asked.answer(&leaves).await.map_err(|e| thrown(&e))?;
         if answer.is_object() {
             answer["fetched"] = leaves.fetched().into();
@@ -120,9 +120,9 @@ impl Engine {
     ///
     /// # Errors
     /// A sentence.
-    pub async fn measure(&self, asked: String, fetch: Function, tell: Function) -> Result<String, JsValue> {
+    pub async fn measure(&self, asked: String, fetch: Function, on_progress: Function) -> Result<String, JsValue> {
         let asked: Question = serde_json::from_str(&asked).map_err(self::asked)?;
-        let leaves = Remote::new(&self.index, &self.store, Callbacks { fetch, tell });
+        let leaves = Remote::new(&self.index, &self.store, Callbacks { fetch, on_progress });
         let mut answer = asked.answer(&leaves).await.map_err(|e| thrown(&e))?;
         answer["fetched"] = leaves.fetched().into();
         Ok(answer.to_string())
@@ -181,9 +181,10 @@ pub struct SheetDrawing(SheetFile);
 
 #[wasm_bindgen]
 impl SheetDrawing {
-    /// What stands on it and how large it is, as JSON ([`SheetFile::told`]).
-    pub fn told(&self) -> String {
-        self.0.told().to_string()
+    /// Its contents and size, as JSON ([`SheetFile::description`]).
+    #[wasm_bindgen(js_name = told)]
+    pub fn description(&self) -> String {
+        self.0.description().to_string()
     }
 
     /// What a band of its picture looks at, as JSON ([`SheetFile::band`]).

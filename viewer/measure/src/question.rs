@@ -1,4 +1,4 @@
-//! What the page asks and what it is told, as JSON: doubles go through it unchanged, in both directions.
+//! Questions and answers of the page as JSON: doubles go through it unchanged, in both directions.
 
 use glam::DVec3;
 use kilwa_geometry::LengthUnit;
@@ -8,7 +8,8 @@ use kilwa_measure::leaves::Failure;
 use kilwa_measure::record::DocumentError;
 use kilwa_measure::snap::{Snap, snap};
 use kilwa_measure::{
-    Document, Format, Leaves, Lines, Measurement, Outcome, Reading, Refusal, Said, Say, Task, Uncertainty, place,
+    Document, Format, Leaves, Lines, Measurement, Message, Outcome, Reading, Refusal, Task, ToMessage, Uncertainty,
+    place,
 };
 use kilwa_pack::Index;
 use serde::Deserialize;
@@ -44,14 +45,14 @@ pub enum QuestionError {
     NoLines,
 }
 
-impl Say for QuestionError {
-    fn said(&self) -> Said {
+impl ToMessage for QuestionError {
+    fn message(&self) -> Message {
         match self {
-            Self::Document(e) => e.said(),
-            Self::Asked(_) | Self::Unit(_) | Self::Format(_) => Said::new("asked-wrong", []),
-            Self::Scale => Said::new("draw-scale", []),
-            Self::Nothing => Said::new("draw-nothing", []),
-            Self::NoLines => Said::new("draw-no-lines", []),
+            Self::Document(e) => e.message(),
+            Self::Asked(_) | Self::Unit(_) | Self::Format(_) => Message::new("asked-wrong", []),
+            Self::Scale => Message::new("draw-scale", []),
+            Self::Nothing => Message::new("draw-nothing", []),
+            Self::NoLines => Message::new("draw-no-lines", []),
         }
     }
 }
@@ -127,7 +128,7 @@ impl Pick {
 }
 
 impl Question {
-    /// Readings and what belongs to them, or `refusal` with a sentence and `said`, the same for every language.
+    /// Readings and what belongs to them, or `refusal` with English text and `said`, the message for every language.
     ///
     /// # Errors
     /// What kept the chunks from being read.
@@ -137,21 +138,21 @@ impl Question {
         if let Some(level) = self.level.filter(|x| *x > 0.0) {
             let point = Uncertainty { level, ..s.point };
             return Ok(match of_points(&self.task, &s.space, &point) {
-                Ok(readings) => self.told(&Outcome::new(self.task.clone(), readings), &point),
+                Ok(readings) => self.outcome_json(&Outcome::new(self.task.clone(), readings), &point),
                 Err(why) => refused(&why),
             });
         }
         match kilwa_measure::measure(leaves, &self.task).await {
-            Ok(outcome) => Ok(self.told(&outcome, &s.point)),
+            Ok(outcome) => Ok(self.outcome_json(&outcome, &s.point)),
             Err(Failure::Refused(why)) => Ok(refused(&why)),
             Err(e) => Err(e),
         }
     }
 
-    fn told(&self, outcome: &Outcome, point: &Uncertainty) -> Value {
-        let mut all = told(&outcome.readings, point, self.unit);
+    fn outcome_json(&self, outcome: &Outcome, point: &Uncertainty) -> Value {
+        let mut all = readings_json(&outcome.readings, point, self.unit);
         all["details"] = json!(outcome.details);
-        all["remarks"] = outcome.remarks.iter().map(Say::as_json).collect();
+        all["remarks"] = outcome.remarks.iter().map(ToMessage::as_json).collect();
         all["task"] = json!(outcome.task);
         if let Some(lines) = &outcome.lines {
             all["lines"] = json!(lines.lines);
@@ -170,7 +171,7 @@ fn refused(why: &Refusal) -> Value {
     json!({ "refusal": why.to_string(), "said": why.as_json() })
 }
 
-fn told(readings: &[Reading], point: &Uncertainty, unit: LengthUnit) -> Value {
+fn readings_json(readings: &[Reading], point: &Uncertainty, unit: LengthUnit) -> Value {
     let printed: Vec<Value> = readings.iter().map(|r| json!({ "name": r.name, "text": r.text(unit) })).collect();
     let parts = json!([
         { "what": "lattice", "value": point.lattice },

@@ -32,7 +32,7 @@ pub trait Fetch {
     fn send(&self, offset: u64, length: u64, fresh: bool) -> Self::Sent;
 
     /// So many bytes of all that is needed are there; `all` is 0 where nobody knows yet.
-    fn tell(&self, done: u64, all: u64);
+    fn report_progress(&self, done: u64, all: u64);
 }
 
 /// Encoded chunks, the one used longest ago dropped first; and which chunks hold nothing of the finest surface, where that is known.
@@ -124,7 +124,7 @@ impl<'a, F: Fetch> Remote<'a, F> {
             None => Vec::new(),
         };
         self.fetched.set(self.fetched.get() + bytes.len() as u64);
-        self.source.tell(self.fetched.get(), 0);
+        self.source.report_progress(self.fetched.get(), 0);
         let bytes = self.sound(chunk, bytes.into()).await?;
         self.store.borrow_mut().put(chunk, Rc::clone(&bytes));
         Ok(bytes)
@@ -211,7 +211,7 @@ impl<F: Fetch> Leaves for Remote<'_, F> {
         let mut waiting = self.runs(&wanted);
         let mut sent: VecDeque<(Run, Option<F::Sent>)> = VecDeque::new();
         let mut done = 0;
-        self.source.tell(0, read.bytes);
+        self.source.report_progress(0, read.bytes);
         loop {
             while sent.len() < IN_FLIGHT
                 && let Some(run) = waiting.pop_front()
@@ -243,7 +243,7 @@ impl<F: Fetch> Leaves for Remote<'_, F> {
                 }
             }
             done += run.length;
-            self.source.tell(done, read.bytes);
+            self.source.report_progress(done, read.bytes);
         }
         Ok(read)
     }

@@ -80,7 +80,7 @@ impl SheetFile {
 
     /// `size` in pixels, `paper` in mm, `pixelsPerMm`, `metresPerPixel`, `marks` (mm from the upper left corner), how many `bands`, `world` (the text of the world
     /// file; null for elevations).
-    pub fn told(&self) -> Value {
+    pub fn description(&self) -> Value {
         json!({
             "size": self.size,
             "paper": self.sheet.paper,

@@ -11,7 +11,7 @@ pub enum GpuError {
          (Debian and Ubuntu: apt-get install mesa-vulkan-drivers)"
     )]
     NoAdapter {
-        /// What wgpu said.
+        /// The message of wgpu.
         reason: String,
     },
     /// The adapter gave no device.
@@ -19,7 +19,7 @@ pub enum GpuError {
     NoDevice {
         /// Name of the adapter.
         adapter: String,
-        /// What wgpu said.
+        /// The message of wgpu.
         reason: String,
     },
     /// The picture could not be read back.

@@ -1,6 +1,6 @@
 //! The uniforms of `shaders/frame.wgsl`, as structs of the same layout, and the buffers that hold them.
 
-use super::RELIEF_FORMAT;
+use super::DEPTH_NORMAL_FORMAT;
 use super::target::{texture, view_of};
 use crate::clip::ClipTransform;
 use crate::options::{Background, RenderOptions};
@@ -43,7 +43,7 @@ pub struct Frame {
     pub radius: f32,
     pub feature: f32,
     pub unused: u32,
-    pub relief_shift: [i32; 2],
+    pub depth_normal_shift: [i32; 2],
     pub clip_flags: u32,
     pub on_color: u32,
     pub outline: f32,
@@ -110,7 +110,7 @@ pub fn frame_uniform(view: &View, options: &RenderOptions, target: TargetTraits)
         radius: options.radius,
         feature: options.feature as f32,
         unused: 0,
-        relief_shift: target.relief_shift,
+        depth_normal_shift: target.depth_normal_shift,
         clip_flags: flags,
         on_color: u32::from(options.on_color),
         outline: options.outline,
@@ -123,8 +123,8 @@ pub fn frame_uniform(view: &View, options: &RenderOptions, target: TargetTraits)
 /// What a frame's target adds to the view and the options.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct TargetTraits {
-    /// From a pixel of the target to its pixel in the relief map.
-    pub relief_shift: [i32; 2],
+    /// From a pixel of the target to its pixel in the depth and normal buffer.
+    pub depth_normal_shift: [i32; 2],
     /// The edge of a cut is smoothed by the samples that it covers.
     pub smooth_cut: bool,
 }
@@ -179,15 +179,15 @@ fn opaque(c: [u8; 3]) -> [f32; 4] {
     [r, g, b, 1.0]
 }
 
-/// The uniform buffers and their bind groups: a `Frame` for the picture and one for the relief pass before it, and a `Draw` per
+/// The uniform buffers and their bind groups: a `Frame` for the picture and one for the depth and normal pass before it, and a `Draw` per
 /// draw call, by dynamic offset.
 pub(crate) struct Uniforms {
     frame_layout: wgpu::BindGroupLayout,
     draw_layout: wgpu::BindGroupLayout,
     frame: wgpu::Buffer,
     pub(crate) frame_group: wgpu::BindGroup,
-    relief_frame: wgpu::Buffer,
-    pub(crate) relief_group: wgpu::BindGroup,
+    depth_normal_frame: wgpu::Buffer,
+    pub(crate) depth_normal_group: wgpu::BindGroup,
     draws: wgpu::Buffer,
     pub(crate) draw_group: wgpu::BindGroup,
     /// Bytes from one `Draw` to the next.
@@ -206,12 +206,12 @@ impl Uniforms {
         let draw_layout = draw_layout(device);
         let stride = device.limits().min_uniform_buffer_offset_alignment.max(DRAW_BYTES as u32);
         let frame = buffer(device, "frame", FRAME_BYTES);
-        let relief_frame = buffer(device, "relief frame", FRAME_BYTES);
+        let depth_normal_frame = buffer(device, "depth and normal frame", FRAME_BYTES);
         // Passes that look at no neighbourhood have a map of one pixel.
         let usage = wgpu::TextureUsages::TEXTURE_BINDING;
-        let nothing = view_of(&texture(device, "no relief", [1, 1], 1, RELIEF_FORMAT, usage));
-        let [frame_group, relief_group] =
-            [&frame, &relief_frame].map(|f| frame_group(device, &frame_layout, f, &nothing));
+        let nothing = view_of(&texture(device, "no depth and normals", [1, 1], 1, DEPTH_NORMAL_FORMAT, usage));
+        let [frame_group, depth_normal_group] =
+            [&frame, &depth_normal_frame].map(|f| frame_group(device, &frame_layout, f, &nothing));
         let capacity = 256;
         let draws = buffer(device, "draws", capacity as u64 * u64::from(stride));
         let group = draw_group(device, &draw_layout, &draws);
@@ -220,8 +220,8 @@ impl Uniforms {
             draw_layout,
             frame,
             frame_group,
-            relief_frame,
-            relief_group,
+            depth_normal_frame,
+            depth_normal_group,
             draws,
             draw_group: group,
             stride,
@@ -230,14 +230,14 @@ impl Uniforms {
         }
     }
 
-    /// The picture looks into this relief map from now on.
-    pub(crate) fn set_relief(&mut self, device: &wgpu::Device, map: &wgpu::TextureView) {
+    /// The picture looks into this depth and normal buffer from now on.
+    pub(crate) fn set_depth_normal(&mut self, device: &wgpu::Device, map: &wgpu::TextureView) {
         self.frame_group = frame_group(device, &self.frame_layout, &self.frame, map);
     }
 
-    /// Write the uniforms of the relief pass.
-    pub(crate) fn write_relief(&self, queue: &wgpu::Queue, frame: &Frame) {
-        queue.write_buffer(&self.relief_frame, 0, bytemuck::bytes_of(frame));
+    /// Write the uniforms of the depth and normal pass.
+    pub(crate) fn write_depth_normal(&self, queue: &wgpu::Queue, frame: &Frame) {
+        queue.write_buffer(&self.depth_normal_frame, 0, bytemuck::bytes_of(frame));
     }
 
     /// Write a frame's uniforms; `draws` in order of their dynamic offsets.
@@ -320,14 +320,14 @@ fn frame_group(
     device: &wgpu::Device,
     layout: &wgpu::BindGroupLayout,
     frame: &wgpu::Buffer,
-    relief: &wgpu::TextureView,
+    depth_normal: &wgpu::TextureView,
 ) -> wgpu::BindGroup {
     device.create_bind_group(&wgpu::BindGroupDescriptor {
         label: Some("frame"),
         layout,
         entries: &[
             wgpu::BindGroupEntry { binding: 0, resource: frame.as_entire_binding() },
-            wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::TextureView(relief) },
+            wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::TextureView(depth_normal) },
         ],
     })
 }

@@ -2,12 +2,12 @@
 
 pub mod background;
 pub mod context;
+pub mod depth_normal;
 pub mod frame;
 pub mod id;
 pub mod pool;
 pub(crate) mod present;
 pub mod readback;
-pub mod relief;
 pub mod surface;
 pub mod target;
 
@@ -16,8 +16,8 @@ pub const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 /// Target of the id pass.
 pub const ID_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Uint;
 
-/// Target of the relief pass.
-pub const RELIEF_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Uint;
+/// Target of the depth and normal pass.
+pub const DEPTH_NORMAL_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Uint;
 
 /// A shader of the parts named, in this order.
 macro_rules! wgsl {
@@ -29,7 +29,7 @@ pub const SHADERS: [(&str, &str); 5] = [
     ("surface", wgsl!("srgb", "frame", "normal", "neighbourhood", "surface")),
     ("background", wgsl!("srgb", "frame", "background")),
     ("id", wgsl!("frame", "id")),
-    ("relief", wgsl!("frame", "normal", "relief")),
+    ("depth_normal", wgsl!("frame", "normal", "depth_normal")),
     ("present", wgsl!("srgb", "present")),
 ];
 

@@ -50,7 +50,7 @@ impl Readback {
         let mapped = Mapped::default();
         let state = mapped.state.clone();
         self.buffer.map_async(wgpu::MapMode::Read, .., move |result| finish(&state, result.is_ok()));
-        // Natively this waits for the GPU; with WebGPU it does nothing and the event loop goes on.
+        // Natively this waits for the GPU; with WebGPU it does nothing and the event loop continues.
         let _ = device.poll(wgpu::PollType::wait_indefinitely());
         #[cfg(all(target_arch = "wasm32", not(feature = "webgpu")))]
         poll_until_done(device, &mapped.state).await;
@@ -66,7 +66,7 @@ impl Readback {
     }
 }
 
-/// WebGL2 tells nobody that it is done, and may not be waited for: it is asked every few milliseconds.
+/// WebGL2 does not signal completion and must not be waited for: it is polled every few milliseconds.
 #[cfg(all(target_arch = "wasm32", not(feature = "webgpu")))]
 async fn poll_until_done(device: &wgpu::Device, state: &Mutex<MapState>) {
     const PAUSE_MS: i32 = 4;

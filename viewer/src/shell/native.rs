@@ -3,8 +3,8 @@
 use crate::camera::{Bounds, Camera};
 use crate::display::Display;
 use crate::gpu::context::{Gpu, GpuError};
+use crate::gpu::depth_normal::REACH;
 use crate::gpu::pool::ShownScalar;
-use crate::gpu::relief::REACH;
 use crate::options::{Mode, RenderOptions, Tile};
 use crate::renderer::{IdImage, Image, Renderer};
 use kilwa_pack::directory::parse_page;

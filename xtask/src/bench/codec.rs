@@ -1,4 +1,4 @@
-//! `cargo xtask bench codec`: what the chunk codec takes and how fast it is, on packs of synthetic meshes.
+//! `cargo xtask bench codec`: sizes and speed of the chunk codec, on packs of synthetic meshes.
 //!
 //! Natively by the example `codec` of `kilwa-pack` (bytes by part and level, speeds on one core, vertex-cache use, beside
 //! meshoptimizer's codec); in a browser by `tests/browser/codec-bench.mjs`, with the module that the page decodes with. All of it runs
@@ -20,7 +20,7 @@ pub(super) struct Args {
     /// Meshes to build
     #[arg(long, value_name = "NAME", default_values_t = ["wall".to_owned(), "fort".to_owned()])]
     mesh: Vec<String>,
-    /// Lattice step of the packs, metres
+    /// Lattice spacing of the packs, metres
     #[arg(long, value_name = "METRES", default_value = "0.0001220703125")]
     step: String,
     /// Profile of the program that builds the packs; their bytes do not depend on it
@@ -50,7 +50,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         run_command(&mut command(&program, &["build", &input, "--step", &args.step, "--force", "-o", &pack])?)?;
         packs.push(pack);
     }
-    let mut tables = format!("Lattice step {} m.\n\n", args.step);
+    let mut tables = format!("Lattice spacing {} m.\n\n", args.step);
     writeln!(tables, "{}", output(command(&codec.to_string_lossy(), &[])?.args(&packs))?)?;
     if !args.no_browser {
         writeln!(tables, "\n{}", in_browser(&args.mesh, &packs, &scratch.join("decode"))?)?;
@@ -65,19 +65,22 @@ fn in_browser(meshes: &[String], packs: &[String], module: &Path) -> Result<Stri
     let tests = setup::npm_packages("tests/browser")?;
     web::decoder(module)?;
     let mut node = command("node", &["codec-bench.mjs"])?;
-    let said = output(node.arg(module).args(packs).current_dir(&tests).env("CHROMIUM", chromium))?;
+    let printed = output(node.arg(module).args(packs).current_dir(&tests).env("CHROMIUM", chromium))?;
     let text = |key: &str| {
-        said.split_once(&format!("\"{key}\":\""))
+        printed
+            .split_once(&format!("\"{key}\":\""))
             .and_then(|(_, rest)| rest.split_once('"'))
             .map_or("a browser", |(value, _)| value)
             .to_owned()
     };
-    let rounds = number_of(&said, "\"rounds\"").unwrap_or(0.0);
+    let rounds = number_of(&printed, "\"rounds\"").unwrap_or(0.0);
     // One object for each pack, in their order.
-    let results = said.split_once("\"packs\"").map_or("", |(_, rest)| rest).split('}');
+    let results = printed.split_once("\"packs\"").map_or("", |(_, rest)| rest).split('}');
     let speeds = meshes.iter().zip(results).map(|(mesh, result)| {
         let (seconds, triangles) = (number_of(result, "\"seconds\""), number_of(result, "\"triangles\""));
-        let (Some(seconds), Some(triangles)) = (seconds, triangles) else { bail!("the browser said {said:?}") };
+        let (Some(seconds), Some(triangles)) = (seconds, triangles) else {
+            bail!("unexpected output of the browser: {printed:?}")
+        };
         Ok(format!("{mesh} {:.2}", triangles / seconds / 1e6))
     });
     let speeds = speeds.collect::<Result<Vec<_>>>()?.join(", ");

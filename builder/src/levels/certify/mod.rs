@@ -4,7 +4,7 @@
 //! the corners of a convex piece of T to T' bounds it for the whole piece. T is covered with pieces (`overlay`), each
 //! certified against the triangle that it lies over.
 //!
-//! Carried per triangle of a patch, in lattice steps, both against the *finest* surface:
+//! Carried per triangle of a patch, in lattice units, both against the *finest* surface:
 //! `out` – every point of this triangle is within `out` of the finest surface;
 //! `back` – every point of the finest surface that is accounted to this triangle is within `back` of it.
 //! Every point of the finest surface is accounted to some triangle of every level, so the largest `back` bounds the
@@ -31,7 +31,7 @@ const TIGHT: f64 = 1.25;
 /// Pieces bounded by this share of the largest distance found so far do not decide anything.
 const UNIMPORTANT: f64 = 0.9;
 
-/// Bounds of one triangle against the finest surface, in lattice steps.
+/// Bounds of one triangle against the finest surface, in lattice units.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Bound {
     /// From this triangle to the finest surface.
@@ -311,7 +311,7 @@ mod tests {
     }
 
     #[test]
-    fn an_unchanged_mesh_carries_its_bounds_and_nothing_more() {
+    fn an_unchanged_mesh_keeps_its_bound() {
         let m = ground(3, 20, false);
         let given = vec![Bound { out: 1.5, back: 2.5 }; m.triangle_count()];
         let simplified = simplify(&m, &nothing(), m.triangle_count(), Precision::default());
@@ -346,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn where_thousands_of_islands_are_left_out_the_bound_says_so() {
+    fn the_bound_includes_thousands_of_omitted_islands() {
         let mut m = Mesh::default();
         for i in 0..1500i32 {
             let at = LatticePoint::new((i * 7919) % 10_007, (i * 104_729) % 10_009, (i * 1299) % 5003);

@@ -19,9 +19,9 @@ const TRUSTED: u32 = 3;
 const LOOSE: f64 = 1.2;
 /// Triangles of the other surface that a search of all of it compares with at most. Where thousands lie at one place no tree
 /// can tell them apart; what is found by then is as good, and a bound all the same.
-const MOST_COMPARED: u32 = 256;
+const MAX_COMPARED: u32 = 256;
 /// Halvings of what no triangle lies over, after which a loose bound is accepted (it is a bound all the same).
-const MOST_HALVINGS: u32 = 12;
+const MAX_HALVINGS: u32 = 12;
 
 /// Covers triangles with pieces over the triangles of one surface.
 pub(super) struct Cover<'a> {
@@ -191,7 +191,7 @@ impl<'a> Cover<'a> {
             }
             compared += 1;
             // Nothing is below a limit of zero.
-            if compared < MOST_COMPARED { best.0 } else { 0.0 }
+            if compared < MAX_COMPARED { best.0 } else { 0.0 }
         });
         (best.1, best.0.sqrt())
     }
@@ -204,28 +204,28 @@ impl<'a> Cover<'a> {
         let mut grown = false;
         let mut sure = 0.0f64;
         while let Some((piece, depth)) = self.pieces.pop() {
-            let (mut least, mut best) = nearest(&piece, &mut self.opposite);
+            let (mut lower, mut best) = nearest(&piece, &mut self.opposite);
             if best.0 > unimportant * unimportant && !grown {
                 grown = true;
                 let before = candidates.list.len();
                 candidates.grow(self.to);
                 let new = candidates.list[before..].iter();
                 self.opposite.extend(new.map(|c| Opposite::new(*c, self.to.triangle(*c))));
-                (least, best) = nearest(&piece, &mut self.opposite);
+                (lower, best) = nearest(&piece, &mut self.opposite);
             }
-            let (mut least, mut bound) = (least.sqrt(), best.0.sqrt());
+            let (mut lower, mut bound) = (lower.sqrt(), best.0.sqrt());
             // The candidates may not be what is nearest: before they decide the bound, everything is asked.
-            if depth >= TRUSTED && bound > unimportant * LOOSE && bound > least * super::TIGHT + ON_LINE {
+            if depth >= TRUSTED && bound > unimportant * LOOSE && bound > lower * super::TIGHT + ON_LINE {
                 let (c, d) = self.anywhere(&piece);
                 if d < bound {
                     (bound, best.1) = (d, c);
                 }
-                least = piece.iter().map(|p| self.anywhere(&[*p; 3]).1).fold(0.0, f64::max);
+                lower = piece.iter().map(|p| self.anywhere(&[*p; 3]).1).fold(0.0, f64::max);
             }
             if grown {
-                sure = sure.max(least);
+                sure = sure.max(lower);
             }
-            if bound <= unimportant || bound <= least * super::TIGHT + ON_LINE || depth >= MOST_HALVINGS {
+            if bound <= unimportant || bound <= lower * super::TIGHT + ON_LINE || depth >= MAX_HALVINGS {
                 report(best.1, bound);
                 continue;
             }
@@ -242,9 +242,9 @@ fn nearest(piece: &Triangle, candidates: &mut [Opposite]) -> (f64, (f64, u32)) {
     let mut best = (f64::INFINITY, 0);
     let mut there = [f64::INFINITY; 3];
     for (i, c) in candidates.iter().enumerate() {
-        let least = [0, 1, 2].map(|k: usize| c.box_squared(&piece[k]));
+        let lower = [0, 1, 2].map(|k: usize| c.box_squared(&piece[k]));
         // A corner's distance to the box decides nothing where it is no smaller than what is known.
-        if (least[0] >= best.0 || least[1] >= best.0 || least[2] >= best.0) && (0..3).all(|k| least[k] >= there[k]) {
+        if (lower[0] >= best.0 || lower[1] >= best.0 || lower[2] >= best.0) && (0..3).all(|k| lower[k] >= there[k]) {
             continue;
         }
         let d = piece.map(|p| point_triangle_squared(p, c.triangle));

@@ -3,7 +3,7 @@
 use glam::DVec2;
 
 /// Most corners a piece may have; one that would get more is not cut.
-const MOST: usize = 12;
+const MAX: usize = 12;
 
 /// A point in the plane.
 pub(super) type Point2 = DVec2;
@@ -11,7 +11,7 @@ pub(super) type Point2 = DVec2;
 /// A convex polygon, counter-clockwise.
 #[derive(Clone, Copy)]
 pub(super) struct Polygon {
-    corners: [Point2; MOST],
+    corners: [Point2; MAX],
     count: u8,
 }
 
@@ -57,7 +57,7 @@ impl Line {
 
 impl Polygon {
     pub(super) fn triangle(corners: [Point2; 3]) -> Self {
-        let mut all = [DVec2::ZERO; MOST];
+        let mut all = [DVec2::ZERO; MAX];
         all[..3].copy_from_slice(&corners);
         Self { corners: all, count: 3 }
     }
@@ -67,7 +67,7 @@ impl Polygon {
     }
 
     fn empty() -> Self {
-        Self { corners: [DVec2::ZERO; MOST], count: 0 }
+        Self { corners: [DVec2::ZERO; MAX], count: 0 }
     }
 
     fn push(&mut self, p: Point2) {
@@ -78,7 +78,7 @@ impl Polygon {
     /// Divide along a line.
     pub(super) fn cut(&self, line: &Line) -> Cut {
         let n = usize::from(self.count);
-        let mut sides = [0.0; MOST];
+        let mut sides = [0.0; MAX];
         let (mut inside, mut outside) = (false, false);
         for (s, p) in sides.iter_mut().zip(self.corners()) {
             *s = line.side(p);
@@ -92,7 +92,7 @@ impl Polygon {
             return Cut::Outside;
         }
         // Each part gets at most two corners more than it keeps.
-        if n + 2 > MOST {
+        if n + 2 > MAX {
             return Cut::Full;
         }
         let (mut left, mut right) = (Self::empty(), Self::empty());

@@ -51,7 +51,7 @@ pub(super) struct Surface {
     pub(super) triangles: Vec<[u32; 3]>,
     /// The triangles round each point.
     pub(super) fans: Lists,
-    /// The other triangle on each edge, from corner k to the next; [`NONE`] where there is none, are several, or it is
+    /// The other triangle on each edge, from corner k to the next; [`NONE`] if there is none, are several, or it is
     /// wound the other way.
     pub(super) neighbours: Vec<[u32; 3]>,
     /// Whether any point is a hub.
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn neighbours_are_found_at_hubs_as_everywhere() {
+    fn neighbours_are_found_at_vertices_of_very_high_degree() {
         let mut generator = fastrand::Rng::with_seed(3);
         let mut random = |n: u32| generator.u32(..n);
         for points in [4, 30, 2000] {

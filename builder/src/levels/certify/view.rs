@@ -4,7 +4,7 @@ use super::polygon::{Line, Point2};
 use super::surface::Triangle;
 use glam::DVec3;
 
-/// Distance in steps within which a point counts as on a line. Far below [`kilwa_geometry::distance::ABSOLUTE_SLACK`],
+/// Distance in lattice units within which a point counts as on a line. Far below [`kilwa_geometry::distance::ABSOLUTE_SLACK`],
 /// far above the rounding of coordinates.
 pub(super) const ON_LINE: f64 = 1e-7;
 /// A triangle is seen only where it is less steep than this (height over run, squared), and faces the viewer.

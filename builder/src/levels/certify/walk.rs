@@ -14,7 +14,7 @@ use glam::DVec3;
 use kilwa_geometry::distance::point_triangle_squared;
 
 /// Opposite triangles after which the walk is given up.
-const MOST_TRIANGLES: usize = 48;
+const MAX_TRIANGLES: usize = 48;
 /// Pieces below this share of the limit are taken as they are seen, however steep.
 const EXACT: f64 = 0.5;
 /// Squared cosine above which the height over a triangle is taken for the distance to it: at most a tenth more.
@@ -82,7 +82,7 @@ impl<'a> Walker<'a> {
         self.walk += 1;
         self.visited.clear();
         let hints = names.map(|p| self.hints[p as usize]);
-        for start in hints.into_iter().filter(|h| *h != NONE).chain(starts).take(MOST_TRIANGLES) {
+        for start in hints.into_iter().filter(|h| *h != NONE).chain(starts).take(MAX_TRIANGLES) {
             if !self.visited.add(start) {
                 continue;
             }
@@ -101,7 +101,7 @@ impl<'a> Walker<'a> {
         while let Some(&c) = self.visited.list.get(next) {
             next += 1;
             // One of its edges crosses the triangle, so it lies over it; anything else is not to be trusted.
-            if next > MOST_TRIANGLES || !matches!(self.visit(c, walk), Visit::Over) {
+            if next > MAX_TRIANGLES || !matches!(self.visit(c, walk), Visit::Over) {
                 return false;
             }
         }
@@ -145,7 +145,7 @@ impl<'a> Walker<'a> {
             }
         }
         // Where no edge of the opposite triangle passes through the triangle, that is beside it, or inside as a whole: its
-        // corners may touch in both cases, its centroid tells.
+        // corners may touch in both cases, its centroid decides.
         if !onwards.contains(&true) {
             let own = &walk.own.flat;
             let centroid = (own[0] + own[1] + own[2]) / 3.0;
@@ -240,7 +240,7 @@ enum Visit {
     Beside,
     /// It is, and all went well.
     Over,
-    /// The walk cannot go on.
+    /// The walk cannot continue.
     Lost,
 }
 

@@ -1,6 +1,6 @@
 //! One edge collapse: where the merged point goes, whether the collapse is allowed, and doing it.
 
-use super::{Collapse, Kind, NONE, Point, Quadric, Room, Simplifier, kind, local};
+use super::{Collapse, Kind, NONE, Point, Quadric, ScratchBuffer, Simplifier, kind, local};
 use glam::DVec3;
 use kilwa_geometry::LatticePoint;
 use kilwa_geometry::lattice::MAX_COORDINATE;
@@ -13,17 +13,17 @@ impl Simplifier<'_> {
         // A point on a line of odd edges leaves along the line only; what it drags with it, the quadrics weigh.
         let odd = || self.triangles_on(keep, remove) != 2;
         if pk.locked {
-            return (pr.kind == Kind::Smooth || odd()).then_some(pk.at);
+            return (pr.kind == Kind::Manifold || odd()).then_some(pk.at);
         }
         match (pk.kind, pr.kind) {
-            (Kind::Smooth, Kind::Smooth) => Some(self.best_position(keep, remove, quadric)),
-            (_, Kind::Smooth) => Some(pk.at),
-            (Kind::Smooth, _) => Some(pr.at),
+            (Kind::Manifold, Kind::Manifold) => Some(self.best_position(keep, remove, quadric)),
+            (_, Kind::Manifold) => Some(pk.at),
+            (Kind::Manifold, _) => Some(pr.at),
             _ if !odd() => None,
-            (Kind::Line, Kind::Line) => Some(self.best_position(keep, remove, quadric)),
-            (Kind::Corner, Kind::Line) => Some(pk.at),
-            (Kind::Line, Kind::Corner) => Some(pr.at),
-            (Kind::Corner, Kind::Corner) => {
+            (Kind::Crease, Kind::Crease) => Some(self.best_position(keep, remove, quadric)),
+            (Kind::Complex, Kind::Crease) => Some(pk.at),
+            (Kind::Crease, Kind::Complex) => Some(pr.at),
+            (Kind::Complex, Kind::Complex) => {
                 Some(if quadric.at(pk.local) <= quadric.at(pr.local) { pk.at } else { pr.at })
             }
         }
@@ -66,29 +66,29 @@ impl Simplifier<'_> {
             return false;
         }
         let (pk, pr) = (&self.points[keep as usize], &self.points[remove as usize]);
-        let simple = !pk.locked && pk.kind == Kind::Smooth && pr.kind == Kind::Smooth;
-        let mut room = std::mem::take(&mut self.room);
-        room.borders.clear();
+        let simple = !pk.locked && pk.kind == Kind::Manifold && pr.kind == Kind::Manifold;
+        let mut scratch = std::mem::take(&mut self.scratch);
+        scratch.borders.clear();
         let allowed = if simple {
             self.check_smooth(keep, remove) && self.check_shapes(keep, remove, target)
         } else {
-            self.check_edges(keep, remove, &mut room)
+            self.check_edges(keep, remove, &mut scratch)
                 && self.check_triangles(keep, remove)
                 && self.check_shapes(keep, remove, target)
         };
         if allowed {
-            self.apply(keep, remove, target, &mut room);
+            self.apply(keep, remove, target, &mut scratch);
             if !simple {
                 // A point that only had triangles on the edge has gone with them.
-                for &(apex, _) in &room.shared {
+                for &(apex, _) in &scratch.shared {
                     if self.corners_at(apex).next().is_none() {
                         self.merged_into[apex as usize] = keep;
                     }
                 }
-                self.renew_kinds(keep, &mut room);
+                self.renew_kinds(keep, &mut scratch);
             }
         }
-        self.room = room;
+        self.scratch = scratch;
         allowed
     }
 
@@ -141,13 +141,13 @@ impl Simplifier<'_> {
         })
     }
 
-    /// The link condition with counts. Puts the neighbours on `room.borders` whose edge to the merged point is a true
+    /// The link condition with counts. Puts the neighbours on `scratch.borders` whose edge to the merged point is a true
     /// border afterwards though its triangle may change. Whether the collapse is allowed.
-    fn check_edges(&self, keep: u32, remove: u32, room: &mut Room) -> bool {
-        self.neighbours(keep, &mut room.of_keep);
-        self.neighbours(remove, &mut room.of_remove);
+    fn check_edges(&self, keep: u32, remove: u32, scratch: &mut ScratchBuffer) -> bool {
+        self.neighbours(keep, &mut scratch.of_keep);
+        self.neighbours(remove, &mut scratch.of_remove);
         let keep_locked = self.points[keep as usize].locked;
-        room.shared.clear();
+        scratch.shared.clear();
         for c in self.corners_at(remove) {
             let [p1, p2] = self.others(c);
             let apex = if p1 == keep {
@@ -157,16 +157,16 @@ impl Simplifier<'_> {
             } else {
                 continue;
             };
-            match room.shared.iter_mut().find(|s| s.0 == apex) {
+            match scratch.shared.iter_mut().find(|s| s.0 == apex) {
                 Some(s) => s.1 += 1,
-                None => room.shared.push((apex, 1)),
+                None => scratch.shared.push((apex, 1)),
             }
         }
-        if room.shared.is_empty() {
+        if scratch.shared.is_empty() {
             return false;
         }
-        for r in room.of_remove.iter().filter(|r| r.point != keep) {
-            let Some(k) = room.of_keep.iter().find(|n| n.point == r.point) else {
+        for r in scratch.of_remove.iter().filter(|r| r.point != keep) {
+            let Some(k) = scratch.of_keep.iter().find(|n| n.point == r.point) else {
                 // A new edge between two locked points might already exist outside.
                 if keep_locked && self.points[r.point as usize].locked {
                     return false;
@@ -174,7 +174,7 @@ impl Simplifier<'_> {
                 continue;
             };
             // A common neighbour without a triangle between: the collapse would glue two sheets.
-            let Some(triangles) = room.shared.iter().find(|s| s.0 == r.point).map(|s| s.1) else { return false };
+            let Some(triangles) = scratch.shared.iter().find(|s| s.0 == r.point).map(|s| s.1) else { return false };
             let Some(after) = (k.count + r.count).checked_sub(2 * triangles) else { return false };
             if keep_locked && self.points[r.point as usize].locked {
                 if after != k.count {
@@ -182,13 +182,13 @@ impl Simplifier<'_> {
                 }
                 // A border of the scan stays one, though another triangle may now lie along it.
                 if after == 1 && k.border {
-                    room.borders.push(r.point);
+                    scratch.borders.push(r.point);
                 }
             } else if after == 1 {
                 if !(k.border || r.border) {
                     return false;
                 }
-                room.borders.push(r.point);
+                scratch.borders.push(r.point);
             } else if after > 2 && after > k.count.max(r.count) {
                 return false;
             }
@@ -243,26 +243,26 @@ impl Simplifier<'_> {
         b2 <= 0.0 || (d > 0.0 && d * d > 0.0625 * a2 * b2)
     }
 
-    fn apply(&mut self, keep: u32, remove: u32, target: LatticePoint, room: &mut Room) {
+    fn apply(&mut self, keep: u32, remove: u32, target: LatticePoint, scratch: &mut ScratchBuffer) {
         // Wedges joined by a vanishing triangle become one; the others move along as they are.
-        room.joined.clear();
-        room.corners.clear();
-        room.corners.extend(self.corners_at(keep));
-        let own = room.corners.len();
-        room.corners.extend(self.corners_at(remove));
-        for &c in &room.corners[own..] {
+        scratch.joined.clear();
+        scratch.corners.clear();
+        scratch.corners.extend(self.corners_at(keep));
+        let own = scratch.corners.len();
+        scratch.corners.extend(self.corners_at(remove));
+        for &c in &scratch.corners[own..] {
             let t = c / 3;
             if let Some(o) = (t * 3..t * 3 + 3).find(|&o| self.point[o as usize] == keep) {
                 let (from, to) = (self.wedge[c as usize], self.wedge[o as usize]);
-                if !room.joined.iter().any(|j| j.0 == from) {
-                    room.joined.push((from, to));
+                if !scratch.joined.iter().any(|j| j.0 == from) {
+                    scratch.joined.push((from, to));
                 }
                 self.alive[t as usize] = false;
                 self.triangles -= 1;
             }
         }
         if !self.points[keep as usize].locked {
-            for &(from, to) in &room.joined {
+            for &(from, to) in &scratch.joined {
                 self.wedges.merge(from, to);
             }
         }
@@ -286,32 +286,32 @@ impl Simplifier<'_> {
             self.occupied.insert(target, keep);
         }
         // One list of live corners for the merged point.
-        for (i, &c) in room.corners.iter().enumerate() {
+        for (i, &c) in scratch.corners.iter().enumerate() {
             if !self.alive[(c / 3) as usize] {
                 continue;
             }
             if i >= own {
                 self.point[c as usize] = keep;
-                if let Some(j) = room.joined.iter().find(|j| j.0 == self.wedge[c as usize]) {
+                if let Some(j) = scratch.joined.iter().find(|j| j.0 == self.wedge[c as usize]) {
                     self.wedge[c as usize] = j.1;
                 }
             }
             self.link(keep, c);
         }
-        for &x in &room.borders {
+        for &x in &scratch.borders {
             self.mark_border(keep, x);
         }
     }
 
     /// Look again at what kind of point the merged one and its neighbours are.
-    fn renew_kinds(&mut self, keep: u32, room: &mut Room) {
-        self.neighbours(keep, &mut room.of_keep);
-        self.points[keep as usize].kind = kind(&room.of_keep);
-        for n in &room.of_keep {
+    fn renew_kinds(&mut self, keep: u32, scratch: &mut ScratchBuffer) {
+        self.neighbours(keep, &mut scratch.of_keep);
+        self.points[keep as usize].kind = kind(&scratch.of_keep);
+        for n in &scratch.of_keep {
             let p = &self.points[n.point as usize];
             if !p.locked && p.corners <= super::HUB {
-                self.neighbours(n.point, &mut room.of_remove);
-                self.points[n.point as usize].kind = kind(&room.of_remove);
+                self.neighbours(n.point, &mut scratch.of_remove);
+                self.points[n.point as usize].kind = kind(&scratch.of_remove);
             }
         }
     }

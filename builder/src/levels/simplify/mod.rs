@@ -2,7 +2,7 @@
 //! on:
 //!
 //! * a locked point (one that another diamond also uses) neither moves nor changes its attributes, and every edge
-//!   between two locked points is used by as many triangles afterwards as before: the neighbours cannot tell;
+//!   between two locked points is used by as many triangles afterwards as before: the neighbours are not affected;
 //! * every edge used by one triangle inside the fragment either joins two locked points as before or carries the
 //!   true-border bit;
 //! * no triangle is doubled, none flips; a component vanishes only where a fragment of thousands of triangles cannot be
@@ -64,11 +64,11 @@ pub struct Simplified {
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Kind {
     /// Every edge is used twice.
-    Smooth,
+    Manifold,
     /// Exactly two edges are used otherwise, both equally often: a border (once) or a non-manifold line.
-    Line,
-    /// Anything else: it keeps its place against all but its like.
-    Corner,
+    Crease,
+    /// Anything else: it keeps its place unless merged with another such point.
+    Complex,
 }
 
 struct Point {
@@ -97,7 +97,7 @@ struct Neighbour {
     border: bool,
 }
 
-/// A collapse that is thinkable: everything else is checked when its turn comes.
+/// A candidate collapse: everything else is checked when its turn comes.
 #[derive(Clone, Copy)]
 struct Collapse {
     keep: u32,
@@ -135,12 +135,12 @@ struct Simplifier<'a> {
     /// Marks of points, valid where equal to `clock`.
     marks: Vec<u32>,
     clock: u32,
-    room: Room,
+    scratch: ScratchBuffer,
 }
 
-/// Lists that are used again and again.
+/// Lists that are reused for every collapse.
 #[derive(Default)]
-struct Room {
+struct ScratchBuffer {
     of_keep: Vec<Neighbour>,
     of_remove: Vec<Neighbour>,
     corners: Vec<u32>,
@@ -193,7 +193,7 @@ impl<'a> Simplifier<'a> {
                         local: local(p, center),
                         at: p,
                         quadric: Quadric::default(),
-                        kind: Kind::Corner,
+                        kind: Kind::Complex,
                         locked: locked.contains(&p),
                         made: false,
                         head: NONE,
@@ -225,7 +225,7 @@ impl<'a> Simplifier<'a> {
             refused_at: FxHashMap::default(),
             triangles: mesh.triangle_count(),
             clock: 0,
-            room: Room::default(),
+            scratch: ScratchBuffer::default(),
         };
         for c in 0..s.point.len() as u32 {
             s.link(s.point[c as usize], c);
@@ -290,7 +290,7 @@ impl<'a> Simplifier<'a> {
         }
     }
 
-    /// The point that stands for one of the beginning.
+    /// The point that represents one of the beginning.
     fn now(&mut self, mut point: u32) -> u32 {
         while self.merged_into[point as usize] != point {
             let up = self.merged_into[self.merged_into[point as usize] as usize];
@@ -315,7 +315,7 @@ impl<'a> Simplifier<'a> {
                 }
             }
         }
-        let mut near = std::mem::take(&mut self.room.of_keep);
+        let mut near = std::mem::take(&mut self.scratch.of_keep);
         for p in 0..self.points.len() as u32 {
             if self.points[p as usize].corners > HUB {
                 continue;
@@ -325,11 +325,11 @@ impl<'a> Simplifier<'a> {
             // Each edge once; those to a hub cannot be collapsed anyway.
             self.edges.extend(near.iter().filter(|n| n.point > p).map(|n| [p, n.point]));
         }
-        self.room.of_keep = near;
+        self.scratch.of_keep = near;
         self.refused = vec![false; self.edges.len()];
         let mut queue = Vec::with_capacity(self.edges.len());
         for e in 0..self.edges.len() as u32 {
-            match self.thinkable(e) {
+            match self.candidate(e) {
                 Some(c) => queue.push(Reverse(key(c.cost, e))),
                 None => self.refuse(e),
             }
@@ -342,7 +342,7 @@ impl<'a> Simplifier<'a> {
         while self.triangles > target {
             let Some(Reverse(top)) = self.queue.pop() else { return };
             let edge = (top & u64::from(u32::MAX)) as u32;
-            let Some(c) = self.thinkable(edge) else {
+            let Some(c) = self.candidate(edge) else {
                 self.refuse(edge);
                 continue;
             };
@@ -381,7 +381,7 @@ impl<'a> Simplifier<'a> {
     }
 
     /// What collapsing an edge would do and cost, or `None` when it cannot be collapsed at all.
-    fn thinkable(&mut self, edge: u32) -> Option<Collapse> {
+    fn candidate(&mut self, edge: u32) -> Option<Collapse> {
         let [a, b] = self.edges[edge as usize];
         let (a, b) = (self.now(a), self.now(b));
         let (pa, pb) = (&self.points[a as usize], &self.points[b as usize]);
@@ -449,9 +449,9 @@ impl<'a> Simplifier<'a> {
 fn kind(neighbours: &[Neighbour]) -> Kind {
     let mut odd = neighbours.iter().filter(|n| n.count != 2);
     match (odd.next(), odd.next(), odd.next()) {
-        (None, ..) => Kind::Smooth,
-        (Some(a), Some(b), None) if a.count == b.count => Kind::Line,
-        _ => Kind::Corner,
+        (None, ..) => Kind::Manifold,
+        (Some(a), Some(b), None) if a.count == b.count => Kind::Crease,
+        _ => Kind::Complex,
     }
 }
 
@@ -487,7 +487,7 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_value_does_not_spread_and_equal_values_and_colours_stay_equal() {
+    fn missing_values_do_not_spread_and_equal_values_and_colours_stay_equal() {
         let fine = sheet(16);
         let coarse = simplify(&fine, &Locked::default(), 8, Precision::default()).mesh;
         assert!(coarse.triangle_count() <= 16, "{}", coarse.triangle_count());
@@ -550,7 +550,7 @@ mod tests {
     }
 
     #[test]
-    fn points_of_three_triangles_do_not_get_stuck() {
+    fn vertices_with_three_triangles_do_not_block_simplification() {
         // A point in the middle of every triangle: no edge between other points can collapse before these are gone.
         let mut fine = pillow(16);
         for t in 0..fine.triangle_count() {
@@ -567,7 +567,7 @@ mod tests {
     }
 
     #[test]
-    fn every_fine_point_is_merged_into_one_that_has_a_triangle() {
+    fn every_fine_vertex_is_merged_into_a_vertex_with_a_triangle() {
         // A sheet with flaps: triangles that hang on by one edge, and two by one point.
         let mut fine = sheet(12);
         let n = fine.positions.len() as u32;
@@ -588,7 +588,7 @@ mod tests {
     }
 
     #[test]
-    fn locked_points_keep_their_place_and_their_edges() {
+    fn locked_vertices_keep_position_and_edges() {
         let fine = sheet(12);
         let locked: Locked = fine.positions.iter().copied().filter(|p| p[0] == 60).collect();
         let coarse = simplify(&fine, &locked, 10, Precision::default()).mesh;

@@ -1,7 +1,7 @@
 //! Leaving out small components where a fragment cannot be simplified otherwise: 10^5 floating islands, each a few
 //! triangles that nothing can be taken from, must not stay at full number up to the coarsest level.
 //!
-//! Only whole components without locked points go, so nothing outside can tell, and the largest always stays. What their
+//! Only whole components without locked points go, so nothing outside is affected, and the largest always stays. What their
 //! absence means for the error the certifier finds as for everything else.
 
 use super::{NONE, Simplifier};

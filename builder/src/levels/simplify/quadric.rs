@@ -1,5 +1,5 @@
 //! Quadric error metric: Garland and Heckbert, "Surface Simplification Using Quadric Error Metrics", SIGGRAPH 1997,
-//! area-weighted. Coordinates are local to the fragment, in lattice steps, so that nothing cancels.
+//! area-weighted. Coordinates are local to the fragment, in lattice units, so that nothing cancels.
 
 use glam::DVec3;
 

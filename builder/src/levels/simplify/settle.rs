@@ -1,5 +1,5 @@
 //! Rounding the places that simplification made. What a coarse form keeps of the fine one lies where it lay; a point
-//! that stands for many lies anywhere within the error, and there a place with zeros at its end is as good and takes fewer
+//! that represents many lies anywhere within the error, and there a place with zeros at its end is as good and takes fewer
 //! bits (FORMAT section 5.3, grains). Twice as coarse would save half as much again, but coarse forms would be a tenth
 //! farther from the fine one (docs/decisions/0016-rounding-coarse-forms.md).
 //!
@@ -9,16 +9,16 @@ use super::{NONE, Simplifier, local};
 use kilwa_geometry::LatticePoint;
 use kilwa_geometry::lattice::MAX_COORDINATE;
 
-/// One fine triangle in so many tells how rough the surface is.
+/// One fine triangle in so many is sampled for the roughness of the surface.
 const SAMPLE: usize = 4;
 /// Most zeros that the codec saves.
-const MOST: u32 = 15;
+const MAX: u32 = 15;
 
 impl Simplifier<'_> {
     /// Round the places that were made to multiples of a power of two, at most their [roughness](Self::roughness), each to
     /// the corner of its cell that suits its quadric best of those that turn no triangle over.
     pub(super) fn settle(&mut self) {
-        let grain = (libm::log2(self.roughness().max(1.0)) as u32).min(MOST);
+        let grain = (libm::log2(self.roughness().max(1.0)) as u32).min(MAX);
         if grain == 0 {
             return;
         }
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn places_that_were_made_have_zeros_at_their_end_and_more_where_it_is_rougher() {
+    fn new_positions_are_rounded_more_coarsely_where_the_surface_is_rougher() {
         let mut last = 0;
         for rough in [17, 67, 257] {
             let fine = sheet(24, rough);
@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn locked_places_do_not_move_and_a_plane_stays_one() {
+    fn locked_positions_do_not_move_and_a_plane_stays_flat() {
         let fine = sheet(24, 257);
         let locked: FxHashSet<LatticePoint> = fine.positions.iter().copied().filter(|p| p[0] < 3000).collect();
         let coarse = simplify(&fine, &locked, 300, Precision::default()).mesh;

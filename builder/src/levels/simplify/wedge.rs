@@ -6,7 +6,7 @@ use glam::Vec3;
 use kilwa_geometry::color::{light_from_srgb_f32, srgb_from_light_f32};
 use kilwa_geometry::{Mesh, normal};
 
-/// Sums of what a vertex stands for.
+/// Sums of what a vertex represents.
 #[derive(Clone, Copy)]
 struct Sum {
     /// Linear light.
@@ -46,14 +46,14 @@ impl<'a> Wedges<'a> {
         if self.sums[w].changed { self.sums[w].normal } else { normal::decode(self.source.normals[w]).as_vec3() }
     }
 
-    /// Add what one vertex stands for to another.
+    /// Add what one vertex represents to another.
     pub(super) fn merge(&mut self, from: u32, to: u32) {
         let (from, to) = (from as usize, to as usize);
         let (added, normal) = (self.normal_sum(from), self.normal_sum(to));
         let Sum { color, weight, .. } = self.sums[from];
         let own = self.sums[to].weight;
         for channel in &mut self.scalars {
-            // Sums, like the colours; an unchanged wedge holds its value with weight 1. A value that is not there (NaN)
+            // Sums, like the colours; an unchanged wedge holds its value with weight 1. A value that does not exist (NaN)
             // takes no part: the mean stays that of the others.
             let (f, t) = (channel[from], channel[to]);
             channel[to] = match (f.is_nan(), t.is_nan()) {

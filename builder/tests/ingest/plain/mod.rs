@@ -1,4 +1,4 @@
-//! The finest surface and the tree by a plain construction in memory, to compare the out-of-core ingest with: every
+//! The finest surface and the tree by a simple construction in memory, to compare the out-of-core ingest with: every
 //! edge length sorted, vertices welded in hash maps, tetrahedra split one after the other. Step derived, metres, z up.
 
 use glam::{DVec3, I64Vec3};
@@ -187,7 +187,7 @@ struct Splitter<'a> {
     extents: &'a dyn Fn(u32) -> i64,
     leaf_triangles: usize,
     scratch: Vec<u32>,
-    /// Diamonds still to be looked at.
+    /// Diamonds that remain to be examined.
     queue: Vec<u32>,
 }
 
@@ -277,7 +277,7 @@ impl Splitter<'_> {
             }
             let edge = (0..3).map(|i| i64::from(node.tetra.v[0][i] - node.tetra.v[3][i]).abs()).max().unwrap_or(0);
             let triangles = &self.tree.order[node.range.clone()];
-            // Only so many different places as fit a leaf: its triangles coincide, and no plane tells them apart.
+            // No more different positions than fit a leaf: its triangles coincide, and no plane separates them.
             let mut places = HashSet::new();
             for t in triangles.iter().filter(|t| (self.extents)(**t) <= 2 * edge) {
                 places.insert(self.sums[*t as usize]);

@@ -110,7 +110,7 @@ pub(super) async fn contours<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Resu
     let (low, high, metres) = (m.bounds_min[2], m.bounds_max[2], task.interval.unwrap_or(0.0));
     let heights = contour_heights(low, high, metres, MAX_CONTOURS).map_err(|_| Refusal::Interval {
         metres,
-        most: MAX_CONTOURS,
+        max: MAX_CONTOURS,
         low,
         high,
     })?;

@@ -2,6 +2,7 @@
 
 use super::Sheet;
 use super::View;
+use super::letters::Letters;
 use super::paper::{LABELS, MARGIN, STRIP};
 use serde::Serialize;
 
@@ -55,6 +56,9 @@ pub enum Mark {
 pub struct Layout {
     /// In the order in which they are painted.
     pub marks: Vec<Mark>,
+    /// Texts that a PDF shows in a font of its own.
+    #[serde(skip)]
+    pub letters: Letters,
 }
 
 /// What the title block says.
@@ -214,9 +218,9 @@ impl Layout {
 }
 
 /// The largest 1, 2 or 5 times a power of ten that is at most `most`.
-fn round_length(most: f64) -> f64 {
-    let power = libm::pow(10.0, libm::floor(libm::log10(most)));
-    [5.0, 2.0, 1.0].into_iter().map(|k| k * power).find(|x| *x <= most * (1.0 + 1e-9)).unwrap_or(power)
+fn round_length(max: f64) -> f64 {
+    let power = libm::pow(10.0, libm::floor(libm::log10(max)));
+    [5.0, 2.0, 1.0].into_iter().map(|k| k * power).find(|x| *x <= max * (1.0 + 1e-9)).unwrap_or(power)
 }
 
 /// Up to six significant digits, no needless zeros.

@@ -8,11 +8,12 @@
 pub mod file;
 pub mod georeference;
 pub mod layout;
+pub mod letters;
 pub mod paper;
 mod pdf;
 mod tiff;
 
-use crate::said::{Said, Say, Worth};
+use crate::message::{Message, MessageValue, ToMessage};
 use glam::DVec3;
 use layout::Frame;
 use paper::Paper;
@@ -128,29 +129,31 @@ impl From<serde_json::Error> for SheetError {
     }
 }
 
-impl Say for SheetError {
-    fn said(&self) -> Said {
-        let number = |name, value: f64| (name, Worth::Number(value));
-        let count = |name, value: f64| (name, Worth::Count(value.round() as u64));
+impl ToMessage for SheetError {
+    fn message(&self) -> Message {
+        let number = |name, value: f64| (name, MessageValue::Number(value));
+        let count = |name, value: f64| (name, MessageValue::Count(value.round() as u64));
         match *self {
-            Self::TooLarge { scale, width, height, fits: Some(fits) } => Said::new(
+            Self::TooLarge { scale, width, height, fits: Some(fits) } => Message::new(
                 "sheet-too-large-fits",
                 [number("scale", scale), count("width", width), count("height", height), number("fits", fits)],
             ),
-            Self::TooLarge { scale, width, height, fits: None } => {
-                Said::new("sheet-too-large", [number("scale", scale), count("width", width), count("height", height)])
-            }
-            Self::TooLong => Said::new("sheet-too-long", []),
+            Self::TooLarge { scale, width, height, fits: None } => Message::new(
+                "sheet-too-large",
+                [number("scale", scale), count("width", width), count("height", height)],
+            ),
+            Self::TooLong => Message::new("sheet-too-long", []),
             Self::TooFine { width, height } => {
-                Said::new("sheet-too-fine", [count("width", width), count("height", height)])
+                Message::new("sheet-too-fine", [count("width", width), count("height", height)])
             }
-            Self::Scale => Said::new("sheet-no-scale", []),
-            Self::Dots => {
-                Said::new("sheet-dots", [("low", Worth::Count(DPI.0.into())), ("high", Worth::Count(DPI.1.into()))])
-            }
-            Self::Oblique => Said::new("sheet-oblique", []),
-            Self::NoPaper => Said::new("sheet-no-paper", []),
-            Self::Asked(_) => Said::new("asked-wrong", []),
+            Self::Scale => Message::new("sheet-no-scale", []),
+            Self::Dots => Message::new(
+                "sheet-dots",
+                [("low", MessageValue::Count(DPI.0.into())), ("high", MessageValue::Count(DPI.1.into()))],
+            ),
+            Self::Oblique => Message::new("sheet-oblique", []),
+            Self::NoPaper => Message::new("sheet-no-paper", []),
+            Self::Asked(_) => Message::new("asked-wrong", []),
         }
     }
 }
@@ -248,7 +251,7 @@ impl Sheet {
     /// Left, top, right, bottom of the frame in whole pixels of a picture of this size.
     pub fn window(&self, size: [u32; 2]) -> [u32; 4] {
         let (f, scale) = (self.frame, self.pixels_per_mm());
-        let pixel = |mm: f64, most: u32| ((mm * scale).round().max(0.0) as u32).min(most);
+        let pixel = |mm: f64, max: u32| ((mm * scale).round().max(0.0) as u32).min(max);
         let [width, height] = size;
         [pixel(f.left, width), pixel(f.top, height), pixel(f.left + f.width, width), pixel(f.top + f.height, height)]
     }

@@ -3,9 +3,9 @@
 use super::SheetError;
 use super::layout::Frame;
 
-/// Room round the frame, mm.
+/// Margin around the frame, mm.
 pub const MARGIN: f64 = 10.0;
-/// Room inside the frame for grid labels, mm.
+/// Space inside the frame for grid labels, mm.
 pub const LABELS: f64 = 8.0;
 /// Height of the strip with scale bar, north arrow and title block, mm.
 pub const STRIP: f64 = 30.0;
@@ -113,18 +113,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_smallest_paper_that_holds_it_is_taken_turned_where_needed_and_too_much_is_refused_with_a_hint() {
+    fn the_smallest_paper_that_fits_is_chosen_and_a_drawing_too_large_is_refused_with_a_hint() {
         assert_eq!(choose(None, [200.0, 100.0], false, 50.0).unwrap().0, [297.0, 210.0]);
         assert_eq!(choose(None, [100.0, 210.0], false, 50.0).unwrap().0, [210.0, 297.0]);
-        let said = choose(None, [3000.0, 100.0], false, 50.0).unwrap_err().to_string();
-        assert!(said.contains("1:200 would fit"), "{said}");
+        let message = choose(None, [3000.0, 100.0], false, 50.0).unwrap_err().to_string();
+        assert!(message.contains("1:200 would fit"), "{message}");
         let (paper, frame) = choose(Some(&Paper::Fit), [3000.0, 100.0], false, 50.0).unwrap();
         assert!(paper[0] > 3000.0 && frame.width > 3000.0);
         assert_eq!(choose(Some(&Paper::Fit), [30.0, 20.0], true, 50.0).unwrap().0, [30.0, 20.0]);
     }
 
     #[test]
-    fn paper_is_named_or_measured() {
+    fn paper_is_given_by_name_or_by_size() {
         assert_eq!(Paper::parse("a3"), Ok(Paper::Iso([420.0, 297.0])));
         assert_eq!(Paper::parse("900x600mm"), Ok(Paper::Custom([900.0, 600.0])));
         assert_eq!(Paper::parse("fit"), Ok(Paper::Fit));

@@ -1,9 +1,11 @@
 //! PDF 1.4: one page of the paper's size; the picture as deflated strips, which go to the file as they come; lines and letters as
-//! such, in Helvetica, so that they are sharp and can be selected and searched. The font is named `F` in the page's resources.
+//! such, in Helvetica, so that they are sharp and can be selected and searched. The font is named `F` in the page's resources; `G` is the font of
+//! [`Letters`], whose objects begin the file.
 //! Source: ISO 32000-1.
 
 use super::file::Ending;
 use super::layout::{Anchor, Layout, Mark};
+use super::letters::{Letters, is_plain};
 use super::{Sheet, SheetError};
 use std::fmt::Write as _;
 
@@ -27,13 +29,13 @@ const WIDTHS: [u16; 95] = [
 fn operators(layout: &Layout, height: f64) -> String {
     let mut out = String::new();
     for mark in &layout.marks {
-        draw(&mut out, mark, height);
+        draw(&mut out, mark, height, &layout.letters);
     }
     out
 }
 
 /// One mark; PDF counts up from the lower edge.
-fn draw(out: &mut String, mark: &Mark, height: f64) {
+fn draw(out: &mut String, mark: &Mark, height: f64, letters: &Letters) {
     let at = |p: &[f64; 2]| [p[0] * POINTS, height - p[1] * POINTS];
     match mark {
         Mark::Box { at: corner, size, grey } => {
@@ -52,16 +54,22 @@ fn draw(out: &mut String, mark: &Mark, height: f64) {
         Mark::Text { at: base, height: capital, anchor, words } => {
             let size = capital * POINTS / CAPITAL;
             let [x, y] = at(base);
-            // WinAnsi has what Latin 1 has; other scripts stand in the document's title and in the pack.
-            let bytes: Vec<u8> =
-                words.chars().map(|c| if (' '..='\u{ff}').contains(&c) { c as u8 } else { b'?' }).collect();
-            let wide = |b: &u8| f64::from(WIDTHS.get(usize::from(*b).wrapping_sub(32)).copied().unwrap_or(556));
-            let width = bytes.iter().map(wide).sum::<f64>() * size / 1000.0;
-            let left = match anchor {
+            let left = |width: f64| match anchor {
                 Anchor::Start => x,
                 Anchor::Middle => x - width * 0.5,
                 Anchor::End => x - width,
             };
+            if let Some(line) = letters.lines.get(words) {
+                let left = left(line.width * size);
+                let _ =
+                    writeln!(out, "0 g BT /G 1 Tf {size:.4} 0 0 {size:.4} {left:.4} {y:.4} Tm\n{}\nET", line.operators);
+                return;
+            }
+            // Other scripts still stand in the document's title and in the pack.
+            let bytes: Vec<u8> = words.chars().map(|c| if is_plain(c) { c as u8 } else { b'?' }).collect();
+            let wide = |b: &u8| f64::from(WIDTHS.get(usize::from(*b).wrapping_sub(32)).copied().unwrap_or(556));
+            let width = bytes.iter().map(wide).sum::<f64>() * size / 1000.0;
+            let left = left(width);
             let hex: String = bytes.iter().fold(String::new(), |mut hex, b| {
                 let _ = write!(hex, "{b:02X}");
                 hex
@@ -82,6 +90,10 @@ pub(super) struct Pdf {
     width: u32,
     /// The title in UTF-16 as hexadecimal digits.
     title: String,
+    /// What the file begins with.
+    head: Vec<u8>,
+    /// Whether that is followed by a font, the first object.
+    has_letters: bool,
     /// The marks as operators.
     marks: String,
     /// Operators that place the strips.
@@ -106,14 +118,20 @@ impl Pdf {
         });
         let dot = 72.0 / f64::from(sheet.dpi);
         let marks = operators(layout, page[1]);
-        let (content, images, offsets) = (String::new(), String::new(), Vec::new());
-        Self { page, dot, width, title, marks, content, images, row: 0, at: 0, offsets }
+        // Bytes above 127 show programs that copy files that this is not text.
+        let (mut head, mut offsets) = (b"%PDF-1.4\n%\xE2\xE3\xCF\xD3\n".to_vec(), Vec::new());
+        for object in &layout.letters.objects {
+            offsets.push(head.len() as u64);
+            head.extend(object);
+        }
+        let (content, images) = (String::new(), String::new());
+        let has_letters = !offsets.is_empty();
+        Self { page, dot, width, title, head, has_letters, marks, content, images, row: 0, at: 0, offsets }
     }
 
     /// What stands before a new object: the file's head, or the end of the strip before.
     fn before(&self) -> Vec<u8> {
-        // Bytes above 127 tell programs that copy files that this is no text.
-        if self.at == 0 { b"%PDF-1.4\n%\xE2\xE3\xCF\xD3\n".to_vec() } else { STREAM_END.as_bytes().to_vec() }
+        if self.at == 0 { self.head.clone() } else { STREAM_END.as_bytes().to_vec() }
     }
 
     /// What stands before the next strip.
@@ -153,9 +171,10 @@ impl Pdf {
         let font =
             object(&mut out, "<< /Type /Font /Subtype /Type1 /BaseFont /Helvetica /Encoding /WinAnsiEncoding >>");
         let parent = font + 2;
+        let letters = if self.has_letters { " /G 1 0 R" } else { "" };
         let page = format!(
             "<< /Type /Page /Parent {parent} 0 R /MediaBox [0 0 {:.4} {:.4}] /Contents {content} 0 R /Resources << /Font << /F \
-             {font} 0 R >> /XObject << {}>> >> >>",
+             {font} 0 R{letters} >> /XObject << {}>> >> >>",
             self.page[0], self.page[1], self.images
         );
         let one = object(&mut out, &page);

@@ -36,20 +36,20 @@ pub(super) fn grains<const N: usize>(values: impl Iterator<Item = [i32; N]>) -> 
         }
     }
     // Of vertices with at least one grain, one in 2^N has a coarser one by chance.
-    let mut said = [0u8; MAX_GRAIN as usize + 1];
+    let mut merged = [0u8; MAX_GRAIN as usize + 1];
     let (mut last, mut by_chance) = (0, 0);
-    for ((said, &count), grain) in said.iter_mut().zip(&counts).zip(0u8..) {
+    for ((merged_grain, &count), grain) in merged.iter_mut().zip(&counts).zip(0u8..) {
         if grain == 0 || count > 2 * by_chance + grains.len() / 32 {
             (last, by_chance) = (grain, count.max(by_chance));
         }
         by_chance >>= N;
-        *said = last;
+        *merged_grain = last;
     }
     if last == 0 {
         return None;
     }
     for grain in &mut grains {
-        *grain = said.get(usize::from(*grain)).copied().unwrap_or(0);
+        *grain = merged.get(usize::from(*grain)).copied().unwrap_or(0);
     }
     Some(grains)
 }
@@ -301,7 +301,7 @@ fn quantize(x: i16, bits: u8) -> i32 {
     (2 * x.abs() * levels + 32767) / 65534 * x.signum()
 }
 
-/// The coordinate that a level stands for, or none when it is out of range.
+/// The coordinate that a level represents, or none when it is out of range.
 fn unquantize(level: i32, bits: u8) -> Option<i16> {
     if bits >= 16 {
         return i16::try_from(level).ok();

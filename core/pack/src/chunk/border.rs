@@ -4,7 +4,7 @@
 //!
 //! *Gates* are the directed edges of the triangles so far across which no triangle is known yet; they form loops. The
 //! machine takes one gate after another, fan by fan, and codes what lies across it. It never assumes a manifold: what
-//! cannot be reached across an edge begins anew. Encoder and decoder run the same code; only [`Source`] differs.
+//! cannot be reached across an edge starts over. Encoder and decoder run the same code; only [`Source`] differs.
 
 use super::number::Number;
 use super::range::{Bit, Coder};
@@ -12,7 +12,7 @@ use super::range::{Bit, Coder};
 /// No such gate, vertex or patch.
 pub(super) const NONE: u32 = u32::MAX;
 /// Triangles at a vertex that make a difference.
-const MOST_AT_VERTEX: u8 = 9;
+const MAX_AT_VERTEX: u8 = 9;
 /// How far along the border a vertex is looked for before it is named by its number.
 const REACH: u32 = 24;
 
@@ -120,7 +120,7 @@ pub(super) struct Connectivity {
 /// Patches around a vertex.
 #[derive(Clone, Copy)]
 struct Around {
-    /// Triangles so far, at most [`MOST_AT_VERTEX`].
+    /// Triangles so far, at most [`MAX_AT_VERTEX`].
     triangles: u8,
     /// Patch of the latest triangle.
     latest: u32,
@@ -177,7 +177,7 @@ impl<'a, C: Coder, S: Source> Machine<'a, C, S> {
     pub(super) fn new(coder: C, source: &'a mut S, limits: Limits) -> Self {
         let Limits { vertices, triangles, .. } = limits;
         let models = Models {
-            ops: vec![[Bit::NEW; 4]; 4 * (usize::from(MOST_AT_VERTEX) + 1).pow(2)],
+            ops: vec![[Bit::NEW; 4]; 4 * (usize::from(MAX_AT_VERTEX) + 1).pow(2)],
             along: Bit::NEW,
             distance: Number::new(),
             back: Number::new(),
@@ -263,7 +263,7 @@ impl<'a, C: Coder, S: Source> Machine<'a, C, S> {
         number
     }
 
-    /// Code what lies across a gate. Returns the gate that goes on round the same vertex.
+    /// Code what lies across a gate. Returns the gate that continues round the same vertex.
     fn step(&mut self, g: u32) -> Result<Option<u32>, Impossible> {
         let gate = self.gate(g);
         let (a, b) = (gate.from, self.gate(gate.next).from);
@@ -407,7 +407,7 @@ impl<'a, C: Coder, S: Source> Machine<'a, C, S> {
 
     fn code_op(&mut self, g: u32, a: u32, b: u32, op: Op) -> Result<Op, Impossible> {
         let (left, right) = (self.can_close_left(g), self.can_close_right(g));
-        let context = usize::from(self.around(a).triangles) * (usize::from(MOST_AT_VERTEX) + 1)
+        let context = usize::from(self.around(a).triangles) * (usize::from(MAX_AT_VERTEX) + 1)
             + usize::from(self.around(b).triangles);
         let context = context * 4 + usize::from(left) * 2 + usize::from(right);
         let [new, border, close_right, close_left] = self.models.ops.get_mut(context).ok_or(Impossible)?;
@@ -472,7 +472,7 @@ impl<'a, C: Coder, S: Source> Machine<'a, C, S> {
     fn place(&mut self, corners: [u32; 3], patch: u32) -> u32 {
         for v in corners {
             if let Some(around) = self.around.get_mut(v as usize) {
-                around.triangles = (around.triangles + 1).min(MOST_AT_VERTEX);
+                around.triangles = (around.triangles + 1).min(MAX_AT_VERTEX);
                 if around.latest != patch {
                     around.other = around.latest;
                     around.latest = patch;

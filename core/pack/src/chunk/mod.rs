@@ -140,7 +140,7 @@ pub fn encode_body(chunk: &Chunk, attributes: Attributes) -> Result<Vec<u8>, Pac
     Ok(payload::encode_body(chunk, attributes)?.0)
 }
 
-/// Encode a chunk as [`encode`] does, and tell how many bytes each part of it takes, for measurements.
+/// Encode a chunk as [`encode`] does, and return how many bytes each part takes, for measurements.
 ///
 /// # Errors
 /// As [`encode`].
@@ -198,7 +198,7 @@ pub fn decode(bytes: &[u8], declared: Declared, attributes: Attributes) -> Resul
         return bad(format!("{} triangles and {} vertices are too many", declared.triangles, declared.vertices));
     }
     if attributes.scalars > MAX_SCALARS {
-        return bad(format!("{} scalar channels; at most 16 are possible", attributes.scalars));
+        return bad(format!("{} scalar channels; at most 16 are allowed", attributes.scalars));
     }
     // What the bytes cannot hold is not allocated for.
     if (declared.triangles as usize).div_ceil(MAX_PER_BYTE) > bytes.len()

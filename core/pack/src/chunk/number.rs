@@ -169,7 +169,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_numbers_come_back(values in proptest::collection::vec(any::<i32>(), 0..300), shift in 0u32..31) {
+        fn any_numbers_round_trip(values in proptest::collection::vec(any::<i32>(), 0..300), shift in 0u32..31) {
             let values: Vec<i32> = values.iter().map(|v| v >> shift).collect();
             let run = |coder: &mut dyn FnMut(&mut Wide, &mut Residuals<2>, &mut Number, i32) -> [i32; 3]| {
                 let mut models = (Wide::new(), Residuals::new(5), Number::new());

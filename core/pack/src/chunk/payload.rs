@@ -26,8 +26,8 @@ pub(super) fn with_patches(patches: &[PatchRange], body: &[u8]) -> Vec<u8> {
     out.extend_from_slice(body);
     // A decoder allocates for no more than so many triangles per byte: an absurdly regular chunk is padded.
     let triangles: u64 = patches.iter().map(|p| u64::from(p.count)).sum();
-    let least = usize::try_from(triangles.div_ceil(MAX_PER_BYTE as u64)).unwrap_or(0);
-    out.resize(out.len().max(least), 0);
+    let min = usize::try_from(triangles.div_ceil(MAX_PER_BYTE as u64)).unwrap_or(0);
+    out.resize(out.len().max(min), 0);
     out
 }
 
@@ -236,7 +236,7 @@ fn ends_of(made: &Connectivity, edge: u32) -> [u32; 2] {
     }
 }
 
-/// How good a vertex' predicted normal can be: bit 0 is set beside a patch that is not of the finest level, which one bit per patch tells,
+/// How good a vertex' predicted normal can be: bit 0 is set beside a patch that is not of the finest level, which one bit per patch records,
 /// bit 1 where the chunk sees only one side.
 fn kinds<C: Coder>(coder: &mut C, made: &Connectivity, fine: &[bool], vertices: usize) -> Vec<u8> {
     let coarse: Vec<bool> = fine.iter().map(|&fine| coder.raw(1, u32::from(!fine)) == 1).collect();

@@ -27,7 +27,7 @@ struct Stencil {
     edges: [i64; 3],
     /// Four times the way from the far vertices to the middle of the edges.
     beyond: [i64; 3],
-    /// Eight times the shared vertex less twice the sum of all four; 0 where there is none.
+    /// Eight times the shared vertex less twice the sum of all four; 0 if there is none.
     shared: [i64; 3],
     two: bool,
 }
@@ -128,7 +128,7 @@ fn weight(x: f64) -> i8 {
     stored
 }
 
-/// The vertices beside which a vertex was found: their residuals tell how large its own will be.
+/// The vertices beside which a vertex was found: their residuals predict how large its own will be.
 pub(super) fn beside(link: Link) -> [u32; 2] {
     match link {
         Link::Nothing => [NONE; 2],

@@ -330,7 +330,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn any_bits_come_back(values in proptest::collection::vec(any::<u32>(), 0..3000), skew in 0u32..12) {
+        fn any_bits_round_trip(values in proptest::collection::vec(any::<u32>(), 0..3000), skew in 0u32..12) {
             let mut encoder = Encoder::new();
             let wanted = code(&mut encoder, &values, skew);
             let (bytes, raw) = encoder.finish();
@@ -360,7 +360,7 @@ mod tests {
     }
 
     #[test]
-    fn carries_go_through_long_runs() {
+    fn carries_propagate_through_long_runs() {
         // Raw values at the very top of the interval make runs of 0xff that a later carry has to cross.
         for tail in 0..200 {
             let mut encoder = Encoder::new();

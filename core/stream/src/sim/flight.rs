@@ -11,7 +11,7 @@ pub struct Flight {
 
 impl Flight {
     /// A flight through these key frames (milliseconds, view), put in order of time; `first` stands before and after it
-    /// where there are none.
+    /// if there are none.
     pub fn new(first: View, mut keys: Vec<(f64, View)>) -> Self {
         keys.sort_by(|a, b| a.0.total_cmp(&b.0));
         if keys.is_empty() {
@@ -25,9 +25,9 @@ impl Flight {
         self.keys.last().map_or(0.0, |k| k.0)
     }
 
-    /// From when on the camera rests for at least `least_ms`, and until when: the stops of the flight.
-    pub fn stops(&self, least_ms: f64) -> Vec<(f64, f64)> {
-        let rests = self.keys.windows(2).filter(|w| w[0].1 == w[1].1 && w[1].0 - w[0].0 >= least_ms);
+    /// From when on the camera rests for at least `min_ms`, and until when: the stops of the flight.
+    pub fn stops(&self, min_ms: f64) -> Vec<(f64, f64)> {
+        let rests = self.keys.windows(2).filter(|w| w[0].1 == w[1].1 && w[1].0 - w[0].0 >= min_ms);
         rests.map(|w| (w[0].0, w[1].0)).collect()
     }
 

@@ -122,7 +122,7 @@ struct Answer {
     length: u64,
     /// Where its event lies in the queue.
     key: (u64, u64),
-    /// And those that tell how far it is.
+    /// And those that report progress.
     progress: Vec<(u64, u64)>,
 }
 

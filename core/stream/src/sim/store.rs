@@ -6,7 +6,7 @@ use kilwa_pack::{HEAD_BYTES, Head, PackError, PatchRange, Reader, Source, parse_
 
 /// What the other end of the link has.
 pub trait Store {
-    /// The bytes of directory pages; `None` where there are none.
+    /// The bytes of directory pages; `None` if there are none.
     fn pages(&mut self, offset: u64, length: u64) -> Option<Vec<u8>>;
 
     /// The patches of a chunk, as its decoder finds them; `None` where it is damaged.

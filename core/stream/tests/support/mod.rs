@@ -98,22 +98,22 @@ impl Pack {
             }
         }
         entries[0].error = f32::INFINITY;
-        // Most packs tell children, for most of the chunks that have no leaf.
+        // Most packs list children for most chunks without leaves.
         let mut chance = random.fork();
-        let tells = chance.usize(..4) > 0;
+        let is_listed = chance.usize(..4) > 0;
         let is_told: Vec<bool> = patches
             .iter()
-            .map(|p| tells && chance.usize(..10) > 0 && p.iter().all(|p| p.diamond != NO_DIAMOND))
+            .map(|p| is_listed && chance.usize(..10) > 0 && p.iter().all(|p| p.diamond != NO_DIAMOND))
             .collect();
         directory::link_children(&mut entries, |i| is_told[i]);
         let head = head(&entries, offset);
         Self { head, head_bytes: 40_000 + random.usize(..60_000) as u64, entries, patches, place, split }
     }
 
-    /// The same pack, telling all children that may be told, or none.
-    pub(crate) fn telling(mut self, tells: bool) -> Self {
+    /// The same pack with all children listed that may be, or none.
+    pub(crate) fn listing_children(mut self, is_listed: bool) -> Self {
         let patches = &self.patches;
-        let is_whole = |i: usize| tells && patches[i].iter().all(|p| p.diamond != NO_DIAMOND);
+        let is_whole = |i: usize| is_listed && patches[i].iter().all(|p| p.diamond != NO_DIAMOND);
         directory::link_children(&mut self.entries, is_whole);
         let end = self.entries.last().map_or(0, |e| e.offset + u64::from(e.encoded_bytes));
         self.head = head(&self.entries, end);
@@ -160,7 +160,7 @@ impl Store for &Pack {
     }
 }
 
-/// What must hold of every step, whatever happens on the network: what is drawn is resident and a cut, and memory is
+/// What must hold at every step under any network conditions: what is drawn is resident and a cut, and memory is
 /// within its budget.
 pub(crate) fn assert_sound(pack: &Pack, step: &Step, streamer: &Streamer) {
     let gpu_bytes = streamer.budgets().gpu_bytes;
@@ -262,7 +262,7 @@ pub(crate) fn random_view(random: &mut Rng) -> View {
     }
 }
 
-/// Nothing cut away, or a plane, or a box kept or taken away.
+/// No clip, a plane, or a box that is kept or removed.
 fn random_clip(random: &mut Rng) -> Clip {
     let side = f64::from(1 << CUBE_LOG2);
     let (a, h) = (random.f64() * 6.3, random.f64() * 2.0 - 1.0);

@@ -6,7 +6,7 @@ use super::buffers::{Buffers, ViewBytes};
 use super::schema::{Root, Sparse};
 use kilwa_pack::plural::counted;
 
-/// Most zeros that an accessor without a view may stand for, however small the file.
+/// Most zeros that an accessor without a view may represent, however small the file.
 const FREE_ZEROS: u64 = 1 << 16;
 
 /// The type of a component.

@@ -66,12 +66,12 @@ pub(super) struct Buffers<'a> {
     stores: Vec<Option<Store>>,
     decoded: Vec<(usize, Rc<Vec<u8>>)>,
     /// The most bytes that decoded views may take together.
-    most: u64,
-    /// Told with bytes done and bytes in all.
+    max: u64,
+    /// Called with the bytes done and the total.
     progress: &'a mut super::super::OnProgress<'a>,
     done: u64,
     total: u64,
-    told: u64,
+    reported: u64,
 }
 
 impl<'a> Buffers<'a> {
@@ -80,11 +80,11 @@ impl<'a> Buffers<'a> {
         total: u64,
         binary: Option<(u64, u64)>,
         root: &Root,
-        most: u64,
+        max: u64,
         progress: &'a mut super::super::OnProgress<'a>,
     ) -> Self {
         let stores = root.buffers.iter().map(|_| None).collect();
-        Self { source, binary, stores, decoded: Vec::new(), most, progress, done: 0, total, told: 0 }
+        Self { source, binary, stores, decoded: Vec::new(), max, progress, done: 0, total, reported: 0 }
     }
 
     /// Bytes of the file and of those beside it that were opened.
@@ -93,8 +93,8 @@ impl<'a> Buffers<'a> {
     }
 
     /// The most bytes that what is decoded may take.
-    pub(super) fn most(&self) -> u64 {
-        self.most
+    pub(super) fn max(&self) -> u64 {
+        self.max
     }
 
     /// Tell the progress that all is read.
@@ -115,13 +115,13 @@ impl<'a> Buffers<'a> {
                 return Ok(ViewBytes::Decoded(Rc::clone(bytes)));
             }
             let size = packed.count.saturating_mul(packed.byte_stride);
-            if size > self.most {
-                let found = format!("a compressed view of {size} bytes; at most {} fit in memory", self.most);
+            if size > self.max {
+                let found = format!("a compressed view of {size} bytes; at most {} fit in memory", self.max);
                 let expected = "a smaller one; give a larger --memory, or export the file without compression";
                 return Err(context.part(part(), found, expected));
             }
             let kept = |all: &[(usize, Rc<Vec<u8>>)]| all.iter().map(|(_, bytes)| bytes.len() as u64).sum::<u64>();
-            while self.decoded.len() == KEPT || kept(&self.decoded) > self.most - size {
+            while self.decoded.len() == KEPT || kept(&self.decoded) > self.max - size {
                 self.decoded.remove(0);
             }
             let bytes = Rc::new(self.decode(root, packed, &part(), context)?);
@@ -219,8 +219,8 @@ impl<'a> Buffers<'a> {
             let source = std::io::ErrorKind::UnexpectedEof.into();
             return Err(ReadError::Io { file: context.path.to_owned(), offset, source });
         }
-        if self.done - self.told >= 1 << 20 {
-            self.told = self.done;
+        if self.done - self.reported >= 1 << 20 {
+            self.reported = self.done;
             (self.progress)(self.done.min(self.total), self.total);
         }
         Ok(())
@@ -302,7 +302,7 @@ pub(super) fn find(uri: &str, context: &Context<'_>) -> Found {
 /// The file that a URI names.
 ///
 /// # Errors
-/// [`ReadError::Part`] where it is an address or is not there, [`ReadError::Outside`] where it must not be read.
+/// [`ReadError::Part`] where it is an address or does not exist, [`ReadError::Outside`] where it must not be read.
 pub(super) fn locate(uri: &str, part: &str, context: &Context<'_>) -> Result<PathBuf, ReadError> {
     let web = |scheme: &str| scheme.len() > 1 && scheme.bytes().all(|b| b.is_ascii_alphanumeric());
     if uri.split_once("://").is_some_and(|(scheme, _)| web(scheme)) {

@@ -27,12 +27,12 @@ pub(super) struct Container {
 pub(super) fn open(
     source: &mut dyn Bytes,
     total: u64,
-    most: u64,
+    max: u64,
     context: &Context<'_>,
 ) -> Result<Container, ReadError> {
     let start = piece(source, 0, total.min(HEADER), context)?;
     if !start.starts_with(MAGIC) {
-        tally::check_length(total, most, context)?;
+        tally::check_length(total, max, context)?;
         return Ok(Container { json: piece(source, 0, total, context)?, binary: None, trailing: 0 });
     }
     let malformed = |at: u64, found: String, expected: &str| ReadError::Malformed {
@@ -66,7 +66,7 @@ pub(super) fn open(
         }
         match (chunks, kind) {
             (0, JSON) => {
-                tally::check_length(bytes, most, context)?;
+                tally::check_length(bytes, max, context)?;
                 container.json = piece(source, first, bytes, context)?;
             }
             (0, _) => return Err(malformed(at, format!("a chunk of type {kind:#010x}"), "the JSON chunk first")),

@@ -179,7 +179,7 @@ impl Delivery<'_, '_, '_> {
     ) -> Result<(), ReadError> {
         for [a, b, c] in triangles.drain(..) {
             if a == b || b == c || c == a {
-                self.sink.findings().add(TWICE, || format!("triangle of the vertices {a}, {b} and {c}"));
+                self.sink.diagnostics().add(TWICE, || format!("triangle of the vertices {a}, {b} and {c}"));
                 continue;
             }
             let mut made = |v: u64| run.made(v, &mut self.buffers, &self.context);
@@ -207,7 +207,7 @@ impl Delivery<'_, '_, '_> {
         let size = run.size;
         let texels = |a: &Made, b: &Made| Run::texels(size, a, b);
         if [(0, 1), (1, 2), (2, 0)].iter().any(|&(i, k)| detail.is_beyond(texels(&made[i], &made[k]))) {
-            self.sink.findings().add_many("triangles that span too many texels to be split for all of them", 1);
+            self.sink.diagnostics().add_many("triangles that span too many texels to be split for all of them", 1);
         }
         run.shared.clear();
         if run.remembered.len() >= REMEMBERED {
@@ -241,7 +241,7 @@ impl Delivery<'_, '_, '_> {
             run.triangles.push(numbers);
             self.hand_on(run, PENDING)
         })?;
-        self.sink.findings().add_many("triangles split so that they keep their pictures", u64::from(parts > 1));
+        self.sink.diagnostics().add_many("triangles split so that they keep their pictures", u64::from(parts > 1));
         Ok(())
     }
 
@@ -253,8 +253,8 @@ impl Delivery<'_, '_, '_> {
     }
 
     /// Hand on what waits, where it is `most` or more.
-    pub(super) fn hand_on(&mut self, run: &mut Run<'_>, most: usize) -> Result<(), ReadError> {
-        if run.waiting.len() >= most && !run.waiting.is_empty() {
+    pub(super) fn hand_on(&mut self, run: &mut Run<'_>, max: usize) -> Result<(), ReadError> {
+        if run.waiting.len() >= max && !run.waiting.is_empty() {
             let positions: Vec<[f64; 3]> = run.waiting.iter().map(|m| m.position).collect();
             let normals: Vec<[f32; 3]> = run.waiting.iter().filter_map(|m| Some(m.normal?.map(|x| x as f32))).collect();
             let colors: Vec<[u8; 3]> = if self.colored { self.colors_of(run) } else { Vec::new() };
@@ -262,7 +262,7 @@ impl Delivery<'_, '_, '_> {
             self.sink.vertices(&block)?;
             run.waiting.clear();
         }
-        if run.triangles.len() >= most {
+        if run.triangles.len() >= max {
             self.deliver(&mut run.triangles)?;
         }
         Ok(())
@@ -286,7 +286,7 @@ impl Delivery<'_, '_, '_> {
 #[derive(Default)]
 pub(super) struct Nowhere {
     count: u64,
-    findings: crate::Findings,
+    diagnostics: crate::Diagnostics,
 }
 
 impl MeshSink for Nowhere {
@@ -312,7 +312,7 @@ impl MeshSink for Nowhere {
         self.count
     }
 
-    fn findings(&mut self) -> &mut crate::Findings {
-        &mut self.findings
+    fn diagnostics(&mut self) -> &mut crate::Diagnostics {
+        &mut self.diagnostics
     }
 }

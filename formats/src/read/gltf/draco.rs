@@ -28,7 +28,7 @@ impl Decoded {
     ) -> Result<Self, ReadError> {
         let view = buffers.view(root, draco.buffer_view, context)?;
         let bytes = buffers.whole(&view, context)?;
-        let decoded = (bytes.len() as u64).saturating_mul(GROWTH).clamp(DECODED.start, DECODED.end).min(buffers.most());
+        let decoded = (bytes.len() as u64).saturating_mul(GROWTH).clamp(DECODED.start, DECODED.end).min(buffers.max());
         let limits = DecodeLimits::default()
             .with_max_points(decoded / 12)
             .with_max_faces(decoded / 12)

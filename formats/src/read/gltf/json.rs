@@ -1,6 +1,6 @@
 //! JSON of a glTF into the types of `schema`, with messages that name the part and use words of people.
 //!
-//! JSON does not tell 1 from 1.0, and some exporters write whole numbers with a point: where only that is in the way, they are
+//! JSON does not distinguish 1 from 1.0, and some exporters write whole numbers with a point: where only that is in the way, they are
 //! taken for what they are.
 
 use super::Context;
@@ -32,7 +32,7 @@ fn refusal(e: &serde_path_to_error::Error<serde_json::Error>, context: &Context<
     context.part(visible(&part).into_owned(), plainly(&e.inner().to_string()), expected)
 }
 
-/// The same with every 1.0 written as 1; `None` where there is none.
+/// The same with every 1.0 written as 1; `None` if there is none.
 pub(super) fn with_whole_numbers(json: &[u8]) -> Option<Vec<u8>> {
     let mut out = Vec::with_capacity(json.len());
     let (mut at, mut changed) = (0, false);
@@ -68,7 +68,7 @@ pub(super) fn string_length(json: &[u8]) -> usize {
     json.len()
 }
 
-/// The number that a token with a point or an exponent stands for, where that is whole. Exact below 2^53.
+/// The number that a token with a point or an exponent represents, where that is whole. Exact below 2^53.
 fn whole(token: &[u8]) -> Option<u64> {
     if !token.iter().any(|b| b".eE".contains(b)) {
         return None;

@@ -2,7 +2,7 @@
 //!
 //! Stages: `container` (GLB or text) → `schema` (the JSON) → `scene` (which meshes stand where) → `primitive` (vertices
 //! and triangles, through `accessor`, `buffers` and `draco`) → the sink. A mesh that several nodes show is delivered
-//! once for each. Coordinates are metres and y points up, unless told.
+//! once for each. Coordinates are metres and y points up by default.
 //!
 //! What is kept: positions in all types, with node transforms in f64 (a transform that mirrors turns its triangles
 //! round); normals; colours: `COLOR_0` times the factor times the picture of the base colour, which are linear light,
@@ -13,9 +13,9 @@
 //!
 //! Counted: points and lines left out; skins, morph targets and animations, of which the rest pose is taken; scenes
 //! beside the default; pictures that cannot be read. Refused with the part of the file: indices and offsets that name
-//! what is not there, nodes in circles, streams that do not decode, files beside it that are missing; glTF 1.0.
+//! what does not exist, nodes in circles, streams that do not decode, files beside it that are missing; glTF 1.0.
 //!
-//! Triangles under pictures are split where that is asked for (`detailed`).
+//! Triangles under pictures are split if requested (`detailed`).
 //!
 //! Memory: the JSON, blocks of constant size, exceptions of sparse accessors, compressed views and pictures decoded whole.
 
@@ -140,16 +140,16 @@ fn deliver(input: Input<'_>, sink: &mut dyn MeshSink, detailing: Option<Detailin
     let Container { json, binary, trailing } = container::open(source, total, options.document, &context)?;
     let root = parse(json, options.document, &context)?;
     refuse_pictures_outside(&root, &context)?;
-    let findings = sink.findings();
-    findings.add_many("bytes behind the end that the header of the GLB gives left out", trailing);
-    findings.add_many("animations left out; the rest pose is taken", root.animations.len() as u64);
-    let placed = scene::placed(&root, findings, &context)?;
+    let diagnostics = sink.diagnostics();
+    diagnostics.add_many("bytes behind the end that the header of the GLB gives left out", trailing);
+    diagnostics.add_many("animations left out; the rest pose is taken", root.animations.len() as u64);
+    let placed = scene::placed(&root, diagnostics, &context)?;
     let mut in_scene = vec![false; root.meshes.len()];
     for place in &placed {
         in_scene[place.mesh] = true;
     }
     let unused = in_scene.iter().filter(|used| !**used).count();
-    findings.add_many("meshes that do not stand in the scene left out", unused as u64);
+    diagnostics.add_many("meshes that do not stand in the scene left out", unused as u64);
 
     let buffers = Buffers::new(source, total, binary, &root, options.document, progress);
     let colored = is_colored(&root, &in_scene, &context)?;
@@ -194,14 +194,14 @@ fn refuse_pictures_outside(root: &Root, context: &Context<'_>) -> Result<(), Rea
     Ok(())
 }
 
-/// Read the JSON: first what tells other versions apart, because their JSON has another form.
-fn parse(mut json: Vec<u8>, most: u64, context: &Context<'_>) -> Result<Root, ReadError> {
+/// Read the JSON: the version first, because other versions have another form.
+fn parse(mut json: Vec<u8>, max: u64, context: &Context<'_>) -> Result<Root, ReadError> {
     // Some writers pad the JSON chunk with zeros instead of spaces.
     json.truncate(json.iter().rposition(|b| *b != 0).map_or(0, |last| last + 1));
     if without_mark(&json).len() < json.len() {
         json.drain(..json.len() - without_mark(&json).len());
     }
-    tally::check(&json, most, context)?;
+    tally::check(&json, max, context)?;
     let head: Head = deserialize(&json, context)?;
     let needs = |needs: String, way_out| ReadError::Needs { file: context.path.to_owned(), needs, way_out };
     if head.geometric_error.is_some() {

@@ -17,7 +17,7 @@ use std::collections::HashMap;
 /// Elements read at a time.
 const BLOCK: u64 = 1 << 16;
 
-/// Finding: a primitive that is no surface.
+/// Diagnostic: a primitive that is no surface.
 const NO_SURFACE: &str = "primitives of points or lines left out";
 
 /// What is needed beside the primitive in hand.
@@ -41,7 +41,7 @@ pub(super) type Known = HashMap<(Vec<Option<usize>>, Option<usize>), u64>;
 pub(super) struct Column {
     values: Values,
     width: usize,
-    /// Integers of this type stand for 0 to 1 or -1 to 1.
+    /// Integers of this type represent 0 to 1 or -1 to 1.
     normalise: Option<Component>,
 }
 
@@ -101,18 +101,18 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
     ) -> Result<(), ReadError> {
         let Some(mode) = Mode::of(primitive.mode) else {
             if primitive.mode <= 3 {
-                self.sink.findings().add(NO_SURFACE, || part.to_owned());
+                self.sink.diagnostics().add(NO_SURFACE, || part.to_owned());
                 return Ok(());
             }
             let found = format!("the mode {}", primitive.mode);
             return Err(self.context.part(part.to_owned(), found, "a mode of 0 to 6"));
         };
         if !primitive.attributes.contains_key("POSITION") {
-            self.sink.findings().add("primitives without positions left out", || part.to_owned());
+            self.sink.diagnostics().add("primitives without positions left out", || part.to_owned());
             return Ok(());
         }
         if !primitive.targets.is_empty() {
-            self.sink.findings().add("primitives with morph targets taken as they stand", || part.to_owned());
+            self.sink.diagnostics().add("primitives with morph targets taken as they stand", || part.to_owned());
         }
         let material = Material::of(self.root, primitive, part, &self.context)?;
         if self.detailing.is_some_and(|d| d.notes) && material.texture.is_none() {
@@ -245,7 +245,7 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
         let first = self.sink.vertex_count();
         if material.texture.is_some() && columns.coordinates.is_none() {
             let kind = "primitives with a picture and no texture coordinates; the picture is left out";
-            self.sink.findings().add(kind, || part.to_owned());
+            self.sink.diagnostics().add(kind, || part.to_owned());
         }
         let (mut values, mut linear) = (Vec::new(), Vec::new());
         let mut at = 0;
@@ -293,12 +293,12 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
     /// The decoded picture of a texture; where it cannot be had, that is counted once.
     pub(super) fn picture(&mut self, texture: &Texture) -> Option<&Picture> {
         let (root, buffers, context) = (self.root, &mut self.buffers, &self.context);
-        let most = self.textures.file_bytes();
-        let load = || image_bytes(root, texture.image, buffers, most, context);
-        let findings = self.sink.findings();
+        let max = self.textures.file_bytes();
+        let load = || image_bytes(root, texture.image, buffers, max, context);
+        let diagnostics = self.sink.diagnostics();
         self.textures.get(texture.image, load, |why| {
             let kind = "pictures that cannot be read; what they cover has the colour of its material";
-            findings.add(kind, || format!("images[{}]: {why}", texture.image));
+            diagnostics.add(kind, || format!("images[{}]: {why}", texture.image));
         })
     }
 
@@ -351,7 +351,7 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
         take(self, &mut triangles)?;
         if assembler.is_incomplete() {
             let kind = "primitives whose last indices make no triangle; they are left out";
-            self.sink.findings().add(kind, || part.to_owned());
+            self.sink.diagnostics().add(kind, || part.to_owned());
         }
         Ok(())
     }
@@ -412,7 +412,7 @@ fn image_bytes(
     root: &Root,
     index: usize,
     buffers: &mut Buffers<'_>,
-    most: u64,
+    max: u64,
     context: &Context<'_>,
 ) -> Result<Vec<u8>, Refusal> {
     let none = |why: &str| Refusal::Unreadable(why.to_owned());
@@ -420,9 +420,9 @@ fn image_bytes(
     let text = |e: ReadError| none(&e.to_string());
     if let Some(view) = image.buffer_view {
         let view = buffers.view(root, view, context).map_err(text)?;
-        if view.len() > most {
+        if view.len() > max {
             let why = format!(
-                "images[{index}] has {} bytes, of which only {most} fit in memory; give a larger --memory",
+                "images[{index}] has {} bytes, of which only {max} fit in memory; give a larger --memory",
                 view.len()
             );
             return Err(Refusal::Memory(why));
@@ -435,5 +435,5 @@ fn image_bytes(
         return Ok(bytes);
     }
     let path = buffers::locate(uri, &part, context).map_err(text)?;
-    context.companions.read(&path, most).map_err(|e| Refusal::of_file(&path, &e))
+    context.companions.read(&path, max).map_err(|e| Refusal::of_file(&path, &e))
 }

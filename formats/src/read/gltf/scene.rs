@@ -4,7 +4,7 @@ use super::super::ReadError;
 use super::Context;
 use super::schema::Root;
 use super::transform::Transform;
-use crate::Findings;
+use crate::Diagnostics;
 
 /// A mesh where it stands.
 pub(super) struct Placed {
@@ -14,14 +14,18 @@ pub(super) struct Placed {
 
 /// All meshes of the default scene; of all scenes where none is the default; of the nodes without a parent where there
 /// is no scene; each mesh once as it stands where there is no node.
-pub(super) fn placed(root: &Root, findings: &mut Findings, context: &Context<'_>) -> Result<Vec<Placed>, ReadError> {
+pub(super) fn placed(
+    root: &Root,
+    diagnostics: &mut Diagnostics,
+    context: &Context<'_>,
+) -> Result<Vec<Placed>, ReadError> {
     if root.nodes.is_empty() {
         if !root.meshes.is_empty() {
-            findings.add_many("meshes that stand in no scene taken as they are", root.meshes.len() as u64);
+            diagnostics.add_many("meshes that stand in no scene taken as they are", root.meshes.len() as u64);
         }
         return Ok((0..root.meshes.len()).map(|mesh| Placed { mesh, transform: Transform::IDENTITY }).collect());
     }
-    let roots = roots(root, findings, context)?;
+    let roots = roots(root, diagnostics, context)?;
     let mut visited = vec![false; root.nodes.len()];
     let mut placed = Vec::new();
     // For each level of the tree the nodes that are left, and where they stand: no transform for each that waits.
@@ -49,25 +53,25 @@ pub(super) fn placed(root: &Root, findings: &mut Findings, context: &Context<'_>
             return Err(context.part(format!("nodes[{index}]"), found, "a mesh of this file"));
         }
         if node.skin.is_some() {
-            findings.add("meshes with a skin taken as they stand", || format!("nodes[{index}]"));
+            diagnostics.add("meshes with a skin taken as they stand", || format!("nodes[{index}]"));
         }
         if node.extensions.instancing.is_some() {
             let kind = "nodes with many instances (EXT_mesh_gpu_instancing), of which one is taken";
-            findings.add(kind, || format!("nodes[{index}]"));
+            diagnostics.add(kind, || format!("nodes[{index}]"));
         }
         placed.push(Placed { mesh, transform });
     }
     Ok(placed)
 }
 
-fn roots(root: &Root, findings: &mut Findings, context: &Context<'_>) -> Result<Vec<usize>, ReadError> {
+fn roots(root: &Root, diagnostics: &mut Diagnostics, context: &Context<'_>) -> Result<Vec<usize>, ReadError> {
     if let Some(index) = root.scene {
         let Some(scene) = root.scenes.get(index) else {
             let found = format!("scenes[{index}] as the default, but there are {}", root.scenes.len());
             return Err(context.part("scene".to_owned(), found, "a scene of this file"));
         };
         let others = root.scenes.len() as u64 - 1;
-        findings.add_many("scenes beside the default one left out", others);
+        diagnostics.add_many("scenes beside the default one left out", others);
         return Ok(scene.nodes.clone());
     }
     if root.scenes.is_empty() {
@@ -78,7 +82,7 @@ fn roots(root: &Root, findings: &mut Findings, context: &Context<'_>) -> Result<
             }
         }
         let roots: Vec<usize> = (0..root.nodes.len()).filter(|&i| !has_parent[i]).collect();
-        findings.add_many("nodes without a parent taken, because there is no scene", roots.len() as u64);
+        diagnostics.add_many("nodes without a parent taken, because there is no scene", roots.len() as u64);
         if roots.is_empty() {
             let found = "that every node has a parent".to_owned();
             return Err(context.part("nodes".to_owned(), found, "a tree of nodes; export the file again"));
@@ -86,7 +90,7 @@ fn roots(root: &Root, findings: &mut Findings, context: &Context<'_>) -> Result<
         return Ok(roots);
     }
     if root.scenes.len() > 1 {
-        findings.add_many("scenes taken together, because none is the default", root.scenes.len() as u64);
+        diagnostics.add_many("scenes taken together, because none is the default", root.scenes.len() as u64);
     }
     let mut seen = vec![false; root.nodes.len()];
     let mut roots: Vec<usize> = root.scenes.iter().flat_map(|scene| scene.nodes.iter().copied()).collect();

@@ -25,7 +25,7 @@ const _: () = {
     assert!(size_of::<Pbr>() <= 3 * LARGEST_ELEMENT && size_of::<SpecularGlossiness>() <= 3 * LARGEST_ELEMENT);
 };
 
-/// What tells a glTF 2.0 file from others, read before the rest.
+/// The version, which identifies glTF 2.0, read before the rest.
 #[derive(Deserialize)]
 pub(super) struct Head {
     pub(super) asset: Option<Asset>,

@@ -57,16 +57,16 @@ struct Buffer {
 
 /// Of the JSON of a glTF; `None` where it is damaged, which the reader will say better, or would take more than `most`
 /// bytes of memory.
-pub fn sizes(json: &[u8], most: u64) -> Option<Sizes> {
-    if Tally::of(json).bytes() > most {
+pub fn sizes(json: &[u8], max: u64) -> Option<Sizes> {
+    if Tally::of(json).bytes() > max {
         return None;
     }
     let root: Root = serde_json::from_slice(json).ok()?;
     // More than the buffers can hold, however compressed, is not believed; the reader explains what is wrong.
-    let most = root.buffers.iter().fold(0u64, |sum, b| sum.saturating_add(b.bytes)).saturating_mul(16);
+    let max = root.buffers.iter().fold(0u64, |sum, b| sum.saturating_add(b.bytes)).saturating_mul(16);
     let count = |index: Option<u64>| {
         let accessor = root.accessors.get(usize::try_from(index?).ok()?);
-        accessor.map(|a| a.count.min(most))
+        accessor.map(|a| a.count.min(max))
     };
     // A node has one parent at most, so that each is shown once at most.
     let mut shown = vec![0u64; root.meshes.len()];
@@ -97,7 +97,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_mesh_counts_as_often_as_nodes_show_it() {
+    fn a_mesh_counts_once_for_each_node_that_uses_it() {
         let json = |nodes: &str, bytes: u64| {
             format!(
                 r#"{{"accessors":[{{"count":300}},{{"count":900}}],"buffers":[{{"byteLength":{bytes}}}],"meshes":[

@@ -79,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn strips_and_fans_keep_the_side_that_the_first_triangle_shows() {
+    fn strips_and_fans_keep_the_orientation_of_their_first_triangle() {
         assert_eq!(all(4, false, &[0, 1, 2, 3, 4, 5, 6]), [[0, 1, 2], [3, 4, 5]]);
         assert_eq!(all(5, false, &[0, 1, 2, 3, 4]), [[0, 1, 2], [1, 3, 2], [2, 3, 4]]);
         assert_eq!(all(6, false, &[0, 1, 2, 3]), [[1, 2, 0], [2, 3, 0]]);
@@ -87,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn the_joints_of_strips_are_no_triangles() {
+    fn degenerate_joints_of_strips_are_skipped() {
         assert_eq!(all(5, false, &[0, 1, 2, 2, 5, 5, 6, 7]), [[0, 1, 2], [5, 7, 6]]);
     }
 }

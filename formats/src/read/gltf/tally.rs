@@ -1,4 +1,4 @@
-//! How much memory the JSON of a glTF takes, found before it is parsed: a few bytes of text can stand for hundreds in
+//! How much memory the JSON of a glTF takes, found before it is parsed: a few bytes of text can represent hundreds in
 //! memory (`{}` is a whole node), so the length of the file says nothing.
 //!
 //! One pass over the text counts what is made of it. Prices are on the safe side, with room for lists that grow by
@@ -22,7 +22,7 @@ const SCALAR: u64 = 16;
 pub(super) const LARGEST_ELEMENT: usize = 104;
 const _: () = assert!(OBJECT >= 3 * LARGEST_ELEMENT as u64 && LIST + OBJECT >= 4 * LARGEST_ELEMENT as u64);
 
-/// What a text stands for.
+/// What a text represents.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub(super) struct Tally {
     objects: u64,
@@ -70,10 +70,10 @@ impl Tally {
 ///
 /// # Errors
 /// [`ReadError::TooLarge`] with what there is and what to do.
-pub(super) fn check(json: &[u8], most: u64, context: &Context<'_>) -> Result<(), ReadError> {
+pub(super) fn check(json: &[u8], max: u64, context: &Context<'_>) -> Result<(), ReadError> {
     let tally = Tally::of(json);
     let needed = json.len() as u64 + tally.bytes();
-    if needed <= most {
+    if needed <= max {
         return Ok(());
     }
     let Tally { objects, lists, strings, .. } = tally;
@@ -84,27 +84,27 @@ pub(super) fn check(json: &[u8], most: u64, context: &Context<'_>) -> Result<(),
         counted(lists, "list", "lists"),
         counted(strings, "string", "strings")
     );
-    Err(too_large(&what, needed, most, context))
+    Err(too_large(&what, needed, max, context))
 }
 
 /// Refuse JSON that is longer than `most` bytes, before it is read.
 ///
 /// # Errors
 /// [`ReadError::TooLarge`].
-pub(super) fn check_length(length: u64, most: u64, context: &Context<'_>) -> Result<(), ReadError> {
-    if length <= most {
+pub(super) fn check_length(length: u64, max: u64, context: &Context<'_>) -> Result<(), ReadError> {
+    if length <= max {
         return Ok(());
     }
-    Err(too_large(&format!("its JSON has {length} bytes"), length, most, context))
+    Err(too_large(&format!("its JSON has {length} bytes"), length, max, context))
 }
 
-fn too_large(what: &str, needed: u64, most: u64, context: &Context<'_>) -> ReadError {
+fn too_large(what: &str, needed: u64, max: u64, context: &Context<'_>) -> ReadError {
     let mebibytes = |bytes: u64| bytes.div_ceil(1 << 20);
     let what = format!(
         "{what}, which may take {} MiB of memory, and {} MiB are allowed; give a larger --memory, or export it with its \
          data in a binary buffer (GLB) and with fewer nodes",
         mebibytes(needed),
-        most >> 20
+        max >> 20
     );
     ReadError::TooLarge { file: context.path.to_owned(), what }
 }

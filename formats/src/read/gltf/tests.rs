@@ -107,7 +107,7 @@ fn near(a: [f64; 3], b: [f64; 3]) -> bool {
 }
 
 #[test]
-fn a_triangle_comes_in_as_it_is_and_without_colours() {
+fn a_triangle_is_read_unchanged_and_without_colours() {
     let mesh = Scene::triangle().mesh();
     assert_eq!(mesh.positions, [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
     assert_eq!(mesh.triangles, [[0, 1, 2]]);
@@ -115,15 +115,15 @@ fn a_triangle_comes_in_as_it_is_and_without_colours() {
 }
 
 #[test]
-fn whole_numbers_may_be_written_with_a_point() {
+fn integers_may_be_written_with_a_decimal_point() {
     let plain = Scene::triangle();
     let mut scene = Scene::triangle();
     scene.0["accessors"][0]["count"] = json!(3.0);
     scene.0["bufferViews"][0]["buffer"] = json!(0.0);
     assert_eq!(scene.mesh().positions, plain.mesh().positions);
     scene.0["accessors"][0]["count"] = json!(3.5);
-    let said = scene.refusal();
-    assert!(said.contains("accessors[0].count") && said.contains("expected a whole number"), "{said}");
+    let message = scene.refusal();
+    assert!(message.contains("accessors[0].count") && message.contains("expected a whole number"), "{message}");
 }
 
 // The next three say why the types of the JSON are our own and not those of the crate `gltf-json` (1.4), which fails each of them.
@@ -168,24 +168,24 @@ fn damage_in_what_carries_no_surface_refuses_nothing() {
 }
 
 #[test]
-fn json_that_is_not_gltf_is_refused_in_words_of_people() {
-    let said = |text: &str| read_bytes(text.as_bytes()).unwrap_err().to_string();
+fn json_that_is_not_gltf_is_refused_with_a_plain_message() {
+    let refusal = |text: &str| read_bytes(text.as_bytes()).unwrap_err().to_string();
     for (text, words) in [
         (r#"{"asset": {"version": "2.0"}, "meshes": {}}"#, "expected a list"),
         (r#"{"asset": {"version": "2.0"}, "nodes": [7]}"#, "expected an object"),
         (r#"{"asset": {"version": "2.0"}, "nodes": [none]}"#, "one of the words true, false and null"),
         (r#"{"asset": {"version": "2.0"}, "nodes": ["#, "the end of the text"),
     ] {
-        let said = said(text);
-        assert!(said.contains(words), "{said}");
+        let message = refusal(text);
+        assert!(message.contains(words), "{message}");
         for jargon in ["usize", "u64", "struct", "EOF", "ident"] {
-            assert!(!said.split(|c: char| !c.is_alphanumeric()).any(|word| word == jargon), "{said}");
+            assert!(!message.split(|c: char| !c.is_alphanumeric()).any(|word| word == jargon), "{message}");
         }
     }
 }
 
 #[test]
-fn nested_transforms_apply_from_the_inside_out() {
+fn nested_transforms_apply_innermost_first() {
     let mut scene = Scene::triangle();
     let half = std::f64::consts::FRAC_1_SQRT_2;
     scene.0["nodes"] = json!([
@@ -202,7 +202,7 @@ fn nested_transforms_apply_from_the_inside_out() {
 }
 
 #[test]
-fn a_mirroring_node_turns_triangles_round_and_keeps_normals_on_their_side() {
+fn a_mirroring_node_reverses_the_winding_and_keeps_normals_on_their_side() {
     let mut scene = Scene::triangle();
     scene.attribute("NORMAL", "VEC3", 5126, &floats(&[0.0, 0.6, 0.8].repeat(3)), 3);
     scene.0["nodes"][0]["scale"] = json!([1.0, 1.0, -2.0]);
@@ -213,7 +213,7 @@ fn a_mirroring_node_turns_triangles_round_and_keeps_normals_on_their_side() {
 }
 
 #[test]
-fn a_mesh_is_delivered_for_every_node_that_shows_it() {
+fn a_mesh_is_delivered_for_every_node_that_uses_it() {
     let mut scene = Scene::triangle();
     scene.0["nodes"] = json!([{"mesh": 0}, {"mesh": 0, "translation": [5, 0, 0]}, {"mesh": 0}]);
     scene.0["scenes"][0]["nodes"] = json!([0, 1]);
@@ -222,7 +222,7 @@ fn a_mesh_is_delivered_for_every_node_that_shows_it() {
 }
 
 #[test]
-fn without_a_default_scene_all_scenes_count_and_without_scenes_all_roots() {
+fn without_a_default_scene_all_scenes_are_read_and_without_scenes_all_root_nodes() {
     let mut scene = Scene::triangle();
     scene.0["nodes"] = json!([{"mesh": 0}, {"mesh": 0}, {"children": [0]}]);
     scene.0["scenes"] = json!([{"nodes": [1]}, {"nodes": [2]}]);
@@ -236,7 +236,7 @@ fn without_a_default_scene_all_scenes_count_and_without_scenes_all_roots() {
 }
 
 #[test]
-fn vertex_colours_of_every_type_are_linear_light_and_become_srgb() {
+fn vertex_colours_of_every_type_are_converted_from_linear_light_to_srgb() {
     let half = [0.5f32; 12];
     let cases: [(&str, u32, Vec<u8>); 5] = [
         ("VEC3", 5126, floats(&half[..9])),
@@ -285,7 +285,7 @@ fn textured(coordinates: &[f32; 6]) -> Scene {
 }
 
 #[test]
-fn vertices_have_the_colour_of_the_picture_where_they_lie() {
+fn vertices_take_the_texture_colour_at_their_coordinates() {
     let mut scene = textured(&[0.25, 0.25, 0.75, 0.25, 0.25, 0.75]);
     assert_eq!(scene.mesh().colors, [[255, 0, 0], [0, 255, 0], [0, 0, 255]], "v runs down from the top");
     scene.0["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"] = json!([0.5, 0.5, 0.5, 1.0]);
@@ -319,7 +319,7 @@ fn pictured_square() -> Scene {
 }
 
 #[test]
-fn triangles_under_a_picture_are_split_and_their_neighbours_with_them() {
+fn textured_triangles_are_split_together_with_their_neighbours() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.gltf");
     std::fs::write(&path, pictured_square().0.to_string()).unwrap();
@@ -329,7 +329,7 @@ fn triangles_under_a_picture_are_split_and_their_neighbours_with_them() {
     read_into_with(&path, &options, &mut sink, &mut |_, _| {}).unwrap();
     let mesh = sink.into_mesh().unwrap();
     assert!(mesh.triangles.len() > 2 * 64, "{}", mesh.triangles.len());
-    assert_eq!(mesh.findings.count("triangles split so that they keep their pictures"), 3);
+    assert_eq!(mesh.diagnostics.count("triangles split so that they keep their pictures"), 3);
 
     let at = |v: u32| mesh.positions[v as usize];
     let mut edges: BTreeMap<[[u64; 3]; 2], i32> = BTreeMap::new();
@@ -355,7 +355,7 @@ fn triangles_under_a_picture_are_split_and_their_neighbours_with_them() {
 }
 
 #[test]
-fn coordinates_beyond_the_picture_wrap_as_the_sampler_says() {
+fn texture_coordinates_outside_the_image_wrap_as_the_sampler_states() {
     let mut scene = textured(&[1.25, 0.25, 1.25, 1.25, 2.25, 0.25]);
     let repeated = [[255, 0, 0], [255, 0, 0], [255, 0, 0]];
     assert_eq!(scene.mesh().colors, repeated);
@@ -367,7 +367,7 @@ fn coordinates_beyond_the_picture_wrap_as_the_sampler_says() {
 /// The sample model TextureTransformTest of Khronos: the tip of the arrow, drawn on the diagonal of its picture, has to
 /// show where the coordinates are turned 22.5 degrees further from u to v.
 #[test]
-fn a_rotation_of_texture_coordinates_turns_as_the_sample_model_of_khronos() {
+fn a_texture_rotation_turns_like_the_khronos_sample_model() {
     let tip = 0.777_817_5_f32;
     let shown = [0.420_951_78_f32, 1.016_267_5];
     let mut scene = textured(&[shown[0], shown[1], tip, tip, 0.0, 0.0]);
@@ -384,17 +384,17 @@ fn a_rotation_of_texture_coordinates_turns_as_the_sample_model_of_khronos() {
 }
 
 #[test]
-fn a_picture_that_is_missing_leaves_the_colour_of_the_material_and_is_counted() {
+fn a_missing_image_leaves_the_material_colour_and_is_counted() {
     let mut scene = textured(&[0.25; 6]);
     scene.0["images"][0] = json!({"uri": "not_here.png"});
     let mesh = scene.mesh();
     assert_eq!(mesh.colors[0], [255; 3]);
-    let (kind, n, places) = mesh.findings.iter().find(|(kind, _, _)| kind.starts_with("pictures")).unwrap();
+    let (kind, n, places) = mesh.diagnostics.iter().find(|(kind, _, _)| kind.starts_with("pictures")).unwrap();
     assert!(n == 1 && places[0].contains("not_here.png"), "{kind}: {places:?}");
 }
 
 #[test]
-fn quantised_positions_and_normals_are_what_they_stand_for() {
+fn quantised_positions_and_normals_are_decoded() {
     let mut scene = Scene::triangle();
     scene.0["extensionsRequired"] = json!(["KHR_mesh_quantization"]);
     // Padded to four shorts for each vertex.
@@ -411,7 +411,7 @@ fn quantised_positions_and_normals_are_what_they_stand_for() {
 }
 
 #[test]
-fn interleaved_views_and_sparse_exceptions_are_read() {
+fn interleaved_views_and_sparse_accessors_are_read() {
     let mut scene = Scene::triangle();
     let mut packed = Vec::new();
     for v in 0..3 {
@@ -435,7 +435,7 @@ fn interleaved_views_and_sparse_exceptions_are_read() {
 }
 
 #[test]
-fn strips_and_fans_are_triangles_and_points_are_counted() {
+fn strips_and_fans_become_triangles_and_points_are_counted() {
     for (mode, triangles) in [(5, vec![[0, 1, 2], [1, 0, 2]]), (6, vec![[1, 2, 0], [2, 1, 0]]), (4, vec![[0, 1, 2]])] {
         let mut scene = Scene::triangle();
         scene.indices(mode, &[0, 1, 2, 1]);
@@ -448,7 +448,7 @@ fn strips_and_fans_are_triangles_and_points_are_counted() {
     let points = json!({"mode": 0, "attributes": {"POSITION": 0}});
     scene.at("/meshes/0/primitives").as_array_mut().unwrap().push(points);
     let mesh = scene.mesh();
-    assert_eq!((mesh.triangles.len(), mesh.findings.count("primitives of points or lines left out")), (1, 1));
+    assert_eq!((mesh.triangles.len(), mesh.diagnostics.count("primitives of points or lines left out")), (1, 1));
 }
 
 #[test]
@@ -486,7 +486,7 @@ fn compress(scene: &mut Scene, index: usize, stride: usize, bytes: &[u8], filter
     let view = scene.view(&packed);
     let about = json!({"buffer": view, "byteLength": packed.len(), "byteStride": stride, "count": count,
         "mode": "ATTRIBUTES", "filter": filter});
-    // As a writer with a fallback does: the plain buffer is not there.
+    // As in files with a fallback: the uncompressed buffer is missing.
     let plain = scene.push("buffers", json!({"byteLength": bytes.len()}));
     scene.at("/bufferViews")[index] = json!({"buffer": plain, "byteLength": bytes.len(), "byteStride": stride,
         "extensions": {"EXT_meshopt_compression": about}});
@@ -517,7 +517,7 @@ fn filtered_normals_are_the_same_on_every_machine() {
 }
 
 #[test]
-fn what_names_something_that_is_not_there_is_refused_with_its_part() {
+fn a_reference_to_a_missing_part_is_refused_by_name() {
     type Damage = fn(&mut Scene);
     let cases: [(Damage, &[&str]); 14] = [
         (|s| s.at("/accessors/0")["count"] = json!(4), &["accessors[0]", "4 elements", "bufferViews[0]"]),
@@ -564,7 +564,7 @@ fn other_versions_and_unknown_required_extensions_are_refused_by_name() {
 }
 
 #[test]
-fn a_cut_glb_is_refused_with_the_byte() {
+fn a_truncated_glb_is_refused_with_the_byte_offset() {
     let whole = glb(&Scene::triangle().0.to_string(), b"");
     assert!(read_bytes(&whole).is_ok());
     for length in 4..whole.len() {
@@ -574,7 +574,7 @@ fn a_cut_glb_is_refused_with_the_byte() {
 }
 
 #[test]
-fn a_file_that_shows_no_triangle_says_what_it_has_instead() {
+fn a_file_without_triangles_is_refused_with_what_it_contains() {
     let mut scene = Scene::triangle();
     scene.at("/meshes/0/primitives/0")["mode"] = json!(1);
     assert!(scene.refusal().contains("points, lines"));

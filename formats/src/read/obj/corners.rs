@@ -9,7 +9,7 @@ use super::statements::Corner;
 use super::survey::Survey;
 use super::table::{Scratch, Table};
 use super::{Body, MeshSink, ReadError};
-use crate::Findings;
+use crate::Diagnostics;
 use crate::read::ReadOptions;
 use crate::read::companions::{Companions, Reference};
 use crate::read::faces::{CROSSING, REPEATED, TOO_FEW, TRIANGULATED};
@@ -60,7 +60,7 @@ struct Made {
 pub(super) struct Corners<'s, 'p> {
     to: To<'s>,
     detail: Option<&'p Detail>,
-    findings: Findings,
+    diagnostics: Diagnostics,
     positions: Table<'p, POSITION_BYTES>,
     uvs: Table<'p, 8>,
     normals: Table<'p, 12>,
@@ -104,7 +104,7 @@ impl<'s, 'p> Corners<'s, 'p> {
         companions: &'p Companions,
         survey: &Survey,
         to: To<'s>,
-        findings: Findings,
+        diagnostics: Diagnostics,
     ) -> Self {
         let scratch = Scratch { folder: &options.scratch, file: path };
         // Half of them for positions, the rest for normals and texture coordinates as large as they are.
@@ -114,7 +114,7 @@ impl<'s, 'p> Corners<'s, 'p> {
         Self {
             to,
             detail: options.detail.as_deref(),
-            findings,
+            diagnostics,
             positions: Table::new(scratch, tables / 2),
             uvs: Table::new(scratch, tables / 5),
             normals: Table::new(scratch, tables / 10 * 3),
@@ -193,13 +193,13 @@ impl<'s, 'p> Corners<'s, 'p> {
     fn picture(&mut self) -> Option<(&Texture, &Map)> {
         let Paint::Picture(number, map) = &self.paint else { return None };
         let (name, file) = &self.pictures[*number];
-        let (companions, most) = (self.companions, self.textures.file_bytes());
+        let (companions, max) = (self.companions, self.textures.file_bytes());
         let load = || match file {
-            Some(file) => companions.read(file, most).map_err(|e| Refusal::of_file(file, &e)),
+            Some(file) => companions.read(file, max).map_err(|e| Refusal::of_file(file, &e)),
             None => Err(Refusal::Unreadable("it is missing".to_owned())),
         };
-        let findings = &mut self.findings;
-        let refused = |why| findings.add("pictures left out", || format!("{}: {why}", visible(name)));
+        let diagnostics = &mut self.diagnostics;
+        let refused = |why| diagnostics.add("pictures left out", || format!("{}: {why}", visible(name)));
         Some((self.textures.get(*number, load, refused)?, map))
     }
 
@@ -259,7 +259,7 @@ impl<'s, 'p> Corners<'s, 'p> {
     fn triangle(&mut self, corners: [Corner; 3], made: Option<[Made; 3]>, line: u64) -> Result<(), ReadError> {
         let [a, b, c] = corners.map(|c| c.vertex);
         if a == b || b == c || c == a {
-            self.findings.add(TWICE, || format!("line {line}"));
+            self.diagnostics.add(TWICE, || format!("line {line}"));
             return Ok(());
         }
         if let Some(detail) = self.detail {
@@ -307,7 +307,7 @@ impl<'s, 'p> Corners<'s, 'p> {
             self.shared.insert(made[k].position, number);
         }
         if [(0, 1), (1, 2), (2, 0)].iter().any(|&(a, b)| detail.is_beyond(texels(&made[a], &made[b]))) {
-            self.findings.add_many("triangles that span too many texels to be split for all of them", 1);
+            self.diagnostics.add_many("triangles that span too many texels to be split for all of them", 1);
         }
         let mut parts = 0;
         split(detail, made, texels, |part| {
@@ -324,7 +324,7 @@ impl<'s, 'p> Corners<'s, 'p> {
             }
             self.push(numbers)
         })?;
-        self.findings.add_many("triangles split so that they keep their pictures", u64::from(parts > 1));
+        self.diagnostics.add_many("triangles split so that they keep their pictures", u64::from(parts > 1));
         Ok(())
     }
 
@@ -336,18 +336,18 @@ impl<'s, 'p> Corners<'s, 'p> {
             made.push(self.made(corner)?);
         }
         if made.iter().flat_map(|m| m.position).all(f64::is_finite) {
-            self.findings.add(TRIANGULATED, || format!("line {line}"));
+            self.diagnostics.add(TRIANGULATED, || format!("line {line}"));
             let positions: Vec<[f64; 3]> = made.iter().map(|m| m.position).collect();
             let mut triangles = Vec::with_capacity(ring.len());
             if self.triangulator.polygon(&positions, |t| triangles.push(t)) == Outcome::Crossing {
-                self.findings.add(CROSSING, || format!("line {line}"));
+                self.diagnostics.add(CROSSING, || format!("line {line}"));
             }
             for t in triangles {
                 self.triangle(t.map(|i| ring[i]), Some(t.map(|i| made[i])), line)?;
             }
         } else {
-            self.findings.add(NOT_FINITE, || format!("line {line}"));
-            self.findings.add_many(NOT_FINITE, ring.len() as u64 - 3);
+            self.diagnostics.add(NOT_FINITE, || format!("line {line}"));
+            self.diagnostics.add_many(NOT_FINITE, ring.len() as u64 - 3);
         }
         (self.ring, self.ring_made) = (ring, made);
         Ok(())
@@ -399,7 +399,7 @@ impl Body for Corners<'_, '_> {
     fn normal(&mut self, normal: [f64; 3]) -> Result<(), ReadError> {
         let mut normal = normal.map(|x| x as f32);
         if !normal.iter().all(|x| x.is_finite()) {
-            self.findings.add_many("normals that are not finite set to zero", 1);
+            self.diagnostics.add_many("normals that are not finite set to zero", 1);
             normal = [0.0; 3];
         }
         let mut record = [0; 12];
@@ -438,11 +438,11 @@ impl Body for Corners<'_, '_> {
         }
         let repeated = (corners.len() - self.ring.len()) as u64;
         if corners.len() > 3 && repeated > 0 {
-            self.findings.add(REPEATED, || format!("line {line}"));
-            self.findings.add_many(REPEATED, repeated - 1);
+            self.diagnostics.add(REPEATED, || format!("line {line}"));
+            self.diagnostics.add_many(REPEATED, repeated - 1);
         }
         if self.ring.len() < 3 {
-            self.findings.add(TOO_FEW, || format!("line {line}"));
+            self.diagnostics.add(TOO_FEW, || format!("line {line}"));
             return Ok(());
         }
         self.polygon(line)
@@ -456,12 +456,12 @@ impl Body for Corners<'_, '_> {
         true
     }
 
-    fn findings(&mut self) -> &mut Findings {
-        &mut self.findings
+    fn diagnostics(&mut self) -> &mut Diagnostics {
+        &mut self.diagnostics
     }
 
-    fn finish(mut self) -> Result<(u64, Findings), ReadError> {
+    fn finish(mut self) -> Result<(u64, Diagnostics), ReadError> {
         self.flush()?;
-        Ok((self.delivered, self.findings))
+        Ok((self.delivered, self.diagnostics))
     }
 }

@@ -1,5 +1,5 @@
-//! Damaged files by the thousand: whatever the bytes, the reader ends, does not panic, and what it returns is sound.
-//! Seeded, so that a failure can be repeated; `tests/fuzz` goes on from here.
+//! Thousands of damaged files: for any bytes the reader ends, does not panic, and returns a valid mesh or an error.
+//! Seeded, so that a failure can be repeated; `tests/fuzz` goes further.
 
 use crate::read::read_mesh_from;
 use fastrand::Rng;
@@ -60,7 +60,7 @@ fn mutate(bytes: &mut Vec<u8>, random: &mut Rng) {
 }
 
 #[test]
-fn ten_thousand_damaged_files_do_no_harm() {
+fn ten_thousand_damaged_files_cause_no_panic() {
     let mut random = Rng::with_seed(5);
     let (mut read, mut refused) = (0, 0);
     for i in 0..10_000 {

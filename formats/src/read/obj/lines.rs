@@ -96,7 +96,7 @@ pub(super) fn word(line: &[u8]) -> (&[u8], &[u8]) {
     line.split_at(line.iter().position(u8::is_ascii_whitespace).unwrap_or(line.len()))
 }
 
-/// The number a word stands for; as C writes what is not a number, too.
+/// The number a word represents; as C writes what is not a number, too.
 #[inline]
 pub(super) fn number(word: &[u8]) -> Option<f64> {
     let plain = std::str::from_utf8(word).ok()?;

@@ -4,7 +4,7 @@
 //! colour it has. What cannot be understood is counted with its line, and the rest is read.
 
 use super::lines::{Lines, number, numbers, word};
-use crate::Findings;
+use crate::Diagnostics;
 use crate::read::ReadError;
 use crate::read::texture::Wrap;
 use std::collections::{BTreeMap, HashMap};
@@ -44,7 +44,7 @@ pub(super) fn read(
     library: &Path,
     used: &BTreeMap<String, u64>,
     materials: &mut HashMap<String, Material>,
-    findings: &mut Findings,
+    diagnostics: &mut Diagnostics,
 ) -> Result<(), ReadError> {
     let library: Arc<Path> = library.into();
     let mut names: usize = materials.values().filter_map(|m| m.map.as_ref()).map(|map| map.name.len()).sum();
@@ -85,7 +85,7 @@ pub(super) fn read(
         };
         if !understood {
             let place = || format!("{}, line {line_number}", library.display());
-            findings.add("colours of materials that cannot be understood", place);
+            diagnostics.add("colours of materials that cannot be understood", place);
         }
     }
     keep(current);
@@ -121,7 +121,7 @@ fn map(mut rest: &[u8], library: &Arc<Path>, line: u64) -> Option<Map> {
     };
     loop {
         let (option, after) = word(rest);
-        let (least, most) = match option {
+        let (min, max) = match option {
             b"-blendu" | b"-blendv" | b"-cc" | b"-clamp" | b"-texres" | b"-imfchan" | b"-bm" | b"-boost" | b"-type" => {
                 (1, 1)
             }
@@ -131,11 +131,11 @@ fn map(mut rest: &[u8], library: &Arc<Path>, line: u64) -> Option<Map> {
         };
         let mut values = Vec::new();
         rest = after;
-        while values.len() < most {
+        while values.len() < max {
             let (value, after) = word(rest);
             // The last word is the name, though it be a number.
             let is_last = after.trim_ascii().is_empty();
-            if value.is_empty() || is_last || (values.len() >= least && number(value).is_none()) {
+            if value.is_empty() || is_last || (values.len() >= min && number(value).is_none()) {
                 break;
             }
             values.push(value);
@@ -160,7 +160,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn options_before_the_name_of_a_picture_are_understood_and_the_name_may_hold_spaces() {
+    fn options_before_an_image_name_are_parsed_and_the_name_may_contain_spaces() {
         let library: Arc<Path> = Path::new("a.mtl").into();
         let map = |line: &[u8]| map(line, &library, 1);
         let name = |line: &str| map(line.as_bytes()).unwrap();
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn one_number_is_a_grey() {
+    fn a_single_colour_number_is_a_grey() {
         assert_eq!(color(b"0.5"), Some([128; 3]));
         assert_eq!(color(b"1 0 2"), Some([255, 0, 255]));
         assert_eq!(color(b"xyz 1 2 3"), None);

@@ -32,7 +32,7 @@ use super::companions::{Companions, Reference};
 use super::source::Source;
 use super::texture::detail::Detail;
 use super::{Input, MeshSink, Place, ReadError};
-use crate::Findings;
+use crate::Diagnostics;
 use corners::{Corners, To};
 use kilwa_pack::plural::counted;
 use kilwa_pack::visible::visible;
@@ -53,7 +53,7 @@ const KEYWORDS: [&[u8]; 17] = [
     b"lod", b"newmtl",
 ];
 
-/// Whether a file that starts with these bytes is an OBJ: told by the first line that is no comment.
+/// Whether a file that starts with these bytes is an OBJ, decided by the first line that is no comment.
 pub fn is_obj(start: &[u8]) -> bool {
     let text = start.strip_prefix(b"\xef\xbb\xbf").unwrap_or(start);
     let mut lines = text.split(|&b| b == b'\n' || b == b'\r').map(<[u8]>::trim_ascii);
@@ -87,9 +87,9 @@ trait Body {
     /// Whether texture coordinates and normals are looked at.
     fn needs_corners(&self) -> bool;
     /// Counts what is dropped and repaired.
-    fn findings(&mut self) -> &mut Findings;
+    fn diagnostics(&mut self) -> &mut Diagnostics;
     /// Hand on the rest; how many triangles there were, and what was found.
-    fn finish(self) -> Result<(u64, Findings), ReadError>;
+    fn finish(self) -> Result<(u64, Diagnostics), ReadError>;
 }
 
 /// Deliver the OBJ.
@@ -100,27 +100,27 @@ pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> 
     let Input { path, total, source, progress, options } = input;
     let mut source = Source::new(source, total, path, progress);
     let companions = Companions::of(path, options);
-    let (survey, materials, findings) = first_pass(&mut source, path, &companions)?;
+    let (survey, materials, diagnostics) = first_pass(&mut source, path, &companions)?;
     source.begin_pass(SURVEY, 1.0 - SURVEY)?;
     let has_normals = survey.uses_normals && survey.normals > 0;
     // Where others are split at their edges, a mesh without pictures must be, too.
-    let (delivered, findings) = if has_pictures(&materials) || has_normals || options.detail.is_some() {
-        let body = Corners::new(path, options, &companions, &survey, To::Sink(sink), findings);
+    let (delivered, diagnostics) = if has_pictures(&materials) || has_normals || options.detail.is_some() {
+        let body = Corners::new(path, options, &companions, &survey, To::Sink(sink), diagnostics);
         second_pass(&mut source, path, &survey, &materials, body)?
     } else {
-        let body = Plain::new(survey.has_colors, sink, findings);
+        let body = Plain::new(survey.has_colors, sink, diagnostics);
         second_pass(&mut source, path, &survey, &materials, body)?
     };
     source.done();
     if delivered == 0 {
-        let reasons: Vec<String> = findings.iter().map(|(kind, n, _)| format!("{kind}: {n}")).collect();
+        let reasons: Vec<String> = diagnostics.iter().map(|(kind, n, _)| format!("{kind}: {n}")).collect();
         return Err(ReadError::NoTriangles {
             file: path.to_owned(),
             found: format!("of its {} none is left ({})", counted(survey.faces, "face", "faces"), reasons.join("; ")),
             way_out: "Export the mesh again and give that",
         });
     }
-    sink.findings().merge(findings);
+    sink.diagnostics().merge(diagnostics);
     Ok(())
 }
 
@@ -132,10 +132,10 @@ pub fn note_detail(input: Input<'_>, detail: &Detail) -> Result<(), ReadError> {
     let Input { path, total, source, progress, options } = input;
     let mut source = Source::new(source, total, path, progress);
     let companions = Companions::of(path, options);
-    let (survey, materials, findings) = first_pass(&mut source, path, &companions)?;
+    let (survey, materials, diagnostics) = first_pass(&mut source, path, &companions)?;
     if has_pictures(&materials) {
         source.begin_pass(SURVEY, 1.0 - SURVEY)?;
-        let body = Corners::new(path, options, &companions, &survey, To::Notes(detail), findings);
+        let body = Corners::new(path, options, &companions, &survey, To::Notes(detail), diagnostics);
         second_pass(&mut source, path, &survey, &materials, body)?;
     }
     source.done();
@@ -151,17 +151,17 @@ fn first_pass(
     source: &mut Source<'_>,
     path: &Path,
     companions: &Companions,
-) -> Result<(Survey, HashMap<String, Material>, Findings), ReadError> {
-    let mut findings = Findings::default();
+) -> Result<(Survey, HashMap<String, Material>, Diagnostics), ReadError> {
+    let mut diagnostics = Diagnostics::default();
     source.begin_pass(0.0, SURVEY)?;
-    let survey = Survey::read(&mut Lines::new(source)?, &mut findings)?;
+    let survey = Survey::read(&mut Lines::new(source)?, &mut diagnostics)?;
     if survey.vertices == 0 || survey.faces == 0 {
         return Err(no_faces(path, &survey));
     }
-    let mut materials = libraries(path, companions, &survey, &mut findings)?;
+    let mut materials = libraries(path, companions, &survey, &mut diagnostics)?;
     for name in survey.materials.lines.keys() {
         if !materials.contains_key(name) {
-            findings.add("materials that no library defines, left out", || visible(name).into_owned());
+            diagnostics.add("materials that no library defines, left out", || visible(name).into_owned());
         }
     }
     if !(survey.uses_uvs && survey.uvs > 0) {
@@ -169,7 +169,7 @@ fn first_pass(
             material.map = None;
         }
     }
-    Ok((survey, materials, findings))
+    Ok((survey, materials, diagnostics))
 }
 
 fn second_pass(
@@ -178,7 +178,7 @@ fn second_pass(
     survey: &Survey,
     materials: &HashMap<String, Material>,
     mut body: impl Body,
-) -> Result<(u64, Findings), ReadError> {
+) -> Result<(u64, Diagnostics), ReadError> {
     let mut lines = Lines::new(source)?;
     let all = Counts { vertices: survey.vertices, uvs: survey.uvs, normals: survey.normals };
     let mut so_far = Counts::default();
@@ -193,9 +193,9 @@ fn second_pass(
             b"v" => {
                 let vertex = statements::vertex(rest).map_err(fault)?;
                 if vertex.weighted {
-                    body.findings().add("weights (w) of vertices not kept", || format!("line {number}"));
+                    body.diagnostics().add("weights (w) of vertices not kept", || format!("line {number}"));
                 }
-                let color = vertex.color.map(|c| color(c, full, body.findings()));
+                let color = vertex.color.map(|c| color(c, full, body.diagnostics()));
                 body.vertex(vertex.position, color)?;
                 so_far.vertices += 1;
             }
@@ -214,7 +214,8 @@ fn second_pass(
             b"f" | b"fo" => {
                 let mut missing = 0;
                 statements::corners(rest, &so_far, &all, &mut corners, &mut missing).map_err(fault)?;
-                body.findings().add_many("texture coordinates and normals named by faces that do not exist", missing);
+                body.diagnostics()
+                    .add_many("texture coordinates and normals named by faces that do not exist", missing);
                 check_face(&corners, so_far.vertices, &body).map_err(fault)?;
                 body.face(&corners, number)?;
             }
@@ -239,12 +240,12 @@ fn check_face(corners: &[Corner], so_far: u64, body: &impl Body) -> Result<(), F
 }
 
 /// A colour of a vertex to 8 bits.
-fn color(color: [f64; 3], full: f64, findings: &mut Findings) -> [u8; 3] {
+fn color(color: [f64; 3], full: f64, diagnostics: &mut Diagnostics) -> [u8; 3] {
     let levels = color.map(|v| v / full * 255.0);
     if !levels.iter().all(|v| (-0.001..=255.001).contains(v)) {
-        findings.add_many("colours outside their range clamped", 1);
+        diagnostics.add_many("colours outside their range clamped", 1);
     } else if levels.iter().any(|v| (v - v.round()).abs() > 0.01) {
-        findings.add_many("colours rounded to 8 bits", 1);
+        diagnostics.add_many("colours rounded to 8 bits", 1);
     }
     levels.map(|v| v.round().clamp(0.0, 255.0) as u8)
 }
@@ -254,7 +255,7 @@ fn libraries(
     path: &Path,
     companions: &Companions,
     survey: &Survey,
-    findings: &mut Findings,
+    diagnostics: &mut Diagnostics,
 ) -> Result<HashMap<String, Material>, ReadError> {
     const MISSING: &str = "material libraries that are missing; colours and pictures are left out";
     let mut materials = HashMap::new();
@@ -265,7 +266,7 @@ fn libraries(
     let mut done = HashSet::new();
     for (name, line) in &survey.libraries.lines {
         let Some(files) = libraries_named(path, companions, name, *line)? else {
-            findings.add(MISSING, || visible(name).into_owned());
+            diagnostics.add(MISSING, || visible(name).into_owned());
             continue;
         };
         for file in files {
@@ -277,7 +278,7 @@ fn libraries(
             let progress = &mut |_: u64, _: u64| {};
             let mut source = Source::new(&mut bytes, total, &file, progress);
             let mut lines = Lines::new(&mut source)?;
-            material::read(&mut lines, &file, &survey.materials.lines, &mut materials, findings)?;
+            material::read(&mut lines, &file, &survey.materials.lines, &mut materials, diagnostics)?;
         }
     }
     Ok(materials)

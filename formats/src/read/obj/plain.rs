@@ -4,7 +4,7 @@
 use super::material::Material;
 use super::statements::Corner;
 use super::{Body, MeshSink, ReadError};
-use crate::Findings;
+use crate::Diagnostics;
 use crate::read::faces::{FaceColor, Faces};
 use crate::read::sink::VertexBlock;
 
@@ -13,7 +13,7 @@ const BLOCK: usize = 4096;
 
 pub(super) struct Plain<'s> {
     sink: &'s mut dyn MeshSink,
-    findings: Findings,
+    diagnostics: Diagnostics,
     /// Whether vertices have colours; then those of materials are not looked at.
     has_colors: bool,
     positions: Vec<[f64; 3]>,
@@ -25,10 +25,10 @@ pub(super) struct Plain<'s> {
 }
 
 impl<'s> Plain<'s> {
-    pub(super) fn new(has_colors: bool, sink: &'s mut dyn MeshSink, findings: Findings) -> Self {
+    pub(super) fn new(has_colors: bool, sink: &'s mut dyn MeshSink, diagnostics: Diagnostics) -> Self {
         Self {
             sink,
-            findings,
+            diagnostics,
             has_colors,
             positions: Vec::with_capacity(BLOCK),
             colors: Vec::new(),
@@ -50,7 +50,7 @@ impl<'s> Plain<'s> {
 
     fn flush_faces(&mut self) -> Result<(), ReadError> {
         self.flush_vertices()?;
-        self.faces.flush(self.sink, &mut self.findings)
+        self.faces.flush(self.sink, &mut self.diagnostics)
     }
 }
 
@@ -88,7 +88,7 @@ impl Body for Plain<'_> {
     fn face(&mut self, corners: &[Corner], line: u64) -> Result<(), ReadError> {
         self.ring.clear();
         self.ring.extend(corners.iter().map(|c| c.vertex));
-        self.faces.face(&self.ring, self.material, line, &mut self.findings);
+        self.faces.face(&self.ring, self.material, line, &mut self.diagnostics);
         if self.faces.is_full() { self.flush_faces() } else { Ok(()) }
     }
 
@@ -100,12 +100,12 @@ impl Body for Plain<'_> {
         false
     }
 
-    fn findings(&mut self) -> &mut Findings {
-        &mut self.findings
+    fn diagnostics(&mut self) -> &mut Diagnostics {
+        &mut self.diagnostics
     }
 
-    fn finish(mut self) -> Result<(u64, Findings), ReadError> {
+    fn finish(mut self) -> Result<(u64, Diagnostics), ReadError> {
         self.flush_faces()?;
-        Ok((self.faces.delivered(), self.findings))
+        Ok((self.faces.delivered(), self.diagnostics))
     }
 }

@@ -99,10 +99,10 @@ pub(super) fn corners(
             return Err((quote(one), "a corner that names a vertex".to_owned()));
         };
         let Some(vertex) = absolute(vertex, so_far.vertices, all.vertices) else {
-            let least = if so_far.vertices > 0 { format!(" or -1 to -{}", so_far.vertices) } else { String::new() };
+            let negative = if so_far.vertices > 0 { format!(" or -1 to -{}", so_far.vertices) } else { String::new() };
             return Err((
                 format!("vertex index {vertex}"),
-                format!("1 to {}{least}; the file is cut or damaged, export it again", all.vertices),
+                format!("1 to {}{negative}; the file is cut or damaged, export it again", all.vertices),
             ));
         };
         let mut optional = |index: Option<i64>, so_far: u64, all: u64| {
@@ -126,7 +126,7 @@ fn absolute(index: i64, so_far: u64, all: u64) -> Option<u64> {
     }
 }
 
-/// The whole number a word stands for.
+/// The whole number a word represents.
 #[inline]
 fn index(digits: &[u8]) -> Option<i64> {
     let (negative, plain) = match digits {

@@ -4,13 +4,13 @@
 
 use super::lines::{Lines, numbers, word};
 use super::material::{LONGEST_NAME, text};
-use crate::Findings;
+use crate::Diagnostics;
 use crate::read::ReadError;
 use std::collections::BTreeMap;
 
 /// Names of materials and libraries kept, and the bytes that either may take together.
-const MOST_NAMES: usize = 1 << 16;
-const MOST_BYTES: usize = 16 << 20;
+const MAX_NAMES: usize = 1 << 16;
+const MAX_BYTES: usize = 16 << 20;
 
 /// Names, each with the line that it stands in first.
 #[derive(Debug, Default)]
@@ -22,7 +22,7 @@ pub(super) struct Names {
 
 impl Names {
     fn add(&mut self, rest: &[u8], line: u64) {
-        if self.lines.len() >= MOST_NAMES || self.bytes >= MOST_BYTES {
+        if self.lines.len() >= MAX_NAMES || self.bytes >= MAX_BYTES {
             return;
         }
         let name = text(&rest[..rest.len().min(LONGEST_NAME)]);
@@ -54,7 +54,7 @@ pub(super) struct Survey {
 
 impl Survey {
     /// Look at all lines; what is not kept is counted.
-    pub(super) fn read(lines: &mut Lines<'_, '_>, findings: &mut Findings) -> Result<Self, ReadError> {
+    pub(super) fn read(lines: &mut Lines<'_, '_>, diagnostics: &mut Diagnostics) -> Result<Self, ReadError> {
         let mut survey = Self::default();
         loop {
             let number = lines.next_number();
@@ -68,7 +68,7 @@ impl Survey {
                 b"usemtl" => survey.materials.add(rest, number),
                 b"mtllib" => survey.libraries.add(rest, number),
                 b"" | b"#" | b"o" | b"g" | b"s" => {}
-                _ => survey.others += not_kept(keyword, number, findings),
+                _ => survey.others += not_kept(keyword, number, diagnostics),
             }
         }
     }
@@ -111,7 +111,7 @@ fn has_fourth_word(line: &[u8]) -> bool {
 }
 
 /// Count a statement that is not kept; 1 where it is geometry.
-fn not_kept(keyword: &[u8], number: u64, findings: &mut Findings) -> u64 {
+fn not_kept(keyword: &[u8], number: u64, diagnostics: &mut Diagnostics) -> u64 {
     let (kind, geometry) = match keyword {
         b"l" => ("lines (l) not kept", 1),
         b"p" => ("points (p) not kept", 1),
@@ -125,6 +125,6 @@ fn not_kept(keyword: &[u8], number: u64, findings: &mut Findings) -> u64 {
         b"call" | b"csh" => ("calls of other files and programs not followed", 0),
         _ => ("lines that begin with an unknown word passed over", 0),
     };
-    findings.add(kind, || format!("line {number}"));
+    diagnostics.add(kind, || format!("line {number}"));
     geometry
 }

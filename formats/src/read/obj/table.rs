@@ -37,7 +37,7 @@ pub(super) struct Table<'p, const N: usize> {
     tail: Vec<u8>,
     /// Full pages in memory: number and bytes.
     resident: Vec<(usize, Vec<u8>)>,
-    most: usize,
+    max: usize,
     /// For each full page its slot in `resident`, or `OUT`; and whether it is in the file.
     slots: Vec<u32>,
     written: Vec<bool>,
@@ -59,7 +59,7 @@ impl<'p, const N: usize> Table<'p, N> {
             len: 0,
             tail: Vec::new(),
             resident: Vec::new(),
-            most: (memory / Self::BYTES).max(2),
+            max: (memory / Self::BYTES).max(2),
             slots: Vec::new(),
             written: Vec::new(),
             hand: 0,
@@ -114,11 +114,11 @@ impl<'p, const N: usize> Table<'p, N> {
 
     /// A slot for one more page; what stood there is in the file then.
     fn free_slot(&mut self) -> Result<usize, ReadError> {
-        if self.resident.len() < self.most {
+        if self.resident.len() < self.max {
             return Ok(self.resident.len());
         }
         let slot = self.hand;
-        self.hand = (self.hand + 1) % self.most;
+        self.hand = (self.hand + 1) % self.max;
         let (page, bytes) = &self.resident[slot];
         if !self.written[*page] {
             let offset = (*page * Self::BYTES) as u64;
@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scratch_file_that_cannot_be_made_is_said_with_its_folder() {
+    fn a_scratch_file_that_cannot_be_created_is_reported_with_its_folder() {
         let scratch = Scratch { folder: Path::new("/nowhere/at/all"), file: Path::new("a.obj") };
         let mut table: Table<'_, 8192> = Table::new(scratch, 0);
         let error = (0..100).find_map(|_| table.push(&[0; 8192]).err()).unwrap().to_string();

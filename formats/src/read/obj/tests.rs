@@ -1,4 +1,4 @@
-//! What the OBJ reader promises, claim by claim.
+//! Properties of the OBJ reader.
 
 use crate::RawMesh;
 use crate::read::texture::detail::Detail;
@@ -25,7 +25,7 @@ fn refusal(text: &str) -> String {
 }
 
 fn places(mesh: &RawMesh, kind: &str) -> Vec<String> {
-    mesh.findings.iter().find(|(k, ..)| *k == kind).map(|(_, _, p)| p.to_vec()).unwrap_or_default()
+    mesh.diagnostics.iter().find(|(k, ..)| *k == kind).map(|(_, _, p)| p.to_vec()).unwrap_or_default()
 }
 
 const SQUARE: &str = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\n";
@@ -75,7 +75,7 @@ fn lines_are_numbered_as_an_editor_numbers_them() {
 }
 
 #[test]
-fn what_is_wrong_is_refused_with_what_was_expected() {
+fn invalid_lines_are_refused_with_what_was_expected() {
     for (line, found, expected) in [
         ("v 1 2", "a vertex of 2 numbers", "x, y and z"),
         ("v 1 2,5 3", "2,5", "not a comma"),
@@ -98,7 +98,7 @@ fn what_is_wrong_is_refused_with_what_was_expected() {
 }
 
 #[test]
-fn a_file_without_faces_is_refused_with_what_it_has() {
+fn a_file_without_faces_is_refused_with_what_it_contains() {
     assert!(refusal(SQUARE).contains("4 points and no faces"));
     assert!(refusal("o nothing\n").contains("no vertices and no faces"));
     assert!(refusal("f 1 2 3\n").contains("1 face and no vertices"));
@@ -126,7 +126,7 @@ fn corners_of_every_form_and_negative_indices_name_the_same_vertices() {
         assert_eq!(mesh.positions, expected.positions[..3]);
         assert_eq!(mesh.normals, [[0.0, 0.0, 1.0]; 3]);
     }
-    // Negative indices count from where they stand.
+    // Negative indices count back from the line they are on.
     let two = ok("v 9 9 9\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\nv 5 5 5\nv 6 5 5\nv 5 6 5\nf -3 -2 -1\n");
     assert_eq!(two.triangles, [[1, 2, 3], [4, 5, 6]]);
 }
@@ -136,7 +136,7 @@ fn texture_coordinates_and_normals_that_do_not_exist_are_counted_and_left_out() 
     let mesh = ok(&format!("{SQUARE}vn 0 0 1\nf 1/7/1 2/8/1 3/9/2\n"));
     assert_eq!(mesh.triangles.len(), 1);
     let kind = "texture coordinates and normals named by faces that do not exist";
-    assert_eq!(mesh.findings.count(kind), 4);
+    assert_eq!(mesh.diagnostics.count(kind), 4);
 }
 
 #[test]
@@ -163,7 +163,7 @@ fn a_triangle_may_come_before_its_vertices_and_a_polygon_may_not() {
 }
 
 #[test]
-fn what_is_no_triangle_is_dropped_and_counted_with_its_line() {
+fn degenerate_faces_are_dropped_and_counted_with_their_line() {
     for normal in ["", "//1"] {
         let rows = ["1 2", "1 1 2", "1 2 3", "1 1 2 2"]
             .map(|row| row.split(' ').fold("f".to_owned(), |line, v| line + " " + v + normal));
@@ -175,18 +175,18 @@ fn what_is_no_triangle_is_dropped_and_counted_with_its_line() {
 }
 
 #[test]
-fn vertices_that_are_not_finite_go_with_their_triangles() {
+fn vertices_that_are_not_finite_are_dropped_with_their_triangles() {
     for normal in ["", "//1"] {
         let faces = ["1 2 3", "1 3 4", "1 2 3 4"]
             .map(|row| row.split(' ').fold("f".to_owned(), |line, v| line + " " + v + normal));
         let mesh = ok(&format!("v 0 0 0\nv nan 0 0\nv 1 1 0\nv 0 1 0\nvn 0 0 1\n{}\n", faces.join("\n")));
         assert_eq!(mesh.triangles.len(), 1);
-        assert_eq!(mesh.findings.count("triangles dropped because a corner has no finite position"), 3);
+        assert_eq!(mesh.diagnostics.count("triangles dropped because a corner has no finite position"), 3);
     }
 }
 
 #[test]
-fn what_is_not_read_is_counted_with_its_line() {
+fn unsupported_statements_are_counted_with_their_line() {
     let mesh = ok(&format!("{SQUARE}l 1 2\np 1\ncurv 0 1 1 2\nlod 3\nwhatever 1\nv 0 0 0 2\nf 1 2 3\n"));
     assert_eq!(places(&mesh, "lines (l) not kept"), ["line 5"]);
     assert_eq!(places(&mesh, "points (p) not kept"), ["line 6"]);
@@ -199,7 +199,7 @@ fn what_is_not_read_is_counted_with_its_line() {
 // Attributes.
 
 #[test]
-fn colours_of_vertices_run_to_one_or_to_255() {
+fn vertex_colours_range_to_1_or_to_255() {
     let expected = [[255, 0, 51], [0, 255, 0], [0, 0, 255]];
     let faces = ["f 1 2 3\n", "vn 0 0 1\nf 1//1 2//1 3//1\n"];
     for face in faces {
@@ -207,14 +207,14 @@ fn colours_of_vertices_run_to_one_or_to_255() {
         assert_eq!(unit.colors, expected, "{face}");
         let bytes = ok(&format!("v 0 0 0 255 0 51\nv 1 0 0 0 255 0\nv 0 1 0 0 0 255\n{face}"));
         assert_eq!(bytes.colors, expected);
-        assert_eq!(bytes.findings.count("colours rounded to 8 bits"), 0);
+        assert_eq!(bytes.diagnostics.count("colours rounded to 8 bits"), 0);
     }
     let grey = ok("v 0 0 0 1 0 0\nv 1 0 0\nv 0 1 0 0 0 1\nf 1 2 3\n");
-    assert_eq!(grey.findings.count("vertices without colour beside coloured ones, shown grey"), 1);
+    assert_eq!(grey.diagnostics.count("vertices without colour beside coloured ones, shown grey"), 1);
 }
 
 #[test]
-fn normals_of_corners_make_wedges_only_where_they_differ() {
+fn corner_normals_create_wedges_only_where_they_differ() {
     let roof = "v 0 0 0\nv 1 0 0\nv 0 1 1\nv 0 -1 1\nvn 0 1 1\nvn 0 -1 1\n";
     let sharp = ok(&format!("{roof}f 1//1 2//1 3//1\nf 2//2 1//2 4//2\n"));
     assert_eq!(sharp.positions.len(), 6);
@@ -233,7 +233,7 @@ fn in_folder(files: &[(&str, &[u8])]) -> RawMesh {
 }
 
 #[test]
-fn faces_have_the_diffuse_colour_of_their_material_where_vertices_have_none() {
+fn faces_take_the_diffuse_colour_of_their_material_if_vertices_have_none() {
     let mtl = b"newmtl brick red\nKd 1 0 0.2\nnewmtl glass\nNs 10\n";
     let faces = "mtllib my lib.mtl\nf 1 2 3\nusemtl brick red\nf 1 3 4\nusemtl glass\nf 1 2 4\nusemtl lost\nf 2 3 4\n";
     let colour_of = |mesh: &RawMesh, corner: [f64; 3]| {
@@ -270,7 +270,7 @@ fn png(width: u32, height: u32, color: impl Fn(u32, u32) -> [u8; 3]) -> Vec<u8> 
 }
 
 #[test]
-fn a_picture_colours_the_corners_with_v_upwards_and_a_seam_makes_wedges() {
+fn a_texture_colours_the_corners_with_v_upwards_and_a_seam_creates_wedges() {
     let colors = [[[255, 0, 0], [0, 255, 0]], [[0, 0, 255], [255, 255, 255]]];
     let picture = png(2, 2, |x, y| colors[y as usize][x as usize]);
     let mtl = b"newmtl wall\nKd 0 0 0\nmap_Kd -s 1 1 1 maps\\The Wall.PNG\n";
@@ -286,15 +286,15 @@ fn a_picture_colours_the_corners_with_v_upwards_and_a_seam_makes_wedges() {
 }
 
 #[test]
-fn a_picture_that_is_missing_or_damaged_is_counted_once_with_the_reason() {
+fn a_missing_or_damaged_image_is_counted_once_with_the_reason() {
     let obj = format!("mtllib a.mtl\n{SQUARE}vt 0 0\nusemtl a\nf 1/1 2/1 3/1\nusemtl b\nf 1/1 3/1 4/1\n");
     let mtl = b"newmtl a\nmap_Kd gone.jpg\nnewmtl b\nmap_Kd bad.png\n";
     let mesh = in_folder(&[("a.obj", obj.as_bytes()), ("a.mtl", mtl), ("bad.png", b"\x89PNG nothing")]);
     assert_eq!(mesh.triangles.len(), 2);
-    let told = places(&mesh, "pictures left out");
+    let reported = places(&mesh, "pictures left out");
     assert!(
-        told.len() == 2 && told[0].contains("gone.jpg: it is missing") && told[1].contains("bad.png: "),
-        "{told:?}"
+        reported.len() == 2 && reported[0].contains("gone.jpg: it is missing") && reported[1].contains("bad.png: "),
+        "{reported:?}"
     );
 }
 
@@ -344,8 +344,8 @@ fn triangles_are_split_until_no_edge_spans_more_texels_and_the_colours_follow_th
 }
 
 #[test]
-fn corners_that_the_cache_forgot_come_out_twice_and_the_mesh_is_the_same() {
-    // A strip of more corners than are remembered, walked so that each edge comes back late.
+fn corners_evicted_from_the_cache_are_duplicated_and_the_mesh_is_unchanged() {
+    // A strip with more corners than the cache holds, in an order that revisits each edge late.
     let n = 3000;
     let mut obj = "vn 0 0 1\n".to_owned();
     for i in 0..=n {

@@ -6,7 +6,7 @@ use super::elements::{Columns, Cursor, Row, Rows};
 use super::plan::Field;
 use super::scalar::Scalar;
 use super::{Place, ReadError};
-use crate::Findings;
+use crate::Diagnostics;
 use crate::read::source::{Source, quote};
 
 /// A word longer than this is no number.
@@ -110,7 +110,7 @@ impl<'s, 'a> Ascii<'s, 'a> {
     }
 
     /// Go to the next word, over line ends and comment lines; `false` at the end of the file.
-    fn seek_row(&mut self, findings: &mut Findings) -> Result<bool, ReadError> {
+    fn seek_row(&mut self, diagnostics: &mut Diagnostics) -> Result<bool, ReadError> {
         loop {
             if self.seek_word()? {
                 if !matches!(self.source.available().first(), Some(b'c' | b'o')) {
@@ -121,7 +121,7 @@ impl<'s, 'a> Ascii<'s, 'a> {
                     return Ok(true);
                 }
                 let line = self.line;
-                findings.add("comment lines among the data passed over", || format!("line {line}"));
+                diagnostics.add("comment lines among the data passed over", || format!("line {line}"));
             } else if self.source.available().is_empty() {
                 return Ok(false);
             }
@@ -143,7 +143,7 @@ fn is_line_end(b: u8) -> bool {
     matches!(b, b'\n' | b'\r')
 }
 
-/// The number a word stands for, with the ways in which C writes what is not a number.
+/// The number a word represents, with the ways in which C writes what is not a number.
 fn parse_number(word: &[u8]) -> Option<f64> {
     let plain = std::str::from_utf8(word).ok()?;
     if let Ok(v) = plain.parse() {
@@ -154,7 +154,7 @@ fn parse_number(word: &[u8]) -> Option<f64> {
     not_finite.iter().any(|n| lower.starts_with(n)).then_some(f64::NAN)
 }
 
-/// The whole number a word stands for.
+/// The whole number a word represents.
 #[inline]
 fn parse_integer(word: &[u8]) -> Option<i64> {
     let (negative, digits) = match word {
@@ -185,8 +185,8 @@ impl Rows for Ascii<'_, '_> {
         self.source.go_to(cursor.offset)
     }
 
-    fn begin(&mut self, row: Row<'_>, findings: &mut Findings) -> Result<(), ReadError> {
-        if self.seek_row(findings)? {
+    fn begin(&mut self, row: Row<'_>, diagnostics: &mut Diagnostics) -> Result<(), ReadError> {
+        if self.seek_row(diagnostics)? {
             return Ok(());
         }
         let Row { element, number } = row;
@@ -226,10 +226,10 @@ impl Rows for Ascii<'_, '_> {
         Ok(())
     }
 
-    fn end(&mut self, _: Row<'_>, findings: &mut Findings) -> Result<(), ReadError> {
+    fn end(&mut self, _: Row<'_>, diagnostics: &mut Diagnostics) -> Result<(), ReadError> {
         let line = self.line;
         if self.leave_line()? > 0 {
-            findings.add("lines with more words than the header declares", || format!("line {line}"));
+            diagnostics.add("lines with more words than the header declares", || format!("line {line}"));
         }
         Ok(())
     }
@@ -256,10 +256,10 @@ impl Rows for Ascii<'_, '_> {
         Ok(false)
     }
 
-    fn finish(&mut self, findings: &mut Findings) -> Result<(), ReadError> {
-        while self.seek_row(findings)? {
+    fn finish(&mut self, diagnostics: &mut Diagnostics) -> Result<(), ReadError> {
+        while self.seek_row(diagnostics)? {
             let line = self.line;
-            findings.add("lines after the last element ignored", || format!("line {line}"));
+            diagnostics.add("lines after the last element ignored", || format!("line {line}"));
             self.leave_line()?;
         }
         Ok(())

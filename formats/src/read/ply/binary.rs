@@ -5,7 +5,7 @@ use super::header::Kind;
 use super::plan::{Field, Keep};
 use super::scalar::{Order, Scalar};
 use super::{Place, ReadError};
-use crate::Findings;
+use crate::Diagnostics;
 use crate::read::source::{BUFFER, Source};
 
 pub(super) struct Binary<'s, 'a> {
@@ -115,7 +115,7 @@ impl Rows for Binary<'_, '_> {
         Ok(got)
     }
 
-    fn begin(&mut self, _: Row<'_>, _: &mut Findings) -> Result<(), ReadError> {
+    fn begin(&mut self, _: Row<'_>, _: &mut Diagnostics) -> Result<(), ReadError> {
         Ok(())
     }
 
@@ -135,7 +135,7 @@ impl Rows for Binary<'_, '_> {
         if self.source.skip(bytes)? { Ok(()) } else { Err(self.cut(row, Some(field))) }
     }
 
-    fn end(&mut self, _: Row<'_>, _: &mut Findings) -> Result<(), ReadError> {
+    fn end(&mut self, _: Row<'_>, _: &mut Diagnostics) -> Result<(), ReadError> {
         Ok(())
     }
 
@@ -178,13 +178,13 @@ impl Rows for Binary<'_, '_> {
         }
     }
 
-    fn finish(&mut self, findings: &mut Findings) -> Result<(), ReadError> {
+    fn finish(&mut self, diagnostics: &mut Diagnostics) -> Result<(), ReadError> {
         let start = self.source.offset();
         self.source.skip(u64::MAX)?;
         let extra = self.source.offset() - start;
         if extra > 0 {
-            findings.add("bytes after the last element ignored", || format!("from byte {start}"));
-            findings.add_many("bytes after the last element ignored", extra - 1);
+            diagnostics.add("bytes after the last element ignored", || format!("from byte {start}"));
+            diagnostics.add_many("bytes after the last element ignored", extra - 1);
         }
         Ok(())
     }

@@ -1,11 +1,11 @@
 //! Colours of every type to 8-bit sRGB.
 //!
-//! A component runs to 255, to 65535 or to 1. The type alone does not tell: writers put 0 to 255 into shorts and floats
+//! A component runs to 255, to 65535 or to 1. The type alone does not decide: writers put 0 to 255 into shorts and floats
 //! too. So the largest value of the file decides between the ranges that the type allows; it is looked for before the
 //! colours are handed on. Values are taken as sRGB.
 
 use super::scalar::Scalar;
-use crate::Findings;
+use crate::Diagnostics;
 
 /// Colours of one element: their type, and what they have been found to run to.
 #[derive(Debug, Clone, Copy)]
@@ -14,33 +14,34 @@ pub(super) struct Scale {
     full: f32,
 }
 
-/// Whether the largest value must be known before the first can be told.
+/// Whether the largest value must be known before the first can be converted.
 pub(super) fn needs_scan(kind: Scalar) -> bool {
     !matches!(kind, Scalar::U8 | Scalar::I8)
 }
 
 impl Scale {
     /// The scale where `max` is the largest value in the file.
-    pub(super) fn new(kind: Scalar, max: f32, findings: &mut Findings) -> Self {
+    pub(super) fn new(kind: Scalar, max: f32, diagnostics: &mut Diagnostics) -> Self {
         let full = full_scale(kind, max);
         if kind != Scalar::U8 && full == 255.0 {
-            findings.add("colours of a wide type read as 0 to 255, because none is larger", || kind.name().to_owned());
+            diagnostics
+                .add("colours of a wide type read as 0 to 255, because none is larger", || kind.name().to_owned());
         }
         Self { kind, full }
     }
 
     /// One colour; what is lost by rounding is counted.
     #[inline]
-    pub(super) fn color(self, color: [f64; 3], findings: &mut Findings) -> [u8; 3] {
+    pub(super) fn color(self, color: [f64; 3], diagnostics: &mut Diagnostics) -> [u8; 3] {
         match self.kind {
-            Scalar::U8 => color.map(|v| byte(v, findings)),
+            Scalar::U8 => color.map(|v| byte(v, diagnostics)),
             // Some writers say char and mean uchar.
-            Scalar::I8 => self.round(color.map(|v| if v < 0.0 { v + 256.0 } else { v } as f32), findings),
-            _ => self.round(color.map(|v| v as f32), findings),
+            Scalar::I8 => self.round(color.map(|v| if v < 0.0 { v + 256.0 } else { v } as f32), diagnostics),
+            _ => self.round(color.map(|v| v as f32), diagnostics),
         }
     }
 
-    fn round(self, color: [f32; 3], findings: &mut Findings) -> [u8; 3] {
+    fn round(self, color: [f32; 3], diagnostics: &mut Diagnostics) -> [u8; 3] {
         let mut off = 0.0f32;
         let mut outside = false;
         let bytes = color.map(|component| {
@@ -53,13 +54,13 @@ impl Scale {
             }
             byte as u8 // NaN becomes 0
         });
-        findings.add_many("colours rounded to 8 bits", u64::from(off > 0.01));
-        findings.add_many("colours outside their range clamped", u64::from(outside));
+        diagnostics.add_many("colours rounded to 8 bits", u64::from(off > 0.01));
+        diagnostics.add_many("colours outside their range clamped", u64::from(outside));
         bytes
     }
 }
 
-/// The value that stands for full, where `max` is the largest value in the file.
+/// The value that represents full, where `max` is the largest value in the file.
 pub(super) fn full_scale(kind: Scalar, max: f32) -> f32 {
     match kind {
         Scalar::U8 | Scalar::I8 => 255.0,
@@ -72,16 +73,16 @@ pub(super) fn full_scale(kind: Scalar, max: f32) -> f32 {
 
 /// A colour component of 8 bits; only text can hold another value.
 #[inline]
-fn byte(value: f64, findings: &mut Findings) -> u8 {
+fn byte(value: f64, diagnostics: &mut Diagnostics) -> u8 {
     let byte = value as u8;
     if f64::from(byte) == value {
         return byte;
     }
     if (0.0..=255.0).contains(&value) {
-        findings.add_many("colours rounded to 8 bits", 1);
+        diagnostics.add_many("colours rounded to 8 bits", 1);
         value.round() as u8
     } else {
-        findings.add_many("colours outside their range clamped", 1);
+        diagnostics.add_many("colours outside their range clamped", 1);
         byte
     }
 }

@@ -7,7 +7,7 @@ use super::colors::Scale;
 use super::header::{Element, Kind};
 use super::plan::{Field, Keep};
 use super::scalar::Scalar;
-use crate::Findings;
+use crate::Diagnostics;
 use crate::read::faces::{Faces, MAX_CORNERS};
 use crate::read::sink::MeshSink;
 use kilwa_pack::plural::counted;
@@ -39,7 +39,7 @@ pub(super) trait Rows {
     /// Go back, or on, to such a place.
     fn go_to(&mut self, cursor: Cursor) -> Result<(), ReadError>;
     /// Go to the beginning of a row.
-    fn begin(&mut self, row: Row<'_>, findings: &mut Findings) -> Result<(), ReadError>;
+    fn begin(&mut self, row: Row<'_>, diagnostics: &mut Diagnostics) -> Result<(), ReadError>;
     /// The next value of the row as a number.
     fn number(&mut self, row: Row<'_>, field: &Field, kind: Scalar) -> Result<f64, ReadError>;
     /// The next value of the row as an integer.
@@ -47,7 +47,7 @@ pub(super) trait Rows {
     /// Pass over the next `n` values of the row.
     fn pass(&mut self, row: Row<'_>, field: &Field, kind: Scalar, n: u64) -> Result<(), ReadError>;
     /// Leave the row.
-    fn end(&mut self, row: Row<'_>, findings: &mut Findings) -> Result<(), ReadError>;
+    fn end(&mut self, row: Row<'_>, diagnostics: &mut Diagnostics) -> Result<(), ReadError>;
     /// Whether `n` more values of this type can be in the file at all.
     fn can_hold(&self, kind: Scalar, n: u64) -> bool;
     /// An error about the value just read.
@@ -68,17 +68,17 @@ pub(super) trait Rows {
     /// Pass over all rows of an element in one go; `false` where they must be passed one by one.
     fn pass_all(&mut self, row: Row<'_>, fields: &[Field]) -> Result<bool, ReadError>;
     /// After the last element: report what follows it.
-    fn finish(&mut self, findings: &mut Findings) -> Result<(), ReadError>;
+    fn finish(&mut self, diagnostics: &mut Diagnostics) -> Result<(), ReadError>;
 }
 
-/// Read the kept scalars of all rows of an element, a block at a time; `visit` says whether to go on.
+/// Read the kept scalars of all rows of an element, a block at a time; `visit` says whether to continue.
 pub(super) fn columns(
     rows: &mut impl Rows,
     element: &Element,
     fields: &[Field],
     width: usize,
-    findings: &mut Findings,
-    visit: &mut dyn FnMut(&Columns, &mut Findings) -> Result<bool, ReadError>,
+    diagnostics: &mut Diagnostics,
+    visit: &mut dyn FnMut(&Columns, &mut Diagnostics) -> Result<bool, ReadError>,
 ) -> Result<(), ReadError> {
     let mut columns: Columns = vec![Vec::with_capacity(BLOCK); width];
     let mut number = 0;
@@ -89,13 +89,13 @@ pub(super) fn columns(
         if got == 0 {
             while got < BLOCK && (got as u64) < left {
                 let row = Row { element, number: number + got as u64 };
-                rows.begin(row, findings)?;
+                rows.begin(row, diagnostics)?;
                 scalars(rows, row, fields, &mut columns)?;
-                rows.end(row, findings)?;
+                rows.end(row, diagnostics)?;
                 got += 1;
             }
         }
-        if !visit(&columns, findings)? {
+        if !visit(&columns, diagnostics)? {
             return Ok(());
         }
         columns.iter_mut().for_each(Vec::clear);
@@ -135,7 +135,7 @@ pub(super) fn faces(
     element: &Element,
     fields: &[Field],
     to: &mut Target<'_>,
-    findings: &mut Findings,
+    diagnostics: &mut Diagnostics,
 ) -> Result<(), ReadError> {
     let mut corners: Vec<u64> = Vec::new();
     let mut number = 0;
@@ -145,20 +145,20 @@ pub(super) fn faces(
             let got = rows.triangles(fields, element.count - number, room, to.vertices, out)?;
             if got > 0 {
                 number += got as u64;
-                to.faces.flush_if_full(to.sink, findings)?;
+                to.faces.flush_if_full(to.sink, diagnostics)?;
                 continue;
             }
         }
         let row = Row { element, number };
-        rows.begin(row, findings)?;
+        rows.begin(row, diagnostics)?;
         let color = face(rows, row, fields, to.vertices, &mut corners)?;
-        rows.end(row, findings)?;
-        let color = to.scale.map(|scale| scale.color(color, findings));
-        to.faces.face(&corners, color, number, findings);
-        to.faces.flush_if_full(to.sink, findings)?;
+        rows.end(row, diagnostics)?;
+        let color = to.scale.map(|scale| scale.color(color, diagnostics));
+        to.faces.face(&corners, color, number, diagnostics);
+        to.faces.flush_if_full(to.sink, diagnostics)?;
         number += 1;
     }
-    to.faces.flush(to.sink, findings)
+    to.faces.flush(to.sink, diagnostics)
 }
 
 /// The corners and the colour of one face.
@@ -208,11 +208,11 @@ pub(super) fn strips(
     element: &Element,
     fields: &[Field],
     to: &mut Target<'_>,
-    findings: &mut Findings,
+    diagnostics: &mut Diagnostics,
 ) -> Result<(), ReadError> {
     for number in 0..element.count {
         let row = Row { element, number };
-        rows.begin(row, findings)?;
+        rows.begin(row, diagnostics)?;
         for field in fields {
             match (field.kind, field.keep) {
                 (Kind::List { count, item }, Keep::Indices) => {
@@ -221,7 +221,7 @@ pub(super) fn strips(
                     for _ in 0..n {
                         let index = rows.integer(row, field, item)?;
                         match u64::try_from(index).ok().filter(|&i| i < to.vertices) {
-                            Some(i) => strip.corner(i, to.sink, findings)?,
+                            Some(i) => strip.corner(i, to.sink, diagnostics)?,
                             None if restarts(index, item) => strip.restart(),
                             None => return Err(no_such_vertex(rows, row, field, index, to.vertices)),
                         }
@@ -234,9 +234,9 @@ pub(super) fn strips(
                 (Kind::Scalar(kind), _) => rows.pass(row, field, kind, 1)?,
             }
         }
-        rows.end(row, findings)?;
+        rows.end(row, diagnostics)?;
     }
-    to.faces.flush(to.sink, findings)
+    to.faces.flush(to.sink, diagnostics)
 }
 
 /// -1, or all bits set where the type has no sign.
@@ -254,7 +254,7 @@ pub(super) fn skip(
     rows: &mut impl Rows,
     element: &Element,
     fields: &[Field],
-    findings: &mut Findings,
+    diagnostics: &mut Diagnostics,
 ) -> Result<(), ReadError> {
     // Rows without properties take no bytes and no lines.
     if fields.is_empty() || rows.pass_all(Row { element, number: 0 }, fields)? {
@@ -263,9 +263,9 @@ pub(super) fn skip(
     let mut none = Columns::new();
     for number in 0..element.count {
         let row = Row { element, number };
-        rows.begin(row, findings)?;
+        rows.begin(row, diagnostics)?;
         scalars(rows, row, fields, &mut none)?;
-        rows.end(row, findings)?;
+        rows.end(row, diagnostics)?;
     }
     Ok(())
 }
@@ -274,7 +274,7 @@ pub(super) fn skip(
 fn length(rows: &mut impl Rows, row: Row<'_>, field: &Field, count: Scalar, item: Scalar) -> Result<u64, ReadError> {
     let n = rows.integer(row, field, count)?;
     match u64::try_from(n) {
-        // A short list that is cut is told better by what follows.
+        // What follows gives a better message for a truncated short list.
         Ok(n) if n <= MAX_CORNERS as u64 || rows.can_hold(item, n) => Ok(n),
         Ok(n) => Err(rows.fault(
             row,

@@ -1,12 +1,12 @@
-//! Damaged files by the thousand: whatever the bytes, the reader ends, does not panic, and what it returns is sound and
-//! not larger than the file justifies. Seeded, so that a failure can be repeated; `tests/fuzz` goes on from here.
+//! Thousands of damaged files: for any bytes the reader ends, does not panic, and what it returns is valid and
+//! not larger than the file justifies. Seeded, so that a failure can be repeated; `tests/fuzz` goes further.
 
 use super::super::read_mesh_from;
 use crate::RawMesh;
 use fastrand::Rng;
 use std::path::Path;
 
-/// Bytes of mesh that a byte of file can stand for at the most: a vertex of three chars takes 24 and more, a corner of
+/// The most bytes of mesh that a byte of file can produce: a vertex of three chars takes 24 and more, a corner of
 /// one byte up to a triangle of 12, or with a colour per face three new vertices.
 const GROWTH: usize = 100;
 
@@ -143,7 +143,7 @@ fn mutate(bytes: &mut Vec<u8>, random: &mut Rng) {
 }
 
 #[test]
-fn twenty_thousand_damaged_files_do_no_harm() {
+fn twenty_thousand_damaged_files_cause_no_panic() {
     let seeds = seeds();
     for seed in &seeds {
         assert!(check(seed), "{}", String::from_utf8_lossy(seed));
@@ -164,7 +164,7 @@ fn twenty_thousand_damaged_files_do_no_harm() {
 }
 
 #[test]
-fn noise_behind_a_sound_header_does_no_harm() {
+fn noise_after_a_valid_header_causes_no_panic() {
     let mut random = Rng::with_seed(3);
     for i in 0..3000 {
         let seed = &seeds()[i % 4];

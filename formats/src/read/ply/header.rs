@@ -151,7 +151,7 @@ impl Header {
     }
 }
 
-/// How header lines end; told by the first one. Only a file whose first line ends with a bare CR has CR lines: else a CR
+/// How header lines end, decided by the first one. Only a file whose first line ends with a bare CR has CR lines: else a CR
 /// before the LF is white space, and the data begin after the LF.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Ending {

@@ -5,13 +5,13 @@
 //! (rows, through `ascii` or `binary`) → `vertices` and [`super::faces`] (handed on to the sink).
 //!
 //! Nothing is held that grows with the mesh. Files that need it are read twice in part: where faces stand before the
-//! vertices these are passed over and come after them; where the range of colours or of `alpha` is told only by the
+//! vertices these are passed over and come after them; if the range of colours or of `alpha` is known only from the
 //! largest value, the vertices (or faces) are looked through first.
 //!
 //! What is kept: positions; colours as 8-bit sRGB (`red green blue`, `diffuse_red …`, `r g b`); normals; `alpha` where
 //! it is not opaque throughout (0 to 1); `confidence`, `quality`, `intensity`, `value` and `scalar_*` under their
 //! names. Numbers in text are read as doubles whatever type the header gives them, so that nothing written is lost (some
-//! programs declare `float` and write real-world coordinates in full). All else is dropped and listed in the findings. Vertices and faces are counted from 0, as PLY indices are.
+//! programs declare `float` and write real-world coordinates in full). All else is dropped and listed in the diagnostics. Vertices and faces are counted from 0, as PLY indices are.
 //!
 //! Repaired and counted: polygons are triangulated with all their surface; faces of fewer than three corners and
 //! triangles that name a vertex twice are dropped. Colours of faces are handed on as colours of their triangles.
@@ -34,7 +34,7 @@ mod tests;
 use super::faces::Faces;
 use super::source::Source;
 use super::{Input, MeshSink, Place, ReadError};
-use crate::Findings;
+use crate::Diagnostics;
 use ascii::Ascii;
 use binary::Binary;
 use colors::{Scale, needs_scan};
@@ -60,28 +60,28 @@ pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> 
     let header = Header::read(&mut source)?;
     let plan = Plan::new(&header, path)?;
     header.check_fits(&source)?;
-    let mut findings = Findings::default();
-    plan.report(&header, &mut findings);
+    let mut diagnostics = Diagnostics::default();
+    plan.report(&header, &mut diagnostics);
     let delivered = match header.encoding {
         Encoding::Ascii => {
             let mut rows = Ascii::new(&mut source, header.lines);
-            read_elements(&header, &plan, &mut rows, sink, &mut findings)?
+            read_elements(&header, &plan, &mut rows, sink, &mut diagnostics)?
         }
         Encoding::Binary(order) => {
             let mut rows = Binary::new(&mut source, order);
-            read_elements(&header, &plan, &mut rows, sink, &mut findings)?
+            read_elements(&header, &plan, &mut rows, sink, &mut diagnostics)?
         }
     };
     source.done();
     if delivered == 0 {
-        let reasons: Vec<String> = findings.iter().map(|(kind, n, _)| format!("{kind}: {n}")).collect();
+        let reasons: Vec<String> = diagnostics.iter().map(|(kind, n, _)| format!("{kind}: {n}")).collect();
         return Err(ReadError::NoTriangles {
             file: path.to_owned(),
             found: format!("of its {} none is left ({})", counted(plan.faces, "face", "faces"), reasons.join("; ")),
             way_out: "Export the mesh again and give that",
         });
     }
-    sink.findings().merge(findings);
+    sink.diagnostics().merge(diagnostics);
     Ok(())
 }
 
@@ -91,7 +91,7 @@ fn read_elements(
     plan: &Plan,
     rows: &mut impl Rows,
     sink: &mut dyn MeshSink,
-    findings: &mut Findings,
+    diagnostics: &mut Diagnostics,
 ) -> Result<u64, ReadError> {
     let all = || header.elements.iter().zip(&plan.elements);
     let mut to = Target { faces: Faces::new("face"), sink, vertices: plan.vertices, scale: None };
@@ -100,29 +100,29 @@ fn read_elements(
     for (number, (element, what)) in all().enumerate() {
         match what {
             ElementPlan::Vertices(fields) => {
-                read_vertices(rows, element, fields, plan, to.sink, findings)?;
+                read_vertices(rows, element, fields, plan, to.sink, diagnostics)?;
                 vertices_are_read = true;
                 let here = rows.place();
                 for (number, place) in std::mem::take(&mut early) {
                     rows.go_to(place)?;
                     if let Some((element, what)) = all().nth(number) {
-                        read_faces(rows, element, what, plan, &mut to, findings)?;
+                        read_faces(rows, element, what, plan, &mut to, diagnostics)?;
                     }
                 }
                 rows.go_to(here)?;
             }
-            ElementPlan::Skip(fields) => elements::skip(rows, element, fields, findings)?,
+            ElementPlan::Skip(fields) => elements::skip(rows, element, fields, diagnostics)?,
             ElementPlan::Faces(fields) | ElementPlan::Strips(fields) if !vertices_are_read => {
                 early.push((number, rows.place()));
                 let passed: Vec<Field> = fields.iter().map(|f| Field { keep: Keep::Nothing, ..f.clone() }).collect();
-                elements::skip(rows, element, &passed, &mut Findings::default())?;
+                elements::skip(rows, element, &passed, &mut Diagnostics::default())?;
             }
             ElementPlan::Faces(_) | ElementPlan::Strips(_) => {
-                read_faces(rows, element, what, plan, &mut to, findings)?;
+                read_faces(rows, element, what, plan, &mut to, diagnostics)?;
             }
         }
     }
-    rows.finish(findings)?;
+    rows.finish(diagnostics)?;
     Ok(to.faces.delivered())
 }
 
@@ -132,22 +132,22 @@ fn read_vertices(
     fields: &[Field],
     plan: &Plan,
     sink: &mut dyn MeshSink,
-    findings: &mut Findings,
+    diagnostics: &mut Diagnostics,
 ) -> Result<(), ReadError> {
     let width = plan.columns.len();
     let mut scan = Scan::default();
     if Scan::is_needed(plan) {
         let start = rows.place();
         let looked_at = Scan::fields(fields, &plan.columns);
-        elements::columns(rows, element, &looked_at, width, &mut Findings::default(), &mut |values, _| {
+        elements::columns(rows, element, &looked_at, width, &mut Diagnostics::default(), &mut |values, _| {
             scan.absorb(values, &plan.columns);
             Ok(!scan.is_settled(&plan.columns))
         })?;
         rows.go_to(start)?;
     }
-    let mut vertices = Vertices::new(plan, scan, sink, findings)?;
-    elements::columns(rows, element, fields, width, findings, &mut |values, findings| {
-        vertices.absorb(values, sink, findings).map(|()| true)
+    let mut vertices = Vertices::new(plan, scan, sink, diagnostics)?;
+    elements::columns(rows, element, fields, width, diagnostics, &mut |values, diagnostics| {
+        vertices.absorb(values, sink, diagnostics).map(|()| true)
     })
 }
 
@@ -157,7 +157,7 @@ fn read_faces(
     what: &ElementPlan,
     plan: &Plan,
     to: &mut Target<'_>,
-    findings: &mut Findings,
+    diagnostics: &mut Diagnostics,
 ) -> Result<(), ReadError> {
     match what {
         ElementPlan::Faces(fields) => {
@@ -166,21 +166,21 @@ fn read_faces(
                     let mut max = 0.0;
                     if needs_scan(kind) {
                         let start = rows.place();
-                        elements::columns(rows, element, fields, 3, &mut Findings::default(), &mut |values, _| {
+                        elements::columns(rows, element, fields, 3, &mut Diagnostics::default(), &mut |values, _| {
                             max = largest(max, values.iter().flatten().map(|&v| v as f32));
                             Ok(true)
                         })?;
                         rows.go_to(start)?;
                     }
-                    Some(Scale::new(kind, max, findings))
+                    Some(Scale::new(kind, max, diagnostics))
                 }
                 None => None,
             };
-            elements::faces(rows, element, fields, to, findings)
+            elements::faces(rows, element, fields, to, diagnostics)
         }
         ElementPlan::Strips(fields) => {
             to.scale = None;
-            elements::strips(rows, element, fields, to, findings)
+            elements::strips(rows, element, fields, to, diagnostics)
         }
         ElementPlan::Vertices(_) | ElementPlan::Skip(_) => Ok(()),
     }

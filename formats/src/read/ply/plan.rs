@@ -6,7 +6,7 @@
 use super::header::{Element, Header, Kind, Property};
 use super::scalar::Scalar;
 use super::{Place, ReadError};
-use crate::Findings;
+use crate::Diagnostics;
 use kilwa_pack::chunk::MAX_SCALARS;
 use kilwa_pack::plural::counted;
 use std::path::Path;
@@ -135,11 +135,11 @@ impl Plan {
     }
 
     /// List what is not kept.
-    pub(super) fn report(&self, header: &Header, findings: &mut Findings) {
+    pub(super) fn report(&self, header: &Header, diagnostics: &mut Diagnostics) {
         let mut dropped = |kind, names: Vec<&str>| {
             if !names.is_empty() {
-                findings.add(kind, || listed(&names));
-                findings.add_many(kind, names.len() as u64 - 1);
+                diagnostics.add(kind, || listed(&names));
+                diagnostics.add_many(kind, names.len() as u64 - 1);
             }
         };
         for plan in &self.elements {
@@ -158,7 +158,7 @@ impl Plan {
         for (element, _) in
             header.elements.iter().zip(&self.elements).filter(|(e, p)| matches!(p, ElementPlan::Skip(_)) && e.count > 0)
         {
-            findings.add("elements of the file not kept", || {
+            diagnostics.add("elements of the file not kept", || {
                 format!("{} ({})", element.name, counted(element.count, "row", "rows"))
             });
         }

@@ -1,4 +1,4 @@
-//! What the PLY reader promises, claim by claim.
+//! Properties of the PLY reader.
 
 use super::super::{ReadError, read_mesh, read_mesh_from};
 use crate::RawMesh;
@@ -51,7 +51,7 @@ fn attributed(more: &[&str], values: [&str; 3]) -> String {
 }
 
 fn places(mesh: &RawMesh, kind: &str) -> Vec<String> {
-    mesh.findings.iter().find(|(k, ..)| *k == kind).map(|(_, _, p)| p.to_vec()).unwrap_or_default()
+    mesh.diagnostics.iter().find(|(k, ..)| *k == kind).map(|(_, _, p)| p.to_vec()).unwrap_or_default()
 }
 
 // Encodings and headers.
@@ -121,12 +121,12 @@ fn the_three_encodings_give_the_same_mesh() {
 }
 
 #[test]
-fn what_is_not_kept_is_named() {
+fn elements_that_are_not_kept_are_named() {
     let mesh = ok(encoded("binary_big_endian", ["short", "double", "uchar", "int"]));
     assert_eq!(places(&mesh, "properties of the vertices not kept"), ["extra"]);
     assert_eq!(places(&mesh, "properties of the faces not kept"), ["flag, weight"]);
     assert_eq!(places(&mesh, "elements of the file not kept"), ["other (2 rows)"]);
-    assert_eq!(mesh.findings.count("properties of the faces not kept"), 2);
+    assert_eq!(mesh.diagnostics.count("properties of the faces not kept"), 2);
 }
 
 #[test]
@@ -141,7 +141,7 @@ fn header_lines_may_end_with_lf_crlf_or_cr() {
 }
 
 #[test]
-fn binary_data_that_begin_with_a_line_end_lose_nothing() {
+fn binary_data_that_begin_with_a_line_end_are_read_whole() {
     // 0x0a0a0d0a and 0x0d0a0a0d as the first values, after each kind of header line end.
     for end in ["\n", "\r\n", "\r"] {
         for first in [*b"\n\n\r\n", *b"\r\n\n\r"] {
@@ -171,11 +171,11 @@ fn text_may_have_any_line_ends_spaces_blank_lines_comments_and_exponents() {
         plain.replace("format", "comment a\nobj_info b\n  format").replace("100 0 0", "comment here\n100 0 0");
     let commented = ok(commented);
     assert_eq!(commented.triangles, mesh.triangles);
-    assert_eq!(commented.findings.count("comment lines among the data passed over"), 1);
+    assert_eq!(commented.diagnostics.count("comment lines among the data passed over"), 1);
 }
 
 #[test]
-fn words_after_the_last_of_a_row_are_passed_over_and_counted() {
+fn extra_values_in_a_row_are_skipped_and_counted() {
     let mesh = ok(text(&XYZ, &CORNERS, &["3 0 1 2 255 0 0", "3 2 1 0"]));
     assert_eq!(mesh.triangles.len(), 2);
     assert_eq!(places(&mesh, "lines with more words than the header declares"), ["line 13"]);
@@ -185,21 +185,21 @@ fn words_after_the_last_of_a_row_are_passed_over_and_counted() {
 fn rows_beyond_the_declared_ones_are_counted() {
     let mesh = ok(text(&XYZ, &CORNERS, &TRIANGLE) + "3 2 1 0\n3 2 1 0\n");
     assert_eq!(mesh.triangles.len(), 1);
-    assert_eq!(mesh.findings.count("lines after the last element ignored"), 2);
+    assert_eq!(mesh.diagnostics.count("lines after the last element ignored"), 2);
     let mut binary = encoded("binary_little_endian", ["short", "double", "uchar", "int"]);
     binary.extend([1, 2, 3]);
-    assert_eq!(ok(binary).findings.count("bytes after the last element ignored"), 3);
+    assert_eq!(ok(binary).diagnostics.count("bytes after the last element ignored"), 3);
 }
 
 #[test]
-fn names_of_pictures_are_reported() {
+fn names_of_texture_images_are_reported() {
     let mesh =
         ok(text(&XYZ, &CORNERS, &TRIANGLE).replace("element vertex", "comment TextureFile wall.jpg\nelement vertex"));
     assert_eq!(places(&mesh, "pictures named in the header not read"), ["wall.jpg"]);
 }
 
 #[test]
-fn a_header_that_the_format_does_not_allow_is_refused_with_its_line() {
+fn an_invalid_header_is_refused_with_its_line() {
     let good = text(&XYZ, &CORNERS, &TRIANGLE);
     for (from, to, place, expected) in [
         ("ascii 1.0", "ascii 2.0", "line 2", "format ascii 1.0"),
@@ -231,7 +231,7 @@ fn a_header_that_the_format_does_not_allow_is_refused_with_its_line() {
 // Damage.
 
 #[test]
-fn counts_that_the_file_cannot_hold_are_refused_before_anything_is_allocated() {
+fn counts_larger_than_the_file_are_refused_before_anything_is_allocated() {
     let good = text(&XYZ, &CORNERS, &TRIANGLE);
     let binary = encoded("binary_little_endian", ["short", "double", "uchar", "int"]);
     for count in ["9223372036854775808", "18446744073709551615", "1000000000000", "5000"] {
@@ -253,7 +253,7 @@ fn counts_that_the_file_cannot_hold_are_refused_before_anything_is_allocated() {
 }
 
 #[test]
-fn a_file_cut_anywhere_is_refused_with_the_place() {
+fn a_file_truncated_anywhere_is_refused_with_the_position() {
     for encoding in ["ascii", "binary_little_endian", "binary_big_endian"] {
         let whole = encoded(encoding, ["short", "double", "uchar", "int"]);
         let end = whole.trim_ascii_end().len();
@@ -271,7 +271,7 @@ fn a_file_cut_anywhere_is_refused_with_the_place() {
 }
 
 #[test]
-fn a_cut_binary_file_is_told_where_it_ends_and_in_which_row() {
+fn a_truncated_binary_file_is_refused_with_the_byte_and_the_row() {
     let whole = encoded("binary_little_endian", ["short", "double", "uchar", "int"]);
     let message = refusal(&whole[..whole.len() - 9]);
     let end = whole.len() - 9;
@@ -279,7 +279,7 @@ fn a_cut_binary_file_is_told_where_it_ends_and_in_which_row() {
 }
 
 #[test]
-fn an_index_that_names_no_vertex_is_refused_with_its_face_and_line() {
+fn an_index_out_of_range_is_refused_with_its_face_and_line() {
     for index in ["3", "-1", "4294967296", "9223372036854775807"] {
         let message = refusal(text(&XYZ, &CORNERS, &["3 0 1 2", &format!("3 0 {index} 2")]));
         assert!(message.contains("line 14"), "{message}");
@@ -295,7 +295,7 @@ fn an_index_that_names_no_vertex_is_refused_with_its_face_and_line() {
 }
 
 #[test]
-fn words_that_are_no_numbers_are_refused_with_their_line() {
+fn values_that_are_not_numbers_are_refused_with_their_line() {
     let message = refusal(text(&XYZ, &["0 0 0", "1,5 0 0", "0 1 0"], &TRIANGLE));
     assert!(
         message.contains("line 11: found \"1,5\" in vertex 1 (property x)") && message.contains("not a comma"),
@@ -320,7 +320,7 @@ fn a_list_longer_than_the_file_is_refused_before_it_is_read() {
 }
 
 #[test]
-fn a_face_of_more_corners_than_can_be_cut_in_time_is_refused() {
+fn a_face_with_too_many_corners_to_triangulate_in_time_is_refused() {
     let corners = "0 1 2 3 ".repeat(2501);
     let message = refusal(text(&XYZ, &["0 0 0", "1 0 0", "1 1 0", "0 1 0"], &[&format!("10004 {corners}")]));
     assert!(message.contains("line 14: found a face of 10004 corners in face 0"), "{message}");
@@ -328,7 +328,7 @@ fn a_face_of_more_corners_than_can_be_cut_in_time_is_refused() {
 }
 
 #[test]
-fn files_without_triangles_are_refused_with_what_they_have() {
+fn files_without_triangles_are_refused_with_what_they_contain() {
     let cloud = refusal(text(&XYZ, &CORNERS, &[]));
     assert!(cloud.contains("has no triangles: it has 3 points") && cloud.contains("Poisson"), "{cloud}");
     assert!(refusal(text(&XYZ, &[], &[])).contains("no vertices"));
@@ -341,15 +341,15 @@ fn files_without_triangles_are_refused_with_what_they_have() {
 // Repairs.
 
 #[test]
-fn vertices_without_a_finite_position_go_with_their_triangles_and_are_counted() {
+fn vertices_without_a_finite_position_are_dropped_with_their_triangles_and_counted() {
     for bad in ["nan", "inf", "-Infinity", "1e999", "-nan(ind)", "1.#QNAN"] {
         let vertices = ["0 0 0", &format!("0 {bad} 0"), "1 0 0", "0 1 0", "1 1 0"];
         let mesh = ok(text(&XYZ, &vertices, &["3 0 1 2", "3 0 2 3", "3 2 4 3", "4 0 1 4 3"]));
         assert_eq!(mesh.positions, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]], "{bad}");
         assert_eq!(mesh.triangles, [[0, 1, 2], [1, 3, 2]], "{bad}");
-        assert_eq!(mesh.findings.count("vertices without a finite position dropped"), 1);
+        assert_eq!(mesh.diagnostics.count("vertices without a finite position dropped"), 1);
         assert!(places(&mesh, "vertices without a finite position dropped")[0].starts_with("vertex 1 "));
-        assert_eq!(mesh.findings.count("triangles dropped because a corner has no finite position"), 3);
+        assert_eq!(mesh.diagnostics.count("triangles dropped because a corner has no finite position"), 3);
     }
 }
 
@@ -364,7 +364,7 @@ fn attributes_stay_with_their_vertices_when_others_are_dropped() {
 }
 
 #[test]
-fn faces_that_are_no_triangles_are_dropped_and_counted() {
+fn degenerate_faces_are_dropped_and_counted() {
     let mesh = ok(text(&XYZ, &CORNERS, &["0", "1 0", "2 0 1", "3 0 1 1", "3 0 1 2", "4 0 0 1 1", "5 0 0 1 2 2"]));
     assert_eq!(mesh.triangles.len(), 2);
     assert_eq!(places(&mesh, "faces of fewer than three corners dropped"), ["face 0", "face 1", "face 2", "face 5"]);
@@ -372,13 +372,13 @@ fn faces_that_are_no_triangles_are_dropped_and_counted() {
 }
 
 #[test]
-fn vertices_that_no_triangle_uses_stay_and_are_counted() {
+fn unused_vertices_are_kept_and_counted() {
     let mesh = ok(text(&XYZ, &["0 0 0", "5 5 5", "1 0 0", "0 1 0"], &["3 0 2 3"]));
-    assert_eq!((mesh.positions.len(), mesh.findings.count("vertices that no triangle uses")), (4, 1));
+    assert_eq!((mesh.positions.len(), mesh.diagnostics.count("vertices that no triangle uses")), (4, 1));
 }
 
 #[test]
-fn a_concave_polygon_keeps_its_surface_and_its_hollow() {
+fn a_concave_polygon_keeps_its_shape() {
     let arrow = ["0 0 7", "2 1 7", "4 0 7", "2 4 7"];
     let mesh = ok(text(&XYZ, &arrow, &["4 0 1 2 3"]));
     let area = |t: &[u32; 3]| {
@@ -413,7 +413,7 @@ fn faces_before_the_vertices_keep_their_colours_and_their_lines() {
 }
 
 #[test]
-fn a_triangle_that_names_no_vertex_is_refused_wherever_it_stands_in_a_block() {
+fn a_triangle_with_an_index_out_of_range_is_refused_anywhere_in_a_block() {
     let n = 20_000u32;
     let good = |big: bool, at: u32, index: u32| {
         let order = if big { "big" } else { "little" };
@@ -430,7 +430,7 @@ fn a_triangle_that_names_no_vertex_is_refused_wherever_it_stands_in_a_block() {
     };
     for big in [false, true] {
         assert_eq!(ok(good(big, n, 0)).triangles.len(), n as usize);
-        assert_eq!(ok(good(big, 9_999, 2)).findings.count("triangles that name a vertex twice dropped"), 1);
+        assert_eq!(ok(good(big, 9_999, 2)).diagnostics.count("triangles that name a vertex twice dropped"), 1);
         for at in [0, 9_999, n - 1] {
             for index in [4, u32::MAX] {
                 let message = refusal(good(big, at, index));
@@ -441,7 +441,7 @@ fn a_triangle_that_names_no_vertex_is_refused_wherever_it_stands_in_a_block() {
 }
 
 #[test]
-fn strips_turn_every_other_triangle_and_begin_anew_after_minus_one() {
+fn strips_flip_every_other_triangle_and_restart_after_minus_one() {
     let strips = |kind: &str, row: &str| {
         format!(
             "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\nelement tristrips 1\nproperty list int {kind} vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n1 1 0\n0 2 0\n{row}\n"
@@ -449,11 +449,11 @@ fn strips_turn_every_other_triangle_and_begin_anew_after_minus_one() {
     };
     let mesh = ok(strips("int", "9 0 1 2 3 4 -1 0 1 2"));
     assert_eq!(mesh.triangles, [[0, 1, 2], [2, 1, 3], [2, 3, 4], [0, 1, 2]]);
-    // Without a sign all bits set begin anew; empty triangles join strips and keep the turn.
+    // For unsigned types all bits set restart the strip; empty triangles join strips and keep the orientation.
     assert_eq!(ok(strips("uint", "9 0 1 2 3 4 4294967295 0 1 2")).triangles, mesh.triangles);
     let joined = ok(strips("int", "8 0 1 2 2 1 1 3 2"));
     assert_eq!(joined.triangles, [[0, 1, 2], [3, 1, 2]]);
-    assert_eq!(joined.findings.count("empty triangles that join strips dropped"), 4);
+    assert_eq!(joined.diagnostics.count("empty triangles that join strips dropped"), 4);
     assert!(refusal(strips("int", "3 0 1 5")).contains("vertex index 5 in tristrips 0"));
     assert!(refusal(strips("int", "3 0 1 -2")).contains("vertex index -2"));
 }
@@ -461,7 +461,7 @@ fn strips_turn_every_other_triangle_and_begin_anew_after_minus_one() {
 // Colours and other attributes.
 
 #[test]
-fn colours_of_every_type_come_out_alike() {
+fn colours_of_every_type_give_the_same_result() {
     let expected = [[0, 51, 255], [204, 102, 1], [255, 255, 255]];
     let eight = ["0 51 255", "204 102 1", "255 255 255"];
     let sixteen = ["0 13107 65535", "52428 26214 257", "65535 65535 65535"];
@@ -488,8 +488,8 @@ fn colours_of_every_type_come_out_alike() {
             let properties: Vec<&str> = properties.iter().map(String::as_str).collect();
             let mesh = ok(attributed(&properties, values));
             assert_eq!(mesh.colors, expected, "{kind} {names:?}");
-            assert_eq!(mesh.findings.count("colours rounded to 8 bits"), 0, "{kind}");
-            assert_eq!(mesh.findings.count("colours outside their range clamped"), 0, "{kind}");
+            assert_eq!(mesh.diagnostics.count("colours rounded to 8 bits"), 0, "{kind}");
+            assert_eq!(mesh.diagnostics.count("colours outside their range clamped"), 0, "{kind}");
         }
     }
 }
@@ -502,18 +502,18 @@ fn colours_that_eight_bits_cannot_hold_are_counted() {
         ok(attributed(&properties.iter().map(String::as_str).collect::<Vec<_>>(), values))
     };
     let mesh = read("float", ["0.5 0 0", "1 1 1", "0.001 0 0"]);
-    assert_eq!((mesh.colors[0][0], mesh.findings.count("colours rounded to 8 bits")), (128, 2));
+    assert_eq!((mesh.colors[0][0], mesh.diagnostics.count("colours rounded to 8 bits")), (128, 2));
     let mesh = read("float", ["1.5 -0.2 0", "nan 1 1", "0 0 0"]);
     assert_eq!((mesh.colors[0], mesh.colors[1]), ([255, 0, 0], [0, 255, 255]));
-    assert_eq!(mesh.findings.count("colours outside their range clamped"), 2);
+    assert_eq!(mesh.diagnostics.count("colours outside their range clamped"), 2);
     let mesh = read("uchar", ["300 -5 12.4", "0 0 0", "0 0 0"]);
     assert_eq!(mesh.colors[0], [255, 0, 12]);
-    assert_eq!(mesh.findings.count("colours outside their range clamped"), 2);
-    assert_eq!(mesh.findings.count("colours rounded to 8 bits"), 1);
+    assert_eq!(mesh.diagnostics.count("colours outside their range clamped"), 2);
+    assert_eq!(mesh.diagnostics.count("colours rounded to 8 bits"), 1);
 }
 
 #[test]
-fn a_mesh_with_two_of_three_colours_has_none() {
+fn a_mesh_with_two_of_three_colour_properties_has_no_colour() {
     let mesh = ok(attributed(&["uchar red", "uchar green"], ["1 2", "3 4", "5 6"]));
     assert!(mesh.colors.is_empty());
     assert_eq!(places(&mesh, "properties of the vertices not kept"), ["red, green"]);
@@ -522,7 +522,7 @@ fn a_mesh_with_two_of_three_colours_has_none() {
 }
 
 #[test]
-fn alpha_is_a_channel_from_0_to_1_where_it_is_not_opaque() {
+fn alpha_that_is_not_opaque_is_a_channel_from_0_to_1() {
     let properties = ["uchar red", "uchar green", "uchar blue", "uchar alpha"];
     let opaque = ok(attributed(&properties, ["1 2 3 255", "1 2 3 255", "1 2 3 255"]));
     assert!(opaque.scalars.is_empty());
@@ -535,7 +535,7 @@ fn normals_of_any_type_are_kept_as_given() {
     let mesh = ok(attributed(&["char nx", "char ny", "char nz"], ["0 0 127", "0 -127 0", "64 0 0"]));
     assert_eq!(mesh.normals, [[0.0, 0.0, 127.0], [0.0, -127.0, 0.0], [64.0, 0.0, 0.0]]);
     let mesh = ok(attributed(&["float nx", "float ny", "float nz"], ["0 0 nan", "0 1 0", "1 0 0"]));
-    assert_eq!((mesh.normals[0], mesh.findings.count("normals that are not finite set to zero")), ([0.0; 3], 1));
+    assert_eq!((mesh.normals[0], mesh.diagnostics.count("normals that are not finite set to zero")), ([0.0; 3], 1));
 }
 
 #[test]
@@ -552,7 +552,7 @@ fn scan_channels_are_kept_under_their_names() {
 }
 
 #[test]
-fn as_many_channels_are_kept_as_a_pack_has_room_for() {
+fn as_many_channels_are_kept_as_a_pack_can_hold() {
     let names: Vec<String> = (0..20).map(|i| format!("float scalar_{i}")).collect();
     let names: Vec<&str> = names.iter().map(String::as_str).collect();
     let row = "1 ".repeat(20);
@@ -588,11 +588,11 @@ fn faces_keep_their_colours_by_splitting_vertices_only_where_colours_meet() {
     }
     let corner = |t: usize, k: usize| two.positions[two.triangles[t][k] as usize];
     assert_eq!((corner(1, 0), corner(1, 1), corner(1, 2)), ([0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0]));
-    assert_eq!(two.findings.count("vertices split so that faces keep their colours"), 2);
+    assert_eq!(two.diagnostics.count("vertices split so that faces keep their colours"), 2);
 }
 
 #[test]
-fn colours_of_vertices_win_over_those_of_faces() {
+fn vertex_colours_take_precedence_over_face_colours() {
     let mesh = ok(face_colored(&["uchar red", "uchar green", "uchar blue"], " 7 8 9", ["1 2 3", "4 5 6"]));
     assert_eq!(mesh.colors, [[7, 8, 9]; 4]);
     assert_eq!(places(&mesh, "properties of the faces not kept"), ["red, green, blue"]);
@@ -611,7 +611,7 @@ fn doubles_keep_their_precision() {
 // Files.
 
 #[test]
-fn the_name_of_the_file_decides_nothing_and_progress_reaches_the_end() {
+fn the_file_name_does_not_matter_and_progress_reaches_the_end() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("WALL.PLY");
     let bytes = text(&XYZ, &CORNERS, &TRIANGLE);
@@ -663,7 +663,7 @@ proptest! {
 
     /// A random soup written in all three encodings, larger than a block and than the buffer, comes back exactly.
     #[test]
-    fn what_is_written_is_what_is_read(seed in any::<u64>(), n in 3u32..6000) {
+    fn a_written_file_reads_back_unchanged(seed in any::<u64>(), n in 3u32..6000) {
         let mut generator = fastrand::Rng::with_seed(seed);
         let mut random = || generator.u64(..);
         let positions: Vec<[f32; 3]> = (0..n).map(|_| [random() as i32 as f32 * 1e-3, random() as i32 as f32, 0.25]).collect();

@@ -8,7 +8,7 @@ use super::colors::{Scale, full_scale, needs_scan};
 use super::elements::Columns;
 use super::plan::{Column, Field, Keep, Plan, Role};
 use super::scalar::Scalar;
-use crate::Findings;
+use crate::Diagnostics;
 use crate::read::sink::{MeshSink, VertexBlock};
 
 /// What a first pass over colours and alpha found.
@@ -105,7 +105,7 @@ impl Vertices {
         plan: &Plan,
         scan: Scan,
         sink: &mut dyn MeshSink,
-        findings: &mut Findings,
+        diagnostics: &mut Diagnostics,
     ) -> Result<Self, ReadError> {
         let find = |role| plan.columns.iter().position(|c| c.role == role);
         let three =
@@ -115,7 +115,7 @@ impl Vertices {
         for (i, name) in plan.channels.iter().enumerate() {
             if let Some(at) = find(Role::Channel(i)) {
                 if matches!(plan.columns[at].kind, Scalar::F64 | Scalar::I32 | Scalar::U32) {
-                    findings.add("channels narrowed to 32-bit floats", || name.clone());
+                    diagnostics.add("channels narrowed to 32-bit floats", || name.clone());
                 }
                 names.push(name.clone());
                 channels.push((at, 1.0));
@@ -132,7 +132,7 @@ impl Vertices {
         if !names.is_empty() {
             sink.channels(&names)?;
         }
-        let scale = plan.vertex_colors().map(|kind| Scale::new(kind, scan.largest_color, findings));
+        let scale = plan.vertex_colors().map(|kind| Scale::new(kind, scan.largest_color, diagnostics));
         Ok(Self {
             xyz: three(Role::Position).unwrap_or_default(),
             rgb: three(Role::Color).zip(scale),
@@ -150,13 +150,13 @@ impl Vertices {
         &mut self,
         columns: &Columns,
         sink: &mut dyn MeshSink,
-        findings: &mut Findings,
+        diagnostics: &mut Diagnostics,
     ) -> Result<(), ReadError> {
         self.positions.clear();
         self.positions.extend(rows(columns, self.xyz));
         self.colors.clear();
         if let Some((at, scale)) = self.rgb {
-            self.colors.extend(rows(columns, at).map(|color| scale.color(color, findings)));
+            self.colors.extend(rows(columns, at).map(|color| scale.color(color, diagnostics)));
         }
         self.normals.clear();
         if let Some(at) = self.normal {
@@ -164,7 +164,7 @@ impl Vertices {
                 if n.iter().all(|v| v.is_finite()) {
                     n.map(|v| v as f32)
                 } else {
-                    findings.add_many("normals that are not finite set to zero", 1);
+                    diagnostics.add_many("normals that are not finite set to zero", 1);
                     [0.0; 3]
                 }
             }));

@@ -53,7 +53,7 @@ pub(super) fn read(bytes: &mut Bytes<'_>, facets: &mut Facets<'_>) -> Result<(),
         }
     }
     facet.end(facets)?;
-    facets.findings().add_many("solids without an end; the file may be cut", open_solids);
+    facets.diagnostics().add_many("solids without an end; the file may be cut", open_solids);
     Ok(())
 }
 
@@ -102,12 +102,12 @@ impl Facet {
     fn corner(&mut self, corner: [f64; 3], facets: &mut Facets<'_>) -> Result<(), ReadError> {
         let line = self.line;
         if self.closed {
-            facets.findings().add("corners after the end of a loop left out", || format!("line {line}"));
+            facets.diagnostics().add("corners after the end of a loop left out", || format!("line {line}"));
             return Ok(());
         }
         if self.count >= 3 {
             if self.count == 3 {
-                facets.findings().add("facets of more than three corners cut as fans", || format!("line {line}"));
+                facets.diagnostics().add("facets of more than three corners cut as fans", || format!("line {line}"));
                 facets.add(self.corners, None)?;
             }
             self.corners = [self.corners[0], self.corners[2], corner];
@@ -127,14 +127,14 @@ impl Facet {
         }
         let place = || format!("line {}", facet.line);
         if !facet.ended {
-            facets.findings().add("facets without endfacet", place);
+            facets.diagnostics().add("facets without endfacet", place);
         }
         match facet.count {
             3 => {
                 facets.check_normal(facet.normal, &facet.corners, place);
                 facets.add(facet.corners, None)?;
             }
-            n if n < 3 => facets.findings().add("facets of fewer than three corners dropped", place),
+            n if n < 3 => facets.diagnostics().add("facets of fewer than three corners dropped", place),
             _ => {}
         }
         Ok(())

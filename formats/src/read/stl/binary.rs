@@ -60,19 +60,21 @@ fn attribute(facet: &[u8]) -> u16 {
 
 /// Deliver the facets that are there; `bytes` stands at the beginning of the file and `start` is what stands there.
 pub(super) fn read(bytes: &mut Bytes<'_>, start: &[u8], facets: &mut Facets<'_>) -> Result<(), ReadError> {
-    let said = count(start).unwrap_or(0);
+    let announced = count(start).unwrap_or(0);
     let there = bytes.total.saturating_sub(BEFORE as u64);
     let whole = there / FACET as u64;
     // Some writers leave the count at 0 because they do not know it when they begin.
-    let wanted = if said == 0 { whole } else { said.min(whole) };
-    if said == 0 && whole > 0 {
-        facets.findings().add("headers that count no facets; those that are there were read", || {
+    let wanted = if announced == 0 { whole } else { announced.min(whole) };
+    if announced == 0 && whole > 0 {
+        facets.diagnostics().add("headers that count no facets; those that are there were read", || {
             counted(whole, "facet", "facets").to_string()
         });
     }
-    facets.findings().add_many("facets that the header counts and the file does not have", said.saturating_sub(whole));
+    facets
+        .diagnostics()
+        .add_many("facets that the header counts and the file does not have", announced.saturating_sub(whole));
     let left = there - wanted * FACET as u64;
-    facets.findings().add_many("bytes after the last facet left out", left);
+    facets.diagnostics().add_many("bytes after the last facet left out", left);
 
     let colors = match Colors::of_header(start.get(..HEADER).unwrap_or_default()) {
         Colors::Magics(object) if all_attributes_are_zero(bytes, wanted)? => Colors::Object(object),
@@ -84,7 +86,7 @@ pub(super) fn read(bytes: &mut Bytes<'_>, start: &[u8], facets: &mut Facets<'_>)
         let got = bytes.fill(&mut facet)?;
         if got < FACET {
             // The file has become shorter since its length was taken.
-            facets.findings().add_many("facets that the header counts and the file does not have", wanted - number);
+            facets.diagnostics().add_many("facets that the header counts and the file does not have", wanted - number);
             break;
         }
         let (normal, corners, attribute) = parse(&facet);

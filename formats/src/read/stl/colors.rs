@@ -52,7 +52,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn viscam_has_red_in_the_high_bits_and_magics_in_the_low_ones() {
+    fn viscam_stores_red_in_the_high_bits_and_magics_in_the_low_bits() {
         let red_high = 0x8000 | 31 << 10;
         assert_eq!(Colors::VisCam.of_facet(red_high), Some([255, 0, 0]));
         assert_eq!(Colors::VisCam.of_facet(31 << 10), None, "bit 15 says whether there is a colour");
@@ -63,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cut_colour_in_the_header_is_none() {
+    fn a_truncated_colour_in_the_header_is_ignored() {
         assert_eq!(Colors::of_header(b"COLOR=\x01\x02"), Colors::VisCam);
     }
 }

@@ -5,7 +5,7 @@ use glam::DVec3;
 
 /// Facets in a block.
 const BLOCK: usize = 1 << 14;
-/// Finding: the given normal points away from the side from which the corners run counter-clockwise.
+/// Diagnostic: the given normal points away from the side from which the corners run counter-clockwise.
 pub(super) const CONTRADICTS: &str = "facets whose normal contradicts the order of their corners; the order counts";
 
 /// Collects facets and hands them on.
@@ -27,9 +27,9 @@ impl<'a> Facets<'a> {
         self.delivered
     }
 
-    /// The findings of the sink.
-    pub(super) fn findings(&mut self) -> &mut crate::Findings {
-        self.sink.findings()
+    /// The diagnostics of the sink.
+    pub(super) fn diagnostics(&mut self) -> &mut crate::Diagnostics {
+        self.sink.diagnostics()
     }
 
     /// Add a facet. A block has facets with a colour or without one, never both.
@@ -51,7 +51,7 @@ impl<'a> Facets<'a> {
         let (given, made) = (DVec3::from(normal), (b - a).cross(c - a));
         let lengths = libm::sqrt(given.length_squared() * made.length_squared());
         if lengths > 0.0 && given.dot(made) < -0.5 * lengths {
-            self.findings().add(CONTRADICTS, place);
+            self.diagnostics().add(CONTRADICTS, place);
         }
     }
 

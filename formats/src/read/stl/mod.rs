@@ -1,11 +1,11 @@
 //! The reader of STL (3D Systems, "StereoLithography Interface Specification", 1989): binary and text.
 //!
-//! The two are told apart by content: a file of exactly 84 + 50 n bytes, n as its header says, is binary, also when it
-//! begins with "solid"; one that begins with "solid" and goes on as text is text; one whose length does not fit its
-//! header is binary where its facets make sense. STL has no units and no up axis: metres and z unless told.
+//! The two are reported apart by content: a file of exactly 84 + 50 n bytes, n as its header says, is binary, also when it
+//! begins with "solid"; one that begins with "solid" and continues as text is text; one whose length does not fit its
+//! header is binary where its facets make sense. STL has no units and no up axis: metres and z unless reported.
 //!
 //! Every facet delivers three vertices of its own; equal positions become one when the mesh is prepared. Memory is
-//! constant. Normals are not kept (they are computed anew); those that contradict the order of the corners are counted.
+//! constant. Normals are not kept (they are recomputed); those that contradict the order of the corners are counted.
 //! Colours of facets are kept in the conventions of VisCAM and SolidView, and of Materialise Magics (see `colors`).
 //!
 //! Repaired and counted: a count in the header that the file does not have, bytes after the last facet, text facets
@@ -30,7 +30,7 @@ const HEADER: usize = 80;
 const BEFORE: usize = HEADER + 4;
 /// Bytes of a facet: normal and three corners as floats, two attribute bytes.
 const FACET: usize = 50;
-/// Bytes that tell text from binary: those that the dispatch looks at.
+/// Bytes that distinguish text from binary: those that the format detection examines.
 const SNIFFED: usize = super::SNIFFED as usize;
 /// Bytes read at a time.
 const BUFFER: usize = 1 << 20;
@@ -57,7 +57,7 @@ fn is_text(start: &[u8]) -> bool {
 pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> {
     let Input { path, total, source, progress, .. } = input;
     let mut bytes =
-        Bytes { inner: BufReader::with_capacity(BUFFER, source), path, offset: 0, told: 0, total, progress };
+        Bytes { inner: BufReader::with_capacity(BUFFER, source), path, offset: 0, reported: 0, total, progress };
     let mut start = vec![0; SNIFFED];
     let there = bytes.fill(&mut start)?;
     start.truncate(there);
@@ -85,8 +85,8 @@ struct Bytes<'a> {
     inner: BufReader<&'a mut dyn super::Bytes>,
     path: &'a Path,
     offset: u64,
-    /// Offset at which progress was last told.
-    told: u64,
+    /// Offset at which progress was last reported.
+    reported: u64,
     total: u64,
     progress: &'a mut super::OnProgress<'a>,
 }
@@ -94,8 +94,8 @@ struct Bytes<'a> {
 impl Bytes<'_> {
     /// What is there and not yet used; empty at the end of the file.
     fn look(&mut self) -> Result<&[u8], ReadError> {
-        if self.offset - self.told >= BUFFER as u64 {
-            self.told = self.offset;
+        if self.offset - self.reported >= BUFFER as u64 {
+            self.reported = self.offset;
             (self.progress)(self.offset.min(self.total), self.total);
         }
         // Twice, because the borrow of the first cannot be returned from a loop.
@@ -136,7 +136,7 @@ impl Bytes<'_> {
     fn seek(&mut self, offset: u64) -> Result<(), ReadError> {
         use std::io::{Seek, SeekFrom};
         self.inner.seek(SeekFrom::Start(offset)).map_err(|source| self.io(source))?;
-        (self.offset, self.told) = (offset, offset);
+        (self.offset, self.reported) = (offset, offset);
         Ok(())
     }
 

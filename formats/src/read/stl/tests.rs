@@ -25,10 +25,10 @@ const FACET: &str =
 type Facet = ([f32; 3], [[f32; 3]; 3], u16);
 
 /// A binary file: free text, the count in the header, facets.
-fn binary(header: &[u8], said: u32, facets: &[Facet]) -> Vec<u8> {
+fn binary(header: &[u8], announced: u32, facets: &[Facet]) -> Vec<u8> {
     let mut bytes = header.to_vec();
     bytes.resize(80, b' ');
-    bytes.extend(said.to_le_bytes());
+    bytes.extend(announced.to_le_bytes());
     for (normal, corners, attribute) in facets {
         for x in normal.iter().chain(corners.iter().flatten()) {
             bytes.extend(x.to_le_bytes());
@@ -49,22 +49,22 @@ fn a_binary_file_that_begins_with_solid_is_read_as_binary() {
 }
 
 #[test]
-fn a_count_that_the_file_does_not_have_is_counted_and_the_facets_there_are_read() {
+fn a_wrong_facet_count_is_reported_and_the_existing_facets_are_read() {
     let facets = [(UP, CORNERS, 0); 3];
     let mesh = read(&binary(b"scan", 10, &facets)).unwrap();
     assert_eq!(mesh.triangles.len(), 3);
-    assert_eq!(mesh.findings.count("facets that the header counts and the file does not have"), 7);
+    assert_eq!(mesh.diagnostics.count("facets that the header counts and the file does not have"), 7);
     let mesh = read(&binary(b"scan", 0, &facets)).unwrap();
     assert_eq!(mesh.triangles.len(), 3);
     let mut bytes = binary(b"scan", 2, &facets);
     bytes.extend(b"abc");
     let mesh = read(&bytes).unwrap();
     assert_eq!(mesh.triangles.len(), 2);
-    assert_eq!(mesh.findings.count("bytes after the last facet left out"), 53);
+    assert_eq!(mesh.diagnostics.count("bytes after the last facet left out"), 53);
 }
 
 #[test]
-fn a_header_that_promises_4_billion_facets_costs_no_memory() {
+fn a_header_that_announces_4_billion_facets_allocates_no_memory() {
     let mesh = read(&binary(b"scan", u32::MAX, &[(UP, CORNERS, 0)])).unwrap();
     assert_eq!(mesh.triangles.len(), 1);
     assert!(mesh.positions.capacity() < 100);
@@ -76,7 +76,7 @@ fn an_empty_binary_file_is_refused_for_having_no_facets() {
 }
 
 #[test]
-fn viscam_colours_stay_with_their_facets_and_the_others_have_none() {
+fn viscam_colours_stay_with_their_facets_and_other_facets_have_none() {
     let blue = 0x8000 | 31;
     let mesh =
         read(&binary(b"x", 3, &[(UP, CORNERS, blue), (UP, CORNERS, 31), (UP, CORNERS, 0x8000 | 31 << 10)])).unwrap();
@@ -86,7 +86,7 @@ fn viscam_colours_stay_with_their_facets_and_the_others_have_none() {
 }
 
 #[test]
-fn magics_colours_come_from_the_header_where_a_facet_has_none() {
+fn a_facet_without_a_magics_colour_takes_the_header_colour() {
     let header = b"COLOR=\x0a\x14\x1e\xff";
     let mesh = read(&binary(header, 2, &[(UP, CORNERS, 0x8000), (UP, CORNERS, 31)])).unwrap();
     let color = |t: usize| mesh.colors[mesh.triangles[t][0] as usize];
@@ -96,17 +96,17 @@ fn magics_colours_come_from_the_header_where_a_facet_has_none() {
 }
 
 #[test]
-fn normals_against_the_winding_are_counted_and_the_winding_counts() {
+fn normals_that_contradict_the_winding_are_counted_and_the_winding_decides() {
     let down = [0.0, 0.0, -1.0];
     let mesh = read(&binary(b"x", 3, &[(UP, CORNERS, 0), (down, CORNERS, 0), ([0.0; 3], CORNERS, 0)])).unwrap();
-    assert_eq!(mesh.findings.count(CONTRADICTS), 1);
+    assert_eq!(mesh.diagnostics.count(CONTRADICTS), 1);
     assert_eq!(mesh.triangles[1], [3, 4, 5]);
     let mesh = text(&format!("solid\n{}endsolid", FACET.replace("0 0 1", "0 0 -1")));
-    assert_eq!(mesh.findings.count(CONTRADICTS), 1);
+    assert_eq!(mesh.diagnostics.count(CONTRADICTS), 1);
 }
 
 #[test]
-fn corners_that_are_not_finite_drop_their_facet_and_are_counted() {
+fn facets_with_corners_that_are_not_finite_are_dropped_and_counted() {
     let bad = [[0.0, f32::NAN, 0.0], CORNERS[1], CORNERS[2]];
     let mesh = read(&binary(b"x", 2, &[(UP, CORNERS, 0), (UP, bad, 0)])).unwrap();
     assert_eq!(mesh.triangles.len(), 1);
@@ -116,7 +116,7 @@ fn corners_that_are_not_finite_drop_their_facet_and_are_counted() {
 }
 
 #[test]
-fn text_of_any_case_spacing_and_line_ends_is_read() {
+fn ascii_stl_with_any_case_spacing_and_line_ends_is_read() {
     let upper = format!("SOLID Thing\r\n{}ENDSOLID Thing\r\n", FACET.to_uppercase().replace('\n', "\r\n"));
     let tabs = format!("\u{feff}solid\t\n\n{}\nendsolid", FACET.replace(' ', "\t  "));
     let one_line = format!("solid a name {}endsolid a name", FACET.replace('\n', " "));
@@ -132,11 +132,11 @@ fn several_solids_with_any_names_are_one_mesh() {
     );
     let mesh = text(&file);
     assert_eq!(mesh.triangles.len(), 2);
-    assert_eq!(mesh.findings.iter().count(), 0, "{:?}", mesh.findings);
+    assert_eq!(mesh.diagnostics.iter().count(), 0, "{:?}", mesh.diagnostics);
 }
 
 #[test]
-fn exponents_and_doubles_are_kept_in_full() {
+fn exponents_and_double_precision_are_preserved() {
     let file = format!("solid\n{}endsolid", FACET.replace("vertex 1 0 0", "vertex +5.310001234567E+05 -1e-3 .5"));
     assert_eq!(text(&file).positions[1], [531_000.123_456_7, -0.001, 0.5]);
 }
@@ -146,37 +146,37 @@ fn a_missing_endfacet_and_a_missing_end_are_repaired_and_counted() {
     let file = format!("solid\n{0}{0}", FACET.replace(" endfacet\n", ""));
     let mesh = text(&file);
     assert_eq!(mesh.triangles.len(), 2);
-    assert_eq!(mesh.findings.count("facets without endfacet"), 2);
-    assert_eq!(mesh.findings.count("solids without an end; the file may be cut"), 1);
+    assert_eq!(mesh.diagnostics.count("facets without endfacet"), 2);
+    assert_eq!(mesh.diagnostics.count("solids without an end; the file may be cut"), 1);
 }
 
 #[test]
-fn facets_of_other_than_three_corners_are_fans_or_dropped() {
+fn facets_without_exactly_three_corners_become_fans_or_are_dropped() {
     let quad = FACET.replace(" endloop", " vertex -1 1 0\n endloop");
     let two = FACET.replace(" vertex 0 1 0\n", "");
     let mesh = text(&format!("solid\n{quad}{two}endsolid"));
     assert_eq!(mesh.triangles.len(), 2);
     assert_eq!(mesh.positions[3..], [[0.0; 3], [0.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]);
-    assert_eq!(mesh.findings.count("facets of more than three corners cut as fans"), 1);
-    assert_eq!(mesh.findings.count("facets of fewer than three corners dropped"), 1);
+    assert_eq!(mesh.diagnostics.count("facets of more than three corners cut as fans"), 1);
+    assert_eq!(mesh.diagnostics.count("facets of fewer than three corners dropped"), 1);
 }
 
 #[test]
-fn what_is_not_stl_is_refused_with_its_line() {
+fn text_that_is_not_stl_is_refused_with_its_line() {
     for (from, to, line, found) in [
         ("vertex 1 0 0", "vertex 1,5 0 0", "line 5", "1,5"),
         ("vertex 1 0 0", "vertex 1 0", "line 6", "vertex"),
         (" endloop", "banana endloop", "line 7", "banana"),
     ] {
-        let said = refusal(format!("solid\n{}endsolid", FACET.replace(from, to)).as_bytes());
-        assert!(said.contains(line) && said.contains(found) && said.contains("a.stl"), "{said}");
+        let message = refusal(format!("solid\n{}endsolid", FACET.replace(from, to)).as_bytes());
+        assert!(message.contains(line) && message.contains(found) && message.contains("a.stl"), "{message}");
     }
-    let said = refusal(b"solid\nfacet normal 0 0 1\nouter loop\nvertex 1 2");
-    assert!(said.contains("the end of the file"), "{said}");
+    let message = refusal(b"solid\nfacet normal 0 0 1\nouter loop\nvertex 1 2");
+    assert!(message.contains("the end of the file"), "{message}");
 }
 
 #[test]
-fn a_long_file_comes_in_blocks_and_in_order() {
+fn a_long_file_is_delivered_in_blocks_and_in_order() {
     let facets: Vec<_> = (0..40_000u16)
         .map(|i| (UP, CORNERS.map(|c| [c[0] + f32::from(i), c[1], c[2]]), 0x8000 * (i / 1000 % 2)))
         .collect();

@@ -126,8 +126,8 @@ pub fn split<V: Vertex, E>(
     let levels = [0, 1, 2].map(|k| detail.level(corners[k].position(), corners[(k + 1) % 3].position()));
     // Where the picture is too large to follow, distances in it are made smaller, so that halving comes to an end.
     let longest = [0, 1, 2].map(|k| texels(&corners[k], &corners[(k + 1) % 3])).into_iter().fold(0.0, f64::max);
-    let most = detail.texels * f64::from(1u32 << detail.deepest);
-    let scale = if longest > most { most / longest } else { 1.0 };
+    let max = detail.texels * f64::from(1u32 << detail.deepest);
+    let scale = if longest > max { max / longest } else { 1.0 };
     let texels = |a: &V, b: &V| texels(a, b) * scale;
     // Edge k runs from corner k to corner k + 1.
     let mut parts = vec![(corners, levels)];
@@ -158,7 +158,7 @@ pub struct Shared {
 
 impl Shared {
     /// Numbers remembered at a time; a vertex that was forgotten is made again, and welded later.
-    const MOST: usize = 1 << 16;
+    const MAX: usize = 1 << 16;
 
     /// Forget all.
     pub fn clear(&mut self) {
@@ -172,7 +172,7 @@ impl Shared {
 
     /// Remember it.
     pub fn insert(&mut self, position: [f64; 3], number: u64) {
-        if self.numbers.len() >= Self::MOST {
+        if self.numbers.len() >= Self::MAX {
             self.numbers.clear();
         }
         self.numbers.insert(position.map(f64::to_bits), number);
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn the_number_of_halvings_is_the_least_that_suffices() {
+    fn the_number_of_subdivisions_is_the_smallest_that_suffices() {
         let detail = Detail::with_places(4.0, DEEPEST, 1024);
         for (texels, level) in
             [(0.0, 0), (4.0, 0), (4.1, 1), (8.0, 1), (8.1, 2), (64.0, 4), (f64::MAX, DEEPEST), (f64::INFINITY, 0)]
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn an_edge_is_the_same_from_both_ends_and_with_either_zero() {
+    fn an_edge_has_the_same_key_from_both_ends_and_for_both_signs_of_zero() {
         let detail = Detail::with_places(1.0, DEEPEST, 1 << 16);
         detail.note([0.0, 1.0, 2.0], [3.0, 4.0, 5.0], 8.0);
         assert_eq!(detail.level([3.0, 4.0, 5.0], [-0.0, 1.0, 2.0]), 3);
@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn a_neighbour_without_a_picture_splits_the_shared_edge_at_the_same_places() {
+    fn an_untextured_neighbour_splits_the_shared_edge_at_the_same_points() {
         let detail = Detail::with_places(10.0, DEEPEST, 1 << 16);
         let p = |x: f64, y: f64, u: f64, v: f64| Point([x, y, 0.3 * x], [u, v]);
         let textured = [p(0.0, 0.0, 0.0, 0.0), p(0.1, 0.0, 90.0, 0.0), p(0.0, 0.1, 0.0, 35.0)];
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_too_large_to_follow_is_followed_as_far_as_the_limit() {
+    fn a_texture_too_large_to_resolve_is_resolved_up_to_the_limit() {
         let detail = Detail::with_places(1.0, 4, 1 << 16);
         for uvs in [[[0.0, 0.0], [1e9, 0.0], [0.0, 1e9]], [[0.0, 0.0], [3e8, 1.0], [1e9, 2.0]]] {
             let triangle = [0, 1, 2].map(|k| Point([f64::from(k == 1), f64::from(k == 2), 0.0], uvs[k as usize]));

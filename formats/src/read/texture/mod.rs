@@ -1,7 +1,7 @@
 //! Pictures on meshes: decoded, and sampled at texture coordinates to give colours of vertices.
 //!
 //! Input: the bytes of a PNG, JPEG, WebP or TIFF. A picture of more texels than a limit, or that would take more memory than
-//! there is, is refused before it is decoded (`room` tells how much); ancillary chunks of a PNG are never looked at;
+//! there is, is refused before it is decoded (`room` computes how much); ancillary chunks of a PNG are never looked at;
 //! pictures are kept up to a number of bytes and decoded again when they come back ([`Textures`]). Texels are taken as 8-bit
 //! sRGB, whatever a colour profile says; opacity is not looked at.
 
@@ -13,7 +13,7 @@ pub(crate) use kilwa_geometry::color::{light_from_srgb, srgb_from_light};
 use kilwa_pack::plural::counted;
 use std::io::Cursor;
 
-/// The most bytes that a decoded picture may take where nothing else is said: 3 a texel, so that one of 16384 × 16384 fits.
+/// The most bytes that a decoded picture may take by default: 3 a texel, so that one of 16384 × 16384 fits.
 pub const TEXTURE_BYTES: u64 = 1 << 30;
 
 /// What lies beyond the edge of a picture.
@@ -66,11 +66,11 @@ fn too_little(memory: u64, need: &str) -> Refusal {
 
 impl Texture {
     /// Decode a picture that takes up to `most` bytes at 3 a texel, and up to `memory` while it is decoded; `make_room` is
-    /// told beforehand how many.
+    /// reported beforehand how many.
     ///
     /// # Errors
     /// [`Refusal`]: it is damaged, of another format, or larger than that.
-    pub fn decode(bytes: &[u8], most: u64, memory: u64, make_room: impl FnOnce(u64)) -> Result<Self, Refusal> {
+    pub fn decode(bytes: &[u8], max: u64, memory: u64, make_room: impl FnOnce(u64)) -> Result<Self, Refusal> {
         let damaged = |e: ImageError| match e {
             ImageError::Limits(_) => too_little(memory, "more bytes"),
             e => Refusal::Unreadable(format!("it cannot be decoded: {e}")),
@@ -89,11 +89,11 @@ impl Texture {
         let mut decoder = reader.into_decoder().map_err(damaged)?;
         let (width, height) = decoder.dimensions();
         let texels = u64::from(width) * u64::from(height);
-        if texels == 0 || texels > most / 3 {
+        if texels == 0 || texels > max / 3 {
             let why = format!(
                 "it has {width} × {height} = {}; at most {} are read",
                 counted(texels, "texel", "texels"),
-                most / 3
+                max / 3
             );
             return Err(Refusal::Unreadable(why));
         }
@@ -164,7 +164,7 @@ fn neighbours(coordinate: f64, n: usize, wrap: Wrap) -> (usize, usize, f64) {
 #[derive(Debug)]
 pub struct Textures {
     /// Bytes that one may take.
-    most: u64,
+    max: u64,
     /// Bytes that all together may take, beside the one in use.
     kept: u64,
     held: u64,
@@ -189,14 +189,14 @@ enum Entry {
 
 impl Textures {
     /// Room for pictures of `most` bytes each and together, at 3 a texel.
-    pub fn new(most: u64) -> Self {
-        Self { most, kept: most, held: 0, memory: u64::MAX, short: None, clock: 0, entries: Vec::new() }
+    pub fn new(max: u64) -> Self {
+        Self { max, kept: max, held: 0, memory: u64::MAX, short: None, clock: 0, entries: Vec::new() }
     }
 
     /// The same, but together they take up to `kept` bytes, or as much as one.
     #[must_use]
     pub fn keeping(self, kept: u64) -> Self {
-        Self { kept: kept.min(self.most), ..self }
+        Self { kept: kept.min(self.max), ..self }
     }
 
     /// The same, but decoding one takes at most so many bytes of memory, with those that are held.
@@ -207,7 +207,7 @@ impl Textures {
 
     /// The most bytes that the file of one may have.
     pub fn file_bytes(&self) -> u64 {
-        self.most.min(self.memory / 2)
+        self.max.min(self.memory / 2)
     }
 
     /// Why the mesh cannot be read with this memory, where a picture was refused for it.
@@ -215,7 +215,7 @@ impl Textures {
         self.short.as_deref()
     }
 
-    /// Picture `number`; `load` gives its encoded bytes where it is not there. `None` where it could not be had: then
+    /// Picture `number`; `load` gives its encoded bytes if it is missing. `None` where it could not be had: then
     /// `refused` was called once with the reason.
     pub fn get(
         &mut self,
@@ -254,8 +254,8 @@ impl Textures {
 
     fn loaded(&mut self, load: impl FnOnce() -> Result<Vec<u8>, Refusal>) -> Result<Texture, Refusal> {
         let bytes = load()?;
-        let (most, memory) = (self.most, self.memory);
-        Texture::decode(&bytes, most, memory, |need| self.leave(need, memory))
+        let (max, memory) = (self.max, self.memory);
+        Texture::decode(&bytes, max, memory, |need| self.leave(need, memory))
     }
 
     fn make_room(&mut self, bytes: u64) {
@@ -263,8 +263,8 @@ impl Textures {
     }
 
     /// Those used longest ago leave, until so many bytes more are at most `most` together.
-    fn leave(&mut self, bytes: u64, most: u64) {
-        while self.held.saturating_add(bytes) > most {
+    fn leave(&mut self, bytes: u64, max: u64) {
+        while self.held.saturating_add(bytes) > max {
             let age = |e: &Entry| if let Entry::In { used, .. } = e { Some(*used) } else { None };
             let oldest = (0..self.entries.len()).filter_map(|i| age(&self.entries[i]).map(|a| (a, i))).min();
             let Some((_, i)) = oldest else { return };
@@ -294,7 +294,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_of_every_format_are_decoded() {
+    fn images_of_every_format_are_decoded() {
         for format in [ImageFormat::Png, ImageFormat::Jpeg, ImageFormat::WebP, ImageFormat::Tiff] {
             let texture =
                 Texture::decode(&encoded(format, 16, 8, |_, _| [200, 100, 50]), TEXTURE_BYTES, u64::MAX, |_| ())
@@ -314,7 +314,7 @@ mod tests {
     }
 
     #[test]
-    fn between_texels_light_is_averaged_and_not_levels() {
+    fn interpolation_between_texels_is_in_linear_light() {
         let bytes = encoded(ImageFormat::Png, 2, 1, |x, _| if x == 0 { [0; 3] } else { [255; 3] });
         let t = Texture::decode(&bytes, TEXTURE_BYTES, u64::MAX, |_| ()).unwrap();
         assert_eq!(t.sample([0.5, 0.5], [Wrap::Clamp; 2]), [188; 3]);
@@ -333,14 +333,14 @@ mod tests {
     }
 
     #[test]
-    fn every_level_survives_light_and_back() {
+    fn every_srgb_level_survives_conversion_to_linear_light_and_back() {
         for level in 0..=255 {
             assert_eq!(srgb_from_light(light_from_srgb(level)), level);
         }
     }
 
     #[test]
-    fn a_picture_beyond_the_limit_or_damaged_is_refused_with_the_reason() {
+    fn an_image_that_is_too_large_or_damaged_is_refused_with_the_reason() {
         let bytes = encoded(ImageFormat::Png, 64, 32, |_, _| [1; 3]);
         let text = Texture::decode(&bytes, 3 * 2047, u64::MAX, |_| ()).unwrap_err().to_string();
         assert!(text.contains("64 × 32 = 2048 texels") && text.contains("at most 2047"), "{text}");
@@ -354,7 +354,7 @@ mod tests {
     }
 
     #[test]
-    fn pictures_leave_when_they_take_too_much_and_come_back_when_asked_for() {
+    fn images_are_evicted_when_memory_is_short_and_decoded_again_when_needed() {
         let bytes = encoded(ImageFormat::Png, 10, 10, |_, _| [7; 3]);
         let mut textures = Textures::new(700);
         let mut loads = 0;
@@ -372,10 +372,10 @@ mod tests {
             assert!(one.get(number, || Ok(bytes.clone()), |_| ()).is_some());
             assert_eq!(one.held, 300, "the one in use, and no other");
         }
-        let mut told = 0;
+        let mut reported = 0;
         for _ in 0..2 {
-            assert!(textures.get(9, || Err(Refusal::Unreadable("gone".to_owned())), |_| told += 1).is_none());
+            assert!(textures.get(9, || Err(Refusal::Unreadable("gone".to_owned())), |_| reported += 1).is_none());
         }
-        assert_eq!(told, 1);
+        assert_eq!(reported, 1);
     }
 }

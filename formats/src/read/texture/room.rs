@@ -56,7 +56,7 @@ pub(super) fn needed(format: Option<ImageFormat>, bytes: &[u8], texels: u64, col
     apart(bytes, texels, color) + beside * texels
 }
 
-/// Whether a JPEG comes in several scans, or cannot be told not to.
+/// Whether a JPEG comes in several scans, or may do so.
 fn has_scans(bytes: &[u8]) -> bool {
     let mut at = 2;
     let mut components = None;

@@ -101,7 +101,7 @@ impl Viewer {
 
     /// The model's box: smallest corner, largest corner, metres.
     pub fn bounds(&self) -> Vec<f64> {
-        [self.bounds.min, self.bounds.max].concat()
+        [self.bounds.min, self.bounds.max].map(|p| p.to_array()).concat()
     }
 }
 

@@ -1,5 +1,5 @@
 //! The browser: a `Viewer` object over the streamer and the renderer. JavaScript does what only it can do (requests,
-//! workers, events) and is told what to do by [`Viewer::frame`]; everything decided is decided here.
+//! workers, events) and is instructed by [`Viewer::frame`]; every decision is made here.
 //!
 //! Lengths that JavaScript sees are world metres, pixels are those of the canvas's picture with y down, times are
 //! milliseconds. Numbers of bytes and requests are `f64`, exact up to 2^53. Errors are sentences; one whose `kind`
@@ -53,7 +53,7 @@ pub fn pack_info(bytes: &[u8]) -> Result<String, JsError> {
     let head = parse_head(bytes).map_err(|e| JsError::new(&e.to_string()))?;
     let metadata = serde_json::to_value(&head.metadata)?;
     let h = &head.header;
-    // The header ends with its hash, which covers the metadata's: it tells packs apart before the end of the file is there.
+    // The header ends with its hash, which covers the metadata's: it identifies the pack before the end of the file has arrived.
     let hash =
         bytes.get(HEADER_BYTES - 32..HEADER_BYTES - 16).and_then(|b| b.try_into().ok()).map_or(0, u128::from_be_bytes);
     let info = serde_json::json!({
@@ -195,7 +195,7 @@ impl Viewer {
         self.gpu.describe()
     }
 
-    /// Resolves when the graphics device is lost: at rest no frame would tell.
+    /// Resolves when the graphics device is lost: at rest no frame would show it.
     #[wasm_bindgen(js_name = whenLost)]
     pub fn when_lost(&self) -> Promise {
         let lost = Arc::clone(&self.lost);

@@ -60,7 +60,7 @@ impl Viewer {
         moved
     }
 
-    /// Height of the surface below a place, metres; not a number where there is none.
+    /// Height of the surface below a place, metres; not a number if there is none.
     #[wasm_bindgen(js_name = groundBelow)]
     pub fn ground_below(&self, x: f64, y: f64, z: f64) -> f64 {
         walk::ground(DVec3::new(x, y, z), |from, way| self.cast(from, way)).unwrap_or(f64::NAN)
@@ -82,17 +82,17 @@ impl Viewer {
     /// finest surface, whatever is on screen.
     pub fn ray(&self, x: f64, y: f64) -> Vec<f64> {
         let (origin, direction) = self.camera.ray([x, y], self.size());
-        [origin, direction].concat()
+        [origin, direction].map(|v| v.to_array()).concat()
     }
 
     /// Whether the surface on screen stands before a place. A place up to `slack` metres behind it counts as on it.
     #[wasm_bindgen(js_name = isHidden)]
     pub fn is_hidden(&self, x: f64, y: f64, z: f64, slack: f64) -> bool {
-        let Some((pixel, _)) = self.camera.pixel([x, y, z], self.size()) else { return true };
+        let Some((pixel, _)) = self.camera.pixel(DVec3::new(x, y, z), self.size()) else { return true };
         let (origin, direction) = self.camera.ray(pixel, self.size());
         let Some(hit) = self.hit(pixel[0], pixel[1]) else { return false };
         let seen = self.streamer.header().lattice.world_from_steps(hit.point);
-        (seen - origin).dot(direction) + slack < ([x, y, z] - origin).dot(direction)
+        (seen - origin).dot(direction) + slack < (DVec3::new(x, y, z) - origin).dot(direction)
     }
 
     /// Move with the picture, by pixels.
@@ -142,7 +142,7 @@ impl Viewer {
         2.0 * self.camera.half_height() / f64::from(self.config.height.max(1))
     }
 
-    /// Where a ray (origin and direction, world coordinates) can meet the finest surface, as far as what is drawn tells. JSON:
+    /// Where a ray (origin and direction, world coordinates) can meet the finest surface, as far as drawn chunks show. JSON:
     /// `low` and `high` (metres along the ray from its origin, null where there are several stretches or none), `stretches` (their number),
     /// `local` and `world` (where the ray meets what is drawn; else the middle of the first stretch), `error` (certified, metres; half the
     /// stretch where nothing drawn is met). Empty where the ray passes everything that may be there.

@@ -3,6 +3,7 @@
 
 use super::Viewer;
 use crate::camera::StandardView;
+use glam::DVec3;
 use kilwa_measure::sheet::Part;
 use wasm_bindgen::prelude::wasm_bindgen;
 
@@ -13,7 +14,7 @@ impl Viewer {
     #[wasm_bindgen(js_name = aimSheet)]
     pub fn aim_sheet(&mut self, view: &str, x: f64, y: f64, z: f64, half_height: f64) -> bool {
         let Some(view) = StandardView::from_name(view) else { return false };
-        self.camera = crate::sheet::camera(view, &self.bounds, &Part { target: [x, y, z], half_height });
+        self.camera = crate::sheet::camera(view, &self.bounds, &Part { target: DVec3::new(x, y, z), half_height });
         true
     }
 }

@@ -1,32 +1,32 @@
-//! Claims that test suites print, as one table: lines `SUITE | claim | bound | measured` among the output of tests.
+//! Properties that test suites measure, as one table: lines `SUITE | property | bound | measured` among the output of tests.
 
 use crate::tally::Tally;
 use anyhow::{Result, bail};
 use std::fmt::Write as _;
 
-/// What a suite has said so far.
-pub(crate) struct Claims {
+/// The properties that a suite has printed so far.
+pub(crate) struct Properties {
     suite: &'static str,
     rows: Vec<[String; 3]>,
     tally: Tally,
 }
 
-impl Claims {
+impl Properties {
     /// `suite` is the word that its lines begin with.
     pub(crate) fn of(suite: &'static str) -> Self {
         Self { suite, rows: Vec::new(), tally: Tally::default() }
     }
 
-    /// Take in a line of the tests; whether it is anything but a claim.
+    /// Take in a line of the tests; whether it is anything but a property.
     pub(crate) fn read(&mut self, line: &str) -> bool {
         self.tally.read(line);
         let row = self.row(line);
-        let is_claim = row.is_some();
+        let is_property = row.is_some();
         self.rows.extend(row);
-        !is_claim
+        !is_property
     }
 
-    /// A test prints after the `test name ... ` of its harness, so the claim may begin anywhere in the line.
+    /// A test prints after the `test name ... ` of its harness, so the property may begin anywhere in the line.
     fn row(&self, line: &str) -> Option<[String; 3]> {
         let at = line.find(&format!("{} | ", self.suite))?;
         let mut parts = line[at..].split(" | ").map(|part| part.trim().to_owned()).skip(1);
@@ -46,7 +46,7 @@ impl Claims {
     pub(crate) fn table(&self) -> String {
         let width = |k: usize| self.rows.iter().map(|c| c[k].chars().count()).max().unwrap_or(0).max(5);
         let (first, second) = (width(0), width(1));
-        let mut text = format!("| {:first$} | {:second$} | measured |\n", "claim", "bound");
+        let mut text = format!("| {:first$} | {:second$} | measured |\n", "property", "bound");
         let _ = writeln!(text, "|{}|{}|----------|", "-".repeat(first + 2), "-".repeat(second + 2));
         for [what, bound, measured] in &self.rows {
             let _ = writeln!(text, "| {what:first$} | {bound:second$} | {measured:8} |");
@@ -54,13 +54,17 @@ impl Claims {
         text
     }
 
-    /// Print table and counts. Fails when a test did (`is_success` is false), or when nothing was claimed.
+    /// Print table and counts. Fails when a test did (`is_success` is false), or when no property was measured.
     pub(crate) fn finish(&self, is_success: bool) -> Result<()> {
         let Tally { passed, failed, .. } = self.tally;
         let skipped = self.tally.skipped();
-        println!("\n{}\n{} claims; {passed} passed, {failed} failed, {skipped} skipped", self.table(), self.rows.len());
+        println!(
+            "\n{}\n{} properties; {passed} passed, {failed} failed, {skipped} skipped",
+            self.table(),
+            self.rows.len()
+        );
         if !is_success || self.rows.is_empty() {
-            bail!("a claim of the {} suite does not hold, or none was tested; see above", self.suite);
+            bail!("a property of the {} suite does not hold, or none was measured; see above", self.suite);
         }
         Ok(())
     }
@@ -68,16 +72,16 @@ impl Claims {
 
 #[cfg(test)]
 mod tests {
-    use super::Claims;
+    use super::Properties;
 
     #[test]
-    fn a_claim_is_read_from_its_line_and_nothing_else_is_one() {
-        let mut claims = Claims::of("trust");
-        assert!(!claims.read("test x ... trust | right angle, rad | 9.776e-4 | 0.000e0"));
-        assert!(claims.read("trust | two | parts") && claims.read("test trust::x ... ok"));
-        assert!(claims.read("soak | of another suite | 0 | 0"));
-        assert_eq!(claims.rows, [["right angle, rad", "9.776e-4", "0.000e0"]]);
-        assert!(claims.finish(true).is_ok() && claims.finish(false).is_err());
-        assert!(Claims::of("trust").finish(true).is_err(), "nothing was claimed");
+    fn only_lines_of_the_suite_are_read_as_measured_properties() {
+        let mut properties = Properties::of("trust");
+        assert!(!properties.read("test x ... trust | right angle, rad | 9.776e-4 | 0.000e0"));
+        assert!(properties.read("trust | two | parts") && properties.read("test trust::x ... ok"));
+        assert!(properties.read("soak | of another suite | 0 | 0"));
+        assert_eq!(properties.rows, [["right angle, rad", "9.776e-4", "0.000e0"]]);
+        assert!(properties.finish(true).is_ok() && properties.finish(false).is_err());
+        assert!(Properties::of("trust").finish(true).is_err(), "no property was measured");
     }
 }

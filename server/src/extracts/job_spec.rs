@@ -89,18 +89,18 @@ impl fmt::Display for Detail {
 
 /// What is asked for of a pack.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Order {
+pub(crate) struct JobSpec {
     pub(crate) format: Format,
     pub(crate) detail: Detail,
 }
 
-impl Order {
+impl JobSpec {
     /// Its name in addresses, for a version.
     pub(crate) fn name(self, version: u32) -> String {
         format!("v{version}-{}.{}", self.detail, self.format.ending())
     }
 
-    /// The version and the order of a name.
+    /// The version and the job of a name.
     pub(crate) fn parse(name: &str) -> Option<(u32, Self)> {
         let (version, rest) = name.strip_prefix('v')?.split_once('-')?;
         let (detail, ending) = rest.rsplit_once('.')?;
@@ -109,9 +109,9 @@ impl Order {
             None if detail == "whole" => Detail::Whole,
             None => Detail::Triangles(detail.parse().ok().filter(|n| *n > 0)?),
         };
-        let (version, order) = (version.parse().ok()?, Self { format: Format::of(ending)?, detail });
+        let (version, spec) = (version.parse().ok()?, Self { format: Format::of(ending)?, detail });
         // One name for one file.
-        (order.name(version) == name).then_some((version, order))
+        (spec.name(version) == name).then_some((version, spec))
     }
 
     /// Its name in the cache, for a pack by its hash.
@@ -119,18 +119,18 @@ impl Order {
         format!("{hash}.{FORM}.{}.{}", self.detail, self.format.ending())
     }
 
-    /// What the file will be about as long as, at most. What is made beside it while it is written is as long again: see [`Self::room`].
+    /// What the file will be about as long as, at most. What is made beside it while it is written is as long again: see [`Self::disk_bytes`].
     pub(crate) fn estimate(self, triangles: u64) -> u64 {
         let written = match self.detail {
-            Detail::Triangles(most) => most.min(triangles),
+            Detail::Triangles(max) => max.min(triangles),
             // How many are within an error is known only when it is done: where it is small, all of them.
             Detail::Whole | Detail::Error(_) => triangles,
         };
         written.saturating_mul(self.format.bytes_per_triangle())
     }
 
-    /// Room that it takes while it is made: the file, and scratch files of its length.
-    pub(crate) fn room(self, triangles: u64) -> u64 {
+    /// Disk space that it takes while it is made: the file, and scratch files of its length.
+    pub(crate) fn disk_bytes(self, triangles: u64) -> u64 {
         self.estimate(triangles).saturating_mul(2)
     }
 }
@@ -140,10 +140,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_name_is_an_order_and_back_and_nothing_else_is_one() {
+    fn job_names_round_trip_and_other_names_are_refused() {
         for name in ["v1-whole.ply", "v12-100000.glb", "v1-0.01m.stl", "v3-0.000001m.obj"] {
-            let (version, order) = Order::parse(name).unwrap();
-            assert_eq!(order.name(version), name);
+            let (version, spec) = JobSpec::parse(name).unwrap();
+            assert_eq!(spec.name(version), name);
         }
         for bad in [
             "",
@@ -164,31 +164,31 @@ mod tests {
             "v1-whole.ply/..",
             "v1-20000m.ply",
         ] {
-            assert_eq!(Order::parse(bad), None, "{bad}");
+            assert_eq!(JobSpec::parse(bad), None, "{bad}");
         }
     }
 
     proptest::proptest! {
         #[test]
-        fn any_name_is_read_or_refused(name in "v?[0-9]{0,12}[-.]?[a-z0-9.\\-+]{0,24}(\\.(ply|glb|obj|stl))?") {
-            if let Some((version, order)) = Order::parse(&name) {
-                proptest::prop_assert_eq!(order.name(version), name);
-                proptest::prop_assert!(!order.key("hash").contains(['/', '\\']));
+        fn any_name_is_parsed_or_refused(name in "v?[0-9]{0,12}[-.]?[a-z0-9.\\-+]{0,24}(\\.(ply|glb|obj|stl))?") {
+            if let Some((version, spec)) = JobSpec::parse(&name) {
+                proptest::prop_assert_eq!(spec.name(version), name);
+                proptest::prop_assert!(!spec.key("hash").contains(['/', '\\']));
             }
         }
     }
 
     #[test]
-    fn an_error_may_be_every_triangle_and_scratch_is_counted() {
-        let order = |detail| Order { format: Format::Stl, detail };
-        let whole = order(Detail::Whole).estimate(1_000_000);
-        assert_eq!(order(Detail::Error(0.000_001)).estimate(1_000_000), whole);
-        assert!(order(Detail::Triangles(10)).estimate(1_000_000) < whole);
-        assert!(order(Detail::Whole).room(1_000_000) >= 2 * whole);
+    fn an_error_limit_may_need_every_triangle_and_scratch_space_is_counted() {
+        let spec = |detail| JobSpec { format: Format::Stl, detail };
+        let whole = spec(Detail::Whole).estimate(1_000_000);
+        assert_eq!(spec(Detail::Error(0.000_001)).estimate(1_000_000), whole);
+        assert!(spec(Detail::Triangles(10)).estimate(1_000_000) < whole);
+        assert!(spec(Detail::Whole).disk_bytes(1_000_000) >= 2 * whole);
     }
 
     #[test]
-    fn what_people_type_is_understood_or_refused() {
+    fn typed_limits_are_parsed_or_refused() {
         assert_eq!(Detail::triangles("1 000,000"), Some(Detail::Triangles(1_000_000)));
         assert_eq!(Detail::error(" 0,01 "), Some(Detail::Error(0.01)));
         for bad in ["", "0", "-1", "x", "1e5"] {

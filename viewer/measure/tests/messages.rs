@@ -1,8 +1,8 @@
-//! Whatever the engine says has a text in every language of the page, with a place for each of its values.
+//! Every message of the engine has a text in every language of the page, with a placeholder for each of its values.
 
 use kilwa_measure::record::{Document, DocumentError};
 use kilwa_measure::sheet::SheetError;
-use kilwa_measure::{Failure, Refusal, Remark, Say, Target};
+use kilwa_measure::{Failure, Refusal, Remark, Target, ToMessage};
 use kilwa_measure_web::question::QuestionError;
 use kilwa_pack::PackError;
 use serde_json::Value;
@@ -32,7 +32,7 @@ fn refusals() -> Vec<Refusal> {
         Refusal::NoPlane { tool: "a section" },
         Refusal::Waits,
         Refusal::Reach { metres: -1.0 },
-        Refusal::Interval { metres: 0.0, most: 10, low: 1.0, high: 2.0 },
+        Refusal::Interval { metres: 0.0, max: 10, low: 1.0, high: 2.0 },
     ];
     for one in &all {
         match one {
@@ -141,18 +141,18 @@ fn questions() -> Vec<QuestionError> {
     all
 }
 
-fn all() -> Vec<Box<dyn Say>> {
+fn all() -> Vec<Box<dyn ToMessage>> {
     let failures = vec![
         Failure::Refused(Refusal::Gap),
         Failure::Pack(PackError::Checksum { what: "chunk 3".to_owned() }),
         Failure::Source("gone".to_owned()),
     ];
-    let mut all: Vec<Box<dyn Say>> = Vec::new();
-    all.extend(refusals().into_iter().map(|x| Box::new(x) as Box<dyn Say>));
-    all.extend(remarks().into_iter().map(|x| Box::new(x) as Box<dyn Say>));
-    all.extend(sheets().into_iter().map(|x| Box::new(x) as Box<dyn Say>));
-    all.extend(questions().into_iter().map(|x| Box::new(x) as Box<dyn Say>));
-    all.extend(failures.into_iter().map(|x| Box::new(x) as Box<dyn Say>));
+    let mut all: Vec<Box<dyn ToMessage>> = Vec::new();
+    all.extend(refusals().into_iter().map(|x| Box::new(x) as Box<dyn ToMessage>));
+    all.extend(remarks().into_iter().map(|x| Box::new(x) as Box<dyn ToMessage>));
+    all.extend(sheets().into_iter().map(|x| Box::new(x) as Box<dyn ToMessage>));
+    all.extend(questions().into_iter().map(|x| Box::new(x) as Box<dyn ToMessage>));
+    all.extend(failures.into_iter().map(|x| Box::new(x) as Box<dyn ToMessage>));
     all
 }
 
@@ -188,19 +188,19 @@ fn messages(language: &str) -> BTreeMap<String, Value> {
 }
 
 #[test]
-fn every_code_has_a_text_in_all_five_languages_with_a_place_for_each_value_and_no_other() {
+fn every_code_has_a_text_in_all_five_languages_with_exactly_its_placeholders() {
     let mut codes = BTreeMap::new();
     for one in all() {
-        let said = one.said();
-        assert!(!one.to_string().is_empty(), "{} has no English", said.code);
+        let text = one.message();
+        assert!(!one.to_string().is_empty(), "{} has no English", text.code);
         assert!(
-            said.code.split('-').all(|w| !w.is_empty() && w.bytes().all(|b| b.is_ascii_lowercase())),
+            text.code.split('-').all(|w| !w.is_empty() && w.bytes().all(|b| b.is_ascii_lowercase())),
             "{}",
-            said.code
+            text.code
         );
-        let names: BTreeSet<String> = said.values.keys().map(|n| (*n).to_owned()).collect();
-        if let Some(before) = codes.insert(said.code, names.clone()) {
-            assert_eq!(before, names, "{} has the same values always", said.code);
+        let names: BTreeSet<String> = text.values.keys().map(|n| (*n).to_owned()).collect();
+        if let Some(before) = codes.insert(text.code, names.clone()) {
+            assert_eq!(before, names, "{} has the same values always", text.code);
         }
     }
     assert!(codes.len() > 35, "{}", codes.len());

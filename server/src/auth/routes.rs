@@ -4,8 +4,8 @@
 //! `Sec-Fetch-Site`), and what comes from elsewhere is refused, so that no other page can sign a reader in or out. Passwords are hashed on
 //! threads of their own, a few at a time: who guesses keeps nobody else from reading.
 
-use super::page::{Said, form};
-use super::{Door, PACK_COOKIE, SESSION_COOKIE};
+use super::page::{Message, form};
+use super::{Auth, PACK_COOKIE, SESSION_COOKIE};
 use crate::access::audit::Action;
 use crate::access::capability::{LIFE, SESSION};
 use crate::access::{Verdict, verdict};
@@ -29,7 +29,7 @@ use tokio::sync::Semaphore;
 /// A form must be there within this, and no longer than this.
 const FORM: Duration = Duration::from_secs(10);
 const FORM_BYTES: usize = 16 * 1024;
-/// Longest address to go on to: a link holds a view and measurements.
+/// Longest address to continue to: a link holds a view and measurements.
 const NEXT_MAX: usize = 4000;
 /// Longest name that is looked at, characters: longer than those of accounts.
 const NAME_MAX: usize = 80;
@@ -38,22 +38,22 @@ static HASHING: LazyLock<Arc<Semaphore>> = LazyLock::new(|| Arc::new(Semaphore::
 
 /// `GET /sign-in?next=/slug/`
 pub(crate) async fn ask(State(site): State<Site>, RawQuery(query): RawQuery, headers: HeaderMap) -> Response {
-    let Some(door) = site.door.clone() else { return plain(StatusCode::NOT_FOUND).into_response() };
+    let Some(auth) = site.auth.clone() else { return plain(StatusCode::NOT_FOUND).into_response() };
     let pairs = pairs(query.as_deref().unwrap_or_default());
     let value = |wanted: &str| pairs.iter().find(|(name, _)| name == wanted).map(|(_, value)| value.as_str());
     let language = Language::choose(value("lang"), text(&headers, &ACCEPT_LANGUAGE).unwrap_or_default());
     let next = inside(value("next").unwrap_or("/"));
     let (now, asked) = (site.clock.seconds(), headers.clone());
-    let visitor = blocking(move || door.visitor(&asked, now)).await.ok().flatten();
+    let visitor = blocking(move || auth.visitor(&asked, now)).await.ok().flatten();
     match visitor {
-        Some(holder) => answer(form(language, Said::Done, next, Some(&holder.who)), StatusCode::OK, &headers),
-        None => answer(form(language, Said::Nothing, next, None), StatusCode::OK, &headers),
+        Some(holder) => answer(form(language, Message::Done, next, Some(&holder.who)), StatusCode::OK, &headers),
+        None => answer(form(language, Message::Nothing, next, None), StatusCode::OK, &headers),
     }
 }
 
 /// `POST /sign-in`
 pub(crate) async fn sign_in(State(site): State<Site>, request: Request) -> Response {
-    let Some(door) = site.door.clone() else { return plain(StatusCode::NOT_FOUND).into_response() };
+    let Some(auth) = site.auth.clone() else { return plain(StatusCode::NOT_FOUND).into_response() };
     let headers = request.headers().clone();
     if !from_here(&site, &headers) {
         return plain(StatusCode::FORBIDDEN).into_response();
@@ -70,18 +70,18 @@ pub(crate) async fn sign_in(State(site): State<Site>, request: Request) -> Respo
     let lang = value("lang");
     let language = Language::choose(Some(&lang), text(&headers, &ACCEPT_LANGUAGE).unwrap_or_default());
     let now = site.clock.seconds();
-    let session = match check(&door, &name, password, client, now).await {
+    let session = match check(&auth, &name, password, client, now).await {
         Ok(session) => session,
         Err(Denied::Wrong) => {
-            return answer(form(language, Said::Wrong, &next, Some(&name)), StatusCode::FORBIDDEN, &headers);
+            return answer(form(language, Message::Wrong, &next, Some(&name)), StatusCode::FORBIDDEN, &headers);
         }
         Err(Denied::Failed) => {
-            let said = form(language, Said::Failed, &next, Some(&name));
-            return answer(said, StatusCode::SERVICE_UNAVAILABLE, &headers);
+            let page = form(language, Message::Failed, &next, Some(&name));
+            return answer(page, StatusCode::SERVICE_UNAVAILABLE, &headers);
         }
         Err(Denied::Wait(wait)) => {
-            let said = form(language, Said::Wait(wait), &next, Some(&name));
-            let mut response = answer(said, StatusCode::TOO_MANY_REQUESTS, &headers);
+            let page = form(language, Message::Wait(wait), &next, Some(&name));
+            let mut response = answer(page, StatusCode::TOO_MANY_REQUESTS, &headers);
             insert(&mut response, RETRY_AFTER, &wait.to_string());
             return response;
         }
@@ -110,7 +110,7 @@ enum Denied {
 
 /// A session for whoever has the password. What is begun is counted and recorded to its end, also when the other side is gone.
 async fn check(
-    door: &Arc<Door>,
+    auth: &Arc<Auth>,
     name: &str,
     password: String,
     (address, network): (String, String),
@@ -118,23 +118,23 @@ async fn check(
 ) -> Result<String, Denied> {
     // By network and by name: neither many names from one nor one name from many gets far.
     let counted: String = name.chars().take(64).collect();
-    door.begin(&counted, &network, now).map_err(Denied::Wait)?;
+    auth.begin(&counted, &network, now).map_err(Denied::Wait)?;
     let turn = Arc::clone(&HASHING).acquire_owned().await.map_err(|_| Denied::Failed)?;
-    let (door, name) = (Arc::clone(door), name.to_owned());
+    let (auth, name) = (Arc::clone(auth), name.to_owned());
     let checked = blocking(move || {
         let _turn = turn;
-        let accounts = door.accounts();
+        let accounts = auth.accounts();
         let user = accounts.as_ref().and_then(|a| Some((a, a.sign_in(&name, &password)?)));
         let Some((accounts, user)) = user else {
-            door.record(Action::SignInFailed, None, &address, None, now);
+            auth.record(Action::SignInFailed, None, &address, None, now);
             return Err(Denied::Wrong);
         };
-        door.succeeded(&counted, &network);
-        let session = door.begin_session(accounts, user, now).map_err(|e| {
+        auth.succeeded(&counted, &network);
+        let session = auth.begin_session(accounts, user, now).map_err(|e| {
             tracing::error!("nobody can sign in: a session cannot be stored: {e}");
             Denied::Failed
         })?;
-        door.record(Action::SignIn, Some(&user.name), &address, None, now);
+        auth.record(Action::SignIn, Some(&user.name), &address, None, now);
         Ok(session)
     });
     checked.await.map_err(|_| Denied::Failed)?
@@ -150,19 +150,19 @@ pub(crate) async fn sign_out(State(site): State<Site>, request: Request) -> Resp
     let read = tokio::time::timeout(FORM, axum::body::to_bytes(request.into_body(), FORM_BYTES)).await;
     let Ok(Ok(body)) = read else { return plain(StatusCode::REQUEST_TIMEOUT).into_response() };
     let everywhere = pairs(&String::from_utf8_lossy(&body)).iter().any(|(name, _)| name == "everywhere");
-    if let Some(door) = site.door.clone() {
+    if let Some(auth) = site.auth.clone() {
         let (now, asked) = (site.clock.seconds(), headers.clone());
         let ended = blocking(move || {
-            let who = door.sign_out(&asked, everywhere)?;
+            let who = auth.sign_out(&asked, everywhere)?;
             if let Some(who) = who {
-                door.record(Action::SignOut, Some(&who), &address, None, now);
+                auth.record(Action::SignOut, Some(&who), &address, None, now);
             }
             Ok::<_, std::io::Error>(())
         });
         if let Err(e) = ended.await.unwrap_or_else(|status| Err(std::io::Error::other(status.to_string()))) {
             tracing::error!("a session could not be ended: {e}");
-            let said = "You are still signed in: the server could not end the session. Please try again.\n";
-            return (StatusCode::SERVICE_UNAVAILABLE, [(CACHE_CONTROL, "no-store"), (RETRY_AFTER, "5")], said)
+            let message = "You are still signed in: the server could not end the session. Please try again.\n";
+            return (StatusCode::SERVICE_UNAVAILABLE, [(CACHE_CONTROL, "no-store"), (RETRY_AFTER, "5")], message)
                 .into_response();
         }
     }
@@ -197,7 +197,7 @@ pub(crate) async fn open(
         Verdict::Gone(why) => return refused(StatusCode::GONE, &why, None),
         Verdict::WithoutGeometry(why) => why,
     };
-    let (true, Some(version)) = (site.door.is_some(), manifest.current()) else {
+    let (true, Some(version)) = (site.auth.is_some(), manifest.current()) else {
         return refused(StatusCode::FORBIDDEN, &why, None);
     };
     match capability(&site, &headers, &slug, &version.pack.sha256, address).await {
@@ -223,15 +223,15 @@ pub(crate) async fn capability(
     content: &str,
     address: String,
 ) -> Option<Option<String>> {
-    let door = site.door.clone()?;
+    let auth = site.auth.clone()?;
     let now = site.clock.seconds();
     let (asked, object, content) = (headers.clone(), slug.to_owned(), content.to_owned());
     let found = blocking(move || {
-        let visitor = door.visitor(&asked, now)?;
-        let sees = door.sees(&visitor.who, &object);
-        let capability = if sees { door.capability(&content, &visitor, now) } else { None };
+        let visitor = auth.visitor(&asked, now)?;
+        let sees = auth.sees(&visitor.who, &object);
+        let capability = if sees { auth.capability(&content, &visitor, now) } else { None };
         let action = if capability.is_some() { Action::Opened } else { Action::Refused };
-        door.record(action, Some(&visitor.who), &address, Some(&object), now);
+        auth.record(action, Some(&visitor.who), &address, Some(&object), now);
         Some(capability)
     });
     let capability = found.await.ok().flatten()?;
@@ -296,8 +296,8 @@ fn origin_of(address: &str) -> String {
 
 /// Cookies of a site behind TLS never go out without it.
 fn secure(site: &Site, headers: &HeaderMap) -> &'static str {
-    let said = text(headers, &HeaderName::from_static("x-forwarded-proto"));
-    let is_secure =
-        site.url.as_deref().is_some_and(|u| u.starts_with("https://")) || (site.behind_proxy && said == Some("https"));
+    let forwarded = text(headers, &HeaderName::from_static("x-forwarded-proto"));
+    let is_secure = site.url.as_deref().is_some_and(|u| u.starts_with("https://"))
+        || (site.behind_proxy && forwarded == Some("https"));
     if is_secure { "; Secure" } else { "" }
 }

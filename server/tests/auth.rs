@@ -1,4 +1,4 @@
-//! What is not public is opened to whoever is granted it, for as long as is said, and to nobody else.
+//! Models that are not public are available only to users with a grant, and only until it expires.
 
 use crate::common::{Answer, ask, get, object, pack, page, public};
 use axum::Router;
@@ -6,7 +6,7 @@ use axum::body::Body;
 use axum::http::{Request, StatusCode};
 use kilwa_archive::manifest::{Access, AccessState};
 use kilwa_server::access::{Accounts, AccountsError, Grant, Purpose, Sessions};
-use kilwa_server::door::Door;
+use kilwa_server::auth::Auth;
 use kilwa_server::{Catalogue, Clock, Site, app};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -50,10 +50,10 @@ impl Museum {
         accounts.create(&folder.path().join("access.json")).unwrap();
         let clock = Arc::new(AtomicU64::new(NOW));
         let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
-        let told = Arc::clone(&clock);
-        site.clock = Clock::new(move || told.load(Ordering::Relaxed));
-        let door = Door::open(&folder.path().join("access.json"), Some(&folder.path().join("audit.jsonl"))).unwrap();
-        site.door = Some(Arc::new(door));
+        let time = Arc::clone(&clock);
+        site.clock = Clock::new(move || time.load(Ordering::Relaxed));
+        let auth = Auth::open(&folder.path().join("access.json"), Some(&folder.path().join("audit.jsonl"))).unwrap();
+        site.auth = Some(Arc::new(auth));
         let address = format!("/cave/{}", cave.versions[0].pack.url);
         Self { app: app(site), clock, folder, token, bytes, address }
     }
@@ -100,15 +100,19 @@ fn change(file: &Path, how: impl FnOnce(&mut Accounts)) {
 }
 
 #[tokio::test]
-async fn who_was_granted_it_signs_in_opens_it_and_gets_its_bytes() {
+async fn a_granted_reader_signs_in_opens_the_model_and_gets_its_bytes() {
     let m = Museum::new();
     let refused = m.fetch(&m.address, "").await;
     assert_eq!(refused.status, StatusCode::UNAUTHORIZED);
     assert_eq!(refused.header("kilwa-open"), "/cave/open");
     assert!(refused.text().contains("Graves.") && get(&m.app, "/cave/").await.status == StatusCode::OK);
-    let told = m.post("/cave/open", &[], "").await;
-    assert_eq!(told.status, StatusCode::UNAUTHORIZED);
-    assert!(told.text().contains("/sign-in?next=%2Fcave%2F") && told.text().contains("Graves."), "{}", told.text());
+    let response = m.post("/cave/open", &[], "").await;
+    assert_eq!(response.status, StatusCode::UNAUTHORIZED);
+    assert!(
+        response.text().contains("/sign-in?next=%2Fcave%2F") && response.text().contains("Graves."),
+        "{}",
+        response.text()
+    );
 
     let session = m.sign_in("amina", "a long sentence").await.expect("signs in");
     assert_eq!(m.fetch(&m.address, &session).await.status, StatusCode::UNAUTHORIZED, "a session alone gets no bytes");
@@ -131,7 +135,7 @@ async fn who_was_granted_it_signs_in_opens_it_and_gets_its_bytes() {
 }
 
 #[tokio::test]
-async fn a_capability_ends_and_the_next_continues_without_signing_in_again() {
+async fn an_expired_capability_is_renewed_without_signing_in_again() {
     let m = Museum::new();
     let session = m.sign_in("amina", "a long sentence").await.expect("signs in");
     let capability = cookie(&m.post("/cave/open", &[("cookie", &session)], "").await).unwrap();
@@ -146,7 +150,7 @@ async fn a_capability_ends_and_the_next_continues_without_signing_in_again() {
 }
 
 #[tokio::test]
-async fn nobody_else_gets_a_byte() {
+async fn nobody_without_a_grant_gets_a_byte() {
     let m = Museum::new();
     let other = m.sign_in("omar", "another sentence").await.expect("signs in");
     assert_eq!(m.post("/cave/open", &[("cookie", &other)], "").await.status, StatusCode::FORBIDDEN);
@@ -166,7 +170,7 @@ async fn nobody_else_gets_a_byte() {
         assert_eq!(m.fetch(&m.address, text).await.status, StatusCode::UNAUTHORIZED, "{text}");
     }
     assert_eq!(m.fetch("/packs/cave.kilwa", &capability).await.status, StatusCode::FORBIDDEN);
-    // Ranges of what is closed are closed.
+    // Ranges of a closed model are refused.
     for ranges in ["0-9", "0-9,20-29", "x", ""] {
         let closed = m.fetch(&format!("{}/{ranges}", m.address), "").await;
         assert_eq!((closed.status, closed.header("kilwa-ranges")), (StatusCode::UNAUTHORIZED, ""), "{ranges}");
@@ -177,7 +181,7 @@ async fn nobody_else_gets_a_byte() {
 }
 
 #[tokio::test]
-async fn an_embargo_opens_to_everybody_with_its_first_second() {
+async fn an_embargoed_model_opens_to_everybody_when_the_embargo_ends() {
     let m = Museum::new();
     let tomb = kilwa_archive::Manifest::parse(&get(&m.app, "/tomb/manifest.json").await.body).unwrap();
     let tomb = format!("/tomb/{}", tomb.versions[0].pack.url);
@@ -206,14 +210,14 @@ async fn a_token_is_for_programs_and_works_until_it_is_revoked() {
 }
 
 #[tokio::test]
-async fn what_is_taken_back_is_closed_at_once_and_a_lost_file_lets_nobody_in() {
+async fn a_revoked_grant_takes_effect_at_once_and_a_lost_accounts_file_lets_nobody_in() {
     let m = Museum::new();
     let session = m.sign_in("amina", "a long sentence").await.expect("signs in");
     let capability = cookie(&m.post("/cave/open", &[("cookie", &session)], "").await).unwrap();
     assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::OK);
     change(&m.accounts(), |a| a.set_user("amina", &Grant::Objects(Vec::new()), None).unwrap());
     assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::UNAUTHORIZED);
-    // A grant that comes back revives nothing; a further one ends nothing.
+    // A restored grant revives no session; an additional one ends none.
     change(&m.accounts(), |a| a.set_user("amina", &Grant::Objects(vec!["cave".to_owned()]), None).unwrap());
     assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::UNAUTHORIZED);
     assert_eq!(m.post("/cave/open", &[("cookie", &session)], "").await.status, StatusCode::UNAUTHORIZED);
@@ -229,7 +233,7 @@ async fn what_is_taken_back_is_closed_at_once_and_a_lost_file_lets_nobody_in() {
 }
 
 #[tokio::test]
-async fn guessing_is_slowed_down_and_written_down_without_the_guesses() {
+async fn password_guessing_is_slowed_down_and_logged_without_the_guesses() {
     let m = Museum::new();
     let mut statuses = Vec::new();
     for i in 0..8 {
@@ -278,7 +282,7 @@ async fn no_other_site_can_sign_a_reader_in_or_out_or_send_them_elsewhere() {
 }
 
 #[tokio::test]
-async fn without_accounts_there_is_no_door() {
+async fn without_accounts_there_is_no_sign_in() {
     let m = Museum::new();
     let site = Site::new(Catalogue::open(&m.folder.path().join("models")).unwrap(), page());
     let app = app(site);
@@ -287,7 +291,7 @@ async fn without_accounts_there_is_no_door() {
 }
 
 #[tokio::test]
-async fn a_clock_that_is_wrong_lets_nobody_in_that_it_should_not_and_the_server_says_so() {
+async fn a_wrong_clock_grants_no_access_and_the_server_reports_it() {
     let m = Museum::new();
     let tomb = kilwa_archive::Manifest::parse(&get(&m.app, "/tomb/manifest.json").await.body).unwrap();
     let tomb = format!("/tomb/{}", tomb.versions[0].pack.url);
@@ -297,7 +301,7 @@ async fn a_clock_that_is_wrong_lets_nobody_in_that_it_should_not_and_the_server_
     let with_token = || async { ask(&m.app, "GET", &m.address, &[("authorization", &bearer)]).await.status };
     let (day, new_year) = (86_400, 1_798_761_600);
     assert_eq!(with_token().await, StatusCode::OK);
-    // Back, to before everything was given, and to 1970: nothing that was given later works, and the embargo stays.
+    // Set back, to before everything was issued and to 1970: nothing issued later works, and the embargo holds.
     for back in [NOW - 2 * day, 0] {
         m.clock.store(back, Ordering::Relaxed);
         assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::UNAUTHORIZED, "{back}");
@@ -308,7 +312,7 @@ async fn a_clock_that_is_wrong_lets_nobody_in_that_it_should_not_and_the_server_
         assert!(closed.text().contains("Public from 2027-01-01"), "{}", closed.text());
         assert_eq!(get(&m.app, "/fort/").await.status, StatusCode::OK, "what is public stays so");
     }
-    // Forth and back again around the end of the embargo: it is closed whenever the clock says so.
+    // Forward and back again around the end of the embargo: access always follows the clock.
     for (now, status) in
         [(new_year, StatusCode::OK), (new_year - 1, StatusCode::UNAUTHORIZED), (NOW, StatusCode::UNAUTHORIZED)]
     {
@@ -316,23 +320,26 @@ async fn a_clock_that_is_wrong_lets_nobody_in_that_it_should_not_and_the_server_
         assert_eq!(get(&m.app, &tomb).await.status, status, "{now}");
     }
     assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::OK, "right again, as before");
-    // What is given while the clock is ahead is worth nothing when it is right.
+    // Sessions issued while the clock is ahead are invalid once it is correct.
     m.clock.store(NOW + 400 * day, Ordering::Relaxed);
     assert_eq!(with_token().await, StatusCode::UNAUTHORIZED, "the token has ended");
     let ahead = m.sign_in("amina", "a long sentence").await.expect("signs in");
     m.clock.store(NOW, Ordering::Relaxed);
     assert_eq!(m.post("/cave/open", &[("cookie", &ahead)], "").await.status, StatusCode::UNAUTHORIZED);
-    let door = Door::open(&m.accounts(), None).unwrap();
-    let said = door.doubt_of_clock(NOW - 2 * day).expect("a doubt");
-    assert!(said.contains("the clock of this computer says 2026-11-19") && said.contains("set right"), "{said}");
-    assert_eq!(door.doubt_of_clock(NOW), None);
+    let auth = Auth::open(&m.accounts(), None).unwrap();
+    let message = auth.doubt_of_clock(NOW - 2 * day).expect("a doubt");
+    assert!(
+        message.contains("the clock of this computer says 2026-11-19") && message.contains("set right"),
+        "{message}"
+    );
+    assert_eq!(auth.doubt_of_clock(NOW), None);
 }
 
 /// Another server over the same accounts and models, with sessions kept elsewhere.
 fn another(m: &Museum, sessions: Sessions) -> Router {
     let mut site = Site::new(Catalogue::open(&m.folder.path().join("models")).unwrap(), page());
     site.clock = Clock::new(|| NOW);
-    site.door = Some(Arc::new(Door::open(&m.accounts(), None).unwrap().with_sessions(sessions)));
+    site.auth = Some(Arc::new(Auth::open(&m.accounts(), None).unwrap().with_sessions(sessions)));
     app(site)
 }
 
@@ -349,7 +356,7 @@ async fn begin(app: &Router) -> (String, String) {
 }
 
 #[tokio::test]
-async fn a_session_and_what_it_opened_end_with_signing_out() {
+async fn signing_out_ends_the_session_and_the_access_it_gave() {
     let m = Museum::new();
     let [(one, opened), (two, other)] = [begin(&m.app).await, begin(&m.app).await];
     let out = m.post("/sign-out", &[("cookie", &one)], "").await;
@@ -361,7 +368,7 @@ async fn a_session_and_what_it_opened_end_with_signing_out() {
     assert_eq!(m.post("/cave/open", &[("cookie", &one)], "").await.status, StatusCode::UNAUTHORIZED);
     assert!(!m.fetch("/sign-in", &one).await.text().contains("signed in as"));
     assert!(m.fetch("/sign-in", &two).await.text().contains("signed in as amina"));
-    // Once more, without a session and with one that never was, is no error.
+    // Signing out again, without a session or with an unknown one, is no error.
     for cookie in [&one, "", "kilwa_session=k2.9999999999.amina.00.00"] {
         assert_eq!(m.post("/sign-out", &[("cookie", cookie)], "").await.status, StatusCode::SEE_OTHER, "{cookie}");
     }
@@ -376,7 +383,7 @@ async fn a_session_and_what_it_opened_end_with_signing_out() {
 }
 
 #[tokio::test]
-async fn the_one_who_keeps_the_accounts_ends_sessions_everywhere() {
+async fn the_administrator_can_end_sessions_on_every_server() {
     let m = Museum::new();
     let (session, capability) = begin(&m.app).await;
     change(&m.accounts(), |a| a.sign_out("amina").unwrap());
@@ -395,7 +402,7 @@ async fn the_one_who_keeps_the_accounts_ends_sessions_everywhere() {
 }
 
 #[tokio::test]
-async fn a_restart_revives_no_session_and_servers_share_a_folder_of_them() {
+async fn a_restart_revives_no_ended_session_and_servers_share_a_session_folder() {
     let m = Museum::new();
     let opens = |app: Router, session: String| async move { post(&app, "/cave/open", &session, "").await.status };
     // In memory a restart ends all, and no server knows the sessions of another.
@@ -435,7 +442,7 @@ fn begin_directly(m: &Museum, folder: &Path) -> (String, String) {
 }
 
 #[tokio::test]
-async fn where_a_session_cannot_be_kept_or_ended_the_reader_is_told() {
+async fn a_reader_is_informed_if_a_session_cannot_be_stored_or_ended() {
     let m = Museum::new();
     let folder = m.folder.path().join("sessions");
     let app = another(&m, Sessions::in_folder(&folder).unwrap());
@@ -467,7 +474,7 @@ async fn signing_out_works_or_reports_that_it_failed() {
     // Without a session there is nothing to end.
     assert_eq!(m.post("/sign-out", &[], "").await.status, StatusCode::SEE_OTHER);
     keep(&before);
-    assert_eq!(opens(&session).await, StatusCode::NO_CONTENT, "the session goes on, as the answer said");
+    assert_eq!(opens(&session).await, StatusCode::NO_CONTENT, "the session continues, as the response states");
     assert_eq!(m.post("/sign-out", &[("cookie", &session)], "").await.status, StatusCode::SEE_OTHER);
     assert_eq!(opens(&session).await, StatusCode::UNAUTHORIZED);
     // A clock that is wrong for an hour hides a session, but does not end it.
@@ -483,7 +490,7 @@ async fn signing_out_works_or_reports_that_it_failed() {
 }
 
 #[tokio::test]
-async fn an_unreadable_list_of_sessions_is_reported_and_no_session_ends() {
+async fn an_unreadable_session_folder_is_reported_and_ends_no_session() {
     let m = Museum::new();
     let (folder, moved) = (m.folder.path().join("sessions"), m.folder.path().join("moved"));
     let app = another(&m, Sessions::in_folder(&folder).unwrap());

@@ -1,4 +1,4 @@
-// What modes need to know of the neighbourhood of a pixel, drawn before the surface. viewer/src/gpu/relief.rs.
+// What modes need to know of the neighbourhood of a pixel, drawn before the surface. viewer/src/gpu/depth_normal.rs.
 // Two unsigned integers: the bits of the depth (0: nothing there), and the normal in octahedral coordinates, 16 bits each.
 // Integers, because every WebGL2 can draw into them and read them back exactly.
 
@@ -29,7 +29,7 @@ fn fragment(in: ReliefOut, @builtin(front_facing) front: bool) -> @location(0) v
 
 @fragment
 fn fragment_cut(in: ReliefOut, @builtin(front_facing) front: bool) -> @location(0) vec2<u32> {
-    if clip_depth(in.from_cell) < 0.0 || fades_out(in.clip.xy + vec2<f32>(-frame.relief_shift)) {
+    if clip_depth(in.from_cell) < 0.0 || fades_out(in.clip.xy + vec2<f32>(-frame.depth_normal_shift)) {
         discard;
     }
     return texel(in, front);

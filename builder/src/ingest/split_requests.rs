@@ -57,10 +57,10 @@ impl Above {
 }
 
 /// The triangles of a bucket.
-pub(super) struct Wishes<'a> {
+pub(super) struct SplitRequests<'a> {
     /// Sums of corners.
     pub(super) sums: &'a [[u32; 3]],
-    /// Longest side of the box round each triangle, in steps.
+    /// Longest side of the box round each triangle, in lattice units.
     pub(super) sizes: &'a [u32],
     pub(super) leaf_triangles: usize,
     pub(super) deepest: u8,
@@ -68,7 +68,7 @@ pub(super) struct Wishes<'a> {
     pub(super) keys: Vec<DiamondKey>,
 }
 
-impl Wishes<'_> {
+impl SplitRequests<'_> {
     /// The split requests inside a bucket whose tetrahedron is `tetra`.
     pub(super) fn collect(&mut self, tetra: &Tetra) -> Above {
         let mut order: Vec<u32> = (0..self.sums.len() as u32).collect();
@@ -132,7 +132,7 @@ pub(super) fn above(buckets: &Buckets, known: &[Above], cube_log2: u32, leaf_tri
     keys
 }
 
-/// The side of the cube that a tetrahedron belongs to, in steps: a power of two.
+/// The side of the cube that a tetrahedron belongs to, in lattice units: a power of two.
 fn edge_of(tetra: &Tetra) -> u64 {
     (0..3).map(|i| u64::from(tetra.v[0][i].abs_diff(tetra.v[3][i]))).max().unwrap_or(0)
 }
@@ -147,7 +147,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_class_of_a_size_is_the_smallest_edge_of_which_it_is_twice_at_most() {
+    fn the_class_of_a_size_is_the_smallest_edge_at_least_half_as_long() {
         for size in 1..5000u32 {
             let edge = 1u32 << class(size);
             assert!(size <= 2 * edge && (edge == 1 || size > edge), "{size}");

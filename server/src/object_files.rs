@@ -4,7 +4,7 @@
 //! names relative to the folder, with `/`. In the table stand the root's own small files and, of each version that the manifest names, what
 //! its `checksums.sha256` names, so every file of a version has its SHA-256 as its tag without being read, and a file that somebody left
 //! there is not published. The list itself must have the hash that the manifest says. Links, hidden and temporary names and anything that is
-//! no plain file are left out. Failures: an object without a readable manifest is an error with a reason; the rest of the folder goes on.
+//! no plain file are left out. Failures: an object without a readable manifest is an error with a reason; the rest of the folder continues.
 
 use crate::objects::NOTES;
 use crate::store::{Content, HELD_MAX, Identity, Place, is_away, is_refused, is_silent, warn_once};
@@ -114,32 +114,32 @@ impl Table {
 /// Tables that are held: the most recent ones, so that an archive of any size costs no more memory than a few hundred objects.
 #[derive(Debug, Default)]
 pub(crate) struct Tables {
-    recent: Mutex<VecDeque<Weak<Holding>>>,
+    recent: Mutex<VecDeque<Weak<ObjectFiles>>>,
 }
 
 impl Tables {
     /// One more; those that are too many are forgotten.
-    fn keep(&self, holding: &Arc<Holding>) {
+    fn keep(&self, files: &Arc<ObjectFiles>) {
         let mut recent = self.recent.lock().unwrap_or_else(PoisonError::into_inner);
-        recent.push_back(Arc::downgrade(holding));
+        recent.push_back(Arc::downgrade(files));
         let surplus = recent.len().saturating_sub(HELD);
         let old: Vec<_> = recent.drain(..surplus).collect();
         drop(recent);
-        for holding in old.iter().filter_map(Weak::upgrade) {
-            holding.forget();
+        for files in old.iter().filter_map(Weak::upgrade) {
+            files.forget();
         }
     }
 }
 
 /// One object's folder.
 #[derive(Debug)]
-pub(crate) struct Holding {
+pub(crate) struct ObjectFiles {
     folder: Place,
     current: Mutex<Option<(Arc<Table>, Instant)>>,
     tables: Arc<Tables>,
 }
 
-impl Holding {
+impl ObjectFiles {
     pub(crate) fn new(folder: Place, tables: Arc<Tables>) -> Arc<Self> {
         Arc::new(Self { folder, current: Mutex::new(None), tables })
     }
@@ -153,7 +153,7 @@ impl Holding {
         *self.current.lock().unwrap_or_else(PoisonError::into_inner) = None;
     }
 
-    /// The table, made anew when the root of the folder is not what it was. Blocks on the file system.
+    /// The table, rebuilt when the root of the folder is not what it was. Blocks on the file system.
     ///
     /// # Errors
     /// When there is no manifest that can be read.
@@ -242,7 +242,7 @@ impl Holding {
 /// What of an object's root is served: everything else that lies there was not published.
 const ROOT: [&str; 3] = [PAGE, MANIFEST, NOTES];
 
-/// Plain files of the root with what tells their versions apart, and version folders (`v1`, `v2` …) without.
+/// Plain files of the root with their identities, and version folders (`v1`, `v2` …) without.
 fn root_of(folder: &Place) -> io::Result<BTreeMap<String, Option<Identity>>> {
     let mut root = folder.directly_below()?;
     root.retain(|name, identity| match identity {

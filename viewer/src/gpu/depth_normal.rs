@@ -1,10 +1,10 @@
-//! The relief pass: depth and normal of every pixel, one sample, drawn before the surface for modes that look at the
-//! neighbourhood. `shaders/relief.wgsl`.
+//! The depth and normal pass: depth and normal of every pixel, one sample, drawn before the surface for modes that look at the
+//! neighbourhood. `shaders/depth_normal.wgsl`.
 
 use super::frame::Uniforms;
 use super::pool::{ATTRIBUTES, vertex_buffer_layout};
 use super::target::{texture, view_of};
-use super::{RELIEF_FORMAT, depth_state, shader};
+use super::{DEPTH_NORMAL_FORMAT, depth_state, shader};
 use crate::options::Tile;
 use kilwa_stream::View;
 
@@ -13,10 +13,10 @@ pub(crate) const REACH: u32 = 32;
 
 /// The pass's pipeline; `cut` where something is cut away or levels fade.
 pub(crate) fn pipeline(device: &wgpu::Device, uniforms: &Uniforms, cut: bool) -> wgpu::RenderPipeline {
-    let module = shader(device, "relief");
+    let module = shader(device, "depth_normal");
     let attributes = [ATTRIBUTES[0], ATTRIBUTES[2]];
     device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("relief"),
+        label: Some("depth_normal"),
         layout: Some(&uniforms.pipeline_layout(device)),
         vertex: wgpu::VertexState {
             module: &module,
@@ -31,7 +31,7 @@ pub(crate) fn pipeline(device: &wgpu::Device, uniforms: &Uniforms, cut: bool) ->
             module: &module,
             entry_point: Some(if cut { "fragment_cut" } else { "fragment" }),
             compilation_options: wgpu::PipelineCompilationOptions::default(),
-            targets: &[Some(RELIEF_FORMAT.into())],
+            targets: &[Some(DEPTH_NORMAL_FORMAT.into())],
         }),
         multiview_mask: None,
         cache: None,
@@ -53,19 +53,19 @@ pub(crate) fn covered(view: &View, tile: Option<Tile>) -> (Tile, [i32; 2]) {
 
 /// The map of a frame, kept from frame to frame.
 #[derive(Default)]
-pub(crate) struct ReliefMap {
+pub(crate) struct DepthNormalBuffer {
     size: [u32; 2],
     map: Option<wgpu::TextureView>,
 }
 
-impl ReliefMap {
+impl DepthNormalBuffer {
     /// A map of this size, and whether it is a new one.
     pub(crate) fn fit(&mut self, device: &wgpu::Device, size: [u32; 2]) -> (wgpu::TextureView, bool) {
         if let Some(map) = self.map.clone().filter(|_| self.size == size) {
             return (map, false);
         }
         let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::TEXTURE_BINDING;
-        let map = view_of(&texture(device, "relief", size, 1, RELIEF_FORMAT, usage));
+        let map = view_of(&texture(device, "depth_normal", size, 1, DEPTH_NORMAL_FORMAT, usage));
         (self.size, self.map) = (size, Some(map.clone()));
         (map, true)
     }

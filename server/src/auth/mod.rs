@@ -1,4 +1,4 @@
-//! The door: who a visitor is, and what is opened to whom of what is not public.
+//! Authentication: who a visitor is, and which closed models are open to them.
 //!
 //! | URL | what |
 //! |---|---|
@@ -11,7 +11,7 @@
 //! capability or a token, never for a session alone: what the page asks for every chunk cannot be used elsewhere or later.
 //!
 //! The file of accounts is looked at again when it changes, at most once a second. Failures: a file that cannot be read lets nobody in,
-//! whatever it said before, and says so in the log; a clock before 1970 ends every session.
+//! whatever it contained before, which the log reports; a clock before 1970 ends every session.
 
 pub(crate) mod page;
 pub(crate) mod routes;
@@ -36,8 +36,8 @@ const PACK_COOKIE: &str = "kilwa_pack";
 /// Longest cookie header that is looked at, bytes.
 const COOKIES_MAX: usize = 8192;
 
-/// Accounts, brakes and the record.
-pub struct Door {
+/// Accounts, rate limits and the audit log.
+pub struct Auth {
     file: PathBuf,
     known: Mutex<Known>,
     addresses: Mutex<Attempts>,
@@ -52,7 +52,7 @@ struct Known {
     looked: Instant,
 }
 
-impl Door {
+impl Auth {
     /// With the accounts in `file`, and a record in `audit` where one is wanted.
     ///
     /// # Errors
@@ -78,7 +78,7 @@ impl Door {
         self
     }
 
-    /// What is wrong with the clock, as far as the accounts tell, for the log: whoever is then kept out should find out why.
+    /// What is wrong with the clock, as far as the accounts show, for the log: users who are refused should find out why.
     pub fn doubt_of_clock(&self, now: u64) -> Option<String> {
         let accounts = self.accounts()?;
         let (today, newest) = (day_of(now), accounts.newest()?);
@@ -159,7 +159,7 @@ impl Door {
         if let Some(user) = by_token(&accounts, headers, now) {
             return user.sees(slug);
         }
-        // Whoever was taken away, or may no longer see it, waits for no end of ten minutes.
+        // Whoever was removed, or may no longer see it, waits for no end of ten minutes.
         let still =
             |holder: Holder| accounts.user(&holder.who).is_some_and(|u| u.sees(slug)) && self.sessions.lives(&holder);
         let stamp = |name: &str| accounts.user(name).map(User::stamp);
@@ -244,7 +244,7 @@ fn by_token<'a>(accounts: &'a Accounts, headers: &HeaderMap, now: u64) -> Option
     (token.purpose == Purpose::View).then_some(user)
 }
 
-/// What tells versions of the file apart.
+/// Identifies a version of the file.
 fn mark(file: &Path) -> Option<Identity> {
     Some(Identity::of(&std::fs::metadata(file).ok()?))
 }

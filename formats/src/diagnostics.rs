@@ -2,17 +2,17 @@
 
 use std::collections::BTreeMap;
 
-/// How many places of each kind of finding are kept for the report.
+/// How many places of each kind of diagnostic are kept for the report.
 const PLACES_KEPT: usize = 5;
 
-/// Counted findings, each with the first few places where it occurred.
+/// Counted diagnostics, each with the first few places where it occurred.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
-pub struct Findings {
+pub struct Diagnostics {
     map: BTreeMap<&'static str, (u64, Vec<String>)>,
 }
 
-impl Findings {
-    /// Count one finding. `kind` is a sentence for people, for example "polygons triangulated"; `place` is made only
+impl Diagnostics {
+    /// Count one diagnostic. `kind` is a sentence for people, for example "polygons triangulated"; `place` is made only
     /// while places are still being kept.
     pub fn add(&mut self, kind: &'static str, place: impl FnOnce() -> String) {
         let entry = self.map.entry(kind).or_default();
@@ -22,14 +22,14 @@ impl Findings {
         }
     }
 
-    /// Count `n` findings whose places are not kept.
+    /// Count `n` diagnostics whose places are not kept.
     pub fn add_many(&mut self, kind: &'static str, n: u64) {
         if n > 0 {
             self.map.entry(kind).or_default().0 += n;
         }
     }
 
-    /// All findings: kind, count, first places.
+    /// All diagnostics: kind, count, first places.
     pub fn iter(&self) -> impl Iterator<Item = (&'static str, u64, &[String])> {
         self.map.iter().map(|(k, (n, places))| (*k, *n, places.as_slice()))
     }
@@ -39,7 +39,7 @@ impl Findings {
         self.map.get(kind).map_or(0, |e| e.0)
     }
 
-    /// Add all findings of another.
+    /// Add all diagnostics of another.
     pub fn merge(&mut self, other: Self) {
         for (kind, (n, places)) in other.map {
             let entry = self.map.entry(kind).or_default();
