@@ -20,10 +20,11 @@ use kilwa_builder::build::plan;
 use kilwa_builder::build::work::Stop;
 use kilwa_builder::scratch::Scratch;
 use kilwa_builder::{BuildError, BuildOptions, BuildReport, Run, StageTime, build};
+use kilwa_files::atomic::folder_of;
+use kilwa_files::size::binary;
 use need::Need;
-use output::{Output, beside, folder_of};
+use output::{Output, beside};
 use report::{Report, Spent};
-use size::human;
 use std::io::Write;
 use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
@@ -138,7 +139,7 @@ struct Complete {
     spent: Spent,
     scratch: Scratch,
     /// Dropped after the scratch files are gone.
-    _made: Made,
+    _parents: ScratchParents,
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
@@ -210,17 +211,17 @@ fn make(
     // Before any input is read: a folder that cannot be written to is better known now than in an hour.
     let mut output = Output::create(&args.output)?;
     finished::remove(&args.output);
-    let made = Made::of(args.scratch.as_deref());
+    let parents = ScratchParents::of(args.scratch.as_deref());
     let scratch = Scratch::open(&scratch_folder(args))?;
     let need = Need::of(inputs.files.iter().map(|f| f.path.as_path()), memory);
     let held = if args.resume { scratch.bytes() } else { discard_earlier(&scratch)? };
     if args.verbose {
         crate::terminal::say!(
             "kilwa: memory {}; scratch files about {} in {}; pack about {}",
-            human(memory),
-            human(need.scratch_bytes),
+            binary(memory),
+            binary(need.scratch_bytes),
             scratch.folder().display(),
-            human(need.pack_bytes)
+            binary(need.pack_bytes)
         );
     }
     let mut work = || -> anyhow::Result<(BuildReport, String)> {
@@ -255,7 +256,7 @@ fn make(
         finished::remove(&args.output);
         return Err(error);
     }
-    Ok(Complete { built, spent, scratch, _made: made })
+    Ok(Complete { built, spent, scratch, _parents: parents })
 }
 
 /// Finish an earlier build that was killed after its pack had its final name.
@@ -325,9 +326,9 @@ fn scratch_folder(args: &Args) -> PathBuf {
 }
 
 /// The folders that this build creates above its scratch folder, deepest first. On drop, the empty ones are removed.
-struct Made(Vec<PathBuf>);
+struct ScratchParents(Vec<PathBuf>);
 
-impl Made {
+impl ScratchParents {
     /// The missing folders above the one that the user gave, and that one.
     fn of(given: Option<&Path>) -> Self {
         let folders = given.into_iter().flat_map(Path::ancestors);
@@ -336,7 +337,7 @@ impl Made {
     }
 }
 
-impl Drop for Made {
+impl Drop for ScratchParents {
     fn drop(&mut self) {
         // A folder that is not empty stays, and so do its parents.
         let _ = self.0.iter().try_for_each(std::fs::remove_dir);
@@ -350,7 +351,7 @@ fn discard_earlier(scratch: &Scratch) -> anyhow::Result<u64> {
     if bytes > 0 {
         crate::terminal::say!(
             "kilwa: {} of scratch files of an earlier build discarded; --resume would have resumed it",
-            human(bytes)
+            binary(bytes)
         );
     }
     for (name, _) in files {
@@ -394,7 +395,7 @@ fn explained(error: BuildError, inputs: &Inputs, output: &Path) -> anyhow::Error
 /// Keep the scratch files after a stop, and where another build's were in the way; remove them after any other failure.
 fn after_failure(error: anyhow::Error, scratch: Scratch, stop: &Stop) -> anyhow::Error {
     if stop.asked() {
-        let (bytes, folder) = (human(scratch.bytes()), scratch.folder().display());
+        let (bytes, folder) = (binary(scratch.bytes()), scratch.folder().display());
         return Interrupted(format!(
             "stopped; {bytes} of scratch files are kept in {folder}: the same command with --resume goes on from there"
         ))

@@ -7,7 +7,8 @@ mod patches;
 use crate::build::report::spread;
 use crate::inputs::InputArgs;
 use crate::source::open_pack;
-use kilwa_formats::{Units, Up};
+use kilwa_formats::Up;
+use kilwa_geometry::LengthUnit;
 use kilwa_pack::plural::plural;
 use kilwa_pack::visible::visible;
 use kilwa_pack::{DirectoryEntry, Header, Metadata};
@@ -25,7 +26,7 @@ pub(crate) struct Args {
     file: PathBuf,
     /// Units of a mesh: m, dm, cm, mm, km, ft, us-ft, in.
     #[arg(long, default_value = "m", value_parser = crate::inputs::units)]
-    units: Units,
+    units: LengthUnit,
     /// Axis that points up in a mesh: z or y (default: z for PLY, OBJ and STL, y for glTF).
     #[arg(long, value_parser = crate::inputs::up)]
     up: Option<Up>,

@@ -14,10 +14,12 @@ use kilwa_builder::build::journal::PlannedInput;
 use kilwa_builder::build::work::{Stop, Work};
 use kilwa_builder::ingest::Spool;
 use kilwa_builder::{BuildError, Interruptible, Progress};
+use kilwa_files::atomic::folder_of;
 use kilwa_files::plain_file;
+use kilwa_formats::Up;
 use kilwa_formats::read::texture::detail::Detail;
 use kilwa_formats::read::{self, Placed, Placement, ReadError, ReadOptions, Replaced};
-use kilwa_formats::{Units, Up};
+use kilwa_geometry::LengthUnit;
 use kilwa_pack::metadata::SourceFile;
 use kilwa_pack::plural::counted;
 use sha2::{Digest, Sha256};
@@ -37,7 +39,7 @@ pub(crate) struct InputArgs {
     pub(crate) inputs: Vec<PathBuf>,
     /// Units of the inputs: m, dm, cm, mm, km, ft, us-ft, in.
     #[arg(long, default_value = "m", value_parser = units)]
-    pub(crate) units: Units,
+    pub(crate) units: LengthUnit,
     /// Axis that points up in the inputs: z or y (default: z for PLY, OBJ and STL, y for glTF).
     #[arg(long, value_parser = up)]
     pub(crate) up: Option<Up>,
@@ -92,8 +94,8 @@ const SOURCE_BYTES: usize = 32 * 1024;
 /// Extensions under which a file in a folder must be a mesh that can be read.
 const MESH_EXTENSIONS: [&str; 5] = ["ply", "obj", "stl", "glb", "gltf"];
 
-pub(crate) fn units(name: &str) -> Result<Units, String> {
-    Units::parse(name).ok_or_else(|| "give m, dm, cm, mm, km, ft, us-ft or in".to_owned())
+pub(crate) fn units(name: &str) -> Result<LengthUnit, String> {
+    LengthUnit::parse(name).ok_or_else(|| format!("give one of {}", LengthUnit::symbols()))
 }
 
 pub(crate) fn up(name: &str) -> Result<Up, String> {
@@ -447,7 +449,7 @@ fn own_matrix(input: &Path, allow_outside: bool) -> anyhow::Result<Placement> {
         );
     }
     if !allow_outside {
-        let folder = input.parent().filter(|f| !f.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let folder = folder_of(input);
         let real = folder.canonicalize().with_context(|| format!("{} cannot be opened", folder.display()))?;
         refuse_link_out(&file, &real)?;
     }

@@ -2,9 +2,10 @@
 
 use crate::new_file::NewFile;
 use crate::source::open_pack;
-use anyhow::{Context, bail};
+use anyhow::bail;
 use kilwa_archive::metadata::template::{self, Known};
 use kilwa_archive::rights::{self, Rights};
+use kilwa_geometry::LengthUnit;
 use std::io::{BufRead, IsTerminal, Write};
 use std::path::PathBuf;
 
@@ -59,9 +60,7 @@ fn init(pack: Option<&PathBuf>, output: Option<&PathBuf>, quiet: bool) -> anyhow
     }
     let text = template::write(&known);
     let Some(path) = output else { return Ok(crate::terminal::out().write_all(text.as_bytes())?) };
-    let mut file = NewFile::beside(path)?;
-    file.file().write_all(text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
-    file.name(path, false)?;
+    NewFile::write(path, text.as_bytes(), false)?;
     crate::terminal::say!(
         "{} is written: look through it, then kilwa publish PACK --to DIR --metadata {}",
         path.display(),
@@ -119,8 +118,8 @@ fn ask(known: &mut Known, input: &mut impl BufRead, out: &mut impl Write) -> any
     question("Captured (2009-07, or a span 2009-07/2009-08)", &mut known.captured, date, input, out)?;
     question("How (for example terrestrial laser scanning)", &mut known.method, any, input, out)?;
     let units = |text: &str| {
-        let all = ["m", "dm", "cm", "mm", "km", "ft", "us-ft", "in"];
-        if all.contains(&text) { Ok(text.to_owned()) } else { Err(format!("one of {}", all.join(", "))) }
+        let unit = LengthUnit::parse(text).ok_or_else(|| format!("one of {}", LengthUnit::symbols()))?;
+        Ok(unit.symbol().to_owned())
     };
     question("Units of the mesh that was scanned", &mut known.units, units, input, out)
 }

@@ -1,10 +1,11 @@
-//! Files that get their final name only when they are complete: nobody reads half a file, and neither a failure nor a signal leaves anything behind.
+//! The files that the commands write: checks before the work, private folders, and files that get their names when they are complete.
 
 use anyhow::Context;
-use kilwa_files::plain_file;
+use kilwa_files::atomic::{self, Access, AtomicFile};
 use kilwa_files::unfinished::{self, Unfinished};
+use kilwa_files::{output, plain_file};
 use std::fs::File;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// A folder in the system's temporary folder, removed when it is dropped or a signal ends the program. Only its owner can look into
 /// it, because it may contain a closed model.
@@ -66,26 +67,13 @@ pub(crate) fn check_output<'a>(
     inputs: impl IntoIterator<Item = &'a Path>,
 ) -> anyhow::Result<()> {
     refuse_inputs(path, inputs)?;
-    let shown = path.display();
-    if let Ok(there) = std::fs::metadata(path) {
-        // A rename would replace a device with a file.
-        anyhow::ensure!(there.is_file(), "{shown} is a folder, a pipe or a device; give the name of a file");
-        anyhow::ensure!(replace, "{shown} exists already; give --force to replace it");
-    }
-    let folder = folder_of(path);
-    anyhow::ensure!(folder.is_dir(), "{shown}: there is no folder {}; make it first", folder.display());
-    Ok(())
+    Ok(output::check(path, replace)?)
 }
 
-/// The folder that a file is in.
-fn folder_of(path: &Path) -> &Path {
-    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
-}
-
-/// A file under a temporary name in its final folder, removed when it is dropped or a signal ends the program.
+/// An [`AtomicFile`] whose errors name the file.
 pub(crate) struct NewFile {
-    file: tempfile::NamedTempFile,
-    _unfinished: Unfinished,
+    file: AtomicFile<'static>,
+    path: PathBuf,
 }
 
 impl NewFile {
@@ -93,36 +81,36 @@ impl NewFile {
     ///
     /// # Errors
     /// When its folder does not exist or cannot be written to.
-    pub(crate) fn beside(path: &Path) -> anyhow::Result<Self> {
-        let folder = folder_of(path);
-        let make = || tempfile::Builder::new().prefix(".kilwa-").tempfile_in(folder);
-        let made = unfinished::make(make, tempfile::NamedTempFile::path);
-        let (file, noted) = made.with_context(|| format!("cannot write {}", path.display()))?;
-        Ok(Self { file, _unfinished: noted })
+    pub(crate) fn create(path: &Path) -> anyhow::Result<Self> {
+        let file = AtomicFile::create(path, Access::Default).with_context(|| cannot(path))?;
+        Ok(Self { file, path: path.to_owned() })
     }
 
     /// What is written to.
     pub(crate) fn file(&mut self) -> &mut File {
-        self.file.as_file_mut()
+        self.file.file_mut()
     }
 
-    /// Give it its name, on disk and as readable as any other new file; `replace` what is there, or refuse.
+    /// Write all of it and give it its name.
+    ///
+    /// # Errors
+    /// As for [`Self::create`] and [`Self::commit`].
+    pub(crate) fn write(path: &Path, bytes: &[u8], replace: bool) -> anyhow::Result<()> {
+        atomic::write(path, bytes, Access::Default, replace).with_context(|| cannot(path))
+    }
+
+    /// Give it its name; `replace` what is there, or refuse.
     ///
     /// # Errors
     /// When it cannot be written, or is there and must not be replaced.
-    pub(crate) fn name(self, path: &Path, replace: bool) -> anyhow::Result<()> {
-        let failed = || format!("cannot write {}", path.display());
-        self.file.as_file().sync_all().with_context(failed)?;
-        #[cfg(unix)]
-        {
-            // Temporary files are private.
-            use std::os::unix::fs::PermissionsExt;
-            self.file.as_file().set_permissions(std::fs::Permissions::from_mode(0o644)).with_context(failed)?;
-        }
-        let named = if replace { self.file.persist(path) } else { self.file.persist_noclobber(path) };
-        named.map_err(|e| e.error).with_context(failed)?;
-        Ok(())
+    pub(crate) fn commit(self, replace: bool) -> anyhow::Result<()> {
+        let Self { file, path } = self;
+        file.commit(replace).with_context(|| cannot(&path))
     }
+}
+
+fn cannot(path: &Path) -> String {
+    format!("cannot write {}", path.display())
 }
 
 #[cfg(all(test, unix))]

@@ -11,6 +11,7 @@ use crate::source::open_pack;
 use anyhow::{Context, bail, ensure};
 use glam::DVec3;
 use kilwa_archive::location::{Location, channels};
+use kilwa_files::atomic::folder_of;
 use kilwa_geometry::Aabb;
 use kilwa_pack::{Metadata, Reader, Source, relocate_with_channels};
 use std::fs::File;
@@ -49,7 +50,7 @@ pub(crate) fn redact(from: &Path, to: &Path, place: Place, title: &str, keep: &[
     let crs = reader.metadata().crs.clone();
     let kept: Vec<usize> =
         (0..).zip(&reader.metadata().scalars).filter(|(_, s)| keep.contains(&s.name)).map(|(k, _)| k).collect();
-    let folder = to.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = folder_of(to);
     let mut scratch = Scratch::new(folder)?;
     let out = BufWriter::with_capacity(1 << 20, file);
     let written = relocate_with_channels(&reader, out, &mut scratch, &kept, origin, |m| revise(m, place, title));

@@ -356,7 +356,7 @@ fn read_camera(path: &Path) -> anyhow::Result<Camera> {
 /// Write under a temporary name in the same folder, then rename: no half picture under the final name.
 fn write_png(path: &Path, image: &Image, alpha: bool, replace: bool) -> anyhow::Result<()> {
     let failed = || format!("cannot write {}", path.display());
-    let mut file = NewFile::beside(path)?;
+    let mut file = NewFile::create(path)?;
     let [width, height] = image.size;
     let (pixels, color) = if alpha {
         (image.clone().with_straight_alpha(true).pixels, image::ExtendedColorType::Rgba8)
@@ -366,7 +366,7 @@ fn write_png(path: &Path, image: &Image, alpha: bool, replace: bool) -> anyhow::
     };
     let encoder = image::codecs::png::PngEncoder::new(std::io::BufWriter::new(file.file()));
     image::ImageEncoder::write_image(encoder, &pixels, width, height, color).with_context(failed)?;
-    file.name(path, replace)
+    file.commit(replace)
 }
 
 fn parse_view(text: &str) -> Result<StandardView, String> {

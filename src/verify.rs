@@ -20,6 +20,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use kilwa_archive::layout::{MANIFEST, PAGE};
 use kilwa_archive::manifest::MANIFEST_MAX;
 use kilwa_archive::{AccessState, Manifest, sound};
+use kilwa_files::atomic::folder_of;
 use kilwa_files::plain_file;
 use kilwa_pack::plural::counted;
 use kilwa_server::COLLECTIONS_FILE;
@@ -320,7 +321,7 @@ fn in_folder(target: &str) -> anyhow::Result<(Box<dyn Place>, Vec<Item>)> {
         // A link that the person named leads to its file.
         let path = path.canonicalize().with_context(|| format!("cannot open {target}"))?;
         let name = path.file_name().map(|n| n.to_string_lossy().into_owned()).unwrap_or_default();
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+        let folder = folder_of(&path);
         return Ok((Box::new(Folder::new(folder.to_owned())), vec![Item { path: name, what: What::Pack }]));
     }
     let place = Box::new(Folder::new(path.to_owned()));

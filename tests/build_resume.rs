@@ -25,19 +25,6 @@ fn stderr(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// SplitMix64.
-struct Random(u64);
-
-impl Random {
-    fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-}
-
 impl Site {
     fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
@@ -110,11 +97,11 @@ fn interrupt(child: &Child) {
 #[test]
 fn fifty_random_kills_do_not_change_the_bytes_and_leave_no_partial_file_under_the_final_name() {
     let site = Site::new();
-    let mut random = Random(7);
+    let mut random = fastrand::Rng::with_seed(7);
     let (mut kills, mut finished) = (0, 0);
     while kills < KILLS {
         let mut child = site.build(&["--resume"]).stdout(Stdio::null()).spawn().unwrap();
-        std::thread::sleep(site.took.mul_f64(random.unit() * 0.6));
+        std::thread::sleep(site.took.mul_f64(random.f64() * 0.6));
         if child.try_wait().unwrap().is_some() {
             let output = child.wait_with_output().unwrap();
             assert!(output.status.success(), "after {kills} kills: {}", stderr(&output));

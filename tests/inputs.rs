@@ -106,12 +106,7 @@ fn ninety_six_blocks_in_any_order_are_the_whole_mesh_without_a_seam_at_any_level
     files.reverse();
     let (_, turned) = build("turned.kilwa", &files, &["--threads", "1"]);
     assert!(turned == bytes, "backwards");
-    // Fisher and Yates, with Knuth's MMIX constants.
-    let mut state = 5u64;
-    for i in (1..files.len()).rev() {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        files.swap(i, (state >> 33) as usize % (i + 1));
-    }
+    fastrand::Rng::with_seed(5).shuffle(&mut files);
     let (_, shuffled) = build("shuffled.kilwa", &files, &["--threads", "3", "--memory", "100M"]);
     assert!(shuffled == bytes, "shuffled");
 

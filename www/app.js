@@ -243,12 +243,12 @@ class Page {
     const reason = this.gpu.whyNoGpu();
     let viewer;
     try {
-      if (reason) throw new Error("nogpu:");
+      if (reason) throw Object.assign(new Error("no GPU"), { kind: "noGpu" });
       canvas.width = Math.max(1, Math.round(canvas.clientWidth * Math.min(devicePixelRatio, 2)));
       canvas.height = Math.max(1, Math.round(canvas.clientHeight * Math.min(devicePixelRatio, 2)));
       viewer = await model.module.Viewer.create(canvas, model.head);
     } catch (error) {
-      const isNoGpu = String(error.message).startsWith("nogpu:");
+      const isNoGpu = error.kind === "noGpu";
       // A canvas that was asked for WebGPU gives no WebGL any more: the page begins again, once.
       const other = isNoGpu && !reason ? this.gpu.otherProgram(location.href, this.parameters) : null;
       if (other) location.replace(other);

@@ -1,6 +1,7 @@
 //! Changes on disk: each is reported to [`Steps`] before it is made, and its failure says what, where and why.
 
 use super::draft::{DraftError, Steps};
+use kilwa_files::atomic::{self, folder_of};
 use std::fs::{self, File};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
@@ -35,7 +36,7 @@ pub(crate) fn create_dirs(path: &Path, made: &mut Vec<PathBuf>, steps: Steps<'_>
     // An interrupted command may have created the existing folder without syncing its name.
     let nearest = path.ancestors().nth(missing.len()).filter(|at| !is_current(at) && at.parent().is_some());
     if let Some(nearest) = nearest {
-        sync(parent(nearest), steps)?;
+        sync(folder_of(nearest), steps)?;
     }
     while let Some(folder) = missing.pop() {
         match fs::create_dir(folder) {
@@ -43,7 +44,7 @@ pub(crate) fn create_dirs(path: &Path, made: &mut Vec<PathBuf>, steps: Steps<'_>
             Err(_) if folder.is_dir() => {}
             Err(e) => return Err(failed("write", folder)(e)),
         }
-        sync(parent(folder), steps)?;
+        sync(folder_of(folder), steps)?;
     }
     Ok(())
 }
@@ -51,11 +52,6 @@ pub(crate) fn create_dirs(path: &Path, made: &mut Vec<PathBuf>, steps: Steps<'_>
 /// Whether a path is empty, like the last ancestor of a relative path.
 fn is_current(path: &Path) -> bool {
     path.as_os_str().is_empty()
-}
-
-/// The folder that contains a file or folder.
-fn parent(path: &Path) -> &Path {
-    path.parent().filter(|folder| !is_current(folder)).unwrap_or(Path::new("."))
 }
 
 /// Give a file or folder another name, and put that on disk.
@@ -127,13 +123,8 @@ pub(crate) fn sync_folders(folder: &Path) -> Result<(), DraftError> {
     sync_folder(folder)
 }
 
-/// Sync the names in a folder to disk. Systems that cannot open folders (Windows) or sync them (some network file systems) take care of this themselves.
 fn sync_folder(folder: &Path) -> Result<(), DraftError> {
-    let Ok(file) = File::open(folder) else { return Ok(()) };
-    match file.sync_all() {
-        Err(e) if matches!(e.kind(), io::ErrorKind::InvalidInput | io::ErrorKind::Unsupported) => Ok(()),
-        synced => synced.map_err(failed("write", folder)),
-    }
+    atomic::sync_folder(folder).map_err(failed("write", folder))
 }
 
 fn name(path: &Path) -> String {

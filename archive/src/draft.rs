@@ -139,6 +139,12 @@ impl DraftError {
         reason.kind() == io::ErrorKind::PermissionDenied
     }
 
+    /// Whether a file or folder is missing.
+    pub(super) fn is_missing(&self) -> bool {
+        let (Self::Disk { reason, .. } | Self::Unlockable { reason, .. }) = self else { return false };
+        reason.kind() == io::ErrorKind::NotFound
+    }
+
     /// The same error of what follows a change that is made already: it says what is `done`, and not that nothing was changed.
     #[must_use]
     pub fn after(self, done: &'static str) -> Self {

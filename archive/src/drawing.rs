@@ -1,7 +1,9 @@
 //! The encoder of drawings to scale: PNG with three bytes per pixel and a resolution. `kilwa publish` writes drawings with it, and servers check with it that a
 //! drawing contains nothing but its pixels: the same pixels always give the same bytes.
 
-use std::io::{self, Cursor, Write};
+use super::compare::CompareWriter;
+use kilwa_pack::SliceSource;
+use std::io::{Cursor, Write};
 
 /// Begin a picture of `size` pixels, with `per_metre` pixels per metre of paper. Write the pixels to its `stream_writer`.
 ///
@@ -19,41 +21,21 @@ pub fn begin<W: Write>(out: W, size: [u32; 2], per_metre: u32) -> Result<png::Wr
 /// Whether encoding a picture's pixels again gives exactly its bytes, so that nothing is hidden in filters, compression or chunks. It must have three
 /// bytes per pixel, and the caller must be prepared to decode a picture of this size.
 pub fn is_as_written(bytes: &[u8], size: [u32; 2], per_metre: u32) -> bool {
-    let mut again = Again { bytes, at: 0 };
-    write_again(&mut again, size, per_metre).is_some() && again.at == bytes.len()
+    let source = SliceSource(bytes);
+    let mut compared = CompareWriter::new(&source);
+    write_again(bytes, &mut compared, size, per_metre).is_some() && compared.written() == bytes.len() as u64
 }
 
 /// Decode it and encode it again, row by row. `None` at the first byte that differs.
-fn write_again(again: &mut Again<'_>, size: [u32; 2], per_metre: u32) -> Option<()> {
-    let mut reader = png::Decoder::new(Cursor::new(again.bytes)).read_info().ok()?;
-    let mut writer = begin(again, size, per_metre).ok()?;
+fn write_again(bytes: &[u8], compared: impl Write, size: [u32; 2], per_metre: u32) -> Option<()> {
+    let mut reader = png::Decoder::new(Cursor::new(bytes)).read_info().ok()?;
+    let mut writer = begin(compared, size, per_metre).ok()?;
     let mut stream = writer.stream_writer().ok()?;
     while let Some(row) = reader.next_row().ok()? {
         stream.write_all(row.data()).ok()?;
     }
     stream.finish().ok()
     // The end of the file is written when the writer is dropped.
-}
-
-/// Compares the bytes written to it with the original.
-struct Again<'a> {
-    bytes: &'a [u8],
-    at: usize,
-}
-
-impl Write for Again<'_> {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        let rest = self.bytes.get(self.at..).unwrap_or_default();
-        if !rest.starts_with(bytes) {
-            return Err(io::ErrorKind::InvalidData.into());
-        }
-        self.at += bytes.len();
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
-    }
 }
 
 #[cfg(test)]

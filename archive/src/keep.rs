@@ -1,10 +1,10 @@
 //! The folder outside the served one to which withdrawn files are moved: where it may be, and its lock along with that of the folder of objects.
 
+use super::created_folders::CreatedFolders;
 use super::disk::failed;
 use super::draft::{DraftError, Steps};
 use super::layout::Slug;
 use super::lock::{Lock, PATIENCE};
-use super::made::Made;
 use super::withdraw::{WITHDRAWN, outlook};
 use std::io;
 use std::path::{Component, Path, PathBuf};
@@ -19,7 +19,7 @@ pub const KEEPING_TEXT: &str = "A withdrawal is in progress or was interrupted; 
 #[derive(Debug)]
 pub struct Folders {
     // Dropped before the locks.
-    _made: Made,
+    _created: CreatedFolders,
     pub(super) shelf: Lock,
     pub(super) keep: PathBuf,
     /// The lock of that folder, if it exists.
@@ -43,23 +43,23 @@ impl Folders {
     ) -> Result<Self, DraftError> {
         check_outside(shelf, keep)?;
         let there = outlook(shelf, slug).ok();
-        let mut made = match there.filter(|there| !there.is_done()) {
+        let mut created = match there.filter(|there| !there.is_done()) {
             Some(there) => {
-                let made = Made::create(keep, steps);
-                made.map_err(|e| if there.withdrawn.is_some() { e.after(WITHDRAWN) } else { e })?
+                let created = CreatedFolders::create(keep, steps);
+                created.map_err(|e| if there.withdrawn.is_some() { e.after(WITHDRAWN) } else { e })?
             }
-            None => Made::default(),
+            None => CreatedFolders::default(),
         };
         let locked = lock_both(shelf, keep, waits);
         if let Err(DraftError::Busy(_)) = &locked {
             // Whoever holds the lock is working there.
-            made.leave();
+            created.leave();
         }
         let (shelf, kept) = locked?;
         if kept.is_some() {
-            made.lock();
+            created.lock();
         }
-        let folders = Self { _made: made, shelf, keep: keep.to_owned(), kept };
+        let folders = Self { _created: created, shelf, keep: keep.to_owned(), kept };
         // Somebody may have put a link in its place while this command waited.
         check_outside(folders.shelf.folder(), keep)?;
         Ok(folders)

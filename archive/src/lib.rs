@@ -14,6 +14,8 @@
 pub mod assemble;
 pub mod bag;
 pub mod checksums;
+pub mod compare;
+pub mod created_folders;
 pub mod date;
 mod disk;
 pub mod draft;
@@ -26,7 +28,6 @@ mod kill_tests;
 pub mod layout;
 pub mod location;
 pub mod lock;
-pub mod made;
 pub mod manifest;
 pub mod metadata;
 pub mod modes;

@@ -1,6 +1,6 @@
 //! Numbers, sizes and lengths as people read them, in the landing page and the catalogue.
 
-use kilwa_pack::plural::counted;
+pub use kilwa_files::size::text as size;
 
 /// 1234567 as `1 234 567`, with narrow no-break spaces.
 pub fn grouped(n: u64) -> String {
@@ -13,17 +13,6 @@ pub fn grouped(n: u64) -> String {
         s.push(c);
     }
     s
-}
-
-/// Bytes in the largest decimal unit that leaves a number above one.
-pub fn size(bytes: u64) -> String {
-    let b = bytes as f64;
-    match bytes {
-        0..1_000 => counted(bytes, "byte", "bytes").to_string(),
-        1_000..1_000_000 => format!("{:.0} kB", b / 1e3),
-        1_000_000..1_000_000_000 => format!("{:.1} MB", b / 1e6),
-        _ => format!("{:.2} GB", b / 1e9),
-    }
 }
 
 /// Factor, unit and decimals that leave two to four digits of a length.
@@ -66,8 +55,6 @@ mod tests {
     fn numbers_are_written_in_a_readable_form() {
         assert_eq!(grouped(1_234_567), "1\u{202f}234\u{202f}567");
         assert_eq!(grouped(12), "12");
-        assert_eq!(size(999), "999 bytes");
-        assert_eq!(size(5_230_000), "5.2 MB");
         assert_eq!(length(0.0021), "2.1 mm");
         assert_eq!(length(0.221), "22.1 cm");
         assert_eq!(size_in_space([52.43, 51.88, 0.5]), "52.4 × 51.9 × 0.5 m");

@@ -1,7 +1,7 @@
 //! Vertex attributes at every level: normals continue across chunks, positions with two colours keep both, and colours
 //! are averaged.
 
-use crate::support::{Opened, Random, build, fort, open};
+use crate::support::{Opened, build, fort, open};
 use kilwa_formats::RawMesh;
 use kilwa_pack::cut::Cut;
 use std::collections::{BTreeMap, BTreeSet};
@@ -106,8 +106,8 @@ fn positions_with_two_colours_keep_both_at_every_level() {
 
 #[test]
 fn colours_are_averaged_in_linear_light_between_levels() {
-    let mut random = Random(3);
-    let pack = open(&build(square(160, |_, _| if random.next() & 1 == 0 { [40; 3] } else { [220; 3] }), 0));
+    let mut random = fastrand::Rng::with_seed(3);
+    let pack = open(&build(square(160, |_, _| if random.bool() { [40; 3] } else { [220; 3] }), 0));
     let linear = |c: u8| (f64::from(c) / 255.0).powf(2.2);
     let mean = f64::midpoint(linear(40), linear(220));
     let mut spreads = Vec::new();

@@ -2,7 +2,7 @@
 //! of the finest one and points sampled on the finest one within the cut's ε* of the coarse one. The search here is a
 //! simple grid, independent of the certifier.
 
-use crate::support::{Opened, Random, build, closed, fort, open, wall};
+use crate::support::{Opened, build, closed, fort, open, wall};
 use glam::DVec3;
 use kilwa_geometry::distance::point_triangle_squared;
 use kilwa_pack::cut::Cut;
@@ -72,11 +72,11 @@ impl Grid {
 }
 
 /// Points on a triangle: corners, middle, and some at random.
-fn samples(t: &Triangle, random: &mut Random, n: usize) -> Vec<DVec3> {
+fn samples(t: &Triangle, random: &mut fastrand::Rng, n: usize) -> Vec<DVec3> {
     let at = |u: f64, v: f64| t[0] + (t[1] - t[0]) * u + (t[2] - t[0]) * v;
     let mut out = vec![t[0], t[1], t[2], at(1.0 / 3.0, 1.0 / 3.0)];
     for _ in 0..n {
-        let (mut u, mut v) = (random.unit(), random.unit());
+        let (mut u, mut v) = (random.f64(), random.f64());
         if u + v > 1.0 {
             (u, v) = (1.0 - u, 1.0 - v);
         }
@@ -114,7 +114,7 @@ fn the_bound_holds_at_every_level(name: &str, raw: kilwa_formats::RawMesh) {
             .par_iter()
             .filter(|(d, _)| **d != kilwa_pack::NO_DIAMOND)
             .map(|(d, triangles)| {
-                let mut random = Random(u64::from(*d));
+                let mut random = fastrand::Rng::with_seed(u64::from(*d));
                 let n = if of_cut > SAMPLED { 3 } else { 12 };
                 let worst = triangles
                     .iter()
@@ -140,7 +140,7 @@ fn the_bound_holds_at_every_level(name: &str, raw: kilwa_formats::RawMesh) {
             .enumerate()
             .filter(|(i, _)| (i + usize::from(level)) % stride == 0)
             .flat_map_iter(|(i, t)| {
-                let mut random = Random(i as u64);
+                let mut random = fastrand::Rng::with_seed(i as u64);
                 samples(t, &mut random, 2).into_iter().map(|p| whole.nearest(p)).collect::<Vec<_>>()
             })
             .map(|(d, t)| (owners[t as usize], d * pack.step))

@@ -2,7 +2,7 @@
 //! can be taken from. The build succeeds, nothing of the finest level is lost, and the first request of a viewer shows the
 //! whole extent.
 
-use crate::support::{Opened, Random, drawn, open};
+use crate::support::{Opened, drawn, open};
 use kilwa_builder::{BuildOptions, Silent, build_pack};
 use kilwa_formats::RawMesh;
 use kilwa_geometry::{Lattice, LatticePoint};
@@ -16,28 +16,28 @@ const SIDE: u32 = 317;
 
 /// Pieces over a square, one in each metre: four in five a tetrahedron of 2 to 40 cm, the others a rough sheet of 2 by 2 to 4 by 4 quads.
 fn islands() -> RawMesh {
-    let (mut mesh, mut random) = (RawMesh::default(), Random(11));
+    let (mut mesh, mut random) = (RawMesh::default(), fastrand::Rng::with_seed(11));
     for i in 0..SIDE {
         for j in 0..SIDE {
-            let base = [f64::from(i) + 0.3 * random.unit(), f64::from(j) + 0.3 * random.unit(), 3.0 * random.unit()];
-            let size = 0.02 + 0.38 * random.unit().powi(2);
+            let base = [f64::from(i) + 0.3 * random.f64(), f64::from(j) + 0.3 * random.f64(), 3.0 * random.f64()];
+            let size = 0.02 + 0.38 * random.f64().powi(2);
             let first = mesh.positions.len() as u32;
             let color = [(i % 256) as u8, (j % 256) as u8, 90];
             let vertex = |mesh: &mut RawMesh, d: [f64; 3]| {
                 mesh.positions.push(std::array::from_fn(|k| base[k] + size * d[k]));
                 mesh.colors.push(color);
             };
-            if random.below(5) > 0 {
+            if random.usize(..5) > 0 {
                 for d in [[0.0, 0.0, 0.0], [1.0, 0.0, 0.1], [0.1, 1.0, 0.0], [0.2, 0.3, 1.0]] {
                     vertex(&mut mesh, d);
                 }
                 let faces = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]];
                 mesh.triangles.extend(faces.map(|t| t.map(|v| first + v)));
             } else {
-                let n = 2 + random.below(3) as u32;
+                let n = 2 + random.usize(..3) as u32;
                 for (u, v) in (0..=n).flat_map(|u| (0..=n).map(move |v| (u, v))) {
                     let at = [f64::from(u), f64::from(v)].map(|x| x / f64::from(n));
-                    vertex(&mut mesh, [at[0], at[1], 0.2 * random.unit()]);
+                    vertex(&mut mesh, [at[0], at[1], 0.2 * random.f64()]);
                 }
                 for (u, v) in (0..n).flat_map(|u| (0..n).map(move |v| (u, v))) {
                     let at = |u: u32, v: u32| first + u * (n + 1) + v;

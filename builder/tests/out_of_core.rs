@@ -1,7 +1,7 @@
 //! The bytes do not depend on the memory or on what is kept on disk, nor on being stopped at any moment and resumed with
 //! other threads and other memory.
 
-use crate::support::{Random, fort, non_manifold, wall};
+use crate::support::{fort, non_manifold, wall};
 use kilwa_builder::build::journal::PlannedInput;
 use kilwa_builder::build::work::{Stop, Work};
 use kilwa_builder::ingest::Spool;
@@ -80,17 +80,17 @@ impl Progress for StopAt<'_> {
 fn a_build_stopped_at_any_moment_resumes_to_the_same_bytes() {
     let raw = wall(10_000);
     let expected = undisturbed(&raw, 1, 1 << 32);
-    let mut random = Random(5);
+    let mut random = fastrand::Rng::with_seed(5);
     let mut resumed = 0;
     for round in 0..20 {
         let scratch = Scratch::temporary().unwrap();
         let (mut resume, mut longest) = (false, 100);
         let bytes = loop {
             let stop = Stop::default();
-            let at = StopAt { stop: &stop, left: AtomicU64::new(1 + random.below(longest) as u64) };
+            let at = StopAt { stop: &stop, left: AtomicU64::new(1 + random.usize(..longest) as u64) };
             // A stage that is restarted again and again must finish in the end.
             longest *= 2;
-            let (threads, memory) = (1 + random.below(3), 1 << (24 + random.below(8)));
+            let (threads, memory) = (1 + random.usize(..3), 1 << (24 + random.usize(..8)));
             match built(&raw, &Settings { threads, memory, scratch: &scratch, resume }, &stop, &at) {
                 Ok((bytes, report)) => {
                     resumed += u32::from(report.resumed_after.is_some());

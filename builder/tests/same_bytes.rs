@@ -1,6 +1,6 @@
 //! The same input gives the same bytes, for any number of threads and any order of the triangles.
 
-use crate::support::{Random, build, non_manifold, wall, with_holes};
+use crate::support::{build, non_manifold, wall, with_holes};
 
 #[test]
 fn one_two_and_eight_threads_give_the_same_bytes() {
@@ -15,11 +15,11 @@ fn one_two_and_eight_threads_give_the_same_bytes() {
 fn the_bytes_do_not_depend_on_the_order_of_triangles_and_vertices() {
     let raw = wall(40_000);
     let mut shuffled = raw.clone();
-    let mut random = Random(11);
+    let mut random = fastrand::Rng::with_seed(11);
     let n = raw.positions.len();
     let mut new_of_old: Vec<u32> = (0..n as u32).collect();
     for i in (1..n).rev() {
-        new_of_old.swap(i, random.below(i + 1));
+        new_of_old.swap(i, random.usize(..i + 1));
     }
     for (old, new) in new_of_old.iter().enumerate() {
         shuffled.positions[*new as usize] = raw.positions[old];
@@ -29,7 +29,7 @@ fn the_bytes_do_not_depend_on_the_order_of_triangles_and_vertices() {
         *t = t.map(|v| new_of_old[v as usize]);
     }
     for i in (1..shuffled.triangles.len()).rev() {
-        shuffled.triangles.swap(i, random.below(i + 1));
+        shuffled.triangles.swap(i, random.usize(..i + 1));
     }
     assert!(build(raw, 0) == build(shuffled, 0));
 }

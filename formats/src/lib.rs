@@ -8,9 +8,9 @@ mod diagnostics;
 pub mod extract;
 mod mesh;
 pub mod read;
-mod units;
+mod up;
 
 pub use diagnostics::Diagnostics;
 pub use mesh::{RawMesh, UNCOLOURED};
 pub use read::ReadError;
-pub use units::{Units, Up};
+pub use up::Up;

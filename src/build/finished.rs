@@ -16,7 +16,6 @@ use kilwa_builder::{BuildOptions, Inputs as _};
 use kilwa_files::plain_file;
 use kilwa_pack::metadata::SourceFile;
 use serde::{Deserialize, Serialize};
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// A longer file is not a note. Each input takes a few hundred bytes.
@@ -53,9 +52,7 @@ impl Finished {
     /// If it cannot be written, or another file has its name.
     pub(super) fn write(&self, output: &Path) -> anyhow::Result<()> {
         remove(output);
-        let mut file = NewFile::beside(&name(output))?;
-        file.file().write_all(&serde_json::to_vec(self)?)?;
-        file.name(&name(output), false)
+        NewFile::write(&name(output), &serde_json::to_vec(self)?, false)
     }
 
     fn read(output: &Path) -> Option<Self> {

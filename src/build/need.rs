@@ -3,9 +3,9 @@
 //! From headers where they say how many vertices and triangles there are (PLY, binary STL, glTF), from the length of the file
 //! otherwise; an estimate to the safe side. What is needed is compared with what is free, and refused with both numbers.
 
-use super::size::human;
 use kilwa_builder::build::machine;
 use kilwa_builder::ingest;
+use kilwa_files::size::binary;
 use kilwa_formats::read;
 use std::io::Read;
 use std::path::Path;
@@ -63,7 +63,7 @@ impl Need {
             return enough(
                 output,
                 needed + self.pack_bytes,
-                &format!("{} for scratch files and {} for the pack", human(needed), human(self.pack_bytes)),
+                &format!("{} for scratch files and {} for the pack", binary(needed), binary(self.pack_bytes)),
             );
         }
         enough(scratch, needed, "for scratch files")?;
@@ -78,8 +78,8 @@ fn enough(folder: &Path, needed: u64, for_what: &str) -> anyhow::Result<()> {
             "the disk that holds {} has {} free, and about {} are needed ({for_what}); free space, or give --scratch a folder \
              on another disk",
             folder.display(),
-            human(free),
-            human(needed)
+            binary(free),
+            binary(needed)
         );
     }
     Ok(())

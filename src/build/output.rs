@@ -6,8 +6,8 @@ use crate::source::open_pack;
 use anyhow::Context;
 use kilwa_builder::Progress;
 use kilwa_builder::build::work::Stop;
+use kilwa_files::atomic::{Pending, folder_of};
 use kilwa_files::plain_file;
-use kilwa_files::unfinished::{Unfinished, note};
 use kilwa_pack::verify::{self, Totals};
 use rayon::prelude::*;
 use std::fs::{File, Metadata};
@@ -22,14 +22,6 @@ const BUFFER: usize = 1 << 20;
 pub(super) fn beside(output: &Path, suffix: &str) -> PathBuf {
     let name = output.file_name().unwrap_or_default().to_string_lossy();
     output.with_file_name(format!(".{name}{suffix}"))
-}
-
-/// The folder that a file is in.
-pub(super) fn folder_of(output: &Path) -> &Path {
-    match output.parent() {
-        Some(p) if !p.as_os_str().is_empty() => p,
-        _ => Path::new("."),
-    }
 }
 
 /// Check the temporary name of an output: only the file of an interrupted build may be there. Through a link the pack would be written into another file.
@@ -78,10 +70,8 @@ pub(super) fn check(path: &Path, bar: &Bar, stop: &Stop) -> anyhow::Result<Strin
 /// The output under its temporary name.
 pub(super) struct Output {
     writer: BufWriter<File>,
-    temporary: tempfile::TempPath,
+    pending: Pending,
     name: PathBuf,
-    // Dropped after the file.
-    _unfinished: Unfinished,
 }
 
 impl Output {
@@ -102,9 +92,9 @@ impl Output {
             return Err(plain_file::replaced()).with_context(cannot);
         }
         file.set_len(0).with_context(cannot)?;
-        let temporary = tempfile::TempPath::try_from_path(&part).with_context(cannot)?;
+        let pending = Pending::adopt(&part, name).with_context(cannot)?;
         let writer = BufWriter::with_capacity(BUFFER, file);
-        Ok(Self { writer, temporary, name: name.to_owned(), _unfinished: note(&part) })
+        Ok(Self { writer, pending, name: name.to_owned() })
     }
 
     /// All `bytes` of the pack were written: cut off what an earlier attempt may have left, and wait for the disk.
@@ -119,25 +109,13 @@ impl Output {
 
     /// Read every chunk back, on all threads. Returns the identity of the pack.
     pub(super) fn check(&self, bar: &Bar, stop: &Stop) -> anyhow::Result<String> {
-        check(&self.temporary, bar, stop)
+        check(self.pending.temporary(), bar, stop)
     }
 
     /// Give it its name.
     pub(super) fn keep(self, replace: bool) -> anyhow::Result<()> {
-        let cannot = || format!("cannot write {}", self.name.display());
-        // Without --force a file that appeared in the meantime is not replaced.
-        let kept =
-            if replace { self.temporary.persist(&self.name) } else { self.temporary.persist_noclobber(&self.name) };
-        kept.map_err(|e| e.error).with_context(cannot)?;
-        if cfg!(unix) {
-            // The name, too, outlives a crash of the machine.
-            match File::open(folder_of(&self.name)) {
-                // A folder may be writable but not readable. The pack is complete anyway.
-                Err(e) if e.kind() == std::io::ErrorKind::PermissionDenied => {}
-                folder => folder.and_then(|folder| folder.sync_all()).with_context(cannot)?,
-            }
-        }
-        Ok(())
+        // Without --force a file that appeared in the meantime is not replaced. The file remains locked until it has its name.
+        self.pending.commit(replace).with_context(|| format!("cannot write {}", self.name.display()))
     }
 }
 

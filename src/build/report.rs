@@ -1,10 +1,10 @@
 //! What a build prints when it is done.
 
 use super::need::Need;
-use super::size::human;
 use crate::info::metres;
 use kilwa_builder::build::machine;
 use kilwa_builder::{BuildReport, Spread, StageTime};
+use kilwa_files::size::binary;
 use kilwa_pack::plural::{counted, plural};
 use serde::Serialize;
 use std::io::Write;
@@ -168,12 +168,12 @@ fn spent(r: &Report<'_>, out: &mut impl Write) -> std::io::Result<()> {
     let cpu = s.cpu_seconds.map_or_else(String::new, |c| format!("; {c:.1} s of processor time"));
     let rate = s.triangles_per_cpu_second.map_or_else(String::new, |t| format!(", {t:.0} triangles in each"));
     writeln!(out, "  time      {:.1} s ({}){cpu}{rate}", s.seconds, parts.join(", "))?;
-    let peak = s.peak_memory_bytes.map_or_else(|| "unknown".to_owned(), human);
+    let peak = s.peak_memory_bytes.map_or_else(|| "unknown".to_owned(), binary);
     writeln!(
         out,
         "  room      memory {peak} at most, of {} allowed; scratch files {} at most, {:.0} bytes per triangle",
-        human(s.memory_bytes),
-        human(b.scratch_peak_bytes),
+        binary(s.memory_bytes),
+        binary(b.scratch_peak_bytes),
         b.scratch_peak_bytes as f64 / b.triangles as f64
     )?;
     if let Some(stage) = &b.resumed_after {

@@ -13,7 +13,9 @@ use crate::new_file::refuse_inputs;
 use crate::source::open_pack;
 use clap::Subcommand;
 use glam::DVec3;
-use kilwa_measure::{LengthUnit, Outcome, Place, Plane, Reading, Space, Task, ToolName, Uncertainty};
+use kilwa_geometry::LengthUnit;
+use kilwa_measure::unit::shown;
+use kilwa_measure::{Outcome, Place, Plane, Reading, Space, Task, ToolName, Uncertainty};
 use place::{Given, places, positions};
 use serde_json::json;
 use std::io::Write as _;
@@ -35,7 +37,7 @@ pub(crate) struct Args {
     /// Print as JSON.
     #[arg(long, global = true)]
     json: bool,
-    /// Unit that values are printed in: m, cm, mm, km, ft, ftUS, in.
+    /// Unit that values are printed in: m, dm, cm, mm, km, ft, us-ft, in.
     #[arg(long, global = true, default_value = "m", value_parser = unit)]
     unit: LengthUnit,
     /// Use positions as given instead of the nearest points of the surface.
@@ -187,8 +189,7 @@ impl Tool {
 }
 
 fn unit(symbol: &str) -> Result<LengthUnit, String> {
-    let all: Vec<&str> = LengthUnit::ALL.iter().map(|(_, s)| *s).collect();
-    LengthUnit::from_symbol(symbol).ok_or_else(|| format!("expected one of {}", all.join(", ")))
+    LengthUnit::parse(symbol).ok_or_else(|| format!("expected one of {}", LengthUnit::symbols()))
 }
 
 /// A pack with what every tool needs of it.
@@ -239,7 +240,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     }
     let outcome = measure(&subject, &args.tool)?;
     let fits = |r: &Reading| {
-        let shown = args.unit.show(r.quantity, r.dimension).0;
+        let shown = shown(r.quantity, r.dimension, args.unit).0;
         shown.value.is_finite() && shown.uncertainty.is_finite()
     };
     anyhow::ensure!(

@@ -3,6 +3,7 @@
 use super::Subject;
 use super::saved::write_whole;
 use crate::new_file::check_output;
+use kilwa_files::atomic::folder_of;
 use kilwa_measure::job::pack_name;
 use kilwa_measure::{Format, Leaves, Outcome};
 use serde_json::json;
@@ -42,7 +43,7 @@ impl OutputArgs {
     pub(super) fn refuse_document(&self, document: &Path) -> anyhow::Result<()> {
         let Some(path) = &self.output else { return Ok(()) };
         let real = |path: &Path| {
-            let whole = || Some(folder(path).canonicalize().ok()?.join(path.file_name()?));
+            let whole = || Some(folder_of(path).canonicalize().ok()?.join(path.file_name()?));
             path.canonicalize().ok().or_else(whole)
         };
         let is_file = |a: &Path, b: &Path| {
@@ -71,8 +72,4 @@ impl OutputArgs {
             anyhow::anyhow!("{}: the ending says the format, one of .svg, .dxf, .csv, .json, .geojson", path.display())
         })
     }
-}
-
-pub(super) fn folder(path: &Path) -> &Path {
-    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }

@@ -1,11 +1,11 @@
 //! Saved measurements: adding to a document, measuring all of a document again, writing it in other formats.
 
-use super::output::folder;
 use super::{Args, Subject};
 use crate::new_file::{NewFile, check_output};
 use crate::source::read_named;
 use anyhow::Context;
 use kilwa_archive::lock::{Lock, PATIENCE};
+use kilwa_files::atomic::folder_of;
 use kilwa_measure::job::pack_name;
 use kilwa_measure::{Document, Leaves, Measurement, Outcome};
 use kilwa_pack::plural::{counted, plural};
@@ -39,9 +39,7 @@ fn read(path: &Path) -> anyhow::Result<Document> {
 
 /// Replace or make a file at once: a reader never sees half of it.
 pub(super) fn write_whole(path: &Path, text: &str, replace: bool) -> anyhow::Result<()> {
-    let mut file = NewFile::beside(path)?;
-    file.file().write_all(text.as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
-    file.name(path, replace)
+    NewFile::write(path, text.as_bytes(), replace)
 }
 
 /// What came out, as it is saved and cited; `default` is its name where none is given.
@@ -70,11 +68,12 @@ pub(super) fn save(s: &Subject, outcome: &Outcome, to: &Path, args: &Args) -> an
     let waits = || {
         crate::terminal::say!(
             "kilwa: another kilwa is publishing, withdrawing or saving in {}; waiting for up to {} minutes",
-            folder(to).display(),
+            folder_of(to).display(),
             PATIENCE.as_secs() / 60
         );
     };
-    let _lock = Lock::wait(folder(to), PATIENCE, &waits).with_context(|| format!("cannot write {}", to.display()))?;
+    let _lock =
+        Lock::wait(folder_of(to), PATIENCE, &waits).with_context(|| format!("cannot write {}", to.display()))?;
     let mut document = if to.exists() { read(to)? } else { Document::new(pack.clone()) };
     anyhow::ensure!(
         document.pack.identity == pack.identity,

@@ -1,7 +1,8 @@
 //! `--dry-run`: every field that was given, and where it goes.
 
 use super::notes;
-use super::plan::{Plan, human};
+use super::plan::Plan;
+use kilwa_files::size;
 use kilwa_pack::plural::counted;
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -144,7 +145,7 @@ fn text(plan: &Plan) -> String {
         plan.facts.version(),
         plan.facts.published,
         plan.facts.note,
-        human(plan.given.pack_bytes),
+        size::text(plan.given.pack_bytes),
         counted(plan.given.of_pack.triangles, "triangle", "triangles"),
         plan.facts.crs.as_deref().unwrap_or("local coordinates"),
         plan.facts.rights.label,

@@ -186,7 +186,7 @@ fn say(args: &Args, report: &Report) -> anyhow::Result<()> {
         out,
         "{object}: version {version} published, {}, {}",
         counted(*files, "file", "files"),
-        plan::human(report.bytes)
+        kilwa_files::size::text(report.bytes)
     )?;
     if report.closed {
         let whom = if report.owner_only {

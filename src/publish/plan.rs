@@ -12,6 +12,7 @@ use kilwa_archive::record::europeana_lacks;
 use kilwa_archive::rights::Rights;
 use kilwa_archive::{Manifest, Metadata, Notes, Slug};
 use kilwa_builder::build::machine;
+use kilwa_files::size;
 use kilwa_server::Page;
 use std::path::{Path, PathBuf};
 
@@ -219,8 +220,8 @@ impl Plan {
             bail!(
                 "the disk that holds {} has {} free, and about {} are needed; make room, or give a folder on another disk with --to. Nothing was changed",
                 shelf.display(),
-                human(free),
-                human(needed)
+                size::text(free),
+                size::text(needed)
             );
         }
         Ok(())
@@ -407,13 +408,4 @@ fn nearest_there(folder: &Path) -> anyhow::Result<PathBuf> {
     let there = absolute.ancestors().find(|p| p.exists()).unwrap_or(Path::new("/")).to_owned();
     ensure!(there.is_dir(), "{} is a file; give a folder with --to", there.display());
     Ok(there)
-}
-
-/// Bytes for people.
-pub(super) fn human(bytes: u64) -> String {
-    match bytes {
-        0..1_000_000 => format!("{:.0} kB", bytes as f64 / 1e3),
-        1_000_000..1_000_000_000 => format!("{:.1} MB", bytes as f64 / 1e6),
-        _ => format!("{:.2} GB", bytes as f64 / 1e9),
-    }
 }

@@ -219,12 +219,9 @@ fn two_publishers_and_a_withdrawal_lose_nothing_in_200_rounds() {
     for round in 0..rounds {
         let bench = Bench::new();
         publish(&bench.publishing(None, &[])).unwrap();
-        let mut state = round.wrapping_mul(0x9e37_79b9_7f4a_7c15) + 1;
-        let mut pause = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            // Which of them is where is what this is about: no state is waited for.
-            std::time::Duration::from_micros((state >> 33) % 12_000)
-        };
+        let mut random = fastrand::Rng::with_seed(round);
+        // Which of them is where is what this is about: no state is waited for.
+        let mut pause = || std::time::Duration::from_micros(random.u64(..12_000));
         let (site, bag): (&[&str], &[&str]) =
             if round % 5 == 0 { (&["--site"], &["--site", "--bag"]) } else { (&[], &[]) };
         let publishing =

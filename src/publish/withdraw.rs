@@ -108,7 +108,7 @@ fn say_outlook(args: &Args, slug: &Slug, keep: &Path, there: &Outlook) -> anyhow
         args.to.display(),
         there.title,
         counted(files, "file", "files"),
-        super::plan::human(bytes),
+        kilwa_files::size::text(bytes),
         keep.join(slug.as_str()).display()
     )?)
 }

@@ -8,6 +8,7 @@ use indicatif::ProgressBar;
 use kilwa_archive::assemble::{Landing, complete, is_published, write_viewer};
 use kilwa_archive::bag::{self, BagInfo};
 use kilwa_archive::checksums::sha256;
+use kilwa_archive::created_folders::CreatedFolders;
 use kilwa_archive::draft::{Draft, Steps};
 use kilwa_archive::layout::{ANNOTATIONS, PREVIEW, PREVIEW_MAX, pack_name, version_folder};
 use kilwa_archive::lock::{Lock, PATIENCE};
@@ -39,14 +40,15 @@ fn run_with(args: &Args, plan: &mut Plan, picture: Picture<'_>) -> anyhow::Resul
     let (shelf, slug) = (&args.to, plan.facts.slug.clone());
     let bar = spinner();
     verify::sound(&plan.given.pack)?;
-    // Removed again if nothing is published to it.
-    let _folders = kilwa_archive::made::Made::create(shelf, &|_| Ok(()))?;
     let say = |what: &str| {
         bar.set_message(visible(what).into_owned());
         Ok(())
     };
-    let mut draft = Draft::begin(&locked(shelf, &bar)?, &slug, &say)?;
-    let made = Made::of(plan, &mut draft, picture, &bar)?;
+    // Removed again if nothing is published to it.
+    let (_folders, lock) = CreatedFolders::create_locked(shelf, &|| waits(&bar)(shelf), &|_| Ok(()))?;
+    let mut draft = Draft::begin(&lock, &slug, &say)?;
+    drop(lock);
+    let made = Prepared::of(plan, &mut draft, picture, &bar)?;
     write_viewer(&mut draft, &plan.page)?;
     let lock = locked(shelf, &bar)?;
     if args.site {
@@ -155,7 +157,7 @@ pub(super) fn waits(bar: &ProgressBar) -> impl Fn(&Path) {
 }
 
 /// What of a version is made without knowing what is published.
-struct Made {
+struct Prepared {
     taken: Option<redact::TakenOut>,
     of_pack: kilwa_pack::Metadata,
     identity: String,
@@ -164,7 +166,7 @@ struct Made {
     pictured: Pictured,
 }
 
-impl Made {
+impl Prepared {
     fn of(plan: &Plan, draft: &mut Draft<'_>, picture: Picture<'_>, bar: &ProgressBar) -> anyhow::Result<Self> {
         let folder = draft.folder();
         let part = folder.join(PART);
@@ -190,7 +192,7 @@ fn already(
     args: &Args,
     plan: &Plan,
     before: &Manifest,
-    made: &Made,
+    made: &Prepared,
     lock: &Lock,
     steps: Steps<'_>,
 ) -> anyhow::Result<Report> {

@@ -23,7 +23,6 @@ use kilwa_viewer::sheet::drawing;
 use kilwa_viewer::shell::native::Session;
 use kilwa_viewer::{Bounds, RenderOptions, StandardView};
 use serde::Serialize;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// A drawing to scale.
@@ -146,7 +145,7 @@ pub(crate) fn run<S: Source>(args: &SheetArgs, mut s: Subject<'_, S>) -> anyhow:
     let painted = if format == Format::Pdf { Layout::default() } else { layout.clone() };
     let form = |form| Writer::new(form, &sheet, &layout, &title.name, georeference.clone());
     let written = s.output;
-    let mut out = NewFile::beside(written)?;
+    let mut out = NewFile::create(written)?;
     let how = (s.options, s.pixel_error);
     let mut bands = picture::Bands::new(&mut s.session, (&sheet, s.view), size, how, &painted);
     let mut next = || bands.next();
@@ -156,10 +155,19 @@ pub(crate) fn run<S: Source>(args: &SheetArgs, mut s: Subject<'_, S>) -> anyhow:
         Format::Pdf => strips::write(out.file(), size[0], form(Form::Pdf)?, &mut next)?,
     }
     let figures = bands.figures();
-    out.name(written, s.replace)?;
     let mut files = vec![written.display().to_string()];
-    if let Some(g) = georeference.as_ref().filter(|_| format == Format::Png) {
-        files.push(world_file(written, g, s.replace)?);
+    let world = georeference.as_ref().filter(|_| format == Format::Png).map(|g| (written.with_extension("pgw"), g));
+    if let Some((path, g)) = &world {
+        // First, because a picture without its world file cannot be told from one that has none.
+        NewFile::write(path, g.world_file().as_bytes(), s.replace)?;
+        files.push(path.display().to_string());
+    }
+    if let Err(e) = out.commit(s.replace) {
+        // A world file that replaced another cannot be taken back; the picture that it belongs to is made by the next attempt.
+        if let Some((path, _)) = world.filter(|_| !s.replace) {
+            drop(std::fs::remove_file(path));
+        }
+        return Err(e);
     }
     Ok(Report {
         drawing: written.display().to_string(),
@@ -227,13 +235,4 @@ type Next<'a> = &'a mut dyn FnMut() -> anyhow::Result<Option<Vec<u8>>>;
 pub(crate) fn world_file_of(output: &Path, view: StandardView) -> Option<PathBuf> {
     let is_png = Format::of(output).is_ok_and(|format| format == Format::Png);
     (is_png && view == StandardView::Plan).then(|| output.with_extension("pgw"))
-}
-
-/// The world file beside a picture.
-fn world_file(picture: &Path, g: &GeoReference, replace: bool) -> anyhow::Result<String> {
-    let path = picture.with_extension("pgw");
-    let mut file = NewFile::beside(&path)?;
-    file.file().write_all(g.world_file().as_bytes()).with_context(|| format!("cannot write {}", path.display()))?;
-    file.name(&path, replace)?;
-    Ok(path.display().to_string())
 }

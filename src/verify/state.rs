@@ -6,7 +6,8 @@
 use super::place::Place;
 use crate::secrets::shown;
 use anyhow::{Context, bail};
-use kilwa_files::{plain_file, unfinished};
+use kilwa_files::atomic::{Access, AtomicFile};
+use kilwa_files::plain_file;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{File, OpenOptions};
@@ -140,16 +141,12 @@ impl State {
 
     /// The file of a new run, with what is known from earlier ones.
     fn begin(&self, path: &Path, target: &str, at: u64) -> anyhow::Result<()> {
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        let make = || tempfile::NamedTempFile::new_in(folder);
-        let (mut file, _unfinished) = unfinished::make(make, tempfile::NamedTempFile::path)?;
+        let mut file = AtomicFile::create(path, Access::Private)?;
         for unit in self.units.values() {
             writeln!(file, "{}", serde_json::to_string(&Line::Unit(unit.clone()))?)?;
         }
         writeln!(file, "{}", serde_json::to_string(&Line::Run { target: target.to_owned(), at })?)?;
-        file.as_file().sync_all()?;
-        file.persist(path)?;
-        Ok(())
+        Ok(file.commit(true)?)
     }
 
     /// What is known of a unit from before.

@@ -135,6 +135,9 @@ pub enum SynthError {
         /// What is wrong with it and what to do.
         why: &'static str,
     },
+    /// A file cannot be written there.
+    #[error(transparent)]
+    Output(kilwa_files::output::OutputError),
     /// A file could not be written.
     #[error("{}: {source}", .path.display())]
     Io {

@@ -7,11 +7,11 @@
 use super::SynthError;
 use super::piece::Sink;
 use glam::DVec3;
-use kilwa_files::unfinished::{self, Unfinished};
+use kilwa_files::atomic::{Access, AtomicFile, Pending, folder_of};
+use kilwa_files::output;
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
-use tempfile::{NamedTempFile, TempPath};
 
 const BUFFER: usize = 1 << 20;
 
@@ -37,23 +37,7 @@ pub(super) fn file_names(out: &Path, blocks: Option<u32>) -> Result<Vec<PathBuf>
 
 /// Refuse early what would fail late: a missing folder, a target that exists or is a folder.
 pub(super) fn check_targets(files: &[PathBuf], force: bool) -> Result<(), SynthError> {
-    for path in files {
-        let name = |why| SynthError::Name { path: path.clone(), why };
-        if !folder(path).is_dir() {
-            return Err(name("its folder does not exist: make it first"));
-        }
-        if path.is_dir() {
-            return Err(name("is a folder: give the name of a file"));
-        }
-        if path.exists() && !force {
-            return Err(name("exists already: choose another name, or replace it with --force"));
-        }
-    }
-    Ok(())
-}
-
-fn folder(path: &Path) -> &Path {
-    path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
+    files.iter().try_for_each(|path| output::check(path, force)).map_err(SynthError::Output)
 }
 
 /// A PLY being written.
@@ -61,27 +45,19 @@ pub(super) struct Writer {
     path: PathBuf,
     origin: Option<DVec3>,
     comments: Vec<String>,
-    vertices: BufWriter<NamedTempFile>,
+    vertices: BufWriter<AtomicFile<'static>>,
     faces: BufWriter<File>,
     header_bytes: usize,
     vertex_count: u64,
     face_count: u64,
-    // Dropped after the file.
-    unfinished: Unfinished,
 }
 
 impl Writer {
     /// Begin a file; doubles at `origin` where one is given, else floats.
     pub(super) fn create(path: &Path, origin: Option<DVec3>, comments: &[String]) -> Result<Self, SynthError> {
-        let fail = |source| SynthError::Io { path: folder(path).to_owned(), source };
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(".kilwa-synth-");
-        // A temporary file is its owner's alone; the finished one is to be like any other file.
-        #[cfg(unix)]
-        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let make = || builder.tempfile_in(folder(path));
-        let (target, unfinished) = unfinished::make(make, NamedTempFile::path).map_err(fail)?;
-        let faces = tempfile::tempfile_in(folder(path)).map_err(fail)?;
+        let fail = |source| SynthError::Io { path: folder_of(path).to_owned(), source };
+        let target = AtomicFile::create(path, Access::Default).map_err(fail)?;
+        let faces = tempfile::tempfile_in(folder_of(path)).map_err(fail)?;
         let mut writer = Self {
             path: path.to_owned(),
             origin,
@@ -91,7 +67,6 @@ impl Writer {
             header_bytes: 0,
             vertex_count: 0,
             face_count: 0,
-            unfinished,
         };
         writer.header_bytes = writer.header(u64::MAX, u64::MAX, 0).len() + 1;
         let room = vec![b' '; writer.header_bytes];
@@ -120,12 +95,11 @@ impl Writer {
     /// Append the faces, write the header, and hand over a complete file that still has a temporary name.
     pub(super) fn finish(mut self) -> Result<Finished, SynthError> {
         let bytes = self.join().map_err(|e| self.error(e))?;
-        let (path, unfinished) = (self.path, self.unfinished);
-        let file =
-            self.vertices.into_inner().map_err(|e| SynthError::Io { path: path.clone(), source: e.into_error() })?;
+        let path = self.path;
         // Closed here: a thousand blocks must not need a thousand open files.
-        let file = file.into_temp_path();
-        Ok(Finished { path, file, vertices: self.vertex_count, triangles: self.face_count, bytes, unfinished })
+        let closed = self.vertices.into_inner().map_err(io::IntoInnerError::into_error).and_then(AtomicFile::close);
+        let file = closed.map_err(|source| SynthError::Io { path: path.clone(), source })?;
+        Ok(Finished { path, file, vertices: self.vertex_count, triangles: self.face_count, bytes })
     }
 
     fn join(&mut self) -> io::Result<u64> {
@@ -133,15 +107,14 @@ impl Writer {
         self.faces.flush()?;
         let faces = self.faces.get_mut();
         faces.seek(SeekFrom::Start(0))?;
-        let target = self.vertices.get_mut().as_file_mut();
+        let target = self.vertices.get_mut().file_mut();
         io::copy(faces, target)?;
         let bytes = target.stream_position()?;
         let bare = self.header(self.vertex_count, self.face_count, 0).len();
         let header = self.header(self.vertex_count, self.face_count, self.header_bytes - bare);
-        let target = self.vertices.get_mut().as_file_mut();
+        let target = self.vertices.get_mut().file_mut();
         target.seek(SeekFrom::Start(0))?;
         target.write_all(header.as_bytes())?;
-        target.sync_all()?;
         Ok(bytes)
     }
 }
@@ -180,18 +153,16 @@ impl Sink for Writer {
 /// A complete PLY under a temporary name.
 pub(super) struct Finished {
     path: PathBuf,
-    file: TempPath,
+    file: Pending,
     pub(super) vertices: u64,
     pub(super) triangles: u64,
     pub(super) bytes: u64,
-    unfinished: Unfinished,
 }
 
 impl Finished {
     /// Give it its final name; without `force` never over a file that has appeared meanwhile.
     pub(super) fn keep(self, force: bool) -> Result<(), SynthError> {
-        let Self { path, file, unfinished: _unfinished, .. } = self;
-        let kept = if force { file.persist(&path) } else { file.persist_noclobber(&path) };
-        kept.map(drop).map_err(|e| SynthError::Io { path, source: e.error })
+        let Self { path, file, .. } = self;
+        file.commit(force).map_err(|source| SynthError::Io { path, source })
     }
 }

@@ -154,7 +154,7 @@ test("every tool prints the digits of the command line", async () => {
   ];
   let [compared, differing] = [0, 0];
   for (const [task, tool, points] of cases) {
-    for (const unit of points > 0 ? ["m", "ftUS"] : ["m"]) {
+    for (const unit of points > 0 ? ["m", "us-ft"] : ["m"]) {
       const here = await measure(task, unit);
       const there = await native(tool, flat(rays.slice(0, points)), ["--unit", unit, ...(points > 0 ? ["--rays"] : [])]);
       const same = here.refusal ? there.refusal?.includes(here.refusal) : JSON.stringify(here.printed) === JSON.stringify(there.printed);

@@ -491,8 +491,8 @@ test("units change what is shown and never what is kept; values are copied with 
   const { page, complaints, close } = await measured({ permissions: ["clipboard-read", "clipboard-write"] });
   const wanted = await bits(page);
   const given = await rays(page);
-  for (const unit of ["cm", "mm", "km", "ft", "ftUS", "in", "m"]) {
-    await page.locator("#measure select", { has: page.locator('option[value="ftUS"]') }).selectOption(unit);
+  for (const unit of ["cm", "mm", "km", "ft", "us-ft", "in", "m"]) {
+    await page.locator("#measure select", { has: page.locator('option[value="us-ft"]') }).selectOption(unit);
     const printed = [...(await kilwa("distance", "--unit", unit, "--rays", ...given)).matchAll(/^(straight|horizontal|vertical) +(.+)$/gm)].map((m) => m[2]);
     await page.waitForFunction((text) => document.querySelector(".measure-table .facts dd").textContent === text, printed[0]);
     assert.deepEqual(await page.locator(".measure-table .facts").first().locator("dd").allInnerTexts(), printed, unit);

@@ -43,13 +43,13 @@ const WORDS: [&str; 16] = [
 
 /// Makes inputs from inputs.
 pub(crate) struct Mutator {
-    state: u64,
+    random: fastrand::Rng,
     inputs: Vec<Vec<u8>>,
 }
 
 impl Mutator {
     pub(crate) fn new(seed: u64, inputs: Vec<Vec<u8>>) -> Self {
-        Self { state: seed, inputs }
+        Self { random: fastrand::Rng::with_seed(seed), inputs }
     }
 
     /// How many inputs there are to begin with.
@@ -62,16 +62,8 @@ impl Mutator {
         self.inputs.push(input);
     }
 
-    /// SplitMix64 (Steele, Lea and Flood 2014).
-    fn random(&mut self) -> u64 {
-        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.state ^ (self.state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
     fn below(&mut self, n: usize) -> usize {
-        (self.random() % n.max(1) as u64) as usize
+        self.random.usize(..n.max(1))
     }
 
     /// The next input: one of those there are, changed one to eight times.
@@ -90,7 +82,7 @@ impl Mutator {
         let run = |s: &mut Self, n: usize| at..at + s.below((n - at).min(64)).max(1).min(n - at);
         match self.below(11) {
             0 if !bytes.is_empty() => bytes[at] ^= 1 << self.below(8),
-            1 if !bytes.is_empty() => bytes[at] = self.random() as u8,
+            1 if !bytes.is_empty() => bytes[at] = self.random.u8(..),
             2 if !bytes.is_empty() => bytes[at] = BYTES[self.below(BYTES.len())],
             3 => bytes.insert(at, BYTES[self.below(BYTES.len())]),
             4 if !bytes.is_empty() => drop(bytes.drain(run(self, bytes.len()))),
@@ -103,7 +95,7 @@ impl Mutator {
             7 => self.word(bytes),
             8 | 9 => self.borrow(bytes),
             10 if self.below(4) == 0 => bytes.truncate(at),
-            _ => bytes.push(self.random() as u8),
+            _ => bytes.push(self.random.u8(..)),
         }
     }
 

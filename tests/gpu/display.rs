@@ -55,7 +55,7 @@ fn at(image: &Image, x: u32, y: u32) -> [f64; 3] {
 }
 
 fn linear(c: [f64; 3]) -> [f64; 3] {
-    c.map(|x| x / 255.0).map(|x| if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) })
+    c.map(|x| kilwa_geometry::color::decode(x / 255.0))
 }
 
 fn light_of(image: &Image, pixels: impl Iterator<Item = (u32, u32)>) -> f64 {

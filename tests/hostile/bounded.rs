@@ -20,11 +20,8 @@ fn shape(kind: &str, n: u32) -> Input {
     let mut mesh = Input::default();
     let base = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
     let angle = |i: u32| f64::from(i) / f64::from(n) * std::f64::consts::TAU;
-    let mut state = 5u64;
-    let mut random = || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 40) as f64 / f64::from(1 << 24)
-    };
+    let mut generator = fastrand::Rng::with_seed(5);
+    let mut random = || generator.f64();
     match kind {
         "a fan" | "a book" => {
             mesh.positions.extend([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]]);

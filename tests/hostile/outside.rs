@@ -308,11 +308,8 @@ fn no_combination_of_name_parts_leads_out_of_the_folder() {
     std::os::unix::fs::symlink("../..", site.path("site/up")).unwrap();
     std::os::unix::fs::symlink("../secret.bin", site.path("site/link.bin")).unwrap();
     let trials = if std::env::var_os("KILWA_SOAK").is_some() { 5000 } else { 200 };
-    let mut state = 17u64;
-    let mut next = |n: usize| {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 33) as usize % n
-    };
+    let mut random = fastrand::Rng::with_seed(17);
+    let mut next = |n: usize| random.usize(..n);
     let (mut refused, mut missing) = (0, 0);
     for _ in 0..trials {
         let mut name: String = (0..=next(7)).map(|_| PARTS[next(PARTS.len())]).collect();

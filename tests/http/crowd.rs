@@ -3,7 +3,8 @@
 
 use super::client::{Client, loopback};
 use super::process::Server;
-use super::{Dice, check_bound, check_bound_when_quiet, check_none};
+use super::{check_bound, check_bound_when_quiet, check_none};
+use fastrand::Rng;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use tokio::sync::Barrier;
@@ -11,7 +12,7 @@ use tokio::sync::Barrier;
 /// One reader.
 pub(crate) struct Reader {
     pub(crate) client: Client,
-    pub(crate) dice: Dice,
+    pub(crate) dice: Rng,
     /// Wrong responses.
     pub(crate) wrong: Vec<String>,
     /// Of the answers, milliseconds.
@@ -43,7 +44,7 @@ impl Crowd {
                 let (barrier, round) = (Arc::clone(&barrier), round.clone());
                 tokio::spawn(async move {
                     let client = Client::connect_from(loopback(number / 4), address, None).await.unwrap();
-                    let dice = Dice(number as u64 + 1);
+                    let dice = Rng::with_seed(number as u64 + 1);
                     let mut reader = Reader { client, dice, wrong: Vec::new(), times: Vec::new() };
                     for at in 0..rounds {
                         if at == rounds / 3 {

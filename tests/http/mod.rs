@@ -45,27 +45,12 @@ fn check_none(what: &str, of: usize, exceptions: &[String]) {
     assert!(exceptions.is_empty(), "{what}: {} of {of}, such as {}", exceptions.len(), exceptions[0]);
 }
 
-/// A reproducible sequence (xorshift64*).
-struct Dice(u64);
-
-impl Dice {
-    fn below(&mut self, n: u64) -> u64 {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) % n
-    }
-}
-
 /// A reproducible file of no particular content.
 fn noise(length: usize, seed: u64) -> Vec<u8> {
-    let mut dice = Dice(seed | 1);
-    let mut bytes = Vec::with_capacity(length + 16);
-    bytes.extend_from_slice(&kilwa_pack::header::MAGIC);
-    while bytes.len() < length {
-        bytes.extend_from_slice(&dice.below(u64::MAX).to_le_bytes());
-    }
-    bytes.truncate(length);
+    let mut bytes = vec![0; length];
+    let (magic, rest) = bytes.split_at_mut(kilwa_pack::header::MAGIC.len());
+    magic.copy_from_slice(&kilwa_pack::header::MAGIC);
+    fastrand::Rng::with_seed(seed).fill(rest);
     bytes
 }
 

@@ -49,7 +49,7 @@ pub(crate) fn object(folder: &Path, number: usize, pack: &[u8]) -> String {
 
 /// One reader's round: pages, each with a word that it must have, and ranges of a pack.
 async fn round(mut r: Reader, packs: &[String], bytes: &[u8]) -> Reader {
-    let number = r.dice.below(packs.len() as u64) as usize;
+    let number = r.dice.u64(..packs.len() as u64) as usize;
     let pages = [
         ("/?sort=newest".to_owned(), "class=\"card\""),
         (format!("/?q=fort+{number}&lang=sw"), "of coral stone"),
@@ -68,7 +68,7 @@ async fn round(mut r: Reader, packs: &[String], bytes: &[u8]) -> Reader {
         r.times.push(began.elapsed().as_secs_f64() * 1e3);
     }
     for _ in 0..10 {
-        let from = r.dice.below(bytes.len() as u64 - CHUNK);
+        let from = r.dice.u64(..bytes.len() as u64 - CHUNK);
         match r.client.get(&packs[number], &format!("Range: bytes={from}-{}\r\n", from + CHUNK - 1)).await {
             Ok(a) if a.status == 206 && a.body == bytes[from as usize..(from + CHUNK) as usize] => {}
             Ok(a) => r.wrong.push(a.head),

@@ -3,7 +3,8 @@
 
 use super::client::Client;
 use super::process::Server;
-use super::{Dice, check_none, noise};
+use super::{check_none, noise};
+use fastrand::Rng;
 use std::net::{SocketAddr, TcpListener};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -81,10 +82,10 @@ async fn check(name: &str, server: &Server, proxy: SocketAddr, bytes: &[u8]) {
     assert_eq!((beyond.status, beyond.header("content-range")), (416, &format!("bytes */{length}")[..]));
     let head = client.ask("HEAD", URL, "").await.unwrap();
     assert_eq!((head.status, head.header("content-length")), (200, &length.to_string()[..]));
-    let mut dice = Dice(5);
+    let mut dice = Rng::with_seed(5);
     for _ in 0..200 {
-        let from = dice.below(length as u64) as usize;
-        let to = from + dice.below((length - from).min(70_000) as u64) as usize;
+        let from = dice.u64(..length as u64) as usize;
+        let to = from + dice.u64(..(length - from).min(70_000) as u64) as usize;
         let a = client.get(URL, &format!("Range: bytes={from}-{to}\r\n")).await.unwrap();
         if a.status != 206 || a.body != bytes[from..=to] {
             wrong.push(format!("{from}-{to}: {}", a.head));

@@ -2,7 +2,7 @@
 
 use super::client::Client;
 use super::process::Server;
-use super::{Dice, check_none, full, noise};
+use super::{check_none, full, noise};
 
 const LENGTH: usize = 1000;
 const URL: &str = "/packs/fort.kilwa";
@@ -20,6 +20,7 @@ enum Wanted {
     Status(u16),
 }
 use Wanted::{Beyond, Part, Status, Whole};
+use fastrand::Rng;
 
 /// `Range` and what it means in a file of [`LENGTH`] bytes.
 const RANGES: [(&str, Wanted); 49] = [
@@ -144,17 +145,17 @@ async fn every_request_in_the_table_is_answered_exactly() {
 }
 
 /// One random request of each form that the RFC has, and the bytes that it means.
-fn random(dice: &mut Dice, length: u64) -> (String, std::ops::Range<usize>) {
-    let from = dice.below(length);
-    let some = dice.below(length - from).min(dice.below(200_000));
+fn random(dice: &mut Rng, length: u64) -> (String, std::ops::Range<usize>) {
+    let from = dice.u64(..length);
+    let some = dice.u64(..length - from).min(dice.u64(..200_000));
     let range = |a: u64, b: u64| a as usize..b as usize;
-    match dice.below(10) {
+    match dice.u64(..10) {
         0 => {
-            let last = dice.below(100_000) + 1;
+            let last = dice.u64(..100_000) + 1;
             (format!("bytes=-{last}"), range(length - last.min(length), length))
         }
         1 => {
-            let from = length - dice.below(100_000.min(length)) - 1;
+            let from = length - dice.u64(..100_000.min(length)) - 1;
             (format!("bytes={from}-"), range(from, length))
         }
         2 => (format!("bytes={from}-{from}"), range(from, from + 1)),
@@ -172,7 +173,7 @@ async fn random_ranges_are_the_bytes_of_the_file() {
         let address = server.address;
         tokio::spawn(async move {
             let mut client = Client::connect(address).await.unwrap();
-            let mut dice = Dice(seed + 1);
+            let mut dice = Rng::with_seed(seed + 1);
             let mut wrong = Vec::new();
             for _ in 0..each {
                 let (value, wanted) = random(&mut dice, bytes.len() as u64);
@@ -262,20 +263,20 @@ async fn random_lists_of_ranges_are_the_bytes_of_the_file() {
     let bytes = noise(3_000_000, 9);
     let server = Server::start(&[("fort", &bytes)], &[]);
     let mut client = Client::connect(server.address).await.unwrap();
-    let mut dice = Dice(77);
+    let mut dice = Rng::with_seed(77);
     let (count, mut wrong) = (if full() { 20_000 } else { 1_000 }, Vec::new());
     for _ in 0..count {
         // Apart from each other, of every length, in any order.
         let mut ranges = Vec::new();
-        let mut at = dice.below(40_000);
+        let mut at = dice.u64(..40_000);
         while ranges.len() < 64 && at < bytes.len() as u64 {
-            let max = 1 << (1 + dice.below(17));
-            let end = (at + dice.below(max)).min(bytes.len() as u64 - 1);
+            let max = 1 << (1 + dice.u64(..17));
+            let end = (at + dice.u64(..max)).min(bytes.len() as u64 - 1);
             ranges.push(at as usize..end as usize + 1);
-            at = end + 1 + dice.below(90_000);
+            at = end + 1 + dice.u64(..90_000);
         }
         for i in (1..ranges.len()).rev() {
-            ranges.swap(i, dice.below(i as u64 + 1) as usize);
+            ranges.swap(i, dice.u64(..i as u64 + 1) as usize);
         }
         if ranges.is_empty() {
             continue;

@@ -11,7 +11,7 @@ const CHUNK: u64 = 64 * 1024;
 
 /// A part of the pack, anywhere in it.
 async fn part(mut r: Reader, bytes: &[u8]) -> Reader {
-    let from = r.dice.below(bytes.len() as u64 - CHUNK);
+    let from = r.dice.u64(..bytes.len() as u64 - CHUNK);
     let began = Instant::now();
     let answer = r.client.get(URL, &format!("Range: bytes={from}-{}\r\n", from + CHUNK - 1)).await;
     r.times.push(began.elapsed().as_secs_f64() * 1e3);

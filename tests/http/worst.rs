@@ -6,7 +6,8 @@
 use super::client::{Client, loopback};
 use super::portal::object;
 use super::process::Server;
-use super::{Dice, check_bound, check_bound_when_quiet, check_none, full, noise};
+use super::{check_bound, check_bound_when_quiet, check_none, full, noise};
+use fastrand::Rng;
 use std::net::SocketAddr;
 use std::time::Duration;
 use tokio::io::AsyncWriteExt as _;
@@ -108,14 +109,14 @@ fn addresses(mixtures: usize) -> Vec<String> {
     }
     let ranges: Vec<String> = (0..64).map(|k| format!("{}-{}", k * 3, k * 3 + 1)).collect();
     all.push(format!("/packs/plain.kilwa/{}", ranges.join(",")));
-    let mut dice = Dice(11);
+    let mut dice = Rng::with_seed(11);
     for _ in 0..mixtures {
-        let path = PATHS[dice.below(PATHS.len() as u64) as usize];
+        let path = PATHS[dice.u64(..PATHS.len() as u64) as usize];
         let mut parts = Vec::new();
-        let mut left = dice.below(LONGEST as u64) as usize;
+        let mut left = dice.u64(..LONGEST as u64) as usize;
         while left > 20 && parts.len() < 6 {
-            let length = (dice.below(left as u64) + 1) as usize;
-            parts.push(query(PIECES[dice.below(PIECES.len() as u64) as usize], length));
+            let length = (dice.u64(..left as u64) + 1) as usize;
+            parts.push(query(PIECES[dice.u64(..PIECES.len() as u64) as usize], length));
             left -= length;
         }
         all.push(format!("{path}?{}", parts.join("&")));

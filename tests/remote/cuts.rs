@@ -2,8 +2,9 @@
 
 use super::proxy::Proxy;
 use super::send::{Patience, Sender};
-use super::{Dice, Server, intent, local, tree};
+use super::{Server, intent, local, tree};
 use crate::support::succeeds;
+use fastrand::Rng;
 use kilwa_archive::Manifest;
 use kilwa_archive::checksums::{Checksums, sha256};
 use kilwa_server::upload::wire::{AnnouncedFile, Intent};
@@ -91,7 +92,7 @@ pub(crate) fn portal(address: std::net::SocketAddr) -> usize {
 #[test]
 fn an_upload_interrupted_fifty_times_shows_the_old_or_new_object_and_ends_with_the_bytes_of_a_local_publication() {
     let site = local();
-    let mut dice = Dice(0x1234_5678_9abc_def1);
+    let mut dice = Rng::with_seed(0x1234_5678_9abc_def1);
     let mut server = Server::start();
     let (mut cuts, mut kinds) = (0, [0; 3]);
     for number in [1, 2] {
@@ -99,9 +100,9 @@ fn an_upload_interrupted_fifty_times_shows_the_old_or_new_object_and_ends_with_t
         let (mut done, wanted) = (false, cuts + CUTS / 2);
         while !done && cuts < wanted {
             let before = seen(&server.folder());
-            let kind = dice.below(3) as usize;
+            let kind = dice.u64(..3) as usize;
             // Mostly little, so that there is something left to cut; now and then enough to come to the end.
-            let bytes = if dice.below(8) == 0 { all * 2 } else { 1 + dice.below(all / 20) };
+            let bytes = if dice.u64(..8) == 0 { all * 2 } else { 1 + dice.u64(..all / 20) };
             let proxy = Proxy::before(server.address);
             let address = format!("http://{}", proxy.address);
             match kind {
@@ -111,13 +112,13 @@ fn an_upload_interrupted_fifty_times_shows_the_old_or_new_object_and_ends_with_t
                     done = publish(&address, &server.token, number, &site, once()).is_ok();
                 }
                 // The client dies after some time.
-                1 => killed_client(&address, &server.token, number, &site, Duration::from_millis(dice.below(120))),
+                1 => killed_client(&address, &server.token, number, &site, Duration::from_millis(dice.u64(..120))),
                 // The server dies, while the client sends, verifies or waits.
                 _ => {
                     proxy.allow(bytes as i64);
                     let (token, from) = (server.token.clone(), site.clone());
                     let client = std::thread::spawn(move || publish(&address, &token, number, &from, once()));
-                    std::thread::sleep(Duration::from_millis(dice.below(60)));
+                    std::thread::sleep(Duration::from_millis(dice.u64(..60)));
                     server.restart();
                     done = client.join().unwrap().is_ok();
                 }
@@ -141,7 +142,7 @@ fn an_upload_interrupted_fifty_times_shows_the_old_or_new_object_and_ends_with_t
         while cuts < wanted {
             // It is published: later attempts learn so, however they are interrupted.
             let proxy = Proxy::before(server.address);
-            proxy.allow(1 + dice.below(3000) as i64);
+            proxy.allow(1 + dice.u64(..3000) as i64);
             drop(publish(&format!("http://{}", proxy.address), &server.token, number, &site, once()));
             assert!(seen(&server.folder()) == number as usize && (proxy.is_cut() || cuts < wanted));
             cuts += 1;

@@ -231,15 +231,3 @@ pub(crate) fn tree(folder: &Path, hidden: bool) -> BTreeMap<String, Vec<u8>> {
     }
     all
 }
-
-/// A reproducible sequence (xorshift64*).
-pub(crate) struct Dice(pub(crate) u64);
-
-impl Dice {
-    pub(crate) fn below(&mut self, n: u64) -> u64 {
-        self.0 ^= self.0 >> 12;
-        self.0 ^= self.0 << 25;
-        self.0 ^= self.0 >> 27;
-        self.0.wrapping_mul(0x2545_f491_4f6c_dd1d) % n
-    }
-}

@@ -3,8 +3,9 @@
 use super::cuts::{killed_client, once, portal, publish};
 use super::proxy::Proxy;
 use super::send::Patience;
-use super::{ARCHIVE, Dice, Server, local, tree};
+use super::{ARCHIVE, Server, local, tree};
 use crate::bucket::Bucket;
+use fastrand::Rng;
 use kilwa_archive::Manifest;
 use kilwa_archive::checksums::{Checksums, sha256};
 use kilwa_server::{Catalogue, Limits, Page, Site, app, listen};
@@ -59,15 +60,15 @@ fn versions(of: &BTreeMap<String, Vec<u8>>) -> usize {
 fn a_publication_to_a_store_interrupted_at_random_shows_the_old_or_new_object_and_ends_with_the_bytes_of_a_local_one() {
     let Some(bucket) = Bucket::start("cut_off_at_random_the_store_has_the_old_object…") else { return };
     let site = local();
-    let mut dice = Dice(0x0dd0_5eed_1234_5679);
+    let mut dice = Rng::with_seed(0x0dd0_5eed_1234_5679);
     let mut server = Server::over(bucket.options(ARCHIVE, Duration::from_secs(5)).endpoint);
     let (mut cuts, mut kinds) = (0, [0; 4]);
     for number in [1, 2] {
         let all: u64 = super::intent(&site, number).files.iter().map(|f| f.bytes).sum();
         for _ in 0..CUTS / 2 {
             let before = versions(&seen(&bucket));
-            let kind = dice.below(4) as usize;
-            let bytes = if dice.below(3) == 0 { all * 2 } else { 1 + dice.below(all / 10) };
+            let kind = dice.u64(..4) as usize;
+            let bytes = if dice.u64(..3) == 0 { all * 2 } else { 1 + dice.u64(..all / 10) };
             let proxy = Proxy::before(server.address);
             let address = format!("http://{}", proxy.address);
             let (token, from) = (server.token.clone(), site.clone());
@@ -76,17 +77,17 @@ fn a_publication_to_a_store_interrupted_at_random_shows_the_old_or_new_object_an
                     proxy.allow(bytes as i64);
                     drop(publish(&address, &token, number, &site, once()));
                 }
-                1 => killed_client(&address, &token, number, &site, Duration::from_millis(dice.below(200))),
+                1 => killed_client(&address, &token, number, &site, Duration::from_millis(dice.u64(..200))),
                 2 => {
                     let client = std::thread::spawn(move || publish(&address, &token, number, &from, once()));
-                    std::thread::sleep(Duration::from_millis(dice.below(300)));
+                    std::thread::sleep(Duration::from_millis(dice.u64(..300)));
                     server.restart();
                     drop(client.join().unwrap());
                 }
                 _ => {
-                    bucket.proxy.cut_after(dice.below(8000) as i64);
+                    bucket.proxy.cut_after(dice.u64(..8000) as i64);
                     let client = std::thread::spawn(move || publish(&address, &token, number, &from, once()));
-                    std::thread::sleep(Duration::from_millis(100 + dice.below(300)));
+                    std::thread::sleep(Duration::from_millis(100 + dice.u64(..300)));
                     bucket.proxy.down();
                     bucket.proxy.up();
                     drop(client.join().unwrap());

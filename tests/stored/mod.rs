@@ -224,11 +224,10 @@ async fn an_object_published_to_a_store_can_be_found_opened_and_read_and_gets_a_
     let first = server.json("/fort/manifest.json").await;
     let url = format!("/fort/{}", first["versions"][0]["pack"]["url"].as_str().unwrap());
     assert!(server.get(&url, "").await.body == bytes, "the whole pack");
-    let mut x = 11_u64;
+    let mut random = fastrand::Rng::with_seed(11);
     for _ in 0..60 {
-        x = x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        let from = (x >> 33) as usize % bytes.len();
-        let to = (from + (x >> 13) as usize % 70_000).min(bytes.len() - 1);
+        let from = random.usize(..bytes.len());
+        let to = (from + random.usize(..70_000)).min(bytes.len() - 1);
         let answer = server.get(&url, &format!("Range: bytes={from}-{to}\r\n")).await;
         assert!(answer.status == 206 && answer.body == bytes[from..=to], "{from}-{to}: {}", answer.head);
     }

@@ -54,19 +54,7 @@ pub(crate) fn to_segment(p: P, [a, b]: [P; 2]) -> f64 {
     length(sub(p, [0, 1, 2].map(|k| a[k] + d[k] * t)))
 }
 
-/// A stream of numbers from 0 to 1 that is the same every time (Steele, Lea, Flood 2014).
-pub(crate) struct Numbers(pub(crate) u64);
-
-impl Numbers {
-    pub(crate) fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
-    }
-
-    pub(crate) fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.next()
-    }
+/// A random number from `low` to `high`.
+pub(crate) fn between(random: &mut fastrand::Rng, low: f64, high: f64) -> f64 {
+    low + (high - low) * random.f64()
 }

@@ -2,10 +2,11 @@
 //! answers late, against what the command line prints. The browser's own test is tests/browser/measure.test.mjs.
 
 use super::check_none;
-use super::oracle::Numbers;
+use super::oracle::between;
 use super::phantoms::phantom;
 use super::rays::Open;
 use crate::support::{built_once, json, succeeds, text};
+use fastrand::Rng;
 use glam::DVec3;
 use kilwa_measure::clip::{ClipBox, HalfSpace, box_faces};
 use kilwa_measure::interval::Provisional;
@@ -114,7 +115,7 @@ fn the_page_gives_the_same_digits_as_the_command_line_for_every_tool() {
         assert_eq!(document["same"], true);
         let again = write(&page.index, &page.surface_point(), &document.to_string(), "json", 50.0).unwrap();
         assert_eq!(again, words, "read and written in the page it is the same file");
-        let unit = kilwa_measure::LengthUnit::Metre;
+        let unit = kilwa_geometry::LengthUnit::Metre;
         for m in Document::parse(words.as_bytes()).unwrap().measurements {
             // Cold, and with what the first answer left in the store.
             for _ in 0..2 {
@@ -240,7 +241,7 @@ fn drawn(open: &Open, cut: &Cut) -> (Vec<DrawPatch>, Vec<GpuChunk>) {
 
 #[test]
 fn the_provisional_interval_of_the_viewer_contains_the_final_pick_also_at_cuts() {
-    let mut random = Numbers(77);
+    let mut random = Rng::with_seed(77);
     let (mut picks, mut outside, mut one) = (0, 0, 0);
     for (shape, place) in [("stepped-wall", "origin"), ("sphere", "utm"), ("bent-wall", "far")] {
         let open = Open::of(&phantom(shape, place).pack);
@@ -254,7 +255,7 @@ fn the_provisional_interval_of_the_viewer_contains_the_final_pick_also_at_cuts()
             let (patches, meshes) = drawn(&open, &cut);
             for n in 0..40 {
                 let ray = open.random_ray(&mut random);
-                let way = DVec3::from([0, 1, 2].map(|_| random.between(-1.0, 1.0)));
+                let way = DVec3::from([0, 1, 2].map(|_| between(&mut random, -1.0, 1.0)));
                 let normal = way / way.length();
                 let plane = HalfSpace { normal, offset: normal.dot(centre) };
                 let faces = box_faces(centre, DVec3::splat(size * 0.5), n as f64);
@@ -298,7 +299,7 @@ fn a_pick_in_the_page_equals_that_of_the_command_line() {
     let p = phantom("sphere", "utm");
     let page = Page::open(&p.pack);
     let open = Open::of(&p.pack);
-    let mut random = Numbers(5);
+    let mut random = Rng::with_seed(5);
     let lattice = page.index.header().lattice;
     let (mut hits, mut differing) = (0, 0);
     for _ in 0..30 {

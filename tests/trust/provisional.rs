@@ -1,17 +1,17 @@
 //! Provisional picks: the interval that a coarse level gives holds the final value.
 
 use super::check_none;
-use super::oracle::Numbers;
 use super::phantoms::phantom;
 use super::rays::Open;
 use crate::support::{built_once, succeeds, text};
+use fastrand::Rng;
 use kilwa_measure::interval::{Provisional, provisional, stretch};
 use kilwa_pack::{Cut, NO_DIAMOND};
 use std::path::{Path, PathBuf};
 
 #[test]
 fn a_provisional_interval_contains_the_final_value() {
-    let mut random = Numbers(21);
+    let mut random = Rng::with_seed(21);
     let (mut picks, mut outside, mut one, mut missed) = (0usize, 0usize, 0usize, 0usize);
     // Closed solids have a far side: two stretches at least. A sheet has one where the ray does not graze it.
     let solids = [("stepped-wall", "origin"), ("sphere", "utm"), ("bent-wall", "far")].map(|(s, p)| phantom(s, p).pack);

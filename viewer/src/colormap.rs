@@ -31,10 +31,7 @@ mod tests {
 
     /// CIE lightness of an sRGB colour.
     fn lightness(c: [f64; 3]) -> f64 {
-        let linear = c.map(|x| {
-            let x = x / 255.0;
-            if x <= 0.04045 { x / 12.92 } else { ((x + 0.055) / 1.055).powf(2.4) }
-        });
+        let linear = c.map(|x| kilwa_geometry::color::decode(x / 255.0));
         let y = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2];
         116.0 * y.cbrt() - 16.0
     }

@@ -11,6 +11,7 @@ use crate::gpu::target::{Attachments, texture, view_of};
 use crate::gpu::{DEPTH_NORMAL_FORMAT, ID_FORMAT, background, id, surface};
 use crate::options::{Background, Mode, RenderOptions, Tile};
 use crate::section::Clip;
+use kilwa_geometry::color::{decode_f32, encode_f32};
 use kilwa_pack::GpuChunk;
 use kilwa_stream::{DrawPatch, View};
 use std::collections::BTreeMap;
@@ -40,20 +41,12 @@ impl Image {
             }
             for value in &mut pixel[..3] {
                 let encoded = f32::from(*value) / 255.0;
-                let straight = if linear { encode(decode(encoded) / alpha) } else { encoded / alpha };
+                let straight = if linear { encode_f32(decode_f32(encoded) / alpha) } else { encoded / alpha };
                 *value = (straight.clamp(0.0, 1.0) * 255.0).round() as u8;
             }
         }
         self
     }
-}
-
-fn decode(x: f32) -> f32 {
-    if x <= 0.04045 { x / 12.92 } else { libm::powf((x + 0.055) / 1.055, 2.4) }
-}
-
-fn encode(x: f32) -> f32 {
-    if x <= 0.003_130_8 { x * 12.92 } else { 1.055 * libm::powf(x, 1.0 / 2.4) - 0.055 }
 }
 
 /// What covers every pixel, rows from the top.

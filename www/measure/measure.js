@@ -48,7 +48,9 @@ export class Measure {
     this.model = model;
     this.page = page;
     this.program = program;
-    this.unit = UNITS.includes(get("unit")) ? get("unit") : "m";
+    // Earlier versions called the US survey foot ftUS.
+    const unit = get("unit") === "ftUS" ? "us-ft" : get("unit");
+    this.unit = UNITS.includes(unit) ? unit : "m";
     this.snap = get("snap", "none");
     /** The list is too long for an address. */
     this.isLong = false;

@@ -8,7 +8,7 @@ import { t } from "../i18n.js";
 
 /** Units of length; one of it is `numerator / denominator` metres, both exact. */
 /** @type {Record<string, [numerator: number, denominator: number]>} */
-const METRES = { m: [1, 1], cm: [1, 100], mm: [1, 1000], km: [1000, 1], ft: [3048, 10_000], ftUS: [1200, 3937], in: [254, 10_000] };
+const METRES = { m: [1, 1], cm: [1, 100], mm: [1, 1000], km: [1000, 1], ft: [3048, 10_000], "us-ft": [1200, 3937], in: [254, 10_000] };
 export const UNITS = Object.keys(METRES);
 const DEGREES = 57.29577951308232;
 /** @type {Record<string, number>} */
@@ -90,7 +90,7 @@ export function shown({ value, uncertainty, dimension }, unit) {
     return x;
   };
   const raised = ["", "", "²", "³"][power];
-  const symbol = power === 1 ? unit : unit === "ftUS" ? `ft${raised}US` : `${unit}${raised}`;
+  const symbol = `${unit}${raised}`;
   return { value: each(value), uncertainty: each(uncertainty), symbol };
 }
 

@@ -9,6 +9,7 @@
 use super::samples::{Group, KEPT, Sample, groups, is_mark};
 use super::{AROUND_DEGREES, Location, MAP};
 use glam::DVec3;
+use kilwa_geometry::LengthUnit;
 use kilwa_pack::{PackError, Reader, Source};
 use rayon::prelude::*;
 
@@ -20,8 +21,6 @@ const OFFSET: f64 = 50.0;
 const WIDER: f64 = 20.0;
 /// Heights agree when both ends of their ranges do, by this share of the model's height.
 const SAME_HEIGHT: f64 = 0.02;
-/// Units of length, in metres.
-const UNITS: [f64; 8] = [1.0, 0.1, 0.01, 0.001, 1000.0, 0.3048, 1200.0 / 3937.0, 0.0254];
 /// Units of angles, in degrees: degree, radian, gon.
 const ANGLES: [f64; 3] = [1.0, 180.0 / std::f64::consts::PI, 0.9];
 
@@ -238,8 +237,9 @@ impl Location {
             is_near && (is_map || axis == 2)
         };
         let is_place = |unit: f64, s: &Sample| !is_mark(s.value) && self.ranges.iter().any(|r| r.has(s.value * unit));
-        let is_any =
-            |share, test: &dyn Fn(f64, &Sample) -> bool| UNITS.iter().any(|u| is_more(share, &|s| test(*u, s)));
+        let is_any = |share, test: &dyn Fn(f64, &Sample) -> bool| {
+            LengthUnit::ALL.iter().any(|u| is_more(share, &|s| test(u.metres(), s)))
+        };
         if is_any(SHARE, &|u, s| is_own(0, u, s))
             || is_any(SHARE, &|u, s| is_own(1, u, s))
             || is_any(2.0 * SHARE, &is_place)
@@ -259,7 +259,7 @@ impl Location {
     /// Which true coordinate a range of values agrees with.
     fn agreeing(&self, low: f64, high: f64) -> Option<&'static str> {
         let is_map = self.ranges.iter().any(|r| {
-            UNITS.iter().any(|unit| {
+            LengthUnit::ALL.map(LengthUnit::metres).iter().any(|unit| {
                 let (a, b) = (low * unit, high * unit);
                 let meets = |low: f64, high: f64| low <= r.high && high >= r.low;
                 (meets(a, b) || meets(-b, -a)) && b - a <= WIDER * (r.high - r.low)
@@ -277,7 +277,7 @@ impl Location {
         let [min, max] = self.bounds?;
         let height = max[2] - min[2];
         let is_height = height > 0.0
-            && UNITS.iter().any(|unit| {
+            && LengthUnit::ALL.map(LengthUnit::metres).iter().any(|unit| {
                 (low * unit - min[2]).abs() < SAME_HEIGHT * height
                     && (high * unit - max[2]).abs() < SAME_HEIGHT * height
             });

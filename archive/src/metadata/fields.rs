@@ -11,13 +11,11 @@ use crate::date::{is_date_or_span, is_day, iso};
 use crate::layout::Slug;
 use crate::metadata::problem::nearest;
 use crate::rights::{self, Rights};
+use kilwa_geometry::LengthUnit;
 use toml::de::DeTable;
 
 /// Largest metadata file, bytes.
 pub(super) const FILE_MAX: usize = 1 << 20;
-
-/// Units of a mesh, as `kilwa build --units` names them.
-pub(super) const UNITS: [&str; 8] = ["m", "dm", "cm", "mm", "km", "ft", "us-ft", "in"];
 
 /// DataCite 4.5, relationType: the schema that what is written is checked with.
 const RELATIONS: [&str; 36] = [
@@ -60,7 +58,7 @@ const RELATIONS: [&str; 36] = [
 ];
 
 pub(super) fn parse(text: &str) -> Result<Metadata, Problems> {
-    let alone = |message: String, line| Problems(vec![Problem { line, field: String::new(), message }]);
+    let alone = |message: String, line| Problems(vec![Problem::new(line, "", message)]);
     if text.len() > FILE_MAX {
         return Err(alone(format!("the file has {} bytes; at most {FILE_MAX} are allowed", text.len()), 1));
     }
@@ -158,13 +156,13 @@ fn rights_field(t: &Table<'_, '_>) -> Option<RightsField> {
 }
 
 fn model(t: &Table<'_, '_>) -> Option<Model> {
-    let wanted = format!("the units of the mesh that was scanned are needed: one of {}", UNITS.join(", "));
+    let wanted = format!("the units of the mesh that was scanned are needed: one of {}", LengthUnit::symbols());
     let Some(table) = t.table("model") else {
         t.missing("model", &format!("add a line [model] and below it units = \"m\"; {wanted}"));
         return None;
     };
     let units = match table.text("units") {
-        Some(f) if UNITS.contains(&f.value.as_str()) => Some(f.value),
+        Some(f) if LengthUnit::parse(&f.value).is_some_and(|unit| unit.symbol() == f.value) => Some(f.value),
         Some(f) => {
             table.wrong("units", f.at, format!("\"{}\" is no unit; {wanted}", f.value));
             None

@@ -46,7 +46,7 @@ pub(super) fn strays(text: &str) -> Vec<Problem> {
             let message = format!(
                 "it stands below `# {shown}` (line {at}), which is a comment, so that it would belong to {block}; take the # of line {at} away too"
             );
-            all.push(Problem { line, field: format!("{name}.{key}"), message });
+            all.push(Problem::new(line, format!("{name}.{key}"), message));
         }
     }
     all

@@ -12,6 +12,15 @@ pub struct Problem {
     pub field: String,
     /// What is wrong and what to do.
     pub message: String,
+    /// Whether the field still has the example of the template; then it counts as absent.
+    pub is_example: bool,
+}
+
+impl Problem {
+    /// A mistake in `field`, at `line`.
+    pub(super) fn new(line: usize, field: impl Into<String>, message: impl Into<String>) -> Self {
+        Self { line, field: field.into(), message: message.into(), is_example: false }
+    }
 }
 
 impl fmt::Display for Problem {

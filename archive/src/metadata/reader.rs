@@ -39,8 +39,7 @@ impl<'a> File<'a> {
     }
 
     pub(super) fn problem(&self, at: usize, field: &str, message: impl Into<String>) {
-        let problem = Problem { line: self.line(at), field: field.to_owned(), message: message.into() };
-        self.problems.borrow_mut().push(problem);
+        self.problems.borrow_mut().push(Problem::new(self.line(at), field, message));
     }
 
     /// The problems, by line.
@@ -48,10 +47,9 @@ impl<'a> File<'a> {
         let mut problems = self.problems.into_inner();
         problems.sort_by_key(|p| p.line);
         // What is still an example counts as absent: that it is needed goes without saying.
-        let is_example = |p: &Problem| p.message.contains("still the example");
         let examples: Vec<(usize, String)> =
-            problems.iter().filter(|p| is_example(p)).map(|p| (p.line, p.field.clone())).collect();
-        problems.retain(|p| is_example(p) || !examples.contains(&(p.line, p.field.clone())));
+            problems.iter().filter(|p| p.is_example).map(|p| (p.line, p.field.clone())).collect();
+        problems.retain(|p| p.is_example || !examples.contains(&(p.line, p.field.clone())));
         problems
     }
 }
@@ -123,7 +121,8 @@ impl<'a, 'i> Table<'a, 'i> {
             let message = format!(
                 "{text} is still the example of the template; write what is true of this model, without < and >, or put a # before the line"
             );
-            self.wrong(key, at, message);
+            let problem = Problem::new(self.file.line(at), self.field(key), message);
+            self.file.problems.borrow_mut().push(Problem { is_example: true, ..problem });
         }
         is_example
     }

@@ -286,7 +286,7 @@ mod tests {
             write(&known).lines().map(|l| if is_example(l) { &l[2..] } else { l }).collect::<Vec<_>>().join("\n");
         let examples = text.lines().filter(|l| l.contains("= \"<") || l.contains("= [\"<")).count();
         let problems = Metadata::parse(&text).unwrap_err().0;
-        let lines = problems.iter().filter(|p| p.message.contains("still the example")).map(|p| p.line);
+        let lines = problems.iter().filter(|p| p.is_example).map(|p| p.line);
         assert_eq!(lines.collect::<std::collections::BTreeSet<_>>().len(), examples, "{problems:?}");
         let is_number = |l: &str| ["latitude", "longitude", "accuracy"].iter().any(|k| l.starts_with(k));
         let filled = |l: &str| if is_number(l) { l.replace(['<', '>', '"'], "") } else { l.replace(['<', '>'], "") };

@@ -2,7 +2,8 @@
 
 use crate::build::precision::Precision;
 use glam::DVec3;
-use kilwa_formats::{ReadError, Units, Up};
+use kilwa_formats::{ReadError, Up};
+use kilwa_geometry::LengthUnit;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use thiserror::Error;
@@ -16,6 +17,11 @@ pub const COLOR_BITS: RangeInclusive<u8> = 4..=8;
 /// Bits that an octahedral coordinate of a normal may keep: 6 are two degrees, 16 all there are.
 pub const NORMAL_BITS: RangeInclusive<u8> = 6..=16;
 
+/// As the journals of interrupted builds have it: the name of the variant.
+fn by_name<S: serde::Serializer>(unit: &LengthUnit, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_str(&format_args!("{unit:?}"))
+}
+
 /// Everything that shapes a pack, beside its inputs. A build is resumed only with the same.
 #[derive(Debug, Clone, serde::Serialize)]
 pub struct BuildOptions {
@@ -27,7 +33,8 @@ pub struct BuildOptions {
     /// Lattice spacing in metres, a power of two; `None` derives it from the mesh.
     pub step: Option<f64>,
     /// Units of the source.
-    pub units: Units,
+    #[serde(serialize_with = "by_name")]
+    pub units: LengthUnit,
     /// Up axis of the source.
     pub up: Up,
     /// EPSG code or WKT, stored as given.
@@ -57,7 +64,7 @@ impl Default for BuildOptions {
             title: String::new(),
             threads: 0,
             step: None,
-            units: Units::Metre,
+            units: LengthUnit::Metre,
             up: Up::Z,
             crs: None,
             capture_accuracy: None,

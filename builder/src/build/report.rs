@@ -133,7 +133,7 @@ pub(super) fn metadata(s: &Surface, options: &BuildOptions) -> Metadata {
     let [bounds_min, bounds_max] = s.bounds.map(|p| s.lattice.world_from_lattice(p).to_array());
     Metadata {
         title: options.title.clone(),
-        source_units: options.units.name().to_owned(),
+        source_units: options.units.symbol().to_owned(),
         source_up: if options.up == Up::Z { "z" } else { "y" }.to_owned(),
         crs: options.crs.clone(),
         lattice_step: s.lattice.step(),

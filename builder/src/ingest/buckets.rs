@@ -282,11 +282,8 @@ mod tests {
     use super::*;
 
     fn samples(n: u64, side: u64) -> Vec<I64Vec3> {
-        let mut state = 9u64;
-        let mut next = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 33) % side
-        };
+        let mut random = fastrand::Rng::with_seed(9);
+        let mut next = || random.u64(..side);
         (0..n).map(|_| I64Vec3::new(next() as i64 * 3, next() as i64 * 3, (next() / 7) as i64 * 3)).collect()
     }
 

@@ -264,15 +264,6 @@ fn given_step(step: f64, extent: f64, coarsest: i32) -> Result<i32, BuildError> 
 mod tests {
     use super::*;
 
-    /// A small, fast, seeded generator (SplitMix64).
-    fn random(state: &mut u64) -> f64 {
-        *state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = *state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        (z >> 11) as f64 / (1u64 << 53) as f64
-    }
-
     #[test]
     fn a_lattice_spacing_wider_than_the_model_is_refused() {
         let measured = Measured { bounds: [DVec3::ZERO, DVec3::ONE], first: 0.1, median: 0.5 };
@@ -289,7 +280,7 @@ mod tests {
 
     #[test]
     fn rounding_through_the_provisional_lattice_equals_direct_snapping_ties_included() {
-        let mut state = 1;
+        let mut random = fastrand::Rng::with_seed(1);
         for (offset, size) in [
             (DVec3::ZERO, 7.3),
             (DVec3::new(512_345.678, 4_649_776.25, -31.0), 220.0),
@@ -303,7 +294,7 @@ mod tests {
                 let step = lattice.step();
                 for i in 0..3000 {
                     let p = offset.map(|offset| {
-                        let p = offset + size * random(&mut state);
+                        let p = offset + size * random.f64();
                         // A third of them exactly halfway between two lattice points.
                         if i % 3 == 0 { ((p / step).floor() + 0.5) * step } else { p }
                     });
@@ -318,10 +309,10 @@ mod tests {
 
     #[test]
     fn percentiles_of_the_histogram_match_the_sorted_list_within_one_bin() {
-        let mut state = 5;
+        let mut random = fastrand::Rng::with_seed(5);
         let (mut lengths, mut sorted) = (Lengths::default(), Vec::new());
         for _ in 0..5000 {
-            let p: [u32; 3] = std::array::from_fn(|_| (random(&mut state).powi(4) * 1e6) as u32 + 1);
+            let p: [u32; 3] = std::array::from_fn(|_| (random.f64().powi(4) * 1e6) as u32 + 1);
             lengths.add(&[0; 3], &p);
             sorted.push(p.iter().map(|x| f64::from(*x).powi(2)).sum::<f64>().sqrt());
         }

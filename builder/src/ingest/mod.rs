@@ -52,7 +52,6 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 pub use spool::{Spool, Spooled};
 use std::collections::BTreeMap;
-use std::io::Write;
 pub use topology::Counts;
 
 /// What the user can choose.
@@ -291,14 +290,7 @@ fn read_line<T: DeserializeOwned>(scratch: &Scratch, name: &str) -> Result<T, Sc
 fn write_line(scratch: &Scratch, name: &str, what: &impl Serialize) -> Result<(), ScratchError> {
     let path = scratch.path(name);
     let line = seal(&serde_json::to_vec(what).map_err(|e| ScratchError::damaged(&path, e.to_string()))?);
-    // The file gets its name only when it is complete.
-    let write = || -> std::io::Result<()> {
-        let mut temporary = tempfile::NamedTempFile::new_in(scratch.folder())?;
-        temporary.write_all(&line)?;
-        temporary.persist(&path)?;
-        Ok(())
-    };
-    write().map_err(|e| ScratchError::write(&path, line.len() as u64, 0, e))
+    scratch.write(name, &line)
 }
 
 /// Whether a file of the scratch folder belongs to the ingest.

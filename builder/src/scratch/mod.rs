@@ -23,6 +23,7 @@ pub use records::{Records, point_key, point_of, record, tetrahedron_of};
 pub(crate) use sum::{Sum, seal, unseal};
 
 use folder::LOCK;
+use kilwa_files::atomic::{self, Access};
 use kilwa_files::unfinished::{self, Unfinished};
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -191,13 +192,27 @@ impl Scratch {
         Ok(files)
     }
 
+    /// Write a small file whole, in place of one of that name. It is durable, unless the folder is temporary: nothing reads that after a crash.
+    ///
+    /// # Errors
+    /// [`ScratchError::DiskFull`], [`ScratchError::Io`].
+    pub fn write(&self, name: &str, bytes: &[u8]) -> Result<(), ScratchError> {
+        let path = self.path(name);
+        let written = if self.space.fleeting {
+            std::fs::write(&path, bytes)
+        } else {
+            atomic::write(&path, bytes, Access::Private, true)
+        };
+        written.map_err(|e| ScratchError::write(&path, bytes.len() as u64, 0, e))
+    }
+
     /// Make the names in the folder durable.
     ///
     /// # Errors
     /// [`ScratchError::Io`] where the system refuses.
     pub fn sync(&self) -> Result<(), ScratchError> {
-        if cfg!(unix) && !self.space.fleeting {
-            let synced = File::open(&self.held.folder).and_then(|folder| folder.sync_all());
+        if !self.space.fleeting {
+            let synced = atomic::sync_folder(&self.held.folder);
             synced.map_err(|e| ScratchError::io(&self.held.folder, "make durable", e))?;
         }
         Ok(())

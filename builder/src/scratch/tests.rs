@@ -72,10 +72,10 @@ fn every_damaged_byte_of_a_patch_file_is_detected() {
 fn records_are_visited_once_and_in_order_with_any_amount_of_memory() {
     let scratch = Scratch::temporary().unwrap();
     let records = Records::create(&scratch, "shared").unwrap();
-    let mut state = 1u32;
+    let mut random = fastrand::Rng::with_seed(1);
     let mut all: Vec<u128> = (0..300_000)
         .map(|_| {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            let state = random.u32(..);
             record(LatticePoint::new((state >> 20) as i32, (state & 0xff) as i32, 1 << 30), state >> 28)
         })
         .collect();

@@ -3,7 +3,7 @@
 
 mod plain;
 
-use crate::support::{Random, closed, fort, non_manifold, wall, with_holes};
+use crate::support::{closed, fort, non_manifold, wall, with_holes};
 use kilwa_builder::build::work::{Stop, Work};
 use kilwa_builder::ingest::surface::{Ingested, Surface};
 use kilwa_builder::ingest::{IngestOptions, Spool, ingest};
@@ -200,11 +200,11 @@ fn an_ingest_equals_a_simple_construction_in_memory() {
 /// The mesh with its vertices and triangles in another order.
 fn shuffled(mesh: &RawMesh, seed: u64) -> RawMesh {
     let mut out = mesh.clone();
-    let mut random = Random(seed);
+    let mut random = fastrand::Rng::with_seed(seed);
     let n = mesh.positions.len();
     let mut new_of_old: Vec<u32> = (0..n as u32).collect();
     for i in (1..n).rev() {
-        new_of_old.swap(i, random.below(i + 1));
+        new_of_old.swap(i, random.usize(..i + 1));
     }
     for (old, new) in new_of_old.iter().enumerate() {
         out.positions[*new as usize] = mesh.positions[old];
@@ -214,7 +214,7 @@ fn shuffled(mesh: &RawMesh, seed: u64) -> RawMesh {
     }
     out.triangles.iter_mut().for_each(|t| *t = t.map(|v| new_of_old[v as usize]));
     for i in (1..out.triangles.len()).rev() {
-        out.triangles.swap(i, random.below(i + 1));
+        out.triangles.swap(i, random.usize(..i + 1));
     }
     out
 }
@@ -419,11 +419,11 @@ fn only_small_components_are_dropped_and_they_leave_nothing_behind() {
     // A wall with islands of 1 to 40 triangles scattered before it.
     let base = wall(20_000);
     let mut raw = base.clone();
-    let mut random = Random(4);
+    let mut random = fastrand::Rng::with_seed(4);
     let mut dropped = 0u64;
     for n in 1..=40u32 {
         let first = raw.positions.len() as u32;
-        let at: [f64; 3] = std::array::from_fn(|k| raw.positions[random.below(base.positions.len())][k] + 0.5);
+        let at: [f64; 3] = std::array::from_fn(|k| raw.positions[random.usize(..base.positions.len())][k] + 0.5);
         for i in 0..n + 2 {
             let (x, y) = (f64::from(i / 2) * 0.01, f64::from(i % 2) * 0.01);
             raw.positions.push([at[0] + x, at[1] + y, at[2]]);
@@ -454,12 +454,12 @@ fn only_small_components_are_dropped_and_they_leave_nothing_behind() {
 fn the_estimated_noise_is_that_of_the_surface() {
     for sigma in [0.0005, 0.002] {
         let mut raw = RawMesh::default();
-        let mut random = Random(12);
+        let mut random = fastrand::Rng::with_seed(12);
         let n = 120u32;
         for i in 0..n {
             for j in 0..n {
                 // The sum of twelve uniform numbers is normal enough.
-                let noise = (0..12).map(|_| random.unit()).sum::<f64>() - 6.0;
+                let noise = (0..12).map(|_| random.f64()).sum::<f64>() - 6.0;
                 raw.positions.push([f64::from(i) * 0.01, f64::from(j) * 0.01, noise * sigma]);
                 let v = i * n + j;
                 if i + 1 < n && j + 1 < n {

@@ -10,27 +10,6 @@ use kilwa_pack::{Chunk, DirectoryEntry, Reader};
 use kilwa_synth::{self as synth, Phantom, Shape, SynthOptions};
 use std::collections::HashMap;
 
-/// A small, fast, seeded generator (SplitMix64).
-pub(crate) struct Random(pub(crate) u64);
-
-impl Random {
-    pub(crate) fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
-    }
-
-    pub(crate) fn below(&mut self, n: usize) -> usize {
-        (self.next() % n as u64) as usize
-    }
-
-    pub(crate) fn unit(&mut self) -> f64 {
-        (self.next() >> 11) as f64 / (1u64 << 53) as f64
-    }
-}
-
 pub(crate) fn fort(triangles: u64) -> RawMesh {
     synth::mesh(Shape::Fort, &SynthOptions::new(triangles)).expect("fort")
 }
@@ -52,8 +31,8 @@ pub(crate) fn closed(triangles: u64) -> RawMesh {
 /// The closed mesh with patches of triangles torn out: true borders.
 pub(crate) fn with_holes(triangles: u64) -> RawMesh {
     let mut mesh = closed(triangles);
-    let mut random = Random(5);
-    let centres: Vec<[f64; 3]> = (0..40).map(|_| mesh.positions[random.below(mesh.positions.len())]).collect();
+    let mut random = fastrand::Rng::with_seed(5);
+    let centres: Vec<[f64; 3]> = (0..40).map(|_| mesh.positions[random.usize(..mesh.positions.len())]).collect();
     let positions = mesh.positions.clone();
     mesh.triangles.retain(|t| {
         let p = positions[t[0] as usize];
@@ -104,13 +83,13 @@ pub(crate) fn non_manifold(n: u32) -> RawMesh {
             }
         }
     }
-    let mut random = Random(3);
+    let mut random = fastrand::Rng::with_seed(3);
     for _ in 0..50 {
-        let t = mesh.triangles[random.below(mesh.triangles.len())];
+        let t = mesh.triangles[random.usize(..mesh.triangles.len())];
         mesh.triangles.push(t);
     }
     for k in 0..200 {
-        let base: [f64; 3] = std::array::from_fn(|_| random.unit());
+        let base: [f64; 3] = std::array::from_fn(|_| random.f64());
         let v = [[0.0, 0.0, 0.0], [s, 0.0, 0.0], [0.0, s, 0.0], [0.0, 0.0, s]].map(|d| {
             let p = std::array::from_fn(|i| base[i] + d[i] + 1e-4 * f64::from(k));
             vertex(&mut mesh, p)

@@ -206,11 +206,8 @@ mod tests {
 
     #[test]
     fn every_point_is_assigned_to_a_child_that_contains_it() {
-        let mut seed = 7u64;
-        let mut random = || {
-            seed = seed.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (seed >> 33) as i64 % (64 * 3)
-        };
+        let mut generator = fastrand::Rng::with_seed(7);
+        let mut random = || generator.i64(0..64 * 3);
         for _ in 0..2000 {
             let sum = I64Vec3::new(random(), random(), random());
             let mut t = *Tetra::roots(6).iter().find(|t| t.violation(sum) <= 1e-9).expect("the roots tile the cube");

@@ -144,11 +144,8 @@ mod tests {
     fn the_intervals_of_a_ray_contain_exactly_its_unclipped_points() {
         let faces = box_faces(DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 6.0, 2.0), 0.4);
         let plane = Some(HalfSpace { normal: DVec3::new(0.6, 0.0, 0.8), offset: 4.0 });
-        let mut state = 1u64;
-        let mut random = || {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (state >> 33) as f64 / f64::from(1u32 << 31) * 2.0 - 1.0
-        };
+        let mut generator = fastrand::Rng::with_seed(1);
+        let mut random = || generator.f64() * 2.0 - 1.0;
         for (remove_inside, plane) in [(false, None), (true, None), (false, plane), (true, plane)] {
             let clip = Clip { plane, bounds: Some(ClipBox { faces, remove_inside }) };
             for _ in 0..200 {

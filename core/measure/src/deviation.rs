@@ -1,7 +1,7 @@
 //! How far a surface is from a plane: bulging walls, uneven floors.
 
 use crate::plane::Plane;
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Target};
 use crate::region::Region;
 use crate::sum::Sum;
 use glam::DVec3;
@@ -98,7 +98,7 @@ impl Deviation {
         let area = self.area.value();
         if area <= 0.0 {
             let hint = "draw it over the surface, or let it reach farther".to_owned();
-            return Err(Refusal::Misses { what: "the region", hint });
+            return Err(Refusal::Misses { what: Target::Region, hint });
         }
         let (mean, square) = (self.first.value() / area, self.second.value() / area);
         Ok(DeviationFigures {

@@ -5,8 +5,8 @@
 
 use crate::drawing::{Drawing, short};
 use crate::record::{Document, Measurement};
-use crate::unit::LengthUnit;
 use glam::{DVec2, DVec3};
+use kilwa_geometry::LengthUnit;
 use std::fmt::Write;
 
 /// Layer of saved measurements.

@@ -3,7 +3,7 @@
 use crate::clip::Clip;
 use crate::leaves::{Failure, Leaves, finest};
 use crate::pick::{Picker, Ray};
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Target};
 use crate::space::Space;
 use crate::surface::Surface;
 use glam::DVec3;
@@ -49,7 +49,7 @@ pub async fn cast<L: Leaves>(leaves: &L, origin: DVec3, direction: DVec3, clip: 
         finest(&leaves.chunk(*i).await?).for_each(|t| picker.add(t));
     }
     let picked = picker.picked().ok_or_else(|| Refusal::Misses {
-        what: "the ray",
+        what: Target::Ray,
         hint: "check its origin and direction, which are world coordinates".to_owned(),
     })?;
     let local = space.local_from_steps(picked.point);
@@ -100,7 +100,7 @@ pub async fn nearest<L: Leaves>(leaves: &L, local: DVec3) -> Result<Place, Failu
         }
     }
     let (d, q, normal) = best
-        .ok_or_else(|| Refusal::Misses { what: "the position", hint: "the pack contains no triangles".to_owned() })?;
+        .ok_or_else(|| Refusal::Misses { what: Target::Position, hint: "the pack contains no triangles".to_owned() })?;
     let local = space.local_from_steps(q);
     let (world, away) = (space.world_from_local(local), d * space.step());
     crate::refusal::finite(&[world, DVec3::splat(away)])?;

@@ -10,9 +10,10 @@ use crate::message::{Message, MessageValue, ToMessage};
 use crate::plane::Plane;
 use crate::quantity::Uncertainty;
 use crate::space::Space;
-use crate::unit::{LengthUnit, Reading};
+use crate::unit::{self, Reading};
 use glam::DVec3;
 use kilwa_geometry::Lattice;
+use kilwa_geometry::LengthUnit;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write;
 use thiserror::Error;
@@ -253,7 +254,7 @@ impl Document {
             let points: Vec<String> =
                 m.task.world.iter().map(|p| format!("{:?} {:?} {:?}", p[0], p[1], p[2])).collect();
             for r in &m.readings {
-                let (_, symbol) = LengthUnit::Metre.show(r.quantity, r.dimension);
+                let (_, symbol) = unit::shown(r.quantity, r.dimension, LengthUnit::Metre);
                 let symbol = if symbol == "°" { "rad".to_owned() } else { symbol };
                 let cells = [m.name.as_str(), m.task.tool.name(), &r.name];
                 let cells: Vec<String> = cells.into_iter().map(cell).collect();

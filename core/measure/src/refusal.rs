@@ -5,6 +5,39 @@ use glam::DVec3;
 use kilwa_pack::plural::counted;
 use thiserror::Error;
 
+/// What meets no surface.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Target {
+    /// A section plane.
+    Plane,
+    /// The outline of an area.
+    Polygon,
+    /// The region of a volume or a deviation.
+    Region,
+    /// The line of a profile.
+    Profile,
+    /// Contours in a range of heights.
+    Contours,
+    /// A ray.
+    Ray,
+    /// A position.
+    Position,
+}
+
+impl std::fmt::Display for Target {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Plane => "the plane",
+            Self::Polygon => "the polygon",
+            Self::Region => "the region",
+            Self::Profile => "the line of the profile",
+            Self::Contours => "the contours",
+            Self::Ray => "the ray",
+            Self::Position => "the position",
+        })
+    }
+}
+
 /// What a tool says instead of a number that would mean nothing.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum Refusal {
@@ -52,7 +85,7 @@ pub enum Refusal {
     #[error("{what} meets no surface; {hint}")]
     Misses {
         /// What.
-        what: &'static str,
+        what: Target,
         /// What to do.
         hint: String,
     },
@@ -113,8 +146,8 @@ impl ToMessage for Refusal {
             Self::Crossing => Message::new("refuse-cross", []),
             Self::Open { borders } => Message::new("refuse-open", [("borders", MessageValue::Count(borders))]),
             Self::Inconsistent => Message::new("refuse-inside", []),
-            Self::Misses { what: "the polygon" | "the region", .. } => Message::new("refuse-misses-region", []),
-            Self::Misses { what: "the contours", .. } => Message::new("refuse-misses-heights", []),
+            Self::Misses { what: Target::Polygon | Target::Region, .. } => Message::new("refuse-misses-region", []),
+            Self::Misses { what: Target::Contours, .. } => Message::new("refuse-misses-heights", []),
             Self::Misses { .. } => Message::new("refuse-misses", []),
             Self::Gap => Message::new("refuse-gap", []),
             Self::NotFinite => Message::new("refuse-not-finite", []),

@@ -7,7 +7,7 @@
 //! triangle gives one piece; a closed surface gives closed polylines. The result does not depend on the order of triangles.
 
 use crate::plane::Plane;
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Target};
 use crate::space::Space;
 use glam::{DVec2, DVec3};
 use kilwa_geometry::LatticePoint;
@@ -141,7 +141,7 @@ impl Cutter {
     pub fn section(mut self) -> Result<Section, Refusal> {
         if self.pieces.is_empty() {
             let hint = "move it to where the model is".to_owned();
-            return Err(Refusal::Misses { what: "the plane", hint });
+            return Err(Refusal::Misses { what: Target::Plane, hint });
         }
         self.pieces.sort_unstable();
         let triangles = self.pieces.len() as u64;
@@ -288,11 +288,7 @@ mod tests {
             let Ok(plane) = plane else { return Ok(()) };
             let Ok(first) = cut(plane, &triangles) else { return Ok(()) };
             prop_assert!(first.polylines.iter().all(|p| p.closed));
-            let mut s = seed;
-            for i in (1..triangles.len()).rev() {
-                s = s.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
-                triangles.swap(i, (s >> 33) as usize % (i + 1));
-            }
+            fastrand::Rng::with_seed(seed).shuffle(&mut triangles);
             prop_assert_eq!(cut(plane, &triangles).unwrap(), first);
         }
     }

@@ -63,11 +63,8 @@ mod tests {
     use proptest::prelude::*;
 
     fn soup(seed: u64, n: usize) -> Vec<[DVec3; 3]> {
-        let mut s = seed;
-        let mut random = || {
-            s = s.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-            (s >> 40) as f64 / 65536.0
-        };
+        let mut generator = fastrand::Rng::with_seed(seed);
+        let mut random = || generator.f64() * 256.0;
         (0..n)
             .map(|_| {
                 let base = DVec3::new(random(), random(), random());

@@ -151,8 +151,8 @@ fn circle(points: &[DVec3], point: &Uncertainty) -> Result<Vec<Reading>, Refusal
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::unit::LengthUnit;
     use kilwa_geometry::Lattice;
+    use kilwa_geometry::LengthUnit;
 
     fn space() -> Space {
         Space::new(Lattice { origin: DVec3::new(500_000.0, 4_649_776.0, 123.0), step_log2: -10 })

@@ -1,6 +1,6 @@
 //! Volumes: of a closed surface, and cut and fill of a drawn region against a plane.
 
-use crate::refusal::Refusal;
+use crate::refusal::{Refusal, Target};
 use crate::region::{Region, cut};
 use crate::sum::Sum;
 use glam::DVec3;
@@ -153,7 +153,7 @@ impl CutFill {
     pub fn volumes(&self, region: &Region) -> Result<CutFillVolume, Refusal> {
         if self.triangles == 0 {
             let hint = format!("it reaches {} m to both sides of its plane", region.reach());
-            return Err(Refusal::Misses { what: "the region", hint });
+            return Err(Refusal::Misses { what: Target::Region, hint });
         }
         let (cut, fill) = (self.above.value(), self.below.value());
         Ok(CutFillVolume { cut, fill, net: cut - fill, covered: self.covered.value() / region.area() })

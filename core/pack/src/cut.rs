@@ -70,22 +70,13 @@ impl Cut {
     /// cut. The same seed gives the same cut.
     pub fn random(entries: &[DirectoryEntry], seed: u64, target: usize) -> Self {
         let mut growth = Growth::new(entries);
-        let mut state = seed;
-        // Steele, Lea, Flood, "Fast splittable pseudorandom number generators", 2014.
-        let mut random = || {
-            state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-            let mut z = state;
-            z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-            z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-            z ^ (z >> 31)
-        };
+        let mut random = fastrand::Rng::with_seed(seed);
         let mut open = growth.refine(0);
         for _ in 1..target {
             if open.is_empty() {
                 break;
             }
-            let pick = usize::try_from(random() % open.len() as u64).unwrap_or(0);
-            let i = open.swap_remove(pick);
+            let i = open.swap_remove(random.usize(..open.len()));
             open.extend(growth.refine(i));
         }
         growth.cut

@@ -1,6 +1,6 @@
 //! The chunk codec gives back exactly what it was given, and refuses everything else without a panic.
 
-use crate::common::{Random, height_field};
+use crate::common::height_field;
 use glam::DVec3;
 use kilwa_geometry::Mesh;
 use kilwa_pack::chunk::{Declared, decode, encode, patch_table};
@@ -16,36 +16,36 @@ fn declared(chunk: &Chunk) -> Declared {
 /// A triangle soup with everything that a mesh may have: duplicates, degenerate triangles, unused vertices, any
 /// normal, any float, empty patches.
 fn soup(seed: u64, triangles: usize, wide: bool, attributes: Attributes) -> Chunk {
-    let mut random = Random(seed);
-    let vertices = 1 + random.below(3 * triangles.max(1) as u64) as usize;
+    let mut random = fastrand::Rng::with_seed(seed);
+    let vertices = 1 + random.u64(..3 * triangles.max(1) as u64) as usize;
     let vertices = if triangles == 0 { 0 } else { vertices };
     let extent = if wide { 1 << 30 } else { 50 };
     let mut mesh = Mesh { scalars: vec![Vec::new(); usize::from(attributes.scalars)], ..Mesh::default() };
     for _ in 0..vertices {
-        mesh.positions.push([(); 3].map(|()| random.below(extent) as i32).into());
-        mesh.normals.push([(); 2].map(|()| random.next() as i16));
+        mesh.positions.push([(); 3].map(|()| random.u64(..extent) as i32).into());
+        mesh.normals.push([(); 2].map(|()| random.i16(..)));
         if attributes.colors {
-            mesh.colors.push([(); 3].map(|()| random.next() as u8));
+            mesh.colors.push([(); 3].map(|()| random.u8(..)));
         }
         for channel in &mut mesh.scalars {
-            channel.push(f32::from_bits(random.next() as u32 ^ (random.next() as u32) << 16));
+            channel.push(f32::from_bits(random.u32(..)));
         }
     }
     let mut patches = Vec::new();
     let mut first = 0;
     for _ in 0..triangles {
-        let again = !mesh.triangles.is_empty() && random.below(8) == 0;
+        let again = !mesh.triangles.is_empty() && random.u64(..8) == 0;
         let triangle = if again {
-            mesh.triangles[random.below(mesh.triangles.len() as u64) as usize]
+            mesh.triangles[random.u64(..mesh.triangles.len() as u64) as usize]
         } else {
-            [(); 3].map(|()| random.below(vertices as u64) as u32)
+            [(); 3].map(|()| random.u64(..vertices as u64) as u32)
         };
         mesh.triangles.push(triangle);
-        mesh.borders.push(if random.below(3) == 0 { random.below(8) as u8 } else { 0 });
-        if random.below(6) == 0 {
-            let end = mesh.triangles.len() as u32 - random.below(2) as u32;
+        mesh.borders.push(if random.u64(..3) == 0 { random.u64(..8) as u8 } else { 0 });
+        if random.u64(..6) == 0 {
+            let end = mesh.triangles.len() as u32 - random.u64(..2) as u32;
             let end = end.max(first);
-            let diamond = if random.below(2) == 0 { NO_DIAMOND } else { random.below(1 << 20) as u32 };
+            let diamond = if random.u64(..2) == 0 { NO_DIAMOND } else { random.u64(..1 << 20) as u32 };
             patches.push(PatchRange { first, count: end - first, diamond });
             first = end;
         }
@@ -147,12 +147,12 @@ fn damaged_chunks_never_panic_and_never_break_a_promise() {
 fn damage_in_several_places_never_panics() {
     let chunk = height_field(12, 3, 5, COLORED);
     let bytes = encode(&chunk, COLORED).expect("encodes");
-    let mut random = Random(11);
+    let mut random = fastrand::Rng::with_seed(11);
     for _ in 0..3000 {
         let mut damaged = bytes.clone();
-        for _ in 0..=random.below(8) {
-            let at = random.below(damaged.len() as u64) as usize;
-            damaged[at] = random.next() as u8;
+        for _ in 0..=random.u64(..8) {
+            let at = random.u64(..damaged.len() as u64) as usize;
+            damaged[at] = random.u8(..);
         }
         let _ = decode(&damaged, declared(&chunk), COLORED);
     }
@@ -283,29 +283,29 @@ fn a_hundred_thousand_flipped_bits_and_ten_thousand_cuts_never_panic() {
     let attributes = Attributes { colors: true, scalars: 1 };
     let chunk = height_field(48, 5, 3, attributes);
     let bytes = encode(&chunk, attributes).expect("encodes");
-    let mut random = Random(5);
+    let mut random = fastrand::Rng::with_seed(5);
     // Each trial takes the time of decoding: a smaller chunk for most of them.
     let small = height_field(4, 2, 3, attributes);
     let small_bytes = encode(&small, attributes).expect("encodes");
     for _ in 0..2_000 {
-        let bit = random.below(bytes.len() as u64 * 8) as usize;
+        let bit = random.u64(..bytes.len() as u64 * 8) as usize;
         let mut damaged = bytes.clone();
         damaged[bit / 8] ^= 1 << (bit % 8);
         if let Ok(other) = decode(&damaged, declared(&chunk), attributes) {
             assert_eq!(declared(&other), declared(&chunk));
         }
-        let length = random.below(bytes.len() as u64) as usize;
+        let length = random.u64(..bytes.len() as u64) as usize;
         assert!(decode(&bytes[..length], declared(&chunk), attributes).is_err(), "cut at {length}");
     }
     let mut harmless = 0;
     for _ in 0..98_000 {
-        let bit = random.below(small_bytes.len() as u64 * 8) as usize;
+        let bit = random.u64(..small_bytes.len() as u64 * 8) as usize;
         let mut damaged = small_bytes.clone();
         damaged[bit / 8] ^= 1 << (bit % 8);
         harmless += u32::from(decode(&damaged, declared(&small), attributes).is_ok());
     }
     for _ in 0..8_000 {
-        let length = random.below(small_bytes.len() as u64) as usize;
+        let length = random.u64(..small_bytes.len() as u64) as usize;
         assert!(decode(&small_bytes[..length], declared(&small), attributes).is_err(), "cut at {length}");
     }
     // Raw bits can have any value; only the checksum of the chunk protects them.

@@ -188,13 +188,13 @@ fn hostile_counts_are_refused_before_anything_is_read_for_them() {
 fn forged_directories_with_right_hashes_never_panic() {
     let bytes = crate::common::pack(5, 3, COLORED);
     let page = Header::parse(&bytes).expect("header").first_page as usize;
-    let mut random = crate::common::Random(5);
+    let mut random = fastrand::Rng::with_seed(5);
     let (mut opened, mut refused) = (0, 0);
     for _ in 0..3000 {
         let mut forged = bytes.clone();
-        for _ in 0..=random.below(3) {
-            let at = page + 128 + random.below(5 * 128) as usize;
-            forged[at] = [0, 1, 0x7f, 0x80, 0xff, random.next() as u8][random.below(6) as usize];
+        for _ in 0..=random.u64(..3) {
+            let at = page + 128 + random.u64(..5 * 128) as usize;
+            forged[at] = [0, 1, 0x7f, 0x80, 0xff, random.u8(..)][random.u64(..6) as usize];
         }
         forged[page + 16..page + 32].fill(0);
         let sum = checksum(&forged[page..page + 16_384]);
@@ -383,13 +383,8 @@ fn false_values_in_the_directory_are_found_by_verify() {
 #[test]
 fn the_error_bound_of_children_holds_and_is_tight() {
     use kilwa_pack::directory::link_children;
-    let mut random = 0x2545_f491u32;
-    let mut next = || {
-        random ^= random << 13;
-        random ^= random >> 17;
-        random ^= random << 5;
-        random
-    };
+    let mut random = fastrand::Rng::with_seed(1);
+    let mut next = || random.u32(..);
     let entry = |parents: [u32; 4], error: f32| DirectoryEntry { parents, error, ..blank() };
     let none = kilwa_pack::NO_DIAMOND;
     let mut entries = vec![entry([none; 4], f32::INFINITY)];

@@ -6,25 +6,25 @@ use kilwa_pack::{Attributes, DirectoryEntry, NO_DIAMOND, PatchRange, Reader, Sli
 
 /// A random directory with up to four parents per entry and saturated errors.
 fn directory(count: u32, seed: u64) -> (Vec<DirectoryEntry>, Vec<u64>) {
-    let mut random = crate::common::Random(seed);
+    let mut random = fastrand::Rng::with_seed(seed);
     let mut entries: Vec<DirectoryEntry> = Vec::new();
     let mut coarse = Vec::new();
     for i in 0..count {
         let mut parents = [NO_DIAMOND; 4];
         let mut error = f32::INFINITY;
         if i > 0 {
-            let wanted = 1 + random.below(4);
+            let wanted = 1 + random.u64(..4);
             let low = i / 4;
-            let mut chosen: Vec<u32> = (0..wanted).map(|_| low + random.below(u64::from(i - low)) as u32).collect();
+            let mut chosen: Vec<u32> = (0..wanted).map(|_| low + random.u64(..u64::from(i - low)) as u32).collect();
             chosen.sort_unstable();
             chosen.dedup();
             for (slot, p) in parents.iter_mut().zip(&chosen) {
                 *slot = *p;
             }
             let above = chosen.iter().map(|&p| entries[p as usize].error).fold(f32::INFINITY, f32::min).min(10.0);
-            error = above * (0.5 + random.below(1000) as f32 / 2000.0);
+            error = above * (0.5 + random.u64(..1000) as f32 / 2000.0);
         }
-        let triangles = 100 + random.below(200) as u32;
+        let triangles = 100 + random.u64(..200) as u32;
         coarse.push(u64::from(triangles) / 2);
         entries.push(DirectoryEntry {
             offset: 0,

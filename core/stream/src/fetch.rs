@@ -68,15 +68,8 @@ pub(crate) struct PageRetry {
 pub(crate) fn retry_time(now_ms: f64, attempts: u32, salt: u64) -> f64 {
     let exponent = attempts.clamp(1, 16) - 1;
     let delay = (BACKOFF_MS.0 * f64::from(1u32 << exponent)).min(BACKOFF_MS.1);
-    now_ms + delay * (0.5 + 0.5 * unit_hash(salt ^ (u64::from(attempts) << 40)))
-}
-
-/// SplitMix64 (Steele, Lea, Flood 2014), mapped to 0..1.
-fn unit_hash(seed: u64) -> f64 {
-    let mut z = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    (z ^ (z >> 31)) as f64 / u64::MAX as f64
+    let mut jitter = fastrand::Rng::with_seed(salt ^ (u64::from(attempts) << 40));
+    now_ms + delay * (0.5 + 0.5 * jitter.f64())
 }
 
 /// Requests of this step that take more, where the server takes several ranges in one.

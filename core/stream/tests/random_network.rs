@@ -1,6 +1,7 @@
 //! Properties of the streamer under random packs, cameras, latencies and failures.
 
-use crate::support::{Faults, Pack, Random, World, random_view};
+use crate::support::{Faults, Pack, World, random_view};
+use fastrand::Rng;
 use glam::DVec3;
 use kilwa_stream::{Budgets, Clip, Command, Event, Step, Streamer, View, length_of};
 use proptest::prelude::*;
@@ -33,26 +34,26 @@ struct Landed {
 fn fly(pack: &Pack, seed: u64, budgets: Budgets, faults: Faults) -> Landed {
     let mut streamer = Streamer::new(&pack.head, pack.head_bytes, budgets);
     let mut world = World::new(pack, seed, budgets, faults);
-    let mut random = Random(seed ^ 7);
+    let mut random = Rng::with_seed(seed ^ 7);
     let mut view = random_view(&mut random);
     let mut now = 0;
     for _ in 0..60 {
-        match random.below(12) {
+        match random.usize(..12) {
             0 | 1 => view = random_view(&mut random),
             2..8 => view.eye = view.eye + 6.0 * view.forward + 3.0 * view.right,
             _ => {}
         }
         let mut events = world.due(now);
-        if random.below(40) == 0 {
+        if random.usize(..40) == 0 {
             events.extend(events.clone()); // Everything twice.
         }
         // Some steps are between two frames.
-        let is_between = random.below(4) == 0;
+        let is_between = random.usize(..4) == 0;
         let now_ms = now as f64;
         let step =
             if is_between { streamer.attend(&view, now_ms, events) } else { streamer.step(&view, now_ms, events) };
         world.take(now, &step, &streamer);
-        now += 1 + random.below(60) as u64;
+        now += 1 + random.usize(..60) as u64;
     }
     world.faults = Faults { fail: 0, garble: 0 };
     for _ in 0..20_000 {
@@ -116,7 +117,7 @@ proptest! {
     #[test]
     fn clipped_geometry_is_neither_loaded_nor_shown(seed in any::<u64>(), splits in 50usize..300) {
         let pack = Pack::random(seed, splits);
-        let mut random = Random(seed);
+        let mut random = Rng::with_seed(seed);
         let mut cut = random_view(&mut random);
         while !cut.clip.is_on() {
             cut = random_view(&mut random);
@@ -185,7 +186,7 @@ fn until_the_target(pack: &Pack, view: &View) -> (u64, BTreeSet<(u32, u32)>) {
 fn ancestors_that_are_not_shown_are_not_loaded_before_visible_chunks() {
     let (mut with, mut without) = (0, 0);
     for seed in 0..40 {
-        let view = View { clip: Clip::default(), ..random_view(&mut Random(seed)) };
+        let view = View { clip: Clip::default(), ..random_view(&mut Rng::with_seed(seed)) };
         let listed = until_the_target(&Pack::random(seed, 400).listing_children(true), &view);
         let unlisted = until_the_target(&Pack::random(seed, 400).listing_children(false), &view);
         assert_eq!(listed.1, unlisted.1, "both show the same in the end, seed {seed}");
@@ -205,7 +206,7 @@ fn ancestors_that_are_not_shown_are_not_loaded_before_visible_chunks() {
 fn unsolicited_events_change_nothing() {
     let pack = Pack::random(3, 50);
     let mut streamer = Streamer::new(&pack.head, pack.head_bytes, Budgets::default());
-    let view = random_view(&mut Random(1));
+    let view = random_view(&mut Rng::with_seed(1));
     let strays = [
         Event::Bytes { request: 999, length: 5 },
         Event::Failed { request: 998 },
@@ -233,7 +234,7 @@ fn neighbouring_chunks_come_in_one_request() {
 fn multirange_requests_need_fewer_requests_and_fewer_bytes() {
     let (mut several, mut one) = ((0, 0), (0, 0));
     for seed in 0..40 {
-        let view = View { clip: Clip::default(), ..random_view(&mut Random(seed)) };
+        let view = View { clip: Clip::default(), ..random_view(&mut Rng::with_seed(seed)) };
         let pack = Pack::random(seed, 400).listing_children(true);
         let cost = |ranges| {
             let budgets = Budgets { ranges, ..Budgets::default() };
@@ -277,7 +278,7 @@ fn settle(pack: &Pack, view: &View, budgets: Budgets) -> (Step, Vec<Range<u64>>,
 fn steps_between_frames_request_and_decode_and_show_nothing() {
     let pack = Pack::random(3, 200);
     let budgets = Budgets::default();
-    let mut random = Random(3);
+    let mut random = Rng::with_seed(3);
     let view = random_view(&mut random);
     let mut streamer = Streamer::new(&pack.head, pack.head_bytes, budgets);
     let mut world = World::new(&pack, 3, budgets, Faults { fail: 0, garble: 0 });
@@ -306,25 +307,25 @@ fn a_lost_gpu_context_is_restored() {
     let pack = Pack::random(5, 80);
     let Landed { mut streamer, step: last, .. } = fly(&pack, 5, Budgets::default(), Faults { fail: 0, garble: 0 });
     assert!(!last.draw.is_empty());
-    let step = streamer.step(&random_view(&mut Random(1)), 1e9, [Event::GpuLost]);
+    let step = streamer.step(&random_view(&mut Rng::with_seed(1)), 1e9, [Event::GpuLost]);
     assert!(step.draw.is_empty(), "nothing is resident after the loss");
     assert!(step.commands.iter().any(|c| matches!(c, kilwa_stream::Command::Decode { chunk: 0, .. })));
 }
 
 #[test]
 fn the_pixel_error_covers_every_displacement_that_can_be_seen() {
-    let mut random = Random(42);
+    let mut random = Rng::with_seed(42);
     let mut seen = 0;
     for _ in 0..20_000 {
         let view = View { clip: Clip::default(), ..random_view(&mut random) };
         let kilwa_stream::Projection::Perspective { tan_half_height } = view.projection else { continue };
-        let center = DVec3::from_array(std::array::from_fn(|_| random.unit() * 4096.0));
-        let sphere = kilwa_geometry::Sphere { center, radius: random.unit() * 500.0 };
+        let center = DVec3::from_array(std::array::from_fn(|_| random.f64() * 4096.0));
+        let sphere = kilwa_geometry::Sphere { center, radius: random.f64() * 500.0 };
         let error = 1e-4;
         let bound = view.pixel_error(&sphere, error);
-        let ball = |random: &mut Random, r: f64| -> DVec3 {
+        let ball = |random: &mut Rng, r: f64| -> DVec3 {
             loop {
-                let d = DVec3::from_array(std::array::from_fn(|_| random.unit() * 2.0 - 1.0));
+                let d = DVec3::from_array(std::array::from_fn(|_| random.f64() * 2.0 - 1.0));
                 if d.length_squared() <= 1.0 {
                     return d * r;
                 }

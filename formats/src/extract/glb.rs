@@ -7,6 +7,7 @@ use super::format::{Encoder, Target};
 use super::output::Scratch;
 use super::stream::Counts;
 use glam::DVec3;
+use kilwa_geometry::color::light_from_srgb;
 use kilwa_geometry::{Aabb, LatticePoint, Mesh, normal};
 use serde_json::json;
 use std::io::{Error, Write};
@@ -31,12 +32,7 @@ pub(super) struct Glb {
 
 impl Glb {
     pub(super) fn new(target: Target) -> Self {
-        let light = std::array::from_fn(|level| {
-            let srgb = level as f64 / 255.0;
-            // IEC 61966-2-1.
-            let light = if srgb <= 0.04045 { srgb / 12.92 } else { ((srgb + 0.055) / 1.055).powf(2.4) };
-            (light * 65535.0).round() as u16
-        });
+        let light = std::array::from_fn(|level| (light_from_srgb(level as u8) * 65535.0).round() as u16);
         Self { target, bounds: Aabb::EMPTY, light }
     }
 

@@ -1,7 +1,8 @@
 //! Writing a file so that its name never shows a half of it.
 
 use super::ExtractError;
-use kilwa_files::unfinished;
+use kilwa_files::atomic::{Access, AtomicFile, folder_of};
+use kilwa_files::output;
 use std::fs::File;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
@@ -21,26 +22,11 @@ impl Output {
     /// # Errors
     /// When it exists and may not be replaced, is a folder, or lies in a missing folder.
     pub fn prepare(path: &Path, replace: bool) -> Result<Self, ExtractError> {
-        let shown = path.display();
-        let refused = |why: String| Err(ExtractError::Output(why));
-        let kind = std::fs::metadata(path).ok();
-        if kind.as_ref().is_some_and(std::fs::Metadata::is_dir) {
-            return refused(format!("{shown} is a folder; give a file name in it"));
+        let direct = output::is_special(path);
+        if !direct {
+            output::check(path, replace).map_err(|e| ExtractError::Output(e.to_string()))?;
         }
-        let direct = kind.as_ref().is_some_and(|k| !k.is_file());
-        if kind.is_some() && !direct && !replace {
-            return refused(format!("{shown} exists already; give --force to replace it"));
-        }
-        let output = Self { path: path.to_owned(), direct, replace };
-        let folder = output.folder();
-        if !folder.is_dir() {
-            return refused(format!("{shown}: the folder {} does not exist; make it first", folder.display()));
-        }
-        Ok(output)
-    }
-
-    fn folder(&self) -> &Path {
-        self.path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
+        Ok(Self { path: path.to_owned(), direct, replace })
     }
 
     /// Two scratch files, beside the output where it is a file: what is written there is as large as the output.
@@ -48,7 +34,7 @@ impl Output {
     /// # Errors
     /// When they cannot be made.
     pub(super) fn scratch(&self) -> Result<Scratch, ExtractError> {
-        let folder = if self.direct { std::env::temp_dir() } else { self.folder().to_owned() };
+        let folder = if self.direct { std::env::temp_dir() } else { folder_of(&self.path).to_owned() };
         let open = || {
             let file = tempfile::tempfile_in(&folder);
             file.map(|f| BufWriter::with_capacity(1 << 20, f))
@@ -67,17 +53,12 @@ impl Output {
             let file = File::options().write(true).open(&self.path).map_err(cannot)?;
             return fill(&file, body).map_err(cannot);
         }
-        let mut builder = tempfile::Builder::new();
-        builder.prefix(".kilwa-").suffix(".part");
-        #[cfg(unix)]
-        builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
-        let made = unfinished::make(|| builder.tempfile_in(self.folder()), tempfile::NamedTempFile::path);
-        let (file, _unfinished) = made.map_err(cannot)?;
-        let bytes = fill(file.as_file(), body).map_err(cannot)?;
-        file.as_file().sync_all().map_err(cannot)?;
-        let renamed = if self.replace { file.persist(&self.path) } else { file.persist_noclobber(&self.path) };
-        renamed.map_err(|e| cannot(e.error))?;
-        Ok(bytes)
+        let write = || {
+            let file = AtomicFile::create(&self.path, Access::Default)?;
+            let bytes = fill(file.file(), body)?;
+            file.commit(self.replace).map(|()| bytes)
+        };
+        write().map_err(cannot)
     }
 }
 

@@ -6,8 +6,8 @@
 
 use super::ReadError;
 use super::sink::{MeshSink, NOT_FINITE, TWICE};
-use super::triangulate::{Outcome, Triangulator};
 use crate::Diagnostics;
+use kilwa_geometry::triangulate::{Outcome, Triangulator};
 
 pub(super) const TOO_FEW: &str = "faces of fewer than three corners dropped";
 pub(super) const JOINTS: &str = "empty triangles that join strips dropped";

@@ -23,7 +23,6 @@ mod sniff;
 mod source;
 pub mod stl;
 pub mod texture;
-mod triangulate;
 
 pub use companions::{Replaced, open_regular};
 pub use error::{Place, ReadError};

@@ -7,8 +7,9 @@
 use super::ReadError;
 use super::sink::{MeshSink, VertexBlock};
 use crate::Diagnostics;
-use crate::{Units, Up};
+use crate::Up;
 use glam::{DMat3, DVec3, Vec3};
+use kilwa_geometry::LengthUnit;
 
 /// An affine map of space that can be undone: `p` becomes `rows · (p, 1)`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,7 +54,7 @@ impl Placement {
     }
 
     /// To metres, z up. y up: (x, y, z) becomes (x, -z, y).
-    pub fn to_metres(units: Units, up: Up) -> Self {
+    pub fn to_metres(units: LengthUnit, up: Up) -> Self {
         let s = units.metres();
         let rows = match up {
             Up::Z => [[s, 0.0, 0.0, 0.0], [0.0, s, 0.0, 0.0], [0.0, 0.0, s, 0.0]],
@@ -211,7 +212,7 @@ mod tests {
 
     #[test]
     fn y_up_in_millimetres_becomes_z_up_in_metres() {
-        let map = Placement::to_metres(Units::Millimetre, Up::Y);
+        let map = Placement::to_metres(LengthUnit::Millimetre, Up::Y);
         assert_eq!(map.place([1000.0, 2000.0, -3000.0]), [1.0, 3.0, 2.0]);
         assert!(!map.mirrors());
     }
@@ -219,7 +220,7 @@ mod tests {
     #[test]
     fn transforms_apply_in_the_order_given() {
         let shift = Placement::translation(DVec3::new(1.0, 2.0, 3.0));
-        let scale = Placement::to_metres(Units::Kilometre, Up::Z);
+        let scale = Placement::to_metres(LengthUnit::Kilometre, Up::Z);
         assert_eq!(shift.then(&scale).place([0.0; 3]), [1000.0, 2000.0, 3000.0]);
         assert_eq!(scale.then(&shift).place([1.0, 0.0, 0.0]), [1001.0, 2.0, 3.0]);
         assert_eq!(Placement::IDENTITY.then(&shift), shift);

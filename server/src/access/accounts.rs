@@ -12,10 +12,11 @@ use super::capability::Capabilities;
 use super::secret::{Key, hash_password, is_password, token_hash};
 use kilwa_archive::date::{day_of, is_day};
 use kilwa_archive::layout::Slug;
-use kilwa_files::{plain_file, unfinished};
+use kilwa_files::atomic::{self, Access};
+use kilwa_files::plain_file;
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File, Metadata};
-use std::io::{self, Read, Write};
+use std::io::{self, Read};
 use std::path::{Path, PathBuf};
 use thiserror::Error;
 
@@ -238,19 +239,8 @@ impl Accounts {
         let document = Document { kilwa_access: FORM, key: self.key.to_hex(), users: self.users.clone() };
         let mut bytes = serde_json::to_vec_pretty(&document)?;
         bytes.push(b'\n');
-        let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        // Made readable by its owner only.
-        let make = || tempfile::Builder::new().prefix(".kilwa-access-").tempfile_in(folder);
-        let (mut file, _unfinished) = unfinished::make(make, tempfile::NamedTempFile::path)?;
-        file.write_all(&bytes)?;
-        if let Some(before) = before {
-            keep_ownership(file.as_file(), before)?;
-        }
-        file.as_file().sync_all()?;
-        let written = if before.is_some() { file.persist(path) } else { file.persist_noclobber(path) };
-        written.map_err(|e| e.error)?;
-        // Systems that cannot open folders (Windows) write the name themselves.
-        File::open(folder).map_or(Ok(()), |folder| folder.sync_all())
+        // The server reads the file as a user of its own: what the operator set must survive a change by root.
+        atomic::write(path, &bytes, before.map_or(Access::Private, Access::Like), before.is_some())
     }
 
     /// All users, in the order they were added.
@@ -408,25 +398,6 @@ fn open_to_lock(path: &Path) -> io::Result<File> {
         Err(e) if matches!(e.kind(), io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem) => Ok(plain),
         Err(e) => Err(e),
     }
-}
-
-/// The server reads the file as a user of its own: what the operator set must survive a change by root.
-#[cfg(unix)]
-fn keep_ownership(file: &File, before: &Metadata) -> io::Result<()> {
-    use std::os::unix::fs::MetadataExt;
-    let now = file.metadata()?;
-    if (now.uid(), now.gid()) != (before.uid(), before.gid()) {
-        std::os::unix::fs::fchown(file, Some(before.uid()), Some(before.gid())).map_err(|e| {
-            let (uid, gid) = (before.uid(), before.gid());
-            io::Error::new(e.kind(), format!("its owner and group (user {uid}, group {gid}) cannot be kept ({e}); run this as that user or as root"))
-        })?;
-    }
-    file.set_permissions(before.permissions())
-}
-
-#[cfg(not(unix))]
-fn keep_ownership(_: &File, _: &Metadata) -> io::Result<()> {
-    Ok(())
 }
 
 fn check_name(name: &str) -> Result<(), String> {

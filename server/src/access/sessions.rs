@@ -9,10 +9,11 @@
 
 use super::capability::{Holder, SESSION, is_lower_hex};
 use super::secret::Key;
+use kilwa_files::atomic::{self, Access, AtomicFile};
 use kilwa_files::plain_file;
 use std::collections::HashMap;
 use std::fs;
-use std::io::{self, Read as _};
+use std::io::{self, Read as _, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -151,9 +152,7 @@ impl Sessions {
             _ => {}
         }
         // A cut of power must not bring it back.
-        #[cfg(unix)]
-        fs::File::open(folder)?.sync_all()?;
-        Ok(())
+        atomic::sync_folder(folder)
     }
 
     fn lock(&self) -> MutexGuard<'_, HashMap<String, u64>> {
@@ -176,14 +175,10 @@ fn until_of(folder: &Path, name: &str) -> io::Result<Option<u64>> {
 
 /// Write a session's file under another name first, so that the file with the session's name is always complete.
 fn write(folder: &Path, name: &str, until: u64) -> io::Result<()> {
-    let begun = folder.join(format!("{BEGUN}{until}-{name}"));
-    let mut options = fs::OpenOptions::new();
-    options.write(true).create_new(true);
-    #[cfg(unix)]
-    std::os::unix::fs::OpenOptionsExt::mode(&mut options, 0o600);
-    let written =
-        options.open(&begun).and_then(|mut file| io::Write::write_all(&mut file, format!("{until}\n").as_bytes()));
-    written.and_then(|()| fs::rename(&begun, folder.join(name))).inspect_err(|_| drop(fs::remove_file(&begun)))
+    let begun = format!("{BEGUN}{until}-{name}");
+    let mut file = AtomicFile::create_as(begun.as_ref(), &folder.join(name), Access::Private)?;
+    file.write_all(format!("{until}\n").as_bytes())?;
+    file.commit(true)
 }
 
 /// When the session ends whose unfinished file has this name. A file that a crash left is removed only then, so that the unfinished file of another

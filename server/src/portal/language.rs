@@ -64,13 +64,10 @@ impl Language {
 
     /// A length of a file.
     pub(crate) fn size(&'static self, bytes: u64) -> String {
-        let b = bytes as f64;
-        let (value, unit) = match bytes {
-            0..1_000 => return self.with("bytes", &[("count", bytes)]),
-            1_000..1_000_000 => (format!("{:.0}", b / 1e3), "kB"),
-            1_000_000..1_000_000_000 => (format!("{:.1}", b / 1e6), "MB"),
-            _ => (format!("{:.2}", b / 1e9), "GB"),
-        };
+        if bytes < 1000 {
+            return self.with("bytes", &[("count", bytes)]);
+        }
+        let (value, unit) = kilwa_files::size::decimal(bytes);
         format!("{} {}", self.decimals(&value), self.t(unit))
     }
 

@@ -6,13 +6,14 @@
 //! off; another one may take it over when it was not renewed for [`super::S3Options::lease`], by the clock of the store. The claim goes when
 //! the version is published. Failures: a claim of another user is an error that says since when and what to do.
 
+use super::S3;
 use super::s3::is_changed;
-use super::{S3, read_small};
 use axum::body::Bytes;
 use kilwa_archive::Manifest;
 use kilwa_archive::checksums::{hex, sha256};
 use kilwa_archive::layout::SMALL_FILE_MAX;
 use kilwa_archive::layout::{MANIFEST, METADATA, Slug, version_folder};
+use kilwa_files::plain_file;
 use kilwa_pack::plural::counted;
 use object_store::{Attributes, ObjectStoreExt as _, PutMode, UpdateVersion};
 use std::io;
@@ -37,10 +38,11 @@ pub(super) struct Claim<'a> {
 
 /// What a claim is for, from the object as it lies in a folder: what is published, without the day and the pictures, which another run may rebuild.
 pub(super) fn purpose(object: &Path, version: u32) -> io::Result<String> {
-    let manifest = Manifest::parse(&read_small(&object.join(MANIFEST), SMALL_FILE_MAX)?).map_err(io::Error::other)?;
+    let manifest =
+        Manifest::parse(&plain_file::read_at(&object.join(MANIFEST), SMALL_FILE_MAX)?).map_err(io::Error::other)?;
     let entry = manifest.versions.iter().find(|v| v.version == version);
     let entry = entry.ok_or_else(|| io::Error::other(format!("the manifest has no version {version}")))?;
-    let metadata = match read_small(&object.join(version_folder(version)).join(METADATA), SMALL_FILE_MAX) {
+    let metadata = match plain_file::read_at(&object.join(version_folder(version)).join(METADATA), SMALL_FILE_MAX) {
         Err(e) if e.kind() == io::ErrorKind::NotFound => Vec::new(),
         metadata => metadata?,
     };

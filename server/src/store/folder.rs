@@ -58,11 +58,6 @@ impl Identity {
     }
 }
 
-/// All of a file of at most `most` bytes.
-pub(crate) fn read_small(path: &Path, max: u64) -> io::Result<Vec<u8>> {
-    plain_file::read_at(path, max)
-}
-
 /// Log that something is not served, once.
 pub(crate) fn warn_of(path: &Path, e: &io::Error) {
     warn_once(format!("{}: not served: {e}", path.display()));

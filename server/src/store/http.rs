@@ -2,6 +2,7 @@
 //! small, fixed buffer for each answer, so that memory does not grow with files nor with slow readers.
 
 use axum::body::Bytes;
+use axum::http::StatusCode;
 use http_body::{Body, Frame, SizeHint};
 use hyper::body::Incoming;
 use hyper_rustls::{HttpsConnector, HttpsConnectorBuilder};
@@ -32,15 +33,31 @@ const IDLE_FOR: Duration = Duration::from_secs(20);
 
 /// What was seen last of the store when it failed, in words without addresses or keys.
 #[derive(Debug, Default)]
-pub(super) struct Seen(Mutex<String>);
+pub(super) struct Seen(Mutex<Failure>);
+
+#[derive(Debug, Default, Clone)]
+pub(super) struct Failure {
+    /// In words; empty before the first.
+    pub(super) what: String,
+    /// Whether the store answered with a status of 500 or more.
+    pub(super) is_server_error: bool,
+}
 
 impl Seen {
-    pub(super) fn last(&self) -> String {
+    pub(super) fn last(&self) -> Failure {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     fn note(&self, what: String) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = what;
+        self.set(Failure { what, is_server_error: false });
+    }
+
+    fn note_status(&self, status: StatusCode) {
+        self.set(Failure { what: format!("the store says {status}"), is_server_error: status.is_server_error() });
+    }
+
+    fn set(&self, failure: Failure) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = failure;
     }
 }
 
@@ -136,7 +153,7 @@ impl HttpService for Service {
             Err(e) => return Err(HttpError::new(HttpErrorKind::Unknown, e)),
         };
         if !response.status().is_success() {
-            seen.note(format!("the store says {}", response.status()));
+            seen.note_status(response.status());
         }
         Ok(response.map(|body| HttpResponseBody::new(Timed { body, timeout, patience: None, seen })))
     }

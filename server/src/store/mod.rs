@@ -21,7 +21,7 @@ pub use publish::{Against, Sent};
 pub use s3::{S3, S3Options, StoreError};
 
 pub(crate) use blocks::{BLOCK, Blocks};
-pub(crate) use folder::{Identity, read_small, warn_of, warn_once};
+pub(crate) use folder::{Identity, warn_of, warn_once};
 pub(crate) use outage::{is_away, report_outage};
 pub(crate) use refused::{hint, is_refused};
 pub(crate) use s3::{HELD_MAX, is_changed};
@@ -180,7 +180,7 @@ impl Place {
     /// was published there; in folders, while it is on its way to its place.
     pub(crate) fn kept_page(&self, sum: &str) -> io::Result<Option<Bytes>> {
         match self {
-            Self::Path(path) => match read_small(&path.join(NEXT).join(PAGE), SMALL_FILE_MAX) {
+            Self::Path(path) => match plain_file::read_at(&path.join(NEXT).join(PAGE), SMALL_FILE_MAX) {
                 Ok(page) => Ok((sha256(&page) == sum).then(|| page.into())),
                 Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
                 Err(e) => Err(e),

@@ -13,7 +13,7 @@
 use super::claim::{self, Claim};
 use super::folder::walk;
 use super::s3::lock;
-use super::{S3, is_refused, read_small};
+use super::{S3, is_refused};
 use crate::content::{ASK_AGAIN, FOR_EVER};
 use axum::body::Bytes;
 use kilwa_archive::Manifest;
@@ -21,6 +21,7 @@ use kilwa_archive::checksums::{sha256, sha256_of};
 use kilwa_archive::layout::SMALL_FILE_MAX;
 use kilwa_archive::layout::{MANIFEST, METADATA, PAGE, Slug, version_folder};
 use kilwa_archive::viewer::content_type;
+use kilwa_files::plain_file;
 use object_store::{
     Attribute, AttributeValue, Attributes, Error, GetOptions, MultipartUpload, ObjectMeta, ObjectStore as _,
     ObjectStoreExt as _, PutMode, PutMultipartOptions, PutOptions, PutPayload, UpdateVersion,
@@ -129,10 +130,10 @@ impl S3 {
         if !tags.iter().all(is_ours) {
             return Err(others());
         }
-        self.keep_page(slug, read_small(&object.join(PAGE), SMALL_FILE_MAX)?)?;
+        self.keep_page(slug, plain_file::read_at(&object.join(PAGE), SMALL_FILE_MAX)?)?;
         for name in [PAGE, MANIFEST] {
             on_send(&format!("{slug}/{name}"));
-            let bytes = read_small(&object.join(name), SMALL_FILE_MAX)?;
+            let bytes = plain_file::read_at(&object.join(name), SMALL_FILE_MAX)?;
             // The page is not under the manifest's condition: nothing is replaced once somebody else has published.
             if name == PAGE {
                 self.still(slug, against)?;
@@ -238,7 +239,7 @@ impl S3 {
                 None => PutMode::Create,
                 Some((meta, _)) => PutMode::Update(UpdateVersion { e_tag: meta.e_tag, version: None }),
             };
-            match self.put(key, read_small(path, PART)?.into(), mode, attributes.clone()) {
+            match self.put(key, plain_file::read_at(path, PART)?.into(), mode, attributes.clone()) {
                 // Somebody else's, or ours, whose answer was lost: look again.
                 Err(e) if super::s3::is_changed(&e) => {}
                 tag => return Ok((false, tag?)),

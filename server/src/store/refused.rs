@@ -16,14 +16,19 @@ const REMEMBERED: usize = 1000;
 /// That the store answers is trusted so long: a crowd that asks for what is refused asks the store no more than that.
 const ANSWERED_FOR: Duration = Duration::from_secs(1);
 
-/// The store refuses this file: its message.
+/// The store refuses this file.
 #[derive(Debug, Clone)]
-pub(super) struct Refused(pub(super) String);
+pub(super) struct Refused {
+    /// What it said.
+    pub(super) why: String,
+    /// Whether it answered with a status of 500 or more.
+    pub(super) is_server_error: bool,
+}
 
 impl Refused {
-    /// What to do about it: whether it has not the right or the store has trouble is in the status that it gave.
+    /// What to do about it.
     fn hint(&self) -> &'static str {
-        if self.0.starts_with("the store says 5") {
+        if self.is_server_error {
             "the store cannot deliver it; if this persists, ask the administrator of the store"
         } else {
             "see to its rights in the store"
@@ -38,7 +43,7 @@ pub(crate) fn hint(e: &io::Error) -> &'static str {
 
 impl fmt::Display for Refused {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.0)
+        f.write_str(&self.why)
     }
 }
 
@@ -105,8 +110,9 @@ mod tests {
 
     #[test]
     fn a_file_without_permission_is_distinguished_from_a_failing_store() {
-        assert!(Refused("the store says 403 Forbidden (AccessDenied)".to_owned()).hint().contains("rights"));
-        let trouble = io::Error::from(Refused("the store says 500 Internal Server Error (InternalError)".to_owned()));
+        let refused = |why: &str, is_server_error| Refused { why: why.to_owned(), is_server_error };
+        assert!(refused("the store says 403 Forbidden (AccessDenied)", false).hint().contains("rights"));
+        let trouble = io::Error::from(refused("the store says 500 Internal Server Error (InternalError)", true));
         assert!(hint(&trouble).contains("trouble") && !hint(&trouble).contains("rights"));
         assert_eq!(hint(&io::Error::other("the disk")), "");
     }

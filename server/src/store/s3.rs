@@ -7,7 +7,7 @@
 //! answers does not give is [`super::refused`], one file at a time.
 
 use super::held::Held;
-use super::http::{Connector, Seen};
+use super::http::{Connector, Failure, Seen};
 use super::outage::{Away, Outage};
 use super::refused::{Refusals, Refused, is_refused};
 use super::survey::Survey;
@@ -471,9 +471,9 @@ impl S3 {
             Error::Precondition { .. } | Error::NotModified { .. } => changed(),
             Error::InvalidPath { source } => io::Error::other(source.to_string()),
             e => {
-                let why = self.reason(&e.to_string());
+                let (why, is_server_error) = self.reason(&e.to_string());
                 if !is_silence(&e) && (self.refusals.has_answered() || self.first().await.is_ok()) {
-                    let refused = Refused(why);
+                    let refused = Refused { why, is_server_error };
                     self.refusals.say(&self.name, key, &refused);
                     return refused.into();
                 }
@@ -487,15 +487,16 @@ impl S3 {
     }
 
     /// What was seen, with the store's own word for it where it gives one. The rest of its words may repeat what was signed.
-    fn reason(&self, body: &str) -> String {
-        let seen = self.seen.last();
+    fn reason(&self, body: &str) -> (String, bool) {
+        let Failure { what: seen, is_server_error } = self.seen.last();
         let word = body.split_once("<Code>").and_then(|(_, rest)| rest.split_once("</Code>")).map(|(code, _)| code);
-        match word.filter(|code| code.len() <= 64 && code.bytes().all(|b| b.is_ascii_alphanumeric())) {
+        let why = match word.filter(|code| code.len() <= 64 && code.bytes().all(|b| b.is_ascii_alphanumeric())) {
             Some("NoSuchBucket") => "the store has no such bucket".to_owned(),
             Some(code) => format!("{seen} ({code})"),
             None if seen.is_empty() => "the store cannot be asked".to_owned(),
             None => seen,
-        }
+        };
+        (why, is_server_error)
     }
 
     /// Until it answers.

@@ -9,6 +9,8 @@ use super::{BODY_MAX, Refusal, Uploads, lock};
 use axum::http::StatusCode;
 use kilwa_archive::checksums::{is_sha256, sha256_of};
 use kilwa_archive::date::day_of;
+use kilwa_files::atomic::{self, Access};
+use kilwa_files::plain_file;
 use kilwa_pack::plural::counted;
 use serde::{Deserialize, Serialize};
 use std::ffi::OsStr;
@@ -303,11 +305,7 @@ impl Staging {
 
     fn write_record(&self) -> io::Result<()> {
         let bytes = serde_json::to_vec(&self.record)?;
-        let mut file = tempfile::NamedTempFile::new_in(&self.folder)?;
-        file.write_all(&bytes)?;
-        file.as_file().sync_all()?;
-        file.persist(self.folder.join(RECORD)).map_err(|e| e.error)?;
-        Ok(())
+        atomic::write(&self.folder.join(RECORD), &bytes, Access::Private, true)
     }
 }
 
@@ -411,7 +409,7 @@ fn is_at(file: &File, path: &Path) -> bool {
 }
 
 fn record(folder: &Path) -> Option<Record> {
-    let bytes = crate::store::read_small(&folder.join(RECORD), kilwa_archive::layout::SMALL_FILE_MAX).ok()?;
+    let bytes = plain_file::read_at(&folder.join(RECORD), kilwa_archive::layout::SMALL_FILE_MAX).ok()?;
     let record: Record = kilwa_pack::json::from_slice(&bytes).ok()?;
     record.intent.files.iter().all(|f| is_sha256(&f.sha256)).then_some(record)
 }

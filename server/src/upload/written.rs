@@ -2,10 +2,10 @@
 //! be the same, so that nothing is hidden in unknown members, reserved bytes or spare digits of numbers; and its numbers must fit the model.
 
 use glam::DVec3;
+use kilwa_archive::compare::CompareWriter;
 use kilwa_archive::metadata::plain_accuracy;
 use kilwa_pack::plural::counted;
 use kilwa_pack::{Chunk, DirectoryEntry, Header, Metadata, NO_DIAMOND, Reader, Source, relocate};
-use std::io::{self, Write};
 
 /// Options that shape a pack.
 const OPTIONS: [&str; 7] = [
@@ -36,32 +36,12 @@ pub(super) fn check<S: Source + Sync>(reader: &Reader<S>) -> Result<(), String> 
     check_numbers(reader.metadata(), reader.header())?;
     check_directory(reader.entries())?;
     check_edge(reader)?;
-    let again = Again { source: reader.source(), at: 0 };
+    let again = CompareWriter::new(reader.source());
     let end = relocate(reader, again, reader.header().lattice.origin, |_| {});
     let length = reader.source().len().map_err(|e| format!("its pack cannot be read: {e}"))?;
     match end {
-        Ok(again) if again.at == length => Ok(()),
+        Ok(again) if again.written() == length => Ok(()),
         _ => Err("its pack is not, byte for byte, what this version of kilwa publish writes".to_owned()),
-    }
-}
-
-/// Compares what is written with the bytes of the source.
-struct Again<'a, S> {
-    source: &'a S,
-    at: u64,
-}
-
-impl<S: Source> Write for Again<'_, S> {
-    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        if self.source.read_at(self.at, bytes.len())? != bytes {
-            return Err(io::ErrorKind::InvalidData.into());
-        }
-        self.at += bytes.len() as u64;
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        Ok(())
     }
 }
 

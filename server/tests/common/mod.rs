@@ -41,14 +41,8 @@ pub(crate) fn site(path: &Path) -> Router {
 
 /// A reproducible file of no particular content.
 pub(crate) fn noise(length: usize, seed: u64) -> Vec<u8> {
-    let mut x = seed | 1;
-    let mut next = || {
-        x ^= x << 13;
-        x ^= x >> 7;
-        x ^= x << 17;
-        (x >> 32) as u8
-    };
-    let rest = std::iter::repeat_with(&mut next);
+    let mut random = fastrand::Rng::with_seed(seed);
+    let rest = std::iter::repeat_with(|| random.u8(..));
     kilwa_pack::header::MAGIC.into_iter().chain(rest).take(length).collect()
 }
 

@@ -148,11 +148,8 @@ async fn every_address_answers_from_the_store_as_from_the_folder() {
     bucket.put(&dir.path().join("fort/manifest.json"), "a/bc/manifest.json");
     let folder = of_folder(dir.path());
     let store = app(of_store(&bucket.open("s3://museum/a/b/", PATIENCE).unwrap()));
-    let mut x = 7_u64;
-    let mut random = |below: u64| {
-        x = x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (x >> 33) % below
-    };
+    let mut generator = fastrand::Rng::with_seed(7);
+    let mut random = |below: u64| generator.u64(..below);
     for address in addresses(&all, dir.path()) {
         let first = get(&folder, &address).await;
         let etag = first.header("etag").to_owned();

@@ -204,12 +204,10 @@ fn publish_beside(models: &Path, words: &str, pause: &dyn Fn(&str)) -> Result<()
 
 /// Pauses of any length up to so many microseconds.
 fn pauses(seed: u64, max: u64) -> impl Fn(&str) + Send {
-    let state = std::cell::Cell::new(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1);
+    let random = std::cell::RefCell::new(fastrand::Rng::with_seed(seed));
     move |_: &str| {
-        let next = state.get().wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        state.set(next);
         // The test is about concurrent operations, so it waits for no state.
-        std::thread::sleep(Duration::from_micros((next >> 33) % max));
+        std::thread::sleep(Duration::from_micros(random.borrow_mut().u64(..max)));
     }
 }
 

@@ -285,11 +285,8 @@ async fn a_read_only_store_is_reported_and_uploaded_files_are_kept() {
 async fn interrupted_fifty_times_on_either_side_the_store_has_the_whole_old_or_new_object() {
     let Some(bucket) = Bucket::start("cut_off_fifty_times_on_either_side…") else { return };
     let (museum, folder) = (Museum::over(&bucket, SHORT), Museum::over_folder());
-    let mut x = 0x1234_5678_9abc_def1_u64;
-    let mut below = |n: u64| {
-        x = x.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (x >> 33) % n
-    };
+    let mut random = fastrand::Rng::with_seed(1);
+    let mut below = |n: u64| random.u64(..n);
     let (mut client, mut store, mut number) = (0, 0, 0);
     while client + store < 50 || number < 2 {
         number += 1;

@@ -1,14 +1,15 @@
 //! Questions and answers of the page as JSON: doubles go through it unchanged, in both directions.
 
 use glam::DVec3;
+use kilwa_geometry::LengthUnit;
 use kilwa_measure::clip::ClipState;
 use kilwa_measure::job::{Subject, of_points, pack_name};
 use kilwa_measure::leaves::Failure;
 use kilwa_measure::record::DocumentError;
 use kilwa_measure::snap::{Snap, snap};
 use kilwa_measure::{
-    Document, Format, Leaves, LengthUnit, Lines, Measurement, Message, Outcome, Reading, Refusal, Task, ToMessage,
-    Uncertainty, place,
+    Document, Format, Leaves, Lines, Measurement, Message, Outcome, Reading, Refusal, Task, ToMessage, Uncertainty,
+    place,
 };
 use kilwa_pack::Index;
 use serde::Deserialize;
@@ -191,7 +192,7 @@ pub fn shown(readings: &str, unit: &str) -> Result<Value, QuestionError> {
 }
 
 fn length_unit(symbol: &str) -> Result<LengthUnit, QuestionError> {
-    LengthUnit::from_symbol(symbol).ok_or_else(|| QuestionError::Unit(symbol.to_owned()))
+    LengthUnit::parse(symbol).ok_or_else(|| QuestionError::Unit(symbol.to_owned()))
 }
 
 /// The lines of an answer.

@@ -2,7 +2,7 @@
 
 use kilwa_measure::record::{Document, DocumentError};
 use kilwa_measure::sheet::SheetError;
-use kilwa_measure::{Failure, Refusal, Remark, ToMessage};
+use kilwa_measure::{Failure, Refusal, Remark, Target, ToMessage};
 use kilwa_measure_web::question::QuestionError;
 use kilwa_pack::PackError;
 use serde_json::Value;
@@ -22,10 +22,10 @@ fn refusals() -> Vec<Refusal> {
         Refusal::Crossing,
         Refusal::Open { borders: 3 },
         Refusal::Inconsistent,
-        misses("the plane"),
-        misses("the polygon"),
-        misses("the region"),
-        misses("the contours"),
+        misses(Target::Plane),
+        misses(Target::Polygon),
+        misses(Target::Region),
+        misses(Target::Contours),
         Refusal::Gap,
         Refusal::NotFinite,
         Refusal::NoRay,

@@ -6,6 +6,8 @@ use crate::clip::ClipTransform;
 use crate::options::{Background, RenderOptions};
 use crate::section::Clip;
 use glam::DVec3;
+use kilwa_geometry::color::light_from_srgb;
+use kilwa_geometry::distance::dot;
 use kilwa_stream::{Projection, View};
 
 /// Range of the error view's scale: a tenth of a millimetre to a metre, log2 of metres.
@@ -173,11 +175,8 @@ pub fn draw_uniform(id: u32, level: u32, error: f32, fade: [f32; 2]) -> Draw {
 
 /// Linear values of an opaque sRGB colour.
 fn opaque(c: [u8; 3]) -> [f32; 4] {
-    let linear = |x: u8| {
-        let x = f64::from(x) / 255.0;
-        (if x <= 0.04045 { x / 12.92 } else { libm::pow((x + 0.055) / 1.055, 2.4) }) as f32
-    };
-    [linear(c[0]), linear(c[1]), linear(c[2]), 1.0]
+    let [r, g, b] = c.map(|level| light_from_srgb(level) as f32);
+    [r, g, b, 1.0]
 }
 
 /// The uniform buffers and their bind groups: a `Frame` for the picture and one for the depth and normal pass before it, and a `Draw` per

@@ -240,11 +240,8 @@ mod tests {
 
     #[test]
     fn neighbours_are_found_at_vertices_of_very_high_degree() {
-        let mut state = 3u32;
-        let mut random = |n: u32| {
-            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            (state >> 8) % n
-        };
+        let mut generator = fastrand::Rng::with_seed(3);
+        let mut random = |n: u32| generator.u32(..n);
         for points in [4, 30, 2000] {
             // Two hubs, 0 and 1, and triangles at random.
             let mut triangles: Vec<[u32; 3]> = (0..400).map(|i| [i % 2, 2 + random(points), 2003 + i]).collect();

@@ -13,7 +13,6 @@
 //! that of the points, attributes ride on the wedges. Colours of merged wedges are averaged in linear light.
 
 mod collapse;
-mod color;
 mod prune;
 mod quadric;
 mod settle;

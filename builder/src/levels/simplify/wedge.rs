@@ -1,9 +1,9 @@
 //! Attributes of the vertices that are being merged. Colours are averaged in linear light, normals and scalars summed,
 //! each fine vertex with weight 1, and rounded ([`Precision::coarse`]). A vertex that nothing was merged into keeps its attributes bit for bit.
 
-use super::color::{linear, srgb};
 use crate::build::precision::Precision;
 use glam::Vec3;
+use kilwa_geometry::color::{light_from_srgb_f32, srgb_from_light_f32};
 use kilwa_geometry::{Mesh, normal};
 
 /// Sums of what a vertex represents.
@@ -27,7 +27,7 @@ impl<'a> Wedges<'a> {
     pub(super) fn new(source: &'a Mesh) -> Self {
         let sums = (0..source.vertex_count())
             .map(|v| Sum {
-                color: source.colors.get(v).map_or(Vec3::ZERO, |c| c.map(linear).into()),
+                color: source.colors.get(v).map_or(Vec3::ZERO, |c| c.map(light_from_srgb_f32).into()),
                 weight: 1.0,
                 normal: Vec3::ZERO,
                 changed: false,
@@ -73,7 +73,7 @@ impl<'a> Wedges<'a> {
     pub(super) fn emit(&self, w: usize, precision: Precision, out: &mut Mesh) {
         let sum = &self.sums[w];
         if let Some(c) = self.source.colors.get(w) {
-            let mean = (sum.color / sum.weight).to_array().map(srgb);
+            let mean = (sum.color / sum.weight).to_array().map(srgb_from_light_f32);
             // Equal colours stay equal.
             out.colors.push(if !sum.changed || mean == *c { *c } else { precision.coarse().color(mean) });
         }

@@ -5,6 +5,7 @@ use crate::drawing::world_lines;
 use crate::lines::Lines;
 use crate::profile::{contour_heights, legs, total_length};
 use crate::record::Task;
+use crate::refusal::Target;
 use crate::{
     Cutter, Dimension, Drawing, Failure, Leaves, Plane, PointTool, Read, Reading, Refusal, Remark, Section, path,
 };
@@ -80,7 +81,7 @@ pub(super) async fn profile<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Resul
     }
     if lines.is_empty() {
         let hint = "draw it across the model".to_owned();
-        return Err(Refusal::Misses { what: "the line of the profile", hint }.into());
+        return Err(Refusal::Misses { what: Target::Profile, hint }.into());
     }
     let u = std::f64::consts::SQRT_2 * s.point.combined();
     let way: f64 = legs.iter().map(|l| l.length).sum();
@@ -154,7 +155,7 @@ pub(super) async fn contours<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Resu
     }
     if sections.is_empty() {
         let hint = format!("no multiple of {metres} m lies between {low} and {high} m");
-        return Err(Refusal::Misses { what: "the contours", hint }.into());
+        return Err(Refusal::Misses { what: Target::Contours, hint }.into());
     }
     let origin = s.space.world_from_local(DVec3::ZERO);
     let drawing = Drawing::of_contours(sections.iter().map(|(h, c)| (*h, c)), origin[0], origin[1]);

@@ -15,9 +15,10 @@ use crate::refusal::Refusal;
 use crate::remark::Remark;
 use crate::space::Space;
 use crate::tools::PointTool;
-use crate::unit::{LengthUnit, Reading};
+use crate::unit::Reading;
 use crate::{Failure, Leaves, Read};
 use glam::DVec3;
+use kilwa_geometry::LengthUnit;
 use kilwa_pack::Index;
 use serde_json::{Map, Value, json};
 

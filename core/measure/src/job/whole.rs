@@ -3,6 +3,7 @@
 use super::{Outcome, Subject, sound};
 use crate::place::Place;
 use crate::record::Task;
+use crate::refusal::Target;
 use crate::{
     Areas, CutFill, Deviation, Dimension, Enclosed, Failure, Leaves, Plane, PointTool, Reading, Refusal, Region, Remark,
 };
@@ -51,7 +52,7 @@ pub(super) async fn polygon_area<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> 
         .await?;
     if sum.triangles() == 0 {
         let hint = format!("no surface lies within {reach} m of its plane: give a longer reach");
-        return Err(Refusal::Misses { what: "the polygon", hint }.into());
+        return Err(Refusal::Misses { what: Target::Polygon, hint }.into());
     }
     let u = sum.spread()[0] * s.point.combined();
     report.readings.push(Reading::new("surface", Dimension::Area, sum.surface(), u));

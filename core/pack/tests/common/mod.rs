@@ -6,47 +6,34 @@ use kilwa_geometry::{Aabb, Lattice, Mesh, Sphere, normal};
 use kilwa_pack::metadata::{ScalarChannel, SourceFile};
 use kilwa_pack::{Attributes, Chunk, DirectoryEntry, Header, Metadata, NO_DIAMOND, PackWriter, PatchRange};
 
-/// A small, good enough generator (Knuth's MMIX constants).
-pub(crate) struct Random(pub(crate) u64);
-
-impl Random {
-    pub(crate) fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        self.0 >> 33
-    }
-
-    pub(crate) fn below(&mut self, n: u64) -> u64 {
-        self.next() % n
-    }
-
-    /// Roughly normal with standard deviation 1.
-    pub(crate) fn gauss(&mut self) -> f64 {
-        (0..12).map(|_| self.next() as f64 / f64::from(1u32 << 31)).sum::<f64>() - 6.0
-    }
+/// Roughly normal with standard deviation 1.
+pub(crate) fn gauss(random: &mut fastrand::Rng) -> f64 {
+    (0..12).map(|_| random.f64()).sum::<f64>() - 6.0
 }
 
 /// A wavy, noisy height field like a scanned wall: `n` by `n` cells of about 10 mm on a lattice of 2^-13 m, noise
 /// 0.15 mm, colours with noise of sigma 4, cut into `patches` patches.
 pub(crate) fn height_field(n: usize, patches: usize, seed: u64, attributes: Attributes) -> Chunk {
-    let mut random = Random(seed);
+    let mut random = fastrand::Rng::with_seed(seed);
     let step = 8192.0;
     let mut mesh = Mesh { scalars: vec![Vec::new(); usize::from(attributes.scalars)], ..Mesh::default() };
     for j in 0..=n {
         for i in 0..=n {
             let (x, y) = (i as f64 * 0.01, j as f64 * 0.01);
             let relief = 0.05 * (x * 7.0).sin() * (y * 5.0).cos() + 0.004 * (x * 61.0).sin() * (y * 83.0).sin();
-            let jitter = [random.gauss() * 0.002, random.gauss() * 0.002];
-            let z = relief + random.gauss() * 0.00015;
+            let jitter = [gauss(&mut random) * 0.002, gauss(&mut random) * 0.002];
+            let z = relief + gauss(&mut random) * 0.00015;
             let at = DVec3::new(x + jitter[0] + 3.0, y + jitter[1] + 5.0, z + 1.0);
             mesh.positions.push((at * step).as_ivec3());
             if attributes.colors {
                 let base = 130.0 + 40.0 * (x * 11.0).sin() * (y * 13.0).sin();
-                let grey = random.gauss() * 3.5;
-                mesh.colors
-                    .push([1.1, 1.0, 0.85].map(|k| (base * k + grey + random.gauss() * 2.0).clamp(0.0, 255.0) as u8));
+                let grey = gauss(&mut random) * 3.5;
+                mesh.colors.push(
+                    [1.1, 1.0, 0.85].map(|k| (base * k + grey + gauss(&mut random) * 2.0).clamp(0.0, 255.0) as u8),
+                );
             }
             for channel in &mut mesh.scalars {
-                channel.push((random.below(1000) as f32) / 999.0);
+                channel.push((random.u64(..1000) as f32) / 999.0);
             }
         }
     }

@@ -67,7 +67,7 @@ impl Link {
     fn fails(&self, request: RequestId, now_us: u64) -> bool {
         let now_ms = now_us as f64 / 1e3;
         let away = self.outage_ms.is_some_and(|(from, to)| (from..to).contains(&now_ms));
-        away || mix(self.seed ^ (request << 20)) % 100 < u64::from(self.failures_percent)
+        away || fastrand::Rng::with_seed(self.seed ^ (request << 20)).u64(..100) < u64::from(self.failures_percent)
     }
 }
 
@@ -370,12 +370,4 @@ impl<S: Store> Simulator<S> {
 
 fn micros(ms: f64) -> u64 {
     (ms * 1e3).max(0.0) as u64
-}
-
-/// SplitMix64 (Steele, Lea, Flood 2014).
-fn mix(seed: u64) -> u64 {
-    let mut z = seed.wrapping_add(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
 }

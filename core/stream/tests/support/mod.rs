@@ -1,6 +1,7 @@
 //! Random packs (directories only) and a network that is slow, loses, garbles and reorders.
 #![allow(dead_code, reason = "each test file uses its part")]
 
+use fastrand::Rng;
 use glam::DVec3;
 use kilwa_geometry::{Aabb, DiamondKey, Lattice, Sphere, Tetra};
 use kilwa_pack::{
@@ -11,27 +12,6 @@ use kilwa_stream::sim::Store;
 use kilwa_stream::{Budgets, Command, Event, FetchKind, Projection, Step, Streamer, View, length_of};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
-
-/// SplitMix64: seeded randomness.
-pub(crate) struct Random(pub u64);
-
-impl Random {
-    pub(crate) fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    pub(crate) fn below(&mut self, n: usize) -> usize {
-        (self.next() % n as u64) as usize
-    }
-
-    pub(crate) fn unit(&mut self) -> f64 {
-        (self.next() >> 11) as f64 / (1u64 << 53) as f64
-    }
-}
 
 const CUBE_LOG2: u32 = 12;
 
@@ -49,11 +29,11 @@ pub(crate) struct Pack {
 impl Pack {
     /// Split `splits` random diamonds, parents first.
     pub(crate) fn random(seed: u64, splits: usize) -> Self {
-        let mut random = Random(seed);
+        let mut random = Rng::with_seed(seed);
         let mut split = BTreeSet::<DiamondKey>::new();
         let mut open: BTreeSet<DiamondKey> = Tetra::roots(CUBE_LOG2).iter().map(DiamondKey::of).collect();
         while split.len() < splits {
-            let Some(key) = open.iter().nth(random.below(open.len())).copied() else { break };
+            let Some(key) = open.iter().nth(random.usize(..open.len())).copied() else { break };
             split_with_parents(key, &mut split);
             let tetras = all_tetras(&split);
             open = tetras.iter().filter(|t| t.level < 18).map(DiamondKey::of).filter(|k| !split.contains(k)).collect();
@@ -61,7 +41,7 @@ impl Pack {
         Self::of(split, &mut random)
     }
 
-    fn of(split: BTreeSet<DiamondKey>, random: &mut Random) -> Self {
+    fn of(split: BTreeSet<DiamondKey>, random: &mut Rng) -> Self {
         let index: BTreeMap<DiamondKey, u32> = split.iter().copied().zip(1..).collect();
         let diamond = |t: &Tetra| index.get(&DiamondKey::of(t)).copied().unwrap_or(NO_DIAMOND);
         let mut members: Vec<Vec<Tetra>> = vec![Tetra::roots(CUBE_LOG2).to_vec()];
@@ -74,7 +54,7 @@ impl Pack {
             for number in 0..members[chunk].len() {
                 let tetra = members[chunk][number];
                 let of = diamond(&tetra);
-                let count = 1 + random.below(40) as u32;
+                let count = 1 + random.usize(..40) as u32;
                 patches[chunk].push(PatchRange { first: triangles[chunk], count, diamond: of });
                 triangles[chunk] += count;
                 place.insert(tetra, (chunk as u32, number as u32));
@@ -93,14 +73,14 @@ impl Pack {
             for (slot, parent) in slots.iter_mut().zip(&parents[chunk]) {
                 *slot = *parent;
             }
-            let encoded_bytes = 100 + random.below(30_000) as u32;
+            let encoded_bytes = 100 + random.usize(..30_000) as u32;
             entries.push(DirectoryEntry {
                 offset,
                 encoded_bytes,
                 vertices: triangles[chunk] + 2,
                 triangles: triangles[chunk],
                 level,
-                error: (libm::exp2(-f64::from(level) / 3.0) * (0.01 + 0.04 * random.unit())) as f32,
+                error: (libm::exp2(-f64::from(level) / 3.0) * (0.01 + 0.04 * random.f64())) as f32,
                 color_error: 0.0,
                 sphere: Sphere::of(&points),
                 bounds: Aabb::of(&points),
@@ -119,15 +99,15 @@ impl Pack {
         }
         entries[0].error = f32::INFINITY;
         // Most packs list children for most chunks without leaves.
-        let mut chance = Random(random.0 ^ 0x7e11);
-        let is_listed = chance.below(4) > 0;
+        let mut chance = random.fork();
+        let is_listed = chance.usize(..4) > 0;
         let is_told: Vec<bool> = patches
             .iter()
-            .map(|p| is_listed && chance.below(10) > 0 && p.iter().all(|p| p.diamond != NO_DIAMOND))
+            .map(|p| is_listed && chance.usize(..10) > 0 && p.iter().all(|p| p.diamond != NO_DIAMOND))
             .collect();
         directory::link_children(&mut entries, |i| is_told[i]);
         let head = head(&entries, offset);
-        Self { head, head_bytes: 40_000 + random.below(60_000) as u64, entries, patches, place, split }
+        Self { head, head_bytes: 40_000 + random.usize(..60_000) as u64, entries, patches, place, split }
     }
 
     /// The same pack with all children listed that may be, or none.
@@ -253,19 +233,19 @@ fn head(entries: &[DirectoryEntry], end: u64) -> Head {
 }
 
 /// A camera on a sphere round the cube, or inside it.
-pub(crate) fn random_view(random: &mut Random) -> View {
+pub(crate) fn random_view(random: &mut Rng) -> View {
     let side = f64::from(1 << CUBE_LOG2);
-    let eye = DVec3::from_array(std::array::from_fn(|_| random.unit() * 2.0 - 0.5)) * side;
-    let (a, h) = (random.unit() * 6.3, random.unit() * 1.8 - 0.9);
+    let eye = DVec3::from_array(std::array::from_fn(|_| random.f64() * 2.0 - 0.5)) * side;
+    let (a, h) = (random.f64() * 6.3, random.f64() * 1.8 - 0.9);
     let r = libm::sqrt(1.0 - h * h);
     let (sin, cos) = libm::sincos(a);
     let forward = DVec3::new(r * cos, r * sin, h);
     let right = DVec3::new(sin, -cos, 0.0);
     let up = right.cross(forward);
-    let projection = if random.below(5) == 0 {
-        Projection::Orthographic { half_height: side * (0.02 + random.unit()) }
+    let projection = if random.usize(..5) == 0 {
+        Projection::Orthographic { half_height: side * (0.02 + random.f64()) }
     } else {
-        Projection::Perspective { tan_half_height: 0.2 + random.unit() }
+        Projection::Perspective { tan_half_height: 0.2 + random.f64() }
     };
     View {
         eye,
@@ -277,27 +257,27 @@ pub(crate) fn random_view(random: &mut Random) -> View {
         size: [1200, 800],
         near: 1.0,
         far: side * 4.0,
-        target_pixels: 0.5 + random.unit() * 30.0,
+        target_pixels: 0.5 + random.f64() * 30.0,
         clip: random_clip(random),
     }
 }
 
 /// No clip, a plane, or a box that is kept or removed.
-fn random_clip(random: &mut Random) -> Clip {
+fn random_clip(random: &mut Rng) -> Clip {
     let side = f64::from(1 << CUBE_LOG2);
-    let (a, h) = (random.unit() * 6.3, random.unit() * 2.0 - 1.0);
+    let (a, h) = (random.f64() * 6.3, random.f64() * 2.0 - 1.0);
     let r = libm::sqrt(1.0 - h * h);
     let (sin, cos) = libm::sincos(a);
     let normal = DVec3::new(r * cos, r * sin, h);
-    let at = DVec3::from_array(std::array::from_fn(|_| random.unit() * side));
+    let at = DVec3::from_array(std::array::from_fn(|_| random.f64() * side));
     let plane = HalfSpace { normal, offset: normal.dot(at) };
-    let half = side * 0.5 * random.unit();
+    let half = side * 0.5 * random.f64();
     let faces = std::array::from_fn(|k| {
         let sign = if k % 2 == 0 { -1.0 } else { 1.0 };
         let normal = DVec3::AXES[k / 2] * sign;
         HalfSpace { normal, offset: sign * at[k / 2] + half }
     });
-    match random.below(4) {
+    match random.usize(..4) {
         0 => Clip { plane: Some(plane), bounds: None },
         1 => Clip { plane: None, bounds: Some(ClipBox { faces, remove_inside: false }) },
         2 => Clip { plane: Some(plane), bounds: Some(ClipBox { faces, remove_inside: true }) },
@@ -315,7 +295,7 @@ pub(crate) struct Faults {
 /// The other side: carries commands out after random delays, and checks them.
 pub(crate) struct World<'p> {
     pack: &'p Pack,
-    random: Random,
+    random: Rng,
     pub(crate) faults: Faults,
     queue: BTreeMap<(u64, u64), Event>,
     sequence: u64,
@@ -330,7 +310,7 @@ impl<'p> World<'p> {
     pub(crate) fn new(pack: &'p Pack, seed: u64, budgets: Budgets, faults: Faults) -> Self {
         Self {
             pack,
-            random: Random(seed),
+            random: Rng::with_seed(seed),
             faults,
             queue: BTreeMap::new(),
             sequence: 0,
@@ -362,7 +342,7 @@ impl<'p> World<'p> {
 
     fn later(&mut self, now: u64, event: Event) {
         self.sequence += 1;
-        let at = now + 1 + self.random.below(120) as u64;
+        let at = now + 1 + self.random.usize(..120) as u64;
         self.queue.insert((at, self.sequence), event);
     }
 
@@ -376,7 +356,7 @@ impl<'p> World<'p> {
                     assert!(self.open.remove(&request).is_some(), "cancelled {request}, which is not in flight");
                 }
                 Command::Decode { chunk, .. } => {
-                    let event = if self.random.below(100) < self.faults.garble {
+                    let event = if self.random.usize(..100) < self.faults.garble {
                         Event::DecodeFailed { chunk }
                     } else {
                         Event::Decoded { chunk, patches: self.pack.patches[chunk as usize].clone() }
@@ -405,24 +385,24 @@ impl<'p> World<'p> {
         assert!(sorted.windows(2).all(|w| w[0].end <= w[1].start), "ranges over each other: {ranges:?}");
         assert!(length <= self.budgets.request_bytes.max(30_100), "a request of {length} bytes");
         assert!(self.open.insert(request, length).is_none(), "request {request} made twice");
-        let event = if self.random.below(100) < self.faults.fail {
+        let event = if self.random.usize(..100) < self.faults.fail {
             Event::Failed { request }
         } else if kind == FetchKind::Pages {
             let number = |offset: u64| ((offset - self.pack.head.header.other_pages) / 16_384) as u32 + 1;
             let pages = ranges.iter().flat_map(|r| number(r.start)..number(r.end));
             let mut bytes: Vec<u8> = pages.flat_map(|p| self.pack.page(p)).collect();
-            if self.random.below(100) < self.faults.garble {
-                let at = self.random.below(bytes.len());
+            if self.random.usize(..100) < self.faults.garble {
+                let at = self.random.usize(..bytes.len());
                 bytes[at] ^= 1;
             }
             Event::PageBytes { request, bytes }
         } else {
-            if self.random.below(3) == 0 {
+            if self.random.usize(..3) == 0 {
                 self.sequence += 1;
-                let length = self.random.below(length as usize) as u64;
+                let length = self.random.usize(..length as usize) as u64;
                 self.queue.insert((now + 1, self.sequence), Event::Progress { request, length });
             }
-            let short = u64::from(self.random.below(100) < self.faults.garble);
+            let short = u64::from(self.random.usize(..100) < self.faults.garble);
             Event::Bytes { request, length: length - short }
         };
         self.later(now, event);

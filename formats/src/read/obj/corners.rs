@@ -16,7 +16,7 @@ use crate::read::faces::{CROSSING, REPEATED, TOO_FEW, TRIANGULATED};
 use crate::read::sink::{NOT_FINITE, TWICE, VertexBlock};
 use crate::read::texture::detail::{Detail, Shared, Vertex, middle, split};
 use crate::read::texture::{Refusal, Texture, Textures, light_from_srgb, srgb_from_light};
-use crate::read::triangulate::{Outcome, Triangulator};
+use kilwa_geometry::triangulate::{Outcome, Triangulator};
 use kilwa_pack::visible::visible;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};

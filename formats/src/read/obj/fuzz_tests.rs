@@ -2,20 +2,9 @@
 //! Seeded, so that a failure can be repeated; `tests/fuzz` goes further.
 
 use crate::read::read_mesh_from;
+use fastrand::Rng;
 use std::io::Cursor;
 use std::path::Path;
-
-/// SplitMix64 (Steele, Lea and Flood 2014).
-struct Random(u64);
-
-impl Random {
-    fn below(&mut self, n: usize) -> usize {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) % n.max(1) as u64) as usize
-    }
-}
 
 const SEEDS: [&str; 3] = [
     "# a\no w\nv 0 0 0 1 0 0\nv 1 0 0 0 1 0\nv 1 1 0 0 0 1\nv 0 1 0\nvt 0 0\nvt 1 1\nvn 0 0 1\nusemtl a\nf 1/1/1 2/2/1 3/1/1\nf -4//1 -2//1 -1//1\nf 1 2 3 4\nl 1 2\n",
@@ -46,22 +35,22 @@ const WORDS: [&str; 20] = [
     "\0",
 ];
 
-fn mutate(bytes: &mut Vec<u8>, random: &mut Random) {
-    for _ in 0..=random.below(3) {
-        let at = random.below(bytes.len());
-        match random.below(5) {
+fn mutate(bytes: &mut Vec<u8>, random: &mut Rng) {
+    for _ in 0..=random.usize(..3) {
+        let at = random.usize(..bytes.len().max(1));
+        match random.usize(..5) {
             0 => bytes.truncate(at),
-            1 => bytes[at] ^= 1 << random.below(8),
+            1 => bytes[at] ^= 1 << random.usize(..8),
             2 => {
-                let end = (at + random.below(40)).min(bytes.len());
+                let end = (at + random.usize(..40)).min(bytes.len());
                 let copy = bytes[at..end].to_vec();
-                let to = random.below(bytes.len());
+                let to = random.usize(..bytes.len().max(1));
                 bytes.splice(to..to, copy);
             }
             _ => {
                 let end = bytes[at..].iter().position(u8::is_ascii_whitespace).map_or(bytes.len(), |n| at + n);
                 let start = bytes[..at].iter().rposition(u8::is_ascii_whitespace).map_or(0, |n| n + 1);
-                bytes.splice(start..end.max(start), WORDS[random.below(WORDS.len())].bytes());
+                bytes.splice(start..end.max(start), WORDS[random.usize(..WORDS.len())].bytes());
             }
         }
         if bytes.is_empty() {
@@ -72,7 +61,7 @@ fn mutate(bytes: &mut Vec<u8>, random: &mut Random) {
 
 #[test]
 fn ten_thousand_damaged_files_cause_no_panic() {
-    let mut random = Random(5);
+    let mut random = Rng::with_seed(5);
     let (mut read, mut refused) = (0, 0);
     for i in 0..10_000 {
         let mut bytes = SEEDS[i % SEEDS.len()].as_bytes().to_vec();

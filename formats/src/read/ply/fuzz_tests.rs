@@ -3,27 +3,12 @@
 
 use super::super::read_mesh_from;
 use crate::RawMesh;
+use fastrand::Rng;
 use std::path::Path;
 
 /// The most bytes of mesh that a byte of file can produce: a vertex of three chars takes 24 and more, a corner of
 /// one byte up to a triangle of 12, or with a colour per face three new vertices.
 const GROWTH: usize = 100;
-
-/// SplitMix64 (Steele, Lea and Flood 2014).
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
-    }
-
-    fn below(&mut self, n: usize) -> usize {
-        (self.next() % n.max(1) as u64) as usize
-    }
-}
 
 fn bytes_of(mesh: &RawMesh) -> usize {
     let scalars: usize = mesh.scalars.iter().map(|(_, v)| v.capacity() * 4).sum();
@@ -121,37 +106,37 @@ const WORDS: [&str; 22] = [
 ];
 
 /// Damage a few places, half of the time behind the header only.
-fn mutate(bytes: &mut Vec<u8>, random: &mut Random) {
+fn mutate(bytes: &mut Vec<u8>, random: &mut Rng) {
     let body = bytes.windows(11).position(|w| w == b"end_header\n").map_or(0, |at| at + 11);
-    let from = if random.below(2) == 0 { body } else { 0 };
-    for _ in 0..=random.below(3) {
-        let at = from + random.below(bytes.len().saturating_sub(from));
+    let from = if random.usize(..2) == 0 { body } else { 0 };
+    for _ in 0..=random.usize(..3) {
+        let at = from + random.usize(..(bytes.len().saturating_sub(from)).max(1));
         if at >= bytes.len() {
             return;
         }
-        match random.below(12) {
+        match random.usize(..12) {
             0 => bytes.truncate(at),
-            1..=5 => bytes[at] ^= 1 << random.below(8),
-            6 => bytes[at] = random.next() as u8,
+            1..=5 => bytes[at] ^= 1 << random.usize(..8),
+            6 => bytes[at] = random.u8(..),
             7 => {
-                let end = (at + random.below(24)).min(bytes.len());
+                let end = (at + random.usize(..24)).min(bytes.len());
                 bytes.drain(at..end);
             }
             8 => {
-                let end = (at + random.below(40)).min(bytes.len());
+                let end = (at + random.usize(..40)).min(bytes.len());
                 let copy = bytes[at..end].to_vec();
-                let to = random.below(bytes.len());
+                let to = random.usize(..bytes.len().max(1));
                 bytes.splice(to..to, copy);
             }
             // Replace a word by another.
             9 => {
                 let end = bytes[at..].iter().position(u8::is_ascii_whitespace).map_or(bytes.len(), |n| at + n);
                 let start = bytes[..at].iter().rposition(u8::is_ascii_whitespace).map_or(0, |n| n + 1);
-                bytes.splice(start..end.max(start), WORDS[random.below(WORDS.len())].bytes());
+                bytes.splice(start..end.max(start), WORDS[random.usize(..WORDS.len())].bytes());
             }
             _ => {
                 let end = (at + 4).min(bytes.len());
-                bytes[at..end].fill([0, 0xff, 0x7f, 0x80][random.below(4)]);
+                bytes[at..end].fill([0, 0xff, 0x7f, 0x80][random.usize(..4)]);
             }
         }
     }
@@ -163,7 +148,7 @@ fn twenty_thousand_damaged_files_cause_no_panic() {
     for seed in &seeds {
         assert!(check(seed), "{}", String::from_utf8_lossy(seed));
     }
-    let mut random = Random(2);
+    let mut random = Rng::with_seed(2);
     let (mut read, mut refused) = (0, 0);
     for i in 0..20_000 {
         let mut bytes = seeds[i % seeds.len()].clone();
@@ -180,13 +165,13 @@ fn twenty_thousand_damaged_files_cause_no_panic() {
 
 #[test]
 fn noise_after_a_valid_header_causes_no_panic() {
-    let mut random = Random(3);
+    let mut random = Rng::with_seed(3);
     for i in 0..3000 {
         let seed = &seeds()[i % 4];
         let body = seed.windows(11).position(|w| w == b"end_header\n").map_or(0, |at| at + 11);
         let mut bytes = seed[..body].to_vec();
         let alphabet = [&b"0123456789 -.\n"[..], &b"\x00\x01\x02\x03\x04\xff\x7f"[..]][i % 2];
-        bytes.extend((0..random.below(600)).map(|_| alphabet[random.below(alphabet.len())]));
+        bytes.extend((0..random.usize(..600)).map(|_| alphabet[random.usize(..alphabet.len().max(1))]));
         check(&bytes);
     }
 }

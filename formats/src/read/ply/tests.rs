@@ -664,8 +664,8 @@ proptest! {
     /// A random soup written in all three encodings, larger than a block and than the buffer, comes back exactly.
     #[test]
     fn a_written_file_reads_back_unchanged(seed in any::<u64>(), n in 3u32..6000) {
-        let mut state = seed | 1;
-        let mut random = || { state ^= state << 13; state ^= state >> 7; state ^= state << 17; state };
+        let mut generator = fastrand::Rng::with_seed(seed);
+        let mut random = || generator.u64(..);
         let positions: Vec<[f32; 3]> = (0..n).map(|_| [random() as i32 as f32 * 1e-3, random() as i32 as f32, 0.25]).collect();
         let colors: Vec<[u8; 3]> = (0..n).map(|_| [random() as u8, random() as u8, random() as u8]).collect();
         let triangles: Vec<[u32; 3]> = (0..2 * n).map(|_| { let a = random() as u32 % (n - 2); [a, a + 1, a + 2] }).collect();

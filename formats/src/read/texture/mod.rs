@@ -9,9 +9,9 @@ pub mod detail;
 mod room;
 
 use image::{DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
+pub(crate) use kilwa_geometry::color::{light_from_srgb, srgb_from_light};
 use kilwa_pack::plural::counted;
 use std::io::Cursor;
-use std::sync::LazyLock;
 
 /// The most bytes that a decoded picture may take by default: 3 a texel, so that one of 16384 × 16384 fits.
 pub const TEXTURE_BYTES: u64 = 1 << 30;
@@ -55,26 +55,6 @@ pub struct Texture {
     height: usize,
     /// Red, green and blue of each texel, sRGB, rows from the top.
     texels: Vec<u8>,
-}
-
-/// Light of each of the 256 levels of sRGB, 0 to 1 (IEC 61966-2-1).
-static LIGHT: LazyLock<[f64; 256]> = LazyLock::new(|| std::array::from_fn(|level| light(level as f64 / 255.0)));
-/// The light in the middle between two levels.
-static BETWEEN: LazyLock<[f64; 255]> =
-    LazyLock::new(|| std::array::from_fn(|level| light((level as f64 + 0.5) / 255.0)));
-
-fn light(srgb: f64) -> f64 {
-    if srgb <= 0.04045 { srgb / 12.92 } else { libm::pow((srgb + 0.055) / 1.055, 2.4) }
-}
-
-/// The 8-bit sRGB level nearest to an amount of light from 0 to 1; below is 0, above is 255.
-pub fn srgb_from_light(light: f64) -> u8 {
-    BETWEEN.partition_point(|&between| between <= light) as u8
-}
-
-/// The light, 0 to 1, of an 8-bit sRGB level.
-pub fn light_from_srgb(level: u8) -> f64 {
-    LIGHT[usize::from(level)]
 }
 
 fn too_little(memory: u64, need: &str) -> Refusal {

@@ -2,8 +2,8 @@
 //! workers, events) and is instructed by [`Viewer::frame`]; every decision is made here.
 //!
 //! Lengths that JavaScript sees are world metres, pixels are those of the canvas's picture with y down, times are
-//! milliseconds. Numbers of bytes and requests are `f64`, exact up to 2^53. Errors are sentences; those that begin with
-//! `nogpu:` mean that nothing can be drawn here.
+//! milliseconds. Numbers of bytes and requests are `f64`, exact up to 2^53. Errors are sentences; one whose `kind`
+//! is `noGpu` means that nothing can be drawn here.
 
 mod camera;
 mod display;
@@ -125,23 +125,23 @@ impl Viewer {
     /// Open the pack whose first bytes are `head` (enough of them: [`head_needs`]) on a canvas.
     ///
     /// # Errors
-    /// A sentence; it begins with `nogpu:` where the browser gives no device.
-    pub async fn create(canvas: HtmlCanvasElement, head: Vec<u8>) -> Result<Viewer, JsError> {
+    /// An `Error`; its `kind` is `noGpu` where the browser gives no device.
+    pub async fn create(canvas: HtmlCanvasElement, head: Vec<u8>) -> Result<Viewer, JsValue> {
         std::panic::set_hook(Box::new(|info| web_sys::console::error_1(&info.to_string().into())));
         let parsed = parse_head(&head).map_err(|e| JsError::new(&e.to_string()))?;
-        let no_gpu = |e: &dyn std::fmt::Display| JsError::new(&format!("nogpu: {e}"));
         let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
         descriptor.backends = BROWSER_BACKEND;
         let instance = wgpu::Instance::new(descriptor);
         let size = [canvas.width().max(1), canvas.height().max(1)];
-        let surface = instance.create_surface(wgpu::SurfaceTarget::Canvas(canvas)).map_err(|e| no_gpu(&e))?;
-        let gpu = Gpu::for_surface(&instance, &surface).await.map_err(|e| no_gpu(&e))?;
+        let surface =
+            instance.create_surface(wgpu::SurfaceTarget::Canvas(canvas)).map_err(|e| no_gpu(&e.to_string()))?;
+        let gpu = Gpu::for_surface(&instance, &surface).await.map_err(|e| no_gpu(&e.to_string()))?;
         // The canvas's own format, whose values are encoded by the shader: a view of it with an sRGB format is not
         // honoured everywhere (Chromium on SwiftShader shows linear values). WebGL 2 would prefer an sRGB one, with
         // other colours along edges, where samples are averaged.
         let mut config = surface
             .get_default_config(&gpu.adapter, size[0], size[1])
-            .ok_or_else(|| no_gpu(&"the adapter cannot draw to a canvas"))?;
+            .ok_or_else(|| no_gpu("the adapter cannot draw to a canvas"))?;
         let plain = config.format.remove_srgb_suffix();
         if surface.get_capabilities(&gpu.adapter).formats.contains(&plain) {
             config.format = plain;
@@ -285,6 +285,15 @@ impl Viewer {
 
 fn bounds(metadata: &Metadata) -> Bounds {
     Bounds { min: metadata.bounds_min.into(), max: metadata.bounds_max.into() }
+}
+
+/// The error of a browser that gives no device to draw with.
+fn no_gpu(reason: &str) -> JsValue {
+    let error = js_sys::Error::new(reason);
+    match set(&error, "kind", &"noGpu".into()) {
+        Ok(()) => error.into(),
+        Err(e) => e,
+    }
 }
 
 fn set(object: &Object, name: &str, value: &JsValue) -> Result<(), JsValue> {

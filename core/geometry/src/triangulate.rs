@@ -10,7 +10,7 @@ use glam::DVec3;
 
 /// How well a polygon could be cut.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Outcome {
+pub enum Outcome {
     /// The triangles cover the polygon once.
     Covered,
     /// The polygon crosses or folds over itself; some triangles may lie outside or overlap.
@@ -22,7 +22,7 @@ const SEARCHES: usize = 2;
 
 /// Lists reused from polygon to polygon.
 #[derive(Debug, Default)]
-pub(super) struct Triangulator {
+pub struct Triangulator {
     points: Vec<[f64; 2]>,
     next: Vec<usize>,
     previous: Vec<usize>,
@@ -35,7 +35,7 @@ pub(super) struct Triangulator {
 impl Triangulator {
     /// Cut the polygon whose three or more corners are at these places, in order, and hand its triangles to `out` as
     /// numbers of corners.
-    pub(super) fn polygon(&mut self, corners: &[[f64; 3]], mut out: impl FnMut([usize; 3])) -> Outcome {
+    pub fn polygon(&mut self, corners: &[[f64; 3]], mut out: impl FnMut([usize; 3])) -> Outcome {
         self.project(corners);
         if let Some(first) = self.quad_diagonal(corners) {
             let halves = if first { [[0, 1, 2], [0, 2, 3]] } else { [[0, 1, 3], [1, 2, 3]] };
