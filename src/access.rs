@@ -108,7 +108,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         }),
         What::Remove { file, name } => change(file, |a| {
             a.remove_user(name)?;
-            Ok(format!("{name} is gone, with all tokens."))
+            Ok(format!("{name} and all of {name}'s tokens were removed."))
         }),
         What::Token { file, name, purpose, days } => token(file, name, *purpose, *days),
         What::Revoke { file, token } => change(file, |a| {
@@ -121,7 +121,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
 
 fn init(file: &Path) -> anyhow::Result<()> {
     if file.exists() {
-        anyhow::bail!("{} exists already; it is left as it is", file.display());
+        anyhow::bail!("{} already exists and was left as it is", file.display());
     }
     Accounts::new()?.create(file)?;
     writeln!(crate::terminal::out(), "{}: no users yet; add some with `kilwa access user`.", file.display())?;
@@ -152,7 +152,7 @@ fn password(name: &str) -> anyhow::Result<String> {
         let mut line = String::new();
         stdin.lock().read_line(&mut line).context("cannot read the password from stdin")?;
         let password = line.trim_end_matches(['\n', '\r']).to_owned();
-        anyhow::ensure!(!password.is_empty(), "no password on standard input; give --no-password to set none");
+        anyhow::ensure!(!password.is_empty(), "no password on standard input; use --no-password to set none");
         return Ok(password);
     }
     let terminal = console::Term::stderr();
@@ -161,14 +161,14 @@ fn password(name: &str) -> anyhow::Result<String> {
         Ok(terminal.read_secure_line()?)
     };
     let first = ask(&format!("Password for {name}: "))?;
-    anyhow::ensure!(first == ask("Once more: ")?, "the two were not the same; nothing is changed");
+    anyhow::ensure!(first == ask("Once more: ")?, "the two passwords differ; nothing was changed");
     Ok(first)
 }
 
 fn token(file: &Path, name: &str, purpose: Purpose, days: u32) -> anyhow::Result<()> {
     let now = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs());
     let token = Accounts::change(file, |a| a.add_token(name, purpose, days, now))?;
-    crate::terminal::say!("This token works {} for {name} and is not shown again:", counted(days, "day", "days"));
+    crate::terminal::say!("This token works for {} for {name}, and is not shown again:", counted(days, "day", "days"));
     writeln!(crate::terminal::out(), "{token}")?;
     Ok(())
 }
@@ -200,7 +200,7 @@ fn list(file: &Path, as_json: bool) -> anyhow::Result<()> {
         return Ok(());
     }
     if accounts.users().is_empty() {
-        writeln!(out, "Nobody yet; add users with `kilwa access user`.")?;
+        writeln!(out, "No users yet; add some with `kilwa access user`.")?;
     }
     for user in accounts.users() {
         let sees = match user.grant() {

@@ -121,10 +121,10 @@ fn bits(range: RangeInclusive<u8>) -> clap::builder::RangedI64ValueParser<u8> {
 fn crop(text: &str) -> Result<[DVec3; 2], String> {
     let numbers: Vec<f64> = text
         .split(',')
-        .map(|n| n.trim().parse().map_err(|_| format!("{n:?} is no number")))
+        .map(|n| n.trim().parse().map_err(|_| format!("{n:?} is not a number")))
         .collect::<Result<_, _>>()?;
     let [a, b, c, d, e, f] = numbers[..] else {
-        return Err("give six numbers: xmin,ymin,zmin,xmax,ymax,zmax in metres".to_owned());
+        return Err("expected six numbers, xmin,ymin,zmin,xmax,ymax,zmax, in metres".to_owned());
     };
     let bounds = [DVec3::new(a, b, c), DVec3::new(d, e, f)];
     match (0..3).find(|&k| bounds[0][k].partial_cmp(&bounds[1][k]).is_none_or(std::cmp::Ordering::is_ge)) {
@@ -291,14 +291,14 @@ fn parse_threads(text: &str) -> Result<usize, String> {
 fn refuse(args: &Args) -> anyhow::Result<()> {
     // A rename would put a file in the place of a device or a pipe (as root even of /dev/full).
     if args.output.exists() && !args.output.is_file() {
-        anyhow::bail!("{} is a folder or a device; give the name of a file", args.output.display());
+        anyhow::bail!("{} is a folder or a device; choose a file name", args.output.display());
     }
     if args.output.file_name().is_none() {
-        anyhow::bail!("{} is no name of a file", args.output.display());
+        anyhow::bail!("{} is not a file name", args.output.display());
     }
     if args.output.is_symlink() && !args.output.exists() {
         anyhow::bail!(
-            "{} is a link whose target does not exist; remove it, or give another name",
+            "{} is a link whose target does not exist; remove it, or choose another name",
             args.output.display()
         );
     }
@@ -307,13 +307,13 @@ fn refuse(args: &Args) -> anyhow::Result<()> {
         return Err(exists(&args.output));
     }
     if args.capture_accuracy.is_some_and(|a| !(a > 0.0 && a.is_finite())) {
-        anyhow::bail!("--capture-accuracy must be a length in metres above zero");
+        anyhow::bail!("--capture-accuracy must be a length in metres, greater than zero");
     }
     Ok(())
 }
 
 fn exists(output: &Path) -> anyhow::Error {
-    anyhow::anyhow!("{} exists; give --force to replace it, or another name", output.display())
+    anyhow::anyhow!("{} already exists; use --force to replace it, or choose another name", output.display())
 }
 
 /// The scratch folder of this output: `.NAME.kilwa.scratch`, beside it or in the folder that the user gave.
@@ -397,7 +397,7 @@ fn after_failure(error: anyhow::Error, scratch: Scratch, stop: &Stop) -> anyhow:
     if stop.asked() {
         let (bytes, folder) = (binary(scratch.bytes()), scratch.folder().display());
         return Interrupted(format!(
-            "stopped; {bytes} of scratch files are kept in {folder}: the same command with --resume goes on from there"
+            "stopped; {bytes} of scratch files are kept in {folder}; run the same command with --resume to continue"
         ))
         .into();
     }
@@ -497,7 +497,7 @@ mod tests {
             spoil(folder.path());
             let before = std::fs::read(folder.path().join("a.kilwa")).unwrap();
             let refused = run(&args(folder.path(), more)).unwrap_err().to_string();
-            assert!(refused.contains("exists; give --force"), "{more:?}: {refused}");
+            assert!(refused.contains("already exists; use --force"), "{more:?}: {refused}");
             assert!(std::fs::read(folder.path().join("a.kilwa")).unwrap() == before, "{more:?}");
             assert!(folder.path().join(".a.kilwa.scratch/journal").is_file(), "{more:?}");
         }

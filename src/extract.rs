@@ -87,7 +87,7 @@ fn say_what_was_not_reached(limit: Option<u64>, written: &Extraction) {
     let found = written.triangles;
     if found > limit {
         crate::terminal::say!(
-            "kilwa: the coarsest surface of this pack has {} {}; {} {} asked for",
+            "kilwa: the coarsest surface of this pack has {} {}; {} {} requested",
             grouped(found),
             plural(found, "triangle", "triangles"),
             grouped(limit),
@@ -147,10 +147,13 @@ impl Report<'_> {
         )?;
         let left_out = &self.written.left_out;
         if !left_out.is_empty() {
-            writeln!(out, "  {} does not hold {}; they are left out.", self.format.title(), left_out.join(", "))?;
+            writeln!(out, "  {} cannot store {}; they were left out.", self.format.title(), left_out.join(", "))?;
         }
         if let Some(DVec3 { x, y, z }) = self.written.offset {
-            writeln!(out, "  Coordinates are relative to {x} {y} {z}, because its numbers are too short for them.")?;
+            writeln!(
+                out,
+                "  Coordinates are relative to {x} {y} {z}, because its numbers are not precise enough for world coordinates."
+            )?;
         }
         Ok(())
     }

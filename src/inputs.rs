@@ -112,12 +112,15 @@ fn origin(text: &str) -> Result<DVec3, String> {
         &[x, y, z] if text.matches(',').count() == 2 && [x, y, z].iter().all(|v| v.is_finite()) => {
             Ok(DVec3::new(x, y, z))
         }
-        _ => Err("give three numbers with commas between them, for example 500000,9000000,0".to_owned()),
+        _ => Err("expected three numbers with commas between them, for example 500000,9000000,0".to_owned()),
     }
 }
 
 fn texels(text: &str) -> Result<f64, String> {
-    text.parse().ok().filter(|v| (1.0..=65536.0).contains(v)).ok_or_else(|| "give a number from 1 to 65536".to_owned())
+    text.parse()
+        .ok()
+        .filter(|v| (1.0..=65536.0).contains(v))
+        .ok_or_else(|| "expected a number from 1 to 65536".to_owned())
 }
 
 impl Inputs {
@@ -312,16 +315,17 @@ fn expand(
         files.push(given.to_owned());
         return Ok(());
     };
-    let found = glob::glob(pattern).with_context(|| format!("{pattern} is no pattern that can be used"))?;
+    let found = glob::glob(pattern).with_context(|| format!("{pattern} is not a valid pattern"))?;
     let real = fixed_part(given);
-    let real =
-        real.canonicalize().with_context(|| format!("no file fits {pattern}: {} cannot be opened", real.display()))?;
+    let real = real
+        .canonicalize()
+        .with_context(|| format!("no file matches {pattern}: {} cannot be opened", real.display()))?;
     let before = files.len();
     for path in found {
         let path = path.with_context(|| format!("cannot look for {pattern}"))?;
         refuse_unreadable(
             &path,
-            "everything that matches a pattern must be a mesh file; change the pattern, or put the file there",
+            "everything that matches a pattern must be a mesh file; change the pattern, or restore the file",
         )?;
         if !allow_outside {
             refuse_link_out(&path, &real)?;
@@ -329,7 +333,7 @@ fn expand(
         files.push(path);
     }
     if files.len() == before {
-        bail!("no file fits {pattern}");
+        bail!("no file matches {pattern}");
     }
     Ok(())
 }
@@ -373,7 +377,7 @@ fn folder(
             if is_named_as_mesh(&path) {
                 refuse_unreadable(
                     &path,
-                    "everything with the name of a mesh file must be one; put the file there, or rename or remove it",
+                    "everything with the name of a mesh file must be one; restore, rename or remove it",
                 )?;
             }
             // A pipe, a socket, a device, a broken link.
@@ -397,10 +401,7 @@ fn folder(
         }
     }
     if files.len() == before {
-        bail!(
-            "{} holds no mesh that can be read (PLY, OBJ, STL, glTF); folders in it are not looked at",
-            folder.display()
-        );
+        bail!("{} contains no readable mesh (PLY, OBJ, STL, glTF); its subfolders are not searched", folder.display());
     }
     Ok(())
 }
@@ -410,7 +411,7 @@ fn refuse_link_out(path: &Path, folder: &Path) -> anyhow::Result<()> {
     let target = path.canonicalize().with_context(|| format!("{} cannot be opened", path.display()))?;
     if !target.starts_with(folder) {
         bail!(
-            "{} is a link to {}, outside of the folder {}; remove it, name that file directly, or use --allow-outside",
+            "{} is a link to {}, outside the folder {}; remove it, name that file directly, or use --allow-outside",
             path.display(),
             target.display(),
             folder.display()
@@ -445,7 +446,7 @@ fn own_matrix(input: &Path, allow_outside: bool) -> anyhow::Result<Placement> {
     if !file.is_file() {
         let name = file.display();
         bail!(
-            "{name} is not there: with --transform auto every input has its matrix beside it (1 0 0 0  0 1 0 0  0 0 1 0  0 0 0 1 leaves it where it is)"
+            "{name} does not exist: with --transform auto, every input needs a matrix file beside it (1 0 0 0  0 1 0 0  0 0 1 0  0 0 0 1 means no change)"
         );
     }
     if !allow_outside {
@@ -583,14 +584,14 @@ mod tests {
     fn inputs_that_are_missing_repeated_or_no_mesh_are_refused_by_name() {
         let site = three();
         assert!(site.refusal(&["none.obj"]).contains("none.obj cannot be opened"));
-        assert!(site.refusal(&["x*.obj"]).contains("no file fits"));
+        assert!(site.refusal(&["x*.obj"]).contains("no file matches"));
         assert!(site.refusal(&["a.obj", "?.obj"]).contains("a.obj is given twice"));
         // Not with a pattern that matches the folders of other tests, which come and go.
         std::fs::create_dir(site.path("further")).unwrap();
         assert!(site.refusal(&["a.obj", "./b.obj", "further/../b.*"]).contains("are the same file"));
         assert!(site.refusal(&["notes.txt"]).contains("notes.txt"));
         let empty = Site::new(&[("notes.txt", "of the survey")]);
-        assert!(empty.refusal(&[""]).contains("holds no mesh"));
+        assert!(empty.refusal(&[""]).contains("contains no readable mesh"));
         std::fs::write(site.path("d.ply"), "cut").unwrap();
         assert!(site.refusal(&[""]).contains("d.ply"), "a damaged block does not go missing without a word");
     }

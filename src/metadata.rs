@@ -48,7 +48,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
 
 fn init(pack: Option<&PathBuf>, output: Option<&PathBuf>, quiet: bool) -> anyhow::Result<()> {
     if let Some(path) = output.filter(|p| p.exists()) {
-        bail!("{} is there already; give another name, or move it away", path.display());
+        bail!("{} already exists; choose another name, or move it away", path.display());
     }
     let mut known = match pack {
         Some(path) => of_pack(open_pack(path)?.metadata()),
@@ -62,7 +62,7 @@ fn init(pack: Option<&PathBuf>, output: Option<&PathBuf>, quiet: bool) -> anyhow
     let Some(path) = output else { return Ok(crate::terminal::out().write_all(text.as_bytes())?) };
     NewFile::write(path, text.as_bytes(), false)?;
     crate::terminal::say!(
-        "{} is written: look through it, then kilwa publish PACK --to DIR --metadata {}",
+        "{} was written: check and complete it, then run kilwa publish PACK --to DIR --metadata {}",
         path.display(),
         path.display()
     );
@@ -95,7 +95,7 @@ fn ask(known: &mut Known, input: &mut impl BufRead, out: &mut impl Write) -> any
     loop {
         let mut name = None;
         let ask = if known.creators.is_empty() {
-            "Made by (a person as Family, Given; or an organisation)"
+            "Made by (a person as Family, Given, or an organisation)"
         } else {
             "And by"
         };
@@ -103,7 +103,7 @@ fn ask(known: &mut Known, input: &mut impl BufRead, out: &mut impl Write) -> any
         let Some(name) = name else { break };
         known.creators.push(who(name, input, out)?);
     }
-    question("What it shows, in a sentence", &mut known.description, any, input, out)?;
+    question("What the model shows, in a sentence", &mut known.description, any, input, out)?;
     question("Published by", &mut known.publisher, any, input, out)?;
     question("Place", &mut known.place, any, input, out)?;
     let country = |text: &str| {
@@ -249,7 +249,10 @@ mod tests {
         assert_eq!(m.place.unwrap().country.as_deref(), Some("TZ"));
         assert_eq!(m.capture.unwrap().date.as_deref(), Some("2009-07"));
         let shown = String::from_utf8(shown).unwrap();
-        assert!(shown.contains("Title [Fort]: ") && shown.contains("no known statement of rights"), "{shown}");
+        assert!(
+            shown.contains("Title [Fort]: ") && shown.contains("not a known licence or rights statement"),
+            "{shown}"
+        );
     }
 
     #[test]

@@ -47,9 +47,9 @@ pub(crate) fn refuse_inputs<'a>(output: &Path, inputs: impl IntoIterator<Item = 
     for input in inputs {
         if std::fs::metadata(input).is_ok_and(|about| plain_file::is_same_file(&there, &about)) {
             let shown = output.display();
-            anyhow::ensure!(input != output, "{shown} is an input of this command; give another name for the output");
+            anyhow::ensure!(input != output, "{shown} is an input of this command; choose another name for the output");
             anyhow::bail!(
-                "{shown} is the same file as {}, an input of this command; give another name for the output",
+                "{shown} is the same file as {}, an input of this command; choose another name for the output",
                 input.display()
             );
         }

@@ -104,10 +104,7 @@ pub(crate) fn checked_channels<S: Source + Sync>(
     }
     for channel in channels::survey(reader)?.iter().filter(|c| keep.contains(&c.name)) {
         if let Some(why) = channel.gives_away(location) {
-            bail!(
-                "--keep-channel {}: the channel {why}; leave it out, or build the pack again without it",
-                channel.name
-            );
+            bail!("--keep-channel {}: the channel {why}; omit it, or build the pack again without it", channel.name);
         }
     }
     Ok(())

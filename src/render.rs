@@ -206,7 +206,7 @@ fn draw_sheet(args: &Args, mut session: Session<FileSource>) -> anyhow::Result<(
     }
     if !report.is_complete() {
         crate::terminal::say!(
-            "kilwa: the drawing is coarser than asked for: the memory of {} MB is full (--memory gives more)",
+            "kilwa: the drawing is coarser than requested: the memory limit of {} MB was reached (raise it with --memory)",
             args.memory
         );
     }
@@ -324,7 +324,7 @@ fn report(
     }
     if !stats.target_reached {
         crate::terminal::say!(
-            "kilwa: the picture is coarser than asked for: the memory of {} MB is full (--memory gives more)",
+            "kilwa: the picture is coarser than requested: the memory limit of {} MB was reached (raise it with --memory)",
             args.memory
         );
     }
@@ -333,7 +333,8 @@ fn report(
 
 fn read_camera(path: &Path) -> anyhow::Result<Camera> {
     let text = read_named_text(path, SETTINGS_MAX)?;
-    let file: CameraFile = serde_json::from_str(&text).with_context(|| format!("{} is no camera", path.display()))?;
+    let file: CameraFile =
+        serde_json::from_str(&text).with_context(|| format!("{} is not a camera file", path.display()))?;
     let CameraFile { target, distance, azimuth, elevation, field_of_view, orthographic } = file;
     let finite = target.iter().chain(&[azimuth, distance]).all(|x| x.is_finite());
     if !finite || distance <= 0.0 {
@@ -371,11 +372,11 @@ fn write_png(path: &Path, image: &Image, alpha: bool, replace: bool) -> anyhow::
 
 fn parse_view(text: &str) -> Result<StandardView, String> {
     StandardView::from_name(text)
-        .ok_or_else(|| format!("no view is called so; there are {}", names(&StandardView::ALL)))
+        .ok_or_else(|| format!("there is no such view; the views are {}", names(&StandardView::ALL)))
 }
 
 fn parse_mode(text: &str) -> Result<Mode, String> {
-    Mode::from_name(text).ok_or_else(|| format!("no mode is called so; there are {}", names(&Mode::ALL)))
+    Mode::from_name(text).ok_or_else(|| format!("there is no such mode; the modes are {}", names(&Mode::ALL)))
 }
 
 fn names<T>(all: &[(T, &str)]) -> String {
@@ -409,7 +410,7 @@ fn parse_share(text: &str) -> Result<f64, String> {
 fn parse_numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
     let numbers: Option<Vec<f64>> =
         text.split(',').map(|t| t.trim().parse().ok().filter(|x: &f64| x.is_finite())).collect();
-    numbers.and_then(|v| v.try_into().ok()).ok_or_else(|| format!("{N} numbers with commas between them"))
+    numbers.and_then(|v| v.try_into().ok()).ok_or_else(|| format!("expected {N} numbers with commas between them"))
 }
 
 fn parse_background(text: &str) -> Result<String, String> {

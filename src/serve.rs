@@ -279,19 +279,18 @@ fn uploads(args: &Args, site: &Site, page: Page) -> anyhow::Result<Option<Arc<Up
         days: access.upload_days,
         ..UploadLimits::default()
     };
-    let what =
-        "--accept-uploads needs a place for many objects, a folder or s3://bucket/prefix, not one object or pack";
+    let what = "--accept-uploads needs a folder of objects or s3://bucket/prefix, not a single object or pack";
     let shelf = site.catalogue.shelf().context(what)?;
     if let Some(folder) = shelf.path() {
         anyhow::ensure!(
             access.upload_folder.is_none(),
-            "--upload-folder is for s3://…: what is sent to a folder lies in .kilwa-uploads of it"
+            "--upload-folder works only with s3://…; for a folder, uploads are kept in its .kilwa-uploads"
         );
         return Ok(Some(Arc::new(Uploads::new(folder.to_owned(), page, limits))));
     }
     let folder = access.upload_folder.clone().or_else(|| service_folder("STATE_DIRECTORY", "uploads"));
     let folder = folder.context(
-        "--accept-uploads with s3://… needs a folder of this computer, with room for what is sent until it is verified: give --upload-folder DIR",
+        "--accept-uploads with s3://… needs a folder on this computer with space for uploads until they are verified: use --upload-folder DIR",
     )?;
     // A part of a pack takes longer to send than readers are kept waiting.
     let mut options = store_options(args, store_url(args).unwrap_or_default());
@@ -321,7 +320,7 @@ fn extracts(args: &ExtractArgs) -> anyhow::Result<Option<(Option<PrivateFolder>,
         }
         Err(e) => {
             tracing::warn!(
-                "no meshes are made on request: cannot keep them in {}: {e}; give --cache DIR",
+                "no meshes are made on request: cannot keep them in {}: {e}; use --cache DIR",
                 folder.display()
             );
             Ok(None)
@@ -395,7 +394,7 @@ fn site_url(url: &str) -> anyhow::Result<String> {
         |rest: &str| !rest.is_empty() && rest.bytes().all(|b| b.is_ascii_alphanumeric() || b"-._~:/[]".contains(&b));
     anyhow::ensure!(
         rest.is_some_and(is_plain),
-        "--url {url} is no address of a site; give it like https://museum.example"
+        "--url {url} is not the address of a site; expected for example https://museum.example"
     );
     Ok(url.trim_end_matches('/').to_owned())
 }
@@ -403,7 +402,7 @@ fn site_url(url: &str) -> anyhow::Result<String> {
 async fn serve(address: SocketAddr, site: Site, limits: Limits) -> anyhow::Result<()> {
     let listener = match tokio::net::TcpListener::bind(address).await {
         Err(e) if e.kind() == std::io::ErrorKind::AddrInUse => anyhow::bail!(
-            "{address} is in use by another program; stop it or give another port, for example --listen {}:0",
+            "{address} is in use by another program; stop that program or use another port, for example --listen {}:0",
             address.ip()
         ),
         bound => bound.with_context(|| format!("cannot listen on {address}"))?,

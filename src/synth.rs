@@ -83,7 +83,7 @@ fn count(text: &str) -> Result<u64, String> {
         _ => (plain.as_str(), 1),
     };
     let number = digits.parse::<u64>().ok().and_then(|n| n.checked_mul(unit));
-    number.ok_or_else(|| format!("`{text}` is no number of triangles: write for example 2000000, 2M or 300k"))
+    number.ok_or_else(|| format!("`{text}` is not a number of triangles: write for example 2000000, 2M or 300k"))
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
@@ -133,7 +133,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     }
     writeln!(
         out,
-        "{} ({off:+.1} % of what was asked), {} about {:.1} mm apart, {:.1} MB",
+        "{} ({off:+.1} % from the requested number), {} about {:.1} mm apart, {:.1} MB",
         counted(report.triangles, "triangle", "triangles"),
         counted(report.vertices, "vertex", "vertices"),
         report.spacing * 1000.0,

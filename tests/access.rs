@@ -39,7 +39,7 @@ fn users_and_tokens_are_added_listed_and_removed() {
     let path = folder.path().join("access.json");
     let file = text(&path);
     done(&["access", "init", file], "");
-    assert!(done(&["access", "list", file], "").contains("Nobody yet"));
+    assert!(done(&["access", "list", file], "").contains("No users yet"));
     let output =
         done(&["access", "user", file, "amina", "--object", "gereza", "--object", "husuni"], "a long sentence\n");
     assert!(output.contains("amina is added") && output.contains("gereza, husuni"), "{output}");
@@ -70,12 +70,12 @@ fn an_impossible_change_is_refused_with_the_reason_and_changes_nothing() {
     done(&["access", "init", file], "");
     let before = std::fs::read(&path).expect("reads");
     for (args, input, why) in [
-        (vec!["access", "init", file], "", "exists already"),
+        (vec!["access", "init", file], "", "already exists"),
         (vec!["access", "user", file, "amina"], "short\n", "8 characters"),
         (vec!["access", "user", file, "amina"], "", "no password came"),
         (vec!["access", "user", file, "Not A Name", "--no-password"], "", "cannot be a name"),
         (vec!["access", "user", file, "amina", "--no-password", "--object", "../etc"], "", "for example"),
-        (vec!["access", "token", file, "nobody"], "", "nobody yet"),
+        (vec!["access", "token", file, "nobody"], "", "no users yet"),
         (vec!["access", "revoke", file, "123"], "", "no token 123"),
     ] {
         let message = refused(&args, input);

@@ -162,7 +162,7 @@ fn a_file_name_in_capitals_is_accepted() {
 fn a_missing_file_a_folder_and_a_device_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     assert!(refused(Path::new("/no/such/scan.ply"), folder.path()).contains("cannot be opened: No such file"));
-    assert!(refused(root().join("tests").as_path(), folder.path()).contains("holds no mesh"));
+    assert!(refused(root().join("tests").as_path(), folder.path()).contains("contains no readable mesh"));
     if Path::new("/dev/zero").exists() {
         assert!(refused(Path::new("/dev/zero"), folder.path()).contains("not a regular file"));
     }

@@ -5,6 +5,7 @@ use crate::support::{built_once, fails, kilwa, succeeds, text};
 use kilwa_archive::Metadata;
 use kilwa_archive::checksums::sha256;
 use kilwa_archive::draft::{Draft, DraftError};
+use kilwa_archive::frame::Frame;
 use kilwa_archive::keep::{Folders, KEEPING};
 use kilwa_archive::layout::{self, Slug, pack_name, version_folder};
 use kilwa_archive::lock::Lock;
@@ -96,7 +97,8 @@ pub(crate) fn publish(shelf: &Path, slug: &str, number: u32) -> PathBuf {
     let object = shelf.join(slug);
     let earlier =
         fs::read(object.join(layout::MANIFEST)).ok().map(|b| Manifest::parse(&b).unwrap().versions).unwrap_or_default();
-    let page = landing(VIEWER, &p, &Surroundings { earlier: earlier.clone(), ..Surroundings::default() });
+    let page =
+        landing(Frame::of(VIEWER).unwrap(), &p, &Surroundings { earlier: earlier.clone(), ..Surroundings::default() });
     let made = draft.finish(&lock, number, page.as_bytes(), |checksums, page| {
         let mut versions = earlier;
         versions.push(Version {
@@ -588,7 +590,7 @@ fn links_and_special_files_are_named_and_never_followed() {
     fs::remove_file(&object).unwrap();
     let object = publish(elsewhere.path(), "tower", 1);
     symlink("/etc/passwd", object.join("v1/extra")).unwrap();
-    checked(&object, &["v1/extra", "nobody knows"]);
+    checked(&object, &["v1/extra", "unknown file"]);
 }
 
 /// The same for a manifest, and for files that the server reads beside objects and packs.

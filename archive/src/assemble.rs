@@ -237,7 +237,7 @@ pub fn existing(object: &Path) -> Result<Option<Manifest>, String> {
     }
     let path = object.join(MANIFEST);
     let bytes = plain_file::read_at(&path, SMALL_FILE_MAX).map_err(|e| {
-        format!("{} is there and is no object of kilwa ({e}); give another name with slug = \"…\" in the metadata, or move it away", object.display())
+        format!("{} already exists and is not an object of kilwa ({e}); choose another name with slug = \"…\" in the metadata, or move it away", object.display())
     })?;
     Manifest::parse(&bytes).map(Some).map_err(|e| format!("{}: {e}", path.display()))
 }
@@ -396,7 +396,9 @@ fn access_text((rank, until): (u8, &str)) -> String {
 fn doubts(m: &Manifest, v: &Following<'_>) -> Vec<String> {
     let (new, mut all) = (v.metadata, Vec::new());
     match (&new.identifier, &m.identifier) {
-        (Some(new), Some(old)) if new != old => all.push(format!("its identifier is {old}, and this one's {new}")),
+        (Some(new), Some(old)) if new != old => {
+            all.push(format!("its identifier is {old}, and that of the new version is {new}"))
+        }
         (Some(new), Some(old)) if new == old => {}
         _ if new.title != m.title => all.push(format!("this one is \"{}\"", new.title)),
         _ => {}
@@ -423,7 +425,7 @@ fn elsewhere(old: &Version, new: &kilwa_pack::Metadata) -> Option<String> {
     let (before, now) = (size(old_min, old_max), size(new.bounds_min, new.bounds_max));
     if now > before * GROWTH || before > now * GROWTH {
         return Some(format!(
-            "that one is {} across, this one {}",
+            "the last version is {} across, the new one {}",
             crate::numbers::length(before),
             crate::numbers::length(now)
         ));
@@ -432,7 +434,7 @@ fn elsewhere(old: &Version, new: &kilwa_pack::Metadata) -> Option<String> {
         let apart = |k: usize| (new.bounds_min[k] - old_max[k]).max(old_min[k] - new.bounds_max[k]).max(0.0);
         let distance = (0..2).map(|k| apart(k).powi(2)).sum::<f64>().sqrt();
         if distance > 0.0 {
-            return Some(format!("this one lies {} from it", crate::numbers::length(distance)));
+            return Some(format!("the new version is {} away from the last one", crate::numbers::length(distance)));
         }
     }
     None

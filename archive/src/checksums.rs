@@ -17,14 +17,14 @@ pub type Checksum = String;
 pub enum ChecksumsError {
     /// A line of another form.
     #[error(
-        "line {line} is no checksum: expected 64 hexadecimal digits, two spaces and a path, as sha256sum writes them"
+        "line {line} is not a checksum: expected 64 hexadecimal digits, two spaces and a path, as sha256sum writes them"
     )]
     Line {
         /// From 1.
         line: usize,
     },
     /// A path that cannot be one of this folder.
-    #[error("line {line} names {path:?}, which is no path inside of the folder")]
+    #[error("line {line} names {path:?}, which is not a path inside the folder")]
     Path {
         /// From 1.
         line: usize,
@@ -162,9 +162,9 @@ mod tests {
         let sum = "a".repeat(64);
         let bad = |text: String| Checksums::parse(&text).unwrap_err().to_string();
         assert!(bad(format!("{sum}  a\nx")).contains("line 2"));
-        assert!(bad(format!("{}  a", "A".repeat(64))).contains("line 1 is no checksum"));
-        assert!(bad(format!("{sum}  ../a")).contains("no path inside"));
-        assert!(bad(format!("{sum}  /etc/passwd")).contains("no path inside"));
+        assert!(bad(format!("{}  a", "A".repeat(64))).contains("line 1 is not a checksum"));
+        assert!(bad(format!("{sum}  ../a")).contains("not a path inside"));
+        assert!(bad(format!("{sum}  /etc/passwd")).contains("not a path inside"));
         assert!(bad(format!("{sum}  a\n{sum}  a")).contains("again"));
     }
 }

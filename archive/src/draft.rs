@@ -44,7 +44,7 @@ pub enum DraftError {
     },
     /// Another program changes the folder now.
     #[error(
-        "another kilwa is changing {0} (publishing, withdrawing or saving); nothing was changed. Run the same command again when it is done"
+        "another kilwa command is changing {0} (publishing, withdrawing or saving); nothing was changed. Run this command again when that one has finished"
     )]
     Busy(PathBuf),
     /// The folder cannot be locked.
@@ -59,7 +59,7 @@ pub enum DraftError {
         reason: io::Error,
     },
     /// Something is there that must not be replaced.
-    #[error("{0} is there already")]
+    #[error("{0} already exists")]
     There(PathBuf),
     /// A version folder that the manifest does not name.
     #[error(
@@ -90,7 +90,7 @@ pub enum DraftError {
     #[error("{0}")]
     Other(String),
     /// A file of another user stands where one of ours would.
-    #[error("{0} is not from kilwa and is left as it is; move it away, publish to another folder, or leave --site out")]
+    #[error("{0} was not made by kilwa and was left as it is; move it away, publish to another folder, or omit --site")]
     Foreign(PathBuf),
     /// A viewer page that no landing page can be made of.
     #[error(transparent)]
@@ -106,7 +106,7 @@ fn hint(e: &io::Error) -> &'static str {
             ". Choose a folder that you can write to, or ask its owner; nothing was changed"
         }
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
-            ". Make room on that disk, or give a folder on another one; nothing was changed"
+            ". Free space on that disk, or choose a folder on another one; nothing was changed"
         }
         _ => "",
     }
@@ -120,7 +120,7 @@ fn after_the_change(e: &DraftError) -> String {
                 io::ErrorKind::PermissionDenied | io::ErrorKind::ReadOnlyFilesystem => {
                     ". Make sure that you can write there, or ask its owner"
                 }
-                io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => ". Make room on that disk",
+                io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => ". Free space on that disk",
                 _ => "",
             };
             format!("cannot {what} {}: {reason}{advice}", path.display())

@@ -169,7 +169,7 @@ fn a_failure_at_any_step_leaves_the_folder_as_it_was() {
                 }
                 Err(e) => {
                     let message = e.to_string();
-                    assert!(message.contains("Make room") && message.contains("nothing was changed"), "{message}");
+                    assert!(message.contains("Free space") && message.contains("nothing was changed"), "{message}");
                     assert!(tree(shelf.path()) == before, "step {step} of version {version}: {e}");
                 }
             }

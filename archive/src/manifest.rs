@@ -19,10 +19,10 @@ pub const MANIFEST_MAX: u64 = 4 << 20;
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum ManifestError {
     /// No JSON of this form.
-    #[error("it is no manifest of an object: {0}")]
+    #[error("it is not the manifest of an object: {0}")]
     Form(String),
     /// Written by a later program.
-    #[error("it is a manifest of form {0}; this program knows {FORM}. Use a newer kilwa")]
+    #[error("its manifest has format version {0}; this program reads version {FORM}. Use a newer kilwa")]
     Newer(u64),
     /// Something in it cannot be.
     #[error("{field}: {why}")]
@@ -308,7 +308,7 @@ impl Manifest {
             }
         }
         if self.access.state == AccessState::Embargo && self.access.until.is_none() {
-            return wrong("access.until".to_owned(), "an embargo needs the first day that is public");
+            return wrong("access.until".to_owned(), "an embargo needs the first public day");
         }
         self.page.check("page", "")
     }
@@ -325,7 +325,7 @@ fn check_file(field: &str, folder: &str, url: &str, sha256: &str) -> Result<(), 
     if !safe(url) || !url.starts_with(folder) {
         return wrong(
             "url",
-            format!("{url:?} is no path in {}", if folder.is_empty() { "the object" } else { folder }),
+            format!("{url:?} is not a path in {}", if folder.is_empty() { "the object" } else { folder }),
         );
     }
     if !is_sha256(sha256) {
@@ -352,7 +352,7 @@ impl Version {
         let folder = format!("{}/", self.folder);
         check_file(&at("pack"), &folder, &self.pack.url, &self.pack.sha256)?;
         if self.pack.url != format!("{folder}{}", pack_name(&self.pack.sha256)) {
-            return wrong("pack.url", "the name of a pack has its SHA-256");
+            return wrong("pack.url", "the name of a pack must contain its SHA-256");
         }
         if self.pack.identity.len() != 32 || !self.pack.identity.bytes().all(|b| b.is_ascii_hexdigit()) {
             return wrong("pack.identity", "expected 32 hexadecimal digits");

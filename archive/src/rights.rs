@@ -71,7 +71,7 @@ impl Rights {
                 None => nearest(text, known.iter().map(|r| r.short.as_str())),
             };
             let near = near.map(|n| format!(" did you mean {n}?")).unwrap_or_default();
-            format!("\"{text}\" is no known statement of rights;{near} write {CHOICES}")
+            format!("\"{text}\" is not a known licence or rights statement;{near} write {CHOICES}")
         })
     }
 

@@ -327,7 +327,7 @@ mod tests {
         for name in ["feed.xml", "index.html"] {
             fs::write(shelf.path().join(name), "<h1>My museum</h1>").unwrap();
             let message = check(shelf.path()).unwrap_err().to_string();
-            assert!(message.contains("is not from kilwa") && message.contains("--site"), "{message}");
+            assert!(message.contains("was not made by kilwa") && message.contains("--site"), "{message}");
         }
         fs::write(shelf.path().join("index.html"), catalogue(&[])).unwrap();
         assert!(check(shelf.path()).is_ok(), "ours is written anew");

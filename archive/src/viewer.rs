@@ -22,10 +22,10 @@ const PAGE_LIMIT: u64 = 256 << 20;
 #[derive(Debug, Error)]
 pub enum PageError {
     /// Neither embedded nor given.
-    #[error("the viewer page is not built into this program: run `cargo xtask web` and build again, or give --www DIR")]
+    #[error("the viewer page is not built into this program: run `cargo xtask web` and build again, or use --www DIR")]
     NotBuilt,
     /// The folder given holds no page.
-    #[error("{folder} holds no built viewer page ({missing} is missing): run `cargo xtask web`, which writes www/dist")]
+    #[error("{folder} is not a built viewer page ({missing} is missing): run `cargo xtask web`, which writes www/dist")]
     Incomplete {
         /// The folder.
         folder: PathBuf,
@@ -46,7 +46,7 @@ pub enum PageError {
         source: std::io::Error,
     },
     /// The folder is something else.
-    #[error("{folder} holds more than {PAGE_LIMIT} bytes, so it is not the built viewer page; give www/dist")]
+    #[error("{folder} contains more than {PAGE_LIMIT} bytes, so it is not the built viewer page; use www/dist")]
     TooLarge {
         /// The folder.
         folder: PathBuf,

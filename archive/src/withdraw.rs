@@ -303,7 +303,7 @@ fn remove_begun(kept: &Path, slug: &Slug, steps: Steps<'_>) -> Result<(), DraftE
         return Ok(());
     }
     if !holds_only_begun(kept).map_err(failed("remove", kept))? {
-        return Err(failed("remove", kept)(io::Error::other("it contains something that is not from this command")));
+        return Err(failed("remove", kept)(io::Error::other("it contains something that this command did not create")));
     }
     let aside = kept.with_file_name(format!("{}left", scratch::prefix(slug)));
     let removed = disk::remove(&aside, steps)

@@ -137,7 +137,7 @@ const OBJ_REFUSED: &[(&str, &str)] = &[
     ("Cube_fbx_wrong_extension.obj", "an FBX scene"),
     ("box_UTF16BE.obj", "UTF-16"),
     // Reads its colours from a folder beside its own; `--allow-outside` takes it.
-    ("box-external-resources/box-external-resources.obj", "outside of the folder"),
+    ("box-external-resources/box-external-resources.obj", "outside the folder"),
     ("ObjImporter/Test/empty.obj", "its content does not look like one"),
     ("invalid/malformed.obj", "line 23: found vertex index 12"),
     ("issue-140-zero-face-idx.obj", "line 16: found vertex index 0"),

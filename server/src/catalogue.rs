@@ -255,7 +255,8 @@ impl Catalogue {
         let listing = catalogue.listing();
         let refused = listing.models.values().next().filter(|_| listing.models.values().all(|m| m.is_unsure));
         if let Some(why) = refused.and_then(|model| model.summary.as_ref().err()) {
-            let message = format!("{why}; every object is refused: see AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY");
+            let message =
+                format!("{why}; the store refuses every object: see AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY");
             return Err(silent(std::io::Error::other(message)));
         }
         Ok(catalogue)
@@ -510,7 +511,7 @@ fn object_of(
         Err(e) if is_away(&e) => return Err(e),
         Err(e) if is_refused(&e) => {
             is_unsure = true;
-            summary = Err(format!("its store does not give its manifest: {e}; {}", store::hint(&e)));
+            summary = Err(format!("the store does not deliver its manifest: {e}; {}", store::hint(&e)));
         }
         Err(e) => summary = Err(format!("cannot be read as an archive object: {e}; run kilwa verify on it")),
         Ok(manifest) => {
@@ -584,7 +585,7 @@ fn summarise(path: &Path) -> Result<Summary, String> {
     let header = Header::parse(&header).map_err(|e| e.to_string())?;
     if header.file_bytes != actual {
         return Err(format!(
-            "truncated or overlong: {} there, {} written; copy it again",
+            "truncated or too long: it has {}, its header states {}; copy it again",
             counted(actual, "byte", "bytes"),
             header.file_bytes
         ));

@@ -322,7 +322,7 @@ impl http_body::Body for Flow {
         };
         let length = bytes.len() as u64;
         if length > self.left {
-            return Poll::Ready(Some(Err(io::Error::other("the store sent more than was asked for"))));
+            return Poll::Ready(Some(Err(io::Error::other("the store sent more than was requested"))));
         }
         self.left -= length;
         Poll::Ready(Some(Ok(Frame::data(bytes))))

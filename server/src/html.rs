@@ -201,7 +201,7 @@ pub(crate) fn lost() -> String {
         title: "Not found",
         heading: "There is nothing at this address",
         first: "",
-        text: "The model may have been renamed or taken away.",
+        text: "The model may have been renamed or removed.",
         is_link_apart: false,
     })
 }

@@ -155,7 +155,7 @@ async fn notes(
     let opened = blocking(move || {
         let file = plain_file::open_direct(&path)?;
         if file.metadata()?.len() > SMALL_FILE_MAX {
-            return Err(std::io::Error::other("longer than notes are"));
+            return Err(std::io::Error::other("too long for a file of notes"));
         }
         objects::hashed(file)
     });

@@ -12,7 +12,7 @@ const BASE: &str = "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; wo
 
 /// A value that cannot stand in a policy.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
-#[error("\"{given}\" is {what}; give {wanted}, for example https://museum.example")]
+#[error("\"{given}\" is {what}; expected {wanted}, for example https://museum.example")]
 pub struct PolicyError {
     given: String,
     what: &'static str,
@@ -37,9 +37,11 @@ impl Policy {
         let ancestors = ancestors.iter().map(|a| match a.trim_matches('\'') {
             "self" => Ok("'self'".to_owned()),
             "none" if ancestors.len() == 1 => Ok("'none'".to_owned()),
-            "none" => {
-                Err(PolicyError { given: a.clone(), what: "given beside others", wanted: "it alone, or origins" })
-            }
+            "none" => Err(PolicyError {
+                given: a.clone(),
+                what: "given beside others",
+                wanted: "either this alone, or a list of origins",
+            }),
             "*" => Ok("*".to_owned()),
             other => origin(other, true),
         });
@@ -91,7 +93,7 @@ fn origin(text: &str, star: bool) -> Result<String, PolicyError> {
     let is_host =
         bracketed.map_or(!name.is_empty() && name.chars().all(plain), |n| n.parse::<std::net::Ipv6Addr>().is_ok());
     if !is_host {
-        return Err(refuse("more or less than an origin"));
+        return Err(refuse("not just an origin"));
     }
     let usual = if lower.starts_with("https") { ":443" } else { ":80" };
     Ok(lower.strip_suffix(usual).unwrap_or(&lower).to_owned())

@@ -186,10 +186,7 @@ impl Server {
     async fn stop(self) {
         if tokio::time::timeout(self.limits.shutdown, self.graceful.shutdown()).await.is_err() {
             let cut = self.links.close_all();
-            tracing::warn!(
-                "{cut} answers were still running after {} s and were cut",
-                self.limits.shutdown.as_secs_f64()
-            );
+            tracing::warn!("responses still running after {} s, and ended: {cut}", self.limits.shutdown.as_secs_f64());
             // Their tasks end at the next turn; nobody waits longer for them.
             let gone = self.permits.acquire_many(u32::try_from(self.limits.connections).unwrap_or(u32::MAX));
             drop(tokio::time::timeout(Duration::from_millis(500), gone).await);

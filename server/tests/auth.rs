@@ -329,7 +329,7 @@ async fn a_wrong_clock_grants_no_access_and_the_server_reports_it() {
     let auth = Auth::open(&m.accounts(), None).unwrap();
     let message = auth.doubt_of_clock(NOW - 2 * day).expect("a doubt");
     assert!(
-        message.contains("the clock of this computer says 2026-11-19") && message.contains("set right"),
+        message.contains("the clock of this computer says 2026-11-19") && message.contains("clock is corrected"),
         "{message}"
     );
     assert_eq!(auth.doubt_of_clock(NOW), None);

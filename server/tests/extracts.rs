@@ -181,7 +181,7 @@ async fn unrequested_extracts_and_invalid_names_are_refused_with_a_message() {
     ] {
         let answer = a.post("/fort/extract", "", bad).await;
         assert_eq!(answer.status, 422, "{bad}");
-        assert!(answer.text().contains("That is no size"), "{bad}: {}", answer.text());
+        assert!(answer.text().contains("This is not a valid size"), "{bad}: {}", answer.text());
     }
     // A tiny error limit means every triangle.
     for large in ["format=obj&detail=whole", "format=obj&detail=error&error=0.000001"] {
@@ -290,7 +290,7 @@ async fn a_network_over_its_share_of_the_queue_learns_why_and_when_to_retry() {
     let report: serde_json::Value = serde_json::from_slice(&stands(&last.to_string()).await.body).unwrap();
     assert!(report["state"] == "waiting" && report["seconds"].is_null(), "nothing was measured yet: {report}");
     let page = get(&a.app, &format!("/fort/extract/v2-{last}.ply?page=1")).await.text();
-    assert!(page.contains("before it.") && page.contains("cannot be estimated yet"), "{page}");
+    assert!(page.contains("Files ahead of it") && page.contains("cannot be estimated yet"), "{page}");
     a.fake.waits(false);
     for n in taken {
         assert_eq!(a.made(&format!("/fort/extract/v2-{n}.ply"), "").await.status, 200);

@@ -82,8 +82,7 @@ impl Finished {
         if now.difference(&finished.plan, &pack.metadata().sources, &is_unchanged)?.is_some() {
             return Ok(None);
         }
-        let damaged =
-            || format!("{} was complete but is damaged now; give --force to build it again", output.display());
+        let damaged = || format!("{} was complete but is damaged now; use --force to build it again", output.display());
         let checked = check(output, bar, stop);
         stop.check()?;
         checked.with_context(damaged)?;

@@ -79,7 +79,7 @@ impl Output {
     pub(super) fn create(name: &Path) -> anyhow::Result<Self> {
         let part = beside(name, ".part");
         let cannot =
-            || format!("cannot write {}: no file can be made in {}", name.display(), folder_of(name).display());
+            || format!("cannot write {}: cannot create a file in {}", name.display(), folder_of(name).display());
         refuse_others_file(&part)?;
         let file =
             File::options().create(true).truncate(false).read(true).write(true).open(&part).with_context(cannot)?;

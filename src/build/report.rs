@@ -171,7 +171,7 @@ fn spent(r: &Report<'_>, out: &mut impl Write) -> std::io::Result<()> {
     let peak = s.peak_memory_bytes.map_or_else(|| "unknown".to_owned(), binary);
     writeln!(
         out,
-        "  room      memory {peak} at most, of {} allowed; scratch files {} at most, {:.0} bytes per triangle",
+        "  space     memory {peak} at most, of {} allowed; scratch files {} at most, {:.0} bytes per triangle",
         binary(s.memory_bytes),
         binary(b.scratch_peak_bytes),
         b.scratch_peak_bytes as f64 / b.triangles as f64

@@ -9,7 +9,7 @@ pub(crate) const MIN_MEMORY: u64 = 100 << 20;
 pub(crate) fn memory(text: &str) -> Result<u64, String> {
     let size = size::parse(text)?;
     if size < MIN_MEMORY {
-        return Err(format!("{text} is too little to build with; give 100M or more"));
+        return Err(format!("{text} is too little for a build; use 100M or more"));
     }
     Ok(size)
 }

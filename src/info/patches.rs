@@ -34,7 +34,7 @@ pub(super) fn of(reader: &Reader<FileSource>) -> anyhow::Result<Patches> {
         let table = table(reader.source(), e).with_context(|| format!("chunk {i}"))?;
         anyhow::ensure!(
             table.iter().map(|p| u64::from(p.count)).sum::<u64>() == u64::from(e.triangles),
-            "chunk {i} does not hold the {} that the directory announces; kilwa verify says what else is damaged",
+            "chunk {i} does not contain the {} that the directory states; run kilwa verify to see what else is damaged",
             counted(e.triangles, "triangle", "triangles")
         );
         patches.extend(table);

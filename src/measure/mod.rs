@@ -224,9 +224,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     };
     let subject = Subject { leaves, space, point, unit: args.unit, given };
     if let Tool::Again(again) = &args.tool {
-        anyhow::ensure!(args.save.is_none(), "--save belongs to one measurement, not to a document of them");
+        anyhow::ensure!(args.save.is_none(), "--save cannot be used with `again`, only with a single measurement");
         let all_same = saved::again(&subject, again, args)?;
-        anyhow::ensure!(all_same, "not everything measures the same as when it was saved");
+        anyhow::ensure!(all_same, "some values differ from the saved ones");
         return Ok(());
     }
     if let Some(to) = &args.save {
@@ -271,12 +271,12 @@ fn measure(s: &Subject, tool: &Tool) -> anyhow::Result<Outcome> {
         Tool::Height(points) => on_places(s, &bare(ToolName::Height), &points.at),
         Tool::Circle(points) => on_places(s, &bare(ToolName::Circle), &points.at),
         Tool::Area { at, reach } => {
-            anyhow::ensure!(!at.is_empty() || reach.is_none(), "--reach belongs to a polygon; give its corners");
+            anyhow::ensure!(!at.is_empty() || reach.is_none(), "--reach needs a polygon; give its corners");
             on_places(s, &Task { reach: *reach, ..bare(ToolName::Area) }, at)
         }
         Tool::Volume { at, against, reach } if at.is_empty() => {
             let alone = reach.is_none() && against.plane(s)?.is_none();
-            anyhow::ensure!(alone, "a plane and --reach belong to a polygon; give its corners");
+            anyhow::ensure!(alone, "a plane and --reach need a polygon; give its corners");
             s.measure(&bare(ToolName::Volume))
         }
         Tool::Volume { at, against, reach } => {
@@ -287,7 +287,7 @@ fn measure(s: &Subject, tool: &Tool) -> anyhow::Result<Outcome> {
             if at.is_empty() {
                 let hint = "from which plane? Give --plane, --x, --y or --z, or a polygon";
                 anyhow::ensure!(plane.is_some(), hint);
-                anyhow::ensure!(reach.is_none(), "--reach belongs to a polygon; give its corners");
+                anyhow::ensure!(reach.is_none(), "--reach needs a polygon; give its corners");
             }
             on_places(s, &Task { plane, reach: *reach, ..bare(ToolName::Deviation) }, at)
         }

@@ -52,7 +52,7 @@ impl OutputArgs {
         };
         let is_same =
             is_file(path, document).unwrap_or(false) || real(path).is_some_and(|path| real(document) == Some(path));
-        anyhow::ensure!(!is_same, "-o and --save both name {}; give another file with -o", path.display());
+        anyhow::ensure!(!is_same, "-o and --save both name {}; choose another file for -o", path.display());
         Ok(())
     }
 
@@ -69,7 +69,7 @@ impl OutputArgs {
     fn format(path: &Path) -> anyhow::Result<Format> {
         let ending = path.extension().and_then(|e| e.to_str());
         ending.and_then(Format::from_ending).ok_or_else(|| {
-            anyhow::anyhow!("{}: the ending says the format, one of .svg, .dxf, .csv, .json, .geojson", path.display())
+            anyhow::anyhow!("{}: the file extension must be .svg, .dxf, .csv, .json or .geojson", path.display())
         })
     }
 }

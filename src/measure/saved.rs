@@ -67,7 +67,7 @@ pub(super) fn save(s: &Subject, outcome: &Outcome, to: &Path, args: &Args) -> an
     let pack = pack_name(s.leaves.index());
     let waits = || {
         crate::terminal::say!(
-            "kilwa: another kilwa is publishing, withdrawing or saving in {}; waiting for up to {} minutes",
+            "kilwa: another kilwa command is publishing, withdrawing or saving in {}; waiting for up to {} minutes",
             folder_of(to).display(),
             PATIENCE.as_secs() / 60
         );
@@ -77,7 +77,7 @@ pub(super) fn save(s: &Subject, outcome: &Outcome, to: &Path, args: &Args) -> an
     let mut document = if to.exists() { read(to)? } else { Document::new(pack.clone()) };
     anyhow::ensure!(
         document.pack.identity == pack.identity,
-        "{} holds measurements of another pack ({}, {}); give another file",
+        "{} contains measurements of another pack ({}, {}); choose another file",
         to.display(),
         document.pack.title,
         document.pack.identity
@@ -155,6 +155,6 @@ fn export(document: &Document, path: &Path) -> anyhow::Result<String> {
         Some("csv") => Ok(document.to_csv()),
         Some("geojson") => Ok(document.to_geojson()),
         Some("dxf") => Ok(document.to_dxf()),
-        _ => anyhow::bail!("{}: the ending says the format, one of .csv, .geojson, .dxf", path.display()),
+        _ => anyhow::bail!("{}: the file extension must be .csv, .geojson or .dxf", path.display()),
     }
 }

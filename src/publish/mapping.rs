@@ -157,7 +157,7 @@ fn text(plan: &Plan) -> String {
         let _ = write!(s, "\n  left out: {what}");
     }
     if plan.given.place.is_some() {
-        s.push_str("\n  place: taken out; names of places in texts stay as they are");
+        s.push_str("\n  place: removed; place names in texts stay as they are");
     }
     for warning in plan.warnings() {
         let _ = write!(s, "\n  is this meant? {warning}");

@@ -194,7 +194,7 @@ fn say(args: &Args, report: &Report) -> anyhow::Result<()> {
         } else {
             format!("you and the group of {}; the server must be in that group", args.to.display())
         };
-        writeln!(out, "  not public: pack and preview can be read only by {whom}")?;
+        writeln!(out, "  not public: the pack and preview can be read only by {whom}")?;
     }
     if report.notes > 0 {
         writeln!(out, "  with {}", counted(report.notes, "note", "notes"))?;
@@ -216,9 +216,9 @@ fn today() -> anyhow::Result<String> {
     if let Some(text) = std::env::var_os("SOURCE_DATE_EPOCH") {
         let seconds = text.to_str().and_then(|t| t.parse::<u64>().ok());
         return Ok(day_of(
-            seconds.context("SOURCE_DATE_EPOCH is set and is no number of seconds; correct it or unset it")?,
+            seconds.context("SOURCE_DATE_EPOCH is set but is not a number of seconds; correct it or unset it")?,
         ));
     }
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
-    Ok(day_of(now.context("the clock of this computer is before 1970; set it, or give --date")?.as_secs()))
+    Ok(day_of(now.context("the clock of this computer is before 1970; set it, or use --date")?.as_secs()))
 }

@@ -25,7 +25,7 @@ pub(super) fn read(file: &Path) -> anyhow::Result<Notes> {
     plain_file::open(file).and_then(|f| f.take(NOTES_MAX + 1).read_to_end(&mut bytes)).with_context(in_file)?;
     ensure!(
         bytes.len() as u64 <= NOTES_MAX,
-        "{}: longer than {NOTES_MAX} bytes, which is the most that the viewer reads; leave some notes out",
+        "{}: longer than {NOTES_MAX} bytes, the maximum for the viewer; remove some notes",
         file.display()
     );
     Notes::parse(&bytes).map_err(|e| anyhow::anyhow!("{} cannot be used:\n  {e}", file.display()))
@@ -44,7 +44,7 @@ pub(super) fn check(args: &Args, given: &Given, before: Option<&Manifest>) -> an
             let to = args.to.display().to_string();
             let at = format!("{}/{}/{}/{ANNOTATIONS}", to.trim_end_matches('/'), given.slug, last.folder);
             bail!(
-                "version {} has notes ({at}); say what becomes of them in this one: --notes with that file to keep them, --notes with another, or --no-notes",
+                "version {} has notes ({at}); choose what this version does with them: --notes with that file keeps them, --notes with another file replaces them, --no-notes leaves them out",
                 last.version
             );
         }
@@ -68,7 +68,7 @@ pub(super) fn check(args: &Args, given: &Given, before: Option<&Manifest>) -> an
         let grown = (0..3).any(|k| ((max[k] - min[k]) - (pack.bounds_max[k] - pack.bounds_min[k])).abs() > SAME_SIZE);
         ensure!(
             !grown,
-            "{}: the note \"{}\" was made on version {}, whose place was taken out, and the model has another size now, so that nobody knows where it belongs; make it anew on the pack that is published, or take it out of the file",
+            "{}: the note \"{}\" was made on version {}, which had no location, and the model has another size now, so its place cannot be determined; make the note again on the published pack, or remove it from the file",
             in_notes(),
             note.title(given.language()),
             version.version
@@ -111,9 +111,9 @@ pub(super) fn warnings(plan: &Plan) -> Vec<String> {
     let one = |(made_on, n): (&str, usize)| {
         let short = made_on.get(..12).unwrap_or(made_on);
         format!(
-            "{n} of the notes {} made on another pack ({short}…), which is no version of this object; {}",
+            "{n} of the notes {} made on another pack ({short}…), which is not a version of this object; {}",
             plural(n, "was", "were"),
-            plural(n, "its place is taken as it is", "their places are taken as they are")
+            plural(n, "its position is used unchanged", "their positions are used unchanged")
         )
     };
     strangers.into_iter().map(one).collect()
@@ -124,7 +124,7 @@ pub(super) fn left_out(plan: &Plan) -> Vec<String> {
     let Some(notes) = &plan.given.notes else { return Vec::new() };
     let without = (notes.left_out > 0).then(|| {
         format!(
-            "{} no point on a model",
+            "{} no point on the model",
             counted(notes.left_out, "annotation of the notes, which names", "annotations of the notes, which name")
         )
     });

@@ -41,7 +41,7 @@ pub(super) struct Drawn {
 pub(super) fn draw(pack: &Path, folder: &Path, title: &str, software: bool) -> anyhow::Result<Drawn> {
     let prefer = if software { Prefer::Software } else { Prefer::Hardware };
     let gpu = pollster::block_on(Gpu::headless(prefer)).context(
-        "the pictures of the object need a graphics driver; on a server without a graphics card install Mesa's software one (Debian: mesa-vulkan-drivers)",
+        "the pictures of the object need a graphics driver; without a graphics card, install Mesa's software driver (Debian: mesa-vulkan-drivers)",
     )?;
     let mut drawn = Drawn { files: Vec::new(), drawings: Vec::new() };
     posters(pack, folder, &gpu, &mut drawn).context("cannot draw the poster")?;

@@ -86,7 +86,7 @@ impl Given {
         let Some(place) = self.place else { return Ok(()) };
         let location = self.location();
         Metadata::check_withheld(text, &location).map_err(|problems| {
-            anyhow::anyhow!("{file} gives away the location that --redact-location withholds:\n  {problems}")
+            anyhow::anyhow!("{file} reveals the location that --redact-location removes:\n  {problems}")
         })?;
         // What is made of the fields: the name in the address, addresses of identifiers.
         if let Some((field, finding)) = self.published_metadata().giving_away(&location) {
@@ -163,7 +163,7 @@ impl Plan {
         let given = Given::read(args)?;
         ensure!(
             !is_in_object(&args.to),
-            "{} is an object itself; give the folder that holds it with --to",
+            "{} is itself an object; give the folder that contains it with --to",
             args.to.display()
         );
         let object = args.to.join(given.slug.as_str());
@@ -214,11 +214,11 @@ impl Plan {
         };
         // Without a name, so that nothing of it can be left.
         tempfile::tempfile_in(&at).with_context(|| {
-            format!("cannot write to {}: give a folder with --to that you may write to, or ask its administrator; nothing was changed", at.display())
+            format!("cannot write to {}: choose a folder that you may write to, or ask its administrator; nothing was changed", at.display())
         })?;
         if let Some(free) = machine::free_space(&at).filter(|free| *free < needed) {
             bail!(
-                "the disk that holds {} has {} free, and about {} are needed; make room, or give a folder on another disk with --to. Nothing was changed",
+                "the disk that holds {} has {} free, but about {} are needed; free space, or use --to with a folder on another disk. Nothing was changed",
                 shelf.display(),
                 size::text(free),
                 size::text(needed)
@@ -262,12 +262,15 @@ impl Plan {
             }
         };
         say(m.creators.is_empty(), "[[creators]]: citations and DataCite name nobody");
-        say(m.publisher.is_none(), "publisher: DataCite asks for one");
-        say(m.description.is_none(), "description: search engines and cards show it");
+        say(m.publisher.is_none(), "publisher: DataCite requires one");
+        say(m.description.is_none(), "description: search engines and link previews show it");
         say(m.url.is_none(), "url: without it links are relative and there is no oembed.json");
         say(m.identifier.is_none(), "identifier: a DOI or ARK outlives the address");
-        say(self.facts.accuracy.is_none(), "capture.accuracy: what a measurement on the model is worth");
-        say(m.capture.is_none(), "[capture]: how it was captured");
+        say(
+            self.facts.accuracy.is_none(),
+            "capture.accuracy: without it, the uncertainty of measurements leaves out the survey",
+        );
+        say(m.capture.is_none(), "[capture]: how the site was captured");
         all.extend(europeana_lacks(m, &self.facts.rights));
         all
     }
@@ -353,7 +356,7 @@ fn read_metadata_text(file: &Path) -> anyhow::Result<(Metadata, String)> {
     let length = std::fs::metadata(file).with_context(|| format!("cannot read the metadata {}", in_file()))?.len();
     ensure!(
         length <= METADATA_MAX,
-        "{}: {length} bytes are no metadata file; kilwa metadata init writes one to begin with",
+        "{}: it has {length} bytes, too many for a metadata file; kilwa metadata init writes one to start from",
         in_file()
     );
     let bytes = read_named(file, METADATA_MAX)?;
@@ -371,7 +374,7 @@ fn check_cell(place: Place, pack: &kilwa_pack::Metadata) -> anyhow::Result<()> {
     let widest = (0..2).map(|k| pack.bounds_max[k] - pack.bounds_min[k]).fold(0.0, f64::max);
     ensure!(
         cell <= CELL_MAX,
-        "--redact-location={cell}: a cell of {cell} m is larger than the maps of any reference system; leave the number out to withhold the location altogether"
+        "--redact-location={cell}: a cell of {cell} m is larger than the maps of any reference system; omit the number to remove the location altogether"
     );
     ensure!(
         cell > widest,
@@ -398,7 +401,7 @@ fn day(args: &Args, metadata: &Metadata, before: Option<&Manifest>) -> anyhow::R
     let today = kilwa_archive::date::day_of(now.as_secs());
     ensure!(
         day <= today || args.date.is_some(),
-        "published: {day} is in the future (today is {today}, UTC); correct it in the metadata. Give an embargo with [access]"
+        "published: {day} is in the future (today is {today}, UTC); correct it in the metadata. To publish later, set an embargo in [access]"
     );
     Ok(day)
 }

@@ -34,14 +34,14 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
         (
             args.withdraw.is_some(),
             "--withdraw",
-            "it is done where the objects lie: kilwa publish --withdraw NAME --to DIR --keep FOLDER --reason …",
+            "do this on the computer that has the objects: kilwa publish --withdraw NAME --to DIR --keep FOLDER --reason …",
         ),
     ] {
         ensure!(!given, "{what} is for folders: {instead}");
     }
     ensure!(
         !args.open_access,
-        "--open-access opens earlier versions too, which no upload may; its administrator can publish that version to the server's folder"
+        "--open-access opens earlier versions too, which uploads must not do; the server's administrator can publish that version to the server's folder"
     );
     check_address(address, args.allow_http)?;
     let base = address.trim_end_matches('/');
@@ -121,7 +121,7 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path) -> anyhow::Resul
     let version = now.as_ref().and_then(|m| m.versions.iter().find(|v| v.version == published.version));
     let version = version.filter(|v| v.pack.sha256 == pack_sum).with_context(|| {
         format!(
-            "{}: the server says that version {} is published, and its manifest.json does not",
+            "{}: the server reports version {} as published, but its manifest.json does not name it",
             plan.at, published.version
         )
     })?;
@@ -201,14 +201,14 @@ fn check_address(address: &str, allow_http: bool) -> anyhow::Result<()> {
     let host = rest.split(['/', '?', '#']).next().unwrap_or_default();
     ensure!(
         !host.is_empty() && !rest.contains(['?', '#', '@']),
-        "{address} is no address of a site; give it like https://museum.example"
+        "{address} is not the address of a site; expected for example https://museum.example"
     );
     if address.get(..5).is_some_and(|start| start.eq_ignore_ascii_case("https")) || allow_http {
         return Ok(());
     }
     ensure!(
         is_loopback(address),
-        "{address}: over http everybody on the way can read the token and publish with it; give https://, or --allow-http where the network is your own"
+        "{address}: over http, anyone on the way can read the token and publish with it; use https://, or --allow-http if the network is your own"
     );
     Ok(())
 }
@@ -217,7 +217,7 @@ fn check_address(address: &str, allow_http: bool) -> anyhow::Result<()> {
 fn token(args: &Args) -> anyhow::Result<String> {
     let (text, from) = if let Some(path) = &args.token_file {
         let length = std::fs::metadata(path).with_context(|| format!("cannot read {}", path.display()))?.len();
-        ensure!(length <= TOKEN_MAX, "{}: {length} bytes are no token", path.display());
+        ensure!(length <= TOKEN_MAX, "{}: it has {length} bytes, too many for a token", path.display());
         let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
         (text, path.display().to_string())
     } else if let Some(text) = std::env::var_os(TOKEN) {
@@ -230,7 +230,7 @@ fn token(args: &Args) -> anyhow::Result<String> {
     let token = text.trim();
     let is_token =
         token.strip_prefix("kilwa-").is_some_and(|t| t.len() == 64 && t.bytes().all(|b| b.is_ascii_hexdigit()));
-    ensure!(is_token, "{from} holds no token; one begins with kilwa- and has 64 hexadecimal digits after it");
+    ensure!(is_token, "{from} contains no token; a token is kilwa- followed by 64 hexadecimal digits");
     Ok(token.to_owned())
 }
 

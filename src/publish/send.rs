@@ -201,7 +201,8 @@ impl Sender {
             match File::open(&path).and_then(|f| sha256_of(BufReader::with_capacity(1 << 20, f))) {
                 Ok((_, sum)) if sum == file.sha256 => {}
                 Ok(_) => {
-                    let message = "the file changed while it was sent; run the same command again when nothing writes to it any more";
+                    let message =
+                        "the file changed while it was sent; run the same command again when no program writes to it";
                     return Failure::Final(format!("{}: {message}", path.display()));
                 }
                 Err(e) => return Failure::Final(format!("{}: {e}", path.display())),
@@ -259,7 +260,8 @@ impl Sender {
         report(SendEvent::Sent(sent.get(), all));
         for lack in &begun.lacks {
             let file = intent.files.iter().find(|f| f.sha256 == lack.sha256);
-            let file = file.ok_or_else(|| Failure::Final("the server asks for a file that there is not".to_owned()))?;
+            let file =
+                file.ok_or_else(|| Failure::Final("the server requests a file that does not exist".to_owned()))?;
             let advance = |n: u64| {
                 sent.set(sent.get() + n);
                 report(SendEvent::Sent(sent.get(), all));
@@ -282,7 +284,7 @@ impl Sender {
                     None => report(SendEvent::Verified(now.done, now.of)),
                 },
                 State::Refused => return Err(passing(now.error.unwrap_or_default())),
-                State::Sending | State::Ready => return Err(passing("the server began anew")),
+                State::Sending | State::Ready => return Err(passing("the server started over")),
             }
             sleep(pause);
             pause = (pause * 2).min(Duration::from_secs(2));
@@ -382,7 +384,7 @@ impl Sender {
                 let bytes = body(response)?;
                 kilwa_pack::json::from_slice(&bytes).map_err(|_| {
                     Failure::Final(format!(
-                        "{} answers as no kilwa of this version does; is it one, started with --accept-uploads?",
+                        "{} does not answer like a kilwa server of this version; was it started with --accept-uploads?",
                         self.base
                     ))
                 })
@@ -401,7 +403,10 @@ impl Sender {
         let after = header("retry-after").and_then(|s| s.parse().ok()).map(Duration::from_secs);
         if status.is_redirection() {
             let to = header("location").unwrap_or_default();
-            return Failure::Final(format!("{} redirects to {to}; give the right address with --to", self.base));
+            return Failure::Final(format!(
+                "{} redirects to {to}; use that address with --to if it is right",
+                self.base
+            ));
         }
         let why = text_of(response);
         match status.as_u16() {
@@ -432,7 +437,7 @@ pub(crate) fn is_loopback(address: &str) -> bool {
 
 fn body(mut response: Response<Body>) -> Result<Vec<u8>, Failure> {
     let read = response.body_mut().with_config().limit(ANSWER_MAX).read_to_vec();
-    read.map_err(|e| passing(format!("the answer broke off: {e}")))
+    read.map_err(|e| passing(format!("the response was cut off: {e}")))
 }
 
 /// What the server says, in its words where it has some.

@@ -14,9 +14,9 @@ use std::path::Path;
 
 pub(super) fn run(args: &Args, slug: &str) -> anyhow::Result<()> {
     let slug = Slug::new(slug)?;
-    let keep = args.keep.as_ref().context("say with --keep where the files go")?;
+    let keep = args.keep.as_ref().context("state with --keep where to move the files")?;
     let reason = args.reason.as_deref().map(str::trim).filter(|r| !r.is_empty());
-    let reason = reason.context("say with --reason why it is withdrawn")?;
+    let reason = reason.context("state with --reason why it is withdrawn")?;
     let day = match &args.date {
         Some(day) => day.clone(),
         None => super::today()?,
@@ -48,7 +48,7 @@ pub(super) fn run(args: &Args, slug: &str) -> anyhow::Result<()> {
 
 /// Nothing was left to do.
 fn nothing_left(args: &Args, slug: &Slug, day: &str) -> anyhow::Error {
-    anyhow!("{}/{slug} was withdrawn on {day} already; nothing was changed", args.to.display())
+    anyhow!("{}/{slug} was already withdrawn on {day}; nothing was changed", args.to.display())
 }
 
 /// What was done, which may be what an earlier command did not come to.
@@ -69,7 +69,7 @@ fn say_done(args: &Args, slug: &Slug, done: &Withdrawn) -> anyhow::Result<()> {
         args.site.then_some("the pages of the folder were written"),
     ];
     let now: Vec<&str> = now.into_iter().flatten().collect();
-    Ok(writeln!(out, "{at}/{slug}: was withdrawn on {day} already; {}", now.join(", and "))?)
+    Ok(writeln!(out, "{at}/{slug}: was already withdrawn on {day}; {}", now.join(", and "))?)
 }
 
 /// The reason is published: of an object whose place is withheld it states none.
@@ -104,7 +104,7 @@ fn say_outlook(args: &Args, slug: &Slug, keep: &Path, there: &Outlook) -> anyhow
     let bag = if there.bag { ", and its bag" } else { "" };
     Ok(writeln!(
         out,
-        "Would withdraw {}/{slug}, \"{}\": {}, {}{bag}, would leave it for {}; metadata, citations and a page with the reason would stay.\nNothing was written.",
+        "Would withdraw {}/{slug}, \"{}\": {}, {}{bag}, would be moved to {}; metadata, citations and a page with the reason would stay.\nNothing was written.",
         args.to.display(),
         there.title,
         counted(files, "file", "files"),

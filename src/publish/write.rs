@@ -62,7 +62,7 @@ fn run_with(args: &Args, plan: &mut Plan, picture: Picture<'_>) -> anyhow::Resul
     if let Some(before) = before.as_ref().filter(is_there) {
         ensure!(
             is_same_request(args, before),
-            "{}: version {} has this very pack, metadata and notes; there is nothing new to publish",
+            "{}: version {} has the same pack, metadata and notes; there is nothing new to publish",
             plan.at,
             before.versions.len()
         );
@@ -148,7 +148,7 @@ fn locked(shelf: &Path, bar: &ProgressBar) -> anyhow::Result<Lock> {
 pub(super) fn waits(bar: &ProgressBar) -> impl Fn(&Path) {
     |folder| {
         let line = format!(
-            "kilwa: another kilwa is publishing to or withdrawing from {}; waiting for up to {} minutes",
+            "kilwa: another kilwa command is publishing to or withdrawing from {}; waiting for up to {} minutes",
             folder.display(),
             PATIENCE.as_secs() / 60
         );

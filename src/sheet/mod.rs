@@ -223,7 +223,7 @@ impl Format {
             Some("png") => Ok(Self::Png),
             Some("pdf") => Ok(Self::Pdf),
             Some("tif" | "tiff") => Ok(Self::Tiff),
-            _ => bail!("{}: the ending says the format of a drawing, one of .png, .pdf, .tif", path.display()),
+            _ => bail!("{}: the file extension of a drawing must be .png, .pdf or .tif", path.display()),
         }
     }
 }

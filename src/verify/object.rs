@@ -100,7 +100,7 @@ impl Check<'_> {
     fn open(&mut self, path: &str, listed_in: &str) -> Option<Bytes> {
         match self.place.open(path) {
             Ok(Some(file)) => return Some(file),
-            Ok(None) => self.add(path, Kind::Missing, format!("it is not there; {listed_in} lists it")),
+            Ok(None) => self.add(path, Kind::Missing, format!("it is missing; {listed_in} lists it")),
             Err(e) => self.add(path, Kind::Unreadable, format!("it cannot be read: {e}")),
         }
         None
@@ -114,7 +114,7 @@ impl Check<'_> {
                 self.report.bytes += bytes.len() as u64;
                 return Some(bytes);
             }
-            Ok(None) => self.add(path, Kind::Missing, format!("it is not there; {listed_in} lists it")),
+            Ok(None) => self.add(path, Kind::Missing, format!("it is missing; {listed_in} lists it")),
             Err(e) => self.add(path, Kind::Unreadable, format!("it cannot be read: {e}")),
         }
         None
@@ -231,7 +231,7 @@ impl Check<'_> {
                 self.add(
                     MANIFEST,
                     Kind::Missing,
-                    "it is not there: without it nothing says what belongs to the object",
+                    "it is missing; without it, Kilwa cannot tell what belongs to the object",
                 );
                 return Ok(Some(self.close(unit, before)));
             }
@@ -298,13 +298,13 @@ impl Check<'_> {
                 None => self.add(
                     &at,
                     Kind::History,
-                    "this version was there at an earlier check, and the manifest does not name it any more",
+                    "this version existed at an earlier check, but the manifest no longer names it",
                 ),
                 Some(other) if other != sum => {
                     self.add(
                         &at,
                         Kind::History,
-                        "this version is another one than at an earlier check; versions never change",
+                        "this version differs from that of an earlier check, but versions must not change",
                     );
                 }
                 Some(_) => {}
@@ -338,7 +338,7 @@ impl Check<'_> {
         for version in &manifest.versions {
             if manifest.access.state == AccessState::Withdrawn && self.is_gone(version) {
                 let name = self.path(&version.folder);
-                self.report.notes.push(format!("{name} is withdrawn and not there"));
+                self.report.notes.push(format!("{name} is withdrawn; its files are gone"));
                 continue;
             }
             let is_left = manifest.access.state == AccessState::Withdrawn
@@ -395,7 +395,7 @@ impl Check<'_> {
         };
         let in_folder = |path: &str| format!("{folder}/{path}");
         for path in REQUIRED.iter().chain([&POSTER]).filter(|path| list.get(path).is_none()) {
-            let what = "every version has it, and its list of checksums does not name it: the version is incomplete";
+            let what = "every version needs it, but the list of checksums does not name it: the version is incomplete";
             self.add(&in_folder(path), Kind::Incomplete, what);
         }
         let pack = version.pack.url.strip_prefix(&format!("{folder}/")).unwrap_or_default();
@@ -434,7 +434,7 @@ impl Check<'_> {
     fn notes(&mut self, version: &Version, list: &Checksums) {
         let path = format!("{}/{ANNOTATIONS}", version.folder);
         if !version.has_notes(list.get(ANNOTATIONS)) {
-            let what = format!("{CHECKSUMS} and {MANIFEST} do not say the same about the notes of the version");
+            let what = format!("{CHECKSUMS} and {MANIFEST} disagree about the notes of the version");
             self.add(&path, Kind::Incomplete, what);
             return;
         }
@@ -452,7 +452,7 @@ impl Check<'_> {
             );
         }
         if let Err(e) = Notes::parse(&bytes).and_then(|notes| notes.within(min, max)) {
-            self.add(&path, Kind::Incomplete, format!("its notes cannot be: {e}"));
+            self.add(&path, Kind::Incomplete, format!("its notes cannot be read: {e}"));
         }
     }
 
@@ -492,10 +492,10 @@ impl Check<'_> {
         let Some(value) = self.record(&path) else { return };
         match serde_json::from_value::<Metadata>(value) {
             Ok(metadata) if version.version == manifest.current && metadata.title != manifest.title => {
-                self.add(&path, Kind::Incomplete, format!("its title is not the one of {MANIFEST}"));
+                self.add(&path, Kind::Incomplete, format!("its title differs from that in {MANIFEST}"));
             }
             Ok(_) => {}
-            Err(e) => self.add(&path, Kind::Incomplete, format!("it is no metadata of an object: {e}")),
+            Err(e) => self.add(&path, Kind::Incomplete, format!("it is not the metadata of an object: {e}")),
         }
     }
 
@@ -532,7 +532,7 @@ impl Check<'_> {
             } else {
                 format!("{MANIFEST} does not name it")
             };
-            self.add(path, Kind::Extra, format!("nobody knows this file: {by}"));
+            self.add(path, Kind::Extra, format!("unknown file: {by}"));
         }
         for path in hidden {
             let path = self.path(&path);
@@ -619,7 +619,7 @@ impl Check<'_> {
     pub(crate) fn unknown(&mut self, folder: &str, known: &BTreeSet<String>, list: &str) {
         let Ok(Some(files)) = self.place.list(folder) else { return };
         for (path, _) in files.iter().filter(|(path, _)| !known.contains(path)) {
-            self.add(path, Kind::Extra, format!("nobody knows this file: {list} does not list it"));
+            self.add(path, Kind::Extra, format!("unknown file: {list} does not list it"));
         }
     }
 }

@@ -146,11 +146,8 @@ impl Report {
 
     /// For people: the last line.
     pub(crate) fn summary(&self) -> String {
-        let skipped = if self.skipped == 0 {
-            String::new()
-        } else {
-            format!(", {} not looked at again (checked before)", self.skipped)
-        };
+        let skipped =
+            if self.skipped == 0 { String::new() } else { format!(", {} skipped (checked before)", self.skipped) };
         format!(
             "{} of {} sound{skipped}; {}, {}, {} checked.",
             self.sound_objects,

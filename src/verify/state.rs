@@ -107,7 +107,7 @@ impl State {
         for name in forget {
             if known.units.remove(name).is_none() {
                 bail!(
-                    "--forget {name}: the state file {} has no such name; give the name as it was reported",
+                    "--forget {name}: the state file {} has no such name; use the name as it was reported",
                     path.display()
                 );
             }
@@ -272,10 +272,10 @@ impl Known {
             }
         }
         if !understood {
-            bail!("{} is no state of kilwa verify; give another name with --state", path.display());
+            bail!("{} is not a state file of kilwa verify; choose another name with --state", path.display());
         }
         if let Some(of) = of.filter(|of| of != target) {
-            bail!("{} belongs to {of}, not to {target}; give a state file of its own with --state", path.display());
+            bail!("{} belongs to {of}, not to {target}; use another state file with --state", path.display());
         }
         Ok(known)
     }

@@ -156,7 +156,7 @@ fn attempt_once(agent: &Agent, url: &str, from: u64, length: u64) -> io::Result<
             | ureq::Error::Tls(_)),
         ) => return Err(io::Error::other(e.to_string())),
         Err(e) if is_distrusted(&e) => {
-            let hint = "the server is not who its address says, or its authority is not known here; SSL_CERT_FILE names a file with others";
+            let hint = "the server's certificate does not match its address, or its certificate authority is unknown here; SSL_CERT_FILE can name a file with further authorities";
             return Err(io::Error::other(format!("{e}: {hint}")));
         }
         Err(e) => return Ok(Outcome::Passing(e.to_string(), None)),
@@ -186,7 +186,7 @@ fn header<T>(response: &Response<T>, name: &str) -> Option<String> {
 }
 
 fn take_part(response: &mut Response<ureq::Body>, from: u64, last: u64) -> io::Result<Outcome> {
-    let wrong = || io::Error::other("the server answered with another part than was asked for");
+    let wrong = || io::Error::other("the server sent another part of the file than the one requested");
     let range = header(response, "content-range").ok_or_else(wrong)?;
     let (part, total) = range.strip_prefix("bytes ").and_then(|r| r.split_once('/')).ok_or_else(wrong)?;
     let (begin, end) = part.split_once('-').ok_or_else(wrong)?;
@@ -199,7 +199,7 @@ fn take_part(response: &mut Response<ureq::Body>, from: u64, last: u64) -> io::R
     let mut bytes = Vec::new();
     match response.body_mut().as_reader().take(count).read_to_end(&mut bytes) {
         Ok(_) if bytes.len() as u64 == count => {}
-        Ok(n) => return Ok(Outcome::Passing(format!("{n} of {} came", counted(count, "byte", "bytes")), None)),
+        Ok(n) => return Ok(Outcome::Passing(format!("only {n} of {} arrived", counted(count, "byte", "bytes")), None)),
         Err(e) => return Ok(Outcome::Passing(e.to_string(), None)),
     }
     Ok(Outcome::Came(Some(Answer::Part { bytes, total, tag: header(response, "etag") })))
@@ -227,7 +227,7 @@ fn take_whole(mut response: Response<ureq::Body>) -> io::Result<Outcome> {
     }
     if announced.is_some_and(|announced| announced != came) {
         return Ok(Outcome::Passing(
-            format!("{came} of {} came", counted(announced.unwrap_or(0), "byte", "bytes")),
+            format!("only {came} of {} arrived", counted(announced.unwrap_or(0), "byte", "bytes")),
             None,
         ));
     }

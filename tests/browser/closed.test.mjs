@@ -38,7 +38,7 @@ test("whoever is granted it signs in by keyboard, sees it, and loses nothing whe
   await page.locator("#name").fill(AMINA.name);
   await page.locator("#password").fill("not this sentence");
   await page.keyboard.press("Enter");
-  await page.locator("[role=alert]").filter({ hasText: "not right" }).waitFor();
+  await page.locator("[role=alert]").filter({ hasText: "is wrong" }).waitFor();
   assert.equal(await page.locator("#name").inputValue(), AMINA.name, "what was typed is kept");
   await page.locator("#password").fill(AMINA.password);
   await page.keyboard.press("Enter");

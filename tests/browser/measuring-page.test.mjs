@@ -87,7 +87,7 @@ test("a distance by two presses is provisional, then final, and the value of kil
   await page.locator("#canvas").focus();
   await page.keyboard.press("m");
   await page.locator("#measure-bar").waitFor();
-  assert.match(await page.locator("#hint").innerText(), /Distance: click place 1 of 2/);
+  assert.match(await page.locator("#hint").innerText(), /Distance: click point 1 of 2/);
   // Answers wait, so that what is not final can be seen.
   let release;
   const held = new Promise((resolve) => (release = resolve));
@@ -192,7 +192,7 @@ test("points are taken back and put again while they are drawn, and a tool stays
   await page.keyboard.press("Enter");
   await done(page);
   assert.equal(await drawn(), 0, "the tool goes on");
-  assert.match(await page.locator("#hint").innerText(), /^Path: click place 1/);
+  assert.match(await page.locator("#hint").innerText(), /^Path: click point 1/);
   const [path] = await list(page);
   assert.equal(path.points.length, 3);
   assert.deepEqual(
@@ -226,7 +226,7 @@ test("an address opens the same measurement elsewhere, to the last bit, and one 
     tools.list.change(Array.from({ length: 80 }, (_, k) => ({ ...tools.items[0], id: `x${k}` })));
   });
   await other.page.locator("#share").click();
-  await other.page.locator("#notice", { hasText: "too many for a link" }).waitFor();
+  await other.page.locator("#notice", { hasText: "too many measurements for a link" }).waitFor();
   assert.ok(!(await other.page.evaluate(() => location.hash)).includes("measurements="));
   assert.deepEqual([...complaints, ...other.complaints], []);
   await other.close();
@@ -259,7 +259,7 @@ test("a file reads back to the last bit, here and by kilwa measure, and one of a
     data.items.add(new File([words], "fort.json", { type: "application/json" }));
     dispatchEvent(new DragEvent("drop", { dataTransfer: data, cancelable: true }));
   }, words);
-  await page.locator("#notice", { hasText: "2 read" }).waitFor();
+  await page.locator("#notice", { hasText: "Read: 2" }).waitFor();
   assert.deepEqual(await bits(page), wanted);
   const [again] = await Promise.all([page.waitForEvent("download"), page.locator("#measure .button", { hasText: "Save as a file" }).click()]);
   assert.equal(await readFile(await again.path(), "utf8"), words);
@@ -288,7 +288,7 @@ test("a file reads back to the last bit, here and by kilwa measure, and one of a
   for (const [bad, says] of [
     ["{", /could not be read/],
     ['{"kilwa":"measurements","version":99,"measurements":[]}', /this page reads up to 1/],
-    ['{"kilwa":"pack","version":1}', /no file of measurements but says it is “pack”/],
+    ['{"kilwa":"pack","version":1}', /not a file of measurements; its type is “pack”/],
   ]) {
     await give(bad);
     await page.waitForFunction((text) => new RegExp(text).test(document.getElementById("notice-text").textContent), says.source);
@@ -404,7 +404,7 @@ test("by keyboard alone: a distance is measured, one of its points moved, its ro
   const was = await page.evaluate(() => globalThis.kilwa.measuring.tools.items[0].task.points[0].world.join());
   await page.locator(".mark-point").first().focus();
   await keys("Enter");
-  assert.match(await page.locator("#hint").innerText(), /new place/);
+  assert.match(await page.locator("#hint").innerText(), /new position/);
   await keys("ArrowUp", "ArrowUp", "Space");
   await page.waitForFunction((was) => globalThis.kilwa.measuring.tools.items[0].task.points[0].world.join() !== was, was);
   await done(page);

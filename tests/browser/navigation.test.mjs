@@ -290,7 +290,7 @@ test("links, views and notes name the identity that kilwa measure prints; what n
   assert.notEqual(hash.slice(0, 12), identity.slice(0, 12));
   const read = async (input, json, wanted) => {
     await page.locator(input).setInputFiles({ name: "x.json", mimeType: "application/json", buffer: Buffer.from(JSON.stringify(json)) });
-    await page.locator("#notice", { hasText: "1 read." }).waitFor();
+    await page.locator("#notice", { hasText: "Read: 1" }).waitFor();
     assert.equal(/another version/.test(await page.locator("#notice").innerText()), wanted, JSON.stringify(json).slice(0, 120));
     await page.evaluate(() => (document.getElementById("notice").hidden = true));
   };

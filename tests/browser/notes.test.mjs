@@ -184,7 +184,7 @@ test("notes are written as Web Annotations and read back the same, with what oth
   const list = () => page.evaluate(() => globalThis.kilwa.api.annotations());
   const had = await list();
   await page.locator("#notes-import").setInputFiles(json(written));
-  await page.locator("#notice", { hasText: "2 read" }).waitFor();
+  await page.locator("#notice", { hasText: "Read: 2" }).waitFor();
   assert.deepEqual(await list(), had);
   for (const [bad, says] of [
     ["{", /could not be read/],

@@ -219,7 +219,7 @@ test("a model that is not there, or is no pack, is said with the next step", asy
     await close();
     return text;
   };
-  assert.match(await trouble(() => ({ status: 404 })), /not there/);
+  assert.match(await trouble(() => ({ status: 404 })), /not found/);
   assert.match(await trouble(() => ({ body: () => Buffer.alloc(65536, 65) })), /damaged[\s\S]*magic bytes/);
   const flipped = (body) => {
     const bad = Buffer.from(body);

@@ -72,7 +72,7 @@ test("on a phone nothing is wider than the screen and every control is large eno
 test("the map leads to models and closer, without scripts and by keyboard", async () => {
   const { page, close } = await look("/map", { javaScriptEnabled: false });
   const dots = page.locator(".map svg a");
-  assert.deepEqual(await dots.locator("title").allTextContents(), ["Models here: 2. Look closer", "Great mosque of Gede, Gede"]);
+  assert.deepEqual(await dots.locator("title").allTextContents(), ["Models here: 2. Zoom in", "Great mosque of Gede, Gede"]);
   assert.deepEqual(await page.locator(".places li a").allInnerTexts(), ["Gereza fort", "Great mosque of Gede", "Husuni Kubwa"]);
   await dots.first().focus();
   await Promise.all([page.waitForURL(/#places|box=/), page.keyboard.press("Enter")]);

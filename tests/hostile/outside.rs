@@ -62,7 +62,7 @@ impl Site {
         let build = ["build", text(&mesh), "-o", text(&pack), "--force"];
         for command in [&build[..], &["info", text(&mesh)]] {
             let message = fails(command);
-            for part in parts.iter().chain(&["--allow-outside", "outside of the folder"]) {
+            for part in parts.iter().chain(&["--allow-outside", "outside the folder"]) {
                 assert!(message.contains(part), "{command:?}: {part} in: {message}");
             }
             assert!(!message.contains(SECRET), "{message}");

@@ -35,7 +35,7 @@ fn an_object_interrupted_around_the_manifest_is_valid_and_verify_explains_it() {
     }
     let (is_sound, output) = verified(&object);
     assert!(is_sound && output.contains("v2 is a version whose publication was interrupted"), "{output}");
-    assert!(!output.contains("nobody knows this file"), "{output}");
+    assert!(!output.contains("unknown file"), "{output}");
     bench.published(&other_pack(), &described(), &FURTHER);
     assert!(tree(&object) == whole, "the same command comes to the same");
     // After the manifest: the object is the new one, and its page lies beside it.

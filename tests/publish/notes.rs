@@ -190,7 +190,7 @@ fn a_further_version_must_state_whether_notes_are_kept() {
     let kept = object.join("v1/annotations.json");
     assert!(message.contains(text(&kept)), "{message}");
     let again = bench.refused(&pack(), FULL, &[&next[..], &["--notes", text(&kept)]].concat());
-    assert!(again.contains("this very pack, metadata and notes"), "{again}");
+    assert!(again.contains("the same pack, metadata and notes"), "{again}");
     bench.published(&pack(), &better, &[&next[..], &["--notes", text(&kept)]].concat());
     assert_eq!(
         std::fs::read(&kept).unwrap(),
@@ -272,7 +272,7 @@ fn verify_finds_notes_that_do_not_belong_to_the_version() {
     without.as_object_mut().unwrap().remove("seal");
     without["versions"][0].as_object_mut().unwrap().remove("annotations");
     std::fs::write(&manifest, without.to_string()).unwrap();
-    failed("do not say the same about the notes");
+    failed("disagree about the notes");
     std::fs::write(&manifest, &right).unwrap();
     let at = object.join("v1/annotations.json");
     let old = std::fs::read_to_string(&at).unwrap();

@@ -179,7 +179,7 @@ fn channels_are_dropped_unless_named_and_free_of_coordinates() {
     let message = bench.refused(&pack(), FULL, &["--redact-location", "--keep-channel", "x"]);
     assert!(message.contains("no scalar channels"), "{message}");
     let message = bench.refused(&pack(), &FULL.replace("\"gereza\"", "\"other\""), &["--redact-location=1e9"]);
-    assert!(message.contains("leave the number out"), "{message}");
+    assert!(message.contains("omit the number"), "{message}");
     let usage = run(&["publish", "x", "--to", "y", "--metadata", "z", "--keep-channel", "x"]);
     assert_eq!(usage.status.code(), Some(2), "only where the location is taken out");
 }

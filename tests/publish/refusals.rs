@@ -13,7 +13,7 @@ fn missing_and_wrong_metadata_is_reported_with_line_field_and_what_to_write() {
         ("uri = \"CC0\"", "uri = \"\"", "line 4: rights.uri: every model needs a statement of rights"),
         ("units = \"m\"", "", "model.units: the units of the mesh"),
         ("\"CC0\"", "\"CC BY 5.0\"", "did you mean CC BY 4.0?"),
-        ("\"CC0\"", "\"all mine\"", "no known statement of rights"),
+        ("\"CC0\"", "\"all mine\"", "not a known licence or rights statement"),
         ("units = \"m\"", "units = \"mm\"", "the pack was built from a mesh in \"m\""),
         (
             "units = \"m\"",
@@ -88,7 +88,7 @@ fn a_name_used_by_another_model_is_refused_with_what_to_do() {
     bench.published(&other_pack(), &other, &options);
     std::fs::create_dir_all(bench.path("site/taken")).unwrap();
     let taken = MINIMAL.replace("title =", "slug = \"taken\"\ntitle =");
-    assert!(bench.refused(&other_pack(), &taken, &[]).contains("is no object of kilwa"));
+    assert!(bench.refused(&other_pack(), &taken, &[]).contains("is not an object of kilwa"));
     for bad in ["\"a/b\"", "\"..\"", "\"v1\""] {
         assert!(
             bench
@@ -109,7 +109,7 @@ fn a_name_used_by_another_model_is_refused_with_what_to_do() {
         "--www",
         text(&www),
     ]);
-    assert!(String::from_utf8_lossy(&output.stderr).contains("is an object itself"));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("is itself an object"));
 }
 
 #[test]
@@ -130,8 +130,8 @@ fn another_model_with_the_same_title_is_recognised_by_size_position_and_identifi
     bench.published(&first, &named, &[]);
     let note = ["--version-note", "x", "--date", "2026-12-01"];
     for (pack, metadata, expected) in [
-        (build("far.kilwa", 1.0, [566_977.0, 9_009_946.0, 31.0], &utm), named.clone(), "this one lies 99"),
-        (build("large.kilwa", 10.0, here, &utm), named.clone(), "across, this one"),
+        (build("far.kilwa", 1.0, [566_977.0, 9_009_946.0, 31.0], &utm), named.clone(), "the new version is 99"),
+        (build("large.kilwa", 10.0, here, &utm), named.clone(), "across, the new one"),
         (first.clone(), named.replace("1234/a", "1234/b"), "its identifier is https://doi.org/10.1234/a"),
     ] {
         let message = bench.refused(&pack, &metadata, &note);

@@ -135,7 +135,7 @@ fn an_impossible_upload_is_refused_with_what_to_do() {
         printed(&output)
     };
     assert!(run("http://museum.example/", &server.token, &[]).contains("--allow-http"));
-    assert!(run(&to, "", &[]).contains("holds no token"));
+    assert!(run(&to, "", &[]).contains("contains no token"));
     assert!(run(&to, &server.token, &["--site"]).contains("is for folders"));
     let unknown = format!("kilwa-{}", "0".repeat(64));
     let refused = run(&to, &unknown, &[]);

@@ -90,6 +90,6 @@ fn impossible_drawings_are_refused_with_a_possible_alternative() {
     let large = say(&["--scale", "1:1", "--view", "plan", "--paper", "A4"]);
     assert!(large.contains("1000 x 1000 mm") && large.contains("1:10 would fit"), "{large}");
     let format = ["render", text(&p.pack), "-o", "x.jpg", "--scale", "1:10", "--view", "plan", "--software"];
-    assert!(fails(&format).contains("one of .png, .pdf, .tif"));
+    assert!(fails(&format).contains("must be .png, .pdf or .tif"));
     assert!(!out.exists());
 }

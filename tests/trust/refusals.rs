@@ -40,8 +40,8 @@ fn meaningless_measurements_are_refused_with_a_message() {
     }
     let large = ["coordinate", "1e306", "0", "0", "--exact"];
     assert!(say(&[&large[..], &["--unit", "mm"]].concat()).contains("choose a larger --unit"));
-    assert!(say(&["section", "--z", "0.5", "-o", "x.pdf"]).contains("the ending says the format"));
-    assert!(say(&["section", "--z", "0.5", "-o", "/nowhere/x.svg"]).contains("no folder"));
+    assert!(say(&["section", "--z", "0.5", "-o", "x.pdf"]).contains("the file extension must be"));
+    assert!(say(&["section", "--z", "0.5", "-o", "/nowhere/x.svg"]).contains("there is no folder"));
     let usage = kilwa(&["measure", pack, "area", "--unit", "furlong"]);
     assert_eq!(usage.status.code(), Some(2));
     super::check_none("questions without an answer that get a number", asked.get(), 0);

@@ -73,7 +73,7 @@ fn saving_in_a_locked_folder_prints_that_it_waits() {
     let (mut stderr, mut line) = (BufReader::new(saving.stderr.take().unwrap()), String::new());
     stderr.read_line(&mut line).unwrap();
     assert!(
-        line.contains("another kilwa is publishing, withdrawing or saving in") && line.contains("10 minutes"),
+        line.contains("another kilwa command is publishing, withdrawing or saving in") && line.contains("10 minutes"),
         "{line}"
     );
     assert!(line.contains(text(folder.path())) && !file.exists(), "{line}");

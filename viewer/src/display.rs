@@ -16,7 +16,7 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 pub enum DisplayError {
     /// It is no JSON of this shape.
-    #[error("this is no description of a display: {0}")]
+    #[error("these are not valid display settings: {0}")]
     Json(#[from] serde_json::Error),
     /// A value that cannot be.
     #[error("{field}: {rule}")]
@@ -356,7 +356,7 @@ mod tests {
             (r#"{"background":"plaid"}"#, "background"),
             (r#"{"light":{"azimuth":0,"elevation":91}}"#, "light.elevation"),
             (r#"{"colour":1}"#, "unknown field"),
-            ("[1", "no description"),
+            ("[1", "not valid display settings"),
         ] {
             let error = Display::from_json(text).unwrap_err().to_string();
             assert!(error.contains(name), "{text}: {error}");

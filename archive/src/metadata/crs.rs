@@ -38,7 +38,7 @@ pub fn normalise(text: &str) -> Result<Option<String>, String> {
                 Ok(Some(format!("EPSG:{n}")))
             }
             _ => Err(format!(
-                "\"{text}\" is no EPSG code; they are numbers from 1024 to 32767, for example EPSG:32737 (https://epsg.org)"
+                "\"{text}\" is not an EPSG code; EPSG codes are numbers from 1024 to 32767, for example EPSG:32737 (https://epsg.org)"
             )),
         };
     }
@@ -52,14 +52,14 @@ pub fn normalise(text: &str) -> Result<Option<String>, String> {
         return Err(format!("write \"EPSG:{lower}\""));
     }
     Err(format!(
-        "\"{text}\" is no reference system; write an EPSG code such as \"EPSG:32737\", well-known text, or \"local\""
+        "\"{text}\" is not a reference system; write an EPSG code such as \"EPSG:32737\", well-known text, or \"local\""
     ))
 }
 
 fn of_metres(code: u32) -> Result<(), String> {
     if GEOGRAPHIC.contains(&code) {
         return Err(format!(
-            "EPSG:{code} has degrees, and a mesh has metres: give the projected system that the survey is in, for example EPSG:32737 (UTM 37 S)"
+            "EPSG:{code} has degrees, but a mesh has metres: write the projected system of the survey, for example EPSG:32737 (UTM 37 S)"
         ));
     }
     Ok(())
@@ -101,7 +101,7 @@ mod tests {
         for (bad, expected) in [
             ("32737", "write \"EPSG:32737\""),
             ("EPSG:4326", "degrees"),
-            ("EPSG:99999", "no EPSG code"),
+            ("EPSG:99999", "not an EPSG code"),
             ("UTM 37S", "EPSG code such as"),
         ] {
             assert!(normalise(bad).unwrap_err().contains(expected), "{bad}");

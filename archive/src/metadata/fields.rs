@@ -164,7 +164,7 @@ fn model(t: &Table<'_, '_>) -> Option<Model> {
     let units = match table.text("units") {
         Some(f) if LengthUnit::parse(&f.value).is_some_and(|unit| unit.symbol() == f.value) => Some(f.value),
         Some(f) => {
-            table.wrong("units", f.at, format!("\"{}\" is no unit; {wanted}", f.value));
+            table.wrong("units", f.at, format!("\"{}\" is not a unit; {wanted}", f.value));
             None
         }
         None => {
@@ -188,7 +188,7 @@ fn agents(t: &Table<'_, '_>, key: &'static str) -> Vec<Agent> {
     let agent = |table: Table<'_, '_>| {
         let name = table.text("name").map(|f| f.value);
         if name.is_none() {
-            table.missing("name", "a name is needed, \"Family, Given\" of a person");
+            table.missing("name", "a name is missing; write \"Family, Given\" for a person");
         }
         let kind = table.text("kind").map_or(AgentKind::Person, |f| match f.value.as_str() {
             "person" => AgentKind::Person,
@@ -231,7 +231,7 @@ fn place(t: Table<'_, '_>) -> Place {
     let (latitude, longitude) = (degrees("latitude", 90.0), degrees("longitude", 180.0));
     for (here, key, other) in [(latitude, "longitude", longitude), (longitude, "latitude", latitude)] {
         if here.is_some() && other.is_none() {
-            t.missing(key, "latitude and longitude belong together");
+            t.missing(key, "give both latitude and longitude, or neither");
         }
     }
     let uri = t.text("uri").and_then(|f| address(&t, "uri", f));
@@ -309,10 +309,10 @@ fn access(t: Table<'_, '_>) -> Option<AccessField> {
     let until = checked(&t, "until", is_day, "expected the first public day, for example 2027-06-01");
     match (state, &until) {
         (Some(AccessState::Embargo), None) => {
-            t.missing("until", "an embargo needs the first day that is public, for example until = \"2027-06-01\"");
+            t.missing("until", "an embargo needs the first public day, for example until = \"2027-06-01\"");
         }
         (Some(AccessState::Public | AccessState::Restricted), Some(_)) => {
-            t.missing("until", "only an embargo has an end; write state = \"embargo\" or take this line away");
+            t.missing("until", "only an embargo has an end; write state = \"embargo\" or remove this line");
         }
         _ => {}
     }
@@ -332,7 +332,7 @@ fn related(t: &Table<'_, '_>) -> Vec<Related> {
                         || "IsDescribedBy, IsDerivedFrom, IsPartOf, IsDocumentedBy are some".to_owned(),
                         |n| format!("did you mean {n}?"),
                     );
-                    table.wrong("relation", f.at, format!("\"{}\" is no relation of DataCite; {near}", f.value));
+                    table.wrong("relation", f.at, format!("\"{}\" is not a DataCite relation; {near}", f.value));
                 }
                 known.map(|r| (*r).to_owned())
             }
@@ -340,7 +340,7 @@ fn related(t: &Table<'_, '_>) -> Vec<Related> {
         };
         let uri = table.text("uri");
         if uri.is_none() {
-            table.missing("uri", "the address of what belongs to it is needed");
+            table.missing("uri", "the address of the related item is missing");
         }
         let uri = uri.and_then(|f| identifier(&table, &f));
         let title = table.text("title").map(|f| f.value);
@@ -354,7 +354,7 @@ fn funding(t: &Table<'_, '_>) -> Vec<Funding> {
     let one = |table: Table<'_, '_>| {
         let funder = table.text("funder").map(|f| f.value);
         if funder.is_none() {
-            table.missing("funder", "the name of who paid is needed");
+            table.missing("funder", "the name of the funder is missing");
         }
         let (award, uri) =
             (table.text("award").map(|f| f.value), table.text("uri").and_then(|f| address(&table, "uri", f)));
@@ -392,7 +392,11 @@ fn language(t: &Table<'_, '_>, f: Found<String>) -> Option<String> {
 fn address(t: &Table<'_, '_>, key: &str, f: Found<String>) -> Option<String> {
     let right = is_address(&f.value);
     if !right {
-        t.wrong(key, f.at, format!("\"{}\" is no address; an address begins with https:// and has no spaces", f.value));
+        t.wrong(
+            key,
+            f.at,
+            format!("\"{}\" is not an address; an address begins with https:// and has no spaces", f.value),
+        );
     }
     right.then_some(f.value)
 }
@@ -432,7 +436,9 @@ fn identifier(t: &Table<'_, '_>, f: &Found<String>) -> Option<String> {
     t.wrong(
         "identifier",
         f.at,
-        format!("\"{text}\" is no identifier; write a DOI (doi:10.1234/abc), ARK, URN, handle (hdl:) or an address"),
+        format!(
+            "\"{text}\" is not an identifier; write a DOI (doi:10.1234/abc), ARK, URN, handle (hdl:) or an address"
+        ),
     );
     None
 }
@@ -452,7 +458,10 @@ fn orcid(t: &Table<'_, '_>, f: &Found<String>) -> Option<String> {
     t.wrong(
         "orcid",
         f.at,
-        format!("\"{}\" is no ORCID (its last digit checks the others); it looks like 0000-0002-1825-0097", f.value),
+        format!(
+            "\"{}\" is not an ORCID (the check digit does not match); an ORCID looks like 0000-0002-1825-0097",
+            f.value
+        ),
     );
     None
 }

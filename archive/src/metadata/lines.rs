@@ -44,7 +44,7 @@ pub(super) fn strays(text: &str) -> Vec<Problem> {
             && fields(name).is_some_and(|f| f.contains(&key))
         {
             let message = format!(
-                "it stands below `# {shown}` (line {at}), which is a comment, so that it would belong to {block}; take the # of line {at} away too"
+                "it is below `# {shown}` (line {at}), which is still a comment, so it would belong to {block}; remove the # at the start of line {at} too"
             );
             all.push(Problem::new(line, format!("{name}.{key}"), message));
         }
@@ -69,13 +69,14 @@ pub(super) fn syntax(message: &str, text: &str, line: usize) -> String {
     let value = written.split_once('=').map(|(_, value)| value.trim());
     let hint = match value {
         _ if written.contains(['“', '”', '„', '‟', '«', '»', '‘', '’']) && !written.contains(['"', '\'']) => {
-            ". These are the quotation marks of a word processor; write straight ones, \"like these\", or use a plain text editor".to_owned()
+            ". These are typographic quotation marks; write straight ones, \"like these\" (a plain text editor does)"
+                .to_owned()
         }
         Some(value) if !value.starts_with(['"', '\'', '[', '{']) => match iso(value) {
             Some(meant) => format!(". Dates are written with the year first: {meant}"),
-            None => ". Texts stand in quotation marks: name = \"text\"".to_owned(),
+            None => ". Put texts in quotation marks: name = \"text\"".to_owned(),
         },
-        None if written.contains(':') => ". A field is written name = \"text\", with an equals sign".to_owned(),
+        None if written.contains(':') => ". Write a field as name = \"text\", with an equals sign".to_owned(),
         _ => String::new(),
     };
     format!("{}{hint}", message.trim().replace('\n', ", "))
@@ -101,7 +102,9 @@ mod tests {
         ] {
             let message = refusal(more);
             assert!(
-                message.contains(field) && message.contains("which is a comment") && message.contains("away too"),
+                message.contains(field)
+                    && message.contains("which is still a comment")
+                    && message.contains("remove the #"),
                 "{message}"
             );
             assert_eq!(message.matches("line ").count(), 3, "reported once: {message}");
@@ -115,7 +118,7 @@ mod tests {
     #[test]
     fn typographic_quotation_marks_and_unquoted_dates_are_reported_by_name() {
         let curly = Metadata::parse("title = “Fort”\n").unwrap_err().to_string();
-        assert!(curly.contains("line 1") && curly.contains("word processor"), "{curly}");
+        assert!(curly.contains("line 1") && curly.contains("typographic quotation marks"), "{curly}");
         for (text, meant) in [("21.11.2026", "2026-11-21"), ("21/11/2026", "2026-11-21")] {
             let bare = refusal(&format!("[capture]\ndate = {text}\n"));
             assert!(bare.contains("line 7") && bare.contains(meant), "{bare}");

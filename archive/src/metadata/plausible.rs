@@ -42,11 +42,11 @@ pub fn warnings(m: &Metadata, pack: &kilwa_pack::Metadata, today: &str) -> Vec<S
         let edge = pack.median_edge;
         if accuracy > edge * 100.0 {
             all.push(format!(
-                "capture.accuracy is {accuracy} m, and the points of the mesh lie {edge:.2e} m apart; it is in metres, so that 3 mm are 0.003"
+                "capture.accuracy is {accuracy} m, but the points of the mesh are {edge:.2e} m apart; the accuracy is in metres: 3 mm is 0.003"
             ));
         } else if accuracy < edge / 1000.0 {
             all.push(format!(
-                "capture.accuracy is {accuracy} m, and the points of the mesh lie {edge:.2e} m apart; is it that of a point?"
+                "capture.accuracy is {accuracy} m, but the points of the mesh are {edge:.2e} m apart; is it the accuracy of a single point?"
             ));
         }
     }
@@ -58,7 +58,7 @@ pub fn warnings(m: &Metadata, pack: &kilwa_pack::Metadata, today: &str) -> Vec<S
     }
     let access = m.access.as_ref().filter(|a| a.state == AccessState::Embargo);
     if let Some(until) = access.and_then(|a| a.until.as_deref()).filter(|until| *until <= today) {
-        all.push(format!("access.until is {until}, so that everybody may have it already (today is {today})"));
+        all.push(format!("access.until is {until}, so the model would be public at once (today is {today})"));
     }
     all
 }
@@ -66,7 +66,7 @@ pub fn warnings(m: &Metadata, pack: &kilwa_pack::Metadata, today: &str) -> Vec<S
 fn country(code: &str, latitude: Option<f64>, longitude: Option<f64>, all: &mut Vec<String>) {
     let known = [SOUTH, BOTH, NORTH].iter().any(|list| is_in(list, code));
     if !known {
-        all.push(format!("place.country is {code}, which is no country's code in ISO 3166-1"));
+        all.push(format!("place.country is {code}, which is not a country code of ISO 3166-1"));
         return;
     }
     let wrong = |is_wrong: bool, field: &str, value: f64, side: &str| {
@@ -157,18 +157,18 @@ mod tests {
     #[test]
     fn implausible_signs_codes_units_and_dates_give_warnings() {
         let place = |text: &str| joined_warnings(&format!("[place]\n{text}\n"), None);
-        assert!(place("country = \"XX\"").contains("no country's code"));
+        assert!(place("country = \"XX\"").contains("not a country code"));
         assert!(place("country = \"TZ\"\nlatitude = 8.9577\nlongitude = 39.5").contains("south of the equator"));
         assert!(place("country = \"TZ\"\nlatitude = -8.9\nlongitude = -39.5").contains("east of Greenwich"));
         assert!(place("country = \"DE\"\nlatitude = -50\nlongitude = 8").contains("north of the equator"));
         assert!(place("country = \"MX\"\nlatitude = 20\nlongitude = 90").contains("west of Greenwich"));
         let swapped = joined_warnings("[place]\nlatitude = 39.5228\nlongitude = -8.9577\n", Some("EPSG:32737"));
         assert!(swapped.contains("UTM zone 37 S"), "{swapped}");
-        assert!(joined_warnings("[capture]\naccuracy = 3.0\n", None).contains("3 mm are 0.003"));
+        assert!(joined_warnings("[capture]\naccuracy = 3.0\n", None).contains("3 mm is 0.003"));
         assert!(joined_warnings("[capture]\ndate = \"2027-01\"\n", None).contains("today is 2026-11-21"));
         assert!(
             joined_warnings("[access]\nstate = \"embargo\"\nuntil = 2026-11-21\n", None)
-                .contains("everybody may have it")
+                .contains("would be public at once")
         );
     }
 

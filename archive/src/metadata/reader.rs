@@ -119,7 +119,7 @@ impl<'a, 'i> Table<'a, 'i> {
         let is_example = text.len() > 2 && text.starts_with('<') && text.ends_with('>') || EXAMPLES.contains(&text);
         if is_example {
             let message = format!(
-                "{text} is still the example of the template; write what is true of this model, without < and >, or put a # before the line"
+                "{text} is still the example from the template; replace it, without < and >, or put a # at the start of the line"
             );
             let problem = Problem::new(self.file.line(at), self.field(key), message);
             self.file.problems.borrow_mut().push(Problem { is_example: true, ..problem });
@@ -148,7 +148,7 @@ impl<'a, 'i> Table<'a, 'i> {
         if let Some(c) = text.chars().find(|c| c.is_control() && !(is_long && matches!(c, '\n' | '\t'))) {
             let what =
                 if c == '\n' { "a line break".to_owned() } else { format!("the control character U+{:04X}", c as u32) };
-            self.wrong(key, at, format!("{what} cannot be in it"));
+            self.wrong(key, at, format!("it must not contain {what}"));
             return None;
         }
         Some(text).filter(|t| !t.is_empty())
@@ -182,7 +182,7 @@ impl<'a, 'i> Table<'a, 'i> {
             }
         };
         if number.is_none() {
-            self.wrong(key, at, "this is no number that can be used");
+            self.wrong(key, at, "this number cannot be used");
         }
         number.map(|value| Found { at, value })
     }
@@ -237,7 +237,7 @@ impl<'a, 'i> Table<'a, 'i> {
                 Some(near) => format!("did you mean \"{near}\"?"),
                 None => format!("{} has {}", self.place(), known.join(", ")),
             };
-            self.wrong(name, key.span().start, format!("no field is called so; {hint}"));
+            self.wrong(name, key.span().start, format!("there is no such field; {hint}"));
         }
     }
 

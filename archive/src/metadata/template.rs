@@ -44,10 +44,10 @@ pub fn write(known: &Known) -> String {
             (counted(triangles, "triangle", "triangles"), counted(vertices, "vertex", "vertices"));
         let _ = writeln!(s, "# The pack has {triangles} and {vertices}.");
     }
-    needed(&mut s, "\n# NEEDED. What it is called.", "title", known.title.as_deref());
+    needed(&mut s, "\n# REQUIRED. The name of the model.", "title", known.title.as_deref());
     optional(
         &mut s,
-        "# What it shows, for people who have not seen it. Several lines stand between three quotation marks.",
+        "# What it shows, for people who have not seen it. Put three quotation marks before and after a text of several lines.",
         "description",
         known.description.as_deref(),
         "A fort of coral rag on the shore …",
@@ -57,23 +57,23 @@ pub fn write(known: &Known) -> String {
     s.push_str("\n[rights]\n");
     needed(
         &mut s,
-        "# NEEDED. A licence or statement that machines understand: \"CC BY 4.0\", \"CC0\", \"InC\" (in copyright) …, or its address.\n\
+        "# REQUIRED. A licence or rights statement that machines understand: \"CC BY 4.0\", \"CC0\", \"InC\" (in copyright) …, or its address.\n\
          # All of them: https://creativecommons.org/choose and https://rightsstatements.org/page/1.0/",
         "uri",
         known.rights.as_deref(),
     );
     optional(&mut s, "# Who holds the rights.", "holder", known.holder.as_deref(), "Antiquities Division");
-    s.push_str("# How to give credit, in words.\n# statement = \"<Please name the Antiquities Division.>\"\n");
+    s.push_str("# How to give credit.\n# statement = \"<Please name the Antiquities Division.>\"\n");
     s.push_str("\n[model]\n");
     needed(
         &mut s,
-        "# NEEDED. Units of the mesh that was scanned: m, dm, cm, mm, km, ft, us-ft, in.",
+        "# REQUIRED. Units of the mesh that was scanned: m, dm, cm, mm, km, ft, us-ft, in.",
         "units",
         known.units.as_deref(),
     );
     optional(
         &mut s,
-        "# Reference system of its coordinates; \"local\" where they are no map coordinates.",
+        "# Reference system of its coordinates; \"local\" if they are not map coordinates.",
         "crs",
         known.crs.as_deref(),
         "EPSG:32737",
@@ -100,7 +100,7 @@ pub fn write(known: &Known) -> String {
 
 fn place(s: &mut String, known: &Known) {
     let begun = known.place.is_some() || known.country.is_some();
-    s.push_str("\n# Where the site is. Leave out latitude and longitude where the place must not be found.\n");
+    s.push_str("\n# Where the site is. Leave out latitude and longitude if the place must not be found.\n");
     s.push_str(if begun { "[place]\n" } else { "# [place]\n" });
     optional(s, "", "name", known.place.as_deref(), "Kilwa Kisiwani");
     optional(s, "# Two letters of ISO 3166.", "country", known.country.as_deref(), "TZ");

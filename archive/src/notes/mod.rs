@@ -267,7 +267,7 @@ impl Notes {
         for (number, note) in (1..).zip(&self.notes) {
             if note.label.is_none() && note.bodies.iter().all(|b| matches!(b, Body::Link { .. })) {
                 all.push(format!(
-                    "note {number} has nothing but links, which are left out with the place; give it a title or a text"
+                    "note {number} contains only links, which are removed together with the location; give it a title or a text"
                 ));
             }
             let labels = note.label.iter().flat_map(Words::all).filter_map(|(language, _)| language);

@@ -21,7 +21,7 @@ impl Notes {
         let length = bytes.len() as u64;
         if length > NOTES_MAX {
             return Err(NotesError::one(format!(
-                "{length} bytes are too long for notes; at most {NOTES_MAX} are allowed"
+                "the file of notes has {length} bytes; at most {NOTES_MAX} are allowed"
             )));
         }
         let bytes = bytes.strip_prefix("\u{feff}".as_bytes()).unwrap_or(bytes);
@@ -33,7 +33,7 @@ impl Notes {
         let items = items_of(value)?;
         if items.len() > MAX_ANNOTATIONS {
             return Err(NotesError::one(format!(
-                "{} annotations are too many; at most {MAX_ANNOTATIONS} are allowed",
+                "the file has {} annotations; at most {MAX_ANNOTATIONS} are allowed",
                 items.len()
             )));
         }
@@ -55,9 +55,12 @@ impl Notes {
             return Err(NotesError(problems));
         }
         if notes.is_empty() {
-            let why =
-                if left_out > 0 { "none of its annotations names a point on a model" } else { "it has no annotation" };
-            return Err(NotesError::one(format!("{why}; leave --notes out to publish without notes")));
+            let why = if left_out > 0 {
+                "none of its annotations has a point on a model"
+            } else {
+                "it contains no annotations"
+            };
+            return Err(NotesError::one(format!("{why}; omit --notes to publish without notes")));
         }
         Ok(Self { notes, left_out })
     }
@@ -67,12 +70,12 @@ impl Notes {
 fn items_of(value: Value) -> Result<Vec<Value>, NotesError> {
     let none = || {
         NotesError::one(
-            "it holds no Web Annotations: expected an AnnotationPage, an AnnotationCollection, an Annotation or a list of them, as saved by the viewer",
+            "it contains no Web Annotations: expected an AnnotationPage, an AnnotationCollection, an Annotation or a list of them, as saved by the viewer",
         )
     };
     let elsewhere = || {
         NotesError::one(
-            "some of its annotations lie at other addresses (\"first\" or \"next\"); give a file that has all of them in it",
+            "some of its annotations are at other addresses (\"first\" or \"next\"); use a file that contains all of them",
         )
     };
     let Value::Object(mut map) = value else {
@@ -100,7 +103,7 @@ fn items_of(value: Value) -> Result<Vec<Value>, NotesError> {
 
 /// One annotation; `None` where it names no point.
 fn note_of(item: Value, number: usize) -> Result<Option<Note>, String> {
-    let Value::Object(mut map) = item else { return Err(format!("annotation {number} is no object")) };
+    let Value::Object(mut map) = item else { return Err(format!("annotation {number} is not a JSON object")) };
     let at = |what: String| format!("note {number}: {what}");
     let is_deep = map.values().any(|v| is_deeper(v, DEEPEST - 1));
     // By value: what is kept as it is may be most of the file.
@@ -108,7 +111,7 @@ fn note_of(item: Value, number: usize) -> Result<Option<Note>, String> {
         return Ok(None);
     };
     if is_deep {
-        return Err(at(format!("what it says is nested deeper than {DEEPEST} levels; take that out of the file")));
+        return Err(at(format!("it is nested deeper than {DEEPEST} levels; remove that part from the file")));
     }
     let mut note = Note {
         id: String::new(),
@@ -132,7 +135,7 @@ fn note_of(item: Value, number: usize) -> Result<Option<Note>, String> {
         Some(Value::String(id)) if is_id(id) => id.clone(),
         Some(_) => {
             return Err(format!(
-                "{}: its id is no name of at most {} characters without spaces",
+                "{}: its id must have at most {} characters and no spaces",
                 name_of(number, &note),
                 LONGEST[2]
             ));
@@ -147,9 +150,7 @@ fn note_of(item: Value, number: usize) -> Result<Option<Note>, String> {
         note.id = note.derived_id(number);
     }
     if note.label.is_none() && note.bodies.is_empty() {
-        return Err(format!(
-            "note {number} says nothing: it has no title, no text and no link; write something, or delete it"
-        ));
+        return Err(format!("note {number} is empty: it has no title, text or link; write something, or delete it"));
     }
     Ok(Some(note))
 }
@@ -211,7 +212,7 @@ fn target_of(target: Value) -> Result<Option<Target>, String> {
         };
         let states = one.get_mut("state").map(Value::take).map(many).unwrap_or_default();
         if found.replace(([x + 0.0, y + 0.0, z + 0.0], states)).is_some() {
-            return Err("it names two places; make two notes of it".to_owned());
+            return Err("it has two places; split it into two notes".to_owned());
         }
     }
     Ok(found)
@@ -268,7 +269,7 @@ fn view_of(state: &mut Value) -> Result<View, String> {
     let display = match state.get_mut("display").map(Value::take) {
         None | Some(Value::Null) => None,
         Some(display @ Value::Object(_)) => Some(display),
-        Some(_) => return Err("its display is no object".to_owned()),
+        Some(_) => return Err("its display is not a JSON object".to_owned()),
     };
     Ok(View { camera, display })
 }
@@ -300,13 +301,13 @@ fn body_of(body: &Value) -> Result<Body, String> {
     };
     let value = body.get("value").or_else(|| body.get("chars")).filter(|v| !v.is_null());
     if value.is_none() && is_type(body, &["Choice", "Composite", "List", "Independents"]) {
-        return Err("a choice or composite of bodies is not known here; texts and links are".to_owned());
+        return Err("its body is a choice or a composite; only texts and links are supported".to_owned());
     }
     if value.is_some() || is_type(body, &["TextualBody"]) {
         let formats = body.get("format").map_or(&[][..], list).iter().filter_map(Value::as_str);
         if formats.into_iter().any(|f| f.to_ascii_lowercase().contains("html")) {
             return Err(
-                "its text is HTML, and published notes are plain text: read the file in the viewer, which takes the text out of it, and save it again".to_owned(),
+                "its text is HTML, but published notes must be plain text: open the file in the viewer, which converts it, and save it again".to_owned(),
             );
         }
         let words = words(value.unwrap_or(&Value::Null), LONGEST[1]).map_err(|e| format!("its text: {e}"))?;
@@ -335,7 +336,7 @@ fn link(address: &str, purpose: String) -> Result<Body, String> {
         Some(rest) if !rest.is_empty() && is_id(address) && !address.contains(['<', '>', '"', '\\']) => {
             Ok(Body::Link { purpose, address: address.to_owned() })
         }
-        _ => Err(format!("its link {short:?} is no http or https address; correct it, or take it out")),
+        _ => Err(format!("its link {short:?} is not an http or https address; correct or remove it")),
     }
 }
 
@@ -344,10 +345,10 @@ fn words(value: &Value, max: usize) -> Result<Words, String> {
     let text = |text: &str| {
         let length = text.encode_utf16().count();
         if length > max {
-            return Err(format!("{length} characters are too long; at most {max} are allowed"));
+            return Err(format!("it has {length} characters; at most {max} are allowed"));
         }
         if text.chars().any(|c| c.is_control() && !"\n\r\t".contains(c)) {
-            return Err("it has characters in it that are no text".to_owned());
+            return Err("it contains control characters".to_owned());
         }
         Ok(text.to_owned())
     };
@@ -366,7 +367,7 @@ fn words(value: &Value, max: usize) -> Result<Words, String> {
             let mut all = BTreeMap::new();
             for (language, texts) in map {
                 if !is_language(language) {
-                    return Err(format!("{:?} is no language", language.chars().take(40).collect::<String>()));
+                    return Err(format!("{:?} is not a language code", language.chars().take(40).collect::<String>()));
                 }
                 let strings: Option<Vec<&str>> = list(texts).iter().map(Value::as_str).collect();
                 let strings = strings.ok_or("expected a text, or texts by language")?;

@@ -90,7 +90,7 @@ fn notes_whose_written_form_would_be_too_large_are_refused_without_allocating_it
     let notes = Notes::parse(wide.as_bytes()).unwrap();
     // On success only the length is printed, not gigabytes of bytes.
     let message = notes.to_bytes("pack.kilwa", IDENTITY).map(|bytes| bytes.len()).unwrap_err().to_string();
-    assert!(message.contains("would be longer than 16000000 bytes") && message.contains("leave some out"), "{message}");
+    assert!(message.contains("would be longer than 16000000 bytes") && message.contains("remove some"), "{message}");
     let mut written = write::Bounded::default();
     let page = write::Page { notes: &notes.notes, pack_file: "pack.kilwa", identity: IDENTITY };
     assert!(serde_json::to_writer_pretty(&mut written, &page).is_err());
@@ -102,7 +102,7 @@ fn nesting_too_deep_to_be_read_again_is_refused_with_its_note() {
     let parsed = |levels: usize| Notes::parse(nested(levels, "0").as_bytes());
     for levels in [DEEPEST, 124] {
         let message = parsed(levels).unwrap_err().to_string();
-        assert!(message.contains("note 1: what it says is nested deeper than 32 levels"), "{message}");
+        assert!(message.contains("note 1: it is nested deeper than 32 levels"), "{message}");
     }
     let bytes = parsed(DEEPEST - 1).unwrap().to_bytes("pack.kilwa", IDENTITY).unwrap();
     assert_eq!(Notes::parse(&bytes).unwrap(), parsed(DEEPEST - 1).unwrap(), "what is taken is read again");
@@ -139,39 +139,43 @@ fn invalid_notes_are_refused_with_the_note_and_what_to_do() {
     let table: [(Change, &str); 14] = [
         (
             |v| v["body"][1]["source"] = "javascript:alert(1)".into(),
-            "note 2 (\"Bad\"): its link \"javascript:alert(1)\" is no http",
+            "note 2 (\"Bad\"): its link \"javascript:alert(1)\" is not an http",
         ),
-        (|v| v["body"][1]["source"] = "https://a b".into(), "no http or https address"),
-        (|v| v["body"][1]["source"] = "https://".into(), "no http or https address"),
-        (|v| v["body"][0]["format"] = "text/html".into(), "plain text: read the file in the viewer"),
-        (|v| v["body"][0]["value"] = "x".repeat(20_001).into(), "20001 characters are too long"),
+        (|v| v["body"][1]["source"] = "https://a b".into(), "not an http or https address"),
+        (|v| v["body"][1]["source"] = "https://".into(), "not an http or https address"),
+        (|v| v["body"][0]["format"] = "text/html".into(), "plain text: open the file in the viewer"),
+        (|v| v["body"][0]["value"] = "x".repeat(20_001).into(), "it has 20001 characters; at most"),
         (|v| v["label"] = "x".repeat(201).into(), "201 characters"),
-        (|v| v["body"][0]["value"] = "a\u{0}b".into(), "no text"),
+        (|v| v["body"][0]["value"] = "a\u{0}b".into(), "control characters"),
         (|v| v["target"]["selector"]["x"] = "1".into(), "no numbers x, y and z"),
         (|v| v["target"] = json!([v["target"], v["target"]]), "two places"),
         (|v| v["target"]["state"][0]["identity"] = "../../x".into(), "identity of its pack"),
         (|v| v["target"]["state"][1]["camera"] = json!([1, 2, 0, 3, 4, 5, 6]), "its camera"),
-        (|v| v["target"]["state"][1]["display"] = json!("clay"), "display is no object"),
+        (|v| v["target"]["state"][1]["display"] = json!("clay"), "display is not a JSON object"),
         (|v| v["id"] = "urn:uuid:Gate".into(), "notes 1 and 2 have the same id"),
-        (|v| v["body"] = json!([{ "type": "Choice", "items": [] }]), "choice or composite"),
+        (|v| v["body"] = json!([{ "type": "Choice", "items": [] }]), "a choice or a composite"),
     ];
     for (change, expected) in table {
         let message = changed(&change);
         assert!(message.contains(expected), "{expected} in {message}");
     }
     let empty = changed(&|v| (v["label"], v["body"]) = (json!(""), json!([])));
-    assert!(empty.contains("note 2 says nothing") && empty.contains("delete it"), "{empty}");
+    assert!(empty.contains("note 2 is empty") && empty.contains("delete it"), "{empty}");
     let parse = |text: &str| Notes::parse(text.as_bytes()).unwrap_err().to_string();
     assert!(parse("{").contains("not usable JSON") && parse("{").contains("Save as a file"));
     assert!(
         parse("{\"type\":\"Feature\"}").contains("no Web Annotations") && parse("7").contains("no Web Annotations")
     );
-    assert!(parse("[]").contains("has no annotation") && parse("[{}]").contains("none of its annotations"));
+    assert!(parse("[]").contains("contains no annotations") && parse("[{}]").contains("none of its annotations"));
     assert!(parse("{\"type\":\"AnnotationCollection\",\"first\":\"https://a/1\"}").contains("other addresses"));
     assert!(parse("{\"items\":[],\"next\":\"https://a/2\"}").contains("other addresses"));
-    assert!(parse("[1]").contains("annotation 1 is no object"));
-    assert!(refused(&Value::Array(vec![json!({}); MAX_ANNOTATIONS + 1])).contains("5001 annotations are too many"));
-    assert!(Notes::parse(&vec![b' '; NOTES_MAX as usize + 1]).unwrap_err().to_string().contains("too long"));
+    assert!(parse("[1]").contains("annotation 1 is not a JSON object"));
+    assert!(
+        refused(&Value::Array(vec![json!({}); MAX_ANNOTATIONS + 1])).contains("the file has 5001 annotations; at most")
+    );
+    assert!(
+        Notes::parse(&vec![b' '; NOTES_MAX as usize + 1]).unwrap_err().to_string().contains("the file of notes has")
+    );
     // All problems at once, in no more lines than a person would read.
     let many =
         refused(&Value::Array((0..30).map(|i| json!({ "id": i, "target": note("x", [0.0; 3])["target"] })).collect()));
@@ -328,7 +332,7 @@ fn text_that_reveals_the_location_is_refused_with_its_note() {
     let mut bare = note("", [0.0; 3]);
     bare["body"] = json!(["https://example.org/gate"]);
     let message = Notes::parse(&page(&json!([bare]))).unwrap().check_words(&location).unwrap_err().to_string();
-    assert!(message.contains("nothing but links"), "{message}");
+    assert!(message.contains("contains only links"), "{message}");
 }
 
 proptest! {

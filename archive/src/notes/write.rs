@@ -20,7 +20,7 @@ impl Notes {
         let page = Page { notes: &self.notes, pack_file, identity };
         let paged = serde_json::to_writer_pretty(&mut written, &page).map_err(io::Error::from);
         let ended = paged.and_then(|()| written.write_all(b"\n"));
-        ended.map_err(|e| NotesError::one(format!("published, the notes would be {e}; leave some out")))?;
+        ended.map_err(|e| NotesError::one(format!("when published, the notes would be {e}; remove some")))?;
         Ok(written.0)
     }
 }
@@ -32,7 +32,7 @@ pub(super) struct Bounded(pub(super) Vec<u8>);
 impl Write for Bounded {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         if (self.0.len() + bytes.len()) as u64 > NOTES_MAX {
-            return Err(io::Error::other(format!("longer than {NOTES_MAX} bytes, which is the most that is read")));
+            return Err(io::Error::other(format!("longer than {NOTES_MAX} bytes, the maximum")));
         }
         self.0.extend_from_slice(bytes);
         Ok(bytes.len())

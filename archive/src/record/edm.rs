@@ -33,18 +33,18 @@ pub fn europeana_lacks(m: &Metadata, rights: &Rights) -> Vec<String> {
             all.push(text.to_owned());
         }
     };
-    lacks(m.url.is_none(), "url: Europeana refuses a record whose page, viewer and pictures have no address");
-    lacks(provider(m).is_none(), "publisher: Europeana refuses a record that names nobody who provides it");
+    lacks(m.url.is_none(), "url: Europeana refuses a record without the addresses of its page, viewer and pictures");
+    lacks(provider(m).is_none(), "publisher: Europeana refuses a record without a provider");
     let code = rights.uri.strip_prefix("http://rightsstatements.org/vocab/").and_then(|rest| rest.split('/').next());
     if let Some(code) = code.filter(|code| !STATEMENTS.contains(code)) {
         all.push(format!(
-            "rights.uri: Europeana refuses {code}; it takes Creative Commons, CC0, the Public Domain Mark, {}",
+            "rights.uri: Europeana does not accept {code}; it accepts Creative Commons, CC0, the Public Domain Mark, {}",
             STATEMENTS.join(", ")
         ));
     }
     if !says_what(m) {
         all.push(
-            "object.kind, object.period, subjects or place: Europeana asks for one of them; without, the record says \"3D model\""
+            "object.kind, object.period, subjects or place: Europeana requires one of them; without it, the record says \"3D model\""
                 .to_owned(),
         );
     }

@@ -55,7 +55,7 @@ pub(super) fn readme(p: &Publication) -> String {
         p.rights.uri
     );
     if p.location_redacted {
-        s.push_str("The place was taken away or made coarse before publication, in every file of this folder.\n\n");
+        s.push_str("The location was removed or made coarser before publication, in every file of this folder.\n\n");
     }
     files(&mut s, p);
     without_kilwa(&mut s, p);

@@ -301,7 +301,7 @@ fn the_lattice_spacing_suggested_by_a_refusal_works() {
     let named: f64 =
         error.rsplit("use ").next().and_then(|s| s.split(' ').next()).and_then(|s| s.parse().ok()).expect("a step");
     assert_eq!(refused(&raw, Some(named)), "");
-    assert!(refused(&raw, Some(0.0)).contains("above zero") && refused(&raw, Some(0.3)).contains("0.25"));
+    assert!(refused(&raw, Some(0.0)).contains("greater than zero") && refused(&raw, Some(0.3)).contains("0.25"));
     assert!(refused(&RawMesh::default(), None).contains("no triangles"));
 }
 
@@ -353,7 +353,7 @@ fn a_triangle_with_an_index_out_of_range_is_an_error_that_names_it() {
     wrong.triangles[5][1] = 27;
     spool.add(&wrong).unwrap();
     let error = spool.finish().unwrap_err().to_string();
-    assert!(error.contains("second.ply: triangle 5 ") && error.contains("vertex 27, but there are 27"), "{error}");
+    assert!(error.contains("second.ply: triangle 5 ") && error.contains("vertex 27, but the file has 27"), "{error}");
 }
 
 #[test]

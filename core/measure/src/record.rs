@@ -176,16 +176,16 @@ pub struct Document {
 #[derive(Debug, Error)]
 pub enum DocumentError {
     /// Too long.
-    #[error("{bytes} bytes are more than a document of measurements may have ({MAX_BYTES})")]
+    #[error("the document of measurements has {bytes} bytes; at most {MAX_BYTES} are allowed")]
     TooLong {
         /// Its length.
         bytes: usize,
     },
     /// No JSON of this shape.
-    #[error("it is no document of measurements: {0}")]
+    #[error("it is not a document of measurements: {0}")]
     Json(#[from] serde_json::Error),
     /// Something else.
-    #[error("it is no document of measurements: \"kilwa\" says \"{0}\" instead of \"measurements\"")]
+    #[error("it is not a document of measurements: \"kilwa\" is \"{0}\" instead of \"measurements\"")]
     Other(String),
     /// From the future.
     #[error("it is of version {0}; this program reads up to {VERSION}. Use a newer kilwa")]
@@ -383,7 +383,7 @@ mod tests {
     #[test]
     fn input_that_is_no_document_is_refused_with_a_message() {
         let say = |text: &str| Document::parse(text.as_bytes()).unwrap_err().to_string();
-        assert!(say("{}").contains("no document of measurements"));
+        assert!(say("{}").contains("not a document of measurements"));
         assert!(say("{\"kilwa\":\"pack\",\"version\":1}").contains("\"pack\""));
         assert!(say("{\"kilwa\":\"measurements\",\"version\":2}").contains("newer kilwa"));
     }

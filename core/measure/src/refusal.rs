@@ -52,13 +52,13 @@ pub enum Refusal {
         given: usize,
     },
     /// Points that do not span what is asked for.
-    #[error("the points lie on one line, which does not fix {what}; add a point beside it")]
+    #[error("the points lie on one line and do not determine {what}; add a point off that line")]
     Collinear {
         /// What they should fix.
         what: &'static str,
     },
     /// Two points that have to differ are the same.
-    #[error("two of the points are the same place; {what} needs different ones")]
+    #[error("two of the points are at the same place; {what} needs different points")]
     Coincident {
         /// What needs them.
         what: &'static str,
@@ -78,7 +78,7 @@ pub enum Refusal {
     },
     /// A closed surface whose triangles do not agree on what is outside.
     #[error(
-        "the triangles of the surface do not agree on which side is outside, so that it encloses no certain volume"
+        "the triangles of the surface do not agree on which side is outside, so the enclosed volume is not defined"
     )]
     Inconsistent,
     /// Nothing there.
@@ -108,7 +108,7 @@ pub enum Refusal {
         tool: &'static str,
     },
     /// Only points are known, and the tool needs the surface.
-    #[error("there is no number before the finest surface is there")]
+    #[error("no value is available until the finest surface has been loaded")]
     Waits,
     /// How far a polygon counts the surface.
     #[error("the reach must be a positive length in metres; {metres} is given")]

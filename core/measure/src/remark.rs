@@ -8,7 +8,7 @@ use thiserror::Error;
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum Remark {
     /// How far from its plane a polygon counts the surface.
-    #[error("the surface counts within {reach:.3} m of the polygon's plane")]
+    #[error("included: the surface within {reach:.3} m of the polygon's plane")]
     Reach {
         /// Metres.
         reach: f64,
@@ -17,10 +17,10 @@ pub enum Remark {
     #[error("the volume is negative: the surface is inside out")]
     InsideOut,
     /// Cut and fill of something that is no ground.
-    #[error("a closed body without ground: nothing is to be filled")]
+    #[error("the surface is a closed body without ground, so there is no fill")]
     Body,
     /// Of cut and fill.
-    #[error("the surface counts within {reach:.3} m of the plane and covers {:.1} % of the polygon", 100.0 * covered)]
+    #[error("included: the surface within {reach:.3} m of the plane, which covers {:.1} % of the polygon", 100.0 * covered)]
     Covered {
         /// Metres.
         reach: f64,
@@ -28,7 +28,7 @@ pub enum Remark {
         covered: f64,
     },
     /// Cut and fill of a surface with gaps.
-    #[error("where it has holes nothing is cut or filled")]
+    #[error("holes in the surface count as neither cut nor fill")]
     Holes,
     /// Of a section.
     #[error(

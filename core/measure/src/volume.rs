@@ -152,7 +152,7 @@ impl CutFill {
     /// [`Refusal::Misses`] where the region holds no surface.
     pub fn volumes(&self, region: &Region) -> Result<CutFillVolume, Refusal> {
         if self.triangles == 0 {
-            let hint = format!("it reaches {} m to both sides of its plane", region.reach());
+            let hint = format!("it reaches {} m on either side of its plane", region.reach());
             return Err(Refusal::Misses { what: Target::Region, hint });
         }
         let (cut, fill) = (self.above.value(), self.below.value());

@@ -23,7 +23,7 @@ pub enum ExtractError {
         source: io::Error,
     },
     /// A vertex lies where the directory says that its chunk has none.
-    #[error("chunk {chunk}: a vertex lies outside the box that the directory gives; build the pack again")]
+    #[error("chunk {chunk}: a vertex lies outside the chunk's box in the directory; build the pack again")]
     Outside {
         /// Number of the chunk.
         chunk: u32,
@@ -33,7 +33,7 @@ pub enum ExtractError {
     Empty,
     /// There are too many vertices for the indices of the format.
     #[error(
-        "it has more than {limit} vertices, too many for this format; ask for fewer triangles, or for a part with --box"
+        "it has more than {limit} vertices, too many for this format; use --max-triangles, or extract a part with --box"
     )]
     TooManyVertices {
         /// The largest number it allows.

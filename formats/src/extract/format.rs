@@ -72,11 +72,9 @@ impl Format {
             "glb" => Self::Glb,
             // A device or a pipe has no ending.
             "" if std::fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir()) => Self::Ply { ascii },
-            _ if path.is_dir() => return refused(format!("{shown} is a folder; give a file name in it")),
+            _ if path.is_dir() => return refused(format!("{shown} is a folder; add a file name")),
             "gltf" => {
-                return refused(format!(
-                    "{shown}: glTF is written as one file; give the output a name that ends in .glb"
-                ));
+                return refused(format!("{shown}: glTF is written as one file; use an output name that ends in .glb"));
             }
             "" => {
                 return refused(format!("{shown}: give the output a name that ends in .ply, .obj, .stl or .glb"));
@@ -88,7 +86,7 @@ impl Format {
             }
         };
         if ascii && !matches!(format, Self::Ply { .. }) {
-            return refused(format!("{shown}: --ascii works only with PLY; leave it out for {}", format.title()));
+            return refused(format!("{shown}: --ascii works only with PLY; omit it for {}", format.title()));
         }
         Ok(format)
     }

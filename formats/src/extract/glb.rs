@@ -112,8 +112,9 @@ impl Encoder for Glb {
         let binary = counts.vertices * self.stride() + counts.triangles * 12;
         let total = 12 + 8 + json.len() as u64 + 8 + binary;
         let Ok(total) = u32::try_from(total) else {
-            let why =
-                format!("a GLB of {total} bytes is not possible, 4 GiB are: ask for fewer triangles, or write PLY");
+            let why = format!(
+                "the GLB would have {total} bytes, but the format allows 4 GiB: use --max-triangles, or write PLY"
+            );
             return Err(Error::other(why));
         };
         out.write_all(b"glTF")?;

@@ -49,7 +49,7 @@ impl Encoder for Stl {
 
     fn assemble(&self, out: &mut dyn Write, scratch: &mut Scratch, counts: Counts) -> std::io::Result<()> {
         let count = u32::try_from(counts.triangles)
-            .map_err(|_| Error::other("an STL holds 4,294,967,295 triangles at most: ask for fewer"))?;
+            .map_err(|_| Error::other("an STL can hold at most 4,294,967,295 triangles: use --max-triangles"))?;
         // It must not begin with "solid", as text files do.
         let mut header = format!("kilwa {}, metres, z up", env!("CARGO_PKG_VERSION"));
         if self.target.needs_double {

@@ -44,7 +44,7 @@ pub enum ReadError {
         what: &'static str,
     },
     /// The file names another that lies outside of the folder of the mesh.
-    #[error("{}, {place}: the file name \"{name}\" leads to {} outside of the folder {}; copy that file into the folder and correct the name, or use --allow-outside if you trust the mesh", file.display(), target.display(), folder.display())]
+    #[error("{}, {place}: the file name \"{name}\" leads to {}, outside the folder {}; copy that file into the folder and correct the name, or use --allow-outside if you trust the mesh", file.display(), target.display(), folder.display())]
     Outside {
         /// The file that names the other.
         file: PathBuf,
@@ -140,7 +140,7 @@ pub enum ReadError {
         source: io::Error,
     },
     /// Two inputs are the same surface at the same place.
-    #[error("{} has the same content as {}: the surface would be there twice; leave one out", file.display(), other.display())]
+    #[error("{} has the same content as {}, so the surface would be included twice; omit one of them", file.display(), other.display())]
     Twice {
         /// The file.
         file: PathBuf,
@@ -156,7 +156,7 @@ pub enum ReadError {
         what: String,
     },
     /// A triangle names a vertex that the file does not have.
-    #[error("{}: triangle {triangle} (the first is 0) names vertex {vertex}, but there are {vertices}; the file is cut or damaged: copy or export it again", file.display())]
+    #[error("{}: triangle {triangle} (the first is 0) refers to vertex {vertex}, but the file has {vertices}; it is truncated or damaged: copy or export it again", file.display())]
     Index {
         /// The file.
         file: PathBuf,

@@ -31,10 +31,10 @@ impl Placement {
         }
         let [a, b, c, last] = m;
         if [a[3], b[3], c[3]] == [0.0; 3] && last[..3] != [0.0; 3] {
-            return Err("its last row is not 0 0 0 1, but its last column is: it is written column by column; give it row by row, with the translation at the ends of the rows".to_owned());
+            return Err("its last row is not 0 0 0 1, but its last column is: it is written column by column; write it row by row, with the translation at the ends of the rows".to_owned());
         }
         if last[..3] != [0.0; 3] || last[3] == 0.0 {
-            return Err("its last row is not 0 0 0 1: a projection is no way to place a mesh".to_owned());
+            return Err("its last row is not 0 0 0 1: a projection cannot place a mesh".to_owned());
         }
         let map = Self { rows: [a, b, c].map(|row| row.map(|v| v / last[3])) };
         let size: f64 = map.linear().iter().map(|r| r.length()).product();

@@ -8,7 +8,7 @@ use std::path::Path;
 
 const EXPORT: &str = "Open it in MeshLab, Blender or CloudCompare and export it as PLY (binary, with colours).";
 const MESH_FIRST: &str = "It is a point cloud: make a mesh of it first (for example Poisson reconstruction in CloudCompare or MeshLab) and export that as PLY or OBJ.";
-const UNPACK: &str = "Unpack it first and give the mesh inside.";
+const UNPACK: &str = "Unpack it first and use the mesh inside.";
 
 /// A format: how it is called in a sentence, and the way out.
 type Known = (&'static str, &'static str);
@@ -24,7 +24,7 @@ const SIGNATURES: &[(&[u8], Known)] = &[
         b" sxN",
         (
             "a Nexus multiresolution model (.nxs or .nxz)",
-            "Give the mesh it was built from; if that is lost, write its finest level as PLY with the tools of Nexus.",
+            "Use the mesh from which it was built; if that is lost, write its finest level as PLY with the tools of Nexus.",
         ),
     ),
     (b"LASF", ("a LAS or LAZ point cloud", MESH_FIRST)),
@@ -67,7 +67,7 @@ const SIGNATURES: &[(&[u8], Known)] = &[
 /// Formats by file name, for files whose content is not recognised.
 const BY_NAME: &[(&str, Known)] = &[
     ("obj", ("named as a Wavefront OBJ mesh, but its content does not look like one", EXPORT)),
-    ("stl", ("named as an STL mesh, but its content is not one (it may be cut)", EXPORT)),
+    ("stl", ("named as an STL mesh, but its content is not one (it may be truncated)", EXPORT)),
     ("glb", ("named as a glTF binary, but its content is not one", EXPORT)),
     ("gltf", ("named as a glTF scene, but its content is not one", EXPORT)),
     (

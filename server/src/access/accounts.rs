@@ -206,10 +206,10 @@ impl Accounts {
         }
         // The place is enough; what stands there may be a secret.
         let document: Document = kilwa_pack::json::from_slice(bytes).map_err(|e| {
-            format!("line {}, column {}: it is no file that `kilwa access init` makes", e.line(), e.column())
+            format!("line {}, column {}: it is not a file made by `kilwa access init`", e.line(), e.column())
         })?;
         if document.kilwa_access != FORM {
-            return Err(format!("it is of form {}; this program knows {FORM}", document.kilwa_access));
+            return Err(format!("it has format version {}; this program reads version {FORM}", document.kilwa_access));
         }
         let key = Key::of_hex(&document.key).ok_or("the key is not 64 hexadecimal digits")?;
         for (i, user) in document.users.iter().enumerate() {
@@ -220,7 +220,7 @@ impl Accounts {
             user.grants.iter().try_for_each(|g| check_grant(g))?;
             let days = user.tokens.iter().flat_map(|t| [&t.made, &t.until]);
             if days.into_iter().any(|d| !is_day(d)) {
-                return Err(format!("{}: a token's day is no day", user.name));
+                return Err(format!("{}: a token has an invalid date", user.name));
             }
         }
         Ok(Self { key, users: document.users })
@@ -330,7 +330,9 @@ impl Accounts {
         let before = count(&self.users);
         self.users.iter_mut().for_each(|u| u.tokens.retain(|t| t.id != id));
         if count(&self.users) == before {
-            return Err(AccountsError::Refused(format!("there is no token {id}; `kilwa access list` names them")));
+            return Err(AccountsError::Refused(format!(
+                "there is no token {id}; `kilwa access list` lists the tokens"
+            )));
         }
         Ok(())
     }
@@ -369,8 +371,11 @@ impl Accounts {
 
     fn unknown(&self, name: &str) -> AccountsError {
         let names: Vec<&str> = self.users.iter().map(|u| u.name.as_str()).collect();
-        let known =
-            if names.is_empty() { "there is nobody yet".to_owned() } else { format!("there are {}", names.join(", ")) };
+        let known = if names.is_empty() {
+            "there are no users yet".to_owned()
+        } else {
+            format!("there are {}", names.join(", "))
+        };
         AccountsError::Refused(format!("there is no user {name}; {known}"))
     }
 }
@@ -565,8 +570,8 @@ mod tests {
         let key = "0".repeat(64);
         for (text, why) in [
             ("", "line 1"),
-            ("{}", "no file that"),
-            (&format!("{{\"kilwa_access\":2,\"key\":\"{key}\",\"users\":[]}}"), "form 2"),
+            ("{}", "not a file made by"),
+            (&format!("{{\"kilwa_access\":2,\"key\":\"{key}\",\"users\":[]}}"), "format version 2"),
             ("{\"kilwa_access\":1,\"key\":\"x\",\"users\":[]}", "64 hexadecimal"),
             (
                 &format!("{{\"kilwa_access\":1,\"key\":\"{key}\",\"users\":[{{\"name\":\"a\"}},{{\"name\":\"a\"}}]}}"),

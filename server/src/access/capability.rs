@@ -21,10 +21,10 @@ const LONGEST: usize = 256;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum Refusal {
     /// It did once.
-    #[error("it has ended; ask for another")]
+    #[error("it has expired; request another")]
     Ended,
     /// It never did, or is for something else.
-    #[error("it is not for this")]
+    #[error("it is for something else")]
     Wrong,
 }
 

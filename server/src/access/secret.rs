@@ -26,7 +26,7 @@ impl fmt::Debug for Key {
 impl Key {
     pub(super) fn new() -> Result<Self, String> {
         let mut bytes = [0; 32];
-        getrandom::fill(&mut bytes).map_err(|e| format!("the system gives no random numbers: {e}"))?;
+        getrandom::fill(&mut bytes).map_err(|e| format!("the system provides no random numbers: {e}"))?;
         Ok(Self(bytes))
     }
 

@@ -84,7 +84,7 @@ impl Auth {
         let (today, newest) = (day_of(now), accounts.newest()?);
         (today.as_str() < newest).then(|| {
             format!(
-                "the clock of this computer says {today} (UTC), and a token in {} was made on {newest}: until the clock is set right, sessions and tokens do not work and embargoes stay",
+                "the clock of this computer says {today} (UTC), and a token in {} was made on {newest}: until the clock is corrected, sessions and tokens do not work and embargoes do not end",
                 self.file.display()
             )
         })
@@ -105,7 +105,8 @@ impl Auth {
         let mark = mark(&self.file);
         if mark != before || is_missing {
             let read = Accounts::read(&self.file);
-            let accounts = read.inspect_err(|e| tracing::error!("nobody is let in: {e}")).ok().map(Arc::new);
+            let accounts =
+                read.inspect_err(|e| tracing::error!("nobody has access to closed models: {e}")).ok().map(Arc::new);
             let mut known = known();
             (known.accounts, known.mark) = (accounts, mark);
         }

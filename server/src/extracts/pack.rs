@@ -89,7 +89,9 @@ impl Pack {
                 Blocks::new(of, &disk_space.folder, disk_space.bytes, fetched)
                     .map(|blocks| Opened(Reads::Stored(blocks)))
             }
-            (Place::Key(..), ..) => Err(io::Error::other(format!("{self}: there is no room for what is read of it"))),
+            (Place::Key(..), ..) => {
+                Err(io::Error::other(format!("{self}: there is no space for the data read from it")))
+            }
         }
     }
 }

@@ -87,7 +87,7 @@ struct Form<'a> {
 /// What there is to download, and the form. `asked` is what it holds.
 pub(crate) fn form(about: &About, reader: &Reader<'_>, message: Message, asked: Option<JobSpec>) -> String {
     let l = reader.language;
-    let problem = match said {
+    let problem = match message {
         Message::Nothing => None,
         Message::Wrong => Some(l.t("extractWrong").to_owned()),
         Message::Refused(refusal) => Some(why(reader, refusal)),
@@ -194,7 +194,7 @@ pub(crate) fn stage(about: &About, reader: &Reader<'_>, spec: JobSpec, stage: &S
             format!("{text}{} {}", so_far(reader, *fetched), how_long(reader, *wait))
         }
         Stage::Halted(fetched) => format!("{}{}", l.t("extractHalted"), so_far(reader, *fetched)),
-        Stage::Ready(bytes) => format!("{} · {}", order.format.ending().to_uppercase(), l.size(*bytes)),
+        Stage::Ready(bytes) => format!("{} · {}", spec.format.ending().to_uppercase(), l.size(*bytes)),
         Stage::Failed(Failure::Full) => l.t("extractFull").to_owned(),
         Stage::Failed(Failure::Away) => l.t("extractAway").to_owned(),
         Stage::Failed(Failure::Other(_)) => String::new(),

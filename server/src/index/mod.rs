@@ -157,7 +157,7 @@ impl Index {
     pub fn refresh(&self) -> Result<Changes, IndexError> {
         match self.refresh_once() {
             Err(e) if e.is_damage() => {
-                tracing::warn!("{e}; it is made anew from {}", self.folder);
+                tracing::warn!("{e}; it is rebuilt from {}", self.folder);
                 self.rebuild()
             }
             other => other,
@@ -241,7 +241,7 @@ impl Index {
     fn reading<T>(&self, what: impl Fn(&Connection) -> Result<T, IndexError>) -> Result<T, IndexError> {
         match self.read_once(&what) {
             Err(e) if e.is_damage() => {
-                tracing::warn!("{e}; it is made anew from {}", self.folder);
+                tracing::warn!("{e}; it is rebuilt from {}", self.folder);
                 self.rebuild()?;
                 self.read_once(&what)
             }

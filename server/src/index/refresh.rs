@@ -181,7 +181,7 @@ fn read(folder: &Place, slug: &str, manifest: &Identity, survey: &Survey) -> io:
     if let Err(why) = &metadata
         && !is_unsure
     {
-        tracing::warn!("{slug}: {why}; the catalogue has what the manifest says");
+        tracing::warn!("{slug}: {why}; the catalogue uses the manifest instead");
     }
     Ok(Seen { entry: Ok(Entry::of(&manifest, metadata.ok())), is_unsure, manifest: Some(bytes) })
 }

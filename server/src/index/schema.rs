@@ -57,8 +57,8 @@ const TABLES: &str = "
 pub(super) fn open(file: &Path) -> Result<Connection, IndexError> {
     match open_sound(file) {
         Ok(Some(connection)) => return Ok(connection),
-        Ok(None) => tracing::info!("the index {} is of another version; it is made anew", file.display()),
-        Err(e) if e.is_damage() => tracing::warn!("the index {} is damaged ({e}); it is made anew", file.display()),
+        Ok(None) => tracing::info!("the index {} is of another version; it is rebuilt", file.display()),
+        Err(e) if e.is_damage() => tracing::warn!("the index {} is damaged ({e}); it is rebuilt", file.display()),
         Err(e) => return Err(e),
     }
     remove(file);

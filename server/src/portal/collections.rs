@@ -88,7 +88,7 @@ pub(crate) fn parse(text: &str) -> Result<Vec<Collection>, String> {
         let is_language = !language.is_empty() && language.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'-');
         if !is_language {
             return Err(format!(
-                "collection \"{slug}\": \"{language}\" is no language; write a code such as en, fr or pt-BR"
+                "collection \"{slug}\": \"{language}\" is not a language code; write one such as en, fr or pt-BR"
             ));
         }
         let mut named = BTreeSet::new();
@@ -156,7 +156,7 @@ impl Collections {
                     }
                     Err(why) => {
                         if is_changed || known.wrong.as_ref() != Some(&why) {
-                            tracing::warn!("{}: {why}; the collections that were read before are kept", self.file);
+                            tracing::warn!("{}: {why}; the last valid collections stay in use", self.file);
                         }
                         Some(why)
                     }
@@ -323,7 +323,7 @@ mod tests {
             (&format!("{GOOD}{GOOD}"), "two collections"),
             (&GOOD.replace("\"Kilwa\"", "\" \""), "empty title"),
             (&GOOD.replace("\"b\", \"a\"", "\"a\", \"a\""), "names a twice"),
-            (&format!("{GOOD}language = \"<x>\"\n"), "no language"),
+            (&format!("{GOOD}language = \"<x>\"\n"), "not a language code"),
             (&format!("{GOOD}order = 1\n"), "line 5"),
         ] {
             let e = parse(bad).unwrap_err();

@@ -183,7 +183,7 @@ fn found(source: &dyn Source, asked: &Asked<'_>, identifier: &str) -> Result<Res
         Some(slug) => source.entry(slug)?,
         None => None,
     };
-    Ok(entry.ok_or_else(|| ("idDoesNotExist", format!("there is nothing called {identifier} here"))))
+    Ok(entry.ok_or_else(|| ("idDoesNotExist", format!("there is no item {identifier} in this archive"))))
 }
 
 fn formats(source: &dyn Source, asked: &Asked<'_>, identifier: Option<&str>) -> Result<Result<Xml, Problem>, String> {
@@ -301,12 +301,12 @@ impl Selection {
             return Err(("noSetHierarchy", "this archive has no sets".to_owned()));
         }
         if !set.is_empty() && !sets.iter().any(|s| s.slug == set) {
-            return Err(("noRecordsMatch", format!("there is no set {set}; ListSets names all")));
+            return Err(("noRecordsMatch", format!("there is no set {set}; ListSets lists all sets")));
         }
         let day = |name: &str| match get(name) {
             None => Ok(String::new()),
             Some(day) if is_day(day) => Ok(day.to_owned()),
-            Some(other) => Err(("badArgument", format!("{name} is a day such as 2026-11-21, not {other}"))),
+            Some(other) => Err(("badArgument", format!("{name} must be a date such as 2026-11-21, not {other}"))),
         };
         let (from, until) = (day("from")?, day("until")?);
         if !from.is_empty() && !until.is_empty() && from > until {
@@ -343,7 +343,7 @@ fn list(
         entries.extend(page.into_iter().filter(|entry| selection.has(entry, source.sets())));
     }
     if entries.is_empty() {
-        return Ok(Err(("noRecordsMatch", "there is nothing from these days".to_owned())));
+        return Ok(Err(("noRecordsMatch", "there are no records from these dates".to_owned())));
     }
     let mut x = Xml::flat();
     let mut last = "";

@@ -50,7 +50,7 @@ async fn ask<T: Send + 'static>(
         if let Err(e) = refreshed.refresh_if_older(FRESH)
             && !e.is_away()
         {
-            tracing::warn!("the index is not brought up to the folder: {e}");
+            tracing::warn!("the index could not be updated from the folder: {e}");
         }
         began.elapsed()
     });

@@ -122,7 +122,7 @@ pub(super) fn walk(folder: &Path, prefix: &str, depth: usize, into: &mut BTreeMa
         let Some((name, kind)) = servable(&entry) else { continue };
         let name = if prefix.is_empty() { name } else { format!("{prefix}/{name}") };
         if into.len() >= MAX_FILES {
-            return Err(io::Error::other(format!("more than {MAX_FILES} files; the rest is not served")));
+            return Err(io::Error::other(format!("it has more than {MAX_FILES} files; the others are not served")));
         }
         if kind.is_file() {
             into.insert(name, Identity::of(&entry.metadata()?));

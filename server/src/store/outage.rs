@@ -75,7 +75,7 @@ impl Outage {
             tracing::debug!("{name}: {away}, again");
         } else {
             tracing::warn!(
-                "{name}: {away}; what is held is served, the rest is answered 503, and it is asked again until it answers"
+                "{name}: {away}; cached files are served, everything else gets 503, and the store is tried again until it answers"
             );
         }
         true
@@ -112,8 +112,7 @@ pub(crate) async fn report_outage(State(place): State<Place>, request: Request, 
         headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-store"));
         return response;
     }
-    let message =
-        "The archive's storage does not answer at the moment. Nothing is lost; please come again in a minute.";
+    let message = "The archive's storage does not answer at the moment. Nothing is lost; please try again in a minute.";
     let (kind, body) = if wants_page {
         ("text/html; charset=utf-8", crate::html::away(message))
     } else {

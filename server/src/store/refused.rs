@@ -31,7 +31,7 @@ impl Refused {
         if self.is_server_error {
             "the store cannot deliver it; if this persists, ask the administrator of the store"
         } else {
-            "see to its rights in the store"
+            "check its permissions in the store"
         }
     }
 }
@@ -100,7 +100,7 @@ impl Refusals {
         }
         logged.insert(key.to_owned(), Instant::now());
         drop(logged);
-        tracing::warn!("{name}/{key}: {why}; it is answered 503, everything else is served; {}", why.hint());
+        tracing::warn!("{name}/{key}: {why}; requests for it get 503, everything else is served; {}", why.hint());
     }
 }
 

@@ -89,7 +89,7 @@ impl S3Options {
 pub enum StoreError {
     /// The address is none.
     #[error(
-        "{0} is no address in a store; give it like s3://bucket/folder, with letters, digits, points and hyphens in the bucket's name"
+        "{0} is not the address of a store; expected s3://bucket/folder, with letters, digits, points and hyphens in the bucket's name"
     )]
     Address(String),
     /// What the environment says does not fit together.
@@ -366,7 +366,7 @@ impl S3 {
             && result.range == range
             && result.meta.e_tag.as_deref() == identity.tag();
         if identity.tag().is_some() && !is_same {
-            let source = "it has another tag or length than it was listed with".into();
+            let source = "its tag or length differs from the listed one".into();
             return Err(Error::Precondition { path: path.to_string(), source });
         }
         Ok(result)
@@ -493,7 +493,7 @@ impl S3 {
         let why = match word.filter(|code| code.len() <= 64 && code.bytes().all(|b| b.is_ascii_alphanumeric())) {
             Some("NoSuchBucket") => "the store has no such bucket".to_owned(),
             Some(code) => format!("{seen} ({code})"),
-            None if seen.is_empty() => "the store cannot be asked".to_owned(),
+            None if seen.is_empty() => "the request to the store failed".to_owned(),
             None => seen,
         };
         (why, is_server_error)

@@ -55,7 +55,11 @@ pub(super) fn check(path: &str, at: &Path) -> io::Result<()> {
         let mut text = String::new();
         file.take(TEXT_MAX).read_to_string(&mut text)?;
         let numbers = text.lines().filter(|l| l.trim().parse::<f64>().is_ok_and(f64::is_finite)).count();
-        return if numbers == 6 && text.lines().count() == 6 { Ok(()) } else { wrong("no world file of six numbers") };
+        return if numbers == 6 && text.lines().count() == 6 {
+            Ok(())
+        } else {
+            wrong("not a world file of six numbers")
+        };
     }
     if path == ANNOTATIONS {
         // With the pack, by [`check_notes`].
@@ -76,7 +80,7 @@ pub(super) fn check(path: &str, at: &Path) -> io::Result<()> {
     match path.rsplit('.').next() {
         Some("png") if is_png => Ok(()),
         Some("jpg") if is_jpeg => Ok(()),
-        _ => wrong("no picture of the kind that its name says"),
+        _ => wrong("not a picture of the type that its name states"),
     }
 }
 
@@ -165,7 +169,7 @@ pub(super) fn glb_json(bytes: &[u8]) -> Result<Value, String> {
         return Err("it has no \"asset\"".to_owned());
     }
     match address_in(&value, "") {
-        Some(at) => Err(format!("{at} leads to another file or site; previews hold all of their data")),
+        Some(at) => Err(format!("{at} refers to another file or site; a preview must contain all of its data")),
         None => Ok(value),
     }
 }
@@ -235,7 +239,7 @@ mod tests {
             std::fs::write(&at, bytes).unwrap();
             check(path, &at).map_err(|e| e.to_string())
         };
-        assert!(checked("poster.jpg", b"<!doctype html><script>").unwrap_err().contains("no picture"));
+        assert!(checked("poster.jpg", b"<!doctype html><script>").unwrap_err().contains("not a picture"));
         assert!(checked("poster.jpg", b"\x89PNG\r\n\x1a\n").is_err(), "a PNG is no JPEG");
         assert!(checked("poster.jpg", b"\xff\xd8").is_err(), "too short");
         assert!(checked("drawings/plan.png", b"\x89PNG\r\n\x1a\n....").is_ok());
@@ -266,7 +270,7 @@ mod tests {
             "{\"asset\":{},\"extras\":{\"https://evil.example\":1}}",
         ] {
             assert!(
-                checked("preview.glb", &glb(json)).unwrap_err().contains("leads to another file or site"),
+                checked("preview.glb", &glb(json)).unwrap_err().contains("refers to another file or site"),
                 "{json}"
             );
         }

@@ -159,7 +159,7 @@ fn altered(staging: &Staging, file: &AnnouncedFile) -> Refusal {
     staging.discard(file);
     let path = &file.path;
     Refusal::altered(format!(
-        "{path} arrived with another content than was announced; run the same command again to send it anew"
+        "{path} did not arrive with the announced content; run the same command again to send it again"
     ))
 }
 
@@ -171,7 +171,7 @@ pub(super) fn check_version(intent: &Intent, before: Option<&Manifest>) -> Resul
     }
     let there = if next == 1 { "has no version yet".to_owned() } else { format!("is at version {}", next - 1) };
     Err(Refusal::conflict(format!(
-        "{} {there} here, so that the next is {next}, not {}; look at what is there, then run the command again",
+        "{} {there} here, so the next is {next}, not {}; check what is published, then run the command again",
         intent.slug, intent.version
     )))
 }
@@ -351,7 +351,7 @@ pub(super) fn refused(e: &DraftError) -> Refusal {
             "on the server, a file that kilwa did not make is in the way. {ASK}, then run the same command again"
         )),
         DraftError::Other(_) => Refusal::conflict(format!(
-            "the server has something under this name that is not an object of kilwa, or is damaged. {ASK}, or give another name with slug = \"…\" in the metadata, then run the same command again"
+            "the server has something under this name that is not an object of kilwa, or is damaged. {ASK}, or choose another name with slug = \"…\" in the metadata, then run the same command again"
         )),
         DraftError::Page(_) => Refusal::new(
             StatusCode::INTERNAL_SERVER_ERROR,

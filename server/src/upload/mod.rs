@@ -232,7 +232,7 @@ impl Refusal {
     }
 
     fn full(what: impl std::fmt::Display) -> Self {
-        tracing::error!("an upload: no room: {what}");
+        tracing::error!("an upload: not enough space: {what}");
         let message = format!(
             "the disk of the server is full ({what}); nothing was published. Ask its administrator to free space, then run the same command again: what was sent so far is kept"
         );

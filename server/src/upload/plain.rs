@@ -24,7 +24,7 @@ const RESOLUTION: &[u8; 9] = b"\0\0\x17\x12\0\0\x17\x12\x01";
 /// Largest side of a drawing, pixels: A4 has 1,754.
 const SIDE_MAX: u32 = 2_000;
 
-const FOREIGN: &str = "holds something beyond its pixels, or is damaged";
+const FOREIGN: &str = "contains something besides its pixels, or is damaged";
 
 /// A JPEG as `kilwa publish` writes the poster or thumbnail of this name.
 pub(super) fn check_jpeg(path: &str, bytes: &[u8]) -> Result<(), String> {
@@ -251,7 +251,11 @@ pub(super) fn check_preview(bytes: &[u8], of_pack: &Metadata) -> Result<(), Stri
         return Err("has coordinates larger than the model".to_owned());
     }
     let binary = bytes.get(28 + length..).unwrap_or_default();
-    if declared.holds(binary) { Ok(()) } else { Err("has other vertices or triangles than it declares".to_owned()) }
+    if declared.holds(binary) {
+        Ok(())
+    } else {
+        Err("does not have the vertices or triangles that it declares".to_owned())
+    }
 }
 
 /// What differs from preview to preview.

@@ -118,7 +118,10 @@ async fn begin(State(site): State<Site>, request: Request) -> Response {
     }
     let read = tokio::time::timeout(INTENT_TIME, axum::body::to_bytes(request.into_body(), INTENT_MAX)).await;
     let Ok(Ok(body)) = read else {
-        return refuse(&Refusal::new(StatusCode::BAD_REQUEST, "what is to be published did not come whole"));
+        return refuse(&Refusal::new(
+            StatusCode::BAD_REQUEST,
+            "the announcement of the version did not arrive completely",
+        ));
     };
     answer(begun(&site, client, &headers, &body).await)
 }
@@ -131,7 +134,7 @@ async fn begun(
 ) -> Result<(StatusCode, Status), Refusal> {
     let intent: Intent = kilwa_pack::json::from_slice(body).map_err(|e| {
         Refusal::content(format!(
-            "this is no version to be published: {e}; use the same version of kilwa on both sides"
+            "this is not the announcement of a version: {e}; use the same version of kilwa on both sides"
         ))
     })?;
     Slug::new(&intent.slug).map_err(|e| Refusal::content(format!("slug: {e}")))?;
@@ -160,7 +163,7 @@ async fn begun(
         let staging = uploads.stage(&who, intent, now)?;
         Ok((StatusCode::CREATED, of_staging(&uploads, &staging, now)))
     };
-    blocking(work).await.map_err(|status| Refusal::new(status, "the server could not look"))?
+    blocking(work).await.map_err(|status| Refusal::new(status, "the server could not check the upload"))?
 }
 
 fn of_staging(uploads: &Uploads, staging: &Staging, now: u64) -> Status {
@@ -187,7 +190,7 @@ async fn status(State(site): State<Site>, Path(slug): Path<String>, request: Req
             }
             Ok((StatusCode::OK, of_staging(&uploads, &uploads.staging(&slug, &who)?.ok_or_else(none)?, now)))
         };
-        blocking(look).await.map_err(|status| Refusal::new(status, "the server could not look"))?
+        blocking(look).await.map_err(|status| Refusal::new(status, "the server could not check the upload"))?
     };
     answer(found.await)
 }
@@ -212,7 +215,8 @@ async fn start(site: &Site, allowed: Allowed, slug: String) -> Result<(StatusCod
     }
     let (looked, name, object) = (Arc::clone(&uploads), who.clone(), slug.clone());
     let staging = blocking(move || looked.staging(&object, &name)).await;
-    let staging = staging.map_err(|status| Refusal::new(status, "the server could not look"))??.ok_or_else(none)?;
+    let staging =
+        staging.map_err(|status| Refusal::new(status, "the server could not check the upload"))??.ok_or_else(none)?;
     let job = Arc::new(Job::new(&who, &staging.record.intent, uploads.store.is_some()));
     lock(&uploads.jobs).insert(slug.clone(), Arc::clone(&job));
     let (status, body) = job.status();
@@ -273,7 +277,7 @@ async fn give_up(State(site): State<Site>, Path(slug): Path<String>, request: Re
             }
             staging.ok_or_else(none).map(Staging::remove)
         };
-        blocking(remove).await.map_err(|status| Refusal::new(status, "the server could not look"))?
+        blocking(remove).await.map_err(|status| Refusal::new(status, "the server could not check the upload"))?
     };
     match given.await {
         Ok(()) => tus(StatusCode::NO_CONTENT.into_response()),
@@ -288,7 +292,7 @@ async fn offset(State(site): State<Site>, Path((slug, sha256)): Path<(String, St
     let found = async {
         let Allowed { uploads, who, .. } = allowed(&site, client, &headers, Some(&slug)).await?;
         let look = move || uploads.staging(&slug, &who)?.ok_or_else(none)?.offset(&sha256);
-        blocking(look).await.map_err(|status| Refusal::new(status, "the server could not look"))?
+        blocking(look).await.map_err(|status| Refusal::new(status, "the server could not check the upload"))?
     };
     match found.await {
         Ok((there, length)) => {
@@ -310,7 +314,7 @@ async fn append(State(site): State<Site>, Path((slug, sha256)): Path<(String, St
         let from = offset_of(&parts.headers)?;
         let looked = Arc::clone(&uploads);
         let part = blocking(move || looked.part(&slug, &sha256, &who, from)).await;
-        let part = part.map_err(|status| Refusal::new(status, "the server could not look"))??;
+        let part = part.map_err(|status| Refusal::new(status, "the server could not check the upload"))??;
         receive(&uploads, part, body).await
     };
     match done.await {
@@ -326,7 +330,10 @@ async fn append(State(site): State<Site>, Path((slug, sha256)): Path<(String, St
 /// What tus asks of a request with bytes; from where on they are.
 fn offset_of(headers: &HeaderMap) -> Result<u64, Refusal> {
     if text(headers, &RESUMABLE) != Some(TUS) {
-        return Err(Refusal::new(StatusCode::PRECONDITION_FAILED, "tus 1.0.0 is spoken here (Tus-Resumable: 1.0.0)"));
+        return Err(Refusal::new(
+            StatusCode::PRECONDITION_FAILED,
+            "this server uses tus 1.0.0 (send Tus-Resumable: 1.0.0)",
+        ));
     }
     if text(headers, &CONTENT_TYPE) != Some("application/offset+octet-stream") {
         let status = StatusCode::UNSUPPORTED_MEDIA_TYPE;
@@ -343,14 +350,14 @@ async fn receive(uploads: &Arc<Uploads>, mut part: Part, mut body: Body) -> Resu
     let ended = loop {
         let frame = poll_fn(|cx| Pin::new(&mut body).poll_frame(cx));
         let data = match tokio::time::timeout(STALL, frame).await {
-            Err(_) => break Err(Refusal::new(StatusCode::REQUEST_TIMEOUT, "nothing came for 30 seconds")),
+            Err(_) => break Err(Refusal::new(StatusCode::REQUEST_TIMEOUT, "no data arrived for 30 seconds")),
             Ok(None) => break Ok(()),
-            Ok(Some(Err(_))) => break Err(Refusal::new(StatusCode::BAD_REQUEST, "the bytes broke off")),
+            Ok(Some(Err(_))) => break Err(Refusal::new(StatusCode::BAD_REQUEST, "the transfer was interrupted")),
             Ok(Some(Ok(frame))) => frame.into_data().unwrap_or_default(),
         };
         came += data.len() as u64;
         if came < began.elapsed().saturating_sub(GRACE).as_secs().saturating_mul(FLOOR) {
-            break Err(Refusal::new(StatusCode::REQUEST_TIMEOUT, "the bytes come too slowly"));
+            break Err(Refusal::new(StatusCode::REQUEST_TIMEOUT, "the data arrive too slowly"));
         }
         if (held.len() + data.len()) as u64 > part.remaining() {
             break Err(Refusal::new(StatusCode::BAD_REQUEST, "more bytes were sent than announced for the file"));

@@ -97,7 +97,7 @@ impl Uploads {
         let before = record(&folder);
         if let Some(other) = before.as_ref().filter(|r| r.who != who && !self.is_stale(&folder, now)) {
             return Err(Refusal::conflict(format!(
-                "somebody else uploads a version of {} since {}; what they sent lapses {} after they last went on",
+                "somebody else has been uploading a version of {} since {}; their upload expires {} after its last progress",
                 intent.slug,
                 day_of(other.begun),
                 counted(self.limits.days, "day", "days")
@@ -126,14 +126,15 @@ impl Uploads {
         let coming: u64 = staging.lacking().iter().map(|l| l.bytes - l.offset).sum();
         let needed = coming.saturating_add(others_come).saturating_add(self.page.bytes() + ROOM);
         if let Some(free) = (self.space)(&self.shelf).filter(|free| *free < needed) {
-            let message =
-                format!("{free} bytes are free, about {needed} are needed, {others_come} of them for other uploads");
+            let message = format!(
+                "{free} bytes are free, but about {needed} are needed, {others_come} of them for other uploads"
+            );
             return Err(Refusal::full(message));
         }
         let all: u64 = staging.record.intent.files.iter().map(|f| f.bytes).sum();
         if others.saturating_add(all) > self.limits.staged_bytes {
             let message = format!(
-                "uploads that are not finished have sent or announced {others} bytes, and {} are possible; run the same command again when they are published or have lapsed",
+                "unfinished uploads have sent or announced {others} bytes, of at most {}; run the same command again when they are published or have expired",
                 self.limits.staged_bytes
             );
             return Err(Refusal::new(StatusCode::INSUFFICIENT_STORAGE, message));
@@ -150,7 +151,7 @@ impl Uploads {
         let lock = locked(&folder)?.ok_or_else(Refusal::busy)?;
         let Some(record) = record(&folder) else { return Ok(None) };
         if record.who != who {
-            return Err(Refusal::new(StatusCode::FORBIDDEN, "this upload is somebody else's"));
+            return Err(Refusal::new(StatusCode::FORBIDDEN, "this upload belongs to somebody else"));
         }
         Ok(Some(Staging { folder, record, _lock: lock }))
     }
@@ -190,7 +191,7 @@ impl Uploads {
         let held: u64 = self.staged().iter().map(|folder| bytes_in(folder, is_sent)).sum();
         if held.saturating_add(coming) > self.limits.staged_bytes {
             let message = format!(
-                "uploads that are not finished hold {held} bytes, {coming} more may come now, and {} are possible; run the same command again when they are published or have lapsed",
+                "unfinished uploads take {held} bytes, {coming} more may arrive now, and at most {} are allowed; run the same command again when they are published or have expired",
                 self.limits.staged_bytes
             );
             return Err(Refusal::new(StatusCode::INSUFFICIENT_STORAGE, message));
@@ -344,7 +345,7 @@ impl Part {
             if sum != self.announced.sha256 {
                 drop(fs::remove_file(&self.path));
                 let message =
-                    format!("{} arrived with another content than was announced; send it again", self.announced.path);
+                    format!("{} did not arrive with the announced content; send it again", self.announced.path);
                 return Err(Refusal { offset: Some(0), ..Refusal::altered(message) });
             }
         }
@@ -362,7 +363,7 @@ fn private_folder(path: &Path) -> io::Result<()> {
             if fs::symlink_metadata(path)?.is_dir() {
                 Ok(())
             } else {
-                Err(io::Error::other(format!("{} is there and is no folder", path.display())))
+                Err(io::Error::other(format!("{} exists and is not a folder", path.display())))
             }
         }
         made => made,

@@ -151,10 +151,10 @@ fn refused(e: &io::Error) -> Refusal {
     }
     if is_refused(e) {
         tracing::error!(
-            "an upload: the store refuses to be written to: {e}; the server's keys need the right to write there (s3:PutObject)"
+            "an upload: the store does not accept writes: {e}; the server's keys need write permission (s3:PutObject)"
         );
         let message = format!(
-            "the archive's storage does not let this server write ({e}); nothing was published. Ask whoever keeps it for keys that may write, then run the same command again: what was sent is kept"
+            "the archive's storage does not let this server write ({e}); nothing was published. Ask its administrator for keys with write permission, then run the same command again: what was sent is kept"
         );
         return Refusal::new(StatusCode::FORBIDDEN, message);
     }

@@ -184,7 +184,7 @@ impl Intent {
         let wrong = |what: String| Err(Refusal::content(what));
         if self.kilwa_upload != FORM {
             return wrong(format!(
-                "this server accepts uploads of form {FORM}, not {}; use the same version of kilwa on both sides",
+                "this server accepts uploads of format version {FORM}, not {}; use the same version of kilwa on both sides",
                 self.kilwa_upload
             ));
         }
@@ -199,14 +199,14 @@ impl Intent {
         let rights = Rights::parse(&self.metadata.rights.uri).map_err(Refusal::content)?;
         if !is_day(&self.published) || self.published > day_of(now.saturating_add(SKEW)) {
             return wrong(format!(
-                "published: {} is no day up to today ({}, UTC); correct the date, or the clock",
+                "published: {} is not a date up to today ({}, UTC); correct the date, or the clock",
                 self.published,
                 day_of(now)
             ));
         }
         let is_text = |c: char| c == '\n' || !c.is_control();
         if self.note.trim().is_empty() || self.note.len() > NOTE_MAX || !self.note.chars().all(is_text) {
-            return wrong(format!("the note of the version is empty, longer than {NOTE_MAX} bytes, or no text"));
+            return wrong(format!("the version note is empty, longer than {NOTE_MAX} bytes, or not plain text"));
         }
         if self.location_redacted && self.metadata.clone().without_location() != self.metadata {
             return wrong("the location is to be removed, and the metadata still contain it".to_owned());
@@ -228,7 +228,7 @@ impl Intent {
             let is_pack = file.path == pack_name(&file.sha256);
             if !is_pack && !super::files::is_expected(&file.path) {
                 return Err(Refusal::content(format!(
-                    "{:?} is no file that can be uploaded: pack, posters, drawings, preview and notes are; everything else of a version is made by the server",
+                    "{:?} cannot be uploaded: only the pack, posters, drawings, preview and notes can; the server makes everything else",
                     short(&file.path)
                 )));
             }
@@ -259,7 +259,7 @@ impl Intent {
         if let Some(lacking) = posters.into_iter().find(|name| !paths.contains(name)) {
             return Err(Refusal::content(format!("{lacking} is missing")));
         }
-        pack.ok_or_else(|| Refusal::content("there is no pack; its name is pack.<sha256>.kilwa"))
+        pack.ok_or_else(|| Refusal::content("the pack is missing; its name must be pack.<sha256>.kilwa"))
     }
 
     /// The SHA-256 of the notes, where there are any.

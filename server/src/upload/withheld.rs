@@ -120,7 +120,7 @@ fn check_place<S: Source>(intent: &Intent, reader: &Reader<S>) -> Result<(), Str
     if (0..2).any(|k| (middle[k] - wanted[k]).abs() > tolerance) || low[2].abs() > tolerance {
         let at = format!("{:.3} {:.3}, on height {:.3}", middle[0], middle[1], low[2]);
         let should = format!("{} {}, on height 0", wanted[0], wanted[1]);
-        return Err(claimed(&format!("the middle of its pack is at {at} m, and not at {should}")));
+        return Err(claimed(&format!("the middle of its pack is at {at} m, not at {should}")));
     }
     let reach = (0..3).map(|k| high[k] - low[k]).fold(tolerance, f64::max);
     let corners = (0..3)

@@ -146,7 +146,7 @@ async fn an_extract_pauses_while_the_store_is_unavailable_reports_it_and_continu
         }
         let halted = until(|| async { Some(get(&app, &page).await).filter(|a| a.status == 503) }).await;
         assert_eq!(halted.header("retry-after"), "10", "{how}");
-        assert!(halted.text().contains("Your file goes on when it does"), "{how}: {}", halted.text());
+        assert!(halted.text().contains("Work on your file continues when it does"), "{how}: {}", halted.text());
         assert!(halted.text().contains("http-equiv=\"refresh\""), "{how}: the page looks again");
         assert_eq!(get(&app, &file).await.status, 503, "{how}: a program gets the same status");
         if how == "is silent" {
@@ -184,7 +184,7 @@ async fn an_extract_of_a_refused_changed_or_too_large_pack_is_answered_and_can_b
     assert_eq!(post(&app, "/wall/extract", form).await.status, 303);
     let refused = made(&app, "/wall/extract/v1-whole.ply?page=1&lang=en").await;
     assert_eq!((refused.status.as_u16(), refused.header("retry-after")), (503, "10"));
-    assert!(refused.text().contains("does not give the model"), "{}", refused.text());
+    assert!(refused.text().contains("does not deliver the model"), "{}", refused.text());
     bucket.proxy.allow();
     // Not retried before ten seconds have passed; then it works as usual.
     let done = until(|| async {

@@ -232,7 +232,7 @@ async fn an_unavailable_store_is_reported_and_waited_for() {
     bucket.proxy.down();
     assert_eq!(museum.finish().await.status, StatusCode::ACCEPTED);
     let message = until(|| async { museum.look().await.1.waits }).await;
-    assert!(message.contains("does not answer") && message.contains("goes on when it does"), "{message}");
+    assert!(message.contains("does not answer") && message.contains("continues when it does"), "{message}");
     assert_eq!(museum.look().await.1.state, State::Verifying);
     bucket.proxy.up();
     let (code, status) = museum.ended().await;
@@ -273,7 +273,7 @@ async fn a_read_only_store_is_reported_and_uploaded_files_are_kept() {
     museum.finish().await;
     let (code, upload) = museum.ended().await;
     let why = upload.error.unwrap_or_default();
-    assert!(code == StatusCode::FORBIDDEN && why.contains("keys that may write"), "{code}: {why}");
+    assert!(code == StatusCode::FORBIDDEN && why.contains("keys with write permission"), "{code}: {why}");
     assert!(seen(&bucket).await.is_none());
     bucket.proxy.allow();
     assert!(status(&museum.begin(&version(1, "With a tower.")).await).lacks.is_empty(), "what was sent is kept");

@@ -107,7 +107,7 @@ async fn bytes_are_accepted_only_while_enough_disk_space_remains() {
         m.free.store(KEPT_FREE + 999_999, Ordering::Relaxed);
         let full = m.patch(slug, name, 0, bytes).await;
         assert_eq!(full.status, StatusCode::INSUFFICIENT_STORAGE, "{slug}");
-        assert!(full.text().contains("1000000 may come now"), "{}", full.text());
+        assert!(full.text().contains("this request may bring 1000000"), "{}", full.text());
         // Twice: what a request might have written is free again when it ends, however it ends.
         m.free.store(KEPT_FREE + 1_000_000, Ordering::Relaxed);
         let part = m.patch(slug, name, 0, &bytes[..10]).await;
@@ -129,7 +129,7 @@ async fn the_total_size_of_all_uploads_is_limited_including_old_ones() {
     assert_eq!(m.patch("fort", name, 0, &fort.files[0]).await.status, StatusCode::NO_CONTENT);
     let both = m.patch("wall", name, 0, &wall.files[0]).await;
     assert_eq!(both.status, StatusCode::INSUFFICIENT_STORAGE);
-    assert!(both.text().contains("hold 1000000 bytes") && both.text().contains("1500000"), "{}", both.text());
+    assert!(both.text().contains("take 1000000 bytes") && both.text().contains("1500000"), "{}", both.text());
     m.send(Method::DELETE, "/uploads/fort", &m.robot, &[], Vec::new()).await;
     assert_eq!(m.patch("wall", name, 0, &wall.files[0]).await.status, StatusCode::NO_CONTENT);
 }

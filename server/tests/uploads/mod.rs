@@ -326,17 +326,27 @@ async fn an_invalid_announcement_is_refused_before_a_byte_is_sent() {
     };
     let file = |path: &'static str| move |v: &mut Version| v.add(path, b"<script>alert(1)</script>".to_vec());
     let cases: Vec<(&str, Intent, StatusCode, &str)> = vec![
+        ("traversal", change(&file("../../etc/cron.d/x")), StatusCode::UNPROCESSABLE_ENTITY, "cannot be uploaded"),
+        ("absolute", change(&file("/etc/passwd")), StatusCode::UNPROCESSABLE_ENTITY, "cannot be uploaded"),
+        ("page", change(&file("index.html")), StatusCode::UNPROCESSABLE_ENTITY, "the server makes everything else"),
         (
-            "traversal",
-            change(&file("../../etc/cron.d/x")),
+            "script",
+            change(&file("viewer/boot.js")),
             StatusCode::UNPROCESSABLE_ENTITY,
-            "no file that can be uploaded",
+            "the server makes everything else",
         ),
-        ("absolute", change(&file("/etc/passwd")), StatusCode::UNPROCESSABLE_ENTITY, "no file that can be uploaded"),
-        ("page", change(&file("index.html")), StatusCode::UNPROCESSABLE_ENTITY, "made by the server"),
-        ("script", change(&file("viewer/boot.js")), StatusCode::UNPROCESSABLE_ENTITY, "made by the server"),
-        ("manifest", change(&file("manifest.json")), StatusCode::UNPROCESSABLE_ENTITY, "made by the server"),
-        ("no pack", change(&|v| drop(v.intent.files.remove(0))), StatusCode::UNPROCESSABLE_ENTITY, "there is no pack"),
+        (
+            "manifest",
+            change(&file("manifest.json")),
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "the server makes everything else",
+        ),
+        (
+            "no pack",
+            change(&|v| drop(v.intent.files.remove(0))),
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "the pack is missing",
+        ),
         (
             "no poster",
             change(&|v| drop(v.intent.files.remove(1))),
@@ -438,7 +448,7 @@ async fn files_that_differ_from_the_announcement_are_never_published() {
     page.add("poster.jpg", b"<!doctype html><script>alert(1)</script>".to_vec());
     let (code, status) = m.publish(&page).await;
     assert_eq!(code, StatusCode::UNPROCESSABLE_ENTITY);
-    assert!(status.error.as_deref().is_some_and(|e| e.contains("no picture")), "{status:?}");
+    assert!(status.error.as_deref().is_some_and(|e| e.contains("not a picture")), "{status:?}");
     // Metadata of another model.
     let mut other = Version::new("fort", 1, fort_pack());
     other.intent.metadata.model.units = "mm".to_owned();

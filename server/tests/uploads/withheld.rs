@@ -132,7 +132,7 @@ fn replace(version: &mut Version, path: &str, bytes: Vec<u8>) {
 const MIDDLE: [f64; 3] = [-500.0 / 1024.0, -400.0 / 1024.0, 0.0];
 /// The true place, in a form that every file is tried with.
 const HERE: &[u8] = b"-8.956109 39.600225 EPSG:32737 565977 9009946";
-const PICTURE: &str = "holds something beyond its pixels";
+const PICTURE: &str = "contains something besides its pixels";
 
 fn at(x: f64, y: f64, z: f64) -> [f64; 3] {
     [MIDDLE[0] + x, MIDDLE[1] + y, z]
@@ -201,7 +201,7 @@ async fn a_withheld_location_is_searched_for_in_pack_and_texts() {
     let note = "See https://www.openstreetmap.org/way/1".to_owned();
     are_refused(vec![
         (withheld(pack(true_place(), &[])), "the middle of its pack is at 565977.000 9009946.000, on height 31.000"),
-        (withheld(pack(at(3.0, 0.0, 0.0), &[])), "and not at 0 0"),
+        (withheld(pack(at(3.0, 0.0, 0.0), &[])), " m, not at 0 0"),
         (withheld(pack(at(0.0, 0.0, 31.0), &[])), "on height 31.000"),
         (withheld(utm), "its pack names a reference system"),
         (withheld(titled), "title of its pack: \"8°57'27\" S 39°31'22\"\" states coordinates"),
@@ -211,7 +211,7 @@ async fn a_withheld_location_is_searched_for_in_pack_and_texts() {
         (with(|v| v.intent.metadata.rights.holder = holder), "metadata: rights.holder: \"geo:"),
         (with(|v| v.intent.note = note), "the note of the version: \"openstreetmap.org"),
         (with(|v| v.intent.location_cell = Some(0.5)), "a cell of 0.5 m does not hide a model"),
-        (with(|v| v.intent.location_cell = Some(100_000.0)), "and not at 50000 50000"),
+        (with(|v| v.intent.location_cell = Some(100_000.0)), " m, not at 50000 50000"),
         (with(|v| v.intent.location_cell = Some(-1.0)), "not a valid cell size"),
     ])
     .await;
@@ -430,7 +430,7 @@ async fn a_withheld_location_is_searched_for_in_posters() {
         // The code for sixteen zeros, once and three times, although only zeros follow.
         (file("poster.jpg", jpeg_with([1200, 630], &ZEROS, b"")), "its coded pixels"),
         (file("poster.jpg", jpeg_with([1200, 630], &[ZEROS; 3].concat(), b"")), "its coded pixels"),
-        (file("poster-600.jpg", jpeg([1200, 630], b"")), "poster-600.jpg holds something beyond its pixels"),
+        (file("poster-600.jpg", jpeg([1200, 630], b"")), "poster-600.jpg contains something besides its pixels"),
     ])
     .await;
 }
@@ -480,7 +480,8 @@ async fn a_drawing_whose_pixels_are_compressed_in_another_way_is_refused_by_name
     for stream in [level(0), level(1), level(9)].into_iter().chain([[1, 2], [3, 4], [4, 1]].map(filtered)) {
         pictures.push(png(&[(b"pHYs", RESOLUTION), (b"IDAT", &stream)]));
     }
-    let what = "drawings/plan.png holds something beyond its pixels, or is damaged: its pixels are not compressed as";
+    let what =
+        "drawings/plan.png contains something besides its pixels, or is damaged: its pixels are not compressed as";
     let own = drawing(&[0; 12]);
     pictures.retain(|picture| *picture != own);
     assert!(pictures.len() > 4);

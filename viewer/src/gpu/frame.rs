@@ -7,7 +7,6 @@ use crate::options::{Background, RenderOptions};
 use crate::section::Clip;
 use glam::DVec3;
 use kilwa_geometry::color::light_from_srgb;
-use kilwa_geometry::distance::dot;
 use kilwa_stream::{Projection, View};
 
 /// Range of the error view's scale: a tenth of a millimetre to a metre, log2 of metres.

@@ -96,7 +96,7 @@ pub enum SheetError {
         fits: Option<f64>,
     },
     /// Offsets of the form do not reach so far.
-    #[error("the drawing is too long for a file of this form; choose fewer dots per inch, or another form")]
+    #[error("the drawing is too large for this file format; choose fewer dots per inch, or another format")]
     TooLong,
     /// More pixels than anybody draws.
     #[error("{width:.0} x {height:.0} pixels are too many; choose a smaller scale, fewer dpi or other paper")]
@@ -107,7 +107,7 @@ pub enum SheetError {
         height: f64,
     },
     /// No scale.
-    #[error("a scale such as 1:50 is wanted, from 1:0.01 to 1:1000000")]
+    #[error("expected a scale such as 1:50, from 1:0.01 to 1:1000000")]
     Scale,
     /// Dots that nobody prints.
     #[error("from {} to {} dots per inch are possible", DPI.0, DPI.1)]
@@ -119,7 +119,7 @@ pub enum SheetError {
     #[error("A0, A1, A2, A3, A4, fit, or millimetres such as 900x600")]
     NoPaper,
     /// Not asked as it should be.
-    #[error("a drawing is not asked for like that: {0}")]
+    #[error("the settings of the drawing are invalid: {0}")]
     Asked(String),
 }
 

@@ -112,7 +112,7 @@ impl Texture {
             picture => picture.into_rgb8().into_raw(),
         };
         if texels.len() != 3 * width * height {
-            return Err(Refusal::Unreadable("it is not as large as its header says".to_owned()));
+            return Err(Refusal::Unreadable("its size differs from the size in its header".to_owned()));
         }
         Ok(Self { width, height, texels })
     }
