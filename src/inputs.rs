@@ -662,7 +662,7 @@ mod tests {
             Inputs::find(&Cli::try_parse_from(args).unwrap().input)
         };
         assert_eq!(auto(&["a.obj"]).unwrap().files[0].placement.place([0.0; 3]), [5.0, 0.0, 0.0]);
-        assert!(format!("{:#}", auto(&["a.obj", "b.obj"]).unwrap_err()).contains("b.xf is not there"));
+        assert!(format!("{:#}", auto(&["a.obj", "b.obj"]).unwrap_err()).contains("b.xf does not exist"));
     }
 
     #[test]

@@ -57,7 +57,7 @@ fn users_and_tokens_are_added_listed_and_removed() {
     assert!(!listed.contains("argon2") && !json.to_string().contains("argon2"));
 
     assert!(done(&["access", "revoke", file, id], "").contains("no longer works"));
-    assert!(done(&["access", "remove", file, "amina"], "").contains("gone"));
+    assert!(done(&["access", "remove", file, "amina"], "").contains("removed"));
     assert_eq!(done(&["access", "list", file], "").trim(), "robot: sees everything that is not withdrawn; no password");
 }
 
@@ -72,7 +72,7 @@ fn an_impossible_change_is_refused_with_the_reason_and_changes_nothing() {
     for (args, input, why) in [
         (vec!["access", "init", file], "", "already exists"),
         (vec!["access", "user", file, "amina"], "short\n", "8 characters"),
-        (vec!["access", "user", file, "amina"], "", "no password came"),
+        (vec!["access", "user", file, "amina"], "", "no password on standard input"),
         (vec!["access", "user", file, "Not A Name", "--no-password"], "", "cannot be a name"),
         (vec!["access", "user", file, "amina", "--no-password", "--object", "../etc"], "", "for example"),
         (vec!["access", "token", file, "nobody"], "", "no users yet"),

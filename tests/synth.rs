@@ -62,7 +62,7 @@ fn an_unwritable_output_is_reported_by_name_and_leaves_no_file() {
     let folder = folder();
     let missing = folder.path().join("no/such/a.ply");
     let error = fails(&["synth", "wall", "--triangles", "3000", "-o", text(&missing)]);
-    assert!(error.contains("a.ply") && error.contains("folder does not exist"), "{error}");
+    assert!(error.contains("a.ply") && error.contains("there is no folder"), "{error}");
     let error = fails(&["synth", "fort", "--triangles", "10", "-o", text(&folder.path().join("a.ply"))]);
     assert!(error.contains("at least 5000"), "{error}");
     assert!(names(folder.path()).is_empty());

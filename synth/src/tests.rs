@@ -295,7 +295,7 @@ fn impossible_options_are_refused_and_leave_no_file() {
     assert!(refused(Shape::Fort, &options(100), "a.ply").contains("at least 5000"));
     assert!(refused(Shape::Wall, &options(5_000_000_000), "a.ply").contains("int indices"));
     assert!(refused(Shape::Wall, &options(3_000), "a.obj").contains(".ply"));
-    assert!(refused(Shape::Wall, &options(3_000), "no/such/a.ply").contains("folder does not exist"));
+    assert!(refused(Shape::Wall, &options(3_000), "no/such/a.ply").contains("there is no folder"));
     for blocks in [0, 1_001, 900] {
         let cut = SynthOptions { blocks: Some(blocks), ..options(3_000) };
         assert!(refused(Shape::Wall, &cut, "a.ply").contains("blocks are not possible"), "{blocks} blocks");

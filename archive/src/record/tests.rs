@@ -151,7 +151,7 @@ fn the_edm_record_has_viewer_model_and_provider_and_warns_of_what_europeana_refu
     let minimal = Metadata::parse("title = \"Fort\"\n[rights]\nuri = \"UND\"\n[model]\nunits = \"m\"\n").unwrap();
     let rights = Rights::parse("UND").unwrap();
     let lacks = europeana_lacks(&minimal, &rights);
-    for what in ["url:", "publisher:", "rights.uri: Europeana refuses UND", "object.kind"] {
+    for what in ["url:", "publisher:", "rights.uri: Europeana does not accept UND", "object.kind"] {
         assert!(lacks.iter().any(|l| l.starts_with(what)), "{what} in {lacks:?}");
     }
     // Without an address there is no viewer to embed, and no record mentions one.

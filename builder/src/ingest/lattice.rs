@@ -239,7 +239,7 @@ pub(super) fn choose(m: &Measured, given: Option<f64>) -> Result<(Lattice, u32),
 /// The logarithm of a step that the user asked for.
 fn given_step(step: f64, extent: f64, coarsest: i32) -> Result<i32, BuildError> {
     if !(step > 0.0 && step.is_finite()) {
-        return Err(BuildError::Step { step, why: "it must be above zero".to_owned() });
+        return Err(BuildError::Step { step, why: "it must be greater than zero".to_owned() });
     }
     let log = libm::log2(step);
     if log.fract() != 0.0 {

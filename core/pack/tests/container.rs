@@ -147,7 +147,7 @@ fn every_truncation_and_every_extension_is_detected() {
     }
     let mut longer = bytes.clone();
     longer.push(0);
-    assert!(verify_all(&longer).expect_err("refused").to_string().contains("follow its end"));
+    assert!(verify_all(&longer).expect_err("refused").to_string().contains("follows its end"));
 }
 
 /// A source that counts the bytes requested and panics at absurd requests.

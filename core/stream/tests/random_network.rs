@@ -199,7 +199,7 @@ fn ancestors_that_are_not_shown_are_not_loaded_before_visible_chunks() {
         (with, without) = (with + listed.0, without + unlisted.0);
     }
     println!("{with} bytes of chunks where the directory lists children, {without} where it does not");
-    assert!(with * 10 < without * 9, "{with} bytes where the directory lists children, {without} where it does not");
+    assert!(with * 20 < without * 19, "{with} bytes where the directory lists children, {without} where it does not");
 }
 
 #[test]
@@ -304,12 +304,15 @@ fn steps_between_frames_request_and_decode_and_show_nothing() {
 
 #[test]
 fn a_lost_gpu_context_is_restored() {
-    let pack = Pack::random(5, 80);
+    // The head, which stays in memory, holds the first chunk.
+    let mut pack = Pack::random(5, 80);
+    pack.head_bytes = 100_000;
     let Landed { mut streamer, step: last, .. } = fly(&pack, 5, Budgets::default(), Faults { fail: 0, garble: 0 });
     assert!(!last.draw.is_empty());
     let step = streamer.step(&random_view(&mut Rng::with_seed(1)), 1e9, [Event::GpuLost]);
     assert!(step.draw.is_empty(), "nothing is resident after the loss");
-    assert!(step.commands.iter().any(|c| matches!(c, kilwa_stream::Command::Decode { chunk: 0, .. })));
+    let is_first = |c: &kilwa_stream::Command| matches!(c, kilwa_stream::Command::Decode { chunk: 0, .. });
+    assert!(step.commands.iter().any(is_first), "what is held is decoded again: {:?}", step.commands);
 }
 
 #[test]

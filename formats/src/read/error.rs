@@ -58,7 +58,7 @@ pub enum ReadError {
         folder: PathBuf,
     },
     /// The mesh refers to the file that the output would replace.
-    #[error("{} refers to the file that the output would replace; give another name for the output", file.display())]
+    #[error("{} refers to the file that the output would replace; choose another name for the output", file.display())]
     Replaced {
         /// The mesh file.
         file: PathBuf,

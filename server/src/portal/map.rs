@@ -365,7 +365,7 @@ mod tests {
         for bad in ["", "1,2,3", "10,0,5,1", "0,0,nan,1", "-190,0,1,1", "0,0,1,1,1", "a,b,c,d", "0,0,1,91"] {
             assert_eq!(Window::parse(bad), None, "{bad}");
         }
-        assert!(shown(&[], None).contains("None of these models has a public place."));
+        assert!(shown(&[], None).contains("None of these models has a public location."));
     }
 
     proptest::proptest! {

@@ -111,9 +111,9 @@ mod tests {
     #[test]
     fn a_file_without_permission_is_distinguished_from_a_failing_store() {
         let refused = |why: &str, is_server_error| Refused { why: why.to_owned(), is_server_error };
-        assert!(refused("the store says 403 Forbidden (AccessDenied)", false).hint().contains("rights"));
+        assert!(refused("the store says 403 Forbidden (AccessDenied)", false).hint().contains("permissions"));
         let trouble = io::Error::from(refused("the store says 500 Internal Server Error (InternalError)", true));
-        assert!(hint(&trouble).contains("trouble") && !hint(&trouble).contains("rights"));
+        assert!(hint(&trouble).contains("administrator") && !hint(&trouble).contains("permissions"));
         assert_eq!(hint(&io::Error::other("the disk")), "");
     }
 }

@@ -167,8 +167,8 @@ fn deliver(input: Input<'_>, sink: &mut dyn MeshSink, detailing: Option<Detailin
     }
     let found = match (root.meshes.len(), placed.len()) {
         (0, _) => "it has no meshes".to_owned(),
-        (1, 0) => "its mesh does not stand in the scene".to_owned(),
-        (n, 0) => format!("none of its {n} meshes stands in the scene"),
+        (1, 0) => "its mesh is not in the scene".to_owned(),
+        (n, 0) => format!("none of its {n} meshes is in the scene"),
         _ => "its meshes are points, lines or empty".to_owned(),
     };
     Err(ReadError::NoTriangles {
