@@ -20,7 +20,7 @@ fn digest(chunk: &Chunk) -> String {
         hash.update(triangle.map(u32::to_le_bytes).as_flattened());
         hash.update([*border]);
     }
-    mesh.positions.iter().flat_map(|p| p.to_array()).for_each(|x| hash.update(x.to_le_bytes()));
+    mesh.positions.iter().flat_map(glam::IVec3::to_array).for_each(|x| hash.update(x.to_le_bytes()));
     hash.update(mesh.colors.as_flattened());
     mesh.normals.as_flattened().iter().for_each(|x| hash.update(x.to_le_bytes()));
     mesh.scalars.iter().flatten().for_each(|x| hash.update(x.to_bits().to_le_bytes()));

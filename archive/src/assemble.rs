@@ -397,7 +397,7 @@ fn doubts(m: &Manifest, v: &Following<'_>) -> Vec<String> {
     let (new, mut all) = (v.metadata, Vec::new());
     match (&new.identifier, &m.identifier) {
         (Some(new), Some(old)) if new != old => {
-            all.push(format!("its identifier is {old}, and that of the new version is {new}"))
+            all.push(format!("its identifier is {old}, and that of the new version is {new}"));
         }
         (Some(new), Some(old)) if new == old => {}
         _ if new.title != m.title => all.push(format!("this one is \"{}\"", new.title)),

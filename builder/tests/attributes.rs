@@ -53,11 +53,14 @@ fn square(n: u32, mut color: impl FnMut(u32, u32) -> [u8; 3]) -> RawMesh {
     mesh
 }
 
+/// Lattice coordinates and colour of a vertex.
+type Corner = ([i32; 3], [u8; 3]);
+
 #[test]
 fn normals_continue_across_chunks_at_every_level() {
     let pack = open(&build(fort(60_000), 0));
     for (level, cut) in levels(&pack).iter().enumerate() {
-        let mut normals: BTreeMap<([i32; 3], [u8; 3]), BTreeSet<[i16; 2]>> = BTreeMap::new();
+        let mut normals = BTreeMap::<Corner, BTreeSet<[i16; 2]>>::new();
         let all = vertices(&pack, cut);
         for (place, normal, color) in &all {
             normals.entry((*place, *color)).or_default().insert(*normal);

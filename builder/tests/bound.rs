@@ -90,7 +90,8 @@ fn drawn_by_diamond(pack: &Opened, cut: &Cut) -> HashMap<u32, Vec<Triangle>> {
     for i in cut.refined() {
         let chunk = &pack.chunks[i as usize];
         for p in cut.drawn(&chunk.patches) {
-            let triangles = (p.first..p.first + p.count).map(|t| chunk.mesh.corners(t as usize).map(|c| c.as_dvec3()));
+            let triangles =
+                (p.first..p.first + p.count).map(|t| chunk.mesh.corners(t as usize).map(glam::IVec3::as_dvec3));
             out.entry(p.diamond).or_default().extend(triangles);
         }
     }

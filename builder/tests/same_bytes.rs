@@ -19,7 +19,7 @@ fn the_bytes_do_not_depend_on_the_order_of_triangles_and_vertices() {
     let n = raw.positions.len();
     let mut new_of_old: Vec<u32> = (0..n as u32).collect();
     for i in (1..n).rev() {
-        new_of_old.swap(i, random.usize(..i + 1));
+        new_of_old.swap(i, random.usize(..=i));
     }
     for (old, new) in new_of_old.iter().enumerate() {
         shuffled.positions[*new as usize] = raw.positions[old];
@@ -29,7 +29,7 @@ fn the_bytes_do_not_depend_on_the_order_of_triangles_and_vertices() {
         *t = t.map(|v| new_of_old[v as usize]);
     }
     for i in (1..shuffled.triangles.len()).rev() {
-        shuffled.triangles.swap(i, random.usize(..i + 1));
+        shuffled.triangles.swap(i, random.usize(..=i));
     }
     assert!(build(raw, 0) == build(shuffled, 0));
 }

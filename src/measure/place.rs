@@ -25,7 +25,7 @@ pub(super) async fn places(leaves: &FileLeaves, numbers: &[f64], given: Given) -
         let (rays, rest) = positions.as_chunks::<2>();
         anyhow::ensure!(rest.is_empty(), "a ray is six numbers: its origin and its direction");
         for [origin, direction] in rays {
-            places.push(place::cast(leaves, (*origin).into(), (*direction).into(), &Clip::default()).await?);
+            places.push(place::cast(leaves, *origin, *direction, &Clip::default()).await?);
         }
         return Ok(places);
     }

@@ -227,7 +227,7 @@ impl Solid {
     }
 
     fn vertex(&self, square: Square, i: u32, j: u32, outline: bool) -> Vertex {
-        let [origin, u, v] = [square.origin, square.u, square.v].map(|p| p.as_i64vec3());
+        let [origin, u, v] = [square.origin, square.u, square.v].map(glam::IVec3::as_i64vec3);
         let k = origin * i64::from(self.detail) + u * i64::from(i) + v * i64::from(j);
         let position = self.place(k);
         let key = (k[0] as u64) << 42 | (k[1] as u64) << 21 | k[2] as u64;

@@ -301,11 +301,10 @@ test("a pack of this computer is measured without a server", async () => {
   const { page, complaints, close } = await fort();
   const rays = await raysOf(page, 1);
   const [here] = await picksOf(page, rays);
-  await page.evaluate(async () => {
-    const { kilwa } = globalThis;
-    const bytes = await (await fetch(kilwa.pack.url)).arrayBuffer();
-    await kilwa.openFile(new File([bytes], "mine.kilwa"));
-  });
+  const from = await page.evaluate(() => globalThis.kilwa.pack.url);
+  const buffer = await (await page.request.get(from)).body();
+  await page.locator("#open-file").setInputFiles({ name: "mine.kilwa", mimeType: "", buffer });
+  await page.waitForFunction((url) => globalThis.kilwa.pack && globalThis.kilwa.pack.url !== url, from);
   await waitFor(page, "settled");
   const [local] = await picksOf(page, rays);
   assert.deepEqual(local.final.local, here.final.local);

@@ -38,7 +38,7 @@ fn scene(chunks: &BTreeMap<u32, Chunk>, draw: &[DrawPatch]) -> Scene {
     for (id, patch) in (0u32..).zip(draw) {
         let mesh = &chunks[&patch.chunk].mesh;
         for t in patch.first..patch.first + patch.count {
-            triangles.push(Triangle { corners: mesh.corners(t as usize).map(|p| p.as_dvec3()), id });
+            triangles.push(Triangle { corners: mesh.corners(t as usize).map(glam::IVec3::as_dvec3), id });
         }
     }
     Scene::new(triangles)

@@ -276,7 +276,7 @@ async fn random_lists_of_ranges_are_the_bytes_of_the_file() {
             at = end + 1 + dice.u64(..90_000);
         }
         for i in (1..ranges.len()).rev() {
-            ranges.swap(i, dice.u64(..i as u64 + 1) as usize);
+            ranges.swap(i, dice.u64(..=(i as u64)) as usize);
         }
         if ranges.is_empty() {
             continue;

@@ -32,7 +32,7 @@ fn a_provisional_interval_contains_the_final_value() {
                     let error =
                         if p.diamond == NO_DIAMOND { 0.0 } else { f64::from(entries[p.diamond as usize].error) };
                     for t in p.first..p.first + p.count {
-                        coarse.push((chunk.mesh.corners(t as usize).map(|c| c.as_dvec3()), error / step));
+                        coarse.push((chunk.mesh.corners(t as usize).map(glam::IVec3::as_dvec3), error / step));
                     }
                 }
             }

@@ -52,7 +52,7 @@ impl Open {
 
     /// A ray from somewhere round the model towards a point near it, lattice units.
     pub(crate) fn random_ray(&self, random: &mut Rng) -> Ray {
-        let corners = self.finest().flatten().map(|p| p.as_dvec3());
+        let corners = self.finest().flatten().map(glam::IVec3::as_dvec3);
         let (low, high) = corners.fold((DVec3::MAX, DVec3::MIN), |(a, b), p| (a.min(p), b.max(p)));
         let size = (high - low).length();
         let middle = (low + high) * 0.5;
@@ -75,7 +75,7 @@ fn ten_thousand_rays_agree_with_testing_every_triangle() {
     let (mut wrong, mut rays, mut hits) = (0, 0, 0);
     for (shape, place) in [("stepped-wall", "origin"), ("sphere", "utm"), ("bent-wall", "far"), ("ramp", "utm")] {
         let open = Open::of(&phantom(shape, place).pack);
-        let all: Vec<[DVec3; 3]> = open.finest().map(|t| t.map(|c| c.as_dvec3())).collect();
+        let all: Vec<[DVec3; 3]> = open.finest().map(|t| t.map(glam::IVec3::as_dvec3)).collect();
         for _ in 0..2500 {
             let ray = open.random_ray(&mut random);
             let slow = all.iter().filter_map(|t| ray_triangle(ray.origin, ray.direction, *t)).min_by(f64::total_cmp);
@@ -93,7 +93,7 @@ fn ten_thousand_rays_agree_with_testing_every_triangle() {
 fn picks_never_return_clipped_geometry() {
     let mut random = Rng::with_seed(12);
     let open = Open::of(&phantom("stepped-wall", "utm").pack);
-    let all: Vec<[DVec3; 3]> = open.finest().map(|t| t.map(|c| c.as_dvec3())).collect();
+    let all: Vec<[DVec3; 3]> = open.finest().map(|t| t.map(glam::IVec3::as_dvec3)).collect();
     let (mut clipped, mut wrong, mut rays) = (0, 0, 0);
     for _ in 0..2000 {
         let ray = open.random_ray(&mut random);

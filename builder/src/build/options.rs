@@ -18,6 +18,7 @@ pub const COLOR_BITS: RangeInclusive<u8> = 4..=8;
 pub const NORMAL_BITS: RangeInclusive<u8> = 6..=16;
 
 /// As the journals of interrupted builds have it: the name of the variant.
+#[allow(clippy::trivially_copy_pass_by_ref, reason = "serde gives references")]
 fn by_name<S: serde::Serializer>(unit: &LengthUnit, serializer: S) -> Result<S::Ok, S::Error> {
     serializer.collect_str(&format_args!("{unit:?}"))
 }

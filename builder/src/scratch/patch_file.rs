@@ -179,7 +179,7 @@ fn encode(patch: &Patch) -> Vec<u8> {
     out.extend((triangles as u32).to_le_bytes());
     out.push(flags);
     out.push(m.scalars.len() as u8);
-    out.extend(m.positions.iter().flat_map(|p| p.to_array()).flat_map(i32::to_le_bytes));
+    out.extend(m.positions.iter().flat_map(glam::IVec3::to_array).flat_map(i32::to_le_bytes));
     out.extend(m.colors.as_flattened());
     out.extend(m.normals.as_flattened().iter().flat_map(|x| x.to_le_bytes()));
     for channel in &m.scalars {

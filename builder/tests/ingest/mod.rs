@@ -204,7 +204,7 @@ fn shuffled(mesh: &RawMesh, seed: u64) -> RawMesh {
     let n = mesh.positions.len();
     let mut new_of_old: Vec<u32> = (0..n as u32).collect();
     for i in (1..n).rev() {
-        new_of_old.swap(i, random.usize(..i + 1));
+        new_of_old.swap(i, random.usize(..=i));
     }
     for (old, new) in new_of_old.iter().enumerate() {
         out.positions[*new as usize] = mesh.positions[old];
@@ -214,7 +214,7 @@ fn shuffled(mesh: &RawMesh, seed: u64) -> RawMesh {
     }
     out.triangles.iter_mut().for_each(|t| *t = t.map(|v| new_of_old[v as usize]));
     for i in (1..out.triangles.len()).rev() {
-        out.triangles.swap(i, random.usize(..i + 1));
+        out.triangles.swap(i, random.usize(..=i));
     }
     out
 }

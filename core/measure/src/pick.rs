@@ -94,7 +94,7 @@ impl Picker {
 
     /// Look at one triangle of the finest surface.
     pub fn add(&mut self, corners: [LatticePoint; 3]) {
-        let Some(t) = ray_triangle(self.ray.origin, self.ray.direction, corners.map(|c| c.as_dvec3())) else {
+        let Some(t) = ray_triangle(self.ray.origin, self.ray.direction, corners.map(glam::IVec3::as_dvec3)) else {
             return;
         };
         let first = |c: [LatticePoint; 3]| {

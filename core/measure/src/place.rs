@@ -53,7 +53,7 @@ pub async fn cast<L: Leaves>(leaves: &L, origin: DVec3, direction: DVec3, clip: 
         hint: "check its origin and direction, which are world coordinates".to_owned(),
     })?;
     let local = space.local_from_steps(picked.point);
-    let normal = unit_normal(picked.corners.map(|c| c.as_dvec3()));
+    let normal = unit_normal(picked.corners.map(glam::IVec3::as_dvec3));
     let world = space.world_from_local(local);
     crate::refusal::finite(&[world])?;
     Ok(Place { world, local, away: 0.0, normal })
@@ -90,7 +90,7 @@ pub async fn nearest<L: Leaves>(leaves: &L, local: DVec3) -> Result<Place, Failu
         let likely = order.iter().skip(at).take(AHEAD).filter(|o| o.0 <= best.map_or(lower, |b| b.0));
         leaves.ahead(&likely.map(|o| o.1).collect::<Vec<u32>>());
         let chunk = leaves.chunk(i).await?;
-        let surface = Surface::new(finest(&chunk).map(|t| t.map(|c| c.as_dvec3())).collect());
+        let surface = Surface::new(finest(&chunk).map(|t| t.map(glam::IVec3::as_dvec3)).collect());
         if let Some((q, t)) = surface.nearest(p) {
             let d = (p - q).length();
             if best.is_none_or(|b| d < b.0) {

@@ -66,7 +66,7 @@ pub async fn snap<L: Leaves>(
 }
 
 fn within_reach(p: DVec3, t: &[LatticePoint; 3], reach: f64) -> bool {
-    point_triangle_squared(p, t.map(|c| c.as_dvec3())) <= reach * reach
+    point_triangle_squared(p, t.map(glam::IVec3::as_dvec3)) <= reach * reach
 }
 
 /// The points that count, in an order that does not depend on that of the triangles.
@@ -75,11 +75,11 @@ fn candidates(triangles: &[[LatticePoint; 3]], p: DVec3, to: Snap) -> Vec<DVec3>
         let mut corners: Vec<LatticePoint> = triangles.iter().flatten().copied().collect();
         corners.sort_unstable_by_key(LatticePoint::to_array);
         corners.dedup();
-        return corners.into_iter().map(|c| c.as_dvec3()).collect();
+        return corners.into_iter().map(glam::IVec3::as_dvec3).collect();
     }
     let mut edges: BTreeMap<[[i32; 3]; 2], Vec<Option<DVec3>>> = BTreeMap::new();
     for t in triangles {
-        let [a, b, c] = t.map(|c| c.as_dvec3());
+        let [a, b, c] = t.map(glam::IVec3::as_dvec3);
         let normal = (b - a).cross(c - a).try_normalize();
         for i in 0..3 {
             let (a, b) = (t[i].to_array(), t[(i + 1) % 3].to_array());

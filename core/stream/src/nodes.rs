@@ -84,7 +84,7 @@ impl Node {
         if b.is_empty() {
             return Sphere::EMPTY;
         }
-        let [low, high] = [b.min, b.max].map(|p| p.as_dvec3());
+        let [low, high] = [b.min, b.max].map(glam::IVec3::as_dvec3);
         Sphere { center: (low + high) * 0.5, radius: ((high - low) * 0.5).length() }
     }
 }

@@ -87,7 +87,7 @@ fn card<'a>(m: &'a Model, clock: &Clock, reader: &Reader<'_>) -> Card<'a> {
     let (gone, closed) = match m.verdict(clock) {
         Verdict::Gone(why) => (Some(why), None),
         Verdict::WithoutGeometry(why) => (None, Some(why)),
-        _ => (None, None),
+        Verdict::Open => (None, None),
     };
     Card {
         l,

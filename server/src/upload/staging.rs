@@ -176,7 +176,7 @@ impl Uploads {
             Ok(file)
         })();
         let file = opened.map_err(|e| Refusal::disk("write what is sent", &e))?;
-        Ok(Part { file, path, announced: announced, offset, coming, _staging: staging })
+        Ok(Part { file, path, announced, offset, coming, _staging: staging })
     }
 
     /// Disk space for what one request may write: others may have taken it since it was announced.

@@ -240,7 +240,7 @@ mod tests {
     }
 
     fn sampled(from: &Mesh, to: &Mesh) -> f64 {
-        let tri = |m: &Mesh, t| m.corners(t).map(|p| p.as_dvec3());
+        let tri = |m: &Mesh, t| m.corners(t).map(glam::IVec3::as_dvec3);
         let mut worst = 0.0f64;
         for t in 0..from.triangle_count() {
             let [a, b, c] = tri(from, t);

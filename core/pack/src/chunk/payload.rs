@@ -150,7 +150,7 @@ impl<C: Coder> Parts<'_, C> {
         match part {
             1 => borders(self.coder, self.made, mesh),
             2 => {
-                let points = mesh.positions.iter().map(|p| p.to_array());
+                let points = mesh.positions.iter().map(glam::IVec3::to_array);
                 let grains = if C::ENCODES { attributes::grains(points) } else { None };
                 attributes::positions(self.coder, &self.links, &mut mesh.positions, grains);
             }

@@ -62,7 +62,7 @@ pub(crate) fn height_field(n: usize, patches: usize, seed: u64, attributes: Attr
 fn area_weighted(mesh: &Mesh) -> Vec<[i16; 2]> {
     let mut sums = vec![DVec3::ZERO; mesh.positions.len()];
     for (t, triangle) in mesh.triangles.iter().enumerate() {
-        let [p, q, r] = mesh.corners(t).map(|c| c.as_dvec3());
+        let [p, q, r] = mesh.corners(t).map(glam::IVec3::as_dvec3);
         let n = (q - p).cross(r - p);
         for corner in triangle {
             sums[*corner as usize] += n;
