@@ -189,7 +189,7 @@ test("notes are written as Web Annotations and read back the same, with what oth
   for (const [bad, says] of [
     ["{", /could not be read/],
     ['{"type":"Feature"}', /no Web Annotations/],
-    [JSON.stringify(Array(5001).fill({})), /too many/],
+    [JSON.stringify(Array(5001).fill({})), /at most 5,000 are allowed/],
   ]) {
     await page.locator("#notes-import").setInputFiles(json(bad));
     await page.waitForFunction((text) => new RegExp(text).test(document.getElementById("notice-text").textContent), says.source);

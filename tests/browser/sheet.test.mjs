@@ -173,7 +173,7 @@ test("an elevation as PDF is a sound file of the paper's size, and paper that is
   await page.locator("#sheet-scale").fill("1");
   await page.locator("#picture-make").click();
   await page.locator("#picture-error:not([hidden])").waitFor();
-  assert.match(await page.locator("#picture-error").textContent(), /more than the paper holds\. 1:\d+ would fit/);
+  assert.match(await page.locator("#picture-error").textContent(), /larger than the paper\. 1:\d+ would fit/);
   assert.deepEqual(complaints, []);
   await close();
 });

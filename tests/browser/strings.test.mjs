@@ -30,8 +30,8 @@ async function sources() {
   names.push(...(await readdir(path.join(WWW, "measure"))).filter((n) => n.endsWith(".js")).map((n) => `measure/${n}`));
   const own = await Promise.all(names.map((n) => readFile(path.join(WWW, n), "utf8")));
   // The landing page and the server's own pages have elements that name their strings in the same way.
-  const folders = ["../archive/src", "../server/src"].map((folder) => path.join(WWW, folder));
-  const rustFiles = async (folder) => (await readdir(folder, { recursive: true })).filter((n) => n.endsWith(".rs")).map((n) => path.join(folder, n));
+  const folders = ["../archive/src", "../archive/templates", "../server/src", "../server/templates"].map((folder) => path.join(WWW, folder));
+  const rustFiles = async (folder) => (await readdir(folder, { recursive: true })).filter((n) => /\.(rs|html)$/.test(n)).map((n) => path.join(folder, n));
   const written = (await Promise.all(folders.map(rustFiles))).flat();
   const rust = await Promise.all(written.map((file) => readFile(file, "utf8")));
   return [...own, ...rust.filter((text) => text.includes("data-text")).map((text) => text.replaceAll('\\"', '"'))].join("\n");
@@ -44,7 +44,7 @@ async function codes() {
     await Promise.all(folders.map(async (f) => (await readdir(f, { recursive: true })).filter((n) => n.endsWith(".rs")).map((n) => path.join(f, n))))
   ).flat();
   const text = (await Promise.all(files.map((f) => readFile(f, "utf8")))).join("\n");
-  return [...text.matchAll(/Said::new\(\s*"([a-z-]+)"/g)].map((m) => m[1]);
+  return [...text.matchAll(/Message::new\(\s*"([a-z-]+)"/g)].map((m) => m[1]);
 }
 
 test("every language has a folder, a place in the menu and a type", async () => {
@@ -143,8 +143,9 @@ test("every message of the page is used somewhere", async () => {
 });
 
 test("every message of the portal is used somewhere", async () => {
-  const folder = path.join(ROOT, "server/src");
-  const names = (await readdir(folder, { recursive: true })).filter((n) => n.endsWith(".rs"));
+  const folder = path.join(ROOT, "server");
+  const names = (await readdir(folder, { recursive: true })).filter((n) => /^(src|templates)\/.*\.(rs|html)$/.test(n));
+  names.push("../files/src/size.rs"); // the units of sizes are keys
   const rust = (await Promise.all(names.map((n) => readFile(path.join(folder, n), "utf8")))).join("\n");
   const portal = await readFile(path.join(ROOT, "i18n/en/portal.ftl"), "utf8");
   const keys = [...portal.matchAll(/^([\w-]+) =/gm)].map(([, key]) => key);

@@ -2,7 +2,6 @@
 
 use crate::refusal::Refusal;
 use glam::DVec2;
-use kilwa_geometry::Triangulator;
 
 /// Twice the signed area of a triangle: positive counter-clockwise.
 fn turn(a: DVec2, b: DVec2, c: DVec2) -> f64 {
@@ -56,7 +55,10 @@ fn touch(a: DVec2, b: DVec2, c: DVec2, d: DVec2) -> bool {
         || (v == 0.0 && within(c, d, b))
 }
 
-/// A simple polygon as counter-clockwise triangles that tile it.
+/// A simple polygon as counter-clockwise triangles that tile it: ears are cut off (Meisters, "Polygons have ears", 1975).
+///
+/// Not the faster [`kilwa_geometry::Triangulator`], which chooses other ears: the sum over other triangles differs in the last digits, and a
+/// measurement that was saved must come out the same when it is repeated.
 ///
 /// # Errors
 /// [`Refusal::TooFew`], [`Refusal::Crossing`], and [`Refusal::Collinear`] where it encloses nothing.
@@ -73,19 +75,35 @@ pub fn triangulate(points: &[DVec2]) -> Result<Vec<[DVec2; 3]>, Refusal> {
     if !is_simple(points) {
         return Err(Refusal::Crossing);
     }
-    let mut ring: Vec<[f64; 3]> = points.iter().map(|p| [p.x, p.y, 0.0]).collect();
+    let mut ring: Vec<DVec2> = points.to_vec();
     if area < 0.0 {
         ring.reverse();
     }
     let mut triangles = Vec::with_capacity(ring.len());
-    Triangulator::default().polygon(&ring, |corners| {
-        let [a, b, c] = corners.map(|i| DVec2::new(ring[i][0], ring[i][1]));
-        // Corners in line with their neighbours enclose nothing.
-        if turn(a, b, c) > 0.0 {
-            triangles.push([a, b, c]);
+    while ring.len() > 3 {
+        let n = ring.len();
+        let corner = |i: usize| [ring[(i + n - 1) % n], ring[i], ring[(i + 1) % n]];
+        let ear = (0..n).find(|&i| is_ear(&ring, i)).or_else(|| {
+            // Rounding can hide every ear; the flattest corner loses least.
+            (0..n).min_by(|&i, &j| size(corner(i)).total_cmp(&size(corner(j))))
+        });
+        let Some(ear) = ear else { break };
+        let triangle = corner(ear);
+        if turn(triangle[0], triangle[1], triangle[2]) > 0.0 {
+            triangles.push(triangle);
         }
-    });
+        ring.remove(ear);
+    }
+    if let [a, b, c] = ring[..]
+        && turn(a, b, c) > 0.0
+    {
+        triangles.push([a, b, c]);
+    }
     Ok(triangles)
+}
+
+fn size([a, b, c]: [DVec2; 3]) -> f64 {
+    turn(a, b, c).abs()
 }
 
 fn is_on_a_line(points: &[DVec2], reach: f64) -> bool {
@@ -94,6 +112,17 @@ fn is_on_a_line(points: &[DVec2], reach: f64) -> bool {
         d(a).total_cmp(&d(b))
     });
     far.is_none_or(|far| points.iter().all(|&p| turn(points[0], far, p).abs() <= 1e-9 * reach * reach))
+}
+
+fn is_ear(ring: &[DVec2], i: usize) -> bool {
+    let n = ring.len();
+    let (before, after) = ((i + n - 1) % n, (i + 1) % n);
+    let [a, b, c] = [ring[before], ring[i], ring[after]];
+    if turn(a, b, c) <= 0.0 {
+        return turn(a, b, c) == 0.0;
+    }
+    let inside = |p: DVec2| turn(a, b, p) >= 0.0 && turn(b, c, p) >= 0.0 && turn(c, a, p) >= 0.0;
+    (0..n).filter(|&k| k != before && k != i && k != after).all(|k| !inside(ring[k]) || [a, b, c].contains(&ring[k]))
 }
 
 #[cfg(test)]
