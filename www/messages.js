@@ -1,4 +1,4 @@
-// Messages of the measuring engine and of the network in the language of the page. The engine reports a code and values (core/measure, said.rs): the code
+// Messages of the measuring engine and of the network in the language of the page. The engine reports a code and values (core/measure/src/message.rs): the code
 // `refuse-few` is the string `refuseFew`. Its English is for scripts, and for whoever reads the console.
 
 import { count, isolate, length } from "./format.js";
@@ -18,7 +18,7 @@ const KINDS = {
 /** Failures that have a title of their own (trouble.js). */
 const NETWORK = new Set(["missing", "damaged", "noRange", "changed", "closed", "broken"]);
 
-/** @param {Message} message as `Say::as_json` gives it */
+/** @param {Message} message as `ToMessage::as_json` gives it */
 export function sentence({ code, values = {} }) {
   const texts = Object.entries(values).map(([name, value]) => {
     const [[kind, amount]] = Object.entries(value);

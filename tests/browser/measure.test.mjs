@@ -301,10 +301,10 @@ test("a pack of this computer is measured without a server", async () => {
   const { page, complaints, close } = await fort();
   const rays = await raysOf(page, 1);
   const [here] = await picksOf(page, rays);
-  const from = await page.evaluate(() => globalThis.kilwa.pack.url);
+  const from = await page.evaluate(() => String(globalThis.kilwa.pack.url));
   const buffer = await (await page.request.get(from)).body();
   await page.locator("#open-file").setInputFiles({ name: "mine.kilwa", mimeType: "", buffer });
-  await page.waitForFunction((url) => globalThis.kilwa.pack && globalThis.kilwa.pack.url !== url, from);
+  await page.waitForFunction((url) => globalThis.kilwa.pack && String(globalThis.kilwa.pack.url) !== url, from);
   await waitFor(page, "settled");
   const [local] = await picksOf(page, rays);
   assert.deepEqual(local.final.local, here.final.local);

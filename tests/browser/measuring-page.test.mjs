@@ -277,12 +277,16 @@ test("a file reads back to the last bit, here and by kilwa measure, and one of a
   foreign.pack.identity = foreign.pack.identity.replace(/^./, (c) => (c === "0" ? "1" : "0"));
   foreign.pack.title = "Husuni Kubwa";
   for (const one of foreign.measurements) one.name += ", before";
+  // A file that somebody sent may have anything in place of a colour.
+  foreign.measurements[0].color = "red;position:fixed;inset:0;width:auto;height:auto";
   const give = (value) => page.locator("#measure-import").setInputFiles({ name: "x.json", mimeType: "application/json", buffer: Buffer.from(value) });
   await give(JSON.stringify(foreign));
   await page.locator("#notice", { hasText: "another model: “Husuni Kubwa”" }).waitFor();
   assert.equal((await list(page)).length, 2);
   await page.locator("#notice-action").click();
   await done(page, 4);
+  const swatches = await page.locator(".measure-table .swatch").evaluateAll((all) => all.map((e) => getComputedStyle(e).position));
+  assert.ok(swatches.length === 4 && !swatches.includes("fixed"), `${swatches}`);
   await page.locator(".measure-table .go").last().click();
   await page.locator(".explain .warn", { hasText: "another pack" }).waitFor();
   for (const [bad, says] of [

@@ -130,9 +130,9 @@ export class Panel {
 <p class="quiet" ?hidden=${!isLong}>${t("measureLinkLong")}</p>
 <p class="actions">${button("undo", () => undo.undo(), undo.done.length === 0, "undo")}${button("redo", () => undo.redo(), undo.undone.length === 0, "redo")}${button("measureDeleteAll", () => items.removeAll(), isEmpty)}</p>
 <p class="actions">
-<select data-label="measureFormat" aria-label=${t("measureFormat")} .value=${this.format} @change=${(/** @type {Event} */ event) => {
+<select data-label="measureFormat" aria-label=${t("measureFormat")} @change=${(/** @type {Event} */ event) => {
       this.format = fieldOf(event).value;
-    }}>${FORMATS.map(([value, key]) => html`<option value=${value}>${t(key)}</option>`)}</select>
+    }}>${FORMATS.map(([value, key]) => html`<option value=${value} ?selected=${value === this.format}>${t(key)}</option>`)}</select>
 ${button("exportFile", () => files.save(this.format), isEmpty)}
 <label class="button outlined" for="measure-import"><span>${t("importFile")}</span></label>
 <input class="hidden" type="file" id="measure-import" accept=".json,application/json" aria-label=${t("importFile")} @change=${read}>

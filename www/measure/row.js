@@ -5,6 +5,7 @@ import { length, bytes as sizeOf } from "../format.js";
 import { t } from "../i18n.js";
 import { sentence } from "../messages.js";
 import { icon, iconButton, rowsOf } from "../view.js";
+import { COLOR } from "./items.js";
 import { kindName } from "./tools.js";
 import { readingName, text } from "./values.js";
 
@@ -56,7 +57,9 @@ export class Rows {
       event.preventDefault();
     };
     // Rows wrap where a value is wide, which takes the roles of a table away: they are stated.
-    const name = html`<span class="swatch" aria-hidden="true" .style=${`--mark: ${item.color}`}></span><span class="name" dir="auto">${item.name}</span>${item.hidden ? icon("hide") : nothing}`;
+    // The colour may come from a file that somebody sent: nothing but a colour gets into the style.
+    const color = CSS.supports("color", item.color) ? item.color : COLOR;
+    const name = html`<span class="swatch" aria-hidden="true" .style=${`--mark: ${color}`}></span><span class="name" dir="auto">${item.name}</span>${item.hidden ? icon("hide") : nothing}`;
     return html`<tr role="row" data-id=${item.id} class=${isOpen ? "open" : ""}><th scope="row" role="rowheader"><button type="button" class="go" data-act="go" aria-expanded=${isOpen} @click=${() => choose(item.id)} @keydown=${key}>${name}</button></th><td role="cell">${this.#value(item)}</td></tr>${isOpen ? html`<tr role="row" class="detail" data-id=${item.id}><td role="cell" colspan="2">${this.#detail(item, at)}</td></tr>` : nothing}`;
   }
 
