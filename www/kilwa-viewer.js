@@ -170,7 +170,7 @@ export class KilwaViewerElement extends HTMLElement {
     if (source !== this.#frame?.contentWindow || origin !== this.#origin || data?.kilwa !== 1) return;
     if (data.event === "listening") {
       // Another page than the one that was asked.
-      if (this.#hello?.heard) this.#refuse("the viewer was loaded anew");
+      if (this.#hello?.heard) this.#refuse("the viewer was loaded again");
       this.#send({ hello: 1, listen: EVENTS });
       return;
     }

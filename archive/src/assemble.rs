@@ -327,7 +327,7 @@ pub fn further(m: &Manifest, v: &Following<'_>) -> Result<String, String> {
     if is < was && !v.open_access {
         return Err(format!(
             "{at} is {}, and this version would be {}; that opens its earlier versions too. Write the same [access] in the metadata; \
-             if it is to be opened, whoever keeps the folder or store does so there: kilwa publish --to DIR --open-access",
+             if it is to be opened, the person who administers the folder or store does so there: kilwa publish --to DIR --open-access",
             access_text(was),
             access_text(is)
         ));

@@ -270,7 +270,7 @@ impl<'a> Draft<'a> {
     fn prepare(&self, path: &str) -> Result<PathBuf, DraftError> {
         let to = self.folder().join(path);
         if !safe(path) {
-            return Err(failed("write", &to)(io::Error::other("this is no path inside of an object")));
+            return Err(failed("write", &to)(io::Error::other("this is not a path inside an object")));
         }
         (self.steps)(path).map_err(failed("write", &to))?;
         if let Some(parent) = to.parent() {

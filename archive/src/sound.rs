@@ -81,7 +81,7 @@ impl<S: Source + ?Sized> Source for Lent<'_, S> {
 /// Check a pack.
 ///
 /// # Errors
-/// When not even its length can be on_read.
+/// When not even its length can be read.
 pub fn check<S: Source + Sync + ?Sized>(source: &S, on_read: OnRead<'_>) -> io::Result<Checked> {
     let mut checked = Checked { bytes: source.len()?, ..Checked::default() };
     let mut pass = Pass { source, at: 0, hash: Some(Sha256::new()), on_read };

@@ -238,7 +238,7 @@ impl Notes {
                 let [x, y, z] = note.place;
                 format!(
                     "{}: {x} {y} {z} is outside of the model, which reaches from {} {} {} to {} {} {}; \
-                     the note is of another model or in other coordinates: make it anew on this one, or take it out of the file",
+                     the note is of another model or in other coordinates: write it again on this one, or remove it from the file",
                     name_of(number, note), min[0], min[1], min[2], max[0], max[1], max[2]
                 )
             })

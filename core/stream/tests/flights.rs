@@ -64,7 +64,7 @@ fn flight_summary(link: Link, budgets: Budgets) -> String {
     for (begins, ends) in flight.stops(1000.0) {
         let mut reached = f64::NAN;
         let mut last = None;
-        // The simulator is summary of every frame, also of those in which nothing happens, until the end of the stop.
+        // The simulator is told of every frame, also of those in which nothing happens, until the end of the stop.
         let mut steps = Vec::new();
         sim.fly(&flight, from, ends, FRAME_MS, |now, step| {
             if now >= begins && reached.is_nan() && step.stats.target_reached {
