@@ -195,8 +195,10 @@ fn a_step_between_frames_does_not_change_the_prediction_of_a_glide() {
         let between = attended.attend(&flight.at(now), now + FRAME_MS / 2.0, []);
         let with = attended.step(&flight.at(next), next, []);
         let without = plain.step(&flight.at(next), next, []);
-        let cancelled = |step: &Step| step.commands.iter().filter(|c| matches!(c, Command::Cancel { .. })).count();
-        assert!(cancelled(&between) + cancelled(&with) <= cancelled(&without), "at {now}: {between:?} {with:?}");
+        // What is cancelled would be cancelled without the step between, too.
+        for cancelled in between.commands.iter().chain(&with.commands).filter(|c| matches!(c, Command::Cancel { .. })) {
+            assert!(without.commands.contains(cancelled), "at {now}: {cancelled:?} of {between:?} {with:?}");
+        }
         assert_eq!(with.stats.chunks_wanted, without.stats.chunks_wanted, "at {now}");
         assert!(is_asked(&between) + is_asked(&with) >= is_asked(&without), "at {now}");
         asked += is_asked(&without);

@@ -185,7 +185,7 @@ fn until_the_target(pack: &Pack, view: &View) -> (u64, BTreeSet<(u32, u32)>) {
 #[test]
 fn ancestors_that_are_not_shown_are_not_loaded_before_visible_chunks() {
     let (mut with, mut without) = (0, 0);
-    for seed in 0..40 {
+    for seed in 0..80 {
         let view = View { clip: Clip::default(), ..random_view(&mut Rng::with_seed(seed)) };
         let listed = until_the_target(&Pack::random(seed, 400).listing_children(true), &view);
         let unlisted = until_the_target(&Pack::random(seed, 400).listing_children(false), &view);
@@ -199,7 +199,7 @@ fn ancestors_that_are_not_shown_are_not_loaded_before_visible_chunks() {
         (with, without) = (with + listed.0, without + unlisted.0);
     }
     println!("{with} bytes of chunks where the directory lists children, {without} where it does not");
-    assert!(with * 20 < without * 19, "{with} bytes where the directory lists children, {without} where it does not");
+    assert!(with * 10 < without * 9, "{with} bytes where the directory lists children, {without} where it does not");
 }
 
 #[test]
