@@ -22,6 +22,7 @@ export const CALLS = new Set([
   "setMode",
   "modes",
   "pick",
+  "groundBelow",
   "view",
   "fit",
   "home",
@@ -154,6 +155,15 @@ export class Api {
     if (hit.length === 0) return null;
     const ray = [...this.#viewer.ray(x * ratio, y * ratio)];
     return { place: [...hit].slice(0, 3), error: hit[3], ray: { origin: ray.slice(0, 3), direction: ray.slice(3) } };
+  }
+
+  /**
+   * Height of the surface on screen below a place; null where there is none.
+   * @param {number[]} place
+   */
+  groundBelow([x, y, z]) {
+    const ground = this.#viewer.groundBelow(x, y, z);
+    return Number.isFinite(ground) ? ground : null;
   }
 
   /** @param {string} name */

@@ -196,6 +196,8 @@ export interface KilwaMethods {
   setMode(mode: string): void;
   modes(): string[];
   pick(x: number, y: number): Hit | null;
+  /** Height of the surface on screen below a place; null where there is none. */
+  groundBelow(place: Vector): number | null;
   view(name: ViewName): Promise<boolean>;
   fit(): Promise<boolean>;
   home(): Promise<boolean>;
