@@ -601,3 +601,34 @@ test("axe-core finds nothing serious in the tab, the table and the marks, in bot
     await close();
   }
 });
+
+test("after a change of language, the menu of file formats shows the format that is saved", async () => {
+  const { page, complaints, close } = await open(browser, fort());
+  await page.evaluate(() =>
+    globalThis.kilwa.api.addMeasurement({
+      tool: "distance",
+      points: [
+        [0, 0, 0],
+        [3, 4, 0],
+      ],
+    }),
+  );
+  await page.getByRole("tab", { name: "Measure" }).click();
+  await page.getByRole("combobox", { name: "File format" }).selectOption("CSV, a table");
+  for (const [language, code] of [
+    ["Français", "fr"],
+    ["العربية", "ar"],
+    ["English", "en"],
+  ]) {
+    await page.getByRole("banner").getByRole("combobox").selectOption(language);
+    const words = JSON.parse(await readFile(path.join(WWW, `i18n/${code}.json`), "utf8"));
+    const panel = page.getByRole("tabpanel", { name: words.tabMeasure });
+    const menu = panel.getByRole("combobox", { name: words.measureFormat });
+    await menu.waitFor();
+    assert.equal(await menu.evaluate((e) => e.selectedOptions[0].label), words.fileCsv, language);
+    const [download] = await Promise.all([page.waitForEvent("download"), panel.getByRole("button", { name: words.exportFile }).click()]);
+    assert.match(await readFile(await download.path(), "utf8"), /^name,tool,reading/, language);
+  }
+  assert.deepEqual(complaints, []);
+  await close();
+});
