@@ -7,18 +7,31 @@
 
 import { execFile } from "node:child_process";
 import { existsSync } from "node:fs";
-import { mkdir, mkdtemp, rm } from "node:fs/promises";
+import { mkdir, mkdtemp, readFile, rm } from "node:fs/promises";
 import { tmpdir } from "node:os";
 import path from "node:path";
 import { promisify } from "node:util";
-import { KILWA, ROOT, WWW, hostile, launch, measuredPack, packFolder, serve, waitFor } from "./harness.mjs";
+import { KILWA, ROOT, WWW, canvasOf, hostile, launch, measuredPack, packFolder, pick, press, serve, waitFor } from "./harness.mjs";
 
 const run = promisify(execFile);
 const SIZES = { desktop: [1440, 900], phone: [390, 844] };
-const MODES = ["colour", "clay", "headlight", "raking", "curvature", "eye-dome", "normals", "height", "distance", "level", "error"];
+/** Shadings, as files name them, and the keys of their names in the page (i18n/en/page.ftl). */
+const MODES = {
+  colour: "modeColor",
+  clay: "modeClay",
+  headlight: "modeHeadlight",
+  raking: "modeRaking",
+  curvature: "modeCurvature",
+  "eye-dome": "modeEyeDome",
+  normals: "modeNormals",
+  height: "modeHeight",
+  distance: "modeDistance",
+  level: "modeLevels",
+  error: "modeError",
+};
 /** Scenes that write other files than one of their name. */
 const FILES = {
-  mode: MODES.map((mode) => `mode-${mode}`),
+  mode: Object.keys(MODES).map((mode) => `mode-${mode}`),
   notes: ["notes", "note", "note-form"],
   section: ["section-plane", "section-box"],
   measure: ["measure", "measure-picking", "measure-distance", "measure-table"],
@@ -55,15 +68,17 @@ function variants() {
   return found;
 }
 
-/** One page in one variant; `shoot(name)` writes what it shows. */
+/** The page's messages in a language. */
+const messages = async (lang) => JSON.parse(await readFile(path.join(WWW, `i18n/${lang}.json`), "utf8"));
+
+/** One page in one variant; `shoot(name)` writes what it shows. Elements are named by the keys of their messages (i18n/en/page.ftl). */
 class Shot {
-  constructor(page, { size, end, lang }) {
-    Object.assign(this, { page, end, lang, isPhone: size === "phone" });
+  constructor(page, { end, lang }, words) {
+    Object.assign(this, { page, end, lang, words });
   }
 
-  async rest() {
-    await this.page.waitForTimeout(80);
-    await waitFor(this.page, "settled");
+  rest() {
+    return waitFor(this.page, "settled");
   }
 
   async shoot(name) {
@@ -72,37 +87,29 @@ class Shot {
     process.stdout.write(`${name}-${this.end}\n`);
   }
 
-  async tab(name) {
-    await this.page.locator(`#tab-${name}`).click();
+  /** An element by its role and the key of its name. */
+  by(role, key) {
+    return this.page.getByRole(role, { name: this.words[key], exact: true });
+  }
+
+  async tab(key) {
+    await this.by("tab", key).click();
     await this.rest();
   }
 
-  /** Presses at shares of the canvas. */
-  async press(...places) {
-    const box = await this.page.locator("#canvas").boundingBox();
-    for (const [x, y] of places) await this.page.mouse.click(box.x + box.width * x, box.y + box.height * y);
+  /** A key that the picture takes. */
+  async key(name) {
+    await canvasOf(this.page).press(name);
+    await this.rest();
   }
 
   /** A measurement at places below shares of the canvas; none where one of them is beside the model. */
-  measured(tool, ...shares) {
-    return this.page.evaluate(
-      async ({ tool, shares }) => {
-        const { api, session } = globalThis.kilwa;
-        const [w, h] = [session.canvas.width / session.ratio, session.canvas.height / session.ratio];
-        const rays = shares.map(([x, y]) => api.pick(w * x, h * y)?.ray);
-        if (rays.every(Boolean)) await api.addMeasurement({ tool, rays });
-      },
-      { tool, shares },
-    );
-  }
-
-  /** Places on the surface below shares of the canvas. */
-  places(shares) {
-    return this.page.evaluate((shares) => {
-      const { viewer, session } = globalThis.kilwa;
-      const { width, height } = session.canvas;
-      return shares.map(([x, y]) => [...viewer.pick(x * width, y * height)].slice(0, 3));
-    }, shares);
+  async measured(tool, ...shares) {
+    const hits = [];
+    for (const [x, y] of shares) hits.push(await pick(this.page, x, y));
+    if (!hits.every(Boolean)) return;
+    const rays = hits.map(({ ray }) => ray);
+    await this.page.evaluate((measurement) => globalThis.kilwa.api.addMeasurement(measurement), { tool, rays });
   }
 }
 
@@ -115,142 +122,128 @@ const scenes = {
 
   async mode(shot) {
     if (shot.lang) return;
-    await shot.tab("display");
-    for (const mode of MODES) {
-      await shot.page.locator(`input[name=mode][value=${mode}]`).check();
+    await shot.tab("tabDisplay");
+    for (const [mode, key] of Object.entries(MODES)) {
+      await shot.by("radio", key).check();
       await shot.rest();
       await shot.shoot(`mode-${mode}`);
     }
   },
 
   async info(shot) {
-    await shot.tab("info");
-    await shot.page.waitForFunction(() => /\d/.test(document.getElementById("stats").textContent));
+    await shot.tab("tabInfo");
+    await shot
+      .by("tabpanel", "tabInfo")
+      .getByRole("definition")
+      .filter({ hasText: /[\d٠-٩]/ })
+      .first()
+      .waitFor();
     await shot.shoot("info");
   },
 
   async display(shot) {
-    await shot.tab("display");
+    await shot.tab("tabDisplay");
     await shot.shoot("display");
   },
 
   async views(shot) {
-    const { page } = shot;
-    await shot.tab("saved");
-    for (const key of ["6", "1"]) {
-      await page.locator("#canvas").focus();
-      await page.keyboard.press(key);
-      await shot.rest();
-      await page.evaluate(() => globalThis.kilwa.saved.add());
+    await shot.tab("tabViews");
+    for (const view of ["6", "1"]) {
+      await shot.key(view);
+      await shot.by("button", "viewSave").click();
+      await shot.page.keyboard.press("Enter"); // by the name that it has
     }
-    await page.locator("#canvas").focus();
-    await page.keyboard.press("6");
-    await shot.rest();
+    await shot.key("6");
     await shot.shoot("views");
   },
 
   async notes(shot) {
     const { page } = shot;
-    const places = await shot.places(NOTES.map(([, share]) => share));
-    await page.evaluate(
-      (notes) => {
-        for (const note of notes) globalThis.kilwa.api.addAnnotation(note);
-      },
-      NOTES.map(([title, , text, link], i) => ({ title, text, link, place: places[i] })),
-    );
-    await shot.tab("notes");
+    for (const [title, share, text, link] of NOTES) {
+      const { place } = await pick(page, ...share);
+      await page.evaluate((note) => globalThis.kilwa.api.addAnnotation(note), { title, text, link, place });
+    }
+    await shot.tab("tabNotes");
     await shot.shoot("notes");
-    await page.locator("#tour-start").click();
+    await shot.by("button", "tourStart").click();
     await shot.rest();
     await shot.shoot("note");
-    await page.locator("#note-edit").click();
+    await shot.by("button", "noteEdit").click();
     await shot.rest();
     await shot.shoot("note-form");
   },
 
   async placing(shot) {
-    await shot.tab("notes");
-    await shot.page.locator("#note-new").click();
+    await shot.tab("tabNotes");
+    await shot.by("button", "noteNew").click();
     await shot.rest();
     await shot.shoot("placing");
   },
 
   async help(shot) {
-    await shot.page.locator("#help-open").click();
+    await shot.by("button", "help").click();
     await shot.shoot("help");
   },
 
   async picture(shot) {
-    await shot.page.locator("#picture-open").click();
-    await shot.page.locator("#picture").waitFor();
+    await shot.by("button", "picture").click();
+    await shot.by("dialog", "picture").waitFor();
     await shot.shoot("picture");
   },
 
   async section(shot) {
-    const { page } = shot;
-    await shot.tab("section");
-    await page.locator("#clip-plane").check();
-    await page.locator("#clip-axis").selectOption("north");
+    await shot.tab("tabSection");
+    const [plane, box] = ["clipPlane", "clipBox"].map((key) => shot.by("group", key).getByRole("checkbox", { name: shot.words.clipOn }));
+    await plane.check();
+    await shot.by("combobox", "clipAxis").selectOption(shot.words.planeNorth);
     await shot.rest();
     await shot.shoot("section-plane");
-    await page.locator("#clip-plane").uncheck();
-    await page.locator("#clip-box").check();
-    for (const [id, value] of [
-      ["center-x", -8],
-      ["center-y", -6],
-      ["center-z", 3],
-      ["size-x", 24],
-      ["size-y", 20],
-      ["size-z", 12],
+    await plane.uncheck();
+    await box.check();
+    for (const [key, value] of [
+      ["boxCenterX", -8],
+      ["boxCenterY", -6],
+      ["boxCenterZ", 3],
+      ["boxSizeX", 24],
+      ["boxSizeY", 20],
+      ["boxSizeZ", 12],
+      ["boxTurn", 20],
     ])
-      await page.locator(`#box-${id}`).fill(String(value));
-    await page.locator("#box-turn").fill("20");
+      await shot.by("spinbutton", key).fill(String(value));
     await shot.rest();
     await shot.shoot("section-box");
   },
 
   async walk(shot) {
-    await shot.page.evaluate(() => globalThis.kilwa.tool("walk"));
-    await shot.page.locator("#walk-pad").waitFor();
+    await shot.by("button", "toolWalk").click();
+    await shot.by("group", "walk").waitFor();
     await shot.rest();
     await shot.shoot("walk");
   },
 
   async measure(shot) {
     const { page } = shot;
-    const done = (count) =>
-      page.waitForFunction(
-        (count) => {
-          const items = globalThis.kilwa.measuring.tools?.items;
-          return items?.length === count && items.every(({ task }) => !["picking", "measuring"].includes(task.state));
-        },
-        count,
-        { polling: 50 },
-      );
-    const use = async (name) => {
-      await shot.tab("measure");
-      await page.locator(".more-tools").waitFor();
-      await page.evaluate((name) => document.querySelector(`.more-tools [data-tool="${name}"]`).click(), name);
-      await page.locator("#measure-bar").waitFor();
-      await page.waitForTimeout(400); // the sheet of a phone goes down
-      await shot.rest();
-    };
-    await shot.tab("measure");
-    await page.locator(".more-tools").waitFor();
+    await shot.tab("tabMeasure");
+    await shot.by("button", "mDistance").first().waitFor();
     await shot.shoot("measure");
-    await use("distance");
-    await shot.press([0.42, 0.5]);
+    await shot.by("button", "mDistance").first().click();
+    const bar = shot.by("toolbar", "measurements");
+    await bar.waitFor();
+    // The sheet of a phone goes down.
+    await page.waitForFunction(() => document.getAnimations().every(({ playState }) => playState === "finished"));
+    await shot.rest();
+    await press(page, 0.42, 0.5);
     await page.mouse.move(10, 300);
     await shot.rest();
     await shot.shoot("measure-picking");
-    await shot.press([0.55, 0.5]);
-    await done(1);
+    await press(page, 0.55, 0.5);
+    await page.waitForFunction(async () => (await globalThis.kilwa.api.measurements()).some(({ state }) => !["picking", "measuring"].includes(state)));
     await page.keyboard.press("Escape");
     await shot.rest();
     await shot.shoot("measure-distance");
     await shot.measured("area", [0.45, 0.48], [0.5, 0.48], [0.5, 0.51], [0.45, 0.51]);
     await shot.measured("section-upright", [0.38, 0.52], [0.62, 0.52]);
-    await shot.tab("measure");
+    await shot.tab("tabMeasure");
     await shot.shoot("measure-table");
   },
 
@@ -272,23 +265,25 @@ const scenes = {
   },
 };
 
+/** What stands in place of the model. */
+const trouble = (shot) => shot.page.getByRole("alert").getByRole("heading");
+
 /** Pages that are not a fort at rest: address below the server, what to wait for, and what is done before it is opened. */
 const others = {
-  list: { address: "/", wait: ".card" },
-  welcome: { address: "/static/", before: staticHost, wait: "#welcome:not([hidden])" },
+  list: { address: "/", wait: (shot) => shot.page.getByRole("listitem") },
+  welcome: { address: "/static/", before: staticHost, wait: (shot) => shot.by("heading", "openTitle") },
   "mode-scalar": { address: "/m/measured?error=2", settled: true, act: scalar },
   embed: { address: "/m/fort?embed=1&error=2", settled: true, frame: { desktop: [800, 500], phone: [360, 480] } },
-  "trouble-missing": { address: "/m/fort", mishap: () => ({ status: 404 }), wait: "#trouble:not([hidden])" },
-  "trouble-damaged": { address: "/m/fort", mishap: () => ({ body: () => Buffer.alloc(65536, 65) }), wait: "#trouble:not([hidden])" },
-  "trouble-gpu": { address: "/m/fort", before: (page) => page.addInitScript(noGpu), wait: "#trouble:not([hidden])" },
-  loading: { address: "/m/fort", mishap: () => ({ status: 503 }), wait: "#loading:not([hidden])", act: (page) => page.waitForTimeout(1500) },
+  "trouble-missing": { address: "/m/fort", mishap: () => ({ status: 404 }), wait: trouble },
+  "trouble-damaged": { address: "/m/fort", mishap: () => ({ body: () => Buffer.alloc(65536, 65) }), wait: trouble },
+  "trouble-gpu": { address: "/m/fort", before: (page) => page.addInitScript(noGpu), wait: trouble },
+  loading: { address: "/m/fort", mishap: () => ({ status: 503 }), wait: (shot) => shot.page.getByText(shot.words.offlineFirst.split("{")[0]) },
 };
 
-async function scalar(page) {
-  await page.locator("#tab-display").click();
-  await page.locator("input[name=mode][value=scalar]").check();
-  await page.waitForTimeout(80);
-  await waitFor(page, "settled");
+async function scalar(shot) {
+  await shot.tab("tabDisplay");
+  await shot.by("radio", "modeScalar").check();
+  await shot.rest();
 }
 
 /** The page alone, as a host has it that has no list of models. */
@@ -336,7 +331,7 @@ async function opened(browser, url, variant, { frame, before } = {}) {
   page.setDefaultTimeout(240_000);
   await before?.(page);
   await page.goto(variant.lang ? `${url}${url.includes("?") ? "&" : "?"}lang=${variant.lang}` : url);
-  return { shot: new Shot(page, variant), close: () => context.close() };
+  return { shot: new Shot(page, variant, await messages(variant.lang ?? "en")), close: () => context.close() };
 }
 
 /** Whether any file of a scene is asked for. */
@@ -362,9 +357,9 @@ for (const variant of variants()) {
     proxy.mishap = other.mishap ?? null;
     const { shot, close } = await opened(browser, (other.mishap ? proxy.url : server.url) + other.address, variant, other);
     if (other.settled) await waitFor(shot.page, "settled");
-    if (other.wait) await shot.page.locator(other.wait).first().waitFor();
-    await other.act?.(shot.page);
-    await shot.page.waitForTimeout(400); // icons
+    await other.wait?.(shot).first().waitFor();
+    await other.act?.(shot);
+    await shot.page.waitForLoadState("networkidle"); // icons
     await shot.shoot(name);
     await close();
   }
