@@ -6,7 +6,7 @@ import { execFile } from "node:child_process";
 import { readFile } from "node:fs/promises";
 import path from "node:path";
 import { promisify } from "node:util";
-import { KILWA, cameraOf, canvasOf, drag, launch, open, openTab, packFolder, picture, serve, test, tool, waitFor } from "./harness.mjs";
+import { KILWA, cameraOf, canvasOf, launch, open, openTab, packFolder, picture, serve, test, tool, waitFor } from "./harness.mjs";
 
 let server;
 let browser;
