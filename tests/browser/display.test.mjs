@@ -79,7 +79,7 @@ const SHADINGS = [
 ];
 
 test("each shading is chosen in the panel, has the controls that belong to it, and is kept by the address", async () => {
-  const { page, complaints, close } = await fort();
+  const { page, complaints, close } = await fort({ size: [900, 420] }, "?error=8");
   await openTab(page, "Display");
   const seen = new Set();
   for (const name of SHADINGS) {

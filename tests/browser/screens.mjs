@@ -152,6 +152,7 @@ const scenes = {
       await shot.key(view);
       await shot.by("button", "viewSave").click();
       await shot.page.keyboard.press("Enter"); // by the name that it has
+      await shot.page.mouse.move(0, 0); // A row is there now.
     }
     await shot.key("6");
     await shot.shoot("views");
