@@ -23,7 +23,7 @@ after(async () => {
   await server?.stop();
 });
 
-const fort = (query = "?error=8") => `${server.url}/m/fort${query}`;
+const fort = (query = "?error=16") => `${server.url}/m/fort${query}`;
 /** What touches the picture is tested with both programs. */
 const onBoth = (name, run) => {
   test(name, () => run(""));

@@ -18,7 +18,7 @@ after(async () => {
   await server?.stop();
 });
 
-const fort = (query = "?error=8") => `${server.url}/m/fort${query}`;
+const fort = (query = "?error=16") => `${server.url}/m/fort${query}`;
 /** What touches the picture is tested with both programs. */
 const onBoth = (name, run) => {
   test(name, () => run(""));
@@ -54,7 +54,7 @@ const annotation = (place, more = {}) => ({
 });
 
 onBoth("a note is placed with a press, written, kept by the browser, and undone", async (gpu) => {
-  const { page, complaints, close } = await open(browser, fort(`?error=8${gpu}`));
+  const { page, complaints, close } = await open(browser, fort(`?error=16${gpu}`));
   await tool(page, "Write a note on the model").click();
   await message(page, "Click a place on the surface").waitFor();
   const box = await canvasOf(page).boundingBox();
@@ -98,7 +98,7 @@ onBoth("a note is placed with a press, written, kept by the browser, and undone"
 });
 
 onBoth("a note is placed by keyboard alone", async (gpu) => {
-  const { page, complaints, close } = await open(browser, fort(`?error=8${gpu}`));
+  const { page, complaints, close } = await open(browser, fort(`?error=16${gpu}`));
   await canvasOf(page).focus();
   // The part of the picture where the cross goes: it starts in the middle.
   const { x, y, width, height } = await canvasOf(page).boundingBox();
@@ -279,7 +279,7 @@ test("notes that the host publishes are shown, the person's changes to them are 
   const [place] = await places(found.page);
   await found.close();
   const published = { type: "AnnotationPage", items: [annotation(place, { label: "Published" })] };
-  const { page, complaints, close } = await open(browser, fort("?error=8&annotations=annotations.json"), {
+  const { page, complaints, close } = await open(browser, fort("?error=16&annotations=annotations.json"), {
     before: (page) => page.route("**/packs/annotations.json", (route) => route.fulfill({ json: published })),
   });
   await pins(page).waitFor();
@@ -300,7 +300,7 @@ test("notes that the host publishes are shown, the person's changes to them are 
   await close();
   // From anywhere else they are refused, before anything is asked for.
   const asked = [];
-  const other = await open(browser, fort(`?error=8&annotations=${encodeURIComponent("http://example.org/notes.json")}`), {
+  const other = await open(browser, fort(`?error=16&annotations=${encodeURIComponent("http://example.org/notes.json")}`), {
     before: (page) => page.on("request", (request) => asked.push(request.url())),
   });
   assert.ok(await message(other.page, "not from http://example.org").isVisible());
