@@ -13,7 +13,7 @@ use kilwa_formats::RawMesh;
 use kilwa_geometry::{Mesh, normal};
 use kilwa_pack::{Chunk, Cut, GpuChunk, NO_DIAMOND, PatchRange, Reader, SliceSource, interleave};
 use kilwa_stream::{Budgets, DrawPatch, View};
-use kilwa_synth::{Phantom, Shape, SynthOptions, mesh};
+use kilwa_synth::{Phantom, SiteKind, SynthOptions, mesh};
 use kilwa_viewer::clip::distance_from_depth;
 use kilwa_viewer::options::Scale;
 use kilwa_viewer::shell::native::Session;
@@ -234,7 +234,7 @@ fn frames_of_a_fort_equal_the_ray_caster_in_mixed_cuts() {
 }
 
 fn frames_equal_the_ray_caster(seed: u64) {
-    let raw = mesh(Shape::Fort, &SynthOptions { seed, ..SynthOptions::new(20_000) }).expect("a fort");
+    let raw = mesh(SiteKind::Fort, &SynthOptions { seed, ..SynthOptions::new(20_000) }).expect("a fort");
     let mut world = World::build(raw, 400);
     let size = [96, 72];
     let (mut pixels, mut edges) = (0, 0);
@@ -256,7 +256,7 @@ fn frames_equal_the_ray_caster(seed: u64) {
 #[test]
 fn a_closed_model_shows_no_background_from_inside_in_any_cut() {
     for phantom in [Phantom::Sphere, Phantom::Cube] {
-        let raw = mesh(Shape::Phantom(phantom), &SynthOptions::new(8_000)).expect("a phantom");
+        let raw = mesh(SiteKind::Phantom(phantom), &SynthOptions::new(8_000)).expect("a phantom");
         let mut world = World::build(raw, 150);
         let size = [160, 160];
         for (cut_name, cut) in world.cuts() {
@@ -354,7 +354,7 @@ fn far_out_on_the_lattice_nothing_jitters() {
 
 #[test]
 fn the_streamer_draws_what_the_ray_caster_sees() {
-    let raw = mesh(Shape::Fort, &SynthOptions::new(30_000)).expect("a fort");
+    let raw = mesh(SiteKind::Fort, &SynthOptions::new(30_000)).expect("a fort");
     let world = World::build(raw, 400);
     let size = [128, 96];
     let source = SliceSource(world.bytes.clone());

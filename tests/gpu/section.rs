@@ -40,7 +40,7 @@ fn cast_cut(scene: &Scene, view: &View, clip: &Clip, pixel: [f64; 2]) -> Option<
 
 #[test]
 fn clipped_geometry_is_invisible_and_the_rest_is_what_the_ray_caster_sees() {
-    let raw = mesh(Shape::Fort, &SynthOptions::new(12_000)).expect("a fort");
+    let raw = mesh(SiteKind::Fort, &SynthOptions::new(12_000)).expect("a fort");
     let mut world = World::build(raw, 400);
     let lattice = world.reader.header().lattice;
     let center = lattice.steps_from_world(world.bounds.center());
@@ -96,7 +96,7 @@ fn clipped_geometry_is_invisible_and_the_rest_is_what_the_ray_caster_sees() {
 
 #[test]
 fn picks_pass_through_clipped_geometry() {
-    let raw = mesh(Shape::Fort, &SynthOptions::new(12_000)).expect("a fort");
+    let raw = mesh(SiteKind::Fort, &SynthOptions::new(12_000)).expect("a fort");
     let world = World::build(raw, 400);
     let lattice = world.reader.header().lattice;
     let center = lattice.steps_from_world(world.bounds.center());
@@ -128,7 +128,7 @@ fn picks_pass_through_clipped_geometry() {
 
 #[test]
 fn wholly_clipped_chunks_are_not_loaded_and_the_picture_is_the_same() {
-    let raw = mesh(Shape::Wall, &SynthOptions::new(60_000)).expect("a wall");
+    let raw = mesh(SiteKind::Wall, &SynthOptions::new(60_000)).expect("a wall");
     let world = World::build(raw, 200);
     let lattice = world.reader.header().lattice;
     let center = lattice.steps_from_world(world.bounds.center());

@@ -7,20 +7,20 @@ use kilwa_geometry::LatticePoint;
 use kilwa_pack::cut::Cut;
 use kilwa_pack::reader::SliceSource;
 use kilwa_pack::{Chunk, DirectoryEntry, Reader};
-use kilwa_synth::{self as synth, Phantom, Shape, SynthOptions};
+use kilwa_synth::{self as synth, Phantom, SiteKind, SynthOptions};
 use std::collections::HashMap;
 
 pub(crate) fn fort(triangles: u64) -> RawMesh {
-    synth::mesh(Shape::Fort, &SynthOptions::new(triangles)).expect("fort")
+    synth::mesh(SiteKind::Fort, &SynthOptions::new(triangles)).expect("fort")
 }
 
 pub(crate) fn wall(triangles: u64) -> RawMesh {
-    synth::mesh(Shape::Wall, &SynthOptions::new(triangles)).expect("wall")
+    synth::mesh(SiteKind::Wall, &SynthOptions::new(triangles)).expect("wall")
 }
 
 /// A closed manifold: a sphere with relief.
 pub(crate) fn closed(triangles: u64) -> RawMesh {
-    let mut mesh = synth::mesh(Shape::Phantom(Phantom::Sphere), &SynthOptions::new(triangles)).expect("sphere");
+    let mut mesh = synth::mesh(SiteKind::Phantom(Phantom::Sphere), &SynthOptions::new(triangles)).expect("sphere");
     for p in &mut mesh.positions {
         let r = 1.0 + 0.05 * (p[0] * 9.0).sin() * (p[1] * 7.0).cos() + 0.01 * (p[2] * 61.0).sin();
         *p = p.map(|x| x * r);

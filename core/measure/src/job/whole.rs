@@ -2,8 +2,8 @@
 
 use super::{Outcome, Subject, sound};
 use crate::place::Place;
-use crate::record::Task;
 use crate::refusal::Target;
+use crate::saved::Task;
 use crate::{
     Areas, CutFill, Deviation, Dimension, Enclosed, Failure, Leaves, Plane, PointTool, Reading, Refusal, Region, Remark,
 };
