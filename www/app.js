@@ -2,7 +2,8 @@
 // scene (scene.js); both are replaced, the page stays.
 
 import { actionsOf } from "./actions.js";
-import { Api, CALLS } from "./api.js";
+import { Api } from "./api.js";
+import { CALLS } from "./calls.js";
 import { cameraOf, numbersOf } from "./camera.js";
 import * as chrome from "./chrome.js";
 import { connect, showTurning } from "./controls.js";
@@ -129,7 +130,7 @@ class Page {
     this.settings = new Settings(parameters, scene);
     this.#listen();
     if (parameters.has("embed")) embed?.reduce(parameters.get("embed") === "bare");
-    embed?.serve(api, CALLS);
+    embed?.serve(api, new Set(CALLS));
     expose(current, { api, address, look, measuring, pictures, engine, tool });
   }
 

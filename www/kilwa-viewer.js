@@ -8,36 +8,9 @@
 // see kilwa-viewer.d.ts. The viewer stands in a frame: neither document can break the other, and messages are taken only
 // from that frame and its origin.
 
+import { CALLS } from "./calls.js";
+
 const HERE = new URL("./", import.meta.url);
-const CALLS = [
-  "stats",
-  "info",
-  "getCamera",
-  "setCamera",
-  "getMode",
-  "setMode",
-  "modes",
-  "pick",
-  "view",
-  "fit",
-  "home",
-  "back",
-  "forward",
-  "setTool",
-  "annotations",
-  "addAnnotation",
-  "openAnnotation",
-  "closeAnnotation",
-  "showAnnotations",
-  "measurements",
-  "addMeasurement",
-  "removeMeasurement",
-  "state",
-  "setState",
-  "link",
-  "picture",
-  "setLanguage",
-];
 const EVENTS = ["ready", "frame", "camera", "annotation", "annotations", "measurement", "measurements", "trouble"];
 
 /** Whether the viewer in the frame has answered. @typedef {{heard: boolean, promise: Promise<void>, resolve: () => void, end: (error: Error) => void}} Hello */
