@@ -1,4 +1,11 @@
-//! Which failures of a connection say that the other side is not to be trusted: trying again changes nothing.
+//! Whom a connection trusts, and which failures say that the other side is not to be trusted: trying again changes nothing.
+
+use ureq::tls::{RootCerts, TlsConfig};
+
+/// Trust the certificates of the system: institutions have their own.
+pub(crate) fn system_certificates() -> TlsConfig {
+    TlsConfig::builder().root_certs(RootCerts::PlatformVerifier).build()
+}
 
 /// Whether a certificate or what else a server says of itself is not to be trusted.
 pub(crate) fn is_distrusted(error: &ureq::Error) -> bool {

@@ -128,7 +128,7 @@ impl Page {
     }
 
     /// Files that a page cannot be without.
-    const NEEDED: [&str; 8] = [
+    pub const NEEDED: [&str; 8] = [
         "index.html",
         "boot.js",
         "viewer.js",

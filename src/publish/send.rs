@@ -6,6 +6,7 @@
 //!
 //! Stands by itself (with `distrust`), so that tests can drive it without a command line.
 
+use crate::distrust::{is_distrusted, system_certificates};
 use kilwa_archive::checksums::sha256_of;
 use kilwa_pack::plural::counted;
 use kilwa_server::upload::wire::{AnnouncedFile, Intent, Lacking, State, Status};
@@ -106,10 +107,7 @@ impl Sender {
             .timeout_recv_response(Some(Duration::from_secs(90)))
             .timeout_recv_body(Some(Duration::from_secs(90)))
             .user_agent(concat!("kilwa-publish/", env!("CARGO_PKG_VERSION")))
-            .tls_config(
-                // The certificates of the system: institutions have their own.
-                ureq::tls::TlsConfig::builder().root_certs(ureq::tls::RootCerts::PlatformVerifier).build(),
-            );
+            .tls_config(system_certificates());
         if is_loopback(base) {
             // No proxy of the environment is between a computer and itself: over http it would read the token.
             agent = agent.proxy(None);
@@ -372,7 +370,7 @@ impl Sender {
             ureq::Error::BadUri(_) | ureq::Error::RequireHttpsOnly(_) | ureq::Error::Tls(_) => {
                 Failure::Final(format!("{url}: {e}"))
             }
-            e if crate::distrust::is_distrusted(&e) => Failure::Final(format!("{url}: {e}")),
+            e if is_distrusted(&e) => Failure::Final(format!("{url}: {e}")),
             e => passing(format!("{url}: {e}")),
         })
     }

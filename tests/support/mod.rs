@@ -54,6 +54,20 @@ pub(crate) fn text(path: &Path) -> &str {
     path.to_str().unwrap()
 }
 
+/// A place on the lattice and its colour.
+pub(crate) type Corner = ([i32; 3], Option<[u8; 3]>);
+
+/// Triangles as a sorted multiset of lattice corners with colours, each rotated to its smallest form, without those whose
+/// corners fall together on the lattice.
+pub(crate) fn multiset(triangles: impl Iterator<Item = [Corner; 3]>) -> Vec<[Corner; 3]> {
+    let mut all: Vec<_> = triangles
+        .filter(|[a, b, c]| a.0 != b.0 && b.0 != c.0 && c.0 != a.0)
+        .map(|[a, b, c]| [[a, b, c], [b, c, a], [c, a, b]].into_iter().min().unwrap())
+        .collect();
+    all.sort_unstable();
+    all
+}
+
 /// All PLY files below a folder, in order.
 pub(crate) fn plys(folder: &Path, found: &mut Vec<PathBuf>) {
     let mut entries: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();

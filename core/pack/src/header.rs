@@ -53,6 +53,24 @@ pub struct Header {
 }
 
 impl Header {
+    /// The header of a pack that is to be written; the writer fills in the offsets, lengths and counts, which are 0.
+    pub fn new(lattice: Lattice, cube_log2: u32, triangles: u64, attributes: crate::Attributes) -> Self {
+        Self {
+            lattice,
+            cube_log2,
+            file_bytes: 0,
+            metadata: (0, 0),
+            metadata_checksum: [0; 16],
+            entry_count: 0,
+            first_page: 0,
+            other_pages: 0,
+            triangles,
+            stored_triangles: 0,
+            stored_vertices: 0,
+            attributes,
+        }
+    }
+
     /// Number of directory pages.
     pub fn page_count(&self) -> u32 {
         self.entry_count.div_ceil(127)
