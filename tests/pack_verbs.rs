@@ -1,7 +1,9 @@
 //! `kilwa info`, `verify` and `extract` on packs that `kilwa build` wrote: the mesh round-trips, coarser forms have
 //! no cracks, damage is found and named, and a failure leaves no files behind.
 
-use crate::support::{Corner, Input, Ply, built_once, fails, json, kilwa, multiset, plys, shared, succeeds, text};
+use crate::support::{
+    Corner, Input, Ply, built_once, fails, json, kilwa, large_pack, multiset, plys, shared, succeeds, text,
+};
 use kilwa_geometry::Lattice;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -92,8 +94,7 @@ fn coarser_extracts_have_no_cracks_and_stay_within_their_error() {
 /// A model of some dozens of diamonds: with few, the next step of refinement is too large for most limits.
 #[test]
 fn a_triangle_limit_is_respected_and_used_to_at_least_two_thirds() {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pack_verbs");
-    let pack = built_once(&folder, "large", |to| Input::torus(1280, 128, [0.0; 3]).write(to), &[]);
+    let pack = large_pack();
     let work = tempfile::tempdir().unwrap();
     let out = work.path().join("part.ply");
     for limit in [120_000u64, 160_000, 200_000, 266_664, 327_679] {

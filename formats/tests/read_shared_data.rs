@@ -1,7 +1,7 @@
 //! Every real file of `../shared/data`, where that folder is present: a PLY is read as the reference parser reads it or
 //! refused with a reason and a place; a file of another format is refused by its name.
 
-use crate::shared_data::{check_invariants, data, extension, files};
+use crate::shared_data::{check_invariants, data, extension, files, refusal_of};
 use kilwa_formats::read::{ReadError, read_mesh};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -73,9 +73,7 @@ fn every_ply_is_read_as_the_reference_reads_it_or_refused_with_a_reason() {
             }
             Err(e) => {
                 refused += 1;
-                println!("refused {e}");
-                let text = e.to_string();
-                assert!(text.contains(path.file_name().unwrap().to_str().unwrap()), "names the file: {text}");
+                let text = refusal_of(path, &e);
                 match e {
                     ReadError::Malformed { .. } => {
                         assert!(text.contains(", line ") || text.contains(", byte "), "names the place: {text}");

@@ -1,6 +1,7 @@
 //! The folder `../shared/data`: real files, and a README with what a reference parser found in them.
 
 use kilwa_formats::RawMesh;
+use kilwa_formats::read::ReadError;
 use std::path::{Path, PathBuf};
 
 /// The folder, if it is present.
@@ -30,6 +31,14 @@ pub(crate) fn files_of(folder: &Path, extensions: &[&str]) -> Vec<PathBuf> {
 /// The extension of a file's name, in small letters; empty where there is none.
 pub(crate) fn extension(path: &Path) -> String {
     path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
+}
+
+/// The message of a refusal, which names the file; it is printed, too.
+pub(crate) fn refusal_of(path: &Path, error: &ReadError) -> String {
+    println!("refused {error}");
+    let text = error.to_string();
+    assert!(text.contains(path.file_name().unwrap().to_str().unwrap()), "names the file: {text}");
+    text
 }
 
 /// Properties of every mesh that is read.

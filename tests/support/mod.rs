@@ -44,6 +44,12 @@ pub(crate) fn built_once(folder: &Path, name: &str, write: impl FnOnce(&Path), o
     pack
 }
 
+/// A pack of 327,680 triangles.
+pub(crate) fn large_pack() -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pack_verbs");
+    built_once(&folder, "large", |to| Input::torus(1280, 128, [0.0; 3]).write(to), &[])
+}
+
 /// Run the program with `--json`; what it prints.
 pub(crate) fn json(args: &[&str]) -> serde_json::Value {
     serde_json::from_str(&succeeds(&[args, &["--json"]].concat())).unwrap()
