@@ -1,6 +1,7 @@
 //! Runs `kilwa`, and reads PLY files independently of the program.
 #![allow(dead_code, reason = "each test file uses its part")]
 
+pub(crate) mod kill_seed;
 pub(crate) mod serving;
 
 use std::collections::BTreeMap;
@@ -53,6 +54,11 @@ pub(crate) fn large_pack() -> PathBuf {
 /// Run the program with `--json`; what it prints.
 pub(crate) fn json(args: &[&str]) -> serde_json::Value {
     serde_json::from_str(&succeeds(&[args, &["--json"]].concat())).unwrap()
+}
+
+/// Make a named pipe.
+pub(crate) fn make_pipe(path: &Path) {
+    assert!(Command::new("mkfifo").arg(path).status().expect("starts").success());
 }
 
 /// A path as text.
@@ -232,17 +238,26 @@ impl Input {
         mesh
     }
 
-    /// Write it.
+    /// Write it with its colours.
     pub(crate) fn write(&self, path: &Path) {
+        let colors = "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+        self.write_with(path, colors, |i| {
+            let [r, g, b] = self.colors[i];
+            format!("{r} {g} {b}")
+        });
+    }
+
+    /// Write it with some properties for each vertex, by its number, after the position.
+    pub(crate) fn write_with(&self, path: &Path, properties: &str, values: impl Fn(usize) -> String) {
         use std::fmt::Write;
         let mut out = String::from("ply\nformat ascii 1.0\n");
         let _ = writeln!(out, "element vertex {}", self.positions.len());
         out += "property double x\nproperty double y\nproperty double z\n";
-        out += "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+        out += properties;
         let _ =
             writeln!(out, "element face {}\nproperty list uchar int vertex_indices\nend_header", self.triangles.len());
-        for (p, c) in self.positions.iter().zip(&self.colors) {
-            let _ = writeln!(out, "{} {} {} {} {} {}", p[0], p[1], p[2], c[0], c[1], c[2]);
+        for (i, p) in self.positions.iter().enumerate() {
+            let _ = writeln!(out, "{} {} {} {}", p[0], p[1], p[2], values(i));
         }
         for t in &self.triangles {
             let _ = writeln!(out, "3 {} {} {}", t[0], t[1], t[2]);
