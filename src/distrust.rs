@@ -11,7 +11,7 @@ pub(crate) fn system_certificates() -> TlsConfig {
 pub(crate) fn is_distrusted(error: &ureq::Error) -> bool {
     match error {
         ureq::Error::Rustls(_) => true,
-        // What fails while hands are shaken comes as this.
+        // Failures of the TLS handshake come as this.
         ureq::Error::Io(e) => e.kind() == std::io::ErrorKind::InvalidData,
         _ => false,
     }

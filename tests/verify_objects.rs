@@ -184,7 +184,7 @@ fn a_changed_byte_of_any_file_is_found_and_named() {
         }
         fs::write(path, &good).unwrap();
     }
-    // Another time of writing alone is no problem, nor other rights.
+    // Another modification time or other permissions alone are not a problem.
     let file = fs::File::options().write(true).open(&all[3]).unwrap();
     file.set_modified(std::time::SystemTime::UNIX_EPOCH).unwrap();
     assert!(succeeds(&["verify", text(&object)]).contains("1 of 1 object sound"));

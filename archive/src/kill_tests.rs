@@ -140,7 +140,7 @@ fn run(what: What, folder: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
     }
 }
 
-/// What a reader gets.
+/// What a reader of the site gets.
 async fn get(shelf: &Path, path: &str) -> (StatusCode, Vec<u8>) {
     let page = kilwa_server::Page::from_files([("index.html".to_owned(), b"<html></html>".to_vec())].into());
     let app = app(Site::new(Catalogue::open(shelf).unwrap(), page));
@@ -289,7 +289,7 @@ fn a_kill_before_any_disk_change_leaves_the_old_or_new_object_and_a_rerun_finish
     }
 }
 
-/// What changes a disk.
+/// The system calls that change a disk.
 const CALLS: &str = "rename,renameat,renameat2,unlink,unlinkat,rmdir,mkdir,mkdirat,link,linkat,write,pwrite64,writev,fsync,fdatasync,ftruncate,chmod,fchmod,fchmodat,chown,lchown,fchown,fchownat,copy_file_range,sendfile,flock";
 
 /// How often each of these calls is made, in a run that comes to its end.

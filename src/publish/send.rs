@@ -65,7 +65,7 @@ pub(crate) struct Sender {
     token: String,
     patience: Patience,
     piece: Cell<usize>,
-    /// What was lacking when an attempt last began: less of it is progress, however the attempt ended.
+    /// The bytes that were missing when an attempt last began: fewer are progress, however the attempt ended.
     lacking: Cell<u64>,
     /// How often a file arrived with another content than was announced.
     altered: Cell<u32>,
@@ -152,7 +152,7 @@ impl Sender {
             let response = self.ask("GET", &format!("uploads/{slug}"), &[], None)?;
             let speaks_tus = response.headers().contains_key("tus-resumable");
             match response.status().as_u16() {
-                // How the last upload ended, or that there is none, is no matter.
+                // It does not matter how the last upload ended, or whether there was one.
                 200..=299 | 404 | 409 | 422 | 423 | 507 if speaks_tus => Ok(()),
                 200..=299 | 404 => {
                     Err(Failure::Final(format!("{} accepts no uploads; does it run this version of kilwa?", self.base)))
@@ -375,7 +375,7 @@ impl Sender {
         })
     }
 
-    /// What the server says of the upload; `is_first` if requested the first time in an attempt.
+    /// The server's status of the upload; `is_first` if requested the first time in an attempt.
     fn status(&self, response: Response<Body>, is_first: bool) -> Result<Status, Failure> {
         match response.status().as_u16() {
             200..=202 => {

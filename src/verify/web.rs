@@ -18,7 +18,7 @@ use std::time::Duration;
 use ureq::Agent;
 use ureq::http::{Response, StatusCode};
 
-/// What one request asks for at least, and is kept: small files need no second one.
+/// Bytes of one request at least, which are kept: small files need no second one.
 const BLOCK: u64 = 1 << 20;
 const ATTEMPTS: u32 = 5;
 const FIRST_WAIT: Duration = Duration::from_millis(500);

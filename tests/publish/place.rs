@@ -21,7 +21,7 @@ fn survey() -> PathBuf {
     built_once(&folder, "survey-kilwa-fort", write, &["--crs", "EPSG:32737", "--title", "Survey at 565977"])
 }
 
-/// What reveals the location of a pack: corners, middle and lattice of the true pack; its degrees and those of the metadata; codes; what the pack and its
+/// Everything that reveals the location of a pack: corners, middle and lattice of the true pack; its degrees and those of the metadata; codes; what the pack and its
 /// sources are called.
 fn traces(pack: &Path) -> Traces {
     let info = json(&["info", text(pack)]);

@@ -1,4 +1,4 @@
-//! What `kilwa serve` and `kilwa publish` need in a test: a page of small files, and the address that a server says.
+//! A page of small files, which `kilwa serve` and `kilwa publish` need in a test, and the address that a server prints.
 
 use kilwa_archive::viewer::Page;
 use std::io::{BufRead as _, BufReader};

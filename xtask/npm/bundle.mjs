@@ -29,7 +29,7 @@ for (const name of ["style.css", "measure.css"]) {
   const { code } = await transform(await readFile(join(www, name), "utf8"), { minify: true, loader: "css", target: "es2022", charset: "utf8" });
   await writeFile(join(out, name), code);
 }
-// What the first one needs before it runs, and what the second one needs besides.
+// Files that the first one needs before it runs, and that the second one needs besides.
 const needs = (entry) => {
   const [, output] = Object.entries(result.metafile.outputs).find(([name]) => basename(name) === entry);
   return output.imports

@@ -8,7 +8,7 @@ use kilwa_geometry::{Lattice, lattice::MAX_COORDINATE};
 
 /// Bytes of the header.
 pub const HEADER_BYTES: usize = 256;
-/// What a reader asks for first: header, metadata, page 0 and the coarsest chunks lie in it.
+/// Length of a reader's first request: header, metadata, page 0 and the coarsest chunks lie in it.
 pub const HEAD_BYTES: u64 = 131_072;
 
 /// First bytes of every pack.
@@ -90,7 +90,7 @@ impl Header {
     /// Parse and check the first [`HEADER_BYTES`] bytes of a file.
     ///
     /// # Errors
-    /// [`PackError`] when this is no pack, a newer one, damaged or impossible.
+    /// [`PackError`] when this is not a pack, or is a newer one, damaged or impossible.
     pub fn parse(bytes: &[u8]) -> Result<Self, PackError> {
         let there = bytes.len().min(MAGIC.len());
         if bytes.get(..there) != MAGIC.get(..there) || there == 0 {

@@ -206,7 +206,7 @@ mod tests {
         }
         assert!(pace.is_at_rest());
         assert!(answers.iter().all(|a| (a - 1.5).abs() < 1e-12), "{answers:?}");
-        // What was learnt is not forgotten: the first frames of the next movement are not slow again.
+        // The factor found so far is kept, so that the first frames of the next movement are not slow again.
         assert!(pace.factor() > 2.0);
     }
 
