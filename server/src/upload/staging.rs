@@ -185,7 +185,8 @@ impl Uploads {
         let coming = self.coming.load(Ordering::Relaxed).saturating_add(bytes);
         let needed = RESERVE.saturating_add(coming);
         if let Some(free) = (self.space)(&self.shelf).filter(|free| *free < needed) {
-            let message = format!("{free} bytes are free; this request may bring {coming}, and {RESERVE} must stay free");
+            let message =
+                format!("{free} bytes are free; this request may bring {coming}, and {RESERVE} must stay free");
             return Err(Refusal::full(message));
         }
         let held: u64 = self.staged().iter().map(|folder| bytes_in(folder, is_sent)).sum();
