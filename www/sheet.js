@@ -1,6 +1,7 @@
 // Drawings to scale: plans and elevations as PNG, PDF or TIFF (of plans GeoTIFF) of any size. The worker that measures makes them (measure/drawing.js) as
 // `kilwa render --scale` does; here the parts that it asks for are rendered, and what it writes is kept.
 
+import { PngWriter } from "./png.js";
 import { detail } from "./screenshot.js";
 
 /** @import { Pixels, SheetAsked, SheetHost, SheetMade, Sink, Viewer } from "./types/page.js" */
@@ -13,23 +14,26 @@ export const TYPES = { png: "image/png", pdf: "application/pdf", tif: "image/tif
  * @param {{viewer: Viewer, session: Session}} scene
  * @param {Engine} engine
  * @param {Omit<SheetAsked, "widest" | "direction">} asked
- * @param {{open: (bytes: number) => Promise<Sink>, onProgress?: (part: number) => void, signal?: AbortSignal}} how `open` gives the place (sink.js) for a
- *   file of at most about so many bytes
+ * @param {{open: (bytes: number) => Promise<Sink>, onProgress?: (part: number) => void, signal?: AbortSignal, texts?: Record<string, string>}} how `open` gives
+ *   the place (sink.js) for a file of at most about so many bytes; `texts` are for a PNG
  * @returns {Promise<SheetMade & {blob: Blob | null}>} no blob where the file is where the person wanted it
  */
-export async function drawSheet({ viewer, session }, engine, asked, { open, onProgress = () => {}, signal }) {
+export async function drawSheet({ viewer, session }, engine, asked, { open, onProgress = () => {}, signal, texts }) {
   const camera = viewer.camera();
   const display = viewer.displayState();
   /** @type {Promise<Sink> | undefined} */
   let place;
+  /** @type {PngWriter | undefined} */
+  let png;
   /** The part that is rendered, or was last. @type {Promise<unknown> | undefined} */
   let part;
   /** @type {SheetHost} */
   const host = {
-    async open(ended, bytes) {
-      place = open(bytes);
-      await place;
+    async open(ended, [width, height]) {
+      place = open(width * height * 3);
+      const sink = await place;
       ended.throwIfAborted();
+      if (asked.format === "png") png = new PngWriter(width, height, { texts, dotsPerMetre: asked.dpi / 0.0254, sink });
       viewer.setDisplayState(JSON.stringify({ ...JSON.parse(display), background: "white" }));
     },
     part(ended, x, y, z, halfHeight, width, height) {
@@ -45,6 +49,7 @@ export async function drawSheet({ viewer, session }, engine, asked, { open, onPr
       part = render();
       return part;
     },
+    rows: async (_, rgb) => png?.rows(rgb, 3),
     write: async (_, bytes) => (await place)?.write(bytes),
     head: async (_, bytes) => (await place)?.head(bytes),
   };
@@ -54,7 +59,7 @@ export async function drawSheet({ viewer, session }, engine, asked, { open, onPr
       progress: ({ done = 0, all = 1 }) => onProgress(done / all),
       signal,
     });
-    return { ...made, blob: (await (await place)?.end()) ?? null };
+    return { ...made, blob: (await (png ?? (await place))?.end()) ?? null };
   } catch (error) {
     const sink = await place?.catch(() => null);
     await sink?.abort();

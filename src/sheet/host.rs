@@ -89,15 +89,15 @@ impl<S: Source> Host for Native<'_, S> {
         Ok(packed.finish()?)
     }
 
-    async fn write(&mut self, bytes: Vec<u8>) -> anyhow::Result<()> {
-        self.output.write(&bytes)
+    async fn write(&mut self, bytes: &[u8]) -> anyhow::Result<()> {
+        self.output.write(bytes)
     }
 
-    async fn replace_head(&mut self, bytes: Vec<u8>) -> anyhow::Result<()> {
+    async fn replace_head(&mut self, bytes: &[u8]) -> anyhow::Result<()> {
         if let Output::Bytes(out) = &mut self.output {
             out.seek(SeekFrom::Start(0)).context("cannot write the drawing")?;
         }
-        self.output.write(&bytes)
+        self.output.write(bytes)
     }
 
     async fn end(&mut self) -> anyhow::Result<()> {

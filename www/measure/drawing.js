@@ -1,8 +1,6 @@
 // What a drawing to scale needs of JavaScript in the worker that measures. The loop is Rust's (core/measure/src/sheet/draw.rs); the page renders the parts
 // and keeps the bytes (sheet.js), and is asked for both; here the marks are painted, and the browser deflates.
 
-import { PngWriter } from "../png.js";
-
 /** @import { Mark, SheetAsked } from "../types/page.js" */
 
 /** Widest canvas that letters are painted on, pixels. */
@@ -15,32 +13,32 @@ const ALIGN = /** @type {const} */ ({ start: "left", middle: "center", end: "rig
  * @param {(method: string, args: unknown[], transfer?: Transferable[]) => Promise<any>} ask the page
  * @param {(rows: number, all: number) => void} progress
  */
-export function sheetHost({ format, dpi, texts, direction }, ask, progress) {
-  /** @type {PngWriter | null} */
-  let png = null;
+export function sheetHost({ direction }, ask, progress) {
   /** @type {{size: [number, number], pixelsPerMm: number, marks: Mark[]}} */
   let sheet;
-  const write = (/** @type {Uint8Array} */ bytes) => ask("write", [bytes], [bytes.buffer]);
   return {
     progress,
-    write,
-    /** @param {string} text */
-    async open(text) {
-      sheet = JSON.parse(text);
-      const [width, height] = sheet.size;
-      await ask("open", [width * height * 3]);
-      // The page ends the file.
-      const sink = { write, head: () => {}, end: async () => null, abort: () => {} };
-      if (format === "png") png = new PngWriter(width, height, { texts, dotsPerMetre: dpi / 0.0254, sink });
-    },
     part: (/** @type {number[]} */ ...place) => ask("part", place),
-    paint: (/** @type {Uint8Array} */ rgb, /** @type {number} */ top) =>
-      paint(sheet.marks, rgb, { k: sheet.pixelsPerMm, width: sheet.size[0], top, direction }),
-    rows: async (/** @type {Uint8Array} */ rgb) => png?.rows(rgb, 3),
-    deflate: (/** @type {Uint8Array<ArrayBuffer>} */ bytes) =>
-      new Response(new Blob([bytes]).stream().pipeThrough(new CompressionStream("deflate"))).arrayBuffer(),
-    head: (/** @type {Uint8Array} */ bytes) => ask("head", [bytes]),
-    end: async () => png?.end(),
+    /**
+     * @param {string} action
+     * @param {Uint8Array<ArrayBuffer>} bytes
+     */
+    act(action, bytes) {
+      if (action === "deflate") return new Response(new Blob([bytes]).stream().pipeThrough(new CompressionStream(action))).arrayBuffer();
+      if (action === "open") {
+        sheet = JSON.parse(new TextDecoder().decode(bytes));
+        return ask(action, [sheet.size]);
+      }
+      const copy = bytes.slice();
+      return ask(action, [copy], [copy.buffer]);
+    },
+    /**
+     * @param {Uint8Array} rgb
+     * @param {number} top
+     */
+    paint(rgb, top) {
+      paint(sheet.marks, rgb, { k: sheet.pixelsPerMm, width: sheet.size[0], top, direction });
+    },
   };
 }
 

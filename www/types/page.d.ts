@@ -369,8 +369,6 @@ export interface SheetAsked {
   bare?: boolean;
   title: string;
   format: "png" | "pdf" | "tif";
-  /** Of a PNG, by keyword. */
-  texts: Record<string, string>;
   /** Of the page's texts. */
   direction: CanvasDirection;
   /** Widest part that the graphics card draws, pixels. */
@@ -379,9 +377,11 @@ export interface SheetAsked {
 
 /** What the page does for a drawing; `ended` is aborted when the drawing ends. */
 export interface SheetHost {
-  open(ended: AbortSignal, bytes: number): Promise<void>;
+  open(ended: AbortSignal, size: [width: number, height: number]): Promise<void>;
   /** From the point in its middle and half of its height, metres, and its size in pixels: its pixels, whether it is as fine as they are, its error in metres, its triangles. */
   part(ended: AbortSignal, x: number, y: number, z: number, halfHeight: number, width: number, height: number): Promise<unknown>;
+  /** The next of a PNG: three bytes per pixel. */
+  rows(ended: AbortSignal, rgb: Uint8Array): Promise<void>;
   write(ended: AbortSignal, bytes: Uint8Array<ArrayBuffer>): Promise<void>;
   head(ended: AbortSignal, bytes: Uint8Array<ArrayBuffer>): Promise<void>;
 }

@@ -77,13 +77,13 @@ impl Host for Fake {
         Ok(encoder.finish().expect("memory"))
     }
 
-    async fn write(&mut self, bytes: Vec<u8>) -> Result<(), Failure> {
+    async fn write(&mut self, bytes: &[u8]) -> Result<(), Failure> {
         self.file.extend(bytes);
         Ok(())
     }
 
-    async fn replace_head(&mut self, bytes: Vec<u8>) -> Result<(), Failure> {
-        self.file[..bytes.len()].copy_from_slice(&bytes);
+    async fn replace_head(&mut self, bytes: &[u8]) -> Result<(), Failure> {
+        self.file[..bytes.len()].copy_from_slice(bytes);
         Ok(())
     }
 

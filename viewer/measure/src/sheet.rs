@@ -21,9 +21,10 @@ extern "C" {
     /// What JavaScript does for a drawing. What it throws ends the drawing.
     pub type SheetHost;
 
-    /// Begin a file: its `size` in pixels, `pixelsPerMm`, and the `marks` to be painted (mm from the upper left corner), JSON.
+    /// `open` begins a file: its `size` in pixels, `pixelsPerMm`, and the `marks` to be painted (mm from the upper left corner), JSON. `rows` are the next rows
+    /// of a PNG, `write` and `head` append to other files and replace their first bytes. `deflate` answers an `ArrayBuffer`.
     #[wasm_bindgen(method, catch)]
-    async fn open(this: &SheetHost, sheet: &str) -> Result<JsValue, JsValue>;
+    async fn act(this: &SheetHost, action: &str, bytes: &[u8]) -> Result<JsValue, JsValue>;
 
     /// A part of the picture, from the point in its middle and half of its height in metres, and its size in pixels: its pixels (a `Uint8Array`), whether
     /// it is as fine as they are, its error in metres, its triangles.
@@ -41,22 +42,6 @@ extern "C" {
     /// Paint the marks onto rows of the picture from `top`, in place.
     #[wasm_bindgen(method, catch)]
     fn paint(this: &SheetHost, rgb: &mut [u8], top: u32) -> Result<(), JsValue>;
-
-    #[wasm_bindgen(method, catch)]
-    async fn rows(this: &SheetHost, rgb: &[u8]) -> Result<JsValue, JsValue>;
-
-    /// Resolves to an `ArrayBuffer`.
-    #[wasm_bindgen(method, catch)]
-    async fn deflate(this: &SheetHost, bytes: &[u8]) -> Result<JsValue, JsValue>;
-
-    #[wasm_bindgen(method, catch)]
-    async fn write(this: &SheetHost, bytes: Vec<u8>) -> Result<JsValue, JsValue>;
-
-    #[wasm_bindgen(method, catch)]
-    async fn head(this: &SheetHost, bytes: Vec<u8>) -> Result<JsValue, JsValue>;
-
-    #[wasm_bindgen(method, catch)]
-    async fn end(this: &SheetHost) -> Result<JsValue, JsValue>;
 
     #[wasm_bindgen(method)]
     fn progress(this: &SheetHost, rows: u32, all: u32);
@@ -122,14 +107,22 @@ pub(crate) async fn draw(index: &Index, asked: &str, host: SheetHost) -> Result<
     let drawing = Drawing::new(index.metadata(), index.identity(), asked.request()?)?;
     let sheet = &drawing.sheet;
     let opened = json!({ "size": drawing.size, "pixelsPerMm": sheet.pixels_per_mm(), "marks": drawing.layout.marks });
-    host.open(&opened.to_string()).await?;
-    let figures = drawing.draw(widest, &mut Page(host)).await?;
+    let mut page = Page(host);
+    page.act("open", opened.to_string().as_bytes()).await?;
+    let figures = drawing.draw(widest, &mut page).await?;
     let world = drawing.georeference.as_ref().map(GeoReference::world_file);
     Ok(json!({ "paper": sheet.paper, "world": world, "isFull": figures.target_reached }).to_string())
 }
 
 /// What a drawing needs, done by JavaScript.
 struct Page(SheetHost);
+
+impl Page {
+    async fn act(&self, action: &str, bytes: &[u8]) -> Result<(), Thrown> {
+        self.0.act(action, bytes).await?;
+        Ok(())
+    }
+}
 
 impl Host for Page {
     type Error = Thrown;
@@ -151,27 +144,24 @@ impl Host for Page {
         Ok(self.0.paint(&mut band.rgb, band.top)?)
     }
 
-    async fn rows(&mut self, rgb: &[u8]) -> Result<(), Thrown> {
-        self.0.rows(rgb).await?;
-        Ok(())
+    fn rows(&mut self, rgb: &[u8]) -> impl Future<Output = Result<(), Thrown>> {
+        self.act("rows", rgb)
     }
 
     async fn deflate(&mut self, bytes: &[u8]) -> Result<Vec<u8>, Thrown> {
-        Ok(Uint8Array::new(&self.0.deflate(bytes).await?).to_vec())
+        Ok(Uint8Array::new(&self.0.act("deflate", bytes).await?).to_vec())
     }
 
-    async fn write(&mut self, bytes: Vec<u8>) -> Result<(), Thrown> {
-        self.0.write(bytes).await?;
-        Ok(())
+    fn write(&mut self, bytes: &[u8]) -> impl Future<Output = Result<(), Thrown>> {
+        self.act("write", bytes)
     }
 
-    async fn replace_head(&mut self, bytes: Vec<u8>) -> Result<(), Thrown> {
-        self.0.head(bytes).await?;
-        Ok(())
+    fn replace_head(&mut self, bytes: &[u8]) -> impl Future<Output = Result<(), Thrown>> {
+        self.act("head", bytes)
     }
 
+    /// The page ends the file when it has the answer.
     async fn end(&mut self) -> Result<(), Thrown> {
-        self.0.end().await?;
         Ok(())
     }
 

@@ -115,10 +115,10 @@ pub trait Host {
     fn deflate(&mut self, bytes: &[u8]) -> impl Future<Output = Result<Vec<u8>, Self::Error>>;
 
     /// Append to the file.
-    fn write(&mut self, bytes: Vec<u8>) -> impl Future<Output = Result<(), Self::Error>>;
+    fn write(&mut self, bytes: &[u8]) -> impl Future<Output = Result<(), Self::Error>>;
 
     /// Replace the first bytes of the file, after everything was appended.
-    fn replace_head(&mut self, bytes: Vec<u8>) -> impl Future<Output = Result<(), Self::Error>>;
+    fn replace_head(&mut self, bytes: &[u8]) -> impl Future<Output = Result<(), Self::Error>>;
 
     /// Everything was written.
     fn end(&mut self) -> impl Future<Output = Result<(), Self::Error>>;
@@ -187,8 +187,8 @@ impl Drawing {
             }
             if let Some(writer) = &mut writer {
                 let packed = host.deflate(&band.rgb).await?;
-                host.write(writer.strip(band.rows, packed.len() as u64)?).await?;
-                host.write(packed).await?;
+                host.write(&writer.strip(band.rows, packed.len() as u64)?).await?;
+                host.write(&packed).await?;
             } else {
                 host.rows(&band.rgb).await?;
             }
@@ -196,9 +196,9 @@ impl Drawing {
         }
         if let Some(writer) = writer {
             let Ending { tail, head } = writer.end()?;
-            host.write(tail).await?;
+            host.write(&tail).await?;
             if let Some(head) = head {
-                host.replace_head(head).await?;
+                host.replace_head(&head).await?;
             }
         }
         host.end().await?;
