@@ -102,17 +102,18 @@ export class PngWriter {
   }
 
   /**
-   * The next rows: four bytes per pixel.
+   * The next rows. They are read before anything is waited for.
    * @param {Uint8Array | Uint8ClampedArray} pixels
+   * @param {3 | 4} given bytes per pixel
    */
-  async rows(pixels) {
+  async rows(pixels, given = 4) {
     const { width, bytesPerPixel } = this;
-    const count = pixels.length / (width * 4);
+    const count = pixels.length / (width * given);
     const line = width * bytesPerPixel;
     const out = new Uint8Array(count * (line + 1));
     const row = new Uint8Array(line);
     for (let y = 0; y < count; y += 1) {
-      for (let x = 0, from = y * width * 4, to = 0; x < width; x += 1, from += 4, to += bytesPerPixel) {
+      for (let x = 0, from = y * width * given, to = 0; x < width; x += 1, from += given, to += bytesPerPixel) {
         row[to] = pixels[from];
         row[to + 1] = pixels[from + 1];
         row[to + 2] = pixels[from + 2];

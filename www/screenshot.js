@@ -226,11 +226,12 @@ export class PictureDialog {
       paper: paper || undefined,
       title: page.title,
       bare: $("sheet-bare").checked,
+      format: /** @type {keyof typeof TYPES} */ ($("sheet-format").value),
     };
-    const format = /** @type {keyof typeof TYPES} */ ($("sheet-format").value);
+    const { format } = asked;
     const name = `.${asked.view}-1-${asked.scale}`;
     const open = (/** @type {number} */ bytes) => openSink({ name: fileName(page.title, `${name}.${format}`), type: TYPES[format], bytes });
-    const { blob, sheet, isFull } = await drawSheet(page, engine, asked, { format, open, onProgress, signal, texts });
+    const { blob, isFull, ...sheet } = await drawSheet(page, engine, asked, { open, onProgress, signal, texts });
     if (blob) download(fileName(page.title, `${name}.${format}`), blob);
     const [width, height] = sheet.paper.map((mm) => count(Math.round(mm)));
     const words = t(isFull ? "sheetDone" : "sheetCoarse", { scale: count(asked.scale), width, height });

@@ -1,25 +1,23 @@
 //! Drawings to scale: `kilwa render --scale 1:50`. Plans and elevations as PNG, PDF or GeoTIFF of any size, in constant memory.
 //!
-//! How large the sheet is and what stands on it (picture, frame, grid, scale bar, north arrow, title block) is `kilwa_measure::sheet`'s,
-//! which the page has too; `picture` draws the model band by band, `paint` the marks on it, `letters` sets texts that Helvetica lacks, and `png` and `strips` (PDF, TIFF) write bands as they come. One pixel is
-//! exactly `25.4 mm / dpi × scale`; the picture's middle is that of the model's box. The file gets its name when it is complete.
+//! How large the sheet is, what stands on it (picture, frame, grid, scale bar, north arrow, title block) and the loop that draws and writes it are
+//! `kilwa_measure::sheet`'s, which the page has too. Here is what is native: `host` renders parts of the model and writes the file, `paint` paints the marks,
+//! `letters` sets texts that Helvetica lacks. The file gets its name when it is complete.
 
+mod host;
 mod letters;
 mod paint;
-mod picture;
-mod png;
-mod strips;
 
 use crate::new_file::NewFile;
 use anyhow::{Context, bail};
-use kilwa_measure::sheet::Sheet;
-use kilwa_measure::sheet::file::{Form, Writer};
+use host::{Native, Output};
+use kilwa_measure::sheet::View;
+use kilwa_measure::sheet::draw::{Drawing, Request};
+use kilwa_measure::sheet::file::Format;
 use kilwa_measure::sheet::georeference::GeoReference;
-use kilwa_measure::sheet::layout::{Layout, Title};
 use kilwa_measure::sheet::paper::{self, Paper};
 use kilwa_pack::Source;
 use kilwa_pack::footer::{FOOTER_BYTES, Footer};
-use kilwa_viewer::sheet::drawing;
 use kilwa_viewer::shell::native::Session;
 use kilwa_viewer::{Bounds, RenderOptions, StandardView};
 use serde::Serialize;
@@ -120,41 +118,36 @@ pub(crate) fn identity<S: Source>(source: &S) -> anyhow::Result<String> {
 /// Draw the sheet.
 pub(crate) fn run<S: Source>(args: &SheetArgs, mut s: Subject<'_, S>) -> anyhow::Result<Report> {
     let scale = args.scale.context("a drawing needs --scale")?;
-    let format = Format::of(s.output)?;
-    let bounds = s.session.bounds();
+    let format = format_of(s.output)?;
     let metadata = s.session.metadata().clone();
     let view = drawing(s.view);
-    let view = view.context("an oblique view has no scale; choose --view plan, north, east, south or west")?;
-    let corners = (bounds.min, bounds.max);
-    let sheet = Sheet::new(view, corners, (scale, args.dpi), args.paper.as_ref(), args.bare)?;
-    let title = Title {
-        name: args.title.clone().unwrap_or_else(|| metadata.title.clone()),
-        view,
-        crs: metadata.crs.clone(),
-        accuracy: metadata.capture_accuracy,
-        identity: s.identity.clone(),
-        spacing: metadata.median_edge,
+    let request = Request {
+        view: view.context("an oblique view has no scale; choose --view plan, north, east, south or west")?,
+        scale,
+        dpi: args.dpi,
+        paper: args.paper.clone(),
+        bare: args.bare,
+        title: args.title.clone().unwrap_or_else(|| metadata.title.clone()),
+        format,
     };
-    let mut layout = if args.bare { Layout::default() } else { Layout::of(&sheet, &title) };
+    let mut drawing = Drawing::new(&metadata, s.identity.clone(), request)?;
     if format == Format::Pdf {
-        layout.letters = letters::of(&layout)?;
+        drawing.layout.letters = letters::of(&drawing.layout)?;
     }
-    let size = sheet.pixels()?;
-    let georeference = GeoReference::of(&sheet, metadata.crs.as_deref());
-    // The page of a PDF has its lines and letters as such; pictures have them painted.
-    let painted = if format == Format::Pdf { Layout::default() } else { layout.clone() };
-    let form = |form| Writer::new(form, &sheet, &layout, &title.name, georeference.clone());
     let written = s.output;
     let mut out = NewFile::create(written)?;
-    let how = (s.options, s.pixel_error);
-    let mut bands = picture::Bands::new(&mut s.session, (&sheet, s.view), size, how, &painted);
-    let mut next = || bands.next();
-    match format {
-        Format::Png => png::write(out.file(), size, args.dpi, &mut next)?,
-        Format::Tiff => strips::write(out.file(), size[0], form(Form::Tiff)?, &mut next)?,
-        Format::Pdf => strips::write(out.file(), size[0], form(Form::Pdf)?, &mut next)?,
-    }
-    let figures = bands.figures();
+    let mut host = Native {
+        session: &mut s.session,
+        view: s.view,
+        options: s.options,
+        pixel_error: s.pixel_error,
+        output: Output::new(format, out.file().try_clone()?, drawing.size, args.dpi)?,
+        bar: host::bar(drawing.size[1]),
+    };
+    let figures = pollster::block_on(drawing.draw(host::WIDEST, &mut host))?;
+    // Its file is closed before it gets its name.
+    drop(host);
+    let Drawing { sheet, size, georeference, .. } = drawing;
     let mut files = vec![written.display().to_string()];
     let world = georeference.as_ref().filter(|_| format == Format::Png).map(|g| (written.with_extension("pgw"), g));
     if let Some((path, g)) = &world {
@@ -208,31 +201,22 @@ impl Report {
     }
 }
 
-/// Kinds of files.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Format {
-    Png,
-    Pdf,
-    Tiff,
-}
-
-impl Format {
-    fn of(path: &Path) -> anyhow::Result<Self> {
-        let ending = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
-        match ending.as_deref() {
-            Some("png") => Ok(Self::Png),
-            Some("pdf") => Ok(Self::Pdf),
-            Some("tif" | "tiff") => Ok(Self::Tiff),
-            _ => bail!("{}: the file extension of a drawing must be .png, .pdf or .tif", path.display()),
-        }
+/// The format of a file, by the extension of its name.
+fn format_of(path: &Path) -> anyhow::Result<Format> {
+    let extension = path.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase);
+    match extension.as_deref().and_then(Format::from_extension) {
+        Some(format) => Ok(format),
+        None => bail!("{}: the file extension of a drawing must be .png, .pdf or .tif", path.display()),
     }
 }
 
-/// Gives the next whole rows from the top, three sRGB bytes per pixel; `None` after the last.
-type Next<'a> = &'a mut dyn FnMut() -> anyhow::Result<Option<Vec<u8>>>;
+/// The drawing that a view gives; `None` for an oblique one, which has no scale.
+fn drawing(view: StandardView) -> Option<View> {
+    StandardView::ALL.iter().find(|(v, _)| *v == view).and_then(|(_, name)| View::from_name(name))
+}
 
 /// The path of the world file beside a drawing; only plans as PNG have one.
 pub(crate) fn world_file_of(output: &Path, view: StandardView) -> Option<PathBuf> {
-    let is_png = Format::of(output).is_ok_and(|format| format == Format::Png);
+    let is_png = format_of(output).is_ok_and(|format| format == Format::Png);
     (is_png && view == StandardView::Plan).then(|| output.with_extension("pgw"))
 }

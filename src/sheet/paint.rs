@@ -1,6 +1,7 @@
 //! Marks painted onto bands of pixels.
 
-use kilwa_measure::sheet::layout::{Anchor, Layout, Mark};
+use kilwa_measure::sheet::draw::Band;
+use kilwa_measure::sheet::layout::{Anchor, Mark};
 use noto_sans_mono_bitmap::{FontWeight, RasterHeight, get_raster, get_raster_width};
 
 /// Height of a capital, as a share of the font's height.
@@ -15,41 +16,30 @@ const SIZES: [(RasterHeight, f64); 4] = [
     (RasterHeight::Size32, 32.0),
 ];
 
-/// Some rows of a picture, three sRGB bytes a pixel.
-pub(super) struct Band {
-    pub(super) width: u32,
-    /// Row of the picture that the band begins with.
-    pub(super) top: u32,
-    pub(super) rows: u32,
-    pub(super) rgb: Vec<u8>,
+/// Paint marks onto a band; `scale` is pixels per millimetre.
+pub(super) fn paint(band: &mut Band, marks: &[Mark], scale: f64) {
+    let mut painter = Painter(band);
+    for mark in marks {
+        match mark {
+            Mark::Box { at, size, grey } => painter.fill(*at, *size, *grey, scale),
+            Mark::Triangle { corners, grey } => painter.triangle(*corners, *grey, scale),
+            Mark::Text { at, height, anchor, words } => painter.text(*at, *height, *anchor, words, scale),
+        }
+    }
 }
 
-impl Band {
-    /// White.
-    pub(super) fn new(width: u32, top: u32, rows: u32) -> Self {
-        Self { width, top, rows, rgb: vec![255; width as usize * rows as usize * 3] }
-    }
+struct Painter<'a>(&'a mut Band);
 
+impl Painter<'_> {
     /// Cover a pixel of the picture by `share` with a grey from 0 to 255; outside of the band nothing happens.
     fn blend(&mut self, x: i64, y: i64, grey: f64, share: f64) {
-        let row = y - i64::from(self.top);
-        if x < 0 || x >= i64::from(self.width) || row < 0 || row >= i64::from(self.rows) {
+        let row = y - i64::from(self.0.top);
+        if x < 0 || x >= i64::from(self.0.width) || row < 0 || row >= i64::from(self.0.rows) {
             return;
         }
-        let at = (row as usize * self.width as usize + x as usize) * 3;
-        for c in &mut self.rgb[at..at + 3] {
+        let at = (row as usize * self.0.width as usize + x as usize) * 3;
+        for c in &mut self.0.rgb[at..at + 3] {
             *c = (f64::from(*c) * (1.0 - share) + grey * share).round() as u8;
-        }
-    }
-
-    /// Paint a layout; `scale` is pixels per millimetre.
-    pub(super) fn paint(&mut self, layout: &Layout, scale: f64) {
-        for mark in &layout.marks {
-            match mark {
-                Mark::Box { at, size, grey } => self.fill(*at, *size, *grey, scale),
-                Mark::Triangle { corners, grey } => self.triangle(*corners, *grey, scale),
-                Mark::Text { at, height, anchor, words } => self.text(*at, *height, *anchor, words, scale),
-            }
         }
     }
 
@@ -58,9 +48,9 @@ impl Band {
     fn fill(&mut self, at: [f64; 2], size: [f64; 2], grey: f64, scale: f64) {
         let low = at.map(|x| (x * scale).round() as i64);
         let high = [0, 1].map(|k| low[k] + (size[k] * scale).round() as i64);
-        let (top, bottom) = (i64::from(self.top), i64::from(self.top) + i64::from(self.rows));
+        let (top, bottom) = (i64::from(self.0.top), i64::from(self.0.top) + i64::from(self.0.rows));
         for y in low[1].max(top)..high[1].max(low[1] + 1).min(bottom) {
-            for x in low[0].max(0)..high[0].max(low[0] + 1).min(i64::from(self.width)) {
+            for x in low[0].max(0)..high[0].max(low[0] + 1).min(i64::from(self.0.width)) {
                 self.blend(x, y, grey * 255.0, 1.0);
             }
         }
@@ -72,7 +62,7 @@ impl Band {
         let turn =
             |a: [f64; 2], b: [f64; 2], p: [f64; 2]| (b[0] - a[0]) * (p[1] - a[1]) - (b[1] - a[1]) * (p[0] - a[0]);
         let way = turn(c[0], c[1], c[2]).signum();
-        let (top, bottom) = (f64::from(self.top), f64::from(self.top + self.rows));
+        let (top, bottom) = (f64::from(self.0.top), f64::from(self.0.top + self.0.rows));
         let rows = of(1, f64::min).floor().max(top) as i64..=of(1, f64::max).ceil().min(bottom) as i64;
         for y in rows {
             for x in of(0, f64::min).floor() as i64..=of(0, f64::max).ceil() as i64 {
@@ -99,7 +89,7 @@ impl Band {
                 Anchor::End => length,
             };
         let top = (at[1] * scale - BASE * pixels * times as f64).round() as i64;
-        if top >= i64::from(self.top + self.rows) || top + (pixels as i64) * times <= i64::from(self.top) {
+        if top >= i64::from(self.0.top + self.0.rows) || top + (pixels as i64) * times <= i64::from(self.0.top) {
             return;
         }
         for (n, c) in words.chars().enumerate() {
@@ -124,21 +114,18 @@ mod tests {
 
     #[test]
     fn bands_together_equal_a_single_picture() {
-        let layout = Layout {
-            marks: vec![
-                Mark::Box { at: [2.0, 3.0], size: [20.0, 1.0], grey: 0.0 },
-                Mark::Triangle { corners: [[5.0, 5.0], [9.0, 12.0], [3.0, 11.0]], grey: 0.5 },
-                Mark::Text { at: [25.0, 10.0], height: 3.0, anchor: Anchor::End, words: "Gereza 1:50 é".into() },
-            ],
-            ..Layout::default()
-        };
+        let marks = [
+            Mark::Box { at: [2.0, 3.0], size: [20.0, 1.0], grey: 0.0 },
+            Mark::Triangle { corners: [[5.0, 5.0], [9.0, 12.0], [3.0, 11.0]], grey: 0.5 },
+            Mark::Text { at: [25.0, 10.0], height: 3.0, anchor: Anchor::End, words: "Gereza 1:50 é".into() },
+        ];
         let mut whole = Band::new(300, 0, 160);
-        whole.paint(&layout, 10.0);
+        paint(&mut whole, &marks, 10.0);
         assert!(whole.rgb.contains(&0) && whole.rgb.contains(&128));
         let mut parts = Vec::new();
         for top in (0..160).step_by(7) {
             let mut band = Band::new(300, top, 7.min(160 - top));
-            band.paint(&layout, 10.0);
+            paint(&mut band, &marks, 10.0);
             parts.extend(band.rgb);
         }
         assert!(parts == whole.rgb);
@@ -147,12 +134,9 @@ mod tests {
     #[test]
     fn a_scale_bar_is_exact_to_half_a_pixel() {
         for (scale, left) in [3.937, 5.906, 11.811, 23.622].into_iter().flat_map(|s| [(s, 3.3), (s, 3.35), (s, 16.0)]) {
-            let layout = Layout {
-                marks: vec![Mark::Box { at: [left, 2.0], size: [40.0, 2.0], grey: 0.0 }],
-                ..Layout::default()
-            };
+            let mark = Mark::Box { at: [left, 2.0], size: [40.0, 2.0], grey: 0.0 };
             let mut band = Band::new(1400, 0, 120);
-            band.paint(&layout, scale);
+            paint(&mut band, &[mark], scale);
             let row = (3.0 * scale) as usize;
             let black = (0..1400).filter(|x| band.rgb[(row * 1400 + x) * 3] == 0).count();
             assert!((black as f64 - 40.0 * scale).abs() <= 0.5 + 1e-9, "{black} {}", 40.0 * scale);

@@ -5,6 +5,7 @@
 
 use glam::{BVec3, DVec3};
 use kilwa_geometry::Lattice;
+use kilwa_measure::sheet::Part;
 use kilwa_stream::{Clip, Projection, View};
 
 /// A box in world metres.
@@ -115,6 +116,14 @@ impl Camera {
             roll: 0.0,
         };
         camera.fit(bounds, size);
+        camera
+    }
+
+    /// A camera that sees a part of a drawing to scale.
+    pub fn of_part(view: StandardView, bounds: &Bounds, part: &Part) -> Self {
+        let mut camera = Self::standard(view, bounds, [1, 1]);
+        camera.target = part.target;
+        camera.distance *= part.half_height / camera.half_height();
         camera
     }
 

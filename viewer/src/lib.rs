@@ -18,7 +18,6 @@ pub mod gpu;
 pub mod options;
 pub mod pick;
 pub mod renderer;
-pub mod sheet;
 pub mod shell;
 pub mod walk;
 

@@ -18,8 +18,8 @@
 // engine.cite(measurement, { unit })      → one English sentence, that of `kilwa measure --cite`; cite.js writes it in the language of the page
 // engine.write(what, format, { scale })   → text; what: a document (json, csv, geojson, dxf) or an answer with lines (those and svg)
 // engine.read(text)                       → document, with `same`: false where it is of another pack; its points are counted from this pack's origin
-// engine.drawing({ view, scale, dpi, paper, bare, title, format, widest }) → a drawing to scale, for sheet.js; one at a time
-// Progress: { done, all } bytes, all is 0 where nobody knows; { waiting: seconds } while the connection is gone. A signal that is aborted rejects with
+// engine.drawing(asked, host, { progress, signal }) → { paper, world, isFull }: a drawing to scale; sheet.js is the host
+// Progress: { done, all } bytes, of a drawing rows; all is 0 where nobody knows; { waiting: seconds } while the connection is gone. A signal that is aborted rejects with
 // an AbortError; a pack that changed or cannot be read with a sentence (`said` where it is the engine's, `kind` where it is the network's). Questions asked last are fetched for first.
 
 import { isPassing } from "../answer.js";
@@ -46,7 +46,7 @@ const NO_PACK = {
 
 const aborted = () => new DOMException("the question was taken back", "AbortError");
 
-/** @import { Asking, Call, EnginePack, Need, Provisional, MeasureAnswer, MeasureRecord, PackSource, Progress, Ray, Reading, SheetPlan, Uncertainty, Viewer } from "../types/page.js" */
+/** @import { Asking, Call, EnginePack, Need, Provisional, MeasureAnswer, MeasureRecord, PackSource, Progress, Ray, Reading, SheetAsked, SheetHost, SheetMade, Uncertainty, Viewer } from "../types/page.js" */
 
 export class Engine {
   /**
@@ -217,18 +217,15 @@ export class Engine {
   }
 
   /**
-   * `size`, `paper`, `pixelsPerMm`, `metresPerPixel`, `marks`, `bands` (how many), `world`, and what is asked for band by band.
-   * @param {object} asked
-   * @returns {Promise<SheetPlan>}
+   * Make a drawing to scale; `host` renders its parts and keeps its bytes.
+   * @param {SheetAsked} asked
+   * @param {SheetHost} host
+   * @param {Asking} how
+   * @returns {Promise<SheetMade>}
    */
-  async drawing(asked) {
-    const plan = await this.#call("drawing", [asked]);
-    return {
-      ...plan,
-      band: (number) => this.#call("band", [number]),
-      strip: (rows, length) => this.#call("strip", [rows, length]),
-      end: () => this.#call("drawingEnd", []),
-    };
+  async drawing(asked, host, { progress, signal } = {}) {
+    signal?.throwIfAborted();
+    return this.#call("drawing", [asked], { progress, signal, host });
   }
 
   /**
@@ -264,10 +261,10 @@ export class Engine {
   /**
    * @param {string} method
    * @param {unknown[]} args
-   * @param {Asking} how
+   * @param {Asking & {host?: SheetHost}} how
    * @returns {Promise<any>}
    */
-  #call(method, args, { progress = () => {}, signal } = {}) {
+  #call(method, args, { progress = () => {}, signal, host } = {}) {
     if (this.closed) return Promise.reject(aborted());
     this.#calls += 1;
     const call = this.#calls;
@@ -283,7 +280,7 @@ export class Engine {
         signal?.removeEventListener("abort", cancel);
         then(value);
       };
-      this.#pending.set(call, { resolve: done(resolve), reject: done(reject), progress, controller });
+      this.#pending.set(call, { resolve: done(resolve), reject: done(reject), progress, controller, host });
       this.worker.postMessage({ call, method, args });
     });
   }
@@ -299,6 +296,10 @@ export class Engine {
 
   /** @param {any} data a message of the worker */
   #take(data) {
+    if (data.method) {
+      this.#answer(data);
+      return;
+    }
     if (data.need) {
       this.#queue.push(data);
       this.#next();
@@ -351,6 +352,24 @@ export class Engine {
     } finally {
       this.#running -= 1;
       this.#next();
+    }
+  }
+
+  /**
+   * What a drawing asks of its host.
+   * @param {{need: number, call: number, method: keyof SheetHost, args: any[]}} asked
+   */
+  async #answer({ need, call, method, args }) {
+    const entry = this.#pending.get(call);
+    if (!entry?.host) return;
+    try {
+      /** @type {(...args: any[]) => unknown} */
+      const act = entry.host[method];
+      const answer = await act(entry.controller.signal, ...args);
+      this.worker.postMessage({ got: need, bytes: answer });
+    } catch (error) {
+      entry.failure = error;
+      this.worker.postMessage({ got: need, error: String(error.message || error) });
     }
   }
 

@@ -2,8 +2,6 @@
 // for (`need`) and come (`got`). Messages: see engine.js.
 import init, { Engine } from "../measure.js";
 
-/** @import { SheetDrawing } from "../measure.js" */
-
 // The page fetches the program while this code is on its way, and sends it.
 /** @type {(module: WebAssembly.Module) => void} */
 let begin = () => {};
@@ -15,12 +13,10 @@ const ready = compiled.then((module) => init({ module_or_path: module }));
 ready.catch(() => {}); // whoever asks hears of it
 /** The pack that is open. @type {Engine} */
 let engine;
-/** The drawing to scale that is being made. @type {SheetDrawing | null} */
-let drawing = null;
 /** What a trap left behind: the instance is of no use after it. @type {Error | null} */
 let broken = null;
 let needs = 0;
-/** Bytes that were asked for, by their number. @type {Map<number, {call: number, resolve: (bytes: Uint8Array) => void, reject: (error: Error) => void}>} */
+/** What the page was asked for, by its number. @type {Map<number, {call: number, resolve: (bytes: Uint8Array) => void, reject: (error: Error) => void}>} */
 const waiting = new Map();
 /** @type {Set<number>} */
 const cancelled = new Set();
@@ -28,30 +24,31 @@ const cancelled = new Set();
 const gone = () => new DOMException("the question was taken back", "AbortError");
 
 /**
+ * Ask the page for something that a question needs.
+ * @param {number} call
+ * @param {object} what bytes of the pack, or a `method` of the drawing's host
+ * @param {Transferable[]} [transfer]
+ * @returns {Promise<any>}
+ */
+function ask(call, what, transfer = []) {
+  needs += 1;
+  const need = needs;
+  const answer = new Promise((resolve, reject) => {
+    if (cancelled.has(call)) reject(gone());
+    else waiting.set(need, { call, resolve, reject });
+  });
+  answer.catch(() => {}); // what was fetched ahead may never be looked at
+  if (waiting.has(need)) postMessage({ need, call, ...what }, { transfer });
+  return answer;
+}
+
+/**
  * The two functions that a question fetches with and reports its progress with.
  * @param {number} call
  * @returns {[Fetch, (done: number, all: number) => void]}
  */
 function ways(call) {
-  /** @type {Fetch} */
-  const fetch = (offset, length, fresh) => {
-    needs += 1;
-    const need = needs;
-    const bytes = new Promise((resolve, reject) => {
-      if (cancelled.has(call)) reject(gone());
-      else waiting.set(need, { call, resolve, reject });
-    });
-    bytes.catch(() => {}); // what was fetched ahead may never be looked at
-    if (waiting.has(need)) postMessage({ need, call, offset, length, fresh });
-    return bytes;
-  };
-  return [fetch, (done, all) => postMessage({ call, done, all })];
-}
-
-/** The drawing that was begun. */
-function made() {
-  if (!drawing) throw new Error("no drawing was begun");
-  return drawing;
+  return [(offset, length, fresh) => ask(call, { offset, length, fresh }), (done, all) => postMessage({ call, done, all })];
 }
 
 /** @typedef {(offset: number, length: number, fresh: boolean) => Promise<Uint8Array>} Fetch */
@@ -68,15 +65,11 @@ const methods = {
   measure: async (call, asked) => JSON.parse(await engine.measure(JSON.stringify(asked), ...ways(call))),
   write: (_, what, format, scale) => engine.write(JSON.stringify(what), format, scale),
   read: (_, text) => JSON.parse(engine.read(text)),
-  drawing: (_, asked) => {
-    drawing?.free();
-    drawing = null;
-    drawing = engine.drawing(JSON.stringify(asked));
-    return JSON.parse(drawing.told());
+  drawing: async (call, asked) => {
+    const { sheetHost } = await import("./drawing.js");
+    const host = sheetHost(asked, (method, args, transfer) => ask(call, { method, args }, transfer), ways(call)[1]);
+    return JSON.parse(await engine.drawSheet(JSON.stringify(asked), host));
   },
-  band: (_, number) => JSON.parse(made().band(number)),
-  strip: (_, rows, length) => made().strip(rows, length),
-  drawingEnd: () => made().end(),
   shown: (_, readings, unit) => JSON.parse(engine.shown(JSON.stringify(readings), unit)),
   cite: (_, measurement, unit) => engine.cite(JSON.stringify(measurement), unit),
 };

@@ -338,7 +338,9 @@ export interface Call {
   reject: (error: unknown) => void;
   progress: (progress: Progress) => void;
   controller: AbortController;
-  /** Why its bytes did not come. */
+  /** Of a drawing. */
+  host?: SheetHost;
+  /** Why its bytes did not come, or its host failed. */
   failure?: Failure;
 }
 
@@ -356,24 +358,39 @@ export interface Provisional {
 export type Mark =
   | { is: "box"; at: number[]; size: number[]; grey: number }
   | { is: "triangle"; corners: number[][]; grey: number }
-  | { is: "words"; at: number[]; height: number; anchor: "start" | "middle" | "end"; words: string };
+  | { is: "text"; at: number[]; height: number; anchor: "start" | "middle" | "end"; words: string };
 
-/** A drawing to scale, made band by band (measure/engine.js). */
-export interface SheetPlan {
-  size: [width: number, height: number];
+/** What is asked for of a drawing to scale. */
+export interface SheetAsked {
+  view: string;
+  scale: number;
+  dpi: number;
+  paper?: string;
+  bare?: boolean;
+  title: string;
+  format: "png" | "pdf" | "tif";
+  /** Of the page's texts. */
+  direction: CanvasDirection;
+  /** Widest part that the graphics card draws, pixels. */
+  widest: number;
+}
+
+/** What the page does for a drawing; `ended` is aborted when the drawing ends. */
+export interface SheetHost {
+  open(ended: AbortSignal, size: [width: number, height: number]): Promise<void>;
+  /** From the point in its middle and half of its height, metres, and its size in pixels: its pixels, whether it is as fine as they are, its error in metres, its triangles. */
+  part(ended: AbortSignal, x: number, y: number, z: number, halfHeight: number, width: number, height: number): Promise<unknown>;
+  /** The next of a PNG: three bytes per pixel. */
+  rows(ended: AbortSignal, rgb: Uint8Array): Promise<void>;
+  write(ended: AbortSignal, bytes: Uint8Array<ArrayBuffer>): Promise<void>;
+  head(ended: AbortSignal, bytes: Uint8Array<ArrayBuffer>): Promise<void>;
+}
+
+/** A drawing that was made: its paper in mm, the text of the world file of a plan, whether all of it is as fine as its pixels. */
+export interface SheetMade {
   paper: number[];
-  pixelsPerMm: number;
-  metresPerPixel: number;
-  marks: Mark[];
-  bands: number;
   world: string | null;
-  band(number: number): Promise<{
-    top: number;
-    rows: number;
-    parts: { target: [number, number, number]; halfHeight: number; x: number; y: number; width: number; height: number }[];
-  }>;
-  strip(rows: number, length: number): Promise<Uint8Array<ArrayBuffer>>;
-  end(): Promise<[tail: Uint8Array<ArrayBuffer>, head: Uint8Array<ArrayBuffer>]>;
+  isFull: boolean;
 }
 
 /** Where a file goes while it is made (sink.js). */

@@ -4,7 +4,7 @@ use flate2::Compression;
 use flate2::read::ZlibDecoder;
 use flate2::write::ZlibEncoder;
 use glam::DVec3;
-use kilwa_measure::sheet::file::{Form, Writer};
+use kilwa_measure::sheet::file::{Format, Writer};
 use kilwa_measure::sheet::georeference::GeoReference;
 use kilwa_measure::sheet::layout::{Anchor, Layout, Mark};
 use kilwa_measure::sheet::letters::{Line, needed};
@@ -29,13 +29,13 @@ fn packed(bytes: &[u8]) -> Vec<u8> {
 }
 
 /// A drawing file and its pixels.
-fn file(sheet: &Sheet, form: Form, place: Option<GeoReference>) -> (Vec<u8>, Vec<u8>) {
-    file_with(sheet, form, &Layout::default(), place)
+fn file(sheet: &Sheet, format: Format, place: Option<GeoReference>) -> (Vec<u8>, Vec<u8>) {
+    file_with(sheet, format, &Layout::default(), place)
 }
 
-fn file_with(sheet: &Sheet, form: Form, layout: &Layout, place: Option<GeoReference>) -> (Vec<u8>, Vec<u8>) {
+fn file_with(sheet: &Sheet, format: Format, layout: &Layout, place: Option<GeoReference>) -> (Vec<u8>, Vec<u8>) {
     let [width, height] = sheet.pixels().expect("not too fine");
-    let mut writer = Writer::new(form, sheet, layout, "Gereza (çé)", place).expect("not too fine");
+    let mut writer = Writer::new(format, sheet, layout, "Gereza (çé)", place).expect("not too fine").expect("strips");
     let (mut out, mut pixels) = (Vec::new(), Vec::new());
     let rows = Sheet::band_rows(width);
     for top in (0..height).step_by(rows as usize) {
@@ -62,7 +62,7 @@ proptest! {
     fn a_tiff_holds_the_given_rows_and_georeference(width in 20.0..60.0f64, height in 20.0..300.0f64, dpi in 25u32..150) {
         let sheet = plan([width, height], dpi);
         let place = GeoReference::of(&sheet, Some("EPSG:32737")).expect("a plan");
-        let (bytes, pixels) = file(&sheet, Form::Tiff, Some(place.clone()));
+        let (bytes, pixels) = file(&sheet, Format::Tiff, Some(place.clone()));
         let mut decoder = Decoder::new(std::io::Cursor::new(bytes)).expect("a TIFF");
         let size = sheet.pixels().expect("not too fine");
         prop_assert_eq!(decoder.dimensions().expect("there"), (size[0], size[1]));
@@ -84,7 +84,7 @@ proptest! {
     #[test]
     fn the_cross_reference_table_of_a_pdf_is_exact_and_its_strips_hold_the_rows(width in 20.0..60.0f64, height in 20.0..300.0f64) {
         let sheet = plan([width, height], 60);
-        let (bytes, pixels) = file(&sheet, Form::Pdf, None);
+        let (bytes, pixels) = file(&sheet, Format::Pdf, None);
         has_objects_where_its_table_says(&bytes);
         let mut read = Vec::new();
         let mut rest = &bytes[..];
@@ -116,7 +116,7 @@ fn a_pdf_shows_letters_of_other_scripts_in_the_font_that_it_begins_with() {
     let text = |words: &str| Mark::Text { at: [20.0, 10.0], height: 3.0, anchor: Anchor::End, words: words.to_owned() };
     let mut layout = Layout { marks: vec![text("Plan"), text("قلعة")], ..Layout::default() };
     let shown = |layout: &Layout| {
-        let (bytes, _) = file_with(&sheet, Form::Pdf, layout, None);
+        let (bytes, _) = file_with(&sheet, Format::Pdf, layout, None);
         has_objects_where_its_table_says(&bytes);
         bytes.iter().map(|b| char::from(*b)).collect::<String>()
     };
@@ -145,7 +145,8 @@ fn a_picture_too_large_for_classic_offsets_is_a_bigtiff_with_small_strips() {
     assert!(u64::from(size[0]) * u64::from(size[1]) * 3 > 3_900_000_000);
     let rows = Sheet::band_rows(size[0]);
     assert!(u64::from(rows) * u64::from(size[0]) * 4 <= 64 << 20);
-    let mut writer = Writer::new(Form::Tiff, &sheet, &Layout::default(), "", None).expect("not too fine");
+    let mut writer =
+        Writer::new(Format::Tiff, &sheet, &Layout::default(), "", None).expect("not too fine").expect("strips");
     // Strips that are as long as those of a photograph, without their bytes: offsets beyond 32 bits.
     let strips = size[1].div_ceil(rows);
     let head = writer.strip(rows, 400_000_000).expect("short");

@@ -13,7 +13,7 @@ use kilwa_measure::{Failure, ToMessage, Uncertainty};
 use kilwa_pack::{Index, PackError};
 use question::{Pick, Question, QuestionError};
 use remote::{Fetch, Remote, Store};
-use sheet::SheetFile;
+use sheet::SheetHost;
 use std::cell::RefCell;
 use std::future::Future;
 use std::pin::Pin;
@@ -144,12 +144,13 @@ impl Engine {
         question::read(&self.index, text).map(|v| v.to_string()).map_err(|e| thrown(&e))
     }
 
-    /// A drawing to scale, as a file that is written band by band; JSON in.
+    /// Make a drawing to scale: JSON in and out ([`sheet`]). `host` renders, paints and writes.
     ///
     /// # Errors
-    /// A sentence.
-    pub fn drawing(&self, asked: &str) -> Result<SheetDrawing, JsValue> {
-        SheetFile::new(&self.index, asked).map(SheetDrawing).map_err(|e| thrown(&e))
+    /// A sentence, or what `host` threw.
+    #[wasm_bindgen(js_name = drawSheet)]
+    pub async fn draw_sheet(&self, asked: String, host: SheetHost) -> Result<String, JsValue> {
+        sheet::draw(&self.index, &asked, host).await.map_err(|e| e.0)
     }
 
     /// Readings as text in a unit, as JSON.
@@ -172,41 +173,5 @@ impl Engine {
 impl Engine {
     fn point(&self) -> Uncertainty {
         Uncertainty::finest(self.index.header().lattice.step(), self.index.metadata().capture_accuracy)
-    }
-}
-
-/// A drawing to scale that is being made ([`sheet`]).
-#[wasm_bindgen]
-pub struct SheetDrawing(SheetFile);
-
-#[wasm_bindgen]
-impl SheetDrawing {
-    /// Its contents and size, as JSON ([`SheetFile::description`]).
-    #[wasm_bindgen(js_name = told)]
-    pub fn description(&self) -> String {
-        self.0.description().to_string()
-    }
-
-    /// What a band of its picture looks at, as JSON ([`SheetFile::band`]).
-    pub fn band(&self, number: u32) -> String {
-        self.0.band(number).to_string()
-    }
-
-    /// What stands in the file before the next band: so many rows, deflated to so many bytes.
-    ///
-    /// # Errors
-    /// A sentence.
-    pub fn strip(&mut self, rows: u32, length: f64) -> Result<Vec<u8>, JsValue> {
-        self.0.strip(rows, length as u64).map_err(|e| thrown(&e))
-    }
-
-    /// What follows the last band, and what replaces the first bytes of the file (empty where nothing does): `[tail, head]`.
-    ///
-    /// # Errors
-    /// A sentence.
-    pub fn end(&mut self) -> Result<js_sys::Array, JsValue> {
-        let ending = self.0.end().map_err(|e| thrown(&e))?;
-        let bytes = |b: &[u8]| JsValue::from(Uint8Array::from(b));
-        Ok(js_sys::Array::of2(&bytes(&ending.tail), &bytes(&ending.head.unwrap_or_default())))
     }
 }

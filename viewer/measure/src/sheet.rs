@@ -1,18 +1,72 @@
-//! Drawings to scale, as the page asks for them ([`kilwa_measure::sheet`]): the page draws and deflates band by band, here is what each part looks at
-//! and what stands between the bands in the file.
+//! Drawings to scale for the page: what the loop over a drawing ([`kilwa_measure::sheet::draw`]) needs of JavaScript (`www/measure/drawing.js`).
 
-use glam::DVec3;
-use kilwa_measure::sheet::file::{Ending, Form, Writer};
+use crate::thrown;
+use js_sys::{Array, Uint8Array};
+use kilwa_measure::sheet::draw::{Band, Drawing, Figures, Host, Rendered, Request};
+use kilwa_measure::sheet::file::Format;
 use kilwa_measure::sheet::georeference::GeoReference;
-use kilwa_measure::sheet::layout::{Layout, Title};
+use kilwa_measure::sheet::layout::Mark;
 use kilwa_measure::sheet::paper::Paper;
-use kilwa_measure::sheet::{Sheet, SheetError, View};
+use kilwa_measure::sheet::{Part, SheetError, View};
 use kilwa_pack::Index;
 use serde::Deserialize;
-use serde_json::{Value, json};
+use serde_json::json;
+use wasm_bindgen::prelude::{JsCast, JsValue, wasm_bindgen};
 
 /// Widest part of a drawing, pixels.
 const WIDEST: u32 = 2048;
+
+#[wasm_bindgen]
+extern "C" {
+    /// What JavaScript does for a drawing. What it throws ends the drawing.
+    pub type SheetHost;
+
+    /// `open` begins a file: its `size` in pixels, `pixelsPerMm`, and the `marks` to be painted (mm from the upper left corner), JSON. `rows` are the next rows
+    /// of a PNG, `write` and `head` append to other files and replace their first bytes. `deflate` answers an `ArrayBuffer`.
+    #[wasm_bindgen(method, catch)]
+    async fn act(this: &SheetHost, action: &str, bytes: &[u8]) -> Result<JsValue, JsValue>;
+
+    /// A part of the picture, from the point in its middle and half of its height in metres, and its size in pixels: its pixels (a `Uint8Array`), whether
+    /// it is as fine as they are, its error in metres, its triangles.
+    #[wasm_bindgen(method, catch)]
+    async fn part(
+        this: &SheetHost,
+        x: f64,
+        y: f64,
+        z: f64,
+        half_height: f64,
+        width: u32,
+        height: u32,
+    ) -> Result<JsValue, JsValue>;
+
+    /// Paint the marks onto rows of the picture from `top`, in place.
+    #[wasm_bindgen(method, catch)]
+    fn paint(this: &SheetHost, rgb: &mut [u8], top: u32) -> Result<(), JsValue>;
+
+    #[wasm_bindgen(method)]
+    fn progress(this: &SheetHost, rows: u32, all: u32);
+}
+
+/// What is thrown.
+pub(crate) struct Thrown(pub(crate) JsValue);
+
+impl From<SheetError> for Thrown {
+    fn from(why: SheetError) -> Self {
+        Self(thrown(&why))
+    }
+}
+
+impl From<serde_json::Error> for Thrown {
+    fn from(why: serde_json::Error) -> Self {
+        SheetError::from(why).into()
+    }
+}
+
+impl From<JsValue> for Thrown {
+    fn from(why: JsValue) -> Self {
+        Self(why)
+    }
+}
 
 /// What the page asks for.
 #[derive(Debug, Deserialize)]
@@ -25,101 +79,93 @@ struct Asked {
     #[serde(default)]
     bare: bool,
     title: String,
-    /// `png`, `pdf` or `tif`; PNG is written by the page.
+    /// `png`, `pdf` or `tif`.
     format: String,
     /// Widest part that the graphics card draws, pixels.
     widest: u32,
 }
 
-/// A drawing that is being made.
-#[derive(Debug)]
-pub struct SheetFile {
-    sheet: Sheet,
-    size: [u32; 2],
-    layout: Layout,
-    /// Middle of the model's box, world metres.
-    middle: DVec3,
-    widest: u32,
-    place: Option<GeoReference>,
-    writer: Option<Writer>,
-}
-
-impl SheetFile {
-    /// What is asked for, JSON.
-    ///
-    /// # Errors
-    /// Where the paper is too small or something cannot be.
-    pub fn new(index: &Index, asked: &str) -> Result<Self, SheetError> {
-        let asked: Asked = serde_json::from_str(asked)?;
-        let form = match asked.format.as_str() {
-            "pdf" => Some(Form::Pdf),
-            "tif" => Some(Form::Tiff),
-            _ => None,
-        };
-        let view = View::from_name(&asked.view).ok_or(SheetError::Oblique)?;
-        let paper = asked.paper.as_deref().map(Paper::parse).transpose()?;
-        let m = index.metadata();
-        let bounds = (m.bounds_min.into(), m.bounds_max.into());
-        let sheet = Sheet::new(view, bounds, (asked.scale, asked.dpi), paper.as_ref(), asked.bare)?;
-        let size = sheet.pixels()?;
-        let title = Title {
-            name: asked.title,
-            view,
-            crs: m.crs.clone(),
-            accuracy: m.capture_accuracy,
-            identity: index.identity(),
-            spacing: m.median_edge,
-        };
-        let layout = if asked.bare { Layout::default() } else { Layout::of(&sheet, &title) };
-        let middle = DVec3::from([0, 1, 2].map(|k| f64::midpoint(m.bounds_min[k], m.bounds_max[k])));
-        let place = GeoReference::of(&sheet, m.crs.as_deref());
-        let writer = form.map(|f| Writer::new(f, &sheet, &layout, &title.name, place.clone())).transpose()?;
-        let widest = asked.widest.clamp(64, WIDEST);
-        Ok(Self { sheet, size, layout, middle, widest, place, writer })
-    }
-
-    /// `size` in pixels, `paper` in mm, `pixelsPerMm`, `metresPerPixel`, `marks` (mm from the upper left corner), how many `bands`, `world` (the text of the world
-    /// file; null for elevations).
-    pub fn description(&self) -> Value {
-        json!({
-            "size": self.size,
-            "paper": self.sheet.paper,
-            "pixelsPerMm": self.sheet.pixels_per_mm(),
-            "metresPerPixel": self.sheet.metres_per_pixel(),
-            "marks": self.layout.marks,
-            "bands": self.size[1].div_ceil(Sheet::band_rows(self.size[0])),
-            "world": self.place.as_ref().map(GeoReference::world_file),
+impl Asked {
+    fn request(self) -> Result<Request, SheetError> {
+        Ok(Request {
+            view: View::from_name(&self.view).ok_or(SheetError::Oblique)?,
+            scale: self.scale,
+            dpi: self.dpi,
+            paper: self.paper.as_deref().map(Paper::parse).transpose()?,
+            bare: self.bare,
+            title: self.title,
+            format: Format::from_extension(&self.format).ok_or_else(|| SheetError::Asked(self.format))?,
         })
     }
+}
 
-    /// A band of the picture: `top`, `rows`, and `parts` (x, y, width, height in pixels, target, halfHeight in metres).
-    pub fn band(&self, number: u32) -> Value {
-        let rows = Sheet::band_rows(self.size[0]);
-        let top = number.saturating_mul(rows).min(self.size[1]);
-        let rows = rows.min(self.size[1] - top);
-        let parts = self.sheet.parts(self.size, top, rows, self.widest).into_iter().map(|(at, size)| {
-            let part = self.sheet.part(self.middle, at, size);
-            json!({
-                "x": at[0], "y": at[1], "width": size[0], "height": size[1],
-                "target": part.target, "halfHeight": part.half_height,
-            })
-        });
-        json!({ "top": top, "rows": rows, "parts": parts.collect::<Vec<Value>>() })
+/// Draw what is asked for, JSON; answers JSON: `paper` in mm, `world` (the text of the world file; null for elevations), and `isFull`, whether all of it is
+/// as fine as its pixels.
+pub(crate) async fn draw(index: &Index, asked: &str, host: SheetHost) -> Result<String, Thrown> {
+    let asked: Asked = serde_json::from_str(asked)?;
+    let widest = asked.widest.clamp(64, WIDEST);
+    let drawing = Drawing::new(index.metadata(), index.identity(), asked.request()?)?;
+    let sheet = &drawing.sheet;
+    let opened = json!({ "size": drawing.size, "pixelsPerMm": sheet.pixels_per_mm(), "marks": drawing.layout.marks });
+    let mut page = Page(host);
+    page.act("open", opened.to_string().as_bytes()).await?;
+    let figures = drawing.draw(widest, &mut page).await?;
+    let world = drawing.georeference.as_ref().map(GeoReference::world_file);
+    Ok(json!({ "paper": sheet.paper, "world": world, "isFull": figures.target_reached }).to_string())
+}
+
+/// What a drawing needs, done by JavaScript.
+struct Page(SheetHost);
+
+impl Page {
+    async fn act(&self, action: &str, bytes: &[u8]) -> Result<(), Thrown> {
+        self.0.act(action, bytes).await?;
+        Ok(())
+    }
+}
+
+impl Host for Page {
+    type Error = Thrown;
+
+    async fn render(&mut self, part: &Part, size: [u32; 2]) -> Result<Rendered, Thrown> {
+        let [x, y, z] = part.target.to_array();
+        let rendered = self.0.part(x, y, z, part.half_height, size[0], size[1]).await?;
+        let rendered: Array = rendered.dyn_into()?;
+        let figures = Figures {
+            target_reached: rendered.get(1).as_bool().unwrap_or(false),
+            worst_error_metres: rendered.get(2).as_f64().unwrap_or(f64::NAN),
+            triangles: rendered.get(3).as_f64().unwrap_or(0.0) as u64,
+        };
+        Ok(Rendered { pixels: Uint8Array::new(&rendered.get(0)).to_vec(), figures })
     }
 
-    /// What stands in the file before the next band: so many rows, deflated to so many bytes.
-    ///
-    /// # Errors
-    /// Where the file would be too long.
-    pub fn strip(&mut self, rows: u32, length: u64) -> Result<Vec<u8>, SheetError> {
-        self.writer.as_mut().map_or(Ok(Vec::new()), |w| w.strip(rows, length))
+    /// JavaScript has the marks since [`SheetHost::open`].
+    fn paint(&mut self, band: &mut Band, _marks: &[Mark], _pixels_per_mm: f64) -> Result<(), Thrown> {
+        Ok(self.0.paint(&mut band.rgb, band.top)?)
     }
 
-    /// What follows the last band.
-    ///
-    /// # Errors
-    /// As [`Self::strip`].
-    pub fn end(&mut self) -> Result<Ending, SheetError> {
-        self.writer.take().map_or(Ok(Ending { tail: Vec::new(), head: None }), Writer::end)
+    fn rows(&mut self, rgb: &[u8]) -> impl Future<Output = Result<(), Thrown>> {
+        self.act("rows", rgb)
+    }
+
+    async fn deflate(&mut self, bytes: &[u8]) -> Result<Vec<u8>, Thrown> {
+        Ok(Uint8Array::new(&self.0.act("deflate", bytes).await?).to_vec())
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> impl Future<Output = Result<(), Thrown>> {
+        self.act("write", bytes)
+    }
+
+    fn replace_head(&mut self, bytes: &[u8]) -> impl Future<Output = Result<(), Thrown>> {
+        self.act("head", bytes)
+    }
+
+    /// The page ends the file when it has the answer.
+    async fn end(&mut self) -> Result<(), Thrown> {
+        Ok(())
+    }
+
+    fn report_progress(&mut self, rows: u32, all: u32) {
+        self.0.progress(rows, all);
     }
 }

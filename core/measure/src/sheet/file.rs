@@ -7,13 +7,27 @@ use super::pdf::Pdf;
 use super::tiff::Tiff;
 use super::{Sheet, SheetError};
 
-/// Forms of files that are made of strips.
+/// Formats of drawings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Form {
+pub enum Format {
+    /// A picture without a georeference; its host writes it.
+    Png,
     /// One page of the paper's size, lines and letters as such.
     Pdf,
     /// A picture; of a plan a GeoTIFF.
     Tiff,
+}
+
+impl Format {
+    /// By the extension of its files, without the dot and in lower case.
+    pub fn from_extension(extension: &str) -> Option<Self> {
+        Some(match extension {
+            "png" => Self::Png,
+            "pdf" => Self::Pdf,
+            "tif" | "tiff" => Self::Tiff,
+            _ => return None,
+        })
+    }
 }
 
 /// What ends a file.
@@ -36,22 +50,24 @@ enum Kind {
 }
 
 impl Writer {
-    /// Of a sheet that has so many pixels; `layout` and `title` are for a PDF, in other forms they are part of the picture.
+    /// Of a sheet that has so many pixels; `layout` and `title` are for a PDF, in other formats they are part of the picture. `None` for a PNG, which is
+    /// not made of strips.
     ///
     /// # Errors
     /// [`SheetError::TooFine`].
     pub fn new(
-        form: Form,
+        format: Format,
         sheet: &Sheet,
         layout: &Layout,
         title: &str,
         place: Option<GeoReference>,
-    ) -> Result<Self, SheetError> {
+    ) -> Result<Option<Self>, SheetError> {
         let size = sheet.pixels()?;
-        Ok(Self(match form {
-            Form::Pdf => Kind::Pdf(Pdf::new(sheet, size[0], layout, title)),
-            Form::Tiff => Kind::Tiff(Tiff::new(size, sheet.dpi, Sheet::band_rows(size[0]), place)),
-        }))
+        Ok(match format {
+            Format::Png => None,
+            Format::Pdf => Some(Self(Kind::Pdf(Pdf::new(sheet, size[0], layout, title)))),
+            Format::Tiff => Some(Self(Kind::Tiff(Tiff::new(size, sheet.dpi, Sheet::band_rows(size[0]), place)))),
+        })
     }
 
     /// What stands before the next strip: so many rows, deflated to so many bytes. Every strip but the last has [`Sheet::band_rows`].

@@ -1,10 +1,11 @@
-//! Drawings to scale, as far as `kilwa render --scale` and the page share them: how large the sheet is (`paper`), what stands on it in
-//! millimetres (`layout`), what each part of the picture looks at, where it is in the world (`georeference`), and the files around the picture (`file`,
-//! `pdf`, `tiff`).
+//! Drawings to scale, for `kilwa render --scale` and the page: how large the sheet is (`paper`), what stands on it in
+//! millimetres (`layout`), what each part of the picture looks at, where it is in the world (`georeference`), the files around the picture (`file`,
+//! `pdf`, `tiff`), and the loop that makes it all (`draw`).
 //!
-//! One pixel is exactly `25.4 mm / dpi × scale`; the picture's middle is that of the model's box. Who draws does so part by part, so that memory does
+//! One pixel is exactly `25.4 mm / dpi × scale`; the picture's middle is that of the model's box. It is drawn part by part, so that memory does
 //! not grow with the sheet.
 
+pub mod draw;
 pub mod file;
 pub mod georeference;
 pub mod layout;

@@ -10,7 +10,6 @@ mod display;
 mod loss;
 mod navigation;
 mod picture;
-mod sheet;
 mod stream;
 
 use crate::camera::{Bounds, Camera, StandardView};

@@ -1,11 +1,14 @@
-//! Pictures read back from the viewer: what is on screen, and parts of larger ones.
+//! Pictures read back from the viewer: what is on screen, and parts of larger ones and of drawings to scale.
 
 use super::{Viewer, set};
+use crate::camera::{Camera, StandardView};
 use crate::gpu::readback::Readback;
 use crate::gpu::target::{texture, view_of};
 use crate::options::{Background, RenderOptions, Tile};
 use crate::renderer::Image;
+use glam::DVec3;
 use js_sys::{Object, Promise, Uint8Array};
+use kilwa_measure::sheet::Part;
 use kilwa_stream::View;
 use wasm_bindgen::prelude::{JsError, wasm_bindgen};
 
@@ -18,6 +21,15 @@ impl Viewer {
         let view = self.view();
         let options = self.options;
         self.read(&view, &options)
+    }
+
+    /// Look at a part of a drawing to scale: its middle, world metres, and half of what it shows upwards. The page gives the camera back when it is
+    /// done. False where no view is called so.
+    #[wasm_bindgen(js_name = aimSheet)]
+    pub fn aim_sheet(&mut self, view: &str, x: f64, y: f64, z: f64, half_height: f64) -> bool {
+        let Some(view) = StandardView::from_name(view) else { return false };
+        self.camera = Camera::of_part(view, &self.bounds, &Part { target: DVec3::new(x, y, z), half_height });
+        true
     }
 
     /// Load for a picture of this size from now on, of the same camera: as high as the canvas shows, wider or narrower with its shape.
