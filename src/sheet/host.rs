@@ -33,7 +33,7 @@ pub(super) struct Native<'a, S> {
 /// Where the picture goes.
 pub(super) enum Output {
     /// Row by row, with its resolution (chunk pHYs); `None` when it is complete.
-    Png(Option<png::StreamWriter<'static, BufWriter<File>>>),
+    Png(Option<Box<png::StreamWriter<'static, BufWriter<File>>>>),
     /// What the loop writes as it comes.
     Bytes(BufWriter<File>),
 }
@@ -47,7 +47,7 @@ impl Output {
         let per_metre = (f64::from(dpi) / 0.0254).round() as u32;
         // Servers check drawings with the same encoder.
         let writer = drawing::begin(out, size, per_metre).and_then(png::Writer::into_stream_writer);
-        Ok(Self::Png(Some(writer.context("cannot write the PNG")?)))
+        Ok(Self::Png(Some(Box::new(writer.context("cannot write the PNG")?))))
     }
 
     fn write(&mut self, bytes: &[u8]) -> anyhow::Result<()> {
@@ -103,7 +103,7 @@ impl<S: Source> Host for Native<'_, S> {
     async fn end(&mut self) -> anyhow::Result<()> {
         self.bar.finish_and_clear();
         match &mut self.output {
-            Output::Png(out) => out.take().map_or(Ok(()), png::StreamWriter::finish).context("cannot write the PNG"),
+            Output::Png(out) => out.take().map_or(Ok(()), |out| out.finish()).context("cannot write the PNG"),
             Output::Bytes(out) => out.flush().context("cannot write the drawing"),
         }
     }

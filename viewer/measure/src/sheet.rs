@@ -94,7 +94,7 @@ impl Asked {
             paper: self.paper.as_deref().map(Paper::parse).transpose()?,
             bare: self.bare,
             title: self.title,
-            format: Format::from_extension(&self.format).ok_or_else(|| SheetError::Asked(self.format))?,
+            format: Format::from_extension(&self.format).ok_or(SheetError::Asked(self.format))?,
         })
     }
 }
