@@ -8,9 +8,8 @@ import path from "node:path";
 import { after, before } from "node:test";
 import { promisify } from "node:util";
 import { inflateSync } from "node:zlib";
-import { ROOT, cameraOf, launch, open, packFolder, serve, test, waitFor } from "./harness.mjs";
+import { KILWA, cameraOf, launch, open, packFolder, serve, test } from "./harness.mjs";
 
-const KILWA = process.env.KILWA_BIN || process.env.KILWA || path.join(ROOT, "target/debug/kilwa");
 const [SCALE, DPI] = [500, 200];
 
 let server;
@@ -90,20 +89,28 @@ function tiff(bytes) {
   return fields;
 }
 
+/** The dialog of pictures and drawings. */
+async function openDialog(page) {
+  await page.getByRole("banner").getByRole("button", { name: "Save a picture" }).click();
+  return page.getByRole("dialog", { name: "Save a picture" });
+}
+const make = (dialog) => dialog.getByRole("button", { name: "Save the picture" }).click();
+
 /** What the dialog saves. */
 async function save(page, { view, format, paper = "", custom = "", scale = SCALE, bare = false }) {
-  await page.evaluate(() => globalThis.kilwa.pictures.open());
-  await page.locator("input[name=picture-size][value=sheet]").check();
-  await page.locator("#sheet-view").selectOption(view);
-  await page.locator("#sheet-format").selectOption(format);
-  await page.locator("#sheet-paper").selectOption(paper);
-  if (custom) await page.locator("#sheet-custom").fill(custom);
-  await page.locator("#sheet-bare").setChecked(bare);
-  await page.locator("#sheet-scale").fill(String(scale));
-  await page.locator("#sheet-dpi").fill(String(DPI));
+  const dialog = await openDialog(page);
+  await dialog.getByRole("radio", { name: "Drawing to scale" }).check();
+  await dialog.getByRole("combobox", { name: "View" }).selectOption(view);
+  await dialog.getByRole("combobox", { name: "File format" }).selectOption(format);
+  await dialog.getByRole("combobox", { name: "Paper" }).selectOption(paper);
+  if (custom) await dialog.getByRole("textbox", { name: "Width × height, mm" }).fill(custom);
+  await dialog.getByRole("checkbox", { name: "Only the model" }).setChecked(bare);
+  await dialog.getByRole("spinbutton", { name: "Scale, 1 to" }).fill(String(scale));
+  await dialog.getByRole("spinbutton", { name: "Dots per inch" }).fill(String(DPI));
   const saved = page.waitForEvent("download");
-  await page.locator("#picture-make").click();
+  await make(dialog);
   const file = await saved;
+  await dialog.waitFor({ state: "hidden" });
   return { name: file.suggestedFilename(), bytes: await readFile(await file.path()) };
 }
 
@@ -116,7 +123,6 @@ function dark({ grey, width }, x, y) {
 
 test("a plan from the page has the size, the place and the scale of the one that kilwa render draws", async () => {
   const { page, complaints, close } = await open(browser, `${server.url}/m/fort?error=8`, { size: [800, 600], acceptDownloads: true });
-  await waitFor(page, "settled");
   const camera = await cameraOf(page);
   const { name, bytes } = await save(page, { view: "plan", format: "png" });
   assert.ok(name.endsWith(".plan-1-500.png"), name);
@@ -169,11 +175,11 @@ test("an elevation as PDF is a sound file of the paper's size, and paper that is
     inflateSync(bytes.subarray(from, from + Number(match[1])));
   }
   assert.ok(streams.length >= 1);
-  await page.evaluate(() => globalThis.kilwa.pictures.open());
-  await page.locator("#sheet-scale").fill("1");
-  await page.locator("#picture-make").click();
-  await page.locator("#picture-error:not([hidden])").waitFor();
-  assert.match(await page.locator("#picture-error").textContent(), /larger than the paper\. 1:\d+ would fit/);
+  const dialog = await openDialog(page);
+  await dialog.getByRole("spinbutton", { name: "Scale, 1 to" }).fill("1");
+  await make(dialog);
+  await dialog.getByRole("alert").waitFor();
+  assert.match(await dialog.getByRole("alert").innerText(), /larger than the paper\. 1:\d+ would fit/);
   assert.deepEqual(complaints, []);
   await close();
 });
@@ -204,10 +210,9 @@ test("a plan as GeoTIFF has the tags, and as PNG the world file, that kilwa rend
   const off = Math.max(...[33550, 33922].flatMap((tag) => here[tag].map((v, k) => Math.abs(v - there[tag][k]))));
   console.log(`trust | GeoTIFF of the page beside that of kilwa render, metres | 0 | ${off}`);
   // The same as PNG: the world file has a press of its own.
-  await page.locator("#picture").waitFor({ state: "hidden" });
   const picture = await save(page, { ...asked, format: "png" });
   const world = page.waitForEvent("download");
-  await page.locator("#notice button", { hasText: "World file" }).click();
+  await page.getByRole("button", { name: "World file" }).click();
   const file = await world;
   assert.equal(file.suggestedFilename(), picture.name.replace(".png", ".pgw"));
   await native("native.png");
