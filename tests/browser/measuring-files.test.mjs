@@ -29,8 +29,9 @@ after(async () => {
   await rm(scratch, { recursive: true });
 });
 
-const fort = (query = "?error=4") => `${server.url}/m/fort${query}`;
-const tab = { size: [1200, 800] };
+const fort = (query = "?error=12") => `${server.url}/m/fort${query}`;
+/** A page with its panel beside the picture, and no larger: the picture is drawn without a graphics card. */
+const tab = { size: [960, 640] };
 const measured = async (options = {}) => {
   const opened = await open(browser, fort(), { ...tab, ...options });
   await measureDistance(opened.page, [0.42, 0.5], [0.55, 0.5]);
@@ -159,7 +160,7 @@ const plain = (text) => text.replaceAll(/[\u2066\u2069]/g, "");
 test("remarks, refusals and complaints about files are in the language of the page, also after it is changed", async () => {
   const english = await strings("en");
   const french = await strings("fr");
-  const { page, complaints, close } = await open(browser, fort("?error=8&lang=fr"), tab);
+  const { page, complaints, close } = await open(browser, fort("?error=12&lang=fr"), tab);
   const { bounds_min: low, bounds_max: high } = await page.evaluate(() => globalThis.kilwa.api.info().metadata);
   const middle = low.map((v, i) => (v + high[i]) / 2);
   const square = [

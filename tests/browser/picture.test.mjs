@@ -46,8 +46,13 @@ function decode(png) {
   return { width, height, channels, at: (x, y) => [...pixels.subarray((y * width + x) * channels, (y * width + x + 1) * channels)] };
 }
 
+const dialogOf = (page) => page.getByRole("dialog", { name: "Save a picture" });
+const openDialog = (page) => page.getByRole("banner").getByRole("button", { name: "Save a picture" }).click();
+/** The picture of the model on the page. */
+const canvasOf = (page) => page.getByRole("application", { name: "3D model" });
+
 async function save(page) {
-  const [download] = await Promise.all([page.waitForEvent("download"), page.locator("#picture-make").click()]);
+  const [download] = await Promise.all([page.waitForEvent("download"), dialogOf(page).getByRole("button", { name: "Save the picture" }).click()]);
   assert.match(download.suggestedFilename(), /^fort\.png$/);
   return decode(await readFile(await download.path()));
 }
@@ -72,11 +77,11 @@ test("a picture that is asked for while the camera still moves, in frames that t
 
 test("a picture of the canvas shows what the canvas shows; one twice as large shows the same, in tiles", async () => {
   const { page, complaints, close } = await open(browser, `${server.url}/m/fort?error=8`, { size: [700, 500] });
-  await page.locator("#canvas").focus();
+  await canvasOf(page).focus();
   await page.keyboard.press("p");
-  await page.locator("#picture-scale").uncheck();
+  await dialogOf(page).getByRole("checkbox", { name: "With the scale bar" }).uncheck();
   const small = await save(page);
-  assert.ok(await page.locator("#picture").isHidden());
+  await dialogOf(page).waitFor({ state: "hidden" });
   // Away from edges, which are smoothed alike but not on the same places.
   const spots = [
     [0.5, 0.5],
@@ -98,7 +103,7 @@ test("a picture of the canvas shows what the canvas shows; one twice as large sh
   assert.deepEqual([small.width, small.height], size);
   assert.deepEqual([canvas.width, canvas.height], size);
   await page.keyboard.press("p");
-  await page.locator("input[name=picture-size][value=double]").check();
+  await dialogOf(page).getByRole("radio", { name: "Twice as large" }).check();
   const large = await save(page);
   assert.deepEqual(
     [large.width, large.height],
@@ -129,11 +134,11 @@ test("a picture of the canvas shows what the canvas shows; one twice as large sh
 test("a scale bar is drawn where it is wanted, the background is left out where it is not, and any size is made", async () => {
   const { page, complaints, close } = await open(browser, `${server.url}/m/fort?error=8`, { size: [700, 500] });
   const display = await page.evaluate(() => globalThis.kilwa.viewer.displayState());
-  await page.locator("#picture-open").click();
-  await page.locator("input[name=picture-size][value=custom]").check();
+  await openDialog(page);
+  await dialogOf(page).getByRole("radio", { name: "Another size" }).check();
   await page.locator("#picture-width").fill("2500");
   await page.locator("#picture-height").fill("1100");
-  await page.locator("#picture-clear").check();
+  await dialogOf(page).getByRole("checkbox", { name: "Transparent background" }).check();
   const picture = await save(page);
   assert.deepEqual([picture.width, picture.height, picture.channels], [2500, 1100, 4]);
   assert.equal(picture.at(3, 3)[3], 0, "the background is clear");
@@ -141,10 +146,10 @@ test("a scale bar is drawn where it is wanted, the background is left out where 
   assert.ok(picture.at(2500 - 40, 1100 - 40)[3] > 200, "the scale bar's plate stands in the corner");
   assert.equal(await page.evaluate(() => globalThis.kilwa.viewer.displayState()), display, "the page's own picture is as before");
   // Sizes that cannot be are refused in words.
-  await page.locator("#picture-open").click();
+  await openDialog(page);
   await page.locator("#picture-width").evaluate((input) => (input.max = "")); // past the browser's own check
   await page.locator("#picture-width").fill("20000");
-  await page.locator("#picture-make").click();
+  await dialogOf(page).getByRole("button", { name: "Save the picture" }).click();
   assert.match(await page.locator("#picture-error").innerText(), /16,384/);
   assert.deepEqual(complaints, []);
   await close();
