@@ -234,7 +234,7 @@ test("what is cut away is never picked, and what shows behind it is", async () =
   await close();
 });
 
-test("a section fetches a part of the pack, says how much, and once more nothing; a question is taken back", async () => {
+test("a section fetches a part of the pack, reports how much, and nothing the second time; a request can be cancelled", async () => {
   const { page, complaints, packs, close } = await openEngine(browser, server.url);
   await page.evaluate(() => globalThis.engineTest.settled());
   const before = packs.length;

@@ -38,7 +38,7 @@ const measured = async (options = {}) => {
   return opened;
 };
 
-test("an address opens the same measurement elsewhere, to the last bit, and one that is too long says so", async () => {
+test("a link opens the same measurement elsewhere, to the last bit, and the page reports measurements that are too long for one", async () => {
   const { page, complaints, close } = await measured();
   const name = "Gate! ~ width, 50 % “é”";
   const detail = await openRow(page, "Distance 1");
@@ -60,7 +60,7 @@ test("an address opens the same measurement elsewhere, to the last bit, and one 
   await other.page.getByRole("tab", { name: "Measure" }).click();
   await row(other.page, name).waitFor();
   await done(other.page);
-  assert.equal((await list(other.page)).length, 1, "what is kept and what the address says are the same measurement");
+  assert.equal((await list(other.page)).length, 1, "what is kept and what the link says are the same measurement");
   const document = JSON.parse(await saveAs(other.page, "json"));
   const [one] = document.measurements;
   await give(other.page, JSON.stringify({ ...document, measurements: Array.from({ length: 80 }, (_, k) => ({ ...one, name: `${k}` })) }));
@@ -160,7 +160,7 @@ const plain = (text) => text.replaceAll(/[\u2066\u2069]/g, "");
 test("remarks, refusals and complaints about files are in the language of the page, also after it is changed", async () => {
   const english = await strings("en");
   const french = await strings("fr");
-  const { page, complaints, close } = await open(browser, fort("?error=12&lang=fr"), tab);
+  const { page, complaints, close } = await open(browser, fort("?error=12&lang=fr"), { size: [760, 480] });
   const { bounds_min: low, bounds_max: high } = await page.evaluate(() => globalThis.kilwa.api.info().metadata);
   const middle = low.map((v, i) => (v + high[i]) / 2);
   const square = [

@@ -61,7 +61,7 @@ const measured = async (options = {}) => {
   await measureDistance(opened.page, ...ENDS);
   return opened;
 };
-test("a distance by two presses is provisional, then final, and the value of kilwa measure to the last digit", async () => {
+test("a distance by two clicks is provisional, then final, and the value of kilwa measure to the last digit", async () => {
   const asked = [];
   const { page, complaints, close } = await open(browser, fort(), {
     ...tab,
@@ -207,7 +207,7 @@ test("points are taken back and put again while they are drawn, and a tool stays
   await close();
 });
 
-test("what has no answer gets a sentence and no number", async () => {
+test("if no meaningful value exists, the page explains why and shows no number", async () => {
   const { page, complaints, close } = await open(browser, fort(), tab);
   await tool(page, "Volume");
   await done(page);
@@ -415,7 +415,7 @@ test("the deviation from a fitted plane is shown as colours on the model", async
   await close();
 });
 
-test("scripts measure, list and are told", async () => {
+test("scripts measure, list measurements and receive events", async () => {
   const { page, complaints, close } = await open(browser, fort(), tab);
   const rays = await raysAt(page, ...ENDS);
   const found = await page.evaluate(async (rays) => {

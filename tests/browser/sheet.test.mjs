@@ -158,7 +158,7 @@ test("a plan from the page has the size, the place and the scale of the one that
   await close();
 });
 
-test("an elevation as PDF is a sound file of the paper's size, and paper that is too small is said before anything is drawn", async () => {
+test("an elevation as PDF is a sound file of the paper's size, and paper that is too small is reported before anything is drawn", async () => {
   const { page, complaints, close } = await open(browser, `${server.url}/m/fort?error=8`, { size: [800, 600], acceptDownloads: true });
   const { bytes } = await save(page, { view: "south", format: "pdf", paper: "A3" });
   const words = bytes.toString("latin1");
