@@ -85,10 +85,12 @@ export class Api {
     return document.body.dataset.state === "ready";
   }
 
-  /** Figures of the last frame; null before the first. */
+  /** Figures of the last frame, and whether the picture is at rest now; null before the first frame and while no model is open. */
   stats() {
-    const session = this.#parts.scene()?.session;
-    return session?.stats ? { ...session.stats, requests: session.pack.requests, adapter: this.#viewer.adapter() } : null;
+    const scene = this.#parts.scene();
+    if (!scene?.isOpen || !scene.session.stats) return null;
+    const { stats, isSettled, frames, pack } = scene.session;
+    return { ...stats, settled: isSettled, frames, requests: pack.requests, adapter: scene.viewer.adapter() };
   }
 
   info() {

@@ -58,8 +58,10 @@ export interface Stats {
   targetReached: boolean;
   /** Whether the memory limit keeps it coarser. */
   budgetLimited: boolean;
-  /** Nothing more will change by itself. */
+  /** All is drawn that came and was done; nothing more will change by itself. */
   settled: boolean;
+  /** Frames drawn since the model was opened or the graphics device replaced. */
+  frames: number;
   adapter: string;
   [more: string]: unknown;
 }

@@ -106,7 +106,8 @@ export class Screen {
     this.section.frame();
     walk.frame(stats);
     this.address.later();
-    this.api.emit("frame", stats);
+    const figures = this.api.stats();
+    if (figures) this.api.emit("frame", figures);
     const seen = cameraKey(camera);
     if (this.#seen === seen) return;
     this.#seen = seen;

@@ -89,6 +89,12 @@ export class Session {
     this.resize();
   }
 
+  /** Whether the last frame shows all that came and all that was done since: nothing more will change by itself. */
+  get isSettled() {
+    const { stats, scheduled, pausing, answers } = this;
+    return Boolean(stats?.settled && !stats.more && !scheduled && !pausing && answers.size === 0);
+  }
+
   /** Draw soon. */
   wake() {
     if (this.scheduled || this.closed) return;

@@ -13,6 +13,7 @@ import { test as nodeTest } from "node:test";
 import { fileURLToPath } from "node:url";
 import { promisify } from "node:util";
 import { chromium } from "playwright-core";
+import { decodePng } from "./png.mjs";
 
 export const ROOT = path.resolve(path.dirname(fileURLToPath(import.meta.url)), "../..");
 export const KILWA = process.env.KILWA_BIN || process.env.KILWA || path.join(ROOT, "target/debug/kilwa");
@@ -55,7 +56,7 @@ export const numbersOf = ({ azimuth, elevation, distance, target, orthographic, 
 ];
 
 /** The camera of a page that shows a model, as numbers. */
-export const cameraOf = async (page) => numbersOf(await page.evaluate(() => globalThis.kilwa.viewer.camera()));
+export const cameraOf = async (page) => numbersOf(await page.evaluate(() => globalThis.kilwa.api.getCamera()));
 
 /** A folder with `fort.kilwa` in it. */
 export async function packFolder() {
@@ -202,46 +203,95 @@ export async function open(browser, url, { size = [800, 600], wait = "settled", 
 
 /** Wait until the picture is there (`first`), at rest (`settled`), or refused (`trouble`). */
 export async function waitFor(page, what) {
+  if (what === "trouble") return troubleOf(page).waitFor();
   const done = {
-    first: () => document.body?.dataset.state === "ready",
-    settled: () => {
-      const s = globalThis.kilwa?.session;
-      return Boolean(s?.stats?.settled && !s.stats.more && !s.scheduled && s.answers.size === 0);
-    },
-    trouble: () => document.body?.dataset.state === "trouble",
+    first: () => Boolean(globalThis.kilwa?.api.isReady),
+    settled: () => Boolean(globalThis.kilwa?.api.stats()?.settled),
   };
   await page.waitForFunction(done[what], null, { polling: 50 });
 }
 
-export const stats = (page) => page.evaluate(() => globalThis.kilwa.session.stats);
+/** The figures that the API gives (docs/embedding.md). */
+export const stats = (page) => page.evaluate(() => globalThis.kilwa.api.stats());
 
-/** The picture that is on screen, read back from a texture: how much of it is model, and a hash of its pixels. */
-export const picture = (page) =>
-  page.evaluate(async () => {
-    const { width, height, pixels } = await globalThis.kilwa.viewer.readPixels();
-    let model = 0;
-    let hash = 0;
-    for (let y = 0; y < height; y += 1) {
-      // The background is one colour per row; the first pixel of each row shows it.
-      const row = y * width * 4;
-      for (let x = 0; x < width; x += 1) {
-        const at = row + x * 4;
-        const isBackground = [0, 1, 2].every((i) => Math.abs(pixels[at + i] - pixels[row + i]) <= 2);
-        if (!isBackground) model += 1;
-        hash = (Math.imul(hash, 31) + pixels[at] + pixels[at + 1] * 7 + pixels[at + 2] * 13) | 0;
-      }
-    }
-    const middle = ((height >> 1) * width + (width >> 1)) * 4;
-    return { width, height, share: model / (width * height), hash, middle: [...pixels.slice(middle, middle + 4)] };
-  });
+/** What stands in place of the model where it cannot be shown. */
+export const troubleOf = (page) => page.getByRole("alert").filter({ has: page.getByRole("heading") });
 
-/** The same, with the pixels themselves: red, green, blue and alpha, rows from the top. */
+/** The model's picture, as an element of the page. */
+export const canvasOf = (page) => page.getByRole("application");
+
+/** Where a place of the picture is on the page: `x` and `y` are shares of its width and height. */
+export async function spotOn(page, x, y) {
+  const box = await canvasOf(page).boundingBox();
+  return [box.x + box.width * x, box.y + box.height * y];
+}
+
+/** Click a place of the picture; `options` are those of `mouse.click`. */
+export const press = async (page, x, y, options) => page.mouse.click(...(await spotOn(page, x, y)), options);
+
+/** Drag from one place of the picture to another, each `[x, y]` in shares of it. */
+export async function drag(page, from, to, { steps = 4, ...options } = {}) {
+  await page.mouse.move(...(await spotOn(page, ...from)));
+  await page.mouse.down(options);
+  await page.mouse.move(...(await spotOn(page, ...to)), { steps });
+  await page.mouse.up(options);
+}
+
+/** What the API finds at a place of the picture, or null; `x` and `y` are shares of it. */
+export async function pick(page, x, y) {
+  const { width, height } = await canvasOf(page).boundingBox();
+  return page.evaluate(([x, y]) => globalThis.kilwa.api.pick(x, y), [width * x, height * y]);
+}
+
+/** Put the camera somewhere at once, and wait until all that it shows is there. */
+export async function setCamera(page, camera) {
+  await page.evaluate((camera) => globalThis.kilwa.api.setCamera(camera), camera);
+  await waitFor(page, "settled");
+}
+
+/** A button of the rail beside the picture, by its English name. */
+export const tool = (page, name) => page.getByRole("toolbar", { name: "Tools", exact: true }).getByRole("button", { name, exact: true });
+
+/** Open a tab of the details panel by its English name. */
+export const openTab = (page, name) => page.getByRole("tab", { name, exact: true }).click();
+
+/** How the model is shown, as links hold it: what is as usual is left out. */
+export const displayOf = (page) => page.evaluate(() => globalThis.kilwa.api.state().display ?? {});
+
+/** Nothing but the canvas: what lies over it is not seen, stays where it is, keeps the focus, and can be pressed. */
+const BARE = `:not(:has([role="application"]), [role="application"]) { opacity: 0 !important; transition: none !important; }
+[role="application"] { outline: none !important; transition: none !important; }`;
+
+/** The model's picture as it is on screen: red, green, blue and alpha, rows from the top. Of a page, or of a frame in one. */
 export async function pixels(page) {
-  const { width, height, text } = await page.evaluate(async () => {
-    const { width, height, pixels } = await globalThis.kilwa.viewer.readPixels();
-    let text = "";
-    for (let at = 0; at < pixels.length; at += 32768) text += String.fromCharCode(...pixels.subarray(at, at + 32768));
-    return { width, height, text: btoa(text) };
-  });
-  return { width, height, pixels: Buffer.from(text, "base64") };
+  await page.evaluate((css) => {
+    globalThis.bare ??= new CSSStyleSheet();
+    globalThis.bare.replaceSync(css);
+    if (!document.adoptedStyleSheets.includes(globalThis.bare)) document.adoptedStyleSheets.push(globalThis.bare);
+  }, BARE);
+  // Hiding the caret would add a style, which the page's security policy forbids.
+  const { width, height, channels, pixels: bytes } = decodePng(await canvasOf(page).screenshot({ caret: "initial" }));
+  await page.evaluate(() => globalThis.bare.replaceSync(""));
+  const all = Buffer.alloc(width * height * 4, 255);
+  for (let from = 0, to = 0; from < bytes.length; from += channels, to += 4) bytes.copy(all, to, from, from + channels);
+  return { width, height, pixels: all };
+}
+
+/** The same: how much of it is model, a hash of its pixels, and the pixel in its middle. */
+export async function picture(page) {
+  const { width, height, pixels: bytes } = await pixels(page);
+  let model = 0;
+  let hash = 0;
+  for (let y = 0; y < height; y += 1) {
+    // The background is one colour per row; the first pixel of each row shows it.
+    const row = y * width * 4;
+    for (let x = 0; x < width; x += 1) {
+      const at = row + x * 4;
+      const isBackground = [0, 1, 2].every((i) => Math.abs(bytes[at + i] - bytes[row + i]) <= 2);
+      if (!isBackground) model += 1;
+      hash = (Math.imul(hash, 31) + bytes[at] + bytes[at + 1] * 7 + bytes[at + 2] * 13) | 0;
+    }
+  }
+  const middle = ((height >> 1) * width + (width >> 1)) * 4;
+  return { width, height, share: model / (width * height), hash, middle: [...bytes.subarray(middle, middle + 4)] };
 }
