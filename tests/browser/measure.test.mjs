@@ -12,8 +12,8 @@ import path from "node:path";
 import { after, before } from "node:test";
 import { promisify } from "node:util";
 import { openEngine } from "./engine-page.mjs";
-import { KILWA, hostile, launch, open, packFolder, serve, test, waitFor } from "./harness.mjs";
-import { canvas, numbers, openRow } from "./measuring.mjs";
+import { KILWA, hostile, launch, open, packFolder, serve, test, waitFor, canvasOf, openTab } from "./harness.mjs";
+import { numbers, openRow } from "./measuring.mjs";
 
 const run = promisify(execFile);
 
@@ -76,7 +76,7 @@ const raysOf = (page, n) =>
 
 /** The same in the viewer's page. */
 async function seenRays(page, n) {
-  const { width, height } = await canvas(page).boundingBox();
+  const { width, height } = await canvasOf(page).boundingBox();
   return page.evaluate(
     ([n, places]) => {
       const { api } = globalThis.kilwa;
@@ -298,7 +298,7 @@ test("a deviation is shown as colours on the model, from its own plane and as fa
   const rays = await seenRays(page, 3);
   const { state, readings } = await page.evaluate((one) => globalThis.kilwa.api.addMeasurement(one), { tool: "deviation", rays, reach: 2, name: "Wall" });
   assert.equal(state, "final");
-  await page.getByRole("tab", { name: "Measure" }).click();
+  await openTab(page, "Measure");
   await (await openRow(page, "Wall")).getByRole("button", { name: "Show it as colours" }).click();
   await page.waitForFunction(() => globalThis.kilwa.api.mode === "distance");
   const { mode, plane, range } = await page.evaluate(() => globalThis.kilwa.api.state().display);
@@ -309,7 +309,7 @@ test("a deviation is shown as colours on the model, from its own plane and as fa
   const [lowest, highest] = ["lowest", "highest"].map((name) => readings.find((r) => r.name === name).value);
   const reach = Math.max(Math.abs(lowest), Math.abs(highest));
   assert.deepEqual(range, [-reach, reach]);
-  await page.getByRole("tab", { name: "Display" }).click();
+  await openTab(page, "Display");
   const display = page.getByRole("tabpanel", { name: "Display" });
   for (const [name, value] of [
     ["From, m", -reach],

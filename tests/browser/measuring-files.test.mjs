@@ -8,8 +8,8 @@ import { tmpdir } from "node:os";
 import path from "node:path";
 import { after, before } from "node:test";
 import { promisify } from "node:util";
-import { KILWA, WWW, launch, open, packFolder, serve, test, waitFor } from "./harness.mjs";
-import { bar, bits, canvas, done, give, list, measureDistance, openRow, panel, press, row, saveAs, status, table, tool } from "./measuring.mjs";
+import { KILWA, WWW, launch, open, packFolder, serve, test, waitFor, canvasOf, openTab } from "./harness.mjs";
+import { bar, bits, done, give, list, measureDistance, openRow, panel, press, row, saveAs, status, table, tool } from "./measuring.mjs";
 
 let server;
 let browser;
@@ -50,14 +50,14 @@ test("a link opens the same measurement elsewhere, to the last bit, and the page
   assert.equal(wanted[0].name, name);
   const address = await page.evaluate(() => globalThis.kilwa.api.link());
   const other = await open(browser, address, tab);
-  await other.page.getByRole("tab", { name: "Measure" }).click();
+  await openTab(other.page, "Measure");
   await row(other.page, name).waitFor();
   await done(other.page);
   assert.deepEqual(await bits(other.page), wanted);
   assert.equal((await list(other.page))[0].color, "#c2256b");
   await other.page.reload();
   await waitFor(other.page, "settled");
-  await other.page.getByRole("tab", { name: "Measure" }).click();
+  await openTab(other.page, "Measure");
   await row(other.page, name).waitFor();
   await done(other.page);
   assert.equal((await list(other.page)).length, 1, "what is kept and what the link says are the same measurement");
@@ -98,7 +98,7 @@ test("a file reads back to the last bit, here and by kilwa measure, and one of a
     data.items.add(new File([words], "fort.json", { type: "application/json" }));
     return data;
   }, words);
-  await canvas(page).dispatchEvent("drop", { dataTransfer });
+  await canvasOf(page).dispatchEvent("drop", { dataTransfer });
   await status(page, "Read: 2").waitFor();
   assert.deepEqual(await bits(page), wanted);
   assert.equal(await saveAs(page, "json"), words);

@@ -8,11 +8,10 @@ import { createRequire } from "node:module";
 import path from "node:path";
 import { after, before } from "node:test";
 import { promisify } from "node:util";
-import { KILWA, cameraOf, launch, open, packFolder, serve, test, waitFor } from "./harness.mjs";
+import { KILWA, cameraOf, launch, open, packFolder, serve, test, waitFor, canvasOf, openTab, tool as railTool } from "./harness.mjs";
 import {
   bar,
   bits,
-  canvas,
   done,
   handle,
   labels,
@@ -68,7 +67,7 @@ test("a distance by two clicks is provisional, then final, and the value of kilw
     before: (page) => page.on("request", (request) => asked.push(new URL(request.url()).pathname)),
   });
   assert.ok(!asked.some((name) => /measure/.test(name)), `nothing of measuring is loaded before it is used: ${asked}`);
-  await canvas(page).focus();
+  await canvasOf(page).focus();
   await page.keyboard.press("m");
   await bar(page).waitFor();
   await status(page, "Distance: click point 1 of 2").waitFor();
@@ -164,7 +163,7 @@ test("everything is undone and redone, a reload keeps it, and a point that is dr
   // What is typed is kept before the field is left.
   await page.reload();
   await waitFor(page, "settled");
-  await page.getByRole("tab", { name: "Measure" }).click();
+  await openTab(page, "Measure");
   await row(page, "Gate, width").waitFor();
   await done(page);
   const [kept] = await list(page);
@@ -233,7 +232,7 @@ test("if no meaningful value exists, the page explains why and shows no number",
 
 test("by keyboard alone: a distance is measured, one of its points moved, its row named, moved and deleted", async () => {
   const { page, complaints, close } = await open(browser, fort(), tab);
-  await canvas(page).focus();
+  await canvasOf(page).focus();
   await page.keyboard.press("m");
   await bar(page).waitFor();
   const keys = async (...names) => {
@@ -269,9 +268,9 @@ test("by keyboard alone: a distance is measured, one of its points moved, its ro
 
 test("a finger that rests gets a loupe above it, and where it is lifted is measured", async () => {
   const { page, complaints, close } = await open(browser, fort(), { size: [390, 844], hasTouch: true, isMobile: true });
-  await page.getByRole("toolbar", { name: "Tools" }).getByRole("button", { name: "Measure" }).tap();
+  await railTool(page, "Measure").tap();
   await bar(page).waitFor();
-  const box = await canvas(page).boundingBox();
+  const box = await canvasOf(page).boundingBox();
   const client = await page.context().newCDPSession(page);
   const touch = (type, x, y) =>
     client.send("Input.dispatchTouchEvent", { type, touchPoints: type === "touchEnd" ? [] : [{ x: box.x + box.width * x, y: box.y + box.height * y }] });
@@ -373,7 +372,7 @@ test("sections and contours are lines on the model, and drawings as files", asyn
   assert.equal((await list(page))[1].state, "final");
   await page.reload();
   await waitFor(page, "settled");
-  await page.getByRole("tab", { name: "Measure" }).click();
+  await openTab(page, "Measure");
   // There are drawings again where there are lines again.
   for (const name of ["Section 1", "Contours 1"]) {
     const again = await openRow(page, name);
@@ -443,7 +442,7 @@ test("axe-core finds nothing serious in the tab, the table and the marks, in bot
   const axe = await readFile(path.join(path.dirname(createRequire(import.meta.url).resolve("axe-core")), "axe.min.js"), "utf8");
   const { page, complaints, close } = await measured();
   await panel(page).getByText("All tools").click();
-  await page.getByRole("toolbar", { name: "Tools" }).getByRole("button", { name: "Measure" }).click();
+  await railTool(page, "Measure").click();
   await bar(page).waitFor();
   assert.ok(await table(page).isVisible());
   assert.equal(await labels(page).count(), 1);

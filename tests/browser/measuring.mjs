@@ -2,9 +2,8 @@
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
+import { canvasOf, openTab, tool as railTool, spotOn } from "./harness.mjs";
 
-/** The picture of the model, in every language. */
-export const canvas = (page) => page.getByRole("application");
 export const panel = (page) => page.getByRole("tabpanel", { name: "Measure" });
 export const table = (page) => page.getByRole("table", { name: "Measurements" });
 /** The button of a row, which opens and closes it. */
@@ -18,11 +17,8 @@ export const status = (page, text) => page.getByRole("status").filter({ hasText:
 /** The buttons of the tool in use. */
 export const bar = (page) => page.getByRole("toolbar", { name: "Measurements" });
 
-/** Pixels of the window at shares of the picture's width and height. */
-async function spots(page, places) {
-  const box = await canvas(page).boundingBox();
-  return places.map(([x, y]) => [Math.round(box.x + box.width * x), Math.round(box.y + box.height * y)]);
-}
+/** Whole pixels of the window at shares of the picture's width and height. */
+const spots = (page, places) => Promise.all(places.map(async ([x, y]) => (await spotOn(page, x, y)).map(Math.round)));
 
 /** Click the picture, at shares of its width and height. */
 export async function press(page, ...places) {
@@ -31,7 +27,7 @@ export async function press(page, ...places) {
 
 /** The rays that are looked along at the places that `press` clicks. */
 export async function raysAt(page, ...places) {
-  const box = await canvas(page).boundingBox();
+  const box = await canvasOf(page).boundingBox();
   const at = (await spots(page, places)).map(([x, y]) => [x - box.x, y - box.y]);
   return page.evaluate((at) => at.map(([x, y]) => globalThis.kilwa.api.pick(x, y).ray), at);
 }
@@ -80,7 +76,7 @@ async function localPlaces(page) {
 
 /** Choose a tool in the list of all of them. */
 export async function tool(page, name) {
-  await page.getByRole("tab", { name: "Measure" }).click();
+  await openTab(page, "Measure");
   await panel(page).getByText("All tools").click();
   await panel(page).getByRole("group").getByRole("button", { name, exact: true }).click();
 }
@@ -122,7 +118,7 @@ export const saveAs = async (page, format) => {
 
 /** Choose Distance with its button and measure between two places. */
 export async function measureDistance(page, ...places) {
-  await page.getByRole("toolbar", { name: "Tools" }).getByRole("button", { name: "Measure" }).click();
+  await railTool(page, "Measure").click();
   await bar(page).waitFor();
   await press(page, ...places);
   await done(page);

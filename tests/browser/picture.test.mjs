@@ -3,8 +3,8 @@
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
 import { after, before } from "node:test";
-import { inflateSync } from "node:zlib";
-import { launch, open, packFolder, pixels, serve, test, waitFor } from "./harness.mjs";
+import { canvasOf, launch, open, packFolder, pixels, serve, test, waitFor } from "./harness.mjs";
+import { decodePng } from "./png.mjs";
 
 let server;
 let browser;
@@ -18,43 +18,12 @@ after(async () => {
   await server?.stop();
 });
 
-/** Width, height, channels and pixels of a PNG of 8 bits with filters none and up; checks the order of its chunks. */
-function decode(png) {
-  assert.equal(png.subarray(0, 8).toString("hex"), "89504e470d0a1a0a");
-  const chunks = [];
-  for (let at = 8; at < png.length; ) {
-    const length = png.readUInt32BE(at);
-    chunks.push({ type: png.toString("latin1", at + 4, at + 8), data: png.subarray(at + 8, at + 8 + length) });
-    at += 12 + length;
-  }
-  assert.equal(chunks[0].type, "IHDR");
-  assert.equal(chunks.at(-1).type, "IEND");
-  const head = chunks[0].data;
-  const [width, height] = [head.readUInt32BE(0), head.readUInt32BE(4)];
-  const channels = { 2: 3, 6: 4 }[head[9]];
-  const raw = inflateSync(Buffer.concat(chunks.filter((c) => c.type === "IDAT").map((c) => c.data)));
-  const line = width * channels;
-  assert.equal(raw.length, height * (line + 1));
-  const pixels = Buffer.alloc(height * line);
-  for (let y = 0; y < height; y += 1) {
-    const filter = raw[y * (line + 1)];
-    for (let i = 0; i < line; i += 1) {
-      const above = filter === 2 && y > 0 ? pixels[(y - 1) * line + i] : 0;
-      pixels[y * line + i] = raw[y * (line + 1) + 1 + i] + above;
-    }
-  }
-  return { width, height, channels, at: (x, y) => [...pixels.subarray((y * width + x) * channels, (y * width + x + 1) * channels)] };
-}
-
 const dialogOf = (page) => page.getByRole("dialog", { name: "Save a picture" });
 const openDialog = (page) => page.getByRole("banner").getByRole("button", { name: "Save a picture" }).click();
-/** The picture of the model on the page. */
-const canvasOf = (page) => page.getByRole("application", { name: "3D model" });
-
 async function save(page) {
   const [download] = await Promise.all([page.waitForEvent("download"), dialogOf(page).getByRole("button", { name: "Save the picture" }).click()]);
   assert.match(download.suggestedFilename(), /^fort\.png$/);
-  return decode(await readFile(await download.path()));
+  return decodePng(await readFile(await download.path()));
 }
 
 test("a picture that is requested while the camera still moves, in slow frames, is made", async () => {

@@ -9,6 +9,7 @@ import { after, before } from "node:test";
 import { promisify } from "node:util";
 import { inflateSync } from "node:zlib";
 import { KILWA, cameraOf, launch, open, packFolder, serve, test } from "./harness.mjs";
+import { decodePng } from "./png.mjs";
 
 const [SCALE, DPI] = [500, 200];
 
@@ -35,37 +36,15 @@ after(async () => {
   await server?.stop();
 });
 
-/** Chunks of a PNG by name, and its pixels as grey: rows of numbers. */
+/** A drawing as PNG: `grey(x, y)` of its pixels, and dots per metre. */
 function png(bytes) {
-  const chunks = {};
-  for (let at = 8; at < bytes.length; ) {
-    const length = bytes.readUInt32BE(at);
-    const name = bytes.toString("latin1", at + 4, at + 8);
-    chunks[name] ??= [];
-    chunks[name].push(bytes.subarray(at + 8, at + 8 + length));
-    at += length + 12;
-  }
-  const [head] = chunks.IHDR;
-  const [width, height] = [head.readUInt32BE(0), head.readUInt32BE(4)];
-  assert.deepEqual([head[8], head[9], head[12]], [8, 2, 0], "eight bits, red green blue, not interlaced");
-  const data = inflateSync(Buffer.concat(chunks.IDAT));
-  const line = width * 3;
-  const rows = [];
-  let above = Buffer.alloc(line);
-  for (let y = 0; y < height; y += 1) {
-    const filter = data[y * (line + 1)];
-    const row = Buffer.from(data.subarray(y * (line + 1) + 1, (y + 1) * (line + 1)));
-    for (let i = 0; i < line; i += 1) {
-      const [a, b, c] = [i < 3 ? 0 : row[i - 3], above[i], i < 3 ? 0 : above[i - 3]];
-      const p = a + b - c;
-      const [pa, pb, pc] = [Math.abs(p - a), Math.abs(p - b), Math.abs(p - c)];
-      row[i] += [0, a, b, (a + b) >> 1, pa <= pb && pa <= pc ? a : pb <= pc ? b : c][filter];
-    }
-    rows.push(row);
-    above = row;
-  }
-  const grey = (x, y) => (rows[y][x * 3] + rows[y][x * 3 + 1] + rows[y][x * 3 + 2]) / 3;
-  return { width, height, grey, dots: chunks.pHYs?.[0].readUInt32BE(0) };
+  const { width, height, channels, pixels, chunks } = decodePng(bytes);
+  assert.equal(channels, 3, "red, green, blue");
+  const grey = (x, y) => {
+    const at = (y * width + x) * 3;
+    return (pixels[at] + pixels[at + 1] + pixels[at + 2]) / 3;
+  };
+  return { width, height, grey, dots: chunks.find(({ type }) => type === "pHYs")?.data.readUInt32BE(0) };
 }
 
 /** Fields of a TIFF by tag: numbers. */
