@@ -367,7 +367,11 @@ test("sections and contours are lines on the model, and drawings as files", asyn
   ]) {
     assert.match(await saved(page, detail.getByRole("button", { name: `Drawing, ${format}` })), says);
   }
-  await tool(page, "Contours");
+  await panel(page).getByText("All tools").click();
+  const every = panel(page).getByRole("spinbutton", { name: "Contours every, m" });
+  assert.ok(Number(await every.inputValue()) > 0, "an interval is proposed");
+  await every.fill("2");
+  await panel(page).getByRole("group").getByRole("button", { name: "Contours", exact: true }).click();
   await done(page, 2);
   assert.equal((await list(page))[1].state, "final");
   await page.reload();

@@ -76,7 +76,7 @@ async function openDialog(page) {
 const make = (dialog) => dialog.getByRole("button", { name: "Save the picture" }).click();
 
 /** What the dialog saves. */
-async function save(page, { view, format, paper = "", custom = "", scale = SCALE, bare = false }) {
+async function save(page, { view, format, paper = "", custom = "", scale = SCALE, dpi = DPI, bare = false }) {
   const dialog = await openDialog(page);
   await dialog.getByRole("radio", { name: "Drawing to scale" }).check();
   await dialog.getByRole("combobox", { name: "View" }).selectOption(view);
@@ -85,7 +85,7 @@ async function save(page, { view, format, paper = "", custom = "", scale = SCALE
   if (custom) await dialog.getByRole("textbox", { name: "Width × height, mm" }).fill(custom);
   await dialog.getByRole("checkbox", { name: "Only the model" }).setChecked(bare);
   await dialog.getByRole("spinbutton", { name: "Scale, 1 to" }).fill(String(scale));
-  await dialog.getByRole("spinbutton", { name: "Dots per inch" }).fill(String(DPI));
+  await dialog.getByRole("spinbutton", { name: "Dots per inch" }).fill(String(dpi));
   const saved = page.waitForEvent("download");
   await make(dialog);
   const file = await saved;
@@ -202,11 +202,12 @@ test("a plan as GeoTIFF has the tags, and as PNG the world file, that kilwa rend
 
 test("on a sheet wider than 16,384 pixels a bar of 10 m measures 10 m to half a pixel, and the model lies where kilwa render draws it", async () => {
   const { page, complaints, close } = await open(browser, `${server.url}/m/fort?error=8`, { size: [800, 600], acceptDownloads: true });
-  const [scale, metres] = [125, 10];
-  const paper = [2150, 170];
-  const { bytes } = await save(page, { view: "south", format: "png", paper: "custom", custom: paper.join("x"), scale });
+  // Few dots per inch: a wide sheet of few pixels.
+  const [scale, metres, dpi] = [125, 10, 100];
+  const paper = [4200, 160];
+  const { bytes } = await save(page, { view: "south", format: "png", paper: "custom", custom: paper.join("x"), scale, dpi });
   const here = png(bytes);
-  const k = DPI / 25.4;
+  const k = dpi / 25.4;
   assert.equal(here.width, Math.round(paper[0] * k));
   assert.ok(here.width > 16_384, `${here.width}`);
   const wanted = ((metres * 1000) / scale) * k;
@@ -227,7 +228,7 @@ test("on a sheet wider than 16,384 pixels a bar of 10 m measures 10 m to half a 
     "--scale",
     `1:${scale}`,
     "--dpi",
-    String(DPI),
+    String(dpi),
     "--paper",
     paper.join("x"),
     "--mode",
