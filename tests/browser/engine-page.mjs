@@ -1,9 +1,8 @@
 // A page for tests of the measuring engine as a module: the model is streamed and drawn by the page's own modules, with no controls around it. The modules
 // are those of www/ before they are bundled; the programs and workers are the built ones.
 
-import { access } from "node:fs/promises";
+import { access, readFile } from "node:fs/promises";
 import path from "node:path";
-import { readFile } from "node:fs/promises";
 import { ROOT, WWW, open } from "./harness.mjs";
 
 const MODULES = path.join(ROOT, "www");
@@ -11,17 +10,18 @@ const MODULES = path.join(ROOT, "www");
 const FILES = "/viewer/";
 const HTML = `<!doctype html><base href="${FILES}"><title>engine</title><canvas style="width: 700px; height: 500px"></canvas>`;
 
+const isThere = (file) =>
+  access(file).then(
+    () => true,
+    () => false,
+  );
+
 /** What the page asks for that the bundle took in. The engine is bundled one folder higher than it lies. */
 async function answer(route) {
   const name = new URL(route.request().url()).pathname.slice(FILES.length);
   if (name === "engine.html") return route.fulfill({ contentType: "text/html", body: HTML });
-  const source = path.join(MODULES, name === "engine.js" ? "measure/engine.js" : name);
-  const isBuilt = await access(path.join(WWW, name)).then(
-    () => true,
-    () => false,
-  );
-  if (isBuilt || !name.endsWith(".js")) return route.continue();
-  const text = await readFile(source, "utf8");
+  if (!name.endsWith(".js") || (await isThere(path.join(WWW, name)))) return route.continue();
+  const text = await readFile(path.join(MODULES, name === "engine.js" ? "measure/engine.js" : name), "utf8");
   return route.fulfill({ contentType: "text/javascript", body: text.replaceAll('from "../', 'from "./') });
 }
 

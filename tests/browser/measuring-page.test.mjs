@@ -186,7 +186,7 @@ test("points are taken back and put again while they are drawn, and a tool stays
   await page.keyboard.press("Backspace");
   await drawn(1);
   await page.keyboard.press("Enter");
-  await status(page, "at least 2").first().waitFor();
+  await status(page, /^\s*at least 2 points\s*$/).waitFor();
   await page.keyboard.press("Control+Shift+z");
   await drawn(2);
   await press(page, [0.56, 0.52]);
