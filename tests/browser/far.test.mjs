@@ -1,4 +1,4 @@
-// A pack of more than 4 GiB: the fort with all but its head moved on by 5 GiB, in a sparse file.
+// A pack of more than 4 GiB: the fort with all but its head moved on by 4 GiB, in a sparse file.
 
 import assert from "node:assert/strict";
 import { execFile } from "node:child_process";
@@ -8,7 +8,10 @@ import { after, before } from "node:test";
 import { promisify } from "node:util";
 import { FAR, launch, open, packFolder, picture, serve, stats, test } from "./harness.mjs";
 
-const GAP = 5 * 2 ** 30;
+/** No more than is needed: the server reads all of the file once, for its tag. */
+const GAP = 2 ** 32;
+/** Pixels of the page: few, for they are drawn by the processor; chunks of every level are asked for all the same. */
+const SMALL = [480, 360];
 let folder;
 let server;
 let browser;
@@ -29,10 +32,10 @@ after(async () => {
 });
 
 test("chunks beyond 2^32 bytes are streamed, and the picture is that of the small file", async () => {
-  const near = await open(browser, `${server.url}/m/fort?error=2`);
+  const near = await open(browser, `${server.url}/m/fort?error=2`, { size: SMALL });
   const wanted = { picture: await picture(near.page), stats: await stats(near.page) };
   await near.close();
-  const far = await open(browser, `${server.url}/m/far?error=2`);
+  const far = await open(browser, `${server.url}/m/far?error=2`, { size: SMALL });
   assert.deepEqual(await picture(far.page), wanted.picture);
   assert.equal((await stats(far.page)).trianglesDrawn, wanted.stats.trianglesDrawn);
   const beyond = far.packs.filter((range) => Number(/^(?:bytes=)?(\d+)/.exec(range)?.[1]) > 2 ** 32);

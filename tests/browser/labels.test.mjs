@@ -70,7 +70,7 @@ test("no label lies on another, on what is over the picture, or outside of it, a
   }
 });
 
-test("what matters most is always said in full, and a few always are", () => {
+test("the most important label is always shown in full, and where there are few almost all are", () => {
   let [full, all] = [0, 0];
   for (let seed = 1; seed <= 40; seed += 1) {
     for (const [count, where] of [
@@ -89,7 +89,7 @@ test("what matters most is always said in full, and a few always are", () => {
   assert.ok(full > 0.99 * all, `${full} of ${all}`);
 });
 
-test("where nothing moves nothing moves, and where the camera moves a little labels stay at their side", () => {
+test("labels stay where they are while nothing moves, and on their side when the camera moves a little", () => {
   let [same, all] = [0, 0];
   for (let seed = 1; seed <= 20; seed += 1) {
     const wanted = some(12, DESK, seed * 31337);

@@ -1,15 +1,20 @@
 // The trust suite's claims about the page (docs/trust.md): final values do not depend on zoom, cache or network and are those of `kilwa measure` to
 // the last digit; provisional intervals contain them; what is cut away is never picked; a section fetches the leaves along the cut.
 // Each claim prints a line `trust | claim | bound | measured`.
+//
+// What a person reads is read from the page; what the engine alone knows (intervals, snapping, what is fetched) is asked of its module, in a page
+// of its own (engine-page.mjs).
 
 import assert from "node:assert/strict";
 import { execFile } from "node:child_process";
+import { readFile } from "node:fs/promises";
 import path from "node:path";
 import { after, before } from "node:test";
 import { promisify } from "node:util";
-import { ROOT, hostile, launch, open, packFolder, serve, test, waitFor } from "./harness.mjs";
+import { openEngine } from "./engine-page.mjs";
+import { KILWA, hostile, launch, open, packFolder, serve, test, waitFor, canvasOf, openTab } from "./harness.mjs";
+import { numbers, openRow } from "./measuring.mjs";
 
-const KILWA = process.env.KILWA_BIN || process.env.KILWA || path.join(ROOT, "target/debug/kilwa");
 const run = promisify(execFile);
 
 let server;
@@ -30,7 +35,7 @@ after(async () => {
   await server?.stop();
 });
 
-const fort = (query = "?error=8", base = server.url, options = {}) => open(browser, `${base}/m/fort${query}`, { size: [700, 500], ...options });
+const fort = (query = "?error=8") => open(browser, `${server.url}/m/fort${query}`, { size: [900, 560] });
 
 /** State a claim about a count of exceptions, which has to be zero. */
 function claimNone(what, of, exceptions) {
@@ -49,26 +54,43 @@ async function native(tool, numbers, options = []) {
   }
 }
 
-/** Rays of pixels spread over the picture. */
+/** Places spread over the middle of a picture, as shares of its width and height. */
+const SPREAD = Array.from({ length: 400 }, (_, k) => [0.25 + ((k * 0.754877666) % 1) * 0.5, 0.3 + ((k * 0.569840296) % 1) * 0.4]);
+
+/** Rays of so many of these places that show the model, in the engine's own page. */
 const raysOf = (page, n) =>
-  page.evaluate((n) => {
-    const { viewer, session } = globalThis.kilwa;
-    const { width, height } = session.canvas;
-    const rays = [];
-    for (let k = 0; rays.length < n && k < 400; k += 1) {
-      // Low-discrepancy, within the middle of the picture.
-      const [x, y] = [(0.25 + ((k * 0.754877666) % 1) * 0.5) * width, (0.3 + ((k * 0.569840296) % 1) * 0.4) * height];
-      const ray = [...viewer.ray(x, y)];
-      if (viewer.pick(x, y).length > 0) rays.push({ origin: ray.slice(0, 3), direction: ray.slice(3) });
-    }
-    return rays;
-  }, n);
+  page.evaluate(
+    ([n, spread]) => {
+      const { viewer, session } = globalThis.engineTest;
+      const { width, height } = session.canvas;
+      const rays = [];
+      for (const [u, v] of spread) {
+        const [x, y] = [u * width, v * height];
+        const ray = [...viewer.ray(x, y)];
+        if (rays.length < n && viewer.pick(x, y).length > 0) rays.push({ origin: ray.slice(0, 3), direction: ray.slice(3) });
+      }
+      return rays;
+    },
+    [n, SPREAD],
+  );
+
+/** The same in the viewer's page. */
+async function seenRays(page, n) {
+  const { width, height } = await canvasOf(page).boundingBox();
+  return page.evaluate(
+    ([n, places]) => {
+      const { api } = globalThis.kilwa;
+      return places.flatMap(([x, y]) => api.pick(x, y)?.ray ?? []).slice(0, n);
+    },
+    [n, SPREAD.map(([u, v]) => [u * width, v * height])],
+  );
+}
 
 /** Final picks of rays, each with what was said before. */
 const picksOf = (page, rays, options = {}) =>
   page.evaluate(
     async ([rays, options]) => {
-      const engine = await globalThis.kilwa.engine();
+      const { engine } = globalThis.engineTest;
       const out = [];
       for (const ray of rays) {
         let before;
@@ -80,24 +102,22 @@ const picksOf = (page, rays, options = {}) =>
     [rays, options],
   );
 
-const flat = (rays) => rays.flatMap((r) => [...r.origin, ...r.direction]);
-
 test("the same ray gives the same final place at ten zoom levels, cold and warm and on a slow line, which is that of the command line", async () => {
-  const { page, complaints, close } = await fort();
+  const { page, complaints, close } = await openEngine(browser, server.url);
   const rays = await raysOf(page, 6);
   assert.equal(rays.length, 6);
   const wanted = [];
-  for (const ray of rays) wanted.push(await native(["coordinate"], flat([ray]), ["--rays"]));
+  for (const ray of rays) wanted.push(await native(["coordinate"], numbers([ray]), ["--rays"]));
   const seen = (picks) => picks.filter(({ final }, k) => JSON.stringify(final?.world) !== JSON.stringify(wanted[k].points[0].world)).length;
   let [picks, differing, outside, one] = [0, 0, 0, 0];
   for (let zoom = 0; zoom < 10; zoom += 1) {
     await page.evaluate((zoom) => {
-      const { viewer, session } = globalThis.kilwa;
+      const { viewer, session } = globalThis.engineTest;
       const camera = viewer.camera();
       viewer.setCamera({ ...camera, distance: camera.distance * (zoom < 5 ? 0.6 : 2.2) });
       session.wake();
     }, zoom);
-    if (zoom % 3 === 2) await waitFor(page, "settled"); // else: whatever has come so far
+    if (zoom % 3 === 2) await page.evaluate(() => globalThis.engineTest.settled()); // else: whatever has come so far
     const found = await picksOf(page, rays);
     picks += found.length;
     differing += seen(found);
@@ -110,25 +130,26 @@ test("the same ray gives the same final place at ten zoom levels, cold and warm 
   }
   // The store of the engine is warm by now; another page begins cold, behind a line that is slow and breaks.
   proxy.mishap = ({ number }) => (number % 5 === 4 ? { drop: true } : null);
-  const cold = await fort("?error=8", proxy.url);
+  const cold = await openEngine(browser, proxy.url);
   const late = await picksOf(cold.page, rays);
   differing += seen(late);
   picks += late.length;
   proxy.mishap = null;
   await cold.close();
   claimNone("final picks in the browser that depend on zoom, store or network", picks, differing);
+  assert.ok(one > 0, "some picks had a provisional interval");
   claimNone("provisional intervals in the browser that do not contain the final pick", one, outside);
   assert.deepEqual(complaints, []);
   await close();
 });
 
 test("every tool prints the digits of the command line", async () => {
-  const { page, complaints, close } = await fort();
+  const { page, complaints, close } = await openEngine(browser, server.url);
   const rays = await raysOf(page, 8);
   const found = (await picksOf(page, rays)).map(({ final }) => final.local);
   const x = 1.25;
-  const measure = (task, unit) => page.evaluate(async ([task, unit]) => (await globalThis.kilwa.engine()).measure(task, { unit }), [task, unit]);
-  const origin = await page.evaluate(async () => (await globalThis.kilwa.engine()).pack.lattice.origin);
+  const measure = (task, unit) => page.evaluate(([task, unit]) => globalThis.engineTest.engine.measure(task, { unit }), [task, unit]);
+  const origin = await page.evaluate(() => globalThis.engineTest.engine.pack.lattice.origin);
   const local = (p) => p.map((v, i) => v - origin[i]);
   const [a, b] = [
     [-20.5, -20.25, 0],
@@ -156,7 +177,7 @@ test("every tool prints the digits of the command line", async () => {
   for (const [task, tool, points] of cases) {
     for (const unit of points > 0 ? ["m", "us-ft"] : ["m"]) {
       const here = await measure(task, unit);
-      const there = await native(tool, flat(rays.slice(0, points)), ["--unit", unit, ...(points > 0 ? ["--rays"] : [])]);
+      const there = await native(tool, numbers(rays.slice(0, points)), ["--unit", unit, ...(points > 0 ? ["--rays"] : [])]);
       const same = here.refusal ? there.refusal?.includes(here.refusal) : JSON.stringify(here.printed) === JSON.stringify(there.printed);
       const bits = here.refusal || JSON.stringify(here.readings) === JSON.stringify(there.readings);
       compared += 1;
@@ -177,7 +198,7 @@ test("every tool prints the digits of the command line", async () => {
 });
 
 test("what is cut away is never picked, and what shows behind it is", async () => {
-  const { page, complaints, close } = await fort();
+  const { page, complaints, close } = await openEngine(browser, server.url);
   const rays = await raysOf(page, 8);
   const open_ = await picksOf(page, rays);
   const clips = open_.map(({ final }) => ({
@@ -186,8 +207,7 @@ test("what is cut away is never picked, and what shows behind it is", async () =
   }));
   const behind = await page.evaluate(
     async ([rays, clips]) => {
-      const { viewer } = globalThis.kilwa;
-      const engine = await globalThis.kilwa.engine();
+      const { engine, viewer } = globalThis.engineTest;
       const out = [];
       for (const [k, ray] of rays.entries()) {
         viewer.setDisplayState(JSON.stringify(clips[k]));
@@ -214,12 +234,12 @@ test("what is cut away is never picked, and what shows behind it is", async () =
   await close();
 });
 
-test("a section fetches a part of the pack, says how much, and once more nothing; a question is taken back", async () => {
-  const { page, complaints, packs, close } = await fort();
-  await waitFor(page, "settled");
+test("a section fetches a part of the pack, reports how much, and nothing the second time; a request can be cancelled", async () => {
+  const { page, complaints, packs, close } = await openEngine(browser, server.url);
+  await page.evaluate(() => globalThis.engineTest.settled());
   const before = packs.length;
   const [first, again, cancelled] = await page.evaluate(async () => {
-    const engine = await globalThis.kilwa.engine();
+    const { engine } = globalThis.engineTest;
     const task = { tool: "section", plane: { point: engine.pack.lattice.origin.map((v) => -v), normal: [1, 0, 0] } };
     let told = 0;
     const first = await engine.measure(task, { progress: ({ done, all }) => (told = all > 0 ? done / all : told) });
@@ -249,9 +269,9 @@ test("a section fetches a part of the pack, says how much, and once more nothing
 });
 
 test("points snap to vertices, creases and borders of the finest surface", async () => {
-  const { page, complaints, close } = await fort();
+  const { page, complaints, close } = await openEngine(browser, server.url);
   const rays = await raysOf(page, 6);
-  const step = await page.evaluate(async () => (await globalThis.kilwa.engine()).pack.step);
+  const step = await page.evaluate(() => globalThis.engineTest.engine.pack.step);
   const free = await picksOf(page, rays);
   for (const snap of ["vertex", "crease", "border"]) {
     const found = await picksOf(page, rays, { snap, within: 3 });
@@ -275,39 +295,51 @@ test("points snap to vertices, creases and borders of the finest surface", async
 
 test("a deviation is shown as colours on the model, from its own plane and as far as it reaches", async () => {
   const { page, complaints, close } = await fort("?error=4");
-  const rays = await raysOf(page, 3);
-  const local = (await picksOf(page, rays)).map(({ final }) => final.local);
-  const [state, legend, answer] = await page.evaluate(async (local) => {
-    const { kilwa } = globalThis;
-    const tools = await kilwa.measuring.load();
-    const task = { record: () => ({ tool: "deviation", local, reach: 2 }) };
-    const answer = await (await tools.engine).measure(task.record());
-    await tools.sharing.colour({ task });
-    return [JSON.parse(kilwa.viewer.displayState()), JSON.parse(kilwa.viewer.legend()), answer];
-  }, local);
-  assert.equal(state.mode, "distance");
-  assert.deepEqual(state.plane.point, answer.details.plane.point);
-  const [lowest, highest] = ["lowest", "highest"].map((name) => answer.readings.find((r) => r.name === name).value);
-  assert.deepEqual(
-    [legend.low, legend.high],
-    [-1, 1].map((k) => k * Math.max(Math.abs(lowest), Math.abs(highest))),
-  );
-  assert.equal(legend.unit, "m");
+  const rays = await seenRays(page, 3);
+  const { state, readings } = await page.evaluate((one) => globalThis.kilwa.api.addMeasurement(one), { tool: "deviation", rays, reach: 2, name: "Wall" });
+  assert.equal(state, "final");
+  await openTab(page, "Measure");
+  await (await openRow(page, "Wall")).getByRole("button", { name: "Show it as colours" }).click();
+  await page.waitForFunction(() => globalThis.kilwa.api.mode === "distance");
+  const { mode, plane, range } = await page.evaluate(() => globalThis.kilwa.api.state().display);
+  assert.equal(mode, "distance");
+  const there = await native(["deviation"], numbers(rays), ["--reach", "2", "--rays"]);
+  assert.deepEqual(plane.point, there.plane.point);
+  assert.deepEqual(plane.normal, there.plane.normal);
+  const [lowest, highest] = ["lowest", "highest"].map((name) => readings.find((r) => r.name === name).value);
+  const reach = Math.max(Math.abs(lowest), Math.abs(highest));
+  assert.deepEqual(range, [-reach, reach]);
+  await openTab(page, "Display");
+  const display = page.getByRole("tabpanel", { name: "Display" });
+  for (const [name, value] of [
+    ["From, m", -reach],
+    ["To, m", reach],
+  ]) {
+    const shown = Number(await display.getByLabel(name, { exact: true }).inputValue());
+    assert.ok(Math.abs(shown - value) <= 1e-3 * reach, `${name}: ${shown} for ${value}`);
+  }
   assert.deepEqual(complaints, []);
   await close();
 });
 
 test("a pack of this computer is measured without a server", async () => {
-  const { page, complaints, close } = await fort();
-  const rays = await raysOf(page, 1);
-  const [here] = await picksOf(page, rays);
-  const from = await page.evaluate(() => String(globalThis.kilwa.pack.url));
-  const buffer = await (await page.request.get(from)).body();
-  await page.locator("#open-file").setInputFiles({ name: "mine.kilwa", mimeType: "", buffer });
-  await page.waitForFunction((url) => globalThis.kilwa.pack && String(globalThis.kilwa.pack.url) !== url, from);
+  const { page, complaints, packs, close } = await fort();
+  const rays = await seenRays(page, 1);
+  const pick = () => page.evaluate((rays) => globalThis.kilwa.api.addMeasurement({ tool: "coordinate", rays }), rays);
+  const here = await pick();
+  assert.equal(here.state, "final");
+  await page
+    .getByLabel("Open a file…")
+    .first()
+    .setInputFiles({ name: "mine.kilwa", mimeType: "", buffer: await readFile(pack) });
+  const download = page.getByRole("banner").getByRole("link", { name: "Download pack" });
+  while (!(await download.getAttribute("href")).startsWith("blob:")) await page.evaluate(() => new Promise(requestAnimationFrame));
   await waitFor(page, "settled");
-  const [local] = await picksOf(page, rays);
-  assert.deepEqual(local.final.local, here.final.local);
+  const before = packs.length;
+  const mine = await pick();
+  assert.deepEqual(mine.points, here.points);
+  assert.deepEqual(mine.readings, here.readings);
+  assert.equal(packs.length, before, "nothing is asked of the server");
   assert.deepEqual(complaints, []);
   await close();
 });

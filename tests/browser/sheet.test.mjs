@@ -8,9 +8,9 @@ import path from "node:path";
 import { after, before } from "node:test";
 import { promisify } from "node:util";
 import { inflateSync } from "node:zlib";
-import { ROOT, cameraOf, launch, open, packFolder, serve, test, waitFor } from "./harness.mjs";
+import { KILWA, cameraOf, launch, open, packFolder, serve, test } from "./harness.mjs";
+import { decodePng } from "./png.mjs";
 
-const KILWA = process.env.KILWA_BIN || process.env.KILWA || path.join(ROOT, "target/debug/kilwa");
 const [SCALE, DPI] = [500, 200];
 
 let server;
@@ -36,37 +36,15 @@ after(async () => {
   await server?.stop();
 });
 
-/** Chunks of a PNG by name, and its pixels as grey: rows of numbers. */
+/** A drawing as PNG: `grey(x, y)` of its pixels, and dots per metre. */
 function png(bytes) {
-  const chunks = {};
-  for (let at = 8; at < bytes.length; ) {
-    const length = bytes.readUInt32BE(at);
-    const name = bytes.toString("latin1", at + 4, at + 8);
-    chunks[name] ??= [];
-    chunks[name].push(bytes.subarray(at + 8, at + 8 + length));
-    at += length + 12;
-  }
-  const [head] = chunks.IHDR;
-  const [width, height] = [head.readUInt32BE(0), head.readUInt32BE(4)];
-  assert.deepEqual([head[8], head[9], head[12]], [8, 2, 0], "eight bits, red green blue, not interlaced");
-  const data = inflateSync(Buffer.concat(chunks.IDAT));
-  const line = width * 3;
-  const rows = [];
-  let above = Buffer.alloc(line);
-  for (let y = 0; y < height; y += 1) {
-    const filter = data[y * (line + 1)];
-    const row = Buffer.from(data.subarray(y * (line + 1) + 1, (y + 1) * (line + 1)));
-    for (let i = 0; i < line; i += 1) {
-      const [a, b, c] = [i < 3 ? 0 : row[i - 3], above[i], i < 3 ? 0 : above[i - 3]];
-      const p = a + b - c;
-      const [pa, pb, pc] = [Math.abs(p - a), Math.abs(p - b), Math.abs(p - c)];
-      row[i] += [0, a, b, (a + b) >> 1, pa <= pb && pa <= pc ? a : pb <= pc ? b : c][filter];
-    }
-    rows.push(row);
-    above = row;
-  }
-  const grey = (x, y) => (rows[y][x * 3] + rows[y][x * 3 + 1] + rows[y][x * 3 + 2]) / 3;
-  return { width, height, grey, dots: chunks.pHYs?.[0].readUInt32BE(0) };
+  const { width, height, channels, pixels, chunks } = decodePng(bytes);
+  assert.equal(channels, 3, "red, green, blue");
+  const grey = (x, y) => {
+    const at = (y * width + x) * 3;
+    return (pixels[at] + pixels[at + 1] + pixels[at + 2]) / 3;
+  };
+  return { width, height, grey, dots: chunks.find(({ type }) => type === "pHYs")?.data.readUInt32BE(0) };
 }
 
 /** Fields of a TIFF by tag: numbers. */
@@ -90,20 +68,28 @@ function tiff(bytes) {
   return fields;
 }
 
+/** The dialog of pictures and drawings. */
+async function openDialog(page) {
+  await page.getByRole("banner").getByRole("button", { name: "Save a picture" }).click();
+  return page.getByRole("dialog", { name: "Save a picture" });
+}
+const make = (dialog) => dialog.getByRole("button", { name: "Save the picture" }).click();
+
 /** What the dialog saves. */
-async function save(page, { view, format, paper = "", custom = "", scale = SCALE, bare = false }) {
-  await page.evaluate(() => globalThis.kilwa.pictures.open());
-  await page.locator("input[name=picture-size][value=sheet]").check();
-  await page.locator("#sheet-view").selectOption(view);
-  await page.locator("#sheet-format").selectOption(format);
-  await page.locator("#sheet-paper").selectOption(paper);
-  if (custom) await page.locator("#sheet-custom").fill(custom);
-  await page.locator("#sheet-bare").setChecked(bare);
-  await page.locator("#sheet-scale").fill(String(scale));
-  await page.locator("#sheet-dpi").fill(String(DPI));
+async function save(page, { view, format, paper = "", custom = "", scale = SCALE, dpi = DPI, bare = false }) {
+  const dialog = await openDialog(page);
+  await dialog.getByRole("radio", { name: "Drawing to scale" }).check();
+  await dialog.getByRole("combobox", { name: "View" }).selectOption(view);
+  await dialog.getByRole("combobox", { name: "File format" }).selectOption(format);
+  await dialog.getByRole("combobox", { name: "Paper" }).selectOption(paper);
+  if (custom) await dialog.getByRole("textbox", { name: "Width × height, mm" }).fill(custom);
+  await dialog.getByRole("checkbox", { name: "Only the model" }).setChecked(bare);
+  await dialog.getByRole("spinbutton", { name: "Scale, 1 to" }).fill(String(scale));
+  await dialog.getByRole("spinbutton", { name: "Dots per inch" }).fill(String(dpi));
   const saved = page.waitForEvent("download");
-  await page.locator("#picture-make").click();
+  await make(dialog);
   const file = await saved;
+  await dialog.waitFor({ state: "hidden" });
   return { name: file.suggestedFilename(), bytes: await readFile(await file.path()) };
 }
 
@@ -116,7 +102,6 @@ function dark({ grey, width }, x, y) {
 
 test("a plan from the page has the size, the place and the scale of the one that kilwa render draws", async () => {
   const { page, complaints, close } = await open(browser, `${server.url}/m/fort?error=8`, { size: [800, 600], acceptDownloads: true });
-  await waitFor(page, "settled");
   const camera = await cameraOf(page);
   const { name, bytes } = await save(page, { view: "plan", format: "png" });
   assert.ok(name.endsWith(".plan-1-500.png"), name);
@@ -152,7 +137,7 @@ test("a plan from the page has the size, the place and the scale of the one that
   await close();
 });
 
-test("an elevation as PDF is a sound file of the paper's size, and paper that is too small is said before anything is drawn", async () => {
+test("an elevation as PDF is a sound file of the paper's size, and paper that is too small is reported before anything is drawn", async () => {
   const { page, complaints, close } = await open(browser, `${server.url}/m/fort?error=8`, { size: [800, 600], acceptDownloads: true });
   const { bytes } = await save(page, { view: "south", format: "pdf", paper: "A3" });
   const words = bytes.toString("latin1");
@@ -169,11 +154,11 @@ test("an elevation as PDF is a sound file of the paper's size, and paper that is
     inflateSync(bytes.subarray(from, from + Number(match[1])));
   }
   assert.ok(streams.length >= 1);
-  await page.evaluate(() => globalThis.kilwa.pictures.open());
-  await page.locator("#sheet-scale").fill("1");
-  await page.locator("#picture-make").click();
-  await page.locator("#picture-error:not([hidden])").waitFor();
-  assert.match(await page.locator("#picture-error").textContent(), /larger than the paper\. 1:\d+ would fit/);
+  const dialog = await openDialog(page);
+  await dialog.getByRole("spinbutton", { name: "Scale, 1 to" }).fill("1");
+  await make(dialog);
+  await dialog.getByRole("alert").waitFor();
+  assert.match(await dialog.getByRole("alert").innerText(), /larger than the paper\. 1:\d+ would fit/);
   assert.deepEqual(complaints, []);
   await close();
 });
@@ -204,10 +189,9 @@ test("a plan as GeoTIFF has the tags, and as PNG the world file, that kilwa rend
   const off = Math.max(...[33550, 33922].flatMap((tag) => here[tag].map((v, k) => Math.abs(v - there[tag][k]))));
   console.log(`trust | GeoTIFF of the page beside that of kilwa render, metres | 0 | ${off}`);
   // The same as PNG: the world file has a press of its own.
-  await page.locator("#picture").waitFor({ state: "hidden" });
   const picture = await save(page, { ...asked, format: "png" });
   const world = page.waitForEvent("download");
-  await page.locator("#notice button", { hasText: "World file" }).click();
+  await page.getByRole("button", { name: "World file" }).click();
   const file = await world;
   assert.equal(file.suggestedFilename(), picture.name.replace(".png", ".pgw"));
   await native("native.png");
@@ -218,11 +202,12 @@ test("a plan as GeoTIFF has the tags, and as PNG the world file, that kilwa rend
 
 test("on a sheet wider than 16,384 pixels a bar of 10 m measures 10 m to half a pixel, and the model lies where kilwa render draws it", async () => {
   const { page, complaints, close } = await open(browser, `${server.url}/m/fort?error=8`, { size: [800, 600], acceptDownloads: true });
-  const [scale, metres] = [125, 10];
-  const paper = [2150, 170];
-  const { bytes } = await save(page, { view: "south", format: "png", paper: "custom", custom: paper.join("x"), scale });
+  // Few dots per inch: a wide sheet of few pixels.
+  const [scale, metres, dpi] = [125, 10, 100];
+  const paper = [4200, 160];
+  const { bytes } = await save(page, { view: "south", format: "png", paper: "custom", custom: paper.join("x"), scale, dpi });
   const here = png(bytes);
-  const k = DPI / 25.4;
+  const k = dpi / 25.4;
   assert.equal(here.width, Math.round(paper[0] * k));
   assert.ok(here.width > 16_384, `${here.width}`);
   const wanted = ((metres * 1000) / scale) * k;
@@ -243,7 +228,7 @@ test("on a sheet wider than 16,384 pixels a bar of 10 m measures 10 m to half a 
     "--scale",
     `1:${scale}`,
     "--dpi",
-    String(DPI),
+    String(dpi),
     "--paper",
     paper.join("x"),
     "--mode",

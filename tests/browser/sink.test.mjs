@@ -29,7 +29,7 @@ function picker({ fails = null } = {}) {
   return file;
 }
 
-test("a large file goes straight to where the person wants it, its head last, and nothing is offered after", async () => {
+test("a large file goes straight to where the person wants it, its head last, and is not offered for download after", async () => {
   const file = picker();
   try {
     const sink = await openSink(LARGE);
@@ -46,7 +46,7 @@ test("a large file goes straight to where the person wants it, its head last, an
   }
 });
 
-test("a small file, a browser without it, and a press too long ago give parts that are one file; leaving the choice is no failure of it", async () => {
+test("a small file, a browser without a file picker, and a click too long ago give parts that make one file; cancelling the picker is no error", async () => {
   const whole = async (sink) => {
     assert.ok(sink instanceof BlobSink);
     sink.write(new Uint8Array([0, 0, 3]));
@@ -110,7 +110,7 @@ test("a picture wider than 16,384 pixels is written band by band and holds its p
     for (let c = 0; c < 3; c += 1) assert.equal(found.pixels[at * 3 + c], pixel(at % width, Math.floor(at / width), c));
 });
 
-test("a disk that is full ends the picture with that reason, and nobody waits for ever", async () => {
+test("a full disk ends the picture with that reason, and nothing waits for ever", async () => {
   const full = new DOMException("the disk is full", "QuotaExceededError");
   const file = picker({ fails: full });
   try {

@@ -1,4 +1,4 @@
-// The declared types hold together, and say of the API what the API has.
+// The declared types compile, and name the calls that the API has.
 
 import assert from "node:assert/strict";
 import { execFile } from "node:child_process";
@@ -43,7 +43,7 @@ export async function use(api: KilwaApi): Promise<string> {
 }
 `;
 
-test("the types compile strictly, take right uses and refuse wrong ones", async () => {
+test("the types compile strictly, accept correct uses and refuse wrong ones", async () => {
   const folder = await mkdtemp(path.join(tmpdir(), "kilwa-types-"));
   try {
     await writeFile(path.join(folder, "kilwa-viewer.d.ts"), await readFile(path.join(WWW, "kilwa-viewer.d.ts")));
