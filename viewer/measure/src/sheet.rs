@@ -59,7 +59,7 @@ impl SheetFile {
         let view = View::from_name(&asked.view).ok_or(SheetError::Oblique)?;
         let paper = asked.paper.as_deref().map(Paper::parse).transpose()?;
         let m = index.metadata();
-        let bounds = (m.bounds_min.into(), m.bounds_max.into());
+        let bounds = (m.bounds_min, m.bounds_max);
         let sheet = Sheet::new(view, bounds, (asked.scale, asked.dpi), paper.as_ref(), asked.bare)?;
         let size = sheet.pixels()?;
         let title = Title {
