@@ -34,7 +34,7 @@ pub(super) fn is_plausible(start: &[u8], total: u64) -> bool {
         let usual = |x: f64| x.is_finite() && (x == 0.0 || (1e-20..1e15).contains(&x.abs()));
         let length = normal.length();
         let unit = length == 0.0 || (0.9..1.1).contains(&length);
-        if !unit || ![normal].iter().chain(&corners).flat_map(|v| v.to_array()).all(usual) {
+        if !unit || ![normal].iter().chain(&corners).flat_map(DVec3::to_array).all(usual) {
             return false;
         }
         with_area += u32::from(corners[0] != corners[1] && corners[1] != corners[2] && corners[2] != corners[0]);
