@@ -1,4 +1,4 @@
-// What is behind the model: one triangle over the whole target. viewer/src/gpu/background.rs.
+// The background behind the model: one triangle over the whole target. viewer/src/gpu/background.rs.
 
 struct BackgroundOut {
     @builtin(position) clip: vec4<f32>,

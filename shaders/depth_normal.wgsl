@@ -1,4 +1,4 @@
-// What modes need to know of the neighbourhood of a pixel, drawn before the surface. viewer/src/gpu/depth_normal.rs.
+// Depth and normal of every pixel, for modes that look at its neighbourhood; drawn before the surface. viewer/src/gpu/depth_normal.rs.
 // Two unsigned integers: the bits of the depth (0: nothing there), and the normal in octahedral coordinates, 16 bits each.
 // Integers, because every WebGL2 can draw into them and read them back exactly.
 

@@ -128,7 +128,7 @@ fn shade(in: VertexOut, front: bool) -> vec3<f32> {
     let normal = normalize(in.normal) * select(-1.0, 1.0, front);
     let lamp = max(dot(normal, to_eye), 0.0);
     let has_color = in.color.a >= 0.5;
-    // What the modes of light shine on.
+    // The colour that the modes of light shine on.
     var base = NEUTRAL;
     if frame.on_color == 1u && has_color {
         base = in.color.rgb;

@@ -344,7 +344,7 @@ impl Drop for ScratchParents {
     }
 }
 
-/// What an earlier build left is of no use without `--resume`. Returns the bytes that are left: none.
+/// Files left by an earlier build are of no use without `--resume`. Returns the bytes that are left: none.
 fn discard_earlier(scratch: &Scratch) -> anyhow::Result<u64> {
     let bytes = scratch.bytes();
     let files = scratch.files()?;

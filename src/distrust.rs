@@ -1,10 +1,17 @@
-//! Which failures of a connection say that the other side is not to be trusted: trying again changes nothing.
+//! Whom a connection trusts, and which failures say that the other side is not to be trusted: trying again changes nothing.
+
+use ureq::tls::{RootCerts, TlsConfig};
+
+/// Trust the certificates of the system: institutions have their own.
+pub(crate) fn system_certificates() -> TlsConfig {
+    TlsConfig::builder().root_certs(RootCerts::PlatformVerifier).build()
+}
 
 /// Whether a certificate or what else a server says of itself is not to be trusted.
 pub(crate) fn is_distrusted(error: &ureq::Error) -> bool {
     match error {
         ureq::Error::Rustls(_) => true,
-        // What fails while hands are shaken comes as this.
+        // Failures of the TLS handshake come as this.
         ureq::Error::Io(e) => e.kind() == std::io::ErrorKind::InvalidData,
         _ => false,
     }

@@ -47,7 +47,7 @@ fn error_limit(text: &str) -> Result<f64, String> {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    // What would prevent writing is reported before the work is done.
+    // An output that cannot be written is reported before the work is done.
     let format = Format::of(&args.output, args.ascii)?;
     refuse_inputs(&args.output, [args.pack.as_path()])?;
     let output = Output::prepare(&args.output, args.force)?;

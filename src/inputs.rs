@@ -126,11 +126,11 @@ fn texels(text: &str) -> Result<f64, String> {
 impl Inputs {
     /// Find all that the arguments name.
     pub(crate) fn find(args: &InputArgs) -> anyhow::Result<Self> {
-        let mut named = Vec::new();
-        let mut passed_over = Vec::new();
+        let mut found = Named { allow_outside: args.allow_outside, ..Named::default() };
         for given in &args.inputs {
-            expand(given, args.allow_outside, &mut named, &mut passed_over)?;
+            found.expand(given)?;
         }
+        let Named { files: mut named, mut passed_over, .. } = found;
         named.sort();
         refuse_twice(&named)?;
         let common = match &args.transform {
@@ -299,43 +299,98 @@ fn summarised(mut sources: Vec<SourceFile>) -> Vec<SourceFile> {
     sources
 }
 
-/// The files that one argument names.
-fn expand(
-    given: &Path,
+/// The files that arguments name.
+#[derive(Default)]
+struct Named {
     allow_outside: bool,
-    files: &mut Vec<PathBuf>,
-    passed_over: &mut Vec<PathBuf>,
-) -> anyhow::Result<()> {
-    if given.is_dir() {
-        return folder(given, allow_outside, files, passed_over);
-    }
-    // A file may have brackets in its name: what is there is meant as it stands.
-    let text = given.to_str().filter(|text| text.contains(['*', '?', '[']) && !given.exists());
-    let Some(pattern) = text else {
-        files.push(given.to_owned());
-        return Ok(());
-    };
-    let found = glob::glob(pattern).with_context(|| format!("{pattern} is not a valid pattern"))?;
-    let real = fixed_part(given);
-    let real = real
-        .canonicalize()
-        .with_context(|| format!("no file matches {pattern}: {} cannot be opened", real.display()))?;
-    let before = files.len();
-    for path in found {
-        let path = path.with_context(|| format!("cannot look for {pattern}"))?;
-        refuse_unreadable(
-            &path,
-            "everything that matches a pattern must be a mesh file; change the pattern, or restore the file",
-        )?;
-        if !allow_outside {
-            refuse_link_out(&path, &real)?;
+    files: Vec<PathBuf>,
+    /// Files of folders that are no meshes, and links that lead out.
+    passed_over: Vec<PathBuf>,
+}
+
+impl Named {
+    /// The files that one argument names.
+    fn expand(&mut self, given: &Path) -> anyhow::Result<()> {
+        if given.is_dir() {
+            return self.folder(given);
         }
-        files.push(path);
+        // A file may have brackets in its name: what is there is meant as it stands.
+        let text = given.to_str().filter(|text| text.contains(['*', '?', '[']) && !given.exists());
+        let Some(pattern) = text else {
+            self.files.push(given.to_owned());
+            return Ok(());
+        };
+        let found = glob::glob(pattern).with_context(|| format!("{pattern} is not a valid pattern"))?;
+        let real = fixed_part(given);
+        let real = real
+            .canonicalize()
+            .with_context(|| format!("no file matches {pattern}: {} cannot be opened", real.display()))?;
+        let before = self.files.len();
+        for path in found {
+            let path = path.with_context(|| format!("cannot look for {pattern}"))?;
+            refuse_unreadable(
+                &path,
+                "everything that matches a pattern must be a mesh file; change the pattern, or restore the file",
+            )?;
+            if !self.allow_outside {
+                refuse_link_out(&path, &real)?;
+            }
+            self.files.push(path);
+        }
+        if self.files.len() == before {
+            bail!("no file matches {pattern}");
+        }
+        Ok(())
     }
-    if files.len() == before {
-        bail!("no file matches {pattern}");
+
+    /// Every mesh in a folder.
+    fn folder(&mut self, folder: &Path) -> anyhow::Result<()> {
+        let cannot = || format!("cannot list {}", folder.display());
+        let real = folder.canonicalize().with_context(cannot)?;
+        let before = self.files.len();
+        for entry in std::fs::read_dir(folder).with_context(cannot)? {
+            let path = entry.with_context(cannot)?.path();
+            let hidden = path.file_name().is_some_and(|n| n.as_encoded_bytes().starts_with(b"."));
+            if hidden {
+                continue;
+            }
+            if !path.is_file() {
+                if is_named_as_mesh(&path) {
+                    refuse_unreadable(
+                        &path,
+                        "everything with the name of a mesh file must be one; restore, rename or remove it",
+                    )?;
+                }
+                // A pipe, a socket, a device, a broken link.
+                if !path.is_dir() {
+                    self.passed_over.push(path);
+                }
+                continue;
+            }
+            if !self.allow_outside
+                && let Err(e) = refuse_link_out(&path, &real)
+            {
+                if is_named_as_mesh(&path) {
+                    return Err(e);
+                }
+                self.passed_over.push(path);
+                continue;
+            }
+            match read::recognise(&path) {
+                Ok(_) => self.files.push(path),
+                // A block that is damaged must not go missing without a word.
+                Err(e) if is_named_as_mesh(&path) => return Err(e.into()),
+                Err(_) => self.passed_over.push(path),
+            }
+        }
+        if self.files.len() == before {
+            bail!(
+                "{} contains no readable mesh (PLY, OBJ, STL, glTF); its subfolders are not searched",
+                folder.display()
+            );
+        }
+        Ok(())
     }
-    Ok(())
 }
 
 /// Refuse anything that should be a mesh because of its name but is not a readable regular file, so that no block is lost unnoticed.
@@ -355,55 +410,6 @@ fn fixed_part(pattern: &Path) -> PathBuf {
     let is_fixed = |part: &Component<'_>| !part.as_os_str().as_encoded_bytes().iter().any(|b| b"*?[".contains(b));
     let fixed: PathBuf = pattern.components().take_while(is_fixed).collect();
     if fixed.as_os_str().is_empty() { PathBuf::from(".") } else { fixed }
-}
-
-/// Every mesh in a folder.
-fn folder(
-    folder: &Path,
-    allow_outside: bool,
-    files: &mut Vec<PathBuf>,
-    passed_over: &mut Vec<PathBuf>,
-) -> anyhow::Result<()> {
-    let cannot = || format!("cannot list {}", folder.display());
-    let real = folder.canonicalize().with_context(cannot)?;
-    let before = files.len();
-    for entry in std::fs::read_dir(folder).with_context(cannot)? {
-        let path = entry.with_context(cannot)?.path();
-        let hidden = path.file_name().is_some_and(|n| n.as_encoded_bytes().starts_with(b"."));
-        if hidden {
-            continue;
-        }
-        if !path.is_file() {
-            if is_named_as_mesh(&path) {
-                refuse_unreadable(
-                    &path,
-                    "everything with the name of a mesh file must be one; restore, rename or remove it",
-                )?;
-            }
-            // A pipe, a socket, a device, a broken link.
-            if !path.is_dir() {
-                passed_over.push(path);
-            }
-            continue;
-        }
-        if !allow_outside && let Err(e) = refuse_link_out(&path, &real) {
-            if is_named_as_mesh(&path) {
-                return Err(e);
-            }
-            passed_over.push(path);
-            continue;
-        }
-        match read::recognise(&path) {
-            Ok(_) => files.push(path),
-            // A block that is damaged must not go missing without a word.
-            Err(e) if is_named_as_mesh(&path) => return Err(e.into()),
-            Err(_) => passed_over.push(path),
-        }
-    }
-    if files.len() == before {
-        bail!("{} contains no readable mesh (PLY, OBJ, STL, glTF); its subfolders are not searched", folder.display());
-    }
-    Ok(())
 }
 
 /// Refuse what a link in a folder leads to outside of it: whoever made the folder could name any file with it.

@@ -22,7 +22,7 @@ struct State {
 }
 
 impl Bar {
-    /// A bar on stderr, or nothing where stderr is no terminal.
+    /// A bar on stderr, or nothing where stderr is not a terminal.
     pub(crate) fn new() -> Self {
         let state = State { stage: "", bar: ProgressBar::hidden(), first: None };
         Self { state: Mutex::new(state), visible: std::io::stderr().is_terminal() }
@@ -66,7 +66,7 @@ impl kilwa_builder::Progress for Bar {
         let Ok(mut state) = self.state.lock() else { return };
         let (since, from) = *state.first.get_or_insert_with(|| (Instant::now(), share));
         state.bar.set_position((share * PARTS) as u64);
-        // What was done so far says how long the rest takes; little of it says nothing.
+        // The time so far shows how long the rest takes; after little work it shows nothing.
         if share - from > 0.02 {
             let left = since.elapsed().as_secs_f64() * (1.0 - share).max(0.0) / (share - from);
             state.bar.set_message(format!("{} left", HumanDuration(Duration::from_secs_f64(left))));

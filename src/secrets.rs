@@ -8,7 +8,7 @@ use std::sync::OnceLock;
 
 /// Shown instead of a password.
 const STARS: &str = "***";
-/// A shorter user or password may stand in any other text: `:x@` in `mailto:x@a.example`.
+/// A shorter user or password may occur in any other text: `:x@` in `mailto:x@a.example`.
 const MIN_CHARS: usize = 3;
 
 /// An address with its password replaced.

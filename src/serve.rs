@@ -222,7 +222,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let mut builder = tokio::runtime::Builder::new_multi_thread();
     let runtime = builder.enable_all().max_blocking_threads(readers).build().context("cannot start threads")?;
     let served = runtime.block_on(serve(args.listen, site, limits));
-    // A file that is being read for its hash is no reason to stay.
+    // A file that is being read for its hash need not be finished.
     runtime.shutdown_timeout(Duration::from_millis(200));
     served
 }
@@ -314,7 +314,7 @@ fn extracts(args: &ExtractArgs) -> anyhow::Result<Option<(Option<PrivateFolder>,
     let bytes = args.cache_size.saturating_mul(1_000_000);
     match Extracts::open(folder.clone(), bytes) {
         Ok(extracts) => Ok(Some((own, extracts))),
-        // What was asked for must be possible; what was not is left out.
+        // A format that was asked for must be possible; others are left out.
         Err(e) if args.cache.is_some() => {
             Err(e).with_context(|| format!("cannot keep extracts in {}", folder.display()))
         }
@@ -438,7 +438,7 @@ fn log(args: &ReportArgs) {
     });
 }
 
-/// What was asked for, or fewer connections where the system does not let a process have so many files.
+/// The number asked for, or fewer connections where the system does not let a process have so many files.
 fn limits(args: &Args) -> Limits {
     let LimitArgs { connections, connections_per_address, header_timeout, write_timeout, shutdown } = args.limits;
     let per_address = if args.reports.behind_proxy { 0 } else { connections_per_address as usize };

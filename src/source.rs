@@ -26,7 +26,7 @@ pub(crate) fn read_named_text(path: &Path, max: u64) -> anyhow::Result<String> {
 /// Open and check a pack.
 ///
 /// # Errors
-/// When the file cannot be read or is no sound pack; the message names the file.
+/// When the file cannot be read or is not a sound pack; the message names the file.
 pub(crate) fn open_pack(path: &Path) -> anyhow::Result<Reader<FileSource>> {
     // Opening a pipe would wait for whoever writes to it.
     let is_special = std::fs::metadata(path).is_ok_and(|about| !about.is_file() && !about.is_dir());

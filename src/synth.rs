@@ -4,7 +4,7 @@ use anyhow::Result;
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
 use kilwa_pack::plural::counted;
-use kilwa_synth::{self as synth, Phantom, Shape, SynthOptions, UTM_CRS};
+use kilwa_synth::{self as synth, Phantom, SiteKind, SynthOptions, UTM_CRS};
 use std::io::Write as _;
 use std::path::PathBuf;
 
@@ -87,10 +87,10 @@ fn count(text: &str) -> Result<u64, String> {
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
-    let shape = match args.site {
-        SiteArg::Fort => Shape::Fort,
-        SiteArg::Wall => Shape::Wall,
-        SiteArg::Phantom => Shape::Phantom(args.shape.phantom()),
+    let kind = match args.site {
+        SiteArg::Fort => SiteKind::Fort,
+        SiteArg::Wall => SiteKind::Wall,
+        SiteArg::Phantom => SiteKind::Phantom(args.shape.phantom()),
     };
     let options = SynthOptions {
         triangles: args.triangles,
@@ -104,7 +104,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         bar.set_style(style);
     }
     bar.set_message("synth");
-    let report = synth::write(shape, &options, &args.output, &mut |done, expected| {
+    let report = synth::write(kind, &options, &args.output, &mut |done, expected| {
         bar.set_length(expected.max(done));
         bar.set_position(done);
     });

@@ -66,7 +66,7 @@ pub(crate) fn json_line(value: &impl Serialize) -> serde_json::Result<String> {
 enum Form {
     /// `\u{1b}`.
     Text,
-    /// `\u001b`, as in a string of JSON, where alone such characters stand.
+    /// `\u001b`, as in a string of JSON, the only place where such characters occur.
     Json,
 }
 

@@ -1,6 +1,6 @@
 //! `kilwa verify`: every byte of packs and archive objects, and every promise that they make; on a disk or at an address.
 //!
-//! What is to be checked is a pack, an object (a folder with `manifest.json`), a bag with one in it, or a folder of those. Each is a unit:
+//! The target is a pack, an object (a folder with `manifest.json`), a bag with one in it, or a folder of those. Each is a unit:
 //! checked by itself, reported when it is done, remembered in the state file. Memory is bounded by the largest directory of a pack and the
 //! longest list of checksums, whatever the size of the files.
 
@@ -131,7 +131,7 @@ fn check_all(args: &Args, report: &mut Report) -> anyhow::Result<Checked> {
     };
     let mut gone = gone(place.as_ref(), &items, &state);
     if is_address(&args.target) {
-        // The list may have several pages, of which only the first was read: the server is asked for the rest by name.
+        // The list may have several pages, and only the first was read: the server is asked for the rest by name.
         gone.retain(|path| {
             let unlisted = unlisted(place.as_ref(), path);
             let is_missing = unlisted.is_none();
@@ -234,7 +234,7 @@ fn unlisted(place: &dyn Place, path: &str) -> Option<Item> {
 /// The report, and whether all is well.
 fn say(args: &Args, checked: &Checked, report: &Report) -> anyhow::Result<()> {
     let Checked { single, units } = *checked;
-    // What was skipped has no figures of its own.
+    // Skipped units have no figures of their own.
     let single = single && report.skipped == 0;
     let mut out = crate::terminal::out();
     let result = if args.json {

@@ -1,5 +1,7 @@
 //! `kilwa access`: accounts are created and changed, and the only secret ever shown is a new token, once.
 
+#[cfg(unix)]
+use crate::support::make_pipe;
 use std::io::Write;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
@@ -160,7 +162,7 @@ fn a_change_keeps_links_and_permissions() {
 fn a_pipe_in_place_of_the_file_is_refused_without_blocking() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = folder.path().join("access.json");
-    assert!(Command::new("mkfifo").arg(&path).status().expect("starts").success());
+    make_pipe(&path);
     let file = text(&path);
     for args in [
         vec!["access", "list", file],
@@ -181,7 +183,7 @@ fn a_pipe_in_place_of_the_file_is_refused_without_blocking() {
 fn devices_and_pipes_are_refused_as_input() {
     let folder = tempfile::tempdir().expect("a folder");
     let pipe = folder.path().join("pipe");
-    assert!(Command::new("mkfifo").arg(&pipe).status().expect("starts").success());
+    make_pipe(&pipe);
     for file in ["/dev/zero", text(&pipe)] {
         let message = refused(&["metadata", "check", file], "");
         assert!(message.contains(file) && message.contains("device"), "{message}");

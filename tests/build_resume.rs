@@ -435,7 +435,7 @@ fn a_disk_too_small_is_refused_beforehand_and_one_that_fills_up_is_a_clear_error
     }
 }
 
-/// A square of `n` by `n` quads with relief, in lines so short that their number is underestimated.
+/// A square of `n` by `n` quads with relief, in lines that are short enough for their number to be underestimated.
 fn terse(n: u32) -> String {
     use std::fmt::Write;
     let at = |i: u32, j: u32| i * (n + 1) + j + 1;

@@ -1,6 +1,6 @@
 //! A signal while a file is written under a temporary name: the program ends, and no part of the file is left.
 
-use crate::support::{Input, built_once, text};
+use crate::support::{large_pack, text};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 
@@ -60,8 +60,7 @@ fn a_signal_during_synth_leaves_no_file() {
 
 #[test]
 fn a_signal_during_extract_leaves_no_file() {
-    let packs = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pack_verbs");
-    let pack = built_once(&packs, "large", |to| Input::torus(1280, 128, [0.0; 3]).write(to), &[]);
+    let pack = large_pack();
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.obj");
     leaves_nothing(folder.path(), &["extract", text(&pack), "-o", text(&out)]);

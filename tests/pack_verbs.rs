@@ -1,7 +1,9 @@
 //! `kilwa info`, `verify` and `extract` on packs that `kilwa build` wrote: the mesh round-trips, coarser forms have
 //! no cracks, damage is found and named, and a failure leaves no files behind.
 
-use crate::support::{Input, Ply, built_once, fails, json, kilwa, plys, shared, succeeds, text};
+use crate::support::{
+    Corner, Input, Ply, built_once, fails, json, kilwa, large_pack, multiset, plys, shared, succeeds, text,
+};
 use kilwa_geometry::Lattice;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
@@ -28,19 +30,6 @@ fn lattice(pack: &Path) -> Lattice {
     let lattice = Lattice { origin: origin.into(), step_log2: step.log2().round() as i32 };
     assert_eq!(lattice.step(), step);
     lattice
-}
-
-type Corner = ([i32; 3], Option<[u8; 3]>);
-
-/// Triangles as a sorted multiset of lattice corners with colours, each rotated to its smallest form; those whose
-/// corners fall together on the lattice are left out.
-fn multiset(triangles: impl Iterator<Item = [Corner; 3]>) -> Vec<[Corner; 3]> {
-    let mut all: Vec<_> = triangles
-        .filter(|[a, b, c]| a.0 != b.0 && b.0 != c.0 && c.0 != a.0)
-        .map(|[a, b, c]| [[a, b, c], [b, c, a], [c, a, b]].into_iter().min().unwrap())
-        .collect();
-    all.sort_unstable();
-    all
 }
 
 fn of_ply(ply: &Ply, lattice: &Lattice) -> Vec<[Corner; 3]> {
@@ -105,8 +94,7 @@ fn coarser_extracts_have_no_cracks_and_stay_within_their_error() {
 /// A model of some dozens of diamonds: with few, the next step of refinement is too large for most limits.
 #[test]
 fn a_triangle_limit_is_respected_and_used_to_at_least_two_thirds() {
-    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pack_verbs");
-    let pack = built_once(&folder, "large", |to| Input::torus(1280, 128, [0.0; 3]).write(to), &[]);
+    let pack = large_pack();
     let work = tempfile::tempdir().unwrap();
     let out = work.path().join("part.ply");
     for limit in [120_000u64, 160_000, 200_000, 266_664, 327_679] {

@@ -2,7 +2,7 @@
 //! verifies and gives the same triangles back, or is refused with exit code 1, a message that names the file, the place
 //! and the reason, and nothing left under the final name or beside it.
 
-use crate::support::{Ply, fails, json, plys, succeeds, text};
+use crate::support::{Ply, fails, json, multiset, plys, succeeds, text};
 use kilwa_formats::read::read_mesh;
 use kilwa_geometry::Lattice;
 use std::path::{Path, PathBuf};
@@ -14,19 +14,6 @@ fn root() -> &'static Path {
 
 fn is_empty(folder: &Path) -> bool {
     std::fs::read_dir(folder).unwrap().next().is_none()
-}
-
-type Corner = ([i32; 3], Option<[u8; 3]>);
-
-/// Triangles as a sorted multiset of lattice corners with colours, each rotated to its smallest form, without those whose
-/// corners fall together on the lattice.
-fn multiset(triangles: impl Iterator<Item = [Corner; 3]>) -> Vec<[Corner; 3]> {
-    let mut all: Vec<_> = triangles
-        .filter(|[a, b, c]| a.0 != b.0 && b.0 != c.0 && c.0 != a.0)
-        .map(|[a, b, c]| [[a, b, c], [b, c, a], [c, a, b]].into_iter().min().unwrap())
-        .collect();
-    all.sort_unstable();
-    all
 }
 
 /// Build, verify and extract `input` in `folder`; the full extract must be the mesh that was read. Returns the output of the build.

@@ -2,20 +2,22 @@
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
+use tempfile::TempDir;
 
 fn kilwa(args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_kilwa")).args(args).stdin(Stdio::null()).output().expect("runs")
 }
 
-/// A pack of a closed sphere of radius 1 round (0, 0, 1).
-fn sphere(folder: &Path) -> String {
-    let (mesh, pack) = (folder.join("s.ply"), folder.join("s.kilwa"));
+/// A folder with a pack of a closed sphere of radius 1 round (0, 0, 1), the pack, and a picture to make.
+fn sphere() -> (TempDir, String, PathBuf) {
+    let folder = tempfile::tempdir().expect("a folder");
+    let [mesh, pack, out] = ["s.ply", "s.kilwa", "p.png"].map(|name| folder.path().join(name));
     let text = |p: &PathBuf| p.to_str().expect("plain name").to_owned();
     let args = ["synth", "phantom", "--shape", "sphere", "--triangles", "3000", "-o", &text(&mesh)];
     assert!(kilwa(&args).status.success());
     let built = kilwa(&["build", &text(&mesh), "-o", &text(&pack)]);
     assert!(built.status.success(), "{}", String::from_utf8_lossy(&built.stderr));
-    text(&pack)
+    (folder, text(&pack), out)
 }
 
 fn render(pack: &str, out: &Path, more: &[&str]) -> Output {
@@ -30,8 +32,7 @@ fn code_and_message(output: &Output) -> (Option<i32>, String) {
 
 #[test]
 fn pictures_have_the_requested_size_and_show_the_model_in_the_middle() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let pack = sphere(folder.path());
+    let (folder, pack, _) = sphere();
     for view in ["plan", "north", "east", "south", "west", "iso"] {
         let out = folder.path().join("p.png");
         let done = render(&pack, &out, &["--view", view, "--size", "90x70", "--background", "transparent"]);
@@ -52,8 +53,7 @@ fn pictures_have_the_requested_size_and_show_the_model_in_the_middle() {
 
 #[test]
 fn a_picture_larger_than_a_tile_has_no_seam() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let pack = sphere(folder.path());
+    let (folder, pack, _) = sphere();
     let camera = folder.path().join("inside.json");
     std::fs::write(&camera, r#"{"target": [0, 0, 1], "distance": 0.2, "field_of_view": 20}"#).expect("written");
     let out = folder.path().join("wide.png");
@@ -92,9 +92,7 @@ fn invalid_options_are_refused_before_anything_is_drawn() {
 
 #[test]
 fn invalid_cameras_and_damaged_packs_are_refused_and_leave_no_picture() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let pack = sphere(folder.path());
-    let out = folder.path().join("p.png");
+    let (folder, pack, out) = sphere();
     let camera = folder.path().join("bad.json");
     for text in [
         "not json",
@@ -122,9 +120,7 @@ fn invalid_cameras_and_damaged_packs_are_refused_and_leave_no_picture() {
 
 #[test]
 fn the_report_states_the_error_of_the_picture() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let pack = sphere(folder.path());
-    let out = folder.path().join("p.png");
+    let (_folder, pack, out) = sphere();
     let done = render(&pack, &out, &["--json", "--size", "64x64", "--memory", "16"]);
     assert!(done.status.success(), "{:?}", code_and_message(&done));
     let report: serde_json::Value = serde_json::from_slice(&done.stdout).expect("JSON");
@@ -143,9 +139,7 @@ fn report_of(done: &Output) -> serde_json::Value {
 
 #[test]
 fn a_legend_explains_the_colours_of_a_mode() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let pack = sphere(folder.path());
-    let out = folder.path().join("p.png");
+    let (_folder, pack, out) = sphere();
     let legend = |more: &[&str]| {
         let mut args = vec!["--json", "--size", "48x48"];
         args.extend(more);
@@ -163,9 +157,7 @@ fn a_legend_explains_the_colours_of_a_mode() {
 
 #[test]
 fn cuts_remove_one_side() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let pack = sphere(folder.path());
-    let out = folder.path().join("p.png");
+    let (_folder, pack, out) = sphere();
     let alphas = |more: &[&str]| {
         let mut args = vec!["--view", "south", "--size", "60x60", "--background", "transparent"];
         args.extend(more);
@@ -182,8 +174,7 @@ fn cuts_remove_one_side() {
 
 #[test]
 fn printed_display_settings_give_the_same_picture_and_invalid_ones_are_refused_by_name() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let pack = sphere(folder.path());
+    let (folder, pack, _) = sphere();
     let [first, second] = ["a.png", "b.png"].map(|n| folder.path().join(n));
     let size = ["--json", "--size", "64x48"];
     let options =
@@ -204,8 +195,7 @@ fn printed_display_settings_give_the_same_picture_and_invalid_ones_are_refused_b
 
 #[test]
 fn an_existing_picture_or_world_file_is_replaced_only_with_force() {
-    let folder = tempfile::tempdir().expect("a folder");
-    let pack = sphere(folder.path());
+    let (folder, pack, _) = sphere();
     let at = |name: &str| folder.path().join(name);
     let out = at("p.png").to_str().expect("plain name").to_owned();
     let small = ["render", &pack, "--software", "--size", "8x8", "-o", &out];

@@ -1,6 +1,8 @@
 //! `kilwa verify` on archive objects, folders of them and addresses: a changed byte of any file is found and named, so is what is missing
 //! or too much; a nightly job continues where it was stopped.
 
+#[cfg(unix)]
+use crate::support::make_pipe;
 use crate::support::{built_once, fails, kilwa, succeeds, text};
 use kilwa_archive::Metadata;
 use kilwa_archive::checksums::sha256;
@@ -182,7 +184,7 @@ fn a_changed_byte_of_any_file_is_found_and_named() {
         }
         fs::write(path, &good).unwrap();
     }
-    // Another time of writing alone is no problem, nor other rights.
+    // Another modification time or other permissions alone are not a problem.
     let file = fs::File::options().write(true).open(&all[3]).unwrap();
     file.set_modified(std::time::SystemTime::UNIX_EPOCH).unwrap();
     assert!(succeeds(&["verify", text(&object)]).contains("1 of 1 object sound"));
@@ -549,7 +551,6 @@ fn an_unreachable_address_is_refused_with_the_reason() {
 fn links_and_special_files_are_named_and_never_followed() {
     use std::os::unix::fs::symlink;
     let (shelf, elsewhere) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-    let pipe = |path: &Path| assert!(std::process::Command::new("mkfifo").arg(path).status().unwrap().success());
     let checked = |target: &Path, names: &[&str]| {
         let message = fails(&["verify", text(target)]);
         for name in names {
@@ -566,7 +567,7 @@ fn links_and_special_files_are_named_and_never_followed() {
     checked(&object, &["pack.", "it is a link"]);
     checked(shelf.path(), &["fort/v1/pack.", "it is a link"]);
     fs::remove_file(&pack).unwrap();
-    pipe(&pack);
+    make_pipe(&pack);
     checked(&object, &["pack.", "a pipe"]);
     fs::remove_file(&pack).unwrap();
     fs::rename(&away, &pack).unwrap();
@@ -583,7 +584,7 @@ fn links_and_special_files_are_named_and_never_followed() {
     // The very thing that a person names may be a link.
     succeeds(&["verify", text(&object)]);
     // Special files where packs lie, beside and alone.
-    pipe(&shelf.path().join("pipe.kilwa"));
+    make_pipe(&shelf.path().join("pipe.kilwa"));
     checked(shelf.path(), &["2 of 2"]);
     checked(&shelf.path().join("pipe.kilwa"), &["a pipe"]);
     // A file that nobody lists.
@@ -605,7 +606,7 @@ fn links_and_special_files_beside_objects_and_packs_are_reported_as_damage() {
         let at = shelf.path().join(name);
         for is_pipe in [true, false] {
             if is_pipe {
-                assert!(std::process::Command::new("mkfifo").arg(&at).status().unwrap().success());
+                make_pipe(&at);
             } else {
                 std::os::unix::fs::symlink("/etc/passwd", &at).unwrap();
             }

@@ -1,4 +1,4 @@
-// What keys, pointers and buttons ask for, done to the model that is open.
+// Does what keys, pointers and buttons ask for to the model that is open.
 
 import * as chrome from "./chrome.js";
 import { $ } from "./dom.js";

@@ -12,36 +12,6 @@ import { numbersOf } from "./camera.js";
 /** @import { Camera, NewMeasurement, PageState, PictureOptions } from "./types/page.js" */
 
 const VIEWS = ["plan", "north", "east", "south", "west", "iso", "below"];
-/** What another document may call by message. */
-export const CALLS = new Set([
-  "stats",
-  "info",
-  "getCamera",
-  "setCamera",
-  "getMode",
-  "setMode",
-  "modes",
-  "pick",
-  "view",
-  "fit",
-  "home",
-  "back",
-  "forward",
-  "setTool",
-  "annotations",
-  "addAnnotation",
-  "openAnnotation",
-  "closeAnnotation",
-  "showAnnotations",
-  "measurements",
-  "addMeasurement",
-  "removeMeasurement",
-  "state",
-  "setState",
-  "link",
-  "picture",
-  "setLanguage",
-]);
 
 /**
  * What the API acts on.

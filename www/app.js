@@ -1,8 +1,9 @@
-// The page: opens a pack, draws it, and brings the parts together. What is open stands in current.js: a model (model.js) and, on one graphics device, a
+// The page: opens a pack, draws it, and brings the parts together. What is open is in current.js: a model (model.js) and, on one graphics device, a
 // scene (scene.js); both are replaced, the page stays.
 
 import { actionsOf } from "./actions.js";
-import { Api, CALLS } from "./api.js";
+import { Api } from "./api.js";
+import { CALLS } from "./calls.js";
 import { cameraOf, numbersOf } from "./camera.js";
 import * as chrome from "./chrome.js";
 import { connect, showTurning } from "./controls.js";
@@ -105,7 +106,7 @@ class Page {
       },
     });
     this.screen = new Screen({ current, measuring, section, address, api: this.api });
-    // What measures (measure/engine.js), loaded when it is first asked for.
+    // The measuring engine (measure/engine.js), loaded when it is first asked for.
     const engine = async () => (await measuring.load()).engine;
     this.pictures = new Pictures(() => {
       const { model, scene: shown } = current.opened;
@@ -129,7 +130,7 @@ class Page {
     this.settings = new Settings(parameters, scene);
     this.#listen();
     if (parameters.has("embed")) embed?.reduce(parameters.get("embed") === "bare");
-    embed?.serve(api, CALLS);
+    embed?.serve(api, new Set(CALLS));
     expose(current, { api, address, look, measuring, pictures, engine, tool });
   }
 
@@ -193,7 +194,7 @@ class Page {
         throw Object.assign(new Error(detail), { kind: "damaged" });
       }
     } catch (error) {
-      // What the parser refuses is no pack, or not a whole one; what a module loader refuses is our own trouble.
+      // A file that the parser refuses is not a pack, or not a whole one; an error of the module loader is the page's own.
       this.#cannotOpen(error.kind ?? (module || error.constructor === Error ? "damaged" : "broken"), error);
       return;
     }

@@ -14,11 +14,11 @@ const head = pack?.head();
 head?.catch(() => {});
 const program = load(parameters);
 program.catch(() => {});
-// The first chunk is decoded as soon as the program has found a device: by then a worker stands ready.
+// The first chunk is decoded as soon as the program has found a device: by then a worker is ready.
 const newPool = () => new DecodePool();
 const pool = pack ? newPool().warm() : null;
 
-// Most pages stand alone.
+// Most pages are not embedded.
 const embed = parent !== window || parameters.has("embed") ? import("./embed.js") : null;
 const { start } = await import("./app.js");
 await start({ pack, head, program, gpu: { whyNoGpu, otherProgram }, pool, newPool, embed: await embed, parameters });

@@ -207,7 +207,7 @@ export function menu(button, list, choose) {
   });
 }
 
-/** The names of the controls, and their keys, beside them while the pointer rests there or the keyboard stands there. */
+/** The names of the controls, and their keys, beside them while the pointer rests there or the focus is there. */
 export function tooltips() {
   const tip = document.createElement("div");
   tip.className = "tip";

@@ -86,7 +86,7 @@ export class DecodePool {
     worker.postMessage({ job, ...next.task }, [next.task.bytes.buffer]);
   }
 
-  /** What decodes, compiled once for all workers; where it did not come, the next one that needs it asks again. */
+  /** The decoder, compiled once for all workers; if it did not load, the next one that needs it asks again. */
   #compiled() {
     this.module ??= WebAssembly.compileStreaming(fetch(new URL("decode_bg.wasm", import.meta.url))).catch((error) => {
       this.module = null;

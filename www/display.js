@@ -112,7 +112,7 @@ export class Display {
     this.scene?.session.wake();
   }
 
-  /** What the system asks for. */
+  /** The preference of the system. */
   settle() {
     if (!this.scene?.isOpen) return;
     const { viewer, session } = this.scene;
@@ -326,7 +326,7 @@ export function on(id, type, action) {
 }
 
 /**
- * A field of a number: what is no number is left until it is one.
+ * A field of a number: other text is left until it is a number.
  * @param {IdsOf<HTMLInputElement>} id
  * @param {(value: number) => void} use
  */

@@ -30,7 +30,7 @@ const section = (title, rows) => (rows.length > 0 ? html`<h3>${title}</h3>${list
  */
 export function showFacts(into, { metadata: m, pack }) {
   const size = m.bounds_max.map((v, i) => v - m.bounds_min[i]);
-  // What was published with a model may know more than the pack does.
+  // The metadata published with a model may know more than the pack does.
   const published = Number(document.body.dataset.accuracy) || undefined;
   const accuracy = m.capture_accuracy ?? published;
   const licence = /** @type {HTMLLinkElement | null} */ (document.querySelector("link[rel=license]"))?.title;

@@ -18,7 +18,7 @@ export function setLocale(language, rightToLeft = false) {
  */
 export const isolate = (text) => (isolates ? `\u2066${text}\u2069` : text);
 
-/** What stands before the decimals. */
+/** The decimal separator. */
 export const separator = () => new Intl.NumberFormat(locale).formatToParts(0.5).find((p) => p.type === "decimal")?.value ?? ".";
 
 /**

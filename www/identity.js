@@ -1,5 +1,5 @@
-// What the pack is called: links, notes, saved views and measurements name its identity (docs/FORMAT.md, section 7), which its last bytes tell. They are fetched once
-// the first picture is there. Until then, and in links of earlier versions of the page, the header's own hash stands for it.
+// The pack's name: links, notes, saved views and measurements name its identity (docs/FORMAT.md, section 7), which its last bytes tell. They are fetched once
+// the first picture is there. Until then, and in links of earlier versions of the page, the header's own hash is used instead.
 
 import { isPassing } from "./answer.js";
 
@@ -26,7 +26,7 @@ export class Identity {
     this.asking = undefined;
   }
 
-  /** What it is called; null where the end of the file cannot be had. */
+  /** Its name; null where the end of the file cannot be had. */
   known() {
     this.asking ??= this.#ask();
     return this.asking;
@@ -58,7 +58,7 @@ export class Identity {
     return text === null || text.startsWith(named.slice(0, DIGITS));
   }
 
-  /** What new links and files name. */
+  /** The name for new links and files. */
   get name() {
     return this.text ?? this.hash;
   }

@@ -5,39 +5,12 @@
 //
 // Attributes: `src` (the pack), `view` (a link's part behind the `#`), `annotations` (address of published notes), `lang`,
 // `viewer` (address of the viewer's page; else the folder of this file), `controls="none"`. Methods return promises;
-// see kilwa-viewer.d.ts. The viewer stands in a frame: neither document can break the other, and messages are taken only
+// see kilwa-viewer.d.ts. The viewer is in a frame: neither document can break the other, and messages are taken only
 // from that frame and its origin.
 
+import { CALLS } from "./calls.js";
+
 const HERE = new URL("./", import.meta.url);
-const CALLS = [
-  "stats",
-  "info",
-  "getCamera",
-  "setCamera",
-  "getMode",
-  "setMode",
-  "modes",
-  "pick",
-  "view",
-  "fit",
-  "home",
-  "back",
-  "forward",
-  "setTool",
-  "annotations",
-  "addAnnotation",
-  "openAnnotation",
-  "closeAnnotation",
-  "showAnnotations",
-  "measurements",
-  "addMeasurement",
-  "removeMeasurement",
-  "state",
-  "setState",
-  "link",
-  "picture",
-  "setLanguage",
-];
 const EVENTS = ["ready", "frame", "camera", "annotation", "annotations", "measurement", "measurements", "trouble"];
 
 /** Whether the viewer in the frame has answered. @typedef {{heard: boolean, promise: Promise<void>, resolve: () => void, end: (error: Error) => void}} Hello */
@@ -48,7 +21,7 @@ export class KilwaViewerElement extends HTMLElement {
   static patience = 15_000;
   /** @type {HTMLIFrameElement | null} */
   #frame = null;
-  /** What was asked, by its number. @type {Map<number, {resolve: (result: any) => void, reject: (error: Error) => void}>} */
+  /** The open calls, by number. @type {Map<number, {resolve: (result: any) => void, reject: (error: Error) => void}>} */
   #calls = new Map();
   #last = 0;
   /** @type {Hello | null} */
@@ -105,7 +78,7 @@ export class KilwaViewerElement extends HTMLElement {
   }
 
   /**
-   * What was asked of a viewer that is gone gets no answer.
+   * Calls to a viewer that is gone get no answer.
    * @param {string} why
    */
   #refuse(why) {

@@ -7,7 +7,7 @@
 //   measurements=  measurements that are shown (measure/address.js)
 //   pack=      the first 12 digits of the pack's identity, so that a link to another model is noticed; of the header's hash in links of earlier versions
 //
-// What changes by and by (a drag) replaces the address; a deliberate jump (a standard view, a saved view, a note)
+// A gradual change (a drag) replaces the address; a deliberate jump (a standard view, a saved view, a note)
 // adds one to the browser's history, so that its Back button returns to the last view.
 
 import { DEFAULTS } from "./camera.js";

@@ -47,7 +47,7 @@ export class EditList {
   }
 
   /**
-   * Open a row and stand in its name.
+   * Open a row and focus its name.
    * @param {string} id
    */
   edit(id) {

@@ -7,7 +7,7 @@
 
 import { contentRange, discard, isSameTag, LENGTH_END, PackError, read, readStart, statedLength } from "./answer.js";
 
-/** What the first request asks for: header, metadata, the first directory page and the coarsest chunks. */
+/** Length of the first request: header, metadata, the first directory page and the coarsest chunks. */
 export const HEAD_BYTES = 65536;
 /** A pack up to this size is taken whole from a server that does not know ranges. */
 export const WHOLE_LIMIT = 64 * 1024 * 1024;
@@ -208,13 +208,13 @@ export class Pack {
       throw new PackError("noRange", "the server ignores Range", { bytes });
     };
     const header = response.headers.get("content-length");
-    // What is announced counts compressed bytes, what arrives does not.
+    // The announced length counts compressed bytes, the arriving bytes are not compressed.
     const announced = header === null || response.headers.has("content-encoding") ? NaN : Number(header);
     if (header !== null && Number(header) > limit) await refuse(Number(header));
     const first = await readStart(reader, LENGTH_END);
     signal?.throwIfAborted();
     const stated = statedLength(first);
-    // Something that is no pack: enough of it to say so.
+    // Not a pack: enough bytes of it to say so.
     const bytes = stated ?? (announced <= limit ? announced : first.length);
     if (bytes > limit) await refuse(bytes);
     if (announced < bytes) {

@@ -71,7 +71,7 @@ export class LocalPack {
 }
 
 /**
- * What can open a pack of this computer: the file input, and a file dropped anywhere on the page.
+ * Opens a pack of this computer: the file input, and a file dropped anywhere on the page.
  * @param {{input: HTMLInputElement, drop: HTMLElement, open: (file: File) => void}} parts
  */
 export function openers({ input, drop, open }) {

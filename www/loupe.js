@@ -31,7 +31,7 @@ export class Loupe {
     const wide = canvas.width / ratio;
     const left = Math.max(4, Math.min(wide - SIZE - 4, x - SIZE / 2));
     const above = y - ABOVE - SIZE;
-    // At the upper edge there is no room above: beside it, on the side with more room.
+    // At the upper edge there is no space above: beside it, on the side with more space.
     const beside = above < 4;
     const side = x > wide / 2 ? x - SIZE - 2 * ABOVE : x + 2 * ABOVE;
     $("loupe").style.transform = `translate(${(beside ? side : left).toFixed(1)}px, ${Math.max(4, above).toFixed(1)}px)`;

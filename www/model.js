@@ -24,7 +24,7 @@ export class Model {
     this.usualMode = null;
   }
 
-  /** What was published under a title has that; a file of this computer has its own. */
+  /** The published title; for a file of this computer, its own name. */
   get title() {
     const published = this.pack.isLocal ? "" : document.body.dataset.title;
     return published || this.info.metadata.title.trim() || this.pack.name || document.title;

@@ -1,4 +1,4 @@
-// What the address asks for behind its `?`. Benchmarks use short names that other viewers of this kind have, too.
+// The parameters of the address behind its `?`. Benchmarks use short names that other viewers of this kind have, too.
 //
 //   model=ADDRESS  the same as pack=
 //   err=PIXELS     the same as error=

@@ -9,7 +9,7 @@ import { t } from "./i18n.js";
 /** @import { Session } from "./session.js" */
 
 const SCALE_PIXELS = 110;
-/** On a phone the line has room for the figures alone. */
+/** On a phone only the figures fit into the line. */
 const narrow = matchMedia("(max-width: 720px)");
 const NOWHERE = "x –  y –  z – m";
 

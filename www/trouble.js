@@ -1,4 +1,4 @@
-// What cannot be shown, why, and what to do: one plate over the empty stage, never over a model.
+// Says what cannot be shown, why, and what to do: one plate over the empty stage, never over a model.
 
 import { notice } from "./chrome.js";
 import { $ } from "./dom.js";
@@ -30,7 +30,7 @@ export class Trouble {
   show(kind, error = null, { reason } = {}) {
     this.current = { kind, error, reason };
     this.onShow(kind);
-    // With a picture on screen the sentence stands below it: errors never cover the model.
+    // With a picture on screen the sentence is below it: errors never cover the model.
     if (document.body.dataset.state === "ready") {
       const { title, text } = words(this.current);
       notice(`${title}. ${text}`, 60000);

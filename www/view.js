@@ -1,4 +1,4 @@
-// What the templates of panels and lists share. Texts are only ever put in as text: lit-html makes text nodes of them.
+// The common parts of the templates of panels and lists. Texts are only ever put in as text: lit-html makes text nodes of them.
 
 import { html, nothing, render } from "lit-html";
 import { t } from "./i18n.js";

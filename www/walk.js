@@ -110,7 +110,7 @@ export class Walk {
   }
 
   /**
-   * Go and stand on what a pixel shows.
+   * Walk to the place that a pixel shows.
    * @param {number} x
    * @param {number} y
    */
@@ -150,7 +150,7 @@ export class Walk {
   stand([x, y, z], { mark = true } = {}) {
     const { azimuth } = this.viewer.camera();
     const distance = 2 * this.height;
-    // The target lies before the eye, and the eye stands at its height.
+    // The target lies before the eye, and the eye is at its height.
     this.flight.to(
       {
         azimuth,

@@ -14,7 +14,7 @@ use std::fs::{self, File};
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 
-/// What stands in bag-info.txt.
+/// The fields of bag-info.txt.
 #[derive(Debug, Clone)]
 pub struct BagInfo {
     /// Who gives it away.
@@ -32,7 +32,7 @@ pub struct BagInfo {
 /// Wrap the object `slug` of the locked folder; the folder of the bag.
 ///
 /// # Errors
-/// [`DraftError::Disk`]; a bag that was there before stands then.
+/// [`DraftError::Disk`]; a bag that was there before is kept then.
 pub fn wrap(lock: &Lock, slug: &Slug, info: &BagInfo, steps: Steps<'_>) -> Result<PathBuf, DraftError> {
     let shelf = lock.folder();
     let object = shelf.join(slug.as_str());

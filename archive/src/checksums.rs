@@ -1,6 +1,6 @@
 //! Lists of checksums as `sha256sum` writes them and `sha256sum -c` checks them: `<64 hexadecimal digits>  <path>`, sorted by path.
 //!
-//! Read strictly: a line that is none, a path that leaves the folder and a path that stands there twice are refused with their line.
+//! Read strictly: a line that is none, a path that leaves the folder and a path that is listed twice are refused with their line.
 
 use super::layout::safe;
 use sha2::{Digest, Sha256};
@@ -31,7 +31,7 @@ pub enum ChecksumsError {
         /// What it says.
         path: String,
     },
-    /// A path that stands there twice.
+    /// A path that is listed twice.
     #[error("line {line} names {path} again")]
     Twice {
         /// From 1.

@@ -39,7 +39,7 @@ pub fn is_date_or_span(text: &str) -> bool {
     }
 }
 
-/// What a date in another form says in this one, in words; nothing where it is no date.
+/// A date of another form in this one, in words; `None` if it is not a date.
 pub fn iso(text: &str) -> Option<String> {
     const MONTHS: [&str; 12] = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"];
     let parts: Vec<&str> = text.split(|c: char| !c.is_alphanumeric()).filter(|p| !p.is_empty()).collect();

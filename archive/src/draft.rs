@@ -86,10 +86,10 @@ pub enum DraftError {
         /// What could not be removed, and why.
         left: Box<DraftError>,
     },
-    /// What is there is no object, for people.
+    /// The folder is not an object; the text is for people.
     #[error("{0}")]
     Other(String),
-    /// A file of another user stands where one of ours would.
+    /// A file of another user is where one of the object's own would be.
     #[error("{0} was not made by kilwa and was left as it is; move it away, publish to another folder, or omit --site")]
     Foreign(PathBuf),
     /// A viewer page that no landing page can be made of.

@@ -23,6 +23,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, ExitStatus, Stdio};
 use tower::ServiceExt as _;
 
+#[path = "../../tests/support/kill_seed.rs"]
+mod kill_seed;
+
 /// The command that is killed, and what exists before it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum What {
@@ -137,7 +140,7 @@ fn run(what: What, folder: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
     }
 }
 
-/// What a reader gets.
+/// What a reader of the site gets.
 async fn get(shelf: &Path, path: &str) -> (StatusCode, Vec<u8>) {
     let page = kilwa_server::Page::from_files([("index.html".to_owned(), b"<html></html>".to_vec())].into());
     let app = app(Site::new(Catalogue::open(shelf).unwrap(), page));
@@ -286,7 +289,7 @@ fn a_kill_before_any_disk_change_leaves_the_old_or_new_object_and_a_rerun_finish
     }
 }
 
-/// What changes a disk.
+/// The system calls that change a disk.
 const CALLS: &str = "rename,renameat,renameat2,unlink,unlinkat,rmdir,mkdir,mkdirat,link,linkat,write,pwrite64,writev,fsync,fdatasync,ftruncate,chmod,fchmod,fchmodat,chown,lchown,fchown,fchownat,copy_file_range,sendfile,flock";
 
 /// How often each of these calls is made, in a run that comes to its end.
@@ -304,14 +307,6 @@ fn calls(what: What) -> BTreeMap<String, u32> {
     counts
 }
 
-/// The seed that chooses where the program is killed: random, or from `KILWA_KILL_SEED` to repeat a failure.
-fn seed() -> u32 {
-    use std::hash::{BuildHasher as _, RandomState};
-    let given = std::env::var("KILWA_KILL_SEED").ok();
-    let random = || u32::try_from(RandomState::new().hash_one(()) % 1_000_000).unwrap();
-    given.map_or_else(random, |text| text.parse().expect("KILWA_KILL_SEED is a number"))
-}
-
 #[test]
 fn a_kill_before_any_system_call_leaves_the_old_or_new_object_and_a_rerun_finishes() {
     let works = Command::new("strace").args(["-f", "-qq", "-o", "/dev/null", "true"]).status();
@@ -323,7 +318,7 @@ fn a_kill_before_any_system_call_leaves_the_old_or_new_object_and_a_rerun_finish
     }
     // A run takes a twentieth of a second, so usually only some of the calls are tried; each seed chooses others.
     let every = if std::env::var_os("KILWA_SOAK").is_some() { 1 } else { 7 };
-    let seed = seed();
+    let seed = kill_seed::seed();
     println!("killed at one in {every} system calls; repeat with KILWA_KILL_SEED={seed}");
     let mut skipped = seed % every;
     for what in ALL {

@@ -47,7 +47,7 @@ const VERSIONS: [&str; 5] = ["4.0", "3.0", "2.5", "2.0", "1.0"];
 /// Last version that was adapted to jurisdictions (`/by/3.0/de/`).
 const PORTED: [&str; 4] = ["3.0", "2.5", "2.0", "1.0"];
 
-/// What can be given, for messages.
+/// The values that can be given, for messages.
 pub const CHOICES: &str = "\"CC BY 4.0\", \"CC BY-SA 4.0\", \"CC BY-NC 4.0\", \"CC0\" or \"Public Domain Mark\" (creativecommons.org), \
     \"InC\", \"NoC-US\", \"UND\" … (rightsstatements.org), or the address of one of them";
 

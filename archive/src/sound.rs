@@ -43,7 +43,7 @@ pub struct Checked {
 }
 
 impl Checked {
-    /// What is wrong with it, for people: the first parts, and how many more; nothing where it is sound.
+    /// The damage, for people: the first parts, and how many more; `None` where it is sound.
     pub fn damage(&self) -> Option<String> {
         if self.damaged.is_empty() {
             return None;

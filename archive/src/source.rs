@@ -17,7 +17,7 @@ impl FileSource {
     /// Open a file for reading.
     ///
     /// # Errors
-    /// When it cannot be opened, or is no plain file; the message names it.
+    /// When it cannot be opened, or is not a regular file; the message names it.
     pub fn open(path: &Path) -> io::Result<Self> {
         plain_file::open(path).map(Self::of).map_err(|e| {
             let message = match e.kind() {

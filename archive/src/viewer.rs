@@ -15,7 +15,7 @@ use thiserror::Error;
 static EMBEDDED: Dir<'_> = include_dir!("$KILWA_PAGE");
 /// The first of [`crate::places::PLACES`].
 const HEAD: &str = PLACES[0].0;
-/// A page folder with more than this in it is not one of ours.
+/// A page folder with more than this in it was not built by Kilwa.
 const PAGE_LIMIT: u64 = 256 << 20;
 
 /// Why there is no page.
@@ -128,7 +128,7 @@ impl Page {
     }
 
     /// Files that a page cannot be without.
-    const NEEDED: [&str; 8] = [
+    pub const NEEDED: [&str; 8] = [
         "index.html",
         "boot.js",
         "viewer.js",

@@ -45,7 +45,7 @@ impl Outlook {
     }
 }
 
-/// What withdrawing the object `slug` of the folder `shelf` would do; changes nothing.
+/// The effects of withdrawing the object `slug` of the folder `shelf`; changes nothing.
 ///
 /// # Errors
 /// [`DraftError`] when it has no manifest that can be read.
@@ -346,7 +346,7 @@ fn close_object(
     Ok(())
 }
 
-/// What stays of a version: its records in words, and the style of the page.
+/// Whether a file of a version stays: its records in words, and the style of the page.
 fn stays(path: &str) -> bool {
     let texts = [CHECKSUMS, LICENCE, README, CITATIONS[0], CITATIONS[1], CITATIONS[2]];
     path.starts_with("metadata/") || texts.contains(&path) || path == format!("{VIEWER}/style.css")

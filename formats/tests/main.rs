@@ -3,3 +3,4 @@
 mod preview;
 mod read_shared_data;
 mod read_stl_and_gltf;
+mod shared_data;

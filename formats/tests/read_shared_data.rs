@@ -1,35 +1,10 @@
 //! Every real file of `../shared/data`, where that folder is present: a PLY is read as the reference parser reads it or
 //! refused with a reason and a place; a file of another format is refused by its name.
 
-use kilwa_formats::RawMesh;
+use crate::shared_data::{check_invariants, data, extension, files, refusal_of};
 use kilwa_formats::read::{ReadError, read_mesh};
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
-
-fn data() -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
-    if folder.join("README.md").is_file() {
-        return Some(folder);
-    }
-    eprintln!("skipped: {} is not there", folder.display());
-    None
-}
-
-fn files(folder: &Path, found: &mut Vec<PathBuf>) {
-    let mut entries: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
-    entries.sort();
-    for path in entries {
-        if path.is_dir() {
-            files(&path, found);
-        } else {
-            found.push(path);
-        }
-    }
-}
-
-fn extension(path: &Path) -> String {
-    path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
-}
+use std::path::Path;
 
 /// What the reference parser found in a file.
 struct Row {
@@ -63,24 +38,11 @@ fn table(folder: &Path) -> BTreeMap<String, Row> {
     rows
 }
 
-/// Properties of every mesh that is read.
-fn check_invariants(mesh: &RawMesh, name: &str) {
-    let n = mesh.positions.len();
-    assert!(mesh.positions.iter().all(|p| p.is_finite()), "{name}: positions are finite");
-    assert!(mesh.triangles.iter().flatten().all(|&i| (i as usize) < n), "{name}: indices are in range");
-    assert!(mesh.triangles.iter().all(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0]), "{name}");
-    assert!(mesh.colors.is_empty() || mesh.colors.len() == n, "{name}: a colour per vertex");
-    assert!(mesh.normals.is_empty() || mesh.normals.len() == n, "{name}: a normal per vertex");
-    assert!(mesh.scalars.iter().all(|(_, v)| v.len() == n), "{name}: a value per vertex");
-    assert!(!mesh.triangles.is_empty(), "{name}");
-}
-
 #[test]
 fn every_ply_is_read_as_the_reference_reads_it_or_refused_with_a_reason() {
     let Some(folder) = data() else { return };
     let table = table(&folder);
-    let mut all = Vec::new();
-    files(&folder, &mut all);
+    let all = files(&folder);
     let (mut read, mut refused, mut compared) = (0, 0, 0);
     for path in all.iter().filter(|p| extension(p) == "ply") {
         let name = path.strip_prefix(&folder).unwrap().to_string_lossy().into_owned();
@@ -111,9 +73,7 @@ fn every_ply_is_read_as_the_reference_reads_it_or_refused_with_a_reason() {
             }
             Err(e) => {
                 refused += 1;
-                println!("refused {e}");
-                let text = e.to_string();
-                assert!(text.contains(path.file_name().unwrap().to_str().unwrap()), "names the file: {text}");
+                let text = refusal_of(path, &e);
                 match e {
                     ReadError::Malformed { .. } => {
                         assert!(text.contains(", line ") || text.contains(", byte "), "names the place: {text}");
@@ -159,8 +119,7 @@ const OBJ_REFUSED: &[(&str, &str)] = &[
 fn every_obj_is_read_as_the_reference_reads_it_or_refused_with_a_reason() {
     let Some(folder) = data() else { return };
     let table = table(&folder);
-    let mut all = Vec::new();
-    files(&folder, &mut all);
+    let all = files(&folder);
     let (mut read, mut refused) = (0, 0);
     for path in all.iter().filter(|p| extension(p) == "obj") {
         let name = path.strip_prefix(&folder).unwrap().to_string_lossy().into_owned();
@@ -202,8 +161,7 @@ fn files_of_other_formats_are_refused_by_the_name_of_their_format() {
         ("png", "PNG"),
         ("jpg", "JPEG"),
     ];
-    let mut all = Vec::new();
-    files(&folder, &mut all);
+    let all = files(&folder);
     let mut checked = 0;
     for path in all.iter().filter(|p| !["glb", "gltf", "obj", "ply", "stl"].contains(&extension(p).as_str())) {
         let text = match read_mesh(path, &mut |_, _| {}) {

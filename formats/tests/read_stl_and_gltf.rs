@@ -1,30 +1,10 @@
 //! Every STL and glTF of `../shared/data`, where that folder is present: read with the number of triangles that the
 //! reference parser finds, or refused with a message that a person understands.
 
+use crate::shared_data::{check_invariants, data, files_of, refusal_of};
 use kilwa_formats::RawMesh;
 use kilwa_formats::read::{ReadError, read_mesh};
-use std::path::{Path, PathBuf};
-
-fn data() -> Option<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
-    if folder.join("README.md").is_file() {
-        return Some(folder);
-    }
-    eprintln!("skipped: {} is not there", folder.display());
-    None
-}
-
-fn files(folder: &Path, extension: &str, found: &mut Vec<PathBuf>) {
-    let mut entries: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
-    entries.sort();
-    for path in entries {
-        if path.is_dir() {
-            files(&path, extension, found);
-        } else if path.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension)) {
-            found.push(path);
-        }
-    }
-}
+use std::path::Path;
 
 /// Triangles that the reference parser found in a file, as the folder's README says.
 fn reference(folder: &Path, path: &Path) -> Option<usize> {
@@ -32,17 +12,6 @@ fn reference(folder: &Path, path: &Path) -> Option<usize> {
     let name = path.strip_prefix(folder).unwrap().to_string_lossy().into_owned();
     let row = readme.lines().find(|l| l.starts_with(&format!("| {name} |")))?;
     row.split('|').nth(6)?.trim().parse().ok()
-}
-
-/// Properties of every mesh that is read.
-fn check_invariants(mesh: &RawMesh, name: &str) {
-    let n = mesh.positions.len();
-    assert!(mesh.positions.iter().all(|p| p.is_finite()), "{name}: positions are finite");
-    assert!(mesh.triangles.iter().flatten().all(|&i| (i as usize) < n), "{name}: indices are in range");
-    assert!(mesh.triangles.iter().all(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0]), "{name}");
-    assert!(mesh.colors.is_empty() || mesh.colors.len() == n, "{name}: a colour per vertex");
-    assert!(mesh.normals.is_empty() || mesh.normals.len() == n, "{name}: a normal per vertex");
-    assert!(!mesh.triangles.is_empty(), "{name}");
 }
 
 fn report(path: &Path, mesh: &RawMesh) {
@@ -55,8 +24,7 @@ fn report(path: &Path, mesh: &RawMesh) {
 #[test]
 fn every_stl_has_the_triangles_that_the_reference_finds() {
     let Some(folder) = data() else { return };
-    let mut all = Vec::new();
-    files(&folder, "stl", &mut all);
+    let all = files_of(&folder, &["stl"]);
     for path in &all {
         let name = path.display().to_string();
         let mesh = read_mesh(path, &mut |_, _| {}).unwrap_or_else(|e| panic!("{e}"));
@@ -72,9 +40,7 @@ fn every_stl_has_the_triangles_that_the_reference_finds() {
 #[test]
 fn every_gltf_is_read_or_refused_with_a_plain_message() {
     let Some(folder) = data() else { return };
-    let mut all = Vec::new();
-    files(&folder, "gltf", &mut all);
-    files(&folder, "glb", &mut all);
+    let all = files_of(&folder, &["gltf", "glb"]);
     let (mut read, mut refused) = (0, 0);
     for path in &all {
         let name = path.strip_prefix(&folder).unwrap().display().to_string();
@@ -86,9 +52,7 @@ fn every_gltf_is_read_or_refused_with_a_plain_message() {
             }
             Err(e) => {
                 refused += 1;
-                println!("refused {e}");
-                let text = e.to_string();
-                assert!(text.contains(path.file_name().unwrap().to_str().unwrap()), "names the file: {text}");
+                let text = refusal_of(path, &e);
                 match e {
                     ReadError::Part { part, expected, .. } => {
                         assert!(!part.is_empty() && !expected.is_empty(), "names the part: {text}");
@@ -175,10 +139,7 @@ const MALFORMED: &[(&str, &str)] = &[
 #[test]
 fn every_malformed_stl_and_gltf_is_refused_or_repaired_as_the_table_states() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../tests/malformed");
-    let mut all = Vec::new();
-    for extension in ["stl", "gltf", "glb"] {
-        files(&folder, extension, &mut all);
-    }
+    let all = files_of(&folder, &["stl", "gltf", "glb"]);
     assert_eq!(all.len(), MALFORMED.len(), "the table names every file");
     for (name, words) in MALFORMED {
         match read_mesh(&folder.join(name), &mut |_, _| {}) {

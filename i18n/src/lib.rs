@@ -1,4 +1,4 @@
-//! The messages of the page and the portal in five languages: a folder for each language, and in it a file for
+//! The messages of the page and the portal in every language: a folder for each language, and in it a file for
 //! the page and one for the portal, in [Fluent](https://projectfluent.org)'s syntax. A message whose wording depends on a number has a
 //! form for each plural category of its language (Unicode CLDR): two in English, six in Arabic.
 //!

@@ -2,7 +2,7 @@
 //!
 //! Files are read a buffer at a time ([`crate::content`]), and what is long by nature is made piece by piece; such answers are marked [`Lean`]. Every
 //! other answer is made whole before its first byte goes out, and a reader who takes nothing keeps it in memory for as long as the time limits of the
-//! socket allow. So all of them together have a budget, of which one network has a share: what exceeds it is answered 503 with `Retry-After`, and
+//! socket allow. So all of them together have a budget, and each network a share of it: what exceeds it is answered 503 with `Retry-After`, and
 //! readers of other networks notice nothing. Invariant: an answer is counted until its last byte was handed to the system or given up, also
 //! where the HTTP library holds it, because the count belongs to the bytes themselves.
 
@@ -116,7 +116,7 @@ impl AsRef<[u8]> for Counted {
 #[derive(Debug, Clone)]
 pub(crate) struct Counting {
     pub(crate) budget: Arc<Budget>,
-    /// A proxy of ours is before the server: it says who the client is.
+    /// A trusted proxy is before the server: it says who the client is.
     pub(crate) behind_proxy: bool,
 }
 

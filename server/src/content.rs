@@ -141,7 +141,7 @@ pub(crate) fn offer_pieces(response: &mut Response<Body>) {
     insert(response, KILWA_RANGES, &RANGES_MAX.to_string());
 }
 
-/// What a script of another site may do with the answer: read it.
+/// Let a script of another site read the answer.
 pub(crate) fn share(response: &mut Response<Body>) {
     insert(response, ACCESS_CONTROL_ALLOW_ORIGIN, "*");
     insert(response, CROSS_ORIGIN_RESOURCE_POLICY, "cross-origin");
@@ -253,7 +253,7 @@ impl Part {
         Self { file: Arc::new(file), stretches: stretches.into(), left, reading: None }
     }
 
-    /// What the next buffer holds: of as many stretches as there is room for.
+    /// The contents of the next buffer: as many stretches as fit.
     fn next(&mut self) -> Vec<(u64, usize)> {
         let (mut parts, mut left) = (Vec::new(), BUFFER);
         while left > 0 {

@@ -78,7 +78,7 @@ impl Turns {
 #[derive(Debug, Clone)]
 pub(crate) struct Passing {
     pub(crate) gate: Arc<Gate>,
-    /// A proxy of ours is before the server: it says who the client is.
+    /// A trusted proxy is before the server: it says who the client is.
     pub(crate) behind_proxy: bool,
 }
 

@@ -263,7 +263,7 @@ async fn sent(asked: &Asked<'_>, name: &str, kind: &str) -> Result<Response<Body
     Err(StatusCode::SERVICE_UNAVAILABLE)
 }
 
-/// What was listed is not what is there: it is listed again when next asked for.
+/// The folder differs from the list: it is listed again when next asked for.
 fn look_again(files: &ObjectFiles, e: &io::Error) {
     warn(files.folder(), e);
     if !is_silent(e) {
@@ -290,7 +290,7 @@ fn is_viewer(name: &str) -> bool {
     name.split('/').nth(1) == Some(VIEWER)
 }
 
-/// A file of the viewer, in the smallest form that the client takes: it is what stands between a slow line and the first picture.
+/// A file of the viewer, in the smallest form that the client takes: on a slow line the first picture waits for it.
 async fn viewer_file(asked: &Asked<'_>, name: &str) -> Result<Response<Body>, StatusCode> {
     let accepted = text(asked.headers, &ACCEPT_ENCODING).unwrap_or_default();
     let is_there =
@@ -387,7 +387,7 @@ pub(crate) async fn lets_out(auth: &Arc<Auth>, headers: &HeaderMap, slug: &str, 
     blocking(move || auth.lets_out(&headers, &slug, &content, now)).await.unwrap_or(false)
 }
 
-/// What is not for everybody is kept by nobody on the way.
+/// Nobody on the way keeps an answer that is not for everybody.
 fn keep_nowhere(mut response: Response<Body>) -> Response<Body> {
     insert(&mut response, CACHE_CONTROL, "private, no-store");
     response

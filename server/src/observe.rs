@@ -31,7 +31,7 @@ const PATH: usize = 300;
 #[derive(Debug, Clone)]
 pub(crate) struct Observer {
     pub(crate) metrics: Arc<Metrics>,
-    /// A proxy of ours is before the server: it says who the client is.
+    /// A trusted proxy is before the server: it says who the client is.
     pub(crate) behind_proxy: bool,
 }
 

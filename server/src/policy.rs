@@ -10,7 +10,7 @@ use thiserror::Error;
 const BASE: &str = "default-src 'self'; script-src 'self' 'wasm-unsafe-eval'; worker-src 'self'; \
     img-src 'self' data: blob:; object-src 'none'; base-uri 'self'; form-action 'self'";
 
-/// A value that cannot stand in a policy.
+/// A value that is not allowed in a policy.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error("\"{given}\" is {what}; expected {wanted}, for example https://museum.example")]
 pub struct PolicyError {
@@ -32,7 +32,7 @@ impl Policy {
     /// talk to an embedded viewer (`*` for all), and other hosts that packs may come from.
     ///
     /// # Errors
-    /// [`PolicyError`] names what is no origin.
+    /// [`PolicyError`] names what is not an origin.
     pub fn new(ancestors: &[String], talkers: &[String], sources: &[String]) -> Result<Self, PolicyError> {
         let ancestors = ancestors.iter().map(|a| match a.trim_matches('\'') {
             "self" => Ok("'self'".to_owned()),

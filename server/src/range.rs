@@ -1,7 +1,7 @@
 //! Which part of a file a request asks for: the `Range` header (RFC 9110 section 14), single ranges only; and the last step of a pack's
 //! address, which may be several.
 //!
-//! What is not understood in the header (another unit, nonsense, several ranges at once) is ignored, as the RFC allows: the answer is
+//! A header that is not understood (another unit, nonsense, several ranges at once) is ignored, as the RFC allows: the answer is
 //! then the whole file, which is never wrong.
 //!
 //! Several ranges have an address of their own, `/…/pack.kilwa/0-99,4096-8191`, and not the header: what answers to several ranges in a
@@ -54,7 +54,7 @@ pub(crate) fn parse(value: &str, length: u64) -> Wanted {
 /// Most ranges of one address. A browser's line and headers stay far below what the server reads of them.
 pub(crate) const RANGES_MAX: usize = 64;
 
-/// Read `first-last,first-last,…` against a file of `length` bytes: stretches `(start, length)` in the order in which they stand. `None` where it is
+/// Read `first-last,first-last,…` against a file of `length` bytes: stretches `(start, length)` in the order of the header. `None` where it is
 /// nonsense, more than [`RANGES_MAX`], reaches beyond the file, or names a byte twice: an answer is never longer than the file.
 pub(crate) fn list(value: &str, length: u64) -> Option<Vec<(u64, u64)>> {
     let one = |range: &str| {

@@ -194,7 +194,7 @@ impl Server {
     }
 }
 
-/// What the socket should do; a system that cannot is none the worse.
+/// Options of the socket; a system that lacks them works without.
 fn tune(stream: &TcpStream) {
     if let Err(e) = stream.set_nodelay(true) {
         tracing::debug!("no TCP_NODELAY: {e}");

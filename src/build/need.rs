@@ -56,7 +56,7 @@ impl Need {
         }
     }
 
-    /// Refuse where there is not that much room; `held` bytes stand in the scratch folder already and count for it.
+    /// Refuse where there is not that much space; `held` bytes are in the scratch folder already and count towards it.
     pub(crate) fn check(&self, scratch: &Path, output: &Path, held: u64) -> anyhow::Result<()> {
         let needed = self.scratch_bytes.saturating_sub(held);
         if machine::same_disk(scratch, output) {
@@ -111,7 +111,7 @@ fn json_length(start: &[u8], bytes: u64) -> Option<u64> {
     (length <= bytes.min(MAX_JSON)).then_some(length)
 }
 
-/// What the accessors of a glTF say, compressed or not, of each mesh as often as it is shown.
+/// The sizes that the accessors of a glTF state, compressed or not, of each mesh as often as it is shown.
 fn gltf(bytes: &[u8], memory: u64) -> Option<Count> {
     let json = if bytes.starts_with(b"glTF") { bytes.get(20..)? } else { bytes };
     let sizes = read::gltf::sizes(json, memory / 2)?;

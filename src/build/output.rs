@@ -1,5 +1,5 @@
 //! The pack under its temporary name: `.NAME.kilwa.part` beside the output. It is held locked, checked when it is
-//! complete, and renamed; whatever goes wrong, it is removed. Under the final name stands a complete, checked pack or nothing.
+//! complete, and renamed; whatever goes wrong, it is removed. The final name is given to a complete, checked pack only.
 
 use crate::progress::Bar;
 use crate::source::open_pack;

@@ -198,7 +198,7 @@ struct Subject {
     space: Space,
     /// Of one coordinate of one point.
     point: Uncertainty,
-    /// What values are printed in.
+    /// The units that values are printed in.
     unit: LengthUnit,
     given: Given,
 }

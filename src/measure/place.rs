@@ -9,7 +9,7 @@ use kilwa_pack::plural::counted;
 /// What the numbers of a command line mean.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Given {
-    /// Positions, of which the nearest points of the surface count.
+    /// Positions; the nearest points of the surface count.
     Near,
     /// Positions as they are.
     Exact,

@@ -1,4 +1,4 @@
-//! What is going to be published, checked: metadata, pack, name, version, day, viewer, room. Changes nothing on disk.
+//! The plan of a publication, checked: metadata, pack, name, version, day, viewer, disk space. Changes nothing on disk.
 
 use super::{Args, notes};
 use crate::redact::{self, Place};
@@ -19,7 +19,7 @@ use std::path::{Path, PathBuf};
 /// Largest metadata file that is read, bytes; its reader names the limit.
 const METADATA_MAX: u64 = 2 << 20;
 /// Disk space for pictures, records and the preview, beside pack and viewer.
-const ROOM: u64 = 64 << 20;
+const RESERVE: u64 = 64 << 20;
 
 /// What was given, read and checked by itself.
 pub(super) struct Given {
@@ -145,7 +145,7 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// What was given is going to follow what is there already, at `at`.
+    /// The given version is going to follow what is there already, at `at`.
     pub(super) fn new(args: &Args, given: Given, before: Option<Manifest>, at: String) -> anyhow::Result<Self> {
         let page = Page::load(args.www.as_deref())?;
         let facts = decide(args, &given, before, &at, args.version_note.as_deref())?;
@@ -158,7 +158,7 @@ impl Plan {
         Ok(())
     }
 
-    /// For a folder of this computer, which must have room.
+    /// For a folder of this computer, which must have enough space.
     pub(super) fn for_folder(args: &Args) -> anyhow::Result<Self> {
         let given = Given::read(args)?;
         ensure!(
@@ -205,9 +205,9 @@ impl Plan {
         })
     }
 
-    /// Whether the folder can be written to and has room.
+    /// Whether the folder can be written to and has enough space.
     fn check_disk(&self, shelf: &Path) -> anyhow::Result<()> {
-        let needed = self.given.pack_bytes + self.page.bytes() + ROOM;
+        let needed = self.given.pack_bytes + self.page.bytes() + RESERVE;
         let at = match self.facts.before {
             Some(_) => shelf.join(self.facts.slug.as_str()),
             None => nearest_there(shelf)?,
@@ -242,7 +242,7 @@ impl Plan {
         (!names.is_empty()).then(warning).into_iter().collect()
     }
 
-    /// What is hardly meant.
+    /// Values that are probably mistakes.
     pub(super) fn warnings(&self) -> Vec<String> {
         let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
         let today = kilwa_archive::date::day_of(now.as_secs());
@@ -396,7 +396,7 @@ fn day(args: &Args, metadata: &Metadata, before: Option<&Manifest>) -> anyhow::R
         Some(day) => day,
         None => super::today()?,
     };
-    // A day to come would stand in citations, and keep every later version waiting for it.
+    // A day in the future would appear in citations, and keep every later version waiting for it.
     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
     let today = kilwa_archive::date::day_of(now.as_secs());
     ensure!(

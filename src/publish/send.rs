@@ -6,6 +6,7 @@
 //!
 //! Stands by itself (with `distrust`), so that tests can drive it without a command line.
 
+use crate::distrust::{is_distrusted, system_certificates};
 use kilwa_archive::checksums::sha256_of;
 use kilwa_pack::plural::counted;
 use kilwa_server::upload::wire::{AnnouncedFile, Intent, Lacking, State, Status};
@@ -64,7 +65,7 @@ pub(crate) struct Sender {
     token: String,
     patience: Patience,
     piece: Cell<usize>,
-    /// What was lacking when an attempt last began: less of it is progress, however the attempt ended.
+    /// The bytes that were missing when an attempt last began: fewer are progress, however the attempt ended.
     lacking: Cell<u64>,
     /// How often a file arrived with another content than was announced.
     altered: Cell<u32>,
@@ -106,10 +107,7 @@ impl Sender {
             .timeout_recv_response(Some(Duration::from_secs(90)))
             .timeout_recv_body(Some(Duration::from_secs(90)))
             .user_agent(concat!("kilwa-publish/", env!("CARGO_PKG_VERSION")))
-            .tls_config(
-                // The certificates of the system: institutions have their own.
-                ureq::tls::TlsConfig::builder().root_certs(ureq::tls::RootCerts::PlatformVerifier).build(),
-            );
+            .tls_config(system_certificates());
         if is_loopback(base) {
             // No proxy of the environment is between a computer and itself: over http it would read the token.
             agent = agent.proxy(None);
@@ -154,7 +152,7 @@ impl Sender {
             let response = self.ask("GET", &format!("uploads/{slug}"), &[], None)?;
             let speaks_tus = response.headers().contains_key("tus-resumable");
             match response.status().as_u16() {
-                // How the last upload ended, or that there is none, is no matter.
+                // It does not matter how the last upload ended, or whether there was one.
                 200..=299 | 404 | 409 | 422 | 423 | 507 if speaks_tus => Ok(()),
                 200..=299 | 404 => {
                     Err(Failure::Final(format!("{} accepts no uploads; does it run this version of kilwa?", self.base)))
@@ -372,12 +370,12 @@ impl Sender {
             ureq::Error::BadUri(_) | ureq::Error::RequireHttpsOnly(_) | ureq::Error::Tls(_) => {
                 Failure::Final(format!("{url}: {e}"))
             }
-            e if crate::distrust::is_distrusted(&e) => Failure::Final(format!("{url}: {e}")),
+            e if is_distrusted(&e) => Failure::Final(format!("{url}: {e}")),
             e => passing(format!("{url}: {e}")),
         })
     }
 
-    /// What the server says of the upload; `is_first` if requested the first time in an attempt.
+    /// The server's status of the upload; `is_first` if requested the first time in an attempt.
     fn status(&self, response: Response<Body>, is_first: bool) -> Result<Status, Failure> {
         match response.status().as_u16() {
             200..=202 => {

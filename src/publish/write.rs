@@ -156,7 +156,7 @@ pub(super) fn waits(bar: &ProgressBar) -> impl Fn(&Path) {
     }
 }
 
-/// What of a version is made without knowing what is published.
+/// The files of a version that are made without knowing what is published.
 struct Prepared {
     taken: Option<redact::TakenOut>,
     of_pack: kilwa_pack::Metadata,
@@ -294,7 +294,7 @@ fn preview(pack: &Path, folder: &Path, left_out: &mut Vec<String>) -> anyhow::Re
     }
 }
 
-/// What lies around the object: its bag and the pages of the folder, where they are asked for; the bag's folder.
+/// Write what belongs to the object: its bag and the pages of the folder, where they are asked for; the bag's folder.
 fn around(
     args: &Args,
     plan: &Plan,

@@ -74,7 +74,7 @@ pub(crate) fn target(link: &str, folder: &str, home: Option<&str>) -> Option<Str
     for part in link.split('/') {
         match part {
             "" | "." => {}
-            // What is above the object is not its own.
+            // Files above the object are not its own.
             ".." => drop(parts.pop()?),
             part => parts.push(part),
         }

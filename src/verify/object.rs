@@ -276,7 +276,7 @@ impl Check<'_> {
             }
             Err(e) => {
                 self.add(MANIFEST, Kind::Damaged, e.to_string());
-                // What was published before is not forgotten.
+                // Earlier versions are remembered.
                 unit.versions.clone_from(&known.versions);
                 self.without_manifest()?;
             }
@@ -353,7 +353,7 @@ impl Check<'_> {
             complete &= self.version(manifest, version, &mut there, &mut records)?;
         }
         self.extra(manifest, &there);
-        // What is withdrawn leads to what is gone.
+        // A withdrawn object links to files that are gone.
         if complete && manifest.access.state != AccessState::Withdrawn {
             let home = manifest.url.as_deref();
             let page = page.map(|bytes| links::of_html(&String::from_utf8_lossy(&bytes)));

@@ -54,7 +54,7 @@ pub(crate) struct Report {
     pub(crate) files: u64,
     /// Bytes read.
     pub(crate) bytes: u64,
-    /// Packs among the files, every chunk of which was decoded.
+    /// Packs among the files; every chunk of them was decoded.
     pub(crate) packs: u64,
     /// Chunks in them.
     pub(crate) chunks: u64,

@@ -291,11 +291,17 @@ mod tests {
         Unit { name: name.to_owned(), at, problems, manifest: "m".to_owned(), versions, stamp: "now".to_owned() }
     }
 
-    #[test]
-    fn a_stopped_run_is_resumed_and_a_torn_line_is_skipped() {
+    /// A folder, a state file in it, and the state of its first run.
+    fn begun(resume: bool) -> (tempfile::TempDir, PathBuf, State) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("state");
-        let mut state = State::open(&path, "here", true, None, &[]).unwrap();
+        let state = State::open(&path, "here", resume, None, &[]).unwrap();
+        (folder, path, state)
+    }
+
+    #[test]
+    fn a_stopped_run_is_resumed_and_a_torn_line_is_skipped() {
+        let (_folder, path, mut state) = begun(true);
         state.done(unit("a", now(), 0)).unwrap();
         state.done(unit("b", now(), 2)).unwrap();
         state.file("c/x", 5, "55", "now").unwrap();
@@ -319,9 +325,7 @@ mod tests {
 
     #[test]
     fn versions_remain_known_while_the_manifest_cannot_be_read() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("state");
-        let mut state = State::open(&path, "here", false, None, &[]).unwrap();
+        let (_folder, path, mut state) = begun(false);
         state.done(unit("a", now(), 0)).unwrap();
         state.done(Unit { name: "a".to_owned(), at: now(), problems: 1, ..Unit::default() }).unwrap();
         state.finish().unwrap();
@@ -332,9 +336,7 @@ mod tests {
 
     #[test]
     fn recently_checked_units_are_skipped() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("state");
-        let mut state = State::open(&path, "here", false, None, &[]).unwrap();
+        let (_folder, path, mut state) = begun(false);
         state.done(unit("old", now() - 10 * 86_400, 0)).unwrap();
         state.done(unit("new", now() - 86_400, 0)).unwrap();
         state.finish().unwrap();

@@ -5,7 +5,7 @@
 //! between is an error, not damage.
 
 use super::place::{Bytes, Place};
-use crate::distrust::is_distrusted;
+use crate::distrust::{is_distrusted, system_certificates};
 use crate::secrets::without_user;
 use crate::source::FileSource;
 use kilwa_pack::Source;
@@ -18,7 +18,7 @@ use std::time::Duration;
 use ureq::Agent;
 use ureq::http::{Response, StatusCode};
 
-/// What one request asks for at least, and is kept: small files need no second one.
+/// Bytes of one request at least, which are kept: small files need no second one.
 const BLOCK: u64 = 1 << 20;
 const ATTEMPTS: u32 = 5;
 const FIRST_WAIT: Duration = Duration::from_millis(500);
@@ -60,10 +60,7 @@ impl Web {
             .timeout_recv_response(Some(Duration::from_secs(30)))
             .timeout_per_read(Some(Duration::from_secs(30)))
             .user_agent(concat!("kilwa-verify/", env!("CARGO_PKG_VERSION")))
-            .tls_config(
-                // The certificates of the system: institutions have their own.
-                ureq::tls::TlsConfig::builder().root_certs(ureq::tls::RootCerts::PlatformVerifier).build(),
-            )
+            .tls_config(system_certificates())
             .build();
         (Self { agent: agent.into(), base }, name.to_owned())
     }

@@ -1,6 +1,6 @@
 //! Synthetic sites: a stone fort, a brick wall and analytic phantoms, as PLY files or in memory.
 //!
-//! Inputs: a [`Shape`] and [`SynthOptions`]. Output: one PLY, or one per block. The same options give the same bytes on
+//! Inputs: a [`SiteKind`] and [`SynthOptions`]. Output: one PLY, or one per block. The same options give the same bytes on
 //! every machine and with any number of threads. Sites are made piece by piece ([`piece`]) and streamed to disk
 //! ([`ply`]): memory does not grow with the number of triangles. Failures: [`SynthError`]; nothing is left under a
 //! final name unless the whole run succeeded.
@@ -26,7 +26,7 @@ use std::path::{Path, PathBuf};
 
 /// What to make.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Shape {
+pub enum SiteKind {
     /// A ruined stone fort with its ground, about 50 m across.
     Fort,
     /// A brick wall, 10 m by 5 m, facing south.
@@ -35,7 +35,7 @@ pub enum Shape {
     Phantom(Phantom),
 }
 
-impl Shape {
+impl SiteKind {
     /// The fewest triangles that still give the shape.
     pub fn fewest(self) -> u64 {
         match self {
@@ -154,16 +154,16 @@ pub enum SynthError {
 /// # Errors
 /// [`SynthError`]; the final names are then untouched.
 pub fn write(
-    shape: Shape,
+    kind: SiteKind,
     options: &SynthOptions,
     out: &Path,
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<SynthReport, SynthError> {
     let files = ply::file_names(out, options.blocks)?;
     ply::check_targets(&files, options.force)?;
-    let site = site(shape, options, options.blocks.unwrap_or(1))?;
+    let site = site(kind, options, options.blocks.unwrap_or(1))?;
     let origin = options.utm.then_some(UTM_ORIGIN);
-    let comments = comments(shape, options);
+    let comments = comments(kind, options);
     let mut report = SynthReport { spacing: site.spacing(), ..SynthReport::default() };
     let expected = site.expected_triangles();
     let mut done = Vec::new();
@@ -192,7 +192,7 @@ pub fn write(
 ///
 /// # Errors
 /// [`SynthError::TooFew`] and [`SynthError::TooMany`].
-pub fn mesh(shape: Shape, options: &SynthOptions) -> Result<RawMesh, SynthError> {
+pub fn mesh(kind: SiteKind, options: &SynthOptions) -> Result<RawMesh, SynthError> {
     struct Memory {
         mesh: RawMesh,
         origin: DVec3,
@@ -209,7 +209,7 @@ pub fn mesh(shape: Shape, options: &SynthOptions) -> Result<RawMesh, SynthError>
             Ok(())
         }
     }
-    let site = site(shape, options, 1)?;
+    let site = site(kind, options, 1)?;
     let origin = if options.utm { UTM_ORIGIN } else { DVec3::ZERO };
     let mut sink = Memory { mesh: RawMesh::default(), origin };
     match weld(site.as_ref(), 0, !options.utm, &mut sink, &mut |_| {}) {
@@ -218,10 +218,10 @@ pub fn mesh(shape: Shape, options: &SynthOptions) -> Result<RawMesh, SynthError>
     }
 }
 
-fn site(shape: Shape, options: &SynthOptions, tiles: u32) -> Result<Box<dyn Site>, SynthError> {
+fn site(kind: SiteKind, options: &SynthOptions, tiles: u32) -> Result<Box<dyn Site>, SynthError> {
     let asked = options.triangles;
-    if asked < shape.fewest() {
-        return Err(SynthError::TooFew { asked, fewest: shape.fewest() });
+    if asked < kind.fewest() {
+        return Err(SynthError::TooFew { asked, fewest: kind.fewest() });
     }
     if asked > MAX_TRIANGLES {
         return Err(SynthError::TooMany { asked });
@@ -231,20 +231,20 @@ fn site(shape: Shape, options: &SynthOptions, tiles: u32) -> Result<Box<dyn Site
         if tiles == 0 || tiles > max { Err(SynthError::Blocks { asked: tiles, max }) } else { Ok(()) }
     };
     limit(MAX_BLOCKS)?;
-    Ok(match shape {
-        Shape::Fort => {
+    Ok(match kind {
+        SiteKind::Fort => {
             let fort = fort::Fort::new(asked, options.seed, tiles);
             if !fort.tiles_fit() {
                 limit(fort.max_tiles())?;
             }
             Box::new(fort)
         }
-        Shape::Wall => {
+        SiteKind::Wall => {
             let wall = wall::Wall::new(asked, options.seed, tiles);
             limit(wall.max_tiles())?;
             Box::new(wall)
         }
-        Shape::Phantom(phantom) => {
+        SiteKind::Phantom(phantom) => {
             let solid = phantom::Solid::new(phantom, asked, options.seed, tiles);
             limit(solid.strips())?;
             Box::new(solid)
@@ -252,11 +252,11 @@ fn site(shape: Shape, options: &SynthOptions, tiles: u32) -> Result<Box<dyn Site
     })
 }
 
-fn comments(shape: Shape, options: &SynthOptions) -> Vec<String> {
-    let name = match shape {
-        Shape::Fort => "fort".to_owned(),
-        Shape::Wall => "wall".to_owned(),
-        Shape::Phantom(p) => format!("phantom {}", p.name()),
+fn comments(kind: SiteKind, options: &SynthOptions) -> Vec<String> {
+    let name = match kind {
+        SiteKind::Fort => "fort".to_owned(),
+        SiteKind::Wall => "wall".to_owned(),
+        SiteKind::Phantom(p) => format!("phantom {}", p.name()),
     };
     let mut lines = vec![format!("kilwa synth {name}, seed {}: made by a program, no real place", options.seed)];
     lines.push("units metre, z up".to_owned());

@@ -4,15 +4,15 @@ use super::*;
 use glam::DVec3;
 use std::collections::{BTreeMap, HashMap};
 
-const SHAPES: [Shape; 4] =
-    [Shape::Fort, Shape::Wall, Shape::Phantom(Phantom::Sphere), Shape::Phantom(Phantom::SteppedWall)];
+const KINDS: [SiteKind; 4] =
+    [SiteKind::Fort, SiteKind::Wall, SiteKind::Phantom(Phantom::Sphere), SiteKind::Phantom(Phantom::SteppedWall)];
 
 fn options(triangles: u64) -> SynthOptions {
     SynthOptions::new(triangles)
 }
 
-fn make(shape: Shape, triangles: u64) -> RawMesh {
-    mesh(shape, &options(triangles)).unwrap()
+fn make(kind: SiteKind, triangles: u64) -> RawMesh {
+    mesh(kind, &options(triangles)).unwrap()
 }
 
 /// Area and signed volume.
@@ -86,35 +86,37 @@ fn read(path: &Path) -> RawMesh {
 #[test]
 fn the_same_options_give_the_same_bytes_with_any_number_of_threads() {
     let folder = tempfile::tempdir().unwrap();
-    for (n, shape) in SHAPES.into_iter().enumerate() {
+    for (n, kind) in KINDS.into_iter().enumerate() {
         let bytes = [1, 2, 5].map(|threads| {
             let path = folder.path().join(format!("{n}_{threads}.ply"));
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| write(shape, &options(9_000), &path, &mut nothing)).unwrap();
+            pool.install(|| write(kind, &options(9_000), &path, &mut nothing)).unwrap();
             std::fs::read(path).unwrap()
         });
-        assert!(bytes[0] == bytes[1] && bytes[0] == bytes[2], "{shape:?}");
+        assert!(bytes[0] == bytes[1] && bytes[0] == bytes[2], "{kind:?}");
     }
 }
 
 #[test]
 fn another_seed_gives_another_fort_and_wall() {
-    for shape in [Shape::Fort, Shape::Wall] {
-        let one = make(shape, 6_000);
-        let two = mesh(shape, &SynthOptions { seed: 2, ..options(6_000) }).unwrap();
-        assert_ne!(one.positions, two.positions, "{shape:?}");
-        assert_ne!(one.colors, two.colors, "{shape:?}");
+    for kind in [SiteKind::Fort, SiteKind::Wall] {
+        let one = make(kind, 6_000);
+        let two = mesh(kind, &SynthOptions { seed: 2, ..options(6_000) }).unwrap();
+        assert_ne!(one.positions, two.positions, "{kind:?}");
+        assert_ne!(one.colors, two.colors, "{kind:?}");
     }
 }
 
 #[test]
 fn triangle_counts_are_within_two_percent_and_phantoms_within_ten() {
-    let off = |shape, n: u64| make(shape, n).triangles.len() as f64 / n as f64 - 1.0;
-    for (shape, n) in [(Shape::Wall, 2_000), (Shape::Wall, 77_777), (Shape::Fort, 5_000), (Shape::Fort, 40_000)] {
-        assert!(off(shape, n).abs() < 0.02, "{shape:?} of {n}: off by {}", off(shape, n));
+    let off = |kind, n: u64| make(kind, n).triangles.len() as f64 / n as f64 - 1.0;
+    for (kind, n) in
+        [(SiteKind::Wall, 2_000), (SiteKind::Wall, 77_777), (SiteKind::Fort, 5_000), (SiteKind::Fort, 40_000)]
+    {
+        assert!(off(kind, n).abs() < 0.02, "{kind:?} of {n}: off by {}", off(kind, n));
     }
     for phantom in Phantom::ALL {
-        let off = off(Shape::Phantom(phantom), 10_000);
+        let off = off(SiteKind::Phantom(phantom), 10_000);
         assert!(off.abs() < 0.1, "{phantom:?}: off by {off}");
     }
 }
@@ -122,43 +124,43 @@ fn triangle_counts_are_within_two_percent_and_phantoms_within_ten() {
 #[test]
 fn a_fort_too_large_to_count_has_its_triangle_count_according_to_a_sample() {
     let seed = SynthOptions { seed: 3, ..options(400_000) };
-    let off = mesh(Shape::Fort, &seed).unwrap().triangles.len() as f64 / 400_000.0 - 1.0;
+    let off = mesh(SiteKind::Fort, &seed).unwrap().triangles.len() as f64 / 400_000.0 - 1.0;
     assert!(off.abs() < 0.02, "off by {off}");
 }
 
 #[test]
 fn no_triangle_is_degenerate_and_no_vertex_is_unused_or_doubled() {
-    for shape in SHAPES {
-        let m = make(shape, 20_000);
+    for kind in KINDS {
+        let m = make(kind, 20_000);
         let mut used = vec![false; m.positions.len()];
         for t in &m.triangles {
             let [a, b, c] = t.map(|v| m.positions[v as usize]);
-            assert!((b - a).cross(c - a).length_squared() > 0.0, "{shape:?}: {t:?} has no area");
+            assert!((b - a).cross(c - a).length_squared() > 0.0, "{kind:?}: {t:?} has no area");
             for v in t {
                 used[*v as usize] = true;
             }
         }
-        assert!(used.iter().all(|u| *u), "{shape:?} has unused vertices");
+        assert!(used.iter().all(|u| *u), "{kind:?} has unused vertices");
         let mut places: Vec<_> = m.positions.iter().map(|p| p.to_array().map(f64::to_bits)).collect();
         places.sort_unstable();
         places.dedup();
-        assert_eq!(places.len(), m.positions.len(), "{shape:?} has two vertices at one place");
+        assert_eq!(places.len(), m.positions.len(), "{kind:?} has two vertices at one place");
     }
 }
 
 #[test]
 fn blocks_together_are_the_single_file_and_share_exact_borders() {
     let folder = tempfile::tempdir().unwrap();
-    for (n, (shape, blocks)) in SHAPES.into_iter().zip([6, 9, 4, 5]).enumerate() {
+    for (n, (kind, blocks)) in KINDS.into_iter().zip([6, 9, 4, 5]).enumerate() {
         let path = folder.path().join(format!("{n}.ply"));
         let cut = SynthOptions { blocks: Some(blocks), ..options(12_000) };
-        let report = write(shape, &cut, &path, &mut nothing).unwrap();
+        let report = write(kind, &cut, &path, &mut nothing).unwrap();
         assert_eq!(report.files.len(), blocks as usize);
         let parts: Vec<RawMesh> = report.files.iter().map(|f| read(f)).collect();
-        let whole = make(shape, 12_000);
-        assert!(multiset(&parts) == multiset(std::slice::from_ref(&whole)), "{shape:?}: the union differs");
+        let whole = make(kind, 12_000);
+        assert!(multiset(&parts) == multiset(std::slice::from_ref(&whole)), "{kind:?}: the union differs");
         let doubled = parts.iter().map(|p| p.positions.len()).sum::<usize>() - whole.positions.len();
-        assert!(doubled > 0, "{shape:?}: blocks share no vertices");
+        assert!(doubled > 0, "{kind:?}: blocks share no vertices");
     }
 }
 
@@ -168,8 +170,8 @@ fn a_file_read_back_is_the_mesh_in_memory() {
     for utm in [false, true] {
         let path = folder.path().join(format!("{utm}.ply"));
         let asked = SynthOptions { utm, ..options(8_000) };
-        let report = write(Shape::Fort, &asked, &path, &mut nothing).unwrap();
-        let (file, memory) = (read(&path), mesh(Shape::Fort, &asked).unwrap());
+        let report = write(SiteKind::Fort, &asked, &path, &mut nothing).unwrap();
+        let (file, memory) = (read(&path), mesh(SiteKind::Fort, &asked).unwrap());
         assert_eq!(file.positions, memory.positions);
         assert_eq!((&file.triangles, &file.colors), (&memory.triangles, &memory.colors));
         assert_eq!((report.vertices, report.triangles), (file.positions.len() as u64, file.triangles.len() as u64));
@@ -179,8 +181,8 @@ fn a_file_read_back_is_the_mesh_in_memory() {
 
 #[test]
 fn utm_coordinates_keep_the_detail_of_the_site() {
-    let near = make(Shape::Wall, 4_000);
-    let far = mesh(Shape::Wall, &SynthOptions { utm: true, ..options(4_000) }).unwrap();
+    let near = make(SiteKind::Wall, 4_000);
+    let far = mesh(SiteKind::Wall, &SynthOptions { utm: true, ..options(4_000) }).unwrap();
     for (a, b) in near.positions.iter().zip(&far.positions) {
         for k in 0..3 {
             assert!((b[k] - UTM_ORIGIN[k] - a[k]).abs() < 1e-6, "{a:?} and {b:?}");
@@ -191,7 +193,7 @@ fn utm_coordinates_keep_the_detail_of_the_site() {
 #[test]
 fn phantoms_are_closed_face_outward_and_have_their_analytic_size() {
     for phantom in Phantom::ALL {
-        let m = make(Shape::Phantom(phantom), 40_000);
+        let m = make(SiteKind::Phantom(phantom), 40_000);
         assert!(edges(&m).values().all(|uses| *uses == [1, 1]), "{phantom:?} is not a closed oriented manifold");
         assert_eq!(components(&m).len(), 1, "{phantom:?}");
         let (area, volume) = size(&m);
@@ -208,7 +210,7 @@ fn phantoms_are_closed_face_outward_and_have_their_analytic_size() {
 
 #[test]
 fn the_wall_is_one_sheet_of_ten_by_five_metres_with_one_border() {
-    let m = make(Shape::Wall, 20_000);
+    let m = make(SiteKind::Wall, 20_000);
     let uses = edges(&m);
     assert!(uses.values().all(|[f, b]| *f <= 1 && *b <= 1), "an edge is used twice in one direction");
     let border: Vec<_> = uses.iter().filter(|(_, [f, b])| f + b == 1).map(|(e, _)| *e).collect();
@@ -227,7 +229,7 @@ fn the_wall_is_one_sheet_of_ten_by_five_metres_with_one_border() {
 
 #[test]
 fn the_wall_has_joints_twenty_millimetres_deep() {
-    let m = make(Shape::Wall, 400_000);
+    let m = make(SiteKind::Wall, 400_000);
     // In a strip as wide as a brick the relief spans a joint, the bricks' own offsets and little of the waves.
     let strip = m.positions.iter().filter(|p| (4.0..4.34).contains(&p[0]) && (3.0..3.25).contains(&p[2]));
     let (low, high) = strip.fold((f64::MAX, f64::MIN), |(l, h), p| (l.min(p[1]), h.max(p[1])));
@@ -237,7 +239,7 @@ fn the_wall_has_joints_twenty_millimetres_deep() {
 #[test]
 fn the_fort_has_true_borders_islands_and_one_main_part() {
     for triangles in [20_000, 200_000] {
-        let m = make(Shape::Fort, triangles);
+        let m = make(SiteKind::Fort, triangles);
         let border = edges(&m).values().filter(|[f, b]| f + b == 1).count();
         assert!(border > 200, "{border} border edges");
         let parts = components(&m);
@@ -248,7 +250,7 @@ fn the_fort_has_true_borders_islands_and_one_main_part() {
 
 #[test]
 fn the_fort_is_about_fifty_metres_across_and_coloured() {
-    let m = make(Shape::Fort, 20_000);
+    let m = make(SiteKind::Fort, 20_000);
     for (k, range) in [(0, 44.0..60.0), (1, 44.0..60.0), (2, 9.0..18.0)] {
         let (low, high) = m.positions.iter().fold((f64::MAX, f64::MIN), |(l, h), p| (l.min(p[k]), h.max(p[k])));
         assert!(range.contains(&(high - low)), "axis {k}: {low} to {high}");
@@ -273,15 +275,15 @@ fn memory_depends_on_the_border_of_a_slab_and_not_on_the_mesh() {
             Ok(())
         }
     }
-    let peak = |shape, n| {
-        let site = site(shape, &options(n), 1).unwrap();
+    let peak = |kind, n| {
+        let site = site(kind, &options(n), 1).unwrap();
         let Ok(peak) = weld(site.as_ref(), 0, true, &mut Nowhere, &mut |_| {});
         peak as f64
     };
     // Sixteen times the triangles are four times the length of a border.
-    for (shape, n) in [(Shape::Wall, 100_000), (Shape::Fort, 15_000)] {
-        let growth = peak(shape, 16 * n) / peak(shape, n);
-        assert!(growth < 8.0, "{shape:?}: remembered vertices grew {growth} times");
+    for (kind, n) in [(SiteKind::Wall, 100_000), (SiteKind::Fort, 15_000)] {
+        let growth = peak(kind, 16 * n) / peak(kind, n);
+        assert!(growth < 8.0, "{kind:?}: remembered vertices grew {growth} times");
     }
 }
 
@@ -289,16 +291,16 @@ fn memory_depends_on_the_border_of_a_slab_and_not_on_the_mesh() {
 fn impossible_options_are_refused_and_leave_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
-    let refused = |shape, options: &SynthOptions, name: &str| {
-        write(shape, options, &path(name), &mut nothing).unwrap_err().to_string()
+    let refused = |kind, options: &SynthOptions, name: &str| {
+        write(kind, options, &path(name), &mut nothing).unwrap_err().to_string()
     };
-    assert!(refused(Shape::Fort, &options(100), "a.ply").contains("at least 5000"));
-    assert!(refused(Shape::Wall, &options(5_000_000_000), "a.ply").contains("int indices"));
-    assert!(refused(Shape::Wall, &options(3_000), "a.obj").contains(".ply"));
-    assert!(refused(Shape::Wall, &options(3_000), "no/such/a.ply").contains("there is no folder"));
+    assert!(refused(SiteKind::Fort, &options(100), "a.ply").contains("at least 5000"));
+    assert!(refused(SiteKind::Wall, &options(5_000_000_000), "a.ply").contains("int indices"));
+    assert!(refused(SiteKind::Wall, &options(3_000), "a.obj").contains(".ply"));
+    assert!(refused(SiteKind::Wall, &options(3_000), "no/such/a.ply").contains("there is no folder"));
     for blocks in [0, 1_001, 900] {
         let cut = SynthOptions { blocks: Some(blocks), ..options(3_000) };
-        assert!(refused(Shape::Wall, &cut, "a.ply").contains("blocks are not possible"), "{blocks} blocks");
+        assert!(refused(SiteKind::Wall, &cut, "a.ply").contains("blocks are not possible"), "{blocks} blocks");
     }
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "something was left behind");
 }
@@ -308,10 +310,10 @@ fn an_existing_file_is_replaced_only_with_force() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.ply");
     std::fs::write(&path, "mine").unwrap();
-    let error = write(Shape::Wall, &options(3_000), &path, &mut nothing).unwrap_err();
+    let error = write(SiteKind::Wall, &options(3_000), &path, &mut nothing).unwrap_err();
     assert!(error.to_string().contains("--force"), "{error}");
     assert_eq!(std::fs::read(&path).unwrap(), b"mine");
-    write(Shape::Wall, &SynthOptions { force: true, ..options(3_000) }, &path, &mut nothing).unwrap();
+    write(SiteKind::Wall, &SynthOptions { force: true, ..options(3_000) }, &path, &mut nothing).unwrap();
     assert!(std::fs::read(&path).unwrap().starts_with(b"ply\n"));
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "a temporary file was left");
 }
@@ -320,7 +322,7 @@ fn an_existing_file_is_replaced_only_with_force() {
 fn progress_ends_at_the_number_of_triangles_written() {
     let folder = tempfile::tempdir().unwrap();
     let (mut last, mut rising) = (0, true);
-    let report = write(Shape::Fort, &options(10_000), &folder.path().join("a.ply"), &mut |done, _| {
+    let report = write(SiteKind::Fort, &options(10_000), &folder.path().join("a.ply"), &mut |done, _| {
         rising &= done >= last;
         last = done;
     });

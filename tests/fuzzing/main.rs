@@ -66,7 +66,7 @@ impl Current {
         *self.begun.lock().unwrap() = None;
         let path = self.path.display();
         let Ok(kind) = result else { panic!("this input broke a promise and is kept: {path}") };
-        // What holds much memory has taken some time to do so.
+        // Allocating much memory takes some time.
         if begun.elapsed() > Duration::from_millis(2) {
             let held = kilwa_builder::build::machine::peak_memory().unwrap_or(0);
             assert!(

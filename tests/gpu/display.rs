@@ -290,7 +290,7 @@ fn curvature_does_not_depend_on_tilt_or_distance() {
 
 #[test]
 fn every_mode_looks_the_same_at_a_coarser_level() {
-    let raw = mesh(Shape::Fort, &SynthOptions::new(60_000)).expect("a fort");
+    let raw = mesh(SiteKind::Fort, &SynthOptions::new(60_000)).expect("a fort");
     let world = World::build(raw, 400);
     let size = [240, 180];
     let budgets = Budgets { uploads: 64, ..Budgets::default() };
@@ -384,7 +384,7 @@ fn during_a_fade_every_pixel_shows_one_of_the_levels() {
 #[test]
 fn the_picture_is_the_same_far_from_the_origin_of_the_reference_system() {
     // 10,000 km out, as far as no projected system goes: places on a grid of 1/1024 m, exact in f64 at both places.
-    let mut raw = mesh(Shape::Fort, &SynthOptions::new(20_000)).expect("a fort");
+    let mut raw = mesh(SiteKind::Fort, &SynthOptions::new(20_000)).expect("a fort");
     for p in &mut raw.positions {
         *p = p.map(|x| (x * 1024.0).round() / 1024.0);
     }

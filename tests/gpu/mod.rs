@@ -13,7 +13,7 @@ use kilwa_formats::RawMesh;
 use kilwa_geometry::{Mesh, normal};
 use kilwa_pack::{Chunk, Cut, GpuChunk, NO_DIAMOND, PatchRange, Reader, SliceSource, interleave};
 use kilwa_stream::{Budgets, DrawPatch, View};
-use kilwa_synth::{Phantom, Shape, SynthOptions, mesh};
+use kilwa_synth::{Phantom, SiteKind, SynthOptions, mesh};
 use kilwa_viewer::clip::distance_from_depth;
 use kilwa_viewer::options::Scale;
 use kilwa_viewer::shell::native::Session;
@@ -191,6 +191,12 @@ impl World {
         camera.view(&self.reader.header().lattice, &self.bounds, size, 1.0)
     }
 
+    /// Centre and radius of a ball round it, in lattice units.
+    fn ball(&self) -> (DVec3, f64) {
+        let lattice = self.reader.header().lattice;
+        (lattice.steps_from_world(self.bounds.center()), self.bounds.radius() / lattice.step())
+    }
+
     fn cuts(&self) -> Vec<(String, Cut)> {
         let entries = self.reader.entries();
         let mut cuts =
@@ -234,7 +240,7 @@ fn frames_of_a_fort_equal_the_ray_caster_in_mixed_cuts() {
 }
 
 fn frames_equal_the_ray_caster(seed: u64) {
-    let raw = mesh(Shape::Fort, &SynthOptions { seed, ..SynthOptions::new(20_000) }).expect("a fort");
+    let raw = mesh(SiteKind::Fort, &SynthOptions { seed, ..SynthOptions::new(20_000) }).expect("a fort");
     let mut world = World::build(raw, 400);
     let size = [96, 72];
     let (mut pixels, mut edges) = (0, 0);
@@ -256,7 +262,7 @@ fn frames_equal_the_ray_caster(seed: u64) {
 #[test]
 fn a_closed_model_shows_no_background_from_inside_in_any_cut() {
     for phantom in [Phantom::Sphere, Phantom::Cube] {
-        let raw = mesh(Shape::Phantom(phantom), &SynthOptions::new(8_000)).expect("a phantom");
+        let raw = mesh(SiteKind::Phantom(phantom), &SynthOptions::new(8_000)).expect("a phantom");
         let mut world = World::build(raw, 150);
         let size = [160, 160];
         for (cut_name, cut) in world.cuts() {
@@ -354,7 +360,7 @@ fn far_out_on_the_lattice_nothing_jitters() {
 
 #[test]
 fn the_streamer_draws_what_the_ray_caster_sees() {
-    let raw = mesh(Shape::Fort, &SynthOptions::new(30_000)).expect("a fort");
+    let raw = mesh(SiteKind::Fort, &SynthOptions::new(30_000)).expect("a fort");
     let world = World::build(raw, 400);
     let size = [128, 96];
     let source = SliceSource(world.bytes.clone());
@@ -371,14 +377,19 @@ fn the_streamer_draws_what_the_ray_caster_sees() {
     }
 }
 
+/// A renderer that holds a ball as chunk 0, the ball's centre, and its patches.
+fn renderer_with_ball(rings: u32) -> (Renderer, IVec3, Chunk, Vec<DrawPatch>) {
+    let mut renderer = Renderer::headless(&gpu());
+    let center = IVec3::splat(1 << 20);
+    let chunk = ball(center, 50_000.0, rings);
+    renderer.upload(0, &interleave(&chunk));
+    let draw = (0..4).map(|k| draw_patch(0, k, &chunk.patches[k as usize])).collect();
+    (renderer, center, chunk, draw)
+}
+
 #[test]
 fn tiles_together_equal_the_whole_picture() {
-    let gpu = gpu();
-    let mut renderer = Renderer::headless(&gpu);
-    let center = IVec3::splat(1 << 20);
-    let chunk = ball(center, 50_000.0, 40);
-    renderer.upload(0, &interleave(&chunk));
-    let draw: Vec<DrawPatch> = (0..4).map(|k| draw_patch(0, k, &chunk.patches[k as usize])).collect();
+    let (mut renderer, center, chunk, draw) = renderer_with_ball(40);
     let chunks = BTreeMap::from([(0, chunk)]);
     let size = [150, 100];
     let view = ball_view(center, 50_000.0, 2.5, 0.4, size);
@@ -406,13 +417,10 @@ fn tiles_together_equal_the_whole_picture() {
 
 #[test]
 fn every_mode_colours_the_model_and_not_the_background() {
-    let gpu = gpu();
-    let mut renderer = Renderer::headless(&gpu);
-    let center = IVec3::splat(1 << 20);
-    let chunk = ball(center, 50_000.0, 40);
-    let draw: Vec<DrawPatch> =
-        (0..4).map(|k| DrawPatch { error: 0.01, level: 3, ..draw_patch(0, k, &chunk.patches[k as usize]) }).collect();
-    renderer.upload(0, &interleave(&chunk));
+    let (mut renderer, center, _, mut draw) = renderer_with_ball(40);
+    for patch in &mut draw {
+        (patch.error, patch.level) = (0.01, 3);
+    }
     let view = ball_view(center, 50_000.0, 4.0, 0.4, [64, 64]);
     let mut seen = Vec::new();
     for (mode, name) in Mode::ALL {

@@ -1,7 +1,7 @@
 //! Cuts: removed geometry is invisible, the rest is what the ray-caster sees, and a line follows the cut.
 
 use super::*;
-use glam::{DVec3, IVec3};
+use glam::DVec3;
 use kilwa_viewer::pick::{Scope, nearest};
 use kilwa_viewer::section::{Clip, ClipBox, HalfSpace, box_faces};
 use kilwa_viewer::shell::native::Session;
@@ -40,11 +40,9 @@ fn cast_cut(scene: &Scene, view: &View, clip: &Clip, pixel: [f64; 2]) -> Option<
 
 #[test]
 fn clipped_geometry_is_invisible_and_the_rest_is_what_the_ray_caster_sees() {
-    let raw = mesh(Shape::Fort, &SynthOptions::new(12_000)).expect("a fort");
+    let raw = mesh(SiteKind::Fort, &SynthOptions::new(12_000)).expect("a fort");
     let mut world = World::build(raw, 400);
-    let lattice = world.reader.header().lattice;
-    let center = lattice.steps_from_world(world.bounds.center());
-    let radius = world.bounds.radius() / lattice.step();
+    let (center, radius) = world.ball();
     let (_, cut) = world.cuts().remove(2);
     let draw = draw_list(&world.chunks, &cut);
     let scene = scene(&world.chunks, &draw);
@@ -96,11 +94,9 @@ fn clipped_geometry_is_invisible_and_the_rest_is_what_the_ray_caster_sees() {
 
 #[test]
 fn picks_pass_through_clipped_geometry() {
-    let raw = mesh(Shape::Fort, &SynthOptions::new(12_000)).expect("a fort");
+    let raw = mesh(SiteKind::Fort, &SynthOptions::new(12_000)).expect("a fort");
     let world = World::build(raw, 400);
-    let lattice = world.reader.header().lattice;
-    let center = lattice.steps_from_world(world.bounds.center());
-    let radius = world.bounds.radius() / lattice.step();
+    let (center, radius) = world.ball();
     let (_, cut) = world.cuts().remove(1);
     let draw = draw_list(&world.chunks, &cut);
     let scene = scene(&world.chunks, &draw);
@@ -128,11 +124,9 @@ fn picks_pass_through_clipped_geometry() {
 
 #[test]
 fn wholly_clipped_chunks_are_not_loaded_and_the_picture_is_the_same() {
-    let raw = mesh(Shape::Wall, &SynthOptions::new(60_000)).expect("a wall");
+    let raw = mesh(SiteKind::Wall, &SynthOptions::new(60_000)).expect("a wall");
     let world = World::build(raw, 200);
-    let lattice = world.reader.header().lattice;
-    let center = lattice.steps_from_world(world.bounds.center());
-    let radius = world.bounds.radius() / lattice.step();
+    let (center, radius) = world.ball();
     let view = world.view(&Camera::standard(StandardView::Iso, &world.bounds, SIZE), SIZE);
     let view = View { target_pixels: 0.05, ..view };
     let open = || Session::open(SliceSource(world.bytes.clone()), &world.gpu, Budgets::default()).expect("opens");
@@ -154,12 +148,7 @@ fn wholly_clipped_chunks_are_not_loaded_and_the_picture_is_the_same() {
 
 #[test]
 fn a_line_marks_the_section_and_the_inside_has_its_own_colour() {
-    let gpu = gpu();
-    let mut renderer = Renderer::headless(&gpu);
-    let center = IVec3::splat(1 << 20);
-    let chunk = ball(center, 50_000.0, 60);
-    renderer.upload(0, &interleave(&chunk));
-    let draw: Vec<DrawPatch> = (0..4).map(|k| draw_patch(0, k, &chunk.patches[k as usize])).collect();
+    let (mut renderer, center, chunk, draw) = renderer_with_ball(60);
     let view = ball_view(center, 50_000.0, 3.0, 0.0, SIZE);
     let up = DVec3::Z;
     let plane = Some(HalfSpace { normal: up, offset: f64::from(center.z) + 5_000.0 });

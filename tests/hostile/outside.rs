@@ -1,7 +1,9 @@
 //! Files named by a mesh are read only from its own folder, unless the user allows others.
 
+#[cfg(unix)]
+use crate::support::make_pipe;
 use crate::support::{fails, kilwa, succeeds, text};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// Part of every file that must not be read.
 const SECRET: &str = "BEGIN PRIVATE KEY 8f2c";
@@ -182,7 +184,7 @@ fn links_out_of_the_folder_are_refused_and_pipes_and_devices_do_not_block() {
     site.gltf("up/secret.bin", None);
     site.is_refused("site/scan.gltf", &["up/secret.bin"]);
 
-    pipe(&site.path("site/pipe.mtl"));
+    make_pipe(&site.path("site/pipe.mtl"));
     symlink("/dev/zero", site.path("site/zero.png")).unwrap();
     site.write("site/a.mtl", "newmtl red\nmap_Kd zero.png\n");
     site.obj("mtllib pipe.mtl");
@@ -193,7 +195,7 @@ fn links_out_of_the_folder_are_refused_and_pipes_and_devices_do_not_block() {
     succeeds(&["info", text(&site.path("site/scan.obj")), "--allow-outside"]);
 
     // A pipe as the mesh itself, and a folder with a link to a mesh elsewhere.
-    pipe(&site.path("pipe.ply"));
+    make_pipe(&site.path("pipe.ply"));
     assert!(fails(&["info", text(&site.path("pipe.ply"))]).contains("not a regular file"));
     assert!(fails(&["build", text(&site.path("pipe.ply")), "-o", text(&site.path("p.kilwa"))]).contains("regular"));
     std::fs::create_dir(site.path("blocks")).unwrap();
@@ -271,11 +273,6 @@ fn a_mesh_opened_through_a_link_uses_files_beside_its_target() {
     site.write("site/a.mtl", "newmtl red\nKd 1 0 0\n");
     site.obj("mtllib a.mtl");
     assert!(succeeds(&["info", text(&site.path("linked.obj"))]).contains("colours     yes"));
-}
-
-#[cfg(unix)]
-fn pipe(path: &Path) {
-    assert!(std::process::Command::new("mkfifo").arg(path).status().unwrap().success());
 }
 
 /// Parts that names are made of.

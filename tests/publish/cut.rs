@@ -1,8 +1,7 @@
 //! A publication or withdrawal that was killed: `kilwa verify` says what happened, and the same command continues.
 
 use super::{Bench, MINIMAL, json_of, other_pack, run, tree};
-use crate::support::text;
-use std::hash::{BuildHasher as _, RandomState};
+use crate::support::{kill_seed, text};
 use std::path::Path;
 use std::process::{Command, Output};
 
@@ -83,13 +82,6 @@ fn calls(args: &[&str], call: &str, log: &Path) -> u32 {
     std::fs::read_to_string(log).unwrap().matches(&format!("{call}(")).count().try_into().unwrap()
 }
 
-/// The seed that chooses where the program is killed: random, or from `KILWA_KILL_SEED` to repeat a failure.
-fn seed() -> u32 {
-    let given = std::env::var("KILWA_KILL_SEED").ok();
-    let random = || u32::try_from(RandomState::new().hash_one(()) % 1_000_000).unwrap();
-    given.map_or_else(random, |text| text.parse().expect("KILWA_KILL_SEED is a number"))
-}
-
 #[test]
 fn a_kill_before_any_rename_leaves_a_valid_archive_and_a_rerun_finishes() {
     let works = Command::new("strace").args(["-f", "-qq", "-o", "/dev/null", "true"]).status();
@@ -97,7 +89,7 @@ fn a_kill_before_any_rename_leaves_a_valid_archive_and_a_rerun_finishes() {
         println!("skipped: killing the program before renames: strace is not installed, or may not trace programs");
         return;
     }
-    let seed = seed();
+    let seed = kill_seed::seed();
     println!("killed at some of the calls; repeat with KILWA_KILL_SEED={seed}");
     let bench = Bench::new();
     let object = bench.published(&other_pack(), MINIMAL, &[]);

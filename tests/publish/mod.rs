@@ -10,7 +10,7 @@ mod place;
 mod refusals;
 mod traces;
 
-use crate::support::{Input, built_once, serving, text};
+use crate::support::{Input, built_once, serving};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -105,22 +105,18 @@ impl Bench {
         path
     }
 
-    /// `kilwa publish PACK --to site` with metadata and more options.
+    /// Run [`Self::command`] with a software renderer and without a day from outside.
     pub(crate) fn publish(&self, pack: &Path, metadata: &str, more: &[&str]) -> Output {
-        let (metadata, site, www) = (self.metadata(metadata), self.path("site"), self.path("www"));
-        let mut args = vec![
-            "publish",
-            text(pack),
-            "--to",
-            text(&site),
-            "--metadata",
-            text(&metadata),
-            "--www",
-            text(&www),
-            "--software",
-        ];
-        args.extend_from_slice(more);
-        run(&args)
+        self.command(pack, metadata, more).arg("--software").env_remove("SOURCE_DATE_EPOCH").output().unwrap()
+    }
+
+    /// `kilwa publish PACK --to site` with metadata and more options, not started.
+    pub(crate) fn command(&self, pack: &Path, metadata: &str, more: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_kilwa"));
+        command.arg("publish").arg(pack).arg("--to").arg(self.path("site"));
+        command.arg("--metadata").arg(self.metadata(metadata)).arg("--www").arg(self.path("www"));
+        command.args(more).stdin(Stdio::null());
+        command
     }
 
     /// As [`Self::publish`], which must succeed; the object's folder.

@@ -213,7 +213,7 @@ fn notes_of_a_redacted_model_carry_over_to_its_next_version() {
     let notes = file(&bench, &annotations(&pack()));
     let object = bench.published(&pack(), FULL, &["--notes", text(&notes), "--redact-location"]);
     let first = std::fs::read(object.join("v1/annotations.json")).unwrap();
-    // What readers wrote on the published model has its coordinates.
+    // Notes that readers wrote on the published model have its coordinates.
     let mut theirs = json_of(&object.join("v1/annotations.json"));
     theirs["items"][0]["label"] = "The gate".into();
     let theirs = file(&bench, &theirs);

@@ -97,22 +97,8 @@ fn the_date_comes_from_the_option_the_metadata_source_date_epoch_or_the_clock_in
     let bench = Bench::new();
     let undated = MINIMAL.replace("published = 2026-11-21\n", "");
     let day = |more: &[&str], text_: &str, epoch: Option<&str>| {
-        let (metadata, site, www, pack) = (bench.metadata(text_), bench.path("site"), bench.path("www"), other_pack());
-        let mut command = Command::new(env!("CARGO_BIN_EXE_kilwa"));
-        command
-            .args([
-                "publish",
-                text(&pack),
-                "--to",
-                text(&site),
-                "--metadata",
-                text(&metadata),
-                "--www",
-                text(&www),
-                "--dry-run",
-                "--json",
-            ])
-            .args(more);
+        let mut command = bench.command(&other_pack(), text_, more);
+        command.args(["--dry-run", "--json"]);
         match epoch {
             Some(seconds) => command.env("SOURCE_DATE_EPOCH", seconds),
             None => command.env_remove("SOURCE_DATE_EPOCH"),
@@ -211,49 +197,26 @@ fn a_withdrawn_object_keeps_its_metadata_and_a_page_that_says_why() {
     let (site, www) = (bench.path("site"), bench.path("www"));
     let inside = site.join("kept");
     let (keep, inside) = (bench.path("keep"), text(&inside).to_owned());
-    let withdraw = |keep: &str| {
-        run(&[
-            "publish",
-            "--withdraw",
-            "gereza",
-            "--to",
-            text(&site),
-            "--keep",
-            keep,
-            "--reason",
-            "The family asked for it",
-            "--date",
-            "2027-01-01",
-            "--site",
-            "--www",
-            text(&www),
-        ])
+    let withdraw = |keep: &str, reason: &str, more: &[&str]| {
+        let args = ["publish", "--withdraw", "gereza", "--to", text(&site), "--keep", keep, "--reason", reason];
+        run(&[&args[..], more].concat())
     };
-    let refused = withdraw(&inside);
+    let more = ["--date", "2027-01-01", "--site", "--www", text(&www)];
+    let withdraw_now = |keep: &str| withdraw(keep, "The family asked for it", &more);
+    let refused = withdraw_now(&inside);
     assert!(
         String::from_utf8_lossy(&refused.stderr).contains("outside it with --keep") && object.join(&pack_file).exists()
     );
     let (index, theirs) = (site.join("index.html"), "a page of somebody else's");
     let ours = std::fs::read(&index).unwrap();
     std::fs::write(&index, theirs).unwrap();
-    let refused = withdraw(text(&keep));
+    let refused = withdraw_now(text(&keep));
     assert!(
         String::from_utf8_lossy(&refused.stderr).contains("was not made by kilwa") && object.join(&pack_file).exists()
     );
     std::fs::write(&index, ours).unwrap();
     let before = tree(&site);
-    let would = run(&[
-        "publish",
-        "--withdraw",
-        "gereza",
-        "--to",
-        text(&site),
-        "--keep",
-        text(&keep),
-        "--reason",
-        "x",
-        "--dry-run",
-    ]);
+    let would = withdraw(text(&keep), "x", &["--dry-run"]);
     let would = String::from_utf8_lossy(&would.stdout).into_owned();
     assert!(
         would.contains("Would withdraw") && would.contains("and its bag") && would.contains("Nothing was written"),
@@ -264,7 +227,7 @@ fn a_withdrawn_object_keeps_its_metadata_and_a_page_that_says_why() {
     let feed = site.join("feed.xml");
     std::fs::remove_file(&feed).unwrap();
     std::fs::create_dir_all(feed.join("in the way")).unwrap();
-    let failed = withdraw(text(&keep));
+    let failed = withdraw_now(text(&keep));
     let message = String::from_utf8_lossy(&failed.stderr).into_owned();
     assert!(failed.status.code() == Some(1) && message.matches("os error").count() == 1, "{message}");
     assert!(
@@ -273,7 +236,7 @@ fn a_withdrawn_object_keeps_its_metadata_and_a_page_that_says_why() {
     );
     assert!(!message.contains("nothing was changed"), "{message}");
     std::fs::remove_dir_all(&feed).unwrap();
-    let done = withdraw(text(&keep));
+    let done = withdraw_now(text(&keep));
     let output = String::from_utf8_lossy(&done.stdout).into_owned();
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     assert!(output.contains("was already withdrawn on 2027-01-01; the pages of the folder were written"), "{output}");

@@ -7,7 +7,7 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::Command;
 
-/// What a Python program prints as JSON, or `None` where the packages are not there.
+/// The JSON that a Python program prints, or `None` where the packages are not there.
 fn python(program: &str, folder: &Path) -> Option<Value> {
     let Some(packages) = std::env::var_os("KILWA_PYTHON") else {
         println!(

@@ -4,7 +4,6 @@ use super::traces::Traces;
 use super::{Bench, FULL, MINIMAL, json_of, notes, other_pack, pack, run, tree};
 use crate::support::{built_once, json, text};
 use kilwa_archive::checksums::sha256;
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 /// A torus at UTM coordinates as scanners' programs export it: with its coordinates as scalar channels, and one channel of the surface.
@@ -12,25 +11,17 @@ fn survey() -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("publish");
     let write = |path: &Path| {
         let mesh = crate::support::Input::torus(90, 40, [565_977.25, 9_009_946.5, 31.75]);
-        let mut out = String::from("ply\nformat ascii 1.0\n");
-        let _ = writeln!(out, "element vertex {}", mesh.positions.len());
-        out += "property double x\nproperty double y\nproperty double z\nproperty float scalar_X\nproperty float scalar_Y\n";
-        out += "property float scalar_Elevation\nproperty float intensity\n";
-        let _ =
-            writeln!(out, "element face {}\nproperty list uchar int vertex_indices\nend_header", mesh.triangles.len());
-        for (i, p) in mesh.positions.iter().enumerate() {
+        let properties = "property float scalar_X\nproperty float scalar_Y\nproperty float scalar_Elevation\nproperty float intensity\n";
+        mesh.write_with(path, properties, |i| {
+            let [x, y, z] = mesh.positions[i];
             let intensity = f64::from((i as u32 * 7919) % 1000) / 1000.0;
-            let _ = writeln!(out, "{} {} {} {} {} {} {intensity}", p[0], p[1], p[2], p[0], p[1], p[2] / 0.3048);
-        }
-        for t in &mesh.triangles {
-            let _ = writeln!(out, "3 {} {} {}", t[0], t[1], t[2]);
-        }
-        std::fs::write(path, out).unwrap();
+            format!("{x} {y} {} {intensity}", z / 0.3048)
+        });
     };
     built_once(&folder, "survey-kilwa-fort", write, &["--crs", "EPSG:32737", "--title", "Survey at 565977"])
 }
 
-/// What reveals the location of a pack: corners, middle and lattice of the true pack; its degrees and those of the metadata; codes; what the pack and its
+/// Everything that reveals the location of a pack: corners, middle and lattice of the true pack; its degrees and those of the metadata; codes; what the pack and its
 /// sources are called.
 fn traces(pack: &Path) -> Traces {
     let info = json(&["info", text(pack)]);

@@ -136,7 +136,7 @@ fn an_upload_interrupted_fifty_times_shows_the_old_or_new_object_and_ends_with_t
         let published = publish(&address, &server.token, number, &site, Patience::default()).unwrap();
         assert_eq!(published, number);
         if number == 1 {
-            // What is cut after it was published changes nothing.
+            // A connection cut after the publication changes nothing.
             assert_eq!(publish(&address, &server.token, 1, &site, Patience::default()), Ok(1));
         }
         while cuts < wanted {

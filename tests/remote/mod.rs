@@ -1,7 +1,7 @@
 //! Publishing to a server with interruptions of every kind: a `kilwa serve` that is killed and restarted, a connection that breaks at
 //! any byte, a client that is killed.
 //!
-//! What is sent is made once by `kilwa publish` to a folder; what the server has at the end must be the same bytes.
+//! The object is made once by `kilwa publish` to a folder and sent; the server must have the same bytes at the end.
 
 #[path = "../../src/publish/send.rs"]
 #[allow(dead_code, reason = "the program uses all of it")]

@@ -1,6 +1,7 @@
 //! Runs `kilwa`, and reads PLY files independently of the program.
 #![allow(dead_code, reason = "each test file uses its part")]
 
+pub(crate) mod kill_seed;
 pub(crate) mod serving;
 
 use std::collections::BTreeMap;
@@ -44,14 +45,39 @@ pub(crate) fn built_once(folder: &Path, name: &str, write: impl FnOnce(&Path), o
     pack
 }
 
+/// A pack of 327,680 triangles.
+pub(crate) fn large_pack() -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("pack_verbs");
+    built_once(&folder, "large", |to| Input::torus(1280, 128, [0.0; 3]).write(to), &[])
+}
+
 /// Run the program with `--json`; what it prints.
 pub(crate) fn json(args: &[&str]) -> serde_json::Value {
     serde_json::from_str(&succeeds(&[args, &["--json"]].concat())).unwrap()
 }
 
+/// Make a named pipe.
+pub(crate) fn make_pipe(path: &Path) {
+    assert!(Command::new("mkfifo").arg(path).status().expect("starts").success());
+}
+
 /// A path as text.
 pub(crate) fn text(path: &Path) -> &str {
     path.to_str().unwrap()
+}
+
+/// A place on the lattice and its colour.
+pub(crate) type Corner = ([i32; 3], Option<[u8; 3]>);
+
+/// Triangles as a sorted multiset of lattice corners with colours, each rotated to its smallest form, without those whose
+/// corners fall together on the lattice.
+pub(crate) fn multiset(triangles: impl Iterator<Item = [Corner; 3]>) -> Vec<[Corner; 3]> {
+    let mut all: Vec<_> = triangles
+        .filter(|[a, b, c]| a.0 != b.0 && b.0 != c.0 && c.0 != a.0)
+        .map(|[a, b, c]| [[a, b, c], [b, c, a], [c, a, b]].into_iter().min().unwrap())
+        .collect();
+    all.sort_unstable();
+    all
 }
 
 /// All PLY files below a folder, in order.
@@ -212,17 +238,26 @@ impl Input {
         mesh
     }
 
-    /// Write it.
+    /// Write it with its colours.
     pub(crate) fn write(&self, path: &Path) {
+        let colors = "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+        self.write_with(path, colors, |i| {
+            let [r, g, b] = self.colors[i];
+            format!("{r} {g} {b}")
+        });
+    }
+
+    /// Write it with some properties for each vertex, by its number, after the position.
+    pub(crate) fn write_with(&self, path: &Path, properties: &str, values: impl Fn(usize) -> String) {
         use std::fmt::Write;
         let mut out = String::from("ply\nformat ascii 1.0\n");
         let _ = writeln!(out, "element vertex {}", self.positions.len());
         out += "property double x\nproperty double y\nproperty double z\n";
-        out += "property uchar red\nproperty uchar green\nproperty uchar blue\n";
+        out += properties;
         let _ =
             writeln!(out, "element face {}\nproperty list uchar int vertex_indices\nend_header", self.triangles.len());
-        for (p, c) in self.positions.iter().zip(&self.colors) {
-            let _ = writeln!(out, "{} {} {} {} {} {}", p[0], p[1], p[2], c[0], c[1], c[2]);
+        for (i, p) in self.positions.iter().enumerate() {
+            let _ = writeln!(out, "{} {} {} {}", p[0], p[1], p[2], values(i));
         }
         for t in &self.triangles {
             let _ = writeln!(out, "3 {} {} {}", t[0], t[1], t[2]);

@@ -1,32 +1,22 @@
-//! What `kilwa serve` and `kilwa publish` need in a test: a page of small files, and the address that a server says.
+//! A page of small files, which `kilwa serve` and `kilwa publish` need in a test, and the address that a server prints.
 
+use kilwa_archive::viewer::Page;
 use std::io::{BufRead as _, BufReader};
 use std::net::SocketAddr;
 use std::path::Path;
 use std::process::Child;
 
-/// Files of a built page whose content does not matter here.
-const MADE: [&str; 10] = [
-    "app.js",
-    "boot.js",
-    "viewer.js",
-    "viewer_bg.wasm",
-    "viewer-gl.js",
-    "viewer-gl_bg.wasm",
-    "decode.js",
-    "decode_bg.wasm",
-    "icons/kilwa.svg",
-    "icons/sprite.svg",
-];
+/// Files of a built page that it can be without.
+const MORE: [&str; 3] = ["app.js", "icons/kilwa.svg", "icons/sprite.svg"];
 /// Those that are written into other pages, as they are.
 const TRUE: [&str; 4] = ["index.html", "style.css", "plain/plain.css", "plain/plain.js"];
 
-/// A page in `www`.
+/// A page in `www`; where the content of a file does not matter here, it is the file's name.
 pub(crate) fn page(www: &Path) {
     for folder in ["plain", "icons"] {
         std::fs::create_dir_all(www.join(folder)).unwrap();
     }
-    for name in MADE {
+    for name in Page::NEEDED.into_iter().chain(MORE) {
         std::fs::write(www.join(name), name).unwrap();
     }
     for name in TRUE {

@@ -8,7 +8,7 @@ use serde_json::Value;
 use std::path::Path;
 use std::process::Command;
 
-/// What a Python program prints as JSON, or `None` where the packages are not there.
+/// The JSON that a Python program prints, or `None` where the packages are not there.
 pub(crate) fn python(program: &str, args: &[&str]) -> Option<Value> {
     let Some(packages) = std::env::var_os("KILWA_PYTHON") else {
         println!("skipped: second opinion by trimesh and ezdxf: KILWA_PYTHON is not set (cargo xtask test sets it)");

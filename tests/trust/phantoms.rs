@@ -100,18 +100,22 @@ fn distances_are_exact_to_the_lattice_everywhere() {
     }
 }
 
+/// The largest error of all phantoms at a place, as `error_of` counts it.
+fn worst_of_phantoms(place: &str, error_of: impl Fn(&Phantom) -> f64) -> f64 {
+    let shapes = ["cube", "ramp", "cylinder", "sphere", "stepped-wall", "bent-wall"];
+    shapes.into_iter().map(|shape| error_of(&phantom(shape, place))).fold(0.0, f64::max)
+}
+
 #[test]
 fn areas_are_correct_for_upright_oblique_and_curved_surfaces() {
     for (place, _) in PLACES {
-        let mut worst = 0.0f64;
-        for shape in ["cube", "ramp", "cylinder", "sphere", "stepped-wall", "bent-wall"] {
-            let p = phantom(shape, place);
-            let found = measure(&p, &["area"], &[]);
+        let worst = worst_of_phantoms(place, |p| {
+            let found = measure(p, &["area"], &[]);
             let true_area: f64 = p.triangles.iter().map(|t| area(*t)).sum();
             // Every corner moves by at most half a diagonal of a lattice cell; each side sees half of that across it.
             let bound: f64 = p.triangles.iter().map(|t| perimeter(*t)).sum::<f64>() * 0.5 * 3f64.sqrt() * 0.5 * p.step;
-            worst = worst.max((reading(&found, "surface") - true_area).abs() / bound);
-        }
+            (reading(&found, "surface") - true_area).abs() / bound
+        });
         check_bound(&format!("surface area of phantoms, {place}, share of what the lattice explains"), 1.0, worst);
         let cube = phantom("cube", place);
         let side = [[0.2, 0.0, 0.2], [0.8, 0.0, 0.2], [0.8, 0.0, 0.8], [0.2, 0.0, 0.8]];
@@ -141,16 +145,14 @@ fn areas_are_correct_for_upright_oblique_and_curved_surfaces() {
 #[test]
 fn volumes_are_correct_to_a_millionth_beyond_the_lattice() {
     for (place, _) in PLACES {
-        let mut worst = 0.0f64;
-        for shape in ["cube", "ramp", "cylinder", "sphere", "stepped-wall", "bent-wall"] {
-            let p = phantom(shape, place);
+        let worst = worst_of_phantoms(place, |p| {
             let true_volume = p.triangles.iter().map(|t| six_volume(*t)).sum::<f64>() / 6.0;
             let surface: f64 = p.triangles.iter().map(|t| area(*t)).sum();
             // The surface moves by at most half a diagonal of a lattice cell.
             let bound = surface * 3f64.sqrt() * 0.5 * p.step + 1e-6 * true_volume;
-            let found = reading(&measure(&p, &["volume"], &[]), "volume");
-            worst = worst.max((found - true_volume).abs() / bound);
-        }
+            let found = reading(&measure(p, &["volume"], &[]), "volume");
+            (found - true_volume).abs() / bound
+        });
         check_bound(&format!("volume of phantoms, {place}, share of what the lattice explains and 1e-6"), 1.0, worst);
     }
 }

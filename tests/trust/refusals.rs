@@ -1,4 +1,4 @@
-//! Where there is no meaningful number there is a sentence, and no number.
+//! Questions without a meaningful number get a sentence instead of one.
 
 use super::phantoms::phantom;
 use crate::support::{fails, kilwa, text};

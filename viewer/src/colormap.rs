@@ -14,7 +14,7 @@ pub const VIRIDIS: [[u8; 3]; 9] = [
     [253, 231, 37],
 ];
 
-/// What a place without a value is drawn in, sRGB.
+/// The colour of a place without a value, sRGB.
 pub const NO_VALUE: [u8; 3] = [128, 126, 122];
 
 /// sRGB of a share of the scale; shares outside 0 to 1 get the colours of the ends.

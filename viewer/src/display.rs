@@ -95,10 +95,10 @@ pub struct Display {
     /// Levels fade into each other; `null` as the system asks for.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fade: Option<bool>,
-    /// What lies on the side that its normal points to is cut away.
+    /// Cuts away the side that its normal points to.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub clip_plane: Option<Plane>,
-    /// What lies outside (or inside) is cut away.
+    /// Cuts away what lies outside (or inside).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub clip_box: Option<SectionBox>,
     /// Draw a line where the surface is cut.

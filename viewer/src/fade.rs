@@ -53,7 +53,7 @@ impl Fader {
         *self = Self::default();
     }
 
-    /// What to draw at `now` where the cut is `cut`. `held` returns whether a chunk is still in memory: where one that is leaving is not,
+    /// The patches to draw at `now` where the cut is `cut`. `held` returns whether a chunk is still in memory: where one that is leaving is not,
     /// the change is there at once.
     pub fn step(&mut self, now: f64, cut: &[DrawPatch], held: impl Fn(u32) -> bool) -> Faded {
         if self.last.is_empty() {

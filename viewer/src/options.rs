@@ -105,9 +105,9 @@ pub struct Tile {
 pub struct Light {
     /// Where it comes from, radians: from north, clockwise. With `with_view`: from the top of the picture, clockwise.
     pub azimuth: f64,
-    /// How high it stands, radians: above the horizon, or above the plane of the picture.
+    /// Its elevation, radians: above the horizon, or above the plane of the picture.
     pub elevation: f64,
-    /// It stands still in the picture instead of in the world.
+    /// It is fixed to the picture instead of to the world.
     pub with_view: bool,
 }
 

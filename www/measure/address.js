@@ -44,7 +44,7 @@ export function unpack(text) {
 /** @param {string} name */
 const escaped = (name) => encodeURIComponent(name.slice(0, 80)).replaceAll("~", "%7E").replaceAll("!", "%21");
 
-/** @param {(MeasureRecord & {name: string})[]} records measurements as in files (record.rs) */
+/** @param {(MeasureRecord & {name: string})[]} records measurements as in files (saved.rs) */
 export function write(records) {
   const each = records.map(({ tool, local = [], plane, reach, interval, color, hidden, name }) => {
     const options = [];

@@ -1,4 +1,4 @@
-// One sentence that cites a measurement, in the language of the page: what, how much with its uncertainty, of which model in which version, with what. In
+// One sentence that cites a measurement, in the language of the page: what, how much with its uncertainty, of which model in which version, with which tool. In
 // English it is the sentence of `kilwa measure --cite`; the digits are the same in every language.
 
 import { isolate } from "../format.js";

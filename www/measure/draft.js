@@ -146,7 +146,7 @@ export class Draft {
     const last = points[points.length - 1]?.pixel;
     const now = performance.now();
     if (!isKey && last && Math.hypot(last[0] - x, last[1] - y) < NEAR * ratio && now - this.pressed < DOUBLE_MS) {
-      // The second press of a double click is no further point.
+      // The second press of a double click does not add a point.
       this.finish();
       return;
     }

@@ -1,5 +1,5 @@
 // Measurements as files: JSON that reads back to the last bit, CSV, GeoJSON and DXF, and drawings of lines as SVG and DXF; written and read by the engine (core/measure,
-// record.rs), so that `kilwa measure … again` and the page read the same.
+// saved.rs), so that `kilwa measure … again` and the page read the same.
 
 import { notice } from "../chrome.js";
 import { t } from "../i18n.js";

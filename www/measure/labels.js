@@ -1,4 +1,4 @@
-// Where the labels of measurements stand, so that none lies on another or under the page's own controls: each near its place where there is room, farther away with a
+// Places the labels of measurements, so that none lies on another or under the page's own controls: each near its place where there is room, farther away with a
 // line to it where there is none, and as a small sign (a press opens it) where even that does not go. Those that matter more choose first. A label
 // stays where it was as long as it can, so that nothing jumps while the camera moves. Pixels are CSS pixels from the canvas's corner.
 
@@ -6,9 +6,9 @@
 const GAP = 12;
 /** Between labels. */
 const AIR = 4;
-/** A label that has no room. */
+/** A label that does not fit. */
 export const SMALL = [28, 22];
-/** What a label should not cover of other measurements' places, half of it. */
+/** The area round other measurements' places that a label should not cover, half of it. */
 const DOT = 7;
 
 /**

@@ -29,7 +29,7 @@ import { isSame, pieces } from "./shapes.js";
 
 /** Milliseconds of a frame for finding out what is hidden. */
 const PATIENCE = 4;
-/** What of the page lies over the picture. */
+/** Parts of the page that lie over the picture. */
 const OVER = ".rail, #cube, #hint, #measure-bar, #note-card, #show-again";
 /** Milliseconds that their places are known for. */
 const FRESH = 400;
@@ -51,11 +51,11 @@ export class Marks {
     this.labels = new Map();
     /** Of labels, CSS pixels. @type {Map<string, number[]>} */
     this.sizes = new Map();
-    /** Where labels stand. @type {ReturnType<typeof arrange>} */
+    /** The places of labels. @type {ReturnType<typeof arrange>} */
     this.spots = new Map();
     this.handles = new Handles(on);
     this.seen = "";
-    /** What is to be looked at for whether it is hidden. @type {(() => void)[]} */
+    /** Places to be checked for whether they are hidden. @type {(() => void)[]} */
     this.queue = [];
     this.version = 0;
     this.error = 0; // of the surface on screen, metres
@@ -158,7 +158,7 @@ export class Marks {
     return this.viewer.isHidden(x, y, z, 2 * this.error + SLACK * Math.abs(depth));
   }
 
-  /** What is hidden, a little at a time. */
+  /** Find hidden places, a few at a time. */
   #look() {
     clearTimeout(this.timer);
     if (this.session.closed || this.queue.length === 0) return;
@@ -226,7 +226,7 @@ export class Marks {
   }
 
   /**
-   * From places to labels that stand away from them.
+   * From places to labels that are away from them.
    * @param {CanvasRenderingContext2D} context
    */
   #leaders(context) {
@@ -293,7 +293,7 @@ export class Marks {
       wanted.add(source.id);
       let label = this.labels.get(source.id);
       if (!label) {
-        // The same stands in the table, which the keyboard reaches.
+        // The same is in the table, which the keyboard reaches.
         label = Object.assign(document.createElement("button"), { type: "button", className: "mark-label", tabIndex: -1 });
         const { id } = source;
         label.addEventListener("click", () => this.on.open(id));
@@ -347,7 +347,7 @@ export class Marks {
     return this.covered;
   }
 
-  /** Where each label stands. */
+  /** The place of each label. */
   #arrange() {
     const { ratio, canvas } = this.session;
     const [width, height] = [canvas.width / ratio, canvas.height / ratio];

@@ -135,7 +135,7 @@ export class Measure {
     return this.#scene;
   }
 
-  /** What measures, opened when it is first asked for. */
+  /** The measuring engine, opened when it is first asked for. */
   get engine() {
     // Failures are those of the network or of the program: the next question tries again.
     if (this.#current?.closed) this.#opened = this.#current = null;
@@ -193,7 +193,7 @@ export class Measure {
     if (task.state === "missed") notice(t("measureMissed"), 8000);
   }
 
-  /** What cuts the model: picks go through what is cut away. @returns {{clipPlane: Plane | null, clipBox: Box | null}} */
+  /** The clip of the model: picks go through what is cut away. @returns {{clipPlane: Plane | null, clipBox: Box | null}} */
   get clip() {
     const { clipPlane, clipBox } = this.page.display.state;
     return { clipPlane: clipPlane ?? null, clipBox: clipBox ?? null };
@@ -309,7 +309,7 @@ export class Measure {
       const draft = { id: "draft", name: t("measureDraft"), color: COLOR, task };
       shapes.push(shapeOf(draft, { label: linesOf(task, this.unit, { isDraft: true }), chosen: false, canMove: false }));
     }
-    // While a tool is in use, presses are its own, also where other measurements stand.
+    // While a tool is in use, presses are its own, also on other measurements.
     $("mark-labels").classList.toggle("still", Boolean(drawn || moving));
     this.marks.set(shapes);
   }

@@ -149,7 +149,7 @@ ${button("exportFile", () => files.save(this.format), isEmpty)}
     const every = (/** @type {Event} */ event) => {
       this.interval_ = fieldOf(event).value;
     };
-    // The interval stands beside the tool that it is for.
+    // The interval is beside the tool that it is for.
     return html`<div class="tools often">${TOOLS.filter((one) => one.often).map(tool)}</div>
 <details class="more-tools">
 <summary>${icon("more", "measure")}<span>${t("measureMore")}</span><strong>${drawn && !kind.often ? t(kind.key) : ""}</strong></summary>
@@ -193,7 +193,7 @@ ${this.#lastGroup(tool, every)}
   }
 
   /**
-   * The list of all tools makes room for the table again.
+   * The list of all tools gives its space to the table again.
    * @param {MeasureTool} tool
    */
   #use(tool) {

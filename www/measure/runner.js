@@ -1,4 +1,4 @@
-// What happens to a measurement until it has a value: its places are looked up on the finest surface, then it is measured there. While that is on its way,
+// The life of a measurement until it has a value: its places are looked up on the finest surface, then it is measured there. While that is on its way,
 // a value is guessed from what is known.
 
 import { t } from "../i18n.js";
@@ -93,7 +93,7 @@ export class Runner {
   }
 
   /**
-   * What the places as they are known now give, while the finest surface is on its way.
+   * The value that the places give as they are known now, while the finest surface is on its way.
    * @param {Task} task
    * @param {AbortSignal} signal
    */

@@ -16,7 +16,7 @@ import { about, mainLines } from "./values.js";
  * @property {number[][][]} paths
  * @property {number[][]} dots
  * @property {string[]} label
- * @property {number[] | null} anchor where the label stands
+ * @property {number[] | null} anchor the place of the label
  * @property {boolean} chosen
  * @property {boolean} canMove its points have handles
  * @property {boolean} straight its paths are straight between their points
@@ -82,7 +82,7 @@ function planesOf(task, dots) {
 }
 
 /**
- * Where the label stands.
+ * The place of the label.
  * @param {Task} task
  * @param {number[][]} dots
  * @param {boolean} drawn

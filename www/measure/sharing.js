@@ -1,4 +1,4 @@
-// What becomes of a measurement beside the list: copied, cited with a link that leads back to it, and shown on the model.
+// The uses of a measurement beside the list: copied, cited with a link that leads back to it, and shown on the model.
 
 import { notice, openTab, peek } from "../chrome.js";
 import { t } from "../i18n.js";

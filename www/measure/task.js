@@ -116,7 +116,7 @@ export class Task {
     return this.state === "final";
   }
 
-  /** The task as in files (record.rs). */
+  /** The task as in files (saved.rs). */
   record() {
     /** @type {MeasureRecord} */
     const out = { tool: this.tool };

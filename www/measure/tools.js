@@ -1,4 +1,4 @@
-// The tools: how many places each asks for, and what its next step is called. `tool` is its name in files (core/measure, record.rs).
+// The tools: how many places each asks for, and what its next step is called. `tool` is its name in files (core/measure, saved.rs).
 
 import { count } from "../format.js";
 import { t } from "../i18n.js";

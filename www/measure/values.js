@@ -132,7 +132,7 @@ export function short(reading, unit) {
 const dimensionIsLength = ({ dimension }) => dimension === "length";
 
 /**
- * What is not final: a length that lies within `half` of `value`, both in metres.
+ * A value that is not final: a length that lies within `half` of `value`, both in metres.
  * @param {number} value
  * @param {number} half
  * @param {string} unit
@@ -146,7 +146,7 @@ export function about(value, half, unit) {
   return isolate(`≈ ${local(v.toFixed(digits))} ${symbol} ± ${local(spread.toFixed(one))} ${name}`);
 }
 
-/** Readings that stand for a measurement where there is room for few. @type {Record<string, string[]>} */
+/** Readings that represent a measurement where only few fit. @type {Record<string, string[]>} */
 const MAIN = {
   coordinate: ["x", "y", "z"],
   distance: ["straight"],

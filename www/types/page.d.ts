@@ -242,7 +242,7 @@ export interface Line {
   world: number[][];
 }
 
-/** A measurement as in files, in the browser's store and in addresses (core/measure, record.rs). */
+/** A measurement as in files, in the browser's store and in addresses (core/measure, saved.rs). */
 export interface MeasureRecord {
   id?: string;
   name?: string;

@@ -7,22 +7,19 @@ import { basename, join } from "node:path";
 import { fileURLToPath } from "node:url";
 
 const [, , www, out, ...glue] = process.argv;
-const entries = ["boot.js", "app.js", "kilwa-viewer.js", "decode-worker.js", "measure/worker.js"];
+const common = { outdir: out, bundle: true, format: "esm", target: "es2022", minify: true, charset: "utf8", logLevel: "warning" };
+// Pages of others load this one alone, perhaps as a copy: it shares no chunk with the viewer.
+await build({ ...common, entryPoints: [join(www, "kilwa-viewer.js")] });
+const entries = ["boot.js", "app.js", "decode-worker.js", "measure/worker.js"];
 const result = await build({
+  ...common,
   entryPoints: entries.map((name) => join(www, name)),
-  outdir: out,
-  bundle: true,
   splitting: true,
-  format: "esm",
-  target: "es2022",
-  minify: true,
-  charset: "utf8",
   chunkNames: "chunk-[hash]",
   external: ["./decode.js", "../measure.js"],
   // lit-html lies beside this file.
   nodePaths: [fileURLToPath(new URL("node_modules", import.meta.url))],
   metafile: true,
-  logLevel: "warning",
 });
 for (const path of glue) {
   const { code } = await transform(await readFile(path, "utf8"), { minify: true, format: "esm", target: "es2022", charset: "utf8" });
@@ -32,7 +29,7 @@ for (const name of ["style.css", "measure.css"]) {
   const { code } = await transform(await readFile(join(www, name), "utf8"), { minify: true, loader: "css", target: "es2022", charset: "utf8" });
   await writeFile(join(out, name), code);
 }
-// What the first one needs before it runs, and what the second one needs besides.
+// Files that the first one needs before it runs, and that the second one needs besides.
 const needs = (entry) => {
   const [, output] = Object.entries(result.metafile.outputs).find(([name]) => basename(name) === entry);
   return output.imports

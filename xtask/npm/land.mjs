@@ -39,7 +39,7 @@ function parts(ring) {
     .filter((r) => r.length > 2);
 }
 
-/** What of a ring lies on one side of a meridian, after Sutherland and Hodgman. */
+/** The part of a ring on one side of a meridian, after Sutherland and Hodgman. */
 function cut(ring, isInside, limit) {
   return ring.flatMap((point, at) => {
     const last = ring.at(at - 1);

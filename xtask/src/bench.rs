@@ -5,6 +5,7 @@
 //! table is added to `docs/bench/DATE-build.md` with the machine it ran on, so that figures are never compared across machines unseen.
 
 mod codec;
+mod view;
 
 use crate::process::{cargo, command, compile_kilwa, on_path, output, root, run as run_command};
 use anyhow::{Context, Result, bail};
@@ -34,7 +35,7 @@ enum What {
     /// Bytes by part and level, speed and vertex-cache use of the chunk codec, beside meshoptimizer's
     Codec(codec::Args),
     /// Streaming and drawing: a recorded flight natively, the page in Chromium on three links
-    View(crate::view::Args),
+    View(view::Args),
     /// Run a program and write what it used to a file (used by `build`, in a process of its own)
     #[command(hide = true)]
     Measured { report: PathBuf, program: PathBuf, args: Vec<String> },
@@ -81,7 +82,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         What::Build(build) => bench_build(build),
         What::Quality(quality) => bench_quality(quality),
         What::Codec(codec) => codec::run(codec),
-        What::View(view) => crate::view::run(view),
+        What::View(view) => view::run(view),
         What::Measured { report, program, args } => measured(report, program, args),
     }
 }

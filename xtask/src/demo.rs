@@ -68,7 +68,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     server.wait()
 }
 
-/// What `--check` shows, with a program that is compiled already and a small fort; leaves nothing behind.
+/// The demo that `--check` shows, with a program that is compiled already and a small fort; leaves nothing behind.
 ///
 /// # Errors
 /// Any step fails.
@@ -99,7 +99,7 @@ fn make_pack(
         println!("demo: {} of the last run is kept", pack.display());
         return Ok(pack);
     }
-    // What an interrupted run left is no result.
+    // Files of an interrupted run are not a result.
     for file in [&stamp, &mesh, &pack] {
         remove(file)?;
     }
@@ -134,7 +134,7 @@ fn remove_all(folder: &Path) -> Result<()> {
     gone(fs::remove_dir_all(folder), folder)
 }
 
-/// What was not there is gone too.
+/// A file that was not there is gone, too.
 fn gone(removed: std::io::Result<()>, what: &Path) -> Result<()> {
     match removed {
         Err(error) if error.kind() != ErrorKind::NotFound => {
@@ -173,7 +173,7 @@ fn free_address(port: u16) -> Result<SocketAddr> {
     bail!("ports {port} to {} are all taken; choose another with --port", port.saturating_add(PORTS))
 }
 
-/// What a visitor's browser asks for first: the list, the object's page, its code, and the head of the pack by range.
+/// Checks what a visitor's browser asks for first: the list, the object's page, its code, and the head of the pack by range.
 fn check(address: SocketAddr, site: &Path, pack: &Path) -> Result<()> {
     for (path, expected) in [("/", &b"<html"[..]), ("/fort/", b"<canvas"), ("/viewer/viewer_bg.wasm", b"\0asm")] {
         let answer = http::get(address, path, None, 16 << 20)?;

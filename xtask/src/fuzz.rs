@@ -6,8 +6,8 @@
 //! runs `tests/fuzzing`, which is compiled with the other tests and needs no nightly. Either keeps an input that fails and says where.
 
 use crate::process::{command, on_path, output, root, run as run_command, shown};
-use crate::tally::Tally;
 use crate::test::TESTED;
+use crate::test::tally::Tally;
 use anyhow::{Context, Result, bail};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};

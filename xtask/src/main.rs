@@ -1,7 +1,8 @@
 //! `cargo xtask web | test | demo | bench | fuzz | screens`: everything a person or CI does with this repository beside plain cargo.
 //!
-//! One file per task; `setup` holds the checks and installs they share, `process` how commands are run and shown,
-//! `tally` how the results of different test runners are read. Exit codes are those of `kilwa`: 0 done, 1 something
+//! One file per task, with a folder for its parts: the stages of `test` and the suites with a report of their own, the benchmarks of `bench`.
+//! `setup` holds the checks and installs they share, `process` how commands are run and shown, `test::tally` how the results of different test
+//! runners are read. Exit codes are those of `kilwa`: 0 done, 1 something
 //! failed (reported above), 2 usage.
 
 mod bench;
@@ -10,14 +11,9 @@ mod demo;
 mod fuzz;
 mod http;
 mod process;
-mod properties;
 mod screens;
 mod setup;
-mod soak;
-mod tally;
 mod test;
-mod trust;
-mod view;
 mod web;
 
 use clap::Parser;

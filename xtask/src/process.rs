@@ -47,7 +47,7 @@ pub(crate) fn command(program: &str, args: &[&str]) -> Result<Command> {
 pub(crate) fn cargo(args: &[&str]) -> Result<Command> {
     let program = std::env::var("CARGO").unwrap_or_else(|_| "cargo".into());
     let mut command = command(&program, args)?;
-    // What `cargo run` sets for xtask is not true for the packages that its children build.
+    // The variables that `cargo run` sets for xtask are wrong for the packages that its children build.
     for (name, _) in
         std::env::vars().filter(|(name, _)| name.starts_with("CARGO_PKG_") || name.starts_with("CARGO_MANIFEST_"))
     {
@@ -99,7 +99,7 @@ pub(crate) fn kilwa(profile: &str) -> Result<PathBuf> {
     Ok(target.join(folder).join(format!("kilwa{}", std::env::consts::EXE_SUFFIX)))
 }
 
-/// What a command writes to stdout, trimmed; nothing is shown.
+/// The standard output of a command, trimmed; nothing is shown.
 ///
 /// # Errors
 /// It cannot be started or ends with another status than 0; the message carries what it wrote to stderr.
@@ -162,7 +162,7 @@ pub(crate) fn watch(command: &mut Command, limit: Duration, mut each: impl FnMut
             stop_tree(&mut child);
         }
     }
-    // What has closed its output may still continue.
+    // A process that has closed its output may still run.
     while child.try_wait().is_ok_and(|status| status.is_none()) {
         if !is_late && started.elapsed() > limit {
             is_late = true;
@@ -197,7 +197,7 @@ fn stop_tree(child: &mut Child) {
     }
     // Parents first, so that none continues when its child ends.
     let ids = tree.iter().map(u32::to_string);
-    // What has ended meanwhile is no failure; neither is a system without these programs, where the child itself is what can be ended.
+    // A process that has ended meanwhile is not a failure; nor is a system without these programs, where only the child itself can be ended.
     let _ = Command::new("kill").arg("-KILL").args(ids).stderr(Stdio::null()).status();
     let _ = child.kill();
 }

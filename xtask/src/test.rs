@@ -9,14 +9,19 @@
 //! The short form has to end in 25 minutes on two cores, so that a change is judged while its author still thinks of it. `--long` gives every
 //! suite its full numbers: it finds what is rare, and is run before a release.
 
+mod properties;
+mod soak;
+pub(crate) mod tally;
+mod trust;
+
 use crate::process::{Ended, cargo, command, kilwa, on_path, output, root, run as run_command, watch};
-use crate::tally::{Tally, is_noise};
-use crate::{demo, fuzz, setup, soak, trust, web};
+use crate::{demo, fuzz, setup, web};
 use anyhow::{Result, bail};
 use std::fs;
 use std::path::PathBuf;
 use std::process::Command;
 use std::time::{Duration, Instant};
+use tally::{Tally, is_noise};
 
 /// Run all checks and tests: format, lints, the page, Rust, the browser.
 #[derive(clap::Args)]

@@ -194,7 +194,7 @@ fn add_module(page: &mut Page, compiled: &Path, name: &str, tools: &Path, scratc
         .web(true)
         .and_then(Bindgen::generate_output)
         .with_context(|| format!("wasm-bindgen on {}", compiled.display()))?;
-    // What the module imports is called `__wbg_` and a hash, which do not compress: two letters do.
+    // The names of the module's imports are `__wbg_` and a hash, which do not compress: two letters do.
     let mut short = BTreeMap::new();
     for import in output.wasm_mut().imports.iter_mut().filter(|import| import.name.starts_with("__wb")) {
         let next = format!("i{}", short.len());

@@ -29,7 +29,7 @@ pub(super) struct Angle {
     pub(super) to: usize,
 }
 
-/// Words before a number that name its axis; compared in lower case, at the end of what stands before.
+/// Words before a number that name its axis; compared in lower case, at the end of the text before the number.
 const LATITUDE: [&str; 5] = ["lat", "latitude", "breite", "latitud", "latitudine"];
 const LONGITUDE: [&str; 8] = ["lon", "lng", "long", "longitude", "länge", "longitud", "longitudine", "lang"];
 

@@ -8,7 +8,7 @@ use serde_json::Value;
 const NAMES: [&str; 3] = ["title", "slug", "alternative_titles"];
 
 impl Location {
-    /// What gives the location away in a slug, a title or another name: [`Location::find`], and the same with hyphens read as decimal points and as spaces
+    /// The part of a slug, a title or another name that gives the location away: [`Location::find`], and the same with hyphens read as decimal points and as spaces
     /// (`8-95611-39-60023`, `lat-8-956-lon-39-600`), and as the plus sign of a Plus Code (`6g3x2jv2-h3`).
     pub fn find_in_name(&self, name: &str) -> Option<Finding> {
         self.find(name).or_else(|| {
@@ -20,7 +20,7 @@ impl Location {
         })
     }
 
-    /// What the items of a list give away together: `["-8.956", "39.600"]`.
+    /// The location as the items of a list give it away together: `["-8.956", "39.600"]`.
     pub fn find_in_list<'a>(&self, items: impl IntoIterator<Item = &'a str>) -> Option<Finding> {
         let items: Vec<&str> = items.into_iter().collect();
         if items.len() < 2 {

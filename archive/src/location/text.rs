@@ -4,7 +4,7 @@ use super::unseen;
 
 /// Times that encodings are taken off: links are put into links.
 const DECODINGS: usize = 5;
-/// What represents signs in HTML, and the sign.
+/// HTML entities, and the character that each represents.
 const ENTITIES: [(&str, char); 67] = [
     ("&deg;", '°'),
     ("&#176;", '°'),
@@ -146,7 +146,7 @@ fn one(c: char) -> Option<char> {
     })
 }
 
-/// With `%2C` and the like as what they represent; what is no encoding stays.
+/// With `%2C` and the like as what they represent; everything else stays.
 fn without_percent(text: &str) -> String {
     let bytes = text.as_bytes();
     let hex = |at: usize| bytes.get(at).and_then(|b| char::from(*b).to_digit(16));
@@ -165,7 +165,7 @@ fn without_percent(text: &str) -> String {
     String::from_utf8_lossy(&out).into_owned()
 }
 
-/// With `&#57;`, `&#x39;`, `\u0039`, `\u{39}` and `\x39` as what they represent; what is no such form stays.
+/// With `&#57;`, `&#x39;`, `\u0039`, `\u{39}` and `\x39` as what they represent; everything else stays.
 fn without_escapes(text: &str) -> String {
     let (mut out, mut rest) = (String::with_capacity(text.len()), text);
     while let Some(at) = rest.find(['&', '\\']) {
@@ -229,7 +229,7 @@ pub(super) struct Number {
     pub(super) value: f64,
     /// Digits behind the point.
     pub(super) decimals: usize,
-    /// Where it stands: first character, and the one behind its last.
+    /// Its place: the first character, and the one after its last.
     pub(super) from: usize,
     pub(super) to: usize,
     /// Whether a comma and a space were read as a decimal comma: more often these are two numbers of a list.
@@ -308,7 +308,7 @@ fn with_blanks(text: &[char]) -> Vec<Number> {
     all
 }
 
-/// What runs of digits can mean: each for itself, all as one number, and with the last sign, or any one point, as the decimal one.
+/// The numbers that runs of digits can mean: each for itself, all as one number, and with the last sign, or any one point, as the decimal one.
 fn readings(text: &[char], runs: &[Run], signs: &[char], all: &mut Vec<Number>) {
     let mut add = |digits: &str, decimals: usize, from: usize, to: usize| {
         let Ok(mut value) = digits.parse::<f64>() else { return };
@@ -367,7 +367,7 @@ fn exponent(text: &[char], at: usize) -> Option<(i32, usize)> {
     Some((if negative { -power } else { power }, behind))
 }
 
-/// What a piece of a text is, for messages.
+/// A piece of a text as messages show it.
 pub(super) fn shown(text: &[char], from: usize, to: usize) -> String {
     text.get(from..to.min(from + 60).min(text.len())).unwrap_or_default().iter().collect()
 }

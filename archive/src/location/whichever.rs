@@ -16,10 +16,10 @@ const PAIR_DECIMALS: usize = 3;
 /// Metres: eastings of UTM and its relatives, and northings beside them.
 const EASTINGS: std::ops::Range<f64> = 100_000.0..900_000.0;
 const NORTHINGS: std::ops::Range<f64> = 1_000_000.0..10_000_000.0;
-/// Words that may stand between an easting and a northing.
+/// Words that may come between an easting and a northing.
 const AXES: [&str; 15] =
     ["e", "n", "s", "w", "m", "x", "y", "and", "east", "west", "north", "south", "easting", "northing", "mn"];
-/// Words that may stand between `UTM` and a zone.
+/// Words that may come between `UTM` and a zone.
 const ZONE_WORDS: [&str; 12] =
     ["zone", "zona", "huso", "fuso", "fuseau", "no", "nr", "z", "wgs", "etrs", "nad", "projection"];
 
@@ -55,7 +55,7 @@ pub(super) fn found(text: &[char], numbers: &[Number], angles: &[Angle], form: F
         })
 }
 
-/// UTM zones that are named as such (`UTM zone 37S`, `37L UTM`), with where they stand.
+/// UTM zones that are named as such (`UTM zone 37S`, `37L UTM`), and where they are.
 pub(super) fn zones<'a>(text: &'a [char], numbers: &'a [Number]) -> impl Iterator<Item = (u32, usize, usize)> + 'a {
     let small = numbers.iter().filter(|n| n.decimals == 0 && n.to - n.from <= 2 && (1.0..=60.0).contains(&n.value));
     small.filter_map(move |n| {
@@ -173,7 +173,7 @@ fn is_angle(text: &[char], a: &Angle) -> bool {
     a.axis.is_some() && !a.is_doubtful && !is_inner && (a.has_seconds || a.sign == ':' && has_letter())
 }
 
-/// Two angles side by side, written like times, one of which is later than any time of day: `08:57:27, 39:31:22`.
+/// Two angles side by side, written like times, one of them later than any time of day: `08:57:27, 39:31:22`.
 fn sixties(text: &[char], angles: &[Angle]) -> Option<(usize, usize)> {
     let all: Vec<&Angle> = angles.iter().filter(|a| a.has_seconds && a.sign == ':').collect();
     all.windows(2).find_map(|two| {
@@ -192,7 +192,7 @@ fn eastings(text: &[char], numbers: &[Number]) -> Option<(usize, usize)> {
         let is_near = then.from > first.to && then.from <= first.to + BESIDE;
         (is_near && only_words(&lower(text, first.to, then.from), &AXES)).then_some((first.from, then.to))
     };
-    // Both lists are in the order of the text: few stand within reach of each.
+    // Both lists are in the order of the text: few are within reach of each.
     let follows = |ones: &[&Number], others: &[&Number]| {
         ones.iter().find_map(|a| {
             let start = others.partition_point(|b| b.from <= a.to);

@@ -1,4 +1,4 @@
-//! A metadata file as lines, for mistakes that a reader of TOML cannot name: what stands below a block that is a comment, quotation marks of
+//! A metadata file as lines, for mistakes that a reader of TOML cannot name: a field below a block that is a comment, quotation marks of
 //! word processors, dates without any.
 
 use super::problem::Problem;
@@ -63,7 +63,7 @@ fn fields(block: &str) -> Option<&'static [&'static str]> {
     BLOCKS.iter().chain([&FUNDING]).find(|(name, _)| *name == block).map(|(_, fields)| *fields)
 }
 
-/// What TOML's reader says, and what it mostly is.
+/// Messages of the TOML reader, and what is usually wrong.
 pub(super) fn syntax(message: &str, text: &str, line: usize) -> String {
     let written = text.lines().nth(line.saturating_sub(1)).unwrap_or_default();
     let value = written.split_once('=').map(|(_, value)| value.trim());

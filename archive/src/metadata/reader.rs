@@ -46,7 +46,7 @@ impl<'a> File<'a> {
     pub(super) fn into_problems(self) -> Vec<Problem> {
         let mut problems = self.problems.into_inner();
         problems.sort_by_key(|p| p.line);
-        // What is still an example counts as absent: that it is needed goes without saying.
+        // A value that is still an example counts as absent: that it is needed goes without saying.
         let examples: Vec<(usize, String)> =
             problems.iter().filter(|p| p.is_example).map(|p| (p.line, p.field.clone())).collect();
         problems.retain(|p| p.is_example || !examples.contains(&(p.line, p.field.clone())));
@@ -54,7 +54,7 @@ impl<'a> File<'a> {
     }
 }
 
-/// A value that was checked, with where it stands.
+/// A value that was checked, and its place in the file.
 pub(super) struct Found<T> {
     pub(super) at: usize,
     pub(super) value: T,
@@ -133,7 +133,7 @@ impl<'a, 'i> Table<'a, 'i> {
         }
         let text = match value {
             DeValue::String(text) => text.trim().replace("\r\n", "\n"),
-            // Dates may stand without quotation marks.
+            // Dates may be written without quotation marks.
             DeValue::Datetime(date) => date.to_string(),
             other => {
                 self.wrong(key, at, format!("expected a text in quotation marks, not {}", kind(other)));

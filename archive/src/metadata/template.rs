@@ -3,7 +3,7 @@
 use kilwa_pack::plural::counted;
 use std::fmt::Write as _;
 
-/// What is known before anybody writes: from a pack, or from answers.
+/// The values known before anybody writes: from a pack, or from answers.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Known {
     /// Title.
@@ -36,7 +36,7 @@ pub struct Known {
     pub counts: Option<(u64, u64)>,
 }
 
-/// The file. What is known stands in it; what is needed and not known is empty; all else is a comment.
+/// The file. It has what is known; what is needed and not known is empty; all else is a comment.
 pub fn write(known: &Known) -> String {
     let mut s = String::from(HEAD);
     if let Some((triangles, vertices)) = known.counts {

@@ -1,7 +1,7 @@
 //! `metadata/edm.xml`: the Europeana Data Model as RDF/XML, with its profile for 3D content: the site (ProvidedCHO), the page, the viewer, the model's
 //! files and the poster (WebResource), and the Aggregation of them.
 //!
-//! Elements stand in the order of Europeana's schema (EDM-COMMON-MAIN, CONTEXTS and ORE of europeana/metis-schema, 2026), which its validation
+//! Elements are in the order of Europeana's schema (EDM-COMMON-MAIN, CONTEXTS and ORE of europeana/metis-schema, 2026), which its validation
 //! asks for. The viewer is what the object is shown by (its oEmbed answer, which the profile asks for); the preview, which browsers can load, is a view
 //! of it; the pack is for downloading: the viewer says that it is a form of both. Ids are the object's address where it is known, `urn:kilwa:`
 //! and the pack's identity else; an aggregator needs the address. [`europeana_lacks`] says what it would refuse.
@@ -14,7 +14,7 @@ use crate::rights::Rights;
 
 /// A mesh, in Europeana's vocabulary of models.
 const MESH: &str = "http://data.europeana.eu/vocabulary/modelType/3DMesh";
-/// What was captured from reality, in IPTC's vocabulary, of which the profile takes three terms.
+/// "Captured from reality" in IPTC's vocabulary; the profile takes three of its terms.
 const CAPTURED: &str = "https://cv.iptc.org/newscodes/digitalsourcetype/digitalCapture";
 /// Statements of RightsStatements.org that Europeana takes.
 const STATEMENTS: [&str; 6] = ["NoC-NC", "NoC-OKLR", "InC", "InC-EDU", "InC-OW-EU", "CNE"];

@@ -58,7 +58,7 @@ pub(super) fn linkset(p: &Publication) -> Value {
     json!({ "linkset": [one] })
 }
 
-/// What a page that embeds the object asks for; only where the address is known.
+/// The oEmbed record, which a page that embeds the object asks for; only where the address is known.
 pub(super) fn oembed(p: &Publication) -> Option<Value> {
     let url = p.url()?;
     let m = &p.metadata;

@@ -73,7 +73,7 @@ impl Xml {
         self.writer.get_ref().len()
     }
 
-    /// What was written since this was last asked, for documents that are sent piece by piece.
+    /// The text written since the last call, for documents that are sent piece by piece.
     pub fn take(&mut self) -> String {
         text(std::mem::take(self.writer.get_mut()))
     }

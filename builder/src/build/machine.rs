@@ -1,4 +1,4 @@
-//! What the machine has and what this process has used of it: memory, processor time, room on disks.
+//! Resources of the machine and of this process: memory, processor time, disk space.
 //!
 //! Memory and times come from `/proc` and, where the process is in a control group with a limit, from that group. Where
 //! the system has none of these, values are unknown, and the default budget is that of a small machine.

@@ -104,20 +104,8 @@ impl BuildReport {
 }
 
 pub(super) fn header_of(levels: &Levels) -> Header {
-    Header {
-        lattice: levels.surface.lattice,
-        cube_log2: levels.surface.cube_log2,
-        file_bytes: 0,
-        metadata: (0, 0),
-        metadata_checksum: [0; 16],
-        entry_count: 0,
-        first_page: 0,
-        other_pages: 0,
-        triangles: levels.surface.triangles,
-        stored_triangles: 0,
-        stored_vertices: 0,
-        attributes: levels.attributes,
-    }
+    let s = &levels.surface;
+    Header::new(s.lattice, s.cube_log2, s.triangles, levels.attributes)
 }
 
 pub(super) fn metadata(s: &Surface, options: &BuildOptions) -> Metadata {

@@ -76,7 +76,7 @@ impl Crowd<'_> {
         Ok(())
     }
 
-    /// What the tetrahedra above a bucket need to know of it, if it has no more places than a leaf may have.
+    /// The figures of a bucket that the tetrahedra above it need, if it has no more places than a leaf may have.
     fn survey(&self, own: &ScratchFile, bucket: usize) -> Result<Option<Above>, BuildError> {
         let (width, triangle) = (self.layout.vertex(), self.layout.triangle());
         let mut places = Places::default();

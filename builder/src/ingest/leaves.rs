@@ -2,7 +2,7 @@
 //!
 //! Input: `welded`, `replies`, the tree. Output: the patch of every leaf that is not empty, and a record for every point
 //! that more than one leaf uses, once for each of them (and for points that several buckets see, whether or not more
-//! than one leaf uses them). Triangles of a patch are sorted by their corners, vertices stand in the order of first use:
+//! than one leaf uses them). Triangles of a patch are sorted by their corners, vertices are in the order of first use:
 //! what comes out depends on the mesh alone.
 
 use super::buckets::{Buckets, point_of_words};
@@ -296,7 +296,7 @@ impl Unit {
     }
 }
 
-/// What other buckets found out about the triangles of this one.
+/// Apply what other buckets found out about the triangles of this one.
 fn apply(welded: &mut Welded, replies: &[[u32; REPLY]]) {
     for reply in replies {
         let Some(corners) = welded.triangles.get_mut(reply[0] as usize) else { continue };

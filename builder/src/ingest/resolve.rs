@@ -374,7 +374,7 @@ impl<'a> Run<'a> {
         });
     }
 
-    /// Decide which triangles of a block are kept, and measure them; they stand at the beginning of their piece.
+    /// Decide which triangles of a block are kept, and measure them; they are at the beginning of their piece.
     fn complete(
         &self,
         provisional: &Provisional,

@@ -37,7 +37,7 @@ pub struct Surface {
     pub non_manifold_edges: u64,
     /// Edges of two triangles that run along it the same way: neighbours that face apart.
     pub inconsistent_edges: u64,
-    /// Triangles that stand a second time, whichever way they face.
+    /// Duplicates of another triangle, whichever way they face.
     pub duplicate_triangles: u64,
     /// Connected components, triangles joined by points.
     pub components: u64,

@@ -1,4 +1,4 @@
-//! What triangles are to their neighbours, bucket by bucket: welded vertices, true-border bits, normals, and which
+//! How triangles relate to their neighbours, bucket by bucket: welded vertices, true-border bits, normals, and which
 //! tetrahedra want to be split.
 //!
 //! Input: `buckets` and `halo`. A point belongs to the bucket that it lies in, an edge to the first bucket of its two
@@ -56,7 +56,7 @@ pub struct Counts {
     pub non_manifold_edges: u64,
     /// Edges of two triangles that run along it the same way.
     pub inconsistent_edges: u64,
-    /// Triangles that stand a second time, in whichever direction.
+    /// Duplicates of another triangle, whichever way they face.
     pub duplicate_triangles: u64,
 }
 

@@ -1,4 +1,4 @@
-//! What happens to one diamond's fragment, independent of every other: merge the patches of its tetrahedra's children,
+//! The work on one diamond's fragment, independent of every other: merge the patches of its tetrahedra's children,
 //! simplify, certify, split among its own tetrahedra.
 //!
 //! Pure: the result depends on the patches and the locked points alone.

@@ -4,7 +4,7 @@ use kilwa_geometry::Mesh;
 
 const NONE: u32 = u32::MAX;
 
-/// Joins vertices of several meshes into one mesh. Vertices stand in order of first use.
+/// Joins vertices of several meshes into one mesh. Vertices are in order of first use.
 pub(crate) struct Welder {
     /// What was joined so far.
     pub(crate) mesh: Mesh,

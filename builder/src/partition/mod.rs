@@ -132,7 +132,7 @@ impl Partition {
         }
         let mut new_of_old = vec![0; old_of_new.len()];
         (0u32..).zip(&old_of_new).for_each(|(new, old)| new_of_old[*old as usize] = new);
-        // A parent stands before its children, so its diamond has its number by then.
+        // A parent comes before its children, so its diamond has its number by then.
         let mut diamond_of_old = vec![u32::MAX; self.diamonds.len()];
         let mut tree = Self { tetrahedra: Vec::new(), diamonds: Vec::new(), by_key: FxHashMap::default(), ..self };
         for (new, old) in (0u32..).zip(&old_of_new) {

@@ -1,7 +1,7 @@
 //! Creating and locking the scratch folder, which must be one that a build made.
 //!
 //! Somebody else may have put anything in its place: meshes come in folders from other people, and temporary folders are shared.
-//! All files in a scratch folder are removed at the end. So links are not followed, and a folder is ours only if it is empty or
+//! All files in a scratch folder are removed at the end. So links are not followed, and a folder is used only if it is empty or
 //! its file `lock` contains [`MARKER`]. Failures: [`ScratchError::Foreign`], [`ScratchError::Busy`], [`ScratchError::Io`].
 
 use super::ScratchError;
@@ -29,7 +29,7 @@ pub(super) fn make(path: &Path) -> Result<(), ScratchError> {
     }
 }
 
-/// Lock the folder, and make sure that it is ours.
+/// Lock the folder, and make sure that it may be used.
 pub(super) fn take(folder: &Path) -> Result<File, ScratchError> {
     let foreign = |what: String| ScratchError::Foreign { path: folder.to_owned(), what };
     let path = folder.join(LOCK);
@@ -84,7 +84,7 @@ fn refuse_links(folder: &Path) -> Result<(), ScratchError> {
     Err(ScratchError::Foreign { path: folder.to_owned(), what: what.to_owned() })
 }
 
-/// What a folder contains besides the lock: the name of one of these files or folders.
+/// The name of a file or folder in the folder, besides the lock.
 fn another(folder: &Path) -> Result<Option<OsString>, ScratchError> {
     let cannot = |e| ScratchError::io(folder, "list", e);
     for entry in std::fs::read_dir(folder).map_err(cannot)? {

@@ -2,9 +2,9 @@
 //!
 //! A [`Scratch`] is a folder that one build holds locked. [`ScratchFile`] is a plain file that any thread appends to and
 //! reads by position; [`PatchFile`] keeps patches by tetrahedron, [`Records`] 16-byte records that are sorted outside
-//! of memory. How many bytes stand in the folder, now and at most, is counted as they are written and removed.
+//! of memory. How many bytes are in the folder, now and at most, is counted as they are written and removed.
 //!
-//! The folder is ours only if the file `lock` in it says so. Links are never followed, neither to the folder nor inside it.
+//! The folder is used only if the file `lock` in it says that Kilwa made it. Links are never followed, neither to the folder nor inside it.
 //!
 //! Numbers are stored little-endian. Every block that matters carries a checksum (CRC-32) or a length that is checked
 //! when it is read. Failures: [`ScratchError`], which names the file, what was being done, why, and what to do.
@@ -140,7 +140,7 @@ impl Scratch {
         ScratchFile::new(self.place(name)?, false, Arc::clone(&self.space))
     }
 
-    /// Count what really stands in the folder: small files come into it by other means than [`Scratch::create`].
+    /// Count the bytes that are really in the folder: small files come into it by other means than [`Scratch::create`].
     ///
     /// # Errors
     /// As [`Scratch::files`].

@@ -3,7 +3,7 @@
 
 mod plain;
 
-use crate::support::{closed, fort, non_manifold, wall, with_holes};
+use crate::support::{closed, fort, non_manifold, shuffled, wall, with_holes};
 use glam::{DVec3, Vec3};
 use kilwa_builder::build::work::{Stop, Work};
 use kilwa_builder::ingest::surface::{Ingested, Surface};
@@ -196,28 +196,6 @@ fn an_ingest_equals_a_simple_construction_in_memory() {
             );
         }
     }
-}
-
-/// The mesh with its vertices and triangles in another order.
-fn shuffled(mesh: &RawMesh, seed: u64) -> RawMesh {
-    let mut out = mesh.clone();
-    let mut random = fastrand::Rng::with_seed(seed);
-    let n = mesh.positions.len();
-    let mut new_of_old: Vec<u32> = (0..n as u32).collect();
-    for i in (1..n).rev() {
-        new_of_old.swap(i, random.usize(..=i));
-    }
-    for (old, new) in new_of_old.iter().enumerate() {
-        out.positions[*new as usize] = mesh.positions[old];
-        if !mesh.colors.is_empty() {
-            out.colors[*new as usize] = mesh.colors[old];
-        }
-    }
-    out.triangles.iter_mut().for_each(|t| *t = t.map(|v| new_of_old[v as usize]));
-    for i in (1..out.triangles.len()).rev() {
-        out.triangles.swap(i, random.usize(..=i));
-    }
-    out
 }
 
 #[test]

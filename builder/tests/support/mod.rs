@@ -8,20 +8,20 @@ use kilwa_geometry::LatticePoint;
 use kilwa_pack::cut::Cut;
 use kilwa_pack::reader::SliceSource;
 use kilwa_pack::{Chunk, DirectoryEntry, Reader};
-use kilwa_synth::{self as synth, Phantom, Shape, SynthOptions};
+use kilwa_synth::{self as synth, Phantom, SiteKind, SynthOptions};
 use std::collections::HashMap;
 
 pub(crate) fn fort(triangles: u64) -> RawMesh {
-    synth::mesh(Shape::Fort, &SynthOptions::new(triangles)).expect("fort")
+    synth::mesh(SiteKind::Fort, &SynthOptions::new(triangles)).expect("fort")
 }
 
 pub(crate) fn wall(triangles: u64) -> RawMesh {
-    synth::mesh(Shape::Wall, &SynthOptions::new(triangles)).expect("wall")
+    synth::mesh(SiteKind::Wall, &SynthOptions::new(triangles)).expect("wall")
 }
 
 /// A closed manifold: a sphere with relief.
 pub(crate) fn closed(triangles: u64) -> RawMesh {
-    let mut mesh = synth::mesh(Shape::Phantom(Phantom::Sphere), &SynthOptions::new(triangles)).expect("sphere");
+    let mut mesh = synth::mesh(SiteKind::Phantom(Phantom::Sphere), &SynthOptions::new(triangles)).expect("sphere");
     for p in &mut mesh.positions {
         let r = 1.0 + 0.05 * (p[0] * 9.0).sin() * (p[1] * 7.0).cos() + 0.01 * (p[2] * 61.0).sin();
         *p = p.map(|x| x * r);
@@ -136,6 +136,28 @@ pub(crate) fn drawn(pack: &Opened, cut: &Cut) -> Vec<([LatticePoint; 3], u8)> {
                 out.push((chunk.mesh.corners(t as usize), chunk.mesh.borders[t as usize]));
             }
         }
+    }
+    out
+}
+
+/// The mesh with its vertices and triangles in another order.
+pub(crate) fn shuffled(mesh: &RawMesh, seed: u64) -> RawMesh {
+    let mut out = mesh.clone();
+    let mut random = fastrand::Rng::with_seed(seed);
+    let n = mesh.positions.len();
+    let mut new_of_old: Vec<u32> = (0..n as u32).collect();
+    for i in (1..n).rev() {
+        new_of_old.swap(i, random.usize(..=i));
+    }
+    for (old, new) in new_of_old.iter().enumerate() {
+        out.positions[*new as usize] = mesh.positions[old];
+        if !mesh.colors.is_empty() {
+            out.colors[*new as usize] = mesh.colors[old];
+        }
+    }
+    out.triangles.iter_mut().for_each(|t| *t = t.map(|v| new_of_old[v as usize]));
+    for i in (1..out.triangles.len()).rev() {
+        out.triangles.swap(i, random.usize(..=i));
     }
     out
 }

@@ -1,4 +1,4 @@
-//! What is cut away: a plane and a box, in lattice units. Exact in f64; what is cut away wholly is neither loaded nor drawn.
+//! The clip: a plane and a box, in lattice units. Exact in f64; what is cut away wholly is neither loaded nor drawn.
 
 use crate::Sphere;
 use glam::DVec3;
@@ -35,7 +35,7 @@ impl ClipBox {
     }
 }
 
-/// What is cut away: what the plane or the box removes.
+/// A clip: it cuts away what the plane or the box removes.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Clip {
     /// One plane.

@@ -71,7 +71,7 @@ impl Areas {
         self.plan.value()
     }
 
-    /// What the standard uncertainty of a coordinate is multiplied with to give that of [`Areas::surface`] and of
+    /// The factor by which the standard uncertainty of a coordinate is multiplied to give that of [`Areas::surface`] and of
     /// [`Areas::plan`]: as if every corner of every triangle erred by itself, which is more than where neighbours share it.
     pub fn spread(&self) -> [f64; 2] {
         self.spread.map(|s| libm::sqrt(s.value()))

@@ -1,4 +1,4 @@
-//! What is cut away: a plane and a box. Exact in f64 for picks; the shaders get the same half-spaces relative to their cell.
+//! The clip: a plane and a box. Exact in f64 for picks; the shaders get the same half-spaces relative to their cell.
 //!
 //! Points and half-spaces are in one unit, in practice lattice units. [`ClipState`] is what people and links say, in world metres.
 
@@ -43,9 +43,9 @@ fn is_zero(value: &f64) -> bool {
 #[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize)]
 #[serde(rename_all = "camelCase", default)]
 pub struct ClipState {
-    /// What lies on the side that its normal points to is cut away.
+    /// Cuts away the side that its normal points to.
     pub clip_plane: Option<WorldPlane>,
-    /// What lies outside (or inside) is cut away.
+    /// Cuts away what lies outside (or inside).
     pub clip_box: Option<WorldBox>,
 }
 

@@ -4,7 +4,7 @@
 //! polylines in space for saved measurements, and lines and texts for scale bar and dimensions, each on a layer of its own.
 
 use crate::drawing::{Drawing, short};
-use crate::record::{Document, Measurement};
+use crate::saved::{Document, Measurement};
 use glam::{DVec2, DVec3};
 use kilwa_geometry::LengthUnit;
 use std::fmt::Write;

@@ -51,7 +51,7 @@ pub struct Read {
 }
 
 impl Read {
-    /// What reading these chunks is.
+    /// The cost of reading these chunks.
     pub fn of(index: &Index, chunks: &[u32]) -> Self {
         let bytes = |i: &u32| index.entries().get(*i as usize).map_or(0, |e| u64::from(e.encoded_bytes));
         Self {
@@ -108,7 +108,7 @@ pub fn finest(chunk: &Chunk) -> impl Iterator<Item = [LatticePoint; 3]> + '_ {
     leaves.flat_map(|p| p.first..p.first + p.count).map(|t| chunk.mesh.corners(t as usize))
 }
 
-/// What the finest triangles of one chunk add up to; `None` where it holds none, and then only its bytes are checked.
+/// The sum over the finest triangles of one chunk; `None` where it holds none, and then only its bytes are checked.
 ///
 /// # Errors
 /// [`PackError`] naming the chunk.

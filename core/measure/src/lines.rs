@@ -3,7 +3,7 @@
 
 use crate::drawing::{Drawing, DrawnLine};
 use crate::quantity::Uncertainty;
-use crate::record::PackName;
+use crate::saved::PackName;
 use glam::{DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};

@@ -117,7 +117,7 @@ fn between(points: &[DVec2], length: f64) -> Vec<Vec<DVec2>> {
 /// Heights of the contours between two heights: whole multiples of the interval, in world metres.
 ///
 /// # Errors
-/// [`Refusal::NotFinite`] for an interval that is not positive, or so small that there were more than `limit` contours.
+/// [`Refusal::NotFinite`] for an interval that is not positive, or for one that would give more than `limit` contours.
 pub fn contour_heights(low: f64, high: f64, interval: f64, limit: usize) -> Result<Vec<f64>, Refusal> {
     let is_sane = low.is_finite() && high.is_finite() && interval.is_finite() && interval > 0.0;
     let (first, last) = (libm::ceil(low / interval), libm::floor(high / interval));

@@ -5,7 +5,7 @@ use glam::DVec3;
 use kilwa_pack::plural::counted;
 use thiserror::Error;
 
-/// What meets no surface.
+/// The part of a question that meets no surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Target {
     /// A section plane.
@@ -38,7 +38,7 @@ impl std::fmt::Display for Target {
     }
 }
 
-/// What a tool says instead of a number that would mean nothing.
+/// The reason that a tool gives instead of a number without meaning.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum Refusal {
     /// Not enough points.

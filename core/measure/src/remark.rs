@@ -16,7 +16,7 @@ pub enum Remark {
     /// A volume below zero.
     #[error("the volume is negative: the surface is inside out")]
     InsideOut,
-    /// Cut and fill of something that is no ground.
+    /// Cut and fill of something that is not ground.
     #[error("the surface is a closed body without ground, so there is no fill")]
     Body,
     /// Of cut and fill.

@@ -1,7 +1,7 @@
 //! Snapping: from a picked point to the vertex, crease or border of the finest surface that is nearest to it.
 //!
 //! A crease is an edge whose two triangles are bent by more than [`CREASE`]; a border is an edge of one triangle. Every triangle that
-//! reaches into the ball round the point is looked at, of whatever chunk, so that an edge between two chunks is no border.
+//! reaches into the ball round the point is looked at, of whatever chunk, so that an edge between two chunks is not taken for a border.
 
 use crate::clip::Clip;
 use crate::leaves::{Failure, Leaves, finest};
@@ -35,7 +35,7 @@ pub enum Snap {
 /// lattice points.
 ///
 /// # Errors
-/// What kept the chunks from being read.
+/// The failure that kept the chunks from being read.
 pub async fn snap<L: Leaves>(
     leaves: &L,
     local: DVec3,

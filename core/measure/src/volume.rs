@@ -54,7 +54,7 @@ impl Enclosed {
         self.area.value()
     }
 
-    /// What the standard uncertainty of a coordinate is multiplied with to give that of the volume: points err by themselves, and each
+    /// The factor by which the standard uncertainty of a coordinate is multiplied to give that of the volume: points err by themselves, and each
     /// has six triangles round it (a point moves a third of their area vectors; there are half as many points as triangles).
     pub fn spread(&self) -> f64 {
         libm::sqrt(2.0 * self.squares.value())
@@ -77,7 +77,7 @@ impl Enclosed {
     }
 }
 
-/// What would have to be removed and filled in to make a region flat.
+/// The volumes that would have to be removed and filled in to make a region flat.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct CutFill {
     above: Sum,
@@ -138,7 +138,7 @@ impl CutFill {
         self.triangles += other.triangles;
     }
 
-    /// What the standard uncertainty of a coordinate is multiplied with to give that of the volumes, for a plane fitted to `corners`
+    /// The factor by which the standard uncertainty of a coordinate is multiplied to give that of the volumes, for a plane fitted to `corners`
     /// points of the same uncertainty (0: a plane that is given): as [`Enclosed::spread`], and the plane's own.
     pub fn spread(&self, corners: usize) -> f64 {
         let area = self.covered.value();

@@ -45,7 +45,7 @@ impl Cut {
     }
 
     /// The same without knowing the patches of every chunk before: `patches_of` gives those in the chunk of an entry, and is asked once for each
-    /// entry that is refined, in the order of refining, and for no other. What represents a diamond stands in the chunks of its parents, which are
+    /// entry that is refined, in the order of refining, and for no other. The patches that represent a diamond are in the chunks of its parents, which are
     /// refined before it.
     ///
     /// # Errors
@@ -163,7 +163,7 @@ fn grown<E>(
     Ok(growth.cut)
 }
 
-/// How many triangles stand in the coarse form of every diamond, from the patch tables of all chunks in entry order.
+/// How many triangles the coarse form of every diamond has, from the patch tables of all chunks in entry order.
 pub fn coarse_triangles<'a>(entry_count: usize, patches: impl IntoIterator<Item = &'a PatchRange>) -> Vec<u64> {
     let mut sums = vec![0u64; entry_count];
     for patch in patches {

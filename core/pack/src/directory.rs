@@ -20,7 +20,7 @@ pub const ENTRY_BYTES: usize = 128;
 /// "No such diamond": a leaf patch, or an unused parent slot.
 pub const NO_DIAMOND: u32 = u32::MAX;
 
-/// What the directory says of one diamond and its chunk.
+/// The directory's entry of one diamond and its chunk.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DirectoryEntry {
     /// Byte offset of the chunk in the file.
@@ -72,7 +72,7 @@ pub struct Children {
 const WHOLE: u8 = 0x80;
 
 impl Children {
-    /// The directory pages that the children stand on, others between them included.
+    /// The directory pages that the children are on, with others between them.
     pub fn pages(&self) -> std::ops::RangeInclusive<u32> {
         let first = page_of(self.first);
         first..=first.saturating_add(u32::from(self.pages))
@@ -102,7 +102,7 @@ impl Children {
     }
 }
 
-/// The directory page that an entry stands on.
+/// The directory page that an entry is on.
 fn page_of(index: u32) -> u32 {
     u32::try_from(ENTRIES_PER_PAGE).map_or(0, |per_page| index / per_page)
 }
@@ -116,7 +116,7 @@ pub fn link_children(entries: &mut [DirectoryEntry], is_whole: impl Fn(usize) ->
     }
 }
 
-/// What [`DirectoryEntry::children`] has to be, but for [`Children::is_whole`]; none where the fields are too small, or nothing names the entry.
+/// The value that [`DirectoryEntry::children`] has to have, but for [`Children::is_whole`]; none where the fields are too small, or nothing names the entry.
 pub(crate) fn children_of(entries: &[DirectoryEntry]) -> Vec<Option<Children>> {
     let mut found = vec![(0u32, 0u32, 0u32, 0f32); entries.len()];
     for (index, entry) in (0u32..).zip(entries) {

@@ -31,7 +31,7 @@ impl Footer {
         b
     }
 
-    /// What the pack is called where a measurement or an annotation refers to it: the first 16 bytes of the BLAKE3 hash of
+    /// The name by which a measurement or an annotation refers to the pack: the first 16 bytes of the BLAKE3 hash of
     /// the footer, as 32 lower-case hexadecimal digits. The footer covers every checksum of the file, so that packs that
     /// differ anywhere are called otherwise. FORMAT section 7.
     pub fn identity(&self) -> String {
@@ -42,7 +42,7 @@ impl Footer {
     /// Parse the last [`FOOTER_BYTES`] bytes of a file.
     ///
     /// # Errors
-    /// [`PackError::Truncated`] when too short, [`PackError::Invalid`] when it is no footer.
+    /// [`PackError::Truncated`] when too short, [`PackError::Invalid`] when it is not a footer.
     pub fn parse(bytes: &[u8]) -> Result<Self, PackError> {
         let mut c = Cursor::new(bytes, "footer");
         if c.array()? != FOOTER_MAGIC {

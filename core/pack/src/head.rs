@@ -4,7 +4,7 @@
 use crate::directory::parse_page;
 use crate::{DirectoryEntry, Header, Metadata, PAGE_BYTES, PackError};
 
-/// What the first bytes of a pack say.
+/// The contents of the first bytes of a pack.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Head {
     /// The header.
@@ -20,7 +20,7 @@ pub struct Head {
 ///
 /// # Errors
 /// [`PackError::Truncated`] whose `needed` says how many bytes from the start of the file are needed, when metadata or
-/// page 0 reach beyond `bytes`; any other [`PackError`] when the file is no pack or damaged.
+/// page 0 reach beyond `bytes`; any other [`PackError`] when the file is not a pack or is damaged.
 pub fn parse_head(bytes: &[u8]) -> Result<Head, PackError> {
     let header = Header::parse(bytes)?;
     let (at, length) = header.metadata;

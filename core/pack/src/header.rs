@@ -8,7 +8,7 @@ use kilwa_geometry::{Lattice, lattice::MAX_COORDINATE};
 
 /// Bytes of the header.
 pub const HEADER_BYTES: usize = 256;
-/// What a reader asks for first: header, metadata, page 0 and the coarsest chunks lie in it.
+/// Length of a reader's first request: header, metadata, page 0 and the coarsest chunks lie in it.
 pub const HEAD_BYTES: u64 = 131_072;
 
 /// First bytes of every pack.
@@ -53,6 +53,24 @@ pub struct Header {
 }
 
 impl Header {
+    /// The header of a pack that is to be written; the writer fills in the offsets, lengths and counts, which are 0.
+    pub fn new(lattice: Lattice, cube_log2: u32, triangles: u64, attributes: crate::Attributes) -> Self {
+        Self {
+            lattice,
+            cube_log2,
+            file_bytes: 0,
+            metadata: (0, 0),
+            metadata_checksum: [0; 16],
+            entry_count: 0,
+            first_page: 0,
+            other_pages: 0,
+            triangles,
+            stored_triangles: 0,
+            stored_vertices: 0,
+            attributes,
+        }
+    }
+
     /// Number of directory pages.
     pub fn page_count(&self) -> u32 {
         self.entry_count.div_ceil(127)
@@ -72,7 +90,7 @@ impl Header {
     /// Parse and check the first [`HEADER_BYTES`] bytes of a file.
     ///
     /// # Errors
-    /// [`PackError`] when this is no pack, a newer one, damaged or impossible.
+    /// [`PackError`] when this is not a pack, or is a newer one, damaged or impossible.
     pub fn parse(bytes: &[u8]) -> Result<Self, PackError> {
         let there = bytes.len().min(MAGIC.len());
         if bytes.get(..there) != MAGIC.get(..there) || there == 0 {

@@ -98,7 +98,7 @@ impl Index {
         &self.metadata
     }
 
-    /// What the pack is called where others refer to it: [`Footer::identity`].
+    /// The name by which others refer to the pack: [`Footer::identity`].
     pub fn identity(&self) -> String {
         self.footer.identity()
     }

@@ -7,7 +7,7 @@
 
 use serde::de::DeserializeOwned;
 
-/// Read a value of which no object has a key twice.
+/// Read a value; an object that has a key twice is refused.
 ///
 /// In the page's programs, whose bytes count before the first picture, a value's own fields are looked at and members that it does not know are not:
 /// serde refuses the former, and nothing there depends on the latter.

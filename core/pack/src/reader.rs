@@ -104,7 +104,7 @@ impl<S: Source> Reader<S> {
         self.index.metadata()
     }
 
-    /// What the pack is called where others refer to it: [`Footer::identity`].
+    /// The name by which others refer to the pack: [`Footer::identity`].
     pub fn identity(&self) -> String {
         self.index.identity()
     }

@@ -8,7 +8,7 @@ use glam::IVec3;
 
 /// Bytes of one vertex.
 pub const VERTEX_BYTES: usize = 20;
-/// What a model without colours is drawn in: a neutral grey of lit limestone, sRGB.
+/// The colour of a model without colours: a neutral grey of lit limestone, sRGB.
 pub const NEUTRAL: [u8; 3] = [200, 196, 188];
 
 /// A chunk ready for upload.

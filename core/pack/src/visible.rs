@@ -12,7 +12,7 @@ pub fn is_control(c: char) -> bool {
         || matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
-/// `text` in one line, without anything that acts on a terminal: such characters stand as `\u{1b}`, `\n` and `\t` by their
+/// `text` in one line, without anything that acts on a terminal: such characters are written as `\u{1b}`, `\n` and `\t` by their
 /// names.
 pub fn visible(text: &str) -> Cow<'_, str> {
     if !text.contains(is_control) {

@@ -1,4 +1,4 @@
-//! What goes in and out of the state machine.
+//! The input and output of the state machine.
 
 use kilwa_pack::PatchRange;
 use std::ops::Range;
@@ -193,7 +193,7 @@ pub struct Stats {
     pub chunks_in_flight: u32,
     /// Their encoded bytes, with those of directory pages asked for and of gaps between chunks.
     pub bytes_in_flight: u64,
-    /// Chunks of which something is in the picture.
+    /// Chunks that are in the picture, wholly or in part.
     pub chunks_shown: u32,
     /// Their encoded bytes.
     pub bytes_shown: u64,

@@ -18,7 +18,7 @@ const WHOLE_DIRECTORY: u32 = 64;
 const READ_AHEAD: u32 = 1;
 /// Bytes between two wanted parts that are fetched and thrown away to save a request. Measured in docs/bench: decisions 19 and 23.
 const GAP_BYTES: u64 = 16 << 10;
-/// Of a picture of which much is missing a gap may be this part, up to [`WIDE_GAP_BYTES`]: it costs the same share of the time.
+/// While much of the picture is missing, a gap may be this part of it, up to [`WIDE_GAP_BYTES`]: it costs the same share of the time.
 const GAP_PART: u64 = 88;
 const WIDE_GAP_BYTES: u64 = 32 << 10;
 /// All gaps of a request together: so many times one gap...
@@ -88,7 +88,7 @@ struct Candidate {
 }
 
 impl Streamer {
-    /// Requests of which nothing is wanted any more are cancelled.
+    /// Requests that are no longer wanted at all are cancelled.
     pub(crate) fn cancel_unwanted(&mut self, wanted: &Wanted, commands: &mut Vec<Command>) {
         let stale: Vec<RequestId> = self
             .requests
@@ -312,7 +312,7 @@ impl Streamer {
                 at = next;
                 useful += to - from;
                 parts.push(next);
-                // What lies in the gap comes anyway: where it is wanted beside the picture, it is kept.
+                // The chunks in the gap are fetched anyway: where they are wanted beside the picture, they are kept.
                 for between in gap {
                     let is_kept = self.may_join(between, wanted, now_ms)
                         && self.hold(between, State::Requested(id), wanted, commands);

@@ -139,24 +139,6 @@ impl Pace {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::view::Projection;
-    use glam::DVec3;
-
-    fn view(x: f64) -> View {
-        View {
-            eye: DVec3::new(x, 0.0, 0.0),
-            right: DVec3::X,
-            up: DVec3::Z,
-            forward: DVec3::Y,
-            anchor: DVec3::new(x, 0.0, 0.0),
-            projection: Projection::Perspective { tan_half_height: 0.5 },
-            size: [800, 600],
-            near: 1.0,
-            far: f64::INFINITY,
-            target_pixels: 1.0,
-            clip: crate::Clip::default(),
-        }
-    }
 
     /// A device that needs `full_ms` for the picture at factor 1, less in proportion, and shows whole refreshes of a 60 Hz screen.
     fn device(full_ms: f64, factor: f64) -> f64 {
@@ -170,7 +152,7 @@ mod tests {
         let mut x = from_ms;
         while now < to_ms {
             x += 1.0;
-            let factor = pace.frame(now, &view(x)) / pace.target();
+            let factor = pace.frame(now, &View::north_from(x)) / pace.target();
             let took = device(full_ms, factor);
             now += took;
             if now > f64::midpoint(from_ms, to_ms) {
@@ -215,7 +197,7 @@ mod tests {
         let mut pace = Pace::new(1.5);
         fly(&mut pace, 200.0, 0.0, 5000.0);
         assert!(pace.factor() > 2.0);
-        let rest = view(1e6);
+        let rest = View::north_from(1e6);
         pace.frame(5100.0, &rest);
         assert!(!pace.is_at_rest());
         let mut answers = Vec::new();
@@ -224,7 +206,7 @@ mod tests {
         }
         assert!(pace.is_at_rest());
         assert!(answers.iter().all(|a| (a - 1.5).abs() < 1e-12), "{answers:?}");
-        // What was learnt is not forgotten: the first frames of the next movement are not slow again.
+        // The factor found so far is kept, so that the first frames of the next movement are not slow again.
         assert!(pace.factor() > 2.0);
     }
 
@@ -242,7 +224,7 @@ mod tests {
         let mut pace = Pace::new(1.0);
         for k in 0..50 {
             // A key pressed every half second: a frame at once, and some until the camera counts as resting.
-            let (now, here) = (f64::from(k) * 500.0, view(f64::from(k)));
+            let (now, here) = (f64::from(k) * 500.0, View::north_from(f64::from(k)));
             for at in [0.0, 16.0, 120.0, 230.0] {
                 pace.frame(now + at, &here);
             }

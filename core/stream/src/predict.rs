@@ -76,42 +76,26 @@ fn ahead(was: &View, is: &View, times: f64) -> Option<View> {
 mod tests {
     use super::*;
 
-    fn at(x: f64) -> View {
-        View {
-            eye: DVec3::new(x, 0.0, 0.0),
-            right: DVec3::X,
-            up: DVec3::Z,
-            forward: DVec3::Y,
-            anchor: DVec3::new(x, 0.0, 0.0),
-            projection: Projection::Perspective { tan_half_height: 0.5 },
-            size: [800, 600],
-            near: 1.0,
-            far: f64::INFINITY,
-            target_pixels: 1.0,
-            clip: crate::Clip::default(),
-        }
-    }
-
     #[test]
     fn a_glide_is_extrapolated_and_a_camera_at_rest_predicts_nothing() {
         let mut p = Predictor::default();
-        assert_eq!(p.update(0.0, &at(0.0)), None);
-        assert_eq!(p.update(20.0, &at(1.0)), None, "one movement may be a jump");
-        let next = p.update(40.0, &at(2.0)).unwrap();
+        assert_eq!(p.update(0.0, &View::north_from(0.0)), None);
+        assert_eq!(p.update(20.0, &View::north_from(1.0)), None, "one movement may be a jump");
+        let next = p.update(40.0, &View::north_from(2.0)).unwrap();
         assert!((next.eye[0] - 32.0).abs() < 1e-9, "{:?}", next.eye);
-        assert_eq!(p.update(60.0, &at(2.0)), None);
-        assert_eq!(p.update(80.0, &at(2.0)), None);
+        assert_eq!(p.update(60.0, &View::north_from(2.0)), None);
+        assert_eq!(p.update(80.0, &View::north_from(2.0)), None);
     }
 
     #[test]
     fn a_jump_predicts_nothing() {
         let mut p = Predictor::default();
         for (k, x) in [0.0, 1.0, 2.0].into_iter().enumerate() {
-            p.update(k as f64 * 20.0, &at(x));
+            p.update(k as f64 * 20.0, &View::north_from(x));
         }
-        assert_eq!(p.update(60.0, &at(5000.0)), None);
-        assert_eq!(p.update(80.0, &at(5000.0)), None);
-        assert_eq!(p.update(2000.0, &at(5001.0)), None);
+        assert_eq!(p.update(60.0, &View::north_from(5000.0)), None);
+        assert_eq!(p.update(80.0, &View::north_from(5000.0)), None);
+        assert_eq!(p.update(2000.0, &View::north_from(5001.0)), None);
     }
 
     #[test]
@@ -121,7 +105,7 @@ mod tests {
         for k in 0..4 {
             let a = 0.1 * f64::from(k);
             let (s, c) = (libm::sin(a), libm::cos(a));
-            let view = View { forward: DVec3::new(s, c, 0.0), right: DVec3::new(c, -s, 0.0), ..at(0.0) };
+            let view = View { forward: DVec3::new(s, c, 0.0), right: DVec3::new(c, -s, 0.0), ..View::north_from(0.0) };
             turned = p.update(f64::from(k) * 100.0, &view);
         }
         let v = turned.unwrap();

@@ -128,3 +128,23 @@ impl View {
         self.pixel_error(sphere, error) * if self.may_see(sphere) { 1.0 } else { OFF_SCREEN_WEIGHT }
     }
 }
+
+#[cfg(test)]
+impl View {
+    /// A view to the north from a place on the x axis.
+    pub(crate) fn north_from(x: f64) -> Self {
+        Self {
+            eye: DVec3::new(x, 0.0, 0.0),
+            right: DVec3::X,
+            up: DVec3::Z,
+            forward: DVec3::Y,
+            anchor: DVec3::new(x, 0.0, 0.0),
+            projection: Projection::Perspective { tan_half_height: 0.5 },
+            size: [800, 600],
+            near: 1.0,
+            far: f64::INFINITY,
+            target_pixels: 1.0,
+            clip: Clip::default(),
+        }
+    }
+}

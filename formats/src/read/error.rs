@@ -1,9 +1,11 @@
 //! What can go wrong while a mesh is read. Every text names the file, the place, what was found, what was expected
 //! and, where there is something to do, what to do.
 
+use crate::Diagnostics;
+use kilwa_pack::plural::counted;
 use std::fmt;
 use std::io;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Where in a file something was found.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -170,4 +172,16 @@ pub enum ReadError {
     /// The sink could not keep what was delivered, for example because its disk is full.
     #[error(transparent)]
     Sink(Box<dyn std::error::Error + Send + Sync>),
+}
+
+impl ReadError {
+    /// A file whose faces were all dropped, and why.
+    pub(super) fn no_face_left(file: &Path, faces: u64, dropped: &Diagnostics) -> Self {
+        let reasons: Vec<String> = dropped.iter().map(|(kind, n, _)| format!("{kind}: {n}")).collect();
+        Self::NoTriangles {
+            file: file.to_owned(),
+            found: format!("of its {} none is left ({})", counted(faces, "face", "faces"), reasons.join("; ")),
+            way_out: "Export the mesh again and give that",
+        }
+    }
 }

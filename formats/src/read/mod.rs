@@ -15,6 +15,7 @@ mod error;
 mod faces;
 pub mod gltf;
 mod memory;
+mod number;
 pub mod obj;
 mod place;
 pub mod ply;

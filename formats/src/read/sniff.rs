@@ -82,7 +82,7 @@ const BY_NAME: &[(&str, Known)] = &[
     ("laz", ("named as a LAZ point cloud, but its content is not one", MESH_FIRST)),
 ];
 
-/// The error for a file that does not begin like a PLY.
+/// The error for a file in none of the formats of `FORMATS`, which names the format where it is known.
 pub(super) fn refusal(start: &[u8], total: u64, path: &Path) -> ReadError {
     let by_name = || BY_NAME.iter().find(|(e, _)| has_extension(path, e)).map(|(_, known)| *known);
     let unknown = ("of a format that Kilwa does not know", "Export the mesh as PLY.");

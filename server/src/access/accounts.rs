@@ -38,7 +38,7 @@ pub enum AccountsError {
         /// The system's reason.
         source: std::io::Error,
     },
-    /// It is no file of accounts, or something in it cannot be.
+    /// It is not a file of accounts, or something in it is not valid.
     #[error("{path}: {why}")]
     Form {
         /// Which.
@@ -204,7 +204,7 @@ impl Accounts {
         if bytes.len() as u64 > FILE_MAX {
             return Err(format!("it has more than {FILE_MAX} bytes"));
         }
-        // The place is enough; what stands there may be a secret.
+        // The place is enough; the text there may be a secret.
         let document: Document = kilwa_pack::json::from_slice(bytes).map_err(|e| {
             format!("line {}, column {}: it is not a file made by `kilwa access init`", e.line(), e.column())
         })?;
@@ -267,7 +267,7 @@ impl Accounts {
         let grants = match grant {
             Grant::All => vec!["*".to_owned()],
             Grant::Objects(slugs) => {
-                // What represents everything in the file is not the name of an object.
+                // The sign for "everything" in the file is not the name of an object.
                 let all = slugs.iter().map(|slug| Slug::new(slug).map(|_| slug.clone()));
                 all.collect::<Result<_, _>>().map_err(|e| AccountsError::Refused(e.to_string()))?
             }

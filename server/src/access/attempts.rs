@@ -13,7 +13,7 @@ const LONGEST: u64 = 900;
 const LONGEST_OF_NAME: u64 = 30;
 /// After so long without a failure all is forgiven, seconds.
 const FORGIVEN: u64 = 3600;
-/// Most that are remembered.
+/// How many are remembered at most.
 const REMEMBERED: usize = 16_384;
 
 /// What is remembered of an address or a name.

@@ -39,7 +39,7 @@ impl Fake {
 }
 
 impl Fake {
-    /// What makes the meshes.
+    /// The extractor that makes the meshes.
     pub(crate) fn extractor(self: &Arc<Self>) -> Arc<Extractor> {
         let fake = Arc::clone(self);
         Arc::new(move |pack, to, format, detail, progress| fake.extract(pack, to, format, detail, progress))

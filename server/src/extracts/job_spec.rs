@@ -71,7 +71,7 @@ impl Detail {
     /// Metres as people type them.
     pub(crate) fn error(text: &str) -> Option<Self> {
         let metres: f64 = text.trim().replace(',', ".").parse().ok()?;
-        // What is written is what is read back: six digits after the point are a thousandth of a millimetre.
+        // A value is read back as it was written: six digits after the point are a thousandth of a millimetre.
         let metres = (metres * 1e6).round() / 1e6;
         (metres > 0.0 && metres <= 1e4).then_some(Self::Error(metres))
     }
@@ -119,7 +119,7 @@ impl JobSpec {
         format!("{hash}.{FORM}.{}.{}", self.detail, self.format.ending())
     }
 
-    /// What the file will be about as long as, at most. What is made beside it while it is written is as long again: see [`Self::disk_bytes`].
+    /// The length of the file at most, roughly. The temporary files made while it is written are as long again: see [`Self::disk_bytes`].
     pub(crate) fn estimate(self, triangles: u64) -> u64 {
         let written = match self.detail {
             Detail::Triangles(max) => max.min(triangles),

@@ -1,4 +1,4 @@
-//! Where the pack lies that a mesh is taken out of, and how it is read: a file of this computer, or one of a store, of which what is needed is fetched.
+//! Where the pack lies that a mesh is taken out of, and how it is read: a file of this computer, or one of a store, from which only what is needed is fetched.
 
 use crate::store::{BLOCK, Blocks, Identity, Place, is_silent};
 use kilwa_archive::source::FileSource;
@@ -76,7 +76,7 @@ impl Pack {
     /// Open it for reading.
     ///
     /// # Errors
-    /// When it cannot be opened, or there is no room for what is read of it; the message names it.
+    /// When it cannot be opened, or there is no space for what is read of it; the message names it.
     pub fn open(&self) -> io::Result<Opened> {
         match (&self.place, &self.identity, &self.disk_space) {
             (Place::Path(path), ..) => match plain_file::open_direct(path) {

@@ -1,4 +1,4 @@
-//! Which values of which facets every object has, in memory, so that they are counted without asking the database for each: with ten
+//! The facet values of every object, in memory, so that they are counted without asking the database for each: with ten
 //! thousand objects that is the larger part of a search.
 //!
 //! Input: the tables `has` and `value`. Invariant: it is that of the `generation` that it names, which every change of the index counts up;

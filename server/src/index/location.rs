@@ -54,7 +54,7 @@ mod tests {
             ("EPSG:32737", [556_800.0, 9_009_000.0], [-8.964_796, 39.516_711]),
             // The Eiffel tower, Lambert 93.
             ("EPSG:2154", [648_237.3, 6_862_271.7], [48.858_400, 2.294_500]),
-            // The Statue of Liberty, in US feet, of which the pack has metres.
+            // The Statue of Liberty, in US feet; the pack has metres.
             ("EPSG:2263", [971_570.0 * 1200.0 / 3937.0, 190_550.0 * 1200.0 / 3937.0], [40.689_683, -74.045_723]),
         ] {
             let found = of_box(&figures(crs, at)).unwrap();

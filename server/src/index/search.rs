@@ -15,7 +15,7 @@ use std::fmt::Write;
 
 /// Most results of one page.
 pub const PER_PAGE_MAX: u32 = 100;
-/// Words of a query that count; what is longer is no search.
+/// Words of a query that count; a longer query is refused.
 const WORDS_MAX: usize = 16;
 /// Values counted per facet: the most frequent ones.
 const VALUES_MAX: usize = 30;

@@ -213,7 +213,7 @@ fn filters<'a>(query: &'a Query, found: &'a Found, l: &'static Language) -> Vec<
     for facet in Facet::ALL {
         let counts = found.facets.get(&facet).map(Vec::as_slice).unwrap_or_default();
         let picked = query.facets.get(&facet);
-        // What is chosen stays to be removed, also where nothing has it.
+        // A chosen value stays, so that it can be removed, even if no object has it.
         let missing = picked.into_iter().flatten().filter(|value| !counts.iter().any(|c| c.value == **value));
         let rows = counts.iter().map(|c| (c.value.as_str(), c.count)).chain(missing.map(|value| (value.as_str(), 0)));
         let values: Vec<FilterValue<'_>> = rows

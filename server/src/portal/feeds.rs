@@ -14,7 +14,7 @@ const AUTHORS_MAX: usize = 20;
 /// Addresses of one sitemap, by its rules.
 const SITEMAP_MAX: usize = 50_000;
 
-/// What is new, latest first: of the whole archive, or of what is at `path` under its title.
+/// The feed of what is new, latest first: of the whole archive, or of what is at `path` under its title.
 pub(crate) fn atom(base: &str, path: &str, title: &str, entries: &[Entry]) -> String {
     let mut x = Xml::new("feed", &[("xmlns", "http://www.w3.org/2005/Atom")]);
     let updated = |entry: &Entry| format!("{}T00:00:00Z", entry.published[1]);

@@ -1,4 +1,4 @@
-//! What the portal's pages have in common: head, header with the ways to its parts and the languages.
+//! The common parts of the portal's pages: head, header with the ways to its parts and the languages.
 
 use super::encoded;
 use super::language::Language;

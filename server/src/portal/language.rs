@@ -1,4 +1,4 @@
-//! The portal's messages in the viewer's five languages (`i18n/`), and which language a reader wants.
+//! The portal's messages in the viewer's languages (`i18n/`), and which language a reader wants.
 
 use kilwa_messages::{Catalogue, Value};
 use std::sync::LazyLock;

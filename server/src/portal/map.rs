@@ -30,7 +30,7 @@ const FINE: f64 = 0.6;
 pub(crate) struct Window([f64; 4]);
 
 impl Window {
-    /// As in an address; `None` where it is no box.
+    /// As in an address; `None` where it is not a box.
     pub(crate) fn parse(text: &str) -> Option<Self> {
         let numbers: Vec<f64> = text.split(',').map(|n| n.parse().ok()).collect::<Option<_>>()?;
         let &[west, south, east, north] = &numbers[..] else { return None };
@@ -39,7 +39,7 @@ impl Window {
         (is_box && is_here).then_some(Self([west, south, east, north]))
     }
 
-    /// What holds all of these, with some air.
+    /// The box that holds all of these, with some air.
     fn around<'a>(places: &(impl Iterator<Item = &'a Located> + Clone)) -> Option<Self> {
         let fold = |k: usize, pick: fn(f64, f64) -> f64| places.clone().map(|p| p.at[k]).reduce(pick);
         let (south, north) = (fold(0, f64::min)?, fold(0, f64::max)?);
@@ -248,7 +248,7 @@ struct DrawnDot {
 
 struct Many {
     radius: String,
-    /// Where the number stands.
+    /// Where the number is.
     y: String,
     count: String,
 }

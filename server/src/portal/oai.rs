@@ -248,7 +248,7 @@ fn record(x: &mut Xml, source: &dyn Source, asked: &Asked<'_>, entry: &Entry) {
     if entry.access.state != AccessState::Withdrawn {
         let dc = source.dublin_core(&entry.slug).unwrap_or_else(|| minimal_record(source, entry));
         x.begin("metadata", &[]);
-        // The declaration stands once, at the beginning of the answer.
+        // The declaration comes once, at the beginning of the answer.
         x.insert(without_declaration(dc.trim_start_matches('\u{feff}')).trim());
         x.end();
     }

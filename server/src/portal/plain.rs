@@ -39,7 +39,7 @@ pub(crate) fn page(models: &[Arc<Model>], page: usize, clock: &Clock, reader: &R
 }
 
 #[derive(Template)]
-#[template(path = "pack-cards.html")]
+#[template(path = "cards.html")]
 struct Cards<'a> {
     cards: Vec<Card<'a>>,
     pager: Option<Pager>,

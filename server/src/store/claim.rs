@@ -23,7 +23,7 @@ use std::time::{Duration, Instant};
 
 /// It is renewed so often within the time for which it holds.
 const RENEWALS: u32 = 15;
-/// What is written to learn what time it is for the store.
+/// The file that is written to learn the store's time.
 const CLOCK: &str = ".kilwa-clock";
 
 /// A version's number in a store, held.
@@ -36,7 +36,7 @@ pub(super) struct Claim<'a> {
     held: Mutex<(Option<String>, Instant)>,
 }
 
-/// What a claim is for, from the object as it lies in a folder: what is published, without the day and the pictures, which another run may rebuild.
+/// The purpose of a claim, from the object as it lies in a folder: what is published, without the day and the pictures, which another run may rebuild.
 pub(super) fn purpose(object: &Path, version: u32) -> io::Result<String> {
     let manifest =
         Manifest::parse(&plain_file::read_at(&object.join(MANIFEST), SMALL_FILE_MAX)?).map_err(io::Error::other)?;

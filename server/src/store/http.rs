@@ -31,7 +31,7 @@ const IDLE: usize = 64;
 const CONNECT: Duration = Duration::from_secs(10);
 const IDLE_FOR: Duration = Duration::from_secs(20);
 
-/// What was seen last of the store when it failed, in words without addresses or keys.
+/// The store's last failure, in words without addresses or keys.
 #[derive(Debug, Default)]
 pub(super) struct Seen(Mutex<Failure>);
 

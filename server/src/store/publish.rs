@@ -37,7 +37,7 @@ const PART: u64 = 16 << 20;
 const PARTS: u64 = 9000;
 /// How often a file that somebody else writes at the same time is tried.
 const TRIES: usize = 3;
-/// What is written to see whether that is allowed.
+/// The file that is written to see whether that is allowed.
 const PROBE: &str = ".kilwa-may-write";
 /// Name of the SHA-256 in a file's metadata.
 const SUM: &str = "sha256";
@@ -59,7 +59,7 @@ impl S3 {
     /// Put what a further version is made against into `shelf`: manifest, page, and the metadata of the last version.
     ///
     /// # Errors
-    /// When the store does not answer, or what it has is no object.
+    /// When the store does not answer, or what it has is not an object.
     pub fn fetch(self: &Arc<Self>, slug: &Slug, shelf: &Path) -> io::Result<Against> {
         let key = |name: &str| format!("{slug}/{name}");
         let identity = match self.identity(&key(MANIFEST)) {

@@ -1,4 +1,4 @@
-//! What a store refuses, or cannot give, of one file while it answers for the others: no outage, and no reason to take anything else away.
+//! A store refuses one file, or cannot give it, while it answers for the others: not an outage, and no reason to take anything else away.
 //!
 //! Whoever asks for that file is answered 503; nothing is concluded from it about what there is. The log has a line when it begins, and
 //! again after [`LOG_INTERVAL`], not one for each request.

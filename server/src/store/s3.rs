@@ -3,7 +3,7 @@
 //! Inputs: [`S3Options`]. Whoever lists or reads small files waits for it on a thread of the pool for blocking work; what is long is
 //! streamed. The store's requests run on threads of their own, each step within `timeout`, and are tried a second time. Invariants: a file
 //! is taken only under the ETag and length that it was listed with; no message holds a key or a signed address. Failures: a store that
-//! does not answer, or refuses to be listed, begins an [`super::outage`], during which nothing is asked of it but whether it answers; what one that
+//! does not answer, or refuses to be listed, begins an [`super::outage`], in which it is only asked whether it answers; what one that
 //! answers does not give is [`super::refused`], one file at a time.
 
 use super::held::Held;
@@ -44,7 +44,7 @@ const KEYS: [&str; 5] = [
     "AWS_CONTAINER_CREDENTIALS_FULL_URI",
     "AWS_SKIP_SIGNATURE",
 ];
-/// What is seen of one object is trusted at most so long.
+/// A look at one object is trusted at most this long.
 const LOOK_AGAIN: Duration = Duration::from_secs(5);
 
 /// How long a version stays claimed by somebody who does not continue.
@@ -92,7 +92,7 @@ pub enum StoreError {
         "{0} is not the address of a store; expected s3://bucket/folder, with letters, digits, points and hyphens in the bucket's name"
     )]
     Address(String),
-    /// What the environment says does not fit together.
+    /// The environment variables contradict each other.
     #[error("{name}: {why}")]
     Settings {
         /// The address.
@@ -110,7 +110,7 @@ pub enum StoreError {
     },
 }
 
-/// The objects that there were, of which key, and when.
+/// The objects that there were, with their keys and times.
 pub(super) type Listed = (String, Instant, Arc<Survey>);
 
 /// Small files that were kept from an earlier time, by key and identity.
@@ -486,7 +486,7 @@ impl S3 {
         }
     }
 
-    /// What was seen, with the store's own word for it where it gives one. The rest of its words may repeat what was signed.
+    /// The failure that was seen, with the store's own word for it where it gives one. The rest of its words may repeat what was signed.
     fn reason(&self, body: &str) -> (String, bool) {
         let Failure { what: seen, is_server_error } = self.seen.last();
         let word = body.split_once("<Code>").and_then(|(_, rest)| rest.split_once("</Code>")).map(|(code, _)| code);

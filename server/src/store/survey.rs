@@ -1,4 +1,4 @@
-//! What a store has of many objects, from its list alone: no question for each object.
+//! The state of many objects in a store, from its list alone, without a request for each object.
 //!
 //! The list of everything below names each file with its length and tag, a thousand at a time; of an object with a version that is some sixty files. It
 //! is walked in several parts at once, each from a name on (`start-after`). Kept of it: manifests, packs and metadata. An object with very many files
@@ -32,7 +32,7 @@ pub(crate) struct Survey {
 }
 
 impl Survey {
-    /// Of objects of which nothing more was seen.
+    /// Of objects that were not seen any more.
     pub(super) fn of(objects: BTreeMap<String, Identity>) -> Self {
         Self { objects, ..Self::default() }
     }

@@ -32,7 +32,7 @@ pub(super) struct Job {
     of: u64,
     /// Bytes of each file.
     files: BTreeMap<String, u64>,
-    /// What is on its way to a store.
+    /// Uploads on their way to a store.
     pub(super) sending: Mutex<Option<String>>,
     /// Why it does not continue at the moment.
     pub(super) waits: Mutex<Option<String>>,
@@ -113,7 +113,7 @@ pub(super) fn publish(uploads: &Uploads, staging: Staging, job: &Arc<Job>, now: 
             Ok(done)
         }
         Err(refusal) => {
-            // What cannot be published, however often it is tried, is not kept.
+            // An upload that cannot be published, however often it is tried, is not kept.
             if refusal.status == StatusCode::UNPROCESSABLE_ENTITY {
                 staging.remove();
             }

@@ -36,7 +36,7 @@ const TUS: &str = "1.0.0";
 /// Largest intent, bytes, and the time to send it.
 const INTENT_MAX: usize = 4 << 20;
 const INTENT_TIME: Duration = Duration::from_secs(30);
-/// A body of which nothing comes for this long is given up.
+/// A body that sends nothing for this long is given up.
 const STALL: Duration = Duration::from_secs(30);
 /// After so long, one slower than this many bytes a second too.
 const GRACE: Duration = Duration::from_secs(60);

@@ -2,7 +2,7 @@
 //! SHA-256, as far as it came.
 //!
 //! The length of a file is how far it came; its content counts only when it was hashed. A lock on the folder keeps two requests, and two
-//! servers, from writing at once. Paths are made of slugs and SHA-256 only. Links and folders that stand where a file would are removed.
+//! servers, from writing at once. Paths are made of slugs and SHA-256 only. Links and folders in the place of a file are removed.
 
 use super::wire::{AnnouncedFile, Intent, Lacking};
 use super::{BODY_MAX, Refusal, Uploads, lock};
@@ -28,7 +28,7 @@ const LOCK: &str = "lock";
 /// Files up to this length are hashed when they are complete; longer ones when the version is verified.
 const HASHED_AT_ONCE: u64 = 64 << 20;
 /// Disk space that a version takes beside its files: records and viewer.
-const ROOM: u64 = 64 << 20;
+const RESERVE: u64 = 64 << 20;
 const DAY: u64 = 86_400;
 /// Disk space that was announced is kept for an upload as long as something of it comes at least this often, seconds.
 const CLAIM: u64 = 3600;
@@ -112,7 +112,7 @@ impl Uploads {
         Ok(staging)
     }
 
-    /// Whether there is room for what is still to come, of this upload and of the others, and for the version.
+    /// Whether there is space for what is still to come, of this upload and of the others, and for the version.
     fn check_room(&self, staging: &Staging, now: u64) -> Result<(), Refusal> {
         let (mut others, mut others_come) = (0_u64, 0_u64);
         for folder in self.staged().into_iter().filter(|f| *f != staging.folder) {
@@ -124,7 +124,7 @@ impl Uploads {
             others_come = others_come.saturating_add(announced.saturating_sub(there));
         }
         let coming: u64 = staging.lacking().iter().map(|l| l.bytes - l.offset).sum();
-        let needed = coming.saturating_add(others_come).saturating_add(self.page.bytes() + ROOM);
+        let needed = coming.saturating_add(others_come).saturating_add(self.page.bytes() + RESERVE);
         if let Some(free) = (self.space)(&self.shelf).filter(|free| *free < needed) {
             let message = format!(
                 "{free} bytes are free, but about {needed} are needed, {others_come} of them for other uploads"
@@ -183,9 +183,10 @@ impl Uploads {
     fn claim_part(&self, bytes: u64) -> Result<Coming, Refusal> {
         let _space = lock(&self.space_lock);
         let coming = self.coming.load(Ordering::Relaxed).saturating_add(bytes);
-        let needed = ROOM.saturating_add(coming);
+        let needed = RESERVE.saturating_add(coming);
         if let Some(free) = (self.space)(&self.shelf).filter(|free| *free < needed) {
-            let message = format!("{free} bytes are free; this request may bring {coming}, and {ROOM} must stay free");
+            let message =
+                format!("{free} bytes are free; this request may bring {coming}, and {RESERVE} must stay free");
             return Err(Refusal::full(message));
         }
         let held: u64 = self.staged().iter().map(|folder| bytes_in(folder, is_sent)).sum();
@@ -240,7 +241,7 @@ impl Staging {
         found.cloned().ok_or_else(|| Refusal::new(StatusCode::NOT_FOUND, "this upload has no such file"))
     }
 
-    /// How much of a file is there. What is no plain file, too long, or has another name elsewhere is removed.
+    /// How much of a file is there. Anything that is not a regular file, is too long, or has another name elsewhere is removed.
     fn length(&self, file: &AnnouncedFile) -> io::Result<u64> {
         let path = self.at(file);
         match fs::symlink_metadata(&path) {
@@ -265,7 +266,7 @@ impl Staging {
         self.folder.join(&file.sha256)
     }
 
-    /// What does not exist, or not wholly.
+    /// Something that does not exist, or not wholly.
     pub(super) fn lacking(&self) -> Vec<Lacking> {
         let mut all: Vec<Lacking> = Vec::new();
         for file in &self.record.intent.files {

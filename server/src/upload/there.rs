@@ -96,7 +96,7 @@ impl Uploads {
             (self.steps)("send")?;
             match store.send(slug, &there.shelf, version, against, &on_send) {
                 Ok(_) => Ok(()),
-                // What cut the line may have cut off no more than the answer to the last step.
+                // The cut may have lost only the answer to the last step.
                 Err(e) if !is_away(&e) && has_manifest(store, slug, &manifest)? => Ok(()),
                 Err(e) => Err(e),
             }

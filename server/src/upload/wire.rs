@@ -1,4 +1,4 @@
-//! What client and server say to each other, as JSON, and what of it can be at all.
+//! The messages of client and server, as JSON, and which of them are valid.
 
 use super::{Refusal, UploadLimits};
 use kilwa_archive::checksums::is_sha256;
@@ -169,7 +169,7 @@ pub(super) struct Meant {
     pub(super) preview: Option<Preview>,
 }
 
-/// Drawings: their files and the words that stand before the scale.
+/// Drawings: their files and the words before the scale.
 const VIEWS: [(&str, &str); 5] = [
     ("plan", "Plan"),
     ("north", "North elevation"),
@@ -218,7 +218,7 @@ impl Intent {
         Ok(Meant { slug, rights, pack, preview })
     }
 
-    /// The files, each of which must be one that a version has; the pack.
+    /// The files, each one that a version has; the pack.
     fn check_files(&self, limits: &UploadLimits) -> Result<AnnouncedFile, Refusal> {
         let (mut paths, mut pack, mut total) = (BTreeSet::new(), None, 0u64);
         for file in &self.files {

@@ -123,20 +123,7 @@ pub(crate) fn pack_at(title: &str, crs: Option<&str>, origin: DVec3, channels: &
         checksum: kilwa_pack::checksum(&encoded),
         children: None,
     };
-    let header = Header {
-        lattice,
-        cube_log2: 10,
-        file_bytes: 0,
-        metadata: (0, 0),
-        metadata_checksum: [0; 16],
-        entry_count: 1,
-        first_page: 0,
-        other_pages: 0,
-        triangles: 1,
-        stored_triangles: 1,
-        stored_vertices: 3,
-        attributes,
-    };
+    let header = Header::new(lattice, 10, 1, attributes);
     let metadata = Metadata {
         title: title.to_owned(),
         source_units: "m".to_owned(),

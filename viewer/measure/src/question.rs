@@ -5,7 +5,7 @@ use kilwa_geometry::LengthUnit;
 use kilwa_measure::clip::ClipState;
 use kilwa_measure::job::{Subject, of_points, pack_name};
 use kilwa_measure::leaves::Failure;
-use kilwa_measure::record::DocumentError;
+use kilwa_measure::saved::DocumentError;
 use kilwa_measure::snap::{Snap, snap};
 use kilwa_measure::{
     Document, Format, Leaves, Lines, Measurement, Message, Outcome, Reading, Refusal, Task, ToMessage, Uncertainty,

@@ -206,7 +206,7 @@ impl<F: Fetch> Leaves for Remote<'_, F> {
     ) -> Result<Read, Failure> {
         let wanted = self.wanted(meets);
         let read = Read::of(self.index, &wanted);
-        // What will not fit would only push out what is kept.
+        // A measurement larger than the cache would only push out what is kept.
         let keep = read.bytes <= STORE_BYTES as u64 / 2;
         let mut waiting = self.runs(&wanted);
         let mut sent: VecDeque<(Run, Option<F::Sent>)> = VecDeque::new();

@@ -1,6 +1,6 @@
 //! Every message of the engine has a text in every language of the page, with a placeholder for each of its values.
 
-use kilwa_measure::record::{Document, DocumentError};
+use kilwa_measure::saved::{Document, DocumentError};
 use kilwa_measure::sheet::SheetError;
 use kilwa_measure::{Failure, Refusal, Remark, Target, ToMessage};
 use kilwa_measure_web::question::QuestionError;

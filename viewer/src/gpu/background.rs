@@ -1,7 +1,8 @@
 //! The background pass: one triangle, drawn first, without depth. `shaders/background.wgsl`.
 
+use super::depth_state;
 use super::frame::Uniforms;
-use super::{depth_state, shader};
+use super::pipeline::Pass;
 
 /// The pass's pipeline for a target format and sample count.
 pub(crate) fn pipeline(
@@ -10,26 +11,15 @@ pub(crate) fn pipeline(
     format: wgpu::TextureFormat,
     samples: u32,
 ) -> wgpu::RenderPipeline {
-    let module = shader(device, "background");
-    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("background"),
-        layout: Some(&uniforms.pipeline_layout(device)),
-        vertex: wgpu::VertexState {
-            module: &module,
-            entry_point: Some("vertex"),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
-            buffers: &[],
-        },
-        primitive: wgpu::PrimitiveState::default(),
-        depth_stencil: Some(depth_state(false)),
+    Pass {
+        name: "background",
+        layout: &uniforms.pipeline_layout(device),
+        vertex: "vertex",
+        buffers: &[],
+        fragment: "fragment",
+        format,
+        depth: Some(depth_state(false)),
         multisample: wgpu::MultisampleState { count: samples, ..wgpu::MultisampleState::default() },
-        fragment: Some(wgpu::FragmentState {
-            module: &module,
-            entry_point: Some("fragment"),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
-            targets: &[Some(format.into())],
-        }),
-        multiview_mask: None,
-        cache: None,
-    })
+    }
+    .pipeline(device)
 }

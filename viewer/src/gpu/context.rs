@@ -27,7 +27,7 @@ pub enum GpuError {
     Readback,
 }
 
-/// What a browser build draws with: WebGPU, or WebGL2 in the build for browsers without it (features of this crate).
+/// The graphics API of a browser build: WebGPU, or WebGL2 in the build for browsers without it (features of this crate).
 #[cfg(target_arch = "wasm32")]
 pub const BROWSER_BACKEND: wgpu::Backends =
     if cfg!(feature = "webgpu") { wgpu::Backends::BROWSER_WEBGPU } else { wgpu::Backends::GL };

@@ -2,9 +2,10 @@
 //! neighbourhood. `shaders/depth_normal.wgsl`.
 
 use super::frame::Uniforms;
+use super::pipeline::{Pass, fragment};
 use super::pool::{ATTRIBUTES, vertex_buffer_layout};
 use super::target::{texture, view_of};
-use super::{DEPTH_NORMAL_FORMAT, depth_state, shader};
+use super::{DEPTH_NORMAL_FORMAT, depth_state};
 use crate::options::Tile;
 use kilwa_stream::View;
 
@@ -13,29 +14,18 @@ pub(crate) const REACH: u32 = 32;
 
 /// The pass's pipeline; `cut` where something is cut away or levels fade.
 pub(crate) fn pipeline(device: &wgpu::Device, uniforms: &Uniforms, cut: bool) -> wgpu::RenderPipeline {
-    let module = shader(device, "depth_normal");
     let attributes = [ATTRIBUTES[0], ATTRIBUTES[2]];
-    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("depth_normal"),
-        layout: Some(&uniforms.pipeline_layout(device)),
-        vertex: wgpu::VertexState {
-            module: &module,
-            entry_point: Some("vertex"),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
-            buffers: &[Some(vertex_buffer_layout(&attributes))],
-        },
-        primitive: wgpu::PrimitiveState::default(),
-        depth_stencil: Some(depth_state(true)),
+    Pass {
+        name: "depth_normal",
+        layout: &uniforms.pipeline_layout(device),
+        vertex: "vertex",
+        buffers: &[Some(vertex_buffer_layout(&attributes))],
+        fragment: fragment(cut),
+        format: DEPTH_NORMAL_FORMAT,
+        depth: Some(depth_state(true)),
         multisample: wgpu::MultisampleState::default(),
-        fragment: Some(wgpu::FragmentState {
-            module: &module,
-            entry_point: Some(if cut { "fragment_cut" } else { "fragment" }),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
-            targets: &[Some(DEPTH_NORMAL_FORMAT.into())],
-        }),
-        multiview_mask: None,
-        cache: None,
-    })
+    }
+    .pipeline(device)
 }
 
 /// The part of the picture that a map for `tile` covers: the tile and what modes look at round it, inside of the picture. And the way

@@ -5,6 +5,7 @@ pub mod context;
 pub mod depth_normal;
 pub mod frame;
 pub mod id;
+pub(crate) mod pipeline;
 pub mod pool;
 pub(crate) mod present;
 pub mod readback;

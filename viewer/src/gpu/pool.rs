@@ -54,7 +54,7 @@ pub struct ShownScalar {
 }
 
 impl ShownScalar {
-    /// The scalars of a chunk as the GPU gets them: value times has, and has, of 65535. A value that is no number is none.
+    /// The scalars of a chunk as the GPU gets them: value times has, and has, of 65535. NaN counts as no value.
     fn bytes(&self, chunk: &GpuChunk) -> Vec<u8> {
         let length = self.max - self.min;
         let scale = if length > 0.0 { 65535.0 / length } else { 0.0 };

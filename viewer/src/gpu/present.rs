@@ -1,7 +1,7 @@
 //! The last pass where the target has no sRGB format of its own, as canvases have not: the picture is drawn and its samples are averaged in
 //! a texture of linear light, then encoded. `shaders/present.wgsl`.
 
-use super::shader;
+use super::pipeline::Pass;
 use super::target::{texture, view_of};
 
 /// Format of the texture between: eight bits per channel, encoded by the hardware.
@@ -93,31 +93,20 @@ fn pipeline(
     layout: &wgpu::BindGroupLayout,
     format: wgpu::TextureFormat,
 ) -> wgpu::RenderPipeline {
-    let module = shader(device, "present");
     let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some("present"),
         bind_group_layouts: &[Some(layout)],
         immediate_size: 0,
     });
-    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("present"),
-        layout: Some(&layout),
-        vertex: wgpu::VertexState {
-            module: &module,
-            entry_point: Some("vertex"),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
-            buffers: &[],
-        },
-        primitive: wgpu::PrimitiveState::default(),
-        depth_stencil: None,
+    Pass {
+        name: "present",
+        layout: &layout,
+        vertex: "vertex",
+        buffers: &[],
+        fragment: "fragment",
+        format,
+        depth: None,
         multisample: wgpu::MultisampleState::default(),
-        fragment: Some(wgpu::FragmentState {
-            module: &module,
-            entry_point: Some("fragment"),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
-            targets: &[Some(format.into())],
-        }),
-        multiview_mask: None,
-        cache: None,
-    })
+    }
+    .pipeline(device)
 }

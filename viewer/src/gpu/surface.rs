@@ -1,8 +1,9 @@
 //! The surface pass: draws patches lit and coloured after the mode. `shaders/surface.wgsl`.
 
+use super::depth_state;
 use super::frame::Uniforms;
+use super::pipeline::{Pass, fragment};
 use super::pool::{ATTRIBUTES, scalar_buffer_layout, vertex_buffer_layout};
-use super::{depth_state, shader};
 
 /// What a pipeline of the surface pass is made for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -23,32 +24,21 @@ pub(crate) fn pipeline(
     samples: u32,
     variant: Variant,
 ) -> wgpu::RenderPipeline {
-    let module = shader(device, "surface");
     let vertices = Some(vertex_buffer_layout(&ATTRIBUTES));
     let buffers = [vertices, Some(scalar_buffer_layout())];
-    device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("surface"),
-        layout: Some(&uniforms.pipeline_layout(device)),
-        vertex: wgpu::VertexState {
-            module: &module,
-            entry_point: Some(if variant.scalar { "vertex_scalar" } else { "vertex" }),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
-            buffers: if variant.scalar { &buffers } else { &buffers[..1] },
-        },
-        primitive: wgpu::PrimitiveState::default(),
-        depth_stencil: Some(depth_state(true)),
+    Pass {
+        name: "surface",
+        layout: &uniforms.pipeline_layout(device),
+        vertex: if variant.scalar { "vertex_scalar" } else { "vertex" },
+        buffers: if variant.scalar { &buffers } else { &buffers[..1] },
+        fragment: fragment(variant.cut),
+        format,
+        depth: Some(depth_state(true)),
         multisample: wgpu::MultisampleState {
             count: samples,
             alpha_to_coverage_enabled: variant.smooth,
             ..wgpu::MultisampleState::default()
         },
-        fragment: Some(wgpu::FragmentState {
-            module: &module,
-            entry_point: Some(if variant.cut { "fragment_cut" } else { "fragment" }),
-            compilation_options: wgpu::PipelineCompilationOptions::default(),
-            targets: &[Some(format.into())],
-        }),
-        multiview_mask: None,
-        cache: None,
-    })
+    }
+    .pipeline(device)
 }

@@ -1,4 +1,4 @@
-//! What carries the streamer's commands out: a browser page, or a process with a file.
+//! Shells, which carry out the streamer's commands: a browser page, or a process with a file.
 
 #[cfg(not(target_arch = "wasm32"))]
 pub mod native;

@@ -24,7 +24,7 @@ pub(super) struct Line {
     pub(super) tolerance: f64,
 }
 
-/// What a line does to a polygon.
+/// How a line cuts a polygon.
 #[expect(clippy::large_enum_variant, reason = "it lives for a moment on the stack")]
 pub(super) enum Cut {
     /// All of it is inside.

@@ -151,7 +151,7 @@ struct ScratchBuffer {
 
 /// Simplify towards `target` triangles, pruning small components where nothing else helps (see `prune`); returns fewer or as many triangles as given, never fewer than `target` minus
 /// what the last collapse took, and the input itself where nothing can go.
-/// What it makes is rounded: places as [`settle`] says, colours and normals to what `precision` leaves coarse forms.
+/// The result is rounded: places as [`settle`] says, colours and normals to what `precision` leaves coarse forms.
 pub fn simplify<S: BuildHasher>(
     mesh: &Mesh,
     locked: &HashSet<LatticePoint, S>,
@@ -380,7 +380,7 @@ impl<'a> Simplifier<'a> {
         }
     }
 
-    /// What collapsing an edge would do and cost, or `None` when it cannot be collapsed at all.
+    /// The collapse of an edge and its cost, or `None` when it cannot be collapsed at all.
     fn candidate(&mut self, edge: u32) -> Option<Collapse> {
         let [a, b] = self.edges[edge as usize];
         let (a, b) = (self.now(a), self.now(b));

@@ -4,8 +4,8 @@ use super::{Outcome, Subject};
 use crate::drawing::world_lines;
 use crate::lines::Lines;
 use crate::profile::{contour_heights, legs, total_length};
-use crate::record::Task;
 use crate::refusal::Target;
+use crate::saved::Task;
 use crate::{
     Cutter, Dimension, Drawing, Failure, Leaves, Plane, PointTool, Read, Reading, Refusal, Remark, Section, path,
 };

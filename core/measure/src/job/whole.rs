@@ -2,10 +2,11 @@
 
 use super::{Outcome, Subject, sound};
 use crate::place::Place;
-use crate::record::Task;
 use crate::refusal::Target;
+use crate::saved::Task;
 use crate::{
-    Areas, CutFill, Deviation, Dimension, Enclosed, Failure, Leaves, Plane, PointTool, Reading, Refusal, Region, Remark,
+    Areas, CutFill, Deviation, Dimension, Enclosed, Failure, Leaves, Plane, PointTool, Read, Reading, Refusal, Region,
+    Remark,
 };
 use glam::DVec3;
 use kilwa_geometry::{Aabb, LatticePoint};
@@ -13,12 +14,7 @@ use serde_json::json;
 
 /// The whole surface.
 pub(super) async fn area<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<Outcome, Failure> {
-    let space = s.space;
-    let mut sum = Areas::default();
-    let read = s
-        .leaves
-        .sweep(|_| true, Areas::default, |a, t| a.add(t.map(|p| space.local_from_lattice(p))), |part| sum.join(&part))
-        .await?;
+    let (sum, read) = sum_of(s, |_| true, Areas::default, Areas::add, Areas::join).await?;
     let u = sum.spread().map(|x| x * s.point.combined());
     let readings = vec![
         Reading::new("surface", Dimension::Area, sum.surface(), u[0]),
@@ -32,7 +28,6 @@ pub(super) async fn area<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<O
 
 /// A polygon: in its plane, in plan, and the surface inside.
 pub(super) async fn polygon_area<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<Outcome, Failure> {
-    let space = s.space;
     let corners = &task.local;
     let mut report = Outcome::new(task.clone(), PointTool::PolygonArea.measure(corners, &s.space, &s.point)?);
     let places = s.places(task).await?;
@@ -40,16 +35,8 @@ pub(super) async fn polygon_area<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> 
     let wide = extent(corners);
     let reach = checked(task.reach)?.unwrap_or_else(|| (2.0 * fit.largest).max(0.05 * wide).max(10.0 * s.space.step()));
     let region = Region::new(facing(fit.plane, &places), corners, reach)?;
-    let mut sum = Areas::default();
-    let read = s
-        .leaves
-        .sweep(
-            |b| meets(s, &region, b),
-            Areas::default,
-            |a, t| a.add_clipped(t.map(|p| space.local_from_lattice(p)), &region),
-            |part| sum.join(&part),
-        )
-        .await?;
+    let add = |a: &mut Areas, t| a.add_clipped(t, &region);
+    let (sum, read) = sum_of(s, |b| meets(s, &region, b), Areas::default, add, Areas::join).await?;
     if sum.triangles() == 0 {
         let hint = format!("no surface lies within {reach} m of its plane: give a longer reach");
         return Err(Refusal::Misses { what: Target::Polygon, hint }.into());
@@ -66,7 +53,6 @@ pub(super) async fn polygon_area<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> 
 
 /// The volume of a closed surface.
 pub(super) async fn volume<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<Outcome, Failure> {
-    let space = s.space;
     let borders = s.leaves.index().metadata().border_edges;
     if borders > 0 {
         return Err(Refusal::Open { borders }.into());
@@ -74,16 +60,7 @@ pub(super) async fn volume<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result
     let (low, high) = s.bounds();
     // glam's midpoint adds first, which overflows where this does not.
     let centre = DVec3::from([0, 1, 2].map(|k| f64::midpoint(low[k], high[k])));
-    let mut sum = Enclosed::new(centre);
-    let read = s
-        .leaves
-        .sweep(
-            |_| true,
-            || Enclosed::new(centre),
-            |v, t| v.add(t.map(|p| space.local_from_lattice(p))),
-            |part| sum.join(&part),
-        )
-        .await?;
+    let (sum, read) = sum_of(s, |_| true, || Enclosed::new(centre), Enclosed::add, Enclosed::join).await?;
     let volume = sum.volume(borders)?;
     let u = sum.spread() * s.point.combined();
     let mut report = Outcome::new(task.clone(), vec![Reading::new("volume", Dimension::Volume, volume, u)]);
@@ -97,20 +74,11 @@ pub(super) async fn volume<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result
 
 /// Cut and fill of the surface inside a polygon.
 pub(super) async fn cut_fill<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<Outcome, Failure> {
-    let space = s.space;
     let corners = &task.local;
     let places = s.places(task).await?;
     let (region, fitted) = region(&places, task.plane, task.reach, |corners, _| extent(corners))?;
-    let mut sum = CutFill::default();
-    let read = s
-        .leaves
-        .sweep(
-            |b| meets(s, &region, b),
-            CutFill::default,
-            |v, t| v.add(t.map(|p| space.local_from_lattice(p)), &region),
-            |part| sum.join(&part),
-        )
-        .await?;
+    let add = |v: &mut CutFill, t| v.add(t, &region);
+    let (sum, read) = sum_of(s, |b| meets(s, &region, b), CutFill::default, add, CutFill::join).await?;
     let v = sum.volumes(&region)?;
     let u = sum.spread(if fitted { places.len() } else { 0 }) * s.point.combined();
     let of = |name, value| Reading::new(name, Dimension::Volume, value, u);
@@ -138,58 +106,34 @@ pub(super) async fn cut_fill<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Resu
 
 /// Distances of the surface from a plane.
 pub(super) async fn deviation<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<Outcome, Failure> {
-    let space = s.space;
     let places = s.places(task).await?;
     let from = task.plane.map(sound).transpose()?;
-    let mut areas = Areas::default();
-    let (figures, plane, read) = if places.is_empty() {
+    let join = |sum: &mut (Deviation, Areas), part: &(Deviation, Areas)| {
+        sum.0.join(&part.0);
+        sum.1.join(&part.1);
+    };
+    let (figures, areas, plane, read) = if places.is_empty() {
         let plane = from.ok_or(Refusal::NoPlane { tool: "a deviation without a polygon" })?;
         let (low, high) = s.bounds();
         let range = extent(&[low, high]);
-        let mut sum = Deviation::new(range);
-        let add = |d: &mut (Deviation, Areas), t: [LatticePoint; 3]| {
-            let triangle = t.map(|p| space.local_from_lattice(p));
-            d.0.add(triangle, &plane);
-            d.1.add(triangle);
+        let add = |sum: &mut (Deviation, Areas), t| {
+            sum.0.add(t, &plane);
+            sum.1.add(t);
         };
         let empty = || (Deviation::new(range), Areas::default());
-        let read = s
-            .leaves
-            .sweep(
-                |_| true,
-                empty,
-                add,
-                |(d, a)| {
-                    sum.join(&d);
-                    areas.join(&a);
-                },
-            )
-            .await?;
-        (sum.figures()?, plane, read)
+        let ((sum, areas), read) = sum_of(s, |_| true, empty, add, join).await?;
+        (sum.figures()?, areas, plane, read)
     } else {
         let near = |corners: &[DVec3], largest: f64| (2.0 * largest).max(0.05 * extent(corners));
         let (region, _) = region(&places, from, task.reach, near)?;
         let range = region.reach();
-        let mut sum = Deviation::new(range);
-        let add = |d: &mut (Deviation, Areas), t: [LatticePoint; 3]| {
-            let triangle = t.map(|p| space.local_from_lattice(p));
-            d.0.add_clipped(triangle, &region);
-            d.1.add_clipped(triangle, &region);
+        let add = |sum: &mut (Deviation, Areas), t| {
+            sum.0.add_clipped(t, &region);
+            sum.1.add_clipped(t, &region);
         };
         let empty = || (Deviation::new(range), Areas::default());
-        let read = s
-            .leaves
-            .sweep(
-                |b| meets(s, &region, b),
-                empty,
-                add,
-                |(d, a)| {
-                    sum.join(&d);
-                    areas.join(&a);
-                },
-            )
-            .await?;
-        (sum.figures()?, *region.plane(), read)
+        let ((sum, areas), read) = sum_of(s, |b| meets(s, &region, b), empty, add, join).await?;
+        (sum.figures()?, areas, *region.plane(), read)
     };
     let u = s.point.combined();
     let of = |name, value| Reading::new(name, Dimension::Length, value, u);
@@ -208,6 +152,21 @@ pub(super) async fn deviation<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Res
     report.add("histogram", json!({ "range": figures.range, "shares": figures.histogram }));
     report.has_read(read);
     Ok(report)
+}
+
+/// The sum over the finest triangles of the chunks whose box passes `meets`, in metres from the local origin, and what was read for it.
+async fn sum_of<L: Leaves, A: Send>(
+    s: &Subject<'_, L>,
+    meets: impl Fn(&Aabb) -> bool,
+    empty: impl Fn() -> A + Sync,
+    add: impl Fn(&mut A, [DVec3; 3]) + Sync,
+    join: impl Fn(&mut A, &A),
+) -> Result<(A, Read), Failure> {
+    let space = s.space;
+    let mut sum = empty();
+    let add = |sum: &mut A, t: [LatticePoint; 3]| add(sum, t.map(|p| space.local_from_lattice(p)));
+    let read = s.leaves.sweep(meets, empty, add, |part| join(&mut sum, &part)).await?;
+    Ok((sum, read))
 }
 
 /// The region round places: in the plane given, or in the one fitted to them (then `true`).

@@ -16,7 +16,7 @@ const MAX_AT_VERTEX: u8 = 9;
 /// How far along the border a vertex is looked for before it is named by its number.
 const REACH: u32 = 24;
 
-/// What lies across a gate.
+/// The next operation across a gate.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
 enum Op {
     /// A triangle with a new vertex.

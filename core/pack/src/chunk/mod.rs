@@ -47,7 +47,7 @@ pub struct Chunk {
 }
 
 impl Chunk {
-    /// What the chunk holds, whatever its triangle, corner and vertex order: two chunks with equal canonical forms are
+    /// The content of the chunk, whatever its triangle, corner and vertex order: two chunks with equal canonical forms are
     /// the same geometry with the same attributes and patches.
     pub fn canonical(&self) -> Canonical {
         let mesh = &self.mesh;
@@ -112,7 +112,7 @@ pub struct Attributes {
     pub scalars: u8,
 }
 
-/// What the directory promises about a chunk; decoding checks it and never allocates more.
+/// The directory's declaration of a chunk; decoding checks it and never allocates more.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Declared {
     /// Vertices.
@@ -200,7 +200,7 @@ pub fn decode(bytes: &[u8], declared: Declared, attributes: Attributes) -> Resul
     if attributes.scalars > MAX_SCALARS {
         return bad(format!("{} scalar channels; at most 16 are allowed", attributes.scalars));
     }
-    // What the bytes cannot hold is not allocated for.
+    // Nothing is allocated for more than the bytes can hold.
     if (declared.triangles as usize).div_ceil(MAX_PER_BYTE) > bytes.len()
         || declared.vertices as usize > 3 * declared.triangles as usize
     {

@@ -135,7 +135,7 @@ fn links(made: &Connectivity, mesh: &Mesh) -> Vec<Link> {
     used.chain(others).take(mesh.vertex_count()).collect()
 }
 
-/// What is coded after the connectivity; triangles are in the order of the machine.
+/// The parts that are coded after the connectivity; triangles are in the order of the machine.
 struct Parts<'a, C> {
     coder: &'a mut C,
     made: &'a Connectivity,

@@ -1,4 +1,4 @@
-//! What the attributes of a vertex are predicted from: one or two parallelograms, with weights that are fitted to the
+//! How the attributes of a vertex are predicted: from one or two parallelograms, with weights that are fitted to the
 //! chunk. FORMAT section 5.6. (Touma and Gotsman, "Triangle mesh compression", 1998; several parallelograms: Isenburg and
 //! Alliez, "Compressing polygon mesh geometry with parallelogram prediction", 2002.)
 

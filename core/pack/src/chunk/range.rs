@@ -3,7 +3,7 @@
 //!
 //! A [`Bit`] is an adaptive probability. The stream is one binary fraction, most significant byte first; up to 8
 //! zero bytes at its end are not stored. The decoder reads zeros behind the end, and never more than 8 of them. Bits
-//! that no model helps with are raw: they stand beside the stream, least significant first.
+//! that no model helps with are raw: they are stored beside the stream, least significant first.
 
 use crate::PackError;
 use crate::bytes::Cursor;
@@ -55,7 +55,7 @@ impl Bit {
     }
 }
 
-/// What a value is coded with: [`Encoder`] or [`Decoder`]. The models are the same code on both sides; on the decoder's
+/// The coder of a value: [`Encoder`] or [`Decoder`]. The models are the same code on both sides; on the decoder's
 /// side the value that is passed in is ignored and the one that was coded comes out.
 pub(super) trait Coder: Sized {
     /// Whether this is an encoder: then the arrays hold the values, and choices can be fitted to them.

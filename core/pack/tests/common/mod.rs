@@ -118,20 +118,8 @@ pub(crate) fn metadata(attributes: Attributes, triangles: u64) -> Metadata {
 
 /// A header; the writer fills in offsets and counts.
 pub(crate) fn header(attributes: Attributes, triangles: u64) -> Header {
-    Header {
-        lattice: Lattice { origin: DVec3::new(500_000.0, 9_000_000.0, -3.5), step_log2: -13 },
-        cube_log2: 17,
-        file_bytes: 0,
-        metadata: (0, 0),
-        metadata_checksum: [0; 16],
-        entry_count: 0,
-        first_page: 0,
-        other_pages: 0,
-        triangles,
-        stored_triangles: 0,
-        stored_vertices: 0,
-        attributes,
-    }
+    let lattice = Lattice { origin: DVec3::new(500_000.0, 9_000_000.0, -3.5), step_log2: -13 };
+    Header::new(lattice, 17, triangles, attributes)
 }
 
 /// A pack of `count` chunks of `n` by `n` cells: entry 0, then a binary tree of diamonds.

@@ -10,7 +10,7 @@ pub struct Flight {
 }
 
 impl Flight {
-    /// A flight through these key frames (milliseconds, view), put in order of time; `first` stands before and after it
+    /// A flight through these key frames (milliseconds, view), put in order of time; `first` is the view before and after it
     /// if there are none.
     pub fn new(first: View, mut keys: Vec<(f64, View)>) -> Self {
         keys.sort_by(|a, b| a.0.total_cmp(&b.0));

@@ -1,5 +1,6 @@
 //! The lines of an OBJ or MTL: LF, CRLF or CR at their ends, joined where a `\` ends them, with their numbers.
 
+pub(super) use crate::read::number::number;
 use crate::read::source::{BUFFER, Source};
 use crate::read::{Place, ReadError};
 use memchr::memchr;
@@ -94,18 +95,6 @@ pub(super) fn word(line: &[u8]) -> (&[u8], &[u8]) {
         return (&[], &[]);
     }
     line.split_at(line.iter().position(u8::is_ascii_whitespace).unwrap_or(line.len()))
-}
-
-/// The number a word represents; as C writes what is not a number, too.
-#[inline]
-pub(super) fn number(word: &[u8]) -> Option<f64> {
-    let plain = std::str::from_utf8(word).ok()?;
-    if let Ok(v) = plain.parse() {
-        return Some(v);
-    }
-    let lower = plain.trim_start_matches(['+', '-']).to_ascii_lowercase();
-    let not_finite = ["nan(", "1.#ind", "1.#qnan", "1.#snan", "1.#inf"];
-    not_finite.iter().any(|n| lower.starts_with(n)).then_some(f64::NAN)
 }
 
 /// Up to `N` numbers of a line and how many there are in all; `Err` with a word that is no number.

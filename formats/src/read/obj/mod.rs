@@ -114,12 +114,7 @@ pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> 
     };
     source.done();
     if delivered == 0 {
-        let reasons: Vec<String> = diagnostics.iter().map(|(kind, n, _)| format!("{kind}: {n}")).collect();
-        return Err(ReadError::NoTriangles {
-            file: path.to_owned(),
-            found: format!("of its {} none is left ({})", counted(survey.faces, "face", "faces"), reasons.join("; ")),
-            way_out: "Export the mesh again and give that",
-        });
+        return Err(ReadError::no_face_left(path, survey.faces, &diagnostics));
     }
     sink.diagnostics().merge(diagnostics);
     Ok(())

@@ -7,6 +7,7 @@ use super::plan::Field;
 use super::scalar::Scalar;
 use super::{Place, ReadError};
 use crate::Diagnostics;
+use crate::read::number::number;
 use crate::read::source::{Source, quote};
 
 /// A word longer than this is no number.
@@ -143,17 +144,6 @@ fn is_line_end(b: u8) -> bool {
     matches!(b, b'\n' | b'\r')
 }
 
-/// The number a word represents, with the ways in which C writes what is not a number.
-fn parse_number(word: &[u8]) -> Option<f64> {
-    let plain = std::str::from_utf8(word).ok()?;
-    if let Ok(v) = plain.parse() {
-        return Some(v);
-    }
-    let lower = plain.trim_start_matches(['+', '-']).to_ascii_lowercase();
-    let not_finite = ["nan(", "1.#ind", "1.#qnan", "1.#snan", "1.#inf"];
-    not_finite.iter().any(|n| lower.starts_with(n)).then_some(f64::NAN)
-}
-
 /// The whole number a word represents.
 #[inline]
 fn parse_integer(word: &[u8]) -> Option<i64> {
@@ -199,7 +189,7 @@ impl Rows for Ascii<'_, '_> {
 
     fn number(&mut self, row: Row<'_>, field: &Field, _: Scalar) -> Result<f64, ReadError> {
         let word = self.word(row, field)?;
-        if let Some(value) = parse_number(word) {
+        if let Some(value) = number(word) {
             return Ok(value);
         }
         let word = quote(word);

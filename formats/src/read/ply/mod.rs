@@ -40,7 +40,6 @@ use binary::Binary;
 use colors::{Scale, needs_scan};
 use elements::{Cursor, Rows, Target};
 use header::{Element, Encoding, Header};
-use kilwa_pack::plural::counted;
 use plan::{ElementPlan, Field, Keep, Plan};
 
 use vertices::{Scan, Vertices, largest};
@@ -74,12 +73,7 @@ pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> 
     };
     source.done();
     if delivered == 0 {
-        let reasons: Vec<String> = diagnostics.iter().map(|(kind, n, _)| format!("{kind}: {n}")).collect();
-        return Err(ReadError::NoTriangles {
-            file: path.to_owned(),
-            found: format!("of its {} none is left ({})", counted(plan.faces, "face", "faces"), reasons.join("; ")),
-            way_out: "Export the mesh again and give that",
-        });
+        return Err(ReadError::no_face_left(path, plan.faces, &diagnostics));
     }
     sink.diagnostics().merge(diagnostics);
     Ok(())

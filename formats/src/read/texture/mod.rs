@@ -1,12 +1,12 @@
 //! Pictures on meshes: decoded, and sampled at texture coordinates to give colours of vertices.
 //!
 //! Input: the bytes of a PNG, JPEG, WebP or TIFF. A picture of more texels than a limit, or that would take more memory than
-//! there is, is refused before it is decoded (`room` computes how much); ancillary chunks of a PNG are never looked at;
+//! there is, is refused before it is decoded (`decode_memory` computes how much); ancillary chunks of a PNG are never looked at;
 //! pictures are kept up to a number of bytes and decoded again when they come back ([`Textures`]). Texels are taken as 8-bit
 //! sRGB, whatever a colour profile says; opacity is not looked at.
 
+mod decode_memory;
 pub mod detail;
-mod room;
 
 use glam::DVec2;
 use image::{DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
@@ -66,8 +66,8 @@ fn too_little(memory: u64, need: &str) -> Refusal {
 }
 
 impl Texture {
-    /// Decode a picture that takes up to `most` bytes at 3 a texel, and up to `memory` while it is decoded; `make_room` is
-    /// reported beforehand how many.
+    /// Decode a picture that takes up to `max` bytes at 3 a texel, and up to `memory` bytes while it is decoded; `make_room` is
+    /// called beforehand with the number of the latter.
     ///
     /// # Errors
     /// [`Refusal`]: it is damaged, of another format, or larger than that.
@@ -76,7 +76,7 @@ impl Texture {
             ImageError::Limits(_) => too_little(memory, "more bytes"),
             e => Refusal::Unreadable(format!("it cannot be decoded: {e}")),
         };
-        let essential = room::without_extras(bytes);
+        let essential = decode_memory::without_extras(bytes);
         let limits = |bytes: u64| {
             let mut limits = Limits::default();
             limits.max_alloc = Some(bytes);
@@ -98,18 +98,18 @@ impl Texture {
             );
             return Err(Refusal::Unreadable(why));
         }
-        let need = room::needed(format, bytes, texels, decoder.color_type());
+        let need = decode_memory::needed(format, bytes, texels, decoder.color_type());
         if need > memory {
             return Err(too_little(memory, &counted(need, "byte", "bytes").to_string()));
         }
         make_room(need);
         // A TIFF takes more where its strips are large: for that there is what is left.
-        let apart = room::apart(bytes, texels, decoder.color_type());
+        let apart = decode_memory::apart(bytes, texels, decoder.color_type());
         decoder.set_limits(limits(memory.saturating_sub(apart))).map_err(damaged)?;
         let picture = DynamicImage::from_decoder(decoder).map_err(damaged)?;
         let (width, height) = (width as usize, height as usize);
         let texels = match picture {
-            DynamicImage::ImageRgba8(picture) => room::without_alpha(picture.into_raw()),
+            DynamicImage::ImageRgba8(picture) => decode_memory::without_alpha(picture.into_raw()),
             picture => picture.into_rgb8().into_raw(),
         };
         if texels.len() != 3 * width * height {
@@ -189,7 +189,7 @@ enum Entry {
 }
 
 impl Textures {
-    /// Room for pictures of `most` bytes each and together, at 3 a texel.
+    /// For pictures of up to `max` bytes each and together, at 3 a texel.
     pub fn new(max: u64) -> Self {
         Self { max, kept: max, held: 0, memory: u64::MAX, short: None, clock: 0, entries: Vec::new() }
     }
@@ -263,7 +263,7 @@ impl Textures {
         self.leave(bytes, self.kept);
     }
 
-    /// Those used longest ago leave, until so many bytes more are at most `most` together.
+    /// Drop those used longest ago, until `bytes` more are at most `max` together.
     fn leave(&mut self, bytes: u64, max: u64) {
         while self.held.saturating_add(bytes) > max {
             let age = |e: &Entry| if let Entry::In { used, .. } = e { Some(*used) } else { None };

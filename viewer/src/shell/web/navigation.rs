@@ -35,7 +35,7 @@ impl Viewer {
         }
     }
 
-    /// Look about from where the eye stands; radians as for `orbit`.
+    /// Look about from the place of the eye; radians as for `orbit`.
     pub fn look(&mut self, azimuth: f64, elevation: f64) {
         if azimuth.is_finite() && elevation.is_finite() {
             self.camera.look(azimuth, elevation);
@@ -52,7 +52,7 @@ impl Viewer {
         let across = DVec2::new(-sin * forward - cos * right, -cos * forward + sin * right);
         let eye = self.camera.eye();
         let there = walk::step(eye, across, seconds, height, |from, way| self.cast(from, way));
-        // What would not be seen is not moved, so that a standing person is a still picture.
+        // A movement too small to be seen is not made, so that the picture of a standing person is still.
         let moved = (there - eye).abs().max_element() > height * 1e-4;
         if moved {
             self.camera.place_eye(there);
@@ -85,7 +85,7 @@ impl Viewer {
         [origin, direction].map(|v| v.to_array()).concat()
     }
 
-    /// Whether the surface on screen stands before a place. A place up to `slack` metres behind it counts as on it.
+    /// Whether the surface on screen is in front of a place. A place up to `slack` metres behind it counts as on it.
     #[wasm_bindgen(js_name = isHidden)]
     pub fn is_hidden(&self, x: f64, y: f64, z: f64, slack: f64) -> bool {
         let Some((pixel, _)) = self.camera.pixel(DVec3::new(x, y, z), self.size()) else { return true };

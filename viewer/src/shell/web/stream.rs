@@ -137,7 +137,7 @@ impl Viewer {
 }
 
 impl Viewer {
-    /// What a step says to upload and to forget is done, the rest is returned for JavaScript.
+    /// Uploads and evictions of a step are carried out, the rest is returned for JavaScript.
     fn carry_out(&mut self, step: &Step) -> Result<Array, JsValue> {
         let commands = Array::new();
         for command in &step.commands {

@@ -1,4 +1,4 @@
-//! Estimates the memory for decoding a picture beforehand, and reduces it.
+//! The memory that decoding a picture takes: estimated beforehand, and reduced.
 //!
 //! What decoders allocate beside their result is known by format: a JPEG in several scans keeps all coefficients, a WebP one
 //! or two canvases, a TIFF its samples and a strip. Nothing here depends on what a file says of its own parts, but for its

@@ -1,6 +1,6 @@
 //! Properties that test suites measure, as one table: lines `SUITE | property | bound | measured` among the output of tests.
 
-use crate::tally::Tally;
+use super::tally::Tally;
 use anyhow::{Result, bail};
 use std::fmt::Write as _;
 

@@ -3,10 +3,10 @@
 //! The tests (tests/trust, and tests/browser/measure.test.mjs and sheet.test.mjs for the page in a browser) print a line `trust | property | bound | measured` for each property
 //! and fail where it does not hold. Fails when a test does, or when none ran. Where the page is not built (`cargo xtask web`) its part is skipped, and says so.
 
+use super::SUITE_LIMIT;
+use super::properties::Properties;
 use crate::process::{Ended, cargo, command, root, run as run_command, watch};
-use crate::properties::Properties;
 use crate::setup;
-use crate::test::SUITE_LIMIT;
 use anyhow::Result;
 
 /// Python packages that second opinions come from.

@@ -4,9 +4,9 @@
 //! where that does not hold. The table goes to docs/bench with the day, the commit and the machine. Fails when a test does, or when none ran.
 //! Takes a few minutes; a machine that does other things at the same time spoils the times.
 
+use super::properties::Properties;
 use crate::bench::archive;
 use crate::process::{Ended, cargo, root, watch};
-use crate::properties::Properties;
 use crate::test::{LONG_VARIABLE, SUITE_LIMIT};
 use anyhow::Result;
 use std::fmt::Write as _;

@@ -4,7 +4,7 @@
 //! the two views of the peers over simulated links; the page in Chromium over emulated links; on request a long flight with
 //! failures. The tables are printed and added to `docs/bench/DATE-view.md`. Fails where a step does; nothing here is a gate.
 
-use crate::bench::archive;
+use super::archive;
 use crate::process::{cargo, command, compile_kilwa, kilwa, output, root, run as run_command};
 use crate::setup;
 use anyhow::{Context, Result};
