@@ -7,6 +7,7 @@ mod patches;
 use crate::build::report::spread;
 use crate::inputs::InputArgs;
 use crate::source::open_pack;
+use glam::DVec3;
 use kilwa_formats::Up;
 use kilwa_geometry::LengthUnit;
 use kilwa_pack::plural::plural;
@@ -61,7 +62,7 @@ struct Info<'a> {
     stored_triangles: u64,
     stored_vertices: u64,
     stored_per_input_triangle: f64,
-    lattice_origin: [f64; 3],
+    lattice_origin: DVec3,
     lattice_step: f64,
     colors: bool,
     chunks: u32,
@@ -96,7 +97,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         stored_triangles: header.stored_triangles,
         stored_vertices: header.stored_vertices,
         stored_per_input_triangle: per_input(header.stored_triangles),
-        lattice_origin: header.lattice.origin.to_array(),
+        lattice_origin: header.lattice.origin,
         lattice_step: header.lattice.step(),
         colors: header.attributes.colors,
         chunks: header.entry_count,
@@ -141,11 +142,11 @@ fn words(info: &Info<'_>, header: &Header) -> String {
     line("triangles", grouped(m.triangles));
     line("vertices", grouped(m.vertices));
     line("border edges", grouped(m.border_edges));
-    let size = |k: usize| m.bounds_max[k] - m.bounds_min[k];
-    line("size", format!("{} x {} x {}", metres(size(0)), metres(size(1)), metres(size(2))));
+    let size = m.bounds_max - m.bounds_min;
+    line("size", format!("{} x {} x {}", metres(size.x), metres(size.y), metres(size.z)));
     // As many digits as the lattice has.
     let digits = (-info.lattice_step.log10()).ceil().clamp(0.0, 9.0) as usize;
-    let corner = |c: [f64; 3]| format!("{:.digits$} {:.digits$} {:.digits$}", c[0], c[1], c[2]);
+    let corner = |c: DVec3| format!("{:.digits$} {:.digits$} {:.digits$}", c.x, c.y, c.z);
     line("from", format!("{} m", corner(m.bounds_min)));
     line("to", format!("{} m", corner(m.bounds_max)));
     line("crs", m.crs.clone().unwrap_or_else(|| "unknown (local coordinates)".to_owned()));

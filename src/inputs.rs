@@ -9,7 +9,7 @@
 //! a readable regular file (a broken link, a folder, a pipe), a matrix that cannot place a mesh.
 
 use anyhow::{Context, bail};
-use glam::DVec3;
+use glam::{DMat4, DVec3};
 use kilwa_builder::build::journal::PlannedInput;
 use kilwa_builder::build::work::{Stop, Work};
 use kilwa_builder::ingest::Spool;
@@ -483,8 +483,8 @@ fn matrix(file: &Path) -> anyhow::Result<Placement> {
     if numbers.len() != 16 {
         bail!("{} has {} numbers; a 4 × 4 matrix has 16, row by row", file.display(), numbers.len());
     }
-    let matrix = std::array::from_fn(|i| std::array::from_fn(|j| numbers[4 * i + j]));
-    Placement::from_matrix(matrix).map_err(|why| anyhow::anyhow!("{}: {why}", file.display()))
+    Placement::from_matrix(DMat4::from_cols_slice(&numbers).transpose())
+        .map_err(|why| anyhow::anyhow!("{}: {why}", file.display()))
 }
 
 /// Name, length and hash of a file.
@@ -650,7 +650,7 @@ mod tests {
     fn coordinates_are_transformed_by_matrix_then_origin_then_units() {
         let site = three();
         std::fs::write(site.path("a.xf"), "# scan a\n0 -1 0 10\n1 0 0 20\n0 0 1 30\n0 0 0 1\n").unwrap();
-        let place = |args: &[&str], p: [f64; 3]| site.find(args).unwrap().files[0].placement.place(p);
+        let place = |args: &[&str], p: [f64; 3]| site.find(args).unwrap().files[0].placement.place(p.into()).to_array();
         assert_eq!(place(&["a.obj"], [1.0, 2.0, 3.0]), [1.0, 2.0, 3.0]);
         let all = ["a.obj", "--transform", "a.xf", "--units=cm", "--origin=100,-200,0.5"];
         assert_eq!(place(&all, [1.0, 0.0, 0.0]), [1.1, -1.79, 0.305]);
@@ -667,7 +667,7 @@ mod tests {
             args.insert(0, "kilwa".to_owned());
             Inputs::find(&Cli::try_parse_from(args).unwrap().input)
         };
-        assert_eq!(auto(&["a.obj"]).unwrap().files[0].placement.place([0.0; 3]), [5.0, 0.0, 0.0]);
+        assert_eq!(auto(&["a.obj"]).unwrap().files[0].placement.place(DVec3::ZERO), DVec3::new(5.0, 0.0, 0.0));
         assert!(format!("{:#}", auto(&["a.obj", "b.obj"]).unwrap_err()).contains("b.xf does not exist"));
     }
 

@@ -199,7 +199,7 @@ mod tests {
         let corners = [[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 3.0, 0.0], [0.0, 0.0, 2.0]];
         let far = corners.map(|p: [f64; 3]| [p[0] + 524_288.5, p[1] + 9_012_345.25, p[2] + 17.5]);
         let mesh = RawMesh {
-            positions: far.to_vec(),
+            positions: far.map(DVec3::from).to_vec(),
             triangles: vec![[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]],
             ..RawMesh::default()
         };

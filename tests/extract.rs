@@ -47,10 +47,7 @@ type Corner = ([i32; 3], Option<[u8; 3]>);
 fn multiset(mesh: &RawMesh, lattice: &Lattice, world: impl Fn(DVec3) -> DVec3) -> Vec<[Corner; 3]> {
     let corner = |v: u32| {
         let v = v as usize;
-        (
-            lattice.snap(world(mesh.positions[v].into())).expect("inside the lattice").to_array(),
-            mesh.colors.get(v).copied(),
-        )
+        (lattice.snap(world(mesh.positions[v])).expect("inside the lattice").to_array(), mesh.colors.get(v).copied())
     };
     let rotated = |[a, b, c]: [Corner; 3]| [[a, b, c], [b, c, a], [c, a, b]].into_iter().min().unwrap();
     let mut all: Vec<_> = mesh.triangles.iter().map(|t| rotated(t.map(corner))).collect();
@@ -74,7 +71,7 @@ fn edge_uses(mesh: &RawMesh) -> BTreeMap<[[u64; 3]; 2], u32> {
     let mut uses = BTreeMap::new();
     for t in &mesh.triangles {
         for (a, b) in [(t[0], t[1]), (t[1], t[2]), (t[2], t[0])] {
-            let mut ends = [a, b].map(|v| mesh.positions[v as usize].map(f64::to_bits));
+            let mut ends = [a, b].map(|v| mesh.positions[v as usize].to_array().map(f64::to_bits));
             ends.sort_unstable();
             *uses.entry(ends).or_default() += 1;
         }
@@ -296,7 +293,7 @@ fn on_lattice(pack: &Path, lattice: Lattice, to: &Path) {
     metadata.lattice_step = lattice.step();
     metadata.median_edge *= ratio;
     for corner in [&mut metadata.bounds_min, &mut metadata.bounds_max] {
-        *corner = lattice.world_from_steps(from.steps_from_world((*corner).into()).round()).into();
+        *corner = lattice.world_from_steps(from.steps_from_world(*corner).round());
     }
     let mut entries = reader.entries().to_vec();
     for entry in entries.iter_mut().filter(|entry| entry.error.is_finite()) {

@@ -126,9 +126,8 @@ fn comes_back_whole(input: &Path) -> bool {
     succeeds(&["extract", text(&pack), "-o", text(&out)]);
     let lattice = lattice(&pack);
     let raw = kilwa_formats::read::read_mesh(input, &mut |_, _| {}).unwrap();
-    let corner = |v: u32| {
-        (lattice.snap(raw.positions[v as usize].into()).unwrap().to_array(), raw.colors.get(v as usize).copied())
-    };
+    let corner =
+        |v: u32| (lattice.snap(raw.positions[v as usize]).unwrap().to_array(), raw.colors.get(v as usize).copied());
     let wanted = multiset(raw.triangles.iter().map(|t| t.map(corner)));
     let back = Ply::read(&out);
     let mut found = of_ply(&back, &lattice);

@@ -33,7 +33,7 @@ fn round_trip(input: &Path, folder: &Path) -> String {
     let colored = !raw.colors.is_empty();
     let given = |v: u32| {
         let at = raw.positions[v as usize];
-        (lattice.snap(at.into()).expect("inside the lattice").to_array(), raw.colors.get(v as usize).copied())
+        (lattice.snap(at).expect("inside the lattice").to_array(), raw.colors.get(v as usize).copied())
     };
     let wanted = multiset(raw.triangles.iter().map(|t| t.map(given)));
     let ply = Ply::read(&back);

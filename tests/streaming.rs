@@ -22,7 +22,7 @@ struct FirstView {
 fn first_view(pack: &Path, link: Link) -> FirstView {
     let store = PackStore::open(SliceSource(std::fs::read(pack).unwrap())).unwrap();
     let metadata = store.reader().metadata();
-    let bounds = Bounds { min: metadata.bounds_min.into(), max: metadata.bounds_max.into() };
+    let bounds = Bounds { min: metadata.bounds_min, max: metadata.bounds_max };
     let size = [1280, 720];
     let view =
         Camera::standard(StandardView::Iso, &bounds, size).view(&store.head().header.lattice, &bounds, size, 1.0);

@@ -15,7 +15,7 @@ use super::record::{Preview, Publication, citation, records, ro_crate};
 use super::rights::Rights;
 use crate::layout::SMALL_FILE_MAX;
 use crate::viewer::Page;
-use glam::DVec3;
+use glam::{DVec3, Vec3Swizzles};
 use kilwa_files::plain_file;
 use std::path::{Path, PathBuf};
 
@@ -421,8 +421,7 @@ fn elsewhere(old: &Version, new: &kilwa_pack::Metadata) -> Option<String> {
     let crs_of = |text: &Option<String>| text.as_deref().and_then(|t| crs::normalise(t).ok().flatten());
     let (old_crs, new_crs) = (crs_of(&old.figures.crs), crs_of(&new.crs));
     let [old_min, old_max] = old.figures.bounds;
-    let size = |min: [f64; 3], max: [f64; 3]| DVec3::from(max).distance(min.into());
-    let (before, now) = (size(old_min, old_max), size(new.bounds_min, new.bounds_max));
+    let (before, now) = (old_max.distance(old_min), new.bounds_max.distance(new.bounds_min));
     if now > before * GROWTH || before > now * GROWTH {
         return Some(format!(
             "the last version is {} across, the new one {}",
@@ -431,8 +430,8 @@ fn elsewhere(old: &Version, new: &kilwa_pack::Metadata) -> Option<String> {
         ));
     }
     if old_crs.is_some() && old_crs == new_crs {
-        let apart = |k: usize| (new.bounds_min[k] - old_max[k]).max(old_min[k] - new.bounds_max[k]).max(0.0);
-        let distance = (0..2).map(|k| apart(k).powi(2)).sum::<f64>().sqrt();
+        let apart = (new.bounds_min - old_max).max(old_min - new.bounds_max).max(DVec3::ZERO);
+        let distance = apart.xy().length();
         if distance > 0.0 {
             return Some(format!("the new version is {} away from the last one", crate::numbers::length(distance)));
         }

@@ -7,6 +7,7 @@
 use super::checksums::{Checksum, is_sha256, sha256};
 use super::date::is_day;
 use super::layout::{ANNOTATIONS, Slug, pack_name, safe, version_folder};
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
@@ -153,7 +154,7 @@ pub struct PackEntry {
 #[serde(deny_unknown_fields)]
 pub struct Figures {
     /// Smallest and largest corner, metres.
-    pub bounds: [[f64; 3]; 2],
+    pub bounds: [DVec3; 2],
     /// Reference system; without it, local.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub crs: Option<String>,
@@ -365,7 +366,7 @@ impl Version {
             }
         }
         let [min, max] = self.figures.bounds;
-        if min.iter().zip(max).any(|(a, b)| !a.is_finite() || !b.is_finite() || *a > b) {
+        if !min.is_finite() || !max.is_finite() || min.cmpgt(max).any() {
             return wrong("figures.bounds", "expected the smallest and the largest corner");
         }
         Ok(())

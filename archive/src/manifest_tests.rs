@@ -20,7 +20,7 @@ pub(crate) fn sample() -> Manifest {
             sha256: sha256.clone(),
         }),
         figures: Figures {
-            bounds: [[0.0; 3], [1.0; 3]],
+            bounds: [glam::DVec3::ZERO, glam::DVec3::ONE],
             crs: None,
             units: "m".to_owned(),
             source_units: "m".to_owned(),

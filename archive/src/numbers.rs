@@ -1,5 +1,7 @@
 //! Numbers, sizes and lengths as people read them, in the landing page and the catalogue.
 
+use glam::DVec3;
+
 pub use kilwa_files::size::text as size;
 
 /// 1234567 as `1 234 567`, with narrow no-break spaces.
@@ -38,12 +40,12 @@ pub fn length(v: f64) -> String {
 }
 
 /// Width, depth and height in one unit.
-pub fn size_in_space(e: [f64; 3]) -> String {
-    if e.iter().any(|v| !v.is_finite()) {
+pub fn size_in_space(e: DVec3) -> String {
+    if !e.is_finite() {
         return "unknown".to_owned();
     }
-    let (factor, unit, digits) = scale_of(e.into_iter().fold(0.0, f64::max));
-    let [x, y, z] = e.map(|v| format!("{:.digits$}", v * factor));
+    let (factor, unit, digits) = scale_of(e.max_element().max(0.0));
+    let [x, y, z] = (e * factor).to_array().map(|v| format!("{v:.digits$}"));
     format!("{x} × {y} × {z} {unit}")
 }
 
@@ -57,7 +59,7 @@ mod tests {
         assert_eq!(grouped(12), "12");
         assert_eq!(length(0.0021), "2.1 mm");
         assert_eq!(length(0.221), "22.1 cm");
-        assert_eq!(size_in_space([52.43, 51.88, 0.5]), "52.4 × 51.9 × 0.5 m");
-        assert_eq!(size_in_space([2e-4, 1e-4, 3e-5]), "0.20 × 0.10 × 0.03 mm");
+        assert_eq!(size_in_space(DVec3::new(52.43, 51.88, 0.5)), "52.4 × 51.9 × 0.5 m");
+        assert_eq!(size_in_space(DVec3::new(2e-4, 1e-4, 3e-5)), "0.20 × 0.10 × 0.03 mm");
     }
 }

@@ -282,7 +282,7 @@ fn card(m: &Manifest) -> Option<Card<'_>> {
     let line: Vec<&str> = [m.place.as_deref(), m.captured.as_deref()].into_iter().flatten().collect();
     let mut facts = vec![
         ("Triangles", grouped(v.figures.triangles)),
-        ("Extent", size_in_space([0, 1, 2].map(|k| max[k] - min[k]))),
+        ("Extent", size_in_space(max - min)),
         ("Licence", m.rights.short.clone()),
     ];
     if let (AccessState::Embargo, Some(until)) = (m.access.state, &m.access.until) {

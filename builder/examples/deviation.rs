@@ -20,8 +20,7 @@ struct Surface {
 impl Surface {
     fn read(path: &str) -> Result<Self, read::ReadError> {
         let mesh = read::read_mesh(path.as_ref(), &mut |_, _| {})?;
-        let triangles: Vec<[DVec3; 3]> =
-            mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize].into())).collect();
+        let triangles: Vec<[DVec3; 3]> = mesh.triangles.iter().map(|t| t.map(|v| mesh.positions[v as usize])).collect();
         Ok(Self { tree: Bvh::new(&triangles), triangles, mesh })
     }
 
@@ -68,7 +67,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let (squares, largest, colors) = (0..n)
         .into_par_iter()
         .map(|v| {
-            let (t, q, d) = coarse.nearest(fine.mesh.positions[v].into());
+            let (t, q, d) = coarse.nearest(fine.mesh.positions[v]);
             let color = fine
                 .mesh
                 .colors
@@ -78,7 +77,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             (d, d, color)
         })
         .reduce(|| (0.0, 0.0, 0.0), |a, b| (a.0 + b.0, f64::max(a.1, b.1), a.2 + b.2));
-    let back = coarse.mesh.positions.par_iter().map(|p| fine.nearest((*p).into()).2).reduce(|| 0.0, f64::max);
+    let back = coarse.mesh.positions.par_iter().map(|p| fine.nearest(*p).2).reduce(|| 0.0, f64::max);
     println!(
         "{} {} {} {} {}",
         coarse.triangles.len(),

@@ -2,6 +2,7 @@
 //! are averaged.
 
 use crate::support::{Opened, build, fort, open};
+use glam::DVec3;
 use kilwa_formats::RawMesh;
 use kilwa_pack::cut::Cut;
 use std::collections::{BTreeMap, BTreeSet};
@@ -40,7 +41,7 @@ fn square(n: u32, mut color: impl FnMut(u32, u32) -> [u8; 3]) -> RawMesh {
     for y in 0..=n {
         for x in 0..=n {
             let z = f64::from((x * 31 + y * 17) * 7919 % 13) * 1e-4;
-            mesh.positions.push([f64::from(x) / f64::from(n), f64::from(y) / f64::from(n), z]);
+            mesh.positions.push(DVec3::new(f64::from(x) / f64::from(n), f64::from(y) / f64::from(n), z));
             mesh.colors.push(color(x, y));
         }
     }

@@ -3,6 +3,7 @@
 //! whole extent.
 
 use crate::support::{Opened, drawn, open};
+use glam::DVec3;
 use kilwa_builder::{BuildOptions, Silent, build_pack};
 use kilwa_formats::RawMesh;
 use kilwa_geometry::{Lattice, LatticePoint};
@@ -19,12 +20,13 @@ fn islands() -> RawMesh {
     let (mut mesh, mut random) = (RawMesh::default(), fastrand::Rng::with_seed(11));
     for i in 0..SIDE {
         for j in 0..SIDE {
-            let base = [f64::from(i) + 0.3 * random.f64(), f64::from(j) + 0.3 * random.f64(), 3.0 * random.f64()];
+            let base =
+                DVec3::new(f64::from(i) + 0.3 * random.f64(), f64::from(j) + 0.3 * random.f64(), 3.0 * random.f64());
             let size = 0.02 + 0.38 * random.f64().powi(2);
             let first = mesh.positions.len() as u32;
             let color = [(i % 256) as u8, (j % 256) as u8, 90];
             let vertex = |mesh: &mut RawMesh, d: [f64; 3]| {
-                mesh.positions.push(std::array::from_fn(|k| base[k] + size * d[k]));
+                mesh.positions.push(base + size * DVec3::from(d));
                 mesh.colors.push(color);
             };
             if random.usize(..5) > 0 {
@@ -113,7 +115,7 @@ fn a_site_of_a_hundred_thousand_islands_is_built_and_its_first_request_shows_all
 
     let finest = drawn(&pack, &Cut::finest(&pack.entries));
     let lattice = kilwa_pack::Reader::open(kilwa_pack::reader::SliceSource(&built.bytes)).unwrap().header().lattice;
-    let given: Vec<LatticePoint> = positions.iter().map(|p| lattice.snap((*p).into()).expect("inside")).collect();
+    let given: Vec<LatticePoint> = positions.iter().map(|p| lattice.snap(*p).expect("inside")).collect();
     let wanted = sorted(triangles.iter().map(|t| t.map(|v| given[v as usize])));
     assert!(sorted(finest.iter().map(|(t, _)| *t)) == wanted, "every triangle comes back from the finest level");
 

@@ -1,16 +1,17 @@
 //! What every reader yields: an indexed mesh as the file has it, before anything is snapped or welded.
 
 use crate::Diagnostics;
+use glam::{DVec3, Vec3};
 
 /// An indexed triangle mesh in source units and axes.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct RawMesh {
     /// Positions, finite, in the file's own units and axes.
-    pub positions: Vec<[f64; 3]>,
+    pub positions: Vec<DVec3>,
     /// sRGB colours, one per vertex, or empty where the file has none.
     pub colors: Vec<[u8; 3]>,
     /// Normals as given (not normalised), one per vertex, or empty.
-    pub normals: Vec<[f32; 3]>,
+    pub normals: Vec<Vec3>,
     /// Further scalar channels: name and one value per vertex.
     pub scalars: Vec<(String, Vec<f32>)>,
     /// Vertex indices, all below `positions.len()`.

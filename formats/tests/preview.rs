@@ -1,5 +1,6 @@
 //! The small GLB that is published beside a pack.
 
+use glam::DVec3;
 use kilwa_builder::{BuildOptions, Silent, build_pack};
 use kilwa_formats::RawMesh;
 use kilwa_formats::extract::{ExtractError, Preview, preview};
@@ -11,7 +12,8 @@ use std::path::Path;
 fn square(folder: &Path) -> std::path::PathBuf {
     let n = 200u32;
     let height = |i: u32, j: u32| f64::from((i * 7919 + j * 104_729) % 97) * 0.0005;
-    let at = |i: u32, j: u32| [524_000.0 + f64::from(i) * 0.05, 9_012_000.0 + f64::from(j) * 0.05, height(i, j)];
+    let at =
+        |i: u32, j: u32| DVec3::new(524_000.0 + f64::from(i) * 0.05, 9_012_000.0 + f64::from(j) * 0.05, height(i, j));
     let mesh = RawMesh {
         positions: (0..=n).flat_map(|j| (0..=n).map(move |i| at(i, j))).collect(),
         triangles: (0..n)

@@ -82,9 +82,7 @@ fn a_draco_file_has_the_same_surface_as_its_uncompressed_form() {
         let corner = |v: u32| mesh.positions[v as usize];
         let areas = mesh.triangles.iter().map(|t| {
             let [a, b, c] = t.map(corner);
-            let (u, v) = ([0, 1, 2].map(|k| b[k] - a[k]), [0, 1, 2].map(|k| c[k] - a[k]));
-            let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-            n.iter().map(|x| x * x).sum::<f64>().sqrt() / 2.0
+            (b - a).cross(c - a).length() / 2.0
         });
         areas.sum()
     };

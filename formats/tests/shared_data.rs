@@ -44,7 +44,7 @@ pub(crate) fn refusal_of(path: &Path, error: &ReadError) -> String {
 /// Properties of every mesh that is read.
 pub(crate) fn check_invariants(mesh: &RawMesh, name: &str) {
     let n = mesh.positions.len();
-    assert!(mesh.positions.iter().flatten().all(|v| v.is_finite()), "{name}: positions are finite");
+    assert!(mesh.positions.iter().all(|p| p.is_finite()), "{name}: positions are finite");
     assert!(mesh.triangles.iter().flatten().all(|&i| (i as usize) < n), "{name}: indices are in range");
     assert!(mesh.triangles.iter().all(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0]), "{name}");
     assert!(mesh.colors.is_empty() || mesh.colors.len() == n, "{name}: a colour per vertex");

@@ -8,6 +8,7 @@ use crate::access::{Clock, Verdict, verdict};
 use crate::object_files::{ObjectFiles, Tables};
 use crate::store::{self, Identity, Place, S3, Survey, is_away, is_refused, is_silent};
 use axum::http::StatusCode;
+use glam::DVec3;
 use kilwa_archive::Manifest;
 use kilwa_archive::layout::SMALL_FILE_MAX;
 use kilwa_archive::layout::{MANIFEST, RESERVED};
@@ -64,7 +65,7 @@ pub struct Summary {
     /// Triangles of the finest level.
     pub triangles: u64,
     /// Smallest and largest corner, metres.
-    pub bounds: [[f64; 3]; 2],
+    pub bounds: [DVec3; 2],
     /// Median edge of the finest level, metres.
     pub spacing: f64,
     /// Reference system; without it, local.

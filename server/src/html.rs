@@ -6,6 +6,7 @@
 use crate::catalogue::{Kind, Model, Summary};
 use crate::portal::language::Language;
 use askama::Template;
+use glam::DVec3;
 use kilwa_archive::frame::Frame;
 use kilwa_archive::html::render;
 use kilwa_archive::numbers::{length, size_in_space};
@@ -35,9 +36,9 @@ pub(crate) fn facts(m: &Model, summary: &Summary, l: &'static Language) -> Facts
     Facts { l, rows }
 }
 
-fn dimensions(summary: &Summary) -> [f64; 3] {
+fn dimensions(summary: &Summary) -> DVec3 {
     let [a, b] = summary.bounds;
-    [0, 1, 2].map(|i: usize| (b[i] - a[i]).abs())
+    (b - a).abs()
 }
 
 /// The model's box, drawn in proportion, with its longest side: what is known of its shape without drawing it.
@@ -51,7 +52,7 @@ pub(crate) struct Extent {
 /// The model's box; `None` where it has no size.
 pub(crate) fn extent(summary: &Summary) -> Option<Extent> {
     let e = dimensions(summary);
-    if e.iter().any(|v| !v.is_finite()) {
+    if !e.is_finite() {
         return None;
     }
     // Isometric axes: x to the lower right, y to the upper right, z up.
@@ -59,7 +60,7 @@ pub(crate) fn extent(summary: &Summary) -> Option<Extent> {
     let project = |x: f64, y: f64, z: f64| ((x + y) * cos, (x - y) * sin - z);
     let corners = [0, 1, 2, 3, 4, 5, 6, 7].map(|i: u8| {
         let pick = |bit: u8, v: f64| if i & bit == 0 { 0.0 } else { v };
-        project(pick(1, e[0]), pick(2, e[1]), pick(4, e[2]))
+        project(pick(1, e.x), pick(2, e.y), pick(4, e.z))
     });
     let fold = |f: fn(f64, f64) -> f64, k: fn(&(f64, f64)) -> f64| corners.iter().map(k).reduce(f).unwrap_or(0.0);
     let (x0, x1) = (fold(f64::min, |c| c.0), fold(f64::max, |c| c.0));

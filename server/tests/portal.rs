@@ -172,7 +172,7 @@ async fn cards_of_packs_without_metadata_are_in_the_readers_language_too() {
 fn stands(m: &mut Manifest, east: f64, north: f64) {
     let figures = &mut m.versions[0].figures;
     figures.crs = Some("EPSG:32737".to_owned());
-    figures.bounds = [[east, north, 0.0], [east + 50.0, north + 50.0, 9.0]];
+    figures.bounds = [[east, north, 0.0], [east + 50.0, north + 50.0, 9.0]].map(glam::DVec3::from);
 }
 
 #[tokio::test]

@@ -93,7 +93,7 @@ pub(super) fn print(output: &Path, r: &Report<'_>, out: &mut impl Write) -> std:
         counted(b.triangles, "triangle", "triangles"),
         counted(b.vertices, "vertex", "vertices")
     )?;
-    writeln!(out, "  size      {:.3} × {:.3} × {:.3} m", b.extent[0], b.extent[1], b.extent[2])?;
+    writeln!(out, "  size      {:.3} × {:.3} × {:.3} m", b.extent.x, b.extent.y, b.extent.z)?;
     writeln!(
         out,
         "  lattice   steps of {}; median edge {}, one in a hundred below {}; noise about {}",

@@ -94,7 +94,7 @@ pub(super) fn published(
         Some(taken) => {
             let before = plan.facts.before.as_ref();
             let already: Vec<&str> = hidden(before).map(|v| v.pack.identity.as_str()).collect();
-            notes.clone().without_place(taken.offset.to_array(), &already)
+            notes.clone().without_place(taken.offset, &already)
         }
         None => notes.clone(),
     };

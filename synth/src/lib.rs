@@ -200,7 +200,7 @@ pub fn mesh(kind: SiteKind, options: &SynthOptions) -> Result<RawMesh, SynthErro
     impl Sink for Memory {
         type Error = Infallible;
         fn vertex(&mut self, p: DVec3, color: [u8; 3]) -> Result<(), Infallible> {
-            self.mesh.positions.push((p + self.origin).to_array());
+            self.mesh.positions.push(p + self.origin);
             self.mesh.colors.push(color);
             Ok(())
         }

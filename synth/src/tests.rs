@@ -18,7 +18,7 @@ fn make(kind: SiteKind, triangles: u64) -> RawMesh {
 /// Area and signed volume.
 fn size(mesh: &RawMesh) -> (f64, f64) {
     mesh.triangles.iter().fold((0.0, 0.0), |(area, volume), t| {
-        let [a, b, c] = t.map(|v| DVec3::from(mesh.positions[v as usize]));
+        let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
         let n = (b - a).cross(c - a);
         (area + n.length() / 2.0, volume + a.dot(b.cross(c)) / 6.0)
     })
@@ -69,7 +69,7 @@ fn multiset(meshes: &[RawMesh]) -> Vec<[Corner; 3]> {
     let mut all: Vec<[Corner; 3]> = meshes
         .iter()
         .flat_map(|m| {
-            let corner = |v: u32| (m.positions[v as usize].map(f64::to_bits), m.colors[v as usize]);
+            let corner = |v: u32| (m.positions[v as usize].to_array().map(f64::to_bits), m.colors[v as usize]);
             m.triangles.iter().map(move |t| t.map(corner))
         })
         .collect();
@@ -134,14 +134,14 @@ fn no_triangle_is_degenerate_and_no_vertex_is_unused_or_doubled() {
         let m = make(kind, 20_000);
         let mut used = vec![false; m.positions.len()];
         for t in &m.triangles {
-            let [a, b, c] = t.map(|v| DVec3::from(m.positions[v as usize]));
+            let [a, b, c] = t.map(|v| m.positions[v as usize]);
             assert!((b - a).cross(c - a).length_squared() > 0.0, "{kind:?}: {t:?} has no area");
             for v in t {
                 used[*v as usize] = true;
             }
         }
         assert!(used.iter().all(|u| *u), "{kind:?} has unused vertices");
-        let mut places: Vec<_> = m.positions.iter().map(|p| p.map(f64::to_bits)).collect();
+        let mut places: Vec<_> = m.positions.iter().map(|p| p.to_array().map(f64::to_bits)).collect();
         places.sort_unstable();
         places.dedup();
         assert_eq!(places.len(), m.positions.len(), "{kind:?} has two vertices at one place");
@@ -215,13 +215,13 @@ fn the_wall_is_one_sheet_of_ten_by_five_metres_with_one_border() {
     assert!(uses.values().all(|[f, b]| *f <= 1 && *b <= 1), "an edge is used twice in one direction");
     let border: Vec<_> = uses.iter().filter(|(_, [f, b])| f + b == 1).map(|(e, _)| *e).collect();
     let outline = |v: u32| {
-        let [x, _, z] = m.positions[v as usize];
+        let DVec3 { x, z, .. } = m.positions[v as usize];
         x == 0.0 || (x - 10.0).abs() < 1e-5 || z == 0.0 || (z - 5.0).abs() < 1e-5
     };
     assert!(!border.is_empty() && border.iter().all(|(a, b)| outline(*a) && outline(*b)));
     assert_eq!(components(&m).len(), 1);
     let faces_south = m.triangles.iter().all(|t| {
-        let [a, b, c] = t.map(|v| DVec3::from(m.positions[v as usize]));
+        let [a, b, c] = t.map(|v| m.positions[v as usize]);
         (b - a).cross(c - a).y < 0.0
     });
     assert!(faces_south, "a triangle of the height field turns away");

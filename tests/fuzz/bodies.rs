@@ -4,6 +4,7 @@
 //! Each body takes any bytes, must return, and panics if a property does not hold. What it returns distinguishes inputs that
 //! took different paths: the kind of result, without its numbers.
 
+use glam::DVec3;
 use kilwa_archive::layout::safe;
 use kilwa_archive::notes::Body as NoteBody;
 use kilwa_archive::rights::Rights;
@@ -51,7 +52,7 @@ fn complaint(error: impl Display) -> String {
 /// Checks the properties that every reader guarantees of a mesh; returns what kind of mesh it is.
 fn sound(mesh: &RawMesh) -> String {
     let n = mesh.positions.len();
-    assert!(mesh.positions.iter().flatten().all(|v| v.is_finite()));
+    assert!(mesh.positions.iter().all(|p| p.is_finite()));
     assert!(mesh.triangles.iter().flatten().all(|&i| (i as usize) < n));
     assert!(mesh.triangles.iter().all(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0]));
     assert!(mesh.colors.is_empty() || mesh.colors.len() == n);
@@ -153,7 +154,7 @@ impl MeshSink for Limited {
         assert!(triangles.iter().flatten().all(|v| *v < self.0.vertex_count()));
         self.0.triangles(triangles, colors)
     }
-    fn positions(&mut self, of: &[u64], into: &mut Vec<[f64; 3]>) -> Result<(), ReadError> {
+    fn positions(&mut self, of: &[u64], into: &mut Vec<DVec3>) -> Result<(), ReadError> {
         self.0.positions(of, into)
     }
     fn vertex_count(&self) -> u64 {
@@ -321,7 +322,7 @@ pub(crate) fn notes(bytes: &[u8]) -> String {
     };
     let (mut links, mut views) = (0, 0);
     for note in &notes.notes {
-        assert!(note.place.iter().all(|v| v.is_finite()));
+        assert!(note.place.is_finite());
         for body in &note.bodies {
             if let NoteBody::Link { address, .. } = body {
                 let scheme = address.split("://").next().unwrap_or_default().to_ascii_lowercase();
@@ -335,16 +336,17 @@ pub(crate) fn notes(bytes: &[u8]) -> String {
     let written = notes.to_bytes(pack, identity).expect("what was short stays short");
     let again = Notes::parse(&written).expect("reads back");
     assert_eq!(again.to_bytes(pack, identity).expect("is written again"), written);
-    let hidden = notes.clone().without_place([500_000.0, 9_000_000.0, 10.0], &[]);
+    let hidden = notes.clone().without_place(DVec3::new(500_000.0, 9_000_000.0, 10.0), &[]);
     assert!(hidden.notes.iter().all(|n| n.links().next().is_none() && n.made_on.is_none()));
     // Without its links a note may be empty.
     if hidden.notes.iter().all(|n| n.label.is_some() || !n.bodies.is_empty()) {
         let written = hidden.to_bytes(pack, identity).expect("is written");
-        let again = Notes::parse(&written).expect("reads back").without_place([0.0; 3], &[]);
+        let again = Notes::parse(&written).expect("reads back").without_place(DVec3::ZERO, &[]);
         assert_eq!(again.to_bytes(pack, identity).expect("is written again"), written);
     }
-    let _ = notes.within([0.0; 3], [10.0; 3]);
-    let location = kilwa_archive::location::Location::of([[1e5; 3], [2e5; 3]], Some("EPSG:32737"), None);
+    let _ = notes.within(DVec3::ZERO, DVec3::splat(10.0));
+    let location =
+        kilwa_archive::location::Location::of([DVec3::splat(1e5), DVec3::splat(2e5)], Some("EPSG:32737"), None);
     let _ = notes.check_words(&location);
     format!(
         "{} notes {} left {} links {} views",

@@ -144,7 +144,7 @@ fn square(n: u32, colors: bool, channel: bool) -> RawMesh {
     let mut values = Vec::new();
     for (i, j) in (0..=n).flat_map(|i| (0..=n).map(move |j| (i, j))) {
         let (x, y) = (f64::from(i) * 0.01, f64::from(j) * 0.01);
-        mesh.positions.push([x, y, 0.02 * (x * 20.0).sin() * (y * 30.0).cos()]);
+        mesh.positions.push(glam::DVec3::new(x, y, 0.02 * (x * 20.0).sin() * (y * 30.0).cos()));
         values.push((i * j) as f32);
         if colors {
             mesh.colors.push([(i * 7) as u8, (j * 5) as u8, (i + j) as u8]);

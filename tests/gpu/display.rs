@@ -392,7 +392,7 @@ fn the_picture_is_the_same_far_from_the_origin_of_the_reference_system() {
     for offset in [0.0, 1e7] {
         let mut moved = RawMesh { positions: raw.positions.clone(), ..raw.clone() };
         for p in &mut moved.positions {
-            *p = p.map(|x| x + offset);
+            *p += offset;
         }
         let world = World::build(moved, 400);
         let size = [200, 150];

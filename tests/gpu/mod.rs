@@ -183,7 +183,7 @@ impl World {
             chunks.insert(index, chunk);
         }
         let m = reader.metadata();
-        let bounds = Bounds { min: m.bounds_min.into(), max: m.bounds_max.into() };
+        let bounds = Bounds { min: m.bounds_min, max: m.bounds_max };
         Self { reader, bytes, chunks, renderer, gpu, bounds }
     }
 

@@ -40,7 +40,7 @@ fn main() -> Result<(), Box<dyn Error>> {
 
 fn views(store: &PackStore<SliceSource<Vec<u8>>>, error: f64) -> Vec<(&'static str, View)> {
     let m = store.reader().metadata();
-    let bounds = Bounds { min: m.bounds_min.into(), max: m.bounds_max.into() };
+    let bounds = Bounds { min: m.bounds_min, max: m.bounds_max };
     let all = Camera::standard(StandardView::Iso, &bounds, SIZE);
     let mut front = Camera::standard(StandardView::South, &bounds, SIZE);
     front.orthographic = false;

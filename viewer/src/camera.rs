@@ -295,17 +295,15 @@ impl Camera {
         self.target = bounds.center();
         // In perspective the near side looks larger: the middle of the picture is found in a few rounds.
         for round in 0..8 {
-            let corners = bounds.corners().map(|c| axes.map(|axis| (c - self.target).dot(axis)));
-            let needed = |[x, y, toward]: [f64; 3]| {
-                y.abs().max(x.abs() / aspect) / tan + if self.orthographic { 0.0 } else { toward }
-            };
+            let corners = bounds.corners().map(|c| DVec3::from_array(axes.map(|axis| (c - self.target).dot(axis))));
+            let needed = |c: DVec3| c.y.abs().max(c.x.abs() / aspect) / tan + if self.orthographic { 0.0 } else { c.z };
             self.distance = corners.iter().map(|c| needed(*c)).fold(bounds.radius() * 1e-3, f64::max);
             if round == 7 {
                 break; // The last word is the distance.
             }
             let scale = |toward: f64| if self.orthographic { 1.0 } else { self.distance / (self.distance - toward) };
             let middle: [f64; 2] = std::array::from_fn(|i| {
-                let shown = corners.map(|c| c[i] * scale(c[2]));
+                let shown = corners.map(|c| c[i] * scale(c.z));
                 let (low, high) = shown.iter().fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
                 (low + high) * 0.5
             });

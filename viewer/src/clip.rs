@@ -4,7 +4,7 @@
 //! infinity), which spends the precision of floats evenly.
 
 use crate::options::Tile;
-use glam::DVec3;
+use glam::{DMat4, DVec3, DVec4, Mat4, Vec4};
 use kilwa_geometry::LatticePoint;
 use kilwa_stream::{Projection, View};
 
@@ -13,10 +13,10 @@ use kilwa_stream::{Projection, View};
 pub struct ClipTransform {
     /// Positions are counted from this lattice point.
     pub cell: LatticePoint,
-    /// Columns of the matrix.
-    pub clip_from_cell: [[f32; 4]; 4],
+    /// The matrix.
+    pub clip_from_cell: Mat4,
     /// The eye from the cell, in lattice units, and 1; or for parallel projection the direction to the eye, and 0.
-    pub eye_from_cell: [f32; 4],
+    pub eye_from_cell: Vec4,
 }
 
 /// Cells are kept where the difference to any lattice point fits an `i32`.
@@ -33,26 +33,23 @@ impl ClipTransform {
             Projection::Perspective { tan_half_height } => {
                 let (sx, sy) = (1.0 / (tan_half_height * view.aspect()), 1.0 / tan_half_height);
                 // Reversed, infinite far: depth = near / distance along the axis.
-                [scale(rows[0], sx), scale(rows[1], sy), [0.0, 0.0, 0.0, view.near], rows[2]]
+                [rows[0] * sx, rows[1] * sy, DVec4::ZERO.with_w(view.near), rows[2]]
             }
             Projection::Orthographic { half_height } => {
                 let (sx, sy) = (1.0 / (half_height * view.aspect()), 1.0 / half_height);
                 let depth = 1.0 / (view.far - view.near);
-                let mut z = scale(rows[2], -depth);
-                z[3] += view.far * depth;
-                [scale(rows[0], sx), scale(rows[1], sy), z, [0.0, 0.0, 0.0, 1.0]]
+                let mut z = rows[2] * -depth;
+                z.w += view.far * depth;
+                [rows[0] * sx, rows[1] * sy, z, DVec4::W]
             }
         };
         let clip = crop(clip, view, tile);
         let eye_from_cell = match view.projection {
-            Projection::Perspective { .. } => (-offset).as_vec3().extend(1.0).to_array(),
-            Projection::Orthographic { .. } => (-view.forward).as_vec3().extend(0.0).to_array(),
+            Projection::Perspective { .. } => (-offset).as_vec3().extend(1.0),
+            Projection::Orthographic { .. } => (-view.forward).as_vec3().extend(0.0),
         };
-        Self {
-            cell,
-            clip_from_cell: std::array::from_fn(|column| std::array::from_fn(|row| clip[row][column] as f32)),
-            eye_from_cell,
-        }
+        let [x, y, z, w] = clip;
+        Self { cell, clip_from_cell: DMat4::from_cols(x, y, z, w).transpose().as_mat4(), eye_from_cell }
     }
 }
 
@@ -65,16 +62,12 @@ pub fn distance_from_depth(view: &View, depth: f32) -> f64 {
 }
 
 /// Rows that take a point counted from the cell to right, up and forward coordinates from the eye.
-fn view_rows(view: &View, offset: DVec3) -> [[f64; 4]; 3] {
-    [view.right, view.up, view.forward].map(|axis| axis.extend(axis.dot(offset)).to_array())
+fn view_rows(view: &View, offset: DVec3) -> [DVec4; 3] {
+    [view.right, view.up, view.forward].map(|axis| axis.extend(axis.dot(offset)))
 }
 
-fn scale(row: [f64; 4], by: f64) -> [f64; 4] {
-    row.map(|x| x * by)
-}
-
-/// Stretch a tile of the picture over the whole clip square.
-fn crop(clip: [[f64; 4]; 4], view: &View, tile: Option<Tile>) -> [[f64; 4]; 4] {
+/// Stretch a tile of the picture over the whole clip square; rows of a matrix.
+fn crop(clip: [DVec4; 4], view: &View, tile: Option<Tile>) -> [DVec4; 4] {
     let Some(tile) = tile else { return clip };
     let mut out = clip;
     for axis in 0..2 {
@@ -82,7 +75,7 @@ fn crop(clip: [[f64; 4]; 4], view: &View, tile: Option<Tile>) -> [[f64; 4]; 4] {
         let part = f64::from(tile.size[axis].max(1));
         let middle = (2.0 * f64::from(tile.offset[axis]) + part) / full - 1.0;
         let middle = if axis == 0 { middle } else { -middle };
-        out[axis] = std::array::from_fn(|k| (clip[axis][k] - middle * clip[3][k]) * full / part);
+        out[axis] = (clip[axis] - middle * clip[3]) * full / part;
     }
     out
 }
@@ -107,18 +100,14 @@ mod tests {
         }
     }
 
-    fn apply(t: &ClipTransform, p: LatticePoint) -> [f64; 4] {
-        let d = (p - t.cell).as_dvec3();
-        std::array::from_fn(|row| {
-            let c = |k: usize| f64::from(t.clip_from_cell[k][row]);
-            c(0) * d[0] + c(1) * d[1] + c(2) * d[2] + c(3)
-        })
+    fn apply(t: &ClipTransform, p: LatticePoint) -> DVec4 {
+        t.clip_from_cell.as_dmat4() * (p - t.cell).as_dvec3().extend(1.0)
     }
 
     #[test]
     fn the_axis_projects_to_the_centre_and_depth_is_near_over_distance() {
         let t = ClipTransform::new(&view(), None);
-        let [x, y, z, w] = apply(&t, LatticePoint::new(1000, -1000, 300));
+        let DVec4 { x, y, z, w } = apply(&t, LatticePoint::new(1000, -1000, 300));
         assert!((x / w).abs() < 1e-3 && (y / w).abs() < 1e-3);
         assert!((distance_from_depth(&view(), (z / w) as f32) - 1000.25).abs() < 0.01);
     }
@@ -131,8 +120,7 @@ mod tests {
         let part = ClipTransform::new(&view, Some(tile));
         let p = LatticePoint::new(1011, -1950, 311);
         let (a, b) = (apply(&whole, p), apply(&part, p));
-        let pixel =
-            |c: [f64; 4], size: [f64; 2]| [(c[0] / c[3] + 1.0) * 0.5 * size[0], (1.0 - c[1] / c[3]) * 0.5 * size[1]];
+        let pixel = |c: DVec4, size: [f64; 2]| [(c.x / c.w + 1.0) * 0.5 * size[0], (1.0 - c.y / c.w) * 0.5 * size[1]];
         let (a, b) = (pixel(a, [400.0, 200.0]), pixel(b, [50.0, 25.0]));
         assert!((a[0] - 100.0 - b[0]).abs() < 1e-3 && (a[1] - 50.0 - b[1]).abs() < 1e-3, "{a:?} {b:?}");
     }

@@ -8,7 +8,7 @@
 
 use super::samples::{Group, KEPT, Sample, groups, is_mark};
 use super::{AROUND_DEGREES, Location, MAP};
-use glam::DVec3;
+use glam::{DVec3, DVec4};
 use kilwa_geometry::LengthUnit;
 use kilwa_pack::{PackError, Reader, Source};
 use rayon::prelude::*;
@@ -110,8 +110,8 @@ pub(super) struct Sums {
     range: Option<[f64; 2]>,
     count: f64,
     square: f64,
-    products: [[f64; 4]; 4],
-    with_value: [f64; 4],
+    products: [DVec4; 4],
+    with_value: DVec4,
 }
 
 impl Sums {
@@ -121,12 +121,12 @@ impl Sums {
         }
         let [low, high] = self.range.unwrap_or([value; 2]);
         self.range = Some([low.min(value), high.max(value)]);
-        let (v, terms) = ((value - middle) / half, [1.0, x, y, z]);
+        let (v, terms) = ((value - middle) / half, DVec4::new(1.0, x, y, z));
         self.count += 1.0;
         self.square += v * v;
-        for ((row, sum), a) in self.products.iter_mut().zip(&mut self.with_value).zip(terms) {
-            *sum += a * v;
-            row.iter_mut().zip(terms).for_each(|(sum, b)| *sum += a * b);
+        self.with_value += terms * v;
+        for (row, a) in self.products.iter_mut().zip(terms.to_array()) {
+            *row += a * terms;
         }
     }
 
@@ -137,25 +137,25 @@ impl Sums {
         };
         self.count += other.count;
         self.square += other.square;
-        for (a, b) in self.products.iter_mut().flatten().zip(other.products.iter().flatten()) {
+        for (a, b) in self.products.iter_mut().zip(other.products) {
             *a += b;
         }
-        self.with_value.iter_mut().zip(other.with_value).for_each(|(a, b)| *a += b);
+        self.with_value += other.with_value;
     }
 
     pub(super) fn explained(&self) -> f64 {
         let Some([low, high]) = self.range else { return 0.0 };
-        let [mean, ..] = self.with_value;
+        let mean = self.with_value.x;
         let total = self.square - mean * mean / self.count;
         if low == high || total <= 0.0 {
             return 0.0;
         }
-        let fitted: f64 = self.fit().iter().zip(self.with_value).map(|(c, b)| c * b).sum();
+        let fitted = self.fit().dot(self.with_value);
         (1.0 - (self.square - fitted) / total).clamp(0.0, 1.0)
     }
 
     /// The weights of 1, x, y and z.
-    pub(super) fn fit(&self) -> [f64; 4] {
+    pub(super) fn fit(&self) -> DVec4 {
         let mut rows = self.products;
         // A flat model leaves an axis open; a little weight settles it.
         for (k, row) in rows.iter_mut().enumerate().skip(1) {
@@ -166,16 +166,16 @@ impl Sums {
 }
 
 /// The solution of four symmetric positive equations.
-fn solved(mut rows: [[f64; 4]; 4], mut right: [f64; 4]) -> [f64; 4] {
+fn solved(mut rows: [DVec4; 4], mut right: DVec4) -> DVec4 {
     for pivot in 0..4 {
         for below in pivot + 1..4 {
             let factor = rows[below][pivot] / rows[pivot][pivot];
             let from = rows[pivot];
-            rows[below].iter_mut().zip(from).for_each(|(a, b)| *a -= factor * b);
+            rows[below] -= factor * from;
             right[below] -= factor * right[pivot];
         }
     }
-    let mut solution = [0.0; 4];
+    let mut solution = DVec4::ZERO;
     for k in (0..4).rev() {
         let known: f64 = (k + 1..4).map(|j| rows[k][j] * solution[j]).sum();
         solution[k] = (right[k] - known) / rows[k][k];
@@ -225,15 +225,15 @@ impl Location {
     /// The true coordinate that many of the values are near.
     fn shared(&self, samples: &[Sample]) -> Option<&'static str> {
         let [min, max] = self.bounds?;
-        let size = [0, 1, 2].map(|k| max[k] - min[k]);
+        let size = max - min;
         let is_more = |share: f64, is_near: &dyn Fn(&Sample) -> bool| {
             let count = samples.iter().filter(|s| is_near(s)).count();
             count > 0 && count as f64 > share * samples.len() as f64
         };
         let is_own = |axis: usize, unit: f64, s: &Sample| {
-            let own = s.at.to_array().get(axis).copied().unwrap_or(f64::NAN);
+            let own = s.at[axis];
             let is_map = own.abs() >= MAP && !is_mark(s.value);
-            let is_near = ((s.value * unit).abs() - own.abs()).abs() <= OWN * size.get(axis).copied().unwrap_or(0.0);
+            let is_near = ((s.value * unit).abs() - own.abs()).abs() <= OWN * size[axis];
             is_near && (is_map || axis == 2)
         };
         let is_place = |unit: f64, s: &Sample| !is_mark(s.value) && self.ranges.iter().any(|r| r.has(s.value * unit));
@@ -253,7 +253,7 @@ impl Location {
         if self.degrees.iter().any(near) {
             return Some("latitude or longitude");
         }
-        (size[2] > 0.0 && is_any(LARGE_SHARE, &|u, s| is_own(2, u, s))).then_some("height")
+        (size.z > 0.0 && is_any(LARGE_SHARE, &|u, s| is_own(2, u, s))).then_some("height")
     }
 
     /// Which true coordinate a range of values agrees with.
@@ -275,11 +275,10 @@ impl Location {
             return Some("latitude or longitude");
         }
         let [min, max] = self.bounds?;
-        let height = max[2] - min[2];
+        let height = max.z - min.z;
         let is_height = height > 0.0
             && LengthUnit::ALL.map(LengthUnit::metres).iter().any(|unit| {
-                (low * unit - min[2]).abs() < SAME_HEIGHT * height
-                    && (high * unit - max[2]).abs() < SAME_HEIGHT * height
+                (low * unit - min.z).abs() < SAME_HEIGHT * height && (high * unit - max.z).abs() < SAME_HEIGHT * height
             });
         is_height.then_some("height")
     }
@@ -315,7 +314,8 @@ mod tests {
     }
 
     fn location() -> Location {
-        Location::of([[565_970.0, 9_009_940.0, 31.0], [565_990.0, 9_009_960.0, 46.0]], Some("EPSG:32737"), None)
+        let bounds = [DVec3::new(565_970.0, 9_009_940.0, 31.0), DVec3::new(565_990.0, 9_009_960.0, 46.0)];
+        Location::of(bounds, Some("EPSG:32737"), None)
     }
 
     #[test]

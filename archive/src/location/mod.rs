@@ -22,6 +22,7 @@ mod whichever;
 use super::metadata::Place;
 use angles::{Angle, Axis, angles, axis_of};
 use codes::Square;
+use glam::DVec3;
 pub use names::is_name;
 use projection::{degrees_of_box, projected};
 use serde_json::Value;
@@ -131,7 +132,7 @@ pub struct Location {
     /// Whether coordinates are refused by their form alone, as nothing else is known.
     is_unknown: bool,
     /// The box of the model in its reference system, metres; for channels.
-    bounds: Option<[[f64; 3]; 2]>,
+    bounds: Option<[DVec3; 2]>,
 }
 
 impl Location {
@@ -142,11 +143,12 @@ impl Location {
     }
 
     /// Of a model in this box (metres, in the system `crs` where one is known) whose metadata say `place`.
-    pub fn of(bounds: [[f64; 3]; 2], crs: Option<&str>, place: Option<&Place>) -> Self {
+    pub fn of(bounds: [DVec3; 2], crs: Option<&str>, place: Option<&Place>) -> Self {
         let mut all = Self { bounds: Some(bounds), ..Self::default() };
         let [min, max] = bounds;
-        all.add_map([min[0], min[1]], [max[0], max[1]]);
-        all.add_last_five([min[0], min[1]], [max[0], max[1]]);
+        let (low, high) = (min.truncate().to_array(), max.truncate().to_array());
+        all.add_map(low, high);
+        all.add_last_five(low, high);
         all.epsg = crs.and_then(|c| c.strip_prefix("EPSG:")).map(str::to_owned);
         let given = place.map(|p| [p.latitude, p.longitude]).unwrap_or_default();
         all.degrees.extend(given.iter().flatten());
@@ -154,7 +156,7 @@ impl Location {
             all.add_site([lat, lon], [0.0; 2]);
         }
         if let Some(site) = crs.and_then(|crs| degrees_of_box(crs, bounds)) {
-            all.add_site(site, [0, 1].map(|k| (max[k] - min[k]) / 2.0));
+            all.add_site(site, ((max - min) / 2.0).truncate().to_array());
         }
         all
     }

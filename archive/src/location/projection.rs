@@ -1,10 +1,11 @@
 //! Conversion between the coordinates of a reference system and degrees of WGS 84.
 
+use glam::DVec3;
 use proj4rs::Proj;
 
 /// Latitude and longitude of the middle of a box, metres, in a reference system such as `EPSG:32737`: in degrees of WGS 84; `None` if the system
 /// is unknown.
-pub fn degrees_of_box(crs: &str, [min, max]: [[f64; 3]; 2]) -> Option<[f64; 2]> {
+pub fn degrees_of_box(crs: &str, [min, max]: [DVec3; 2]) -> Option<[f64; 2]> {
     let code = crs.strip_prefix("EPSG:")?.parse::<u16>().ok()?;
     let from = Proj::from_epsg_code(code).ok()?;
     // In packs, x points east; systems with another axis order are not supported.

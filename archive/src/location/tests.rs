@@ -3,7 +3,7 @@ use proptest::prelude::*;
 use std::collections::BTreeMap;
 
 /// A fort in UTM 37 S and its metadata.
-const BOUNDS: [[f64; 3]; 2] = [[565_950.0, 9_009_900.0, 2.0], [566_000.0, 9_009_990.0, 20.0]];
+const BOUNDS: [DVec3; 2] = [DVec3::new(565_950.0, 9_009_900.0, 2.0), DVec3::new(566_000.0, 9_009_990.0, 20.0)];
 
 fn place(latitude: f64, longitude: f64) -> Place {
     Place { latitude: Some(latitude), longitude: Some(longitude), ..Place::default() }
@@ -51,7 +51,7 @@ fn the_last_five_digits_of_easting_and_northing_are_found_in_every_system() {
         (32701, 930_123.0, 8_123_456.0),
         (32737, 599_995.0, 9_000_002.0),
     ] {
-        let bounds = [[east - 20.0, north - 20.0, 0.0], [east + 20.0, north + 20.0, 9.0]];
+        let bounds = [DVec3::new(east - 20.0, north - 20.0, 0.0), DVec3::new(east + 20.0, north + 20.0, 9.0)];
         let location = Location::of(bounds, Some(&format!("EPSG:{code}")), None);
         let last = |v: f64| format!("{:05}", (v.abs() as u64) % 100_000);
         for (e, n) in [(east, north), (east + 12.0, north - 15.0)].map(|(e, n)| (last(e), last(n))) {
@@ -67,12 +67,12 @@ fn the_last_five_digits_of_easting_and_northing_are_found_in_every_system() {
 /// Short Plus Codes that consist of letters or of digits alone are found too.
 #[test]
 fn a_short_plus_code_in_letters_or_digits_is_found() {
-    let peru = Location::of([[0.0; 3], [1.0; 3]], None, Some(&place(-13.1812, -72.5511)));
+    let peru = Location::of([DVec3::ZERO, DVec3::ONE], None, Some(&place(-13.1812, -72.5511)));
     let digit = |v: f64| "23456789CFGHJMPQRVWX".chars().nth(v as usize).unwrap();
     for (lat, lon) in
         [(-13.1812, -72.5511), (0.52211, 36.0713), (51.4779, -0.0015), (-17.7134, 179.9993), (78.2232, 15.6267)]
     {
-        let location = Location::of([[0.0; 3], [1.0; 3]], None, Some(&place(lat, lon)));
+        let location = Location::of([DVec3::ZERO, DVec3::ONE], None, Some(&place(lat, lon)));
         let (mut size, mut rest, mut code) = (20.0, [lat + 90.0, lon + 180.0], String::new());
         for _ in 0..5 {
             for axis in &mut rest {
@@ -98,7 +98,7 @@ fn ordinary_sentences_are_accepted() {
     let ordinary = texts("ordinary");
     assert!(ordinary.len() >= 50);
     let elsewhere = Location::of(
-        [[428_000.0, 5_520_000.0, 90.0], [428_050.0, 5_520_040.0, 120.0]],
+        [DVec3::new(428_000.0, 5_520_000.0, 90.0), DVec3::new(428_050.0, 5_520_040.0, 120.0)],
         Some("EPSG:32632"),
         Some(&place(49.83, 8.0)),
     );
@@ -107,14 +107,14 @@ fn ordinary_sentences_are_accepted() {
             ordinary.iter().filter_map(|text| location.find(text).map(|f| format!("{text}: {f}"))).collect();
         assert!(refused.is_empty(), "{} of {}: {refused:#?}", refused.len(), ordinary.len());
     }
-    let local = Location::of([[0.0; 3], [50.0; 3]], None, None);
+    let local = Location::of([DVec3::ZERO, DVec3::splat(50.0)], None, None);
     assert!(local.find("1505 and 12.5").is_none(), "local coordinates reveal nothing");
 }
 
 /// What looks like a date is still found if the place is known.
 #[test]
 fn an_angle_that_could_be_a_date_is_found_if_it_is_near_the_location() {
-    let location = Location::of([[0.0; 3], [1.0; 3]], None, Some(&place(-8.156, 39.6)));
+    let location = Location::of([DVec3::ZERO, DVec3::ONE], None, Some(&place(-8.156, 39.6)));
     for text in ["8.09.22 south", "8-09-22 south", "8/9/22 south"] {
         assert!(location.find(text).is_some() && Location::unknown().find(text).is_none(), "{text}");
     }
@@ -189,7 +189,7 @@ fn every_recognisable_form_is_found_even_if_the_location_is_unknown() {
     let found: Vec<&String> = by_place.iter().filter(|text| unknown.find(text).is_some()).collect();
     assert!(found.is_empty(), "move to `found by form`: {found:#?}");
     // Text that is refused for another location is also refused if none is known.
-    let elsewhere = Location::of([[0.0; 3], [1.0; 3]], None, Some(&place(61.5, 121.5)));
+    let elsewhere = Location::of([DVec3::ZERO, DVec3::ONE], None, Some(&place(61.5, 121.5)));
     for text in by_form.iter().chain(&by_place).chain(&texts("ordinary")) {
         assert!(elsewhere.find(text).is_none() || unknown.find(text).is_some(), "{text}");
         assert!(elsewhere.find_in_name(text).is_none() || unknown.find_in_name(text).is_some(), "{text}");
@@ -426,7 +426,7 @@ proptest! {
     fn a_planted_location_is_found_anywhere_in_a_text(
         lat in -79.9..79.9f64, lon in -179.9..179.9f64, decimals in 2..9usize, before in "[a-zA-Z ]{0,12}", after in "[a-zA-Z ]{0,12}",
     ) {
-        let location = Location::of([[0.0; 3], [1.0; 3]], None, Some(&place(lat, lon)));
+        let location = Location::of([DVec3::ZERO, DVec3::ONE], None, Some(&place(lat, lon)));
         let quarter = |v: f64, letters: [char; 2]| if v < 0.0 { letters[1] } else { letters[0] };
         let sixty = |v: f64| { let s = (v.abs() * 3600.0).floor() as u64; (s / 3600, s / 60 % 60, s % 60) };
         let ((d, m, s), (e, f, g)) = (sixty(lat), sixty(lon));

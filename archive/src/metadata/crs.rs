@@ -3,6 +3,8 @@
 //! Known are the codes whose coordinates can be judged without a table of all systems: UTM on WGS 84 (EPSG:32601-32660, 32701-32760), Web Mercator, and
 //! geographic and geocentric ones that are named most. For all other EPSG codes only the form is checked; say so, and do not pretend.
 
+use glam::DVec3;
+
 /// UTM on WGS 84: zone 1 to 60, and which half of the earth.
 fn utm(code: u32) -> Option<(u32, &'static str)> {
     match code {
@@ -69,19 +71,19 @@ fn of_metres(code: u32) -> Result<(), String> {
 ///
 /// # Errors
 /// A sentence that says where it would lie.
-pub fn holds(crs: &str, min: [f64; 3], max: [f64; 3]) -> Result<(), String> {
+pub fn holds(crs: &str, min: DVec3, max: DVec3) -> Result<(), String> {
     let Some(code) = crs.strip_prefix("EPSG:").and_then(|c| c.parse::<u32>().ok()) else { return Ok(()) };
     of_metres(code)?;
     let Some((zone, half)) = utm(code) else { return Ok(()) };
     let (east, north) = ((100_000.0, 900_000.0), (0.0, 10_000_000.0));
-    let inside = min[0] >= east.0 && max[0] <= east.1 && min[1] >= north.0 && max[1] <= north.1;
+    let inside = min.x >= east.0 && max.x <= east.1 && min.y >= north.0 && max.y <= north.1;
     if inside {
         return Ok(());
     }
     Err(format!(
         "the model lies from x {:.1}, y {:.1} to x {:.1}, y {:.1} m, which is not in {crs} (UTM {zone} {half}: x from 100000 to 900000, y from 0 to 10000000); \
          if its coordinates are local, build the pack without --crs and write \"local\"",
-        min[0], min[1], max[0], max[1]
+        min.x, min.y, max.x, max.y
     ))
 }
 
@@ -110,9 +112,9 @@ mod tests {
 
     #[test]
     fn a_model_outside_its_zone_is_reported() {
-        let at = |x: f64, y: f64| ([x, y, 0.0], [x + 50.0, y + 50.0, 5.0]);
+        let at = |x: f64, y: f64| (DVec3::new(x, y, 0.0), DVec3::new(x + 50.0, y + 50.0, 5.0));
         let (min, max) = at(512_000.0, 9_007_000.0);
-        assert!(holds("EPSG:32737", min, max).is_ok() && holds("EPSG:2169", [0.0; 3], [1.0; 3]).is_ok());
+        assert!(holds("EPSG:32737", min, max).is_ok() && holds("EPSG:2169", DVec3::ZERO, DVec3::ONE).is_ok());
         let (min, max) = at(-20.0, -20.0);
         assert!(holds("EPSG:32737", min, max).unwrap_err().contains("UTM 37 S"));
     }

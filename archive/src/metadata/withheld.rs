@@ -129,7 +129,7 @@ mod tests {
         [[related]]\nrelation = \"IsDescribedBy\"\nuri = \"https://www.openstreetmap.org/?mlat=-8.95\"\n";
 
     fn location() -> Location {
-        let bounds = [[565_950.0, 9_009_900.0, 2.0], [566_000.0, 9_009_990.0, 20.0]];
+        let bounds = [[565_950.0, 9_009_900.0, 2.0], [566_000.0, 9_009_990.0, 20.0]].map(glam::DVec3::from);
         let place = Metadata::parse(FILE).unwrap().place;
         Location::of(bounds, Some("EPSG:32737"), place.as_ref())
     }

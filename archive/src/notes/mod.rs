@@ -18,6 +18,7 @@ pub use place::scene_point;
 
 use super::checksums::sha256;
 use super::location::Location;
+use glam::DVec3;
 use serde_json::{Map, Value, json};
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -137,7 +138,7 @@ pub struct Note {
     /// What it says.
     pub bodies: Vec<Body>,
     /// Where: metres in the pack's reference system, z up.
-    pub place: [f64; 3],
+    pub place: DVec3,
     /// How it is looked at, where that was kept.
     pub view: Option<View>,
     /// Identity of the pack that it was made on, if stated.
@@ -232,14 +233,14 @@ impl Notes {
     ///
     /// # Errors
     /// Those that are not.
-    pub fn within(&self, min: [f64; 3], max: [f64; 3]) -> Result<(), NotesError> {
+    pub fn within(&self, min: DVec3, max: DVec3) -> Result<(), NotesError> {
         let outside = |(number, note): (usize, &Note)| {
             (!place::is_near(note.place, min, max)).then(|| {
-                let [x, y, z] = note.place;
+                let DVec3 { x, y, z } = note.place;
                 format!(
                     "{}: {x} {y} {z} is outside of the model, which reaches from {} {} {} to {} {} {}; \
                      the note is of another model or in other coordinates: write it again on this one, or remove it from the file",
-                    name_of(number, note), min[0], min[1], min[2], max[0], max[1], max[2]
+                    name_of(number, note), min.x, min.y, min.z, max.x, max.y, max.z
                 )
             })
         };

@@ -31,17 +31,20 @@ const VARIANTS: [&str; 6] = ["1901", "1996", "fonipa", "polyton", "tarask", "val
 const PARTS: f64 = 1e6;
 
 /// Whether a place is in a box with its margin.
-pub(super) fn is_near(place: [f64; 3], min: [f64; 3], max: [f64; 3]) -> bool {
-    let [place, min, max] = [place, min, max].map(DVec3::from);
+pub(super) fn is_near(place: DVec3, min: DVec3, max: DVec3) -> bool {
     let margin = max.distance(min) * MARGIN;
     place.cmpge(min - margin).all() && place.cmple(max + margin).all()
 }
 
 /// A place of the pack in a scene with y up whose zero is at `origin` of the pack: as the preview stands in it.
-pub fn scene_point(place: [f64; 3], origin: [f64; 3]) -> [f64; 3] {
-    let [x, y, z] = [0, 1, 2].map(|k| place[k] - origin[k]);
-    // Minus zero is no better zero.
-    [x, z, -y].map(|v| ((v * PARTS).round() / PARTS) + 0.0)
+pub fn scene_point(place: DVec3, origin: DVec3) -> DVec3 {
+    let DVec3 { x, y, z } = place - origin;
+    DVec3::new(x, z, -y).map(rounded)
+}
+
+/// To a part of a metre; minus zero is no better zero.
+fn rounded(v: f64) -> f64 {
+    (v * PARTS).round() / PARTS + 0.0
 }
 
 impl Notes {
@@ -49,10 +52,10 @@ impl Notes {
     /// links, display, names of packs and everything else that is not words, dates or a name. Those that were made on a pack of `already`,
     /// whose place was taken out before, stand where they are to.
     #[must_use]
-    pub fn without_place(mut self, offset: [f64; 3], already: &[&str]) -> Self {
+    pub fn without_place(mut self, offset: DVec3, already: &[&str]) -> Self {
         for (number, note) in (1..).zip(&mut self.notes) {
             let is_there = note.made_on.as_deref().is_some_and(|made_on| already.iter().any(|a| same_pack(a, made_on)));
-            note.without_place(if is_there { [0.0; 3] } else { offset }, number);
+            note.without_place(if is_there { DVec3::ZERO } else { offset }, number);
         }
         self
     }
@@ -72,9 +75,8 @@ impl Notes {
 }
 
 impl Note {
-    fn without_place(&mut self, offset: [f64; 3], number: usize) {
-        let moved = |k: usize, v: f64| (((v - offset[k]) * PARTS).round() / PARTS) + 0.0;
-        self.place = [0, 1, 2].map(|k| moved(k, self.place[k]));
+    fn without_place(&mut self, offset: DVec3, number: usize) {
+        self.place = (self.place - offset).map(rounded);
         self.bodies.retain(|b| matches!(b, Body::Text { .. }));
         for body in &mut self.bodies {
             if let Body::Text { purpose, .. } = body {
@@ -85,8 +87,8 @@ impl Note {
         self.states.clear();
         let camera = self.view.take().and_then(|v| v.camera);
         self.view = camera.map(|mut camera| {
-            for (k, v) in camera.iter_mut().skip(3).take(3).enumerate() {
-                *v = moved(k, *v);
+            for (v, offset) in camera.iter_mut().skip(3).zip(offset.to_array()) {
+                *v = rounded(*v - offset);
             }
             View { camera: Some(camera), display: None }
         });

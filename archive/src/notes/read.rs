@@ -4,6 +4,7 @@ use super::{
     Body, DEEPEST, LONGEST, MAX_ANNOTATIONS, NOTES_MAX, Note, Notes, NotesError, PACK_STATE, VIEW_STATE, View, Words,
     name_of,
 };
+use glam::DVec3;
 use serde_json::{Map, Value};
 use std::collections::BTreeMap;
 
@@ -192,7 +193,7 @@ fn is_deeper(value: &Value, levels: usize) -> bool {
 }
 
 /// A place and the states of its target.
-type Target = ([f64; 3], Vec<Value>);
+type Target = (DVec3, Vec<Value>);
 
 /// The point that a target names, and its states; of several selectors, which are ways to say the same, the first with a point.
 fn target_of(target: Value) -> Result<Option<Target>, String> {
@@ -211,7 +212,7 @@ fn target_of(target: Value) -> Result<Option<Target>, String> {
             return Err("its PointSelector has no numbers x, y and z".to_owned());
         };
         let states = one.get_mut("state").map(Value::take).map(many).unwrap_or_default();
-        if found.replace(([x + 0.0, y + 0.0, z + 0.0], states)).is_some() {
+        if found.replace((DVec3::new(x, y, z) + DVec3::ZERO, states)).is_some() {
             return Err("it has two places; split it into two notes".to_owned());
         }
     }

@@ -33,7 +33,7 @@ fn notes_saved_by_the_page_are_read_and_written_in_one_form() {
     let gate = &notes.notes[0];
     assert_eq!(
         (gate.title("en"), gate.place, gate.made_on.as_deref()),
-        ("Gate".to_owned(), [1.0, 2.0, 3.0], Some(IDENTITY))
+        ("Gate".to_owned(), DVec3::new(1.0, 2.0, 3.0), Some(IDENTITY))
     );
     assert_eq!(gate.texts("en"), ["Coral rag.\n<b>Lime</b>"]);
     assert_eq!(gate.links().collect::<Vec<_>>(), ["https://example.org/gate"]);
@@ -186,7 +186,7 @@ fn invalid_notes_are_refused_with_the_note_and_what_to_do() {
 fn a_position_outside_the_model_is_refused_and_one_on_a_coarse_level_is_accepted() {
     let at = |place: [f64; 3]| {
         let notes = Notes::parse(&page(&json!([note("Gate", [3.0; 3]), note("Well", place)]))).unwrap();
-        notes.within([0.0; 3], [10.0, 10.0, 4.0]).map_err(|e| e.to_string())
+        notes.within(DVec3::ZERO, DVec3::new(10.0, 10.0, 4.0)).map_err(|e| e.to_string())
     };
     assert!(at([10.1, 5.0, 4.1]).is_ok());
     let message = at([5.0, 12.0, 1.0]).unwrap_err();
@@ -207,7 +207,7 @@ fn notes_are_matched_to_the_pack_they_were_made_on() {
 
 #[test]
 fn a_note_without_its_location_keeps_text_and_view_and_nothing_that_reveals_it() {
-    let offset = [565_977.25, 9_009_946.5, 31.75];
+    let offset = DVec3::new(565_977.25, 9_009_946.5, 31.75);
     let true_place = [565_980.123_456_789, 9_009_950.5, 33.0];
     let mut gate = note("Gate", true_place);
     gate["id"] = "https://museum.example/kilwa-kisiwani/gate".into();
@@ -217,7 +217,7 @@ fn a_note_without_its_location_keeps_text_and_view_and_nothing_that_reveals_it()
     assert!(notes.revealing().unwrap().contains("links of 1 note"), "{:?}", notes.revealing());
     let hidden = notes.clone().without_place(offset, &[]);
     let near = hidden.notes[0].place;
-    assert_eq!(near, [2.873_457, 4.0, 1.25], "to a micrometre");
+    assert_eq!(near, DVec3::new(2.873_457, 4.0, 1.25), "to a micrometre");
     let bytes = hidden.to_bytes("pack.kilwa", "0123456789abcdef").unwrap();
     let text = String::from_utf8(bytes.clone()).unwrap();
     for secret in ["5659", "90099", "8.9577", "kisiwani", "example.org", "clay", IDENTITY, "homepage", "cached"] {
@@ -227,18 +227,18 @@ fn a_note_without_its_location_keeps_text_and_view_and_nothing_that_reveals_it()
         assert!(text.contains(kept), "{kept} in {text}");
     }
     let camera = hidden.notes[0].view.as_ref().unwrap().camera.as_ref().unwrap();
-    assert_eq!(camera[3..6], near, "it is looked at as before");
+    assert_eq!(camera[3..6], near.to_array(), "it is looked at as before");
     // Redacting is idempotent, so a server can check that nothing is left.
-    let again = Notes::parse(&bytes).unwrap().without_place([0.0; 3], &[]);
+    let again = Notes::parse(&bytes).unwrap().without_place(DVec3::ZERO, &[]);
     assert_eq!(again.to_bytes("pack.kilwa", "0123456789abcdef").unwrap(), bytes);
     assert_ne!(
-        notes.clone().without_place([0.0; 3], &[]).to_bytes("p", "i").unwrap(),
+        notes.clone().without_place(DVec3::ZERO, &[]).to_bytes("p", "i").unwrap(),
         notes.to_bytes("p", "i").unwrap()
     );
     // Notes made on a redacted model already have its coordinates.
     let there =
         Notes::parse(&page(&json!([note("Gate", [2.0, 3.0, 4.0])]))).unwrap().without_place(offset, &[IDENTITY]);
-    assert_eq!(there.notes[0].place, [2.0, 3.0, 4.0]);
+    assert_eq!(there.notes[0].place, DVec3::new(2.0, 3.0, 4.0));
 }
 
 #[test]
@@ -247,9 +247,9 @@ fn a_note_without_its_location_keeps_no_unknown_text_fields() {
     let with = |change: &dyn Fn(&mut Value)| {
         let mut one = note("Gate", [1.0; 3]);
         change(&mut one);
-        let hidden = Notes::parse(&page(&json!([one]))).unwrap().without_place([0.5; 3], &[]);
+        let hidden = Notes::parse(&page(&json!([one]))).unwrap().without_place(DVec3::splat(0.5), &[]);
         let bytes = hidden.to_bytes("pack.kilwa", IDENTITY).unwrap();
-        let again = Notes::parse(&bytes).unwrap().without_place([0.0; 3], &[]);
+        let again = Notes::parse(&bytes).unwrap().without_place(DVec3::ZERO, &[]);
         assert_eq!(again.to_bytes("pack.kilwa", IDENTITY).unwrap(), bytes, "twice is once");
         let value: Value = serde_json::from_slice(&bytes).unwrap();
         value["items"][0].clone()
@@ -310,7 +310,8 @@ fn a_note_without_its_location_keeps_no_unknown_text_fields() {
 
 #[test]
 fn text_that_reveals_the_location_is_refused_with_its_note() {
-    let location = Location::of([[565_950.0, 9_009_900.0, 0.0], [566_000.0, 9_009_990.0, 20.0]], None, None);
+    let location =
+        Location::of([DVec3::new(565_950.0, 9_009_900.0, 0.0), DVec3::new(566_000.0, 9_009_990.0, 20.0)], None, None);
     let message = Notes::parse(&page(&json!([note("Gate/565977", [0.0; 3])])))
         .unwrap()
         .check_words(&location)
@@ -353,24 +354,24 @@ proptest! {
         let again = Notes::parse(&bytes).unwrap();
         prop_assert_eq!(&again.to_bytes("p.kilwa", IDENTITY).unwrap(), &bytes);
         prop_assert!(again == notes && (!kept || notes.notes.iter().zip(&titles).all(|(n, t)| n.title("en") == *t)));
-        let moved = notes.clone().without_place(offset, &[]);
+        let moved = notes.clone().without_place(offset.into(), &[]);
         for (a, b) in notes.notes.iter().zip(&moved.notes) {
-            prop_assert!((0..3).all(|k| (b.place[k] + offset[k] - a.place[k]).abs() < 1e-6));
+            prop_assert!((b.place + DVec3::from(offset)).abs_diff_eq(a.place, 1e-6));
         }
         let bytes = moved.to_bytes("p.kilwa", IDENTITY).unwrap();
-        prop_assert_eq!(Notes::parse(&bytes).unwrap().without_place([0.0; 3], &[]).to_bytes("p.kilwa", IDENTITY).unwrap(), bytes);
+        prop_assert_eq!(Notes::parse(&bytes).unwrap().without_place(DVec3::ZERO, &[]).to_bytes("p.kilwa", IDENTITY).unwrap(), bytes);
     }
 
     #[test]
     fn the_iiif_scene_has_y_up(
         a in proptest::array::uniform3(-1e3..1e3f64), b in proptest::array::uniform3(-1e3..1e3f64), origin in proptest::array::uniform3(-1e3..1e3f64),
     ) {
+        let [a, b, origin] = [a, b, origin].map(DVec3::from);
         let (p, q) = (scene_point(a, origin), scene_point(b, origin));
-        let distance = |a: [f64; 3], b: [f64; 3]| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
-        prop_assert!((distance(p, q) - distance(a, b)).abs() < 1e-5);
-        prop_assert!((p[1] - q[1] - (a[2] - b[2])).abs() < 1e-5, "height is height");
-        prop_assert!((p[0] - q[0] - (a[0] - b[0])).abs() < 1e-5, "east is x");
-        prop_assert!((p[2] - q[2] + (a[1] - b[1])).abs() < 1e-5, "north is minus z, so that it stays right-handed");
+        prop_assert!((p.distance(q) - a.distance(b)).abs() < 1e-5);
+        prop_assert!((p.y - q.y - (a.z - b.z)).abs() < 1e-5, "height is height");
+        prop_assert!((p.x - q.x - (a.x - b.x)).abs() < 1e-5, "east is x");
+        prop_assert!((p.z - q.z + (a.y - b.y)).abs() < 1e-5, "north is minus z, so that it stays right-handed");
     }
 
     #[test]

@@ -88,7 +88,7 @@ impl Note {
             all.insert("label", Part::Made(label.json()));
         }
         all.insert("body", Part::Made(self.bodies_json().into()));
-        let [x, y, z] = self.place;
+        let [x, y, z] = self.place.to_array();
         let made_on = self.made_on.as_deref().unwrap_or(identity);
         let mut states = vec![Part::Made(json!({ "type": PACK_STATE, "identity": made_on }))];
         if let Some(view) = &self.view {

@@ -9,6 +9,7 @@
 use super::Publication;
 use crate::layout::{CRATE, DATACITE, IIIF, IIIF_ANNOTATIONS, POSTER, PREVIEW};
 use crate::notes::{Body, Note, scene_point};
+use glam::DVec3;
 use serde_json::{Value, json};
 
 pub(super) fn iiif(p: &Publication) -> Value {
@@ -83,7 +84,7 @@ pub(super) fn annotations(p: &Publication) -> Option<Value> {
     let scene = json!({ "id": format!("{}#scene", address(p, IIIF)), "type": "Scene" });
     let one = |(number, note): (usize, &Note)| {
         let part = |name: &str| format!("{id}#{name}-{number}");
-        let [x, y, z] = scene_point(note.place, published.origin);
+        let DVec3 { x, y, z } = scene_point(note.place, published.origin);
         let mut v = json!({
             "id": part("note"),
             "type": "Annotation",
@@ -151,7 +152,7 @@ fn bodies(p: &Publication, note: &Note) -> Vec<Value> {
 
 fn pairs(p: &Publication) -> Vec<Value> {
     let m = &p.metadata;
-    let [x, y, z] = p.size();
+    let DVec3 { x, y, z } = p.size();
     let names = |list: &[crate::metadata::Agent]| list.iter().map(|a| a.name.clone()).collect::<Vec<_>>().join("; ");
     let object = m.object.as_ref();
     let capture = m.capture.as_ref();

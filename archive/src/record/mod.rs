@@ -29,6 +29,7 @@ use super::manifest::{Figures, PackEntry};
 use super::metadata::{Agent, AgentKind, Metadata};
 use super::notes::{NOTES_MAX, Notes};
 use super::rights::Rights;
+use glam::DVec3;
 use kilwa_files::plain_file;
 use serde_json::Value;
 use std::io;
@@ -88,16 +89,16 @@ pub struct PublishedNotes {
     /// Its SHA-256.
     pub sha256: Checksum,
     /// Which place of the pack is zero in `preview.glb`, metres.
-    pub origin: [f64; 3],
+    pub origin: DVec3,
 }
 
 /// Which place of the pack is zero in a preview that `kilwa publish` made.
-fn origin_of(glb: &[u8]) -> Option<[f64; 3]> {
+fn origin_of(glb: &[u8]) -> Option<DVec3> {
     let word = |at: usize| Some(u32::from_le_bytes(glb.get(at..at + 4)?.try_into().ok()?));
     let json = glb.get(20..20usize.checked_add(word(12)? as usize)?)?;
     let value: Value = kilwa_pack::json::from_slice(json).ok()?;
-    let place: [f64; 3] = serde_json::from_value(value.pointer("/extras/world_from_local_m")?.clone()).ok()?;
-    place.iter().all(|v| v.is_finite()).then_some(place)
+    let place: DVec3 = serde_json::from_value(value.pointer("/extras/world_from_local_m")?.clone()).ok()?;
+    place.is_finite().then_some(place)
 }
 
 impl Publication {
@@ -116,7 +117,7 @@ impl Publication {
             None => None,
         };
         let [min, max] = self.figures.bounds;
-        let origin = origin.unwrap_or_else(|| [0, 1, 2].map(|k| f64::midpoint(min[k], max[k])));
+        let origin = origin.unwrap_or_else(|| [0, 1, 2].map(|k| f64::midpoint(min[k], max[k])).into());
         self.notes = Some(PublishedNotes { notes, bytes: bytes.len() as u64, sha256: sha256(&bytes), origin });
         Ok(self)
     }
@@ -164,9 +165,9 @@ impl Publication {
     }
 
     /// Width, depth and height, metres.
-    pub fn size(&self) -> [f64; 3] {
+    pub fn size(&self) -> DVec3 {
         let [min, max] = self.figures.bounds;
-        [0, 1, 2].map(|k| max[k] - min[k])
+        max - min
     }
 }
 

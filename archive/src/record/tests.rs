@@ -61,7 +61,7 @@ award = "1"
         note: "Better".to_owned(),
         pack: PackEntry { url: format!("v2/{}", pack_name(&sha256)), bytes: 77, sha256, identity: "cd".repeat(16) },
         figures: Figures {
-            bounds: [[512_000.0, 9_007_000.0, 0.0], [512_050.0, 9_007_060.0, 9.5]],
+            bounds: [[512_000.0, 9_007_000.0, 0.0], [512_050.0, 9_007_060.0, 9.5]].map(glam::DVec3::from),
             crs: Some("EPSG:32737".to_owned()),
             units: "m".to_owned(),
             source_units: "m".to_owned(),

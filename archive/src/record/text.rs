@@ -2,6 +2,7 @@
 
 use super::{Publication, citation};
 use crate::layout::{ANNOTATIONS, CHECKSUMS, DRAWINGS, PREVIEW};
+use glam::DVec3;
 use kilwa_pack::plural::counted;
 use std::fmt::Write as _;
 
@@ -37,7 +38,7 @@ pub(super) fn readme(p: &Publication) -> String {
     if let Some(description) = &m.description {
         let _ = write!(s, "{}\n\n", wrapped(description));
     }
-    let [x, y, z] = p.size();
+    let DVec3 { x, y, z } = p.size();
     let f = &p.figures;
     let crs = f.crs.as_deref().unwrap_or("none: local coordinates");
     let _ = write!(

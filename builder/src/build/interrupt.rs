@@ -1,6 +1,7 @@
 //! A sink that refuses further blocks once a stop was asked for.
 
 use crate::build::work::Stop;
+use glam::DVec3;
 use kilwa_formats::Diagnostics;
 use kilwa_formats::read::{MeshSink, ReadError, VertexBlock};
 use std::path::Path;
@@ -42,7 +43,7 @@ impl MeshSink for Interruptible<'_> {
         self.sink.triangles(triangles, colors)
     }
 
-    fn positions(&mut self, of: &[u64], into: &mut Vec<[f64; 3]>) -> Result<(), ReadError> {
+    fn positions(&mut self, of: &[u64], into: &mut Vec<DVec3>) -> Result<(), ReadError> {
         self.sink.positions(of, into)
     }
 

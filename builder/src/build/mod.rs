@@ -29,6 +29,7 @@ use crate::ingest::{IngestOptions, Spool, Spooled, can_resume, ingest, is_file_o
 use crate::levels::{CHUNKS, Hierarchy};
 use crate::partition::tree_file::{self, TREE};
 use crate::scratch::{Scratch, ScratchError};
+use glam::{DVec3, Vec3};
 use kilwa_formats::RawMesh;
 use kilwa_formats::Up;
 use kilwa_pack::metadata::SourceFile;
@@ -325,11 +326,10 @@ impl Inputs for InMemory<'_> {
     fn deliver(&mut self, spool: &mut Spool, _work: &Work<'_>) -> Result<Vec<SourceFile>, BuildError> {
         let (s, y_up) = (self.options.units.metres(), self.options.up == Up::Y);
         for p in &mut self.raw.positions {
-            let q = if y_up { [p[0], -p[2], p[1]] } else { *p };
-            *p = q.map(|x| x * s);
+            *p = s * if y_up { DVec3::new(p.x, -p.z, p.y) } else { *p };
         }
         for n in self.raw.normals.iter_mut().filter(|_| y_up) {
-            *n = [n[0], -n[2], n[1]];
+            *n = Vec3::new(n.x, -n.z, n.y);
         }
         spool.add(&self.raw)?;
         // Its memory is needed for what follows.

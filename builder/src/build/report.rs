@@ -4,6 +4,7 @@ use crate::assemble::PackSummary;
 use crate::build::options::BuildOptions;
 use crate::ingest::surface::{Diagnostic, Surface};
 use crate::levels::Levels;
+use glam::DVec3;
 use kilwa_formats::Up;
 use kilwa_pack::{Header, Metadata};
 use std::collections::BTreeMap;
@@ -18,7 +19,7 @@ pub struct BuildReport {
     /// Lattice spacing, metres.
     pub step: f64,
     /// Size of the model, metres.
-    pub extent: [f64; 3],
+    pub extent: DVec3,
     /// Median edge length, metres.
     pub median_edge: f64,
     /// Edges used by one triangle.
@@ -79,7 +80,7 @@ impl BuildReport {
             triangles: s.triangles,
             vertices: s.points,
             step: s.lattice.step(),
-            extent: (max - min).to_array(),
+            extent: max - min,
             median_edge: s.median_edge,
             border_edges: s.border_edges,
             non_manifold_edges: s.non_manifold_edges,
@@ -118,7 +119,7 @@ pub(super) fn metadata(s: &Surface, options: &BuildOptions) -> Metadata {
     let positions = "made ones rounded to a power of two of the step, at most their distance from what they stand for";
     shaped.insert("coarse-positions".to_owned(), positions.to_owned());
     shaped.insert("leaf-triangles".to_owned(), options.leaf_triangles.to_string());
-    let [bounds_min, bounds_max] = s.bounds.map(|p| s.lattice.world_from_lattice(p).to_array());
+    let [bounds_min, bounds_max] = s.bounds.map(|p| s.lattice.world_from_lattice(p));
     Metadata {
         title: options.title.clone(),
         source_units: options.units.symbol().to_owned(),

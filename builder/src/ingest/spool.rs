@@ -147,7 +147,7 @@ pub struct Spool {
     /// Diagnostics of the current input.
     diagnostics: Diagnostics,
     tally: Tally,
-    cache: Vec<(u64, Vec<[f64; 3]>)>,
+    cache: Vec<(u64, Vec<DVec3>)>,
 }
 
 impl Spool {
@@ -398,9 +398,8 @@ impl MeshSink for Spool {
         let [min, max] = &mut self.bounds;
         let number = before - self.current.first_vertex;
         for (i, p) in block.positions.iter().enumerate() {
-            let p = DVec3::from(*p);
             if p.is_finite() {
-                (*min, *max) = (min.min(p), max.max(p));
+                (*min, *max) = (min.min(*p), max.max(*p));
             } else {
                 let place = || format!("vertex {} ({} {} {})", number + i as u64, p.x, p.y, p.z);
                 self.diagnostics.add(NO_POSITION, place);
@@ -479,13 +478,13 @@ impl MeshSink for Spool {
         Ok(())
     }
 
-    fn positions(&mut self, of: &[u64], into: &mut Vec<[f64; 3]>) -> Result<(), ReadError> {
+    fn positions(&mut self, of: &[u64], into: &mut Vec<DVec3>) -> Result<(), ReadError> {
         let rows = self.positions.rows();
         self.cache.resize_with(CACHE_BLOCKS, || (u64::MAX, Vec::new()));
         for v in of {
             let row = self.current.first_vertex.saturating_add(*v);
             if row >= rows {
-                into.push([f64::NAN; 3]);
+                into.push(DVec3::NAN);
                 continue;
             }
             let block = row / CACHE_BLOCK;
@@ -495,7 +494,7 @@ impl MeshSink for Spool {
                 let first = block * CACHE_BLOCK;
                 let mut bytes = vec![0; (rows - first).min(CACHE_BLOCK) as usize * 24];
                 self.positions.read(first, &mut bytes)?;
-                *slot = (block, bytes.as_chunks::<24>().0.iter().map(|row| position_of_row(row).to_array()).collect());
+                *slot = (block, bytes.as_chunks::<24>().0.iter().map(position_of_row).collect());
             }
             into.push(slot.1[within]);
         }
@@ -511,9 +510,9 @@ impl MeshSink for Spool {
     }
 }
 
-fn row_of_position(p: &[f64; 3]) -> [u8; 24] {
+fn row_of_position(p: &DVec3) -> [u8; 24] {
     let mut row = [0; 24];
-    for (bytes, x) in row.as_chunks_mut::<8>().0.iter_mut().zip(p) {
+    for (bytes, x) in row.as_chunks_mut::<8>().0.iter_mut().zip(p.to_array()) {
         *bytes = x.to_le_bytes();
     }
     row
@@ -525,7 +524,7 @@ pub(super) fn position_of_row(row: &[u8; 24]) -> DVec3 {
     DVec3::new(f64::from_le_bytes(words[0]), f64::from_le_bytes(words[1]), f64::from_le_bytes(words[2]))
 }
 
-fn row_of_normal(n: &[f32; 3]) -> [u8; 4] {
-    let [a, b] = normal::encode(Vec3::from(*n).as_dvec3()).map(i16::to_le_bytes);
+fn row_of_normal(n: &Vec3) -> [u8; 4] {
+    let [a, b] = normal::encode(n.as_dvec3()).map(i16::to_le_bytes);
     [a[0], a[1], b[0], b[1]]
 }

@@ -4,6 +4,7 @@
 mod plain;
 
 use crate::support::{closed, fort, non_manifold, shuffled, wall, with_holes};
+use glam::{DVec3, Vec3};
 use kilwa_builder::build::work::{Stop, Work};
 use kilwa_builder::ingest::surface::{Ingested, Surface};
 use kilwa_builder::ingest::{IngestOptions, Spool, ingest};
@@ -228,7 +229,7 @@ fn grid(n: u32, edge: f64) -> RawMesh {
         for j in 0..n {
             let v = raw.positions.len() as u32;
             let (x, y) = (f64::from(i) * edge, f64::from(j) * edge);
-            raw.positions.extend([[x, y, 0.0], [x + edge, y, 0.0], [x, y + edge, 0.0]]);
+            raw.positions.extend([[x, y, 0.0], [x + edge, y, 0.0], [x, y + edge, 0.0]].map(DVec3::from));
             raw.triangles.push([v, v + 1, v + 2]);
         }
     }
@@ -249,12 +250,12 @@ fn an_outlying_vertex_is_refused_instead_of_coarsening_the_lattice() {
     assert_eq!(refused(&raw, None), "");
     for astray in [1e8, 1e12, 1e300, f64::MAX, -f64::MAX] {
         let mut raw = raw.clone();
-        raw.positions[0] = [astray, 0.0, 0.0];
+        raw.positions[0] = DVec3::new(astray, 0.0, 0.0);
         let error = refused(&raw, None);
         assert!(error.contains("m wide"), "{astray}: {error}");
         // An unused one is harmless.
-        raw.positions[0] = [0.0; 3];
-        raw.positions.push([astray, 0.0, 0.0]);
+        raw.positions[0] = DVec3::ZERO;
+        raw.positions.push(DVec3::new(astray, 0.0, 0.0));
         let case = Case { memory: LARGE, threads: 2, leaf_triangles: 2048 };
         let found = run(&[&raw], &case);
         assert_eq!(found.surface.diagnostics["vertices that no triangle uses"].count, 1);
@@ -294,10 +295,10 @@ fn coincident_triangles_and_fans_do_not_subdivide_forever() {
         assert!(found.tetrahedra.len() < 200, "{}", found.tetrahedra.len());
         assert_eq!(found.surface.triangles, 10_144);
         // A fan round one vertex, each blade far longer than wide.
-        let mut fan = RawMesh { positions: vec![[0.0; 3]], ..RawMesh::default() };
+        let mut fan = RawMesh { positions: vec![DVec3::ZERO], ..RawMesh::default() };
         for i in 0..6000u32 {
             let a = f64::from(i) * std::f64::consts::TAU / 6000.0;
-            fan.positions.push([a.cos(), a.sin(), 0.01 * (9.0 * a).sin()]);
+            fan.positions.push(DVec3::new(a.cos(), a.sin(), 0.01 * (9.0 * a).sin()));
             fan.triangles.push([0, i + 1, (i + 1) % 6000 + 1]);
         }
         let found = run(&[&fan], &case);
@@ -365,7 +366,7 @@ fn attributes_of_several_inputs_are_combined_and_missing_ones_counted() {
     coloured.colors = vec![[10, 20, 30]; 48];
     coloured.scalars = vec![("b".into(), vec![2.0; 48]), ("alpha".into(), vec![1.0; 48])];
     plain.scalars = vec![("a".into(), vec![5.0; 48])];
-    plain.normals = vec![[0.0, 0.0, 1.0]; 48];
+    plain.normals = vec![Vec3::Z; 48];
     let case = Case { memory: LARGE, threads: 2, leaf_triangles: 100 };
     let (one, other) = (run(&[&coloured, &plain], &case), run(&[&plain, &coloured], &case));
     same(&one, &other, "order of inputs");
@@ -404,7 +405,7 @@ fn only_small_components_are_dropped_and_they_leave_nothing_behind() {
         let at: [f64; 3] = std::array::from_fn(|k| raw.positions[random.usize(..base.positions.len())][k] + 0.5);
         for i in 0..n + 2 {
             let (x, y) = (f64::from(i / 2) * 0.01, f64::from(i % 2) * 0.01);
-            raw.positions.push([at[0] + x, at[1] + y, at[2]]);
+            raw.positions.push(DVec3::new(at[0] + x, at[1] + y, at[2]));
             raw.colors.push([200, 0, 0]);
         }
         raw.triangles.extend((0..n).map(|i| [first + i, first + i + 1, first + i + 2]));
@@ -438,7 +439,7 @@ fn the_estimated_noise_is_that_of_the_surface() {
             for j in 0..n {
                 // The sum of twelve uniform numbers is normal enough.
                 let noise = (0..12).map(|_| random.f64()).sum::<f64>() - 6.0;
-                raw.positions.push([f64::from(i) * 0.01, f64::from(j) * 0.01, noise * sigma]);
+                raw.positions.push(DVec3::new(f64::from(i) * 0.01, f64::from(j) * 0.01, noise * sigma));
                 let v = i * n + j;
                 if i + 1 < n && j + 1 < n {
                     raw.triangles.extend([[v, v + n, v + 1], [v + 1, v + n, v + n + 1]]);
@@ -505,7 +506,7 @@ fn a_leaf_too_large_for_a_chunk_is_refused_with_any_amount_of_memory() {
         let mut mesh = RawMesh::default();
         // The last one is far away, so that all others are in one leaf.
         for x in (0..places).map(|i| f64::from(i) / 100.0).chain([10.0]) {
-            mesh.positions.extend([[x, 0.0, 0.0], [x + 0.01, 0.0, 0.0], [x, 0.01, 0.0]]);
+            mesh.positions.extend([[x, 0.0, 0.0], [x + 0.01, 0.0, 0.0], [x, 0.01, 0.0]].map(DVec3::from));
         }
         let triangle = |place: u32| [3 * place, 3 * place + 1, 3 * place + 2];
         mesh.triangles = (0..(1 << 20) + 50_000).map(|t| triangle(t % places)).chain([triangle(places)]).collect();

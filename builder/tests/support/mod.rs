@@ -1,6 +1,7 @@
 //! Meshes and an independent reading of packs, shared by the property tests of the hierarchy.
 #![allow(dead_code, reason = "each test file uses its own part")]
 
+use glam::DVec3;
 use kilwa_builder::{BuildOptions, Silent, build_pack};
 use kilwa_formats::RawMesh;
 use kilwa_geometry::LatticePoint;
@@ -32,14 +33,11 @@ pub(crate) fn closed(triangles: u64) -> RawMesh {
 pub(crate) fn with_holes(triangles: u64) -> RawMesh {
     let mut mesh = closed(triangles);
     let mut random = fastrand::Rng::with_seed(5);
-    let centres: Vec<[f64; 3]> = (0..40).map(|_| mesh.positions[random.usize(..mesh.positions.len())]).collect();
+    let centres: Vec<DVec3> = (0..40).map(|_| mesh.positions[random.usize(..mesh.positions.len())]).collect();
     let positions = mesh.positions.clone();
     mesh.triangles.retain(|t| {
         let p = positions[t[0] as usize];
-        centres.iter().enumerate().all(|(i, c)| {
-            let d: f64 = (0..3).map(|k| (p[k] - c[k]).powi(2)).sum::<f64>().sqrt();
-            d > 0.01 + 0.004 * i as f64
-        })
+        centres.iter().enumerate().all(|(i, c)| p.distance(*c) > 0.01 + 0.004 * i as f64)
     });
     // And single triangles, so that borders touch in points.
     let mut n = 0;
@@ -58,7 +56,7 @@ pub(crate) fn non_manifold(n: u32) -> RawMesh {
     let mut vertex = |mesh: &mut RawMesh, p: [f64; 3]| {
         let key = p.map(|x| (x * 1e6).round() as i64);
         *at.entry(key).or_insert_with(|| {
-            mesh.positions.push(p);
+            mesh.positions.push(p.into());
             mesh.colors.push(p.map(|x| (128.0 + 100.0 * (x * 11.0).sin()) as u8));
             mesh.positions.len() as u32 - 1
         })

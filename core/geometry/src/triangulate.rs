@@ -6,7 +6,7 @@
 //! ears", 1975; only reflex corners can lie in an ear). A polygon that crosses itself has no triangulation: it gets its
 //! n - 2 triangles all the same, and the caller is informed.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3, Vec3Swizzles};
 
 /// How well a polygon could be cut.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,7 +23,7 @@ const SEARCHES: usize = 2;
 /// Lists reused from polygon to polygon.
 #[derive(Debug, Default)]
 pub struct Triangulator {
-    points: Vec<[f64; 2]>,
+    points: Vec<DVec2>,
     next: Vec<usize>,
     previous: Vec<usize>,
     cut: Vec<bool>,
@@ -35,7 +35,7 @@ pub struct Triangulator {
 impl Triangulator {
     /// Cut the polygon whose three or more corners are at these places, in order, and hand its triangles to `out` as
     /// numbers of corners.
-    pub fn polygon(&mut self, corners: &[[f64; 3]], mut out: impl FnMut([usize; 3])) -> Outcome {
+    pub fn polygon(&mut self, corners: &[DVec3], mut out: impl FnMut([usize; 3])) -> Outcome {
         self.project(corners);
         if let Some(first) = self.quad_diagonal(corners) {
             let halves = if first { [[0, 1, 2], [0, 2, 3]] } else { [[0, 1, 3], [1, 2, 3]] };
@@ -74,37 +74,32 @@ impl Triangulator {
 
     /// Project to the axis plane in which the polygon is largest, turning anticlockwise there, relative to its first
     /// corner (real-world coordinates are large).
-    fn project(&mut self, corners: &[[f64; 3]]) {
+    fn project(&mut self, corners: &[DVec3]) {
         let origin = corners[0];
-        let local = |p: &[f64; 3]| [p[0] - origin[0], p[1] - origin[1], p[2] - origin[2]];
-        let mut normal = [0.0; 3]; // Newell's
+        let mut normal = DVec3::ZERO; // Newell's
         for (i, corner) in corners.iter().enumerate() {
-            let (a, b) = (local(corner), local(&corners[(i + 1) % corners.len()]));
-            for (axis, n) in normal.iter_mut().enumerate() {
-                let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
-                *n += (a[u] - b[u]) * (a[v] + b[v]);
-            }
+            let (a, b) = (corner - origin, corners[(i + 1) % corners.len()] - origin);
+            normal += (a - b).yzx() * (a + b).zxy();
         }
-        let size = |axis: usize| f64::abs(normal[axis]);
+        let size = |axis: usize| normal[axis].abs();
         let axis = (0..3).fold(2, |best, axis| if size(axis) > size(best) { axis } else { best });
         let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
         let (u, v) = if normal[axis] < 0.0 { (v, u) } else { (u, v) };
         self.points.clear();
         self.points.extend(corners.iter().map(|c| {
-            let p = local(c);
-            [p[u], p[v]]
+            let p = c - origin;
+            DVec2::new(p[u], p[v])
         }));
     }
 
     /// For a quad: whether it is split from its first corner, or from its second; `None` if no diagonal lies inside or
     /// it is no quad.
-    fn quad_diagonal(&self, corners: &[[f64; 3]]) -> Option<bool> {
+    fn quad_diagonal(&self, corners: &[DVec3]) -> Option<bool> {
         let (&[a, b, c, d], &[pa, pb, pc, pd]) = (corners, self.points.as_slice()) else { return None };
         let first = cross(pa, pb, pc) > 0.0 && cross(pa, pc, pd) > 0.0;
         let second = cross(pb, pc, pd) > 0.0 && cross(pb, pd, pa) > 0.0;
-        let length = |p: [f64; 3], q: [f64; 3]| DVec3::from(p).distance_squared(q.into());
         match (first, second) {
-            (true, true) => Some(length(a, c) <= length(b, d)),
+            (true, true) => Some(a.distance_squared(c) <= b.distance_squared(d)),
             (true, false) => Some(true),
             (false, true) => Some(false),
             (false, false) => None,
@@ -195,8 +190,8 @@ impl Triangulator {
 }
 
 /// Twice the signed area of a triangle, positive where it turns anticlockwise.
-fn cross(a: [f64; 2], b: [f64; 2], c: [f64; 2]) -> f64 {
-    (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+fn cross(a: DVec2, b: DVec2, c: DVec2) -> f64 {
+    (b - a).perp_dot(c - a)
 }
 
 #[cfg(test)]
@@ -204,20 +199,20 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn cut(polygon: &[[f64; 3]]) -> (Vec<[u32; 3]>, Outcome) {
+    fn cut(polygon: &[DVec3]) -> (Vec<[u32; 3]>, Outcome) {
         let mut triangles = Vec::new();
         let outcome = Triangulator::default().polygon(polygon, |t| triangles.push(t.map(|i| i as u32)));
         (triangles, outcome)
     }
 
-    fn area(polygon: &[[f64; 3]], corners: &[u32]) -> f64 {
+    fn area(polygon: &[DVec3], corners: &[u32]) -> f64 {
         let n = corners.len();
         let p = |i: usize| polygon[corners[i % n] as usize];
-        (0..n).map(|i| p(i)[0] * p(i + 1)[1] - p(i + 1)[0] * p(i)[1]).sum::<f64>() / 2.0
+        (0..n).map(|i| p(i).truncate().perp_dot(p(i + 1).truncate())).sum::<f64>() / 2.0
     }
 
     /// Whether all triangles turn as the polygon does and their areas add up to its own: then they cover it once.
-    fn covers(polygon: &[[f64; 3]]) -> bool {
+    fn covers(polygon: &[DVec3]) -> bool {
         let (triangles, outcome) = cut(polygon);
         let all: Vec<u32> = (0..polygon.len() as u32).collect();
         let areas: Vec<f64> = triangles.iter().map(|t| area(polygon, t)).collect();
@@ -228,8 +223,8 @@ mod tests {
             && (areas.iter().sum::<f64>() - whole).abs() <= 1e-9 * whole.abs()
     }
 
-    fn flat(points: &[[f64; 2]]) -> Vec<[f64; 3]> {
-        points.iter().map(|p| [p[0], p[1], 0.0]).collect()
+    fn flat(points: &[[f64; 2]]) -> Vec<DVec3> {
+        points.iter().map(|&p| DVec2::from(p).extend(0.0)).collect()
     }
 
     #[test]
@@ -257,7 +252,7 @@ mod tests {
         assert!(covers(&flat(&comb)));
         comb.reverse();
         assert!(covers(&flat(&comb)));
-        let standing: Vec<[f64; 3]> = comb.iter().map(|p| [500_000.0, 9_000_000.0 + p[0], p[1]]).collect();
+        let standing: Vec<DVec3> = comb.iter().map(|p| DVec3::new(500_000.0, 9_000_000.0 + p[0], p[1])).collect();
         assert_eq!(cut(&standing).1, Outcome::Covered);
     }
 
@@ -294,8 +289,9 @@ mod tests {
 
     #[test]
     fn triangulating_ten_thousand_crossing_corners_ends() {
-        let wild: Vec<[f64; 3]> =
-            (0..10_000u32).map(|i| [f64::from(i * 7919 % 10_007), f64::from(i * 104_729 % 10_009), 0.0]).collect();
+        let wild: Vec<DVec3> = (0..10_000u32)
+            .map(|i| DVec3::new(f64::from(i * 7919 % 10_007), f64::from(i * 104_729 % 10_009), 0.0))
+            .collect();
         assert_eq!(cut(&wild).0.len(), 9_998);
     }
 
@@ -308,9 +304,9 @@ mod tests {
         #[test]
         fn star_shaped_polygons_are_covered_once(radii in proptest::collection::vec(0.05f64..1.0, 4..60)) {
             let n = radii.len() as f64;
-            let star: Vec<[f64; 3]> = radii.iter().enumerate().map(|(i, r)| {
+            let star: Vec<DVec3> = radii.iter().enumerate().map(|(i, r)| {
                 let angle = i as f64 / n * std::f64::consts::TAU;
-                [r * angle.cos(), r * angle.sin(), 0.0]
+                DVec3::new(r * angle.cos(), r * angle.sin(), 0.0)
             }).collect();
             prop_assert!(covers(&star));
         }

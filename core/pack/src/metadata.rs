@@ -3,6 +3,7 @@
 use crate::header::MAX_METADATA_BYTES;
 use crate::plural::counted;
 use crate::{Header, PackError};
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 /// One scalar channel carried per vertex.
@@ -42,9 +43,9 @@ pub struct Metadata {
     /// Lattice spacing in metres.
     pub lattice_step: f64,
     /// Smallest corner of the model, metres.
-    pub bounds_min: [f64; 3],
+    pub bounds_min: DVec3,
     /// Largest corner of the model, metres.
-    pub bounds_max: [f64; 3],
+    pub bounds_max: DVec3,
     /// Median edge length at the finest level, metres.
     pub median_edge: f64,
     /// Triangles of the finest level.

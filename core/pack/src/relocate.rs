@@ -82,7 +82,7 @@ fn moved<S: Source>(reader: &Reader<S>, origin: DVec3) -> (Header, Metadata) {
     let mut metadata = reader.metadata().clone();
     for corner in [&mut metadata.bounds_min, &mut metadata.bounds_max] {
         // Whole steps again, so that no digit of the old place is left in the last bits.
-        *corner = header.lattice.world_from_steps(from.steps_from_world((*corner).into()).round()).into();
+        *corner = header.lattice.world_from_steps(from.steps_from_world(*corner).round());
     }
     (header, metadata)
 }

@@ -72,7 +72,7 @@ impl Totals {
         };
         let corners = [self.finest_bounds.min, self.finest_bounds.max].map(|p| header.lattice.world_from_lattice(p));
         let [low, high] = corners;
-        if far(low, metadata.bounds_min.into()) || far(high, metadata.bounds_max.into()) {
+        if far(low, metadata.bounds_min) || far(high, metadata.bounds_max) {
             let (low, high) = (low.to_array(), high.to_array());
             let why = format!("the model reaches from {low:?} to {high:?} m, which is not what the metadata says");
             return Err(PackError::invalid("metadata", why));

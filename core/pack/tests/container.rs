@@ -23,8 +23,8 @@ fn verify_all(bytes: &[u8]) -> Result<(), PackError> {
     let mut metadata = reader.metadata().clone();
     // The test's metadata knows neither.
     metadata.border_edges = totals.finest_borders;
-    metadata.bounds_min = reader.header().lattice.world_from_lattice(totals.finest_bounds.min).to_array();
-    metadata.bounds_max = reader.header().lattice.world_from_lattice(totals.finest_bounds.max).to_array();
+    metadata.bounds_min = reader.header().lattice.world_from_lattice(totals.finest_bounds.min);
+    metadata.bounds_max = reader.header().lattice.world_from_lattice(totals.finest_bounds.max);
     totals.agree(reader.header(), &metadata)
 }
 
@@ -340,8 +340,8 @@ fn a_model_of_another_size_than_announced_is_found() {
     }
     let mut metadata = reader.metadata().clone();
     metadata.border_edges = totals.finest_borders;
-    metadata.bounds_min = reader.header().lattice.world_from_lattice(totals.finest_bounds.min).to_array();
-    metadata.bounds_max = reader.header().lattice.world_from_lattice(totals.finest_bounds.max).to_array();
+    metadata.bounds_min = reader.header().lattice.world_from_lattice(totals.finest_bounds.min);
+    metadata.bounds_max = reader.header().lattice.world_from_lattice(totals.finest_bounds.max);
     totals.agree(reader.header(), &metadata).expect("sound");
     metadata.bounds_max[2] += 0.01;
     assert!(totals.agree(reader.header(), &metadata).expect_err("found").to_string().contains("the model reaches"));

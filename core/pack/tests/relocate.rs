@@ -36,9 +36,9 @@ fn every_chunk_is_the_same_and_only_origin_and_metadata_differ() {
 fn the_bounds_move_with_the_lattice_by_whole_spacings() {
     let old = open(crate::common::pack(3, 6, COLOURED));
     let steps = |m: DVec3, origin: DVec3| ((m - origin) * 8192.0).round();
-    let wanted = steps(old.metadata().bounds_max.into(), old.header().lattice.origin);
+    let wanted = steps(old.metadata().bounds_max, old.header().lattice.origin);
     let new = open(relocate(&old, Vec::new(), DVec3::ZERO, |_| ()).expect("moves"));
-    assert_eq!(DVec3::from(new.metadata().bounds_max) * 8192.0, wanted, "exact: there is no far offset any more");
+    assert_eq!(new.metadata().bounds_max * 8192.0, wanted, "exact: there is no far offset any more");
 }
 
 #[test]

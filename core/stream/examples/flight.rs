@@ -162,7 +162,7 @@ fn fly(path: &str) -> Result<(), Failure> {
     let reader = Reader::open(SliceSource(bytes.as_slice()))?;
     let chunks: Vec<Chunk> = (0..reader.header().entry_count).map(|i| reader.chunk(i)).collect::<Result<_, _>>()?;
     let (m, lattice) = (reader.metadata(), reader.header().lattice);
-    let [low, high] = [m.bounds_min, m.bounds_max].map(|p| (DVec3::from(p) - lattice.origin) / lattice.step());
+    let [low, high] = [m.bounds_min, m.bounds_max].map(|p| (p - lattice.origin) / lattice.step());
     let size = (high - low).length();
 
     let head_bytes = bytes.len().min(HEAD_BYTES);

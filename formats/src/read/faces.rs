@@ -7,6 +7,7 @@
 use super::ReadError;
 use super::sink::{MeshSink, NOT_FINITE, TWICE};
 use crate::Diagnostics;
+use glam::DVec3;
 use kilwa_geometry::triangulate::{Outcome, Triangulator};
 
 pub(super) const TOO_FEW: &str = "faces of fewer than three corners dropped";
@@ -36,7 +37,7 @@ pub(super) struct Faces {
     /// Polygons that wait for their positions: number, colour, number of corners; and all their corners.
     waiting: Vec<(u64, FaceColor, usize)>,
     corners: Vec<u64>,
-    positions: Vec<[f64; 3]>,
+    positions: Vec<DVec3>,
     triangulator: Triangulator,
     delivered: u64,
 }
@@ -164,14 +165,14 @@ impl Faces {
     fn polygon(
         &mut self,
         corners: &[u64],
-        positions: &[[f64; 3]],
+        positions: &[DVec3],
         color: FaceColor,
         number: u64,
         diagnostics: &mut Diagnostics,
     ) {
         let noun = self.noun;
         let place = || format!("{noun} {number}");
-        if !positions.iter().flatten().all(|v| v.is_finite()) {
+        if !positions.iter().all(|p| p.is_finite()) {
             diagnostics.add(NOT_FINITE, place);
             diagnostics.add_many(NOT_FINITE, corners.len() as u64 - 3);
             return;

@@ -8,6 +8,7 @@
 use super::ReadError;
 use super::sink::{MeshSink, NO_POSITION, NOT_FINITE, TWICE, UNUSED, VertexBlock};
 use crate::{Diagnostics, RawMesh, UNCOLOURED};
+use glam::{DVec3, Vec3};
 use kilwa_pack::plural::counted;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
@@ -101,7 +102,7 @@ impl MeshSink for MemorySink {
         }
         if block.normals.is_empty() {
             self.without_normal += n as u64;
-            mesh.normals.resize(before + n, [0.0; 3]);
+            mesh.normals.resize(before + n, Vec3::ZERO);
         } else {
             mesh.normals.extend(block.normals);
         }
@@ -137,9 +138,9 @@ impl MeshSink for MemorySink {
         Ok(())
     }
 
-    fn positions(&mut self, of: &[u64], into: &mut Vec<[f64; 3]>) -> Result<(), ReadError> {
+    fn positions(&mut self, of: &[u64], into: &mut Vec<DVec3>) -> Result<(), ReadError> {
         let at = |v: u64| usize::try_from(v).ok().and_then(|v| self.mesh.positions.get(v).copied());
-        into.extend(of.iter().map(|&v| at(v).unwrap_or([f64::NAN; 3])));
+        into.extend(of.iter().map(|&v| at(v).unwrap_or(DVec3::NAN)));
         Ok(())
     }
 
@@ -154,7 +155,7 @@ impl MeshSink for MemorySink {
 
 /// Drop the vertices without a finite position and the triangles at them or at vertices that never came.
 fn drop_without_position(mesh: &mut RawMesh, colors: &mut Vec<OwnColor>) {
-    let finite = |p: &[f64; 3]| p.iter().all(|v| v.is_finite());
+    let finite = |p: &DVec3| p.is_finite();
     let n = mesh.positions.len();
     let named = mesh.triangles.iter().flatten().all(|&v| (v as usize) < n);
     if named && mesh.positions.iter().all(finite) {
@@ -162,7 +163,7 @@ fn drop_without_position(mesh: &mut RawMesh, colors: &mut Vec<OwnColor>) {
     }
     let keep: Vec<bool> = mesh.positions.iter().map(finite).collect();
     for (number, p) in mesh.positions.iter().enumerate().filter(|(number, _)| !keep[*number]) {
-        mesh.diagnostics.add(NO_POSITION, || format!("vertex {number} ({} {} {})", p[0], p[1], p[2]));
+        mesh.diagnostics.add(NO_POSITION, || format!("vertex {number} ({} {} {})", p.x, p.y, p.z));
     }
     let stays = |t: &[u32; 3]| t.iter().all(|&i| keep.get(i as usize) == Some(&true));
     let mut triangles = mesh.triangles.iter();
@@ -254,9 +255,9 @@ fn append_copies<T: Copy>(values: &mut Vec<T>, origins: &[(usize, [u8; 3])]) {
 mod tests {
     use super::*;
 
-    const NAN: f64 = f64::NAN;
+    const TRIANGLE: [DVec3; 3] = [DVec3::ZERO, DVec3::X, DVec3::Y];
 
-    fn sink(positions: &[[f64; 3]]) -> MemorySink {
+    fn sink(positions: &[DVec3]) -> MemorySink {
         let mut sink = MemorySink::new(Path::new("a.mesh"));
         sink.vertices(&VertexBlock { positions, ..VertexBlock::default() }).unwrap();
         sink
@@ -264,7 +265,7 @@ mod tests {
 
     #[test]
     fn triangles_at_vertices_that_are_not_finite_or_never_came_are_dropped_and_counted() {
-        let mut s = sink(&[[0.0; 3], [NAN, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+        let mut s = sink(&[DVec3::ZERO, DVec3::new(f64::NAN, 0.0, 0.0), DVec3::X, DVec3::Y]);
         s.triangles(&[[0, 1, 2], [0, 2, 3], [0, 2, 9], [3, 3, 0]], &[]).unwrap();
         let mesh = s.into_mesh().unwrap();
         assert_eq!(mesh.triangles, [[0, 1, 2]]);
@@ -274,9 +275,9 @@ mod tests {
 
     #[test]
     fn a_triangle_may_come_before_its_vertices() {
-        let mut s = sink(&[[0.0; 3]]);
+        let mut s = sink(&[DVec3::ZERO]);
         s.triangles(&[[0, 1, 2]], &[]).unwrap();
-        s.vertices(&VertexBlock { positions: &[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], ..VertexBlock::default() }).unwrap();
+        s.vertices(&VertexBlock { positions: &[DVec3::X, DVec3::Y], ..VertexBlock::default() }).unwrap();
         assert_eq!(s.into_mesh().unwrap().triangles, [[0, 1, 2]]);
     }
 
@@ -286,8 +287,7 @@ mod tests {
             let mut s = MemorySink::new(Path::new("a.mesh"));
             for coloured in [coloured_first, !coloured_first] {
                 let colors: &[[u8; 3]] = if coloured { &[[1, 2, 3]; 3] } else { &[] };
-                let positions = &[[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-                s.vertices(&VertexBlock { positions, colors, ..VertexBlock::default() }).unwrap();
+                s.vertices(&VertexBlock { positions: &TRIANGLE, colors, ..VertexBlock::default() }).unwrap();
             }
             s.triangles(&[[0, 1, 2], [3, 4, 5]], &[]).unwrap();
             let mesh = s.into_mesh().unwrap();
@@ -299,7 +299,7 @@ mod tests {
     #[test]
     fn a_triangle_without_a_colour_of_its_own_keeps_those_of_its_vertices() {
         let mut s = MemorySink::new(Path::new("a.mesh"));
-        let positions = &[[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]];
+        let positions = &[DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::new(1.0, 1.0, 0.0)];
         s.vertices(&VertexBlock { positions, colors: &[[9; 3]; 4], ..VertexBlock::default() }).unwrap();
         s.triangles(&[[0, 1, 2]], &[[1, 2, 3]]).unwrap();
         s.triangles(&[[2, 1, 3]], &[]).unwrap();
@@ -310,9 +310,9 @@ mod tests {
 
     #[test]
     fn normals_of_only_some_vertices_are_dropped_and_counted() {
-        let mut s = sink(&[[0.0; 3]]);
-        let positions = &[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
-        s.vertices(&VertexBlock { positions, normals: &[[0.0, 0.0, 1.0]; 2], ..VertexBlock::default() }).unwrap();
+        let mut s = sink(&[DVec3::ZERO]);
+        let positions = &[DVec3::X, DVec3::Y];
+        s.vertices(&VertexBlock { positions, normals: &[Vec3::Z; 2], ..VertexBlock::default() }).unwrap();
         s.triangles(&[[0, 1, 2]], &[]).unwrap();
         let mesh = s.into_mesh().unwrap();
         assert!(mesh.normals.is_empty());
@@ -322,7 +322,7 @@ mod tests {
 
     #[test]
     fn an_input_left_without_triangles_is_refused_with_the_reasons() {
-        let mut s = sink(&[[0.0; 3], [NAN; 3]]);
+        let mut s = sink(&[DVec3::ZERO, DVec3::NAN]);
         s.triangles(&[[0, 0, 1], [0, 1, 7]], &[]).unwrap();
         let text = s.into_mesh().unwrap_err().to_string();
         assert!(text.contains("a.mesh") && text.contains("of its 2 triangles none is left"), "{text}");

@@ -8,36 +8,43 @@ use super::ReadError;
 use super::sink::{MeshSink, VertexBlock};
 use crate::Diagnostics;
 use crate::Up;
-use glam::{DMat3, DVec3, Vec3};
+use glam::{DAffine3, DMat3, DMat4, DVec3, Vec3};
 use kilwa_geometry::LengthUnit;
 
-/// An affine map of space that can be undone: `p` becomes `rows · (p, 1)`.
+/// An affine map of space that can be undone.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
-    rows: [[f64; 4]; 3],
+    target_from_source: DAffine3,
 }
 
 impl Placement {
     /// Everything stays where it is.
-    pub const IDENTITY: Self = Self { rows: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]] };
+    pub const IDENTITY: Self = Self { target_from_source: DAffine3::IDENTITY };
 
-    /// The map of a 4 × 4 matrix, given row by row, that is applied to columns.
+    /// The map of a 4 × 4 matrix that is applied to columns.
     ///
     /// # Errors
     /// A sentence that says why it is no map that can be undone.
-    pub fn from_matrix(m: [[f64; 4]; 4]) -> Result<Self, String> {
-        if !m.iter().flatten().all(|v| v.is_finite()) {
+    pub fn from_matrix(m: DMat4) -> Result<Self, String> {
+        if !m.is_finite() {
             return Err("it has numbers that are not finite".to_owned());
         }
-        let [a, b, c, last] = m;
-        if [a[3], b[3], c[3]] == [0.0; 3] && last[..3] != [0.0; 3] {
+        let (translation, last) = (m.w_axis.truncate(), m.row(3));
+        let projects = last.truncate() != DVec3::ZERO;
+        if translation == DVec3::ZERO && projects {
             return Err("its last row is not 0 0 0 1, but its last column is: it is written column by column; write it row by row, with the translation at the ends of the rows".to_owned());
         }
-        if last[..3] != [0.0; 3] || last[3] == 0.0 {
+        if projects || last.w == 0.0 {
             return Err("its last row is not 0 0 0 1: a projection cannot place a mesh".to_owned());
         }
-        let map = Self { rows: [a, b, c].map(|row| row.map(|v| v / last[3])) };
-        let size: f64 = map.linear().iter().map(|r| r.length()).product();
+        let linear = DMat3::from_mat4(m);
+        let map = Self {
+            target_from_source: DAffine3 {
+                matrix3: DMat3::from_cols(linear.x_axis / last.w, linear.y_axis / last.w, linear.z_axis / last.w),
+                translation: translation / last.w,
+            },
+        };
+        let size: f64 = map.rows().iter().map(|r| r.length()).product();
         if map.determinant().abs() <= 1e-9 * size {
             return Err("it flattens space (its determinant is zero)".to_owned());
         }
@@ -46,40 +53,32 @@ impl Placement {
 
     /// Adds `offset`.
     pub fn translation(offset: DVec3) -> Self {
-        let mut map = Self::IDENTITY;
-        for (row, offset) in map.rows.iter_mut().zip(offset.to_array()) {
-            row[3] = offset;
-        }
-        map
+        Self { target_from_source: DAffine3::from_translation(offset) }
     }
 
     /// To metres, z up. y up: (x, y, z) becomes (x, -z, y).
     pub fn to_metres(units: LengthUnit, up: Up) -> Self {
         let s = units.metres();
-        let rows = match up {
-            Up::Z => [[s, 0.0, 0.0, 0.0], [0.0, s, 0.0, 0.0], [0.0, 0.0, s, 0.0]],
-            Up::Y => [[s, 0.0, 0.0, 0.0], [0.0, 0.0, -s, 0.0], [0.0, s, 0.0, 0.0]],
+        let matrix = match up {
+            Up::Z => DMat3::from_diagonal(DVec3::splat(s)),
+            Up::Y => DMat3::from_cols(DVec3::new(s, 0.0, 0.0), DVec3::new(0.0, 0.0, s), DVec3::new(0.0, -s, 0.0)),
         };
-        Self { rows }
+        Self { target_from_source: DAffine3::from_mat3(matrix) }
     }
 
     /// This map, and then `next`.
     #[must_use]
     pub fn then(&self, next: &Self) -> Self {
-        let column = |k: usize| [self.rows[0][k], self.rows[1][k], self.rows[2][k]];
-        let rows = next.rows.map(|row| {
-            std::array::from_fn(|k| {
-                let [x, y, z] = column(k);
-                row[0] * x + row[1] * y + row[2] * z + if k == 3 { row[3] } else { 0.0 }
-            })
-        });
-        Self { rows }
+        let mut both = next.target_from_source * self.target_from_source;
+        // Adding zero turns negative zeros into positive ones: coordinates of 0 come out without a sign.
+        both.matrix3 += DMat3::ZERO;
+        Self { target_from_source: both }
     }
 
     /// Where `p` goes.
     #[inline]
-    pub fn place(&self, p: [f64; 3]) -> [f64; 3] {
-        self.rows.map(|r| r[0] * p[0] + r[1] * p[1] + r[2] * p[2] + r[3])
+    pub fn place(&self, p: DVec3) -> DVec3 {
+        self.target_from_source.transform_point3(p)
     }
 
     /// Whether right hands become left hands.
@@ -87,20 +86,21 @@ impl Placement {
         self.determinant() < 0.0
     }
 
-    /// The rows without their offsets.
-    fn linear(&self) -> [DVec3; 3] {
-        self.rows.map(|[x, y, z, _]| DVec3::new(x, y, z))
+    /// The rows of the matrix.
+    fn rows(&self) -> [DVec3; 3] {
+        [0, 1, 2].map(|i| self.target_from_source.matrix3.row(i))
     }
 
+    /// By rows: by columns it is rounded otherwise, and near the limit another matrix would be refused.
     fn determinant(&self) -> f64 {
-        let [a, b, c] = self.rows;
-        a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0])
+        let [a, b, c] = self.rows();
+        a.dot(b.cross(c))
     }
 
     /// The map of normals, up to their length: the inverse transpose, which is the matrix of cofactors over the
     /// determinant.
     fn of_normals(&self) -> DMat3 {
-        let [a, b, c] = self.linear();
+        let [a, b, c] = self.rows();
         let sign = if self.mirrors() { -1.0 } else { 1.0 };
         DMat3::from_cols(sign * b.cross(c), sign * c.cross(a), sign * a.cross(b)).transpose()
     }
@@ -112,8 +112,8 @@ pub struct Placed<'s> {
     placement: Placement,
     of_normals: DMat3,
     mirrors: bool,
-    positions: Vec<[f64; 3]>,
-    normals: Vec<[f32; 3]>,
+    positions: Vec<DVec3>,
+    normals: Vec<Vec3>,
     triangles: Vec<[u64; 3]>,
 }
 
@@ -133,10 +133,10 @@ impl<'s> Placed<'s> {
 }
 
 /// A normal through the map, with length 1; one without a length stays so.
-fn normal(map: &DMat3, n: [f32; 3]) -> [f32; 3] {
-    let moved = *map * Vec3::from(n).as_dvec3();
+fn normal(map: &DMat3, n: Vec3) -> Vec3 {
+    let moved = *map * n.as_dvec3();
     let length = moved.length();
-    if length > 0.0 && length.is_finite() { (moved / length).as_vec3().into() } else { [0.0; 3] }
+    if length > 0.0 && length.is_finite() { (moved / length).as_vec3() } else { Vec3::ZERO }
 }
 
 impl MeshSink for Placed<'_> {
@@ -164,7 +164,7 @@ impl MeshSink for Placed<'_> {
         self.sink.triangles(&self.triangles, colors)
     }
 
-    fn positions(&mut self, of: &[u64], into: &mut Vec<[f64; 3]>) -> Result<(), ReadError> {
+    fn positions(&mut self, of: &[u64], into: &mut Vec<DVec3>) -> Result<(), ReadError> {
         self.sink.positions(of, into)
     }
 
@@ -200,20 +200,19 @@ mod tests {
     fn volume(mesh: &RawMesh) -> f64 {
         let signed = |t: &[u32; 3]| {
             let [a, b, c] = t.map(|v| mesh.positions[v as usize]);
-            a[0] * (b[1] * c[2] - b[2] * c[1]) - a[1] * (b[0] * c[2] - b[2] * c[0]) + a[2] * (b[0] * c[1] - b[1] * c[0])
+            a.dot(b.cross(c))
         };
         mesh.triangles.iter().map(signed).sum()
     }
 
-    fn matrix(rows: [[f64; 3]; 3], offset: [f64; 3]) -> [[f64; 4]; 4] {
-        let row = |i: usize| [rows[i][0], rows[i][1], rows[i][2], offset[i]];
-        [row(0), row(1), row(2), [0.0, 0.0, 0.0, 1.0]]
+    fn matrix(rows: [[f64; 3]; 3], offset: DVec3) -> DMat4 {
+        DAffine3 { matrix3: DMat3::from_cols_array_2d(&rows).transpose(), translation: offset }.into()
     }
 
     #[test]
     fn y_up_in_millimetres_becomes_z_up_in_metres() {
         let map = Placement::to_metres(LengthUnit::Millimetre, Up::Y);
-        assert_eq!(map.place([1000.0, 2000.0, -3000.0]), [1.0, 3.0, 2.0]);
+        assert_eq!(map.place(DVec3::new(1000.0, 2000.0, -3000.0)), DVec3::new(1.0, 3.0, 2.0));
         assert!(!map.mirrors());
     }
 
@@ -221,49 +220,65 @@ mod tests {
     fn transforms_apply_in_the_order_given() {
         let shift = Placement::translation(DVec3::new(1.0, 2.0, 3.0));
         let scale = Placement::to_metres(LengthUnit::Kilometre, Up::Z);
-        assert_eq!(shift.then(&scale).place([0.0; 3]), [1000.0, 2000.0, 3000.0]);
-        assert_eq!(scale.then(&shift).place([1.0, 0.0, 0.0]), [1001.0, 2.0, 3.0]);
+        assert_eq!(shift.then(&scale).place(DVec3::ZERO), DVec3::new(1000.0, 2000.0, 3000.0));
+        assert_eq!(scale.then(&shift).place(DVec3::X), DVec3::new(1001.0, 2.0, 3.0));
         assert_eq!(Placement::IDENTITY.then(&shift), shift);
     }
 
     #[test]
     fn large_offsets_lose_no_precision() {
         let utm = Placement::translation(DVec3::new(500_000.125, 9_000_000.5, 10.0));
-        assert_eq!(utm.place([0.000_976_562_5, 0.0, 0.0]), [500_000.125_976_562_5, 9_000_000.5, 10.0]);
+        assert_eq!(utm.place(DVec3::X * 0.000_976_562_5), DVec3::new(500_000.125_976_562_5, 9_000_000.5, 10.0));
     }
 
     #[test]
     fn matrices_that_cannot_place_a_mesh_are_refused_with_the_reason() {
-        let good = matrix([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [1.0, 2.0, 3.0]);
+        let good = matrix([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], DVec3::new(1.0, 2.0, 3.0));
         assert!(Placement::from_matrix(good).is_ok());
-        let transposed = std::array::from_fn(|i| std::array::from_fn(|j| good[j][i]));
-        assert!(Placement::from_matrix(transposed).unwrap_err().contains("column by column"));
+        assert!(Placement::from_matrix(good.transpose()).unwrap_err().contains("column by column"));
         let mut bad = good;
-        bad[3][0] = 0.5;
+        bad.x_axis.w = 0.5;
         assert!(Placement::from_matrix(bad).unwrap_err().contains("projection"));
         let mut bad = good;
-        bad[1][1] = f64::NAN;
+        bad.y_axis.y = f64::NAN;
         assert!(Placement::from_matrix(bad).unwrap_err().contains("not finite"));
-        let flat = matrix([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]], [0.0; 3]);
+        let flat = matrix([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]], DVec3::ZERO);
         assert!(Placement::from_matrix(flat).unwrap_err().contains("flattens"));
     }
 
     proptest! {
+        /// The bytes of packs depend on this order.
+        #[test]
+        fn each_coordinate_is_the_sum_of_its_row_from_left_to_right(
+            m in proptest::array::uniform3(proptest::array::uniform3(-3.0f64..3.0)),
+            offset in proptest::array::uniform3(-1e7f64..1e7),
+            p in proptest::array::uniform3(-1e3f64..1e3),
+        ) {
+            let Ok(map) = Placement::from_matrix(matrix(m, offset.into())) else { return Ok(()) };
+            let row = |r: [f64; 3], [x, y, z]: [f64; 3]| r[0] * x + r[1] * y + r[2] * z;
+            let once = [0, 1, 2].map(|i| row(m[i], p) + offset[i]);
+            prop_assert_eq!(map.place(p.into()).to_array().map(f64::to_bits), once.map(f64::to_bits));
+            let column = |k: usize| [0, 1, 2].map(|i| m[i][k]);
+            let twice = [0, 1, 2].map(|i| {
+                row([0, 1, 2].map(|k| row(m[i], column(k))), p) + (row(m[i], offset) + offset[i])
+            });
+            prop_assert_eq!(map.then(&map).place(p.into()).to_array().map(f64::to_bits), twice.map(f64::to_bits));
+        }
+
         /// Whatever the map, mirrored or not: outside stays outside, volumes scale, normals stay with their side.
         #[test]
         fn transforms_keep_the_outside_of_a_surface_outside(m in proptest::array::uniform3(proptest::array::uniform3(-3.0f64..3.0))) {
-            let Ok(map) = Placement::from_matrix(matrix(m, [5.0, -7.0, 11.0])) else { return Ok(()) };
+            let Ok(map) = Placement::from_matrix(matrix(m, DVec3::new(5.0, -7.0, 11.0))) else { return Ok(()) };
             prop_assume!(map.determinant().abs() > 1e-3);
             let (before, after) = (placed(Placement::IDENTITY), placed(map));
             prop_assert!(volume(&before) > 0.0);
             let expected = volume(&before) * map.determinant().abs();
             prop_assert!((volume(&after) - expected).abs() <= 1e-9 * expected.max(100.0));
             // The side of a plane that a normal points to: n · d keeps its sign for every direction d.
-            let n = after.normals[0].map(f64::from);
-            for d in [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, -2.0, 3.0]] {
-                let (p, q) = (map.place([0.0; 3]), map.place(d));
-                let side: f64 = (0..3).map(|i| n[i] * (q[i] - p[i])).sum();
-                let was: f64 = -(d[0] + d[1] + d[2]);
+            let n = after.normals[0].as_dvec3();
+            for d in [DVec3::X, DVec3::Y, DVec3::Z, DVec3::new(1.0, -2.0, 3.0)] {
+                let side = n.dot(map.place(d) - map.place(DVec3::ZERO));
+                let was = -d.element_sum();
                 prop_assert!(side.signum() == was.signum() || side.abs() < 1e-4, "{side} {was}");
             }
         }

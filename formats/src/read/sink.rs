@@ -7,6 +7,7 @@
 
 use super::ReadError;
 use crate::Diagnostics;
+use glam::{DVec3, Vec3};
 
 /// Diagnostic: a triangle names a vertex twice. Reader or sink.
 pub const TWICE: &str = "triangles that name a vertex twice dropped";
@@ -22,11 +23,11 @@ pub const UNUSED: &str = "vertices that no triangle uses";
 #[derive(Debug, Clone, Copy, Default)]
 pub struct VertexBlock<'a> {
     /// Positions in the file's own units and axes. Not finite: the vertex keeps its number, its triangles are dropped.
-    pub positions: &'a [[f64; 3]],
+    pub positions: &'a [DVec3],
     /// sRGB colours, 8 bits a channel, or empty.
     pub colors: &'a [[u8; 3]],
     /// Normals as given, not normalised, or empty.
-    pub normals: &'a [[f32; 3]],
+    pub normals: &'a [Vec3],
     /// Scalars, one list for each channel declared by [`MeshSink::channels`].
     pub scalars: &'a [Vec<f32>],
 }
@@ -56,7 +57,7 @@ pub trait MeshSink {
     ///
     /// # Errors
     /// As [`MeshSink::vertices`]; a number that was not delivered is the reader's mistake and gives NaN.
-    fn positions(&mut self, of: &[u64], into: &mut Vec<[f64; 3]>) -> Result<(), ReadError>;
+    fn positions(&mut self, of: &[u64], into: &mut Vec<DVec3>) -> Result<(), ReadError>;
 
     /// Vertices delivered so far.
     fn vertex_count(&self) -> u64;

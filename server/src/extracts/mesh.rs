@@ -78,7 +78,9 @@ mod tests {
         let n = 60u32;
         let mesh = RawMesh {
             positions: (0..=n)
-                .flat_map(|j| (0..=n).map(move |i| [f64::from(i), f64::from(j), f64::from((i * j) % 7) * 0.1]))
+                .flat_map(|j| {
+                    (0..=n).map(move |i| glam::DVec3::new(f64::from(i), f64::from(j), f64::from((i * j) % 7) * 0.1))
+                })
                 .collect(),
             triangles: (0..n)
                 .flat_map(|j| (0..n).map(move |i| i + j * (n + 1)))

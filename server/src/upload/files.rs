@@ -5,6 +5,7 @@
 //! `kilwa publish` writes of them: nothing stands in them that was not looked at.
 
 use super::wire::AnnouncedPreview;
+use glam::DVec3;
 use kilwa_archive::Notes;
 use kilwa_archive::layout::{ANNOTATIONS, DRAWINGS, POSTER, PREVIEW, PREVIEW_MAX, THUMBNAILS};
 use kilwa_archive::location::Location;
@@ -113,7 +114,7 @@ pub(super) fn check_announced(at: &Path, announced: AnnouncedPreview) -> io::Res
 /// What notes belong to.
 pub(super) struct Noted<'a> {
     /// The box of the pack, metres.
-    pub(super) bounds: [[f64; 3]; 2],
+    pub(super) bounds: [DVec3; 2],
     /// File name and identity of the pack.
     pub(super) pack: (&'a str, &'a str),
     /// Whether nothing in them may reveal the location.
@@ -133,7 +134,7 @@ pub(super) fn check_notes(at: &Path, noted: &Noted<'_>) -> io::Result<()> {
         notes.check_words(&Location::unknown()).map_err(|e| wrong(e.to_string()))?;
     }
     notes.within(noted.bounds[0], noted.bounds[1]).map_err(|e| wrong(e.to_string()))?;
-    let notes = if noted.location_redacted { notes.without_place([0.0; 3], &[]) } else { notes };
+    let notes = if noted.location_redacted { notes.without_place(DVec3::ZERO, &[]) } else { notes };
     let written = notes.to_bytes(noted.pack.0, noted.pack.1).map_err(|e| wrong(e.to_string()))?;
     if notes.left_out == 0 && written == bytes {
         return Ok(());
@@ -290,8 +291,11 @@ mod tests {
         let at = folder.path().join("x");
         let checked = |bytes: &[u8], location_redacted: bool| {
             std::fs::write(&at, bytes).unwrap();
-            let noted =
-                Noted { bounds: [[0.0; 3], [9.0; 3]], pack: ("pack.kilwa", "0123456789abcdef"), location_redacted };
+            let noted = Noted {
+                bounds: [DVec3::ZERO, DVec3::splat(9.0)],
+                pack: ("pack.kilwa", "0123456789abcdef"),
+                location_redacted,
+            };
             check_notes(&at, &noted).map_err(|e| e.to_string())
         };
         let one = |x: f64, more: &str| {
@@ -302,7 +306,7 @@ mod tests {
         let written = |notes: Notes| notes.to_bytes("pack.kilwa", "0123456789abcdef").unwrap();
         let notes = Notes::parse(one(1.0, "").as_bytes()).unwrap();
         assert!(checked(&written(notes.clone()), false).is_ok());
-        assert!(checked(&written(notes.clone().without_place([0.0; 3], &[])), true).is_ok());
+        assert!(checked(&written(notes.clone().without_place(DVec3::ZERO, &[])), true).is_ok());
         assert!(
             checked(&written(notes.clone()), true).unwrap_err().contains("may reveal the location"),
             "it has a link"

@@ -6,6 +6,7 @@
 
 use super::files::glb_json;
 use flate2::{Crc, Decompress, FlushDecompress, Status};
+use glam::DVec3;
 use kilwa_archive::drawing;
 use kilwa_archive::layout::{POSTER, THUMBNAILS};
 use kilwa_pack::Metadata;
@@ -239,14 +240,15 @@ pub(super) fn check_preview(bytes: &[u8], of_pack: &Metadata) -> Result<(), Stri
     if written != declared.json(of_pack).ok_or_else(foreign)? {
         return Err(foreign());
     }
-    let size = [0, 1, 2].map(|k| of_pack.bounds_max[k] - of_pack.bounds_min[k]);
-    let diagonal = size.iter().map(|s| s * s).sum::<f64>().sqrt();
-    let near = |k: usize| (declared.place[k] - f64::midpoint(of_pack.bounds_min[k], of_pack.bounds_max[k])).abs();
-    if (0..3).any(|k| near(k) > diagonal / 100.0 + 1e-3) {
+    let diagonal = of_pack.bounds_max.distance(of_pack.bounds_min);
+    // glam's midpoint adds first, which overflows where this does not.
+    let middle = [0, 1, 2].map(|k| f64::midpoint(of_pack.bounds_min[k], of_pack.bounds_max[k]));
+    let off = (declared.place - DVec3::from(middle)).abs();
+    if off.cmpgt(DVec3::splat(diagonal / 100.0 + 1e-3)).any() {
         return Err("states a position outside the pack".to_owned());
     }
     if !(0.0..=diagonal).contains(&declared.error)
-        || declared.min.iter().chain(&declared.max).any(|v| v.abs() > diagonal)
+        || [declared.min, declared.max].iter().any(|v| v.abs().cmpgt(DVec3::splat(diagonal)).any())
     {
         return Err("has coordinates larger than the model".to_owned());
     }
@@ -263,17 +265,18 @@ struct DeclaredPreview {
     vertices: u64,
     corners: u64,
     has_colors: bool,
-    min: [f64; 3],
-    max: [f64; 3],
-    place: [f64; 3],
+    min: DVec3,
+    max: DVec3,
+    place: DVec3,
     error: f64,
 }
 
 impl DeclaredPreview {
     fn of(value: &Value) -> Option<Self> {
         let count = |at: &str| value.pointer(at)?.as_u64().filter(|n| u32::try_from(*n).is_ok());
-        let three = |at: &str| -> Option<[f64; 3]> {
-            value.pointer(at)?.as_array()?.iter().map(Value::as_f64).collect::<Option<Vec<_>>>()?.try_into().ok()
+        let three = |at: &str| {
+            let numbers: Option<Vec<f64>> = value.pointer(at)?.as_array()?.iter().map(Value::as_f64).collect();
+            numbers?.try_into().ok().map(DVec3::from_array)
         };
         Some(Self {
             vertices: count("/accessors/0/count")?,
@@ -293,7 +296,7 @@ impl DeclaredPreview {
     /// The JSON, as `extract::glb` writes it. None where a number is not one of its vertices, which are floats.
     fn json(&self, of_pack: &Metadata) -> Option<Vec<u8>> {
         let float = |v: f64| (f64::from(v as f32) == v).then_some(v as f32);
-        let floats = |three: [f64; 3]| three.into_iter().map(float).collect::<Option<Vec<f32>>>();
+        let floats = |v: DVec3| v.to_array().into_iter().map(float).collect::<Option<Vec<f32>>>();
         let (vertex_bytes, index_bytes) = (self.vertices * self.stride(), self.corners * 4);
         let mut attributes = json!({"POSITION": 0, "NORMAL": 1});
         let mut accessors = vec![
@@ -335,24 +338,19 @@ impl DeclaredPreview {
             return false;
         }
         let (vertices, corners) = binary.split_at(vertex_bytes as usize);
-        let (mut min, mut max) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         for vertex in vertices.chunks_exact(stride) {
             let (floats, color) = vertex.split_at(24);
             let mut numbers = [0.0; 6];
             for (number, bytes) in numbers.iter_mut().zip(floats.chunks_exact(4)) {
                 *number = bytes.try_into().map_or(f64::NAN, |b| f64::from(f32::from_le_bytes(b)));
             }
-            let [position @ .., _, _, _] = numbers;
-            let is_normal = numbers.iter().skip(3).map(|n| n * n).sum::<f64>() <= 1.01;
-            if !is_normal
-                || position.iter().any(|v| !v.is_finite())
-                || !(color.is_empty() || color.ends_with(&[0xff; 2]))
-            {
+            let (position, normal) = (DVec3::from_slice(&numbers), DVec3::from_slice(&numbers[3..]));
+            let is_normal = normal.length_squared() <= 1.01;
+            if !is_normal || !position.is_finite() || !(color.is_empty() || color.ends_with(&[0xff; 2])) {
                 return false;
             }
-            for (k, v) in position.into_iter().enumerate() {
-                (min[k], max[k]) = (min[k].min(v), max[k].max(v));
-            }
+            (min, max) = (min.min(position), max.max(position));
         }
         // Vertices are numbered in the order in which the triangles first use them, so that none can carry anything else.
         let mut used = 0;

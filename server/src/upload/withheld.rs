@@ -157,7 +157,7 @@ pub(super) fn check_file(path: &str, at: &Path, of_pack: &Metadata) -> io::Resul
 
 /// Length of the diagonal of the pack's box.
 fn diagonal(of_pack: &Metadata) -> f64 {
-    (0..3).map(|k| (of_pack.bounds_max[k] - of_pack.bounds_min[k]).powi(2)).sum::<f64>().sqrt()
+    of_pack.bounds_max.distance(of_pack.bounds_min)
 }
 
 /// Whether a coordinate is at or around the pack.

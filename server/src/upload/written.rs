@@ -75,14 +75,11 @@ fn has_digit(text: &str) -> bool {
 }
 
 fn check_directory(entries: &[DirectoryEntry]) -> Result<(), String> {
-    let (mut min, mut max) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+    let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     for bounds in entries.iter().map(|e| &e.bounds).filter(|b| !b.is_empty()) {
-        for k in 0..3 {
-            min[k] = min[k].min(f64::from(bounds.min[k]));
-            max[k] = max[k].max(f64::from(bounds.max[k]));
-        }
+        (min, max) = (min.min(bounds.min.as_dvec3()), max.max(bounds.max.as_dvec3()));
     }
-    let diagonal = (0..3).map(|k| (max[k] - min[k]).powi(2)).sum::<f64>().sqrt().max(1.0);
+    let diagonal = max.distance(min).max(1.0);
     let reach = diagonal * SPHERE;
     let is_around = |e: &DirectoryEntry| {
         let centre = e.sphere.center;
@@ -107,7 +104,7 @@ fn check_edge<S: Source + Sync>(reader: &Reader<S>) -> Result<(), String> {
     let step = reader.header().lattice.step();
     // If no sampled chunk has any of the finest triangles, the bounding box limits the edge.
     let size = reader.metadata();
-    let largest = DVec3::from(size.bounds_max).distance(size.bounds_min.into());
+    let largest = size.bounds_max.distance(size.bounds_min);
     let median = edges.get(edges.len() / 2).map_or(largest, |edge| edge * step);
     if (0.0..=EDGE * median.max(step)).contains(&stated) {
         Ok(())

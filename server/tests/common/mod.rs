@@ -7,6 +7,7 @@ pub(crate) mod version;
 use axum::Router;
 use axum::body::{Body, Bytes};
 use axum::http::{HeaderMap, Request, StatusCode};
+use glam::DVec3;
 use kilwa_archive::checksums::{Checksums, sha256};
 use kilwa_archive::manifest::{
     Access, AccessState, FORM, Figures, FileEntry, Manifest, PackEntry, RightsEntry, Version,
@@ -90,11 +91,11 @@ pub(crate) fn pack(title: &str) -> Vec<u8> {
 
 /// The same, in a reference system or none.
 pub(crate) fn pack_in(title: &str, crs: Option<&str>) -> Vec<u8> {
-    pack_at(title, crs, [0.0; 3], &[])
+    pack_at(title, crs, DVec3::ZERO, &[])
 }
 
 /// The same with its lattice at `origin`, metres, and scalar channels: name and the values of the three vertices.
-pub(crate) fn pack_at(title: &str, crs: Option<&str>, origin: [f64; 3], channels: &[(&str, [f32; 3])]) -> Vec<u8> {
+pub(crate) fn pack_at(title: &str, crs: Option<&str>, origin: DVec3, channels: &[(&str, [f32; 3])]) -> Vec<u8> {
     let attributes = Attributes { colors: true, scalars: channels.len() as u8 };
     let mut chunk = Chunk::default();
     chunk.mesh.positions = [[0, 0, 0], [1000, 0, 0], [0, 800, 400]].map(Into::into).to_vec();
@@ -105,7 +106,7 @@ pub(crate) fn pack_at(title: &str, crs: Option<&str>, origin: [f64; 3], channels
     chunk.mesh.borders = vec![7];
     chunk.patches = vec![PatchRange { first: 0, count: 1, diamond: NO_DIAMOND }];
     let encoded = encode(&chunk, attributes).unwrap();
-    let lattice = Lattice { origin: origin.into(), step_log2: -10 };
+    let lattice = Lattice { origin, step_log2: -10 };
     let step = lattice.step();
     let bounds = Aabb::of(&chunk.mesh.positions);
     let entry = DirectoryEntry {
@@ -130,7 +131,7 @@ pub(crate) fn pack_at(title: &str, crs: Option<&str>, origin: [f64; 3], channels
         crs: crs.map(str::to_owned),
         lattice_step: step,
         bounds_min: origin,
-        bounds_max: [origin[0] + 1000.0 * step, origin[1] + 800.0 * step, origin[2] + 400.0 * step],
+        bounds_max: origin + DVec3::new(1000.0, 800.0, 400.0) * step,
         median_edge: 0.02,
         triangles: 1,
         vertices: 3,
@@ -238,7 +239,7 @@ fn version(root: &Path, number: u32, pack: &[u8]) -> Version {
         },
         annotations: None,
         figures: Figures {
-            bounds: [[0.0; 3], [1.0; 3]],
+            bounds: [DVec3::ZERO, DVec3::ONE],
             crs: None,
             units: "m".to_owned(),
             source_units: "m".to_owned(),

@@ -4,6 +4,7 @@ use super::Museum;
 use crate::common::pack_at;
 use crate::common::version::Version;
 use axum::http::StatusCode;
+use glam::DVec3;
 use kilwa_pack::{DirectoryEntry, HEADER_BYTES, Metadata, PAGE_BYTES, PackWriter, Reader, SliceSource};
 use kilwa_server::upload::wire::State;
 use serde_json::{Value, json};
@@ -129,20 +130,20 @@ fn replace(version: &mut Version, path: &str, bytes: Vec<u8>) {
 }
 
 /// Where the middle of the test's pack lies, so that its bounds surround the origin, m.
-const MIDDLE: [f64; 3] = [-500.0 / 1024.0, -400.0 / 1024.0, 0.0];
+const MIDDLE: DVec3 = DVec3::new(-500.0 / 1024.0, -400.0 / 1024.0, 0.0);
 /// The true place, in a form that every file is tried with.
 const HERE: &[u8] = b"-8.956109 39.600225 EPSG:32737 565977 9009946";
 const PICTURE: &str = "contains something besides its pixels";
 
-fn at(x: f64, y: f64, z: f64) -> [f64; 3] {
-    [MIDDLE[0] + x, MIDDLE[1] + y, z]
+fn at(x: f64, y: f64, z: f64) -> DVec3 {
+    MIDDLE + DVec3::new(x, y, z)
 }
 
-fn true_place() -> [f64; 3] {
+fn true_place() -> DVec3 {
     at(565_977.0, 9_009_946.0, 31.0)
 }
 
-fn pack(origin: [f64; 3], channels: &[(&str, [f32; 3])]) -> Vec<u8> {
+fn pack(origin: DVec3, channels: &[(&str, [f32; 3])]) -> Vec<u8> {
     pack_at("Fort", None, origin, channels)
 }
 

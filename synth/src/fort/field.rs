@@ -117,7 +117,7 @@ impl Field {
 /// smaller than `smallest` in radius, so that a coarse sampling still meets them.
 fn crumbs(seed: u64, smallest: f64) -> Vec<Solid> {
     let salt = derive(seed, 0x81);
-    let ball = |radius: f64, at: [f64; 3]| Solid::new(Form::Ball { radius: radius.max(smallest) }, at);
+    let ball = |radius: f64, at: DVec3| Solid::new(Form::Ball { radius: radius.max(smallest) }, at);
     let stray = (0..30).map(|k| {
         let (h, g) = (hash2(salt, k, 0), hash2(salt, k, 1));
         let along = 2.0 * unit(h, 0) - 1.0;
@@ -130,7 +130,7 @@ fn crumbs(seed: u64, smallest: f64) -> Vec<Solid> {
         let radius = 0.09 + 0.1 * unit(h, 1) * unit(h, 2);
         let head = standing(seed, x, y).min(PARAPET + 1.0);
         let z = head + 0.45 + 0.5 * unit(g, 0) + 1.5 * radius.max(smallest);
-        ball(radius, [x + 0.8 * (unit(g, 1) - 0.5), y, z])
+        ball(radius, DVec3::new(x + 0.8 * (unit(g, 1) - 0.5), y, z))
     });
     let bushes = (0..9).map(|k| {
         let h = hash2(salt, k, 2);
@@ -139,7 +139,7 @@ fn crumbs(seed: u64, smallest: f64) -> Vec<Solid> {
         let (sin, cos) = libm::sincos(angle);
         let (x, y) = (reach * cos, reach * sin);
         let radius = 0.35 + 0.4 * unit(h, 2);
-        ball(radius, [x, y, broad(seed, x, y) + 0.45 * radius])
+        ball(radius, DVec3::new(x, y, broad(seed, x, y) + 0.45 * radius))
     });
     stray.chain(bushes).collect()
 }

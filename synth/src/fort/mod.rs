@@ -19,7 +19,7 @@ mod solid;
 use super::noise::{derive, hash2};
 use super::piece::{Piece, Site, tiling};
 use field::Field;
-use glam::DVec3;
+use glam::{DVec3, UVec3};
 use net::BLOCK;
 use rayon::prelude::*;
 
@@ -40,7 +40,7 @@ fn fort_from_site(p: DVec3) -> DVec3 {
 pub(super) struct Fort {
     field: Field,
     /// Blocks along each axis.
-    blocks: [u32; 3],
+    blocks: UVec3,
     tiles: (u32, u32),
     expected: u64,
 }
@@ -104,17 +104,17 @@ impl Fort {
         let along = (2.0 * REACH / side).ceil() as u32;
         let up = ((HIGHEST - LOWEST) / side).ceil() as u32;
         let field = Field::new(seed, step);
-        Self { field, blocks: [along, along, up], tiles: tiling(tiles, 1.0, 1.0), expected }
+        Self { field, blocks: UVec3::new(along, along, up), tiles: tiling(tiles, 1.0, 1.0), expected }
     }
 
     /// The largest number of tiles along one side.
     pub(super) fn max_tiles(&self) -> u32 {
-        self.blocks[0]
+        self.blocks.x
     }
 
     /// Whether every tile has at least a block.
     pub(super) fn tiles_fit(&self) -> bool {
-        self.tiles.0.max(self.tiles.1) <= self.blocks[0]
+        self.tiles.0.max(self.tiles.1) <= self.blocks.x
     }
 
     /// Whether a window is in the sample: one of each group of `every` by `every`.
@@ -133,12 +133,12 @@ impl Fort {
             let low = f64::from(block * BLOCK) * self.field.step - REACH;
             window(low - self.field.step)..=window(low + f64::from(BLOCK) * self.field.step)
         };
-        let columns: Vec<Vec<u32>> = (0..self.blocks[0] * self.blocks[1])
+        let columns: Vec<Vec<u32>> = (0..self.blocks.x * self.blocks.y)
             .into_par_iter()
-            .map(|k| [k / self.blocks[1], k % self.blocks[1]])
+            .map(|k| [k / self.blocks.y, k % self.blocks.y])
             .filter(|[x, y]| reach(*x).any(|wx| reach(*y).any(|wy| chosen(wx, wy))))
             .map(|[x, y]| {
-                let pieces = (0..self.blocks[2]).map(|z| net::block(&self.field, [x, y, z], false));
+                let pieces = (0..self.blocks.z).map(|z| net::block(&self.field, UVec3::new(x, y, z), false));
                 let windows = pieces.flat_map(|piece| {
                     let place = |t: &[u32; 3]| piece.vertices[t[0] as usize].position;
                     piece.triangles.iter().map(place).map(|p| (window(p[0]), window(p[1]))).collect::<Vec<_>>()
@@ -157,7 +157,7 @@ impl Fort {
     fn window(&self, tile: u32) -> [[u32; 2]; 2] {
         let share = |n: u32, k: u32, of: u32| (u64::from(n) * u64::from(k) / u64::from(of)) as u32;
         let (tx, ty) = (tile % self.tiles.0, tile / self.tiles.0);
-        let [nx, ny, _] = self.blocks;
+        let UVec3 { x: nx, y: ny, .. } = self.blocks;
         [
             [share(nx, tx, self.tiles.0), share(nx, tx + 1, self.tiles.0)],
             [share(ny, ty, self.tiles.1), share(ny, ty + 1, self.tiles.1)],
@@ -181,13 +181,13 @@ impl Site for Fort {
 
     fn pieces(&self, tile: u32, _slab: u32) -> u32 {
         let [_, [y0, y1]] = self.window(tile);
-        (y1 - y0) * self.blocks[2]
+        (y1 - y0) * self.blocks.z
     }
 
     fn piece(&self, tile: u32, slab: u32, index: u32) -> Piece {
         let [[x0, _], [y0, _]] = self.window(tile);
-        let up = self.blocks[2];
-        let mut piece = net::block(&self.field, [x0 + slab, y0 + index / up, index % up], true);
+        let up = self.blocks.z;
+        let mut piece = net::block(&self.field, UVec3::new(x0 + slab, y0 + index / up, index % up), true);
         for v in &mut piece.vertices {
             // The net says whether the next slab needs it too.
             if let Some((_, last)) = &mut v.shared {

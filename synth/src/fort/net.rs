@@ -7,9 +7,10 @@
 
 use super::field::{Field, Near};
 use super::ground::Ground;
-use super::{DVec3, LOWEST, REACH, fort_from_site, paint, scan};
+use super::{LOWEST, REACH, fort_from_site, paint, scan};
 use crate::noise::{self, derive, hash3, unit};
 use crate::piece::{Piece, Vertex};
+use glam::{DVec3, I64Vec3, IVec3, UVec3};
 
 /// Cells along the side of a block.
 pub(super) const BLOCK: u32 = 16;
@@ -24,13 +25,13 @@ const JITTER: f64 = 0.42;
 const SCANNER_NOISE: f64 = 0.000_9;
 
 /// A grid place relative to the block: -1 ..= BLOCK.
-type Local = [i32; 3];
+type Local = IVec3;
 
 struct Block<'a> {
     field: &'a Field,
     painted: bool,
     near: Near,
-    first: [i64; 3],
+    first: I64Vec3,
     values: Vec<f32>,
     columns: Vec<Option<Ground>>,
     cells: Vec<u32>,
@@ -40,11 +41,11 @@ struct Block<'a> {
 
 /// Make a block: the triangles of its grid edges. A shared vertex says 1 where the next block along x needs it, else 0.
 /// Colours are left black where `painted` is false.
-pub(super) fn block(field: &Field, block: [u32; 3], painted: bool) -> Piece {
+pub(super) fn block(field: &Field, block: UVec3, painted: bool) -> Piece {
     let step = field.step;
-    let first = block.map(|b| i64::from(b) * i64::from(BLOCK));
+    let first = block.as_i64vec3() * i64::from(BLOCK);
     let side = f64::from(BLOCK) * step;
-    let middle = fort_from_site(site(step, first, [BLOCK as i32 / 2; 3]));
+    let middle = fort_from_site(site(step, first, IVec3::splat(BLOCK as i32 / 2)));
     let reach = (side / 2.0 + step) * 3.0_f64.sqrt();
     let near = field.near(middle, reach + 1.0);
     if field.clear(&near, middle, reach) {
@@ -67,26 +68,26 @@ pub(super) fn block(field: &Field, block: [u32; 3], painted: bool) -> Piece {
 }
 
 /// The place of a grid corner in the site's frame.
-fn site(step: f64, first: [i64; 3], l: Local) -> DVec3 {
-    let at = |k: usize| (first[k] + i64::from(l[k])) as f64 * step;
-    DVec3::new(at(0) - REACH, at(1) - REACH, at(2) + LOWEST)
+fn site(step: f64, first: I64Vec3, l: Local) -> DVec3 {
+    (first + l.as_i64vec3()).as_dvec3() * step + DVec3::new(-REACH, -REACH, LOWEST)
 }
 
 fn slot(l: Local) -> usize {
-    (((l[0] + 1) * SIDE + l[1] + 1) * SIDE + l[2] + 1) as usize
+    (((l.x + 1) * SIDE + l.y + 1) * SIDE + l.z + 1) as usize
 }
 
 impl Block<'_> {
     fn run(&mut self) {
-        let index = |c: Local| ((c[0] * CUBES + c[1]) * CUBES + c[2]) as usize;
+        let index = |c: Local| ((c.x * CUBES + c.y) * CUBES + c.z) as usize;
         let mut seen = [false; (CUBES * CUBES * CUBES) as usize];
         let mut queue = Vec::new();
         for x in 0..CUBES {
             for y in 0..CUBES {
                 for z in 0..CUBES {
-                    if self.may_cross([x, y, z]) {
-                        seen[index([x, y, z])] = true;
-                        queue.push([x, y, z]);
+                    let cube = IVec3::new(x, y, z);
+                    if self.may_cross(cube) {
+                        seen[index(cube)] = true;
+                        queue.push(cube);
                     }
                 }
             }
@@ -103,7 +104,7 @@ impl Block<'_> {
             }
         }
         // The order of the queue must not show.
-        edges.sort_unstable();
+        edges.sort_unstable_by_key(|(corner, axis)| (corner.to_array(), *axis));
         for (corner, axis) in edges {
             self.quad(corner, axis);
         }
@@ -111,7 +112,7 @@ impl Block<'_> {
 
     /// Whether the surface may pass through a cube.
     fn may_cross(&mut self, cube: Local) -> bool {
-        let middle = cube.map(|c| c * CUBE + CUBE / 2);
+        let middle = cube * CUBE + CUBE / 2;
         let radius = f64::from(CUBE) * self.field.step * 0.87;
         let p = fort_from_site(site(self.field.step, self.first, middle));
         if self.field.clear(&self.near, p, radius) {
@@ -122,13 +123,13 @@ impl Block<'_> {
 
     /// Collect the crossed edges of a cube; gives the sides through which the surface leaves.
     fn look(&mut self, cube: Local, edges: &mut Vec<(Local, usize)>) -> Vec<(usize, i32)> {
-        let low = cube.map(|c| c * CUBE);
+        let low = cube * CUBE;
         let mut leaves = [[false; 2]; 3];
         for x in 0..=CUBE {
             for y in 0..=CUBE {
                 for z in 0..=CUBE {
-                    let at = [x, y, z];
-                    let corner: Local = std::array::from_fn(|k| low[k] + at[k]);
+                    let at = IVec3::new(x, y, z);
+                    let corner = low + at;
                     let inside = self.value(corner) < 0.0;
                     for axis in 0..3 {
                         if at[axis] == CUBE {
@@ -139,7 +140,7 @@ impl Block<'_> {
                         if (self.value(next) < 0.0) == inside {
                             continue;
                         }
-                        if (0..3).all(|k| at[k] < CUBE) {
+                        if at.cmplt(IVec3::splat(CUBE)).all() {
                             edges.push((corner, axis));
                         }
                         for k in (0..3).filter(|k| *k != axis) {
@@ -155,7 +156,7 @@ impl Block<'_> {
     }
 
     fn ground(&mut self, l: Local) -> Ground {
-        let at = ((l[0] + 1) * SIDE + l[1] + 1) as usize;
+        let at = ((l.x + 1) * SIDE + l.y + 1) as usize;
         if let Some(g) = self.columns[at] {
             return g;
         }
@@ -212,8 +213,8 @@ impl Block<'_> {
         let (mut crossing, slope) = self.crossing(cell);
         let length = slope.length().max(1e-9);
         let normal = slope / length;
-        let whole: [i64; 3] = std::array::from_fn(|k| self.first[k] + i64::from(cell[k]));
-        let h = hash3(derive(self.field.seed, 0x91), whole[0], whole[1], whole[2]);
+        let whole = self.first + cell.as_i64vec3();
+        let h = hash3(derive(self.field.seed, 0x91), whole.x, whole.y, whole.z);
         let push = (DVec3::new(unit(h, 0), unit(h, 1), unit(h, 2)) - 0.5) * JITTER;
         let across = push.dot(normal);
         let grain = SCANNER_NOISE * noise::normal(noise::mix(h ^ 0x55)) / self.field.step;
@@ -233,9 +234,9 @@ impl Block<'_> {
         let steepness = (length / (4.0 * self.field.step)).max(1.0);
         let off = (distance.all / (steepness * self.field.step)).clamp(-0.4, 0.4);
         let position = place(inside(crossing - off * normal));
-        let edge = cell.iter().any(|c| *c == -1 || *c == BLOCK as i32 - 1);
-        let key = whole.iter().fold(0_u64, |key, c| key << 21 | ((c + 1) as u64 & 0x1f_ffff));
-        let shared = edge.then_some((key, u32::from(cell[0] == BLOCK as i32 - 1)));
+        let edge = cell.to_array().iter().any(|c| *c == -1 || *c == BLOCK as i32 - 1);
+        let key = whole.to_array().iter().fold(0_u64, |key, c| key << 21 | ((c + 1) as u64 & 0x1f_ffff));
+        let shared = edge.then_some((key, u32::from(cell.x == BLOCK as i32 - 1)));
         let kept = scan::seen(self.field.seed, p, across, &distance);
         let color = if kept && self.painted {
             let spot = paint::Spot { p, normal: across, distance, ground, hash: h };
@@ -254,24 +255,24 @@ impl Block<'_> {
     fn crossing(&mut self, cell: Local) -> (DVec3, DVec3) {
         let mut value = [0.0_f64; 8];
         for (k, v) in value.iter_mut().enumerate() {
-            let l = [cell[0] + (k & 1) as i32, cell[1] + (k >> 1 & 1) as i32, cell[2] + (k >> 2) as i32];
+            let l = cell + IVec3::new((k & 1) as i32, (k >> 1 & 1) as i32, (k >> 2) as i32);
             *v = f64::from(self.value(l));
         }
-        let (mut sum, mut count, mut slope) = ([0.0; 3], 0.0, [0.0; 3]);
-        for (axis, rise) in slope.iter_mut().enumerate() {
+        let (mut sum, mut count, mut slope) = (DVec3::ZERO, 0.0, DVec3::ZERO);
+        for axis in 0..3 {
             let bit = 1 << axis;
             for k in (0..8).filter(|k| k & bit == 0) {
                 let (a, b) = (value[k], value[k | bit]);
-                *rise += b - a;
+                slope[axis] += b - a;
                 if (a < 0.0) != (b < 0.0) {
                     let t = a / (a - b);
-                    for (other, s) in sum.iter_mut().enumerate() {
-                        *s += if other == axis { t } else { (k >> other & 1) as f64 };
+                    for other in 0..3 {
+                        sum[other] += if other == axis { t } else { (k >> other & 1) as f64 };
                     }
                     count += 1.0;
                 }
             }
         }
-        (DVec3::from(sum) / count, slope.into())
+        (sum / count, slope)
     }
 }

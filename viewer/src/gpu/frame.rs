@@ -5,7 +5,7 @@ use super::target::{texture, view_of};
 use crate::clip::ClipTransform;
 use crate::options::{Background, RenderOptions};
 use crate::section::Clip;
-use glam::DVec3;
+use glam::{DVec3, IVec3, Mat4, Vec4};
 use kilwa_geometry::color::light_from_srgb;
 use kilwa_stream::{Projection, View};
 
@@ -17,18 +17,18 @@ pub(crate) const ERROR_SCALE: (f32, f32) = (-13.0, 0.0);
 #[repr(C)]
 #[allow(missing_docs)] // the shader explains the fields
 pub struct Frame {
-    pub clip_from_cell: [[f32; 4]; 4],
-    pub eye_from_cell: [f32; 4],
-    pub light: [f32; 4],
-    pub rake: [f32; 4],
-    pub top: [f32; 4],
-    pub bottom: [f32; 4],
-    pub right: [f32; 4],
-    pub up: [f32; 4],
-    pub depth: [f32; 4],
-    pub plane: [f32; 4],
-    pub clip: [[f32; 4]; 7],
-    pub cell: [i32; 3],
+    pub clip_from_cell: Mat4,
+    pub eye_from_cell: Vec4,
+    pub light: Vec4,
+    pub rake: Vec4,
+    pub top: Vec4,
+    pub bottom: Vec4,
+    pub right: Vec4,
+    pub up: Vec4,
+    pub depth: Vec4,
+    pub plane: Vec4,
+    pub clip: [Vec4; 7],
+    pub cell: IVec3,
     pub mode: u32,
     pub tile_scale: f32,
     pub tile_shift: f32,
@@ -69,7 +69,7 @@ pub fn frame_uniform(view: &View, options: &RenderOptions, target: TargetTraits)
     let (top, bottom) = match options.background {
         Background::Flat(c) => (opaque(c), opaque(c)),
         Background::Gradient(top, bottom) => (opaque(top), opaque(bottom)),
-        Background::Transparent => ([0.0; 4], [0.0; 4]),
+        Background::Transparent => (Vec4::ZERO, Vec4::ZERO),
     };
     let (scale, shift) = options.tile.map_or((1.0, 0.0), |t| {
         let full = f64::from(view.size[1].max(1));
@@ -95,7 +95,7 @@ pub fn frame_uniform(view: &View, options: &RenderOptions, target: TargetTraits)
         depth,
         plane: four(options.scale.normal, options.scale.normal.dot(cell) - options.scale.offset),
         clip: half_spaces(&options.clip, cell),
-        cell: clip.cell.to_array(),
+        cell: clip.cell,
         mode: mode as u32,
         tile_scale: scale,
         tile_shift: shift,
@@ -128,8 +128,8 @@ pub struct TargetTraits {
     pub smooth_cut: bool,
 }
 
-fn four(v: DVec3, w: f64) -> [f32; 4] {
-    v.extend(w).as_vec4().to_array()
+fn four(v: DVec3, w: f64) -> Vec4 {
+    v.extend(w).as_vec4()
 }
 
 /// 1 over the length of a scale; a scale without length is a step.
@@ -138,22 +138,22 @@ fn reciprocal(length: f64) -> f32 {
 }
 
 /// Steps per pixel and step of depth, steps per pixel, and how depth values become depth.
-fn footprint(view: &View) -> (f64, f64, [f32; 4]) {
+fn footprint(view: &View) -> (f64, f64, Vec4) {
     let half_pixels = f64::from(view.size[1].max(1)) * 0.5;
     match view.projection {
         Projection::Perspective { tan_half_height } => {
-            (tan_half_height / half_pixels, 0.0, [view.near as f32, 0.0, 0.0, 1.0])
+            (tan_half_height / half_pixels, 0.0, Vec4::new(view.near as f32, 0.0, 0.0, 1.0))
         }
         Projection::Orthographic { half_height } => {
             let depth = view.far - view.near;
-            (0.0, half_height / half_pixels, [view.near as f32, view.far as f32, depth as f32, 0.0])
+            (0.0, half_height / half_pixels, Vec4::new(view.near as f32, view.far as f32, depth as f32, 0.0))
         }
     }
 }
 
 /// The half-spaces of a cut, counted from the cell: the plane, then the box.
-fn half_spaces(clip: &Clip, cell: DVec3) -> [[f32; 4]; 7] {
-    let mut out = [[0.0; 4]; 7];
+fn half_spaces(clip: &Clip, cell: DVec3) -> [Vec4; 7] {
+    let mut out = [Vec4::ZERO; 7];
     let plane = clip.plane.iter().map(|p| (0, p));
     let faces = clip.bounds.iter().flat_map(|b| (1..).zip(&b.faces));
     for (slot, half) in plane.chain(faces) {
@@ -173,9 +173,9 @@ pub fn draw_uniform(id: u32, level: u32, error: f32, fade: [f32; 2]) -> Draw {
 }
 
 /// Linear values of an opaque sRGB colour.
-fn opaque(c: [u8; 3]) -> [f32; 4] {
+fn opaque(c: [u8; 3]) -> Vec4 {
     let [r, g, b] = c.map(|level| light_from_srgb(level) as f32);
-    [r, g, b, 1.0]
+    Vec4::new(r, g, b, 1.0)
 }
 
 /// The uniform buffers and their bind groups: a `Frame` for the picture and one for the depth and normal pass before it, and a `Draw` per

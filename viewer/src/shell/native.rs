@@ -86,7 +86,7 @@ impl<S: Source> Session<S> {
 
     /// The model's box, world metres.
     pub fn bounds(&self) -> Bounds {
-        Bounds { min: self.metadata.bounds_min.into(), max: self.metadata.bounds_max.into() }
+        Bounds { min: self.metadata.bounds_min, max: self.metadata.bounds_max }
     }
 
     /// The streamer, for its figures.

@@ -76,7 +76,7 @@ impl Plain {
         let mut index: HashMap<WedgeKey, u32> = HashMap::new();
         let mut used: HashSet<u32> = HashSet::new();
         for t in &raw.triangles {
-            let at = t.map(|v| self.lattice.snap(raw.positions[v as usize].into()).expect("inside"));
+            let at = t.map(|v| self.lattice.snap(raw.positions[v as usize]).expect("inside"));
             used.extend(t);
             if at[0] == at[1] || at[1] == at[2] || at[2] == at[0] {
                 self.collapsed += 1;
@@ -84,9 +84,9 @@ impl Plain {
             }
             let corners = t.map(|v| {
                 let i = v as usize;
-                let position = self.lattice.snap(raw.positions[i].into()).expect("inside");
+                let position = self.lattice.snap(raw.positions[i]).expect("inside");
                 let color = raw.colors.get(i).copied().unwrap_or_default();
-                let given = raw.normals.get(i).map(|n| n.map(f64::from).into());
+                let given = raw.normals.get(i).map(|n| n.as_dvec3());
                 let normal = given.map_or([0, 0], |n| normal::quantize(normal::encode(n), NORMAL_BITS));
                 let scalars: Vec<u32> = raw.scalars.iter().map(|(_, s)| s[i].to_bits()).collect();
                 let next = mesh.positions.len() as u32;

@@ -107,7 +107,7 @@ pub(super) async fn profile<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Resul
 /// Lines of equal height.
 pub(super) async fn contours<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<Outcome, Failure> {
     let m = s.leaves.index().metadata();
-    let (low, high, metres) = (m.bounds_min[2], m.bounds_max[2], task.interval.unwrap_or(0.0));
+    let (low, high, metres) = (m.bounds_min.z, m.bounds_max.z, task.interval.unwrap_or(0.0));
     let heights = contour_heights(low, high, metres, MAX_CONTOURS).map_err(|_| Refusal::Interval {
         metres,
         max: MAX_CONTOURS,

@@ -87,7 +87,7 @@ impl<'a, L: Leaves> Subject<'a, L> {
     /// The whole model's box, local metres.
     fn bounds(&self) -> (DVec3, DVec3) {
         let m = self.leaves.index().metadata();
-        (self.space.local_from_world(m.bounds_min.into()), self.space.local_from_world(m.bounds_max.into()))
+        (self.space.local_from_world(m.bounds_min), self.space.local_from_world(m.bounds_max))
     }
 
     /// A plane in world coordinates.

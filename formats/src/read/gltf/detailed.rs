@@ -14,6 +14,7 @@ use super::buffers::Buffers;
 use super::material::{Material, Texture};
 use super::primitive::{Column, Columns, Delivery};
 use super::transform::Transform;
+use glam::{DVec2, DVec3, Vec3};
 use std::collections::{HashMap, VecDeque};
 
 /// Elements of a block that is kept.
@@ -36,25 +37,25 @@ pub(super) struct Detailing<'d> {
 /// A vertex in the making.
 #[derive(Debug, Clone, Copy)]
 struct Made {
-    position: [f64; 3],
-    normal: Option<[f64; 3]>,
+    position: DVec3,
+    normal: Option<DVec3>,
     /// Linear, without the picture.
-    color: [f64; 3],
-    uv: Option<[f64; 2]>,
+    color: DVec3,
+    uv: Option<DVec2>,
 }
 
 impl Vertex for Made {
-    fn position(&self) -> [f64; 3] {
+    fn position(&self) -> DVec3 {
         self.position
     }
 
     fn between(&self, other: &Self) -> Self {
-        let mean3 = |a: [f64; 3], b: [f64; 3]| [0, 1, 2].map(|k| f64::midpoint(a[k], b[k]));
         Self {
             position: middle(self.position, other.position),
-            normal: self.normal.zip(other.normal).map(|(a, b)| mean3(a, b)),
-            color: mean3(self.color, other.color),
-            uv: self.uv.zip(other.uv).map(|(a, b)| [f64::midpoint(a[0], b[0]), f64::midpoint(a[1], b[1])]),
+            normal: self.normal.zip(other.normal).map(|(a, b)| middle(a, b)),
+            color: middle(self.color, other.color),
+            // glam's midpoint adds first, which overflows where this does not.
+            uv: self.uv.zip(other.uv).map(|(a, b)| DVec2::from_array([0, 1].map(|i| f64::midpoint(a[i], b[i])))),
         }
     }
 }
@@ -68,7 +69,7 @@ pub(super) struct Run<'m> {
     colors: Option<Cached>,
     coordinates: Option<Cached>,
     /// Texels across and down, where there is a picture.
-    size: Option<[f64; 2]>,
+    size: Option<DVec2>,
     remembered: HashMap<u64, u64>,
     shared: Shared,
     /// Vertices that wait to be handed on.
@@ -129,7 +130,7 @@ impl<'m> Run<'m> {
             normals: cached(columns.normals),
             colors: cached(columns.colors),
             coordinates: cached(columns.coordinates),
-            size: size.map(|size| size.map(|n| n as f64)),
+            size: size.map(|size| size.map(|n| n as f64).into()),
             remembered: HashMap::new(),
             shared: Shared::default(),
             waiting: Vec::new(),
@@ -138,27 +139,30 @@ impl<'m> Run<'m> {
     }
 
     fn made(&mut self, v: u64, buffers: &mut Buffers<'_>, context: &Context<'_>) -> Result<Made, ReadError> {
-        let position = self.transform.point(self.positions.at(v, buffers, context)?);
+        let position = self.transform.point(self.positions.at(v, buffers, context)?.into());
         let normal = match &mut self.normals {
-            Some(normals) => Some(self.transform.normal(normals.at(v, buffers, context)?)),
+            Some(normals) => Some(self.transform.normal(normals.at(v, buffers, context)?.into())),
             None => None,
         };
         let mut color = self.material.factor;
         if let Some(colors) = &mut self.colors {
             let own: [f64; 3] = colors.at(v, buffers, context)?;
-            color = [0, 1, 2].map(|k| color[k] * own[k].clamp(0.0, 1.0));
+            color *= DVec3::from_array(own.map(|v| v.clamp(0.0, 1.0)));
         }
         let uv = match (&mut self.coordinates, &self.material.texture) {
-            (Some(coordinates), Some(texture)) => Some(texture.place(coordinates.at(v, buffers, context)?)),
+            (Some(coordinates), Some(texture)) => Some(texture.place(coordinates.at(v, buffers, context)?.into())),
             _ => None,
         };
         Ok(Made { position, normal, color, uv })
     }
 
     /// Texels between two vertices.
-    fn texels(size: Option<[f64; 2]>, a: &Made, b: &Made) -> f64 {
+    fn texels(size: Option<DVec2>, a: &Made, b: &Made) -> f64 {
         match (size, a.uv, b.uv) {
-            (Some(size), Some(a), Some(b)) => libm::hypot((a[0] - b[0]) * size[0], (a[1] - b[1]) * size[1]),
+            (Some(size), Some(a), Some(b)) => {
+                let apart = (a - b) * size;
+                libm::hypot(apart.x, apart.y)
+            }
             _ => 0.0,
         }
     }
@@ -222,7 +226,7 @@ impl Delivery<'_, '_, '_> {
             run.remembered.insert(corners[k], numbers[k]);
             run.shared.insert(made[k].position, numbers[k]);
         }
-        let finite = made.iter().flat_map(|m| m.position).all(f64::is_finite);
+        let finite = made.iter().all(|m| m.position.is_finite());
         if !finite {
             run.triangles.push(numbers);
             return self.hand_on(run, PENDING);
@@ -255,8 +259,8 @@ impl Delivery<'_, '_, '_> {
     /// Hand on what waits, where it is `most` or more.
     pub(super) fn hand_on(&mut self, run: &mut Run<'_>, max: usize) -> Result<(), ReadError> {
         if run.waiting.len() >= max && !run.waiting.is_empty() {
-            let positions: Vec<[f64; 3]> = run.waiting.iter().map(|m| m.position).collect();
-            let normals: Vec<[f32; 3]> = run.waiting.iter().filter_map(|m| Some(m.normal?.map(|x| x as f32))).collect();
+            let positions: Vec<DVec3> = run.waiting.iter().map(|m| m.position).collect();
+            let normals: Vec<Vec3> = run.waiting.iter().filter_map(|m| Some(m.normal?.as_vec3())).collect();
             let colors: Vec<[u8; 3]> = if self.colored { self.colors_of(run) } else { Vec::new() };
             let block = VertexBlock { positions: &positions, colors: &colors, normals: &normals, scalars: &[] };
             self.sink.vertices(&block)?;
@@ -276,7 +280,7 @@ impl Delivery<'_, '_, '_> {
                 let texel = picture.sample(uv, wrap);
                 [0, 1, 2].map(|k| srgb_from_light(m.color[k] * light_from_srgb(texel[k])))
             }
-            _ => m.color.map(srgb_from_light),
+            _ => m.color.to_array().map(srgb_from_light),
         };
         run.waiting.iter().map(painted).collect()
     }
@@ -303,8 +307,8 @@ impl MeshSink for Nowhere {
         Ok(())
     }
 
-    fn positions(&mut self, of: &[u64], into: &mut Vec<[f64; 3]>) -> Result<(), ReadError> {
-        into.extend(of.iter().map(|_| [f64::NAN; 3]));
+    fn positions(&mut self, of: &[u64], into: &mut Vec<DVec3>) -> Result<(), ReadError> {
+        into.extend(of.iter().map(|_| DVec3::NAN));
         Ok(())
     }
 

@@ -4,12 +4,13 @@ use super::super::ReadError;
 use super::super::texture::Wrap;
 use super::Context;
 use super::schema::{Primitive, Root, TextureInfo};
+use glam::{DAffine2, DVec2, DVec3};
 
 /// The colour of a material.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Material {
     /// Linear red, green and blue.
-    pub(super) factor: [f64; 3],
+    pub(super) factor: DVec3,
     pub(super) texture: Option<Texture>,
 }
 
@@ -20,8 +21,8 @@ pub(super) struct Texture {
     pub(super) image: usize,
     /// The attribute with the coordinates.
     pub(super) attribute: String,
-    /// `u' = m[0] u + m[1] v + m[2]`, and `v'` likewise.
-    pub(super) transform: [[f64; 3]; 2],
+    /// From coordinates of the file to places on the picture.
+    pub(super) picture_from_uv: DAffine2,
     /// What lies outside 0 to 1.
     pub(super) wrap: [Wrap; 2],
 }
@@ -36,7 +37,7 @@ fn wrap(code: Option<u32>) -> Wrap {
 }
 
 impl Material {
-    const WHITE: Self = Self { factor: [1.0; 3], texture: None };
+    const WHITE: Self = Self { factor: DVec3::ONE, texture: None };
 
     /// Of a primitive. A material that has no metallic-roughness values may have those of the older extension.
     pub(super) fn of(root: &Root, primitive: &Primitive, part: &str, context: &Context<'_>) -> Result<Self, ReadError> {
@@ -55,19 +56,19 @@ impl Material {
             Some(info) => Texture::of(root, info, index, context)?,
             None => None,
         };
-        Ok(Self { factor: [r, g, b], texture })
+        Ok(Self { factor: DVec3::new(r, g, b), texture })
     }
 
     /// Whether it is white throughout.
     pub(super) fn is_white(&self) -> bool {
-        self.factor == [1.0; 3] && self.texture.is_none()
+        self.factor == DVec3::ONE && self.texture.is_none()
     }
 }
 
 impl Texture {
     /// Where on the picture coordinates of the file lie.
-    pub(super) fn place(&self, uv: [f64; 2]) -> [f64; 2] {
-        self.transform.map(|m| m[0] * uv[0] + m[1] * uv[1] + m[2])
+    pub(super) fn place(&self, uv: DVec2) -> DVec2 {
+        self.picture_from_uv.transform_point2(uv)
     }
 
     /// `None` where the texture has no image that is read.
@@ -92,14 +93,15 @@ impl Texture {
         };
         let wrap = [sampler.and_then(|s| s.wrap_s), sampler.and_then(|s| s.wrap_t)].map(wrap);
         let mut set = info.tex_coord;
-        let mut transform = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+        let mut picture_from_uv = DAffine2::IDENTITY;
         if let Some(t) = &info.extensions.transform {
             set = t.tex_coord.unwrap_or(set);
             // KHR_texture_transform: translation after rotation after scale, v pointing down.
             let (sin, cos) = libm::sincos(t.rotation);
-            transform =
-                [[cos * t.scale[0], sin * t.scale[1], t.offset[0]], [-sin * t.scale[0], cos * t.scale[1], t.offset[1]]];
+            let [u, v] = t.scale;
+            picture_from_uv =
+                DAffine2::from_cols(DVec2::new(cos * u, -sin * u), DVec2::new(sin * v, cos * v), t.offset.into());
         }
-        Ok(Some(Self { image, attribute: format!("TEXCOORD_{set}"), transform, wrap }))
+        Ok(Some(Self { image, attribute: format!("TEXCOORD_{set}"), picture_from_uv, wrap }))
     }
 }

@@ -11,6 +11,7 @@ use super::material::{Material, Texture};
 use super::schema::{Primitive, Root};
 use super::strip::{Assembler, Mode};
 use super::transform::Transform;
+use glam::{DVec2, DVec3, Vec3};
 use kilwa_pack::plural::counted;
 use std::collections::HashMap;
 
@@ -252,11 +253,11 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
         while at < columns.count {
             let n = (columns.count - at).min(BLOCK) as usize;
             columns.positions.block(&mut self.buffers, at, n, &mut values, &self.context)?;
-            let positions: Vec<[f64; 3]> = triples(&values).map(|p| transform.point(p)).collect();
-            let mut normals: Vec<[f32; 3]> = Vec::new();
+            let positions: Vec<DVec3> = triples(&values).map(|p| transform.point(p)).collect();
+            let mut normals: Vec<Vec3> = Vec::new();
             if let Some(column) = &mut columns.normals {
                 column.block(&mut self.buffers, at, n, &mut values, &self.context)?;
-                normals.extend(triples(&values).map(|v| transform.normal(v).map(|x| x as f32)));
+                normals.extend(triples(&values).map(|v| transform.normal(v).as_vec3()));
             }
             let mut colors: Vec<[u8; 3]> = Vec::new();
             if self.colored {
@@ -265,14 +266,15 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
                 if let Some(column) = &mut columns.colors {
                     column.block(&mut self.buffers, at, n, &mut values, &self.context)?;
                     for (color, value) in linear.iter_mut().zip(values.chunks_exact(column.width)) {
-                        color.iter_mut().zip(value).for_each(|(c, v)| *c *= v.clamp(0.0, 1.0));
+                        *color *=
+                            DVec3::new(value[0].clamp(0.0, 1.0), value[1].clamp(0.0, 1.0), value[2].clamp(0.0, 1.0));
                     }
                 }
                 if let (Some(texture), Some(column)) = (&material.texture, &mut columns.coordinates) {
                     column.block(&mut self.buffers, at, n, &mut values, &self.context)?;
                     self.paint(texture, &values, &mut linear);
                 }
-                colors.extend(linear.iter().map(|c| c.map(srgb_from_light)));
+                colors.extend(linear.iter().map(|c| c.to_array().map(srgb_from_light)));
             }
             let block = VertexBlock { positions: &positions, colors: &colors, normals: &normals, scalars: &[] };
             self.sink.vertices(&block)?;
@@ -282,11 +284,11 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
     }
 
     /// Multiply with the picture at the texture coordinates.
-    fn paint(&mut self, texture: &Texture, coordinates: &[f64], linear: &mut [[f64; 3]]) {
+    fn paint(&mut self, texture: &Texture, coordinates: &[f64], linear: &mut [DVec3]) {
         let Some(picture) = self.picture(texture) else { return };
         for (color, uv) in linear.iter_mut().zip(coordinates.chunks_exact(2)) {
-            let texel = picture.sample(texture.place([uv[0], uv[1]]), texture.wrap);
-            color.iter_mut().zip(texel).for_each(|(c, t)| *c *= light_from_srgb(t));
+            let texel = picture.sample(texture.place(DVec2::from_slice(uv)), texture.wrap);
+            *color *= DVec3::from_array(texel.map(light_from_srgb));
         }
     }
 
@@ -403,8 +405,8 @@ impl Column {
     }
 }
 
-fn triples(values: &[f64]) -> impl Iterator<Item = [f64; 3]> + '_ {
-    values.chunks_exact(3).map(|v| [v[0], v[1], v[2]])
+fn triples(values: &[f64]) -> impl Iterator<Item = DVec3> + '_ {
+    values.chunks_exact(3).map(DVec3::from_slice)
 }
 
 /// The encoded bytes of a picture, no more than `most`.

@@ -5,6 +5,7 @@ use super::super::{MemorySink, ReadError, ReadOptions, note_detail, read_into_wi
 use crate::RawMesh;
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
+use glam::{DVec2, DVec3, Vec3};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -102,14 +103,14 @@ fn glb(json: &str, binary: &[u8]) -> Vec<u8> {
     bytes
 }
 
-fn near(a: [f64; 3], b: [f64; 3]) -> bool {
-    a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-9)
+fn near(a: DVec3, b: DVec3) -> bool {
+    a.abs_diff_eq(b, 1e-9)
 }
 
 #[test]
 fn a_triangle_is_read_unchanged_and_without_colours() {
     let mesh = Scene::triangle().mesh();
-    assert_eq!(mesh.positions, [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+    assert_eq!(mesh.positions, [DVec3::ZERO, DVec3::X, DVec3::Y]);
     assert_eq!(mesh.triangles, [[0, 1, 2]]);
     assert!(mesh.colors.is_empty() && mesh.normals.is_empty());
 }
@@ -130,11 +131,11 @@ fn integers_may_be_written_with_a_decimal_point() {
 
 #[test]
 fn a_node_far_from_the_origin_keeps_its_millimetres() {
-    let place = [467_123.456, 12.125, -9_014_321.789];
+    let place = DVec3::new(467_123.456, 12.125, -9_014_321.789);
     let mut scene = Scene::triangle();
     scene.0["nodes"][0]["translation"] = json!(place);
     assert_eq!(scene.mesh().positions[0], place, "f32 would be half a metre off");
-    let [x, y, z] = place;
+    let DVec3 { x, y, z } = place;
     scene.0["nodes"][0] = json!({"mesh": 0, "matrix": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, x, y, z, 1]});
     assert_eq!(scene.mesh().positions[0], place);
 }
@@ -193,8 +194,8 @@ fn nested_transforms_apply_innermost_first() {
         {"mesh": 0, "rotation": [0.0, 0.0, half, half], "scale": [2.0, 3.0, 1.0]},
     ]);
     let p = scene.mesh().positions;
-    assert!(near(p[1], [100_000.0, 2.0, 7.0]), "x is scaled, then turned to y, then moved: {:?}", p[1]);
-    assert!(near(p[2], [99_997.0, 0.0, 7.0]), "{:?}", p[2]);
+    assert!(near(p[1], DVec3::new(100_000.0, 2.0, 7.0)), "x is scaled, then turned to y, then moved: {:?}", p[1]);
+    assert!(near(p[2], DVec3::new(99_997.0, 0.0, 7.0)), "{:?}", p[2]);
     scene.0["nodes"][1] = json!({"mesh": 0, "matrix":
         [0.0, 2.0, 0.0, 0.0, -3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0]});
     let by_matrix = scene.mesh().positions;
@@ -208,7 +209,7 @@ fn a_mirroring_node_reverses_the_winding_and_keeps_normals_on_their_side() {
     scene.0["nodes"][0]["scale"] = json!([1.0, 1.0, -2.0]);
     let mesh = scene.mesh();
     assert_eq!(mesh.triangles, [[0, 2, 1]]);
-    let [_, y, z] = mesh.normals[0];
+    let Vec3 { y, z, .. } = mesh.normals[0];
     assert!(z < 0.0 && (z / y + 0.8 / 0.6 / 2.0).abs() < 1e-6, "by the inverse transposed: {:?}", mesh.normals[0]);
 }
 
@@ -218,7 +219,7 @@ fn a_mesh_is_delivered_for_every_node_that_uses_it() {
     scene.0["nodes"] = json!([{"mesh": 0}, {"mesh": 0, "translation": [5, 0, 0]}, {"mesh": 0}]);
     scene.0["scenes"][0]["nodes"] = json!([0, 1]);
     let mesh = scene.mesh();
-    assert_eq!((mesh.triangles.len(), mesh.positions[3]), (2, [5.0, 0.0, 0.0]));
+    assert_eq!((mesh.triangles.len(), mesh.positions[3]), (2, 5.0 * DVec3::X));
 }
 
 #[test]
@@ -340,7 +341,7 @@ fn textured_triangles_are_split_together_with_their_neighbours() {
         for (p, q) in [(a, b), (b, c), (c, a)] {
             let texels = 64.0 * (p[0] - q[0]).hypot(p[1] - q[1]);
             assert!(texels <= 9.0 + 1e-9 || p[0].max(q[0]) > 1.0, "an edge of {texels} texels");
-            let (p, q) = (p.map(f64::to_bits), q.map(f64::to_bits));
+            let (p, q) = (p.to_array().map(f64::to_bits), q.to_array().map(f64::to_bits));
             *edges.entry(if p < q { [p, q] } else { [q, p] }).or_default() += if p < q { 1 } else { -1 };
         }
     }
@@ -378,9 +379,8 @@ fn a_texture_rotation_turns_like_the_khronos_sample_model() {
     let companions = super::Companions::of(Path::new("a.gltf"), &ReadOptions::default());
     let context = super::Context { path: Path::new("a.gltf"), companions: &companions };
     let material = super::Material::of(&root, &root.meshes[0].primitives[0], "", &context).unwrap();
-    let at =
-        material.texture.unwrap().transform.map(|m| m[0] * f64::from(shown[0]) + m[1] * f64::from(shown[1]) + m[2]);
-    assert!(at.iter().all(|x| (x - f64::from(tip)).abs() < 1e-5), "{at:?}");
+    let at = material.texture.unwrap().place(shown.map(f64::from).into());
+    assert!(at.abs_diff_eq(DVec2::splat(f64::from(tip)), 1e-5), "{at:?}");
 }
 
 #[test]
@@ -404,10 +404,10 @@ fn quantised_positions_and_normals_are_decoded() {
     let normals: Vec<u8> = [0i8, 0, 127, 0].repeat(3).iter().map(|v| v.cast_unsigned()).collect();
     let normal = scene.attribute("NORMAL", "VEC3", 5120, &normals, 3);
     scene.at("/bufferViews")[normal]["byteStride"] = json!(4);
-    assert_eq!(scene.mesh().positions[1], [65535.0, 0.0, 0.0], "integers are numbers");
+    assert_eq!(scene.mesh().positions[1], 65535.0 * DVec3::X, "integers are numbers");
     scene.at("/accessors")[accessor]["normalized"] = json!(true);
     let mesh = scene.mesh();
-    assert_eq!((mesh.positions[1], mesh.normals[0]), ([1.0, 0.0, 0.0], [0.0, 0.0, 1.0]));
+    assert_eq!((mesh.positions[1], mesh.normals[0]), (DVec3::X, Vec3::Z));
 }
 
 #[test]
@@ -430,7 +430,7 @@ fn interleaved_views_and_sparse_accessors_are_read() {
     let positions = scene.push("accessors", about);
     scene.at("/meshes/0/primitives/0")["attributes"] = json!({"POSITION": positions, "COLOR_0": colors});
     let mesh = scene.mesh();
-    assert_eq!(mesh.positions, [[0.0; 3], [1.0, 0.0, 0.0], [7.0, 8.0, 9.0]]);
+    assert_eq!(mesh.positions, [DVec3::ZERO, DVec3::X, DVec3::new(7.0, 8.0, 9.0)]);
     assert_eq!(mesh.colors, [[255, 0, 0]; 3]);
 }
 
@@ -471,7 +471,7 @@ fn a_glb_has_its_first_buffer_inside_and_others_lie_beside_the_file() {
     let path = folder.path().join("a.glb");
     std::fs::write(&path, glb(&scene.0.to_string(), &floats(&TRIANGLE))).unwrap();
     let mesh = read_mesh(&path, &mut |done, all| assert!(done <= all)).unwrap();
-    assert_eq!((mesh.positions.len(), mesh.normals[0]), (3, [0.0, 0.0, 1.0]));
+    assert_eq!((mesh.positions.len(), mesh.normals[0]), (3, Vec3::Z));
     std::fs::remove_file(folder.path().join("normals of it.bin")).unwrap();
     let text = read_mesh(&path, &mut |_, _| {}).unwrap_err().to_string();
     assert!(text.contains("buffers[1]") && text.contains("normals of it.bin"), "{text}");
@@ -496,7 +496,7 @@ fn compress(scene: &mut Scene, index: usize, stride: usize, bytes: &[u8], filter
 fn meshopt_views_are_decoded_and_unknown_filters_refused() {
     let mut scene = Scene::triangle();
     compress(&mut scene, 0, 12, &floats(&TRIANGLE), "NONE");
-    assert_eq!(scene.mesh().positions[1], [1.0, 0.0, 0.0]);
+    assert_eq!(scene.mesh().positions[1], DVec3::X);
     scene.at("/bufferViews/0/extensions/EXT_meshopt_compression")["filter"] = json!("SOMETHING");
     let text = scene.refusal();
     assert!(text.contains("bufferViews[0]") && text.contains("SOMETHING"), "{text}");
@@ -513,7 +513,7 @@ fn filtered_normals_are_the_same_on_every_machine() {
     let normals = scene.attribute("NORMAL", "VEC3", 5120, &bytes, 3);
     scene.at("/accessors")[normals]["normalized"] = json!(true);
     compress(&mut scene, normals, 4, &bytes, "OCTAHEDRAL");
-    assert_eq!(scene.mesh().normals, exact.map(|n: [f64; 3]| n.map(|v| (v / 127.0) as f32)));
+    assert_eq!(scene.mesh().normals, exact.map(|n| (DVec3::from_array(n) / 127.0).as_vec3()));
 }
 
 #[test]

@@ -16,6 +16,7 @@ use crate::read::faces::{CROSSING, REPEATED, TOO_FEW, TRIANGULATED};
 use crate::read::sink::{NOT_FINITE, TWICE, VertexBlock};
 use crate::read::texture::detail::{Detail, Shared, Vertex, middle, split};
 use crate::read::texture::{Refusal, Texture, Textures, light_from_srgb, srgb_from_light};
+use glam::{DVec2, DVec3, Vec2, Vec3};
 use kilwa_geometry::triangulate::{Outcome, Triangulator};
 use kilwa_pack::visible::visible;
 use std::collections::HashMap;
@@ -51,10 +52,10 @@ pub(super) enum To<'s> {
 /// A vertex in the making.
 #[derive(Clone, Copy)]
 struct Made {
-    position: [f64; 3],
+    position: DVec3,
     own_color: Option<[u8; 3]>,
-    uv: Option<[f64; 2]>,
-    normal: Option<[f32; 3]>,
+    uv: Option<DVec2>,
+    normal: Option<Vec3>,
 }
 
 pub(super) struct Corners<'s, 'p> {
@@ -92,9 +93,9 @@ pub(super) struct Corners<'s, 'p> {
 struct Block {
     /// The number of the first.
     first: u64,
-    positions: Vec<[f64; 3]>,
+    positions: Vec<DVec3>,
     colors: Vec<[u8; 3]>,
-    normals: Vec<[f32; 3]>,
+    normals: Vec<Vec3>,
 }
 
 impl<'s, 'p> Corners<'s, 'p> {
@@ -139,15 +140,15 @@ impl<'s, 'p> Corners<'s, 'p> {
     /// What a corner names.
     fn made(&mut self, corner: Corner) -> Result<Made, ReadError> {
         let record = self.positions.get(corner.vertex)?.unwrap_or([0; POSITION_BYTES]);
-        let position =
-            std::array::from_fn(|i| record[8 * i..].first_chunk().map_or(f64::NAN, |b| f64::from_le_bytes(*b)));
+        let coordinate = |i: usize| record[8 * i..].first_chunk().map_or(f64::NAN, |b| f64::from_le_bytes(*b));
+        let position = DVec3::new(coordinate(0), coordinate(1), coordinate(2));
         let own_color = (record[27] != 0).then(|| [record[24], record[25], record[26]]);
         let uv = match corner.uv.filter(|_| matches!(self.paint, Paint::Picture(..))) {
-            Some(i) => self.uvs.get(i)?.map(|b| std::array::from_fn(|k| f64::from(f32_at(&b, k)))),
+            Some(i) => self.uvs.get(i)?.map(|b| Vec2::new(f32_at(&b, 0), f32_at(&b, 1)).as_dvec2()),
             None => None,
         };
         let normal = match corner.normal {
-            Some(i) => self.normals.get(i)?.map(|b| std::array::from_fn(|k| f32_at(&b, k))),
+            Some(i) => self.normals.get(i)?.map(|b| Vec3::new(f32_at(&b, 0), f32_at(&b, 1), f32_at(&b, 2))),
             None => None,
         };
         Ok(Made { position, own_color, uv, normal })
@@ -219,9 +220,9 @@ impl<'s, 'p> Corners<'s, 'p> {
     fn color(&mut self, made: &Made) -> Option<[u8; 3]> {
         let from_picture = made.uv.and_then(|uv| {
             let (texture, map) = self.picture()?;
-            let placed: [f64; 2] = std::array::from_fn(|i| uv[i] * map.scale[i] + map.offset[i]);
+            let placed = uv * map.scale + map.offset;
             // In an OBJ the first row of a picture is at the top, v goes up.
-            Some(texture.sample([placed[0], 1.0 - placed[1]], [map.wrap; 2]))
+            Some(texture.sample(DVec2::new(placed.x, 1.0 - placed.y), [map.wrap; 2]))
         });
         let from_material = if let Paint::Color(color) = self.paint { Some(color) } else { None };
         from_picture.or(made.own_color).or(from_material)
@@ -285,13 +286,13 @@ impl<'s, 'p> Corners<'s, 'p> {
     fn detailed(&mut self, detail: &Detail, corners: [Corner; 3], made: [Made; 3]) -> Result<(), ReadError> {
         // Texels from one end of the coordinates to the other.
         let size = self.picture().map(|(texture, map)| {
-            let size = texture.size();
-            [0, 1].map(|i| size[i] as f64 * map.scale[i])
+            let [width, height] = texture.size().map(|n| n as f64);
+            DVec2::new(width, height) * map.scale
         });
         let texels = |a: &Made, b: &Made| match (size, a.uv, b.uv) {
             (Some(size), Some(a), Some(b)) => {
-                let [u, v] = [0, 1].map(|i| (a[i] - b[i]) * size[i]);
-                libm::hypot(u, v)
+                let apart = (a - b) * size;
+                libm::hypot(apart.x, apart.y)
             }
             _ => 0.0,
         };
@@ -335,9 +336,9 @@ impl<'s, 'p> Corners<'s, 'p> {
         for &corner in &ring {
             made.push(self.made(corner)?);
         }
-        if made.iter().flat_map(|m| m.position).all(f64::is_finite) {
+        if made.iter().all(|m| m.position.is_finite()) {
             self.diagnostics.add(TRIANGULATED, || format!("line {line}"));
-            let positions: Vec<[f64; 3]> = made.iter().map(|m| m.position).collect();
+            let positions: Vec<_> = made.iter().map(|m| m.position).collect();
             let mut triangles = Vec::with_capacity(ring.len());
             if self.triangulator.polygon(&positions, |t| triangles.push(t)) == Outcome::Crossing {
                 self.diagnostics.add(CROSSING, || format!("line {line}"));
@@ -355,7 +356,7 @@ impl<'s, 'p> Corners<'s, 'p> {
 }
 
 impl Vertex for Made {
-    fn position(&self) -> [f64; 3] {
+    fn position(&self) -> DVec3 {
         self.position
     }
 
@@ -366,8 +367,12 @@ impl Vertex for Made {
         Self {
             position: middle(self.position, other.position),
             own_color: self.own_color.zip(other.own_color).map(|(a, b)| color(a, b)),
-            uv: self.uv.zip(other.uv).map(|(a, b)| [0, 1].map(|i| f64::midpoint(a[i], b[i]))),
-            normal: self.normal.zip(other.normal).map(|(a, b)| [0, 1, 2].map(|i| f32::midpoint(a[i], b[i]))),
+            uv: self.uv.zip(other.uv).map(|(a, b)| a.midpoint(b)),
+            // Not Vec3::midpoint, whose sum overflows where both are very large.
+            normal: self
+                .normal
+                .zip(other.normal)
+                .map(|(a, b)| Vec3::from_array([0, 1, 2].map(|i| f32::midpoint(a[i], b[i])))),
         }
     }
 }
@@ -377,9 +382,9 @@ fn f32_at(bytes: &[u8], k: usize) -> f32 {
 }
 
 impl Body for Corners<'_, '_> {
-    fn vertex(&mut self, position: [f64; 3], color: Option<[u8; 3]>) -> Result<(), ReadError> {
+    fn vertex(&mut self, position: DVec3, color: Option<[u8; 3]>) -> Result<(), ReadError> {
         let mut record = [0; POSITION_BYTES];
-        for (slot, v) in record.chunks_exact_mut(8).zip(position) {
+        for (slot, v) in record.chunks_exact_mut(8).zip(position.to_array()) {
             slot.copy_from_slice(&v.to_le_bytes());
         }
         if let Some([r, g, b]) = color {
@@ -388,22 +393,22 @@ impl Body for Corners<'_, '_> {
         self.positions.push(&record)
     }
 
-    fn uv(&mut self, uv: [f64; 2]) -> Result<(), ReadError> {
-        let [u, v] = uv.map(|x| (x as f32).to_le_bytes());
+    fn uv(&mut self, uv: DVec2) -> Result<(), ReadError> {
+        let [u, v] = uv.as_vec2().to_array().map(f32::to_le_bytes);
         let mut record = [0; 8];
         record[..4].copy_from_slice(&u);
         record[4..].copy_from_slice(&v);
         self.uvs.push(&record)
     }
 
-    fn normal(&mut self, normal: [f64; 3]) -> Result<(), ReadError> {
-        let mut normal = normal.map(|x| x as f32);
-        if !normal.iter().all(|x| x.is_finite()) {
+    fn normal(&mut self, normal: DVec3) -> Result<(), ReadError> {
+        let mut normal = normal.as_vec3();
+        if !normal.is_finite() {
             self.diagnostics.add_many("normals that are not finite set to zero", 1);
-            normal = [0.0; 3];
+            normal = Vec3::ZERO;
         }
         let mut record = [0; 12];
-        for (slot, v) in record.chunks_exact_mut(4).zip(normal) {
+        for (slot, v) in record.chunks_exact_mut(4).zip(normal.to_array()) {
             slot.copy_from_slice(&v.to_le_bytes());
         }
         self.normals.push(&record)

@@ -7,6 +7,7 @@ use super::lines::{Lines, number, numbers, word};
 use crate::Diagnostics;
 use crate::read::ReadError;
 use crate::read::texture::Wrap;
+use glam::DVec2;
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::sync::Arc;
@@ -20,8 +21,8 @@ pub(super) struct Map {
     pub(super) library: Arc<Path>,
     pub(super) line: u64,
     /// What texture coordinates are multiplied by, and what is added then.
-    pub(super) scale: [f64; 2],
-    pub(super) offset: [f64; 2],
+    pub(super) scale: DVec2,
+    pub(super) offset: DVec2,
     pub(super) wrap: Wrap,
 }
 
@@ -115,8 +116,8 @@ fn map(mut rest: &[u8], library: &Arc<Path>, line: u64) -> Option<Map> {
         name: String::new(),
         library: Arc::clone(library),
         line,
-        scale: [1.0; 2],
-        offset: [0.0; 2],
+        scale: DVec2::ONE,
+        offset: DVec2::ZERO,
         wrap: Wrap::Repeat,
     };
     loop {
@@ -141,8 +142,9 @@ fn map(mut rest: &[u8], library: &Arc<Path>, line: u64) -> Option<Map> {
             values.push(value);
             rest = after;
         }
-        let first_two = |default: f64| -> [f64; 2] {
-            std::array::from_fn(|i| values.get(i).and_then(|v| number(v)).filter(|v| v.is_finite()).unwrap_or(default))
+        let first_two = |default: f64| {
+            let at = |i: usize| values.get(i).and_then(|v| number(v)).filter(|v| v.is_finite()).unwrap_or(default);
+            DVec2::new(at(0), at(1))
         };
         match option {
             b"-s" => map.scale = first_two(1.0),
@@ -167,7 +169,7 @@ mod tests {
         assert_eq!(name(" wall north.jpg ").name, "wall north.jpg");
         assert_eq!(name("-blendu on -mm 0 1 -bm 0.2 a b.png").name, "a b.png");
         let m = name("-s 2 3 1 -o 0.5 -clamp on 7.png");
-        assert_eq!((m.scale, m.offset, m.wrap), ([2.0, 3.0], [0.5, 0.0], Wrap::Clamp));
+        assert_eq!((m.scale, m.offset, m.wrap), (DVec2::new(2.0, 3.0), DVec2::new(0.5, 0.0), Wrap::Clamp));
         assert_eq!(m.name, "7.png");
         assert_eq!(name("-s 1 1 1 12").name, "12", "a name may look like a number");
         assert_eq!(map(b"  "), None);

@@ -34,6 +34,7 @@ use super::texture::detail::Detail;
 use super::{Input, MeshSink, Place, ReadError};
 use crate::Diagnostics;
 use corners::{Corners, To};
+use glam::{DVec2, DVec3};
 use kilwa_pack::plural::counted;
 use kilwa_pack::visible::visible;
 use lines::{Lines, word};
@@ -73,11 +74,11 @@ pub fn is_obj(start: &[u8]) -> bool {
 /// Where the second pass delivers to.
 trait Body {
     /// The next vertex; its colour where it has one.
-    fn vertex(&mut self, position: [f64; 3], color: Option<[u8; 3]>) -> Result<(), ReadError>;
+    fn vertex(&mut self, position: DVec3, color: Option<[u8; 3]>) -> Result<(), ReadError>;
     /// The next texture coordinates.
-    fn uv(&mut self, uv: [f64; 2]) -> Result<(), ReadError>;
+    fn uv(&mut self, uv: DVec2) -> Result<(), ReadError>;
     /// The next normal.
-    fn normal(&mut self, normal: [f64; 3]) -> Result<(), ReadError>;
+    fn normal(&mut self, normal: DVec3) -> Result<(), ReadError>;
     /// Faces that follow have this material.
     fn material(&mut self, material: &Material) -> Result<(), ReadError>;
     /// A face. Vertices that come later it may name only where [`Body::may_look_ahead`] says so.
@@ -235,8 +236,8 @@ fn check_face(corners: &[Corner], so_far: u64, body: &impl Body) -> Result<(), F
 }
 
 /// A colour of a vertex to 8 bits.
-fn color(color: [f64; 3], full: f64, diagnostics: &mut Diagnostics) -> [u8; 3] {
-    let levels = color.map(|v| v / full * 255.0);
+fn color(color: DVec3, full: f64, diagnostics: &mut Diagnostics) -> [u8; 3] {
+    let levels = (color / full * 255.0).to_array();
     if !levels.iter().all(|v| (-0.001..=255.001).contains(v)) {
         diagnostics.add_many("colours outside their range clamped", 1);
     } else if levels.iter().any(|v| (v - v.round()).abs() > 0.01) {

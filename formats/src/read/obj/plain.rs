@@ -7,6 +7,7 @@ use super::{Body, MeshSink, ReadError};
 use crate::Diagnostics;
 use crate::read::faces::{FaceColor, Faces};
 use crate::read::sink::VertexBlock;
+use glam::{DVec2, DVec3};
 
 /// Vertices handed on at a time.
 const BLOCK: usize = 4096;
@@ -16,7 +17,7 @@ pub(super) struct Plain<'s> {
     diagnostics: Diagnostics,
     /// Whether vertices have colours; then those of materials are not looked at.
     has_colors: bool,
-    positions: Vec<[f64; 3]>,
+    positions: Vec<DVec3>,
     /// Empty, or one for each position.
     colors: Vec<[u8; 3]>,
     faces: Faces,
@@ -56,7 +57,7 @@ impl<'s> Plain<'s> {
 
 impl Body for Plain<'_> {
     #[inline]
-    fn vertex(&mut self, position: [f64; 3], color: Option<[u8; 3]>) -> Result<(), ReadError> {
+    fn vertex(&mut self, position: DVec3, color: Option<[u8; 3]>) -> Result<(), ReadError> {
         // A block has colours throughout or not at all.
         let changes = color.is_some() == self.colors.is_empty() && !self.positions.is_empty();
         if changes || self.positions.len() >= BLOCK {
@@ -67,11 +68,11 @@ impl Body for Plain<'_> {
         Ok(())
     }
 
-    fn uv(&mut self, _: [f64; 2]) -> Result<(), ReadError> {
+    fn uv(&mut self, _: DVec2) -> Result<(), ReadError> {
         Ok(())
     }
 
-    fn normal(&mut self, _: [f64; 3]) -> Result<(), ReadError> {
+    fn normal(&mut self, _: DVec3) -> Result<(), ReadError> {
         Ok(())
     }
 

@@ -2,6 +2,7 @@
 
 use super::lines::{number, numbers, word};
 use crate::read::source::quote;
+use glam::{DVec2, DVec3};
 use kilwa_pack::plural::counted;
 
 /// A corner of a face: numbers from 0 of position, and of texture coordinates and normal where it has them.
@@ -15,9 +16,9 @@ pub(super) struct Corner {
 /// A vertex as its line has it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Vertex {
-    pub(super) position: [f64; 3],
+    pub(super) position: DVec3,
     /// As it stands there.
-    pub(super) color: Option<[f64; 3]>,
+    pub(super) color: Option<DVec3>,
     /// Whether there is a weight other than 1.
     pub(super) weighted: bool,
 }
@@ -35,26 +36,26 @@ pub(super) fn vertex(rest: &[u8]) -> Result<Vertex, Fault> {
         ));
     }
     let color = match n {
-        6 => Some([v[3], v[4], v[5]]),
-        7.. => Some([v[4], v[5], v[6]]),
+        6 => Some(DVec3::from_slice(&v[3..])),
+        7.. => Some(DVec3::from_slice(&v[4..])),
         _ => None,
     };
-    Ok(Vertex { position: [v[0], v[1], v[2]], color, weighted: matches!(n, 4 | 7) && v[3] != 1.0 })
+    Ok(Vertex { position: DVec3::from_slice(&v), color, weighted: matches!(n, 4 | 7) && v[3] != 1.0 })
 }
 
 /// `vt u [v [w]]`.
-pub(super) fn uv(rest: &[u8]) -> Result<[f64; 2], Fault> {
+pub(super) fn uv(rest: &[u8]) -> Result<DVec2, Fault> {
     match numbers::<2>(rest).map_err(bad_number)? {
         (_, 0) => Err(("texture coordinates without a number".to_owned(), "u and v".to_owned())),
-        (uv, _) => Ok(uv),
+        (uv, _) => Ok(uv.into()),
     }
 }
 
 /// `vn x y z`.
-pub(super) fn normal(rest: &[u8]) -> Result<[f64; 3], Fault> {
+pub(super) fn normal(rest: &[u8]) -> Result<DVec3, Fault> {
     match numbers::<3>(rest).map_err(bad_number)? {
         (_, n @ 0..3) => Err((format!("a normal of {}", counted(n, "number", "numbers")), "x, y and z".to_owned())),
-        (normal, _) => Ok(normal),
+        (normal, _) => Ok(normal.into()),
     }
 }
 

@@ -3,6 +3,7 @@
 use crate::RawMesh;
 use crate::read::texture::detail::Detail;
 use crate::read::{MemorySink, ReadError, ReadOptions, note_detail, read_into_with, read_mesh, read_mesh_from};
+use glam::{DVec3, Vec3};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::io::Cursor;
@@ -124,7 +125,7 @@ fn corners_of_every_form_and_negative_indices_name_the_same_vertices() {
     for face in ["f 1//1 2//1 3//-1", "f 1/1/1 2/2/1 3//1"] {
         let mesh = ok(&format!("{SQUARE}{extra}{face}\n"));
         assert_eq!(mesh.positions, expected.positions[..3]);
-        assert_eq!(mesh.normals, [[0.0, 0.0, 1.0]; 3]);
+        assert_eq!(mesh.normals, [Vec3::Z; 3]);
     }
     // Negative indices count back from the line they are on.
     let two = ok("v 9 9 9\nv 0 0 0\nv 1 0 0\nv 0 1 0\nf -3 -2 -1\nv 5 5 5\nv 6 5 5\nv 5 6 5\nf -3 -2 -1\n");
@@ -236,7 +237,7 @@ fn in_folder(files: &[(&str, &[u8])]) -> RawMesh {
 fn faces_take_the_diffuse_colour_of_their_material_if_vertices_have_none() {
     let mtl = b"newmtl brick red\nKd 1 0 0.2\nnewmtl glass\nNs 10\n";
     let faces = "mtllib my lib.mtl\nf 1 2 3\nusemtl brick red\nf 1 3 4\nusemtl glass\nf 1 2 4\nusemtl lost\nf 2 3 4\n";
-    let colour_of = |mesh: &RawMesh, corner: [f64; 3]| {
+    let colour_of = |mesh: &RawMesh, corner: DVec3| {
         let red = mesh.colors.iter().zip(&mesh.positions).filter(|(c, p)| **c == [255, 0, 51] && **p == corner);
         red.count()
     };
@@ -247,7 +248,7 @@ fn faces_take_the_diffuse_colour_of_their_material_if_vertices_have_none() {
         assert_eq!(mesh.triangles.len(), 4);
         let red = |t: &&[u32; 3]| t.iter().all(|&v| mesh.colors[v as usize] == [255, 0, 51]);
         assert_eq!(mesh.triangles.iter().filter(red).count(), 1, "{normals:?}");
-        assert_eq!(colour_of(&mesh, [1.0, 0.0, 0.0]), 0);
+        assert_eq!(colour_of(&mesh, DVec3::X), 0);
         assert_eq!(places(&mesh, "materials that no library defines, left out"), ["lost"]);
     }
     let coloured = SQUARE.replace(" 0\n", " 0 0 1 0\n");
@@ -327,7 +328,7 @@ fn triangles_are_split_until_no_edge_spans_more_texels_and_the_colours_follow_th
             if p[0].max(q[0]) <= 1.0 {
                 assert!((p[0] - q[0]).hypot(p[1] - q[1]) * 64.0 <= 8.0 + 1e-9);
             }
-            let [p, q] = [p, q].map(|p| p.map(f64::to_bits));
+            let [p, q] = [p, q].map(|p| p.to_array().map(f64::to_bits));
             *edges.entry(if p < q { [p, q] } else { [q, p] }).or_default() += if p < q { 1 } else { -1 };
         }
     }
@@ -360,7 +361,7 @@ fn corners_evicted_from_the_cache_are_duplicated_and_the_mesh_is_unchanged() {
         }
     }
     let (mut cornered, plain) = (ok(&obj), ok(&plain));
-    assert!(cornered.normals.iter().all(|n| *n == [0.0, 0.0, 1.0]));
+    assert!(cornered.normals.iter().all(|n| *n == Vec3::Z));
     cornered.normals.clear();
     assert_eq!(soup(&cornered), soup(&plain));
 }

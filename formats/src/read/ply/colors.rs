@@ -6,6 +6,7 @@
 
 use super::scalar::Scalar;
 use crate::Diagnostics;
+use glam::{DVec3, Vec3};
 
 /// Colours of one element: their type, and what they have been found to run to.
 #[derive(Debug, Clone, Copy)]
@@ -32,19 +33,19 @@ impl Scale {
 
     /// One colour; what is lost by rounding is counted.
     #[inline]
-    pub(super) fn color(self, color: [f64; 3], diagnostics: &mut Diagnostics) -> [u8; 3] {
+    pub(super) fn color(self, color: DVec3, diagnostics: &mut Diagnostics) -> [u8; 3] {
         match self.kind {
-            Scalar::U8 => color.map(|v| byte(v, diagnostics)),
+            Scalar::U8 => color.to_array().map(|v| byte(v, diagnostics)),
             // Some writers say char and mean uchar.
-            Scalar::I8 => self.round(color.map(|v| if v < 0.0 { v + 256.0 } else { v } as f32), diagnostics),
-            _ => self.round(color.map(|v| v as f32), diagnostics),
+            Scalar::I8 => self.round(color.map(|v| if v < 0.0 { v + 256.0 } else { v }).as_vec3(), diagnostics),
+            _ => self.round(color.as_vec3(), diagnostics),
         }
     }
 
-    fn round(self, color: [f32; 3], diagnostics: &mut Diagnostics) -> [u8; 3] {
+    fn round(self, color: Vec3, diagnostics: &mut Diagnostics) -> [u8; 3] {
         let mut off = 0.0f32;
         let mut outside = false;
-        let bytes = color.map(|component| {
+        let bytes = color.to_array().map(|component| {
             let level = component / self.full * 255.0;
             let byte = level.round().clamp(0.0, 255.0);
             if (-0.001..=255.001).contains(&level) {

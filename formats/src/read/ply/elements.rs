@@ -10,6 +10,7 @@ use super::scalar::Scalar;
 use crate::Diagnostics;
 use crate::read::faces::{Faces, MAX_CORNERS};
 use crate::read::sink::MeshSink;
+use glam::DVec3;
 use kilwa_pack::plural::counted;
 
 /// Vertices handed on at a time.
@@ -168,8 +169,8 @@ fn face(
     fields: &[Field],
     vertices: u64,
     corners: &mut Vec<u64>,
-) -> Result<[f64; 3], ReadError> {
-    let mut color = [0.0; 3];
+) -> Result<DVec3, ReadError> {
+    let mut color = DVec3::ZERO;
     for field in fields {
         match (field.kind, field.keep) {
             (Kind::List { count, item }, Keep::Indices) => {

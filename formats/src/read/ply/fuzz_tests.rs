@@ -26,7 +26,7 @@ fn check(bytes: &[u8]) -> bool {
         return false;
     };
     let n = mesh.positions.len();
-    assert!(mesh.positions.iter().flatten().all(|v| v.is_finite()));
+    assert!(mesh.positions.iter().all(|p| p.is_finite()));
     assert!(mesh.triangles.iter().flatten().all(|&i| (i as usize) < n));
     assert!(mesh.triangles.iter().all(|t| t[0] != t[1] && t[1] != t[2] && t[2] != t[0]));
     assert!(!mesh.triangles.is_empty());

@@ -2,6 +2,7 @@
 
 use super::super::{ReadError, read_mesh, read_mesh_from};
 use crate::RawMesh;
+use glam::{DVec3, Vec3};
 use proptest::prelude::*;
 use std::path::Path;
 
@@ -112,7 +113,7 @@ fn encoded(encoding: &str, scalar_names: [&str; 4]) -> Vec<u8> {
 fn the_three_encodings_give_the_same_mesh() {
     let old = ["short", "double", "uchar", "int"];
     let mesh = ok(encoded("ascii", old));
-    assert_eq!(mesh.positions[3], [1.0, -299.0, 3.0 * 0.1]);
+    assert_eq!(mesh.positions[3], DVec3::new(1.0, -299.0, 3.0 * 0.1));
     assert_eq!(mesh.triangles, [[0, 1, 2], [2, 1, 3]]);
     for encoding in ["binary_little_endian", "binary_big_endian"] {
         assert_eq!(ok(encoded(encoding, old)), mesh, "{encoding}");
@@ -345,7 +346,7 @@ fn vertices_without_a_finite_position_are_dropped_with_their_triangles_and_count
     for bad in ["nan", "inf", "-Infinity", "1e999", "-nan(ind)", "1.#QNAN"] {
         let vertices = ["0 0 0", &format!("0 {bad} 0"), "1 0 0", "0 1 0", "1 1 0"];
         let mesh = ok(text(&XYZ, &vertices, &["3 0 1 2", "3 0 2 3", "3 2 4 3", "4 0 1 4 3"]));
-        assert_eq!(mesh.positions, [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]], "{bad}");
+        assert_eq!(mesh.positions, [DVec3::ZERO, DVec3::X, DVec3::Y, DVec3::X + DVec3::Y], "{bad}");
         assert_eq!(mesh.triangles, [[0, 1, 2], [1, 3, 2]], "{bad}");
         assert_eq!(mesh.diagnostics.count("vertices without a finite position dropped"), 1);
         assert!(places(&mesh, "vertices without a finite position dropped")[0].starts_with("vertex 1 "));
@@ -533,9 +534,9 @@ fn alpha_that_is_not_opaque_is_a_channel_from_0_to_1() {
 #[test]
 fn normals_of_any_type_are_kept_as_given() {
     let mesh = ok(attributed(&["char nx", "char ny", "char nz"], ["0 0 127", "0 -127 0", "64 0 0"]));
-    assert_eq!(mesh.normals, [[0.0, 0.0, 127.0], [0.0, -127.0, 0.0], [64.0, 0.0, 0.0]]);
+    assert_eq!(mesh.normals, [127.0 * Vec3::Z, -127.0 * Vec3::Y, 64.0 * Vec3::X]);
     let mesh = ok(attributed(&["float nx", "float ny", "float nz"], ["0 0 nan", "0 1 0", "1 0 0"]));
-    assert_eq!((mesh.normals[0], mesh.diagnostics.count("normals that are not finite set to zero")), ([0.0; 3], 1));
+    assert_eq!((mesh.normals[0], mesh.diagnostics.count("normals that are not finite set to zero")), (Vec3::ZERO, 1));
 }
 
 #[test]
@@ -587,7 +588,7 @@ fn faces_keep_their_colours_by_splitting_vertices_only_where_colours_meet() {
         assert!(triangle.iter().all(|&i| two.colors[i as usize] == color));
     }
     let corner = |t: usize, k: usize| two.positions[two.triangles[t][k] as usize];
-    assert_eq!((corner(1, 0), corner(1, 1), corner(1, 2)), ([0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0]));
+    assert_eq!((corner(1, 0), corner(1, 1), corner(1, 2)), (DVec3::Y, DVec3::X, DVec3::X + DVec3::Y));
     assert_eq!(two.diagnostics.count("vertices split so that faces keep their colours"), 2);
 }
 
@@ -605,7 +606,7 @@ fn doubles_keep_their_precision() {
         &["500000.000123456 9000000.000654321 -3.5", "1 0 0", "0 1 0"],
         &TRIANGLE,
     ));
-    assert_eq!(mesh.positions[0], [500_000.000_123_456, 9_000_000.000_654_321, -3.5]);
+    assert_eq!(mesh.positions[0], DVec3::new(500_000.000_123_456, 9_000_000.000_654_321, -3.5));
 }
 
 // Files.
@@ -666,14 +667,14 @@ proptest! {
     fn a_written_file_reads_back_unchanged(seed in any::<u64>(), n in 3u32..6000) {
         let mut generator = fastrand::Rng::with_seed(seed);
         let mut random = || generator.u64(..);
-        let positions: Vec<[f32; 3]> = (0..n).map(|_| [random() as i32 as f32 * 1e-3, random() as i32 as f32, 0.25]).collect();
+        let positions: Vec<Vec3> = (0..n).map(|_| Vec3::new(random() as i32 as f32 * 1e-3, random() as i32 as f32, 0.25)).collect();
         let colors: Vec<[u8; 3]> = (0..n).map(|_| [random() as u8, random() as u8, random() as u8]).collect();
         let triangles: Vec<[u32; 3]> = (0..2 * n).map(|_| { let a = random() as u32 % (n - 2); [a, a + 1, a + 2] }).collect();
         let header = |e: &str| format!("ply\nformat {e} 1.0\nelement vertex {n}\nproperty float x\nproperty float y\nproperty float z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nelement face {}\nproperty list uchar int vertex_indices\nend_header\n", 2 * n).into_bytes();
         let (mut ascii, mut little, mut big) = (header("ascii"), header("binary_little_endian"), header("binary_big_endian"));
         for (p, c) in positions.iter().zip(&colors) {
             ascii.extend(format!("{} {} {} {} {} {}\n", p[0], p[1], p[2], c[0], c[1], c[2]).bytes());
-            for v in p { little.extend(v.to_le_bytes()); big.extend(v.to_be_bytes()); }
+            for v in p.to_array() { little.extend(v.to_le_bytes()); big.extend(v.to_be_bytes()); }
             little.extend(c);
             big.extend(c);
         }
@@ -683,11 +684,11 @@ proptest! {
             big.push(3);
             for v in t { little.extend(v.to_le_bytes()); big.extend(v.to_be_bytes()); }
         }
-        let expected: Vec<[f64; 3]> = positions.iter().map(|p| p.map(f64::from)).collect();
+        let expected: Vec<DVec3> = positions.iter().map(|p| p.as_dvec3()).collect();
         for bytes in [ascii, little, big] {
             let mesh = ok(bytes);
             // Text is read as doubles, whatever type the header gives it: nothing that is written is lost.
-            let positions: Vec<[f64; 3]> = mesh.positions.iter().map(|p| p.map(|v| f64::from(v as f32))).collect();
+            let positions: Vec<DVec3> = mesh.positions.iter().map(|p| p.as_vec3().as_dvec3()).collect();
             prop_assert_eq!(&positions, &expected);
             prop_assert_eq!(&mesh.colors, &colors);
             prop_assert_eq!(&mesh.triangles, &triangles);

@@ -10,6 +10,7 @@ use super::plan::{Column, Field, Keep, Plan, Role};
 use super::scalar::Scalar;
 use crate::Diagnostics;
 use crate::read::sink::{MeshSink, VertexBlock};
+use glam::{DVec3, Vec3};
 
 /// What a first pass over colours and alpha found.
 #[derive(Debug, Clone, Copy)]
@@ -93,9 +94,9 @@ pub(super) struct Vertices {
     /// Columns of the channels, and what their values are divided by.
     channels: Vec<(usize, f32)>,
 
-    positions: Vec<[f64; 3]>,
+    positions: Vec<DVec3>,
     colors: Vec<[u8; 3]>,
-    normals: Vec<[f32; 3]>,
+    normals: Vec<Vec3>,
     scalars: Vec<Vec<f32>>,
 }
 
@@ -161,11 +162,11 @@ impl Vertices {
         self.normals.clear();
         if let Some(at) = self.normal {
             self.normals.extend(rows(columns, at).map(|n| {
-                if n.iter().all(|v| v.is_finite()) {
-                    n.map(|v| v as f32)
+                if n.is_finite() {
+                    n.as_vec3()
                 } else {
                     diagnostics.add_many("normals that are not finite set to zero", 1);
-                    [0.0; 3]
+                    Vec3::ZERO
                 }
             }));
         }
@@ -179,6 +180,6 @@ impl Vertices {
 }
 
 /// Three columns as rows.
-fn rows(columns: &Columns, [a, b, c]: [usize; 3]) -> impl Iterator<Item = [f64; 3]> {
-    columns[a].iter().zip(&columns[b]).zip(&columns[c]).map(|((&a, &b), &c)| [a, b, c])
+fn rows(columns: &Columns, [a, b, c]: [usize; 3]) -> impl Iterator<Item = DVec3> {
+    columns[a].iter().zip(&columns[b]).zip(&columns[c]).map(|((&a, &b), &c)| DVec3::new(a, b, c))
 }

@@ -6,6 +6,7 @@
 use super::super::{Place, ReadError};
 use super::Bytes;
 use super::facets::Facets;
+use glam::DVec3;
 
 /// Bytes of a word that are kept; longer words are cut and are no number and no keyword.
 const WORD: usize = 256;
@@ -35,7 +36,7 @@ pub(super) fn read(bytes: &mut Bytes<'_>, facets: &mut Facets<'_>) -> Result<(),
             Some(Keyword::Normal) => facet.normal = words.normal()?,
             Some(Keyword::Outer | Keyword::Loop) => {}
             Some(Keyword::Vertex) => {
-                let corner = [words.number()?, words.number()?, words.number()?];
+                let corner = DVec3::new(words.number()?, words.number()?, words.number()?);
                 if !facet.begun {
                     facet = Facet { line, begun: true, ..Facet::default() };
                 }
@@ -92,14 +93,14 @@ struct Facet {
     /// Its loop has ended: another corner would begin another.
     closed: bool,
     ended: bool,
-    normal: [f64; 3],
-    corners: [[f64; 3]; 3],
+    normal: DVec3,
+    corners: [DVec3; 3],
     count: usize,
 }
 
 impl Facet {
     /// A corner. Further ones than three make a fan with the first and the one before.
-    fn corner(&mut self, corner: [f64; 3], facets: &mut Facets<'_>) -> Result<(), ReadError> {
+    fn corner(&mut self, corner: DVec3, facets: &mut Facets<'_>) -> Result<(), ReadError> {
         let line = self.line;
         if self.closed {
             facets.diagnostics().add("corners after the end of a loop left out", || format!("line {line}"));
@@ -214,7 +215,7 @@ impl Words<'_, '_> {
     }
 
     /// Three words after `normal`, whatever they are; not a number is no normal.
-    fn normal(&mut self) -> Result<[f64; 3], ReadError> {
+    fn normal(&mut self) -> Result<DVec3, ReadError> {
         let mut normal = [0.0; 3];
         for x in &mut normal {
             if !self.next()? {
@@ -222,11 +223,11 @@ impl Words<'_, '_> {
             }
             if self.keyword().is_some() {
                 self.again = true;
-                return Ok([0.0; 3]);
+                return Ok(DVec3::ZERO);
             }
             *x = parse(&self.word).unwrap_or(f64::NAN);
         }
-        Ok(normal)
+        Ok(normal.into())
     }
 
     /// A coordinate.

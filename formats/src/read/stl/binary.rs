@@ -4,6 +4,7 @@ use super::super::ReadError;
 use super::colors::Colors;
 use super::facets::Facets;
 use super::{BEFORE, Bytes, FACET, HEADER};
+use glam::DVec3;
 use kilwa_pack::plural::counted;
 
 /// Facets that the header counts.
@@ -30,10 +31,10 @@ pub(super) fn is_plausible(start: &[u8], total: u64) -> bool {
     let mut with_area = 0;
     for facet in facets {
         let (normal, corners, _) = parse(facet);
-        let usual = |x: &f64| x.is_finite() && (*x == 0.0 || (1e-20..1e15).contains(&x.abs()));
-        let length = libm::sqrt(normal.iter().map(|x| x * x).sum());
+        let usual = |x: f64| x.is_finite() && (x == 0.0 || (1e-20..1e15).contains(&x.abs()));
+        let length = normal.length();
         let unit = length == 0.0 || (0.9..1.1).contains(&length);
-        if !unit || !normal.iter().chain(corners.iter().flatten()).all(usual) {
+        if !unit || ![normal].iter().chain(&corners).flat_map(DVec3::to_array).all(usual) {
             return false;
         }
         with_area += u32::from(corners[0] != corners[1] && corners[1] != corners[2] && corners[2] != corners[0]);
@@ -42,12 +43,12 @@ pub(super) fn is_plausible(start: &[u8], total: u64) -> bool {
 }
 
 /// Normal, corners and attribute of 50 bytes.
-fn parse(facet: &[u8]) -> ([f64; 3], [[f64; 3]; 3], u16) {
+fn parse(facet: &[u8]) -> (DVec3, [DVec3; 3], u16) {
     let float = |i: usize| match facet.get(4 * i..4 * i + 4) {
         Some(&[a, b, c, d]) => f64::from(f32::from_le_bytes([a, b, c, d])),
         _ => f64::NAN,
     };
-    let point = |i: usize| [float(3 * i), float(3 * i + 1), float(3 * i + 2)];
+    let point = |i: usize| DVec3::new(float(3 * i), float(3 * i + 1), float(3 * i + 2));
     (point(0), [point(1), point(2), point(3)], attribute(facet))
 }
 

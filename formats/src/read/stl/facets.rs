@@ -11,7 +11,7 @@ pub(super) const CONTRADICTS: &str = "facets whose normal contradicts the order 
 /// Collects facets and hands them on.
 pub(super) struct Facets<'a> {
     sink: &'a mut dyn MeshSink,
-    positions: Vec<[f64; 3]>,
+    positions: Vec<DVec3>,
     /// Empty, or one per facet of the block.
     colors: Vec<[u8; 3]>,
     delivered: u64,
@@ -33,7 +33,7 @@ impl<'a> Facets<'a> {
     }
 
     /// Add a facet. A block has facets with a colour or without one, never both.
-    pub(super) fn add(&mut self, corners: [[f64; 3]; 3], color: Option<[u8; 3]>) -> Result<(), ReadError> {
+    pub(super) fn add(&mut self, corners: [DVec3; 3], color: Option<[u8; 3]>) -> Result<(), ReadError> {
         let mixed = !self.positions.is_empty() && self.colors.is_empty() == color.is_some();
         if mixed || self.positions.len() >= 3 * BLOCK {
             self.flush()?;
@@ -46,11 +46,11 @@ impl<'a> Facets<'a> {
 
     /// Count a facet whose given normal contradicts its corners: turned by more than 120 degrees, so that the rounding
     /// of slivers does not count.
-    pub(super) fn check_normal(&mut self, normal: [f64; 3], corners: &[[f64; 3]; 3], place: impl FnOnce() -> String) {
-        let [a, b, c] = corners.map(DVec3::from);
-        let (given, made) = (DVec3::from(normal), (b - a).cross(c - a));
-        let lengths = libm::sqrt(given.length_squared() * made.length_squared());
-        if lengths > 0.0 && given.dot(made) < -0.5 * lengths {
+    pub(super) fn check_normal(&mut self, normal: DVec3, corners: &[DVec3; 3], place: impl FnOnce() -> String) {
+        let [a, b, c] = *corners;
+        let made = (b - a).cross(c - a);
+        let lengths = libm::sqrt(normal.length_squared() * made.length_squared());
+        if lengths > 0.0 && normal.dot(made) < -0.5 * lengths {
             self.diagnostics().add(CONTRADICTS, place);
         }
     }

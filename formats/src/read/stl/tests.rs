@@ -3,6 +3,7 @@
 use super::super::{ReadError, read_mesh_from};
 use super::facets::CONTRADICTS;
 use crate::RawMesh;
+use glam::{DVec3, Vec3};
 use std::path::Path;
 
 fn read(bytes: &[u8]) -> Result<RawMesh, ReadError> {
@@ -22,7 +23,7 @@ const FACET: &str =
     "facet normal 0 0 1\n outer loop\n vertex 0 0 0\n vertex 1 0 0\n vertex 0 1 0\n endloop\n endfacet\n";
 
 /// Normal, corners and attribute.
-type Facet = ([f32; 3], [[f32; 3]; 3], u16);
+type Facet = (Vec3, [Vec3; 3], u16);
 
 /// A binary file: free text, the count in the header, facets.
 fn binary(header: &[u8], announced: u32, facets: &[Facet]) -> Vec<u8> {
@@ -30,7 +31,7 @@ fn binary(header: &[u8], announced: u32, facets: &[Facet]) -> Vec<u8> {
     bytes.resize(80, b' ');
     bytes.extend(announced.to_le_bytes());
     for (normal, corners, attribute) in facets {
-        for x in normal.iter().chain(corners.iter().flatten()) {
+        for x in [normal].into_iter().chain(corners).flat_map(|v| v.to_array()) {
             bytes.extend(x.to_le_bytes());
         }
         bytes.extend(attribute.to_le_bytes());
@@ -38,8 +39,8 @@ fn binary(header: &[u8], announced: u32, facets: &[Facet]) -> Vec<u8> {
     bytes
 }
 
-const UP: [f32; 3] = [0.0, 0.0, 1.0];
-const CORNERS: [[f32; 3]; 3] = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]];
+const UP: Vec3 = Vec3::Z;
+const CORNERS: [Vec3; 3] = [Vec3::ZERO, Vec3::X, Vec3::Y];
 
 #[test]
 fn a_binary_file_that_begins_with_solid_is_read_as_binary() {
@@ -97,8 +98,8 @@ fn a_facet_without_a_magics_colour_takes_the_header_colour() {
 
 #[test]
 fn normals_that_contradict_the_winding_are_counted_and_the_winding_decides() {
-    let down = [0.0, 0.0, -1.0];
-    let mesh = read(&binary(b"x", 3, &[(UP, CORNERS, 0), (down, CORNERS, 0), ([0.0; 3], CORNERS, 0)])).unwrap();
+    let facets = [UP, -UP, Vec3::ZERO].map(|normal| (normal, CORNERS, 0));
+    let mesh = read(&binary(b"x", 3, &facets)).unwrap();
     assert_eq!(mesh.diagnostics.count(CONTRADICTS), 1);
     assert_eq!(mesh.triangles[1], [3, 4, 5]);
     let mesh = text(&format!("solid\n{}endsolid", FACET.replace("0 0 1", "0 0 -1")));
@@ -107,7 +108,7 @@ fn normals_that_contradict_the_winding_are_counted_and_the_winding_decides() {
 
 #[test]
 fn facets_with_corners_that_are_not_finite_are_dropped_and_counted() {
-    let bad = [[0.0, f32::NAN, 0.0], CORNERS[1], CORNERS[2]];
+    let bad = [Vec3::new(0.0, f32::NAN, 0.0), CORNERS[1], CORNERS[2]];
     let mesh = read(&binary(b"x", 2, &[(UP, CORNERS, 0), (UP, bad, 0)])).unwrap();
     assert_eq!(mesh.triangles.len(), 1);
     let bad = FACET.replace("vertex 1 0 0", "vertex -1.#IND nan(0x1) inf");
@@ -121,7 +122,7 @@ fn ascii_stl_with_any_case_spacing_and_line_ends_is_read() {
     let tabs = format!("\u{feff}solid\t\n\n{}\nendsolid", FACET.replace(' ', "\t  "));
     let one_line = format!("solid a name {}endsolid a name", FACET.replace('\n', " "));
     for file in [upper, tabs, one_line] {
-        assert_eq!(text(&file).positions, [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], "{file}");
+        assert_eq!(text(&file).positions, [DVec3::ZERO, DVec3::X, DVec3::Y], "{file}");
     }
 }
 
@@ -138,7 +139,7 @@ fn several_solids_with_any_names_are_one_mesh() {
 #[test]
 fn exponents_and_double_precision_are_preserved() {
     let file = format!("solid\n{}endsolid", FACET.replace("vertex 1 0 0", "vertex +5.310001234567E+05 -1e-3 .5"));
-    assert_eq!(text(&file).positions[1], [531_000.123_456_7, -0.001, 0.5]);
+    assert_eq!(text(&file).positions[1], DVec3::new(531_000.123_456_7, -0.001, 0.5));
 }
 
 #[test]
@@ -156,7 +157,7 @@ fn facets_without_exactly_three_corners_become_fans_or_are_dropped() {
     let two = FACET.replace(" vertex 0 1 0\n", "");
     let mesh = text(&format!("solid\n{quad}{two}endsolid"));
     assert_eq!(mesh.triangles.len(), 2);
-    assert_eq!(mesh.positions[3..], [[0.0; 3], [0.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]);
+    assert_eq!(mesh.positions[3..], [DVec3::ZERO, DVec3::Y, DVec3::Y - DVec3::X]);
     assert_eq!(mesh.diagnostics.count("facets of more than three corners cut as fans"), 1);
     assert_eq!(mesh.diagnostics.count("facets of fewer than three corners dropped"), 1);
 }
@@ -177,9 +178,8 @@ fn text_that_is_not_stl_is_refused_with_its_line() {
 
 #[test]
 fn a_long_file_is_delivered_in_blocks_and_in_order() {
-    let facets: Vec<_> = (0..40_000u16)
-        .map(|i| (UP, CORNERS.map(|c| [c[0] + f32::from(i), c[1], c[2]]), 0x8000 * (i / 1000 % 2)))
-        .collect();
+    let facets: Vec<_> =
+        (0..40_000u16).map(|i| (UP, CORNERS.map(|c| c + f32::from(i) * Vec3::X), 0x8000 * (i / 1000 % 2))).collect();
     let mesh = read(&binary(b"x", 40_000, &facets)).unwrap();
     assert_eq!(mesh.triangles.len(), 40_000);
     assert!(mesh.triangles.iter().enumerate().all(|(i, t)| mesh.positions[t[0] as usize][0] == i as f64));

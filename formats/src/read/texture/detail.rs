@@ -10,6 +10,7 @@
 //! the finer of the two. So memory does not grow with the mesh, an edge is never split less than it needs, and
 //! neighbours still agree. The surface stays the same: new vertices lie on the old triangles.
 
+use glam::DVec3;
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicU8, Ordering};
 
@@ -51,7 +52,7 @@ impl Detail {
     }
 
     /// A triangle with a picture has an edge between these places that spans so many texels.
-    pub fn note(&self, a: [f64; 3], b: [f64; 3], texels: f64) {
+    pub fn note(&self, a: DVec3, b: DVec3, texels: f64) {
         let level = self.halvings(texels);
         if level > 0 {
             for place in self.places(a, b) {
@@ -61,7 +62,7 @@ impl Detail {
     }
 
     /// How often the edge between these places is to be halved.
-    pub fn level(&self, a: [f64; 3], b: [f64; 3]) -> u8 {
+    pub fn level(&self, a: DVec3, b: DVec3) -> u8 {
         let [one, two] = self.places(a, b).map(|place| self.noted[place].load(Ordering::Relaxed));
         one.min(two)
     }
@@ -79,9 +80,9 @@ impl Detail {
     }
 
     /// Where an edge is noted, whichever end is named first.
-    fn places(&self, a: [f64; 3], b: [f64; 3]) -> [usize; 2] {
+    fn places(&self, a: DVec3, b: DVec3) -> [usize; 2] {
         // Adding zero makes the two zeros one.
-        let bits = |p: [f64; 3]| p.map(|v| (v + 0.0).to_bits());
+        let bits = |p: DVec3| (p + DVec3::ZERO).to_array().map(f64::to_bits);
         let (a, b) = (bits(a), bits(b));
         let (low, high) = if a <= b { (a, b) } else { (b, a) };
         let mix = |h: u64, v: u64| {
@@ -98,18 +99,16 @@ impl Detail {
 /// A vertex that edges can be split at.
 pub trait Vertex: Copy {
     /// Where it is.
-    fn position(&self) -> [f64; 3];
+    fn position(&self) -> DVec3;
     /// The vertex in the middle between two; its position is [`middle`] of theirs.
     #[must_use]
     fn between(&self, other: &Self) -> Self;
 }
 
 /// The mean of two places, the same whichever is named first.
-pub fn middle(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|i| {
-        let mean = (a[i] + b[i]) * 0.5;
-        if mean.is_finite() { mean } else { a[i] * 0.5 + b[i] * 0.5 }
-    })
+pub fn middle(a: DVec3, b: DVec3) -> DVec3 {
+    let mean = (a + b) * 0.5;
+    DVec3::select(mean.is_finite_mask(), mean, a * 0.5 + b * 0.5)
 }
 
 /// Split a triangle and hand its parts to `out`, turning as it does. `texels` gives how many texels lie between two of
@@ -166,43 +165,43 @@ impl Shared {
     }
 
     /// The number of the vertex at this place, if it is remembered.
-    pub fn get(&self, position: [f64; 3]) -> Option<u64> {
-        self.numbers.get(&position.map(f64::to_bits)).copied()
+    pub fn get(&self, position: DVec3) -> Option<u64> {
+        self.numbers.get(&position.to_array().map(f64::to_bits)).copied()
     }
 
     /// Remember it.
-    pub fn insert(&mut self, position: [f64; 3], number: u64) {
+    pub fn insert(&mut self, position: DVec3, number: u64) {
         if self.numbers.len() >= Self::MAX {
             self.numbers.clear();
         }
-        self.numbers.insert(position.map(f64::to_bits), number);
+        self.numbers.insert(position.to_array().map(f64::to_bits), number);
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use glam::DVec2;
     use proptest::prelude::*;
     use std::collections::BTreeMap;
     use std::convert::Infallible;
 
     /// Position and texel coordinates.
     #[derive(Debug, Clone, Copy)]
-    struct Point([f64; 3], [f64; 2]);
+    struct Point(DVec3, DVec2);
 
     impl Vertex for Point {
-        fn position(&self) -> [f64; 3] {
+        fn position(&self) -> DVec3 {
             self.0
         }
 
         fn between(&self, other: &Self) -> Self {
-            let uv = [0, 1].map(|i| f64::midpoint(self.1[i], other.1[i]));
-            Self(middle(self.0, other.0), uv)
+            Self(middle(self.0, other.0), self.1.midpoint(other.1))
         }
     }
 
     fn texels(a: &Point, b: &Point) -> f64 {
-        (a.1[0] - b.1[0]).hypot(a.1[1] - b.1[1])
+        (a.1.x - b.1.x).hypot(a.1.y - b.1.y)
     }
 
     fn parts(detail: &Detail, triangle: [Point; 3], textured: bool) -> Vec<[Point; 3]> {
@@ -223,9 +222,8 @@ mod tests {
     }
 
     /// Twice the area with its direction.
-    fn area(t: &[Point; 3]) -> [f64; 3] {
-        let [u, v] = [1, 2].map(|k| [0, 1, 2].map(|i| t[k].0[i] - t[0].0[i]));
-        [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
+    fn area(t: &[Point; 3]) -> DVec3 {
+        (t[1].0 - t[0].0).cross(t[2].0 - t[0].0)
     }
 
     /// How often each edge is run along, forwards counted up and backwards down: 0 for edges that two parts share.
@@ -233,7 +231,7 @@ mod tests {
         let mut edges: BTreeMap<[[u64; 3]; 2], i64> = BTreeMap::new();
         for t in parts {
             for k in 0..3 {
-                let [a, b] = [t[k].0, t[(k + 1) % 3].0].map(|p| p.map(|v| (v + 0.0).to_bits()));
+                let [a, b] = [t[k].0, t[(k + 1) % 3].0].map(|p| (p + DVec3::ZERO).to_array().map(f64::to_bits));
                 let (key, way) = if a < b { ([a, b], 1) } else { ([b, a], -1) };
                 *edges.entry(key).or_default() += way;
             }
@@ -255,15 +253,16 @@ mod tests {
     #[test]
     fn an_edge_has_the_same_key_from_both_ends_and_for_both_signs_of_zero() {
         let detail = Detail::with_places(1.0, DEEPEST, 1 << 16);
-        detail.note([0.0, 1.0, 2.0], [3.0, 4.0, 5.0], 8.0);
-        assert_eq!(detail.level([3.0, 4.0, 5.0], [-0.0, 1.0, 2.0]), 3);
-        assert_eq!(detail.level([3.0, 4.0, 5.0], [0.0, 1.0, 2.5]), 0);
+        let other = DVec3::new(3.0, 4.0, 5.0);
+        detail.note(DVec3::new(0.0, 1.0, 2.0), other, 8.0);
+        assert_eq!(detail.level(other, DVec3::new(-0.0, 1.0, 2.0)), 3);
+        assert_eq!(detail.level(other, DVec3::new(0.0, 1.0, 2.5)), 0);
     }
 
     #[test]
     fn an_untextured_neighbour_splits_the_shared_edge_at_the_same_points() {
         let detail = Detail::with_places(10.0, DEEPEST, 1 << 16);
-        let p = |x: f64, y: f64, u: f64, v: f64| Point([x, y, 0.3 * x], [u, v]);
+        let p = |x: f64, y: f64, u: f64, v: f64| Point(DVec3::new(x, y, 0.3 * x), DVec2::new(u, v));
         let textured = [p(0.0, 0.0, 0.0, 0.0), p(0.1, 0.0, 90.0, 0.0), p(0.0, 0.1, 0.0, 35.0)];
         let plain = [p(0.1, 0.0, 0.0, 0.0), p(0.1, 0.1, 0.0, 0.0), p(0.0, 0.1, 0.0, 0.0)];
         note(&detail, &textured);
@@ -277,7 +276,7 @@ mod tests {
     #[test]
     fn colliding_edges_are_only_ever_split_finer() {
         let detail = Detail::with_places(1.0, DEEPEST, 7);
-        let p = |i: u32| [f64::from(i), 0.0, 0.0];
+        let p = |i: u32| f64::from(i) * DVec3::X;
         for i in 0..100 {
             detail.note(p(i), p(i + 1), f64::from(i % 9));
         }
@@ -290,7 +289,8 @@ mod tests {
     fn a_texture_too_large_to_resolve_is_resolved_up_to_the_limit() {
         let detail = Detail::with_places(1.0, 4, 1 << 16);
         for uvs in [[[0.0, 0.0], [1e9, 0.0], [0.0, 1e9]], [[0.0, 0.0], [3e8, 1.0], [1e9, 2.0]]] {
-            let triangle = [0, 1, 2].map(|k| Point([f64::from(k == 1), f64::from(k == 2), 0.0], uvs[k as usize]));
+            let triangle =
+                [0, 1, 2].map(|k| Point(DVec3::new(f64::from(k == 1), f64::from(k == 2), 0.0), uvs[k as usize].into()));
             note(&detail, &triangle);
             let parts = parts(&detail, triangle, true);
             assert_eq!(open_edges(&parts), 3 * 16);
@@ -307,24 +307,24 @@ mod tests {
             uvs in proptest::array::uniform3(proptest::array::uniform2(0.0f64..60.0)),
             limit in 4.0f64..20.0,
         ) {
-            let triangle = [0, 1, 2].map(|k| Point(places[k], uvs[k]));
+            let triangle = [0, 1, 2].map(|k| Point(places[k].into(), uvs[k].into()));
             let whole = area(&triangle);
-            let size = whole.iter().map(|v| v * v).sum::<f64>().sqrt();
+            let size = whole.length();
             prop_assume!(size > 1.0);
             let detail = Detail::with_places(limit, DEEPEST, 1 << 16);
             note(&detail, &triangle);
             let parts = parts(&detail, triangle, true);
-            let mut sum = [0.0; 3];
+            let mut sum = DVec3::ZERO;
             for t in &parts {
                 let part = area(t);
-                prop_assert!((0..3).map(|i| part[i] * whole[i]).sum::<f64>() >= -1e-6 * size);
-                sum = [0, 1, 2].map(|i| sum[i] + part[i]);
+                prop_assert!(part.dot(whole) >= -1e-6 * size);
+                sum += part;
                 for k in 0..3 {
                     prop_assert!(texels(&t[k], &t[(k + 1) % 3]) <= limit * (1.0 + 1e-9));
                 }
             }
-            prop_assert!((0..3).all(|i| (sum[i] - whole[i]).abs() <= 1e-9 * size.max(1.0)));
-            let outer: usize = (0..3).map(|k| 1usize << detail.level(places[k], places[(k + 1) % 3])).sum();
+            prop_assert!(sum.abs_diff_eq(whole, 1e-9 * size.max(1.0)));
+            let outer: usize = (0..3).map(|k| 1usize << detail.level(places[k].into(), places[(k + 1) % 3].into())).sum();
             prop_assert_eq!(open_edges(&parts), outer);
         }
     }

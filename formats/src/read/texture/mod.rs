@@ -8,6 +8,7 @@
 mod decode_memory;
 pub mod detail;
 
+use glam::DVec2;
 use image::{DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
 pub(crate) use kilwa_geometry::color::{light_from_srgb, srgb_from_light};
 use kilwa_pack::plural::counted;
@@ -124,9 +125,9 @@ impl Texture {
 
     /// The colour at `uv`, sRGB: (0, 0) is the outer corner of the top left texel, (1, 1) that of the bottom right one.
     /// Bilinear in light, so that the mean of black and white is the grey that is half as bright. Not finite: as 0.
-    pub fn sample(&self, uv: [f64; 2], wrap: [Wrap; 2]) -> [u8; 3] {
-        let (x0, x1, fx) = neighbours(uv[0], self.width, wrap[0]);
-        let (y0, y1, fy) = neighbours(uv[1], self.height, wrap[1]);
+    pub fn sample(&self, uv: DVec2, wrap: [Wrap; 2]) -> [u8; 3] {
+        let (x0, x1, fx) = neighbours(uv.x, self.width, wrap[0]);
+        let (y0, y1, fy) = neighbours(uv.y, self.height, wrap[1]);
         let at = |x: usize, y: usize| &self.texels[3 * (y * self.width + x)..][..3];
         let corners = [(at(x0, y0), (1.0 - fx) * (1.0 - fy)), (at(x1, y0), fx * (1.0 - fy))];
         let more = [(at(x0, y1), (1.0 - fx) * fy), (at(x1, y1), fx * fy)];
@@ -300,7 +301,7 @@ mod tests {
                 Texture::decode(&encoded(format, 16, 8, |_, _| [200, 100, 50]), TEXTURE_BYTES, u64::MAX, |_| ())
                     .unwrap();
             assert_eq!(texture.size(), [16, 8]);
-            let color = texture.sample([0.5, 0.5], [Wrap::Repeat; 2]);
+            let color = texture.sample(DVec2::splat(0.5), [Wrap::Repeat; 2]);
             assert!(color.iter().zip([200u8, 100, 50]).all(|(a, b)| a.abs_diff(b) <= 4), "{format:?} {color:?}");
         }
     }
@@ -308,7 +309,7 @@ mod tests {
     #[test]
     fn the_centre_of_a_texel_has_its_colour_and_v_goes_down() {
         let t = two_by_two();
-        let at = |u, v| t.sample([u, v], [Wrap::Repeat; 2]);
+        let at = |u, v| t.sample(DVec2::new(u, v), [Wrap::Repeat; 2]);
         assert_eq!((at(0.25, 0.25), at(0.75, 0.25)), ([255, 0, 0], [0, 255, 0]));
         assert_eq!((at(0.25, 0.75), at(0.75, 0.75)), ([0, 0, 255], [255, 255, 255]));
     }
@@ -317,13 +318,13 @@ mod tests {
     fn interpolation_between_texels_is_in_linear_light() {
         let bytes = encoded(ImageFormat::Png, 2, 1, |x, _| if x == 0 { [0; 3] } else { [255; 3] });
         let t = Texture::decode(&bytes, TEXTURE_BYTES, u64::MAX, |_| ()).unwrap();
-        assert_eq!(t.sample([0.5, 0.5], [Wrap::Clamp; 2]), [188; 3]);
+        assert_eq!(t.sample(DVec2::splat(0.5), [Wrap::Clamp; 2]), [188; 3]);
     }
 
     #[test]
     fn wrapping_repeats_mirrors_or_clamps() {
         let t = two_by_two();
-        let at = |u, wrap| t.sample([u, 0.25], [wrap; 2]);
+        let at = |u, wrap| t.sample(DVec2::new(u, 0.25), [wrap; 2]);
         assert_eq!(at(1.25, Wrap::Repeat), [255, 0, 0]);
         assert_eq!(at(-0.25, Wrap::Repeat), [0, 255, 0]);
         assert_eq!(at(1.25, Wrap::Mirror), [0, 255, 0]);

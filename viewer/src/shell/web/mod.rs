@@ -283,7 +283,7 @@ impl Viewer {
 }
 
 fn bounds(metadata: &Metadata) -> Bounds {
-    Bounds { min: metadata.bounds_min.into(), max: metadata.bounds_max.into() }
+    Bounds { min: metadata.bounds_min, max: metadata.bounds_max }
 }
 
 /// The error of a browser that gives no device to draw with.
