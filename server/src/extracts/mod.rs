@@ -56,8 +56,6 @@ const AGAIN: Duration = Duration::from_secs(10);
 const UNFINISHED: &str = ".kilwa-";
 /// What a crash left half written is removed after this.
 const STALE: Duration = Duration::from_secs(24 * 3600);
-/// Endings of files of this cache.
-const ENDINGS: [&str; 4] = ["ply", "glb", "obj", "stl"];
 
 /// Why a file was not made.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -485,7 +483,7 @@ fn total([mesh, pack]: [u64; 2]) -> u64 {
 fn is_ours(name: &str) -> bool {
     let mut parts = name.split('.');
     let is_hash = parts.next().is_some_and(|hash| hash.len() == 64 && hash.bytes().all(|b| b.is_ascii_hexdigit()));
-    is_hash && name.rsplit('.').next().is_some_and(|end| ENDINGS.contains(&end))
+    is_hash && name.rsplit('.').next().is_some_and(|end| Format::of(end).is_some())
 }
 
 /// Count a start; seconds to wait where there were too many.
