@@ -1,6 +1,6 @@
 //! The sessions that are alive: begun by signing in, ended by signing out or with their time.
 //!
-//! What is kept is a list of live sessions, never one of ended sessions, so that anything lost from it ends sessions and nothing can revive one. In memory
+//! The list is of live sessions, never of ended ones, so that anything lost from it ends sessions and nothing can revive one. In memory
 //! (the default) a restart ends all of them. In a folder there is a small file for each session: a restart ends none, and servers that share the folder
 //! share their sessions. A file's name has hashes of user and session, so that whoever lists the folder can forge no cookie. A user has
 //! at most [`PER_USER`] sessions; for a further one the oldest ends.
@@ -154,7 +154,7 @@ impl Sessions {
         self.folder.as_ref().map_or(Ok(()), |folder| remove(folder, &own))
     }
 
-    /// All of them, with when they end; what is no session's file is left alone.
+    /// All of them, with when they end; other files are left alone.
     fn all(&self, kept: &HashMap<String, u64>) -> io::Result<HashMap<String, u64>> {
         let mut all = kept.clone();
         let Some(folder) = &self.folder else { return Ok(all) };
