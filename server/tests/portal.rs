@@ -263,6 +263,9 @@ async fn a_link_or_a_pipe_in_place_of_the_collections_is_logged_once() {
             std::os::unix::fs::symlink("/etc/passwd", &file).unwrap();
         }
         let mut site = Site::new(fresh(dir.path()), page());
+        let index = Index::open(dir.path(), None).unwrap();
+        index.refresh().unwrap();
+        site.index = Some(Arc::new(index));
         let collections = Collections::beside(site.catalogue.shelf().unwrap());
         site.collections = Some(Arc::new(collections.with_freshness(Duration::ZERO)));
         let app = app(site);
@@ -273,7 +276,8 @@ async fn a_link_or_a_pipe_in_place_of_the_collections_is_logged_once() {
         assert_eq!(lines(), 1, "{wanted}");
         // A file in its place shows that it was looked at.
         std::fs::remove_file(&file).unwrap();
-        std::fs::write(&file, "[[collection]]\nslug = \"coast\"\ntitle = \"The coast\"\n").unwrap();
+        std::fs::write(&file, "[[collection]]\nslug = \"coast\"\ntitle = \"The coast\"\nmembers = [\"gereza\"]\n")
+            .unwrap();
         assert!(get(&app, "/collections/").await.text().contains("The coast"));
     }
 }
