@@ -1,6 +1,7 @@
 //! A build that is stopped, killed or loses its scratch files ends with the bytes of an undisturbed one, or says why
 //! not; in between there is no file under the final name.
 
+use crate::eventually::eventually_every;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -81,12 +82,9 @@ impl Site {
     }
 }
 
+/// A stage of a build of this size lasts a few milliseconds.
 fn wait(until: impl Fn() -> bool, what: &str) {
-    let begun = Instant::now();
-    while !until() {
-        assert!(begun.elapsed() < Duration::from_secs(60), "{what} did not come");
-        std::thread::sleep(Duration::from_micros(200));
-    }
+    eventually_every(Duration::from_micros(200), what, || until().then_some(()));
 }
 
 fn interrupt(child: &Child) {
@@ -101,6 +99,7 @@ fn fifty_random_kills_do_not_change_the_bytes_and_leave_no_partial_file_under_th
     let (mut kills, mut finished) = (0, 0);
     while kills < KILLS {
         let mut child = site.build(&["--resume"]).stdout(Stdio::null()).spawn().unwrap();
+        // The moment of the kill is what this is about; no state is waited for.
         std::thread::sleep(site.took.mul_f64(random.f64() * 0.6));
         if child.try_wait().unwrap().is_some() {
             let output = child.wait_with_output().unwrap();

@@ -7,6 +7,8 @@ mod bucket;
 #[cfg(unix)]
 mod build_resume;
 mod cli;
+#[path = "../server/tests/common/eventually.rs"]
+mod eventually;
 // Named by `send`, which is compiled into the tests of uploads.
 #[path = "../src/distrust.rs"]
 mod distrust;

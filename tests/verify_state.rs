@@ -1,5 +1,6 @@
 //! `kilwa verify --state`: what is skipped, what is checked again, and what is missing since an earlier run.
 
+use crate::eventually::eventually;
 use crate::support::{fails, kilwa, succeeds, text};
 use crate::verify_objects::{pack, problems, publish, report, withdraw_with, wrap};
 use kilwa_archive::manifest::Manifest;
@@ -55,6 +56,7 @@ fn a_folder_is_checked_unit_by_unit_and_a_stopped_run_resumes() {
 fn changed_units_are_checked_again_even_if_recently_checked() {
     let folder = tempfile::tempdir().unwrap();
     let (shelf, state) = (folder.path().join("shelf"), folder.path().join("state"));
+    let tick = folder.path().join("tick");
     fs::create_dir(&shelf).unwrap();
     let object = publish(&shelf, "fort", 1);
     let single = shelf.join("single.kilwa");
@@ -71,8 +73,11 @@ fn changed_units_are_checked_again_even_if_recently_checked() {
             let time = fs::metadata(&path).unwrap().modified().unwrap();
             let mut bytes = good.clone();
             change(&mut bytes);
-            // File times may advance in steps of some milliseconds.
-            std::thread::sleep(std::time::Duration::from_millis(50));
+            // The times of files may advance in steps of some milliseconds.
+            eventually("a later time of files", || {
+                fs::write(&tick, "").unwrap();
+                (fs::metadata(&tick).unwrap().modified().unwrap() > time).then_some(())
+            });
             fs::write(&path, &bytes).unwrap();
             if cfg!(unix) {
                 fs::File::options().write(true).open(&path).unwrap().set_modified(time).unwrap();

@@ -72,12 +72,20 @@ fn put_all(lock: &Lock, page: &Page, steps: Steps<'_>) -> Result<(), DraftError>
             put(ASSETS, short.1, bytes)?;
         }
     }
-    put("", "models.json", format!("{:#}\n", list(&entries)).as_bytes())?;
+    let put_list = || put("", LIST, format!("{:#}\n", list(&entries)).as_bytes());
+    let is_first = !shelf.join(INDEX).exists();
+    if is_first {
+        put_list()?;
+    }
     put("", "feed.xml", feed(&entries, base.as_deref()).as_bytes())?;
     if let Some(base) = &base {
         put("", "sitemap.xml", sitemap(&entries, base).as_bytes())?;
     }
     put("", INDEX, catalogue(&entries).as_bytes())?;
+    if !is_first {
+        // Last: what it says, the others say too ([`lists`]).
+        put_list()?;
+    }
     disk::remove(&shelf.join(BEGUN), steps)?;
     making.close(steps)
 }
@@ -108,10 +116,12 @@ pub(super) fn sweep(lock: &Lock, steps: Steps<'_>) -> Result<(), DraftError> {
     disk::remove(&begun, steps)
 }
 
-/// The page that says that the pages are ours, put in its place last.
+/// The page that says that the pages are ours, put in its place last when they are written for the first time.
 const INDEX: &str = "index.html";
+/// The list for programs.
+const LIST: &str = "models.json";
 /// All that is written.
-const PAGES: [&str; 5] = [INDEX, "feed.xml", "models.json", "sitemap.xml", ASSETS];
+const PAGES: [&str; 5] = [INDEX, "feed.xml", LIST, "sitemap.xml", ASSETS];
 
 fn is_ours(index: &Path) -> bool {
     plain_file::read_at(index, SMALL_FILE_MAX).is_ok_and(|html| String::from_utf8_lossy(&html).contains(OURS))
@@ -136,6 +146,18 @@ pub fn check(shelf: &Path) -> Result<(), DraftError> {
         Some(there) => Err(DraftError::Foreign(there)),
         None => Ok(()),
     }
+}
+
+/// Whether the folder has pages that list an object, and not as withdrawn. A list of ours that cannot be read may say anything.
+pub fn lists(shelf: &Path, slug: &Slug) -> bool {
+    let is_there = is_ours(&shelf.join(INDEX)) || shelf.join(BEGUN).exists();
+    if !is_there || check(shelf).is_err() {
+        return false;
+    }
+    let read = plain_file::read_at(&shelf.join(LIST), SMALL_FILE_MAX).ok();
+    let Some(list) = read.and_then(|bytes| serde_json::from_slice::<Value>(&bytes).ok()) else { return true };
+    let is_listed = |model: &Value| model["slug"] == slug.as_str() && model["access"] != json!(AccessState::Withdrawn);
+    list["models"].as_array().is_none_or(|models| models.iter().any(is_listed))
 }
 
 fn entries(shelf: &Path) -> Result<Vec<Entry>, DraftError> {

@@ -26,7 +26,7 @@ impl fmt::Display for OutputError {
         match self.reason {
             Reason::Folder => write!(f, "{shown} is a folder; give the name of a file"),
             Reason::Special => write!(f, "{shown} is a pipe or a device; give the name of a file"),
-            Reason::Exists => write!(f, "{shown} exists already; give --force to replace it"),
+            Reason::Exists => write!(f, "{shown} already exists; use --force to replace it, or choose another name"),
             Reason::NoFolder => {
                 write!(f, "{shown}: there is no folder {}; make it first", folder_of(&self.path).display())
             }
@@ -67,7 +67,7 @@ mod tests {
         fs::write(at("file"), "x").unwrap();
         assert_eq!((check(&at("new"), false), check(&at("file"), true)), (Ok(()), Ok(())));
         for (path, replace, part) in [
-            (at("file"), false, "--force"),
+            (at("file"), false, "already exists; use --force to replace it, or choose another name"),
             (folder.path().to_owned(), true, "is a folder"),
             (at("none/new"), true, "there is no folder"),
         ] {

@@ -3,9 +3,9 @@
 /// Bytes from a text such as `300M`, `1G`, `2.5GiB` or `800000000`: K, M, G and T are powers of 1024.
 ///
 /// # Errors
-/// A sentence, for a text that is no size.
+/// A sentence, for a text that is not a size.
 pub fn parse(text: &str) -> Result<u64, String> {
-    let wrong = || format!("{text:?} is no size; give for example 300M, 1G or 2.5GiB");
+    let wrong = || format!("{text:?} is not a size; write for example 300M, 1G or 2.5GiB");
     let digits = text.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(text.len());
     let (number, unit) = text.split_at(digits);
     let number: f64 = number.parse().map_err(|_| wrong())?;
@@ -65,7 +65,8 @@ mod tests {
             assert_eq!(parse(text), Ok(is), "{text}");
         }
         for text in ["", "G", "-1G", "1X", "1e9", "1..2G", "NaN", "99999999T"] {
-            assert!(parse(text).is_err(), "{text}");
+            let message = parse(text).unwrap_err();
+            assert!(message.contains("is not a size; write for example 300M"), "{text}: {message}");
         }
     }
 

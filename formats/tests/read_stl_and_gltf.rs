@@ -96,7 +96,7 @@ const MALFORMED: &[(&str, &str)] = &[
     ("accessor_beyond_view.gltf", "accessors[0]: found 5 elements"),
     ("accessor_count_2_64.gltf", "accessors[0]"),
     ("accessor_of_4_billion.gltf", "4000000000 elements without a buffer view"),
-    ("base64_damaged.gltf", "buffers[0]: found a data URI that is no base64"),
+    ("base64_damaged.gltf", "buffers[0]: found a data URI that is not valid base64"),
     ("buffer_missing.gltf", "not here.bin"),
     ("buffer_on_the_web.gltf", "download it"),
     ("chunk_too_large.glb", "found a chunk of 972 bytes"),

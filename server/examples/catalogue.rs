@@ -8,6 +8,8 @@
 #[path = "../tests/store/bucket.rs"]
 #[allow(dead_code, reason = "the tests use all of it")]
 mod bucket;
+#[path = "../tests/common/eventually.rs"]
+mod eventually;
 
 use axum::body::Body;
 use axum::http::Request;

@@ -4,6 +4,7 @@
 //! most once a second, and seldom enough that listing takes a small part of the time; what changed in size, time or identity is read again.
 //! What cannot be read stays in the list with the reason, so that nothing vanishes silently.
 
+use crate::FRESHNESS;
 use crate::access::{Clock, Verdict, verdict};
 use crate::object_files::{ObjectFiles, Tables};
 use crate::store::{self, Identity, Place, S3, Survey, is_away, is_refused, is_silent};
@@ -207,6 +208,8 @@ pub struct Catalogue {
     listing: RwLock<Arc<Listing>>,
     listed: Mutex<Listed>,
     tables: Arc<Tables>,
+    /// What is seen of a folder is trusted so long.
+    freshness: Duration,
 }
 
 /// What the folder held when it was last listed.
@@ -232,6 +235,14 @@ impl Catalogue {
     /// # Errors
     /// [`CatalogueError`] when there is nothing readable of that name, or it is a file of another kind.
     pub fn open(path: &Path) -> Result<Self, CatalogueError> {
+        Self::open_fresh(path, FRESHNESS)
+    }
+
+    /// The same with another freshness than [`FRESHNESS`]; zero looks at the folder for every request.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_fresh(path: &Path, freshness: Duration) -> Result<Self, CatalogueError> {
         let unreadable = |source| CatalogueError::Unreadable { path: path.to_owned(), source };
         let is_file = !std::fs::metadata(path).map_err(unreadable)?.is_dir();
         if is_file && !is_pack(path) {
@@ -240,7 +251,7 @@ impl Catalogue {
         // A name, for what is given as `.`; and a working directory that changes later changes nothing.
         let root = path.canonicalize().map_err(unreadable)?;
         let single = is_file || root.join(MANIFEST).is_file();
-        Self::begin(Place::Path(root), single).map_err(unreadable)
+        Self::begin(Place::Path(root), single, freshness).map_err(unreadable)
     }
 
     /// List the objects of a part of a store, or take one object.
@@ -251,7 +262,7 @@ impl Catalogue {
         let root = Place::Key(Arc::clone(store), String::new());
         let silent = |source| CatalogueError::Silent { name: store.name().to_owned(), source };
         let single = store.is_object().map_err(silent)?;
-        let catalogue = Self::begin(root, single).map_err(silent)?;
+        let catalogue = Self::begin(root, single, FRESHNESS).map_err(silent)?;
         // One that is refused is named in the list; where all are, it is the keys.
         let listing = catalogue.listing();
         let refused = listing.models.values().next().filter(|_| listing.models.values().all(|m| m.is_unsure));
@@ -263,9 +274,10 @@ impl Catalogue {
         Ok(catalogue)
     }
 
-    fn begin(root: Place, single: bool) -> std::io::Result<Self> {
+    fn begin(root: Place, single: bool, freshness: Duration) -> std::io::Result<Self> {
         let listed = Mutex::new(Listed { at: Instant::now(), took: Duration::ZERO });
-        let catalogue = Self { root, single, listing: RwLock::default(), listed, tables: Arc::default() };
+        let tables = Tables::new(freshness);
+        let catalogue = Self { root, single, listing: RwLock::default(), listed, tables, freshness };
         catalogue.list()?;
         Ok(catalogue)
     }
@@ -433,10 +445,16 @@ impl Catalogue {
         Ok(packs)
     }
 
+    /// A listing that took so long is trusted so long. Where every request is to see the folder as it is, its cost does not count.
+    fn trusted_for(&self, took: Duration) -> Duration {
+        let limit = self.root.listed_for(self.freshness);
+        if limit.is_zero() { limit } else { limit.max(took * LISTING_SHARE) }
+    }
+
     fn relist(&self) {
         let due = {
             let mut listed = self.listed.lock().unwrap_or_else(PoisonError::into_inner);
-            let due = listed.at.elapsed() >= self.root.listed_for().max(listed.took * LISTING_SHARE);
+            let due = listed.at.elapsed() >= self.trusted_for(listed.took);
             if due {
                 // Others who ask meanwhile take what there is.
                 listed.at = Instant::now();

@@ -77,13 +77,17 @@ impl Connections {
 
     /// Close the link that has waited longest, where there is one that may be closed.
     pub(crate) fn evict(&self) -> bool {
+        self.evict_idle_for(FRESH)
+    }
+
+    fn evict_idle_for(&self, at_least: Duration) -> bool {
         let table = self.table.lock().unwrap_or_else(PoisonError::into_inner);
         let idle = table.links.values().filter_map(Weak::upgrade).filter(|link| link.is_idle());
         let oldest = idle.min_by_key(|link| link.waiting.load(Ordering::Relaxed));
         drop(table);
-        let fresh = u64::try_from(FRESH.as_millis()).unwrap_or(u64::MAX);
+        let at_least = u64::try_from(at_least.as_millis()).unwrap_or(u64::MAX);
         match oldest {
-            Some(link) if self.now().saturating_sub(link.waiting.load(Ordering::Relaxed)) >= fresh => {
+            Some(link) if self.now().saturating_sub(link.waiting.load(Ordering::Relaxed)) >= at_least => {
                 link.close.notify_one();
                 true
             }
@@ -183,18 +187,18 @@ mod tests {
     async fn the_longest_idle_connection_is_closed_first_and_a_busy_one_never() {
         let all = Connections::new();
         let [first, second, third] = [1, 2, 3].map(|_| all.enter(ip("127.0.0.1"), 0).unwrap());
-        assert!(!all.evict(), "they have only just come");
+        assert!(!all.evict_idle_for(Duration::from_secs(3600)), "they have only just come");
         first.begin();
         second.waiting.store(0, Ordering::Relaxed);
         third.waiting.store(1, Ordering::Relaxed);
-        std::thread::sleep(FRESH + Duration::from_millis(10));
-        assert!(all.evict());
+        let evict = || all.evict_idle_for(Duration::ZERO);
+        assert!(evict());
         second.closed().await;
         drop(second);
         third.blocked.store(true, Ordering::Relaxed);
-        assert!(!all.evict(), "one works, the other still writes");
+        assert!(!evict(), "one works, the other still writes");
         third.blocked.store(false, Ordering::Relaxed);
-        assert!(all.evict());
+        assert!(evict());
         third.closed().await;
         assert_eq!(all.close_all(), 2);
         first.closed().await;

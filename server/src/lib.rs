@@ -16,6 +16,9 @@ mod connections;
 mod content;
 mod countries;
 mod ending;
+#[cfg(test)]
+#[path = "../tests/common/eventually.rs"]
+mod eventually;
 pub mod extracts;
 mod flow;
 mod gate;
@@ -43,3 +46,6 @@ pub use policy::{Policy, PolicyError};
 pub use portal::collections::{Collections, FILE as COLLECTIONS_FILE};
 pub use site::{Audience, Site, app};
 pub use socket::{Limits, listen};
+
+/// What the server saw of a folder, of the accounts or of the right to a running transfer is trusted so long, then it looks again. Tests set it to zero.
+pub const FRESHNESS: std::time::Duration = std::time::Duration::from_secs(1);

@@ -18,7 +18,7 @@ use kilwa_files::plain_file;
 use std::collections::{BTreeMap, VecDeque};
 use std::io;
 use std::sync::{Arc, Mutex, PoisonError, Weak};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Files up to this length are compared with their checksum when they are first asked for. Only packs may be longer: each of their chunks has a
 /// checksum that every reader checks, and the server compares their length; `kilwa verify` compares all of it.
@@ -112,12 +112,18 @@ impl Table {
 }
 
 /// Tables that are held: the most recent ones, so that an archive of any size costs no more memory than a few hundred objects.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Tables {
     recent: Mutex<VecDeque<Weak<ObjectFiles>>>,
+    /// A table from a folder is trusted so long.
+    freshness: Duration,
 }
 
 impl Tables {
+    pub(crate) fn new(freshness: Duration) -> Arc<Self> {
+        Arc::new(Self { recent: Mutex::default(), freshness })
+    }
+
     /// One more; those that are too many are forgotten.
     fn keep(&self, files: &Arc<ObjectFiles>) {
         let mut recent = self.recent.lock().unwrap_or_else(PoisonError::into_inner);
@@ -160,7 +166,7 @@ impl ObjectFiles {
     pub(crate) fn table(self: &Arc<Self>) -> io::Result<Arc<Table>> {
         let mut current = self.current.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((table, looked)) = current.as_mut() {
-            if looked.elapsed() < self.folder.looked_at_for() && self.has_same_manifest(table) {
+            if looked.elapsed() < self.folder.looked_at_for(self.tables.freshness) && self.has_same_manifest(table) {
                 return Ok(Arc::clone(table));
             }
             match root_of(&self.folder) {

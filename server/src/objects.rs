@@ -64,7 +64,7 @@ pub(crate) async fn respond(
                         file(&asked, name)
                             .await
                             .map(keep_nowhere)
-                            .map(|r| while_allowed(r, name, model, clock, Some(auth), headers))
+                            .map(|r| while_allowed(r, Sent::File(name), model, clock, Some(auth), headers))
                     }
                     Some(_) => Ok(locked(&model.slug, &why)),
                     None => Ok(withheld(&why)),
@@ -72,7 +72,7 @@ pub(crate) async fn respond(
             }
             _ => {
                 let asked = Asked { files: &object.files, table: &table, ranges, method, headers };
-                file(&asked, name).await.map(|r| while_allowed(r, name, model, clock, auth, headers))
+                file(&asked, name).await.map(|r| while_allowed(r, Sent::File(name), model, clock, auth, headers))
             }
         },
         Err(status) => Err(status),
@@ -86,19 +86,32 @@ pub(crate) async fn respond(
     response
 }
 
-/// A response with the file `name` of an object that ends when a request for the file would no longer be answered. Without access control, only
-/// public files are sent.
+/// What a response brings.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Sent<'a> {
+    /// The model in any form: a pack or a mesh made of it.
+    Model,
+    /// A file of the object, by its name there.
+    File(&'a str),
+}
+
+/// A response that ends when a request for the same would no longer be answered. Without access control, only public files are sent.
 pub(crate) fn while_allowed(
     mut response: Response<Body>,
-    name: &str,
+    sent: Sent<'_>,
     model: &Model,
     clock: &Clock,
     auth: Option<&Arc<Auth>>,
     headers: &HeaderMap,
 ) -> Response<Body> {
-    // These two remain of a withdrawn object.
-    let Some(object) = model.object().filter(|_| ![MANIFEST, PAGE].contains(&name)) else { return response };
-    let (files, slug, has_geometry) = (Arc::clone(&object.files), model.slug.clone(), is_geometry(name));
+    let Some(object) = model.object() else { return response };
+    let has_geometry = match sent {
+        Sent::Model => true,
+        // These two remain of a withdrawn object.
+        Sent::File(MANIFEST | PAGE) => return response,
+        Sent::File(name) => is_geometry(name),
+    };
+    let (files, slug) = (Arc::clone(&object.files), model.slug.clone());
     let (clock, auth, headers) = (clock.clone(), auth.cloned(), headers.clone());
     let may_go_on = move || {
         let Ok(table) = files.table() else { return false };

@@ -7,7 +7,7 @@
 use crate::access::Clock;
 use crate::catalogue::{Catalogue, Kind, Model};
 use crate::content::{ASK_AGAIN, FOR_EVER, Source, answer, offer_pieces, pieces, plain, share_ranges};
-use crate::objects;
+use crate::objects::{self, Sent};
 use crate::range::split;
 use crate::store::{Content, Identity};
 use axum::body::Body;
@@ -55,7 +55,7 @@ async fn pack(
             Ok(mut response) => {
                 offer_pieces(&mut response);
                 // There is no sign-in here: closed models are not served, and transfers end when a model is closed.
-                return Ok(objects::while_allowed(response, name, &model, clock, None, headers));
+                return Ok(objects::while_allowed(response, Sent::Model, &model, clock, None, headers));
             }
             Err(e) => objects::again(&model, &e),
         }

@@ -1,13 +1,13 @@
 //! Ending transfers when access ends: by revocation, signing out, closing a model or withdrawing it.
 //!
 //! A handler that answers with a file that is not public for ever puts a [`WhileAllowed`] into the response ([`crate::objects::while_allowed`]).
-//! One layer of the site ([`watch`]) gives such responses a body that checks every [`EVERY`] whether it may continue. If not, it ends in an error,
+//! One layer of the site ([`watch`]) gives such responses a body that checks once in a while (`Site::recheck`) whether it may continue. If not, it ends in an error,
 //! so that the connection is closed before `Content-Length` is reached. The layer is outside of those that replace bodies ([`crate::budget`]).
 //! A body hands out at most [`PIECE`] at a time, because the HTTP library sends everything that it has taken. Bytes that the client has received cannot be
 //! taken back.
 
 use axum::body::{Body, Bytes, HttpBody as _};
-use axum::extract::Request;
+use axum::extract::{Request, State};
 use axum::middleware::Next;
 use axum::response::Response;
 use http_body::{Frame, SizeHint};
@@ -17,9 +17,6 @@ use std::sync::Arc;
 use std::task::{Context, Poll, ready};
 use std::time::{Duration, Instant};
 use tokio::task::JoinHandle;
-
-/// Time between checks; the accounts are re-read equally often.
-const EVERY: Duration = Duration::from_secs(1);
 
 /// Bytes handed out at a time.
 const PIECE: usize = 16 * 1024;
@@ -38,11 +35,11 @@ impl WhileAllowed {
     }
 }
 
-/// End marked responses when they are no longer allowed.
-pub(crate) async fn watch(request: Request, next: Next) -> Response {
+/// End marked responses when they are no longer allowed; `every` so often it is checked.
+pub(crate) async fn watch(State(every): State<Duration>, request: Request, next: Next) -> Response {
     let mut response = next.run(request).await;
     match response.extensions_mut().remove::<WhileAllowed>() {
-        Some(WhileAllowed(may_go_on)) => response.map(|body| rechecked(body, may_go_on)),
+        Some(WhileAllowed(may_go_on)) => response.map(|body| rechecked(body, may_go_on, every)),
         None => response,
     }
 }
@@ -52,16 +49,18 @@ struct Rechecked {
     /// The part of the body's last frame that was not handed out yet.
     rest: Bytes,
     may_go_on: Check,
+    every: Duration,
     next: Instant,
     checking: Option<JoinHandle<bool>>,
 }
 
-/// A body that ends in an error when the check fails.
-fn rechecked(body: Body, may_go_on: Check) -> Body {
+/// A body that ends in an error when the check, which is made every so often, fails.
+fn rechecked(body: Body, may_go_on: Check, every: Duration) -> Body {
     if body.is_end_stream() {
         return body;
     }
-    Body::new(Rechecked { body, rest: Bytes::new(), may_go_on, next: Instant::now() + EVERY, checking: None })
+    let next = Instant::now() + every;
+    Body::new(Rechecked { body, rest: Bytes::new(), may_go_on, every, next, checking: None })
 }
 
 impl http_body::Body for Rechecked {
@@ -80,7 +79,7 @@ impl http_body::Body for Rechecked {
                 let ended = io::Error::new(io::ErrorKind::PermissionDenied, "access ended during the transfer");
                 return Poll::Ready(Some(Err(axum::Error::new(ended))));
             }
-            self.next = Instant::now() + EVERY;
+            self.next = Instant::now() + self.every;
         }
         if self.rest.is_empty() {
             match ready!(Pin::new(&mut self.body).poll_frame(cx)) {
@@ -120,14 +119,16 @@ mod tests {
     #[tokio::test]
     async fn a_body_of_a_single_frame_is_ended() {
         let bytes: Vec<u8> = (0..20 * PIECE + 7).map(|n| (n % 251) as u8).collect();
-        for is_ended in [true, false] {
+        // An interval of zero checks before every piece, a long one never.
+        let long = Duration::from_secs(3600);
+        for (is_ended, every) in [(true, Duration::ZERO), (false, Duration::ZERO), (false, long)] {
             let allowed = Arc::new(AtomicBool::new(true));
             let asked = Arc::clone(&allowed);
-            let body = rechecked(Body::from(bytes.clone()), Arc::new(move || asked.load(Ordering::Relaxed)));
+            let body = rechecked(Body::from(bytes.clone()), Arc::new(move || asked.load(Ordering::Relaxed)), every);
             assert_eq!(body.size_hint().exact(), Some(bytes.len() as u64));
             let mut stream = body.into_data_stream();
             let (mut came, mut is_cut) = (stream.next().await.unwrap().unwrap().to_vec(), false);
-            allowed.store(!is_ended, Ordering::Relaxed);
+            allowed.store(!is_ended && every.is_zero(), Ordering::Relaxed);
             while let Some(piece) = stream.next().await {
                 match piece {
                     Ok(piece) if piece.len() <= PIECE => came.extend_from_slice(&piece),
@@ -137,9 +138,9 @@ mod tests {
                 if is_cut {
                     break;
                 }
-                tokio::time::sleep(EVERY / 8).await;
             }
-            assert_eq!((is_cut, came.len() < bytes.len()), (is_ended, is_ended));
+            assert_eq!((is_cut, came.len() == PIECE), (is_ended, is_ended), "{every:?}");
+            assert_eq!(came.len() == bytes.len(), !is_ended, "{every:?}");
             assert!(bytes.starts_with(&came));
         }
     }

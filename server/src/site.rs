@@ -14,6 +14,7 @@
 //! | `/uploads` | versions that are published from elsewhere ([`crate::upload`]) |
 //! | `/healthz`, `/metrics` | for those who keep the server |
 
+use crate::FRESHNESS;
 use crate::access::Clock;
 use crate::auth::{self, Auth};
 use crate::budget::{Budget, Counting, count, lean};
@@ -56,6 +57,7 @@ use kilwa_archive::viewer::{Asset, Page, PageError};
 use std::io::Write;
 use std::net::IpAddr;
 use std::sync::Arc;
+use std::time::Duration;
 
 /// Nothing here takes more than this of a request's body.
 const BODY_LIMIT: u64 = 64 * 1024;
@@ -89,6 +91,8 @@ pub struct Site {
     pub behind_proxy: bool,
     /// What embargoes go by.
     pub clock: Clock,
+    /// Time between checks whether a running transfer may continue; [`FRESHNESS`] unless a test cannot wait.
+    pub recheck: Duration,
     /// The index of the objects, for the catalogue.
     pub index: Option<Arc<Index>>,
     /// Where the site is for the world, `https://museum.example`; without it, as each request names it.
@@ -117,6 +121,7 @@ impl Site {
             metrics_for: Audience::Local,
             behind_proxy: false,
             clock: Clock::default(),
+            recheck: FRESHNESS,
             index: None,
             url: None,
             contact: None,
@@ -162,7 +167,7 @@ pub fn app(site: Site) -> Router {
         .fallback(|| async { lost() })
         .layer(from_fn_with_state(place, store::report_outage))
         .layer(from_fn_with_state(counting, count))
-        .layer(from_fn(recheck::watch))
+        .layer(from_fn_with_state(site.recheck, recheck::watch))
         .layer(from_fn_with_state(fixed_headers, security_headers))
         .layer(from_fn_with_state(observer, observe))
         .with_state(site)

@@ -11,6 +11,7 @@ use kilwa_server::{Catalogue, Clock, Site, app};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
 use tower::ServiceExt;
 
 /// 2026-11-21T12:00:00Z.
@@ -53,7 +54,7 @@ impl Museum {
         let time = Arc::clone(&clock);
         site.clock = Clock::new(move || time.load(Ordering::Relaxed));
         let auth = Auth::open(&folder.path().join("access.json"), Some(&folder.path().join("audit.jsonl"))).unwrap();
-        site.auth = Some(Arc::new(auth));
+        site.auth = Some(Arc::new(auth.with_freshness(Duration::ZERO)));
         let address = format!("/cave/{}", cave.versions[0].pack.url);
         Self { app: app(site), clock, folder, token, bytes, address }
     }
@@ -95,8 +96,6 @@ fn change(file: &Path, how: impl FnOnce(&mut Accounts)) {
         Ok::<_, AccountsError>(())
     });
     changed.unwrap();
-    // The server checks the file once a second.
-    std::thread::sleep(std::time::Duration::from_millis(1100));
 }
 
 #[tokio::test]
@@ -226,7 +225,6 @@ async fn a_revoked_grant_takes_effect_at_once_and_a_lost_accounts_file_lets_nobo
     change(&m.accounts(), |a| a.set_user("amina", &Grant::All, None).unwrap());
     assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::OK);
     std::fs::write(m.accounts(), "{ damaged").unwrap();
-    std::thread::sleep(std::time::Duration::from_millis(1100));
     assert_eq!(m.fetch(&m.address, &capability).await.status, StatusCode::UNAUTHORIZED);
     assert!(m.sign_in("amina", "a long sentence").await.is_none());
     assert_eq!(get(&m.app, "/fort/").await.status, StatusCode::OK, "what is public stays so");
@@ -339,7 +337,8 @@ async fn a_wrong_clock_grants_no_access_and_the_server_reports_it() {
 fn another(m: &Museum, sessions: Sessions) -> Router {
     let mut site = Site::new(Catalogue::open(&m.folder.path().join("models")).unwrap(), page());
     site.clock = Clock::new(|| NOW);
-    site.auth = Some(Arc::new(Auth::open(&m.accounts(), None).unwrap().with_sessions(sessions)));
+    let auth = Auth::open(&m.accounts(), None).unwrap().with_freshness(Duration::ZERO);
+    site.auth = Some(Arc::new(auth.with_sessions(sessions)));
     app(site)
 }
 
@@ -458,11 +457,7 @@ async fn a_reader_is_informed_if_a_session_cannot_be_stored_or_ended() {
 async fn signing_out_works_or_reports_that_it_failed() {
     let m = Museum::new();
     let before = std::fs::read(m.accounts()).unwrap();
-    let keep = |bytes: &[u8]| {
-        std::fs::write(m.accounts(), bytes).unwrap();
-        // The server checks the file once a second.
-        std::thread::sleep(std::time::Duration::from_millis(1100));
-    };
+    let keep = |bytes: &[u8]| std::fs::write(m.accounts(), bytes).unwrap();
     let opens = async |session: &str| m.post("/cave/open", &[("cookie", session)], "").await.status;
     let (session, _) = begin(&m.app).await;
     keep(b"{");

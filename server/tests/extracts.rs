@@ -5,6 +5,7 @@
 mod fake;
 
 use crate::common::{Answer, ask, get, object, pack, page, public};
+use crate::eventually::eventually_async;
 use axum::Router;
 use axum::body::Body;
 use axum::http::Request;
@@ -15,7 +16,6 @@ use kilwa_server::auth::Auth;
 use kilwa_server::extracts::{Detail, Extractor, Extracts, Failure, Format, Pack};
 use kilwa_server::{Catalogue, Clock, Site, app};
 use std::sync::Arc;
-use std::time::Duration;
 use tower::ServiceExt;
 
 struct Archive {
@@ -64,14 +64,8 @@ impl Archive {
 
     /// Until the file of an address is there.
     async fn made(&self, uri: &str, cookie: &str) -> Answer {
-        for _ in 0..1000 {
-            let answer = ask(&self.app, "GET", uri, &[("cookie", cookie)]).await;
-            if answer.status != 202 {
-                return answer;
-            }
-            tokio::time::sleep(Duration::from_millis(5)).await;
-        }
-        panic!("{uri} is not made");
+        let made = async || Some(ask(&self.app, "GET", uri, &[("cookie", cookie)]).await).filter(|a| a.status != 202);
+        eventually_async(uri, made).await
     }
 }
 

@@ -2,6 +2,8 @@
 
 mod auth;
 mod common;
+#[path = "common/eventually.rs"]
+mod eventually;
 mod extracts;
 mod index;
 mod objects;

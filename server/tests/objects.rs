@@ -1,6 +1,7 @@
 //! Archive objects over HTTP: exactly what was published, what is new at once, nothing of what is not public.
 
-use crate::common::{ask, get, noise, object, pack, page, public, site};
+use crate::common::{ask, fresh_site, get, noise, object, pack, page, public, site};
+use crate::eventually::eventually_async;
 use kilwa_archive::checksums::sha256;
 use kilwa_archive::manifest::{Access, AccessState};
 use kilwa_server::{Catalogue, Clock, Policy, Site, app};
@@ -8,9 +9,6 @@ use std::fs::write;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
-
-/// Longer than the server relies on an earlier look at the folder.
-const NOTICED: Duration = Duration::from_millis(1100);
 
 #[tokio::test]
 async fn an_object_is_served_file_by_file_under_its_checksums() {
@@ -212,16 +210,14 @@ async fn no_link_and_no_special_file_is_followed_anywhere() {
 #[tokio::test]
 async fn new_and_changed_objects_are_noticed_without_a_restart() {
     let dir = tempfile::tempdir().unwrap();
-    let app = site(dir.path());
+    let app = fresh_site(dir.path());
     assert_eq!(get(&app, "/fort/").await.status, 404);
     let (one, two) = (pack("One"), pack("Two"));
     let first = object(dir.path(), "fort", std::slice::from_ref(&one), public());
-    tokio::time::sleep(NOTICED).await;
     assert_eq!(get(&app, "/fort/").await.status, 200);
     assert_eq!(get(&app, "/fort/annotations.json").await.status, 404);
     write(dir.path().join("fort/annotations.json"), "{}").unwrap();
     let second = object(dir.path(), "fort", &[one.clone(), two.clone()], public());
-    tokio::time::sleep(NOTICED).await;
     assert_eq!(get(&app, "/fort/manifest.json").await.body, second.to_bytes().unwrap());
     assert_eq!(get(&app, "/fort/annotations.json").await.text(), "{}");
     assert_eq!(get(&app, &format!("/fort/{}", second.versions[1].pack.url)).await.body, two);
@@ -230,7 +226,6 @@ async fn new_and_changed_objects_are_noticed_without_a_restart() {
     let json = get(&app, "/models.json").await.text();
     assert!(json.contains(&second.versions[1].pack.url), "{json}");
     std::fs::remove_dir_all(dir.path().join("fort")).unwrap();
-    tokio::time::sleep(NOTICED).await;
     assert_eq!(get(&app, "/fort/").await.status, 404);
     assert_eq!(get(&app, "/fort/manifest.json").await.status, 404);
 }
@@ -245,7 +240,7 @@ async fn a_withdrawn_object_answers_410_with_its_tombstone() {
         ..public()
     };
     let manifest = object(dir.path(), "fort", &[pack("Fort")], withdrawn);
-    let app = site(dir.path());
+    let app = fresh_site(dir.path());
     let pack_url = format!("/fort/{}", manifest.versions[0].pack.url);
     for url in ["/fort/", &pack_url, "/fort/v1/poster.jpg", "/fort/v1/nothing", "/packs/fort.kilwa"] {
         let a = ask(&app, "GET", url, &[("range", "bytes=0-3")]).await;
@@ -255,7 +250,6 @@ async fn a_withdrawn_object_answers_410_with_its_tombstone() {
     let a = get(&app, "/fort/manifest.json").await;
     assert_eq!((a.status.as_u16(), &a.body[..]), (410, &manifest.to_bytes().unwrap()[..]));
     std::fs::remove_file(dir.path().join("fort/index.html")).unwrap();
-    tokio::time::sleep(NOTICED).await;
     let a = get(&app, "/fort/").await;
     assert_eq!(a.status, 410);
     assert!(a.text().contains("The family &lt;asked&gt;."), "{}", a.text());
@@ -334,7 +328,7 @@ async fn a_damaged_object_is_reported_with_the_reason_and_others_are_served() {
 async fn a_damaged_or_lost_file_is_served_again_when_restored() {
     let dir = tempfile::tempdir().unwrap();
     let manifest = object(dir.path(), "fort", &[pack("fort")], public());
-    let app = site(dir.path());
+    let app = fresh_site(dir.path());
     let pack = manifest.versions[0].pack.url.clone();
     for name in [&pack, "v1/poster.jpg"] {
         let (path, address) = (dir.path().join("fort").join(name), format!("/fort/{name}"));
@@ -343,12 +337,8 @@ async fn a_damaged_or_lost_file_is_served_again_when_restored() {
             [&|| std::fs::write(&path, &good[1..]).unwrap(), &|| std::fs::remove_file(&path).unwrap()];
         for damage in damage {
             let until = async |status: u16| {
-                let seen = async {
-                    while get(&app, &address).await.status != status {
-                        tokio::task::yield_now().await;
-                    }
-                };
-                tokio::time::timeout(std::time::Duration::from_secs(60), seen).await.expect("it is noticed");
+                let what = format!("{status} for {address}");
+                eventually_async(&what, async || (get(&app, &address).await.status == status).then_some(())).await;
             };
             until(200).await;
             damage();
@@ -439,7 +429,7 @@ async fn long_notes_are_sent_buffer_by_buffer_with_an_etag_of_their_content() {
     std::fs::write(dir.path().join("fort/annotations.json"), &notes).unwrap();
     std::fs::write(dir.path().join("plain.kilwa"), pack("plain")).unwrap();
     std::fs::write(dir.path().join("plain.annotations.json"), &notes).unwrap();
-    let app = site(dir.path());
+    let app = fresh_site(dir.path());
     let tag = format!("\"{}\"", blake3::hash(&notes).to_hex());
     for address in ["/fort/annotations.json", "/packs/plain.annotations.json"] {
         let whole = get(&app, address).await;
@@ -451,6 +441,5 @@ async fn long_notes_are_sent_buffer_by_buffer_with_an_etag_of_their_content() {
     }
     let longer = noise(300_001, 6);
     std::fs::write(dir.path().join("fort/annotations.json"), &longer).unwrap();
-    tokio::time::sleep(NOTICED).await;
     assert!(get(&app, "/fort/annotations.json").await.body[..] == longer[..]);
 }

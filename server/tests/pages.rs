@@ -1,6 +1,7 @@
 //! The pages a person sees, and the page's own files.
 
-use crate::common::{ask, get, pack, page, site};
+use crate::common::{ask, fresh_site, get, pack, page, site};
+use crate::eventually::eventually_async;
 use kilwa_server::{Catalogue, Page, Site, app};
 use std::fs::write;
 use std::path::Path;
@@ -28,12 +29,10 @@ async fn the_list_names_every_model_and_why_a_broken_one_is_refused() {
     assert_eq!(get(&app, "/packs/text.kilwa").await.status, 404);
     assert_eq!(get(&app, "/packs/cut.kilwa").await.status, 200);
     write(dir.path().join("text.kilwa"), &good).unwrap();
-    let replaced = async {
-        while get(&app, "/packs/text.kilwa").await.status != 200 {
-            tokio::task::yield_now().await;
-        }
-    };
-    tokio::time::timeout(std::time::Duration::from_secs(60), replaced).await.expect("a pack in its place is noticed");
+    eventually_async("the pack in its place", async || {
+        (get(&app, "/packs/text.kilwa").await.status == 200).then_some(())
+    })
+    .await;
 }
 
 #[tokio::test]
@@ -55,10 +54,9 @@ async fn a_model_page_carries_its_pack_and_facts_in_plain_html() {
 #[tokio::test]
 async fn a_model_added_to_the_folder_appears_and_a_single_pack_can_be_served() {
     let dir = tempfile::tempdir().unwrap();
-    let app = site(dir.path());
+    let app = fresh_site(dir.path());
     assert!(get(&app, "/").await.text().contains("no model here"));
     write(dir.path().join("late.kilwa"), pack("Late")).unwrap();
-    std::thread::sleep(std::time::Duration::from_millis(1100));
     assert_eq!(get(&app, "/m/late").await.status, 200);
     let single = site(&dir.path().join("late.kilwa"));
     assert!(get(&single, "/").await.text().contains("/m/late"));

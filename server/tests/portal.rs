@@ -1,6 +1,7 @@
 //! The portal, for people and for other systems, over published objects.
 
-use crate::common::{Answer, ask, get, object, pack, page, public};
+use crate::common::{Answer, LogCapture, ask, fresh, get, object, pack, page, public};
+use crate::eventually::eventually_async;
 use axum::body::{Body, Bytes};
 use axum::http::{Request, StatusCode};
 use http_body::{Frame, SizeHint};
@@ -243,15 +244,42 @@ async fn new_objects_are_found_while_serving() {
     let app = portal(dir.path());
     assert_eq!(get(&app, "/?q=husuni").await.text().matches("class=\"card\"").count(), 0);
     published(dir.path(), "husuni", |m| m.title = "Husuni Kubwa".into());
-    tokio::time::sleep(Duration::from_millis(1100)).await;
-    for attempt in 0.. {
-        if get(&app, "/?q=husuni").await.text().contains("Husuni Kubwa") {
-            break;
-        }
-        assert!(attempt < 50, "it was not noticed");
-        tokio::time::sleep(Duration::from_millis(100)).await;
-    }
+    let found = async || get(&app, "/?q=husuni").await.text().contains("Husuni Kubwa").then_some(());
+    eventually_async("the new object in the catalogue", found).await;
     assert_eq!(get(&app, "/husuni/").await.status, 200);
+}
+
+/// Every look finds the same: one line is enough.
+#[cfg(unix)]
+#[tokio::test]
+async fn a_link_or_a_pipe_in_place_of_the_collections_is_logged_once() {
+    let log = LogCapture::listen();
+    for wanted in ["it is a pipe", "it is a link"] {
+        let dir = archive();
+        let file = dir.path().join(COLLECTIONS_FILE);
+        if wanted.ends_with("pipe") {
+            assert!(std::process::Command::new("mkfifo").arg(&file).status().unwrap().success());
+        } else {
+            std::os::unix::fs::symlink("/etc/passwd", &file).unwrap();
+        }
+        let mut site = Site::new(fresh(dir.path()), page());
+        let index = Index::open(dir.path(), None).unwrap();
+        index.refresh().unwrap();
+        site.index = Some(Arc::new(index));
+        let collections = Collections::beside(site.catalogue.shelf().unwrap());
+        site.collections = Some(Arc::new(collections.with_freshness(Duration::ZERO)));
+        let app = app(site);
+        let lines = || log.about("collections.toml").into_iter().filter(|line| line.contains(wanted)).count();
+        for _ in 0..30 {
+            assert_eq!(get(&app, "/collections/").await.status, 200);
+        }
+        assert_eq!(lines(), 1, "{wanted}");
+        // A file in its place shows that it was looked at.
+        std::fs::remove_file(&file).unwrap();
+        std::fs::write(&file, "[[collection]]\nslug = \"coast\"\ntitle = \"The coast\"\nmembers = [\"gereza\"]\n")
+            .unwrap();
+        assert!(get(&app, "/collections/").await.text().contains("The coast"));
+    }
 }
 
 #[tokio::test]

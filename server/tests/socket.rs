@@ -1,7 +1,8 @@
 //! The accept loop over a real socket: limits hold, stopping is orderly.
 
-use crate::common::{noise, site};
-use kilwa_server::{Limits, listen};
+use crate::common::{noise, page};
+use crate::eventually::eventually_async;
+use kilwa_server::{Catalogue, Limits, Site, app, listen};
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
@@ -25,8 +26,9 @@ async fn start(limits: Limits, size: usize) -> Running {
     let listener = TcpListener::bind("127.0.0.1:0").await.unwrap();
     let address = listener.local_addr().unwrap();
     let (stop, stopped) = oneshot::channel::<()>();
-    let app = site(dir.path());
-    let done = tokio::spawn(listen(listener, app, Arc::default(), limits, async {
+    let site = Site::new(Catalogue::open(dir.path()).unwrap(), page());
+    let metrics = Arc::clone(&site.metrics);
+    let done = tokio::spawn(listen(listener, app(site), metrics, limits, async {
         drop(stopped.await);
     }));
     Running { address, stop, done, bytes, _dir: dir }
@@ -73,7 +75,13 @@ async fn a_stalled_reader_is_disconnected_and_a_slow_one_is_not() {
     let mut good = TcpStream::connect(r.address).await.unwrap();
     good.write_all(GET).await.unwrap();
     assert!(whole(good).await.unwrap() == r.bytes);
-    tokio::time::sleep(Duration::from_millis(900)).await;
+    let disconnected = async || {
+        let mut asked = TcpStream::connect(r.address).await.unwrap();
+        asked.write_all(b"GET /metrics HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n").await.unwrap();
+        let figures = String::from_utf8(whole(asked).await.unwrap()).unwrap();
+        figures.lines().any(|line| line == "kilwa_slow_readers_total 1").then_some(())
+    };
+    eventually_async("the stalled reader is disconnected", disconnected).await;
     assert!(whole(stuck).await.map_or(0, |b| b.len()) < r.bytes.len());
     r.stop.send(()).unwrap();
     r.done.await.unwrap().unwrap();

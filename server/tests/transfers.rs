@@ -1,6 +1,7 @@
 //! What happens to a running transfer when the file changes, or access to it.
 
-use crate::common::{Answer, noise, object, page, public};
+use crate::common::{Answer, fresh, noise, object, page, public};
+use crate::eventually::eventually_async;
 use axum::Router;
 use axum::body::{Body, BodyDataStream};
 use axum::http::Request;
@@ -19,7 +20,7 @@ use std::time::{Duration, SystemTime};
 use tower::ServiceExt as _;
 
 const NOW: u64 = 1_795_262_400;
-/// Enough bytes to take a slow reader several seconds.
+/// Far more than is on its way to a reader at once.
 const LENGTH: usize = 16 << 20;
 
 /// A transfer whose first bytes have arrived.
@@ -32,7 +33,7 @@ async fn begun(app: &Router, address: &str, token: &str) -> BodyDataStream {
     body
 }
 
-/// How many more bytes a slow reader receives, and whether the transfer ends in an error.
+/// How many more bytes a reader receives, and whether the transfer ends in an error.
 async fn rest(mut body: BodyDataStream) -> (usize, bool) {
     let mut bytes = 0;
     while let Some(part) = body.next().await {
@@ -40,9 +41,16 @@ async fn rest(mut body: BodyDataStream) -> (usize, bool) {
             Ok(part) => bytes += part.len(),
             Err(_) => return (bytes, true),
         }
-        tokio::time::sleep(Duration::from_millis(5)).await;
     }
     (bytes, false)
+}
+
+/// A site that looks at everything again for every request, and before every piece of a running transfer.
+fn always_checking(models: &Path) -> Site {
+    let mut site = Site::new(fresh(models), page());
+    site.clock = Clock::new(|| NOW);
+    site.recheck = Duration::ZERO;
+    site
 }
 
 fn closed(state: AccessState) -> Access {
@@ -80,14 +88,13 @@ async fn a_transfer_ends_when_access_ends_and_others_continue() {
     let other = accounts.add_token("other", Purpose::View, 30, NOW).unwrap();
     let file = folder.path().join("access.json");
     accounts.create(&file).unwrap();
-    let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
-    site.clock = Clock::new(|| NOW);
-    site.auth = Some(Arc::new(Auth::open(&file, None).unwrap()));
+    let mut site = always_checking(&models);
+    site.auth = Some(Arc::new(Auth::open(&file, None).unwrap().with_freshness(Duration::ZERO)));
     let app = app(site);
 
     let mut transfers = Vec::new();
     for (address, token) in [(&cave, &robot), (&cave, &other), (&fort, &robot), (&tomb, &robot), (&wall, &robot)] {
-        transfers.push(tokio::spawn(rest(begun(&app, address, token).await)));
+        transfers.push(begun(&app, address, token).await);
     }
     let removed = Accounts::change(&file, |accounts| {
         accounts.remove_user("robot")?;
@@ -98,7 +105,7 @@ async fn a_transfer_ends_when_access_ends_and_others_continue() {
     change_access(&models, "tomb", closed(AccessState::Restricted));
     let mut ended = Vec::new();
     for transfer in transfers {
-        let (bytes, is_cut) = transfer.await.unwrap();
+        let (bytes, is_cut) = rest(transfer).await;
         ended.push(is_cut);
         assert_eq!(is_cut, bytes < LENGTH - 16 * 1024, "cut short, or whole");
     }
@@ -125,12 +132,10 @@ async fn a_file_overwritten_during_a_transfer_is_never_sent_as_a_mixture() {
     assert!(is_cut && bytes < LENGTH / 2, "{bytes} bytes of two files");
 }
 
-/// Length of a file that a slow reader takes in as many pieces as make the transfer last several seconds.
+/// Length of a file that goes out in many pieces.
 const FILE: usize = 256 << 10;
 /// The same for a file that is sent from memory.
 const SMALL_FILE: usize = 60 << 10;
-/// How long a slow reader takes for a file: several times as long as the server may take to notice a change.
-const SLOWLY: Duration = Duration::from_secs(8);
 
 /// Writes a mesh as long as the other files.
 fn mesh(to: &Path) -> Result<(), Failure> {
@@ -272,9 +277,8 @@ async fn every_transfer_of_a_model_ends_once_a_request_for_it_would_be_refused()
             long_object(&models, slug, access)
         })
         .collect();
-    let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
-    site.clock = Clock::new(|| NOW);
-    site.auth = Some(Arc::new(Auth::open(&file, None).unwrap()));
+    let mut site = always_checking(&models);
+    site.auth = Some(Arc::new(Auth::open(&file, None).unwrap().with_freshness(Duration::ZERO)));
     site.extracts = Some(
         Extracts::with_extractor(folder.path().join("cache"), 140_000_000, Arc::new(|_, to, _, _, _| mesh(to)))
             .unwrap(),
@@ -308,15 +312,13 @@ async fn every_transfer_of_a_model_ends_once_a_request_for_it_would_be_refused()
             if state != AccessState::Public && address.starts_with("/packs/") {
                 continue;
             }
-            let response = loop {
+            let response = eventually_async(&address, async || {
                 let request = Request::get(&address).header(name, &value);
                 let request = if let Some(range) = range { request.header("range", range) } else { request };
                 let response = app.clone().oneshot(request.body(Body::empty()).unwrap()).await.unwrap();
-                if response.status() != 202 {
-                    break response;
-                }
-                tokio::time::sleep(Duration::from_millis(10)).await;
-            };
+                (response.status() != 202).then_some(response)
+            })
+            .await;
             assert!(response.status().is_success(), "{address}: {}", response.status());
             let length: usize = response.headers()["content-length"].to_str().unwrap().parse().unwrap();
             let mut body = response.into_body().into_data_stream();
@@ -346,30 +348,13 @@ async fn every_transfer_of_a_model_ends_once_a_request_for_it_would_be_refused()
     let out = Request::post("/sign-out").header("cookie", &session);
     assert_eq!(send(&app, out, "").await.status, 303);
 
-    let rests: Vec<_> = transfers
-        .into_iter()
-        .map(|(address, range, who, change, length, first, mut body)| {
-            tokio::spawn(async move {
-                let (mut came, mut is_cut) = (first, false);
-                let pause = SLOWLY / (length / first) as u32;
-                tokio::time::sleep(pause).await;
-                while let Some(part) = body.next().await {
-                    let Ok(part) = part else {
-                        is_cut = true;
-                        break;
-                    };
-                    came += part.len();
-                    tokio::time::sleep(pause).await;
-                }
-                assert_eq!(is_cut, came < length, "{address}: cut short, or whole");
-                let wanted = must_end(&address, who, change);
-                (is_cut != wanted).then(|| format!("{address} {range:?} {who:?} {change:?}: ended: {is_cut}"))
-            })
-        })
-        .collect();
     let mut wrong = Vec::new();
-    for rest in rests {
-        wrong.extend(rest.await.unwrap());
+    for (address, range, who, change, length, first, body) in transfers {
+        let (more, is_cut) = rest(body).await;
+        assert_eq!(is_cut, first + more < length, "{address}: cut short, or whole");
+        if is_cut != must_end(&address, who, change) {
+            wrong.push(format!("{address} {range:?} {who:?} {change:?}: ended: {is_cut}"));
+        }
     }
     assert!(wrong.is_empty(), "{wrong:#?}");
 }

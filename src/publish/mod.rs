@@ -71,7 +71,7 @@ pub(crate) struct Args {
     /// Also write the pages of the whole folder: catalogue, feeds, sitemap.
     #[arg(long)]
     site: bool,
-    /// Withdraw an object instead: its files are moved to --keep, and a page that says so remains.
+    /// Withdraw an object instead: its files are moved to --keep, a page that says so remains, and pages of the folder that list it are updated.
     #[arg(long, value_name = "NAME", requires = "reason", requires = "keep", conflicts_with_all = ["pack", "metadata", "version_note", "notes", "no_notes", "bag", "redact_location", "keep_channel"])]
     withdraw: Option<String>,
     /// The reason for the withdrawal, which is public.

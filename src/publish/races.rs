@@ -157,6 +157,27 @@ fn an_object_withdrawn_during_a_publication_stays_withdrawn() {
 }
 
 #[test]
+fn a_withdrawal_updates_pages_that_list_the_object_and_makes_none_where_there_are_none() {
+    let bench = Bench::new();
+    publish(&bench.publishing(None, &[])).unwrap();
+    withdraw::run(&bench.withdrawing(&[]), "wall").unwrap();
+    assert!(!bench.path("site/models.json").exists() && !bench.path("site/index.html").exists());
+    let bench = Bench::new();
+    publish(&bench.publishing(None, &["--site"])).unwrap();
+    // The pages cannot be written: the same command does that then.
+    let feed = bench.path("site/feed.xml");
+    std::fs::remove_file(&feed).unwrap();
+    std::fs::create_dir_all(feed.join("in the way")).unwrap();
+    let why = format!("{:#}", withdraw::run(&bench.withdrawing(&[]), "wall").unwrap_err());
+    assert!(why.contains("the object is withdrawn, but the pages"), "{why}");
+    std::fs::remove_dir_all(&feed).unwrap();
+    withdraw::run(&bench.withdrawing(&[]), "wall").unwrap();
+    bench.is_listed(&bench.is_whole());
+    let why = withdraw::run(&bench.withdrawing(&[]), "wall").unwrap_err().to_string();
+    assert!(why.contains("was already withdrawn") && why.contains("nothing was changed"), "{why}");
+}
+
+#[test]
 fn requirements_of_the_object_are_checked_again_after_the_version_is_made() {
     let bench = Bench::new();
     let closed = "[access]\nstate = \"restricted\"\n";

@@ -29,12 +29,18 @@ pub(super) fn run(args: &Args, slug: &str) -> anyhow::Result<()> {
     if args.dry_run {
         return say_outlook(args, &slug, keep, &ready(args, &slug)?);
     }
-    let page = args.site.then(|| kilwa_server::Page::load(args.www.as_deref())).transpose()?;
+    // Pages that list the object must not go on listing it, whether or not --site was given.
+    let page = || {
+        let has_pages = args.site || site::lists(&args.to, &slug);
+        has_pages.then(|| kilwa_server::Page::load(args.www.as_deref())).transpose()
+    };
     let check_site = || if args.site { site::check(&args.to) } else { Ok(()) };
     // Checked before anything is created, and again under the lock, when nobody else can change it.
     check_site()?;
+    page()?;
     let folders = Folders::lock(&args.to, keep, &slug, &waits(&spinner()), &|_| Ok(()))?;
     check_site()?;
+    let page = page()?;
     let done = withdraw(&folders, &slug, &Withdrawal { reason, day: &day }, &|_| Ok(()))?;
     if done.before && !done.changed && page.is_none() {
         return Err(nothing_left(args, &slug, &done.day));
@@ -43,7 +49,7 @@ pub(super) fn run(args: &Args, slug: &str) -> anyhow::Result<()> {
         let written = site::write(folders.shelf(), page, &|_| Ok(()));
         written.map_err(|e| e.after("the object is withdrawn, but the pages of the folder were not written"))?;
     }
-    say_done(args, &slug, &done)
+    say_done(args, &slug, &done, page.is_some())
 }
 
 /// Nothing was left to do.
@@ -52,7 +58,7 @@ fn nothing_left(args: &Args, slug: &Slug, day: &str) -> anyhow::Error {
 }
 
 /// What was done, which may be what an earlier command did not come to.
-fn say_done(args: &Args, slug: &Slug, done: &Withdrawn) -> anyhow::Result<()> {
+fn say_done(args: &Args, slug: &Slug, done: &Withdrawn, has_pages: bool) -> anyhow::Result<()> {
     let mut out = crate::terminal::out();
     let Withdrawn { kept, day, before, changed } = done;
     let kept = kept.display().to_string();
@@ -66,7 +72,7 @@ fn say_done(args: &Args, slug: &Slug, done: &Withdrawn) -> anyhow::Result<()> {
     }
     let now = [
         changed.then_some("leftovers of an interrupted command were removed"),
-        args.site.then_some("the pages of the folder were written"),
+        has_pages.then_some("the pages of the folder were written"),
     ];
     let now: Vec<&str> = now.into_iter().flatten().collect();
     Ok(writeln!(out, "{at}/{slug}: was already withdrawn on {day}; {}", now.join(", and "))?)

@@ -3,7 +3,8 @@
 
 use super::client::{Client, loopback};
 use super::process::Server;
-use super::{check_bound, check_bound_when_quiet, check_none};
+use super::{check_bound, check_none};
+use crate::eventually::eventually_async;
 use fastrand::Rng;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -83,16 +84,10 @@ impl Crowd {
             println!("skipped: memory and descriptors under {}, which this system does not report", self.who);
             return;
         };
-        check_bound_when_quiet(&format!("memory that grows while {} go on", self.who), "MiB", memory, grown);
-        let mut left = usize::MAX;
-        for _ in 0..100 {
-            left = server.files().unwrap();
-            if left <= before + descriptors {
-                break;
-            }
-            tokio::time::sleep(Duration::from_millis(100)).await;
-        }
-        let left = left.saturating_sub(before) as f64;
-        check_bound(&format!("descriptors left when {} have gone", self.who), "above before", descriptors as f64, left);
+        check_bound(&format!("memory that grows while {} go on", self.who), "MiB", memory, grown);
+        let what = format!("descriptors left when {} have gone", self.who);
+        let gone = async || server.files().filter(|left| *left <= before + descriptors);
+        let left = eventually_async(&format!("at most {descriptors} {what}"), gone).await;
+        check_bound(&what, "above before", descriptors as f64, left.saturating_sub(before) as f64);
     }
 }

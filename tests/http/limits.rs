@@ -3,7 +3,7 @@
 use super::client::{Client, loopback};
 use super::noise;
 use super::process::Server;
-use std::time::Duration;
+use crate::eventually::eventually_async;
 
 #[tokio::test]
 async fn excessive_requests_are_refused_with_the_right_status() {
@@ -54,14 +54,11 @@ async fn each_address_has_its_own_share() {
     let mut other = Client::connect_from(loopback(2), server.address, None).await.unwrap();
     assert_eq!(other.get("/healthz", "").await.unwrap().status, 200);
     drop(held);
-    for attempt in 0.. {
+    eventually_async("its share is given back", async || {
         let mut again = Client::connect_from(loopback(1), server.address, None).await.unwrap();
-        if again.get("/healthz", "").await.is_ok_and(|a| a.status == 200) {
-            break;
-        }
-        assert!(attempt < 100, "its share was not given back");
-        tokio::time::sleep(Duration::from_millis(50)).await;
-    }
+        again.get("/healthz", "").await.is_ok_and(|a| a.status == 200).then_some(())
+    })
+    .await;
 }
 
 #[tokio::test]

@@ -3,11 +3,12 @@
 use super::client::Client;
 use super::crowd::{Crowd, Reader};
 use super::process::Server;
-use super::{full, noise, quantile};
+use super::{full, noise, quantile, remark};
+use crate::eventually::eventually_async;
 use kilwa_archive::checksums::sha256;
 use serde_json::json;
 use std::path::Path;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 const OBJECTS: usize = 40;
 const CHUNK: u64 = 64 * 1024;
@@ -92,28 +93,24 @@ async fn many_readers_get_every_page_and_byte_without_leaking_resources() {
     std::fs::write(server.folder().join("collections.toml"), collection).unwrap();
     let address = server.address;
     // Until the new files are noticed: the server checks the folder once a second.
-    for attempt in 0.. {
+    eventually_async("all objects in the catalogue and in the collection", async || {
         let mut client = Client::connect(address).await.unwrap();
         let found = client.get("/?q=coral", "").await.unwrap();
         let set = client.get("/collections/some/", "").await.unwrap();
-        if String::from_utf8_lossy(&found.body).contains("Models found: 40")
-            && String::from_utf8_lossy(&set.body).contains("Models: 30")
-        {
-            break;
-        }
-        assert!(attempt < 100, "the objects are not found");
-        tokio::time::sleep(Duration::from_millis(200)).await;
-    }
-    tokio::time::sleep(Duration::from_millis(300)).await;
+        let are_there = String::from_utf8_lossy(&found.body).contains("Models found: 40")
+            && String::from_utf8_lossy(&set.body).contains("Models: 30");
+        are_there.then_some(())
+    })
+    .await;
+    server.quiet().await;
     let packs: &'static [String] = Vec::leak(packs);
     let crowd =
         Crowd::gather(&server, (readers, "readers of the portal"), rounds, |reader| round(reader, packs, bytes)).await;
-    println!(
-        "{readers} readers of the portal, {} pages: median {:.1} ms, 95th percentile {:.1} ms",
-        crowd.times.len(),
-        quantile(&crowd.times, 0.5),
-        quantile(&crowd.times, 0.95)
-    );
+    let [median, slow] = [0.5, 0.95].map(|share| quantile(&crowd.times, share));
+    remark(&format!(
+        "{readers} readers of the portal, {} pages: median {median:.1} ms, 95th percentile {slow:.1} ms",
+        crowd.times.len()
+    ));
     // The index keeps a few connections of its own.
     crowd.check_bounds(&server, 64.0, 8).await;
 }

@@ -1,5 +1,7 @@
 //! `kilwa serve` over a temporary folder, until it is dropped.
 
+use super::client::Client;
+use crate::eventually::{eventually, eventually_async};
 use crate::support::serving;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -63,6 +65,19 @@ impl Server {
         Some(std::fs::read_dir(format!("/proc/{}/fd", self.child.id())).ok()?.count())
     }
 
+    /// Until the server has closed its side of every connection.
+    pub(crate) async fn quiet(&self) {
+        let last = eventually_async("no other connection", async || {
+            let mut client = Client::connect(self.address).await.unwrap();
+            let figures = String::from_utf8(client.get("/metrics", "").await.unwrap().body).unwrap();
+            figures.lines().any(|line| line == "kilwa_connections 1").then_some(client)
+        })
+        .await;
+        let Some(before) = self.files() else { return };
+        drop(last);
+        eventually_async("the last connection is closed", async || self.files().filter(|n| *n < before)).await;
+    }
+
     /// Send SIGTERM, as a service manager does.
     pub(crate) fn terminate(&self) {
         let kill = Command::new("kill").arg("-TERM").arg(self.child.id().to_string()).status().unwrap();
@@ -72,13 +87,8 @@ impl Server {
     /// How it ended, and how long that took; a minute at most.
     pub(crate) fn ended(&mut self) -> (ExitStatus, Duration) {
         let began = Instant::now();
-        while began.elapsed() < Duration::from_secs(60) {
-            if let Some(status) = self.child.try_wait().unwrap() {
-                return (status, began.elapsed());
-            }
-            std::thread::sleep(Duration::from_millis(10));
-        }
-        panic!("kilwa serve did not end within a minute of SIGTERM");
+        let status = eventually("the end of kilwa serve after SIGTERM", || self.child.try_wait().unwrap());
+        (status, began.elapsed())
     }
 }
 

@@ -4,11 +4,11 @@
 use super::client::Client;
 use super::process::Server;
 use super::{check_none, noise};
+use crate::eventually::eventually_async;
 use fastrand::Rng;
 use std::net::{SocketAddr, TcpListener};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
-use std::time::Duration;
 
 const URL: &str = "/packs/fort.kilwa";
 const DOCS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/docs/hosting");
@@ -44,17 +44,12 @@ fn start() -> (Server, Vec<u8>) {
 }
 
 async fn check(name: &str, server: &Server, proxy: SocketAddr, bytes: &[u8]) {
-    let mut client = None;
-    for _ in 0..100 {
-        if let Ok(mut c) = Client::connect(proxy).await
-            && c.get("/healthz", "").await.is_ok_and(|a| a.status == 200)
-        {
-            client = Some(c);
-            break;
-        }
-        tokio::time::sleep(Duration::from_millis(100)).await;
-    }
-    let mut client = client.unwrap_or_else(|| panic!("{name} does not answer"));
+    let mut client = eventually_async(&format!("an answer of {name}"), async || {
+        let mut client = Client::connect(proxy).await.ok()?;
+        let answer = client.get("/healthz", "").await.ok()?;
+        (answer.status == 200).then_some(client)
+    })
+    .await;
     let packed = "Accept-Encoding: gzip, br\r\n";
     let whole = client.get(URL, packed).await.unwrap();
     assert_eq!((whole.status, whole.header("content-encoding")), (200, ""), "{}", whole.head);
@@ -107,8 +102,8 @@ async fn check(name: &str, server: &Server, proxy: SocketAddr, bytes: &[u8]) {
     assert_eq!(client.get("/metrics", "").await.unwrap().status, 404, "figures are not for everyone");
     // A forged client address is ignored.
     client.get("/models.json", "X-Forwarded-For: 203.0.113.77\r\n").await.unwrap();
-    tokio::time::sleep(Duration::from_millis(200)).await;
-    let log = server.log();
+    let line = || Some(server.log()).filter(|log| log.contains("/models.json"));
+    let log = eventually_async("the line of this request in the log", async || line()).await;
     assert!(log.contains("127.0.0.1") && !log.contains("203.0.113.77"), "{log}");
 }
 

@@ -2,7 +2,7 @@
 
 use super::client::{Client, loopback};
 use super::process::Server;
-use super::{check_bound, check_bound_when_quiet, check_none, full, noise};
+use super::{check_bound, check_none, check_time, full, noise, remark};
 use std::sync::Arc;
 use std::time::Duration;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
@@ -25,7 +25,7 @@ async fn sigterm_completes_or_aborts_every_transfer() {
                 let n = client.stream.read(&mut buffer).await.unwrap();
                 all.extend_from_slice(&buffer[..n]);
                 started.wait().await;
-                // Every second one is too slow to finish within what is left.
+                // Every second one reads too slowly to finish within what is left.
                 let pause = Duration::from_millis(if number % 2 == 0 { 0 } else { 100 });
                 loop {
                     tokio::time::sleep(pause).await;
@@ -54,9 +54,9 @@ async fn sigterm_completes_or_aborts_every_transfer() {
         }
     }
     let (status, took) = ended.await.unwrap();
-    println!("{complete} of {transfers} transfers were completed, the others cut");
+    remark(&format!("{complete} of {transfers} transfers were completed, the others cut"));
     check_none("transfers with bytes that are not the file's, at SIGTERM", transfers, &wrong);
     check_bound("exit code after SIGTERM", "code", 0.0, f64::from(status.code().unwrap_or(99)));
-    check_bound_when_quiet("from SIGTERM to the end, with 5 s for transfers", "s", 6.0, took.as_secs_f64());
+    check_time("from SIGTERM to the end, with 5 s for transfers", "s", 6.0, took.as_secs_f64());
     assert!(Client::connect(address).await.is_err(), "nobody listens any more");
 }

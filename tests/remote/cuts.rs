@@ -51,6 +51,7 @@ pub(crate) fn killed_client(address: &str, token: &str, number: u32, site: &Path
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
+    // The moment of the kill is what this is about; no state is waited for.
     std::thread::sleep(after);
     drop(child.kill());
     drop(child.wait());
@@ -113,7 +114,7 @@ fn an_upload_interrupted_fifty_times_shows_the_old_or_new_object_and_ends_with_t
                 }
                 // The client dies after some time.
                 1 => killed_client(&address, &server.token, number, &site, Duration::from_millis(dice.u64(..120))),
-                // The server dies, while the client sends, verifies or waits.
+                // The server dies at a random moment, while the client sends, verifies or waits.
                 _ => {
                     proxy.allow(bytes as i64);
                     let (token, from) = (server.token.clone(), site.clone());

@@ -80,6 +80,7 @@ fn a_publication_to_a_store_interrupted_at_random_shows_the_old_or_new_object_an
                 1 => killed_client(&address, &token, number, &site, Duration::from_millis(dice.u64(..200))),
                 2 => {
                     let client = std::thread::spawn(move || publish(&address, &token, number, &from, once()));
+                    // A random moment of the client's work.
                     std::thread::sleep(Duration::from_millis(dice.u64(..300)));
                     server.restart();
                     drop(client.join().unwrap());
@@ -87,6 +88,7 @@ fn a_publication_to_a_store_interrupted_at_random_shows_the_old_or_new_object_an
                 _ => {
                     bucket.proxy.cut_after(dice.u64(..8000) as i64);
                     let client = std::thread::spawn(move || publish(&address, &token, number, &from, once()));
+                    // As long as a random outage lasts.
                     std::thread::sleep(Duration::from_millis(100 + dice.u64(..300)));
                     bucket.proxy.down();
                     bucket.proxy.up();

@@ -1,6 +1,7 @@
 //! `kilwa publish --to http://…` as a program: messages, refusals, and finishing what a killed command began.
 
 use super::{METADATA, NOTES, Server, local, pack, tree};
+use crate::eventually::eventually;
 use crate::support::{serving, text};
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
@@ -46,13 +47,9 @@ fn a_command_killed_while_sending_is_finished_once_by_a_rerun_with_the_bytes_of_
     let make = || command(&to, &metadata, &www, &server.token, &more);
     let mut child = make().stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap();
     // As soon as part of it exists.
-    for _ in 0..6000 {
-        let staged = server.folder().join(".kilwa-uploads/fort/upload.json");
-        if staged.exists() || child.try_wait().unwrap().is_some() {
-            break;
-        }
-        std::thread::sleep(Duration::from_millis(5));
-    }
+    let staged = server.folder().join(".kilwa-uploads/fort/upload.json");
+    let is_begun = || (staged.exists() || child.try_wait().unwrap().is_some()).then_some(());
+    eventually("a part of the upload on the server", is_begun);
     drop(child.kill());
     drop(child.wait());
     let output = make().output().unwrap();

@@ -2,9 +2,10 @@
 
 use super::{ARCHIVE, Keeper, grown};
 use crate::bucket::Bucket;
+use crate::eventually::eventually;
 use crate::support::{built_once, succeeds, text};
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 /// Several megabytes: a hundred chunks.
 fn large() -> PathBuf {
@@ -29,16 +30,14 @@ impl Reader {
         let asked = self.0.post(format!("{}/fort/extract", self.1)).header("content-type", kind).send(form).unwrap();
         assert_eq!(asked.status(), 303, "{form}");
         let to = asked.headers()["location"].to_str().unwrap().split('?').next().unwrap().to_owned();
-        let began = Instant::now();
-        loop {
+        eventually(form, || {
             let mut file = self.0.get(format!("{}{to}", self.1)).call().unwrap();
             match file.status().as_u16() {
-                200 => return file.body_mut().with_config().limit(1 << 30).read_to_vec().unwrap(),
-                202 => assert!(began.elapsed() < Duration::from_secs(120), "{form} is not made"),
+                200 => Some(file.body_mut().with_config().limit(1 << 30).read_to_vec().unwrap()),
+                202 => None,
                 other => panic!("{form}: {other}"),
             }
-            std::thread::sleep(Duration::from_millis(50));
-        }
+        })
     }
 }
 

@@ -6,6 +6,7 @@
 mod extracts;
 
 use crate::bucket::Bucket;
+use crate::eventually::eventually_async;
 use crate::http::client::{Answer, Client, loopback};
 use crate::support::serving::{address, page};
 use crate::support::{Input, built_once, text};
@@ -14,7 +15,7 @@ use kilwa_archive::checksums::sha256;
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 use tokio::io::{AsyncReadExt as _, AsyncWriteExt as _};
 
 const ARCHIVE: &str = "s3://museum/archive/of forts";
@@ -173,6 +174,7 @@ async fn slow_readers_of_a_pack_in_a_store_use_little_memory() {
     }
     let (mut peak, mut buffer, mut read) = (before, vec![0; 4096], 0);
     for _ in 0..60 {
+        // This slowly they read; no state is waited for.
         tokio::time::sleep(Duration::from_millis(250)).await;
         for client in &mut held {
             let taken = tokio::time::timeout(Duration::from_millis(20), client.stream.read(&mut buffer)).await;
@@ -193,15 +195,6 @@ impl Drop for Server {
     fn drop(&mut self) {
         drop(self.child.kill());
         drop(self.child.wait());
-    }
-}
-
-/// Ask until it is so.
-async fn until<F: Future<Output = bool>>(what: &str, mut is_so: impl FnMut() -> F) {
-    let began = Instant::now();
-    while !is_so().await {
-        assert!(began.elapsed() < Duration::from_secs(30), "{what} does not come about");
-        tokio::time::sleep(Duration::from_millis(200)).await;
     }
 }
 
@@ -243,10 +236,12 @@ async fn an_object_published_to_a_store_can_be_found_opened_and_read_and_gets_a_
     );
     let second = done(&keeper.publish("Now with a cistern.", &["--version-note", "Better text"]));
     assert_eq!(second["version"], 2, "{second}");
-    until("the second version", || async { server.json("/fort/manifest.json").await["current"] == 2 }).await;
-    until("its page", || async { server.text("/fort/").await.contains("Now with a cistern.") }).await;
-    until("its place in the catalogue", || async { server.text("/?q=cistern").await.contains("href=\"/fort/\"") })
-        .await;
+    let manifest = async || (server.json("/fort/manifest.json").await["current"] == 2).then_some(());
+    eventually_async("the second version", manifest).await;
+    let page = async || server.text("/fort/").await.contains("Now with a cistern.").then_some(());
+    eventually_async("its page", page).await;
+    let listed = async || server.text("/?q=cistern").await.contains("href=\"/fort/\"").then_some(());
+    eventually_async("its place in the catalogue", listed).await;
     let manifest = server.json("/fort/manifest.json").await;
     for version in manifest["versions"].as_array().unwrap() {
         let url = format!("/fort/{}", version["pack"]["url"].as_str().unwrap());

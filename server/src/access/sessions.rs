@@ -1,6 +1,6 @@
 //! The sessions that are alive: begun by signing in, ended by signing out or with their time.
 //!
-//! What is kept is a list of live sessions, never one of ended sessions, so that anything lost from it ends sessions and nothing can revive one. In memory
+//! The list is of live sessions, never of ended ones, so that anything lost from it ends sessions and nothing can revive one. In memory
 //! (the default) a restart ends all of them. In a folder there is a small file for each session: a restart ends none, and servers that share the folder
 //! share their sessions. A file's name has hashes of user and session, so that whoever lists the folder can forge no cookie. A user has
 //! at most [`PER_USER`] sessions; for a further one the oldest ends.
@@ -34,8 +34,16 @@ const ID_DIGITS: usize = 32;
 pub struct Sessions {
     /// The folder, else they are in `kept`.
     folder: Option<PathBuf>,
-    /// When each ends, by its name.
+    /// When each ends, by its name; where there is a folder, only those that are being written to it.
     kept: Mutex<HashMap<String, u64>>,
+}
+
+/// A session that is not in the folder yet.
+struct Reserved {
+    holder: Holder,
+    until: u64,
+    /// Names of those that end when it begins.
+    ended: Vec<String>,
 }
 
 impl Sessions {
@@ -58,27 +66,46 @@ impl Sessions {
     /// # Errors
     /// When there are no random numbers, or the folder cannot be written.
     pub fn begin(&self, who: &str, now: u64) -> io::Result<Holder> {
+        self.store(self.reserve(who, now)?)
+    }
+
+    /// Choose a new session and those that end for it.
+    fn reserve(&self, who: &str, now: u64) -> io::Result<Reserved> {
         let id: String = Key::new().map_err(io::Error::other)?.to_hex().chars().take(ID_DIGITS).collect();
         let holder = Holder { who: who.to_owned(), session: id };
-        let user = name_of_user(who);
+        let (user, until) = (name_of_user(who), now.saturating_add(SESSION));
         // One at a time, so that many at once stay within their number.
         let mut kept = self.lock();
-        let mut own = Vec::new();
+        let (mut own, mut ended) = (Vec::new(), Vec::new());
         for (name, until) in self.all(&kept)? {
             if until <= now {
-                self.remove(&mut kept, &name)?;
+                ended.push(name);
             } else if name.starts_with(&user) {
                 own.push((until, name));
             }
         }
         own.sort();
-        for (_, name) in own.iter().take((own.len() + 1).saturating_sub(PER_USER)) {
-            self.remove(&mut kept, name)?;
+        let surplus = (own.len() + 1).saturating_sub(PER_USER);
+        ended.extend(own.into_iter().take(surplus).map(|(_, name)| name));
+        for name in &ended {
+            kept.remove(name);
         }
-        let until = now.saturating_add(SESSION);
-        match &self.folder {
-            Some(folder) => write(folder, &name_of(&holder), until)?,
-            None => drop(kept.insert(name_of(&holder), until)),
+        kept.insert(name_of(&holder), until);
+        Ok(Reserved { holder, until, ended })
+    }
+
+    /// Put a reserved session into the folder; nobody else has to wait for the disk meanwhile.
+    fn store(&self, reserved: Reserved) -> io::Result<Holder> {
+        let Reserved { holder, until, ended } = reserved;
+        let Some(folder) = &self.folder else { return Ok(holder) };
+        let name = name_of(&holder);
+        let removed = if ended.is_empty() { Ok(()) } else { remove(folder, &ended) };
+        let written = removed.and_then(|()| write(folder, &name, until));
+        let is_ended = self.lock().remove(&name).is_none();
+        written?;
+        if is_ended {
+            // While it was written: what came later counts.
+            remove(folder, &[name])?;
         }
         Ok(holder)
     }
@@ -105,7 +132,9 @@ impl Sessions {
     /// # Errors
     /// When the folder cannot be written: the session continues.
     pub fn end(&self, holder: &Holder) -> io::Result<()> {
-        self.remove(&mut self.lock(), &name_of(holder))
+        let name = name_of(holder);
+        self.lock().remove(&name);
+        self.folder.as_ref().map_or(Ok(()), |folder| remove(folder, &[name]))
     }
 
     /// End all sessions of a user.
@@ -114,45 +143,33 @@ impl Sessions {
     /// As [`Sessions::end`], after ending as many as can be.
     pub fn end_all(&self, who: &str) -> io::Result<()> {
         let user = name_of_user(who);
-        let mut kept = self.lock();
-        let mut ended = Ok(());
-        for (name, _) in self.all(&kept)?.into_iter().filter(|(name, _)| name.starts_with(&user)) {
-            ended = self.remove(&mut kept, &name).and(ended);
-        }
-        ended
+        let own: Vec<String> = {
+            let mut kept = self.lock();
+            let own = self.all(&kept)?.into_keys().filter(|name| name.starts_with(&user)).collect();
+            for name in &own {
+                kept.remove(name);
+            }
+            own
+        };
+        self.folder.as_ref().map_or(Ok(()), |folder| remove(folder, &own))
     }
 
-    /// All of them, with when they end; what is no session's file is left alone.
-    fn all(&self, kept: &HashMap<String, u64>) -> io::Result<Vec<(String, u64)>> {
-        let Some(folder) = &self.folder else {
-            return Ok(kept.iter().map(|(name, until)| (name.clone(), *until)).collect());
-        };
-        let mut all = Vec::new();
+    /// All of them, with when they end; other files are left alone.
+    fn all(&self, kept: &HashMap<String, u64>) -> io::Result<HashMap<String, u64>> {
+        let mut all = kept.clone();
+        let Some(folder) = &self.folder else { return Ok(all) };
         for entry in fs::read_dir(folder)? {
             let entry = entry?;
             let Some(name) = entry.file_name().to_str().map(str::to_owned) else { continue };
             if is_name(&name) {
                 // If another server has just ended it, or it is not a regular file, the session has ended.
                 let until = until_of(folder, &name).ok().flatten();
-                all.push((name, until.unwrap_or(0)));
+                all.insert(name, until.unwrap_or(0));
             } else if let Some(until) = begun_until(&name) {
-                all.push((name, until));
+                all.insert(name, until);
             }
         }
         Ok(all)
-    }
-
-    fn remove(&self, kept: &mut HashMap<String, u64>, name: &str) -> io::Result<()> {
-        let Some(folder) = &self.folder else {
-            kept.remove(name);
-            return Ok(());
-        };
-        match fs::remove_file(folder.join(name)) {
-            Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(e),
-            _ => {}
-        }
-        // A cut of power must not bring it back.
-        atomic::sync_folder(folder)
     }
 
     fn lock(&self) -> MutexGuard<'_, HashMap<String, u64>> {
@@ -171,6 +188,19 @@ fn until_of(folder: &Path, name: &str) -> io::Result<Option<u64>> {
         Err(e) if e.kind() == io::ErrorKind::InvalidData => Ok(None),
         read => read.map(|length| text.trim().parse().ok().filter(|_| length as u64 <= UNTIL_MAX)),
     }
+}
+
+/// Remove the files of sessions, as many as can be.
+fn remove(folder: &Path, names: &[String]) -> io::Result<()> {
+    let mut removed = Ok(());
+    for name in names {
+        match fs::remove_file(folder.join(name)) {
+            Err(e) if e.kind() != io::ErrorKind::NotFound => removed = Err(e),
+            _ => {}
+        }
+    }
+    // A cut of power must not bring them back.
+    atomic::sync_folder(folder).and(removed)
 }
 
 /// Write a session's file under another name first, so that the file with the session's name is always complete.
@@ -245,6 +275,23 @@ mod tests {
             assert!(!sessions.lives(&all[2]) && sessions.lives(&all[3]), "the oldest went");
             let last = sessions.begin("omar", NOW + SESSION + 100).expect("begins");
             assert!(sessions.lives(&last) && all.iter().all(|holder| !sessions.lives(holder)));
+        });
+    }
+
+    #[test]
+    fn a_session_that_is_ended_while_it_is_written_stays_ended_and_counts_meanwhile() {
+        each(|sessions| {
+            let reserve = |now| sessions.reserve("amina", now).expect("reserves");
+            let reserved = reserve(NOW);
+            sessions.end_all("amina").expect("ends, without waiting for the other");
+            let holder = sessions.store(reserved).expect("stores");
+            assert!(!sessions.lives(&holder));
+            // Many at once, of which none is in the folder yet.
+            let reserved: Vec<Reserved> = (0..PER_USER as u64 + 3).map(|n| reserve(NOW + n)).collect();
+            let all: Vec<Holder> = reserved.into_iter().map(|r| sessions.store(r).expect("stores")).collect();
+            assert_eq!(all.iter().filter(|holder| sessions.lives(holder)).count(), PER_USER);
+            assert!(!sessions.lives(&all[2]) && sessions.lives(&all[3]), "the oldest went");
+            assert_eq!(sessions.lock().is_empty(), sessions.folder.is_some());
         });
     }
 

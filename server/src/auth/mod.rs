@@ -16,6 +16,7 @@
 pub(crate) mod page;
 pub(crate) mod routes;
 
+use crate::FRESHNESS;
 use crate::access::audit::{Action, Event};
 use crate::access::{Accounts, AccountsError, Attempts, Audit, Holder, Purpose, Sessions, User};
 use crate::content::text;
@@ -27,8 +28,6 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-/// The file is not looked at more often than this.
-const LOOK_AGAIN: Duration = Duration::from_secs(1);
 /// Cookie of a session.
 const SESSION_COOKIE: &str = "kilwa_session";
 /// Cookie of a capability; its path says for which object.
@@ -44,6 +43,8 @@ pub struct Auth {
     names: Mutex<Attempts>,
     sessions: Sessions,
     audit: Option<Audit>,
+    /// The file is not looked at more often than this.
+    freshness: Duration,
 }
 
 struct Known {
@@ -68,7 +69,15 @@ impl Auth {
         let accounts = Some(Arc::new(Accounts::read(file)?));
         let known = Mutex::new(Known { accounts, mark, looked: Instant::now() });
         let (addresses, names) = (Mutex::new(Attempts::of_addresses()), Mutex::new(Attempts::of_names()));
-        Ok(Self { file: file.to_owned(), known, addresses, names, sessions: Sessions::default(), audit })
+        let sessions = Sessions::default();
+        Ok(Self { file: file.to_owned(), known, addresses, names, sessions, audit, freshness: FRESHNESS })
+    }
+
+    /// With another freshness than [`FRESHNESS`]; zero looks at the file for every request.
+    #[must_use]
+    pub fn with_freshness(mut self, freshness: Duration) -> Self {
+        self.freshness = freshness;
+        self
     }
 
     /// With the sessions kept elsewhere than in the memory of this program.
@@ -95,7 +104,7 @@ impl Auth {
         let known = || self.known.lock().unwrap_or_else(PoisonError::into_inner);
         let (before, is_missing) = {
             let mut known = known();
-            if known.looked.elapsed() < LOOK_AGAIN {
+            if known.looked.elapsed() < self.freshness {
                 return known.accounts.clone();
             }
             known.looked = Instant::now();

@@ -178,6 +178,15 @@ mod tests {
         }
     }
 
+    /// An object may contain a file of such a format, too.
+    #[test]
+    fn every_format_counts_as_the_model() {
+        for format in Format::ALL {
+            let name = JobSpec { format, detail: Detail::Whole }.name(1);
+            assert!(kilwa_archive::layout::is_geometry(&name), "{name}");
+        }
+    }
+
     #[test]
     fn an_error_limit_may_need_every_triangle_and_scratch_space_is_counted() {
         let spec = |detail| JobSpec { format: Format::Stl, detail };

@@ -56,8 +56,6 @@ const AGAIN: Duration = Duration::from_secs(10);
 const UNFINISHED: &str = ".kilwa-";
 /// What a crash left half written is removed after this.
 const STALE: Duration = Duration::from_secs(24 * 3600);
-/// Endings of files of this cache.
-const ENDINGS: [&str; 4] = ["ply", "glb", "obj", "stl"];
 
 /// Why a file was not made.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -485,7 +483,7 @@ fn total([mesh, pack]: [u64; 2]) -> u64 {
 fn is_ours(name: &str) -> bool {
     let mut parts = name.split('.');
     let is_hash = parts.next().is_some_and(|hash| hash.len() == 64 && hash.bytes().all(|b| b.is_ascii_hexdigit()));
-    is_hash && name.rsplit('.').next().is_some_and(|end| ENDINGS.contains(&end))
+    is_hash && name.rsplit('.').next().is_some_and(|end| Format::of(end).is_some())
 }
 
 /// Count a start; seconds to wait where there were too many.
@@ -512,6 +510,7 @@ fn begin(starts: &mut BTreeMap<String, VecDeque<Instant>>, network: &str, now: I
 mod tests {
     use super::fake::Fake;
     use super::*;
+    use crate::eventually::eventually;
 
     fn spec(triangles: u64) -> JobSpec {
         JobSpec { format: Format::Ply, detail: Detail::Triangles(triangles) }
@@ -522,13 +521,8 @@ mod tests {
     }
 
     fn wait_for(extracts: &Extracts, spec: JobSpec, is_so: impl Fn(&JobStatus) -> bool) {
-        for _ in 0..2000 {
-            if is_so(&extracts.job_status(&hash(), spec)) {
-                return;
-            }
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        panic!("{:?}", extracts.job_status(&hash(), spec));
+        let what = format!("the wanted state of {spec:?}");
+        eventually(&what, || is_so(&extracts.job_status(&hash(), spec)).then_some(()));
     }
 
     /// With a fake that waits to be released.
@@ -638,8 +632,12 @@ mod tests {
         for n in 1..=4 {
             extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, spec(n), "net").unwrap();
             wait_for(&extracts, spec(n), |s| matches!(s, JobStatus::Ready(_)));
-            // Times of files must differ by more than the clock's resolution.
-            std::thread::sleep(Duration::from_millis(20));
+            // Each a second later than the one before, and none in the future.
+            let JobStatus::Ready(made) = extracts.job_status(&hash(), spec(n)) else { panic!("it is there") };
+            let time = SystemTime::now() - Duration::from_secs(100 - n);
+            std::fs::File::options().write(true).open(made).unwrap().set_modified(time).unwrap();
+            // As after a restart, when no other times are known.
+            extracts.lock().made.clear();
         }
         let left: Vec<bool> =
             (1..=4).map(|n| matches!(extracts.job_status(&hash(), spec(n)), JobStatus::Ready(_))).collect();
@@ -652,11 +650,14 @@ mod tests {
         let (_dir, fake, extracts) = shop(1000, 1);
         fake.fails(Failure::Full);
         fake.waits(false);
-        let ask = || extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, spec(1), "net").unwrap();
-        ask();
-        wait_for(&extracts, spec(1), |s| *s == JobStatus::Failed(Failure::Full));
-        ask();
-        std::thread::sleep(Duration::from_millis(50));
-        assert_eq!(fake.made.load(Ordering::SeqCst), 1);
+        let ask = |n| extracts.ask((&Pack::here(Path::new("p")), &hash()), 10, spec(n), "net").unwrap();
+        let failed = |n| wait_for(&extracts, spec(n), |s| *s == JobStatus::Failed(Failure::Full));
+        ask(1);
+        failed(1);
+        ask(1);
+        // The only worker takes the jobs in their order: were there a second attempt, it would come before this one.
+        ask(2);
+        failed(2);
+        assert_eq!(fake.made.load(Ordering::SeqCst), 2);
     }
 }

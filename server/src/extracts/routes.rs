@@ -9,7 +9,7 @@ use crate::access::{Verdict, verdict};
 use crate::auth::routes::{capability, from_here};
 use crate::catalogue::Model;
 use crate::content::{ASK_AGAIN, Source, answer, insert, plain, text};
-use crate::objects;
+use crate::objects::{self, Sent};
 use crate::observe::client_of;
 use crate::packs::blocking;
 use crate::portal::frame::Reader;
@@ -223,7 +223,7 @@ pub(crate) async fn file(
                 Ok(Ok(content)) if wants_page => shown(&Stage::Ready(content.bytes()), StatusCode::OK),
                 Ok(Ok(content)) => {
                     let sent = send(&asked, spec, &name, content, &method, headers).await;
-                    objects::while_allowed(sent, &name, &asked.model, &site.clock, site.auth.as_ref(), headers)
+                    objects::while_allowed(sent, Sent::Model, &asked.model, &site.clock, site.auth.as_ref(), headers)
                 }
                 // It went for others in this moment.
                 _ => html(

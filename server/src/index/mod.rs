@@ -21,6 +21,7 @@ pub use entry::{Entry, SizeClass};
 pub use refresh::{Changes, Refused};
 pub use search::{Count, Facet, FacetCounts, Found, Located, PER_PAGE_MAX, Query, Sort};
 
+use crate::FRESHNESS;
 use crate::store::{Place, S3};
 use axum::body::Bytes;
 use kilwa_archive::layout::MANIFEST;
@@ -28,7 +29,7 @@ use readers::Readers;
 use rusqlite::Connection;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Instant;
 use thiserror::Error;
 
 /// Why the index gives no answer.
@@ -125,14 +126,14 @@ impl Index {
         self.file.as_deref()
     }
 
-    /// Bring the index up to the folder, unless that was done less than `age` ago or is being done.
+    /// Bring the index up to the folder, unless that is being done or was done less than [`FRESHNESS`] ago (for a store, while its list is trusted).
     ///
     /// # Errors
     /// As [`Index::refresh`].
-    pub fn refresh_if_older(&self, age: Duration) -> Result<(), IndexError> {
+    pub fn refresh_if_due(&self) -> Result<(), IndexError> {
         {
             let mut refreshed = self.refreshed.lock().unwrap_or_else(PoisonError::into_inner);
-            if refreshed.is_some_and(|at| at.elapsed() < age.max(self.folder.listed_for())) {
+            if refreshed.is_some_and(|at| at.elapsed() < self.folder.listed_for(FRESHNESS).max(FRESHNESS)) {
                 return Ok(());
             }
             // Whoever comes meanwhile gets what is known so far.

@@ -19,6 +19,7 @@
 
 use super::catalogue::{Card, Pager, Part, card, pager};
 use super::frame::{Reader, Top};
+use crate::FRESHNESS;
 use crate::index::Entry;
 use crate::store::{Identity, Place, is_away, is_silent};
 use askama::Template;
@@ -29,7 +30,7 @@ use std::collections::BTreeSet;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// Its name in a folder of objects.
 pub const FILE: &str = "collections.toml";
@@ -106,6 +107,8 @@ pub struct Collections {
     /// The person who keeps the server named this very file, which may then be a link.
     is_named: bool,
     known: Mutex<Known>,
+    /// A file of this computer is not looked at more often than this.
+    freshness: Duration,
 }
 
 #[derive(Debug, Default)]
@@ -121,22 +124,30 @@ impl Collections {
     /// Those that `file` says; it need not be there yet.
     #[must_use]
     pub fn new(file: PathBuf) -> Self {
-        Self { file: Place::Path(file), is_named: true, known: Mutex::default() }
+        Self { file: Place::Path(file), is_named: true, known: Mutex::default(), freshness: FRESHNESS }
     }
 
     /// Those that lie beside the objects of `shelf`, a folder or a store, as `collections.toml`. Looks at once.
     #[must_use]
     pub fn beside(shelf: &Place) -> Self {
-        let collections = Self { file: shelf.join(FILE), is_named: false, known: Mutex::default() };
+        let known = Mutex::default();
+        let collections = Self { file: shelf.join(FILE), is_named: false, known, freshness: FRESHNESS };
         drop(collections.all());
         collections
+    }
+
+    /// With another freshness than [`FRESHNESS`]; zero looks at a file of this computer for every request.
+    #[must_use]
+    pub fn with_freshness(mut self, freshness: Duration) -> Self {
+        self.freshness = freshness;
+        self
     }
 
     /// All of them, in the order of the file. Blocks on the file system at most once a second, on a store as often as its list is asked for.
     pub(crate) fn all(&self) -> Arc<Vec<Collection>> {
         let before = {
             let mut known = self.lock();
-            if known.looked.is_some_and(|at| at.elapsed() < self.file.listed_for()) {
+            if known.looked.is_some_and(|at| at.elapsed() < self.file.listed_for(self.freshness)) {
                 return Arc::clone(&known.all);
             }
             // Whoever asks while a store is asked gets what is known.

@@ -26,8 +26,6 @@ use kilwa_archive::layout::DUBLIN_CORE;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-/// The folder is compared with the index at most this often.
-const FRESH: Duration = Duration::from_secs(1);
 /// A reader waits for that at most this long; what is new is then there for the next.
 const PATIENCE: Duration = Duration::from_millis(50);
 
@@ -47,7 +45,7 @@ async fn ask<T: Send + 'static>(
     let refreshed = Arc::clone(index);
     let refresh = blocking(move || {
         let began = Instant::now();
-        if let Err(e) = refreshed.refresh_if_older(FRESH)
+        if let Err(e) = refreshed.refresh_if_due()
             && !e.is_away()
         {
             tracing::warn!("the index could not be updated from the folder: {e}");

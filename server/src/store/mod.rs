@@ -48,8 +48,6 @@ const DEPTH: usize = 6;
 const MAX_FILES: usize = 20_000;
 /// Requests to a store at once when many objects are looked at.
 const AT_ONCE: usize = 24;
-/// What is seen of the folder is trusted so long.
-const SEEN: Duration = Duration::from_secs(1);
 
 /// A folder or a file, on this computer or in a store.
 #[derive(Debug, Clone)]
@@ -133,14 +131,14 @@ impl Place {
         }
     }
 
-    /// What is seen of many objects is trusted so long.
-    pub(crate) fn listed_for(&self) -> Duration {
-        self.store().map_or(SEEN, |store| store.refresh())
+    /// What is seen of many objects is trusted so long: of a folder for `freshness`, of a store as its options say.
+    pub(crate) fn listed_for(&self, freshness: Duration) -> Duration {
+        self.store().map_or(freshness, |store| store.refresh())
     }
 
-    /// What is seen of one object is trusted so long.
-    pub(crate) fn looked_at_for(&self) -> Duration {
-        self.store().map_or(SEEN, |store| store.look_again())
+    /// The same of one object.
+    pub(crate) fn looked_at_for(&self, freshness: Duration) -> Duration {
+        self.store().map_or(freshness, |store| store.look_again())
     }
 
     /// Identifies a version of a file.

@@ -2,7 +2,10 @@
 
 #![allow(dead_code, reason = "each test program uses a part of it")]
 
+mod log;
 pub(crate) mod version;
+
+pub(crate) use log::LogCapture;
 
 use axum::Router;
 use axum::body::{Body, Bytes};
@@ -17,6 +20,7 @@ use kilwa_pack::chunk::encode;
 use kilwa_pack::{Attributes, Chunk, DirectoryEntry, Header, Metadata, NO_DIAMOND, PackWriter, PatchRange};
 use kilwa_server::{Catalogue, Page, Site, app};
 use std::path::Path;
+use std::time::Duration;
 use tower::ServiceExt as _;
 
 /// A page of a few small files.
@@ -38,6 +42,16 @@ pub(crate) fn page() -> Page {
 /// The site over a folder or a file.
 pub(crate) fn site(path: &Path) -> Router {
     app(Site::new(Catalogue::open(path).expect("a readable folder"), page()))
+}
+
+/// The same, looking at the folder again for every request.
+pub(crate) fn fresh_site(path: &Path) -> Router {
+    app(Site::new(fresh(path), page()))
+}
+
+/// A catalogue that looks at its folder again for every request.
+pub(crate) fn fresh(path: &Path) -> Catalogue {
+    Catalogue::open_fresh(path, Duration::ZERO).expect("a readable folder")
 }
 
 /// A reproducible file of no particular content.

@@ -1,5 +1,6 @@
 //! An independent store (moto, in Python), and a proxy to it that can break connections and hold or refuse requests.
 
+use crate::eventually::eventually;
 use kilwa_server::store::{S3, S3Options, StoreError};
 use std::io::{BufRead as _, BufReader, Write as _};
 use std::path::Path;
@@ -87,6 +88,11 @@ impl Bucket {
     pub(crate) fn open_directly(&self, url: &str, timeout: Duration) -> Result<Arc<S3>, StoreError> {
         let endpoint = Some(format!("http://127.0.0.1:{}", self.proxy.upstream));
         S3::open(&S3Options { endpoint, ..self.options(url, timeout) })
+    }
+
+    /// The store, whose list is asked for again for every request.
+    pub(crate) fn open_fresh(&self, url: &str, timeout: Duration) -> Result<Arc<S3>, StoreError> {
+        S3::open(&S3Options { refresh: Duration::ZERO, ..self.options(url, timeout) })
     }
 
     /// The store.
@@ -209,9 +215,8 @@ impl Proxy {
     /// End all connections and take none.
     pub(crate) fn down(&self) {
         self.turn.send_modify(|turn| *turn += 1);
-        while std::net::TcpStream::connect(("127.0.0.1", self.port)).is_ok() {
-            std::thread::sleep(Duration::from_millis(5));
-        }
+        let closed = || std::net::TcpStream::connect(("127.0.0.1", self.port)).is_err().then_some(());
+        eventually("the proxy takes no connections", closed);
     }
 
     /// Take connections and questions, and answer nothing.
@@ -243,13 +248,7 @@ impl Proxy {
 
     /// Until a request is held.
     pub(crate) fn wait_until_held(&self) {
-        for _ in 0..4000 {
-            if self.traffic.is_holding.load(Ordering::SeqCst) {
-                return;
-            }
-            std::thread::sleep(Duration::from_millis(5));
-        }
-        panic!("no such request came");
+        eventually("a request that is held", || self.traffic.is_holding.load(Ordering::SeqCst).then_some(()));
     }
 
     /// No request is refused or held any more.
@@ -296,6 +295,7 @@ async fn carry(near: TcpStream, upstream: u16, traffic: &Traffic) {
                 break;
             }
             traffic.note(&buffer[..n]);
+            // Held as long as the test says, or its connection ends.
             while traffic.fate(&buffer[..n]) == Some(Fate::Held) {
                 traffic.is_holding.store(true, Ordering::SeqCst);
                 tokio::time::sleep(Duration::from_millis(5)).await;

@@ -1,19 +1,24 @@
 //! `collections.toml` beside the objects of a store.
 
 use super::bucket::Bucket;
-use super::{LogCapture, PATIENCE, SHORT, of_store, until};
-use crate::common::{get, noise, object, public};
+use super::{PATIENCE, SHORT, of_store};
+use crate::common::{LogCapture, get, noise, object, public};
+use crate::eventually::eventually_async;
 use axum::Router;
 use kilwa_server::{Collections, Site, app};
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Duration;
 
 const ONE: &str = "[[collection]]\nslug = \"coast\"\ntitle = \"The coast\"\nmembers = [\"wall\", \"fort\"]\n";
 
 fn serve(mut site: Site) -> Router {
     site.collections = Some(Arc::new(Collections::beside(site.catalogue.shelf().unwrap())));
     app(site)
+}
+
+/// Whether the page of the collection has these words.
+async fn has(app: &Router, words: &str) -> Option<()> {
+    get(app, "/collections/coast/").await.text().contains(words).then_some(())
 }
 
 fn put(bucket: &mut Bucket, folder: &Path, text: &str) {
@@ -33,25 +38,28 @@ async fn collections_in_the_store_follow_changes_and_survive_a_mistake() {
     let app = serve(of_store(&bucket.open("s3://museum/shelf", PATIENCE).unwrap()));
     assert_eq!(get(&app, "/collections/coast/").await.status, 404, "there is no such file yet");
     put(&mut bucket, drafts.path(), ONE);
-    let page =
-        until(|| async { Some(get(&app, "/collections/coast/").await).filter(|a| a.status == 200) }).await.text();
+    let status = async |wanted: u16| {
+        let asked = async || Some(get(&app, "/collections/coast/").await).filter(|a| a.status == wanted);
+        eventually_async(&format!("{wanted} for the collection"), asked).await
+    };
+    let page = status(200).await.text();
     let at = |what: &str| page.find(what).unwrap_or_else(|| panic!("{what}: {page}"));
     assert!(at("Title of wall") < at("Title of fort"), "in the order of the file");
     assert!(get(&app, "/").await.text().contains("href=\"/collections/coast/\""));
     // A mistake is reported with its line, and the earlier collections stay.
     put(&mut bucket, drafts.path(), "[[collection]]\nslug = \"coast\"\ntitle = \"Cut off");
     let named = || log.about("shelf/collections.toml").into_iter().find(|line| line.contains("line 3"));
-    until(|| async {
+    let looked = async || {
         get(&app, "/collections/coast/").await;
         named()
-    })
-    .await;
+    };
+    eventually_async("a line in the log", looked).await;
     assert_eq!(get(&app, "/collections/coast/").await.status, 200);
     assert_eq!(log.about("shelf/collections.toml").len(), 1, "once");
     put(&mut bucket, drafts.path(), &ONE.replace("The coast", "The shore"));
-    until(|| async { get(&app, "/collections/coast/").await.text().contains("The shore").then_some(()) }).await;
+    eventually_async("the new title", async || has(&app, "The shore").await).await;
     bucket.delete("shelf/collections.toml");
-    until(|| async { (get(&app, "/collections/coast/").await.status == 404).then_some(()) }).await;
+    status(404).await;
     assert!(!get(&app, "/").await.text().contains("href=\"/collections/"));
 }
 
@@ -64,21 +72,21 @@ async fn collections_are_kept_and_nobody_waits_while_the_store_is_unavailable_or
     object(dir.path(), "fort", &[noise(3000, 1)], public());
     bucket.sync(dir.path(), "shelf");
     put(&mut bucket, drafts.path(), ONE);
-    let app = serve(of_store(&bucket.open("s3://museum/shelf", SHORT).unwrap()));
+    let app = serve(of_store(&bucket.open_fresh("s3://museum/shelf", SHORT).unwrap()));
     assert_eq!(get(&app, "/collections/coast/").await.status, 200, "they are there from the beginning");
     bucket.proxy.refuse("/collections.toml");
-    tokio::time::sleep(Duration::from_millis(150)).await;
+    bucket.proxy.asked();
     for _ in 0..3 {
         assert_eq!(get(&app, "/collections/coast/").await.status, 200, "refused");
-        tokio::time::sleep(Duration::from_millis(120)).await;
     }
+    let asked = bucket.proxy.asked().iter().filter(|line| line.contains("/collections.toml")).count();
+    assert!(asked >= 3, "each of them asked for the file: {asked}");
     bucket.proxy.allow();
     bucket.proxy.down();
-    tokio::time::sleep(Duration::from_millis(150)).await;
     for _ in 0..5 {
         assert_eq!(get(&app, "/collections/coast/").await.status, 200, "away");
     }
     put(&mut bucket, drafts.path(), &ONE.replace("The coast", "The shore"));
     bucket.proxy.up();
-    until(|| async { get(&app, "/collections/coast/").await.text().contains("The shore").then_some(()) }).await;
+    eventually_async("the new title", async || has(&app, "The shore").await).await;
 }

@@ -1,8 +1,9 @@
 //! Meshes on request from packs in a store: only the needed parts are read, and the bytes equal those of a folder.
 
 use super::bucket::Bucket;
-use super::{PATIENCE, SHORT, archive, of_store, site, until};
+use super::{PATIENCE, SHORT, archive, of_store, site};
 use crate::common::{Answer, ask, get, noise, object, public};
+use crate::eventually::eventually_async;
 use axum::Router;
 use axum::body::Body;
 use axum::http::Request;
@@ -47,6 +48,7 @@ impl Copier {
             if i % 8 == 0 {
                 source.expect(&pieces[i..pieces.len().min(i + 8)]);
             }
+            // Work on a mesh takes time; it is not what a test waits for.
             std::thread::sleep(self.pause);
             bytes.extend(source.read_at(piece.0, piece.1).map_err(failed)?);
             progress(i as f64 / pieces.len() as f64);
@@ -69,7 +71,7 @@ async fn post(app: &Router, uri: &str, form: &str) -> Answer {
 }
 
 async fn made(app: &Router, uri: &str) -> Answer {
-    until(|| async { Some(get(app, uri).await).filter(|a| a.status != 202) }).await
+    eventually_async(uri, async || Some(get(app, uri).await).filter(|a| a.status != 202)).await
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -134,17 +136,18 @@ async fn an_extract_pauses_while_the_store_is_unavailable_reports_it_and_continu
         let file = format!("/wall/extract/v1-whole.{format}");
         let page = format!("{file}?page=1&lang=en");
         // The response states how much was fetched.
-        until(|| async {
+        let fetched = async || {
             let text = get(&app, &page).await.text();
             (text.contains("storage so far:") && !text.contains("so far: 0")).then_some(())
-        })
-        .await;
+        };
+        eventually_async("the first fetched bytes", fetched).await;
         if how == "is silent" {
             bucket.proxy.silent();
         } else {
             bucket.proxy.down();
         }
-        let halted = until(|| async { Some(get(&app, &page).await).filter(|a| a.status == 503) }).await;
+        let away = async || Some(get(&app, &page).await).filter(|a| a.status == 503);
+        let halted = eventually_async("the page about the outage", away).await;
         assert_eq!(halted.header("retry-after"), "10", "{how}");
         assert!(halted.text().contains("Work on your file continues when it does"), "{how}: {}", halted.text());
         assert!(halted.text().contains("http-equiv=\"refresh\""), "{how}: the page looks again");
@@ -153,7 +156,8 @@ async fn an_extract_pauses_while_the_store_is_unavailable_reports_it_and_continu
             bucket.proxy.down();
         }
         bucket.proxy.up();
-        let done = until(|| async { Some(get(&app, &file).await).filter(|a| a.status == 200) }).await;
+        let made = async || Some(get(&app, &file).await).filter(|a| a.status == 200);
+        let done = eventually_async("the mesh", made).await;
         assert!(done.body.ends_with(&bytes) && done.text().starts_with(format), "{how}");
     }
 }
@@ -187,11 +191,11 @@ async fn an_extract_of_a_refused_changed_or_too_large_pack_is_answered_and_can_b
     assert!(refused.text().contains("does not deliver the model"), "{}", refused.text());
     bucket.proxy.allow();
     // Not retried before ten seconds have passed; then it works as usual.
-    let done = until(|| async {
+    let again = async || {
         post(&app, "/wall/extract", form).await;
         Some(get(&app, "/wall/extract/v1-whole.ply").await).filter(|a| a.status == 200)
-    })
-    .await;
+    };
+    let done = eventually_async("the mesh, at the next attempt", again).await;
     assert!(done.body.ends_with(&bytes));
     // Another file of that name: no mixture, and when the right one is there again it is taken.
     let key = format!("wall/{}", manifest.versions[0].pack.url);

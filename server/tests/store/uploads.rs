@@ -1,9 +1,10 @@
 //! Versions that are published from elsewhere into a store, by way of a folder of the server.
 
 use super::bucket::Bucket;
-use super::{PATIENCE, SHORT, until};
+use super::{PATIENCE, SHORT};
 use crate::common::version::{Version, fort_pack, status};
 use crate::common::{Answer, get, page};
+use crate::eventually::eventually_async;
 use axum::Router;
 use axum::body::{Body, Bytes};
 use axum::http::{Method, Request, StatusCode};
@@ -127,7 +128,8 @@ impl Museum {
     }
 
     pub(super) async fn ended(&self) -> (StatusCode, Status) {
-        until(|| async { Some(self.look().await).filter(|(_, status)| status.state != State::Verifying) }).await
+        let ended = async || Some(self.look().await).filter(|(_, status)| status.state != State::Verifying);
+        eventually_async("the end of verifying", ended).await
     }
 
     fn left(&self) -> Vec<String> {
@@ -231,7 +233,7 @@ async fn an_unavailable_store_is_reported_and_waited_for() {
     museum.send_all(&version(1, "With a tower.")).await;
     bucket.proxy.down();
     assert_eq!(museum.finish().await.status, StatusCode::ACCEPTED);
-    let message = until(|| async { museum.look().await.1.waits }).await;
+    let message = eventually_async("a message", async || museum.look().await.1.waits).await;
     assert!(message.contains("does not answer") && message.contains("continues when it does"), "{message}");
     assert_eq!(museum.look().await.1.state, State::Verifying);
     bucket.proxy.up();
@@ -240,8 +242,11 @@ async fn an_unavailable_store_is_reported_and_waited_for() {
     assert!(seen(&bucket).await.is_some());
     // The client learns it before anything is sent.
     bucket.proxy.down();
-    let refused =
-        until(|| async { Some(museum.begin(&version(2, "Better.")).await).filter(|a| a.status == 503) }).await;
+    let begin = async |wanted: u16| {
+        let begun = async || Some(museum.begin(&version(2, "Better.")).await).filter(|a| a.status == wanted);
+        eventually_async(&format!("{wanted} for an announcement"), begun).await
+    };
+    let refused = begin(503).await;
     assert!(
         refused.text().contains("storage does not answer") && refused.text().starts_with('{'),
         "{}",
@@ -249,7 +254,7 @@ async fn an_unavailable_store_is_reported_and_waited_for() {
     );
     assert_eq!(refused.header("retry-after"), "10");
     bucket.proxy.up();
-    until(|| async { (museum.begin(&version(2, "Better.")).await.status == 201).then_some(()) }).await;
+    begin(201).await;
 }
 
 #[tokio::test(flavor = "multi_thread", worker_threads = 2)]
@@ -314,11 +319,11 @@ async fn interrupted_fifty_times_on_either_side_the_store_has_the_whole_old_or_n
         bucket.proxy.cut_after(below(3000) as i64);
         museum.finish().await;
         loop {
-            let upload = until(|| async {
+            let halted = async || {
                 let (_, upload) = museum.look().await;
                 (upload.state != State::Verifying || upload.waits.is_some()).then_some(upload)
-            })
-            .await;
+            };
+            let upload = eventually_async("an upload that ended or waits", halted).await;
             let now = seen(&bucket).await;
             let shown = now.as_ref().map_or(0, |all| Manifest::parse(&all["manifest.json"]).unwrap().versions.len());
             assert!(now == before || shown == number as usize, "a half: {shown}");
@@ -332,11 +337,13 @@ async fn interrupted_fifty_times_on_either_side_the_store_has_the_whole_old_or_n
             if store < 20 * number {
                 bucket.proxy.cut_after(200 + below(6000) as i64);
             }
+            // So that the next cut comes at another moment; no state is waited for.
             tokio::time::sleep(Duration::from_millis(100)).await;
         }
         bucket.proxy.down();
         bucket.proxy.up();
-        until(|| async { (get(&museum.app, "/healthz").await.status == 200).then_some(()) }).await;
+        let answers = async || (get(&museum.app, "/healthz").await.status == 200).then_some(());
+        eventually_async("an answer of the store", answers).await;
         let (here, there) = (tree(&folder.app).await.unwrap(), seen(&bucket).await.unwrap());
         assert!(here == there, "version {number} is another than in a folder");
     }

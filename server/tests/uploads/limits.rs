@@ -8,7 +8,6 @@ use kilwa_server::access::{Accounts, Purpose};
 use kilwa_server::upload::UploadLimits;
 use kilwa_server::upload::wire::State;
 use std::sync::atomic::Ordering;
-use std::time::Duration;
 
 #[tokio::test]
 async fn a_disk_full_at_any_step_publishes_nothing_keeps_received_files_and_resumes_when_there_is_space() {
@@ -63,7 +62,6 @@ async fn uploads_are_limited_in_size_number_and_time() {
     m.clock.store(written + 4 * 86_400, Ordering::Relaxed);
     let file = m.folder.path().join("access.json");
     let token = Accounts::change(&file, |a| a.add_token("robot", Purpose::Publish, 3000, written)).unwrap();
-    std::thread::sleep(Duration::from_millis(1100));
     m.begin(&token, &Version::new("mosque", 1, fort_pack()).intent).await;
     assert!(!m.models().join(".kilwa-uploads/fort").exists());
 }

@@ -6,6 +6,7 @@ mod withheld;
 
 use crate::common::version::{METADATA, Version, fort_pack, status};
 use crate::common::{Answer, ask, get, pack_in, page};
+use crate::eventually::{eventually, eventually_async};
 use axum::Router;
 use axum::body::Body;
 use axum::http::{Method, Request, StatusCode};
@@ -64,7 +65,8 @@ impl Museum {
         let mut site = Site::new(Catalogue::open(&models).unwrap(), page());
         let time = Arc::clone(&clock);
         site.clock = Clock::new(move || time.load(Ordering::Relaxed));
-        site.auth = Some(Arc::new(Auth::open(&file, Some(&folder.path().join("audit.jsonl"))).unwrap()));
+        let auth = Auth::open(&file, Some(&folder.path().join("audit.jsonl"))).unwrap();
+        site.auth = Some(Arc::new(auth.with_freshness(Duration::ZERO)));
         let steps = Arc::new(AtomicU64::new(u64::MAX));
         let left = Arc::clone(&steps);
         let falls = Arc::new(AtomicBool::new(false));
@@ -74,9 +76,7 @@ impl Museum {
         let uploads = Uploads::new(models.canonicalize().unwrap(), page(), limits).with_steps(move |what| {
             let is_verifying = !matches!(what, "stage" | "receive");
             assert!(!is_verifying || !fall.load(Ordering::Relaxed), "a defect at {what}");
-            while is_verifying && wait.load(Ordering::Relaxed) {
-                std::thread::sleep(Duration::from_millis(2));
-            }
+            eventually("leave to go on", || (!is_verifying || !wait.load(Ordering::Relaxed)).then_some(()));
             let take = |n: u64| n.checked_sub(1);
             match left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, take) {
                 Ok(_) => Ok(()),
@@ -164,15 +164,13 @@ impl Museum {
 
     /// How verifying ends.
     async fn ended(&self, slug: &str) -> (StatusCode, Status) {
-        for _ in 0..3000 {
-            let answer = self.send(Method::GET, &format!("/uploads/{slug}"), &self.robot, &[], Vec::new()).await;
+        let uri = format!("/uploads/{slug}");
+        eventually_async("the end of verifying", async || {
+            let answer = self.send(Method::GET, &uri, &self.robot, &[], Vec::new()).await;
             let upload = status(&answer);
-            if upload.state != State::Verifying {
-                return (answer.status, upload);
-            }
-            tokio::time::sleep(Duration::from_millis(10)).await;
-        }
-        panic!("it is verified for ever");
+            (upload.state != State::Verifying).then_some((answer.status, upload))
+        })
+        .await
     }
 
     /// Nothing of the object is there, and nothing hidden but the folder of uploads.
@@ -558,17 +556,12 @@ async fn uploads_are_checked_to_the_last_byte_during_other_publications() {
     let (code, upload) = m.publish(&Version::new("fort", 1, bytes)).await;
     assert_eq!(code, StatusCode::UNPROCESSABLE_ENTITY, "{upload:?}");
     assert_eq!(m.hand_in(&m.robot, &Version::new("fort", 1, fort_pack())).await.status, StatusCode::ACCEPTED);
-    let mut checked = false;
-    for _ in 0..2000 {
+    eventually_async("nothing left to be read while the folder is locked", async || {
         let upload = status(&m.send(Method::GET, "/uploads/fort", &m.robot, &[], Vec::new()).await);
         assert_eq!(upload.state, State::Verifying, "the folder is somebody else's: {upload:?}");
-        checked = upload.done == upload.of;
-        if checked {
-            break;
-        }
-        tokio::time::sleep(Duration::from_millis(5)).await;
-    }
-    assert!(checked, "nothing is left to be read when the folder is locked");
+        (upload.done == upload.of).then_some(())
+    })
+    .await;
     drop(other);
     assert_eq!(m.ended("fort").await.1.version, 1);
 }

@@ -151,7 +151,7 @@ impl Drawing {
     /// Where the paper is too small, or the picture would have too many pixels.
     pub fn new(model: &Metadata, identity: String, request: Request) -> Result<Self, SheetError> {
         let Request { view, scale, dpi, paper, bare, title, format } = request;
-        let bounds: (DVec3, DVec3) = (model.bounds_min.into(), model.bounds_max.into());
+        let bounds: (DVec3, DVec3) = (model.bounds_min, model.bounds_max);
         let sheet = Sheet::new(view, bounds, (scale, dpi), paper.as_ref(), bare)?;
         let size = sheet.pixels()?;
         let title = Title {

@@ -276,7 +276,8 @@ pub(super) fn data_uri(uri: &str, part: &str, context: &Context<'_>) -> Result<O
     if !about.ends_with(";base64") {
         return Ok(Some(percent_decode_str(data).collect()));
     }
-    let bytes = BASE64.decode(data.trim_ascii()).map_err(|e| bad(&format!("a data URI that is no base64 ({e})")))?;
+    let bytes =
+        BASE64.decode(data.trim_ascii()).map_err(|e| bad(&format!("a data URI that is not valid base64 ({e})")))?;
     Ok(Some(bytes))
 }
 
