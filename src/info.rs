@@ -173,32 +173,11 @@ fn words(info: &Info<'_>, header: &Header) -> String {
     line("patches", spread(&parts.patch_triangles));
     line("chunks", spread(&parts.chunk_triangles));
     if parts.stuck_diamonds > 0 {
-        line(
-            "stuck",
-            format!(
-                "{} {} {} {} at coarser levels",
-                grouped(parts.stuck_diamonds),
-                plural(
-                    parts.stuck_diamonds,
-                    "place could not be simplified and keeps its",
-                    "places could not be simplified and keep their"
-                ),
-                grouped(parts.stuck_triangles),
-                plural(parts.stuck_triangles, "triangle", "triangles")
-            ),
-        );
+        line("stuck", stuck_words(parts));
     }
     for source in &m.sources {
-        line(
-            "source",
-            format!(
-                "{} ({} {}, sha256 {})",
-                source.name,
-                grouped(source.bytes),
-                plural(source.bytes, "byte", "bytes"),
-                source.sha256
-            ),
-        );
+        let (bytes, unit) = (grouped(source.bytes), plural(source.bytes, "byte", "bytes"));
+        line("source", format!("{} ({bytes} {unit}, sha256 {})", source.name, source.sha256));
     }
     line("source units", format!("{}, {} up", m.source_units, m.source_up));
     line("made by", m.tool.clone());
@@ -214,6 +193,18 @@ fn words(info: &Info<'_>, header: &Header) -> String {
     out.push('\n');
     out += &table(&info.levels);
     out
+}
+
+/// How much of the surface could not be simplified.
+fn stuck_words(patches: &Patches) -> String {
+    let (places, triangles) = (patches.stuck_diamonds, patches.stuck_triangles);
+    format!(
+        "{} {} {} {} at coarser levels",
+        grouped(places),
+        plural(places, "place could not be simplified and keeps its", "places could not be simplified and keep their"),
+        grouped(triangles),
+        plural(triangles, "triangle", "triangles")
+    )
 }
 
 /// The levels, coarse to fine.

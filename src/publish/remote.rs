@@ -11,7 +11,7 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use kilwa_archive::assemble::is_metadata;
 use kilwa_archive::checksums::{sha256, sha256_of};
 use kilwa_archive::layout::{ANNOTATIONS, MANIFEST, METADATA, pack_name};
-use kilwa_archive::{Manifest, PackEntry};
+use kilwa_archive::{Manifest, PackEntry, Version};
 use kilwa_server::upload::wire::{AnnouncedFile, AnnouncedPreview, Drawing, FORM, Intent};
 use std::fs::File;
 use std::io::BufReader;
@@ -117,14 +117,7 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path) -> anyhow::Resul
     let published = sender.publish(&intent, &place, &|event| progress.show(&event));
     let published = published.map_err(anyhow::Error::msg).with_context(|| plan.at.clone())?;
     progress.0.finish_and_clear();
-    let now = manifest(sender, &intent.slug, &plan.at)?;
-    let version = now.as_ref().and_then(|m| m.versions.iter().find(|v| v.version == published.version));
-    let version = version.filter(|v| v.pack.sha256 == pack_sum).with_context(|| {
-        format!(
-            "{}: the server reports version {} as published, but its manifest.json does not name it",
-            plan.at, published.version
-        )
-    })?;
+    let version = published_version(sender, (&intent.slug, &plan.at), published.version, &pack_sum)?;
     let mut left_out = pictured.left_out;
     left_out.extend(plan.channels_left_out());
     left_out.extend(notes::left_out(plan));
@@ -147,6 +140,23 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path) -> anyhow::Resul
         left_out,
         warnings: plan.warnings(),
         advice: plan.advice(),
+    })
+}
+
+/// The version that the server says it published, as its manifest has it now.
+///
+/// # Errors
+/// The manifest does not name that version with this pack.
+fn published_version(
+    sender: &Sender,
+    (slug, at): (&str, &str),
+    number: u32,
+    pack_sum: &str,
+) -> anyhow::Result<Version> {
+    let now = manifest(sender, slug, at)?;
+    let version = now.and_then(|m| m.versions.into_iter().find(|v| v.version == number));
+    version.filter(|v| v.pack.sha256 == pack_sum).with_context(|| {
+        format!("{at}: the server reports version {number} as published, but its manifest.json does not name it")
     })
 }
 

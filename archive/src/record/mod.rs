@@ -29,6 +29,7 @@ use super::manifest::{Figures, PackEntry};
 use super::metadata::{Agent, AgentKind, Metadata};
 use super::notes::{NOTES_MAX, Notes};
 use super::rights::Rights;
+use super::viewer::content_type;
 use glam::DVec3;
 use kilwa_files::plain_file;
 use serde_json::Value;
@@ -209,26 +210,17 @@ fn json(value: &Value) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// Media type of a file, by its name.
+/// Media type of a file, by its name: what the server sends it as, without the character set, but for JSON-LD and link sets, whose type readers of
+/// the records look for.
 pub fn media_type(path: &str) -> &'static str {
-    match path.rsplit_once('.').map_or("", |(_, ending)| ending) {
-        "kilwa" => "application/octet-stream",
-        "glb" => "model/gltf-binary",
-        "jpg" => "image/jpeg",
-        "png" => "image/png",
-        "json" if path.ends_with(IIIF) || path.ends_with(ANNOTATIONS) => "application/ld+json",
-        "json" if path.ends_with(LINKSET) => "application/linkset+json",
-        "json" => "application/json",
-        "xml" => "application/xml",
-        "bib" => "application/x-bibtex",
-        "ris" => "application/x-research-info-systems",
-        "html" => "text/html",
-        "svg" => "image/svg+xml",
-        "css" => "text/css",
-        "js" => "text/javascript",
-        "wasm" => "application/wasm",
-        _ => "text/plain",
+    if path.ends_with(IIIF) || path.ends_with(ANNOTATIONS) {
+        return "application/ld+json";
     }
+    if path.ends_with(LINKSET) {
+        return "application/linkset+json";
+    }
+    let served = content_type(path);
+    served.split_once(';').map_or(served, |(kind, _)| kind)
 }
 
 #[cfg(test)]

@@ -29,10 +29,10 @@ pub enum QuestionError {
     #[error("that is not asked like that: {0}")]
     Asked(#[from] serde_json::Error),
     /// No unit.
-    #[error("{0} is no unit of length")]
+    #[error("{0} is not a unit of length")]
     Unit(String),
     /// No format.
-    #[error("{0} is no format of files")]
+    #[error("{0} is not a file format")]
     Format(String),
     /// No scale.
     #[error("a scale such as 1:50 is wanted")]
