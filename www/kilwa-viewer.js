@@ -125,7 +125,7 @@ export class KilwaViewerElement extends HTMLElement {
     this.#origin = page.origin;
     this.#wait();
     const frame = document.createElement("iframe");
-    frame.title = this.getAttribute("aria-label") ?? this.title ?? "3D model";
+    frame.title = this.getAttribute("aria-label") || this.title || "3D model";
     frame.allow = "fullscreen; clipboard-write";
     frame.src = page.href;
     frame.addEventListener("load", () => this.#lose());

@@ -5,7 +5,7 @@ import { readFile, stat } from "node:fs/promises";
 import http from "node:http";
 import path from "node:path";
 import { after, before } from "node:test";
-import { WWW, cameraOf, launch, open, packFolder, picture, serve, test, waitFor } from "./harness.mjs";
+import { WWW, cameraOf, canvasOf, launch, open, packFolder, picture, serve, stats, test, troubleOf, waitFor } from "./harness.mjs";
 
 const TYPES = {
   ".html": "text/html; charset=utf-8",
@@ -70,47 +70,46 @@ after(async () => {
 test("a static host that knows no ranges is enough for page and pack", async () => {
   const { page, complaints, close } = await open(browser, `${hosts.viewer.url}/?pack=fort.kilwa&error=8`);
   assert.ok((await picture(page)).share > 0.05);
-  assert.match(await page.locator("#notice").innerText(), /does not send parts of files/);
-  assert.ok(await page.locator("#back").isHidden(), "there is no list to go back to");
+  assert.ok(await page.getByRole("main").getByRole("status").filter({ hasText: "does not send parts of files" }).isVisible());
+  assert.equal(await page.getByRole("link", { name: "All models" }).count(), 0, "there is no list to go back to");
   assert.deepEqual(complaints, []);
   await close();
 });
 
 test("without a pack the page offers to open one: chosen or dropped in, nothing is sent, another one can follow", async () => {
   const { page, complaints, close } = await open(browser, `${hosts.viewer.url}/?error=3`, { wait: null });
-  await page.locator("#welcome").waitFor();
+  await page.getByRole("heading", { name: "Open a model" }).waitFor();
+  const chooser = page.getByLabel("Open a file…");
   const asked = [];
   page.on("request", (request) => request.url().startsWith("http") && asked.push(`${request.method()} ${new URL(request.url()).pathname}`));
-  await page.locator("#open-file").setInputFiles(path.join(folder, "fort.kilwa"));
+  await chooser.setInputFiles(path.join(folder, "fort.kilwa"));
   await waitFor(page, "settled");
   const chosen = await picture(page);
   assert.ok(chosen.share > 0.05);
-  const { requests, received, bytes } = await page.evaluate(() => {
-    const { requests, received, bytes } = globalThis.kilwa.pack;
-    return { requests, received, bytes };
-  });
-  assert.ok(requests > 1 && received < bytes, "parts of the file are read, not all of it");
+  const { requests, bytesReceived } = await stats(page);
+  const { bytes } = await page.evaluate(() => globalThis.kilwa.api.info().pack);
+  assert.ok(requests > 1 && bytesReceived < bytes, "parts of the file are read, not all of it");
   assert.equal(bytes, (await stat(path.join(folder, "fort.kilwa"))).size);
   assert.deepEqual(
     asked.filter((a) => !a.startsWith("GET /") || a.includes("kilwa-") || a.endsWith(".kilwa")),
     [],
   );
   // Another file in its place: damaged, empty, and the first again, dropped.
-  await page.locator("#open-file").setInputFiles({ name: "no.kilwa", mimeType: "", buffer: Buffer.alloc(5000, 65) });
+  await chooser.setInputFiles({ name: "no.kilwa", mimeType: "", buffer: Buffer.alloc(5000, 65) });
   await waitFor(page, "trouble");
-  assert.match(await page.locator("#trouble").innerText(), /damaged[\s\S]*magic bytes/);
-  await page.locator("#open-file").setInputFiles({ name: "no.kilwa", mimeType: "", buffer: Buffer.alloc(0) });
+  assert.match(await troubleOf(page).innerText(), /damaged[\s\S]*magic bytes/);
+  await chooser.setInputFiles({ name: "no.kilwa", mimeType: "", buffer: Buffer.alloc(0) });
   await waitFor(page, "trouble");
   const pack = (await readFile(path.join(folder, "fort.kilwa"))).toString("base64");
-  await page.evaluate(async (base64) => {
-    const bytes = Uint8Array.from(atob(base64), (c) => c.charCodeAt(0));
-    const dataTransfer = new DataTransfer();
-    dataTransfer.items.add(new File([bytes], "dropped.kilwa"));
-    const fire = (type) => document.body.dispatchEvent(new DragEvent(type, { dataTransfer, bubbles: true, cancelable: true }));
-    fire("dragenter");
-    if (document.getElementById("drop").hidden) throw new Error("nothing says that a file can be let go");
-    fire("drop");
+  const dataTransfer = await page.evaluateHandle((base64) => {
+    const dropped = new DataTransfer();
+    dropped.items.add(new File([Uint8Array.from(atob(base64), (c) => c.charCodeAt(0))], "dropped.kilwa"));
+    return dropped;
   }, pack);
+  const main = page.getByRole("main");
+  await main.dispatchEvent("dragenter", { dataTransfer });
+  assert.ok(await page.getByText("Drop to open the model").isVisible(), "the page says that a file can be let go");
+  await main.dispatchEvent("drop", { dataTransfer });
   await waitFor(page, "settled");
   assert.deepEqual(await picture(page), chosen);
   assert.deepEqual(complaints, []);
@@ -132,13 +131,20 @@ test("the model alone fills the window, and what floats over it keeps apart, at 
     for (const [width, height] of sizes) {
       await page.setViewportSize({ width, height });
       const at = `${query || "hidden"} at ${width} × ${height}`;
-      await page.waitForFunction(() => document.getElementById("canvas").clientWidth === innerWidth, null, { polling: 50 });
-      const boxes = await page.evaluate(() => {
-        const box = (element) => (({ left, top, right, bottom }) => [left, top, right, bottom])(element.getBoundingClientRect());
-        const floating = [...document.querySelectorAll(".rail, .cube, .show-again")].filter((e) => e.checkVisibility());
-        return { canvas: box(document.getElementById("canvas")), floating: floating.map((e) => [e.className, ...box(e)]) };
-      });
-      assert.deepEqual(boxes.canvas, [0, 0, width, height], at);
+      await page.waitForFunction((canvas) => canvas.clientWidth === innerWidth, await canvasOf(page).elementHandle(), { polling: 50 });
+      const boxOf = async (locator) => {
+        const { x, y, width, height } = await locator.boundingBox();
+        return [x, y, x + width, y + height];
+      };
+      const floating = [];
+      for (const [name, locator] of [
+        ["tools", page.getByRole("toolbar", { name: "Tools", exact: true })],
+        ["cube", page.getByRole("group", { name: "View cube" })],
+        ["way to the whole page", page.getByRole("link", { name: "Open the full page" })],
+        ["way back", page.getByRole("button", { name: "Show controls" })],
+      ])
+        if (await locator.isVisible()) floating.push([name, ...(await boxOf(locator))]);
+      const boxes = { canvas: await boxOf(canvasOf(page)), floating };
       assert.equal(boxes.floating.length, { "embed=1": 3, "embed=bare": 0, "": 1 }[query], at);
       for (const [i, [name, left, top, right, bottom]] of boxes.floating.entries()) {
         assert.ok(left >= 0 && top >= 0 && right <= width && bottom <= height, `${name} is within ${at}`);
@@ -165,23 +171,24 @@ async function embed(host) {
     document.body.append(element);
     globalThis.element = element;
   }, hosts.viewer.url);
-  const frame = await (await found.page.locator("kilwa-viewer iframe").elementHandle()).contentFrame();
+  const inner = await found.page.getByTitle("3D model").elementHandle();
+  const frame = await inner.contentFrame();
   // Events are what the stranger never hears.
   if (host !== hosts.stranger) await found.page.waitForFunction(() => globalThis.heard.includes("ready"), null, { polling: 50 });
-  await frame.waitForFunction(() => globalThis.kilwa?.session?.stats?.settled, null, { polling: 50 });
-  return { ...found, frame };
+  await waitFor(frame, "settled");
+  return { ...found, inner, frame };
 }
 
 test("<kilwa-viewer> of another origin answers a page that it is allowed to, with data and events", async () => {
   const { page, frame, complaints, close } = await embed(hosts.friend);
   const call = (name, ...args) => page.evaluate(([name, args]) => globalThis.element[name](...args), [name, args]);
-  assert.ok(await frame.locator(".rail").isVisible());
-  assert.ok(await frame.locator(".bar").isHidden());
-  assert.ok(await frame.locator(".panel").isHidden());
-  const stats = await call("stats");
-  assert.ok(stats.trianglesDrawn > 0 && stats.chunksResident > 0 && stats.requests > 0);
+  assert.ok(await frame.getByRole("toolbar", { name: "Tools", exact: true }).isVisible());
+  assert.equal(await frame.getByRole("banner").count(), 0, "nothing above the picture");
+  assert.equal(await frame.getByRole("complementary").count(), 0, "nor beside it");
+  const figures = await call("stats");
+  assert.ok(figures.trianglesDrawn > 0 && figures.chunksResident > 0 && figures.requests > 0);
   for (const name of ["chunksWanted", "chunksResident", "requestsInFlight", "trianglesDrawn", "bytesReceived", "requests", "worstPixelError", "targetReached"])
-    assert.ok(name in stats, name);
+    assert.ok(name in figures, name);
   await call("view", "east");
   const camera = await call("getCamera");
   assert.ok(Math.abs(camera.azimuth - Math.PI / 2) < 1e-9 && camera.orthographic);
@@ -194,7 +201,7 @@ test("<kilwa-viewer> of another origin answers a page that it is allowed to, wit
   assert.equal(hit.place.length, 3);
   const id = await call("addAnnotation", { place: hit.place, title: "From outside", text: "<b>text</b>" });
   assert.ok(await call("openAnnotation", id));
-  assert.equal(await frame.locator("#note-title").innerText(), "From outside");
+  assert.equal(await frame.getByRole("region", { name: "Note", exact: true }).getByRole("heading").innerText(), "From outside");
   const png = await page.evaluate(async () => {
     const blob = await globalThis.element.picture({ width: 320, height: 200 });
     return { type: blob.type, size: blob.size };
@@ -233,7 +240,7 @@ test("a page of an origin that nobody allowed sees the model and gets no answer"
     `the viewer's page at ${hosts.viewer.url} does not answer: it is slow, not there, or does not name ${hosts.stranger.url} in <meta name="kilwa-origins">`,
   );
   assert.deepEqual(await page.evaluate(() => globalThis.heard), []);
-  assert.ok(await frame.locator("#canvas").isVisible());
+  assert.ok(await canvasOf(frame).isVisible());
   await close();
 });
 
@@ -261,15 +268,15 @@ test("on a line so slow that whoever waits is told, the viewer comes later and a
   }, hosts.viewer.url);
   assert.match(first, /does not answer: it is slow/);
   let_go();
-  await page.waitForFunction(
-    () =>
+  // Who waits is told again and again, until the viewer is there.
+  await page.evaluate(async () => {
+    const isLoaded = () =>
       globalThis.element.loaded.then(
         () => true,
         () => false,
-      ),
-    null,
-    { polling: 100 },
-  );
+      );
+    while (!(await isLoaded()));
+  });
   assert.ok((await page.evaluate(() => globalThis.element.modes())).includes("clay"));
   // A call that another model overtakes is told.
   const overtaken = await page.evaluate(() => {
@@ -285,10 +292,9 @@ test("on a line so slow that whoever waits is told, the viewer comes later and a
 });
 
 test("messages that are no calls, from other windows or in other shapes, change nothing", async () => {
-  const { page, frame, complaints, close } = await embed(hosts.friend);
+  const { page, inner, frame, complaints, close } = await embed(hosts.friend);
   const before = await cameraOf(frame);
-  await page.evaluate(() => {
-    const inner = globalThis.element.shadowRoot.querySelector("iframe").contentWindow;
+  await inner.evaluate(({ contentWindow }) => {
     for (const message of [
       null,
       1,
@@ -299,11 +305,18 @@ test("messages that are no calls, from other windows or in other shapes, change 
       { kilwa: 2, id: 1, call: "fit" },
       { kilwa: 1, id: 2, call: "__proto__", args: [] },
     ])
-      inner.postMessage(message, "*");
+      contentWindow.postMessage(message, "*");
   });
-  // The frame itself is not its host.
-  await frame.evaluate(() => postMessage({ kilwa: 1, id: 9, call: "view", args: ["plan"] }, "*"));
-  await page.waitForTimeout(200);
+  // The frame itself is not its host. Messages arrive in their order: when the last one is there, the viewer has had the others.
+  await frame.evaluate(async () => {
+    const last = new Promise((resolve) => addEventListener("message", ({ data }) => data === "last" && resolve()));
+    postMessage({ kilwa: 1, id: 9, call: "view", args: ["plan"] }, "*");
+    postMessage("last", "*");
+    await last;
+  });
+  // So it is with the host's, and the viewer still answers it.
+  assert.ok(await page.evaluate(() => globalThis.element.stats()));
+  await waitFor(frame, "settled");
   assert.deepEqual(await cameraOf(frame), before);
   assert.deepEqual(complaints, []);
   await close();
@@ -311,9 +324,10 @@ test("messages that are no calls, from other windows or in other shapes, change 
 
 test("the example page works", async () => {
   const { page, complaints, close } = await open(browser, `${hosts.viewer.url}/examples/?pack=/fort.kilwa`, { wait: null });
-  await page.locator("#said", { hasText: "triangles" }).waitFor();
-  await page.locator("[data-view=plan]").click();
-  await page.waitForFunction(async () => Math.abs((await document.getElementById("model").getCamera()).elevation - Math.PI / 2) < 1e-6);
+  await page.getByText(/\d triangles/).waitFor();
+  await page.getByRole("button", { name: "Plan" }).click();
+  const frame = await (await page.getByTitle("Model", { exact: true }).elementHandle()).contentFrame();
+  await frame.waitForFunction(() => Math.abs(globalThis.kilwa.api.getCamera().elevation - Math.PI / 2) < 1e-6);
   assert.deepEqual(complaints, []);
   await close();
 });

@@ -56,14 +56,26 @@ test("on a phone nothing is wider than the screen and every control is large eno
   for (const address of PAGES) {
     const { page, close } = await look(address, { size: [390, 844], hasTouch: true, isMobile: true });
     assert.equal(await page.evaluate(() => document.documentElement.scrollWidth), 390, address);
-    const small = await page.evaluate(() =>
-      [...document.querySelectorAll("a, button, select, input:not([type=radio], [type=checkbox], [type=hidden]), label:has(input)")]
-        // Words inside text and links of a drawing that stand in the list beside it, and a card, all of which is its link.
-        .filter((e) => !e.closest("svg, .card") && e.checkVisibility())
-        .map((e) => [e.textContent.trim() || e.name, e.getBoundingClientRect()])
-        .filter(([, b]) => b.height < 43.5)
-        .map(([name, b]) => `${name}: ${b.width} × ${b.height}`),
-    );
+    // Links of a drawing stand in the list beside it, and all of a card is its link.
+    const drawn = await page.getByRole("group", { name: "Map" }).getByRole("link").elementHandles();
+    const cards = await page
+      .getByRole("listitem")
+      .filter({ has: page.getByRole("heading") })
+      .getByRole("link")
+      .elementHandles();
+    const controls = ["link", "button", "combobox", "textbox", "searchbox", "spinbutton", "radio", "checkbox"].map((role) => page.getByRole(role));
+    const small = await controls
+      .reduce((all, one) => all.or(one))
+      .evaluateAll(
+        (all, others) =>
+          all
+            .filter((e) => !others.includes(e))
+            // What is pressed is the label with its circle or box.
+            .map((e) => [e, (["radio", "checkbox"].includes(e.type) ? e.labels[0] : e).getBoundingClientRect()])
+            .filter(([, b]) => b.height < 43.5)
+            .map(([e, b]) => `${e.textContent.trim() || e.name}: ${b.width} × ${b.height}`),
+        [...drawn, ...cards],
+      );
     assert.deepEqual(small, [], address);
     await close();
   }
@@ -71,10 +83,16 @@ test("on a phone nothing is wider than the screen and every control is large eno
 
 test("the map leads to models and closer, without scripts and by keyboard", async () => {
   const { page, close } = await look("/map", { javaScriptEnabled: false });
-  const dots = page.locator(".map svg a");
-  assert.deepEqual(await dots.locator("title").allTextContents(), ["Models here: 2. Zoom in", "Great mosque of Gede, Gede"]);
-  assert.deepEqual(await page.locator(".places li a").allInnerTexts(), ["Gereza fort", "Great mosque of Gede", "Husuni Kubwa"]);
-  await dots.first().focus();
+  const dots = page.getByRole("group", { name: "Map" }).getByRole("link");
+  assert.equal(await dots.count(), 2);
+  assert.ok(await dots.and(page.getByRole("link", { name: "Models here: 2. Zoom in", exact: true })).isVisible());
+  assert.ok(await dots.and(page.getByRole("link", { name: "Great mosque of Gede, Gede", exact: true })).isVisible());
+  assert.deepEqual(await page.getByRole("region", { name: "Places" }).getByRole("listitem").getByRole("link").allInnerTexts(), [
+    "Gereza fort",
+    "Great mosque of Gede",
+    "Husuni Kubwa",
+  ]);
+  await dots.first().focus(); // the two of Kilwa Kisiwani
   await Promise.all([page.waitForURL(/#places|box=/), page.keyboard.press("Enter")]);
   await page.goto(`${server.url}/map?q=gede`);
   await dots.first().focus();
@@ -84,10 +102,10 @@ test("the map leads to models and closer, without scripts and by keyboard", asyn
 
 test("a mesh is asked for, waited for and saved, without scripts", async () => {
   const { page, close } = await look("/gereza/extract", { javaScriptEnabled: false, acceptDownloads: true });
-  await page.locator('input[value="stl"]').check();
-  await page.locator('input[name="detail"][value="triangles"]').check();
-  await page.locator('input[name="triangles"]').fill("5 000");
-  const [download] = await Promise.all([page.waitForEvent("download"), page.locator("form.extract button").click()]);
+  await page.getByRole("radio", { name: "STL" }).check();
+  await page.getByRole("radio", { name: "Maximum number of triangles" }).check();
+  await page.getByRole("textbox", { name: "Maximum number of triangles" }).fill("5 000");
+  const [download] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: "Make the file" }).click()]);
   assert.equal(download.suggestedFilename(), "gereza-v1-5000.stl");
   const bytes = await readFile(await download.path());
   const triangles = bytes.readUInt32LE(80);
@@ -98,9 +116,9 @@ test("a mesh is asked for, waited for and saved, without scripts", async () => {
 
 test("a model's page leads to its downloads, and they lead back", async () => {
   const { page, close } = await look("/gereza/", { javaScriptEnabled: false });
-  await page.locator('a[href="/gereza/extract"]').last().click();
-  assert.equal(await page.locator("h1").innerText(), "Downloads");
-  await page.locator(".crumb a").click();
+  await page.getByRole("link", { name: /^PLY, GLB, OBJ, STL/ }).click();
+  assert.equal(await page.getByRole("heading", { level: 1 }).innerText(), "Downloads");
+  await page.getByRole("link", { name: "Back to the model" }).click();
   assert.equal(new URL(page.url()).pathname, "/gereza/");
   await close();
 });

@@ -8,7 +8,7 @@ import { tmpdir } from "node:os";
 import path from "node:path";
 import { after, before } from "node:test";
 import { promisify } from "node:util";
-import { KILWA, WWW, launch, open, packFolder, picture, stats, test, waitFor } from "./harness.mjs";
+import { KILWA, WWW, launch, open, openTab, packFolder, picture, stats, test, waitFor } from "./harness.mjs";
 
 const run = promisify(execFile);
 const METADATA = `title = "Gereza"\ndescription = "A fort by the sea."\nslug = "gereza"\n[rights]\nuri = "CC BY 4.0"\n[[creators]]\nname = "Held, Christoph"\n[model]\nunits = "m"\n`;
@@ -80,7 +80,7 @@ async function host(program, args, port) {
       break;
     } catch (error) {
       assert.ok(tries < 100 && child.exitCode === null, `${program} does not serve the site: ${error.message}`);
-      await new Promise((resolve) => setTimeout(resolve, 100));
+      await new Promise((resolve) => setTimeout(resolve, 100)); // between two tries: nothing tells when a program listens
     }
   }
   return {
@@ -120,6 +120,9 @@ const has = (program, flag) => {
   }
 };
 
+/** What the page says where a host does not send parts of files. */
+const whole = (page) => page.getByRole("main").getByRole("status").filter({ hasText: "does not send parts of files" });
+
 /** Open the model; the answers to requests for packs, and what the page says about them. */
 async function look(url, options = {}) {
   const answers = [];
@@ -141,7 +144,7 @@ test("from nginx the model streams by range", { skip: has("nginx", "-v") }, asyn
     assert.ok(s.targetReached && s.settled, JSON.stringify(s));
     assert.ok((await picture(page)).share > 0.05);
     assert.ok(answers.length > 1 && answers.every((status) => status === 206), String(answers));
-    assert.equal(await page.evaluate(() => globalThis.kilwa.pack.whole), null);
+    assert.equal(await whole(page).count(), 0, "the pack was not read whole");
     assert.deepEqual(complaints, []);
     await close();
     const said = await run(KILWA, ["verify", `${server.url}/`]);
@@ -159,10 +162,10 @@ test("from Python's http.server the pack is read once, as a stream, and the page
     assert.ok(s.targetReached && s.settled, JSON.stringify(s));
     assert.ok((await picture(page)).share > 0.05);
     assert.deepEqual(answers, [200]);
-    const [notice, size] = await page.evaluate(() => [document.body.innerText, globalThis.kilwa.pack.bytes]);
+    const size = await page.evaluate(() => globalThis.kilwa.api.info().pack.bytes);
     const pack = (await readdir(path.join(site, "gereza/v1"))).find((name) => name.endsWith(".kilwa"));
     assert.equal(size, (await readFile(path.join(site, "gereza/v1", pack))).length);
-    assert.match(notice, /does not send parts of files/);
+    assert.ok(await whole(page).isVisible());
     assert.deepEqual(complaints, []);
     await close();
     const said = await run(KILWA, ["verify", `${server.url}/gereza/`]);
@@ -176,14 +179,20 @@ test("notes that were published are seen on the model's page, as text, and have 
   const server = await python();
   try {
     const { page, complaints, close } = await look(server.url);
-    await page.locator(".pin").waitFor();
-    await page.locator("#tab-notes").click();
-    assert.deepEqual(await page.locator("#notes-list .name").allInnerTexts(), ["The gate"]);
-    assert.ok(await page.locator("#notes-own").isHidden(), "nothing of the reader's own");
-    await page.locator("#notes-list .go").click();
-    assert.equal(await page.locator("#note-text").innerText(), TEXT);
-    assert.equal(await page.locator("#note-text img").count(), 0);
-    assert.equal(await page.locator("#note-link").getAttribute("href"), "https://example.org/gate");
+    await page.getByRole("group", { name: "Notes" }).getByRole("button").waitFor();
+    await openTab(page, "Notes");
+    const rows = page.getByRole("tabpanel", { name: "Notes" }).getByRole("listitem").getByRole("button", { name: /^\d/ });
+    // Each row begins with its number.
+    assert.deepEqual(
+      (await rows.allInnerTexts()).map((text) => text.replace(/^\d+\s*/, "")),
+      ["The gate"],
+    );
+    assert.ok(await page.getByText("You see your own version of the notes.").isHidden(), "nothing of the reader's own");
+    await rows.click();
+    const card = page.getByRole("region", { name: "Note", exact: true });
+    assert.equal(await card.getByText("Coral rag").innerText(), TEXT);
+    assert.equal(await card.getByRole("img").count(), 0);
+    assert.equal(await card.getByRole("link").getAttribute("href"), "https://example.org/gate");
     assert.match(page.url(), /annotation=00000001-0000-4000-8000-000000000000/);
     assert.deepEqual(complaints, []);
     await close();
@@ -219,12 +228,16 @@ test("the catalogue, its feed, its lists and every link in them lead somewhere",
     // Without scripts the page has text, picture, citation and downloads.
     const { page, close } = await open(browser, `${server.url}/gereza/`, { wait: null, javaScriptEnabled: false });
     const plain = await page.innerText("body");
+    const addresses = await page.getByRole("link").evaluateAll((links) => links.map((link) => link.href));
     for (const part of ["Gereza", "A fort by the sea.", "CC BY 4.0", "Held"]) assert.ok(plain.includes(part), `${part} in ${plain}`);
-    assert.ok(await page.locator("a[href$='.kilwa']").count());
+    assert.ok(
+      addresses.some((address) => address.endsWith(".kilwa")),
+      String(addresses),
+    );
     await close();
     // From the catalogue to the model.
     const way = await open(browser, `${server.url}/`, { wait: null });
-    await way.page.click("a[href='gereza/']");
+    await way.page.getByRole("link", { name: "Gereza", exact: true }).click();
     await waitFor(way.page, "first");
     assert.deepEqual(way.complaints, []);
     await way.close();
