@@ -121,6 +121,7 @@ export async function serve(folder, ...options) {
     url: `http://${address}`,
     stop: async () => {
       child.kill("SIGTERM");
+      // Not a pause: a server that does not end is killed, so that the test fails instead of waiting for ever.
       const late = setTimeout(() => child.kill("SIGKILL"), 60_000);
       assert.equal(await ended, 0, "kilwa serve ends well when it is told to");
       clearTimeout(late);
@@ -159,6 +160,7 @@ async function answer(proxy, upstream, request, response) {
     const asked = first ? [Number(first[1]), Number(first[2])] : null;
     mishap = proxy.mishap?.({ range: asked, number: proxy.requests.length }) ?? null;
   }
+  // Not a pause of a test: the server that is simulated is this slow.
   if (mishap?.late) await new Promise((resolve) => setTimeout(resolve, mishap.late));
   if (mishap?.drop) {
     request.socket.destroy();

@@ -2,9 +2,12 @@
 // and find the same value; sign in to what is not public and come back to it. By pointer, in Arabic, and by keyboard alone.
 
 import assert from "node:assert/strict";
+import { readFile } from "node:fs/promises";
+import path from "node:path";
 import { after, before } from "node:test";
 import { AMINA, archive } from "./archive.mjs";
-import { launch, open, test, waitFor } from "./harness.mjs";
+import { ROOT, WWW, canvasOf, launch, open, stats, test, troubleOf, waitFor } from "./harness.mjs";
+import { bits, done, list, press } from "./measuring.mjs";
 
 /** Coarse, because software draws; what is measured does not depend on it. */
 const COARSE = "error=16";
@@ -13,8 +16,15 @@ const OBJECTS = [
   ["husuni", "Husuni Kubwa", 'description = "A palace."', ""],
   ["cave", "Painted cave", 'description = "Paintings of animals."', '[access]\nstate = "restricted"\nreason = "Graves of the living."\n'],
 ];
+/** Where it is measured, in shares of the picture's width and height. */
+const PLACES = [
+  [0.42, 0.5],
+  [0.55, 0.5],
+];
 let server;
 let browser;
+let english;
+let arabic;
 
 before(async () => {
   const texts = OBJECTS.map(
@@ -22,6 +32,7 @@ before(async () => {
   );
   server = await archive(texts, { granted: ["cave"] });
   browser = await launch();
+  [english, arabic] = await Promise.all(["en", "ar"].map(words));
 });
 after(async () => {
   await browser?.close();
@@ -31,24 +42,38 @@ after(async () => {
 const reader = (address, options = {}) =>
   open(browser, `${server.url}${address}`, { size: [1200, 800], wait: null, permissions: ["clipboard-read", "clipboard-write"], ...options });
 const ready = (page) => waitFor(page, "first");
-/** Until there is one measurement and it is final; its bits. */
+/** Until there is one measurement and it is final; it with every bit of its values and places. */
 async function measured(page) {
-  const isFinal = () => {
-    const items = globalThis.kilwa?.measuring?.tools?.items;
-    return items?.length === 1 && !["picking", "measuring"].includes(items[0].task.state);
-  };
-  await page.waitForFunction(isFinal, null, { polling: 50 });
-  return page.evaluate(() => {
-    const hex = (v) => [...new Uint8Array(new Float64Array([v]).buffer)].map((b) => b.toString(16).padStart(2, "0")).join("");
-    const [{ name, task }] = globalThis.kilwa.measuring.tools.items;
-    return {
-      name,
-      state: task.state,
-      local: task.points.flatMap((p) => p.local.map(hex)),
-      readings: task.readings.map((r) => [r.name, hex(r.value), hex(r.uncertainty)]),
-    };
-  });
+  await done(page);
+  const [{ name, tool, local, readings }] = await bits(page);
+  const [{ state }] = await list(page);
+  return { name, tool, state, local, readings };
 }
+/** The words of a language: those of the viewer, and over them the plain ones of the portal. */
+async function words(language) {
+  const viewer = JSON.parse(await readFile(path.join(WWW, `i18n/${language}.json`), "utf8"));
+  const portal = await readFile(path.join(ROOT, `i18n/${language}/portal.ftl`), "utf8");
+  return { ...viewer, ...Object.fromEntries([...portal.matchAll(/^(\w+) = ([^{}\n]+)$/gmu)].map(([, key, text]) => [key, text])) };
+}
+
+// The pages as a reader finds things on them, whose names are words of a language.
+
+const search = (page, t) => page.getByRole("searchbox", { name: t.searchLabel });
+const searchButton = (page, t) => page.getByRole("search").getByRole("button", { name: t.search });
+/** The titles of the models in the list. */
+const titles = (page) => page.getByRole("listitem").getByRole("heading", { level: 2 });
+const back = (page, t) => page.getByRole("banner").getByRole("link", { name: t.allModels });
+const measure = (page, t) => page.getByRole("toolbar", { name: t.tools }).getByRole("button", { name: t.toolMeasure, exact: true });
+const measureBar = (page, t) => page.getByRole("toolbar", { name: t.measurements });
+const table = (page, t) => page.getByRole("table", { name: t.measurements });
+const cite = (page, t) => table(page, t).getByRole("button", { name: t.measureCite });
+/** The address of a citation, which stands below the sentence. */
+const citedAddress = (page, t) => table(page, t).getByRole("link");
+const toSignIn = (page, t) => troubleOf(page).getByRole("link", { name: t.signIn });
+const name = (page, t) => page.getByRole("textbox", { name: t.userName });
+const password = (page, t) => page.getByLabel(t.password);
+const signIn = (page, t) => page.getByRole("button", { name: t.signIn });
+
 const clipboard = (page) => page.evaluate(() => navigator.clipboard.readText());
 /** The address at the end of a citation. */
 const addressOf = (citation) => /(http:\S+)$/u.exec(citation)[1];
@@ -60,35 +85,35 @@ async function follow(citation, wanted, lang) {
   const other = await reader(address.slice(server.url.length), { locale: lang });
   await ready(other.page);
   assert.deepEqual(await measured(other.page), wanted, "the same measurement with the same value");
-  assert.equal(await other.page.locator("#title").innerText(), "Gereza fort");
+  assert.equal(await other.page.getByRole("banner").getByRole("heading", { level: 1 }).innerText(), "Gereza fort");
   assert.deepEqual(other.complaints, []);
   return other;
 }
 
 test("found by search, opened, measured, cited, and the citation leads back to the same value", async () => {
   const { page, complaints, close } = await reader("/");
-  await page.locator("#q").fill("coral harb");
-  await page.locator("#search button").click();
-  assert.deepEqual(await page.locator(".card h2").allInnerTexts(), ["Gereza fort"]);
-  await page.locator(".card h2 a").click();
+  const t = english;
+  await search(page, t).fill("coral harb");
+  await searchButton(page, t).click();
+  assert.deepEqual(await titles(page).allInnerTexts(), ["Gereza fort"]);
+  await titles(page).getByRole("link").click();
   await ready(page);
-  await page.locator("#tool-measure").click();
-  await page.locator("#measure-bar").waitFor();
-  const box = await page.locator("#canvas").boundingBox();
-  for (const x of [0.42, 0.55]) await page.mouse.click(box.x + box.width * x, box.y + box.height * 0.5);
+  await measure(page, t).click();
+  await measureBar(page, t).waitFor();
+  await press(page, ...PLACES);
   const wanted = await measured(page);
   assert.equal(wanted.state, "final");
-  await page.locator('.measure-table [data-act="cite"]').click();
-  const link = page.locator(".cited-address a");
+  await cite(page, t).click();
+  const link = citedAddress(page, t);
   await link.waitFor();
   const citation = await clipboard(page);
   assert.match(citation, /straight [\d.]+ ± [\d.]+ m.* of “Gereza fort” \(pack [0-9a-f]{32}\)/u);
   assert.equal(addressOf(citation), await link.getAttribute("href"));
   const other = await follow(citation, wanted, "en");
   // Whoever follows it has that one measurement, and the list of what else there is.
-  await other.page.locator("#back").click();
-  await other.page.locator("#q").waitFor();
-  assert.equal(await other.page.locator(".card").count(), OBJECTS.length);
+  await back(other.page, t).click();
+  await search(other.page, t).waitFor();
+  assert.equal(await titles(other.page).count(), OBJECTS.length);
   await other.close();
   assert.deepEqual(complaints, []);
   await close();
@@ -98,16 +123,16 @@ test("who signs in to what is not public comes back to the view that the link he
   const view = "#view=3,4,5,0.5,-0.6,40,0&measurements=coordinate~AAAAAAAAAAAAAAAAAAAAAAAAAAAAAADwPw~There";
   const { page, close } = await reader(`/cave/?${COARSE}${view}`);
   await waitFor(page, "trouble");
-  assert.match(await page.locator("#trouble-detail").innerText(), /Graves of the living/);
-  await page.locator("#trouble-sign-in").click();
-  await page.locator("#name").fill(AMINA.name);
-  await page.locator("#password").fill(AMINA.password);
-  await page.locator("main button").click();
+  assert.match(await troubleOf(page).innerText(), /Graves of the living/);
+  await toSignIn(page, english).click();
+  await name(page, english).fill(AMINA.name);
+  await password(page, english).fill(AMINA.password);
+  await signIn(page, english).click();
   await ready(page);
   const at = new URL(page.url());
   assert.equal(`${at.pathname}${at.search}`, `/cave/?${COARSE}`);
   assert.match(at.hash, /^#view=3,4,5,0\.5,-0\.6,40,0/);
-  assert.ok((await page.evaluate(() => globalThis.kilwa.session.stats.trianglesDrawn)) > 0, "the model is there");
+  assert.ok((await stats(page)).trianglesDrawn > 0, "the model is there");
   await close();
 });
 
@@ -122,26 +147,23 @@ test("in Arabic all of it is from right to left, in Arabic, with figures as the 
     assert.deepEqual([dir, lang], ["rtl", "ar"], where);
     assert.match(words, /\p{Script=Arabic}{3}/u, where);
   };
+  const t = arabic;
   await isArabic("the catalogue");
-  await page.locator("#q").fill("coral");
-  await page.locator("#search button").click();
+  await search(page, t).fill("coral");
+  await searchButton(page, t).click();
   await isArabic("what was found");
-  const [shown, wanted] = await page.evaluate(() => {
-    const text = document.querySelector(".card .facts dd").innerText;
-    const digits = Number(text.replace(/\D/g, ""));
-    return [text, new Intl.NumberFormat("ar-u-nu-latn").format(digits)];
-  });
-  assert.equal(shown, wanted);
-  await page.locator(".card h2 a").click();
+  const shown = await page.getByRole("listitem").getByRole("definition").first().innerText();
+  const grouped = (digits) => new Intl.NumberFormat("ar-u-nu-latn").format(digits);
+  assert.equal(shown, await page.evaluate(grouped, Number(shown.replace(/\D/g, ""))));
+  await titles(page).getByRole("link").click();
   await ready(page);
   await isArabic("the viewer");
-  await page.locator("#tool-measure").click();
-  await page.locator("#measure-bar").waitFor();
-  const box = await page.locator("#canvas").boundingBox();
-  for (const x of [0.42, 0.55]) await page.mouse.click(box.x + box.width * x, box.y + box.height * 0.5);
+  await measure(page, t).click();
+  await measureBar(page, t).waitFor();
+  await press(page, ...PLACES);
   const value = await measured(page);
-  await page.locator('.measure-table [data-act="cite"]').click();
-  await page.locator(".cited-address a").waitFor();
+  await cite(page, t).click();
+  await citedAddress(page, t).waitFor();
   const citation = await clipboard(page);
   assert.match(citation, /\p{Script=Arabic}{3}/u);
   const other = await follow(citation, value, "ar");
@@ -150,15 +172,15 @@ test("in Arabic all of it is from right to left, in Arabic, with figures as the 
   // Signing in speaks it too, also after a wrong password.
   await page.goto(`${server.url}/cave/?${COARSE}`);
   await waitFor(page, "trouble");
-  await page.locator("#trouble-sign-in").click();
+  await toSignIn(page, t).click();
   await isArabic("the form");
-  await page.locator("#name").fill(AMINA.name);
-  await page.locator("#password").fill("not this sentence");
-  await page.locator("main button").click();
-  await page.locator("[role=alert]").waitFor();
+  await name(page, t).fill(AMINA.name);
+  await password(page, t).fill("not this sentence");
+  await signIn(page, t).click();
+  await page.getByRole("alert").waitFor();
   await isArabic("the form after a wrong password");
-  await page.locator("#password").fill(AMINA.password);
-  await page.locator("main button").click();
+  await password(page, t).fill(AMINA.password);
+  await signIn(page, t).click();
   await ready(page);
   await isArabic("the model that is not public");
   // The browser itself says that something was refused, and that is all it says.
@@ -171,11 +193,11 @@ test("in Arabic all of it is from right to left, in Arabic, with figures as the 
 
 test("a language chosen in the catalogue goes along, whatever the browser asks for", async () => {
   const { page, close } = await reader("/?lang=ar", { locale: "en" });
-  await page.locator(".card h2 a").first().click();
+  await titles(page).first().getByRole("link").click();
   await ready(page);
   assert.equal(await page.evaluate(() => document.documentElement.lang), "ar");
-  await page.locator("#back").click();
-  await page.locator("#q").waitFor();
+  await back(page, arabic).click();
+  await search(page, arabic).waitFor();
   assert.equal(await page.evaluate(() => document.documentElement.lang), "ar");
   await close();
 });
@@ -192,51 +214,52 @@ test("by keyboard alone: found, opened, measured, cited, followed back; signed i
     for (const name of names) await page.keyboard.press(name);
   };
   /** Tab until the focus is there. */
-  const tabTo = async (selector) => {
+  const tabTo = async (control) => {
     for (let steps = 0; steps < 120; steps += 1) {
-      if (await page.evaluate((s) => document.activeElement.matches(s), selector)) return;
+      if (await control.evaluate((e) => e === document.activeElement)) return;
       await page.keyboard.press("Tab");
     }
-    assert.fail(`Tab does not lead to ${selector}`);
+    assert.fail(`Tab does not lead to ${control}`);
   };
-  await tabTo("#q");
+  const t = english;
+  await tabTo(search(page, t));
   await page.keyboard.type("gereza");
   await Promise.all([page.waitForURL(/q=gereza/), keys("Enter")]);
-  await tabTo(".card h2 a");
+  await tabTo(titles(page).getByRole("link"));
   await Promise.all([page.waitForURL((url) => url.pathname !== "/"), keys("Enter")]);
   await ready(page);
-  await tabTo("#tool-measure");
+  await tabTo(measure(page, t));
   await keys("Enter");
-  await page.locator("#measure-bar").waitFor();
-  await tabTo("#canvas");
+  await measureBar(page, t).waitFor();
+  await tabTo(canvasOf(page));
   // The first Space brings the crosshair, the others take the places.
   await keys("Space", "Shift+ArrowLeft", "Space", "Shift+ArrowRight", "Shift+ArrowRight", "ArrowDown", "Space");
   const wanted = await measured(page);
   assert.equal(wanted.state, "final");
   await keys("Escape");
-  await tabTo('.measure-table [data-act="cite"]');
+  await tabTo(cite(page, t));
   await keys("Enter");
-  await page.locator(".cited-address a").waitFor();
+  await citedAddress(page, t).waitFor();
   const citation = await clipboard(page);
-  await tabTo(".cited-address a");
+  await tabTo(citedAddress(page, t));
   await keys("Enter");
   assert.deepEqual(await measured(page), wanted, "the link in the page changes nothing");
   await page.goto("about:blank");
   await page.goto(addressOf(citation));
   await ready(page);
   assert.deepEqual(await measured(page), wanted);
-  await tabTo("#back");
+  await tabTo(back(page, t));
   await keys("Enter");
-  await page.locator("#q").waitFor();
-  await tabTo('.card h2 a[href^="/cave/"]');
+  await search(page, t).waitFor();
+  await tabTo(titles(page).getByRole("link", { name: "Painted cave" }));
   await Promise.all([page.waitForURL(/\/cave\//), keys("Enter")]);
   await waitFor(page, "trouble");
-  await tabTo("#trouble-sign-in");
+  await tabTo(toSignIn(page, t));
   await keys("Enter");
-  await page.locator("#name").waitFor();
-  await tabTo("#name");
+  await name(page, t).waitFor();
+  await tabTo(name(page, t));
   await page.keyboard.type(AMINA.name);
-  await tabTo("#password");
+  await tabTo(password(page, t));
   await page.keyboard.type(AMINA.password);
   await keys("Enter");
   await ready(page);

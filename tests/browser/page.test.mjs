@@ -5,7 +5,24 @@ import { readFile } from "node:fs/promises";
 import { createRequire } from "node:module";
 import path from "node:path";
 import { after, before } from "node:test";
-import { cameraOf, hostile, launch, open, packFolder, picture, serve, stats, test, waitFor } from "./harness.mjs";
+import {
+  cameraOf,
+  canvasOf,
+  hostile,
+  launch,
+  open,
+  openTab,
+  packFolder,
+  pick,
+  picture,
+  serve,
+  setCamera,
+  stats,
+  test,
+  tool,
+  troubleOf,
+  waitFor,
+} from "./harness.mjs";
 
 const HEAD = "bytes=0-65535";
 let folder;
@@ -26,22 +43,31 @@ after(async () => {
 });
 
 const fort = (query = "", base = server.url) => `${base}/m/fort${query}`;
+/** What the page tells the person over the picture. */
+const message = (page, text) => page.getByRole("main").getByRole("status").filter({ hasText: text });
+const dialog = (page, name) => page.getByRole("dialog", { name, exact: true });
+/** The link from a model's page to the list. */
+const back = (page) => page.getByRole("banner").getByRole("link", { name: "All models" });
 
 test("the first picture needs one range request of the pack, and the model then refines to the target", async () => {
   // Everything after the head is held back: the picture must come all the same.
   let release;
   const held = new Promise((resolve) => (release = resolve));
+  const arrived = [];
   const { page, complaints, packs, close } = await open(browser, fort(), {
     wait: "first",
-    before: (page) =>
-      page.route("**/packs/**", async (route) => {
+    before: (page) => {
+      page.on("response", (response) => new URL(response.url()).pathname.startsWith("/packs/") && arrived.push(response.request().headers().range));
+      return page.route("**/packs/**", async (route) => {
         if (route.request().headers().range !== HEAD) await held;
         await route.continue();
-      }),
+      });
+    },
   });
   assert.equal(packs.filter((range) => range === HEAD).length, 1);
-  const atFirst = await page.evaluate(() => ({ ...globalThis.kilwa.session.stats, asked: globalThis.kilwa.pack.received }));
-  assert.equal(atFirst.asked, 0, "nothing but the head has arrived");
+  const atFirst = await stats(page);
+  assert.deepEqual(arrived, [HEAD], "nothing but the head has arrived");
+  assert.equal(atFirst.bytesReceived, 0, "nothing but the head is drawn");
   assert.ok(atFirst.trianglesDrawn > 0);
   const coarse = await picture(page);
   assert.ok(coarse.share > 0.05, `only ${coarse.share} of the first picture is model`);
@@ -62,19 +88,24 @@ test("the first picture needs one range request of the pack, and the model then 
   await close();
 });
 
+/** Runs in the page: whether the camera is elsewhere than these numbers (harness.mjs, numbersOf) say. */
+const hasMoved = (from) => {
+  const { azimuth, elevation, distance, target, orthographic, roll, fieldOfView } = globalThis.kilwa.api.getCamera();
+  const now = [azimuth, elevation, distance, ...target, Number(orthographic), roll, fieldOfView];
+  return now.some((v, i) => Math.abs(v - from[i]) >= 1e-6);
+};
+
 test("keyboard, mouse, wheel and fingers fly the camera, and the error comes back to the target", async () => {
   const { page, complaints, close } = await open(browser, fort("?error=2"), { hasTouch: true });
-  const canvas = page.locator("#canvas");
+  const canvas = canvasOf(page);
   const camera = () => cameraOf(page);
-  const near = (a, b) => a.every((v, i) => Math.abs(v - b[i]) < 1e-6);
   let last = { camera: await camera(), picture: await picture(page) };
-  const step = async (name, act, { moves = true } = {}) => {
+  const step = async (name, act) => {
     await act();
-    await page.waitForTimeout(60);
+    await page.waitForFunction(hasMoved, last.camera).catch((error) => assert.fail(`${name}: the camera does not move: ${error.message}`));
     await waitFor(page, "settled");
     const now = { camera: await camera(), picture: await picture(page) };
-    assert.equal(!near(now.camera, last.camera), moves, `${name}: the camera`);
-    if (moves) assert.notEqual(now.picture.hash, last.picture.hash, `${name}: the picture`);
+    assert.notEqual(now.picture.hash, last.picture.hash, `${name}: the picture`);
     const s = await stats(page);
     assert.ok(s.targetReached, `${name}: ${s.worstPixelError} px of ${s.targetPixels}`);
     const before = last;
@@ -103,21 +134,16 @@ test("keyboard, mouse, wheel and fingers fly the camera, and the error comes bac
 
   // The wheel goes towards what is under the pointer, which stays there.
   const place = [middle[0] + 60, middle[1] + 20];
-  const under = () =>
-    page.evaluate(([x, y]) => {
-      const { viewer, session } = globalThis.kilwa;
-      const b = session.canvas.getBoundingClientRect();
-      return [...viewer.pick((x - b.left) * session.ratio, (y - b.top) * session.ratio)];
-    }, place);
+  const under = async () => (await pick(page, (place[0] - box.x) / box.width, (place[1] - box.y) / box.height))?.place;
   const target = await under();
-  assert.equal(target.length, 4, "the pointer is over the model");
+  assert.ok(target, "the pointer is over the model");
   await page.mouse.move(...place);
   const wheeled = await step("wheel", () => page.mouse.wheel(0, -240));
   const stays = await under();
   const moved = Math.hypot(...[0, 1, 2].map((i) => stays[i] - target[i]));
   assert.ok(wheeled.now.camera[2] < wheeled.before.camera[2] * 0.8);
   assert.ok(moved < wheeled.now.camera[2] * 0.05, `what was under the pointer moved by ${moved} m`);
-  assert.match(await page.locator("#coordinates").textContent(), /x -?[\d.,]+ {2}y -?[\d.,]+ {2}z -?[\d.,]+ m/);
+  assert.match(await page.getByRole("contentinfo", { name: "Status" }).innerText(), /x -?[\d.,]+ {2}y -?[\d.,]+ {2}z -?[\d.,]+ m/);
 
   // A double click turns about the place without moving the picture's direction.
   const pivoted = await step("double click", () => page.mouse.dblclick(...place));
@@ -130,7 +156,7 @@ test("keyboard, mouse, wheel and fingers fly the camera, and the error comes bac
   ]) {
     await step(name, () => page.keyboard.press(key));
   }
-  await step("minus, closer again by the button", () => page.locator("#zoom-in").click());
+  await step("minus, closer again by the button", () => tool(page, "Zoom in").click());
   await step("two fingers", () => pinch(page, middle));
   assert.deepEqual(complaints, []);
   await close();
@@ -152,8 +178,12 @@ test("a view comes back from its address", async () => {
   await first.page.keyboard.press("3");
   await first.page.keyboard.press("+");
   await waitFor(first.page, "settled");
-  await first.page.waitForFunction(() => location.hash.includes("view="));
-  await first.page.waitForTimeout(600);
+  // The address follows once the camera rests.
+  const camera = await cameraOf(first.page);
+  await first.page.waitForURL(({ hash }) => {
+    const held = /view=([^&]*)/.exec(hash)?.[1].split(",").map(Number);
+    return held?.every((v, i) => v === Number(camera[i].toPrecision(9)));
+  });
   const address = first.page.url();
   const before = await picture(first.page);
   await first.close();
@@ -174,28 +204,13 @@ test("the memory limit holds during a flight, and what was forgotten comes back"
   };
   assert.ok((await check()).budgetLimited, "two megabytes are too few for this model: else the test shows nothing");
   // Two rounds past four places, each looked at from near.
-  const places = await page.evaluate(() => {
-    const { viewer, session } = globalThis.kilwa;
-    const { width, height } = session.canvas;
-    return [
-      [0.3, 0.55],
-      [0.7, 0.55],
-      [0.5, 0.45],
-      [0.5, 0.7],
-    ]
-      .map(([x, y]) => [...viewer.pick(x * width, y * height)].slice(0, 3))
-      .filter((place) => place.length === 3);
-  });
+  const hits = [await pick(page, 0.3, 0.55), await pick(page, 0.7, 0.55), await pick(page, 0.5, 0.45), await pick(page, 0.5, 0.7)];
+  const places = hits.flatMap((hit) => (hit ? [hit.place] : []));
   assert.ok(places.length >= 3, "the model is where it is looked for");
   const received = [];
   for (let round = 0; round < 2; round += 1) {
     for (const place of places) {
-      await page.evaluate((place) => {
-        globalThis.kilwa.viewer.setCamera({ azimuth: 4, elevation: 0.5, distance: 5, target: place, orthographic: false, roll: 0, fieldOfView: 0.7 });
-        globalThis.kilwa.session.wake();
-      }, place);
-      await page.waitForTimeout(60);
-      await waitFor(page, "settled");
+      await setCamera(page, { azimuth: 4, elevation: 0.5, distance: 5, target: place, orthographic: false, roll: 0, fieldOfView: 0.7 });
       await check();
     }
     received.push((await stats(page)).bytesReceived);
@@ -207,15 +222,12 @@ test("the memory limit holds during a flight, and what was forgotten comes back"
   await close();
 });
 
-/** What stands on the plate of trouble. */
-const plate = (page) => page.locator("#trouble").innerText();
-
 test("a model that is not there, or is no pack, is said with the next step", async () => {
   const trouble = async (mishap) => {
     proxy.mishap = mishap;
     const { page, close } = await open(browser, fort("", proxy.url), { wait: "trouble" });
-    const text = await plate(page);
-    assert.ok(await page.locator("#trouble-retry").isVisible());
+    const text = await troubleOf(page).innerText();
+    assert.ok(await troubleOf(page).getByRole("button", { name: "Try again" }).isVisible());
     await close();
     return text;
   };
@@ -240,9 +252,10 @@ test("a model that is not there, or is no pack, is said with the next step", asy
 test("a server that ignores Range is put up with where the pack is small", async () => {
   proxy.mishap = () => ({ whole: true, status: 200 });
   proxy.requests.length = 0;
-  const { page, complaints, close } = await open(browser, fort("?error=4", proxy.url));
+  const { page, complaints, close } = await open(browser, fort("?error=4", proxy.url), { wait: null });
+  await message(page, "does not send parts of files").waitFor();
+  await waitFor(page, "settled");
   assert.equal(proxy.requests.length, 1);
-  assert.match(await page.locator("#notice").innerText(), /does not send parts of files/);
   assert.ok((await stats(page)).targetReached);
   assert.deepEqual(complaints, []);
   await close();
@@ -313,7 +326,7 @@ test("over two seconds of latency and with weak tags the picture is right, also 
 test("a file that changes while it is looked at is said, and the model stays on screen", async () => {
   proxy.mishap = ({ range }) => (range[0] === 0 ? null : { headers: { etag: '"another"' } });
   const { page, close } = await open(browser, fort("", proxy.url), { wait: "first" });
-  await page.locator("#notice", { hasText: "replaced" }).waitFor();
+  await message(page, "replaced").waitFor();
   assert.ok((await picture(page)).share > 0.05);
   await close();
   proxy.mishap = null;
@@ -328,54 +341,57 @@ test("without WebGPU and WebGL 2 there is a sentence, the facts and the download
     };
   };
   const { page, close } = await open(browser, fort(), { wait: "trouble", before: (page) => page.addInitScript(hide) });
-  assert.match(await plate(page), /cannot draw the model[\s\S]*WebGPU[\s\S]*WebGL 2/);
-  assert.ok(await page.locator("#trouble-download").isVisible());
-  assert.match(await page.locator("#facts").innerText(), /Triangles/);
+  assert.match(await troubleOf(page).innerText(), /cannot draw the model[\s\S]*WebGPU[\s\S]*WebGL 2/);
+  assert.ok(await troubleOf(page).getByRole("link", { name: "Download pack" }).isVisible());
+  assert.ok(await page.getByRole("tabpanel", { name: "About" }).getByRole("term").filter({ hasText: "Triangles" }).isVisible());
   await close();
 });
 
 test("the list and a model's facts work without JavaScript", async () => {
   const { page, close } = await open(browser, server.url, { wait: null, javaScriptEnabled: false });
-  await page.locator(".card a", { hasText: "fort" }).first().click();
-  assert.match(await page.locator("#facts").innerText(), /Triangles/);
+  await page.getByRole("listitem").getByRole("heading").getByRole("link", { name: "fort" }).click();
+  assert.ok(await page.getByRole("tabpanel").getByRole("term").filter({ hasText: "Triangles" }).isVisible());
   assert.match(page.url(), /\/m\/fort$/);
   await close();
 });
 
 test("panels, views, help and hiding work by keyboard, in another language and from right to left", async () => {
   const { page, complaints, close } = await open(browser, fort("?error=8"));
-  await page.locator("#tab-about").focus();
+  const tab = (name) => page.getByRole("tab", { name, exact: true });
+  const panel = (name) => page.getByRole("tabpanel", { name, exact: true });
+  await tab("About").focus();
   await page.keyboard.press("ArrowRight");
-  assert.ok(await page.locator("#measure").isVisible());
+  assert.ok(await panel("Measure").isVisible());
   await page.keyboard.press("ArrowRight");
-  assert.ok(await page.locator("#saved").isVisible());
-  await page.locator("#tab-display").click();
-  assert.ok(await page.locator("#display").isVisible());
+  assert.ok(await panel("Views").isVisible());
+  await tab("Display").click();
+  assert.ok(await panel("Display").isVisible());
   const colour = await picture(page);
-  await page.locator("input[name=mode][value=normals]").check();
+  await page.getByRole("radio", { name: "Normals" }).check();
   await waitFor(page, "settled");
-  await page.waitForTimeout(300);
   assert.notEqual((await picture(page)).hash, colour.hash);
-  await page.locator("input[name=projection][value=orthographic]").check();
-  await page.waitForTimeout(300);
-  assert.equal(await page.evaluate(() => globalThis.kilwa.viewer.camera().orthographic), true);
-  await page.locator("#tab-info").click();
-  await page.waitForFunction(() => /\d/.test(document.getElementById("stats").textContent));
-  await page.locator("#views-open").click();
+  await page.getByRole("radio", { name: "Parallel, true to scale" }).check();
+  await waitFor(page, "settled");
+  assert.equal((await page.evaluate(() => globalThis.kilwa.api.getCamera())).orthographic, true);
+  await tab("Info").click();
+  await panel("Info").getByRole("definition").filter({ hasText: /\d/ }).first().waitFor();
+  await tool(page, "Standard views").click();
+  const views = page.getByRole("menu", { name: "Standard views" });
+  await views.waitFor();
   await page.keyboard.press("ArrowDown");
   await page.keyboard.press("Enter");
-  assert.ok(await page.locator("#views").isHidden());
-  await page.locator("#canvas").focus();
+  assert.ok(await views.isHidden());
+  await canvasOf(page).focus();
   await page.keyboard.press("?");
-  assert.ok(await page.locator("#help").isVisible());
+  assert.ok(await dialog(page, "How to look around").isVisible());
   await page.keyboard.press("Escape");
   await page.keyboard.press("h");
-  assert.ok(await page.locator(".bar").isHidden());
+  assert.ok(await page.getByRole("banner").isHidden());
   await page.keyboard.press("h");
-  await page.locator("#language").selectOption("ar");
+  await page.getByRole("combobox", { name: "Language" }).selectOption("ar");
   await page.waitForFunction(() => document.documentElement.dir === "rtl");
-  assert.equal(await page.locator("#tab-about").innerText(), "نبذة");
-  const rail = await page.locator(".rail").boundingBox();
+  assert.ok(await tab("نبذة").isVisible());
+  const rail = await page.getByRole("toolbar", { name: "الأدوات" }).boundingBox();
   assert.ok(rail.x > 300, "the tools stand at the right");
   assert.deepEqual(complaints, []);
   await close();
@@ -383,16 +399,20 @@ test("panels, views, help and hiding work by keyboard, in another language and f
 
 test("a phone has the canvas first, large targets, and a sheet that opens", async () => {
   const { page, complaints, close } = await open(browser, fort("?error=8"), { size: [390, 844], hasTouch: true, isMobile: true });
-  const box = (selector) => page.locator(selector).boundingBox();
-  const canvas = await box("#canvas");
+  const canvas = await canvasOf(page).boundingBox();
   assert.ok(canvas.width === 390 && canvas.height > 560, JSON.stringify(canvas));
-  for (const selector of ["#tool-orbit", "#tool-walk", "#tool-measure", "#fit", "#zoom-in", "#zoom-out", "#hide", "#share", "#help-open", "#back"]) {
-    const b = await box(selector);
-    assert.ok(b.width >= 44 && b.height >= 44, `${selector}: ${JSON.stringify(b)}`);
-    assert.ok(b.x >= 0 && b.x + b.width <= 390, `${selector} is on the screen`);
+  const tools = ["Drag turns the model", "Walk at eye height", "Measure", "Show the whole model", "Zoom in", "Zoom out", "Hide everything but the model"];
+  const buttons = ["Copy link to this view", "How to look around"].map((name) => page.getByRole("banner").getByRole("button", { name }));
+  for (const target of [...tools.map((name) => tool(page, name)), ...buttons, back(page)]) {
+    const b = await target.boundingBox();
+    assert.ok(b.width >= 44 && b.height >= 44, `${target}: ${JSON.stringify(b)}`);
+    assert.ok(b.x >= 0 && b.x + b.width <= 390, `${target} is on the screen`);
   }
-  await page.locator("#tab-about").tap();
-  await page.waitForFunction(() => document.querySelector(".sheet").clientHeight > 200);
+  await page.getByRole("tab", { name: "About" }).tap();
+  // The sheet shows what is between the top of its open tab and the end of the panel.
+  const ends = [page.getByRole("tabpanel", { name: "About" }), page.getByRole("complementary", { name: "Details" })];
+  const isOpen = ([tab, panel]) => Math.min(panel.getBoundingClientRect().bottom, innerHeight) - tab.getBoundingClientRect().top > 200;
+  await page.waitForFunction(isOpen, await Promise.all(ends.map((end) => end.elementHandle())));
   assert.equal(await page.evaluate(() => document.documentElement.scrollWidth), 390);
   assert.deepEqual(complaints, []);
   await close();
@@ -413,36 +433,34 @@ test("axe-core finds nothing serious, in both themes, on the list, the viewer, i
     found.push(...(await serious(list.page, `list ${colorScheme}`)));
     await list.close();
     const { page, close } = await open(browser, fort("?error=8"), { colorScheme });
-    for (const tab of await page.locator("[role=tab]").all()) {
+    for (const tab of await page.getByRole("tab").all()) {
       await tab.click();
-      found.push(...(await serious(page, `${await tab.getAttribute("id")} ${colorScheme}`)));
+      found.push(...(await serious(page, `${await tab.innerText()} ${colorScheme}`)));
     }
-    for (const [button, dialog] of [
-      ["#help-open", "#help"],
-      ["#picture-open", "#picture"],
-    ]) {
-      await page.locator(button).click();
-      await page.locator(dialog).waitFor();
-      found.push(...(await serious(page, `${dialog} ${colorScheme}`)));
-      await page.locator(`${dialog} form[method=dialog] button`).click();
+    for (const name of ["How to look around", "Save a picture"]) {
+      await page.getByRole("banner").getByRole("button", { name, exact: true }).click();
+      await dialog(page, name).waitFor();
+      found.push(...(await serious(page, `${name} ${colorScheme}`)));
+      await dialog(page, name).getByRole("button", { name: "Close" }).click();
     }
     // Everything at once: a saved view, a note in its form, its card and pin, the pad for walking.
-    await page.locator("#tab-saved").click();
-    await page.locator("#view-save").click();
+    await openTab(page, "Views");
+    await page.getByRole("button", { name: "Save this view" }).click();
     found.push(...(await serious(page, `saved view ${colorScheme}`)));
-    await page.evaluate(() => {
-      const { api, viewer, session } = globalThis.kilwa;
-      const place = [...viewer.pick(session.canvas.width / 2, session.canvas.height / 2)].slice(0, 3);
+    const { place } = await pick(page, 0.5, 0.5);
+    await page.evaluate((place) => {
+      const { api } = globalThis.kilwa;
       for (const title of ["One", "Two"]) api.addAnnotation({ place, title, text: "Text", link: "https://example.org/" });
       api.openAnnotation("1");
-    });
-    await page.locator("#note-card").waitFor();
+    }, place);
+    await page.getByRole("region", { name: "Note", exact: true }).waitFor();
     found.push(...(await serious(page, `note ${colorScheme}`)));
-    await page.locator("#note-edit").click();
+    await page.getByRole("button", { name: "Edit the note" }).click();
+    await page.getByRole("textbox", { name: "Title" }).waitFor();
     found.push(...(await serious(page, `note form ${colorScheme}`)));
-    await page.locator("#note-form button[type=submit]").click();
-    await page.locator("#tool-walk").click();
-    await page.locator("#walk-pad").waitFor();
+    await page.getByRole("button", { name: "Done" }).click();
+    await tool(page, "Walk at eye height").click();
+    await page.getByRole("group", { name: "Walking" }).waitFor();
     found.push(...(await serious(page, `walking ${colorScheme}`)));
     await close();
     proxy.mishap = () => ({ status: 404 });
