@@ -2,8 +2,10 @@
 // and numbers and directions of the language.
 
 import assert from "node:assert/strict";
+import { readFile } from "node:fs/promises";
+import path from "node:path";
 import { after, before } from "node:test";
-import { cameraOf, launch, open, packFolder, serve, test } from "./harness.mjs";
+import { WWW, cameraOf, canvasOf, launch, open, openTab, packFolder, pick, serve, test, tool, waitFor } from "./harness.mjs";
 
 let server;
 let browser;
@@ -19,27 +21,42 @@ after(async () => {
 
 const fort = (query = "?error=8") => `${server.url}/m/fort${query}`;
 
-/** Controls on screen that are smaller than 44 by 44, but for words inside text. The cube has buttons in the Views tab. */
-const small = (page) =>
-  page.evaluate(() =>
-    [
-      ...document.querySelectorAll(
-        "button, a.button, label.button, label.choice, [role=tab], select, input:not([type=radio], [type=checkbox], [type=file]), textarea",
-      ),
-    ]
-      .filter(
-        (e) =>
-          e.checkVisibility({ visibilityProperty: true, opacityProperty: false }) &&
-          !e.closest(".cube, .pins, .hidden") &&
-          !e.matches(".hidden, .grip, .language select, input[type=range]"),
-      )
-      .map((e) => ({ e, b: e.getBoundingClientRect() }))
-      .filter(({ b }) => b.width > 0 && (b.width < 43.5 || b.height < 43.5))
-      .map(({ e, b }) => `${e.id || e.className || e.textContent}: ${b.width} × ${b.height}`),
+/** The messages of a language, by their keys. */
+const messages = async (language) => JSON.parse(await readFile(path.join(WWW, `i18n/${language}.json`), "utf8"));
+const dialog = (page, name) => page.getByRole("dialog", { name, exact: true });
+const button = (page, name) => page.getByRole("button", { name, exact: true });
+/** The details beside the picture. */
+const details = (page, name = "Details") => page.getByRole("complementary", { name, exact: true });
+const hasFocus = (locator) => locator.evaluate((e) => e === document.activeElement);
+
+const CONTROLS = ["button", "link", "tab", "combobox", "textbox", "spinbutton", "radio", "checkbox"];
+
+/** Controls on screen that are smaller than 44 by 44. */
+async function small(page) {
+  const [first, ...others] = CONTROLS.map((role) => page.getByRole(role));
+  const controls = others.reduce((all, one) => all.or(one), first);
+  // The cube has buttons in the Views tab, what is on the picture in its list, and the grip beside the tabs, which do the same.
+  // Words inside text are as high as the text: the link of a note.
+  const groups = ["View cube", "Notes", "Measurements"].map((name) => page.getByRole("group", { name, exact: true }).getByRole("button"));
+  const exempt = [...groups, page.getByRole("paragraph").getByRole("link", { name: "Read more" })].reduce(
+    (all, one) => all.or(one),
+    button(page, "Make the details panel larger or smaller"),
   );
+  return controls.evaluateAll(
+    (all, exempt) =>
+      all
+        .filter((e) => !exempt.includes(e))
+        // What is pressed is the label, with its circle or its box, or in place of the button for a file.
+        .flatMap((e) => (["radio", "checkbox", "file"].includes(e.type) ? [...e.labels] : [e]))
+        .map((e) => [e, e.getBoundingClientRect()])
+        .filter(([, { width, height }]) => width > 0 && (width < 43.5 || height < 43.5))
+        .map(([e, { width, height }]) => `${e.ariaLabel || e.textContent || e.labels?.[0].textContent}: ${width} × ${height}`),
+    await exempt.elementHandles(),
+  );
+}
 
 test("on a phone every control is at least 44 pixels wide and high, in every tab, form and dialog", async () => {
-  // What comes later than its sheet of styles would be shown without it.
+  // A slow server: what would come before its sheet of styles would be shown without it.
   const before = (page) =>
     page.route("**/measure.css", async (route) => {
       await new Promise((resolve) => setTimeout(resolve, 1500));
@@ -48,35 +65,42 @@ test("on a phone every control is at least 44 pixels wide and high, in every tab
   const { page, complaints, close } = await open(browser, fort(), { size: [390, 844], hasTouch: true, isMobile: true, before });
   const found = [];
   const look = async (where) => found.push(...(await small(page)).map((s) => `${where}: ${s}`));
-  for (const tab of await page.locator("[role=tab]").all()) {
-    const id = await tab.getAttribute("id");
-    await page.evaluate((id) => document.getElementById(id).click(), id);
-    await page.waitForFunction(() => document.querySelector(".sheet").clientHeight > 200);
-    if (id === "tab-measure") await page.locator(".more-tools").waitFor();
-    await look(id);
+  for (const tab of await page.getByRole("tab").all()) {
+    const name = await tab.innerText();
+    await tab.tap();
+    const panel = page.getByRole("tabpanel", { name });
+    await page.waitForFunction((panel) => panel.parentElement.clientHeight > 200, await panel.elementHandle());
+    if (name === "Measure") await panel.getByText("All tools").waitFor();
+    await look(name);
     assert.equal(await page.evaluate(() => document.documentElement.scrollWidth), 390);
   }
-  await page.evaluate(() => {
-    const { api, viewer, session } = globalThis.kilwa;
-    const place = [...viewer.pick(session.canvas.width / 2, session.canvas.height / 2)].slice(0, 3);
+  const { place } = await pick(page, 0.5, 0.5);
+  await page.evaluate((place) => {
+    const { api } = globalThis.kilwa;
     api.addAnnotation({ place, title: "A note", text: "Text ".repeat(200), link: "https://example.org/" });
     api.openAnnotation("1");
-  });
+  }, place);
+  const note = page.getByRole("region", { name: "Note", exact: true });
+  await note.waitFor();
   await look("card");
-  const card = await page.locator("#note-card").boundingBox();
-  const stage = await page.locator(".stage").boundingBox();
+  const card = await note.boundingBox();
+  const stage = await page.getByRole("main").boundingBox();
   assert.ok(card.y >= stage.y && card.x >= 0 && card.x + card.width <= 390, "the card is on the picture");
-  await page.locator("#note-edit").tap();
+  await note.getByRole("button", { name: "Edit the note" }).tap();
+  await page.getByRole("textbox", { name: "Title" }).waitFor();
   await look("form");
-  await page.locator("#note-form button[type=submit]").click();
-  await page.locator("#note-close").click();
-  await page.locator("#tool-walk").tap();
+  await button(page, "Done").tap();
+  await note.getByRole("button", { name: "Close" }).tap();
+  await tool(page, "Walk at eye height").tap();
+  await button(page, "Stop walking").waitFor();
   await look("walking");
-  await page.locator("#walk-leave").tap();
-  await page.locator("#picture-open").tap();
+  await button(page, "Stop walking").tap();
+  await button(page, "Save a picture").tap();
+  await dialog(page, "Save a picture").waitFor();
   await look("picture");
-  await page.locator("#picture form[method=dialog] button").tap();
-  await page.locator("#help-open").tap();
+  await dialog(page, "Save a picture").getByRole("button", { name: "Close" }).tap();
+  await button(page, "How to look around").tap();
+  await dialog(page, "How to look around").waitFor();
   await look("help");
   assert.deepEqual(found, []);
   assert.deepEqual(complaints, []);
@@ -88,21 +112,18 @@ test("at 200 % zoom nothing is cut off sideways, and the model keeps its place",
   const { page, complaints, close } = await open(browser, fort(), { size: [720, 450], deviceScaleFactor: 2 });
   const wide = () => page.evaluate(() => [document.documentElement.scrollWidth, document.documentElement.scrollHeight]);
   assert.deepEqual(await wide(), [720, 450]);
-  for (const tab of await page.locator("[role=tab]").all()) {
-    await page.evaluate((id) => document.getElementById(id).click(), await tab.getAttribute("id"));
-    const sheet = await page.evaluate(() => [document.querySelector(".sheet").scrollWidth, document.querySelector(".sheet").clientWidth]);
-    assert.ok(sheet[0] <= sheet[1], `${await tab.getAttribute("id")} is ${sheet[0]} wide in ${sheet[1]}`);
+  for (const tab of await page.getByRole("tab").all()) {
+    await tab.click();
+    const name = await tab.innerText();
+    const sheet = await page.getByRole("tabpanel", { name }).evaluate(({ parentElement }) => [parentElement.scrollWidth, parentElement.clientWidth]);
+    assert.ok(sheet[0] <= sheet[1], `${name} is ${sheet[0]} wide in ${sheet[1]}`);
   }
-  const canvas = await page.locator("#canvas").boundingBox();
+  const canvas = await canvasOf(page).boundingBox();
   assert.ok(canvas.height >= 120 && canvas.width >= 400, JSON.stringify(canvas));
-  for (const [open, dialog] of [
-    ["#help-open", "#help"],
-    ["#picture-open", "#picture"],
-  ]) {
-    await page.locator(open).click();
-    await page.locator(dialog).waitFor();
-    const box = await page.locator(dialog).boundingBox();
-    assert.ok(box.x >= 0 && box.x + box.width <= 720 && box.y >= 0 && box.y + box.height <= 450, `${dialog}: ${JSON.stringify(box)}`);
+  for (const name of ["How to look around", "Save a picture"]) {
+    await button(page, name).click();
+    const box = await dialog(page, name).boundingBox();
+    assert.ok(box.x >= 0 && box.x + box.width <= 720 && box.y >= 0 && box.y + box.height <= 450, `${name}: ${JSON.stringify(box)}`);
     await page.keyboard.press("Escape");
   }
   assert.deepEqual(complaints, []);
@@ -111,110 +132,119 @@ test("at 200 % zoom nothing is cut off sideways, and the model keeps its place",
 
 test("Tab reaches every control and shows where it stands; Escape closes what is open", async () => {
   const { page, complaints, close } = await open(browser, fort());
-  await page.locator("#tab-saved").click();
-  await page.evaluate(() => document.activeElement.blur());
-  const seen = [];
+  await openTab(page, "Views");
+  const wanted = [
+    ["button", "Copy link to this view"],
+    ["button", "Save a picture"],
+    ["link", "Download pack"],
+    ["button", "Full screen"],
+    ["button", "How to look around"],
+    ["combobox", "Language"],
+    ["button", "Details"],
+    ["button", "Drag turns the model"],
+    ["button", "Drag moves the model"],
+    ["button", "Walk at eye height"],
+    ["button", "Show the whole model"],
+    ["button", "Standard views"],
+    ["button", "Zoom in"],
+    ["button", "Zoom out"],
+    ["button", "Measure"],
+    ["button", "Write a note on the model"],
+    ["button", "Hide everything but the model"],
+    ["tab", "Views"],
+    ["radio", "Turntable: up stays up"],
+    ["button", "Save this view"],
+  ];
+  const controls = wanted.map(([role, name]) => page.getByRole(role, { name, exact: true }));
+  const cube = page.getByRole("group", { name: "View cube" }).getByRole("button", { name: "Plan, from above", exact: true });
+  const handles = await Promise.all([...controls, cube, canvasOf(page)].map((control) => control.elementHandle()));
+  const seen = new Set();
   for (let i = 0; i < 60; i += 1) {
     await page.keyboard.press("Tab");
-    const at = await page.evaluate(() => {
+    const at = await page.evaluate((handles) => {
       const e = document.activeElement;
-      const style = getComputedStyle(e);
-      return { id: e.id || e.dataset.view || e.name, isShown: e === document.body || style.outlineStyle !== "none" || e.matches(".hidden") };
-    });
-    assert.ok(at.isShown, `${at.id} has the focus and does not show it`);
-    if (at.id && seen.includes(at.id) && at.id === seen[0]) break;
-    seen.push(at.id);
+      // Buttons for files are not seen; their labels are.
+      const isShown = e === document.body || e.type === "file" || getComputedStyle(e).outlineStyle !== "none";
+      globalThis.firstFocused ??= e;
+      return { control: handles.indexOf(e), name: e.ariaLabel || e.textContent, isShown, isFirst: e === globalThis.firstFocused };
+    }, handles);
+    assert.ok(at.isShown, `${at.name} has the focus and does not show it`);
+    if (i > 0 && at.isFirst) break;
+    seen.add(at.control);
   }
-  for (const id of [
-    "share",
-    "picture-open",
-    "download",
-    "fullscreen",
-    "help-open",
-    "language",
-    "panel-toggle",
-    "canvas",
-    "tool-orbit",
-    "tool-pan",
-    "tool-walk",
-    "fit",
-    "views-open",
-    "zoom-in",
-    "zoom-out",
-    "tool-measure",
-    "tool-note",
-    "hide",
-    "plan",
-    "tab-saved",
-    "turning",
-    "view-save",
-  ]) {
-    assert.ok(seen.includes(id), `Tab does not reach ${id}: ${seen}`);
-  }
-  await page.locator("#picture-open").click();
-  await page.locator("#picture").waitFor();
+  for (const [i, name] of [...wanted, ["the cube"], ["the model"]].entries()) assert.ok(seen.has(i), `Tab does not reach ${name.join(" ")}`);
+  await button(page, "Save a picture").click();
+  await dialog(page, "Save a picture").waitFor();
   await page.keyboard.press("Escape");
-  assert.ok(await page.locator("#picture").isHidden());
-  assert.equal(await page.evaluate(() => document.activeElement.id), "picture-open", "the focus returns");
+  assert.ok(await dialog(page, "Save a picture").isHidden());
+  assert.ok(await hasFocus(button(page, "Save a picture")), "the focus returns");
   assert.deepEqual(complaints, []);
   await close();
 });
 
 test("numbers and directions are those of the language", async () => {
   const { page, complaints, close } = await open(browser, fort("?error=8&lang=fr"));
-  assert.match(await page.locator("#facts").innerText(), /\d{3}[\u202f\u00a0]\d{3}/, "thousands as in French");
-  await page.locator("#language").selectOption("ar");
-  await page.waitForFunction(() => document.documentElement.dir === "rtl");
-  await page.locator("#tab-measure").click();
-  await page.locator(".more-tools").waitFor();
-  const numbers = await page.locator('input[type="number"]').evaluateAll((all) => all.map((e) => `${e.id} ${getComputedStyle(e).direction}`));
+  const [fr, ar] = await Promise.all(["fr", "ar"].map(messages));
+  const triangles = page.getByRole("tabpanel", { name: fr.tabAbout }).getByRole("definition").first();
+  assert.match(await triangles.innerText(), /\d{3}[\u202f\u00a0]\d{3}/, "thousands as in French");
+  await page.getByRole("combobox", { name: fr.language }).selectOption("ar");
+  await openTab(page, ar.tabMeasure);
+  assert.equal(await page.evaluate(() => document.documentElement.dir), "rtl");
+  await page.getByRole("tabpanel", { name: ar.tabMeasure }).getByText(ar.measureMore).waitFor();
+  const numbers = await page
+    .getByRole("spinbutton", { includeHidden: true })
+    .evaluateAll((all) => all.map((e) => `${e.labels[0].textContent} ${getComputedStyle(e).direction}`));
   assert.ok(numbers.length > 15 && numbers.every((n) => n.endsWith(" ltr")), `a sign stands before its number: ${numbers}`);
-  await page.locator("#picture-open").click();
-  await page.locator("#picture").waitFor();
-  const sizes = await page.locator("#picture output").allTextContents();
+  await button(page, ar.picture).click();
+  await dialog(page, ar.picture).waitFor();
+  const sizes = await dialog(page, ar.picture).getByRole("status").allTextContents();
   assert.ok(sizes.length >= 3 && sizes.slice(0, 3).every((size) => /^\u2066\d+ × \d+\u2069$/.test(size)), `width before height: ${sizes}`);
   await page.keyboard.press("Escape");
-  const cube = await page.locator("#cube").boundingBox();
-  const panel = await page.locator("#panel").boundingBox();
+  const cube = page.getByRole("group", { name: ar.cube });
+  const at = await cube.boundingBox();
+  const panel = await details(page, ar.panel).boundingBox();
   assert.ok(panel.x < 10, "the panel stands at the left");
-  assert.ok(cube.x - panel.x - panel.width < 40, "and the cube beside it");
-  const turn = await page.evaluate(() => document.getElementById("cube-turn").getBoundingClientRect().x);
-  assert.ok(Math.abs(turn - cube.x - cube.width / 2) < 60, "the cube turns in its place");
+  assert.ok(at.x - panel.x - panel.width < 40, "and the cube beside it");
+  for (const face of await cube.getByRole("button").all()) {
+    const { x, width } = await face.boundingBox();
+    assert.ok(Math.abs(x + width / 2 - at.x - at.width / 2) < 60, "the cube turns in its place");
+  }
   assert.deepEqual(complaints, []);
   await close();
 });
 
 test("the details can be made wider by pointer and by keyboard, and stay so", async () => {
   const { page, complaints, close } = await open(browser, fort(), { size: [1200, 700] });
-  const width = async () => (await page.locator("#panel").boundingBox()).width;
+  const width = async () => (await details(page).boundingBox()).width;
+  const divider = page.getByRole("separator", { name: "Width of the details panel; arrow keys change it" });
   assert.equal(await width(), 360);
-  const edge = await page.locator("#divider").boundingBox();
+  const edge = await divider.boundingBox();
   await page.mouse.move(edge.x + edge.width / 2, 300);
   await page.mouse.down();
   await page.mouse.move(edge.x + edge.width / 2 - 100, 310, { steps: 4 });
   await page.mouse.up();
   assert.equal(await width(), 460);
-  await page.locator("#divider").focus();
+  await divider.focus();
   await page.keyboard.press("ArrowLeft");
   assert.equal(await width(), 484);
-  assert.equal(await page.locator("#divider").getAttribute("aria-valuenow"), "484");
+  assert.equal(await divider.getAttribute("aria-valuenow"), "484");
   await page.reload();
-  await page.waitForFunction(() => document.body.dataset.state === "ready");
+  await waitFor(page, "first");
   assert.equal(await width(), 484);
   // Never so wide that no picture is left, and never too narrow for what stands in it.
-  await page.locator("#divider").focus();
+  await divider.focus();
   await page.keyboard.press("End");
-  assert.ok((await page.locator("#canvas").boundingBox()).width >= 400);
+  assert.ok((await canvasOf(page).boundingBox()).width >= 400);
   await page.keyboard.press("Home");
   assert.equal(await width(), 280);
-  await page.locator("#divider").dblclick();
+  await divider.dblclick();
   assert.equal(await width(), 360);
   // From right to left the edge is at the other side of the panel.
-  await page.locator("#language").selectOption("ar");
-  await page.waitForFunction(() => document.documentElement.dir === "rtl");
-  await page.locator("#divider").focus();
+  const ar = await messages("ar");
+  await page.getByRole("combobox", { name: "Language" }).selectOption("ar");
+  await page.getByRole("separator", { name: ar.panelWidth }).focus();
   await page.keyboard.press("ArrowRight");
-  assert.equal(await width(), 384);
+  assert.equal((await details(page, ar.panel).boundingBox()).width, 384);
   assert.deepEqual(complaints, []);
   await close();
 });
@@ -222,23 +252,25 @@ test("the details can be made wider by pointer and by keyboard, and stay so", as
 test("keys of a single letter can be switched off, and stay off", async () => {
   const { page, complaints, close } = await open(browser, fort());
   await page.keyboard.press("?");
-  await page.locator("#keys-on").uncheck();
+  const help = dialog(page, "How to look around");
+  const keys = help.getByRole("checkbox", { name: "Single-key shortcuts" });
+  await keys.uncheck();
   await page.keyboard.press("Escape");
   await page.reload();
-  await page.waitForFunction(() => document.body.dataset.state === "ready");
-  await page.locator("#canvas").focus();
+  await waitFor(page, "first");
+  await canvasOf(page).focus();
   const before = (await cameraOf(page)).join();
   for (const key of ["?", "n", "h", "3", "w", "p", "+"]) await page.keyboard.press(key);
   assert.equal((await cameraOf(page)).join(), before);
-  assert.ok(await page.locator("#help").isHidden());
-  assert.equal(await page.locator("#tool-orbit").getAttribute("aria-pressed"), "true");
+  assert.ok(await help.isHidden());
+  assert.equal(await tool(page, "Drag turns the model").getAttribute("aria-pressed"), "true");
   await page.keyboard.press("ArrowLeft");
   assert.notEqual((await cameraOf(page)).join(), before, "arrows are no letters");
-  await page.locator("#help-open").click();
-  await page.locator("#keys-on").check();
+  await button(page, "How to look around").click();
+  await keys.check();
   await page.keyboard.press("Escape");
   await page.keyboard.press("?");
-  assert.ok(await page.locator("#help").isVisible());
+  await help.waitFor();
   assert.deepEqual(complaints, []);
   await close();
 });
