@@ -49,8 +49,15 @@ enum Suite {
 const STORE_PACKAGES: &str = "server/tests/store/requirements.txt";
 const STORE_VARIABLE: &str = "KILWA_MOTO";
 /// Crates that have to build for wasm32: the page's own and every pure crate below them.
-const WASM_PACKAGES: [&str; 6] =
-    ["kilwa-viewer", "kilwa-decode", "kilwa-stream", "kilwa-pack", "kilwa-geometry", "kilwa-measure"];
+const WASM_PACKAGES: [&str; 6] = [
+    "kilwa-viewer",
+    "kilwa-decode",
+    "kilwa-stream",
+    "kilwa-pack",
+    "kilwa-geometry",
+    "kilwa-measure",
+    "kilwa-measure-web",
+];
 
 /// How much each suite tries.
 #[derive(Clone, Copy, PartialEq, Eq)]

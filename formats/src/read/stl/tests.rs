@@ -31,7 +31,7 @@ fn binary(header: &[u8], announced: u32, facets: &[Facet]) -> Vec<u8> {
     bytes.resize(80, b' ');
     bytes.extend(announced.to_le_bytes());
     for (normal, corners, attribute) in facets {
-        for x in [normal].into_iter().chain(corners).flat_map(|v| v.to_array()) {
+        for x in [normal].into_iter().chain(corners).flat_map(Vec3::to_array) {
             bytes.extend(x.to_le_bytes());
         }
         bytes.extend(attribute.to_le_bytes());
