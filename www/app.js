@@ -12,7 +12,6 @@ import { Display } from "./display.js";
 import { $ } from "./dom.js";
 import * as format from "./format.js";
 import { firstBytes, wholeHead } from "./head.js";
-import { expose } from "./hooks.js";
 import { onChange, preferred, t, use } from "./i18n.js";
 import { Address, readState } from "./link.js";
 import { LocalPack } from "./local-pack.js";
@@ -131,7 +130,8 @@ class Page {
     this.#listen();
     if (parameters.has("embed")) embed?.reduce(parameters.get("embed") === "bare");
     embed?.serve(api, new Set(CALLS));
-    expose(current, { api, address, look, measuring, pictures, engine, tool });
+    // What docs/embedding.md promises to scripts.
+    Object.assign(globalThis, { kilwa: { api } });
   }
 
   #listen() {

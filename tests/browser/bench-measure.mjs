@@ -1,8 +1,9 @@
 // What measuring takes in the page on three simulated links: `node bench-measure.mjs PACK`. Prints Markdown on stdout. For each link an empty store: the time and the bytes
-// from choosing a tool to the first final pick (the program that measures, the directory, the leaves), those of a second pick elsewhere, and a full
-// section on the link without a limit. The viewer's own picture is at rest before.
+// from asking for a measurement to the first final pick (the program that measures, the directory, the leaves), and those of a second pick elsewhere. The viewer's own
+// picture is at rest before. How much of it are leaves, and full sections, are asked of the measuring engine in a page of its own (engine-page.mjs), without a limit.
 
-import { launch, open, packFolder, serve, waitFor } from "./harness.mjs";
+import { openEngine } from "./engine-page.mjs";
+import { launch, open, packFolder, pick, serve, waitFor } from "./harness.mjs";
 
 const [pack] = process.argv.slice(2);
 process.env.KILWA_PACK = pack;
@@ -11,6 +12,9 @@ const LINKS = [
   ["10 Mbit/s, 50 ms", { bits: 10e6, latency: 50 }],
   ["2 Mbit/s, 300 ms", { bits: 2e6, latency: 300 }],
 ];
+const s = (ms) => (ms / 1000).toFixed(2);
+const kb = (n) => Math.round(n / 1000);
+let leaves;
 const server = await serve(await packFolder());
 const browser = await launch();
 
@@ -28,63 +32,64 @@ async function onLink([name, link]) {
   });
   const rate = link ? link.bits / 8 : -1;
   await client.send("Network.emulateNetworkConditions", { offline: false, latency: link?.latency ?? 0, downloadThroughput: rate, uploadThroughput: rate });
-  await page.waitForTimeout(500);
   await waitFor(page, "settled");
+  const rays = [(await pick(page, 0.5, 0.55)).ray, (await pick(page, 0.4, 0.5)).ray];
+  if (!leaves) {
+    const { metadata } = await page.evaluate(() => globalThis.kilwa.api.info());
+    const middle = metadata.bounds_min.map((v, i) => (v + metadata.bounds_max[i]) / 2);
+    leaves = await ofEngine(rays, middle);
+  }
   bytes = { program: 0, pack: 0, requests: 0 };
-  const pick = (x, y) =>
-    page.evaluate(
-      async ([x, y]) => {
-        const { viewer, session } = globalThis.kilwa;
-        const ray = viewer.ray(session.canvas.width * x, session.canvas.height * y);
-        const began = performance.now();
-        const engine = await globalThis.kilwa.engine();
-        const opened = performance.now() - began;
-        const found = await engine.pick({ origin: [...ray.slice(0, 3)], direction: [...ray.slice(3, 6)] }, {});
-        return { opened, took: performance.now() - began, fetched: found?.fetched, isFound: Boolean(found) };
-      },
-      [x, y],
-    );
-  const first = await pick(0.5, 0.55);
+  const measure = (ray) =>
+    page.evaluate(async (ray) => {
+      const { api } = globalThis.kilwa;
+      const began = performance.now();
+      await api.measurements(); // loads what the page needs for measuring
+      const loaded = performance.now() - began;
+      const { state } = await api.addMeasurement({ tool: "coordinate", rays: [ray] });
+      return { loaded, took: performance.now() - began, state };
+    }, ray);
+  const first = await measure(rays[0]);
   const all = { ...bytes };
-  const second = await pick(0.4, 0.5);
-  const s = (ms) => (ms / 1000).toFixed(2);
-  const kb = (n) => Math.round(n / 1000);
+  const second = await measure(rays[1]);
+  for (const { state } of [first, second]) if (state !== "final") throw new Error(`the pick is ${state}`);
   console.log(
-    `| ${name} | ${s(first.took)} | ${s(first.opened)} | ${kb(all.program)} | ${kb(all.pack)} in ${all.requests} | ${kb(first.fetched)} | ${s(second.took)} | ${kb(second.fetched)} |`,
+    `| ${name} | ${s(first.took)} | ${s(first.loaded)} | ${kb(all.program)} | ${kb(all.pack)} in ${all.requests} | ${kb(leaves[0])} | ${s(second.took)} | ${kb(leaves[1])} |`,
   );
-  if (!link) {
-    const section = await page.evaluate(async () => {
-      const engine = await globalThis.kilwa.engine();
-      const { bounds_min: low, bounds_max: high } = globalThis.kilwa.info.metadata;
-      const { origin } = globalThis.kilwa.info.pack.lattice;
-      const point = low.map((v, i) => (v + high[i]) / 2 - origin[i]);
-      const times = [];
-      let found;
+  await close();
+}
+
+/** Bytes of the leaves that picks along these rays fetch, one after the other; says what sections through a place take. */
+async function ofEngine(rays, middle) {
+  const { page, close } = await openEngine(browser, server.url);
+  const { fetched, sections } = await page.evaluate(
+    async ([rays, middle]) => {
+      const { engine } = globalThis.engineTest;
+      const fetched = [];
+      for (const ray of rays) fetched.push((await engine.pick(ray, {})).fetched);
+      const point = middle.map((v, i) => v - engine.pack.lattice.origin[i]);
+      const sections = [];
       for (const normal of [
         [0, -1, 0],
         [1, 0, 0],
         [0, 0, 1],
       ]) {
         const began = performance.now();
-        found = await engine.measure({ tool: "section", plane: { point, normal } });
-        times.push({
-          ms: performance.now() - began,
-          read: found.read,
-          refusal: found.refusal,
-          fetched: found.fetched,
-          points: found.lines?.reduce((n, l) => n + l.world.length, 0),
-        });
+        const { read, refusal, lines } = await engine.measure({ tool: "section", plane: { point, normal } });
+        sections.push({ ms: performance.now() - began, read, refusal, points: lines?.reduce((n, l) => n + l.world.length, 0) });
       }
-      return times;
-    });
-    for (const [k, t] of section.entries())
-      console.error(`section ${"yxz"[k]}: ${t.refusal ?? `${s(t.ms)} s, ${t.points} points, ${kb(t.read.bytes)} kB of ${kb(t.read.of_bytes)}`}`);
-  }
+      return { fetched, sections };
+    },
+    [rays, middle],
+  );
+  for (const [k, t] of sections.entries())
+    console.error(`section ${"yxz"[k]}: ${t.refusal ?? `${s(t.ms)} s, ${t.points} points, ${kb(t.read.bytes)} kB of ${kb(t.read.of_bytes)}`}`);
   await close();
+  return fetched;
 }
 
 console.log(
-  "| link | first pick, s | of it until open | program, kB | of the pack, kB | of it leaves, kB | second pick, s | leaves, kB |\n|---|---|---|---|---|---|---|---|",
+  "| link | first pick, s | of it until measuring is loaded | program, kB | of the pack, kB | of it leaves, kB | second pick, s | leaves, kB |\n|---|---|---|---|---|---|---|---|",
 );
 for (const link of LINKS) await onLink(link);
 await browser.close();

@@ -6,7 +6,7 @@
 // window that has stood open for two seconds, with an empty store; `--quick` makes one.
 
 import { readFileSync } from "node:fs";
-import { launch, packFolder, serve } from "./harness.mjs";
+import { launch, packFolder, serve, stats, waitFor } from "./harness.mjs";
 
 const [pack, ...options] = process.argv.slice(2);
 process.env.KILWA_PACK = pack;
@@ -25,6 +25,12 @@ async function fresh(link, address) {
   const context = await browser.newContext({ viewport: SIZE });
   const page = await context.newPage();
   page.setDefaultTimeout(300_000);
+  // Lengths of the head that were asked for: the last one is what it is, where the metadata is long.
+  const heads = [];
+  page.on("request", (request) => {
+    const last = /^bytes=0-(\d+)$/.exec(request.headers().range ?? "")?.[1];
+    if (last) heads.push(Number(last) + 1);
+  });
   const client = await context.newCDPSession(page);
   await client.send("Network.enable");
   await client.send("Network.setCacheDisabled", { cacheDisabled: true });
@@ -42,23 +48,27 @@ async function fresh(link, address) {
         globalThis.long.ms += entry.duration;
       }
     }).observe({ type: "longtask" });
-    // The moments are taken in the page itself, between two frames, not from outside.
+    // The moments are taken in the page itself, after each of its frames, not from outside.
     globalThis.moments = {};
-    const look = () => {
-      const s = globalThis.kilwa?.session?.stats;
-      if (s?.trianglesDrawn > 0) globalThis.moments.first ??= performance.now();
-      if (s?.targetReached) {
-        globalThis.moments.target ??= performance.now();
-        globalThis.moments.stats ??= { ...s, requests: globalThis.kilwa.pack.requests, head: globalThis.kilwa.session.head.length };
-      }
-      if (!globalThis.moments.target) setTimeout(look, 5);
-    };
-    look();
+    let kilwa;
+    Object.defineProperty(globalThis, "kilwa", {
+      get: () => kilwa,
+      set(parts) {
+        kilwa = parts;
+        parts.api.on("frame", (s) => {
+          const { moments } = globalThis;
+          if (s.trianglesDrawn > 0) moments.first ??= performance.now();
+          if (!s.targetReached) return;
+          moments.target ??= performance.now();
+          moments.stats ??= s;
+        });
+      },
+    });
   });
-  // A new window keeps the browser itself busy for a while; people enter an address in one that stands open.
+  // Part of what is measured: a new window keeps the browser itself busy for a while; people enter an address in one that stands open.
   await page.waitForTimeout(2000);
   await page.goto(address);
-  return { page, client, close: () => context.close() };
+  return { page, client, heads, close: () => context.close() };
 }
 
 const emulate = (client, link) =>
@@ -70,24 +80,21 @@ const emulate = (client, link) =>
   });
 
 async function load(link, query) {
-  const { page, close } = await fresh(link, `${server.url}/m/fort?${query}`);
+  const { page, heads, close } = await fresh(link, `${server.url}/m/fort?${query}`);
   await page.waitForFunction(() => globalThis.moments.stats, null, { polling: 100 });
   const { first, target, stats } = await page.evaluate(() => globalThis.moments);
   const long = await page.evaluate(() => globalThis.long);
   await close();
-  return { first, target, stats, long };
+  return { first, target, stats, long, head: heads.at(-1) };
 }
 
 async function loads() {
   // All of it from the front, and one metre of it (azimuth of south, level, parallel off).
   const front = [Math.PI, 0];
   const { page, close } = await fresh(null, `${server.url}/m/fort?err=16`);
-  await page.waitForFunction(() => globalThis.kilwa?.session?.drawn, null, { polling: 100 });
-  const { min, max } = await page.evaluate(() => {
-    const { bounds_min: min, bounds_max: max } = globalThis.kilwa.info.metadata;
-    return { min, max };
-  });
-  const adapter = await page.evaluate(() => globalThis.kilwa.viewer.adapter());
+  await waitFor(page, "first");
+  const { bounds_min: min, bounds_max: max } = (await page.evaluate(() => globalThis.kilwa.api.info())).metadata;
+  const { adapter } = await stats(page);
   await close();
   const middle = [0, 1, 2].map((i) => (min[i] + max[i]) / 2);
   const tan = Math.tan(0.35);
@@ -115,7 +122,7 @@ async function loads() {
         linkName,
         (m((l) => l.first) / 1e3).toFixed(2),
         (m((l) => l.target) / 1e3).toFixed(2),
-        (m((l) => l.stats.bytesReceived + l.stats.head) / 1e6).toFixed(2),
+        (m((l) => l.stats.bytesReceived + l.head) / 1e6).toFixed(2),
         m((l) => l.stats.requests),
         s.trianglesDrawn,
         m((l) => l.long.count),
@@ -156,7 +163,7 @@ async function soak(minutes) {
     else await route.continue();
   });
   await page.goto(`${server.url}/m/fort?err=1&memory=64`);
-  await page.waitForFunction(() => globalThis.kilwa?.session?.drawn, null, { polling: 100 });
+  await waitFor(page, "first");
   const rows = [];
   const waits = [];
   const ends = Date.now() + minutes * 60_000;
@@ -170,9 +177,9 @@ async function soak(minutes) {
     const to = [next(), next(), next()];
     // A glide of two seconds, then a stop until the target is there.
     const waited = await page.evaluate(async ([u, v, w]) => {
-      const { viewer, session, info } = globalThis.kilwa;
-      const { bounds_min: min, bounds_max: max } = info.metadata;
-      const from = viewer.camera();
+      const { api } = globalThis.kilwa;
+      const { bounds_min: min, bounds_max: max } = api.info().metadata;
+      const from = api.getCamera();
       const target = [min[0] + u * (max[0] - min[0]), min[1], min[2] + v * (max[2] - min[2])];
       const goal = { azimuth: Math.PI + (u - 0.5), elevation: 0.2 * v, distance: 0.5 + 8 * w * w };
       const begun = performance.now();
@@ -180,17 +187,18 @@ async function soak(minutes) {
         const t = Math.min(1, (performance.now() - begun) / 2000);
         const between = (a, b) => a + (b - a) * t;
         const [azimuth, elevation, distance] = ["azimuth", "elevation", "distance"].map((name) => between(from[name], goal[name]));
-        viewer.setCamera({ ...from, azimuth, elevation, distance, target: target.map((x, i) => between(from.target[i], x)), orthographic: false });
-        session.wake();
+        api.setCamera({ ...from, azimuth, elevation, distance, target: target.map((x, i) => between(from.target[i], x)), orthographic: false });
         if (t === 1) break;
-        await new Promise((resolve) => setTimeout(resolve, 50));
+        await new Promise(requestAnimationFrame);
       }
       const stopped = performance.now();
-      const still = session.frames;
-      while (session.frames < still + 1 || !(session.stats.targetReached || (session.stats.budgetLimited && session.stats.chunksMissing === 0))) {
-        session.wake();
-        await new Promise((resolve) => setTimeout(resolve, 20));
-      }
+      await new Promise((resolve) => {
+        const end = api.on("frame", ({ targetReached, budgetLimited, chunksMissing }) => {
+          if (!targetReached && !(budgetLimited && chunksMissing === 0)) return;
+          end();
+          resolve();
+        });
+      });
       return performance.now() - stopped;
     }, to);
     waits.push(waited);
@@ -198,7 +206,7 @@ async function soak(minutes) {
     if (round % 5 === 0) {
       await client.send("HeapProfiler.collectGarbage");
       const { usedSize } = await client.send("Runtime.getHeapUsage");
-      const s = await page.evaluate(() => globalThis.kilwa.session.stats);
+      const s = await stats(page);
       rows.push([round, usedSize, s.gpuBytesHeld, resident(), s.failures, s.bytesReceived]);
       say(`stop ${round}: ${(waited / 1e3).toFixed(2)} s, JS heap ${(usedSize / 1e6).toFixed(1)} MB, GPU ${(s.gpuBytesHeld / 1e6).toFixed(1)} MB`);
     }

@@ -96,7 +96,7 @@ test("a server that answers in pieces of no announced length is read once, and p
   behave = (_, response) => {
     asked += 1;
     response.writeHead(200).write(file.subarray(0, 50));
-    setTimeout(() => response.write(file.subarray(50, 100_000)), 10);
+    setTimeout(() => response.write(file.subarray(50, 100_000)), 10); // part of the simulated server: the pieces come apart
     rest = () => response.end(file.subarray(100_000));
   };
   const pack = new Pack(url);
@@ -115,13 +115,16 @@ test("a server that answers in pieces of no announced length is read once, and p
 
 test("a whole file that breaks off is asked for again, and a page instead of a pack is not read on for ever", async () => {
   const file = packOf(300_000);
+  let breakOff;
   behave = (_, response) => {
     response.writeHead(200).write(file.subarray(0, 100_000));
-    setTimeout(() => response.destroy(), 30);
+    breakOff = () => response.destroy();
   };
   const pack = new Pack(url);
   await pack.head();
-  await assert.rejects(pack.range(200_000, 10), (e) => kind("truncated")(e) && isPassing(e));
+  const waiting = pack.range(200_000, 10);
+  breakOff();
+  await assert.rejects(waiting, (e) => kind("truncated")(e) && isPassing(e));
   behave = (_, response) => response.writeHead(503).end();
   await assert.rejects(pack.range(200_000, 10), (e) => isPassing(e));
   behave = (_, response) => response.writeHead(200).end(packOf(300_001));
@@ -183,6 +186,7 @@ test("weak tags are the same file while they are equal, also where a proxy weake
 });
 
 test("a server that takes two seconds for each answer gives the bytes of the file, many at a time, and whoever does not want to wait need not", async () => {
+  // The simulated server's two seconds.
   const slow = (then) => (request, response) => setTimeout(() => then(request, response), 2000);
   let under = 0;
   let most = 0;
@@ -253,8 +257,8 @@ test("a cancelled request ends as such", async () => {
   await pack.head();
   behave = (_, response) => response.writeHead(206, { "content-range": "bytes 0-9/300000", "content-length": 10 }).write("x");
   const controller = new AbortController();
-  const asked = pack.range(0, 10, controller.signal);
-  setTimeout(() => controller.abort(), 20);
+  // In the middle of the answer.
+  const asked = pack.range(0, 10, controller.signal, { onPart: () => controller.abort() });
   await assert.rejects(asked, { name: "AbortError" });
 });
 

@@ -86,29 +86,56 @@ test("a server that refuses or drops every third request gives the same picture 
   proxy.mishap = null;
 });
 
-/** Runs in the page: frames are given late, or (`hold`) not at all from the first picture on. */
-function slowFrames({ late = 0, hold = false }) {
+/**
+ * Runs in the page before its own scripts. Frames are given late, or (`hold`) not at all from the first picture on. `globalThis.seen` says what
+ * the page did: when it drew the model last, how long it paused from a frame of the model until it asked for the next one, what was decoded,
+ * and how many answers with bytes of the pack are there.
+ */
+function watch({ late = 0, hold = false }) {
   const { requestAnimationFrame } = globalThis;
-  const drawn = () => Boolean(globalThis.kilwa?.session?.drawn);
+  const seen = { pauses: [], drewAt: null, waiting: 0, jobs: 0, answers: 0, arrived: 0, byPerson: false, inPause: null };
+  globalThis.seen = seen;
+  new PerformanceObserver((list) => {
+    for (const { name } of list.getEntries()) seen.arrived += Number(new URL(name).pathname.startsWith("/packs/"));
+  }).observe({ type: "resource", buffered: true });
+  const isReady = () => Boolean(globalThis.kilwa?.api.isReady);
+  const frames = () => globalThis.kilwa?.api.stats()?.frames ?? 0;
   const held = [];
-  let ended = null;
   let isInside = false;
-  const run = (callback) => (now) => {
+  const run = (callback, pause) => (now) => {
+    const before = frames();
+    seen.waiting -= 1;
     isInside = true;
     callback(now);
     isInside = false;
-    ended = drawn() ? performance.now() : null;
+    if (frames() === before) return; // other parts of the page ask for frames, too
+    if (pause !== null) seen.pauses.push(pause);
+    seen.drewAt = isReady() ? performance.now() : null;
   };
-  globalThis.pauses = []; // from the end of a frame until the next one is asked for
   globalThis.release = () => {
     hold = false;
-    for (const callback of held.splice(0)) requestAnimationFrame(run(callback));
+    for (const callback of held.splice(0)) requestAnimationFrame(run(callback, null));
   };
   globalThis.requestAnimationFrame = (callback) => {
-    if (hold && drawn()) return held.push(callback);
-    // Other parts of the page ask for frames, too.
-    if (ended !== null && globalThis.kilwa.session.scheduled) globalThis.pauses.push(isInside ? 0 : performance.now() - ended);
-    return setTimeout(() => requestAnimationFrame(run(callback)), late);
+    seen.waiting += 1;
+    if (hold && isReady()) return held.push(callback);
+    const since = isInside ? 0 : performance.now() - seen.drewAt;
+    const pause = seen.drewAt === null || seen.byPerson ? null : since;
+    return setTimeout(() => requestAnimationFrame(run(callback, pause)), late); // the simulated browser's delay
+  };
+  globalThis.Worker = class extends Worker {
+    constructor(...what) {
+      super(...what);
+      this.addEventListener("message", () => {
+        seen.answers += 1;
+        // Once the page has taken it in: something came, and no frame is asked for.
+        setTimeout(() => isReady() && seen.waiting === 0 && seen.inPause?.());
+      });
+    }
+    postMessage(data, transfer) {
+      if (data.job) seen.jobs += 1;
+      super.postMessage(data, transfer);
+    }
   };
 }
 
@@ -117,9 +144,10 @@ test("while the browser gives no frames the model goes on coming, for two second
   let release;
   const released = new Promise((resolve) => (release = resolve));
   const { page, close } = await open(browser, `${server.url}/m/fort?error=0.5`, {
-    wait: null,
+    wait: "first",
     before: async (page) => {
-      await page.addInitScript(slowFrames, { hold: true });
+      await page.clock.install();
+      await page.addInitScript(watch, { hold: true });
       let asked = 0;
       await page.route("**/packs/**", async (route) => {
         asked += 1;
@@ -130,19 +158,22 @@ test("while the browser gives no frames the model goes on coming, for two second
   });
   const now = () =>
     page.evaluate(() => {
-      const { session } = globalThis.kilwa;
-      return { frames: session.frames, decoded: session.jobs, requests: session.pack.requests };
+      const { frames, requests } = globalThis.kilwa.api.stats();
+      return { frames, decoded: globalThis.seen.jobs, requests };
     });
-  await page.waitForFunction(() => globalThis.kilwa?.session?.drawn, null, { polling: 5 });
   const first = await now();
-  await page.waitForFunction(() => performance.now() - globalThis.kilwa.session.framedAt > 2500, null, { polling: 50 });
+  // Longer than the two seconds, and what was begun in them is decoded.
+  await page.waitForFunction(() => performance.now() - globalThis.seen.drewAt > 2500 && globalThis.seen.jobs === globalThis.seen.answers, null, {
+    polling: 50,
+  });
   const held = await now();
   assert.ok(held.frames <= first.frames + 1, "one frame may have been asked for already");
   assert.ok(held.decoded > first.decoded + 10, JSON.stringify({ first, held }));
   // Nobody looks: what comes now leads to nothing.
+  assert.ok((await page.evaluate(() => globalThis.seen.arrived)) < held.requests, "something is still to come");
   release();
-  await page.waitForFunction(() => globalThis.kilwa.session.inFlight.size === 0, null, { polling: 50 });
-  await page.waitForTimeout(300);
+  await page.waitForFunction((requests) => globalThis.seen.arrived === requests, held.requests, { polling: 50 });
+  await page.clock.runFor(10_000); // by the page's clock: all that it does later comes at once
   assert.deepEqual(await now(), held);
   await page.evaluate(() => globalThis.release());
   await waitFor(page, "settled");
@@ -155,18 +186,23 @@ test("where frames are slow to come, what came by itself leaves as long to what 
   const { page, close } = await open(browser, `${server.url}/m/fort?error=0.5`, {
     wait: null,
     reducedMotion: "no-preference",
-    before: (page) => page.addInitScript(slowFrames, { late: 150 }),
+    before: (page) => page.addInitScript(watch, { late: 150 }),
   });
   // A person interrupts a pause.
-  const interrupted = await page.evaluate(async () => {
-    while (!globalThis.kilwa?.session?.pausing) await new Promise((resolve) => setTimeout(resolve, 1));
-    const { session } = globalThis.kilwa;
-    session.wake();
-    return { pausing: session.pausing, scheduled: session.scheduled, pause: globalThis.pauses.length - 1 };
+  await page.evaluate(() => {
+    const { seen } = globalThis;
+    seen.inPause = () => {
+      seen.inPause = null;
+      const { api } = globalThis.kilwa;
+      seen.byPerson = true;
+      api.setCamera(api.getCamera());
+      seen.byPerson = false;
+      seen.asked = seen.waiting;
+    };
   });
-  assert.deepEqual([interrupted.pausing, interrupted.scheduled], [null, true]);
   await waitFor(page, "settled");
-  const pauses = (await page.evaluate(() => globalThis.pauses)).filter((_, k) => k !== interrupted.pause);
+  const { pauses, asked } = await page.evaluate(() => ({ ...globalThis.seen, inPause: null }));
+  assert.equal(asked, 1, "there was a pause, and in it a frame is asked for at once");
   assert.ok(pauses.length >= 3, "else this shows nothing");
   assert.ok(
     pauses.every((ms) => ms >= 100),
@@ -196,7 +232,7 @@ test("a worker whose script does not come is started again", async () => {
     before: async (page) => {
       // The script fails while the program is on its way.
       await page.route("**/decode_bg.wasm", async (route) => {
-        await new Promise((resolve) => setTimeout(resolve, 500));
+        await new Promise((resolve) => setTimeout(resolve, 500)); // the simulated server is slow
         await route.continue().catch(() => {});
       });
       await page.context().route("**/decode-worker.js", async (route) => {

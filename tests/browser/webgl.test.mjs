@@ -2,7 +2,7 @@
 
 import assert from "node:assert/strict";
 import { after, before } from "node:test";
-import { launch, open, packFolder, pixels, serve, stats, test, waitFor } from "./harness.mjs";
+import { canvasOf, launch, open, openTab, packFolder, pixels, serve, setCamera, stats, test, waitFor } from "./harness.mjs";
 
 let server;
 let browser;
@@ -27,10 +27,10 @@ function difference(a, b, levels) {
 }
 
 /** Opens the fort, and the names of the wasm modules that were asked for. */
-async function fort(query, before) {
+async function fort(query, before, size = [500, 400]) {
   const modules = [];
   const opened = await open(browser, `${server.url}/m/fort?error=4${query}`, {
-    size: [500, 400],
+    size,
     before: async (page) => {
       page.on("request", (request) => {
         const name = /([\w-]+)(_bg\.wasm|\.js)$/.exec(new URL(request.url()).pathname);
@@ -42,26 +42,32 @@ async function fort(query, before) {
   return { ...opened, modules };
 }
 
-/** One picture per shading that this model can have. */
+/** One picture per shading that this model can have, by its name. */
 async function pictures(page) {
   const all = {};
-  for (const mode of await page.evaluate(() => globalThis.kilwa.module.Viewer.modes())) {
-    if (await page.evaluate((mode) => globalThis.kilwa.viewer.setMode(mode), mode)) all[mode] = await pixels(page);
+  await openTab(page, "Display");
+  for (const shading of await page.getByRole("group", { name: "Shading" }).getByRole("radio").all()) {
+    await shading.check();
+    await waitFor(page, "settled");
+    const name = await shading.evaluate((radio) => radio.labels[0].innerText.trim());
+    all[name] = await pixels(page);
   }
   return all;
 }
 
 test("WebGL 2 draws the same pictures as WebGPU, and only one program is downloaded", async () => {
-  const gpu = await fort("");
-  const wanted = { pictures: await pictures(gpu.page), stats: await stats(gpu.page) };
+  const size = [900, 500]; // the panel stands beside the picture
+  const gpu = await fort("", undefined, size);
+  const wanted = { stats: await stats(gpu.page), pictures: await pictures(gpu.page) };
   assert.deepEqual(gpu.modules.sort(), ["viewer.js", "viewer_bg.wasm"]);
   assert.deepEqual(gpu.complaints, []);
   await gpu.close();
 
-  const gl = await fort("&gpu=webgl");
+  const gl = await fort("&gpu=webgl", undefined, size);
   assert.deepEqual(gl.modules.sort(), ["viewer-gl.js", "viewer-gl_bg.wasm"]);
-  assert.match(await gl.page.evaluate(() => globalThis.kilwa.viewer.adapter()), /Gl/);
-  assert.equal((await stats(gl.page)).trianglesDrawn, wanted.stats.trianglesDrawn);
+  const shown = await stats(gl.page);
+  assert.match(shown.adapter, /Gl/);
+  assert.equal(shown.trianglesDrawn, wanted.stats.trianglesDrawn);
   const drawn = await pictures(gl.page);
   assert.deepEqual(Object.keys(drawn), Object.keys(wanted.pictures));
   assert.ok(Object.keys(drawn).length >= 5);
@@ -69,7 +75,7 @@ test("WebGL 2 draws the same pictures as WebGPU, and only one program is downloa
     const share = difference(drawn[mode], wanted.pictures[mode], 4);
     assert.ok(share < 0.0005, `${mode}: ${(share * 100).toFixed(3)} % of the pixels differ`);
   }
-  assert.ok(difference(drawn.colour, drawn.normals, 4) > 0.05, "else the comparison shows nothing");
+  assert.ok(difference(drawn.Colour, drawn.Normals, 4) > 0.05, "else the comparison shows nothing");
   assert.deepEqual(gl.complaints, []);
   await gl.close();
 });
@@ -89,19 +95,13 @@ test("where no WebGPU adapter answers, WebGL 2 takes over by itself", async () =
 
 test("a lost context is replaced when the browser gives another, and the picture is as it was", async () => {
   const { page, close } = await fort("&gpu=webgl");
-  await page.evaluate(() =>
-    globalThis.kilwa.viewer.setCamera({ azimuth: 1, elevation: 0.4, distance: 40, target: [1, 2, 3], orthographic: false, roll: 0, fieldOfView: 0.7 }),
-  );
-  await page.evaluate(() => globalThis.kilwa.session.wake());
-  await waitFor(page, "settled");
+  await setCamera(page, { azimuth: 1, elevation: 0.4, distance: 40, target: [1, 2, 3], orthographic: false, roll: 0, fieldOfView: 0.7 });
   const wanted = await pixels(page);
-  await page.evaluate(() => {
-    globalThis.old = globalThis.kilwa.session;
-    const lose = document.getElementById("canvas").getContext("webgl2").getExtension("WEBGL_lose_context");
-    lose.loseContext();
-    setTimeout(() => lose.restoreContext(), 300);
-  });
-  await page.waitForFunction(() => globalThis.kilwa.session !== globalThis.old && globalThis.kilwa.session.drawn, null, { polling: 50 });
+  const context = await canvasOf(page).evaluateHandle((canvas) => canvas.getContext("webgl2").getExtension("WEBGL_lose_context"));
+  await context.evaluate((context) => context.loseContext());
+  await page.getByRole("status").filter({ hasText: "The graphics device was reset." }).waitFor();
+  assert.equal(await stats(page), null, "nothing is drawn any more");
+  await context.evaluate((context) => context.restoreContext());
   await waitFor(page, "settled");
   assert.equal(difference(await pixels(page), wanted, 0), 0);
   await close();
