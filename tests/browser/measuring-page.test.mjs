@@ -8,7 +8,7 @@ import { createRequire } from "node:module";
 import path from "node:path";
 import { after, before } from "node:test";
 import { promisify } from "node:util";
-import { KILWA, cameraOf, launch, open, packFolder, serve, test, waitFor, canvasOf, openTab, tool as railTool } from "./harness.mjs";
+import { KILWA, WWW, cameraOf, launch, open, packFolder, serve, test, waitFor, canvasOf, openTab, tool as railTool } from "./harness.mjs";
 import {
   bar,
   bits,
