@@ -114,7 +114,7 @@ fn wrap(shelf: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
 
 fn pages(shelf: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
     let page = Page::from_files([("style.css".to_owned(), b"css".to_vec())].into());
-    site::write(&locked(shelf)?, &page, steps)
+    site::write(&locked(shelf)?, &page, site::Listed::All, steps)
 }
 
 /// Run the command; running it again must not repeat finished work.

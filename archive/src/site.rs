@@ -37,13 +37,27 @@ const MAKING: &str = ".kilwa--site-";
 /// There while the pages are written for the first time: what stands there then without our own page is ours all the same.
 const BEGUN: &str = ".kilwa-site";
 
+/// Which objects of a folder its pages list.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Listed {
+    /// All of them.
+    All,
+    /// Those that the pages list already: others may have been left out on purpose.
+    AsBefore,
+}
+
 /// Write the pages of the locked folder.
 ///
 /// # Errors
 /// [`DraftError::Disk`] with the file; [`DraftError::Foreign`] where a page of another user would be replaced.
-pub fn write(lock: &Lock, page: &Page, steps: Steps<'_>) -> Result<(), DraftError> {
+pub fn write(lock: &Lock, page: &Page, listed: Listed, steps: Steps<'_>) -> Result<(), DraftError> {
     check(lock.folder())?;
-    let written = put_all(lock, page, steps);
+    let mut entries = entries(lock.folder())?;
+    if listed == Listed::AsBefore {
+        let before = Lists::read(lock.folder());
+        entries.retain(|e| before.name(&e.slug));
+    }
+    let written = put_all(lock, page, &entries, steps);
     if written.is_err() {
         // Where none of the pages is there, nothing says that they were begun. Otherwise whoever comes next continues with them.
         drop(sweep(lock, &|_| Ok(())));
@@ -51,10 +65,9 @@ pub fn write(lock: &Lock, page: &Page, steps: Steps<'_>) -> Result<(), DraftErro
     written
 }
 
-fn put_all(lock: &Lock, page: &Page, steps: Steps<'_>) -> Result<(), DraftError> {
+fn put_all(lock: &Lock, page: &Page, entries: &[Entry], steps: Steps<'_>) -> Result<(), DraftError> {
     let shelf = lock.folder();
-    let entries = entries(shelf)?;
-    let base = base(&entries);
+    let base = base(entries);
     scratch::sweep(shelf, &is_making, steps)?;
     let making = Scratch::create(shelf, MAKING, steps)?;
     if !shelf.join(INDEX).exists() && !shelf.join(BEGUN).exists() {
@@ -72,18 +85,19 @@ fn put_all(lock: &Lock, page: &Page, steps: Steps<'_>) -> Result<(), DraftError>
             put(ASSETS, short.1, bytes)?;
         }
     }
-    let put_list = || put("", LIST, format!("{:#}\n", list(&entries)).as_bytes());
+    let put_list = || put("", LIST, format!("{:#}\n", list(entries)).as_bytes());
     let is_first = !shelf.join(INDEX).exists();
     if is_first {
         put_list()?;
     }
-    put("", "feed.xml", feed(&entries, base.as_deref()).as_bytes())?;
-    if let Some(base) = &base {
-        put("", "sitemap.xml", sitemap(&entries, base).as_bytes())?;
+    put("", FEED, feed(entries, base.as_deref()).as_bytes())?;
+    match &base {
+        Some(base) => put("", "sitemap.xml", sitemap(entries, base).as_bytes())?,
+        // An earlier one names what is not there any more.
+        None => disk::remove(&shelf.join("sitemap.xml"), steps)?,
     }
-    put("", INDEX, catalogue(&entries).as_bytes())?;
+    put("", INDEX, catalogue(entries).as_bytes())?;
     if !is_first {
-        // Last: what it says, the others say too ([`lists`]).
         put_list()?;
     }
     disk::remove(&shelf.join(BEGUN), steps)?;
@@ -120,8 +134,10 @@ pub(super) fn sweep(lock: &Lock, steps: Steps<'_>) -> Result<(), DraftError> {
 const INDEX: &str = "index.html";
 /// The list for programs.
 const LIST: &str = "models.json";
+/// The Atom feed.
+const FEED: &str = "feed.xml";
 /// All that is written.
-const PAGES: [&str; 5] = [INDEX, "feed.xml", LIST, "sitemap.xml", ASSETS];
+const PAGES: [&str; 5] = [INDEX, FEED, LIST, "sitemap.xml", ASSETS];
 
 fn is_ours(index: &Path) -> bool {
     plain_file::read_at(index, SMALL_FILE_MAX).is_ok_and(|html| String::from_utf8_lossy(&html).contains(OURS))
@@ -154,10 +170,40 @@ pub fn lists(shelf: &Path, slug: &Slug) -> bool {
     if !is_there || check(shelf).is_err() {
         return false;
     }
-    let read = plain_file::read_at(&shelf.join(LIST), SMALL_FILE_MAX).ok();
-    let Some(list) = read.and_then(|bytes| serde_json::from_slice::<Value>(&bytes).ok()) else { return true };
-    let is_listed = |model: &Value| model["slug"] == slug.as_str() && model["access"] != json!(AccessState::Withdrawn);
-    list["models"].as_array().is_none_or(|models| models.iter().any(is_listed))
+    Lists::read(shelf).show(slug.as_str())
+}
+
+/// The lists of a folder as they are: `models.json`, and the feed, which names objects that are not in the other where a command was cut off
+/// between the two.
+struct Lists {
+    /// None where it cannot be read.
+    models: Option<Vec<Value>>,
+    feed: String,
+}
+
+impl Lists {
+    fn read(shelf: &Path) -> Self {
+        let read = |name: &str| plain_file::read_at(&shelf.join(name), SMALL_FILE_MAX).unwrap_or_default();
+        let list = serde_json::from_slice::<Value>(&read(LIST)).ok();
+        let models = list.and_then(|list| list["models"].as_array().cloned());
+        Self { models, feed: String::from_utf8_lossy(&read(FEED)).into_owned() }
+    }
+
+    /// Whether the feed has an entry of an object; withdrawn objects have none.
+    fn feed_has(&self, slug: &str) -> bool {
+        [format!("\"{slug}/\""), format!("/{slug}/\"")].iter().any(|address| self.feed.contains(address))
+    }
+
+    /// Whether an object is named, withdrawn or not.
+    fn name(&self, slug: &str) -> bool {
+        self.feed_has(slug) || self.models.iter().flatten().any(|model| model["slug"] == slug)
+    }
+
+    /// Whether an object is listed, and not as withdrawn. A list that cannot be read may list anything.
+    fn show(&self, slug: &str) -> bool {
+        let is_shown = |model: &Value| model["slug"] == slug && model["access"] != json!(AccessState::Withdrawn);
+        self.feed_has(slug) || self.models.as_ref().is_none_or(|models| models.iter().any(is_shown))
+    }
 }
 
 fn entries(shelf: &Path) -> Result<Vec<Entry>, DraftError> {

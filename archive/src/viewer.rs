@@ -233,7 +233,7 @@ pub fn content_type(name: &str) -> &'static str {
         "xml" => "application/xml",
         "bib" => "application/x-bibtex; charset=utf-8",
         "ris" => "application/x-research-info-systems; charset=utf-8",
-        "txt" | "md" | "sha256" => "text/plain; charset=utf-8",
+        "txt" | "md" | "sha256" | "pgw" => "text/plain; charset=utf-8",
         _ => "application/octet-stream",
     }
 }

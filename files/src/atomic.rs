@@ -59,7 +59,8 @@ impl Pending {
         let Self { temporary, target, _unfinished } = self;
         let named = if replace { temporary.persist(&target) } else { temporary.persist_noclobber(&target) };
         named.map_err(|e| e.error)?;
-        sync_folder(folder_of(&target))
+        // The file is there under its name: that its folder cannot be opened does not undo this.
+        File::open(folder_of(&target)).map_or(Ok(()), |folder| sync_names(&folder))
     }
 }
 
@@ -172,16 +173,24 @@ pub fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Sync the names in a folder to disk. Nothing is done where this is impossible or needless: for a folder that has gone, that may be written
-/// but not read or cannot be opened for another reason (too many open files), and on systems that cannot open folders (Windows) or sync them
-/// (some network file systems). The file is there under its name by then; that its folder cannot be opened does not undo this.
+/// Sync the names in a folder to disk, so that what is done next may rely on them. Nothing is done where this is impossible or needless: for a
+/// folder that has gone or that may be written but not read, and on systems that cannot open folders (Windows) or sync them (some network file
+/// systems).
 ///
 /// # Errors
-/// The system's error when the folder is synced: the disk may have failed.
+/// The system's error: the folder cannot be opened for another reason (too many open files), or the disk has failed.
 pub fn sync_folder(folder: &Path) -> io::Result<()> {
+    use io::ErrorKind::{NotFound, PermissionDenied};
+    match File::open(folder) {
+        Ok(folder) => sync_names(&folder),
+        Err(e) if matches!(e.kind(), NotFound | PermissionDenied) => Ok(()),
+        Err(e) => Err(e),
+    }
+}
+
+fn sync_names(folder: &File) -> io::Result<()> {
     use io::ErrorKind::{InvalidInput, Unsupported};
-    let Ok(file) = File::open(folder) else { return Ok(()) };
-    match file.sync_all() {
+    match folder.sync_all() {
         Err(e) if matches!(e.kind(), InvalidInput | Unsupported) => Ok(()),
         synced => synced,
     }
@@ -273,14 +282,13 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_that_cannot_be_opened_does_not_fail_a_write() {
+    fn a_folder_that_has_gone_needs_no_sync_and_one_that_cannot_be_opened_fails_it() {
         let folder = tempfile::tempdir().unwrap();
         sync_folder(folder.path()).unwrap();
         sync_folder(&folder.path().join("gone")).unwrap();
-        // Neither missing nor forbidden.
+        // Neither missing nor forbidden: what comes next may not rely on it.
         fs::write(folder.path().join("file"), "").unwrap();
-        sync_folder(&folder.path().join("file/below")).unwrap();
-        sync_folder(Path::new("a\0b")).unwrap();
+        assert!(sync_folder(&folder.path().join("file/below")).is_err());
         assert_eq!((folder_of(Path::new("a")), folder_of(Path::new("a/b"))), (Path::new("."), Path::new("a")));
     }
 }

@@ -6,7 +6,7 @@ use anyhow::{Context, anyhow, bail};
 use kilwa_archive::Slug;
 use kilwa_archive::keep::{Folders, check_outside};
 use kilwa_archive::location::Location;
-use kilwa_archive::site;
+use kilwa_archive::site::{self, Listed};
 use kilwa_archive::withdraw::{Outlook, Withdrawal, Withdrawn, outlook, withdraw};
 use kilwa_pack::plural::counted;
 use std::io::Write as _;
@@ -46,7 +46,8 @@ pub(super) fn run(args: &Args, slug: &str) -> anyhow::Result<()> {
         return Err(nothing_left(args, &slug, &done.day));
     }
     if let Some(page) = &page {
-        let written = site::write(folders.shelf(), page, &|_| Ok(()));
+        let listed = if args.site { Listed::All } else { Listed::AsBefore };
+        let written = site::write(folders.shelf(), page, listed, &|_| Ok(()));
         written.map_err(|e| e.after("the object is withdrawn, but the pages of the folder were not written"))?;
     }
     say_done(args, &slug, &done, page.is_some())
@@ -63,12 +64,13 @@ fn say_done(args: &Args, slug: &Slug, done: &Withdrawn, has_pages: bool) -> anyh
     let Withdrawn { kept, day, before, changed } = done;
     let kept = kept.display().to_string();
     if args.json {
-        let report = serde_json::json!({ "withdrawn": slug.as_str(), "kept": kept, "date": day, "already": before });
+        let report = serde_json::json!({ "withdrawn": slug.as_str(), "kept": kept, "date": day, "already": before, "pages": has_pages });
         return Ok(writeln!(out, "{report:#}")?);
     }
     let at = args.to.display();
     if !before {
-        return Ok(writeln!(out, "{at}/{slug}: withdrawn; its files are in {kept}")?);
+        let pages = if has_pages { "; the pages of the folder were written" } else { "" };
+        return Ok(writeln!(out, "{at}/{slug}: withdrawn; its files are in {kept}{pages}")?);
     }
     let now = [
         changed.then_some("leftovers of an interrupted command were removed"),
@@ -93,7 +95,8 @@ fn checked_reason(args: &Args, slug: &Slug, reason: &str) -> anyhow::Result<()> 
 /// What is left to be done, which must be something.
 fn ready(args: &Args, slug: &Slug) -> anyhow::Result<Outlook> {
     let there = outlook(&args.to, slug)?;
-    if let Some(day) = there.withdrawn.as_ref().filter(|_| there.is_done()) {
+    let has_pages = args.site || site::lists(&args.to, slug);
+    if let Some(day) = there.withdrawn.as_ref().filter(|_| there.is_done() && !has_pages) {
         return Err(nothing_left(args, slug, day));
     }
     Ok(there)

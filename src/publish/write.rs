@@ -15,7 +15,7 @@ use kilwa_archive::lock::{Lock, PATIENCE};
 use kilwa_archive::modes::{settle_published, unshared_with};
 use kilwa_archive::next::settle;
 use kilwa_archive::record::Preview;
-use kilwa_archive::site;
+use kilwa_archive::site::{self, Listed};
 use kilwa_archive::{AccessState, Manifest};
 use kilwa_formats::extract;
 use kilwa_pack::visible::visible;
@@ -318,7 +318,7 @@ fn around(
         bag = Some(made.display().to_string());
     }
     if args.site {
-        let made = site::write(lock, &plan.page, steps);
+        let made = site::write(lock, &plan.page, Listed::All, steps);
         made.map_err(|e| e.after("the version is published, but the pages of the folder were not written"))?;
     }
     Ok(bag)

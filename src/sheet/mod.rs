@@ -9,7 +9,7 @@ mod letters;
 mod paint;
 
 use crate::new_file::NewFile;
-use anyhow::{Context, bail};
+use anyhow::{Context, bail, ensure};
 use host::{Native, Output};
 use kilwa_measure::sheet::View;
 use kilwa_measure::sheet::draw::{Drawing, Request};
@@ -21,6 +21,8 @@ use kilwa_pack::footer::{FOOTER_BYTES, Footer};
 use kilwa_viewer::shell::native::Session;
 use kilwa_viewer::{Bounds, RenderOptions, StandardView};
 use serde::Serialize;
+use std::fs::File;
+use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
 /// A drawing to scale.
@@ -147,6 +149,9 @@ pub(crate) fn run<S: Source>(args: &SheetArgs, mut s: Subject<'_, S>) -> anyhow:
     let figures = pollster::block_on(drawing.draw(host::WIDEST, &mut host))?;
     // Its file is closed before it gets its name.
     drop(host);
+    if format == Format::Png {
+        ends_as_png(out.file()).context("cannot write the PNG")?;
+    }
     let Drawing { sheet, size, georeference, .. } = drawing;
     let mut files = vec![written.display().to_string()];
     let world = georeference.as_ref().filter(|_| format == Format::Png).map(|g| (written.with_extension("pgw"), g));
@@ -176,6 +181,14 @@ pub(crate) fn run<S: Source>(args: &SheetArgs, mut s: Subject<'_, S>) -> anyhow:
         target_reached: figures.target_reached,
         files,
     })
+}
+
+/// Whether a PNG has its last chunk: the encoder writes it when it is dropped, where an error is lost.
+fn ends_as_png(file: &mut File) -> anyhow::Result<()> {
+    let mut last = [0; 12];
+    file.seek(SeekFrom::End(-12)).and_then(|_| file.read_exact(&mut last))?;
+    ensure!(last == *b"\0\0\0\0IEND\xaeB`\x82", "its end is missing; is the disk full?");
+    Ok(())
 }
 
 impl Report {

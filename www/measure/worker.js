@@ -1,6 +1,7 @@
 // The worker that measures: wasm in a thread of its own, so that the picture never waits for it. The page fetches the bytes; here they are asked
 // for (`need`) and come (`got`). Messages: see engine.js.
 import init, { Engine } from "../measure.js";
+import { sheetHost } from "./drawing.js";
 
 // The page fetches the program while this code is on its way, and sends it.
 /** @type {(module: WebAssembly.Module) => void} */
@@ -66,7 +67,6 @@ const methods = {
   write: (_, what, format, scale) => engine.write(JSON.stringify(what), format, scale),
   read: (_, text) => JSON.parse(engine.read(text)),
   drawing: async (call, asked) => {
-    const { sheetHost } = await import("./drawing.js");
     const host = sheetHost(asked, (method, args, transfer) => ask(call, { method, args }, transfer), ways(call)[1]);
     return JSON.parse(await engine.drawSheet(JSON.stringify(asked), host));
   },
