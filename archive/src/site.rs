@@ -418,7 +418,7 @@ mod tests {
         fs::write(shelf.path().join("broken").join(MANIFEST), "{").unwrap();
         fs::create_dir_all(shelf.path().join("fort.bag")).unwrap();
         let page = Page::from_files([("style.css".to_owned(), b"css".to_vec())].into());
-        write(&Lock::take(shelf.path()).unwrap(), &page, &|_| Ok(())).unwrap();
+        write(&Lock::take(shelf.path()).unwrap(), &page, Listed::All, &|_| Ok(())).unwrap();
         let text = |name: &str| fs::read_to_string(shelf.path().join(name)).unwrap();
         let html = text("index.html");
         assert!(
@@ -436,5 +436,17 @@ mod tests {
         let gone = models.iter().find(|m| m["slug"] == "gone").unwrap();
         assert!(gone["access"] == "withdrawn" && gone["pack"].is_null() && gone["bytes"].is_null(), "{gone}");
         assert_eq!(text("assets/style.css"), "css");
+
+        // What the pages did not list stays out of them; what only the feed names, after a publication that was cut off, is listed.
+        put("quiet", &|m| m.title = "Quiet".to_owned());
+        put("late", &|m| m.title = "Late".to_owned());
+        fs::write(shelf.path().join("feed.xml"), text("feed.xml").replace("</feed>", "<link href=\"late/\"/></feed>"))
+            .unwrap();
+        let shown = |slug: &str| lists(shelf.path(), &Slug::new(slug).unwrap());
+        assert!(shown("fort") && shown("late") && !shown("gone") && !shown("quiet"));
+        write(&Lock::take(shelf.path()).unwrap(), &page, Listed::AsBefore, &|_| Ok(())).unwrap();
+        for name in ["index.html", "feed.xml", "models.json", "sitemap.xml"] {
+            assert!(text(name).contains("late/") && !text(name).contains("quiet"), "{name}");
+        }
     }
 }

@@ -172,3 +172,19 @@ fn every_record_names_the_rights_and_the_title() {
     let crate_ = String::from_utf8(ro_crate(&full(), &[("a.txt".to_owned(), 1, "00".to_owned())])).unwrap();
     assert!(crate_.contains("a.txt") && crate_.contains("creativecommons.org"));
 }
+
+#[test]
+fn records_name_the_media_type_of_every_kind_of_file() {
+    let types = [
+        ("drawings/plan.pgw", "text/plain"),
+        ("drawings/plan.png", "image/png"),
+        ("metadata/annotations.json", "application/ld+json"),
+        ("metadata/datacite.json", "application/json"),
+        ("bagit.txt", "text/plain"),
+        ("v1/fort.kilwa", "application/octet-stream"),
+        ("preview.glb", "model/gltf-binary"),
+    ];
+    for (path, wanted) in types {
+        assert_eq!(media_type(path), wanted, "{path}");
+    }
+}
