@@ -438,15 +438,15 @@ mod tests {
         assert_eq!(text("assets/style.css"), "css");
 
         // What the pages did not list stays out of them; what only the feed names, after a publication that was cut off, is listed.
-        put("quiet", &|m| m.title = "Quiet".to_owned());
+        put("unlisted-wall", &|m| m.title = "Unlisted wall".to_owned());
         put("late", &|m| m.title = "Late".to_owned());
         fs::write(shelf.path().join("feed.xml"), text("feed.xml").replace("</feed>", "<link href=\"late/\"/></feed>"))
             .unwrap();
         let shown = |slug: &str| lists(shelf.path(), &Slug::new(slug).unwrap());
-        assert!(shown("fort") && shown("late") && !shown("gone") && !shown("quiet"));
+        assert!(shown("fort") && shown("late") && !shown("gone") && !shown("unlisted-wall"));
         write(&Lock::take(shelf.path()).unwrap(), &page, Listed::AsBefore, &|_| Ok(())).unwrap();
         for name in ["index.html", "feed.xml", "models.json", "sitemap.xml"] {
-            assert!(text(name).contains("late/") && !text(name).contains("quiet"), "{name}");
+            assert!(text(name).contains("late/") && !text(name).contains("unlisted"), "{name}");
         }
     }
 }
