@@ -4,22 +4,11 @@
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
 import path from "node:path";
-import { after, before } from "node:test";
-import { WWW, cameraOf, canvasOf, launch, open, openTab, packFolder, pick, serve, test, tool, waitFor } from "./harness.mjs";
+import { WWW, cameraOf, canvasOf, fortSite, open, openTab, pick, test, tool, waitFor } from "./harness.mjs";
 
-let server;
-let browser;
+const site = fortSite();
 
-before(async () => {
-  server = await serve(await packFolder());
-  browser = await launch();
-});
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-});
-
-const fort = (query = "?error=8") => `${server.url}/m/fort${query}`;
+const fort = (query = "?error=8") => `${site.server.url}/m/fort${query}`;
 
 /** The messages of a language, by their keys. */
 const messages = async (language) => JSON.parse(await readFile(path.join(WWW, `i18n/${language}.json`), "utf8"));
@@ -62,7 +51,7 @@ test("on a phone every control is at least 44 pixels wide and high, in every tab
       await new Promise((resolve) => setTimeout(resolve, 1500));
       await route.continue();
     });
-  const { page, complaints, close } = await open(browser, fort(), { size: [390, 844], hasTouch: true, isMobile: true, before });
+  const { page, complaints, close } = await open(site.browser, fort(), { size: [390, 844], hasTouch: true, isMobile: true, before });
   const found = [];
   const look = async (where) => found.push(...(await small(page)).map((s) => `${where}: ${s}`));
   for (const tab of await page.getByRole("tab").all()) {
@@ -109,7 +98,7 @@ test("on a phone every control is at least 44 pixels wide and high, in every tab
 
 test("at 200 % zoom nothing is cut off sideways, and the model keeps its place", async () => {
   // 1440 by 900 at 200 % is a page of 720 by 450 CSS pixels.
-  const { page, complaints, close } = await open(browser, fort(), { size: [720, 450], deviceScaleFactor: 2 });
+  const { page, complaints, close } = await open(site.browser, fort(), { size: [720, 450], deviceScaleFactor: 2 });
   const wide = () => page.evaluate(() => [document.documentElement.scrollWidth, document.documentElement.scrollHeight]);
   assert.deepEqual(await wide(), [720, 450]);
   for (const tab of await page.getByRole("tab").all()) {
@@ -131,7 +120,7 @@ test("at 200 % zoom nothing is cut off sideways, and the model keeps its place",
 });
 
 test("Tab reaches every control and shows where it stands; Escape closes what is open", async () => {
-  const { page, complaints, close } = await open(browser, fort());
+  const { page, complaints, close } = await open(site.browser, fort());
   await openTab(page, "Views");
   const wanted = [
     ["button", "Copy link to this view"],
@@ -183,7 +172,7 @@ test("Tab reaches every control and shows where it stands; Escape closes what is
 });
 
 test("numbers and directions are those of the language", async () => {
-  const { page, complaints, close } = await open(browser, fort("?error=8&lang=fr"));
+  const { page, complaints, close } = await open(site.browser, fort("?error=8&lang=fr"));
   const [fr, ar] = await Promise.all(["fr", "ar"].map(messages));
   const triangles = page.getByRole("tabpanel", { name: fr.tabAbout }).getByRole("definition").first();
   assert.match(await triangles.innerText(), /\d{3}[\u202f\u00a0]\d{3}/, "thousands as in French");
@@ -214,7 +203,7 @@ test("numbers and directions are those of the language", async () => {
 });
 
 test("the details can be made wider by pointer and by keyboard, and stay so", async () => {
-  const { page, complaints, close } = await open(browser, fort(), { size: [1200, 700] });
+  const { page, complaints, close } = await open(site.browser, fort(), { size: [1200, 700] });
   const width = async () => (await details(page).boundingBox()).width;
   const divider = page.getByRole("separator", { name: "Width of the details panel; arrow keys change it" });
   assert.equal(await width(), 360);
@@ -250,7 +239,7 @@ test("the details can be made wider by pointer and by keyboard, and stay so", as
 });
 
 test("keys of a single letter can be switched off, and stay off", async () => {
-  const { page, complaints, close } = await open(browser, fort());
+  const { page, complaints, close } = await open(site.browser, fort());
   await page.keyboard.press("?");
   const help = dialog(page, "How to look around");
   const keys = help.getByRole("checkbox", { name: "Single-key shortcuts" });

@@ -4,40 +4,11 @@ import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
 import { createRequire } from "node:module";
 import path from "node:path";
-import { after, before } from "node:test";
-import {
-  cameraOf,
-  canvasOf,
-  displayOf,
-  launch,
-  measuredPack,
-  open,
-  openTab,
-  packFolder,
-  picture,
-  pixels,
-  press,
-  serve,
-  test,
-  tool,
-  waitFor,
-} from "./harness.mjs";
+import { cameraOf, canvasOf, displayOf, fortSite, measuredPack, open, openTab, picture, pixels, press, test, tool, waitFor } from "./harness.mjs";
 
-let server;
-let browser;
+const site = fortSite({ prepare: measuredPack });
 
-before(async () => {
-  const folder = await packFolder();
-  await measuredPack(folder);
-  server = await serve(folder);
-  browser = await launch();
-});
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-});
-
-const fort = (options = {}, query = "?error=4") => open(browser, `${server.url}/m/fort${query}`, { size: [900, 600], ...options });
+const fort = (options = {}, query = "?error=4") => open(site.browser, `${site.server.url}/m/fort${query}`, { size: [900, 600], ...options });
 const rest = (page) => waitFor(page, "settled");
 const shading = (page) => page.getByRole("group", { name: "Shading" });
 const choose = (page, name) => shading(page).getByRole("radio", { name, exact: true }).check();
@@ -360,7 +331,7 @@ test("axe-core finds nothing serious in either panel, whatever is chosen", async
 });
 
 test("values that the scan measured are shown on their scale, and grey where there are none", async () => {
-  const { page, complaints, close } = await open(browser, `${server.url}/m/measured`, { size: [900, 600] });
+  const { page, complaints, close } = await open(site.browser, `${site.server.url}/m/measured`, { size: [900, 600] });
   await canvasOf(page).press("1");
   await openTab(page, "Display");
   await choose(page, "Measured value");

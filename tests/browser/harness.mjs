@@ -9,7 +9,7 @@ import { copyFile, mkdtemp, rename, rm, stat, writeFile } from "node:fs/promises
 import http from "node:http";
 import { tmpdir } from "node:os";
 import path from "node:path";
-import { test as nodeTest } from "node:test";
+import { after, before, test as nodeTest } from "node:test";
 import { fileURLToPath } from "node:url";
 import { promisify } from "node:util";
 import { chromium } from "playwright-core";
@@ -128,6 +128,28 @@ export async function serve(folder, ...options) {
       await rm(folder, { recursive: true });
     },
   };
+}
+
+/**
+ * The fort on a server, and a browser, from before the first test of a file until after its last: the `folder` of packs with its `pack`, the
+ * `server`, the `browser`, and with `proxied` a `proxy` before the server (see `hostile`). `prepare(folder)` may add other packs.
+ */
+export function fortSite({ prepare, proxied = false } = {}) {
+  const site = {};
+  before(async () => {
+    site.folder = await packFolder();
+    site.pack = path.join(site.folder, "fort.kilwa");
+    await prepare?.(site.folder);
+    site.server = await serve(site.folder);
+    if (proxied) site.proxy = await hostile(site.server.url);
+    site.browser = await launch();
+  });
+  after(async () => {
+    await site.browser?.close();
+    await site.proxy?.stop();
+    await site.server?.stop();
+  });
+  return site;
 }
 
 /**

@@ -8,34 +8,16 @@
 import assert from "node:assert/strict";
 import { execFile } from "node:child_process";
 import { readFile } from "node:fs/promises";
-import path from "node:path";
-import { after, before } from "node:test";
 import { promisify } from "node:util";
 import { openEngine } from "./engine-page.mjs";
-import { KILWA, hostile, launch, open, packFolder, serve, test, waitFor, canvasOf, openTab } from "./harness.mjs";
+import { KILWA, canvasOf, fortSite, open, openTab, test, waitFor } from "./harness.mjs";
 import { numbers, openRow } from "./measuring.mjs";
 
 const run = promisify(execFile);
 
-let server;
-let proxy;
-let browser;
-let pack;
+const site = fortSite({ proxied: true });
 
-before(async () => {
-  const folder = await packFolder();
-  pack = path.join(folder, "fort.kilwa");
-  server = await serve(folder);
-  proxy = await hostile(server.url);
-  browser = await launch();
-});
-after(async () => {
-  await browser?.close();
-  await proxy?.stop();
-  await server?.stop();
-});
-
-const fort = (query = "?error=8") => open(browser, `${server.url}/m/fort${query}`, { size: [900, 560] });
+const fort = (query = "?error=8") => open(site.browser, `${site.server.url}/m/fort${query}`, { size: [900, 560] });
 
 /** State a claim about a count of exceptions, which has to be zero. */
 function claimNone(what, of, exceptions) {
@@ -47,7 +29,7 @@ function claimNone(what, of, exceptions) {
 async function native(tool, numbers, options = []) {
   const given = numbers.length > 0 ? ["--", ...numbers.map(String)] : [];
   try {
-    const { stdout } = await run(KILWA, ["measure", pack, ...tool, ...options, "--json", ...given], { maxBuffer: 1 << 28 });
+    const { stdout } = await run(KILWA, ["measure", site.pack, ...tool, ...options, "--json", ...given], { maxBuffer: 1 << 28 });
     return JSON.parse(stdout);
   } catch (error) {
     return { refusal: error.stderr.trim() };
@@ -103,7 +85,7 @@ const picksOf = (page, rays, options = {}) =>
   );
 
 test("the same ray gives the same final place at ten zoom levels, cold and warm and on a slow line, which is that of the command line", async () => {
-  const { page, complaints, close } = await openEngine(browser, server.url);
+  const { page, complaints, close } = await openEngine(site.browser, site.server.url);
   const rays = await raysOf(page, 6);
   assert.equal(rays.length, 6);
   const wanted = [];
@@ -129,12 +111,12 @@ test("the same ray gives the same final place at ten zoom levels, cold and warm 
     }
   }
   // The store of the engine is warm by now; another page begins cold, behind a line that is slow and breaks.
-  proxy.mishap = ({ number }) => (number % 5 === 4 ? { drop: true } : null);
-  const cold = await openEngine(browser, proxy.url);
+  site.proxy.mishap = ({ number }) => (number % 5 === 4 ? { drop: true } : null);
+  const cold = await openEngine(site.browser, site.proxy.url);
   const late = await picksOf(cold.page, rays);
   differing += seen(late);
   picks += late.length;
-  proxy.mishap = null;
+  site.proxy.mishap = null;
   await cold.close();
   claimNone("final picks in the browser that depend on zoom, store or network", picks, differing);
   assert.ok(one > 0, "some picks had a provisional interval");
@@ -144,7 +126,7 @@ test("the same ray gives the same final place at ten zoom levels, cold and warm 
 });
 
 test("every tool prints the digits of the command line", async () => {
-  const { page, complaints, close } = await openEngine(browser, server.url);
+  const { page, complaints, close } = await openEngine(site.browser, site.server.url);
   const rays = await raysOf(page, 8);
   const found = (await picksOf(page, rays)).map(({ final }) => final.local);
   const x = 1.25;
@@ -198,7 +180,7 @@ test("every tool prints the digits of the command line", async () => {
 });
 
 test("what is cut away is never picked, and what shows behind it is", async () => {
-  const { page, complaints, close } = await openEngine(browser, server.url);
+  const { page, complaints, close } = await openEngine(site.browser, site.server.url);
   const rays = await raysOf(page, 8);
   const open_ = await picksOf(page, rays);
   const clips = open_.map(({ final }) => ({
@@ -235,7 +217,7 @@ test("what is cut away is never picked, and what shows behind it is", async () =
 });
 
 test("a section fetches a part of the pack, reports how much, and nothing the second time; a request can be cancelled", async () => {
-  const { page, complaints, packs, close } = await openEngine(browser, server.url);
+  const { page, complaints, packs, close } = await openEngine(site.browser, site.server.url);
   await page.evaluate(() => globalThis.engineTest.settled());
   const before = packs.length;
   const [first, again, cancelled] = await page.evaluate(async () => {
@@ -269,7 +251,7 @@ test("a section fetches a part of the pack, reports how much, and nothing the se
 });
 
 test("points snap to vertices, creases and borders of the finest surface", async () => {
-  const { page, complaints, close } = await openEngine(browser, server.url);
+  const { page, complaints, close } = await openEngine(site.browser, site.server.url);
   const rays = await raysOf(page, 6);
   const step = await page.evaluate(() => globalThis.engineTest.engine.pack.step);
   const free = await picksOf(page, rays);
@@ -331,7 +313,7 @@ test("a pack of this computer is measured without a server", async () => {
   await page
     .getByLabel("Open a file…")
     .first()
-    .setInputFiles({ name: "mine.kilwa", mimeType: "", buffer: await readFile(pack) });
+    .setInputFiles({ name: "mine.kilwa", mimeType: "", buffer: await readFile(site.pack) });
   const download = page.getByRole("banner").getByRole("link", { name: "Download pack" });
   while (!(await download.getAttribute("href")).startsWith("blob:")) await page.evaluate(() => new Promise(requestAnimationFrame));
   await waitFor(page, "settled");

@@ -8,32 +8,21 @@ import { tmpdir } from "node:os";
 import path from "node:path";
 import { after, before } from "node:test";
 import { promisify } from "node:util";
-import { KILWA, WWW, launch, open, packFolder, serve, test, waitFor, canvasOf, openTab } from "./harness.mjs";
+import { KILWA, WWW, canvasOf, fortSite, open, openTab, test, waitFor } from "./harness.mjs";
 import { bar, bits, done, give, list, measureDistance, openRow, panel, press, row, saveAs, status, table, tool } from "./measuring.mjs";
 
-let server;
-let browser;
-let pack;
+const site = fortSite();
 let scratch;
-
 before(async () => {
-  const folder = await packFolder();
-  pack = path.join(folder, "fort.kilwa");
   scratch = await mkdtemp(path.join(tmpdir(), "kilwa-measuring-"));
-  server = await serve(folder);
-  browser = await launch();
 });
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-  await rm(scratch, { recursive: true });
-});
+after(() => rm(scratch, { recursive: true }));
 
-const fort = (query = "?error=12") => `${server.url}/m/fort${query}`;
+const fort = (query = "?error=12") => `${site.server.url}/m/fort${query}`;
 /** A page with its panel beside the picture, and no larger: the picture is drawn without a graphics card. */
 const tab = { size: [960, 640] };
 const measured = async (options = {}) => {
-  const opened = await open(browser, fort(), { ...tab, ...options });
+  const opened = await open(site.browser, fort(), { ...tab, ...options });
   await measureDistance(opened.page, [0.42, 0.5], [0.55, 0.5]);
   return opened;
 };
@@ -49,7 +38,7 @@ test("a link opens the same measurement elsewhere, to the last bit, and the page
   const wanted = await bits(page);
   assert.equal(wanted[0].name, name);
   const address = await page.evaluate(() => globalThis.kilwa.api.link());
-  const other = await open(browser, address, tab);
+  const other = await open(site.browser, address, tab);
   await openTab(other.page, "Measure");
   await row(other.page, name).waitFor();
   await done(other.page);
@@ -85,7 +74,7 @@ test("a file reads back to the last bit, here and by kilwa measure, and one of a
   const words = await saveAs(page, "json");
   const file = path.join(scratch, "fort.json");
   await writeFile(file, words);
-  const { stdout } = await promisify(execFile)(KILWA, ["measure", pack, "again", file]);
+  const { stdout } = await promisify(execFile)(KILWA, ["measure", site.pack, "again", file]);
   assert.match(stdout, /Distance 1 \(distance\): the same[\s\S]*Area 1 \(area\): the same/);
   await panel(page).getByRole("button", { name: "Delete all" }).click();
   assert.equal((await list(page)).length, 0);
@@ -160,7 +149,7 @@ const plain = (text) => text.replaceAll(/[\u2066\u2069]/g, "");
 test("remarks, refusals and complaints about files are in the language of the page, also after it is changed", async () => {
   const english = await strings("en");
   const french = await strings("fr");
-  const { page, complaints, close } = await open(browser, fort("?error=12&lang=fr"), { size: [760, 480] });
+  const { page, complaints, close } = await open(site.browser, fort("?error=12&lang=fr"), { size: [760, 480] });
   const { bounds_min: low, bounds_max: high } = await page.evaluate(() => globalThis.kilwa.api.info().metadata);
   const middle = low.map((v, i) => (v + high[i]) / 2);
   const square = [

@@ -6,9 +6,8 @@ import { execFile } from "node:child_process";
 import { readFile } from "node:fs/promises";
 import { createRequire } from "node:module";
 import path from "node:path";
-import { after, before } from "node:test";
 import { promisify } from "node:util";
-import { KILWA, WWW, cameraOf, launch, open, packFolder, serve, test, waitFor, canvasOf, openTab, tool as railTool } from "./harness.mjs";
+import { KILWA, WWW, cameraOf, canvasOf, fortSite, open, openTab, test, waitFor } from "./harness.mjs";
 import {
   bar,
   bits,
@@ -31,38 +30,25 @@ import {
   values,
 } from "./measuring.mjs";
 
-let server;
-let browser;
-let pack;
+const site = fortSite();
 
-before(async () => {
-  const folder = await packFolder();
-  pack = path.join(folder, "fort.kilwa");
-  server = await serve(folder);
-  browser = await launch();
-});
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-});
-
-const fort = (query = "?error=12") => `${server.url}/m/fort${query}`;
+const fort = (query = "?error=12") => `${site.server.url}/m/fort${query}`;
 /** A page with its panel beside the picture, and no larger: the picture is drawn without a graphics card. */
 const tab = { size: [960, 640] };
-const kilwa = async (...args) => (await promisify(execFile)(KILWA, ["measure", pack, ...args.map(String)])).stdout;
+const kilwa = async (...args) => (await promisify(execFile)(KILWA, ["measure", site.pack, ...args.map(String)])).stdout;
 /** The places of a distance: two on the wall. */
 const ENDS = [
   [0.42, 0.5],
   [0.55, 0.5],
 ];
 const measured = async (options = {}) => {
-  const opened = await open(browser, fort(), { ...tab, ...options });
+  const opened = await open(site.browser, fort(), { ...tab, ...options });
   await measureDistance(opened.page, ...ENDS);
   return opened;
 };
 test("a distance by two clicks is provisional, then final, and the value of kilwa measure to the last digit", async () => {
   const asked = [];
-  const { page, complaints, close } = await open(browser, fort(), {
+  const { page, complaints, close } = await open(site.browser, fort(), {
     ...tab,
     before: (page) => page.on("request", (request) => asked.push(new URL(request.url()).pathname)),
   });
@@ -112,7 +98,7 @@ test("a distance by two clicks is provisional, then final, and the value of kilw
 });
 
 test("the value does not depend on what is on screen", async () => {
-  const { page, complaints, close } = await open(browser, fort(), tab);
+  const { page, complaints, close } = await open(site.browser, fort(), tab);
   const rays = await raysAt(page, ...ENDS);
   await measureDistance(page, ...ENDS);
   const [wanted] = await list(page);
@@ -124,7 +110,7 @@ test("the value does not depend on what is on screen", async () => {
     ["?error=1", "first"],
     ["?error=16&gpu=webgl", "settled"],
   ]) {
-    const other = await open(browser, fort(query), { size: [480, 400], wait });
+    const other = await open(site.browser, fort(query), { size: [480, 400], wait });
     const again = await other.page.evaluate((rays) => globalThis.kilwa.api.addMeasurement({ tool: "distance", rays }), rays);
     assert.deepEqual(again.readings, wanted.readings);
     assert.deepEqual(again.points, wanted.points);
@@ -176,7 +162,7 @@ test("everything is undone and redone, a reload keeps it, and a point that is dr
 });
 
 test("points are taken back and put again while they are drawn, and a tool stays until it is left", async () => {
-  const { page, complaints, close } = await open(browser, fort(), tab);
+  const { page, complaints, close } = await open(site.browser, fort(), tab);
   await tool(page, "Path");
   await bar(page).waitFor();
   await press(page, [0.42, 0.5], [0.5, 0.5]);
@@ -207,7 +193,7 @@ test("points are taken back and put again while they are drawn, and a tool stays
 });
 
 test("if no meaningful value exists, the page explains why and shows no number", async () => {
-  const { page, complaints, close } = await open(browser, fort(), tab);
+  const { page, complaints, close } = await open(site.browser, fort(), tab);
   await tool(page, "Volume");
   await done(page);
   const [volume] = await list(page);
@@ -231,7 +217,7 @@ test("if no meaningful value exists, the page explains why and shows no number",
 });
 
 test("by keyboard alone: a distance is measured, one of its points moved, its row named, moved and deleted", async () => {
-  const { page, complaints, close } = await open(browser, fort(), tab);
+  const { page, complaints, close } = await open(site.browser, fort(), tab);
   await canvasOf(page).focus();
   await page.keyboard.press("m");
   await bar(page).waitFor();
@@ -267,7 +253,7 @@ test("by keyboard alone: a distance is measured, one of its points moved, its ro
 });
 
 test("a finger that rests gets a loupe above it, and where it is lifted is measured", async () => {
-  const { page, complaints, close } = await open(browser, fort(), { size: [390, 844], hasTouch: true, isMobile: true });
+  const { page, complaints, close } = await open(site.browser, fort(), { size: [390, 844], hasTouch: true, isMobile: true });
   await railTool(page, "Measure").tap();
   await bar(page).waitFor();
   const box = await canvasOf(page).boundingBox();
@@ -302,7 +288,7 @@ test("a finger that rests gets a loupe above it, and where it is lifted is measu
 });
 
 test("Shift, or the magnet, snaps to points of the finest mesh", async () => {
-  const { page, complaints, close } = await open(browser, fort(), tab);
+  const { page, complaints, close } = await open(site.browser, fort(), tab);
   await tool(page, "Coordinates");
   await bar(page).waitFor();
   await press(page, [0.42, 0.5]);
@@ -325,7 +311,7 @@ test("Shift, or the magnet, snaps to points of the finest mesh", async () => {
 });
 
 test("units change what is shown and never what is kept; values are copied with unit and uncertainty", async () => {
-  const { page, complaints, close } = await open(browser, fort(), { ...tab, permissions: ["clipboard-read", "clipboard-write"] });
+  const { page, complaints, close } = await open(site.browser, fort(), { ...tab, permissions: ["clipboard-read", "clipboard-write"] });
   const rays = await raysAt(page, ...ENDS);
   await measureDistance(page, ...ENDS);
   const wanted = await bits(page);
@@ -351,7 +337,7 @@ test("units change what is shown and never what is kept; values are copied with 
 });
 
 test("sections and contours are lines on the model, and drawings as files", async () => {
-  const { page, complaints, close } = await open(browser, fort(), tab);
+  const { page, complaints, close } = await open(site.browser, fort(), tab);
   await tool(page, "Vertical section");
   await bar(page).waitFor();
   await press(page, ...ENDS);
@@ -388,7 +374,7 @@ test("sections and contours are lines on the model, and drawings as files", asyn
 });
 
 test("the deviation from a fitted plane is shown as colours on the model", async () => {
-  const { page, complaints, close } = await open(browser, fort(), tab);
+  const { page, complaints, close } = await open(site.browser, fort(), tab);
   await tool(page, "Deviation from a plane");
   await bar(page).waitFor();
   await press(page, [0.42, 0.48], [0.5, 0.48], [0.48, 0.53], [0.42, 0.53]);
@@ -419,7 +405,7 @@ test("the deviation from a fitted plane is shown as colours on the model", async
 });
 
 test("scripts measure, list measurements and receive events", async () => {
-  const { page, complaints, close } = await open(browser, fort(), tab);
+  const { page, complaints, close } = await open(site.browser, fort(), tab);
   const rays = await raysAt(page, ...ENDS);
   const found = await page.evaluate(async (rays) => {
     const { api } = globalThis.kilwa;
@@ -465,7 +451,7 @@ test("axe-core finds nothing serious in the tab, the table and the marks, in bot
 });
 
 test("after a change of language, the menu of file formats shows the format that is saved", async () => {
-  const { page, complaints, close } = await open(browser, fort());
+  const { page, complaints, close } = await open(site.browser, fort());
   await page.evaluate(() =>
     globalThis.kilwa.api.addMeasurement({
       tool: "distance",

@@ -1,29 +1,14 @@
 // Moves of the camera beyond drags: free turning, walking, the cube, saved views, last views, and the address.
 
 import assert from "node:assert/strict";
-import { after, before } from "node:test";
 import { execFile } from "node:child_process";
 import { readFile } from "node:fs/promises";
-import path from "node:path";
 import { promisify } from "node:util";
-import { KILWA, cameraOf, canvasOf, launch, open, openTab, packFolder, picture, serve, test, tool, waitFor } from "./harness.mjs";
+import { KILWA, cameraOf, canvasOf, fortSite, open, openTab, picture, test, tool, waitFor } from "./harness.mjs";
 
-let server;
-let browser;
-let pack;
+const site = fortSite();
 
-before(async () => {
-  const folder = await packFolder();
-  pack = path.join(folder, "fort.kilwa");
-  server = await serve(folder);
-  browser = await launch();
-});
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-});
-
-const fort = (query = "?error=16") => `${server.url}/m/fort${query}`;
+const fort = (query = "?error=16") => `${site.server.url}/m/fort${query}`;
 /** What touches the picture is tested with both programs. */
 const onBoth = (name, run) => {
   test(name, () => run(""));
@@ -41,7 +26,7 @@ const close = (a, b, within = 1e-6) => a.length === b.length && a.every((v, i) =
 const rest = (page) => waitFor(page, "settled");
 
 test("turned freely the camera passes over the top, and the turntable sets it upright again", async () => {
-  const { page, complaints, close: end } = await open(browser, fort());
+  const { page, complaints, close: end } = await open(site.browser, fort());
   await canvasOf(page).focus();
   await page.keyboard.press("t");
   for (let i = 0; i < 14; i += 1) await page.keyboard.press("ArrowDown");
@@ -89,7 +74,7 @@ async function goToCourt(page) {
 }
 
 onBoth("walking keeps the eye at its height above the ground, goes where keys and pad say, and ends as it began", async (gpu) => {
-  const { page, complaints, close: end } = await open(browser, fort(`?error=4${gpu}`));
+  const { page, complaints, close: end } = await open(site.browser, fort(`?error=4${gpu}`));
   await goToCourt(page);
   const pad = page.getByRole("group", { name: "Walking" });
   await canvasOf(page).focus();
@@ -148,7 +133,7 @@ onBoth("a walk never falls through the ground, wherever it leads", async (gpu) =
     page,
     complaints,
     close: end,
-  } = await open(browser, fort(`?error=4${gpu}`), {
+  } = await open(site.browser, fort(`?error=4${gpu}`), {
     // While frames are held, the ground stays what it is under whoever walks.
     before: (page) =>
       page.addInitScript(() => {
@@ -192,7 +177,7 @@ onBoth("a walk never falls through the ground, wherever it leads", async (gpu) =
 });
 
 test("the cube turns with the camera, and its faces look at the model from their side, by pointer and by keyboard", async () => {
-  const { page, complaints, close: end } = await open(browser, fort());
+  const { page, complaints, close: end } = await open(site.browser, fort());
   const cube = page.getByRole("group", { name: "View cube" });
   const face = (name) => cube.getByRole("button", { name });
   const turn = async () => JSON.stringify(await Promise.all(["Plan, from above", "From the north", "From the east"].map((name) => face(name).boundingBox())));
@@ -228,7 +213,7 @@ test("the cube turns with the camera, and its faces look at the model from their
 });
 
 test("the last view comes back, and the next one, by key and by button", async () => {
-  const { page, complaints, close: end } = await open(browser, fort());
+  const { page, complaints, close: end } = await open(site.browser, fort());
   await canvasOf(page).focus();
   const first = await camera(page);
   await page.keyboard.press("3");
@@ -256,7 +241,7 @@ test("the last view comes back, and the next one, by key and by button", async (
 });
 
 test("standard views enter the browser's history: its Back button returns to the view that was left", async () => {
-  const { page, complaints, close: end } = await open(browser, fort());
+  const { page, complaints, close: end } = await open(site.browser, fort());
   await canvasOf(page).focus();
   await page.keyboard.press("ArrowLeft");
   await rest(page);
@@ -279,7 +264,7 @@ test("standard views enter the browser's history: its Back button returns to the
 });
 
 test("the address holds camera, shading and the pack, and a link to another pack is noticed", async () => {
-  const first = await open(browser, fort());
+  const first = await open(site.browser, fort());
   await canvasOf(first.page).focus();
   await first.page.keyboard.press("3");
   await openTab(first.page, "Display");
@@ -289,26 +274,26 @@ test("the address holds camera, shading and the pack, and a link to another pack
   assert.match(address, /#view=[^&]+&display=[^&]+&pack=[0-9a-f]{12}$/);
   const seen = await picture(first.page);
   await first.close();
-  const second = await open(browser, address);
+  const second = await open(site.browser, address);
   assert.deepEqual(await picture(second.page), seen);
   assert.equal(await second.page.evaluate(() => globalThis.kilwa.api.mode), "normals");
   assert.equal(await message(second.page, /\S/).count(), 0, "there is nothing to notice");
   await second.close();
-  const third = await open(browser, address.replace(/pack=.*/, "pack=0123456789ab"));
+  const third = await open(site.browser, address.replace(/pack=.*/, "pack=0123456789ab"));
   await message(third.page, "another version").waitFor();
   assert.deepEqual([...first.complaints, ...second.complaints, ...third.complaints], []);
   await third.close();
   // What is cut off or nonsense in an address is passed over.
-  const broken = await open(browser, `${fort()}#view=1,2,nonsense&display=%7B%22mo&annotation=%E0%A4%A&notes=off&pack=zz`);
+  const broken = await open(site.browser, `${fort()}#view=1,2,nonsense&display=%7B%22mo&annotation=%E0%A4%A&notes=off&pack=zz`);
   assert.ok((await picture(broken.page)).share > 0.05);
   assert.deepEqual(broken.complaints, []);
   await broken.close();
 });
 
 test("links, views and notes name the identity that kilwa measure prints; what names the header's hash is still of this pack, and what is of another version is said", async () => {
-  const { stdout } = await promisify(execFile)(KILWA, ["measure", pack, "area", "--json"]);
+  const { stdout } = await promisify(execFile)(KILWA, ["measure", site.pack, "area", "--json"]);
   const { identity } = JSON.parse(stdout).pack;
-  const { page, complaints, close: end } = await open(browser, fort());
+  const { page, complaints, close: end } = await open(site.browser, fort());
   const isNamed = (p) => p.waitForFunction((text) => globalThis.kilwa.api.state().pack === text, identity);
   await isNamed(page);
   const address = await linkOf(page);
@@ -349,7 +334,7 @@ test("links, views and notes name the identity that kilwa measure prints; what n
   assert.deepEqual(complaints, []);
   await end();
   // A link of an earlier version of the page names the header's hash.
-  const old = await open(browser, address.replace(/pack=.*/, `pack=${hash.slice(0, 12)}`));
+  const old = await open(site.browser, address.replace(/pack=.*/, `pack=${hash.slice(0, 12)}`));
   await isNamed(old.page);
   await old.page.waitForURL((url) => url.href.endsWith(`pack=${identity.slice(0, 12)}`)); // the address names the identity from then on
   assert.equal(await message(old.page, /\S/).count(), 0, "there is nothing to notice");
@@ -357,7 +342,7 @@ test("links, views and notes name the identity that kilwa measure prints; what n
 });
 
 test("saved views are kept for the pack: named, renamed, ordered, deleted with undo, and written to and read from a file", async () => {
-  const { page, complaints, close: end } = await open(browser, fort());
+  const { page, complaints, close: end } = await open(site.browser, fort());
   await canvasOf(page).focus();
   await page.keyboard.press("2");
   await rest(page);
@@ -409,7 +394,7 @@ test("a flight is eased where motion is welcome, and the person can take over at
     page,
     complaints,
     close: end,
-  } = await open(browser, fort(), {
+  } = await open(site.browser, fort(), {
     reducedMotion: "no-preference",
     // A frame is 50 ms on the page's clock, however long a busy machine takes for it.
     before: (page) =>

@@ -3,22 +3,11 @@
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
-import { after, before } from "node:test";
-import { canvasOf, launch, open, openTab, packFolder, pick, press, serve, test, tool, waitFor } from "./harness.mjs";
+import { canvasOf, fortSite, open, openTab, pick, press, test, tool, waitFor } from "./harness.mjs";
 
-let server;
-let browser;
+const site = fortSite();
 
-before(async () => {
-  server = await serve(await packFolder());
-  browser = await launch();
-});
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-});
-
-const fort = (query = "?error=16") => `${server.url}/m/fort${query}`;
+const fort = (query = "?error=16") => `${site.server.url}/m/fort${query}`;
 /** What touches the picture is tested with both programs. */
 const onBoth = (name, run) => {
   test(name, () => run(""));
@@ -54,7 +43,7 @@ const annotation = (place, more = {}) => ({
 });
 
 onBoth("a note is placed with a press, written, kept by the browser, and undone", async (gpu) => {
-  const { page, complaints, close } = await open(browser, fort(`?error=16${gpu}`));
+  const { page, complaints, close } = await open(site.browser, fort(`?error=16${gpu}`));
   await tool(page, "Write a note on the model").click();
   await message(page, "Click a place on the surface").waitFor();
   const box = await canvasOf(page).boundingBox();
@@ -98,7 +87,7 @@ onBoth("a note is placed with a press, written, kept by the browser, and undone"
 });
 
 onBoth("a note is placed by keyboard alone", async (gpu) => {
-  const { page, complaints, close } = await open(browser, fort(`?error=16${gpu}`));
+  const { page, complaints, close } = await open(site.browser, fort(`?error=16${gpu}`));
   await canvasOf(page).focus();
   // The part of the picture where the cross goes: it starts in the middle.
   const { x, y, width, height } = await canvasOf(page).boundingBox();
@@ -127,7 +116,7 @@ onBoth("a note is placed by keyboard alone", async (gpu) => {
 });
 
 onBoth("pins follow the camera, and fade where the model stands before them", async (gpu) => {
-  const { page, complaints, close } = await open(browser, fort(`?error=4${gpu}`));
+  const { page, complaints, close } = await open(site.browser, fort(`?error=4${gpu}`));
   const [spot] = await places(page);
   const { azimuth, elevation } = await page.evaluate(() => globalThis.kilwa.api.getCamera());
   const backward = [Math.cos(elevation) * Math.sin(azimuth), Math.cos(elevation) * Math.cos(azimuth), Math.sin(elevation)];
@@ -156,7 +145,7 @@ onBoth("pins follow the camera, and fade where the model stands before them", as
 });
 
 test("notes are written as Web Annotations and read back the same, with what others said in them", async () => {
-  const { page, complaints, close } = await open(browser, fort());
+  const { page, complaints, close } = await open(site.browser, fort());
   const [a, b] = await places(page);
   await openTab(page, "Notes");
   const foreign = {
@@ -217,7 +206,7 @@ test("notes are written as Web Annotations and read back the same, with what oth
 });
 
 test("a tour steps through the notes, each has an address, and Back returns", async () => {
-  const { page, complaints, close } = await open(browser, fort());
+  const { page, complaints, close } = await open(site.browser, fort());
   const spots = await places(page);
   await openTab(page, "Notes");
   const camera = (azimuth) => ({ state: { type: "urn:kilwa:view", camera: [azimuth, 0.4, 30, ...spots[0], 0] } });
@@ -275,11 +264,11 @@ test("a tour steps through the notes, each has an address, and Back returns", as
 });
 
 test("notes that the host publishes are shown, the person's changes to them are the person's, and the published ones come back", async () => {
-  const found = await open(browser, fort());
+  const found = await open(site.browser, fort());
   const [place] = await places(found.page);
   await found.close();
   const published = { type: "AnnotationPage", items: [annotation(place, { label: "Published" })] };
-  const { page, complaints, close } = await open(browser, fort("?error=16&annotations=annotations.json"), {
+  const { page, complaints, close } = await open(site.browser, fort("?error=16&annotations=annotations.json"), {
     before: (page) => page.route("**/packs/annotations.json", (route) => route.fulfill({ json: published })),
   });
   await pins(page).waitFor();
@@ -300,7 +289,7 @@ test("notes that the host publishes are shown, the person's changes to them are 
   await close();
   // From anywhere else they are refused, before anything is asked for.
   const asked = [];
-  const other = await open(browser, fort(`?error=16&annotations=${encodeURIComponent("http://example.org/notes.json")}`), {
+  const other = await open(site.browser, fort(`?error=16&annotations=${encodeURIComponent("http://example.org/notes.json")}`), {
     before: (page) => page.on("request", (request) => asked.push(request.url())),
   });
   assert.ok(await message(other.page, "not from http://example.org").isVisible());

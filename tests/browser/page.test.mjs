@@ -4,45 +4,13 @@ import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
 import { createRequire } from "node:module";
 import path from "node:path";
-import { after, before } from "node:test";
-import {
-  cameraOf,
-  canvasOf,
-  hostile,
-  launch,
-  open,
-  openTab,
-  packFolder,
-  pick,
-  picture,
-  serve,
-  setCamera,
-  stats,
-  test,
-  tool,
-  troubleOf,
-  waitFor,
-} from "./harness.mjs";
+import { cameraOf, canvasOf, fortSite, open, openTab, pick, picture, setCamera, stats, test, tool, troubleOf, waitFor } from "./harness.mjs";
 
 const HEAD = "bytes=0-65535";
-let folder;
-let server;
-let proxy;
-let browser;
 
-before(async () => {
-  folder = await packFolder();
-  server = await serve(folder);
-  proxy = await hostile(server.url);
-  browser = await launch();
-});
-after(async () => {
-  await browser?.close();
-  await proxy?.stop();
-  await server?.stop();
-});
+const site = fortSite({ proxied: true });
 
-const fort = (query = "", base = server.url) => `${base}/m/fort${query}`;
+const fort = (query = "", base = site.server.url) => `${base}/m/fort${query}`;
 /** What the page tells the person over the picture. */
 const message = (page, text) => page.getByRole("main").getByRole("status").filter({ hasText: text });
 const dialog = (page, name) => page.getByRole("dialog", { name, exact: true });
@@ -54,7 +22,7 @@ test("the first picture needs one range request of the pack, and the model then 
   let release;
   const held = new Promise((resolve) => (release = resolve));
   const arrived = [];
-  const { page, complaints, packs, close } = await open(browser, fort(), {
+  const { page, complaints, packs, close } = await open(site.browser, fort(), {
     wait: "first",
     before: (page) => {
       page.on("response", (response) => new URL(response.url()).pathname.startsWith("/packs/") && arrived.push(response.request().headers().range));
@@ -96,7 +64,7 @@ const hasMoved = (from) => {
 };
 
 test("keyboard, mouse, wheel and fingers fly the camera, and the error comes back to the target", async () => {
-  const { page, complaints, close } = await open(browser, fort("?error=2"), { hasTouch: true });
+  const { page, complaints, close } = await open(site.browser, fort("?error=2"), { hasTouch: true });
   const canvas = canvasOf(page);
   const camera = () => cameraOf(page);
   let last = { camera: await camera(), picture: await picture(page) };
@@ -174,7 +142,7 @@ async function pinch(page, [x, y]) {
 }
 
 test("a view comes back from its address", async () => {
-  const first = await open(browser, fort("?error=8"));
+  const first = await open(site.browser, fort("?error=8"));
   await first.page.keyboard.press("3");
   await first.page.keyboard.press("+");
   await waitFor(first.page, "settled");
@@ -187,14 +155,14 @@ test("a view comes back from its address", async () => {
   const address = first.page.url();
   const before = await picture(first.page);
   await first.close();
-  const second = await open(browser, address);
+  const second = await open(site.browser, address);
   assert.deepEqual(await picture(second.page), before);
   assert.deepEqual([...first.complaints, ...second.complaints], []);
   await second.close();
 });
 
 test("the memory limit holds during a flight, and what was forgotten comes back", async () => {
-  const { page, complaints, close } = await open(browser, fort("?memory=2&error=1"));
+  const { page, complaints, close } = await open(site.browser, fort("?memory=2&error=1"));
   const limit = 2e6;
   const over = [];
   const check = async () => {
@@ -224,8 +192,8 @@ test("the memory limit holds during a flight, and what was forgotten comes back"
 
 test("a model that is not there, or is no pack, is said with the next step", async () => {
   const trouble = async (mishap) => {
-    proxy.mishap = mishap;
-    const { page, close } = await open(browser, fort("", proxy.url), { wait: "trouble" });
+    site.proxy.mishap = mishap;
+    const { page, close } = await open(site.browser, fort("", site.proxy.url), { wait: "trouble" });
     const text = await troubleOf(page).innerText();
     assert.ok(await troubleOf(page).getByRole("button", { name: "Try again" }).isVisible());
     await close();
@@ -246,25 +214,25 @@ test("a model that is not there, or is no pack, is said with the next step", asy
   });
   assert.match(await trouble(short), /damaged/);
   assert.match(await trouble(() => ({ whole: true, status: 200, announce: 3e9 })), /whole file of 3\.00\sGB/);
-  proxy.mishap = null;
+  site.proxy.mishap = null;
 });
 
 test("a server that ignores Range is put up with where the pack is small", async () => {
-  proxy.mishap = () => ({ whole: true, status: 200 });
-  proxy.requests.length = 0;
-  const { page, complaints, close } = await open(browser, fort("?error=4", proxy.url), { wait: null });
+  site.proxy.mishap = () => ({ whole: true, status: 200 });
+  site.proxy.requests.length = 0;
+  const { page, complaints, close } = await open(site.browser, fort("?error=4", site.proxy.url), { wait: null });
   await message(page, "does not send parts of files").waitFor();
   await waitFor(page, "settled");
-  assert.equal(proxy.requests.length, 1);
+  assert.equal(site.proxy.requests.length, 1);
   assert.ok((await stats(page)).targetReached);
   assert.deepEqual(complaints, []);
   await close();
-  proxy.mishap = null;
+  site.proxy.mishap = null;
 });
 
 test("a silent server at the start, flipped bits, short answers and refusals are outlived, and the picture is right", async () => {
-  proxy.mishap = null;
-  const right = await open(browser, fort("?error=2", proxy.url));
+  site.proxy.mishap = null;
+  const right = await open(site.browser, fort("?error=2", site.proxy.url));
   const wanted = await picture(right.page);
   await right.close();
   const flip = (b) => {
@@ -274,7 +242,7 @@ test("a silent server at the start, flipped bits, short answers and refusals are
   };
   let number = 0;
   let mishaps = 0;
-  proxy.mishap = ({ range }) => {
+  site.proxy.mishap = ({ range }) => {
     number += 1;
     if (range[0] === 0) return number === 1 ? { drop: true } : null;
     if (number > 16) return null;
@@ -287,7 +255,7 @@ test("a silent server at the start, flipped bits, short answers and refusals are
       { body: (b) => b.subarray(1) },
     ][number % 5];
   };
-  const { page, complaints, close } = await open(browser, fort("?error=2", proxy.url), { wait: "first" });
+  const { page, complaints, close } = await open(site.browser, fort("?error=2", site.proxy.url), { wait: "first" });
   await waitFor(page, "settled");
   const s = await stats(page);
   assert.ok(mishaps >= 5, `only ${mishaps} answers were bad`);
@@ -299,37 +267,37 @@ test("a silent server at the start, flipped bits, short answers and refusals are
     [],
   );
   await close();
-  proxy.mishap = null;
+  site.proxy.mishap = null;
 });
 
 test("over two seconds of latency and with weak tags the picture is right, also where bytes change under the same tag", async () => {
-  proxy.mishap = null;
-  const right = await open(browser, fort("?error=8", proxy.url));
+  site.proxy.mishap = null;
+  const right = await open(site.browser, fort("?error=8", site.proxy.url));
   const wanted = await picture(right.page);
   await right.close();
   let changed = 0;
-  proxy.mishap = ({ range, number }) => {
+  site.proxy.mishap = ({ range, number }) => {
     const late = { late: 2000, headers: { etag: number % 2 ? 'W/"1"' : '"1"' } };
     // Once, the end of an answer is of another file; a weak tag does not tell.
     if (range[0] === 0 || changed > 0) return late;
     changed += 1;
     return { ...late, body: (b) => Buffer.concat([b.subarray(0, b.length >> 1), Buffer.alloc(b.length - (b.length >> 1), 7)]) };
   };
-  const { page, close } = await open(browser, fort("?error=8", proxy.url), { wait: "first" });
+  const { page, close } = await open(site.browser, fort("?error=8", site.proxy.url), { wait: "first" });
   await waitFor(page, "settled");
   assert.equal(changed, 1);
   assert.deepEqual(await picture(page), wanted, "the same picture as from a good server");
   await close();
-  proxy.mishap = null;
+  site.proxy.mishap = null;
 });
 
 test("a file that changes while it is looked at is said, and the model stays on screen", async () => {
-  proxy.mishap = ({ range }) => (range[0] === 0 ? null : { headers: { etag: '"another"' } });
-  const { page, close } = await open(browser, fort("", proxy.url), { wait: "first" });
+  site.proxy.mishap = ({ range }) => (range[0] === 0 ? null : { headers: { etag: '"another"' } });
+  const { page, close } = await open(site.browser, fort("", site.proxy.url), { wait: "first" });
   await message(page, "replaced").waitFor();
   assert.ok((await picture(page)).share > 0.05);
   await close();
-  proxy.mishap = null;
+  site.proxy.mishap = null;
 });
 
 test("without WebGPU and WebGL 2 there is a sentence, the facts and the download", async () => {
@@ -340,7 +308,7 @@ test("without WebGPU and WebGL 2 there is a sentence, the facts and the download
       return kind === "webgl2" ? null : real.call(this, kind, ...rest);
     };
   };
-  const { page, close } = await open(browser, fort(), { wait: "trouble", before: (page) => page.addInitScript(hide) });
+  const { page, close } = await open(site.browser, fort(), { wait: "trouble", before: (page) => page.addInitScript(hide) });
   assert.match(await troubleOf(page).innerText(), /cannot draw the model[\s\S]*WebGPU[\s\S]*WebGL 2/);
   assert.ok(await troubleOf(page).getByRole("link", { name: "Download pack" }).isVisible());
   assert.ok(await page.getByRole("tabpanel", { name: "About" }).getByRole("term").filter({ hasText: "Triangles" }).isVisible());
@@ -348,7 +316,7 @@ test("without WebGPU and WebGL 2 there is a sentence, the facts and the download
 });
 
 test("the list and a model's facts work without JavaScript", async () => {
-  const { page, close } = await open(browser, server.url, { wait: null, javaScriptEnabled: false });
+  const { page, close } = await open(site.browser, site.server.url, { wait: null, javaScriptEnabled: false });
   await page.getByRole("listitem").getByRole("heading").getByRole("link", { name: "fort" }).click();
   assert.ok(await page.getByRole("tabpanel").getByRole("term").filter({ hasText: "Triangles" }).isVisible());
   assert.match(page.url(), /\/m\/fort$/);
@@ -356,7 +324,7 @@ test("the list and a model's facts work without JavaScript", async () => {
 });
 
 test("panels, views, help and hiding work by keyboard, in another language and from right to left", async () => {
-  const { page, complaints, close } = await open(browser, fort("?error=8"));
+  const { page, complaints, close } = await open(site.browser, fort("?error=8"));
   const tab = (name) => page.getByRole("tab", { name, exact: true });
   const panel = (name) => page.getByRole("tabpanel", { name, exact: true });
   await tab("About").focus();
@@ -398,7 +366,7 @@ test("panels, views, help and hiding work by keyboard, in another language and f
 });
 
 test("a phone has the canvas first, large targets, and a sheet that opens", async () => {
-  const { page, complaints, close } = await open(browser, fort("?error=8"), { size: [390, 844], hasTouch: true, isMobile: true });
+  const { page, complaints, close } = await open(site.browser, fort("?error=8"), { size: [390, 844], hasTouch: true, isMobile: true });
   const canvas = await canvasOf(page).boundingBox();
   assert.ok(canvas.width === 390 && canvas.height > 560, JSON.stringify(canvas));
   const tools = ["Drag turns the model", "Walk at eye height", "Measure", "Show the whole model", "Zoom in", "Zoom out", "Hide everything but the model"];
@@ -429,10 +397,10 @@ test("axe-core finds nothing serious, in both themes, on the list, the viewer, i
   };
   const found = [];
   for (const colorScheme of ["light", "dark"]) {
-    const list = await open(browser, server.url, { wait: null, colorScheme });
+    const list = await open(site.browser, site.server.url, { wait: null, colorScheme });
     found.push(...(await serious(list.page, `list ${colorScheme}`)));
     await list.close();
-    const { page, close } = await open(browser, fort("?error=8"), { colorScheme });
+    const { page, close } = await open(site.browser, fort("?error=8"), { colorScheme });
     for (const tab of await page.getByRole("tab").all()) {
       await tab.click();
       found.push(...(await serious(page, `${await tab.innerText()} ${colorScheme}`)));
@@ -463,11 +431,11 @@ test("axe-core finds nothing serious, in both themes, on the list, the viewer, i
     await page.getByRole("group", { name: "Walking" }).waitFor();
     found.push(...(await serious(page, `walking ${colorScheme}`)));
     await close();
-    proxy.mishap = () => ({ status: 404 });
-    const lost = await open(browser, fort("", proxy.url), { colorScheme, wait: "trouble" });
+    site.proxy.mishap = () => ({ status: 404 });
+    const lost = await open(site.browser, fort("", site.proxy.url), { colorScheme, wait: "trouble" });
     found.push(...(await serious(lost.page, `trouble ${colorScheme}`)));
     await lost.close();
-    proxy.mishap = null;
+    site.proxy.mishap = null;
   }
   assert.deepEqual(found, []);
 });

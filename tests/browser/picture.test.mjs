@@ -2,21 +2,10 @@
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
-import { after, before } from "node:test";
-import { canvasOf, launch, open, packFolder, pixels, serve, test, waitFor } from "./harness.mjs";
+import { canvasOf, fortSite, open, pixels, test, waitFor } from "./harness.mjs";
 import { decodePng } from "./png.mjs";
 
-let server;
-let browser;
-
-before(async () => {
-  server = await serve(await packFolder());
-  browser = await launch();
-});
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-});
+const site = fortSite();
 
 const dialogOf = (page) => page.getByRole("dialog", { name: "Save a picture" });
 const openDialog = (page) => page.getByRole("banner").getByRole("button", { name: "Save a picture" }).click();
@@ -27,7 +16,7 @@ async function save(page) {
 }
 
 test("a picture that is requested while the camera still moves, in slow frames, is made", async () => {
-  const { page, complaints, close } = await open(browser, `${server.url}/m/fort?error=8`, { size: [700, 500] });
+  const { page, complaints, close } = await open(site.browser, `${site.server.url}/m/fort?error=8`, { size: [700, 500] });
   const size = await page.evaluate(async () => {
     const { api } = globalThis.kilwa;
     const frame = () => new Promise((resolve) => requestAnimationFrame(resolve));
@@ -45,7 +34,7 @@ test("a picture that is requested while the camera still moves, in slow frames, 
 });
 
 test("a picture of the canvas shows what the canvas shows; one twice as large shows the same, in tiles", async () => {
-  const { page, complaints, close } = await open(browser, `${server.url}/m/fort?error=8`, { size: [700, 500] });
+  const { page, complaints, close } = await open(site.browser, `${site.server.url}/m/fort?error=8`, { size: [700, 500] });
   await canvasOf(page).focus();
   await page.keyboard.press("p");
   await dialogOf(page).getByRole("checkbox", { name: "With the scale bar" }).uncheck();
@@ -101,7 +90,7 @@ test("a picture of the canvas shows what the canvas shows; one twice as large sh
 });
 
 test("a picture of any size has the scale bar that was asked for, and no background where none was", async () => {
-  const { page, complaints, close } = await open(browser, `${server.url}/m/fort?error=8`, { size: [700, 500] });
+  const { page, complaints, close } = await open(site.browser, `${site.server.url}/m/fort?error=8`, { size: [700, 500] });
   const shown = await pixels(page);
   await openDialog(page);
   await dialogOf(page).getByRole("radio", { name: "Another size" }).check();

@@ -5,35 +5,22 @@ import assert from "node:assert/strict";
 import { execFile } from "node:child_process";
 import { readFile, rm } from "node:fs/promises";
 import path from "node:path";
-import { after, before } from "node:test";
 import { promisify } from "node:util";
 import { inflateSync } from "node:zlib";
-import { KILWA, cameraOf, launch, open, packFolder, serve, test } from "./harness.mjs";
+import { KILWA, cameraOf, fortSite, open, test } from "./harness.mjs";
 import { decodePng } from "./png.mjs";
 
 const [SCALE, DPI] = [500, 200];
 
-let server;
-let browser;
-let pack;
-let utm;
-
-before(async () => {
-  const folder = await packFolder();
-  pack = path.join(folder, "fort.kilwa");
+const site = fortSite({
   // A wall at UTM coordinates, whose reference system is known.
-  utm = path.join(folder, "utm.kilwa");
-  const mesh = path.join(folder, "utm.ply");
-  const run = promisify(execFile);
-  await run(KILWA, ["synth", "wall", "--triangles", "20000", "--utm", "-o", mesh]);
-  await run(KILWA, ["build", mesh, "-o", utm, "--crs", "EPSG:32737"]);
-  await rm(mesh);
-  server = await serve(folder);
-  browser = await launch();
-});
-after(async () => {
-  await browser?.close();
-  await server?.stop();
+  prepare: async (folder) => {
+    const mesh = path.join(folder, "utm.ply");
+    const run = promisify(execFile);
+    await run(KILWA, ["synth", "wall", "--triangles", "20000", "--utm", "-o", mesh]);
+    await run(KILWA, ["build", mesh, "-o", path.join(folder, "utm.kilwa"), "--crs", "EPSG:32737"]);
+    await rm(mesh);
+  },
 });
 
 /** A drawing as PNG: `grey(x, y)` of its pixels, and dots per metre. */
@@ -101,13 +88,27 @@ function dark({ grey, width }, x, y) {
 }
 
 test("a plan from the page has the size, the place and the scale of the one that kilwa render draws", async () => {
-  const { page, complaints, close } = await open(browser, `${server.url}/m/fort?error=8`, { size: [800, 600], acceptDownloads: true });
+  const { page, complaints, close } = await open(site.browser, `${site.server.url}/m/fort?error=8`, { size: [800, 600], acceptDownloads: true });
   const camera = await cameraOf(page);
   const { name, bytes } = await save(page, { view: "plan", format: "png" });
   assert.ok(name.endsWith(".plan-1-500.png"), name);
   const here = png(bytes);
-  const out = path.join(path.dirname(pack), "native.png");
-  await promisify(execFile)(KILWA, ["render", pack, "-o", out, "--force", "--view", "plan", "--scale", `1:${SCALE}`, "--dpi", String(DPI), "--mode", "colour"]);
+  const out = path.join(site.folder, "native.png");
+  await promisify(execFile)(KILWA, [
+    "render",
+    site.pack,
+    "-o",
+    out,
+    "--force",
+    "--view",
+    "plan",
+    "--scale",
+    `1:${SCALE}`,
+    "--dpi",
+    String(DPI),
+    "--mode",
+    "colour",
+  ]);
   const there = png(await readFile(out));
   assert.deepEqual([here.width, here.height], [there.width, there.height]);
   assert.equal(here.dots, Math.round(DPI / 0.0254));
@@ -138,7 +139,7 @@ test("a plan from the page has the size, the place and the scale of the one that
 });
 
 test("an elevation as PDF is a sound file of the paper's size, and paper that is too small is reported before anything is drawn", async () => {
-  const { page, complaints, close } = await open(browser, `${server.url}/m/fort?error=8`, { size: [800, 600], acceptDownloads: true });
+  const { page, complaints, close } = await open(site.browser, `${site.server.url}/m/fort?error=8`, { size: [800, 600], acceptDownloads: true });
   const { bytes } = await save(page, { view: "south", format: "pdf", paper: "A3" });
   const words = bytes.toString("latin1");
   assert.ok(words.startsWith("%PDF-1.4") && words.trimEnd().endsWith("%%EOF"));
@@ -164,11 +165,25 @@ test("an elevation as PDF is a sound file of the paper's size, and paper that is
 });
 
 test("a plan as GeoTIFF has the tags, and as PNG the world file, that kilwa render writes", async () => {
-  const { page, complaints, close } = await open(browser, `${server.url}/m/utm?error=8`, { size: [800, 600], acceptDownloads: true });
+  const { page, complaints, close } = await open(site.browser, `${site.server.url}/m/utm?error=8`, { size: [800, 600], acceptDownloads: true });
   const asked = { view: "plan", scale: 100, paper: "A4" };
   const native = async (name) => {
-    const out = path.join(path.dirname(utm), name);
-    await promisify(execFile)(KILWA, ["render", utm, "-o", out, "--force", "--view", "plan", "--scale", "1:100", "--dpi", String(DPI), "--paper", "A4"]);
+    const out = path.join(site.folder, name);
+    await promisify(execFile)(KILWA, [
+      "render",
+      path.join(site.folder, "utm.kilwa"),
+      "-o",
+      out,
+      "--force",
+      "--view",
+      "plan",
+      "--scale",
+      "1:100",
+      "--dpi",
+      String(DPI),
+      "--paper",
+      "A4",
+    ]);
     return readFile(out);
   };
   const saved = await save(page, { ...asked, format: "tif" });
@@ -195,13 +210,13 @@ test("a plan as GeoTIFF has the tags, and as PNG the world file, that kilwa rend
   const file = await world;
   assert.equal(file.suggestedFilename(), picture.name.replace(".png", ".pgw"));
   await native("native.png");
-  assert.equal(await readFile(await file.path(), "utf8"), await readFile(path.join(path.dirname(utm), "native.pgw"), "utf8"));
+  assert.equal(await readFile(await file.path(), "utf8"), await readFile(path.join(site.folder, "native.pgw"), "utf8"));
   assert.deepEqual(complaints, []);
   await close();
 });
 
 test("on a sheet wider than 16,384 pixels a bar of 10 m measures 10 m to half a pixel, and the model lies where kilwa render draws it", async () => {
-  const { page, complaints, close } = await open(browser, `${server.url}/m/fort?error=8`, { size: [800, 600], acceptDownloads: true });
+  const { page, complaints, close } = await open(site.browser, `${site.server.url}/m/fort?error=8`, { size: [800, 600], acceptDownloads: true });
   // Few dots per inch: a wide sheet of few pixels.
   const [scale, metres, dpi] = [125, 10, 100];
   const paper = [4200, 160];
@@ -216,10 +231,10 @@ test("on a sheet wider than 16,384 pixels a bar of 10 m measures 10 m to half a 
   console.log(`trust | bar of 10 m on a sheet of ${here.width} pixels from the page, pixels off | 0.5 | ${Math.abs(long - wanted).toFixed(3)}`);
   assert.ok(Math.abs(long - wanted) <= 0.5 + 1e-9, `${long} instead of ${wanted}`);
   // The same drawing, native: the same columns show the model.
-  const out = path.join(path.dirname(pack), "wide.png");
+  const out = path.join(site.folder, "wide.png");
   await promisify(execFile)(KILWA, [
     "render",
-    pack,
+    site.pack,
     "-o",
     out,
     "--force",

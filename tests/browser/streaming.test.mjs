@@ -1,32 +1,19 @@
 // What streaming costs before the first pixel, and a server that refuses every third request.
 
 import assert from "node:assert/strict";
-import { after, before } from "node:test";
-import { hostile, launch, open, packFolder, picture, serve, stats, test, waitFor } from "./harness.mjs";
+import { fortSite, open, picture, stats, test, waitFor } from "./harness.mjs";
 
 /** All bytes over the wire before the first pixel, as the server packs them: readers on slow links are the audience. */
 const FIRST_PIXEL_MAX = 380_000;
-let server;
-let proxy;
-let browser;
 
-before(async () => {
-  server = await serve(await packFolder());
-  proxy = await hostile(server.url);
-  browser = await launch();
-});
-after(async () => {
-  await browser?.close();
-  await proxy?.stop();
-  await server?.stop();
-});
+const site = fortSite({ proxied: true });
 
 test("before the first pixel the pack costs one request of 64 KiB, asked for before the program has come", async () => {
   const events = [];
   // What is fetched after the picture does not count: it is held back until the sum is taken.
   let release;
   const held = new Promise((resolve) => (release = resolve));
-  const { page, close } = await open(browser, `${server.url}/m/fort`, {
+  const { page, close } = await open(site.browser, `${site.server.url}/m/fort`, {
     wait: "first",
     before: async (page) => {
       await page.route("**/packs/**", async (route) => {
@@ -63,27 +50,27 @@ test("before the first pixel the pack costs one request of 64 KiB, asked for bef
 });
 
 test("a server that refuses or drops every third request gives the same picture in the end", async () => {
-  const right = await open(browser, `${proxy.url}/m/fort?error=2`);
+  const right = await open(site.browser, `${site.proxy.url}/m/fort?error=2`);
   const wanted = await picture(right.page);
   await right.close();
   // Seeded: which requests fail is the same in every run.
   let seed = 7;
   let mishaps = 0;
-  proxy.mishap = ({ range }) => {
+  site.proxy.mishap = ({ range }) => {
     seed = (Math.imul(seed, 1664525) + 1013904223) >>> 0;
     const chance = seed / 2 ** 32;
     if (range[0] === 0 || chance > 0.35) return null;
     mishaps += 1;
     return chance < 0.3 ? { status: 503 } : { drop: true };
   };
-  const { page, close } = await open(browser, `${proxy.url}/m/fort?error=2`, { wait: "first" });
+  const { page, close } = await open(site.browser, `${site.proxy.url}/m/fort?error=2`, { wait: "first" });
   await waitFor(page, "settled");
   const s = await stats(page);
   assert.ok(mishaps > 0 && s.failures >= mishaps, `${mishaps} mishaps, ${s.failures} noticed`);
   assert.ok(s.targetReached);
   assert.deepEqual(await picture(page), wanted);
   await close();
-  proxy.mishap = null;
+  site.proxy.mishap = null;
 });
 
 /**
@@ -143,7 +130,7 @@ test("while the browser gives no frames the model goes on coming, for two second
   // Answers come late enough that there is something to come after two seconds.
   let release;
   const released = new Promise((resolve) => (release = resolve));
-  const { page, close } = await open(browser, `${server.url}/m/fort?error=0.5`, {
+  const { page, close } = await open(site.browser, `${site.server.url}/m/fort?error=0.5`, {
     wait: "first",
     before: async (page) => {
       await page.clock.install();
@@ -183,7 +170,7 @@ test("while the browser gives no frames the model goes on coming, for two second
 });
 
 test("where frames are slow to come, what came by itself leaves as long to what fetches and decodes, and what a person does is drawn at once", async () => {
-  const { page, close } = await open(browser, `${server.url}/m/fort?error=0.5`, {
+  const { page, close } = await open(site.browser, `${site.server.url}/m/fort?error=0.5`, {
     wait: null,
     reducedMotion: "no-preference",
     before: (page) => page.addInitScript(watch, { late: 150 }),
@@ -213,7 +200,7 @@ test("where frames are slow to come, what came by itself leaves as long to what 
 
 test("what decodes is asked for again where it did not come", async () => {
   let refused = 0;
-  const { page, close } = await open(browser, `${server.url}/m/fort?error=4`, {
+  const { page, close } = await open(site.browser, `${site.server.url}/m/fort?error=4`, {
     before: (page) =>
       page.route("**/decode_bg.wasm", async (route) => {
         refused += 1;
@@ -228,7 +215,7 @@ test("what decodes is asked for again where it did not come", async () => {
 
 test("a worker whose script does not come is started again", async () => {
   let refused = 0;
-  const { page, close } = await open(browser, `${server.url}/m/fort?error=4`, {
+  const { page, close } = await open(site.browser, `${site.server.url}/m/fort?error=4`, {
     before: async (page) => {
       // The script fails while the program is on its way.
       await page.route("**/decode_bg.wasm", async (route) => {

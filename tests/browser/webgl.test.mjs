@@ -1,20 +1,9 @@
 // The WebGL 2 build: chosen where no WebGPU adapter answers, alone downloaded, and the same pictures.
 
 import assert from "node:assert/strict";
-import { after, before } from "node:test";
-import { canvasOf, launch, open, openTab, packFolder, pixels, serve, setCamera, stats, test, waitFor } from "./harness.mjs";
+import { canvasOf, fortSite, open, openTab, pixels, setCamera, stats, test, waitFor } from "./harness.mjs";
 
-let server;
-let browser;
-
-before(async () => {
-  server = await serve(await packFolder());
-  browser = await launch();
-});
-after(async () => {
-  await browser?.close();
-  await server?.stop();
-});
+const site = fortSite();
 
 /** What differs between two pictures: the share of pixels that differ by more than `levels` in some channel. */
 function difference(a, b, levels) {
@@ -29,7 +18,7 @@ function difference(a, b, levels) {
 /** Opens the fort, and the names of the wasm modules that were asked for. */
 async function fort(query, before, size = [500, 400]) {
   const modules = [];
-  const opened = await open(browser, `${server.url}/m/fort?error=4${query}`, {
+  const opened = await open(site.browser, `${site.server.url}/m/fort?error=4${query}`, {
     size,
     before: async (page) => {
       page.on("request", (request) => {
