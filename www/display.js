@@ -6,22 +6,8 @@ import { $ } from "./dom.js";
 import * as format from "./format.js";
 import { apply, t } from "./i18n.js";
 import { AXES, axisName, moved, planeOfPoints, position, reach, short, towardsEye } from "./planes.js";
+import { SHADINGS } from "./shadings.js";
 
-/** @type {Record<string, string>} */
-const MODE_NAMES = {
-  colour: "modeColor",
-  clay: "modeClay",
-  headlight: "modeHeadlight",
-  raking: "modeRaking",
-  curvature: "modeCurvature",
-  "eye-dome": "modeEyeDome",
-  normals: "modeNormals",
-  height: "modeHeight",
-  distance: "modeDistance",
-  scalar: "modeScalar",
-  level: "modeLevels",
-  error: "modeError",
-};
 /** @import { Ids, IdsOf } from "./types/ids.js" */
 /** @import { DisplayState, Legend, Viewer } from "./types/page.js" */
 /** @import { Model } from "./model.js" */
@@ -299,7 +285,7 @@ function choice(name) {
   label.className = "choice";
   const input = Object.assign(document.createElement("input"), { type: "radio", name: "mode", value: name });
   const text = document.createElement("span");
-  text.dataset.text = MODE_NAMES[name] ?? name;
+  text.dataset.text = SHADINGS[name] ?? name;
   label.append(input, text);
   return label;
 }

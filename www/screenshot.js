@@ -67,19 +67,25 @@ export async function takePicture({ viewer, session }, { width, height, scaleBar
  * @param {Session} session
  * @param {(part: number) => void} onProgress
  * @param {AbortSignal} [signal]
+ * @returns {Promise<void>}
  */
-export async function detail(session, onProgress, signal) {
-  const from = session.frames;
-  for (;;) {
-    session.wake();
-    await new Promise((resolve) => setTimeout(resolve, 60));
-    signal?.throwIfAborted();
-    if (session.closed) throw new Error(t("brokenTitle"));
-    const { stats, frames, scheduled, answers } = session;
-    if (!stats) continue;
-    if (stats.bytesWanted > 0) onProgress(1 - stats.bytesMissing / stats.bytesWanted);
-    if (frames > from + 1 && stats.settled && !stats.more && answers.size === 0 && (stats.targetReached || stats.budgetLimited || !scheduled)) return;
-  }
+export function detail(session, onProgress, signal) {
+  return new Promise((resolve, reject) => {
+    const look = () => {
+      const { stats, closed, isSettled } = session;
+      if (stats && stats.bytesWanted > 0) onProgress(1 - stats.bytesMissing / stats.bytesWanted);
+      if (signal?.aborted) reject(signal.reason);
+      else if (closed) reject(new Error(t("brokenTitle")));
+      else if (isSettled) resolve();
+      else return;
+      session.watchers.delete(look);
+      signal?.removeEventListener("abort", look);
+    };
+    session.watchers.add(look);
+    signal?.addEventListener("abort", look);
+    session.wake(); // the frame in which the size of the picture counts
+    if (signal?.aborted || session.closed) look();
+  });
 }
 
 /**

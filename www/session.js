@@ -70,6 +70,8 @@ export class Session {
     this.stats = null;
     /** Why bytes did not come, the last time that they did not. @type {Failure | null} */
     this.lastFailure = null;
+    /** Called after each frame, and when the session ends. @type {Set<() => void>} */
+    this.watchers = new Set();
     /** @type {Timer} */
     this.pausing = null;
     /** @type {Timer} */
@@ -141,6 +143,11 @@ export class Session {
     for (const controller of this.inFlight.values()) controller.abort();
     this.pool.close();
     this.viewer.free();
+    this.#tellWatchers();
+  }
+
+  #tellWatchers() {
+    for (const look of [...this.watchers]) look();
   }
 
   /** @param {() => void} action */
@@ -151,6 +158,7 @@ export class Session {
     } catch (error) {
       this.closed = true;
       this.on.broken(error);
+      this.#tellWatchers();
     }
   }
 
@@ -196,6 +204,7 @@ export class Session {
     if (stats.more) this.#wakeInTurn();
     else if (stats.retryInMs >= 0) this.retry = setTimeout(() => this.wake(), Math.max(stats.retryInMs, 16));
     this.on.frame(stats);
+    this.#tellWatchers();
   }
 
   /**

@@ -11,27 +11,16 @@ import { mkdir, mkdtemp, readFile, rm } from "node:fs/promises";
 import { tmpdir } from "node:os";
 import path from "node:path";
 import { promisify } from "node:util";
+import { SHADINGS } from "../../www/shadings.js";
 import { KILWA, ROOT, WWW, canvasOf, hostile, launch, measuredPack, packFolder, pick, press, serve, waitFor } from "./harness.mjs";
 
 const run = promisify(execFile);
 const SIZES = { desktop: [1440, 900], phone: [390, 844] };
-/** Shadings, as files name them, and the keys of their names in the page (i18n/en/page.ftl). */
-const MODES = {
-  colour: "modeColor",
-  clay: "modeClay",
-  headlight: "modeHeadlight",
-  raking: "modeRaking",
-  curvature: "modeCurvature",
-  "eye-dome": "modeEyeDome",
-  normals: "modeNormals",
-  height: "modeHeight",
-  distance: "modeDistance",
-  level: "modeLevels",
-  error: "modeError",
-};
+/** All shadings but the one of values that the scan measured: the fort has none. */
+const MODES = Object.entries(SHADINGS).filter(([mode]) => mode !== "scalar");
 /** Scenes that write other files than one of their name. */
 const FILES = {
-  mode: Object.keys(MODES).map((mode) => `mode-${mode}`),
+  mode: MODES.map(([mode]) => `mode-${mode}`),
   notes: ["notes", "note", "note-form"],
   section: ["section-plane", "section-box"],
   measure: ["measure", "measure-picking", "measure-distance", "measure-table"],
@@ -123,7 +112,7 @@ const scenes = {
   async mode(shot) {
     if (shot.lang) return;
     await shot.tab("tabDisplay");
-    for (const [mode, key] of Object.entries(MODES)) {
+    for (const [mode, key] of MODES) {
       await shot.by("radio", key).check();
       await shot.rest();
       await shot.shoot(`mode-${mode}`);
