@@ -1,4 +1,4 @@
-//! Whom a connection trusts, and which failures say that the other side is not to be trusted: trying again changes nothing.
+//! Which certificates a connection trusts, and which failures mean that the other side cannot be trusted, so that trying again is useless.
 
 use ureq::tls::{RootCerts, TlsConfig};
 
@@ -11,7 +11,7 @@ pub(crate) fn system_certificates() -> TlsConfig {
 pub(crate) fn is_distrusted(error: &ureq::Error) -> bool {
     match error {
         ureq::Error::Rustls(_) => true,
-        // Failures of the TLS handshake come as this.
+        // Failures of the TLS handshake are reported as this kind.
         ureq::Error::Io(e) => e.kind() == std::io::ErrorKind::InvalidData,
         _ => false,
     }

@@ -304,7 +304,7 @@ fn summarised(mut sources: Vec<SourceFile>) -> Vec<SourceFile> {
 struct Named {
     allow_outside: bool,
     files: Vec<PathBuf>,
-    /// Files of folders that are no meshes, and links that lead out.
+    /// Files in folders that are not meshes, and links that lead out of the folders.
     passed_over: Vec<PathBuf>,
 }
 
@@ -719,7 +719,7 @@ mod tests {
         let is_unchanged = |number| inputs.is_unchanged(number, &sources, &Silent, &Stop::default()).unwrap();
         assert!(is_unchanged(0) && is_unchanged(1) && !is_unchanged(2));
         let before = inputs.plan().unwrap();
-        // The times of files may advance in steps of some milliseconds: until the next one.
+        // File times may advance in steps of a few milliseconds: wait for the next one.
         let began = std::time::Instant::now();
         while is_unchanged(1) {
             assert!(began.elapsed().as_secs() < 60, "it has changed");

@@ -66,7 +66,7 @@ impl kilwa_builder::Progress for Bar {
         let Ok(mut state) = self.state.lock() else { return };
         let (since, from) = *state.first.get_or_insert_with(|| (Instant::now(), share));
         state.bar.set_position((share * PARTS) as u64);
-        // The time so far shows how long the rest takes; after little work it shows nothing.
+        // The remaining time is estimated from the time so far; after too little work the estimate is useless.
         if share - from > 0.02 {
             let left = since.elapsed().as_secs_f64() * (1.0 - share).max(0.0) / (share - from);
             state.bar.set_message(format!("{} left", HumanDuration(Duration::from_secs_f64(left))));

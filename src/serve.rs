@@ -438,7 +438,7 @@ fn log(args: &ReportArgs) {
     });
 }
 
-/// The number asked for, or fewer connections where the system does not let a process have so many files.
+/// The requested number of connections, or fewer if the system does not allow a process that many open files.
 fn limits(args: &Args) -> Limits {
     let LimitArgs { connections, connections_per_address, header_timeout, write_timeout, shutdown } = args.limits;
     let per_address = if args.reports.behind_proxy { 0 } else { connections_per_address as usize };

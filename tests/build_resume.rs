@@ -99,7 +99,7 @@ fn fifty_random_kills_do_not_change_the_bytes_and_leave_no_partial_file_under_th
     let (mut kills, mut finished) = (0, 0);
     while kills < KILLS {
         let mut child = site.build(&["--resume"]).stdout(Stdio::null()).spawn().unwrap();
-        // The moment of the kill is what this is about; no state is waited for.
+        // The moment of the kill is the subject of this test; it waits for no state.
         std::thread::sleep(site.took.mul_f64(random.f64() * 0.6));
         if child.try_wait().unwrap().is_some() {
             let output = child.wait_with_output().unwrap();

@@ -110,7 +110,7 @@ fn ninety_six_blocks_in_any_order_are_the_whole_mesh_without_a_seam_at_any_level
     let (_, shuffled) = build("shuffled.kilwa", &files, &["--threads", "3", "--memory", "100M"]);
     assert!(shuffled == bytes, "shuffled");
 
-    // Only what the metadata says of the source files differs from the whole mesh's pack; every chunk is the same.
+    // Only the metadata about the source files differs from that of the whole mesh's pack; every chunk is the same.
     let chunks = |bytes: Vec<u8>| -> Vec<([u8; 16], f32)> {
         let reader = kilwa_pack::Reader::open(kilwa_pack::reader::SliceSource(bytes)).unwrap();
         reader.entries().iter().map(|e| (e.checksum, e.error)).collect()

@@ -73,7 +73,7 @@ fn changed_units_are_checked_again_even_if_recently_checked() {
             let time = fs::metadata(&path).unwrap().modified().unwrap();
             let mut bytes = good.clone();
             change(&mut bytes);
-            // The times of files may advance in steps of some milliseconds.
+            // File times may advance in steps of a few milliseconds.
             eventually("a later time of files", || {
                 fs::write(&tick, "").unwrap();
                 (fs::metadata(&tick).unwrap().modified().unwrap() > time).then_some(())

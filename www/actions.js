@@ -1,4 +1,4 @@
-// Does what keys, pointers and buttons ask for to the model that is open.
+// Applies the actions of keys, pointers and buttons to the open model.
 
 import * as chrome from "./chrome.js";
 import { $ } from "./dom.js";

@@ -312,7 +312,7 @@ export function on(id, type, action) {
 }
 
 /**
- * A field of a number: other text is left until it is a number.
+ * A number field: any other text is left until it is a number.
  * @param {IdsOf<HTMLInputElement>} id
  * @param {(value: number) => void} use
  */

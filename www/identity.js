@@ -1,4 +1,4 @@
-// The pack's name: links, notes, saved views and measurements name its identity (docs/FORMAT.md, section 7), which its last bytes tell. They are fetched once
+// The pack's name: links, notes, saved views and measurements name its identity (docs/FORMAT.md, section 7), which is in its last bytes. They are fetched once
 // the first picture is there. Until then, and in links of earlier versions of the page, the header's own hash is used instead.
 
 import { isPassing } from "./answer.js";
@@ -26,7 +26,7 @@ export class Identity {
     this.asking = undefined;
   }
 
-  /** Its name; null where the end of the file cannot be had. */
+  /** Its name; null if the end of the file cannot be read. */
   known() {
     this.asking ??= this.#ask();
     return this.asking;

@@ -102,7 +102,7 @@ export class PngWriter {
   }
 
   /**
-   * The next rows. They are read before anything is waited for.
+   * The next rows. They are read before anything is awaited.
    * @param {Uint8Array | Uint8ClampedArray} pixels
    * @param {3 | 4} given bytes per pixel
    */

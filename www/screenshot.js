@@ -83,7 +83,7 @@ export function detail(session, onProgress, signal) {
     };
     session.watchers.add(look);
     signal?.addEventListener("abort", look);
-    session.wake(); // the frame in which the size of the picture counts
+    session.wake(); // for the frame in which the picture's new size takes effect
     if (signal?.aborted || session.closed) look();
   });
 }

@@ -91,7 +91,7 @@ export class Session {
     this.resize();
   }
 
-  /** Whether the last frame shows all that came and all that was done since: nothing more will change by itself. */
+  /** Whether the last frame shows all data that arrived and all changes that were made: nothing more will change by itself. */
   get isSettled() {
     const { stats, scheduled, pausing, answers } = this;
     return Boolean(stats?.settled && !stats.more && !scheduled && !pausing && answers.size === 0);

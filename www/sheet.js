@@ -1,5 +1,5 @@
-// Drawings to scale: plans and elevations as PNG, PDF or TIFF (of plans GeoTIFF) of any size. The worker that measures makes them (measure/drawing.js) as
-// `kilwa render --scale` does; here the parts that it asks for are rendered, and what it writes is kept.
+// Drawings to scale: plans and elevations as PNG, PDF or TIFF (GeoTIFF for plans) of any size. The worker that measures makes them (measure/drawing.js) as
+// `kilwa render --scale` does; here the parts that it requests are rendered, and its output is kept.
 
 import { PngWriter } from "./png.js";
 import { detail } from "./screenshot.js";
@@ -15,8 +15,8 @@ export const TYPES = { png: "image/png", pdf: "application/pdf", tif: "image/tif
  * @param {Engine} engine
  * @param {Omit<SheetAsked, "widest" | "direction">} asked
  * @param {{open: (bytes: number) => Promise<Sink>, onProgress?: (part: number) => void, signal?: AbortSignal, texts?: Record<string, string>}} how `open` gives
- *   the place (sink.js) for a file of at most about so many bytes; `texts` are for a PNG
- * @returns {Promise<SheetMade & {blob: Blob | null}>} no blob where the file is where the person wanted it
+ *   the place (sink.js) for a file of at most about that many bytes; `texts` are for a PNG
+ * @returns {Promise<SheetMade & {blob: Blob | null}>} no blob if the file was saved where the person wanted it
  */
 export async function drawSheet({ viewer, session }, engine, asked, { open, onProgress = () => {}, signal, texts }) {
   const camera = viewer.camera();
@@ -25,7 +25,7 @@ export async function drawSheet({ viewer, session }, engine, asked, { open, onPr
   let place;
   /** @type {PngWriter | undefined} */
   let png;
-  /** The part that is rendered, or was last. @type {Promise<unknown> | undefined} */
+  /** The part that is being rendered, or was rendered last. @type {Promise<unknown> | undefined} */
   let part;
   /** @type {SheetHost} */
   const host = {

@@ -1,4 +1,4 @@
-// Says what cannot be shown, why, and what to do: one plate over the empty stage, never over a model.
+// Shows what cannot be displayed, why, and what to do: one panel over the empty picture area, never over a model.
 
 import { notice } from "./chrome.js";
 import { $ } from "./dom.js";

@@ -150,7 +150,7 @@ export class Walk {
   stand([x, y, z], { mark = true } = {}) {
     const { azimuth } = this.viewer.camera();
     const distance = 2 * this.height;
-    // The target lies before the eye, and the eye is at its height.
+    // The target is in front of the eye, and the eye is at its height.
     this.flight.to(
       {
         azimuth,

@@ -32,7 +32,7 @@ pub struct BagInfo {
 /// Wrap the object `slug` of the locked folder; the folder of the bag.
 ///
 /// # Errors
-/// [`DraftError::Disk`]; a bag that was there before is kept then.
+/// [`DraftError::Disk`]; an existing bag is kept in that case.
 pub fn wrap(lock: &Lock, slug: &Slug, info: &BagInfo, steps: Steps<'_>) -> Result<PathBuf, DraftError> {
     let shelf = lock.folder();
     let object = shelf.join(slug.as_str());

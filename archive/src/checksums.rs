@@ -1,6 +1,6 @@
 //! Lists of checksums as `sha256sum` writes them and `sha256sum -c` checks them: `<64 hexadecimal digits>  <path>`, sorted by path.
 //!
-//! Read strictly: a line that is none, a path that leaves the folder and a path that is listed twice are refused with their line.
+//! Read strictly: a line that is not a checksum, a path that leaves the folder and a path listed twice are refused, and the error names the line.
 
 use super::layout::safe;
 use sha2::{Digest, Sha256};

@@ -39,7 +39,7 @@ pub fn is_date_or_span(text: &str) -> bool {
     }
 }
 
-/// A date of another form in this one, in words; `None` if it is not a date.
+/// A hint such as `write 2026-11-23`, for a date written in another form; `None` if the text is not a date.
 pub fn iso(text: &str) -> Option<String> {
     const MONTHS: [&str; 12] = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"];
     let parts: Vec<&str> = text.split(|c: char| !c.is_alphanumeric()).filter(|p| !p.is_empty()).collect();

@@ -89,7 +89,7 @@ pub enum DraftError {
     /// The folder is not an object; the text is for people.
     #[error("{0}")]
     Other(String),
-    /// A file of another user is where one of the object's own would be.
+    /// A file of another user is in the place of one of the object's files.
     #[error("{0} was not made by kilwa and was left as it is; move it away, publish to another folder, or omit --site")]
     Foreign(PathBuf),
     /// A viewer page that no landing page can be made of.

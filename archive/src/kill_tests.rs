@@ -140,7 +140,7 @@ fn run(what: What, folder: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
     }
 }
 
-/// What a reader of the site gets.
+/// The server's response to a visitor of the site.
 async fn get(shelf: &Path, path: &str) -> (StatusCode, Vec<u8>) {
     let page = kilwa_server::Page::from_files([("index.html".to_owned(), b"<html></html>".to_vec())].into());
     let app = app(Site::new(Catalogue::open(shelf).unwrap(), page));

@@ -66,7 +66,7 @@ fn show_page(object: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
 /// where there is no such object.
 ///
 /// # Errors
-/// [`DraftError`] where that fails, or the folder is not an object.
+/// [`DraftError`] if that fails or the folder is not an object.
 pub fn settle(lock: &Lock, slug: &Slug, steps: Steps<'_>) -> Result<Option<Manifest>, DraftError> {
     let manifest = settle_contents(lock, slug, steps)?;
     if let Some(manifest) = &manifest {

@@ -324,7 +324,7 @@ mod tests {
             description.contains("<li><p>Coral &lt;rag&gt;</p></li>") && !description.contains("in the file"),
             "{description}"
         );
-        // Each a third of the page's length, escaped.
+        // Each takes up a third of the page's length once it is escaped.
         let long: Vec<String> = (0..50).map(|i| format!("{i:03}{}", "&".repeat(4000))).collect();
         let description = of(&long);
         assert!(description.len() < NOTES_BYTES + 200, "{}", description.len());

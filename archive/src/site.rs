@@ -93,7 +93,7 @@ fn put_all(lock: &Lock, page: &Page, entries: &[Entry], steps: Steps<'_>) -> Res
     put("", FEED, feed(entries, base.as_deref()).as_bytes())?;
     match &base {
         Some(base) => put("", "sitemap.xml", sitemap(entries, base).as_bytes())?,
-        // An earlier one names what is not there any more.
+        // An earlier sitemap is out of date.
         None => disk::remove(&shelf.join("sitemap.xml"), steps)?,
     }
     put("", INDEX, catalogue(entries).as_bytes())?;
@@ -130,7 +130,7 @@ pub(super) fn sweep(lock: &Lock, steps: Steps<'_>) -> Result<(), DraftError> {
     disk::remove(&begun, steps)
 }
 
-/// The page that says that the pages are ours, put in its place last when they are written for the first time.
+/// The page that marks the pages as ours. When they are written for the first time, it is put in place last.
 const INDEX: &str = "index.html";
 /// The list for programs.
 const LIST: &str = "models.json";
@@ -164,7 +164,7 @@ pub fn check(shelf: &Path) -> Result<(), DraftError> {
     }
 }
 
-/// Whether the folder has pages that list an object, and not as withdrawn. A list of ours that cannot be read may say anything.
+/// Whether the folder has pages that list an object, and not as withdrawn; `true` if our list cannot be read, because it may name any object.
 pub fn lists(shelf: &Path, slug: &Slug) -> bool {
     let is_there = is_ours(&shelf.join(INDEX)) || shelf.join(BEGUN).exists();
     if !is_there || check(shelf).is_err() {
@@ -173,10 +173,10 @@ pub fn lists(shelf: &Path, slug: &Slug) -> bool {
     Lists::read(shelf).show(slug.as_str())
 }
 
-/// The lists of a folder as they are: `models.json`, and the feed, which names objects that are not in the other where a command was cut off
-/// between the two.
+/// The lists of a folder as they are: `models.json` and the feed. The feed may name objects that are not in `models.json` if a command was cut off
+/// after writing only one of them.
 struct Lists {
-    /// None where it cannot be read.
+    /// `None` if it cannot be read.
     models: Option<Vec<Value>>,
     feed: String,
 }
@@ -199,7 +199,7 @@ impl Lists {
         self.feed_has(slug) || self.models.iter().flatten().any(|model| model["slug"] == slug)
     }
 
-    /// Whether an object is listed, and not as withdrawn. A list that cannot be read may list anything.
+    /// Whether an object is listed, and not as withdrawn; `true` if the list cannot be read, because it may name any object.
     fn show(&self, slug: &str) -> bool {
         let is_shown = |model: &Value| model["slug"] == slug && model["access"] != json!(AccessState::Withdrawn);
         self.feed_has(slug) || self.models.as_ref().is_none_or(|models| models.iter().any(is_shown))
@@ -437,7 +437,7 @@ mod tests {
         assert!(gone["access"] == "withdrawn" && gone["pack"].is_null() && gone["bytes"].is_null(), "{gone}");
         assert_eq!(text("assets/style.css"), "css");
 
-        // What the pages did not list stays out of them; what only the feed names, after a publication that was cut off, is listed.
+        // Objects that the pages did not list stay unlisted; an object that only the feed names, after an interrupted publication, is listed.
         put("unlisted-wall", &|m| m.title = "Unlisted wall".to_owned());
         put("late", &|m| m.title = "Late".to_owned());
         fs::write(shelf.path().join("feed.xml"), text("feed.xml").replace("</feed>", "<link href=\"late/\"/></feed>"))

@@ -346,7 +346,7 @@ fn close_object(
     Ok(())
 }
 
-/// Whether a file of a version stays: its records in words, and the style of the page.
+/// Whether a file of a version stays: its records and texts do, and the page's style sheet.
 fn stays(path: &str) -> bool {
     let texts = [CHECKSUMS, LICENCE, README, CITATIONS[0], CITATIONS[1], CITATIONS[2]];
     path.starts_with("metadata/") || texts.contains(&path) || path == format!("{VIEWER}/style.css")

@@ -59,7 +59,7 @@ impl Pending {
         let Self { temporary, target, _unfinished } = self;
         let named = if replace { temporary.persist(&target) } else { temporary.persist_noclobber(&target) };
         named.map_err(|e| e.error)?;
-        // The file is there under its name: that its folder cannot be opened does not undo this.
+        // The file already has its name; a folder that cannot be opened does not undo this.
         File::open(folder_of(&target)).map_or(Ok(()), |folder| sync_names(&folder))
     }
 }
@@ -173,7 +173,7 @@ pub fn folder_of(path: &Path) -> &Path {
     path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."))
 }
 
-/// Sync the names in a folder to disk, so that what is done next may rely on them. Nothing is done where this is impossible or needless: for a
+/// Sync the names in a folder to disk, so that the next step may rely on them. This does nothing where it is impossible or needless: for a
 /// folder that has gone or that may be written but not read, and on systems that cannot open folders (Windows) or sync them (some network file
 /// systems).
 ///
@@ -286,7 +286,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         sync_folder(folder.path()).unwrap();
         sync_folder(&folder.path().join("gone")).unwrap();
-        // Neither missing nor forbidden: what comes next may not rely on it.
+        // Neither missing nor forbidden, so the next step must not rely on it.
         fs::write(folder.path().join("file"), "").unwrap();
         assert!(sync_folder(&folder.path().join("file/below")).is_err());
         assert_eq!((folder_of(Path::new("a")), folder_of(Path::new("a/b"))), (Path::new("."), Path::new("a")));

@@ -257,7 +257,7 @@ mod tests {
         let (before, time) = (now(), fs::metadata(&path).unwrap().modified().unwrap());
         assert_eq!(now(), before);
         let put_back = || File::options().write(true).open(&path).unwrap().set_modified(time).unwrap();
-        // The times of files may advance in steps of some milliseconds: until the next one.
+        // File times may advance in steps of a few milliseconds: wait for the next one.
         let began = std::time::Instant::now();
         while now() == before {
             assert!(began.elapsed().as_secs() < 60, "written in place");

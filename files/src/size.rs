@@ -3,7 +3,7 @@
 /// Bytes from a text such as `300M`, `1G`, `2.5GiB` or `800000000`: K, M, G and T are powers of 1024.
 ///
 /// # Errors
-/// A sentence, for a text that is not a size.
+/// A message, if the text is not a size.
 pub fn parse(text: &str) -> Result<u64, String> {
     let wrong = || format!("{text:?} is not a size; write for example 300M, 1G or 2.5GiB");
     let digits = text.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(text.len());

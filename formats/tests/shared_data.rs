@@ -21,14 +21,14 @@ pub(crate) fn files(folder: &Path) -> Vec<PathBuf> {
     entries.into_iter().flat_map(|path| if path.is_dir() { files(&path) } else { vec![path] }).collect()
 }
 
-/// Those of [`files`] whose names end with one of some extensions, in small letters.
+/// Those of [`files`] that have one of the given extensions, which are in lower case.
 pub(crate) fn files_of(folder: &Path, extensions: &[&str]) -> Vec<PathBuf> {
     let mut found = files(folder);
     found.retain(|path| extensions.contains(&extension(path).as_str()));
     found
 }
 
-/// The extension of a file's name, in small letters; empty where there is none.
+/// The extension of a file's name, in lower case; empty if there is none.
 pub(crate) fn extension(path: &Path) -> String {
     path.extension().map(|e| e.to_string_lossy().to_lowercase()).unwrap_or_default()
 }

@@ -116,7 +116,7 @@ impl AsRef<[u8]> for Counted {
 #[derive(Debug, Clone)]
 pub(crate) struct Counting {
     pub(crate) budget: Arc<Budget>,
-    /// A trusted proxy is before the server: it says who the client is.
+    /// Whether a trusted proxy in front of the server reports the client's address.
     pub(crate) behind_proxy: bool,
 }
 

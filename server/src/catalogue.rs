@@ -208,7 +208,7 @@ pub struct Catalogue {
     listing: RwLock<Arc<Listing>>,
     listed: Mutex<Listed>,
     tables: Arc<Tables>,
-    /// What is seen of a folder is trusted so long.
+    /// How long a listing of the folder is trusted.
     freshness: Duration,
 }
 
@@ -238,7 +238,7 @@ impl Catalogue {
         Self::open_fresh(path, FRESHNESS)
     }
 
-    /// The same with another freshness than [`FRESHNESS`]; zero looks at the folder for every request.
+    /// The same with a freshness other than [`FRESHNESS`]; with zero, every request reads the folder again.
     ///
     /// # Errors
     /// As [`Self::open`].
@@ -445,7 +445,7 @@ impl Catalogue {
         Ok(packs)
     }
 
-    /// A listing that took so long is trusted so long. Where every request is to see the folder as it is, its cost does not count.
+    /// How long a listing that took this long is trusted. If every request must see the folder as it is, the cost of the listing does not count.
     fn trusted_for(&self, took: Duration) -> Duration {
         let limit = self.root.listed_for(self.freshness);
         if limit.is_zero() { limit } else { limit.max(took * LISTING_SHARE) }

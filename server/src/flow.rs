@@ -1,7 +1,7 @@
 //! Answers that are long by nature, made piece by piece: the next piece is made when the reader has taken the one before, so that an answer of any length
 //! holds a piece or two in memory, however slowly it is taken.
 //!
-//! An error after the first piece ends the connection before the answer's end, which no client takes for the whole.
+//! An error after the first piece ends the connection before the end of the answer, so that no client takes it for complete.
 
 use crate::gate::Turns;
 use axum::body::{Body, Bytes};

@@ -78,7 +78,7 @@ impl Turns {
 #[derive(Debug, Clone)]
 pub(crate) struct Passing {
     pub(crate) gate: Arc<Gate>,
-    /// A trusted proxy is before the server: it says who the client is.
+    /// Whether a trusted proxy in front of the server reports the client's address.
     pub(crate) behind_proxy: bool,
 }
 

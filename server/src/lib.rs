@@ -47,5 +47,5 @@ pub use portal::collections::{Collections, FILE as COLLECTIONS_FILE};
 pub use site::{Audience, Site, app};
 pub use socket::{Limits, listen};
 
-/// What the server saw of a folder, of the accounts or of the right to a running transfer is trusted so long, then it looks again. Tests set it to zero.
+/// How long the server trusts what it read of a folder, of the accounts or of the right to a running transfer. Then it checks again. Tests set it to zero.
 pub const FRESHNESS: std::time::Duration = std::time::Duration::from_secs(1);

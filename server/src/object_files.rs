@@ -115,7 +115,7 @@ impl Table {
 #[derive(Debug)]
 pub(crate) struct Tables {
     recent: Mutex<VecDeque<Weak<ObjectFiles>>>,
-    /// A table from a folder is trusted so long.
+    /// How long a table read from a folder is trusted.
     freshness: Duration,
 }
 

@@ -86,7 +86,7 @@ pub(crate) async fn respond(
     response
 }
 
-/// What a response brings.
+/// The kind of content that a response carries.
 #[derive(Debug, Clone, Copy)]
 pub(crate) enum Sent<'a> {
     /// The model in any form: a pack or a mesh made of it.
@@ -400,7 +400,7 @@ pub(crate) async fn lets_out(auth: &Arc<Auth>, headers: &HeaderMap, slug: &str, 
     blocking(move || auth.lets_out(&headers, &slug, &content, now)).await.unwrap_or(false)
 }
 
-/// Nobody on the way keeps an answer that is not for everybody.
+/// No cache may keep an answer that is not public.
 fn keep_nowhere(mut response: Response<Body>) -> Response<Body> {
     insert(&mut response, CACHE_CONTROL, "private, no-store");
     response

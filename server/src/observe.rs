@@ -31,7 +31,7 @@ const PATH: usize = 300;
 #[derive(Debug, Clone)]
 pub(crate) struct Observer {
     pub(crate) metrics: Arc<Metrics>,
-    /// A trusted proxy is before the server: it says who the client is.
+    /// Whether a trusted proxy in front of the server reports the client's address.
     pub(crate) behind_proxy: bool,
 }
 

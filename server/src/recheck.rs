@@ -35,7 +35,7 @@ impl WhileAllowed {
     }
 }
 
-/// End marked responses when they are no longer allowed; `every` so often it is checked.
+/// End marked responses when they are no longer allowed, which is checked at intervals of `every`.
 pub(crate) async fn watch(State(every): State<Duration>, request: Request, next: Next) -> Response {
     let mut response = next.run(request).await;
     match response.extensions_mut().remove::<WhileAllowed>() {
@@ -54,7 +54,7 @@ struct Rechecked {
     checking: Option<JoinHandle<bool>>,
 }
 
-/// A body that ends in an error when the check, which is made every so often, fails.
+/// A body that ends in an error when the check, made at intervals of `every`, fails.
 fn rechecked(body: Body, may_go_on: Check, every: Duration) -> Body {
     if body.is_end_stream() {
         return body;

@@ -249,7 +249,7 @@ async fn new_objects_are_found_while_serving() {
     assert_eq!(get(&app, "/husuni/").await.status, 200);
 }
 
-/// Every look finds the same: one line is enough.
+/// Every check finds the same problem: one line is enough.
 #[cfg(unix)]
 #[tokio::test]
 async fn a_link_or_a_pipe_in_place_of_the_collections_is_logged_once() {

@@ -132,7 +132,7 @@ async fn a_file_overwritten_during_a_transfer_is_never_sent_as_a_mixture() {
     assert!(is_cut && bytes < LENGTH / 2, "{bytes} bytes of two files");
 }
 
-/// Length of a file that goes out in many pieces.
+/// Length of a file that is sent in many pieces.
 const FILE: usize = 256 << 10;
 /// The same for a file that is sent from memory.
 const SMALL_FILE: usize = 60 << 10;

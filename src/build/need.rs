@@ -56,7 +56,7 @@ impl Need {
         }
     }
 
-    /// Refuse where there is not that much space; `held` bytes are in the scratch folder already and count towards it.
+    /// Fail if there is not that much space; `held` bytes are in the scratch folder already and count towards it.
     pub(crate) fn check(&self, scratch: &Path, output: &Path, held: u64) -> anyhow::Result<()> {
         let needed = self.scratch_bytes.saturating_sub(held);
         if machine::same_disk(scratch, output) {

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 use std::fmt::Write as _;
 use std::io::Write as _;
 
-/// Field (of a list: without its number), Dublin Core, DataCite, Europeana, schema.org. What is not here is in metadata.json,
+/// Field (of a list: without its number), Dublin Core, DataCite, Europeana, schema.org. Fields that are not listed here are in metadata.json,
 /// paradata.json and on the page.
 const TABLE: [(&str, &str, &str, &str, &str); 43] = [
     ("title", "title", "titles", "dc:title", "name"),

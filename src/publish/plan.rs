@@ -145,7 +145,7 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// The given version is going to follow what is there already, at `at`.
+    /// The plan for a version that follows the existing ones at `at`.
     pub(super) fn new(args: &Args, given: Given, before: Option<Manifest>, at: String) -> anyhow::Result<Self> {
         let page = Page::load(args.www.as_deref())?;
         let facts = decide(args, &given, before, &at, args.version_note.as_deref())?;

@@ -65,7 +65,7 @@ pub(crate) struct Sender {
     token: String,
     patience: Patience,
     piece: Cell<usize>,
-    /// The bytes that were missing when an attempt last began: fewer are progress, however the attempt ended.
+    /// The bytes that were missing when the last attempt began: if fewer are missing now, that is progress, however the attempt ended.
     lacking: Cell<u64>,
     /// How often a file arrived with another content than was announced.
     altered: Cell<u32>,
@@ -375,7 +375,7 @@ impl Sender {
         })
     }
 
-    /// The server's status of the upload; `is_first` if requested the first time in an attempt.
+    /// The server's status of the upload; `is_first` if requested for the first time in an attempt.
     fn status(&self, response: Response<Body>, is_first: bool) -> Result<Status, Failure> {
         match response.status().as_u16() {
             200..=202 => {

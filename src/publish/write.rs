@@ -294,7 +294,7 @@ fn preview(pack: &Path, folder: &Path, left_out: &mut Vec<String>) -> anyhow::Re
     }
 }
 
-/// Write what belongs to the object: its bag and the pages of the folder, where they are asked for; the bag's folder.
+/// Write the object's bag and the pages of the folder, if they are requested; returns the bag's folder.
 fn around(
     args: &Args,
     plan: &Plan,

@@ -1,4 +1,4 @@
-//! What the loop over a drawing ([`kilwa_measure::sheet::draw`]) needs of this program: parts rendered by a session, marks in a bitmap font, and a file.
+//! The host of the loop over a drawing ([`kilwa_measure::sheet::draw`]): renders parts with a session, paints marks in a bitmap font, writes a file.
 
 use super::paint;
 use anyhow::Context;
@@ -30,11 +30,11 @@ pub(super) struct Native<'a, S> {
     pub(super) bar: ProgressBar,
 }
 
-/// Where the picture goes.
+/// The file that the picture is written to.
 pub(super) enum Output {
     /// Row by row, with its resolution (chunk pHYs); `None` when it is complete.
     Png(Option<Box<png::StreamWriter<'static, BufWriter<File>>>>),
-    /// What the loop writes as it comes.
+    /// The bytes that the loop writes, unchanged.
     Bytes(BufWriter<File>),
 }
 
@@ -113,7 +113,7 @@ impl<S: Source> Host for Native<'_, S> {
     }
 }
 
-/// Of a drawing with so many rows, for people who watch.
+/// A progress bar for a drawing with this many rows; hidden if stderr is not a terminal.
 pub(super) fn bar(rows: u32) -> ProgressBar {
     if !std::io::stderr().is_terminal() {
         return ProgressBar::hidden();

@@ -1,7 +1,7 @@
 //! Drawings to scale: `kilwa render --scale 1:50`. Plans and elevations as PNG, PDF or GeoTIFF of any size, in constant memory.
 //!
-//! How large the sheet is, what stands on it (picture, frame, grid, scale bar, north arrow, title block) and the loop that draws and writes it are
-//! `kilwa_measure::sheet`'s, which the page has too. Here is what is native: `host` renders parts of the model and writes the file, `paint` paints the marks,
+//! The size of the sheet, its contents (picture, frame, grid, scale bar, north arrow, title block) and the loop that draws and writes it are in
+//! `kilwa_measure::sheet`, which the page uses too. The native parts are here: `host` renders parts of the model and writes the file, `paint` paints the marks,
 //! `letters` sets texts that Helvetica lacks. The file gets its name when it is complete.
 
 mod host;

@@ -18,7 +18,7 @@ use std::time::Duration;
 use ureq::Agent;
 use ureq::http::{Response, StatusCode};
 
-/// Bytes of one request at least, which are kept: small files need no second one.
+/// Minimum number of bytes of one request. They are kept, so that small files need no second request.
 const BLOCK: u64 = 1 << 20;
 const ATTEMPTS: u32 = 5;
 const FIRST_WAIT: Duration = Duration::from_millis(500);

@@ -24,8 +24,8 @@ const CONTROLS = ["button", "link", "tab", "combobox", "textbox", "spinbutton", 
 async function small(page) {
   const [first, ...others] = CONTROLS.map((role) => page.getByRole(role));
   const controls = others.reduce((all, one) => all.or(one), first);
-  // The cube has buttons in the Views tab, what is on the picture in its list, and the grip beside the tabs, which do the same.
-  // Words inside text are as high as the text: the link of a note.
+  // Larger controls do the same: buttons in the Views tab for the cube, a list for things on the picture, and a button beside the tabs for the grip.
+  // Links inside text are as high as the text, such as the link of a note.
   const groups = ["View cube", "Notes", "Measurements"].map((name) => page.getByRole("group", { name, exact: true }).getByRole("button"));
   const exempt = [...groups, page.getByRole("paragraph").getByRole("link", { name: "Read more" })].reduce(
     (all, one) => all.or(one),
@@ -35,7 +35,7 @@ async function small(page) {
     (all, exempt) =>
       all
         .filter((e) => !exempt.includes(e))
-        // What is pressed is the label, with its circle or its box, or in place of the button for a file.
+        // The target is the label, with its radio button or check box, or in place of the file input.
         .flatMap((e) => (["radio", "checkbox", "file"].includes(e.type) ? [...e.labels] : [e]))
         .map((e) => [e, e.getBoundingClientRect()])
         .filter(([, { width, height }]) => width > 0 && (width < 43.5 || height < 43.5))
@@ -45,7 +45,7 @@ async function small(page) {
 }
 
 test("on a phone every control is at least 44 pixels wide and high, in every tab, form and dialog", async () => {
-  // A slow server: what would come before its sheet of styles would be shown without it.
+  // A slow server: anything that arrived before the style sheet would be shown without it.
   const before = (page) =>
     page.route("**/measure.css", async (route) => {
       await new Promise((resolve) => setTimeout(resolve, 1500));
@@ -152,7 +152,7 @@ test("Tab reaches every control and shows where it stands; Escape closes what is
     await page.keyboard.press("Tab");
     const at = await page.evaluate((handles) => {
       const e = document.activeElement;
-      // Buttons for files are not seen; their labels are.
+      // File inputs are not visible; their labels are.
       const isShown = e === document.body || e.type === "file" || getComputedStyle(e).outlineStyle !== "none";
       globalThis.firstFocused ??= e;
       return { control: handles.indexOf(e), name: e.ariaLabel || e.textContent, isShown, isFirst: e === globalThis.firstFocused };

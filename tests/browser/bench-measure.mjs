@@ -1,6 +1,6 @@
 // What measuring takes in the page on three simulated links: `node bench-measure.mjs PACK`. Prints Markdown on stdout. For each link an empty store: the time and the bytes
 // from asking for a measurement to the first final pick (the program that measures, the directory, the leaves), and those of a second pick elsewhere. The viewer's own
-// picture is at rest before. How much of it are leaves, and full sections, are asked of the measuring engine in a page of its own (engine-page.mjs), without a limit.
+// picture is at rest before. The share of leaves, and the cost of full sections, come from the measuring engine in a page of its own (engine-page.mjs), without a limit.
 
 import { openEngine } from "./engine-page.mjs";
 import { launch, open, packFolder, pick, serve, waitFor } from "./harness.mjs";
@@ -59,7 +59,7 @@ async function onLink([name, link]) {
   await close();
 }
 
-/** Bytes of the leaves that picks along these rays fetch, one after the other; says what sections through a place take. */
+/** Bytes of the leaves that picks along these rays fetch, one after the other; also prints the cost of sections through a place. */
 async function ofEngine(rays, middle) {
   const { page, close } = await openEngine(browser, server.url);
   const { fetched, sections } = await page.evaluate(

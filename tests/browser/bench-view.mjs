@@ -25,7 +25,7 @@ async function fresh(link, address) {
   const context = await browser.newContext({ viewport: SIZE });
   const page = await context.newPage();
   page.setDefaultTimeout(300_000);
-  // Lengths of the head that were asked for: the last one is what it is, where the metadata is long.
+  // Lengths of the head that were requested: if the metadata is long, the last one is the true length.
   const heads = [];
   page.on("request", (request) => {
     const last = /^bytes=0-(\d+)$/.exec(request.headers().range ?? "")?.[1];
@@ -65,7 +65,7 @@ async function fresh(link, address) {
       },
     });
   });
-  // Part of what is measured: a new window keeps the browser itself busy for a while; people enter an address in one that stands open.
+  // Part of what is measured: a new window keeps the browser itself busy for a while; people enter an address in one that is already open.
   await page.waitForTimeout(2000);
   await page.goto(address);
   return { page, client, heads, close: () => context.close() };

@@ -14,10 +14,10 @@ const shading = (page) => page.getByRole("group", { name: "Shading" });
 const choose = (page, name) => shading(page).getByRole("radio", { name, exact: true }).check();
 /** How coarse the picture may be: 0.5, 1, 2, 4 or 8 pixels of error. */
 const detail = (page) => page.getByRole("slider", { name: "Maximum error on screen" });
-/** The handles over the picture that move what cuts the model. */
+/** The handles over the picture that move the clipping plane and box. */
 const handles = (page) => page.getByRole("group", { name: "Section" }).getByRole("slider");
 
-/** Shadings, and for each what belongs to it. */
+/** Controls, and for each the shadings that have it. */
 const CONTROLS = {
   "Direction of the light": ["Raking light"],
   "Azimuth, °": ["Raking light"],
@@ -263,7 +263,7 @@ test("levels fade unless the system asks for little motion, and at rest the pict
 test("where frames are slow to come levels do not fade, unless a person asked for it", async () => {
   const { page, close } = await fort({
     reducedMotion: "no-preference",
-    // A frame takes so long on the page's clock, however long this machine takes for it.
+    // A frame takes this long by the page's clock, however long it takes on this machine.
     before: (page) =>
       page.addInitScript(() => {
         const { requestAnimationFrame } = globalThis;
@@ -294,7 +294,7 @@ test("where frames are slow to come levels do not fade, unless a person asked fo
     return !isLast;
   };
   assert.deepEqual([await fades(50), await fades(500)], [true, false]);
-  // It is chosen already, by the system: a person who unchecks and checks it has asked for it.
+  // The system has already chosen it; after unchecking and checking it, it is the person's own choice.
   await page.getByLabel("Fade in detail").uncheck();
   await page.getByLabel("Fade in detail").check();
   await rest(page);
@@ -308,7 +308,7 @@ test("axe-core finds nothing serious in either panel, whatever is chosen", async
   await page.evaluate(axe);
   const found = [];
   const look = async (where) => {
-    // What is in the panel and what it puts over the picture, in both themes.
+    // The panel's contents and what it puts over the picture, in both themes.
     const include = [["[role=tabpanel]:not([hidden])"], ["[role=tablist]"], ["[role=group][aria-label=Section]"]];
     for (const colorScheme of ["light", "dark"]) {
       await page.emulateMedia({ colorScheme });
@@ -383,7 +383,7 @@ test("a page that gets no animation frames, as hidden ones get none, asks for no
   const drawn = await frames();
   await page.evaluate(() => (globalThis.hold = true));
   await detail(page).press("Home");
-  await page.clock.runFor(10_000); // by the page's clock: all that it does later comes at once
+  await page.clock.runFor(10_000); // by the page's clock: everything that it does later happens at once
   assert.equal(await frames(), drawn);
   assert.equal(packs.length, before, "nothing is asked for");
   await page.evaluate(() => globalThis.show());

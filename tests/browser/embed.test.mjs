@@ -108,7 +108,7 @@ test("without a pack the page offers to open one: chosen or dropped in, nothing 
   }, pack);
   const main = page.getByRole("main");
   await main.dispatchEvent("dragenter", { dataTransfer });
-  assert.ok(await page.getByText("Drop to open the model").isVisible(), "the page says that a file can be let go");
+  assert.ok(await page.getByText("Drop to open the model").isVisible(), "the page says that a file can be dropped");
   await main.dispatchEvent("drop", { dataTransfer });
   await waitFor(page, "settled");
   assert.deepEqual(await picture(page), chosen);
@@ -268,7 +268,7 @@ test("on a line so slow that whoever waits is told, the viewer comes later and a
   }, hosts.viewer.url);
   assert.match(first, /does not answer: it is slow/);
   let_go();
-  // Who waits is told again and again, until the viewer is there.
+  // `loaded` is awaited again after each failure, until the viewer is there.
   await page.evaluate(async () => {
     const isLoaded = () =>
       globalThis.element.loaded.then(
@@ -278,7 +278,7 @@ test("on a line so slow that whoever waits is told, the viewer comes later and a
     while (!(await isLoaded()));
   });
   assert.ok((await page.evaluate(() => globalThis.element.modes())).includes("clay"));
-  // A call that another model overtakes is told.
+  // A call is rejected if another model is chosen before its answer.
   const overtaken = await page.evaluate(() => {
     const call = globalThis.element.fit();
     globalThis.element.src += "?other";
@@ -314,7 +314,7 @@ test("messages that are no calls, from other windows or in other shapes, change 
     postMessage("last", "*");
     await last;
   });
-  // So it is with the host's, and the viewer still answers it.
+  // The host's messages were handled too, and the viewer still answers it.
   assert.ok(await page.evaluate(() => globalThis.element.stats()));
   await waitFor(frame, "settled");
   assert.deepEqual(await cameraOf(frame), before);

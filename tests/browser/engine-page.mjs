@@ -16,7 +16,7 @@ const isThere = (file) =>
     () => false,
   );
 
-/** What the page asks for that the bundle took in. The engine is bundled one folder higher than it lies. */
+/** Files that the page requests although the bundle contains them. In the bundle, the engine is one folder higher than in www/. */
 async function answer(route) {
   const name = new URL(route.request().url()).pathname.slice(FILES.length);
   if (name === "engine.html") return route.fulfill({ contentType: "text/html", body: HTML });
@@ -26,10 +26,10 @@ async function answer(route) {
 }
 
 /**
- * Open a pack of a server with the engine: what `harness.open` gives, and in the page `engineTest` with `engine`, `viewer`, `session` and `settled()`.
+ * Open a pack of a server with the engine: returns what `harness.open` returns, and adds `engineTest` to the page, with `engine`, `viewer`, `session` and `settled()`.
  * @param {import("playwright-core").Browser} browser
  * @param {string} server its address
- * @param {{pack?: string, error?: number}} options the pack's name, and pixels that the picture may be wrong by
+ * @param {{pack?: string, error?: number}} options the pack's name, and the error allowed in the picture, in pixels
  */
 export async function openEngine(browser, server, { pack = "fort", error = 8 } = {}) {
   const opened = await open(browser, `${server}${FILES}engine.html`, {

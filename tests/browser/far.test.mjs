@@ -9,7 +9,7 @@ import { FAR, fortSite, open, picture, stats, test } from "./harness.mjs";
 
 /** No more than is needed: the server reads all of the file once, for its tag. */
 const GAP = 2 ** 32;
-/** Pixels of the page: few, for they are drawn by the processor; chunks of every level are asked for all the same. */
+/** Size of the page in pixels: small, because the processor draws them; chunks of every level are requested all the same. */
 const SMALL = [480, 360];
 
 const site = fortSite({

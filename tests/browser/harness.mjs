@@ -22,7 +22,7 @@ export const FAR = path.join(path.dirname(KILWA), "examples/far");
 export const WWW = process.env.KILWA_WWW || path.join(ROOT, "www/dist");
 const TRIANGLES = 200_000;
 
-/** A test that ends: what waits for an answer that never comes fails by its name, and the others run. */
+/** A test with a time limit: one that waits for an answer that never comes fails by its name, and the others run. */
 export function test(name, ...rest) {
   const run = rest.pop();
   nodeTest(name, { timeout: 300_000, ...rest[0] }, run);
@@ -123,7 +123,7 @@ export async function serve(folder, ...options) {
       child.kill("SIGTERM");
       // Not a pause: a server that does not end is killed, so that the test fails instead of waiting for ever.
       const late = setTimeout(() => child.kill("SIGKILL"), 60_000);
-      assert.equal(await ended, 0, "kilwa serve ends well when it is told to");
+      assert.equal(await ended, 0, "kilwa serve ends without an error on SIGTERM");
       clearTimeout(late);
       await rm(folder, { recursive: true });
     },
@@ -238,22 +238,22 @@ export async function waitFor(page, what) {
 /** The figures that the API gives (docs/embedding.md). */
 export const stats = (page) => page.evaluate(() => globalThis.kilwa.api.stats());
 
-/** What stands in place of the model where it cannot be shown. */
+/** The message in place of a model that cannot be shown. */
 export const troubleOf = (page) => page.getByRole("alert").filter({ has: page.getByRole("heading") });
 
 /** The model's picture, as an element of the page. */
 export const canvasOf = (page) => page.getByRole("application");
 
-/** Where a place of the picture is on the page: `x` and `y` are shares of its width and height. */
+/** The page coordinates of a point in the picture: `x` and `y` are fractions of its width and height. */
 export async function spotOn(page, x, y) {
   const box = await canvasOf(page).boundingBox();
   return [box.x + box.width * x, box.y + box.height * y];
 }
 
-/** Click a place of the picture; `options` are those of `mouse.click`. */
+/** Click a point in the picture; `options` are those of `mouse.click`. */
 export const press = async (page, x, y, options) => page.mouse.click(...(await spotOn(page, x, y)), options);
 
-/** Drag from one place of the picture to another, each `[x, y]` in shares of it. */
+/** Drag from one point in the picture to another, each `[x, y]` in fractions of its width and height. */
 export async function drag(page, from, to, { steps = 4, ...options } = {}) {
   await page.mouse.move(...(await spotOn(page, ...from)));
   await page.mouse.down(options);
@@ -261,28 +261,28 @@ export async function drag(page, from, to, { steps = 4, ...options } = {}) {
   await page.mouse.up(options);
 }
 
-/** What the API finds at a place of the picture, or null; `x` and `y` are shares of it. */
+/** What the API picks at a point in the picture, or null; `x` and `y` are fractions of its width and height. */
 export async function pick(page, x, y) {
   const { width, height } = await canvasOf(page).boundingBox();
   return page.evaluate(([x, y]) => globalThis.kilwa.api.pick(x, y), [width * x, height * y]);
 }
 
-/** Put the camera somewhere at once, and wait until all that it shows is there. */
+/** Move the camera without a flight, and wait until everything in view is loaded. */
 export async function setCamera(page, camera) {
   await page.evaluate((camera) => globalThis.kilwa.api.setCamera(camera), camera);
   await waitFor(page, "settled");
 }
 
-/** A button of the rail beside the picture, by its English name. */
+/** A button of the toolbar beside the picture, by its English name. */
 export const tool = (page, name) => page.getByRole("toolbar", { name: "Tools", exact: true }).getByRole("button", { name, exact: true });
 
 /** Open a tab of the details panel by its English name. */
 export const openTab = (page, name) => page.getByRole("tab", { name, exact: true }).click();
 
-/** How the model is shown, as links hold it: what is as usual is left out. */
+/** The display settings as links hold them: defaults are left out. */
 export const displayOf = (page) => page.evaluate(() => globalThis.kilwa.api.state().display ?? {});
 
-/** Nothing but the canvas: what lies over it is not seen, stays where it is, keeps the focus, and can be pressed. */
+/** Shows only the canvas: everything over it is invisible, but stays in place, keeps the focus, and can be pressed. */
 const BARE = `:not(:has([role="application"]), [role="application"]) { opacity: 0 !important; transition: none !important; }
 [role="application"] { outline: none !important; transition: none !important; }`;
 
@@ -301,7 +301,7 @@ export async function pixels(page) {
   return { width, height, pixels: all };
 }
 
-/** The same: how much of it is model, a hash of its pixels, and the pixel in its middle. */
+/** Figures of that picture: how much of it is model, a hash of its pixels, and the pixel in its middle. */
 export async function picture(page) {
   const { width, height, pixels: bytes } = await pixels(page);
   let model = 0;

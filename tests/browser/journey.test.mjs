@@ -16,7 +16,7 @@ const OBJECTS = [
   ["husuni", "Husuni Kubwa", 'description = "A palace."', ""],
   ["cave", "Painted cave", 'description = "Paintings of animals."', '[access]\nstate = "restricted"\nreason = "Graves of the living."\n'],
 ];
-/** Where it is measured, in shares of the picture's width and height. */
+/** The points to measure between, in fractions of the picture's width and height. */
 const PLACES = [
   [0.42, 0.5],
   [0.55, 0.5],
@@ -42,21 +42,21 @@ after(async () => {
 const reader = (address, options = {}) =>
   open(browser, `${server.url}${address}`, { size: [1200, 800], wait: null, permissions: ["clipboard-read", "clipboard-write"], ...options });
 const ready = (page) => waitFor(page, "first");
-/** Until there is one measurement and it is final; it with every bit of its values and places. */
+/** Wait until there is one measurement and it is final; returns it with every bit of its values and places. */
 async function measured(page) {
   await done(page);
   const [{ name, tool, local, readings }] = await bits(page);
   const [{ state }] = await list(page);
   return { name, tool, state, local, readings };
 }
-/** The words of a language: those of the viewer, and over them the plain ones of the portal. */
+/** The messages of a language: the viewer's, and the portal's messages without parameters, which take precedence. */
 async function words(language) {
   const viewer = JSON.parse(await readFile(path.join(WWW, `i18n/${language}.json`), "utf8"));
   const portal = await readFile(path.join(ROOT, `i18n/${language}/portal.ftl`), "utf8");
   return { ...viewer, ...Object.fromEntries([...portal.matchAll(/^(\w+) = ([^{}\n]+)$/gmu)].map(([, key, text]) => [key, text])) };
 }
 
-// The pages as a reader finds things on them, whose names are words of a language.
+// Elements of the pages as a reader finds them, by their names in a language.
 
 const search = (page, t) => page.getByRole("searchbox", { name: t.searchLabel });
 const searchButton = (page, t) => page.getByRole("search").getByRole("button", { name: t.search });
@@ -67,7 +67,7 @@ const measure = (page, t) => page.getByRole("toolbar", { name: t.tools }).getByR
 const measureBar = (page, t) => page.getByRole("toolbar", { name: t.measurements });
 const table = (page, t) => page.getByRole("table", { name: t.measurements });
 const cite = (page, t) => table(page, t).getByRole("button", { name: t.measureCite });
-/** The address of a citation, which stands below the sentence. */
+/** The address of a citation, which is below the sentence. */
 const citedAddress = (page, t) => table(page, t).getByRole("link");
 const toSignIn = (page, t) => troubleOf(page).getByRole("link", { name: t.signIn });
 const name = (page, t) => page.getByRole("textbox", { name: t.userName });

@@ -70,7 +70,7 @@ test("no label lies on another, on what is over the picture, or outside of it, a
   }
 });
 
-test("the most important label is always shown in full, and where there are few almost all are", () => {
+test("the most important label is always shown in full; if there are few labels, almost all are", () => {
   let [full, all] = [0, 0];
   for (let seed = 1; seed <= 40; seed += 1) {
     for (const [count, where] of [

@@ -96,7 +96,7 @@ test("a server that answers in pieces of no announced length is read once, and p
   behave = (_, response) => {
     asked += 1;
     response.writeHead(200).write(file.subarray(0, 50));
-    setTimeout(() => response.write(file.subarray(50, 100_000)), 10); // part of the simulated server: the pieces come apart
+    setTimeout(() => response.write(file.subarray(50, 100_000)), 10); // part of the simulated server: the pieces arrive separately
     rest = () => response.end(file.subarray(100_000));
   };
   const pack = new Pack(url);

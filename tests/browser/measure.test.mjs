@@ -2,7 +2,7 @@
 // the last digit; provisional intervals contain them; what is cut away is never picked; a section fetches the leaves along the cut.
 // Each claim prints a line `trust | claim | bound | measured`.
 //
-// What a person reads is read from the page; what the engine alone knows (intervals, snapping, what is fetched) is asked of its module, in a page
+// What a person sees is read from the page; what only the engine knows (intervals, snapping, bytes fetched) is read from its module, in a page
 // of its own (engine-page.mjs).
 
 import assert from "node:assert/strict";
@@ -39,7 +39,7 @@ async function native(tool, numbers, options = []) {
 /** Places spread over the middle of a picture, as shares of its width and height. */
 const SPREAD = Array.from({ length: 400 }, (_, k) => [0.25 + ((k * 0.754877666) % 1) * 0.5, 0.3 + ((k * 0.569840296) % 1) * 0.4]);
 
-/** Rays of so many of these places that show the model, in the engine's own page. */
+/** Rays through this many of the places that show the model, in the engine's own page. */
 const raysOf = (page, n) =>
   page.evaluate(
     ([n, spread]) => {
@@ -99,7 +99,7 @@ test("the same ray gives the same final place at ten zoom levels, cold and warm 
       viewer.setCamera({ ...camera, distance: camera.distance * (zoom < 5 ? 0.6 : 2.2) });
       session.wake();
     }, zoom);
-    if (zoom % 3 === 2) await page.evaluate(() => globalThis.engineTest.settled()); // else: whatever has come so far
+    if (zoom % 3 === 2) await page.evaluate(() => globalThis.engineTest.settled()); // else: whatever has arrived so far
     const found = await picksOf(page, rays);
     picks += found.length;
     differing += seen(found);
@@ -216,7 +216,7 @@ test("what is cut away is never picked, and what shows behind it is", async () =
   await close();
 });
 
-test("a section fetches a part of the pack, reports how much, and nothing the second time; a request can be cancelled", async () => {
+test("a section fetches a part of the pack and reports how much; the second time it fetches nothing; a request can be cancelled", async () => {
   const { page, complaints, packs, close } = await openEngine(site.browser, site.server.url);
   await page.evaluate(() => globalThis.engineTest.settled());
   const before = packs.length;
@@ -321,7 +321,7 @@ test("a pack of this computer is measured without a server", async () => {
   const mine = await pick();
   assert.deepEqual(mine.points, here.points);
   assert.deepEqual(mine.readings, here.readings);
-  assert.equal(packs.length, before, "nothing is asked of the server");
+  assert.equal(packs.length, before, "nothing is requested from the server");
   assert.deepEqual(complaints, []);
   await close();
 });

@@ -1,4 +1,4 @@
-// Measurements that leave the page and come back: by a link and by a file they are the same to the last bit; what is reported about them is in the language of
+// Measurements that leave the page in a link or a file come back the same to the last bit; messages about them are in the language of
 // the page.
 
 import assert from "node:assert/strict";
@@ -19,7 +19,7 @@ before(async () => {
 after(() => rm(scratch, { recursive: true }));
 
 const fort = (query = "?error=12") => `${site.server.url}/m/fort${query}`;
-/** A page with its panel beside the picture, and no larger: the picture is drawn without a graphics card. */
+/** A page just large enough for the panel beside the picture, because the picture is drawn without a graphics card. */
 const tab = { size: [960, 640] };
 const measured = async (options = {}) => {
   const opened = await open(site.browser, fort(), { ...tab, ...options });
@@ -49,7 +49,7 @@ test("a link opens the same measurement elsewhere, to the last bit, and the page
   await openTab(other.page, "Measure");
   await row(other.page, name).waitFor();
   await done(other.page);
-  assert.equal((await list(other.page)).length, 1, "what is kept and what the link says are the same measurement");
+  assert.equal((await list(other.page)).length, 1, "the stored measurement and the one in the link are the same");
   const document = JSON.parse(await saveAs(other.page, "json"));
   const [one] = document.measurements;
   await give(other.page, JSON.stringify({ ...document, measurements: Array.from({ length: 80 }, (_, k) => ({ ...one, name: `${k}` })) }));
@@ -132,7 +132,7 @@ test("a file reads back to the last bit, here and by kilwa measure, and one of a
 
 const strings = async (lang) => JSON.parse(await readFile(path.join(WWW, `i18n/${lang}.json`), "utf8"));
 
-/** What matches a message with any values; any number may be any form of its message. */
+/** A pattern that matches a message with any values and in any plural form. */
 function pattern(message) {
   const source = (part) => {
     if (Array.isArray(part)) return part.map(source).join("");
@@ -143,7 +143,7 @@ function pattern(message) {
   return new RegExp(source(message));
 }
 
-/** Without the signs that keep numbers together in text from right to left. */
+/** Without the characters that keep numbers together in right-to-left text. */
 const plain = (text) => text.replaceAll(/[\u2066\u2069]/g, "");
 
 test("remarks, refusals and complaints about files are in the language of the page, also after it is changed", async () => {

@@ -33,7 +33,7 @@ import {
 const site = fortSite();
 
 const fort = (query = "?error=12") => `${site.server.url}/m/fort${query}`;
-/** A page with its panel beside the picture, and no larger: the picture is drawn without a graphics card. */
+/** A page just large enough for the panel beside the picture, because the picture is drawn without a graphics card. */
 const tab = { size: [960, 640] };
 const kilwa = async (...args) => (await promisify(execFile)(KILWA, ["measure", site.pack, ...args.map(String)])).stdout;
 /** The places of a distance: two on the wall. */
@@ -103,7 +103,7 @@ test("the value does not depend on what is on screen", async () => {
   await measureDistance(page, ...ENDS);
   const [wanted] = await list(page);
   assert.equal(wanted.state, "final");
-  // Small pictures, and one that is measured while it is on its way: other levels of the model are on screen.
+  // Small pictures, one of them measured while it is still loading, so that other levels of the model are on screen.
   for (const [query, wait] of [
     ["?error=64", "settled"],
     ["?error=1", "settled"],
@@ -166,7 +166,7 @@ test("points are taken back and put again while they are drawn, and a tool stays
   await tool(page, "Path");
   await bar(page).waitFor();
   await press(page, [0.42, 0.5], [0.5, 0.5]);
-  /** The hint names the next point: there are so many, and they are drawn with the value of what is between them. */
+  /** Wait until the hint names the next point: then there are `count` points, drawn with the value between them. */
   const drawn = (count) => status(page, new RegExp(`^Path: click point ${count + 1} ·`)).waitFor();
   await drawn(2);
   await page.keyboard.press("Backspace");
@@ -262,7 +262,7 @@ test("a finger that rests gets a loupe above it, and where it is lifted is measu
     client.send("Input.dispatchTouchEvent", { type, touchPoints: type === "touchEnd" ? [] : [{ x: box.x + box.width * x, y: box.y + box.height * y }] });
   const before = (await cameraOf(page)).join();
   await touch("touchStart", 0.45, 0.5);
-  // It is for the eye alone, and has no role.
+  // It is purely visual and has no role.
   const loupe = page.locator("#loupe");
   await loupe.waitFor();
   await touch("touchMove", 0.5, 0.52);
@@ -270,7 +270,7 @@ test("a finger that rests gets a loupe above it, and where it is lifted is measu
     loupe.locator("canvas").evaluate((canvas) => new Set(canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data).size);
   for (let shown = 0; shown <= 20; shown = await colours());
   const glass = await loupe.boundingBox();
-  assert.ok(glass.y + glass.height < box.y + box.height * 0.52 - 10, "it stands above the finger");
+  assert.ok(glass.y + glass.height < box.y + box.height * 0.52 - 10, "it is above the finger");
   await touch("touchEnd");
   await loupe.waitFor({ state: "hidden" });
   assert.equal((await cameraOf(page)).join(), before, "aiming turns nothing");

@@ -17,15 +17,15 @@ export const status = (page, text) => page.getByRole("status").filter({ hasText:
 /** The buttons of the tool in use. */
 export const bar = (page) => page.getByRole("toolbar", { name: "Measurements" });
 
-/** Whole pixels of the window at shares of the picture's width and height. */
+/** Positions in the window, in whole pixels, of points given as fractions of the picture's width and height. */
 const spots = (page, places) => Promise.all(places.map(async ([x, y]) => (await spotOn(page, x, y)).map(Math.round)));
 
-/** Click the picture, at shares of its width and height. */
+/** Click points in the picture, given as fractions of its width and height. */
 export async function press(page, ...places) {
   for (const [x, y] of await spots(page, places)) await page.mouse.click(x, y);
 }
 
-/** The rays that are looked along at the places that `press` clicks. */
+/** The viewing rays through the points that `press` clicks. */
 export async function raysAt(page, ...places) {
   const box = await canvasOf(page).boundingBox();
   const at = (await spots(page, places)).map(([x, y]) => [x - box.x, y - box.y]);
@@ -37,7 +37,7 @@ export const numbers = (rays) => rays.flatMap(({ origin, direction }) => [...ori
 
 export const list = (page) => page.evaluate(() => globalThis.kilwa.api.measurements());
 
-/** Until there are so many, and each has its value or a reason for none. */
+/** Wait until there are `count` measurements, each with a value or a reason why it has none. */
 export const done = (page, count = 1) =>
   page.evaluate(async (count) => {
     for (;;) {
@@ -47,7 +47,7 @@ export const done = (page, count = 1) =>
     }
   }, count);
 
-/** Until the first measurement has another first point than this one, and is measured again. */
+/** Wait until the first point of the first measurement is no longer this one, and the new value is there. */
 export const moved = async (page, was) => {
   await page.evaluate(async (was) => {
     while ((await globalThis.kilwa.api.measurements())[0].points[0].join() === was) await new Promise(requestAnimationFrame);
@@ -81,7 +81,7 @@ export async function tool(page, name) {
   await panel(page).getByRole("group").getByRole("button", { name, exact: true }).click();
 }
 
-/** What a row shows when it is open. */
+/** Open a row, and return its details. */
 export async function openRow(page, name) {
   const button = row(page, name);
   if ((await button.getAttribute("aria-expanded")) !== "true") await button.click();
@@ -90,7 +90,7 @@ export async function openRow(page, name) {
     .filter({ has: page.getByRole("textbox") });
 }
 
-/** The values of an open row: the first of its lists, without where the uncertainty comes from. */
+/** The first `count` values of a row's details, without the sources of the uncertainty. */
 export async function values(page, name, count) {
   const all = (await openRow(page, name)).getByRole("definition");
   return (await all.allInnerTexts()).slice(0, count);
@@ -104,7 +104,7 @@ export const give = (page, words, label = "Read a file…") =>
     .first()
     .setInputFiles({ name: "measurements.json", mimeType: "application/json", buffer: Buffer.from(words) });
 
-/** What a press on a button saves. */
+/** The text of the file that a click on a button saves. */
 export async function saved(page, button) {
   const [download] = await Promise.all([page.waitForEvent("download"), button.click()]);
   return readFile(await download.path(), "utf8");

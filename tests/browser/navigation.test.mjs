@@ -18,9 +18,9 @@ const camera = cameraOf;
 /** The tab that is open. */
 const tabOf = (page, name) => page.getByRole("tabpanel", { name });
 const hasFocus = (locator) => locator.evaluate((e) => e === document.activeElement);
-/** What the page tells the person over the picture. */
+/** The message that the page shows over the picture. */
 const message = (page, text) => page.getByRole("main").getByRole("status").filter({ hasText: text });
-/** The address that holds what is seen now. */
+/** The address of the current view. */
 const linkOf = (page) => page.evaluate(() => globalThis.kilwa.api.link());
 const close = (a, b, within = 1e-6) => a.length === b.length && a.every((v, i) => Math.abs(v - b[i]) <= within * Math.max(1, Math.abs(b[i])));
 const rest = (page) => waitFor(page, "settled");
@@ -55,7 +55,7 @@ const stand = (given) => {
   const ground = api.groundBelow(eye);
   return { camera, eye, above: ground === null ? null : eye[2] - ground };
 };
-/** Look about in the court, where the ground is level some steps around, from three metres above it. */
+/** Look around in the court, where the ground is level for some steps, from three metres above it. */
 async function goToCourt(page) {
   await page.evaluate(() => {
     const { api } = globalThis.kilwa;
@@ -134,7 +134,7 @@ onBoth("a walk never falls through the ground, wherever it leads", async (gpu) =
     complaints,
     close: end,
   } = await open(site.browser, fort(`?error=4${gpu}`), {
-    // While frames are held, the ground stays what it is under whoever walks.
+    // While frames are held back, the ground under the walker does not change.
     before: (page) =>
       page.addInitScript(() => {
         const { requestAnimationFrame } = globalThis;
@@ -322,7 +322,7 @@ test("links, views and notes name the identity that kilwa measure prints; what n
     await words.waitFor();
     assert.equal(/another version/.test(await words.innerText()), wanted, JSON.stringify(json).slice(0, 120));
   };
-  // Each file has one thing more than the last, so that its message is another one.
+  // Each file has one thing more than the last, so that its message is different.
   const [view] = views.views;
   await read("Views", views, false);
   await read("Views", { ...views, views: [view, view], pack: hash }, false);
@@ -422,7 +422,7 @@ test("a flight is eased where motion is welcome, and the person can take over at
   });
   // 650 ms of flight are thirteen frames.
   assert.ok(seen.arrived && seen.views > 10, JSON.stringify(seen));
-  // Now they are 650, so that the wheel comes on the way.
+  // Now they are 650 frames, so that the wheel is turned during the flight.
   await page.evaluate(() => {
     globalThis.frameMilliseconds = 1;
     globalThis.flight = globalThis.kilwa.api.view("east");
@@ -431,7 +431,7 @@ test("a flight is eased where motion is welcome, and the person can take over at
   await canvasOf(page).hover();
   await page.mouse.wheel(0, -10);
   assert.equal(await page.evaluate(() => globalThis.flight), false);
-  assert.ok((await camera(page))[0] < Math.PI / 2, "the camera stays where it was taken over");
+  assert.ok((await camera(page))[0] < Math.PI / 2, "the camera stays where the flight was interrupted");
   assert.deepEqual(complaints, []);
   await end();
 });

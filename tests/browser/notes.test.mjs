@@ -22,7 +22,7 @@ const pins = (page) => page.getByRole("group", { name: "Notes" }).getByRole("but
 /** The note that is open. */
 const card = (page) => page.getByRole("region", { name: "Note", exact: true });
 const read = (page, file) => list(page).getByLabel("Read a file…").setInputFiles(file);
-/** What the page tells the person over the picture. */
+/** The message that the page shows over the picture. */
 const message = (page, text) => page.getByRole("main").getByRole("status").filter({ hasText: text });
 const json = (value) => ({ name: "notes.json", mimeType: "application/json", buffer: Buffer.from(typeof value === "string" ? value : JSON.stringify(value)) });
 const rest = (page) => waitFor(page, "settled");
@@ -136,7 +136,7 @@ onBoth("pins follow the camera, and fade where the model stands before them", as
   const after = await pin("In front").boundingBox();
   assert.ok(after.x > before.x + 5, "the pin moved with the model");
   await page.keyboard.press("2");
-  await fades("In front"); // From the other side, walls stand before it.
+  await fades("In front"); // From the other side, walls hide it.
   await page.getByLabel("Show notes on the model").uncheck();
   assert.equal(await pins(page).count(), 0);
   assert.match(await page.evaluate(() => globalThis.kilwa.api.link()), /notes=off/);

@@ -11,7 +11,7 @@ const HEAD = "bytes=0-65535";
 const site = fortSite({ proxied: true });
 
 const fort = (query = "", base = site.server.url) => `${base}/m/fort${query}`;
-/** What the page tells the person over the picture. */
+/** The message that the page shows over the picture. */
 const message = (page, text) => page.getByRole("main").getByRole("status").filter({ hasText: text });
 const dialog = (page, name) => page.getByRole("dialog", { name, exact: true });
 /** The link from a model's page to the list. */
@@ -56,7 +56,7 @@ test("the first picture needs one range request of the pack, and the model then 
   await close();
 });
 
-/** Runs in the page: whether the camera is elsewhere than these numbers (harness.mjs, numbersOf) say. */
+/** Runs in the page: whether the camera differs from these numbers (harness.mjs, numbersOf). */
 const hasMoved = (from) => {
   const { azimuth, elevation, distance, target, orthographic, roll, fieldOfView } = globalThis.kilwa.api.getCamera();
   const now = [azimuth, elevation, distance, ...target, Number(orthographic), roll, fieldOfView];

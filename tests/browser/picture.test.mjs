@@ -15,7 +15,7 @@ async function save(page) {
   return decodePng(await readFile(await download.path()));
 }
 
-test("a picture that is requested while the camera still moves, in slow frames, is made", async () => {
+test("a picture requested while the camera is still moving, at a low frame rate, is made", async () => {
   const { page, complaints, close } = await open(site.browser, `${site.server.url}/m/fort?error=8`, { size: [700, 500] });
   const size = await page.evaluate(async () => {
     const { api } = globalThis.kilwa;
@@ -89,7 +89,7 @@ test("a picture of the canvas shows what the canvas shows; one twice as large sh
   await close();
 });
 
-test("a picture of any size has the scale bar that was asked for, and no background where none was", async () => {
+test("a picture of any size has a scale bar if requested, and a background unless none is requested", async () => {
   const { page, complaints, close } = await open(site.browser, `${site.server.url}/m/fort?error=8`, { size: [700, 500] });
   const shown = await pixels(page);
   await openDialog(page);

@@ -6,7 +6,7 @@ import { inflateSync } from "node:zlib";
 const CHANNELS = { 0: 1, 2: 3, 4: 2, 6: 4 };
 
 /**
- * Width and height, channels of a pixel (3: red, green, blue; 4: alpha, too), the pixels with so many bytes each, rows from the top, and the chunks of the
+ * Width and height, channels of a pixel (3: red, green, blue; 4: alpha, too), the pixels with that many bytes each, rows from the top, and the chunks of the
  * file in their order: `{ type, data }`. `at(x, y)` is one pixel.
  */
 export function decodePng(bytes) {

@@ -56,7 +56,7 @@ test("on a phone nothing is wider than the screen and every control is large eno
   for (const address of PAGES) {
     const { page, close } = await look(address, { size: [390, 844], hasTouch: true, isMobile: true });
     assert.equal(await page.evaluate(() => document.documentElement.scrollWidth), 390, address);
-    // Links of a drawing stand in the list beside it, and all of a card is its link.
+    // The links of a drawing are also in the list beside it, and a whole card is its link.
     const drawn = await page.getByRole("group", { name: "Map" }).getByRole("link").elementHandles();
     const cards = await page
       .getByRole("listitem")
@@ -70,7 +70,7 @@ test("on a phone nothing is wider than the screen and every control is large eno
         (all, others) =>
           all
             .filter((e) => !others.includes(e))
-            // What is pressed is the label with its circle or box.
+            // The target is the label with its radio button or check box.
             .map((e) => [e, (["radio", "checkbox"].includes(e.type) ? e.labels[0] : e).getBoundingClientRect()])
             .filter(([, b]) => b.height < 43.5)
             .map(([e, b]) => `${e.textContent.trim() || e.name}: ${b.width} × ${b.height}`),

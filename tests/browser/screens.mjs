@@ -16,7 +16,7 @@ import { KILWA, ROOT, WWW, canvasOf, hostile, launch, measuredPack, packFolder, 
 
 const run = promisify(execFile);
 const SIZES = { desktop: [1440, 900], phone: [390, 844] };
-/** All shadings but the one of values that the scan measured: the fort has none. */
+/** All shadings except that of scalars, which the fort does not have. */
 const MODES = Object.entries(SHADINGS).filter(([mode]) => mode !== "scalar");
 /** Scenes that write other files than one of their name. */
 const FILES = {
@@ -86,7 +86,7 @@ class Shot {
     await this.rest();
   }
 
-  /** A key that the picture takes. */
+  /** Press a key while the picture has the focus. */
   async key(name) {
     await canvasOf(this.page).press(name);
     await this.rest();
@@ -140,7 +140,7 @@ const scenes = {
     for (const view of ["6", "1"]) {
       await shot.key(view);
       await shot.by("button", "viewSave").click();
-      await shot.page.keyboard.press("Enter"); // by the name that it has
+      await shot.page.keyboard.press("Enter"); // keeps the name that is suggested
       await shot.page.mouse.move(0, 0); // A row is there now.
     }
     await shot.key("6");
@@ -255,7 +255,7 @@ const scenes = {
   },
 };
 
-/** What stands in place of the model. */
+/** The message in place of the model. */
 const trouble = (shot) => shot.page.getByRole("alert").getByRole("heading");
 
 /** Pages that are not a fort at rest: address below the server, what to wait for, and what is done before it is opened. */

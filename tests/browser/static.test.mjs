@@ -80,7 +80,7 @@ async function host(program, args, port) {
       break;
     } catch (error) {
       assert.ok(tries < 100 && child.exitCode === null, `${program} does not serve the site: ${error.message}`);
-      await new Promise((resolve) => setTimeout(resolve, 100)); // between two tries: nothing tells when a program listens
+      await new Promise((resolve) => setTimeout(resolve, 100)); // between two attempts: a program does not announce when it listens
     }
   }
   return {

@@ -115,7 +115,7 @@ function watch({ late = 0, hold = false }) {
       super(...what);
       this.addEventListener("message", () => {
         seen.answers += 1;
-        // Once the page has taken it in: something came, and no frame is asked for.
+        // Once the page has processed it: something has arrived, and no frame is requested.
         setTimeout(() => isReady() && seen.waiting === 0 && seen.inPause?.());
       });
     }
@@ -160,7 +160,7 @@ test("while the browser gives no frames the model goes on coming, for two second
   assert.ok((await page.evaluate(() => globalThis.seen.arrived)) < held.requests, "something is still to come");
   release();
   await page.waitForFunction((requests) => globalThis.seen.arrived === requests, held.requests, { polling: 50 });
-  await page.clock.runFor(10_000); // by the page's clock: all that it does later comes at once
+  await page.clock.runFor(10_000); // by the page's clock: everything that it does later happens at once
   assert.deepEqual(await now(), held);
   await page.evaluate(() => globalThis.release());
   await waitFor(page, "settled");
@@ -189,7 +189,7 @@ test("where frames are slow to come, what came by itself leaves as long to what 
   });
   await waitFor(page, "settled");
   const { pauses, asked } = await page.evaluate(() => ({ ...globalThis.seen, inPause: null }));
-  assert.equal(asked, 1, "there was a pause, and in it a frame is asked for at once");
+  assert.equal(asked, 1, "there was a pause, during which a frame was requested at once");
   assert.ok(pauses.length >= 3, "else this shows nothing");
   assert.ok(
     pauses.every((ms) => ms >= 100),

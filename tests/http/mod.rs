@@ -30,7 +30,7 @@ fn check_bound(what: &str, unit: &str, bound: f64, measured: f64) {
     assert!(measured <= bound, "{what}: {measured} {unit} is more than {bound}");
 }
 
-/// As [`check_bound`], about time: a machine that does other things too proves nothing about it, so it is part of the long form only.
+/// As [`check_bound`], for times: a machine that is busy with other things proves nothing about them, so only the long form checks them.
 fn check_time(what: &str, unit: &str, bound: f64, measured: f64) {
     if full() {
         check_bound(what, unit, bound, measured);

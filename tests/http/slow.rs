@@ -25,7 +25,7 @@ async fn well_behaved(server: SocketAddr, ranges: usize) -> Vec<f64> {
                 let answer = client.get(URL, &range).await.unwrap();
                 times.push(began.elapsed().as_secs_f64() * 1e3);
                 assert_eq!((answer.status, answer.body.len()), (206, 65_536));
-                // What a person does between two requests.
+                // The time that a person takes between two requests.
                 tokio::time::sleep(Duration::from_millis(5)).await;
             }
             times
@@ -38,7 +38,7 @@ async fn well_behaved(server: SocketAddr, ranges: usize) -> Vec<f64> {
     all
 }
 
-/// The same after a few that do not count.
+/// The same after a few warm-up requests that do not count.
 async fn warm(server: SocketAddr, ranges: usize) -> Vec<f64> {
     well_behaved(server, 80).await;
     well_behaved(server, ranges).await
@@ -138,7 +138,7 @@ async fn slow_readers_use_little_memory() {
     }
     let (mut peak, mut bytes_read, mut buffer) = (0.0_f64, 0, vec![0; 1024]);
     for _ in 0..if full() { 40 } else { 6 } {
-        // This slowly they read; no state is waited for.
+        // The readers are this slow; the pause waits for no state.
         tokio::time::sleep(Duration::from_millis(250)).await;
         for client in &mut held {
             bytes_read += client.stream.read(&mut buffer).await.unwrap();

@@ -203,7 +203,7 @@ async fn held(server: &Server, before: f64, address: &str) -> Option<f64> {
     }
     let (mut peak, mut buffer) = (0.0_f64, vec![0; 512]);
     for _ in 0..if full() { 12 } else { 4 } {
-        // This slowly they read; no state is waited for.
+        // The readers are this slow; the pause waits for no state.
         tokio::time::sleep(Duration::from_millis(250)).await;
         for reader in &mut readers {
             // Where nothing has come, or no more comes, there is nothing to take.

@@ -105,7 +105,7 @@ impl Bench {
         path
     }
 
-    /// Run [`Self::command`] with a software renderer and without a day from outside.
+    /// Run [`Self::command`] with a software renderer and without `SOURCE_DATE_EPOCH`.
     pub(crate) fn publish(&self, pack: &Path, metadata: &str, more: &[&str]) -> Output {
         self.command(pack, metadata, more).arg("--software").env_remove("SOURCE_DATE_EPOCH").output().unwrap()
     }
@@ -137,7 +137,7 @@ impl Bench {
     }
 }
 
-/// Run the program, without a day from outside.
+/// Run the program without `SOURCE_DATE_EPOCH`.
 pub(crate) fn run(args: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_kilwa"));
     command.args(args).env_remove("SOURCE_DATE_EPOCH").stdin(Stdio::null()).output().unwrap()

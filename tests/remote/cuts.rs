@@ -51,7 +51,7 @@ pub(crate) fn killed_client(address: &str, token: &str, number: u32, site: &Path
         .stderr(Stdio::null())
         .spawn()
         .unwrap();
-    // The moment of the kill is what this is about; no state is waited for.
+    // The moment of the kill is the subject of this test; it waits for no state.
     std::thread::sleep(after);
     drop(child.kill());
     drop(child.wait());

@@ -174,7 +174,7 @@ async fn slow_readers_of_a_pack_in_a_store_use_little_memory() {
     }
     let (mut peak, mut buffer, mut read) = (before, vec![0; 4096], 0);
     for _ in 0..60 {
-        // This slowly they read; no state is waited for.
+        // The readers are this slow; the pause waits for no state.
         tokio::time::sleep(Duration::from_millis(250)).await;
         for client in &mut held {
             let taken = tokio::time::timeout(Duration::from_millis(20), client.stream.read(&mut buffer)).await;

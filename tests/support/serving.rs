@@ -6,7 +6,7 @@ use std::net::SocketAddr;
 use std::path::Path;
 use std::process::Child;
 
-/// Files of a built page that it can be without.
+/// Files that a built page can do without.
 const MORE: [&str; 3] = ["app.js", "icons/kilwa.svg", "icons/sprite.svg"];
 /// Those that are written into other pages, as they are.
 const TRUE: [&str; 4] = ["index.html", "style.css", "plain/plain.css", "plain/plain.js"];

@@ -1,4 +1,4 @@
-//! Questions without a meaningful number get a sentence instead of one.
+//! If a question has no meaningful value, Kilwa explains why instead of printing one.
 
 use super::phantoms::phantom;
 use crate::support::{fails, kilwa, text};

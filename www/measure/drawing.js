@@ -1,5 +1,5 @@
-// What a drawing to scale needs of JavaScript in the worker that measures. The loop is Rust's (core/measure/src/sheet/draw.rs); the page renders the parts
-// and keeps the bytes (sheet.js), and is asked for both; here the marks are painted, and the browser deflates.
+// The JavaScript side of a drawing to scale, in the measuring worker. The loop is in Rust (core/measure/src/sheet/draw.rs); the page renders the parts
+// and keeps the bytes (sheet.js), both on request; the marks are painted and the bytes deflated here.
 
 /** @import { Mark, SheetAsked } from "../types/page.js" */
 
@@ -8,7 +8,7 @@ const CANVAS = 4096;
 const ALIGN = /** @type {const} */ ({ start: "left", middle: "center", end: "right" });
 
 /**
- * `SheetHost` of viewer/measure/src/sheet.rs. Arrays that it is given may lie in the memory of the module: they are read before anything is waited for.
+ * `SheetHost` of viewer/measure/src/sheet.rs. Arrays that it is given may lie in the memory of the module: they are read before anything is awaited.
  * @param {SheetAsked} asked
  * @param {(method: string, args: unknown[], transfer?: Transferable[]) => Promise<any>} ask the page
  * @param {(rows: number, all: number) => void} progress
@@ -43,10 +43,10 @@ export function sheetHost({ direction }, ask, progress) {
 }
 
 /**
- * The marks of the sheet over some rows of red, green and blue, a piece of them at a time: no canvas is as wide as a sheet may be.
+ * Paint the marks of the sheet over some RGB rows, one piece at a time: a sheet may be wider than any canvas.
  * @param {Mark[]} marks
  * @param {Uint8Array} rgb
- * @param {{k: number, width: number, top: number, direction: CanvasDirection}} band `k`: pixels of a millimetre
+ * @param {{k: number, width: number, top: number, direction: CanvasDirection}} band `k`: pixels per millimetre
  */
 function paint(marks, rgb, { k, width, top, direction }) {
   const rows = rgb.length / (width * 3);
@@ -81,7 +81,7 @@ function paint(marks, rgb, { k, width, top, direction }) {
  * Edges of boxes fall on whole pixels, so that a bar is as long as its words state.
  * @param {OffscreenCanvasRenderingContext2D} draw
  * @param {Mark} mark
- * @param {{k: number, left: number, top: number}} at `k`: pixels of a millimetre
+ * @param {{k: number, left: number, top: number}} at `k`: pixels per millimetre
  */
 function paintMark(draw, mark, { k, left, top }) {
   const grey = (/** @type {number} */ g) =>

@@ -19,7 +19,7 @@
 // engine.write(what, format, { scale })   → text; what: a document (json, csv, geojson, dxf) or an answer with lines (those and svg)
 // engine.read(text)                       → document, with `same`: false where it is of another pack; its points are counted from this pack's origin
 // engine.drawing(asked, host, { progress, signal }) → { paper, world, isFull }: a drawing to scale; sheet.js is the host
-// Progress: { done, all } bytes, of a drawing rows; all is 0 where nobody knows; { waiting: seconds } while the connection is gone. A signal that is aborted rejects with
+// Progress: { done, all } bytes, of a drawing rows; all is 0 if it is unknown; { waiting: seconds } while the connection is gone. A signal that is aborted rejects with
 // an AbortError; a pack that changed or cannot be read with a sentence (`said` where it is the engine's, `kind` where it is the network's). Questions asked last are fetched for first.
 
 import { isPassing } from "../answer.js";
@@ -356,7 +356,7 @@ export class Engine {
   }
 
   /**
-   * What a drawing asks of its host.
+   * Answer a request that a drawing makes to its host.
    * @param {{need: number, call: number, method: keyof SheetHost, args: any[]}} asked
    */
   async #answer({ need, call, method, args }) {

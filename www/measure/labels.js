@@ -8,7 +8,7 @@ const GAP = 12;
 const AIR = 4;
 /** A label that does not fit. */
 export const SMALL = [28, 22];
-/** The area round other measurements' places that a label should not cover, half of it. */
+/** Half of the size of the area around other measurements' places that a label should not cover. */
 const DOT = 7;
 
 /**

@@ -226,7 +226,7 @@ export class Marks {
   }
 
   /**
-   * From places to labels that are away from them.
+   * Draw lines from places to labels that are not beside them.
    * @param {CanvasRenderingContext2D} context
    */
   #leaders(context) {

@@ -17,7 +17,7 @@ let engine;
 /** What a trap left behind: the instance is of no use after it. @type {Error | null} */
 let broken = null;
 let needs = 0;
-/** What the page was asked for, by its number. @type {Map<number, {call: number, resolve: (bytes: Uint8Array) => void, reject: (error: Error) => void}>} */
+/** Requests to the page, by number. @type {Map<number, {call: number, resolve: (bytes: Uint8Array) => void, reject: (error: Error) => void}>} */
 const waiting = new Map();
 /** @type {Set<number>} */
 const cancelled = new Set();
@@ -38,7 +38,7 @@ function ask(call, what, transfer = []) {
     if (cancelled.has(call)) reject(gone());
     else waiting.set(need, { call, resolve, reject });
   });
-  answer.catch(() => {}); // what was fetched ahead may never be looked at
+  answer.catch(() => {}); // bytes that were fetched ahead may never be used
   if (waiting.has(need)) postMessage({ need, call, ...what }, { transfer });
   return answer;
 }

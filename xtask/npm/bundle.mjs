@@ -8,7 +8,7 @@ import { fileURLToPath } from "node:url";
 
 const [, , www, out, ...glue] = process.argv;
 const common = { outdir: out, bundle: true, format: "esm", target: "es2022", minify: true, charset: "utf8", logLevel: "warning" };
-// Pages of others load this one alone, perhaps as a copy: it shares no chunk with the viewer.
+// Other people's pages load this one alone, perhaps as a copy: it shares no chunk with the viewer.
 await build({ ...common, entryPoints: [join(www, "kilwa-viewer.js")] });
 const entries = ["boot.js", "app.js", "decode-worker.js", "measure/worker.js"];
 const result = await build({

@@ -1,4 +1,4 @@
-//! The tools that the tasks need beside cargo, checked before they are used and installed where that is possible without asking:
+//! The tools that the tasks need besides cargo, checked before they are used and installed where that is possible without asking:
 //! the wasm target (rustup), Node and npm packages (npm ci from the lock files), Debian's Chromium, Mesa's software
 //! Vulkan and strace (apt-get, only as root).
 //!

@@ -20,7 +20,7 @@ impl Location {
         })
     }
 
-    /// The location as the items of a list give it away together: `["-8.956", "39.600"]`.
+    /// The location, if the items of a list together give it away: `["-8.956", "39.600"]`.
     pub fn find_in_list<'a>(&self, items: impl IntoIterator<Item = &'a str>) -> Option<Finding> {
         let items: Vec<&str> = items.into_iter().collect();
         if items.len() < 2 {

@@ -18,7 +18,7 @@ fn fort() -> Location {
 /// * `found by form` and `found by place`: every form of the fort's place (its middle is 565975 E, 9009945 N; -8.9562, 39.6001 by its
 ///   system, -8.9577, 39.5228 by its metadata). The former look like coordinates, so they are refused even if the place is unknown;
 ///   the latter only match the place.
-/// * `ordinary`: sentences of catalogues, reports and metadata that no search may refuse.
+/// * `ordinary`: sentences of catalogues, reports and metadata in which no search may find a location.
 fn texts(part: &str) -> Vec<String> {
     let parts: BTreeMap<String, BTreeMap<String, Vec<String>>> =
         serde_json::from_str(include_str!("texts.json")).unwrap();

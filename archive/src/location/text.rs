@@ -146,7 +146,7 @@ fn one(c: char) -> Option<char> {
     })
 }
 
-/// With `%2C` and the like as what they represent; everything else stays.
+/// The text with `%2C` and the like decoded; everything else stays.
 fn without_percent(text: &str) -> String {
     let bytes = text.as_bytes();
     let hex = |at: usize| bytes.get(at).and_then(|b| char::from(*b).to_digit(16));
@@ -165,7 +165,7 @@ fn without_percent(text: &str) -> String {
     String::from_utf8_lossy(&out).into_owned()
 }
 
-/// With `&#57;`, `&#x39;`, `\u0039`, `\u{39}` and `\x39` as what they represent; everything else stays.
+/// The text with `&#57;`, `&#x39;`, `\u0039`, `\u{39}` and `\x39` decoded; everything else stays.
 fn without_escapes(text: &str) -> String {
     let (mut out, mut rest) = (String::with_capacity(text.len()), text);
     while let Some(at) = rest.find(['&', '\\']) {
@@ -229,7 +229,7 @@ pub(super) struct Number {
     pub(super) value: f64,
     /// Digits behind the point.
     pub(super) decimals: usize,
-    /// Its place: the first character, and the one after its last.
+    /// Its place: its first character, and the one after its last.
     pub(super) from: usize,
     pub(super) to: usize,
     /// Whether a comma and a space were read as a decimal comma: more often these are two numbers of a list.
@@ -308,7 +308,7 @@ fn with_blanks(text: &[char]) -> Vec<Number> {
     all
 }
 
-/// The numbers that runs of digits can mean: each for itself, all as one number, and with the last sign, or any one point, as the decimal one.
+/// The numbers that runs of digits can mean: each run by itself, all runs as one number, and with the last sign, or any single point, as the decimal separator.
 fn readings(text: &[char], runs: &[Run], signs: &[char], all: &mut Vec<Number>) {
     let mut add = |digits: &str, decimals: usize, from: usize, to: usize| {
         let Ok(mut value) = digits.parse::<f64>() else { return };

@@ -1,5 +1,5 @@
-//! A metadata file as lines, for mistakes that a reader of TOML cannot name: a field below a block that is a comment, quotation marks of
-//! word processors, dates without any.
+//! A metadata file as lines, for mistakes that a TOML parser cannot name: a field below a commented-out block, quotation marks of
+//! word processors, dates without quotation marks.
 
 use super::problem::Problem;
 use crate::date::iso;

@@ -1,4 +1,4 @@
-//! The metadata that a person writes about a model: title, rights, people, place, capture (docs/metadata.md says each field).
+//! The metadata that a person writes about a model: title, rights, people, place, capture (docs/metadata.md describes each field).
 //!
 //! Written as TOML ([`Metadata::parse`], strict: every mistake at once, each with line, field and what to do; [`template`] is where to
 //! begin), kept in the object as JSON of the same names. Invariants of a [`Metadata`]: texts are trimmed, not empty, without control

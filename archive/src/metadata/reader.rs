@@ -46,7 +46,7 @@ impl<'a> File<'a> {
     pub(super) fn into_problems(self) -> Vec<Problem> {
         let mut problems = self.problems.into_inner();
         problems.sort_by_key(|p| p.line);
-        // A value that is still an example counts as absent: that it is needed goes without saying.
+        // A value that is still an example counts as absent, but is not also reported as missing.
         let examples: Vec<(usize, String)> =
             problems.iter().filter(|p| p.is_example).map(|p| (p.line, p.field.clone())).collect();
         problems.retain(|p| p.is_example || !examples.contains(&(p.line, p.field.clone())));

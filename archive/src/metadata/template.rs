@@ -36,7 +36,7 @@ pub struct Known {
     pub counts: Option<(u64, u64)>,
 }
 
-/// The file. It has what is known; what is needed and not known is empty; all else is a comment.
+/// The file. Known values are filled in, unknown required ones are empty, and everything else is commented out.
 pub fn write(known: &Known) -> String {
     let mut s = String::from(HEAD);
     if let Some((triangles, vertices)) = known.counts {

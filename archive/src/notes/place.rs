@@ -42,7 +42,7 @@ pub fn scene_point(place: DVec3, origin: DVec3) -> DVec3 {
     DVec3::new(x, z, -y).map(rounded)
 }
 
-/// To a part of a metre; minus zero is no better zero.
+/// Rounded to the `PARTS`th part of a metre; minus zero becomes zero.
 fn rounded(v: f64) -> f64 {
     (v * PARTS).round() / PARTS + 0.0
 }

@@ -227,7 +227,7 @@ fn a_note_without_its_location_keeps_text_and_view_and_nothing_that_reveals_it()
         assert!(text.contains(kept), "{kept} in {text}");
     }
     let camera = hidden.notes[0].view.as_ref().unwrap().camera.as_ref().unwrap();
-    assert_eq!(camera[3..6], near.to_array(), "it is looked at as before");
+    assert_eq!(camera[3..6], near.to_array(), "the camera still looks at it");
     // Redacting is idempotent, so a server can check that nothing is left.
     let again = Notes::parse(&bytes).unwrap().without_place(DVec3::ZERO, &[]);
     assert_eq!(again.to_bytes("pack.kilwa", "0123456789abcdef").unwrap(), bytes);

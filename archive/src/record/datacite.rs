@@ -1,6 +1,6 @@
 //! `metadata/datacite.json`: the DataCite Metadata Schema 4 (kernel-4), in the form of its JSON schema and REST interface.
 //!
-//! Fields that DataCite needs and nobody gave get its codes for unknown values: `:unkn` for makers, `:unav` for a publisher.
+//! Fields that DataCite requires and that have no value get its codes for unknown values: `:unkn` for creators, `:unav` for a publisher.
 
 use super::Publication;
 use crate::metadata::{Agent, AgentKind, Related};

@@ -210,8 +210,8 @@ fn json(value: &Value) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// Media type of a file, by its name: what the server sends it as, without the character set, but for JSON-LD and link sets, whose type readers of
-/// the records look for.
+/// Media type of a file, by its name: the type that the server sends, without the character set. JSON-LD and link sets are exceptions, because
+/// programs that read the records look for their types.
 pub fn media_type(path: &str) -> &'static str {
     if path.ends_with(IIIF) || path.ends_with(ANNOTATIONS) {
         return "application/ld+json";

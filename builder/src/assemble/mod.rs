@@ -256,7 +256,7 @@ fn saturate(entries: &mut [DirectoryEntry]) {
     }
 }
 
-/// A ball round balls; the first one is the entry's own geometry: centred on that, or the running union, whichever
+/// A bounding sphere of spheres, the first of which bounds the entry's own geometry: centred on that one, or the running union, whichever
 /// is smaller.
 fn enclose(balls: &[Sphere]) -> Sphere {
     let union = balls.iter().fold(Sphere::EMPTY, |a, b| a.union(b));

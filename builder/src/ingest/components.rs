@@ -48,7 +48,7 @@ pub(super) struct LocalComponents {
 }
 
 impl LocalComponents {
-    /// `triangles` name points `0..points`, and every one of them.
+    /// `triangles` refer to points `0..points`, and use every one of them.
     pub(super) fn of(triangles: &[[u32; 3]], points: usize) -> Self {
         let mut sets = Sets::new(points);
         for t in triangles {

@@ -1,6 +1,6 @@
 //! The first half of a build, out of core: from what readers deliver to the patches of the leaves and the tree.
 //!
-//! Stages, each a function over named files of the scratch folder; what a stage knows beside its files is in a small
+//! Stages, each a function over named files of the scratch folder; the rest of a stage's state is in a small
 //! JSON file of its name, written when the files are complete, and its input is removed after that. A stage whose JSON
 //! is there is skipped, so a build that was interrupted continues with the first that is not. Files of these stages are not
 //! forced to the disk, where many are never written at all: [`can_resume`] checks whether the machine has run without a
@@ -77,7 +77,7 @@ pub fn scratch_needed(vertices: u64, triangles: u64, vertex_bytes: u64) -> u64 {
     let spool = vertices * (24 + vertex_bytes) + 12 * triangles;
     let corners = triangles * 3 * (12 + vertex_bytes);
     let welded = vertices * (20 + vertex_bytes) + 12 * triangles;
-    // Corners exist beside the spool first, then beside the buckets; then buckets beside welded; then that and leaves.
+    // On disk at the same time: spool and corners, then corners and buckets, then buckets and welded, then welded and leaves.
     (spool + corners).max(corners * 21 / 10).max(corners + welded).max(welded * 2)
 }
 

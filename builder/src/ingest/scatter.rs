@@ -61,7 +61,7 @@ pub(super) fn capacity(work: &Work<'_>, layout: Layout, triangles: u64, options:
     let fits = work.memory / 10 * 7 / threads / bytes_per_triangle(layout);
     // Small enough to keep all threads busy to the end, large enough for few halo triangles.
     let even = (triangles / (8 * threads)).max(1 << 15);
-    // They are also small enough that the tables of a bucket stay in the caches of a processor where its triangles are in no order.
+    // They are also small enough that a bucket's tables stay in the processor's caches even if its triangles are in no particular order.
     fits.min(even).clamp((options.leaf_triangles as u64 / 2).max(16), 1 << 18)
 }
 

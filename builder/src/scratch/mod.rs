@@ -2,7 +2,7 @@
 //!
 //! A [`Scratch`] is a folder that one build holds locked. [`ScratchFile`] is a plain file that any thread appends to and
 //! reads by position; [`PatchFile`] keeps patches by tetrahedron, [`Records`] 16-byte records that are sorted outside
-//! of memory. How many bytes are in the folder, now and at most, is counted as they are written and removed.
+//! of memory. The bytes in the folder, current and peak, are counted as they are written and removed.
 //!
 //! The folder is used only if the file `lock` in it says that Kilwa made it. Links are never followed, neither to the folder nor inside it.
 //!

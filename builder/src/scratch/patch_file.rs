@@ -2,7 +2,7 @@
 //!
 //! A patch is `vertices u32 | triangles u32 | flags u8 | channels u8 | positions 3×i32 | colours 3×u8 | normals 2×i16 |
 //! scalars f32 | corners 3×u16 or 3×u32 | borders u8 | bounds 2×f32 | CRC-32`; colours, borders and bounds that are not
-//! there, or all zero, take no space. A leaf of a coloured scan takes about 17 bytes a triangle.
+//! there, or are all zero, take no space. A leaf of a coloured scan takes about 17 bytes a triangle.
 
 use super::{Scratch, ScratchError, ScratchFile};
 use crate::levels::certify::Bound;

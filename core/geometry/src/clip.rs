@@ -1,4 +1,4 @@
-//! The clip: a plane and a box, in lattice units. Exact in f64; what is cut away wholly is neither loaded nor drawn.
+//! The clip: a plane and a box, in lattice units. Exact in f64; parts that are cut away entirely are neither loaded nor drawn.
 
 use crate::Sphere;
 use glam::DVec3;
@@ -35,7 +35,7 @@ impl ClipBox {
     }
 }
 
-/// A clip: it cuts away what the plane or the box removes.
+/// A clip: a plane, a box or both; everything that either of them removes is cut away.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Clip {
     /// One plane.

@@ -26,7 +26,7 @@ impl Uncertainty {
     }
 }
 
-/// The standard uncertainty of `f` of some points, if each of their coordinates has the independent standard uncertainty
+/// The standard uncertainty of `f` at the given points, if each of their coordinates has the independent standard uncertainty
 /// `per_axis` (JCGM 100:2008 "GUM", 5.1.2; the derivatives by central differences over one uncertainty, at least a
 /// millionth of the extent). Where `f` has no value next to the points, that direction is left out.
 pub fn propagate<const N: usize>(

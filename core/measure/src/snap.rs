@@ -1,7 +1,7 @@
 //! Snapping: from a picked point to the vertex, crease or border of the finest surface that is nearest to it.
 //!
 //! A crease is an edge whose two triangles are bent by more than [`CREASE`]; a border is an edge of one triangle. Every triangle that
-//! reaches into the ball round the point is looked at, of whatever chunk, so that an edge between two chunks is not taken for a border.
+//! reaches into the sphere around the point is examined, whichever chunk it is in, so that an edge between two chunks is not taken for a border.
 
 use crate::clip::Clip;
 use crate::leaves::{Failure, Leaves, finest};

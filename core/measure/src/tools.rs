@@ -133,7 +133,7 @@ fn polygon(points: &[DVec3], point: &Uncertainty) -> Result<Vec<Reading>, Refusa
 
 fn circle(points: &[DVec3], point: &Uncertainty) -> Result<Vec<Reading>, Refusal> {
     let c = Circle::fit(points)?;
-    // The scatter of the points counts where it is larger than the uncertainty known of each.
+    // The scatter of the points is used if it is larger than the known uncertainty of each point.
     let free = points.len().saturating_sub(3);
     let scatter = if free > 0 { c.rms * libm::sqrt(points.len() as f64 / free as f64) } else { 0.0 };
     let u = c.spread * point.combined().max(scatter);

@@ -54,7 +54,7 @@ impl Enclosed {
         self.area.value()
     }
 
-    /// The factor by which the standard uncertainty of a coordinate is multiplied to give that of the volume: points err by themselves, and each
+    /// The factor by which the standard uncertainty of a coordinate is multiplied to give that of the volume: the errors of points are independent, and each
     /// has six triangles round it (a point moves a third of their area vectors; there are half as many points as triangles).
     pub fn spread(&self) -> f64 {
         libm::sqrt(2.0 * self.squares.value())

@@ -1,4 +1,4 @@
-//! The loop over a drawing with a host that only notes what it is asked for.
+//! The loop over a drawing with a fake host that only records its calls.
 
 use flate2::Compression;
 use flate2::write::ZlibEncoder;

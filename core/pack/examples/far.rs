@@ -1,5 +1,5 @@
 //! `far PACK OUT BYTES`: the same pack, with everything behind its head moved on by so many bytes: a file of many gigabytes that
-//! takes up as little space as before where the file system keeps holes. For tests of offsets beyond 2^32.
+//! takes up no more disk space than before if the file system supports sparse files. For tests of offsets beyond 2^32.
 
 use kilwa_pack::footer::Footer;
 use kilwa_pack::{ENTRIES_PER_PAGE, PAGE_BYTES, Reader, SliceSource};

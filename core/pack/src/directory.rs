@@ -72,7 +72,7 @@ pub struct Children {
 const WHOLE: u8 = 0x80;
 
 impl Children {
-    /// The directory pages that the children are on, with others between them.
+    /// The directory pages from that of the first child to that of the last.
     pub fn pages(&self) -> std::ops::RangeInclusive<u32> {
         let first = page_of(self.first);
         first..=first.saturating_add(u32::from(self.pages))
@@ -116,7 +116,7 @@ pub fn link_children(entries: &mut [DirectoryEntry], is_whole: impl Fn(usize) ->
     }
 }
 
-/// The value that [`DirectoryEntry::children`] has to have, but for [`Children::is_whole`]; none where the fields are too small, or nothing names the entry.
+/// The value that [`DirectoryEntry::children`] must have, except for [`Children::is_whole`]; `None` if the fields are too small, or if no entry names this one as its parent.
 pub(crate) fn children_of(entries: &[DirectoryEntry]) -> Vec<Option<Children>> {
     let mut found = vec![(0u32, 0u32, 0u32, 0f32); entries.len()];
     for (index, entry) in (0u32..).zip(entries) {

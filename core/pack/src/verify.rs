@@ -50,7 +50,7 @@ impl Totals {
     /// Compare with what header and metadata say, all chunks having been counted.
     ///
     /// # Errors
-    /// [`PackError::Invalid`] when a triangle or border is missing or is there twice, or the model is not as large as
+    /// [`PackError::Invalid`] when a triangle or border is missing or occurs twice, or the model is not as large as
     /// the metadata says.
     pub fn agree(&self, header: &Header, metadata: &Metadata) -> Result<(), PackError> {
         for (what, found, announced) in [

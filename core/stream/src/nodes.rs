@@ -30,7 +30,7 @@ pub(crate) struct Node {
     pub(crate) refined: bool,
 }
 
-/// Children on pages farther apart than this are looked for by the chunk's own table: most pages between would be of others.
+/// Children on pages farther apart than this are found through the chunk's own table: most pages in between would belong to other chunks.
 const CLOSE_PAGES: u8 = 2;
 
 /// Bytes of one vertex in GPU memory.

@@ -195,7 +195,7 @@ fn a_step_between_frames_does_not_change_the_prediction_of_a_glide() {
         let between = attended.attend(&flight.at(now), now + FRAME_MS / 2.0, []);
         let with = attended.step(&flight.at(next), next, []);
         let without = plain.step(&flight.at(next), next, []);
-        // The same requests would be cancelled without the step between.
+        // Without the step in between, the same requests would be cancelled.
         for cancelled in between.commands.iter().chain(&with.commands).filter(|c| matches!(c, Command::Cancel { .. })) {
             assert!(without.commands.contains(cancelled), "at {now}: {cancelled:?} of {between:?} {with:?}");
         }

@@ -1,6 +1,6 @@
 //! Numbers in text files.
 
-/// The number that a word represents, also in the forms in which C writes what is not a number.
+/// The number that a word represents, including the forms in which C writes NaN and infinity, which give NaN.
 #[inline]
 pub(super) fn number(word: &[u8]) -> Option<f64> {
     let plain = std::str::from_utf8(word).ok()?;

@@ -11,7 +11,7 @@ use crate::Up;
 use glam::{DAffine3, DMat3, DMat4, DVec3, Vec3};
 use kilwa_geometry::LengthUnit;
 
-/// An affine map of space that can be undone.
+/// An invertible affine map of space.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Placement {
     target_from_source: DAffine3,
@@ -91,7 +91,7 @@ impl Placement {
         [0, 1, 2].map(|i| self.target_from_source.matrix3.row(i))
     }
 
-    /// By rows: by columns it is rounded otherwise, and near the limit another matrix would be refused.
+    /// By rows: computing it by columns rounds differently, and near the limit other matrices would be refused.
     fn determinant(&self) -> f64 {
         let [a, b, c] = self.rows();
         a.dot(b.cross(c))

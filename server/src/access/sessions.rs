@@ -34,7 +34,7 @@ const ID_DIGITS: usize = 32;
 pub struct Sessions {
     /// The folder, else they are in `kept`.
     folder: Option<PathBuf>,
-    /// When each ends, by its name; where there is a folder, only those that are being written to it.
+    /// When each session ends, by its name; if there is a folder, only the sessions that are being written to it.
     kept: Mutex<HashMap<String, u64>>,
 }
 
@@ -42,7 +42,7 @@ pub struct Sessions {
 struct Reserved {
     holder: Holder,
     until: u64,
-    /// Names of those that end when it begins.
+    /// Names of the sessions that end when it begins.
     ended: Vec<String>,
 }
 
@@ -69,7 +69,7 @@ impl Sessions {
         self.store(self.reserve(who, now)?)
     }
 
-    /// Choose a new session and those that end for it.
+    /// Choose a new session, and the sessions that end to make room for it.
     fn reserve(&self, who: &str, now: u64) -> io::Result<Reserved> {
         let id: String = Key::new().map_err(io::Error::other)?.to_hex().chars().take(ID_DIGITS).collect();
         let holder = Holder { who: who.to_owned(), session: id };
@@ -104,7 +104,7 @@ impl Sessions {
         let is_ended = self.lock().remove(&name).is_none();
         written?;
         if is_ended {
-            // While it was written: what came later counts.
+            // It was ended while it was being written: the later action counts.
             remove(folder, &[name])?;
         }
         Ok(holder)
@@ -154,7 +154,7 @@ impl Sessions {
         self.folder.as_ref().map_or(Ok(()), |folder| remove(folder, &own))
     }
 
-    /// All of them, with when they end; other files are left alone.
+    /// All sessions, with the time when each ends; other files are left alone.
     fn all(&self, kept: &HashMap<String, u64>) -> io::Result<HashMap<String, u64>> {
         let mut all = kept.clone();
         let Some(folder) = &self.folder else { return Ok(all) };
@@ -190,7 +190,7 @@ fn until_of(folder: &Path, name: &str) -> io::Result<Option<u64>> {
     }
 }
 
-/// Remove the files of sessions, as many as can be.
+/// Remove the files of sessions, as many as possible.
 fn remove(folder: &Path, names: &[String]) -> io::Result<()> {
     let mut removed = Ok(());
     for name in names {
@@ -199,7 +199,7 @@ fn remove(folder: &Path, names: &[String]) -> io::Result<()> {
             _ => {}
         }
     }
-    // A cut of power must not bring them back.
+    // A power failure must not bring them back.
     atomic::sync_folder(folder).and(removed)
 }
 
@@ -286,7 +286,7 @@ mod tests {
             sessions.end_all("amina").expect("ends, without waiting for the other");
             let holder = sessions.store(reserved).expect("stores");
             assert!(!sessions.lives(&holder));
-            // Many at once, of which none is in the folder yet.
+            // Many at once, none of which is in the folder yet.
             let reserved: Vec<Reserved> = (0..PER_USER as u64 + 3).map(|n| reserve(NOW + n)).collect();
             let all: Vec<Holder> = reserved.into_iter().map(|r| sessions.store(r).expect("stores")).collect();
             assert_eq!(all.iter().filter(|holder| sessions.lives(holder)).count(), PER_USER);

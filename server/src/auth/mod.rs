@@ -73,7 +73,7 @@ impl Auth {
         Ok(Self { file: file.to_owned(), known, addresses, names, sessions, audit, freshness: FRESHNESS })
     }
 
-    /// With another freshness than [`FRESHNESS`]; zero looks at the file for every request.
+    /// With a freshness other than [`FRESHNESS`]; with zero, every request checks the file.
     #[must_use]
     pub fn with_freshness(mut self, freshness: Duration) -> Self {
         self.freshness = freshness;

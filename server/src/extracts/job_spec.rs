@@ -71,7 +71,7 @@ impl Detail {
     /// Metres as people type them.
     pub(crate) fn error(text: &str) -> Option<Self> {
         let metres: f64 = text.trim().replace(',', ".").parse().ok()?;
-        // A value is read back as it was written: six digits after the point are a thousandth of a millimetre.
+        // Rounded, so that a value is read back as it was written: six digits after the point are a thousandth of a millimetre.
         let metres = (metres * 1e6).round() / 1e6;
         (metres > 0.0 && metres <= 1e4).then_some(Self::Error(metres))
     }

@@ -1,4 +1,4 @@
-//! Where the pack lies that a mesh is taken out of, and how it is read: a file of this computer, or one of a store, from which only what is needed is fetched.
+//! The pack that a mesh is extracted from, and how it is read: a local file, or a file in a store, of which only the parts that are needed are fetched.
 
 use crate::store::{BLOCK, Blocks, Identity, Place, is_silent};
 use kilwa_archive::source::FileSource;

@@ -100,7 +100,7 @@ mod tests {
                     let once = std::panic::AssertUnwindSafe(|| {
                         readers.with(file, |_| {
                             max.fetch_max(now.fetch_add(1, Ordering::SeqCst) + 1, Ordering::SeqCst);
-                            // Searching takes time, so that readers overlap.
+                            // The search takes some time, so that readers overlap.
                             std::thread::sleep(std::time::Duration::from_millis(2));
                             now.fetch_sub(1, Ordering::SeqCst);
                             assert!(number % 20 != 7, "one of the panics of this test");

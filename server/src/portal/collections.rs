@@ -107,7 +107,7 @@ pub struct Collections {
     /// The person who keeps the server named this very file, which may then be a link.
     is_named: bool,
     known: Mutex<Known>,
-    /// A file of this computer is not looked at more often than this.
+    /// The shortest time between two checks of a local file.
     freshness: Duration,
 }
 
@@ -136,7 +136,7 @@ impl Collections {
         collections
     }
 
-    /// With another freshness than [`FRESHNESS`]; zero looks at a file of this computer for every request.
+    /// With a freshness other than [`FRESHNESS`]; with zero, every request checks a local file.
     #[must_use]
     pub fn with_freshness(mut self, freshness: Duration) -> Self {
         self.freshness = freshness;

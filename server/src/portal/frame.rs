@@ -1,4 +1,4 @@
-//! The common parts of the portal's pages: head, header with the ways to its parts and the languages.
+//! The common parts of the portal's pages: head, header with links to its parts and the choice of language.
 
 use super::encoded;
 use super::language::Language;

@@ -39,7 +39,7 @@ impl Window {
         (is_box && is_here).then_some(Self([west, south, east, north]))
     }
 
-    /// The box that holds all of these, with some air.
+    /// The box around all of these, with a margin.
     fn around<'a>(places: &(impl Iterator<Item = &'a Located> + Clone)) -> Option<Self> {
         let fold = |k: usize, pick: fn(f64, f64) -> f64| places.clone().map(|p| p.at[k]).reduce(pick);
         let (south, north) = (fold(0, f64::min)?, fold(0, f64::max)?);
@@ -248,7 +248,7 @@ struct DrawnDot {
 
 struct Many {
     radius: String,
-    /// Where the number is.
+    /// Vertical position of the number.
     y: String,
     count: String,
 }

@@ -1,7 +1,7 @@
 //! A file of a store, read in small stretches here and there: what of it is asked for is fetched in blocks, and held in a file of bounded length.
 //!
 //! Inputs: the file as it was listed; it is taken under that ETag and length or not at all. Blocks that follow each other are fetched together, several
-//! stretches at once; of those that are held the one that was asked for longest ago is replaced by the next. Whether the bytes are right is
+//! stretches at once; of the blocks that are held, the least recently used is replaced first. Whether the bytes are right is
 //! for whoever reads them to see (every part of a pack has a checksum). Invariants: the file that holds them has no name, so that a crash leaves nothing of
 //! it, and never grows beyond what was allowed. Failures: a store that goes away is waited for ([`PATIENCE`]); a full disk, a file that is another
 //! by now and one that the store refuses are errors of the read that needs them.
@@ -174,7 +174,7 @@ impl Source for Blocks {
         if length == 0 {
             return Ok(all);
         }
-        // The part of a block that lies in the stretch goes to its place there.
+        // Copies the part of a block that lies in the stretch to its place there.
         let mut copy = |number: u64, block: &[u8]| {
             let of = self.block(number);
             let (from, to) = (of.start.max(offset), of.end.min(end));

@@ -36,7 +36,7 @@ pub(super) struct Claim<'a> {
     held: Mutex<(Option<String>, Instant)>,
 }
 
-/// The purpose of a claim, from the object as it lies in a folder: what is published, without the day and the pictures, which another run may rebuild.
+/// The purpose of a claim, from the object in its folder: what is published, without the day and the pictures, which another run may rebuild.
 pub(super) fn purpose(object: &Path, version: u32) -> io::Result<String> {
     let manifest =
         Manifest::parse(&plain_file::read_at(&object.join(MANIFEST), SMALL_FILE_MAX)?).map_err(io::Error::other)?;

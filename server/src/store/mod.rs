@@ -131,12 +131,12 @@ impl Place {
         }
     }
 
-    /// What is seen of many objects is trusted so long: of a folder for `freshness`, of a store as its options say.
+    /// How long a listing of many objects is trusted: `freshness` for a folder, the time in its options for a store.
     pub(crate) fn listed_for(&self, freshness: Duration) -> Duration {
         self.store().map_or(freshness, |store| store.refresh())
     }
 
-    /// The same of one object.
+    /// The same for one object.
     pub(crate) fn looked_at_for(&self, freshness: Duration) -> Duration {
         self.store().map_or(freshness, |store| store.look_again())
     }

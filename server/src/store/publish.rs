@@ -37,7 +37,7 @@ const PART: u64 = 16 << 20;
 const PARTS: u64 = 9000;
 /// How often a file that somebody else writes at the same time is tried.
 const TRIES: usize = 3;
-/// The file that is written to see whether that is allowed.
+/// The file that is written to test whether writing is allowed.
 const PROBE: &str = ".kilwa-may-write";
 /// Name of the SHA-256 in a file's metadata.
 const SUM: &str = "sha256";

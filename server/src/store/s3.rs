@@ -3,8 +3,8 @@
 //! Inputs: [`S3Options`]. Whoever lists or reads small files waits for it on a thread of the pool for blocking work; what is long is
 //! streamed. The store's requests run on threads of their own, each step within `timeout`, and are tried a second time. Invariants: a file
 //! is taken only under the ETag and length that it was listed with; no message holds a key or a signed address. Failures: a store that
-//! does not answer, or refuses to be listed, begins an [`super::outage`], in which it is only asked whether it answers; what one that
-//! answers does not give is [`super::refused`], one file at a time.
+//! does not answer, or refuses to be listed, begins an [`super::outage`], in which it is only asked whether it answers; a file that a store
+//! that answers does not give is [`super::refused`], one file at a time.
 
 use super::held::Held;
 use super::http::{Connector, Failure, Seen};
@@ -44,7 +44,7 @@ const KEYS: [&str; 5] = [
     "AWS_CONTAINER_CREDENTIALS_FULL_URI",
     "AWS_SKIP_SIGNATURE",
 ];
-/// A look at one object is trusted at most this long.
+/// How long the state of one object is trusted at most.
 const LOOK_AGAIN: Duration = Duration::from_secs(5);
 
 /// How long a version stays claimed by somebody who does not continue.
@@ -486,7 +486,7 @@ impl S3 {
         }
     }
 
-    /// The failure that was seen, with the store's own word for it where it gives one. The rest of its words may repeat what was signed.
+    /// The last failure, with the store's error code if it gives one. The rest of its answer may repeat what was signed.
     fn reason(&self, body: &str) -> (String, bool) {
         let Failure { what: seen, is_server_error } = self.seen.last();
         let word = body.split_once("<Code>").and_then(|(_, rest)| rest.split_once("</Code>")).map(|(code, _)| code);

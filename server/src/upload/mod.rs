@@ -85,11 +85,11 @@ pub struct Uploads {
     page: Page,
     limits: UploadLimits,
     steps: Steps,
-    /// Held while space is looked for, until a record or a part claims it.
+    /// Held from the check for space until a record or a part claims it.
     space_lock: Mutex<()>,
     /// Bytes that requests in progress may still write.
     coming: Arc<AtomicU64>,
-    /// Asked how much space the disk of a folder has.
+    /// Returns the free space on the disk of a folder.
     space: Space,
     jobs: Mutex<HashMap<String, Arc<Job>>>,
     /// One version is verified at a time: readers come first.
@@ -140,7 +140,7 @@ impl Uploads {
         self
     }
 
-    /// The same, where the disk has as much space as this says: for tests in which it has little.
+    /// The same with another source for the free space: for tests with a nearly full disk.
     #[must_use]
     pub fn with_space(mut self, space: impl Fn(&Path) -> Option<u64> + Send + Sync + 'static) -> Self {
         self.space = Arc::new(space);

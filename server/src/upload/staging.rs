@@ -241,7 +241,7 @@ impl Staging {
         found.cloned().ok_or_else(|| Refusal::new(StatusCode::NOT_FOUND, "this upload has no such file"))
     }
 
-    /// How much of a file is there. Anything that is not a regular file, is too long, or has another name elsewhere is removed.
+    /// How many bytes of a file have arrived. Anything that is not a regular file, is too long, or has another name elsewhere is removed.
     fn length(&self, file: &AnnouncedFile) -> io::Result<u64> {
         let path = self.at(file);
         match fs::symlink_metadata(&path) {
@@ -266,7 +266,7 @@ impl Staging {
         self.folder.join(&file.sha256)
     }
 
-    /// Something that does not exist, or not wholly.
+    /// The files that are missing or incomplete.
     pub(super) fn lacking(&self) -> Vec<Lacking> {
         let mut all: Vec<Lacking> = Vec::new();
         for file in &self.record.intent.files {

@@ -218,7 +218,7 @@ impl Intent {
         Ok(Meant { slug, rights, pack, preview })
     }
 
-    /// The files, each one that a version has; the pack.
+    /// Check that every file is one that a version may have; returns the pack.
     fn check_files(&self, limits: &UploadLimits) -> Result<AnnouncedFile, Refusal> {
         let (mut paths, mut pack, mut total) = (BTreeSet::new(), None, 0u64);
         for file in &self.files {

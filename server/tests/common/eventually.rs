@@ -1,4 +1,4 @@
-//! Waiting for a state: whatever a test has to wait for, it looks at again and again until it is so. If it never is, the failure names it.
+//! Waiting for a state: a test checks it repeatedly until it is reached. If it never is, the failure names it.
 
 #![allow(dead_code, reason = "each test program uses a part of it")]
 
@@ -6,15 +6,15 @@ use std::time::{Duration, Instant};
 
 /// Even a machine that is busy with other things gets there within this time.
 const DEADLINE: Duration = Duration::from_secs(60);
-/// Between two looks.
+/// Pause between two checks.
 const PAUSE: Duration = Duration::from_millis(5);
 
-/// Look until there is a result, a minute at most.
+/// Check until there is a result, for a minute at most.
 pub(crate) fn eventually<T>(what: &str, look: impl FnMut() -> Option<T>) -> T {
     eventually_every(PAUSE, what, look)
 }
 
-/// The same for what lasts only a moment: with another pause between two looks.
+/// The same for a state that lasts only a moment: with another pause between two checks.
 pub(crate) fn eventually_every<T>(pause: Duration, what: &str, mut look: impl FnMut() -> Option<T>) -> T {
     let began = Instant::now();
     loop {
@@ -26,7 +26,7 @@ pub(crate) fn eventually_every<T>(pause: Duration, what: &str, mut look: impl Fn
     }
 }
 
-/// As [`eventually`], where looking means waiting for an answer.
+/// As [`eventually`], for checks that wait for an answer.
 pub(crate) async fn eventually_async<T>(what: &str, mut look: impl AsyncFnMut() -> Option<T>) -> T {
     let began = Instant::now();
     loop {

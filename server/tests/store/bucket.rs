@@ -295,7 +295,7 @@ async fn carry(near: TcpStream, upstream: u16, traffic: &Traffic) {
                 break;
             }
             traffic.note(&buffer[..n]);
-            // Held as long as the test says, or its connection ends.
+            // Held until the test releases it or its connection ends.
             while traffic.fate(&buffer[..n]) == Some(Fate::Held) {
                 traffic.is_holding.store(true, Ordering::SeqCst);
                 tokio::time::sleep(Duration::from_millis(5)).await;

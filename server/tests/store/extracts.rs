@@ -48,7 +48,7 @@ impl Copier {
             if i % 8 == 0 {
                 source.expect(&pieces[i..pieces.len().min(i + 8)]);
             }
-            // Work on a mesh takes time; it is not what a test waits for.
+            // Simulated work on a mesh; no test relies on its duration.
             std::thread::sleep(self.pause);
             bytes.extend(source.read_at(piece.0, piece.1).map_err(failed)?);
             progress(i as f64 / pieces.len() as f64);

@@ -32,7 +32,7 @@ use tower::ServiceExt as _;
 const PATIENCE: Duration = Duration::from_secs(20);
 /// The same where the store is silent.
 const SHORT: Duration = Duration::from_millis(600);
-/// A reader who waits longer hangs.
+/// A reader that waits longer than this counts as hanging.
 const HANGS: Duration = Duration::from_secs(60);
 
 fn site(catalogue: Catalogue) -> Site {

@@ -147,7 +147,7 @@ impl Engine {
     /// Make a drawing to scale: JSON in and out ([`sheet`]). `host` renders, paints and writes.
     ///
     /// # Errors
-    /// A sentence, or what `host` threw.
+    /// A message, or the exception that `host` threw.
     #[wasm_bindgen(js_name = drawSheet)]
     pub async fn draw_sheet(&self, asked: String, host: SheetHost) -> Result<String, JsValue> {
         sheet::draw(&self.index, &asked, host).await.map_err(|e| e.0)

@@ -1,4 +1,4 @@
-//! Drawings to scale for the page: what the loop over a drawing ([`kilwa_measure::sheet::draw`]) needs of JavaScript (`www/measure/drawing.js`).
+//! Drawings to scale for the page: a host for the loop over a drawing ([`kilwa_measure::sheet::draw`]), implemented in JavaScript (`www/measure/drawing.js`).
 
 use crate::thrown;
 use js_sys::{Array, Uint8Array};
@@ -18,16 +18,16 @@ const WIDEST: u32 = 2048;
 
 #[wasm_bindgen]
 extern "C" {
-    /// What JavaScript does for a drawing. What it throws ends the drawing.
+    /// The JavaScript side of a drawing. An exception ends the drawing.
     pub type SheetHost;
 
     /// `open` begins a file: its `size` in pixels, `pixelsPerMm`, and the `marks` to be painted (mm from the upper left corner), JSON. `rows` are the next rows
-    /// of a PNG, `write` and `head` append to other files and replace their first bytes. `deflate` answers an `ArrayBuffer`.
+    /// of a PNG, `write` and `head` append to other files and replace their first bytes. `deflate` returns an `ArrayBuffer`.
     #[wasm_bindgen(method, catch)]
     async fn act(this: &SheetHost, action: &str, bytes: &[u8]) -> Result<JsValue, JsValue>;
 
-    /// A part of the picture, from the point in its middle and half of its height in metres, and its size in pixels: its pixels (a `Uint8Array`), whether
-    /// it is as fine as they are, its error in metres, its triangles.
+    /// Render a part of the picture, given its middle, half of its height in metres, and its size in pixels. Returns its pixels (a `Uint8Array`), whether
+    /// it is as fine as they are, its error in metres, and its number of triangles.
     #[wasm_bindgen(method, catch)]
     async fn part(
         this: &SheetHost,
@@ -47,7 +47,7 @@ extern "C" {
     fn progress(this: &SheetHost, rows: u32, all: u32);
 }
 
-/// What is thrown.
+/// A JavaScript exception.
 pub(crate) struct Thrown(pub(crate) JsValue);
 
 impl From<SheetError> for Thrown {
@@ -99,7 +99,7 @@ impl Asked {
     }
 }
 
-/// Draw what is asked for, JSON; answers JSON: `paper` in mm, `world` (the text of the world file; null for elevations), and `isFull`, whether all of it is
+/// Draw the sheet requested in JSON; returns JSON: `paper` in mm, `world` (the text of the world file; null for elevations), and `isFull`, whether all of it is
 /// as fine as its pixels.
 pub(crate) async fn draw(index: &Index, asked: &str, host: SheetHost) -> Result<String, Thrown> {
     let asked: Asked = serde_json::from_str(asked)?;
@@ -114,7 +114,7 @@ pub(crate) async fn draw(index: &Index, asked: &str, host: SheetHost) -> Result<
     Ok(json!({ "paper": sheet.paper, "world": world, "isFull": figures.target_reached }).to_string())
 }
 
-/// What a drawing needs, done by JavaScript.
+/// The host of a drawing, implemented in JavaScript.
 struct Page(SheetHost);
 
 impl Page {
@@ -139,7 +139,7 @@ impl Host for Page {
         Ok(Rendered { pixels: Uint8Array::new(&rendered.get(0)).to_vec(), figures })
     }
 
-    /// JavaScript has the marks since [`SheetHost::open`].
+    /// JavaScript has had the marks since the action `open`.
     fn paint(&mut self, band: &mut Band, _marks: &[Mark], _pixels_per_mm: f64) -> Result<(), Thrown> {
         Ok(self.0.paint(&mut band.rgb, band.top)?)
     }
@@ -160,7 +160,7 @@ impl Host for Page {
         self.act("head", bytes)
     }
 
-    /// The page ends the file when it has the answer.
+    /// The page finishes the file when it receives the answer of [`draw`].
     async fn end(&mut self) -> Result<(), Thrown> {
         Ok(())
     }

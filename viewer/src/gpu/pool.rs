@@ -13,7 +13,7 @@ pub fn vertex_buffer_layout(attributes: &[wgpu::VertexAttribute]) -> wgpu::Verte
     wgpu::VertexBufferLayout { array_stride: VERTEX_BYTES as u64, step_mode: wgpu::VertexStepMode::Vertex, attributes }
 }
 
-/// The scalars' buffer: value times has, and has, of 65535.
+/// The scalars' buffer: the value (0 if there is none) and whether there is one, both scaled to 65535.
 pub(crate) fn scalar_buffer_layout() -> wgpu::VertexBufferLayout<'static> {
     const SCALAR: [wgpu::VertexAttribute; 1] = wgpu::vertex_attr_array![3 => Unorm16x2];
     wgpu::VertexBufferLayout { array_stride: 4, step_mode: wgpu::VertexStepMode::Vertex, attributes: &SCALAR }
@@ -54,7 +54,7 @@ pub struct ShownScalar {
 }
 
 impl ShownScalar {
-    /// The scalars of a chunk as the GPU gets them: value times has, and has, of 65535. NaN counts as no value.
+    /// The scalars of a chunk as the GPU gets them: the value (0 if there is none) and whether there is one, both scaled to 65535. NaN counts as no value.
     fn bytes(&self, chunk: &GpuChunk) -> Vec<u8> {
         let length = self.max - self.min;
         let scale = if length > 0.0 { 65535.0 / length } else { 0.0 };

@@ -151,7 +151,7 @@ struct ScratchBuffer {
 
 /// Simplify towards `target` triangles, pruning small components where nothing else helps (see `prune`); returns fewer or as many triangles as given, never fewer than `target` minus
 /// what the last collapse took, and the input itself where nothing can go.
-/// The result is rounded: places as [`settle`] says, colours and normals to what `precision` leaves coarse forms.
+/// The result is rounded: positions as [`settle`] describes, colours and normals to the `precision` of coarse forms.
 pub fn simplify<S: BuildHasher>(
     mesh: &Mesh,
     locked: &HashSet<LatticePoint, S>,

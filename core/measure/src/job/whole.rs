@@ -154,7 +154,7 @@ pub(super) async fn deviation<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Res
     Ok(report)
 }
 
-/// The sum over the finest triangles of the chunks whose box passes `meets`, in metres from the local origin, and what was read for it.
+/// The sum over the finest triangles of the chunks whose box passes `meets`, in metres from the local origin, and the data read for it.
 async fn sum_of<L: Leaves, A: Send>(
     s: &Subject<'_, L>,
     meets: impl Fn(&Aabb) -> bool,

@@ -1,6 +1,6 @@
-//! The loop that makes a drawing: bands of rows from the top, each put together from parts that the model is rendered in, with the marks of the
-//! sheet on it. `kilwa render --scale` and the page both run it; what differs between them is a [`Host`]. Memory does not grow with the sheet: there is one
-//! band at a time.
+//! The loop that makes a drawing: bands of rows from the top, each assembled from parts that are rendered one by one, with the marks of the
+//! sheet painted on it. `kilwa render --scale` and the page both run it, each with its own [`Host`]. Memory does not grow with the sheet: only one
+//! band exists at a time.
 
 use super::file::{Ending, Format, Writer};
 use super::georeference::GeoReference;
@@ -11,22 +11,22 @@ use glam::DVec3;
 use kilwa_pack::Metadata;
 use std::future::Future;
 
-/// What is asked for.
+/// The drawing that is requested.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Request {
-    /// Which drawing.
+    /// Plan or elevation.
     pub view: View,
-    /// 50 for 1:50.
+    /// Denominator of the scale: 50 for 1:50.
     pub scale: f64,
     /// Dots per inch.
     pub dpi: u32,
     /// `None`: the smallest from A4 to A0 that holds the drawing.
     pub paper: Option<Paper>,
-    /// Nothing but the model.
+    /// Whether to draw only the model, without the marks.
     pub bare: bool,
-    /// In the title block; of the model.
+    /// Title of the model, for the title block.
     pub title: String,
-    /// Of the file.
+    /// Format of the file.
     pub format: Format,
 }
 
@@ -35,18 +35,18 @@ pub struct Request {
 pub struct Rendered {
     /// Four sRGB bytes a pixel (red, green, blue, alpha), rows from the top, of the size that was asked for.
     pub pixels: Vec<u8>,
-    /// Of this part.
+    /// Figures of this part.
     pub figures: Figures,
 }
 
-/// What is known of the surface that was drawn.
+/// Figures of the surface that was drawn.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Figures {
     /// Largest certified distance from the finest surface, metres; not finite where it is unknown.
     pub worst_error_metres: f64,
-    /// Of all parts; a triangle on two parts counts twice.
+    /// Triangles drawn in all parts; a triangle in two parts counts twice.
     pub triangles: u64,
-    /// Whether everything is as fine as was asked for.
+    /// Whether everything is as fine as requested.
     pub target_reached: bool,
 }
 
@@ -69,7 +69,7 @@ pub struct Band {
     pub width: u32,
     /// Row of the picture that the band begins with.
     pub top: u32,
-    /// How many there are.
+    /// Number of rows.
     pub rows: u32,
     /// `width * rows * 3` bytes.
     pub rgb: Vec<u8>,
@@ -81,7 +81,7 @@ impl Band {
         Self { width, top, rows, rgb: vec![255; width as usize * rows as usize * 3] }
     }
 
-    /// Put pixels of four bytes into it: their left upper pixel in the picture and their size, inside of the band.
+    /// Copy four-byte pixels into the band: `at` is their upper left pixel in the picture, `size` their width and height. They must lie inside the band.
     fn put(&mut self, at: [u32; 2], size: [u32; 2], pixels: &[u8]) {
         for (row, pixels) in pixels.chunks_exact(size[0] as usize * 4).take(size[1] as usize).enumerate() {
             let line = (at[1] - self.top) as usize + row;
@@ -94,49 +94,49 @@ impl Band {
     }
 }
 
-/// What a drawing needs of the program that makes it. An error of any method ends the drawing; the file is not complete then.
+/// The services that a drawing needs from the program that makes it. An error in any method ends the drawing and leaves the file incomplete.
 pub trait Host {
-    /// Why there is no drawing.
+    /// The reason why a drawing failed.
     type Error: From<SheetError>;
 
-    /// The model as a part of the picture shows it, on white, `size` pixels wide and high.
+    /// Render a part of the picture: the model on white, `size` pixels wide and high.
     fn render(&mut self, part: &Part, size: [u32; 2]) -> impl Future<Output = Result<Rendered, Self::Error>>;
 
-    /// Paint marks onto a band, whose pixels are this many in a millimetre.
+    /// Paint marks onto a band that has `pixels_per_mm` pixels to the millimetre.
     ///
     /// # Errors
-    /// What ends the drawing.
+    /// If the marks cannot be painted.
     fn paint(&mut self, band: &mut Band, marks: &[Mark], pixels_per_mm: f64) -> Result<(), Self::Error>;
 
-    /// The next rows of a PNG, three sRGB bytes a pixel. The host writes such files itself.
+    /// Write the next rows of a PNG, three sRGB bytes a pixel. The host encodes PNG files itself.
     fn rows(&mut self, rgb: &[u8]) -> impl Future<Output = Result<(), Self::Error>>;
 
-    /// A zlib stream of these bytes.
+    /// Compress these bytes into a zlib stream.
     fn deflate(&mut self, bytes: &[u8]) -> impl Future<Output = Result<Vec<u8>, Self::Error>>;
 
     /// Append to the file.
     fn write(&mut self, bytes: &[u8]) -> impl Future<Output = Result<(), Self::Error>>;
 
-    /// Replace the first bytes of the file, after everything was appended.
+    /// Replace the first bytes of the file, after everything has been appended.
     fn replace_head(&mut self, bytes: &[u8]) -> impl Future<Output = Result<(), Self::Error>>;
 
-    /// Everything was written.
+    /// Finish the file: everything has been written.
     fn end(&mut self) -> impl Future<Output = Result<(), Self::Error>>;
 
-    /// So many of all rows are done.
+    /// Report that `rows` of `all` rows are done.
     fn report_progress(&mut self, rows: u32, all: u32);
 }
 
-/// A drawing of a model that can be made.
+/// A drawing of a model, checked and ready to be made.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Drawing {
     /// Paper and scale.
     pub sheet: Sheet,
     /// Width and height of the picture, pixels.
     pub size: [u32; 2],
-    /// What stands on the sheet beside the model.
+    /// Everything on the sheet besides the model.
     pub layout: Layout,
-    /// Where a plan is in the world.
+    /// The place of a plan in the world, if it is known.
     pub georeference: Option<GeoReference>,
     title: String,
     format: Format,
@@ -145,10 +145,10 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    /// Of a model with this description and identity ([`kilwa_pack::footer::Footer::identity`]).
+    /// A drawing of a model with this metadata and identity ([`kilwa_pack::footer::Footer::identity`]).
     ///
     /// # Errors
-    /// Where the paper is too small, or the picture would have too many pixels.
+    /// If the paper is too small, or the picture would have too many pixels.
     pub fn new(model: &Metadata, identity: String, request: Request) -> Result<Self, SheetError> {
         let Request { view, scale, dpi, paper, bare, title, format } = request;
         let bounds: (DVec3, DVec3) = (model.bounds_min, model.bounds_max);
@@ -168,10 +168,10 @@ impl Drawing {
         Ok(Self { sheet, size, layout, georeference, title: title.name, format, middle })
     }
 
-    /// Draw and write it, in parts of at most `widest` pixels.
+    /// Draw and write the sheet, in parts at most `widest` pixels wide.
     ///
     /// # Errors
-    /// The host's, and [`SheetError::TooLong`].
+    /// Errors of the host, and [`SheetError::TooLong`].
     pub async fn draw<H: Host>(&self, widest: u32, host: &mut H) -> Result<Figures, H::Error> {
         let [width, height] = self.size;
         let georeference = self.georeference.clone();
@@ -181,7 +181,7 @@ impl Drawing {
         for top in (0..height).step_by(rows as usize) {
             let mut band = Band::new(width, top, rows.min(height - top));
             figures.add(&self.render(&mut band, widest, host).await?);
-            // The page of a PDF has its lines and letters as such.
+            // In a PDF, lines and letters are vectors and text, so they are not painted.
             if self.format != Format::Pdf && !self.layout.marks.is_empty() {
                 host.paint(&mut band, &self.layout.marks, self.sheet.pixels_per_mm())?;
             }

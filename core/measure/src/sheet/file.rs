@@ -10,7 +10,7 @@ use super::{Sheet, SheetError};
 /// Formats of drawings.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
-    /// A picture without a georeference; its host writes it.
+    /// A picture without a georeference; the host writes it.
     Png,
     /// One page of the paper's size, lines and letters as such.
     Pdf,
@@ -19,7 +19,7 @@ pub enum Format {
 }
 
 impl Format {
-    /// By the extension of its files, without the dot and in lower case.
+    /// The format with this file extension, which is given without the dot and in lower case.
     pub fn from_extension(extension: &str) -> Option<Self> {
         Some(match extension {
             "png" => Self::Png,
@@ -50,7 +50,7 @@ enum Kind {
 }
 
 impl Writer {
-    /// Of a sheet that has so many pixels; `layout` and `title` are for a PDF, in other formats they are part of the picture. `None` for a PNG, which is
+    /// A writer for this sheet. `layout` and `title` are for a PDF; in other formats they are part of the picture. `None` for a PNG, which is
     /// not made of strips.
     ///
     /// # Errors

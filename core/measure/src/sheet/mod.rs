@@ -1,5 +1,5 @@
-//! Drawings to scale, for `kilwa render --scale` and the page: how large the sheet is (`paper`), what stands on it in
-//! millimetres (`layout`), what each part of the picture looks at, where it is in the world (`georeference`), the files around the picture (`file`,
+//! Drawings to scale, for `kilwa render --scale` and the page: the size of the sheet (`paper`), its contents in
+//! millimetres (`layout`), the view of each part of the picture, its place in the world (`georeference`), the files around the picture (`file`,
 //! `pdf`, `tiff`), and the loop that makes it all (`draw`).
 //!
 //! One pixel is exactly `25.4 mm / dpi × scale`; the picture's middle is that of the model's box. It is drawn part by part, so that memory does

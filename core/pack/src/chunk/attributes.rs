@@ -142,7 +142,7 @@ struct Tint {
 }
 
 impl Tint {
-    /// The weights with the least squares.
+    /// The weights with the smallest sum of squared errors.
     fn best(links: &[Link], values: &[[u8; 3]], weights: Weights) -> Self {
         let [mut gg, mut gr, mut gb, mut rr, mut rb] = [0.0f64; 5];
         for (&value, &link) in values.iter().zip(links) {

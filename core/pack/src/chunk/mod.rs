@@ -200,7 +200,7 @@ pub fn decode(bytes: &[u8], declared: Declared, attributes: Attributes) -> Resul
     if attributes.scalars > MAX_SCALARS {
         return bad(format!("{} scalar channels; at most 16 are allowed", attributes.scalars));
     }
-    // Nothing is allocated for more than the bytes can hold.
+    // Never allocate for more triangles and vertices than the bytes can hold.
     if (declared.triangles as usize).div_ceil(MAX_PER_BYTE) > bytes.len()
         || declared.vertices as usize > 3 * declared.triangles as usize
     {

@@ -330,7 +330,7 @@ impl<S: Store> Simulator<S> {
         self.open.insert(request, Answer { from, to, length, key, progress });
     }
 
-    /// Bytes that have not come by now never will; answers behind them in the link do not move up.
+    /// Bytes that have not arrived by now never will; answers queued behind them do not move up.
     fn cancel(&mut self, now: u64, request: RequestId) {
         let Some(answer) = self.open.remove(&request) else { return };
         self.totals.cancelled += 1;

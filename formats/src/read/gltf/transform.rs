@@ -21,7 +21,7 @@ impl Transform {
         }
         let DVec4 { x, y, z, w } = unit(node.rotation.as_deref().map_or(DVec4::W, |q| DVec4::from(*q)));
         let s = node.scale.as_deref().map_or(DVec3::ONE, |s| DVec3::from(*s));
-        // Not DMat3::from_quat, which rounds otherwise.
+        // Not DMat3::from_quat, which rounds differently.
         let matrix3 = DMat3::from_cols(
             s.x * DVec3::new(1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w), 2.0 * (x * z - y * w)),
             s.y * DVec3::new(2.0 * (x * y - z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + x * w)),

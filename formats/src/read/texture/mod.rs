@@ -1,7 +1,7 @@
 //! Pictures on meshes: decoded, and sampled at texture coordinates to give colours of vertices.
 //!
 //! Input: the bytes of a PNG, JPEG, WebP or TIFF. A picture of more texels than a limit, or that would take more memory than
-//! there is, is refused before it is decoded (`decode_memory` computes how much); ancillary chunks of a PNG are never looked at;
+//! is available, is refused before it is decoded (`decode_memory` estimates it); ancillary chunks of a PNG are never read;
 //! pictures are kept up to a number of bytes and decoded again when they come back ([`Textures`]). Texels are taken as 8-bit
 //! sRGB, whatever a colour profile says; opacity is not looked at.
 
@@ -67,7 +67,7 @@ fn too_little(memory: u64, need: &str) -> Refusal {
 
 impl Texture {
     /// Decode a picture that takes up to `max` bytes at 3 a texel, and up to `memory` bytes while it is decoded; `make_room` is
-    /// called beforehand with the number of the latter.
+    /// called beforehand with the number of bytes that decoding takes.
     ///
     /// # Errors
     /// [`Refusal`]: it is damaged, of another format, or larger than that.

@@ -35,7 +35,7 @@ impl Viewer {
         }
     }
 
-    /// Look about from the place of the eye; radians as for `orbit`.
+    /// Look around from the place of the eye; radians as for `orbit`.
     pub fn look(&mut self, azimuth: f64, elevation: f64) {
         if azimuth.is_finite() && elevation.is_finite() {
             self.camera.look(azimuth, elevation);
@@ -52,7 +52,7 @@ impl Viewer {
         let across = DVec2::new(-sin * forward - cos * right, -cos * forward + sin * right);
         let eye = self.camera.eye();
         let there = walk::step(eye, across, seconds, height, |from, way| self.cast(from, way));
-        // A movement too small to be seen is not made, so that the picture of a standing person is still.
+        // Movements too small to be seen are skipped, so that the picture is still while the person stands still.
         let moved = (there - eye).abs().max_element() > height * 1e-4;
         if moved {
             self.camera.place_eye(there);

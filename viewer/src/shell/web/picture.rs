@@ -23,7 +23,7 @@ impl Viewer {
         self.read(&view, &options)
     }
 
-    /// Look at a part of a drawing to scale: its middle, world metres, and half of what it shows upwards. The page gives the camera back when it is
+    /// Look at a part of a drawing to scale, given its middle and half of its height in world metres. The page restores the camera when it is
     /// done. False where no view is called so.
     #[wasm_bindgen(js_name = aimSheet)]
     pub fn aim_sheet(&mut self, view: &str, x: f64, y: f64, z: f64, half_height: f64) -> bool {
