@@ -1,6 +1,6 @@
 //! What the user can choose about a build, and everything that can go wrong in one.
 
-use crate::build::precision::Precision;
+use kilwa_simplify::Precision;
 use glam::DVec3;
 use kilwa_formats::{ReadError, Up};
 use kilwa_geometry::LengthUnit;

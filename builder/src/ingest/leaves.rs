@@ -12,7 +12,7 @@ use super::words::{Layout, color_of_word, normal_of_word};
 use crate::build::options::BuildError;
 use crate::build::work::Work;
 use crate::ingest::surface::{LEAVES, SHARED};
-use crate::levels::certify::Bound;
+use kilwa_simplify::Bound;
 use crate::levels::fragment::Patch;
 use crate::partition::{BISECTIONS, Partition};
 use crate::scratch::{PatchFile, Records, ScratchError, ScratchFile, record};

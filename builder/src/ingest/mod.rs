@@ -38,7 +38,7 @@ mod weld;
 mod words;
 
 use crate::build::options::BuildError;
-use crate::build::precision::Precision;
+use kilwa_simplify::Precision;
 use crate::build::work::Work;
 use crate::ingest::surface::{Diagnostic, Ingested, LEAVES, SHARED, Surface};
 use crate::scratch::{PatchFile, Records, Scratch, ScratchError, Sum, seal, unseal};

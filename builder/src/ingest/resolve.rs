@@ -15,7 +15,7 @@ use super::spool::{COLORS, ColorSource, NORMALS, POSITIONS, Spooled, TRIANGLE_CO
 use super::tally::Tally;
 use super::words::{INVALID, Layout, read_words, word_of_color, word_of_normal, write_words};
 use crate::build::options::BuildError;
-use crate::build::precision::Precision;
+use kilwa_simplify::Precision;
 use crate::build::work::Work;
 use crate::scratch::{ScratchError, ScratchFile};
 use glam::{DVec3, I64Vec3};

@@ -19,7 +19,7 @@ use super::split_requests::{self, Above, SplitRequests};
 use super::weld::Weld;
 use super::words::{Layout, append_words, normal_of_word, read_words, word_of_normal};
 use crate::build::options::BuildError;
-use crate::build::precision::Precision;
+use kilwa_simplify::Precision;
 use crate::build::work::Work;
 use crate::scratch::{ScratchError, ScratchFile};
 use glam::I64Vec3;

@@ -4,7 +4,7 @@
 
 use crate::build::options::BuildError;
 use crate::levels::fragment::Patch;
-use crate::levels::weld::Welder;
+use kilwa_simplify::Welder;
 use crate::partition::Partition;
 use glam::DVec3;
 use kilwa_geometry::Aabb;

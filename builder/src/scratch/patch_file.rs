@@ -5,7 +5,7 @@
 //! there, or are all zero, take no space. A leaf of a coloured scan takes about 17 bytes a triangle.
 
 use super::{Scratch, ScratchError, ScratchFile};
-use crate::levels::certify::Bound;
+use kilwa_simplify::Bound;
 use crate::levels::fragment::Patch;
 use kilwa_geometry::{LatticePoint, Mesh};
 use rustc_hash::FxHashMap;

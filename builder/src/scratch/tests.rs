@@ -1,5 +1,5 @@
 use super::*;
-use crate::levels::certify::Bound;
+use kilwa_simplify::Bound;
 use crate::levels::fragment::Patch;
 use kilwa_geometry::{LatticePoint, Mesh};
 

@@ -1,6 +1,6 @@
 //! Extracting the mesh of a pack, at full or lower detail, as one crack-free PLY, OBJ, STL or GLB.
 //!
-//! Stages: `choose` (which diamonds are refined) → `stream` (chunk by chunk through space; vertices that are equal in
+//! Stages: `choose` (which diamonds are refined) → `stream` (chunk by chunk through space; `reduce` simplifies to a number of triangles; vertices that are equal in
 //! position and every attribute become one again, so that patches join exactly; on the pack's lattice this is equality
 //! of integers) → two scratch files, vertices and triangles in the form of the format → `output` (header and both, under a
 //! temporary name, renamed when complete). Memory follows the cross-section of the model and not its size.
@@ -13,6 +13,7 @@ mod obj;
 mod output;
 mod ply;
 mod preview;
+mod reduce;
 mod region;
 mod stl;
 mod stream;
@@ -34,7 +35,7 @@ pub struct Request {
     pub format: Format,
     /// The coarsest surface whose certified error is at most this many metres.
     pub max_error: Option<f64>,
-    /// The best surface of at most this many triangles; used if no error is given.
+    /// A surface of this many triangles, or one fewer: a finer cut, simplified. Used if no error is given.
     pub max_triangles: Option<u64>,
     /// Only the triangles whose centroid lies in this box.
     pub region: Option<Region>,
@@ -88,8 +89,8 @@ pub fn extract<S: Source + Sync>(
         bytes,
         triangles: counts.triangles,
         vertices: counts.vertices,
-        error: chosen.error,
-        is_finest: chosen.is_finest,
+        error: counts.error,
+        is_finest: chosen.is_finest && chosen.reduction.is_none(),
         refined_chunks: chosen.cut.refined().count(),
         coordinates: format.coordinate_type(&target),
         offset: format.offset(&target),

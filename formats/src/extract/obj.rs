@@ -36,9 +36,9 @@ impl Encoder for Obj {
         let _ = writeln!(out, "f {a} {b} {c}");
     }
 
-    fn assemble(&self, out: &mut dyn Write, scratch: &mut Scratch, _: Counts) -> std::io::Result<()> {
+    fn assemble(&self, out: &mut dyn Write, scratch: &mut Scratch, counts: Counts) -> std::io::Result<()> {
         writeln!(out, "# {}", one_line(&self.target.metadata.title))?;
-        writeln!(out, "# {}", self.target.comment())?;
+        writeln!(out, "# {}", self.target.comment(counts.error))?;
         writeln!(out, "# {}", self.target.frame())?;
         scratch.copy_vertices(out)?;
         scratch.copy_triangles(out)

@@ -22,7 +22,7 @@ impl Ply {
         writeln!(out, "ply")?;
         writeln!(out, "format {} 1.0", if self.ascii { "ascii" } else { "binary_little_endian" })?;
         writeln!(out, "comment {}", one_line(&target.metadata.title))?;
-        writeln!(out, "comment {}", target.comment())?;
+        writeln!(out, "comment {}", target.comment(counts.error))?;
         writeln!(out, "comment {}", target.frame())?;
         writeln!(out, "element vertex {}", counts.vertices)?;
         for axis in ["x", "y", "z"] {

@@ -49,7 +49,7 @@ pub fn preview<S: Source + Sync>(reader: &Reader<S>, to: &Path, max_bytes: u64) 
         let length = bytes.len() as u64;
         if length <= max_bytes {
             output.write(|out| out.write_all(&bytes))?;
-            return Ok(Preview { bytes: length, triangles: counts.triangles, error: chosen.error });
+            return Ok(Preview { bytes: length, triangles: counts.triangles, error: counts.error });
         }
         if counts.triangles > max {
             break;
