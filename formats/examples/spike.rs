@@ -7,7 +7,7 @@ fn main() {
     let out = std::path::Path::new(&a[2]);
     let output = Output::prepare(out, true).unwrap();
     let t = std::time::Instant::now();
-    let request = Request { format: Format::Ply { ascii: false }, max_error: None, max_triangles: a.get(3).map(|n| n.parse().unwrap()), region: None };
+    let request = Request { format: Format::Ply { ascii: false }, max_error: None, max_triangles: a.get(3).map(|n| n.parse().unwrap()), region: None, window: WINDOW };
     let e = extract(&reader, &request, &output, &|_, _| ()).unwrap();
     println!("{} triangles, {} vertices, error {} m, {:.2} s", e.triangles, e.vertices, e.error, t.elapsed().as_secs_f64());
 }

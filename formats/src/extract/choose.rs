@@ -31,6 +31,8 @@ pub(super) struct Reduction {
     pub(super) from: u64,
     /// Triangles to keep at most.
     pub(super) to: u64,
+    /// Triangles that are simplified at once.
+    pub(super) window: usize,
 }
 
 /// The cut for what was asked.
@@ -38,13 +40,14 @@ pub(super) fn choose<S: Source + Sync>(
     reader: &Reader<S>,
     max_error: Option<f64>,
     max_triangles: Option<u64>,
+    window: usize,
     region: Option<&Steps>,
 ) -> Result<Chosen, ExtractError> {
     let entries = reader.entries();
     let (cut, reduction) = match (max_error, max_triangles) {
         (Some(limit), _) => (Cut::for_error(entries, limit), None),
         (None, None) => (Cut::finest(entries), None),
-        (None, Some(limit)) => for_triangles(reader, limit, region)?,
+        (None, Some(limit)) => for_triangles(reader, limit, window, region)?,
     };
     let shown = |i: u32, e: &DirectoryEntry| !cut.is_refined(i) && e.parents().any(|parent| cut.is_refined(parent));
     let near = |e: &DirectoryEntry| region.is_none_or(|region| region.meets_ball(&e.sphere));
@@ -58,6 +61,7 @@ pub(super) fn choose<S: Source + Sync>(
 fn for_triangles<S: Source + Sync>(
     reader: &Reader<S>,
     limit: u64,
+    window: usize,
     region: Option<&Steps>,
 ) -> Result<(Cut, Option<Reduction>), ExtractError> {
     let inside = region.map(|region| inside(reader, region)).transpose()?;
@@ -84,7 +88,7 @@ fn for_triangles<S: Source + Sync>(
             }
         };
         if from > limit {
-            return Ok((cut, Some(Reduction { from, to: limit })));
+            return Ok((cut, Some(Reduction { from, to: limit, window })));
         }
         // The next finer chunk was too large for the cut.
         let is_finest = cut.refined().count() == reader.entries().len();

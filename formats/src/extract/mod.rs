@@ -22,6 +22,7 @@ pub use error::ExtractError;
 pub use format::Format;
 pub use output::Output;
 pub use preview::{Preview, preview};
+pub use reduce::WINDOW;
 pub use region::Region;
 
 use format::Target;
@@ -39,6 +40,8 @@ pub struct Request {
     pub max_triangles: Option<u64>,
     /// Only the triangles whose centroid lies in this box.
     pub region: Option<Region>,
+    /// How many triangles are simplified at once, at about a kilobyte each: [`WINDOW`].
+    pub window: usize,
 }
 
 /// What was written.
@@ -76,7 +79,7 @@ pub fn extract<S: Source + Sync>(
 ) -> Result<Extraction, ExtractError> {
     let format = request.format;
     let region = request.region.as_ref().map(|region| region.on(&reader.header().lattice));
-    let chosen = choose::choose(reader, request.max_error, request.max_triangles, region.as_ref())?;
+    let chosen = choose::choose(reader, request.max_error, request.max_triangles, request.window, region.as_ref())?;
     let target = Target::new(reader, &chosen, region.as_ref(), format)?;
     let mut encoder = format.encoder(&target);
     let mut scratch = output.scratch()?;

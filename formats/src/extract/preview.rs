@@ -4,6 +4,7 @@ use super::ExtractError;
 use super::choose;
 use super::format::{Format, Target};
 use super::output::Output;
+use super::reduce::WINDOW;
 use super::stream;
 use kilwa_pack::{Reader, Source};
 use std::path::Path;
@@ -32,7 +33,7 @@ const TRIES: u32 = 6;
 pub fn preview<S: Source + Sync>(reader: &Reader<S>, to: &Path, max_bytes: u64) -> Result<Preview, ExtractError> {
     let mut max = (max_bytes / BYTES_PER_TRIANGLE).max(1);
     for _ in 0..TRIES {
-        let chosen = choose::choose(reader, None, Some(max), None)?;
+        let chosen = choose::choose(reader, None, Some(max), WINDOW, None)?;
         let target = Target::new(reader, &chosen, None, Format::Glb)?;
         let target = Target { at_zero: true, ..target };
         let mut encoder = Format::Glb.encoder(&target);

@@ -12,8 +12,8 @@ use kilwa_pack::{Reader, Source};
 use kilwa_simplify::{Bound, Precision, Purpose, Welder, certify, simplify};
 use std::collections::{HashMap, HashSet};
 
-/// Triangles in a window: about 500 MB while they are simplified.
-const WINDOW: usize = 1 << 19;
+/// Triangles that are simplified at once: about 500 MB.
+pub const WINDOW: usize = 1 << 19;
 /// Of a simplified window the share, in percent, that is written at most; the rest is the band.
 const WRITTEN: usize = 80;
 /// Colours and normals as the pack has them.
@@ -66,7 +66,7 @@ impl Reducer {
             sealed: HashSet::new(),
             taken: 0,
             written: 0,
-            room: WINDOW,
+            room: reduction.window,
         }
     }
 
@@ -97,7 +97,7 @@ impl Reducer {
         }
         let piece = self.reduce(Some(plane));
         // Where nearly all is locked, another window as large would not help.
-        self.room = WINDOW.max(2 * self.bounds.len());
+        self.room = self.reduction.window.max(2 * self.bounds.len());
         Some(piece).filter(|piece| !piece.triangles.is_empty())
     }
 
@@ -136,7 +136,7 @@ impl Reducer {
 
     /// To how many triangles the window is simplified, of which so many are at open points and stay about as they are.
     fn target(&self, open: u64) -> usize {
-        let Reduction { from, to } = self.reduction;
+        let Reduction { from, to, .. } = self.reduction;
         let done = u128::from(self.taken.saturating_sub(open).min(from));
         let share = (u128::from(to) * done / u128::from(from.max(1))) as u64;
         usize::try_from(share.saturating_sub(self.written) + open).unwrap_or(usize::MAX)
