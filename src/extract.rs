@@ -52,7 +52,13 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     refuse_inputs(&args.output, [args.pack.as_path()])?;
     let output = Output::prepare(&args.output, args.force)?;
     let reader = open_pack(&args.pack)?;
-    let request = Request { format, max_error: args.max_error, max_triangles: args.max_triangles, region: args.region, window: WINDOW };
+    let request = Request {
+        format,
+        max_error: args.max_error,
+        max_triangles: args.max_triangles,
+        region: args.region,
+        window: WINDOW,
+    };
     let bar = progress_bar(0, "extracting");
     let progress = |done, all| {
         bar.set_length(all);

@@ -41,12 +41,7 @@ fn packed(mesh: RawMesh) -> Pack {
     Reader::open(SliceSource(built.bytes)).expect("a pack")
 }
 
-fn extracted(
-    pack: &Pack,
-    max_triangles: Option<u64>,
-    window: usize,
-    region: Option<Region>,
-) -> (Extraction, RawMesh) {
+fn extracted(pack: &Pack, max_triangles: Option<u64>, window: usize, region: Option<Region>) -> (Extraction, RawMesh) {
     let work = tempfile::tempdir().expect("a folder");
     let path = work.path().join("out.ply");
     let output = Output::prepare(&path, false).expect("writable");
@@ -129,7 +124,10 @@ fn a_part_in_a_box_has_the_number_of_triangles_and_its_rim_is_simplified_too() {
         let (extraction, part) = extracted(&pack, Some(2000), window, Some(region));
         assert!((1999..=2000).contains(&extraction.triangles), "{}", extraction.triangles);
         let [once, _, more] = edge_uses(&part);
-        assert!(once * 3 < rim * 2 && once >= 6 && more == 0, "{once} of {rim} edges of the rim, {more} used too often");
+        assert!(
+            once * 3 < rim * 2 && once >= 6 && more == 0,
+            "{once} of {rim} edges of the rim, {more} used too often"
+        );
     }
 }
 

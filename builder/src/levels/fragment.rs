@@ -3,13 +3,13 @@
 //!
 //! Pure: the result depends on the patches and the locked points alone.
 
-use kilwa_simplify::Precision;
-use kilwa_simplify::{Bound, PRUNED, Purpose, Simplified, Welder, certify, simplify};
 use crate::partition::Partition;
 use crate::scratch::point_key;
 use kilwa_geometry::mesh::corner_sum;
 use kilwa_geometry::tetra::Faces;
 use kilwa_geometry::{LatticePoint, Mesh, Sphere};
+use kilwa_simplify::Precision;
+use kilwa_simplify::{Bound, PRUNED, Purpose, Simplified, Welder, certify, simplify};
 use rustc_hash::FxHashSet;
 
 /// A mesh with bounds per triangle.

@@ -19,7 +19,6 @@ mod results;
 pub use results::Refined;
 
 use crate::build::options::BuildError;
-use kilwa_simplify::Precision;
 use crate::build::work::Work;
 use crate::ingest::surface::{Ingested, LEAVES, SHARED, Surface};
 use crate::levels::fragment::{Patch, REDUCTION, coarsen};
@@ -28,6 +27,7 @@ use crate::scratch::{PatchFile, Records, ScratchFile, record};
 pub(crate) use encode::{encode_chunk, too_large};
 use kilwa_pack::Attributes;
 use kilwa_pack::chunk::MAX_CHUNK_TRIANGLES;
+use kilwa_simplify::Precision;
 use locks::Locks;
 use std::sync::atomic::{AtomicU64, Ordering};
 

@@ -298,8 +298,12 @@ mod tests {
         let mut ratios = Vec::new();
         for case in 0..24 {
             let fine = ground(case * 41, 1 + case % 13 * 3, case % 2 == 1);
-            let simplified =
-                simplify(&fine, &nothing(), fine.triangle_count() / (2 + case as usize % 7), Purpose::Level(Precision::default()));
+            let simplified = simplify(
+                &fine,
+                &nothing(),
+                fine.triangle_count() / (2 + case as usize % 7),
+                Purpose::Level(Precision::default()),
+            );
             let bounds = certify(&fine, &vec![Bound::default(); fine.triangle_count()], &simplified);
             let bound = bounds.iter().map(|b| f64::from(b.out.max(b.back))).fold(0.0, f64::max);
             ratios.push(bound / sampled(&simplified.mesh, &fine).max(sampled(&fine, &simplified.mesh)).max(0.1));
