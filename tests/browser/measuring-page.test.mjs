@@ -7,7 +7,7 @@ import { readFile } from "node:fs/promises";
 import { createRequire } from "node:module";
 import path from "node:path";
 import { promisify } from "node:util";
-import { KILWA, WWW, cameraOf, canvasOf, fortSite, open, openTab, test, waitFor } from "./harness.mjs";
+import { KILWA, WWW, cameraOf, canvasOf, fortSite, open, openTab, test, waitFor, tool as railTool } from "./harness.mjs";
 import {
   bar,
   bits,
