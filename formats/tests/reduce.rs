@@ -61,7 +61,9 @@ fn edge_uses(mesh: &RawMesh) -> [usize; 3] {
         }
     }
     let mut counts = [0; 3];
-    uses.values().for_each(|n| counts[(*n).min(3) - 1] += 1);
+    for n in uses.values() {
+        counts[(*n).min(3) - 1] += 1;
+    }
     counts
 }
 

@@ -68,24 +68,12 @@ fn for_triangles<S: Source + Sync>(
     let mut times = OVERSAMPLING;
     loop {
         let most = limit.saturating_mul(times);
-        let (cut, from) = match &inside {
-            Some((entries, coarse)) => {
-                let cut = Cut::for_triangles(entries, coarse, most);
-                let from = triangles(&cut, entries, coarse);
-                (cut, from)
-            }
-            None => {
-                expect(reader, most);
-                let entries = reader.entries();
-                let mut coarse = vec![0; entries.len()];
-                let cut = Cut::for_triangles_read(entries, most, |i| {
-                    let patches = patches(reader, i)?;
-                    patches.iter().for_each(|patch| add(&mut coarse, patch, patch.count.into()));
-                    Ok::<_, ExtractError>(patches)
-                })?;
-                let from = triangles(&cut, entries, &coarse);
-                (cut, from)
-            }
+        let (cut, from) = if let Some((entries, coarse)) = &inside {
+            let cut = Cut::for_triangles(entries, coarse, most);
+            let from = triangles(&cut, entries, coarse);
+            (cut, from)
+        } else {
+            of_whole(reader, most)?
         };
         if from > limit {
             return Ok((cut, Some(Reduction { from, to: limit, window })));
@@ -97,6 +85,22 @@ fn for_triangles<S: Source + Sync>(
         }
         times *= 2;
     }
+}
+
+/// A cut of the whole model of at most this many triangles, and how many it has.
+fn of_whole<S: Source>(reader: &Reader<S>, most: u64) -> Result<(Cut, u64), ExtractError> {
+    expect(reader, most);
+    let entries = reader.entries();
+    let mut coarse = vec![0; entries.len()];
+    let cut = Cut::for_triangles_read(entries, most, |i| {
+        let patches = patches(reader, i)?;
+        for patch in &patches {
+            add(&mut coarse, patch, patch.count.into());
+        }
+        Ok::<_, ExtractError>(patches)
+    })?;
+    let from = triangles(&cut, entries, &coarse);
+    Ok((cut, from))
 }
 
 /// Triangles of a cut: what the refined chunks have, without what they stand for.

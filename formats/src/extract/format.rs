@@ -289,16 +289,16 @@ impl Target {
         ((p - self.center).as_dvec3() * self.lattice.step()).as_vec3()
     }
 
-    /// Name and version of the program, and the promise: `error` is certified, in metres.
-    pub(super) fn comment(&self, error: f32) -> String {
-        let version = env!("CARGO_PKG_VERSION");
-        format!("kilwa {version}: certified error {error} m against the finest surface")
-    }
-
     /// Units, axes and the coordinate reference system.
     pub(super) fn frame(&self) -> String {
         format!("metres, z up, crs {}", one_line(self.metadata.crs.as_deref().unwrap_or("unknown")))
     }
+}
+
+/// Name and version of the program, and the promise: `error` is certified, in metres.
+pub(super) fn comment(error: f32) -> String {
+    let version = env!("CARGO_PKG_VERSION");
+    format!("kilwa {version}: certified error {error} m against the finest surface")
 }
 
 /// Text for one line of a header.
