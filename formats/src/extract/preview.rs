@@ -29,7 +29,7 @@ const TRIES: u32 = 6;
 /// The model is at the origin, because viewers that compute in `float` fail far from it; its position is recorded in `asset.extras`.
 ///
 /// # Errors
-/// When the pack cannot be read, its coarsest surface takes more than that, or the file cannot be written.
+/// When the pack cannot be read, even its simplest surface takes more than that, or the file cannot be written.
 pub fn preview<S: Source + Sync>(reader: &Reader<S>, to: &Path, max_bytes: u64) -> Result<Preview, ExtractError> {
     let mut max = (max_bytes / BYTES_PER_TRIANGLE).max(1);
     for _ in 0..TRIES {
