@@ -5,7 +5,7 @@ use crate::new_file::refuse_inputs;
 use crate::source::open_pack;
 use crate::verify::progress_bar;
 use glam::DVec3;
-use kilwa_formats::extract::{ExtractError, Extraction, Format, Output, Region, Request, extract};
+use kilwa_formats::extract::{ExtractError, Extraction, Format, Output, Region, Request, WINDOW, extract};
 use kilwa_pack::Metadata;
 use kilwa_pack::plural::plural;
 use std::io::Write as _;
@@ -22,7 +22,7 @@ pub(crate) struct Args {
     /// The coarsest surface whose certified error is at most this many metres.
     #[arg(long, value_name = "METRES", conflicts_with = "max_triangles", value_parser = error_limit)]
     max_error: Option<f64>,
-    /// The best surface of at most this many triangles.
+    /// A surface of this many triangles (or one fewer), simplified from a finer one, with a certified error.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     max_triangles: Option<u64>,
     /// Only the triangles whose centroid lies in this box, whole; world coordinates in metres.
@@ -52,7 +52,13 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     refuse_inputs(&args.output, [args.pack.as_path()])?;
     let output = Output::prepare(&args.output, args.force)?;
     let reader = open_pack(&args.pack)?;
-    let request = Request { format, max_error: args.max_error, max_triangles: args.max_triangles, region: args.region };
+    let request = Request {
+        format,
+        max_error: args.max_error,
+        max_triangles: args.max_triangles,
+        region: args.region,
+        window: WINDOW,
+    };
     let bar = progress_bar(0, "extracting");
     let progress = |done, all| {
         bar.set_length(all);
@@ -67,7 +73,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         e if e.is_of_output() => e.into(),
         e => anyhow::Error::new(e).context(args.pack.display().to_string()),
     })?;
-    say_what_was_not_reached(args.max_triangles, &written);
+    report_excess(args.max_triangles, &written);
     let report = Report { args, format, written: &written };
     if args.json { report.json() } else { report.text() }
 }
@@ -81,26 +87,16 @@ fn nothing_there(metadata: &Metadata, region: Option<&Region>) -> String {
     }
 }
 
-/// The promise of `--max-triangles` is 0.67 N to N; where the pack does not allow it, say so.
-fn say_what_was_not_reached(limit: Option<u64>, written: &Extraction) {
-    let Some(limit) = limit else { return };
+/// The promise of `--max-triangles` is at most N; where the surface does not allow it, say so.
+fn report_excess(limit: Option<u64>, written: &Extraction) {
     let found = written.triangles;
-    if found > limit {
-        crate::terminal::say!(
-            "kilwa: the coarsest surface of this pack has {} {}; {} {} requested",
-            grouped(found),
-            plural(found, "triangle", "triangles"),
-            grouped(limit),
-            plural(limit, "was", "were")
-        );
-    } else if found * 3 < limit * 2 && !written.is_finest {
-        crate::terminal::say!(
-            "kilwa: {} {} instead of {}: the next finer surface of this pack has more than that",
-            grouped(found),
-            plural(found, "triangle", "triangles"),
-            grouped(limit)
-        );
-    }
+    let Some(limit) = limit.filter(|limit| found > *limit) else { return };
+    crate::terminal::say!(
+        "kilwa: {} {} instead of {}: the surface cannot be simplified further without closing holes or leaving out parts",
+        grouped(found),
+        plural(found, "triangle", "triangles"),
+        grouped(limit)
+    );
 }
 
 /// What was written.

@@ -165,12 +165,11 @@ fn boxes_that_tile_the_model_give_every_triangle_exactly_once() {
         }
         assert_eq!(Some(triangles), all["triangles"].as_u64());
     }
-    // With few diamonds the next step of refinement is too large for most limits.
     let large = built_once(&folder(), "large", |to| Input::torus(1280, 128, FAR).write(to), &[]);
     let limit = ["--box", &boxes[0], "--max-triangles", "60000"];
     let part = json(&[&["extract", text(&large), "-o", text(&out), "--force"][..], &limit].concat());
     let found = part["triangles"].as_u64().unwrap();
-    assert!((40_000..=60_000).contains(&found), "the count is of what lies in the box: {found}");
+    assert!((59_999..=60_000).contains(&found), "the count is of what lies in the box: {found}");
     let nowhere = work.path().join("nowhere.ply");
     let message = fails(&["extract", text(torus()), "-o", text(&nowhere), "--box", "0,0,0,1,1,1"]);
     assert!(
@@ -182,7 +181,7 @@ fn boxes_that_tile_the_model_give_every_triangle_exactly_once() {
 }
 
 #[test]
-fn max_triangles_is_respected_on_three_meshes_or_refused() {
+fn max_triangles_is_met_on_three_meshes_or_the_excess_is_explained() {
     let work = tempfile::tempdir().unwrap();
     let out = work.path().join("a.stl");
     let mut kept = 0;
@@ -203,17 +202,13 @@ fn max_triangles_is_respected_on_three_meshes_or_refused() {
             let message = String::from_utf8_lossy(&output.stderr).into_owned();
             let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect(&message);
             let found = report["triangles"].as_u64().unwrap();
-            let promise = found <= limit && (found * 3 >= limit * 2 || report["max_error"] == 0.0);
-            assert!(promise || message.contains("triangles"), "{}: {found} of {limit} without a word", pack.display());
-            assert!(
-                found <= limit || message.contains("coarsest"),
-                "{}: {found} of {limit}: {message}",
-                pack.display()
-            );
+            let promise = found <= limit && (found + 1 >= limit || report["max_error"] == 0.0);
+            let is_explained = found > limit && message.contains("cannot be simplified further");
+            assert!(promise || is_explained, "{}: {found} of {limit}: {message}", pack.display());
             kept += u32::from(promise);
         }
     }
-    assert!(kept >= 20, "kept {kept} times of 27");
+    assert!(kept >= 24, "kept {kept} times of 27");
 }
 
 #[test]

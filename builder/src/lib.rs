@@ -19,7 +19,7 @@ pub mod scratch;
 
 pub use assemble::Spread;
 pub use build::options::{BuildError, BuildOptions};
-pub use build::precision::Precision;
 pub use build::progress::{Progress, Silent};
 pub use build::{BuildReport, Built, Inputs, Interruptible, Run, StageTime, build, build_pack};
 pub use ingest::surface::Diagnostic;
+pub use kilwa_simplify::Precision;

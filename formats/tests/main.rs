@@ -3,4 +3,5 @@
 mod preview;
 mod read_shared_data;
 mod read_stl_and_gltf;
+mod reduce;
 mod shared_data;

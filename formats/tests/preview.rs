@@ -51,10 +51,10 @@ fn a_preview_stays_within_the_limit_nearly_reaches_it_and_is_centred_at_zero() {
 }
 
 #[test]
-fn a_limit_below_the_coarsest_level_is_refused_and_leaves_no_file() {
+fn a_limit_below_the_simplest_surface_is_refused_and_leaves_no_file() {
     let work = tempfile::tempdir().expect("a folder");
     let (pack, to) = (square(work.path()), work.path().join("preview.glb"));
-    let message = write(&pack, &to, 2000).expect_err("too small").to_string();
-    assert!(message.contains("coarsest surface takes more than 2000 bytes"), "{message}");
+    let message = write(&pack, &to, 1000).expect_err("too small").to_string();
+    assert!(message.contains("simplest surface takes more than 1000 bytes"), "{message}");
     assert_eq!(std::fs::read_dir(work.path()).expect("lists").count(), 1);
 }

@@ -49,12 +49,13 @@ enum Suite {
 const STORE_PACKAGES: &str = "server/tests/store/requirements.txt";
 const STORE_VARIABLE: &str = "KILWA_MOTO";
 /// Crates that have to build for wasm32: the page's own and every pure crate below them.
-const WASM_PACKAGES: [&str; 7] = [
+const WASM_PACKAGES: [&str; 8] = [
     "kilwa-viewer",
     "kilwa-decode",
     "kilwa-stream",
     "kilwa-pack",
     "kilwa-geometry",
+    "kilwa-simplify",
     "kilwa-measure",
     "kilwa-measure-web",
 ];

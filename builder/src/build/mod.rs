@@ -11,7 +11,6 @@ mod interrupt;
 pub mod journal;
 pub mod machine;
 pub mod options;
-pub mod precision;
 pub mod progress;
 mod report;
 pub mod work;

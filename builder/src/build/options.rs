@@ -1,9 +1,9 @@
 //! What the user can choose about a build, and everything that can go wrong in one.
 
-use crate::build::precision::Precision;
 use glam::DVec3;
 use kilwa_formats::{ReadError, Up};
 use kilwa_geometry::LengthUnit;
+use kilwa_simplify::Precision;
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use thiserror::Error;

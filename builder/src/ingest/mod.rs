@@ -38,7 +38,6 @@ mod weld;
 mod words;
 
 use crate::build::options::BuildError;
-use crate::build::precision::Precision;
 use crate::build::work::Work;
 use crate::ingest::surface::{Diagnostic, Ingested, LEAVES, SHARED, Surface};
 use crate::scratch::{PatchFile, Records, Scratch, ScratchError, Sum, seal, unseal};
@@ -48,6 +47,7 @@ use glam::DVec3;
 use kilwa_geometry::{DiamondKey, LatticePoint};
 use kilwa_pack::chunk::MAX_SCALARS;
 use kilwa_pack::metadata::{ScalarChannel, SourceFile};
+use kilwa_simplify::Precision;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 pub use spool::{Spool, Spooled};

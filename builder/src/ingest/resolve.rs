@@ -15,7 +15,6 @@ use super::spool::{COLORS, ColorSource, NORMALS, POSITIONS, Spooled, TRIANGLE_CO
 use super::tally::Tally;
 use super::words::{INVALID, Layout, read_words, word_of_color, word_of_normal, write_words};
 use crate::build::options::BuildError;
-use crate::build::precision::Precision;
 use crate::build::work::Work;
 use crate::scratch::{ScratchError, ScratchFile};
 use glam::{DVec3, I64Vec3};
@@ -23,6 +22,7 @@ use kilwa_formats::UNCOLOURED;
 use kilwa_formats::read::sink::{NO_POSITION, NOT_FINITE, UNUSED};
 use kilwa_geometry::Lattice;
 use kilwa_pack::plural::counted;
+use kilwa_simplify::Precision;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicU64, Ordering};

@@ -4,13 +4,13 @@
 
 use crate::build::options::BuildError;
 use crate::levels::fragment::Patch;
-use crate::levels::weld::Welder;
 use crate::partition::Partition;
 use glam::DVec3;
 use kilwa_geometry::Aabb;
 use kilwa_pack::chunk::{self, Chunk, MAX_CHUNK_TRIANGLES, PatchRange};
 use kilwa_pack::plural::counted;
 use kilwa_pack::{Attributes, NO_DIAMOND};
+use kilwa_simplify::Welder;
 
 /// Patches of overfull leaves are cut into runs of this many triangles.
 const LARGEST_PATCH: usize = 16_384;

@@ -3,15 +3,13 @@
 //!
 //! Pure: the result depends on the patches and the locked points alone.
 
-use crate::build::precision::Precision;
-use crate::levels::certify::{Bound, certify};
-use crate::levels::simplify::{PRUNED, Simplified, simplify};
-use crate::levels::weld::Welder;
 use crate::partition::Partition;
 use crate::scratch::point_key;
 use kilwa_geometry::mesh::corner_sum;
 use kilwa_geometry::tetra::Faces;
 use kilwa_geometry::{LatticePoint, Mesh, Sphere};
+use kilwa_simplify::Precision;
+use kilwa_simplify::{Bound, PRUNED, Purpose, Simplified, Welder, certify, simplify};
 use rustc_hash::FxHashSet;
 
 /// A mesh with bounds per triangle.
@@ -54,7 +52,7 @@ pub fn coarsen(
     let locked: FxHashSet<LatticePoint> = locked.iter().copied().collect();
     let merged = merge(input);
     let fine = &merged.mesh;
-    let simplified = simplify(fine, &locked, target(fine.triangle_count(), locked.len()), precision);
+    let simplified = simplify(fine, &locked, target(fine.triangle_count(), locked.len()), Purpose::Level(precision));
     let coarse = &simplified.mesh;
     let bounds = certify(fine, &merged.bounds, &simplified);
     let groups = share_out(coarse, tree, diamond);

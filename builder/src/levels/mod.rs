@@ -11,18 +11,14 @@
 //! their input alone, so the results are the same for any number of threads and any memory. Only the order of patches,
 //! records and chunks inside their files differs, and nothing depends on that.
 
-pub mod certify;
 mod encode;
 pub mod fragment;
 mod locks;
 mod results;
-pub mod simplify;
-mod weld;
 
 pub use results::Refined;
 
 use crate::build::options::BuildError;
-use crate::build::precision::Precision;
 use crate::build::work::Work;
 use crate::ingest::surface::{Ingested, LEAVES, SHARED, Surface};
 use crate::levels::fragment::{Patch, REDUCTION, coarsen};
@@ -31,6 +27,7 @@ use crate::scratch::{PatchFile, Records, ScratchFile, record};
 pub(crate) use encode::{encode_chunk, too_large};
 use kilwa_pack::Attributes;
 use kilwa_pack::chunk::MAX_CHUNK_TRIANGLES;
+use kilwa_simplify::Precision;
 use locks::Locks;
 use std::sync::atomic::{AtomicU64, Ordering};
 

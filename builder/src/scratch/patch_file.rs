@@ -5,9 +5,9 @@
 //! there, or are all zero, take no space. A leaf of a coloured scan takes about 17 bytes a triangle.
 
 use super::{Scratch, ScratchError, ScratchFile};
-use crate::levels::certify::Bound;
 use crate::levels::fragment::Patch;
 use kilwa_geometry::{LatticePoint, Mesh};
+use kilwa_simplify::Bound;
 use rustc_hash::FxHashMap;
 use std::sync::RwLock;
 

@@ -1,7 +1,7 @@
 use super::*;
-use crate::levels::certify::Bound;
 use crate::levels::fragment::Patch;
 use kilwa_geometry::{LatticePoint, Mesh};
+use kilwa_simplify::Bound;
 
 fn patch(vertices: u32, colored: bool, channels: usize, bounded: bool) -> Patch {
     let n = vertices as usize;

@@ -9,13 +9,30 @@ use rayon::prelude::*;
 /// Chunks read at a time: bounds memory, and keeps all threads busy.
 const BATCH: usize = 64;
 
+/// A cut has so many times the triangles that are asked for, and is simplified to them: the surface is closer to the original than
+/// any cut of that number, whose chunks are of different levels. Twice as many again change little (docs/bench).
+const OVERSAMPLING: u64 = 4;
+
 /// A cut, and what it promises.
 pub(super) struct Chosen {
     pub(super) cut: Cut,
-    /// Certified error in metres of what is written, against the finest surface.
+    /// Certified error in metres of the cut, against the finest surface.
     pub(super) error: f32,
-    /// Whether every triangle of the finest surface (in the box) is written.
+    /// Whether every triangle of the finest surface (in the box) is in the cut.
     pub(super) is_finest: bool,
+    /// What the cut is simplified to, where it has more triangles than were asked for.
+    pub(super) reduction: Option<Reduction>,
+}
+
+/// A number of triangles to simplify to.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Reduction {
+    /// Triangles of the cut (in the box).
+    pub(super) from: u64,
+    /// Triangles to keep at most.
+    pub(super) to: u64,
+    /// Triangles that are simplified at once.
+    pub(super) window: usize,
 }
 
 /// The cut for what was asked.
@@ -23,27 +40,77 @@ pub(super) fn choose<S: Source + Sync>(
     reader: &Reader<S>,
     max_error: Option<f64>,
     max_triangles: Option<u64>,
+    window: usize,
     region: Option<&Steps>,
 ) -> Result<Chosen, ExtractError> {
     let entries = reader.entries();
-    let cut = match (max_error, max_triangles, region) {
-        (Some(limit), _, _) => Cut::for_error(entries, limit),
-        (None, None, _) => Cut::finest(entries),
-        (None, Some(limit), None) => {
-            expect(reader, limit);
-            Cut::for_triangles_read(entries, limit, |i| patches(reader, i))?
-        }
-        (None, Some(limit), Some(region)) => {
-            let (entries, coarse) = inside(reader, region)?;
-            Cut::for_triangles(&entries, &coarse, limit)
-        }
+    let (cut, reduction) = match (max_error, max_triangles) {
+        (Some(limit), _) => (Cut::for_error(entries, limit), None),
+        (None, None) => (Cut::finest(entries), None),
+        (None, Some(limit)) => for_triangles(reader, limit, window, region)?,
     };
     let shown = |i: u32, e: &DirectoryEntry| !cut.is_refined(i) && e.parents().any(|parent| cut.is_refined(parent));
     let near = |e: &DirectoryEntry| region.is_none_or(|region| region.meets_ball(&e.sphere));
     let coarse = || (0u32..).zip(entries).filter(|(i, e)| shown(*i, e) && near(e)).map(|(_, e)| e);
     let error = coarse().map(|e| e.error).fold(0.0, f32::max);
     let is_finest = coarse().next().is_none();
-    Ok(Chosen { cut, error, is_finest })
+    Ok(Chosen { cut, error, is_finest, reduction })
+}
+
+/// A cut of some times as many triangles as `limit`, or the finest, and what it is to be simplified to.
+fn for_triangles<S: Source + Sync>(
+    reader: &Reader<S>,
+    limit: u64,
+    window: usize,
+    region: Option<&Steps>,
+) -> Result<(Cut, Option<Reduction>), ExtractError> {
+    let inside = region.map(|region| inside(reader, region)).transpose()?;
+    let mut times = OVERSAMPLING;
+    loop {
+        let most = limit.saturating_mul(times);
+        let (cut, from) = if let Some((entries, coarse)) = &inside {
+            let cut = Cut::for_triangles(entries, coarse, most);
+            let from = triangles(&cut, entries, coarse);
+            (cut, from)
+        } else {
+            of_whole(reader, most)?
+        };
+        if from > limit {
+            return Ok((cut, Some(Reduction { from, to: limit, window })));
+        }
+        // The next finer chunk was too large for the cut.
+        let is_finest = cut.refined().count() == reader.entries().len();
+        if is_finest || most == u64::MAX {
+            return Ok((cut, None));
+        }
+        times *= 2;
+    }
+}
+
+/// A cut of the whole model of at most this many triangles, and how many it has.
+fn of_whole<S: Source>(reader: &Reader<S>, most: u64) -> Result<(Cut, u64), ExtractError> {
+    expect(reader, most);
+    let entries = reader.entries();
+    let mut coarse = vec![0; entries.len()];
+    let cut = Cut::for_triangles_read(entries, most, |i| {
+        let patches = patches(reader, i)?;
+        for patch in &patches {
+            add(&mut coarse, patch, patch.count.into());
+        }
+        Ok::<_, ExtractError>(patches)
+    })?;
+    let from = triangles(&cut, entries, &coarse);
+    Ok((cut, from))
+}
+
+/// Triangles of a cut: what the refined chunks have, without what they stand for.
+fn triangles(cut: &Cut, entries: &[DirectoryEntry], coarse: &[u64]) -> u64 {
+    let (mut added, mut removed) = (0u64, 0u64);
+    for i in cut.refined() {
+        added += entries.get(i as usize).map_or(0, |e| u64::from(e.triangles));
+        removed += coarse.get(i as usize).copied().unwrap_or(0);
+    }
+    added.saturating_sub(removed)
 }
 
 /// The patches of a chunk. What each refinement removes stands in them; the directory has what it adds.

@@ -43,7 +43,7 @@ pub enum ExtractError {
     #[error("{0}")]
     Numbers(String),
     /// Even the coarsest surface is too large.
-    #[error("its coarsest surface takes more than {limit} bytes as GLB")]
+    #[error("even its simplest surface takes more than {limit} bytes as GLB")]
     TooLarge {
         /// Bytes allowed.
         limit: u64,

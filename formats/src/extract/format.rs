@@ -160,8 +160,6 @@ pub(super) struct Target {
     pub(super) needs_double: bool,
     pub(super) colors: bool,
     pub(super) metadata: Metadata,
-    /// Certified error in metres.
-    pub(super) error: f32,
     /// GLB: the model is at the origin, and its position is recorded beside it.
     pub(super) at_zero: bool,
 }
@@ -283,7 +281,7 @@ impl Target {
         }
         let (center, needs_double) = (coordinates.center(), coordinates.need_double());
         let (colors, metadata) = (header.attributes.colors, reader.metadata().clone());
-        Ok(Self { lattice, center, needs_double, colors, metadata, error: chosen.error, at_zero: false })
+        Ok(Self { lattice, center, needs_double, colors, metadata, at_zero: false })
     }
 
     /// A position relative to [`Self::center`], in metres: exact within 2^24 steps of it.
@@ -291,16 +289,16 @@ impl Target {
         ((p - self.center).as_dvec3() * self.lattice.step()).as_vec3()
     }
 
-    /// Name and version of the program, and the promise.
-    pub(super) fn comment(&self) -> String {
-        let version = env!("CARGO_PKG_VERSION");
-        format!("kilwa {version}: certified error {} m against the finest surface", self.error)
-    }
-
     /// Units, axes and the coordinate reference system.
     pub(super) fn frame(&self) -> String {
         format!("metres, z up, crs {}", one_line(self.metadata.crs.as_deref().unwrap_or("unknown")))
     }
+}
+
+/// Name and version of the program, and the promise: `error` is certified, in metres.
+pub(super) fn comment(error: f32) -> String {
+    let version = env!("CARGO_PKG_VERSION");
+    format!("kilwa {version}: certified error {error} m against the finest surface")
 }
 
 /// Text for one line of a header.

@@ -59,7 +59,7 @@ impl Glb {
         }
         let file = json!({
             "asset": {"version": "2.0", "generator": format!("kilwa {}", env!("CARGO_PKG_VERSION"))},
-            "extras": {"certified_error_m": target.error, "crs": target.metadata.crs, "world_from_local_m": [place[0] - x, place[1] - y, place[2] - z]},
+            "extras": {"certified_error_m": counts.error, "crs": target.metadata.crs, "world_from_local_m": [place[0] - x, place[1] - y, place[2] - z]},
             "scene": 0,
             "scenes": [{"nodes": [0]}],
             // Column by column: x stays, y becomes -z, z becomes y.

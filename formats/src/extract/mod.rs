@@ -1,6 +1,6 @@
 //! Extracting the mesh of a pack, at full or lower detail, as one crack-free PLY, OBJ, STL or GLB.
 //!
-//! Stages: `choose` (which diamonds are refined) → `stream` (chunk by chunk through space; vertices that are equal in
+//! Stages: `choose` (which diamonds are refined) → `stream` (chunk by chunk through space; `reduce` simplifies to a number of triangles; vertices that are equal in
 //! position and every attribute become one again, so that patches join exactly; on the pack's lattice this is equality
 //! of integers) → two scratch files, vertices and triangles in the form of the format → `output` (header and both, under a
 //! temporary name, renamed when complete). Memory follows the cross-section of the model and not its size.
@@ -13,6 +13,7 @@ mod obj;
 mod output;
 mod ply;
 mod preview;
+mod reduce;
 mod region;
 mod stl;
 mod stream;
@@ -21,6 +22,7 @@ pub use error::ExtractError;
 pub use format::Format;
 pub use output::Output;
 pub use preview::{Preview, preview};
+pub use reduce::WINDOW;
 pub use region::Region;
 
 use format::Target;
@@ -34,10 +36,12 @@ pub struct Request {
     pub format: Format,
     /// The coarsest surface whose certified error is at most this many metres.
     pub max_error: Option<f64>,
-    /// The best surface of at most this many triangles; used if no error is given.
+    /// A surface of this many triangles, or one fewer: a finer cut, simplified. Used if no error is given.
     pub max_triangles: Option<u64>,
     /// Only the triangles whose centroid lies in this box.
     pub region: Option<Region>,
+    /// How many triangles are simplified at once, at about a kilobyte each: [`WINDOW`].
+    pub window: usize,
 }
 
 /// What was written.
@@ -75,7 +79,7 @@ pub fn extract<S: Source + Sync>(
 ) -> Result<Extraction, ExtractError> {
     let format = request.format;
     let region = request.region.as_ref().map(|region| region.on(&reader.header().lattice));
-    let chosen = choose::choose(reader, request.max_error, request.max_triangles, region.as_ref())?;
+    let chosen = choose::choose(reader, request.max_error, request.max_triangles, request.window, region.as_ref())?;
     let target = Target::new(reader, &chosen, region.as_ref(), format)?;
     let mut encoder = format.encoder(&target);
     let mut scratch = output.scratch()?;
@@ -88,8 +92,8 @@ pub fn extract<S: Source + Sync>(
         bytes,
         triangles: counts.triangles,
         vertices: counts.vertices,
-        error: chosen.error,
-        is_finest: chosen.is_finest,
+        error: counts.error,
+        is_finest: chosen.is_finest && chosen.reduction.is_none(),
         refined_chunks: chosen.cut.refined().count(),
         coordinates: format.coordinate_type(&target),
         offset: format.offset(&target),

@@ -4,6 +4,7 @@ use super::ExtractError;
 use super::choose;
 use super::format::{Format, Target};
 use super::output::Output;
+use super::reduce::WINDOW;
 use super::stream;
 use kilwa_pack::{Reader, Source};
 use std::path::Path;
@@ -28,11 +29,11 @@ const TRIES: u32 = 6;
 /// The model is at the origin, because viewers that compute in `float` fail far from it; its position is recorded in `asset.extras`.
 ///
 /// # Errors
-/// When the pack cannot be read, its coarsest surface takes more than that, or the file cannot be written.
+/// When the pack cannot be read, even its simplest surface takes more than that, or the file cannot be written.
 pub fn preview<S: Source + Sync>(reader: &Reader<S>, to: &Path, max_bytes: u64) -> Result<Preview, ExtractError> {
     let mut max = (max_bytes / BYTES_PER_TRIANGLE).max(1);
     for _ in 0..TRIES {
-        let chosen = choose::choose(reader, None, Some(max), None)?;
+        let chosen = choose::choose(reader, None, Some(max), WINDOW, None)?;
         let target = Target::new(reader, &chosen, None, Format::Glb)?;
         let target = Target { at_zero: true, ..target };
         let mut encoder = Format::Glb.encoder(&target);
@@ -49,7 +50,7 @@ pub fn preview<S: Source + Sync>(reader: &Reader<S>, to: &Path, max_bytes: u64) 
         let length = bytes.len() as u64;
         if length <= max_bytes {
             output.write(|out| out.write_all(&bytes))?;
-            return Ok(Preview { bytes: length, triangles: counts.triangles, error: chosen.error });
+            return Ok(Preview { bytes: length, triangles: counts.triangles, error: counts.error });
         }
         if counts.triangles > max {
             break;

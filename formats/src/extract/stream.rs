@@ -2,12 +2,14 @@
 //!
 //! Chunks are taken in the order in which a plane sweeps along the longest side of the model: by the smallest coordinate
 //! of their boxes. A vertex that lies before the plane cannot come again, because every later chunk begins behind it; so
-//! what is known of it is forgotten. What stays in memory is what lies in the chunks that the plane cuts.
+//! what is known of it is forgotten. What stays in memory is what lies in the chunks that the plane cuts, and where the cut is
+//! simplified further, a window of triangles behind the plane (`reduce`).
 
 use super::ExtractError;
 use super::choose::{Chosen, stretches};
 use super::format::Encoder;
 use super::output::Scratch;
+use super::reduce::{Piece, Reducer};
 use super::region::Steps;
 use kilwa_geometry::{LatticePoint, Mesh};
 use kilwa_pack::{Chunk, PackError, Reader, Source};
@@ -28,6 +30,8 @@ type Wedge = (LatticePoint, [u8; 3], [i16; 2], Box<[u32]>);
 pub(super) struct Counts {
     pub(super) vertices: u64,
     pub(super) triangles: u64,
+    /// Certified error in metres, against the finest surface.
+    pub(super) error: f32,
 }
 
 /// Write the vertices and the triangles of the cut to the scratch files; `progress` is called with chunks done and chunks in all.
@@ -43,7 +47,12 @@ pub(super) fn stream<S: Source + Sync>(
     let chunks = in_order(reader, chosen, region, axis);
     progress(0, chunks.len() as u64);
     let mut done = 0;
-    let mut weld = Weld { axis, known: HashMap::new(), kept: 0, counts: Counts::default(), bytes: Vec::new() };
+    let counts = Counts { error: chosen.error, ..Counts::default() };
+    let mut weld = Weld { axis, known: HashMap::new(), kept: 0, counts, bytes: Vec::new(), encoder, scratch };
+    let mut reducer = chosen.reduction.map(|reduction| {
+        weld.counts.error = 0.0;
+        Reducer::new(reader, reduction, axis, region.is_some())
+    });
     for batch in chunks.chunks(BATCH) {
         reader.source().expect(&stretches(reader, batch));
         let decoded: Vec<Result<Chunk, PackError>> = batch.par_iter().map(|&i| reader.chunk(i)).collect();
@@ -54,11 +63,28 @@ pub(super) fn stream<S: Source + Sync>(
                 // What was forgotten would come again as another vertex: the surface would crack.
                 return Err(ExtractError::Outside { chunk: index });
             }
-            weld.forget(bounds.min[axis]);
-            weld.add(&chunk, chosen, region, encoder, scratch)?;
+            let plane = bounds.min[axis];
+            let inside = |t: &usize| region.is_none_or(|region| region.holds(chunk.mesh.corners(*t)));
+            match &mut reducer {
+                None => weld.forget(plane),
+                Some(reducer) => weld.write(reducer.reduce_if_full(plane))?,
+            }
+            for patch in chosen.cut.drawn(&chunk.patches) {
+                let triangles = (patch.first as usize..(patch.first + patch.count) as usize).filter(inside);
+                match &mut reducer {
+                    None => weld.add(&chunk.mesh, triangles)?,
+                    Some(reducer) => {
+                        let error = reader.entries().get(patch.diamond as usize).map_or(0.0, |e| e.error);
+                        reducer.add(&chunk.mesh, triangles, error);
+                    }
+                }
+            }
         }
         done += batch.len();
         progress(done as u64, chunks.len() as u64);
+    }
+    if let Some(reducer) = reducer {
+        weld.write(Some(reducer.finish()))?;
     }
     Ok(weld.counts)
 }
@@ -80,17 +106,19 @@ fn in_order<S: Source>(reader: &Reader<S>, chosen: &Chosen, region: Option<&Step
     chunks
 }
 
-/// Gives equal vertices one number.
-struct Weld {
+/// Gives equal vertices one number, and writes them and the triangles.
+struct Weld<'a> {
     axis: usize,
     known: HashMap<Wedge, u32>,
     /// How many were kept when some were forgotten last.
     kept: usize,
     counts: Counts,
     bytes: Vec<u8>,
+    encoder: &'a mut dyn Encoder,
+    scratch: &'a mut Scratch,
 }
 
-impl Weld {
+impl Weld<'_> {
     /// Forget the vertices before `plane`, when there are twice as many as the last time.
     fn forget(&mut self, plane: i32) {
         if self.known.len() >= FORGET_FROM.max(2 * self.kept) {
@@ -100,53 +128,42 @@ impl Weld {
         }
     }
 
-    /// Write the drawn triangles of a chunk, each after its vertices.
-    fn add(
-        &mut self,
-        chunk: &Chunk,
-        chosen: &Chosen,
-        region: Option<&Steps>,
-        encoder: &mut dyn Encoder,
-        scratch: &mut Scratch,
-    ) -> Result<(), ExtractError> {
-        let mesh = &chunk.mesh;
+    /// Write a finished part of a simplified surface.
+    fn write(&mut self, piece: Option<Piece>) -> Result<(), ExtractError> {
+        let Some(piece) = piece else { return Ok(()) };
+        self.counts.error = self.counts.error.max(piece.error);
+        self.add(&piece.mesh, piece.triangles.iter().map(|t| *t as usize))?;
+        self.forget(piece.rest_from);
+        Ok(())
+    }
+
+    /// Write triangles of a mesh, each after its vertices.
+    fn add(&mut self, mesh: &Mesh, triangles: impl Iterator<Item = usize>) -> Result<(), ExtractError> {
         let mut numbers: Vec<Option<u32>> = vec![None; mesh.positions.len()];
-        for patch in chosen.cut.drawn(&chunk.patches) {
-            for t in patch.first as usize..(patch.first + patch.count) as usize {
-                let points = mesh.corners(t);
-                if region.is_some_and(|region| !region.holds(points)) {
-                    continue;
+        for t in triangles {
+            let mut corners = [0; 3];
+            if self.encoder.shares_vertices() {
+                for (corner, v) in corners.iter_mut().zip(mesh.triangles[t]) {
+                    let v = v as usize;
+                    *corner = match numbers[v] {
+                        Some(number) => number,
+                        None => self.number(mesh, v)?,
+                    };
+                    numbers[v] = Some(*corner);
                 }
-                let mut corners = [0; 3];
-                if encoder.shares_vertices() {
-                    for (corner, v) in corners.iter_mut().zip(mesh.triangles[t]) {
-                        let v = v as usize;
-                        *corner = match numbers[v] {
-                            Some(number) => number,
-                            None => self.number(mesh, v, encoder, scratch)?,
-                        };
-                        numbers[v] = Some(*corner);
-                    }
-                } else {
-                    self.counts.vertices += 3;
-                }
-                self.bytes.clear();
-                encoder.triangle(&mut self.bytes, corners, points);
-                scratch.triangles.write_all(&self.bytes).map_err(ExtractError::Scratch)?;
-                self.counts.triangles += 1;
+            } else {
+                self.counts.vertices += 3;
             }
+            self.bytes.clear();
+            self.encoder.triangle(&mut self.bytes, corners, mesh.corners(t));
+            self.scratch.triangles.write_all(&self.bytes).map_err(ExtractError::Scratch)?;
+            self.counts.triangles += 1;
         }
         Ok(())
     }
 
     /// The number of a vertex, written where it is new.
-    fn number(
-        &mut self,
-        mesh: &Mesh,
-        v: usize,
-        encoder: &mut dyn Encoder,
-        scratch: &mut Scratch,
-    ) -> Result<u32, ExtractError> {
+    fn number(&mut self, mesh: &Mesh, v: usize) -> Result<u32, ExtractError> {
         let wedge = (
             mesh.positions[v],
             mesh.colors.get(v).copied().unwrap_or_default(),
@@ -156,14 +173,14 @@ impl Weld {
         if let Some(&number) = self.known.get(&wedge) {
             return Ok(number);
         }
-        let limit = encoder.max_vertices();
+        let limit = self.encoder.max_vertices();
         let number = u32::try_from(self.counts.vertices).ok().filter(|n| *n < limit);
         let number = number.ok_or(ExtractError::TooManyVertices { limit })?;
         self.counts.vertices += 1;
         self.known.insert(wedge, number);
         self.bytes.clear();
-        encoder.vertex(&mut self.bytes, mesh, v);
-        scratch.vertices.write_all(&self.bytes).map_err(ExtractError::Scratch)?;
+        self.encoder.vertex(&mut self.bytes, mesh, v);
+        self.scratch.vertices.write_all(&self.bytes).map_err(ExtractError::Scratch)?;
         Ok(number)
     }
 }

@@ -34,7 +34,7 @@ pub(super) fn extract(
         Format::Obj => extract::Format::Obj,
         Format::Stl => extract::Format::Stl,
     };
-    let request = Request { format, max_error, max_triangles, region: None };
+    let request = Request { format, max_error, max_triangles, region: None, window: extract::WINDOW };
     let on_progress = |done: u64, all: u64| progress(READ * done as f64 / all.max(1) as f64);
     // Another server that uses the same cache may have made it meanwhile: the same bytes.
     let written =
@@ -107,7 +107,7 @@ mod tests {
                 let format = extract::Format::of(&by_hand, false).expect("known");
                 let reader = Reader::open(Pack::here(&pack).open().expect("opens")).expect("a pack");
                 let output = Output::prepare(&by_hand, true).expect("writable");
-                let request = Request { format, max_error, max_triangles, region: None };
+                let request = Request { format, max_error, max_triangles, region: None, window: extract::WINDOW };
                 extract::extract(&reader, &request, &output, &|_, _| ()).expect("extracts");
                 assert!(
                     std::fs::read(&made).expect("reads") == std::fs::read(&by_hand).expect("reads"),

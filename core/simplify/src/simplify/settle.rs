@@ -86,8 +86,8 @@ impl Simplifier<'_> {
 
 #[cfg(test)]
 mod tests {
-    use crate::build::precision::Precision;
-    use crate::levels::simplify::simplify;
+    use crate::precision::Precision;
+    use crate::simplify::{Purpose, simplify};
     use kilwa_geometry::{LatticePoint, Mesh};
     use rustc_hash::FxHashSet;
     use std::collections::BTreeMap;
@@ -132,7 +132,7 @@ mod tests {
         let mut last = 0;
         for rough in [17, 67, 257] {
             let fine = sheet(24, rough);
-            let coarse = simplify(&fine, &FxHashSet::default(), 200, Precision::default()).mesh;
+            let coarse = simplify(&fine, &FxHashSet::default(), 200, Purpose::Level(Precision::default())).mesh;
             let zeros = zeros(&coarse, &fine);
             let all: usize = zeros.values().sum();
             // The grain of the sheet: most have just it, by chance some have more; few were refused it.
@@ -149,9 +149,9 @@ mod tests {
     fn locked_positions_do_not_move_and_a_plane_stays_flat() {
         let fine = sheet(24, 257);
         let locked: FxHashSet<LatticePoint> = fine.positions.iter().copied().filter(|p| p[0] < 3000).collect();
-        let coarse = simplify(&fine, &locked, 300, Precision::default()).mesh;
+        let coarse = simplify(&fine, &locked, 300, Purpose::Level(Precision::default())).mesh;
         assert!(locked.iter().all(|p| coarse.positions.contains(p)));
-        let coarse = simplify(&sheet(24, 0), &FxHashSet::default(), 200, Precision::default()).mesh;
+        let coarse = simplify(&sheet(24, 0), &FxHashSet::default(), 200, Purpose::Level(Precision::default())).mesh;
         assert!(coarse.positions.iter().all(|p| p[2] == 5001), "a plane has no roughness to hide a step in");
     }
 }

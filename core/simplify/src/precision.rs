@@ -29,18 +29,18 @@ impl Precision {
     }
 
     /// A colour of the finest level.
-    pub(crate) fn color(self, color: [u8; 3]) -> [u8; 3] {
+    pub fn color(self, color: [u8; 3]) -> [u8; 3] {
         let lost = 8 - u32::from(self.color_bits.clamp(1, 8));
         color.map(|c| rounded(i32::from(c), lost).min(255) as u8)
     }
 
     /// A normal of the finest level, from coordinates of 16 bits.
-    pub(crate) fn normal(self, normal: OctNormal) -> OctNormal {
+    pub fn normal(self, normal: OctNormal) -> OctNormal {
         self.normal_within(normal, self)
     }
 
     /// A normal of these bits in a pack whose finest level has `finest`.
-    pub(crate) fn normal_within(self, normal: OctNormal, finest: Self) -> OctNormal {
+    pub fn normal_within(self, normal: OctNormal, finest: Self) -> OctNormal {
         let bits = u32::from(finest.normal_bits.clamp(2, 16));
         let lost = bits.saturating_sub(self.normal_bits.into());
         let levels = (1i32 << (bits - 1)) - 1;

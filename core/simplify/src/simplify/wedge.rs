@@ -1,7 +1,7 @@
 //! Attributes of the vertices that are being merged. Colours are averaged in linear light, normals and scalars summed,
-//! each fine vertex with weight 1, and rounded ([`Precision::coarse`]). A vertex that nothing was merged into keeps its attributes bit for bit.
+//! each fine vertex with weight 1, and rounded as the [`Purpose`] asks. A vertex that nothing was merged into keeps its attributes bit for bit.
 
-use crate::build::precision::Precision;
+use super::Purpose;
 use glam::Vec3;
 use kilwa_geometry::color::{light_from_srgb_f32, srgb_from_light_f32};
 use kilwa_geometry::{Mesh, normal};
@@ -70,15 +70,19 @@ impl<'a> Wedges<'a> {
     }
 
     /// Append the attributes of a vertex to a mesh.
-    pub(super) fn emit(&self, w: usize, precision: Precision, out: &mut Mesh) {
+    pub(super) fn emit(&self, w: usize, purpose: Purpose, out: &mut Mesh) {
+        let (finest, made) = match purpose {
+            Purpose::Level(precision) => (precision, precision.coarse()),
+            Purpose::Export(precision) => (precision, precision),
+        };
         let sum = &self.sums[w];
         if let Some(c) = self.source.colors.get(w) {
             let mean = (sum.color / sum.weight).to_array().map(srgb_from_light_f32);
             // Equal colours stay equal.
-            out.colors.push(if !sum.changed || mean == *c { *c } else { precision.coarse().color(mean) });
+            out.colors.push(if !sum.changed || mean == *c { *c } else { made.color(mean) });
         }
         out.normals.push(if sum.changed {
-            precision.coarse().normal_within(normal::encode(sum.normal.as_dvec3()), precision)
+            made.normal_within(normal::encode(sum.normal.as_dvec3()), finest)
         } else {
             self.source.normals[w]
         });

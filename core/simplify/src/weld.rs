@@ -5,22 +5,22 @@ use kilwa_geometry::Mesh;
 const NONE: u32 = u32::MAX;
 
 /// Joins vertices of several meshes into one mesh. Vertices are in order of first use.
-pub(crate) struct Welder {
+pub struct Welder {
     /// What was joined so far.
-    pub(crate) mesh: Mesh,
+    pub mesh: Mesh,
     /// Open addressing by position and all attributes; a power of two, at most half full.
     table: Vec<u32>,
 }
 
 impl Welder {
     /// For about so many vertices with so many scalar channels.
-    pub(crate) fn new(vertices: usize, scalars: usize) -> Self {
+    pub fn new(vertices: usize, scalars: usize) -> Self {
         let size = (vertices * 2 + 16).next_power_of_two();
         Self { mesh: Mesh { scalars: vec![Vec::new(); scalars], ..Mesh::default() }, table: vec![NONE; size] }
     }
 
     /// The number of a vertex of `from` in the joined mesh.
-    pub(crate) fn vertex(&mut self, from: &Mesh, v: usize) -> u32 {
+    pub fn vertex(&mut self, from: &Mesh, v: usize) -> u32 {
         if (self.mesh.vertex_count() + 1) * 2 > self.table.len() {
             self.grow();
         }

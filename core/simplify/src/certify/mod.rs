@@ -19,7 +19,7 @@ mod surface;
 mod view;
 mod walk;
 
-use crate::levels::simplify::{PRUNED, Simplified};
+use crate::simplify::{PRUNED, Simplified};
 use kilwa_geometry::Mesh;
 use kilwa_geometry::distance::{ABSOLUTE_SLACK, DISTANCE_SLACK, point_triangle_squared};
 use overlay::Cover;
@@ -207,8 +207,8 @@ fn add_up(d: f64, carried: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::build::precision::Precision;
-    use crate::levels::simplify::simplify;
+    use crate::precision::Precision;
+    use crate::simplify::{Purpose, simplify};
     use kilwa_geometry::LatticePoint;
     use proptest::prelude::*;
     use std::collections::HashSet;
@@ -267,7 +267,7 @@ mod tests {
             seed in 0i32..1000, rough in 1i32..40, keep in 2usize..12, fold in any::<bool>(),
         ) {
             let fine = ground(seed, rough, fold);
-            let simplified = simplify(&fine, &nothing(), fine.triangle_count() / keep, Precision::default());
+            let simplified = simplify(&fine, &nothing(), fine.triangle_count() / keep, Purpose::Level(Precision::default()));
             let coarse = &simplified.mesh;
             let bounds = certify(&fine, &vec![Bound::default(); fine.triangle_count()], &simplified);
             let out = f64::from(bounds.iter().map(|b| b.out).fold(0.0, f32::max));
@@ -298,8 +298,12 @@ mod tests {
         let mut ratios = Vec::new();
         for case in 0..24 {
             let fine = ground(case * 41, 1 + case % 13 * 3, case % 2 == 1);
-            let simplified =
-                simplify(&fine, &nothing(), fine.triangle_count() / (2 + case as usize % 7), Precision::default());
+            let simplified = simplify(
+                &fine,
+                &nothing(),
+                fine.triangle_count() / (2 + case as usize % 7),
+                Purpose::Level(Precision::default()),
+            );
             let bounds = certify(&fine, &vec![Bound::default(); fine.triangle_count()], &simplified);
             let bound = bounds.iter().map(|b| f64::from(b.out.max(b.back))).fold(0.0, f64::max);
             ratios.push(bound / sampled(&simplified.mesh, &fine).max(sampled(&fine, &simplified.mesh)).max(0.1));
@@ -314,7 +318,7 @@ mod tests {
     fn an_unchanged_mesh_keeps_its_bound() {
         let m = ground(3, 20, false);
         let given = vec![Bound { out: 1.5, back: 2.5 }; m.triangle_count()];
-        let simplified = simplify(&m, &nothing(), m.triangle_count(), Precision::default());
+        let simplified = simplify(&m, &nothing(), m.triangle_count(), Purpose::Level(Precision::default()));
         assert_eq!(certify(&m, &given, &simplified), given);
     }
 
@@ -339,7 +343,7 @@ mod tests {
         }
         m.triangles.push([0, 4, 8]);
         m.borders.push(4);
-        let simplified = simplify(&m, &nothing(), 12, Precision::default());
+        let simplified = simplify(&m, &nothing(), 12, Purpose::Level(Precision::default()));
         let bounds = certify(&m, &vec![Bound::default(); m.triangle_count()], &simplified);
         let bound = f64::from(bounds.iter().map(|b| b.out.max(b.back)).fold(0.0, f32::max));
         assert!(sampled(&m, &simplified.mesh) <= bound && sampled(&simplified.mesh, &m) <= bound);
@@ -360,7 +364,7 @@ mod tests {
                 m.borders.push(0);
             }
         }
-        let simplified = simplify(&m, &nothing(), m.triangle_count() / 2, Precision::default());
+        let simplified = simplify(&m, &nothing(), m.triangle_count() / 2, Purpose::Level(Precision::default()));
         assert!(simplified.mesh.triangle_count() <= m.triangle_count() / 2, "islands do not stay at full number");
         let bounds = certify(&m, &vec![Bound::default(); m.triangle_count()], &simplified);
         let back = f64::from(bounds.iter().map(|b| b.back).fold(0.0, f32::max));

@@ -12,6 +12,11 @@ pub(super) struct Quadric {
 }
 
 impl Quadric {
+    /// The same form, this many times as large.
+    pub(super) fn times(&self, w: f64) -> Self {
+        Self { a: self.a.map(|x| x * w), b: self.b * w, c: self.c * w }
+    }
+
     /// `weight` times the squared distance to the plane through `p` with unit normal `n`.
     fn plane(p: DVec3, n: DVec3, weight: f64) -> Self {
         let d = -n.dot(p);

@@ -2,8 +2,7 @@
 
 use super::{Collapse, Kind, NONE, Point, Quadric, ScratchBuffer, Simplifier, kind, local};
 use glam::DVec3;
-use kilwa_geometry::LatticePoint;
-use kilwa_geometry::lattice::MAX_COORDINATE;
+use kilwa_geometry::{Aabb, LatticePoint};
 
 impl Simplifier<'_> {
     /// Where the merged point of an edge would go, or `None` when the edge cannot be collapsed at all.
@@ -55,7 +54,8 @@ impl Simplifier<'_> {
 
     fn round(&self, p: DVec3) -> Option<LatticePoint> {
         let nearest = p.round() + self.center.as_dvec3();
-        let valid = nearest.cmpge(DVec3::ZERO).all() && nearest.cmple(DVec3::splat(f64::from(MAX_COORDINATE))).all();
+        let Aabb { min, max } = self.limits;
+        let valid = nearest.cmpge(min.as_dvec3()).all() && nearest.cmple(max.as_dvec3()).all();
         valid.then(|| nearest.as_ivec3())
     }
 
