@@ -22,7 +22,7 @@ pub(crate) struct Args {
     /// The coarsest surface whose certified error is at most this many metres.
     #[arg(long, value_name = "METRES", conflicts_with = "max_triangles", value_parser = error_limit)]
     max_error: Option<f64>,
-    /// A surface of this many triangles (or one fewer), simplified from a finer one, with a certified error.
+    /// A surface of this many triangles, or a few less: a finer one, simplified, with a certified error.
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
     max_triangles: Option<u64>,
     /// Only the triangles whose centroid lies in this box, whole; world coordinates in metres.
@@ -92,7 +92,7 @@ fn report_excess(limit: Option<u64>, written: &Extraction) {
     let found = written.triangles;
     let Some(limit) = limit.filter(|limit| found > *limit) else { return };
     crate::terminal::say!(
-        "kilwa: {} {} instead of {}: the surface cannot be simplified further without closing holes or leaving out parts",
+        "kilwa: {} {} instead of {}: the surface cannot be simplified further without closing holes",
         grouped(found),
         plural(found, "triangle", "triangles"),
         grouped(limit)

@@ -5,13 +5,19 @@ use super::region::Steps;
 use kilwa_pack::cut::Cut;
 use kilwa_pack::{Chunk, DirectoryEntry, PackError, PatchRange, Reader, Source};
 use rayon::prelude::*;
+use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 
 /// Chunks read at a time: bounds memory, and keeps all threads busy.
 const BATCH: usize = 64;
 
 /// A cut has so many times the triangles that are asked for, and is simplified to them: the surface is closer to the original than
-/// any cut of that number, whose chunks are of different levels. Twice as many again change little (docs/bench).
+/// any cut of that number, whose chunks are of different levels (docs/decisions/0064-extraction-simplifies.md).
 const OVERSAMPLING: u64 = 4;
+/// A cut with fewer times that number, because the next finer chunk was too large, is looked for again among larger ones.
+const TOO_FEW: u64 = 2;
+/// How often, at most.
+const ROUNDS: u32 = 8;
 
 /// A cut, and what it promises.
 pub(super) struct Chosen {
@@ -65,39 +71,45 @@ fn for_triangles<S: Source + Sync>(
     region: Option<&Steps>,
 ) -> Result<(Cut, Option<Reduction>), ExtractError> {
     let inside = region.map(|region| inside(reader, region)).transpose()?;
-    let mut times = OVERSAMPLING;
+    let limit = limit.max(1);
+    let mut known = HashMap::new();
+    let mut round = 0;
     loop {
-        let most = limit.saturating_mul(times);
+        let most = limit.saturating_mul(OVERSAMPLING << round);
         let (cut, from) = if let Some((entries, coarse)) = &inside {
             let cut = Cut::for_triangles(entries, coarse, most);
             let from = triangles(&cut, entries, coarse);
             (cut, from)
         } else {
-            of_whole(reader, most)?
+            of_whole(reader, most, &mut known)?
         };
-        if from > limit {
-            return Ok((cut, Some(Reduction { from, to: limit, window })));
-        }
-        // The next finer chunk was too large for the cut.
         let is_finest = cut.refined().count() == reader.entries().len();
-        if is_finest || most == u64::MAX {
-            return Ok((cut, None));
+        round += 1;
+        if from >= limit.saturating_mul(TOO_FEW) || is_finest || round == ROUNDS {
+            let reduction = (from > limit).then_some(Reduction { from, to: limit, window });
+            return Ok((cut, reduction));
         }
-        times *= 2;
     }
 }
 
-/// A cut of the whole model of at most this many triangles, and how many it has.
-fn of_whole<S: Source>(reader: &Reader<S>, most: u64) -> Result<(Cut, u64), ExtractError> {
+/// A cut of the whole model of at most this many triangles, and how many it has. `known` keeps the patches that were read.
+fn of_whole<S: Source>(
+    reader: &Reader<S>,
+    most: u64,
+    known: &mut HashMap<u32, Vec<PatchRange>>,
+) -> Result<(Cut, u64), ExtractError> {
     expect(reader, most);
     let entries = reader.entries();
     let mut coarse = vec![0; entries.len()];
     let cut = Cut::for_triangles_read(entries, most, |i| {
-        let patches = patches(reader, i)?;
-        for patch in &patches {
+        let patches = match known.entry(i) {
+            Entry::Occupied(known) => known.into_mut(),
+            Entry::Vacant(new) => new.insert(patches(reader, i)?),
+        };
+        for patch in &*patches {
             add(&mut coarse, patch, patch.count.into());
         }
-        Ok::<_, ExtractError>(patches)
+        Ok::<_, ExtractError>(patches.clone())
     })?;
     let from = triangles(&cut, entries, &coarse);
     Ok((cut, from))

@@ -36,7 +36,7 @@ pub struct Request {
     pub format: Format,
     /// The coarsest surface whose certified error is at most this many metres.
     pub max_error: Option<f64>,
-    /// A surface of this many triangles, or one fewer: a finer cut, simplified. Used if no error is given.
+    /// A surface of this many triangles, or a few less: a finer cut, simplified. Used if no error is given.
     pub max_triangles: Option<u64>,
     /// Only the triangles whose centroid lies in this box.
     pub region: Option<Region>,

@@ -21,7 +21,7 @@ pub struct Preview {
 }
 
 /// Bytes of a triangle with its share of the vertices: 12 and half of 32, and seams.
-const BYTES_PER_TRIANGLE: u64 = 29;
+const BYTES_PER_TRIANGLE: u64 = 30;
 /// How often fewer triangles are tried.
 const TRIES: u32 = 6;
 

@@ -26,7 +26,7 @@ pub(super) struct Piece {
     pub(super) triangles: Vec<u32>,
     /// Their certified error in metres, against the finest surface.
     pub(super) error: f32,
-    /// No vertex that comes later is before this place on the axis of the sweep and equal to one of these.
+    /// Vertices of this piece that lie before this place on the axis of the sweep do not come again.
     pub(super) rest_from: i32,
 }
 
@@ -36,6 +36,8 @@ pub(super) struct Reducer {
     axis: usize,
     /// Metres per lattice unit.
     step: f64,
+    /// The diagonal of the lattice's cube, in lattice units: nothing is farther apart.
+    widest: f32,
     /// Whether a box cuts the surface: its rim becomes a border.
     is_cut: bool,
     scalars: usize,
@@ -44,8 +46,11 @@ pub(super) struct Reducer {
     bounds: Vec<Bound>,
     /// Points of the window that triangles which were written use.
     sealed: HashSet<LatticePoint>,
-    /// Triangles of the cut that came, and triangles that were written.
+    /// Triangles of the cut that came.
     taken: u64,
+    /// How many of these the written triangles stand for.
+    spent: u64,
+    /// Triangles that were written.
     written: u64,
     /// The window is full with so many triangles.
     room: usize,
@@ -59,12 +64,14 @@ impl Reducer {
             reduction,
             axis,
             step: header.lattice.step(),
+            widest: up(f64::from(1u32 << header.cube_log2.min(31)) * 1.732_050_9),
             is_cut,
             scalars,
             window: Welder::new(0, scalars),
             bounds: Vec::new(),
             sealed: HashSet::new(),
             taken: 0,
+            spent: 0,
             written: 0,
             room: reduction.window,
         }
@@ -72,21 +79,28 @@ impl Reducer {
 
     /// Triangles of a chunk whose certified error is this, in metres.
     pub(super) fn add(&mut self, mesh: &Mesh, triangles: impl Iterator<Item = usize>, error: f32) {
-        let units = error_in(self.step, error);
-        self.push(mesh, triangles.map(|t| (t, Bound { out: units, back: units })));
+        let units = up(f64::from(error) / self.step).min(self.widest);
+        let bound = Bound { out: units, back: units };
+        let mut taken = 0;
+        let sound = triangles.inspect(|_| taken += 1).filter(|t| {
+            // Triangles without area, which only a damaged file has, would confuse the collapses.
+            let [a, b, c] = mesh.corners(*t);
+            a != b && b != c && c != a
+        });
+        self.push(mesh, sound.map(|t| (t, bound)));
+        self.taken += taken;
     }
 
     fn push(&mut self, mesh: &Mesh, triangles: impl Iterator<Item = (usize, Bound)>) {
-        let mut numbers: HashMap<u32, u32> = HashMap::new();
+        let mut numbers: Vec<Option<u32>> = vec![None; mesh.vertex_count()];
         for (t, bound) in triangles {
             let corners = mesh.triangles[t].map(|v| {
                 let window = &mut self.window;
-                *numbers.entry(v).or_insert_with(|| window.vertex(mesh, v as usize))
+                *numbers[v as usize].get_or_insert_with(|| window.vertex(mesh, v as usize))
             });
             self.window.mesh.triangles.push(corners);
             self.window.mesh.borders.push(mesh.borders[t]);
             self.bounds.push(bound);
-            self.taken += 1;
         }
     }
 
@@ -126,7 +140,16 @@ impl Reducer {
             mark_rim(&mut fine, &locked);
         }
         let open = (0..fine.triangle_count()).filter(|t| fine.corners(*t).iter().any(is_open)).count();
-        let coarse = simplify(&fine, &locked, self.target(open as u64), Purpose::Export(FULL));
+        let mut limits = fine.bounds();
+        if let Some(plane) = plane {
+            // A place beyond it may be that of a vertex which is still to come.
+            limits.max[axis] = limits.max[axis].min(plane.saturating_sub(1));
+        }
+        let open = open as u64;
+        let closed = self.taken.saturating_sub(self.spent).saturating_sub(open);
+        let target = if plane.is_some() { self.share(closed).saturating_add(open) } else { self.left() };
+        let target = usize::try_from(target).unwrap_or(usize::MAX);
+        let coarse = simplify(&fine, &locked, target, Purpose::Export(FULL, limits));
         let bounds = certify(&fine, &bounds, &coarse);
         let coarse = coarse.mesh;
         let (finished, rest) = divide(&coarse, axis, plane);
@@ -134,20 +157,24 @@ impl Reducer {
         let rest_from = rest.iter().flat_map(|t| coarse.corners(*t as usize)).map(|p| p[axis]).min();
         let rest_from = rest_from.or(plane).unwrap_or(i32::MAX).min(plane.unwrap_or(i32::MAX));
         self.seal(&coarse, &finished, &rest, &sealed);
-        let taken = self.taken;
         self.push(&coarse, rest.iter().map(|t| (*t as usize, bounds[*t as usize])));
-        self.taken = taken;
-        self.written += finished.len() as u64;
+        let finished_count = finished.len() as u64;
+        let kept = (coarse.triangle_count() as u64).saturating_sub(open);
+        self.spent += share_of(closed, finished_count, kept);
+        self.written += finished_count;
         let error = metres_of(self.step, largest);
         Piece { mesh: coarse, triangles: finished, error, rest_from }
     }
 
-    /// To how many triangles the window is simplified, of which so many are at open points and stay about as they are.
-    fn target(&self, open: u64) -> usize {
-        let Reduction { from, to, .. } = self.reduction;
-        let done = u128::from(self.taken.saturating_sub(open).min(from));
-        let share = (u128::from(to) * done / u128::from(from.max(1))) as u64;
-        usize::try_from(share.saturating_sub(self.written) + open).unwrap_or(usize::MAX)
+    /// Triangles that may still be written.
+    fn left(&self) -> u64 {
+        self.reduction.to.saturating_sub(self.written)
+    }
+
+    /// How many of these so many triangles of the cut are simplified to: an equal part of what is left, so that a place that cannot be
+    /// simplified takes triangles from all that comes and not from the next window alone.
+    fn share(&self, triangles: u64) -> u64 {
+        share_of(self.left(), triangles, self.reduction.from.saturating_sub(self.spent))
     }
 
     /// Lock the points that the rest has in common with what is written, now or before.
@@ -195,9 +222,10 @@ fn mark_rim(mesh: &mut Mesh, locked: &HashSet<LatticePoint>) {
     }
 }
 
-/// An error in lattice units, rounded up.
-fn error_in(step: f64, metres: f32) -> f32 {
-    up(f64::from(metres) / step)
+/// `part` of `whole` things, if there are `amount` for the whole.
+fn share_of(amount: u64, part: u64, whole: u64) -> u64 {
+    let share = u128::from(amount) * u128::from(part.min(whole)) / u128::from(whole.max(1));
+    u64::try_from(share).unwrap_or(amount)
 }
 
 /// An error in metres, rounded up.

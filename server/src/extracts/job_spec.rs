@@ -5,7 +5,7 @@
 use std::fmt;
 
 /// Of the files; a change of what is written makes older ones another key.
-const FORM: u32 = 1;
+const FORM: u32 = 2;
 
 /// A format of meshes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -54,7 +54,7 @@ impl Format {
 pub enum Detail {
     /// Every triangle.
     Whole,
-    /// The best surface of at most so many triangles.
+    /// A surface of so many triangles, or a few less, and more only where it cannot be simplified so far.
     Triangles(u64),
     /// The coarsest surface within so many metres.
     Error(f64),

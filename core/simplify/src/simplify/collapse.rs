@@ -257,8 +257,10 @@ impl Simplifier<'_> {
                 if !scratch.joined.iter().any(|j| j.0 == from) {
                     scratch.joined.push((from, to));
                 }
-                self.alive[t as usize] = false;
-                self.triangles -= 1;
+                // A triangle that names a point twice, which a damaged file may have, comes twice.
+                if std::mem::take(&mut self.alive[t as usize]) {
+                    self.triangles -= 1;
+                }
             }
         }
         if !self.points[keep as usize].locked {

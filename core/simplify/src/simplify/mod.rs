@@ -1,7 +1,7 @@
-//! Edge-collapse simplification of one diamond's fragment, on the lattice, with the guarantees that the hierarchy rests
+//! Edge-collapse simplification of a fragment (that of a diamond, or a window of an extract), on the lattice, with the guarantees that the hierarchy rests
 //! on:
 //!
-//! * a locked point (one that another diamond also uses) neither moves nor changes its attributes, and every edge
+//! * a locked point (one that triangles outside of the fragment also use) neither moves nor changes its attributes, and every edge
 //!   between two locked points is used by as many triangles afterwards as before: the neighbours are not affected;
 //! * every edge used by one triangle inside the fragment either joins two locked points as before or carries the
 //!   true-border bit;
@@ -126,7 +126,7 @@ struct Simplifier<'a> {
     /// Next corner in the list of the same point.
     next: Vec<u32>,
     occupied: FxHashMap<LatticePoint, u32>,
-    /// Ends of all edges at the beginning.
+    /// Ends of all edges at the beginning, or when quadrics were begun anew.
     edges: Vec<[u32; 2]>,
     /// Edges by cost, cheapest first: the bits of the cost as `f32`, then the number of the edge. An edge stays in the
     /// queue with the cost it once had, which only grows; it is worked out again when its turn comes.
@@ -159,7 +159,8 @@ pub enum Purpose {
     /// normals to [`Precision::coarse`].
     Level(Precision),
     /// A mesh by itself, nothing of which is rounded but to the lattice and to this precision, by fading quadrics ([`RESTART`]).
-    Export(Precision),
+    /// Points are made within the box only.
+    Export(Precision, Aabb),
 }
 
 /// Quadrics add up the planes of all fine triangles, and on a rough surface most of what they remember is noise. Begun anew from
@@ -180,12 +181,11 @@ pub fn simplify<S: BuildHasher>(
 ) -> Simplified {
     let limits = match purpose {
         Purpose::Level(_) => Aabb { min: LatticePoint::ZERO, max: LatticePoint::splat(MAX_COORDINATE) },
-        // Formats hold numbers within these.
-        Purpose::Export(_) => mesh.bounds(),
+        Purpose::Export(_, limits) => limits,
     };
     let mut s = Simplifier::new(mesh, locked, limits);
     s.seed();
-    if let Purpose::Export(_) = purpose {
+    if let Purpose::Export(..) = purpose {
         s.run_in_rounds(target);
     } else {
         s.run(target);
@@ -543,6 +543,23 @@ mod tests {
         assert!(coarse.triangle_count() <= 16, "{}", coarse.triangle_count());
         assert!(coarse.scalars[0].iter().all(|s| (s - 7.0).abs() < 1e-4), "{:?}", coarse.scalars[0]);
         assert!(coarse.colors.iter().all(|c| *c == [100, 150, 200]));
+    }
+
+    #[test]
+    fn triangles_that_name_a_point_twice_are_counted_once() {
+        let mut fine = sheet(12);
+        for v in 0..150u32 {
+            fine.triangles.push([v, v, v + 1]);
+            fine.borders.push(0);
+        }
+        for target in [0, 100, 300] {
+            for purpose in [Purpose::Level(Precision::default()), Purpose::Export(Precision::default(), fine.bounds())]
+            {
+                let s = simplify(&fine, &Locked::default(), target, purpose);
+                assert_eq!(s.mesh.triangle_count(), s.from.len());
+                assert!(s.mesh.triangle_count() < fine.triangle_count());
+            }
+        }
     }
 
     #[test]

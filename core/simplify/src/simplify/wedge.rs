@@ -73,7 +73,7 @@ impl<'a> Wedges<'a> {
     pub(super) fn emit(&self, w: usize, purpose: Purpose, out: &mut Mesh) {
         let (finest, made) = match purpose {
             Purpose::Level(precision) => (precision, precision.coarse()),
-            Purpose::Export(precision) => (precision, precision),
+            Purpose::Export(precision, _) => (precision, precision),
         };
         let sum = &self.sums[w];
         if let Some(c) = self.source.colors.get(w) {
