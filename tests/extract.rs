@@ -202,7 +202,8 @@ fn max_triangles_is_met_on_three_meshes_or_the_excess_is_explained() {
             let message = String::from_utf8_lossy(&output.stderr).into_owned();
             let report: serde_json::Value = serde_json::from_slice(&output.stdout).expect(&message);
             let found = report["triangles"].as_u64().unwrap();
-            let promise = found <= limit && (found + 1 >= limit || report["max_error"] == 0.0);
+            // A collapse takes two triangles, and more where more meet at an edge.
+            let promise = found <= limit && (found + 8 >= limit || report["max_error"] == 0.0);
             let is_explained = found > limit && message.contains("cannot be simplified further");
             assert!(promise || is_explained, "{}: {found} of {limit}: {message}", pack.display());
             kept += u32::from(promise);

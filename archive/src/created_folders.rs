@@ -136,7 +136,7 @@ mod tests {
         let parent = tempfile::tempdir().unwrap();
         let folder = parent.path().join("new/inner");
         let publish = || {
-            for round in 0..20 {
+            for round in 0..60 {
                 let (created, lock) = CreatedFolders::create_locked(&folder, &|| {}, &|_| Ok(())).unwrap();
                 // Nobody removes it while it is locked.
                 let file = folder.join(format!("{round}"));

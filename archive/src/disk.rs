@@ -39,14 +39,34 @@ pub(crate) fn create_dirs(path: &Path, made: &mut Vec<PathBuf>, steps: Steps<'_>
         sync(folder_of(nearest), steps)?;
     }
     while let Some(folder) = missing.pop() {
-        match fs::create_dir(folder) {
-            Ok(()) => made.push(folder.to_owned()),
-            Err(_) if folder.is_dir() => {}
-            Err(e) => return Err(failed("write", folder)(e)),
+        if create_unless_there(folder).map_err(failed("write", folder))? {
+            made.push(folder.to_owned());
         }
         sync(folder_of(folder), steps)?;
     }
     Ok(())
+}
+
+/// How often a folder is created that others keep creating and removing.
+const ATTEMPTS: u32 = 100;
+
+/// Create a folder; `false` if it exists. Another command may remove the one that it had created between the two answers of the system,
+/// that a folder exists and what it is: then it is created after all.
+fn create_unless_there(folder: &Path) -> io::Result<bool> {
+    let mut attempts = 0..ATTEMPTS;
+    loop {
+        let exists = match fs::create_dir(folder) {
+            Ok(()) => return Ok(true),
+            Err(e) => e,
+        };
+        match fs::metadata(folder) {
+            Ok(there) if there.is_dir() => return Ok(false),
+            Err(e) if e.kind() == io::ErrorKind::NotFound && exists.kind() == io::ErrorKind::AlreadyExists => {
+                attempts.next().ok_or(exists)?;
+            }
+            _ => return Err(exists),
+        }
+    }
 }
 
 /// Whether a path is empty, like the last ancestor of a relative path.

@@ -53,12 +53,12 @@ fn an_extract_from_a_store_equals_one_from_a_folder_and_a_small_one_reads_little
     let of_store = keeper.serve_with(&[ARCHIVE, "--s3-endpoint", &keeper.endpoint, "--cache", text(&there)]);
     let (folder, store) = (Reader::of(of_folder.address), Reader::of(of_store.address));
     bucket.proxy.carried();
-    let small = store.extract("format=ply&detail=triangles&triangles=10000");
+    let small = store.extract("format=ply&detail=triangles&triangles=2000");
     let carried = bucket.proxy.carried();
-    println!("10,000 triangles of a pack of {} bytes: {carried} bytes were fetched", pack.len());
+    println!("2,000 triangles of a pack of {} bytes: {carried} bytes were fetched", pack.len());
     // Four blocks of 256 KiB, of eleven: head, directory, and some chunks.
     assert!(carried < 1 << 20 && pack.len() > 5 << 19, "{carried} of {}", pack.len());
-    assert!(small == folder.extract("format=ply&detail=triangles&triangles=10000"));
+    assert!(small == folder.extract("format=ply&detail=triangles&triangles=2000"));
     for format in ["ply", "glb", "obj", "stl"] {
         for detail in ["detail=triangles&triangles=60000", "detail=error&error=0.05", "detail=whole"] {
             let form = format!("format={format}&{detail}");
