@@ -27,25 +27,33 @@ fn begun(args: &[&str]) -> Child {
     command.args(args).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap()
 }
 
-/// Run a command that writes into the empty `folder` and send it each signal; try again if it finished first.
-fn leaves_nothing(folder: &Path, args: &[&str]) {
+/// Run a command that writes the file `out` into an empty folder and send it each signal: no file is left, or the whole one if it had its name
+/// before the signal came. Try again until a signal comes before.
+fn leaves_nothing(out: &Path, args: &[&str]) {
+    let folder = out.parent().unwrap();
     for (signal, code) in SIGNALS {
         let caught = (0..50).any(|_| {
             let mut child = begun(args);
             signal_at_hidden_file(&mut child, folder, signal);
             let output = child.wait_with_output().unwrap();
-            let left = names(folder);
-            assert!(!left.iter().any(|name| name.starts_with('.')), "{args:?}, {signal}: {left:?}");
-            if output.status.success() {
-                for name in &left {
-                    std::fs::remove_file(folder.join(name)).unwrap();
-                }
-                return false;
-            }
             let message = String::from_utf8_lossy(&output.stderr);
-            assert!(left.is_empty(), "{args:?}, {signal}: {left:?}: {message}");
-            assert_eq!(output.status.code(), Some(code), "{args:?}, {signal}: {message}");
-            true
+            let (left, was_finished) = (names(folder), out.exists());
+            assert_eq!(left.len(), usize::from(was_finished), "{args:?}, {signal}: {left:?}: {message}");
+            if output.status.success() {
+                assert!(was_finished, "{args:?}: no file: {message}");
+            } else {
+                assert_eq!(output.status.code(), Some(code), "{args:?}, {signal}: {message}");
+            }
+            if was_finished {
+                let written = std::fs::read(out).unwrap();
+                std::fs::remove_file(out).unwrap();
+                if !output.status.success() {
+                    crate::support::succeeds(args);
+                    assert!(written == std::fs::read(out).unwrap(), "{args:?}, {signal}: the file is not whole");
+                    std::fs::remove_file(out).unwrap();
+                }
+            }
+            !was_finished
         });
         assert!(caught, "{args:?} was always faster than {signal}");
     }
@@ -55,7 +63,7 @@ fn leaves_nothing(folder: &Path, args: &[&str]) {
 fn a_signal_during_synth_leaves_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.ply");
-    leaves_nothing(folder.path(), &["synth", "wall", "--triangles", "20M", "-o", text(&out)]);
+    leaves_nothing(&out, &["synth", "wall", "--triangles", "20M", "-o", text(&out)]);
 }
 
 #[test]
@@ -63,7 +71,7 @@ fn a_signal_during_extract_leaves_no_file() {
     let pack = large_pack();
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.obj");
-    leaves_nothing(folder.path(), &["extract", text(&pack), "-o", text(&out)]);
+    leaves_nothing(&out, &["extract", text(&pack), "-o", text(&out)]);
 }
 
 #[test]

@@ -65,14 +65,15 @@ export class Flight {
     this.future = [];
     /** @type {{goal: Camera, resolve: (isThere: boolean) => void, frame: number} | null} */
     this.flying = null;
-    this.held = 0;
+    /** When the last step of a gesture was. The page's clock starts at zero, so zero cannot stand for never. */
+    this.held = Number.NEGATIVE_INFINITY;
   }
 
   /** Remember the view that is about to be left; moves that follow each other at once count as one. */
   mark(isGesture = false) {
     const now = performance.now();
     const goesOn = isGesture && now - this.held < 800;
-    this.held = isGesture ? now : 0;
+    this.held = isGesture ? now : Number.NEGATIVE_INFINITY;
     if (goesOn) return;
     const camera = this.there;
     const last = this.past.at(-1);
@@ -109,7 +110,7 @@ export class Flight {
     let camera = from.pop();
     while (camera && isSame(camera, here)) camera = from.pop();
     if (camera) to.push(here);
-    this.held = 0;
+    this.held = Number.NEGATIVE_INFINITY;
     this.onHistory();
     if (!camera) return false;
     this.to(camera, { mark: false });

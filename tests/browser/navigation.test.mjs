@@ -240,6 +240,24 @@ test("the last view comes back, and the next one, by key and by button", async (
   await end();
 });
 
+test("a turn in the first second of the page is remembered as well", async () => {
+  // A page whose clock hardly moves is still in its first second when it is used.
+  const slowClock = () => {
+    const now = performance.now.bind(performance);
+    performance.now = () => now() / 1000;
+  };
+  const { page, complaints, close: end } = await open(site.browser, fort(), { before: (page) => page.addInitScript(slowClock) });
+  await canvasOf(page).focus();
+  await page.keyboard.press("3");
+  const east = await camera(page);
+  await page.keyboard.press("ArrowLeft");
+  assert.ok(!close(await camera(page), east));
+  await page.keyboard.press("z");
+  assert.ok(close(await camera(page), east));
+  assert.deepEqual(complaints, []);
+  await end();
+});
+
 test("standard views enter the browser's history: its Back button returns to the view that was left", async () => {
   const { page, complaints, close: end } = await open(site.browser, fort());
   await canvasOf(page).focus();
