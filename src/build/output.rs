@@ -54,6 +54,7 @@ fn has_other_names(_: &Metadata) -> bool {
 pub(super) fn check(path: &Path, bar: &Bar, stop: &Stop) -> anyhow::Result<String> {
     let pack = open_pack(path)?;
     verify::directory(pack.entries())?;
+    verify::order(pack.header(), pack.entries())?;
     let total = pack.entries().len() as u32;
     let done = AtomicU64::new(0);
     let one = |i: u32| -> anyhow::Result<Totals> {

@@ -228,6 +228,9 @@ fn a_rerun_reports_what_exists_and_creates_what_is_missing() {
     let further = bench.publishing(Some("another"), &[]);
     assert!(!publish(&further).unwrap().already && publish(&further).unwrap().already);
     assert_eq!(bench.is_whole().versions.len(), 3);
+    // The pages list the object, so they follow without --site, and its page still links to them.
+    bench.is_listed(&bench.is_whole());
+    assert!(std::fs::read_to_string(bench.object().join(PAGE)).unwrap().contains("All models"));
     // Another version of the very same is none.
     let same = Args { version_note: Some("other words".to_owned()), ..further };
     assert!(publish(&same).err().unwrap().to_string().contains("nothing new to publish"));

@@ -16,7 +16,7 @@ use kilwa_archive::modes::{settle_published, unshared_with};
 use kilwa_archive::next::settle;
 use kilwa_archive::record::Preview;
 use kilwa_archive::site::{self, Listed};
-use kilwa_archive::{AccessState, Manifest};
+use kilwa_archive::{AccessState, Manifest, Slug};
 use kilwa_formats::extract;
 use kilwa_pack::visible::visible;
 use std::fs::File;
@@ -77,7 +77,7 @@ fn run_with(args: &Args, plan: &mut Plan, picture: Picture<'_>) -> anyhow::Resul
     let entry = facts.pack_entry(made.bytes, made.pack_sum, made.identity);
     let publication = facts.publication(entry, made.of_pack, made.pictured.preview);
     let publication = publication.with_notes(&draft.folder()).context("cannot read the notes")?;
-    let list = args.site.then(|| "../".to_owned());
+    let list = listed(args, &slug).map(|_| "../".to_owned());
     let landing = Landing { viewer: &plan.page, drawings: made.pictured.drawings, list };
     let completed = complete(draft, &lock, facts, &publication, landing)?;
     let bag = around(args, plan, &lock, (&publication.published, &publication.pack.identity), &say)?;
@@ -294,7 +294,14 @@ fn preview(pack: &Path, folder: &Path, left_out: &mut Vec<String>) -> anyhow::Re
     }
 }
 
-/// Write the object's bag and the pages of the folder, if they are requested; returns the bag's folder.
+/// Which objects the pages of the folder are to list. Pages that list the object already must not go on showing an earlier version of it,
+/// whether or not `--site` was given.
+fn listed(args: &Args, slug: &Slug) -> Option<Listed> {
+    let all = args.site.then_some(Listed::All);
+    all.or_else(|| site::lists(&args.to, slug).then_some(Listed::AsBefore))
+}
+
+/// Write the object's bag and the pages of the folder, if they are requested or list the object already; returns the bag's folder.
 fn around(
     args: &Args,
     plan: &Plan,
@@ -317,8 +324,8 @@ fn around(
         let made = made.map_err(|e| e.after("the version is published, but its bag was not made"))?;
         bag = Some(made.display().to_string());
     }
-    if args.site {
-        let made = site::write(lock, &plan.page, Listed::All, steps);
+    if let Some(listed) = listed(args, &plan.facts.slug) {
+        let made = site::write(lock, &plan.page, listed, steps);
         made.map_err(|e| e.after("the version is published, but the pages of the folder were not written"))?;
     }
     Ok(bag)

@@ -14,11 +14,12 @@ pub(crate) fn save_all(p: &Phantom, to: &Path) -> usize {
     let six = [side[0], side[1], side[2], top[0], top[1], top[2]];
     let z = |h: f64| format!("--z={:?}", h + p.at[2]);
     let (half, low) = (z(0.5), z(0.25));
-    let cases: [(&[&str], &[P]); 14] = [
+    let cases: [(&[&str], &[P]); 15] = [
         (&["coordinate"], &side[..1]),
         (&["distance"], &side[..3]),
         (&["distance", "--closed"], &side),
         (&["distance", "--along"], &[side[3], top[0]]),
+        (&["circle"], &side[..3]),
         (&["angle"], &side[..3]),
         (&["angle", "--planes"], &six),
         (&["height"], &[side[0], side[1], side[2], top[0]]),
