@@ -5,9 +5,10 @@
 
 use crate::partition::Partition;
 use crate::scratch::point_key;
+use glam::DVec3;
 use kilwa_geometry::mesh::corner_sum;
 use kilwa_geometry::tetra::Faces;
-use kilwa_geometry::{LatticePoint, Mesh, Sphere};
+use kilwa_geometry::{LatticePoint, Mesh, Sphere, normal};
 use kilwa_simplify::Precision;
 use kilwa_simplify::{Bound, PRUNED, Purpose, Simplified, Welder, certify, simplify};
 use rustc_hash::FxHashSet;
@@ -52,17 +53,20 @@ pub fn coarsen(
     let locked: FxHashSet<LatticePoint> = locked.iter().copied().collect();
     let merged = merge(input);
     let fine = &merged.mesh;
-    let simplified = simplify(fine, &locked, target(fine.triangle_count(), locked.len()), Purpose::Level(precision));
-    let coarse = &simplified.mesh;
+    let target = target(fine.triangle_count(), locked.len());
+    let mut simplified = simplify(fine, &locked, target, Purpose::Level(precision));
     let bounds = certify(fine, &merged.bounds, &simplified);
-    let groups = share_out(coarse, tree, diamond);
+    let groups = share_out(&simplified.mesh, tree, diamond);
+    let shared = shared_points(&groups, &simplified);
+    set_normals(&mut simplified, &shared, precision);
+    let coarse = &simplified.mesh;
     let mut numbers = Numbers::new(coarse.vertex_count());
     let part = |(t, g): &(u32, Vec<u32>)| {
         let bounds = g.iter().map(|t| bounds[*t as usize]).collect();
         (*t, Patch { mesh: numbers.submesh(coarse, g), bounds })
     };
     let output = groups.iter().map(part).collect();
-    let records = records_of(&groups, &simplified);
+    let records = records_of(&groups, &simplified, &shared);
 
     Coarsened {
         records,
@@ -152,26 +156,51 @@ impl Numbers {
     }
 }
 
-/// Records of points that are locked or that two of the outputs use.
-fn records_of(groups: &[(u32, Vec<u32>)], simplified: &Simplified) -> Vec<(u128, u32)> {
-    // The tetrahedron that used a point first, and whether it has to be recorded.
-    let mut points: Vec<(u32, bool)> = simplified.locked.iter().map(|l| (u32::MAX, *l)).collect();
+/// For every coarse point, whether it is locked or two of the outputs use it.
+fn shared_points(groups: &[(u32, Vec<u32>)], simplified: &Simplified) -> Vec<bool> {
+    let mut shared = simplified.locked.clone();
+    // The tetrahedron that used a point first.
+    let mut first = vec![u32::MAX; shared.len()];
     for (tetrahedron, triangles) in groups {
         for p in triangles.iter().flat_map(|t| simplified.triangles[*t as usize]) {
-            let (first, shared) = &mut points[p as usize];
+            let first = &mut first[p as usize];
             if *first == u32::MAX {
                 *first = *tetrahedron;
             }
-            *shared |= *first != *tetrahedron;
+            shared[p as usize] |= *first != *tetrahedron;
         }
     }
-    let mut last = vec![u32::MAX; points.len()];
+    shared
+}
+
+/// Give the points that one output uses alone the normals of the coarse triangles round them, by area. A decoder works these out itself (FORMAT
+/// section 5.8). Shared points keep the mean of the fine normals, which is the same on both sides of a border.
+fn set_normals(simplified: &mut Simplified, shared: &[bool], precision: Precision) {
+    let mut sums = vec![DVec3::ZERO; shared.len()];
+    for (t, points) in simplified.triangles.iter().enumerate() {
+        let [a, b, c] = simplified.mesh.corners(t).map(|p| p.as_dvec3());
+        let n = (b - a).cross(c - a);
+        points.iter().for_each(|p| sums[*p as usize] += n);
+    }
+    for (points, vertices) in simplified.triangles.iter().zip(&simplified.mesh.triangles) {
+        for (p, v) in points.iter().zip(vertices) {
+            let sum = sums[*p as usize];
+            if !shared[*p as usize] && sum != DVec3::ZERO {
+                simplified.mesh.normals[*v as usize] = precision.normal(normal::encode(sum));
+            }
+        }
+    }
+}
+
+/// Records of the points that are shared.
+fn records_of(groups: &[(u32, Vec<u32>)], simplified: &Simplified, shared: &[bool]) -> Vec<(u128, u32)> {
+    let mut last = vec![u32::MAX; shared.len()];
     let mut out = Vec::new();
     for (tetrahedron, triangles) in groups {
         for t in triangles {
             let at = simplified.mesh.corners(*t as usize);
             for (p, at) in simplified.triangles[*t as usize].into_iter().zip(at) {
-                if points[p as usize].1 && last[p as usize] != *tetrahedron {
+                if shared[p as usize] && last[p as usize] != *tetrahedron {
                     last[p as usize] = *tetrahedron;
                     out.push((point_key(at), *tetrahedron));
                 }
