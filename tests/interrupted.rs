@@ -28,8 +28,8 @@ fn begun(args: &[&str]) -> Child {
 }
 
 /// Run a command that writes the file `out` into an empty folder and send it each signal: no file is left, or the whole one if it had its name
-/// before the signal came. Try again until a signal comes before.
-fn leaves_nothing(out: &Path, args: &[&str]) {
+/// before the signal came. Try again until a signal comes before the file has its name.
+fn leaves_nothing_partial(out: &Path, args: &[&str]) {
     let folder = out.parent().unwrap();
     for (signal, code) in SIGNALS {
         let caught = (0..50).any(|_| {
@@ -63,7 +63,7 @@ fn leaves_nothing(out: &Path, args: &[&str]) {
 fn a_signal_during_synth_leaves_no_file() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.ply");
-    leaves_nothing(&out, &["synth", "wall", "--triangles", "20M", "-o", text(&out)]);
+    leaves_nothing_partial(&out, &["synth", "wall", "--triangles", "20M", "-o", text(&out)]);
 }
 
 #[test]
@@ -71,7 +71,7 @@ fn a_signal_during_extract_leaves_no_file() {
     let pack = large_pack();
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("a.obj");
-    leaves_nothing(&out, &["extract", text(&pack), "-o", text(&out)]);
+    leaves_nothing_partial(&out, &["extract", text(&pack), "-o", text(&out)]);
 }
 
 #[test]

@@ -164,13 +164,14 @@ pub fn check(shelf: &Path) -> Result<(), DraftError> {
     }
 }
 
-/// Whether the folder has pages that list an object, and not as withdrawn; `true` if our list cannot be read, because it may name any object.
-pub fn lists(shelf: &Path, slug: &Slug) -> bool {
+/// Whether the folder has pages that list an object, and not as withdrawn; `if_unreadable` if our list cannot be read, because it may name any object.
+pub fn lists(shelf: &Path, slug: &Slug, if_unreadable: bool) -> bool {
     let is_there = is_ours(&shelf.join(INDEX)) || shelf.join(BEGUN).exists();
     if !is_there || check(shelf).is_err() {
         return false;
     }
-    Lists::read(shelf).show(slug.as_str())
+    let lists = Lists::read(shelf);
+    if lists.models.is_some() { lists.show(slug.as_str()) } else { if_unreadable }
 }
 
 /// The lists of a folder as they are: `models.json` and the feed. The feed may name objects that are not in `models.json` if a command was cut off
@@ -442,7 +443,7 @@ mod tests {
         put("late", &|m| m.title = "Late".to_owned());
         fs::write(shelf.path().join("feed.xml"), text("feed.xml").replace("</feed>", "<link href=\"late/\"/></feed>"))
             .unwrap();
-        let shown = |slug: &str| lists(shelf.path(), &Slug::new(slug).unwrap());
+        let shown = |slug: &str| lists(shelf.path(), &Slug::new(slug).unwrap(), true);
         assert!(shown("fort") && shown("late") && !shown("gone") && !shown("unlisted-wall"));
         write(&Lock::take(shelf.path()).unwrap(), &page, Listed::AsBefore, &|_| Ok(())).unwrap();
         for name in ["index.html", "feed.xml", "models.json", "sitemap.xml"] {

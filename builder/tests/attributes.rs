@@ -4,6 +4,8 @@
 use crate::support::{Opened, build, fort, open};
 use glam::DVec3;
 use kilwa_formats::RawMesh;
+use kilwa_geometry::normal;
+use kilwa_pack::NO_DIAMOND;
 use kilwa_pack::cut::Cut;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -69,6 +71,56 @@ fn normals_continue_across_chunks_at_every_level() {
         assert!(normals.len() < all.len(), "level {level}: patches share vertices");
         let torn = normals.iter().find(|(_, n)| n.len() > 1);
         assert!(torn.is_none(), "level {level}: {torn:?}");
+    }
+}
+
+#[test]
+fn inside_a_patch_coarse_vertices_have_the_normals_of_the_coarse_triangles() {
+    let pack = open(&build(square(160, |_, _| [90; 3]), 0));
+    let mut compared = 0;
+    for cut in levels(&pack) {
+        let mut patches_at = BTreeMap::<[i32; 3], u32>::new();
+        for (place, ..) in vertices(&pack, &cut) {
+            *patches_at.entry(place).or_default() += 1;
+        }
+        for i in cut.refined() {
+            let chunk = &pack.chunks[i as usize];
+            for patch in chunk.patches.iter().filter(|p| cut.draws(p) && p.diamond != NO_DIAMOND) {
+                let mut sums = BTreeMap::<u32, DVec3>::new();
+                for t in &chunk.mesh.triangles[patch.first as usize..(patch.first + patch.count) as usize] {
+                    let [a, b, c] = t.map(|v| chunk.mesh.positions[v as usize].as_dvec3());
+                    for v in t {
+                        *sums.entry(*v).or_default() += (b - a).cross(c - a);
+                    }
+                }
+                for (v, sum) in sums {
+                    let place = chunk.mesh.positions[v as usize].to_array();
+                    if patches_at[&place] == 1 {
+                        assert_eq!(
+                            chunk.mesh.normals[v as usize],
+                            normal::quantize(normal::encode(sum), 10),
+                            "{place:?}"
+                        );
+                        compared += 1;
+                    }
+                }
+            }
+        }
+    }
+    assert!(compared > 500, "{compared}");
+}
+
+#[test]
+fn supplied_normals_are_carried_on_at_every_level() {
+    // They face away from where the triangles do, as in a file whose triangles are wound the wrong way.
+    let mut mesh = square(160, |_, _| [90; 3]);
+    mesh.normals = vec![glam::Vec3::new(0.3, 0.0, -1.0); mesh.positions.len()];
+    let pack = open(&build(mesh, 0));
+    for cut in levels(&pack) {
+        for (place, stored, _) in vertices(&pack, &cut) {
+            let cosine = normal::decode(stored).dot(DVec3::new(0.3, 0.0, -1.0).normalize());
+            assert!(cosine > 0.999, "{place:?}: {stored:?}");
+        }
     }
 }
 

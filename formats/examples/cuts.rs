@@ -1,4 +1,4 @@
-//! What a viewer loads and shows of a pack at a given error, for curves of bytes against distance:
+//! What a viewer needs of a pack to show it at a given error, for curves of error against bytes:
 //! `cuts PACK.kilwa METRES... [--mesh NAME.ply]` prints a line for each error, of the coarsest cut that is certified to it:
 //! the error asked for, the certified error of the cut (both in metres), bytes, requests, chunks, triangles.
 //!
@@ -23,7 +23,7 @@ fn cost(pack: &Pack, cut: &Cut) -> Result<(u64, usize, usize, u64), Box<dyn Erro
     let mut bytes = HEADER_BYTES as u64 + u64::from(header.metadata.1) + pages * PAGE_BYTES as u64;
     let mut requests = if pages > 1 { 2 } else { 1 };
     let (mut chunks, mut triangles) = (0, 0);
-    let mut end = HEAD_BYTES;
+    let mut end = 0;
     let mut stretches: Vec<(u64, u64)> = Vec::new();
     for i in cut.refined() {
         let entry = entries.get(i as usize).ok_or("no such entry")?;
@@ -35,7 +35,8 @@ fn cost(pack: &Pack, cut: &Cut) -> Result<(u64, usize, usize, u64), Box<dyn Erro
     }
     stretches.sort_unstable();
     for (from, to) in stretches {
-        if to > HEAD_BYTES && from > end {
+        // A chunk that begins inside the first request and ends behind it needs another one.
+        if to > HEAD_BYTES && (from > end || end <= HEAD_BYTES) {
             requests += 1;
         }
         end = end.max(to);

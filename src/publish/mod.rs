@@ -68,7 +68,7 @@ pub(crate) struct Args {
     /// Check everything and show which field goes where; write nothing.
     #[arg(long)]
     dry_run: bool,
-    /// Also write the pages of the whole folder: catalogue, feeds, sitemap.
+    /// Also write the pages of the whole folder: catalogue, feeds, sitemap. Pages that list the model already are updated without this, too.
     #[arg(long)]
     site: bool,
     /// Withdraw an object instead: its files are moved to --keep, a page that says so remains, and pages of the folder that list it are updated.
@@ -115,6 +115,7 @@ fn parse_place(text: &str) -> Result<crate::redact::Place, String> {
 }
 
 /// What `--json` prints.
+#[expect(clippy::struct_excessive_bools, reason = "each is an independent fact, printed under its name")]
 #[derive(Serialize)]
 struct Report {
     object: String,
@@ -135,6 +136,8 @@ struct Report {
     notes: usize,
     #[serde(skip_serializing_if = "Option::is_none")]
     bag: Option<String>,
+    /// Whether the pages of the folder were written.
+    pages: bool,
     /// What could not be made, and why.
     left_out: Vec<String>,
     /// What is hardly meant.
@@ -175,7 +178,8 @@ fn say(args: &Args, report: &Report) -> anyhow::Result<()> {
     }
     let Report { object, version, files, .. } = report;
     if report.already {
-        let around = [(report.bag.is_some(), "its bag was made"), (args.site, "the pages of the folder were written")];
+        let around =
+            [(report.bag.is_some(), "its bag was made"), (report.pages, "the pages of the folder were written")];
         let around: Vec<&str> = around.into_iter().filter(|(is, _)| *is).flat_map(|(_, what)| ["; ", what]).collect();
         let around = around.concat();
         let day = &report.published;

@@ -234,6 +234,10 @@ fn a_rerun_reports_what_exists_and_creates_what_is_missing() {
     // Another version of the very same is none.
     let same = Args { version_note: Some("other words".to_owned()), ..further };
     assert!(publish(&same).err().unwrap().to_string().contains("nothing new to publish"));
+    let list = bench.path("site/models.json");
+    std::fs::write(&list, "damaged").unwrap();
+    assert!(!publish(&bench.publishing(Some("one more"), &[])).unwrap().pages);
+    assert_eq!(std::fs::read(&list).unwrap(), b"damaged", "what only the list named must not be lost");
 }
 
 #[test]

@@ -31,7 +31,7 @@ pub(super) fn run(args: &Args, slug: &str) -> anyhow::Result<()> {
     }
     // Pages that list the object must not go on listing it, whether or not --site was given.
     let page = || {
-        let has_pages = args.site || site::lists(&args.to, &slug);
+        let has_pages = args.site || site::lists(&args.to, &slug, true);
         has_pages.then(|| kilwa_server::Page::load(args.www.as_deref())).transpose()
     };
     let check_site = || if args.site { site::check(&args.to) } else { Ok(()) };
@@ -95,7 +95,7 @@ fn checked_reason(args: &Args, slug: &Slug, reason: &str) -> anyhow::Result<()> 
 /// What is left to be done, which must be something.
 fn ready(args: &Args, slug: &Slug) -> anyhow::Result<Outlook> {
     let there = outlook(&args.to, slug)?;
-    let has_pages = args.site || site::lists(&args.to, slug);
+    let has_pages = args.site || site::lists(&args.to, slug, true);
     if let Some(day) = there.withdrawn.as_ref().filter(|_| there.is_done() && !has_pages) {
         return Err(nothing_left(args, slug, day));
     }

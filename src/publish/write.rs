@@ -80,7 +80,7 @@ fn run_with(args: &Args, plan: &mut Plan, picture: Picture<'_>) -> anyhow::Resul
     let list = listed(args, &slug).map(|_| "../".to_owned());
     let landing = Landing { viewer: &plan.page, drawings: made.pictured.drawings, list };
     let completed = complete(draft, &lock, facts, &publication, landing)?;
-    let bag = around(args, plan, &lock, (&publication.published, &publication.pack.identity), &say)?;
+    let (bag, pages) = around(args, plan, &lock, (&publication.published, &publication.pack.identity), &say)?;
     bar.finish_and_clear();
     let mut left_out = made.pictured.left_out;
     left_out.extend(plan.channels_left_out());
@@ -108,6 +108,7 @@ fn run_with(args: &Args, plan: &mut Plan, picture: Picture<'_>) -> anyhow::Resul
         notes: publication.notes.map_or(0, |n| n.notes.notes.len()),
         pack: publication.pack,
         bag,
+        pages,
         left_out,
         warnings,
         advice: plan.advice(),
@@ -199,7 +200,7 @@ fn already(
     let last = before.versions.last().context("a manifest has versions")?;
     let settled = settle_published(lock, &plan.facts.slug, before, steps);
     settled.map_err(|e| e.after("the version is published, but the permissions of its files are not set"))?;
-    let bag = around(args, plan, lock, (&last.published, &last.pack.identity), steps)?;
+    let (bag, pages) = around(args, plan, lock, (&last.published, &last.pack.identity), steps)?;
     Ok(Report {
         object: plan.at.clone(),
         slug: plan.facts.slug.to_string(),
@@ -213,6 +214,7 @@ fn already(
         pack: last.pack.clone(),
         notes: plan.given.notes.as_ref().map_or(0, |n| n.notes.len()),
         bag,
+        pages,
         left_out: Vec::new(),
         warnings: Vec::new(),
         advice: Vec::new(),
@@ -298,17 +300,19 @@ fn preview(pack: &Path, folder: &Path, left_out: &mut Vec<String>) -> anyhow::Re
 /// whether or not `--site` was given.
 fn listed(args: &Args, slug: &Slug) -> Option<Listed> {
     let all = args.site.then_some(Listed::All);
-    all.or_else(|| site::lists(&args.to, slug).then_some(Listed::AsBefore))
+    // A list that cannot be read is left as it is: written again, it would lack what only it named.
+    all.or_else(|| site::lists(&args.to, slug, false).then_some(Listed::AsBefore))
 }
 
-/// Write the object's bag and the pages of the folder, if they are requested or list the object already; returns the bag's folder.
+/// Write the object's bag and the pages of the folder, if they are requested or list the object already; returns the bag's folder and whether pages
+/// were written.
 fn around(
     args: &Args,
     plan: &Plan,
     lock: &Lock,
     (published, identity): (&str, &str),
     steps: Steps<'_>,
-) -> anyhow::Result<Option<String>> {
+) -> anyhow::Result<(Option<String>, bool)> {
     let m = &plan.facts.metadata;
     let identifier = m.identifier.clone().or_else(|| m.url.clone());
     let info = BagInfo {
@@ -324,11 +328,12 @@ fn around(
         let made = made.map_err(|e| e.after("the version is published, but its bag was not made"))?;
         bag = Some(made.display().to_string());
     }
-    if let Some(listed) = listed(args, &plan.facts.slug) {
+    let listed = listed(args, &plan.facts.slug);
+    if let Some(listed) = listed {
         let made = site::write(lock, &plan.page, listed, steps);
         made.map_err(|e| e.after("the version is published, but the pages of the folder were not written"))?;
     }
-    Ok(bag)
+    Ok((bag, listed.is_some()))
 }
 
 #[cfg(test)]

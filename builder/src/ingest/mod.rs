@@ -184,6 +184,7 @@ impl Known {
             lattice: resolved.lattice,
             cube_log2: resolved.cube_log2,
             bounds: topology.bounds,
+            supplied_normals: resolved.layout.normals,
             colors: resolved.layout.colors,
             scalars: spooled.channels.iter().map(channel).collect(),
             triangles: scattered.triangles,

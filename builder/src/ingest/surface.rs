@@ -25,6 +25,8 @@ pub struct Surface {
     pub bounds: [LatticePoint; 2],
     /// Whether vertices have colours.
     pub colors: bool,
+    /// Whether the inputs supplied the normals; otherwise they follow from the triangles.
+    pub supplied_normals: bool,
     /// Scalar channels with their ranges.
     pub scalars: Vec<ScalarChannel>,
     /// Triangles.

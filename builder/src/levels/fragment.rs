@@ -43,12 +43,14 @@ pub struct Coarsened {
 pub const REDUCTION: u64 = 5;
 
 /// Coarsen the fragment of a diamond to a part of its triangles, [`REDUCTION`]. `input` are the patches of its tetrahedra's children,
-/// `locked` the points that triangles outside of it use, in any order.
+/// `locked` the points that triangles outside of it use, in any order. Normals that the inputs supplied are carried on; others follow from the
+/// coarse triangles, where one output uses a point alone.
 pub fn coarsen(
     input: &[(u32, Patch)],
     locked: &[LatticePoint],
     (tree, diamond): (&Partition, u32),
     precision: Precision,
+    supplied_normals: bool,
 ) -> Coarsened {
     let locked: FxHashSet<LatticePoint> = locked.iter().copied().collect();
     let merged = merge(input);
@@ -58,7 +60,9 @@ pub fn coarsen(
     let bounds = certify(fine, &merged.bounds, &simplified);
     let groups = share_out(&simplified.mesh, tree, diamond);
     let shared = shared_points(&groups, &simplified);
-    set_normals(&mut simplified, &shared, precision);
+    if !supplied_normals {
+        set_normals(&mut simplified, &shared, precision);
+    }
     let coarse = &simplified.mesh;
     let mut numbers = Numbers::new(coarse.vertex_count());
     let part = |(t, g): &(u32, Vec<u32>)| {
@@ -173,14 +177,17 @@ fn shared_points(groups: &[(u32, Vec<u32>)], simplified: &Simplified) -> Vec<boo
     shared
 }
 
-/// Give the points that one output uses alone the normals of the coarse triangles round them, by area. A decoder works these out itself (FORMAT
-/// section 5.8). Shared points keep the mean of the fine normals, which is the same on both sides of a border.
+/// Give the points that one output uses alone the normals of the coarse triangles round them, by area. A decoder predicts these exactly (FORMAT
+/// section 5.8), but for points with several vertices, at seams of colours or scalars. Shared points keep the mean of the fine normals, which is
+/// the same on both sides of a border.
 fn set_normals(simplified: &mut Simplified, shared: &[bool], precision: Precision) {
     let mut sums = vec![DVec3::ZERO; shared.len()];
     for (t, points) in simplified.triangles.iter().enumerate() {
-        let [a, b, c] = simplified.mesh.corners(t).map(|p| p.as_dvec3());
+        let [a, b, c] = simplified.mesh.corners(t).map(LatticePoint::as_dvec3);
         let n = (b - a).cross(c - a);
-        points.iter().for_each(|p| sums[*p as usize] += n);
+        for p in points {
+            sums[*p as usize] += n;
+        }
     }
     for (points, vertices) in simplified.triangles.iter().zip(&simplified.mesh.triangles) {
         for (p, v) in points.iter().zip(vertices) {

@@ -289,7 +289,8 @@ impl Stage<'_> {
         if input.is_empty() {
             return Ok(None);
         }
-        let coarse = coarsen(&input, &self.locks.of(rank)?, (self.tree, diamond), self.precision);
+        let (locked, supplied) = (self.locks.of(rank)?, self.surface.supplied_normals);
+        let coarse = coarsen(&input, &locked, (self.tree, diamond), self.precision, supplied);
         let encoded = encode_chunk(&input, self.tree, self.attributes)?;
         drop(input);
         let at = self.chunks.append(&encoded.body)?;
