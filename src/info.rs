@@ -88,7 +88,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let reader = open_pack(&args.file)?;
     let header = reader.header();
     let per_input = |x: u64| x as f64 / header.triangles.max(1) as f64;
-    let (major, minor) = kilwa_pack::header::VERSION;
+    let (major, minor) = header.version;
     let info = Info {
         file: args.file.display().to_string(),
         format: format!("{major}.{minor}"),

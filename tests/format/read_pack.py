@@ -182,8 +182,7 @@ class Surface:
         self.start, self.next, self.before, self.apex, self.edge, self.state = [], [], [], [], [], []
         self.gate, self.n, self.latest, self.other, stack = [], [], [], [], []
         self.stack = stack
-        self.fresh, self.steps, self.along, self.same, self.guess = models(3), models(1600), [32768, 0], models(16), [32768, 0]
-        self.back, self.distance = Number(bits), Number(bits)
+        self.prepare()
         while len(self.triangles) < triangles:
             if not stack:
                 self.seed()
@@ -194,6 +193,35 @@ class Surface:
         while len(self.links) < vertices:
             self.links.append((len(self.links) - 1,) if self.links else ())
 
+    def prepare(self):
+        self.fresh, self.steps, self.along, self.same, self.guess = models(3), models(1600), [32768, 0], models(16), [32768, 0]
+        self.back, self.distance = Number(self.bits), Number(self.bits)
+
+    def is_fresh(self, k):
+        return self.bits.bit(self.fresh[k])
+
+    def is_same(self, context):
+        return self.bits.bit(self.same[context])
+
+    def is_guess(self):
+        return self.bits.bit(self.guess)
+
+    def number(self, which):
+        return which.read()
+
+    def operation(self, a, b, left, right):
+        """What lies across the gate from a to b."""
+        bit, base = self.bits.bit, 4 * ((10 * self.n[a] + self.n[b]) * 4 + 2 * left + right)
+        if bit(self.steps[base]):
+            return "new"
+        if right and bit(self.steps[base + 1]):
+            return "right"
+        if left and bit(self.steps[base + 2]):
+            return "left"
+        if bit(self.steps[base + 3]):
+            return "border"
+        return "along" if bit(self.along) else "known"
+
     def vertex(self, link):
         v = len(self.links)
         need(v < self.limit, "more vertices than the directory says")
@@ -203,7 +231,7 @@ class Surface:
         return v
 
     def known(self):
-        v = len(self.links) - 1 - self.back.read()
+        v = len(self.links) - 1 - self.number(self.back)
         need(v >= 0, "a vertex before the first")
         return v
 
@@ -242,7 +270,7 @@ class Surface:
     def seed(self):
         corners = []
         for k in range(3):
-            if not self.links or self.bits.bit(self.fresh[k]):
+            if not self.links or self.is_fresh(k):
                 near = corners[-1] if k else len(self.links) - 1
                 corners.append(self.vertex((near,) if near >= 0 else ()))
             else:
@@ -255,32 +283,32 @@ class Surface:
         self.count((p, q, r), patch)
 
     def step(self, g):
-        bit, start, nxt, bef, state = self.bits.bit, self.start, self.next, self.before, self.state
+        start, nxt, bef, state = self.start, self.next, self.before, self.state
         after, ahead = nxt[g], bef[g]
         a, b, top = start[g], start[after], self.apex[g]
         right = after != g and state[after] == OPEN and nxt[after] != g
         left = ahead != g and state[ahead] == OPEN and bef[ahead] != g
-        base = 4 * ((10 * self.n[a] + self.n[b]) * 4 + 2 * left + right)
         j = i = None
-        new = False
-        if bit(self.steps[base]):
-            kind, c, new = "join", self.vertex((a, b, top)), True
-        elif right and bit(self.steps[base + 1]):
-            kind, c = "right", start[nxt[after]]
-        elif left and bit(self.steps[base + 2]):
-            kind, c = "left", start[ahead]
-        elif bit(self.steps[base + 3]):
+        kind = self.operation(a, b, left, right)
+        new = kind == "new"
+        if new:
+            c = self.vertex((a, b, top))
+        elif kind == "right":
+            c = start[nxt[after]]
+        elif kind == "left":
+            c = start[ahead]
+        elif kind == "border":
             state[g] = DEAD
             return None
-        elif bit(self.along):
-            m = self.distance.read()
+        elif kind == "along":
+            m = self.number(self.distance)
             need(m < 48, "a vertex too far along the border")
             j, way = (g, bef) if m & 1 else (after, nxt)
             for _ in range(m // 2 + 1):
                 j = way[j]
-            kind, c = "join", start[j]
+            c = start[j]
         else:
-            kind, c = "join", self.known()
+            c = self.known()
             j = self.gate[c] if state[self.gate[c]] != GLUED else None
         patch, t = self.choose(a, b, c, new, self.patch[self.edge[g] // 3]), len(self.triangles)
         if not new:
@@ -322,19 +350,19 @@ class Surface:
             return 0
         latest, other = self.latest, self.other
         i = 0 if new else 3 if other[c] is not None else 1 if latest[c] == last else 2
-        if self.bits.bit(self.same[8 * (other[a] is not None) + 4 * (other[b] is not None) + i]):
+        if self.is_same(8 * (other[a] is not None) + 4 * (other[b] is not None) + i):
             return last
         guesses = [other[v] if latest[v] == last else latest[v] for v in (c, b, a)]
         guess = next((g for g in guesses if g is not None), None)
-        return guess if guess is not None and self.bits.bit(self.guess) else self.any()
+        return guess if guess is not None and self.is_guess() else self.any()
 
 
 # --- Sections 5.5 to 5.9: what the vertices and edges carry ---
 
 
-def read_borders(bits, surface):
-    """For each triangle in the order of decoding, a number whose bit k says that edge k is a border."""
-    met, nine, borders = {}, models(9), [0] * len(surface.triangles)
+def read_borders(bits, surface, read):
+    """For each triangle in the order of decoding, a number whose bit k says that edge k is a border; `read` reads a bit in one of nine contexts."""
+    met, borders = {}, [0] * len(surface.triangles)
     if bits.raw(1):
         edges = range(3 * len(borders))
     else:
@@ -342,7 +370,7 @@ def read_borders(bits, surface):
     for edge in edges:
         t, k = divmod(edge, 3)
         v, w = surface.triangles[t][k], surface.triangles[t][(k + 1) % 3]
-        border = bits.bit(nine[3 * met.get(v, 0) + met.get(w, 0)])
+        border = read(3 * met.get(v, 0) + met.get(w, 0))
         borders[t] |= border << k
         for u in (v, w):
             met[u] = max(met.get(u, 0), 1 + border)
@@ -464,8 +492,8 @@ def read_normals(bits, surface, points, patches):
     return normals
 
 
-def read_scalars(bits, links):
-    numbers, keys = Number(bits, 6), []
+def read_scalars(bits, links, numbers):
+    keys = []
     for link in links:
         mean = keys[link[0]] + keys[link[min(1, len(link) - 1)]] >> 1 if link else 0
         keys.append((mean + numbers.wide() + 2**31) % 2**32 - 2**31)
@@ -476,7 +504,7 @@ class Chunk:
     """patches [(triangles, diamond or None)], triangles, borders, points, colors (or None), normals (u, v), scalars by channel."""
 
     def __init__(self, data, entry, colors, scalars):
-        need(data[0] == 1, f"an unknown codec, {data[0]}")
+        need(data[0] in (1, 2), f"an unknown codec, {data[0]}")
         count, at = varint(data, 1)
         need(count <= len(data) // 2, "more patches than bytes")
         self.patches, total = [], 0
@@ -495,21 +523,30 @@ class Chunk:
         if total == 0:
             need(length == 0 and entry.vertices == 0, "a body or vertices without triangles")
             return
+        import codec2
+
         coded, at = varint(data[:end], at)
         need(at + coded <= end, "the coded stream is longer than the body")
-        bits = Bits(data[at : at + coded], data[at + coded : end])
-        surface = Surface(bits, count, entry.vertices, total)
-        borders = read_borders(bits, surface)
-        self.points = read_positions(bits, surface.links)
-        if colors:
-            self.colors = read_colors(bits, surface.links)
-        self.normals = read_normals(bits, surface, self.points, count)
-        self.scalars = [read_scalars(bits, surface.links) for _ in range(scalars)]
-        bits.end()
+        coded, raw = data[at : at + coded], data[at + coded : end]
+        surface = codec2.read_body(self, coded, raw, entry, count, total, scalars) if data[0] == 2 else self.first(coded, raw, entry, count, total)
+        borders = self.borders
         order, sizes = sorted(range(total), key=surface.patch.__getitem__), Counter(surface.patch)
         need(all(sizes[k] == size for k, (size, _) in enumerate(self.patches)), "a patch has another size than the table says")
         self.triangles = [surface.triangles[t] for t in order]
         self.borders = [borders[t] for t in order]
+
+    def first(self, coded, raw, entry, patches, triangles):
+        """The body in codec 1; gives its surface back."""
+        bits = Bits(coded, raw)
+        surface, nine = Surface(bits, patches, entry.vertices, triangles), models(9)
+        self.borders = read_borders(bits, surface, lambda context: bits.bit(nine[context]))
+        self.points = read_positions(bits, surface.links)
+        if self.colors is not None:
+            self.colors = read_colors(bits, surface.links)
+        self.normals = read_normals(bits, surface, self.points, patches)
+        self.scalars = [read_scalars(bits, surface.links, Number(bits, 6)) for _ in self.scalars]
+        bits.end()
+        return surface
 
     def by_patch(self):
         """(diamond, first triangle, end) of each patch."""
@@ -550,7 +587,8 @@ class Pack:
             "<HHIQQ3diIQQII16sQQQQQBB", data, 8)
         self.version, self.origin, self.meta_end = (major, minor), (x, y, z), self.meta_at + meta_length
         need(major == 1, f"version {major}.{minor}: this reader knows 1")
-        need(required == 0, f"required features that this reader does not know: {required:#x}")
+        need(required in (0, 1), f"required features that this reader does not know: {required:#x}")
+        self.codecs = (1, 2) if required else (1,)
         need(length == 256 and size == len(data), f"the file has {len(data)} bytes, the header says {size}")
         need(all(map(math.isfinite, self.origin)) and abs(self.step_log2) <= 1000 and 1 <= self.cube_log2 <= 30, "the lattice is unusable")
         need(self.colors < 2 and self.scalars <= 16, "attributes that do not exist")
@@ -599,6 +637,7 @@ class Pack:
         data = self.data[entry.offset : entry.offset + entry.length]
         need(blake3(data)[:16] == entry.checksum, f"chunk {i} is damaged")
         try:
+            need(data[:1] != b"\2" or 2 in self.codecs, "a chunk of a codec that the header does not announce")
             chunk = Chunk(data, entry, self.colors, self.scalars)
             for _, diamond in chunk.patches:
                 need(diamond is None or i < diamond < len(self.entries), "a diamond that is none")
@@ -633,6 +672,8 @@ def main(path):
 
 
 if __name__ == "__main__":
+    # codec2 builds on this file, under its own name.
+    sys.modules["read_pack"] = sys.modules["__main__"]
     try:
         main(sys.argv[1])
     except Refused as fault:

@@ -73,7 +73,7 @@ const VIEWER_GZ_MAX: u64 = 350_000;
 /// The same of the build with WebGL 2, which carries a shader compiler.
 const VIEWER_GL_GZ_MAX: u64 = 1_200_000;
 /// Budget of measuring, which is loaded when a tool is first used.
-const MEASURE_GZ_MAX: u64 = 320_000;
+const MEASURE_GZ_MAX: u64 = 350_000;
 /// Budget of everything else that the page loads, gzipped bytes.
 const PAGE_GZ_MAX: u64 = 120_000;
 

@@ -184,8 +184,10 @@ pub fn plan(inputs: &dyn Inputs, options: &BuildOptions) -> Result<Plan, BuildEr
     Ok(Plan { tool: tool(), options: shaping(options), inputs: inputs.plan()? })
 }
 
+/// The program, and the format of its packs: encoded chunks are kept between runs.
 fn tool() -> String {
-    format!("kilwa {}", env!("CARGO_PKG_VERSION"))
+    let (major, minor) = kilwa_pack::header::VERSION;
+    format!("kilwa {} (format {major}.{minor})", env!("CARGO_PKG_VERSION"))
 }
 
 /// Every option that shapes the pack, by name.

@@ -13,9 +13,13 @@ pub const HEAD_BYTES: u64 = 131_072;
 
 /// First bytes of every pack.
 pub const MAGIC: [u8; 8] = *b"KILWAPCK";
-/// Format version written: major, minor. Every minor version of this major one is read; what they add is indicated by
+/// Format version of new packs: major, minor. Every minor version of this major one is read; what they add is indicated by
 /// feature bits.
-pub const VERSION: (u16, u16) = (1, 0);
+pub const VERSION: (u16, u16) = (1, 1);
+/// Required features that this reader knows.
+const KNOWN: u64 = CODEC_2;
+/// Required feature 0 (since 1.1): chunks may be coded by codec 2.
+const CODEC_2: u64 = 1;
 /// Longest metadata block, in bytes: it has to leave room for page 0 and a picture in the first [`HEAD_BYTES`].
 pub const MAX_METADATA_BYTES: u32 = 65_536;
 /// Most directory entries: indices are 32-bit and `u32::MAX` means none.
@@ -26,6 +30,10 @@ const HASH_AT: usize = 224;
 /// The parsed header.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Header {
+    /// Format version: major, minor.
+    pub version: (u16, u16),
+    /// Bits of the features that a reader must know. FORMAT section 3.
+    pub required_features: u64,
     /// The lattice of every position in the file.
     pub lattice: Lattice,
     /// The root cube is `0..=2^cube_log2` on each axis.
@@ -56,6 +64,8 @@ impl Header {
     /// The header of a pack that is to be written; the writer fills in the offsets, lengths and counts, which are 0.
     pub fn new(lattice: Lattice, cube_log2: u32, triangles: u64, attributes: crate::Attributes) -> Self {
         Self {
+            version: VERSION,
+            required_features: CODEC_2,
             lattice,
             cube_log2,
             file_bytes: 0,
@@ -69,6 +79,12 @@ impl Header {
             stored_vertices: 0,
             attributes,
         }
+    }
+
+    /// The header of a pack that gets chunks encoded by this program, whatever the version was before.
+    #[must_use]
+    pub fn with_current_codec(self) -> Self {
+        Self { version: self.version.max(VERSION), required_features: self.required_features | CODEC_2, ..self }
     }
 
     /// Number of directory pages.
@@ -85,6 +101,14 @@ impl Header {
             self.other_pages.saturating_add(u64::from(page - 1).saturating_mul(bytes))
         };
         (offset, bytes)
+    }
+
+    /// Check that a chunk has a codec that the header announces.
+    pub(crate) fn announces_codec_of(&self, chunk: &[u8]) -> Result<(), PackError> {
+        if chunk.first() == Some(&crate::chunk::CODEC_2) && self.required_features & CODEC_2 == 0 {
+            return Err(PackError::invalid("chunk", "it has codec 2, which the header does not announce"));
+        }
+        Ok(())
     }
 
     /// Parse and check the first [`HEADER_BYTES`] bytes of a file.
@@ -115,12 +139,15 @@ impl Header {
         if c.u32()? as usize != HEADER_BYTES {
             return Err(PackError::invalid("header", "its length is not 256 bytes"));
         }
-        let required = c.u64()?;
-        if required != 0 {
-            return Err(PackError::Feature { bit: required.trailing_zeros() });
+        let required_features = c.u64()?;
+        let unknown = required_features & !KNOWN;
+        if unknown != 0 {
+            return Err(PackError::Feature { bit: unknown.trailing_zeros() });
         }
         c.u64()?; // Optional features: a reader may ignore every one of them.
         let header = Self {
+            version: (major, minor),
+            required_features,
             lattice: Lattice { origin: DVec3::new(c.f64()?, c.f64()?, c.f64()?), step_log2: c.i32()? },
             cube_log2: c.u32()?,
             file_bytes: c.u64()?,
@@ -187,10 +214,10 @@ impl Header {
     pub fn to_bytes(&self) -> [u8; HEADER_BYTES] {
         let mut b = Vec::with_capacity(HEADER_BYTES);
         b.extend(MAGIC);
-        b.extend(VERSION.0.to_le_bytes());
-        b.extend(VERSION.1.to_le_bytes());
+        b.extend(self.version.0.to_le_bytes());
+        b.extend(self.version.1.to_le_bytes());
         b.extend(256u32.to_le_bytes());
-        b.extend(0u64.to_le_bytes()); // required features
+        b.extend(self.required_features.to_le_bytes());
         b.extend(0u64.to_le_bytes()); // optional features
         for x in self.lattice.origin.to_array() {
             b.extend(x.to_le_bytes());

@@ -150,7 +150,9 @@ pub fn decode_checked(bytes: &[u8], index: u32, entry: &DirectoryEntry, header: 
         return Err(PackError::checksum(what));
     }
     let declared = Declared { vertices: entry.vertices, triangles: entry.triangles };
-    let chunk = crate::chunk::decode(bytes, declared, header.attributes).map_err(|e| match e {
+    let decoded =
+        header.announces_codec_of(bytes).and_then(|()| crate::chunk::decode(bytes, declared, header.attributes));
+    let chunk = decoded.map_err(|e| match e {
         PackError::Invalid { what: part, why } => PackError::invalid(what.clone(), format!("{part}: {why}")),
         other => other,
     })?;

@@ -5,6 +5,7 @@
 //! areas and volumes stay what they were. The new pack is another pack, with an identity of its own (FORMAT section 7).
 //! Chunks are encoded again only where channels are left out.
 
+use crate::header::VERSION;
 use crate::plural::counted;
 use crate::{Attributes, DirectoryEntry, Header, Metadata, PackError, PackWriter, Reader, Source};
 use glam::DVec3;
@@ -65,7 +66,7 @@ pub fn relocate_with_channels<S: Source, W: Write, T: Read + Write + Seek>(
     let in_scratch = |source| PackError::Io { what: "scratch file".to_owned(), source };
     let entries = encode_again(reader, header.attributes, keep, scratch)?;
     let lengths: Vec<usize> = entries.iter().map(|e| e.encoded_bytes as usize).collect();
-    let mut writer = PackWriter::begin(out, header, &metadata, entries)?;
+    let mut writer = PackWriter::begin(out, header.with_current_codec(), &metadata, entries)?;
     scratch.seek(SeekFrom::Start(0)).map_err(in_scratch)?;
     for length in lengths {
         let mut bytes = vec![0; length];
@@ -79,6 +80,8 @@ pub fn relocate_with_channels<S: Source, W: Write, T: Read + Write + Seek>(
 fn moved<S: Source>(reader: &Reader<S>, origin: DVec3) -> (Header, Metadata) {
     let (from, mut header) = (reader.header().lattice, reader.header().clone());
     header.lattice = Lattice { origin, ..from };
+    // What a newer minor version adds that this program does not know is optional, and not copied.
+    header.version = header.version.min(VERSION);
     let mut metadata = reader.metadata().clone();
     for corner in [&mut metadata.bounds_min, &mut metadata.bounds_max] {
         // Whole steps again, so that no digit of the old place is left in the last bits.

@@ -3,7 +3,7 @@
 use crate::common::height_field;
 use glam::DVec3;
 use kilwa_geometry::Mesh;
-use kilwa_pack::chunk::{Declared, decode, encode, patch_table};
+use kilwa_pack::chunk::{Declared, decode, encode, encode_first, patch_table};
 use kilwa_pack::{Attributes, Chunk, NO_DIAMOND, PatchRange};
 use proptest::prelude::*;
 
@@ -106,6 +106,28 @@ proptest! {
     }
 
     #[test]
+    fn any_triangle_soup_of_codec_1_is_still_read(
+        seed in any::<u64>(), triangles in 0usize..120, wide in any::<bool>(), colors in any::<bool>(), scalars in 0u8..4,
+    ) {
+        let attributes = Attributes { colors, scalars };
+        let chunk = soup(seed, triangles, wide, attributes);
+        let bytes = encode_first(&chunk, attributes).expect("encodes");
+        prop_assert_eq!(bytes[0], 1);
+        prop_assert_eq!(encode(&chunk, attributes).expect("encodes")[0], 2);
+        let back = decode(&bytes, declared(&chunk), attributes).expect("decodes");
+        prop_assert_eq!(back.canonical(), chunk.canonical());
+    }
+
+    #[test]
+    fn random_bytes_behind_a_codec_number_are_refused(
+        mut bytes in proptest::collection::vec(any::<u8>(), 1..400), codec in 1u8..3, triangles in 1u32..100,
+    ) {
+        bytes[0] = codec;
+        let declared = Declared { vertices: triangles, triangles };
+        prop_assert!(decode(&bytes, declared, COLORED).is_err());
+    }
+
+    #[test]
     fn random_bytes_are_refused_as_a_chunk(bytes in proptest::collection::vec(any::<u8>(), 0..400), triangles in 1u32..100) {
         let declared = Declared { vertices: triangles, triangles };
         prop_assert!(decode(&bytes, declared, COLORED).is_err());
@@ -119,7 +141,8 @@ fn damaged_chunks_never_panic_and_never_break_a_promise() {
     let mut refused = 0;
     for seed in 0..6 {
         let chunk = soup(seed, 40, false, attributes);
-        let bytes = encode(&chunk, attributes).expect("encodes");
+        let coded = if seed % 3 == 2 { encode_first(&chunk, attributes) } else { encode(&chunk, attributes) };
+        let bytes = coded.expect("encodes");
         for bit in 0..bytes.len() * 8 {
             let mut damaged = bytes.clone();
             damaged[bit / 8] ^= 1 << (bit % 8);
@@ -276,6 +299,25 @@ fn rounded_values_take_fewer_bytes_and_round_trip() {
     // Nine in ten vertices lose 3 x 4 bits of position and 3 x 2 of colour.
     let (position, color) = (saved(whole.1.positions, rounded.1.positions), saved(whole.1.colors, rounded.1.colors));
     assert!(position > 9.0 && color > 4.0, "{position} and {color} bits per vertex");
+}
+
+/// Chunks of codec 1, as format 1.0 has them, hold the same geometry in codec 2.
+#[test]
+fn a_pack_of_version_1_0_is_read_and_its_chunks_come_back_from_codec_2() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/compat/1.0-wall.kilwa");
+    let reader =
+        kilwa_pack::Reader::open(kilwa_pack::SliceSource(std::fs::read(path).expect("is there"))).expect("opens");
+    let attributes = reader.header().attributes;
+    let (mut before, mut after) = (0, 0);
+    for (i, entry) in (0..).zip(reader.entries()) {
+        let chunk = reader.chunk(i).expect("decodes");
+        let bytes = encode(&chunk, attributes).expect("encodes");
+        let back = decode(&bytes, declared(&chunk), attributes).expect("decodes");
+        assert_eq!(back.canonical(), chunk.canonical());
+        before += entry.encoded_bytes as usize;
+        after += bytes.len();
+    }
+    assert!(after < before, "{after} bytes, {before} in codec 1");
 }
 
 #[test]

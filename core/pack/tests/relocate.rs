@@ -51,6 +51,34 @@ fn a_damaged_chunk_is_named_and_not_copied() {
     assert!(message.contains("chunk 3"), "{message}");
 }
 
+fn of_version_1_0() -> Reader<SliceSource<Vec<u8>>> {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../tests/compat/1.0-wall.kilwa");
+    open(std::fs::read(path).expect("is there"))
+}
+
+#[test]
+fn a_moved_pack_of_1_0_remains_one_that_earlier_readers_know() {
+    let old = of_version_1_0();
+    let new = open(relocate(&old, Vec::new(), DVec3::ZERO, |_| ()).expect("moves"));
+    assert_eq!((new.header().version, new.header().required_features), ((1, 0), 0));
+    let encoded_again = old.header().clone().with_current_codec();
+    assert_eq!((encoded_again.version, encoded_again.required_features), ((1, 1), 1));
+    let now = open(crate::common::pack(3, 6, COLOURED));
+    let moved = open(relocate(&now, Vec::new(), DVec3::ZERO, |_| ()).expect("moves"));
+    assert_eq!((moved.header().version, moved.header().required_features), ((1, 1), 1));
+}
+
+#[test]
+fn what_a_newer_minor_version_adds_is_not_announced_by_a_moved_pack() {
+    let bytes = crate::container::forged_with_footer(&crate::common::pack(3, 6, COLOURED), |b| {
+        b[10..12].copy_from_slice(&9u16.to_le_bytes());
+        b[24..32].copy_from_slice(&5u64.to_le_bytes());
+    });
+    let moved = relocate(&open(bytes), Vec::new(), DVec3::ZERO, |_| ()).expect("moves");
+    assert_eq!(moved[24..32], [0; 8], "optional features");
+    assert_eq!(open(moved).header().version, (1, 1));
+}
+
 /// Every vertex of a chunk as its position and colour: what must survive when channels are left out.
 fn without_channels(mut chunk: kilwa_pack::Chunk, keep: &[usize]) -> kilwa_pack::chunk::Canonical {
     let scalars = std::mem::take(&mut chunk.mesh.scalars);

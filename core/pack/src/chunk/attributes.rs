@@ -2,8 +2,9 @@
 //! 5.6 to 5.9. Encoder and decoder run the same code: the encoder's values are in the arrays, the decoder's are put there.
 
 use super::border::Link;
-use super::number::{Grains, MAX_GRAIN, Residuals, Wide};
-use super::predict::{Weights, beside};
+pub(super) use super::number::MAX_GRAIN;
+use super::number::{Grains, Residuals, Wide};
+use super::predict::Weights;
 use super::range::{Bit, Coder, DryRun};
 use kilwa_geometry::LatticePoint;
 use kilwa_geometry::lattice::MAX_COORDINATE;
@@ -81,15 +82,16 @@ impl Grained {
 
 /// The nearest multiple of `2^grain`, in that unit.
 #[inline]
-fn round_to(x: i32, grain: u8) -> i32 {
-    (x + ((1 << grain) >> 1)) >> grain
+pub(super) fn round_to(x: i32, grain: u8) -> i32 {
+    x.wrapping_add((1 << grain) >> 1) >> grain
 }
 
 /// Positions, one for every link. Those of a decoder that are out of range are found by whoever checks the mesh.
 pub(super) fn positions<C: Coder>(coder: &mut C, links: &[Link], values: &mut [LatticePoint], wanted: Option<Vec<u8>>) {
     // The coder takes positions and colours alike, as triples of numbers.
     let values: &mut [[i32; 3]] = bytemuck::cast_slice_mut(values);
-    let weights = if C::ENCODES { Weights::best(values, links) } else { Weights::default() }.code(coder);
+    let weights = if C::ENCODES { Weights::best(values, links) } else { Weights::default() };
+    let weights = weights.code(&mut |bits, value| coder.raw(bits, value));
     let grains = Grained::new(coder, wanted, values.len());
     let depth = if C::ENCODES {
         positions_with(&mut DryRun, links, &mut values.to_vec(), weights, grains.clone(), 5)
@@ -113,12 +115,12 @@ fn positions_with<C: Coder>(
     let [of_one, of_two] = models.as_mut_slice() else { return depth };
     let mut sizes: Vec<[u32; 3]> = Vec::with_capacity(values.len());
     let mut local = coder.taken();
-    for (v, &link) in links.iter().enumerate() {
+    for (v, link) in links.iter().enumerate() {
         let predicted = weights.predict(values, link).map(|x| x.clamp(0, MAX_COORDINATE.into()));
-        let beside = beside(link);
+        let beside = link.edge;
         let [a, b] = beside.map(|n| sizes.get(n as usize).copied().unwrap_or_default());
-        let grain = grains.next(&mut local, beside[0]);
-        let model = if matches!(link, Link::Two(..)) { &mut *of_two } else { &mut *of_one };
+        let grain = grains.next(&mut local, link.edge[0]);
+        let model = if link.is_two() { &mut *of_two } else { &mut *of_one };
         let Some(value) = values.get_mut(v) else { break };
         let mut size = [0; 3];
         for ((((x, p), size), a), b) in value.iter_mut().zip(predicted).zip(&mut size).zip(a).zip(b) {
@@ -135,17 +137,17 @@ fn positions_with<C: Coder>(
 
 /// How much of the residual of one channel is in another's, in units of 1 / 16.
 #[derive(Clone, Copy, Default)]
-struct Tint {
-    red_of_green: i32,
-    blue_of_green: i32,
-    blue_of_red: i32,
+pub(super) struct Tint {
+    pub(super) red_of_green: i32,
+    pub(super) blue_of_green: i32,
+    pub(super) blue_of_red: i32,
 }
 
 impl Tint {
     /// The weights with the smallest sum of squared errors.
-    fn best(links: &[Link], values: &[[u8; 3]], weights: Weights) -> Self {
+    pub(super) fn best(links: &[Link], values: &[[u8; 3]], weights: Weights) -> Self {
         let [mut gg, mut gr, mut gb, mut rr, mut rb] = [0.0f64; 5];
-        for (&value, &link) in values.iter().zip(links) {
+        for (&value, link) in values.iter().zip(links) {
             let [pr, pg, pb] = predicted_color(weights, values, link);
             let [r, g, b] = value.map(i32::from);
             let [r, g, b] = [r - pr, g - pg, b - pb].map(|x| f64::from(wrap(x, 0)));
@@ -170,28 +172,30 @@ impl Tint {
     }
 
     /// As it is stored: 7 bits each, 64 more than the value.
-    fn code(self, coder: &mut impl Coder) -> Self {
+    pub(super) fn code(self, raw: &mut impl FnMut(u32, u32) -> u32) -> Self {
         let [red_of_green, blue_of_green, blue_of_red] = [self.red_of_green, self.blue_of_green, self.blue_of_red]
-            .map(|x| (coder.raw(7, (x + 64).cast_unsigned() & 127) & 127).cast_signed() - 64);
+            .map(|x| (raw(7, (x + 64).cast_unsigned() & 127) & 127).cast_signed() - 64);
         Self { red_of_green, blue_of_green, blue_of_red }
     }
 }
 
 /// A channel's prediction, with what other channels' residuals say.
 #[inline]
-fn tinted(p: i32, of_residuals: i32) -> i32 {
+pub(super) fn tinted(p: i32, of_residuals: i32) -> i32 {
     (p + ((of_residuals + (1 << TINT_BITS >> 1)) >> TINT_BITS)).clamp(0, 255)
 }
 
 #[inline]
-fn predicted_color(weights: Weights, values: &[[u8; 3]], link: Link) -> [i32; 3] {
+fn predicted_color(weights: Weights, values: &[[u8; 3]], link: &Link) -> [i32; 3] {
     weights.predict(values, link).map(|x| (x.clamp(0, 255) & 0xff) as u8).map(i32::from)
 }
 
 /// Colours, one for every link: green, red, blue.
 pub(super) fn colors<C: Coder>(coder: &mut C, links: &[Link], values: &mut [[u8; 3]], wanted: Option<Vec<u8>>) {
-    let weights = if C::ENCODES { Weights::best(values, links) } else { Weights::default() }.code(coder);
-    let tint = if C::ENCODES { Tint::best(links, values, weights) } else { Tint::default() }.code(coder);
+    let weights = if C::ENCODES { Weights::best(values, links) } else { Weights::default() };
+    let weights = weights.code(&mut |bits, value| coder.raw(bits, value));
+    let tint = if C::ENCODES { Tint::best(links, values, weights) } else { Tint::default() };
+    let tint = tint.code(&mut |bits, value| coder.raw(bits, value));
     let grains = Grained::new(coder, wanted, values.len());
     let about = (weights, tint);
     let depth =
@@ -212,9 +216,9 @@ fn colors_with<C: Coder>(
     let mut models = vec![Residuals::<1>::new(depth); 3];
     let [of_green, of_red, of_blue] = models.as_mut_slice() else { return depth };
     let mut local = coder.taken();
-    for (v, &link) in links.iter().enumerate() {
+    for (v, link) in links.iter().enumerate() {
         let [pr, pg, pb] = predicted_color(weights, values, link);
-        let grain = grains.next(&mut local, beside(link)[0]).min(7);
+        let grain = grains.next(&mut local, link.edge[0]).min(7);
         let Some(value) = values.get_mut(v) else { break };
         let [red, green, blue] = value.map(i32::from);
         let mut channel = |model: &mut Residuals<1>, x: i32, p: i32| {
@@ -234,7 +238,7 @@ fn colors_with<C: Coder>(
 
 /// The shortest way round, of `8 - grain` bits.
 #[inline]
-fn wrap(x: i32, grain: u8) -> i32 {
+pub(super) fn wrap(x: i32, grain: u8) -> i32 {
     let half = 0x80 >> grain;
     (x & (2 * half - 1) ^ half) - half
 }
@@ -261,7 +265,7 @@ pub(super) fn normals<C: Coder>(
     for (((value, &guess), &kind), &link) in values.iter_mut().zip(predicted).zip(kinds).zip(links) {
         let kind = usize::from(kind & 3);
         let (Some(differs), Some(recent)) = (differs.get_mut(kind), recent.get_mut(kind)) else { return Ok(()) };
-        let grain = grains.next(&mut local, beside(link)[0]);
+        let grain = grains.next(&mut local, link.edge[0]);
         let [gu, gv] = guess.map(|x| round_to(quantize(x, bits), grain));
         let [wu, wv] = value.map(|x| quantize(x, bits) >> grain);
         let near = half_octave(*recent >> grain);
@@ -292,17 +296,20 @@ pub(super) fn normal_bits(values: &[OctNormal]) -> u8 {
 }
 
 /// An octahedral coordinate as a level of `bits` bits, `-(2^(bits-1) - 1) ..= 2^(bits-1) - 1`; at 16 bits itself.
-fn quantize(x: i16, bits: u8) -> i32 {
+pub(super) fn quantize(x: i16, bits: u8) -> i32 {
     let x = i32::from(x);
     if bits >= 16 {
         return x;
     }
-    let levels = (1 << (bits - 1)) - 1;
-    (2 * x.abs() * levels + 32767) / 65534 * x.signum()
+    let levels = (1u32 << (bits - 1)) - 1;
+    // Without a branch: signs cannot be foreseen.
+    let level = ((2 * x.unsigned_abs() * levels + 32767) / 65534).cast_signed();
+    let mask = x >> 31;
+    (level ^ mask) - mask
 }
 
 /// The coordinate that a level represents, or none when it is out of range.
-fn unquantize(level: i32, bits: u8) -> Option<i16> {
+pub(super) fn unquantize(level: i32, bits: u8) -> Option<i16> {
     if bits >= 16 {
         return i16::try_from(level).ok();
     }
@@ -316,11 +323,16 @@ fn unquantize(level: i32, bits: u8) -> Option<i16> {
 /// One scalar channel, as ordered bits.
 pub(super) fn scalars<C: Coder>(coder: &mut C, links: &[Link], values: &mut [i32]) {
     let mut model = Wide::new();
-    for (v, &link) in links.iter().enumerate() {
-        let [a, b] = beside(link).map(|n| values.get(n as usize).copied().unwrap_or(0));
+    scalars_with(&mut |x| model.code(coder, x), links, values);
+}
+
+/// One scalar channel, by a function that codes residuals.
+pub(super) fn scalars_with(code: &mut impl FnMut(i32) -> i32, links: &[Link], values: &mut [i32]) {
+    for (v, link) in links.iter().enumerate() {
+        let [a, b] = link.edge.map(|n| values.get(n as usize).copied().unwrap_or(0));
         let predicted = (a & b).wrapping_add((a ^ b) >> 1);
         let Some(x) = values.get_mut(v) else { return };
-        *x = predicted.wrapping_add(model.code(coder, x.wrapping_sub(predicted)));
+        *x = predicted.wrapping_add(code(x.wrapping_sub(predicted)));
     }
 }
 

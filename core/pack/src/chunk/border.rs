@@ -6,19 +6,16 @@
 //! machine takes one gate after another, fan by fan, and codes what lies across it. It never assumes a manifold: what
 //! cannot be reached across an edge starts over. Encoder and decoder run the same code; only [`Source`] differs.
 
-use super::number::Number;
-use super::range::{Bit, Coder};
-
 /// No such gate, vertex or patch.
 pub(super) const NONE: u32 = u32::MAX;
 /// Triangles at a vertex that make a difference.
-const MAX_AT_VERTEX: u8 = 9;
+pub(super) const MAX_AT_VERTEX: u8 = 9;
 /// How far along the border a vertex is looked for before it is named by its number.
-const REACH: u32 = 24;
+pub(super) const REACH: u32 = 24;
 
 /// The next operation across a gate.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
-enum Op {
+pub(super) enum Op {
     /// A triangle with a new vertex.
     New,
     /// Nothing that is not known yet.
@@ -63,26 +60,72 @@ pub(super) struct Placed {
     pub(super) patch: u32,
 }
 
-/// Two triangles on both sides of an edge, the vertex that has the greater number being predicted: by
-/// `edge[0] + edge[1] - across`.
+/// What a vertex is predicted from: one parallelogram or two, each of two triangles on both sides of an edge. Where there
+/// is one, it fills the places of the second as well, and the vertex that a lone one lies near fills all places, so that one
+/// formula serves all.
 #[derive(Clone, Copy)]
-pub(super) struct Parallelogram {
+pub(super) struct Link {
+    /// The edge of the triangle that introduced the vertex; [`NONE`] where no other vertex is known.
     pub(super) edge: [u32; 2],
+    /// The vertex across that edge.
     pub(super) across: u32,
+    /// The edge of another triangle of the vertex.
+    pub(super) edge2: [u32; 2],
+    /// The vertex across that.
+    pub(super) across2: u32,
+    /// The vertex that both edges have, else any.
+    pub(super) shared: u32,
+    pub(super) kind: Kind,
 }
 
-/// The parallelograms that a vertex is predicted by, at most two, the first from the triangle that introduced it.
-/// Vertices that no edge introduced have one vertex to go by, or none.
-#[derive(Clone, Copy)]
-pub(super) enum Link {
-    /// No other vertex is known.
-    Nothing,
-    /// A vertex nearby.
-    Near(u32),
-    /// Across one edge.
-    One(Parallelogram),
-    /// Across two edges.
-    Two(Parallelogram, Parallelogram),
+/// How many parallelograms a [`Link`] has.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    /// None: there is a vertex nearby, or none at all.
+    Near,
+    /// One.
+    One,
+    /// Two whose edges have no vertex in common.
+    Two,
+    /// Two whose edges meet.
+    Fan,
+}
+
+impl Link {
+    /// Near a vertex, or near [`NONE`].
+    #[inline]
+    pub(super) fn near(v: u32) -> Self {
+        Self { edge: [v; 2], across: v, edge2: [v; 2], across2: v, shared: v, kind: Kind::Near }
+    }
+
+    #[inline]
+    fn one(edge: [u32; 2], across: u32) -> Self {
+        let [shared, _] = edge;
+        Self { edge, across, edge2: edge, across2: across, shared, kind: Kind::One }
+    }
+
+    /// Two parallelograms?
+    #[inline]
+    pub(super) fn is_two(&self) -> bool {
+        matches!(self.kind, Kind::Two | Kind::Fan)
+    }
+
+    /// One more parallelogram; two stay.
+    #[inline]
+    fn add(&mut self, edge: [u32; 2], across: u32) {
+        match self.kind {
+            Kind::Near => *self = Self::one(edge, across),
+            Kind::One => {
+                let ([a, b], [c, d]) = (self.edge, edge);
+                let (first, second) = (a == c || a == d, b == c || b == d);
+                self.edge2 = edge;
+                self.across2 = across;
+                self.shared = if first || !second { a } else { b };
+                self.kind = if first || second { Kind::Fan } else { Kind::Two };
+            }
+            Kind::Two | Kind::Fan => {}
+        }
+    }
 }
 
 /// What the encoder knows. All vertices are the machine's numbers.
@@ -130,17 +173,32 @@ struct Around {
     gate: u32,
 }
 
-/// Adaptive probabilities.
-struct Models {
-    /// Whether a gate brings a new vertex, is a border, closes to the right, to the left; by the triangles at both ends
-    /// and whether the gates before and behind are dead.
-    ops: Vec<[Bit; 4]>,
-    along: Bit,
-    distance: Number,
-    back: Number,
-    same_patch: [Bit; 16],
-    other_patch: Bit,
-    seed_new: [Bit; 3],
+/// What an operation depends on.
+#[derive(Clone, Copy)]
+pub(super) struct Near {
+    /// Triangles so far at both ends of the gate, at most [`MAX_AT_VERTEX`].
+    pub(super) triangles: [u8; 2],
+    /// Whether the gate before it, and the one behind, can be closed with it.
+    pub(super) left: bool,
+    /// See `left`.
+    pub(super) right: bool,
+}
+
+/// How the machine's choices are coded. On the decoder's side the value that is passed in is ignored and the one that was
+/// coded comes out.
+pub(super) trait Choices {
+    /// An operation; [`Op::Known`] counts back from `last`, the latest vertex.
+    fn op(&mut self, about: Near, last: u32, op: Op) -> Result<Op, Impossible>;
+    /// A vertex by its number, counted back from the latest.
+    fn known(&mut self, last: u32, v: u32) -> Result<u32, Impossible>;
+    /// Whether the k-th corner of a seed is new.
+    fn fresh(&mut self, k: usize, new: bool) -> bool;
+    /// Whether a triangle is of its neighbour's patch; 16 contexts.
+    fn same_patch(&mut self, context: usize, same: bool) -> bool;
+    /// Whether a patch is the likeliest other one.
+    fn guess(&mut self, right: bool) -> bool;
+    /// Up to 16 bits without a model.
+    fn raw(&mut self, bits: u32, value: u32) -> u32;
 }
 
 /// The machine. `limit` holds what the counts of the chunk allow.
@@ -152,7 +210,6 @@ pub(super) struct Machine<'a, C, S> {
     /// Gates that were opened, the latest last; some are glued by now.
     waiting: Vec<u32>,
     around: Vec<Around>,
-    models: Models,
     made: Connectivity,
 }
 
@@ -173,34 +230,16 @@ fn count<T>(items: &[T]) -> u32 {
     u32::try_from(items.len()).unwrap_or(NONE)
 }
 
-impl<'a, C: Coder, S: Source> Machine<'a, C, S> {
+impl<'a, C: Choices, S: Source> Machine<'a, C, S> {
     pub(super) fn new(coder: C, source: &'a mut S, limits: Limits) -> Self {
         let Limits { vertices, triangles, .. } = limits;
-        let models = Models {
-            ops: vec![[Bit::NEW; 4]; 4 * (usize::from(MAX_AT_VERTEX) + 1).pow(2)],
-            along: Bit::NEW,
-            distance: Number::new(),
-            back: Number::new(),
-            same_patch: [Bit::NEW; 16],
-            other_patch: Bit::NEW,
-            seed_new: [Bit::NEW; 3],
-        };
         let made = Connectivity {
             triangles: Vec::with_capacity(triangles as usize),
             links: Vec::with_capacity(vertices as usize),
             open: Vec::new(),
         };
         let gates = Vec::with_capacity(2 * triangles as usize);
-        Self {
-            coder,
-            source,
-            limits,
-            gates,
-            waiting: Vec::new(),
-            around: Vec::with_capacity(vertices as usize),
-            models,
-            made,
-        }
+        Self { coder, source, limits, gates, waiting: Vec::new(), around: Vec::with_capacity(vertices as usize), made }
     }
 
     /// Code all triangles. Gives the coder back.
@@ -275,7 +314,7 @@ impl<'a, C: Coder, S: Source> Machine<'a, C, S> {
                 self.set_state(g, State::Dead);
                 return Ok(None);
             }
-            Op::New => self.new_vertex(Link::One(Parallelogram { edge: [a, b], across: gate.apex }))?,
+            Op::New => self.new_vertex(Link::one([a, b], gate.apex))?,
             Op::Left => self.gate(gate.before).from,
             Op::Right => self.gate(self.gate(gate.next).next).from,
             Op::Along(steps) => self.gate(self.walk(g, steps)).from,
@@ -360,6 +399,8 @@ impl<'a, C: Coder, S: Source> Machine<'a, C, S> {
     }
 
     /// The gate that many steps along the border.
+    #[cold]
+    #[inline(never)]
     fn walk(&self, g: u32, steps: u32) -> u32 {
         let forward = steps.is_multiple_of(2);
         let mut at = if forward { self.gate(g).next } else { g };
@@ -370,6 +411,8 @@ impl<'a, C: Coder, S: Source> Machine<'a, C, S> {
     }
 
     /// How the encoder says that c is the third vertex.
+    #[cold]
+    #[inline(never)]
     fn op_of(&self, g: u32, c: u32) -> Op {
         if c as usize >= self.around.len() {
             return Op::New;
@@ -406,34 +449,16 @@ impl<'a, C: Coder, S: Source> Machine<'a, C, S> {
     }
 
     fn code_op(&mut self, g: u32, a: u32, b: u32, op: Op) -> Result<Op, Impossible> {
-        let (left, right) = (self.can_close_left(g), self.can_close_right(g));
-        let context = usize::from(self.around(a).triangles) * (usize::from(MAX_AT_VERTEX) + 1)
-            + usize::from(self.around(b).triangles);
-        let context = context * 4 + usize::from(left) * 2 + usize::from(right);
-        let [new, border, close_right, close_left] = self.models.ops.get_mut(context).ok_or(Impossible)?;
-        if self.coder.bit(new, op == Op::New) {
-            return Ok(Op::New);
-        }
-        if right && self.coder.bit(close_right, op == Op::Right) {
-            return Ok(Op::Right);
-        }
-        if left && self.coder.bit(close_left, op == Op::Left) {
-            return Ok(Op::Left);
-        }
-        if self.coder.bit(border, op == Op::Border) {
-            return Ok(Op::Border);
-        }
-        if self.coder.bit(&mut self.models.along, matches!(op, Op::Along(_))) {
-            let steps = self.models.distance.code(&mut self.coder, if let Op::Along(steps) = op { steps } else { 0 });
-            return if steps < 2 * REACH { Ok(Op::Along(steps)) } else { Err(Impossible) };
-        }
-        self.code_known(if let Op::Known(v) = op { v } else { 0 }).map(Op::Known)
+        let about = Near {
+            triangles: [self.around(a).triangles, self.around(b).triangles],
+            left: self.can_close_left(g),
+            right: self.can_close_right(g),
+        };
+        self.coder.op(about, self.latest()?, op)
     }
 
-    /// A vertex by its number, counted from the latest.
-    fn code_known(&mut self, v: u32) -> Result<u32, Impossible> {
-        let last = count(&self.around).checked_sub(1).ok_or(Impossible)?;
-        last.checked_sub(self.models.back.code(&mut self.coder, last.wrapping_sub(v))).ok_or(Impossible)
+    fn latest(&self) -> Result<u32, Impossible> {
+        count(&self.around).checked_sub(1).ok_or(Impossible)
     }
 
     fn new_vertex(&mut self, link: Link) -> Result<u32, Impossible> {
@@ -446,15 +471,20 @@ impl<'a, C: Coder, S: Source> Machine<'a, C, S> {
         Ok(number)
     }
 
+    #[cold]
+    #[inline(never)]
     fn seed(&mut self) -> Result<(), Impossible> {
         let (wanted, patch) = self.source.seed().unwrap_or_default();
         let mut corners = [0; 3];
         let mut last = count(&self.around).checked_sub(1);
         for (corner, (v, k)) in corners.iter_mut().zip(wanted.into_iter().zip(0usize..)) {
-            let model = self.models.seed_new.get_mut(k).ok_or(Impossible)?;
-            let is_new = self.around.is_empty() || self.coder.bit(model, v as usize >= self.around.len());
-            *corner =
-                if is_new { self.new_vertex(last.map_or(Link::Nothing, Link::Near))? } else { self.code_known(v)? };
+            let is_new = self.around.is_empty() || self.coder.fresh(k, v as usize >= self.around.len());
+            *corner = if is_new {
+                self.new_vertex(Link::near(last.unwrap_or(NONE)))?
+            } else {
+                let latest = self.latest()?;
+                self.coder.known(latest, v)?
+            };
             last = Some(*corner);
         }
         let patch = self.code_any_patch(patch)?;
@@ -500,19 +530,27 @@ impl<'a, C: Coder, S: Source> Machine<'a, C, S> {
             _ => 3,
         };
         let context = usize::from(a.other != NONE) * 8 + usize::from(b.other != NONE) * 4 + third;
-        let model = self.models.same_patch.get_mut(context).ok_or(Impossible)?;
-        if self.coder.bit(model, wanted == patch) {
+        if self.coder.same_patch(context, wanted == patch) {
             return Ok(patch);
         }
+        self.code_other_patch(patch, [a, b, c], wanted)
+    }
+
+    /// The patch of a triangle that is not of its neighbour's.
+    #[cold]
+    #[inline(never)]
+    fn code_other_patch(&mut self, patch: u32, [a, b, c]: [Around; 3], wanted: u32) -> Result<u32, Impossible> {
         let others = [c, b, a].map(|v| if v.latest == patch { v.other } else { v.latest });
         if let Some(guess) = others.into_iter().find(|&p| p != NONE)
-            && self.coder.bit(&mut self.models.other_patch, wanted == guess)
+            && self.coder.guess(wanted == guess)
         {
             return Ok(guess);
         }
         self.code_any_patch(wanted)
     }
 
+    #[cold]
+    #[inline(never)]
     fn code_any_patch(&mut self, patch: u32) -> Result<u32, Impossible> {
         let bits = 32 - self.limits.patches.saturating_sub(1).leading_zeros();
         let low = bits.min(10);
@@ -529,12 +567,7 @@ impl<'a, C: Coder, S: Source> Machine<'a, C, S> {
             return;
         }
         if let Some(link) = self.made.links.get_mut(v as usize) {
-            let found = Parallelogram { edge, across };
-            *link = match *link {
-                Link::One(first) => Link::Two(first, found),
-                Link::Nothing | Link::Near(_) => Link::One(found),
-                two @ Link::Two(..) => two,
-            };
+            link.add(edge, across);
         }
     }
 }

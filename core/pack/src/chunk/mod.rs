@@ -3,10 +3,12 @@
 mod attributes;
 mod border;
 mod number;
+mod ops;
 mod order;
 mod payload;
 mod predict;
 mod range;
+mod second;
 
 use crate::error::PackError;
 use crate::plural::counted;
@@ -137,7 +139,7 @@ pub fn encode(chunk: &Chunk, attributes: Attributes) -> Result<Vec<u8>, PackErro
 /// As [`encode`].
 pub fn encode_body(chunk: &Chunk, attributes: Attributes) -> Result<Vec<u8>, PackError> {
     check(chunk, attributes)?;
-    Ok(payload::encode_body(chunk, attributes)?.0)
+    Ok(second::encode_body(chunk, attributes)?.0)
 }
 
 /// Encode a chunk as [`encode`] does, and return how many bytes each part takes, for measurements.
@@ -146,18 +148,12 @@ pub fn encode_body(chunk: &Chunk, attributes: Attributes) -> Result<Vec<u8>, Pac
 /// As [`encode`].
 pub fn encode_parts(chunk: &Chunk, attributes: Attributes) -> Result<(Vec<u8>, PartBytes), PackError> {
     check(chunk, attributes)?;
-    let (body, ends) = payload::encode_body(chunk, attributes)?;
+    let (body, coded) = second::encode_body(chunk, attributes)?;
     let bytes = with_patches(&chunk.patches, &body);
-    let [connectivity, borders, positions, colors, normals, scalars] = ends;
-    let parts = PartBytes {
-        connectivity,
-        borders: borders.saturating_sub(connectivity),
-        positions: positions.saturating_sub(borders),
-        colors: colors.saturating_sub(positions),
-        normals: normals.saturating_sub(colors),
-        scalars: scalars.saturating_sub(normals),
-        other: bytes.len().saturating_sub(scalars),
-    };
+    let [connectivity, borders, positions, colors, normals, scalars] = coded.bytes();
+    let sum = connectivity + borders + positions + colors + normals + scalars;
+    let other = bytes.len().saturating_sub(sum);
+    let parts = PartBytes { connectivity, borders, positions, colors, normals, scalars, other };
     Ok((bytes, parts))
 }
 
@@ -181,10 +177,23 @@ pub struct PartBytes {
     pub other: usize,
 }
 
+/// First byte of a chunk in codec 2.
+pub(crate) const CODEC_2: u8 = second::CODEC;
+
+/// Encode a chunk with codec 1, which earlier versions wrote: to compare with.
+///
+/// # Errors
+/// As [`encode`].
+#[doc(hidden)]
+pub fn encode_first(chunk: &Chunk, attributes: Attributes) -> Result<Vec<u8>, PackError> {
+    check(chunk, attributes)?;
+    Ok(payload::with_patches(payload::CODEC, &chunk.patches, &payload::encode_body(chunk, attributes)?.0))
+}
+
 /// Complete a chunk: `patches` are those of the chunk that `body` was made from, each with the final number of its
 /// diamond. The result is what [`encode`] gives for that chunk.
 pub fn with_patches(patches: &[PatchRange], body: &[u8]) -> Vec<u8> {
-    payload::with_patches(patches, body)
+    payload::with_patches(second::CODEC, patches, body)
 }
 
 /// Decode a chunk that [`encode`] wrote.
@@ -221,7 +230,7 @@ pub fn decode(bytes: &[u8], declared: Declared, attributes: Attributes) -> Resul
 /// # Errors
 /// [`PackError`] when the bytes do not begin with one.
 pub fn patch_table(bytes: &[u8]) -> Result<Vec<PatchRange>, PackError> {
-    payload::read_patches(&mut crate::bytes::Cursor::new(bytes, "chunk"))
+    Ok(payload::read_patches(&mut crate::bytes::Cursor::new(bytes, "chunk"))?.1)
 }
 
 /// Whether a chunk is what it should be: attributes complete, indices inside, patches tiling the triangles.

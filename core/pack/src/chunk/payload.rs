@@ -2,21 +2,22 @@
 //! stream and raw bits, read side by side: `connectivity | borders | positions | colours | normals | scalars`.
 
 use super::attributes;
-use super::border::{Connectivity, Limits, Link, Machine, Placed, Source, Unknown};
+use super::border::{Connectivity, Limits, Link, Machine, NONE, Placed, Source, Unknown};
+use super::ops::Models;
 use super::order::Unused;
 use super::range::{Bit, Coder, Decoder, Encoder};
-use super::{Attributes, Chunk, Declared, MAX_PER_BYTE, PatchRange};
+use super::{Attributes, Chunk, Declared, MAX_PER_BYTE, PatchRange, second};
 use crate::bytes::{Cursor, push_varint};
 use crate::{NO_DIAMOND, PackError};
 use kilwa_geometry::{LatticePoint, Mesh};
 
 /// Number of the codec described here.
-const CODEC: u8 = 1;
+pub(super) const CODEC: u8 = 1;
 
-/// Codec and patch table, then what [`encode_body`] made, then padding.
-pub(super) fn with_patches(patches: &[PatchRange], body: &[u8]) -> Vec<u8> {
+/// Codec and patch table, then what `encode_body` of that codec made, then padding.
+pub(super) fn with_patches(codec: u8, patches: &[PatchRange], body: &[u8]) -> Vec<u8> {
     let mut out = Vec::with_capacity(8 + patches.len() * 8 + body.len());
-    out.push(CODEC);
+    out.push(codec);
     push_varint(&mut out, u32::try_from(patches.len()).unwrap_or(u32::MAX));
     for patch in patches {
         push_varint(&mut out, patch.count);
@@ -43,9 +44,10 @@ pub(super) fn encode_body(chunk: &Chunk, attributes: Attributes) -> Result<(Vec<
     let mut coder = Encoder::new();
     let mut source = Unused::new(chunk);
     let limits = limits(&chunk.mesh.positions, &chunk.mesh.triangles, &chunk.patches)?;
-    let made = machine(&mut coder, &mut source, limits)?;
+    let mut made = machine(&mut coder, &mut source, limits)?;
     let mut mesh = source.reordered();
-    let mut parts = Parts { coder: &mut coder, made: &made, mesh: &mut mesh, links: links(&made, &chunk.mesh) };
+    let links = links(&mut made, &chunk.mesh);
+    let mut parts = Parts { coder: &mut coder, made: &made, mesh: &mut mesh, links };
     let fine: Vec<bool> = chunk.patches.iter().map(|p| p.diamond == NO_DIAMOND).collect();
     for (part, end) in (0..).zip(&mut ends) {
         parts.code(part, attributes, &fine)?;
@@ -62,13 +64,16 @@ pub(super) fn encode_body(chunk: &Chunk, attributes: Attributes) -> Result<(Vec<
 /// Decode; the caller checks the result.
 pub(super) fn decode(bytes: &[u8], declared: Declared, attributes: Attributes) -> Result<Chunk, PackError> {
     let mut c = Cursor::new(bytes, "chunk");
-    let patches = read_patches(&mut c)?;
+    let (codec, patches) = read_patches(&mut c)?;
     let length = c.varint()? as usize;
     let body = c.take(length)?;
     let (vertices, triangles) = (declared.vertices as usize, declared.triangles as usize);
     let padding = c.take(c.remaining())?;
     if padding.iter().any(|&b| b != 0) || (!padding.is_empty() && bytes.len() > triangles.div_ceil(MAX_PER_BYTE)) {
         return Err(c.invalid("bytes are left over at its end"));
+    }
+    if codec == second::CODEC && triangles > 0 {
+        return Ok(Chunk { mesh: second::decode_body(body, declared, attributes, &patches)?, patches });
     }
     let mut parts = Cursor::new(body, "chunk");
     let coded_length = if triangles == 0 { 0 } else { parts.varint()? as usize };
@@ -78,14 +83,14 @@ pub(super) fn decode(bytes: &[u8], declared: Declared, attributes: Attributes) -
         Mesh { positions: vec![LatticePoint::ZERO; vertices], normals: vec![[0; 2]; vertices], ..Mesh::default() };
     if triangles > 0 {
         let limits = limits(&mesh.positions, &[(); 0], &patches)?;
-        let made = machine(&mut coder, &mut Unknown, Limits { triangles: declared.triangles, ..limits })?;
+        let mut made = machine(&mut coder, &mut Unknown, Limits { triangles: declared.triangles, ..limits })?;
         if coder.is_past_end() {
             coder.end(&c)?;
         }
         mesh.triangles = made.triangles.iter().map(|t| t.corners).collect();
         mesh.borders = vec![0; triangles];
         mesh.colors = vec![[0; 3]; if attributes.colors { vertices } else { 0 }];
-        let links = links(&made, &mesh);
+        let links = links(&mut made, &mesh);
         let mut parts = Parts { coder: &mut coder, made: &made, mesh: &mut mesh, links };
         for part in 0..6 {
             parts.code(part, attributes, &vec![false; patches.len()])?;
@@ -101,8 +106,9 @@ pub(super) fn decode(bytes: &[u8], declared: Declared, attributes: Attributes) -
 }
 
 /// Only the patch table at the beginning of a chunk.
-pub(super) fn read_patches(c: &mut Cursor<'_>) -> Result<Vec<PatchRange>, PackError> {
-    if c.u8()? != CODEC {
+pub(super) fn read_patches(c: &mut Cursor<'_>) -> Result<(u8, Vec<PatchRange>), PackError> {
+    let codec = c.u8()?;
+    if codec != CODEC && codec != second::CODEC {
         return Err(c.invalid("its codec is unknown: install a newer kilwa"));
     }
     let mut patches = Vec::new();
@@ -112,10 +118,10 @@ pub(super) fn read_patches(c: &mut Cursor<'_>) -> Result<Vec<PatchRange>, PackEr
         patches.push(PatchRange { first, count, diamond });
         first = first.saturating_add(count);
     }
-    Ok(patches)
+    Ok((codec, patches))
 }
 
-fn limits<P, T>(vertices: &[P], triangles: &[T], patches: &[PatchRange]) -> Result<Limits, PackError> {
+pub(super) fn limits<P, T>(vertices: &[P], triangles: &[T], patches: &[PatchRange]) -> Result<Limits, PackError> {
     let number = |n: usize| u32::try_from(n).map_err(|_| PackError::invalid("chunk", "it has more than 2^32 parts"));
     let (vertices, triangles) = (number(vertices.len())?, number(triangles.len())?);
     Ok(Limits { vertices, triangles, patches: number(patches.len())? })
@@ -123,16 +129,18 @@ fn limits<P, T>(vertices: &[P], triangles: &[T], patches: &[PatchRange]) -> Resu
 
 fn machine<C: Coder, S: Source>(coder: &mut C, source: &mut S, limits: Limits) -> Result<Connectivity, PackError> {
     let impossible = |_| PackError::invalid("chunk", "its triangles are coded in a way that none can be");
-    let (made, back) = Machine::new(coder.taken(), source, limits).run().map_err(impossible)?;
-    *coder = back;
+    let (made, back) = Machine::new(Models::new(coder.taken()), source, limits).run().map_err(impossible)?;
+    *coder = back.coder;
     Ok(made)
 }
 
 /// One for every vertex; those that no triangle uses lie near the one before.
-fn links(made: &Connectivity, mesh: &Mesh) -> Vec<Link> {
-    let used = made.links.iter().copied();
-    let others = (0u32..).skip(made.links.len()).map(|v| v.checked_sub(1).map_or(Link::Nothing, Link::Near));
-    used.chain(others).take(mesh.vertex_count()).collect()
+pub(super) fn links(made: &mut Connectivity, mesh: &Mesh) -> Vec<Link> {
+    let mut links = std::mem::take(&mut made.links);
+    for v in (0u32..).take(mesh.vertex_count()).skip(links.len()) {
+        links.push(Link::near(v.checked_sub(1).unwrap_or(NONE)));
+    }
+    links
 }
 
 /// The parts that are coded after the connectivity; triangles are in the order of the machine.
@@ -168,7 +176,8 @@ impl<C: Coder> Parts<'_, C> {
 
     fn normals(&mut self, fine: &[bool]) -> Result<(), PackError> {
         let bad = |why| PackError::invalid("chunk", why);
-        let kinds = kinds(self.coder, self.made, fine, self.links.len());
+        let coarse: Vec<bool> = fine.iter().map(|&fine| self.coder.raw(1, u32::from(!fine)) == 1).collect();
+        let kinds = kinds(&coarse, self.made, self.links.len());
         let values = &mut self.mesh.normals;
         let bits = if C::ENCODES { attributes::normal_bits(values) } else { 2 };
         let bits = u8::try_from(self.coder.raw(4, u32::from(bits) - 1) + 1).unwrap_or(0);
@@ -197,20 +206,33 @@ impl<C: Coder> Parts<'_, C> {
 
 /// Border bits. Of edges that two triangles of the chunk share they are coded only where one is set, which no sound mesh has.
 fn borders<C: Coder>(coder: &mut C, made: &Connectivity, mesh: &mut Mesh) {
-    let mut shared = mesh.borders.clone();
-    for &edge in &made.open {
-        set(&mut shared, edge, false);
-    }
-    let everywhere = coder.raw(1, u32::from(C::ENCODES && shared.iter().any(|&b| b != 0))) == 1;
-    let edges = if everywhere { (0u32..).take(3 * made.triangles.len()).collect() } else { made.open.clone() };
     let mut models = [Bit::NEW; 9];
+    let everywhere = |coder: &mut C, yes| coder.raw(1, u32::from(yes)) == 1;
+    let bit = |coder: &mut C, context: usize, yes| models.get_mut(context).is_some_and(|model| coder.bit(model, yes));
+    borders_with(coder, C::ENCODES, (everywhere, bit), made, mesh);
+}
+
+/// Border bits, by two functions: whether there are any but on open edges, and a bit in one of nine contexts.
+pub(super) fn borders_with<C>(
+    coder: &mut C,
+    encodes: bool,
+    (everywhere, mut bit): (impl Fn(&mut C, bool) -> bool, impl FnMut(&mut C, usize, bool) -> bool),
+    made: &Connectivity,
+    mesh: &mut Mesh,
+) {
+    let inside = encodes && {
+        let mut shared = mesh.borders.clone();
+        made.open.iter().for_each(|&edge| set(&mut shared, edge, false));
+        shared.iter().any(|&b| b != 0)
+    };
+    let edges =
+        if everywhere(coder, inside) { (0u32..).take(3 * made.triangles.len()).collect() } else { made.open.clone() };
     let mut seen = vec![0u8; mesh.positions.len()];
     for edge in edges {
         let ends = ends_of(made, edge);
         let [a, b] = ends.map(|v| seen.get(v as usize).copied().unwrap_or(0));
         let known = mesh.borders.get(edge as usize / 3).is_some_and(|bits| bits >> (edge % 3) & 1 == 1);
-        let Some(model) = models.get_mut(usize::from(3 * a + b)) else { return };
-        let bit = coder.bit(model, known);
+        let bit = bit(coder, usize::from(3 * a + b), known);
         set(&mut mesh.borders, edge, bit);
         for v in ends {
             if let Some(seen) = seen.get_mut(v as usize) {
@@ -227,7 +249,7 @@ fn set(borders: &mut [u8], edge: u32, bit: bool) {
 }
 
 /// The vertices of an edge: three times the triangle plus the corner where it begins.
-fn ends_of(made: &Connectivity, edge: u32) -> [u32; 2] {
+pub(super) fn ends_of(made: &Connectivity, edge: u32) -> [u32; 2] {
     let [a, b, c] = made.triangles.get(edge as usize / 3).map_or([0; 3], |t| t.corners);
     match edge % 3 {
         0 => [a, b],
@@ -238,8 +260,7 @@ fn ends_of(made: &Connectivity, edge: u32) -> [u32; 2] {
 
 /// How good a vertex' predicted normal can be: bit 0 is set beside a patch that is not of the finest level, which one bit per patch records,
 /// bit 1 where the chunk sees only one side.
-fn kinds<C: Coder>(coder: &mut C, made: &Connectivity, fine: &[bool], vertices: usize) -> Vec<u8> {
-    let coarse: Vec<bool> = fine.iter().map(|&fine| coder.raw(1, u32::from(!fine)) == 1).collect();
+fn kinds(coarse: &[bool], made: &Connectivity, vertices: usize) -> Vec<u8> {
     let mut kinds = vec![0; vertices];
     let mut add = |v: u32, kind: u8| {
         if let Some(k) = kinds.get_mut(v as usize) {
@@ -260,7 +281,7 @@ fn kinds<C: Coder>(coder: &mut C, made: &Connectivity, fine: &[bool], vertices: 
 }
 
 /// Sort the triangles by patch, keeping their order within each; none if a patch has another number of them than it should.
-fn by_patch(mesh: &mut Mesh, placed: &[Placed], patches: &[PatchRange]) -> Option<()> {
+pub(super) fn by_patch(mesh: &mut Mesh, placed: &[Placed], patches: &[PatchRange]) -> Option<()> {
     let mut next: Vec<u32> = patches.iter().map(|p| p.first).collect();
     let mut triangles = vec![[0; 3]; placed.len()];
     let mut borders = vec![0; placed.len()];

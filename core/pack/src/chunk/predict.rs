@@ -2,8 +2,7 @@
 //! chunk. FORMAT section 5.6. (Touma and Gotsman, "Triangle mesh compression", 1998; several parallelograms: Isenburg and
 //! Alliez, "Compressing polygon mesh geometry with parallelogram prediction", 2002.)
 
-use super::border::{Link, NONE, Parallelogram};
-use super::range::Coder;
+use super::border::{Kind, Link};
 use glam::DVec3;
 use kilwa_geometry::{Mesh, normal};
 
@@ -19,6 +18,25 @@ pub(super) struct Weights {
     two: i8,
     /// How much more than the others the vertex counts that both edges share.
     shared: i8,
+}
+
+/// Factors of the other vertices of the edges, of those across, of the shared one. With the first vertex they sum to 256.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Coefficients {
+    one: [i32; 3],
+    two: [i32; 3],
+    fan: [i32; 3],
+}
+
+impl Coefficients {
+    #[inline]
+    pub(super) fn of(&self, kind: Kind) -> [i32; 3] {
+        match kind {
+            Kind::Near | Kind::One => self.one,
+            Kind::Two => self.two,
+            Kind::Fan => self.fan,
+        }
+    }
 }
 
 /// Sums over the vertices that a prediction is made from.
@@ -44,41 +62,41 @@ fn each(a: [i64; 3], b: [i64; 3], f: impl Fn(i64, i64) -> i64) -> [i64; 3] {
 }
 
 #[inline]
-fn stencil<T: Copy + Into<i64>>(values: &[[T; 3]], link: Link) -> Option<Stencil> {
+fn stencil<T: Copy + Into<i64>>(values: &[[T; 3]], link: &Link) -> Stencil {
     let sum = |[a, b]: [u32; 2]| each(at(values, a), at(values, b), |a, b| a + b);
-    match link {
-        Link::Nothing | Link::Near(_) => None,
-        Link::One(Parallelogram { edge, across }) => {
-            let edges = sum(edge).map(|x| 2 * x);
-            let beyond = each(edges, at(values, across), |e, x| e - 4 * x);
-            Some(Stencil { edges, beyond, shared: [0; 3], two: false })
-        }
-        Link::Two(p, q) => {
-            let edges = each(sum(p.edge), sum(q.edge), |a, b| a + b);
-            let beyond = each(edges, sum([p.across, q.across]), |e, x| e - 2 * x);
-            let ([a, b], [c, d]) = (p.edge, q.edge);
-            let both = if a == c || a == d { Some(a) } else { Some(b).filter(|_| b == c || b == d) };
-            let shared = both.map_or([0; 3], |v| each(at(values, v), edges, |x, e| 8 * x - 2 * e));
-            Some(Stencil { edges, beyond, shared, two: true })
-        }
-    }
+    let edges = each(sum(link.edge), sum(link.edge2), |a, b| a + b);
+    let beyond = each(edges, sum([link.across, link.across2]), |e, x| e - 2 * x);
+    let is_fan = link.kind == Kind::Fan;
+    let shared = if is_fan { each(at(values, link.shared), edges, |x, e| 8 * x - 2 * e) } else { [0; 3] };
+    Stencil { edges, beyond, shared, two: link.is_two() }
 }
 
 impl Weights {
-    /// As they are stored: a byte each.
-    pub(super) fn code(self, coder: &mut impl Coder) -> Self {
+    /// As they are stored: a byte each, by a function that codes raw bits.
+    pub(super) fn code(self, raw: &mut impl FnMut(u32, u32) -> u32) -> Self {
         let [one, two, shared] = [self.one, self.two, self.shared].map(|x| {
-            let byte = coder.raw(8, u32::from(x.cast_unsigned())) & 0xff;
+            let byte = raw(8, u32::from(x.cast_unsigned())) & 0xff;
             (byte as u8).cast_signed()
         });
         Self { one, two, shared }
+    }
+
+    /// What the prediction is as a sum of differences from the first vertex, in units of 1 / 256.
+    pub(super) fn coefficients(self) -> Coefficients {
+        let [one, two, shared] = [self.one, self.two, self.shared].map(i32::from);
+        let unit = 64;
+        Coefficients {
+            one: [unit + one, -2 * one, 0],
+            two: [unit + two, -2 * two, 0],
+            fan: [unit + two - 2 * shared, -2 * two, 8 * shared],
+        }
     }
 
     /// Those with the smallest squared residuals.
     pub(super) fn best<T: Copy + Into<i64>>(values: &[[T; 3]], links: &[Link]) -> Self {
         let (mut one, mut two) = ([0.0f64; 2], [0.0f64; 5]);
         for (value, link) in values.iter().zip(links) {
-            let Some(s) = stencil(values, *link) else { continue };
+            let s = stencil(values, link);
             let wanted = each(value.map(Into::into), s.edges, |x, e| 4 * x - e);
             for ((y, f), g) in wanted.into_iter().zip(s.beyond).zip(s.shared) {
                 let [y, f, g] = [y, f, g].map(|x| x as f64);
@@ -106,11 +124,8 @@ impl Weights {
     }
 
     /// The prediction for a vertex.
-    pub(super) fn predict<T: Copy + Into<i64>>(self, values: &[[T; 3]], link: Link) -> [i64; 3] {
-        match link {
-            Link::Near(v) => at(values, v),
-            _ => stencil(values, link).map_or([0; 3], |s| self.apply(&s)),
-        }
+    pub(super) fn predict<T: Copy + Into<i64>>(self, values: &[[T; 3]], link: &Link) -> [i64; 3] {
+        self.apply(&stencil(values, link))
     }
 }
 
@@ -126,15 +141,6 @@ fn weight(x: f64) -> i8 {
     #[expect(clippy::cast_possible_truncation, reason = "a whole number between -127 and 127")]
     let stored = nearest as i8;
     stored
-}
-
-/// The vertices beside which a vertex was found: their residuals predict how large its own will be.
-pub(super) fn beside(link: Link) -> [u32; 2] {
-    match link {
-        Link::Nothing => [NONE; 2],
-        Link::Near(v) => [v, v],
-        Link::One(p) | Link::Two(p, _) => p.edge,
-    }
 }
 
 /// Predict all normals from the chunk's own triangles: the sum of the cross products at each vertex, in the order of

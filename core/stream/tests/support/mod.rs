@@ -194,19 +194,16 @@ fn all_tetras(split: &BTreeSet<DiamondKey>) -> Vec<Tetra> {
 }
 
 fn head(entries: &[DirectoryEntry], end: u64) -> Head {
+    let lattice = Lattice { origin: DVec3::ZERO, step_log2: -12 };
     let header = Header {
-        lattice: Lattice { origin: DVec3::ZERO, step_log2: -12 },
-        cube_log2: CUBE_LOG2,
         file_bytes: end + (1 << 40),
         metadata: (256, 100),
-        metadata_checksum: [0; 16],
         entry_count: entries.len() as u32,
         first_page: 512,
         other_pages: 1 << 39,
-        triangles: 1,
         stored_triangles: 1,
         stored_vertices: 1,
-        attributes: Attributes { colors: true, scalars: 0 },
+        ..Header::new(lattice, CUBE_LOG2, 1, Attributes { colors: true, scalars: 0 })
     };
     let metadata = Metadata {
         title: String::new(),
