@@ -1,7 +1,6 @@
 //! Whether metadata give a withheld location away: every text of every field, with its line in the file.
 
-use super::problem::Problems;
-use super::reader::File;
+use kilwa_toml::{File, Problems};
 use super::{Metadata, fields};
 use crate::location::{Finding, Location, is_name};
 use toml::Spanned;
