@@ -13,6 +13,7 @@ mod progress;
 mod publish;
 mod redact;
 mod render;
+mod scans;
 mod secrets;
 mod serve;
 mod sheet;
@@ -38,6 +39,7 @@ struct Cli {
 enum Verb {
     Synth(synth::Args),
     Build(build::Args),
+    Scans(scans::Args),
     Info(info::Args),
     Verify(verify::Args),
     Extract(extract::Args),
@@ -53,6 +55,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
     match cli.verb {
         Verb::Synth(a) => synth::run(&a),
         Verb::Build(a) => build::run(&a),
+        Verb::Scans(a) => scans::run(&a),
         Verb::Info(a) => info::run(&a),
         Verb::Verify(a) => verify::run(&a),
         Verb::Extract(a) => extract::run(&a),

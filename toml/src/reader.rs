@@ -127,7 +127,8 @@ impl<'a, 'i> Table<'a, 'i> {
     fn is_example(&self, key: &str, at: usize, value: &DeValue<'_>) -> bool {
         let DeValue::String(text) = value else { return false };
         let text = text.trim();
-        let is_example = text.len() > 2 && text.starts_with('<') && text.ends_with('>') || self.file.examples.contains(&text);
+        let is_example =
+            text.len() > 2 && text.starts_with('<') && text.ends_with('>') || self.file.examples.contains(&text);
         if is_example {
             let message = format!(
                 "{text} is still the example from the template; replace it, without < and >, or put a # at the start of the line"
@@ -238,6 +239,11 @@ impl<'a, 'i> Table<'a, 'i> {
             return None;
         }
         Some(Found { at: found.at, value: found.value as u64 })
+    }
+
+    /// Whether a field is there, right or wrong.
+    pub fn has(&self, key: &str) -> bool {
+        self.entry(key).is_some()
     }
 
     /// Where the table begins, an offset in bytes.

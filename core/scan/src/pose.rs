@@ -34,7 +34,9 @@ impl fmt::Display for PoseError {
             Self::NotAffine => f.write_str("a matrix whose last row is not 0 0 0 1"),
             Self::Singular => f.write_str("a matrix that flattens space"),
             Self::Mirrored(d) => write!(f, "a matrix that mirrors (its determinant is {d:.6})"),
-            Self::NotRigid(d) => write!(f, "a matrix that scales or shears (an entry is {d:.6} from that of a rotation)"),
+            Self::NotRigid(d) => {
+                write!(f, "a matrix that scales or shears (an entry is {d:.6} from that of a rotation)")
+            }
         }
     }
 }
@@ -146,7 +148,8 @@ mod tests {
     }
 
     fn pose() -> impl Strategy<Value = Pose> {
-        (vector(1.0), vector(1e3)).prop_map(|(axis, translation)| Pose { rotation: DQuat::from_scaled_axis(axis * 3.0), translation })
+        (vector(1.0), vector(1e3))
+            .prop_map(|(axis, translation)| Pose { rotation: DQuat::from_scaled_axis(axis * 3.0), translation })
     }
 
     proptest! {
@@ -177,7 +180,10 @@ mod tests {
     fn what_is_no_pose_is_refused_with_the_reason() {
         let scaled = DMat4::from_scale(DVec3::splat(1.01));
         assert!(matches!(Pose::from_matrix(scaled), Err(PoseError::NotRigid(d)) if (d - 0.01).abs() < 1e-9));
-        assert!(matches!(Pose::from_matrix(DMat4::from_scale(DVec3::new(1.0, 1.0, -1.0))), Err(PoseError::Mirrored(_))));
+        assert!(matches!(
+            Pose::from_matrix(DMat4::from_scale(DVec3::new(1.0, 1.0, -1.0))),
+            Err(PoseError::Mirrored(_))
+        ));
         assert_eq!(Pose::from_matrix(DMat4::ZERO), Err(PoseError::NotAffine));
         assert_eq!(Pose::from_matrix(DMat4::from_scale(DVec3::new(1.0, 1.0, 0.0))), Err(PoseError::Singular));
         assert_eq!(Pose::from_matrix(DMat4::from_translation(DVec3::NAN)), Err(PoseError::NotFinite));

@@ -63,7 +63,9 @@ fn one_cloud(lines: &mut Lines, announced: Option<u64>, kind: Kind, input: &mut 
                 }
                 count += 1;
                 if count > MAX_POINTS {
-                    return Err(lines.malformed(format!("more than {MAX_POINTS} points of one cloud"), "fewer; split the file"));
+                    return Err(
+                        lines.malformed(format!("more than {MAX_POINTS} points of one cloud"), "fewer; split the file")
+                    );
                 }
             }
             Ok(Point::NotFinite) => dropped += 1,
@@ -74,7 +76,7 @@ fn one_cloud(lines: &mut Lines, announced: Option<u64>, kind: Kind, input: &mut 
                 break;
             }
             Err(Bad::Count(n)) => {
-                let found = counted(n as u64, "number", "numbers");
+                let found = counted(n as u64, "number", "numbers").to_string();
                 return Err(lines.malformed(found, COLUMNS));
             }
             // A line of names before the first point.
@@ -101,7 +103,7 @@ fn one_cloud(lines: &mut Lines, announced: Option<u64>, kind: Kind, input: &mut 
 
 /// Compare the number of points with the one that a PTS announces.
 fn check(lines: &Lines, announced: Option<u64>, count: u64, input: &mut Input<'_>) -> Result<(), ScanError> {
-    let found = counted(count, "point", "points");
+    let found = counted(count, "point", "points").to_string();
     if count == 0 {
         return Err(lines.malformed(found, "at least one point"));
     }

@@ -28,7 +28,10 @@ type Reader = E57Reader<Tracked>;
 
 pub(super) fn read(mut input: Input<'_>) -> Result<(), ScanError> {
     let at = Rc::new(Cell::new(0));
-    let file = input.file.try_clone().map_err(|source| kilwa_formats::read::ReadError::Open { file: input.path.to_owned(), source })?;
+    let file = input
+        .file
+        .try_clone()
+        .map_err(|source| kilwa_formats::read::ReadError::Open { file: input.path.to_owned(), source })?;
     let source = Tracked { file, buffer: Vec::new(), base: 0, position: 0, total: input.total, at: Rc::clone(&at) };
     let errors = Errors { path: input.path.to_owned(), at };
     let mut reader = E57Reader::new(source).map_err(|e| errors.wrap(&e))?;
@@ -137,7 +140,9 @@ impl<'a> Decoder<'a> {
         match (&values[index], &self.cloud.prototype[index].data_type) {
             (RecordValue::Single(v), _) => f64::from(*v),
             (RecordValue::Double(v), _) => *v,
-            (RecordValue::ScaledInteger(v), RecordDataType::ScaledInteger { scale, offset, .. }) => *v as f64 * scale + offset,
+            (RecordValue::ScaledInteger(v), RecordDataType::ScaledInteger { scale, offset, .. }) => {
+                *v as f64 * scale + offset
+            }
             (RecordValue::ScaledInteger(v) | RecordValue::Integer(v), _) => *v as f64,
         }
     }
@@ -171,7 +176,11 @@ impl<'a> Decoder<'a> {
         let of_return = self.columns.of_return.map_or(0, |k| (self.number(values, k) + 1.0) as u8);
         if state != 0 {
             let direction = if state == 1 { point.normalize_or_zero().as_vec3() } else { glam::Vec3::ZERO };
-            return Ok(Sample { position: direction, state: State::new(Kind::NoReturn, false, of_return), ..Sample::EMPTY });
+            return Ok(Sample {
+                position: direction,
+                state: State::new(Kind::NoReturn, false, of_return),
+                ..Sample::EMPTY
+            });
         }
         let position = self.frame.place(point)?;
         let is_valid = |flag: Option<usize>| flag.is_none_or(|k| self.number(values, k) == 0.0);
@@ -197,9 +206,10 @@ impl<'a> Decoder<'a> {
 
 /// Black and white of a channel: the limits that the scan states, else those of the type, else 0 and 255.
 fn color_range(cloud: &PointCloud, channel: usize, data_type: &RecordDataType) -> (f64, f64) {
-    let limits = cloud.color_limits.as_ref().map(|l| {
-        [(&l.red_min, &l.red_max), (&l.green_min, &l.green_max), (&l.blue_min, &l.blue_max)][channel]
-    });
+    let limits = cloud
+        .color_limits
+        .as_ref()
+        .map(|l| [(&l.red_min, &l.red_max), (&l.green_min, &l.green_max), (&l.blue_min, &l.blue_max)][channel]);
     let number = |v: &Option<RecordValue>| v.as_ref().and_then(|v| v.to_f64(data_type).ok());
     if let Some((Some(min), Some(max))) = limits.map(|(min, max)| (number(min), number(max)))
         && max > min
@@ -236,7 +246,10 @@ fn one_cloud(
     check(cloud, number, input)?;
     let name = || format!("scan {number}");
     let pose = pose_of(cloud.transform.as_ref()).transpose().map_err(|length| {
-        errors.malformed(format!("a rotation of {} whose length is {length}", name()), "a unit quaternion and a finite translation")
+        errors.malformed(
+            format!("a rotation of {} whose length is {length}", name()),
+            "a unit quaternion and a finite translation",
+        )
     })?;
     let frame = Frame::new(input.options, 1.0);
     let decoder = Decoder::new(cloud, frame);
@@ -245,7 +258,8 @@ fn one_cloud(
         return Err(ScanError::NoStation { file: input.path.to_owned() });
     }
     let instrument = [&cloud.sensor_vendor, &cloud.sensor_model, &cloud.sensor_serial];
-    let instrument: Vec<&str> = instrument.iter().filter_map(|part| part.as_deref()).filter(|t| !t.is_empty()).collect();
+    let instrument: Vec<&str> =
+        instrument.iter().filter_map(|part| part.as_deref()).filter(|t| !t.is_empty()).collect();
     let head = Head {
         name: cloud.name.clone(),
         pose,
@@ -287,7 +301,12 @@ fn one_cloud(
 /// What can be refused from the header of a scan alone.
 fn check(cloud: &PointCloud, number: usize, input: &Input<'_>) -> Result<(), ScanError> {
     let refuse = |found: String, expected: &str| {
-        Err(ScanError::malformed(input.path, Place::Byte(cloud.file_offset), format!("scan {number}: {found}"), expected))
+        Err(ScanError::malformed(
+            input.path,
+            Place::Byte(cloud.file_offset),
+            format!("scan {number}: {found}"),
+            expected,
+        ))
     };
     let bits = |kind: &RecordDataType| match kind {
         RecordDataType::Single { .. } => 32,
@@ -395,7 +414,10 @@ fn one_picture(
             e57::ImageFormat::Png => "png",
             e57::ImageFormat::Jpeg => "jpg",
         },
-        station: picture.pointcloud_guid.as_ref().and_then(|guid| clouds.iter().position(|c| c.guid.as_ref() == Some(guid))),
+        station: picture
+            .pointcloud_guid
+            .as_ref()
+            .and_then(|guid| clouds.iter().position(|c| c.guid.as_ref() == Some(guid))),
     };
     let data = &blob.data;
     input.sink.picture(&found, &mut |mut out| reader.blob(data, &mut out).map(drop).map_err(|e| errors.wrap(&e)))

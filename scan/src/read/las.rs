@@ -31,7 +31,12 @@ pub(super) fn read(input: Input<'_>) -> Result<(), ScanError> {
     if count > held || count > u64::from(u32::MAX) {
         let found = format!("{} in the header", counted(count, "point", "points"));
         let most = held.min(u64::from(u32::MAX));
-        return Err(ScanError::malformed(input.path, Place::Byte(0), found, format!("at most {most}; the file is cut, or must be split")));
+        return Err(ScanError::malformed(
+            input.path,
+            Place::Byte(0),
+            found,
+            format!("at most {most}; the file is cut, or must be split"),
+        ));
     }
     let shift = if format.has_color { color_shift(&input, count)? } else { 0 };
     let head = Head { crs: crs(&header), ..Head::default() };
@@ -43,7 +48,9 @@ pub(super) fn read(input: Input<'_>) -> Result<(), ScanError> {
     batches(&mut reader, count, input.path, &mut |points| {
         let mut colors = points.rgb();
         let positions = points.x().zip(points.y()).zip(points.z());
-        for (((position, intensity), number), k) in positions.zip(points.intensity()).zip(points.return_number()).zip(0..) {
+        for (((position, intensity), number), k) in
+            positions.zip(points.intensity()).zip(points.return_number()).zip(0..)
+        {
             let ((x, y), z) = position;
             let place = || Place::Byte(u64::from(format.len()) * (done + k));
             let position = frame.place(DVec3::new(x, y, z)).map_err(|metres| too_far(input.path, place(), metres))?;
@@ -55,12 +62,8 @@ pub(super) fn read(input: Input<'_>) -> Result<(), ScanError> {
         done += points.len() as u64;
         input.sink.progress((done as f64 / count as f64 * input.total as f64) as u64)
     })?;
-    let layout = Layout {
-        grid: Grid::by_columns(1, count as u32),
-        is_grid: false,
-        rays: Rays::Central,
-        origin: frame.origin,
-    };
+    let layout =
+        Layout { grid: Grid::by_columns(1, count as u32), is_grid: false, rays: Rays::Central, origin: frame.origin };
     input.sink.end(layout)?;
     input.sink.progress(input.total)
 }
@@ -73,7 +76,12 @@ fn open(input: &Input<'_>) -> Result<Reader, ScanError> {
 
 fn damaged(path: &Path, point: u64, e: &las::Error) -> ScanError {
     let place = if point == 0 { "its header or its first points".to_owned() } else { format!("after point {point}") };
-    ScanError::malformed(path, Place::Byte(0), format!("{e} ({place})"), "a sound LAS or LAZ file; it is cut or damaged: copy or export it again")
+    ScanError::malformed(
+        path,
+        Place::Byte(0),
+        format!("{e} ({place})"),
+        "a sound LAS or LAZ file; it is cut or damaged: copy or export it again",
+    )
 }
 
 /// Decode all points, a batch at a time.

@@ -14,9 +14,6 @@ mod ply;
 mod ptx;
 mod sniff;
 
-#[cfg(test)]
-mod tests;
-
 pub use sniff::{EXTENSIONS, Format, is_named_as_scan, recognise};
 
 use crate::ScanError;

@@ -102,7 +102,8 @@ impl Points<'_> {
             ),
         })?;
         let color = block.colors.get(k);
-        let intensity = self.intensity.and_then(|channel| block.scalars.get(channel)?.get(k)).copied().unwrap_or(f32::NAN);
+        let intensity =
+            self.intensity.and_then(|channel| block.scalars.get(channel)?.get(k)).copied().unwrap_or(f32::NAN);
         let state = State::new(Kind::Measured, color.is_some(), 0);
         Ok(Sample { position, intensity, color: color.copied().unwrap_or_default(), state })
     }

@@ -27,7 +27,11 @@ pub(super) fn read(mut input: Input<'_>) -> Result<(), ScanError> {
     while let Some(line) = next_filled(&mut lines)? {
         let columns = whole(&line);
         let columns = columns.ok_or_else(|| {
-            let what = if scans == 0 { "a PTX file begins with it" } else { "the header of the next scan; the scan before has more points than it announces" };
+            let what = if scans == 0 {
+                "a PTX file begins with it"
+            } else {
+                "the header of the next scan; the scan before has more points than it announces"
+            };
             lines.malformed(quote(&line), format!("the number of columns alone in its line ({what})"))
         })?;
         scans += 1;
@@ -66,8 +70,7 @@ fn one_scan(lines: &mut Lines, columns: u64, scan: u64, input: &mut Input<'_>) -
     let Some(line) = lines.next()?.map(<[u8]>::to_vec) else {
         return Err(lines.malformed("the end of the file", "the number of rows; the file is cut"));
     };
-    let rows = whole(&line)
-        .ok_or_else(|| lines.malformed(quote(&line), "the number of rows alone in its line"))?;
+    let rows = whole(&line).ok_or_else(|| lines.malformed(quote(&line), "the number of rows alone in its line"))?;
     let size = |n: u64| u32::try_from(n).ok().filter(|n| *n > 0);
     let (Some(columns), Some(rows)) = (size(columns), size(rows)) else {
         let found = format!("{columns} columns and {rows} rows");
@@ -124,7 +127,13 @@ fn one_scan(lines: &mut Lines, columns: u64, scan: u64, input: &mut Input<'_>) -
 }
 
 /// A scan of fewer points than its header announces: refused, or kept and counted.
-fn incomplete(lines: &Lines, count: u64, [columns, rows]: [u32; 2], scan: u64, input: &mut Input<'_>) -> Result<(), ScanError> {
+fn incomplete(
+    lines: &Lines,
+    count: u64,
+    [columns, rows]: [u32; 2],
+    scan: u64,
+    input: &mut Input<'_>,
+) -> Result<(), ScanError> {
     let found = format!("{} of scan {scan}", counted(count, "point", "points"));
     if !input.options.keep_incomplete || count == 0 {
         let announced = u64::from(columns) * u64::from(rows);
@@ -164,7 +173,8 @@ fn pose(lines: &mut Lines, metres: f64, input: &mut Input<'_>) -> Result<Pose, S
     if difference > 1e-6 {
         input.sink.diagnostics().add("matrices made exact rotations", place);
     }
-    let differs = axes.iter().zip([DVec3::X, DVec3::Y, DVec3::Z]).any(|(a, unit)| (pose.rotation * unit).distance(*a) > 2e-3);
+    let differs =
+        axes.iter().zip([DVec3::X, DVec3::Y, DVec3::Z]).any(|(a, unit)| (pose.rotation * unit).distance(*a) > 2e-3);
     // Some programs leave position and axes at zero and one.
     let is_blank = position == DVec3::ZERO && axes == [DVec3::X, DVec3::Y, DVec3::Z] || axes == [DVec3::ZERO; 3];
     if !is_blank && (differs || (position * metres).distance(pose.translation) > 2e-3) {

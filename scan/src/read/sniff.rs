@@ -83,7 +83,8 @@ pub fn is_named_as_scan(path: &Path) -> bool {
 
 fn refusal(start: &[u8], path: &Path) -> ScanError {
     const EXPORT: &str = "Export the scans as E57 or PTX with the program of the scanner.";
-    const RAW: &str = "It is the raw data of a scanner, which only its maker's program reads; export the scans as E57 or PTX there.";
+    const RAW: &str =
+        "It is the raw data of a scanner, which only its maker's program reads; export the scans as E57 or PTX there.";
     let by_name: &[(&[&str], &str, &str)] = &[
         (&["fls", "fws", "lsproj"], "a FARO scan or project", RAW),
         (&["zfs", "zfprj"], "a Zoller+Fröhlich scan or project", RAW),

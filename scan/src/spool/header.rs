@@ -62,8 +62,7 @@ impl Statistics {
                 self.max_range = self.max_range.max(sample.position.length());
                 if !sample.intensity.is_nan() {
                     self.with_intensity += 1;
-                    self.intensity =
-                        [self.intensity[0].min(sample.intensity), self.intensity[1].max(sample.intensity)];
+                    self.intensity = [self.intensity[0].min(sample.intensity), self.intensity[1].max(sample.intensity)];
                 }
             }
         }

@@ -42,7 +42,7 @@ fn hash(block: &[u8]) -> [u8; HASH_BYTES] {
     short
 }
 
-fn encode(sample: &Sample, out: &mut [u8]) {
+pub(crate) fn encode(sample: &Sample, out: &mut [u8]) {
     if sample.state.kind() == Kind::Empty {
         out.fill(0);
         return;
@@ -56,7 +56,7 @@ fn encode(sample: &Sample, out: &mut [u8]) {
 }
 
 /// The sample in 20 bytes; `None` if its state is unknown or a measured position is not finite.
-fn decode(bytes: &[u8]) -> Option<Sample> {
+pub(crate) fn decode(bytes: &[u8]) -> Option<Sample> {
     let number = |at: usize| f32::from_le_bytes([bytes[at], bytes[at + 1], bytes[at + 2], bytes[at + 3]]);
     let state = State::from_byte(bytes[19])?;
     if state.kind() == Kind::Empty {

@@ -53,7 +53,8 @@ fn samples_come_back_exactly_in_whatever_order_they_were_put() {
         let (mut back, mut line) = (Vec::new(), Vec::new());
         reader.read(0, samples.len(), &mut back).unwrap();
         let same = |a: &Sample, b: &Sample| {
-            (a.position, a.color, a.state, a.intensity.to_bits()) == (b.position, b.color, b.state, b.intensity.to_bits())
+            (a.position, a.color, a.state, a.intensity.to_bits())
+                == (b.position, b.color, b.state, b.intensity.to_bits())
         };
         assert!(back.iter().zip(&samples).all(|(a, b)| same(a, b)));
         let last = (columns - 1) as usize * rows as usize;

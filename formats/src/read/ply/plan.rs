@@ -160,7 +160,12 @@ impl Plan {
                     ElementPlan::Vertices(vertex_fields.clone())
                 }
                 GRID if !is_after => {
-                    return Err(malformed(path, element, "a range grid before the vertices".to_owned(), "the element vertex first"));
+                    return Err(malformed(
+                        path,
+                        element,
+                        "a range grid before the vertices".to_owned(),
+                        "the element vertex first",
+                    ));
                 }
                 GRID => ElementPlan::Faces(index_fields(element, path)?),
                 _ => ElementPlan::Skip(fields(element)),

@@ -83,7 +83,12 @@ fn size(header: &Header, source: &Source<'_>) -> Result<Option<[u32; 2]>, ReadEr
             let shown = header.grid_size.map(|side| side.map_or_else(|| "nothing".to_owned(), |n| n.to_string()));
             Err(source.malformed(
                 Place::Line(element.line),
-                format!("a range grid of {} with num_cols {} and num_rows {}", counted(element.count, "cell", "cells"), shown[0], shown[1]),
+                format!(
+                    "a range grid of {} with num_cols {} and num_rows {}",
+                    counted(element.count, "cell", "cells"),
+                    shown[0],
+                    shown[1]
+                ),
                 "\"obj_info num_cols\" and \"obj_info num_rows\" whose product is the number of cells",
             ))
         }
@@ -138,7 +143,12 @@ fn cells(
             _ => {
                 let found = format!("a cell of {} vertices", corners.len());
                 let fallback = &fields[0];
-                return Err(rows.fault(row, fields.iter().find(|f| f.keep == super::Keep::Indices).unwrap_or(fallback), found, "none or one".to_owned()));
+                return Err(rows.fault(
+                    row,
+                    fields.iter().find(|f| f.keep == super::Keep::Indices).unwrap_or(fallback),
+                    found,
+                    "none or one".to_owned(),
+                ));
             }
         }
     }
