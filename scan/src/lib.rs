@@ -6,6 +6,7 @@
 //! Memory does not grow with the files: readers hold a line or a packet, spools some blocks, meshing a few columns.
 
 mod error;
+pub mod export;
 pub mod import;
 pub mod mesh;
 pub mod panorama;

@@ -216,3 +216,39 @@ fn ply_range_grids_keep_their_cells_and_clouds_need_a_station() {
     let refused = site.import(&[mesh], seen_from(0.0, 0.0, 0.0)).unwrap_err().to_string();
     assert!(refused.contains("is a mesh of 1 face") && refused.contains("kilwa build"), "{refused}");
 }
+
+#[test]
+fn an_exported_ptx_comes_back_with_every_sample_and_its_pose() {
+    let site = Site::new();
+    let turned = "3\n2\n7 8 9\n0 1 0\n-1 0 0\n0 0 1\n0 1 0 0\n-1 0 0 0\n0 0 1 0\n7 8 9 1\n";
+    let points = "1.1 0.3 -0.7 0.5 1 2 3\n2.123456 0 0 0.75 4 5 6\n0 0 0 0.5 0 0 0\n1e-7 3 4 0 7 8 9\n5 6 7 1 0 0 0\n-1 -2 -3 0.1 255 254 253\n";
+    let by_rows = e57_grid(&site, "b.e57", true, false);
+    let ptx = site.write("a.ptx", format!("{turned}{points}"));
+    site.import(&[by_rows, ptx], ReadOptions::default()).unwrap();
+    let survey = Survey::open(&site.survey()).unwrap();
+    for station in &survey.stations {
+        let mut reader = Reader::open(&site.survey().join(&station.scan)).unwrap();
+        let grid = reader.header().grid;
+        let mut text = Vec::new();
+        let failed = |e| panic!("{e}");
+        let pose = station.pose.unwrap_or_default();
+        kilwa_scan::export::ptx(&mut reader, pose, &mut text, &failed, &mut |_, _| Ok(())).unwrap();
+        let again = Site::new();
+        let file = again.write("again.ptx", text);
+        let report = again.import(&[file], ReadOptions::default()).unwrap();
+        let back = report.stations[0].station.pose.unwrap();
+        assert!(back.difference(pose).0 < 1e-7 && back.translation == pose.translation);
+        let (before, after) = (site.samples(&station.name), again.samples("again"));
+        let new = report.stations[0].header.grid;
+        assert_eq!((new.columns, new.rows), (grid.columns, grid.rows));
+        for column in 0..grid.columns {
+            for row in 0..grid.rows {
+                let (a, b) = (before[grid.cell(column, row) as usize], after[new.cell(column, row) as usize]);
+                assert_eq!(a.is_measured(), b.is_measured());
+                if a.is_measured() {
+                    assert_eq!((a.position, a.intensity, a.color), (b.position, b.intensity, b.color));
+                }
+            }
+        }
+    }
+}

@@ -1,9 +1,15 @@
 //! Real files, where the folders beside the project are there.
 
 use crate::support::{Site, seen_from, shared};
+use glam::{DQuat, DVec3, IVec3};
+use kilwa_formats::RawMesh;
+use kilwa_scan::ScanError;
+use kilwa_scan::mesh::{MeshVertex, Options, Surface, mesh};
 use kilwa_scan::panorama::{Show, render};
 use kilwa_scan::read::ReadOptions;
 use kilwa_scan::spool::Reader;
+use kilwa_scan_core::Pose;
+use std::collections::HashMap;
 use std::path::PathBuf;
 
 fn files(folder: &std::path::Path, extension: &str) -> Vec<PathBuf> {
@@ -17,7 +23,10 @@ fn files(folder: &std::path::Path, extension: &str) -> Vec<PathBuf> {
 fn the_ten_range_grids_of_the_bunny_are_imported_with_every_vertex_in_its_cell() {
     let Some(folder) = shared("scan-data") else { return };
     let site = Site::new();
-    let files = files(&folder.join("bunny"), "ply");
+    let mut files = files(&folder.join("bunny"), "ply");
+    // A mesh, not a range grid.
+    files.retain(|file| !file.ends_with("bun000_1.ply"));
+    assert_eq!(files.len(), 10);
     let report = site.import(&files, ReadOptions::default()).unwrap();
     let first = report.stations.iter().find(|s| s.station.name == "bun000").unwrap().header;
     assert_eq!((first.grid.columns, first.grid.rows, first.statistics.measured), (512, 400, 40_256));
@@ -65,4 +74,107 @@ fn the_ptx_whose_header_lies_is_refused_and_kept_on_request() {
     assert_eq!(report.stations[0].header.statistics.measured, 10_201);
     let report = site.import(&[folder.join("ripple.pts")], seen_from(0.0, 0.0, 10.0)).unwrap();
     assert_eq!(report.stations[0].header.statistics.measured, 10_201);
+}
+
+/// Where a range grid stands: `bmesh FILE tx ty tz qx qy qz qw`, whose quaternion turns the model into the scan.
+fn bunny_poses(text: &str) -> Vec<(String, Pose)> {
+    let pose = |line: &str| {
+        let mut words = line.strip_prefix("bmesh ")?.split_whitespace();
+        let name = words.next()?.trim_end_matches(".ply").to_owned();
+        let n: Vec<f64> = words.map(|word| word.parse().unwrap()).collect();
+        let rotation = DQuat::from_xyzw(n[3], n[4], n[5], n[6]).normalize().inverse();
+        Some((name, Pose { rotation, translation: DVec3::new(n[0], n[1], n[2]) }))
+    };
+    text.lines().filter_map(pose).collect()
+}
+
+#[derive(Default)]
+struct Kept {
+    positions: Vec<DVec3>,
+    triangles: Vec<[u32; 3]>,
+}
+
+impl Surface for Kept {
+    fn vertex(&mut self, vertex: &MeshVertex) -> Result<u32, ScanError> {
+        assert!(vertex.normal.is_normalized() && vertex.confidence > 0.0);
+        self.positions.push(vertex.position);
+        Ok(self.positions.len() as u32 - 1)
+    }
+
+    fn triangle(&mut self, corners: [u32; 3]) -> Result<(), ScanError> {
+        self.triangles.push(corners);
+        Ok(())
+    }
+}
+
+/// Distances from points to the nearest vertex or point of a triangle of a mesh, by a grid of cells.
+fn distances(points: &[DVec3], mesh: &RawMesh, cell: f64) -> Vec<f64> {
+    let key = |p: DVec3| (p / cell).floor().as_ivec3();
+    let mut cells: HashMap<IVec3, Vec<usize>> = HashMap::new();
+    for (t, corners) in mesh.triangles.iter().enumerate() {
+        let corners = corners.map(|v| mesh.positions[v as usize]);
+        let (min, max) =
+            (key(corners[0].min(corners[1]).min(corners[2])), key(corners[0].max(corners[1]).max(corners[2])));
+        for x in min.x..=max.x {
+            for y in min.y..=max.y {
+                for z in min.z..=max.z {
+                    cells.entry(IVec3::new(x, y, z)).or_default().push(t);
+                }
+            }
+        }
+    }
+    let nearest = |p: &DVec3| {
+        let mut best = f64::INFINITY;
+        for around in 0..27 {
+            let at = key(*p) + IVec3::new(around % 3 - 1, around / 3 % 3 - 1, around / 9 - 1);
+            for &t in cells.get(&at).into_iter().flatten() {
+                let [a, b, c] = mesh.triangles[t].map(|v| mesh.positions[v as usize]);
+                best = best.min(to_triangle(*p, a, b, c));
+            }
+        }
+        best
+    };
+    points.iter().map(nearest).collect()
+}
+
+/// The distance of a point from a triangle (Ericson, "Real-Time Collision Detection", 5.1.5), by its plane or its edges.
+fn to_triangle(p: DVec3, a: DVec3, b: DVec3, c: DVec3) -> f64 {
+    let edge = |a: DVec3, b: DVec3| {
+        let t = ((p - a).dot(b - a) / (b - a).length_squared()).clamp(0.0, 1.0);
+        p.distance(a + (b - a) * t)
+    };
+    let border = edge(a, b).min(edge(b, c)).min(edge(c, a));
+    let normal = (b - a).cross(c - a);
+    let is_inside = [(a, b), (b, c), (c, a)].iter().all(|(u, v)| (*v - *u).cross(p - *u).dot(normal) >= 0.0);
+    if is_inside { border.min((p - a).dot(normal.normalize()).abs()) } else { border }
+}
+
+#[test]
+fn each_range_grid_of_the_bunny_is_meshed_on_the_published_surface() {
+    let Some((folder, data)) = shared("scan-data").zip(shared("data")) else { return };
+    let bunny =
+        kilwa_formats::read::read_mesh(&data.join("google+draco/testdata/bun_zipper.ply"), &mut |_, _| ()).unwrap();
+    let site = Site::new();
+    let poses = bunny_poses(&std::fs::read_to_string(folder.join("bunny/bun.conf")).unwrap());
+    let files: Vec<PathBuf> = poses.iter().map(|(name, _)| folder.join(format!("bunny/{name}.ply"))).collect();
+    site.import(&files, ReadOptions::default()).unwrap();
+    assert_eq!(poses.len(), 10);
+    for (name, pose) in poses {
+        let mut reader = Reader::open(&site.survey().join(format!("stations/{name}.scan"))).unwrap();
+        let measured = reader.header().statistics.measured;
+        let mut kept = Kept::default();
+        let report = mesh(&mut reader, pose, &Options::default(), &mut kept).unwrap();
+        let every_ninth: Vec<DVec3> = kept.positions.iter().copied().step_by(9).collect();
+        let mut all = distances(&every_ninth, &bunny, 0.003);
+        all.sort_unstable_by(f64::total_cmp);
+        let median = all[all.len() / 2];
+        println!(
+            "{name}: {measured} points, {} triangles, {:?}, median {:.4} mm",
+            report.triangles,
+            report.dropped,
+            median * 1000.0
+        );
+        assert!(median <= 0.0004, "{name}: {median} m");
+        assert!(report.vertices as f64 > 0.8 * measured as f64, "{name}: {} of {measured}", report.vertices);
+    }
 }

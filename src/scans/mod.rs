@@ -1,12 +1,13 @@
 //! `kilwa scans`: a survey of scans, from the files of scanners to stations that can be seen.
 
+mod export;
 mod import;
 mod list;
 mod view;
 
 use clap::Subcommand;
 
-/// Import the scans of a survey, and look at them.
+/// Import the scans of a survey, look at them, and mesh them.
 ///
 /// A survey is a folder: survey.toml, which you may edit, and a binary file for each station.
 #[derive(clap::Args)]
@@ -20,6 +21,7 @@ enum What {
     Import(import::Args),
     List(list::Args),
     View(view::Args),
+    Export(Box<export::Args>),
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
@@ -27,5 +29,6 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         What::Import(args) => import::run(args),
         What::List(args) => list::run(args),
         What::View(args) => view::run(args),
+        What::Export(args) => export::run(args),
     }
 }

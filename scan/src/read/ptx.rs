@@ -24,16 +24,7 @@ pub(super) fn is_ptx(start: &[u8]) -> bool {
 pub(super) fn read(mut input: Input<'_>) -> Result<(), ScanError> {
     let mut lines = input.lines()?;
     let mut scans = 0;
-    while let Some(line) = next_filled(&mut lines)? {
-        let columns = whole(&line);
-        let columns = columns.ok_or_else(|| {
-            let what = if scans == 0 {
-                "a PTX file begins with it"
-            } else {
-                "the header of the next scan; the scan before has more points than it announces"
-            };
-            lines.malformed(quote(&line), format!("the number of columns alone in its line ({what})"))
-        })?;
+    while let Some(columns) = next_scan(&mut lines, scans == 0)? {
         scans += 1;
         one_scan(&mut lines, columns, scans, &mut input)?;
     }
@@ -51,6 +42,18 @@ fn next_filled(lines: &mut Lines) -> Result<Option<Vec<u8>>, ScanError> {
         }
     }
     Ok(None)
+}
+
+/// The number of columns, with which a scan begins; `None` at the end of the file.
+fn next_scan(lines: &mut Lines, is_first: bool) -> Result<Option<u64>, ScanError> {
+    let Some(line) = next_filled(lines)? else { return Ok(None) };
+    let why = if is_first {
+        "a PTX file begins with it"
+    } else {
+        "the header of the next scan; the scan before has more points than it announces"
+    };
+    let expected = || format!("the number of columns alone in its line ({why})");
+    whole(&line).map(Some).ok_or_else(|| lines.malformed(quote(&line), expected()))
 }
 
 /// A line of the header with exactly so many numbers.
@@ -106,6 +109,10 @@ fn one_scan(lines: &mut Lines, columns: u64, scan: u64, input: &mut Input<'_>) -
         if let Some(done) = lines.step() {
             input.sink.progress(done)?;
         }
+    }
+    // A scan that goes on after its announced end is not what its header says.
+    if next_scan(lines, false)?.is_some() {
+        lines.back();
     }
     if count < announced {
         incomplete(lines, count, [columns, rows], scan, input)?;
