@@ -38,8 +38,8 @@ struct Cli {
 #[derive(Subcommand)]
 enum Verb {
     Synth(synth::Args),
-    Build(build::Args),
     Scans(scans::Args),
+    Build(build::Args),
     Info(info::Args),
     Verify(verify::Args),
     Extract(extract::Args),
