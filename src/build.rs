@@ -118,7 +118,7 @@ fn bits(range: RangeInclusive<u8>) -> clap::builder::RangedI64ValueParser<u8> {
 }
 
 /// Six numbers: smallest and largest corner.
-fn crop(text: &str) -> Result<[DVec3; 2], String> {
+pub(crate) fn crop(text: &str) -> Result<[DVec3; 2], String> {
     let numbers: Vec<f64> = text
         .split(',')
         .map(|n| n.trim().parse().map_err(|_| format!("{n:?} is not a number")))

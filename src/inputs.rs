@@ -106,7 +106,7 @@ pub(crate) fn up(name: &str) -> Result<Up, String> {
     }
 }
 
-fn origin(text: &str) -> Result<DVec3, String> {
+pub(crate) fn origin(text: &str) -> Result<DVec3, String> {
     let numbers: Vec<f64> = text.split(',').map_while(|part| part.trim().parse().ok()).collect();
     match numbers.as_slice() {
         &[x, y, z] if text.matches(',').count() == 2 && [x, y, z].iter().all(|v| v.is_finite()) => {
@@ -126,13 +126,7 @@ fn texels(text: &str) -> Result<f64, String> {
 impl Inputs {
     /// Find all that the arguments name.
     pub(crate) fn find(args: &InputArgs) -> anyhow::Result<Self> {
-        let mut found = Named { allow_outside: args.allow_outside, ..Named::default() };
-        for given in &args.inputs {
-            found.expand(given)?;
-        }
-        let Named { files: mut named, mut passed_over, .. } = found;
-        named.sort();
-        refuse_twice(&named)?;
+        let (named, mut passed_over) = named(&args.inputs, args.allow_outside, &MESHES)?;
         let common = match &args.transform {
             Some(file) if file.as_os_str() != "auto" => matrix(file)?,
             _ => Placement::IDENTITY,
@@ -299,16 +293,51 @@ fn summarised(mut sources: Vec<SourceFile>) -> Vec<SourceFile> {
     sources
 }
 
-/// The files that arguments name.
-#[derive(Default)]
-struct Named {
+/// What files of a verb are.
+pub(crate) struct Wanted {
+    /// In a sentence, for example "mesh".
+    pub(crate) what: &'static str,
+    /// The formats in a sentence.
+    pub(crate) formats: &'static str,
+    /// Whether a file in a folder must be one, because of its name.
+    pub(crate) is_named: fn(&Path) -> bool,
+    /// Fails unless the file is one.
+    pub(crate) recognise: fn(&Path) -> anyhow::Result<()>,
+}
+
+const MESHES: Wanted = Wanted {
+    what: "mesh",
+    formats: "PLY, OBJ, STL, glTF",
+    is_named: is_named_as_mesh,
+    recognise: |path| Ok(read::recognise(path).map(drop)?),
+};
+
+/// The files that arguments name, each once, sorted; and those in given folders that are something else.
+pub(crate) fn named(
+    inputs: &[PathBuf],
     allow_outside: bool,
+    wanted: &Wanted,
+) -> anyhow::Result<(Vec<PathBuf>, Vec<PathBuf>)> {
+    let mut found = Named { allow_outside, wanted, files: Vec::new(), passed_over: Vec::new() };
+    for given in inputs {
+        found.expand(given)?;
+    }
+    let Named { mut files, passed_over, .. } = found;
+    files.sort();
+    refuse_twice(&files)?;
+    Ok((files, passed_over))
+}
+
+/// The files that arguments name.
+struct Named<'a> {
+    allow_outside: bool,
+    wanted: &'a Wanted,
     files: Vec<PathBuf>,
     /// Files in folders that are not meshes, and links that lead out of the folders.
     passed_over: Vec<PathBuf>,
 }
 
-impl Named {
+impl Named<'_> {
     /// The files that one argument names.
     fn expand(&mut self, given: &Path) -> anyhow::Result<()> {
         if given.is_dir() {
@@ -330,7 +359,10 @@ impl Named {
             let path = path.with_context(|| format!("cannot look for {pattern}"))?;
             refuse_unreadable(
                 &path,
-                "everything that matches a pattern must be a mesh file; change the pattern, or restore the file",
+                &format!(
+                    "everything that matches a pattern must be a {} file; change the pattern, or restore the file",
+                    self.wanted.what
+                ),
             )?;
             if !self.allow_outside {
                 refuse_link_out(&path, &real)?;
@@ -343,7 +375,7 @@ impl Named {
         Ok(())
     }
 
-    /// Every mesh in a folder.
+    /// Every file in a folder that is wanted.
     fn folder(&mut self, folder: &Path) -> anyhow::Result<()> {
         let cannot = || format!("cannot list {}", folder.display());
         let real = folder.canonicalize().with_context(cannot)?;
@@ -355,10 +387,13 @@ impl Named {
                 continue;
             }
             if !path.is_file() {
-                if is_named_as_mesh(&path) {
+                if (self.wanted.is_named)(&path) {
                     refuse_unreadable(
                         &path,
-                        "everything with the name of a mesh file must be one; restore, rename or remove it",
+                        &format!(
+                            "everything with the name of a {} file must be one; restore, rename or remove it",
+                            self.wanted.what
+                        ),
                     )?;
                 }
                 // A pipe, a socket, a device, a broken link.
@@ -370,23 +405,25 @@ impl Named {
             if !self.allow_outside
                 && let Err(e) = refuse_link_out(&path, &real)
             {
-                if is_named_as_mesh(&path) {
+                if (self.wanted.is_named)(&path) {
                     return Err(e);
                 }
                 self.passed_over.push(path);
                 continue;
             }
-            match read::recognise(&path) {
-                Ok(_) => self.files.push(path),
+            match (self.wanted.recognise)(&path) {
+                Ok(()) => self.files.push(path),
                 // A block that is damaged must not go missing without a word.
-                Err(e) if is_named_as_mesh(&path) => return Err(e.into()),
+                Err(e) if (self.wanted.is_named)(&path) => return Err(e),
                 Err(_) => self.passed_over.push(path),
             }
         }
         if self.files.len() == before {
             bail!(
-                "{} contains no readable mesh (PLY, OBJ, STL, glTF); its subfolders are not searched",
-                folder.display()
+                "{} contains no readable {} ({}); its subfolders are not searched",
+                folder.display(),
+                self.wanted.what,
+                self.wanted.formats
             );
         }
         Ok(())

@@ -13,6 +13,7 @@ mod progress;
 mod publish;
 mod redact;
 mod render;
+mod scans;
 mod secrets;
 mod serve;
 mod sheet;
@@ -37,6 +38,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Verb {
     Synth(synth::Args),
+    Scans(scans::Args),
     Build(build::Args),
     Info(info::Args),
     Verify(verify::Args),
@@ -53,6 +55,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
     match cli.verb {
         Verb::Synth(a) => synth::run(&a),
         Verb::Build(a) => build::run(&a),
+        Verb::Scans(a) => scans::run(&a),
         Verb::Info(a) => info::run(&a),
         Verb::Verify(a) => verify::run(&a),
         Verb::Extract(a) => extract::run(&a),

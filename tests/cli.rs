@@ -5,8 +5,10 @@ use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
 /// The verbs, in the order of `kilwa --help`.
-const VERBS: [&str; 11] =
-    ["synth", "build", "info", "verify", "extract", "render", "measure", "publish", "metadata", "serve", "access"];
+const VERBS: [&str; 12] = [
+    "synth", "scans", "build", "info", "verify", "extract", "render", "measure", "publish", "metadata", "serve",
+    "access",
+];
 
 fn kilwa(args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_kilwa")).args(args).stdin(Stdio::null()).output().unwrap()

@@ -28,6 +28,7 @@ mod real_formats;
 mod real_input;
 mod remote;
 mod render_verb;
+mod scans;
 mod second_reader;
 mod serve;
 mod stored;

@@ -3,7 +3,7 @@
 //! [`Rights::parse`] takes an address in any of the spellings that are about (http or https, with or without the last slash, `/deed.fr`,
 //! `/legalcode`) or a short name (`CC BY 4.0`, `InC`) and gives the canonical address; what is in no list is refused with the nearest name.
 
-use super::metadata::problem::nearest;
+use kilwa_toml::nearest;
 use std::fmt;
 
 /// A known statement.

@@ -19,6 +19,11 @@ use kilwa_pack::reader::SliceSource;
 use kilwa_pack::{
     Attributes, ENTRIES_PER_PAGE, HEADER_BYTES, PAGE_BYTES, Reader, directory::ENTRY_BYTES, parse_head, verify,
 };
+use kilwa_scan::ScanError;
+use kilwa_scan::read::{Head, Picture, ReadOptions as ScanOptions, Sink};
+use kilwa_scan::spool::Layout;
+use kilwa_scan::survey::Survey;
+use kilwa_scan_core::Sample;
 use std::fmt::Display;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
@@ -28,7 +33,7 @@ use std::sync::LazyLock;
 pub(crate) type Body = fn(&[u8]) -> String;
 
 /// All targets by name.
-pub(crate) const ALL: [(&str, Body); 9] = [
+pub(crate) const ALL: [(&str, Body); 15] = [
     ("ply", ply),
     ("obj", obj_file),
     ("stl", stl_file),
@@ -38,6 +43,12 @@ pub(crate) const ALL: [(&str, Body); 9] = [
     ("metadata", metadata),
     ("manifest", manifest),
     ("notes", notes),
+    ("ptx", ptx_file),
+    ("points", points_file),
+    ("e57", e57_file),
+    ("las", las_file),
+    ("range_grid", range_grid),
+    ("survey", survey),
 ];
 
 /// The words of an error, without numbers, quotations, what was found in the file and
@@ -355,4 +366,116 @@ pub(crate) fn notes(bytes: &[u8]) -> String {
         links.min(2),
         views.min(2)
     )
+}
+
+/// Counts what a reader of scans delivers, and checks it.
+#[derive(Default)]
+struct Scans {
+    samples: u64,
+    stations: u64,
+    cells: u64,
+    diagnostics: Diagnostics,
+}
+
+impl Scans {
+    fn add(&mut self, sample: &Sample) {
+        assert!(sample.position.is_finite() && sample.position.abs().max_element() <= 10_000.0);
+        self.samples += 1;
+    }
+}
+
+impl Sink for Scans {
+    fn begin(&mut self, head: &Head) -> Result<bool, ScanError> {
+        assert!(head.pose.is_none_or(|pose| pose.rotation.is_normalized() && pose.translation.is_finite()));
+        Ok(true)
+    }
+
+    fn push(&mut self, sample: &Sample) -> Result<(), ScanError> {
+        self.add(sample);
+        Ok(())
+    }
+
+    fn put(&mut self, cell: u64, sample: &Sample) -> Result<bool, ScanError> {
+        self.add(sample);
+        self.cells = self.cells.max(cell + 1);
+        Ok(true)
+    }
+
+    fn end(&mut self, layout: Layout) -> Result<(), ScanError> {
+        assert!(self.cells <= layout.grid.cells());
+        self.stations += 1;
+        Ok(())
+    }
+
+    fn picture(
+        &mut self,
+        _: &Picture,
+        write: &mut dyn FnMut(&mut dyn std::io::Write) -> Result<(), ScanError>,
+    ) -> Result<(), ScanError> {
+        write(&mut std::io::sink())
+    }
+
+    fn progress(&mut self, _: u64) -> Result<(), ScanError> {
+        Ok(())
+    }
+
+    fn diagnostics(&mut self) -> &mut Diagnostics {
+        &mut self.diagnostics
+    }
+}
+
+/// Any bytes as a file of scans with this name: the reader ends, does not panic, and delivers no more samples than the file has bytes.
+fn scans(bytes: &[u8], name: &str) -> String {
+    static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().expect("a temporary folder"));
+    // Targets run side by side, each in a thread of its own.
+    let path = FOLDER.path().join(format!("{:?}-{name}", std::thread::current().id()));
+    std::fs::write(&path, bytes).expect("room for the file");
+    let options = ScanOptions { station: Some(DVec3::ZERO), keep_incomplete: true, ..ScanOptions::default() };
+    let mut sink = Scans::default();
+    match kilwa_scan::read::read(&path, &options, &mut sink) {
+        Ok(()) => format!("{} scans", sink.stations.min(3)),
+        Err(e) => complaint(e),
+    }
+}
+
+/// Any bytes as a PTX.
+pub(crate) fn ptx_file(bytes: &[u8]) -> String {
+    scans(bytes, "a.ptx")
+}
+
+/// Any bytes as PTS or XYZ.
+pub(crate) fn points_file(bytes: &[u8]) -> String {
+    scans(bytes, "a.pts")
+}
+
+/// Any bytes as an E57. Its pages have checksums, which are made right, so that what is behind them is reached.
+pub(crate) fn e57_file(bytes: &[u8]) -> String {
+    const PAGE: usize = 1024;
+    let mut sound = bytes.to_vec();
+    for page in sound.chunks_exact_mut(PAGE) {
+        let sum = crc32c::crc32c(&page[..PAGE - 4]);
+        page[PAGE - 4..].copy_from_slice(&sum.to_be_bytes());
+    }
+    scans(&sound, "a.e57")
+}
+
+/// Any bytes as LAS or LAZ.
+pub(crate) fn las_file(bytes: &[u8]) -> String {
+    scans(bytes, "a.las")
+}
+
+/// Any bytes as a PLY of points.
+pub(crate) fn range_grid(bytes: &[u8]) -> String {
+    scans(bytes, "a.ply")
+}
+
+/// Any bytes as a `survey.toml`.
+pub(crate) fn survey(bytes: &[u8]) -> String {
+    match Survey::parse(&String::from_utf8_lossy(bytes)) {
+        Ok(survey) => format!("{} stations", survey.stations.len().min(3)),
+        Err(problems) => {
+            assert!(problems.0.iter().all(|problem| problem.line > 0 && !problem.message.is_empty()));
+            problems.0.first().map(complaint).unwrap_or_default()
+        }
+    }
 }

@@ -199,3 +199,33 @@ fn any_bytes_are_read_as_a_manifest_or_refused() {
 fn any_bytes_are_read_as_notes_or_refused() {
     fuzz("notes");
 }
+
+#[test]
+fn any_bytes_are_read_as_ptx_or_refused() {
+    fuzz("ptx");
+}
+
+#[test]
+fn any_bytes_are_read_as_points_or_refused() {
+    fuzz("points");
+}
+
+#[test]
+fn any_bytes_are_read_as_e57_or_refused() {
+    fuzz("e57");
+}
+
+#[test]
+fn any_bytes_are_read_as_las_or_refused() {
+    fuzz("las");
+}
+
+#[test]
+fn any_bytes_are_read_as_a_range_grid_or_refused() {
+    fuzz("range_grid");
+}
+
+#[test]
+fn any_bytes_are_read_as_a_survey_or_refused() {
+    fuzz("survey");
+}

@@ -17,6 +17,12 @@ pub(crate) fn of(target: &str) -> Vec<Vec<u8>> {
         "manifest" => manifests(),
         "notes" => notes(),
         "decode_chunk" => packs().iter().flat_map(|pack| chunks(pack)).collect(),
+        "ptx" => ptx(),
+        "points" => points(),
+        "e57" => e57s(),
+        "las" => las_files(),
+        "range_grid" => range_grids(),
+        "survey" => surveys(),
         "gltf" => [malformed("gltf"), malformed("glb")].concat(),
         other => malformed(other),
     };
@@ -189,4 +195,139 @@ fn chunks(pack: &[u8]) -> Vec<Vec<u8>> {
         seed
     };
     reader.entries().iter().map(chunk).collect()
+}
+
+/// Scans with and without colours, several in a file, cut and lying ones.
+fn ptx() -> Vec<Vec<u8>> {
+    let header = "2\n2\n1 2 3\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n1 2 3 1\n";
+    let plain = "1.5 -2 3e0 0.5\n0 0 0 0.5\n1 2 4 1\n1 2 5 0\n";
+    let colored = "1 2 3 0.5 1 2 3\r\n0 0 0 0.5 0 0 0\r\n1 2 4 1 255 256 -1\r\n nan 1 2 3 4 5 6\r\n";
+    [
+        format!("{header}{plain}"),
+        format!("{header}{colored}{header}{plain}"),
+        format!("{header}1 2 3 0.5\n{header}{plain}"),
+        format!("{header}{plain}1 2 3 4\n"),
+        header.replace("2\n2\n", "4444\n10014\n"),
+        header.replace("1 0 0 0", "2 0 0 0"),
+    ]
+    .map(String::into_bytes)
+    .to_vec()
+}
+
+fn points() -> Vec<Vec<u8>> {
+    [
+        "2\n1 2 3 -12 1 2 3\n4 5 6 7 8 9 10\n1\n1 2 3\n",
+        "X Y Z\n1 2 3\n4 5 6\n",
+        "# a\n1,2,3,4\n\n4;5;6;1.#IND\n",
+        "1 2 3 0 0.5 1\n1e4 2 3 0 0 1\n",
+        "3\n1 2 3\n",
+    ]
+    .map(|text| text.as_bytes().to_vec())
+    .to_vec()
+}
+
+fn range_grids() -> Vec<Vec<u8>> {
+    let header = |format: &str| {
+        format!(
+            "ply\nformat {format} 1.0\nobj_info num_cols 2\nobj_info num_rows 2\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nproperty float intensity\nelement range_grid 4\nproperty list uchar int vertex_indices\nend_header\n"
+        )
+    };
+    let text = format!("{}0 0 1 0.5\n1 0 1 0.25\n1 0\n0\n1 1\n0\n", header("ascii"));
+    let mut binary = header("binary_little_endian").into_bytes();
+    for number in [0.0_f32, 0.0, 1.0, 0.5, 1.0, 0.0, 1.0, 0.25] {
+        binary.extend(number.to_le_bytes());
+    }
+    binary.extend([1, 0, 0, 0, 0, 0, 1, 1, 0, 0, 0, 0]);
+    let wrong = text.replace("num_cols 2", "num_cols 3");
+    let cloud = "ply\nformat ascii 1.0\nelement vertex 1\nproperty double x\nproperty double y\nproperty double z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n1 2 3 4 5 6\n";
+    vec![
+        text.into_bytes(),
+        binary,
+        wrong.into_bytes(),
+        cloud.as_bytes().to_vec(),
+        b"ply\nformat ascii 1.0\nend_header\n".to_vec(),
+    ]
+}
+
+/// Clouds of a few points, Cartesian and spherical, with and without a grid.
+fn e57s() -> Vec<Vec<u8>> {
+    use e57::{E57Writer, Record, RecordDataType, RecordName, RecordValue};
+    let write = |prototype: Vec<Record>| {
+        let mut file = std::io::Cursor::new(Vec::new());
+        let mut writer = E57Writer::new(&mut file, "file").unwrap();
+        let mut cloud = writer.add_pointcloud("cloud", prototype.clone()).unwrap();
+        for k in 0..9 {
+            let value = |record: &Record| match &record.data_type {
+                RecordDataType::Single { .. } => RecordValue::Single(k as f32),
+                RecordDataType::Double { .. } => RecordValue::Double(0.25 * k as f64),
+                RecordDataType::Integer { max, .. } => RecordValue::Integer(k.min(*max)),
+                RecordDataType::ScaledInteger { max, .. } => RecordValue::ScaledInteger(k.min(*max)),
+            };
+            cloud.add_point(prototype.iter().map(value).collect()).unwrap();
+        }
+        cloud.finalize().unwrap();
+        writer.finalize().unwrap();
+        drop(writer);
+        file.into_inner()
+    };
+    let index = |name| Record { name, data_type: RecordDataType::Integer { min: 0, max: 8 } };
+    let scaled = |name| Record {
+        name,
+        data_type: RecordDataType::ScaledInteger { min: -100, max: 100, scale: 0.01, offset: 1.0 },
+    };
+    let floats = vec![Record::CARTESIAN_X_F32, Record::CARTESIAN_Y_F32, Record::CARTESIAN_Z_F32];
+    let doubles = vec![Record::SPHERICAL_RANGE_F64, Record::SPHERICAL_AZIMUTH_F64, Record::SPHERICAL_ELEVATION_F64];
+    let scaled = [RecordName::CartesianX, RecordName::CartesianY, RecordName::CartesianZ].map(scaled).to_vec();
+    let grid = vec![index(RecordName::RowIndex), index(RecordName::ColumnIndex)];
+    let colors = vec![Record::COLOR_RED_U8, Record::COLOR_GREEN_U8, Record::COLOR_BLUE_U8, Record::INTENSITY_U16];
+    vec![
+        write(floats.clone()),
+        write([doubles.clone(), vec![Record::SPHERICAL_INVALID_STATE]].concat()),
+        write([floats.clone(), grid.clone()].concat()),
+        write([scaled, colors.clone()].concat()),
+        write([floats, colors, grid].concat()),
+    ]
+}
+
+fn las_files() -> Vec<Vec<u8>> {
+    let formats = [(2, 0, false), (2, 1, true), (2, 2, false), (4, 3, true), (4, 7, false), (4, 6, true)];
+    let write = |(minor, format, is_compressed)| {
+        let mut builder = las::Builder::from((1, minor));
+        builder.point_format = las::point::Format::new(format).unwrap();
+        builder.point_format.is_compressed = is_compressed;
+        let has_color = builder.point_format.has_color;
+        let has_time = builder.point_format.has_gps_time;
+        let mut writer = las::Writer::new(std::io::Cursor::new(Vec::new()), builder.into_header().unwrap()).unwrap();
+        for k in 0..12_u16 {
+            let color = has_color.then_some(las::Color { red: 9 * k, green: 7, blue: 3 });
+            let gps_time = has_time.then_some(f64::from(k));
+            let number = 1 + (k % 3) as u8;
+            let point = las::Point {
+                x: f64::from(k),
+                return_number: number,
+                number_of_returns: 3,
+                color,
+                gps_time,
+                ..las::Point::default()
+            };
+            writer.write_point(point).unwrap();
+        }
+        writer.close().unwrap();
+        writer.into_inner().unwrap().into_inner()
+    };
+    formats.map(write).to_vec()
+}
+
+fn surveys() -> Vec<Vec<u8>> {
+    let station = "[[station]]\nname = \"north\"\nscan = \"stations/north.scan\"\nrotation = [1, 0, 0, 0]\ntranslation = [1, 2, 3]\ntranslation_sigma = 0.01\nrotation_sigma = 0.02\nfixed = true\n[station.source]\nfile = \"a.ptx\"\nbytes = 12\nblake3 = \"00\"\nnumber = 1\n";
+    [
+        "version = 1\n".to_owned(),
+        format!("version = 1\ntitle = \"Fort\"\ncrs = \"EPSG:32737\"\n{station}"),
+        format!("version = 1\n{station}[[control]]\nname = \"P\"\nstation = \"north\"\nat = [1, 2, 3]\nsigma = 0.1\n"),
+        format!("version = 1\n{station}[[photograph]]\nfile = \"a.jpg\"\ncamera = {{ kind = \"spherical\", size = [8, 4], pixel = [0.1, 0.1] }}\n"),
+        "version = 1\n[options.mesh]\nsubsample = 2\nmax_edge = 0.1\ngrazing = 80\nedge_factor = 2\n".to_owned(),
+        format!("version = 2\n{station}{station}titel = 1\n"),
+    ]
+    .map(String::into_bytes)
+    .to_vec()
 }

@@ -125,9 +125,10 @@ fn file_names_in_error_messages_never_control_the_terminal() {
         std::fs::write(&damaged, "KILWA and then nothing").unwrap();
         for path in [missing, damaged] {
             let path = text(&path);
-            for verb in
-                ["info", "verify", "extract", "measure", "metadata", "render", "publish", "serve", "build", "access"]
-            {
+            for verb in [
+                "info", "verify", "extract", "measure", "metadata", "render", "publish", "serve", "build", "scans",
+                "access",
+            ] {
                 let shown = is_plain(&kilwa(&[verb, path]), verb);
                 assert!(!shown.is_empty(), "{verb}");
                 is_plain(&kilwa(&[verb, path, "--json"]), verb);

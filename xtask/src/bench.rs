@@ -5,6 +5,7 @@
 //! table is added to `docs/bench/DATE-build.md` with the machine it ran on, so that figures are never compared across machines unseen.
 
 mod codec;
+mod scans;
 mod view;
 
 use crate::process::{cargo, command, compile_kilwa, on_path, output, root, run as run_command};
@@ -36,6 +37,8 @@ enum What {
     Codec(codec::Args),
     /// Streaming and drawing: a recorded flight natively, the page in Chromium on three links
     View(view::Args),
+    /// Importing scans: points per CPU second, memory
+    Scans(scans::Args),
     /// Run a program and write what it used to a file (used by `build`, in a process of its own)
     #[command(hide = true)]
     Measured { report: PathBuf, program: PathBuf, args: Vec<String> },
@@ -83,6 +86,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         What::Quality(quality) => bench_quality(quality),
         What::Codec(codec) => codec::run(codec),
         What::View(view) => view::run(view),
+        What::Scans(scans) => scans::run(scans),
         What::Measured { report, program, args } => measured(report, program, args),
     }
 }

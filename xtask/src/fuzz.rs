@@ -19,7 +19,8 @@ pub(crate) struct Args {
     /// Seconds for each target
     #[arg(long, value_name = "N", default_value_t = 600)]
     seconds: u64,
-    /// Only this target: `ply`, `obj`, `stl`, `gltf`, `open_pack`, `decode_chunk`, `metadata`, `manifest` or `notes`
+    /// Only this target: `ply`, `obj`, `stl`, `gltf`, `open_pack`, `decode_chunk`, `metadata`, `manifest`, `notes`,
+    /// `ptx`, `points`, `e57`, `las`, `range_grid` or `survey`
     #[arg(long, value_name = "NAME")]
     only: Option<String>,
     /// The stable compiler's runner also where cargo-fuzz is installed
@@ -28,7 +29,7 @@ pub(crate) struct Args {
 }
 
 /// Targets, and the tests of `tests/fuzzing` that run their bodies.
-const TARGETS: [(&str, &str); 9] = [
+const TARGETS: [(&str, &str); 15] = [
     ("ply", "any_bytes_are_read_as_ply_or_refused"),
     ("obj", "any_bytes_are_read_as_obj_or_refused"),
     ("stl", "any_bytes_are_read_as_stl_or_refused"),
@@ -38,6 +39,12 @@ const TARGETS: [(&str, &str); 9] = [
     ("metadata", "any_bytes_are_read_as_metadata_or_refused"),
     ("manifest", "any_bytes_are_read_as_a_manifest_or_refused"),
     ("notes", "any_bytes_are_read_as_notes_or_refused"),
+    ("ptx", "any_bytes_are_read_as_ptx_or_refused"),
+    ("points", "any_bytes_are_read_as_points_or_refused"),
+    ("e57", "any_bytes_are_read_as_e57_or_refused"),
+    ("las", "any_bytes_are_read_as_las_or_refused"),
+    ("range_grid", "any_bytes_are_read_as_a_range_grid_or_refused"),
+    ("survey", "any_bytes_are_read_as_a_survey_or_refused"),
 ];
 
 /// Targets that run at a time.

@@ -49,7 +49,7 @@ enum Suite {
 const STORE_PACKAGES: &str = "server/tests/store/requirements.txt";
 const STORE_VARIABLE: &str = "KILWA_MOTO";
 /// Crates that have to build for wasm32: the page's own and every pure crate below them.
-const WASM_PACKAGES: [&str; 8] = [
+const WASM_PACKAGES: [&str; 9] = [
     "kilwa-viewer",
     "kilwa-decode",
     "kilwa-stream",
@@ -57,6 +57,7 @@ const WASM_PACKAGES: [&str; 8] = [
     "kilwa-geometry",
     "kilwa-simplify",
     "kilwa-measure",
+    "kilwa-scan-core",
     "kilwa-measure-web",
 ];
 

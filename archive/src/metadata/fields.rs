@@ -1,7 +1,6 @@
 //! From a TOML file to [`Metadata`]: which fields there are, what each may hold, which are needed.
 
 use super::lines::{strays, syntax};
-use super::reader::{File, Found, Table};
 use super::{
     AccessField, Agent, AgentKind, Capture, CaptureStep, Funding, Heritage, Metadata, Model, Place, Problem, Problems,
     Related, RightsField, crs,
@@ -9,13 +8,22 @@ use super::{
 use crate::AccessState;
 use crate::date::{is_date_or_span, is_day, iso};
 use crate::layout::Slug;
-use crate::metadata::problem::nearest;
 use crate::rights::{self, Rights};
 use kilwa_geometry::LengthUnit;
+use kilwa_toml::{File, Found, Table, nearest};
 use toml::de::DeTable;
 
 /// Largest metadata file, bytes.
 pub(super) const FILE_MAX: usize = 1 << 20;
+
+/// Examples of templates that earlier versions wrote, where nobody can mean them.
+const EXAMPLES: [&str; 5] = [
+    "Family, Given",
+    "Museum of …",
+    "A fort of coral rag on the shore …",
+    "https://www.wikidata.org/wiki/Q…",
+    "doi:10.1234/abcd",
+];
 
 /// DataCite 4.5, relationType: the schema that what is written is checked with.
 const RELATIONS: [&str; 36] = [
@@ -63,7 +71,7 @@ pub(super) fn parse(text: &str) -> Result<Metadata, Problems> {
         return Err(alone(format!("the file has {} bytes; at most {FILE_MAX} are allowed", text.len()), 1));
     }
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-    let file = File::new(text);
+    let file = File::new(text).with_examples(&EXAMPLES);
     let strays = strays(text);
     let root = DeTable::parse(text).map_err(|e| {
         let line = e.span().map_or(1, |s| file.line(s.start));

@@ -1,8 +1,8 @@
 //! A metadata file as lines, for mistakes that a TOML parser cannot name: a field below a commented-out block, quotation marks of
 //! word processors, dates without quotation marks.
 
-use super::problem::Problem;
 use crate::date::iso;
+use kilwa_toml::Problem;
 
 /// The blocks of the template, with their fields.
 const BLOCKS: [(&str, &[&str]); 10] = [

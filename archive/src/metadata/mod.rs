@@ -8,12 +8,10 @@ pub mod crs;
 mod fields;
 mod lines;
 pub mod plausible;
-pub mod problem;
-mod reader;
 pub mod template;
 mod withheld;
 
-pub use problem::{Problem, Problems};
+pub use kilwa_toml::{Problem, Problems};
 pub use withheld::plain_accuracy;
 
 use serde::{Deserialize, Serialize};

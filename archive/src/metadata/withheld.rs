@@ -1,9 +1,8 @@
 //! Whether metadata give a withheld location away: every text of every field, with its line in the file.
 
-use super::problem::Problems;
-use super::reader::File;
 use super::{Metadata, fields};
 use crate::location::{Finding, Location, is_name};
+use kilwa_toml::{File, Problems};
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 

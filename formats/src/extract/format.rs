@@ -5,13 +5,16 @@ use super::choose::Chosen;
 use super::glb::Glb;
 use super::obj::Obj;
 use super::output::Scratch;
+use super::plain::About;
 use super::ply::Ply;
 use super::region::Steps;
 use super::stl::Stl;
 use super::stream::Counts;
 use glam::{DVec3, Vec3};
 use kilwa_geometry::{Aabb, Lattice, LatticePoint, Mesh};
+use kilwa_pack::metadata::ScalarChannel;
 use kilwa_pack::{Metadata, Reader, Source};
+use std::collections::BTreeMap;
 use std::io::Write;
 use std::path::Path;
 
@@ -162,6 +165,8 @@ pub(super) struct Target {
     pub(super) metadata: Metadata,
     /// GLB: the model is at the origin, and its position is recorded beside it.
     pub(super) at_zero: bool,
+    /// What stands in the file in place of the certified error, for a mesh that has none.
+    pub(super) note: Option<String>,
 }
 
 /// The coordinates to be written, and which number types can represent them. This is decided only here.
@@ -281,7 +286,50 @@ impl Target {
         }
         let (center, needs_double) = (coordinates.center(), coordinates.need_double());
         let (colors, metadata) = (header.attributes.colors, reader.metadata().clone());
-        Ok(Self { lattice, center, needs_double, colors, metadata, at_zero: false })
+        Ok(Self { lattice, center, needs_double, colors, metadata, at_zero: false, note: None })
+    }
+
+    /// For a mesh that comes from no pack.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub(super) fn plain(about: &About, lattice: Lattice, bounds: Aabb, format: Format) -> Result<Self, ExtractError> {
+        let channel = |name: &String| ScalarChannel { name: name.clone(), min: 0.0, max: 0.0 };
+        let metadata = Metadata {
+            title: about.title.clone(),
+            source_units: "m".to_owned(),
+            source_up: "z".to_owned(),
+            crs: about.crs.clone(),
+            lattice_step: lattice.step(),
+            bounds_min: about.bounds[0],
+            bounds_max: about.bounds[1],
+            median_edge: 0.0,
+            triangles: 0,
+            vertices: 0,
+            border_edges: 0,
+            scalars: about.scalars.iter().map(channel).collect(),
+            sources: Vec::new(),
+            tool: String::new(),
+            options: BTreeMap::new(),
+            capture_accuracy: None,
+            repairs: BTreeMap::new(),
+        };
+        let side = (bounds.max - bounds.min.min(LatticePoint::ZERO)).max_element().max(1) as u32;
+        let cube_log2 = side.ilog2() + 1;
+        // A tenth of a millimetre is less than the noise of any scanner.
+        let coordinates = Coordinates { lattice, cube_log2: cube_log2.min(31), bounds, median_edge: 1e-4 };
+        coordinates.refuse_unless_fit(format)?;
+        let (center, needs_double) = (coordinates.center(), coordinates.need_double());
+        let note = Some(about.note.clone());
+        Ok(Self { lattice, center, needs_double, colors: about.colors, metadata, at_zero: false, note })
+    }
+
+    /// Name and version of the program, and the promise: `error` is certified, in metres; for a mesh without one its note.
+    pub(super) fn comment(&self, error: f32) -> String {
+        match &self.note {
+            Some(note) => format!("kilwa {}: {}", env!("CARGO_PKG_VERSION"), one_line(note)),
+            None => comment(error),
+        }
     }
 
     /// A position relative to [`Self::center`], in metres: exact within 2^24 steps of it.
@@ -296,7 +344,7 @@ impl Target {
 }
 
 /// Name and version of the program, and the promise: `error` is certified, in metres.
-pub(super) fn comment(error: f32) -> String {
+fn comment(error: f32) -> String {
     let version = env!("CARGO_PKG_VERSION");
     format!("kilwa {version}: certified error {error} m against the finest surface")
 }

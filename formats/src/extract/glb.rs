@@ -57,9 +57,15 @@ impl Glb {
             accessors.push(json!({"bufferView": 0, "byteOffset": PLAIN, "componentType": UNSIGNED_SHORT,
                 "normalized": true, "count": counts.vertices, "type": "VEC4"}));
         }
+        let mut extras =
+            json!({"crs": target.metadata.crs, "world_from_local_m": [place[0] - x, place[1] - y, place[2] - z]});
+        match &target.note {
+            Some(note) => extras["note"] = json!(note),
+            None => extras["certified_error_m"] = json!(counts.error),
+        }
         let file = json!({
             "asset": {"version": "2.0", "generator": format!("kilwa {}", env!("CARGO_PKG_VERSION"))},
-            "extras": {"certified_error_m": counts.error, "crs": target.metadata.crs, "world_from_local_m": [place[0] - x, place[1] - y, place[2] - z]},
+            "extras": extras,
             "scene": 0,
             "scenes": [{"nodes": [0]}],
             // Column by column: x stays, y becomes -z, z becomes y.

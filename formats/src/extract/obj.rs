@@ -1,7 +1,7 @@
 //! OBJ: `v x y z r g b` with colours of 0 to 1, and `f` with indices from 1 (Wavefront; the colours as MeshLab, Blender
 //! and CloudCompare write and read them).
 
-use super::format::{Encoder, Target, comment, one_line};
+use super::format::{Encoder, Target, one_line};
 use super::output::Scratch;
 use super::stream::Counts;
 use glam::DVec3;
@@ -38,7 +38,7 @@ impl Encoder for Obj {
 
     fn assemble(&self, out: &mut dyn Write, scratch: &mut Scratch, counts: Counts) -> std::io::Result<()> {
         writeln!(out, "# {}", one_line(&self.target.metadata.title))?;
-        writeln!(out, "# {}", comment(counts.error))?;
+        writeln!(out, "# {}", self.target.comment(counts.error))?;
         writeln!(out, "# {}", self.target.frame())?;
         scratch.copy_vertices(out)?;
         scratch.copy_triangles(out)

@@ -1,6 +1,6 @@
 //! PLY (Turk, "The PLY Polygon File Format", 1994): everything that the pack has.
 
-use super::format::{Encoder, Target, comment, one_line};
+use super::format::{Encoder, Target, one_line};
 use super::output::Scratch;
 use super::stream::Counts;
 use kilwa_geometry::{LatticePoint, Mesh, normal};
@@ -22,7 +22,7 @@ impl Ply {
         writeln!(out, "ply")?;
         writeln!(out, "format {} 1.0", if self.ascii { "ascii" } else { "binary_little_endian" })?;
         writeln!(out, "comment {}", one_line(&target.metadata.title))?;
-        writeln!(out, "comment {}", comment(counts.error))?;
+        writeln!(out, "comment {}", target.comment(counts.error))?;
         writeln!(out, "comment {}", target.frame())?;
         writeln!(out, "element vertex {}", counts.vertices)?;
         for axis in ["x", "y", "z"] {

@@ -8,6 +8,7 @@ use std::path::Path;
 
 const EXPORT: &str = "Open it in MeshLab, Blender or CloudCompare and export it as PLY (binary, with colours).";
 const MESH_FIRST: &str = "It is a point cloud: make a mesh of it first (for example Poisson reconstruction in CloudCompare or MeshLab) and export that as PLY or OBJ.";
+const SCAN: &str = "Use `kilwa scans import` for scans; to build from a point cloud, make a mesh of it first (for example Poisson reconstruction in CloudCompare or MeshLab) and export that as PLY or OBJ.";
 const UNPACK: &str = "Unpack it first and use the mesh inside.";
 
 /// A format: how it is called in a sentence, and the way out.
@@ -27,8 +28,8 @@ const SIGNATURES: &[(&[u8], Known)] = &[
             "Use the mesh from which it was built; if that is lost, write its finest level as PLY with the tools of Nexus.",
         ),
     ),
-    (b"LASF", ("a LAS or LAZ point cloud", MESH_FIRST)),
-    (b"ASTM-E57", ("an E57 scan", MESH_FIRST)),
+    (b"LASF", ("a LAS or LAZ point cloud", SCAN)),
+    (b"ASTM-E57", ("an E57 scan", SCAN)),
     (b"# .PCD", ("a PCD point cloud", MESH_FIRST)),
     (b"PK\x03\x04", ("a ZIP archive (or a 3MF or USDZ, which are ZIP archives)", UNPACK)),
     (b"\x1f\x8b", ("a gzip file", UNPACK)),
@@ -77,9 +78,9 @@ const BY_NAME: &[(&str, Known)] = &[
             "It is damaged or another file: copy or export it again.",
         ),
     ),
-    ("e57", ("named as an E57 scan, but its content is not one", MESH_FIRST)),
-    ("las", ("named as a LAS point cloud, but its content is not one", MESH_FIRST)),
-    ("laz", ("named as a LAZ point cloud, but its content is not one", MESH_FIRST)),
+    ("e57", ("named as an E57 scan, but its content is not one", SCAN)),
+    ("las", ("named as a LAS point cloud, but its content is not one", SCAN)),
+    ("laz", ("named as a LAZ point cloud, but its content is not one", SCAN)),
 ];
 
 /// The error for a file in none of the formats of `FORMATS`, which names the format where it is known.
@@ -147,7 +148,7 @@ fn plain_text(text: &[u8]) -> Option<Known> {
     let word = line.split(u8::is_ascii_whitespace).next().unwrap_or_default();
     match word {
         b"newmtl" => Some(("a Wavefront material library", "Export the mesh that uses it as PLY.")),
-        _ if is_number(word) => Some(("a text file of numbers (as PTS, PTX and XYZ point clouds are)", MESH_FIRST)),
+        _ if is_number(word) => Some(("a text file of numbers (as PTS, PTX and XYZ point clouds are)", SCAN)),
         _ => None,
     }
 }

@@ -163,7 +163,7 @@ pub(super) fn faces(
 }
 
 /// The corners and the colour of one face.
-fn face(
+pub(super) fn face(
     rows: &mut impl Rows,
     row: Row<'_>,
     fields: &[Field],

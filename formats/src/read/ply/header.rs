@@ -66,6 +66,8 @@ impl Kind {
 pub(super) struct Header {
     pub(super) encoding: Encoding,
     pub(super) elements: Vec<Element>,
+    /// `obj_info num_cols` and `num_rows`, the size of a range grid.
+    pub(super) grid_size: [Option<u64>; 2],
     /// Pictures named in comments (`TextureFile`), which this version does not read.
     pub(super) textures: Vec<String>,
     /// Lines of the header; the first line of the data is the next one.
@@ -79,6 +81,7 @@ impl Header {
         let mut encoding = None;
         let mut elements = Vec::new();
         let mut textures = Vec::new();
+        let mut grid_size = [None; 2];
         lines.next(source)?; // "ply", which made this reader the right one
         loop {
             let line = lines.next(source)?;
@@ -86,6 +89,8 @@ impl Header {
             let bad = |expected: &str| Err(source.malformed(place, quote(line.trim_ascii()), expected));
             let words: Vec<&[u8]> = line.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty()).collect();
             match (words.as_slice(), encoding.is_some()) {
+                ([b"obj_info", b"num_cols", n], _) => grid_size[0] = parse_count(n),
+                ([b"obj_info", b"num_rows", n], _) => grid_size[1] = parse_count(n),
                 ([] | [b"obj_info", ..], _) => {}
                 ([b"comment", rest @ ..], _) => textures.extend(texture(rest)),
                 ([b"format", ..], true) => return bad("one format line only"),
@@ -123,7 +128,7 @@ impl Header {
             }
         }
         let missing = || source.malformed(Place::Line(lines.number), "end_header", "a format line before it");
-        Ok(Self { encoding: encoding.ok_or_else(missing)?, elements, textures, lines: lines.number })
+        Ok(Self { encoding: encoding.ok_or_else(missing)?, elements, grid_size, textures, lines: lines.number })
     }
 
     /// Refuse a file that is too short for what its header declares. `source` stands at the first byte of the data.

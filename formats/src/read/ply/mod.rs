@@ -23,6 +23,7 @@ mod colors;
 mod elements;
 mod header;
 mod plan;
+pub mod points;
 mod scalar;
 mod vertices;
 

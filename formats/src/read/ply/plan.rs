@@ -4,6 +4,7 @@
 //! of vertex indices, the same thing declared twice.
 
 use super::header::{Element, Header, Kind, Property};
+use super::points::GRID;
 use super::scalar::Scalar;
 use super::{Place, ReadError};
 use crate::Diagnostics;
@@ -122,6 +123,51 @@ impl Plan {
                     ElementPlan::Faces(fields)
                 }
                 "tristrips" if element.count > 0 => ElementPlan::Strips(index_fields(element, path)?),
+                _ => ElementPlan::Skip(fields(element)),
+            };
+            plan.elements.push(what);
+        }
+        Ok(plan)
+    }
+
+    /// What is kept of a file of points: its vertices, and the vertex of each cell of a range grid.
+    pub(super) fn of_points(header: &Header, path: &Path) -> Result<Self, ReadError> {
+        let vertex = only(header, "vertex", path)?;
+        let faces = only(header, "face", path)?.map_or(0, |e| e.count);
+        only(header, GRID, path)?;
+        if faces > 0 {
+            let needs = format!("is a mesh of {}, not a scan", counted(faces, "face", "faces"));
+            return Err(ReadError::Needs { file: path.to_owned(), needs, way_out: "Build it with `kilwa build`" });
+        }
+        let Some(vertex) = vertex.filter(|v| v.count > 0) else {
+            let needs = format!("has no points: {}", inventory(header, 0));
+            return Err(ReadError::Needs { file: path.to_owned(), needs, way_out: "Export the scan again" });
+        };
+        let mut plan = Self {
+            elements: Vec::with_capacity(header.elements.len()),
+            columns: Vec::new(),
+            channels: Vec::new(),
+            face_colors: None,
+            vertices: vertex.count,
+            faces: 0,
+        };
+        let vertex_fields = plan.vertex_fields(vertex, path)?;
+        let mut is_after = false;
+        for element in &header.elements {
+            let what = match element.name.as_str() {
+                "vertex" => {
+                    is_after = true;
+                    ElementPlan::Vertices(vertex_fields.clone())
+                }
+                GRID if !is_after => {
+                    return Err(malformed(
+                        path,
+                        element,
+                        "a range grid before the vertices".to_owned(),
+                        "the element vertex first",
+                    ));
+                }
+                GRID => ElementPlan::Faces(index_fields(element, path)?),
                 _ => ElementPlan::Skip(fields(element)),
             };
             plan.elements.push(what);

@@ -18,7 +18,7 @@ pub struct Problem {
 
 impl Problem {
     /// A mistake in `field`, at `line`.
-    pub(super) fn new(line: usize, field: impl Into<String>, message: impl Into<String>) -> Self {
+    pub fn new(line: usize, field: impl Into<String>, message: impl Into<String>) -> Self {
         Self { line, field: field.into(), message: message.into(), is_example: false }
     }
 }
@@ -46,7 +46,7 @@ impl fmt::Display for Problems {
 }
 
 /// The known name that is most like the one given, if one is alike.
-pub(crate) fn nearest<'a>(given: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+pub fn nearest<'a>(given: &str, known: impl Iterator<Item = &'a str>) -> Option<&'a str> {
     // No slip of the finger is as long, and comparing takes time by length.
     if given.len() > 100 {
         return None;

@@ -2,7 +2,7 @@
 //!
 //! Reading never fails at once: mistakes are collected, and a field that is wrong counts as absent.
 
-use super::problem::{Problem, nearest};
+use crate::problem::{Problem, nearest};
 use std::cell::RefCell;
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
@@ -11,39 +11,47 @@ use toml::de::{DeTable, DeValue};
 const LINE_MAX: usize = 1000;
 /// Longest text of several lines, bytes.
 const TEXT_MAX: usize = 50_000;
-/// Most entries of a list.
+/// Most entries of a list, if the caller allows no more.
 const LIST_MAX: usize = 1000;
 
-/// Examples of templates that earlier versions wrote, where nobody can mean them.
-const EXAMPLES: [&str; 5] = [
-    "Family, Given",
-    "Museum of …",
-    "A fort of coral rag on the shore …",
-    "https://www.wikidata.org/wiki/Q…",
-    "doi:10.1234/abcd",
-];
-
 /// The file, and what is wrong with it.
-pub(super) struct File<'a> {
+pub struct File<'a> {
     text: &'a str,
+    examples: &'a [&'a str],
+    list_max: usize,
     problems: RefCell<Vec<Problem>>,
 }
 
 impl<'a> File<'a> {
-    pub(super) fn new(text: &'a str) -> Self {
-        Self { text, problems: RefCell::default() }
+    /// The file with this text.
+    pub fn new(text: &'a str) -> Self {
+        Self { text, examples: &[], list_max: LIST_MAX, problems: RefCell::default() }
     }
 
-    pub(super) fn line(&self, at: usize) -> usize {
+    /// Texts that count as examples of a template that nobody replaced, besides those between < and >.
+    #[must_use]
+    pub fn with_examples(self, examples: &'a [&'a str]) -> Self {
+        Self { examples, ..self }
+    }
+
+    /// The most entries that a list may have.
+    #[must_use]
+    pub fn with_list_max(self, list_max: usize) -> Self {
+        Self { list_max, ..self }
+    }
+
+    /// The line of an offset in bytes; the first is 1.
+    pub fn line(&self, at: usize) -> usize {
         self.text.bytes().take(at).filter(|b| *b == b'\n').count() + 1
     }
 
-    pub(super) fn problem(&self, at: usize, field: &str, message: impl Into<String>) {
+    /// Note what is wrong with a field that begins at this offset.
+    pub fn problem(&self, at: usize, field: &str, message: impl Into<String>) {
         self.problems.borrow_mut().push(Problem::new(self.line(at), field, message));
     }
 
     /// The problems, by line.
-    pub(super) fn into_problems(self) -> Vec<Problem> {
+    pub fn into_problems(self) -> Vec<Problem> {
         let mut problems = self.problems.into_inner();
         problems.sort_by_key(|p| p.line);
         // A value that is still an example counts as absent, but is not also reported as missing.
@@ -55,13 +63,15 @@ impl<'a> File<'a> {
 }
 
 /// A value that was checked, and its place in the file.
-pub(super) struct Found<T> {
-    pub(super) at: usize,
-    pub(super) value: T,
+pub struct Found<T> {
+    /// Offset of its key in bytes.
+    pub at: usize,
+    /// The value.
+    pub value: T,
 }
 
 /// One table.
-pub(super) struct Table<'a, 'i> {
+pub struct Table<'a, 'i> {
     file: &'a File<'a>,
     name: String,
     at: usize,
@@ -70,22 +80,23 @@ pub(super) struct Table<'a, 'i> {
 }
 
 impl<'a, 'i> Table<'a, 'i> {
-    pub(super) fn new(file: &'a File<'a>, name: &str, at: usize, table: &'a DeTable<'i>) -> Self {
+    /// The table `name` of a file, which begins at this offset.
+    pub fn new(file: &'a File<'a>, name: &str, at: usize, table: &'a DeTable<'i>) -> Self {
         Self { file, name: name.to_owned(), at, entries: table, known: RefCell::default() }
     }
 
     /// The full name of a field.
-    pub(super) fn field(&self, key: &str) -> String {
+    pub fn field(&self, key: &str) -> String {
         if self.name.is_empty() { key.to_owned() } else { format!("{}.{key}", self.name) }
     }
 
     /// Say what is wrong with a field.
-    pub(super) fn wrong(&self, key: &str, at: usize, message: impl Into<String>) {
+    pub fn wrong(&self, key: &str, at: usize, message: impl Into<String>) {
         self.file.problem(at, &self.field(key), message);
     }
 
     /// Say that a field is wanted.
-    pub(super) fn missing(&self, key: &str, message: &str) {
+    pub fn missing(&self, key: &str, message: &str) {
         let at = self.entry(key).map_or(self.at, |(at, _)| at);
         self.wrong(key, at, message);
     }
@@ -101,13 +112,13 @@ impl<'a, 'i> Table<'a, 'i> {
     }
 
     /// A text of one line; one that is empty counts as absent.
-    pub(super) fn text(&self, key: &'static str) -> Option<Found<String>> {
+    pub fn text(&self, key: &'static str) -> Option<Found<String>> {
         let (at, value) = self.get(key)?;
         self.as_text(key, at, value.get_ref(), false).map(|value| Found { at, value })
     }
 
     /// A text with line breaks.
-    pub(super) fn paragraphs(&self, key: &'static str) -> Option<String> {
+    pub fn paragraphs(&self, key: &'static str) -> Option<String> {
         let (at, value) = self.get(key)?;
         self.as_text(key, at, value.get_ref(), true)
     }
@@ -116,7 +127,8 @@ impl<'a, 'i> Table<'a, 'i> {
     fn is_example(&self, key: &str, at: usize, value: &DeValue<'_>) -> bool {
         let DeValue::String(text) = value else { return false };
         let text = text.trim();
-        let is_example = text.len() > 2 && text.starts_with('<') && text.ends_with('>') || EXAMPLES.contains(&text);
+        let is_example =
+            text.len() > 2 && text.starts_with('<') && text.ends_with('>') || self.file.examples.contains(&text);
         if is_example {
             let message = format!(
                 "{text} is still the example from the template; replace it, without < and >, or put a # at the start of the line"
@@ -155,25 +167,29 @@ impl<'a, 'i> Table<'a, 'i> {
     }
 
     /// A list of texts; one text counts as a list of one.
-    pub(super) fn texts(&self, key: &'static str) -> Vec<String> {
+    pub fn texts(&self, key: &'static str) -> Vec<String> {
         let Some((at, value)) = self.get(key) else { return Vec::new() };
         let DeValue::Array(list) = value.get_ref() else {
             return self.as_text(key, at, value.get_ref(), false).into_iter().collect();
         };
-        if list.len() > LIST_MAX {
-            self.wrong(key, at, format!("{} entries; at most {LIST_MAX} are allowed", list.len()));
+        if list.len() > self.file.list_max {
+            self.wrong(key, at, format!("{} entries; at most {} are allowed", list.len(), self.file.list_max));
             return Vec::new();
         }
         list.iter().filter_map(|v| self.as_text(key, v.span().start, v.get_ref(), false)).collect()
     }
 
     /// A finite number.
-    pub(super) fn number(&self, key: &'static str) -> Option<Found<f64>> {
+    pub fn number(&self, key: &'static str) -> Option<Found<f64>> {
         let (at, value) = self.get(key)?;
         if self.is_example(key, at, value.get_ref()) {
             return None;
         }
-        let number = match value.get_ref() {
+        self.as_number(key, at, value.get_ref()).map(|value| Found { at, value })
+    }
+
+    fn as_number(&self, key: &str, at: usize, value: &DeValue<'_>) -> Option<f64> {
+        let number = match value {
             DeValue::Integer(n) => i64::from_str_radix(&n.as_str().replace('_', ""), n.radix()).ok().map(|n| n as f64),
             DeValue::Float(n) => n.as_str().replace('_', "").parse::<f64>().ok().filter(|n| n.is_finite()),
             other => {
@@ -184,11 +200,70 @@ impl<'a, 'i> Table<'a, 'i> {
         if number.is_none() {
             self.wrong(key, at, "this number cannot be used");
         }
-        number.map(|value| Found { at, value })
+        number
+    }
+
+    /// A list of so many finite numbers.
+    pub fn numbers<const N: usize>(&self, key: &'static str) -> Option<Found<[f64; N]>> {
+        let (at, value) = self.get(key)?;
+        let DeValue::Array(list) = value.get_ref() else {
+            self.wrong(key, at, format!("expected a list of {N} numbers, not {}", kind(value.get_ref())));
+            return None;
+        };
+        if list.len() != N {
+            self.wrong(key, at, format!("expected a list of {N} numbers; it has {}", list.len()));
+            return None;
+        }
+        let mut numbers = [0.0; N];
+        for (number, value) in numbers.iter_mut().zip(list) {
+            *number = self.as_number(key, value.span().start, value.get_ref())?;
+        }
+        Some(Found { at, value: numbers })
+    }
+
+    /// `true` or `false`.
+    pub fn truth(&self, key: &'static str) -> Option<bool> {
+        let (at, value) = self.get(key)?;
+        if let DeValue::Boolean(is) = value.get_ref() {
+            return Some(*is);
+        }
+        self.wrong(key, at, format!("expected true or false, not {}", kind(value.get_ref())));
+        None
+    }
+
+    /// A whole number of 0 or more.
+    pub fn count(&self, key: &'static str) -> Option<Found<u64>> {
+        let found = self.number(key)?;
+        if found.value < 0.0 || found.value.fract() != 0.0 || found.value > 2f64.powi(53) {
+            self.wrong(key, found.at, "expected a whole number of 0 or more");
+            return None;
+        }
+        Some(Found { at: found.at, value: found.value as u64 })
+    }
+
+    /// Whether a field is there, right or wrong.
+    pub fn has(&self, key: &str) -> bool {
+        self.entry(key).is_some()
+    }
+
+    /// Where the table begins, an offset in bytes.
+    pub fn at(&self) -> usize {
+        self.at
+    }
+
+    /// One of several words.
+    pub fn word<T: Copy>(&self, key: &'static str, words: &[(&'static str, T)]) -> Option<T> {
+        let found = self.text(key)?;
+        let known = words.iter().find(|(word, _)| *word == found.value);
+        if known.is_none() {
+            let all: Vec<&str> = words.iter().map(|(word, _)| *word).collect();
+            self.wrong(key, found.at, format!("\"{}\" is unknown; write one of {}", found.value, all.join(", ")));
+        }
+        known.map(|(_, value)| *value)
     }
 
     /// A table in this one.
-    pub(super) fn table(&self, key: &'static str) -> Option<Table<'a, 'i>> {
+    pub fn table(&self, key: &'static str) -> Option<Table<'a, 'i>> {
         let (at, value) = self.get(key)?;
         if let DeValue::Table(table) = value.get_ref() {
             return Some(Table::new(self.file, &self.field(key), at, table));
@@ -198,14 +273,14 @@ impl<'a, 'i> Table<'a, 'i> {
     }
 
     /// Tables of the same name, `[[creators]]`; one table counts as a list of one.
-    pub(super) fn tables(&self, key: &'static str) -> Vec<Table<'a, 'i>> {
+    pub fn tables(&self, key: &'static str) -> Vec<Table<'a, 'i>> {
         let Some((at, value)) = self.get(key) else { return Vec::new() };
         let name = self.field(key);
         let wanted = |at| self.wrong(key, at, format!("write [[{name}]] on a line of its own, and its fields below"));
         match value.get_ref() {
             DeValue::Table(table) => vec![Table::new(self.file, &name, at, table)],
-            DeValue::Array(list) if list.len() > LIST_MAX => {
-                self.wrong(key, at, format!("{} entries; at most {LIST_MAX} are allowed", list.len()));
+            DeValue::Array(list) if list.len() > self.file.list_max => {
+                self.wrong(key, at, format!("{} entries; at most {} are allowed", list.len(), self.file.list_max));
                 Vec::new()
             }
             DeValue::Array(list) => {
@@ -226,7 +301,7 @@ impl<'a, 'i> Table<'a, 'i> {
     }
 
     /// Everything was asked for: name what nobody knows.
-    pub(super) fn finish(self) {
+    pub fn finish(self) {
         let known = self.known.borrow();
         for (key, _) in self.entries {
             let name = key.get_ref().as_ref();

@@ -1,0 +1,12 @@
+//! Scans without I/O: what a scanner recorded in a cell of its grid ([`Sample`]), where a station stands ([`Pose`]), and the
+//! triangles between neighbouring cells ([`tessellate`]).
+//!
+//! Lengths are metres, angles radians. Coordinates of samples are those of their station (`station`); a pose takes them to those of
+//! the survey (`survey_from_station`).
+
+pub mod pose;
+pub mod sample;
+pub mod tessellate;
+
+pub use pose::{Pose, PoseError};
+pub use sample::{Grid, Kind, Rays, Sample, State};

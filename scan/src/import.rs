@@ -1,0 +1,337 @@
+//! Puts the stations of scan files into a survey.
+//!
+//! Stations are imported one after the other. A station's spool gets its name when it is complete, and then the station is entered in `survey.toml`, so
+//! that an import that was killed has lost at most the station that it was reading: with [`Options::resume`], stations that are entered are recognised by the
+//! hash of their file and their number in it, and left out.
+
+use crate::ScanError;
+use crate::read::{self, Head, Picture, ReadOptions, Sink};
+use crate::spool::{Header, Layout, Writer};
+use crate::survey::edit::{Edit, clean_name};
+use crate::survey::{PHOTOGRAPHS, Photograph, STATIONS, Source, Station};
+use kilwa_files::atomic::{Access, AtomicFile};
+use kilwa_files::plain_file;
+use kilwa_formats::Diagnostics;
+use kilwa_formats::read::ReadError;
+use kilwa_scan_core::{Pose, Sample};
+use std::fs::{self, File, TryLockError};
+use std::io::{Read, Write};
+use std::path::{Path, PathBuf};
+
+/// How files are imported.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Options {
+    /// How they are read.
+    pub read: ReadOptions,
+    /// Leave out what is already in the survey.
+    pub resume: bool,
+}
+
+/// Sees how far an import is, and can stop it.
+pub trait Progress {
+    /// So many of so many bytes are done; `stage` is `hashing` or `reading`.
+    fn update(&self, stage: &'static str, done: u64, total: u64);
+
+    /// Whether to stop.
+    fn is_stopped(&self) -> bool {
+        false
+    }
+}
+
+/// Shows nothing.
+#[derive(Debug, Clone, Copy)]
+pub struct Silent;
+
+impl Progress for Silent {
+    fn update(&self, _: &'static str, _: u64, _: u64) {}
+}
+
+/// A station that was imported.
+#[derive(Debug, Clone)]
+pub struct Imported {
+    /// Its entry in the survey.
+    pub station: Station,
+    /// What its spool holds.
+    pub header: Header,
+}
+
+/// What was done.
+#[derive(Debug, Default)]
+pub struct Report {
+    /// Stations that were imported.
+    pub stations: Vec<Imported>,
+    /// Names of stations that were in the survey before.
+    pub skipped: Vec<String>,
+    /// Photographs that were taken out of the files.
+    pub photographs: usize,
+    /// What was repaired or dropped, by file.
+    pub diagnostics: Vec<(PathBuf, Diagnostics)>,
+}
+
+/// Import `files` into the survey in `folder`, which is made where there is none.
+///
+/// # Errors
+/// [`ScanError`]; stations before the one that failed stay in the survey.
+pub fn import(
+    folder: &Path,
+    files: &[PathBuf],
+    options: &Options,
+    progress: &dyn Progress,
+) -> Result<Report, ScanError> {
+    // Before anything is made: a wrong file is better known now than in an hour.
+    for file in files {
+        read::recognise(file)?;
+    }
+    fs::create_dir_all(folder).map_err(ScanError::write(folder))?;
+    let _lock = Lock::take(folder)?;
+    remove_unfinished(folder);
+    let mut edit = Edit::open(folder)?;
+    let mut report = Report::default();
+    let sizes: Vec<u64> = files.iter().map(|file| fs::metadata(file).map_or(0, |about| about.len())).collect();
+    // Hashing and reading.
+    let total = 2 * sizes.iter().sum::<u64>();
+    let mut before = 0;
+    for (file, size) in files.iter().zip(sizes) {
+        let source = source(file, before, total, progress)?;
+        before += size;
+        let mut into = Into {
+            folder,
+            file,
+            source,
+            options,
+            progress,
+            before,
+            total,
+            edit: &mut edit,
+            report: &mut report,
+            diagnostics: Diagnostics::default(),
+            number: 0,
+            pictures: 0,
+            current: None,
+        };
+        let done = read::read(file, &options.read, &mut into);
+        let diagnostics = std::mem::take(&mut into.diagnostics);
+        report.diagnostics.push((file.clone(), diagnostics));
+        done?;
+        before += size;
+    }
+    Ok(report)
+}
+
+/// Name, length and hash of a file.
+fn source(path: &Path, before: u64, total: u64, progress: &dyn Progress) -> Result<Source, ScanError> {
+    let cannot = |source| ReadError::Open { file: path.to_owned(), source };
+    let mut file = plain_file::open(path).map_err(cannot)?;
+    let (mut hash, mut buffer, mut bytes) = (blake3::Hasher::new(), vec![0; 1 << 20], 0);
+    let name = path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned());
+    loop {
+        if progress.is_stopped() {
+            return Err(ScanError::Stopped);
+        }
+        let n = file.read(&mut buffer).map_err(cannot)?;
+        if n == 0 {
+            break;
+        }
+        hash.update(&buffer[..n]);
+        bytes += n as u64;
+        progress.update("hashing", before + bytes, total);
+    }
+    Ok(Source { file: name, bytes, blake3: hash.finalize().to_hex().to_string(), number: 0 })
+}
+
+/// Only one import at a time may write to a survey.
+struct Lock(#[expect(dead_code, reason = "held until it is dropped")] File);
+
+impl Lock {
+    fn take(folder: &Path) -> Result<Self, ScanError> {
+        let path = folder.join(".lock");
+        let cannot = ScanError::write(&path);
+        let file = match File::options().create(true).truncate(false).write(true).open(&path) {
+            Ok(file) => file,
+            Err(e) => return Err(cannot(e)),
+        };
+        match file.try_lock() {
+            Ok(()) => Ok(Self(file)),
+            Err(TryLockError::WouldBlock) => {
+                let message = format!("another import into {} is running; wait until it is done", folder.display());
+                Err(ScanError::Request(message))
+            }
+            Err(TryLockError::Error(e)) => Err(ScanError::Write { path: path.clone(), source: e }),
+        }
+    }
+}
+
+/// Files that an import left that was killed. Nobody else writes here while the lock is held.
+fn remove_unfinished(folder: &Path) {
+    for folder in [folder.to_owned(), folder.join(STATIONS), folder.join(PHOTOGRAPHS)] {
+        for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+            let name = entry.file_name();
+            let name = name.as_encoded_bytes();
+            if name.starts_with(b".kilwa-") && name.ends_with(b".part") {
+                // What cannot be removed only takes space.
+                drop(fs::remove_file(entry.path()));
+            }
+        }
+    }
+}
+
+/// A station that is being imported.
+struct Current {
+    name: String,
+    path: PathBuf,
+    writer: Writer,
+    pose: Option<Pose>,
+    instrument: Option<String>,
+}
+
+struct Into<'a> {
+    folder: &'a Path,
+    file: &'a Path,
+    source: Source,
+    options: &'a Options,
+    progress: &'a dyn Progress,
+    before: u64,
+    total: u64,
+    edit: &'a mut Edit,
+    report: &'a mut Report,
+    diagnostics: Diagnostics,
+    number: u64,
+    pictures: u64,
+    current: Option<Current>,
+}
+
+impl Into<'_> {
+    /// The station of the survey that is this scan of this file.
+    fn known(&self, number: u64) -> Option<&Station> {
+        let is = |s: &&Station| s.source.blake3 == self.source.blake3 && s.source.number == number;
+        self.edit.survey().stations.iter().find(is)
+    }
+
+    fn stem(&self) -> String {
+        self.file.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned())
+    }
+
+    fn current(&mut self) -> Result<&mut Current, ScanError> {
+        let message = || ScanError::Request("a sample came before its station".to_owned());
+        self.current.as_mut().ok_or_else(message)
+    }
+
+    /// A folder in the survey.
+    fn folder(&self, name: &str) -> Result<PathBuf, ScanError> {
+        let folder = self.folder.join(name);
+        fs::create_dir_all(&folder).map_err(ScanError::write(&folder))?;
+        Ok(folder)
+    }
+}
+
+impl Sink for Into<'_> {
+    fn begin(&mut self, head: &Head) -> Result<bool, ScanError> {
+        self.number += 1;
+        if let Some(known) = self.known(self.number) {
+            if self.options.resume {
+                let name = known.name.clone();
+                self.report.skipped.push(name);
+                return Ok(false);
+            }
+            return Err(ScanError::Request(format!(
+                "{}: scan {} is already in the survey, as station {}; use --resume to leave out what is there",
+                self.file.display(),
+                self.number,
+                known.name
+            )));
+        }
+        if let Some(crs) = &head.crs
+            && !self.edit.set_crs(crs)
+        {
+            self.diagnostics.add("coordinate reference systems that differ from that of the survey", || crs.clone());
+        }
+        let wanted = head.name.clone().filter(|name| !name.trim().is_empty()).unwrap_or_else(|| self.stem());
+        let name = self.edit.free_name(&wanted);
+        let path = self.folder(STATIONS)?.join(format!("{name}.scan"));
+        let writer = Writer::create(&path).map_err(ScanError::write(&path))?;
+        self.current = Some(Current { name, path, writer, pose: head.pose, instrument: head.instrument.clone() });
+        Ok(true)
+    }
+
+    #[inline]
+    fn push(&mut self, sample: &Sample) -> Result<(), ScanError> {
+        let current = self.current()?;
+        current.writer.push(sample).map_err(|source| ScanError::Write { path: current.path.clone(), source })
+    }
+
+    #[inline]
+    fn put(&mut self, cell: u64, sample: &Sample) -> Result<bool, ScanError> {
+        let current = self.current()?;
+        current.writer.put(cell, sample).map_err(|source| ScanError::Write { path: current.path.clone(), source })
+    }
+
+    fn end(&mut self, layout: Layout) -> Result<(), ScanError> {
+        let Some(Current { name, path, writer, pose, instrument }) = self.current.take() else { return Ok(()) };
+        if writer.statistics().measured == 0 {
+            let number = self.number;
+            self.diagnostics.add("scans without measured points left out", || format!("scan {number}"));
+            return Ok(());
+        }
+        let write = |source| ScanError::Write { path: path.clone(), source };
+        let (pending, header) = writer.finish(layout).map_err(write)?;
+        // A file of this name that no station names is left from an import that was killed.
+        pending.commit(true).map_err(|source| ScanError::Write { path: path.clone(), source })?;
+        // A position that was given is where the station stands, in coordinates of the file.
+        let moved = Pose::at(header.origin);
+        let pose = match pose {
+            Some(pose) => Some(moved.then(pose)),
+            None if self.options.read.station.is_some() => Some(moved),
+            None => None,
+        };
+        let station = Station {
+            scan: format!("{STATIONS}/{name}.scan"),
+            name,
+            pose,
+            sigma: None,
+            is_fixed: false,
+            instrument,
+            range_noise: None,
+            beam: None,
+            source: Source { number: self.number, ..self.source.clone() },
+        };
+        self.edit.add_station(station.clone());
+        self.edit.save()?;
+        self.report.stations.push(Imported { station, header });
+        Ok(())
+    }
+
+    fn picture(
+        &mut self,
+        picture: &Picture,
+        write: &mut dyn FnMut(&mut dyn Write) -> Result<(), ScanError>,
+    ) -> Result<(), ScanError> {
+        self.pictures += 1;
+        let hash = self.source.blake3.get(..8).unwrap_or_default();
+        let name = format!("{}-{hash}-{:03}.{}", clean_name(&self.stem()), self.pictures, picture.extension);
+        let file = format!("{PHOTOGRAPHS}/{name}");
+        if self.edit.survey().photographs.iter().any(|p| p.file == file) {
+            return Ok(());
+        }
+        let path = self.folder(PHOTOGRAPHS)?.join(&name);
+        let mut out = AtomicFile::create(&path, Access::Default).map_err(ScanError::write(&path))?;
+        write(&mut out)?;
+        out.commit(true).map_err(ScanError::write(&path))?;
+        let station = picture.station.and_then(|k| self.known(k as u64 + 1)).map(|s| s.name.clone());
+        self.edit.add_photograph(Photograph { file, station, pose: picture.pose, camera: picture.camera.clone() });
+        self.edit.save()?;
+        self.report.photographs += 1;
+        Ok(())
+    }
+
+    fn progress(&mut self, done: u64) -> Result<(), ScanError> {
+        if self.progress.is_stopped() {
+            return Err(ScanError::Stopped);
+        }
+        self.progress.update("reading", self.before + done, self.total);
+        Ok(())
+    }
+
+    fn diagnostics(&mut self) -> &mut Diagnostics {
+        &mut self.diagnostics
+    }
+}

@@ -1,0 +1,218 @@
+//! A station as a picture: range, intensity or colour of every cell of its grid, as the scanner saw it; clouds without a grid as an equirectangular
+//! view from the station.
+
+use crate::ScanError;
+use crate::spool::Reader;
+use kilwa_scan_core::{Kind, Rays, Sample};
+use std::io::Write;
+
+/// What a picture shows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Show {
+    /// The distance from the scanner, near dark, far bright.
+    Range,
+    /// The intensity, from its 1st to its 99th percentile.
+    Intensity,
+    /// The colour.
+    Colour,
+}
+
+/// Cells where nothing is recorded.
+const EMPTY: [u8; 3] = [12, 12, 16];
+/// Cells without a valid return.
+const NO_RETURN: [u8; 3] = [28, 36, 64];
+/// Points without a colour or an intensity, where that is shown.
+const WITHOUT: [u8; 3] = [90, 70, 70];
+/// From dark to bright, even in lightness.
+const RAMP: [[u8; 3]; 6] =
+    [[48, 18, 77], [62, 73, 137], [49, 104, 142], [38, 166, 125], [122, 209, 81], [253, 231, 37]];
+
+/// A picture of three bytes a pixel.
+#[derive(Debug, Clone)]
+pub struct Picture {
+    /// Pixels across.
+    pub width: u32,
+    /// Pixels down.
+    pub height: u32,
+    /// Rows from the top, red green blue.
+    pub pixels: Vec<u8>,
+    /// The values at both ends of the ramp: metres, or the file's intensity.
+    pub scale: Option<[f32; 2]>,
+}
+
+impl Picture {
+    /// Write it as PNG.
+    ///
+    /// # Errors
+    /// The system's.
+    pub fn write_png(&self, out: &mut dyn Write) -> std::io::Result<()> {
+        let mut encoder = png::Encoder::new(out, self.width, self.height);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(&self.pixels)?;
+        writer.finish()?;
+        Ok(())
+    }
+}
+
+/// A picture of a station, at most `max` pixels wide and high.
+///
+/// # Errors
+/// [`ScanError::Spool`] where the spool is damaged; [`ScanError::Request`] where the station has no colours or no intensity.
+pub fn render(reader: &mut Reader, show: Show, max: u32) -> Result<Picture, ScanError> {
+    let statistics = reader.header().statistics;
+    let missing = match show {
+        Show::Intensity if statistics.with_intensity == 0 => Some("intensity"),
+        Show::Colour if statistics.colored == 0 => Some("colours"),
+        _ => None,
+    };
+    if let Some(what) = missing {
+        return Err(ScanError::Request(format!("this station has no {what}; use --show range")));
+    }
+    let max = max.max(16);
+    let (cells, width, height) =
+        if reader.header().is_grid { from_grid(reader, max)? } else { from_cloud(reader, max)? };
+    let scale = (show != Show::Colour).then(|| percentiles(&cells, show));
+    let pixels = cells.iter().flat_map(|sample| pixel(sample, show, scale)).collect();
+    Ok(Picture { width, height, pixels, scale })
+}
+
+/// Every so many cells of the grid, turned so that up is up and the view is from the scanner.
+fn from_grid(reader: &mut Reader, max: u32) -> Result<(Vec<Sample>, u32, u32), ScanError> {
+    let (grid, rays) = (reader.header().grid, reader.header().rays);
+    let step = grid.columns.max(grid.rows).div_ceil(max);
+    let (width, height) = (grid.columns.div_ceil(step), grid.rows.div_ceil(step));
+    let mut cells = vec![Sample::EMPTY; width as usize * height as usize];
+    let mut line = Vec::new();
+    for number in (0..grid.lines()).step_by(step as usize) {
+        reader.line(number, &mut line)?;
+        for (k, sample) in line.iter().step_by(step as usize).enumerate() {
+            let along = (number / step) as usize;
+            let (column, row) = if grid.by_rows { (k, along) } else { (along, k) };
+            cells[row * width as usize + column] = *sample;
+        }
+    }
+    if !rises_to_the_top(&cells, width, rays) {
+        let rows: Vec<Sample> = cells.chunks(width as usize).rev().flatten().copied().collect();
+        cells = rows;
+    }
+    if is_mirrored(&cells, width, rays) {
+        cells.chunks_mut(width as usize).for_each(<[Sample]>::reverse);
+    }
+    Ok((cells, width, height))
+}
+
+/// How high a sample is in the view, and how far to the right, of an arbitrary origin.
+fn view(sample: &Sample, rays: Rays) -> (f32, f32) {
+    let p = sample.position;
+    match rays {
+        // The azimuth grows to the left.
+        Rays::Central => (p.z / p.length().max(f32::MIN_POSITIVE), -p.y.atan2(p.x)),
+        Rays::Parallel(_) => (p.y, p.x),
+    }
+}
+
+/// Whether samples in the upper half of the picture are the higher ones, of most columns.
+fn rises_to_the_top(cells: &[Sample], width: u32, rays: Rays) -> bool {
+    let width = width as usize;
+    let mut votes = 0_i64;
+    for column in 0..width {
+        let mut measured = cells[column..].iter().step_by(width).filter(|s| s.is_measured());
+        if let Some((first, last)) = measured.next().zip(measured.next_back()) {
+            votes += if view(first, rays).0 >= view(last, rays).0 { 1 } else { -1 };
+        }
+    }
+    votes >= 0
+}
+
+/// Whether samples run from right to left, of most neighbours.
+fn is_mirrored(cells: &[Sample], width: u32, rays: Rays) -> bool {
+    let mut votes = 0_i64;
+    for row in cells.chunks(width as usize) {
+        for pair in row.windows(2) {
+            if pair.iter().all(Sample::is_measured) {
+                let step = view(&pair[1], rays).1 - view(&pair[0], rays).1;
+                // Not where the azimuth jumps by a whole turn.
+                if step.abs() < std::f32::consts::PI {
+                    votes += if step >= 0.0 { 1 } else { -1 };
+                }
+            }
+        }
+    }
+    votes < 0
+}
+
+/// The nearest sample in every direction.
+fn from_cloud(reader: &mut Reader, max: u32) -> Result<(Vec<Sample>, u32, u32), ScanError> {
+    const BATCH: u64 = 65_536;
+    let total = reader.header().grid.cells();
+    // About a point a pixel, as long as there is room.
+    let width = max.min(2 * ((total as f64 / 2.0).sqrt() as u32).max(64)) / 2 * 2;
+    let height = width / 2;
+    let mut cells = vec![Sample::EMPTY; width as usize * height as usize];
+    let mut batch = Vec::new();
+    let mut at = 0;
+    while at < total {
+        let count = BATCH.min(total - at);
+        reader.read(at, count as usize, &mut batch)?;
+        at += count;
+        for sample in batch.iter().filter(|sample| sample.is_measured()) {
+            let p = sample.position;
+            let range = p.length();
+            if range == 0.0 {
+                continue;
+            }
+            let across = 0.5 - p.y.atan2(p.x) / std::f32::consts::TAU;
+            let down = 0.5 - (p.z / range).clamp(-1.0, 1.0).asin() / std::f32::consts::PI;
+            let column = ((across * width as f32) as u32).min(width - 1);
+            let row = ((down * height as f32) as u32).min(height - 1);
+            let cell = &mut cells[(row * width + column) as usize];
+            if !cell.is_measured() || range < cell.position.length() {
+                *cell = *sample;
+            }
+        }
+    }
+    Ok((cells, width, height))
+}
+
+fn shown_value(sample: &Sample, show: Show) -> Option<f32> {
+    let value = if show == Show::Range { sample.position.length() } else { sample.intensity };
+    (sample.is_measured() && value.is_finite()).then_some(value)
+}
+
+/// The values at 1 % and 99 %.
+fn percentiles(cells: &[Sample], show: Show) -> [f32; 2] {
+    let mut values: Vec<f32> = cells.iter().filter_map(|sample| shown_value(sample, show)).collect();
+    values.sort_unstable_by(f32::total_cmp);
+    let at = |share: f64| values.get((share * values.len().saturating_sub(1) as f64) as usize).copied().unwrap_or(0.0);
+    [at(0.01), at(0.99)]
+}
+
+fn pixel(sample: &Sample, show: Show, scale: Option<[f32; 2]>) -> [u8; 3] {
+    match (sample.state.kind(), show) {
+        (Kind::Empty, _) => EMPTY,
+        (Kind::NoReturn, _) => NO_RETURN,
+        (Kind::Measured, Show::Colour) => {
+            if sample.state.has_color() {
+                sample.color
+            } else {
+                WITHOUT
+            }
+        }
+        (Kind::Measured, _) => match (shown_value(sample, show), scale) {
+            (Some(value), Some([low, high])) => {
+                let share = if high > low { ((value - low) / (high - low)).clamp(0.0, 1.0) } else { 0.5 };
+                if show == Show::Intensity { [(40.0 + share * 215.0) as u8; 3] } else { ramp(share) }
+            }
+            _ => WITHOUT,
+        },
+    }
+}
+
+fn ramp(share: f32) -> [u8; 3] {
+    let at = share * (RAMP.len() - 1) as f32;
+    let k = (at as usize).min(RAMP.len() - 2);
+    let part = at - k as f32;
+    std::array::from_fn(|c| (f32::from(RAMP[k][c]) * (1.0 - part) + f32::from(RAMP[k + 1][c]) * part + 0.5) as u8)
+}

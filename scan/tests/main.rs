@@ -1,0 +1,7 @@
+//! Tests over whole files: written, imported into a survey, and read back from its spools.
+
+mod formats;
+mod malformed;
+mod resume;
+mod shared_data;
+mod support;

@@ -1,0 +1,34 @@
+//! `kilwa scans`: a survey of scans, from the files of scanners to stations that can be seen.
+
+mod export;
+mod import;
+mod list;
+mod view;
+
+use clap::Subcommand;
+
+/// Import the scans of a survey, look at them, and mesh them.
+///
+/// A survey is a folder: survey.toml, which you may edit, and a binary file for each station.
+#[derive(clap::Args)]
+pub(crate) struct Args {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Subcommand)]
+enum What {
+    Import(import::Args),
+    List(list::Args),
+    View(view::Args),
+    Export(Box<export::Args>),
+}
+
+pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    match &args.what {
+        What::Import(args) => import::run(args),
+        What::List(args) => list::run(args),
+        What::View(args) => view::run(args),
+        What::Export(args) => export::run(args),
+    }
+}
