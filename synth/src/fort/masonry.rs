@@ -55,6 +55,31 @@ pub(super) fn face(seed: u64, p: DVec3, step: f64) -> Face {
     Face { relief, stone, joint, plaster, worn, missing }
 }
 
+/// [`gentle`] never stands out further than this, in metres.
+pub(super) const GENTLE_OUT: f64 = 0.06;
+/// [`gentle`] changes by no more than this per metre.
+pub(super) const GENTLE_SLOPE: f64 = 1.5;
+
+/// The relief of [`face`] with its steps drawn out into slopes, so that rays can be traced against it: the same stones, joints, plaster and
+/// fallen stones, but no edge is steeper than [`GENTLE_SLOPE`], and nothing is finer than about 5 cm.
+pub(super) fn gentle(seed: u64, p: DVec3) -> f64 {
+    let decay = fractal3(derive(seed, 0x71), DVec3::new(p.x, p.y, p.z * 1.3), 3.1, 2, 0.55);
+    let worn = smooth(-0.1, 1.0, decay + 0.35 * smooth(0.9, 0.0, p.z) + 0.12 * smooth(4.0, 6.5, p.z));
+    let coat = fractal3(derive(seed, 0x72), p, 2.3, 2, 0.6) - 0.8 * worn + kept_plaster(p);
+    let plaster = smooth(-0.15, 0.4, coat);
+    let coated = 0.030 + 0.008 * decay;
+    if plaster == 1.0 {
+        return coated;
+    }
+    let grain = fractal3(derive(seed, 0x73), p, 0.24, 2, 0.6) * lerp(0.003, 0.008, worn);
+    let (stone, gap) = stone(seed, p);
+    let pillow = smooth(0.0, 0.12, gap);
+    let bare = (0.028 + 0.03 * (unit(stone, 1) - 0.5)) * pillow - 0.02 - 0.045 * worn + grain;
+    let missing = smooth(0.0, 0.03, 0.012 + 0.1 * worn - unit(stone, 0));
+    let fallen = (0.05 + 0.04 * unit(stone, 2)) * missing * smooth(0.0, 0.15, gap);
+    lerp(bare - fallen, coated, plaster).min(GENTLE_OUT)
+}
+
 /// How much better than elsewhere plaster has kept: well in the rooms and round the gate, badly on the weather sides.
 fn kept_plaster(p: DVec3) -> f64 {
     let inside = smooth(0.3, -0.4, (p[0].abs() - HALF_X + 0.9).max(p[1].abs() - HALF_Y + 0.9));

@@ -69,6 +69,15 @@ impl Solid {
         self
     }
 
+    /// The most that [`Solid::distance`] changes per metre, outside the solid.
+    pub(super) fn slope(&self) -> f64 {
+        match self.form {
+            Form::Block { batter, .. } | Form::Drum { batter, .. } => 1.0 + 1.5 * batter,
+            Form::Arch { .. } | Form::Ball { .. } => 1.0,
+            Form::Stair { run, rise, .. } => (1.0 + (rise / run) * (rise / run)).sqrt(),
+        }
+    }
+
     /// Signed distance, or a bound of it.
     pub(super) fn distance(&self, p: DVec3) -> f64 {
         let d = p - self.at;
