@@ -63,10 +63,21 @@ pub(super) struct Masonry {
 pub(super) enum Met {
     /// The surface, at this distance along the ray.
     Surface(f64),
-    /// Closer than the radius of the beam, at this distance along the ray.
+    /// The beam or the hull ends here.
     Close(f64),
     /// Nothing.
     Nothing,
+}
+
+/// How far a ray is followed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Until {
+    /// To the surface.
+    Surface,
+    /// To where the surface is closer to the axis of a beam than twice its radius; the whole cross-section is free up to there.
+    Beam(Beam),
+    /// Into the smooth hull of the relief, which needs no noise: good enough for shadows.
+    Smooth,
 }
 
 impl Masonry {
@@ -172,9 +183,8 @@ impl Masonry {
         free
     }
 
-    /// Follow a ray (origin, unit direction) from one distance to another. With a beam, stop where the surface is closer to the axis than twice
-    /// its radius; the whole cross-section of the beam is free up to there.
-    pub(super) fn meet(&self, o: DVec3, d: DVec3, from: f64, to: f64, beam: Option<Beam>) -> Met {
+    /// Follow a ray (origin, unit direction) from one distance to another.
+    pub(super) fn meet(&self, o: DVec3, d: DVec3, from: f64, to: f64, until: Until) -> Met {
         let inverse = d.recip();
         let Some((mut t, end)) = clip(o, inverse, from, to) else { return Met::Nothing };
         let mut last: Option<(f64, f64)> = None;
@@ -185,14 +195,23 @@ impl Masonry {
             let cell = clamped(p);
             let free = self.free[index(cell)];
             if free > 0 {
-                t = leave(cell, i32::from(free), o, d, inverse).max(t) + 1e-5;
+                t = leave(cell, i32::from(free), o, inverse).max(t) + 1e-5;
                 last = None;
                 continue;
             }
-            let (bound, value) = self.bound(self.near(cell), p);
             // Grazing rays would need thousands of tiny steps.
             let shortest = 5e-5 + 6e-6 * f64::from(steps);
-            if let Some(beam) = beam {
+            if until == Until::Smooth {
+                let parts = self.parts(self.near(cell), p);
+                let bound = parts.outer(self.tops.scale).min(parts.boards);
+                if bound < 0.0 {
+                    return Met::Close(t);
+                }
+                t += bound.clamp(0.01, MAX_STEP);
+                continue;
+            }
+            let (bound, value) = self.bound(self.near(cell), p);
+            if let Until::Beam(beam) = until {
                 let radius = beam.radius(t);
                 if bound < 2.0 * radius {
                     return Met::Close(t);
@@ -245,7 +264,7 @@ impl Masonry {
 }
 
 /// A beam of light round a ray.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Beam {
     /// Radius at the instrument, in metres.
     pub(crate) exit: f64,
@@ -332,8 +351,8 @@ fn nearest(solids: &[Solid], p: DVec3) -> f64 {
 
 /// The cell of a place in the box; of one outside, the nearest.
 fn clamped(p: DVec3) -> IVec3 {
-    let cell = ((p - DVec3::new(-HALF, -HALF, BOTTOM)) / CELL).floor().as_ivec3();
-    cell.clamp(IVec3::ZERO, CELLS - 1)
+    // Rounded towards zero: a place just below the box is clamped anyway.
+    ((p - DVec3::new(-HALF, -HALF, BOTTOM)) / CELL).as_ivec3().clamp(IVec3::ZERO, CELLS - 1)
 }
 
 fn index(cell: IVec3) -> usize {
@@ -350,10 +369,11 @@ fn clip(o: DVec3, inverse: DVec3, from: f64, to: f64) -> Option<(f64, f64)> {
 }
 
 /// Where a ray leaves the cube of free cells around a cell.
-fn leave(cell: IVec3, free: i32, o: DVec3, d: DVec3, inverse: DVec3) -> f64 {
+fn leave(cell: IVec3, free: i32, o: DVec3, inverse: DVec3) -> f64 {
     let low = (cell - (free - 1)).as_dvec3() * CELL + DVec3::new(-HALF, -HALF, BOTTOM);
     let high = (cell + free).as_dvec3() * CELL + DVec3::new(-HALF, -HALF, BOTTOM);
-    let side = |k: usize| if d[k] > 0.0 { high[k] } else { low[k] };
+    // The inverse of a zero has the sign of the zero.
+    let side = |k: usize| if inverse[k] > 0.0 { high[k] } else { low[k] };
     let exit = (DVec3::new(side(0), side(1), side(2)) - o) * inverse;
     exit.min_element()
 }

@@ -5,7 +5,7 @@
 //! (holes, islands, noise) are not there, since scans make their own.
 
 pub(crate) use super::distance::Beam;
-use super::distance::{Masonry, Met};
+use super::distance::{Masonry, Met, Until};
 use super::field::Distance;
 use super::paint::{self, Spot};
 pub(crate) use super::plan::{DRUM, GATE_X, HALF_X, HALF_Y, KEEP};
@@ -60,7 +60,7 @@ impl Scene {
             Met::Surface(t) | Met::Close(t) => Some(t),
             Met::Nothing => None,
         };
-        match self.masonry.meet(o, d, from, ground.unwrap_or(to), None) {
+        match self.masonry.meet(o, d, from, ground.unwrap_or(to), Until::Surface) {
             Met::Surface(t) | Met::Close(t) => Some(Hit { t, on_ground: false }),
             Met::Nothing => ground.map(|t| Hit { t, on_ground: true }),
         }
@@ -73,12 +73,22 @@ impl Scene {
             Met::Nothing => to,
         };
         let to = until(self.terrain.meet(o, d, 0.0, to, Some(beam)), to);
-        until(self.masonry.meet(o, d, 0.0, to, Some(beam)), to)
+        until(self.masonry.meet(o, d, 0.0, to, Until::Beam(beam)), to)
+    }
+
+    /// Whether masonry stands between a place of the surface and the sun, or other light from a direction.
+    pub(crate) fn is_shaded(&self, p: DVec3, normal: DVec3, light: DVec3) -> bool {
+        self.masonry.meet(p + normal * 0.15, light, 0.05, 60.0, Until::Smooth) != Met::Nothing
     }
 
     /// The field: positive outside, zero on the surface. About the distance near masonry, the height above the ground near that.
     pub(crate) fn value(&self, p: DVec3) -> f64 {
         self.masonry.value(p).min(p.z - self.terrain.height(p.x, p.y))
+    }
+
+    /// The field of the ground or of the masonry alone.
+    pub(crate) fn value_of(&self, p: DVec3, on_ground: bool) -> f64 {
+        if on_ground { p.z - self.terrain.height(p.x, p.y) } else { self.masonry.value(p) }
     }
 
     /// Whether the surface is outside a ball, or the ball is below the ground.
@@ -104,9 +114,7 @@ impl Scene {
 
     /// Outward unit normal of the surface, from differences over `reach` metres.
     pub(crate) fn normal(&self, p: DVec3, on_ground: bool, reach: f64) -> DVec3 {
-        let value = |q: DVec3| {
-            if on_ground { q.z - self.terrain.height(q.x, q.y) } else { self.masonry.value(q) }
-        };
+        let value = |q: DVec3| self.value_of(q, on_ground);
         // The corners of a tetrahedron (Quilez, "Normals for an SDF").
         let corners = [(1.0, -1.0, -1.0), (-1.0, -1.0, 1.0), (-1.0, 1.0, -1.0), (1.0, 1.0, 1.0)];
         let sum = corners.into_iter().map(|k| DVec3::from(k) * value(p + DVec3::from(k) * reach)).sum::<DVec3>();

@@ -12,10 +12,10 @@ use rayon::prelude::*;
 /// Half the side of the ground, in metres, in the fort's frame.
 pub(crate) const HALF: f64 = 28.0;
 /// Points per metre.
-const PER_METRE: f64 = 24.0;
+const PER_METRE: f64 = 16.0;
 const CELLS: usize = (2.0 * HALF * PER_METRE) as usize;
 const POINTS: usize = CELLS + 1;
-/// Levels of the pyramid; the coarsest has 21 by 21 cells.
+/// Levels of the pyramid; the coarsest has 14 by 14 cells.
 const LEVELS: usize = 7;
 /// Width over which earth silts up the foot of a wall, in metres, and how fast the ground's field grows there (as in the field of the mesh).
 const SILT: f64 = 0.16;
@@ -97,8 +97,9 @@ impl Terrain {
             let at = (o + d * t).truncate() + HALF;
             let cell = |v: f64| ((v / side).max(0.0) as usize).min(cells - 1);
             let (i, j) = (cell(at.x), cell(at.y));
-            let wall = |k: usize, speed: f64| if speed > 0.0 { (k + 1) as f64 * side } else { k as f64 * side };
-            let exit = (DVec2::new(wall(i, d.x), wall(j, d.y)) - HALF - o.truncate()) * inverse;
+            // The inverse of a zero has the sign of the zero.
+            let wall = |k: usize, inverse: f64| if inverse > 0.0 { (k + 1) as f64 * side } else { k as f64 * side };
+            let exit = (DVec2::new(wall(i, inverse.x), wall(j, inverse.y)) - HALF - o.truncate()) * inverse;
             // A ray straight down never leaves its cell.
             let leave = if exit.min_element().is_finite() { exit.min_element().max(t) + 1e-6 } else { end }.min(end);
             let lowest = o.z + d.z * if d.z < 0.0 { leave } else { t };

@@ -52,6 +52,8 @@ struct Return {
     light: f64,
     on_axis: bool,
     what: What,
+    /// The normal of the surface, if it is known already.
+    normal: Option<DVec3>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -111,7 +113,7 @@ impl Shot<'_> {
             return Sample::none(Class::Empty);
         }
         let far = range / HALF_INTENSITY;
-        let bright = light * reflectance * (0.25 + 0.75 * cosine) / (1.0 + far * far);
+        let bright = 0.75 * light * reflectance * (0.25 + 0.75 * cosine) / (1.0 + far * far);
         let intensity = bright * (1.0 + 0.03 * self.noise * gauss(mix(h ^ 0x22)));
         let color = self.photographed(albedo, place, normal, h);
         Sample { point: Some(local * measured), intensity: intensity.clamp(0.001, 1.0), color, class }
@@ -145,32 +147,47 @@ impl Shot<'_> {
                     met = Some((t, What::Prop(prop)));
                 }
             }
-            met.map(|(t, what)| Return { t, light, on_axis, what })
+            met.map(|(t, what)| Return { t, light, on_axis, what, normal: None })
         };
-        let ring_ray = |k: usize, light: f64| {
-            let (o, d) = ray(k);
-            follow(o, d, light, false)
-        };
-        let axis = follow(self.eye, d, AXIS_LIGHT, true);
-        let half = [0, 2, 4].map(|k| ring_ray(k, 2.0 * RING_LIGHT));
-        returns.extend(axis.iter().chain(half.iter().flatten()));
-        let uniform = match (axis, half) {
-            (None, [None, None, None]) => true,
-            (Some(axis), [Some(a), Some(b), Some(c)]) => {
-                let width = a.t.max(b.t).max(c.t) - a.t.min(b.t).min(c.t);
-                let radius = beam.radius(axis.t);
-                width < 8.0 * radius && ((a.t + b.t + c.t) / 3.0 - axis.t).abs() < 0.000_5 + 0.15 * radius
+        let mut axis = follow(self.eye, d, AXIS_LIGHT, true);
+        if near.is_empty()
+            && let Some(axis) = &mut axis
+        {
+            axis.normal = self.filled(d, [across, other], clear, axis);
+            if axis.normal.is_some() {
+                axis.light = 1.0;
+                returns.push(*axis);
+                return;
             }
-            _ => false,
-        };
-        if near.is_empty() && uniform {
-            // The whole beam on one flat surface, or past everything: three rays of the ring stand for six.
-            return;
         }
-        for r in returns.iter_mut().filter(|r| !r.on_axis) {
-            r.light = RING_LIGHT;
+        returns.extend(axis);
+        returns.extend((0..RING).filter_map(|k| {
+            let (o, d) = ray(k);
+            follow(o, d, RING_LIGHT, false)
+        }));
+    }
+
+    /// The normal of the surface if it fills the beam where its axis meets it: just behind, three places around the axis are inside, and
+    /// nothing is in front. The field at these places gives the normal.
+    fn filled(&self, d: DVec3, [across, other]: [DVec3; 2], clear: f64, axis: &Return) -> Option<DVec3> {
+        let What::Fort(hit) = axis.what else { return None };
+        let radius = self.instrument.beam().radius(axis.t);
+        let behind = 0.002 + 2.5 * radius;
+        if axis.t - clear > 0.02 + 12.0 * radius {
+            return None;
         }
-        returns.extend([1, 3, 5].into_iter().filter_map(|k| ring_ray(k, RING_LIGHT)));
+        let place = self.eye + d * (axis.t + behind);
+        let [a, b, c] = [0, 2, 4].map(|k| {
+            let (c, s) = HEXAGON[k];
+            self.scene.value_of(place + (across * c + other * s) * radius, hit.on_ground)
+        });
+        if a.max(b).max(c) >= 0.0 {
+            return None;
+        }
+        // The field grows linearly from zero on the axis.
+        let along = (a + b + c) / (3.0 * behind);
+        let (u, v) = ((2.0 * a - b - c) / (3.0 * radius), (b - c) / (3.0_f64.sqrt() * radius));
+        (d * along + across * u + other * v).try_normalize()
     }
 
     /// The returns that are reported, as a range of those sorted by distance.
@@ -214,7 +231,7 @@ impl Shot<'_> {
             }
             What::Fort(Hit { on_ground, .. }) => {
                 let reach = self.instrument.beam().radius(main.t).max(0.004);
-                let normal = self.scene.normal(place, on_ground, reach);
+                let normal = main.normal.unwrap_or_else(|| self.scene.normal(place, on_ground, reach));
                 (normal, self.scene.albedo(place, normal, on_ground), Class::Surface)
             }
         }
@@ -223,7 +240,7 @@ impl Shot<'_> {
     /// What a camera beside the instrument shows: sky and sun on the material.
     fn photographed(&self, albedo: [f64; 3], place: DVec3, normal: DVec3, h: u64) -> [u8; 3] {
         let facing = normal.dot(SUN);
-        let lit = facing > 0.0 && self.scene.hit(place + normal * 0.02, SUN, 0.02, 60.0).is_none();
+        let lit = facing > 0.0 && !self.scene.is_shaded(place, normal, SUN);
         let light = SKY_LIGHT * (0.8 + 0.2 * normal.z) + if lit { SUN_LIGHT * facing } else { 0.0 };
         // Light is linear, colours are not: about the square root.
         let light = light.sqrt();

@@ -220,11 +220,11 @@ fn choose(candidates: &[Candidate], count: u32) -> Vec<(usize, f64)> {
         };
         let rated: Vec<(usize, f64, f64, bool)> =
             candidates.iter().enumerate().filter(|(k, _)| free[*k]).map(rate).collect();
-        // What fits this turn and shares enough; else what shares enough; else what shares most.
+        // What fits this turn and shares enough (a little less will do); else what shares enough; else what shares most.
         let best = |pass: &dyn Fn(&&(usize, f64, f64, bool)) -> bool| {
             rated.iter().filter(pass).max_by(|a, b| a.2.total_cmp(&b.2).then(b.0.cmp(&a.0))).copied()
         };
-        let pick = best(&|r| r.3 && r.1 >= SHARED)
+        let pick = best(&|r| r.3 && r.1 >= 0.5 * SHARED)
             .or_else(|| best(&|r| r.1 >= SHARED))
             .or_else(|| rated.iter().max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0))).copied());
         let Some((k, share, ..)) = pick else { break };
