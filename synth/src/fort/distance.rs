@@ -119,7 +119,7 @@ impl Masonry {
         Parts {
             whole: nearest(&near.walls, p).max(-nearest(&near.openings, p)),
             cut: (p.z - self.tops.at(p.x, p.y)) * self.tops.scale,
-            fittings: near.fittings.iter().fold(FAR, |d, (s, scale)| d.min(s.distance(p) * scale)),
+            fittings: near.fittings.iter().fold(FAR, |d, (s, scale)| d.min(s.far_distance(p) * scale)),
             shafts: -nearest(&near.shafts, p),
             boards: nearest(&near.boards, p),
         }
@@ -160,6 +160,14 @@ impl Masonry {
         self.bound(self.near(clamped(p)), p).0.min(MAX_STEP)
     }
 
+    /// The bound without short cuts.
+    #[cfg(test)]
+    pub(super) fn exact_bound(&self, p: DVec3) -> f64 {
+        let parts = self.parts(self.near(clamped(p)), p);
+        let fine = parts.with(gentle(self.seed, p), self.tops.scale) / (SOLID_SLOPE + GENTLE_SLOPE);
+        fine.max(parts.outer(self.tops.scale)).min(parts.boards).min(MAX_STEP)
+    }
+
     /// Whether the surface is certainly outside a ball.
     pub(super) fn misses(&self, middle: DVec3, radius: f64) -> bool {
         (f64::from(self.free[index(clamped(middle))]) - 1.0) * CELL >= radius
@@ -167,15 +175,34 @@ impl Masonry {
 
     /// For each cell the Chebyshev distance to the nearest cell that holds or nearly touches the surface.
     fn free_space(&self) -> Vec<u8> {
-        let touching = CELL * 0.5 * 3.0_f64.sqrt() + MAX_BEAM;
+        let diagonal = CELL * 3.0_f64.sqrt();
+        let touching = diagonal / 2.0 + MAX_BEAM;
+        let outer = |cell: IVec3, middle: DVec3| {
+            let parts = self.parts(self.near(cell), middle);
+            parts.outer(self.tops.scale).min(parts.boards)
+        };
+        let place = |cells: DVec3| cells * CELL + DVec3::new(-HALF, -HALF, BOTTOM);
+        // A region whose middle is far from everything is free.
+        let half = REGION / 2;
+        let spare = diagonal * f64::from(half);
+        let size = CELLS / REGION;
+        let regions: Vec<bool> = (0..size.x * size.y * size.z)
+            .into_par_iter()
+            .map(|k| {
+                let first = IVec3::new(k / (size.y * size.z), k / size.z % size.y, k % size.z) * REGION;
+                outer(first, place((first + half).as_dvec3())) > touching + spare
+            })
+            .collect();
         let mut free: Vec<u8> = (0..CELLS.x * CELLS.y)
             .into_par_iter()
             .flat_map_iter(|column| {
+                let regions = &regions;
                 (0..CELLS.z).map(move |z| {
                     let cell = IVec3::new(column / CELLS.y, column % CELLS.y, z);
-                    let middle = (cell.as_dvec3() + 0.5) * CELL + DVec3::new(-HALF, -HALF, BOTTOM);
-                    let parts = self.parts(self.near(cell), middle);
-                    if parts.outer(self.tops.scale).min(parts.boards) <= touching { 0 } else { u8::MAX }
+                    let at = cell / REGION;
+                    let is_free = regions[((at.x * size.y + at.y) * size.z + at.z) as usize]
+                        || outer(cell, place(cell.as_dvec3() + 0.5)) > touching;
+                    if is_free { u8::MAX } else { 0 }
                 })
             })
             .collect();
@@ -240,17 +267,18 @@ impl Masonry {
         Met::Nothing
     }
 
-    /// Where the field is zero between a place outside and one behind it (Illinois method).
+    /// Where the field is zero between a place outside and one behind it: the Illinois method, and halving where the field jumps (risers of
+    /// stairs).
     fn root(&self, o: DVec3, d: DVec3, outside: Option<(f64, f64)>, (t, value): (f64, f64)) -> f64 {
         let Some((mut a, mut va)) = outside else { return t };
         let (mut b, mut vb) = (t, value);
         if value > -ON {
             return t;
         }
-        for _ in 0..24 {
-            let t = (a * vb - b * va) / (vb - va);
+        for round in 0..40 {
+            let t = if round % 4 == 3 { (a + b) / 2.0 } else { (a * vb - b * va) / (vb - va) };
             let value = self.value(o + d * t);
-            if value.abs() < ON {
+            if value.abs() < ON || b - a < 1e-7 {
                 return t;
             }
             if value < 0.0 {

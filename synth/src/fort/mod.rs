@@ -18,6 +18,8 @@ mod scan;
 pub(crate) mod scene;
 mod solid;
 mod terrain;
+#[cfg(test)]
+mod trace_tests;
 
 use super::noise::{derive, hash2};
 use super::piece::{Piece, Site, tiling};

@@ -91,6 +91,14 @@ impl Scene {
         if on_ground { p.z - self.terrain.height(p.x, p.y) } else { self.masonry.value(p) }
     }
 
+    /// About how far a place is from the surface, on either side.
+    #[cfg(test)]
+    pub(super) fn off_surface(&self, p: DVec3) -> f64 {
+        let ground = (p.z - self.terrain.height(p.x, p.y)).abs();
+        let slope = (self.normal(p, true, 0.05).z).abs();
+        self.masonry.value(p).abs().min(ground * slope)
+    }
+
     /// Whether the surface is outside a ball, or the ball is below the ground.
     pub(crate) fn is_clear(&self, middle: DVec3, radius: f64) -> bool {
         self.terrain.misses(middle, radius)

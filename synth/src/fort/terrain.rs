@@ -22,7 +22,7 @@ const SILT: f64 = 0.16;
 const SILT_RATE: f64 = 0.85;
 /// Radius inside which the well has no ground (in the middle of its lining), and the height there.
 const WELL_RADIUS: f64 = 0.93;
-const WELL_HEIGHT: f64 = -7.0;
+const WELL_HEIGHT: f64 = -4.7;
 /// Relief finer than this is left out of the ground, in metres.
 const DETAIL: f64 = 0.05;
 

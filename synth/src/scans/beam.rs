@@ -167,26 +167,30 @@ impl Shot<'_> {
         }));
     }
 
-    /// The normal of the surface if it fills the beam where its axis meets it: just behind, three places around the axis are inside, and
-    /// nothing is in front. The field at these places gives the normal.
+    /// The normal of the surface if it fills the beam where its axis meets it: around the axis, three places just before are outside, three just
+    /// behind are inside, and the beam was free nearly as far. The field at these places gives the normal.
     fn filled(&self, d: DVec3, [across, other]: [DVec3; 2], clear: f64, axis: &Return) -> Option<DVec3> {
         let What::Fort(hit) = axis.what else { return None };
         let radius = self.instrument.beam().radius(axis.t);
-        let behind = 0.002 + 2.5 * radius;
-        if axis.t - clear > 0.02 + 12.0 * radius {
+        let depth = [2.5 * radius, 8.0 * radius].into_iter().find(|depth| axis.t - clear < 0.01 + 8.0 * depth)?;
+        let values = |shift: f64| {
+            let place = self.eye + d * (axis.t + shift);
+            [0, 2, 4].map(|k| {
+                let (c, s) = HEXAGON[k];
+                self.scene.value_of(place + (across * c + other * s) * radius, hit.on_ground)
+            })
+        };
+        let behind = values(depth);
+        if behind.iter().any(|v| *v >= 0.0) {
             return None;
         }
-        let place = self.eye + d * (axis.t + behind);
-        let [a, b, c] = [0, 2, 4].map(|k| {
-            let (c, s) = HEXAGON[k];
-            self.scene.value_of(place + (across * c + other * s) * radius, hit.on_ground)
-        });
-        if a.max(b).max(c) >= 0.0 {
+        let before = values(-depth);
+        if before.iter().any(|v| *v <= 0.0) {
             return None;
         }
-        // The field grows linearly from zero on the axis.
-        let along = (a + b + c) / (3.0 * behind);
-        let (u, v) = ((2.0 * a - b - c) / (3.0 * radius), (b - c) / (3.0_f64.sqrt() * radius));
+        let [a, b, c] = std::array::from_fn(|k| behind[k] + before[k]);
+        let along = (behind.iter().sum::<f64>() - before.iter().sum::<f64>()) / (6.0 * depth);
+        let (u, v) = ((2.0 * a - b - c) / (6.0 * radius), (b - c) / (12.0_f64.sqrt() * radius));
         (d * along + across * u + other * v).try_normalize()
     }
 

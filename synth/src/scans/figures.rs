@@ -106,11 +106,7 @@ fn scaffolding(scene: &Scene, later: bool, props: &mut Vec<Prop>) {
     const LIFTS: [f64; 3] = [1.9, 3.8, 5.7];
     // Along the wall, away from it, and up.
     let place = |along: f64, out: f64, z: f64| {
-        if later {
-            DVec3::new(-HALF_X - out, -4.5 + along, z)
-        } else {
-            DVec3::new(1.5 + along, -HALF_Y - out, z)
-        }
+        if later { DVec3::new(-HALF_X - out, -4.5 + along, z) } else { DVec3::new(1.5 + along, -HALF_Y - out, z) }
     };
     let along = if later { [0.0, 1.0] } else { [1.0, 0.0] };
     let tube = |a, b| bar(a, b, TUBE, Class::Scaffolding, STEEL);
@@ -134,7 +130,11 @@ fn scaffolding(scene: &Scene, later: bool, props: &mut Vec<Prop>) {
             for k in 0..BAYS {
                 let middle = place(BAY * (f64::from(k) + 0.5), near + 0.14 + 0.24 * f64::from(board), z + 0.13);
                 let half = DVec3::new(BAY / 2.0 - 0.01, 0.11, 0.02);
-                props.push(Prop { shape: Shape::Plank { middle, half, along }, class: Class::Scaffolding, color: WOOD });
+                props.push(Prop {
+                    shape: Shape::Plank { middle, half, along },
+                    class: Class::Scaffolding,
+                    color: WOOD,
+                });
             }
         }
     }
@@ -158,7 +158,11 @@ fn grass(scene: &Scene, seed: u64, station: u32, props: &mut Vec<Prop>) {
             let z = scene.ground(x, y);
             // Thicker landward, none on the beaten way to the gate.
             let chance = if (x + 2.0).abs() < 2.2 && y < 0.0 { 0.0 } else { 0.3 + 0.012 * y };
-            if outside < 0.4 || z < -1.3 || unit(h, 2) > chance || scene.masonry_distance(DVec3::new(x, y, z + 0.2)) < 0.15 {
+            if outside < 0.4
+                || z < -1.3
+                || unit(h, 2) > chance
+                || scene.masonry_distance(DVec3::new(x, y, z + 0.2)) < 0.15
+            {
                 continue;
             }
             for k in 0..26 {
@@ -218,8 +222,7 @@ fn person(feet: DVec3, h: u64, props: &mut Vec<Prop>) {
     let shirt = [60.0 + 170.0 * unit(g, 0), 60.0 + 150.0 * unit(g, 1), 60.0 + 160.0 * unit(g, 2)];
     let trousers = [50.0 + 60.0 * unit(h, 2), 55.0 + 50.0 * unit(h, 0), 60.0 + 70.0 * unit(h, 1)];
     let skin = [128.0, 92.0, 70.0];
-    let mut limb =
-        |a, b, radius: f64, color| props.push(bar(a, b, radius * scale, Class::Walker, color));
+    let mut limb = |a, b, radius: f64, color| props.push(bar(a, b, radius * scale, Class::Walker, color));
     for side in [-1.0, 1.0] {
         let step = stride * side;
         limb(at(step, 0.1 * side, 0.08), at(step * 0.3 + 0.05, 0.1 * side, 0.48), 0.06, trousers);

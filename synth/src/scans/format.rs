@@ -129,7 +129,13 @@ fn e57<F: Read + Write + Seek>(file: F, header: &Header, columns: &mut Columns<'
         let h = crate::noise::mix(header.guid ^ what);
         let g = crate::noise::mix(h);
         let tail = g & 0xffff_ffff_ffff;
-        format!("{{{:08X}-{:04X}-4{:03X}-8{:03X}-{tail:012X}}}", h >> 32, h >> 16 & 0xffff, h >> 4 & 0xfff, g >> 48 & 0xfff)
+        format!(
+            "{{{:08X}-{:04X}-4{:03X}-8{:03X}-{tail:012X}}}",
+            h >> 32,
+            h >> 16 & 0xffff,
+            h >> 4 & 0xfff,
+            g >> 48 & 0xfff
+        )
     };
     let mut file = file;
     let mut writer = E57Writer::new(&mut file, &guid(1))?;
@@ -146,10 +152,7 @@ fn e57<F: Read + Write + Seek>(file: F, header: &Header, columns: &mut Columns<'
         length(RecordName::CartesianY),
         length(RecordName::CartesianZ),
         whole(RecordName::CartesianInvalidState, 2),
-        Record {
-            name: RecordName::Intensity,
-            data_type: RecordDataType::Single { min: Some(0.0), max: Some(1.0) },
-        },
+        Record { name: RecordName::Intensity, data_type: RecordDataType::Single { min: Some(0.0), max: Some(1.0) } },
         whole(RecordName::ColorRed, 255),
         whole(RecordName::ColorGreen, 255),
         whole(RecordName::ColorBlue, 255),

@@ -393,7 +393,10 @@ impl<'a> Survey<'a> {
     fn surface(&self, path: &Path, triangles: u64, progress: &mut dyn FnMut(u64)) -> Result<u64, crate::SynthError> {
         let surface = surface::Surface::new(self.scene, figures::grilles(self.scene), triangles);
         let mut comments = vec![
-            format!("kilwa synth scans, seed {}: the true surface, made by a program, no real place", self.options.seed),
+            format!(
+                "kilwa synth scans, seed {}: the true surface, made by a program, no real place",
+                self.options.seed
+            ),
             "units metre, z up".to_owned(),
         ];
         comments.extend(self.options.utm.then(|| format!("crs {UTM_CRS}")));

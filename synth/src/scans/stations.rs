@@ -14,7 +14,7 @@ use std::collections::HashMap;
 /// Standard deviation of the tilt that the instrument's level leaves, about each of two axes, in degrees.
 pub const TILT_DEGREES: f64 = 0.02;
 /// Rays with which a candidate looks around.
-const LOOKS: u32 = 400;
+const LOOKS: u32 = 300;
 /// Beyond this range a candidate sees nothing that counts, in metres.
 const SIGHT: f64 = 40.0;
 /// Side of the cubes that are counted as seen, in metres.
@@ -162,9 +162,8 @@ fn candidates(scene: &Scene, seed: u64, count: u32) -> Vec<Candidate> {
         let floor = above.z - scene.hit(above, -DVec3::Z, 0.0, 4.0)?.t;
         let tripod = 1.5 + 0.25 * unit(mix(seed ^ k as u64), 0);
         let eye = DVec3 { z: floor + tripod, ..above };
-        let free = [0.4, 0.9, tripod].iter().all(|z| {
-            scene.masonry_distance(DVec3 { z: floor + z, ..above }) > CLEARANCE
-        });
+        let free =
+            [0.4, 0.9, tripod].iter().all(|z| scene.masonry_distance(DVec3 { z: floor + z, ..above }) > CLEARANCE);
         free.then(|| Candidate { eye, floor, indoors, seen: look(scene, eye) })
     };
     places.into_par_iter().enumerate().filter_map(stand).collect()

@@ -214,7 +214,8 @@ impl Block<'_> {
         let across = slope / slope.length_squared().max(0.09);
         for _ in 0..2 {
             let moved = p - across * scene.value(p);
-            p = moved.clamp(low, low + self.surface.step);
+            // Not quite to the side of the cell, where it could meet a neighbour's.
+            p = moved.clamp(low + 0.02 * self.surface.step, low + 0.98 * self.surface.step);
         }
         let on_ground = scene.is_ground(p);
         let normal = slope.normalize_or(DVec3::Z);
