@@ -10,6 +10,7 @@ mod noise;
 mod phantom;
 mod piece;
 mod ply;
+pub mod scans;
 mod wall;
 
 #[cfg(test)]

@@ -7,6 +7,7 @@
 //! edge, so blocks are made in any order and meet exactly. Triangles go with the inverse square of the grid constant;
 //! [`Fort::new`] finds the constant that gives the number asked for.
 
+mod distance;
 mod field;
 mod ground;
 mod masonry;
@@ -14,7 +15,11 @@ mod net;
 mod paint;
 mod plan;
 mod scan;
+pub(crate) mod scene;
 mod solid;
+mod terrain;
+#[cfg(test)]
+mod trace_tests;
 
 use super::noise::{derive, hash2};
 use super::piece::{Piece, Site, tiling};
@@ -27,6 +32,8 @@ use rayon::prelude::*;
 const REACH: f64 = 28.0;
 const LOWEST: f64 = -4.6;
 const HIGHEST: f64 = 13.4;
+/// What tells the fort's seed from those of other sites.
+const SALT: u64 = 0xf027;
 /// The fort's north is turned from the grid's, as on a real site.
 const TURN: [f64; 2] = [0.956_304_755_963_035_4, -0.292_371_704_722_736_8];
 
@@ -54,7 +61,7 @@ const WINDOWS: u32 = (2.0 * REACH / WINDOW) as u32;
 impl Fort {
     /// A fort of about `triangles` triangles, to be cut into `tiles` tiles.
     pub(super) fn new(triangles: u64, seed: u64, tiles: u32) -> Self {
-        let seed = derive(seed, 0xf027);
+        let seed = derive(seed, SALT);
         let at = |step| Self::at(step, seed, tiles, triangles);
         let wanted = triangles as f64;
         if triangles <= 300_000 {

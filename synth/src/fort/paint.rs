@@ -21,7 +21,8 @@ pub(super) struct Spot {
     pub(super) hash: u64,
 }
 
-type Rgb = [f64; 3];
+/// A colour, sRGB from 0 to 255.
+pub(super) type Rgb = [f64; 3];
 
 fn blend(a: Rgb, b: Rgb, t: f64) -> Rgb {
     std::array::from_fn(|k| lerp(a[k], b[k], t.clamp(0.0, 1.0)))
@@ -29,22 +30,8 @@ fn blend(a: Rgb, b: Rgb, t: f64) -> Rgb {
 
 /// sRGB colour of a place.
 pub(super) fn color(field: &Field, near: &Near, spot: &Spot) -> [u8; 3] {
-    let d = &spot.distance;
     let seed = field.seed;
-    let mut c = if d.crumbs < d.walls.min(d.ground) {
-        let leaf = noise3(derive(seed, 0xb1), spot.p * 8.0);
-        blend([98.0, 112.0, 58.0], [132.0, 122.0, 84.0], 0.5 + leaf)
-    } else {
-        let ragged = 0.05 * noise3(derive(seed, 0xb2), spot.p * 6.0);
-        let earthen = smooth(-0.03, 0.07, d.walls - d.ground + ragged);
-        if earthen == 0.0 {
-            masonry(seed, spot, field.step)
-        } else if earthen == 1.0 {
-            earth(seed, spot)
-        } else {
-            blend(masonry(seed, spot, field.step), earth(seed, spot), earthen)
-        }
-    };
+    let mut c = albedo(seed, field.step, spot);
     let light = shade(near, spot);
     // Each set-up of the scanner has its own exposure.
     let exposure = 1.0 + 0.025 * noise2(derive(seed, 0xb3), spot.p[0] / 6.0, spot.p[1] / 6.0);
@@ -54,6 +41,25 @@ pub(super) fn color(field: &Field, near: &Near, spot: &Spot) -> [u8; 3] {
             3.2 * noise::normal(noise::mix(spot.hash ^ 0xc0)) + 1.6 * noise::normal(noise::mix(spot.hash ^ (k as u64)));
         (c[k] + grain).round().clamp(0.0, 255.0) as u8
     })
+}
+
+/// Colour of the material at a place, sRGB from 0 to 255, as far as a sampling `step` metres apart can show it.
+pub(super) fn albedo(seed: u64, step: f64, spot: &Spot) -> Rgb {
+    let d = &spot.distance;
+    if d.crumbs < d.walls.min(d.ground) {
+        let leaf = noise3(derive(seed, 0xb1), spot.p * 8.0);
+        blend([98.0, 112.0, 58.0], [132.0, 122.0, 84.0], 0.5 + leaf)
+    } else {
+        let ragged = 0.05 * noise3(derive(seed, 0xb2), spot.p * 6.0);
+        let earthen = smooth(-0.03, 0.07, d.walls - d.ground + ragged);
+        if earthen == 0.0 {
+            masonry(seed, spot, step)
+        } else if earthen == 1.0 {
+            earth(seed, spot)
+        } else {
+            blend(masonry(seed, spot, step), earth(seed, spot), earthen)
+        }
+    }
 }
 
 /// How much sky a place sees, about: what hollows and rooms lose of the light.

@@ -7,9 +7,9 @@
 use super::solid::{Form, Repeat, Solid};
 
 /// Half width (x) of the curtain, outside.
-pub(super) const HALF_X: f64 = 13.0;
+pub(crate) const HALF_X: f64 = 13.0;
 /// Half depth (y) of the curtain, outside.
-pub(super) const HALF_Y: f64 = 11.5;
+pub(crate) const HALF_Y: f64 = 11.5;
 /// Thickness of the curtain at its foot.
 const THICK: f64 = 1.25;
 /// Height of the wall-walk.
@@ -17,11 +17,11 @@ pub(super) const WALK: f64 = 4.9;
 /// Height of the parapet without merlons.
 pub(super) const PARAPET: f64 = 5.8;
 /// Centre of the round tower.
-pub(super) const DRUM: [f64; 2] = [12.4, -10.8];
+pub(crate) const DRUM: [f64; 2] = [12.4, -10.8];
 /// Centre of the square tower.
-pub(super) const KEEP: [f64; 2] = [-12.2, 10.6];
+pub(crate) const KEEP: [f64; 2] = [-12.2, 10.6];
 /// Where the gate stands on the south curtain.
-pub(super) const GATE_X: f64 = -2.0;
+pub(crate) const GATE_X: f64 = -2.0;
 /// Centre of the well.
 pub(super) const WELL: [f64; 2] = [3.4, 1.2];
 
@@ -251,5 +251,23 @@ impl Plan {
             let piece = block(x, y, ground(x, y) - size * 0.5, [size, size * 0.66], size * 1.05);
             self.fittings.push(piece.turned(turn).tipped(turn - 45.0));
         }
+    }
+
+    /// The well's lining below its kerb, which simulated scans see instead of earth.
+    pub(super) fn lining() -> Solid {
+        Solid::new(Form::Drum { radius: 1.12, height: 4.6, batter: 0.0 }, [WELL[0], WELL[1], -4.9])
+    }
+
+    /// Thin walls that only simulated scans have: a plastered partition with a doorway in a western room, and a plank screen in a northern one.
+    pub(super) fn boards() -> Vec<Solid> {
+        let partition = |low: f64, high: f64, foot: f64, head: f64| {
+            block((low + high) / 2.0, -3.7, foot, [(high - low) / 2.0, 0.05], head - foot)
+        };
+        vec![
+            partition(-12.2, -9.75, -0.6, 2.6),
+            partition(-9.75, -8.95, 1.95, 2.6),
+            partition(-8.95, -8.0, -0.6, 2.6),
+            block(-3.2, 8.55, -0.6, [1.15, 0.02], 2.5),
+        ]
     }
 }

@@ -69,33 +69,51 @@ impl Solid {
         self
     }
 
+    /// The most that [`Solid::distance`] changes per metre, outside the solid.
+    pub(super) fn slope(&self) -> f64 {
+        match self.form {
+            Form::Block { batter, .. } | Form::Drum { batter, .. } => 1.0 + 1.5 * batter,
+            Form::Arch { .. } | Form::Ball { .. } => 1.0,
+            Form::Stair { run, rise, .. } => (1.0 + (rise / run) * (rise / run)).sqrt(),
+        }
+    }
+
     /// Signed distance, or a bound of it.
     pub(super) fn distance(&self, p: DVec3) -> f64 {
+        self.looking(1, p)
+    }
+
+    /// The same with stairs that look a step further ahead: a bound nearly twice as far from them.
+    pub(super) fn far_distance(&self, p: DVec3) -> f64 {
+        self.looking(2, p)
+    }
+
+    fn looking(&self, ahead: u32, p: DVec3) -> f64 {
         let d = p - self.at;
         let [c, s] = self.turn;
         let q = DVec3::new(c * d.x + s * d.y, c * d.y - s * d.x, d.z);
         let [c, s] = self.tip;
         let q = DVec3::new(c * q.x + s * q.z, q.y, c * q.z - s * q.x);
         match self.repeat {
-            Repeat::Once => self.form.distance(q),
+            Repeat::Once => self.form.distance(ahead, q),
             Repeat::Row { count, pitch } => {
                 let half = f64::from(count - 1) / 2.0;
                 let k = ((q.x / pitch + half).round()).clamp(0.0, 2.0 * half) - half;
-                self.form.distance(DVec3::new(q.x - k * pitch, q.y, q.z))
+                self.form.distance(ahead, DVec3::new(q.x - k * pitch, q.y, q.z))
             }
             Repeat::Ring { count, radius } => {
                 let sector = std::f64::consts::TAU / f64::from(count);
                 let angle = libm::atan2(q.x, q.y);
                 let k = (angle / sector).round() * sector;
                 let (s, c) = libm::sincos(k);
-                self.form.distance(DVec3::new(c * q.x - s * q.y, s * q.x + c * q.y - radius, q.z))
+                self.form.distance(ahead, DVec3::new(c * q.x - s * q.y, s * q.x + c * q.y - radius, q.z))
             }
         }
     }
 }
 
 impl Form {
-    fn distance(&self, q: DVec3) -> f64 {
+    fn distance(&self, ahead: u32, q: DVec3) -> f64 {
         match *self {
             Self::Block { half, height, batter } => {
                 let lean = batter * q.z.clamp(0.0, height);
@@ -124,10 +142,13 @@ impl Form {
             Self::Stair { steps, run, rise, half_width } => {
                 let length = f64::from(steps) * run;
                 let step = (q.x / run).floor().clamp(0.0, f64::from(steps) - 1.0);
-                let tread = q.z - (step + 1.0) * rise;
+                let mut profile = q.z - (step + 1.0) * rise;
                 // The next riser is nearer than this tread where one stands in front of it.
-                let riser = ((step + 1.0) * run - q.x).max(q.z - (step + 2.0) * rise);
-                let profile = if step + 1.5 < f64::from(steps) { tread.min(riser) } else { tread };
+                for k in (1..=ahead).map(f64::from) {
+                    if step + k + 0.5 < f64::from(steps) {
+                        profile = profile.min(((step + k) * run - q.x).max(q.z - (step + k + 1.0) * rise));
+                    }
+                }
                 let ends = (-q.x).max(q.x - length).max(q.y.abs() - half_width);
                 profile.max(ends).max(-q.z - 0.5)
             }

@@ -1,5 +1,7 @@
 //! `kilwa synth`.
 
+mod scans;
+
 use anyhow::Result;
 use clap::ValueEnum;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -8,12 +10,32 @@ use kilwa_synth::{self as synth, Phantom, SiteKind, SynthOptions, UTM_CRS};
 use std::io::Write as _;
 use std::path::PathBuf;
 
-/// Make a synthetic site: a mesh for trials, tests and benchmarks.
+/// Make a synthetic site: a mesh for trials, tests and benchmarks, or simulated laser scans.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// What to make.
-    #[arg(value_enum)]
-    site: SiteArg,
+    #[command(subcommand)]
+    site: Site,
+}
+
+#[derive(clap::Subcommand)]
+enum Site {
+    /// A ruined stone fort by the sea, about 50 m across, as a mesh.
+    Fort(Mesh),
+    /// A brick wall of 10 m by 5 m that faces south, as a mesh.
+    Wall(Mesh),
+    /// A closed solid of known size, as a mesh: see --shape.
+    Phantom {
+        /// Which phantom.
+        #[arg(long, value_enum, value_name = "SHAPE", default_value = "cube")]
+        shape: ShapeArg,
+        #[command(flatten)]
+        mesh: Mesh,
+    },
+    Scans(scans::Args),
+}
+
+#[derive(clap::Args)]
+struct Mesh {
     /// Number of triangles, for example 2000000, 2M or 300k; the result is within 2 % of it.
     #[arg(long, value_name = "N", value_parser = count)]
     triangles: u64,
@@ -29,25 +51,12 @@ pub(crate) struct Args {
     /// Use real-world coordinates (EPSG:32737, near 566000 E, 9010000 N), in doubles.
     #[arg(long)]
     utm: bool,
-    /// Which phantom.
-    #[arg(long, value_enum, value_name = "SHAPE", default_value = "cube")]
-    shape: ShapeArg,
     /// Replace existing files.
     #[arg(long)]
     force: bool,
     /// Print the report as JSON.
     #[arg(long)]
     json: bool,
-}
-
-#[derive(Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum SiteArg {
-    /// A ruined stone fort by the sea, about 50 m across.
-    Fort,
-    /// A brick wall of 10 m by 5 m that faces south.
-    Wall,
-    /// A closed solid of known size: see --shape.
-    Phantom,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -73,6 +82,16 @@ impl ShapeArg {
     }
 }
 
+/// A bar with the time left.
+fn progress_bar(length: u64) -> ProgressBar {
+    let bar = ProgressBar::new(length);
+    if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {percent} %  {eta} left") {
+        bar.set_style(style);
+    }
+    bar.set_message("synth");
+    bar
+}
+
 /// A count with an optional suffix k, M or G and optional digit separators.
 fn count(text: &str) -> Result<u64, String> {
     let plain = text.replace(['_', ','], "");
@@ -87,11 +106,15 @@ fn count(text: &str) -> Result<u64, String> {
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
-    let kind = match args.site {
-        SiteArg::Fort => SiteKind::Fort,
-        SiteArg::Wall => SiteKind::Wall,
-        SiteArg::Phantom => SiteKind::Phantom(args.shape.phantom()),
-    };
+    match &args.site {
+        Site::Fort(mesh) => write_mesh(SiteKind::Fort, mesh),
+        Site::Wall(mesh) => write_mesh(SiteKind::Wall, mesh),
+        Site::Phantom { shape, mesh } => write_mesh(SiteKind::Phantom(shape.phantom()), mesh),
+        Site::Scans(args) => scans::run(args),
+    }
+}
+
+fn write_mesh(kind: SiteKind, args: &Mesh) -> Result<()> {
     let options = SynthOptions {
         triangles: args.triangles,
         seed: args.seed,
@@ -99,11 +122,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         utm: args.utm,
         force: args.force,
     };
-    let bar = ProgressBar::new(args.triangles);
-    if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {percent} %  {eta} left") {
-        bar.set_style(style);
-    }
-    bar.set_message("synth");
+    let bar = progress_bar(args.triangles);
     let report = synth::write(kind, &options, &args.output, &mut |done, expected| {
         bar.set_length(expected.max(done));
         bar.set_position(done);

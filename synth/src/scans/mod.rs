@@ -1,0 +1,548 @@
+//! Simulated laser scans of the synthetic fort: what `kilwa synth scans` writes, with its truth.
+//!
+//! Stations ([`stations`]) look at the fort's distance field, not at its mesh, through beams of several rays ([`beam`]), so mixed pixels appear where
+//! real ones do. A sample is a pure function of the seed, the station and its place in the grid: bytes do not depend on threads or on the
+//! machine. Samples are streamed to disk ([`format`]); memory does not grow with the survey. Everything is written into a folder that gets its
+//! name when it is complete.
+
+mod beam;
+mod figures;
+mod format;
+mod instrument;
+mod props;
+mod stations;
+mod surface;
+#[cfg(test)]
+mod tests;
+mod truth;
+
+pub use beam::Sample;
+pub use figures::Extras;
+pub use format::ScanFormat;
+pub use instrument::{INSTRUMENTS, Instrument, LOWEST_ELEVATION, MIN_RANGE, Returns};
+pub use stations::{Station, TILT_DEGREES};
+
+use crate::fort::scene::Scene;
+use crate::noise::{derive, hash3, normal};
+use crate::piece::weld;
+use crate::{UTM_CRS, UTM_ORIGIN, ply};
+use beam::{Scratch, Shot};
+use figures::Occasion;
+use format::Header;
+use glam::{DMat3, DVec3};
+use kilwa_files::atomic::{folder_of, sync_folder};
+use kilwa_files::unfinished;
+use kilwa_pack::plural::counted;
+use props::Props;
+use rayon::prelude::*;
+use std::collections::VecDeque;
+use std::fs::{self, File};
+use std::io::{self, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+/// Most stations.
+pub const MAX_STATIONS: u32 = 1_000;
+/// Fewest and most columns of the densest instrument.
+pub const COLUMNS: (u32, u32) = (16, 40_000);
+/// Fewest and most triangles of the true surface.
+pub const TRUTH_TRIANGLES: (u64, u64) = (20_000, 1_000_000_000);
+
+/// What a sample truly is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Class {
+    /// Nothing in range.
+    Empty = 0,
+    /// The fort or its ground.
+    Surface = 1,
+    /// Returns of surfaces one behind the other, averaged: a point that is on neither.
+    Mixed = 2,
+    /// Somebody who walks about.
+    Walker = 3,
+    /// A blade of grass.
+    Grass = 4,
+    /// Scaffolding.
+    Scaffolding = 5,
+    /// A surface in range, but too little light came back: no point.
+    Dropout = 6,
+}
+
+const CLASSES: usize = 7;
+
+impl Class {
+    /// All classes, in the order of their numbers.
+    pub const ALL: [Self; CLASSES] =
+        [Self::Empty, Self::Surface, Self::Mixed, Self::Walker, Self::Grass, Self::Scaffolding, Self::Dropout];
+
+    /// Its name in reports.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Empty => "empty",
+            Self::Surface => "surface",
+            Self::Mixed => "mixed",
+            Self::Walker => "walker",
+            Self::Grass => "grass",
+            Self::Scaffolding => "scaffolding",
+            Self::Dropout => "dropout",
+        }
+    }
+}
+
+/// Which poses the scans get.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Poses {
+    /// The true ones.
+    True,
+    /// None: each scan is in its own frame.
+    None,
+    /// The true ones, disturbed and without the tilt: standard deviations of each coordinate in metres, and of the heading in degrees.
+    Rough {
+        /// Of each coordinate, in metres.
+        position: f64,
+        /// Of the heading, in degrees.
+        heading: f64,
+    },
+}
+
+/// How to scan.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ScanOptions {
+    /// Seed of the fort and of everything random.
+    pub seed: u64,
+    /// Number of stations.
+    pub stations: u32,
+    /// Columns of a scan of the densest instrument; rows follow.
+    pub columns: u32,
+    /// The format of the files.
+    pub format: ScanFormat,
+    /// The poses that the files have.
+    pub poses: Poses,
+    /// Coordinates in [`UTM_CRS`] instead of the site's frame.
+    pub utm: bool,
+    /// What stands before the fort.
+    pub extras: Extras,
+    /// What the noise of ranges, intensities and colours is multiplied by: 0 is none.
+    pub noise: f64,
+    /// Instead of each instrument's own.
+    pub returns: Option<Returns>,
+    /// Also write the true surface, in about so many triangles.
+    pub truth_mesh: Option<u64>,
+}
+
+impl ScanOptions {
+    /// Defaults: seed 1, PTX, true poses.
+    pub fn new(stations: u32, columns: u32) -> Self {
+        Self {
+            seed: 1,
+            stations,
+            columns,
+            format: ScanFormat::Ptx,
+            poses: Poses::True,
+            utm: false,
+            extras: Extras::default(),
+            noise: 1.0,
+            returns: None,
+            truth_mesh: None,
+        }
+    }
+
+    fn crs(&self) -> Option<&'static str> {
+        (self.utm && self.poses != Poses::None).then_some(UTM_CRS)
+    }
+}
+
+/// What was written.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct ScanReport {
+    /// The scans, in the order of the stations.
+    pub files: Vec<PathBuf>,
+    /// The folder of the truth.
+    pub truth: PathBuf,
+    /// Samples of each class, in the order of [`Class::ALL`].
+    pub samples: [u64; CLASSES],
+    /// Stations indoors.
+    pub indoors: u32,
+    /// Bytes of the scans.
+    pub bytes: u64,
+    /// Triangles of the true surface, if it was asked for.
+    pub truth_triangles: Option<u64>,
+}
+
+impl ScanReport {
+    /// Samples that have a point.
+    pub fn points(&self) -> u64 {
+        let none = self.samples[Class::Empty as usize] + self.samples[Class::Dropout as usize];
+        self.samples.iter().sum::<u64>() - none
+    }
+}
+
+/// Why nothing was written.
+#[derive(Debug, thiserror::Error)]
+pub enum ScanError {
+    /// No station, or too many.
+    #[error("{} not possible: ask for 1 to {MAX_STATIONS}", counted(*asked, "station is", "stations are"))]
+    Stations {
+        /// Asked for.
+        asked: u32,
+    },
+    /// Too few or too many columns.
+    #[error("{} not possible: ask for {} to {}", counted(*asked, "column is", "columns are"), COLUMNS.0, COLUMNS.1)]
+    Columns {
+        /// Asked for.
+        asked: u32,
+    },
+    /// A factor or standard deviation that is negative, too large or no number.
+    #[error("{what} cannot be {value}: give a number from 0 to {max}")]
+    Value {
+        /// Which.
+        what: &'static str,
+        /// What it is.
+        value: f64,
+        /// The largest that is possible.
+        max: f64,
+    },
+    /// There are no places for so many stations.
+    #[error("the fort has places for only {found} of {asked} stations: ask for fewer")]
+    Places {
+        /// Found.
+        found: u32,
+        /// Asked for.
+        asked: u32,
+    },
+    /// Too few or too many triangles.
+    #[error("a true surface of {} is not possible: ask for {} to {}", counted(*asked, "triangle", "triangles"), TRUTH_TRIANGLES.0, TRUTH_TRIANGLES.1)]
+    Triangles {
+        /// Asked for.
+        asked: u64,
+    },
+    /// The mesh of the true surface could not be written.
+    #[error(transparent)]
+    Mesh(crate::SynthError),
+    /// The name of the folder cannot be used.
+    #[error("{}: {why}", .path.display())]
+    Name {
+        /// The name.
+        path: PathBuf,
+        /// What is wrong with it and what to do.
+        why: &'static str,
+    },
+    /// A file could not be written.
+    #[error("{}: {source}", .path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// The error of the system.
+        source: io::Error,
+    },
+}
+
+fn failed(path: &Path) -> impl Fn(io::Error) -> ScanError + '_ {
+    |source| ScanError::Io { path: path.to_owned(), source }
+}
+
+/// Scan the fort and write the scans and their truth into the new folder `out`. `progress` is called with the samples written so far and the
+/// number of all samples.
+///
+/// # Errors
+/// [`ScanError`]; there is no folder `out` then.
+pub fn write(options: &ScanOptions, out: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<ScanReport, ScanError> {
+    check(options)?;
+    check_folder(out)?;
+    let scene = Scene::new(options.seed);
+    let survey = Survey::new(&scene, options)?;
+    let parent = folder_of(out);
+    let mut builder = tempfile::Builder::new();
+    builder.prefix(".kilwa-").suffix(".part");
+    #[cfg(unix)]
+    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o777));
+    let make = || builder.tempdir_in(parent);
+    let (folder, noted) = unfinished::make(make, tempfile::TempDir::path).map_err(failed(parent))?;
+    let mut report = survey.write(folder.path(), progress)?;
+    fs::rename(folder.path(), out).map_err(failed(out))?;
+    // Nothing is left of it under the temporary name.
+    let _ = folder.keep();
+    drop(noted);
+    sync_folder(parent).map_err(failed(parent))?;
+    report.files.iter_mut().for_each(|file| *file = out.join(&*file));
+    report.truth = out.join(TRUTH);
+    Ok(report)
+}
+
+/// The folder of the truth.
+const TRUTH: &str = "truth";
+
+fn check(options: &ScanOptions) -> Result<(), ScanError> {
+    if options.stations == 0 || options.stations > MAX_STATIONS {
+        return Err(ScanError::Stations { asked: options.stations });
+    }
+    if !(COLUMNS.0..=COLUMNS.1).contains(&options.columns) {
+        return Err(ScanError::Columns { asked: options.columns });
+    }
+    if let Some(asked) = options.truth_mesh
+        && !(TRUTH_TRIANGLES.0..=TRUTH_TRIANGLES.1).contains(&asked)
+    {
+        return Err(ScanError::Triangles { asked });
+    }
+    let within = |what, value: f64, max: f64| {
+        if (0.0..=max).contains(&value) { Ok(()) } else { Err(ScanError::Value { what, value, max }) }
+    };
+    within("the noise", options.noise, 100.0)?;
+    if let Poses::Rough { position, heading } = options.poses {
+        within("the deviation of positions", position, 100.0)?;
+        within("the deviation of headings", heading, 180.0)?;
+    }
+    Ok(())
+}
+
+fn check_folder(out: &Path) -> Result<(), ScanError> {
+    let name = |why| Err(ScanError::Name { path: out.to_owned(), why });
+    if out.file_name().is_none() {
+        return name("is no name for a new folder: give one such as survey");
+    }
+    if !folder_of(out).is_dir() {
+        return name("there is no folder to put it in: make it first");
+    }
+    match fs::symlink_metadata(out) {
+        Ok(about) if about.is_dir() => match fs::read_dir(out).map_err(failed(out))?.next() {
+            None => Ok(()),
+            Some(_) => name("already exists and is not empty: choose another name, or remove it"),
+        },
+        Ok(_) => name("already exists: choose another name, or remove it"),
+        Err(_) => Ok(()),
+    }
+}
+
+/// A survey that is ready to be scanned.
+struct Survey<'a> {
+    scene: &'a Scene,
+    options: &'a ScanOptions,
+    stations: Vec<Station>,
+}
+
+impl<'a> Survey<'a> {
+    fn new(scene: &'a Scene, options: &'a ScanOptions) -> Result<Self, ScanError> {
+        let stations = stations::stations(scene, options.seed, options.stations);
+        if stations.len() < options.stations as usize {
+            return Err(ScanError::Places { found: stations.len() as u32, asked: options.stations });
+        }
+        Ok(Self { scene, options, stations })
+    }
+
+    /// Write everything into a folder.
+    fn write(&self, folder: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<ScanReport, ScanError> {
+        let grids = self.stations.iter().map(|s| s.instrument.grid(self.options.columns));
+        let samples: u64 = grids.map(|(columns, rows)| u64::from(columns) * u64::from(rows)).sum();
+        let total = samples + self.options.truth_mesh.unwrap_or(0);
+        let truth = folder.join(TRUTH);
+        fs::create_dir(&truth).map_err(failed(&truth))?;
+        let mut report = ScanReport::default();
+        let mut entries = Vec::new();
+        let mut done = 0;
+        progress(0, total);
+        for station in &self.stations {
+            let name = format!("scan_{:0width$}", station.number, width = 3);
+            let file = format!("{name}.{}", self.options.format.extension());
+            let (path, labels) = (folder.join(&file), truth.join(format!("{name}.labels")));
+            let header = self.header(station, &name);
+            let mut columns = self.columns(station, File::create(&labels).map_err(failed(&labels))?);
+            let mut stream = std::iter::from_fn(|| {
+                let column = columns.next()?;
+                done += column.as_ref().map_or(0, |column| column.len() as u64);
+                if columns.ready.is_empty() {
+                    progress(done, total);
+                }
+                Some(column)
+            });
+            let new = File::options().read(true).write(true).create_new(true).open(&path).map_err(failed(&path))?;
+            let written = self.options.format.write(new, &header, &mut stream).map_err(failed(&path))?;
+            written.sync_all().map_err(failed(&path))?;
+            report.bytes += written.metadata().map_err(failed(&path))?.len();
+            let counts = columns.finish().map_err(failed(&labels))?;
+            for (sum, count) in report.samples.iter_mut().zip(counts) {
+                *sum += count;
+            }
+            report.indoors += u32::from(station.indoors);
+            report.files.push(PathBuf::from(&file));
+            entries.push(truth::Entry {
+                station,
+                name,
+                file,
+                grid: (header.columns, header.rows),
+                position: station.position + self.origin(),
+                written: (header.rotation, header.position),
+                counts,
+            });
+        }
+        let poses = truth.join("poses.toml");
+        let text = truth::poses(self.options, self.options.utm.then_some(UTM_CRS), &entries);
+        let write = || -> io::Result<()> {
+            let mut file = File::create(&poses)?;
+            file.write_all(text.as_bytes())?;
+            file.sync_all()
+        };
+        write().map_err(failed(&poses))?;
+        if let Some(triangles) = self.options.truth_mesh {
+            let path = truth.join("surface.ply");
+            let made = self.surface(&path, triangles, &mut |n| progress(done + n.min(triangles), total));
+            report.truth_triangles = Some(made.map_err(ScanError::Mesh)?);
+        }
+        Ok(report)
+    }
+
+    /// Write the true surface; gives its number of triangles.
+    fn surface(&self, path: &Path, triangles: u64, progress: &mut dyn FnMut(u64)) -> Result<u64, crate::SynthError> {
+        let surface = surface::Surface::new(self.scene, figures::grilles(self.scene), triangles);
+        let mut comments = vec![
+            format!(
+                "kilwa synth scans, seed {}: the true surface, made by a program, no real place",
+                self.options.seed
+            ),
+            "units metre, z up".to_owned(),
+        ];
+        comments.extend(self.options.utm.then(|| format!("crs {UTM_CRS}")));
+        let mut file = ply::Writer::create(path, self.options.utm.then_some(UTM_ORIGIN), &comments)?;
+        weld(&surface, 0, !self.options.utm, &mut file, progress)?;
+        let finished = file.finish()?;
+        let triangles = finished.triangles;
+        finished.keep(false)?;
+        Ok(triangles)
+    }
+
+    fn origin(&self) -> DVec3 {
+        if self.options.utm { UTM_ORIGIN } else { DVec3::ZERO }
+    }
+
+    fn header(&self, station: &Station, name: &str) -> Header {
+        let (columns, rows) = station.instrument.grid(self.options.columns);
+        let seed = derive(derive(self.options.seed, 0xe2), u64::from(station.number));
+        let (rotation, position) = match self.options.poses {
+            Poses::True => (station.rotation, station.position + self.origin()),
+            Poses::None => (DMat3::IDENTITY, DVec3::ZERO),
+            Poses::Rough { position, heading } => {
+                let random = |k| normal(hash3(seed, k, 0, 0));
+                let off = DVec3::new(random(1), random(2), random(3)) * position;
+                let turned = station.heading + heading.to_radians() * random(4);
+                (stations::about_z(turned), station.position + off + self.origin())
+            }
+        };
+        Header {
+            name: name.to_owned(),
+            guid: seed,
+            columns,
+            rows,
+            rotation,
+            position,
+            instrument: station.instrument.name,
+            crs: self.options.crs(),
+        }
+    }
+
+    fn columns(&self, station: &'a Station, labels: File) -> Columns<'a> {
+        let seed = self.options.seed;
+        let eye = Scene::from_site(station.position);
+        let at = Occasion { station: station.number, later: station.later, eye, floor: station.floor };
+        let props = Props::new(figures::props(self.scene, derive(seed, 0xe3), self.options.extras, &at));
+        let (columns, rows) = station.instrument.grid(self.options.columns);
+        let step = (90.0 - LOWEST_ELEVATION) / f64::from(rows - 1);
+        let elevation = |row: u32| libm::sincos((LOWEST_ELEVATION + step * f64::from(row)).to_radians());
+        let axis = |v: DVec3| Scene::from_site(station.rotation * v);
+        Columns {
+            survey: (self.scene, self.options),
+            station,
+            props,
+            eye,
+            fort_from_scan: DMat3::from_cols(axis(DVec3::X), axis(DVec3::Y), axis(DVec3::Z)),
+            elevations: (0..rows).map(elevation).collect(),
+            columns,
+            next: 0,
+            ready: VecDeque::new(),
+            labels: Some(BufWriter::new(labels)),
+            counts: [0; CLASSES],
+        }
+    }
+}
+
+/// The columns of a station, made in batches by all threads and delivered in order; their classes are written on the way.
+struct Columns<'a> {
+    survey: (&'a Scene, &'a ScanOptions),
+    station: &'a Station,
+    props: Props,
+    eye: DVec3,
+    fort_from_scan: DMat3,
+    /// Sine and cosine for each row.
+    elevations: Vec<(f64, f64)>,
+    columns: u32,
+    next: u32,
+    ready: VecDeque<Vec<Sample>>,
+    labels: Option<BufWriter<File>>,
+    counts: [u64; CLASSES],
+}
+
+impl Columns<'_> {
+    fn fill(&mut self) {
+        let batch = (8 * rayon::current_num_threads() as u32).max(64);
+        let (from, to) = (self.next, self.next.saturating_add(batch).min(self.columns));
+        let (scene, options) = self.survey;
+        let shot = Shot {
+            scene,
+            props: &self.props,
+            instrument: self.station.instrument,
+            returns: options.returns.unwrap_or(self.station.instrument.returns),
+            noise: options.noise,
+            eye: self.eye,
+            seed: derive(derive(options.seed, 0xe4), u64::from(self.station.number)),
+        };
+        let column = |scratch: &mut Scratch, column: u32| {
+            let (s, c) = libm::sincos(std::f64::consts::TAU * f64::from(column) / f64::from(self.columns));
+            let sample = |(row, (up, flat)): (usize, &(f64, f64))| {
+                let local = DVec3::new(c * flat, s * flat, *up);
+                shot.measure(self.fort_from_scan * local, local, [column, row as u32], scratch)
+            };
+            self.elevations.iter().enumerate().map(sample).collect()
+        };
+        self.ready = (from..to).into_par_iter().map_init(Scratch::default, column).collect();
+        self.next = to;
+    }
+
+    fn label(&mut self, column: &[Sample]) -> io::Result<()> {
+        let Some(labels) = &mut self.labels else { return Ok(()) };
+        let mut bytes = Vec::with_capacity(column.len());
+        for sample in column {
+            self.counts[sample.class as usize] += 1;
+            bytes.push(sample.class as u8);
+        }
+        labels.write_all(&bytes)
+    }
+
+    /// All columns have been taken: complete the file of classes.
+    fn finish(mut self) -> io::Result<[u64; CLASSES]> {
+        if let Some(labels) = self.labels.take() {
+            labels.into_inner().map_err(io::IntoInnerError::into_error)?.sync_all()?;
+        }
+        Ok(self.counts)
+    }
+}
+
+impl Iterator for Columns<'_> {
+    type Item = io::Result<Vec<Sample>>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.next == 0
+            && let Some(labels) = &mut self.labels
+        {
+            let rows = self.elevations.len() as u32;
+            let head = [&truth::LABELS[..], &self.columns.to_le_bytes(), &rows.to_le_bytes()].concat();
+            if let Err(e) = labels.write_all(&head) {
+                return Some(Err(e));
+            }
+        }
+        if self.ready.is_empty() {
+            if self.next == self.columns {
+                return None;
+            }
+            self.fill();
+        }
+        let column = self.ready.pop_front()?;
+        Some(self.label(&column).map(|()| column))
+    }
+}
