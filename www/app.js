@@ -25,7 +25,7 @@ import { Section } from "./section.js";
 import { Settings, showProjection } from "./settings.js";
 import { Toolbox } from "./toolbox.js";
 import { Trouble } from "./trouble.js";
-import { Undo } from "./undo.js";
+import { stepName, Undo } from "./undo.js";
 import { Viewpoint } from "./viewpoint.js";
 
 /** @import { DecodePool } from "./decode-pool.js" */
@@ -367,6 +367,7 @@ class Page {
   translate() {
     const { model, saved, notes, scene } = this.current;
     chrome.help();
+    undoButtons(this.undo);
     this.trouble.translate();
     if (model) this.screen.about(model);
     this.#settle();
@@ -378,8 +379,11 @@ class Page {
   }
 }
 
-/** @param {Undo} undo */
-function undoButtons({ done, undone }) {
-  $("edit-undo").disabled = done.length === 0;
-  $("edit-redo").disabled = undone.length === 0;
+/** Those of the notes, named by what they take back. @param {Undo} undo */
+function undoButtons(undo) {
+  const next = undo.next("notes");
+  for (const way of /** @type {const} */ (["undo", "redo"])) {
+    $(`edit-${way}`).disabled = !next[way];
+    $(`edit-${way}-name`).textContent = stepName(way, next[way]);
+  }
 }
