@@ -33,6 +33,8 @@ import { Viewpoint } from "./viewpoint.js";
 
 /** A device that is lost more often than this is given up. */
 const MAX_REBUILDS = 3;
+/** Milliseconds that a lost WebGL context is waited for. */
+const CONTEXT_MS = 10_000;
 
 /**
  * @typedef {object} Parts
@@ -149,11 +151,21 @@ class Page {
     // WebGL 2 reports it on the canvas, and gives the same canvas another context when it can: wgpu hears of neither.
     /** @type {PageState | null} */
     let left = null;
+    /** @type {ReturnType<typeof setTimeout> | undefined} */
+    let waiting;
     $("canvas").addEventListener("webglcontextlost", (event) => {
       event.preventDefault();
-      if (this.current.isOpen) left = this.#leaveDevice();
+      if (!this.current.isOpen) return;
+      left = this.#leaveDevice();
+      // A browser that took contexts away repeatedly gives no more.
+      if (!left) return;
+      waiting = setTimeout(() => {
+        left = null;
+        this.trouble.show("gpuGone");
+      }, CONTEXT_MS);
     });
     $("canvas").addEventListener("webglcontextrestored", () => {
+      clearTimeout(waiting);
       if (left) this.draw(left);
       left = null;
     });
@@ -324,10 +336,11 @@ class Page {
   #leaveDevice() {
     const { scene } = this.current.opened;
     const state = { ...this.viewpoint.state(), camera: numbersOf(scene.viewer.camera()), pack: null };
+    this.address.now(); // Retry begins with the same view.
     scene.close();
     this.#rebuilt += 1;
     if (this.#rebuilt > MAX_REBUILDS) {
-      this.trouble.show("noGpu", new Error("device lost"), { reason: "noGpuAdapter" });
+      this.trouble.show("gpuGone");
       return null;
     }
     chrome.notice(t("gpuLost"));
