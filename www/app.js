@@ -25,7 +25,7 @@ import { Section } from "./section.js";
 import { Settings, showProjection } from "./settings.js";
 import { Toolbox } from "./toolbox.js";
 import { Trouble } from "./trouble.js";
-import { Undo } from "./undo.js";
+import { stepName, Undo } from "./undo.js";
 import { Viewpoint } from "./viewpoint.js";
 
 /** @import { DecodePool } from "./decode-pool.js" */
@@ -33,6 +33,8 @@ import { Viewpoint } from "./viewpoint.js";
 
 /** A device that is lost more often than this is given up. */
 const MAX_REBUILDS = 3;
+/** Milliseconds that a lost WebGL context is waited for. */
+const CONTEXT_MS = 10_000;
 
 /**
  * @typedef {object} Parts
@@ -149,11 +151,21 @@ class Page {
     // WebGL 2 reports it on the canvas, and gives the same canvas another context when it can: wgpu hears of neither.
     /** @type {PageState | null} */
     let left = null;
+    /** @type {ReturnType<typeof setTimeout> | undefined} */
+    let waiting;
     $("canvas").addEventListener("webglcontextlost", (event) => {
       event.preventDefault();
-      if (this.current.isOpen) left = this.#leaveDevice();
+      if (!this.current.isOpen) return;
+      left = this.#leaveDevice();
+      // A browser that took contexts away repeatedly gives no more.
+      if (!left) return;
+      waiting = setTimeout(() => {
+        left = null;
+        this.trouble.show("gpuGone");
+      }, CONTEXT_MS);
     });
     $("canvas").addEventListener("webglcontextrestored", () => {
+      clearTimeout(waiting);
       if (left) this.draw(left);
       left = null;
     });
@@ -189,7 +201,8 @@ class Page {
       this.current.model = model;
       this.screen.about(model);
       const { bytes: stated } = model.info.pack;
-      if (pack.bytes !== stated) {
+      // Of a file that is cut off, what is there is shown.
+      if (Number(pack.bytes) > stated) {
         const detail = `${format.count(Number(pack.bytes))} / ${format.count(stated)}`;
         throw Object.assign(new Error(detail), { kind: "damaged" });
       }
@@ -257,6 +270,7 @@ class Page {
       return;
     }
     if (state.camera) viewer.setCamera(cameraOf(state.camera));
+    if (model.isCutOff) viewer.setCutOff(Number(model.pack.bytes));
     const pool = this.pool ?? this.newPool();
     this.pool = null; // It ends with this scene.
     const scene = new Scene({ canvas, viewer, model, pool, streaming: this.#streaming(), actions: this.actions, on: this.#sceneEvents() });
@@ -278,7 +292,11 @@ class Page {
   /** @returns {import("./session.js").SessionEvents} */
   #streaming() {
     return {
-      frame: (stats) => (stats.lost ? this.#rebuild() : this.screen.frame(stats)),
+      frame: (stats) => {
+        if (stats.lost) this.#rebuild();
+        else if (stats.cutOff && stats.settled && stats.patchesDrawn === 0) this.trouble.show("damaged");
+        else this.screen.frame(stats);
+      },
       first: () => this.screen.first(),
       waits: (seconds) => this.screen.waits(seconds),
       changed: (error) => this.trouble.show("changed", error),
@@ -324,10 +342,11 @@ class Page {
   #leaveDevice() {
     const { scene } = this.current.opened;
     const state = { ...this.viewpoint.state(), camera: numbersOf(scene.viewer.camera()), pack: null };
+    this.address.now(); // Retry begins with the same view.
     scene.close();
     this.#rebuilt += 1;
     if (this.#rebuilt > MAX_REBUILDS) {
-      this.trouble.show("noGpu", new Error("device lost"), { reason: "noGpuAdapter" });
+      this.trouble.show("gpuGone");
       return null;
     }
     chrome.notice(t("gpuLost"));
@@ -367,6 +386,7 @@ class Page {
   translate() {
     const { model, saved, notes, scene } = this.current;
     chrome.help();
+    undoButtons(this.undo);
     this.trouble.translate();
     if (model) this.screen.about(model);
     this.#settle();
@@ -378,8 +398,11 @@ class Page {
   }
 }
 
-/** @param {Undo} undo */
-function undoButtons({ done, undone }) {
-  $("edit-undo").disabled = done.length === 0;
-  $("edit-redo").disabled = undone.length === 0;
+/** Those of the notes, named by what they take back. @param {Undo} undo */
+function undoButtons(undo) {
+  const next = undo.next("notes");
+  for (const way of /** @type {const} */ (["undo", "redo"])) {
+    $(`edit-${way}`).disabled = !next[way];
+    $(`edit-${way}-name`).textContent = stepName(way, next[way]);
+  }
 }

@@ -122,19 +122,26 @@ function documents({ current, measuring, toolbox, address, openFile }) {
   openers({ input: $("open-file"), drop: $("drop"), open });
 }
 
+/** The list of a tab of the panel. @type {Record<string, import("./undo.js").Scope>} */
+const SCOPES = { notes: "notes", saved: "views", measure: "measurements" };
+
 /** Undo and redo. @param {ControlParts} parts */
 function edits({ undo, measuring }) {
-  click("edit-undo", () => undo.undo());
-  click("edit-redo", () => undo.redo());
+  click("edit-undo", () => undo.undo("notes"));
+  click("edit-redo", () => undo.redo("notes"));
   // Where the keyboard is not in a text.
   addEventListener("keydown", (event) => {
     if (!(event.ctrlKey || event.metaKey) || event.altKey || chrome.elementOf(event)?.closest("input, textarea, select")) return;
     const key = event.key.toLowerCase();
     if (key !== "z" && key !== "y") return;
     const isRedo = key === "y" || event.shiftKey;
-    const isDone = measuring.undo(isRedo) || (isRedo ? undo.redo() : undo.undo());
     event.preventDefault();
-    if (isDone) chrome.announce(t(isRedo ? "redo" : "undo"));
+    if (measuring.undo(isRedo)) return;
+    // A tab with a list of its own takes back what happened in that list; elsewhere it is the newest edit.
+    const tab = document.querySelector("[role=tab][aria-selected=true]")?.getAttribute("aria-controls") ?? "";
+    const scope = SCOPES[tab] ?? null;
+    const edit = isRedo ? undo.redo(scope) : undo.undo(scope);
+    if (edit) chrome.notice(t(isRedo ? "redoneNamed" : "undoneNamed", { what: t(edit.name) }));
   });
 }
 

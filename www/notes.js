@@ -77,7 +77,7 @@ export class Notes {
       go: (note) => this.open(note, { focus: true }),
       rename: null,
       edit: (note) => this.edit(note),
-      move: (note, by) => this.change(moved(this.notes, note, by)),
+      move: (note, by) => this.change("editReorder", moved(this.notes, note, by)),
       remove: (note) => this.remove(note),
     });
     this.#form();
@@ -180,7 +180,10 @@ export class Notes {
       const { id } = this.replacing;
       this.replacing = null;
       this.tool("orbit");
-      this.change(this.notes.map((n) => (n.id === id ? { ...n, place: [x, y, z], modified: now } : n)));
+      this.change(
+        "editNotePlace",
+        this.notes.map((n) => (n.id === id ? { ...n, place: [x, y, z], modified: now } : n)),
+      );
       this.editById(id);
       return;
     }
@@ -190,7 +193,7 @@ export class Notes {
     }
     const note = { id: `urn:uuid:${unique()}`, title: "", text: "", link: "", place: [x, y, z], ...this.now(), created: now, modified: now };
     this.tool("orbit");
-    this.change([...this.notes, note]);
+    this.change("editNoteAdd", [...this.notes, note]);
     this.edit(note);
   }
 
@@ -213,7 +216,7 @@ export class Notes {
       created: now,
       modified: now,
     };
-    this.change([...this.notes, note]);
+    this.change("editNoteAdd", [...this.notes, note]);
     return note.id;
   }
 
@@ -221,16 +224,20 @@ export class Notes {
   remove(note) {
     const at = this.notes.findIndex((n) => n.id === note.id);
     this.closeForm();
-    this.change(this.notes.filter((n) => n.id !== note.id));
-    notice(t("deleted", { name: note.title || `${t("note")} ${at + 1}` }), 10000, { label: t("undo"), run: () => this.undo.undo() });
+    this.change(
+      "editDelete",
+      this.notes.filter((n) => n.id !== note.id),
+    );
+    notice(t("deleted", { name: note.title || `${t("note")} ${at + 1}` }), 10000, { label: t("undo"), run: () => this.undo.undo("notes") });
   }
 
   /**
    * Another list, as an edit that can be taken back.
+   * @param {string} name key of the message that names the edit
    * @param {Note[]} notes
    * @param {Note[]} before
    */
-  change(notes, before = this.notes) {
+  change(name, notes, before = this.notes) {
     const stored = this.stored;
     const set = (/** @type {Note[]} */ list, /** @type {Note[] | null} */ kept) => {
       this.notes = list;
@@ -239,7 +246,7 @@ export class Notes {
       this.show();
       this.emit("annotations", { count: list.length });
     };
-    this.undo.do({ undo: () => set(before, stored && before), redo: () => set(notes, notes) });
+    this.undo.do({ scope: "notes", name, undo: () => set(before, stored && before), redo: () => set(notes, notes) });
   }
 
   #form() {
@@ -351,7 +358,7 @@ export class Notes {
     $("note-form").hidden = true;
     $("notes-view").hidden = false;
     this.pins?.current(null);
-    if (this.before && this.before !== this.notes) this.change(this.notes, this.before);
+    if (this.before && this.before !== this.notes) this.change("editNote", this.notes, this.before);
     this.before = null;
   }
 
@@ -372,7 +379,7 @@ export class Notes {
     try {
       const { notes, left, identities } = parseAnnotations(await readJson(file, FILE_LIMIT));
       const ids = new Set(notes.map((n) => n.id));
-      this.change([...this.notes.filter((n) => !ids.has(n.id)), ...notes]);
+      this.change("editImport", [...this.notes.filter((n) => !ids.has(n.id)), ...notes]);
       const here = await Promise.all(identities.map((one) => this.identity.isHere(one)));
       const words = [t("imported", { count: notes.length }), left > 0 && t("importLeft", { count: left }), here.includes(false) && t("otherFile")];
       notice(words.filter(Boolean).join(" "), here.includes(false) ? 20000 : 10000);
@@ -391,6 +398,6 @@ export class Notes {
       put(`notes.${this.hash}`, kept);
       this.show();
     };
-    this.undo.do({ undo: () => set(before, stored), redo: () => set(published, null) });
+    this.undo.do({ scope: "notes", name: "editPublished", undo: () => set(before, stored), redo: () => set(published, null) });
   }
 }

@@ -55,9 +55,13 @@ export class Saved {
     this.list = new EditList($("saved-list"), {
       name: (view) => view.name,
       go: (view) => go(view),
-      rename: (view, name) => this.#change(this.views.map((v) => (v.id === view.id ? { ...v, name } : v))),
+      rename: (view, name) =>
+        this.#change(
+          "editRename",
+          this.views.map((v) => (v.id === view.id ? { ...v, name } : v)),
+        ),
       edit: null,
-      move: (view, by) => this.#change(moved(this.views, view, by)),
+      move: (view, by) => this.#change("editReorder", moved(this.views, view, by)),
       remove: (view) => this.#remove(view),
     });
     this.show();
@@ -76,25 +80,31 @@ export class Saved {
   add(name = null) {
     const numbers = this.views.length + 1;
     const view = { id: unique(), name: name ?? t("viewNumber", { number: numbers }), ...this.now() };
-    this.#change([...this.views, view]);
+    this.#change("editView", [...this.views, view]);
     return view;
   }
 
   /** @param {SavedView} view */
   #remove(view) {
-    this.#change(this.views.filter((v) => v !== view));
-    notice(t("deleted", { name: view.name }), 10000, { label: t("undo"), run: () => this.undo.undo() });
+    this.#change(
+      "editDelete",
+      this.views.filter((v) => v !== view),
+    );
+    notice(t("deleted", { name: view.name }), 10000, { label: t("undo"), run: () => this.undo.undo("views") });
   }
 
-  /** @param {SavedView[]} views */
-  #change(views) {
+  /**
+   * @param {string} name key of the message that names the edit
+   * @param {SavedView[]} views
+   */
+  #change(name, views) {
     const before = this.views;
     const set = (/** @type {SavedView[]} */ list) => {
       this.views = list;
       if (!put(`views.${this.hash}`, list)) notice(t("notKept"));
       this.show();
     };
-    this.undo.do({ undo: () => set(before), redo: () => set(views) });
+    this.undo.do({ scope: "views", name, undo: () => set(before), redo: () => set(views) });
   }
 
   async export() {
@@ -109,7 +119,7 @@ export class Saved {
     try {
       const json = await readJson(file);
       const views = parseViews(json);
-      this.#change([...this.views, ...views]);
+      this.#change("editImport", [...this.views, ...views]);
       const isHere = typeof json.pack !== "string" || (await this.identity.isHere(json.pack));
       const words = t("imported", { count: views.length });
       notice(isHere ? words : `${words} ${t("otherFile")}`, isHere ? 6000 : 20000);

@@ -76,6 +76,7 @@ export class Toolbox {
     const number = format.count((this.points?.found.length ?? 0) + 1);
     /** @type {Partial<Record<Tool, () => string | null>>} */
     const hints = {
+      orbit: () => this.measuring.hint, // while points are moved
       walk: () => t(isTouch ? "hintWalkTouch" : "hintWalk"),
       note: () => t(isTouch ? "hintNoteTouch" : "hintNote"),
       measure: () => this.measuring.hint,

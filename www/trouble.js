@@ -8,11 +8,22 @@ import { t } from "./i18n.js";
 /** @import { Failure } from "./types/page.js" */
 
 /** @type {Record<string, string>} */
-const ICONS = { noGpu: "noscreen", closed: "lock", offline: "offline", server: "offline" };
+const ICONS = { noGpu: "noscreen", gpuGone: "noscreen", closed: "lock", offline: "offline", server: "offline" };
 /** @type {Record<string, string>} */
-const TEXTS = { empty: "damaged", truncated: "damaged", missing: "missing", damaged: "damaged", noRange: "noRange", changed: "changed", closed: "closed" };
+const TEXTS = {
+  empty: "damaged",
+  truncated: "damaged",
+  missing: "missing",
+  damaged: "damaged",
+  noRange: "noRange",
+  changed: "changed",
+  closed: "closed",
+  gpuGone: "gpuGone",
+};
+/** The model itself cannot be shown, and its picture may. */
+const POSTER = new Set(["closed", "noGpu", "gpuGone"]);
 /** Trying the same again helps with these. */
-const RETRY = new Set(["broken", "changed", "missing", "damaged", "server", "noRange"]);
+const RETRY = new Set(["broken", "gpuGone", "changed", "missing", "damaged", "server", "noRange"]);
 
 export class Trouble {
   constructor() {
@@ -23,15 +34,15 @@ export class Trouble {
   }
 
   /**
-   * @param {string} kind `PackError.kind`, or noGpu, damaged, broken
+   * @param {string} kind `PackError.kind`, or noGpu, gpuGone, damaged, broken
    * @param {Failure | null | undefined} error
    * @param {{reason?: string}} more `reason`: string that explains noGpu
    */
   show(kind, error = null, { reason } = {}) {
     this.current = { kind, error, reason };
     this.onShow(kind);
-    // With a picture on screen the sentence is below it: errors never cover the model.
-    if (document.body.dataset.state === "ready") {
+    // With a picture on screen the sentence is below it: errors never cover the model. A device that is gone left none.
+    if (document.body.dataset.state === "ready" && kind !== "gpuGone") {
       const { title, text } = words(this.current);
       notice(`${title}. ${text}`, 60000);
       return;
@@ -39,15 +50,17 @@ export class Trouble {
     document.body.dataset.state = "trouble";
     $("loading").hidden = true;
     $("trouble").hidden = false;
-    if (kind === "closed") this.#poster();
+    if (POSTER.has(kind)) this.#poster();
     this.translate();
   }
 
-  /** The picture that an archive object keeps beside its viewer, where the model itself cannot be shown. */
+  /** The picture that an archive object keeps of its model. */
   #poster() {
+    const { poster: address } = document.body.dataset;
+    if (!address) return;
     const poster = $("trouble-poster");
     poster.onload = () => (poster.hidden = false);
-    poster.src = new URL("../poster.jpg", document.baseURI).href;
+    poster.src = address;
   }
 
   translate() {

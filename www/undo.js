@@ -1,8 +1,25 @@
-// Undo and redo of edits (notes and saved views; moves of the camera have a history of their own in flight.js).
+// Undo and redo of edits: of notes, of saved views and of measurements, each list by itself. Each edit has a name, so that a button and a message say
+// what is taken back. (Moves of the camera have a history of their own in flight.js.)
+
+import { t } from "./i18n.js";
 
 const KEPT = 100;
 
-/** @typedef {{undo: () => void, redo: () => void}} Edit */
+/** The list that an edit changes. @typedef {"notes" | "views" | "measurements"} Scope */
+/**
+ * @typedef {object} Edit
+ * @property {Scope} scope
+ * @property {string} name key of the message that names it
+ * @property {() => void} undo
+ * @property {() => void} redo
+ */
+
+/**
+ * What a button that takes back an edit, or does it again, is called.
+ * @param {"undo" | "redo"} way
+ * @param {Edit | null} edit
+ */
+export const stepName = (way, edit) => (edit ? t(way === "undo" ? "undoNamed" : "redoNamed", { what: t(edit.name) }) : t(way));
 
 export class Undo {
   /** @param {() => void} onChange */
@@ -26,25 +43,45 @@ export class Undo {
     edit.redo();
     this.done.push(edit);
     if (this.done.length > KEPT) this.done.shift();
-    this.undone = [];
+    // The lists do not depend on each other: what was taken back of another one can still be done again.
+    this.undone = this.undone.filter(({ scope }) => scope !== edit.scope);
     this.onChange();
   }
 
-  undo() {
-    const edit = this.done.pop();
-    if (!edit) return false;
+  /**
+   * What `undo` would take back, and `redo` do again; null where there is nothing.
+   * @param {Scope | null} scope only edits of this list
+   */
+  next(scope = null) {
+    const last = (/** @type {Edit[]} */ edits) => edits.findLast((edit) => !scope || edit.scope === scope) ?? null;
+    return { undo: last(this.done), redo: last(this.undone) };
+  }
+
+  /**
+   * Take back the newest edit; returns it, or null where there is none.
+   * @param {Scope | null} scope only an edit of this list
+   */
+  undo(scope = null) {
+    const { undo: edit } = this.next(scope);
+    if (!edit) return null;
     edit.undo();
+    this.done = this.done.filter((other) => other !== edit);
     this.undone.push(edit);
     this.onChange();
-    return true;
+    return edit;
   }
 
-  redo() {
-    const edit = this.undone.pop();
-    if (!edit) return false;
+  /**
+   * Do the edit again that was taken back last; returns it, or null where there is none.
+   * @param {Scope | null} scope only an edit of this list
+   */
+  redo(scope = null) {
+    const { redo: edit } = this.next(scope);
+    if (!edit) return null;
     edit.redo();
+    this.undone = this.undone.filter((other) => other !== edit);
     this.done.push(edit);
     this.onChange();
-    return true;
+    return edit;
   }
 }

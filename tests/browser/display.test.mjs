@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
 import { createRequire } from "node:module";
 import path from "node:path";
-import { cameraOf, canvasOf, displayOf, fortSite, measuredPack, open, openTab, picture, pixels, press, test, tool, waitFor } from "./harness.mjs";
+import { cameraOf, canvasOf, displayOf, fortSite, measuredPack, open, openTab, picture, pixels, press, test, tool, troubleOf, waitFor } from "./harness.mjs";
 
 const site = fortSite({ prepare: measuredPack });
 
@@ -207,18 +207,20 @@ test("a plane through three places is what distances count from", async () => {
   await close();
 });
 
+/** In the page: keep the devices that it gets, the newest last. */
+function keepDevices() {
+  globalThis.devices = [];
+  const { requestDevice } = GPUAdapter.prototype;
+  GPUAdapter.prototype.requestDevice = async function (...what) {
+    const device = await requestDevice.apply(this, what);
+    globalThis.devices.push(device);
+    return device;
+  };
+}
+
 test("a lost device is replaced, and camera, shading and section are as they were", async () => {
   const { page, close } = await fort({
-    before: (page) =>
-      page.addInitScript(() => {
-        globalThis.devices = [];
-        const { requestDevice } = GPUAdapter.prototype;
-        GPUAdapter.prototype.requestDevice = async function (...what) {
-          const device = await requestDevice.apply(this, what);
-          globalThis.devices.push(device);
-          return device;
-        };
-      }),
+    before: (page) => page.addInitScript(keepDevices),
   });
   await page.evaluate(() => {
     const display = { mode: "raking", light: { azimuth: 100, elevation: 15 }, clipPlane: { normal: [0, 0, 1], point: [0, 0, 3] } };
@@ -240,6 +242,35 @@ test("a lost device is replaced, and camera, shading and section are as they wer
   await openTab(page, "Section");
   assert.equal(await page.getByRole("tabpanel", { name: "Section" }).getByRole("group", { name: "Plane" }).getByLabel("Cut here").isChecked(), true);
   await close();
+});
+
+test("a device that keeps being lost ends in words with a way to try again, which keeps the view", async () => {
+  for (const gpu of ["webgpu", "webgl"]) {
+    const { page, close } = await fort({ before: (page) => page.addInitScript(keepDevices) }, `?error=8&gpu=${gpu}`);
+    await page.evaluate(() => globalThis.kilwa.api.setState({ camera: [1, 0.4, 40, 1, 2, 3, 0, 0, 0.7] }));
+    await rest(page);
+    for (let times = 1; times <= 4; times += 1) {
+      const made = await page.evaluate(() => globalThis.devices.length);
+      if (gpu === "webgpu") {
+        await page.evaluate(() => globalThis.devices.at(-1).destroy());
+        if (times < 4) await page.waitForFunction((made) => globalThis.devices.length > made, made);
+      } else {
+        const context = await canvasOf(page).evaluateHandle((canvas) => canvas.getContext("webgl2").getExtension("WEBGL_lose_context"));
+        await context.evaluate((context) => context.loseContext());
+        await page.waitForFunction(() => !globalThis.kilwa.api.stats());
+        if (times < 4) await context.evaluate((context) => context.restoreContext());
+      }
+      if (times < 4) await rest(page);
+    }
+    const trouble = troubleOf(page);
+    await trouble.getByRole("heading", { name: "The graphics device keeps failing" }).waitFor();
+    const isSeen = () => [...document.querySelectorAll("canvas")].some((canvas) => canvas.checkVisibility({ checkOpacity: true }) && canvas.width > 0);
+    assert.equal(await page.evaluate(isSeen), false, "no black picture is left");
+    await trouble.getByRole("button", { name: "Try again" }).click();
+    await rest(page);
+    assert.deepEqual((await cameraOf(page)).slice(0, 6), [1, 0.4, 40, 1, 2, 3]);
+    await close();
+  }
 });
 
 test("levels fade unless the system asks for little motion, and at rest the picture is the exact one", async () => {

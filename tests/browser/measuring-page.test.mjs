@@ -7,7 +7,7 @@ import { readFile } from "node:fs/promises";
 import { createRequire } from "node:module";
 import path from "node:path";
 import { promisify } from "node:util";
-import { KILWA, WWW, cameraOf, canvasOf, fortSite, open, openTab, test, waitFor, tool as railTool } from "./harness.mjs";
+import { KILWA, WWW, cameraOf, canvasOf, fortSite, open, openTab, spotOn, test, waitFor, tool as railTool } from "./harness.mjs";
 import {
   bar,
   bits,
@@ -16,6 +16,7 @@ import {
   labels,
   list,
   measureDistance,
+  movePoints,
   moved,
   numbers,
   openRow,
@@ -133,7 +134,7 @@ test("everything is undone and redone, a reload keeps it, and a point that is dr
   assert.equal((await list(page)).length, 0);
   await page.keyboard.press("Control+Shift+z");
   assert.deepEqual(await bits(page), first);
-  await openRow(page, "Distance 1");
+  await movePoints(page, "Distance 1");
   const box = await handle(page, 1, "Distance 1").boundingBox();
   const [x, y] = [box.x + box.width / 2, box.y + box.height / 2];
   await page.mouse.move(x, y);
@@ -163,6 +164,57 @@ test("everything is undone and redone, a reload keeps it, and a point that is dr
   const [again] = await bits(page);
   assert.deepEqual(again.readings, dragged[0].readings);
   assert.deepEqual(again.local, dragged[0].local);
+  assert.deepEqual(complaints, []);
+  await close();
+});
+
+test("points move only while Move points is pressed, under a small target, and a drag beside one turns the model", async () => {
+  const { page, complaints, close } = await measured();
+  await openRow(page, "Distance 1");
+  const first = await bits(page);
+  const [x, y] = await spotOn(page, ...ENDS[0]);
+  /** Drag by 40 pixels, from this far beside the first point; whether the camera turned. */
+  const dragged = async (beside) => {
+    const before = await cameraOf(page);
+    await page.mouse.move(x - beside, y);
+    await page.mouse.down();
+    await page.mouse.move(x - beside - 40, y + 8, { steps: 4 });
+    await page.mouse.up();
+    const after = await cameraOf(page);
+    await page.evaluate((camera) => globalThis.kilwa.api.setCamera(camera), { azimuth: before[0], elevation: before[1] });
+    return after.join() !== before.join();
+  };
+  assert.equal(await handle(page, 1, "Distance 1").count(), 0, "a row that is open has no handles");
+  for (const beside of [20, 0]) {
+    assert.ok(await dragged(beside), `a drag ${beside} px beside a point turns the model`);
+    assert.deepEqual(await bits(page), first);
+  }
+  await movePoints(page, "Distance 1");
+  await status(page, "Drag a point of the measurement to move it").waitFor();
+  assert.ok(await dragged(20), "a drag 20 px beside a point turns the model, also while points are moved");
+  assert.deepEqual(await bits(page), first);
+  assert.ok(!(await dragged(0)), "a drag on the point does not");
+  await moved(page, first[0].points[0]);
+  await status(page, "Point 1 of Distance 1 was moved.").getByRole("button", { name: "Undo" }).waitFor();
+  await panel(page).getByRole("button", { name: "Undo: move point", exact: true }).click();
+  assert.deepEqual(await bits(page), first);
+  await panel(page).getByRole("button", { name: "Redo: move point", exact: true }).click();
+  await moved(page, first[0].points[0]);
+  // A tab takes back what happened in its own list; elsewhere it is the newest edit, and it is named.
+  await openTab(page, "Notes");
+  await page.evaluate(() => globalThis.kilwa.api.addAnnotation({ place: [0, 0, 1], title: "Gate" }));
+  const notes = page.getByRole("tabpanel", { name: "Notes" });
+  await notes.getByRole("button", { name: "Undo: add note", exact: true }).click();
+  assert.ok(await notes.getByRole("button", { name: "Undo", exact: true }).isDisabled());
+  await page.keyboard.press("Control+z");
+  assert.equal((await list(page)).length, 1, "nothing of the notes is left to take back, and no measurement goes");
+  await openTab(page, "About");
+  await page.keyboard.press("Control+z");
+  await status(page, "Undone: move point").waitFor();
+  assert.deepEqual(await bits(page), first);
+  // Esc ends it, wherever the keyboard is.
+  await page.keyboard.press("Escape");
+  await handle(page, 1, "Distance 1").waitFor({ state: "detached" });
   assert.deepEqual(complaints, []);
   await close();
 });
@@ -235,6 +287,8 @@ test("by keyboard alone: a distance is measured, one of its points moved, its ro
   await keys("Escape");
   const first = await bits(page);
   assert.equal((await list(page))[0].state, "final");
+  await row(page, "Distance 1").focus();
+  await keys("Tab", "Enter"); // Move points
   await handle(page, 1, "Distance 1").focus();
   await keys("Enter");
   await status(page, "new position").waitFor();

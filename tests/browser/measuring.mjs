@@ -10,7 +10,7 @@ export const table = (page) => page.getByRole("table", { name: "Measurements" })
 export const row = (page, name) => table(page).getByRole("rowheader").getByRole("button", { name, exact: true });
 /** The labels over the picture, each named by its measurement and its value. */
 export const labels = (page) => page.getByRole("group", { name: "Measurements" }).getByRole("button", { name: ": " });
-/** The point of a measurement that can be dragged while its row is open. */
+/** The point of a measurement that can be dragged while its points are moved. */
 export const handle = (page, number, name) => page.getByRole("button", { name: `Move point ${number} of ${name}`, exact: true });
 /** A short text that appears and is announced: hints, notices, results. */
 export const status = (page, text) => page.getByRole("status").filter({ hasText: text, visible: true });
@@ -97,6 +97,9 @@ export async function openRow(page, name) {
     .getByRole("cell")
     .filter({ has: page.getByRole("textbox") });
 }
+
+/** Let the points of a measurement be moved. */
+export const movePoints = async (page, name) => (await openRow(page, name)).getByRole("button", { name: `Move points: ${name}` }).click();
 
 /** The first `count` values of a row's details, without the sources of the uncertainty. */
 export async function values(page, name, count) {

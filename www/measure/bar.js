@@ -36,9 +36,9 @@ export class Bar {
   }
 
   show() {
-    const { kind, drawn, moving, canFinish } = this.draft;
+    const { kind, drawn, moving, editing, canFinish } = this.draft;
     const bar = $("measure-bar");
-    bar.hidden = !moving && (!drawn || kind.max === 0);
+    bar.hidden = !moving && !editing && (!drawn || kind.max === 0);
     if (bar.hidden) return;
     // Below the hint, which may need two lines.
     bar.style.setProperty("--below", `${$("hint").offsetTop + $("hint").offsetHeight + GAP}px`);
@@ -47,11 +47,13 @@ export class Bar {
     const back = () => this.#then(() => this.draft.undoPoint(false));
     const finish = () => this.#then(() => this.draft.finish());
     const snapName = `${t("measureSnap")}: ${t(SNAPS[snap])}`;
+    const isDrawing = Boolean(drawn);
+    const leaveKey = editing ? "measureEditDone" : "measureLeave";
     show(
       html`<button type="button" class="button icon" data-label="measureSnap" data-key="⇧" aria-label=${snapName} aria-pressed=${isOn} @click=${() => this.setSnap(isOn ? "none" : "vertex")}>${icon("magnet", "measure")}</button>
-<button type="button" class="button icon" data-label="measureBack" data-key="⌫" aria-label=${t("measureBack")} ?disabled=${!drawn || drawn.points.length === 0} @click=${back}>${icon("undo")}</button>
-<button type="button" class="button icon" data-label="measureFinish" data-key="⏎" aria-label=${t("measureFinish")} ?hidden=${kind.max !== Infinity} ?disabled=${!canFinish} @click=${finish}>${icon("check")}</button>
-<button type="button" class="button icon" data-label="measureLeave" data-key="Esc" aria-label=${t("measureLeave")} @click=${this.leave}>${icon("close")}</button>`,
+<button type="button" class="button icon" data-label="measureBack" data-key="⌫" aria-label=${t("measureBack")} ?hidden=${!isDrawing} ?disabled=${!drawn || drawn.points.length === 0} @click=${back}>${icon("undo")}</button>
+<button type="button" class="button icon" data-label="measureFinish" data-key="⏎" aria-label=${t("measureFinish")} ?hidden=${!isDrawing || kind.max !== Infinity} ?disabled=${!canFinish} @click=${finish}>${icon("check")}</button>
+<button type="button" class="button icon" data-label=${leaveKey} data-key="Esc" aria-label=${t(leaveKey)} @click=${this.leave}>${icon(editing ? "check" : "close")}</button>`,
       bar,
     );
   }

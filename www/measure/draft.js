@@ -1,7 +1,7 @@
 // The tool in use: places are pressed one after the other until a measurement is complete; and points of finished ones that are moved. A place is picked
 // on what is on screen (provisional), and at once looked up along the same ray on the finest surface.
 
-import { announce, hint, notice } from "../chrome.js";
+import { announce, hint, notice, peek } from "../chrome.js";
 import { t } from "../i18n.js";
 import { why } from "../messages.js";
 import { Point, Task } from "./task.js";
@@ -66,6 +66,8 @@ export class Draft {
     this.kind = /** @type {MeasureTool} */ (toolOf("distance"));
     /** While a tool is in use: the points so far, and those taken back. @type {{points: Point[], undone: Point[]} | null} */
     this.drawn = null;
+    /** Id of the measurement whose points can be moved. @type {string | null} */
+    this.editing = null;
     /** A point whose place is chosen anew. @type {{id: string, index: number} | null} */
     this.moving = null;
     /** A point that the keyboard took up, and the pixel it was at. @type {{id: string, index: number, at: [number, number]} | null} */
@@ -87,6 +89,7 @@ export class Draft {
    */
   start(name = null) {
     const { taken } = this;
+    if (!taken) this.editing = null;
     this.moving = taken;
     if (taken) {
       this.#parts.scene().input.showPoint(taken.at);
@@ -116,8 +119,8 @@ export class Draft {
   }
 
   leave() {
-    if (!this.drawn && !this.moving) return;
-    this.drawn = this.moving = this.cursor = null;
+    if (!this.drawn && !this.moving && !this.editing) return;
+    this.drawn = this.moving = this.cursor = this.editing = null;
     this.#parts.toolChanged();
     this.#parts.changed();
   }
@@ -125,6 +128,7 @@ export class Draft {
   /** The next step, in words. */
   hint() {
     if (this.moving) return t(isTouch() ? "measureMoveTouch" : "measureMove");
+    if (this.editing) return t(isTouch() ? "measureEditTouch" : "measureEditHint");
     if (!this.drawn || this.kind.max === 0) return null;
     return stepText(this.kind, this.drawn.points.length, isTouch());
   }
@@ -160,7 +164,7 @@ export class Draft {
       const { id, index } = this.moving;
       this.moving = null;
       this.drop(id, index, x, y, snap);
-      this.#parts.tool("orbit");
+      this.edit(id);
       return;
     }
     if (!this.drawn) return;
@@ -316,6 +320,20 @@ export class Draft {
   // Points that are moved afterwards.
 
   /**
+   * Let the points of a measurement be moved; null: of none.
+   * @param {string | null} id
+   */
+  edit(id) {
+    if (this.editing === id && !this.moving) return;
+    this.#parts.tool("orbit"); // leaves the tool in use, and this mode
+    if (id === null || !this.#parts.items.find(id)) return;
+    peek();
+    this.#parts.items.chosen = id;
+    this.editing = id;
+    this.#step();
+  }
+
+  /**
    * A handle is dragged to a pixel.
    * @param {string} id
    * @param {number} index
@@ -347,8 +365,12 @@ export class Draft {
     const item = this.#parts.items.find(id);
     if (!item) return;
     const point = this.#pick(x, y, snap);
-    if (point) this.#parts.items.update(id, { task: item.task.withPoint(index, point), foreign: null });
-    else notice(t("noteMissed"));
+    if (!point) {
+      notice(t("noteMissed"));
+      return;
+    }
+    this.#parts.items.update("editMove", id, { task: item.task.withPoint(index, point), foreign: null });
+    this.#parts.items.offerUndo(t("measureMoved", { number: index + 1, name: item.name }));
   }
 
   /** It goes back to where it was. */

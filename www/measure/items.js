@@ -57,7 +57,7 @@ export class Items {
       const plain = (/** @type {MeasureRecord} */ one) => writeAddress([{ ...one, name: "", color: undefined, hidden: false }]);
       const have = new Set(this.all.map(({ task }) => plain(task.record())));
       const added = found.filter((one) => !have.has(plain(one))).flatMap((one) => this.item(one) ?? []);
-      if (added.length > 0) this.change([...this.all, ...added]);
+      if (added.length > 0) this.change("editLink", [...this.all, ...added]);
       if (left > 0) notice(t("measureLinkCut", { count: left }), 10000);
     }
     for (const item of this.all) this.on.arrived(item);
@@ -112,10 +112,11 @@ export class Items {
 
   /**
    * Another list, as an edit that can be taken back.
+   * @param {string} name key of the message that names the edit
    * @param {MeasureItem[]} items
    * @param {MeasureItem[]} before
    */
-  change(items, before = this.all) {
+  change(name, items, before = this.all) {
     const set = (/** @type {MeasureItem[]} */ list) => {
       this.all = list;
       if (!list.some((i) => i.id === this.chosen)) this.chosen = null;
@@ -124,6 +125,8 @@ export class Items {
       this.on.counted(list.length);
     };
     this.undo.do({
+      scope: "measurements",
+      name,
       undo: () => set(before),
       redo: () => {
         set(items);
@@ -133,12 +136,16 @@ export class Items {
   }
 
   /**
-   * One measurement with another name, colour or place on screen.
+   * One measurement with another name, colour, point or place in the list.
+   * @param {string} name key of the message that names the edit
    * @param {string} id
    * @param {Partial<MeasureItem>} fields
    */
-  update(id, fields) {
-    this.change(this.all.map((i) => (i.id === id ? { ...i, ...fields } : i)));
+  update(name, id, fields) {
+    this.change(
+      name,
+      this.all.map((i) => (i.id === id ? { ...i, ...fields } : i)),
+    );
   }
 
   /**
@@ -156,7 +163,7 @@ export class Items {
   typed() {
     const { before } = this;
     this.before = null;
-    if (before && before !== this.all) this.change(this.all, before);
+    if (before && before !== this.all) this.change("editNote", this.all, before);
   }
 
   /**
@@ -170,7 +177,7 @@ export class Items {
     const more = all.filter((item) => !have.has(signature(item)));
     const count = this.all.length + more.length;
     if (count > MAX_ITEMS) throw new Error(t("importTooMany", { count, most: MAX_ITEMS }));
-    if (more.length > 0) this.change([...this.all, ...more]);
+    if (more.length > 0) this.change("editImport", [...this.all, ...more]);
     notice(t("imported", { count: all.length }), 6000);
   }
 
@@ -186,7 +193,7 @@ export class Items {
     }
     const item = { id: unique(), name: this.#newName(task.kind), color: COLOR, hidden: false, note: "", foreign: null, task, ...more };
     this.chosen = item.id;
-    this.change([...this.all, item]);
+    this.change("editMeasure", [...this.all, item]);
     return item;
   }
 
@@ -195,23 +202,29 @@ export class Items {
    * @param {number} by
    */
   move(item, by) {
-    this.change(moved(this.all, item, by));
+    this.change("editReorder", moved(this.all, item, by));
   }
 
   /** @param {MeasureItem} item */
   remove(item) {
-    this.change(this.all.filter((i) => i.id !== item.id));
-    this.#offerUndo(t("deleted", { name: item.name }));
+    this.change(
+      "editDelete",
+      this.all.filter((i) => i.id !== item.id),
+    );
+    this.offerUndo(t("deleted", { name: item.name }));
   }
 
   removeAll() {
     const count = this.all.length;
-    this.change([]);
-    this.#offerUndo(t("measureAllDeleted", { count }));
+    this.change("editDeleteAll", []);
+    this.offerUndo(t("measureAllDeleted", { count }));
   }
 
-  /** @param {string} text */
-  #offerUndo(text) {
-    notice(text, 10000, { label: t("undo"), run: () => this.undo.undo() });
+  /**
+   * Report a change, with a button that takes it back.
+   * @param {string} text
+   */
+  offerUndo(text) {
+    notice(text, 10000, { label: t("undo"), run: () => this.undo.undo("measurements") });
   }
 }

@@ -5,7 +5,7 @@
 // the finest surface; when all are found, it is measured and final (solid). Every change of the list can be undone and is kept by the browser
 // for the pack; nothing is lost by a reload, also what is not final yet.
 
-import { announce, notice, openTab } from "../chrome.js";
+import { announce, elementOf, notice, openTab } from "../chrome.js";
 import { $ } from "../dom.js";
 import { apply, t } from "../i18n.js";
 import { get, put } from "../store.js";
@@ -37,6 +37,7 @@ export class Measure {
   /** The engine that is open. @type {Engine | null} */
   #current = null;
   #isClosed = false;
+  #abort = new AbortController();
   /** A refresh is on its way. */
   #refreshing = false;
 
@@ -128,6 +129,10 @@ export class Measure {
       choose: (id) => this.choose(id),
     });
     this.list.restore(linked);
+    const key = (/** @type {KeyboardEvent} */ event) => {
+      if (event.key === "Escape" && !elementOf(event)?.closest("dialog")) this.draft.edit(null);
+    };
+    document.addEventListener("keydown", key, { signal: this.#abort.signal });
   }
 
   get scene() {
@@ -174,6 +179,7 @@ export class Measure {
 
   close() {
     this.leave();
+    this.#abort.abort();
     this.#isClosed = this.draft.isClosed = true;
     this.runner.close(this.items);
     this.marks.close();
@@ -262,14 +268,6 @@ export class Measure {
     this.panel.focus(id);
   }
 
-  /**
-   * @param {string} id
-   * @param {Partial<MeasureItem>} fields
-   */
-  update(id, fields) {
-    this.list.update(id, fields);
-  }
-
   /** @param {string} unit */
   setUnit(unit) {
     this.unit = unit;
@@ -290,6 +288,7 @@ export class Measure {
     queueMicrotask(() => {
       this.#refreshing = false;
       if (this.#isClosed) return;
+      if (this.draft.editing !== this.list.chosen) this.draft.edit(null);
       this.panel.show();
       this.#draw();
     });
@@ -297,12 +296,12 @@ export class Measure {
 
   #draw() {
     if (!this.#scene) return;
-    const { dragged, drawn, moving, task } = this.draft;
+    const { dragged, drawn, editing, moving, task } = this.draft;
     const shapes = this.items
       .filter((item) => !item.hidden)
       .map((item) => {
         const shown = dragged?.id === item.id ? { ...item, task: dragged.task } : item;
-        const canMove = shown.task.points.length > 0 && !drawn;
+        const canMove = shown.task.points.length > 0 && !drawn && editing === item.id;
         return shapeOf(shown, { label: linesOf(shown.task, this.unit), chosen: this.list.chosen === item.id, canMove });
       });
     if (task) {

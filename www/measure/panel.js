@@ -1,10 +1,11 @@
 // The Measurements tab: the tools, their options, and the table (row.js). Values are text that can be selected and copied; a row opens to show everything
 // of its measurement.
 
-import { html, nothing } from "lit-html";
+import { html } from "lit-html";
 import { $ } from "../dom.js";
 import { niceBelow } from "../format.js";
 import { t } from "../i18n.js";
+import { stepName } from "../undo.js";
 import { forget, icon, keepingFocus, show } from "../view.js";
 import { FORMATS } from "./files.js";
 import { Rows } from "./row.js";
@@ -111,8 +112,11 @@ export class Panel {
     const { items, files, undo } = this.#parts;
     const { isLong } = this.#parts.settings();
     const isEmpty = items.all.length === 0;
-    const button = (/** @type {string} */ key, /** @type {() => void} */ click, disabled = false, name = "") =>
-      html`<button type="button" class="button outlined" ?disabled=${disabled} @click=${click}>${name ? icon(name) : nothing}<span>${t(key)}</span></button>`;
+    const button = (/** @type {string} */ key, /** @type {() => void} */ click, disabled = false) =>
+      html`<button type="button" class="button outlined" ?disabled=${disabled} @click=${click}><span>${t(key)}</span></button>`;
+    const next = undo.next("measurements");
+    const step = (/** @type {"undo" | "redo"} */ way) =>
+      html`<button type="button" class="button outlined" ?disabled=${!next[way]} @click=${() => undo[way]("measurements")}>${icon(way)}<span>${stepName(way, next[way])}</span></button>`;
     const read = (/** @type {Event} */ event) => {
       const field = fieldOf(event);
       const [file] = field.files ?? [];
@@ -128,7 +132,7 @@ export class Panel {
 <tbody role="rowgroup">${items.all.map((item, at) => this.rows.row(item, at))}</tbody>
 </table>
 <p class="quiet" ?hidden=${!isLong}>${t("measureLinkLong")}</p>
-<p class="actions">${button("undo", () => undo.undo(), undo.done.length === 0, "undo")}${button("redo", () => undo.redo(), undo.undone.length === 0, "redo")}${button("measureDeleteAll", () => items.removeAll(), isEmpty)}</p>
+<p class="actions">${step("undo")}${step("redo")}${button("measureDeleteAll", () => items.removeAll(), isEmpty)}</p>
 <p class="actions">
 <select data-label="measureFormat" aria-label=${t("measureFormat")} @change=${(/** @type {Event} */ event) => {
       this.format = fieldOf(event).value;

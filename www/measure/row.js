@@ -90,12 +90,23 @@ ${task.refusal ? html`<p class="error">${task.refusal()}</p>` : nothing}
 ${task.state === "missed" ? html`<p class="error">${t("measureMissed")}</p>` : nothing}
 ${task.state === "missed" || task.state === "failed" ? button(t("tryAgain"), "again", () => runner.again(item)) : nothing}
 ${task.readings.length > 0 ? [html`<p class="quiet">${kindName(task.kind)}</p><dl class="facts">${task.readings.map((r) => fact(readingName(r.name), text(r, unit)))}</dl>`, parts(task)] : nothing}
+${this.#moving(item)}
 ${this.#words(item)}
 ${cited ? html`<p class="cited" dir="auto">${cited.words}</p>` : nothing}
 ${cited?.address ? html`<p class="cited-address"><a href=${cited.address} dir="ltr">${cited.address}</a></p>` : nothing}
 ${this.#drawings(item)}
 ${this.#strip(item, at)}
 </div>`;
+  }
+
+  /** Its points can be moved while this is pressed, and only then: a drag beside a point turns the model. @param {MeasureItem} item */
+  #moving({ id, hidden, name, task }) {
+    const { draft } = this.#parts;
+    if (hidden || task.points.length === 0) return nothing;
+    const isMoving = draft.editing === id;
+    return actions(
+      html`<button type="button" class="button outlined" data-act="move" aria-pressed=${isMoving} aria-label="${t("measureEdit")}: ${name}" @click=${() => draft.edit(isMoving ? null : id)}>${icon("move", "measure")}<span>${t("measureEdit")}</span></button>`,
+    );
   }
 
   /** What a measurement becomes beside its value. @param {MeasureItem} item */
@@ -123,8 +134,13 @@ ${this.#strip(item, at)}
       iconButton(act, { key, click, about, act, disabled, sheet: "measure" });
     const page = (/** @type {string} */ name, /** @type {string} */ key, /** @type {() => void} */ click, { act = name, disabled = false } = {}) =>
       iconButton(name, { key, click, about, act, disabled });
-    const recolor = (/** @type {Event} */ event) => items.update(id, { color: textOf(event) });
-    const hide = page(hidden ? "show" : "hide", hidden ? "measureShow" : "measureHide", () => items.update(id, { hidden: !hidden }), { act: "hide" });
+    const recolor = (/** @type {Event} */ event) => items.update("editColor", id, { color: textOf(event) });
+    const hide = page(
+      hidden ? "show" : "hide",
+      hidden ? "measureShow" : "measureHide",
+      () => items.update(hidden ? "editShow" : "editHide", id, { hidden: !hidden }),
+      { act: "hide" },
+    );
     return html`<div class="strip">
 ${own("look", "measureLook", () => sharing.look(item))}
 ${own("copy", "measureCopy", () => sharing.copyValues(item), !task.isFinal)}
@@ -142,7 +158,7 @@ ${page("delete", "delete", () => items.remove(item))}
     const { items } = this.#parts;
     const rename = (/** @type {Event} */ event) => {
       const given = textOf(event).trim();
-      if (given && given !== name) items.update(id, { name: given });
+      if (given && given !== name) items.update("editRename", id, { name: given });
     };
     const leave = (/** @type {KeyboardEvent} */ event) => {
       if (event.key === "Enter") /** @type {HTMLElement} */ (event.target).blur();

@@ -225,6 +225,8 @@ pub struct Stats {
     pub target_reached: bool,
     /// Less is shown than asked for because a memory budget is full.
     pub budget_limited: bool,
+    /// Less is shown than asked for because the file ends before its header states ([`crate::Streamer::set_cut_off`]).
+    pub cut_off: bool,
     /// Everything wanted is resident, and nothing is in flight: with the same view the next step changes nothing.
     pub settled: bool,
 }
