@@ -16,7 +16,8 @@ pub(crate) fn of(target: &str) -> Vec<Vec<u8>> {
         "metadata" => metadata(),
         "manifest" => manifests(),
         "notes" => notes(),
-        "decode_chunk" => packs().iter().flat_map(|pack| chunks(pack)).collect(),
+        // Both codecs: new packs have codec 2.
+        "decode_chunk" => packs().iter().chain([&of_format_1_0()]).flat_map(|pack| chunks(pack)).collect(),
         "ptx" => ptx(),
         "points" => points(),
         "e57" => e57s(),
@@ -180,6 +181,12 @@ fn packs() -> Vec<Vec<u8>> {
         build(square(16, false, true), 32),
         build(square(20, true, false), 128),
     ]
+}
+
+/// A pack whose chunks have codec 1.
+fn of_format_1_0() -> Vec<u8> {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/compat/1.0-wall.kilwa");
+    std::fs::read(path).expect("is there")
 }
 
 /// The chunks of a pack as the target takes them.

@@ -114,8 +114,8 @@ fn without_kilwa(s: &mut String, p: &Publication) {
                position is origin + step * integer, in metres, z up.\n   \
             b. Metadata: JSON that can be read with a text editor, directly behind the header.\n   \
             c. A directory of chunks, and the chunks. The mesh is the union of the patches that name no diamond.\n   \
-            The full description is docs/FORMAT.md of Kilwa (format 1.0), with a reader of 600 lines of Python,\n   \
-            tests/format/read_pack.py, written from it. Both belong to every copy of the source of Kilwa.\n"
+            The full description is docs/FORMAT.md of Kilwa; bytes 8 to 11 of the pack are the version of the\n   \
+            format. A reader in Python, tests/format/read_pack.py, was written from it. Both belong to every copy of the source of Kilwa.\n"
     );
 }
 

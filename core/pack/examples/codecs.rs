@@ -26,7 +26,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 *sum += part;
             }
             if decode(&second, declared, attributes)?.canonical() != chunk.canonical() {
-                return Err(format!("{path}: chunk {i} came back as another").into());
+                return Err(format!("{path}: chunk {i} did not survive encoding and decoding").into());
             }
             let mut fastest = [f64::INFINITY; 2];
             for _ in 0..ROUNDS {

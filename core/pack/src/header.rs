@@ -17,9 +17,9 @@ pub const MAGIC: [u8; 8] = *b"KILWAPCK";
 /// feature bits.
 pub const VERSION: (u16, u16) = (1, 1);
 /// Required features that this reader knows.
-const KNOWN: u64 = CODEC_2;
+const KNOWN: u64 = FEATURE_CODEC_2;
 /// Required feature 0 (since 1.1): chunks may be coded by codec 2.
-const CODEC_2: u64 = 1;
+const FEATURE_CODEC_2: u64 = 1;
 /// Longest metadata block, in bytes: it has to leave room for page 0 and a picture in the first [`HEAD_BYTES`].
 pub const MAX_METADATA_BYTES: u32 = 65_536;
 /// Most directory entries: indices are 32-bit and `u32::MAX` means none.
@@ -65,7 +65,7 @@ impl Header {
     pub fn new(lattice: Lattice, cube_log2: u32, triangles: u64, attributes: crate::Attributes) -> Self {
         Self {
             version: VERSION,
-            required_features: CODEC_2,
+            required_features: FEATURE_CODEC_2,
             lattice,
             cube_log2,
             file_bytes: 0,
@@ -84,7 +84,7 @@ impl Header {
     /// The header of a pack that gets chunks encoded by this program, whatever the version was before.
     #[must_use]
     pub fn with_current_codec(self) -> Self {
-        Self { version: self.version.max(VERSION), required_features: self.required_features | CODEC_2, ..self }
+        Self { version: self.version.max(VERSION), required_features: self.required_features | FEATURE_CODEC_2, ..self }
     }
 
     /// Number of directory pages.
@@ -105,7 +105,7 @@ impl Header {
 
     /// Check that a chunk has a codec that the header announces.
     pub(crate) fn announces_codec_of(&self, chunk: &[u8]) -> Result<(), PackError> {
-        if chunk.first() == Some(&crate::chunk::CODEC_2) && self.required_features & CODEC_2 == 0 {
+        if chunk.first() == Some(&crate::chunk::CODEC_2) && self.required_features & FEATURE_CODEC_2 == 0 {
             return Err(PackError::invalid("chunk", "it has codec 2, which the header does not announce"));
         }
         Ok(())

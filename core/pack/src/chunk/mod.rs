@@ -199,7 +199,7 @@ pub fn with_patches(patches: &[PatchRange], body: &[u8]) -> Vec<u8> {
 /// Decode a chunk that [`encode`] wrote.
 ///
 /// # Errors
-/// [`PackError`] for every byte sequence that no encoder wrote; never panics, never allocates more than a small
+/// [`PackError`] for bytes that break a rule of FORMAT; never panics, never allocates more than a small
 /// multiple of what `declared` implies, which is itself checked against a hard cap and against `bytes.len()`.
 pub fn decode(bytes: &[u8], declared: Declared, attributes: Attributes) -> Result<Chunk, PackError> {
     let bad = |why: String| Err(PackError::invalid("chunk", why));

@@ -1,4 +1,4 @@
-//! The bytes of a chunk. FORMAT section 5: `codec | patch table | length | body | padding`; in the body a coded
+//! The bytes of a chunk. FORMAT section 5: `codec | patch table | length | body | padding`; and the body of codec 1: a coded
 //! stream and raw bits, read side by side: `connectivity | borders | positions | colours | normals | scalars`.
 
 use super::attributes;

@@ -1,5 +1,5 @@
-//! Four numbers at once: a vector where the target has them (the page's modules), an array elsewhere. (The page is linked for
-//! small size, where compilers make no vectors of arrays.)
+//! Four numbers at once: a vector where the target has them (the page's modules), an array elsewhere. (The web
+//! build optimises for size, so code for arrays is not vectorised there.)
 
 #[cfg(not(all(target_arch = "wasm32", target_feature = "simd128")))]
 pub(super) use self::array::Lanes;

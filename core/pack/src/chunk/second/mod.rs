@@ -1,4 +1,4 @@
-//! Codec 2: static tables and interleaved states where codec 1 has one adaptive bit after another. FORMAT sections 5.11 to
+//! Codec 2: static tables and interleaved states where codec 1 has one adaptive bit after another. FORMAT sections 5.12 to
 //! 5.19. What lies beside the entropy coder is shared with codec 1: the cut-border machine, links, weights, tints, grains.
 
 mod fit;
@@ -125,9 +125,12 @@ impl Parts<'_> {
         coder.part(Part::Positions);
         let (mut coder, grains) = self.values(coder);
         coder.part(Part::Normals);
+        // What follows a part that ran out of bytes is meaningless: nothing is allocated for it.
+        coder.check()?;
         self.normals(&mut coder, &grains)?;
         coder.part(Part::Scalars);
-        self.scalars(&mut coder);
+        coder.check()?;
+        self.scalars(&mut coder)?;
         Ok(coder)
     }
 
@@ -186,14 +189,16 @@ impl Parts<'_> {
         normals.code(coder, &mut self.mesh.normals, &mut seen).map_err(out_of_range)
     }
 
-    fn scalars<C: Coder>(&mut self, coder: &mut C) {
+    fn scalars<C: Coder>(&mut self, coder: &mut C) -> Result<(), PackError> {
         self.mesh.scalars.resize(self.attributes.scalars.into(), Vec::new());
         for channel in &mut self.mesh.scalars {
+            coder.check()?;
             channel.resize(self.links.len(), 0.0);
             let mut ordered: Vec<i32> = channel.iter().map(|x| attributes::ordered_bits(*x)).collect();
             let mut model = Wide::new();
             attributes::scalars_with(&mut |x| model.code(coder, 0, x), self.links, &mut ordered);
             *channel = ordered.into_iter().map(attributes::from_ordered_bits).collect();
         }
+        Ok(())
     }
 }

@@ -166,7 +166,7 @@ pub(super) struct Predicted {
     kind: u8,
 }
 
-/// What the triangles of a vertex say of it.
+/// Accumulated over the triangles of a vertex.
 #[derive(Clone, Copy)]
 struct Seen {
     sum: [i64; 3],
@@ -222,7 +222,7 @@ fn axis([x, y, z]: [i32; 3], i: usize) -> i32 {
     }
 }
 
-/// As `kilwa_geometry::normal::encode`, but for rounding of exact halves.
+/// As `kilwa_geometry::normal::encode`, of a sum in whole numbers.
 #[inline]
 fn octahedral(n: [i64; 3]) -> OctNormal {
     let [x, y, z] = n.map(|c| c as f64);

@@ -55,6 +55,12 @@ pub(super) trait Coder {
     #[inline]
     fn part(&mut self, _: Part) {}
 
+    /// Fails if a decoder has read beyond the end of the stream.
+    #[inline]
+    fn check(&self) -> Result<(), PackError> {
+        Ok(())
+    }
+
     /// Code up to 32 bits as they are.
     #[inline]
     fn raw32(&mut self, bits: u32, value: u32) -> u32 {
@@ -196,11 +202,17 @@ impl<'a> Decoder<'a> {
 
     /// Whether more was read than there is: then the rest is meaningless.
     pub(super) fn is_past_end(&self) -> bool {
-        self.next > self.words.len() || self.consumed() > 8 * (self.raw.len() - RAW_PADDING)
+        self.next > self.words.len() || self.consumed() > self.raw_bits()
     }
 
-    fn consumed(&self) -> usize {
-        (8 * self.at).saturating_sub(self.held_bits as usize)
+    /// Raw bits that were read.
+    fn consumed(&self) -> u64 {
+        (8 * self.at as u64).saturating_sub(self.held_bits.into())
+    }
+
+    /// Raw bits that are stored.
+    fn raw_bits(&self) -> u64 {
+        8 * (self.raw.len() - RAW_PADDING) as u64
     }
 
     /// Fails unless exactly the stream was read, and the states are those that an encoder begins with.
@@ -208,13 +220,13 @@ impl<'a> Decoder<'a> {
         if self.is_past_end() {
             return Err(c.invalid("its coded part ends too early"));
         }
-        let (read, bits) = (self.consumed(), 8 * (self.raw.len() - RAW_PADDING));
+        let (read, bits) = (self.consumed(), self.raw_bits());
         let rest = self.held & ((1u64 << (bits - read).min(63)) - 1);
         if self.next != self.words.len() || bits - read >= 8 || rest != 0 {
             return Err(c.invalid("bytes are left over in its coded part"));
         }
         if self.states != [LOWEST; STATES] {
-            return Err(c.invalid("its coded part does not end as it should"));
+            return Err(c.invalid("its coded part ends in the wrong state"));
         }
         Ok(())
     }
@@ -237,6 +249,13 @@ impl<'a> Decoder<'a> {
 
 impl Coder for Decoder<'_> {
     const ENCODES: bool = false;
+
+    fn check(&self) -> Result<(), PackError> {
+        if self.is_past_end() {
+            return Err(PackError::invalid("chunk", "its coded part ends too early"));
+        }
+        Ok(())
+    }
 
     #[inline]
     fn slot(&self, state: usize) -> u32 {
@@ -274,7 +293,7 @@ impl Coder for Decoder<'_> {
     }
 }
 
-/// Codes nothing and agrees with everything: for an encoder to see what it will have to code.
+/// Writes nothing: for an encoder to collect statistics of what it will have to code.
 pub(super) struct DryRun;
 
 impl Coder for DryRun {
@@ -289,5 +308,75 @@ impl Coder for DryRun {
 
     fn raw(&mut self, _: u32, value: u64) -> u64 {
         value
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::model::{Adaptive, Bit, Number, Wide};
+    use super::super::tables::{COLOR_ROWS, MAX_SCALE, Scale, TABLES};
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A stream with one of everything, and what was coded: the models are the same code on both sides.
+    fn all<C: Coder>(coder: &mut C, values: &[i32]) -> Vec<i64> {
+        let (mut bit, mut number, mut wide) = (Bit::unknown(2), Number::new(22), Wide::new());
+        let mut symbol = Adaptive::<16>::unknown(16);
+        let mut out = Vec::new();
+        for (i, &v) in values.iter().enumerate() {
+            let small = v.unsigned_abs() & 0x1f_ffff;
+            out.push(i64::from(bit.is(coder, i % 3, v > 0)));
+            out.push(symbol.code(coder, i % 3, small as usize % 16) as i64);
+            out.push(number.code(coder, i % 3, small).into());
+            out.push(wide.code(coder, i % 3, v).into());
+            out.push((coder.raw(MAX_RAW_BITS, u64::from(small) << 35 | 5) & 0xffff_ffff_ffff) as i64);
+            let scale = Scale::new(i as u32 % (MAX_SCALE + 1));
+            out.push(TABLES.one(coder, i % 3, scale, v).into());
+            let color = Scale::of_color(i as u8 % COLOR_ROWS);
+            out.push(TABLES.one(coder, i % 3, color, v).into());
+        }
+        out
+    }
+
+    fn coded(values: &[i32]) -> (Vec<u8>, Vec<u8>, Vec<i64>) {
+        let mut encoder = Encoder::default();
+        let there = all(&mut encoder, values);
+        let (words, raw) = encoder.finish();
+        (words, raw, there)
+    }
+
+    fn ends(words: &[u8], raw: &[u8], values: usize) -> Option<Result<Vec<i64>, PackError>> {
+        let stored = Stored::new(words, raw)?;
+        let mut decoder = Decoder::new(&stored);
+        let back = all(&mut decoder, &vec![0; values]);
+        Some(decoder.end(&Cursor::new(&[], "chunk")).map(|()| back))
+    }
+
+    proptest! {
+        #[test]
+        fn symbols_numbers_and_residuals_of_every_scale_come_back(
+            values in proptest::collection::vec(prop_oneof![any::<i32>(), -9i32..9, Just(i32::MIN), Just(i32::MAX)], 1..300),
+        ) {
+            let (words, raw, there) = coded(&values);
+            let back = ends(&words, &raw, values.len()).expect("is a stream").expect("ends as it should");
+            prop_assert_eq!(back, there);
+        }
+    }
+
+    #[test]
+    fn a_stream_that_is_longer_or_shorter_or_ends_in_another_state_is_refused() {
+        let values = [3, -70_000, 0, i32::MIN, 12];
+        let (words, raw, _) = coded(&values);
+        let refused = |words: &[u8], raw: &[u8]| !matches!(ends(words, raw, values.len()), Some(Ok(_)));
+        assert!(!refused(&words, &raw));
+        assert!(refused(&words[..words.len() - 1], &raw), "half a word");
+        assert!(refused(&words[..words.len() - 2], &raw), "a word is missing");
+        assert!(refused(&words[..11], &raw), "a state is cut off");
+        assert!(refused(&[&words[..], &[0, 0]].concat(), &raw), "a word is left over");
+        assert!(refused(&words, &raw[..raw.len() - 1]), "a raw byte is missing");
+        assert!(refused(&words, &[&raw[..], &[0]].concat()), "a raw byte is left over");
+        let mut low = words.clone();
+        low[..4].copy_from_slice(&(LOWEST - 1).to_le_bytes());
+        assert!(Stored::new(&low, &raw).is_none(), "a state below the lowest");
     }
 }

@@ -37,7 +37,7 @@ impl Entry {
     fn new(start: u16, width: u16, symbol: usize, scale_bits: u32) -> Self {
         let least = LEAST.get(symbol).copied().map_or(0, u64::from) << scale_bits;
         let sign = u32::from(scale_bits > 0 || symbol > 0);
-        // More than can be read at once: whoever reads takes the slow way.
+        // More than can be read at once: the decoder takes the slow path.
         let raw = EXTRA.get(symbol).map_or(63, |&extra| u32::from(extra) + scale_bits + sign);
         let low = u64::from(start) | u64::from(width) << 12 | u64::from(raw) << 25 | u64::from(sign) << 31;
         Self(low | least << 32 | u64::from(scale_bits > 0) << 63)
@@ -283,7 +283,7 @@ impl Line {
         Self { offset: coder.raw32(7, self.offset), slope: coder.raw32(4, self.slope) }
     }
 
-    /// Whether another one is worth a look beside this one.
+    /// Whether `other` is tried in the fine search around this one.
     pub(super) fn is_near(self, other: Self) -> bool {
         let moved =
             2 * i64::from(self.slope) - 2 * i64::from(other.slope) + i64::from(self.offset) - i64::from(other.offset);
