@@ -93,6 +93,6 @@ fn the_tutorial_works_word_for_word_from_a_scan_to_a_published_and_measured_mode
         commands += 1;
     }
     assert!(commands >= 9, "{commands} commands");
-    let object = folder.join("site/a-synthetic-fort/v1");
-    assert!(object.is_dir() && folder.join("site/index.html").is_file(), "published");
+    let object = folder.join("site/a-synthetic-fort");
+    assert!(object.join("v1").is_dir() && object.join("index.html").is_file(), "published");
 }

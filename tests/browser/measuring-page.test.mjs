@@ -87,7 +87,10 @@ test("a distance by two clicks is provisional, then final, and the value of kilw
   assert.ok(uncertainty >= Math.max(...pointed) && uncertainty <= 1.5 * Math.max(...pointed), `${uncertainty} for ${pointed}`);
   const [first, second] = (await label.innerText()).split("\n");
   const mm = (uncertainty * 1000).toFixed(1 - Math.floor(Math.log10(uncertainty * 1000)));
-  assert.equal(first, straight.replace(/\(± [\d.]+ m\)$/, (spread) => (uncertainty < 0.01 ? `(± ${mm} mm)` : spread)));
+  assert.equal(
+    first,
+    straight.replace(/\(± [\d.]+ m\)$/, (spread) => (uncertainty < 0.01 ? `(± ${mm} mm)` : spread)),
+  );
   assert.match(first, /^\d+\.\d{1,2} m \(± /);
   assert.equal(second, "grid and pointing only; survey accuracy unknown");
   if (about) {
