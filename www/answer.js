@@ -1,6 +1,6 @@
 // An answer to a request for a part of a pack: what it is a part of, its bytes, and why they did not come.
 
-/** Why bytes did not come. `kind`: missing, offline, server, noRange, changed, truncated, closed (with `signIn`, an address or null). */
+/** Why bytes did not come. `kind`: missing, offline, server, noRange, changed, truncated, cutOff (beyond the end of the file), closed (with `signIn`, an address or null). */
 export class PackError extends Error {
   /**
    * @param {string} kind

@@ -201,7 +201,8 @@ class Page {
       this.current.model = model;
       this.screen.about(model);
       const { bytes: stated } = model.info.pack;
-      if (pack.bytes !== stated) {
+      // Of a file that is cut off, what is there is shown.
+      if (Number(pack.bytes) > stated) {
         const detail = `${format.count(Number(pack.bytes))} / ${format.count(stated)}`;
         throw Object.assign(new Error(detail), { kind: "damaged" });
       }
@@ -269,6 +270,7 @@ class Page {
       return;
     }
     if (state.camera) viewer.setCamera(cameraOf(state.camera));
+    if (model.isCutOff) viewer.setCutOff(Number(model.pack.bytes));
     const pool = this.pool ?? this.newPool();
     this.pool = null; // It ends with this scene.
     const scene = new Scene({ canvas, viewer, model, pool, streaming: this.#streaming(), actions: this.actions, on: this.#sceneEvents() });
@@ -290,7 +292,11 @@ class Page {
   /** @returns {import("./session.js").SessionEvents} */
   #streaming() {
     return {
-      frame: (stats) => (stats.lost ? this.#rebuild() : this.screen.frame(stats)),
+      frame: (stats) => {
+        if (stats.lost) this.#rebuild();
+        else if (stats.cutOff && stats.settled && stats.patchesDrawn === 0) this.trouble.show("damaged");
+        else this.screen.frame(stats);
+      },
       first: () => this.screen.first(),
       waits: (seconds) => this.screen.waits(seconds),
       changed: (error) => this.trouble.show("changed", error),

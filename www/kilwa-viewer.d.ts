@@ -58,6 +58,8 @@ export interface Stats {
   targetReached: boolean;
   /** Whether the memory limit keeps it coarser. */
   budgetLimited: boolean;
+  /** Whether it is coarser because the file is incomplete. */
+  cutOff: boolean;
   /** All is drawn that came and was done; nothing more will change by itself. */
   settled: boolean;
   /** Frames drawn since the model was opened or the graphics device replaced. */

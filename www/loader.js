@@ -77,8 +77,8 @@ export class Pack {
    */
   async range(offset, length, signal, { fresh = false, onPart = () => {}, ranges = "" } = {}) {
     const { whole } = this;
+    if (this.bytes !== null && offset + length > this.bytes) throw new PackError("cutOff", `byte ${offset + length} of ${this.bytes}`);
     if (whole) {
-      if (offset + length > whole.length) throw new PackError("truncated", "beyond the end of the file");
       if (!this.reading && this.arrived < offset + length) this.#reopenWhole(whole);
       return this.#part(whole, offset, length, signal);
     }
@@ -217,13 +217,10 @@ export class Pack {
     // Not a pack: enough bytes of it to say so.
     const bytes = stated ?? (announced <= limit ? announced : first.length);
     if (bytes > limit) await refuse(bytes);
-    if (announced < bytes) {
-      await reader?.cancel().catch(() => {});
-      throw new PackError("truncated", `${announced} of ${bytes} bytes are announced`);
-    }
     this.etag = response.headers.get("etag");
-    this.bytes = bytes;
-    const whole = new Uint8Array(bytes);
+    // A file that is cut off is as long as the server announces.
+    this.bytes = announced < bytes ? announced : bytes;
+    const whole = new Uint8Array(this.bytes);
     this.whole = whole;
     this.#readOn(this.#readAll(whole, reader, first));
     return whole;
@@ -243,7 +240,7 @@ export class Pack {
       }
       const reader = response.body?.getReader();
       const first = await readStart(reader, LENGTH_END);
-      if ((statedLength(first) ?? this.bytes) !== this.bytes) {
+      if (statedLength(first) !== statedLength(whole)) {
         await reader?.cancel().catch(() => {});
         throw new PackError("changed", "the length of the file changed");
       }

@@ -40,7 +40,7 @@ export class LocalPack {
    * @param {unknown} [_how] what matters over HTTP alone
    */
   async range(offset, length, signal, _how) {
-    if (offset + length > this.file.size) throw new PackError("truncated", `${this.name}: beyond the end of the file`);
+    if (offset + length > this.file.size) throw new PackError("cutOff", `${this.name}: byte ${offset + length} of ${this.file.size}`);
     const bytes = await this.#read(offset, length);
     signal?.throwIfAborted();
     this.received += bytes.length;

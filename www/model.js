@@ -20,6 +20,8 @@ export class Model {
     /** The header's hash, under which the browser keeps views, notes and measurements. */
     this.hash = this.info.pack.hash;
     this.identity = new Identity({ pack, head, module, hash: this.hash });
+    /** The file ends before what its header states. */
+    this.isCutOff = Number(pack.bytes) < this.info.pack.bytes;
     /** The shading that is usual for it, once a viewer is there. @type {string | null} */
     this.usualMode = null;
   }

@@ -180,7 +180,10 @@ export class Notes {
       const { id } = this.replacing;
       this.replacing = null;
       this.tool("orbit");
-      this.change("editNotePlace", this.notes.map((n) => (n.id === id ? { ...n, place: [x, y, z], modified: now } : n)));
+      this.change(
+        "editNotePlace",
+        this.notes.map((n) => (n.id === id ? { ...n, place: [x, y, z], modified: now } : n)),
+      );
       this.editById(id);
       return;
     }
@@ -221,7 +224,10 @@ export class Notes {
   remove(note) {
     const at = this.notes.findIndex((n) => n.id === note.id);
     this.closeForm();
-    this.change("editDelete", this.notes.filter((n) => n.id !== note.id));
+    this.change(
+      "editDelete",
+      this.notes.filter((n) => n.id !== note.id),
+    );
     notice(t("deleted", { name: note.title || `${t("note")} ${at + 1}` }), 10000, { label: t("undo"), run: () => this.undo.undo("notes") });
   }
 

@@ -55,7 +55,11 @@ export class Saved {
     this.list = new EditList($("saved-list"), {
       name: (view) => view.name,
       go: (view) => go(view),
-      rename: (view, name) => this.#change("editRename", this.views.map((v) => (v.id === view.id ? { ...v, name } : v))),
+      rename: (view, name) =>
+        this.#change(
+          "editRename",
+          this.views.map((v) => (v.id === view.id ? { ...v, name } : v)),
+        ),
       edit: null,
       move: (view, by) => this.#change("editReorder", moved(this.views, view, by)),
       remove: (view) => this.#remove(view),
@@ -82,7 +86,10 @@ export class Saved {
 
   /** @param {SavedView} view */
   #remove(view) {
-    this.#change("editDelete", this.views.filter((v) => v !== view));
+    this.#change(
+      "editDelete",
+      this.views.filter((v) => v !== view),
+    );
     notice(t("deleted", { name: view.name }), 10000, { label: t("undo"), run: () => this.undo.undo("views") });
   }
 

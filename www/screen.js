@@ -88,8 +88,9 @@ export class Screen {
     $("loading").hidden = true;
     $("cube").hidden = false;
     this.api.emit("ready", null);
-    const { pack } = this.current.opened.model;
-    if (pack.whole) chrome.notice(t("noRangeSmall", { size: format.bytes(Number(pack.bytes)) }), 12000);
+    const { pack, info, isCutOff } = this.current.opened.model;
+    if (isCutOff) chrome.notice(t("cutOffNotice", { here: format.bytes(Number(pack.bytes)), all: format.bytes(info.pack.bytes) }), 30_000);
+    else if (pack.whole) chrome.notice(t("noRangeSmall", { size: format.bytes(Number(pack.bytes)) }), 12000);
   }
 
   /** @param {FrameStats} stats */

@@ -87,6 +87,8 @@ export class Status {
     } else if (stats.bytesMissing > 0 || stats.chunksMissing > 0) {
       line = t("toLoad", { missing: bytes(stats.bytesMissing) });
       isLoading = true;
+    } else if (stats.cutOff) {
+      line = t("cutOff");
     } else if (stats.budgetLimited) {
       line = t("memoryFull");
     }

@@ -10,7 +10,16 @@ import { t } from "./i18n.js";
 /** @type {Record<string, string>} */
 const ICONS = { noGpu: "noscreen", gpuGone: "noscreen", closed: "lock", offline: "offline", server: "offline" };
 /** @type {Record<string, string>} */
-const TEXTS = { empty: "damaged", truncated: "damaged", missing: "missing", damaged: "damaged", noRange: "noRange", changed: "changed", closed: "closed", gpuGone: "gpuGone" };
+const TEXTS = {
+  empty: "damaged",
+  truncated: "damaged",
+  missing: "missing",
+  damaged: "damaged",
+  noRange: "noRange",
+  changed: "changed",
+  closed: "closed",
+  gpuGone: "gpuGone",
+};
 /** The model itself cannot be shown, and its picture may. */
 const POSTER = new Set(["closed", "noGpu", "gpuGone"]);
 /** Trying the same again helps with these. */

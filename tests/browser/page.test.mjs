@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
 import { createRequire } from "node:module";
 import path from "node:path";
-import { cameraOf, canvasOf, fortSite, open, openTab, pick, picture, setCamera, stats, test, tool, troubleOf, waitFor } from "./harness.mjs";
+import { cameraOf, canvasOf, fortSite, open, openTab, pick, picture, setCamera, spotOn, stats, test, tool, troubleOf, waitFor } from "./harness.mjs";
 
 const HEAD = "bytes=0-65535";
 
@@ -207,14 +207,51 @@ test("a model that is not there, or is no pack, is said with the next step", asy
     return bad;
   };
   assert.match(await trouble(() => ({ body: flipped })), /damaged[\s\S]*checksum/);
-  // A copy that ends early: the server says so honestly, and the header knows better.
+  // A copy that ends before the coarsest part of the model: the server states its length, and the header knows better.
   const short = ({ range }) => ({
-    body: (b) => b.subarray(0, 50_000),
-    headers: { "content-range": `bytes ${range[0]}-49999/50000` },
+    body: (b) => b.subarray(0, 20_000),
+    headers: { "content-range": `bytes ${range[0]}-19999/20000` },
   });
   assert.match(await trouble(short), /damaged/);
   assert.match(await trouble(() => ({ whole: true, status: 200, announce: 3e9 })), /whole file of 3\.00\sGB/);
   site.proxy.mishap = null;
+});
+
+test("of a file that is cut off, what is there is drawn, and the page says what is missing", async () => {
+  const whole = await readFile(site.pack);
+  const cut = Math.round(whole.length * 0.6);
+  site.proxy.mishap = ({ range }) => (range ? { headers: { "content-range": `bytes ${range.join("-")}/${cut}`, "kilwa-ranges": "1" } } : null);
+  const { page, packs, complaints, close } = await open(site.browser, fort("?error=0.5", site.proxy.url));
+  const seen = await stats(page);
+  assert.ok(seen.cutOff && seen.trianglesDrawn > 1000, JSON.stringify(seen));
+  assert.ok(Number.isFinite(seen.worstErrorMetres) && seen.worstErrorMetres > 0, "the error of what is shown is stated");
+  await message(page, /incomplete: .+ of .+ are there/).waitFor();
+  await page.getByText("file incomplete, finer parts are missing").waitFor();
+  const ends = packs.flatMap((asked) => [...asked.matchAll(/-(\d+)/g)].map(([, end]) => Number(end)));
+  assert.ok(Math.max(...ends) < cut, `nothing beyond its end is asked for: ${packs}`);
+  // Values come from the finest surface, whose end, which vouches for it, is missing.
+  await canvasOf(page).focus();
+  await page.keyboard.press("m");
+  await page.getByRole("toolbar", { name: "Measurements" }).waitFor();
+  await page.mouse.click(...(await spotOn(page, 0.5, 0.5)));
+  await message(page, "This could not be done: The file is incomplete").waitFor();
+  // Farther away the same file is enough.
+  await page.evaluate(() => {
+    const camera = globalThis.kilwa.api.getCamera();
+    globalThis.kilwa.api.setCamera({ distance: camera.distance * 20 });
+  });
+  await waitFor(page, "settled");
+  assert.equal((await stats(page)).cutOff, false);
+  assert.deepEqual(complaints, []);
+  await close();
+  site.proxy.mishap = null;
+  // The same file on this computer.
+  const local = await open(site.browser, fort("?error=0.5"));
+  await local.page.getByLabel("Open a file…").setInputFiles({ name: "cut.kilwa", mimeType: "application/octet-stream", buffer: whole.subarray(0, cut) });
+  await message(local.page, /incomplete: .+ of .+ are there/).waitFor();
+  await waitFor(local.page, "settled");
+  assert.equal((await stats(local.page)).trianglesDrawn, seen.trianglesDrawn);
+  await local.close();
 });
 
 test("a server that ignores Range is put up with where the pack is small", async () => {

@@ -142,7 +142,10 @@ export class Items {
    * @param {Partial<MeasureItem>} fields
    */
   update(name, id, fields) {
-    this.change(name, this.all.map((i) => (i.id === id ? { ...i, ...fields } : i)));
+    this.change(
+      name,
+      this.all.map((i) => (i.id === id ? { ...i, ...fields } : i)),
+    );
   }
 
   /**
@@ -204,7 +207,10 @@ export class Items {
 
   /** @param {MeasureItem} item */
   remove(item) {
-    this.change("editDelete", this.all.filter((i) => i.id !== item.id));
+    this.change(
+      "editDelete",
+      this.all.filter((i) => i.id !== item.id),
+    );
     this.offerUndo(t("deleted", { name: item.name }));
   }
 

@@ -135,7 +135,12 @@ ${this.#strip(item, at)}
     const page = (/** @type {string} */ name, /** @type {string} */ key, /** @type {() => void} */ click, { act = name, disabled = false } = {}) =>
       iconButton(name, { key, click, about, act, disabled });
     const recolor = (/** @type {Event} */ event) => items.update("editColor", id, { color: textOf(event) });
-    const hide = page(hidden ? "show" : "hide", hidden ? "measureShow" : "measureHide", () => items.update(hidden ? "editShow" : "editHide", id, { hidden: !hidden }), { act: "hide" });
+    const hide = page(
+      hidden ? "show" : "hide",
+      hidden ? "measureShow" : "measureHide",
+      () => items.update(hidden ? "editShow" : "editHide", id, { hidden: !hidden }),
+      { act: "hide" },
+    );
     return html`<div class="strip">
 ${own("look", "measureLook", () => sharing.look(item))}
 ${own("copy", "measureCopy", () => sharing.copyValues(item), !task.isFinal)}

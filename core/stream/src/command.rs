@@ -175,6 +175,7 @@ pub struct DrawPatch {
 }
 
 /// Figures of one step.
+#[expect(clippy::struct_excessive_bools, reason = "figures that do not exclude each other")]
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Stats {
     /// Directory entries known so far.
@@ -225,6 +226,8 @@ pub struct Stats {
     pub target_reached: bool,
     /// Less is shown than asked for because a memory budget is full.
     pub budget_limited: bool,
+    /// Less is shown than asked for because the file ends before its header states ([`crate::Streamer::set_cut_off`]).
+    pub cut_off: bool,
     /// Everything wanted is resident, and nothing is in flight: with the same view the next step changes nothing.
     pub settled: bool,
 }

@@ -110,7 +110,9 @@ impl Streamer {
 
     /// Start decoding what lies in the head, and requests for the rest, most urgent first.
     pub(crate) fn schedule(&mut self, wanted: &Wanted, now_ms: f64, commands: &mut Vec<Command>) {
-        let needed = self.needed_pages(wanted);
+        let mut needed = self.needed_pages(wanted);
+        self.pages_cut_off = needed.iter().any(|(&page, rank)| rank.visible && !self.is_page_there(page));
+        needed.retain(|&page, _| self.is_page_there(page));
         self.pages_missing = needed.len();
         let mut candidates: Vec<Candidate> = needed
             .iter()
@@ -197,9 +199,18 @@ impl Streamer {
         needed
     }
 
+    /// Whether a page lies before the end of the file.
+    fn is_page_there(&self, page: u32) -> bool {
+        let (offset, length) = self.header.page_range(page);
+        self.nodes.is_there(offset.saturating_add(length))
+    }
+
     fn is_page_ready(&self, page: u32, now_ms: f64) -> bool {
         let idle = |r: &PageRetry| !r.in_flight && r.retry_at <= now_ms;
-        page < self.header.page_count() && !self.nodes.has_page(page) && self.page_retries.get(&page).is_none_or(idle)
+        page < self.header.page_count()
+            && self.is_page_there(page)
+            && !self.nodes.has_page(page)
+            && self.page_retries.get(&page).is_none_or(idle)
     }
 
     /// Ask for a page and the needed ones next to it; one that lies between two of them comes along.

@@ -94,9 +94,16 @@ impl Node {
 pub(crate) struct Nodes {
     pages: BTreeMap<u32, Vec<Node>>,
     children: BTreeMap<u32, Vec<u32>>,
+    /// Where the file ends, if it ends before what its header states.
+    pub(crate) cut_off: Option<u64>,
 }
 
 impl Nodes {
+    /// Whether the bytes before this offset are there.
+    pub(crate) fn is_there(&self, end: u64) -> bool {
+        self.cut_off.is_none_or(|file_end| end <= file_end)
+    }
+
     pub(crate) fn has_page(&self, page: u32) -> bool {
         self.pages.contains_key(&page)
     }

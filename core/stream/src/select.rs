@@ -77,6 +77,8 @@ pub(crate) struct Wanted {
     pub(crate) skipped: BTreeSet<u32>,
     /// Something above the target did not fit.
     pub(crate) limited: bool,
+    /// Something above the target that can be seen lies beyond the end of a file that is cut off.
+    pub(crate) cut_off: bool,
 }
 
 impl Wanted {
@@ -167,8 +169,8 @@ pub(crate) fn pinned(nodes: &Nodes, budgets: &Budgets, scalars: u8) -> Vec<u32> 
     let mut pinned: Vec<u32> = Vec::new();
     for (index, node) in nodes.iter() {
         let next = index as usize == pinned.len() && node.entry.level <= PINNED_LEVEL;
-        let fits = next && headroom.take(node, scalars);
-        if !fits && index > 0 {
+        let fits = next && nodes.is_there(node.end()) && headroom.take(node, scalars);
+        if !fits && (index > 0 || !nodes.is_there(node.end())) {
             break;
         }
         pinned.push(index); // The root goes in even where it is larger than the budget: without it there is nothing.
@@ -196,6 +198,7 @@ pub(crate) fn wanted(
         ranks: BTreeMap::new(),
         skipped: BTreeSet::new(),
         limited: false,
+        cut_off: false,
     };
     let mut parents_in = BTreeMap::<u32, usize>::new();
     let mut full = false;
@@ -203,6 +206,10 @@ pub(crate) fn wanted(
     while let Some(Candidate { priority, index }) = heap.pop() {
         let Some(node) = nodes.get(index) else { continue };
         let visible = cameras.view.may_see(&node.entry.sphere);
+        if !nodes.is_there(node.end()) {
+            out.cut_off |= visible && priority > target;
+            continue; // So are all below it: nothing of them could be shown.
+        }
         if pinned.binary_search(&index).is_err() {
             if priority <= target {
                 continue;

@@ -37,6 +37,8 @@ pub struct Streamer {
     predicted: Option<View>,
     /// Pages that the view waits for, as of the last step.
     pub(crate) pages_missing: usize,
+    /// The view waits for a page beyond the end of a file that is cut off.
+    pub(crate) pages_cut_off: bool,
     gpu_bytes: u64,
     cpu_bytes: u64,
     bytes_received: u64,
@@ -66,6 +68,7 @@ impl Streamer {
             predictor: Predictor::default(),
             predicted: None,
             pages_missing: 0,
+            pages_cut_off: false,
             gpu_bytes: 0,
             cpu_bytes: 0,
             bytes_received: 0,
@@ -89,6 +92,12 @@ impl Streamer {
     pub fn set_budgets(&mut self, budgets: Budgets) {
         self.budgets = budgets;
         self.pinned = select::pinned(&self.nodes, &budgets, self.header.attributes.scalars);
+    }
+
+    /// The file has only so many bytes, fewer than its header states: what is there is shown, and nothing beyond is asked for.
+    pub fn set_cut_off(&mut self, file_bytes: u64) {
+        self.nodes.cut_off = Some(file_bytes);
+        self.set_budgets(self.budgets);
     }
 
     /// Change how many chunks a step uploads at most.
@@ -403,6 +412,7 @@ impl Streamer {
             gpu_bytes: self.gpu_bytes,
             cpu_bytes: self.cpu_bytes,
             budget_limited: wanted.limited,
+            cut_off: wanted.cut_off || self.pages_cut_off,
             entries_known: self.nodes.len() as u32,
             retry_in_ms: -1.0,
             ..Stats::default()

@@ -140,6 +140,30 @@ proptest! {
     }
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
+
+    /// `World` checks that every cut is valid. Directory pages of these packs lie behind the chunks: large ones lose pages too.
+    #[test]
+    fn a_file_that_is_cut_off_shows_what_it_has_and_nothing_beyond_its_end_is_requested(
+        seed in any::<u64>(), splits in 1usize..300, share in 0.0f64..1.0,
+    ) {
+        let pack = Pack::random(seed, splits);
+        let view = View { clip: Clip::default(), ..random_view(&mut Rng::with_seed(seed)) };
+        let end_of = |e: &kilwa_pack::DirectoryEntry| e.offset + u64::from(e.encoded_bytes);
+        let root = end_of(&pack.entries[0]);
+        let last = pack.entries.last().map_or(root, end_of);
+        let end = root + ((last - root) as f64 * share) as u64;
+        let (step, asked, _) = settle(&pack, &view, Budgets::default(), Some(end));
+        prop_assert!(asked.iter().all(|r| r.end <= end), "{:?} of {} bytes", asked, end);
+        prop_assert!(step.stats.target_reached || step.stats.cut_off, "{:?}", step.stats);
+        let (whole, ..) = settle(&pack, &view, Budgets::default(), None);
+        let drawn = |step: &Step| -> BTreeSet<(u32, u32)> { step.draw.iter().map(|d| (d.chunk, d.patch)).collect() };
+        let is_complete = whole.draw.iter().all(|d| end_of(&pack.entries[d.chunk as usize]) <= end) && splits <= 100;
+        prop_assert!(!is_complete || !step.stats.cut_off && drawn(&step) == drawn(&whole), "all of the view is there");
+    }
+}
+
 /// Everything that a view loads over a quiet network: the last step, bytes, chunks.
 fn rest(pack: &Pack, view: &View) -> (Step, u64, Vec<u32>) {
     let mut streamer = Streamer::new(&pack.head, pack.head_bytes, Budgets::default());
@@ -238,7 +262,7 @@ fn multirange_requests_need_fewer_requests_and_fewer_bytes() {
         let pack = Pack::random(seed, 400).listing_children(true);
         let cost = |ranges| {
             let budgets = Budgets { ranges, ..Budgets::default() };
-            let landed = settle(&pack, &view, budgets);
+            let landed = settle(&pack, &view, budgets, None);
             let fetches = length_of(&landed.1);
             let drawn: BTreeSet<(u32, u32)> = landed.0.draw.iter().map(|d| (d.chunk, d.patch)).collect();
             (landed.2, fetches, drawn)
@@ -252,9 +276,13 @@ fn multirange_requests_need_fewer_requests_and_fewer_bytes() {
     assert!(several.0 * 2 < one.0 && several.1 <= one.1, "{several:?} with several ranges in one, {one:?} with one");
 }
 
-/// Load a view until nothing moves: the last step, what was asked for, in how many requests.
-fn settle(pack: &Pack, view: &View, budgets: Budgets) -> (Step, Vec<Range<u64>>, u64) {
-    let mut streamer = Streamer::new(&pack.head, pack.head_bytes, budgets);
+/// Load a view until nothing moves, of a file that ends at `cut_off`: the last step, what was asked for, in how many requests.
+fn settle(pack: &Pack, view: &View, budgets: Budgets, cut_off: Option<u64>) -> (Step, Vec<Range<u64>>, u64) {
+    let head_bytes = pack.head_bytes.min(cut_off.unwrap_or(u64::MAX));
+    let mut streamer = Streamer::new(&pack.head, head_bytes, budgets);
+    if let Some(end) = cut_off {
+        streamer.set_cut_off(end);
+    }
     let mut world = World::new(pack, 1, budgets, Faults { fail: 0, garble: 0 });
     let mut asked = Vec::new();
     for now in (0..).step_by(10) {

@@ -20,6 +20,12 @@ impl Viewer {
         self.streamer.set_budgets(budgets);
     }
 
+    /// The file has only so many bytes, fewer than its header states.
+    #[wasm_bindgen(js_name = setCutOff)]
+    pub fn set_cut_off(&mut self, file_bytes: f64) {
+        self.streamer.set_cut_off(file_bytes as u64);
+    }
+
     /// How many ranges one request may ask for.
     #[wasm_bindgen(js_name = setRanges)]
     pub fn set_ranges(&mut self, ranges: usize) {
@@ -197,6 +203,7 @@ impl Viewer {
         for (name, value) in [
             ("targetReached", s.worst_pixel_error <= self.target_pixels),
             ("budgetLimited", s.budget_limited),
+            ("cutOff", s.cut_off),
             ("settled", s.settled),
             ("lost", self.lost.has_happened()),
         ] {
