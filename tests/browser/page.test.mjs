@@ -407,7 +407,7 @@ test("a phone has the canvas first, large targets, and a sheet that opens", asyn
   const canvas = await canvasOf(page).boundingBox();
   assert.ok(canvas.width === 390 && canvas.height > 560, JSON.stringify(canvas));
   const tools = ["Drag turns the model", "Walk at eye height", "Measure", "Show the whole model", "Zoom in", "Zoom out", "Hide everything but the model"];
-  const buttons = ["Copy link to this view", "How to look around"].map((name) => page.getByRole("banner").getByRole("button", { name }));
+  const buttons = ["Share", "How to look around"].map((name) => page.getByRole("banner").getByRole("button", { name }));
   for (const target of [...tools.map((name) => tool(page, name)), ...buttons, back(page)]) {
     const b = await target.boundingBox();
     assert.ok(b.width >= 44 && b.height >= 44, `${target}: ${JSON.stringify(b)}`);
