@@ -124,13 +124,13 @@ class Page {
       toolbox,
       undo,
       address,
-      share: () => this.viewpoint.share(),
+      share: () => this.viewpoint.openShare(),
       openFile: (file) => this.openFile(file),
     });
     this.person = new Person({ current, undo, viewpoint: this.viewpoint, address, api, toolbox });
     this.settings = new Settings(parameters, scene);
     this.#listen();
-    if (parameters.has("embed")) embed?.reduce(parameters.get("embed") === "bare");
+    if (parameters.has("embed")) embed?.reduce(parameters.get("embed") === "bare", api);
     embed?.serve(api, new Set(CALLS));
     // What docs/embedding.md promises to scripts.
     Object.assign(globalThis, { kilwa: { api } });

@@ -23,7 +23,7 @@ const MAX_DOCUMENT = 64e6;
  * @property {Toolbox} toolbox
  * @property {Undo} undo
  * @property {import("./link.js").Address} address
- * @property {() => void} share copy the address
+ * @property {() => void} share offer what is seen to others
  * @property {(file: File) => void} openFile open a pack of this computer
  */
 

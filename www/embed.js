@@ -11,6 +11,7 @@
 //   → {kilwa: 1, listen: ["frame"]}            ← {kilwa: 1, event, detail}
 
 import { $ } from "./dom.js";
+import { credit } from "./facts.js";
 
 /** Origins that may talk to this page. */
 export function allowedOrigins() {
@@ -50,20 +51,54 @@ export function serve(api, calls, { origins = allowedOrigins(), host = parent } 
 }
 
 /**
- * Few controls, or none (`bare`); a link to the whole page.
- * @param {boolean} isBare
+ * The line in the frame that names the model, who made it and its licence, as licences ask for; its title leads to the whole page.
+ * @param {HTMLAnchorElement} title
  */
-export function reduce(isBare) {
+function creditLine(title) {
+  const { creators, rights, rightsUri } = credit();
+  const line = Object.assign(document.createElement("p"), { className: "credit" });
+  line.append(title);
+  for (const text of [creators, rights]) {
+    if (!text) continue;
+    const part =
+      text === rights && rightsUri
+        ? Object.assign(document.createElement("a"), { href: rightsUri, rel: "license noopener", target: "_blank" })
+        : document.createElement("span");
+    part.textContent = text;
+    part.dir = "auto";
+    line.append(part);
+  }
+  return line;
+}
+
+/**
+ * Few controls, or none (`bare`); a link to the whole page, and the credit.
+ * @param {boolean} isBare
+ * @param {import("./api.js").Api} api
+ */
+export function reduce(isBare, api) {
   document.body.dataset.embed = isBare ? "bare" : "yes";
   document.body.dataset.panel = "closed";
   const link = $("open-whole");
   link.hidden = false;
+  const title = Object.assign(document.createElement("a"), { target: "_blank", rel: "noopener", dir: "auto" });
+  const line = creditLine(title);
+  link.before(line);
   const follow = () => {
     const url = new URL(location.href);
     url.searchParams.delete("embed");
-    link.href = url.href;
+    link.href = title.href = url.href;
   };
-  link.addEventListener("pointerdown", follow);
-  link.addEventListener("focus", follow);
+  // The title of a pack that nobody published is known once it is open.
+  const name = () => {
+    title.textContent = $("title").textContent?.trim() ?? "";
+    line.hidden = !title.textContent;
+  };
+  for (const one of [link, title]) {
+    one.addEventListener("pointerdown", follow);
+    one.addEventListener("focus", follow);
+  }
   follow();
+  name();
+  api.on("ready", name);
 }

@@ -56,3 +56,9 @@ export function showFacts(into, { metadata: m, pack }) {
  * @param {Iterable<number>} place
  */
 export const place = ([x, y, z]) => `x ${coordinate(x)}  y ${coordinate(y)}  z ${coordinate(z)} m`;
+
+/** What the publisher states for a credit: who made the model, and its licence; empty where that is not known. */
+export function credit() {
+  const { creators = "", rights = "", rightsUri = "" } = document.body.dataset;
+  return { creators, rights, rightsUri };
+}

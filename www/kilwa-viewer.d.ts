@@ -247,6 +247,8 @@ export declare const KilwaViewerElement: {
   new (): KilwaViewerElement;
   prototype: KilwaViewerElement /** Milliseconds; 15,000 unless set. */;
   patience: number;
+  /** Milliseconds after which a viewer's page that has loaded and sends nothing is taken for blocked, and the element says so. */
+  silence: number;
 };
 
 declare global {

@@ -11,6 +11,14 @@
 import { CALLS } from "./calls.js";
 
 const HERE = new URL("./", import.meta.url);
+/** Shown in place of a viewer that does not come, in the languages of the viewer. @type {Record<string, [string, string]>} */
+const WORDS = {
+  en: ["The 3D model cannot be shown here: {host} does not allow this page to embed it, or does not answer.", "Open the model"],
+  fr: ["Le modèle 3D ne peut pas s’afficher ici : {host} n’autorise pas cette page à l’intégrer, ou ne répond pas.", "Ouvrir le modèle"],
+  pt: ["O modelo 3D não pode ser mostrado aqui: {host} não permite que esta página o incorpore, ou não responde.", "Abrir o modelo"],
+  sw: ["Modeli ya 3D haiwezi kuonyeshwa hapa: {host} hairuhusu ukurasa huu kuipachika, au haijibu.", "Fungua modeli"],
+  ar: ["لا يمكن عرض النموذج ثلاثي الأبعاد هنا: لا يسمح {host} لهذه الصفحة بتضمينه، أو لا يجيب.", "فتح النموذج"],
+};
 const EVENTS = ["ready", "frame", "camera", "annotation", "annotations", "measurement", "measurements", "trouble"];
 
 /** Whether the viewer in the frame has answered. @typedef {{heard: boolean, promise: Promise<void>, resolve: () => void, end: (error: Error) => void}} Hello */
@@ -19,11 +27,15 @@ export class KilwaViewerElement extends HTMLElement {
   static observedAttributes = ["src", "annotations", "lang", "viewer", "controls"];
   /** Milliseconds that whoever calls waits for the viewer's page, once that has loaded. */
   static patience = 15_000;
+  /** Milliseconds after which a viewer's page that has loaded and sends nothing is taken for blocked. */
+  static silence = 5_000;
   /** @type {HTMLIFrameElement | null} */
   #frame = null;
   /** The open calls, by number. @type {Map<number, {resolve: (result: any) => void, reject: (error: Error) => void}>} */
   #calls = new Map();
   #last = 0;
+  /** The viewer's page runs in the frame, whether it may be spoken to or not. */
+  #heardFrom = false;
   /** @type {Hello | null} */
   #hello = null;
   #origin = "";
@@ -33,7 +45,11 @@ export class KilwaViewerElement extends HTMLElement {
     if (!this.shadowRoot) {
       const style = new CSSStyleSheet();
       style.replaceSync(
-        ":host { display: block; min-height: 240px; aspect-ratio: 16 / 10; } :host([hidden]) { display: none; } iframe { width: 100%; height: 100%; border: 0; display: block; }",
+        `:host { display: block; position: relative; box-sizing: border-box; inline-size: 100%; min-inline-size: 0; max-inline-size: 100%; min-block-size: 240px; aspect-ratio: 16 / 10; }
+         :host([hidden]) { display: none; }
+         iframe { position: absolute; inset: 0; width: 100%; height: 100%; border: 0; }
+         div { position: absolute; inset: 0; display: grid; place-content: center; gap: 8px; padding: 16px; overflow: auto; text-align: center; font: 15px/1.4 system-ui, sans-serif; color: #2b2620; background: #f2eee6; }
+         p { margin: 0; overflow-wrap: anywhere; } a { color: #7a4a00; }`,
       );
       this.attachShadow({ mode: "open" }).adoptedStyleSheets = [style];
     }
@@ -96,6 +112,26 @@ export class KilwaViewerElement extends HTMLElement {
     this.#hello = { heard: false, promise, resolve, end };
   }
 
+  /** The frame has loaded something that says nothing: a browser shows no more than an empty frame where the host does not allow it. */
+  #explain() {
+    const frame = this.#frame;
+    setTimeout(() => {
+      if (!frame || frame !== this.#frame || this.#heardFrom) return;
+      const lang = (this.getAttribute("lang") ?? document.documentElement.lang).toLowerCase().split("-")[0];
+      const [text, open] = WORDS[lang] ?? WORDS.en;
+      const whole = new URL(frame.src);
+      whole.searchParams.delete("embed");
+      const plate = Object.assign(document.createElement("div"), { dir: lang === "ar" ? "rtl" : "ltr" });
+      plate.setAttribute("role", "alert");
+      const words = Object.assign(document.createElement("p"), { textContent: text.replace("{host}", whole.host) });
+      const link = Object.assign(document.createElement("a"), { href: whole.href, target: "_blank", rel: "noopener", textContent: open });
+      const line = document.createElement("p");
+      line.append(link);
+      plate.append(words, line);
+      this.shadowRoot?.append(plate);
+    }, KilwaViewerElement.silence);
+  }
+
   /** Who waits hears after a while; on a slow line the viewer may still come, and is there for the next call. */
   #lose() {
     const hello = this.#hello;
@@ -128,7 +164,11 @@ export class KilwaViewerElement extends HTMLElement {
     frame.title = this.getAttribute("aria-label") || this.title || "3D model";
     frame.allow = "fullscreen; clipboard-write";
     frame.src = page.href;
-    frame.addEventListener("load", () => this.#lose());
+    this.#heardFrom = false;
+    frame.addEventListener("load", () => {
+      this.#lose();
+      this.#explain();
+    });
     this.#frame = frame;
     this.shadowRoot?.replaceChildren(frame);
   }
@@ -141,6 +181,8 @@ export class KilwaViewerElement extends HTMLElement {
   /** @param {MessageEvent} event */
   #take({ data, origin, source }) {
     if (source !== this.#frame?.contentWindow || origin !== this.#origin || data?.kilwa !== 1) return;
+    this.#heardFrom = true;
+    this.shadowRoot?.querySelector("div")?.remove(); // it was only slow
     if (data.event === "listening") {
       // Another page than the one that was asked.
       if (this.#hello?.heard) this.#refuse("the viewer was loaded again");

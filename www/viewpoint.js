@@ -12,6 +12,9 @@ import { showProjection } from "./settings.js";
 const CLIPBOARD_MS = 1000;
 
 export class Viewpoint {
+  /** @type {import("./share.js").ShareDialog | null} */
+  #dialog = null;
+
   /**
    * @param {object} parts
    * @param {Current} parts.current
@@ -86,16 +89,35 @@ export class Viewpoint {
     if (display) this.look.show(display);
   }
 
-  /** The address of what is seen, to the clipboard. */
-  async share() {
+  /** Brings the address up to date; the end of the file, which names the pack, may still be on its way. */
+  async #bringAddress() {
     const identity = this.current.model?.identity;
     const address = this.address();
     address.now();
+    const late = new Promise((resolve) => setTimeout(resolve, CLIPBOARD_MS));
+    if (identity && !identity.text) await Promise.race([identity.known(), late]);
+    address.now();
+  }
+
+  /** Offer what is seen to others: the dialog comes when it is first opened. */
+  async openShare() {
+    const { model } = this.current;
+    if (!model) return;
     try {
-      // The end of the file may still be on its way.
-      const late = new Promise((resolve) => setTimeout(resolve, CLIPBOARD_MS));
-      if (identity && !identity.text) await Promise.race([identity.known(), late]);
-      address.now();
+      const [{ ShareDialog }] = await Promise.all([import("./share.js"), this.#bringAddress()]);
+      this.#dialog ??= new ShareDialog();
+      const { tools } = this.measuring;
+      const save = () => tools?.files.save("json");
+      this.#dialog.open({ title: model.title, link: location.href, isLocal: model.pack.isLocal, isLong: Boolean(tools?.isLong), save });
+    } catch (error) {
+      chrome.notice(t("shareBroken", { why: error.message }));
+    }
+  }
+
+  /** The address of what is seen, to the clipboard. */
+  async share() {
+    try {
+      await this.#bringAddress();
       await navigator.clipboard.writeText(location.href);
       const { tools } = this.measuring;
       if (tools?.isLong) chrome.notice(t("measureLinkLong"), 12000, { label: t("exportFile"), run: () => tools.files.save("json") });

@@ -76,6 +76,8 @@ struct Landing<'a> {
     downloads: Vec<Download<'a>>,
     /// Latest first, with the sizes of their packs.
     earlier: Vec<(&'a Version, String)>,
+    /// Names of the makers.
+    creators: String,
     /// Makers, place, licence.
     lead: String,
     /// Smallest first, with their widths in pixels.
@@ -112,6 +114,7 @@ pub fn landing(frame: Frame<'_>, p: &Publication, around: &Surroundings) -> Stri
         citation: citation(p),
         downloads: downloads(p, around),
         earlier: around.earlier.iter().rev().map(|v| (v, size(v.pack.bytes))).collect(),
+        creators: creators(m),
         lead: lead(p),
         thumbnails: [small, wide],
         notes: notes(p),
@@ -205,9 +208,12 @@ fn paragraphs(text: &str) -> Vec<&str> {
     text.split("\n\n").map(str::trim).filter(|p| !p.is_empty()).collect()
 }
 
+fn creators(m: &Metadata) -> String {
+    m.creators.iter().map(|a| a.name.as_str()).collect::<Vec<_>>().join("; ")
+}
+
 fn lead(p: &Publication) -> String {
-    let makers: Vec<&str> = p.metadata.creators.iter().map(|a| a.name.as_str()).collect();
-    let makers = Some(makers.join("; ")).filter(|x| !x.is_empty());
+    let makers = Some(creators(&p.metadata)).filter(|x| !x.is_empty());
     let line: Vec<String> = [makers, p.place(), Some(p.rights.short.clone())].into_iter().flatten().collect();
     line.join(" · ")
 }

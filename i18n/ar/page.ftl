@@ -1,10 +1,20 @@
 ### Messages of the page (www). Keys are named in its HTML and scripts; those of the measuring engine are its codes: refuse-few is refuseFew.
 
 allModels = كل النماذج
-share = نسخ رابط هذا المنظر
+share = مشاركة
 picture = حفظ صورة
 shared = نُسخ الرابط
 shareFailed = تعذّر نسخ الرابط. تجده في شريط العنوان.
+shareLink = رابط هذا المنظر
+shareCode = شيفرة لصفحة ويب
+shareCodeHelp = تعرض النموذج في صفحة أخرى، ويذكر الإطار عنوانه وصانعيه ورخصته.
+shareQr = رمز QR للرابط
+shareQrSave = حفظ بصيغة SVG
+shareQrLong = الرابط أطول من أن يتسع له رمز QR.
+shareLocal = هذا النموذج ملف على هذا الحاسوب، فلن يؤدي الرابط إلى شيء. انشره لتشاركه.
+shareBroken = تعذر فتح النافذة: { $why }
+copy = نسخ
+copied = نُسخ
 download = تنزيل الملف
 fullscreen = ملء الشاشة
 help = كيفية التجوّل

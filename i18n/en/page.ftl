@@ -1,10 +1,20 @@
 ### Messages of the page (www). Keys are named in its HTML and scripts; those of the measuring engine are its codes: refuse-few is refuseFew.
 
 allModels = All models
-share = Copy link to this view
+share = Share
 picture = Save a picture
 shared = Link copied
 shareFailed = The link could not be copied. It is in the address bar.
+shareLink = Link to this view
+shareCode = Code for a web page
+shareCodeHelp = Shows the model in another page; the frame names its title, its creators and its licence.
+shareQr = QR code of the link
+shareQrSave = Save as SVG
+shareQrLong = The link is too long for a QR code.
+shareLocal = This model is a file on this computer, so a link to it would lead nowhere. Publish it to share it.
+shareBroken = The dialog could not be opened: { $why }
+copy = Copy
+copied = Copied
 download = Download pack
 fullscreen = Full screen
 help = How to look around

@@ -1,10 +1,20 @@
 ### Messages of the page (www). Keys are named in its HTML and scripts; those of the measuring engine are its codes: refuse-few is refuseFew.
 
 allModels = Tous les modèles
-share = Copier le lien de cette vue
+share = Partager
 picture = Enregistrer une image
 shared = Lien copié
 shareFailed = Le lien n’a pas pu être copié. Il est dans la barre d’adresse.
+shareLink = Lien vers cette vue
+shareCode = Code pour une page web
+shareCodeHelp = Affiche le modèle dans une autre page ; le cadre indique son titre, ses auteurs et sa licence.
+shareQr = Code QR du lien
+shareQrSave = Enregistrer en SVG
+shareQrLong = Le lien est trop long pour un code QR.
+shareLocal = Ce modèle est un fichier de cet ordinateur : un lien ne mènerait nulle part. Publiez-le pour le partager.
+shareBroken = La fenêtre n’a pas pu s’ouvrir : { $why }
+copy = Copier
+copied = Copié
 download = Télécharger le fichier
 fullscreen = Plein écran
 help = Comment se déplacer

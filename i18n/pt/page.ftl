@@ -1,10 +1,20 @@
 ### Messages of the page (www). Keys are named in its HTML and scripts; those of the measuring engine are its codes: refuse-few is refuseFew.
 
 allModels = Todos os modelos
-share = Copiar a ligação para esta vista
+share = Partilhar
 picture = Guardar uma imagem
 shared = Ligação copiada
 shareFailed = Não foi possível copiar a ligação. Está na barra de endereço.
+shareLink = Ligação para esta vista
+shareCode = Código para uma página web
+shareCodeHelp = Mostra o modelo noutra página; a moldura indica o título, os autores e a licença.
+shareQr = Código QR da ligação
+shareQrSave = Guardar como SVG
+shareQrLong = A ligação é longa de mais para um código QR.
+shareLocal = Este modelo é um ficheiro deste computador, por isso uma ligação não levaria a lado nenhum. Publique-o para o partilhar.
+shareBroken = Não foi possível abrir a janela: { $why }
+copy = Copiar
+copied = Copiado
 download = Transferir o ficheiro
 fullscreen = Ecrã inteiro
 help = Como navegar

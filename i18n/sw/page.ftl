@@ -1,10 +1,20 @@
 ### Messages of the page (www). Keys are named in its HTML and scripts; those of the measuring engine are its codes: refuse-few is refuseFew.
 
 allModels = Modeli zote
-share = Nakili kiungo cha mwonekano huu
+share = Shiriki
 picture = Hifadhi picha
 shared = Kiungo kimenakiliwa
 shareFailed = Kiungo hakikuweza kunakiliwa. Kipo kwenye upau wa anwani.
+shareLink = Kiungo cha mwonekano huu
+shareCode = Msimbo wa ukurasa wa wavuti
+shareCodeHelp = Huonyesha modeli kwenye ukurasa mwingine; fremu hutaja kichwa, waundaji na leseni.
+shareQr = Msimbo wa QR wa kiungo
+shareQrSave = Hifadhi kama SVG
+shareQrLong = Kiungo ni kirefu mno kwa msimbo wa QR.
+shareLocal = Modeli hii ni faili ya kompyuta hii, hivyo kiungo hakitafika popote. Ichapishe ili kuishiriki.
+shareBroken = Dirisha halikuweza kufunguka: { $why }
+copy = Nakili
+copied = Imenakiliwa
 download = Pakua faili
 fullscreen = Skrini nzima
 help = Jinsi ya kutazama

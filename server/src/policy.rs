@@ -28,7 +28,8 @@ pub struct Policy {
 }
 
 impl Policy {
-    /// Sites that may show the pages in a frame (`'self'` when none is given; `none`, `self`, `*` or origins), origins whose pages may
+    /// Sites that may show the pages in a frame (when none is given, this one, and every site for what [`Policy::embed_header`] is for; `none`,
+    /// `self`, `*` or origins), origins whose pages may
     /// talk to an embedded viewer (`*` for all), and other hosts that packs may come from.
     ///
     /// # Errors
@@ -57,6 +58,21 @@ impl Policy {
     /// The header's value.
     pub(crate) fn header(&self) -> String {
         let ancestors = if self.ancestors.is_empty() { "'self'".to_owned() } else { self.ancestors.join(" ") };
+        self.header_for(&ancestors)
+    }
+
+    /// The header's value of a public model's page that asks to be embedded (`?embed=1`): any site may frame it, where the operator named none.
+    /// Such a page has no form, and a frame of another site gets no cookie of this one (`SameSite`).
+    pub(crate) fn embed_header(&self) -> String {
+        if self.ancestors.is_empty() { self.header_for("*") } else { self.header() }
+    }
+
+    /// Whether sites that the operator did not name may show a model in a frame.
+    pub(crate) fn lets_any_site_embed(&self) -> bool {
+        self.ancestors.is_empty() || self.ancestors.iter().any(|a| a == "*")
+    }
+
+    fn header_for(&self, ancestors: &str) -> String {
         let sources = match self.sources.as_slice() {
             [] => String::new(),
             some => format!("; connect-src 'self' {}", some.join(" ")),
@@ -111,6 +127,7 @@ mod tests {
     #[test]
     fn only_its_own_origin_may_frame_the_page_by_default() {
         assert!(Policy::default().header().ends_with("; frame-ancestors 'self'"));
+        assert!(Policy::default().embed_header().ends_with("; frame-ancestors *"));
         assert_eq!(Policy::default().meta(), "");
         let p = policy(
             &["self", "https://Museum.example/", "https://*.blog.example"],
@@ -121,7 +138,8 @@ mod tests {
         assert!(p.header().contains("; connect-src 'self' https://cdn.example;"), "{}", p.header());
         assert!(p.header().ends_with("frame-ancestors 'self' https://museum.example https://*.blog.example"));
         assert_eq!(p.meta(), "<meta name=\"kilwa-origins\" content=\"https://museum.example\">\n");
-        assert!(policy(&["none"], &["*"], &[]).unwrap().header().ends_with("frame-ancestors 'none'"));
+        assert_eq!(p.embed_header(), p.header(), "who is named is who may");
+        assert!(policy(&["none"], &["*"], &[]).unwrap().embed_header().ends_with("frame-ancestors 'none'"));
     }
 
     #[test]

@@ -15,7 +15,7 @@
 //! | `/healthz`, `/metrics` | for those who keep the server |
 
 use crate::FRESHNESS;
-use crate::access::Clock;
+use crate::access::{Clock, Verdict, verdict};
 use crate::auth::{self, Auth};
 use crate::budget::{Budget, Counting, count, lean};
 use crate::catalogue::{Catalogue, Kind, Model};
@@ -225,7 +225,7 @@ async fn security_headers(
         _ => (StatusCode::PAYLOAD_TOO_LARGE, [(CONNECTION, "close")], "413 Payload Too Large\n").into_response(),
     };
     let headers = response.headers_mut();
-    if let Some(policy) = policy {
+    if let Some(policy) = policy.filter(|_| !headers.contains_key(CONTENT_SECURITY_POLICY)) {
         headers.insert(CONTENT_SECURITY_POLICY, policy);
     }
     for (name, value) in [(X_CONTENT_TYPE_OPTIONS, "nosniff"), (REFERRER_POLICY, "strict-origin-when-cross-origin")] {
@@ -318,18 +318,32 @@ async fn models(site: &Site) -> Result<Vec<Arc<Model>>, StatusCode> {
     blocking(move || catalogue.models()).await
 }
 
-async fn model(State(site): State<Site>, Path(slug): Path<String>, headers: HeaderMap) -> Response {
+async fn model(
+    State(site): State<Site>,
+    Path(slug): Path<String>,
+    RawQuery(query): RawQuery,
+    headers: HeaderMap,
+) -> Response {
     match find(&site, &slug).await {
         Ok(model) if model.object().is_some() => to(&model.page()),
         Ok(model) => {
             let extracts = site.extracts.as_ref().map(|_| slug.as_str());
             match html::model(&site.page, &model, has_notes(&model).await, extracts) {
-                Ok(html) => page(html, &headers),
+                Ok(html) => for_frames(&site, query.as_deref(), page(html, &headers)),
                 Err(e) => unusable(&e),
             }
         }
         Err(status) => or_lost(status),
     }
+}
+
+/// A page with the viewer in it; where it is asked for with `?embed=`, with the policy of pages that other sites may frame.
+fn for_frames(site: &Site, query: Option<&str>, mut response: Response) -> Response {
+    let is_embedded = query.is_some_and(|q| q.split('&').any(|p| p == "embed" || p.starts_with("embed=")));
+    if let Some(policy) = HeaderValue::from_str(&site.policy.embed_header()).ok().filter(|_| is_embedded) {
+        response.headers_mut().insert(CONTENT_SECURITY_POLICY, policy);
+    }
+    response
 }
 
 /// A page folder is checked when the server begins.
@@ -358,7 +372,12 @@ async fn towards(State(site): State<Site>, Path(slug): Path<String>) -> Response
     }
 }
 
-async fn landing(State(site): State<Site>, Path(slug): Path<String>, headers: HeaderMap) -> Response {
+async fn landing(
+    State(site): State<Site>,
+    Path(slug): Path<String>,
+    RawQuery(query): RawQuery,
+    headers: HeaderMap,
+) -> Response {
     let model = match find(&site, &slug).await {
         Ok(model) if model.object().is_none() => return to(&model.page()),
         Ok(model) => model,
@@ -385,6 +404,10 @@ async fn landing(State(site): State<Site>, Path(slug): Path<String>, headers: He
         if let Ok(links) = HeaderValue::from_str(&links) {
             response.headers_mut().insert(LINK, links);
         }
+    }
+    // What is not public is not shown in frames of other sites, where nobody is signed in.
+    if matches!(verdict(&table.manifest.access, &site.clock), Verdict::Open) {
+        return for_frames(&site, query.as_deref(), response);
     }
     response
 }
@@ -461,12 +484,19 @@ async fn preflight() -> Response {
 }
 
 /// The viewer without a model, and the page of `?pack=`.
-async fn viewer(State(site): State<Site>, headers: HeaderMap) -> Response {
-    site.page.file("index.html").map_or_else(lost, |asset| send(asset, &headers))
+async fn viewer(State(site): State<Site>, RawQuery(query): RawQuery, headers: HeaderMap) -> Response {
+    let send = |asset| for_frames(&site, query.as_deref(), send(asset, &headers));
+    site.page.file("index.html").map_or_else(lost, send)
 }
 
-async fn asset(State(site): State<Site>, Path(file): Path<String>, headers: HeaderMap) -> Response {
-    site.page.file(&file).map_or_else(lost, |asset| send(asset, &headers))
+async fn asset(
+    State(site): State<Site>,
+    Path(file): Path<String>,
+    RawQuery(query): RawQuery,
+    headers: HeaderMap,
+) -> Response {
+    let query = query.filter(|_| file == "index.html");
+    site.page.file(&file).map_or_else(lost, |asset| for_frames(&site, query.as_deref(), send(asset, &headers)))
 }
 
 fn send(asset: &Asset, headers: &HeaderMap) -> Response {

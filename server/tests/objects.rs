@@ -368,6 +368,28 @@ async fn published_notes_are_served_where_the_page_looks_for_them() {
 }
 
 #[tokio::test]
+async fn any_site_may_embed_a_public_model_and_nothing_else() {
+    let dir = tempfile::tempdir().unwrap();
+    object(dir.path(), "fort", &[pack("Fort")], public());
+    object(dir.path(), "grave", &[pack("Grave")], Access { state: AccessState::Restricted, ..public() });
+    write(dir.path().join("wall.kilwa"), pack("Wall")).unwrap();
+    let app = site(dir.path());
+    let ancestors = async |url: &str| {
+        let policy = get(&app, url).await.header("content-security-policy").to_owned();
+        policy.rsplit_once("frame-ancestors ").map(|(_, who)| who.to_owned()).unwrap()
+    };
+    for url in ["/m/wall", "/fort/", "/viewer/", "/viewer/index.html"] {
+        assert_eq!(ancestors(url).await, "'self'", "{url}");
+        for query in ["?embed=1", "?pack=/packs/wall.kilwa&embed=bare"] {
+            assert_eq!(ancestors(&format!("{url}{query}")).await, "*", "{url}{query}");
+        }
+    }
+    for url in ["/?embed=1", "/grave/?embed=1", "/viewer/boot.js?embed=1", "/fort/?lang=embed"] {
+        assert_eq!(ancestors(url).await, "'self'", "{url}");
+    }
+}
+
+#[tokio::test]
 async fn only_named_sites_may_frame_the_page_and_exchange_messages() {
     let dir = tempfile::tempdir().unwrap();
     object(dir.path(), "fort", &[pack("Fort")], public());
@@ -376,7 +398,7 @@ async fn only_named_sites_may_frame_the_page_and_exchange_messages() {
     let policy = Policy::new(&museum(), &museum(), &[]).unwrap();
     let app = app(Site::new(Catalogue::open(dir.path()).unwrap(), page()).with_policy(policy));
     let meta = "<meta name=\"kilwa-origins\" content=\"https://museum.example\">";
-    for url in ["/m/wall", "/fort/", "/viewer/", "/viewer/index.html"] {
+    for url in ["/m/wall", "/fort/", "/viewer/", "/viewer/index.html", "/fort/?embed=1"] {
         let a = get(&app, url).await;
         assert_eq!(a.status, 200, "{url}");
         assert_eq!(a.text().matches(meta).count(), 1, "{url}: {}", a.text());

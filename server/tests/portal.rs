@@ -317,6 +317,10 @@ async fn oembed_answers_for_pages_of_this_site() {
     assert!(v["html"].as_str().unwrap().contains("&lt;Kilwa&gt;"));
     let xml = get(&app, "/oembed?url=https%3A%2F%2Fmuseum.example%2Fgereza%2F&format=xml").await.text();
     assert!(xml.contains("<oembed>") && xml.contains("<width>960</width>"), "{xml}");
+    // Frames that other sites may not show are not handed out.
+    let closed: serde_json::Value =
+        serde_json::from_slice(&get(&app, "/oembed?url=https%3A%2F%2Fmuseum.example%2Fpanel%2F").await.body).unwrap();
+    assert_eq!((closed["type"].as_str(), closed.get("html")), (Some("link"), None), "an embargo has no viewer yet");
     for (url, status) in [("gone%2F", 404), ("none%2F", 404), ("gereza%2F&format=yaml", 501)] {
         let a = get(&app, &format!("/oembed?url=https%3A%2F%2Fmuseum.example%2F{url}")).await;
         assert_eq!(a.status, status, "{url}");

@@ -123,7 +123,7 @@ test("Tab reaches every control and shows where it stands; Escape closes what is
   const { page, complaints, close } = await open(site.browser, fort());
   await openTab(page, "Views");
   const wanted = [
-    ["button", "Copy link to this view"],
+    ["button", "Share"],
     ["button", "Save a picture"],
     ["link", "Download pack"],
     ["button", "Full screen"],

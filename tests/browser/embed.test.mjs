@@ -21,7 +21,7 @@ let hosts;
 let browser;
 
 /** A static host as simple as they come: whole files, no ranges. `extra` holds pages of its own; `meta` allows origins. */
-async function staticHost(extra = {}, meta = () => "") {
+async function staticHost(extra = {}, meta = () => "", headers = {}) {
   const host = http.createServer(async (request, response) => {
     const { pathname } = new URL(request.url, "http://x");
     const name = pathname.endsWith("/") ? `${pathname}index.html` : pathname;
@@ -34,6 +34,7 @@ async function staticHost(extra = {}, meta = () => "") {
         "content-length": Buffer.byteLength(body),
         "access-control-allow-origin": "*",
         "cache-control": "no-store",
+        ...headers,
       });
       response.end(body);
     } catch {
@@ -59,6 +60,7 @@ before(async () => {
   hosts = { viewer };
   hosts.friend = await staticHost(page);
   hosts.stranger = await staticHost(page);
+  hosts.walled = await staticHost({}, undefined, { "content-security-policy": "frame-ancestors 'none'" });
   browser = await launch();
 });
 after(async () => {
@@ -137,7 +139,9 @@ test("the model alone fills the window, and what floats over it keeps apart, at 
         return [x, y, x + width, y + height];
       };
       const floating = [];
+      const credit = page.getByRole("main").getByRole("link", { name: "fort", exact: true });
       for (const [name, locator] of [
+        ["credit", credit.locator("..")],
         ["tools", page.getByRole("toolbar", { name: "Tools", exact: true })],
         ["cube", page.getByRole("group", { name: "View cube" })],
         ["way to the whole page", page.getByRole("link", { name: "Open the full page" })],
@@ -145,7 +149,7 @@ test("the model alone fills the window, and what floats over it keeps apart, at 
       ])
         if (await locator.isVisible()) floating.push([name, ...(await boxOf(locator))]);
       const boxes = { canvas: await boxOf(canvasOf(page)), floating };
-      assert.equal(boxes.floating.length, { "embed=1": 3, "embed=bare": 0, "": 1 }[query], at);
+      assert.equal(boxes.floating.length, { "embed=1": 4, "embed=bare": 1, "": 1 }[query], at);
       for (const [i, [name, left, top, right, bottom]] of boxes.floating.entries()) {
         assert.ok(left >= 0 && top >= 0 && right <= width && bottom <= height, `${name} is within ${at}`);
         for (const [other, l, t, r, b] of boxes.floating.slice(i + 1)) {
@@ -156,6 +160,37 @@ test("the model alone fills the window, and what floats over it keeps apart, at 
     assert.deepEqual(complaints, []);
     await close();
   }
+});
+
+test("the element says in words that its viewer is blocked, and only then, and it fits a narrow column", async () => {
+  const { page, close } = await open(browser, `${hosts.friend.url}/host.html`, { wait: null });
+  const show = (viewer) =>
+    page.evaluate(async (viewer) => {
+      await customElements.whenDefined("kilwa-viewer");
+      customElements.get("kilwa-viewer").silence = 500;
+      const column = document.createElement("div");
+      column.style.cssText = "width: 300px; display: flex; align-items: flex-start";
+      const element = document.createElement("kilwa-viewer");
+      element.setAttribute("viewer", `${viewer}/index.html`);
+      element.src = `${viewer}/fort.kilwa`;
+      column.append(element);
+      document.body.replaceChildren(column);
+      return new Promise((resolve) => requestAnimationFrame(() => resolve([element.clientWidth, element.clientHeight])));
+    }, viewer);
+  const [width, height] = await show(hosts.walled.url);
+  assert.ok(width === 300 && height >= 240, `${width} × ${height}`);
+  const words = page.getByRole("alert");
+  await words.waitFor();
+  assert.match(await words.innerText(), new RegExp(`${new URL(hosts.walled.url).host} does not allow this page to embed it`));
+  const link = new URL(await words.getByRole("link", { name: "Open the model" }).getAttribute("href"));
+  assert.equal(link.origin, hosts.walled.url);
+  assert.equal(link.searchParams.get("embed"), null);
+  // A viewer that may be shown, though not spoken to.
+  await show(hosts.viewer.url);
+  const frame = await (await page.getByTitle("3D model").elementHandle()).contentFrame();
+  await waitFor(frame, "settled");
+  assert.equal(await words.count(), 0);
+  await close();
 });
 
 /** A page of `host` with a viewer of another origin in it. */

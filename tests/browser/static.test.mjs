@@ -8,7 +8,9 @@ import { tmpdir } from "node:os";
 import path from "node:path";
 import { after, before } from "node:test";
 import { promisify } from "node:util";
+import jsQR from "jsqr";
 import { KILWA, WWW, launch, open, openTab, packFolder, picture, stats, test, waitFor } from "./harness.mjs";
+import { decodePng } from "./png.mjs";
 
 const run = promisify(execFile);
 const METADATA = `title = "Gereza"\ndescription = "A fort by the sea."\nslug = "gereza"\n[rights]\nuri = "CC BY 4.0"\n[[creators]]\nname = "Held, Christoph"\n[model]\nunits = "m"\n`;
@@ -241,6 +243,46 @@ test("the catalogue, its feed, its lists and every link in them lead somewhere",
     await waitFor(way.page, "first");
     assert.deepEqual(way.complaints, []);
     await way.close();
+  } finally {
+    await server.stop();
+  }
+});
+
+test("Share gives the link, a code whose frame names title, creators and licence, and a QR code of the link", async () => {
+  const server = await python();
+  try {
+    const { page, complaints, close } = await look(server.url, { permissions: ["clipboard-read", "clipboard-write"], size: [900, 800] });
+    await page.evaluate(() => globalThis.kilwa.api.setCamera({ azimuth: 1.25 }));
+    await page.getByRole("button", { name: "Share", exact: true }).click();
+    const dialog = page.getByRole("dialog", { name: "Share" });
+    const link = await dialog.getByRole("textbox", { name: "Link to this view" }).inputValue();
+    assert.equal(link, page.url());
+    assert.match(link, /#view=1\.25,/);
+    await dialog.getByRole("button", { name: "Copy: Link to this view" }).click();
+    await dialog.getByRole("status").filter({ hasText: "Copied" }).waitFor();
+    assert.equal(await page.evaluate(() => navigator.clipboard.readText()), link);
+    // What another reader of QR codes makes of it.
+    const { width, height, channels, pixels } = decodePng(
+      await dialog.getByRole("img", { name: "QR code of the link" }).screenshot({ caret: "initial", scale: "css" }),
+    );
+    const rgba = new Uint8ClampedArray(width * height * 4).fill(255);
+    for (let at = 0; at < width * height; at += 1) rgba.set(pixels.subarray(at * channels, at * channels + 3), at * 4);
+    assert.equal(jsQR(rgba, width, height)?.data, link);
+    // Pasted into another page, the code shows the model, and who made it, in the frame and below.
+    const code = await dialog.getByRole("textbox", { name: "Code for a web page" }).inputValue();
+    await close();
+    const other = await open(browser, `${server.url}/models.json`, { wait: null });
+    await other.page.setContent(code);
+    const licence = "https://creativecommons.org/licenses/by/4.0/";
+    assert.match(await other.page.getByRole("figure").innerText(), /Gereza, Held, Christoph, CC BY 4\.0/);
+    const frame = await (await other.page.getByTitle("Gereza").elementHandle()).contentFrame();
+    await waitFor(frame, "settled");
+    const credit = frame.getByRole("main").getByRole("link", { name: "Gereza", exact: true }).locator("..");
+    assert.match((await credit.innerText()).replace(/\s+/g, " "), /Gereza Held, Christoph CC BY 4\.0/);
+    assert.equal(await credit.getByRole("link", { name: "CC BY 4.0" }).getAttribute("href"), licence);
+    assert.ok(!new URL(await credit.getByRole("link", { name: "Gereza" }).getAttribute("href")).searchParams.has("embed"));
+    assert.deepEqual(complaints, []);
+    await other.close();
   } finally {
     await server.stop();
   }

@@ -175,6 +175,7 @@ pub struct DrawPatch {
 }
 
 /// Figures of one step.
+#[expect(clippy::struct_excessive_bools, reason = "figures that do not exclude each other")]
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Stats {
     /// Directory entries known so far.

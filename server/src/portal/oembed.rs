@@ -1,6 +1,7 @@
 //! `/oembed?url=…`: how to embed the model of an address, oEmbed 1.0, as JSON or XML.
 //!
-//! Other sites can show the frame only where the server lets them (`--frame-ancestors`).
+//! Where the server lets only sites that it names show its pages in a frame (`--frame-ancestors`), the answer is a link with title, author and thumbnail: it
+//! is not known who asks.
 
 use super::{encoded, pairs};
 use crate::index::Entry;
@@ -50,28 +51,29 @@ pub(crate) fn question(base: &str, query: &str) -> Result<Question, u16> {
     Ok(Question { slug: slug.to_owned(), view: view.to_owned(), size, xml })
 }
 
-/// The answer for a model that may be seen.
-pub(crate) fn answer(base: &str, question: &Question, entry: &Entry) -> Option<Value> {
+/// The answer for a model that may be seen; with a frame if any site may show this one.
+pub(crate) fn answer(base: &str, question: &Question, entry: &Entry, may_embed: bool) -> Option<Value> {
     if entry.access.state == AccessState::Withdrawn {
         return None;
     }
     let [width, height] = question.size;
     let view = if question.view.is_empty() { String::new() } else { format!("#{}", encoded_view(&question.view)) };
     let address = format!("{base}/{}/?embed=1{view}", encoded(&entry.slug));
-    let html = render(&Embedded { address: &address, width, height, title: &entry.title });
     let mut v = json!({
         "version": "1.0",
-        "type": "rich",
+        "type": "link",
         "title": entry.title,
         "provider_name": base.split("://").nth(1).unwrap_or(base),
         "provider_url": format!("{base}/"),
-        "html": html,
-        "width": width,
-        "height": height,
         "thumbnail_url": format!("{base}/{}/v{}/{POSTER}", entry.slug, entry.version),
         "thumbnail_width": 1200,
         "thumbnail_height": 630,
     });
+    if may_embed {
+        v["type"] = "rich".into();
+        v["html"] = render(&Embedded { address: &address, width, height, title: &entry.title }).into();
+        (v["width"], v["height"]) = (width.into(), height.into());
+    }
     if !entry.creators.is_empty() {
         v["author_name"] = entry.creators.join("; ").into();
     }

@@ -8,6 +8,7 @@ use super::language::Language;
 use super::limit::{QUERY_MAX, refused};
 use super::plain::{page as plain_page, part as plain_part};
 use super::{base, feeds, map, oai, oembed, pairs};
+use crate::access::{Verdict, verdict};
 use crate::budget::lean;
 use crate::catalogue::Model;
 use crate::content::{plain, text};
@@ -324,7 +325,10 @@ pub(crate) async fn embed(State(site): State<Site>, RawQuery(query): RawQuery, h
     };
     let slug = question.slug.clone();
     match ask(index, move |index| index.entry(&slug)).await {
-        Ok(entry) => match entry.and_then(|entry| oembed::answer(&base, &question, &entry)) {
+        Ok(entry) => match entry.and_then(|entry| {
+            let is_open = matches!(verdict(&entry.access, &site.clock), Verdict::Open);
+            oembed::answer(&base, &question, &entry, is_open && site.policy.lets_any_site_embed())
+        }) {
             Some(answer) if question.xml => document("text/xml; charset=utf-8", oembed::to_xml(&answer)),
             Some(answer) => document("application/json", answer.to_string()),
             None => plain(StatusCode::NOT_FOUND),
