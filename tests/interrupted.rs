@@ -67,6 +67,17 @@ fn a_signal_during_synth_leaves_no_file() {
 }
 
 #[test]
+fn a_signal_while_scans_are_simulated_leaves_no_folder() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("scans");
+    let mut child = begun(&["synth", "scans", "--columns", "20000", "-o", text(&out)]);
+    signal_at_hidden_file(&mut child, folder.path(), "-INT");
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(130), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(names(folder.path()), Vec::<String>::new());
+}
+
+#[test]
 fn a_signal_during_extract_leaves_no_file() {
     let pack = large_pack();
     let folder = tempfile::tempdir().unwrap();

@@ -78,3 +78,26 @@ fn an_invalid_count_is_a_usage_error() {
     }
     assert!(!Path::new("never.ply").exists());
 }
+
+#[test]
+fn scans_are_written_with_their_truth_and_counted() {
+    let folder = folder();
+    let out = folder.path().join("scans");
+    let report = json(&["synth", "scans", "--stations", "2", "--columns", "32", "-o", text(&out)]);
+    assert_eq!(names(&out), ["scan_001.ptx", "scan_002.ptx", "truth"]);
+    assert_eq!(names(&out.join("truth")), ["poses.toml", "scan_001.labels", "scan_002.labels"]);
+    let first = std::fs::read_to_string(out.join("scan_001.ptx")).unwrap();
+    let mut lines = first.lines();
+    let mut count = || lines.next().unwrap().parse::<u64>().unwrap();
+    let (columns, rows) = (count(), count());
+    assert_eq!((columns, first.lines().count() as u64), (32, 10 + columns * rows));
+    assert_eq!(report["stations"], 2);
+    let samples = report["samples"].as_object().unwrap();
+    let points = samples.iter().filter(|(class, _)| !["empty", "dropout"].contains(&class.as_str()));
+    assert_eq!(points.map(|(_, n)| n.as_u64().unwrap()).sum::<u64>(), report["points"].as_u64().unwrap());
+    let error = fails(&["synth", "scans", "-o", text(&out)]);
+    assert!(error.contains("scans") && error.contains("already exists"), "{error}");
+    let error = fails(&["synth", "scans", "--stations", "0", "-o", text(&folder.path().join("none"))]);
+    assert!(error.contains("ask for 1 to 1000"), "{error}");
+    assert_eq!(names(folder.path()), ["scans"]);
+}

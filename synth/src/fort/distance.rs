@@ -276,7 +276,7 @@ impl Masonry {
             return t;
         }
         for round in 0..40 {
-            let t = if round % 4 == 3 { (a + b) / 2.0 } else { (a * vb - b * va) / (vb - va) };
+            let t = if round % 4 == 3 { f64::midpoint(a, b) } else { (a * vb - b * va) / (vb - va) };
             let value = self.value(o + d * t);
             if value.abs() < ON || b - a < 1e-7 {
                 return t;

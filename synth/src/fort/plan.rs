@@ -261,7 +261,7 @@ impl Plan {
     /// Thin walls that only simulated scans have: a plastered partition with a doorway in a western room, and a plank screen in a northern one.
     pub(super) fn boards() -> Vec<Solid> {
         let partition = |low: f64, high: f64, foot: f64, head: f64| {
-            block((low + high) / 2.0, -3.7, foot, [(high - low) / 2.0, 0.05], head - foot)
+            block(f64::midpoint(low, high), -3.7, foot, [(high - low) / 2.0, 0.05], head - foot)
         };
         vec![
             partition(-12.2, -9.75, -0.6, 2.6),

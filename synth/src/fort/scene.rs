@@ -7,6 +7,7 @@
 pub(crate) use super::distance::Beam;
 use super::distance::{Masonry, Met, Until};
 use super::field::Distance;
+use super::ground::Ground;
 use super::paint::{self, Spot};
 pub(crate) use super::plan::{DRUM, GATE_X, HALF_X, HALF_Y, KEEP};
 pub(crate) use super::terrain::HALF;
@@ -131,8 +132,11 @@ impl Scene {
 
     /// Colour of the material at a place of the surface, sRGB from 0 to 255.
     pub(crate) fn albedo(&self, p: DVec3, normal: DVec3, on_ground: bool) -> [f64; 3] {
-        let ground = self.terrain.look(p.x, p.y);
-        let above = (p.z - self.terrain.height(p.x, p.y)).max(0.0);
+        let height = self.terrain.height(p.x, p.y);
+        let above = (p.z - height).max(0.0);
+        // High on a wall nothing but the ground's height matters.
+        let ground =
+            if on_ground || above < 0.3 { self.terrain.look(p.x, p.y) } else { Ground { height, ..Ground::default() } };
         let (walls, above) = if on_ground { (self.masonry.distance(p).max(0.0), 0.0) } else { (0.0, above) };
         let distance = Distance { walls, ground: above, crumbs: f64::MAX, all: 0.0 };
         paint::albedo(self.seed, DETAIL, &Spot { p, normal, distance, ground, hash: 0 })

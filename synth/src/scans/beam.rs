@@ -139,7 +139,7 @@ impl Shot<'_> {
         };
         let follow = |o: DVec3, d: DVec3, light: f64, on_axis: bool| {
             let mut met = self.scene.hit(o, d, clear, reach).map(|hit| (hit.t, What::Fort(hit)));
-            for &prop in near.iter() {
+            for &prop in &*near {
                 if let Some(t) = self.props.get(prop).shape.meet(o, d)
                     && met.is_none_or(|(first, _)| t < first)
                     && t < reach

@@ -340,7 +340,7 @@ impl<'a> Survey<'a> {
         let mut done = 0;
         progress(0, total);
         for station in &self.stations {
-            let name = format!("scan_{:0width$}", station.number, width = 3);
+            let name = format!("scan_{:03}", station.number);
             let file = format!("{name}.{}", self.options.format.extension());
             let (path, labels) = (folder.join(&file), truth.join(format!("{name}.labels")));
             let header = self.header(station, &name);

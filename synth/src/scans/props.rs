@@ -160,7 +160,7 @@ impl Props {
 /// Sort things into a hierarchy; the order of equal things is that in which they were given.
 fn build(props: &mut [Prop], first: usize, nodes: &mut Vec<Node>) {
     let (mut low, mut high) = (DVec3::MAX, DVec3::MIN);
-    for prop in props.iter() {
+    for prop in &*props {
         let (a, b) = prop.shape.bounds();
         (low, high) = (low.min(a), high.max(b));
     }

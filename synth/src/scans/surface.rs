@@ -66,7 +66,7 @@ impl<'a> Surface<'a> {
     }
 
     /// A bar as a tube with flat ends.
-    fn bar(&self, prop: &Prop) -> Piece {
+    fn bar(prop: &Prop) -> Piece {
         let Shape::Capsule { a, b, radius } = prop.shape else { return Piece::default() };
         let mut piece = Piece::default();
         let color = rgb(prop.color);
@@ -123,7 +123,7 @@ impl Site for Surface<'_> {
 
     fn piece(&self, _tile: u32, slab: u32, index: u32) -> Piece {
         if slab == self.blocks.x {
-            return self.bar(&self.bars[index as usize]);
+            return Self::bar(&self.bars[index as usize]);
         }
         self.block(UVec3::new(slab, index / self.blocks.z, index % self.blocks.z))
     }

@@ -17,7 +17,7 @@ fn scanned(options: &ScanOptions) -> Vec<(Station, Vec<Sample>)> {
 fn samples(survey: &Survey<'_>, station: &Station) -> Vec<Sample> {
     // The classes go nowhere: they are in the samples.
     let columns = survey.columns(station, tempfile::tempfile().unwrap());
-    columns.flat_map(|column| column.unwrap()).collect()
+    columns.flat_map(Result::unwrap).collect()
 }
 
 /// A sample in the fort's frame, by the true pose.
