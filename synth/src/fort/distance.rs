@@ -130,7 +130,7 @@ impl Masonry {
     fn bound(&self, near: &Near, p: DVec3) -> (f64, Option<f64>) {
         let parts = self.parts(near, p);
         let outer = parts.outer(self.tops.scale);
-        if outer > 0.05 || outer < -0.4 {
+        if !(-0.4..=0.05).contains(&outer) {
             let bound = outer.min(parts.boards);
             return (bound, (bound < 0.05).then_some(bound));
         }

@@ -148,7 +148,7 @@ impl Terrain {
             let (low, high) = (one.min(two), one.max(two));
             if low >= 0.0 { low } else { high }
         };
-        (0.0..=length + 1e-6).contains(&s).then(|| from + s)
+        (0.0..=length + 1e-6).contains(&s).then_some(from + s)
     }
 }
 

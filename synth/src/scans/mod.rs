@@ -453,7 +453,7 @@ impl<'a> Survey<'a> {
             eye,
             fort_from_scan: DMat3::from_cols(axis(DVec3::X), axis(DVec3::Y), axis(DVec3::Z)),
             elevations: (0..rows).map(elevation).collect(),
-            columns,
+            width: columns,
             next: 0,
             ready: VecDeque::new(),
             labels: Some(BufWriter::new(labels)),
@@ -471,7 +471,7 @@ struct Columns<'a> {
     fort_from_scan: DMat3,
     /// Sine and cosine for each row.
     elevations: Vec<(f64, f64)>,
-    columns: u32,
+    width: u32,
     next: u32,
     ready: VecDeque<Vec<Sample>>,
     labels: Option<BufWriter<File>>,
@@ -481,7 +481,7 @@ struct Columns<'a> {
 impl Columns<'_> {
     fn fill(&mut self) {
         let batch = (8 * rayon::current_num_threads() as u32).max(64);
-        let (from, to) = (self.next, self.next.saturating_add(batch).min(self.columns));
+        let (from, to) = (self.next, self.next.saturating_add(batch).min(self.width));
         let (scene, options) = self.survey;
         let shot = Shot {
             scene,
@@ -493,7 +493,7 @@ impl Columns<'_> {
             seed: derive(derive(options.seed, 0xe4), u64::from(self.station.number)),
         };
         let column = |scratch: &mut Scratch, column: u32| {
-            let (s, c) = libm::sincos(std::f64::consts::TAU * f64::from(column) / f64::from(self.columns));
+            let (s, c) = libm::sincos(std::f64::consts::TAU * f64::from(column) / f64::from(self.width));
             let sample = |(row, (up, flat)): (usize, &(f64, f64))| {
                 let local = DVec3::new(c * flat, s * flat, *up);
                 shot.measure(self.fort_from_scan * local, local, [column, row as u32], scratch)
@@ -531,13 +531,13 @@ impl Iterator for Columns<'_> {
             && let Some(labels) = &mut self.labels
         {
             let rows = self.elevations.len() as u32;
-            let head = [&truth::LABELS[..], &self.columns.to_le_bytes(), &rows.to_le_bytes()].concat();
+            let head = [&truth::LABELS[..], &self.width.to_le_bytes(), &rows.to_le_bytes()].concat();
             if let Err(e) = labels.write_all(&head) {
                 return Some(Err(e));
             }
         }
         if self.ready.is_empty() {
-            if self.next == self.columns {
+            if self.next == self.width {
                 return None;
             }
             self.fill();

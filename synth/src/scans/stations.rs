@@ -190,6 +190,9 @@ fn look(scene: &Scene, eye: DVec3) -> Vec<(IVec3, f64)> {
     seen
 }
 
+/// A candidate: its number, the share of what it sees that is known, what it adds, and whether it fits the turn.
+type Rated = (usize, f64, f64, bool);
+
 /// Numbers of the chosen candidates, each with the share of what it sees that the ones before it see.
 fn choose(candidates: &[Candidate], count: u32) -> Vec<(usize, f64)> {
     let mut known: HashMap<IVec3, f64> = HashMap::new();
@@ -217,10 +220,9 @@ fn choose(candidates: &[Candidate], count: u32) -> Vec<(usize, f64)> {
             let share = if chosen.is_empty() { 1.0 } else { shared / total.max(1e-9) };
             (k, share, gain, fits(c))
         };
-        let rated: Vec<(usize, f64, f64, bool)> =
-            candidates.iter().enumerate().filter(|(k, _)| free[*k]).map(rate).collect();
+        let rated: Vec<Rated> = candidates.iter().enumerate().filter(|(k, _)| free[*k]).map(rate).collect();
         // What fits this turn and shares enough (a little less will do); else what shares enough; else what shares most.
-        let best = |pass: &dyn Fn(&&(usize, f64, f64, bool)) -> bool| {
+        let best = |pass: &dyn Fn(&&Rated) -> bool| {
             rated.iter().filter(pass).max_by(|a, b| a.2.total_cmp(&b.2).then(b.0.cmp(&a.0))).copied()
         };
         let pick = best(&|r| r.3 && r.1 >= 0.5 * SHARED)
