@@ -8,6 +8,7 @@
 //! matches, a folder without meshes, a folder with something that is named like a mesh but is not one, something that matches a pattern but is not
 //! a readable regular file (a broken link, a folder, a pipe), a matrix that cannot place a mesh.
 
+use crate::stations::{self, StationInput};
 use anyhow::{Context, bail};
 use glam::{DMat4, DVec3};
 use kilwa_builder::build::journal::PlannedInput;
@@ -22,6 +23,7 @@ use kilwa_formats::read::{self, Placed, Placement, ReadError, ReadOptions, Repla
 use kilwa_geometry::LengthUnit;
 use kilwa_pack::metadata::SourceFile;
 use kilwa_pack::plural::counted;
+use kilwa_scan::survey;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -32,7 +34,7 @@ use std::sync::Arc;
 /// Which meshes are read, and how their coordinates are interpreted.
 #[derive(clap::Args)]
 pub(crate) struct InputArgs {
-    /// Mesh files (PLY, OBJ, STL, glTF), folders of them, or quoted patterns such as 'blocks/*.ply'.
+    /// Mesh files (PLY, OBJ, STL, glTF), folders of them, quoted patterns such as 'blocks/*.ply', or surveys of scans.
     ///
     /// Several are joined, and matching vertices are welded; their order does not matter.
     #[arg(required = true, value_name = "INPUT")]
@@ -72,6 +74,8 @@ pub(crate) struct InputFile {
     pub(crate) up: Up,
     /// From its coordinates to metres, z up.
     pub(crate) placement: Placement,
+    /// How it is meshed, if it is a station of a survey.
+    pub(crate) station: Option<StationInput>,
 }
 
 /// All inputs.
@@ -126,7 +130,9 @@ fn texels(text: &str) -> Result<f64, String> {
 impl Inputs {
     /// Find all that the arguments name.
     pub(crate) fn find(args: &InputArgs) -> anyhow::Result<Self> {
-        let (named, mut passed_over) = named(&args.inputs, args.allow_outside, &MESHES)?;
+        let (surveys, meshes): (Vec<PathBuf>, Vec<PathBuf>) =
+            args.inputs.iter().cloned().partition(|given| survey::is_survey(given));
+        let (named, mut passed_over) = named(&meshes, args.allow_outside, &MESHES)?;
         let common = match &args.transform {
             Some(file) if file.as_os_str() != "auto" => matrix(file)?,
             _ => Placement::IDENTITY,
@@ -144,7 +150,18 @@ impl Inputs {
             let placement = own
                 .then(&Placement::translation(args.origin.unwrap_or_default()))
                 .then(&Placement::to_metres(args.units.unwrap_or_default(), up));
-            files.push(InputFile { path, up, placement });
+            files.push(InputFile { path, up, placement, station: None });
+        }
+        for folder in &surveys {
+            let origin = Placement::translation(args.origin.unwrap_or_default());
+            for (path, station) in stations::of(folder)? {
+                let placement = common.then(&origin);
+                files.push(InputFile { path, up: Up::Z, placement, station: Some(station) });
+            }
+        }
+        if !surveys.is_empty() {
+            files.sort_by(|a, b| a.path.cmp(&b.path));
+            refuse_twice(&files.iter().map(|file| file.path.clone()).collect::<Vec<_>>())?;
         }
         passed_over.sort();
         let detail = args.texture_detail.map(|texels| Arc::new(Detail::new(texels)));
@@ -187,7 +204,7 @@ impl Inputs {
         for file in &self.files {
             let source = source_file(&file.path, progress, stop)?;
             if let Some(same) = seen.get(&source.sha256)
-                && same.placement == file.placement
+                && (same.placement, same.station) == (file.placement, file.station)
             {
                 return Err(ReadError::Twice { file: file.path.clone(), other: same.path.clone() }.into());
             }
@@ -211,7 +228,10 @@ impl kilwa_builder::Inputs for Inputs {
                 path: path.display().to_string(),
                 bytes: about.len(),
                 modified: modified.and_then(|t| u64::try_from(t.as_nanos()).ok()),
-                placement: format!("{:?} {:?}", file.placement, self.options.detail.as_ref().map(|d| d.texels())),
+                placement: match &file.station {
+                    Some(station) => format!("{:?} {station:?}", file.placement),
+                    None => format!("{:?} {:?}", file.placement, self.options.detail.as_ref().map(|d| d.texels())),
+                },
                 stamp: plain_file::stamp(&about),
             })
         };
@@ -240,7 +260,7 @@ impl kilwa_builder::Inputs for Inputs {
         self.options.document = work.memory / 2;
         self.options.picture = work.memory / 2;
         if self.options.detail.is_some() {
-            for (i, file) in (0..).zip(&self.files) {
+            for (i, file) in (0..).zip(self.files.iter().filter(|file| file.station.is_none())) {
                 work.stop.check()?;
                 read::note_detail(&file.path, &self.options, &mut |_, _| ())?;
                 work.progress.update("measuring pictures", i + 1, self.files.len() as u64);
@@ -257,6 +277,15 @@ impl kilwa_builder::Inputs for Inputs {
             };
             let mut sink = Interruptible::new(spool, work.stop, &file.path);
             let mut placed = Placed::new(&mut sink, file.placement);
+            if let Some(station) = &file.station {
+                let bytes = file.path.metadata().map_or(0, |about| about.len());
+                let share = |done: u64, all: u64| (done as f64 / all.max(1) as f64 * bytes as f64) as u64;
+                stations::deliver(&file.path, station, &mut placed, &mut |done, all| {
+                    progress(share(done, all), bytes)
+                })?;
+                before += bytes;
+                continue;
+            }
             let done = read::read_into_with(&file.path, &self.options, &mut placed, progress);
             if self.options.replaced.as_ref().is_some_and(|output| output.is_met()) {
                 return Err(ReadError::Replaced { file: file.path.clone() }.into());

@@ -20,6 +20,7 @@ mod serve;
 mod sheet;
 mod signals;
 mod source;
+mod stations;
 mod synth;
 mod terminal;
 mod verify;

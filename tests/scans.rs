@@ -79,6 +79,16 @@ fn scans_are_imported_listed_drawn_and_meshed() {
         assert!(mesh.get(v, "confidence").unwrap() > 0.0);
     }
 
+    // The mesh option of the survey, which a build takes.
+    let toml = survey.join("survey.toml");
+    let text_of = std::fs::read_to_string(&toml).unwrap();
+    std::fs::write(&toml, format!("{text_of}\n[options.mesh]\nmax_edge = 1.0\n")).unwrap();
+    let pack = path("room.kilwa");
+    let built = json(&["build", text(&survey), "-o", text(&pack), "--json"]);
+    assert!(built["input_triangles"].as_u64().is_none_or(|n| n > 8000), "{built}");
+    let info = json(&["info", text(&pack), "--json"]);
+    assert!(info.to_string().contains("room-2.scan") && info.to_string().contains("confidence"), "{info}");
+
     let again = path("again.ptx");
     succeeds(&["scans", "export", text(&survey), "room-2", "--ptx", "-o", text(&again)]);
     succeeds(&["scans", "import", text(&again), "-o", text(&path("second"))]);

@@ -86,7 +86,7 @@ fn e57_grid(site: &Site, name: &str, by_rows: bool, is_spherical: bool) -> std::
     prototype.extend([Record::COLOR_RED_U8, Record::COLOR_GREEN_U8, Record::COLOR_BLUE_U8]);
     prototype.extend([record(RecordName::RowIndex, index.clone()), record(RecordName::ColumnIndex, index)]);
     let mut cloud = writer.add_pointcloud("cloud", prototype).unwrap();
-    cloud.set_name(Some("Nave east".to_owned())).unwrap_or_default();
+    cloud.set_name(Some("Nave east".to_owned()));
     let cells: Vec<(i64, i64)> = if by_rows {
         (0..2).flat_map(|r| (0..3).map(move |c| (c, r))).collect()
     } else {
@@ -97,7 +97,7 @@ fn e57_grid(site: &Site, name: &str, by_rows: bool, is_spherical: bool) -> std::
         let numbers =
             if is_spherical { [10.0 + c as f64, 0.1 * c as f64, 0.2 * r as f64] } else { [c as f64, r as f64, 5.0] };
         let mut values: Vec<RecordValue> = numbers.map(RecordValue::Double).to_vec();
-        values.push(RecordValue::Integer(if is_sky { 1 } else { 0 }));
+        values.push(RecordValue::Integer(i64::from(is_sky)));
         values.push(RecordValue::Integer(100 * c));
         values.extend([10 * c, 20 * r, 255].map(RecordValue::Integer));
         values.extend([r, c].map(RecordValue::Integer));
@@ -106,15 +106,6 @@ fn e57_grid(site: &Site, name: &str, by_rows: bool, is_spherical: bool) -> std::
     cloud.finalize().unwrap();
     writer.finalize().unwrap();
     path
-}
-
-/// Lets the tests use setters whatever they return.
-trait OrDefault {
-    fn unwrap_or_default(self);
-}
-
-impl OrDefault for () {
-    fn unwrap_or_default(self) {}
 }
 
 #[test]

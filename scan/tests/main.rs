@@ -2,6 +2,7 @@
 
 mod formats;
 mod malformed;
+mod peers;
 mod resume;
 mod shared_data;
 mod support;

@@ -5,6 +5,7 @@ use kilwa_scan::ScanError;
 use kilwa_scan::import::{Options, Progress, Silent, import};
 use kilwa_scan::survey::Survey;
 use std::cell::Cell;
+use std::fmt::Write as _;
 
 /// Stops after so many reports.
 struct StopAfter(Cell<u32>);
@@ -25,7 +26,7 @@ fn file(site: &Site) -> std::path::PathBuf {
     for scan in 1..=3 {
         text += &ptx_header(200, 300, [f64::from(scan), 0.0, 0.0]);
         for k in 0..60_000 {
-            text += &format!("{scan}.{k:06} {k}.25 -0.5 0.125\n", k = k % 5000);
+            writeln!(text, "{scan}.{k:06} {k}.25 -0.5 0.125", k = k % 5000).unwrap();
         }
     }
     site.write("three.ptx", text)

@@ -87,6 +87,10 @@ fn enough(folder: &Path, needed: u64, for_what: &str) -> anyhow::Result<()> {
 
 /// Vertices and triangles of the file at `path`; `None` where it cannot be read, which the reader will say better.
 fn count(path: &Path, memory: u64) -> Option<Count> {
+    if let Ok(scan) = kilwa_scan::spool::Reader::open(path) {
+        let points = scan.header().statistics.measured;
+        return Some(Count { vertices: points, triangles: 2 * points, attributes: 16 });
+    }
     let (mut file, bytes) = read::open_regular(path).ok()?;
     let mut start = Vec::new();
     file.by_ref().take(1 << 16).read_to_end(&mut start).ok()?;

@@ -6,6 +6,7 @@ use glam::DVec3;
 use kilwa_builder::Progress as _;
 use kilwa_files::atomic::{Access, AtomicFile};
 use kilwa_files::output;
+use kilwa_formats::UNCOLOURED;
 use kilwa_formats::extract::{About, Format, MeshWriter, Output, PlainVertex};
 use kilwa_pack::plural::counted;
 use kilwa_scan::ScanError;
@@ -13,7 +14,7 @@ use kilwa_scan::export::ptx;
 use kilwa_scan::mesh::{MeshVertex, Options, Surface, mesh};
 use kilwa_scan::spool::Reader;
 use kilwa_scan::survey::{MeshDefaults, Station, Survey};
-use kilwa_scan_core::{Pose, tessellate};
+use kilwa_scan_core::Pose;
 use serde_json::json;
 use std::io::{BufWriter, Write as _};
 use std::path::PathBuf;
@@ -125,17 +126,13 @@ fn show(bar: &Bar, stage: &'static str, done: u64, total: u64) {
 
 /// The options of the command line, then those of the survey, then the defaults.
 fn options(args: &Args, defaults: MeshDefaults, station: &Station) -> Options {
-    let common = tessellate::Options::default();
-    Options {
-        tessellate: tessellate::Options {
-            edge_factor: args.edge_factor.or(defaults.edge_factor).unwrap_or(common.edge_factor),
-            max_edge: args.max_edge.or(defaults.max_edge).unwrap_or(common.max_edge),
-            grazing: args.grazing.or(defaults.grazing).map_or(common.grazing, f64::to_radians),
-            instrument: station.measures_with(),
-        },
-        subsample: args.subsample.or(defaults.subsample).unwrap_or(1),
-        bounds: args.bounds,
-    }
+    let given = MeshDefaults {
+        subsample: args.subsample.or(defaults.subsample),
+        edge_factor: args.edge_factor.or(defaults.edge_factor),
+        max_edge: args.max_edge.or(defaults.max_edge),
+        grazing: args.grazing.or(defaults.grazing),
+    };
+    Options { bounds: args.bounds, ..crate::stations::options(given, station) }
 }
 
 /// Hands a mesh on to a writer of mesh files.
@@ -149,7 +146,7 @@ impl Surface for File<'_, '_> {
     fn vertex(&mut self, vertex: &MeshVertex) -> Result<u32, ScanError> {
         let intensity = if vertex.intensity.is_nan() { 0.0 } else { vertex.intensity };
         let scalars = [vertex.confidence, intensity];
-        let (position, normal, color) = (vertex.position, vertex.normal, vertex.color.unwrap_or([200, 196, 188]));
+        let (position, normal, color) = (vertex.position, vertex.normal, vertex.color.unwrap_or(UNCOLOURED));
         let scalars = &scalars[..if self.has_intensity { 2 } else { 1 }];
         self.writer.vertex(&PlainVertex { position, normal, color, scalars }).map_err(request)
     }

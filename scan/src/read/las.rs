@@ -15,11 +15,11 @@ use std::path::Path;
 /// Points decoded at a time.
 const BATCH: u64 = 16_384;
 
-pub(super) fn read(input: Input<'_>) -> Result<(), ScanError> {
+pub(super) fn read(input: &mut Input<'_>) -> Result<(), ScanError> {
     if input.options.station.is_none() {
         return Err(ScanError::NoStation { file: input.path.to_owned() });
     }
-    let mut reader = open(&input)?;
+    let mut reader = open(input)?;
     let header = reader.header().clone();
     let count = header.number_of_points();
     let format = *header.point_format();
@@ -38,7 +38,7 @@ pub(super) fn read(input: Input<'_>) -> Result<(), ScanError> {
             format!("at most {most}; the file is cut, or must be split"),
         ));
     }
-    let shift = if format.has_color { color_shift(&input, count)? } else { 0 };
+    let shift = if format.has_color { color_shift(input, count)? } else { 0 };
     let head = Head { crs: crs(&header), ..Head::default() };
     if !input.sink.begin(&head)? {
         return Ok(());

@@ -146,14 +146,14 @@ pub fn read(path: &Path, options: &ReadOptions, sink: &mut dyn Sink) -> Result<(
     let cannot = |source| ReadError::Open { file: path.to_owned(), source };
     let file = plain_file::open(path).map_err(cannot)?;
     let total = file.metadata().map_err(cannot)?.len();
-    let input = Input { path, file, total, options, sink };
+    let mut input = Input { path, file, total, options, sink };
     match format {
         Format::Ptx => ptx::read(input),
         Format::Pts => columns::read(input, columns::Kind::Pts),
         Format::Xyz => columns::read(input, columns::Kind::Xyz),
         Format::E57 => e57::read(input),
-        Format::Las => las::read(input),
-        Format::Ply => ply::read(input),
+        Format::Las => las::read(&mut input),
+        Format::Ply => ply::read(&mut input),
     }
 }
 

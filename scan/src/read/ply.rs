@@ -20,13 +20,13 @@ use std::path::Path;
 /// Channels that may be the intensity, the first that is there.
 const INTENSITIES: [&str; 5] = ["intensity", "scalar_intensity", "scalar_scalar_intensity", "confidence", "quality"];
 
-pub(super) fn read(input: Input<'_>) -> Result<(), ScanError> {
+pub(super) fn read(input: &mut Input<'_>) -> Result<(), ScanError> {
     let at = Cell::new(0);
     let frame = Frame::new(input.options, input.options.units.metres());
     let mut points = Points {
         path: input.path,
         frame,
-        sink: input.sink,
+        sink: &mut *input.sink,
         has_station: input.options.station.is_some(),
         intensity: None,
         scratch: None,
@@ -133,8 +133,8 @@ impl Points<'_> {
 
 impl MeshSink for Points<'_> {
     fn channels(&mut self, names: &[String]) -> Result<(), ReadError> {
-        let find = |wanted: &&str| names.iter().position(|name| name.eq_ignore_ascii_case(wanted));
-        self.intensity = INTENSITIES.iter().find_map(|wanted| find(&wanted));
+        let find = |wanted: &str| names.iter().position(|name| name.eq_ignore_ascii_case(wanted));
+        self.intensity = INTENSITIES.iter().find_map(|wanted| find(wanted));
         Ok(())
     }
 

@@ -148,18 +148,15 @@ fn numbers(values: &[f64]) -> Value {
 }
 
 fn put_pose(table: &mut Table, pose: Option<Pose>) {
-    match pose {
-        Some(Pose { rotation: q, translation }) => {
-            // A quaternion and its negative are the same rotation.
-            let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
-            table["rotation"] = Item::Value(numbers(&[q.w, q.x, q.y, q.z].map(|v| v * sign + 0.0)));
-            table["translation"] = Item::Value(numbers(&translation.to_array()));
-        }
-        None => {
-            table.remove("rotation");
-            table.remove("translation");
-        }
-    }
+    let Some(Pose { rotation: q, translation }) = pose else {
+        table.remove("rotation");
+        table.remove("translation");
+        return;
+    };
+    // A quaternion and its negative are the same rotation.
+    let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
+    table["rotation"] = Item::Value(numbers(&[q.w, q.x, q.y, q.z].map(|v| v * sign + 0.0)));
+    table["translation"] = Item::Value(numbers(&translation.to_array()));
 }
 
 fn camera_table(camera: &Camera) -> InlineTable {

@@ -1,0 +1,171 @@
+//! Stations of a survey as inputs of a build: each is meshed while it is read.
+
+use anyhow::bail;
+use glam::{DVec3, Vec3};
+use kilwa_builder::BuildError;
+use kilwa_formats::UNCOLOURED;
+use kilwa_formats::read::{MeshSink, ReadError, VertexBlock};
+use kilwa_scan::ScanError;
+use kilwa_scan::mesh::{MeshVertex, Options, Surface, mesh};
+use kilwa_scan::spool::Reader;
+use kilwa_scan::survey::{MeshDefaults, Station, Survey};
+use kilwa_scan_core::{Pose, tessellate};
+use std::path::{Path, PathBuf};
+
+/// Vertices or triangles handed on at a time.
+const BLOCK: usize = 4096;
+
+/// How a station is meshed and placed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct StationInput {
+    pose: Pose,
+    options: Options,
+}
+
+/// What a survey says of meshing, for one of its stations.
+pub(crate) fn options(defaults: MeshDefaults, station: &Station) -> Options {
+    let common = tessellate::Options::default();
+    Options {
+        tessellate: tessellate::Options {
+            edge_factor: defaults.edge_factor.unwrap_or(common.edge_factor),
+            max_edge: defaults.max_edge.unwrap_or(common.max_edge),
+            grazing: defaults.grazing.map_or(common.grazing, f64::to_radians),
+            instrument: station.measures_with(),
+        },
+        subsample: defaults.subsample.unwrap_or(1),
+        bounds: None,
+    }
+}
+
+/// The stations of the survey in `folder`, by their spools.
+pub(crate) fn of(folder: &Path) -> anyhow::Result<Vec<(PathBuf, StationInput)>> {
+    let survey = Survey::open(folder)?;
+    if survey.stations.is_empty() {
+        bail!("the survey {} has no stations; use `kilwa scans import`", folder.display());
+    }
+    let mut stations = Vec::with_capacity(survey.stations.len());
+    for station in &survey.stations {
+        let path = folder.join(&station.scan);
+        if !Reader::open(&path)?.header().is_grid {
+            bail!(
+                "station {} of {} is a cloud without a grid and cannot be meshed; export the other stations with `kilwa scans export --mesh` and build those files",
+                station.name,
+                folder.display()
+            );
+        }
+        // One station alone may stand anywhere; several without poses would be piled up.
+        if station.pose.is_none() && survey.stations.len() > 1 {
+            bail!(
+                "station {} of {} has no pose; give it rotation and translation in survey.toml",
+                station.name,
+                folder.display()
+            );
+        }
+        let pose = station.pose.unwrap_or_default();
+        stations.push((path, StationInput { pose, options: options(survey.mesh, station) }));
+    }
+    Ok(stations)
+}
+
+/// Hand the mesh of a station on.
+pub(crate) fn deliver(
+    path: &Path,
+    station: &StationInput,
+    sink: &mut dyn MeshSink,
+    progress: &mut dyn FnMut(u64, u64),
+) -> Result<(), BuildError> {
+    let failed = |e: ScanError| match e {
+        ScanError::Read(e) => BuildError::Read(e),
+        other => BuildError::Inputs { why: other.to_string() },
+    };
+    let mut reader = Reader::open(path).map_err(failed)?;
+    let statistics = reader.header().statistics;
+    let has_intensity = statistics.with_intensity > 0;
+    let mut names = vec!["confidence".to_owned()];
+    names.extend(has_intensity.then(|| "intensity".to_owned()));
+    sink.channels(&names)?;
+    let mut blocks = Blocks {
+        sink,
+        progress,
+        count: 0,
+        positions: Vec::new(),
+        normals: Vec::new(),
+        colors: Vec::new(),
+        scalars: vec![Vec::new(); names.len()],
+        triangles: Vec::new(),
+        has_color: statistics.colored > 0,
+        failure: None,
+    };
+    let done = mesh(&mut reader, station.pose, &station.options, &mut blocks).map(drop);
+    if let Some(failure) = blocks.failure.take() {
+        return Err(failure.into());
+    }
+    done.map_err(failed)?;
+    Ok(blocks.flush()?)
+}
+
+/// Collects vertices and triangles in blocks.
+struct Blocks<'a> {
+    sink: &'a mut dyn MeshSink,
+    progress: &'a mut dyn FnMut(u64, u64),
+    count: u32,
+    positions: Vec<DVec3>,
+    normals: Vec<Vec3>,
+    colors: Vec<[u8; 3]>,
+    scalars: Vec<Vec<f32>>,
+    triangles: Vec<[u64; 3]>,
+    has_color: bool,
+    /// An error of the sink, which a [`Surface`] cannot carry.
+    failure: Option<ReadError>,
+}
+
+impl Blocks<'_> {
+    fn flush(&mut self) -> Result<(), ReadError> {
+        let Self { positions, colors, normals, scalars, .. } = self;
+        self.sink.vertices(&VertexBlock { positions, colors, normals, scalars })?;
+        self.sink.triangles(&self.triangles, &[])?;
+        self.positions.clear();
+        self.normals.clear();
+        self.colors.clear();
+        self.scalars.iter_mut().for_each(Vec::clear);
+        self.triangles.clear();
+        Ok(())
+    }
+
+    fn flush_if_full(&mut self) -> Result<(), ScanError> {
+        if self.positions.len() < BLOCK && self.triangles.len() < BLOCK {
+            return Ok(());
+        }
+        self.flush().map_err(|e| {
+            self.failure = Some(e);
+            ScanError::Stopped
+        })
+    }
+}
+
+impl Surface for Blocks<'_> {
+    fn vertex(&mut self, vertex: &MeshVertex) -> Result<u32, ScanError> {
+        self.positions.push(vertex.position);
+        self.normals.push(vertex.normal.as_vec3());
+        if self.has_color {
+            self.colors.push(vertex.color.unwrap_or(UNCOLOURED));
+        }
+        let intensity = if vertex.intensity.is_nan() { 0.0 } else { vertex.intensity };
+        for (channel, value) in self.scalars.iter_mut().zip([vertex.confidence, intensity]) {
+            channel.push(value);
+        }
+        self.count += 1;
+        self.flush_if_full()?;
+        Ok(self.count - 1)
+    }
+
+    fn triangle(&mut self, corners: [u32; 3]) -> Result<(), ScanError> {
+        self.triangles.push(corners.map(u64::from));
+        self.flush_if_full()
+    }
+
+    fn progress(&mut self, done: u64, total: u64) -> Result<(), ScanError> {
+        (self.progress)(done, total);
+        Ok(())
+    }
+}
