@@ -8,7 +8,7 @@ pub use spread::Spread;
 
 use crate::build::options::BuildError;
 use crate::build::work::Work;
-use crate::levels::{Levels, Refined, encode_chunk, too_large};
+use crate::levels::{Levels, Refined, encode_chunk, merge, too_large};
 use crate::partition::{Partition, tree_level};
 use crate::scratch::{ScratchError, ScratchFile};
 use kilwa_geometry::{Aabb, DiamondKey, Sphere};
@@ -184,7 +184,9 @@ fn root_of(levels: &Levels) -> Result<Root, BuildError> {
     if count > u64::from(MAX_CHUNK_TRIANGLES) {
         return Err(too_large(count, levels.surface.lattice.world_from_lattice(bounds.min)));
     }
-    let encoded = encode_chunk(&levels.roots, &levels.tree, levels.attributes)?;
+    let merged = merge(&levels.roots, levels.attributes.scalars);
+    let counts = levels.roots.iter().map(|(t, p)| (*t, p.mesh.triangle_count()));
+    let encoded = encode_chunk(merged.mesh, counts, &levels.tree, levels.attributes)?;
     let entry = DirectoryEntry {
         offset: 0,
         encoded_bytes: 0,

@@ -3,14 +3,12 @@
 //! its index in the tree.
 
 use crate::build::options::BuildError;
-use crate::levels::fragment::Patch;
 use crate::partition::Partition;
 use glam::DVec3;
-use kilwa_geometry::Aabb;
+use kilwa_geometry::{Aabb, Mesh};
 use kilwa_pack::chunk::{self, Chunk, MAX_CHUNK_TRIANGLES, PatchRange};
 use kilwa_pack::plural::counted;
 use kilwa_pack::{Attributes, NO_DIAMOND};
-use kilwa_simplify::Welder;
 
 /// Patches of overfull leaves are cut into runs of this many triangles.
 const LARGEST_PATCH: usize = 16_384;
@@ -25,16 +23,17 @@ pub(crate) struct Encoded {
     pub(crate) bounds: Aabb,
 }
 
-/// Weld and encode.
+/// Encode a mesh; `patches` are the tetrahedra of its triangles and how many each has, in their order.
 ///
 /// # Errors
 /// [`BuildError::Pack`] when the format cannot hold it.
 pub(crate) fn encode_chunk(
-    patches: &[(u32, Patch)],
+    mesh: Mesh,
+    patches: impl Iterator<Item = (u32, usize)>,
     tree: &Partition,
     attributes: Attributes,
 ) -> Result<Encoded, BuildError> {
-    let chunk = weld(patches, tree, attributes);
+    let chunk = Chunk { mesh, patches: ranges(patches, tree) };
     let body = chunk::encode_body(&chunk, attributes)?;
     if u32::try_from(body.len()).is_err() {
         return Err(BuildError::TooLarge { why: "a chunk of more than 4 GiB".into() });
@@ -54,22 +53,13 @@ pub(crate) fn too_large(triangles: u64, near: DVec3) -> BuildError {
     BuildError::TooLarge { why }
 }
 
-/// One vertex array for all patches of a chunk; a patch's `diamond` is the index of the diamond that splits its
-/// tetrahedron, where it is split.
-fn weld(patches: &[(u32, Patch)], tree: &Partition, attributes: Attributes) -> Chunk {
-    let vertices = patches.iter().map(|(_, p)| p.mesh.vertex_count()).sum();
-    let mut welder = Welder::new(vertices, usize::from(attributes.scalars));
+/// The patches of a chunk; a patch's `diamond` is the index of the diamond that splits its tetrahedron, where it is split.
+fn ranges(patches: impl Iterator<Item = (u32, usize)>, tree: &Partition) -> Vec<PatchRange> {
     let mut ranges = Vec::new();
-    let mut number = Vec::new();
-    for (t, Patch { mesh, .. }) in patches {
-        let node = &tree.tetrahedra[*t as usize];
+    let mut first = 0;
+    for (t, mut left) in patches {
+        let node = &tree.tetrahedra[t as usize];
         let diamond = node.children.map_or(NO_DIAMOND, |_| node.diamond);
-        let mut first = welder.mesh.triangles.len() as u32;
-        number.clear();
-        number.extend((0..mesh.vertex_count()).map(|v| welder.vertex(mesh, v)));
-        welder.mesh.triangles.extend(mesh.triangles.iter().map(|t| t.map(|v| number[v as usize])));
-        welder.mesh.borders.extend(&mesh.borders);
-        let mut left = mesh.triangle_count();
         while left > 0 {
             let count = if left > LARGEST_PATCH * 3 / 2 { LARGEST_PATCH } else { left };
             ranges.push(PatchRange { first, count: count as u32, diamond });
@@ -77,5 +67,5 @@ fn weld(patches: &[(u32, Patch)], tree: &Partition, attributes: Attributes) -> C
             left -= count;
         }
     }
-    Chunk { mesh: welder.mesh, patches: ranges }
+    ranges
 }

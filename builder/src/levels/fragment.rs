@@ -42,22 +42,21 @@ pub struct Coarsened {
 /// level are 2^(2/3 * BISECTIONS) = 2.5 times as large, in surface, as those of the next.
 pub const REDUCTION: u64 = 5;
 
-/// Coarsen the fragment of a diamond to a part of its triangles, [`REDUCTION`]. `input` are the patches of its tetrahedra's children,
+/// Coarsen the fragment of a diamond to a part of its triangles, [`REDUCTION`]. `fragment` are the merged patches of its tetrahedra's children,
 /// `locked` the points that triangles outside of it use, in any order. Normals that the inputs supplied are carried on; others follow from the
 /// coarse triangles, where one output uses a point alone.
 pub fn coarsen(
-    input: &[(u32, Patch)],
+    fragment: &Patch,
     locked: &[LatticePoint],
     (tree, diamond): (&Partition, u32),
     precision: Precision,
     supplied_normals: bool,
 ) -> Coarsened {
     let locked: FxHashSet<LatticePoint> = locked.iter().copied().collect();
-    let merged = merge(input);
-    let fine = &merged.mesh;
+    let fine = &fragment.mesh;
     let target = target(fine.triangle_count(), locked.len());
     let mut simplified = simplify(fine, &locked, target, Purpose::Level(precision));
-    let bounds = certify(fine, &merged.bounds, &simplified);
+    let bounds = certify(fine, &fragment.bounds, &simplified);
     let groups = share_out(&simplified.mesh, tree, diamond);
     let shared = shared_points(&groups, &simplified);
     if !supplied_normals {
@@ -91,8 +90,8 @@ fn target(triangles: usize, locked: usize) -> usize {
 
 /// Join patches into one mesh: wedges that are equal in position and attributes become one vertex. Triangles stand in
 /// the order of the patches, which follows from geometry alone.
-fn merge(input: &[(u32, Patch)]) -> Patch {
-    let scalars = input.first().map_or(0, |(_, p)| p.mesh.scalars.len());
+pub(crate) fn merge(input: &[(u32, Patch)], scalars: u8) -> Patch {
+    let scalars = scalars.into();
     let mut welder = Welder::new(input.iter().map(|(_, p)| p.mesh.vertex_count()).sum(), scalars);
     let mut bounds = Vec::with_capacity(input.iter().map(|(_, p)| p.bounds.len()).sum());
     let mut number = Vec::new();

@@ -25,6 +25,7 @@ use crate::levels::fragment::{Patch, REDUCTION, coarsen};
 use crate::partition::{Partition, tree_level};
 use crate::scratch::{PatchFile, Records, ScratchFile, record};
 pub(crate) use encode::{encode_chunk, too_large};
+pub(crate) use fragment::merge;
 use kilwa_pack::Attributes;
 use kilwa_pack::chunk::MAX_CHUNK_TRIANGLES;
 use kilwa_simplify::Precision;
@@ -290,9 +291,11 @@ impl Stage<'_> {
             return Ok(None);
         }
         let (locked, supplied) = (self.locks.of(rank)?, self.surface.supplied_normals);
-        let coarse = coarsen(&input, &locked, (self.tree, diamond), self.precision, supplied);
-        let encoded = encode_chunk(&input, self.tree, self.attributes)?;
+        let fragment = merge(&input, self.attributes.scalars);
+        let counts: Vec<(u32, usize)> = input.iter().map(|(t, p)| (*t, p.mesh.triangle_count())).collect();
         drop(input);
+        let coarse = coarsen(&fragment, &locked, (self.tree, diamond), self.precision, supplied);
+        let encoded = encode_chunk(fragment.mesh, counts.into_iter(), self.tree, self.attributes)?;
         let at = self.chunks.append(&encoded.body)?;
         for (t, patch) in &coarse.output {
             self.out.append(*t, patch)?;

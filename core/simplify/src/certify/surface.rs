@@ -116,6 +116,10 @@ fn neighbours(triangles: &[[u32; 3]], fans: &Lists) -> Vec<[u32; 3]> {
     let mut between_hubs = None;
     for (t, corners) in (0u32..).zip(triangles) {
         for k in 0..3 {
+            // Found from the other side.
+            if out[t as usize][k] != NONE {
+                continue;
+            }
             let (a, b) = (corners[k], corners[(k + 1) % 3]);
             let (round, end) = if fans.of(a).len() <= fans.of(b).len() { (a, b) } else { (b, a) };
             let other = if fans.of(round).len() <= HUB {
@@ -130,8 +134,9 @@ fn neighbours(triangles: &[[u32; 3]], fans: &Lists) -> Vec<[u32; 3]> {
             };
             if let Some(other) = other {
                 let o = triangles[other as usize];
-                if (0..3).any(|i| o[i] == b && o[(i + 1) % 3] == a) {
+                if let Some(i) = (0..3).find(|i| o[*i] == b && o[(i + 1) % 3] == a) {
                     out[t as usize][k] = other;
+                    out[other as usize][i] = t;
                 }
             }
         }

@@ -52,8 +52,9 @@ impl Simplifier<'_> {
         best.1
     }
 
+    /// The lattice point nearest to a place, where one may be made there.
     fn round(&self, p: DVec3) -> Option<LatticePoint> {
-        let nearest = p.round() + self.center.as_dvec3();
+        let nearest = p.map(nearest) + self.center.as_dvec3();
         let Aabb { min, max } = self.limits;
         let valid = nearest.cmpge(min.as_dvec3()).all() && nearest.cmple(max.as_dvec3()).all();
         valid.then(|| nearest.as_ivec3())
@@ -278,6 +279,7 @@ impl Simplifier<'_> {
         p.at = target;
         p.local = local(target, self.center);
         (p.head, p.tail, p.corners) = (NONE, NONE, 0);
+        self.note_change(keep);
         if target != old {
             self.occupied.remove(&old);
         }
@@ -313,7 +315,10 @@ impl Simplifier<'_> {
             let p = &self.points[n.point as usize];
             if !p.locked && p.corners <= super::HUB {
                 self.neighbours(n.point, &mut scratch.of_remove);
-                self.points[n.point as usize].kind = kind(&scratch.of_remove);
+                let now = kind(&scratch.of_remove);
+                if std::mem::replace(&mut self.points[n.point as usize].kind, now) != now {
+                    self.note_change(n.point);
+                }
             }
         }
     }
@@ -333,6 +338,30 @@ impl Simplifier<'_> {
         });
         if let Some((t, slot)) = found {
             self.borders[t as usize] |= 1 << slot;
+        }
+    }
+}
+
+/// The nearest whole number, halves away from zero, as [`f64::round`] gives it for what is below 2^62; that is a call where processors
+/// cannot be relied on to have an instruction for it.
+fn nearest(x: f64) -> f64 {
+    let whole = x as i64 as f64;
+    let rest = x - whole;
+    whole + f64::from(i8::from(rest >= 0.5) - i8::from(rest <= -0.5))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::nearest;
+
+    #[test]
+    fn the_nearest_whole_number_is_that_of_the_standard_library() {
+        let mut random = fastrand::Rng::with_seed(2);
+        let halves = (-2000..2000).map(|i| f64::from(i) / 4.0);
+        let beside = halves.clone().flat_map(|x: f64| [x.next_down(), x.next_up()]);
+        let large = (0..1000).map(|i| (random.f64() - 0.5) * f64::from(1u32 << (i % 32)));
+        for x in halves.chain(beside).chain(large) {
+            assert!(nearest(x) == x.round(), "{x}");
         }
     }
 }

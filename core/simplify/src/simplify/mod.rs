@@ -15,6 +15,7 @@
 mod collapse;
 mod prune;
 mod quadric;
+mod queue;
 mod settle;
 mod wedge;
 
@@ -23,9 +24,9 @@ use glam::DVec3;
 use kilwa_geometry::lattice::MAX_COORDINATE;
 use kilwa_geometry::{Aabb, LatticePoint, Mesh};
 use quadric::Quadric;
+use queue::{Queue, Waiting};
 use rustc_hash::FxHashMap;
-use std::cmp::Reverse;
-use std::collections::{BinaryHeap, HashSet};
+use std::collections::HashSet;
 use std::hash::BuildHasher;
 use wedge::Wedges;
 
@@ -86,6 +87,8 @@ struct Point {
     tail: u32,
     /// Length of that list.
     corners: u32,
+    /// When anything changed that a collapse's cost depends on, by [`Simplifier::changes`].
+    changed: u32,
 }
 
 /// One neighbour of a point.
@@ -105,6 +108,15 @@ struct Collapse {
     remove: u32,
     target: LatticePoint,
     cost: f64,
+}
+
+/// What is known of the collapse of an edge.
+#[derive(Clone, Copy, Default)]
+struct Known {
+    target: LatticePoint,
+    cost: f64,
+    /// [`Simplifier::changes`] at that time; 0 where nothing is known.
+    at: u32,
 }
 
 struct Simplifier<'a> {
@@ -130,10 +142,13 @@ struct Simplifier<'a> {
     edges: Vec<[u32; 2]>,
     /// Edges by cost, cheapest first: the bits of the cost as `f32`, then the number of the edge. An edge stays in the
     /// queue with the cost it once had, which only grows; it is worked out again when its turn comes.
-    queue: BinaryHeap<Reverse<u64>>,
-    /// Edges that wait for a change at one of their ends, and by which point to find them.
-    refused: Vec<bool>,
-    refused_at: FxHashMap<u32, Vec<u32>>,
+    queue: Queue,
+    /// Where each edge's collapse would lead, and when that was worked out: it holds until an end changes.
+    known: Vec<Known>,
+    /// Counts the changes of points, from 1.
+    changes: u32,
+    /// Edges that wait for a change at one of their ends.
+    waiting: Waiting,
     triangles: usize,
     /// Marks of points, valid where equal to `clock`.
     marks: Vec<u32>,
@@ -230,6 +245,7 @@ impl<'a> Simplifier<'a> {
                         head: NONE,
                         tail: NONE,
                         corners: 0,
+                        changed: 0,
                     });
                 }
                 found
@@ -252,9 +268,10 @@ impl<'a> Simplifier<'a> {
             wedge,
             occupied,
             edges: Vec::with_capacity(mesh.triangle_count() * 3 / 2 + 64),
-            queue: BinaryHeap::new(),
-            refused: Vec::new(),
-            refused_at: FxHashMap::default(),
+            queue: Queue::default(),
+            known: Vec::new(),
+            changes: 1,
+            waiting: Waiting::default(),
             triangles: mesh.triangle_count(),
             clock: 0,
             scratch: ScratchBuffer::default(),
@@ -362,16 +379,17 @@ impl<'a> Simplifier<'a> {
             self.edges.extend(near.iter().filter(|n| n.point > p).map(|n| [p, n.point]));
         }
         self.scratch.of_keep = near;
-        self.refused = vec![false; self.edges.len()];
-        self.refused_at.clear();
-        let mut queue = Vec::with_capacity(self.edges.len());
+        self.known.clear();
+        self.known.resize(self.edges.len(), Known::default());
+        self.waiting.reset(self.points.len(), self.edges.len());
+        let mut keys = Vec::with_capacity(self.edges.len());
         for e in 0..self.edges.len() as u32 {
             match self.candidate(e) {
-                Some(c) => queue.push(Reverse(key(c.cost, e))),
+                Some(c) => keys.push(key(c.cost, e)),
                 None => self.refuse(e),
             }
         }
-        self.queue = BinaryHeap::from(queue);
+        self.queue = Queue::new(keys);
     }
 
     /// The same as [`run`](Self::run), with quadrics that are begun anew after each factor of [`RESTART`].
@@ -390,15 +408,15 @@ impl<'a> Simplifier<'a> {
     /// Collapse edges, cheapest first, until `target` is reached or the queue is empty.
     fn run(&mut self, target: usize) {
         while self.triangles > target {
-            let Some(Reverse(top)) = self.queue.pop() else { return };
+            let Some(top) = self.queue.pop() else { return };
             let edge = (top & u64::from(u32::MAX)) as u32;
             let Some(c) = self.candidate(edge) else {
                 self.refuse(edge);
                 continue;
             };
             let now = key(c.cost, edge);
-            if now > top && self.queue.peek().is_some_and(|Reverse(next)| now > *next) {
-                self.queue.push(Reverse(now));
+            if now > top && self.queue.peek().is_some_and(|next| now > next) {
+                self.queue.push(now);
             } else if self.collapse(&c) {
                 self.ask_again(c.keep);
                 self.ask_again(c.remove);
@@ -414,20 +432,14 @@ impl<'a> Simplifier<'a> {
         if a == b || (self.points[a as usize].locked && self.points[b as usize].locked) {
             return;
         }
-        self.refused[edge as usize] = true;
-        for p in [a, b] {
-            self.refused_at.entry(p).or_default().push(edge);
-        }
+        self.waiting.put(edge, [a, b]);
     }
 
     /// Put the edges that were refused at a point back into the queue. They are looked at again when their turn comes,
     /// and that is at once, for their cost is worked out then.
     fn ask_again(&mut self, point: u32) {
-        for edge in self.refused_at.remove(&point).unwrap_or_default() {
-            if std::mem::take(&mut self.refused[edge as usize]) {
-                self.queue.push(Reverse(key(0.0, edge)));
-            }
-        }
+        let queue = &mut self.queue;
+        self.waiting.take(point, |edge| queue.push(key(0.0, edge)));
     }
 
     /// The collapse of an edge and its cost, or `None` when it cannot be collapsed at all.
@@ -439,11 +451,27 @@ impl<'a> Simplifier<'a> {
             return None;
         }
         let (keep, remove) = if pb.locked { (b, a) } else { (a, b) };
+        let Known { target, cost, at } = self.known[edge as usize];
+        if at > pa.changed && at > pb.changed {
+            return Some(Collapse { keep, remove, target, cost });
+        }
+        // At a line of odd edges the triangles round the ends count too.
+        let (pk, pr) = (&self.points[keep as usize], &self.points[remove as usize]);
+        let by_ends = pr.kind == Kind::Manifold || (pk.kind == Kind::Manifold && !pk.locked);
         let mut quadric = pa.quadric;
         quadric.add(&pb.quadric);
         let target = self.target(keep, remove, &quadric)?;
         let cost = quadric.at(local(target, self.center)) + self.color_cost(a, b);
+        if by_ends {
+            self.known[edge as usize] = Known { target, cost, at: self.changes };
+        }
         Some(Collapse { keep, remove, target, cost })
+    }
+
+    /// Note that something changed that the collapses of a point's edges depend on.
+    fn note_change(&mut self, point: u32) {
+        self.points[point as usize].changed = self.changes;
+        self.changes += 1;
     }
 
     /// A weak preference for edges along which the colour does not change: squared length times squared difference.

@@ -11,6 +11,8 @@ use kilwa_geometry::{Mesh, normal};
 struct Sum {
     /// Linear light.
     color: Vec3,
+    /// The same over the weight.
+    mean: Vec3,
     weight: f32,
     normal: Vec3,
     changed: bool,
@@ -26,11 +28,9 @@ pub(super) struct Wedges<'a> {
 impl<'a> Wedges<'a> {
     pub(super) fn new(source: &'a Mesh) -> Self {
         let sums = (0..source.vertex_count())
-            .map(|v| Sum {
-                color: source.colors.get(v).map_or(Vec3::ZERO, |c| c.map(light_from_srgb_f32).into()),
-                weight: 1.0,
-                normal: Vec3::ZERO,
-                changed: false,
+            .map(|v| {
+                let color = source.colors.get(v).map_or(Vec3::ZERO, |c| c.map(light_from_srgb_f32).into());
+                Sum { color, mean: color, weight: 1.0, normal: Vec3::ZERO, changed: false }
             })
             .collect();
         Self { source, sums, scalars: source.scalars.clone() }
@@ -38,8 +38,7 @@ impl<'a> Wedges<'a> {
 
     /// Squared difference of two colours in linear light.
     pub(super) fn color_distance(&self, a: u32, b: u32) -> f64 {
-        let (a, b) = (&self.sums[a as usize], &self.sums[b as usize]);
-        (a.color / a.weight - b.color / b.weight).as_dvec3().length_squared()
+        (self.sums[a as usize].mean - self.sums[b as usize].mean).as_dvec3().length_squared()
     }
 
     fn normal_sum(&self, w: usize) -> Vec3 {
@@ -66,6 +65,7 @@ impl<'a> Wedges<'a> {
         sum.weight += weight;
         sum.changed = true;
         sum.color += color;
+        sum.mean = sum.color / sum.weight;
         sum.normal = normal + added;
     }
 
@@ -77,7 +77,7 @@ impl<'a> Wedges<'a> {
         };
         let sum = &self.sums[w];
         if let Some(c) = self.source.colors.get(w) {
-            let mean = (sum.color / sum.weight).to_array().map(srgb_from_light_f32);
+            let mean = sum.mean.to_array().map(srgb_from_light_f32);
             // Equal colours stay equal.
             out.colors.push(if !sum.changed || mean == *c { *c } else { made.color(mean) });
         }
