@@ -48,13 +48,17 @@ fn meaningless_measurements_are_refused_with_a_message() {
     super::check_none("questions without an answer that get a number", asked.get(), 0);
 }
 
+/// The arguments of a distance.
+fn measure<'a>(pack: &'a str, args: &[&'a str]) -> Vec<&'a str> {
+    [&["measure", pack, "distance"], args].concat()
+}
+
 #[test]
 fn a_position_far_from_the_surface_is_refused_and_every_distance_is_reported() {
     let cube = phantom("cube", "utm");
     let pack = text(&cube.pack);
-    let measure = |args: &[&str]| [&["measure", pack, "distance"], args].concat();
     // Coordinates of another system: nothing that could be taken for a value.
-    let far = measure(&["0", "0", "0", "1", "1", "1"]);
+    let far = measure(pack, &["0", "0", "0", "1", "1", "1"]);
     assert!(kilwa(&far).stdout.is_empty());
     let message = fails(&far);
     for part in
@@ -64,22 +68,24 @@ fn a_position_far_from_the_surface_is_refused_and_every_distance_is_reported() {
     }
     // Half a metre in front of the cube's south face, and on its edge.
     let near = ["500000.5", "4649775.5", "123.956", "500001", "4649776", "123.956"];
-    assert!(fails(&measure(&near)).contains("position 1, 500000.5 4649775.5 123.956, is 0.5000 m from the surface"));
-    let within = measure(&[&near[..], &["--tolerance", "0.6"]].concat());
+    assert!(
+        fails(&measure(pack, &near)).contains("position 1, 500000.5 4649775.5 123.956, is 0.5000 m from the surface")
+    );
+    let within = measure(pack, &[&near[..], &["--tolerance", "0.6"]].concat());
     let words = succeeds(&within);
     assert!(words.contains("the positions given were 0.5000 m and 0.000"), "{words}");
     let found = json(&within);
     let away: Vec<f64> = found["points"].as_array().unwrap().iter().map(|p| p["away"].as_f64().unwrap()).collect();
     assert!((away[0] - 0.5).abs() < 2.0 * cube.step && away[1] < 2.0 * cube.step, "{away:?}");
     assert_eq!(found["tolerance"], 0.6);
-    assert_eq!(fails(&measure(&[&near[..], &["--tolerance", "0.4"]].concat())).lines().count(), 1);
+    assert_eq!(fails(&measure(pack, &[&near[..], &["--tolerance", "0.4"]].concat())).lines().count(), 1);
     // As they are: used, and the distance is reported all the same.
-    let exact = measure(&[&near[..], &["--exact"]].concat());
+    let exact = measure(pack, &[&near[..], &["--exact"]].concat());
     assert!(succeeds(&exact).contains("the positions are used as given: 0.5000 m and 0.000"));
     assert!((json(&exact)["points"][0]["away"].as_f64().unwrap() - 0.5).abs() < 2.0 * cube.step);
     let words = succeeds(&["measure", pack, "coordinate", "500000.3", "4649776.3", "124.456"]);
     assert!(words.contains("the position given was 0.000"), "{words}");
-    assert_eq!(kilwa(&measure(&[&near[..], &["--tolerance=-1"]].concat())).status.code(), Some(2));
+    assert_eq!(kilwa(&measure(pack, &[&near[..], &["--tolerance=-1"]].concat())).status.code(), Some(2));
 }
 
 #[test]
