@@ -66,7 +66,9 @@ fn a_position_far_from_the_surface_is_refused_and_every_distance_is_reported() {
     }
     // Half a metre in front of the cube's south face, and on its edge.
     let near = ["500000.5", "4649775.5", "123.956", "500001", "4649776", "123.956"];
-    assert!(fails(&measure(pack, &near)).contains("position 1, 500000.5 4649775.5 123.956, is 0.5000 m from the surface"));
+    assert!(
+        fails(&measure(pack, &near)).contains("position 1, 500000.5 4649775.5 123.956, is 0.5000 m from the surface")
+    );
     let within = measure(pack, &[&near[..], &["--tolerance", "0.6"]].concat());
     let words = succeeds(&within);
     assert!(words.contains("the positions given were 0.5000 m and 0.000"), "{words}");

@@ -106,7 +106,8 @@ impl Number {
     #[inline(never)]
     pub(super) fn code(&mut self, coder: &mut impl Coder, state: usize, value: u32) -> u32 {
         let up = value.wrapping_add(1);
-        let size = self.size.code(coder, state, up.checked_ilog2().unwrap_or(0) as usize) as u32 & 31;
+        #[expect(clippy::cast_possible_truncation, reason = "below 32")]
+        let size = (self.size.code(coder, state, up.checked_ilog2().unwrap_or(0) as usize) & 31) as u32;
         let low = (1u32 << size) - 1;
         (1u32 << size | coder.raw32(size, up & low)).wrapping_sub(1)
     }
@@ -124,7 +125,8 @@ impl Wide {
 
     pub(super) fn code(&mut self, coder: &mut impl Coder, state: usize, value: i32) -> i32 {
         let u = (value << 1 ^ value >> 31).cast_unsigned();
-        let size = (self.size.code(coder, state, (32 - u.leading_zeros()) as usize) as u32).min(32);
+        #[expect(clippy::cast_possible_truncation, reason = "at most 32")]
+        let size = self.size.code(coder, state, (32 - u.leading_zeros()) as usize).min(32) as u32;
         let u = match size.checked_sub(1) {
             None => 0,
             Some(below) => 1 << below | coder.raw32(below, u & ((1u32 << below) - 1)),

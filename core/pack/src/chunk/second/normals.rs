@@ -96,10 +96,11 @@ impl Normals<'_> {
         for (v, (value, predicted)) in values.iter_mut().zip(self.predicted).enumerate() {
             let kind = usize::from(predicted.kind) % KINDS;
             let level = predicted.normal.map(|x| quantize(x, bits));
-            if C::DRY && value.map(|x| quantize(x, bits)) != level {
-                if let Some(fails) = seen.fails.get_mut(kind) {
-                    *fails = true;
-                }
+            if C::DRY
+                && value.map(|x| quantize(x, bits)) != level
+                && let Some(fails) = seen.fails.get_mut(kind)
+            {
+                *fails = true;
             }
             if fails.get(kind) != Some(&true) {
                 *value = levels.normal(level)?;
@@ -185,7 +186,7 @@ struct Seen {
 pub(super) fn predicted(mesh: &Mesh, made: &Connectivity, coarse: &[bool]) -> Vec<Predicted> {
     let new = |_: &LatticePoint| Seen { sum: [0; 3], patch: u32::MAX, kind: 0 };
     let mut seen: Vec<Seen> = mesh.positions.iter().map(new).collect();
-    let at = |v: u32| mesh.positions.get(v as usize).map_or([0; 3], |p| p.to_array());
+    let at = |v: u32| mesh.positions.get(v as usize).map_or([0; 3], LatticePoint::to_array);
     for &Placed { corners: [a, b, c], patch } in &made.triangles {
         let (p, q, r) = (at(a), at(b), at(c));
         let less = |x: [i32; 3]| [0, 1, 2].map(|i: usize| i64::from(axis(x, i).wrapping_sub(axis(p, i))));

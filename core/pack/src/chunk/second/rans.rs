@@ -134,7 +134,9 @@ impl Coder for Encoder {
 
     #[inline]
     fn advance(&mut self, state: usize, start: u32, width: u32) {
-        self.steps.push(start | width << TOTAL_BITS | (state as u32 & 3) << 25 | (self.part as u32) << 27);
+        #[expect(clippy::cast_possible_truncation, reason = "below 4")]
+        let state = (state & 3) as u32;
+        self.steps.push(start | width << TOTAL_BITS | state << 25 | (self.part as u32) << 27);
     }
 
     fn part(&mut self, part: Part) {
@@ -237,7 +239,7 @@ impl<'a> Decoder<'a> {
         let Some(bytes) = bytes else { return self.refill_past_end() };
         self.held |= u64::from_le_bytes(*bytes) << self.held_bits;
         self.at += (63 - self.held_bits as usize) >> 3;
-        self.held_bits |= 56;
+        self.held_bits |= 0b11_1000;
     }
 
     #[cold]

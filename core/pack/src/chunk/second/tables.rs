@@ -141,14 +141,14 @@ impl Scale {
     #[inline]
     pub(super) fn new(scale: u32) -> Self {
         let number = (scale.min(MAX_SCALE) & 0xff) as u8;
-        let repeat = REPEAT as u8;
+        let repeat = (REPEAT & 0xff) as u8;
         Self { number, row: if number < repeat { number } else { repeat + number % 4 } }
     }
 
     /// A table for colours.
     pub(super) fn of_color(row: u8) -> Self {
         let row = row % COLOR_ROWS;
-        Self { number: (MAX_SCALE as u8) + 1 + row, row: ROWS + row }
+        Self { number: (MAX_SCALE & 0xff) as u8 + 1 + row, row: ROWS + row }
     }
 
     fn row(self) -> usize {
@@ -238,7 +238,7 @@ impl Tables {
             return [rest(coder, p, f, a), rest(coder, q, g, b), rest(coder, r, h, c)];
         }
         let raw = coder.raw(all, 0);
-        let part = |shift: u32, bits: u32| (raw >> shift & ((1 << bits) - 1)) as u32;
+        let part = |shift: u32, bits: u32| (raw >> shift & ((1 << bits) - 1) & 0xffff_ffff) as u32;
         [p.value(part(0, i)), q.value(part(i, j)), r.value(part(i + j, k))]
     }
 }
@@ -293,13 +293,15 @@ impl Line {
     /// The number of the scale where `nearby` quarter octaves are nearby.
     #[inline]
     pub(super) fn scale_number(self, nearby: u32) -> u32 {
-        (self.offset + (self.slope * nearby >> 3)).saturating_sub(OFFSET).min(MAX_SCALE)
+        (self.offset + ((self.slope * nearby) >> 3)).saturating_sub(OFFSET).min(MAX_SCALE)
     }
 
     /// The scale where so many quarter octaves are nearby.
     #[inline]
     pub(super) fn scale(self, nearby: usize) -> Scale {
-        Scale::new(self.scale_number((nearby & (NEARBY - 1)) as u32))
+        #[expect(clippy::cast_possible_truncation, reason = "below 128")]
+        let nearby = (nearby & (NEARBY - 1)) as u32;
+        Scale::new(self.scale_number(nearby))
     }
 
     /// All of them.

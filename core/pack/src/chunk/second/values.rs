@@ -1,7 +1,7 @@
 //! Positions and colours, vertex by vertex: predicted from vertices that are known, the residuals coded. FORMAT sections
 //! 5.16 and 5.17.
 
-use super::super::attributes::{MAX_GRAIN, Tint, round_to, tinted, wrap};
+use super::super::attributes::{Tint, round_to, tinted, wrap};
 use super::super::border::Link;
 use super::super::predict::{Coefficients, Weights};
 use super::fit::Seen;
@@ -38,7 +38,9 @@ impl Grains {
     pub(super) fn code<C: Coder>(&mut self, coder: &mut C, near: u8, grain: u8) -> u8 {
         let Some(models) = &mut self.models else { return 0 };
         let Some(model) = models.get_mut(usize::from(near)) else { return 0 };
-        (model.code(coder, 0, grain.into()) as u32 & MAX_GRAIN) as u8
+        #[expect(clippy::cast_possible_truncation, reason = "below 16")]
+        let grain = (model.code(coder, 0, grain.into()) & 15) as u8;
+        grain
     }
 }
 
@@ -136,7 +138,6 @@ fn affine(k: [i32; 3], [a, b, d, e, c, f, s]: [Lanes; 7]) -> Lanes {
     a.plus(sum.plus(Lanes::new([128; 4])).down(8))
 }
 
-#[expect(clippy::inline_always, reason = "in the inner loop")]
 #[inline(always)]
 fn around(known: &[Known], link: &Link, of: &Coefficients, of_colors: Option<&Coefficients>) -> Around {
     static NOTHING: Known =
@@ -192,10 +193,10 @@ impl Values<'_> {
             let scales = nearby.map(|t| scales.get(t).copied().unwrap_or_default());
             let p = predicted.map(|x| round_to(x, grain));
             let wanted = zip(*position, p, |x, p| (x >> grain).wrapping_sub(p));
-            if C::DRY {
-                if let Some(seen) = seen.positions.get_mut(two) {
-                    wanted.into_iter().zip(nearby).for_each(|(r, t)| seen.add(t, r));
-                }
+            if C::DRY
+                && let Some(seen) = seen.positions.get_mut(two)
+            {
+                wanted.into_iter().zip(nearby).for_each(|(r, t)| seen.add(t, r));
             }
             let r = tables.three(coder, scales, wanted);
             let value = zip(p, r, |p, r| p.wrapping_add(r) << grain);
