@@ -24,16 +24,29 @@ def e57(file, path, scan):
     import pye57
 
     flags, columns, rows, origin, samples = spool(path)
-    raw = pye57.E57(file).read_scan_raw(scan)
+    try:
+        raw = pye57.E57(file).read_scan_raw(scan)
+    except ValueError as error:
+        # It refuses fields of extensions, which the format tells readers to pass over.
+        assert "Unsupported point fields" in str(error), error
+        print("skipped, because pye57 refuses it:", str(error).splitlines()[0])
+        sys.exit()
     if "rowIndex" in raw:
         row, column = raw["rowIndex"].astype(int), raw["columnIndex"].astype(int)
         samples = samples[row * columns + column if flags & 2 else column * rows + row]
     valid = np.ones(len(samples), bool)
-    if "cartesianInvalidState" in raw:
-        valid = raw["cartesianInvalidState"] == 0
+    state = "cartesianInvalidState" if "cartesianX" in raw else "sphericalInvalidState"
+    if state in raw:
+        valid = raw[state] == 0
     same("valid points", samples["s"] & 3 == 1, valid)
+    if "cartesianX" not in raw:
+        # Sines of other libraries differ in the last bit, so these are compared to a micrometre.
+        r, a, e = (raw[name].astype("f8") for name in ["sphericalRange", "sphericalAzimuth", "sphericalElevation"])
+        xyz = np.stack([r * np.cos(e) * np.cos(a), r * np.cos(e) * np.sin(a), r * np.sin(e)], 1) - origin
+        assert np.abs(samples["p"] - xyz)[valid].max() <= 1e-6 * max(1, np.abs(xyz[valid]).max()), "spherical"
     for k, name in enumerate(["cartesianX", "cartesianY", "cartesianZ"]):
-        same(name, samples["p"][valid, k], (raw[name].astype("f8") - origin[k]).astype("f4")[valid])
+        if name in raw:
+            same(name, samples["p"][valid, k], (raw[name].astype("f8") - origin[k]).astype("f4")[valid])
     if "intensity" in raw:
         same("intensity", samples["i"][valid], raw["intensity"].astype("f4")[valid])
     if "colorRed" in raw:
