@@ -281,7 +281,7 @@ impl kilwa_builder::Inputs for Inputs {
                 let bytes = file.path.metadata().map_or(0, |about| about.len());
                 let share = |done: u64, all: u64| (done as f64 / all.max(1) as f64 * bytes as f64) as u64;
                 stations::deliver(&file.path, station, &mut placed, &mut |done, all| {
-                    progress(share(done, all), bytes)
+                    progress(share(done, all), bytes);
                 })?;
                 before += bytes;
                 continue;

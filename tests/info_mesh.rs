@@ -49,10 +49,10 @@ fn a_file_that_is_neither_pack_nor_mesh_is_refused() {
     assert_eq!(info(&[path.to_str().unwrap()]).0, 1);
 }
 
-/// A square of two triangles, 2100 units wide, that faces +y, with a picture that is missing.
+/// A square of two triangles, 2048 units wide, that faces +y, with a picture that is missing.
 fn doubtful(folder: &Path) -> PathBuf {
     let mesh = folder.join("head.obj");
-    let corners = "v 0 0 0\nv 0 0 2100\nv 2100 0 2100\nv 2100 0 0\n";
+    let corners = "v 0 0 0\nv 0 0 2048\nv 2048 0 2048\nv 2048 0 0\n";
     let faces = "vt 0 0\nvt 0 1\nvt 1 1\nvt 1 0\nusemtl skin\nf 1/1 2/2 3/3\nf 1/1 3/3 4/4\n";
     std::fs::write(&mesh, format!("mtllib head.mtl\n{corners}{faces}")).unwrap();
     std::fs::write(folder.join("head.mtl"), "newmtl skin\nKd 1 0 0\nmap_Kd skin.png\n").unwrap();
@@ -71,7 +71,7 @@ fn doubtful_units_axes_and_missing_pictures_are_warnings_with_the_option_that_me
             report.lines().skip(1).take_while(|l| l.trim_start().starts_with("warning")).collect();
         assert_eq!(warnings.len(), 3, "at the top: {report}");
         assert!(warnings[0].contains("skin.png: it is missing"), "{report}");
-        assert!(warnings[1].contains("2100.000 m wide") && warnings[1].contains("--units mm (2.100 m)"), "{report}");
+        assert!(warnings[1].contains("2048.000 m wide") && warnings[1].contains("--units mm (2.048 m)"), "{report}");
         assert!(warnings[2].contains("--up y"), "{report}");
     }
     let mended = ["--units", "mm", "--up", "y"];

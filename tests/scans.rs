@@ -10,7 +10,7 @@ fn box_scan(folder: &Path) -> PathBuf {
     for (pose, has_color) in
         [("1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n", false), ("0 1 0 0\n-1 0 0 0\n0 0 1 0\n0.5 0 0 1\n", true)]
     {
-        ptx += &format!("60\n40\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n{pose}");
+        write!(ptx, "60\n40\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n{pose}").unwrap();
         for column in 0..60 {
             for row in 0..40 {
                 let (azimuth, elevation) = (f64::from(column) * 0.1047, (f64::from(row) - 19.5) * 0.06);

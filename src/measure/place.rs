@@ -49,22 +49,19 @@ pub(super) async fn places(leaves: &FileLeaves, numbers: &[f64], given: Given) -
         anyhow::ensure!(world.is_finite(), "a position must be three finite numbers");
         let local = space.local_from_world(world);
         let nearest = place::nearest(leaves, local).await;
-        places.push(match given {
-            Given::Near { tolerance } => {
-                let found = nearest?;
-                let near = found.away <= tolerance;
-                anyhow::ensure!(near, "{}", too_far(i + 1, world, found.away, tolerance, leaves.index().metadata()));
-                found
-            }
-            _ => {
-                let away = match nearest {
-                    Ok(found) => found.away,
-                    // So far away that the distance overflows: it is used all the same.
-                    Err(Failure::Refused(Refusal::NotFinite)) => f64::INFINITY,
-                    Err(why) => return Err(why.into()),
-                };
-                Place { world, local, away, normal: DVec3::ZERO }
-            }
+        places.push(if let Given::Near { tolerance } = given {
+            let found = nearest?;
+            let near = found.away <= tolerance;
+            anyhow::ensure!(near, "{}", too_far(i + 1, world, found.away, tolerance, leaves.index().metadata()));
+            found
+        } else {
+            let away = match nearest {
+                Ok(found) => found.away,
+                // So far away that the distance overflows: it is used all the same.
+                Err(Failure::Refused(Refusal::NotFinite)) => f64::INFINITY,
+                Err(why) => return Err(why.into()),
+            };
+            Place { world, local, away, normal: DVec3::ZERO }
         });
     }
     Ok(places)

@@ -23,6 +23,7 @@ use std::path::PathBuf;
 ///
 /// The mesh joins neighbouring cells of the scanner's grid. It is in the coordinates of the survey; a station without a pose stays in its own.
 #[derive(clap::Args)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a switch of the command line")]
 pub(crate) struct Args {
     /// The folder of the survey.
     survey: PathBuf,

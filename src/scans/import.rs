@@ -18,6 +18,7 @@ use std::path::PathBuf;
 /// Reads PTX, PTS, E57, LAS, LAZ, PLY (range grids and clouds) and XYZ text. Grids, poses, intensities and colours are kept; photographs
 /// inside E57 files are taken out. An import that was stopped goes on with --resume.
 #[derive(clap::Args)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a switch of the command line")]
 pub(crate) struct Args {
     /// Scan files, folders of them, or quoted patterns such as 'scans/*.ptx'.
     #[arg(required = true, value_name = "FILES")]

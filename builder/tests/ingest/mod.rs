@@ -263,7 +263,7 @@ fn the_spacing_keeps_all_but_a_thousandth_of_the_triangles_and_stays_where_they_
     assert_eq!(found(1e-9), (0.0625, 60));
     let given = IngestOptions { step: Some(0.0625), ..options(300) };
     let case = Case { memory: LARGE, threads: 2, leaf_triangles: 300 };
-    let given = try_run(&[&grid_with_slivers(60, 0.02)], &case, &given).ok().expect("ingests");
+    let given = try_run(&[&grid_with_slivers(60, 0.02)], &case, &given).expect("ingests");
     assert_eq!(given.surface.lattice.step(), 0.0625, "a spacing that was asked for is used");
 }
 

@@ -36,10 +36,10 @@ pub(super) fn run(args: &Args) -> Result<()> {
     for format in ["ptx", "e57"] {
         let file = scratch.join(format!("scan.{format}"));
         if format == "ptx" {
-            write_ptx(&file, args.points)?
+            write_ptx(&file, args.points)?;
         } else {
-            write_e57(&file, args.points)?
-        };
+            write_e57(&file, args.points)?;
+        }
         let survey = scratch.join(format!("survey-{format}"));
         drop(fs::remove_dir_all(&survey));
         let text = |path: &Path| path.display().to_string();
