@@ -9,7 +9,6 @@ mod inputs;
 mod measure;
 mod metadata;
 mod new_file;
-mod plausible;
 mod progress;
 mod publish;
 mod redact;
