@@ -44,7 +44,7 @@ fn scans_are_imported_listed_drawn_and_meshed() {
         list.contains("room-2") && list.contains("60 × 40") && list.contains("int, rgb") && list.contains("2 stations"),
         "{list}"
     );
-    let about = json(&["scans", "list", text(&survey), "--json"]);
+    let about = json(&["scans", "list", text(&survey)]);
     assert_eq!(about["stations"][1]["scan"]["with_color"], 2400);
     assert_eq!(about["stations"][1]["pose"]["translation_m"][0], 0.5);
 
@@ -59,14 +59,13 @@ fn scans_are_imported_listed_drawn_and_meshed() {
 
     for name in ["room.ply", "room.obj", "room.stl", "room.glb"] {
         let mesh = path(name);
-        let export =
-            ["scans", "export", text(&survey), "room-2", "--mesh", "-o", text(&mesh), "--max-edge", "1", "--json"];
+        let export = ["scans", "export", text(&survey), "room-2", "--mesh", "-o", text(&mesh), "--max-edge", "1"];
         let made = json(&export);
         // A closed turn of 60 columns, but for cells that the corners of the room cut.
         assert!(made["triangles"].as_u64().unwrap() > 60 * 39 * 2 * 9 / 10, "{made}");
         assert_eq!(made["closed"], true);
         // Kilwa reads what it wrote.
-        let read = json(&["info", text(&mesh), "--json"]);
+        let read = json(&["info", text(&mesh)]);
         assert_eq!(read["triangles"], made["triangles"], "{name}");
     }
     let mesh = Ply::read(&path("room.ply"));
@@ -84,9 +83,9 @@ fn scans_are_imported_listed_drawn_and_meshed() {
     let text_of = std::fs::read_to_string(&toml).unwrap();
     std::fs::write(&toml, format!("{text_of}\n[options.mesh]\nmax_edge = 1.0\n")).unwrap();
     let pack = path("room.kilwa");
-    let built = json(&["build", text(&survey), "-o", text(&pack), "--json"]);
+    let built = json(&["build", text(&survey), "-o", text(&pack)]);
     assert!(built["input_triangles"].as_u64().is_none_or(|n| n > 8000), "{built}");
-    let info = json(&["info", text(&pack), "--json"]);
+    let info = json(&["info", text(&pack)]);
     assert!(info.to_string().contains("room-2.scan") && info.to_string().contains("confidence"), "{info}");
 
     let again = path("again.ptx");
