@@ -10,6 +10,7 @@ use kilwa_formats::read::{Place, ReadError};
 use kilwa_pack::plural::counted;
 use kilwa_scan_core::{Grid, Kind, Rays, Sample, State};
 use las::{PointData, Reader};
+use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
 /// Points decoded at a time.
@@ -70,8 +71,71 @@ pub(super) fn read(input: &mut Input<'_>) -> Result<(), ScanError> {
 
 fn open(input: &Input<'_>) -> Result<Reader, ScanError> {
     let cannot = |source| ReadError::Open { file: input.path.to_owned(), source };
-    let file = kilwa_files::plain_file::open(input.path).map_err(cannot)?;
+    let mut file = kilwa_files::plain_file::open(input.path).map_err(cannot)?;
+    if let Some((at, found, expected)) = lies(&mut file, input.total) {
+        return Err(ScanError::malformed(input.path, Place::Byte(at), found, expected));
+    }
+    file.rewind().map_err(cannot)?;
     Reader::new(std::io::BufReader::with_capacity(1 << 20, file)).map_err(|e| damaged(input.path, 0, &e))
+}
+
+/// Counts and lengths of a file for which the crates would allocate more than the file can hold: where, what it says, and the most there
+/// can be. Whatever else is wrong they find themselves.
+fn lies(file: &mut (impl Read + Seek), total: u64) -> Option<(u64, String, String)> {
+    let mut head = [0; 375];
+    let mut read = 0;
+    while let Some(rest) = head.get_mut(read..).filter(|rest| !rest.is_empty()) {
+        match file.read(rest) {
+            Ok(0) | Err(_) => break,
+            Ok(n) => read += n,
+        }
+    }
+    let number = |at: usize, bytes: usize| {
+        let field = head.get(at..at + bytes).unwrap_or_default();
+        field.iter().rev().fold(0u64, |sum, &byte| sum << 8 | u64::from(byte))
+    };
+    let too_many = |at: u64, found: u64, what: &str, most: u64| {
+        (found > most).then(|| (at, format!("{found} {what}"), format!("at most {most} in a file of {total} bytes")))
+    };
+    let points_at = number(96, 4);
+    let lie = too_many(96, points_at, "bytes before the points", total)
+        .or_else(|| too_many(100, number(100, 4), "variable length records", total / 54));
+    if lie.is_some() {
+        return lie;
+    }
+    // Version 1.4 has extended records: 60 bytes, their length in bytes 20 to 27.
+    if number(25, 1) >= 4 && read == head.len() {
+        let (mut at, count) = (number(235, 8), number(243, 4));
+        if let Some(lie) = too_many(243, count, "extended variable length records", total / 60) {
+            return Some(lie);
+        }
+        for _ in 0..count {
+            let length = number_at(file, at.checked_add(20)?, 8)?;
+            let rest = total.saturating_sub(at).saturating_sub(60);
+            if let Some(lie) = too_many(at, length, "bytes in an extended record", rest) {
+                return Some(lie);
+            }
+            at += 60 + length;
+        }
+    }
+    // The points of LAZ begin with the place of the table of chunks; where it is not known, the file ends with it.
+    if number(104, 1) & 0xc0 != 0 {
+        let table = number_at(file, points_at, 8)?;
+        let in_place = table > points_at && table >> 63 == 0;
+        let table = if in_place { table } else { number_at(file, total.checked_sub(8)?, 8)? };
+        let chunks = number_at(file, table.checked_add(4)?, 4)?;
+        // Each chunk begins with a point as it is.
+        return too_many(table + 4, chunks, "chunks", total / number(105, 2).max(1));
+    }
+    None
+}
+
+/// A little-endian number at a place of a file, if it is there.
+fn number_at(file: &mut (impl Read + Seek), at: u64, bytes: usize) -> Option<u64> {
+    let mut field = [0; 8];
+    file.seek(SeekFrom::Start(at)).ok()?;
+    file.read_exact(field.get_mut(..bytes)?).ok()?;
+    Some(u64::from_le_bytes(field))
 }
 
 fn damaged(path: &Path, point: u64, e: &las::Error) -> ScanError {
