@@ -184,12 +184,21 @@ impl Frame {
     #[inline]
     fn place(&self, point: DVec3) -> Result<glam::Vec3, f64> {
         let p = point * self.metres - self.origin;
-        if p.abs().max_element() <= MAX_RANGE { Ok(p.as_vec3()) } else { Err(p.length()) }
+        // The largest element passes over what is no number.
+        if p.is_finite() && p.abs().max_element() <= MAX_RANGE { Ok(p.as_vec3()) } else { Err(p.length()) }
     }
 }
 
 /// The error for a point that [`Frame::place`] refuses.
 fn too_far(file: &Path, place: Place, metres: f64) -> ScanError {
+    if !metres.is_finite() {
+        return ScanError::malformed(
+            file,
+            place,
+            "a coordinate that is no finite number",
+            "points within 10 km of the scanner",
+        );
+    }
     ScanError::malformed(
         file,
         place,

@@ -1,0 +1,99 @@
+//! Counts and lengths for which the crates `las` and `laz` would allocate more than the file can hold. Whatever else is wrong they find
+//! themselves.
+
+use std::io::{Read, Seek, SeekFrom};
+
+/// Bytes of a variable length record before its data, and of an extended one.
+const RECORD: u64 = 54;
+const EXTENDED: u64 = 60;
+/// The record of LAZ: its number and its compressors of whole points, alone and in chunks (LASzip, "laszip.hpp").
+const LASZIP: u64 = 22_204;
+const POINTWISE: [u64; 2] = [1, 2];
+
+/// What a file announces and cannot have.
+pub(super) struct Excess {
+    /// The byte where it is announced.
+    pub(super) at: u64,
+    /// What is announced.
+    pub(super) found: String,
+    /// What there can be.
+    pub(super) expected: String,
+}
+
+fn too_many(at: u64, found: u64, what: &str, most: u64) -> Option<Excess> {
+    let expected = || format!("at most {most} in a file of this length; it is cut or damaged: copy or export it again");
+    (found > most).then(|| Excess { at, found: format!("{found} {what}"), expected: expected() })
+}
+
+/// The first number in a file of `total` bytes that it cannot hold; none if there is none, or if the file ends before it.
+pub(super) fn excess(file: &mut (impl Read + Seek), total: u64) -> Option<Excess> {
+    let records_at = number(file, 94, 2)?;
+    let (points_at, records) = (number(file, 96, 4)?, number(file, 100, 4)?);
+    let (format, point) = (number(file, 104, 1)?, number(file, 105, 2)?);
+    too_many(96, points_at, "bytes before the points", total)
+        .or_else(|| too_many(100, records, "variable length records", total / RECORD))
+        .or_else(|| if number(file, 25, 1)? >= 4 { extended(file, total) } else { None })
+        .or_else(|| {
+            if format & 0xc0 == 0 { None } else { compressed(file, total, [records_at, records, points_at, point]) }
+        })
+}
+
+/// Extended records (version 1.4): their length is in bytes 20 to 27.
+fn extended(file: &mut (impl Read + Seek), total: u64) -> Option<Excess> {
+    let (mut at, count) = (number(file, 235, 8)?, number(file, 243, 4)?);
+    if let Some(excess) = too_many(243, count, "extended variable length records", total / EXTENDED) {
+        return Some(excess);
+    }
+    for _ in 0..count {
+        let length = number(file, at.checked_add(20)?, 8)?;
+        let rest = total.saturating_sub(at).saturating_sub(EXTENDED);
+        if let Some(excess) = too_many(at, length, "bytes in an extended record", rest) {
+            return Some(excess);
+        }
+        at += EXTENDED + length;
+    }
+    None
+}
+
+/// The record of LAZ, and the table of chunks.
+fn compressed(file: &mut (impl Read + Seek), total: u64, head: [u64; 4]) -> Option<Excess> {
+    let [mut at, records, points_at, point] = head;
+    for _ in 0..records {
+        let length = number(file, at + 20, 2)?;
+        if number(file, at + 18, 2)? == LASZIP {
+            let data = at + RECORD;
+            let compressor = number(file, data, 2)?;
+            if !POINTWISE.contains(&compressor) {
+                return Some(Excess {
+                    at: data,
+                    found: format!("LAZ with compressor {compressor}, as point formats 6 to 10 have it"),
+                    expected: "LAZ of point formats 0 to 5, or LAS: decompress it, for example with laszip or pdal"
+                        .to_owned(),
+                });
+            }
+            let mut bytes = 0;
+            for item in 0..number(file, data + 32, 2)? {
+                bytes += number(file, data + 34 + 6 * item + 2, 2)?;
+            }
+            if let Some(excess) = too_many(data + 32, bytes, "bytes in a point", point) {
+                return Some(excess);
+            }
+        }
+        at += RECORD + length;
+    }
+    // The points begin with the place of the table; where it was not known when they were written, the file ends with it.
+    let table = number(file, points_at, 8)?;
+    let is_known = table > points_at && table >> 63 == 0;
+    let table = if is_known { table } else { number(file, total.checked_sub(8)?, 8)? };
+    let at = table.checked_add(4)?;
+    // Each chunk begins with a point as it is.
+    too_many(at, number(file, at, 4)?, "chunks", total / point.max(1))
+}
+
+/// A little-endian number at a place of a file, if it is there.
+fn number(file: &mut (impl Read + Seek), at: u64, bytes: usize) -> Option<u64> {
+    let mut field = [0; 8];
+    file.seek(SeekFrom::Start(at)).ok()?;
+    file.read_exact(field.get_mut(..bytes)?).ok()?;
+    Some(u64::from_le_bytes(field))
+}
