@@ -8,6 +8,7 @@ mod info;
 mod inputs;
 mod measure;
 mod metadata;
+mod named_files;
 mod new_file;
 mod progress;
 mod publish;

@@ -129,6 +129,6 @@ ${this.#qr(title, link)}
       const drawn = `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 ${size} ${size}"><path fill="#fff" d="M0 0h${size}v${size}H0z"/><path d="${path}"/></svg>`;
       download(fileName(title, ".qr.svg"), new Blob([drawn], { type: "image/svg+xml" }));
     };
-    return html`<div class="qr"><svg role="img" aria-label=${t("shareQr")} viewBox="0 0 ${size} ${size}" shape-rendering="crispEdges">${svg`<path class="light" d="M0 0h${size}v${size}H0z"/><path class="dark" d=${path} />`}</svg><div><p>${t("shareQr")}</p><p class="actions"><button type="button" class="button outlined" @click=${save}>${icon("save")}<span>${t("shareQrSave")}</span></button></p></div></div>`;
+    return html`<div class="qr"><svg role="img" aria-label=${t("shareQr")} viewBox="0 0 ${size} ${size}" shape-rendering="crispEdges">${svg`<path class="light" d="M0 0h${size}v${size}H0z"/><path class="dark" d=${path} />`}</svg><div><p>${t("shareQr")}</p><p class="actions"><button type="button" class="button outlined" @click=${save}>${icon("download")}<span>${t("shareQrSave")}</span></button></p></div></div>`;
   }
 }

@@ -1,6 +1,7 @@
 //! `kilwa scans import`.
 
-use crate::inputs::{self, Wanted};
+use crate::inputs;
+use crate::named_files::{Wanted, named};
 use crate::progress::Bar;
 use glam::DVec3;
 use kilwa_builder::Progress as _;
@@ -63,7 +64,7 @@ impl Progress for Shown {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    let (files, passed_over) = inputs::named(&args.files, args.allow_outside, &SCANS)?;
+    let (files, passed_over) = named(&args.files, args.allow_outside, &SCANS)?;
     if let Some(first) = passed_over.first() {
         let count = passed_over.len();
         crate::terminal::say!(
