@@ -249,8 +249,16 @@ async fn a_network_over_its_share_of_the_queue_learns_why_and_when_to_retry() {
         let (app, request) = (a.app.clone(), request.body(Body::from(form)).unwrap());
         async move { Answer::of(app.oneshot(request).await.unwrap()).await }
     };
-    let (mut taken, mut refused) = (Vec::new(), 0);
-    for n in 1..=100 {
+    let stands = |name: &str| {
+        let (app, name) = (a.app.clone(), name.to_owned());
+        async move { ask(&app, "GET", &format!("/fort/extract/v2-{name}.ply"), &[("accept", "application/json")]).await }
+    };
+    assert_eq!(order(1, "2001:db8:1:2::1", "text/html").await.status, 303);
+    // A busy machine may take a while to start the worker; what is next can be said only when it has begun.
+    let begun = async || stands("1").await.text().contains("\"running\"").then_some(());
+    eventually_async("the first file is being made", begun).await;
+    let (mut taken, mut refused) = (vec![1], 0);
+    for n in 2..=100 {
         // One /64 is one network.
         let answer = order(n, &format!("2001:db8:1:2::{n:x}"), "text/html").await;
         match answer.status.as_u16() {
@@ -272,10 +280,6 @@ async fn a_network_over_its_share_of_the_queue_learns_why_and_when_to_retry() {
     assert_eq!((json.status.as_u16(), report["seconds"].as_u64()), (429, json.header("retry-after").parse().ok()));
     // Another network is next, whatever the first asked for.
     assert_eq!(order(300, "2001:db8:1:3::1", "text/html").await.status, 303);
-    let stands = |name: &str| {
-        let (app, name) = (a.app.clone(), name.to_owned());
-        async move { ask(&app, "GET", &format!("/fort/extract/v2-{name}.ply"), &[("accept", "application/json")]).await }
-    };
     let next = stands("300").await;
     let report: serde_json::Value = serde_json::from_slice(&next.body).unwrap();
     assert_eq!(next.status, 202);
@@ -295,6 +299,7 @@ async fn a_network_over_its_share_of_the_queue_learns_why_and_when_to_retry() {
         assert_eq!(order(n, "198.51.100.7", "text/html").await.status, 303);
     }
     let page = get(&a.app, "/fort/extract/v2-403.ply?page=1").await.text();
-    assert!(page.contains("Estimated time left: less than 1 min."), "{page}");
+    // How long depends on how long this machine took for the others.
+    assert!(page.contains("Estimated time left:") && !page.contains("cannot be estimated"), "{page}");
     a.fake.waits(false);
 }
