@@ -6,6 +6,7 @@
 
 use anyhow::Context;
 use clap::Subcommand;
+use kilwa_files::made_folders::MadeFolders;
 use kilwa_pack::plural::counted;
 use kilwa_server::access::{Accounts, Grant, Purpose};
 use serde_json::json;
@@ -123,6 +124,7 @@ fn init(file: &Path) -> anyhow::Result<()> {
     if file.exists() {
         anyhow::bail!("{} already exists and was left as it is", file.display());
     }
+    let _folders = MadeFolders::for_file(file).with_context(|| format!("cannot write {}", file.display()))?;
     Accounts::new()?.create(file)?;
     writeln!(crate::terminal::out(), "{}: no users yet; add some with `kilwa access user`.", file.display())?;
     Ok(())

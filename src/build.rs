@@ -9,11 +9,13 @@ pub(crate) mod report;
 mod size;
 
 use crate::inputs::{InputArgs, Inputs};
+use crate::plausible::ReadAs;
 use crate::progress::Bar;
 use crate::signals;
 use anyhow::Context;
 use finished::Finished;
 use glam::DVec3;
+use kilwa_archive::metadata::crs;
 use kilwa_builder::build::machine;
 use kilwa_builder::build::options::{COLOR_BITS, NORMAL_BITS};
 use kilwa_builder::build::plan;
@@ -21,6 +23,7 @@ use kilwa_builder::build::work::Stop;
 use kilwa_builder::scratch::Scratch;
 use kilwa_builder::{BuildError, BuildOptions, BuildReport, Run, StageTime, build};
 use kilwa_files::atomic::folder_of;
+use kilwa_files::made_folders::MadeFolders;
 use kilwa_files::size::binary;
 use need::Need;
 use output::{Output, beside};
@@ -73,7 +76,7 @@ pub(crate) struct Args {
     /// Bits of each of the two coordinates of a normal, 6 to 16; 10 is a tenth of a degree.
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = bits(NORMAL_BITS))]
     normal_bits: u8,
-    /// Coordinate reference system, for example EPSG:32737; stored with the model.
+    /// Coordinate reference system, stored with the model: an EPSG code such as EPSG:32737, well-known text, or local.
     #[arg(long)]
     crs: Option<String>,
     /// Standard uncertainty of the capture in metres, if known; stored with the model.
@@ -139,7 +142,7 @@ struct Complete {
     spent: Spent,
     scratch: Scratch,
     /// Dropped after the scratch files are gone.
-    _parents: ScratchParents,
+    _parents: MadeFolders,
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
@@ -160,15 +163,19 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
             return Err(exists(&args.output));
         }
     }
-    let complete = make(args, inputs, &options, &bar, &stop, begun)?;
+    let read_as =
+        ReadAs { units: args.input.units, given_up: args.input.up, up: options.up, crs: options.crs.as_deref() };
+    let complete = make(args, inputs, &options, &bar, &stop, begun, &read_as)?;
     complete.scratch.discard(|_| true)?;
     finished::remove(&args.output);
-    print(args, &Report { build: &complete.built, run: complete.spent })
+    let report = Report::of(&complete.built, complete.spent, &read_as, args.input.texture_detail.is_some());
+    print(args, &report)
 }
 
 /// The inputs and options of a build.
 fn prepare(args: &Args) -> anyhow::Result<(Inputs, BuildOptions)> {
     refuse(args)?;
+    let crs = reference_system(args.crs.as_deref())?;
     let mut inputs = Inputs::find(&args.input)?;
     if let Some(first) = inputs.passed_over.first() {
         let count = inputs.passed_over.len();
@@ -178,13 +185,14 @@ fn prepare(args: &Args) -> anyhow::Result<(Inputs, BuildOptions)> {
         );
     }
     inputs.refuse_as_output(&args.output)?;
+    refuse_name(&args.output)?;
     let options = BuildOptions {
         title: args.title.clone().unwrap_or_else(|| inputs.files.first().map_or_else(String::new, |f| stem(&f.path))),
         threads: args.threads,
         step: args.step,
-        units: args.input.units,
+        units: args.input.units.unwrap_or_default(),
         up: inputs.up(),
-        crs: args.crs.clone(),
+        crs,
         capture_accuracy: args.capture_accuracy,
         crop: args.crop,
         min_confidence: args.min_confidence,
@@ -204,15 +212,21 @@ fn make(
     bar: &Bar,
     stop: &Stop,
     begun: Instant,
+    read_as: &ReadAs<'_>,
 ) -> anyhow::Result<Complete> {
     let memory = args.memory.unwrap_or_else(machine::default_budget);
     // The state of the inputs before they are read.
     let plan = plan(&inputs, options)?;
+    let folders = MadeFolders::for_file(&args.output);
+    // Dropped after everything that is in them.
+    let _folders = folders.with_context(|| format!("cannot write {}", args.output.display()))?;
     // Before any input is read: a folder that cannot be written to is better known now than in an hour.
     let mut output = Output::create(&args.output)?;
     finished::remove(&args.output);
-    let parents = ScratchParents::of(args.scratch.as_deref());
-    let scratch = Scratch::open(&scratch_folder(args))?;
+    let scratch_folder = scratch_folder(args);
+    let parents = MadeFolders::for_file(&scratch_folder);
+    let parents = parents.with_context(|| format!("cannot make {}", folder_of(&scratch_folder).display()))?;
+    let scratch = Scratch::open(&scratch_folder)?;
     let need = Need::of(inputs.files.iter().map(|f| f.path.as_path()), memory);
     let held = if args.resume { scratch.bytes() } else { discard_earlier(&scratch)? };
     if args.verbose {
@@ -249,7 +263,7 @@ fn make(
     bar.clear();
     let threads = if args.threads == 0 { rayon::current_num_threads() } else { args.threads };
     let spent = Spent::of(&built, memory, threads, need, begun.elapsed().as_secs_f64());
-    let report = serde_json::to_value(Report { build: &built, run: spent.clone() })?;
+    let report = serde_json::to_value(Report::of(&built, spent.clone(), read_as, args.input.texture_detail.is_some()))?;
     // Only needed if the build is killed in the next moment.
     drop(Finished { plan, identity, bytes: built.pack.bytes, report }.write(&args.output));
     if let Err(error) = output.keep(args.force) {
@@ -312,6 +326,34 @@ fn refuse(args: &Args) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// The reference system in the spelling that packs have. A code that Kilwa's list lacks may exist, so there is only a warning.
+fn reference_system(given: Option<&str>) -> anyhow::Result<Option<String>> {
+    let Some(given) = given else { return Ok(None) };
+    let crs = crs::normalise(given).map_err(|why| anyhow::anyhow!("--crs: {why}"))?;
+    if let Some(crs) = crs.as_deref().filter(|crs| !crs::is_listed(crs)) {
+        crate::terminal::say!(
+            "kilwa: warning: {crs} is not in the list of EPSG codes that Kilwa has; check it at https://epsg.org. It is stored as given"
+        );
+    }
+    Ok(crs)
+}
+
+/// Refuse the name of another kind of file: what is called `a.ply` should be a PLY.
+fn refuse_name(output: &Path) -> anyhow::Result<()> {
+    let extension = output.extension().and_then(|e| e.to_str());
+    if extension.is_some_and(|e| e.eq_ignore_ascii_case("kilwa")) {
+        return Ok(());
+    }
+    let is_mesh = kilwa_formats::extract::Format::of(output, false).is_ok();
+    let hint = if is_mesh { "; `kilwa extract` writes the mesh of a pack as PLY, OBJ, STL or GLB" } else { "" };
+    let name = output.with_extension("kilwa");
+    anyhow::bail!(
+        "{}: `kilwa build` writes packs, whose names end in .kilwa; choose a name such as {}{hint}",
+        output.display(),
+        name.display()
+    )
+}
+
 fn exists(output: &Path) -> anyhow::Error {
     anyhow::anyhow!("{} already exists; use --force to replace it, or choose another name", output.display())
 }
@@ -322,25 +364,6 @@ fn scratch_folder(args: &Args) -> PathBuf {
     match (&args.scratch, folder.file_name()) {
         (Some(given), Some(name)) => given.join(name),
         _ => folder,
-    }
-}
-
-/// The folders that this build creates above its scratch folder, deepest first. On drop, the empty ones are removed.
-struct ScratchParents(Vec<PathBuf>);
-
-impl ScratchParents {
-    /// The missing folders above the one that the user gave, and that one.
-    fn of(given: Option<&Path>) -> Self {
-        let folders = given.into_iter().flat_map(Path::ancestors);
-        let is_new = |folder: &&Path| !folder.as_os_str().is_empty() && !folder.exists();
-        Self(folders.take_while(is_new).map(Path::to_owned).collect())
-    }
-}
-
-impl Drop for ScratchParents {
-    fn drop(&mut self) {
-        // A folder that is not empty stays, and so do its parents.
-        let _ = self.0.iter().try_for_each(std::fs::remove_dir);
     }
 }
 
@@ -447,7 +470,8 @@ mod tests {
         std::fs::write(folder.path().join("a.obj"), TRIANGLE).unwrap();
         let args = args(folder.path(), more);
         let (inputs, options) = prepare(&args).unwrap();
-        drop(make(&args, inputs, &options, &Bar::new(), &Stop::default(), Instant::now()).unwrap());
+        let read_as = ReadAs { units: None, given_up: None, up: options.up, crs: None };
+        drop(make(&args, inputs, &options, &Bar::new(), &Stop::default(), Instant::now(), &read_as).unwrap());
         assert!(folder.path().join(".a.kilwa.done").is_file());
         folder
     }

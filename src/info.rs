@@ -3,6 +3,7 @@
 
 mod mesh;
 mod patches;
+mod picture;
 
 use crate::build::report::spread;
 use crate::inputs::InputArgs;
@@ -14,6 +15,7 @@ use kilwa_pack::plural::plural;
 use kilwa_pack::visible::visible;
 use kilwa_pack::{DirectoryEntry, Header, Metadata};
 use patches::Patches;
+use picture::Picture;
 use serde::Serialize;
 use std::fmt::Write as _;
 use std::io::Write as _;
@@ -25,15 +27,21 @@ use std::path::PathBuf;
 pub(crate) struct Args {
     /// The pack, or a mesh (PLY, OBJ, STL, glTF).
     file: PathBuf,
-    /// Units of a mesh: m, dm, cm, mm, km, ft, us-ft, in.
-    #[arg(long, default_value = "m", value_parser = crate::inputs::units)]
-    units: LengthUnit,
+    /// Units of a mesh: m, dm, cm, mm, km, ft, us-ft, in (default: m).
+    #[arg(long, value_parser = crate::inputs::units)]
+    units: Option<LengthUnit>,
     /// Axis that points up in a mesh: z or y (default: z for PLY, OBJ and STL, y for glTF).
     #[arg(long, value_parser = crate::inputs::up)]
     up: Option<Up>,
     /// Read files outside a mesh's own folder if it names them. Only for meshes that you trust.
     #[arg(long)]
     allow_outside: bool,
+    /// Draw a mesh into this PNG file, as it would lie in a pack.
+    #[arg(long, value_name = "FILE.png")]
+    picture: Option<PathBuf>,
+    /// Replace an existing picture.
+    #[arg(long, requires = "picture")]
+    force: bool,
     /// Print the report as JSON.
     #[arg(long)]
     json: bool,
@@ -83,8 +91,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
             texture_detail: None,
             allow_outside: args.allow_outside,
         };
-        return mesh::run(&input, args.json);
+        let picture = args.picture.as_deref().map(|path| Picture { path, replace: args.force });
+        return mesh::run(&input, picture, args.json);
     }
+    anyhow::ensure!(args.picture.is_none(), "--picture draws a mesh; `kilwa render` draws a pack");
     let reader = open_pack(&args.file)?;
     let header = reader.header();
     let per_input = |x: u64| x as f64 / header.triangles.max(1) as f64;

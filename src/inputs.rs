@@ -40,9 +40,9 @@ pub(crate) struct InputArgs {
     /// Several are joined, and matching vertices are welded; their order does not matter.
     #[arg(required = true, value_name = "INPUT")]
     pub(crate) inputs: Vec<PathBuf>,
-    /// Units of the inputs: m, dm, cm, mm, km, ft, us-ft, in.
-    #[arg(long, default_value = "m", value_parser = units)]
-    pub(crate) units: LengthUnit,
+    /// Units of the inputs: m, dm, cm, mm, km, ft, us-ft, in (default: m).
+    #[arg(long, value_parser = units)]
+    pub(crate) units: Option<LengthUnit>,
     /// Axis that points up in the inputs: z or y (default: z for PLY, OBJ and STL, y for glTF).
     #[arg(long, value_parser = up)]
     pub(crate) up: Option<Up>,
@@ -150,7 +150,7 @@ impl Inputs {
             let own = if is_auto { own_matrix(&path, args.allow_outside)? } else { common };
             let placement = own
                 .then(&Placement::translation(args.origin.unwrap_or_default()))
-                .then(&Placement::to_metres(args.units, up));
+                .then(&Placement::to_metres(args.units.unwrap_or_default(), up));
             files.push(InputFile { path, up, placement, station: None });
         }
         for folder in &surveys {

@@ -10,6 +10,7 @@ mod measure;
 mod metadata;
 mod named_files;
 mod new_file;
+mod plausible;
 mod progress;
 mod publish;
 mod redact;

@@ -1,10 +1,12 @@
 //! The files that the commands write: checks before the work, private folders, and files that get their names when they are complete.
 
 use anyhow::Context;
-use kilwa_files::atomic::{self, Access, AtomicFile};
+use kilwa_files::atomic::{Access, AtomicFile};
+use kilwa_files::made_folders::MadeFolders;
 use kilwa_files::unfinished::{self, Unfinished};
 use kilwa_files::{output, plain_file};
 use std::fs::File;
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 /// A folder in the system's temporary folder, removed when it is dropped or a signal ends the program. Only its owner can look into
@@ -60,7 +62,7 @@ pub(crate) fn refuse_inputs<'a>(output: &Path, inputs: impl IntoIterator<Item = 
 /// Check an output before the work is done.
 ///
 /// # Errors
-/// If it is an input of the command, is not a regular file, exists and must not be replaced, or its folder is missing.
+/// If it is an input of the command, is not a regular file, exists and must not be replaced, or its folder cannot be made.
 pub(crate) fn check_output<'a>(
     path: &Path,
     replace: bool,
@@ -70,20 +72,23 @@ pub(crate) fn check_output<'a>(
     Ok(output::check(path, replace)?)
 }
 
-/// An [`AtomicFile`] whose errors name the file.
+/// An [`AtomicFile`] whose errors name the file, in a folder that is made if it is missing.
 pub(crate) struct NewFile {
+    // Removed before its folders are.
     file: AtomicFile<'static>,
     path: PathBuf,
+    folders: MadeFolders,
 }
 
 impl NewFile {
     /// Begin the file that will be at `path`.
     ///
     /// # Errors
-    /// When its folder does not exist or cannot be written to.
+    /// When its folder cannot be made or written to.
     pub(crate) fn create(path: &Path) -> anyhow::Result<Self> {
+        let folders = MadeFolders::for_file(path).with_context(|| cannot(path))?;
         let file = AtomicFile::create(path, Access::Default).with_context(|| cannot(path))?;
-        Ok(Self { file, path: path.to_owned() })
+        Ok(Self { file, path: path.to_owned(), folders })
     }
 
     /// What is written to.
@@ -96,7 +101,9 @@ impl NewFile {
     /// # Errors
     /// As for [`Self::create`] and [`Self::commit`].
     pub(crate) fn write(path: &Path, bytes: &[u8], replace: bool) -> anyhow::Result<()> {
-        atomic::write(path, bytes, Access::Default, replace).with_context(|| cannot(path))
+        let mut file = Self::create(path)?;
+        file.file().write_all(bytes).with_context(|| cannot(path))?;
+        file.commit(replace)
     }
 
     /// Give it its name; `replace` what is there, or refuse.
@@ -104,8 +111,10 @@ impl NewFile {
     /// # Errors
     /// When it cannot be written, or is there and must not be replaced.
     pub(crate) fn commit(self, replace: bool) -> anyhow::Result<()> {
-        let Self { file, path } = self;
-        file.commit(replace).with_context(|| cannot(&path))
+        let Self { file, path, folders } = self;
+        let committed = file.commit(replace).with_context(|| cannot(&path));
+        drop(folders);
+        committed
     }
 }
 
@@ -136,7 +145,8 @@ mod tests {
         }
         assert!(check("other").is_ok() && check("new").is_ok());
         assert!(check_output(&at("other"), false, []).unwrap_err().to_string().contains("--force"));
-        for (name, part) in [(".", "is a folder"), ("none/new", "there is no folder")] {
+        assert!(check("none/new").is_ok());
+        for (name, part) in [(".", "is a folder"), ("other/new", "other is not a folder")] {
             assert!(check(name).unwrap_err().to_string().contains(part), "{name}");
         }
         let device = check_output(Path::new("/dev/null"), true, []).unwrap_err().to_string();

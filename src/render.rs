@@ -1,6 +1,8 @@
 //! `kilwa render`: a picture of a pack without a window, through the same streamer and renderer as the page.
 
-use crate::new_file::{NewFile, check_output};
+mod picture;
+
+use crate::new_file::check_output;
 use crate::sheet::{self, SheetArgs};
 use crate::source::{FileSource, read_named_text};
 use anyhow::{Context, bail};
@@ -11,7 +13,7 @@ use kilwa_stream::{Budgets, Stats};
 use kilwa_viewer::colormap::VIRIDIS;
 use kilwa_viewer::display::{LightAngles, Plane, SectionBox};
 use kilwa_viewer::shell::native::Session;
-use kilwa_viewer::{Background, Bounds, Camera, Display, Gpu, Image, Mode, Prefer, StandardView};
+use kilwa_viewer::{Background, Bounds, Camera, Display, Gpu, Mode, Prefer, StandardView};
 use serde::{Deserialize, Serialize};
 use std::io::{IsTerminal, Write};
 use std::path::{Path, PathBuf};
@@ -25,8 +27,8 @@ use std::path::{Path, PathBuf};
 pub(crate) struct Args {
     /// The pack.
     pack: PathBuf,
-    /// The PNG file to write.
-    #[arg(short, long, value_name = "FILE.png")]
+    /// The picture to write: .png or .jpg; a drawing to scale: .png, .pdf or .tif.
+    #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     /// View: plan, north, east, south, west or iso.
     #[arg(long, default_value = "iso", value_parser = parse_view, conflicts_with = "camera")]
@@ -138,6 +140,11 @@ const MAX_PIXELS: u64 = 1 << 30;
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     check_outputs(args)?;
     let display = display(args)?;
+    if !args.sheet.is_wanted() {
+        let is_transparent =
+            kilwa_viewer::display::background(&display.background, false) == Some(Background::Transparent);
+        picture::check(&args.output, args.size, is_transparent)?;
+    }
     let source = FileSource::open(&args.pack)?;
     let prefer = if args.software { Prefer::Software } else { Prefer::Hardware };
     let gpu = pollster::block_on(Gpu::headless(prefer))?;
@@ -159,7 +166,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let view = session.view(&camera, args.size, args.pixel_error);
     let options = session.options(&display);
     let (image, stats) = session.render(&view, &options).with_context(in_pack)?;
-    write_png(&args.output, &image, options.background == Background::Transparent, args.force)?;
+    picture::write(&args.output, &image, options.background == Background::Transparent, args.force)?;
     let legend = legend(&display, session.metadata(), &session.bounds());
     report(args, adapter, &camera, &stats, display, legend)
 }
@@ -352,22 +359,6 @@ fn read_camera(path: &Path) -> anyhow::Result<Camera> {
         orthographic,
         roll: 0.0,
     })
-}
-
-/// Write under a temporary name in the same folder, then rename: no half picture under the final name.
-fn write_png(path: &Path, image: &Image, alpha: bool, replace: bool) -> anyhow::Result<()> {
-    let failed = || format!("cannot write {}", path.display());
-    let mut file = NewFile::create(path)?;
-    let [width, height] = image.size;
-    let (pixels, color) = if alpha {
-        (image.clone().with_straight_alpha(true).pixels, image::ExtendedColorType::Rgba8)
-    } else {
-        let opaque = image.pixels.chunks_exact(4).flat_map(|p| [p[0], p[1], p[2]]).collect();
-        (opaque, image::ExtendedColorType::Rgb8)
-    };
-    let encoder = image::codecs::png::PngEncoder::new(std::io::BufWriter::new(file.file()));
-    image::ImageEncoder::write_image(encoder, &pixels, width, height, color).with_context(failed)?;
-    file.commit(replace)
 }
 
 fn parse_view(text: &str) -> Result<StandardView, String> {

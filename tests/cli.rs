@@ -311,9 +311,88 @@ fn an_input_is_never_replaced_by_the_pack_made_of_it() {
     assert_eq!(std::fs::read(&mesh).unwrap(), before);
 }
 
+/// Every verb that writes a file, into a folder that does not exist yet.
+#[test]
+fn missing_folders_of_an_output_are_made() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let calls = [
+        ("a/b/c.ply", vec!["synth", "phantom", "--triangles", "300", "-o", "{}"]),
+        ("c/d/c.kilwa", vec!["build", "a/b/c.ply", "-o", "{}"]),
+        ("e/f/c.glb", vec!["extract", "c/d/c.kilwa", "-o", "{}"]),
+        ("g/h/c.png", vec!["render", "c/d/c.kilwa", "--size", "8x8", "--software", "-o", "{}"]),
+        ("i/j/c.svg", vec!["measure", "c/d/c.kilwa", "section", "--z", "0.5", "-o", "{}"]),
+        ("k/l/c.json", vec!["measure", "c/d/c.kilwa", "area", "--save", "{}"]),
+        ("m/n/c.toml", vec!["metadata", "init", "c/d/c.kilwa", "--quiet", "-o", "{}"]),
+        ("o/p/state", vec!["verify", "c/d/c.kilwa", "--state", "{}"]),
+        ("q/r/access.json", vec!["access", "init", "{}"]),
+    ];
+    for (output, call) in &calls {
+        let call: Vec<&str> = call.iter().map(|arg| if *arg == "{}" { *output } else { *arg }).collect();
+        let done = Command::new(env!("CARGO_BIN_EXE_kilwa")).args(&call).current_dir(folder.path()).output().unwrap();
+        assert!(done.status.success(), "{call:?}: {}", stderr(&done));
+        assert!(Path::new(&at(output)).is_file(), "{output}");
+    }
+    // What fails leaves no folder.
+    for (output, input) in [("s/t/c.kilwa", "none.ply"), ("s/t/c.kilwa", "bad.ply")] {
+        std::fs::write(at("bad.ply"), "ply\n").unwrap();
+        let refused = kilwa(&["build", &at(input), "-o", &at(output)]);
+        assert_eq!(refused.status.code(), Some(1));
+        assert!(!Path::new(&at("s")).exists(), "{}", stderr(&refused));
+    }
+}
+
+#[test]
+fn an_output_is_what_its_name_says_or_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let said = |args: &[&str]| {
+        let output = kilwa(args);
+        assert_eq!(output.status.code(), Some(1), "{args:?}: {}", stderr(&output));
+        stderr(&output)
+    };
+    let (mesh, pack) = (at("c.ply"), at("c.kilwa"));
+    assert!(kilwa(&["synth", "phantom", "--triangles", "300", "-o", &mesh]).status.success());
+    let message = said(&["build", &mesh, "-o", &at("a.ply")]);
+    assert!(message.contains("names end in .kilwa") && message.contains("kilwa extract"), "{message}");
+    assert!(said(&["build", &mesh, "-o", &at("a")]).contains("a.kilwa"));
+    // Reference systems: what is none is refused, what may be one is stored with a warning.
+    let crs = |code: &str| kilwa(&["build", &mesh, "-o", &pack, "--force", "--crs", code]);
+    for (code, part) in [("EPSG:99999", "not an EPSG code"), ("EPSG:4326", "degrees"), ("UTM 37", "EPSG code such as")]
+    {
+        let refused = crs(code);
+        assert_eq!(refused.status.code(), Some(1), "{code}");
+        assert!(stderr(&refused).contains(part) && !Path::new(&pack).exists(), "{code}: {}", stderr(&refused));
+    }
+    let unlisted = crs("epsg:1999");
+    assert!(unlisted.status.success() && stderr(&unlisted).contains("warning: EPSG:1999 is not in the list"));
+    assert!(stdout(&kilwa(&["info", &pack])).contains("EPSG:1999"));
+    // Pictures.
+    let render = |name: &str, more: &[&str]| {
+        kilwa(&[&["render", &pack, "--software", "--size", "16x12", "-o", &at(name)], more].concat())
+    };
+    for (name, format) in [("a.png", image::ImageFormat::Png), ("a.jpg", image::ImageFormat::Jpeg)] {
+        let done = render(name, &[]);
+        assert!(done.status.success(), "{}", stderr(&done));
+        let bytes = std::fs::read(at(name)).unwrap();
+        assert_eq!(image::guess_format(&bytes).unwrap(), format);
+        assert_eq!(image::load_from_memory(&bytes).unwrap().into_rgb8().dimensions(), (16, 12));
+    }
+    for (name, more, part) in [
+        ("b.gif", &[][..], "must be .png or .jpg"),
+        ("b.pdf", &[], "give --scale"),
+        ("b.jpg", &["--background", "transparent"], "cannot be transparent"),
+    ] {
+        let refused = render(name, more);
+        assert_eq!(refused.status.code(), Some(1), "{name}");
+        assert!(stderr(&refused).contains(part) && !Path::new(&at(name)).exists(), "{}", stderr(&refused));
+    }
+}
+
 #[test]
 fn an_output_that_cannot_be_written_is_named() {
     let (folder, mesh, pack) = fort();
+    std::fs::write(folder.path().join("no"), "a file").unwrap();
     let nowhere = folder.path().join("no/such/folder/out");
     for (verb, input, suffix) in [("build", &mesh, "kilwa"), ("extract", &pack, "ply"), ("render", &pack, "png")] {
         let target = nowhere.with_extension(suffix).display().to_string();

@@ -36,6 +36,7 @@ mod streaming;
 mod support;
 mod synth;
 mod trust;
+mod tutorial;
 mod verify_objects;
 mod verify_state;
 mod verify_tls;

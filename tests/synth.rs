@@ -60,10 +60,12 @@ fn blocks_are_numbered_files_that_together_hold_all_triangles() {
 #[test]
 fn an_unwritable_output_is_reported_by_name_and_leaves_no_file() {
     let folder = folder();
-    let missing = folder.path().join("no/such/a.ply");
-    let error = fails(&["synth", "wall", "--triangles", "3000", "-o", text(&missing)]);
-    assert!(error.contains("a.ply") && error.contains("there is no folder"), "{error}");
-    let error = fails(&["synth", "fort", "--triangles", "10", "-o", text(&folder.path().join("a.ply"))]);
+    std::fs::write(folder.path().join("file"), "").unwrap();
+    let blocked = folder.path().join("file/a.ply");
+    let error = fails(&["synth", "wall", "--triangles", "3000", "-o", text(&blocked)]);
+    assert!(error.contains("a.ply") && error.contains("is not a folder"), "{error}");
+    std::fs::remove_file(folder.path().join("file")).unwrap();
+    let error = fails(&["synth", "fort", "--triangles", "10", "-o", text(&folder.path().join("new/a.ply"))]);
     assert!(error.contains("at least 5000"), "{error}");
     assert!(names(folder.path()).is_empty());
 }

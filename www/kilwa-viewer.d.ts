@@ -112,6 +112,8 @@ export interface Reading {
   value: number;
   /** Standard uncertainty, in the same unit. */
   uncertainty: number;
+  /** Only if the accuracy of the survey is unknown, in the same unit: digits finer than this are not shown. */
+  resolution?: number;
 }
 
 export interface Measurement {

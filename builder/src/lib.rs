@@ -21,5 +21,5 @@ pub use assemble::Spread;
 pub use build::options::{BuildError, BuildOptions};
 pub use build::progress::{Progress, Silent};
 pub use build::{BuildReport, Built, Inputs, Interruptible, Run, StageTime, build, build_pack};
-pub use ingest::surface::Diagnostic;
+pub use ingest::surface::{ColoredBy, Diagnostic};
 pub use kilwa_simplify::Precision;

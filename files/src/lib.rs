@@ -4,6 +4,7 @@
 //! So does code that writes a file under a temporary name.
 
 pub mod atomic;
+pub mod made_folders;
 pub mod output;
 pub mod plain_file;
 pub mod size;

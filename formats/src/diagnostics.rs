@@ -1,14 +1,34 @@
 //! What was found and repaired while a mesh was read, counted.
 
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 
 /// How many places of each kind of diagnostic are kept for the report.
 const PLACES_KEPT: usize = 5;
 
+/// Pictures that vertices took their colours from.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Pictures {
+    /// How many.
+    pub count: u64,
+    /// Their texels together.
+    pub texels: u64,
+}
+
+impl Pictures {
+    /// Add others.
+    pub fn add(&mut self, other: Self) {
+        self.count += other.count;
+        self.texels += other.texels;
+    }
+}
+
 /// Counted diagnostics, each with the first few places where it occurred.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Diagnostics {
     map: BTreeMap<&'static str, (u64, Vec<String>)>,
+    /// Pictures that were decoded and used.
+    pub pictures: Pictures,
 }
 
 impl Diagnostics {
@@ -41,6 +61,7 @@ impl Diagnostics {
 
     /// Add all diagnostics of another.
     pub fn merge(&mut self, other: Self) {
+        self.pictures.add(other.pictures);
         for (kind, (n, places)) in other.map {
             let entry = self.map.entry(kind).or_default();
             entry.0 += n;

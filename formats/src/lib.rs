@@ -10,7 +10,7 @@ mod mesh;
 pub mod read;
 mod up;
 
-pub use diagnostics::Diagnostics;
+pub use diagnostics::{Diagnostics, Pictures};
 pub use mesh::{RawMesh, UNCOLOURED};
 pub use read::ReadError;
 pub use up::Up;

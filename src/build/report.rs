@@ -2,6 +2,7 @@
 
 use super::need::Need;
 use crate::info::metres;
+use crate::plausible::{self, Model, ReadAs};
 use kilwa_builder::build::machine;
 use kilwa_builder::{BuildReport, Spread, StageTime};
 use kilwa_files::size::binary;
@@ -15,7 +16,23 @@ use std::path::Path;
 pub(super) struct Report<'a> {
     #[serde(flatten)]
     pub(super) build: &'a BuildReport,
+    /// How the inputs were read.
+    pub(super) read_as: String,
+    /// The line about colours.
+    pub(super) colors: String,
+    /// What is doubtful.
+    pub(super) warnings: Vec<String>,
     pub(super) run: Spent,
+}
+
+impl<'a> Report<'a> {
+    pub(super) fn of(build: &'a BuildReport, run: Spent, read: &ReadAs<'_>, is_split: bool) -> Self {
+        let bounds = [build.bounds_min, build.bounds_min + build.extent];
+        let is_closed = build.border_edges == 0;
+        let model = Model { bounds, facing: build.facing, is_closed, diagnostics: &build.diagnostics };
+        let colors = plausible::colors(&build.colored_by, build.vertices, build.triangles, is_split);
+        Self { build, read_as: read.words(), colors, warnings: plausible::warnings(&model, read), run }
+    }
 }
 
 /// What the build took.
@@ -93,7 +110,12 @@ pub(super) fn print(output: &Path, r: &Report<'_>, out: &mut impl Write) -> std:
         counted(b.triangles, "triangle", "triangles"),
         counted(b.vertices, "vertex", "vertices")
     )?;
+    for warning in &r.warnings {
+        writeln!(out, "  warning   {warning}")?;
+    }
+    writeln!(out, "  read as   {}", r.read_as)?;
     writeln!(out, "  size      {:.3} × {:.3} × {:.3} m", b.extent.x, b.extent.y, b.extent.z)?;
+    writeln!(out, "  colours   {}", r.colors)?;
     writeln!(
         out,
         "  lattice   steps of {}; median edge {}, one in a hundred below {}; noise about {}",
@@ -129,7 +151,7 @@ pub(super) fn print(output: &Path, r: &Report<'_>, out: &mut impl Write) -> std:
     writeln!(out, "  patches   {}", spread(&p.patch_triangles))?;
     writeln!(out, "  chunks    {}", spread(&p.chunk_triangles))?;
     spent(r, out)?;
-    for (kind, f) in &b.diagnostics {
+    for (kind, f) in b.diagnostics.iter().filter(|(kind, _)| !plausible::is_warning(kind)) {
         let places = if f.places.is_empty() { String::new() } else { format!(" (first: {})", f.places.join("; ")) };
         writeln!(out, "  {:>9} {kind}{places}", f.count)?;
     }

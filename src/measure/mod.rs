@@ -15,7 +15,8 @@ use clap::Subcommand;
 use glam::DVec3;
 use kilwa_geometry::LengthUnit;
 use kilwa_measure::unit::shown;
-use kilwa_measure::{Outcome, Place, Plane, Reading, Space, Task, ToolName, Uncertainty};
+use kilwa_measure::{Leaves, Outcome, Place, Plane, Reading, Space, Task, ToolName, Uncertainty};
+use kilwa_pack::plural::counted;
 use place::{Given, places, positions};
 use serde_json::json;
 use std::io::Write as _;
@@ -43,9 +44,16 @@ pub(crate) struct Args {
     /// Use positions as given instead of the nearest points of the surface.
     #[arg(long, global = true)]
     exact: bool,
+    /// How far a position may be from the surface, metres; farther ones are refused (default: 1 % of the model's diagonal, at
+    /// least two of its median edges).
+    #[arg(long, global = true, value_name = "METRES", value_parser = tolerance, conflicts_with_all = ["exact", "rays"])]
+    tolerance: Option<f64>,
     /// Points are given as rays, six numbers each: origin and direction; each is replaced by its first hit on the surface.
     #[arg(long, global = true, conflicts_with = "exact")]
     rays: bool,
+    /// Standard uncertainty of where the positions were pointed at, metres, on each axis: one for all, or one for each (default: 0).
+    #[arg(long, global = true, value_name = "METRES", value_parser = tolerance, value_delimiter = ',')]
+    pointing: Vec<f64>,
     /// Add the measurement to this document (.json), which is created if missing.
     #[arg(long, global = true, value_name = "FILE")]
     save: Option<PathBuf>,
@@ -192,6 +200,12 @@ fn unit(symbol: &str) -> Result<LengthUnit, String> {
     LengthUnit::parse(symbol).ok_or_else(|| format!("expected one of {}", LengthUnit::symbols()))
 }
 
+/// A length that nothing may be longer than.
+fn tolerance(text: &str) -> Result<f64, String> {
+    let metres = text.parse().ok().filter(|metres: &f64| *metres >= 0.0 && metres.is_finite());
+    metres.ok_or_else(|| "expected a length in metres, 0 or more".to_owned())
+}
+
 /// A pack with what every tool needs of it.
 struct Subject {
     leaves: FileLeaves,
@@ -201,11 +215,18 @@ struct Subject {
     /// The units that values are printed in.
     unit: LengthUnit,
     given: Given,
+    /// Of pointing, metres: one for all places, or one for each.
+    pointing: Vec<f64>,
 }
 
 impl Subject {
     fn places(&self, numbers: &[f64]) -> anyhow::Result<Vec<Place>> {
         pollster::block_on(places(&self.leaves, numbers, self.given))
+    }
+
+    /// Where the uncertainty of the points of a task comes from.
+    fn uncertainty(&self, task: &Task) -> Uncertainty {
+        kilwa_measure::job::Subject::new(&self.leaves).uncertainty(task)
     }
 
     /// Measure.
@@ -220,9 +241,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let given = match (args.exact, args.rays) {
         (true, _) => Given::Exact,
         (_, true) => Given::Rays,
-        _ => Given::Near,
+        _ => Given::Near {
+            tolerance: args.tolerance.unwrap_or_else(|| place::default_tolerance(leaves.index().metadata())),
+        },
     };
-    let subject = Subject { leaves, space, point, unit: args.unit, given };
+    let subject = Subject { leaves, space, point, unit: args.unit, given, pointing: args.pointing.clone() };
     if let Tool::Again(again) = &args.tool {
         anyhow::ensure!(args.save.is_none(), "--save cannot be used with `again`, only with a single measurement");
         let all_same = saved::again(&subject, again, args)?;
@@ -311,14 +334,25 @@ fn measure(s: &Subject, tool: &Tool) -> anyhow::Result<Outcome> {
 fn on_places(s: &Subject, task: &Task, numbers: &[f64]) -> anyhow::Result<Outcome> {
     let places = s.places(numbers)?;
     let points = Task::on_points(task.tool, places.iter().map(|p| p.local).collect(), &s.space);
-    let mut outcome = s.measure(&Task { local: points.local, world: points.world, ..task.clone() })?;
+    let pointing = match s.pointing[..] {
+        [all] => vec![all; places.len()],
+        _ => s.pointing.clone(),
+    };
+    anyhow::ensure!(
+        pointing.is_empty() || pointing.len() == places.len(),
+        "--pointing gives {}, but {}; give one for all, or one for each",
+        counted(pointing.len(), "number", "numbers"),
+        counted(places.len(), "position is given", "positions are given")
+    );
+    let mut outcome = s.measure(&Task { local: points.local, world: points.world, pointing, ..task.clone() })?;
     if places.is_empty() {
         return Ok(outcome);
     }
-    if s.given == Given::Near
-        && let [only] = &places[..]
-    {
+    if let [only] = &places[..] {
         outcome.add("away", json!(only.away));
+    }
+    if let Given::Near { tolerance } = s.given {
+        outcome.add("tolerance", json!(tolerance));
     }
     outcome.add("points", json!(places));
     Ok(outcome)

@@ -1,7 +1,8 @@
 //! What a measurement prints: readings with their uncertainty, for people or as JSON with every digit.
 
 use super::Subject;
-use kilwa_measure::{Leaves, Outcome};
+use super::place::distances;
+use kilwa_measure::{Leaves, Outcome, Uncertainty};
 use kilwa_pack::plural::{counted, plural};
 use serde_json::{Value, json};
 use std::io::Write;
@@ -16,7 +17,7 @@ pub(super) fn print(mut outcome: Outcome, s: &Subject, as_json: bool) -> anyhow:
         }
         outcome.add("tool", json!(outcome.task.tool));
         outcome.add("readings", json!(outcome.readings));
-        outcome.add("uncertainty", json!(s.point));
+        outcome.add("uncertainty", json!(s.uncertainty(&outcome.task)));
         outcome.add("pack", json!({ "title": index.metadata().title, "identity": index.identity() }));
         let printed: Vec<Value> =
             outcome.printed(s.unit).iter().map(|(name, text)| json!({ "name": name, "text": text })).collect();
@@ -31,8 +32,8 @@ pub(super) fn print(mut outcome: Outcome, s: &Subject, as_json: bool) -> anyhow:
     for words in &outcome.remarks {
         writeln!(out, "{words}")?;
     }
-    if let Some(away) = outcome.details.get("away").and_then(Value::as_f64) {
-        writeln!(out, "{away:.4} m from the given position")?;
+    if let Some(words) = distances(&away(&outcome), s.given) {
+        writeln!(out, "{words}")?;
     }
     if let Some(path) = outcome.details.get("output").and_then(Value::as_str) {
         writeln!(out, "written to {path}")?;
@@ -48,13 +49,24 @@ pub(super) fn print(mut outcome: Outcome, s: &Subject, as_json: bool) -> anyhow:
             plural(read.bytes, "byte", "bytes")
         )?;
     }
-    let lattice = s.point.lattice;
-    match s.point.capture {
-        Some(c) => writeln!(out, "standard uncertainty of a coordinate: lattice {lattice:.3e} m and capture {c} m")?,
-        None => writeln!(
-            out,
-            "standard uncertainty of a coordinate: lattice {lattice:.3e} m only; the accuracy of the capture is unknown"
-        )?,
-    }
+    writeln!(out, "standard uncertainty of a coordinate: {}", parts(&s.uncertainty(&outcome.task)))?;
     Ok(())
+}
+
+/// How far each position that was given is from the surface, metres. JSON has no infinity, but null.
+fn away(outcome: &Outcome) -> Vec<f64> {
+    let points = outcome.details.get("points").and_then(Value::as_array);
+    points.into_iter().flatten().map(|p| p["away"].as_f64().unwrap_or(f64::INFINITY)).collect()
+}
+
+/// What the uncertainty of a coordinate is made of.
+fn parts(u: &Uncertainty) -> String {
+    let lattice = format!("lattice {:.3e} m", u.lattice);
+    let pointing = (u.pointing > 0.0).then(|| format!("pointing {} m", u.pointing));
+    match (u.capture, pointing) {
+        (Some(c), None) => format!("{lattice} and capture {c} m"),
+        (Some(c), Some(pointing)) => format!("{lattice}, {pointing} and capture {c} m"),
+        (None, None) => format!("{lattice}, grid only; survey accuracy unknown"),
+        (None, Some(pointing)) => format!("{lattice} and {pointing}, grid and pointing only; survey accuracy unknown"),
+    }
 }

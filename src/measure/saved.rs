@@ -6,8 +6,9 @@ use crate::source::read_named;
 use anyhow::Context;
 use kilwa_archive::lock::{Lock, PATIENCE};
 use kilwa_files::atomic::folder_of;
+use kilwa_files::made_folders::MadeFolders;
 use kilwa_measure::job::pack_name;
-use kilwa_measure::{Document, Leaves, Measurement, Outcome};
+use kilwa_measure::{Document, Leaves, Measurement, Outcome, Reading};
 use kilwa_pack::plural::{counted, plural};
 use serde_json::json;
 use std::io::Write;
@@ -48,7 +49,7 @@ pub(super) fn measurement(s: &Subject, outcome: &Outcome, args: &Args, default: 
         name: args.name.clone().unwrap_or(default),
         task: outcome.task.clone(),
         readings: outcome.readings.clone(),
-        uncertainty: s.point,
+        uncertainty: s.uncertainty(&outcome.task),
         color: None,
         hidden: false,
         note: String::new(),
@@ -72,6 +73,8 @@ pub(super) fn save(s: &Subject, outcome: &Outcome, to: &Path, args: &Args) -> an
             PATIENCE.as_secs() / 60
         );
     };
+    let folders = MadeFolders::for_file(to);
+    let _folders = folders.with_context(|| format!("cannot write {}", to.display()))?;
     let _lock =
         Lock::wait(folder_of(to), PATIENCE, &waits).with_context(|| format!("cannot write {}", to.display()))?;
     let mut document = if to.exists() { read(to)? } else { Document::new(pack.clone()) };
@@ -104,7 +107,9 @@ pub(super) fn again(s: &Subject, again: &AgainArgs, all: &Args) -> anyhow::Resul
     for m in &document.measurements {
         let task = m.task.on_lattice(&document.pack.lattice, &here.lattice);
         let now = s.measure(&task).map_err(|e| format!("{e:#}"));
-        let same = now.as_ref().is_ok_and(|r| r.readings == m.readings);
+        let is_same =
+            |now: &[Reading]| now.len() == m.readings.len() && now.iter().zip(&m.readings).all(|(a, b)| a.is_same(b));
+        let same = now.as_ref().is_ok_and(|r| is_same(&r.readings));
         differing += usize::from(!same);
         rows.push(json!({
             "name": m.name,

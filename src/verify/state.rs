@@ -7,6 +7,7 @@ use super::place::Place;
 use crate::secrets::shown;
 use anyhow::{Context, bail};
 use kilwa_files::atomic::{Access, AtomicFile};
+use kilwa_files::made_folders::MadeFolders;
 use kilwa_files::plain_file;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -141,6 +142,7 @@ impl State {
 
     /// The file of a new run, with what is known from earlier ones.
     fn begin(&self, path: &Path, target: &str, at: u64) -> anyhow::Result<()> {
+        let _folders = MadeFolders::for_file(path)?;
         let mut file = AtomicFile::create(path, Access::Private)?;
         for unit in self.units.values() {
             writeln!(file, "{}", serde_json::to_string(&Line::Unit(unit.clone()))?)?;

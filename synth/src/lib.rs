@@ -19,6 +19,8 @@ mod tests;
 pub use phantom::Phantom;
 
 use glam::DVec3;
+use kilwa_files::atomic::folder_of;
+use kilwa_files::made_folders::MadeFolders;
 use kilwa_formats::RawMesh;
 use kilwa_pack::plural::counted;
 use piece::{Sink, Site, weld};
@@ -167,6 +169,9 @@ pub fn write(
     let comments = comments(kind, options);
     let mut report = SynthReport { spacing: site.spacing(), ..SynthReport::default() };
     let expected = site.expected_triangles();
+    // Dropped after the files are there, or removed.
+    let made = MadeFolders::for_file(out);
+    let _folders = made.map_err(|source| SynthError::Io { path: folder_of(out).to_owned(), source })?;
     let mut done = Vec::new();
     for (tile, path) in files.iter().enumerate() {
         let mut file = ply::Writer::create(path, origin, &comments)?;

@@ -35,7 +35,7 @@ pub(super) fn file_names(out: &Path, blocks: Option<u32>) -> Result<Vec<PathBuf>
     Ok((0..blocks.min(super::MAX_BLOCKS)).map(numbered).collect())
 }
 
-/// Refuse early what would fail late: a missing folder, a target that exists or is a folder.
+/// Refuse early what would fail late: a target that exists or is a folder.
 pub(super) fn check_targets(files: &[PathBuf], force: bool) -> Result<(), SynthError> {
     files.iter().try_for_each(|path| output::check(path, force)).map_err(SynthError::Output)
 }

@@ -297,7 +297,9 @@ fn impossible_options_are_refused_and_leave_no_file() {
     assert!(refused(SiteKind::Fort, &options(100), "a.ply").contains("at least 5000"));
     assert!(refused(SiteKind::Wall, &options(5_000_000_000), "a.ply").contains("int indices"));
     assert!(refused(SiteKind::Wall, &options(3_000), "a.obj").contains(".ply"));
-    assert!(refused(SiteKind::Wall, &options(3_000), "no/such/a.ply").contains("there is no folder"));
+    std::fs::write(path("file"), "").unwrap();
+    assert!(refused(SiteKind::Wall, &options(3_000), "file/a.ply").contains("is not a folder"));
+    std::fs::remove_file(path("file")).unwrap();
     for blocks in [0, 1_001, 900] {
         let cut = SynthOptions { blocks: Some(blocks), ..options(3_000) };
         assert!(refused(SiteKind::Wall, &cut, "a.ply").contains("blocks are not possible"), "{blocks} blocks");

@@ -107,7 +107,7 @@ test("found by search, opened, measured, cited, and the citation leads back to t
   const link = citedAddress(page, t);
   await link.waitFor();
   const citation = await clipboard(page);
-  assert.match(citation, /straight [\d.]+ ± [\d.]+ m.* of “Gereza fort” \(pack [0-9a-f]{32}\)/u);
+  assert.match(citation, /straight [\d.]+ m \(± [\d.]+ m\).* of “Gereza fort” \(pack [0-9a-f]{32}\)/u);
   assert.equal(addressOf(citation), await link.getAttribute("href"));
   const other = await follow(citation, wanted, "en");
   // Whoever follows it has that one measurement, and the list of what else there is.

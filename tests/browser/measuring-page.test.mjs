@@ -21,6 +21,7 @@ import {
   numbers,
   openRow,
   panel,
+  pointing,
   press,
   raysAt,
   row,
@@ -75,15 +76,23 @@ test("a distance by two clicks is provisional, then final, and the value of kilw
   await done(page);
   const [one] = await list(page);
   assert.equal(one.state, "final");
-  const printed = await kilwa("distance", "--rays", ...numbers(rays));
+  const pointed = await pointing(page);
+  assert.ok(pointed.length === 2 && pointed.every((u) => u > 0), `both points were pointed at: ${pointed}`);
+  const printed = await kilwa("distance", "--pointing", pointed.join(","), "--rays", ...numbers(rays));
   const [, straight] = /^straight +(.+)$/m.exec(printed);
   const [shown] = await values(page, "Distance 1", 1);
   assert.equal(shown, straight);
   const [{ value, uncertainty }] = one.readings;
+  // As uncertain as a pixel is wide on the surface, and no finer than the mesh: the accuracy of the survey is not known.
+  assert.ok(uncertainty >= Math.max(...pointed) && uncertainty <= 1.5 * Math.max(...pointed), `${uncertainty} for ${pointed}`);
+  const [first, second] = (await label.innerText()).split("\n");
+  const mm = (uncertainty * 1000).toFixed(1 - Math.floor(Math.log10(uncertainty * 1000)));
   assert.equal(
-    await label.innerText(),
-    straight.replace(/^([\d.]+) ± ([\d.]+) m$/, (_, v) => `${v} m ± ${(uncertainty * 1000).toFixed(1 - Math.floor(Math.log10(uncertainty * 1000)))} mm`),
+    first,
+    straight.replace(/\(± [\d.]+ m\)$/, (spread) => (uncertainty < 0.01 ? `(± ${mm} mm)` : spread)),
   );
+  assert.match(first, /^\d+\.\d{1,2} m \(± /);
+  assert.equal(second, "grid and pointing only; survey accuracy unknown");
   if (about) {
     // Both numbers of the label are rounded, by half a unit of their last places at most.
     const half = (digits) => 0.5 * 10 ** -(digits.split(".")[1]?.length ?? 0);
@@ -91,7 +100,7 @@ test("a distance by two clicks is provisional, then final, and the value of kilw
     const most = (Number(spread) + half(spread)) * metres + half(v);
     assert.ok(Math.abs(value - Number(v)) <= most, `the final value ${value} lies in the provisional interval ${refining}`);
   }
-  await status(page, `Distance 1: ${await label.innerText()}`).waitFor({ state: "attached" });
+  await status(page, `Distance 1: ${first}, ${second}`).waitFor({ state: "attached" });
   // The capture accuracy of this pack is not known, and the explanation says so.
   assert.match(await (await openRow(page, "Distance 1")).innerText(), /Capture\s+unknown/);
   assert.deepEqual(complaints, []);
@@ -370,9 +379,10 @@ test("units change what is shown and never what is kept; values are copied with 
   await measureDistance(page, ...ENDS);
   const wanted = await bits(page);
   const detail = await openRow(page, "Distance 1");
+  const pointed = (await pointing(page)).join(",");
   for (const unit of ["cm", "mm", "km", "ft", "us-ft", "in", "m"]) {
     await panel(page).getByLabel("Unit").selectOption(unit);
-    const output = await kilwa("distance", "--unit", unit, "--rays", ...numbers(rays));
+    const output = await kilwa("distance", "--unit", unit, "--pointing", pointed, "--rays", ...numbers(rays));
     const printed = [...output.matchAll(/^(straight|horizontal|vertical) +(.+)$/gm)].map((m) => m[2]);
     await detail.getByText(printed[0], { exact: true }).waitFor();
     assert.deepEqual(await values(page, "Distance 1", 3), printed, unit);
@@ -380,7 +390,7 @@ test("units change what is shown and never what is kept; values are copied with 
   assert.deepEqual(await bits(page), wanted);
   await detail.getByRole("button", { name: "Copy the values" }).click();
   await status(page, "Values copied").waitFor();
-  assert.match(await page.evaluate(() => navigator.clipboard.readText()), /^Distance 1\nstraight [\d.]+ ± [\d.]+ m\nhorizontal/);
+  assert.match(await page.evaluate(() => navigator.clipboard.readText()), /^Distance 1\nstraight [\d.]+ m \(± [\d.]+ m\)\nhorizontal/);
   await detail.getByRole("button", { name: "Cite it" }).click();
   const cited = detail.getByText(/Measured on \d{4}-\d\d-\d\d on the finest surface/);
   await cited.waitFor();

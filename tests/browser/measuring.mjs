@@ -74,6 +74,19 @@ async function localPlaces(page) {
     });
 }
 
+/** The uncertainties of pointing of the first measurement's points, metres, as the command line takes them. */
+export async function pointing(page) {
+  const text = await page.evaluate(() => globalThis.kilwa.api.state().measurements);
+  const option =
+    text
+      .split("!")[0]
+      .split("~")[3]
+      ?.split(".")
+      .find((o) => o.startsWith("u")) ?? "u";
+  const bytes = Buffer.from(option.slice(1), "base64url");
+  return Array.from({ length: bytes.length / 8 }, (_, k) => bytes.readDoubleLE(k * 8));
+}
+
 /** Choose a tool in the list of all of them. */
 export async function tool(page, name) {
   await openTab(page, "Measure");

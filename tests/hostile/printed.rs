@@ -80,7 +80,8 @@ impl Site {
             .map(|l| if l.starts_with("3 ") && l.split(' ').count() == 4 { l.to_owned() } else { format!("{l} 0.5") })
             .collect();
         std::fs::write(&mesh, format!("{head}end_header\n{}\n", rows.join("\n"))).unwrap();
-        let built = kilwa(&["build", text(&mesh), "-o", text(&pack), "--force", "--title", name, "--crs", name]);
+        let crs = format!("PROJCRS[\"{name}\"]");
+        let built = kilwa(&["build", text(&mesh), "-o", text(&pack), "--force", "--title", name, "--crs", &crs]);
         let output = is_plain(&built, "build");
         assert!(built.status.success(), "{output}");
         pack

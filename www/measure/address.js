@@ -3,7 +3,7 @@
 //   tool  points  name  options
 //
 // Points are local metres (core/measure, space.rs) as little-endian doubles in base64url. Options: `p` plane (point and normal as points),
-// `r` reach, `i` interval (metres), `c` colour (six digits), `h` hidden; separated by `.`, which is none of base64url's signs.
+// `r` reach, `i` interval (metres), `u` uncertainties of pointing (metres, one for each point), `c` colour (six digits), `h` hidden; separated by `.`, which is none of base64url's signs.
 
 import { RECORDED } from "./tools.js";
 
@@ -46,12 +46,13 @@ const escaped = (name) => encodeURIComponent(name.slice(0, 80)).replaceAll("~", 
 
 /** @param {(MeasureRecord & {name: string})[]} records measurements as in files (saved.rs) */
 export function write(records) {
-  const each = records.map(({ tool, local = [], plane, reach, interval, color, hidden, name }) => {
+  const each = records.map(({ tool, local = [], pointing, plane, reach, interval, color, hidden, name }) => {
     const options = [];
     if (plane) options.push(`p${pack([...plane.point, ...plane.normal])}`);
     // Doubles, not decimals: a dot separates options.
     if (reach) options.push(`r${pack([reach])}`);
     if (interval) options.push(`i${pack([interval])}`);
+    if (pointing) options.push(`u${pack(pointing)}`);
     if (color) options.push(`c${color.slice(1)}`);
     if (hidden) options.push("h");
     return [tool, pack(/** @type {number[]} */ (local.flat())), escaped(name), ...(options.length > 0 ? [options.join(".")] : [])].join("~");
@@ -96,10 +97,11 @@ function readOne([tool, points, name = "", options = ""]) {
   }
   for (const option of options.split(".").filter(Boolean)) {
     const value = option.slice(1);
-    const given = ["p", "r", "i"].includes(option[0]) ? unpack(value) : null;
+    const given = ["p", "r", "i", "u"].includes(option[0]) ? unpack(value) : null;
     if (option[0] === "p" && given?.length === 6) one.plane = { point: given.slice(0, 3), normal: given.slice(3) };
     else if (option[0] === "r" && given && given[0] > 0) [one.reach] = given;
     else if (option[0] === "i" && given && given[0] > 0) [one.interval] = given;
+    else if (option[0] === "u" && given?.length === one.local?.length && given?.every((u) => u >= 0)) one.pointing = given;
     else if (option[0] === "c" && /^[0-9a-f]{6}$/.test(value)) one.color = `#${value}`;
     else if (option === "h") one.hidden = true;
   }

@@ -16,7 +16,30 @@ import { SNAPS, stepText, toolOf } from "./tools.js";
 const NEAR = 10;
 /** Milliseconds within which a second press makes a double click. */
 const DOUBLE_MS = 500;
+/** A surface seen at a slant makes a pixel wider, but no more than so many times. */
+const SLANT = 10;
 const isTouch = () => matchMedia("(pointer: coarse)").matches;
+
+/** @param {number[]} a @param {number[]} b */
+const dot = (a, b) => a.reduce((sum, v, i) => sum + v * b[i], 0);
+
+/**
+ * How wide a pixel is on the surface at a place, metres: how exactly a person can point at it.
+ * @param {number[][]} rays of this pixel and of the next: origin and direction
+ * @param {import("./task.js").Found} found
+ */
+function pixelAt([ray, next], { world, normal }) {
+  const [from, along] = [ray.slice(0, 3), ray.slice(3)];
+  const way = dot(
+    world.map((v, i) => v - from[i]),
+    along,
+  );
+  const far = way / dot(along, along);
+  const wide = Math.hypot(...from.map((v, i) => next[i] - v + (next[i + 3] - along[i]) * far));
+  const facing = Math.abs(dot(along, normal)) / (Math.hypot(...along) * Math.hypot(...normal));
+  // A triangle without area has no normal.
+  return wide / Math.max(1 / SLANT, facing || 1);
+}
 
 /**
  * @typedef {object} DraftParts
@@ -190,16 +213,17 @@ export class Draft {
    * @param {boolean} snap to the nearest vertex, where no other snapping was chosen
    */
   #pick(x, y, snap) {
-    const { viewer } = this.#parts.scene();
+    const { viewer, session } = this.#parts.scene();
     const hit = [...viewer.pick(x, y)];
     if (hit.length === 0) return null;
-    const ray = [...viewer.ray(x, y)];
+    // The camera may have moved when the place is found.
+    const [ray, next] = [x, x + session.ratio].map((at) => [...viewer.ray(at, y)]);
     const point = new Point({ ray: { origin: ray.slice(0, 3), direction: ray.slice(3) }, world: hit.slice(0, 3), half: hit[3] });
     point.pixel = [x, y];
     const chosen = this.#parts.snap();
     const to = snap && chosen === "none" ? "vertex" : chosen;
     const { drawn } = this;
-    point.pick(this.#parts.engine(), { clip: this.#parts.clip(), snap: to, onChange: this.#parts.changed }).then(
+    point.pick(this.#parts.engine(), { clip: this.#parts.clip(), snap: to, onChange: this.#parts.changed, pixel: (found) => pixelAt([ray, next], found) }).then(
       (isFound) => {
         if (this.isClosed) return;
         if (isFound && point.snapped !== "none") announce(t("measureSnapped", { what: t(SNAPS[point.snapped] ?? "snapVertex") }));

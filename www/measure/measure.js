@@ -193,7 +193,11 @@ export class Measure {
     this.refresh();
     const item = this.list.of(task);
     if (!item) return;
-    const result = task.isFinal ? mainLines(task.tool, task.readings, this.unit).join(", ") : task.state === "missed" ? t("measureMissed") : task.refusal?.();
+    const result = task.isFinal
+      ? mainLines(task.tool, task.readings, this.unit, task.uncertainty).join(", ")
+      : task.state === "missed"
+        ? t("measureMissed")
+        : task.refusal?.();
     if (result) announce(`${item.name}: ${result}`);
     if (task.isFinal) this.page.emit("measurement", this.plain(item));
     if (task.state === "missed") notice(t("measureMissed"), 8000);

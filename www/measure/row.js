@@ -14,7 +14,7 @@ import { readingName, text } from "./values.js";
 /** @import { Task } from "./task.js" */
 
 /** Where an uncertainty comes from. @type {Record<string, string>} */
-const PARTS = { lattice: "partLattice", level: "partLevel", capture: "partCapture" };
+const PARTS = { lattice: "partLattice", level: "partLevel", capture: "partCapture", pointing: "partPointing" };
 /** Why there is no value. @type {Record<string, string>} */
 const STATES = { missed: "stateMissed", failed: "stateFailed", refused: "stateRefused" };
 
@@ -184,7 +184,8 @@ const fact = (name, value) => html`<div><dt>${name}</dt><dd dir="ltr">${value}</
 function parts({ uncertainty, parts: more, read, remarks }) {
   const value = (/** @type {number | string | null | undefined} */ v) =>
     v === null || v === undefined ? t("unknownCapture") : v === 0 ? "0" : typeof v === "number" ? length(v) : v;
-  const own = uncertainty ? /** @type {const} */ (["lattice", "level", "capture"]).map((name) => /** @type {const} */ ([name, uncertainty[name]])) : [];
+  const names = /** @type {const} */ (["lattice", "level", "pointing", "capture"]);
+  const own = uncertainty ? names.map((name) => /** @type {const} */ ([name, name === "pointing" ? (uncertainty[name] ?? 0) : uncertainty[name]])) : [];
   const rows = [
     ...own.map(([name, v]) => html`<div><dt>${t(PARTS[name])}</dt><dd dir=${v === null ? "auto" : "ltr"}>${value(v)}</dd></div>`),
     ...rowsOf(more.filter((p) => !(p.what in PARTS)).map((p) => [p.what, value(p.value)])),

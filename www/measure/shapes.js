@@ -43,7 +43,7 @@ export function linesOf(task, unit, { isDraft = false } = {}) {
   if (isDraft) return length ? [length] : [];
   switch (task.state) {
     case "final":
-      return mainLines(task.tool, task.readings, unit);
+      return mainLines(task.tool, task.readings, unit, task.uncertainty);
     case "refused":
     case "failed":
     case "missed":

@@ -5,6 +5,7 @@ import { toolOf, toolOfRecord } from "./tools.js";
 
 /** @import { Line, MeasureAnswer, MeasureRecord, MeasureTool, Message, Plane, Ray, Reading, Uncertainty } from "../types/page.js" */
 /** @import { Engine } from "./engine.js" */
+/** A place on the finest surface. @typedef {{world: number[], normal: number[]}} Found */
 /** What a plane of cut and fill or of deviation is chosen by. @typedef {{name: string, height?: number}} PlaneChoice */
 
 /** @param {number[]} a @param {number[]} b */
@@ -14,14 +15,18 @@ const cross = (a, b) => [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a
 /** @param {number[]} v */
 const unit = (v) => v.map((x) => x / Math.hypot(...v));
 
-/** One place. `half`: how far it may be off while it is provisional, metres; null where there is no number for that. */
+/**
+ * One place. `half`: how far it may be off while it is provisional, metres; null where there is no number for that. `pointing`: standard uncertainty of
+ * where a person pointed, metres; 0 where the place was given or snapped to.
+ */
 export class Point {
-  /** @param {{world?: number[] | null, local?: number[] | null, ray?: Ray | null, half?: number | null}} known */
-  constructor({ world = null, local = null, ray = null, half = null }) {
+  /** @param {{world?: number[] | null, local?: number[] | null, ray?: Ray | null, half?: number | null, pointing?: number}} known */
+  constructor({ world = null, local = null, ray = null, half = null, pointing = 0 }) {
     this.world = world;
     this.local = local;
     this.ray = ray;
     this.half = half;
+    this.pointing = pointing;
     this.isMissed = false;
     this.snapped = "none";
     /** Where it is roughly, local metres. @type {number[] | null} */
@@ -39,10 +44,10 @@ export class Point {
   /**
    * Where the ray meets the finest surface; false where it meets nothing.
    * @param {Promise<Engine>} engine
-   * @param {{clip: object | null, snap: string, onChange: () => void}} how
+   * @param {{clip: object | null, snap: string, onChange: () => void, pixel?: (found: Found) => number}} how `pixel`: metres that a pixel covers at a place
    * @returns {Promise<boolean>}
    */
-  pick(engine, { clip, snap, onChange }) {
+  pick(engine, { clip, snap, onChange, pixel = () => 0 }) {
     const { ray } = this;
     if (!ray) return Promise.resolve(false);
     const provisional = (/** @type {import("../types/page.js").Provisional | null} */ p) => {
@@ -59,7 +64,8 @@ export class Point {
         this.isMissed = true;
         return false;
       }
-      Object.assign(this, { local: [...found.local], world: [...found.world], half: 0, snapped: found.snapped ?? "none" });
+      const snapped = found.snapped ?? "none";
+      Object.assign(this, { local: [...found.local], world: [...found.world], half: 0, snapped, pointing: snapped === "none" ? pixel(found) : 0 });
       onChange();
       return true;
     })();
@@ -123,6 +129,7 @@ export class Task {
     if (this.points.length > 0) {
       out.local = this.points.map((p) => p.local);
       out.world = this.points.map((p) => p.world);
+      if (this.points.some((p) => p.pointing > 0)) out.pointing = this.points.map((p) => p.pointing);
     }
     if (this.plane) out.plane = this.plane;
     if (this.reach !== null) out.reach = this.reach;
@@ -140,6 +147,7 @@ export class Task {
       local = [],
       world = [],
       rays = [],
+      pointing = [],
       plane = null,
       reach = null,
       interval = null,
@@ -151,7 +159,7 @@ export class Task {
     const given = local.length > 0 ? local : rays;
     const points = given.map((_, k) => {
       const at = local[k];
-      if (at) return new Point({ local: at, world: world[k] ?? at.map((v, i) => v + origin[i]), half: 0 });
+      if (at) return new Point({ local: at, world: world[k] ?? at.map((v, i) => v + origin[i]), half: 0, pointing: pointing[k] ?? 0 });
       return new Point({ ray: rays[k], world: world[k] ?? null });
     });
     const kind = toolOf(record.kind) ?? toolOfRecord(record);

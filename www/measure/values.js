@@ -4,7 +4,7 @@
 import { isolate, separator } from "../format.js";
 import { t } from "../i18n.js";
 
-/** @import { Reading } from "../types/page.js" */
+/** @import { Reading, Uncertainty } from "../types/page.js" */
 
 /** Units of length; one of it is `numerator / denominator` metres, both exact. */
 /** @type {Record<string, [numerator: number, denominator: number]>} */
@@ -76,11 +76,28 @@ export function fixed(value, digits) {
 const decimals = (uncertainty) => (uncertainty > 0 ? Math.min(12, Math.max(0, 1 - Math.floor(Math.log10(uncertainty)))) : 6);
 
 /**
- * A stored reading in a unit: value, uncertainty and symbol.
+ * Decimals that the spacing of the mesh supports; all where the accuracy of the survey is known.
+ * @param {number | undefined} resolution
+ */
+const supported = (resolution) => (resolution ? Math.min(12, Math.max(0, -Math.floor(Math.log10(resolution)))) : 12);
+
+/**
+ * A stored reading in a unit: value, uncertainty, symbol, and the decimals of both.
+ * @param {{value: number, uncertainty: number, dimension: string, resolution?: number}} reading
+ * @param {string} unit
+ */
+export function shown(reading, unit) {
+  const { resolution = 0, ...rest } = reading;
+  const one = inUnit(rest, unit);
+  const own = one.uncertainty === 0 ? 6 : decimals(one.uncertainty);
+  return { ...one, own, digits: Math.min(own, supported(inUnit({ ...rest, value: resolution }, unit).value)) };
+}
+
+/**
  * @param {{value: number, uncertainty: number, dimension: string}} reading
  * @param {string} unit
  */
-export function shown({ value, uncertainty, dimension }, unit) {
+function inUnit({ value, uncertainty, dimension }, unit) {
   if (dimension === "angle") return { value: value * DEGREES, uncertainty: uncertainty * DEGREES, symbol: "°" };
   if (dimension === "ratio") return { value: value * 100, uncertainty: uncertainty * 100, symbol: "%" };
   const [numerator, denominator] = METRES[unit];
@@ -100,9 +117,9 @@ export function shown({ value, uncertainty, dimension }, unit) {
  * @param {string} unit
  */
 export function text(reading, unit) {
-  const { value, uncertainty, symbol } = shown(reading, unit);
+  const { value, uncertainty, symbol, own, digits } = shown(reading, unit);
   if (uncertainty === 0) return `${fixed(value, 6)} ${symbol}`;
-  const digits = decimals(uncertainty);
+  if (reading.resolution) return `${fixed(value, digits)} ${symbol} (± ${fixed(uncertainty, own)} ${symbol})`;
   return `${fixed(value, digits)} ± ${fixed(uncertainty, digits)} ${symbol}`;
 }
 
@@ -115,18 +132,30 @@ const local = (digits) => digits.replace(".", separator()).replace("-", "−");
  * @param {string} unit
  */
 export function short(reading, unit) {
-  const { value, uncertainty, symbol } = shown(reading, unit);
-  const digits = uncertainty === 0 ? 6 : decimals(uncertainty);
+  const { value, uncertainty, symbol, digits } = shown(reading, unit);
   const number = local(fixed(value, digits));
+  const spread = `± ${spreadOf(reading, unit)}`;
   if (uncertainty === 0) return isolate(`${number} ${symbol}`);
-  const spread = local(fixed(uncertainty, digits));
-  if (dimensionIsLength(reading) && ["m", "cm", "km"].includes(unit) && reading.uncertainty < 0.01) {
-    const mm = reading.uncertainty * 1000;
-    return isolate(`${number} ${symbol} ± ${local(fixed(mm, decimals(mm)))} mm`);
-  }
-  const sign = symbol === "°" ? "°" : ` ${symbol}`;
-  return isolate(`${number} ± ${spread}${sign}`);
+  if (reading.resolution) return isolate(`${number} ${symbol} (${spread})`);
+  return isolate(isInMillimetres(reading, unit) ? `${number} ${symbol} ${spread}` : `${number} ${spread}`);
 }
+
+/**
+ * @param {Reading} reading
+ * @param {string} unit
+ */
+function spreadOf(reading, unit) {
+  const { uncertainty, symbol, own } = shown(reading, unit);
+  const mm = reading.uncertainty * 1000;
+  if (isInMillimetres(reading, unit)) return `${local(fixed(mm, decimals(mm)))} mm`;
+  return `${local(fixed(uncertainty, own))}${symbol === "°" ? "" : " "}${symbol}`;
+}
+
+/**
+ * @param {Reading} reading
+ * @param {string} unit
+ */
+const isInMillimetres = (reading, unit) => dimensionIsLength(reading) && ["m", "cm", "km"].includes(unit) && reading.uncertainty < 0.01;
 
 /** @param {Reading} reading */
 const dimensionIsLength = ({ dimension }) => dimension === "length";
@@ -175,21 +204,22 @@ export function mainReadings(tool, readings) {
 }
 
 /**
- * The lines of a label. Where all of them are equally uncertain, the uncertainty has a line of its own.
+ * The lines of a label. Where all of them are equally uncertain, the uncertainty has a line of its own. The last one says what the uncertainty lacks.
  * @param {string} tool
  * @param {Reading[]} readings
  * @param {string} unit
+ * @param {Uncertainty | null} [of] what the uncertainty of a coordinate is made of
  */
-export function mainLines(tool, readings, unit) {
+export function mainLines(tool, readings, unit, of = null) {
   const found = mainReadings(tool, readings);
-  if (found.length === 1) return [short(found[0], unit)];
+  const lacking = found.some((r) => r.resolution) ? [t(of?.pointing ? "gridPointingOnly" : "gridOnly")] : [];
+  if (found.length === 1) return [short(found[0], unit), ...lacking];
   const [first] = found;
   const alike = found.length > 2 && found.every((r) => r.uncertainty === first.uncertainty && r.dimension === first.dimension);
-  if (!alike) return found.map((r) => `${readingName(r.name)} ${short(r, unit)}`);
-  const [, spread] = short(first, unit).split(" ± ");
+  if (!alike) return [...found.map((r) => `${readingName(r.name)} ${short(r, unit)}`), ...lacking];
   const each = found.map((r) => {
-    const { value, symbol } = shown(r, unit);
-    return `${readingName(r.name)} ${isolate(`${local(fixed(value, decimals(shown(r, unit).uncertainty)))} ${symbol}`)}`;
+    const { value, symbol, digits } = shown(r, unit);
+    return `${readingName(r.name)} ${isolate(`${local(fixed(value, digits))} ${symbol}`)}`;
   });
-  return [...each, isolate(`± ${spread}`.replace("\u2069", ""))];
+  return [...each, isolate(`± ${spreadOf(first, unit)}`), ...lacking];
 }

@@ -235,6 +235,8 @@ export interface Uncertainty {
   lattice: number;
   level: number;
   capture: number | null;
+  /** Of the least exactly picked point; absent where no point was picked on a picture. */
+  pointing?: number;
 }
 
 export interface Line {
@@ -252,6 +254,8 @@ export interface MeasureRecord {
   local?: (number[] | null)[];
   world?: (number[] | null)[];
   rays?: (Ray | null)[];
+  /** Standard uncertainty of where each point was pointed at, metres. */
+  pointing?: number[];
   plane?: Plane | null;
   reach?: number | null;
   interval?: number | null;

@@ -1,7 +1,7 @@
 //! Coordinate reference systems: how they may be written, and whether a model can lie in one.
 //!
-//! Known are the codes whose coordinates can be judged without a table of all systems: UTM on WGS 84 (EPSG:32601-32660, 32701-32760), Web Mercator, and
-//! geographic and geocentric ones that are named most. For all other EPSG codes only the form is checked; say so, and do not pretend.
+//! The crate `crs-definitions` lists some seven thousand EPSG codes, but not all of them: a code that is not in the list may exist, and is not refused.
+//! Whether a model can lie in a system is judged for UTM on WGS 84 only (EPSG:32601-32660, 32701-32760).
 
 use glam::DVec3;
 
@@ -14,8 +14,21 @@ fn utm(code: u32) -> Option<(u32, &'static str)> {
     }
 }
 
-/// Codes in degrees: a mesh cannot be in them.
+/// Codes in degrees that the list lacks, or has without their definition.
 const GEOGRAPHIC: [u32; 12] = [4326, 4979, 4258, 4269, 4267, 4230, 4171, 4283, 7844, 4210, 4148, 9057];
+
+/// The definition of a code for the library PROJ.
+fn definition(code: u32) -> Option<&'static str> {
+    let code = u16::try_from(code).ok()?;
+    crs_definitions::from_code(code).map(|found| found.proj4)
+}
+
+/// Whether the list of EPSG codes has a system in the form that packs have (`EPSG:32737`); true for well-known text. A code that is not in it may
+/// exist all the same.
+pub fn is_listed(crs: &str) -> bool {
+    let Some(code) = crs.strip_prefix("EPSG:") else { return true };
+    code.parse().is_ok_and(|code| GEOGRAPHIC.contains(&code) || definition(code).is_some())
+}
 
 /// A reference system in the form that packs have: `EPSG:32737`; `None` for `local`.
 ///
@@ -59,7 +72,8 @@ pub fn normalise(text: &str) -> Result<Option<String>, String> {
 }
 
 fn of_metres(code: u32) -> Result<(), String> {
-    if GEOGRAPHIC.contains(&code) {
+    let is_in_degrees = definition(code).is_some_and(|text| text.contains("+proj=longlat"));
+    if is_in_degrees || GEOGRAPHIC.contains(&code) {
         return Err(format!(
             "EPSG:{code} has degrees, but a mesh has metres: write the projected system of the survey, for example EPSG:32737 (UTM 37 S)"
         ));
@@ -103,11 +117,21 @@ mod tests {
         for (bad, expected) in [
             ("32737", "write \"EPSG:32737\""),
             ("EPSG:4326", "degrees"),
+            ("EPSG:4314", "degrees"),
             ("EPSG:99999", "not an EPSG code"),
             ("UTM 37S", "EPSG code such as"),
         ] {
             assert!(normalise(bad).unwrap_err().contains(expected), "{bad}");
         }
+    }
+
+    #[test]
+    fn an_unlisted_code_is_known_to_be_unlisted_and_accepted() {
+        for listed in ["EPSG:32737", "EPSG:27700", "EPSG:2056", "EPSG:4326", "PROJCRS[\"x\"]"] {
+            assert!(is_listed(listed), "{listed}");
+        }
+        assert!(!is_listed("EPSG:1999") && !is_listed("EPSG:99999"));
+        assert_eq!(normalise("EPSG:1999"), Ok(Some("EPSG:1999".to_owned())));
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use crate::assemble::PackSummary;
 use crate::build::options::BuildOptions;
-use crate::ingest::surface::{Diagnostic, Surface};
+use crate::ingest::surface::{ColoredBy, Diagnostic, Surface};
 use crate::levels::Levels;
 use glam::DVec3;
 use kilwa_formats::Up;
@@ -20,6 +20,12 @@ pub struct BuildReport {
     pub step: f64,
     /// Size of the model, metres.
     pub extent: DVec3,
+    /// Smallest corner of the model, metres.
+    pub bounds_min: DVec3,
+    /// See [`Surface::facing`].
+    pub facing: DVec3,
+    /// Where the colours come from.
+    pub colored_by: ColoredBy,
     /// Median edge length, metres.
     pub median_edge: f64,
     /// Edges used by one triangle.
@@ -81,6 +87,9 @@ impl BuildReport {
             vertices: s.points,
             step: s.lattice.step(),
             extent: max - min,
+            bounds_min: min,
+            facing: s.facing,
+            colored_by: s.colored_by.clone(),
             median_edge: s.median_edge,
             border_edges: s.border_edges,
             non_manifold_edges: s.non_manifold_edges,

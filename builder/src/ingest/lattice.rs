@@ -39,7 +39,7 @@ fn coarsest(b: &Box3) -> i32 {
 const FINEST: i32 = -60;
 
 /// Finer than the doubles of the source can tell apart is no use (and f64 world coordinates must stay exact).
-fn finest(b: &Box3) -> i32 {
+pub(super) fn finest(b: &Box3) -> i32 {
     (libm::log2(magnitude_of(b) * f64::EPSILON).floor().max(f64::from(FINEST)) as i32).max(FINEST)
 }
 
@@ -109,6 +109,11 @@ impl Rounding {
         }
     }
 
+    /// Whether two cells are near enough to have the same final lattice point.
+    pub(super) fn may_join(&self, p: [u32; 3], q: [u32; 3]) -> bool {
+        (0..3).all(|i| u64::from(p[i].abs_diff(q[i])) < 1 << self.shift)
+    }
+
     /// The final lattice point of a cell.
     pub(super) fn point(&self, cell: [u32; 3]) -> [u32; 3] {
         std::array::from_fn(|i| (((u64::from(cell[i]) + self.add[i]) >> self.shift) as i64 + self.base[i]) as u32)
@@ -161,6 +166,12 @@ impl Lengths {
         self.none += other.none;
         self.total += other.total;
         self
+    }
+
+    /// How many edges are shorter than a length in steps of the provisional lattice; up to 1/365 longer ones may be among them.
+    pub(super) fn below(&self, length: f64) -> u64 {
+        let class = ((length * length).max(1.0).to_bits() >> 44) - (1023 << 8);
+        self.none + self.counts.iter().take(class as usize + 1).sum::<u64>()
     }
 
     /// The length, in steps of the provisional lattice, that a share of the edges is shorter than; 0 without edges.

@@ -20,6 +20,7 @@
 //! Failures: [`BuildError`], with what is wrong and what to do.
 
 mod buckets;
+mod collapse;
 mod column;
 mod components;
 mod crowded;
@@ -41,7 +42,7 @@ use crate::build::options::BuildError;
 use crate::build::work::Work;
 use crate::ingest::surface::{Diagnostic, Ingested, LEAVES, SHARED, Surface};
 use crate::scratch::{PatchFile, Records, Scratch, ScratchError, Sum, seal, unseal};
-use buckets::Buckets;
+use buckets::{Buckets, point_of_words};
 use crowded::Crowd;
 use glam::DVec3;
 use kilwa_geometry::{DiamondKey, LatticePoint};
@@ -53,6 +54,8 @@ use serde::{Deserialize, Serialize};
 pub use spool::{Spool, Spooled};
 use std::collections::BTreeMap;
 pub use topology::Counts;
+use topology::Welded;
+use words::color_of_word;
 
 /// What the user can choose.
 #[derive(Debug, Clone)]
@@ -107,13 +110,31 @@ pub fn ingest(
     Ok(Ingested { surface: known.surface(sources), tree, leaves, shared })
 }
 
-/// What is known of a mesh without building anything of it: for a report. The scratch files are left to the caller.
+/// What is known of a mesh without building anything of it: for a report. The scratch files are left to the caller. `visitor`, if there is
+/// one, sees every triangle.
 ///
 /// # Errors
 /// As [`ingest`].
-pub fn survey(work: &Work<'_>, spooled: Spooled, options: &IngestOptions) -> Result<Surface, BuildError> {
+pub fn survey(
+    work: &Work<'_>,
+    spooled: Spooled,
+    options: &IngestOptions,
+    visitor: Option<&mut dyn TriangleVisitor>,
+) -> Result<Surface, BuildError> {
     let mut stages = Stages { work, unchecked: BTreeMap::new() };
-    Ok(Known::find(&mut stages, Some(spooled), options)?.surface(Vec::new()))
+    let known = Known::find(&mut stages, Some(spooled), options)?;
+    if let Some(visitor) = visitor {
+        known.visit(work, visitor)?;
+    }
+    Ok(known.surface(Vec::new()))
+}
+
+/// Sees the triangles of a mesh, region by region.
+pub trait TriangleVisitor {
+    /// The smallest and largest corner of the mesh, metres; before the first triangle.
+    fn begin(&mut self, bounds: [DVec3; 2]);
+    /// The corners of a triangle, metres, and their colours, if the mesh has any.
+    fn triangle(&mut self, corners: [DVec3; 3], colors: Option<[[u8; 3]; 3]>);
 }
 
 /// What all stages but the last know.
@@ -170,6 +191,28 @@ impl Known {
         }
     }
 
+    fn visit(&self, work: &Work<'_>, visitor: &mut dyn TriangleVisitor) -> Result<(), BuildError> {
+        let Self { resolved, topology, .. } = self;
+        let layout = resolved.layout;
+        visitor.begin(topology.bounds.map(|p| resolved.lattice.world_from_lattice(p)));
+        let file = work.scratch.existing(topology::WELDED)?;
+        for (done, place) in (1..).zip(&topology.places) {
+            let welded = Welded::read(&file, *place, layout)?;
+            let words = |v: u32| &welded.vertices[(v & !topology::BORDER) as usize * layout.vertex()..];
+            let corner = |v: u32| {
+                let at = words(v);
+                resolved.lattice.world_from_lattice(point_of_words([at[0], at[1], at[2]]))
+            };
+            for triangle in &welded.triangles {
+                let colors = layout.color().map(|at| triangle.map(|v| color_of_word(words(v)[at])));
+                visitor.triangle(triangle.map(corner), colors);
+            }
+            work.progress.update("drawing", done, topology.places.len() as u64);
+            work.stop.check()?;
+        }
+        Ok(())
+    }
+
     fn surface(&self, sources: Vec<SourceFile>) -> Surface {
         let Self { spooled, resolved, scattered, topology } = self;
         let mut tally = spooled.tally.clone();
@@ -186,6 +229,8 @@ impl Known {
             bounds: topology.bounds,
             supplied_normals: resolved.layout.normals,
             colors: resolved.layout.colors,
+            colored_by: spooled.colored_by(),
+            facing: resolved.facing,
             scalars: spooled.channels.iter().map(channel).collect(),
             triangles: scattered.triangles,
             points: topology.counts.points,

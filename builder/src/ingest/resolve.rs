@@ -10,6 +10,7 @@
 //! Fails as [`super::lattice::choose`] does, and where the scratch disk fails.
 
 use super::IngestOptions;
+use super::collapse::spare_triangles;
 use super::lattice::{Box3, Lengths, Measured, Provisional, Rounding, choose};
 use super::spool::{COLORS, ColorSource, NORMALS, POSITIONS, Spooled, TRIANGLE_COLORS, TRIANGLES, position_of_row};
 use super::tally::Tally;
@@ -54,6 +55,8 @@ pub(super) struct Resolved {
     /// 1st percentile and median of the lengths of edges, metres.
     pub(super) first: f64,
     pub(super) median: f64,
+    /// See [`crate::ingest::surface::Surface::facing`].
+    pub(super) facing: DVec3,
     /// Sums of corners on the lattice, each representing `weight` triangles.
     pub(super) samples: Vec<I64Vec3>,
     pub(super) weight: u64,
@@ -114,7 +117,12 @@ pub(super) fn resolve(work: &Work<'_>, spooled: &Spooled, options: &IngestOption
         if out.lengths.none > out.lengths.total {
             measured.median = run.sampled_median(&out.keep)?;
         }
-        let (lattice, cube_log2) = choose(&measured, options.step)?;
+        let mut chosen = choose(&measured, options.step)?;
+        if options.step.is_none() {
+            let corners = (&provisional, out.triangles);
+            chosen = spare_triangles(work, run.layout, corners, &out.lengths, &measured, chosen)?;
+        }
+        let (lattice, cube_log2) = chosen;
         let rounding = Rounding::between(&provisional, &lattice);
         let used = run.used_count();
         if options.crop.is_none() && options.min_confidence.is_none() {
@@ -134,6 +142,7 @@ pub(super) fn resolve(work: &Work<'_>, spooled: &Spooled, options: &IngestOption
             used,
             first,
             median: measured.median,
+            facing: out.facing.mean(),
             samples: out.samples,
             weight,
             tally,
@@ -156,6 +165,7 @@ fn nothing_left(triangles: u64, tally: &Tally) -> BuildError {
 struct Measures {
     triangles: u64,
     lengths: Lengths,
+    facing: Facing,
     /// Sums of cells.
     samples: Vec<I64Vec3>,
     /// One bit for every triangle that is kept.
@@ -167,6 +177,7 @@ impl Measures {
     fn take(&mut self, piece: &Piece) {
         self.triangles += piece.kept as u64;
         self.lengths = std::mem::take(&mut self.lengths).merge(&piece.lengths);
+        self.facing.add(&piece.facing);
         self.samples.extend(&piece.samples);
         self.keep.extend(&piece.keep);
         self.tally.merge(&piece.tally);
@@ -202,8 +213,36 @@ struct Piece {
     /// One bit for every triangle that is kept.
     keep: Vec<u64>,
     lengths: Lengths,
+    facing: Facing,
     samples: Vec<I64Vec3>,
     tally: Tally,
+}
+
+/// Sums of the normals and areas of triangles: whole numbers, so that their order does not matter.
+#[derive(Default)]
+struct Facing {
+    normals: [i128; 3],
+    areas: u128,
+}
+
+impl Facing {
+    /// Count a triangle, given by its cells.
+    fn triangle(&mut self, a: &[u32], b: &[u32], c: &[u32]) {
+        let along = |p: &[u32], i: usize| i128::from(p[i]) - i128::from(a[i]);
+        let (u, v) = (|i: usize| along(b, i), |i: usize| along(c, i));
+        let normal = [u(1) * v(2) - u(2) * v(1), u(2) * v(0) - u(0) * v(2), u(0) * v(1) - u(1) * v(0)];
+        self.normals.iter_mut().zip(normal).for_each(|(sum, n)| *sum += n);
+        self.areas += DVec3::from(normal.map(|n| n as f64)).length() as u128;
+    }
+
+    fn add(&mut self, other: &Self) {
+        self.normals.iter_mut().zip(other.normals).for_each(|(sum, n)| *sum += n);
+        self.areas += other.areas;
+    }
+
+    fn mean(&self) -> DVec3 {
+        DVec3::from(self.normals.map(|n| n as f64)) / (self.areas as f64).max(1.0)
+    }
 }
 
 /// Vertices in memory.
@@ -438,6 +477,7 @@ impl<'a> Run<'a> {
             out.lengths.add(a, b);
             out.lengths.add(b, c);
             out.lengths.add(c, a);
+            out.facing.triangle(a, b, c);
             let mixed = (number + i as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 32;
             if mixed.is_multiple_of(self.weight) {
                 let sum = |k: usize| i64::from(a[k]) + i64::from(b[k]) + i64::from(c[k]);

@@ -10,12 +10,13 @@
 //! where there are more vertices than 32 bits number, and where the scratch disk does.
 
 use super::column::Column;
+use super::surface::ColoredBy;
 use super::tally::Tally;
 use crate::scratch::{Scratch, ScratchError};
 use glam::{DVec3, Vec3};
 use kilwa_formats::ReadError;
 use kilwa_formats::read::sink::{MeshSink, NO_POSITION, TWICE, VertexBlock};
-use kilwa_formats::{Diagnostics, RawMesh};
+use kilwa_formats::{Diagnostics, Pictures, RawMesh};
 use kilwa_geometry::normal;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -80,9 +81,25 @@ pub struct Spooled {
     pub(super) normals: bool,
     pub(super) channels: Vec<Channel>,
     pub(super) tally: Tally,
+    /// Pictures that colours were taken from.
+    pub(super) pictures: Pictures,
 }
 
 impl Spooled {
+    /// Where the colours of the vertices come from.
+    pub(super) fn colored_by(&self) -> ColoredBy {
+        match &self.color {
+            ColorSource::None => ColoredBy::Nothing,
+            ColorSource::Scalar { file, .. } => {
+                let channel = self.channels.iter().find(|c| c.file == *file);
+                ColoredBy::Channel(channel.map_or_else(String::new, |c| c.name.clone()))
+            }
+            ColorSource::Given if self.pictures.count > 0 => ColoredBy::Pictures(self.pictures),
+            ColorSource::Given if self.vertex_colors => ColoredBy::Vertices,
+            ColorSource::Given => ColoredBy::Triangles,
+        }
+    }
+
     /// Names of the files.
     pub(super) fn files(&self) -> Vec<&str> {
         let fixed = [POSITIONS, COLORS, NORMALS, TRIANGLES, TRIANGLE_COLORS];
@@ -147,6 +164,7 @@ pub struct Spool {
     /// Diagnostics of the current input.
     diagnostics: Diagnostics,
     tally: Tally,
+    pictures: Pictures,
     cache: Vec<(u64, Vec<DVec3>)>,
 }
 
@@ -170,6 +188,7 @@ impl Spool {
             with_normal: 0,
             diagnostics: Diagnostics::default(),
             tally: Tally::default(),
+            pictures: Pictures::default(),
             cache: Vec::new(),
             scratch: scratch.clone(),
         })
@@ -217,7 +236,9 @@ impl Spool {
             self.tally.add_many(NO_SCALAR, here);
         }
         self.tally.add_many(FACE_COLOR, c.coloured_triangles);
-        self.tally.take(&std::mem::take(&mut self.diagnostics));
+        let diagnostics = std::mem::take(&mut self.diagnostics);
+        self.pictures.add(diagnostics.pictures);
+        self.tally.take(&diagnostics);
         Ok(())
     }
 
@@ -259,7 +280,18 @@ impl Spool {
             grey(&self.scratch, &channels, vertices, &mut tally)?
         };
         let bounds = (self.bounds[0].x <= self.bounds[1].x).then_some(self.bounds);
-        Ok(Spooled { vertices, triangles, bounds, color, vertex_colors, triangle_colors, normals, channels, tally })
+        Ok(Spooled {
+            vertices,
+            triangles,
+            bounds,
+            color,
+            vertex_colors,
+            triangle_colors,
+            normals,
+            channels,
+            tally,
+            pictures: self.pictures,
+        })
     }
 
     /// Deliver a mesh that is in memory as the current input.

@@ -3,7 +3,8 @@
 
 use crate::partition::Partition;
 use crate::scratch::{PatchFile, Records};
-use kilwa_formats::Diagnostics;
+use glam::DVec3;
+use kilwa_formats::{Diagnostics, Pictures};
 use kilwa_geometry::{Lattice, LatticePoint};
 use kilwa_pack::metadata::{ScalarChannel, SourceFile};
 use serde::{Deserialize, Serialize};
@@ -25,6 +26,11 @@ pub struct Surface {
     pub bounds: [LatticePoint; 2],
     /// Whether vertices have colours.
     pub colors: bool,
+    /// Where these come from.
+    pub colored_by: ColoredBy,
+    /// The mean of the normals of the triangles, weighted by area, axes of the pack: 0 for a closed surface. That of an open one points away from its
+    /// openings: up, for ground or a statue on its base.
+    pub facing: DVec3,
     /// Whether the inputs supplied the normals; otherwise they follow from the triangles.
     pub supplied_normals: bool,
     /// Scalar channels with their ranges.
@@ -58,6 +64,22 @@ pub struct Surface {
     /// What reading and preparing found: kind, count and first places.
     #[serde(rename = "findings")]
     pub diagnostics: BTreeMap<String, Diagnostic>,
+}
+
+/// Where the colours of vertices come from.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum ColoredBy {
+    /// There are none.
+    Nothing,
+    /// The vertices of the inputs, or their materials.
+    Vertices,
+    /// The triangles of the inputs.
+    Triangles,
+    /// Pictures: each vertex has the colour at its place.
+    Pictures(Pictures),
+    /// A scalar channel, as grey.
+    Channel(String),
 }
 
 /// One kind of diagnostic.

@@ -236,6 +236,37 @@ fn grid(n: u32, edge: f64) -> RawMesh {
     raw
 }
 
+/// A grid of triangles, of which every sixtieth is so thin that its shortest edge is `short` long.
+fn grid_with_slivers(n: u32, short: f64) -> RawMesh {
+    let mut raw = grid(n, 1.0);
+    for t in (0..raw.triangles.len()).step_by(60) {
+        let [a, b, _] = raw.triangles[t].map(|v| v as usize);
+        raw.positions[b] = raw.positions[a] + DVec3::new(short, 0.0, 0.0);
+    }
+    raw
+}
+
+#[test]
+fn the_spacing_keeps_all_but_a_thousandth_of_the_triangles_and_stays_where_they_are_kept_anyway() {
+    let found = |short: f64| {
+        let s = run(&[&grid_with_slivers(60, short)], &Case { memory: TINY, threads: 2, leaf_triangles: 300 }).surface;
+        let dropped =
+            s.diagnostics.get("triangles dropped because they collapse on the lattice").map_or(0, |f| f.count);
+        (s.lattice.step(), dropped)
+    };
+    // A sixteenth of the edges, where the thin ones survive too.
+    assert_eq!(found(0.05), (0.0625, 0));
+    // One sixtieth of the triangles would collapse on a sixteenth.
+    assert_eq!(found(0.02), (0.031_25, 0));
+    assert_eq!(found(0.000_2), (0.000_244_140_625, 0));
+    // No spacing within reach keeps these: they cost no bytes.
+    assert_eq!(found(1e-9), (0.0625, 60));
+    let given = IngestOptions { step: Some(0.0625), ..options(300) };
+    let case = Case { memory: LARGE, threads: 2, leaf_triangles: 300 };
+    let given = try_run(&[&grid_with_slivers(60, 0.02)], &case, &given).expect("ingests");
+    assert_eq!(given.surface.lattice.step(), 0.0625, "a spacing that was asked for is used");
+}
+
 #[test]
 fn inputs_with_more_channels_together_than_a_pack_holds_are_refused_by_name() {
     let mut raw = grid(1, 1.0);

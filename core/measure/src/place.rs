@@ -99,8 +99,11 @@ pub async fn nearest<L: Leaves>(leaves: &L, local: DVec3) -> Result<Place, Failu
             }
         }
     }
-    let (d, q, normal) = best
-        .ok_or_else(|| Refusal::Misses { what: Target::Position, hint: "the pack contains no triangles".to_owned() })?;
+    let (d, q, normal) = best.ok_or_else(|| match leaves.index().metadata().triangles {
+        0 => Refusal::Misses { what: Target::Position, hint: "the pack contains no triangles".to_owned() },
+        // So far away that the square of the distance overflows.
+        _ => Refusal::NotFinite,
+    })?;
     let local = space.local_from_steps(q);
     let (world, away) = (space.world_from_local(local), d * space.step());
     crate::refusal::finite(&[world, DVec3::splat(away)])?;

@@ -11,38 +11,57 @@ pub struct Uncertainty {
     pub level: f64,
     /// Standard uncertainty of the capture, where known.
     pub capture: Option<f64>,
+    /// Of pointing: the largest of the points that were picked on a picture; 0 for points that were typed or snapped.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub pointing: f64,
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde hands over a reference")]
+fn is_zero(x: &f64) -> bool {
+    *x == 0.0
 }
 
 impl Uncertainty {
     /// Of a point on the finest surface of a pack with this lattice spacing, per axis.
     pub fn finest(step: f64, capture: Option<f64>) -> Self {
-        Self { lattice: step / libm::sqrt(12.0), level: 0.0, capture }
+        Self { lattice: step / libm::sqrt(12.0), level: 0.0, capture, pointing: 0.0 }
     }
 
-    /// The parts combined, in metres, per axis.
+    /// What all points have in common, without pointing, in metres, per axis.
     pub fn combined(&self) -> f64 {
         let c = self.capture.unwrap_or(0.0);
         libm::sqrt(self.lattice * self.lattice + self.level * self.level + c * c)
     }
+
+    /// Of each of `count` points, in metres, per axis: `pointing` is that of pointing, 0 where it has no number.
+    pub fn of_points(&self, pointing: &[f64], count: usize) -> Vec<f64> {
+        let common = self.combined();
+        let of = |i: usize| match pointing.get(i).copied().unwrap_or(0.0) {
+            0.0 => common,
+            pointing => libm::sqrt(common * common + pointing * pointing),
+        };
+        (0..count).map(of).collect()
+    }
 }
 
-/// The standard uncertainty of `f` at the given points, if each of their coordinates has the independent standard uncertainty
-/// `per_axis` (JCGM 100:2008 "GUM", 5.1.2; the derivatives by central differences over one uncertainty, at least a
+/// The standard uncertainty of `f` at the given points, if each coordinate of a point has the independent standard uncertainty that `per_axis` gives
+/// for it (JCGM 100:2008 "GUM", 5.1.2; the derivatives by central differences over one uncertainty, at least a
 /// millionth of the extent). Where `f` has no value next to the points, that direction is left out.
 pub fn propagate<const N: usize>(
     points: &[DVec3],
-    per_axis: f64,
+    per_axis: &[f64],
     f: impl Fn(&[DVec3]) -> Option<[f64; N]>,
 ) -> [f64; N] {
     let low = points.iter().copied().fold(DVec3::INFINITY, DVec3::min);
     let high = points.iter().copied().fold(DVec3::NEG_INFINITY, DVec3::max);
-    let h = per_axis.max(1e-6 * (high - low).max_element().max(0.0));
+    let least = 1e-6 * (high - low).max_element().max(0.0);
     let mut squares = [0.0; N];
-    if h <= 0.0 {
-        return squares;
-    }
     let mut moved = points.to_vec();
-    for i in 0..points.len() {
+    for (i, per_axis) in per_axis.iter().enumerate().take(points.len()) {
+        let h = per_axis.max(least);
+        if h <= 0.0 {
+            continue;
+        }
         for k in 0..3 {
             moved[i][k] = points[i][k] + h;
             let ahead = f(&moved);
@@ -76,14 +95,14 @@ impl std::fmt::Display for Quantity {
         if self.uncertainty == 0.0 {
             return write!(f, "{:.6}", self.value);
         }
-        let digits = if self.uncertainty > 0.0 {
-            (1.0 - libm::floor(libm::log10(self.uncertainty))).clamp(0.0, 12.0)
-        } else {
-            6.0
-        };
-        let digits = digits as usize;
+        let digits = decimals(self.uncertainty);
         write!(f, "{:.digits$} ± {:.digits$}", self.value, self.uncertainty)
     }
+}
+
+/// Decimals of a value, so that its uncertainty has two significant digits.
+pub(crate) fn decimals(uncertainty: f64) -> usize {
+    if uncertainty > 0.0 { (1.0 - libm::floor(libm::log10(uncertainty))).clamp(0.0, 12.0) as usize } else { 6 }
 }
 
 /// A distance between two points and its parts, all in metres.
@@ -120,7 +139,8 @@ mod tests {
         assert_eq!((l.straight.value, l.horizontal.value, l.vertical.value), (13.0, 5.0, 12.0));
         assert_eq!(l.straight.to_string(), "13.0000 ± 0.0029");
         let points = [DVec3::ZERO, DVec3::new(3.0, 4.0, 12.0)];
-        let [again] = propagate(&points, u.combined(), |p| Some([Length::between(p[0], p[1], &u).straight.value]));
+        let [again] =
+            propagate(&points, &[u.combined(); 2], |p| Some([Length::between(p[0], p[1], &u).straight.value]));
         assert!((again - l.straight.uncertainty).abs() < 1e-9, "{again}");
         assert_eq!(Quantity { value: 1234.5678, uncertainty: 12.0 }.to_string(), "1235 ± 12");
     }

@@ -84,6 +84,10 @@ pub struct Task {
     /// The same in world coordinates, metres, as good as doubles hold them there.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub world: Vec<DVec3>,
+    /// Standard uncertainty of where each point was pointed at, metres, on each axis: the size of a pixel on the surface. 0 for points that were typed or
+    /// snapped; nothing if all are.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub pointing: Vec<f64>,
     /// The plane, where the tool was given one, local metres.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub plane: Option<Plane>,
@@ -99,7 +103,7 @@ impl Task {
     /// A task on points.
     pub fn on_points(tool: ToolName, local: Vec<DVec3>, space: &Space) -> Self {
         let world = local.iter().map(|p| space.world_from_local(*p)).collect();
-        Self { tool, local, world, plane: None, reach: None, interval: None }
+        Self { tool, local, world, pointing: Vec::new(), plane: None, reach: None, interval: None }
     }
 
     /// The same task with points counted from the origin of the lattice `to` instead of that of `from`.
@@ -348,6 +352,7 @@ mod tests {
                 name: "straight".into(),
                 dimension: Dimension::Length,
                 quantity: Quantity { value: values[0], uncertainty: values[1] },
+                resolution: None,
             }],
             uncertainty: Uncertainty::finest(space.step(), Some(0.002)),
             color: Some("#c08030".into()),
@@ -378,6 +383,16 @@ mod tests {
             bytes.truncate(cut.max(1));
             let _ = Document::parse(&bytes);
         }
+    }
+
+    #[test]
+    fn pointing_is_kept_and_may_be_missing() {
+        let mut d = document(&[1.5, 0.25, 3.0, 4.0, 5.0, 6.0]);
+        assert!(!d.to_json().contains("pointing"), "as in documents of before");
+        assert!(Document::parse(d.to_json().as_bytes()).unwrap().measurements[0].task.pointing.is_empty());
+        d.measurements[0].task.pointing = vec![0.052, 0.0];
+        d.measurements[0].uncertainty.pointing = 0.052;
+        assert_eq!(Document::parse(d.to_json().as_bytes()).unwrap(), d);
     }
 
     #[test]

@@ -2,10 +2,12 @@
 
 use super::ExtractError;
 use kilwa_files::atomic::{Access, AtomicFile, folder_of};
+use kilwa_files::made_folders::MadeFolders;
 use kilwa_files::output;
 use std::fs::File;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 /// Where a result goes.
 #[derive(Debug)]
@@ -14,19 +16,30 @@ pub struct Output {
     /// Something that is not a file (a device, a pipe) is written to directly: there is nothing to rename.
     direct: bool,
     replace: bool,
+    /// Folders that were missing; made when the first file in them is begun.
+    folders: OnceLock<MadeFolders>,
 }
 
 impl Output {
     /// Check that the output can be written.
     ///
     /// # Errors
-    /// When it exists and may not be replaced, is a folder, or lies in a missing folder.
+    /// When it exists and may not be replaced, is a folder, or something else is where its folder should be.
     pub fn prepare(path: &Path, replace: bool) -> Result<Self, ExtractError> {
         let direct = output::is_special(path);
         if !direct {
             output::check(path, replace).map_err(|e| ExtractError::Output(e.to_string()))?;
         }
-        Ok(Self { path: path.to_owned(), direct, replace })
+        Ok(Self { path: path.to_owned(), direct, replace, folders: OnceLock::new() })
+    }
+
+    /// Make the folder of the output.
+    fn make_folders(&self) -> std::io::Result<()> {
+        if !self.direct && self.folders.get().is_none() {
+            // Nobody else can have filled it in between.
+            let _ = self.folders.set(MadeFolders::for_file(&self.path)?);
+        }
+        Ok(())
     }
 
     /// Two scratch files, beside the output where it is a file: what is written there is as large as the output.
@@ -35,6 +48,8 @@ impl Output {
     /// When they cannot be made.
     pub(super) fn scratch(&self) -> Result<Scratch, ExtractError> {
         let folder = if self.direct { std::env::temp_dir() } else { folder_of(&self.path).to_owned() };
+        let made = self.make_folders();
+        made.map_err(|source| ExtractError::MakeScratch { folder: folder.clone(), source })?;
         let open = || {
             let file = tempfile::tempfile_in(&folder);
             file.map(|f| BufWriter::with_capacity(1 << 20, f))
@@ -54,6 +69,7 @@ impl Output {
             return fill(&file, body).map_err(cannot);
         }
         let write = || {
+            self.make_folders()?;
             let file = AtomicFile::create(&self.path, Access::Default)?;
             let bytes = fill(file.file(), body)?;
             file.commit(self.replace).map(|()| bytes)

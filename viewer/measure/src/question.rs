@@ -136,14 +136,14 @@ impl Question {
         let s = Subject::new(leaves);
         self.task.world = self.task.local.iter().map(|p| s.space.world_from_local(*p)).collect();
         if let Some(level) = self.level.filter(|x| *x > 0.0) {
-            let point = Uncertainty { level, ..s.point };
+            let point = Uncertainty { level, ..s.uncertainty(&self.task) };
             return Ok(match of_points(&self.task, &s.space, &point) {
                 Ok(readings) => self.outcome_json(&Outcome::new(self.task.clone(), readings), &point),
                 Err(why) => refused(&why),
             });
         }
         match kilwa_measure::measure(leaves, &self.task).await {
-            Ok(outcome) => Ok(self.outcome_json(&outcome, &s.point)),
+            Ok(outcome) => Ok(self.outcome_json(&outcome, &s.uncertainty(&self.task))),
             Err(Failure::Refused(why)) => Ok(refused(&why)),
             Err(e) => Err(e),
         }
@@ -177,6 +177,7 @@ fn readings_json(readings: &[Reading], point: &Uncertainty, unit: LengthUnit) ->
         { "what": "lattice", "value": point.lattice },
         { "what": "level", "value": point.level },
         { "what": "capture", "value": point.capture },
+        { "what": "pointing", "value": point.pointing },
     ]);
     json!({ "readings": readings, "printed": printed, "uncertainty": point, "parts": parts })
 }

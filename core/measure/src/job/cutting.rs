@@ -173,7 +173,7 @@ pub(super) async fn contours<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Resu
 
 /// The distance of points, and along the surface leg by leg.
 pub(super) async fn along<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<Outcome, Failure> {
-    let mut report = Outcome::new(task.clone(), PointTool::Distance.measure(&task.local, &s.space, &s.point)?);
+    let mut report = Outcome::new(task.clone(), PointTool::Distance.measure(&task.local, &s.space, &s.per_axis(task))?);
     let places = s.places(task).await?;
     let mut length = 0.0;
     for w in places.windows(2) {
@@ -184,7 +184,7 @@ pub(super) async fn along<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<
         length += path::along(&section, a.local, b.local, 2.0 * s.space.step())?.length();
         report.has_read(read);
     }
-    let u = libm::sqrt((2 * places.len().saturating_sub(1)) as f64) * s.point.combined();
+    let u = libm::sqrt((2 * places.len().saturating_sub(1)) as f64) * s.per_axis(task).into_iter().fold(0.0, f64::max);
     report.readings.push(Reading::new("along the surface", Dimension::Length, length, u));
     Ok(report)
 }

@@ -84,6 +84,30 @@ impl<'a, L: Leaves> Subject<'a, L> {
         Self { leaves, space, point: Uncertainty::finest(space.step(), index.metadata().capture_accuracy) }
     }
 
+    /// The uncertainty of each point of a task, metres, on each axis.
+    fn per_axis(&self, task: &Task) -> Vec<f64> {
+        self.point.of_points(&task.pointing, task.local.len())
+    }
+
+    /// Where the uncertainty of the points of a task comes from: that of pointing is the largest of them.
+    pub fn uncertainty(&self, task: &Task) -> Uncertainty {
+        Uncertainty { pointing: task.pointing.iter().copied().fold(0.0, f64::max), ..self.point }
+    }
+
+    /// State what the spacing of the mesh supports, where the accuracy of the capture is unknown.
+    fn limit_digits(&self, outcome: &mut Outcome) {
+        if self.point.capture.is_some() {
+            return;
+        }
+        let spacing = self.leaves.index().metadata().median_edge;
+        let Uncertainty { pointing, .. } = self.uncertainty(&outcome.task);
+        let combined = self.point.of_points(&[pointing], 1)[0];
+        for Reading { quantity, resolution, .. } in &mut outcome.readings {
+            let supported = quantity.uncertainty * (spacing / combined);
+            *resolution = (supported > 0.0 && supported.is_finite()).then_some(supported);
+        }
+    }
+
     /// The whole model's box, local metres.
     fn bounds(&self) -> (DVec3, DVec3) {
         let m = self.leaves.index().metadata();
@@ -120,8 +144,14 @@ pub fn pack_name(index: &Index) -> PackName {
 /// # Errors
 /// A [`Refusal`] where there is no meaningful number, or what kept chunks from being read.
 pub async fn measure<L: Leaves>(leaves: &L, task: &Task) -> Result<Outcome, Failure> {
-    let outcome = measured(&Subject::new(leaves), task).await?;
+    let subject = Subject::new(leaves);
+    let is_length = |x: &f64| *x >= 0.0 && x.is_finite();
+    if !task.pointing.iter().all(is_length) {
+        return Err(Refusal::NotFinite.into());
+    }
+    let mut outcome = measured(&subject, task).await?;
     finite(&outcome.readings)?;
+    subject.limit_digits(&mut outcome);
     Ok(outcome)
 }
 
@@ -171,13 +201,13 @@ pub fn of_points(task: &Task, space: &Space, point: &Uncertainty) -> Result<Vec<
         ToolName::Area if !task.local.is_empty() => PointTool::PolygonArea,
         _ => return Err(Refusal::Waits),
     };
-    let readings = tool.measure(&task.local, space, point)?;
+    let readings = tool.measure(&task.local, space, &point.of_points(&task.pointing, task.local.len()))?;
     finite(&readings)?;
     Ok(readings)
 }
 
 fn on_points<L: Leaves>(s: &Subject<'_, L>, task: &Task, tool: PointTool) -> Result<Outcome, Failure> {
-    Ok(Outcome::new(task.clone(), tool.measure(&task.local, &s.space, &s.point)?))
+    Ok(Outcome::new(task.clone(), tool.measure(&task.local, &s.space, &s.per_axis(task))?))
 }
 
 /// A plane that a person or a file gave: its normal of unit length.

@@ -29,7 +29,7 @@ pub(super) async fn area<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<O
 /// A polygon: in its plane, in plan, and the surface inside.
 pub(super) async fn polygon_area<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<Outcome, Failure> {
     let corners = &task.local;
-    let mut report = Outcome::new(task.clone(), PointTool::PolygonArea.measure(corners, &s.space, &s.point)?);
+    let mut report = Outcome::new(task.clone(), PointTool::PolygonArea.measure(corners, &s.space, &s.per_axis(task))?);
     let places = s.places(task).await?;
     let fit = Plane::fit(corners)?;
     let wide = extent(corners);
@@ -41,7 +41,7 @@ pub(super) async fn polygon_area<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> 
         let hint = format!("no surface lies within {reach} m of its plane: give a longer reach");
         return Err(Refusal::Misses { what: Target::Polygon, hint }.into());
     }
-    let u = sum.spread()[0] * s.point.combined();
+    let u = with_outline(sum.spread()[0] * s.point.combined(), sum.surface() * outline(s, task)?);
     report.readings.push(Reading::new("surface", Dimension::Area, sum.surface(), u));
     report.add("points", json!(places));
     report.add("reach", json!(reach));
@@ -80,7 +80,8 @@ pub(super) async fn cut_fill<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Resu
     let add = |v: &mut CutFill, t| v.add(t, &region);
     let (sum, read) = sum_of(s, |b| meets(s, &region, b), CutFill::default, add, CutFill::join).await?;
     let v = sum.volumes(&region)?;
-    let u = sum.spread(if fitted { places.len() } else { 0 }) * s.point.combined();
+    let own = sum.spread(if fitted { places.len() } else { 0 }) * s.point.combined();
+    let u = with_outline(own, (v.cut.abs() + v.fill.abs()) * outline(s, task)?);
     let of = |name, value| Reading::new(name, Dimension::Volume, value, u);
     let mut report = if v.is_body() {
         let mut report = Outcome::new(task.clone(), vec![of("above the plane", v.cut), of("below the plane", -v.fill)]);
@@ -89,7 +90,7 @@ pub(super) async fn cut_fill<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Resu
     } else {
         Outcome::new(task.clone(), vec![of("cut", v.cut), of("fill", v.fill), of("net", v.net)])
     };
-    let of_base = PointTool::PolygonArea.measure(corners, &s.space, &s.point)?;
+    let of_base = PointTool::PolygonArea.measure(corners, &s.space, &s.per_axis(task))?;
     let base = of_base.first().map_or(0.0, |r| r.quantity.uncertainty);
     report.readings.push(Reading::new("base", Dimension::Area, region.area(), base));
     report.add("points", json!(places));
@@ -147,7 +148,9 @@ pub(super) async fn deviation<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Res
             of("highest", figures.highest),
         ],
     );
-    report.readings.push(Reading::new("area", Dimension::Area, figures.area, areas.spread()[0] * u));
+    let outline = if task.local.is_empty() { 0.0 } else { outline(s, task)? };
+    let u = with_outline(areas.spread()[0] * u, figures.area * outline);
+    report.readings.push(Reading::new("area", Dimension::Area, figures.area, u));
     report.add("plane", s.plane_json(&plane));
     report.add("histogram", json!({ "range": figures.range, "shares": figures.histogram }));
     report.has_read(read);
@@ -206,6 +209,23 @@ fn checked(reach: Option<f64>) -> Result<Option<f64>, Refusal> {
 fn extent(points: &[DVec3]) -> f64 {
     let Some(first) = points.first() else { return 0.0 };
     points.iter().map(|p| (*p - *first).length()).fold(0.0, f64::max)
+}
+
+/// The standard uncertainty of a polygon's area, as a share of it, because its corners were pointed at: pointing moves them along the surface.
+fn outline<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<f64, Refusal> {
+    if task.pointing.iter().all(|x| *x == 0.0) {
+        return Ok(0.0);
+    }
+    let count = task.local.len();
+    let pointing: Vec<f64> = (0..count).map(|i| task.pointing.get(i).copied().unwrap_or(0.0)).collect();
+    let of_polygon = PointTool::PolygonArea.measure(&task.local, &s.space, &pointing)?;
+    let fitted = of_polygon.first().map(|r| r.quantity);
+    Ok(fitted.filter(|q| q.value > 0.0).map_or(0.0, |q| q.uncertainty / q.value))
+}
+
+/// An uncertainty with that of the outline.
+fn with_outline(own: f64, outline: f64) -> f64 {
+    if outline == 0.0 { own } else { libm::hypot(own, outline) }
 }
 
 fn meets<L: Leaves>(s: &Subject<'_, L>, region: &Region, b: &Aabb) -> bool {

@@ -161,6 +161,7 @@ fn deliver(input: Input<'_>, sink: &mut dyn MeshSink, detailing: Option<Detailin
             delivery.primitive(primitive, &part, &place.transform, &mut known)?;
         }
     }
+    delivery.count_pictures();
     delivery.buffers.finish();
     if delivery.triangles() > 0 || detailing.is_some_and(|d| d.notes) {
         return Ok(());

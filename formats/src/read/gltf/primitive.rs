@@ -304,6 +304,11 @@ impl<'r, 's, 'a> Delivery<'r, 's, 'a> {
         })
     }
 
+    /// Count the pictures that were used.
+    pub(super) fn count_pictures(&mut self) {
+        self.sink.diagnostics().pictures.add(self.textures.used());
+    }
+
     /// Make the triangles, numbers from `first` on, and give them to `take` in blocks.
     fn triangles_of(
         &mut self,

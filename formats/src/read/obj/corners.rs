@@ -467,6 +467,7 @@ impl Body for Corners<'_, '_> {
 
     fn finish(mut self) -> Result<(u64, Diagnostics), ReadError> {
         self.flush()?;
+        self.diagnostics.pictures.add(self.textures.used());
         Ok((self.delivered, self.diagnostics))
     }
 }

@@ -8,6 +8,7 @@
 mod decode_memory;
 pub mod detail;
 
+use crate::diagnostics::Pictures;
 use glam::DVec2;
 use image::{DynamicImage, ImageDecoder, ImageError, ImageReader, Limits};
 pub(crate) use kilwa_geometry::color::{light_from_srgb, srgb_from_light};
@@ -175,6 +176,9 @@ pub struct Textures {
     short: Option<String>,
     clock: u64,
     entries: Vec<Entry>,
+    /// Whether a picture is among `used`.
+    counted: Vec<bool>,
+    used: Pictures,
 }
 
 #[derive(Debug, Clone, Default)]
@@ -191,7 +195,17 @@ enum Entry {
 impl Textures {
     /// For pictures of up to `max` bytes each and together, at 3 a texel.
     pub fn new(max: u64) -> Self {
-        Self { max, kept: max, held: 0, memory: u64::MAX, short: None, clock: 0, entries: Vec::new() }
+        Self {
+            max,
+            kept: max,
+            held: 0,
+            memory: u64::MAX,
+            short: None,
+            clock: 0,
+            entries: Vec::new(),
+            counted: Vec::new(),
+            used: Pictures::default(),
+        }
     }
 
     /// The same, but together they take up to `kept` bytes, or as much as one.
@@ -211,6 +225,11 @@ impl Textures {
         self.max.min(self.memory / 2)
     }
 
+    /// The pictures that could be had, each once.
+    pub fn used(&self) -> Pictures {
+        self.used
+    }
+
     /// Why the mesh cannot be read with this memory, where a picture was refused for it.
     pub fn short(&self) -> Option<&str> {
         self.short.as_deref()
@@ -226,11 +245,15 @@ impl Textures {
     ) -> Option<&Texture> {
         if number >= self.entries.len() {
             self.entries.resize(number + 1, Entry::Out);
+            self.counted.resize(number + 1, false);
         }
         self.clock += 1;
         if matches!(self.entries[number], Entry::Out) {
             self.entries[number] = match self.loaded(load) {
                 Ok(texture) => {
+                    if !std::mem::replace(&mut self.counted[number], true) {
+                        self.used.add(Pictures { count: 1, texels: texture.texels.len() as u64 / 3 });
+                    }
                     self.make_room(texture.texels.len() as u64);
                     self.held += texture.texels.len() as u64;
                     Entry::In { texture, used: self.clock }
@@ -368,6 +391,7 @@ mod tests {
             assert!(textures.held <= 700);
         }
         assert_eq!(loads, 4, "0, 1, 2, and 1 again, which was used longest ago");
+        assert_eq!(textures.used(), Pictures { count: 3, texels: 300 });
         let mut one = Textures::new(700).keeping(1);
         for number in [0, 1, 0] {
             assert!(one.get(number, || Ok(bytes.clone()), |_| ()).is_some());
