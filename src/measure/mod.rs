@@ -45,13 +45,13 @@ pub(crate) struct Args {
     #[arg(long, global = true)]
     exact: bool,
     /// How far a position may be from the surface, metres; farther ones are refused (default: 1 % of the model's diagonal, at
-    /// least two of its median edges).
+    /// least twice the median edge length).
     #[arg(long, global = true, value_name = "METRES", value_parser = tolerance, conflicts_with_all = ["exact", "rays"])]
     tolerance: Option<f64>,
     /// Points are given as rays, six numbers each: origin and direction; each is replaced by its first hit on the surface.
     #[arg(long, global = true, conflicts_with = "exact")]
     rays: bool,
-    /// Standard uncertainty of where the positions were pointed at, metres, on each axis: one for all, or one for each (default: 0).
+    /// Standard pointing uncertainty of the positions in metres, on each axis: one value for all, or one for each (default: 0).
     #[arg(long, global = true, value_name = "METRES", value_parser = tolerance, value_delimiter = ',')]
     pointing: Vec<f64>,
     /// Add the measurement to this document (.json), which is created if missing.

@@ -105,7 +105,7 @@ pub(super) fn distances(away: &[f64], given: Given) -> Option<String> {
 /// Metres to a tenth of a millimetre; whole kilometres do not need it.
 fn length(metres: f64) -> String {
     if !metres.is_finite() {
-        "farther than a number can tell".to_owned()
+        "an infinite distance".to_owned()
     } else if metres < 1000.0 {
         format!("{metres:.4} m")
     } else {

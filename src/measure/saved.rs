@@ -125,7 +125,11 @@ pub(super) fn again(s: &Subject, again: &AgainArgs, all: &Args) -> anyhow::Resul
         writeln!(out, "{} ({}): {}", m.name, m.task.tool.name(), if same { "the same" } else { "DIFFERENT" })?;
         for (i, r) in m.readings.iter().enumerate() {
             let text = r.text(s.unit);
-            match now.as_ref().ok().and_then(|n| n.readings.get(i)).filter(|_| !same) {
+            let other = now.as_ref().ok().and_then(|n| n.readings.get(i)).filter(|other| other.quantity != r.quantity);
+            match other {
+                Some(other) if same => {
+                    writeln!(out, "  {:24} {text}, with the uncertainty of today {}", r.name, other.text(s.unit))?;
+                }
                 Some(other) => writeln!(out, "  {:24} {text}, now {}", r.name, other.text(s.unit))?,
                 None => writeln!(out, "  {:24} {text}", r.name)?,
             }

@@ -5,7 +5,7 @@
 
 use crate::source::FileSource;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
-use kilwa_geometry::{Aabb, LatticePoint};
+use kilwa_geometry::Aabb;
 use kilwa_measure::leaves::part;
 use kilwa_measure::{Failure, Leaves, Read};
 use kilwa_pack::{Chunk, Index, PackError, Reader, Source};
@@ -36,7 +36,7 @@ impl Leaves for FileLeaves {
         &self,
         meets: impl Fn(&Aabb) -> bool,
         empty: impl Fn() -> A + Sync,
-        add: impl Fn(&mut A, [LatticePoint; 3]) + Sync,
+        add: impl Fn(&mut A, &Chunk) + Sync,
         mut join: impl FnMut(A),
     ) -> Result<Read, Failure> {
         let wanted = self.wanted(meets);
@@ -62,7 +62,7 @@ impl FileLeaves {
         &self,
         index: u32,
         empty: &impl Fn() -> A,
-        add: &impl Fn(&mut A, [LatticePoint; 3]),
+        add: &impl Fn(&mut A, &Chunk),
     ) -> Result<Option<A>, PackError> {
         let Some(entry) = self.pack.entries().get(index as usize) else { return Ok(None) };
         let bytes = self.pack.source().read_at(entry.offset, entry.encoded_bytes as usize);

@@ -142,6 +142,54 @@ fn areas_are_correct_for_upright_oblique_and_curved_surfaces() {
     }
 }
 
+/// Noise makes the area of the triangles too large. The interval has to hold that of the solid all the same, and the report has to say why.
+#[test]
+fn the_interval_of_an_area_holds_that_of_the_surface_below_the_noise() {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("trust");
+    std::fs::create_dir_all(&folder).unwrap();
+    let side = ["0.2", "0", "0.2", "0.8", "0", "0.2", "0.8", "0", "0.8", "0.2", "0", "0.8"];
+    for noise in ["0", "0.001", "0.003"] {
+        for (shape, triangles, solid) in [("cube", "20000", 6.0), ("sphere", "40000", 4.0 * std::f64::consts::PI)] {
+            let make = |to: &Path| {
+                succeeds(&[
+                    "synth",
+                    "phantom",
+                    "--shape",
+                    shape,
+                    "--triangles",
+                    triangles,
+                    "--noise",
+                    noise,
+                    "-o",
+                    text(to),
+                    "--force",
+                ]);
+            };
+            let pack = built_once(&folder, &format!("{shape}-noise-{noise}"), make, &["--step", "0.00006103515625"]);
+            let share = |found: &Value, truth: f64| {
+                let surface = found["readings"].as_array().unwrap().iter().find(|r| r["name"] == "surface").unwrap();
+                let [value, uncertainty] = ["value", "uncertainty"].map(|key| surface[key].as_f64().unwrap());
+                // Flat facets cut off a little of the sphere: a quarter of the spacing squared over the radius, twice.
+                let facets = if shape == "sphere" { 1e-3 * truth } else { 0.0 };
+                ((value - truth).abs() - facets).max(0.0) / (2.0 * uncertainty)
+            };
+            let measured = |points: &[&str], truth: f64| {
+                let args = [&["measure", text(&pack), "area"][..], points].concat();
+                let said = succeeds(&args);
+                assert!(said.contains("on average; relief finer"), "{said}");
+                assert_eq!(said.contains("as far as this is noise"), noise != "0", "{said}");
+                share(&json(&args), truth)
+            };
+            let mut worst = measured(&[], solid);
+            if shape == "cube" {
+                worst = worst.max(measured(&side, 0.36));
+            }
+            let what = format!("area of a {shape} with noise of {noise} m, error, share of twice its uncertainty");
+            check_bound(&what, 1.0, worst);
+        }
+    }
+}
+
 #[test]
 fn volumes_are_correct_to_a_millionth_beyond_the_lattice() {
     for (place, _) in PLACES {

@@ -1,12 +1,16 @@
 //! Areas of triangle sets: along the surface, and in plan. Two numbers, never one for the other: a wall has much of the
 //! first and almost none of the second. Of a drawn polygon there is a third: in the plane that fits its corners.
 
+use crate::leaves::finest_triangles;
 use crate::plane::{Plane, PlaneFit};
 use crate::polygon::{is_simple, signed_area};
 use crate::refusal::{Refusal, at_least};
 use crate::region::Region;
+use crate::roughness::{added_area, variance};
+use crate::space::Space;
 use crate::sum::Sum;
 use glam::{DVec2, DVec3};
+use kilwa_pack::Chunk;
 use serde::Serialize;
 
 /// Areas of a surface that is summed up triangle by triangle, in the square of the unit of the triangles.
@@ -16,18 +20,52 @@ pub struct Areas {
     plan: Sum,
     spread: [Sum; 2],
     triangles: u64,
+    edges: Sum,
+    roughness: Roughness,
+}
+
+/// What the roughness of a surface from vertex to vertex adds to its area: see [`crate::roughness`].
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+struct Roughness {
+    added: Sum,
+    /// Of the variance of the heights of vertices, weighted by area.
+    variance: Sum,
 }
 
 impl Areas {
-    /// Add one triangle.
-    pub fn add(&mut self, triangle: [DVec3; 3]) {
-        self.triangles += 1;
-        self.add_part(triangle);
+    /// Add one triangle; its area.
+    pub fn add(&mut self, triangle: [DVec3; 3]) -> f64 {
+        self.count(triangle);
+        self.add_part(triangle)
     }
 
-    fn add_part(&mut self, [a, b, c]: [DVec3; 3]) {
+    fn count(&mut self, [a, b, c]: [DVec3; 3]) {
+        self.triangles += 1;
+        self.edges.add((b - a).length() + (c - b).length() + (a - c).length());
+    }
+
+    /// Add the finest triangles of a chunk, or their parts inside a region, in metres, with what their roughness adds.
+    pub fn add_chunk(&mut self, chunk: &Chunk, space: &Space, region: Option<&Region>) {
+        let variance = variance(chunk) * space.step() * space.step();
+        for t in finest_triangles(chunk) {
+            let triangle = chunk.mesh.corners(t).map(|p| space.local_from_lattice(p));
+            let part = match region {
+                Some(region) => self.add_clipped(triangle, region),
+                None => self.add(triangle),
+            };
+            if part > 0.0 {
+                let [a, b, c] = triangle;
+                let whole = (b - a).cross(c - a).length() * 0.5;
+                self.roughness.added.add(added_area(triangle, variance) * (part / whole));
+                self.roughness.variance.add(variance * part);
+            }
+        }
+    }
+
+    fn add_part(&mut self, [a, b, c]: [DVec3; 3]) -> f64 {
         let n = (b - a).cross(c - a);
-        self.surface.add(n.length() * 0.5);
+        let area = n.length() * 0.5;
+        self.surface.add(area);
         self.plan.add(n[2].abs() * 0.5);
         // A corner that moves across the opposite side of length l changes the area by l / 2 for each unit.
         for (p, q) in [(a, b), (b, c), (c, a)] {
@@ -35,22 +73,26 @@ impl Areas {
             self.spread[0].add(d.length_squared() * 0.25);
             self.spread[1].add((d[0] * d[0] + d[1] * d[1]) * 0.25);
         }
+        area
     }
 
-    /// Add the part of a triangle inside a region.
-    pub fn add_clipped(&mut self, triangle: [DVec3; 3], region: &Region) {
+    /// Add the part of a triangle inside a region; its area.
+    pub fn add_clipped(&mut self, triangle: [DVec3; 3], region: &Region) -> f64 {
         let [u, v] = region.plane().axes();
         let n = region.plane().normal;
-        let mut met = false;
+        let (mut met, mut area) = (false, 0.0);
         region.clip(triangle, |part| {
             met = true;
             // Back from the plane's coordinates: only directions matter for areas.
             let world = |p: DVec3| u * p.x + v * p.y + n * p.z;
             for i in 1..part.len() - 1 {
-                self.add_part([world(part[0]), world(part[i]), world(part[i + 1])]);
+                area += self.add_part([world(part[0]), world(part[i]), world(part[i + 1])]);
             }
         });
-        self.triangles += u64::from(met);
+        if met {
+            self.count(triangle);
+        }
+        area
     }
 
     /// Add another sum; in a fixed order the result is the same for any number of threads.
@@ -59,6 +101,9 @@ impl Areas {
         self.plan.join(&other.plan);
         self.spread.iter_mut().zip(&other.spread).for_each(|(a, b)| a.join(b));
         self.triangles += other.triangles;
+        self.edges.join(&other.edges);
+        self.roughness.added.join(&other.roughness.added);
+        self.roughness.variance.join(&other.roughness.variance);
     }
 
     /// Along the surface.
@@ -80,6 +125,22 @@ impl Areas {
     /// Triangles that count, whole or in part.
     pub fn triangles(&self) -> u64 {
         self.triangles
+    }
+
+    /// The mean length of an edge of these triangles; zero without any.
+    pub fn spacing(&self) -> f64 {
+        if self.triangles == 0 { 0.0 } else { self.edges.value() / (3.0 * self.triangles as f64) }
+    }
+
+    /// What the roughness from vertex to vertex adds to [`Areas::surface`], if it is noise; of what was added chunk by chunk.
+    pub fn added_by_roughness(&self) -> f64 {
+        self.roughness.added.value()
+    }
+
+    /// The standard deviation of the heights of vertices from one to the next.
+    pub fn roughness(&self) -> f64 {
+        let area = self.surface();
+        if area > 0.0 { libm::sqrt(self.roughness.variance.value() / area) } else { 0.0 }
     }
 }
 

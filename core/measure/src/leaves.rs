@@ -91,24 +91,29 @@ pub trait Leaves {
     /// These chunks are likely to be asked for next, in this order: a source far away may begin to fetch them.
     fn ahead(&self, _chunks: &[u32]) {}
 
-    /// Hand every finest triangle of the chunks whose box passes `meets` to `add`, into a part of `empty` for each chunk; `join` gets the
-    /// parts in the order of the chunks.
+    /// Hand every chunk whose box passes `meets` and that holds a part of the finest surface to `add` ([`finest`] has its triangles), with a part
+    /// made by `empty` for each chunk; `join` gets the parts in the order of the chunks.
     fn sweep<A: Send>(
         &self,
         meets: impl Fn(&Aabb) -> bool,
         empty: impl Fn() -> A + Sync,
-        add: impl Fn(&mut A, [LatticePoint; 3]) + Sync,
+        add: impl Fn(&mut A, &Chunk) + Sync,
         join: impl FnMut(A),
     ) -> impl Future<Output = Result<Read, Failure>>;
 }
 
 /// The finest triangles of a chunk.
 pub fn finest(chunk: &Chunk) -> impl Iterator<Item = [LatticePoint; 3]> + '_ {
-    let leaves = chunk.patches.iter().filter(|p| p.diamond == NO_DIAMOND);
-    leaves.flat_map(|p| p.first..p.first + p.count).map(|t| chunk.mesh.corners(t as usize))
+    finest_triangles(chunk).map(|t| chunk.mesh.corners(t))
 }
 
-/// The sum over the finest triangles of one chunk; `None` where it holds none, and then only its bytes are checked.
+/// The indices of the finest triangles of a chunk.
+pub fn finest_triangles(chunk: &Chunk) -> impl Iterator<Item = usize> + '_ {
+    let leaves = chunk.patches.iter().filter(|p| p.diamond == NO_DIAMOND);
+    leaves.flat_map(|p| p.first..p.first + p.count).map(|t| t as usize)
+}
+
+/// What `add` makes of one chunk; `None` where it holds nothing of the finest surface, and then only its bytes are checked.
 ///
 /// # Errors
 /// [`PackError`] naming the chunk.
@@ -118,7 +123,7 @@ pub fn part<A>(
     entry: &DirectoryEntry,
     header: &Header,
     empty: impl Fn() -> A,
-    add: impl Fn(&mut A, [LatticePoint; 3]),
+    add: impl Fn(&mut A, &Chunk),
 ) -> Result<Option<A>, PackError> {
     if kilwa_pack::checksum(bytes) != entry.checksum {
         return Err(PackError::Checksum { what: format!("chunk {chunk}") });
@@ -129,6 +134,6 @@ pub fn part<A>(
     }
     let decoded = decode_checked(bytes, chunk, entry, header)?;
     let mut sum = empty();
-    finest(&decoded).for_each(|t| add(&mut sum, t));
+    add(&mut sum, &decoded);
     Ok(Some(sum))
 }

@@ -31,6 +31,7 @@ pub mod quantity;
 pub mod refusal;
 pub mod region;
 pub mod remark;
+pub mod roughness;
 pub mod saved;
 pub mod section;
 pub mod sheet;

@@ -1,6 +1,7 @@
 //! What else is known of a measurement, in sentences.
 
 use crate::message::{Message, MessageValue, ToMessage};
+use crate::quantity::decimals;
 use kilwa_pack::plural::{counted, plural};
 use thiserror::Error;
 
@@ -30,6 +31,27 @@ pub enum Remark {
     /// Cut and fill of a surface with gaps.
     #[error("holes in the surface count as neither cut nor fill")]
     Holes,
+    /// Of an area along the surface.
+    #[error(
+        "the area follows triangles with edges of {} on average; relief finer than that is not in it",
+        short(*spacing)
+    )]
+    Spacing {
+        /// Metres.
+        spacing: f64,
+    },
+    /// Of an area along a rough surface.
+    #[error(
+        "heights differ by about {} from one vertex to the next; as far as this is noise, it makes the area up to {:.1} % too large, which the uncertainty includes",
+        short(*deviation),
+        100.0 * share
+    )]
+    Rough {
+        /// Standard deviation along the normal, metres.
+        deviation: f64,
+        /// What it adds to the area, as a share of it.
+        share: f64,
+    },
     /// Of a section.
     #[error(
         "{}, {open} {}, through {}",
@@ -67,6 +89,11 @@ impl ToMessage for Remark {
                 [("reach", MessageValue::Metres(reach)), ("share", MessageValue::Share(covered))],
             ),
             Self::Holes => Message::new("remark-holes", []),
+            Self::Spacing { spacing } => Message::new("remark-spacing", [("spacing", MessageValue::Metres(spacing))]),
+            Self::Rough { deviation, share } => Message::new(
+                "remark-rough",
+                [("deviation", MessageValue::Metres(deviation)), ("share", MessageValue::Share(share))],
+            ),
             Self::Lines { lines, open, triangles } => Message::new(
                 "remark-lines",
                 [("lines", count(lines)), ("open", count(open)), ("triangles", MessageValue::Count(triangles))],
@@ -76,4 +103,11 @@ impl ToMessage for Remark {
             }
         }
     }
+}
+
+/// A length with two significant digits: millimetres below a centimetre.
+fn short(metres: f64) -> String {
+    let (value, unit) = if metres < 0.01 { (metres * 1000.0, "mm") } else { (metres, "m") };
+    let digits = decimals(value).min(6);
+    format!("{value:.digits$} {unit}")
 }

@@ -73,9 +73,9 @@ impl Reading {
         format!("{value:.digits$} {symbol} (± {uncertainty:.own$} {symbol})")
     }
 
-    /// Whether the same was found, to the last bit; what is printed of it may differ.
+    /// Whether the same value was found, to the last bit. Its uncertainty may differ: later versions know more of what it consists of.
     pub fn is_same(&self, other: &Self) -> bool {
-        (&self.name, self.dimension, self.quantity) == (&other.name, other.dimension, other.quantity)
+        (&self.name, self.dimension, self.quantity.value) == (&other.name, other.dimension, other.quantity.value)
     }
 }
 

@@ -5,7 +5,7 @@
 //! their way at a time, in the order in which they are needed. Bytes that do not match their checksum are fetched once more, round every store, before
 //! they count as damaged.
 
-use kilwa_geometry::{Aabb, LatticePoint};
+use kilwa_geometry::Aabb;
 use kilwa_measure::leaves::{finest, part};
 use kilwa_measure::{Failure, Leaves, Read};
 use kilwa_pack::plural::counted;
@@ -201,7 +201,7 @@ impl<F: Fetch> Leaves for Remote<'_, F> {
         &self,
         meets: impl Fn(&Aabb) -> bool,
         empty: impl Fn() -> A + Sync,
-        add: impl Fn(&mut A, [LatticePoint; 3]) + Sync,
+        add: impl Fn(&mut A, &Chunk) + Sync,
         mut join: impl FnMut(A),
     ) -> Result<Read, Failure> {
         let wanted = self.wanted(meets);

@@ -58,6 +58,8 @@ fn refusals() -> Vec<Refusal> {
 fn remarks() -> Vec<Remark> {
     let all = vec![
         Remark::Reach { reach: 0.25 },
+        Remark::Spacing { spacing: 0.005 },
+        Remark::Rough { deviation: 0.001, share: 0.04 },
         Remark::InsideOut,
         Remark::Body,
         Remark::Covered { reach: 0.25, covered: 0.5 },
@@ -68,6 +70,8 @@ fn remarks() -> Vec<Remark> {
     for one in &all {
         match one {
             Remark::Reach { .. }
+            | Remark::Spacing { .. }
+            | Remark::Rough { .. }
             | Remark::InsideOut
             | Remark::Body
             | Remark::Covered { .. }

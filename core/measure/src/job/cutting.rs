@@ -2,6 +2,7 @@
 
 use super::{Outcome, Subject};
 use crate::drawing::world_lines;
+use crate::leaves::finest;
 use crate::lines::Lines;
 use crate::profile::{contour_heights, legs, total_length};
 use crate::refusal::Target;
@@ -23,7 +24,12 @@ async fn cut<L: Leaves>(s: &Subject<'_, L>, plane: Plane) -> Result<(Section, Re
     let box_test = all.clone();
     let read = s
         .leaves
-        .sweep(|b| box_test.meets(b.min, b.max), || Cutter::new(space, plane), Cutter::add, |part| all.join(part))
+        .sweep(
+            |b| box_test.meets(b.min, b.max),
+            || Cutter::new(space, plane),
+            |part, chunk| finest(chunk).for_each(|t| part.add(t)),
+            |part| all.join(part),
+        )
         .await?;
     Ok((all.section()?, read))
 }
@@ -130,12 +136,14 @@ pub(super) async fn contours<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Resu
         .sweep(
             |_| true,
             BTreeMap::new,
-            |part: &mut BTreeMap<usize, Cutter>, t| {
-                let z = t.map(|p| f64::from(p[2]) * step);
-                let (low, high) = (z[0].min(z[1]).min(z[2]), z[0].max(z[1]).max(z[2]));
-                let first = local.partition_point(|h| *h < low);
-                for i in (first..local.len()).take_while(|i| local[*i] <= high) {
-                    part.entry(i).or_insert_with(|| cutter(i)).add(t);
+            |part: &mut BTreeMap<usize, Cutter>, chunk| {
+                for t in finest(chunk) {
+                    let z = t.map(|p| f64::from(p[2]) * step);
+                    let (low, high) = (z[0].min(z[1]).min(z[2]), z[0].max(z[1]).max(z[2]));
+                    let first = local.partition_point(|h| *h < low);
+                    for i in (first..local.len()).take_while(|i| local[*i] <= high) {
+                        part.entry(i).or_insert_with(|| cutter(i)).add(t);
+                    }
                 }
             },
             |part| {

@@ -99,13 +99,18 @@ impl<'a, L: Leaves> Subject<'a, L> {
         if self.point.capture.is_some() {
             return;
         }
-        let spacing = self.leaves.index().metadata().median_edge;
         let Uncertainty { pointing, .. } = self.uncertainty(&outcome.task);
         let combined = self.point.of_points(&[pointing], 1)[0];
         for Reading { quantity, resolution, .. } in &mut outcome.readings {
-            let supported = quantity.uncertainty * (spacing / combined);
-            *resolution = (supported > 0.0 && supported.is_finite()).then_some(supported);
+            *resolution = resolution.or_else(|| self.resolution(quantity.uncertainty, combined));
         }
+    }
+
+    /// What an uncertainty would be if every coordinate, instead of `combined`, were as uncertain as the spacing of the mesh; `None` where the accuracy
+    /// of the capture is known.
+    fn resolution(&self, uncertainty: f64, combined: f64) -> Option<f64> {
+        let supported = uncertainty * (self.leaves.index().metadata().median_edge / combined);
+        (self.point.capture.is_none() && supported > 0.0 && supported.is_finite()).then_some(supported)
     }
 
     /// The whole model's box, local metres.

@@ -1,29 +1,49 @@
 //! Sums over the surface: areas, volumes, deviation from a plane; of all of it or of what lies inside a polygon.
 
 use super::{Outcome, Subject, sound};
+use crate::leaves::finest;
 use crate::place::Place;
 use crate::refusal::Target;
 use crate::saved::Task;
 use crate::{
     Areas, CutFill, Deviation, Dimension, Enclosed, Failure, Leaves, Plane, PointTool, Read, Reading, Refusal, Region,
-    Remark,
+    Remark, Space,
 };
 use glam::DVec3;
-use kilwa_geometry::{Aabb, LatticePoint};
+use kilwa_geometry::Aabb;
+use kilwa_pack::Chunk;
 use serde_json::json;
+
+/// The share of an area that roughness must add before a remark says so.
+const NOTABLE: f64 = 0.001;
 
 /// The whole surface.
 pub(super) async fn area<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<Outcome, Failure> {
-    let (sum, read) = sum_of(s, |_| true, Areas::default, Areas::add, Areas::join).await?;
+    let space = s.space;
+    let add = |sum: &mut Areas, chunk: &Chunk| sum.add_chunk(chunk, &space, None);
+    let (sum, read) = sum_of(s, |_| true, Areas::default, add, Areas::join).await?;
     let u = sum.spread().map(|x| x * s.point.combined());
-    let readings = vec![
-        Reading::new("surface", Dimension::Area, sum.surface(), u[0]),
-        Reading::new("plan", Dimension::Area, sum.plan(), u[1]),
-    ];
-    let mut report = Outcome::new(task.clone(), readings);
+    let mut report = Outcome::new(task.clone(), Vec::new());
+    rough_surface(s, &mut report, &sum, u[0]);
+    report.readings.push(Reading::new("plan", Dimension::Area, sum.plan(), u[1]));
     report.add("triangles", json!(sum.triangles()));
     report.has_read(read);
     Ok(report)
+}
+
+/// Report an area along the surface, with the uncertainty `own` that its points cause, at which spacing it holds, and how much of it may be noise.
+fn rough_surface<L: Leaves>(s: &Subject<'_, L>, report: &mut Outcome, sum: &Areas, own: f64) {
+    let added = sum.added_by_roughness();
+    let mut reading = Reading::new("surface", Dimension::Area, sum.surface(), with_part(own, added));
+    // Digits follow from the points; the roughness does not grow with the spacing.
+    reading.resolution = s.resolution(own, s.point.combined()).map(|points| with_part(points, added));
+    report.readings.push(reading);
+    report.add("spacing", json!(sum.spacing()));
+    report.add("roughness", json!({ "deviation": sum.roughness(), "adds": added }));
+    report.remark(Remark::Spacing { spacing: sum.spacing() });
+    if added > own.max(NOTABLE * sum.surface()) {
+        report.remark(Remark::Rough { deviation: sum.roughness(), share: added / sum.surface() });
+    }
 }
 
 /// A polygon: in its plane, in plan, and the surface inside.
@@ -35,14 +55,15 @@ pub(super) async fn polygon_area<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> 
     let wide = extent(corners);
     let reach = checked(task.reach)?.unwrap_or_else(|| (2.0 * fit.largest).max(0.05 * wide).max(10.0 * s.space.step()));
     let region = Region::new(facing(fit.plane, &places), corners, reach)?;
-    let add = |a: &mut Areas, t| a.add_clipped(t, &region);
+    let space = s.space;
+    let add = |sum: &mut Areas, chunk: &Chunk| sum.add_chunk(chunk, &space, Some(&region));
     let (sum, read) = sum_of(s, |b| meets(s, &region, b), Areas::default, add, Areas::join).await?;
     if sum.triangles() == 0 {
         let hint = format!("no surface lies within {reach} m of its plane: give a longer reach");
         return Err(Refusal::Misses { what: Target::Polygon, hint }.into());
     }
-    let u = with_outline(sum.spread()[0] * s.point.combined(), sum.surface() * outline(s, task)?);
-    report.readings.push(Reading::new("surface", Dimension::Area, sum.surface(), u));
+    let u = with_part(sum.spread()[0] * s.point.combined(), sum.surface() * outline(s, task)?);
+    rough_surface(s, &mut report, &sum, u);
     report.add("points", json!(places));
     report.add("reach", json!(reach));
     report.add("triangles", json!(sum.triangles()));
@@ -60,7 +81,8 @@ pub(super) async fn volume<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result
     let (low, high) = s.bounds();
     // glam's midpoint adds first, which overflows where this does not.
     let centre = DVec3::from([0, 1, 2].map(|k| f64::midpoint(low[k], high[k])));
-    let (sum, read) = sum_of(s, |_| true, || Enclosed::new(centre), Enclosed::add, Enclosed::join).await?;
+    let add = each(s.space, Enclosed::add);
+    let (sum, read) = sum_of(s, |_| true, || Enclosed::new(centre), add, Enclosed::join).await?;
     let volume = sum.volume(borders)?;
     let u = sum.spread() * s.point.combined();
     let mut report = Outcome::new(task.clone(), vec![Reading::new("volume", Dimension::Volume, volume, u)]);
@@ -77,11 +99,11 @@ pub(super) async fn cut_fill<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Resu
     let corners = &task.local;
     let places = s.places(task).await?;
     let (region, fitted) = region(&places, task.plane, task.reach, |corners, _| extent(corners))?;
-    let add = |v: &mut CutFill, t| v.add(t, &region);
+    let add = each(s.space, |v: &mut CutFill, t| v.add(t, &region));
     let (sum, read) = sum_of(s, |b| meets(s, &region, b), CutFill::default, add, CutFill::join).await?;
     let v = sum.volumes(&region)?;
     let own = sum.spread(if fitted { places.len() } else { 0 }) * s.point.combined();
-    let u = with_outline(own, (v.cut.abs() + v.fill.abs()) * outline(s, task)?);
+    let u = with_part(own, (v.cut.abs() + v.fill.abs()) * outline(s, task)?);
     let of = |name, value| Reading::new(name, Dimension::Volume, value, u);
     let mut report = if v.is_body() {
         let mut report = Outcome::new(task.clone(), vec![of("above the plane", v.cut), of("below the plane", -v.fill)]);
@@ -117,10 +139,10 @@ pub(super) async fn deviation<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Res
         let plane = from.ok_or(Refusal::NoPlane { tool: "a deviation without a polygon" })?;
         let (low, high) = s.bounds();
         let range = extent(&[low, high]);
-        let add = |sum: &mut (Deviation, Areas), t| {
+        let add = each(s.space, |sum: &mut (Deviation, Areas), t| {
             sum.0.add(t, &plane);
             sum.1.add(t);
-        };
+        });
         let empty = || (Deviation::new(range), Areas::default());
         let ((sum, areas), read) = sum_of(s, |_| true, empty, add, join).await?;
         (sum.figures()?, areas, plane, read)
@@ -128,10 +150,10 @@ pub(super) async fn deviation<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Res
         let near = |corners: &[DVec3], largest: f64| (2.0 * largest).max(0.05 * extent(corners));
         let (region, _) = region(&places, from, task.reach, near)?;
         let range = region.reach();
-        let add = |sum: &mut (Deviation, Areas), t| {
+        let add = each(s.space, |sum: &mut (Deviation, Areas), t| {
             sum.0.add_clipped(t, &region);
             sum.1.add_clipped(t, &region);
-        };
+        });
         let empty = || (Deviation::new(range), Areas::default());
         let ((sum, areas), read) = sum_of(s, |b| meets(s, &region, b), empty, add, join).await?;
         (sum.figures()?, areas, *region.plane(), read)
@@ -149,7 +171,7 @@ pub(super) async fn deviation<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Res
         ],
     );
     let outline = if task.local.is_empty() { 0.0 } else { outline(s, task)? };
-    let u = with_outline(areas.spread()[0] * u, figures.area * outline);
+    let u = with_part(areas.spread()[0] * u, figures.area * outline);
     report.readings.push(Reading::new("area", Dimension::Area, figures.area, u));
     report.add("plane", s.plane_json(&plane));
     report.add("histogram", json!({ "range": figures.range, "shares": figures.histogram }));
@@ -157,19 +179,22 @@ pub(super) async fn deviation<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Res
     Ok(report)
 }
 
-/// The sum over the finest triangles of the chunks whose box passes `meets`, in metres from the local origin, and the data read for it.
+/// The sum over the finest surface of the chunks whose box passes `meets`, and the data read for it.
 async fn sum_of<L: Leaves, A: Send>(
     s: &Subject<'_, L>,
     meets: impl Fn(&Aabb) -> bool,
     empty: impl Fn() -> A + Sync,
-    add: impl Fn(&mut A, [DVec3; 3]) + Sync,
+    add: impl Fn(&mut A, &Chunk) + Sync,
     join: impl Fn(&mut A, &A),
 ) -> Result<(A, Read), Failure> {
-    let space = s.space;
     let mut sum = empty();
-    let add = |sum: &mut A, t: [LatticePoint; 3]| add(sum, t.map(|p| space.local_from_lattice(p)));
     let read = s.leaves.sweep(meets, empty, add, |part| join(&mut sum, &part)).await?;
     Ok((sum, read))
+}
+
+/// Add every finest triangle of a chunk by itself, in metres from the local origin.
+fn each<A>(space: Space, add: impl Fn(&mut A, [DVec3; 3]) + Sync) -> impl Fn(&mut A, &Chunk) + Sync {
+    move |sum, chunk| finest(chunk).for_each(|t| add(sum, t.map(|p| space.local_from_lattice(p))))
 }
 
 /// The region round places: in the plane given, or in the one fitted to them (then `true`).
@@ -223,9 +248,9 @@ fn outline<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<f64, Refusal> {
     Ok(fitted.filter(|q| q.value > 0.0).map_or(0.0, |q| q.uncertainty / q.value))
 }
 
-/// An uncertainty with that of the outline.
-fn with_outline(own: f64, outline: f64) -> f64 {
-    if outline == 0.0 { own } else { libm::hypot(own, outline) }
+/// An uncertainty with an independent part of another origin, which often is zero.
+fn with_part(own: f64, part: f64) -> f64 {
+    if part == 0.0 { own } else { libm::hypot(own, part) }
 }
 
 fn meets<L: Leaves>(s: &Subject<'_, L>, region: &Region, b: &Aabb) -> bool {
