@@ -36,7 +36,7 @@ pub(crate) struct Args {
     /// Read files outside a mesh's own folder if it names them. Only for meshes that you trust.
     #[arg(long)]
     allow_outside: bool,
-    /// Draw a mesh into this PNG file, as it would lie in a pack.
+    /// Draw the mesh to this PNG file, in the orientation that it would have in a pack.
     #[arg(long, value_name = "FILE.png")]
     picture: Option<PathBuf>,
     /// Replace an existing picture.

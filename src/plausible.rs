@@ -23,13 +23,20 @@ const OPEN: f64 = 0.05;
 /// The cosine of the angle to an axis, within which the surface faces along it.
 const ALONG: f64 = 0.8;
 
-/// Diagnostics that stand above the report, because a file that the mesh names is missing from the model.
-const LOST: [&str; 5] = [
-    "pictures left out",
-    "pictures that cannot be read; what they cover has the colour of its material",
-    "pictures named in the header not read",
-    "material libraries that are missing; colours and pictures are left out",
-    "materials that no library defines, left out",
+/// Diagnostics that stand above the report, because something that the mesh names is missing from the model: their names, and what one of them is
+/// called.
+const LOST: [(&str, &str); 5] = [
+    ("pictures left out", "picture left out"),
+    (
+        "pictures that cannot be read; what they cover has the colour of its material",
+        "picture that cannot be read; what it covers has the colour of its material",
+    ),
+    ("pictures named in the header not read", "picture named in the header not read"),
+    (
+        "material libraries that are missing; colours and pictures are left out",
+        "material library that is missing; its colours and pictures are left out",
+    ),
+    ("materials that no library defines, left out", "material that no library defines, left out"),
 ];
 
 /// How the inputs were read.
@@ -68,7 +75,7 @@ pub(crate) struct Model<'a> {
 
 /// What is doubtful, worst first: a sentence each.
 pub(crate) fn warnings(model: &Model<'_>, read: &ReadAs<'_>) -> Vec<String> {
-    let mut all: Vec<String> = LOST.iter().filter_map(|kind| lost(kind, model.diagnostics.get(*kind)?)).collect();
+    let mut all: Vec<String> = LOST.iter().filter_map(|names| lost(names, model.diagnostics.get(names.0)?)).collect();
     all.extend(size(model, read));
     all.extend(axis(model, read));
     let [low, high] = model.bounds;
@@ -78,10 +85,11 @@ pub(crate) fn warnings(model: &Model<'_>, read: &ReadAs<'_>) -> Vec<String> {
 
 /// Whether a diagnostic is among the warnings, and need not be listed again.
 pub(crate) fn is_warning(kind: &str) -> bool {
-    LOST.contains(&kind)
+    LOST.iter().any(|(name, _)| *name == kind)
 }
 
-fn lost(kind: &str, found: &Diagnostic) -> Option<String> {
+fn lost((several, one): &(&str, &str), found: &Diagnostic) -> Option<String> {
+    let kind = if found.count == 1 { one } else { several };
     let places = if found.places.is_empty() { String::new() } else { format!(" ({})", found.places.join("; ")) };
     (found.count > 0).then(|| format!("{} {kind}{places}", found.count))
 }
@@ -123,7 +131,7 @@ fn axis(model: &Model<'_>, read: &ReadAs<'_>) -> Option<String> {
     };
     is_other.then(|| {
         format!(
-            "the surface faces along {other} of the file on the whole, and is open behind, as ground or a statue on its base \
+            "the surface is open and faces mostly along the {other} axis of the file, as terrain or a statue on its base \
              would be if {other} pointed up. If the model lies on its side, use --up {other}; if not, --up {own}"
         )
     })
@@ -146,7 +154,7 @@ pub(crate) fn colors(by: &ColoredBy, vertices: u64, triangles: u64, is_split: bo
         return format!("{from}; the vertices are as dense as the texels");
     }
     let kept = format!(
-        "{from}, as colours of {} vertices: about {apart:.0} texels apart, finer detail is lost",
+        "{from}, sampled at {} vertices about {apart:.0} texels apart; finer detail is lost",
         grouped(vertices)
     );
     if is_split {
@@ -172,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn a_head_two_kilometres_tall_is_doubted_and_a_site_is_not() {
+    fn implausible_units_are_reported_for_an_object_but_not_for_a_site() {
         let none = BTreeMap::new();
         let say = |model: &Model<'_>, read: &ReadAs<'_>| warnings(model, read).join("\n");
         let head = model(2100.0, DVec3::ZERO, &none);

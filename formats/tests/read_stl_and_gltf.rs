@@ -102,7 +102,7 @@ const MALFORMED: &[(&str, &str)] = &[
     ("chunk_too_large.glb", "found a chunk of 972 bytes"),
     ("comma.stl", "line 5: found \"1,5\""),
     ("cut_in_a_number.stl", "found the end of the file"),
-    ("cut_in_binary.glb", "the file is cut"),
+    ("cut_in_binary.glb", "the file is truncated"),
     ("draco_of_noise.gltf", "meshes[0].primitives[0]: found a Draco stream in bufferViews[0]"),
     ("gltf_1_0.gltf", "is glTF 1.0"),
     ("index_out_of_range.gltf", "accessors[1]"),

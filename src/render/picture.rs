@@ -28,7 +28,7 @@ fn format_of(path: &Path) -> anyhow::Result<Format> {
         Some("jpg" | "jpeg") => Ok(Format::Jpeg),
         Some("pdf" | "tif" | "tiff") => {
             bail!(
-                "{}: only a drawing to scale is written as PDF or TIFF; give --scale, or name a .png or .jpg",
+                "{}: PDF and TIFF are only for drawings to scale; give --scale, or choose a .png or .jpg file name",
                 path.display()
             )
         }
@@ -42,7 +42,7 @@ pub(super) fn check(path: &Path, size: [u32; 2], is_transparent: bool) -> anyhow
         return Ok(());
     }
     let shown = path.display();
-    ensure!(!is_transparent, "{shown}: JPEG cannot be transparent; name a .png, or choose another --background");
+    ensure!(!is_transparent, "{shown}: JPEG cannot be transparent; choose a .png file name or another --background");
     ensure!(
         size.iter().all(|side| *side <= JPEG_MAX),
         "{shown}: a JPEG has at most {JPEG_MAX} pixels on a side; name a .png, or choose a smaller --size"

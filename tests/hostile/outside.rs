@@ -188,7 +188,7 @@ fn links_out_of_the_folder_are_refused_and_pipes_and_devices_do_not_block() {
     symlink("/dev/zero", site.path("site/zero.png")).unwrap();
     site.write("site/a.mtl", "newmtl red\nmap_Kd zero.png\n");
     site.obj("mtllib pipe.mtl");
-    assert!(succeeds(&["info", text(&site.path("site/scan.obj"))]).contains("libraries that are missing"));
+    assert!(succeeds(&["info", text(&site.path("site/scan.obj"))]).contains("1 material library that is missing"));
     site.obj("mtllib a.mtl");
     let message = fails(&["info", text(&site.path("site/scan.obj"))]);
     assert!(message.contains("zero.png") && message.contains("/dev/zero"), "{message}");
@@ -272,7 +272,7 @@ fn a_mesh_opened_through_a_link_uses_files_beside_its_target() {
     // A link in a folder for work to a mesh among its companions.
     site.write("site/a.mtl", "newmtl red\nKd 1 0 0\n");
     site.obj("mtllib a.mtl");
-    assert!(succeeds(&["info", text(&site.path("linked.obj"))]).contains("colours     of the vertices"));
+    assert!(succeeds(&["info", text(&site.path("linked.obj"))]).contains("colours     of the triangles"));
 }
 
 /// Parts that names are made of.

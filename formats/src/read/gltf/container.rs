@@ -43,7 +43,7 @@ pub(super) fn open(
     };
     let (Some(version), Some(length)) = (word(&start, 4), word(&start, 8)) else {
         let found = format!("a file of {}", counted(total, "byte", "bytes"));
-        return Err(malformed(total, found, "a header of 12 bytes; the file is cut: copy or export it again"));
+        return Err(malformed(total, found, "a header of 12 bytes; the file is truncated: copy or export it again"));
     };
     if version != 2 {
         return Err(context.version(&format!("{version}")));
@@ -51,7 +51,11 @@ pub(super) fn open(
     let length = u64::from(length);
     if length > total {
         let found = format!("{} in all", counted(total, "byte", "bytes"));
-        return Err(malformed(total, found, &format!("{length}, as the header says; the file is cut: copy it again")));
+        return Err(malformed(
+            total,
+            found,
+            &format!("{length}, as the header says; the file is truncated: copy it again"),
+        ));
     }
     let mut container = Container { json: Vec::new(), binary: None, trailing: total - length };
     let (mut at, mut chunks) = (HEADER, 0);
@@ -61,7 +65,7 @@ pub(super) fn open(
         let first = at + CHUNK_HEADER;
         if bytes > length - first {
             let found = format!("a chunk of {}", counted(bytes, "byte", "bytes"));
-            let expected = format!("at most {}, the rest of the file; it is cut: copy it again", length - first);
+            let expected = format!("at most {}, the rest of the file; it is truncated: copy it again", length - first);
             return Err(malformed(at, found, &expected));
         }
         match (chunks, kind) {
@@ -78,7 +82,11 @@ pub(super) fn open(
         at = first + bytes;
     }
     if chunks == 0 {
-        return Err(malformed(at, "no chunk".to_owned(), "the JSON chunk; the file is cut: copy or export it again"));
+        return Err(malformed(
+            at,
+            "no chunk".to_owned(),
+            "the JSON chunk; the file is truncated: copy or export it again",
+        ));
     }
     Ok(container)
 }

@@ -311,9 +311,10 @@ fn no_faces(path: &Path, survey: &Survey) -> ReadError {
     };
     let (found, way_out) = match (survey.vertices, survey.faces) {
         (0, 0) => (format!("it has no vertices and no faces{others}"), "Export the mesh again and give that"),
-        (0, n) => {
-            (format!("it has {} and no vertices", counted(n, "face", "faces")), "It is cut or damaged: export it again")
-        }
+        (0, n) => (
+            format!("it has {} and no vertices", counted(n, "face", "faces")),
+            "It is truncated or damaged: export it again",
+        ),
         (n, _) if survey.others > 0 => (
             format!("it has {}, no faces{others}", counted(n, "vertex", "vertices")),
             "Convert curves and surfaces to a mesh in the program that made it and give that",

@@ -32,7 +32,7 @@ pub(super) fn vertex(rest: &[u8]) -> Result<Vertex, Fault> {
     if n < 3 {
         return Err((
             format!("a vertex of {}", counted(n, "number", "numbers")),
-            "x, y and z; the file is cut or damaged".to_owned(),
+            "x, y and z; the file is truncated or damaged".to_owned(),
         ));
     }
     let color = match n {
@@ -103,7 +103,7 @@ pub(super) fn corners(
             let negative = if so_far.vertices > 0 { format!(" or -1 to -{}", so_far.vertices) } else { String::new() };
             return Err((
                 format!("vertex index {vertex}"),
-                format!("1 to {}{negative}; the file is cut or damaged, export it again", all.vertices),
+                format!("1 to {}{negative}; the file is truncated or damaged, export it again", all.vertices),
             ));
         };
         let mut optional = |index: Option<i64>, so_far: u64, all: u64| {

@@ -183,7 +183,7 @@ impl Rows for Ascii<'_, '_> {
         Err(self.source.malformed(
             Place::Line(self.line),
             format!("the end of the file before {} {number} of {}", element.name, element.count),
-            "the rest of the rows; the file is cut or its header is wrong: copy or export it again",
+            "the rest of the rows; the file is truncated or its header is wrong: copy or export it again",
         ))
     }
 

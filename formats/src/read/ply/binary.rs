@@ -39,7 +39,7 @@ impl<'s, 'a> Binary<'s, 'a> {
         self.source.malformed(
             Place::Byte(end),
             format!("the end of the file in {} {number} of {}{within}", element.name, element.count),
-            "the rest of it; the file is cut: copy or export it again",
+            "the rest of it; the file is truncated: copy or export it again",
         )
     }
 }

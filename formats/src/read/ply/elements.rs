@@ -281,7 +281,7 @@ fn length(rows: &mut impl Rows, row: Row<'_>, field: &Field, count: Scalar, item
             row,
             field,
             format!("a list of {}", counted(n, "value", "values")),
-            "no more than the rest of the file can hold; the file is cut or damaged".to_owned(),
+            "no more than the rest of the file can hold; the file is truncated or damaged".to_owned(),
         )),
         Err(_) => Err(rows.fault(row, field, format!("a list of {n} values"), "0 or more".to_owned())),
     }

@@ -144,7 +144,7 @@ impl Header {
                     Place::Line(element.line),
                     format!("\"element {} {}\"", element.name, element.count),
                     format!(
-                        "at most {}, because only {} and a row takes at least {row}; the file is cut or its header is wrong: export or copy it again",
+                        "at most {}, because only {} and a row takes at least {row}; the file is truncated or its header is wrong: export or copy it again",
                         counted(holds, "row", "rows"),
                         counted(left - slack.min(left), "byte follows", "bytes follow"),
                     ),
@@ -180,7 +180,7 @@ impl Lines {
                     return Err(source.malformed(
                         Place::Line(self.number),
                         "the end of the file",
-                        "end_header; the file is cut",
+                        "end_header; the file is truncated",
                     ));
                 }
                 return Ok(line);
