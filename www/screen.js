@@ -19,6 +19,8 @@ const REST_MS = 200;
 export class Screen {
   /** The camera of the last frame. */
   #seen = "";
+  /** The model whose facts were shown last: later only their language changes. */
+  #titled = "";
   /** @type {ReturnType<typeof setTimeout> | undefined} */
   #resting;
 
@@ -80,6 +82,10 @@ export class Screen {
     document.title = `${title} - Kilwa`;
     $("canvas").setAttribute("aria-label", `${t("canvas")}: ${title}`);
     showFacts($("facts"), info);
+    // Of a published model people read who made it and what it is; of a plain file there is nothing else.
+    const technical = /** @type {HTMLDetailsElement} */ (document.getElementById("technical"));
+    if (this.#titled !== title) technical.open = document.getElementById("object") === null;
+    this.#titled = title;
   }
 
   /** Something of the model is there. */

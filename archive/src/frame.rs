@@ -22,10 +22,10 @@ pub struct Frame<'a> {
     pub to_list: &'a str,
     /// Up to the title in the page.
     pub to_heading: &'a str,
-    /// Up to the facts.
-    pub to_facts: &'a str,
     /// Up to the texts about the model.
     pub to_about: &'a str,
+    /// Up to the technical facts.
+    pub to_facts: &'a str,
     /// Up to the end of the body.
     pub to_end: &'a str,
     /// The rest.
@@ -38,7 +38,7 @@ impl<'a> Frame<'a> {
     /// # Errors
     /// A sentence about the place that is missing.
     pub fn of(html: &'a str) -> Result<Self, String> {
-        let [to_head, to_base, to_title, to_head_end, to_pack, to_list, to_heading, to_facts, to_about, to_end, end] =
+        let [to_head, to_base, to_title, to_head_end, to_pack, to_list, to_heading, to_about, to_facts, to_end, end] =
             cut(html)?;
         Ok(Self {
             to_head,
@@ -48,8 +48,8 @@ impl<'a> Frame<'a> {
             to_pack,
             to_list,
             to_heading,
-            to_facts,
             to_about,
+            to_facts,
             to_end,
             end,
         })

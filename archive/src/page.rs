@@ -67,6 +67,8 @@ struct Landing<'a> {
     /// What the panel shows until the pack is open.
     panel_facts: Vec<(&'static str, String)>,
     all_facts: Vec<(&'static str, String)>,
+    /// Of the object and its capture: English name, key of the page's text, value.
+    object: Vec<(&'static str, &'static str, String)>,
     closed: Option<(String, Vec<&'a str>)>,
     /// The paragraphs of the description.
     description: Option<Vec<&'a str>>,
@@ -108,6 +110,7 @@ pub fn landing(frame: Frame<'_>, p: &Publication, around: &Surroundings) -> Stri
             ("Licence", p.rights.label.clone()),
         ],
         all_facts: all_facts(p),
+        object: object_facts(p),
         closed: closed(m),
         description: m.description.as_deref().map(paragraphs),
         rights: [&m.rights.holder, &m.rights.statement].into_iter().flatten().map(String::as_str).collect(),
@@ -267,6 +270,26 @@ fn listed_note(note: &Note, language: &str) -> String {
         texts: texts.iter().map(|text| paragraphs(text)).collect(),
         links: note.links().collect(),
     })
+}
+
+/// What people ask first: who made it, where it is, how old it is, when and how it was captured.
+fn object_facts(p: &Publication) -> Vec<(&'static str, &'static str, String)> {
+    let m = &p.metadata;
+    let (object, capture) = (m.object.as_ref(), m.capture.as_ref());
+    let list = |l: &[String]| Some(l.join(", ")).filter(|x| !x.is_empty());
+    let all = [
+        ("Creators", "creators", Some(creators(m)).filter(|x| !x.is_empty())),
+        ("Place", "placeName", p.place()),
+        ("Kind", "objectKind", object.and_then(|o| o.kind.clone())),
+        ("Made", "objectDate", object.and_then(|o| o.date.clone())),
+        ("Period", "objectPeriod", object.and_then(|o| o.period.clone())),
+        ("Materials", "objectMaterials", object.and_then(|o| list(&o.materials))),
+        ("Captured", "captureDate", capture.and_then(|c| c.date.clone())),
+        ("Method", "captureMethod", capture.and_then(|c| c.method.clone())),
+        ("Instruments", "captureInstruments", capture.and_then(|c| list(&c.instruments))),
+        ("Publisher", "publisher", m.publisher.clone()),
+    ];
+    all.into_iter().filter_map(|(name, key, value)| value.map(|v| (name, key, v))).collect()
 }
 
 fn all_facts(p: &Publication) -> Vec<(&'static str, String)> {

@@ -9,8 +9,8 @@ pub(crate) const PLACES: [(&str, &str); 10] = [
     ("data-pack=\"\"", "the address of the pack"),
     ("data-list=\"\"", "the address of the list of models"),
     ("<!--title-->", "the title"),
-    ("<!--facts-->", "the facts of the model"),
     ("<!--about-->", "the texts about the model"),
+    ("<!--facts-->", "the technical facts of the model"),
     ("</body>", "the page without a viewer"),
 ];
 

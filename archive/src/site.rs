@@ -325,6 +325,8 @@ struct Card<'a> {
     poster: String,
     /// Place and day of capture.
     line: String,
+    /// Who made it.
+    creators: String,
     facts: Vec<(&'static str, String)>,
     /// Address of the pack, relative to the object, and its size.
     pack: &'a str,
@@ -362,6 +364,7 @@ fn card(m: &Manifest) -> Option<Card<'_>> {
         title: &m.title,
         poster: poster(&format!("{}/{}", m.slug, version_folder(v.version))),
         line: line.join(" · "),
+        creators: m.creators.join("; "),
         facts,
         pack: &v.pack.url,
         size: size(v.pack.bytes),

@@ -225,7 +225,7 @@ test("of a file that is cut off, what is there is drawn, and the page says what 
   const seen = await stats(page);
   assert.ok(seen.cutOff && seen.trianglesDrawn > 1000, JSON.stringify(seen));
   assert.ok(Number.isFinite(seen.worstErrorMetres) && seen.worstErrorMetres > 0, "the error of what is shown is stated");
-  await message(page, /incomplete: .+ of .+ are there/).waitFor();
+  await message(page, /incomplete: .+ of .+ are available/).waitFor();
   await page.getByText("file incomplete, finer parts are missing").waitFor();
   const ends = packs.flatMap((asked) => [...asked.matchAll(/-(\d+)/g)].map(([, end]) => Number(end)));
   assert.ok(Math.max(...ends) < cut, `nothing beyond its end is asked for: ${packs}`);
@@ -248,7 +248,7 @@ test("of a file that is cut off, what is there is drawn, and the page says what 
   // The same file on this computer.
   const local = await open(site.browser, fort("?error=0.5"));
   await local.page.getByLabel("Open a file…").setInputFiles({ name: "cut.kilwa", mimeType: "application/octet-stream", buffer: whole.subarray(0, cut) });
-  await message(local.page, /incomplete: .+ of .+ are there/).waitFor();
+  await message(local.page, /incomplete: .+ of .+ are available/).waitFor();
   await waitFor(local.page, "settled");
   assert.equal((await stats(local.page)).trianglesDrawn, seen.trianglesDrawn);
   await local.close();

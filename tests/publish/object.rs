@@ -78,6 +78,31 @@ fn an_object_is_complete_and_every_file_has_a_checksum() {
     }
 }
 
+/// People come for the site, not for its file.
+#[test]
+fn the_panel_of_an_object_begins_with_the_site_and_its_technical_facts_are_folded_at_the_end() {
+    let bench = Bench::new();
+    bench.published(&pack(), FULL, &["--site"]);
+    let html = std::fs::read_to_string(bench.path("site/gereza/index.html")).unwrap();
+    let panel = html.split("id=\"about-title\"").nth(1).unwrap().split("</section>").next().unwrap();
+    let order = [
+        "First paragraph",
+        "data-text=\"creators\">Creators</dt><dd dir=\"auto\">Rüther, Heinz; Zamani Project",
+        "Kilwa Kisiwani",
+        "data-text=\"captureDate\"",
+        "data-text=\"drawings\"",
+        "loading=\"lazy\"",
+        "data-text=\"howToCite\"",
+        "<details id=\"technical\"",
+        "Triangles",
+    ];
+    let places: Vec<usize> =
+        order.iter().map(|part| panel.find(part).unwrap_or_else(|| panic!("no {part} in {panel}"))).collect();
+    assert!(places.is_sorted(), "{places:?} in {panel}");
+    let list = std::fs::read_to_string(bench.path("site/index.html")).unwrap();
+    assert!(list.contains("Rüther, Heinz; Zamani Project"), "{list}");
+}
+
 #[test]
 fn the_same_inputs_give_the_same_bytes() {
     let trees = [(); 2].map(|()| {

@@ -239,12 +239,23 @@ pub(super) struct Card<'a> {
     entry: &'a Entry,
     poster: String,
     page: String,
-    /// Place and day of capture.
+    /// Place, period and day of capture.
     line: Vec<&'a str>,
+    /// Who made it: the first few names.
+    creators: Option<String>,
     triangles: String,
     size: String,
     /// Who may have the model, where not everybody may.
     state: Option<String>,
+}
+
+/// Names of people who are named on a card.
+const NAMED: usize = 3;
+
+/// The first names of a list, with an ellipsis if there are more; none of an empty one.
+fn some_of(names: &[String]) -> Option<String> {
+    let first = names.get(..NAMED.min(names.len()))?.join("; ");
+    (!first.is_empty()).then(|| if names.len() > NAMED { format!("{first}; …") } else { first })
 }
 
 pub(super) fn card<'a>(entry: &'a Entry, reader: &Reader<'_>, today: &str) -> Card<'a> {
@@ -261,7 +272,8 @@ pub(super) fn card<'a>(entry: &'a Entry, reader: &Reader<'_>, today: &str) -> Ca
         entry,
         poster: poster(&format!("/{}/v{}", entry.slug, entry.version)),
         page: reader.to(&format!("/{}/", entry.slug)),
-        line: [place, entry.captured.as_deref()].into_iter().flatten().collect(),
+        line: [place, entry.period.as_deref(), entry.captured.as_deref()].into_iter().flatten().collect(),
+        creators: some_of(&entry.creators),
         triangles: l.count(entry.triangles),
         size: l.size(entry.pack_bytes),
         state,
