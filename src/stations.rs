@@ -48,7 +48,7 @@ pub(crate) fn of(folder: &Path) -> anyhow::Result<Vec<(PathBuf, StationInput)>> 
         let path = folder.join(&station.scan);
         if !Reader::open(&path)?.header().is_grid {
             bail!(
-                "station {} of {} is a cloud without a grid and cannot be meshed; export the other stations with `kilwa scans export --mesh` and build those files",
+                "station {} of {} is an unstructured point cloud and cannot be meshed; export the other stations with `kilwa scans export --mesh` and build those files",
                 station.name,
                 folder.display()
             );

@@ -113,7 +113,7 @@ fn mistakes_are_explained() {
     let refused = fails(&["scans", "import", text(&file), "-o", text(&survey)]);
     assert!(refused.contains("--resume"), "{refused}");
     let said = succeeds(&["scans", "import", text(&file), "-o", text(&survey), "--resume"]);
-    assert!(said.contains("2 stations are in the survey already"), "{said}");
+    assert!(said.contains("2 stations are already in the survey; skipped"), "{said}");
     let refused = fails(&["scans", "export", text(&survey), "rom", "--mesh", "-o", text(&path("a.ply"))]);
     assert!(refused.contains("did you mean room?"), "{refused}");
     let toml = survey.join("survey.toml");

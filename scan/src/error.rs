@@ -23,7 +23,7 @@ pub enum ScanError {
         way_out: &'static str,
     },
     /// A cloud without a grid, whose station nobody gave.
-    #[error("{} has no grid and no scanner position, so it is unknown from where its points were seen; give the position with --station X,Y,Z", file.display())]
+    #[error("{} is an unstructured point cloud without a scanner position, so it is unknown where its points were seen from; give the position with --station X,Y,Z", file.display())]
     NoStation {
         /// The file.
         file: PathBuf,

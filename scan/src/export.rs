@@ -23,7 +23,7 @@ pub fn ptx(
 ) -> Result<(), ScanError> {
     let header = *reader.header();
     if !header.is_grid {
-        let message = "this station is a cloud without a grid, which PTX needs".to_owned();
+        let message = "this station is an unstructured point cloud, and PTX needs a grid".to_owned();
         return Err(ScanError::Request(message));
     }
     let grid = header.grid;

@@ -234,7 +234,7 @@ impl Sink for Into<'_> {
                 return Ok(false);
             }
             return Err(ScanError::Request(format!(
-                "{}: scan {} is already in the survey, as station {}; use --resume to leave out what is there",
+                "{}: scan {} is already in the survey, as station {}; use --resume to skip it",
                 self.file.display(),
                 self.number,
                 known.name

@@ -90,7 +90,7 @@ pub fn mesh(
 ) -> Result<Report, ScanError> {
     let header = *reader.header();
     if !header.is_grid {
-        let message = "this station is a cloud without a grid, so it is unknown which points are neighbours; stations from PTX, E57 with rows and columns, and PLY range grids can be meshed";
+        let message = "this station is an unstructured point cloud, so it is unknown which points are neighbours; stations from PTX, E57 with rows and columns, and PLY range grids can be meshed";
         return Err(ScanError::Request(message.to_owned()));
     }
     // Positions in the spool are relative to the origin, and so is the pose in the survey.

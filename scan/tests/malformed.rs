@@ -22,13 +22,16 @@ fn a_ptx_whose_header_lies_is_refused_with_line_and_counts_or_kept_on_request() 
     for (text, parts) in [
         (format!("{}{POINTS}", header(4, 2)), ["line 14", "4 points of scan 1", "4 × 2 = 8"]),
         (format!("{}{POINTS}", header(1000, 1_000_000)), ["line 14", "1000 × 1000000", "--keep-incomplete"]),
-        (format!("{}{POINTS}1 2 7 0.5\n", header(2, 2)), ["line 15", "1 2 7 0.5", "more points than it announces"]),
+        (
+            format!("{}{POINTS}1 2 7 0.5\n", header(2, 2)),
+            ["line 15", "1 2 7 0.5", "more points than its header states"],
+        ),
         (format!("{}{POINTS}{}", header(3, 2), header(1, 1)), ["line 15", "4 points of scan 1", "3 × 2"]),
         (format!("{}1 2 3\n", header(1, 1)), ["line 11", "1 2 3", "x y z intensity"]),
         (format!("{}1 2 x 0.5\n", header(1, 1)), ["line 11", "1 2 x", "point 1 of scan 1"]),
         (format!("{}500000 9000000 0 0.5\n", header(1, 1)), ["line 11", "9014 km", "--station X,Y,Z"]),
         ("0\n2\n0 0 0\n".to_owned(), ["line 2", "0 columns and 2 rows", "from 1 to"]),
-        ("2\n2\n0 0 0\n1 0 0\n".to_owned(), ["a.ptx", "the end of the file", "the file is cut"]),
+        ("2\n2\n0 0 0\n1 0 0\n".to_owned(), ["a.ptx", "the end of the file", "the file is truncated"]),
         (header(2, 2).replace("1 0 0 0\n", "2 0 0 0\n"), ["a matrix that scales", "line 10", "rotation"]),
         (header(2, 2).replace("0 0 1 0\n", "0 0 -1 0\n"), ["a matrix that mirrors", "line 10", "rotation"]),
     ] {
@@ -52,7 +55,7 @@ fn other_files_are_refused_by_name_and_before_anything_is_made() {
         ("a.obj", "v 0 0 0", "kilwa build"),
         ("a.e57", "something", "named as a scan"),
         ("a.ptx", "", "empty (0 bytes)"),
-        ("a.dat", "hello world", "of a format that is not known"),
+        ("a.dat", "hello world", "in an unknown format"),
     ] {
         let site = Site::new();
         let file = site.write(name, text);
@@ -63,7 +66,7 @@ fn other_files_are_refused_by_name_and_before_anything_is_made() {
 }
 
 #[test]
-fn text_that_is_no_cloud_names_its_line() {
+fn text_that_is_not_a_point_cloud_is_refused_with_its_line() {
     for (name, text, part) in [
         ("a.xyz", "1 2 3\n1 2\n", "line 2: found 2 numbers"),
         ("a.xyz", "1 2 3\n1 2 y\n", "line 2: found \"1 2 y\""),

@@ -67,7 +67,7 @@ fn an_import_stopped_anywhere_and_resumed_gives_the_same_survey() {
 }
 
 #[test]
-fn what_is_in_the_survey_is_not_imported_twice_without_a_word() {
+fn a_scan_in_the_survey_is_not_silently_imported_again() {
     let site = Site::new();
     let files = [site.write("a.ptx", format!("{}1 2 3 0.5\n", ptx_header(1, 1, [0.0; 3])))];
     import(&site.survey(), &files, &Options::default(), &Silent).unwrap();

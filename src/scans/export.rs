@@ -21,7 +21,7 @@ use std::path::PathBuf;
 
 /// Write a station as a mesh, or as PTX for other programs.
 ///
-/// The mesh joins neighbouring cells of the scanner's grid. It is in the coordinates of the survey; a station without a pose stays in its own.
+/// The mesh joins neighbouring cells of the scanner's grid. It is in survey coordinates; a station without a pose stays in scanner coordinates.
 #[derive(clap::Args)]
 #[expect(clippy::struct_excessive_bools, reason = "each is a switch of the command line")]
 pub(crate) struct Args {
@@ -38,19 +38,19 @@ pub(crate) struct Args {
     /// Write a PTX file with grid and pose.
     #[arg(long)]
     ptx: bool,
-    /// Use every N-th row and column (default: 1, or what survey.toml says).
+    /// Use every N-th row and column (default: the value in survey.toml, or 1).
     #[arg(long, value_name = "N", requires = "mesh", value_parser = clap::value_parser!(u32).range(1..=64))]
     subsample: Option<u32>,
     /// Longest edge in metres (default: 0.05).
     #[arg(long, value_name = "METRES", requires = "mesh", value_parser = positive)]
     max_edge: Option<f64>,
-    /// Longest edge in terms of the spacing that range, angle and incidence explain (default: 3).
+    /// Longest edge as a multiple of the point spacing expected from range, angular step and incidence angle (default: 3).
     #[arg(long, value_name = "FACTOR", requires = "mesh", value_parser = positive)]
     edge_factor: Option<f64>,
-    /// Drop triangles seen at more than this angle from their normal, in degrees (default: 85).
+    /// Drop triangles whose incidence angle is larger than this, in degrees (default: 85).
     #[arg(long, value_name = "DEGREES", requires = "mesh", value_parser = angle)]
     grazing: Option<f64>,
-    /// Keep only triangles whose centroid lies in this box of the survey, in metres.
+    /// Keep only triangles whose centroid lies in this box, in survey coordinates (metres).
     #[arg(long = "box", value_name = "X0,Y0,Z0,X1,Y1,Z1", requires = "mesh", value_parser = crate::build::crop, allow_hyphen_values = true)]
     bounds: Option<[DVec3; 2]>,
     /// Replace an existing file.
@@ -79,7 +79,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let mut reader = Reader::open(&args.survey.join(&station.scan))?;
     if station.pose.is_none() {
         crate::terminal::say!(
-            "kilwa: {} has no pose in survey.toml; it is written in its own coordinates",
+            "kilwa: station {} has no pose in survey.toml; it is written in scanner coordinates",
             station.name
         );
     }
@@ -187,7 +187,7 @@ fn export_mesh(args: &Args, survey: &Survey, station: &Station, reader: &mut Rea
     let written = file.writer.finish().with_context(|| {
         let limits = report.dropped;
         format!(
-            "no triangle of {} is within the limits ({} too long, {} too grazing, {} outside of the box); raise --max-edge or --edge-factor",
+            "no triangle of {} is within the limits ({} with long edges, {} at a grazing angle, {} outside the box); raise --max-edge, --edge-factor or --grazing, or enlarge --box",
             station.name, limits.long, limits.grazing, report.outside
         )
     })?;
@@ -213,7 +213,7 @@ fn export_mesh(args: &Args, survey: &Survey, station: &Station, reader: &mut Rea
     }
     writeln!(
         out,
-        "{}: {}, {} of {}; not made: {} with long edges, {} seen at a grazing angle",
+        "{}: {}, {} from {}; dropped: {} with long edges, {} at a grazing angle",
         args.output.display(),
         counted(written.triangles, "triangle", "triangles"),
         counted(report.vertices, "vertex", "vertices"),

@@ -17,29 +17,29 @@ use std::path::PathBuf;
 /// Import scan files into a survey.
 ///
 /// Reads PTX, PTS, E57, LAS, LAZ, PLY (range grids and clouds) and XYZ text. Grids, poses, intensities and colours are kept; photographs
-/// inside E57 files are taken out. An import that was stopped goes on with --resume.
+/// inside E57 files are extracted. Use --resume to continue an interrupted import.
 #[derive(clap::Args)]
 #[expect(clippy::struct_excessive_bools, reason = "each is a switch of the command line")]
 pub(crate) struct Args {
     /// Scan files, folders of them, or quoted patterns such as 'scans/*.ptx'.
     #[arg(required = true, value_name = "FILES")]
     files: Vec<PathBuf>,
-    /// The folder of the survey; stations are added to one that exists.
+    /// The survey folder; new stations are added to an existing survey.
     #[arg(short, long, value_name = "SURVEY")]
     output: PathBuf,
-    /// Leave out stations that are already in the survey, for example after an import that was stopped.
+    /// Skip stations that are already in the survey, for example after an interrupted import.
     #[arg(long)]
     resume: bool,
-    /// Position of the scanner in the coordinates of the files, for clouds that do not have one.
+    /// Scanner position in the coordinates of the files, for point clouds that do not include one.
     #[arg(long, value_name = "X,Y,Z", value_parser = inputs::origin, allow_hyphen_values = true)]
     station: Option<DVec3>,
     /// Units of the files: m, dm, cm, mm, km, ft, us-ft, in; E57 is always in metres.
     #[arg(long, default_value = "m", value_parser = inputs::units)]
     units: LengthUnit,
-    /// Import scans that have fewer points than their header announces, with what is there.
+    /// Import truncated scans, which have fewer points than their header states.
     #[arg(long)]
     keep_incomplete: bool,
-    /// Also read files that links in a given folder lead to.
+    /// Also read files outside an input folder that symbolic links in it point to.
     #[arg(long)]
     allow_outside: bool,
     /// Print the report as JSON.
@@ -92,10 +92,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         writeln!(out, "{}: {points}, {grid}, from {} ({})", station.name, station.source.file, station.source.number)?;
     }
     if !report.skipped.is_empty() {
-        writeln!(out, "{} in the survey already", counted(report.skipped.len() as u64, "station is", "stations are"))?;
+        writeln!(
+            out,
+            "{} already in the survey; skipped",
+            counted(report.skipped.len() as u64, "station is", "stations are")
+        )?;
     }
     if report.photographs > 0 {
-        writeln!(out, "{} taken out of the files", counted(report.photographs as u64, "photograph", "photographs"))?;
+        writeln!(out, "{} extracted from the files", counted(report.photographs as u64, "photograph", "photographs"))?;
     }
     for (file, diagnostics) in &report.diagnostics {
         for (kind, count, places) in diagnostics.iter() {
@@ -111,7 +115,7 @@ fn explained(e: ScanError) -> anyhow::Error {
     let is_of_disk = matches!(e, ScanError::Write { .. });
     let e = anyhow::Error::from(e);
     if is_of_disk {
-        e.context("the stations before are imported; run the same command with --resume to go on")
+        e.context("the stations before this one were imported; run the same command with --resume to continue")
     } else {
         e
     }

@@ -7,7 +7,7 @@ mod view;
 
 use clap::Subcommand;
 
-/// Import the scans of a survey, look at them, and mesh them.
+/// Import laser scans into a survey, view them, and mesh them.
 ///
 /// A survey is a folder: survey.toml, which you may edit, and a binary file for each station.
 #[derive(clap::Args)]

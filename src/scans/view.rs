@@ -10,9 +10,9 @@ use kilwa_scan::survey::Survey;
 use std::io::Write as _;
 use std::path::PathBuf;
 
-/// Draw what a station saw as a PNG.
+/// Draw a range, intensity or colour image of a station as a PNG.
 ///
-/// A station with a grid is drawn cell by cell, from the scanner; a cloud without one as an equirectangular view. Dark blue: no return.
+/// A structured scan is drawn cell by cell, as the scanner saw it; an unstructured point cloud as an equirectangular panorama. Dark blue means no return.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// The folder of the survey.

@@ -28,6 +28,9 @@ enum Site {
         /// Which phantom.
         #[arg(long, value_enum, value_name = "SHAPE", default_value = "cube")]
         shape: ShapeArg,
+        /// Noise: move every vertex, by a normally distributed distance of this standard deviation on each axis, in metres.
+        #[arg(long, value_name = "METRES", default_value_t = 0.0, value_parser = noise)]
+        noise: f64,
         #[command(flatten)]
         mesh: Mesh,
     },
@@ -105,21 +108,28 @@ fn count(text: &str) -> Result<u64, String> {
     number.ok_or_else(|| format!("`{text}` is not a number of triangles: write for example 2000000, 2M or 300k"))
 }
 
+/// A standard deviation in metres.
+fn noise(text: &str) -> Result<f64, String> {
+    let metres = text.parse::<f64>().ok().filter(|x| (0.0..=1.0).contains(x));
+    metres.ok_or_else(|| format!("`{text}` is no standard deviation in metres: write for example 0.001, and at most 1"))
+}
+
 pub(crate) fn run(args: &Args) -> Result<()> {
     match &args.site {
-        Site::Fort(mesh) => write_mesh(SiteKind::Fort, mesh),
-        Site::Wall(mesh) => write_mesh(SiteKind::Wall, mesh),
-        Site::Phantom { shape, mesh } => write_mesh(SiteKind::Phantom(shape.phantom()), mesh),
+        Site::Fort(mesh) => write_mesh(SiteKind::Fort, mesh, 0.0),
+        Site::Wall(mesh) => write_mesh(SiteKind::Wall, mesh, 0.0),
+        Site::Phantom { shape, noise, mesh } => write_mesh(SiteKind::Phantom(shape.phantom()), mesh, *noise),
         Site::Scans(args) => scans::run(args),
     }
 }
 
-fn write_mesh(kind: SiteKind, args: &Mesh) -> Result<()> {
+fn write_mesh(kind: SiteKind, args: &Mesh, noise: f64) -> Result<()> {
     let options = SynthOptions {
         triangles: args.triangles,
         seed: args.seed,
         blocks: args.blocks,
         utm: args.utm,
+        noise,
         force: args.force,
     };
     let bar = progress_bar(args.triangles);

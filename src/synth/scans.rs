@@ -8,16 +8,16 @@ use kilwa_synth::scans::{self, Class, Extras, Poses, Returns, ScanFormat, ScanOp
 use std::io::Write as _;
 use std::path::PathBuf;
 
-/// Simulated laser scans of the fort, from stations indoors and out, with the truth in files of its own.
+/// Simulated laser scans of the fort, from stations indoors and out, with the ground truth in separate files.
 #[derive(clap::Args)]
 pub(super) struct Args {
-    /// The folder to make: scans, and the truth in its folder `truth`.
+    /// The folder to create: the scans, and the ground truth in its subfolder `truth`.
     #[arg(short, long = "output", value_name = "FOLDER")]
     output: PathBuf,
     /// Number of stations, up to 1,000; they are chosen so that the whole fort is seen.
     #[arg(long, value_name = "N", default_value_t = 12)]
     stations: u32,
-    /// Columns of a scan of the dense instrument, from 16 to 40,000; rows follow. 1,550 are a million samples.
+    /// Columns per scan of the phase-shift instrument, from 16 to 40,000; the number of rows follows from it. 1,550 columns give a million samples.
     #[arg(long, value_name = "N", default_value_t = 1_550)]
     columns: u32,
     /// Seed of the fort and of everything random.
@@ -35,7 +35,7 @@ pub(super) struct Args {
     /// Standard deviation of the heading of rough poses, in degrees.
     #[arg(long, value_name = "DEGREES", default_value_t = 2.0)]
     rough_heading: f64,
-    /// Report these returns of a beam instead of those of each instrument.
+    /// Which return every instrument reports, instead of its own setting.
     #[arg(long, value_enum, value_name = "KIND")]
     returns: Option<ReturnsArg>,
     /// Multiply the noise of ranges, intensities and colours; 0 is none.
@@ -47,7 +47,7 @@ pub(super) struct Args {
     /// Also write the true surface as a mesh of about N triangles, truth/surface.ply.
     #[arg(long, value_name = "N", value_parser = super::count)]
     truth_mesh: Option<u64>,
-    /// Use real-world coordinates (EPSG:32737, near 566000 E, 9010000 N) in poses and truth.
+    /// Use real-world coordinates (EPSG:32737, near 566000 E, 9010000 N) in poses and ground truth.
     #[arg(long)]
     utm: bool,
     /// Print the report as JSON.

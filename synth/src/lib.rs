@@ -50,7 +50,7 @@ impl SiteKind {
 }
 
 /// How to make it.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct SynthOptions {
     /// Triangles wanted; what it comes to is within 2 % of it (phantoms: the nearest whole subdivision).
     pub triangles: u64,
@@ -60,6 +60,8 @@ pub struct SynthOptions {
     pub blocks: Option<u32>,
     /// Write doubles at real-world coordinates ([`UTM_ORIGIN`], [`UTM_CRS`]) instead of floats round the origin.
     pub utm: bool,
+    /// Standard deviation of each coordinate of a phantom's vertices, metres: noise, independent from vertex to vertex.
+    pub noise: f64,
     /// Replace files that exist.
     pub force: bool,
 }
@@ -67,7 +69,7 @@ pub struct SynthOptions {
 impl SynthOptions {
     /// Defaults for a number of triangles: seed 1, one file, floats, nothing replaced.
     pub fn new(triangles: u64) -> Self {
-        Self { triangles, seed: 1, blocks: None, utm: false, force: false }
+        Self { triangles, seed: 1, blocks: None, utm: false, noise: 0.0, force: false }
     }
 }
 
@@ -251,7 +253,7 @@ fn site(kind: SiteKind, options: &SynthOptions, tiles: u32) -> Result<Box<dyn Si
             Box::new(wall)
         }
         SiteKind::Phantom(phantom) => {
-            let solid = phantom::Solid::new(phantom, asked, options.seed, tiles);
+            let solid = phantom::Solid::new(phantom, asked, options.seed, tiles).with_noise(options.noise);
             limit(solid.strips())?;
             Box::new(solid)
         }
@@ -265,6 +267,9 @@ fn comments(kind: SiteKind, options: &SynthOptions) -> Vec<String> {
         SiteKind::Phantom(p) => format!("phantom {}", p.name()),
     };
     let mut lines = vec![format!("kilwa synth {name}, seed {}: made by a program, no real place", options.seed)];
+    if options.noise > 0.0 {
+        lines.push(format!("noise of {} m on each axis of every vertex", options.noise));
+    }
     lines.push("units metre, z up".to_owned());
     if options.utm {
         lines.push(format!("crs {UTM_CRS}"));

@@ -122,6 +122,7 @@ pub(super) struct Solid {
     squares: Vec<Square>,
     detail: u32,
     tiles: u32,
+    noise: f64,
 }
 
 impl Solid {
@@ -135,11 +136,17 @@ impl Solid {
             Phantom::BentWall => [10, 1, 4],
         };
         let cells = IVec3::from(cells);
-        let mut solid = Self { shape, seed: derive(seed, 0x9a27), cells, squares: Vec::new(), detail: 1, tiles };
+        let mut solid =
+            Self { shape, seed: derive(seed, 0x9a27), cells, squares: Vec::new(), detail: 1, tiles, noise: 0.0 };
         solid.squares = solid.boundary();
         let unit: u64 = solid.squares.iter().map(|s| if s.half { 1 } else { 2 }).sum();
         solid.detail = ((triangles as f64 / unit as f64).sqrt().round() as u32).max(1);
         solid
+    }
+
+    /// The same with noise of this standard deviation, metres, on each axis of every vertex.
+    pub(super) fn with_noise(self, noise: f64) -> Self {
+        Self { noise, ..self }
     }
 
     /// Strips of quads: what can go to different files.
@@ -229,9 +236,11 @@ impl Solid {
     fn vertex(&self, square: Square, i: u32, j: u32, outline: bool) -> Vertex {
         let [origin, u, v] = [square.origin, square.u, square.v].map(glam::IVec3::as_i64vec3);
         let k = origin * i64::from(self.detail) + u * i64::from(i) + v * i64::from(j);
-        let position = self.place(k);
+        let place = self.place(k);
+        let noise = [1, 2, 3].map(|axis| self.noise * normal(hash3(derive(self.seed, axis), k[0], k[1], k[2])));
+        let position = place + DVec3::from(noise);
         let key = (k[0] as u64) << 42 | (k[1] as u64) << 21 | k[2] as u64;
-        Vertex { position, color: self.color(position, k), shared: outline.then_some((key, u32::MAX)) }
+        Vertex { position, color: self.color(place, k), shared: outline.then_some((key, u32::MAX)) }
     }
 
     /// First strip of a tile.

@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_pose_is_refused_with_the_reason() {
+    fn a_matrix_that_is_not_a_pose_is_refused_with_the_reason() {
         let scaled = DMat4::from_scale(DVec3::splat(1.01));
         assert!(matches!(Pose::from_matrix(scaled), Err(PoseError::NotRigid(d)) if (d - 0.01).abs() < 1e-9));
         assert!(matches!(

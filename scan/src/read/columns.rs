@@ -111,7 +111,7 @@ fn check(lines: &Lines, announced: Option<u64>, count: u64, input: &mut Input<'_
     if !input.options.keep_incomplete {
         return Err(lines.malformed(
             found,
-            format!("{announced}, as the cloud announces; the file is cut: copy or export it again, or import what is there with --keep-incomplete"),
+            format!("{announced}, as the point cloud states; the file is truncated: copy or export it again, or import the points that exist with --keep-incomplete"),
         ));
     }
     let place = format!("{}: {found} of {announced}", lines.place());

@@ -293,7 +293,7 @@ fn one_cloud(
         let found = format!("{} of {}", counted(count, "point", "points"), name());
         return Err(errors.malformed(found, format!("{}, as it announces", cloud.records)));
     }
-    input.sink.diagnostics().add_many("further returns of a cell dropped; the first in the file stays", doubles);
+    input.sink.diagnostics().add_many("additional returns in a cell dropped; the first in the file is kept", doubles);
     let plain = Grid::by_columns(1, count as u32);
     input.sink.end(Layout { grid: grid.unwrap_or(plain), is_grid, rays: Rays::Central, origin: frame.origin })
 }
@@ -323,7 +323,10 @@ fn check(cloud: &PointCloud, number: usize, input: &Input<'_>) -> Result<(), Sca
     }
     if cloud.records > input.total.saturating_mul(8) / row {
         let found = format!("{} points of {row} bits in a file of {} bytes", cloud.records, input.total);
-        return refuse(found, "no more points than the file can hold; it is cut or damaged: copy or export it again");
+        return refuse(
+            found,
+            "no more points than the file can hold; it is truncated or damaged: copy or export it again",
+        );
     }
     if u32::try_from(cloud.records).is_err() {
         return refuse(format!("{} points", cloud.records), "at most 4,294,967,295 points a scan");
@@ -401,7 +404,7 @@ fn one_picture(
         }
         (None, Some(p)) => (&p.blob, None),
         (None, None) => {
-            input.sink.diagnostics().add_many("photographs without a picture left out", 1);
+            input.sink.diagnostics().add_many("photograph entries without image data left out", 1);
             return Ok(());
         }
     };

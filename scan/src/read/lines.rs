@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_have_their_numbers_whatever_ends_them() {
+    fn lines_are_numbered_correctly_with_any_line_ending() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.txt");
         let long = "7 ".repeat(30_000);

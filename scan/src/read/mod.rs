@@ -195,7 +195,7 @@ fn too_far(file: &Path, place: Place, metres: f64) -> ScanError {
         return ScanError::malformed(
             file,
             place,
-            "a coordinate that is no finite number",
+            "a coordinate that is not a finite number",
             "points within 10 km of the scanner",
         );
     }

@@ -50,7 +50,7 @@ fn next_scan(lines: &mut Lines, is_first: bool) -> Result<Option<u64>, ScanError
     let why = if is_first {
         "a PTX file begins with it"
     } else {
-        "the header of the next scan; the scan before has more points than it announces"
+        "the header of the next scan; the previous scan has more points than its header states"
     };
     let expected = || format!("the number of columns alone in its line ({why})");
     whole(&line).map(Some).ok_or_else(|| lines.malformed(quote(&line), expected()))
@@ -59,7 +59,7 @@ fn next_scan(lines: &mut Lines, is_first: bool) -> Result<Option<u64>, ScanError
 /// A line of the header with exactly so many numbers.
 fn row<const N: usize>(lines: &mut Lines, what: &str) -> Result<[f64; N], ScanError> {
     let Some(line) = lines.next()?.map(<[u8]>::to_vec) else {
-        return Err(lines.malformed("the end of the file", format!("{what}; the file is cut")));
+        return Err(lines.malformed("the end of the file", format!("{what}; the file is truncated")));
     };
     let mut out = [0.0; N];
     match numbers(&line, &mut out) {
@@ -71,7 +71,7 @@ fn row<const N: usize>(lines: &mut Lines, what: &str) -> Result<[f64; N], ScanEr
 /// Number of columns known: the rest of the header and the points.
 fn one_scan(lines: &mut Lines, columns: u64, scan: u64, input: &mut Input<'_>) -> Result<(), ScanError> {
     let Some(line) = lines.next()?.map(<[u8]>::to_vec) else {
-        return Err(lines.malformed("the end of the file", "the number of rows; the file is cut"));
+        return Err(lines.malformed("the end of the file", "the number of rows; the file is truncated"));
     };
     let rows = whole(&line).ok_or_else(|| lines.malformed(quote(&line), "the number of rows alone in its line"))?;
     let size = |n: u64| u32::try_from(n).ok().filter(|n| *n > 0);
@@ -118,7 +118,7 @@ fn one_scan(lines: &mut Lines, columns: u64, scan: u64, input: &mut Input<'_>) -
         incomplete(lines, count, [columns, rows], scan, input)?;
     }
     if points.odd_colors > 0 {
-        input.sink.diagnostics().add_many("colours outside of 0 to 255 cut to that range", points.odd_colors);
+        input.sink.diagnostics().add_many("colours outside 0 to 255 clamped to that range", points.odd_colors);
     }
     if is_wanted {
         let columns = if count < announced { count.div_ceil(u64::from(rows)) as u32 } else { columns };
@@ -147,7 +147,7 @@ fn incomplete(
         return Err(lines.malformed(
             found,
             format!(
-                "{columns} × {rows} = {announced}, as its header announces; the file is cut or the header is wrong: copy or export it again, or import what is there with --keep-incomplete"
+                "{columns} × {rows} = {announced}, as its header states; the file is truncated or the header is wrong: copy or export it again, or import the points that exist with --keep-incomplete"
             ),
         ));
     }
@@ -178,7 +178,7 @@ fn pose(lines: &mut Lines, metres: f64, input: &mut Input<'_>) -> Result<Pose, S
     })?;
     let place = || lines.place().to_string();
     if difference > 1e-6 {
-        input.sink.diagnostics().add("matrices made exact rotations", place);
+        input.sink.diagnostics().add("matrices corrected to exact rotations", place);
     }
     let differs =
         axes.iter().zip([DVec3::X, DVec3::Y, DVec3::Z]).any(|(a, unit)| (pose.rotation * unit).distance(*a) > 2e-3);

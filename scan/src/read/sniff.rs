@@ -83,8 +83,7 @@ pub fn is_named_as_scan(path: &Path) -> bool {
 
 fn refusal(start: &[u8], path: &Path) -> ScanError {
     const EXPORT: &str = "Export the scans as E57 or PTX with the program of the scanner.";
-    const RAW: &str =
-        "It is the raw data of a scanner, which only its maker's program reads; export the scans as E57 or PTX there.";
+    const RAW: &str = "It is in a proprietary scanner format, which Kilwa does not read; export the scans as E57 or PTX with the manufacturer's software.";
     let by_name: &[(&[&str], &str, &str)] = &[
         (&["fls", "fws", "lsproj"], "a FARO scan or project", RAW),
         (&["zfs", "zfprj"], "a Zoller+Fröhlich scan or project", RAW),
@@ -101,7 +100,7 @@ fn refusal(start: &[u8], path: &Path) -> ScanError {
         _ if start.is_empty() => ("empty (0 bytes)", EXPORT),
         Some((_, what, way_out)) => (*what, *way_out),
         None if super::sniff::is_named_as_scan(path) => ("named as a scan, but its content is not one", EXPORT),
-        None => ("of a format that is not known", EXPORT),
+        None => ("in an unknown format", EXPORT),
     };
     ScanError::Format { file: path.to_owned(), what: what.to_owned(), way_out }
 }

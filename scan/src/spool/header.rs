@@ -142,7 +142,7 @@ impl Header {
     pub(super) fn parse(bytes: &[u8; HEADER_BYTES]) -> Result<Self, String> {
         let mut rest = &bytes[..];
         if take::<8>(&mut rest) != *MAGIC {
-            return Err("it is no spool of a scan".to_owned());
+            return Err("it is not a Kilwa scan file".to_owned());
         }
         let version = u32::from_le_bytes(take(&mut rest));
         if version != VERSION {

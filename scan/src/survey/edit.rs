@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use toml_edit::{Array, ArrayOfTables, DocumentMut, InlineTable, Item, Table, Value, value};
 
 const BEGINNING: &str = "# A survey, made by `kilwa scans import`. You may edit this file; see docs/scans.md.
-# Lengths are metres. A pose takes points of a station to the survey: rotation is a unit quaternion (w, x, y, z).
+# Lengths are in metres. A pose transforms scanner coordinates to survey coordinates: rotation is a unit quaternion (w, x, y, z).
 ";
 
 /// A survey that is changed; nothing is written before [`Edit::save`].

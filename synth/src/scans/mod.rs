@@ -180,13 +180,13 @@ impl ScanReport {
 #[derive(Debug, thiserror::Error)]
 pub enum ScanError {
     /// No station, or too many.
-    #[error("{} not possible: ask for 1 to {MAX_STATIONS}", counted(*asked, "station is", "stations are"))]
+    #[error("cannot simulate {}: ask for 1 to {MAX_STATIONS}", counted(*asked, "station", "stations"))]
     Stations {
         /// Asked for.
         asked: u32,
     },
     /// Too few or too many columns.
-    #[error("{} not possible: ask for {} to {}", counted(*asked, "column is", "columns are"), COLUMNS.0, COLUMNS.1)]
+    #[error("cannot simulate {}: ask for {} to {}", counted(*asked, "column", "columns"), COLUMNS.0, COLUMNS.1)]
     Columns {
         /// Asked for.
         asked: u32,
@@ -210,7 +210,7 @@ pub enum ScanError {
         asked: u32,
     },
     /// Too few or too many triangles.
-    #[error("a true surface of {} is not possible: ask for {} to {}", counted(*asked, "triangle", "triangles"), TRUTH_TRIANGLES.0, TRUTH_TRIANGLES.1)]
+    #[error("cannot make a true surface of {}: ask for {} to {}", counted(*asked, "triangle", "triangles"), TRUTH_TRIANGLES.0, TRUTH_TRIANGLES.1)]
     Triangles {
         /// Asked for.
         asked: u64,
@@ -297,10 +297,10 @@ fn check(options: &ScanOptions) -> Result<(), ScanError> {
 fn check_folder(out: &Path) -> Result<(), ScanError> {
     let name = |why| Err(ScanError::Name { path: out.to_owned(), why });
     if out.file_name().is_none() {
-        return name("is no name for a new folder: give one such as survey");
+        return name("not a valid name for a new folder: choose another one, such as survey");
     }
     if !folder_of(out).is_dir() {
-        return name("there is no folder to put it in: make it first");
+        return name("its parent folder does not exist: create that first");
     }
     match fs::symlink_metadata(out) {
         Ok(about) if about.is_dir() => match fs::read_dir(out).map_err(failed(out))?.next() {

@@ -313,7 +313,7 @@ fn impossible_options_are_refused_and_leave_nothing() {
     assert!(refused(&ScanOptions { truth_mesh: Some(3), ..good.clone() }, "a").contains("triangles"));
     let rough = Poses::Rough { position: -1.0, heading: 1.0 };
     assert!(refused(&ScanOptions { poses: rough, ..good.clone() }, "a").contains("positions cannot be -1"));
-    assert!(refused(&good, "no/such").contains("no folder to put it in"));
+    assert!(refused(&good, "no/such").contains("parent folder does not exist"));
     assert!(names(folder.path()).is_empty());
     fs::write(folder.path().join("mine"), "x").unwrap();
     assert!(refused(&good, "mine").contains("already exists"));

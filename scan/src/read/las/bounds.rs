@@ -21,7 +21,8 @@ pub(super) struct Excess {
 }
 
 fn too_many(at: u64, found: u64, what: &str, most: u64) -> Option<Excess> {
-    let expected = || format!("at most {most} in a file of this length; it is cut or damaged: copy or export it again");
+    let expected =
+        || format!("at most {most} in a file of this length; it is truncated or damaged: copy or export it again");
     (found > most).then(|| Excess { at, found: format!("{found} {what}"), expected: expected() })
 }
 

@@ -43,7 +43,7 @@ pub(super) fn read(input: &mut Input<'_>) -> Result<(), ScanError> {
             input.path,
             Place::Byte(0),
             found,
-            format!("at most {most}; the file is cut, or must be split"),
+            format!("at most {most}; the file is truncated, or must be split"),
         ));
     }
     let shift = if format.has_color { color_shift(input, count)? } else { 0 };
@@ -101,7 +101,7 @@ fn damaged(path: &Path, point: u64, e: &str) -> ScanError {
         path,
         Place::Byte(0),
         format!("{e} ({place})"),
-        "a sound LAS or LAZ file; it is cut or damaged: copy or export it again",
+        "a valid LAS or LAZ file; it is truncated or damaged: copy or export it again",
     )
 }
 
