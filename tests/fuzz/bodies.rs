@@ -12,7 +12,7 @@ use kilwa_archive::{Checksums, Manifest, Metadata, Notes};
 use kilwa_formats::Diagnostics;
 use kilwa_formats::RawMesh;
 use kilwa_formats::read::{
-    Input, MemorySink, MeshSink, ReadError, ReadOptions, VertexBlock, gltf, obj, read_mesh_from, stl,
+    Input, MemorySink, MeshSink, ReadError, ReadOptions, VertexBlock, VertexSink, gltf, obj, read_mesh_from, stl,
 };
 use kilwa_pack::chunk::{Declared, decode, encode};
 use kilwa_pack::reader::SliceSource;
@@ -149,7 +149,7 @@ impl Limited {
     }
 }
 
-impl MeshSink for Limited {
+impl VertexSink for Limited {
     fn channels(&mut self, names: &[String]) -> Result<(), ReadError> {
         self.0.channels(names)
     }
@@ -160,6 +160,15 @@ impl MeshSink for Limited {
         self.spend(n)?;
         self.0.vertices(block)
     }
+    fn vertex_count(&self) -> u64 {
+        self.0.vertex_count()
+    }
+    fn diagnostics(&mut self) -> &mut Diagnostics {
+        self.0.diagnostics()
+    }
+}
+
+impl MeshSink for Limited {
     fn triangles(&mut self, triangles: &[[u64; 3]], colors: &[[u8; 3]]) -> Result<(), ReadError> {
         self.spend(triangles.len())?;
         assert!(triangles.iter().flatten().all(|v| *v < self.0.vertex_count()));
@@ -167,12 +176,6 @@ impl MeshSink for Limited {
     }
     fn positions(&mut self, of: &[u64], into: &mut Vec<DVec3>) -> Result<(), ReadError> {
         self.0.positions(of, into)
-    }
-    fn vertex_count(&self) -> u64 {
-        self.0.vertex_count()
-    }
-    fn diagnostics(&mut self) -> &mut Diagnostics {
-        self.0.diagnostics()
     }
 }
 

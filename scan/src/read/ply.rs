@@ -10,7 +10,7 @@ use crate::spool::Layout;
 use glam::DVec3;
 use kilwa_formats::Diagnostics;
 use kilwa_formats::read::ply::points::{PointSink, read_points};
-use kilwa_formats::read::{MeshSink, ReadError, VertexBlock};
+use kilwa_formats::read::{ReadError, VertexBlock, VertexSink};
 use kilwa_scan_core::{Grid, Kind, Rays, Sample, State};
 use std::cell::Cell;
 use std::fs::File;
@@ -131,7 +131,7 @@ impl Points<'_> {
     }
 }
 
-impl MeshSink for Points<'_> {
+impl VertexSink for Points<'_> {
     fn channels(&mut self, names: &[String]) -> Result<(), ReadError> {
         let find = |wanted: &str| names.iter().position(|name| name.eq_ignore_ascii_case(wanted));
         self.intensity = INTENSITIES.iter().find_map(|wanted| find(wanted));
@@ -157,15 +157,6 @@ impl MeshSink for Points<'_> {
         self.count += block.positions.len() as u64;
         let done = self.at.get();
         self.sink.progress(done).map_err(|e| self.fail(e))
-    }
-
-    fn triangles(&mut self, _: &[[u64; 3]], _: &[[u8; 3]]) -> Result<(), ReadError> {
-        Ok(())
-    }
-
-    fn positions(&mut self, of: &[u64], into: &mut Vec<DVec3>) -> Result<(), ReadError> {
-        into.extend(of.iter().map(|_| DVec3::NAN));
-        Ok(())
     }
 
     fn vertex_count(&self) -> u64 {
@@ -209,10 +200,6 @@ impl PointSink for Points<'_> {
         };
         let pushed = self.sink.push(&sample);
         pushed.map_err(|e| self.fail(e))
-    }
-
-    fn vertices_sink(&mut self) -> &mut dyn MeshSink {
-        self
     }
 }
 
