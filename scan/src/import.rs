@@ -254,6 +254,10 @@ impl Sink for Into<'_> {
         Ok(true)
     }
 
+    fn skip(&mut self) {
+        self.number += 1;
+    }
+
     #[inline]
     fn push(&mut self, sample: &Sample) -> Result<(), ScanError> {
         let current = self.current()?;
@@ -327,7 +331,7 @@ impl Sink for Into<'_> {
         out.commit(true).map_err(ScanError::write(&path))?;
         // A station may have been renamed by hand.
         self.edit.refresh()?;
-        let station = picture.station.and_then(|k| self.known(k as u64 + 1)).map(|s| s.name.clone());
+        let station = picture.station.and_then(|number| self.known(number)).map(|s| s.name.clone());
         self.edit.add_photograph(Photograph { file, station, pose: picture.pose, camera: picture.camera.clone() });
         self.edit.save()?;
         self.report.photographs += 1;

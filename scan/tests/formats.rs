@@ -66,6 +66,37 @@ fn columns_of_text_are_read_in_every_form_and_units() {
     assert_eq!(site.samples(&report.stations[0].station.name)[0].position, Vec3::new(0.001, 0.002, 0.003));
 }
 
+#[test]
+fn photographs_of_an_e57_belong_to_their_scan_also_behind_an_empty_one() {
+    let site = Site::new();
+    let path = site.path("a.e57");
+    let mut writer = E57Writer::from_file(&path, "file").unwrap();
+    let prototype = vec![Record::CARTESIAN_X_F32, Record::CARTESIAN_Y_F32, Record::CARTESIAN_Z_F32];
+    for (name, points) in [("empty", 0_u8), ("north", 2), ("south", 3)] {
+        let mut cloud = writer.add_pointcloud(name, prototype.clone()).unwrap();
+        cloud.set_name(Some(name.to_owned()));
+        for k in 0..points {
+            cloud.add_point(vec![RecordValue::Single(f32::from(k)); 3]).unwrap();
+        }
+        cloud.finalize().unwrap();
+    }
+    for of in ["north", "south", "empty"] {
+        let mut image = writer.add_image(of).unwrap();
+        image.set_pointcloud_guid(of);
+        let properties = e57::VisualReferenceImageProperties { width: 1, height: 1 };
+        image.add_visual_reference(e57::ImageFormat::Jpeg, &mut &b"\xff\xd8"[..], properties, None).unwrap();
+        image.finalize().unwrap();
+    }
+    writer.finalize().unwrap();
+    drop(writer);
+    site.import(&[path], seen_from(0.0, 0.0, 0.0)).unwrap();
+    let survey = Survey::open(&site.survey()).unwrap();
+    let numbers: Vec<_> = survey.stations.iter().map(|s| (s.name.as_str(), s.source.number)).collect();
+    assert_eq!(numbers, [("north", 2), ("south", 3)], "the numbers of the scans in the file");
+    let of: Vec<_> = survey.photographs.iter().map(|p| p.station.as_deref()).collect();
+    assert_eq!(of, [Some("north"), Some("south"), None]);
+}
+
 fn record(name: RecordName, data_type: RecordDataType) -> Record {
     Record { name, data_type }
 }

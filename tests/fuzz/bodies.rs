@@ -396,6 +396,8 @@ impl Sink for Scans {
         Ok(true)
     }
 
+    fn skip(&mut self) {}
+
     fn push(&mut self, sample: &Sample) -> Result<(), ScanError> {
         self.add(sample);
         Ok(())

@@ -41,6 +41,7 @@ pub(super) fn read(mut input: Input<'_>) -> Result<(), ScanError> {
         is_empty &= cloud.records == 0;
         if cloud.records == 0 {
             input.sink.diagnostics().add("scans without points left out", || format!("scan {}", number + 1));
+            input.sink.skip();
             continue;
         }
         one_cloud(&mut reader, cloud, number + 1, &errors, &mut input)?;
@@ -420,7 +421,8 @@ fn one_picture(
         station: picture
             .pointcloud_guid
             .as_ref()
-            .and_then(|guid| clouds.iter().position(|c| c.guid.as_ref() == Some(guid))),
+            .and_then(|guid| clouds.iter().position(|c| c.guid.as_ref() == Some(guid)))
+            .map(|at| at as u64 + 1),
     };
     let data = &blob.data;
     input.sink.picture(&found, &mut |mut out| reader.blob(data, &mut out).map(drop).map_err(|e| errors.wrap(&e)))

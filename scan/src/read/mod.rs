@@ -70,8 +70,8 @@ pub struct Picture {
     pub camera: Option<Camera>,
     /// The ending that fits its content: `jpg` or `png`.
     pub extension: &'static str,
-    /// The number of the station in this file that it belongs to.
-    pub station: Option<usize>,
+    /// The number of the scan in this file that it belongs to; the first is 1.
+    pub station: Option<u64>,
 }
 
 /// Receives what a file holds.
@@ -81,6 +81,9 @@ pub trait Sink {
     /// # Errors
     /// Where it cannot be kept, or the user stopped.
     fn begin(&mut self, head: &Head) -> Result<bool, ScanError>;
+
+    /// The next scan of the file holds no points; it has a number like the others.
+    fn skip(&mut self);
 
     /// The sample of the next cell.
     ///
