@@ -289,13 +289,6 @@ impl Sink for Into<'_> {
         }
         // A file of this name that no station has is left from an import that was killed.
         pending.commit(true).map_err(|source| ScanError::Write { path: path.clone(), source })?;
-        // A position that was given is where the station stands, in coordinates of the file.
-        let moved = Pose::at(header.origin);
-        let pose = match pose {
-            Some(pose) => Some(moved.then(pose)),
-            None if self.options.read.station.is_some() => Some(moved),
-            None => None,
-        };
         let station = Station {
             scan: spool_of(&name),
             name,

@@ -252,12 +252,16 @@ fn one_cloud(
             "a unit quaternion and a finite translation",
         )
     })?;
-    let frame = Frame::new(input.options, 1.0);
-    let decoder = Decoder::new(cloud, frame);
-    let is_grid = decoder.columns.cell.is_some();
-    if !is_grid && pose.is_none() && input.options.station.is_none() {
+    let is_grid = Columns::of(cloud).cell.is_some();
+    // Points with a pose or a grid are relative to the scanner.
+    let is_placed = is_grid || pose.is_some();
+    if !is_placed && input.options.station.is_none() {
         return Err(ScanError::NoStation { file: input.path.to_owned() });
     }
+    let frame = if is_placed { Frame::placed(input.options, 1.0) } else { Frame::unplaced(input.options, 1.0) };
+    let is_given = !is_placed || input.options.override_position;
+    let pose = pose.or(is_given.then(Pose::default)).map(|pose| frame.pose(pose));
+    let decoder = Decoder::new(cloud, frame);
     let instrument = [&cloud.sensor_vendor, &cloud.sensor_model, &cloud.sensor_serial];
     let instrument: Vec<&str> =
         instrument.iter().filter_map(|part| part.as_deref()).filter(|t| !t.is_empty()).collect();

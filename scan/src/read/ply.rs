@@ -11,7 +11,7 @@ use glam::DVec3;
 use kilwa_formats::Diagnostics;
 use kilwa_formats::read::ply::points::{PointSink, read_points};
 use kilwa_formats::read::{ReadError, VertexBlock, VertexSink};
-use kilwa_scan_core::{Grid, Kind, Rays, Sample, State};
+use kilwa_scan_core::{Grid, Kind, Pose, Rays, Sample, State};
 use std::cell::Cell;
 use std::fs::File;
 use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
@@ -22,7 +22,7 @@ const INTENSITIES: [&str; 5] = ["intensity", "scalar_intensity", "scalar_scalar_
 
 pub(super) fn read(input: &mut Input<'_>) -> Result<(), ScanError> {
     let at = Cell::new(0);
-    let frame = Frame::new(input.options, input.options.units.metres());
+    let frame = Frame::unplaced(input.options, input.options.units.metres());
     let mut points = Points {
         path: input.path,
         frame,
@@ -112,7 +112,8 @@ impl Points<'_> {
         if let Some(is_wanted) = self.is_wanted {
             return Ok(is_wanted);
         }
-        let is_wanted = self.sink.begin(&Head::default())?;
+        let pose = self.has_station.then(|| self.frame.pose(Pose::default()));
+        let is_wanted = self.sink.begin(&Head { pose, ..Head::default() })?;
         self.is_wanted = Some(is_wanted);
         Ok(is_wanted)
     }
