@@ -155,7 +155,7 @@ fn named(heading: &[u8]) -> Option<Order> {
 
 /// Whether a line can only be numbers with decimal commas: blanks, tabs or semicolons separate three words or more, and commas stand inside of words,
 /// between digits.
-fn has_decimal_commas(line: &[u8]) -> bool {
+pub(super) fn has_decimal_commas(line: &[u8]) -> bool {
     let words = line.split(|b| matches!(b, b' ' | b'\t' | b';')).filter(|word| !word.is_empty());
     let (mut count, mut commas) = (0, 0);
     for word in words {
