@@ -47,7 +47,7 @@ pub(super) enum Found {
 /// Decide from the names before the cloud, if there are any, and the bytes with which it begins. The last line of these may be cut, unless they are
 /// `whole`.
 pub(super) fn order(start: &[u8], is_whole: bool, heading: Option<&[u8]>, is_pts: bool) -> Found {
-    let all = start.iter().filter(|b| **b == b'\n').count() + usize::from(is_whole);
+    let all = memchr::memchr_iter(b'\n', start).count() + usize::from(is_whole);
     let mut heading = heading.map(<[u8]>::to_vec);
     let mut rows: Vec<[f64; 7]> = Vec::new();
     let (mut columns, mut before, mut headings) = (0, 0, 0);

@@ -77,6 +77,7 @@ fn row<const N: usize>(lines: &mut Lines, what: &str) -> Result<[f64; N], ScanEr
 }
 
 /// What is known of a scan before its points.
+#[derive(Debug, Clone, Copy)]
 struct Header {
     columns: u32,
     rows: u32,
