@@ -10,6 +10,7 @@ use kilwa_scan::mesh::{MeshVertex, Options, Surface, mesh};
 use kilwa_scan::spool::Reader;
 use kilwa_scan::survey::{MeshDefaults, Station, Survey};
 use kilwa_scan_core::{Pose, tessellate};
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
 /// Vertices or triangles handed on at a time.
@@ -64,7 +65,34 @@ pub(crate) fn of(folder: &Path) -> anyhow::Result<Vec<(PathBuf, StationInput)>> 
         let pose = station.pose.unwrap_or_default();
         stations.push((path, StationInput { pose, options: options(survey.mesh, station) }));
     }
+    if let Some(warning) = same_poses(&survey.stations) {
+        crate::terminal::say!("kilwa: {}: {warning}", folder.display());
+    }
     Ok(stations)
+}
+
+/// A warning about stations with exactly the same pose, as unregistered scans have it: PTX files, and many E57 files, state the identity for them.
+fn same_poses(stations: &[Station]) -> Option<String> {
+    let mut poses: HashMap<[u64; 7], Vec<&Station>> = HashMap::new();
+    for station in stations {
+        let Some(Pose { rotation, translation }) = station.pose else { continue };
+        let mut key = [0; 7];
+        for (key, number) in key.iter_mut().zip(rotation.to_array().into_iter().chain(translation.to_array())) {
+            // -0 is 0.
+            *key = (number + 0.0).to_bits();
+        }
+        poses.entry(key).or_default().push(station);
+    }
+    let same = poses.into_values().max_by_key(Vec::len).filter(|same| same.len() > 1)?;
+    let is_identity = same[0].pose == Some(Pose::IDENTITY);
+    Some(format!(
+        "{} stations ({}, {}{}) have the same pose{}; if these scans are not registered, their meshes lie on top of each other: put the poses into survey.toml",
+        same.len(),
+        same[0].name,
+        same[1].name,
+        if same.len() > 2 { ", …" } else { "" },
+        if is_identity { ", the identity" } else { "" },
+    ))
 }
 
 /// Hand the mesh of a station on.

@@ -1,6 +1,6 @@
 //! `kilwa scans` as a person or a script meets it.
 
-use crate::support::{Ply, fails, json, succeeds, text};
+use crate::support::{Ply, fails, json, kilwa, succeeds, text};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -94,6 +94,54 @@ fn scans_are_imported_listed_drawn_and_meshed() {
     let [before, after] =
         ["survey/stations/room-2.scan", "second/stations/again.scan"].map(|name| std::fs::read(path(name)).unwrap());
     assert!(before == after);
+}
+
+#[test]
+fn missing_folders_of_outputs_are_made_and_other_names_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = box_scan(folder.path());
+    let path = |name: &str| folder.path().join(name);
+    let survey = path("survey");
+    succeeds(&["scans", "import", text(&file), "-o", text(&survey)]);
+    succeeds(&["scans", "view", text(&survey), "room", "-o", text(&path("new/views/room.png"))]);
+    assert!(std::fs::read(path("new/views/room.png")).unwrap().starts_with(b"\x89PNG"));
+    succeeds(&["scans", "export", text(&survey), "room", "--ptx", "-o", text(&path("other/room.ptx"))]);
+    assert!(std::fs::read(path("other/room.ptx")).unwrap().starts_with(b"60\n40\n"));
+    let refused = fails(&["scans", "view", text(&survey), "room", "-o", text(&path("third/room.jpg"))]);
+    assert!(refused.contains("must be .png") && !path("third").exists(), "{refused}");
+    let refused = fails(&["scans", "export", text(&survey), "room", "--ptx", "-o", text(&path("room.ply"))]);
+    assert!(refused.contains("must be .ptx"), "{refused}");
+}
+
+#[test]
+fn scans_with_the_same_pose_are_built_with_a_warning() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let file = box_scan(folder.path());
+    let survey = path("survey");
+    succeeds(&["scans", "import", text(&file), "-o", text(&survey)]);
+    let toml = survey.join("survey.toml");
+    let edited = format!("{}\n[options.mesh]\nmax_edge = 1.0\n", std::fs::read_to_string(&toml).unwrap());
+    std::fs::write(&toml, &edited).unwrap();
+    let build = |output: &str| {
+        let built = kilwa(&["build", text(&survey), "-o", text(&path(output))]);
+        assert!(built.status.success());
+        String::from_utf8(built.stderr).unwrap()
+    };
+    let warning = "have the same pose, the identity";
+    assert!(!build("registered.kilwa").contains(warning));
+    // As files without a registration have it.
+    let poses: Vec<String> = edited
+        .lines()
+        .map(|line| match line.split(" = ").next() {
+            Some("rotation") => "rotation = [1.0, 0.0, 0.0, 0.0]".to_owned(),
+            Some("translation") => "translation = [0.0, 0.0, 0.0]".to_owned(),
+            _ => line.to_owned(),
+        })
+        .collect();
+    std::fs::write(&toml, poses.join("\n")).unwrap();
+    let said = build("piled_up.kilwa");
+    assert!(said.contains(warning) && said.contains("2 stations (room, room-2)"), "{said}");
 }
 
 #[test]

@@ -8,7 +8,7 @@ use crate::ScanError;
 use crate::read::{self, Head, Picture, ReadOptions, Sink};
 use crate::spool::{Header, Layout, Writer};
 use crate::survey::edit::{Edit, clean_name};
-use crate::survey::{PHOTOGRAPHS, Photograph, STATIONS, Source, Station};
+use crate::survey::{PHOTOGRAPHS, Photograph, STATIONS, Source, Station, spool_of};
 use kilwa_files::atomic::{Access, AtomicFile};
 use kilwa_files::plain_file;
 use kilwa_formats::Diagnostics;
@@ -227,6 +227,7 @@ impl Into<'_> {
 impl Sink for Into<'_> {
     fn begin(&mut self, head: &Head) -> Result<bool, ScanError> {
         self.number += 1;
+        self.edit.refresh()?;
         if let Some(known) = self.known(self.number) {
             if self.options.resume {
                 let name = known.name.clone();
@@ -253,6 +254,10 @@ impl Sink for Into<'_> {
         Ok(true)
     }
 
+    fn skip(&mut self) {
+        self.number += 1;
+    }
+
     #[inline]
     fn push(&mut self, sample: &Sample) -> Result<(), ScanError> {
         let current = self.current()?;
@@ -274,17 +279,18 @@ impl Sink for Into<'_> {
         }
         let write = |source| ScanError::Write { path: path.clone(), source };
         let (pending, header) = writer.finish(layout).map_err(write)?;
-        // A file of this name that no station names is left from an import that was killed.
+        // Someone may have edited the survey since the name was chosen.
+        self.edit.refresh()?;
+        if !self.edit.is_free(&name) {
+            return Err(ScanError::Request(format!(
+                "the name {name} was given to another station of the survey while {} was read; use --resume to continue",
+                self.file.display()
+            )));
+        }
+        // A file of this name that no station has is left from an import that was killed.
         pending.commit(true).map_err(|source| ScanError::Write { path: path.clone(), source })?;
-        // A position that was given is where the station stands, in coordinates of the file.
-        let moved = Pose::at(header.origin);
-        let pose = match pose {
-            Some(pose) => Some(moved.then(pose)),
-            None if self.options.read.station.is_some() => Some(moved),
-            None => None,
-        };
         let station = Station {
-            scan: format!("{STATIONS}/{name}.scan"),
+            scan: spool_of(&name),
             name,
             pose,
             sigma: None,
@@ -316,7 +322,9 @@ impl Sink for Into<'_> {
         let mut out = AtomicFile::create(&path, Access::Default).map_err(ScanError::write(&path))?;
         write(&mut out)?;
         out.commit(true).map_err(ScanError::write(&path))?;
-        let station = picture.station.and_then(|k| self.known(k as u64 + 1)).map(|s| s.name.clone());
+        // A station may have been renamed by hand.
+        self.edit.refresh()?;
+        let station = picture.station.and_then(|number| self.known(number)).map(|s| s.name.clone());
         self.edit.add_photograph(Photograph { file, station, pose: picture.pose, camera: picture.camera.clone() });
         self.edit.save()?;
         self.report.photographs += 1;

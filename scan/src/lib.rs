@@ -13,5 +13,6 @@ pub mod panorama;
 pub mod read;
 pub mod spool;
 pub mod survey;
+mod turn;
 
 pub use error::ScanError;

@@ -1,9 +1,11 @@
 //! The mesh of a station: its grid tessellated line by line, in coordinates of the survey.
 //!
-//! What is held is three lines of the grid. Vertices are delivered when a triangle needs them, each before its first triangle.
+//! What is held is four lines of the grid: three neighbours, and the first one until it is known whether the scan goes round. Vertices are delivered
+//! when a triangle needs them, each before its first triangle.
 
 use crate::ScanError;
 use crate::spool::Reader;
+use crate::turn::Turn;
 use glam::DVec3;
 use kilwa_scan_core::tessellate::{self, Corner, Dropped, Side, Vertex};
 use kilwa_scan_core::{Pose, Rays, Sample};
@@ -102,13 +104,14 @@ pub fn mesh(
     let mut before: Option<Line> = None;
     let mut first: Option<Line> = None;
     let total = numbers.len() as u64;
-    let mut done = 0;
+    let (mut done, mut turn) = (0, Turn::new(total));
     loop {
         let after = window.next()?;
         let left = before.as_ref().map(|line| line.samples.as_slice());
         let right = after.as_ref().map(|line| line.samples.as_slice());
         tessellate::vertices(left, &here.samples, right, header.rays, &options.tessellate, &mut here.vertices);
         if let Some(before) = &mut before {
+            turn.add(&before.samples, &here.samples);
             strips.between(before, &mut here)?;
         }
         done += 1;
@@ -118,8 +121,6 @@ pub fn mesh(
         let last = before.replace(here);
         if first.is_none() {
             first = last;
-        } else if done == 2 {
-            first = last.or(first);
         }
         match after {
             Some(after) => here = after,
@@ -127,8 +128,7 @@ pub fn mesh(
         }
     }
     if let Some((mut last, mut first)) = before.zip(first)
-        && done > 2
-        && closes(&last, &first, header.rays, total)
+        && turn.closes(&last.samples, &first.samples, header.rays)
     {
         strips.between(&mut last, &mut first)?;
         strips.report.is_closed = true;
@@ -162,25 +162,6 @@ impl Window<'_> {
         let numbers = vec![None; samples.len()];
         Ok(Some(Line { samples, vertices: Vec::new(), numbers }))
     }
-}
-
-/// Whether the last line is a neighbour of the first, as in a scan of a whole turn: the rays of both are about as far from each other as a
-/// whole turn divided by the number of lines makes them.
-fn closes(last: &Line, first: &Line, rays: Rays, lines: u64) -> bool {
-    if rays != Rays::Central {
-        return false;
-    }
-    let turn = |sample: &Sample| f64::from(sample.position.y).atan2(f64::from(sample.position.x));
-    let pairs = last.samples.iter().zip(&first.samples).filter(|(a, b)| a.is_measured() && b.is_measured());
-    let mut angles: Vec<f64> = pairs
-        .map(|(a, b)| (turn(b) - turn(a)).rem_euclid(std::f64::consts::TAU))
-        .map(|angle| angle.min(std::f64::consts::TAU - angle))
-        .collect();
-    if angles.len() < 4 {
-        return false;
-    }
-    angles.sort_unstable_by(f64::total_cmp);
-    angles[angles.len() / 2] < 1.5 * std::f64::consts::TAU / lines as f64
 }
 
 struct Strips<'a> {

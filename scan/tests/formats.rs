@@ -66,6 +66,94 @@ fn columns_of_text_are_read_in_every_form_and_units() {
     assert_eq!(site.samples(&report.stations[0].station.name)[0].position, Vec3::new(0.001, 0.002, 0.003));
 }
 
+#[test]
+fn columns_are_decided_once_for_a_cloud_by_a_heading_or_by_its_lines_and_doubts_are_reported() {
+    let site = Site::new();
+    let rich = |k: usize| (Some(k as f32), Some([7, 8, 9]));
+    for (name, text, (intensity, color), doubts) in [
+        ("a.xyz", "//X Y Z R G B Intensity\n1 2 3 7 8 9 200\n", rich(200), 0),
+        ("b.xyz", "# x,y,z,i,r,g,b\n1,2,3,200,7,8,9\n", rich(200), 0),
+        ("c.xyz", "1 2 3 200 7 8 9\n", rich(200), 1),
+        ("d.xyz", "1 2 3 7 8 9 1200\n", rich(1200), 0),
+        ("e.pts", "1\n1 2 3 200 7 8 9\n", rich(200), 0),
+        ("f.pts", "//X Y Z R G B Intensity\n1\n1 2 3 7 8 9 200\n# the end\n", rich(200), 0),
+        ("g.xyz", "1 2 3 0 0 1\n1 2 3 1 0 0\n", (None, None), 1),
+        ("h.xyz", "X Y Z R G B\n1 2 3 0 0 1\n", (None, Some([0, 0, 1])), 0),
+        ("i.xyz", "1 2 3 0.6 0.8 0\n1 2 3 0 0 1\n", (None, None), 0),
+    ] {
+        let file = site.write(name, text);
+        let report = site.import(&[file], seen_from(0.0, 0.0, 0.0)).unwrap();
+        let samples = site.samples(&report.stations[0].station.name);
+        let last = samples[samples.len() - 1];
+        assert_eq!(last.position, Vec3::new(1.0, 2.0, 3.0), "{name}");
+        assert_eq!(Some(last.intensity).filter(|v| !v.is_nan()), intensity, "{name}");
+        assert_eq!(last.state.has_color().then_some(last.color), color, "{name}");
+        let found = report.diagnostics[0].1.iter().filter(|(kind, ..)| kind.starts_with("clouds ")).count();
+        assert_eq!(found, doubts, "{name}");
+    }
+}
+
+#[test]
+fn a_given_position_moves_only_scans_that_state_none() {
+    let site = Site::new();
+    let far = DVec3::new(566_000.0, 9_010_000.0, 5.0);
+    let ptx = site.write("a.ptx", format!("{}1 2 3 0.5\n", ptx_header(1, 1, [10.0, 0.0, 0.0])));
+    let xyz = site.write("b.xyz", "566001 9010002 8\n");
+    let grid = e57_grid(&site, "c.e57", false, false);
+    let report = site.import(&[ptx, xyz, grid], seen_from(far.x, far.y, far.z)).unwrap();
+    let at = |k: usize| report.stations[k].station.pose.map(|pose| pose.translation);
+    assert_eq!([at(0), at(1), at(2)], [Some(DVec3::new(10.0, 0.0, 0.0)), Some(far), None]);
+    for name in ["a", "b"] {
+        assert_eq!(site.samples(name)[0].position, Vec3::new(1.0, 2.0, 3.0), "{name}");
+    }
+    assert_eq!(report.stations[2].header.origin, DVec3::ZERO);
+    assert_eq!(report.stations[0].header.origin, DVec3::ZERO);
+}
+
+#[test]
+fn the_position_of_scans_that_were_exported_in_coordinates_of_the_map_can_be_given() {
+    let site = Site::new();
+    let far = DVec3::new(566_000.0, 9_010_000.0, 5.0);
+    let file = [site.write("a.ptx", format!("{}566001 9010002 8 0.5\n", ptx_header(1, 1, [0.0; 3])))];
+    let message = site.import(&file, seen_from(far.x, far.y, far.z)).unwrap_err().to_string();
+    assert!(message.contains("--override-position"), "{message}");
+    let read = ReadOptions { override_position: true, ..seen_from(far.x, far.y, far.z) };
+    let report = site.import(&file, read).unwrap();
+    assert_eq!(site.samples("a")[0].position, Vec3::new(1.0, 2.0, 3.0));
+    assert_eq!(report.stations[0].station.pose.unwrap().translation, far);
+}
+
+#[test]
+fn photographs_of_an_e57_belong_to_their_scan_also_behind_an_empty_one() {
+    let site = Site::new();
+    let path = site.path("a.e57");
+    let mut writer = E57Writer::from_file(&path, "file").unwrap();
+    let prototype = vec![Record::CARTESIAN_X_F32, Record::CARTESIAN_Y_F32, Record::CARTESIAN_Z_F32];
+    for (name, points) in [("empty", 0_u8), ("north", 2), ("south", 3)] {
+        let mut cloud = writer.add_pointcloud(name, prototype.clone()).unwrap();
+        cloud.set_name(Some(name.to_owned()));
+        for k in 0..points {
+            cloud.add_point(vec![RecordValue::Single(f32::from(k)); 3]).unwrap();
+        }
+        cloud.finalize().unwrap();
+    }
+    for of in ["north", "south", "empty"] {
+        let mut image = writer.add_image(of).unwrap();
+        image.set_pointcloud_guid(of);
+        let properties = e57::VisualReferenceImageProperties { width: 1, height: 1 };
+        image.add_visual_reference(e57::ImageFormat::Jpeg, &mut &b"\xff\xd8"[..], properties, None).unwrap();
+        image.finalize().unwrap();
+    }
+    writer.finalize().unwrap();
+    drop(writer);
+    site.import(&[path], seen_from(0.0, 0.0, 0.0)).unwrap();
+    let survey = Survey::open(&site.survey()).unwrap();
+    let numbers: Vec<_> = survey.stations.iter().map(|s| (s.name.as_str(), s.source.number)).collect();
+    assert_eq!(numbers, [("north", 2), ("south", 3)], "the numbers of the scans in the file");
+    let of: Vec<_> = survey.photographs.iter().map(|p| p.station.as_deref()).collect();
+    assert_eq!(of, [Some("north"), Some("south"), None]);
+}
+
 fn record(name: RecordName, data_type: RecordDataType) -> Record {
     Record { name, data_type }
 }

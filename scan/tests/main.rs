@@ -1,7 +1,9 @@
 //! Tests over whole files: written, imported into a survey, and read back from its spools.
 
+mod edited;
 mod formats;
 mod malformed;
+mod mesh;
 mod peers;
 mod resume;
 mod shared_data;

@@ -48,6 +48,65 @@ fn a_ptx_whose_header_lies_is_refused_with_line_and_counts_or_kept_on_request() 
     assert_eq!(report.diagnostics[0].1.count("scans with fewer points than their header announces"), 1);
 }
 
+/// What is imported with `--keep-incomplete`: measured points of every station, and diagnostics.
+fn kept(name: &str, text: &str) -> (Vec<u64>, Vec<(&'static str, u64)>) {
+    let site = Site::new();
+    let file = site.write(name, text);
+    let report = site.import(&[file], ReadOptions { keep_incomplete: true, ..seen_from(0.0, 0.0, 0.0) }).unwrap();
+    let points = report.stations.iter().map(|s| s.header.statistics.measured).collect();
+    (points, report.diagnostics[0].1.iter().map(|(kind, count, _)| (kind, count)).collect())
+}
+
+#[test]
+fn a_line_that_is_cut_by_the_end_of_the_file_is_dropped_and_counted_or_reported() {
+    let points = "1 2 3 0.5 9 9 9\n".repeat(3);
+    let header = ptx_header(2, 4, [0.0; 3]);
+    let cut = "points in whose line the file ends dropped";
+    for rest in
+        ["1.234 5.6", "1", "12.345 6.789 1.2 0.5", "12.345 6.789 1.2 0.5 2", "12.345 6.789 1.2 0.5 2 3 1", "1.2."]
+    {
+        let ptx = format!("{header}{points}{rest}");
+        let (found, diagnostics) = kept("a.ptx", &ptx);
+        assert_eq!(found, [3], "{rest}");
+        assert!(diagnostics.contains(&(cut, 1)), "{rest}: {diagnostics:?}");
+        let message = refusal("a.ptx", &ptx);
+        assert!(
+            message.contains("the file ends in the middle of a line") && message.contains("2 × 4 = 8"),
+            "{message}"
+        );
+
+        let pts = format!("8\n{points}{rest}");
+        let (found, diagnostics) = kept("a.pts", &pts);
+        assert_eq!(found, [3], "{rest}");
+        assert!(diagnostics.contains(&(cut, 1)), "{rest}: {diagnostics:?}");
+        let site = Site::new();
+        let file = site.write("a.pts", &pts);
+        let message = site.import(&[file], seen_from(0.0, 0.0, 0.0)).unwrap_err().to_string();
+        assert!(message.contains("the file ends in the middle of a line") && message.contains("8, as"), "{message}");
+    }
+    // Without an announced number, a last line without its line feed is a point if it looks like one.
+    assert_eq!(kept("a.xyz", "1 2 3\n4 5 6.").0, [2]);
+    assert_eq!(kept("a.xyz", "1 2 3\n4 5 6\n7 8").0, [2]);
+    // A complete file that lacks only its last line feed.
+    let whole = format!("{}{}", ptx_header(1, 4, [0.0; 3]), POINTS.trim_end());
+    assert_eq!(kept("a.ptx", &whole), (vec![4], Vec::new()));
+    assert_eq!(kept("a.pts", "2\n1 2 3 4\n1 2 3 5"), (vec![2], Vec::new()));
+}
+
+#[test]
+fn a_ptx_that_ends_in_the_header_of_a_later_scan_keeps_the_scans_before_on_request() {
+    let scan = format!("{}{POINTS}", ptx_header(2, 2, [0.0; 3]));
+    let next = ptx_header(900, 70, [0.0; 3]);
+    for length in [1, 3, 4, 6, 20, next.len() - 3] {
+        let text = format!("{scan}{}", &next[..length]);
+        assert_eq!(kept("a.ptx", &text), (vec![4], vec![("scans whose header is truncated left out", 1)]), "{length}");
+        let site = Site::new();
+        let file = site.write("a.ptx", text);
+        assert!(site.import(&[file], ReadOptions::default()).is_err());
+    }
+    assert_eq!(kept("a.ptx", &format!("{scan}{next}")).0, [4]);
+}
+
 #[test]
 fn other_files_are_refused_by_name_and_before_anything_is_made() {
     for (name, text, part) in [
@@ -71,13 +130,28 @@ fn text_that_is_not_a_point_cloud_is_refused_with_its_line() {
         ("a.xyz", "1 2 3\n1 2\n", "line 2: found 2 numbers"),
         ("a.xyz", "1 2 3\n1 2 y\n", "line 2: found \"1 2 y\""),
         ("a.pts", "3\n1 2 3 4\n1 2 3 4\n", "line 3: found 2 points"),
-        ("a.xyz", "# nothing\n1 2 3 4 5\n", "found 5 numbers"),
+        ("a.xyz", "# nothing\n1 2 3 4 5\n", "line 2: found 5 numbers"),
+        ("a.xyz", "1 2 3\n1 2 3 4\n", "line 2: found 4 numbers; expected 3"),
+        ("a.xyz", "x y z\n1,23 4,56 7,89\n", "line 2: found numbers with decimal commas; expected decimal points"),
+        ("a.xyz", "1,234 5,678 9,012\n", "line 1: found numbers with decimal commas"),
+        ("a.xyz", "1,23;4,56;7,89;255;0;0\n", "line 1: found numbers with decimal commas"),
+        ("a.pts", "1\n1,23 4,56 7,89 12\n", "line 2: found numbers with decimal commas"),
+        ("a.xyz", "1 2 3 0.5 1000 0.7 2\n", "line 1: found seven columns without colours"),
+        ("a.pts", "2\n1 2 3 4\n1 2 3 5\n1 2 3 6\n", "line 4: found \"1 2 3 6\"; expected the number of points"),
     ] {
         let site = Site::new();
         let file = site.write(name, text);
         let message = site.import(&[file], seen_from(0.0, 0.0, 0.0)).unwrap_err().to_string();
         assert!(message.contains(part), "{part}: {message}");
     }
+}
+
+#[test]
+fn a_fraction_among_colours_is_refused_far_behind_the_lines_that_decide() {
+    let site = Site::new();
+    let file = site.write("a.xyz", format!("{}1 2 3 0.6 0.8 0\n", "1 2 3 10 20 30\n".repeat(20_000)));
+    let message = site.import(&[file], seen_from(0.0, 0.0, 0.0)).unwrap_err().to_string();
+    assert!(message.contains("line 20001") && message.contains("name the columns"), "{message}");
 }
 
 /// Neither truncation nor damage crashes a reader or makes it hang; what is accepted is a survey that can be read.

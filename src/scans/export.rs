@@ -1,11 +1,10 @@
 //! `kilwa scans export`.
 
+use crate::new_file::{NewFile, check_output};
 use crate::progress::Bar;
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use glam::DVec3;
 use kilwa_builder::Progress as _;
-use kilwa_files::atomic::{Access, AtomicFile};
-use kilwa_files::output;
 use kilwa_formats::UNCOLOURED;
 use kilwa_formats::extract::{About, Format, MeshWriter, Output, PlainVertex};
 use kilwa_pack::plural::counted;
@@ -94,10 +93,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
 }
 
 fn export_ptx(args: &Args, station: &Station, reader: &mut Reader, bar: &Bar) -> anyhow::Result<()> {
-    output::check(&args.output, args.force)?;
+    let is_ptx = args.output.extension().is_some_and(|e| e.eq_ignore_ascii_case("ptx"));
+    ensure!(is_ptx, "{}: the file extension of a PTX file must be .ptx", args.output.display());
+    check_output(&args.output, args.force, [args.survey.join(&station.scan).as_path()])?;
     let cannot = |source| ScanError::Write { path: args.output.clone(), source };
-    let mut file = AtomicFile::create(&args.output, Access::Default).map_err(cannot)?;
-    let mut out = BufWriter::with_capacity(1 << 20, file.file_mut());
+    let mut file = NewFile::create(&args.output)?;
+    let mut out = BufWriter::with_capacity(1 << 20, file.file());
     let pose = station.pose.unwrap_or_default();
     ptx(reader, pose, &mut out, &cannot, &mut |done, total| {
         show(bar, "writing", done, total);
@@ -105,7 +106,7 @@ fn export_ptx(args: &Args, station: &Station, reader: &mut Reader, bar: &Bar) ->
     })?;
     out.flush().map_err(cannot)?;
     drop(out);
-    file.commit(args.force).map_err(cannot)?;
+    file.commit(args.force)?;
     bar.clear();
     let (grid, points) = (reader.header().grid, reader.header().statistics.measured);
     let mut out = crate::terminal::out();

@@ -33,6 +33,9 @@ pub(crate) struct Args {
     /// Scanner position in the coordinates of the files, for point clouds that do not include one.
     #[arg(long, value_name = "X,Y,Z", value_parser = inputs::origin, allow_hyphen_values = true)]
     station: Option<DVec3>,
+    /// Use --station also for scans that state a scanner position, because their points are not relative to the scanner.
+    #[arg(long, requires = "station")]
+    override_position: bool,
     /// Units of the files: m, dm, cm, mm, km, ft, us-ft, in; E57 is always in metres.
     #[arg(long, default_value = "m", value_parser = inputs::units)]
     units: LengthUnit,
@@ -72,7 +75,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
             first.display()
         );
     }
-    let read = ReadOptions { station: args.station, units: args.units, keep_incomplete: args.keep_incomplete };
+    let read = ReadOptions {
+        station: args.station,
+        override_position: args.override_position,
+        units: args.units,
+        keep_incomplete: args.keep_incomplete,
+    };
     let bar = Shown(Bar::new());
     let done = import(&args.output, &files, &Options { read, resume: args.resume }, &bar);
     bar.0.clear();

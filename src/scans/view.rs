@@ -1,9 +1,8 @@
 //! `kilwa scans view`.
 
-use anyhow::Context;
+use crate::new_file::{NewFile, check_output};
+use anyhow::ensure;
 use clap::ValueEnum;
-use kilwa_files::atomic::{self, Access};
-use kilwa_files::output;
 use kilwa_scan::panorama::{self, Show};
 use kilwa_scan::spool::Reader;
 use kilwa_scan::survey::Survey;
@@ -44,10 +43,13 @@ enum ShowArg {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    output::check(&args.output, args.force)?;
+    let is_png = args.output.extension().is_some_and(|e| e.eq_ignore_ascii_case("png"));
+    ensure!(is_png, "{}: the file extension of the picture must be .png", args.output.display());
     let survey = Survey::open(&args.survey)?;
     let station = survey.station(&args.station)?;
-    let mut reader = Reader::open(&args.survey.join(&station.scan))?;
+    let scan = args.survey.join(&station.scan);
+    check_output(&args.output, args.force, [scan.as_path()])?;
+    let mut reader = Reader::open(&scan)?;
     let show = match args.show {
         ShowArg::Range => Show::Range,
         ShowArg::Intensity => Show::Intensity,
@@ -56,8 +58,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let picture = panorama::render(&mut reader, show, args.size)?;
     let mut bytes = Vec::new();
     picture.write_png(&mut bytes)?;
-    let cannot = || format!("cannot write {}", args.output.display());
-    atomic::write(&args.output, &bytes, Access::Default, args.force).with_context(cannot)?;
+    NewFile::write(&args.output, &bytes, args.force)?;
     let mut out = crate::terminal::out();
     write!(out, "{}: {} × {} pixels", args.output.display(), picture.width, picture.height)?;
     match (picture.scale, args.show) {

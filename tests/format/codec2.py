@@ -4,7 +4,7 @@ import struct
 from pathlib import Path
 
 import read_pack
-from read_pack import CLIP, GLUED, clamp, need, octahedral, rounded, signed
+from read_pack import CLIP, clamp, coordinates_of, levels_of, mark_open, need, octahedral, rounded, tinted
 
 LEAST = (0, 1, 2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 24, 32, 64)
 EXTRA = (0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 2, 3, 3, 5, 6)
@@ -212,7 +212,7 @@ def read_values(stream, links, has_colors):
     weights = read_pack.read_weights(stream)
     if has_colors:
         color_weights = read_pack.read_weights(stream)
-        rg, bg, br = (stream.raw(7) - 64 for _ in range(3))
+        factors = [stream.raw(7) - 64 for _ in range(3)]
     lines = Line(stream), Line(stream)
     if has_colors:
         rows = [(24 + stream.raw(5), 0) for _ in range(12 if coarse_colors else 6)]
@@ -231,14 +231,10 @@ def read_values(stream, links, has_colors):
         sizes.append([min(abs(x), 2**20 >> g) << g for x in r])
         of.append(g)
         if has_colors:
-            pr, pg, pb = (clamp(p, 0, 255) for p in predict(link, colors, color_weights))
+            predicted = [clamp(p, 0, 255) for p in predict(link, colors, color_weights)]
             g = min(color_grains.read(g), 7)
             first = 6 * (g > 0) + 3 * (count == 2)
-            dg, dr, db = three(stream, rows[first : first + 3])
-            green = rounded(pg, g) + dg << g & 255
-            red = rounded(clamp(pr + (rg * (green - pg) + 8 >> 4), 0, 255), g) + dr << g & 255
-            blue = rounded(clamp(pb + (bg * (green - pg) + br * (red - pr) + 8 >> 4), 0, 255), g) + db << g & 255
-            colors.append((red, green, blue))
+            colors.append(tinted(predicted, factors, g, iter(three(stream, rows[first : first + 3]))))
     return points, of, colors
 
 
@@ -261,15 +257,12 @@ def read_normals(stream, surface, points, of, patches):
             met[v].add(patch)
             for i in range(3):
                 sums[v][i] += cross[i]
-    for edge, state in zip(surface.edge, surface.state):
-        if state != GLUED:
-            kinds[surface.triangles[edge // 3][edge % 3]] |= 2
-            kinds[surface.triangles[edge // 3][(edge + 1) % 3]] |= 2
+    mark_open(surface, kinds)
     kinds = [3 if kind == 1 and len(patches) > 1 else kind for kind, patches in zip(kinds, met)]
-    top, recent, normals = (1 << n - 1) - 1, [0] * 4, []
+    recent, normals = [0] * 4, []
     for v, kind in enumerate(kinds):
         wrapped = [float((x + 2**63) % 2**64 - 2**63) for x in sums[v]]
-        levels = [signed(c, (2 * abs(c) * top + 32767) // 65534) for c in octahedral(*wrapped)]
+        levels = levels_of(octahedral(*wrapped), n)
         if lines[kind]:
             g = grains.read(of[v])
             row, k = lines[kind].row(recent[kind] >> g)
@@ -279,8 +272,7 @@ def read_normals(stream, surface, points, of, patches):
             levels = [rounded(p, g) + r << g for p, r in zip(levels, (ru, rv))]
             s = min(min(abs(ru), CLIP) + min(abs(rv), CLIP), CLIP) << min(g, 8)
             recent[kind] += s // 4 - recent[kind] // 4
-        need(all(-top - (n == 16) <= level <= top for level in levels), f"the normal of vertex {v} is out of range")
-        normals.append(levels if n == 16 else [signed(x, (65534 * abs(x) + top) // (2 * top)) for x in levels])
+        normals.append(coordinates_of(levels, n, v))
     return normals
 
 

@@ -419,20 +419,24 @@ def read_positions(bits, links):
     return points
 
 
+def tinted(predicted, factors, grain, residuals):
+    """The colour of a vertex: red and blue follow what green differs from its prediction. `residuals` gives those of green, red and blue."""
+    (pr, pg, pb), (rg, bg, br) = predicted, factors
+    green = rounded(pg, grain) + next(residuals) << grain & 255
+    red = rounded(clamp(pr + (rg * (green - pg) + 8 >> 4), 0, 255), grain) + next(residuals) << grain & 255
+    p = clamp(pb + (bg * (green - pg) + br * (red - pr) + 8 >> 4), 0, 255)
+    return red, green, rounded(p, grain) + next(residuals) << grain & 255
+
+
 def read_colors(bits, links):
     weights = read_weights(bits)
-    rg, bg, br = (bits.raw(7) - 64 for _ in range(3))
+    factors = [bits.raw(7) - 64 for _ in range(3)]
     grains, depth = Grains(bits, links), bits.raw(2) + 2
     channels, colors = [Residuals(bits, depth, 1) for _ in range(3)], []
     for v, link in enumerate(links):
-        pr, pg, pb = (clamp(p, 0, 255) for p in predict(link, colors, weights))
+        predicted = [clamp(p, 0, 255) for p in predict(link, colors, weights)]
         g = min(grains.read(v), 7)
-        green = rounded(pg, g) + channels[0].read(0) << g & 255
-        p = clamp(pr + (rg * (green - pg) + 8 >> 4), 0, 255)
-        red = rounded(p, g) + channels[1].read(0) << g & 255
-        p = clamp(pb + (bg * (green - pg) + br * (red - pr) + 8 >> 4), 0, 255)
-        blue = rounded(p, g) + channels[2].read(0) << g & 255
-        colors.append((red, green, blue))
+        colors.append(tinted(predicted, factors, g, (channel.read(0) for channel in channels)))
     return colors
 
 
@@ -456,6 +460,27 @@ def octahedral(x, y, z):
     return result
 
 
+def mark_open(surface, kinds):
+    """Sets bit 1 of the kinds of vertices at edges that are not glued."""
+    for edge, state in zip(surface.edge, surface.state):
+        if state != GLUED:
+            kinds[surface.triangles[edge // 3][edge % 3]] |= 2
+            kinds[surface.triangles[edge // 3][(edge + 1) % 3]] |= 2
+
+
+def levels_of(coordinates, n):
+    """Octahedral coordinates as levels of n bits."""
+    top = (1 << n - 1) - 1
+    return [signed(c, (2 * abs(c) * top + 32767) // 65534) for c in coordinates]
+
+
+def coordinates_of(levels, n, v):
+    """Levels of the normal of vertex v as octahedral coordinates."""
+    top = (1 << n - 1) - 1
+    need(all(-top - (n == 16) <= level <= top for level in levels), f"the normal of vertex {v} is out of range")
+    return levels if n == 16 else [signed(x, (65534 * abs(x) + top) // (2 * top)) for x in levels]
+
+
 def read_normals(bits, surface, points, patches):
     hints = [bits.raw(1) for _ in range(patches)]
     n = bits.raw(4) + 1
@@ -472,21 +497,17 @@ def read_normals(bits, surface, points, patches):
             kinds[v] |= hints[patch]
             for i in range(3):
                 sums[v][i] += cross[i]
-    for edge, state in zip(surface.edge, surface.state):
-        if state != GLUED:
-            kinds[surface.triangles[edge // 3][edge % 3]] |= 2
-            kinds[surface.triangles[edge // 3][(edge + 1) % 3]] |= 2
-    top, recent, normals = (1 << n - 1) - 1, [0] * 4, []
+    mark_open(surface, kinds)
+    recent, normals = [0] * 4, []
     for v, kind in enumerate(kinds):
         g = grains.read(v)
-        predicted = [signed(c, (2 * abs(c) * top + 32767) // 65534) for c in octahedral(*sums[v])]
+        predicted = levels_of(octahedral(*sums[v]), n)
         c, ru, rv = h(recent[kind] >> g), 0, 0
         if bits.bit(differs[kind][min(c, 15)]):
             ru = of_u.read(c)
             rv = of_v.read(h(2 * min(abs(ru), CLIP)))
         levels = [rounded(p, g) + r << g for p, r in zip(predicted, (ru, rv))]
-        need(all(-top - (n == 16) <= level <= top for level in levels), f"the normal of vertex {v} is out of range")
-        normals.append(levels if n == 16 else [signed(l, (65534 * abs(l) + top) // (2 * top)) for l in levels])
+        normals.append(coordinates_of(levels, n, v))
         s = min(min(abs(ru), CLIP) + min(abs(rv), CLIP), CLIP) << min(g, 8)
         recent[kind] += s // 4 - recent[kind] // 4
     return normals

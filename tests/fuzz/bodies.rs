@@ -12,7 +12,7 @@ use kilwa_archive::{Checksums, Manifest, Metadata, Notes};
 use kilwa_formats::Diagnostics;
 use kilwa_formats::RawMesh;
 use kilwa_formats::read::{
-    Input, MemorySink, MeshSink, ReadError, ReadOptions, VertexBlock, gltf, obj, read_mesh_from, stl,
+    Input, MemorySink, MeshSink, ReadError, ReadOptions, VertexBlock, VertexSink, gltf, obj, read_mesh_from, stl,
 };
 use kilwa_pack::chunk::{Declared, decode, encode};
 use kilwa_pack::reader::SliceSource;
@@ -20,10 +20,12 @@ use kilwa_pack::{
     Attributes, ENTRIES_PER_PAGE, HEADER_BYTES, PAGE_BYTES, Reader, directory::ENTRY_BYTES, parse_head, verify,
 };
 use kilwa_scan::ScanError;
+use kilwa_scan::mesh::{MeshVertex, Options as MeshOptions, Surface, mesh};
+use kilwa_scan::panorama::{Show, render};
 use kilwa_scan::read::{Head, Picture, ReadOptions as ScanOptions, Sink};
-use kilwa_scan::spool::Layout;
+use kilwa_scan::spool::{Layout, Reader as Spool};
 use kilwa_scan::survey::Survey;
-use kilwa_scan_core::Sample;
+use kilwa_scan_core::{Pose, Sample};
 use std::fmt::Display;
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
@@ -33,7 +35,7 @@ use std::sync::LazyLock;
 pub(crate) type Body = fn(&[u8]) -> String;
 
 /// All targets by name.
-pub(crate) const ALL: [(&str, Body); 15] = [
+pub(crate) const ALL: [(&str, Body); 16] = [
     ("ply", ply),
     ("obj", obj_file),
     ("stl", stl_file),
@@ -49,6 +51,7 @@ pub(crate) const ALL: [(&str, Body); 15] = [
     ("las", las_file),
     ("range_grid", range_grid),
     ("survey", survey),
+    ("spool", spool),
 ];
 
 /// The words of an error, without numbers, quotations, what was found in the file and
@@ -149,7 +152,7 @@ impl Limited {
     }
 }
 
-impl MeshSink for Limited {
+impl VertexSink for Limited {
     fn channels(&mut self, names: &[String]) -> Result<(), ReadError> {
         self.0.channels(names)
     }
@@ -160,6 +163,15 @@ impl MeshSink for Limited {
         self.spend(n)?;
         self.0.vertices(block)
     }
+    fn vertex_count(&self) -> u64 {
+        self.0.vertex_count()
+    }
+    fn diagnostics(&mut self) -> &mut Diagnostics {
+        self.0.diagnostics()
+    }
+}
+
+impl MeshSink for Limited {
     fn triangles(&mut self, triangles: &[[u64; 3]], colors: &[[u8; 3]]) -> Result<(), ReadError> {
         self.spend(triangles.len())?;
         assert!(triangles.iter().flatten().all(|v| *v < self.0.vertex_count()));
@@ -167,12 +179,6 @@ impl MeshSink for Limited {
     }
     fn positions(&mut self, of: &[u64], into: &mut Vec<DVec3>) -> Result<(), ReadError> {
         self.0.positions(of, into)
-    }
-    fn vertex_count(&self) -> u64 {
-        self.0.vertex_count()
-    }
-    fn diagnostics(&mut self) -> &mut Diagnostics {
-        self.0.diagnostics()
     }
 }
 
@@ -390,6 +396,8 @@ impl Sink for Scans {
         Ok(true)
     }
 
+    fn skip(&mut self) {}
+
     fn push(&mut self, sample: &Sample) -> Result<(), ScanError> {
         self.add(sample);
         Ok(())
@@ -424,12 +432,17 @@ impl Sink for Scans {
     }
 }
 
-/// Any bytes as a file of scans with this name: the reader ends, does not panic, and delivers no more samples than the file has bytes.
-fn scans(bytes: &[u8], name: &str) -> String {
+/// A file of this thread with these bytes: targets run side by side, each in a thread of its own.
+fn file(bytes: &[u8], name: &str) -> PathBuf {
     static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().expect("a temporary folder"));
-    // Targets run side by side, each in a thread of its own.
     let path = FOLDER.path().join(format!("{:?}-{name}", std::thread::current().id()));
     std::fs::write(&path, bytes).expect("room for the file");
+    path
+}
+
+/// Any bytes as a file of scans with this name: the reader ends, does not panic, and delivers no more samples than the file has bytes.
+fn scans(bytes: &[u8], name: &str) -> String {
+    let path = file(bytes, name);
     let options = ScanOptions { station: Some(DVec3::ZERO), keep_incomplete: true, ..ScanOptions::default() };
     let mut sink = Scans::default();
     match kilwa_scan::read::read(&path, &options, &mut sink) {
@@ -477,5 +490,80 @@ pub(crate) fn survey(bytes: &[u8]) -> String {
             assert!(problems.0.iter().all(|problem| problem.line > 0 && !problem.message.is_empty()));
             problems.0.first().map(complaint).unwrap_or_default()
         }
+    }
+}
+
+/// Checks a mesh.
+#[derive(Default)]
+struct Mesh {
+    vertices: u32,
+    triangles: u64,
+}
+
+impl Surface for Mesh {
+    fn vertex(&mut self, vertex: &MeshVertex) -> Result<u32, ScanError> {
+        assert!(vertex.position.is_finite() && !vertex.confidence.is_nan());
+        self.vertices += 1;
+        Ok(self.vertices - 1)
+    }
+
+    fn triangle(&mut self, corners: [u32; 3]) -> Result<(), ScanError> {
+        assert!(corners.iter().all(|corner| *corner < self.vertices));
+        self.triangles += 1;
+        Ok(())
+    }
+}
+
+/// A spool with its hashes made to agree, where they lie in a file of this length: otherwise they would stop the fuzzer at once. The places are those of
+/// `kilwa_scan::spool`.
+fn hashed(bytes: &[u8]) -> Vec<u8> {
+    const HEADER: usize = 256;
+    const TABLE_HASH: usize = 148;
+    const BLOCK: usize = 1024 * 20;
+    let mut bytes = bytes.to_vec();
+    if bytes.len() < HEADER {
+        return bytes;
+    }
+    let number = |at: usize| u64::from(u32::from_le_bytes(bytes[at..at + 4].try_into().expect("four bytes")));
+    let samples = number(16).checked_mul(number(20)).and_then(|cells| cells.checked_mul(20));
+    let table = samples.and_then(|n| usize::try_from(n).ok()).and_then(|n| n.checked_add(HEADER));
+    if let Some(table) = table.filter(|table| *table <= bytes.len()) {
+        let hashes: Vec<u8> =
+            bytes[HEADER..table].chunks(BLOCK).flat_map(|block| blake3::hash(block).as_bytes()[..8].to_vec()).collect();
+        let end = bytes.len().min(table + hashes.len());
+        bytes[table..end].copy_from_slice(&hashes[..end - table]);
+        let sum = *blake3::hash(&bytes[table..]).as_bytes();
+        bytes[TABLE_HASH..TABLE_HASH + 32].copy_from_slice(&sum);
+    }
+    let sum = *blake3::hash(&bytes[..HEADER - 32]).as_bytes();
+    bytes[HEADER - 32..HEADER].copy_from_slice(&sum);
+    bytes
+}
+
+/// Any bytes as the spool of a station, its hashes made right: refused, or all that a survey does with it ends without a panic.
+pub(crate) fn spool(bytes: &[u8]) -> String {
+    let path = file(&hashed(bytes), "a.scan");
+    let mut reader = match Spool::open(&path) {
+        Ok(reader) => reader,
+        Err(e) => return complaint(e),
+    };
+    let header = *reader.header();
+    assert!(header.grid.cells() > 0 && header.grid.cells() * 20 <= bytes.len() as u64 && header.origin.is_finite());
+    let mut samples = Vec::new();
+    if let Err(e) = reader.read(0, header.grid.cells() as usize, &mut samples) {
+        return complaint(e);
+    }
+    assert!(samples.iter().all(|sample| sample.position.is_finite()));
+    let pictures = [Show::Range, Show::Intensity, Show::Colour].map(|show| render(&mut reader, show, 64).is_ok());
+    let failed = |e: std::io::Error| ScanError::Request(e.to_string());
+    let is_ptx =
+        kilwa_scan::export::ptx(&mut reader, Pose::default(), &mut std::io::sink(), &failed, &mut |_, _| Ok(()));
+    let mut surface = Mesh::default();
+    match mesh(&mut reader, Pose::default(), &MeshOptions::default(), &mut surface) {
+        Ok(report) => {
+            assert_eq!((report.vertices, report.triangles), (u64::from(surface.vertices), surface.triangles));
+            format!("{pictures:?} {} {} {}", is_ptx.is_ok(), surface.triangles.min(2), report.is_closed)
+        }
+        Err(e) => format!("{pictures:?} {} {}", is_ptx.is_ok(), complaint(e)),
     }
 }

@@ -229,3 +229,8 @@ fn any_bytes_are_read_as_a_range_grid_or_refused() {
 fn any_bytes_are_read_as_a_survey_or_refused() {
     fuzz("survey");
 }
+
+#[test]
+fn any_bytes_are_read_as_a_spool_or_refused() {
+    fuzz("spool");
+}

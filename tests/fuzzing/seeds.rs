@@ -24,6 +24,7 @@ pub(crate) fn of(target: &str) -> Vec<Vec<u8>> {
         "las" => las_files(),
         "range_grid" => range_grids(),
         "survey" => surveys(),
+        "spool" => spools(),
         "gltf" => [malformed("gltf"), malformed("glb")].concat(),
         other => malformed(other),
     };
@@ -323,6 +324,40 @@ fn las_files() -> Vec<Vec<u8>> {
         writer.into_inner().unwrap().into_inner()
     };
     formats.map(write).to_vec()
+}
+
+/// Stations with and without a grid, by rows and by columns, round, flat, of parallel rays, and empty.
+fn spools() -> Vec<Vec<u8>> {
+    use glam::{DVec3, Vec3};
+    use kilwa_scan::spool::{Layout, Writer};
+    use kilwa_scan_core::{Grid, Kind, Rays, Sample, State};
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.scan");
+    let write = |grid: Grid, is_grid: bool, rays: Rays, is_rich: bool| {
+        let mut writer = Writer::create(&path).unwrap();
+        for cell in (0..grid.cells()).filter(|cell| cell % 7 != 3) {
+            let (line, at) = (cell / u64::from(grid.line_length()), cell % u64::from(grid.line_length()));
+            let (sin, cos) = (line as f32 * std::f32::consts::TAU / grid.lines() as f32).sin_cos();
+            let mut sample = Sample::measured(Vec3::new(cos, sin, at as f32 * 0.05));
+            if is_rich {
+                sample.intensity = cell as f32;
+                sample.color = [cell as u8; 3];
+                sample.state = State::new(if cell % 5 == 0 { Kind::NoReturn } else { Kind::Measured }, true, 1);
+            }
+            writer.put(cell, &sample).unwrap();
+        }
+        let (pending, _) = writer.finish(Layout { grid, is_grid, rays, origin: DVec3::new(1.0, 2.0, 3.0) }).unwrap();
+        pending.commit(true).unwrap();
+        std::fs::read(&path).unwrap()
+    };
+    vec![
+        write(Grid::by_columns(20, 10), true, Rays::Central, true),
+        write(Grid { columns: 6, rows: 4, by_rows: true }, true, Rays::Central, false),
+        write(Grid { columns: 4, rows: 5, by_rows: true }, true, Rays::Parallel(DVec3::NEG_Z), true),
+        write(Grid::by_columns(1, 50), false, Rays::Central, true),
+        write(Grid::by_columns(40, 30), true, Rays::Central, false),
+        write(Grid::by_columns(1, 1), true, Rays::Central, false),
+    ]
 }
 
 fn surveys() -> Vec<Vec<u8>> {

@@ -3,7 +3,7 @@
 use crate::build::work::Stop;
 use glam::DVec3;
 use kilwa_formats::Diagnostics;
-use kilwa_formats::read::{MeshSink, ReadError, VertexBlock};
+use kilwa_formats::read::{MeshSink, ReadError, VertexBlock, VertexSink};
 use std::path::Path;
 
 /// Hands on to another sink until a stop is asked for.
@@ -28,7 +28,7 @@ impl<'a> Interruptible<'a> {
     }
 }
 
-impl MeshSink for Interruptible<'_> {
+impl VertexSink for Interruptible<'_> {
     fn channels(&mut self, names: &[String]) -> Result<(), ReadError> {
         self.sink.channels(names)
     }
@@ -38,6 +38,16 @@ impl MeshSink for Interruptible<'_> {
         self.sink.vertices(block)
     }
 
+    fn vertex_count(&self) -> u64 {
+        self.sink.vertex_count()
+    }
+
+    fn diagnostics(&mut self) -> &mut Diagnostics {
+        self.sink.diagnostics()
+    }
+}
+
+impl MeshSink for Interruptible<'_> {
     fn triangles(&mut self, triangles: &[[u64; 3]], colors: &[[u8; 3]]) -> Result<(), ReadError> {
         self.check()?;
         self.sink.triangles(triangles, colors)
@@ -45,13 +55,5 @@ impl MeshSink for Interruptible<'_> {
 
     fn positions(&mut self, of: &[u64], into: &mut Vec<DVec3>) -> Result<(), ReadError> {
         self.sink.positions(of, into)
-    }
-
-    fn vertex_count(&self) -> u64 {
-        self.sink.vertex_count()
-    }
-
-    fn diagnostics(&mut self) -> &mut Diagnostics {
-        self.sink.diagnostics()
     }
 }

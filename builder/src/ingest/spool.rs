@@ -15,7 +15,7 @@ use super::tally::Tally;
 use crate::scratch::{Scratch, ScratchError};
 use glam::{DVec3, Vec3};
 use kilwa_formats::ReadError;
-use kilwa_formats::read::sink::{MeshSink, NO_POSITION, TWICE, VertexBlock};
+use kilwa_formats::read::sink::{MeshSink, NO_POSITION, TWICE, VertexBlock, VertexSink};
 use kilwa_formats::{Diagnostics, Pictures, RawMesh};
 use kilwa_geometry::normal;
 use serde::{Deserialize, Serialize};
@@ -400,7 +400,7 @@ fn grey(scratch: &Scratch, channels: &[Channel], rows: u64, tally: &mut Tally) -
     Ok(ColorSource::Scalar { file: channel.file.clone(), black, white })
 }
 
-impl MeshSink for Spool {
+impl VertexSink for Spool {
     fn channels(&mut self, names: &[String]) -> Result<(), ReadError> {
         let first = self.current.first_vertex;
         for name in names {
@@ -473,6 +473,16 @@ impl MeshSink for Spool {
         Ok(())
     }
 
+    fn vertex_count(&self) -> u64 {
+        self.positions.rows() - self.current.first_vertex
+    }
+
+    fn diagnostics(&mut self) -> &mut Diagnostics {
+        &mut self.diagnostics
+    }
+}
+
+impl MeshSink for Spool {
     fn triangles(&mut self, triangles: &[[u64; 3]], colors: &[[u8; 3]]) -> Result<(), ReadError> {
         let before = self.triangles.rows();
         if !colors.is_empty() && self.triangle_colors.is_none() {
@@ -531,14 +541,6 @@ impl MeshSink for Spool {
             into.push(slot.1[within]);
         }
         Ok(())
-    }
-
-    fn vertex_count(&self) -> u64 {
-        self.positions.rows() - self.current.first_vertex
-    }
-
-    fn diagnostics(&mut self) -> &mut Diagnostics {
-        &mut self.diagnostics
     }
 }
 

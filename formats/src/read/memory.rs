@@ -6,7 +6,7 @@
 //! Fails where nothing is left, or where there are more vertices than 32 bits number.
 
 use super::ReadError;
-use super::sink::{MeshSink, NO_POSITION, NOT_FINITE, TWICE, UNUSED, VertexBlock};
+use super::sink::{MeshSink, NO_POSITION, NOT_FINITE, TWICE, UNUSED, VertexBlock, VertexSink};
 use crate::{Diagnostics, RawMesh, UNCOLOURED};
 use glam::{DVec3, Vec3};
 use kilwa_pack::plural::counted;
@@ -77,7 +77,7 @@ impl MemorySink {
     }
 }
 
-impl MeshSink for MemorySink {
+impl VertexSink for MemorySink {
     fn channels(&mut self, names: &[String]) -> Result<(), ReadError> {
         self.mesh.scalars = names.iter().map(|name| (name.clone(), Vec::new())).collect();
         Ok(())
@@ -114,6 +114,16 @@ impl MeshSink for MemorySink {
         Ok(())
     }
 
+    fn vertex_count(&self) -> u64 {
+        self.mesh.positions.len() as u64
+    }
+
+    fn diagnostics(&mut self) -> &mut Diagnostics {
+        &mut self.mesh.diagnostics
+    }
+}
+
+impl MeshSink for MemorySink {
     fn triangles(&mut self, triangles: &[[u64; 3]], colors: &[[u8; 3]]) -> Result<(), ReadError> {
         self.delivered += triangles.len() as u64;
         if !colors.is_empty() && self.colors.is_empty() {
@@ -142,14 +152,6 @@ impl MeshSink for MemorySink {
         let at = |v: u64| usize::try_from(v).ok().and_then(|v| self.mesh.positions.get(v).copied());
         into.extend(of.iter().map(|&v| at(v).unwrap_or(DVec3::NAN)));
         Ok(())
-    }
-
-    fn vertex_count(&self) -> u64 {
-        self.mesh.positions.len() as u64
-    }
-
-    fn diagnostics(&mut self) -> &mut Diagnostics {
-        &mut self.mesh.diagnostics
     }
 }
 

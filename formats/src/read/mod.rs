@@ -29,7 +29,7 @@ pub use companions::{Replaced, open_regular};
 pub use error::{Place, ReadError};
 pub use memory::MemorySink;
 pub use place::{Placed, Placement};
-pub use sink::{MeshSink, VertexBlock};
+pub use sink::{MeshSink, VertexBlock, VertexSink};
 
 use crate::RawMesh;
 use crate::Up;

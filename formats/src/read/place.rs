@@ -5,7 +5,7 @@
 //! so that their front stays in front. All else passes unchanged.
 
 use super::ReadError;
-use super::sink::{MeshSink, VertexBlock};
+use super::sink::{MeshSink, VertexBlock, VertexSink};
 use crate::Diagnostics;
 use crate::Up;
 use glam::{DAffine3, DMat3, DMat4, DVec3, Vec3};
@@ -139,7 +139,7 @@ fn normal(map: &DMat3, n: Vec3) -> Vec3 {
     if length > 0.0 && length.is_finite() { (moved / length).as_vec3() } else { Vec3::ZERO }
 }
 
-impl MeshSink for Placed<'_> {
+impl VertexSink for Placed<'_> {
     fn channels(&mut self, names: &[String]) -> Result<(), ReadError> {
         self.sink.channels(names)
     }
@@ -155,6 +155,16 @@ impl MeshSink for Placed<'_> {
         self.sink.vertices(&VertexBlock { positions: &self.positions, normals: &self.normals, ..*block })
     }
 
+    fn vertex_count(&self) -> u64 {
+        self.sink.vertex_count()
+    }
+
+    fn diagnostics(&mut self) -> &mut Diagnostics {
+        self.sink.diagnostics()
+    }
+}
+
+impl MeshSink for Placed<'_> {
     fn triangles(&mut self, triangles: &[[u64; 3]], colors: &[[u8; 3]]) -> Result<(), ReadError> {
         if !self.mirrors {
             return self.sink.triangles(triangles, colors);
@@ -166,14 +176,6 @@ impl MeshSink for Placed<'_> {
 
     fn positions(&mut self, of: &[u64], into: &mut Vec<DVec3>) -> Result<(), ReadError> {
         self.sink.positions(of, into)
-    }
-
-    fn vertex_count(&self) -> u64 {
-        self.sink.vertex_count()
-    }
-
-    fn diagnostics(&mut self) -> &mut Diagnostics {
-        self.sink.diagnostics()
     }
 }
 

@@ -2,7 +2,7 @@
 //! of the file, and the sink keeps them (in memory: [`super::MemorySink`]; in scratch files: the builder).
 //!
 //! Vertices are numbered from 0 within one input, in the order of delivery; triangles name these numbers. A triangle may
-//! name vertices that come later. What cannot be kept is dropped and counted by the reader in [`MeshSink::diagnostics`]; what needs all
+//! name vertices that come later. What cannot be kept is dropped and counted by the reader in [`VertexSink::diagnostics`]; what needs all
 //! vertices (indices out of range, positions that are not finite) the sink checks.
 
 use super::ReadError;
@@ -28,12 +28,12 @@ pub struct VertexBlock<'a> {
     pub colors: &'a [[u8; 3]],
     /// Normals as given, not normalised, or empty.
     pub normals: &'a [Vec3],
-    /// Scalars, one list for each channel declared by [`MeshSink::channels`].
+    /// Scalars, one list for each channel declared by [`VertexSink::channels`].
     pub scalars: &'a [Vec<f32>],
 }
 
-/// Receives one input.
-pub trait MeshSink {
+/// Receives the vertices of one input.
+pub trait VertexSink {
     /// Declare the scalar channels of this input by name; at most once, before the first vertex.
     ///
     /// # Errors
@@ -46,22 +46,25 @@ pub trait MeshSink {
     /// [`ReadError`] where they cannot be kept, for example because the scratch disk is full.
     fn vertices(&mut self, block: &VertexBlock<'_>) -> Result<(), ReadError>;
 
-    /// Append triangles by vertex numbers. `colors` is empty, or one colour per triangle that its three corners have
-    /// instead of the colours of their vertices (a vertex where colours differ becomes several wedges).
-    ///
-    /// # Errors
-    /// As [`MeshSink::vertices`].
-    fn triangles(&mut self, triangles: &[[u64; 3]], colors: &[[u8; 3]]) -> Result<(), ReadError>;
-
-    /// Positions of vertices delivered before, for triangulating polygons: one per number, in order.
-    ///
-    /// # Errors
-    /// As [`MeshSink::vertices`]; a number that was not delivered is the reader's mistake and gives NaN.
-    fn positions(&mut self, of: &[u64], into: &mut Vec<DVec3>) -> Result<(), ReadError>;
-
     /// Vertices delivered so far.
     fn vertex_count(&self) -> u64;
 
     /// Where the reader counts what it drops and repairs.
     fn diagnostics(&mut self) -> &mut Diagnostics;
+}
+
+/// Receives one input.
+pub trait MeshSink: VertexSink {
+    /// Append triangles by vertex numbers. `colors` is empty, or one colour per triangle that its three corners have
+    /// instead of the colours of their vertices (a vertex where colours differ becomes several wedges).
+    ///
+    /// # Errors
+    /// As [`VertexSink::vertices`].
+    fn triangles(&mut self, triangles: &[[u64; 3]], colors: &[[u8; 3]]) -> Result<(), ReadError>;
+
+    /// Positions of vertices delivered before, for triangulating polygons: one per number, in order.
+    ///
+    /// # Errors
+    /// As [`VertexSink::vertices`]; a number that was not delivered is the reader's mistake and gives NaN.
+    fn positions(&mut self, of: &[u64], into: &mut Vec<DVec3>) -> Result<(), ReadError>;
 }

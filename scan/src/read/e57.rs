@@ -41,6 +41,7 @@ pub(super) fn read(mut input: Input<'_>) -> Result<(), ScanError> {
         is_empty &= cloud.records == 0;
         if cloud.records == 0 {
             input.sink.diagnostics().add("scans without points left out", || format!("scan {}", number + 1));
+            input.sink.skip();
             continue;
         }
         one_cloud(&mut reader, cloud, number + 1, &errors, &mut input)?;
@@ -251,12 +252,16 @@ fn one_cloud(
             "a unit quaternion and a finite translation",
         )
     })?;
-    let frame = Frame::new(input.options, 1.0);
-    let decoder = Decoder::new(cloud, frame);
-    let is_grid = decoder.columns.cell.is_some();
-    if !is_grid && pose.is_none() && input.options.station.is_none() {
+    let is_grid = Columns::of(cloud).cell.is_some();
+    // Points with a pose or a grid are relative to the scanner.
+    let is_placed = is_grid || pose.is_some();
+    if !is_placed && input.options.station.is_none() {
         return Err(ScanError::NoStation { file: input.path.to_owned() });
     }
+    let frame = if is_placed { Frame::placed(input.options, 1.0) } else { Frame::unplaced(input.options, 1.0) };
+    let is_given = !is_placed || input.options.override_position;
+    let pose = pose.or(is_given.then(Pose::default)).map(|pose| frame.pose(pose));
+    let decoder = Decoder::new(cloud, frame);
     let instrument = [&cloud.sensor_vendor, &cloud.sensor_model, &cloud.sensor_serial];
     let instrument: Vec<&str> =
         instrument.iter().filter_map(|part| part.as_deref()).filter(|t| !t.is_empty()).collect();
@@ -420,7 +425,8 @@ fn one_picture(
         station: picture
             .pointcloud_guid
             .as_ref()
-            .and_then(|guid| clouds.iter().position(|c| c.guid.as_ref() == Some(guid))),
+            .and_then(|guid| clouds.iter().position(|c| c.guid.as_ref() == Some(guid)))
+            .map(|at| at as u64 + 1),
     };
     let data = &blob.data;
     input.sink.picture(&found, &mut |mut out| reader.blob(data, &mut out).map(drop).map_err(|e| errors.wrap(&e)))

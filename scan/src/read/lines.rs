@@ -25,6 +25,8 @@ pub(super) struct Lines {
     /// Where the last line is in the buffer, and whether it is to come again.
     last: (usize, usize),
     again: bool,
+    /// Whether the last line has no end.
+    is_cut: bool,
     reported: u64,
 }
 
@@ -41,6 +43,7 @@ impl Lines {
             number: 0,
             last: (0, 0),
             again: false,
+            is_cut: false,
             reported: 0,
         }
     }
@@ -49,7 +52,7 @@ impl Lines {
     #[inline]
     pub(super) fn next(&mut self) -> Result<Option<&[u8]>, ScanError> {
         if std::mem::take(&mut self.again) {
-            return Ok(Some(&self.buffer[self.last.0..self.last.1]));
+            return Ok(Some(self.last()));
         }
         loop {
             let here = &self.buffer[self.start..self.end];
@@ -77,8 +80,39 @@ impl Lines {
         self.again = true;
     }
 
+    /// The line that came last.
+    pub(super) fn last(&self) -> &[u8] {
+        &self.buffer[self.last.0..self.last.1]
+    }
+
+    /// Whether the line that came last is the last one of the file and has no end. Then the file may have been cut inside it.
+    #[inline]
+    pub(super) fn is_cut(&self) -> bool {
+        self.is_cut
+    }
+
+    /// Whether no line is to come.
+    pub(super) fn is_at_end(&mut self) -> Result<bool, ScanError> {
+        Ok(self.peek(1)?.is_empty())
+    }
+
+    /// What is to come, up to `bytes`, which is less than a mebibyte; fewer at the end of the file.
+    pub(super) fn peek(&mut self, bytes: usize) -> Result<&[u8], ScanError> {
+        while !self.is_ended && self.end - self.kept() < bytes {
+            self.refill()?;
+        }
+        let from = self.kept();
+        Ok(&self.buffer[from..self.end.min(from + bytes)])
+    }
+
+    /// Where what is still needed begins in the buffer.
+    fn kept(&self) -> usize {
+        if self.again { self.last.0 } else { self.start }
+    }
+
     fn taken(&mut self, length: usize, end: usize) -> &[u8] {
         let from = self.start;
+        self.is_cut = end == 0;
         self.start += length + end;
         self.number += 1;
         let line = &self.buffer[from..from + length];
@@ -88,10 +122,14 @@ impl Lines {
     }
 
     fn refill(&mut self) -> Result<(), ScanError> {
-        self.buffer.copy_within(self.start..self.end, 0);
-        self.before += self.start as u64;
-        self.end -= self.start;
-        self.start = 0;
+        let from = self.kept();
+        self.buffer.copy_within(from..self.end, 0);
+        self.before += from as u64;
+        self.end -= from;
+        self.start -= from;
+        if self.again {
+            self.last = (0, self.last.1 - from);
+        }
         loop {
             match self.file.read(&mut self.buffer[self.end..]) {
                 Ok(0) => {
@@ -114,6 +152,11 @@ impl Lines {
     /// Where the line is that came last.
     pub(super) fn place(&self) -> Place {
         Place::Line(self.number)
+    }
+
+    /// Where the line is that comes after `ahead` others.
+    pub(super) fn place_of_next(&self, ahead: usize) -> Place {
+        Place::Line(self.number + u64::from(!self.again) + ahead as u64)
     }
 
     /// Bytes read since the last call, in steps of a mebibyte: `Some` about once a mebibyte.

@@ -10,6 +10,7 @@ mod columns;
 mod e57;
 mod las;
 mod lines;
+mod order;
 mod ply;
 mod ptx;
 mod sniff;
@@ -34,6 +35,8 @@ use std::path::Path;
 pub struct ReadOptions {
     /// The scanner's position, in the file's coordinates and units, of clouds that have none.
     pub station: Option<DVec3>,
+    /// That position is also the one of scans that state their own: their points are not relative to the scanner.
+    pub override_position: bool,
     /// The unit of files that are not in metres by definition (all but E57).
     pub units: LengthUnit,
     /// Import a scan that ends before all announced points have come, with what is there.
@@ -42,7 +45,7 @@ pub struct ReadOptions {
 
 impl Default for ReadOptions {
     fn default() -> Self {
-        Self { station: None, units: LengthUnit::Metre, keep_incomplete: false }
+        Self { station: None, override_position: false, units: LengthUnit::Metre, keep_incomplete: false }
     }
 }
 
@@ -51,7 +54,7 @@ impl Default for ReadOptions {
 pub struct Head {
     /// Its name in the file.
     pub name: Option<String>,
-    /// Where it stands in the survey, if the file tells.
+    /// Where it stands in the survey, if the file or the user tells.
     pub pose: Option<Pose>,
     /// The scanner, if the file tells.
     pub instrument: Option<String>,
@@ -70,8 +73,8 @@ pub struct Picture {
     pub camera: Option<Camera>,
     /// The ending that fits its content: `jpg` or `png`.
     pub extension: &'static str,
-    /// The number of the station in this file that it belongs to.
-    pub station: Option<usize>,
+    /// The number of the scan in this file that it belongs to; the first is 1.
+    pub station: Option<u64>,
 }
 
 /// Receives what a file holds.
@@ -81,6 +84,9 @@ pub trait Sink {
     /// # Errors
     /// Where it cannot be kept, or the user stopped.
     fn begin(&mut self, head: &Head) -> Result<bool, ScanError>;
+
+    /// The next scan of the file holds no points; it has a number like the others.
+    fn skip(&mut self);
 
     /// The sample of the next cell.
     ///
@@ -176,8 +182,19 @@ struct Frame {
 }
 
 impl Frame {
-    fn new(options: &ReadOptions, metres: f64) -> Self {
+    /// Of points whose file does not tell where the scanner was.
+    fn unplaced(options: &ReadOptions, metres: f64) -> Self {
         Self { origin: options.station.unwrap_or_default() * metres, metres }
+    }
+
+    /// Of points that are relative to the scanner, unless the user knows better.
+    fn placed(options: &ReadOptions, metres: f64) -> Self {
+        if options.override_position { Self::unplaced(options, metres) } else { Self { origin: DVec3::ZERO, metres } }
+    }
+
+    /// Where the station stands in the survey, if this is the pose that the file states for its coordinates.
+    fn pose(&self, of_file: Pose) -> Pose {
+        Pose::at(self.origin).then(of_file)
     }
 
     /// A point of the file; `Err` with its distance in metres if it is too far from the station to belong to it.
@@ -203,6 +220,6 @@ fn too_far(file: &Path, place: Place, metres: f64) -> ScanError {
         file,
         place,
         format!("a point {:.0} km from the scanner", metres / 1000.0),
-        "points within 10 km of it; if these are coordinates of the map, give the position of the scanner with --station X,Y,Z",
+        "points within 10 km of it; if these are coordinates of the map, give the position of the scanner with --station X,Y,Z (and --override-position for scans that state one)",
     )
 }

@@ -10,8 +10,8 @@ use crate::spool::Layout;
 use glam::DVec3;
 use kilwa_formats::Diagnostics;
 use kilwa_formats::read::ply::points::{PointSink, read_points};
-use kilwa_formats::read::{MeshSink, ReadError, VertexBlock};
-use kilwa_scan_core::{Grid, Kind, Rays, Sample, State};
+use kilwa_formats::read::{ReadError, VertexBlock, VertexSink};
+use kilwa_scan_core::{Grid, Kind, Pose, Rays, Sample, State};
 use std::cell::Cell;
 use std::fs::File;
 use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
@@ -22,7 +22,7 @@ const INTENSITIES: [&str; 5] = ["intensity", "scalar_intensity", "scalar_scalar_
 
 pub(super) fn read(input: &mut Input<'_>) -> Result<(), ScanError> {
     let at = Cell::new(0);
-    let frame = Frame::new(input.options, input.options.units.metres());
+    let frame = Frame::unplaced(input.options, input.options.units.metres());
     let mut points = Points {
         path: input.path,
         frame,
@@ -112,7 +112,8 @@ impl Points<'_> {
         if let Some(is_wanted) = self.is_wanted {
             return Ok(is_wanted);
         }
-        let is_wanted = self.sink.begin(&Head::default())?;
+        let pose = self.has_station.then(|| self.frame.pose(Pose::default()));
+        let is_wanted = self.sink.begin(&Head { pose, ..Head::default() })?;
         self.is_wanted = Some(is_wanted);
         Ok(is_wanted)
     }
@@ -131,7 +132,7 @@ impl Points<'_> {
     }
 }
 
-impl MeshSink for Points<'_> {
+impl VertexSink for Points<'_> {
     fn channels(&mut self, names: &[String]) -> Result<(), ReadError> {
         let find = |wanted: &str| names.iter().position(|name| name.eq_ignore_ascii_case(wanted));
         self.intensity = INTENSITIES.iter().find_map(|wanted| find(wanted));
@@ -157,15 +158,6 @@ impl MeshSink for Points<'_> {
         self.count += block.positions.len() as u64;
         let done = self.at.get();
         self.sink.progress(done).map_err(|e| self.fail(e))
-    }
-
-    fn triangles(&mut self, _: &[[u64; 3]], _: &[[u8; 3]]) -> Result<(), ReadError> {
-        Ok(())
-    }
-
-    fn positions(&mut self, of: &[u64], into: &mut Vec<DVec3>) -> Result<(), ReadError> {
-        into.extend(of.iter().map(|_| DVec3::NAN));
-        Ok(())
     }
 
     fn vertex_count(&self) -> u64 {
@@ -209,10 +201,6 @@ impl PointSink for Points<'_> {
         };
         let pushed = self.sink.push(&sample);
         pushed.map_err(|e| self.fail(e))
-    }
-
-    fn vertices_sink(&mut self) -> &mut dyn MeshSink {
-        self
     }
 }
 

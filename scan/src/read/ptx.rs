@@ -26,7 +26,15 @@ pub(super) fn read(mut input: Input<'_>) -> Result<(), ScanError> {
     let mut scans = 0;
     while let Some(columns) = next_scan(&mut lines, scans == 0)? {
         scans += 1;
-        one_scan(&mut lines, columns, scans, &mut input)?;
+        match header(&mut lines, columns, &mut input) {
+            Ok(header) => one_scan(&mut lines, header, scans, &mut input)?,
+            // The scans before are whole.
+            Err(_) if input.options.keep_incomplete && scans > 1 && lines.is_at_end()? => {
+                let place = lines.place().to_string();
+                input.sink.diagnostics().add("scans whose header is truncated left out", || place);
+            }
+            Err(e) => return Err(e),
+        }
     }
     if scans == 0 {
         return Err(ScanError::Nothing { file: input.path.to_owned(), what: "it holds no scan".to_owned() });
@@ -68,8 +76,16 @@ fn row<const N: usize>(lines: &mut Lines, what: &str) -> Result<[f64; N], ScanEr
     }
 }
 
-/// Number of columns known: the rest of the header and the points.
-fn one_scan(lines: &mut Lines, columns: u64, scan: u64, input: &mut Input<'_>) -> Result<(), ScanError> {
+/// What is known of a scan before its points.
+#[derive(Debug, Clone, Copy)]
+struct Header {
+    columns: u32,
+    rows: u32,
+    pose: Pose,
+}
+
+/// The rest of the header, behind the number of columns.
+fn header(lines: &mut Lines, columns: u64, input: &mut Input<'_>) -> Result<Header, ScanError> {
     let Some(line) = lines.next()?.map(<[u8]>::to_vec) else {
         return Err(lines.malformed("the end of the file", "the number of rows; the file is truncated"));
     };
@@ -79,16 +95,28 @@ fn one_scan(lines: &mut Lines, columns: u64, scan: u64, input: &mut Input<'_>) -
         let found = format!("{columns} columns and {rows} rows");
         return Err(lines.malformed(found, "two numbers from 1 to 4,294,967,295"));
     };
-    let metres = input.options.units.metres();
-    let pose = pose(lines, metres, input)?;
-    let head = Head { name: None, pose: Some(pose), ..Head::default() };
+    let pose = pose(lines, input.options.units.metres(), input)?;
+    Ok(Header { columns, rows, pose })
+}
+
+fn one_scan(lines: &mut Lines, header: Header, scan: u64, input: &mut Input<'_>) -> Result<(), ScanError> {
+    let Header { columns, rows, pose } = header;
+    let frame = Frame::placed(input.options, input.options.units.metres());
+    let head = Head { pose: Some(frame.pose(pose)), ..Head::default() };
     let is_wanted = input.sink.begin(&head)?;
     let announced = u64::from(columns) * u64::from(rows);
-    let mut points = Points { frame: Frame::new(input.options, metres), values: [0.0; 7], odd_colors: 0 };
-    let mut count = 0;
+    let mut points = Points { frame, values: [0.0; 7], odd_colors: 0 };
+    let (mut count, mut is_cut) = (0, false);
     while count < announced {
         let Some(line) = lines.next()? else { break };
-        match points.sample(line) {
+        let sample = points.sample(line);
+        // A number that is cut is another number.
+        let is_bad = matches!(sample, Err(Bad::Word | Bad::Header));
+        is_cut = lines.is_cut() && (is_bad || sample.is_ok() && count + 1 < announced);
+        if is_cut {
+            break;
+        }
+        match sample {
             Ok(sample) => {
                 if is_wanted {
                     input.sink.push(&sample)?;
@@ -102,7 +130,7 @@ fn one_scan(lines: &mut Lines, columns: u64, scan: u64, input: &mut Input<'_>) -
             Err(Bad::Blank) => {}
             Err(Bad::Far(metres)) => return Err(too_far(input.path, lines.place(), metres)),
             Err(Bad::Word) => {
-                let line = quote(line);
+                let line = quote(lines.last());
                 return Err(lines.malformed(line, format!("point {} of scan {scan}: {POINT}", count + 1)));
             }
         }
@@ -114,8 +142,13 @@ fn one_scan(lines: &mut Lines, columns: u64, scan: u64, input: &mut Input<'_>) -
     if next_scan(lines, false)?.is_some() {
         lines.back();
     }
+    if count == 0 && scan > 1 && input.options.keep_incomplete {
+        let place = format!("scan {scan}");
+        input.sink.diagnostics().add("scans whose points are missing left out", || place);
+        return Ok(());
+    }
     if count < announced {
-        incomplete(lines, count, [columns, rows], scan, input)?;
+        incomplete(lines, count, is_cut, [columns, rows], scan, input)?;
     }
     if points.odd_colors > 0 {
         input.sink.diagnostics().add_many("colours outside 0 to 255 clamped to that range", points.odd_colors);
@@ -137,11 +170,13 @@ fn one_scan(lines: &mut Lines, columns: u64, scan: u64, input: &mut Input<'_>) -
 fn incomplete(
     lines: &Lines,
     count: u64,
+    is_cut: bool,
     [columns, rows]: [u32; 2],
     scan: u64,
     input: &mut Input<'_>,
 ) -> Result<(), ScanError> {
-    let found = format!("{} of scan {scan}", counted(count, "point", "points"));
+    let cut = if is_cut { ", and the file ends in the middle of a line" } else { "" };
+    let found = format!("{} of scan {scan}{cut}", counted(count, "point", "points"));
     if !input.options.keep_incomplete || count == 0 {
         let announced = u64::from(columns) * u64::from(rows);
         return Err(lines.malformed(
@@ -152,6 +187,7 @@ fn incomplete(
         ));
     }
     let place = format!("{}: {found} of {columns} × {rows}", lines.place());
+    input.sink.diagnostics().add_many("points in whose line the file ends dropped", u64::from(is_cut));
     input.sink.diagnostics().add("scans with fewer points than their header announces", || place);
     Ok(())
 }

@@ -1,6 +1,7 @@
 //! Which format a file has.
 
 use super::lines::{numbers, whole};
+use super::order::has_decimal_commas;
 use super::{beginning, ptx};
 use crate::ScanError;
 use std::path::Path;
@@ -62,7 +63,9 @@ fn text(start: &[u8], path: &Path) -> Option<Format> {
     if whole(first).is_some() {
         return Some(Format::Pts);
     }
-    let fits = |line: &[u8]| numbers(line, &mut [0.0; 8]).is_ok_and(|n| (3..=7).contains(&n));
+    // Of numbers with decimal commas the reader says what is wrong with them.
+    let has_points = |line: &[u8]| numbers(line, &mut [0.0; 8]).is_ok_and(|n| (3..=7).contains(&n));
+    let fits = |line: &[u8]| has_points(line) || has_decimal_commas(line);
     // Names of columns may be in the first line.
     let is = fits(first) || lines.next().is_some_and(fits) && first.is_ascii();
     is.then_some(if is_pts { Format::Pts } else { Format::Xyz })

@@ -100,6 +100,33 @@ impl Header {
         self.table_offset() + self.blocks() * HASH_BYTES as u64
     }
 
+    /// What is wrong with a header whose hash is right: anybody can write one.
+    fn check(&self) -> Result<(), String> {
+        let Grid { columns, rows, .. } = self.grid;
+        let cells = self.grid.cells();
+        let per_block = BLOCK_SAMPLES * SAMPLE_BYTES as u64 + HASH_BYTES as u64;
+        // One block more than there are, and the header.
+        let bytes = cells.div_ceil(BLOCK_SAMPLES).checked_add(1).and_then(|blocks| blocks.checked_mul(per_block));
+        if cells == 0 || bytes.is_none() {
+            return Err(format!("its header is damaged: it states {columns} columns and {rows} rows"));
+        }
+        let s = &self.statistics;
+        let counts = s.measured.checked_add(s.no_return).is_some_and(|n| n <= cells);
+        if !counts || s.colored > s.measured || s.with_intensity > s.measured {
+            return Err(format!("its header is damaged: {} measured points in {cells} cells", s.measured));
+        }
+        let [min, max] = s.bounds;
+        let is_bounded = min.is_finite() && max.is_finite() && min.cmple(max).all();
+        let is_placed = match self.rays {
+            Rays::Central => true,
+            Rays::Parallel(direction) => direction.is_normalized(),
+        };
+        if s.measured > 0 && !(is_bounded && s.max_range.is_finite()) || !self.origin.is_finite() || !is_placed {
+            return Err("its header is damaged: its origin, rays or bounds are impossible".to_owned());
+        }
+        Ok(())
+    }
+
     pub(super) fn to_bytes(self) -> [u8; HEADER_BYTES] {
         let mut out = Vec::with_capacity(HEADER_BYTES);
         let s = &self.statistics;
@@ -165,14 +192,16 @@ impl Header {
         let bounds = [Vec3::new(float(), float(), float()), Vec3::new(float(), float(), float())];
         let (intensity, max_range) = ([float(), float()], float());
         let statistics = Statistics { measured, no_return, colored, with_intensity, bounds, intensity, max_range };
-        Ok(Self {
+        let header = Self {
             grid: Grid { columns, rows, by_rows: flags & BY_ROWS != 0 },
             is_grid: flags & IS_GRID != 0,
             rays: if flags & IS_PARALLEL != 0 { Rays::Parallel(parallel) } else { Rays::Central },
             origin,
             statistics,
             table_hash: take(&mut rest),
-        })
+        };
+        header.check()?;
+        Ok(header)
     }
 }
 

@@ -63,7 +63,9 @@ impl Reader {
     pub fn read(&mut self, first: u64, count: usize, out: &mut Vec<Sample>) -> Result<(), ScanError> {
         out.clear();
         let end = first.checked_add(count as u64).filter(|end| *end <= self.header.grid.cells());
-        let end = end.ok_or_else(|| self.damaged(format!("it has no cells {first} to {}", first + count as u64)))?;
+        let end = end.ok_or_else(|| {
+            self.damaged(format!("it has no cells {first} to {}", first.saturating_add(count as u64)))
+        })?;
         let mut cell = first;
         while cell < end {
             self.load(cell / BLOCK_SAMPLES)?;

@@ -129,3 +129,36 @@ fn numbers_of_seven_digits_come_back_as_they_were_written_and_others_within_the_
         assert!((f64::from(any as f32) - any).abs() <= any.abs() * 2f64.powi(-24));
     }
 }
+
+#[test]
+fn a_header_that_states_the_impossible_is_refused_before_anything_is_allocated() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.scan");
+    let samples: Vec<Sample> = (0..4).map(|k| Sample::measured(Vec3::new(k as f32, 1.0, 0.0))).collect();
+    let sound = written(&path, &samples, &[0, 1, 2, 3], layout(2, 2));
+    let grid = |columns, rows| Header { grid: Grid { columns, rows, by_rows: false }, ..sound };
+    let counts = |change: fn(&mut Statistics)| {
+        let mut header = sound;
+        change(&mut header.statistics);
+        header
+    };
+    for (header, bytes) in [
+        // 64 bits overflow, and the length would be right.
+        (grid(4_294_964_078, 3_434_634_757), 2_083_912),
+        (grid(u32::MAX, u32::MAX), 256),
+        (grid(0, 5), 256),
+        (grid(5, 0), 256),
+        (grid(0, 0), 256),
+        (Header { origin: DVec3::NAN, ..sound }, 344),
+        (Header { rays: Rays::Parallel(DVec3::new(0.0, f64::INFINITY, 0.0)), ..sound }, 344),
+        (counts(|s| s.measured = 5), 344),
+        (counts(|s| s.no_return = u64::MAX), 344),
+        (counts(|s| s.bounds[1].x = f32::NAN), 344),
+    ] {
+        let file = std::fs::File::create(&path).unwrap();
+        file.set_len(bytes).unwrap();
+        std::io::Write::write_all(&mut &file, &header.to_bytes()).unwrap();
+        let message = Reader::open(&path).unwrap_err().to_string();
+        assert!(message.contains("a.scan: its header is damaged"), "{header:?}: {message}");
+    }
+}

@@ -1,24 +1,58 @@
 //! Changing `survey.toml` and keeping all else as people wrote it.
 
 use super::parse::{VERSION, is_name};
-use super::{Camera, FILE, Photograph, Station, Survey, text};
+use super::{Camera, FILE, FILE_MAX, Photograph, Station, Survey, is_same_file, spool_of, text};
 use crate::ScanError;
 use kilwa_files::atomic::{self, Access};
 use kilwa_scan_core::Pose;
 use std::path::{Path, PathBuf};
-use toml_edit::{Array, ArrayOfTables, DocumentMut, InlineTable, Item, Table, Value, value};
+use toml_edit::{Array, ArrayOfTables, DocumentMut, InlineTable, Item, Table, TableLike, Value, value};
 
 const BEGINNING: &str = "# A survey, made by `kilwa scans import`. You may edit this file; see docs/scans.md.
 # Lengths are in metres. A pose transforms scanner coordinates to survey coordinates: rotation is a unit quaternion (w, x, y, z).
 ";
 
 /// A survey that is changed; nothing is written before [`Edit::save`].
+///
+/// People may edit the file while an import runs, which can take hours: what they write is read again and kept.
 #[derive(Debug)]
 pub struct Edit {
+    folder: PathBuf,
     path: PathBuf,
+    /// The file as it was last read or written; `None` where there was none.
+    known: Option<String>,
     document: DocumentMut,
     survey: Survey,
-    is_new: bool,
+    /// Changes since then.
+    pending: Vec<Change>,
+}
+
+/// A change that can be made again in a file that was edited meanwhile.
+#[derive(Debug, Clone)]
+enum Change {
+    Crs(String),
+    Station(Box<Station>),
+    Photograph(Photograph),
+}
+
+impl Change {
+    fn make(&self, document: &mut DocumentMut, survey: &mut Survey) {
+        match self {
+            Self::Crs(_) if survey.crs.is_some() => {}
+            Self::Crs(crs) => {
+                document["crs"] = value(crs);
+                survey.crs = Some(crs.clone());
+            }
+            Self::Station(station) => {
+                append(document, "station", station_table(station));
+                survey.stations.push(station.as_ref().clone());
+            }
+            Self::Photograph(photograph) => {
+                append(document, "photograph", photograph_table(photograph));
+                survey.photographs.push(photograph.clone());
+            }
+        }
+    }
 }
 
 impl Edit {
@@ -28,12 +62,32 @@ impl Edit {
     /// As [`Survey::open`].
     pub fn open(folder: &Path) -> Result<Self, ScanError> {
         let path = folder.join(FILE);
-        let is_new = !path.exists();
-        let text = if is_new { format!("{BEGINNING}version = {VERSION}\n") } else { text(folder)?.1 };
-        let survey = Survey::parse(&text).map_err(|problems| ScanError::Survey { file: path.clone(), problems })?;
-        let document = text.parse::<DocumentMut>();
-        let document = document.map_err(|e| ScanError::Request(format!("{}: {e}", path.display())))?;
-        Ok(Self { path, document, survey, is_new })
+        let known = if path.exists() { Some(text(folder)?.1) } else { None };
+        let (document, survey) = parsed(&path, &known.clone().unwrap_or_else(beginning))?;
+        Ok(Self { folder: folder.to_owned(), path, known, document, survey, pending: Vec::new() })
+    }
+
+    /// Read the file again where someone has edited it since it was last read or written, and keep the changes that are not saved yet.
+    ///
+    /// # Errors
+    /// As [`Survey::open`]; [`ScanError::Request`] where there are changes that cannot be made again.
+    pub fn refresh(&mut self) -> Result<(), ScanError> {
+        let now = if self.known.is_some() || self.path.exists() { Some(text(&self.folder)?.1) } else { None };
+        if now == self.known {
+            return Ok(());
+        }
+        let remade = |from: Option<&String>| {
+            let (mut document, mut survey) = parsed(&self.path, &from.cloned().unwrap_or_else(beginning))?;
+            self.pending.iter().for_each(|change| change.make(&mut document, &mut survey));
+            Ok::<_, ScanError>((document, survey))
+        };
+        if remade(self.known.as_ref())?.0.to_string() != self.document.to_string() {
+            let message = format!("{} was edited while this command ran; run the command again", self.path.display());
+            return Err(ScanError::Request(message));
+        }
+        (self.document, self.survey) = remade(now.as_ref())?;
+        self.known = now;
+        Ok(())
     }
 
     /// What it holds now.
@@ -43,48 +97,25 @@ impl Edit {
 
     /// Set the coordinate reference system if it has none. `false` if it has another one.
     pub fn set_crs(&mut self, crs: &str) -> bool {
-        match &self.survey.crs {
-            None => {
-                self.document["crs"] = value(crs);
-                self.survey.crs = Some(crs.to_owned());
-                true
-            }
-            Some(own) => own == crs,
+        if self.survey.crs.is_none() {
+            self.change(Change::Crs(crs.to_owned()));
         }
+        self.survey.crs.as_deref() == Some(crs)
     }
 
     /// Append a station.
     pub fn add_station(&mut self, station: Station) {
-        let mut table = Table::new();
-        table["name"] = value(&station.name);
-        table["scan"] = value(&station.scan);
-        put_pose(&mut table, station.pose);
-        if let Some(instrument) = &station.instrument {
-            table["instrument"] = value(instrument);
-        }
-        let mut source = Table::new();
-        source["file"] = value(&station.source.file);
-        source["bytes"] = value(i64::try_from(station.source.bytes).unwrap_or(i64::MAX));
-        source["blake3"] = value(&station.source.blake3);
-        source["number"] = value(i64::try_from(station.source.number).unwrap_or(i64::MAX));
-        table["source"] = Item::Table(source);
-        self.append("station", table);
-        self.survey.stations.push(station);
+        self.change(Change::Station(Box::new(station)));
     }
 
     /// Append a photograph.
     pub fn add_photograph(&mut self, photograph: Photograph) {
-        let mut table = Table::new();
-        table["file"] = value(&photograph.file);
-        if let Some(station) = &photograph.station {
-            table["station"] = value(station);
-        }
-        put_pose(&mut table, photograph.pose);
-        if let Some(camera) = &photograph.camera {
-            table["camera"] = value(camera_table(camera));
-        }
-        self.append("photograph", table);
-        self.survey.photographs.push(photograph);
+        self.change(Change::Photograph(photograph));
+    }
+
+    fn change(&mut self, change: Change) {
+        change.make(&mut self.document, &mut self.survey);
+        self.pending.push(change);
     }
 
     /// Set or clear the pose of a station.
@@ -94,43 +125,141 @@ impl Edit {
     pub fn set_pose(&mut self, name: &str, pose: Option<Pose>) -> Result<(), ScanError> {
         self.survey.station(name)?;
         let place = self.survey.stations.iter().position(|s| s.name == name);
-        let tables = self.document.get_mut("station").and_then(Item::as_array_of_tables_mut);
-        if let Some((place, table)) = place.zip(place.and_then(|k| tables?.get_mut(k))) {
+        let table = place.and_then(|k| listed(&mut self.document, "station", k));
+        if let Some((place, table)) = place.zip(table) {
             put_pose(table, pose);
             self.survey.stations[place].pose = pose;
         }
         Ok(())
     }
 
-    fn append(&mut self, key: &str, table: Table) {
-        let list = self.document.entry(key).or_insert_with(|| Item::ArrayOfTables(ArrayOfTables::new()));
-        if let Some(list) = list.as_array_of_tables_mut() {
-            list.push(table);
-        }
+    /// Whether a new station can have this name: no other one has it, and none has the file that it would get.
+    pub fn is_free(&self, name: &str) -> bool {
+        let is_same_name = |other: &str| other.to_lowercase() == name.to_lowercase();
+        let spool = spool_of(name);
+        !self.survey.stations.iter().any(|s| is_same_name(&s.name) || is_same_file(&s.scan, &spool))
     }
 
-    /// A name for a new station that no other has, made of what a file calls it.
+    /// A name for a new station that is free ([`Self::is_free`]), made of what a file calls it.
     pub fn free_name(&self, wanted: &str) -> String {
         let clean = clean_name(wanted);
-        let is_free = |name: &str| self.survey.stations.iter().all(|s| !s.name.eq_ignore_ascii_case(name));
         let numbered = (2..).map(|k| format!("{clean}-{k}"));
-        std::iter::once(clean.clone()).chain(numbered).find(|name| is_free(name)).unwrap_or(clean)
+        std::iter::once(clean.clone()).chain(numbered).find(|name| self.is_free(name)).unwrap_or(clean)
     }
 
-    /// Write the file.
+    /// Write the file, with what people wrote into it meanwhile.
     ///
     /// # Errors
-    /// [`ScanError::Write`].
+    /// [`ScanError::Write`]; as [`Self::refresh`]; [`ScanError::Request`] where it would be too long.
     pub fn save(&mut self) -> Result<(), ScanError> {
+        self.refresh()?;
         let text = self.document.to_string();
         // What the program wrote, it must be able to read.
-        Survey::parse(&text).map_err(|problems| ScanError::Survey { file: self.path.clone(), problems })?;
+        if text.len() as u64 > FILE_MAX {
+            let message =
+                format!("{} would have more than {FILE_MAX} bytes; begin another survey", self.path.display());
+            return Err(ScanError::Request(message));
+        }
+        let written =
+            Survey::parse(&text).map_err(|problems| ScanError::Survey { file: self.path.clone(), problems })?;
+        if !has_same_entries(&written, &self.survey) {
+            let message = format!(
+                "{}: an entry cannot be added; write stations as [[station]] and photographs as [[photograph]]",
+                self.path.display()
+            );
+            return Err(ScanError::Request(message));
+        }
         let before = std::fs::metadata(&self.path).ok();
         let access = before.as_ref().map_or(Access::Default, Access::Like);
-        atomic::write(&self.path, text.as_bytes(), access, !self.is_new).map_err(ScanError::write(&self.path))?;
-        self.is_new = false;
+        let is_there = self.known.is_some();
+        atomic::write(&self.path, text.as_bytes(), access, is_there).map_err(ScanError::write(&self.path))?;
+        self.known = Some(text);
+        self.pending.clear();
         Ok(())
     }
+}
+
+fn beginning() -> String {
+    format!("{BEGINNING}version = {VERSION}\n")
+}
+
+/// The text of the file as a document that can be changed and as a survey.
+fn parsed(path: &Path, text: &str) -> Result<(DocumentMut, Survey), ScanError> {
+    let survey = Survey::parse(text).map_err(|problems| ScanError::Survey { file: path.to_owned(), problems })?;
+    let document = text.parse::<DocumentMut>();
+    let document = document.map_err(|e| ScanError::Request(format!("{}: {e}", path.display())))?;
+    Ok((document, survey))
+}
+
+/// Whether two surveys have the same stations and photographs.
+fn has_same_entries(a: &Survey, b: &Survey) -> bool {
+    let stations = |survey: &Survey| -> Vec<_> {
+        let entry = |s: &Station| (s.name.clone(), s.scan.clone(), s.source.blake3.clone(), s.source.number);
+        survey.stations.iter().map(entry).collect()
+    };
+    let photographs = |survey: &Survey| -> Vec<_> { survey.photographs.iter().map(|p| p.file.clone()).collect() };
+    stations(a) == stations(b) && photographs(a) == photographs(b)
+}
+
+/// Append a table to a list, in whatever form a person wrote the list: `[[key]]`, one `[key]`, or inline tables in brackets.
+fn append(document: &mut DocumentMut, key: &str, table: Table) {
+    let list = document.entry(key).or_insert_with(|| Item::ArrayOfTables(ArrayOfTables::new()));
+    match list {
+        Item::ArrayOfTables(list) => list.push(table),
+        Item::Value(Value::Array(list)) if !list.is_empty() => list.push(table.into_inline_table()),
+        other => {
+            let mut list = ArrayOfTables::new();
+            if let Ok(mut only) = std::mem::take(other).into_table() {
+                only.set_dotted(false);
+                only.set_implicit(false);
+                list.push(only);
+            }
+            list.push(table);
+            *other = Item::ArrayOfTables(list);
+        }
+    }
+}
+
+/// An entry of a list, in whatever form a person wrote the list.
+fn listed<'d>(document: &'d mut DocumentMut, key: &str, place: usize) -> Option<&'d mut dyn TableLike> {
+    match document.get_mut(key)? {
+        Item::ArrayOfTables(list) => list.get_mut(place).map(|table| table as &mut dyn TableLike),
+        Item::Value(Value::Array(list)) => {
+            let table = list.get_mut(place).and_then(Value::as_inline_table_mut);
+            table.map(|table| table as &mut dyn TableLike)
+        }
+        only => only.as_table_like_mut().filter(|_| place == 0),
+    }
+}
+
+fn station_table(station: &Station) -> Table {
+    let mut table = Table::new();
+    table["name"] = value(&station.name);
+    table["scan"] = value(&station.scan);
+    put_pose(&mut table, station.pose);
+    if let Some(instrument) = &station.instrument {
+        table["instrument"] = value(instrument);
+    }
+    let mut source = Table::new();
+    source["file"] = value(&station.source.file);
+    source["bytes"] = value(i64::try_from(station.source.bytes).unwrap_or(i64::MAX));
+    source["blake3"] = value(&station.source.blake3);
+    source["number"] = value(i64::try_from(station.source.number).unwrap_or(i64::MAX));
+    table["source"] = Item::Table(source);
+    table
+}
+
+fn photograph_table(photograph: &Photograph) -> Table {
+    let mut table = Table::new();
+    table["file"] = value(&photograph.file);
+    if let Some(station) = &photograph.station {
+        table["station"] = value(station);
+    }
+    put_pose(&mut table, photograph.pose);
+    if let Some(camera) = &photograph.camera {
+        table["camera"] = value(camera_table(camera));
+    }
+    table
 }
 
 /// A name that files can have, made of any text.
@@ -147,7 +276,7 @@ fn numbers(values: &[f64]) -> Value {
     values.iter().copied().collect::<Array>().into()
 }
 
-fn put_pose(table: &mut Table, pose: Option<Pose>) {
+fn put_pose(table: &mut dyn TableLike, pose: Option<Pose>) {
     let Some(Pose { rotation: q, translation }) = pose else {
         table.remove("rotation");
         table.remove("translation");
@@ -155,8 +284,8 @@ fn put_pose(table: &mut Table, pose: Option<Pose>) {
     };
     // A quaternion and its negative are the same rotation.
     let sign = if q.w < 0.0 { -1.0 } else { 1.0 };
-    table["rotation"] = Item::Value(numbers(&[q.w, q.x, q.y, q.z].map(|v| v * sign + 0.0)));
-    table["translation"] = Item::Value(numbers(&translation.to_array()));
+    table.insert("rotation", Item::Value(numbers(&[q.w, q.x, q.y, q.z].map(|v| v * sign + 0.0))));
+    table.insert("translation", Item::Value(numbers(&translation.to_array())));
 }
 
 fn camera_table(camera: &Camera) -> InlineTable {

@@ -214,6 +214,20 @@ impl Survey {
     }
 }
 
+/// The spool of a station of this name, as `survey.toml` has it.
+pub(crate) fn spool_of(name: &str) -> String {
+    format!("{STATIONS}/{name}.scan")
+}
+
+/// Whether two paths in the folder of the survey may be the same file: `.` in them means nothing, and some disks do not distinguish case.
+pub(crate) fn is_same_file(a: &str, b: &str) -> bool {
+    let parts = |path: &str| -> Vec<String> {
+        let parts = path.split(['/', '\\']).filter(|part| !part.is_empty() && *part != ".");
+        parts.map(str::to_lowercase).collect()
+    };
+    parts(a) == parts(b)
+}
+
 /// Whether a folder is a survey.
 pub fn is_survey(folder: &Path) -> bool {
     folder.join(FILE).is_file()

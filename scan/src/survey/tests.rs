@@ -135,3 +135,69 @@ fn names_are_made_free_and_fit_for_files() {
     let message = edit.survey().station("nort").unwrap_err().to_string();
     assert!(message.contains("did you mean north?"), "{message}");
 }
+
+#[test]
+fn entries_are_added_to_lists_in_every_form_that_is_read() {
+    let source = "source = { file = \"a.ptx\", bytes = 12, blake3 = \"00ff\", number = 1 }";
+    let one = format!("name = \"north\"\nscan = \"stations/north.scan\"\n{source}\n");
+    let inline = format!("{{ name = \"north\", scan = \"stations/north.scan\", {source} }}");
+    for (text, kept) in [
+        ("version = 1\nstation = []\nphotograph = []\n".to_owned(), "version = 1"),
+        (format!("version = 1\n# the tower\n[station]\n{one}[options.mesh]\nmax_edge = 0.1\n"), "# the tower"),
+        (format!("version = 1\nstation = [\n  # the tower\n  {inline},\n]\n"), "# the tower"),
+        (format!("version = 1\nstation = {inline} # the tower\n"), "north"),
+        (
+            "version = 1\nstation.name = \"north\"\nstation.scan = \"stations/north.scan\"\nstation.source.file = \"a.ptx\"\nstation.source.bytes = 1\nstation.source.blake3 = \"00\"\nstation.source.number = 1\n".to_owned(),
+            "north",
+        ),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join(FILE);
+        std::fs::write(&path, &text).unwrap();
+        let mut edit = Edit::open(folder.path()).unwrap();
+        let before = edit.survey().stations.len();
+        if before > 0 {
+            edit.set_pose("north", Some(pose())).unwrap();
+        }
+        edit.add_station(station("south"));
+        edit.add_photograph(Photograph {
+            file: "photographs/a.jpg".to_owned(),
+            station: Some("south".to_owned()),
+            pose: None,
+            camera: None,
+        });
+        edit.save().unwrap();
+        let survey = Survey::open(folder.path()).unwrap();
+        let after = std::fs::read_to_string(&path).unwrap();
+        assert_eq!((survey.stations.len(), survey.photographs.len()), (before + 1, 1), "{after}");
+        assert_eq!(survey.stations[before], station("south"), "{after}");
+        assert!(survey.stations[..before].iter().all(|s| s.name == "north" && s.pose.is_some()), "{after}");
+        assert!(after.contains(kept), "{after}");
+    }
+}
+
+#[test]
+fn a_survey_that_was_edited_meanwhile_is_merged_or_the_command_must_run_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(FILE);
+    let mut edit = Edit::open(folder.path()).unwrap();
+    edit.add_station(station("north"));
+    edit.save().unwrap();
+    let write = |more: &str| {
+        let text = std::fs::read_to_string(&path).unwrap();
+        std::fs::write(&path, format!("{more}\n{text}")).unwrap();
+    };
+    write("title = \"Fort\" # by hand");
+    edit.add_station(station("south"));
+    edit.save().unwrap();
+    let survey = Survey::open(folder.path()).unwrap();
+    assert_eq!((survey.title.as_deref(), survey.stations.len()), (Some("Fort"), 2));
+    assert!(std::fs::read_to_string(&path).unwrap().contains("# by hand"));
+    assert_eq!(&survey, edit.survey());
+    // A pose is computed from what was there before: it is not put into a file that has changed.
+    write("# again");
+    edit.set_pose("north", Some(pose())).unwrap();
+    let message = edit.save().unwrap_err().to_string();
+    assert!(message.contains("survey.toml was edited while this command ran"), "{message}");
+    assert!(std::fs::read_to_string(&path).unwrap().starts_with("# again"));
+}

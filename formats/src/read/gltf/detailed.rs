@@ -8,7 +8,7 @@
 use super::super::sink::TWICE;
 use super::super::texture::detail::{Detail, Shared, Vertex, middle, split};
 use super::super::texture::{light_from_srgb, srgb_from_light};
-use super::super::{MeshSink, ReadError, VertexBlock};
+use super::super::{MeshSink, ReadError, VertexBlock, VertexSink};
 use super::Context;
 use super::buffers::Buffers;
 use super::material::{Material, Texture};
@@ -293,7 +293,7 @@ pub(super) struct Nowhere {
     diagnostics: crate::Diagnostics,
 }
 
-impl MeshSink for Nowhere {
+impl VertexSink for Nowhere {
     fn channels(&mut self, _: &[String]) -> Result<(), ReadError> {
         Ok(())
     }
@@ -303,6 +303,16 @@ impl MeshSink for Nowhere {
         Ok(())
     }
 
+    fn vertex_count(&self) -> u64 {
+        self.count
+    }
+
+    fn diagnostics(&mut self) -> &mut crate::Diagnostics {
+        &mut self.diagnostics
+    }
+}
+
+impl MeshSink for Nowhere {
     fn triangles(&mut self, _: &[[u64; 3]], _: &[[u8; 3]]) -> Result<(), ReadError> {
         Ok(())
     }
@@ -310,13 +320,5 @@ impl MeshSink for Nowhere {
     fn positions(&mut self, of: &[u64], into: &mut Vec<DVec3>) -> Result<(), ReadError> {
         into.extend(of.iter().map(|_| DVec3::NAN));
         Ok(())
-    }
-
-    fn vertex_count(&self) -> u64 {
-        self.count
-    }
-
-    fn diagnostics(&mut self) -> &mut crate::Diagnostics {
-        &mut self.diagnostics
     }
 }

@@ -34,7 +34,7 @@ mod tests;
 
 use super::faces::Faces;
 use super::source::Source;
-use super::{Input, MeshSink, Place, ReadError};
+use super::{Input, MeshSink, Place, ReadError, VertexSink};
 use crate::Diagnostics;
 use ascii::Ascii;
 use binary::Binary;
@@ -126,7 +126,7 @@ fn read_vertices(
     element: &Element,
     fields: &[Field],
     plan: &Plan,
-    sink: &mut dyn MeshSink,
+    sink: &mut dyn VertexSink,
     diagnostics: &mut Diagnostics,
 ) -> Result<(), ReadError> {
     let width = plan.columns.len();

@@ -103,31 +103,19 @@ impl Plan {
                 way_out: if rows(vertex) > 0 { MESH_FIRST } else { "Export the mesh again and give that" },
             });
         };
-        let mut plan = Self {
-            elements: Vec::with_capacity(header.elements.len()),
-            columns: Vec::new(),
-            channels: Vec::new(),
-            face_colors: None,
-            vertices: vertex.count,
-            faces: rows(face),
-        };
-        let vertex_fields = plan.vertex_fields(vertex, path)?;
-        for element in &header.elements {
-            let what = match element.name.as_str() {
-                "vertex" => ElementPlan::Vertices(vertex_fields.clone()),
+        Self::with(header, vertex, rows(face), path, |plan, element| {
+            Ok(match element.name.as_str() {
                 "face" if element.count > 0 => {
                     let mut fields = index_fields(element, path)?;
                     if rows(strips) == 0 {
                         plan.keep_face_colors(element, &mut fields, path)?;
                     }
-                    ElementPlan::Faces(fields)
+                    Some(ElementPlan::Faces(fields))
                 }
-                "tristrips" if element.count > 0 => ElementPlan::Strips(index_fields(element, path)?),
-                _ => ElementPlan::Skip(fields(element)),
-            };
-            plan.elements.push(what);
-        }
-        Ok(plan)
+                "tristrips" if element.count > 0 => Some(ElementPlan::Strips(index_fields(element, path)?)),
+                _ => None,
+            })
+        })
     }
 
     /// What is kept of a file of points: its vertices, and the vertex of each cell of a range grid.
@@ -143,32 +131,37 @@ impl Plan {
             let needs = format!("has no points: {}", inventory(header, 0));
             return Err(ReadError::Needs { file: path.to_owned(), needs, way_out: "Export the scan again" });
         };
+        Self::with(header, vertex, 0, path, |plan, element| match element.name.as_str() {
+            GRID if !plan.elements.iter().any(|what| matches!(what, ElementPlan::Vertices(_))) => {
+                let found = "a range grid before the vertices".to_owned();
+                Err(malformed(path, element, found, "the element vertex first"))
+            }
+            GRID => Ok(Some(ElementPlan::Faces(index_fields(element, path)?))),
+            _ => Ok(None),
+        })
+    }
+
+    /// A plan of a file with these vertices. `of_element` says what happens to its other elements; `None`: nothing is kept of them.
+    fn with(
+        header: &Header,
+        vertex: &Element,
+        faces: u64,
+        path: &Path,
+        of_element: impl Fn(&mut Self, &Element) -> Result<Option<ElementPlan>, ReadError>,
+    ) -> Result<Self, ReadError> {
         let mut plan = Self {
             elements: Vec::with_capacity(header.elements.len()),
             columns: Vec::new(),
             channels: Vec::new(),
             face_colors: None,
             vertices: vertex.count,
-            faces: 0,
+            faces,
         };
         let vertex_fields = plan.vertex_fields(vertex, path)?;
-        let mut is_after = false;
         for element in &header.elements {
             let what = match element.name.as_str() {
-                "vertex" => {
-                    is_after = true;
-                    ElementPlan::Vertices(vertex_fields.clone())
-                }
-                GRID if !is_after => {
-                    return Err(malformed(
-                        path,
-                        element,
-                        "a range grid before the vertices".to_owned(),
-                        "the element vertex first",
-                    ));
-                }
-                GRID => ElementPlan::Faces(index_fields(element, path)?),
-                _ => ElementPlan::Skip(fields(element)),
+                "vertex" => ElementPlan::Vertices(vertex_fields.clone()),
+                _ => of_element(&mut plan, element)?.unwrap_or_else(|| ElementPlan::Skip(fields(element))),
             };
             plan.elements.push(what);
         }

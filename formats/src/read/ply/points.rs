@@ -8,14 +8,14 @@ use super::header::{Encoding, Header};
 use super::plan::{ElementPlan, Field, Plan};
 use super::{Place, ReadError, is_ply, read_vertices};
 use crate::Diagnostics;
-use crate::read::sink::MeshSink;
+use crate::read::sink::VertexSink;
 use crate::read::source::Source;
 use crate::read::{OnProgress, open};
 use kilwa_pack::plural::counted;
 use std::path::Path;
 
-/// Receives points: vertices as [`MeshSink`] does, no triangles, and the cells of a range grid.
-pub trait PointSink: MeshSink {
+/// Receives points: vertices, and the cells of a range grid.
+pub trait PointSink: VertexSink {
     /// Called first: whether the file has a range grid.
     ///
     /// # Errors
@@ -33,9 +33,6 @@ pub trait PointSink: MeshSink {
     /// # Errors
     /// Where it cannot be kept.
     fn cell(&mut self, vertex: Option<u64>) -> Result<(), ReadError>;
-
-    /// This file as a sink of vertices.
-    fn vertices_sink(&mut self) -> &mut dyn MeshSink;
 }
 
 /// Deliver the points of the PLY at `path`.
@@ -109,7 +106,7 @@ fn deliver(
     for (element, what) in header.elements.iter().zip(&plan.elements) {
         match (what, size) {
             (ElementPlan::Vertices(fields), _) => {
-                read_vertices(rows, element, fields, plan, sink.vertices_sink(), diagnostics)?;
+                read_vertices(rows, element, fields, plan, sink, diagnostics)?;
             }
             (ElementPlan::Faces(fields), Some([columns, lines])) => {
                 sink.grid(columns, lines)?;

@@ -9,7 +9,7 @@ use super::elements::Columns;
 use super::plan::{Column, Field, Keep, Plan, Role};
 use super::scalar::Scalar;
 use crate::Diagnostics;
-use crate::read::sink::{MeshSink, VertexBlock};
+use crate::read::sink::{VertexBlock, VertexSink};
 use glam::{DVec3, Vec3};
 
 /// What a first pass over colours and alpha found.
@@ -105,7 +105,7 @@ impl Vertices {
     pub(super) fn new(
         plan: &Plan,
         scan: Scan,
-        sink: &mut dyn MeshSink,
+        sink: &mut dyn VertexSink,
         diagnostics: &mut Diagnostics,
     ) -> Result<Self, ReadError> {
         let find = |role| plan.columns.iter().position(|c| c.role == role);
@@ -150,7 +150,7 @@ impl Vertices {
     pub(super) fn absorb(
         &mut self,
         columns: &Columns,
-        sink: &mut dyn MeshSink,
+        sink: &mut dyn VertexSink,
         diagnostics: &mut Diagnostics,
     ) -> Result<(), ReadError> {
         self.positions.clear();

@@ -13,7 +13,7 @@ use crate::spool::Layout;
 use glam::DVec3;
 use kilwa_formats::read::{Place, ReadError};
 use kilwa_pack::plural::counted;
-use kilwa_scan_core::{Grid, Kind, Rays, Sample, State};
+use kilwa_scan_core::{Grid, Kind, Pose, Rays, Sample, State};
 use las::{PointData, Reader};
 use std::io::Seek;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -47,11 +47,11 @@ pub(super) fn read(input: &mut Input<'_>) -> Result<(), ScanError> {
         ));
     }
     let shift = if format.has_color { color_shift(input, count)? } else { 0 };
-    let head = Head { crs: crs(&header), ..Head::default() };
+    let frame = Frame::unplaced(input.options, input.options.units.metres());
+    let head = Head { pose: Some(frame.pose(Pose::default())), crs: crs(&header), ..Head::default() };
     if !input.sink.begin(&head)? {
         return Ok(());
     }
-    let frame = Frame::new(input.options, input.options.units.metres());
     let mut done = 0;
     batches(&mut reader, count, input.path, &mut |points| {
         let mut colors = points.rgb();
