@@ -378,8 +378,8 @@ test("panels, views, help and hiding work by keyboard, in another language and f
   await page.getByRole("radio", { name: "Parallel, true to scale" }).check();
   await waitFor(page, "settled");
   assert.equal((await page.evaluate(() => globalThis.kilwa.api.getCamera())).orthographic, true);
-  await tab("Info").click();
-  await panel("Info").getByRole("definition").filter({ hasText: /\d/ }).first().waitFor();
+  await tab("Statistics").click();
+  await panel("Statistics").getByRole("definition").filter({ hasText: /\d/ }).first().waitFor();
   await tool(page, "Standard views").click();
   const views = page.getByRole("menu", { name: "Standard views" });
   await views.waitFor();
