@@ -28,7 +28,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 
 const METADATA: &str = "title = \"Gereza\"\ndescription = \"A fort.\"\n[rights]\nuri = \"CC BY 4.0\"\n[[creators]]\nname = \"Held, C.\"\n[model]\nunits = \"m\"\n";
 const VIEWER: &str = "<!doctype html><html><head><base href=\"./\"><title>Kilwa</title><script src=\"boot.js\"></script></head>\
-    <body data-pack=\"\" data-list=\"\"><!--title--><!--about--><!--facts--></body></html>";
+    <body data-pack=\"\" data-list=\"\"><!--title--><!--poster--><!--about--><!--facts--></body></html>";
 
 pub(crate) fn pack() -> PathBuf {
     let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("verify_objects");

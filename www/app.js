@@ -12,7 +12,7 @@ import { Display } from "./display.js";
 import { $ } from "./dom.js";
 import * as format from "./format.js";
 import { firstBytes, wholeHead } from "./head.js";
-import { onChange, preferred, t, use } from "./i18n.js";
+import { onChange, t, use } from "./i18n.js";
 import { Address, readState } from "./link.js";
 import { LocalPack } from "./local-pack.js";
 import { Measuring } from "./measuring.js";
@@ -46,11 +46,14 @@ const CONTEXT_MS = 10_000;
  * @property {() => DecodePool} newPool for the others
  * @property {typeof import("./embed.js") | null} embed where this page is inside another one
  * @property {URLSearchParams} parameters
+ * @property {string} language
+ * @property {Promise<Response>} messages its messages
+ * @property {(part: number) => void} came how much of what the first picture needs is there, 0 to 1
  */
 
 /** @param {Parts} parts */
 export async function start(parts) {
-  await use(preferred(parts.parameters));
+  await use(parts.language, parts.messages);
   document.documentElement.classList.add("started");
   const page = new Page(parts);
   if (parts.pack && parts.head) await page.open(parts.pack, parts.head);
@@ -61,7 +64,7 @@ class Page {
   #rebuilt = 0;
 
   /** @param {Parts} parts */
-  constructor({ pack, program, gpu, pool, newPool, embed, parameters }) {
+  constructor({ pack, program, gpu, pool, newPool, embed, parameters, came }) {
     this.program = program;
     this.gpu = gpu;
     this.pool = pool;
@@ -76,6 +79,7 @@ class Page {
     this.address = new Address(
       () => (current.isOpen && this.api.isReady ? this.viewpoint.state() : null),
       (state) => this.viewpoint.restore(state),
+      () => current.scene?.isMoving ?? false,
     );
     const pickPoints = (/** @type {(points: number[][]) => void} */ found) => this.toolbox.pickPoints(found);
     this.look = new Display({ onChange: () => this.#displayed(), pickPoints });
@@ -87,6 +91,7 @@ class Page {
       emit: (event, detail) => this.api.emit(event, detail),
       tool,
       state: () => this.viewpoint.state(),
+      pins: () => current.notes?.pins?.boxes() ?? [],
     });
     const { address, look, measuring, section, undo } = this;
     this.toolbox = new Toolbox({ scene, notes: () => current.notes, measuring });
@@ -106,7 +111,7 @@ class Page {
         $("language").value = document.documentElement.lang;
       },
     });
-    this.screen = new Screen({ current, measuring, section, address, api: this.api });
+    this.screen = new Screen({ current, measuring, section, address, api: this.api, came });
     // The measuring engine (measure/engine.js), loaded when it is first asked for.
     const engine = async () => (await measuring.load()).engine;
     this.pictures = new Pictures(() => {
@@ -261,6 +266,7 @@ class Page {
       canvas.width = Math.max(1, Math.round(canvas.clientWidth * Math.min(devicePixelRatio, 2)));
       canvas.height = Math.max(1, Math.round(canvas.clientHeight * Math.min(devicePixelRatio, 2)));
       viewer = await model.module.Viewer.create(canvas, model.head);
+      this.screen.came(0.8);
     } catch (error) {
       const isNoGpu = error.kind === "noGpu";
       // A canvas that was asked for WebGPU gives no WebGL any more: the page begins again, once.
@@ -274,6 +280,7 @@ class Page {
     const pool = this.pool ?? this.newPool();
     this.pool = null; // It ends with this scene.
     const scene = new Scene({ canvas, viewer, model, pool, streaming: this.#streaming(), actions: this.actions, on: this.#sceneEvents() });
+    if (!state.camera) scene.begin();
     this.current.scene = scene;
     notes.attach(scene);
     this.look.attach(scene, model);

@@ -3,6 +3,7 @@
 import { $ } from "./dom.js";
 import { fill } from "./facts.js";
 import { t } from "./i18n.js";
+import { hasSheet, isSmall } from "./screen-size.js";
 import { get, put } from "./store.js";
 
 /** @import { NoticeAction } from "./types/page.js" */
@@ -10,14 +11,13 @@ import { get, put } from "./store.js";
 
 /** The element that an event happened to; null for a document or a window. @param {Event} event */
 export const elementOf = ({ target }) => (target instanceof Element ? target : null);
-const isPhone = () => matchMedia("(max-width: 720px)").matches;
 
 /**
  * Show a tab of the panel, and the panel.
  * @param {TabName} name
  */
 export function openTab(name) {
-  if (isPhone()) {
+  if (hasSheet()) {
     if ($("panel").dataset.size === "peek") sheet("half");
   } else if (document.body.dataset.panel === "closed") {
     $("panel-toggle").click();
@@ -27,20 +27,27 @@ export function openTab(name) {
 
 /** On a phone: the sheet goes down, so that the picture can be seen. */
 export function peek() {
-  if (isPhone()) sheet("peek");
+  if (hasSheet()) sheet("peek");
 }
 
 /** Tabs as WAI-ARIA has them: one in the tab order, arrows move, the panel follows. */
 export function tabs() {
   const all = [.../** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[role=tab]"))];
   const panelOf = (/** @type {Element} */ tab) => /** @type {HTMLElement} */ (document.getElementById(tab.getAttribute("aria-controls") ?? ""));
+  // All tabs scroll in one element: each finds its own place again.
+  const scroller = /** @type {HTMLElement} */ (document.querySelector(".sheet"));
+  /** @type {Map<Element, number>} */
+  const places = new Map();
   const select = (/** @type {HTMLElement} */ tab, { focus = false } = {}) => {
+    const last = all.find((other) => other.getAttribute("aria-selected") === "true");
+    if (last) places.set(last, scroller.scrollTop);
     for (const other of all) {
       const isIt = other === tab;
       other.setAttribute("aria-selected", String(isIt));
       other.tabIndex = isIt ? 0 : -1;
       panelOf(other).hidden = !isIt;
     }
+    scroller.scrollTop = places.get(tab) ?? 0;
     if (focus) tab.focus();
     if ($("panel").dataset.size === "peek") sheet("half");
   };
@@ -48,7 +55,7 @@ export function tabs() {
     tab.addEventListener("click", (event) => {
       // A press on the open tab closes the sheet; a script's press (openTab) only opens.
       const isOpen = event.isTrusted && tab.getAttribute("aria-selected") === "true" && $("panel").dataset.size !== "peek";
-      if (isPhone() && isOpen) sheet("peek");
+      if (hasSheet() && isOpen) sheet("peek");
       else select(tab);
     });
     tab.addEventListener("keydown", (event) => {
@@ -230,7 +237,7 @@ export function tooltips() {
     tip.hidden = false;
     const box = element.getBoundingClientRect();
     const own = tip.getBoundingClientRect();
-    const isBeside = element.closest(".rail") && !isPhone();
+    const isBeside = element.closest(".rail") && !isSmall();
     const isRtl = document.documentElement.dir === "rtl";
     const x = isBeside ? (isRtl ? box.left - own.width - 8 : box.right + 8) : box.left + (box.width - own.width) / 2;
     const below = box.bottom + 6 + own.height < innerHeight ? box.bottom + 6 : box.top - own.height - 6;

@@ -2,7 +2,8 @@
 
 import * as chrome from "./chrome.js";
 import { $, input } from "./dom.js";
-import { remember, t, use } from "./i18n.js";
+import { t, use } from "./i18n.js";
+import { remember } from "./language.js";
 import { openers } from "./local-pack.js";
 import { readJson } from "./store.js";
 

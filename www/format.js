@@ -1,6 +1,7 @@
 // Numbers for people, in the language of the page. Digits stay those of the coordinates (0 to 9) in every language.
 
-let locale = "en-u-nu-latn";
+const ENGLISH = "en-u-nu-latn";
+let locale = ENGLISH;
 let isolates = false;
 
 /**
@@ -40,6 +41,17 @@ const unit = (value, name, digits) =>
     minimumFractionDigits: digits,
     maximumFractionDigits: digits,
   }).format(value);
+
+/**
+ * A day as the language says it: 24 November 2026. What is no day stays as it is.
+ * @param {string} iso
+ */
+export function day(iso) {
+  const date = /^\d{4}-\d\d-\d\d$/.test(iso) ? new Date(`${iso}T00:00:00Z`) : null;
+  if (!date || Number.isNaN(date.getTime())) return iso;
+  const words = new Intl.DateTimeFormat(locale === ENGLISH ? "en-GB" : locale, { dateStyle: "long", timeZone: "UTC" });
+  return words.format(date);
+}
 
 /** @param {number} n */
 export const count = (n) => new Intl.NumberFormat(locale).format(n);

@@ -1,8 +1,8 @@
 // The messages of the page, from i18n/LANGUAGE/page.ftl. Elements name theirs: data-text (content), data-label (name and tooltip), data-aria (name only).
 
-import { count, setLocale } from "./format.js";
+import { count, day, setLocale } from "./format.js";
+import { ask } from "./language.js";
 
-export const LANGUAGES = ["en", "fr", "pt", "sw", "ar"];
 const RIGHT_TO_LEFT = new Set(["ar"]);
 
 /** @type {Record<string, any>} */
@@ -37,35 +37,11 @@ function fill(message, values) {
 }
 
 /**
- * `?lang=`, else what was chosen before, else what the browser asks for, else English.
- * @param {URLSearchParams} parameters
+ * @param {string} language
+ * @param {Promise<Response>} asked the request for its messages, where it is under way
  */
-export function preferred(parameters) {
-  const chosen = [parameters.get("lang"), stored(), ...navigator.languages];
-  const found = chosen.map((l) => l?.toLowerCase().split("-")[0]).find((l) => l && LANGUAGES.includes(l));
-  return found ?? "en";
-}
-
-function stored() {
-  try {
-    return localStorage.getItem("kilwa.language");
-  } catch {
-    return null; // Storage is switched off: the choice then lasts as long as the page.
-  }
-}
-
-/** @param {string} language */
-export function remember(language) {
-  try {
-    localStorage.setItem("kilwa.language", language);
-  } catch {
-    // As above.
-  }
-}
-
-/** @param {string} language */
-export async function use(language) {
-  const response = await fetch(new URL(`i18n/${language}.json`, import.meta.url));
+export async function use(language, asked = ask(language)) {
+  const response = await asked;
   if (!response.ok) throw new Error(`i18n/${language}.json: ${response.status}`);
   messages = await response.json();
   plural = new Intl.PluralRules(language);
@@ -90,4 +66,6 @@ export function apply(root) {
   for (const e of all("text")) e.textContent = t(e.dataset.text ?? "");
   for (const e of all("label")) e.setAttribute("aria-label", t(e.dataset.label ?? ""));
   for (const e of all("aria")) e.setAttribute("aria-label", t(e.dataset.aria ?? ""));
+  // Days that were published with a model.
+  for (const e of root.querySelectorAll("time")) e.textContent = day(e.dateTime);
 }

@@ -77,39 +77,75 @@ export function writeState({ camera, display, notes = true, annotation, measurem
   return `#${parts.join("&")}`;
 }
 
+/** How long the camera rests before the address is brought up to date, milliseconds. */
+const REST_MS = 400;
+/**
+ * Safari allows 100 changes of the address in ten seconds (earlier versions in thirty), Chromium 200: so many are made in
+ * half a minute at most, whatever the reason.
+ */
+const ALLOWED = { changes: 80, ms: 30_000 };
+
 /** Keeps the address at the view. */
 export class Address {
+  /** When it was changed lately, milliseconds. @type {number[]} */
+  #changes = [];
+  /** @type {ReturnType<typeof setTimeout> | undefined} */
+  #timer;
+
   /**
    * @param {() => Linked | null} state what `writeState` takes, or null while there is nothing to hold
    * @param {(state: ReturnType<typeof readState>) => void} restore called when the person goes back or forward
+   * @param {() => boolean} isMoving whether the camera is being moved: where a frame takes long, there is time to rest between two of them
    */
-  constructor(state, restore) {
+  constructor(state, restore, isMoving) {
     this.state = state;
-    /** @type {ReturnType<typeof setTimeout> | undefined} */
-    this.timer = undefined;
+    this.isMoving = isMoving;
     // A link followed inside the page (#annotation=…) and the Back button both end here.
     addEventListener("popstate", () => {
-      clearTimeout(this.timer);
+      clearTimeout(this.#timer);
       restore(readState(location.hash));
     });
   }
 
-  /** Soon, once the camera rests: browsers allow few changes a second. */
-  later() {
-    clearTimeout(this.timer);
-    this.timer = setTimeout(() => this.now(), 400);
+  /** Soon, once the camera rests. */
+  later(ms = REST_MS) {
+    clearTimeout(this.#timer);
+    this.#timer = setTimeout(() => {
+      if (this.isMoving()) this.later();
+      else this.now();
+    }, ms);
   }
 
   now() {
-    clearTimeout(this.timer);
-    const state = this.state();
-    if (state) history.replaceState(null, "", `${location.pathname}${location.search}${writeState(state)}`);
+    clearTimeout(this.#timer);
+    this.#change("replaceState");
   }
 
   /** Before a jump: the view that is left keeps an entry of its own. */
   leave() {
     this.now();
+    this.#change("pushState");
+  }
+
+  /** @param {"replaceState" | "pushState"} how */
+  #change(how) {
     const state = this.state();
-    if (state) history.pushState(null, "", `${location.pathname}${location.search}${writeState(state)}`);
+    if (!state) return;
+    const hash = writeState(state);
+    if (how === "replaceState" && hash === location.hash) return;
+    const now = performance.now();
+    this.#changes = this.#changes.filter((at) => now - at < ALLOWED.ms);
+    if (this.#changes.length >= ALLOWED.changes) {
+      this.later(this.#changes[0] + ALLOWED.ms - now);
+      return;
+    }
+    this.#changes.push(now);
+    try {
+      history[how](null, "", `${location.pathname}${location.search}${hash}`);
+    } catch (error) {
+      // Another limit than those above, or other scripts of the page have used it up.
+      if (error.name !== "SecurityError") throw error;
+      this.later(ALLOWED.ms);
+    }
   }
 }

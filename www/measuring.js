@@ -21,6 +21,7 @@ import { get } from "./store.js";
  * @property {import("./api.js").Api["emit"]} emit events of the page's API
  * @property {(name: Tool, which?: string) => void} tool choose a tool of the page; `which`: a tool of the Measurements tab
  * @property {() => import("./link.js").Linked} state what the address holds
+ * @property {() => number[][]} pins boxes of the pins of notes in the picture, CSS pixels
  */
 
 /** The program behind the tools: it comes while their code does. */

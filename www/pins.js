@@ -7,11 +7,13 @@ import { t } from "./i18n.js";
 
 /** @import { FrameStats, Note, Viewer } from "./types/page.js" */
 /** @import { Session } from "./session.js" */
-/** @typedef {{note: Note, depth: number, button: HTMLButtonElement, hidden: boolean}} Pin */
+/** @typedef {{note: Note, depth: number, x: number, y: number, button: HTMLButtonElement, hidden: boolean}} Pin */
 
 const PER_FRAME = 4;
 /** Part of its distance that a note may lie behind the surface shown and still be on it. */
 const SLACK = 0.004;
+/** Half of a pin, CSS pixels: what no label of a measurement may lie under. */
+const HALF = 18;
 
 export class Pins {
   /** @param {{viewer: Viewer, session: Session, open: (note: Note) => void}} parts */
@@ -70,11 +72,12 @@ export class Pins {
     this.#order();
     this.camera = "";
     this.place();
+    this.session.wake();
   }
 
   /** @param {Note} note */
   #make(note) {
-    const pin = { note, depth: 0, button: Object.assign(document.createElement("button"), { className: "pin", type: "button" }), hidden: false };
+    const pin = { note, depth: 0, x: 0, y: 0, button: Object.assign(document.createElement("button"), { className: "pin", type: "button" }), hidden: false };
     pin.button.addEventListener("click", () => this.open(pin.note));
     return pin;
   }
@@ -89,6 +92,13 @@ export class Pins {
     $("pins").hidden = !shown;
     this.camera = "";
     this.place();
+    this.session.wake(); // The labels of measurements keep clear of pins.
+  }
+
+  /** Boxes of the pins in the picture: left, top, right, bottom, CSS pixels from its corner. */
+  boxes() {
+    if (!this.shown) return [];
+    return this.pins.filter((p) => !p.button.hidden).map(({ x, y }) => [x - HALF, y - HALF, x + HALF, y + HALF]);
   }
 
   /** @param {string | null} id */
@@ -121,7 +131,9 @@ export class Pins {
       pin.depth = depth;
       const isOn = Number.isFinite(x) && x > -40 && y > -40 && x < width + 40 && y < height + 40;
       pin.button.hidden = !isOn;
-      if (isOn) pin.button.style.transform = `translate(${(x / this.session.ratio).toFixed(1)}px, ${(y / this.session.ratio).toFixed(1)}px)`;
+      if (!isOn) continue;
+      [pin.x, pin.y] = [x / this.session.ratio, y / this.session.ratio];
+      pin.button.style.transform = `translate(${pin.x.toFixed(1)}px, ${pin.y.toFixed(1)}px)`;
     }
     this.unsure = this.pins.filter((p) => !p.button.hidden);
     this.#look();

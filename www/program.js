@@ -1,5 +1,5 @@
 // Which of the two programs draws here: the small one with WebGPU, or the large one with WebGL 2 where no WebGPU adapter
-// answers. Only one of them is ever downloaded.
+// answers. Only one of them is downloaded to its end.
 
 /** Why nothing can be drawn, as the key of a sentence; null where something can. */
 /** @type {string | null} */
@@ -49,17 +49,34 @@ function hasWebGl2() {
 }
 
 /**
+ * Ask for a program and its script.
+ * @param {"viewer" | "viewer-gl"} name
+ */
+function begin(name) {
+  const abort = new AbortController();
+  const wasm = fetch(new URL(`${name}_bg.wasm`, import.meta.url), { signal: abort.signal });
+  const address = new URL(`${name}.js`, import.meta.url).href;
+  /** @type {Promise<import("./types/page.js").Program>} */
+  const script = import(address);
+  // One of the two may fail first; whoever awaits it reports that.
+  wasm.catch(() => {});
+  script.catch(() => {});
+  return { wasm, script, abort };
+}
+
+/**
  * The program, ready to be called.
  * @param {URLSearchParams} parameters
  * @returns {Promise<import("./types/page.js").Program>}
  */
 export async function load(parameters) {
+  // An adapter takes its time to answer. Nearly always it does, so that the small program is on its way meanwhile; where it does not, its
+  // transfer ends.
+  const likely = navigator.gpu && parameters.get("gpu") !== "webgl" ? begin("viewer") : null;
   chosen = await choose(parameters);
-  const name = chosen === "webgl" ? "viewer-gl" : "viewer";
-  const wasm = fetch(new URL(`${name}_bg.wasm`, import.meta.url));
-  wasm.catch(() => {}); // The script may fail first; whoever awaits it reports that.
-  const address = new URL(`${name}.js`, import.meta.url).href;
-  const module = await import(address);
+  if (chosen === "webgl") likely?.abort.abort();
+  const { wasm, script } = chosen === "webgl" ? begin("viewer-gl") : (likely ?? begin("viewer"));
+  const module = await script;
   await module.default({ module_or_path: wasm });
   return module;
 }

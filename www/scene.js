@@ -47,10 +47,34 @@ export class Scene {
     this.walk = new Walk({ viewer, session, flight: this.flight, onChange: () => on.projection(viewer.camera().orthographic) });
     this.input = new Input(session, actions, this);
     this.loupe = new Loupe(session);
+    this.#cover();
+  }
+
+  /** Of the picture, the viewer leaves free what lies under the tools when it shows all of the model. */
+  #cover() {
+    const { canvas, ratio } = this.session;
+    const whole = canvas.getBoundingClientRect();
+    const rail = /** @type {HTMLElement} */ (document.querySelector(".rail")).getBoundingClientRect();
+    const [left, top] = [rail.right - whole.left, rail.bottom - whole.top];
+    const [right, bottom] = [whole.right - rail.left, whole.bottom - rail.top];
+    const isColumn = rail.height > rail.width;
+    const edges = { left: isColumn && left <= right, top: !isColumn && top <= bottom, right: isColumn && left > right, bottom: !isColumn && top > bottom };
+    const pixels = (/** @type {boolean} */ isCovered, /** @type {number} */ extent) => (isCovered && rail.width > 0 ? extent * ratio : 0);
+    this.viewer.setCovered(pixels(edges.left, left), pixels(edges.top, top), pixels(edges.right, right), pixels(edges.bottom, bottom));
+  }
+
+  /** The view that a model opens with. */
+  begin() {
+    this.viewer.standardView("iso");
   }
 
   get isOpen() {
     return !this.session.closed;
+  }
+
+  /** Whether the camera is being moved: held by a pointer, on a flight, walking. */
+  get isMoving() {
+    return this.isOpen && (this.input.pointers.size > 0 || this.flight.goal !== null || this.walk.held.size > 0);
   }
 
   close() {
@@ -85,11 +109,13 @@ export class Scene {
 
   /** All of the model, from the same direction. */
   fit() {
+    this.#cover();
     return this.fly((viewer) => viewer.fit(), { isJump: false });
   }
 
   /** @param {string} name */
   standardView(name) {
+    this.#cover();
     const look = (/** @type {Viewer} */ viewer) => {
       if (name !== "below") viewer.standardView(name);
       else if (viewer.setCamera(BELOW)) viewer.fit();

@@ -15,6 +15,8 @@ import { Status } from "./status.js";
 
 /** Milliseconds without a move after which the camera rests. */
 const REST_MS = 200;
+/** How far the loading bar is when the head of the pack is there. */
+const HEAD = 0.3;
 
 export class Screen {
   /** The camera of the last frame. */
@@ -31,13 +33,15 @@ export class Screen {
    * @param {import("./section.js").Section} parts.section
    * @param {import("./link.js").Address} parts.address
    * @param {import("./api.js").Api} parts.api
+   * @param {(part: number) => void} parts.came how much of what the first picture needs is there
    */
-  constructor({ current, measuring, section, address, api }) {
+  constructor({ current, measuring, section, address, api, came }) {
     this.current = current;
     this.measuring = measuring;
     this.section = section;
     this.address = address;
     this.api = api;
+    this.came = came;
     this.status = new Status();
     this.cube = new Cube((view) => current.scene?.standardView(view));
   }
@@ -55,6 +59,8 @@ export class Screen {
     document.body.dataset.pack = "";
     $("welcome").hidden = $("trouble").hidden = true;
     $("loading").hidden = false;
+    $("loading-bar").removeAttribute("value");
+    document.querySelector(".stage > .poster")?.remove(); // of another model
   }
 
   /**
@@ -63,7 +69,7 @@ export class Screen {
    */
   progress(done, total) {
     if (this.current.scene) return;
-    $("loading-bar").value = total ? done / total : 0;
+    this.came(total ? (HEAD * done) / total : 0);
     $("loading-text").textContent = t("loadingBytes", { done: format.bytes(done), total: format.bytes(total || done) });
   }
 
@@ -94,6 +100,7 @@ export class Screen {
     $("loading").hidden = true;
     $("cube").hidden = false;
     this.api.emit("ready", null);
+    this.address.later();
     const { pack, info, isCutOff } = this.current.opened.model;
     if (isCutOff) chrome.notice(t("cutOffNotice", { here: format.bytes(Number(pack.bytes)), all: format.bytes(info.pack.bytes) }), 30_000);
     else if (pack.whole) chrome.notice(t("noRangeSmall", { size: format.bytes(Number(pack.bytes)) }), 12000);
@@ -112,12 +119,12 @@ export class Screen {
     loupe.frame();
     this.section.frame();
     walk.frame(stats);
-    this.address.later();
     const figures = this.api.stats();
     if (figures) this.api.emit("frame", figures);
     const seen = cameraKey(camera);
     if (this.#seen === seen) return;
     this.#seen = seen;
+    this.address.later();
     clearTimeout(this.#resting);
     this.#resting = setTimeout(() => this.current.isOpen && this.api.emit("camera", this.api.getCamera()), REST_MS);
   }

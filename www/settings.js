@@ -3,6 +3,7 @@
 import { $, input } from "./dom.js";
 import * as format from "./format.js";
 import { t } from "./i18n.js";
+import { isSmall } from "./screen-size.js";
 
 /** @import { Scene } from "./scene.js" */
 
@@ -19,9 +20,9 @@ export class Settings {
    */
   constructor(parameters, scene) {
     const { deviceMemory = 8 } = /** @type {{deviceMemory?: number}} */ (navigator);
-    const isSmall = matchMedia("(max-width: 720px)").matches || deviceMemory <= SMALL;
+    const hasLittle = isSmall() || deviceMemory <= SMALL;
     const asked = (/** @type {string} */ name) => Number(parameters.get(name) ?? NaN);
-    this.memory = asked("memory") > 0 ? asked("memory") : MEMORY[isSmall ? 2 : 3];
+    this.memory = asked("memory") > 0 ? asked("memory") : MEMORY[hasLittle ? 2 : 3];
     this.detail = asked("error") > 0 ? asked("error") : 1;
     this.scene = scene;
     this.#listen();

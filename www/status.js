@@ -98,7 +98,7 @@ export class Status {
   }
 
   /**
-   * All figures, for the Info tab.
+   * All figures, for the Statistics tab.
    * @param {HTMLElement} into
    * @param {FrameStats} stats
    * @param {Session} session

@@ -20,8 +20,6 @@ const TEXTS = {
   closed: "closed",
   gpuGone: "gpuGone",
 };
-/** The model itself cannot be shown, and its picture may. */
-const POSTER = new Set(["closed", "noGpu", "gpuGone"]);
 /** Trying the same again helps with these. */
 const RETRY = new Set(["broken", "gpuGone", "changed", "missing", "damaged", "server", "noRange"]);
 
@@ -50,17 +48,7 @@ export class Trouble {
     document.body.dataset.state = "trouble";
     $("loading").hidden = true;
     $("trouble").hidden = false;
-    if (POSTER.has(kind)) this.#poster();
     this.translate();
-  }
-
-  /** The picture that an archive object keeps of its model. */
-  #poster() {
-    const { poster: address } = document.body.dataset;
-    if (!address) return;
-    const poster = $("trouble-poster");
-    poster.onload = () => (poster.hidden = false);
-    poster.src = address;
   }
 
   translate() {

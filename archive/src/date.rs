@@ -39,6 +39,39 @@ pub fn is_date_or_span(text: &str) -> bool {
     }
 }
 
+/// A date or span as it is said in English: `24 November 2026`, `July 2009 to August 2009`; any other text as it is.
+pub fn in_words(text: &str) -> String {
+    const MONTHS: [&str; 12] = [
+        "January",
+        "February",
+        "March",
+        "April",
+        "May",
+        "June",
+        "July",
+        "August",
+        "September",
+        "October",
+        "November",
+        "December",
+    ];
+    if !is_date_or_span(text) {
+        return text.to_owned();
+    }
+    let one = |date: &str| {
+        let number = |part: &str| part.parse::<usize>().ok();
+        let mut parts = date.split('-');
+        let year = parts.next().unwrap_or_default();
+        let month = parts.next().and_then(number).and_then(|m| MONTHS.get(m.wrapping_sub(1)));
+        match (month, parts.next().and_then(number)) {
+            (Some(month), Some(day)) => format!("{day} {month} {year}"),
+            (Some(month), None) => format!("{month} {year}"),
+            (None, _) => year.to_owned(),
+        }
+    };
+    text.split('/').map(one).collect::<Vec<_>>().join(" to ")
+}
+
 /// A hint such as `write 2026-11-23`, for a date written in another form; `None` if the text is not a date.
 pub fn iso(text: &str) -> Option<String> {
     const MONTHS: [&str; 12] = ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"];
@@ -104,6 +137,21 @@ fn utc(seconds: u64) -> DateTime<Utc> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn dates_are_said_in_words_and_what_is_none_stays() {
+        for (text, words) in [
+            ("2026-11-24", "24 November 2026"),
+            ("2009-07", "July 2009"),
+            ("2009", "2009"),
+            ("2009-07/2009-08-02", "July 2009 to 2 August 2009"),
+            ("about 1505", "about 1505"),
+            ("2026-13-01", "2026-13-01"),
+            ("", ""),
+        ] {
+            assert_eq!(in_words(text), words);
+        }
+    }
 
     #[test]
     fn dates_exist_or_are_refused() {

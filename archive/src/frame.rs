@@ -22,6 +22,8 @@ pub struct Frame<'a> {
     pub to_list: &'a str,
     /// Up to the title in the page.
     pub to_heading: &'a str,
+    /// Up to the picture that is shown until the model is there.
+    pub to_poster: &'a str,
     /// Up to the texts about the model.
     pub to_about: &'a str,
     /// Up to the technical facts.
@@ -38,8 +40,20 @@ impl<'a> Frame<'a> {
     /// # Errors
     /// A sentence about the place that is missing.
     pub fn of(html: &'a str) -> Result<Self, String> {
-        let [to_head, to_base, to_title, to_head_end, to_pack, to_list, to_heading, to_about, to_facts, to_end, end] =
-            cut(html)?;
+        let [
+            to_head,
+            to_base,
+            to_title,
+            to_head_end,
+            to_pack,
+            to_list,
+            to_heading,
+            to_poster,
+            to_about,
+            to_facts,
+            to_end,
+            end,
+        ] = cut(html)?;
         Ok(Self {
             to_head,
             to_base,
@@ -48,6 +62,7 @@ impl<'a> Frame<'a> {
             to_pack,
             to_list,
             to_heading,
+            to_poster,
             to_about,
             to_facts,
             to_end,

@@ -12,6 +12,7 @@ use super::manifest::{AccessState, Manifest, Version};
 use super::metadata::Metadata;
 use super::notes::Note;
 use super::record::{Publication, citation, media_type, schema_org};
+use crate::date::in_words;
 use crate::frame::Frame;
 use crate::html::render;
 use crate::numbers::{grouped, length, size, size_in_space};
@@ -76,8 +77,10 @@ struct Landing<'a> {
     rights: Vec<&'a str>,
     citation: String,
     downloads: Vec<Download<'a>>,
-    /// Latest first, with the sizes of their packs.
-    earlier: Vec<(&'a Version, String)>,
+    /// The day of this version, in words.
+    day: String,
+    /// Latest first, with the sizes of their packs and their days in words.
+    earlier: Vec<(&'a Version, String, String)>,
     /// Names of the makers.
     creators: String,
     /// Makers, place, licence.
@@ -116,7 +119,8 @@ pub fn landing(frame: Frame<'_>, p: &Publication, around: &Surroundings) -> Stri
         rights: [&m.rights.holder, &m.rights.statement].into_iter().flatten().map(String::as_str).collect(),
         citation: citation(p),
         downloads: downloads(p, around),
-        earlier: around.earlier.iter().rev().map(|v| (v, size(v.pack.bytes))).collect(),
+        day: in_words(&p.published),
+        earlier: around.earlier.iter().rev().map(|v| (v, size(v.pack.bytes), in_words(&v.published))).collect(),
         creators: creators(m),
         lead: lead(p),
         thumbnails: [small, wide],
@@ -175,7 +179,7 @@ fn closed(m: &Metadata) -> Option<(String, Vec<&str>)> {
     let access = m.access.as_ref().filter(|a| a.state != AccessState::Public)?;
     let until = access.until.as_ref().filter(|_| access.state == AccessState::Embargo);
     let sentence = match until {
-        Some(day) => format!("The model is public from {day} on, 00:00 UTC."),
+        Some(day) => format!("The model is public from {} on, 00:00 UTC.", in_words(day)),
         None => "The model itself is not public.".to_owned(),
     };
     Some((sentence, [&access.reason, &access.contact].into_iter().flatten().map(String::as_str).collect()))
@@ -299,12 +303,12 @@ fn all_facts(p: &Publication) -> Vec<(&'static str, String)> {
     let all = [
         ("Also called", list(&m.alternative_titles)),
         ("Kind", object.and_then(|o| o.kind.clone())),
-        ("Made", object.and_then(|o| o.date.clone())),
+        ("Made", object.and_then(|o| o.date.as_deref()).map(in_words)),
         ("Period", object.and_then(|o| o.period.clone())),
         ("Materials", object.and_then(|o| list(&o.materials))),
         ("Register", object.and_then(|o| list(&o.identifiers))),
         ("Place", p.place()),
-        ("Captured", capture.and_then(|c| c.date.clone())),
+        ("Captured", capture.and_then(|c| c.date.as_deref()).map(in_words)),
         ("Method", capture.and_then(|c| c.method.clone())),
         ("Instruments", capture.and_then(|c| list(&c.instruments))),
         ("Software", capture.and_then(|c| list(&c.software))),
@@ -327,11 +331,17 @@ fn all_facts(p: &Publication) -> Vec<(&'static str, String)> {
 struct Tombstone<'a> {
     m: &'a Manifest,
     style: &'a str,
+    /// The day on which it was withdrawn, in words.
+    day: Option<String>,
+    /// With their days in words.
+    versions: Vec<(&'a Version, String)>,
 }
 
 /// What is left of an object that was withdrawn. A page of its own: the viewer may be gone.
 pub fn tombstone(m: &Manifest, style: &str) -> String {
-    render(&Tombstone { m, style })
+    let day = m.access.withdrawn.as_deref().map(in_words);
+    let versions = m.versions.iter().map(|v| (v, in_words(&v.published))).collect();
+    render(&Tombstone { m, style, day, versions })
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! The places of the viewer page that the facts of a model are put into. The build script reads this file too.
 
 /// The places of `index.html` in their order, each with what goes there. Each must be there exactly once.
-pub(crate) const PLACES: [(&str, &str); 10] = [
+pub(crate) const PLACES: [(&str, &str); 11] = [
     ("<head>", "what the server's policy adds to the head"),
     ("<base href=\"./\">", "the address of the viewer"),
     ("<title>Kilwa</title>", "the title and what programs read"),
@@ -9,6 +9,7 @@ pub(crate) const PLACES: [(&str, &str); 10] = [
     ("data-pack=\"\"", "the address of the pack"),
     ("data-list=\"\"", "the address of the list of models"),
     ("<!--title-->", "the title"),
+    ("<!--poster-->", "the picture that is shown until the model is there"),
     ("<!--about-->", "the texts about the model"),
     ("<!--facts-->", "the technical facts of the model"),
     ("</body>", "the page without a viewer"),

@@ -135,7 +135,7 @@ impl Page {
         "viewer_bg.wasm",
         "viewer-gl.js",
         "viewer-gl_bg.wasm",
-        "decode.js",
+        "decode-worker.js",
         "decode_bg.wasm",
     ];
 

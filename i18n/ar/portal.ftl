@@ -160,3 +160,6 @@ extractTooMany = عدد الملفات الجديدة التي طلبتها شب
         [many] { $seconds } ثانية
        *[other] { $seconds } ثانية
     }.
+months = يناير فبراير مارس أبريل مايو يونيو يوليو أغسطس سبتمبر أكتوبر نوفمبر ديسمبر
+dateDay = { $day } { $month } { $year }
+dateMonth = { $month } { $year }

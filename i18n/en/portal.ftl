@@ -139,3 +139,6 @@ extractTooMany = Your network has asked for { $count ->
         [one] { $seconds } second
        *[other] { $seconds } seconds
     }.
+months = January February March April May June July August September October November December
+dateDay = { $day } { $month } { $year }
+dateMonth = { $month } { $year }

@@ -146,3 +146,6 @@ extractTooMany = Votre réseau a demandé { $count ->
         [many] { $seconds } de secondes
        *[other] { $seconds } secondes
     }.
+months = janvier février mars avril mai juin juillet août septembre octobre novembre décembre
+dateDay = { $day } { $month } { $year }
+dateMonth = { $month } { $year }

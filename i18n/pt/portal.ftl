@@ -146,3 +146,6 @@ extractTooMany = A sua rede pediu { $count ->
         [many] { $seconds } de segundos
        *[other] { $seconds } segundos
     }.
+months = janeiro fevereiro março abril maio junho julho agosto setembro outubro novembro dezembro
+dateDay = { $day } de { $month } de { $year }
+dateMonth = { $month } de { $year }

@@ -118,3 +118,6 @@ extractTimeShort = Muda uliobaki kwa makadirio: chini ya dakika 1.
 extractTimeUnknown = Muda wake hauwezi kukadiriwa bado.
 extractShare = Mtandao wako tayari una faili { $count } kwenye foleni, kiwango cha juu kwa mtandao mmoja. Jaribu tena baada ya sekunde { $seconds }.
 extractTooMany = Mtandao wako umeomba faili mpya { $count } katika dakika kumi zilizopita, kiwango cha juu kwa mtandao mmoja. Jaribu tena baada ya sekunde { $seconds }.
+months = Januari Februari Machi Aprili Mei Juni Julai Agosti Septemba Oktoba Novemba Desemba
+dateDay = { $day } { $month } { $year }
+dateMonth = { $month } { $year }

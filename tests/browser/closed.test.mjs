@@ -25,7 +25,7 @@ test("who may not see it reads why, with its poster, facts and citation, and fin
   const trouble = troubleOf(page);
   assert.equal(await trouble.getByRole("heading").innerText(), "This model is not public");
   assert.match(await trouble.innerText(), /Graves of the living/);
-  await trouble.getByRole("presentation").waitFor(); // the poster, which says nothing that the page does not
+  await page.getByRole("main").getByRole("presentation").waitFor(); // the poster, which says nothing that the page does not
   assert.equal(await trouble.getByRole("link", { name: "Download pack" }).count(), 0, "no link to a file that is not available");
   assert.match(await page.getByRole("complementary", { name: "Details" }).innerText(), /How to cite/);
   assert.equal(await trouble.getByRole("link", { name: "Sign in" }).getAttribute("href"), `${server.url}/sign-in?next=%2Fcave%2F&lang=en`);

@@ -15,7 +15,7 @@ const choose = (page, name) => shading(page).getByRole("radio", { name, exact: t
 /** How coarse the picture may be: 0.5, 1, 2, 4 or 8 pixels of error. */
 const detail = (page) => page.getByRole("slider", { name: "Maximum error on screen" });
 /** The handles over the picture that move the clipping plane and box. */
-const handles = (page) => page.getByRole("group", { name: "Section" }).getByRole("slider");
+const handles = (page) => page.getByRole("group", { name: "Clipping" }).getByRole("slider");
 
 /** Controls, and for each the shadings that have it. */
 const CONTROLS = {
@@ -117,9 +117,9 @@ test("each shading is chosen in the panel, has the controls that belong to it, a
 test("planes and boxes cut the model, by numbers, handles and keys; picks go through what is removed", async () => {
   const { page, complaints, close } = await fort();
   const whole = await picture(page);
-  await openTab(page, "Section");
-  const panel = page.getByRole("tabpanel", { name: "Section" });
-  const cutsByPlane = panel.getByRole("group", { name: "Plane" }).getByLabel("Cut here");
+  await openTab(page, "Clipping");
+  const panel = page.getByRole("tabpanel", { name: "Clipping" });
+  const cutsByPlane = panel.getByRole("group", { name: "Plane" }).getByLabel("Clip here");
   await cutsByPlane.check();
   await rest(page);
   const cut = await picture(page);
@@ -166,7 +166,7 @@ test("planes and boxes cut the model, by numbers, handles and keys; picks go thr
   await rest(page);
   assert.equal((await picture(page)).hash, whole.hash, "without a cut the model is whole again");
 
-  await panel.getByRole("group", { name: "Box" }).getByLabel("Cut here").check();
+  await panel.getByRole("group", { name: "Box" }).getByLabel("Clip here").check();
   await panel.getByLabel("Size x, m").fill("12");
   assert.equal((await displayOf(page)).clipBox.size[0], 12);
   await rest(page);
@@ -239,8 +239,8 @@ test("a lost device is replaced, and camera, shading and section are as they wer
   assert.deepEqual(await cameraOf(page), before.camera);
   assert.deepEqual(await displayOf(page), before.state);
   assert.equal((await picture(page)).hash, before.picture.hash, "the same picture as before");
-  await openTab(page, "Section");
-  assert.equal(await page.getByRole("tabpanel", { name: "Section" }).getByRole("group", { name: "Plane" }).getByLabel("Cut here").isChecked(), true);
+  await openTab(page, "Clipping");
+  assert.equal(await page.getByRole("tabpanel", { name: "Clipping" }).getByRole("group", { name: "Plane" }).getByLabel("Clip here").isChecked(), true);
   await close();
 });
 
@@ -353,10 +353,11 @@ test("axe-core finds nothing serious in either panel, whatever is chosen", async
     await choose(page, name);
     await look(name);
   }
-  await openTab(page, "Section");
-  for (const what of ["Plane", "Box"]) await page.getByRole("tabpanel", { name: "Section" }).getByRole("group", { name: what }).getByLabel("Cut here").check();
+  await openTab(page, "Clipping");
+  for (const what of ["Plane", "Box"])
+    await page.getByRole("tabpanel", { name: "Clipping" }).getByRole("group", { name: what }).getByLabel("Clip here").check();
   await handles(page).nth(6).waitFor();
-  await look("Section");
+  await look("Clipping");
   assert.deepEqual(found, []);
   await close();
 });

@@ -266,7 +266,7 @@ test("if no meaningful value exists, the page explains why and shows no number",
   await status(page, /^Volume 1: .*not closed/).waitFor({ state: "attached" });
   await tool(page, "Section at the clipping plane");
   await done(page, 2);
-  assert.match((await list(page))[1].refusal, /not cut by a plane/);
+  assert.match((await list(page))[1].refusal, /not clipped by a plane/);
   assert.equal(await labels(page).count(), 0);
   // Beside the model there is nothing to measure.
   await tool(page, "Coordinates");

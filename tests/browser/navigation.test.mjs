@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import { execFile } from "node:child_process";
 import { readFile } from "node:fs/promises";
 import { promisify } from "node:util";
-import { KILWA, cameraOf, canvasOf, fortSite, open, openTab, picture, test, tool, waitFor } from "./harness.mjs";
+import { KILWA, cameraOf, canvasOf, fortSite, open, openTab, picture, spotOn, test, tool, waitFor } from "./harness.mjs";
 
 const site = fortSite();
 
@@ -279,6 +279,71 @@ test("standard views enter the browser's history: its Back button returns to the
   assert.ok(close(await camera(page), north, 1e-6));
   assert.deepEqual(complaints, []);
   await end();
+});
+
+/** Counts changes of the address, and may refuse them as browsers do. */
+const countChanges = () => {
+  globalThis.changes = 0;
+  for (const how of ["replaceState", "pushState"]) {
+    const change = globalThis.history[how];
+    globalThis.history[how] = function (...args) {
+      globalThis.changes += 1;
+      if (globalThis.isRefusing) throw new globalThis.DOMException("too often", "SecurityError");
+      return change.apply(this, args);
+    };
+  }
+};
+
+test("while the camera is moved the address stays, however long a frame takes, and follows when it rests", async () => {
+  const { page, complaints, close } = await open(site.browser, fort("?error=16"), {
+    before: async (page) => {
+      await page.addInitScript(countChanges);
+      // Frames that come later than the camera would need to rest.
+      await page.addInitScript(() => {
+        const { requestAnimationFrame: ask } = globalThis;
+        globalThis.requestAnimationFrame = (draw) => (globalThis.isSlow ? setTimeout(() => ask(draw), 600) : ask(draw));
+      });
+    },
+  });
+  await page.waitForFunction(() => location.hash.startsWith("#view="));
+  const address = page.url();
+  await page.evaluate(() => {
+    globalThis.isSlow = true;
+    globalThis.changes = 0;
+  });
+  await page.mouse.move(...(await spotOn(page, 0.4, 0.5)));
+  await page.mouse.down();
+  for (let step = 1; step <= 5; step += 1) {
+    const frame = page.evaluate(() => new Promise((resolve) => globalThis.kilwa.api.on("frame", resolve)).then(() => null));
+    await page.mouse.move(...(await spotOn(page, 0.4 + 0.03 * step, 0.5)));
+    await frame;
+  }
+  assert.equal(await page.evaluate(() => globalThis.changes), 0);
+  assert.equal(page.url(), address);
+  await page.mouse.up();
+  await page.waitForFunction((address) => location.href !== address, address);
+  assert.equal(await page.evaluate(() => globalThis.changes), 1);
+  assert.deepEqual(complaints, []);
+  await close();
+});
+
+test("the address changes less often than any browser allows, and a refusal is outlived", async () => {
+  const { page, complaints, close } = await open(site.browser, fort("?error=16"), { before: (page) => page.addInitScript(countChanges) });
+  await page.waitForFunction(() => location.hash.startsWith("#view="));
+  await page.evaluate(() => (globalThis.isRefusing = true));
+  await page.evaluate(() => globalThis.kilwa.api.view("north"));
+  await waitFor(page, "settled");
+  await page.evaluate(() => (globalThis.isRefusing = false));
+  assert.deepEqual(complaints, [], "a refusal is no error of the page");
+  // A script that jumps from view to view, much faster than a person.
+  await page.evaluate(async () => {
+    globalThis.changes = 0;
+    for (let k = 0; k < 120; k += 1) await globalThis.kilwa.api.view(k % 2 ? "east" : "south");
+  });
+  const changes = await page.evaluate(() => globalThis.changes);
+  assert.ok(changes > 10 && changes <= 100, `${changes} changes`);
+  assert.deepEqual(complaints, []);
+  await close();
 });
 
 test("the address holds camera, shading and the pack, and a link to another pack is noticed", async () => {

@@ -172,7 +172,7 @@ test("the memory limit holds during a flight, and what was forgotten comes back"
   };
   assert.ok((await check()).budgetLimited, "two megabytes are too few for this model: else the test shows nothing");
   // Two rounds past four places, each looked at from near.
-  const hits = [await pick(page, 0.3, 0.55), await pick(page, 0.7, 0.55), await pick(page, 0.5, 0.45), await pick(page, 0.5, 0.7)];
+  const hits = [await pick(page, 0.4, 0.55), await pick(page, 0.75, 0.55), await pick(page, 0.56, 0.47), await pick(page, 0.56, 0.6)];
   const places = hits.flatMap((hit) => (hit ? [hit.place] : []));
   assert.ok(places.length >= 3, "the model is where it is looked for");
   const received = [];
@@ -378,8 +378,8 @@ test("panels, views, help and hiding work by keyboard, in another language and f
   await page.getByRole("radio", { name: "Parallel, true to scale" }).check();
   await waitFor(page, "settled");
   assert.equal((await page.evaluate(() => globalThis.kilwa.api.getCamera())).orthographic, true);
-  await tab("Info").click();
-  await panel("Info").getByRole("definition").filter({ hasText: /\d/ }).first().waitFor();
+  await tab("Statistics").click();
+  await panel("Statistics").getByRole("definition").filter({ hasText: /\d/ }).first().waitFor();
   await tool(page, "Standard views").click();
   const views = page.getByRole("menu", { name: "Standard views" });
   await views.waitFor();

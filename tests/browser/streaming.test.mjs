@@ -55,7 +55,7 @@ test("a server that refuses or drops every third request gives the same picture 
   const wanted = await picture(right.page);
   await right.close();
   // Seeded: which requests fail is the same in every run.
-  let seed = 7;
+  let seed = 10;
   let mishaps = 0;
   site.proxy.mishap = ({ range }) => {
     seed = (Math.imul(seed, 1664525) + 1013904223) >>> 0;

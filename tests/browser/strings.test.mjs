@@ -53,7 +53,7 @@ test("every language has a folder, a place in the menu and a type", async () => 
   assert.deepEqual(folders.sort(), [...LANGUAGES].sort());
   assert.deepEqual((await readdir(path.join(BUILT, "i18n"))).filter((n) => n.endsWith(".json")).sort(), LANGUAGES.map((l) => `${l}.json`).sort());
   const [html, types] = await Promise.all(["index.html", "kilwa-viewer.d.ts"].map((name) => readFile(path.join(WWW, name), "utf8")));
-  const { LANGUAGES: offered } = await import(path.join(WWW, "i18n.js"));
+  const { LANGUAGES: offered } = await import(path.join(WWW, "language.js"));
   assert.deepEqual(offered, LANGUAGES);
   for (const language of LANGUAGES) {
     assert.ok(html.includes(`<option value="${language}"`), `${language} is not in the menu of index.html`);

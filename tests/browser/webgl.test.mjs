@@ -15,13 +15,13 @@ function difference(a, b, levels) {
   return differing / (a.width * a.height);
 }
 
-/** Opens the fort, and the names of the wasm modules that were asked for. */
+/** Opens the fort, and the names of the wasm modules that came to their end. */
 async function fort(query, before, size = [500, 400]) {
   const modules = [];
   const opened = await open(site.browser, `${site.server.url}/m/fort?error=4${query}`, {
     size,
     before: async (page) => {
-      page.on("request", (request) => {
+      page.on("requestfinished", (request) => {
         const name = /([\w-]+)(_bg\.wasm|\.js)$/.exec(new URL(request.url()).pathname);
         if (name?.[1].startsWith("viewer")) modules.push(name[0]);
       });
@@ -75,7 +75,8 @@ test("where no WebGPU adapter answers, WebGL 2 takes over by itself", async () =
     () => (globalThis.GPU.prototype.requestAdapter = async () => null),
   ]) {
     const { page, modules, complaints, close } = await fort("", (page) => page.addInitScript(hide));
-    assert.deepEqual(modules.sort(), ["viewer-gl.js", "viewer-gl_bg.wasm"]);
+    // The script of the other program, a few kilobytes, may have come while the adapter was asked for; the program itself was given up.
+    assert.deepEqual(modules.filter((name) => name !== "viewer.js").sort(), ["viewer-gl.js", "viewer-gl_bg.wasm"]);
     assert.ok((await stats(page)).targetReached);
     assert.deepEqual(complaints, []);
     await close();

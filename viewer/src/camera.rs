@@ -95,6 +95,26 @@ pub const DEFAULT_FIELD_OF_VIEW: f64 = 0.7;
 const DISTANCE_RANGE: (f64, f64) = (1e-5, 50.0);
 const QUARTER: f64 = std::f64::consts::FRAC_PI_2;
 
+/// Pixels at the edges of a picture that something else covers.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Edges {
+    /// From the left edge.
+    pub left: f64,
+    /// From the upper edge.
+    pub top: f64,
+    /// From the right edge.
+    pub right: f64,
+    /// From the lower edge.
+    pub bottom: f64,
+}
+
+/// Two edges of an extent: at least half of it stays free.
+fn kept(edges: [f64; 2], extent: f64) -> [f64; 2] {
+    let edges = edges.map(|x| if x.is_finite() { x.max(0.0) } else { 0.0 });
+    let most = (extent * 0.5 / (edges[0] + edges[1]).max(1e-9)).min(1.0);
+    edges.map(|x| x * most)
+}
+
 impl Camera {
     /// A camera that shows all of `bounds` in a picture of `size` pixels.
     pub fn standard(view: StandardView, bounds: &Bounds, size: [u32; 2]) -> Self {
@@ -288,28 +308,46 @@ impl Camera {
 
     /// Keep the direction; show all of `bounds`, in the middle of the picture, with a small margin.
     pub fn fit(&mut self, bounds: &Bounds, size: [u32; 2]) {
+        self.fit_beside(bounds, size, Edges::default());
+    }
+
+    /// As [`Camera::fit`], in the middle of what the edges of the picture leave free.
+    pub fn fit_beside(&mut self, bounds: &Bounds, size: [u32; 2], covered: Edges) {
         const MARGIN: f64 = 1.04;
-        let tan = libm::tan(self.field_of_view * 0.5) / MARGIN;
-        let aspect = f64::from(size[0].max(1)) / f64::from(size[1].max(1));
+        let [width, height] = size.map(|x| f64::from(x.max(1)));
+        let ([left, right], [top, bottom]) =
+            (kept([covered.left, covered.right], width), kept([covered.top, covered.bottom], height));
+        let tan = libm::tan(self.field_of_view * 0.5) / height;
+        // The free area as tangents: its middle, and half of its extent.
+        let middle = [(left - right) * tan, (bottom - top) * tan];
+        let reach = [(width - left - right) * tan / MARGIN, (height - top - bottom) * tan / MARGIN];
         let axes = [self.right(), self.up(), self.backward()];
-        self.target = bounds.center();
-        // In perspective the near side looks larger: the middle of the picture is found in a few rounds.
+        let [right, up, _] = axes;
+        // What is seen in the middle of the free area, at the target's depth.
+        let mut at = bounds.center();
+        // A line from the eye through that middle is not parallel to the line of sight.
+        let skew = if self.orthographic { [0.0; 2] } else { middle };
+        // In perspective the near side looks larger: the place is found in a few rounds.
         for round in 0..8 {
-            let corners = bounds.corners().map(|c| DVec3::from_array(axes.map(|axis| (c - self.target).dot(axis))));
-            let needed = |c: DVec3| c.y.abs().max(c.x.abs() / aspect) / tan + if self.orthographic { 0.0 } else { c.z };
+            let corners = bounds.corners().map(|c| DVec3::from_array(axes.map(|axis| (c - at).dot(axis))));
+            let beside = |c: DVec3, i: usize| c[i] + skew[i] * c.z;
+            let needed = |c: DVec3| {
+                let across = (0..2).map(|i| beside(c, i).abs() / reach[i]).fold(0.0, f64::max);
+                across + if self.orthographic { 0.0 } else { c.z }
+            };
             self.distance = corners.iter().map(|c| needed(*c)).fold(bounds.radius() * 1e-3, f64::max);
             if round == 7 {
                 break; // The last word is the distance.
             }
             let scale = |toward: f64| if self.orthographic { 1.0 } else { self.distance / (self.distance - toward) };
-            let middle: [f64; 2] = std::array::from_fn(|i| {
-                let shown = corners.map(|c| c[i] * scale(c.z));
+            let off: [f64; 2] = std::array::from_fn(|i| {
+                let shown = corners.map(|c| beside(c, i) * scale(c.z));
                 let (low, high) = shown.iter().fold((f64::MAX, f64::MIN), |(l, h), v| (l.min(*v), h.max(*v)));
                 (low + high) * 0.5
             });
-            let [right, up, _] = axes;
-            self.target = self.target + right * middle[0] + up * middle[1];
+            at = at + right * off[0] + up * off[1];
         }
+        self.target = at - (right * middle[0] + up * middle[1]) * self.distance;
     }
 
     /// The view in lattice units for a picture of `size` pixels, to be refined to `target_pixels`, with nothing cut away. `bounds` is the

@@ -21,7 +21,7 @@ pub mod renderer;
 pub mod shell;
 pub mod walk;
 
-pub use camera::{Bounds, Camera, StandardView};
+pub use camera::{Bounds, Camera, Edges, StandardView};
 pub use display::Display;
 pub use gpu::context::{Gpu, GpuError, Prefer};
 pub use kilwa_measure::clip as section;

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use kilwa_geometry::Lattice;
-use kilwa_viewer::{Bounds, Camera, StandardView};
+use kilwa_viewer::{Bounds, Camera, Edges, StandardView};
 
 const BOUNDS: Bounds =
     Bounds { min: DVec3::new(500_000.0, 4_649_776.0, 100.0), max: DVec3::new(500_040.0, 4_649_806.0, 112.0) };
@@ -68,6 +68,45 @@ fn every_standard_view_shows_the_whole_model() {
             }
         }
     }
+}
+
+#[test]
+fn beside_what_covers_the_edges_of_the_picture_all_of_the_model_is_shown_as_large_as_it_goes() {
+    for covered in [
+        Edges { left: 64.0, ..Edges::default() },
+        Edges { bottom: 72.0, ..Edges::default() },
+        Edges { left: 30.0, top: 50.0, right: 90.0, bottom: 20.0 },
+    ] {
+        for size in [[300, 600], [1100, 700]] {
+            for (view, name) in StandardView::ALL {
+                for orthographic in [false, true] {
+                    let mut camera = Camera { orthographic, ..Camera::standard(view, &BOUNDS, size) };
+                    camera.fit_beside(&BOUNDS, size, covered);
+                    let pixels = BOUNDS.corners().map(|c| camera.pixel(c, size).unwrap().0);
+                    let free = [
+                        (covered.left, f64::from(size[0]) - covered.right),
+                        (covered.top, f64::from(size[1]) - covered.bottom),
+                    ];
+                    let mut fullest = 0.0_f64;
+                    for (i, (from, to)) in free.into_iter().enumerate() {
+                        let low = pixels.iter().map(|p| p[i]).fold(f64::MAX, f64::min);
+                        let high = pixels.iter().map(|p| p[i]).fold(f64::MIN, f64::max);
+                        assert!(low >= from && high <= to, "{name}: {low} to {high} of {from} to {to}");
+                        fullest = fullest.max((high - low) / (to - from));
+                    }
+                    assert!(fullest > 0.93, "{name}: only {fullest} of the free area is used");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn edges_that_would_leave_nothing_free_leave_half_of_the_picture() {
+    let mut camera = Camera::standard(StandardView::Plan, &BOUNDS, [400, 400]);
+    camera.fit_beside(&BOUNDS, [400, 400], Edges { left: 500.0, top: f64::NAN, right: -3.0, bottom: 0.0 });
+    let pixels = BOUNDS.corners().map(|c| camera.pixel(c, [400, 400]).unwrap().0);
+    assert!(pixels.iter().all(|[x, y]| (200.0..=400.0).contains(x) && (0.0..=400.0).contains(y)), "{pixels:?}");
 }
 
 #[test]

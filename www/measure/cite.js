@@ -1,7 +1,7 @@
 // One sentence that cites a measurement, in the language of the page: what, how much with its uncertainty, of which model in which version, with which tool. In
 // English it is the sentence of `kilwa measure --cite`; the digits are the same in every language.
 
-import { isolate } from "../format.js";
+import { day, isolate } from "../format.js";
 import { t } from "../i18n.js";
 import { kindName } from "./tools.js";
 import { readingName, text } from "./values.js";
@@ -25,7 +25,7 @@ export async function citation(engine, measurement, { kind, unit, lang, publishe
   const { identity, program } = engine.pack;
   const title = published || engine.pack.title;
   const capture = Number.isFinite(uncertainty.capture) ? t("citeCapture", { value: isolate(`${uncertainty.capture} m`) }) : t("citeCaptureUnknown");
-  const given = date ? t("citeDate", { date: isolate(date) }) : "";
+  const given = date ? t("citeDate", { date: isolate(day(date)) }) : "";
   return t("citeSentence", {
     name,
     tool: kindName(kind),

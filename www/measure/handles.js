@@ -18,6 +18,7 @@ const SLACK = 4;
  * @property {(id: string, index: number, x: number, y: number, snap: boolean) => void} drop it was let go
  * @property {() => void} cancel it was taken from the person
  * @property {(id: string, index: number) => void} take it was chosen by keyboard
+ * @property {() => number[][]} pins boxes of the pins of notes, which labels keep clear of
  */
 
 export class Handles {

@@ -31,6 +31,8 @@ import { isSame, pieces } from "./shapes.js";
 const PATIENCE = 4;
 /** Parts of the page that lie over the picture. */
 const OVER = ".rail, #cube, #hint, #measure-bar, #note-card, #show-again";
+/** Half of a handle, CSS pixels. */
+const HANDLE = 10;
 /** Milliseconds that their places are known for. */
 const FRESH = 400;
 /** Where the picture is narrower, CSS pixels, and there are more labels than these, they stay near their places. */
@@ -127,7 +129,7 @@ export class Marks {
     if (!this.scene?.isOpen) return;
     this.picture = picture;
     const { width, height } = this.session.canvas;
-    const seen = `${cameraKey(this.viewer.camera())} ${width} ${height} ${picture} ${this.version}`;
+    const seen = `${cameraKey(this.viewer.camera())} ${width} ${height} ${picture} ${this.version} ${this.on.pins().join()}`;
     if (seen === this.seen) return;
     this.seen = seen;
     for (const shape of this.shapes) this.#project(shape);
@@ -365,7 +367,11 @@ export class Marks {
       wanted.push({ id: source.id, at, dots, size: this.#size(source.id, label), before: this.spots.get(source.id)?.choice, rank });
     }
     wanted.sort((a, b) => a.rank - b.rank);
-    this.spots = arrange(wanted, { room: [4, 4, width - 4, height - 4], taken: this.#over(), rings: width < NARROW && wanted.length > FEW ? 1 : 4 });
+    // Pins and handles lie above the labels: they would cover digits.
+    const handles = this.handles.all.map(({ shape: { dotsAt }, index }) => [dotsAt[index * 3] / ratio, dotsAt[index * 3 + 1] / ratio]);
+    const held = handles.filter(([x, y]) => isOn(x, y)).map(([x, y]) => [x - HANDLE, y - HANDLE, x + HANDLE, y + HANDLE]);
+    const taken = [...this.#over(), ...this.on.pins(), ...held];
+    this.spots = arrange(wanted, { room: [4, 4, width - 4, height - 4], taken, rings: width < NARROW && wanted.length > FEW ? 1 : 4 });
   }
 
   #place() {

@@ -98,6 +98,7 @@ export class Measure {
       drop: (id, index, x, y, snap) => this.draft.drop(id, index, x, y, snap),
       cancel: () => this.draft.cancelDrag(),
       take: (id, index) => this.draft.take(id, index),
+      pins: page.pins,
     });
     this.bar = new Bar({
       draft: this.draft,

@@ -1,12 +1,14 @@
 // Bundles the page's modules: few files instead of many, each small. `node bundle.mjs WWW OUT GLUE…`; prints two lines of names: what
 // the page needs before it asks for anything, and what it needs besides before it starts. GLUE are scripts that wasm-bindgen wrote: they stay modules of their own,
-// which program.js and the worker load by address, and are only made smaller; so are the style sheets.
+// which program.js and the worker of the measuring tools load by address, and are only made smaller; so are the style sheets. That of the decoder is part of
+// its worker, which would wait for a second answer.
 import { build, transform } from "esbuild";
 import { readFile, writeFile } from "node:fs/promises";
 import { basename, join } from "node:path";
 import { fileURLToPath } from "node:url";
 
 const [, , www, out, ...glue] = process.argv;
+const decoder = glue.find((path) => basename(path) === "decode.js");
 const common = { outdir: out, bundle: true, format: "esm", target: "es2022", minify: true, charset: "utf8", logLevel: "warning" };
 // Other people's pages load this one alone, perhaps as a copy: it shares no chunk with the viewer.
 await build({ ...common, entryPoints: [join(www, "kilwa-viewer.js")] });
@@ -16,12 +18,13 @@ const result = await build({
   entryPoints: entries.map((name) => join(www, name)),
   splitting: true,
   chunkNames: "chunk-[hash]",
-  external: ["./decode.js", "../measure.js"],
+  external: ["../measure.js"],
+  plugins: [{ name: "decoder", setup: (bundle) => bundle.onResolve({ filter: /^\.\/decode\.js$/ }, () => ({ path: decoder })) }],
   // lit-html lies beside this file.
   nodePaths: [fileURLToPath(new URL("node_modules", import.meta.url))],
   metafile: true,
 });
-for (const path of glue) {
+for (const path of glue.filter((path) => path !== decoder)) {
   const { code } = await transform(await readFile(path, "utf8"), { minify: true, format: "esm", target: "es2022", charset: "utf8" });
   await writeFile(join(out, basename(path)), code);
 }

@@ -79,7 +79,7 @@ const FIRST_GZ_MAX: u64 = 90_000;
 /// Budget of the parts that the page loads when they are first used (tools, dialogs, embedding), together.
 const LATER_GZ_MAX: u64 = 50_000;
 /// Files of the first load that `index.html` does not name: [`first_files`].
-const FIRST: [&str; 3] = ["index.html", "decode-worker.js", "decode.js"];
+const FIRST: [&str; 2] = ["index.html", "decode-worker.js"];
 
 /// File name extensions that are worth compressing beforehand.
 const COMPRESSED: [&str; 8] = ["html", "js", "mjs", "css", "json", "wasm", "svg", "webmanifest"];

@@ -240,7 +240,7 @@ pub(super) struct Card<'a> {
     poster: String,
     page: String,
     /// Place, period and day of capture.
-    line: Vec<&'a str>,
+    line: Vec<String>,
     /// Who made it: the first few names.
     creators: Option<String>,
     triangles: String,
@@ -263,7 +263,7 @@ pub(super) fn card<'a>(entry: &'a Entry, reader: &Reader<'_>, today: &str) -> Ca
     let place = entry.place.as_ref().and_then(|p| p.name.as_deref());
     let until = entry.access.until.as_deref().unwrap_or("9999-12-31");
     let state = match entry.access.state {
-        AccessState::Embargo if until > today => Some(l.with("embargo", &[("day", until)])),
+        AccessState::Embargo if until > today => Some(l.with("embargo", &[("day", l.date(until).as_str())])),
         AccessState::Restricted => Some(l.t("restricted").to_owned()),
         _ => None,
     };
@@ -272,7 +272,10 @@ pub(super) fn card<'a>(entry: &'a Entry, reader: &Reader<'_>, today: &str) -> Ca
         entry,
         poster: poster(&format!("/{}/v{}", entry.slug, entry.version)),
         page: reader.to(&format!("/{}/", entry.slug)),
-        line: [place, entry.period.as_deref(), entry.captured.as_deref()].into_iter().flatten().collect(),
+        line: [place.map(str::to_owned), entry.period.clone(), entry.captured.as_deref().map(|day| l.date(day))]
+            .into_iter()
+            .flatten()
+            .collect(),
         creators: some_of(&entry.creators),
         triangles: l.count(entry.triangles),
         size: l.size(entry.pack_bytes),

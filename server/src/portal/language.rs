@@ -1,5 +1,6 @@
 //! The portal's messages in the viewer's languages (`i18n/`), and which language a reader wants.
 
+use kilwa_archive::date::is_date_or_span;
 use kilwa_messages::{Catalogue, Value};
 use std::sync::LazyLock;
 
@@ -76,6 +77,28 @@ impl Language {
         if matches!(self.code, "fr" | "pt") { number.replace('.', ",") } else { number.to_owned() }
     }
 
+    /// A date or span as it is said in this language; any other text as it is.
+    pub(crate) fn date(&'static self, text: &str) -> String {
+        if !is_date_or_span(text) {
+            return text.to_owned();
+        }
+        let one = |date: &str| {
+            let mut parts = date.split('-');
+            let year = parts.next().unwrap_or_default();
+            let number = |part: &str| part.parse::<usize>().ok();
+            let month = parts.next().and_then(number).and_then(|m| self.t("months").split(' ').nth(m.checked_sub(1)?));
+            let day = parts.next().and_then(number).map(|d| d.to_string());
+            match (month, &day) {
+                (Some(month), Some(day)) => {
+                    self.with("dateDay", &[("day", day.as_str()), ("month", month), ("year", year)])
+                }
+                (Some(month), None) => self.with("dateMonth", &[("month", month), ("year", year)]),
+                (None, _) => year.to_owned(),
+            }
+        };
+        text.split('/').map(one).collect::<Vec<_>>().join(" – ")
+    }
+
     /// The name of a country, or its code where it has none.
     pub(crate) fn country<'c>(&self, code: &'c str) -> &'c str {
         crate::countries::name(code, self.code).unwrap_or(code)
@@ -106,6 +129,20 @@ mod tests {
             ("1 byte".into(), "0 octet".into(), "baiti 2".into())
         );
         assert_eq!((of("fr").country("TZ"), of("fr").country("QQ")), ("Tanzanie", "QQ"));
+    }
+
+    #[test]
+    fn dates_are_said_in_each_language() {
+        let of = |code: &str, text: &str| Language::choose(Some(code), "").date(text);
+        assert_eq!(of("en", "2026-11-24"), "24 November 2026");
+        assert_eq!(of("fr", "2009-08"), "août 2009");
+        assert_eq!(of("pt", "2026-01-02"), "2 de janeiro de 2026");
+        assert_eq!(of("sw", "2009-07-21/2009-12"), "21 Julai 2009 – Desemba 2009");
+        assert_eq!(of("ar", "2026-11-24"), "24 نوفمبر 2026");
+        assert_eq!((of("fr", "1505"), of("en", "about 1505")), ("1505".into(), "about 1505".into()));
+        for language in Language::all() {
+            assert_eq!(language.t("months").split(' ').count(), 12, "{}", language.code);
+        }
     }
 
     #[test]

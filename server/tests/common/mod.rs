@@ -26,7 +26,7 @@ use tower::ServiceExt as _;
 /// A page of a few small files.
 pub(crate) fn page() -> Page {
     let html = "<!doctype html><html lang=\"en\"><head><base href=\"./\"><title>Kilwa</title></head>\
-        <body data-pack=\"\" data-list=\"\"><h1><!--title--></h1><!--about--><!--facts--></body></html>";
+        <body data-pack=\"\" data-list=\"\"><h1><!--title--></h1><!--poster--><!--about--><!--facts--></body></html>";
     let files = [
         ("index.html", html.as_bytes()),
         ("boot.js", b"export {};".as_slice()),

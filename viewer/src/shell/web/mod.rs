@@ -12,7 +12,7 @@ mod navigation;
 mod picture;
 mod stream;
 
-use crate::camera::{Bounds, Camera, StandardView};
+use crate::camera::{Bounds, Camera, Edges, StandardView};
 use crate::display::Display;
 use crate::fade::Fader;
 use crate::gpu::context::{BROWSER_BACKEND, Gpu};
@@ -96,6 +96,8 @@ pub struct Viewer {
     decoded: BTreeMap<u32, GpuChunk>,
     events: Vec<Event>,
     bounds: Bounds,
+    /// Of the picture, under the page's tools.
+    covered: Edges,
     camera: Camera,
     display: Display,
     /// The theme that the background `auto` follows.
@@ -170,6 +172,7 @@ impl Viewer {
             decoded: BTreeMap::new(),
             events: Vec::new(),
             bounds,
+            covered: Edges::default(),
             display: Display::default(),
             dark: false,
             pixel_ratio: 1.0,

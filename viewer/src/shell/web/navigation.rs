@@ -1,7 +1,7 @@
 //! Where the viewer looks from: camera, standard views, what is under a pixel.
 
 use super::Viewer;
-use crate::camera::{Camera, StandardView};
+use crate::camera::{Camera, Edges, StandardView};
 use crate::pick::{Scope, interval, nearest};
 use crate::section::Clip;
 use crate::walk;
@@ -127,13 +127,20 @@ impl Viewer {
         let view = StandardView::from_name(name);
         if let Some(view) = view {
             self.camera = Camera::standard(view, &self.bounds, self.size());
+            self.fit();
         }
         view.is_some()
     }
 
     /// Keep the direction and show all of the model.
     pub fn fit(&mut self) {
-        self.camera.fit(&self.bounds, self.size());
+        self.camera.fit_beside(&self.bounds, self.size(), self.covered);
+    }
+
+    /// So many pixels at the edges of the picture lie under tools of the page: all of the model is shown beside them from now on.
+    #[wasm_bindgen(js_name = setCovered)]
+    pub fn set_covered(&mut self, left: f64, top: f64, right: f64, bottom: f64) {
+        self.covered = Edges { left, top, right, bottom };
     }
 
     /// Metres that one pixel shows at the pivot.
