@@ -2,8 +2,7 @@
 
 import * as chrome from "./chrome.js";
 import { $, input } from "./dom.js";
-import { t, use } from "./i18n.js";
-import { remember } from "./language.js";
+import { remember, t, use } from "./i18n.js";
 import { openers } from "./local-pack.js";
 import { readJson } from "./store.js";
 

@@ -1,7 +1,6 @@
 // The messages of the page, from i18n/LANGUAGE/page.ftl. Elements name theirs: data-text (content), data-label (name and tooltip), data-aria (name only).
 
 import { count, day, setLocale } from "./format.js";
-import { ask } from "./language.js";
 
 const RIGHT_TO_LEFT = new Set(["ar"]);
 
@@ -36,11 +35,20 @@ function fill(message, values) {
   );
 }
 
+/** @param {string} language */
+export function remember(language) {
+  try {
+    localStorage.setItem("kilwa.language", language);
+  } catch {
+    // Storage is switched off: the choice then lasts as long as the page.
+  }
+}
+
 /**
  * @param {string} language
  * @param {Promise<Response>} asked the request for its messages, where it is under way
  */
-export async function use(language, asked = ask(language)) {
+export async function use(language, asked = fetch(new URL(`i18n/${language}.json`, import.meta.url))) {
   const response = await asked;
   if (!response.ok) throw new Error(`i18n/${language}.json: ${response.status}`);
   messages = await response.json();

@@ -1,4 +1,5 @@
-// Which language the page is in: known before anything else is loaded, so that its messages come at the same time.
+// Which language the page is in: known before anything else is loaded, so that its messages come at the same time. Part of boot.js alone: a file
+// that it shared with the page would cost a request.
 
 export const LANGUAGES = ["en", "fr", "pt", "sw", "ar"];
 
@@ -17,15 +18,6 @@ function stored() {
     return localStorage.getItem("kilwa.language");
   } catch {
     return null; // Storage is switched off: the choice then lasts as long as the page.
-  }
-}
-
-/** @param {string} language */
-export function remember(language) {
-  try {
-    localStorage.setItem("kilwa.language", language);
-  } catch {
-    // As above.
   }
 }
 

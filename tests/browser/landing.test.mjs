@@ -43,8 +43,8 @@ test("the poster is asked for before any script and is seen while nothing else h
     size: [1000, 700],
     before: async (page) => {
       page.on("request", (request) => asked.push(named(request)));
-      // No script, no program, no pack.
-      release = await hold(page, (name) => /\.(js|wasm|kilwa|json)$/.test(name));
+      // No module, no program, no pack.
+      release = await hold(page, (name) => name !== "plain.js" && /\.(js|wasm|kilwa|json)$/.test(name));
     },
   });
   await page.goto(PAGE(), { waitUntil: "commit" });
@@ -135,20 +135,18 @@ test("the bar goes on and never back, and moves while it waits", async () => {
   await close();
 });
 
-test("days are written in the words of the language, on a model's page and in the catalogue", async () => {
-  for (const [lang, day, captured] of [
-    ["en", "24 November 2026", "21 July 2009"],
-    ["fr", "24 novembre 2026", "21 juillet 2009"],
-    ["pt", "24 de novembro de 2026", "21 de julho de 2009"],
-    ["sw", "24 Novemba 2026", "21 Julai 2009"],
-    ["ar", "24 نوفمبر 2026", "21 يوليو 2009"],
+test("days are written in the words of the language", async () => {
+  for (const [lang, day] of [
+    ["en", "24 November 2026"],
+    ["fr", "24 novembre 2026"],
+    ["pt", "24 de novembro de 2026"],
+    ["sw", "24 Novemba 2026"],
+    ["ar", "24 نوفمبر 2026"],
   ]) {
     const { page, close } = await open(browser, `${PAGE()}&lang=${lang}`, { wait: "first", size: [1100, 700] });
     const times = page.getByRole("complementary").locator("time"); // a day has no role
     assert.equal(await times.first().innerText(), day);
     assert.equal(await times.first().getAttribute("datetime"), "2026-11-24");
-    await page.goto(`${server.url}/?lang=${lang}`);
-    assert.ok((await page.getByRole("listitem").filter({ hasText: "Gereza" }).first().innerText()).includes(captured), `${lang}: ${captured}`);
     await close();
   }
 });
