@@ -21,7 +21,7 @@ const NOTABLE: f64 = 0.001;
 pub(super) async fn area<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<Outcome, Failure> {
     let space = s.space;
     let add = |sum: &mut Areas, chunk: &Chunk| sum.add_chunk(chunk, &space, None);
-    let (sum, read) = sum_of(s, |_| true, Areas::default, add, Areas::join).await?;
+    let (sum, read) = sum_of(s, &|_| true, &Areas::default, &add, Areas::join).await?;
     let u = sum.spread().map(|x| x * s.point.combined());
     let mut report = Outcome::new(task.clone(), Vec::new());
     rough_surface(s, &mut report, &sum, u[0]);
@@ -57,7 +57,7 @@ pub(super) async fn polygon_area<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> 
     let region = Region::new(facing(fit.plane, &places), corners, reach)?;
     let space = s.space;
     let add = |sum: &mut Areas, chunk: &Chunk| sum.add_chunk(chunk, &space, Some(&region));
-    let (sum, read) = sum_of(s, |b| meets(s, &region, b), Areas::default, add, Areas::join).await?;
+    let (sum, read) = sum_of(s, &|b| meets(s, &region, b), &Areas::default, &add, Areas::join).await?;
     if sum.triangles() == 0 {
         let hint = format!("no surface lies within {reach} m of its plane: give a longer reach");
         return Err(Refusal::Misses { what: Target::Polygon, hint }.into());
@@ -82,7 +82,7 @@ pub(super) async fn volume<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result
     // glam's midpoint adds first, which overflows where this does not.
     let centre = DVec3::from([0, 1, 2].map(|k| f64::midpoint(low[k], high[k])));
     let add = each(s.space, Enclosed::add);
-    let (sum, read) = sum_of(s, |_| true, || Enclosed::new(centre), add, Enclosed::join).await?;
+    let (sum, read) = sum_of(s, &|_| true, &|| Enclosed::new(centre), &add, Enclosed::join).await?;
     let volume = sum.volume(borders)?;
     let u = sum.spread() * s.point.combined();
     let mut report = Outcome::new(task.clone(), vec![Reading::new("volume", Dimension::Volume, volume, u)]);
@@ -100,7 +100,7 @@ pub(super) async fn cut_fill<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Resu
     let places = s.places(task).await?;
     let (region, fitted) = region(&places, task.plane, task.reach, |corners, _| extent(corners))?;
     let add = each(s.space, |v: &mut CutFill, t| v.add(t, &region));
-    let (sum, read) = sum_of(s, |b| meets(s, &region, b), CutFill::default, add, CutFill::join).await?;
+    let (sum, read) = sum_of(s, &|b| meets(s, &region, b), &CutFill::default, &add, CutFill::join).await?;
     let v = sum.volumes(&region)?;
     let own = sum.spread(if fitted { places.len() } else { 0 }) * s.point.combined();
     let u = with_part(own, (v.cut.abs() + v.fill.abs()) * outline(s, task)?);
@@ -144,7 +144,7 @@ pub(super) async fn deviation<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Res
             sum.1.add(t);
         });
         let empty = || (Deviation::new(range), Areas::default());
-        let ((sum, areas), read) = sum_of(s, |_| true, empty, add, join).await?;
+        let ((sum, areas), read) = sum_of(s, &|_| true, &empty, &add, join).await?;
         (sum.figures()?, areas, plane, read)
     } else {
         let near = |corners: &[DVec3], largest: f64| (2.0 * largest).max(0.05 * extent(corners));
@@ -155,7 +155,7 @@ pub(super) async fn deviation<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Res
             sum.1.add_clipped(t, &region);
         });
         let empty = || (Deviation::new(range), Areas::default());
-        let ((sum, areas), read) = sum_of(s, |b| meets(s, &region, b), empty, add, join).await?;
+        let ((sum, areas), read) = sum_of(s, &|b| meets(s, &region, b), &empty, &add, join).await?;
         (sum.figures()?, areas, *region.plane(), read)
     };
     let u = s.point.combined();
@@ -179,13 +179,14 @@ pub(super) async fn deviation<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Res
     Ok(report)
 }
 
-/// The sum over the finest surface of the chunks whose box passes `meets`, and the data read for it.
+/// The sum over the finest surface of the chunks whose box passes `meets`, and the data read for it. Closures by reference: the module of the page has
+/// one sweep for each kind of sum, not for each call.
 async fn sum_of<L: Leaves, A: Send>(
     s: &Subject<'_, L>,
-    meets: impl Fn(&Aabb) -> bool,
-    empty: impl Fn() -> A + Sync,
-    add: impl Fn(&mut A, &Chunk) + Sync,
-    join: impl Fn(&mut A, &A),
+    meets: &dyn Fn(&Aabb) -> bool,
+    empty: &(dyn Fn() -> A + Sync),
+    add: &(dyn Fn(&mut A, &Chunk) + Sync),
+    join: fn(&mut A, &A),
 ) -> Result<(A, Read), Failure> {
     let mut sum = empty();
     let read = s.leaves.sweep(meets, empty, add, |part| join(&mut sum, &part)).await?;
