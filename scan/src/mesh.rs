@@ -128,7 +128,7 @@ pub fn mesh(
     }
     if let Some((mut last, mut first)) = before.zip(first)
         && done > 2
-        && closes(&last, &first, header.rays, total)
+        && closes(&last.samples, &first.samples, header.rays, total)
     {
         strips.between(&mut last, &mut first)?;
         strips.report.is_closed = true;
@@ -166,12 +166,12 @@ impl Window<'_> {
 
 /// Whether the last line is a neighbour of the first, as in a scan of a whole turn: the rays of both are about as far from each other as a
 /// whole turn divided by the number of lines makes them.
-fn closes(last: &Line, first: &Line, rays: Rays, lines: u64) -> bool {
+pub(crate) fn closes(last: &[Sample], first: &[Sample], rays: Rays, lines: u64) -> bool {
     if rays != Rays::Central {
         return false;
     }
     let turn = |sample: &Sample| f64::from(sample.position.y).atan2(f64::from(sample.position.x));
-    let pairs = last.samples.iter().zip(&first.samples).filter(|(a, b)| a.is_measured() && b.is_measured());
+    let pairs = last.iter().zip(first).filter(|(a, b)| a.is_measured() && b.is_measured());
     let mut angles: Vec<f64> = pairs
         .map(|(a, b)| (turn(b) - turn(a)).rem_euclid(std::f64::consts::TAU))
         .map(|angle| angle.min(std::f64::consts::TAU - angle))

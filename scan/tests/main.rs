@@ -2,6 +2,7 @@
 
 mod formats;
 mod malformed;
+mod masks;
 mod peers;
 mod resume;
 mod shared_data;
