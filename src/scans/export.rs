@@ -119,7 +119,8 @@ fn export_ptx(args: &Args, station: &Station, reader: &mut Reader, bar: &Bar) ->
     let mut out = crate::terminal::out();
     if args.json {
         let file = args.output.display().to_string();
-        let json = json!({"file": file, "columns": grid.columns, "rows": grid.rows, "points": points, "masked": masked});
+        let json =
+            json!({"file": file, "columns": grid.columns, "rows": grid.rows, "points": points, "masked": masked});
         writeln!(out, "{}", crate::terminal::json_line(&json)?)?;
     } else {
         let points = counted(points, "point", "points");

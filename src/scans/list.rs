@@ -60,6 +60,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     }
     let damaged = headers.iter().filter(|header| header.is_err()).count();
     anyhow::ensure!(damaged == 0, "{damaged} of {} stations cannot be read", survey.stations.len());
+    for station in &survey.stations {
+        let masks = super::mask::of(&args.survey, &survey, station);
+        if let Some(error) = masks.into_iter().find_map(|mask| mask.masked.err()) {
+            anyhow::bail!("a mask of station {} cannot be read: {error}", station.name);
+        }
+    }
     Ok(())
 }
 
@@ -71,9 +77,18 @@ fn masked(folder: &Path, station: &Station) -> Result<u64, ScanError> {
     mask::count(&mut mask::open(folder, station, false)?)
 }
 
-fn table(args: &Args, survey: &Survey, headers: &[Result<Header, String>], out: &mut impl std::io::Write) -> anyhow::Result<()> {
+fn table(
+    args: &Args,
+    survey: &Survey,
+    headers: &[Result<Header, String>],
+    out: &mut impl std::io::Write,
+) -> anyhow::Result<()> {
     let widest = survey.stations.iter().map(|s| s.name.chars().count()).max().unwrap_or(0).max(7);
-    writeln!(out, "{:widest$}  {:>12}  {:>11}  {:>13}  {:>8}  {:9}  position", "station", "points", "masked", "grid", "range", "has")?;
+    writeln!(
+        out,
+        "{:widest$}  {:>12}  {:>11}  {:>13}  {:>8}  {:9}  position",
+        "station", "points", "masked", "grid", "range", "has"
+    )?;
     let (mut by_mask, mut all_masked) = (BTreeMap::new(), 0);
     for (station, header) in survey.stations.iter().zip(headers) {
         let position = station.pose.map_or_else(
@@ -146,7 +161,8 @@ struct Sum {
 impl Sum {
     fn line(&self, name: &str) -> String {
         let counted = kilwa_pack::plural::counted::<u64>;
-        let (points, stations) = (counted(self.points, "point", "points"), counted(self.stations, "station", "stations"));
+        let (points, stations) =
+            (counted(self.points, "point", "points"), counted(self.stations, "station", "stations"));
         let mut line = format!("mask {name}: {points} at {stations}");
         if self.off > 0 {
             line.push_str(&format!(", off at {}", self.off));

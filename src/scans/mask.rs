@@ -18,6 +18,7 @@ use std::path::{Path, PathBuf};
 /// `kilwa build`. Masks made again under the same name replace those from before. Several kinds can be given at once.
 #[derive(clap::Args)]
 #[command(group(clap::ArgGroup::new("task").required(true).multiple(true)))]
+#[command(group(clap::ArgGroup::new("kind").multiple(true)))]
 pub(crate) struct Args {
     /// The folder of the survey.
     survey: PathBuf,
@@ -165,7 +166,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         bar.0.clear();
         let report = report?;
         if !args.json {
-            print(&request, &report)?;
+            print(folder, &request, &report)?;
         }
         made.push((request, report));
     }
@@ -180,7 +181,7 @@ fn percent(part: u64, of: u64) -> f64 {
     100.0 * part as f64 / of.max(1) as f64
 }
 
-fn print(request: &Request, report: &Report) -> anyhow::Result<()> {
+fn print(folder: &Path, request: &Request, report: &Report) -> anyhow::Result<()> {
     let mut out = crate::terminal::out();
     if !report.without_pose.is_empty() {
         let names = report.without_pose.join(", ");
@@ -194,10 +195,15 @@ fn print(request: &Request, report: &Report) -> anyhow::Result<()> {
     let (masked, measured) = sums(report);
     if report.stations.len() > 1 {
         let stations = report.stations.len();
-        writeln!(out, "{}: {masked} of {measured} points ({:.2} %) at {stations} stations", request.name, percent(masked, measured))?;
+        writeln!(
+            out,
+            "{}: {masked} of {measured} points ({:.2} %) at {stations} stations",
+            request.name,
+            percent(masked, measured)
+        )?;
     }
     let first = report.stations.first().map_or("STATION", |made| made.station.as_str());
-    let survey = "SURVEY";
+    let survey = folder.display();
     writeln!(
         out,
         "look at it: kilwa scans view {survey} {first} --show mask -o mask.png; undo it: kilwa scans mask {survey} --off {}",
@@ -234,7 +240,13 @@ fn switched(args: &Args, name: &str, what: &str, stations: &[String]) -> anyhow:
         writeln!(out, "{}", crate::terminal::json_line(&json)?)?;
     } else {
         let count = counted(stations.len() as u64, "station", "stations");
-        let is = if what == "removed" { "removed from" } else if what == "on" { "on at" } else { "off at" };
+        let is = if what == "removed" {
+            "removed from"
+        } else if what == "on" {
+            "on at"
+        } else {
+            "off at"
+        };
         writeln!(out, "{name}: {is} {count}")?;
     }
     Ok(())

@@ -67,7 +67,8 @@ pub struct Report {
 /// [`ScanError::Write`]; [`ScanError::Stopped`]. The masks from before stay then.
 pub fn make(folder: &Path, request: &Request, progress: &dyn Progress) -> Result<Report, ScanError> {
     if !is_mask_name(&request.name) {
-        let message = format!("{:?} is no name for a mask; use up to 40 letters, digits, and _ - between them", request.name);
+        let message =
+            format!("{:?} is no name for a mask; use up to 40 letters, digits, and _ - between them", request.name);
         return Err(ScanError::Request(message));
     }
     let survey = Survey::open(folder)?;
@@ -97,7 +98,8 @@ pub fn make(folder: &Path, request: &Request, progress: &dyn Progress) -> Result
         let file = format!("{STATIONS}/{}.{}.{digest}.mask", station.name, request.name);
         let path = folder.join(&file);
         let measured = reader.header().statistics.measured;
-        let mut making = Making { station, reader, path, progress, done: number as u64, stations: total as u64, parts: 1 };
+        let mut making =
+            Making { station, reader, path, progress, done: number as u64, stations: total as u64, parts: 1 };
         let masked = match making.known(&request.name) {
             Some(masked) => masked,
             None => making.make(&request.recipe, witnesses.as_ref())?,
@@ -397,13 +399,16 @@ impl Making<'_> {
                     list,
                     kilwa_formats::read::Place::Line(line),
                     format!("index {index}"),
-                    format!("one below {count}, because station {name} has {count} {what}; --numbering cells|points says what indices count"),
+                    format!(
+                        "one below {count}, because station {name} has {count} {what}; --numbering cells|points says what indices count"
+                    ),
                 ));
             }
             is_listed[(index / 8) as usize] |= 1 << (index % 8);
             Ok(())
         })?;
-        let is_listed = |index: u64| is_listed.get((index / 8) as usize).is_some_and(|byte| byte >> (index % 8) & 1 == 1);
+        let is_listed =
+            |index: u64| is_listed.get((index / 8) as usize).is_some_and(|byte| byte >> (index % 8) & 1 == 1);
         let (cells, mut at, mut points, mut batch) = (header.grid.cells(), 0, 0, Vec::new());
         let cannot = self.cannot();
         while at < cells {

@@ -29,7 +29,8 @@ pub fn open(folder: &Path, station: &Station, unmasked: bool) -> Result<Reader, 
     let mut reader = Reader::open(&folder.join(&station.scan))?;
     if !unmasked {
         let is_on = |mask: &&Mask| mask.is_on;
-        let masks = station.masks.iter().filter(is_on).map(|mask| MaskReader::open(&folder.join(&mask.file), &mask.name));
+        let masks =
+            station.masks.iter().filter(is_on).map(|mask| MaskReader::open(&folder.join(&mask.file), &mask.name));
         reader.set_masks(masks.collect::<Result<_, _>>()?)?;
     }
     Ok(reader)
@@ -80,7 +81,7 @@ fn digest_of_poses<'a>(stations: impl IntoIterator<Item = &'a Station>) -> Strin
 /// Whether a mask of a station was made with other poses than those that the survey has now: its own for boxes, those of all stations for
 /// what rays of others pass through.
 pub fn is_outdated(mask: &Mask, station: &Station, survey: &Survey) -> bool {
-    mask.poses.as_ref().is_some_and(|made| {
-        *made != digest_of_poses([station]) && *made != digest_of_poses(&survey.stations)
-    })
+    mask.poses
+        .as_ref()
+        .is_some_and(|made| *made != digest_of_poses([station]) && *made != digest_of_poses(&survey.stations))
 }

@@ -3,8 +3,8 @@
 //! A range image is made of every station with a pose. They are kept in memory as far as [`MEMORY`] goes, the others in a scratch file, from which they are
 //! loaded a few at a time. For the station that is masked, a byte a cell counts its witnesses.
 
-use super::make::{Making, joining};
 use super::MaskWriter;
+use super::make::{Making, joining};
 use crate::ScanError;
 use crate::import::Progress;
 use crate::spool::Reader;
@@ -36,7 +36,10 @@ struct Witness {
 enum Kept {
     Memory(RangeImage),
     /// An empty image of the same size, and where its pixels are.
-    Scratch { empty: RangeImage, offset: u64 },
+    Scratch {
+        empty: RangeImage,
+        offset: u64,
+    },
 }
 
 /// All stations that may be witnesses.

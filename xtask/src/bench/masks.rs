@@ -102,13 +102,14 @@ fn classes(stations: &[Station], masks: &[(&str, Vec<Vec<bool>>)]) -> String {
     masks.iter().for_each(|(name, _)| write!(table, " {name} % |").unwrap_or(()));
     table.push_str("\n|---|---:|");
     masks.iter().for_each(|_| table.push_str("---:|"));
-    for class in 1..CLASSES.len() - 1 {
+    for (class, name) in CLASSES.iter().enumerate().take(CLASSES.len() - 1).skip(1) {
         let of = |station: &Station| station.labels.iter().filter(|label| usize::from(**label) == class).count() as u64;
         let points: u64 = stations.iter().map(of).sum();
-        write!(table, "\n| {} | {points} |", CLASSES[class]).unwrap_or(());
+        write!(table, "\n| {name} | {points} |").unwrap_or(());
         for (_, masks) in masks {
             let masked = |(station, mask): (&Station, &Vec<bool>)| {
-                station.labels.iter().zip(mask).filter(|(label, is)| usize::from(**label) == class && **is).count() as u64
+                station.labels.iter().zip(mask).filter(|(label, is)| usize::from(**label) == class && **is).count()
+                    as u64
             };
             let masked: u64 = stations.iter().zip(masks).map(masked).sum();
             write!(table, " {:.2} |", percent(masked, points)).unwrap_or(());
@@ -136,15 +137,18 @@ fn by_station(stations: &[Station], masks: &[(&str, Vec<Vec<bool>>)]) -> String 
         };
         let ((mixed, found), (good, lost)) = (count(MIXED, "mixed"), count(SURFACE, "mixed"));
         let (_, through) = count(SURFACE, "seen-through");
-        writeln!(table, "| {} | {mixed} | {found:.1} | {good} | {lost:.2} | {through:.3} |", station.name).unwrap_or(());
+        writeln!(table, "| {} | {mixed} | {found:.1} | {good} | {lost:.2} | {through:.3} |", station.name)
+            .unwrap_or(());
     }
     table
 }
 
 /// Transients whose place rays of two other stations passed, by the ray that is nearest to it, and how many of them are masked.
 fn transients(stations: &[Station], masks: &[Vec<bool>]) -> String {
-    let mut table = String::from("\n| transients | points | passed by rays of two others | of these masked % |\n|---|---:|---:|---:|\n");
-    for class in WALKER..=WALKER + 2 {
+    let mut table = String::from(
+        "\n| transients | points | passed by rays of two others | of these masked % |\n|---|---:|---:|---:|\n",
+    );
+    for (class, name) in CLASSES.iter().enumerate().skip(WALKER).take(3) {
         let (mut all, mut passed, mut masked) = (0, 0, 0);
         for (number, (station, mask)) in stations.iter().zip(masks).enumerate() {
             for (cell, _) in station.labels.iter().enumerate().filter(|(_, label)| usize::from(**label) == class) {
@@ -158,7 +162,7 @@ fn transients(stations: &[Station], masks: &[Vec<bool>]) -> String {
                 }
             }
         }
-        writeln!(table, "| {} | {all} | {passed} | {:.1} |", CLASSES[class], percent(masked, passed)).unwrap_or(());
+        writeln!(table, "| {name} | {all} | {passed} | {:.1} |", percent(masked, passed)).unwrap_or(());
     }
     table
 }

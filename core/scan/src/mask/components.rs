@@ -98,12 +98,7 @@ impl Finder {
     }
 
     /// The next line. `takes_part` chooses samples by their place in it; `is_marked` those that are counted apart.
-    pub fn line(
-        &mut self,
-        line: &[Sample],
-        takes_part: &dyn Fn(usize) -> bool,
-        is_marked: &dyn Fn(usize) -> bool,
-    ) {
+    pub fn line(&mut self, line: &[Sample], takes_part: &dyn Fn(usize) -> bool, is_marked: &dyn Fn(usize) -> bool) {
         let mut met = Vec::new();
         self.labeller.line(line, takes_part, &mut |a, b| met.push((a, b)));
         while self.parents.len() < self.labeller.next as usize {
