@@ -353,5 +353,7 @@ fn masking_that_is_killed_leaves_the_masks_from_before() {
     assert!(is_done || read() == before);
     succeeds(&["scans", "list", text(&survey)]);
     succeeds(&["scans", "mask", text(&survey), "--grazing=70"]);
+    let unfinished = std::fs::read_dir(survey.join("stations")).unwrap().map(|entry| entry.unwrap().file_name());
+    assert_eq!(unfinished.filter(|name| name.to_string_lossy().ends_with(".part")).count(), 0);
     assert_eq!((read().matches("--grazing=70").count(), read().matches("--grazing=60").count(), masks()), (40, 0, 40));
 }

@@ -140,8 +140,8 @@ fn source(path: &Path, before: u64, total: u64, progress: &dyn Progress) -> Resu
     Ok(Source { file: name, bytes, blake3: hash.finalize().to_hex().to_string(), number: 0 })
 }
 
-/// Files that an import left that was killed. Nobody else writes here while the lock is held.
-fn remove_unfinished(folder: &Path) {
+/// Files that a command left that was killed. Nobody else writes here while the lock is held.
+pub(crate) fn remove_unfinished(folder: &Path) {
     for folder in [folder.to_owned(), folder.join(STATIONS), folder.join(PHOTOGRAPHS)] {
         for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
             let name = entry.file_name();

@@ -7,7 +7,7 @@
 use super::manage::remove_files;
 use super::{MaskReader, MaskWriter, Numbering, Recipe, digest_of_poses, list, through};
 use crate::ScanError;
-use crate::import::Progress;
+use crate::import::{Progress, remove_unfinished};
 use crate::lock::Lock;
 use crate::mesh::closes;
 use crate::spool::Reader;
@@ -66,6 +66,16 @@ pub struct Report {
 /// [`ScanError::Request`] for stations that cannot have it, and where another command is writing; [`ScanError::Spool`], [`ScanError::Read`],
 /// [`ScanError::Write`]; [`ScanError::Stopped`]. The masks from before stay then.
 pub fn make(folder: &Path, request: &Request, progress: &dyn Progress) -> Result<Report, ScanError> {
+    make_within(folder, request, progress, through::MEMORY)
+}
+
+/// The same with so many bytes for range images.
+pub(super) fn make_within(
+    folder: &Path,
+    request: &Request,
+    progress: &dyn Progress,
+    memory: usize,
+) -> Result<Report, ScanError> {
     if !is_mask_name(&request.name) {
         let message =
             format!("{:?} is no name for a mask; use up to 40 letters, digits, and _ - between them", request.name);
@@ -73,16 +83,17 @@ pub fn make(folder: &Path, request: &Request, progress: &dyn Progress) -> Result
     }
     let survey = Survey::open(folder)?;
     let _lock = Lock::take(folder)?;
+    remove_unfinished(folder);
     let stations = chosen(&survey, request)?;
     let witnesses = match &request.recipe {
         Recipe::SeenThrough { witnesses, .. } => {
-            Some(through::Witnesses::new(folder, &survey, &stations, *witnesses, progress)?)
+            Some(through::Witnesses::new(folder, &survey, &stations, *witnesses, memory, progress)?)
         }
         _ => None,
     };
     let mut report = Report::default();
     if let Some(witnesses) = &witnesses {
-        report.without_pose = witnesses.without_pose.clone();
+        report.without_pose.clone_from(&witnesses.without_pose);
     }
     let mut masks = Vec::with_capacity(stations.len());
     let total = stations.len();

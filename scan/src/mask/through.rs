@@ -18,7 +18,7 @@ use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
 /// Bytes of range images in memory.
-const MEMORY: usize = 192 << 20;
+pub(super) const MEMORY: usize = 192 << 20;
 /// Cells read at a time.
 const BATCH: u64 = 65_536;
 /// A thing that is passed through has at least so many samples whose witnesses saw through all around it.
@@ -45,6 +45,8 @@ enum Kept {
 /// All stations that may be witnesses.
 pub(super) struct Witnesses {
     all: Vec<Witness>,
+    /// Bytes of range images in memory.
+    memory: usize,
     scratch: Option<File>,
     /// Stations that have no pose.
     pub(super) without_pose: Vec<String>,
@@ -56,10 +58,11 @@ impl Witnesses {
         survey: &Survey,
         stations: &[&Station],
         needed: u8,
+        memory: usize,
         progress: &dyn Progress,
     ) -> Result<Self, ScanError> {
-        let mut made = Self { all: Vec::new(), scratch: None, without_pose: Vec::new() };
-        let (mut memory, mut offset) = (0, 0);
+        let mut made = Self { all: Vec::new(), memory, scratch: None, without_pose: Vec::new() };
+        let (mut held, mut offset) = (0, 0);
         let with_pose = survey.stations.iter().filter(|s| s.pose.is_some()).count();
         for station in stations {
             if with_pose.saturating_sub(1) < usize::from(needed) {
@@ -87,8 +90,8 @@ impl Witnesses {
                 progress.update("looking", (share * 1e6) as u64, 1_000_000);
                 Ok(())
             })?;
-            let image = if memory + image.bytes() <= MEMORY / 2 {
-                memory += image.bytes();
+            let image = if held + image.bytes() <= memory / 2 {
+                held += image.bytes();
                 Kept::Memory(image)
             } else {
                 let cannot = |source| ScanError::Write { path: folder.to_owned(), source };
@@ -196,7 +199,7 @@ pub(super) fn mask(
     let own_sigma = making.station.sigma.unwrap_or_default();
     let name = &making.station.name;
     let others: Vec<&Witness> = witnesses.all.iter().filter(|witness| witness.name != *name).collect();
-    let groups = groups(&others);
+    let groups = groups(&others, witnesses.memory);
     making.parts = groups.len() as u64 + 2;
     let mut tallies = vec![Tally::default(); cells as usize];
     let mut batch = Vec::new();
@@ -216,7 +219,7 @@ pub(super) fn mask(
 }
 
 /// As many at a time as the memory allows.
-fn groups<'a>(others: &[&'a Witness]) -> Vec<Vec<&'a Witness>> {
+fn groups<'a>(others: &[&'a Witness], memory: usize) -> Vec<Vec<&'a Witness>> {
     let mut groups: Vec<Vec<&Witness>> = Vec::new();
     let mut bytes = usize::MAX;
     for &witness in others {
@@ -224,7 +227,7 @@ fn groups<'a>(others: &[&'a Witness]) -> Vec<Vec<&'a Witness>> {
             Kept::Memory(_) => 0,
             Kept::Scratch { empty, .. } => empty.full_bytes(),
         };
-        if bytes.saturating_add(own) > MEMORY / 2 {
+        if bytes.saturating_add(own) > memory / 2 {
             groups.push(Vec::new());
             bytes = 0;
         }
@@ -323,4 +326,56 @@ fn connected(
         making.progress(part + 1, u64::from(number), u64::from(lines))?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::make::make_within;
+    use super::super::{Recipe, Request};
+    use super::*;
+    use crate::import::{Options, Silent, import};
+    use std::fmt::Write as _;
+
+    /// Rays to a sphere of 10 m around the site; some of the first station's end after 2 m.
+    fn scan(at: f64, has_thing: bool) -> String {
+        let mut text = format!("100\n60\n{at} 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n{at} 0 0 1\n");
+        for (column, row) in (0..100).flat_map(|column| (0..60).map(move |row| (column, row))) {
+            let (a, e) = (f64::from(column) * 0.06283, (f64::from(row) - 30.0) * 0.045);
+            let d = DVec3::new(e.cos() * a.cos(), e.cos() * a.sin(), e.sin());
+            let far = -at * d.x + (at * at * d.x * d.x - at * at + 100.0).sqrt();
+            let p = d * if has_thing && (20..30).contains(&column) && (25..40).contains(&row) { 2.0 } else { far };
+            writeln!(text, "{:.6} {:.6} {:.6} 0.5", p.x, p.y, p.z).unwrap();
+        }
+        text
+    }
+
+    #[test]
+    fn range_images_that_do_not_fit_into_memory_give_the_same_mask() {
+        let folder = tempfile::tempdir().unwrap();
+        let survey = folder.path().join("survey");
+        let files: Vec<_> = [(0.0, true), (1.0, false), (-1.5, false), (3.0, false)]
+            .iter()
+            .enumerate()
+            .map(|(k, (at, has_thing))| {
+                let path = folder.path().join(format!("s{k}.ptx"));
+                std::fs::write(&path, scan(*at, *has_thing)).unwrap();
+                path
+            })
+            .collect();
+        import(&survey, &files, &Options::default(), &Silent).unwrap();
+        let recipe = Recipe::SeenThrough { witnesses: 2, margin: 0.1 };
+        let made = [("a", MEMORY), ("b", 0)].map(|(name, memory)| {
+            let request = Request { name: name.to_owned(), recipe: recipe.clone(), stations: Vec::new() };
+            make_within(&survey, &request, &Silent, memory).unwrap()
+        });
+        assert_eq!(made[0], made[1]);
+        let masked: Vec<u64> = made[0].stations.iter().map(|made| made.masked).collect();
+        assert_eq!(masked, [150, 0, 0, 0]);
+        let bytes = |name: &str| {
+            let toml = Survey::open(&survey).unwrap();
+            let mask = toml.stations[0].masks.iter().find(|mask| mask.name == name).unwrap().file.clone();
+            std::fs::read(survey.join(mask)).unwrap()
+        };
+        assert!(bytes("a") == bytes("b"));
+    }
 }

@@ -122,12 +122,11 @@ impl Edit {
             Some(poses) => table["poses"] = value(poses),
             None => drop(table.remove("poses")),
         }
-        match place {
-            Some(place) => own[place] = mask,
-            None => {
-                tables.push(new);
-                own.push(mask);
-            }
+        if let Some(place) = place {
+            own[place] = mask;
+        } else {
+            tables.push(new);
+            own.push(mask);
         }
         Ok(())
     }
