@@ -11,7 +11,7 @@ use kilwa_scan::survey::Survey;
 use kilwa_scan_core::Sample;
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 const COLUMNS: u32 = 240;
 const ROWS: u32 = 90;
@@ -84,7 +84,7 @@ fn samples(site: &Site, station: &str, unmasked: bool) -> Vec<Sample> {
 fn mask_files(site: &Site) -> BTreeSet<String> {
     let entries = std::fs::read_dir(site.survey().join("stations")).unwrap();
     let names = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap());
-    names.filter(|name| name.ends_with(".mask")).collect()
+    names.filter(|name| Path::new(name).extension().is_some_and(|end| end == "mask")).collect()
 }
 
 #[test]

@@ -160,18 +160,19 @@ struct Sum {
 
 impl Sum {
     fn line(&self, name: &str) -> String {
+        use std::fmt::Write as _;
         let counted = kilwa_pack::plural::counted::<u64>;
         let (points, stations) =
             (counted(self.points, "point", "points"), counted(self.stations, "station", "stations"));
         let mut line = format!("mask {name}: {points} at {stations}");
         if self.off > 0 {
-            line.push_str(&format!(", off at {}", self.off));
+            let _ = write!(line, ", off at {}", self.off);
         }
         if self.outdated > 0 {
-            line.push_str(&format!(", made with other poses at {}: make it again", self.outdated));
+            let _ = write!(line, ", made with other poses at {}: make it again", self.outdated);
         }
         for error in &self.errors {
-            line.push_str(&format!("\n  {error}"));
+            let _ = write!(line, "\n  {error}");
         }
         line
     }

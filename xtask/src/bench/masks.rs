@@ -99,9 +99,11 @@ fn percent(part: u64, of: u64) -> f64 {
 /// Share of each class that each mask masks.
 fn classes(stations: &[Station], masks: &[(&str, Vec<Vec<bool>>)]) -> String {
     let mut table = String::from("\n| class | points |");
-    masks.iter().for_each(|(name, _)| write!(table, " {name} % |").unwrap_or(()));
+    for (name, _) in masks {
+        write!(table, " {name} % |").unwrap_or(());
+    }
     table.push_str("\n|---|---:|");
-    masks.iter().for_each(|_| table.push_str("---:|"));
+    table.push_str(&"---:|".repeat(masks.len()));
     for (class, name) in CLASSES.iter().enumerate().take(CLASSES.len() - 1).skip(1) {
         let of = |station: &Station| station.labels.iter().filter(|label| usize::from(**label) == class).count() as u64;
         let points: u64 = stations.iter().map(of).sum();
@@ -230,8 +232,8 @@ fn mask(survey: &Path, station: &str, name: &str) -> Result<Vec<bool>> {
     let start = format!("{station}.{name}.");
     let entries = fs::read_dir(survey.join("stations"))?.collect::<Result<Vec<_>, _>>()?;
     let file = entries.into_iter().find(|entry| {
-        let name = entry.file_name().to_string_lossy().into_owned();
-        name.starts_with(&start) && name.ends_with(".mask")
+        let is_mask = entry.path().extension().is_some_and(|end| end == "mask");
+        is_mask && entry.file_name().to_string_lossy().starts_with(&start)
     });
     let bytes = fs::read(file.with_context(|| format!("{station} has no mask {name}"))?.path())?;
     let cells = u64::from_le_bytes(bytes[16..24].try_into()?) as usize;
