@@ -90,6 +90,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
             transform: None,
             texture_detail: None,
             allow_outside: args.allow_outside,
+            unmasked: false,
         };
         let picture = args.picture.as_deref().map(|path| Picture { path, replace: args.force });
         return mesh::run(&input, picture, args.json);

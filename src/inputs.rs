@@ -64,6 +64,9 @@ pub(crate) struct InputArgs {
     /// Their contents become part of the pack. Use it only for meshes that you trust.
     #[arg(long)]
     pub(crate) allow_outside: bool,
+    /// Also read what the masks of a survey mask.
+    #[arg(long)]
+    pub(crate) unmasked: bool,
 }
 
 /// One input.
@@ -155,7 +158,7 @@ impl Inputs {
         }
         for folder in &surveys {
             let origin = Placement::translation(args.origin.unwrap_or_default());
-            for (path, station) in stations::of(folder)? {
+            for (path, station) in stations::of(folder, args.unmasked)? {
                 let placement = common.then(&origin);
                 files.push(InputFile { path, up: Up::Z, placement, station: Some(station) });
             }
@@ -205,7 +208,7 @@ impl Inputs {
         for file in &self.files {
             let source = source_file(&file.path, progress, stop)?;
             if let Some(same) = seen.get(&source.sha256)
-                && (same.placement, same.station) == (file.placement, file.station)
+                && (&same.placement, &same.station) == (&file.placement, &file.station)
             {
                 return Err(ReadError::Twice { file: file.path.clone(), other: same.path.clone() }.into());
             }

@@ -6,6 +6,7 @@ use kilwa_builder::BuildError;
 use kilwa_formats::UNCOLOURED;
 use kilwa_formats::read::{MeshSink, ReadError, VertexBlock};
 use kilwa_scan::ScanError;
+use kilwa_scan::mask::{self, MaskReader};
 use kilwa_scan::mesh::{MeshVertex, Options, Surface, mesh};
 use kilwa_scan::spool::Reader;
 use kilwa_scan::survey::{MeshDefaults, Station, Survey};
@@ -17,10 +18,12 @@ use std::path::{Path, PathBuf};
 const BLOCK: usize = 4096;
 
 /// How a station is meshed and placed.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(crate) struct StationInput {
     pose: Pose,
     options: Options,
+    /// Masks that are on: their names and files. A mask that is made again gets another file.
+    masks: Vec<(String, PathBuf)>,
 }
 
 /// What a survey says of meshing, for one of its stations.
@@ -38,8 +41,8 @@ pub(crate) fn options(defaults: MeshDefaults, station: &Station) -> Options {
     }
 }
 
-/// The stations of the survey in `folder`, by their spools.
-pub(crate) fn of(folder: &Path) -> anyhow::Result<Vec<(PathBuf, StationInput)>> {
+/// The stations of the survey in `folder`, by their spools, with the masks that are on, or `unmasked`.
+pub(crate) fn of(folder: &Path, unmasked: bool) -> anyhow::Result<Vec<(PathBuf, StationInput)>> {
     let survey = Survey::open(folder)?;
     if survey.stations.is_empty() {
         bail!("the survey {} has no stations; use `kilwa scans import`", folder.display());
@@ -47,7 +50,8 @@ pub(crate) fn of(folder: &Path) -> anyhow::Result<Vec<(PathBuf, StationInput)>> 
     let mut stations = Vec::with_capacity(survey.stations.len());
     for station in &survey.stations {
         let path = folder.join(&station.scan);
-        if !Reader::open(&path)?.header().is_grid {
+        // Also finds damaged masks before anything is built.
+        if !mask::open(folder, station, unmasked)?.header().is_grid {
             bail!(
                 "station {} of {} is an unstructured point cloud and cannot be meshed; export the other stations with `kilwa scans export --mesh` and build those files",
                 station.name,
@@ -63,7 +67,12 @@ pub(crate) fn of(folder: &Path) -> anyhow::Result<Vec<(PathBuf, StationInput)>> 
             );
         }
         let pose = station.pose.unwrap_or_default();
-        stations.push((path, StationInput { pose, options: options(survey.mesh, station) }));
+        let masks = station.masks.iter().filter(|mask| mask.is_on && !unmasked);
+        let masks = masks.map(|mask| (mask.name.clone(), folder.join(&mask.file))).collect::<Vec<_>>();
+        if !masks.is_empty() {
+            crate::scans::mask::warn_of_outdated(&survey, station);
+        }
+        stations.push((path, StationInput { pose, options: options(survey.mesh, station), masks }));
     }
     if let Some(warning) = same_poses(&survey.stations) {
         crate::terminal::say!("kilwa: {}: {warning}", folder.display());
@@ -107,6 +116,8 @@ pub(crate) fn deliver(
         other => BuildError::Inputs { why: other.to_string() },
     };
     let mut reader = Reader::open(path).map_err(failed)?;
+    let masks = station.masks.iter().map(|(name, file)| MaskReader::open(file, name)).collect::<Result<_, _>>();
+    masks.and_then(|masks| reader.set_masks(masks)).map_err(failed)?;
     let statistics = reader.header().statistics;
     let has_intensity = statistics.with_intensity > 0;
     let mut names = vec!["confidence".to_owned()];

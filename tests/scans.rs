@@ -218,3 +218,190 @@ fn an_import_that_is_killed_goes_on_with_resume() {
         assert!(read(&killed) == read(&whole), "{name:?}");
     }
 }
+
+#[test]
+fn masks_are_made_shown_switched_and_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = box_scan(folder.path());
+    let path = |name: &str| folder.path().join(name);
+    let survey = path("survey");
+    succeeds(&["scans", "import", text(&file), "-o", text(&survey)]);
+    let survey = text(&survey);
+    let made = json(&["scans", "mask", survey, "--inside", "-9,-9,-9,-2.9,9,9", "--grazing=60", "--isolated"]);
+    let masked = made["masks"][1]["masked"].as_u64().unwrap();
+    let names: Vec<_> = made["masks"].as_array().unwrap().iter().map(|mask| mask["name"].as_str().unwrap()).collect();
+    assert!(masked > 100 && names == ["isolated", "grazing", "inside"], "{made}");
+    succeeds(&["scans", "mask", survey, "--off", "grazing"]);
+    succeeds(&["scans", "mask", survey, "--remove", "isolated"]);
+    let inside = made["masks"][2]["stations"][0]["masked"].as_u64().unwrap();
+    assert!(inside > 100, "{made}");
+    let list = json(&["scans", "list", survey]);
+    let room = &list["stations"][0];
+    assert_eq!((room["masked"].as_u64(), room["masks"][0]["on"].as_bool()), (Some(inside), Some(false)), "{list}");
+    assert_eq!((&room["masks"][1]["name"], room["masks"][1]["masked"].as_u64()), (&"inside".into(), Some(inside)));
+    let said = succeeds(&["scans", "list", survey]);
+    assert!(said.contains("mask grazing: ") && said.contains("off at 2") && said.contains("masked)"), "{said}");
+    let said = succeeds(&["scans", "mask", survey, "--list", "--station", "room"]);
+    assert!(said.contains("room: inside masks") && said.contains("--inside=-9,-9,-9,-2.9,9,9"), "{said}");
+
+    let picture = path("mask.png");
+    let said = succeeds(&["scans", "view", survey, "room", "-o", text(&picture), "--show", "mask"]);
+    assert!(
+        said.contains("grazing: orange (#e69f00)") && said.contains("(off)") && said.contains("inside: sky blue"),
+        "{said}"
+    );
+    let has = |name: &str, color: [u8; 3]| {
+        let decoder = png::Decoder::new(std::io::BufReader::new(std::fs::File::open(path(name)).unwrap()));
+        let mut reader = decoder.read_info().unwrap();
+        let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
+        reader.next_frame(&mut pixels).unwrap();
+        pixels.chunks_exact(3).filter(|pixel| **pixel == color).count() as u64
+    };
+    let (orange, blue) = (has("mask.png", [230, 159, 0]), has("mask.png", [86, 180, 233]));
+    assert!(orange > 0 && blue > 0 && blue <= inside && orange + blue >= inside, "{orange} {blue} {inside}");
+    succeeds(&["scans", "view", survey, "room", "-o", text(&path("range.png"))]);
+    succeeds(&["scans", "view", survey, "room", "-o", text(&path("whole.png")), "--unmasked"]);
+    assert_eq!((has("range.png", [12, 12, 16]), has("whole.png", [12, 12, 16])), (inside, 0));
+
+    let export = |name: &str, more: &[&str]| {
+        let file = path(name);
+        json(&[&["scans", "export", survey, "room", "-o", text(&file)], more].concat())
+    };
+    let left = export("left.ptx", &["--ptx"]);
+    assert_eq!((left["points"].as_u64(), left["masked"].as_u64()), (Some(2400 - inside), Some(inside)));
+    assert_eq!(export("whole.ptx", &["--ptx", "--unmasked"])["points"], 2400);
+    let cells = |name: &str| std::fs::read_to_string(path(name)).unwrap().matches("\n0 0 0 0.5").count() as u64;
+    assert_eq!((cells("left.ptx"), cells("whole.ptx")), (inside, 0));
+    let left = export("left.ply", &["--mesh", "--max-edge", "1"]);
+    let whole = export("whole.ply", &["--mesh", "--max-edge", "1", "--unmasked"]);
+    assert!(left["triangles"].as_u64().unwrap() + inside < whole["triangles"].as_u64().unwrap(), "{left} {whole}");
+    let mesh = Ply::read(&path("left.ply"));
+    assert!((0..mesh.vertices.len() as u32).all(|v| mesh.position(v)[0] > -2.9));
+
+    let build = |name: &str, more: &[&str]| {
+        let toml = path("survey/survey.toml");
+        let written = std::fs::read_to_string(&toml).unwrap();
+        if !written.contains("max_edge") {
+            std::fs::write(&toml, format!("{written}\n[options.mesh]\nmax_edge = 1.0\n")).unwrap();
+        }
+        let pack = path(name);
+        succeeds(&[&["build", survey, "-o", text(&pack)], more].concat());
+        json(&["info", text(&pack)])["triangles"].as_u64().unwrap()
+    };
+    assert!(build("left.kilwa", &[]) < build("whole.kilwa", &["--unmasked"]));
+    let broken = std::fs::read_dir(path("survey/stations")).unwrap().map(|entry| entry.unwrap().path());
+    let broken = broken.into_iter().find(|path| path.to_string_lossy().contains("room.inside.")).unwrap();
+    std::fs::write(&broken, "damaged").unwrap();
+    for call in [&["build", survey, "-o", "none.kilwa"][..], &["scans", "list", survey]] {
+        let refused = fails(call);
+        assert!(refused.contains("inside") && !path("none.kilwa").exists(), "{refused}");
+    }
+    let refused = fails(&["scans", "export", survey, "room", "--ptx", "-o", text(&path("none.ptx"))]);
+    assert!(refused.contains("room.inside.") && refused.contains("--off inside"), "{refused}");
+}
+
+#[test]
+fn mistakes_with_masks_are_explained() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = box_scan(folder.path());
+    let survey = folder.path().join("survey");
+    succeeds(&["scans", "import", text(&file), "-o", text(&survey)]);
+    let survey = text(&survey);
+    for (call, parts) in [
+        (&[][..], ["--mixed", "--seen-through"]),
+        (&["--seen-through"], ["station room", "2 other stations"]),
+        (&["--grazing=95"], ["--grazing", "between 0 and 90"]),
+        (&["--intensity", "2,1"], ["--intensity", "below the second"]),
+        (&["--intensity", "0.1,1", "--grazing", "--name", "a"], ["--name", "one after the other"]),
+        (&["--off", "grasing"], ["grasing", "--list"]),
+        (&["--grazing", "--station", "rom"], ["did you mean room?", "rom"]),
+        (&["--points", "nowhere.txt", "--station", "room"], ["nowhere.txt", "cannot be opened"]),
+    ] {
+        let refused = fails(&[&["scans", "mask", survey], call].concat());
+        assert!(parts.iter().all(|part| refused.contains(part)), "{call:?}: {refused}");
+    }
+}
+
+/// Two processes at once: each makes its mask at every station or at none, and what one refuses to do, the other has done.
+#[cfg(unix)]
+#[test]
+fn two_processes_that_mask_at_once_leave_both_or_one_and_never_half() {
+    use std::process::{Command, Stdio};
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let scan = std::fs::read_to_string(box_scan(folder.path())).unwrap();
+    std::fs::write(path("many.ptx"), scan.repeat(10)).unwrap();
+    let survey = path("survey");
+    succeeds(&["scans", "import", text(&path("many.ptx")), "-o", text(&survey)]);
+    let mask = |limit: &str, name: &str| {
+        Command::new(env!("CARGO_BIN_EXE_kilwa"))
+            .args(["scans", "mask", text(&survey), &format!("--grazing={limit}"), "--name", name])
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap()
+    };
+    // Stations that have the mask of this name, with this limit, and can be read.
+    let holders = |name: &str, limit: &str| {
+        let list = json(&["scans", "mask", text(&survey), "--list"]);
+        let of = |station: &serde_json::Value| {
+            let masks = station["masks"].as_array().unwrap().clone();
+            masks.into_iter().find(|m| m["name"] == name && m["made"] == format!("--grazing={limit}"))
+        };
+        list["stations"].as_array().unwrap().iter().filter_map(of).count()
+    };
+    for round in 0..4 {
+        let limits = [60 + round, 70 + round].map(|limit| limit.to_string());
+        // The same name, then different ones.
+        let names = if round < 2 { ["same", "same"] } else { ["first", "second"] };
+        let running = [mask(&limits[0], names[0]), mask(&limits[1], names[1])];
+        let done = running.map(|child| child.wait_with_output().unwrap());
+        for output in &done {
+            let said = String::from_utf8_lossy(&output.stderr);
+            assert!(output.status.success() || said.contains("another command is writing to"), "{said}");
+        }
+        let counts = [0, 1].map(|k| holders(names[k], &limits[k]));
+        assert!(counts.iter().all(|n| [0, 20].contains(n)) && counts != [0, 0], "{counts:?}");
+        let may_be_replaced = names[0] == names[1] && done.iter().all(|output| output.status.success());
+        for (output, count) in done.iter().zip(counts) {
+            assert!(may_be_replaced || output.status.success() == (count == 20), "{counts:?}");
+        }
+    }
+}
+
+/// Killed in the middle, and given again: the mask from before stays until the new one is complete at all stations.
+#[cfg(unix)]
+#[test]
+fn masking_that_is_killed_leaves_the_masks_from_before() {
+    use std::process::{Command, Stdio};
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let scan = std::fs::read_to_string(box_scan(folder.path())).unwrap();
+    std::fs::write(path("many.ptx"), scan.repeat(20)).unwrap();
+    let survey = path("survey");
+    succeeds(&["scans", "import", text(&path("many.ptx")), "-o", text(&survey)]);
+    succeeds(&["scans", "mask", text(&survey), "--grazing=60"]);
+    let read = || std::fs::read_to_string(survey.join("survey.toml")).unwrap();
+    let before = read();
+    let masks = || {
+        let entries = std::fs::read_dir(survey.join("stations")).unwrap().map(|entry| entry.unwrap().file_name());
+        entries.filter(|name| Path::new(name).extension().is_some_and(|end| end == "mask")).count()
+    };
+    let mut child = Command::new(env!("CARGO_BIN_EXE_kilwa"))
+        .args(["scans", "mask", text(&survey), "--grazing=70"])
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    // Until some new files are there.
+    while masks() < 45 && child.try_wait().unwrap().is_none() {
+        std::thread::yield_now();
+    }
+    drop(child.kill());
+    let is_done = child.wait().unwrap().success();
+    assert!(is_done || read() == before);
+    succeeds(&["scans", "list", text(&survey)]);
+    succeeds(&["scans", "mask", text(&survey), "--grazing=70"]);
+    let unfinished = std::fs::read_dir(survey.join("stations")).unwrap().map(|entry| entry.unwrap().file_name());
+    assert_eq!(unfinished.filter(|name| Path::new(name).extension().is_some_and(|end| end == "part")).count(), 0);
+    assert_eq!((read().matches("--grazing=70").count(), read().matches("--grazing=60").count(), masks()), (40, 0, 40));
+}

@@ -44,6 +44,16 @@ pub enum ScanError {
         /// What is wrong with it.
         what: String,
     },
+    /// A mask is damaged, missing, or of another scan.
+    #[error("{}: {what}; make the mask {mask} again with `kilwa scans mask`, or turn it off with `kilwa scans mask SURVEY --off {mask}`", file.display())]
+    Mask {
+        /// The file.
+        file: PathBuf,
+        /// The name of the mask.
+        mask: String,
+        /// What is wrong with it.
+        what: String,
+    },
     /// `survey.toml` is wrong; every mistake is named.
     #[error("{}:\n  {problems}", file.display())]
     Survey {

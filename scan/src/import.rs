@@ -5,6 +5,7 @@
 //! hash of their file and their number in it, and left out.
 
 use crate::ScanError;
+use crate::lock::Lock;
 use crate::read::{self, Head, Picture, ReadOptions, Sink};
 use crate::spool::{Header, Layout, Writer};
 use crate::survey::edit::{Edit, clean_name};
@@ -14,7 +15,7 @@ use kilwa_files::plain_file;
 use kilwa_formats::Diagnostics;
 use kilwa_formats::read::ReadError;
 use kilwa_scan_core::{Pose, Sample};
-use std::fs::{self, File, TryLockError};
+use std::fs;
 use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
@@ -139,30 +140,8 @@ fn source(path: &Path, before: u64, total: u64, progress: &dyn Progress) -> Resu
     Ok(Source { file: name, bytes, blake3: hash.finalize().to_hex().to_string(), number: 0 })
 }
 
-/// Only one import at a time may write to a survey.
-struct Lock(#[expect(dead_code, reason = "held until it is dropped")] File);
-
-impl Lock {
-    fn take(folder: &Path) -> Result<Self, ScanError> {
-        let path = folder.join(".lock");
-        let cannot = ScanError::write(&path);
-        let file = match File::options().create(true).truncate(false).write(true).open(&path) {
-            Ok(file) => file,
-            Err(e) => return Err(cannot(e)),
-        };
-        match file.try_lock() {
-            Ok(()) => Ok(Self(file)),
-            Err(TryLockError::WouldBlock) => {
-                let message = format!("another import into {} is running; wait until it is done", folder.display());
-                Err(ScanError::Request(message))
-            }
-            Err(TryLockError::Error(e)) => Err(ScanError::Write { path: path.clone(), source: e }),
-        }
-    }
-}
-
-/// Files that an import left that was killed. Nobody else writes here while the lock is held.
-fn remove_unfinished(folder: &Path) {
+/// Files that a command left that was killed. Nobody else writes here while the lock is held.
+pub(crate) fn remove_unfinished(folder: &Path) {
     for folder in [folder.to_owned(), folder.join(STATIONS), folder.join(PHOTOGRAPHS)] {
         for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
             let name = entry.file_name();
@@ -298,6 +277,7 @@ impl Sink for Into<'_> {
             instrument,
             range_noise: None,
             beam: None,
+            masks: Vec::new(),
             source: Source { number: self.number, ..self.source.clone() },
         };
         self.edit.add_station(station.clone());

@@ -1,13 +1,16 @@
 //! Surveys: scans read from the files of scanners, kept with their grids, poses and colours, looked at, masked and meshed.
 //!
 //! A survey is a folder: `survey.toml`, which a person may edit ([`survey`]), and a binary file for each station ([`spool`]). [`read`] hands the
-//! stations of a file on sample by sample; [`import`] puts them into a survey; [`panorama`] shows one; [`mesh`] makes a mesh of it.
+//! stations of a file on sample by sample; [`import`] puts them into a survey; [`mask`] masks what is
+//! not the site; [`panorama`] shows a station; [`mesh`] makes a mesh of it.
 //!
 //! Memory does not grow with the files: readers hold a line or a packet, spools some blocks, meshing a few columns.
 
 mod error;
 pub mod export;
 pub mod import;
+mod lock;
+pub mod mask;
 pub mod mesh;
 pub mod panorama;
 pub mod read;

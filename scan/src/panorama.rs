@@ -1,7 +1,8 @@
 //! A station as a picture: range, intensity or colour of every cell of its grid, as the scanner saw it; clouds without a grid as an equirectangular
-//! view from the station.
+//! view from the station; or which samples its masks mask.
 
 use crate::ScanError;
+use crate::mask::MaskReader;
 use crate::spool::Reader;
 use kilwa_scan_core::{Kind, Rays, Sample};
 use std::io::Write;
@@ -15,6 +16,8 @@ pub enum Show {
     Intensity,
     /// The colour.
     Colour,
+    /// What masks mask, each in its colour ([`mask_color`]); the rest in grey, near dark, far bright.
+    Mask,
 }
 
 /// Cells where nothing is recorded.
@@ -23,6 +26,22 @@ const EMPTY: [u8; 3] = [12, 12, 16];
 const NO_RETURN: [u8; 3] = [28, 36, 64];
 /// Points without a colour or an intensity, where that is shown.
 const WITHOUT: [u8; 3] = [90, 70, 70];
+/// Colours of masks, far from each other also for colour-blind people (Okabe and Ito 2008).
+const MASKS: [(&str, [u8; 3]); 7] = [
+    ("orange", [230, 159, 0]),
+    ("sky blue", [86, 180, 233]),
+    ("green", [0, 158, 115]),
+    ("yellow", [240, 228, 66]),
+    ("blue", [0, 114, 178]),
+    ("red", [213, 94, 0]),
+    ("pink", [204, 121, 167]),
+];
+
+/// The name and the colour of the mask with this number; after seven they begin again.
+pub fn mask_color(number: usize) -> (&'static str, [u8; 3]) {
+    MASKS[number % MASKS.len()]
+}
+
 /// From dark to bright, even in lightness.
 const RAMP: [[u8; 3]; 6] =
     [[48, 18, 77], [62, 73, 137], [49, 104, 142], [38, 166, 125], [122, 209, 81], [253, 231, 37]];
@@ -56,11 +75,18 @@ impl Picture {
     }
 }
 
-/// A picture of a station, at most `max` pixels wide and high.
+/// A cell of a picture: its sample, and the number of the first mask that masks something in it, from 1.
+#[derive(Debug, Clone, Copy, Default)]
+struct Cell {
+    sample: Sample,
+    mask: u8,
+}
+
+/// A picture of a station, at most `max` pixels wide and high. `masks` are shown by [`Show::Mask`] only.
 ///
 /// # Errors
-/// [`ScanError::Spool`] where the spool is damaged; [`ScanError::Request`] where the station has no colours or no intensity.
-pub fn render(reader: &mut Reader, show: Show, max: u32) -> Result<Picture, ScanError> {
+/// [`ScanError::Spool`] where the spool is damaged; [`ScanError::Mask`] where a mask is; [`ScanError::Request`] where the station has no colours or no intensity.
+pub fn render(reader: &mut Reader, show: Show, masks: &mut [MaskReader], max: u32) -> Result<Picture, ScanError> {
     let statistics = reader.header().statistics;
     let missing = match show {
         Show::Intensity if statistics.with_intensity == 0 => Some("intensity"),
@@ -70,35 +96,47 @@ pub fn render(reader: &mut Reader, show: Show, max: u32) -> Result<Picture, Scan
     if let Some(what) = missing {
         return Err(ScanError::Request(format!("this station has no {what}; use --show range")));
     }
+    masks.iter().try_for_each(|mask| mask.check_scan(reader.header()))?;
     let max = max.max(16);
     let (cells, width, height) =
-        if reader.header().is_grid { from_grid(reader, max)? } else { from_cloud(reader, max)? };
+        if reader.header().is_grid { from_grid(reader, masks, max)? } else { from_cloud(reader, masks, max)? };
     let scale = (show != Show::Colour).then(|| percentiles(&cells, show));
-    let pixels = cells.iter().flat_map(|sample| pixel(sample, show, scale)).collect();
+    let pixels = cells.iter().flat_map(|cell| pixel(cell, show, scale)).collect();
     Ok(Picture { width, height, pixels, scale })
 }
 
-/// Every so many cells of the grid, turned so that up is up and the view is from the scanner.
-fn from_grid(reader: &mut Reader, max: u32) -> Result<(Vec<Sample>, u32, u32), ScanError> {
+/// Every so many cells of the grid, turned so that up is up and the view is from the scanner. What is masked is shown also where the
+/// cells between are left out.
+fn from_grid(reader: &mut Reader, masks: &mut [MaskReader], max: u32) -> Result<(Vec<Cell>, u32, u32), ScanError> {
     let (grid, rays) = (reader.header().grid, reader.header().rays);
     let step = grid.columns.max(grid.rows).div_ceil(max);
     let (width, height) = (grid.columns.div_ceil(step), grid.rows.div_ceil(step));
-    let mut cells = vec![Sample::EMPTY; width as usize * height as usize];
+    let mut cells = vec![Cell::default(); width as usize * height as usize];
+    let place = |along: usize, k: usize| {
+        let (column, row) = if grid.by_rows { (k, along) } else { (along, k) };
+        row * width as usize + column
+    };
     let mut line = Vec::new();
     for number in (0..grid.lines()).step_by(step as usize) {
         reader.line(number, &mut line)?;
         for (k, sample) in line.iter().step_by(step as usize).enumerate() {
-            let along = (number / step) as usize;
-            let (column, row) = if grid.by_rows { (k, along) } else { (along, k) };
-            cells[row * width as usize + column] = *sample;
+            cells[place((number / step) as usize, k)].sample = *sample;
+        }
+    }
+    let length = grid.line_length();
+    for (mask, number) in masks.iter_mut().zip(1..=u8::MAX).rev() {
+        for line in 0..grid.lines() {
+            mask.cells(u64::from(line) * u64::from(length), length as usize, &mut |at| {
+                cells[place((line / step) as usize, at / step as usize)].mask = number;
+            })?;
         }
     }
     if !rises_to_the_top(&cells, width, rays) {
-        let rows: Vec<Sample> = cells.chunks(width as usize).rev().flatten().copied().collect();
+        let rows: Vec<Cell> = cells.chunks(width as usize).rev().flatten().copied().collect();
         cells = rows;
     }
     if is_mirrored(&cells, width, rays) {
-        cells.chunks_mut(width as usize).for_each(<[Sample]>::reverse);
+        cells.chunks_mut(width as usize).for_each(<[Cell]>::reverse);
     }
     Ok((cells, width, height))
 }
@@ -114,11 +152,11 @@ fn view(sample: &Sample, rays: Rays) -> (f32, f32) {
 }
 
 /// Whether samples in the upper half of the picture are the higher ones, of most columns.
-fn rises_to_the_top(cells: &[Sample], width: u32, rays: Rays) -> bool {
+fn rises_to_the_top(cells: &[Cell], width: u32, rays: Rays) -> bool {
     let width = width as usize;
     let mut votes = 0_i64;
     for column in 0..width {
-        let mut measured = cells[column..].iter().step_by(width).filter(|s| s.is_measured());
+        let mut measured = cells[column..].iter().map(|cell| &cell.sample).step_by(width).filter(|s| s.is_measured());
         if let Some((first, last)) = measured.next().zip(measured.next_back()) {
             votes += if view(first, rays).0 >= view(last, rays).0 { 1 } else { -1 };
         }
@@ -127,12 +165,12 @@ fn rises_to_the_top(cells: &[Sample], width: u32, rays: Rays) -> bool {
 }
 
 /// Whether samples run from right to left, of most neighbours.
-fn is_mirrored(cells: &[Sample], width: u32, rays: Rays) -> bool {
+fn is_mirrored(cells: &[Cell], width: u32, rays: Rays) -> bool {
     let mut votes = 0_i64;
     for row in cells.chunks(width as usize) {
         for pair in row.windows(2) {
-            if pair.iter().all(Sample::is_measured) {
-                let step = view(&pair[1], rays).1 - view(&pair[0], rays).1;
+            if pair.iter().all(|cell| cell.sample.is_measured()) {
+                let step = view(&pair[1].sample, rays).1 - view(&pair[0].sample, rays).1;
                 // Not where the azimuth jumps by a whole turn.
                 if step.abs() < std::f32::consts::PI {
                     votes += if step >= 0.0 { 1 } else { -1 };
@@ -144,20 +182,25 @@ fn is_mirrored(cells: &[Sample], width: u32, rays: Rays) -> bool {
 }
 
 /// The nearest sample in every direction.
-fn from_cloud(reader: &mut Reader, max: u32) -> Result<(Vec<Sample>, u32, u32), ScanError> {
+fn from_cloud(reader: &mut Reader, masks: &mut [MaskReader], max: u32) -> Result<(Vec<Cell>, u32, u32), ScanError> {
     const BATCH: u64 = 65_536;
     let total = reader.header().grid.cells();
     // About a point a pixel, as long as there is room.
     let width = max.min(2 * ((total as f64 / 2.0).sqrt() as u32).max(64)) / 2 * 2;
     let height = width / 2;
-    let mut cells = vec![Sample::EMPTY; width as usize * height as usize];
-    let mut batch = Vec::new();
+    let mut cells = vec![Cell::default(); width as usize * height as usize];
+    let (mut batch, mut numbers) = (Vec::new(), Vec::new());
     let mut at = 0;
     while at < total {
         let count = BATCH.min(total - at);
         reader.read(at, count as usize, &mut batch)?;
+        numbers.clear();
+        numbers.resize(batch.len(), 0);
+        for (mask, number) in masks.iter_mut().zip(1..=u8::MAX).rev() {
+            mask.cells(at, batch.len(), &mut |k| numbers[k] = number)?;
+        }
         at += count;
-        for sample in batch.iter().filter(|sample| sample.is_measured()) {
+        for (sample, mask) in batch.iter().zip(&numbers).filter(|(sample, _)| sample.is_measured()) {
             let p = sample.position;
             let range = p.length();
             if range == 0.0 {
@@ -168,8 +211,11 @@ fn from_cloud(reader: &mut Reader, max: u32) -> Result<(Vec<Sample>, u32, u32), 
             let column = ((across * width as f32) as u32).min(width - 1);
             let row = ((down * height as f32) as u32).min(height - 1);
             let cell = &mut cells[(row * width + column) as usize];
-            if !cell.is_measured() || range < cell.position.length() {
-                *cell = *sample;
+            if !cell.sample.is_measured() || range < cell.sample.position.length() {
+                cell.sample = *sample;
+            }
+            if *mask != 0 {
+                cell.mask = *mask;
             }
         }
     }
@@ -177,19 +223,23 @@ fn from_cloud(reader: &mut Reader, max: u32) -> Result<(Vec<Sample>, u32, u32), 
 }
 
 fn shown_value(sample: &Sample, show: Show) -> Option<f32> {
-    let value = if show == Show::Range { sample.position.length() } else { sample.intensity };
+    let value = if show == Show::Intensity { sample.intensity } else { sample.position.length() };
     (sample.is_measured() && value.is_finite()).then_some(value)
 }
 
 /// The values at 1 % and 99 %.
-fn percentiles(cells: &[Sample], show: Show) -> [f32; 2] {
-    let mut values: Vec<f32> = cells.iter().filter_map(|sample| shown_value(sample, show)).collect();
+fn percentiles(cells: &[Cell], show: Show) -> [f32; 2] {
+    let mut values: Vec<f32> = cells.iter().filter_map(|cell| shown_value(&cell.sample, show)).collect();
     values.sort_unstable_by(f32::total_cmp);
     let at = |share: f64| values.get((share * values.len().saturating_sub(1) as f64) as usize).copied().unwrap_or(0.0);
     [at(0.01), at(0.99)]
 }
 
-fn pixel(sample: &Sample, show: Show, scale: Option<[f32; 2]>) -> [u8; 3] {
+fn pixel(cell: &Cell, show: Show, scale: Option<[f32; 2]>) -> [u8; 3] {
+    let Cell { sample, mask } = cell;
+    if let Some(number) = mask.checked_sub(1).filter(|_| show == Show::Mask) {
+        return mask_color(usize::from(number)).1;
+    }
     match (sample.state.kind(), show) {
         (Kind::Empty, _) => EMPTY,
         (Kind::NoReturn, _) => NO_RETURN,
@@ -203,7 +253,11 @@ fn pixel(sample: &Sample, show: Show, scale: Option<[f32; 2]>) -> [u8; 3] {
         (Kind::Measured, _) => match (shown_value(sample, show), scale) {
             (Some(value), Some([low, high])) => {
                 let share = if high > low { ((value - low) / (high - low)).clamp(0.0, 1.0) } else { 0.5 };
-                if show == Show::Intensity { [(40.0 + share * 215.0) as u8; 3] } else { ramp(share) }
+                match show {
+                    Show::Intensity => [(40.0 + share * 215.0) as u8; 3],
+                    Show::Mask => [(50.0 + share * 90.0) as u8; 3],
+                    _ => ramp(share),
+                }
             }
             _ => WITHOUT,
         },

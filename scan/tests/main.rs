@@ -3,6 +3,7 @@
 mod edited;
 mod formats;
 mod malformed;
+mod masks;
 mod mesh;
 mod peers;
 mod resume;

@@ -34,7 +34,7 @@ fn the_ten_range_grids_of_the_bunny_are_imported_with_every_vertex_in_its_cell()
         report.diagnostics.iter().all(|(_, d)| d.count("vertices that no cell of the grid refers to dropped") == 0)
     );
     let mut reader = Reader::open(&site.survey().join("stations/bun000.scan")).unwrap();
-    let picture = render(&mut reader, Show::Range, 400).unwrap();
+    let picture = render(&mut reader, Show::Range, &mut [], 400).unwrap();
     assert_eq!((picture.width, picture.height), (256, 200));
 }
 

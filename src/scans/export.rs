@@ -10,6 +10,7 @@ use kilwa_formats::extract::{About, Format, MeshWriter, Output, PlainVertex};
 use kilwa_pack::plural::counted;
 use kilwa_scan::ScanError;
 use kilwa_scan::export::ptx;
+use kilwa_scan::mask;
 use kilwa_scan::mesh::{MeshVertex, Options, Surface, mesh};
 use kilwa_scan::spool::Reader;
 use kilwa_scan::survey::{MeshDefaults, Station, Survey};
@@ -52,6 +53,9 @@ pub(crate) struct Args {
     /// Keep only triangles whose centroid lies in this box, in survey coordinates (metres).
     #[arg(long = "box", value_name = "X0,Y0,Z0,X1,Y1,Z1", requires = "mesh", value_parser = crate::build::crop, allow_hyphen_values = true)]
     bounds: Option<[DVec3; 2]>,
+    /// Also write what is masked.
+    #[arg(long)]
+    unmasked: bool,
     /// Replace an existing file.
     #[arg(long)]
     force: bool,
@@ -60,14 +64,14 @@ pub(crate) struct Args {
     json: bool,
 }
 
-fn positive(text: &str) -> Result<f64, String> {
+pub(super) fn positive(text: &str) -> Result<f64, String> {
     text.parse()
         .ok()
         .filter(|v: &f64| *v > 0.0 && v.is_finite())
         .ok_or_else(|| "expected a number greater than 0".to_owned())
 }
 
-fn angle(text: &str) -> Result<f64, String> {
+pub(super) fn angle(text: &str) -> Result<f64, String> {
     let angle = text.parse().ok().filter(|v: &f64| *v > 0.0 && *v < 90.0);
     angle.ok_or_else(|| "expected an angle between 0 and 90 degrees".to_owned())
 }
@@ -75,7 +79,10 @@ fn angle(text: &str) -> Result<f64, String> {
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let survey = Survey::open(&args.survey)?;
     let station = survey.station(&args.station)?;
-    let mut reader = Reader::open(&args.survey.join(&station.scan))?;
+    let mut reader = mask::open(&args.survey, station, args.unmasked)?;
+    if !args.unmasked {
+        super::mask::warn_of_outdated(&survey, station);
+    }
     if station.pose.is_none() {
         crate::terminal::say!(
             "kilwa: station {} has no pose in survey.toml; it is written in scanner coordinates",
@@ -108,17 +115,25 @@ fn export_ptx(args: &Args, station: &Station, reader: &mut Reader, bar: &Bar) ->
     drop(out);
     file.commit(args.force)?;
     bar.clear();
-    let (grid, points) = (reader.header().grid, reader.header().statistics.measured);
+    let masked = mask::count(reader)?;
+    let (grid, points) = (reader.header().grid, reader.header().statistics.measured - masked);
     let mut out = crate::terminal::out();
     if args.json {
         let file = args.output.display().to_string();
-        let json = json!({"file": file, "columns": grid.columns, "rows": grid.rows, "points": points});
+        let json =
+            json!({"file": file, "columns": grid.columns, "rows": grid.rows, "points": points, "masked": masked});
         writeln!(out, "{}", crate::terminal::json_line(&json)?)?;
     } else {
         let points = counted(points, "point", "points");
-        writeln!(out, "{}: {} × {} cells, {points}", args.output.display(), grid.columns, grid.rows)?;
+        let masked = without(masked);
+        writeln!(out, "{}: {} × {} cells, {points}{masked}", args.output.display(), grid.columns, grid.rows)?;
     }
     Ok(())
+}
+
+/// How many points are left out, if some are.
+fn without(masked: u64) -> String {
+    if masked == 0 { String::new() } else { format!(" ({masked} masked)") }
 }
 
 fn show(bar: &Bar, stage: &'static str, done: u64, total: u64) {
@@ -193,6 +208,8 @@ fn export_mesh(args: &Args, survey: &Survey, station: &Station, reader: &mut Rea
         )
     })?;
     bar.clear();
+    let masked = mask::count(reader)?;
+    let points = statistics.measured - masked;
     let mut out = crate::terminal::out();
     if args.json {
         let json = json!({
@@ -207,18 +224,20 @@ fn export_mesh(args: &Args, survey: &Survey, station: &Station, reader: &mut Rea
                 "outside": report.outside,
             },
             "closed": report.is_closed,
-            "points": statistics.measured,
+            "points": points,
+            "masked": masked,
         });
         writeln!(out, "{}", crate::terminal::json_line(&json)?)?;
         return Ok(());
     }
     writeln!(
         out,
-        "{}: {}, {} from {}; dropped: {} with long edges, {} at a grazing angle",
+        "{}: {}, {} from {}{}; dropped: {} with long edges, {} at a grazing angle",
         args.output.display(),
         counted(written.triangles, "triangle", "triangles"),
         counted(report.vertices, "vertex", "vertices"),
-        counted(statistics.measured, "point", "points"),
+        counted(points, "point", "points"),
+        without(masked),
         report.dropped.long,
         report.dropped.grazing
     )?;

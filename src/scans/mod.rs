@@ -3,11 +3,12 @@
 mod export;
 mod import;
 mod list;
+pub(crate) mod mask;
 mod view;
 
 use clap::Subcommand;
 
-/// Import laser scans into a survey, view them, and mesh them.
+/// Import laser scans into a survey, view them, mask what is not part of the site, and mesh them.
 ///
 /// A survey is a folder: survey.toml, which you may edit, and a binary file for each station.
 #[derive(clap::Args)]
@@ -20,6 +21,7 @@ pub(crate) struct Args {
 enum What {
     Import(import::Args),
     List(list::Args),
+    Mask(Box<mask::Args>),
     View(view::Args),
     Export(Box<export::Args>),
 }
@@ -28,6 +30,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     match &args.what {
         What::Import(args) => import::run(args),
         What::List(args) => list::run(args),
+        What::Mask(args) => mask::run(args),
         What::View(args) => view::run(args),
         What::Export(args) => export::run(args),
     }

@@ -20,6 +20,7 @@ use kilwa_pack::{
     Attributes, ENTRIES_PER_PAGE, HEADER_BYTES, PAGE_BYTES, Reader, directory::ENTRY_BYTES, parse_head, verify,
 };
 use kilwa_scan::ScanError;
+use kilwa_scan::mask::{self, MaskReader, read_list};
 use kilwa_scan::mesh::{MeshVertex, Options as MeshOptions, Surface, mesh};
 use kilwa_scan::panorama::{Show, render};
 use kilwa_scan::read::{Head, Picture, ReadOptions as ScanOptions, Sink};
@@ -35,7 +36,7 @@ use std::sync::LazyLock;
 pub(crate) type Body = fn(&[u8]) -> String;
 
 /// All targets by name.
-pub(crate) const ALL: [(&str, Body); 16] = [
+pub(crate) const ALL: [(&str, Body); 18] = [
     ("ply", ply),
     ("obj", obj_file),
     ("stl", stl_file),
@@ -52,6 +53,8 @@ pub(crate) const ALL: [(&str, Body); 16] = [
     ("range_grid", range_grid),
     ("survey", survey),
     ("spool", spool),
+    ("mask", mask_file),
+    ("point_list", point_list),
 ];
 
 /// The words of an error, without numbers, quotations, what was found in the file and
@@ -554,7 +557,8 @@ pub(crate) fn spool(bytes: &[u8]) -> String {
         return complaint(e);
     }
     assert!(samples.iter().all(|sample| sample.position.is_finite()));
-    let pictures = [Show::Range, Show::Intensity, Show::Colour].map(|show| render(&mut reader, show, 64).is_ok());
+    let pictures =
+        [Show::Range, Show::Intensity, Show::Colour].map(|show| render(&mut reader, show, &mut [], 64).is_ok());
     let failed = |e: std::io::Error| ScanError::Request(e.to_string());
     let is_ptx =
         kilwa_scan::export::ptx(&mut reader, Pose::default(), &mut std::io::sink(), &failed, &mut |_, _| Ok(()));
@@ -566,4 +570,72 @@ pub(crate) fn spool(bytes: &[u8]) -> String {
         }
         Err(e) => format!("{pictures:?} {} {}", is_ptx.is_ok(), complaint(e)),
     }
+}
+
+/// Any bytes as the file of a mask, as they are and with hashes that agree, so that what is behind them is reached: refused, or as many masked cells as
+/// it says, none of them beyond the grid.
+pub(crate) fn mask_file(bytes: &[u8]) -> String {
+    let as_it_is = read_mask(bytes);
+    let mut mended = bytes.to_vec();
+    if bytes.len() < mask::HEADER_BYTES {
+        return as_it_is;
+    }
+    let number = |at: usize| mended[at..at + 8].iter().rev().fold(0_u64, |x, b| x << 8 | u64::from(*b));
+    let cells = number(16);
+    let body = cells.div_ceil(8).saturating_add(mask::HEADER_BYTES as u64);
+    if let Some(table) = usize::try_from(body).ok().filter(|at| *at <= mended.len()) {
+        let hashes: Vec<u8> = mended[mask::HEADER_BYTES..table]
+            .chunks(8192)
+            .flat_map(|block| blake3::hash(block).as_bytes()[..8].to_vec())
+            .collect();
+        mended.truncate(table);
+        mended.extend(&hashes);
+        mended[64..96].copy_from_slice(blake3::hash(&hashes).as_bytes());
+    }
+    let hash = *blake3::hash(&mended[..96]).as_bytes();
+    mended[96..128].copy_from_slice(&hash);
+    if mended == bytes { as_it_is } else { read_mask(&mended) }
+}
+
+fn read_mask(bytes: &[u8]) -> String {
+    static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().expect("a temporary folder"));
+    let path = FOLDER.path().join(format!("{:?}.mask", std::thread::current().id()));
+    std::fs::write(&path, bytes).expect("room for the file");
+    let read = MaskReader::open(&path, "fuzz").and_then(|mut mask| {
+        let cells = mask.header().cells;
+        let (mut at, mut masked) = (0, 0);
+        while at < cells {
+            let count = (cells - at).min(1000) as usize;
+            mask.cells(at, count, &mut |cell| {
+                assert!(cell < count);
+                masked += 1;
+            })?;
+            at += count as u64;
+        }
+        assert!(mask.cells(cells, 1, &mut |_| {}).is_err());
+        Ok((masked, mask.header().masked))
+    });
+    match read {
+        Ok((found, told)) => format!("mask {} {}", found.min(3), found == told),
+        Err(e) => complaint(e),
+    }
+}
+
+/// Any bytes as a list of points: refused with a line of it, or indices, no more than there are lines.
+pub(crate) fn point_list(bytes: &[u8]) -> String {
+    let lines = bytes.split(|b| *b == b'\n').count() as u64;
+    let read = |column| {
+        let (mut found, mut before) = (0, 0);
+        let done = read_list(Path::new("a.txt"), &mut &bytes[..], column, &mut |_, line| {
+            assert!(before < line && line <= lines);
+            before = line;
+            found += 1_u64;
+            Ok(())
+        });
+        match done {
+            Ok(()) => format!("{} points", found.min(3)),
+            Err(e) => complaint(e),
+        }
+    };
+    format!("{} {}", read(None), read(Some(2)))
 }

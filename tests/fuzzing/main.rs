@@ -234,3 +234,13 @@ fn any_bytes_are_read_as_a_survey_or_refused() {
 fn any_bytes_are_read_as_a_spool_or_refused() {
     fuzz("spool");
 }
+
+#[test]
+fn any_bytes_are_read_as_a_mask_or_refused() {
+    fuzz("mask");
+}
+
+#[test]
+fn any_bytes_are_read_as_a_point_list_or_refused() {
+    fuzz("point_list");
+}

@@ -25,6 +25,8 @@ pub(crate) fn of(target: &str) -> Vec<Vec<u8>> {
         "range_grid" => range_grids(),
         "survey" => surveys(),
         "spool" => spools(),
+        "mask" => masks(),
+        "point_list" => point_lists(),
         "gltf" => [malformed("gltf"), malformed("glb")].concat(),
         other => malformed(other),
     };
@@ -368,8 +370,44 @@ fn surveys() -> Vec<Vec<u8>> {
         format!("version = 1\n{station}[[control]]\nname = \"P\"\nstation = \"north\"\nat = [1, 2, 3]\nsigma = 0.1\n"),
         format!("version = 1\n{station}[[photograph]]\nfile = \"a.jpg\"\ncamera = {{ kind = \"spherical\", size = [8, 4], pixel = [0.1, 0.1] }}\n"),
         "version = 1\n[options.mesh]\nsubsample = 2\nmax_edge = 0.1\ngrazing = 80\nedge_factor = 2\n".to_owned(),
+        format!("version = 1\n{station}[[station.mask]]\nname = \"mixed\"\nfile = \"stations/a.mask\"\non = false\nmade = \"--mixed\"\nposes = \"00\"\n"),
         format!("version = 2\n{station}{station}titel = 1\n"),
     ]
     .map(String::into_bytes)
+    .to_vec()
+}
+
+/// Masks as the program writes them, of grids with and without a whole last block.
+fn masks() -> Vec<Vec<u8>> {
+    use kilwa_scan::mask::MaskWriter;
+    use kilwa_scan::spool::{Layout, Writer};
+    use kilwa_scan_core::{Grid, Rays, Sample};
+    let folder = tempfile::tempdir().unwrap();
+    let grids = [(1, 1), (3, 3), (10, 80), (100, 90), (7, 1024), (1, 9000)];
+    let made = grids.into_iter().map(|(columns, rows)| {
+        let path = folder.path().join(format!("{columns}-{rows}"));
+        let mut scan = Writer::create(&path).unwrap();
+        scan.push(&Sample::EMPTY).unwrap();
+        let grid = Grid::by_columns(columns, rows);
+        let layout = Layout { grid, is_grid: true, rays: Rays::Central, origin: glam::DVec3::ZERO };
+        let (_, header) = scan.finish(layout).unwrap();
+        let mut mask = MaskWriter::create(&path, &header).unwrap();
+        (0..grid.cells()).step_by(5).for_each(|cell| mask.mask(cell).unwrap());
+        let (pending, _) = mask.finish().unwrap();
+        std::fs::read(pending.temporary()).unwrap()
+    });
+    made.collect()
+}
+
+fn point_lists() -> Vec<Vec<u8>> {
+    [
+        "1\n2\n3\n",
+        "# edited\n// by hand\nindex\n7\r\n8.000\r\n",
+        "//X Y Z index\n1.5 2 -3 11.000000\n1,2,3,12\n",
+        "0 1\n1 2\n\n2;3\n",
+        "-1\n",
+        "1e3\n99999999999999999999\n",
+    ]
+    .map(|text| text.as_bytes().to_vec())
     .to_vec()
 }

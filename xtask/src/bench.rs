@@ -5,6 +5,7 @@
 //! table is added to `docs/bench/DATE-build.md` with the machine it ran on, so that figures are never compared across machines unseen.
 
 mod codec;
+mod masks;
 mod scans;
 mod view;
 
@@ -39,6 +40,8 @@ enum What {
     View(view::Args),
     /// Importing scans: points per CPU second, memory
     Scans(scans::Args),
+    /// Masks of simulated scans against the truth: what they find, what they lose
+    Masks(masks::Args),
     /// Run a program and write what it used to a file (used by `build`, in a process of its own)
     #[command(hide = true)]
     Measured { report: PathBuf, program: PathBuf, args: Vec<String> },
@@ -87,6 +90,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         What::Codec(codec) => codec::run(codec),
         What::View(view) => view::run(view),
         What::Scans(scans) => scans::run(scans),
+        What::Masks(masks) => masks::run(masks),
         What::Measured { report, program, args } => measured(report, program, args),
     }
 }

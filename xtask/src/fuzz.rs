@@ -20,7 +20,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "N", default_value_t = 600)]
     seconds: u64,
     /// Only this target: `ply`, `obj`, `stl`, `gltf`, `open_pack`, `decode_chunk`, `metadata`, `manifest`, `notes`,
-    /// `ptx`, `points`, `e57`, `las`, `range_grid`, `survey` or `spool`
+    /// `ptx`, `points`, `e57`, `las`, `range_grid`, `survey`, `spool`, `mask` or `point_list`
     #[arg(long, value_name = "NAME")]
     only: Option<String>,
     /// The stable compiler's runner also where cargo-fuzz is installed
@@ -29,7 +29,7 @@ pub(crate) struct Args {
 }
 
 /// Targets, and the tests of `tests/fuzzing` that run their bodies.
-const TARGETS: [(&str, &str); 16] = [
+const TARGETS: [(&str, &str); 18] = [
     ("ply", "any_bytes_are_read_as_ply_or_refused"),
     ("obj", "any_bytes_are_read_as_obj_or_refused"),
     ("stl", "any_bytes_are_read_as_stl_or_refused"),
@@ -46,6 +46,8 @@ const TARGETS: [(&str, &str); 16] = [
     ("range_grid", "any_bytes_are_read_as_a_range_grid_or_refused"),
     ("survey", "any_bytes_are_read_as_a_survey_or_refused"),
     ("spool", "any_bytes_are_read_as_a_spool_or_refused"),
+    ("mask", "any_bytes_are_read_as_a_mask_or_refused"),
+    ("point_list", "any_bytes_are_read_as_a_point_list_or_refused"),
 ];
 
 /// Targets that run at a time.

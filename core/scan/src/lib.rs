@@ -1,9 +1,10 @@
-//! Scans without I/O: what a scanner recorded in a cell of its grid ([`Sample`]), where a station stands ([`Pose`]), and the
-//! triangles between neighbouring cells ([`tessellate`]).
+//! Scans without I/O: what a scanner recorded in a cell of its grid ([`Sample`]), where a station stands ([`Pose`]), the triangles between
+//! neighbouring cells ([`tessellate`]), and which samples are not of the site ([`mask`]).
 //!
 //! Lengths are metres, angles radians. Coordinates of samples are those of their station (`station`); a pose takes them to those of
 //! the survey (`survey_from_station`).
 
+pub mod mask;
 pub mod pose;
 pub mod sample;
 pub mod tessellate;

@@ -127,6 +127,13 @@ impl Header {
         Ok(())
     }
 
+    /// What tells this spool from others: the hash of its header, which holds that of its samples.
+    pub fn digest(&self) -> [u8; 32] {
+        let mut digest = [0; 32];
+        digest.copy_from_slice(&self.to_bytes()[CHECKED..]);
+        digest
+    }
+
     pub(super) fn to_bytes(self) -> [u8; HEADER_BYTES] {
         let mut out = Vec::with_capacity(HEADER_BYTES);
         let s = &self.statistics;

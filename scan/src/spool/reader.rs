@@ -3,6 +3,7 @@
 use super::header::{HEADER_BYTES, Header};
 use super::{BLOCK_BYTES, BLOCK_SAMPLES, HASH_BYTES, SAMPLE_BYTES, decode, hash};
 use crate::ScanError;
+use crate::mask::MaskReader;
 use kilwa_files::plain_file;
 use kilwa_formats::read::ReadError;
 use kilwa_scan_core::Sample;
@@ -20,6 +21,7 @@ pub struct Reader {
     /// The block in memory, and its bytes.
     block: Option<u64>,
     bytes: Vec<u8>,
+    masks: Vec<MaskReader>,
 }
 
 impl Reader {
@@ -48,10 +50,25 @@ impl Reader {
             return Err(damaged(format!("its table is damaged (from byte {})", header.table_offset())));
         }
         let bytes = Vec::with_capacity(BLOCK_BYTES);
-        Ok(Self { path: path.to_owned(), file, header, table, block: None, bytes })
+        Ok(Self { path: path.to_owned(), file, header, table, block: None, bytes, masks: Vec::new() })
     }
 
-    /// What it holds.
+    /// Read samples that one of these masks masks as cells without anything.
+    ///
+    /// # Errors
+    /// [`ScanError::Mask`] for a mask of another scan.
+    pub fn set_masks(&mut self, masks: Vec<MaskReader>) -> Result<(), ScanError> {
+        masks.iter().try_for_each(|mask| mask.check_scan(&self.header))?;
+        self.masks = masks;
+        Ok(())
+    }
+
+    /// The masks that are applied.
+    pub fn masks(&mut self) -> &mut [MaskReader] {
+        &mut self.masks
+    }
+
+    /// What it holds, masked or not.
     pub fn header(&self) -> &Header {
         &self.header
     }
@@ -59,7 +76,7 @@ impl Reader {
     /// Replace `out` by the `count` samples from cell `first` on.
     ///
     /// # Errors
-    /// [`ScanError::Spool`] where a block is damaged or a cell does not exist.
+    /// [`ScanError::Spool`] where a block is damaged or a cell does not exist; [`ScanError::Mask`] where a mask is damaged.
     pub fn read(&mut self, first: u64, count: usize, out: &mut Vec<Sample>) -> Result<(), ScanError> {
         out.clear();
         let end = first.checked_add(count as u64).filter(|end| *end <= self.header.grid.cells());
@@ -76,7 +93,7 @@ impl Reader {
             }
             cell += n as u64;
         }
-        Ok(())
+        self.masks.iter_mut().try_for_each(|mask| mask.apply(first, out))
     }
 
     /// Replace `out` by one line of the grid.

@@ -1,7 +1,7 @@
 //! Changing `survey.toml` and keeping all else as people wrote it.
 
 use super::parse::{VERSION, is_name};
-use super::{Camera, FILE, FILE_MAX, Photograph, Station, Survey, is_same_file, spool_of, text};
+use super::{Camera, FILE, FILE_MAX, Mask, Photograph, Station, Survey, is_same_file, spool_of, text};
 use crate::ScanError;
 use kilwa_files::atomic::{self, Access};
 use kilwa_scan_core::Pose;
@@ -131,6 +131,85 @@ impl Edit {
             self.survey.stations[place].pose = pose;
         }
         Ok(())
+    }
+
+    /// Give a station a mask, in place of the one of that name if it has one.
+    ///
+    /// # Errors
+    /// As [`Survey::station`]; [`ScanError::Request`] where masks are written otherwise than as `[[station.mask]]`.
+    pub fn put_mask(&mut self, station: &str, mask: Mask) -> Result<(), ScanError> {
+        let (own, tables) = self.masks(station)?;
+        let place = own.iter().position(|other| other.name == mask.name);
+        let mut new = Table::new();
+        let table = match place {
+            Some(place) => tables.get_mut(place).unwrap_or(&mut new),
+            None => &mut new,
+        };
+        table["name"] = value(&mask.name);
+        table["file"] = value(&mask.file);
+        table["on"] = value(mask.is_on);
+        table["made"] = value(&mask.made);
+        match &mask.poses {
+            Some(poses) => table["poses"] = value(poses),
+            None => drop(table.remove("poses")),
+        }
+        if let Some(place) = place {
+            own[place] = mask;
+        } else {
+            tables.push(new);
+            own.push(mask);
+        }
+        Ok(())
+    }
+
+    /// Take a mask from a station, if it has it; its file stays. `None` if it has no mask of this name.
+    ///
+    /// # Errors
+    /// As [`Self::put_mask`].
+    pub fn remove_mask(&mut self, station: &str, name: &str) -> Result<Option<Mask>, ScanError> {
+        let (own, tables) = self.masks(station)?;
+        let Some(place) = own.iter().position(|mask| mask.name == name) else { return Ok(None) };
+        tables.remove(place);
+        let removed = own.remove(place);
+        if own.is_empty() {
+            let at = self.survey.stations.iter().position(|s| s.name == station);
+            if let Some(table) = at.and_then(|at| listed(&mut self.document, "station", at)) {
+                table.remove("mask");
+            }
+        }
+        Ok(Some(removed))
+    }
+
+    /// Turn a mask of a station on or off. `false` if it has no mask of this name.
+    ///
+    /// # Errors
+    /// As [`Self::put_mask`].
+    pub fn switch_mask(&mut self, station: &str, name: &str, is_on: bool) -> Result<bool, ScanError> {
+        let (own, tables) = self.masks(station)?;
+        let Some(place) = own.iter().position(|mask| mask.name == name) else { return Ok(false) };
+        if let Some(table) = tables.get_mut(place) {
+            table["on"] = value(is_on);
+        }
+        own[place].is_on = is_on;
+        Ok(true)
+    }
+
+    /// The masks of a station, and their tables, in the same order.
+    fn masks(&mut self, name: &str) -> Result<(&mut Vec<Mask>, &mut ArrayOfTables), ScanError> {
+        self.survey.station(name)?;
+        let place = self.survey.stations.iter().position(|s| s.name == name);
+        let table = place.and_then(|k| listed(&mut self.document, "station", k));
+        let tables = table.and_then(|table| {
+            let entry = table.entry("mask").or_insert_with(|| Item::ArrayOfTables(ArrayOfTables::new()));
+            entry.as_array_of_tables_mut()
+        });
+        place.and_then(|k| self.survey.stations.get_mut(k)).map(|s| &mut s.masks).zip(tables).ok_or_else(|| {
+            let message = format!(
+                "{}: the masks of station {name} are a list in brackets; write each as a table of its own, [[station.mask]]",
+                self.path.display()
+            );
+            ScanError::Request(message)
+        })
     }
 
     /// Whether a new station can have this name: no other one has it, and none has the file that it would get.

@@ -3,6 +3,7 @@
 //! ```text
 //! survey.toml              stations, poses, control points, masks, photographs, options
 //! stations/NAME.scan       the samples of a station: see [`crate::spool`]
+//! stations/NAME.MASK.ID.mask  what a mask masks of a station: see [`crate::mask`]
 //! photographs/NAME.jpg     photographs that were inside scan files
 //! ```
 //!
@@ -10,7 +11,7 @@
 //! comments and order ([`edit::Edit`]).
 
 pub mod edit;
-mod parse;
+pub(crate) mod parse;
 
 #[cfg(test)]
 mod tests;
@@ -71,8 +72,25 @@ pub struct Station {
     pub range_noise: Option<[f64; 2]>,
     /// See [`Instrument::beam`].
     pub beam: Option<[f64; 2]>,
+    /// Its masks, in the order of the file.
+    pub masks: Vec<Mask>,
     /// The file it came from.
     pub source: Source,
+}
+
+/// A mask of a station: which of its samples are not of the site.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Mask {
+    /// Its name, unique in the station; stations may have masks of the same name.
+    pub name: String,
+    /// Its file, relative to the folder of the survey: see [`crate::mask`].
+    pub file: String,
+    /// Whether what reads the station leaves out what it masks.
+    pub is_on: bool,
+    /// The options that it was made with, as on the command line.
+    pub made: String,
+    /// What tells the poses that it was made with from others, where it depends on poses.
+    pub poses: Option<String>,
 }
 
 impl Station {

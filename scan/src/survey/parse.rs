@@ -1,6 +1,6 @@
 //! From the text of `survey.toml` to [`Survey`].
 
-use super::{Camera, Control, LIST_MAX, MeshDefaults, Photograph, Source, Station, Survey};
+use super::{Camera, Control, LIST_MAX, Mask, MeshDefaults, Photograph, Source, Station, Survey};
 use glam::{DQuat, DVec3};
 use kilwa_scan_core::Pose;
 use kilwa_toml::{File, Found, Problem, Problems, Table};
@@ -92,6 +92,8 @@ fn station(t: Table<'_, '_>, names: &mut BTreeSet<String>) -> Option<Station> {
     }
     let instrument = value(t.text("instrument"));
     let (range_noise, beam) = (pair(&t, "range_noise"), pair(&t, "beam"));
+    let mut masks = BTreeSet::new();
+    let masks = t.tables("mask").into_iter().filter_map(|table| mask(table, &mut masks)).collect();
     let source = t.table("source").and_then(source);
     if source.is_none() && !t.has("source") {
         t.missing("source", "[station.source] is missing");
@@ -106,8 +108,44 @@ fn station(t: Table<'_, '_>, names: &mut BTreeSet<String>) -> Option<Station> {
         instrument,
         range_noise,
         beam,
+        masks,
         source: source?,
     })
+}
+
+fn mask(t: Table<'_, '_>, names: &mut BTreeSet<String>) -> Option<Mask> {
+    let name = t.text("name");
+    if let Some(found) = &name {
+        if !is_mask_name(&found.value) {
+            let message = "the name of a mask has up to 40 letters, digits, and _ - between them";
+            t.wrong("name", found.at, message);
+        }
+        if !names.insert(found.value.clone()) {
+            let message = format!("the station has another mask {}; names must differ", found.value);
+            t.wrong("name", found.at, message);
+        }
+    }
+    let file = t.text("file").and_then(|found| {
+        if is_inside(&found.value) {
+            return Some(found);
+        }
+        t.wrong("file", found.at, "expected a file inside the folder of the survey, without ..");
+        None
+    });
+    let (has_name, has_file) = (t.has("name"), t.has("file"));
+    let name = needed(&t, "name", name, has_name);
+    let file = needed(&t, "file", file, has_file);
+    let is_on = t.truth("on").unwrap_or(true);
+    let made = value(t.text("made")).unwrap_or_default();
+    let poses = value(t.text("poses"));
+    t.finish();
+    Some(Mask { name: name?, file: file?, is_on, made, poses })
+}
+
+/// Whether a mask can have this name.
+pub(crate) fn is_mask_name(name: &str) -> bool {
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "_-".contains(c);
+    (1..=40).contains(&name.len()) && name.chars().all(is_plain) && !name.starts_with('-')
 }
 
 fn source(t: Table<'_, '_>) -> Option<Source> {

@@ -12,6 +12,7 @@ fn station(name: &str) -> Station {
         instrument: Some("Maker \"Model\" 7".to_owned()),
         range_noise: None,
         beam: None,
+        masks: Vec::new(),
         source: Source { file: "a.ptx".to_owned(), bytes: 12, blake3: "00ff".to_owned(), number: 1 },
     }
 }
