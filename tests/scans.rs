@@ -286,7 +286,7 @@ fn masks_are_made_shown_switched_and_left_out() {
         }
         let pack = path(name);
         succeeds(&[&["build", survey, "-o", text(&pack)], more].concat());
-        json(&["info", text(&pack)])["triangles"].as_u64().unwrap()
+        json(&["info", text(&pack)])["stored_triangles"].as_u64().unwrap()
     };
     assert!(build("left.kilwa", &[]) < build("whole.kilwa", &["--unmasked"]));
     let broken = std::fs::read_dir(path("survey/stations")).unwrap().map(|entry| entry.unwrap().path());
@@ -308,16 +308,25 @@ fn mistakes_with_masks_are_explained() {
     succeeds(&["scans", "import", text(&file), "-o", text(&survey)]);
     let survey = text(&survey);
     for (call, parts) in [
-        (&[][..], ["--mixed", "--seen-through"]),
-        (&["--seen-through"], ["station room", "2 other stations"]),
-        (&["--grazing=95"], ["--grazing", "between 0 and 90"]),
-        (&["--intensity", "2,1"], ["--intensity", "below the second"]),
+        (&["--seen-through"][..], ["station room", "2 other stations"]),
         (&["--intensity", "0.1,1", "--grazing", "--name", "a"], ["--name", "one after the other"]),
         (&["--off", "grasing"], ["grasing", "--list"]),
         (&["--grazing", "--station", "rom"], ["did you mean room?", "rom"]),
         (&["--points", "nowhere.txt", "--station", "room"], ["nowhere.txt", "cannot be opened"]),
     ] {
         let refused = fails(&[&["scans", "mask", survey], call].concat());
+        assert!(parts.iter().all(|part| refused.contains(part)), "{call:?}: {refused}");
+    }
+    // Mistakes of the command line.
+    for (call, parts) in [
+        (&[][..], ["--mixed", "--seen-through"]),
+        (&["--grazing=95"], ["--grazing", "between 0 and 90"]),
+        (&["--intensity", "2,1"], ["--intensity", "below the second"]),
+        (&["--off", "a", "--grazing"], ["--off", "--grazing"]),
+    ] {
+        let output = kilwa(&[&["scans", "mask", survey], call].concat());
+        let refused = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{call:?}: {refused}");
         assert!(parts.iter().all(|part| refused.contains(part)), "{call:?}: {refused}");
     }
 }
