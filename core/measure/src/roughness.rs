@@ -97,7 +97,9 @@ pub fn variance(chunk: &Chunk) -> f64 {
 /// reordered and replaced by those distances.
 fn deviation(values: &mut [f64]) -> f64 {
     let middle = median(values);
-    values.iter_mut().for_each(|x| *x = (*x - middle).abs());
+    for x in values.iter_mut() {
+        *x = (*x - middle).abs();
+    }
     1.4826 * median(values)
 }
 
@@ -177,7 +179,7 @@ mod tests {
         let variance = variance(chunk);
         let (mut area, mut added) = (0.0, 0.0);
         for t in finest_triangles(chunk) {
-            let corners = chunk.mesh.corners(t).map(|p| p.as_dvec3());
+            let corners = chunk.mesh.corners(t).map(IVec3::as_dvec3);
             area += (corners[1] - corners[0]).cross(corners[2] - corners[0]).length() * 0.5;
             added += added_area(corners, variance);
         }

@@ -9,7 +9,7 @@
 //!
 //! Invariant: whatever is not certainly allowed is refused; a clock that was set back only keeps an embargo longer.
 
-use kilwa_archive::date::{day_of, moment_of};
+use kilwa_archive::date::{day_of, in_words, moment_of};
 use kilwa_archive::manifest::{Access, AccessState};
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -63,7 +63,7 @@ pub(crate) fn verdict(access: &Access, clock: &Clock) -> Verdict {
         (AccessState::Public, _) => Verdict::Open,
         (AccessState::Embargo, Some(until)) if *until <= *clock.day() => Verdict::Open,
         (AccessState::Embargo, until) => {
-            let until = until.map(|day| format!("Public from {day} on, 00:00 UTC. ")).unwrap_or_default();
+            let until = until.map(|day| format!("Public from {} on, 00:00 UTC. ", in_words(day))).unwrap_or_default();
             Verdict::WithoutGeometry(format!("{until}{why}").trim().to_owned())
         }
         (AccessState::Restricted, _) => Verdict::WithoutGeometry(why),

@@ -569,7 +569,7 @@ fn a_truncated_glb_is_refused_with_the_byte_offset() {
     assert!(read_bytes(&whole).is_ok());
     for length in 4..whole.len() {
         let text = read_bytes(&whole[..length]).unwrap_err().to_string();
-        assert!(text.contains("byte ") && text.contains("cut"), "{length}: {text}");
+        assert!(text.contains("byte ") && text.contains("truncated"), "{length}: {text}");
     }
 }
 

@@ -54,7 +54,7 @@ pub(super) fn read(bytes: &mut Bytes<'_>, facets: &mut Facets<'_>) -> Result<(),
         }
     }
     facet.end(facets)?;
-    facets.diagnostics().add_many("solids without an end; the file may be cut", open_solids);
+    facets.diagnostics().add_many("solids without an end; the file may be truncated", open_solids);
     Ok(())
 }
 

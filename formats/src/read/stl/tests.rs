@@ -148,7 +148,7 @@ fn a_missing_endfacet_and_a_missing_end_are_repaired_and_counted() {
     let mesh = text(&file);
     assert_eq!(mesh.triangles.len(), 2);
     assert_eq!(mesh.diagnostics.count("facets without endfacet"), 2);
-    assert_eq!(mesh.diagnostics.count("solids without an end; the file may be cut"), 1);
+    assert_eq!(mesh.diagnostics.count("solids without an end; the file may be truncated"), 1);
 }
 
 #[test]
