@@ -276,7 +276,7 @@ fn stations_that_cannot_have_a_mask_are_named_with_what_to_do() {
     site.import(&[file], crate::support::seen_from(0.0, 0.0, 0.0)).unwrap();
     for recipe in [Recipe::Grazing { limit: 85.0 }, Recipe::Isolated { min: 10 }] {
         let message = refused(recipe, &["cloud"]);
-        assert!(message.contains("station cloud is a cloud without a grid"), "{message}");
+        assert!(message.contains("station cloud is an unstructured point cloud"), "{message}");
     }
     let message = refused(Recipe::Intensity([0.0, 1.0]), &["cloud"]);
     assert!(message.contains("station cloud has no intensity"), "{message}");

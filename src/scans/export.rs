@@ -53,7 +53,7 @@ pub(crate) struct Args {
     /// Keep only triangles whose centroid lies in this box, in survey coordinates (metres).
     #[arg(long = "box", value_name = "X0,Y0,Z0,X1,Y1,Z1", requires = "mesh", value_parser = crate::build::crop, allow_hyphen_values = true)]
     bounds: Option<[DVec3; 2]>,
-    /// Also write what is masked.
+    /// Also write masked samples.
     #[arg(long)]
     unmasked: bool,
     /// Replace an existing file.

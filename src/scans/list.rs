@@ -169,7 +169,7 @@ impl Sum {
             let _ = write!(line, ", off at {}", self.off);
         }
         if self.outdated > 0 {
-            let _ = write!(line, ", made with other poses at {}: make it again", self.outdated);
+            let _ = write!(line, ", outdated at {} (poses changed): make it again", self.outdated);
         }
         for error in &self.errors {
             let _ = write!(line, "\n  {error}");

@@ -12,23 +12,23 @@ use serde_json::json;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-/// Mask samples that are not of the site.
+/// Mask samples that are not part of the site.
 ///
 /// Scans are never changed: a mask is a file beside the scan, which can be turned off or removed. Masks that are on are left out by `kilwa scans export` and
-/// `kilwa build`. Masks made again under the same name replace those from before. Several kinds can be given at once.
+/// `kilwa build`. A new mask replaces an earlier one of the same name. Several kinds can be given at once.
 #[derive(clap::Args)]
 #[command(group(clap::ArgGroup::new("task").required(true).multiple(true)))]
 #[command(group(clap::ArgGroup::new("kind").multiple(true)))]
 pub(crate) struct Args {
     /// The folder of the survey.
     survey: PathBuf,
-    /// Mixed pixels: samples between two surfaces one behind the other. More than 1 masks more, less masks less.
+    /// Mixed pixels: samples between a surface and the one behind it. Values above 1 mask more, values below 1 mask less.
     #[arg(long, group = "task", group = "kind", value_name = "STRICTNESS", num_args = 0..=1, require_equals = true, default_missing_value = "1", value_parser = positive)]
     mixed: Option<f64>,
     /// Connected components of fewer than N samples.
     #[arg(long, group = "task", group = "kind", value_name = "N", num_args = 0..=1, require_equals = true, default_missing_value = "30", value_parser = clap::value_parser!(u32).range(2..))]
     isolated: Option<u32>,
-    /// Samples seen at more than this angle from the normal of the surface.
+    /// Samples with an incidence angle larger than this, in degrees.
     #[arg(long, group = "task", group = "kind", value_name = "DEGREES", num_args = 0..=1, require_equals = true, default_missing_value = "85", value_parser = super::export::angle)]
     grazing: Option<f64>,
     /// Samples in this box of the survey, in metres.
@@ -37,13 +37,13 @@ pub(crate) struct Args {
     /// Samples that are not in this box of the survey, in metres.
     #[arg(long, group = "task", group = "kind", value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = crate::build::crop, allow_hyphen_values = true)]
     outside: Option<[DVec3; 2]>,
-    /// Samples whose intensity, as the file has it, is below MIN or above MAX.
+    /// Samples whose intensity, in the units of the imported file, is below MIN or above MAX.
     #[arg(long, group = "task", group = "kind", value_name = "MIN,MAX", value_parser = limits, allow_hyphen_values = true)]
     intensity: Option<[f32; 2]>,
-    /// Samples listed in a file by another program: the index of each in the scan, from 0, one a line.
+    /// Samples listed in a file by another program: the index of each in the scan, counted from 0, one per line.
     #[arg(long, group = "task", group = "kind", value_name = "FILE")]
     points: Option<PathBuf>,
-    /// Samples that rays of other stations pass through: people, moved things. Needs poses.
+    /// Samples that rays of other stations pass through: people and moved objects. Needs poses.
     #[arg(long, group = "task", group = "kind")]
     seen_through: bool,
     /// The column of the index in the list, from 1.
@@ -55,7 +55,7 @@ pub(crate) struct Args {
     /// How many other stations must have seen through a sample.
     #[arg(long, value_name = "N", requires = "seen_through", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=15))]
     witnesses: u8,
-    /// How much farther their rays must go, in metres.
+    /// How far beyond the sample the rays of those stations must reach, in metres.
     #[arg(long, value_name = "METRES", requires = "seen_through", default_value_t = 0.1, value_parser = positive)]
     margin: f64,
     /// The name of the mask (default: its kind).
@@ -94,7 +94,7 @@ fn positive(text: &str) -> Result<f64, String> {
 }
 
 fn column(text: &str) -> Result<usize, String> {
-    text.parse().ok().filter(|n| *n > 0).ok_or_else(|| "expected the number of a column, from 1".to_owned())
+    text.parse().ok().filter(|n| *n > 0).ok_or_else(|| "expected a column number of 1 or more".to_owned())
 }
 
 fn limits(text: &str) -> Result<[f32; 2], String> {
@@ -155,7 +155,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let recipes = args.recipes();
     anyhow::ensure!(
         args.name.is_none() || recipes.len() == 1,
-        "--name names one mask; give the kinds one after the other, each with its --name"
+        "--name applies to one mask; make the masks one after the other, each with its own --name"
     );
     let mut made = Vec::new();
     for recipe in recipes {
@@ -185,7 +185,7 @@ fn print(folder: &Path, request: &Request, report: &Report) -> anyhow::Result<()
     let mut out = crate::terminal::out();
     if !report.without_pose.is_empty() {
         let names = report.without_pose.join(", ");
-        crate::terminal::say!("kilwa: stations without a pose cannot be witnesses: {names}");
+        crate::terminal::say!("kilwa: stations without a pose were not used for the check: {names}");
     }
     for made in &report.stations {
         let points = counted(made.measured, "point", "points");
@@ -206,7 +206,7 @@ fn print(folder: &Path, request: &Request, report: &Report) -> anyhow::Result<()
     let survey = folder.display();
     writeln!(
         out,
-        "look at it: kilwa scans view {survey} {first} --show mask -o mask.png; undo it: kilwa scans mask {survey} --off {}",
+        "to view it: kilwa scans view {survey} {first} --show mask -o mask.png; to turn it off: kilwa scans mask {survey} --off {}",
         request.name
     )?;
     Ok(())
@@ -283,7 +283,7 @@ impl Listed {
             remarks.push_str(" (off)");
         }
         if self.is_outdated {
-            remarks.push_str(" (made with other poses: make it again)");
+            remarks.push_str(" (made with different poses; make it again)");
         }
         remarks
     }
@@ -335,7 +335,7 @@ fn list(args: &Args) -> anyhow::Result<()> {
                 match &mask.masked {
                     Ok(masked) => writeln!(
                         out,
-                        "{}: {} masks {}, made by {}{}",
+                        "{}: {} masks {}, made with {}{}",
                         station.name,
                         mask.name,
                         counted(*masked, "point", "points"),
@@ -356,7 +356,7 @@ fn list(args: &Args) -> anyhow::Result<()> {
 pub(crate) fn warn_of_outdated(survey: &Survey, station: &kilwa_scan::survey::Station) {
     for mask in station.masks.iter().filter(|mask| mask.is_on && mask::is_outdated(mask, station, survey)) {
         crate::terminal::say!(
-            "kilwa: the mask {} of {} was made with other poses than survey.toml has now; make it again with `kilwa scans mask`",
+            "kilwa: the mask {} of {} was made with poses that differ from those in survey.toml; make it again with `kilwa scans mask`",
             mask.name,
             station.name
         );

@@ -29,7 +29,7 @@ pub(crate) struct Args {
     /// Largest width or height in pixels.
     #[arg(long, value_name = "PIXELS", default_value_t = 4096, value_parser = clap::value_parser!(u32).range(16..=16384))]
     size: u32,
-    /// Also show what is masked.
+    /// Also show masked samples.
     #[arg(long)]
     unmasked: bool,
     /// Replace an existing file.
@@ -45,7 +45,7 @@ enum ShowArg {
     Intensity,
     /// Colour.
     Colour,
-    /// What masks mask, each in a colour of its own, also those that are off.
+    /// Masked samples, with a colour for each mask, including masks that are off.
     Mask,
 }
 
@@ -89,7 +89,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
 /// Which colour is which mask; where several mask a sample, the first is shown.
 fn legend(station: &Station, masks: &[MaskReader], out: &mut impl std::io::Write) -> anyhow::Result<()> {
     if masks.is_empty() {
-        writeln!(out, "{} has no masks; `kilwa scans mask` makes them", station.name)?;
+        writeln!(out, "{} has no masks; make one with `kilwa scans mask`", station.name)?;
     }
     for (number, (mask, reader)) in station.masks.iter().zip(masks).enumerate() {
         let (color, [r, g, b]) = panorama::mask_color(number);

@@ -86,7 +86,7 @@ test("a distance by two clicks is provisional, then final, and the value of kilw
   // As uncertain as a pixel is wide on the surface, and no finer than the mesh: the accuracy of the survey is not known.
   assert.ok(uncertainty >= Math.max(...pointed) && uncertainty <= 1.5 * Math.max(...pointed), `${uncertainty} for ${pointed}`);
   const [first, second] = (await label.innerText()).split("\n");
-  const mm = (uncertainty * 1000).toFixed(1 - Math.floor(Math.log10(uncertainty * 1000)));
+  const mm = (uncertainty * 1000).toFixed(Math.max(0, 1 - Math.floor(Math.log10(uncertainty * 1000))));
   assert.equal(
     first,
     straight.replace(/\(± [\d.]+ m\)$/, (spread) => (uncertainty < 0.01 ? `(± ${mm} mm)` : spread)),
@@ -122,7 +122,9 @@ test("the value does not depend on what is on screen", async () => {
   ]) {
     const other = await open(site.browser, fort(query), { size: [480, 400], wait });
     const again = await other.page.evaluate((rays) => globalThis.kilwa.api.addMeasurement({ tool: "distance", rays }), rays);
-    assert.deepEqual(again.readings, wanted.readings);
+    // Rays of a program are exact, clicks are pointed: the values are the same, the uncertainties are not.
+    const found = ({ readings }) => readings.map(({ name, value }) => ({ name, value }));
+    assert.deepEqual(found(again), found(wanted));
     assert.deepEqual(again.points, wanted.points);
     await other.close();
   }

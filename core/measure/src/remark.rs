@@ -33,7 +33,7 @@ pub enum Remark {
     Holes,
     /// Of an area along the surface.
     #[error(
-        "the area follows triangles with edges of {} on average; relief finer than that is not in it",
+        "the area follows triangles with edges of {} on average; finer relief is not included",
         short(*spacing)
     )]
     Spacing {
@@ -42,7 +42,7 @@ pub enum Remark {
     },
     /// Of an area along a rough surface.
     #[error(
-        "heights differ by about {} from one vertex to the next; as far as this is noise, it makes the area up to {:.1} % too large, which the uncertainty includes",
+        "heights differ by about {} from one vertex to the next; if this is noise, it makes the area up to {:.1} % too large, which the uncertainty includes",
         short(*deviation),
         100.0 * share
     )]

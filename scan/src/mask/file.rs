@@ -82,7 +82,7 @@ impl MaskHeader {
             out
         };
         if bytes[..8] != *MAGIC {
-            return Err("it is no mask".to_owned());
+            return Err("it is not a Kilwa mask file".to_owned());
         }
         if word(8) != VERSION {
             return Err(format!("it is of version {}; this version of Kilwa reads version {VERSION}", word(8)));

@@ -57,7 +57,7 @@ pub fn read_list(
         };
         let Some(index) = index(word) else {
             let what = format!("\"{}\"", String::from_utf8_lossy(&word[..word.len().min(40)]));
-            return Err(wrong(what, "the index of a point, a whole number from 0 on"));
+            return Err(wrong(what, "the index of a point, a whole number of 0 or more"));
         };
         found(index, number)?;
     }

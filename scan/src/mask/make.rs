@@ -80,7 +80,7 @@ pub(super) fn make_within(
 ) -> Result<Report, ScanError> {
     if !is_mask_name(&request.name) {
         let message =
-            format!("{:?} is no name for a mask; use up to 40 letters, digits, and _ - between them", request.name);
+            format!("{:?} is not a valid mask name; use up to 40 letters, digits, and _ - between them", request.name);
         return Err(ScanError::Request(message));
     }
     let survey = Survey::open(folder)?;
@@ -233,7 +233,7 @@ impl Making<'_> {
         let header = *self.reader.header();
         if recipe.needs_grid() && !header.is_grid {
             return Err(ScanError::Request(format!(
-                "station {} is a cloud without a grid, so it is unknown which points are neighbours, which --{} needs; name the other stations with --station",
+                "station {} is an unstructured point cloud, so it has no neighbours in a grid, which --{} needs; choose the other stations with --station",
                 self.station.name,
                 recipe.kind()
             )));
@@ -420,7 +420,7 @@ impl Making<'_> {
                     kilwa_formats::read::Place::Line(line),
                     format!("index {index}"),
                     format!(
-                        "one below {count}, because station {name} has {count} {what}; --numbering cells|points says what indices count"
+                        "an index below {count}, because station {name} has {count} {what}; --numbering cells|points sets what the indices count"
                     ),
                 ));
             }

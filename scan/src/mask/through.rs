@@ -67,7 +67,7 @@ impl Witnesses {
         for station in stations {
             if with_pose.saturating_sub(1) < usize::from(needed) {
                 return Err(ScanError::Request(format!(
-                    "station {} can be masked only where {needed} other stations have poses; {} have; give more of them rotation and translation in survey.toml",
+                    "station {} can be masked only if {needed} other stations have poses, but {} have; add rotation and translation to more stations in survey.toml",
                     station.name,
                     with_pose.saturating_sub(1)
                 )));

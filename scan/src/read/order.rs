@@ -101,14 +101,14 @@ fn by_values(rows: &[[f64; 7]], columns: usize, is_pts: bool) -> Option<(Order, 
         4 => decided(INTENSITY),
         6 if !are_channels(3) => decided(NORMAL),
         6 if are_along_axes() => {
-            Some((NORMAL, Some("clouds whose last three of six columns could also be colours read with normals")))
+            Some((NORMAL, Some("clouds of six columns whose last three, read as normals, could also be colours")))
         }
         6 => decided(COLOR),
         7 => match (are_channels(4), are_channels(3)) {
             (true, true) if !is_pts => Some((
                 INTENSITY_COLOR,
                 Some(
-                    "clouds of seven columns that no heading names read as x y z intensity red green blue (x y z red green blue intensity is possible too)",
+                    "clouds of seven columns without a heading, read as x y z intensity red green blue (x y z red green blue intensity is also possible)",
                 ),
             )),
             (true, _) => decided(INTENSITY_COLOR),
