@@ -68,7 +68,7 @@ struct Landing<'a> {
     /// What the panel shows until the pack is open.
     panel_facts: Vec<(&'static str, String)>,
     all_facts: Vec<(&'static str, String)>,
-    /// Of the object and its capture: English name, key of the page's text, value.
+    /// Of the object and its capture: English name, key of the page's text (`data-text`), value.
     object: Vec<(&'static str, &'static str, String)>,
     closed: Option<(String, Vec<&'a str>)>,
     /// The paragraphs of the description.
