@@ -280,7 +280,7 @@ async fn an_embargo_ends_at_midnight_utc_while_serving() {
         for url in ["/fort/", "/fort/manifest.json", "/fort/v1/poster.jpg", "/fort/v1/metadata/dc.xml"] {
             assert_eq!(get(&app, url).await.status, 200, "{url} at {second}");
         }
-        assert_eq!(get(&app, "/").await.text().contains("from 2026-11-22 on"), status == 403);
+        assert_eq!(get(&app, "/").await.text().contains("from 22 November 2026 on"), status == 403);
     }
 }
 
