@@ -1,10 +1,9 @@
 //! People edit `survey.toml`, also while an import runs: nothing of it is lost.
 
-use crate::support::{Site, ptx_header};
+use crate::support::{Site, ptx_header, three_scans};
 use kilwa_scan::import::{Options, Progress, Silent, import};
 use kilwa_scan::survey::Survey;
 use std::cell::Cell;
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Edits the file once, as soon as a station is in it.
@@ -29,22 +28,10 @@ impl Progress for Editing<'_> {
     }
 }
 
-/// A file of three scans, each so large that progress is reported within it.
-fn three(site: &Site) -> PathBuf {
-    let mut text = String::new();
-    for scan in 1..=3 {
-        text += &ptx_header(200, 300, [f64::from(scan), 0.0, 0.0]);
-        for k in 0..60_000 {
-            writeln!(text, "{scan}.{k:06} {k}.25 -0.5 0.125", k = k % 5000).unwrap();
-        }
-    }
-    site.write("three.ptx", text)
-}
-
 #[test]
 fn what_people_write_into_the_survey_during_an_import_is_kept() {
     let site = Site::new();
-    let files = [three(&site)];
+    let files = [three_scans(&site)];
     let edit = |text: String| {
         let text = text.replacen("name = \"three\"", "# by the sea\nname = \"tower\"", 1);
         format!("{text}\n[[control]]\nname = \"P1\"\nstation = \"tower\"\nat = [1, 2, 3]\n")
@@ -64,7 +51,7 @@ fn what_people_write_into_the_survey_during_an_import_is_kept() {
 #[test]
 fn an_import_stops_at_a_mistake_that_someone_writes_and_resumes() {
     let site = Site::new();
-    let files = [three(&site)];
+    let files = [three_scans(&site)];
     let edit = |text: String| format!("{text}\ntitel = 1\n");
     let progress = Editing::new(&site.survey(), &edit);
     let message = import(&site.survey(), &files, &Options::default(), &progress).unwrap_err().to_string();
@@ -102,7 +89,7 @@ fn an_import_never_replaces_the_samples_of_another_station() {
 #[test]
 fn a_name_that_someone_gives_away_during_an_import_is_not_used_twice() {
     let site = Site::new();
-    let files = [three(&site)];
+    let files = [three_scans(&site)];
     // The second scan is being read, and would be three-2.
     let edit = |text: String| text.replacen("name = \"three\"", "name = \"three-2\"", 1);
     let progress = Editing::new(&site.survey(), &edit);

@@ -1,11 +1,10 @@
 //! An import that is stopped goes on where it was, and gives the same survey.
 
-use crate::support::{Site, ptx_header};
+use crate::support::{Site, ptx_header, three_scans};
 use kilwa_scan::ScanError;
 use kilwa_scan::import::{Options, Progress, Silent, import};
 use kilwa_scan::survey::Survey;
 use std::cell::Cell;
-use std::fmt::Write as _;
 
 /// Stops after so many reports.
 struct StopAfter(Cell<u32>);
@@ -20,22 +19,10 @@ impl Progress for StopAfter {
     }
 }
 
-/// Three scans of more than a mebibyte each.
-fn file(site: &Site) -> std::path::PathBuf {
-    let mut text = String::new();
-    for scan in 1..=3 {
-        text += &ptx_header(200, 300, [f64::from(scan), 0.0, 0.0]);
-        for k in 0..60_000 {
-            writeln!(text, "{scan}.{k:06} {k}.25 -0.5 0.125", k = k % 5000).unwrap();
-        }
-    }
-    site.write("three.ptx", text)
-}
-
 #[test]
 fn an_import_stopped_anywhere_and_resumed_gives_the_same_survey() {
     let site = Site::new();
-    let file = file(&site);
+    let file = three_scans(&site);
     let files = [file];
     let whole = site.path("whole");
     import(&whole, &files, &Options::default(), &Silent).unwrap();

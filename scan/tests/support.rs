@@ -6,6 +6,7 @@ use kilwa_scan::import::{Options, Report, Silent, import};
 use kilwa_scan::read::ReadOptions;
 use kilwa_scan::spool::Reader;
 use kilwa_scan_core::Sample;
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 /// A folder with files and a survey.
@@ -66,4 +67,16 @@ pub(crate) fn shared(name: &str) -> Option<PathBuf> {
 pub(crate) fn ptx_header(columns: u32, rows: u32, at: [f64; 3]) -> String {
     let [x, y, z] = at;
     format!("{columns}\n{rows}\n{x} {y} {z}\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n{x} {y} {z} 1\n")
+}
+
+/// A file of three scans of more than a mebibyte each, so that progress is reported within each.
+pub(crate) fn three_scans(site: &Site) -> PathBuf {
+    let mut text = String::new();
+    for scan in 1..=3 {
+        text += &ptx_header(200, 300, [f64::from(scan), 0.0, 0.0]);
+        for k in 0..60_000 {
+            writeln!(text, "{scan}.{k:06} {k}.25 -0.5 0.125", k = k % 5000).unwrap();
+        }
+    }
+    site.write("three.ptx", text)
 }
