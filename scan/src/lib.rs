@@ -8,6 +8,7 @@
 
 mod error;
 pub mod export;
+mod hashed;
 pub mod import;
 mod lock;
 pub mod mask;

@@ -11,6 +11,7 @@
 //! a mask to its scan: the mask of another scan is refused.
 
 use crate::ScanError;
+use crate::hashed::{self, HASH_BYTES, short_hash};
 use crate::spool::Header;
 use kilwa_files::atomic::{Access, AtomicFile, Pending};
 use kilwa_files::plain_file;
@@ -28,7 +29,6 @@ const CHECKED: usize = HEADER_BYTES - 32;
 /// Cells of a block, and its bytes.
 const BLOCK_CELLS: u64 = 65_536;
 const BLOCK_BYTES: usize = BLOCK_CELLS as usize / 8;
-const HASH_BYTES: usize = 8;
 
 /// What the header of a mask holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -96,12 +96,6 @@ impl MaskHeader {
         }
         Ok(header)
     }
-}
-
-fn short_hash(block: &[u8]) -> [u8; HASH_BYTES] {
-    let mut short = [0; HASH_BYTES];
-    short.copy_from_slice(&blake3::hash(block).as_bytes()[..HASH_BYTES]);
-    short
 }
 
 /// Bytes of a block.
@@ -208,22 +202,13 @@ impl MaskReader {
         let wrong = |what: String| ScanError::Mask { file: path.to_owned(), mask: name.to_owned(), what };
         let mut file = plain_file::open(path).map_err(|e| wrong(format!("it cannot be opened ({e})")))?;
         let cannot = |source| ReadError::Open { file: path.to_owned(), source };
-        let total = file.metadata().map_err(cannot)?.len();
-        if total < HEADER_BYTES as u64 {
-            return Err(wrong(format!("it has {total} bytes; a header has {HEADER_BYTES}")));
-        }
-        let mut head = [0; HEADER_BYTES];
-        file.read_exact(&mut head).map_err(cannot)?;
+        let (head, total) = hashed::header(&mut file).map_err(cannot)?.map_err(wrong)?;
         let header = MaskHeader::parse(&head).map_err(wrong)?;
         if total != header.file_bytes() {
             return Err(wrong(format!("it has {total} bytes; {} were written", header.file_bytes())));
         }
-        let mut table = vec![0; header.blocks() as usize * HASH_BYTES];
-        file.seek(SeekFrom::Start(header.table_offset())).map_err(cannot)?;
-        file.read_exact(&mut table).map_err(cannot)?;
-        if *blake3::hash(&table).as_bytes() != header.table_hash {
-            return Err(wrong(format!("its table is damaged (from byte {})", header.table_offset())));
-        }
+        let table = hashed::table(&mut file, header.table_offset(), header.blocks(), header.table_hash);
+        let table = table.map_err(cannot)?.map_err(wrong)?;
         let (path, name) = (path.to_owned(), name.to_owned());
         Ok(Self { path, name, file, header, table, block: None, bytes: Vec::new() })
     }

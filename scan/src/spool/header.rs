@@ -1,6 +1,7 @@
 //! The header of a spool: 256 bytes, of which the last 32 are the BLAKE3 hash of the others.
 
-use super::{BLOCK_SAMPLES, HASH_BYTES, SAMPLE_BYTES};
+use super::{BLOCK_SAMPLES, SAMPLE_BYTES};
+use crate::hashed::HASH_BYTES;
 use glam::{DVec3, Vec3};
 use kilwa_scan_core::{Grid, Kind, Rays, Sample};
 

@@ -33,14 +33,6 @@ pub const SAMPLE_BYTES: usize = 20;
 /// Samples of a block, which is read, checked and written as a whole.
 const BLOCK_SAMPLES: u64 = 1024;
 const BLOCK_BYTES: usize = BLOCK_SAMPLES as usize * SAMPLE_BYTES;
-/// Bytes of a hash in the table.
-const HASH_BYTES: usize = 8;
-
-fn hash(block: &[u8]) -> [u8; HASH_BYTES] {
-    let mut short = [0; HASH_BYTES];
-    short.copy_from_slice(&blake3::hash(block).as_bytes()[..HASH_BYTES]);
-    short
-}
 
 pub(crate) fn encode(sample: &Sample, out: &mut [u8]) {
     if sample.state.kind() == Kind::Empty {

@@ -1,8 +1,9 @@
 //! Reads a spool: any stretch of cells, each block checked against its hash.
 
 use super::header::{HEADER_BYTES, Header};
-use super::{BLOCK_BYTES, BLOCK_SAMPLES, HASH_BYTES, SAMPLE_BYTES, decode, hash};
+use super::{BLOCK_BYTES, BLOCK_SAMPLES, SAMPLE_BYTES, decode};
 use crate::ScanError;
+use crate::hashed::{self, HASH_BYTES, short_hash};
 use crate::mask::MaskReader;
 use kilwa_files::plain_file;
 use kilwa_formats::read::ReadError;
@@ -33,22 +34,13 @@ impl Reader {
         let cannot = |source| ReadError::Open { file: path.to_owned(), source };
         let damaged = |what: String| ScanError::Spool { file: path.to_owned(), what };
         let mut file = plain_file::open(path).map_err(cannot)?;
-        let total = file.metadata().map_err(cannot)?.len();
-        if total < HEADER_BYTES as u64 {
-            return Err(damaged(format!("it has {total} bytes; a header has {HEADER_BYTES}")));
-        }
-        let mut head = [0; HEADER_BYTES];
-        file.read_exact(&mut head).map_err(cannot)?;
+        let (head, total) = hashed::header(&mut file).map_err(cannot)?.map_err(damaged)?;
         let header = Header::parse(&head).map_err(damaged)?;
         if total != header.file_bytes() {
             return Err(damaged(format!("it has {total} bytes; {} were written", header.file_bytes())));
         }
-        let mut table = vec![0; header.blocks() as usize * HASH_BYTES];
-        file.seek(SeekFrom::Start(header.table_offset())).map_err(cannot)?;
-        file.read_exact(&mut table).map_err(cannot)?;
-        if *blake3::hash(&table).as_bytes() != header.table_hash {
-            return Err(damaged(format!("its table is damaged (from byte {})", header.table_offset())));
-        }
+        let table = hashed::table(&mut file, header.table_offset(), header.blocks(), header.table_hash);
+        let table = table.map_err(cannot)?.map_err(damaged)?;
         let bytes = Vec::with_capacity(BLOCK_BYTES);
         Ok(Self { path: path.to_owned(), file, header, table, block: None, bytes, masks: Vec::new() })
     }
@@ -116,7 +108,7 @@ impl Reader {
         let read = self.file.seek(SeekFrom::Start(offset)).and_then(|_| self.file.read_exact(&mut self.bytes));
         read.map_err(|source| ReadError::Io { file: self.path.clone(), offset, source })?;
         let at = block as usize * HASH_BYTES;
-        if self.table[at..at + HASH_BYTES] != hash(&self.bytes) {
+        if self.table[at..at + HASH_BYTES] != short_hash(&self.bytes) {
             return Err(self.damaged(format!("the block at byte {offset} is damaged")));
         }
         self.block = Some(block);

@@ -1,7 +1,8 @@
 //! Writes a spool: samples in any order, each cell once, under a temporary name until all is there.
 
 use super::header::{HEADER_BYTES, Header, Statistics};
-use super::{BLOCK_BYTES, BLOCK_SAMPLES, HASH_BYTES, SAMPLE_BYTES, encode, hash};
+use super::{BLOCK_BYTES, BLOCK_SAMPLES, SAMPLE_BYTES, encode};
+use crate::hashed::{HASH_BYTES, short_hash};
 use glam::DVec3;
 use kilwa_files::atomic::{Access, AtomicFile, Pending};
 use kilwa_scan_core::{Grid, Rays, Sample};
@@ -146,7 +147,7 @@ impl Writer {
             self.table.resize(number + 1, None);
         }
         // The last block may be cut by the end of the grid; its hash is taken again then.
-        self.table[number] = Some(hash(&block.bytes));
+        self.table[number] = Some(short_hash(&block.bytes));
         Ok(())
     }
 
@@ -172,8 +173,8 @@ impl Writer {
         }
         let last = grid.cells() - grid.cells().saturating_sub(1) / BLOCK_SAMPLES * BLOCK_SAMPLES;
         let last_bytes = last as usize * SAMPLE_BYTES;
-        let empty = hash(&vec![0; BLOCK_BYTES]);
-        let empty_last = hash(&vec![0; last_bytes]);
+        let empty = short_hash(&vec![0; BLOCK_BYTES]);
+        let empty_last = short_hash(&vec![0; last_bytes]);
         let file = self.file.file_mut();
         file.set_len(header.table_offset())?;
         let mut table = Vec::with_capacity(blocks as usize * HASH_BYTES);
@@ -184,7 +185,7 @@ impl Writer {
                     let mut bytes = vec![0; last_bytes];
                     file.seek(SeekFrom::Start(offset(number)))?;
                     file.read_exact(&mut bytes)?;
-                    hash(&bytes)
+                    short_hash(&bytes)
                 }
                 Some(own) => own,
                 None if is_last => empty_last,
