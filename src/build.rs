@@ -12,6 +12,7 @@ use crate::inputs::{InputArgs, Inputs};
 use crate::plausible::ReadAs;
 use crate::progress::Bar;
 use crate::signals;
+use crate::stations::points::StationPoints;
 use anyhow::Context;
 use finished::Finished;
 use glam::DVec3;
@@ -20,6 +21,7 @@ use kilwa_builder::build::machine;
 use kilwa_builder::build::options::{COLOR_BITS, NORMAL_BITS};
 use kilwa_builder::build::plan;
 use kilwa_builder::build::work::Stop;
+use kilwa_builder::points::build_points;
 use kilwa_builder::scratch::Scratch;
 use kilwa_builder::{BuildError, BuildOptions, BuildReport, Run, StageTime, build};
 use kilwa_files::atomic::folder_of;
@@ -46,6 +48,9 @@ pub(crate) struct Args {
     /// The pack to write.
     #[arg(short, long, value_name = "NAME.kilwa")]
     output: PathBuf,
+    /// Build the points of surveys instead of a surface: a display of what was scanned, before any surface exists.
+    #[arg(long, conflicts_with_all = ["min_confidence", "drop_islands_below", "texture_detail", "resume"])]
+    points: bool,
     /// Worker threads (default: one per core). The bytes do not depend on it.
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true, value_parser = parse_threads)]
     threads: usize,
@@ -176,7 +181,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
 fn prepare(args: &Args) -> anyhow::Result<(Inputs, BuildOptions)> {
     refuse(args)?;
     let crs = reference_system(args.crs.as_deref())?;
-    let mut inputs = Inputs::find(&args.input)?;
+    let mut inputs = Inputs::find(&args.input, args.points)?;
     if let Some(first) = inputs.passed_over.first() {
         let count = inputs.passed_over.len();
         crate::terminal::say!(
@@ -241,7 +246,11 @@ fn make(
     let mut work = || -> anyhow::Result<(BuildReport, String)> {
         need.check(scratch.folder(), folder_of(&args.output), held)?;
         let run = Run { scratch: &scratch, memory, resume: args.resume, stop, progress: bar };
-        let built = build(&mut inputs, options, &run, &mut output);
+        let built = if args.points {
+            build_points(&mut StationPoints(&inputs), options, &run, &mut output)
+        } else {
+            build(&mut inputs, options, &run, &mut output)
+        };
         let mut built = built.map_err(|e| explained(e, &inputs, &args.output))?;
         let (clock, cpu) = (Instant::now(), machine::cpu_seconds());
         output.complete(built.pack.bytes)?;
@@ -257,7 +266,7 @@ fn make(
         Err(error) => {
             bar.clear();
             drop(output);
-            return Err(after_failure(error, scratch, stop));
+            return Err(after_failure(error, scratch, stop, args.points));
         }
     };
     bar.clear();
@@ -416,7 +425,11 @@ fn explained(error: BuildError, inputs: &Inputs, output: &Path) -> anyhow::Error
 }
 
 /// Keep the scratch files after a stop, and where another build's were in the way; remove them after any other failure.
-fn after_failure(error: anyhow::Error, scratch: Scratch, stop: &Stop) -> anyhow::Error {
+fn after_failure(error: anyhow::Error, scratch: Scratch, stop: &Stop, points: bool) -> anyhow::Error {
+    if stop.asked() && points {
+        let left = scratch.discard(|_| true).err().map_or_else(String::new, |e| format!("; {e}"));
+        return Interrupted(format!("stopped; nothing was kept{left}")).into();
+    }
     if stop.asked() {
         let (bytes, folder) = (binary(scratch.bytes()), scratch.folder().display());
         return Interrupted(format!(

@@ -133,9 +133,17 @@ fn texels(text: &str) -> Result<f64, String> {
 
 impl Inputs {
     /// Find all that the arguments name.
-    pub(crate) fn find(args: &InputArgs) -> anyhow::Result<Self> {
+    ///
+    /// With `points`, they must be surveys, whose stations need no grid.
+    pub(crate) fn find(args: &InputArgs, points: bool) -> anyhow::Result<Self> {
         let (surveys, meshes): (Vec<PathBuf>, Vec<PathBuf>) =
             args.inputs.iter().cloned().partition(|given| survey::is_survey(given));
+        if points && let Some(other) = meshes.first() {
+            bail!(
+                "{} is no survey; --points builds the points of surveys: import point clouds with `kilwa scans import {0} -o survey/`",
+                other.display()
+            );
+        }
         let (named, mut passed_over) = named(&meshes, args.allow_outside, &MESHES)?;
         let common = match &args.transform {
             Some(file) if file.as_os_str() != "auto" => matrix(file)?,
@@ -158,7 +166,7 @@ impl Inputs {
         }
         for folder in &surveys {
             let origin = Placement::translation(args.origin.unwrap_or_default());
-            for (path, station) in stations::of(folder, args.unmasked)? {
+            for (path, station) in stations::of(folder, args.unmasked, points)? {
                 let placement = common.then(&origin);
                 files.push(InputFile { path, up: Up::Z, placement, station: Some(station) });
             }
@@ -202,7 +210,7 @@ impl Inputs {
     /// entry represents all that have no entry of their own.
     ///
     /// Fails where a file cannot be read, or two have the same content and the same place: a surface that is there twice.
-    fn sources(&self, progress: &dyn Progress, stop: &Stop) -> Result<Vec<SourceFile>, BuildError> {
+    pub(crate) fn sources(&self, progress: &dyn Progress, stop: &Stop) -> Result<Vec<SourceFile>, BuildError> {
         let mut all: Vec<(SourceFile, &InputFile)> = Vec::with_capacity(self.files.len());
         let mut seen: BTreeMap<String, &InputFile> = BTreeMap::new();
         for file in &self.files {
@@ -442,7 +450,7 @@ mod tests {
                 if a.starts_with('-') || a.contains(',') { (*a).to_owned() } else { self.path(a).display().to_string() }
             };
             let args: Vec<String> = std::iter::once("kilwa".to_owned()).chain(args.iter().map(inside)).collect();
-            Inputs::find(&Cli::try_parse_from(args)?.input)
+            Inputs::find(&Cli::try_parse_from(args)?.input, false)
         }
 
         fn names(&self, args: &[&str]) -> Vec<String> {
@@ -557,7 +565,7 @@ mod tests {
             let mut args: Vec<String> = inputs.iter().map(|i| site.path(i).display().to_string()).collect();
             args.extend(["--transform".to_owned(), "auto".to_owned()]);
             args.insert(0, "kilwa".to_owned());
-            Inputs::find(&Cli::try_parse_from(args).unwrap().input)
+            Inputs::find(&Cli::try_parse_from(args).unwrap().input, false)
         };
         assert_eq!(auto(&["a.obj"]).unwrap().files[0].placement.place(DVec3::ZERO), DVec3::new(5.0, 0.0, 0.0));
         assert!(format!("{:#}", auto(&["a.obj", "b.obj"]).unwrap_err()).contains("b.xf does not exist"));

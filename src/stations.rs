@@ -1,4 +1,6 @@
-//! Stations of a survey as inputs of a build: each is meshed while it is read.
+//! Stations of a survey as inputs of a build: each is meshed while it is read, or its points are handed on.
+
+pub(crate) mod points;
 
 use anyhow::bail;
 use glam::{DVec3, Vec3};
@@ -41,8 +43,8 @@ pub(crate) fn options(defaults: MeshDefaults, station: &Station) -> Options {
     }
 }
 
-/// The stations of the survey in `folder`, by their spools, with the masks that are on, or `unmasked`.
-pub(crate) fn of(folder: &Path, unmasked: bool) -> anyhow::Result<Vec<(PathBuf, StationInput)>> {
+/// The stations of the survey in `folder`, by their spools, with the masks that are on, or `unmasked`; as `points`, also those without a grid.
+pub(crate) fn of(folder: &Path, unmasked: bool, points: bool) -> anyhow::Result<Vec<(PathBuf, StationInput)>> {
     let survey = Survey::open(folder)?;
     if survey.stations.is_empty() {
         bail!("the survey {} has no stations; use `kilwa scans import`", folder.display());
@@ -51,9 +53,9 @@ pub(crate) fn of(folder: &Path, unmasked: bool) -> anyhow::Result<Vec<(PathBuf, 
     for station in &survey.stations {
         let path = folder.join(&station.scan);
         // Also finds damaged masks before anything is built.
-        if !mask::open(folder, station, unmasked)?.header().is_grid {
+        if !mask::open(folder, station, unmasked)?.header().is_grid && !points {
             bail!(
-                "station {} of {} is an unstructured point cloud and cannot be meshed; export the other stations with `kilwa scans export --mesh` and build those files",
+                "station {} of {} is an unstructured point cloud and cannot be meshed; build the points with --points, or export the other stations with `kilwa scans export --mesh` and build those files",
                 station.name,
                 folder.display()
             );
@@ -104,6 +106,21 @@ fn same_poses(stations: &[Station]) -> Option<String> {
     ))
 }
 
+fn failed(e: ScanError) -> BuildError {
+    match e {
+        ScanError::Read(e) => BuildError::Read(e),
+        other => BuildError::Inputs { why: other.to_string() },
+    }
+}
+
+/// The samples of a station, with the masks that are on.
+fn open(path: &Path, station: &StationInput) -> Result<Reader, BuildError> {
+    let mut reader = Reader::open(path).map_err(failed)?;
+    let masks = station.masks.iter().map(|(name, file)| MaskReader::open(file, name)).collect::<Result<_, _>>();
+    masks.and_then(|masks| reader.set_masks(masks)).map_err(failed)?;
+    Ok(reader)
+}
+
 /// Hand the mesh of a station on.
 pub(crate) fn deliver(
     path: &Path,
@@ -111,13 +128,7 @@ pub(crate) fn deliver(
     sink: &mut dyn MeshSink,
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<(), BuildError> {
-    let failed = |e: ScanError| match e {
-        ScanError::Read(e) => BuildError::Read(e),
-        other => BuildError::Inputs { why: other.to_string() },
-    };
-    let mut reader = Reader::open(path).map_err(failed)?;
-    let masks = station.masks.iter().map(|(name, file)| MaskReader::open(file, name)).collect::<Result<_, _>>();
-    masks.and_then(|masks| reader.set_masks(masks)).map_err(failed)?;
+    let mut reader = open(path, station)?;
     let statistics = reader.header().statistics;
     let has_intensity = statistics.with_intensity > 0;
     let mut names = vec!["confidence".to_owned()];

@@ -22,6 +22,7 @@ mod inputs;
 mod interrupted;
 mod pack_verbs;
 mod passwords;
+mod points;
 mod patch_sizes;
 mod publish;
 mod real_formats;

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Two stations of 60 × 40 cells in the middle of a box of 6 × 6 × 3 m; the second is turned by 90° and has colours.
-fn box_scan(folder: &Path) -> PathBuf {
+pub(crate) fn box_scan(folder: &Path) -> PathBuf {
     let mut ptx = String::new();
     for (pose, has_color) in
         [("1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n", false), ("0 1 0 0\n-1 0 0 0\n0 0 1 0\n0.5 0 0 1\n", true)]

@@ -73,6 +73,21 @@ fn a_reader_written_from_the_specification_decodes_every_chunk_identically() {
     }
 }
 
+#[test]
+fn packs_of_points_are_decoded_identically_too() {
+    if Command::new("python3").arg("--version").output().is_err() {
+        println!("skipped: python3 is not here");
+        return;
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/format/read_pack.py");
+    let pack = crate::points::pack_of_points(folder.path());
+    let output = Command::new("python3").arg(&script).arg(&pack).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(String::from_utf8_lossy(&output.stdout), digests(&pack));
+    keeps_every_rule(&pack);
+}
+
 /// Section 9, by the verifier in the other language.
 fn keeps_every_rule(pack: &Path) {
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/format/verify_pack.py");

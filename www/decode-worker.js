@@ -4,6 +4,14 @@ import init, { decode } from "./decode.js";
 /** @type {Promise<unknown>} */
 let ready;
 let isReady = false;
+/** Chunks of points (codec 3) have a decoder of their own, which comes when it is needed. @type {Promise<typeof decode> | undefined} */
+let points;
+
+async function ofPoints() {
+  const module = await import("./decode-points.js");
+  await module.default();
+  return module.decode;
+}
 
 /** @param {MessageEvent} event */
 async function take({ data }) {
@@ -15,7 +23,8 @@ async function take({ data }) {
   const { job, bytes, vertices, triangles, colors, scalars, checksum } = data;
   try {
     await ready;
-    const decoded = decode(bytes, vertices, triangles, colors, scalars, checksum);
+    const from = bytes[0] === 3 ? await (points ??= ofPoints()) : decode;
+    const decoded = from(bytes, vertices, triangles, colors, scalars, checksum);
     const out = {
       job,
       vertices: decoded.takeVertices(),

@@ -35,7 +35,7 @@ export function showFacts(into, { metadata: m, pack }) {
   const accuracy = m.capture_accuracy ?? published;
   const licence = /** @type {HTMLLinkElement | null} */ (document.querySelector("link[rel=license]"))?.title;
   const rows = [
-    [t("triangles"), count(pack.triangles)],
+    ...(pack.points ? [] : [[t("triangles"), count(pack.triangles)]]),
     [t("vertices"), count(m.vertices)],
     [t("extent"), extent(size)],
     [t("spacing"), length(m.median_edge)],

@@ -24,9 +24,9 @@ import { get } from "./store.js";
  * @property {() => number[][]} pins boxes of the pins of notes in the picture, CSS pixels
  */
 
-/** The program behind the tools: it comes while their code does. */
-async function compiled() {
-  const url = new URL("measure_bg.wasm", import.meta.url);
+/** The program behind the tools: it comes while their code does. Packs of points have one of their own. @param {Model} model */
+async function compiled({ info }) {
+  const url = new URL(info.pack.points ? "measure-points_bg.wasm" : "measure_bg.wasm", import.meta.url);
   const response = await fetch(url);
   if (!response.ok) throw new Error(`${url.pathname}: ${response.status}`);
   return WebAssembly.compile(await response.arrayBuffer());
@@ -70,13 +70,14 @@ export class Measuring {
   /** Another pack will be opened. */
   close() {
     this.tools?.close();
-    this.tools = this.loading = this.linked = this.open = null;
+    this.tools = this.loading = this.linked = this.open = this.compiling = null;
     this.seen = false;
   }
 
   /** A promise of the program, for the worker; what failed is fetched again the next time. */
   program() {
-    this.compiling ??= compiled().catch((error) => {
+    if (!this.open) return Promise.reject(new Error("the model is not open"));
+    this.compiling ??= compiled(this.open.model).catch((error) => {
       this.compiling = null;
       throw error;
     });

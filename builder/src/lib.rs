@@ -7,6 +7,8 @@
 //! | [`levels`] | merges, locks, simplifies, certifies, splits and encodes, finest level first |
 //! | [`assemble`] | numbers the chunks, orders them and writes the pack |
 //!
+//! [`points`] is the way from points, without a mesh, to a pack of splats; it has the tree and the assembly in common.
+//!
 //! [`mod@build`] runs the stages and keeps a journal of what is complete; between stages everything is in files in a
 //! [`scratch`] folder. [`partition`] is the tree of tetrahedra that all stages share.
 
@@ -15,6 +17,7 @@ pub mod build;
 pub mod ingest;
 pub mod levels;
 pub mod partition;
+pub mod points;
 pub mod scratch;
 
 pub use assemble::Spread;

@@ -334,6 +334,7 @@ refuseMissesHeights = No contour at this interval crosses the surface. Choose a 
 refuseNotFinite = A coordinate or the result is not a finite number; choose points near the model.
 refuseNoRay = The line of sight has no direction.
 refuseNoPlane = Choose a plane first.
+refusePoints = This model is made of points, without a surface between them. Measure coordinates, distances, angles or heights.
 refuseWaits = No value is available until the finest surface has been loaded.
 refuseReach = The reach must be a positive length.
 refuseInterval = An interval of { $interval } is not possible: it must be positive and give at most { $most } contours between { $low } and { $high }.

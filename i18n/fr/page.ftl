@@ -338,6 +338,7 @@ refuseMissesHeights = Aucune courbe de niveau à cet intervalle ne rencontre la 
 refuseNotFinite = Une coordonnée ou le résultat n'est pas un nombre fini ; choisissez des points près du modèle.
 refuseNoRay = La ligne de visée n'a pas de direction.
 refuseNoPlane = Il faut un plan ; choisissez-en un.
+refusePoints = Ce modèle est fait de points, sans surface entre eux. Mesurez des coordonnées, des distances, des angles ou des hauteurs.
 refuseWaits = Aucune valeur n’est disponible avant le chargement de la surface la plus fine.
 refuseReach = La portée doit être une longueur positive.
 refuseInterval = Un intervalle de { $interval } n'est pas possible : il doit être positif et donner au plus { $most } courbes entre { $low } et { $high }.

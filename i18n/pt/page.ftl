@@ -338,6 +338,7 @@ refuseMissesHeights = Nenhuma curva de nível com este intervalo encontra a supe
 refuseNotFinite = Uma coordenada ou o resultado não é um número finito; escolha pontos perto do modelo.
 refuseNoRay = A linha de visada não tem direção.
 refuseNoPlane = É preciso um plano; escolha um.
+refusePoints = Este modelo é feito de pontos, sem superfície entre eles. Meça coordenadas, distâncias, ângulos ou alturas.
 refuseWaits = Não há valor disponível até a superfície mais fina ser carregada.
 refuseReach = O alcance tem de ser um comprimento positivo.
 refuseInterval = Um intervalo de { $interval } não é possível: tem de ser positivo e dar no máximo { $most } curvas entre { $low } e { $high }.

@@ -325,6 +325,7 @@ refuseMissesHeights = Hakuna kontua ya nafasi hii inayogusa uso; chagua nafasi n
 refuseNotFinite = Kiwianishi kimoja au jibu si namba yenye kikomo; chagua mahali karibu na modeli.
 refuseNoRay = Mstari wa kuona hauna mwelekeo.
 refuseNoPlane = Bapa linahitajika; chagua moja.
+refusePoints = Modeli hii imeundwa kwa nukta, bila uso kati yake. Pima viwianishi, umbali, pembe au vimo.
 refuseWaits = Hakuna thamani kabla ya uso ulio bora zaidi kufika.
 refuseReach = Umbali wa kufikia lazima uwe urefu chanya.
 refuseInterval = Nafasi ya { $interval } haiwezekani: lazima iwe chanya na itoe kontua zisizozidi { $most } kati ya { $low } na { $high }.

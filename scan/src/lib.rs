@@ -14,6 +14,7 @@ mod lock;
 pub mod mask;
 pub mod mesh;
 pub mod panorama;
+pub mod points;
 pub mod read;
 pub mod spool;
 pub mod survey;

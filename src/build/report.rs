@@ -100,9 +100,34 @@ pub(crate) fn duplicates(n: u64) -> String {
     counted(n, "duplicate triangle", "duplicate triangles").to_string()
 }
 
+/// For people, of a pack of points.
+fn print_points(output: &Path, r: &Report<'_>, points: u64, out: &mut impl Write) -> std::io::Result<()> {
+    let (b, p) = (r.build, &r.build.pack);
+    writeln!(out, "{}: {}", output.display(), counted(points, "point", "points"))?;
+    writeln!(out, "  size      {:.3} × {:.3} × {:.3} m", b.extent.x, b.extent.y, b.extent.z)?;
+    writeln!(out, "  lattice   steps of {}; median spacing of the points {}", metres(b.step), metres(b.median_edge))?;
+    for (kind, found) in &b.diagnostics {
+        writeln!(out, "  found     {}: {}", kind, found.count)?;
+    }
+    writeln!(
+        out,
+        "  pack      {}, {:.2} per point; {} in {}; coarsest form {}, within {}",
+        counted(p.bytes, "byte", "bytes"),
+        p.bytes as f64 / points.max(1) as f64,
+        counted(p.chunks, "chunk", "chunks"),
+        counted(p.levels, "level", "levels"),
+        counted(p.root_triangles / 2, "point", "points"),
+        bound(p.root_error)
+    )?;
+    spent(r, out)
+}
+
 /// For people.
 pub(super) fn print(output: &Path, r: &Report<'_>, out: &mut impl Write) -> std::io::Result<()> {
     let (b, p) = (r.build, &r.build.pack);
+    if let Some(points) = b.points {
+        return print_points(output, r, points, out);
+    }
     writeln!(
         out,
         "{}: {}, {}",
@@ -188,15 +213,18 @@ fn spent(r: &Report<'_>, out: &mut impl Write) -> std::io::Result<()> {
         parts.push(format!("{} {:.1}", t.stage, t.seconds));
     }
     let cpu = s.cpu_seconds.map_or_else(String::new, |c| format!("; {c:.1} s of processor time"));
-    let rate = s.triangles_per_cpu_second.map_or_else(String::new, |t| format!(", {t:.0} triangles in each"));
+    // A point has two triangles.
+    let (unit, parts_of) = if b.points.is_some() { ("point", 2.0) } else { ("triangle", 1.0) };
+    let rate = |t: f64| format!(", {:.0} {unit}s in each", t / parts_of);
+    let rate = s.triangles_per_cpu_second.map_or_else(String::new, rate);
     writeln!(out, "  time      {:.1} s ({}){cpu}{rate}", s.seconds, parts.join(", "))?;
     let peak = s.peak_memory_bytes.map_or_else(|| "unknown".to_owned(), binary);
     writeln!(
         out,
-        "  space     memory {peak} at most, of {} allowed; scratch files {} at most, {:.0} bytes per triangle",
+        "  space     memory {peak} at most, of {} allowed; scratch files {} at most, {:.0} bytes per {unit}",
         binary(s.memory_bytes),
         binary(b.scratch_peak_bytes),
-        b.scratch_peak_bytes as f64 / b.triangles as f64
+        b.scratch_peak_bytes as f64 / b.triangles as f64 * parts_of
     )?;
     if let Some(stage) = &b.resumed_after {
         writeln!(out, "  resumed   after stage {stage}")?;

@@ -35,7 +35,7 @@ pub(super) fn run(input: &InputArgs, picture: Option<Picture<'_>>, json: bool) -
     if let Some(picture) = &picture {
         picture.check(&input.inputs)?;
     }
-    let mut inputs = Inputs::find(input)?;
+    let mut inputs = Inputs::find(input, false)?;
     let read = ReadAs { units: input.units, given_up: input.up, up: inputs.up(), crs: None };
     let (scratch, stop, bar) = (Scratch::temporary()?, Stop::default(), Bar::new());
     let threads = rayon::current_num_threads();

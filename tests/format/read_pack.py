@@ -525,7 +525,7 @@ class Chunk:
     """patches [(triangles, diamond or None)], triangles, borders, points, colors (or None), normals (u, v), scalars by channel."""
 
     def __init__(self, data, entry, colors, scalars):
-        need(data[0] in (1, 2), f"an unknown codec, {data[0]}")
+        need(data[0] in (1, 2, 3), f"an unknown codec, {data[0]}")
         count, at = varint(data, 1)
         need(count <= len(data) // 2, "more patches than bytes")
         self.patches, total = [], 0
@@ -549,6 +549,11 @@ class Chunk:
         coded, at = varint(data[:end], at)
         need(at + coded <= end, "the coded stream is longer than the body")
         coded, raw = data[at : at + coded], data[at + coded : end]
+        if data[0] == 3:
+            import codec3
+
+            codec3.read_body(self, coded, raw, entry, scalars)
+            return
         surface = codec2.read_body(self, coded, raw, entry, count, total, scalars) if data[0] == 2 else self.first(coded, raw, entry, count, total)
         borders = self.borders
         order, sizes = sorted(range(total), key=surface.patch.__getitem__), Counter(surface.patch)
@@ -608,8 +613,8 @@ class Pack:
             "<HHIQQ3diIQQII16sQQQQQBB", data, 8)
         self.version, self.origin, self.meta_end = (major, minor), (x, y, z), self.meta_at + meta_length
         need(major == 1, f"version {major}.{minor}: this reader knows 1")
-        need(required in (0, 1), f"required features that this reader does not know: {required:#x}")
-        self.codecs = (1, 2) if required else (1,)
+        need(required in (0, 1, 2), f"required features that this reader does not know: {required:#x}")
+        self.codecs = {0: (1,), 1: (1, 2), 2: (3,)}[required]
         need(length == 256 and size == len(data), f"the file has {len(data)} bytes, the header says {size}")
         need(all(map(math.isfinite, self.origin)) and abs(self.step_log2) <= 1000 and 1 <= self.cube_log2 <= 30, "the lattice is unusable")
         need(self.colors < 2 and self.scalars <= 16, "attributes that do not exist")
@@ -658,7 +663,7 @@ class Pack:
         data = self.data[entry.offset : entry.offset + entry.length]
         need(blake3(data)[:16] == entry.checksum, f"chunk {i} is damaged")
         try:
-            need(data[:1] != b"\2" or 2 in self.codecs, "a chunk of a codec that the header does not announce")
+            need(data[0] in self.codecs, "a chunk of a codec that the header does not announce")
             chunk = Chunk(data, entry, self.colors, self.scalars)
             for _, diamond in chunk.patches:
                 need(diamond is None or i < diamond < len(self.entries), "a diamond that is none")

@@ -99,7 +99,9 @@ def verify(pack):
     meta, step = pack.metadata, math.ldexp(1, pack.step_log2)
     need(leaves == pack.finest, "the leaf patches have another number of triangles than the header says")
     need(borders == meta["border_edges"], "the leaf patches have another number of border bits than the metadata say")
-    need(len(finest) == meta["vertices"], "the leaf patches have another number of positions than the metadata say")
+    # Each point has four vertices.
+    named = leaves // 2 if 3 in pack.codecs else len(finest)
+    need(named == meta["vertices"], "the leaf patches have another number of positions than the metadata say")
     for name, choose in (("bounds_min", min), ("bounds_max", max)):
         corner = pack.world([choose(p[a] for p in finest) for a in range(3)]) if finest else meta[name]
         near = (abs(a - b) <= step + 1e-15 * abs(a) for a, b in zip(corner, meta[name]))

@@ -169,7 +169,8 @@ impl Ply {
             let vertex = ply.types.iter().map(|kind| body.number(kind)).collect();
             ply.vertices.push(vertex);
         }
-        for _ in 0..counts["face"] {
+        // Points have no faces.
+        for _ in 0..counts.get("face").copied().unwrap_or(0) {
             assert_eq!(body.number("uchar"), 3.0);
             ply.triangles.push([(); 3].map(|()| body.number("int") as u32));
         }

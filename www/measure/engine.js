@@ -29,6 +29,7 @@ const IN_FLIGHT = 6;
 
 /** Bytes of the footer and of a directory page, entries in a page, and offsets in the header (docs/FORMAT.md, sections 3, 4 and 7). */
 const [FOOTER_BYTES, PAGE_BYTES, PAGE_ENTRIES] = [80, 16_384, 127];
+const [FEATURES_AT, POINTS] = [16, 2];
 const [FILE_BYTES_AT, ENTRIES_AT, PAGES_AT] = [64, 84, 112];
 
 /** Before one is open. @type {EnginePack} */
@@ -63,7 +64,7 @@ export class Engine {
     const engine = new Engine(pack, viewer);
     try {
       program.then(
-        (module) => engine.worker.postMessage({ module }),
+        (module) => engine.worker.postMessage({ module, points: (head[FEATURES_AT] & POINTS) !== 0 }),
         (error) => engine.#lost(error.message),
       );
       await engine.#open(head, pages(), footer);

@@ -1,18 +1,24 @@
 // The worker that measures: wasm in a thread of its own, so that the picture never waits for it. The page fetches the bytes; here they are asked
 // for (`need`) and come (`got`). Messages: see engine.js.
-import init, { Engine } from "../measure.js";
+import * as surfaces from "../measure.js";
 import { sheetHost } from "./drawing.js";
 
+/** @typedef {{module: WebAssembly.Module, points: boolean}} Program the program that was compiled; whether it is that of packs of points */
+
 // The page fetches the program while this code is on its way, and sends it.
-/** @type {(module: WebAssembly.Module) => void} */
+/** @type {(program: Program) => void} */
 let begin = () => {};
-/** @type {Promise<WebAssembly.Module>} */
+/** @type {Promise<Program>} */
 const compiled = new Promise((resolve) => {
   begin = resolve;
 });
-const ready = compiled.then((module) => init({ module_or_path: module }));
+const ready = compiled.then(async ({ module, points }) => {
+  const program = points ? await import("../measure-points.js") : surfaces;
+  await program.default({ module_or_path: module });
+  return program.Engine;
+});
 ready.catch(() => {}); // whoever asks hears of it
-/** The pack that is open. @type {Engine} */
+/** The pack that is open. @type {surfaces.Engine} */
 let engine;
 /** What a trap left behind: the instance is of no use after it. @type {Error | null} */
 let broken = null;
@@ -56,7 +62,8 @@ function ways(call) {
 
 /** What the page may ask; the first argument is the number of the question. @type {Record<string, (call: number, ...args: any[]) => unknown>} */
 const methods = {
-  open: (_, head, pages, footer) => {
+  open: async (_, head, pages, footer) => {
+    const Engine = await ready;
     engine = new Engine(head, pages, footer);
     return JSON.parse(engine.pack());
   },
@@ -94,7 +101,7 @@ function cancel(call) {
 
 /** @param {MessageEvent} event */
 async function take({ data }) {
-  if (data.module) return begin(data.module);
+  if (data.module) return begin(data);
   if (data.got) return got(data);
   if (data.cancel) return cancel(data.cancel);
   const { call, method, args } = data;

@@ -36,6 +36,8 @@ export interface PackInfo {
     storedTriangles: number;
     colors: boolean;
     scalars: number;
+    /** It is made of points: two of its triangles are one of them. */
+    points: boolean;
     lattice: Lattice;
   };
 }

@@ -18,7 +18,7 @@ const result = await build({
   entryPoints: entries.map((name) => join(www, name)),
   splitting: true,
   chunkNames: "chunk-[hash]",
-  external: ["../measure.js"],
+  external: ["../measure.js", "../measure-points.js", "./decode-points.js"],
   plugins: [{ name: "decoder", setup: (bundle) => bundle.onResolve({ filter: /^\.\/decode\.js$/ }, () => ({ path: decoder })) }],
   // lit-html lies beside this file.
   nodePaths: [fileURLToPath(new URL("node_modules", import.meta.url))],

@@ -1,7 +1,7 @@
 //! `cargo xtask web`: the page, ready to be served by any static host, in `www/dist`.
 //!
 //! Input: the crates `kilwa-viewer` (twice: with WebGPU, and with WebGL 2 for browsers without it) and `kilwa-decode`, `kilwa-measure-web`, and the
-//! static files of `www/`, the messages in `i18n/`. Steps: cargo for wasm32 with the profile `web` (in `target/web` and `target/web-gl`, so that neither a
+//! static files of `www/`, the messages in `i18n/`. Steps: cargo for wasm32 with the profile `web` (in `target/web`, `target/web-points` and `target/web-gl`, so that neither a
 //! native build waits for it nor one variant replaces the other), wasm-bindgen as a library of exactly the version that the
 //! crates link, wasm-opt from npm's binaryen, a copy of the static files, a `.gz` beside everything that compresses.
 //!
@@ -42,11 +42,24 @@ struct Build {
     modules: &'static [(&'static str, &'static str)],
 }
 
-const BUILDS: [Build; 2] = [
+const BUILDS: [Build; 3] = [
     Build {
         target: "target/web",
         args: &["--package", "kilwa-viewer", "--package", "kilwa-decode", "--package", "kilwa-measure-web"],
         modules: &[("kilwa_viewer", "viewer"), ("kilwa_decode", "decode"), ("kilwa_measure_web", "measure")],
+    },
+    // What packs of points need beyond that, so that nobody else loads it.
+    Build {
+        target: "target/web-points",
+        args: &[
+            "--package",
+            "kilwa-decode",
+            "--package",
+            "kilwa-measure-web",
+            "--features",
+            "kilwa-decode/points,kilwa-measure-web/points",
+        ],
+        modules: &[("kilwa_decode", "decode-points"), ("kilwa_measure_web", "measure-points")],
     },
     Build {
         target: "target/web-gl",
@@ -74,6 +87,8 @@ const VIEWER_GZ_MAX: u64 = 350_000;
 const VIEWER_GL_GZ_MAX: u64 = 1_200_000;
 /// Budget of measuring, which is loaded when a tool is first used.
 const MEASURE_GZ_MAX: u64 = 350_000;
+/// Budget of both modules of packs of points, which take the place of the decoder and of measuring.
+const POINTS_GZ_MAX: u64 = 440_000;
 /// Budget of what else every visitor loads before the picture, gzipped bytes: what `index.html` names, the worker that decodes, one language.
 const FIRST_GZ_MAX: u64 = 90_000;
 /// Budget of the parts that the page loads when they are first used (tools, dialogs, embedding), together.
@@ -373,7 +388,7 @@ fn check_sizes(page: &Page) -> Result<()> {
         |name: &str| page.get(&format!("{name}.gz")).or_else(|| page.get(name)).map_or(0, |bytes| bytes.len() as u64);
     println!("{:>10} {:>10}  file", "bytes", "gzipped");
     let (mut viewer, mut viewer_gl, mut decode, mut measure) = (0, 0, 0, 0);
-    let (mut first, mut later, mut glue, mut language) = (0, 0, 0, 0);
+    let (mut first, mut later, mut glue, mut language, mut points) = (0, 0, 0, 0, 0);
     let at_once = first_files(page);
     for (name, bytes) in page.iter().filter(|(name, _)| !has_extension(name, "gz") && !has_extension(name, "br")) {
         let size = gzipped(name);
@@ -383,6 +398,7 @@ fn check_sizes(page: &Page) -> Result<()> {
             "viewer-gl_bg.wasm" => viewer_gl = size,
             "decode_bg.wasm" => decode = size,
             "measure_bg.wasm" => measure = size,
+            name if name.contains("-points") => points += size,
             // A visitor loads one of the two, and one language.
             "viewer.js" | "viewer-gl.js" => glue = size.max(glue),
             name if name.starts_with("i18n/") => language = size.max(language),
@@ -394,7 +410,7 @@ fn check_sizes(page: &Page) -> Result<()> {
     }
     first += glue + language;
     println!(
-        "web: viewer wasm {viewer} of {VIEWER_GZ_MAX}, with WebGL 2 {viewer_gl} of {VIEWER_GL_GZ_MAX}, decoder wasm {decode}, measuring wasm {measure} of {MEASURE_GZ_MAX}, page without wasm {first} of {FIRST_GZ_MAX} at first and {later} of {LATER_GZ_MAX} later, bytes gzipped"
+        "web: viewer wasm {viewer} of {VIEWER_GZ_MAX}, with WebGL 2 {viewer_gl} of {VIEWER_GL_GZ_MAX}, decoder wasm {decode}, measuring wasm {measure} of {MEASURE_GZ_MAX}, both for points {points} of {POINTS_GZ_MAX}, page without wasm {first} of {FIRST_GZ_MAX} at first and {later} of {LATER_GZ_MAX} later, bytes gzipped"
     );
     if viewer > VIEWER_GZ_MAX {
         bail!(
@@ -409,6 +425,11 @@ fn check_sizes(page: &Page) -> Result<()> {
     if measure > MEASURE_GZ_MAX {
         bail!(
             "the measuring wasm is {measure} bytes gzipped; at most {MEASURE_GZ_MAX} are allowed (MEASURE_GZ_MAX in xtask/src/web.rs)"
+        );
+    }
+    if points > POINTS_GZ_MAX {
+        bail!(
+            "the modules for points are {points} bytes gzipped; at most {POINTS_GZ_MAX} are allowed (POINTS_GZ_MAX in xtask/src/web.rs)"
         );
     }
     if first > FIRST_GZ_MAX {

@@ -8,11 +8,11 @@ pub use spread::Spread;
 
 use crate::build::options::BuildError;
 use crate::build::work::Work;
-use crate::levels::{Levels, Refined, encode_chunk, merge, too_large};
+use crate::levels::{Levels, Refined};
 use crate::partition::{Partition, tree_level};
 use crate::scratch::{ScratchError, ScratchFile};
 use kilwa_geometry::{Aabb, DiamondKey, Sphere};
-use kilwa_pack::chunk::{self, MAX_CHUNK_TRIANGLES, PatchRange};
+use kilwa_pack::chunk::{self, PatchRange};
 use kilwa_pack::directory::link_children;
 use kilwa_pack::{DirectoryEntry, Header, Metadata, NO_DIAMOND, PackWriter};
 use rustc_hash::FxHashMap;
@@ -51,15 +51,14 @@ pub fn assemble<W: std::io::Write>(
     metadata: &Metadata,
     out: W,
 ) -> Result<(W, PackSummary), BuildError> {
-    let root = root_of(&levels)?;
-    let Levels { tree, mut refined, chunks, .. } = levels;
+    let Levels { tree, mut refined, chunks, root, kind, .. } = levels;
     refined.sort_by_cached_key(|r| order_key(&tree.diamonds[r.diamond as usize].key));
     let number: FxHashMap<u32, u32> = refined.iter().zip(1u32..).map(|(r, i)| (r.diamond, i)).collect();
     let step = header.lattice.step();
-    let mut entries = vec![root.entry];
+    let mut entries = vec![root.entry()];
     entries.extend(refined.iter().map(|r| entry_of(r, &tree, &number, step)));
     saturate(&mut entries);
-    let parts = Parts { refined: &refined, root: (root.patches, root.body), number: &number, chunks: &chunks };
+    let parts = Parts { refined: &refined, root: (root.patches, root.body), number: &number, chunks: &chunks, kind };
     link_children(&mut entries, |i| parts.patches(i).iter().all(|p| p.count == 0 || number.contains_key(&p.diamond)));
     let total = entries.len() as u64;
     let done = AtomicU64::new(0);
@@ -110,6 +109,7 @@ struct Parts<'a> {
     /// Number in the pack of a diamond of the tree.
     number: &'a FxHashMap<u32, u32>,
     chunks: &'a ScratchFile,
+    kind: Kind,
 }
 
 impl Parts<'_> {
@@ -132,12 +132,12 @@ impl Parts<'_> {
             PatchRange { diamond: diamond.copied().unwrap_or(NO_DIAMOND), ..*p }
         };
         let patches: Vec<PatchRange> = self.patches(i).iter().map(numbered).collect();
-        let Some(r) = self.refined(i) else { return Ok(chunk::with_patches(&patches, &self.root.1)) };
+        let Some(r) = self.refined(i) else { return Ok(self.kind.chunk(&patches, &self.root.1)) };
         let body = self.chunks.read(r.at, u64::from(r.bytes))?;
         if crc32fast::hash(&body) != r.sum {
             return Err(ScratchError::damaged(self.chunks.path(), format!("the chunk at byte {} is not whole", r.at)));
         }
-        Ok(chunk::with_patches(&patches, &body))
+        Ok(self.kind.chunk(&patches, &body))
     }
 }
 
@@ -165,43 +165,58 @@ pub(crate) fn order_key(key: &DiamondKey) -> (u8, u128) {
     (key.level, kilwa_geometry::hilbert::code(key.midpoint.to_array().map(|x| x as u32)))
 }
 
-/// The coarsest form: what is shown before anything is refined.
-struct Root {
-    entry: DirectoryEntry,
-    patches: Vec<PatchRange>,
-    body: Vec<u8>,
+/// What the chunks of a pack hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// Triangles of a surface.
+    Surface,
+    /// Splats.
+    Points,
 }
 
-/// The chunk of the root, always refined, without parents.
-fn root_of(levels: &Levels) -> Result<Root, BuildError> {
-    let count: u64 = levels.roots.iter().map(|(_, p)| p.mesh.triangle_count() as u64).sum();
-    let mut sphere = Sphere::EMPTY;
-    let mut bounds = Aabb::EMPTY;
-    for (_, p) in &levels.roots {
-        sphere = sphere.union(&Sphere::of(&p.mesh.positions));
-        bounds = bounds.union(&p.mesh.bounds());
+impl Kind {
+    /// A body with its patch table.
+    fn chunk(self, patches: &[PatchRange], body: &[u8]) -> Vec<u8> {
+        match self {
+            Self::Surface => chunk::with_patches(patches, body),
+            Self::Points => chunk::of_points_with_patches(patches, body),
+        }
     }
-    if count > u64::from(MAX_CHUNK_TRIANGLES) {
-        return Err(too_large(count, levels.surface.lattice.world_from_lattice(bounds.min)));
+}
+
+/// The chunk of the root, always refined, without parents: the coarsest form, which is shown before anything is refined.
+pub struct RootChunk {
+    /// Triangles.
+    pub triangles: u32,
+    /// Vertices.
+    pub vertices: u32,
+    /// Round it, in lattice units.
+    pub sphere: Sphere,
+    /// Its box.
+    pub bounds: Aabb,
+    /// Its patches, diamonds by their index in the tree.
+    pub patches: Vec<PatchRange>,
+    /// All but the patch table.
+    pub body: Vec<u8>,
+}
+
+impl RootChunk {
+    fn entry(&self) -> DirectoryEntry {
+        DirectoryEntry {
+            offset: 0,
+            encoded_bytes: 0,
+            vertices: self.vertices,
+            triangles: self.triangles,
+            level: 0,
+            error: f32::INFINITY,
+            color_error: 0.0,
+            sphere: self.sphere,
+            bounds: self.bounds,
+            parents: [NO_DIAMOND; 4],
+            checksum: [0; 16],
+            children: None,
+        }
     }
-    let merged = merge(&levels.roots, levels.attributes.scalars);
-    let counts = levels.roots.iter().map(|(t, p)| (*t, p.mesh.triangle_count()));
-    let encoded = encode_chunk(merged.mesh, counts, &levels.tree, levels.attributes)?;
-    let entry = DirectoryEntry {
-        offset: 0,
-        encoded_bytes: 0,
-        vertices: encoded.vertices,
-        triangles: count as u32,
-        level: 0,
-        error: f32::INFINITY,
-        color_error: 0.0,
-        sphere,
-        bounds: encoded.bounds,
-        parents: [NO_DIAMOND; 4],
-        checksum: [0; 16],
-        children: None,
-    };
-    Ok(Root { entry, patches: encoded.patches, body: encoded.body })
 }
 
 fn entry_of(r: &Refined, tree: &Partition, number: &FxHashMap<u32, u32>, step: f64) -> DirectoryEntry {

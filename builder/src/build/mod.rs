@@ -12,7 +12,7 @@ pub mod journal;
 pub mod machine;
 pub mod options;
 pub mod progress;
-mod report;
+pub(crate) mod report;
 pub mod work;
 
 pub use interrupt::Interruptible;

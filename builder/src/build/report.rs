@@ -14,6 +14,9 @@ use std::collections::BTreeMap;
 pub struct BuildReport {
     /// Triangles of the finest level.
     pub triangles: u64,
+    /// Points, if the pack is made of points.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub points: Option<u64>,
     /// Distinct lattice positions.
     pub vertices: u64,
     /// Lattice spacing, metres.
@@ -78,12 +81,13 @@ pub struct StageTime {
 
 impl BuildReport {
     /// All but the file.
-    pub(super) fn of(levels: &Levels) -> Self {
+    pub(crate) fn of(levels: &Levels) -> Self {
         let s = &levels.surface;
         let [min, max] = s.bounds.map(|p| s.lattice.world_from_lattice(p));
         let stuck = || levels.refined.iter().map(|r| r.triangles).filter(|(fine, coarse)| coarse * 10 > fine * 9);
         Self {
             triangles: s.triangles,
+            points: None,
             vertices: s.points,
             step: s.lattice.step(),
             extent: max - min,
@@ -112,12 +116,12 @@ impl BuildReport {
     }
 }
 
-pub(super) fn header_of(levels: &Levels) -> Header {
+pub(crate) fn header_of(levels: &Levels) -> Header {
     let s = &levels.surface;
     Header::new(s.lattice, s.cube_log2, s.triangles, levels.attributes)
 }
 
-pub(super) fn metadata(s: &Surface, options: &BuildOptions) -> Metadata {
+pub(crate) fn metadata(s: &Surface, options: &BuildOptions) -> Metadata {
     let mut shaped = BTreeMap::new();
     shaped.insert("step".to_owned(), if options.step.is_some() { "given" } else { "derived" }.to_owned());
     let precision = options.precision();

@@ -18,14 +18,17 @@ mod results;
 
 pub use results::Refined;
 
+use crate::assemble::{Kind, RootChunk};
 use crate::build::options::BuildError;
 use crate::build::work::Work;
 use crate::ingest::surface::{Ingested, LEAVES, SHARED, Surface};
 use crate::levels::fragment::{Patch, REDUCTION, coarsen};
 use crate::partition::{Partition, tree_level};
 use crate::scratch::{PatchFile, Records, ScratchFile, record};
-pub(crate) use encode::{encode_chunk, too_large};
-pub(crate) use fragment::merge;
+pub(crate) use encode::too_large;
+use encode::{Encoded, encode_chunk};
+use fragment::merge;
+use kilwa_geometry::{Aabb, Sphere};
 use kilwa_pack::Attributes;
 use kilwa_pack::chunk::MAX_CHUNK_TRIANGLES;
 use kilwa_simplify::Precision;
@@ -210,13 +213,15 @@ impl Hierarchy {
             }
         }
         let attributes = self.attributes();
+        let root = root_of(&roots, &self.tree, &self.surface, attributes)?;
         Ok(Levels {
             surface: self.surface,
             tree: self.tree,
             refined: self.results.into_iter().flatten().collect(),
-            roots,
+            root,
             attributes,
             chunks: self.chunks,
+            kind: Kind::Surface,
         })
     }
 }
@@ -229,12 +234,37 @@ pub struct Levels {
     pub tree: Partition,
     /// Every diamond with geometry, in no particular order.
     pub refined: Vec<Refined>,
-    /// The patches of the six root tetrahedra that are not empty.
-    pub roots: Vec<(u32, Patch)>,
+    /// The chunk of the root.
+    pub root: RootChunk,
     /// What every chunk carries.
     pub attributes: Attributes,
     /// The bodies of all chunks but the root's.
     pub chunks: ScratchFile,
+    /// What the chunks hold.
+    pub kind: Kind,
+}
+
+/// The chunk of the root, of the patches of the root tetrahedra that are not empty.
+fn root_of(
+    roots: &[(u32, Patch)],
+    tree: &Partition,
+    surface: &Surface,
+    attributes: Attributes,
+) -> Result<RootChunk, BuildError> {
+    let count: u64 = roots.iter().map(|(_, p)| p.mesh.triangle_count() as u64).sum();
+    let mut sphere = Sphere::EMPTY;
+    let mut bounds = Aabb::EMPTY;
+    for (_, p) in roots {
+        sphere = sphere.union(&Sphere::of(&p.mesh.positions));
+        bounds = bounds.union(&p.mesh.bounds());
+    }
+    if count > u64::from(MAX_CHUNK_TRIANGLES) {
+        return Err(too_large(count, surface.lattice.world_from_lattice(bounds.min)));
+    }
+    let merged = merge(roots, attributes.scalars);
+    let counts = roots.iter().map(|(t, p)| (*t, p.mesh.triangle_count()));
+    let Encoded { body, patches, vertices, bounds } = encode_chunk(merged.mesh, counts, tree, attributes)?;
+    Ok(RootChunk { triangles: count as u32, vertices, sphere, bounds, patches, body })
 }
 
 /// The share of the budget that fragments being simplified may take; the rest is for the tree, results and indices.

@@ -25,6 +25,7 @@ pub mod path;
 pub mod pick;
 pub mod place;
 pub mod plane;
+pub mod points;
 pub mod polygon;
 pub mod profile;
 pub mod quantity;

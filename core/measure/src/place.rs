@@ -3,6 +3,7 @@
 use crate::clip::Clip;
 use crate::leaves::{Failure, Leaves, finest};
 use crate::pick::{Picker, Ray};
+use crate::points;
 use crate::refusal::{Refusal, Target};
 use crate::space::Space;
 use crate::surface::Surface;
@@ -52,7 +53,8 @@ pub async fn cast<L: Leaves>(leaves: &L, origin: DVec3, direction: DVec3, clip: 
         what: Target::Ray,
         hint: "check its origin and direction, which are world coordinates".to_owned(),
     })?;
-    let local = space.local_from_steps(picked.point);
+    let is_of_points = points::is_of_points(leaves.index());
+    let local = space.local_from_steps(if is_of_points { points::center(picked.corners) } else { picked.point });
     let normal = unit_normal(picked.corners.map(glam::IVec3::as_dvec3));
     let world = space.world_from_local(local);
     crate::refusal::finite(&[world])?;
@@ -90,11 +92,16 @@ pub async fn nearest<L: Leaves>(leaves: &L, local: DVec3) -> Result<Place, Failu
         let likely = order.iter().skip(at).take(AHEAD).filter(|o| o.0 <= best.map_or(lower, |b| b.0));
         leaves.ahead(&likely.map(|o| o.1).collect::<Vec<u32>>());
         let chunk = leaves.chunk(i).await?;
-        let surface = Surface::new(finest(&chunk).map(|t| t.map(glam::IVec3::as_dvec3)).collect());
-        if let Some((q, t)) = surface.nearest(p) {
+        let found = if points::is_of_points(leaves.index()) {
+            points::nearest(&chunk, p).map(|(q, t)| (q, unit_normal(t)))
+        } else {
+            let surface = Surface::new(finest(&chunk).map(|t| t.map(glam::IVec3::as_dvec3)).collect());
+            let normal = |t: u32| surface.triangles().get(t as usize).map_or(DVec3::ZERO, |t| unit_normal(*t));
+            surface.nearest(p).map(|(q, t)| (q, normal(t)))
+        };
+        if let Some((q, normal)) = found {
             let d = (p - q).length();
             if best.is_none_or(|b| d < b.0) {
-                let normal = surface.triangles().get(t as usize).map_or(DVec3::ZERO, |t| unit_normal(*t));
                 best = Some((d, q, normal));
             }
         }

@@ -107,6 +107,10 @@ pub enum Refusal {
         /// The tool.
         tool: &'static str,
     },
+    /// A tool that needs a surface, and a pack of points.
+    #[cfg(any(not(target_arch = "wasm32"), feature = "points"))]
+    #[error("this model is made of points, without a surface; measure coordinates, distances, angles or heights")]
+    OfPoints,
     /// Only points are known, and the tool needs the surface.
     #[error("no value is available until the finest surface has been loaded")]
     Waits,
@@ -153,6 +157,8 @@ impl ToMessage for Refusal {
             Self::NotFinite => Message::new("refuse-not-finite", []),
             Self::NoRay => Message::new("refuse-no-ray", []),
             Self::NoPlane { .. } => Message::new("refuse-no-plane", []),
+            #[cfg(any(not(target_arch = "wasm32"), feature = "points"))]
+            Self::OfPoints => Message::new("refuse-points", []),
             Self::Waits => Message::new("refuse-waits", []),
             Self::Reach { .. } => Message::new("refuse-reach", []),
             Self::Interval { metres: interval, max, low, high } => Message::new(

@@ -6,6 +6,7 @@
 use crate::clip::Clip;
 use crate::leaves::{Failure, Leaves, finest};
 use crate::place::box_distance;
+use crate::points;
 use crate::space::Space;
 use glam::DVec3;
 use kilwa_geometry::LatticePoint;
@@ -56,7 +57,12 @@ pub async fn snap<L: Leaves>(
         triangles.extend(finest(&chunk).filter(|t| within_reach(p, t, reach)));
     }
     let mut best: Option<(f64, DVec3)> = None;
-    for q in candidates(&triangles, p, to) {
+    let places = if points::is_of_points(leaves.index()) {
+        triangles.iter().map(|t| points::center(*t)).collect()
+    } else {
+        candidates(&triangles, p, to)
+    };
+    for q in places {
         let d = (p - q).length_squared();
         if d <= reach * reach && clip.keeps(q) && best.is_none_or(|b| d < b.0) {
             best = Some((d, q));

@@ -13,13 +13,17 @@ pub const HEAD_BYTES: u64 = 131_072;
 
 /// First bytes of every pack.
 pub const MAGIC: [u8; 8] = *b"KILWAPCK";
-/// Format version of new packs: major, minor. Every minor version of this major one is read; what they add is indicated by
+/// Format version of new packs of surfaces: major, minor. Every minor version of this major one is read; what they add is indicated by
 /// feature bits.
 pub const VERSION: (u16, u16) = (1, 1);
 /// Required features that this reader knows.
-const KNOWN: u64 = FEATURE_CODEC_2;
+const KNOWN: u64 = FEATURE_CODEC_2 | FEATURE_POINTS;
 /// Required feature 0 (since 1.1): chunks may be coded by codec 2.
 const FEATURE_CODEC_2: u64 = 1;
+/// Required feature 1 (since 1.2): the model is made of points, and all chunks have codec 3.
+const FEATURE_POINTS: u64 = 2;
+/// Format version of new packs of points.
+pub const POINTS_VERSION: (u16, u16) = (1, 2);
 /// Longest metadata block, in bytes: it has to leave room for page 0 and a picture in the first [`HEAD_BYTES`].
 pub const MAX_METADATA_BYTES: u32 = 65_536;
 /// Most directory entries: indices are 32-bit and `u32::MAX` means none.
@@ -87,6 +91,17 @@ impl Header {
         Self { version: self.version.max(VERSION), required_features: self.required_features | FEATURE_CODEC_2, ..self }
     }
 
+    /// The header of a pack of points.
+    #[must_use]
+    pub fn of_points(self) -> Self {
+        Self { version: POINTS_VERSION, required_features: FEATURE_POINTS, ..self }
+    }
+
+    /// Whether the model is made of points: its triangles are squares that stand for them, two for each point.
+    pub fn is_of_points(&self) -> bool {
+        self.required_features & FEATURE_POINTS != 0
+    }
+
     /// Number of directory pages.
     pub fn page_count(&self) -> u32 {
         self.entry_count.div_ceil(127)
@@ -107,6 +122,12 @@ impl Header {
     pub(crate) fn announces_codec_of(&self, chunk: &[u8]) -> Result<(), PackError> {
         if chunk.first() == Some(&crate::chunk::CODEC_2) && self.required_features & FEATURE_CODEC_2 == 0 {
             return Err(PackError::invalid("chunk", "it has codec 2, which the header does not announce"));
+        }
+        // Elsewhere a chunk of points has an unknown codec.
+        if cfg!(any(not(target_arch = "wasm32"), feature = "points"))
+            && (chunk.first() == Some(&crate::chunk::CODEC_3)) != self.is_of_points()
+        {
+            return Err(PackError::invalid("chunk", "the header does not announce its codec"));
         }
         Ok(())
     }

@@ -5,9 +5,11 @@
 //! areas and volumes stay what they were. The new pack is another pack, with an identity of its own (FORMAT section 7).
 //! Chunks are encoded again only where channels are left out.
 
-use crate::header::VERSION;
+#[cfg(any(not(target_arch = "wasm32"), feature = "points"))]
+use crate::chunk::splat::{self, Splats};
+use crate::header::{POINTS_VERSION, VERSION};
 use crate::plural::counted;
-use crate::{Attributes, DirectoryEntry, Header, Metadata, PackError, PackWriter, Reader, Source};
+use crate::{Attributes, Chunk, DirectoryEntry, Header, Metadata, PackError, PackWriter, Reader, Source};
 use glam::DVec3;
 use kilwa_geometry::Lattice;
 use std::io::{Read, Seek, SeekFrom, Write};
@@ -66,7 +68,8 @@ pub fn relocate_with_channels<S: Source, W: Write, T: Read + Write + Seek>(
     let in_scratch = |source| PackError::Io { what: "scratch file".to_owned(), source };
     let entries = encode_again(reader, header.attributes, keep, scratch)?;
     let lengths: Vec<usize> = entries.iter().map(|e| e.encoded_bytes as usize).collect();
-    let mut writer = PackWriter::begin(out, header.with_current_codec(), &metadata, entries)?;
+    let header = if header.is_of_points() { header } else { header.with_current_codec() };
+    let mut writer = PackWriter::begin(out, header, &metadata, entries)?;
     scratch.seek(SeekFrom::Start(0)).map_err(in_scratch)?;
     for length in lengths {
         let mut bytes = vec![0; length];
@@ -81,7 +84,7 @@ fn moved<S: Source>(reader: &Reader<S>, origin: DVec3) -> (Header, Metadata) {
     let (from, mut header) = (reader.header().lattice, reader.header().clone());
     header.lattice = Lattice { origin, ..from };
     // What a newer minor version adds that this program does not know is optional, and not copied.
-    header.version = header.version.min(VERSION);
+    header.version = header.version.min(if header.is_of_points() { POINTS_VERSION } else { VERSION });
     let mut metadata = reader.metadata().clone();
     for corner in [&mut metadata.bounds_min, &mut metadata.bounds_max] {
         // Whole steps again, so that no digit of the old place is left in the last bits.
@@ -102,7 +105,7 @@ fn encode_again<S: Source, T: Write>(
         let mut chunk = reader.chunk(index)?;
         let scalars = std::mem::take(&mut chunk.mesh.scalars);
         chunk.mesh.scalars = keep.iter().filter_map(|&k| scalars.get(k).cloned()).collect();
-        let bytes = crate::chunk::encode(&chunk, attributes)?;
+        let bytes = encode(reader.header(), &chunk, attributes)?;
         entry.encoded_bytes = u32::try_from(bytes.len())
             .map_err(|_| PackError::invalid(format!("chunk {index}"), "it is longer than 2^32 bytes"))?;
         entry.checksum = crate::checksum(&bytes);
@@ -110,4 +113,20 @@ fn encode_again<S: Source, T: Write>(
         written.map_err(|source| PackError::Io { what: "scratch file".to_owned(), source })?;
     }
     Ok(entries)
+}
+
+/// Encode a chunk of a pack with this header.
+#[cfg(any(not(target_arch = "wasm32"), feature = "points"))]
+fn encode(header: &Header, chunk: &Chunk, attributes: Attributes) -> Result<Vec<u8>, PackError> {
+    if header.is_of_points() {
+        let body = splat::encode_body(&Splats::of(&chunk.mesh)?, &chunk.patches, attributes)?;
+        return Ok(crate::chunk::of_points_with_patches(&chunk.patches, &body));
+    }
+    crate::chunk::encode(chunk, attributes)
+}
+
+/// Encode a chunk of a pack with this header.
+#[cfg(not(any(not(target_arch = "wasm32"), feature = "points")))]
+fn encode(_: &Header, chunk: &Chunk, attributes: Attributes) -> Result<Vec<u8>, PackError> {
+    crate::chunk::encode(chunk, attributes)
 }

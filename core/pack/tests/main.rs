@@ -4,4 +4,5 @@ mod codec;
 mod common;
 mod container;
 mod cuts;
+mod points;
 mod relocate;

@@ -70,8 +70,12 @@ fn for_triangles<S: Source + Sync>(
     window: usize,
     region: Option<&Steps>,
 ) -> Result<(Cut, Option<Reduction>), ExtractError> {
-    let inside = region.map(|region| inside(reader, region)).transpose()?;
     let limit = limit.max(1);
+    if reader.header().is_of_points() {
+        // Squares that stand for points cannot be simplified.
+        return Ok((of_whole(reader, limit, &mut HashMap::new())?.0, None));
+    }
+    let inside = region.map(|region| inside(reader, region)).transpose()?;
     let mut known = HashMap::new();
     let mut round = 0;
     loop {

@@ -44,6 +44,11 @@ pub(super) trait Encoder {
         true
     }
 
+    /// Whether points without triangles can be written; else the squares that stand for them are.
+    fn writes_points(&self) -> bool {
+        false
+    }
+
     /// Vertices that can be named.
     fn max_vertices(&self) -> u32 {
         u32::MAX

@@ -86,7 +86,7 @@ pub fn extract<S: Source + Sync>(
     let mut encoder = format.encoder(&target);
     let mut scratch = output.scratch()?;
     let counts = stream::stream(reader, &chosen, region.as_ref(), &mut *encoder, &mut scratch, progress)?;
-    if counts.triangles == 0 {
+    if counts.triangles == 0 && counts.vertices == 0 {
         return Err(ExtractError::Empty);
     }
     let bytes = output.write(|out| encoder.assemble(out, &mut scratch, counts))?;

@@ -39,8 +39,10 @@ impl Ply {
         for name in scalar_names(target.metadata.scalars.iter().map(|s| s.name.as_str())) {
             writeln!(out, "property float {name}")?;
         }
-        writeln!(out, "element face {}", counts.triangles)?;
-        writeln!(out, "property list uchar int vertex_indices")?;
+        if counts.triangles > 0 {
+            writeln!(out, "element face {}", counts.triangles)?;
+            writeln!(out, "property list uchar int vertex_indices")?;
+        }
         writeln!(out, "end_header")
     }
 
@@ -58,6 +60,10 @@ impl Ply {
 }
 
 impl Encoder for Ply {
+    fn writes_points(&self) -> bool {
+        true
+    }
+
     /// Indices are `int`.
     fn max_vertices(&self) -> u32 {
         i32::MAX as u32

@@ -48,6 +48,7 @@ pub(super) fn stream<S: Source + Sync>(
     progress(0, chunks.len() as u64);
     let mut done = 0;
     let counts = Counts { error: chosen.error, ..Counts::default() };
+    let as_points = reader.header().is_of_points() && encoder.writes_points();
     let mut weld = Weld { axis, known: HashMap::new(), kept: 0, counts, bytes: Vec::new(), encoder, scratch };
     let mut reducer = chosen.reduction.map(|reduction| {
         weld.counts.error = 0.0;
@@ -72,6 +73,7 @@ pub(super) fn stream<S: Source + Sync>(
             for patch in chosen.cut.drawn(&chunk.patches) {
                 let triangles = (patch.first as usize..(patch.first + patch.count) as usize).filter(inside);
                 match &mut reducer {
+                    None if as_points => weld.add_points(&chunk.mesh, triangles)?,
                     None => weld.add(&chunk.mesh, triangles)?,
                     Some(reducer) => {
                         let error = reader.entries().get(patch.diamond as usize).map_or(0.0, |e| e.error);
@@ -158,6 +160,28 @@ impl Weld<'_> {
             self.encoder.triangle(&mut self.bytes, corners, mesh.corners(t));
             self.scratch.triangles.write_all(&self.bytes).map_err(ExtractError::Scratch)?;
             self.counts.triangles += 1;
+        }
+        Ok(())
+    }
+
+    /// Write the points that the squares of some triangles stand for, each once: the first of its two triangles tells.
+    fn add_points(&mut self, squares: &Mesh, triangles: impl Iterator<Item = usize>) -> Result<(), ExtractError> {
+        let mut point = Mesh::default();
+        for v in triangles.filter(|t| t % 2 == 0).map(|t| 2 * t) {
+            let limit = self.encoder.max_vertices();
+            if self.counts.vertices >= limit.into() {
+                return Err(ExtractError::TooManyVertices { limit });
+            }
+            point.positions.clear();
+            point.colors.clear();
+            point.normals.clear();
+            point.scalars.iter_mut().for_each(Vec::clear);
+            point.push_vertex_of(squares, v);
+            point.positions[0] = (squares.positions[v] + squares.positions[v + 2]) / 2;
+            self.bytes.clear();
+            self.encoder.vertex(&mut self.bytes, &point, 0);
+            self.scratch.vertices.write_all(&self.bytes).map_err(ExtractError::Scratch)?;
+            self.counts.vertices += 1;
         }
         Ok(())
     }

@@ -30,6 +30,7 @@ fn refusals() -> Vec<Refusal> {
         Refusal::NotFinite,
         Refusal::NoRay,
         Refusal::NoPlane { tool: "a section" },
+        Refusal::OfPoints,
         Refusal::Waits,
         Refusal::Reach { metres: -1.0 },
         Refusal::Interval { metres: 0.0, max: 10, low: 1.0, high: 2.0 },
@@ -47,6 +48,7 @@ fn refusals() -> Vec<Refusal> {
             | Refusal::NotFinite
             | Refusal::NoRay
             | Refusal::NoPlane { .. }
+            | Refusal::OfPoints
             | Refusal::Waits
             | Refusal::Reach { .. }
             | Refusal::Interval { .. } => {}

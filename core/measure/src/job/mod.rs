@@ -167,6 +167,10 @@ fn finite(readings: &[Reading]) -> Result<(), Refusal> {
 }
 
 async fn measured<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<Outcome, Failure> {
+    #[cfg(any(not(target_arch = "wasm32"), feature = "points"))]
+    if crate::points::is_of_points(s.leaves.index()) {
+        return of_pack_of_points(s, task);
+    }
     match task.tool {
         ToolName::Coordinate => on_points(s, task, PointTool::Coordinate),
         ToolName::Distance => on_points(s, task, PointTool::Distance),
@@ -188,6 +192,23 @@ async fn measured<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<Outcome,
         ToolName::Profile => cutting::profile(s, task).await,
         ToolName::Contours => cutting::contours(s, task).await,
     }
+}
+
+/// Measure in a pack of points: only what needs no surface between them.
+#[cfg(any(not(target_arch = "wasm32"), feature = "points"))]
+fn of_pack_of_points<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<Outcome, Failure> {
+    let tool = match task.tool {
+        ToolName::Coordinate => PointTool::Coordinate,
+        ToolName::Distance => PointTool::Distance,
+        ToolName::Perimeter => PointTool::Perimeter,
+        ToolName::Angle => PointTool::Angle,
+        ToolName::PlaneAngle => PointTool::PlaneAngle,
+        ToolName::Height => PointTool::Height,
+        ToolName::Circle => PointTool::Circle,
+        ToolName::Area if !task.local.is_empty() => PointTool::PolygonArea,
+        _ => return Err(Refusal::OfPoints.into()),
+    };
+    on_points(s, task, tool)
 }
 
 /// The readings of a tool that needs points only, also of points that are known no better than `point` says.

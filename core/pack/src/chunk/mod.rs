@@ -9,6 +9,9 @@ mod payload;
 mod predict;
 mod range;
 mod second;
+/// Only where something may read it: the modules of the page for surfaces do without.
+#[cfg(any(not(target_arch = "wasm32"), feature = "points"))]
+pub mod splat;
 
 use crate::error::PackError;
 use crate::plural::counted;
@@ -179,6 +182,8 @@ pub struct PartBytes {
 
 /// First byte of a chunk in codec 2.
 pub(crate) const CODEC_2: u8 = second::CODEC;
+/// First byte of a chunk of points.
+pub(crate) const CODEC_3: u8 = 3;
 
 /// Encode a chunk with codec 1, which earlier versions wrote: to compare with.
 ///
@@ -194,6 +199,12 @@ pub fn encode_first(chunk: &Chunk, attributes: Attributes) -> Result<Vec<u8>, Pa
 /// diamond. The result is what [`encode`] gives for that chunk.
 pub fn with_patches(patches: &[PatchRange], body: &[u8]) -> Vec<u8> {
     payload::with_patches(second::CODEC, patches, body)
+}
+
+/// Complete a chunk of points: as [`with_patches`], of a body that [`splat::encode_body`] made.
+#[cfg(any(not(target_arch = "wasm32"), feature = "points"))]
+pub fn of_points_with_patches(patches: &[PatchRange], body: &[u8]) -> Vec<u8> {
+    payload::with_patches(splat::CODEC, patches, body)
 }
 
 /// Decode a chunk that [`encode`] wrote.

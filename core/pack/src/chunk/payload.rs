@@ -75,6 +75,10 @@ pub(super) fn decode(bytes: &[u8], declared: Declared, attributes: Attributes) -
     if codec == second::CODEC && triangles > 0 {
         return Ok(Chunk { mesh: second::decode_body(body, declared, attributes, &patches)?, patches });
     }
+    #[cfg(any(not(target_arch = "wasm32"), feature = "points"))]
+    if codec == super::splat::CODEC && triangles > 0 {
+        return Ok(Chunk { mesh: super::splat::decode_body(body, declared, attributes, &patches)?, patches });
+    }
     let mut parts = Cursor::new(body, "chunk");
     let coded_length = if triangles == 0 { 0 } else { parts.varint()? as usize };
     let coded = parts.take(coded_length)?;
@@ -108,7 +112,7 @@ pub(super) fn decode(bytes: &[u8], declared: Declared, attributes: Attributes) -
 /// Only the patch table at the beginning of a chunk.
 pub(super) fn read_patches(c: &mut Cursor<'_>) -> Result<(u8, Vec<PatchRange>), PackError> {
     let codec = c.u8()?;
-    if codec != CODEC && codec != second::CODEC {
+    if codec != CODEC && codec != second::CODEC && !is_of_points(codec) {
         return Err(c.invalid("its codec is unknown: install a newer kilwa"));
     }
     let mut patches = Vec::new();
@@ -119,6 +123,11 @@ pub(super) fn read_patches(c: &mut Cursor<'_>) -> Result<(u8, Vec<PatchRange>), 
         first = first.saturating_add(count);
     }
     Ok((codec, patches))
+}
+
+/// Whether this is the codec of points, and it can be read here.
+fn is_of_points(codec: u8) -> bool {
+    cfg!(any(not(target_arch = "wasm32"), feature = "points")) && codec == super::CODEC_3
 }
 
 pub(super) fn limits<P, T>(vertices: &[P], triangles: &[T], patches: &[PatchRange]) -> Result<Limits, PackError> {

@@ -65,6 +65,7 @@ pub fn pack_info(bytes: &[u8]) -> Result<String, JsError> {
             "storedTriangles": h.stored_triangles,
             "colors": h.attributes.colors,
             "scalars": h.attributes.scalars,
+            "points": h.is_of_points(),
             "lattice": h.lattice,
         },
     });

@@ -3,11 +3,11 @@
 
 mod fit;
 mod lanes;
-mod model;
+pub(super) mod model;
 mod normals;
 mod ops;
 mod prior;
-mod rans;
+pub(super) mod rans;
 mod tables;
 mod values;
 mod widths;

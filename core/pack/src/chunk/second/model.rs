@@ -11,7 +11,7 @@ const PAUSES: [u16; 2] = [4, 64];
 
 /// A symbol of up to `LANES` kinds: counts, and a table that is made from them again and again.
 #[derive(Clone, Copy)]
-pub(super) struct Adaptive<const LANES: usize> {
+pub(in crate::chunk) struct Adaptive<const LANES: usize> {
     /// Where each symbol's part of the table begins; [`TOTAL`] for those that do not exist.
     starts: [u16; LANES],
     counts: [u16; LANES],
@@ -23,7 +23,7 @@ pub(super) struct Adaptive<const LANES: usize> {
 impl<const LANES: usize> Adaptive<LANES> {
     /// Symbols and what is known of their frequencies: counts in sixteenths of an occurrence, from 1 on, 0 for those that
     /// do not exist; these come last.
-    pub(super) fn new(counts: [u16; LANES]) -> Self {
+    pub(in crate::chunk) fn new(counts: [u16; LANES]) -> Self {
         let [first, _] = PAUSES;
         let mut new = Self { starts: [0; LANES], counts, left: first, pause: first };
         new.make();
@@ -31,7 +31,7 @@ impl<const LANES: usize> Adaptive<LANES> {
     }
 
     /// Nothing is known: `n` symbols with the same small count.
-    pub(super) fn unknown(n: usize) -> Self {
+    pub(in crate::chunk) fn unknown(n: usize) -> Self {
         let mut counts = [0; LANES];
         counts.iter_mut().take(n).for_each(|count| *count = STEP / 2);
         Self::new(counts)
@@ -39,7 +39,7 @@ impl<const LANES: usize> Adaptive<LANES> {
 
     #[expect(clippy::inline_always, reason = "keeps the coder in registers")]
     #[inline(always)]
-    pub(super) fn code<C: Coder>(&mut self, coder: &mut C, state: usize, symbol: usize) -> usize {
+    pub(in crate::chunk) fn code<C: Coder>(&mut self, coder: &mut C, state: usize, symbol: usize) -> usize {
         let symbol = if C::ENCODES {
             symbol
         } else {
@@ -81,30 +81,30 @@ impl<const LANES: usize> Adaptive<LANES> {
 }
 
 /// A yes or no whose probability is learnt.
-pub(super) type Bit = Adaptive<2>;
+pub(in crate::chunk) type Bit = Adaptive<2>;
 
 impl Bit {
-    pub(super) fn is(&mut self, coder: &mut impl Coder, state: usize, yes: bool) -> bool {
+    pub(in crate::chunk) fn is(&mut self, coder: &mut impl Coder, state: usize, yes: bool) -> bool {
         self.code(coder, state, usize::from(yes)) == 1
     }
 }
 
 /// Unsigned numbers of unknown size: the number of bits of `value + 1` as a symbol, then the bits below the first.
 #[derive(Clone)]
-pub(super) struct Number {
+pub(in crate::chunk) struct Number {
     size: Adaptive<32>,
 }
 
 impl Number {
     /// Numbers below `2^sizes - 1`.
-    pub(super) fn new(sizes: usize) -> Self {
+    pub(in crate::chunk) fn new(sizes: usize) -> Self {
         Self { size: Adaptive::unknown(sizes) }
     }
 
     /// `value` is at most 2^32 - 2.
     #[cold]
     #[inline(never)]
-    pub(super) fn code(&mut self, coder: &mut impl Coder, state: usize, value: u32) -> u32 {
+    pub(in crate::chunk) fn code(&mut self, coder: &mut impl Coder, state: usize, value: u32) -> u32 {
         let up = value.wrapping_add(1);
         #[expect(clippy::cast_possible_truncation, reason = "below 32")]
         let size = (self.size.code(coder, state, up.checked_ilog2().unwrap_or(0) as usize) & 31) as u32;
@@ -114,16 +114,16 @@ impl Number {
 }
 
 /// Signed numbers of all 32 bits: the number of bits of `2 |x|`, less one where x is negative, then those below the first.
-pub(super) struct Wide {
+pub(in crate::chunk) struct Wide {
     size: Adaptive<40>,
 }
 
 impl Wide {
-    pub(super) fn new() -> Self {
+    pub(in crate::chunk) fn new() -> Self {
         Self { size: Adaptive::unknown(33) }
     }
 
-    pub(super) fn code(&mut self, coder: &mut impl Coder, state: usize, value: i32) -> i32 {
+    pub(in crate::chunk) fn code(&mut self, coder: &mut impl Coder, state: usize, value: i32) -> i32 {
         let u = (value << 1 ^ value >> 31).cast_unsigned();
         #[expect(clippy::cast_possible_truncation, reason = "at most 32")]
         let size = self.size.code(coder, state, (32 - u.leading_zeros()) as usize).min(32) as u32;

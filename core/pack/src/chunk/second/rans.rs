@@ -11,19 +11,19 @@ use crate::bytes::Cursor;
 /// Widths of a table sum to `2^TOTAL_BITS`.
 const TOTAL_BITS: u32 = 12;
 /// See [`TOTAL_BITS`].
-pub(super) const TOTAL: u32 = 1 << TOTAL_BITS;
+pub(in crate::chunk) const TOTAL: u32 = 1 << TOTAL_BITS;
 /// Number of states.
-pub(super) const STATES: usize = 3;
+pub(in crate::chunk) const STATES: usize = 3;
 /// Least value of a state between two symbols, and what each begins as in the encoder.
 const LOWEST: u32 = 1 << 16;
 /// Most bits that one call codes raw.
-pub(super) const MAX_RAW_BITS: u32 = 56;
+pub(in crate::chunk) const MAX_RAW_BITS: u32 = 56;
 /// Zeros behind the raw bits, so that eight bytes can always be loaded.
 const RAW_PADDING: usize = 16;
 
 /// Parts of a chunk.
 #[derive(Clone, Copy, Default)]
-pub(super) enum Part {
+pub(in crate::chunk) enum Part {
     #[default]
     Connectivity,
     Borders,
@@ -34,11 +34,11 @@ pub(super) enum Part {
 }
 
 /// Number of [`Part`]s.
-pub(super) const PARTS: usize = 6;
+pub(in crate::chunk) const PARTS: usize = 6;
 
 /// The coder of a value: [`Encoder`] or [`Decoder`]. The models are the same code on both sides; on the decoder's
 /// side the value that is passed in is ignored and the one that was coded comes out.
-pub(super) trait Coder {
+pub(in crate::chunk) trait Coder {
     /// Whether this is an encoder: then the arrays hold the values, and choices can be fitted to them.
     const ENCODES: bool;
     /// Whether nothing comes of it but what is counted on the way.
@@ -79,7 +79,7 @@ fn of<T>([x, y, z]: &mut [T; STATES], state: usize) -> &mut T {
 
 /// Collects symbols; they are coded backwards at the end.
 #[derive(Clone, Default)]
-pub(super) struct Encoder {
+pub(in crate::chunk) struct Encoder {
     /// Start, width << 12, state << 25, part << 27.
     steps: Vec<u32>,
     raw: Vec<u8>,
@@ -91,7 +91,7 @@ pub(super) struct Encoder {
 
 impl Encoder {
     /// Bits of each part. For reports.
-    pub(super) fn bits(&self) -> [f64; PARTS] {
+    pub(in crate::chunk) fn bits(&self) -> [f64; PARTS] {
         let mut bits = self.raw_bits.map(|bits| bits as f64);
         for step in &self.steps {
             if let Some(bits) = bits.get_mut((step >> 27) as usize) {
@@ -102,7 +102,7 @@ impl Encoder {
     }
 
     /// The words, states first, and the raw bits.
-    pub(super) fn finish(mut self) -> (Vec<u8>, Vec<u8>) {
+    pub(in crate::chunk) fn finish(mut self) -> (Vec<u8>, Vec<u8>) {
         while self.held_bits > 0 {
             self.raw.push((self.held & 0xff) as u8);
             self.held >>= 8;
@@ -159,7 +159,7 @@ impl Coder for Encoder {
 }
 
 /// What a [`Decoder`] reads.
-pub(super) struct Stored {
+pub(in crate::chunk) struct Stored {
     states: [u32; STATES],
     words: Vec<u16>,
     raw: Vec<u8>,
@@ -167,7 +167,7 @@ pub(super) struct Stored {
 
 impl Stored {
     /// `words` and `raw` as [`Encoder::finish`] gave them; none if there are no states, or half a word.
-    pub(super) fn new(words: &[u8], raw: &[u8]) -> Option<Self> {
+    pub(in crate::chunk) fn new(words: &[u8], raw: &[u8]) -> Option<Self> {
         let (states, words) = words.split_at_checked(4 * STATES)?;
         let mut numbers = states.chunks_exact(4).filter_map(|s| s.try_into().ok()).map(u32::from_le_bytes);
         let states = [numbers.next()?, numbers.next()?, numbers.next()?];
@@ -184,7 +184,7 @@ impl Stored {
 
 /// Reads a stream.
 #[derive(Clone, Copy)]
-pub(super) struct Decoder<'a> {
+pub(in crate::chunk) struct Decoder<'a> {
     states: [u32; STATES],
     words: &'a [u16],
     /// Words taken, also from beyond the end.
@@ -197,13 +197,13 @@ pub(super) struct Decoder<'a> {
 }
 
 impl<'a> Decoder<'a> {
-    pub(super) fn new(stored: &'a Stored) -> Self {
+    pub(in crate::chunk) fn new(stored: &'a Stored) -> Self {
         let Stored { states, words, raw } = stored;
         Self { states: *states, words, next: 0, raw, at: 0, held: 0, held_bits: 0 }
     }
 
     /// Whether more was read than there is: then the rest is meaningless.
-    pub(super) fn is_past_end(&self) -> bool {
+    pub(in crate::chunk) fn is_past_end(&self) -> bool {
         self.next > self.words.len() || self.consumed() > self.raw_bits()
     }
 
@@ -218,7 +218,7 @@ impl<'a> Decoder<'a> {
     }
 
     /// Fails unless exactly the stream was read, and the states are those that an encoder begins with.
-    pub(super) fn end(&self, c: &Cursor<'_>) -> Result<(), PackError> {
+    pub(in crate::chunk) fn end(&self, c: &Cursor<'_>) -> Result<(), PackError> {
         if self.is_past_end() {
             return Err(c.invalid("its coded part ends too early"));
         }
@@ -296,7 +296,7 @@ impl Coder for Decoder<'_> {
 }
 
 /// Writes nothing: for an encoder to collect statistics of what it will have to code.
-pub(super) struct DryRun;
+pub(in crate::chunk) struct DryRun;
 
 impl Coder for DryRun {
     const ENCODES: bool = true;

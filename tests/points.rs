@@ -1,0 +1,122 @@
+//! Packs of points: `kilwa build --points`, and what the other verbs do with them.
+
+use crate::scans::box_scan;
+use crate::support::{Ply, fails, json, kilwa, succeeds, text};
+use std::path::{Path, PathBuf};
+
+/// Survey and pack of the two stations of [`box_scan`].
+fn built(folder: &Path, options: &[&str]) -> (PathBuf, serde_json::Value) {
+    let (survey, pack) = (folder.join("survey"), folder.join("points.kilwa"));
+    if !survey.exists() {
+        succeeds(&["scans", "import", text(&box_scan(folder)), "-o", text(&survey)]);
+    }
+    let build = [&["build", text(&survey), "--points", "--force", "-o", text(&pack)], options].concat();
+    let report = json(&build);
+    (pack, report)
+}
+
+/// A small pack of points.
+pub(crate) fn pack_of_points(folder: &Path) -> PathBuf {
+    built(folder, &[]).0
+}
+
+/// How far a place is from the walls, floor and ceiling of the room of [`box_scan`], of the nearer of both stations' rooms.
+fn off_the_walls([x, y, z]: [f64; 3]) -> f64 {
+    let of_room = |x: f64| ((x.abs() - 3.0).abs()).min((y.abs() - 3.0).abs()).min((z.abs() - 1.5).abs());
+    of_room(x).min(of_room(x - 0.5))
+}
+
+#[test]
+fn every_point_of_a_survey_is_in_its_pack() {
+    let folder = tempfile::tempdir().unwrap();
+    let (pack, report) = built(folder.path(), &[]);
+    let duplicates = report["findings"]
+        .as_object()
+        .unwrap()
+        .iter()
+        .find(|(kind, _)| kind.contains("same place"))
+        .map_or(0, |(_, found)| found["count"].as_u64().unwrap());
+    let points = report["points"].as_u64().unwrap();
+    assert_eq!(points + duplicates, 4800, "{report}");
+    succeeds(&["verify", text(&pack)]);
+
+    let out = folder.path().join("points.ply");
+    let extracted = json(&["extract", text(&pack), "-o", text(&out)]);
+    assert_eq!((&extracted["vertices"], &extracted["triangles"]), (&points.into(), &0.into()));
+    let ply = Ply::read(&out);
+    let step = report["step"].as_f64().unwrap();
+    for v in 0..ply.vertices.len() as u32 {
+        assert!(off_the_walls(ply.position(v)) <= 2.0 * step, "{:?}", ply.position(v));
+        let normal = ["nx", "ny", "nz"].map(|name| ply.get(v, name).unwrap().abs());
+        assert!(normal.iter().any(|n| *n > 0.5), "{normal:?}");
+    }
+    assert!(ply.properties.contains(&"intensity".to_owned()) && ply.properties.contains(&"red".to_owned()));
+    // As points they can be imported again.
+    let again = folder.path().join("again");
+    let imported = succeeds(&["scans", "import", text(&out), "--station", "0,0,0", "-o", text(&again)]);
+    assert!(imported.contains(&points.to_string()), "{imported}");
+    // Other formats get the squares.
+    let squares = json(&["extract", text(&pack), "-o", text(&folder.path().join("points.glb"))]);
+    assert_eq!(squares["triangles"], 2 * points);
+}
+
+#[test]
+fn the_bytes_of_a_pack_of_points_do_not_depend_on_threads_and_memory() {
+    let folder = tempfile::tempdir().unwrap();
+    let bytes = |options: &[&str]| std::fs::read(built(folder.path(), options).0).unwrap();
+    let first = bytes(&["--threads", "1"]);
+    assert!(first == bytes(&["--threads", "3"]) && first == bytes(&["--memory", "100M"]));
+    let cropped = built(folder.path(), &["--crop=-9,-9,0,9,9,9"]).1;
+    assert!(cropped["points"].as_u64().unwrap() < 2400 && cropped["bounds_min"][2].as_f64().unwrap() > -0.5, "{cropped}");
+}
+
+#[test]
+fn points_are_measured_as_points() {
+    let folder = tempfile::tempdir().unwrap();
+    let pack = pack_of_points(folder.path());
+    let out = folder.path().join("points.ply");
+    succeeds(&["extract", text(&pack), "-o", text(&out)]);
+    let ply = Ply::read(&out);
+    let points: Vec<[f64; 3]> = (0..ply.vertices.len() as u32).map(|v| ply.position(v)).collect();
+    // Beside the wall, and off the middle of every square.
+    let asked = [2.93, 0.41, 0.23];
+    let distance = |p: &[f64; 3]| (0..3).map(|k| (p[k] - asked[k]).powi(2)).sum::<f64>();
+    let nearest = points.iter().min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap();
+    let found = json(&["measure", text(&pack), "coordinate", "2.93", "0.41", "0.23", "--tolerance", "1"]);
+    let at = &found["points"][0]["world"];
+    let at = at.as_array().unwrap_or_else(|| panic!("{found}"));
+    for k in 0..3 {
+        assert!((at[k].as_f64().unwrap() - nearest[k]).abs() < 1e-9, "{found}, {nearest:?}");
+    }
+    for question in [&["area"][..], &["volume"], &["section", "--z=0"]] {
+        let refused = fails(&[&["measure", text(&pack)], question].concat());
+        assert!(refused.contains("made of points"), "{refused}");
+    }
+}
+
+#[test]
+fn what_cannot_be_built_as_points_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    std::fs::write(path("a.obj"), "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n").unwrap();
+    let refused = fails(&["build", text(&path("a.obj")), "--points", "-o", text(&path("a.kilwa"))]);
+    assert!(refused.contains("is no survey") && refused.contains("kilwa scans import"), "{refused}");
+    let (survey, pack) = (path("survey"), path("points.kilwa"));
+    succeeds(&["scans", "import", text(&box_scan(folder.path())), "-o", text(&survey)]);
+    for option in [&["--resume"][..], &["--min-confidence", "1"], &["--drop-islands-below", "3"]] {
+        let all = [&["build", text(&survey), "--points", "-o", text(&pack)], option].concat();
+        let refused = kilwa(&all);
+        let said = String::from_utf8_lossy(&refused.stderr);
+        assert!(refused.status.code() == Some(2) && said.contains("cannot be used with"), "{said}");
+    }
+    let nowhere = ["build", text(&survey), "--points", "-o", text(&pack), "--crop", "90,90,90,91,91,91"];
+    assert!(fails(&nowhere).contains("--crop holds no points"));
+    assert!(!pack.exists() && !path(".points.kilwa.scratch").exists());
+    // A cloud without a grid can be shown, though not meshed.
+    std::fs::write(path("cloud.xyz"), "1 0 0\n1 1 0\n1 0 1\n1 1 1\n2 0 0\n").unwrap();
+    let clouds = path("clouds");
+    succeeds(&["scans", "import", text(&path("cloud.xyz")), "--station", "0,0,0", "-o", text(&clouds)]);
+    assert!(fails(&["build", text(&clouds), "-o", text(&pack)]).contains("--points"));
+    assert_eq!(json(&["build", text(&clouds), "--points", "-o", text(&pack)])["points"], 5);
+    succeeds(&["verify", text(&pack)]);
+}
