@@ -150,9 +150,13 @@ fn words(info: &Info<'_>, header: &Header) -> String {
         let _ = writeln!(out, "{name:<14}{}", visible(&value));
     };
     line("title", m.title.clone());
-    line("triangles", grouped(m.triangles));
-    line("vertices", grouped(m.vertices));
-    line("border edges", grouped(m.border_edges));
+    if header.is_of_points() {
+        line("points", grouped(m.vertices));
+    } else {
+        line("triangles", grouped(m.triangles));
+        line("vertices", grouped(m.vertices));
+        line("border edges", grouped(m.border_edges));
+    }
     let size = m.bounds_max - m.bounds_min;
     line("size", format!("{} x {} x {}", metres(size.x), metres(size.y), metres(size.z)));
     // As many digits as the lattice has.

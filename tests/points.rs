@@ -15,6 +15,16 @@ fn built(folder: &Path, options: &[&str]) -> (PathBuf, serde_json::Value) {
     (pack, report)
 }
 
+/// A pack of points of several levels.
+pub(crate) fn pack_of_levels(folder: &Path) -> PathBuf {
+    let (scans, survey, pack) = (folder.join("scans"), folder.join("survey-2"), folder.join("levels.kilwa"));
+    succeeds(&["synth", "scans", "--stations", "1", "--columns", "180", "-o", text(&scans)]);
+    succeeds(&["scans", "import", text(&scans), "-o", text(&survey)]);
+    let report = json(&["build", text(&survey), "--points", "-o", text(&pack)]);
+    assert!(report["pack"]["levels"].as_u64().unwrap() > 4, "{report}");
+    pack
+}
+
 /// A small pack of points.
 pub(crate) fn pack_of_points(folder: &Path) -> PathBuf {
     built(folder, &[]).0
@@ -67,7 +77,34 @@ fn the_bytes_of_a_pack_of_points_do_not_depend_on_threads_and_memory() {
     let first = bytes(&["--threads", "1"]);
     assert!(first == bytes(&["--threads", "3"]) && first == bytes(&["--memory", "100M"]));
     let cropped = built(folder.path(), &["--crop=-9,-9,0,9,9,9"]).1;
-    assert!(cropped["points"].as_u64().unwrap() < 2400 && cropped["bounds_min"][2].as_f64().unwrap() > -0.5, "{cropped}");
+    assert!(
+        cropped["points"].as_u64().unwrap() <= 2400 && cropped["bounds_min"][2].as_f64().unwrap() > -0.5,
+        "{cropped}"
+    );
+}
+
+/// What the directory certifies of every cut holds for the points themselves.
+#[test]
+fn every_point_is_within_the_certified_error_of_a_coarser_form() {
+    let folder = tempfile::tempdir().unwrap();
+    let pack = pack_of_levels(folder.path());
+    let points = |options: &[&str]| {
+        let out = folder.path().join("cut.ply");
+        let report = json(&[&["extract", text(&pack), "--force", "-o", text(&out)], options].concat());
+        let ply = Ply::read(&out);
+        let points: Vec<[f64; 3]> = (0..ply.vertices.len() as u32).map(|v| ply.position(v)).collect();
+        (points, report["max_error"].as_f64().unwrap())
+    };
+    let (finest, _) = points(&[]);
+    for limit in ["0.3", "1", "4"] {
+        let (coarse, error) = points(&["--max-error", limit]);
+        assert!(error > 0.0 && error <= limit.parse().unwrap() && coarse.len() < finest.len());
+        for p in &finest {
+            let away = |q: &[f64; 3]| (0..3).map(|k| (p[k] - q[k]).powi(2)).sum::<f64>();
+            let nearest = coarse.iter().map(away).fold(f64::INFINITY, f64::min).sqrt();
+            assert!(nearest <= error, "{p:?} is {nearest} m from a form within {error} m");
+        }
+    }
 }
 
 #[test]

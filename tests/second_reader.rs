@@ -81,7 +81,7 @@ fn packs_of_points_are_decoded_identically_too() {
     }
     let folder = tempfile::tempdir().unwrap();
     let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/format/read_pack.py");
-    let pack = crate::points::pack_of_points(folder.path());
+    let pack = crate::points::pack_of_levels(folder.path());
     let output = Command::new("python3").arg(&script).arg(&pack).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert_eq!(String::from_utf8_lossy(&output.stdout), digests(&pack));
