@@ -9,7 +9,7 @@ let points;
 
 async function ofPoints() {
   const module = await import("./decode-points.js");
-  await module.default();
+  await module.default({ module_or_path: new URL("decode-points_bg.wasm", import.meta.url) });
   return module.decode;
 }
 
