@@ -27,6 +27,9 @@ pub struct StationPoint {
     pub intensity: f32,
 }
 
+/// Receives points, and how many of how many parts of the scan are done.
+pub type PointSink<'a> = dyn FnMut(&[StationPoint], u64, u64) -> Result<(), ScanError> + 'a;
+
 /// Hand on all measured points of a station in blocks, with how many of how many samples are done.
 ///
 /// # Errors
@@ -35,7 +38,7 @@ pub fn points(
     reader: &mut Reader,
     pose: Pose,
     options: &tessellate::Options,
-    sink: &mut dyn FnMut(&[StationPoint], u64, u64) -> Result<(), ScanError>,
+    sink: &mut PointSink<'_>,
 ) -> Result<(), ScanError> {
     let header = *reader.header();
     if !header.is_grid {
@@ -66,11 +69,7 @@ pub fn points(
 }
 
 /// The points of a station without a grid.
-fn cloud(
-    reader: &mut Reader,
-    pose: Pose,
-    sink: &mut dyn FnMut(&[StationPoint], u64, u64) -> Result<(), ScanError>,
-) -> Result<(), ScanError> {
+fn cloud(reader: &mut Reader, pose: Pose, sink: &mut PointSink<'_>) -> Result<(), ScanError> {
     let header = *reader.header();
     let cells = header.grid.cells();
     let mut out = Out { pose, rays: header.rays, step: 0.0, points: Vec::new() };

@@ -2,7 +2,7 @@
 
 use super::{StationInput, failed, open};
 use crate::inputs::Inputs;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use kilwa_builder::BuildError;
 use kilwa_builder::build::work::Work;
 use kilwa_builder::points::{Point, PointInputs, PointSink};
@@ -31,7 +31,7 @@ impl PointInputs for StationPoints<'_> {
             if statistics.measured == 0 {
                 continue;
             }
-            let corners = statistics.bounds.map(|p| p.as_dvec3());
+            let corners = statistics.bounds.map(|p: Vec3| p.as_dvec3());
             for k in 0..8 {
                 let corner = DVec3::new(corners[k & 1].x, corners[k >> 1 & 1].y, corners[k >> 2].z);
                 let p = placement.place(station.pose.apply(corner));

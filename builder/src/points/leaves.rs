@@ -207,7 +207,9 @@ impl<'a> Filled<'a> {
         find_spacings(&mut splats, self.place);
         for s in &splats {
             self.radii[usize::from(s.radius)] += 1;
-            splat::corners(s.center(), s.normal, s.radius).into_iter().for_each(|p| self.bounds.add(p));
+            for p in splat::corners(s.center(), s.normal, s.radius) {
+                self.bounds.add(p);
+            }
         }
         self.points += splats.len() as u64;
         Ok(self.leaves.append(leaf, &splats)?)
