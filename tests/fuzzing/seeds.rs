@@ -12,12 +12,12 @@ use std::path::Path;
 pub(crate) fn of(target: &str) -> Vec<Vec<u8>> {
     let mut seeds = match target {
         "obj" => objs(),
-        "open_pack" => packs(),
+        "open_pack" => packs().into_iter().chain([of_points()]).collect(),
         "metadata" => metadata(),
         "manifest" => manifests(),
         "notes" => notes(),
-        // Both codecs: new packs have codec 2.
-        "decode_chunk" => packs().iter().chain([&of_format_1_0()]).flat_map(|pack| chunks(pack)).collect(),
+        // All codecs: new packs of surfaces have codec 2.
+        "decode_chunk" => packs().iter().chain([&of_format_1_0(), &of_points()]).flat_map(|pack| chunks(pack)).collect(),
         "ptx" => ptx(),
         "points" => points(),
         "e57" => e57s(),
@@ -189,6 +189,12 @@ fn packs() -> Vec<Vec<u8>> {
 /// A pack whose chunks have codec 1.
 fn of_format_1_0() -> Vec<u8> {
     let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/compat/1.0-wall.kilwa");
+    std::fs::read(path).expect("is there")
+}
+
+/// A pack of points, whose chunks have codec 3.
+fn of_points() -> Vec<u8> {
+    let path = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/compat/1.2-points.kilwa");
     std::fs::read(path).expect("is there")
 }
 
