@@ -311,7 +311,7 @@ fn an_exported_ptx_comes_back_with_every_sample_and_its_pose() {
         let mut text = Vec::new();
         let failed = |e| panic!("{e}");
         let pose = station.pose.unwrap_or_default();
-        kilwa_scan::export::ptx(&mut reader, pose, &mut text, &failed, &mut |_, _| Ok(())).unwrap();
+        kilwa_scan::export::ptx(&mut reader, pose, None, &mut text, &failed, &mut |_, _| Ok(())).unwrap();
         let again = Site::new();
         let file = again.write("again.ptx", text);
         let report = again.import(&[file], ReadOptions::default()).unwrap();

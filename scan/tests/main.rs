@@ -1,6 +1,7 @@
 //! Tests over whole files: written, imported into a survey, and read back from its spools.
 
 mod edited;
+mod export;
 mod formats;
 mod malformed;
 mod masks;
