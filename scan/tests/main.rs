@@ -3,6 +3,7 @@
 mod edited;
 mod export;
 mod formats;
+mod las;
 mod malformed;
 mod masks;
 mod mesh;
