@@ -304,3 +304,26 @@ fn intensities_of_ptx_are_scaled_together_and_only_if_they_must_be() {
     assert_eq!((scaled, values), (Some([-2048.0, 2047.0]), vec![0.0, 1.0, to_one(0.5), to_one(1000.0)]));
     assert_eq!(intensities(&["c"]), (None, vec![0.25, 1.0]));
 }
+
+/// pye57 refuses fields for what is missing and for returns: rays without a return, and first returns, do not need them.
+#[test]
+fn rays_without_a_return_and_first_returns_need_no_fields_of_their_own() {
+    let site = Site::new();
+    let points = "1 2 3 0.5 1 2 3\n0 0 0 0.5 0 0 0\n3 2 3 0.75 4 5 6\n4 2 3 1 7 8 9\n";
+    let grid = site.write("grid.ptx", format!("{}{points}", ptx_header(2, 2, [0.0; 3])));
+    let cloud = crate::las::written(&site, "first.las", 7, 50);
+    let mut bytes = std::fs::read(&cloud).unwrap();
+    let at = u32::from_le_bytes(bytes[96..100].try_into().unwrap()) as usize;
+    // The numbers of returns: all are the first.
+    bytes[at..].chunks_exact_mut(36 + 3).for_each(|point| point[14] = 0x11);
+    std::fs::write(&cloud, bytes).unwrap();
+    site.import(&[grid, cloud], seen_from(566_040.0, 566_040.0, 566_001.5)).unwrap();
+    let (_, file) = export(&site, &["grid", "first"], false, "both.e57");
+    let reader = e57::E57Reader::from_file(&file).unwrap();
+    for cloud in reader.pointclouds() {
+        let names: Vec<_> = cloud.prototype.into_iter().map(|r| r.name).collect();
+        let unwanted = [RecordName::IsIntensityInvalid, RecordName::IsColorInvalid, RecordName::ReturnIndex];
+        assert!(unwanted.iter().all(|name| !names.contains(name)), "{names:?}");
+        assert_eq!(names.contains(&RecordName::CartesianInvalidState), cloud.name.as_deref() == Some("grid"));
+    }
+}

@@ -3,7 +3,11 @@
 //! A cell without a sample has no record, whether nothing was recorded there or a mask hides it: E57 allows that, the rows and columns of the other
 //! records stay right, and programs that do not look at invalid states (or at rows and columns) show no points at the scanner. Rays without a return keep
 //! their record, with the direction (invalid state 1) or without (2), because they say where nothing stands; CloudCompare, pye57 and PDAL leave these out or
-//! flag them. Fields are written only if a sample needs them: some versions of CloudCompare understand `isIntensityInvalid` the wrong way round.
+//! flag them.
+//!
+//! Fields are written only if a sample needs them. `isIntensityInvalid` and `isColorInvalid` are for points without, among others that have intensities or
+//! colours, and return numbers for stations with one above 1: pye57 refuses files with any of these fields (other than by `read_scan`), and some versions
+//! of CloudCompare understand `isIntensityInvalid` the wrong way round.
 
 use super::photograph::{self, photographs};
 use super::{Exported, Output, Report, Request};
@@ -191,12 +195,17 @@ impl Content {
         self.no_return > 0 || self.needs_corner()
     }
 
+    /// Whether points, and not only rays without a return, lack what others have.
     fn lacks_intensity(&self) -> bool {
-        self.with_intensity > 0 && (self.with_intensity < self.measured || self.has_states())
+        self.with_intensity > 0 && self.with_intensity < self.measured
     }
 
     fn lacks_color(&self) -> bool {
-        self.colored > 0 && (self.colored < self.measured || self.has_states())
+        self.colored > 0 && self.colored < self.measured
+    }
+
+    fn has_returns(&self) -> bool {
+        self.max_return > 1
     }
 
     fn prototype(&self) -> Vec<Record> {
@@ -214,7 +223,7 @@ impl Content {
         add(self.colored > 0, &channels.map(|name| whole(name, 255)));
         add(self.lacks_color(), &[whole(RecordName::IsColorInvalid, 1)]);
         let returns = [RecordName::ReturnIndex, RecordName::ReturnCount];
-        add(self.max_return > 0, &returns.map(|name| whole(name, i64::from(self.max_return))));
+        add(self.has_returns(), &returns.map(|name| whole(name, i64::from(self.max_return))));
         fields
     }
 
@@ -246,7 +255,7 @@ impl Content {
                 values.push(flag(!is_there));
             }
         }
-        if self.max_return > 0 {
+        if self.has_returns() {
             // How many returns there were is unknown: at least as many as the number of this one.
             let number = u32::from(sample.state.return_number().max(1));
             values.extend([whole(number - 1), whole(number)]);
@@ -276,12 +285,11 @@ fn index(name: RecordName, count: u32) -> Record {
     Record { name, data_type: RecordDataType::Integer { min: 0, max } }
 }
 
+/// Takes a sample with its column and row.
+type Visit<'a> = dyn FnMut([u32; 2], &Sample) -> Result<(), ScanError> + 'a;
+
 /// Every sample that is not an empty cell, with its column and row.
-fn each(
-    reader: &mut Reader,
-    steps: &mut Steps<'_, '_>,
-    visit: &mut dyn FnMut([u32; 2], &Sample) -> Result<(), ScanError>,
-) -> Result<(), ScanError> {
+fn each(reader: &mut Reader, steps: &mut Steps<'_, '_>, visit: &mut Visit<'_>) -> Result<(), ScanError> {
     let grid = reader.header().grid;
     let (cells, length) = (grid.cells(), u64::from(grid.line_length()));
     let (mut first, mut samples) = (0, Vec::new());

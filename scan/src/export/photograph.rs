@@ -71,15 +71,12 @@ impl Picture {
     fn open(path: &Path) -> Result<Self, ScanError> {
         let cannot = |source| ReadError::Open { file: path.to_owned(), source };
         let mut file = BufReader::new(plain_file::open(path).map_err(cannot)?);
-        let found = match size(&mut file).map_err(cannot)? {
-            Some((format, size)) => (format, size),
-            None => {
-                let found = "neither the header of a JPEG file nor that of a PNG file";
-                return Err(ScanError::malformed(path, Place::Byte(0), found, "a photograph that E57 can hold"));
-            }
+        let Some((format, size)) = size(&mut file).map_err(cannot)? else {
+            let found = "neither the header of a JPEG file nor that of a PNG file";
+            return Err(ScanError::malformed(path, Place::Byte(0), found, "a photograph that E57 can hold"));
         };
         file.seek(SeekFrom::Start(0)).map_err(cannot)?;
-        Ok(Self { file, format: found.0, size: found.1 })
+        Ok(Self { file, format, size })
     }
 
     fn add<F: Read + Write + Seek>(
