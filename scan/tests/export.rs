@@ -12,6 +12,7 @@ use kilwa_scan::mask::{self, Recipe, make};
 use kilwa_scan::read::ReadOptions;
 use kilwa_scan::survey::{Camera, Survey};
 use kilwa_scan_core::{Grid, Kind, Sample};
+use std::fmt::Write as _;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 
@@ -59,7 +60,7 @@ fn rich_e57(site: &Site) -> PathBuf {
         if rng.u8(..4) == 0 && !is_last {
             continue;
         }
-        let state = if rng.u8(..6) == 0 { 1 } else { 0 };
+        let state = i64::from(rng.u8(..6) == 0);
         let position = if state == 1 { [0.0, 0.6, -0.8] } else { [0; 3].map(|_: i32| rng.f32() * 60.0 - 30.0) };
         let (no_intensity, no_color) = (i64::from(rng.u8(..5) == 0), i64::from(rng.u8(..3) == 0));
         let mut values = position.map(RecordValue::Single).to_vec();
@@ -100,14 +101,18 @@ pub(crate) fn survey() -> Site {
     let mut ptx = ptx_header(COLUMNS, 3, [1.5, -2.0, 0.25]);
     for cell in 0..COLUMNS * 3 {
         let x = 0.1 + f64::from(cell) / 7.0;
-        ptx += &if cell == 4 { "0 0 0 0.5\n".to_owned() } else { format!("{x} 2 -1 {}\n", f64::from(cell) / 100.0) };
+        match cell {
+            4 => ptx += "0 0 0 0.5\n",
+            _ => writeln!(ptx, "{x} 2 -1 {}", f64::from(cell) / 100.0).unwrap(),
+        }
     }
     let ptx = site.write("porch.ptx", ptx);
-    let cloud: String =
-        (0..50).map(|k| format!("{} {} 3.5 {} 1 2 {k}\n", 100 + k, 200.1 + f64::from(k), 300 + k)).collect();
-    let cloud = site.write("yard.xyz", cloud);
+    let cloud =
+        (0..50).map(|k| format!("{} {} 3.5 {} 1 2 {k}", 100 + k, 200.1 + f64::from(k), 300 + k)).collect::<Vec<_>>();
+    let cloud = site.write("yard.xyz", cloud.join("\n") + "\n");
     site.import(&[rich_e57(&site), ptx, cloud], seen_from(100.0, 200.0, 1.5)).unwrap();
-    let list = site.write("list.txt", (0..COLUMNS * ROWS).step_by(11).map(|k| format!("{k}\n")).collect::<String>());
+    let list =
+        site.write("list.txt", (0..COLUMNS * ROWS).step_by(11).map(|k| k.to_string()).collect::<Vec<_>>().join("\n"));
     let mask = |name: &str, station: &str, recipe: Recipe| {
         let stations = vec![station.to_owned()];
         make(&site.survey(), &mask::Request { name: name.to_owned(), recipe, stations }, &Silent).unwrap();
@@ -282,8 +287,8 @@ fn what_cannot_be_exported_is_refused_before_anything_is_written() {
 fn intensities_of_ptx_are_scaled_together_and_only_if_they_must_be() {
     let site = Site::new();
     for (name, intensities) in [("a", ["-2048", "2047"]), ("b", ["0.5", "1000"]), ("c", ["0.25", "1"])] {
-        let points: String = intensities.iter().map(|i| format!("1 2 3 {i}\n")).collect();
-        let file = site.write(&format!("{name}.ptx"), format!("{}{points}", ptx_header(1, 2, [0.0; 3])));
+        let points = intensities.map(|i| format!("1 2 3 {i}")).join("\n");
+        let file = site.write(&format!("{name}.ptx"), format!("{}{points}\n", ptx_header(1, 2, [0.0; 3])));
         site.import(&[file], ReadOptions::default()).unwrap();
     }
     let survey = Survey::open(&site.survey()).unwrap();
@@ -315,7 +320,9 @@ fn rays_without_a_return_and_first_returns_need_no_fields_of_their_own() {
     let mut bytes = std::fs::read(&cloud).unwrap();
     let at = u32::from_le_bytes(bytes[96..100].try_into().unwrap()) as usize;
     // The numbers of returns: all are the first.
-    bytes[at..].chunks_exact_mut(36 + 3).for_each(|point| point[14] = 0x11);
+    for point in bytes[at..].chunks_exact_mut(36 + 3) {
+        point[14] = 0x11;
+    }
     std::fs::write(&cloud, bytes).unwrap();
     site.import(&[grid, cloud], seen_from(566_040.0, 566_040.0, 566_001.5)).unwrap();
     let (_, file) = export(&site, &["grid", "first"], false, "both.e57");

@@ -66,7 +66,9 @@ fn las_and_laz_of_the_extended_point_formats_give_the_same_points() {
         assert!(plain.iter().all(|s| s.state.has_color() == has_color));
         assert!(!has_color || plain.iter().all(|s| s.color[1..] == [2, 255]));
         let mut numbers = [0; 16];
-        plain.iter().for_each(|s| numbers[usize::from(s.state.return_number())] += 1);
+        for sample in &plain {
+            numbers[usize::from(sample.state.return_number())] += 1;
+        }
         assert!(numbers[0] == 0 && numbers[1..].iter().all(|n| *n > 3000), "{numbers:?}");
     }
 }
