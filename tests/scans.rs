@@ -414,3 +414,184 @@ fn masking_that_is_killed_leaves_the_masks_from_before() {
     assert_eq!(unfinished.filter(|name| Path::new(name).extension().is_some_and(|end| end == "part")).count(), 0);
     assert_eq!((read().matches("--grazing=70").count(), read().matches("--grazing=60").count(), masks()), (40, 0, 40));
 }
+
+#[test]
+fn stations_are_exported_together_as_e57_and_ptx_with_masks_applied() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = box_scan(folder.path());
+    let path = |name: &str| folder.path().join(name);
+    let survey = path("survey");
+    succeeds(&["scans", "import", text(&file), "-o", text(&survey)]);
+    let masked = json(&["scans", "mask", text(&survey), "--inside", "-9,-9,-9,-2.9,9,9", "--station", "room"]);
+    let masked = masked["masks"][0]["masked"].as_u64().unwrap();
+    for (kind, name) in [("--e57", "new/all.e57"), ("--ptx", "new/all.ptx")] {
+        let report = json(&["scans", "export", text(&survey), kind, "-o", text(&path(name))]);
+        let counts = |k: usize, what: &str| report["stations"][k][what].as_u64();
+        assert_eq!((counts(0, "points"), counts(0, "masked")), (Some(2400 - masked), Some(masked)), "{report}");
+        assert_eq!((counts(1, "points"), counts(1, "columns"), counts(1, "rows")), (Some(2400), Some(60), Some(40)));
+        let again = path(&format!("again{kind}"));
+        succeeds(&["scans", "import", text(&path(name)), "-o", text(&again)]);
+        let list = json(&["scans", "list", text(&again)]);
+        assert_eq!(list["stations"].as_array().unwrap().len(), 2);
+        for (k, points) in [(0, 2400 - masked), (1, 2400)] {
+            assert_eq!(list["stations"][k]["scan"]["measured"].as_u64(), Some(points), "{list}");
+        }
+        assert_eq!(list["stations"][1]["pose"]["translation_m"][0], 0.5);
+    }
+    let said = succeeds(&["scans", "export", text(&survey), "room-2", "--e57", "-o", text(&path("one.e57"))]);
+    assert!(said.contains("1 station") && said.contains("room-2: 60 × 40 cells, "), "{said}");
+    for (call, part) in [
+        (&["--mesh", "-o", "a.ply"][..], "name one of the 2 stations"),
+        (&["room", "room", "--e57", "-o", "a.e57"], "given twice"),
+        (&["--e57", "-o", "a.ptx"], "must be .e57"),
+        (&["rom", "--ptx", "-o", "a.ptx"], "did you mean room?"),
+    ] {
+        let refused = fails(&[&["scans", "export", text(&survey)], call].concat());
+        assert!(refused.contains(part), "{call:?}: {refused}");
+    }
+    let refused = fails(&["scans", "export", text(&survey), "--e57", "-o", text(&path("one.e57"))]);
+    assert!(refused.contains("--force"), "{refused}");
+}
+
+/// Triangles by the coordinates of their corners, beginning with the smallest, sorted.
+fn triangles(ply: &Ply) -> Vec<[[u64; 3]; 3]> {
+    let mut all: Vec<_> = ply.triangles.iter().map(|t| turned(t.map(|v| ply.position(v).map(f64::to_bits)))).collect();
+    all.sort_unstable();
+    all
+}
+
+fn turned(mut corners: [[u64; 3]; 3]) -> [[u64; 3]; 3] {
+    let first = (0..3).min_by_key(|k| corners[*k]).unwrap();
+    corners.rotate_left(first);
+    corners
+}
+
+#[test]
+fn a_divided_mesh_is_the_undivided_one_when_its_files_are_joined() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = box_scan(folder.path());
+    let path = |name: &str| folder.path().join(name);
+    let survey = path("survey");
+    succeeds(&["scans", "import", text(&file), "-o", text(&survey)]);
+    let export = |name: &str, more: &[&str]| {
+        json(
+            &[
+                &["scans", "export", text(&survey), "room-2", "--mesh", "--max-edge", "1", "-o", text(&path(name))],
+                more,
+            ]
+            .concat(),
+        )
+    };
+    let whole = export("whole.ply", &[]);
+    assert_eq!((&whole["closed"], whole["files"].as_array()), (&true.into(), None), "{whole}");
+    let parts = export("parts.ply", &["--split", "1000"]);
+    assert_eq!(whole["triangles"], parts["triangles"]);
+    let files: Vec<_> =
+        parts["files"].as_array().unwrap().iter().map(|f| f["file"].as_str().unwrap().to_owned()).collect();
+    assert_eq!(files.len() as u64, whole["triangles"].as_u64().unwrap().div_ceil(1000), "{parts}");
+    assert!(files[0].ends_with("parts-001.ply") && !path("parts.ply").exists(), "{files:?}");
+    let meshes: Vec<Ply> = files.iter().map(|file| Ply::read(Path::new(file))).collect();
+    let sizes: Vec<usize> = meshes.iter().map(|mesh| mesh.triangles.len()).collect();
+    assert!(sizes[..sizes.len() - 1].iter().all(|n| *n == 1000), "{sizes:?}");
+    let mut joined: Vec<_> = meshes.iter().flat_map(triangles).collect();
+    joined.sort_unstable();
+    assert!(joined == triangles(&Ply::read(&path("whole.ply"))), "the same triangles, each once");
+    // Vertices that files share are the same in every value.
+    let mut seen = std::collections::BTreeMap::new();
+    let mut shared = 0;
+    for mesh in &meshes {
+        for vertex in &mesh.vertices {
+            let bits: Vec<u64> = vertex.iter().map(|v| v.to_bits()).collect();
+            if let Some(before) = seen.insert(bits[..3].to_vec(), bits.clone()) {
+                assert_eq!(before, bits);
+                shared += 1;
+            }
+        }
+    }
+    assert!(shared > 100, "{shared}");
+
+    // Joined by a build: as many triangles, and no border where the files met.
+    let built = |name: &str, files: &[&str]| {
+        succeeds(&[&["build"], files, &["-o", text(&path(name))]].concat());
+        let about = json(&["info", text(&path(name))]);
+        [about["stored_triangles"].clone(), about["source_triangles"].clone()]
+    };
+    let named: Vec<&str> = files.iter().map(String::as_str).collect();
+    assert_eq!(built("parts.kilwa", &named), built("whole.kilwa", &[text(&path("whole.ply"))]));
+
+    let refused =
+        fails(&["scans", "export", text(&survey), "room", "--mesh", "--split", "9000", "-o", text(&path("parts.ply"))]);
+    assert!(refused.contains("parts-001.ply already exists") && refused.contains("--force"), "{refused}");
+    let output = kilwa(&[
+        "scans",
+        "export",
+        text(&survey),
+        "room",
+        "--mesh",
+        "--max-edge",
+        "1",
+        "--split",
+        "9000",
+        "-o",
+        text(&path("parts.ply")),
+        "--force",
+    ]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && said.contains("parts-002.ply is left from before"), "{said}");
+}
+
+/// A signal in the middle: nothing under the name of the file, and nothing left of it.
+#[cfg(unix)]
+#[test]
+fn an_export_that_is_interrupted_leaves_nothing() {
+    use std::process::{Command, Stdio};
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let scan = std::fs::read_to_string(box_scan(folder.path())).unwrap();
+    std::fs::write(path("many.ptx"), scan.repeat(40)).unwrap();
+    succeeds(&["scans", "import", text(&path("many.ptx")), "-o", text(&path("survey"))]);
+    std::fs::create_dir(path("out")).unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_kilwa"))
+        .args(["scans", "export", text(&path("survey")), "--e57", "-o", text(&path("out/all.e57"))])
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let left = || std::fs::read_dir(path("out")).unwrap().map(|entry| entry.unwrap().file_name()).collect::<Vec<_>>();
+    while left().is_empty() && child.try_wait().unwrap().is_none() {
+        std::thread::yield_now();
+    }
+    Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    let status = child.wait().unwrap();
+    // It may have been quicker than the signal.
+    assert!(
+        status.code() == Some(130) && left().is_empty() || status.success() && left() == ["all.e57"],
+        "{status} {:?}",
+        left()
+    );
+}
+
+/// What a header shows is found before the first file is imported; later errors say how to continue.
+#[test]
+fn wrong_files_are_found_before_the_work_and_an_import_that_fails_later_says_how_to_continue() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = box_scan(folder.path());
+    let path = |name: &str| folder.path().join(name);
+    let survey = path("survey");
+    std::fs::write(path("cloud.xyz"), "1 2 3\n").unwrap();
+    let header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n";
+    let faces = "element face 1\nproperty list uchar int vertex_indices\n";
+    std::fs::write(path("mesh.ply"), format!("{header}{faces}end_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")).unwrap();
+    for (wrong, part) in [("cloud.xyz", "--station X,Y,Z"), ("mesh.ply", "is a mesh of 1 face")] {
+        let refused = fails(&["scans", "import", text(&file), text(&path(wrong)), "-o", text(&survey)]);
+        assert!(refused.contains(part) && !survey.exists(), "{refused}");
+        assert!(!refused.contains("--resume"), "{refused}");
+    }
+    let scan = std::fs::read_to_string(&file).unwrap();
+    std::fs::write(
+        path("later.ptx"),
+        format!("{scan}{}", "2\n1\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n1 2 3 4\n"),
+    )
+    .unwrap();
+    let refused = fails(&["scans", "import", text(&path("later.ptx")), "-o", text(&survey)]);
+    assert!(refused.contains("--resume to continue") && refused.contains("later.ptx"), "{refused}");
+}

@@ -34,6 +34,8 @@ export class KilwaViewerElement extends HTMLElement {
   /** The open calls, by number. @type {Map<number, {resolve: (result: any) => void, reject: (error: Error) => void}>} */
   #calls = new Map();
   #last = 0;
+  /** What is shown in place of a viewer that does not come. @type {HTMLElement | null} */
+  #plate = null;
   /** The viewer's page runs in the frame, whether it may be spoken to or not. */
   #heardFrom = false;
   /** @type {Hello | null} */
@@ -117,17 +119,20 @@ export class KilwaViewerElement extends HTMLElement {
     const frame = this.#frame;
     setTimeout(() => {
       if (!frame || frame !== this.#frame || this.#heardFrom) return;
-      const lang = (this.getAttribute("lang") ?? document.documentElement.lang).toLowerCase().split("-")[0];
-      const [text, open] = WORDS[lang] ?? WORDS.en;
+      const wanted = (this.getAttribute("lang") ?? document.documentElement.lang).toLowerCase().split("-")[0];
+      const lang = wanted in WORDS ? wanted : "en";
+      const [text, open] = WORDS[lang];
       const whole = new URL(frame.src);
       whole.searchParams.delete("embed");
-      const plate = Object.assign(document.createElement("div"), { dir: lang === "ar" ? "rtl" : "ltr" });
+      const plate = Object.assign(document.createElement("div"), { lang, dir: lang === "ar" ? "rtl" : "ltr" });
       plate.setAttribute("role", "alert");
       const words = Object.assign(document.createElement("p"), { textContent: text.replace("{host}", whole.host) });
       const link = Object.assign(document.createElement("a"), { href: whole.href, target: "_blank", rel: "noopener", textContent: open });
       const line = document.createElement("p");
       line.append(link);
       plate.append(words, line);
+      this.#plate?.remove(); // the frame has loaded twice
+      this.#plate = plate;
       this.shadowRoot?.append(plate);
     }, KilwaViewerElement.silence);
   }
@@ -182,7 +187,8 @@ export class KilwaViewerElement extends HTMLElement {
   #take({ data, origin, source }) {
     if (source !== this.#frame?.contentWindow || origin !== this.#origin || data?.kilwa !== 1) return;
     this.#heardFrom = true;
-    this.shadowRoot?.querySelector("div")?.remove(); // it was only slow
+    this.#plate?.remove(); // it was only slow
+    this.#plate = null;
     if (data.event === "listening") {
       // Another page than the one that was asked.
       if (this.#hello?.heard) this.#refuse("the viewer was loaded again");

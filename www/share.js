@@ -35,8 +35,10 @@ export function embedCode(title, link) {
   frame.searchParams.set("embed", "1");
   const { creators, rights, rightsUri } = credit();
   const licence = rightsUri ? `<a rel="license" href="${escaped(rightsUri)}">${escaped(rights)}</a>` : escaped(rights);
-  const caption = [`<a href="${escaped(link)}">${escaped(title)}</a>`, escaped(creators), licence].filter(Boolean).join(", ");
-  return `<figure style="margin:0"><iframe src="${escaped(frame.href)}" title="${escaped(title)}" style="width:100%;aspect-ratio:16/10;border:0" allow="fullscreen" loading="lazy"></iframe><figcaption>${caption}</figcaption></figure>`;
+  // A pack that nobody named has no title, and a link needs a name.
+  const name = escaped(title || frame.host);
+  const caption = [`<a href="${escaped(link)}">${name}</a>`, escaped(creators), licence].filter(Boolean).join(", ");
+  return `<figure style="margin:0"><iframe src="${escaped(frame.href)}" title="${name}" style="width:100%;aspect-ratio:16/10;border:0" allow="fullscreen" loading="lazy"></iframe><figcaption>${caption}</figcaption></figure>`;
 }
 
 /**

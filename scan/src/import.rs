@@ -63,6 +63,8 @@ pub struct Report {
     pub stations: Vec<Imported>,
     /// Names of stations that were in the survey before.
     pub skipped: Vec<String>,
+    /// Stations that have their position from [`ReadOptions::station`].
+    pub positions_given: usize,
     /// Photographs that were taken out of the files.
     pub photographs: usize,
     /// What was repaired or dropped, by file.
@@ -81,7 +83,7 @@ pub fn import(
 ) -> Result<Report, ScanError> {
     // Before anything is made: a wrong file is better known now than in an hour.
     for file in files {
-        read::recognise(file)?;
+        read::check(file, &options.read)?;
     }
     fs::create_dir_all(folder).map_err(ScanError::write(folder))?;
     let _lock = Lock::take(folder)?;
@@ -195,6 +197,25 @@ impl Into<'_> {
         self.current.as_mut().ok_or_else(message)
     }
 
+    /// Report positions that are probably wrong: they would show much later.
+    fn doubt(&mut self, head: &Head) {
+        let number = self.number;
+        let place = || format!("scan {number}");
+        let has_other = |is: fn(&Station) -> bool| self.edit.survey().stations.iter().any(is);
+        if head.pose == Some(Pose::IDENTITY) && has_other(|station| station.pose == Some(Pose::IDENTITY)) {
+            let kind =
+                "scans that stand, like another station, exactly at the origin: they are probably not registered";
+            self.diagnostics.add(kind, place);
+        }
+        if head.is_position_given {
+            if self.report.positions_given > 0 {
+                let kind = "scans that share the position of --station with another one: right only for parts of one scan, otherwise import each file with its own --station";
+                self.diagnostics.add(kind, place);
+            }
+            self.report.positions_given += 1;
+        }
+    }
+
     /// A folder in the survey.
     fn folder(&self, name: &str) -> Result<PathBuf, ScanError> {
         let folder = self.folder.join(name);
@@ -225,6 +246,7 @@ impl Sink for Into<'_> {
         {
             self.diagnostics.add("coordinate reference systems that differ from that of the survey", || crs.clone());
         }
+        self.doubt(head);
         let wanted = head.name.clone().filter(|name| !name.trim().is_empty()).unwrap_or_else(|| self.stem());
         let name = self.edit.free_name(&wanted);
         let path = self.folder(STATIONS)?.join(format!("{name}.scan"));

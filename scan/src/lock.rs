@@ -1,7 +1,9 @@
 //! Only one command at a time may write to a survey.
 
 use crate::ScanError;
+use kilwa_files::plain_file;
 use std::fs::{File, TryLockError};
+use std::io::ErrorKind;
 use std::path::Path;
 
 /// Held while a command writes to a survey. The system gives it back also when the process is killed.
@@ -13,10 +15,12 @@ impl Lock {
     pub(crate) fn take(folder: &Path) -> Result<Self, ScanError> {
         let path = folder.join(".lock");
         let cannot = ScanError::write(&path);
-        let file = match File::options().create(true).truncate(false).write(true).open(&path) {
-            Ok(file) => file,
-            Err(e) => return Err(cannot(e)),
+        // What is there may be anything: a link to a file elsewhere, or a pipe, which would wait for ever.
+        let file = match File::options().create_new(true).write(true).open(&path) {
+            Err(e) if e.kind() == ErrorKind::AlreadyExists => plain_file::open(&path),
+            made => made,
         };
+        let file = file.map_err(cannot)?;
         match file.try_lock() {
             Ok(()) => Ok(Self(file)),
             Err(TryLockError::WouldBlock) => {

@@ -44,6 +44,15 @@ pub struct MeshVertex {
 
 /// Receives a mesh.
 pub trait Surface {
+    /// The number of the part that the next triangle belongs to, asked before its vertices come. Parts have vertices of their own: one that a triangle of
+    /// another part used comes again, the same in every bit.
+    ///
+    /// # Errors
+    /// Where the part before cannot be kept.
+    fn part(&mut self) -> Result<u32, ScanError> {
+        Ok(0)
+    }
+
     /// A vertex; its number.
     ///
     /// # Errors
@@ -68,7 +77,7 @@ pub trait Surface {
 /// What became of a station.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Report {
-    /// Vertices.
+    /// Vertices; those that several parts use are counted in each.
     pub vertices: u64,
     /// Triangles.
     pub triangles: u64,
@@ -140,7 +149,19 @@ pub fn mesh(
 struct Line {
     samples: Vec<Sample>,
     vertices: Vec<Option<Vertex>>,
+    /// The numbers of its vertices in this part.
     numbers: Vec<Option<u32>>,
+    part: u32,
+}
+
+impl Line {
+    /// Vertices have no numbers yet in another part.
+    fn enter(&mut self, part: u32) {
+        if self.part != part {
+            self.part = part;
+            self.numbers.fill(None);
+        }
+    }
 }
 
 struct Window<'a> {
@@ -160,7 +181,7 @@ impl Window<'_> {
             samples = samples.into_iter().step_by(self.step as usize).collect();
         }
         let numbers = vec![None; samples.len()];
-        Ok(Some(Line { samples, vertices: Vec::new(), numbers }))
+        Ok(Some(Line { samples, vertices: Vec::new(), numbers, part: 0 }))
     }
 }
 
@@ -193,6 +214,9 @@ impl Strips<'_> {
                     continue;
                 }
             }
+            let part = self.surface.part()?;
+            left.enter(part);
+            right.enter(part);
             let mut numbers = [0; 3];
             for (number, corner) in numbers.iter_mut().zip(corners) {
                 *number = self.number(if corner.is_right { right } else { left }, corner.row)?;

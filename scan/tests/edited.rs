@@ -2,6 +2,7 @@
 
 use crate::support::{Site, ptx_header, three_scans};
 use kilwa_scan::import::{Options, Progress, Silent, import};
+use kilwa_scan::read::ReadOptions;
 use kilwa_scan::survey::Survey;
 use std::cell::Cell;
 use std::path::{Path, PathBuf};
@@ -107,4 +108,23 @@ fn a_name_that_someone_gives_away_during_an_import_is_not_used_twice() {
             ("three-4", "stations/three-4.scan")
         ]
     );
+}
+
+/// What is where the lock should be may have been put there by others.
+#[cfg(unix)]
+#[test]
+fn a_pipe_or_a_link_in_place_of_the_lock_is_refused_and_makes_no_file_elsewhere() {
+    let site = Site::new();
+    let file = site.write("a.ptx", format!("{}1 2 3 0.5\n", ptx_header(1, 1, [0.0; 3])));
+    let lock = site.survey().join(".lock");
+    std::fs::create_dir(site.survey()).unwrap();
+    std::os::unix::fs::symlink(site.path("elsewhere"), &lock).unwrap();
+    let refused = site.import(std::slice::from_ref(&file), ReadOptions::default()).unwrap_err().to_string();
+    assert!(refused.contains(".lock") && !site.path("elsewhere").exists(), "{refused}");
+    std::fs::remove_file(&lock).unwrap();
+    assert!(std::process::Command::new("mkfifo").arg(&lock).status().unwrap().success());
+    let refused = site.import(std::slice::from_ref(&file), ReadOptions::default()).unwrap_err().to_string();
+    assert!(refused.contains(".lock"), "{refused}");
+    std::fs::remove_file(&lock).unwrap();
+    site.import(&[file], ReadOptions::default()).unwrap();
 }

@@ -311,7 +311,7 @@ fn an_exported_ptx_comes_back_with_every_sample_and_its_pose() {
         let mut text = Vec::new();
         let failed = |e| panic!("{e}");
         let pose = station.pose.unwrap_or_default();
-        kilwa_scan::export::ptx(&mut reader, pose, &mut text, &failed, &mut |_, _| Ok(())).unwrap();
+        kilwa_scan::export::ptx(&mut reader, pose, None, &mut text, &failed, &mut |_, _| Ok(())).unwrap();
         let again = Site::new();
         let file = again.write("again.ptx", text);
         let report = again.import(&[file], ReadOptions::default()).unwrap();
@@ -330,4 +330,23 @@ fn an_exported_ptx_comes_back_with_every_sample_and_its_pose() {
             }
         }
     }
+}
+
+#[test]
+fn scans_that_are_probably_not_registered_or_share_a_given_position_are_reported() {
+    let site = Site::new();
+    let unregistered = format!("{}1 2 3 0.5\n", ptx_header(1, 1, [0.0; 3]));
+    let two = site.write("two.ptx", unregistered.repeat(2));
+    let placed = site.write("placed.ptx", format!("{}1 2 3 0.5\n", ptx_header(1, 1, [5.0, 0.0, 0.0])));
+    let report = site.import(&[placed, two], ReadOptions::default()).unwrap();
+    let doubts: Vec<Vec<u64>> =
+        report.diagnostics.iter().map(|(_, all)| all.iter().map(|(_, count, _)| count).collect()).collect();
+    assert_eq!(doubts, [vec![], vec![1]], "{:?}", report.diagnostics);
+    let clouds = ["a.xyz", "bb.xyz", "ccc.xyz"].map(|name| site.write(name, format!("1 2 3 {}\n", name.len())));
+    let report = site.import(&clouds, seen_from(1.0, 1.0, 1.0)).unwrap();
+    let shared = |k: usize| {
+        let (_, all) = &report.diagnostics[k];
+        all.iter().find(|(kind, ..)| kind.contains("share the position of --station")).map(|(_, count, _)| count)
+    };
+    assert_eq!([shared(0), shared(1), shared(2)], [None, Some(1), Some(1)]);
 }

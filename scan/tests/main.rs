@@ -1,7 +1,9 @@
 //! Tests over whole files: written, imported into a survey, and read back from its spools.
 
 mod edited;
+mod export;
 mod formats;
+mod las;
 mod malformed;
 mod masks;
 mod mesh;

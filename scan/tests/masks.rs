@@ -177,7 +177,7 @@ fn exports_drop_exactly_what_is_masked_and_no_triangle_uses_it() {
     let mut reader = mask::open(&site.survey(), station, false).unwrap();
     assert_eq!(mask::count(&mut reader).unwrap(), before.len().div_ceil(7) as u64);
     let wrong = |source| ScanError::Write { path: PathBuf::new(), source };
-    kilwa_scan::export::ptx(&mut reader, station.pose.unwrap(), &mut text, &wrong, &mut |_, _| Ok(())).unwrap();
+    kilwa_scan::export::ptx(&mut reader, station.pose.unwrap(), None, &mut text, &wrong, &mut |_, _| Ok(())).unwrap();
     for (k, line) in String::from_utf8(text).unwrap().lines().skip(10).enumerate() {
         assert_eq!(line == "0 0 0 0.5", k % 7 == 0, "{k}: {line}");
     }

@@ -64,6 +64,9 @@ def las(file, path, _):
         same("xyz"[k], samples["p"][:, k], (np.asarray(axis) - origin[k]).astype("f4"))
     same("intensity", samples["i"], np.asarray(points.intensity).astype("f4"))
     same("return number", samples["s"] >> 4, np.asarray(points.return_number))
+    if "red" not in points.point_format.dimension_names:
+        same("colours", samples["s"] & 4, np.zeros(len(samples), "u1"))
+        return len(samples)
     for k, color in enumerate([points.red, points.green, points.blue]):
         color = np.asarray(color)
         same("colour", samples["c"][:, k], color >> 8 if max(points.red.max(), points.green.max(), points.blue.max()) > 255 else color)

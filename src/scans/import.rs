@@ -10,9 +10,10 @@ use kilwa_pack::plural::counted;
 use kilwa_scan::ScanError;
 use kilwa_scan::import::{Imported, Options, Progress, Report, import};
 use kilwa_scan::read::{self, ReadOptions};
+use kilwa_scan::survey::Survey;
 use serde_json::json;
 use std::io::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Import scan files into a survey.
 ///
@@ -82,9 +83,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         keep_incomplete: args.keep_incomplete,
     };
     let bar = Shown(Bar::new());
+    let before = stations(&args.output);
     let done = import(&args.output, &files, &Options { read, resume: args.resume }, &bar);
     bar.0.clear();
-    let report = done.map_err(explained)?;
+    let report = done.map_err(|e| explained(e, stations(&args.output) > before))?;
     let mut out = crate::terminal::out();
     if args.json {
         writeln!(out, "{}", crate::terminal::json_line(&as_json(&report))?)?;
@@ -118,15 +120,19 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// An error with what the user can do about an import that stopped in the middle.
-fn explained(e: ScanError) -> anyhow::Error {
-    let is_of_disk = matches!(e, ScanError::Write { .. });
+/// An error with what the user can do about an import that stopped in the middle; `has_more` stations than before are in the survey.
+fn explained(e: ScanError, has_more: bool) -> anyhow::Error {
     let e = anyhow::Error::from(e);
-    if is_of_disk {
+    if has_more {
         e.context("the stations before this one were imported; run the same command with --resume to continue")
     } else {
         e
     }
+}
+
+/// How many stations the survey has, as far as it can be read.
+fn stations(survey: &Path) -> usize {
+    Survey::open(survey).map_or(0, |survey| survey.stations.len())
 }
 
 fn as_json(report: &Report) -> serde_json::Value {

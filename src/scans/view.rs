@@ -27,7 +27,7 @@ pub(crate) struct Args {
     #[arg(long, value_enum, default_value = "range")]
     show: ShowArg,
     /// Largest width or height in pixels.
-    #[arg(long, value_name = "PIXELS", default_value_t = 4096, value_parser = clap::value_parser!(u32).range(16..=16384))]
+    #[arg(long, value_name = "PIXELS", default_value_t = 4096, value_parser = clap::value_parser!(u32).range(16..=8192))]
     size: u32,
     /// Also show masked samples.
     #[arg(long)]

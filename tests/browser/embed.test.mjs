@@ -185,6 +185,16 @@ test("the element says in words that its viewer is blocked, and only then, and i
   const link = new URL(await words.getByRole("link", { name: "Open the model" }).getAttribute("href"));
   assert.equal(link.origin, hosts.walled.url);
   assert.equal(link.searchParams.get("embed"), null);
+  // The plate says in which language it is, also where the page is in one that it does not have, and there is one, however often the frame loads.
+  assert.equal(await words.getAttribute("lang"), "en");
+  await page.evaluate(() => {
+    const root = document.querySelector("kilwa-viewer").shadowRoot;
+    document.documentElement.lang = "de";
+    root.querySelector("[role=alert]").dataset.first = "1";
+    root.querySelector("iframe").dispatchEvent(new Event("load"));
+  });
+  await page.locator("[role=alert]:not([data-first])").waitFor();
+  assert.deepEqual([await words.count(), await words.getAttribute("lang")], [1, "en"]);
   // A viewer that may be shown, though not spoken to.
   await show(hosts.viewer.url);
   const frame = await (await page.getByTitle("3D model").elementHandle()).contentFrame();

@@ -561,7 +561,7 @@ pub(crate) fn spool(bytes: &[u8]) -> String {
         [Show::Range, Show::Intensity, Show::Colour].map(|show| render(&mut reader, show, &mut [], 64).is_ok());
     let failed = |e: std::io::Error| ScanError::Request(e.to_string());
     let is_ptx =
-        kilwa_scan::export::ptx(&mut reader, Pose::default(), &mut std::io::sink(), &failed, &mut |_, _| Ok(()));
+        kilwa_scan::export::ptx(&mut reader, Pose::default(), None, &mut std::io::sink(), &failed, &mut |_, _| Ok(()));
     let mut surface = Mesh::default();
     match mesh(&mut reader, Pose::default(), &MeshOptions::default(), &mut surface) {
         Ok(report) => {

@@ -1,7 +1,7 @@
 //! Writing a file so that its name never shows a half of it.
 
 use super::ExtractError;
-use kilwa_files::atomic::{Access, AtomicFile, folder_of};
+use kilwa_files::atomic::{Access, AtomicFile, Pending, folder_of};
 use kilwa_files::made_folders::MadeFolders;
 use kilwa_files::output;
 use std::fs::File;
@@ -75,6 +75,24 @@ impl Output {
             file.commit(self.replace).map(|()| bytes)
         };
         write().map_err(cannot)
+    }
+
+    /// Write a complete file in the folder of the output with `body`, which does not get its name `path` yet; and its number of bytes.
+    ///
+    /// # Errors
+    /// What the system says, naming the file.
+    pub(super) fn write_pending(
+        &self,
+        path: &Path,
+        body: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
+    ) -> Result<(u64, Pending), ExtractError> {
+        let write = || {
+            self.make_folders()?;
+            let file = AtomicFile::create(path, Access::Default)?;
+            let bytes = fill(file.file(), body)?;
+            file.close().map(|pending| (bytes, pending))
+        };
+        write().map_err(|source| ExtractError::Write { path: path.to_owned(), source })
     }
 }
 

@@ -5,8 +5,10 @@ use super::output::Scratch;
 use super::stream::Counts;
 use super::{ExtractError, Output};
 use glam::DVec3;
+use kilwa_files::atomic::Pending;
 use kilwa_geometry::{Aabb, Lattice, Mesh, normal};
 use std::io::Write;
+use std::path::Path;
 
 /// What must be known of a mesh before its first vertex.
 #[derive(Debug, Clone)]
@@ -142,19 +144,42 @@ impl<'o> MeshWriter<'o> {
         Ok(())
     }
 
+    /// How many triangles it has.
+    pub fn triangles(&self) -> u64 {
+        self.counts.triangles
+    }
+
     /// Write the file.
     ///
     /// # Errors
     /// [`ExtractError::Empty`] for a mesh without triangles; what the system says.
     pub fn finish(self) -> Result<Written, ExtractError> {
-        let Self { output, encoder, mut scratch, mut counts, .. } = self;
+        let (output, counts) = (self.output, self.counted()?);
+        let Self { encoder, mut scratch, .. } = self;
+        let bytes = output.write(|out| encoder.assemble(out, &mut scratch, counts))?;
+        Ok(Written { bytes, vertices: counts.vertices, triangles: counts.triangles })
+    }
+
+    /// Write the file that will be at `path`, in the folder of the output, but do not give it its name yet: so that several files get theirs together.
+    ///
+    /// # Errors
+    /// As for [`Self::finish`].
+    pub fn finish_as(self, path: &Path) -> Result<(Written, Pending), ExtractError> {
+        let (output, counts) = (self.output, self.counted()?);
+        let Self { encoder, mut scratch, .. } = self;
+        let (bytes, pending) = output.write_pending(path, |out| encoder.assemble(out, &mut scratch, counts))?;
+        Ok((Written { bytes, vertices: counts.vertices, triangles: counts.triangles }, pending))
+    }
+
+    /// What the file will have.
+    fn counted(&self) -> Result<Counts, ExtractError> {
+        let mut counts = self.counts;
         if counts.triangles == 0 {
             return Err(ExtractError::Empty);
         }
-        if !encoder.shares_vertices() {
+        if !self.encoder.shares_vertices() {
             counts.vertices = 3 * counts.triangles;
         }
-        let bytes = output.write(|out| encoder.assemble(out, &mut scratch, counts))?;
-        Ok(Written { bytes, vertices: counts.vertices, triangles: counts.triangles })
+        Ok(counts)
     }
 }

@@ -43,6 +43,13 @@ pub struct MaskHeader {
 }
 
 impl MaskHeader {
+    /// What tells this mask from others: the hash of its header, which holds those of the scan and of the masked cells.
+    pub fn digest(&self) -> [u8; 32] {
+        let mut digest = [0; 32];
+        digest.copy_from_slice(&self.to_bytes()[CHECKED..]);
+        digest
+    }
+
     fn blocks(&self) -> u64 {
         self.cells.div_ceil(BLOCK_CELLS)
     }

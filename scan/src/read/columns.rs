@@ -95,7 +95,8 @@ fn one_cloud(
     input: &mut Input<'_>,
 ) -> Result<(), ScanError> {
     let frame = Frame::unplaced(input.options, input.options.units.metres());
-    let is_wanted = input.sink.begin(&Head { pose: Some(frame.pose(Pose::default())), ..Head::default() })?;
+    let pose = Some(frame.pose(Pose::default()));
+    let is_wanted = input.sink.begin(&Head { pose, is_position_given: true, ..Head::default() })?;
     let mut row = Row { frame, order, values: [0.0; 8] };
     let (mut count, mut dropped, mut headings, mut is_cut) = (0, 0, 0, false);
     while announced.is_none_or(|n| count + dropped < n) {

@@ -269,6 +269,7 @@ fn one_cloud(
         name: cloud.name.clone(),
         pose,
         instrument: (!instrument.is_empty()).then(|| instrument.join(" ")),
+        is_position_given: is_given,
         crs: reader.coordinate_metadata().map(str::to_owned).filter(|text| !text.trim().is_empty()),
     };
     if !input.sink.begin(&head)? {

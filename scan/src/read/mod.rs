@@ -60,6 +60,8 @@ pub struct Head {
     pub instrument: Option<String>,
     /// The coordinate reference system of the survey, an EPSG code or WKT, if the file tells.
     pub crs: Option<String>,
+    /// Whether the position of the scanner is [`ReadOptions::station`].
+    pub is_position_given: bool,
 }
 
 /// A photograph inside a scan file.
@@ -160,6 +162,20 @@ pub fn read(path: &Path, options: &ReadOptions, sink: &mut dyn Sink) -> Result<(
         Format::E57 => e57::read(input),
         Format::Las => las::read(&mut input),
         Format::Ply => ply::read(&mut input),
+    }
+}
+
+/// What can be said of a file before the work is done: its format, whether a position is missing, whether a PLY file is a mesh.
+///
+/// # Errors
+/// As [`read`].
+pub fn check(path: &Path, options: &ReadOptions) -> Result<(), ScanError> {
+    match recognise(path)? {
+        Format::Pts | Format::Xyz | Format::Las if options.station.is_none() => {
+            Err(ScanError::NoStation { file: path.to_owned() })
+        }
+        Format::Ply => ply::check(path, options.station.is_some()),
+        _ => Ok(()),
     }
 }
 

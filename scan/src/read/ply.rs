@@ -9,7 +9,7 @@ use crate::ScanError;
 use crate::spool::Layout;
 use glam::DVec3;
 use kilwa_formats::Diagnostics;
-use kilwa_formats::read::ply::points::{PointSink, read_points};
+use kilwa_formats::read::ply::points::{PointSink, has_grid, read_points};
 use kilwa_formats::read::{ReadError, VertexBlock, VertexSink};
 use kilwa_scan_core::{Grid, Kind, Pose, Rays, Sample, State};
 use std::cell::Cell;
@@ -44,6 +44,11 @@ pub(super) fn read(input: &mut Input<'_>) -> Result<(), ScanError> {
     done?;
     points.end()?;
     points.sink.progress(input.total)
+}
+
+/// Find out from the header whether it is a mesh, or a cloud without a position.
+pub(super) fn check(path: &Path, has_station: bool) -> Result<(), ScanError> {
+    if has_grid(path)? || has_station { Ok(()) } else { Err(ScanError::NoStation { file: path.to_owned() }) }
 }
 
 struct Points<'a> {
@@ -113,7 +118,7 @@ impl Points<'_> {
             return Ok(is_wanted);
         }
         let pose = self.has_station.then(|| self.frame.pose(Pose::default()));
-        let is_wanted = self.sink.begin(&Head { pose, ..Head::default() })?;
+        let is_wanted = self.sink.begin(&Head { pose, is_position_given: self.has_station, ..Head::default() })?;
         self.is_wanted = Some(is_wanted);
         Ok(is_wanted)
     }

@@ -102,7 +102,8 @@ fn header(lines: &mut Lines, columns: u64, input: &mut Input<'_>) -> Result<Head
 fn one_scan(lines: &mut Lines, header: Header, scan: u64, input: &mut Input<'_>) -> Result<(), ScanError> {
     let Header { columns, rows, pose } = header;
     let frame = Frame::placed(input.options, input.options.units.metres());
-    let head = Head { pose: Some(frame.pose(pose)), ..Head::default() };
+    let is_position_given = input.options.override_position;
+    let head = Head { pose: Some(frame.pose(pose)), is_position_given, ..Head::default() };
     let is_wanted = input.sink.begin(&head)?;
     let announced = u64::from(columns) * u64::from(rows);
     let mut points = Points { frame, values: [0.0; 7], odd_colors: 0 };

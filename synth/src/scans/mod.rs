@@ -31,6 +31,7 @@ use figures::Occasion;
 use format::Header;
 use glam::{DMat3, DVec3};
 use kilwa_files::atomic::{folder_of, sync_folder};
+use kilwa_files::made_folders::MadeFolders;
 use kilwa_files::unfinished;
 use kilwa_pack::plural::counted;
 use props::Props;
@@ -255,6 +256,8 @@ pub fn write(options: &ScanOptions, out: &Path, progress: &mut dyn FnMut(u64, u6
     builder.prefix(".kilwa-").suffix(".part");
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o777));
+    // Dropped after the scans are there, or removed.
+    let _folders = MadeFolders::all_of(parent).map_err(failed(parent))?;
     let make = || builder.tempdir_in(parent);
     let (folder, noted) = unfinished::make(make, tempfile::TempDir::path).map_err(failed(parent))?;
     let mut report = survey.write(folder.path(), progress)?;
@@ -298,9 +301,6 @@ fn check_folder(out: &Path) -> Result<(), ScanError> {
     let name = |why| Err(ScanError::Name { path: out.to_owned(), why });
     if out.file_name().is_none() {
         return name("not a valid name for a new folder: choose another one, such as survey");
-    }
-    if !folder_of(out).is_dir() {
-        return name("its parent folder does not exist: create that first");
     }
     match fs::symlink_metadata(out) {
         Ok(about) if about.is_dir() => match fs::read_dir(out).map_err(failed(out))?.next() {

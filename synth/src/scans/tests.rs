@@ -313,14 +313,22 @@ fn impossible_options_are_refused_and_leave_nothing() {
     assert!(refused(&ScanOptions { truth_mesh: Some(3), ..good.clone() }, "a").contains("triangles"));
     let rough = Poses::Rough { position: -1.0, heading: 1.0 };
     assert!(refused(&ScanOptions { poses: rough, ..good.clone() }, "a").contains("positions cannot be -1"));
-    assert!(refused(&good, "no/such").contains("parent folder does not exist"));
     assert!(names(folder.path()).is_empty());
     fs::write(folder.path().join("mine"), "x").unwrap();
     assert!(refused(&good, "mine").contains("already exists"));
+    assert!(refused(&good, "mine/such").contains("mine"));
     fs::create_dir(folder.path().join("full")).unwrap();
     fs::write(folder.path().join("full/mine"), "x").unwrap();
     assert!(refused(&good, "full").contains("not empty"));
     assert_eq!(names(folder.path()), ["full", "mine"]);
+}
+
+#[test]
+fn missing_folders_above_are_made() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("none/such");
+    assert!(!write(&ScanOptions::new(2, 40), &out, &mut nothing).unwrap().files.is_empty());
+    assert!(names(&folder.path().join("none")) == ["such"] && out.is_dir());
 }
 
 #[test]

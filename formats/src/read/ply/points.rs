@@ -43,15 +43,9 @@ pub fn read_points(path: &Path, sink: &mut dyn PointSink, progress: &mut OnProgr
     let (mut file, total) = open(path)?;
     let mut on_progress = |done, all| progress(done, all);
     let mut source = Source::new(&mut file, total, path, &mut on_progress);
-    if !(source.ensure(4)? && is_ply(source.available())) {
-        return Err(source.malformed(Place::Line(1), "something else", "ply"));
-    }
-    let header = Header::read(&mut source)?;
-    let plan = Plan::of_points(&header, path)?;
-    header.check_fits(&source)?;
+    let (header, plan, size) = begin(&mut source, path)?;
     let mut diagnostics = Diagnostics::default();
     plan.report(&header, &mut diagnostics);
-    let size = size(&header, &source)?;
     sink.expect(size.is_some())?;
     match header.encoding {
         Encoding::Ascii => {
@@ -66,6 +60,29 @@ pub fn read_points(path: &Path, sink: &mut dyn PointSink, progress: &mut OnProgr
     source.done();
     sink.diagnostics().merge(diagnostics);
     Ok(())
+}
+
+/// Whether a file of points has a range grid, from its header alone.
+///
+/// # Errors
+/// Those of [`read_points`] that the header shows.
+pub fn has_grid(path: &Path) -> Result<bool, ReadError> {
+    let (mut file, total) = open(path)?;
+    let mut on_progress = |_, _| {};
+    let mut source = Source::new(&mut file, total, path, &mut on_progress);
+    Ok(begin(&mut source, path)?.2.is_some())
+}
+
+/// The header, what is read of each element, and the size of the grid.
+fn begin(source: &mut Source<'_>, path: &Path) -> Result<(Header, Plan, Option<[u32; 2]>), ReadError> {
+    if !(source.ensure(4)? && is_ply(source.available())) {
+        return Err(source.malformed(Place::Line(1), "something else", "ply"));
+    }
+    let header = Header::read(source)?;
+    let plan = Plan::of_points(&header, path)?;
+    header.check_fits(source)?;
+    let size = size(&header, source)?;
+    Ok((header, plan, size))
 }
 
 /// Columns and rows of the grid, where there is one.

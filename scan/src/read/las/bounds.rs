@@ -6,9 +6,12 @@ use std::io::{Read, Seek, SeekFrom};
 /// Bytes of a variable length record before its data, and of an extended one.
 const RECORD: u64 = 54;
 const EXTENDED: u64 = 60;
-/// The record of LAZ: its number and its compressors of whole points, alone and in chunks (LASzip, "laszip.hpp").
+/// The record of LAZ: its number, its compressor of chunks in layers, and items of points with another number of layers than one (LASzip, "laszip.hpp").
 const LASZIP: u64 = 22_204;
-const POINTWISE: [u64; 2] = [1, 2];
+const LAYERED: u64 = 3;
+const POINT14: u64 = 10;
+const RGBNIR14: u64 = 12;
+const BYTE14: u64 = 14;
 
 /// What a file announces and cannot have.
 pub(super) struct Excess {
@@ -58,29 +61,17 @@ fn extended(file: &mut (impl Read + Seek), total: u64) -> Option<Excess> {
 
 /// The record of LAZ, and the table of chunks.
 fn compressed(file: &mut (impl Read + Seek), total: u64, head: [u64; 4]) -> Option<Excess> {
-    let [mut at, records, points_at, point] = head;
-    for _ in 0..records {
-        let length = number(file, at + 20, 2)?;
-        if number(file, at + 18, 2)? == LASZIP {
-            let data = at + RECORD;
-            let compressor = number(file, data, 2)?;
-            if !POINTWISE.contains(&compressor) {
-                return Some(Excess {
-                    at: data,
-                    found: format!("LAZ with compressor {compressor}, as point formats 6 to 10 have it"),
-                    expected: "LAZ of point formats 0 to 5, or LAS: decompress it, for example with laszip or pdal"
-                        .to_owned(),
-                });
-            }
-            let mut bytes = 0;
-            for item in 0..number(file, data + 32, 2)? {
-                bytes += number(file, data + 34 + 6 * item + 2, 2)?;
-            }
-            if let Some(excess) = too_many(data + 32, bytes, "bytes in a point", point) {
-                return Some(excess);
-            }
+    let points_at = head[2];
+    let point = head[3];
+    if let Some(record) = laszip(file, head) {
+        if let Some(at) = record.again {
+            // It is not known which of them the crate reads.
+            let expected = "one; it is damaged: copy or export it again".to_owned();
+            return Some(Excess { at, found: "a second record of LAZ".to_owned(), expected });
         }
-        at += RECORD + length;
+        if let Some(excess) = too_many(record.at + 32, record.point, "bytes in a point", point) {
+            return Some(excess);
+        }
     }
     // The points begin with the place of the table; where it was not known when they were written, the file ends with it.
     let table = number(file, points_at, 8)?;
@@ -91,8 +82,66 @@ fn compressed(file: &mut (impl Read + Seek), total: u64, head: [u64; 4]) -> Opti
     too_many(at, number(file, at, 4)?, "chunks", total / point.max(1))
 }
 
+/// What the record of LAZ says.
+struct LasZip {
+    /// The byte where its data begin.
+    at: u64,
+    /// Those of a second record.
+    again: Option<u64>,
+    compressor: u64,
+    /// Bytes of a point, and layers of a chunk where there are any: each field has its own.
+    point: u64,
+    layers: u64,
+}
+
+/// The record of LAZ, by what the header says of records and points.
+fn laszip(file: &mut (impl Read + Seek), [mut at, records, _, _]: [u64; 4]) -> Option<LasZip> {
+    let mut first = None;
+    for _ in 0..records {
+        let length = number(file, at + 20, 2)?;
+        if number(file, at + 18, 2)? == LASZIP {
+            let at = at + RECORD;
+            let mut found = LasZip { at, again: None, compressor: number(file, at, 2)?, point: 0, layers: 0 };
+            for item in 0..number(file, at + 32, 2)? {
+                let (kind, bytes) = (number(file, at + 34 + 6 * item, 2)?, number(file, at + 36 + 6 * item, 2)?);
+                found.point += bytes;
+                found.layers += match kind {
+                    POINT14 => 9,
+                    RGBNIR14 => 2,
+                    BYTE14 => bytes,
+                    _ => 1,
+                };
+            }
+            match &mut first {
+                None => first = Some(found),
+                Some(first) => first.again = Some(at),
+            }
+        }
+        at += RECORD + length;
+    }
+    first
+}
+
+/// Where the chunks of a file with layers begin, and the bytes before the data of each: its first point, its number of points, and the length of each layer.
+/// `None` where there are no layers.
+pub(super) fn layered(file: &mut (impl Read + Seek)) -> Option<Layered> {
+    let (format, point) = (number(file, 104, 1)?, number(file, 105, 2)?);
+    let head = [number(file, 94, 2)?, number(file, 100, 4)?, number(file, 96, 4)?, point];
+    let record = laszip(file, head).filter(|record| format & 0xc0 != 0 && record.compressor == LAYERED)?;
+    // The place of the table of chunks comes first.
+    Some(Layered { first: head[2].checked_add(8)?, point: record.point, layers: record.layers })
+}
+
+/// See [`layered`].
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Layered {
+    pub(super) first: u64,
+    pub(super) point: u64,
+    pub(super) layers: u64,
+}
+
 /// A little-endian number at a place of a file, if it is there.
-fn number(file: &mut (impl Read + Seek), at: u64, bytes: usize) -> Option<u64> {
+pub(super) fn number(file: &mut (impl Read + Seek), at: u64, bytes: usize) -> Option<u64> {
     let mut field = [0; 8];
     file.seek(SeekFrom::Start(at)).ok()?;
     file.read_exact(field.get_mut(..bytes)?).ok()?;

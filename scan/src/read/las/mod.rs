@@ -1,11 +1,11 @@
 //! LAS and LAZ (ASPRS, "LAS Specification 1.4"), by the crates `las` and `laz`. They have no grid and no scanner: the position must be given.
 //!
-//! LAZ is read in point formats 0 to 5. In 6 to 10, each chunk is in layers, for whose announced lengths `laz` 0.13 allocates without a bound;
-//! these are refused.
+//! LAZ of point formats 6 to 10 has chunks in layers, for whose announced lengths `laz` 0.13 allocates without a bound: `chunks` looks at them first.
 //!
 //! Colours have 16 bits; many programs write 8 into them. So a file with colours is read twice: if no value exceeds 255, they are taken as they are.
 
 mod bounds;
+mod chunks;
 
 use super::{Frame, Head, Input, too_far};
 use crate::ScanError;
@@ -15,9 +15,11 @@ use kilwa_formats::read::{Place, ReadError};
 use kilwa_pack::plural::counted;
 use kilwa_scan_core::{Grid, Kind, Pose, Rays, Sample, State};
 use las::{PointData, Reader};
-use std::io::Seek;
+use std::cell::Cell;
+use std::io::{BufReader, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
+use std::sync::{Arc, Once};
 
 /// Points decoded at a time, at most, and their bytes.
 const BATCH: u64 = 16_384;
@@ -27,7 +29,7 @@ pub(super) fn read(input: &mut Input<'_>) -> Result<(), ScanError> {
     if input.options.station.is_none() {
         return Err(ScanError::NoStation { file: input.path.to_owned() });
     }
-    let mut reader = open(input)?;
+    let Opened { mut reader, seen, points_at } = open(input)?;
     let header = reader.header().clone();
     let count = header.number_of_points();
     let format = *header.point_format();
@@ -48,20 +50,23 @@ pub(super) fn read(input: &mut Input<'_>) -> Result<(), ScanError> {
     }
     let shift = if format.has_color { color_shift(input, count)? } else { 0 };
     let frame = Frame::unplaced(input.options, input.options.units.metres());
-    let head = Head { pose: Some(frame.pose(Pose::default())), crs: crs(&header), ..Head::default() };
+    let pose = Some(frame.pose(Pose::default()));
+    let head = Head { pose, crs: crs(&header), is_position_given: true, ..Head::default() };
     if !input.sink.begin(&head)? {
         return Ok(());
     }
     let mut done = 0;
-    batches(&mut reader, count, input.path, &mut |points| {
+    batches(&mut reader, &seen, count, input.path, &mut |points| {
         let mut colors = points.rgb();
         let positions = points.x().zip(points.y()).zip(points.z());
         for (((position, intensity), number), k) in
             positions.zip(points.intensity()).zip(points.return_number()).zip(0..)
         {
             let ((x, y), z) = position;
-            let place = || Place::Byte(u64::from(format.len()) * (done + k));
-            let position = frame.place(DVec3::new(x, y, z)).map_err(|metres| too_far(input.path, place(), metres))?;
+            // In LAZ, points have no byte of their own: the chunk's.
+            let at = || if format.is_compressed { seen.at().max(points_at) } else { points_at + least * (done + k) };
+            let far = |metres| too_far(input.path, Place::Byte(at()), metres);
+            let position = frame.place(DVec3::new(x, y, z)).map_err(far)?;
             let color = colors.as_mut().and_then(Iterator::next);
             let state = State::new(Kind::Measured, color.is_some(), number);
             let color = color.map_or([0; 3], |(r, g, b)| [r, g, b].map(|v| (v >> shift) as u8));
@@ -76,30 +81,60 @@ pub(super) fn read(input: &mut Input<'_>) -> Result<(), ScanError> {
     input.sink.progress(input.total)
 }
 
-fn open(input: &Input<'_>) -> Result<Reader, ScanError> {
+struct Opened {
+    reader: Reader,
+    seen: Arc<chunks::Seen>,
+    /// The byte where the points begin.
+    points_at: u64,
+}
+
+fn open(input: &Input<'_>) -> Result<Opened, ScanError> {
     let cannot = |source| ReadError::Open { file: input.path.to_owned(), source };
     let mut file = kilwa_files::plain_file::open(input.path).map_err(cannot)?;
     if let Some(bounds::Excess { at, found, expected }) = bounds::excess(&mut file, input.total) {
         return Err(ScanError::malformed(input.path, Place::Byte(at), found, expected));
     }
+    let (layered, points_at) = (bounds::layered(&mut file), bounds::number(&mut file, 96, 4).unwrap_or(0));
     file.rewind().map_err(cannot)?;
-    let buffered = std::io::BufReader::with_capacity(1 << 20, file);
-    survived(|| Reader::new(buffered)).map_err(|e| damaged(input.path, 0, &e))
+    let seen = Arc::new(chunks::Seen::default());
+    let buffered = BufReader::with_capacity(1 << 20, file);
+    let checked = chunks::Checked::new(buffered, input.total, layered, Arc::clone(&seen));
+    let reader = survived(|| Reader::new(checked)).map_err(|e| damaged(input.path, 0, 0, &e))?;
+    Ok(Opened { reader, seen, points_at })
 }
 
-/// What a call of the crates gives: on some damaged files they panic (`las` 0.11.2, by arithmetic on the header), which is an error here.
+thread_local! {
+    /// Whether this thread is in a call whose panics are errors.
+    static IS_SURVIVING: Cell<bool> = const { Cell::new(false) };
+}
+
+/// What a call of the crates gives: on some damaged files they panic (`las` 0.11.2, by arithmetic on the header), which is an error here, and
+/// nothing is printed.
 fn survived<T>(call: impl FnOnce() -> las::Result<T>) -> Result<T, String> {
-    match catch_unwind(AssertUnwindSafe(call)) {
-        Ok(result) => result.map_err(|e| e.to_string()),
+    static QUIET: Once = Once::new();
+    QUIET.call_once(|| {
+        let before = std::panic::take_hook();
+        std::panic::set_hook(Box::new(move |panic| {
+            if !IS_SURVIVING.get() {
+                before(panic);
+            }
+        }));
+    });
+    IS_SURVIVING.set(true);
+    let result = catch_unwind(AssertUnwindSafe(call));
+    IS_SURVIVING.set(false);
+    match result {
+        // Errors of the system are wrapped by name.
+        Ok(result) => result.map_err(|e| e.to_string().trim_start_matches("IoError: ").to_owned()),
         Err(_) => Err("numbers that contradict each other".to_owned()),
     }
 }
 
-fn damaged(path: &Path, point: u64, e: &str) -> ScanError {
+fn damaged(path: &Path, at: u64, point: u64, e: &str) -> ScanError {
     let place = if point == 0 { "its header or its first points".to_owned() } else { format!("after point {point}") };
     ScanError::malformed(
         path,
-        Place::Byte(0),
+        Place::Byte(at),
         format!("{e} ({place})"),
         "a valid LAS or LAZ file; it is truncated or damaged: copy or export it again",
     )
@@ -108,6 +143,7 @@ fn damaged(path: &Path, point: u64, e: &str) -> ScanError {
 /// Decode all points, a batch at a time.
 fn batches(
     reader: &mut Reader,
+    seen: &chunks::Seen,
     count: u64,
     path: &Path,
     visit: &mut dyn FnMut(&PointData) -> Result<(), ScanError>,
@@ -115,7 +151,8 @@ fn batches(
     let mut done = 0;
     let batch = (BATCH_BYTES / u64::from(reader.header().point_format().len()).max(1)).clamp(1, BATCH);
     while done < count {
-        let points = survived(|| reader.read_points(batch.min(count - done))).map_err(|e| damaged(path, done, &e))?;
+        let points = survived(|| reader.read_points(batch.min(count - done)));
+        let points = points.map_err(|e| damaged(path, seen.at(), done, &e))?;
         if points.is_empty() {
             let found = format!("the end of the file after {}", counted(done, "point", "points"));
             return Err(ScanError::malformed(path, Place::Byte(0), found, format!("{count}, as the header announces")));
@@ -123,14 +160,24 @@ fn batches(
         done += points.len() as u64;
         visit(&points)?;
     }
+    // Layers have no checksum; where a length is wrong, this is what shows.
+    if seen.points() > 0 && seen.points() != count {
+        let found = format!("chunks of {} in all", counted(seen.points(), "point", "points"));
+        return Err(ScanError::malformed(
+            path,
+            Place::Byte(seen.at()),
+            found,
+            format!("{count}, as the header announces"),
+        ));
+    }
     Ok(())
 }
 
 /// By how many bits colours must be shifted to have 8.
 fn color_shift(input: &Input<'_>, count: u64) -> Result<u32, ScanError> {
     let mut largest = 0;
-    let mut reader = open(input)?;
-    batches(&mut reader, count, input.path, &mut |points| {
+    let Opened { mut reader, seen, .. } = open(input)?;
+    batches(&mut reader, &seen, count, input.path, &mut |points| {
         for (r, g, b) in points.rgb().into_iter().flatten() {
             largest = largest.max(r).max(g).max(b);
         }

@@ -1,0 +1,156 @@
+//! LAS and LAZ of point formats 6 to 10: chunks in layers, and what is wrong with them.
+
+use crate::support::{Site, seen_from};
+use kilwa_scan::read::ReadOptions;
+use kilwa_scan_core::Sample;
+use std::path::PathBuf;
+
+/// A file of points of this format, compressed by its name; some values change from point to point and some never, so that layers are there or empty.
+pub(crate) fn written(site: &Site, name: &str, format: u8, count: u32) -> PathBuf {
+    let mut builder = las::Builder::from((1, 4));
+    builder.point_format = las::point::Format::new(format).unwrap();
+    builder.point_format.is_compressed = name.ends_with("laz");
+    builder.point_format.extra_bytes = 3;
+    let transform = las::Transform { scale: 0.001, offset: 566_000.0 };
+    builder.transforms = las::Vector { x: transform, y: transform, z: transform };
+    let path = site.path(name);
+    let format = builder.point_format;
+    let mut writer = las::Writer::from_path(&path, builder.into_header().unwrap()).unwrap();
+    let mut rng = fastrand::Rng::with_seed(3);
+    for k in 0..count {
+        let mut near = || 566_000.0 + f64::from(rng.u32(..90_000)) * 0.001;
+        let (x, y, z) = (near(), near(), near());
+        let point = las::Point {
+            x,
+            y,
+            z,
+            intensity: rng.u16(..),
+            return_number: rng.u8(1..=15),
+            number_of_returns: 15,
+            gps_time: format.has_gps_time.then_some(f64::from(k)),
+            color: format.has_color.then(|| las::Color { red: rng.u16(..), green: 700, blue: 65_535 }),
+            nir: format.has_nir.then(|| rng.u16(..)),
+            waveform: format.has_waveform.then(Default::default),
+            extra_bytes: vec![rng.u8(..), 7, (k % 3) as u8],
+            ..las::Point::default()
+        };
+        writer.write_point(point).unwrap();
+    }
+    writer.close().unwrap();
+    path
+}
+
+fn here() -> ReadOptions {
+    seen_from(566_040.0, 566_040.0, 566_001.5)
+}
+
+fn samples(site: &Site, path: PathBuf) -> Vec<Sample> {
+    let report = site.import(&[path], here()).unwrap();
+    site.samples(&report.stations[0].station.name)
+}
+
+#[test]
+fn las_and_laz_of_the_extended_point_formats_give_the_same_points() {
+    // More than a chunk has: 50,000.
+    const COUNT: u32 = 60_000;
+    let site = Site::new();
+    for format in [6, 7, 8, 9, 10] {
+        let plain = samples(&site, written(&site, &format!("plain{format}.las"), format, COUNT));
+        let layered = samples(&site, written(&site, &format!("layered{format}.laz"), format, COUNT));
+        assert_eq!((plain.len(), layered.len()), (COUNT as usize, COUNT as usize));
+        let differ = plain.iter().zip(&layered).position(|(a, b)| {
+            a.position != b.position || a.intensity != b.intensity || a.color != b.color || a.state != b.state
+        });
+        assert_eq!(differ, None, "format {format}");
+        let has_color = [7, 8, 10].contains(&format);
+        assert!(plain.iter().all(|s| s.state.has_color() == has_color));
+        assert!(!has_color || plain.iter().all(|s| s.color[1..] == [2, 255]));
+        let mut numbers = [0; 16];
+        for sample in &plain {
+            numbers[usize::from(sample.state.return_number())] += 1;
+        }
+        assert!(numbers[0] == 0 && numbers[1..].iter().all(|n| *n > 3000), "{numbers:?}");
+    }
+}
+
+/// The byte where the chunks begin.
+fn chunks_at(bytes: &[u8]) -> usize {
+    u32::from_le_bytes(bytes[96..100].try_into().unwrap()) as usize + 8
+}
+
+#[test]
+fn what_is_wrong_with_a_chunk_in_layers_is_said_with_its_byte() {
+    let site = Site::new();
+    let bytes = std::fs::read(written(&site, "seed.laz", 7, 500)).unwrap();
+    let (at, point) = (chunks_at(&bytes), 36 + 3);
+    let with = |place: usize, value: u32| {
+        let mut bytes = bytes.clone();
+        bytes[place..place + 4].copy_from_slice(&value.to_le_bytes());
+        bytes
+    };
+    let chunk = format!("byte {at}");
+    for (name, damaged, parts) in [
+        // The length of every kind of layer: position, time, colour, the last extra byte.
+        ("a.laz", with(at + point + 4, u32::MAX), ["a chunk of 42949", "are left in the file"]),
+        ("b.laz", with(at + point + 4 + 4 * 8, 0x7fff_ffff), ["a chunk of 21474", "truncated or damaged"]),
+        ("c.laz", with(at + point + 4 + 4 * 9, 0x00ff_ffff), ["a chunk of 1678", "truncated or damaged"]),
+        ("d.laz", with(at + point + 4 + 4 * 12, u32::MAX), ["a chunk of 42949", "truncated or damaged"]),
+        ("e.laz", with(at + point, 499), ["chunks of 499 points in all", "expected 500"]),
+    ] {
+        let file = site.write(name, damaged);
+        let message = site.import(&[file], here()).unwrap_err().to_string();
+        assert!(message.contains(name) && message.contains(&chunk), "{name}: {message}");
+        assert!(parts.iter().all(|part| message.contains(part)), "{name}: {message}");
+    }
+}
+
+/// A file that is cut has no table of chunks any more.
+#[test]
+fn a_file_that_is_cut_in_a_chunk_in_layers_is_refused() {
+    let site = Site::new();
+    let bytes = std::fs::read(written(&site, "seed.laz", 7, 500)).unwrap();
+    for length in [chunks_at(&bytes) + 59, bytes.len() / 2, bytes.len() - 9] {
+        let file = site.write("cut.laz", &bytes[..length]);
+        let message = site.import(&[file], here()).unwrap_err().to_string();
+        assert!(message.contains("cut.laz") && message.contains("truncated or damaged"), "{message}");
+    }
+}
+
+/// A point too far away is named by its byte, which counts from the beginning of the file.
+#[test]
+fn the_byte_of_a_point_too_far_away_is_that_of_the_file() {
+    let site = Site::new();
+    let file = written(&site, "far.las", 6, 40);
+    let mut bytes = std::fs::read(&file).unwrap();
+    let (at, point) = (chunks_at(&bytes) - 8, 30 + 3);
+    let place = at + 17 * point;
+    bytes[place..place + 4].copy_from_slice(&i32::MAX.to_le_bytes());
+    std::fs::write(&file, bytes).unwrap();
+    let message = site.import(&[file], here()).unwrap_err().to_string();
+    assert!(message.contains(&format!("byte {place}:")) && message.contains("km from the scanner"), "{message}");
+}
+
+/// Neither truncation nor damage crashes the reader, makes it hang or allocate what is not there.
+#[test]
+fn truncated_and_damaged_chunks_in_layers_are_refused_or_read() {
+    let mut rng = fastrand::Rng::with_seed(11);
+    let site = Site::new();
+    let bytes = std::fs::read(written(&site, "seed.laz", 8, 200)).unwrap();
+    for round in 0..300 {
+        let mut damaged = bytes.clone();
+        if round % 3 == 0 {
+            damaged.truncate(rng.usize(..bytes.len()));
+        } else {
+            for _ in 0..=rng.usize(..3) {
+                let at = rng.usize(..damaged.len());
+                damaged[at] ^= 1 << rng.u8(..8);
+            }
+        }
+        let file = site.write("a.laz", &damaged);
+        drop(std::fs::remove_dir_all(site.survey()));
+        match site.import(&[file], here()) {
+            Ok(report) => assert_eq!(site.samples(&report.stations[0].station.name).len(), 200),
+            Err(e) => assert!(e.to_string().contains("a.laz"), "{e}"),
+        }
+    }
+}
