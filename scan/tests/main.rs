@@ -8,4 +8,5 @@ mod mesh;
 mod peers;
 mod resume;
 mod shared_data;
+mod stations;
 mod support;
