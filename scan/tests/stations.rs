@@ -194,7 +194,7 @@ fn options() -> Options {
     options
 }
 
-/// Rows of all stations with and without the mask of mixed pixels, and the largest share of false surface in any of them and the smallest of
+/// Rows of all stations without masks and with those of mixed pixels and, of three stations or more, of what others see through; and the largest share of false surface in any of them and the smallest of
 /// present surface without it.
 fn table(scans: &Path, truth: &Path) -> (String, f64, f64) {
     let truth = read_mesh(truth, &mut |_, _| {}).unwrap();
