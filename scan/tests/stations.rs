@@ -194,8 +194,8 @@ fn options() -> Options {
     options
 }
 
-/// Rows of all stations without masks and with those of mixed pixels and, of three stations or more, of what others see through; and the largest share of false surface in any of them and the smallest of
-/// present surface without it.
+/// Rows of all stations without masks, and with those of mixed pixels and (of three stations or more) of what others see through; the largest share of
+/// false surface in any of them, and the smallest of present surface without masks.
 fn table(scans: &Path, truth: &Path) -> (String, f64, f64) {
     let truth = read_mesh(truth, &mut |_, _| {}).unwrap();
     let corners = |t: &[u32; 3]| t.map(|v| truth.positions[v as usize]);
