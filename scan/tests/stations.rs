@@ -25,6 +25,7 @@ use kilwa_scan::mesh::{MeshVertex, Options, Surface, mesh};
 use kilwa_scan::read::ReadOptions;
 use kilwa_scan::survey::{Station, Survey};
 use kilwa_scan_core::Pose;
+use kilwa_scan_core::mask::mixed;
 use kilwa_synth::scans::{Extras, INSTRUMENTS, Instrument, LOWEST_ELEVATION, MIN_RANGE, ScanOptions, write};
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
@@ -159,8 +160,8 @@ fn measure(survey: &Path, station: &Station, unmasked: bool, truth: &Searched, o
     let mut reader = mask::open(survey, station, unmasked).unwrap();
     let grid = reader.header().grid;
     // Two instruments, of which the second has rays 5/3 as far apart, take turns: two stations use the first.
-    let number: usize = station.name.trim_start_matches("scan_").parse().unwrap();
-    let instrument = &INSTRUMENTS[usize::from(number % 3 == 0)];
+    let number: u32 = station.name.trim_start_matches("scan_").parse().unwrap();
+    let instrument = &INSTRUMENTS[usize::from(number.is_multiple_of(3))];
     let scanner = Scanner { pose: station.pose.unwrap(), instrument, step: TAU / f64::from(grid.columns) };
     let mut made = Triangles::default();
     mesh(&mut reader, scanner.pose, options, &mut made).unwrap();
@@ -205,7 +206,7 @@ fn table(scans: &Path, truth: &Path) -> (String, f64, f64) {
     files.retain(|file| file.extension().is_some_and(|end| end == "ptx"));
     files.sort();
     site.import(&files, ReadOptions::default()).unwrap();
-    for recipe in [Recipe::Mixed(Default::default()), Recipe::SeenThrough { witnesses: 2, margin: 0.1 }] {
+    for recipe in [Recipe::Mixed(mixed::Options::default()), Recipe::SeenThrough { witnesses: 2, margin: 0.1 }] {
         if files.len() < 3 && matches!(recipe, Recipe::SeenThrough { .. }) {
             continue;
         }

@@ -38,7 +38,10 @@ fn ptx() -> Vec<u8> {
         for cell in 0..columns * rows {
             let ([x, y, z], intensity, [r, g, b]) = point(cell).unwrap_or(([0.0; 3], 0.5, [0; 3]));
             write!(text, "{x:.6} {y:.6} {z:.6} {intensity:.3}").unwrap();
-            text += &if has_color { format!(" {r} {g} {b}\n") } else { "\n".to_owned() };
+            if has_color {
+                write!(text, " {r} {g} {b}").unwrap();
+            }
+            text.push('\n');
         }
     }
     text.into_bytes()
