@@ -447,7 +447,13 @@ impl Sink for Scans {
 fn file(bytes: &[u8], name: &str) -> PathBuf {
     static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().expect("a temporary folder"));
     let path = FOLDER.path().join(format!("{:?}-{name}", std::thread::current().id()));
-    std::fs::write(&path, bytes).expect("room for the file");
+    // A file that is made empty first is written to the disk at once by some file systems, which takes most of the time.
+    let file = std::fs::File::options().write(true).create(true).truncate(false).open(&path);
+    let written = file.and_then(|mut file| {
+        std::io::Write::write_all(&mut file, bytes)?;
+        file.set_len(bytes.len() as u64)
+    });
+    written.expect("room for the file");
     path
 }
 
