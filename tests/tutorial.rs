@@ -1,15 +1,19 @@
-//! docs/tutorial.md, word for word: every command that it shows is run in its order, in an empty folder, and prints the lines that it shows. The fort
-//! is a hundredth as large, so numbers differ.
+//! docs/tutorial.md and docs/tutorial-scans.md, word for word: every command that they show is run in its order, in an empty folder, and prints the lines that
+//! it shows. The fort is a hundredth as large, and so are its scans, so numbers differ.
 
 use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Command, Stdio};
 
 const PAGE: &str = include_str!("../docs/tutorial.md");
+const SCANS: &str = include_str!("../docs/tutorial-scans.md");
 
-/// The blocks of code of the page, each as its lines.
-fn blocks() -> Vec<Vec<&'static str>> {
-    let parts = PAGE.split("```").skip(1).step_by(2);
+/// Sizes on the pages, and those here.
+const SMALLER: [(&str, &str); 2] = [("2M", "20k"), ("1000", "100")];
+
+/// The blocks of code of a page, each as its lines.
+fn blocks(page: &str) -> Vec<Vec<&str>> {
+    let parts = page.split("```").skip(1).step_by(2);
     parts.map(|block| block.trim_matches('\n').lines().collect()).collect()
 }
 
@@ -26,7 +30,7 @@ fn kilwa(command: &str, folder: &Path) -> Command {
     let args = command.strip_prefix("kilwa ").unwrap_or_else(|| panic!("{command} is no command of kilwa"));
     let given = args.split_whitespace().map(|arg| match arg.strip_prefix("~/") {
         Some(rest) => home.join(rest).display().to_string(),
-        None => arg.replace("2M", "20k"),
+        None => SMALLER.iter().find(|(large, _)| *large == arg).map_or(arg, |(_, small)| small).to_owned(),
     });
     call.args(given).current_dir(folder).stdin(Stdio::null());
     call
@@ -63,12 +67,10 @@ fn edit(file: &Path, lines: &[&str]) {
     std::fs::write(file, text).unwrap();
 }
 
-#[test]
-fn the_tutorial_works_word_for_word_from_a_scan_to_a_published_and_measured_model() {
-    let folder = tempfile::tempdir().unwrap();
-    let folder = folder.path();
+/// Does what a page says; how many commands there were.
+fn follow(page: &str, folder: &Path) -> usize {
     let mut commands = 0;
-    for block in blocks() {
+    for block in blocks(page) {
         if block.iter().all(|line| line.contains(" = \"")) {
             edit(&folder.join("fort.toml"), &block);
             continue;
@@ -92,7 +94,24 @@ fn the_tutorial_works_word_for_word_from_a_scan_to_a_published_and_measured_mode
         }
         commands += 1;
     }
+    commands
+}
+
+#[test]
+fn the_tutorial_works_word_for_word_from_a_scan_to_a_published_and_measured_model() {
+    let folder = tempfile::tempdir().unwrap();
+    let commands = follow(PAGE, folder.path());
     assert!(commands >= 9, "{commands} commands");
-    let object = folder.join("site/a-synthetic-fort");
+    let object = folder.path().join("site/a-synthetic-fort");
     assert!(object.join("v1").is_dir() && object.join("index.html").is_file(), "published");
+}
+
+#[test]
+fn the_tutorial_of_scans_works_word_for_word_from_simulated_scans_to_a_served_model() {
+    let folder = tempfile::tempdir().unwrap();
+    let commands = follow(SCANS, folder.path());
+    assert!(commands >= 9, "{commands} commands");
+    for file in ["colour.png", "mask.png", "scan_001.ply", "fort.kilwa"] {
+        assert!(folder.path().join(file).is_file(), "{file} was written");
+    }
 }

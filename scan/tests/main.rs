@@ -10,4 +10,5 @@ mod mesh;
 mod peers;
 mod resume;
 mod shared_data;
+mod stations;
 mod support;

@@ -13,6 +13,7 @@
 
 #[path = "../fuzz/bodies.rs"]
 mod bodies;
+mod damage;
 mod mutate;
 mod seeds;
 

@@ -7,6 +7,7 @@
 mod codec;
 mod masks;
 mod scans;
+mod stations;
 mod view;
 
 use crate::process::{cargo, command, compile_kilwa, on_path, output, root, run as run_command};
@@ -42,6 +43,8 @@ enum What {
     Scans(scans::Args),
     /// Masks of simulated scans against the truth: what they find, what they lose
     Masks(masks::Args),
+    /// Meshes of simulated stations against the true surface: what is false, what is missing
+    Stations(stations::Args),
     /// Run a program and write what it used to a file (used by `build`, in a process of its own)
     #[command(hide = true)]
     Measured { report: PathBuf, program: PathBuf, args: Vec<String> },
@@ -91,6 +94,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         What::View(view) => view::run(view),
         What::Scans(scans) => scans::run(scans),
         What::Masks(masks) => masks::run(masks),
+        What::Stations(stations) => stations::run(stations),
         What::Measured { report, program, args } => measured(report, program, args),
     }
 }

@@ -47,13 +47,13 @@ pub(crate) struct Args {
     /// Use every N-th row and column (default: the value in survey.toml, or 1).
     #[arg(long, value_name = "N", requires = "mesh", value_parser = clap::value_parser!(u32).range(1..=64))]
     subsample: Option<u32>,
-    /// Longest edge in metres (default: 0.05).
+    /// Longest edge in metres (default: no limit but that of --edge-factor).
     #[arg(long, value_name = "METRES", requires = "mesh", value_parser = positive)]
     max_edge: Option<f64>,
     /// Longest edge as a multiple of the point spacing expected from range, angular step and incidence angle (default: 3).
     #[arg(long, value_name = "FACTOR", requires = "mesh", value_parser = positive)]
     edge_factor: Option<f64>,
-    /// Drop triangles whose incidence angle is larger than this, in degrees (default: 85).
+    /// Drop triangles whose incidence angle is larger than this, in degrees (default: 87).
     #[arg(long, value_name = "DEGREES", requires = "mesh", value_parser = angle)]
     grazing: Option<f64>,
     /// Keep only triangles whose centroid lies in this box, in survey coordinates (metres).

@@ -1,13 +1,13 @@
 //! `cargo xtask bench scans`: importing PTX and E57 of a made-up scan: points per CPU second, peak memory, size of the spool.
 
 use super::{archive, run_measured};
-use crate::process::{compile_kilwa, root};
+use crate::process::{cargo, compile_kilwa, root, run as run_command};
 use anyhow::{Context, Result};
 use std::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::fs::{self, File};
 use std::io::{BufWriter, Write as _};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub(super) struct Args {
@@ -17,6 +17,9 @@ pub(super) struct Args {
     /// Cargo profile of the program; figures of `dev` are for trying out only
     #[arg(long, value_name = "NAME", default_value = "release")]
     profile: String,
+    /// Measure the library alone (`scan/examples/import.rs`), which compiles in a fraction of the time
+    #[arg(long)]
+    library: bool,
     /// Print the table without adding it to docs/bench
     #[arg(long)]
     dry: bool,
@@ -26,8 +29,8 @@ pub(super) struct Args {
 const ROWS: u64 = 2000;
 
 pub(super) fn run(args: &Args) -> Result<()> {
-    let kilwa = compile_kilwa(&args.profile)?;
     let root = root()?;
+    let kilwa = if args.library { library(&args.profile)? } else { compile_kilwa(&args.profile)? };
     let scratch = root.join("target/bench/scans");
     fs::create_dir_all(&scratch).with_context(|| format!("cannot create {}", scratch.display()))?;
     let mut table = String::from(
@@ -43,24 +46,48 @@ pub(super) fn run(args: &Args) -> Result<()> {
         let survey = scratch.join(format!("survey-{format}"));
         drop(fs::remove_dir_all(&survey));
         let text = |path: &Path| path.display().to_string();
-        let call = ["scans".to_owned(), "import".to_owned(), text(&file), "-o".to_owned(), text(&survey)];
+        let call = if args.library {
+            vec![text(&survey), text(&file)]
+        } else {
+            vec!["scans".to_owned(), "import".to_owned(), text(&file), "-o".to_owned(), text(&survey)]
+        };
         let used = run_measured(&kilwa, &call, &scratch.join("usage"))?;
         let points = args.points / ROWS * ROWS;
         let spool = fs::metadata(survey.join("stations/scan.scan"))?.len();
+        let bytes = fs::metadata(&file)?.len();
         let mib = |bytes: u64| bytes as f64 / f64::from(1 << 20);
         writeln!(
             table,
             "| {format} | {points} | {:.0} | {:.1} | {:.1} | {:.2} M | {:.0} | {:.2} |",
-            mib(fs::metadata(&file)?.len()),
+            mib(bytes),
             used.wall_s,
             used.cpu_s,
             points as f64 / used.cpu_s / 1e6,
             mib(used.peak_bytes),
             spool as f64 / points as f64
         )?;
+        // A scan of 200 million points takes gigabytes.
+        drop(fs::remove_dir_all(&survey));
+        fs::remove_file(&file).with_context(|| format!("cannot remove {}", file.display()))?;
     }
     println!("\n{table}");
     if args.dry { Ok(()) } else { archive(&root, "scans", &table, &args.profile) }
+}
+
+/// The program that only imports.
+fn library(profile: &str) -> Result<PathBuf> {
+    run_command(&mut cargo(&[
+        "build",
+        "--locked",
+        "--package",
+        "kilwa-scan",
+        "--example",
+        "import",
+        "--profile",
+        profile,
+    ])?)?;
+    let folder = if profile == "dev" { "debug" } else { profile };
+    Ok(root()?.join("target").join(folder).join(format!("examples/import{}", std::env::consts::EXE_SUFFIX)))
 }
 
 /// The point in a cell: walls of a room, with millimetres of noise that are the same each time.
