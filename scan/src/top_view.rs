@@ -13,7 +13,7 @@ use std::io::Write;
 /// Most pixels across and down.
 pub const SIZE_MAX: u32 = 4096;
 
-/// The smallest and the largest x and y, in the survey, of 96 % of the samples of a station along each axis; `None` where it has none. Estimated from 64
+/// The smallest and the largest x and y, in the survey, of 98 % of the samples of a station along each axis; `None` where it has none. Estimated from 64
 /// stretches of the scan. Samples that masks of `reader` mask are left out.
 ///
 /// # Errors
@@ -41,7 +41,7 @@ pub fn extent(reader: &mut Reader, pose: Pose) -> Result<Option<[DVec2; 2]>, Sca
         let at = |axis: &Vec<f64>| axis.get((share * axis.len().saturating_sub(1) as f64) as usize).copied();
         Some(DVec2::new(at(&axes[0])?, at(&axes[1])?))
     };
-    Ok(end(0.02).zip(end(0.98)).map(|(min, max)| [min, max]))
+    Ok(end(0.01).zip(end(0.99)).map(|(min, max)| [min, max]))
 }
 
 fn place(sample: &Sample, pose: Pose) -> DVec3 {

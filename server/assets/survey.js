@@ -232,7 +232,7 @@ function link() {
     return one instanceof HTMLElement || one instanceof SVGElement ? one.dataset.station : undefined;
   };
   for (const event of ["pointerover", "focusin"]) document.addEventListener(event, ({ target }) => mark("marked", of(target)));
-  const chosen = () => mark("chosen", /^#station-(.+)$/.exec(location.hash)?.[1]);
+  const chosen = () => mark("picked", /^#station-(.+)$/.exec(location.hash)?.[1]);
   addEventListener("hashchange", chosen);
   chosen();
   // A line of the list, but for its link, chooses its station without moving the page.

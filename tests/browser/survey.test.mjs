@@ -109,11 +109,11 @@ test("the plan and the list mark the same station", async () => {
   const classes = (locator) => locator.evaluate((e) => e.getAttribute("class") ?? "");
   await plan.getByRole("link", { name: "yard" }).click();
   assert.match(page.url(), /#station-yard$/);
-  assert.match(await classes(row("yard")), /chosen/);
-  assert.match(await classes(plan.getByRole("link", { name: "yard" })), /chosen/);
+  assert.match(await classes(row("yard")), /picked/);
+  assert.match(await classes(plan.getByRole("link", { name: "yard" })), /picked/);
   await row("hall").getByRole("cell").first().click();
-  assert.match(await classes(plan.getByRole("link", { name: "hall" })), /chosen/);
-  assert.doesNotMatch(await classes(row("yard")), /chosen/);
+  assert.match(await classes(plan.getByRole("link", { name: "hall" })), /picked/);
+  assert.doesNotMatch(await classes(row("yard")), /picked/);
   // By keyboard: the link in the list has the focus, the station on the plan is marked.
   await row("yard").getByRole("link").focus();
   assert.match(await classes(plan.getByRole("link", { name: "yard" })), /marked/);
@@ -123,7 +123,7 @@ test("the plan and the list mark the same station", async () => {
   await page.waitForURL(/\/stations\/yard\/$/);
   await page.getByRole("link", { name: "Plan and all stations" }).click();
   await page.waitForURL(/\/#station-yard$/);
-  assert.match(await classes(row("yard")), /chosen/);
+  assert.match(await classes(row("yard")), /picked/);
   await close();
 });
 

@@ -13,8 +13,8 @@ use std::sync::{Arc, PoisonError};
 
 /// Units of the drawing along its longer side.
 pub(crate) const LONGER: f64 = 720.0;
-/// Pixels of the background along its longer side.
-const PIXELS: u32 = 1200;
+/// Pixels of the background along its longer side, at least and at most: so few that there are samples for them.
+const PIXELS: [f64; 2] = [300.0, 1200.0];
 /// Samples that are read for the background; of larger surveys every so many lines.
 const SAMPLES_MAX: u64 = 256_000_000;
 /// Margin around everything, and the smallest plan: parts of the longer side, and metres.
@@ -115,7 +115,8 @@ impl Surveyed {
         });
         let total: u64 = placed.clone().map(|(.., cells)| cells).sum();
         let every = total.div_ceil(SAMPLES_MAX);
-        let mut view = TopView::new(plan.min, plan.max, PIXELS);
+        let pixels = (total as f64).sqrt().clamp(PIXELS[0], PIXELS[1]) as u32;
+        let mut view = TopView::new(plan.min, plan.max, pixels);
         for (station, facts, pose, _) in placed {
             let added = self.reader(station, false).and_then(|mut reader| view.add(&mut reader, pose, every));
             if let Err(e) = added {
@@ -246,7 +247,7 @@ fn labels(marks: &[(&str, [f64; 2])], [width, height]: [f64; 2], bar: f64) -> Ve
     taken.push([width - 76.0, 0.0, width, 84.0]);
     let mut taken = [taken.clone(), taken];
     let place = |name: &str, [x, y]: [f64; 2], size: f64| {
-        let (long, high) = (name.chars().count() as f64 * 0.6 * size, 1.1 * size);
+        let (long, high) = (name.chars().count() as f64 * 0.68 * size, 1.1 * size);
         let gap = DOT + 4.0;
         let beside = |x0: f64, y: f64| [x0, y - high / 2.0, x0 + long, y + high / 2.0];
         let (above, below) = (y - gap - high / 2.0, y + gap + high / 2.0);

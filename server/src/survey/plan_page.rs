@@ -49,6 +49,7 @@ struct Page<'a> {
     /// Addresses and names of stations that are not on the plan.
     unknown: Vec<(String, &'a str)>,
     rows: Vec<Row<'a>>,
+    has_instruments: bool,
 }
 
 /// The plan, and what stands below it.
@@ -101,6 +102,7 @@ pub(crate) fn page(survey: &Survey, stations: &[Known<'_>], plan: Option<&Plan>,
         plan: plan.map(|plan| shown(plan, survey, l)),
         unknown: unknown.map(|station| (address(&station.name, reader), station.name.as_str())).collect(),
         rows: stations.iter().map(|known| row(*known, reader)).collect(),
+        has_instruments: survey.stations.iter().any(|station| station.instrument.is_some()),
     })
 }
 
