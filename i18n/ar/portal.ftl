@@ -186,6 +186,14 @@ surveyPlanWhat = نقاط جميع المحطات منظورة من الأعلى
 surveyPlanNone = لا توجد محطة ذات وضعية معروفة، ولذلك لا يوجد مخطط.
 surveyPoseUnknown = وضعية غير معروفة
 surveyUnknownNext = هذه المحطات غير موجودة على المخطط. أدخل وضعياتها في survey.toml.
+surveySame = { $count ->
+        [zero] { $count } محطة
+        [one] محطة واحدة
+        [two] محطتان
+        [few] { $count } محطات
+        [many] { $count } محطة
+       *[other] { $count } محطة
+    } بالوضعية نفسها تمامًا لمحطة أخرى. إذا لم تُسجَّل عمليات المسح هذه بعضها إلى بعض فوضعياتها غير معروفة بعد: أدخلها في survey.toml.
 surveyList = المحطات
 surveyStation = المحطة
 surveySource = الملف المصدر

@@ -157,6 +157,10 @@ surveyPlanWhat = The samples of all stations, seen from above: the more surface 
 surveyPlanNone = No station has a known pose, so there is no plan.
 surveyPoseUnknown = Pose unknown
 surveyUnknownNext = These stations are not on the plan. Enter their poses in survey.toml.
+surveySame = { $count ->
+        [one] { $count } station has
+       *[other] { $count } stations have
+    } exactly the same pose as another. If these scans are not registered, their poses are not known yet: enter them in survey.toml.
 surveyList = Stations
 surveyStation = Station
 surveySource = Source file

@@ -166,6 +166,11 @@ surveyPlanWhat = Les points de toutes les stations vus d’en haut : plus il y a
 surveyPlanNone = La pose d’aucune station n’est connue ; il n’y a donc pas de plan.
 surveyPoseUnknown = Pose inconnue
 surveyUnknownNext = Ces stations ne sont pas sur le plan. Indiquez leurs poses dans survey.toml.
+surveySame = { $count ->
+        [one] { $count } station a
+        [many] { $count } de stations ont
+       *[other] { $count } stations ont
+    } exactement la même pose qu’une autre. Si ces scans ne sont pas recalés, leurs poses ne sont pas encore connues : indiquez-les dans survey.toml.
 surveyList = Stations
 surveyStation = Station
 surveySource = Fichier source

@@ -166,6 +166,11 @@ surveyPlanWhat = Os pontos de todas as estações vistos de cima: quanto mais su
 surveyPlanNone = Nenhuma estação tem pose conhecida; por isso não há planta.
 surveyPoseUnknown = Pose desconhecida
 surveyUnknownNext = Estas estações não estão na planta. Indique as suas poses em survey.toml.
+surveySame = { $count ->
+        [one] { $count } estação tem
+        [many] { $count } de estações têm
+       *[other] { $count } estações têm
+    } exatamente a mesma pose que outra. Se estes varrimentos não estão registados, as suas poses ainda não são conhecidas: indique-as em survey.toml.
 surveyList = Estações
 surveyStation = Estação
 surveySource = Ficheiro de origem

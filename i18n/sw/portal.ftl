@@ -130,6 +130,7 @@ surveyPlanWhat = Nukta za vituo vyote zikitazamwa kutoka juu: kadiri uso ulivyo 
 surveyPlanNone = Hakuna kituo chenye mkao unaojulikana, kwa hiyo hakuna ramani.
 surveyPoseUnknown = Mkao haujulikani
 surveyUnknownNext = Vituo hivi havipo kwenye ramani. Andika mikao yake katika survey.toml.
+surveySame = Vituo vyenye mkao sawa kabisa na wa kingine: { $count }. Ikiwa skani hizi hazijasajiliwa, mikao yake bado haijulikani: iandike katika survey.toml.
 surveyList = Vituo
 surveyStation = Kituo
 surveySource = Faili la chanzo

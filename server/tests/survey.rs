@@ -142,6 +142,15 @@ async fn stations_without_a_pose_are_listed_apart() {
 }
 
 #[tokio::test]
+async fn stations_that_lie_on_top_of_each_other_are_reported() {
+    let (_dir, folder) = survey();
+    let (app, _) = serve(&folder);
+    assert!(!get(&app, "/").await.text().contains("the same pose"));
+    add(&folder, "third", &room(60, 40, [8.0, 1.0], false));
+    assert!(get(&app, "/").await.text().contains("2 stations have exactly the same pose"));
+}
+
+#[tokio::test]
 async fn pictures_are_those_of_scans_view() {
     let (_dir, folder) = survey();
     let (app, _) = serve(&folder);

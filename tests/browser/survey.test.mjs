@@ -17,7 +17,7 @@ let work;
 let server;
 let browser;
 
-/** A scan of a room from its middle, with stripes of intensity one column wide. */
+/** A scan of a room from its middle, with stripes of intensity one column wide, brighter from row to row. */
 function room(columns, rows, [x, y], pose = true) {
   const lines = [columns, rows, `${x} ${y} 0`, "1 0 0", "0 1 0", "0 0 1", "1 0 0 0", "0 1 0 0", "0 0 1 0", pose ? `${x} ${y} 0 1` : "0 0 0 1"];
   for (let column = 0; column < columns; column += 1) {
@@ -26,7 +26,7 @@ function room(columns, rows, [x, y], pose = true) {
       const elevation = (row / rows - 0.5) * 1.2;
       const ray = [Math.cos(elevation) * Math.cos(azimuth), Math.cos(elevation) * Math.sin(azimuth), Math.sin(elevation)];
       const range = Math.min(...ray.map((d, k) => [4, 3, 1.5][k] / Math.abs(d)));
-      lines.push(`${ray.map((d) => (d * range).toFixed(4)).join(" ")} ${column % 2}`);
+      lines.push(`${ray.map((d) => (d * range).toFixed(4)).join(" ")} ${(column % 2) + row / rows}`);
     }
   }
   return `${lines.join("\n")}\n`;
@@ -44,7 +44,7 @@ before(async () => {
   const text = await readFile(file, "utf8");
   const [placed, lost] = text.split('name = "lost"');
   const control = '\n[[control]]\nname = "P1"\nat = [4.0, 2.0, 0.0]\n';
-  await writeFile(file, `${placed}name = "lost"${lost.replace(/^(rotation|translation) .*\n/gm, "")}${control}`);
+  await writeFile(file, `${placed}name = "lost"${lost.replace(/^rotation .*\ntranslation .*\n/m, "")}${control}`);
   server = await serve(survey);
   browser = await launch();
 });

@@ -7,6 +7,7 @@ use askama::Template;
 use kilwa_archive::html::render;
 use kilwa_scan::survey::Survey;
 use kilwa_scan_core::Pose;
+use std::collections::HashMap;
 
 /// What a page of a survey is headed by.
 pub(crate) fn title<'a>(survey: &'a Survey, l: &'static Language) -> &'a str {
@@ -46,6 +47,8 @@ struct Page<'a> {
     stations: String,
     samples: String,
     plan: Option<Shown<'a>>,
+    /// A warning about stations that lie on top of each other.
+    same: Option<String>,
     /// Addresses and names of stations that are not on the plan.
     unknown: Vec<(String, &'a str)>,
     rows: Vec<Row<'a>>,
@@ -100,10 +103,26 @@ pub(crate) fn page(survey: &Survey, stations: &[Known<'_>], plan: Option<&Plan>,
         stations: l.with("surveyStations", &[("count", survey.stations.len())]),
         samples: l.with("surveySamples", &[("count", samples)]),
         plan: plan.map(|plan| shown(plan, survey, l)),
+        same: Some(same_poses(survey)).filter(|same| *same > 0).map(|same| l.with("surveySame", &[("count", same)])),
         unknown: unknown.map(|station| (address(&station.name, reader), station.name.as_str())).collect(),
         rows: stations.iter().map(|known| row(*known, reader)).collect(),
         has_instruments: survey.stations.iter().any(|station| station.instrument.is_some()),
     })
+}
+
+/// Stations whose pose is exactly that of another, as scans that are not registered have it.
+fn same_poses(survey: &Survey) -> usize {
+    let mut counts: HashMap<[u64; 7], usize> = HashMap::new();
+    for pose in survey.stations.iter().filter_map(|station| station.pose) {
+        let numbers = pose.rotation.to_array().into_iter().chain(pose.translation.to_array());
+        let mut key = [0; 7];
+        for (key, number) in key.iter_mut().zip(numbers) {
+            // -0 is 0.
+            *key = (number + 0.0).to_bits();
+        }
+        *counts.entry(key).or_default() += 1;
+    }
+    counts.into_values().filter(|count| *count > 1).sum()
 }
 
 fn shown<'a>(plan: &Plan, survey: &'a Survey, l: &'static Language) -> Shown<'a> {
