@@ -163,8 +163,8 @@ impl Surveyed {
     /// The scan of a station with the masks that are on, or without any.
     pub(crate) fn reader(&self, station: &Station, unmasked: bool) -> Result<Reader, ScanError> {
         self.check_file(&station.scan)?;
-        let masks = station.masks.iter().filter(|mask| mask.is_on && !unmasked);
-        masks.map(|mask| self.check_file(&mask.file)).collect::<Result<(), _>>()?;
+        let mut masks = station.masks.iter().filter(|mask| mask.is_on && !unmasked);
+        masks.try_for_each(|mask| self.check_file(&mask.file))?;
         mask::open(&self.folder, station, unmasked)
     }
 
