@@ -29,7 +29,10 @@ fn room(columns: u32, rows: u32, at: [f64; 2], has_color: bool) -> String {
             write!(text, "{x:.4} {y:.4} {z:.4} {:.3}", 1.0 / range).unwrap();
             // Another colour for every cell.
             let color = [row % 256, column % 256, column / 256 * 20].map(|c| c.to_string()).join(" ");
-            text += &if has_color { format!(" {color}\n") } else { "\n".to_owned() };
+            if has_color {
+                write!(text, " {color}").unwrap();
+            }
+            text.push('\n');
         }
     }
     text
