@@ -10,20 +10,20 @@ use kilwa_server::extracts::Extracts;
 use kilwa_server::index::Index;
 use kilwa_server::store::{Place, S3, S3Options};
 use kilwa_server::upload::{UploadLimits, Uploads};
-use kilwa_server::{Audience, Catalogue, Collections, Limits, Page, Policy, Site, app, listen};
+use kilwa_server::{Audience, Catalogue, Collections, Limits, Page, Policy, Site, Surveyed, app, listen};
 use std::io::Write as _;
 use std::net::SocketAddr;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::Duration;
 
-/// Serve archive objects, packs and the viewer page.
+/// Serve archive objects, packs and the viewer page, or a survey.
 ///
-/// Lists the models of a folder as pages that anyone with the address can look at, and streams them to the browser.
-/// Stops at Ctrl-C or SIGTERM.
+/// Lists the models of a folder as pages that anyone with the address can look at, and streams them to the browser. Of a survey (`kilwa scans import`) it
+/// shows a plan, a list of the stations, and a range, intensity or colour image of each. Stops at Ctrl-C or SIGTERM.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// A folder with archive objects (`kilwa publish`) and packs (`*.kilwa`), or one of either; or `s3://bucket/prefix`.
+    /// A folder with archive objects (`kilwa publish`) and packs (`*.kilwa`), or one of either; a survey (a folder with survey.toml); or `s3://bucket/prefix`.
     #[arg(value_name = "DIR|s3://…")]
     path: PathBuf,
     /// Address and port to listen on; 0.0.0.0 makes it reachable from other machines, port 0 takes a free one.
@@ -200,15 +200,17 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let p = &args.pages;
     let policy = Policy::new(&p.frame_ancestors, &p.origins, &p.pack_origins)?;
     let page = Page::load(args.www.as_deref())?;
+    let survey = survey(args)?;
     let (catalogue, index) = archive(args)?;
     let mut site = Site::new(catalogue, page.clone()).with_policy(policy);
+    site.survey = survey;
     site.uploads = uploads(args, &site, page)?;
     site.index = index;
     site.url = args.catalogue.url.as_deref().map(site_url).transpose()?;
     site.contact.clone_from(&args.catalogue.contact);
     let beside = || site.catalogue.shelf().map(Collections::beside);
     site.collections = args.catalogue.collections.clone().map(Collections::new).or_else(beside).map(Arc::new);
-    let cache = extracts(&args.extracts)?;
+    let cache = if site.survey.is_some() { None } else { extracts(&args.extracts)? };
     site.extracts = cache.as_ref().map(|(_, extracts)| Arc::clone(extracts));
     site.auth = auth(&args.access, &args.path)?;
     site.behind_proxy = args.reports.behind_proxy;
@@ -241,11 +243,36 @@ fn store_options(args: &Args, url: &str) -> S3Options {
     options
 }
 
+/// The survey, where the folder is one.
+fn survey(args: &Args) -> anyhow::Result<Option<Arc<Surveyed>>> {
+    let path = &args.path;
+    if path.file_name().is_some_and(|name| name == kilwa_scan::survey::FILE) && path.is_file() {
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+        let folder = folder.unwrap_or(std::path::Path::new("."));
+        anyhow::bail!("{} is the file of a survey; serve its folder: kilwa serve {}", path.display(), folder.display());
+    }
+    if !kilwa_scan::survey::is_survey(path) {
+        return Ok(None);
+    }
+    // Who gives accounts expects that others are kept out.
+    let unfit = [("--access", args.access.access.is_some()), ("--index", args.catalogue.index.is_some())];
+    if let Some((option, _)) = unfit.into_iter().find(|(_, is_given)| *is_given) {
+        anyhow::bail!(
+            "{option} is for archive objects, but {} is a survey, which everyone who reaches the address can see; leave {option} out",
+            path.display()
+        );
+    }
+    Ok(Some(Arc::new(Surveyed::open(path)?)))
+}
+
 /// The folder, or the store, and the index of its objects, brought up to it.
 fn archive(args: &Args) -> anyhow::Result<(Catalogue, Option<Arc<Index>>)> {
     let file = args.catalogue.index.as_deref();
     let Some(url) = store_url(args) else {
         let catalogue = Catalogue::open(&args.path)?;
+        if kilwa_scan::survey::is_survey(&args.path) {
+            return Ok((catalogue, None));
+        }
         let index = catalogue.shelf().map(|shelf| index(shelf, file)).transpose()?;
         return Ok((catalogue, index));
     };
@@ -408,6 +435,12 @@ async fn serve(address: SocketAddr, site: Site, limits: Limits) -> anyhow::Resul
         bound => bound.with_context(|| format!("cannot listen on {address}"))?,
     };
     let address = listener.local_addr()?;
+    if let Some(survey) = &site.survey {
+        let stations = counted(survey.stations(), "station", "stations");
+        writeln!(crate::terminal::out(), "Serving a survey of {stations} at http://{address}/ (Ctrl-C stops)")?;
+        let metrics = Arc::clone(&site.metrics);
+        return Ok(listen(listener, app(site), metrics, limits, stop()).await?);
+    }
     let models = site.catalogue.models();
     for model in &models {
         if let Err(why) = &model.summary {
@@ -421,6 +454,13 @@ async fn serve(address: SocketAddr, site: Site, limits: Limits) -> anyhow::Resul
     )?;
     if let [model] = models.as_slice() {
         writeln!(crate::terminal::out(), "  {}: http://{address}{}", visible(model.title()), model.page())?;
+    }
+    if models.is_empty() && site.uploads.is_none() {
+        writeln!(
+            crate::terminal::out(),
+            "  There is nothing here yet: no archive object (kilwa publish), no pack (*.kilwa) and no survey (survey.toml, kilwa scans import). \
+             Objects and packs that you put here appear without a restart."
+        )?;
     }
     let metrics = Arc::clone(&site.metrics);
     listen(listener, app(site), metrics, limits, stop()).await?;

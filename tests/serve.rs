@@ -88,3 +88,45 @@ fn secret_files_in_the_served_folder_are_refused_and_nothing_is_created_in_it() 
         }
     }
 }
+
+#[test]
+fn a_survey_is_served_and_what_does_not_fit_it_is_refused() {
+    let dir = tempfile::tempdir().unwrap();
+    page(dir.path());
+    let survey = dir.path().join("survey");
+    std::fs::create_dir(&survey).unwrap();
+    std::fs::write(survey.join("survey.toml"), "version = 1\ntitle = \"Fort\"\n").unwrap();
+    let folder = survey.to_str().unwrap();
+    let mut child = kilwa(&[folder, "--listen", "127.0.0.1:0"], dir.path()).spawn().unwrap();
+    let address = address(&mut child);
+    assert!(get(address, "/").contains("<title>Fort</title>"));
+    assert!(get(address, "/survey.toml").starts_with("HTTP/1.1 404"));
+    let kill = Command::new("kill").arg("-TERM").arg(child.id().to_string()).status().unwrap();
+    assert!(kill.success());
+    assert_eq!(child.wait().unwrap().code(), Some(0));
+
+    let accounts = dir.path().join("access.json");
+    kilwa_server::access::Accounts::new().unwrap().create(&accounts).unwrap();
+    let open = refused(&[folder, "--access", accounts.to_str().unwrap()], dir.path());
+    assert!(open.contains("--access is for archive objects") && open.contains("everyone"), "{open}");
+    let file = refused(&[survey.join("survey.toml").to_str().unwrap()], dir.path());
+    assert!(file.contains(&format!("kilwa serve {folder}")), "{file}");
+    std::fs::write(survey.join("survey.toml"), "version = 1\nstatoin = 3\n").unwrap();
+    let mistake = refused(&[folder], dir.path());
+    assert!(mistake.contains("statoin"), "{mistake}");
+}
+
+#[test]
+fn a_folder_with_nothing_to_serve_gets_a_hint_what_can_be_served() {
+    let dir = tempfile::tempdir().unwrap();
+    page(dir.path());
+    let empty = dir.path().join("empty");
+    std::fs::create_dir(&empty).unwrap();
+    let mut child = kilwa(&[empty.to_str().unwrap(), "--listen", "127.0.0.1:0"], dir.path()).spawn().unwrap();
+    let mut lines = std::io::BufRead::lines(std::io::BufReader::new(child.stdout.take().unwrap()));
+    assert!(lines.next().unwrap().unwrap().starts_with("Serving 0 models"));
+    let hint = lines.next().unwrap().unwrap();
+    assert!(["kilwa publish", "*.kilwa", "survey.toml"].iter().all(|what| hint.contains(what)), "{hint}");
+    child.kill().unwrap();
+    child.wait().unwrap();
+}

@@ -163,3 +163,77 @@ extractTooMany = عدد الملفات الجديدة التي طلبتها شب
 months = يناير فبراير مارس أبريل مايو يونيو يوليو أغسطس سبتمبر أكتوبر نوفمبر ديسمبر
 dateDay = { $day } { $month } { $year }
 dateMonth = { $month } { $year }
+survey = مسح
+surveyStations = { $count ->
+        [zero] { $count } محطة
+        [one] محطة واحدة
+        [two] محطتان
+        [few] { $count } محطات
+        [many] { $count } محطة
+       *[other] { $count } محطة
+    }
+surveySamples = { $count ->
+        [zero] { $count } نقطة
+        [one] نقطة واحدة
+        [two] نقطتان
+        [few] { $count } نقاط
+        [many] { $count } نقطة
+       *[other] { $count } نقطة
+    }
+surveyEmpty = لا توجد محطات في هذا المسح بعد. استورد عمليات المسح باستخدام kilwa scans import ثم أعد تحميل هذه الصفحة.
+surveyPlan = المخطط
+surveyPlanWhat = نقاط جميع المحطات منظورة من الأعلى: كلما زادت الأسطح فوق مكان ما ازداد رسمه قوة. الخط عند المحطة هو المحور x لجهاز المسح.
+surveyPlanNone = لا توجد محطة ذات وضعية معروفة، ولذلك لا يوجد مخطط.
+surveyPoseUnknown = وضعية غير معروفة
+surveyUnknownNext = هذه المحطات غير موجودة على المخطط. أدخل وضعياتها في survey.toml.
+surveySame = { $count ->
+        [zero] { $count } محطة
+        [one] محطة واحدة
+        [two] محطتان
+        [few] { $count } محطات
+        [many] { $count } محطة
+       *[other] { $count } محطة
+    } بالوضعية نفسها تمامًا لمحطة أخرى. إذا لم تُسجَّل عمليات المسح هذه بعضها إلى بعض فوضعياتها غير معروفة بعد: أدخلها في survey.toml.
+surveyList = المحطات
+surveyStation = المحطة
+surveySource = الملف المصدر
+surveyNumber = رقم المسح في هذا الملف
+surveyScan = المسح { $number }
+surveyGrid = الشبكة
+surveyGridNone = لا توجد (سحابة نقاط)
+surveySamplesHead = النقاط
+surveyMasked = المحجوبة
+surveyPosition = الموضع
+surveyHeading = الاتجاه
+surveyHeadingWhat = الاتجاه: اتجاه المحور x لجهاز المسح، مع عقارب الساعة بدءًا من المحور y للمسح.
+surveyPose = الوضعية
+surveyFixed = ثابتة
+surveyInstrument = الجهاز
+surveyRange = أبعد مدى
+surveyBroken = تعذرت قراءة هذه المحطة.
+surveyControl = نقطة ضبط
+surveyPhotograph = صورة فوتوغرافية
+surveyAll = المخطط وجميع المحطات
+surveyWrong = في survey.toml أخطاء
+surveyWrongNext = صححها ثم أعد تحميل هذه الصفحة.
+surveyLost = لا يوجد شيء في هذا العنوان
+surveyLostNext = لا توجد في المسح محطة بهذا الاسم. ربما أعيدت تسميتها أو أزيلت.
+north = ش
+zoom = التكبير
+zoomIn = تكبير
+zoomOut = تصغير
+zoomWhole = عرض الكل
+zoomHelp = كبّر بالعجلة أو بإصبعين أو بالمفتاحين + و −؛ والمفتاح 0 يعرض الكل. اسحب أو استخدم مفاتيح الأسهم للتحريك.
+showWhat = صور هذه المحطة
+showRange = المدى
+showIntensity = الشدة
+showColour = اللون
+showMask = الأقنعة
+altRange = صورة المدى للمحطة { $name } كما رأى جهاز المسح ما حوله: من الداكن عند { $near } إلى الفاتح عند { $far }.
+altIntensity = صورة الشدة للمحطة { $name } كما رأى جهاز المسح ما حوله: من الداكن { $low } إلى الفاتح { $high }.
+altColour = صورة ملونة للمحطة { $name } كما رأى جهاز المسح ما حوله.
+altMask = صورة المحطة { $name } بالرمادي، مع النقاط المحجوبة بألوان أقنعتها.
+maskOff = متوقف
+maskOutdated = أُنشئ بوضعيات أخرى
+noReturn = لا ارتداد
+noData = لا بيانات

@@ -142,3 +142,65 @@ extractTooMany = Your network has asked for { $count ->
 months = January February March April May June July August September October November December
 dateDay = { $day } { $month } { $year }
 dateMonth = { $month } { $year }
+survey = Survey
+surveyStations = { $count ->
+        [one] { $count } station
+       *[other] { $count } stations
+    }
+surveySamples = { $count ->
+        [one] { $count } sample
+       *[other] { $count } samples
+    }
+surveyEmpty = This survey has no stations yet. Import scans with kilwa scans import, and reload this page.
+surveyPlan = Plan
+surveyPlanWhat = The samples of all stations, seen from above: the more surface there is above a place, the stronger it is drawn. The line at a station is the x axis of its scanner.
+surveyPlanNone = No station has a known pose, so there is no plan.
+surveyPoseUnknown = Pose unknown
+surveyUnknownNext = These stations are not on the plan. Enter their poses in survey.toml.
+surveySame = { $count ->
+        [one] { $count } station has
+       *[other] { $count } stations have
+    } exactly the same pose as another. If these scans are not registered, their poses are not known yet: enter them in survey.toml.
+surveyList = Stations
+surveyStation = Station
+surveySource = Source file
+surveyNumber = Scan in this file
+surveyScan = scan { $number }
+surveyGrid = Grid
+surveyGridNone = none (point cloud)
+surveySamplesHead = Samples
+surveyMasked = Masked
+surveyPosition = Position
+surveyHeading = Heading
+surveyHeadingWhat = Heading: direction of the scanner’s x axis, clockwise from the y axis of the survey.
+surveyPose = Pose
+surveyFixed = fixed
+surveyInstrument = Instrument
+surveyRange = Longest range
+surveyBroken = This station cannot be read.
+surveyControl = Control point
+surveyPhotograph = Photograph
+surveyAll = Plan and all stations
+surveyWrong = survey.toml has mistakes
+surveyWrongNext = Correct them and reload this page.
+surveyLost = There is nothing at this address
+surveyLostNext = The survey has no station of this name. It may have been renamed or removed.
+north = N
+zoom = Zoom
+zoomIn = Zoom in
+zoomOut = Zoom out
+zoomWhole = Show all
+zoomHelp = Zoom with the wheel, two fingers, or the keys + and −; 0 shows all. Drag or use the arrow keys to move.
+showWhat = Pictures of this station
+showRange = Range
+showIntensity = Intensity
+showColour = Colour
+showMask = Masks
+altRange = Range image of station { $name }, as its scanner saw its surroundings: from dark, { $near } away, to bright, { $far }.
+altIntensity = Intensity image of station { $name }, as its scanner saw its surroundings: from dark, { $low }, to bright, { $high }.
+altColour = Colour image of station { $name }, as its scanner saw its surroundings.
+altMask = Image of station { $name } in grey, with masked samples in the colours of their masks.
+maskOff = off
+maskOutdated = made with other poses
+noReturn = No return
+noData = No data

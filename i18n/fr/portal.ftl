@@ -149,3 +149,68 @@ extractTooMany = Votre réseau a demandé { $count ->
 months = janvier février mars avril mai juin juillet août septembre octobre novembre décembre
 dateDay = { $day } { $month } { $year }
 dateMonth = { $month } { $year }
+survey = Levé
+surveyStations = { $count ->
+        [one] { $count } station
+        [many] { $count } de stations
+       *[other] { $count } stations
+    }
+surveySamples = { $count ->
+        [one] { $count } point
+        [many] { $count } de points
+       *[other] { $count } points
+    }
+surveyEmpty = Ce levé n’a pas encore de station. Importez des scans avec kilwa scans import, puis rechargez cette page.
+surveyPlan = Plan
+surveyPlanWhat = Les points de toutes les stations vus d’en haut : plus il y a de surface au-dessus d’un endroit, plus le trait est marqué. La ligne à une station est l’axe x de son scanner.
+surveyPlanNone = La pose d’aucune station n’est connue ; il n’y a donc pas de plan.
+surveyPoseUnknown = Pose inconnue
+surveyUnknownNext = Ces stations ne sont pas sur le plan. Indiquez leurs poses dans survey.toml.
+surveySame = { $count ->
+        [one] { $count } station a
+        [many] { $count } de stations ont
+       *[other] { $count } stations ont
+    } exactement la même pose qu’une autre. Si ces scans ne sont pas recalés, leurs poses ne sont pas encore connues : indiquez-les dans survey.toml.
+surveyList = Stations
+surveyStation = Station
+surveySource = Fichier source
+surveyNumber = Scan dans ce fichier
+surveyScan = scan { $number }
+surveyGrid = Grille
+surveyGridNone = aucune (nuage de points)
+surveySamplesHead = Points
+surveyMasked = Masqués
+surveyPosition = Position
+surveyHeading = Orientation
+surveyHeadingWhat = Orientation : direction de l’axe x du scanner, dans le sens horaire depuis l’axe y du levé.
+surveyPose = Pose
+surveyFixed = fixe
+surveyInstrument = Instrument
+surveyRange = Portée maximale
+surveyBroken = Cette station ne peut pas être lue.
+surveyControl = Point de contrôle
+surveyPhotograph = Photographie
+surveyAll = Plan et toutes les stations
+surveyWrong = survey.toml contient des erreurs
+surveyWrongNext = Corrigez-les, puis rechargez cette page.
+surveyLost = Il n’y a rien à cette adresse
+surveyLostNext = Le levé n’a pas de station de ce nom. Elle a peut-être été renommée ou supprimée.
+north = N
+zoom = Zoom
+zoomIn = Agrandir
+zoomOut = Réduire
+zoomWhole = Tout afficher
+zoomHelp = Zoom : molette, deux doigts ou touches + et − ; 0 affiche tout. Pour déplacer l’image, faites-la glisser ou utilisez les flèches.
+showWhat = Images de cette station
+showRange = Distance
+showIntensity = Intensité
+showColour = Couleur
+showMask = Masques
+altRange = Image de distance de la station { $name }, telle que le scanner a vu les alentours : de sombre, à { $near }, à clair, à { $far }.
+altIntensity = Image d’intensité de la station { $name }, telle que le scanner a vu les alentours : de sombre, { $low }, à clair, { $high }.
+altColour = Image en couleur de la station { $name }, telle que le scanner a vu les alentours.
+altMask = Image de la station { $name } en gris, avec les points masqués dans les couleurs de leurs masques.
+maskOff = désactivé
+maskOutdated = créé avec d’autres poses
+noReturn = Aucun retour
+noData = Aucune donnée

@@ -149,3 +149,68 @@ extractTooMany = A sua rede pediu { $count ->
 months = janeiro fevereiro março abril maio junho julho agosto setembro outubro novembro dezembro
 dateDay = { $day } de { $month } de { $year }
 dateMonth = { $month } de { $year }
+survey = Levantamento
+surveyStations = { $count ->
+        [one] { $count } estação
+        [many] { $count } de estações
+       *[other] { $count } estações
+    }
+surveySamples = { $count ->
+        [one] { $count } ponto
+        [many] { $count } de pontos
+       *[other] { $count } pontos
+    }
+surveyEmpty = Este levantamento ainda não tem estações. Importe varrimentos com kilwa scans import e recarregue esta página.
+surveyPlan = Planta
+surveyPlanWhat = Os pontos de todas as estações vistos de cima: quanto mais superfície há sobre um lugar, mais marcado é o traço. A linha numa estação é o eixo x do seu scanner.
+surveyPlanNone = Nenhuma estação tem pose conhecida; por isso não há planta.
+surveyPoseUnknown = Pose desconhecida
+surveyUnknownNext = Estas estações não estão na planta. Indique as suas poses em survey.toml.
+surveySame = { $count ->
+        [one] { $count } estação tem
+        [many] { $count } de estações têm
+       *[other] { $count } estações têm
+    } exatamente a mesma pose que outra. Se estes varrimentos não estão registados, as suas poses ainda não são conhecidas: indique-as em survey.toml.
+surveyList = Estações
+surveyStation = Estação
+surveySource = Ficheiro de origem
+surveyNumber = Varrimento neste ficheiro
+surveyScan = varrimento { $number }
+surveyGrid = Grelha
+surveyGridNone = nenhuma (nuvem de pontos)
+surveySamplesHead = Pontos
+surveyMasked = Mascarados
+surveyPosition = Posição
+surveyHeading = Orientação
+surveyHeadingWhat = Orientação: direção do eixo x do scanner, no sentido horário a partir do eixo y do levantamento.
+surveyPose = Pose
+surveyFixed = fixa
+surveyInstrument = Instrumento
+surveyRange = Alcance máximo
+surveyBroken = Não é possível ler esta estação.
+surveyControl = Ponto de controlo
+surveyPhotograph = Fotografia
+surveyAll = Planta e todas as estações
+surveyWrong = survey.toml tem erros
+surveyWrongNext = Corrija-os e recarregue esta página.
+surveyLost = Não há nada neste endereço
+surveyLostNext = O levantamento não tem nenhuma estação com este nome. Pode ter mudado de nome ou sido removida.
+north = N
+zoom = Zoom
+zoomIn = Ampliar
+zoomOut = Reduzir
+zoomWhole = Mostrar tudo
+zoomHelp = Zoom: roda do rato, dois dedos ou teclas + e −; 0 mostra tudo. Para mover, arraste ou use as teclas de seta.
+showWhat = Imagens desta estação
+showRange = Distância
+showIntensity = Intensidade
+showColour = Cor
+showMask = Máscaras
+altRange = Imagem de distância da estação { $name }, como o scanner viu o que o rodeia: de escuro, a { $near }, a claro, a { $far }.
+altIntensity = Imagem de intensidade da estação { $name }, como o scanner viu o que o rodeia: de escuro, { $low }, a claro, { $high }.
+altColour = Imagem a cores da estação { $name }, como o scanner viu o que o rodeia.
+altMask = Imagem da estação { $name } em cinzento, com os pontos mascarados nas cores das suas máscaras.
+maskOff = desativada
+maskOutdated = feita com outras poses
+noReturn = Sem retorno
+noData = Sem dados

@@ -2,7 +2,7 @@
 //!
 //! A survey is a folder: `survey.toml`, which a person may edit ([`survey`]), and a binary file for each station ([`spool`]). [`read`] hands the
 //! stations of a file on sample by sample; [`import`] puts them into a survey; [`mask`] masks what is
-//! not the site; [`panorama`] shows a station; [`mesh`] makes a mesh of it.
+//! not the site; [`panorama`] shows a station, [`top_view`] all of them from above; [`mesh`] makes a mesh of a station.
 //!
 //! Memory does not grow with the files: readers hold a line or a packet, spools some blocks, meshing a few columns.
 
@@ -18,6 +18,7 @@ pub mod points;
 pub mod read;
 pub mod spool;
 pub mod survey;
+pub mod top_view;
 mod turn;
 
 pub use error::ScanError;

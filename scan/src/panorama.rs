@@ -20,6 +20,8 @@ pub enum Show {
     Mask,
 }
 
+/// Most columns of the picture of a cloud.
+const CLOUD_MAX: u32 = 16_384;
 /// Cells where nothing is recorded.
 const EMPTY: [u8; 3] = [12, 12, 16];
 /// Cells without a valid return.
@@ -55,8 +57,33 @@ pub struct Picture {
     pub height: u32,
     /// Rows from the top, red green blue.
     pub pixels: Vec<u8>,
+    /// What this picture has in common with those of its parts.
+    pub frame: Frame,
+}
+
+/// How a station lies in its picture and what the colours mean: for the whole picture and, with the same colours, for every part of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Frame {
+    /// Pixels across and down with a pixel for every cell of the grid; of a cloud, with about one for every point.
+    pub size: [u32; 2],
     /// The values at both ends of the ramp: metres, or the file's intensity.
     pub scale: Option<[f32; 2]>,
+    /// Whether the rows of the grid run upwards, and its columns to the left.
+    is_upside_down: bool,
+    is_mirrored: bool,
+}
+
+/// A part of a picture, in pixels of [`Frame::size`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Window {
+    /// The first column.
+    pub left: u32,
+    /// The first row.
+    pub top: u32,
+    /// Columns.
+    pub width: u32,
+    /// Rows.
+    pub height: u32,
 }
 
 impl Picture {
@@ -87,6 +114,66 @@ struct Cell {
 /// # Errors
 /// [`ScanError::Spool`] where the spool is damaged; [`ScanError::Mask`] where a mask is; [`ScanError::Request`] where the station has no colours or no intensity.
 pub fn render(reader: &mut Reader, show: Show, masks: &mut [MaskReader], max: u32) -> Result<Picture, ScanError> {
+    check(reader, show, masks)?;
+    let size = full_size(reader);
+    let max = max.max(16);
+    let mut frame = Frame { size, scale: None, is_upside_down: false, is_mirrored: false };
+    let (mut cells, [width, height]) = if reader.header().is_grid {
+        let step = size[0].max(size[1]).div_ceil(max);
+        (from_grid(reader, masks, [0, 0], size, step)?, size.map(|n| n.div_ceil(step)))
+    } else {
+        let width = max.min(size[0]) / 2 * 2;
+        let size = [width, width / 2];
+        let window = Window { left: 0, top: 0, width: size[0], height: size[1] };
+        (from_cloud(reader, masks, size, window)?, size)
+    };
+    if reader.header().is_grid {
+        let rays = reader.header().rays;
+        frame.is_upside_down = !rises_to_the_top(&cells, width, rays);
+        turn(&mut cells, width, frame.is_upside_down, false);
+        frame.is_mirrored = is_mirrored(&cells, width, rays);
+        turn(&mut cells, width, false, frame.is_mirrored);
+    }
+    frame.scale = (show != Show::Colour).then(|| percentiles(&cells, show));
+    let pixels = cells.iter().flat_map(|cell| pixel(cell, show, frame.scale)).collect();
+    Ok(Picture { width, height, pixels, frame })
+}
+
+/// A part of a picture of a station with every cell, in the place and the colours that `frame` says, which [`render`] gives for the same station.
+///
+/// # Errors
+/// As of [`render`]; [`ScanError::Request`] for a part that is not in the picture.
+pub fn render_part(
+    reader: &mut Reader,
+    show: Show,
+    masks: &mut [MaskReader],
+    frame: &Frame,
+    part: Window,
+) -> Result<Picture, ScanError> {
+    check(reader, show, masks)?;
+    let Window { left, top, width, height } = part;
+    let ends = [left.checked_add(width), top.checked_add(height)];
+    let is_inside = ends.iter().zip(frame.size).all(|(end, size)| end.is_some_and(|end| end <= size));
+    if !is_inside || width == 0 || height == 0 || frame.size != full_size(reader) {
+        return Err(ScanError::Request("the station has no such part".to_owned()));
+    }
+    let cells = if reader.header().is_grid {
+        let from_end = |start: u32, length: u32, size: u32, is_turned: bool| {
+            if is_turned { size - start - length } else { start }
+        };
+        let column = from_end(left, width, frame.size[0], frame.is_mirrored);
+        let row = from_end(top, height, frame.size[1], frame.is_upside_down);
+        let mut cells = from_grid(reader, masks, [column, row], [width, height], 1)?;
+        turn(&mut cells, width, frame.is_upside_down, frame.is_mirrored);
+        cells
+    } else {
+        from_cloud(reader, masks, frame.size, part)?
+    };
+    let pixels = cells.iter().flat_map(|cell| pixel(cell, show, frame.scale)).collect();
+    Ok(Picture { width, height, pixels, frame: *frame })
+}
+
+fn check(reader: &Reader, show: Show, masks: &[MaskReader]) -> Result<(), ScanError> {
     let statistics = reader.header().statistics;
     let missing = match show {
         Show::Intensity if statistics.with_intensity == 0 => Some("intensity"),
@@ -96,49 +183,65 @@ pub fn render(reader: &mut Reader, show: Show, masks: &mut [MaskReader], max: u3
     if let Some(what) = missing {
         return Err(ScanError::Request(format!("this station has no {what}; use --show range")));
     }
-    masks.iter().try_for_each(|mask| mask.check_scan(reader.header()))?;
-    let max = max.max(16);
-    let (cells, width, height) =
-        if reader.header().is_grid { from_grid(reader, masks, max)? } else { from_cloud(reader, masks, max)? };
-    let scale = (show != Show::Colour).then(|| percentiles(&cells, show));
-    let pixels = cells.iter().flat_map(|cell| pixel(cell, show, scale)).collect();
-    Ok(Picture { width, height, pixels, scale })
+    masks.iter().try_for_each(|mask| mask.check_scan(reader.header()))
 }
 
-/// Every so many cells of the grid, turned so that up is up and the view is from the scanner. What is masked is shown also where the
-/// cells between are left out.
-fn from_grid(reader: &mut Reader, masks: &mut [MaskReader], max: u32) -> Result<(Vec<Cell>, u32, u32), ScanError> {
-    let (grid, rays) = (reader.header().grid, reader.header().rays);
-    let step = grid.columns.max(grid.rows).div_ceil(max);
-    let (width, height) = (grid.columns.div_ceil(step), grid.rows.div_ceil(step));
-    let mut cells = vec![Cell::default(); width as usize * height as usize];
+/// See [`Frame::size`].
+fn full_size(reader: &Reader) -> [u32; 2] {
+    let grid = reader.header().grid;
+    if reader.header().is_grid {
+        return [grid.columns, grid.rows];
+    }
+    // About a point a pixel, as long as there is room.
+    let width = CLOUD_MAX.min(2 * ((grid.cells() as f64 / 2.0).sqrt() as u32).max(64)) / 2 * 2;
+    [width, width / 2]
+}
+
+/// Turn rows and columns of cells.
+fn turn(cells: &mut Vec<Cell>, width: u32, is_upside_down: bool, is_mirrored: bool) {
+    if is_upside_down {
+        *cells = cells.chunks(width as usize).rev().flatten().copied().collect();
+    }
+    if is_mirrored {
+        cells.chunks_mut(width as usize).for_each(<[Cell]>::reverse);
+    }
+}
+
+/// Of `size` columns and rows of the grid, from `first` on, every so many. What is masked is shown also where the cells between are left out.
+fn from_grid(
+    reader: &mut Reader,
+    masks: &mut [MaskReader],
+    first: [u32; 2],
+    size: [u32; 2],
+    step: u32,
+) -> Result<Vec<Cell>, ScanError> {
+    let grid = reader.header().grid;
+    let [width, height] = size.map(|n| n.div_ceil(step) as usize);
+    let mut cells = vec![Cell::default(); width * height];
     let place = |along: usize, k: usize| {
         let (column, row) = if grid.by_rows { (k, along) } else { (along, k) };
-        row * width as usize + column
+        row * width + column
     };
-    let mut line = Vec::new();
-    for number in (0..grid.lines()).step_by(step as usize) {
-        reader.line(number, &mut line)?;
-        for (k, sample) in line.iter().step_by(step as usize).enumerate() {
+    // Lines of the grid, and the cells of each.
+    let [line, cell] = if grid.by_rows { [1, 0] } else { [0, 1] };
+    let cells_from =
+        |number: u32| u64::from(first[line] + number) * u64::from(grid.line_length()) + u64::from(first[cell]);
+    let length = size[cell] as usize;
+    let mut samples = Vec::new();
+    for number in (0..size[line]).step_by(step as usize) {
+        reader.read(cells_from(number), length, &mut samples)?;
+        for (k, sample) in samples.iter().step_by(step as usize).enumerate() {
             cells[place((number / step) as usize, k)].sample = *sample;
         }
     }
-    let length = grid.line_length();
     for (mask, number) in masks.iter_mut().zip(1..=u8::MAX).rev() {
-        for line in 0..grid.lines() {
-            mask.cells(u64::from(line) * u64::from(length), length as usize, &mut |at| {
+        for line in 0..size[line] {
+            mask.cells(cells_from(line), length, &mut |at| {
                 cells[place((line / step) as usize, at / step as usize)].mask = number;
             })?;
         }
     }
-    if !rises_to_the_top(&cells, width, rays) {
-        let rows: Vec<Cell> = cells.chunks(width as usize).rev().flatten().copied().collect();
-        cells = rows;
-    }
-    if is_mirrored(&cells, width, rays) {
-        cells.chunks_mut(width as usize).for_each(<[Cell]>::reverse);
-    }
-    Ok((cells, width, height))
+    Ok(cells)
 }
 
 /// How high a sample is in the view, and how far to the right, of an arbitrary origin.
@@ -181,14 +284,16 @@ fn is_mirrored(cells: &[Cell], width: u32, rays: Rays) -> bool {
     votes < 0
 }
 
-/// The nearest sample in every direction.
-fn from_cloud(reader: &mut Reader, masks: &mut [MaskReader], max: u32) -> Result<(Vec<Cell>, u32, u32), ScanError> {
+/// The nearest sample in every direction, of a part of the equirectangular view that has `size` pixels.
+fn from_cloud(
+    reader: &mut Reader,
+    masks: &mut [MaskReader],
+    size: [u32; 2],
+    part: Window,
+) -> Result<Vec<Cell>, ScanError> {
     const BATCH: u64 = 65_536;
     let total = reader.header().grid.cells();
-    // About a point a pixel, as long as there is room.
-    let width = max.min(2 * ((total as f64 / 2.0).sqrt() as u32).max(64)) / 2 * 2;
-    let height = width / 2;
-    let mut cells = vec![Cell::default(); width as usize * height as usize];
+    let mut cells = vec![Cell::default(); part.width as usize * part.height as usize];
     let (mut batch, mut numbers) = (Vec::new(), Vec::new());
     let mut at = 0;
     while at < total {
@@ -208,9 +313,11 @@ fn from_cloud(reader: &mut Reader, masks: &mut [MaskReader], max: u32) -> Result
             }
             let across = 0.5 - p.y.atan2(p.x) / std::f32::consts::TAU;
             let down = 0.5 - (p.z / range).clamp(-1.0, 1.0).asin() / std::f32::consts::PI;
-            let column = ((across * width as f32) as u32).min(width - 1);
-            let row = ((down * height as f32) as u32).min(height - 1);
-            let cell = &mut cells[(row * width + column) as usize];
+            let column = ((across * size[0] as f32) as u32).min(size[0] - 1).checked_sub(part.left);
+            let row = ((down * size[1] as f32) as u32).min(size[1] - 1).checked_sub(part.top);
+            let inside = column.zip(row).filter(|(column, row)| *column < part.width && *row < part.height);
+            let Some((column, row)) = inside else { continue };
+            let cell = &mut cells[row as usize * part.width as usize + column as usize];
             if !cell.sample.is_measured() || range < cell.sample.position.length() {
                 cell.sample = *sample;
             }
@@ -219,7 +326,7 @@ fn from_cloud(reader: &mut Reader, masks: &mut [MaskReader], max: u32) -> Result
             }
         }
     }
-    Ok((cells, width, height))
+    Ok(cells)
 }
 
 fn shown_value(sample: &Sample, show: Show) -> Option<f32> {
@@ -258,7 +365,7 @@ fn pixel(cell: &Cell, show: Show, scale: Option<[f32; 2]>) -> [u8; 3] {
                 match show {
                     Show::Intensity => [(40.0 + share * 215.0) as u8; 3],
                     Show::Mask => [(50.0 + share * 90.0) as u8; 3],
-                    _ => ramp(share),
+                    _ => range_color(share),
                 }
             }
             _ => WITHOUT,
@@ -266,7 +373,8 @@ fn pixel(cell: &Cell, show: Show, scale: Option<[f32; 2]>) -> [u8; 3] {
     }
 }
 
-fn ramp(share: f32) -> [u8; 3] {
+/// The colour of a range: 0 is near, 1 is far.
+pub fn range_color(share: f32) -> [u8; 3] {
     let at = share * (RAMP.len() - 1) as f32;
     let k = (at as usize).min(RAMP.len() - 2);
     let part = at - k as f32;

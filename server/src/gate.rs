@@ -28,23 +28,29 @@ const FORM_BYTES: usize = 16 * 1024;
 #[derive(Debug)]
 pub(crate) struct Gate {
     all: Arc<Semaphore>,
+    share: usize,
     networks: Mutex<HashMap<String, Arc<Semaphore>>>,
 }
 
 impl Default for Gate {
     fn default() -> Self {
-        Self { all: Arc::new(Semaphore::new(ALL)), networks: Mutex::default() }
+        Self::of(ALL, SHARE)
     }
 }
 
 impl Gate {
+    /// With other numbers of questions at once, in all and of one network.
+    pub(crate) fn of(all: usize, share: usize) -> Self {
+        Self { all: Arc::new(Semaphore::new(all)), share, networks: Mutex::default() }
+    }
+
     /// A place for a question of a network; `None` only while the program ends.
     pub(crate) async fn enter(&self, network: &str) -> Option<Place> {
         let own = {
             let mut networks = self.networks.lock().unwrap_or_else(PoisonError::into_inner);
             // A line in which nobody is or waits is held by nobody else.
             networks.retain(|_, line| Arc::strong_count(line) > 1);
-            Arc::clone(networks.entry(network.to_owned()).or_insert_with(|| Arc::new(Semaphore::new(SHARE))))
+            Arc::clone(networks.entry(network.to_owned()).or_insert_with(|| Arc::new(Semaphore::new(self.share))))
         };
         // First its own line: in that of all, no network has more than its share.
         let own = own.acquire_owned().await.ok()?;

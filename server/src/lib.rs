@@ -1,4 +1,4 @@
-//! `kilwa serve`: a folder of archive objects and packs over HTTP, with the viewer page.
+//! `kilwa serve`: a folder of archive objects and packs over HTTP, with the viewer page; or a survey, with pictures of its stations.
 //!
 //! [`app`] is the whole site as an axum router over a [`Site`] (models of a [`Catalogue`], files of the [`Page`], a [`Policy`]);
 //! tests drive it with `oneshot`, without a socket. [`listen`] gives it a socket with the limits that axum's own loop
@@ -36,6 +36,7 @@ mod recheck;
 mod site;
 mod socket;
 pub mod store;
+mod survey;
 pub mod upload;
 
 pub use access::Clock;
@@ -46,6 +47,7 @@ pub use policy::{Policy, PolicyError};
 pub use portal::collections::{Collections, FILE as COLLECTIONS_FILE};
 pub use site::{Audience, Site, app};
 pub use socket::{Limits, listen};
+pub use survey::Surveyed;
 
 /// How long the server trusts what it read of a folder, of the accounts or of the right to a running transfer. Then it checks again. Tests set it to zero.
 pub const FRESHNESS: std::time::Duration = std::time::Duration::from_secs(1);

@@ -13,6 +13,8 @@
 //! | `/models.json` | the list for machines |
 //! | `/uploads` | versions that are published from elsewhere ([`crate::upload`]) |
 //! | `/healthz`, `/metrics` | for those who keep the server |
+//!
+//! A survey has other routes ([`crate::survey`]) beside the last two and `/viewer/<file>`.
 
 use crate::FRESHNESS;
 use crate::access::{Clock, Verdict, verdict};
@@ -37,6 +39,7 @@ use crate::range::lists;
 use crate::recheck;
 use crate::socket::Peer;
 use crate::store;
+use crate::survey::{self, Surveyed};
 use crate::upload::{self, Uploads};
 use axum::Router;
 use axum::body::{Body, HttpBody as _};
@@ -107,6 +110,8 @@ pub struct Site {
     pub auth: Option<Arc<Auth>>,
     /// Where versions are taken that are published from elsewhere; without it none are.
     pub uploads: Option<Arc<Uploads>>,
+    /// The survey of the folder: then its pages are served, and no models.
+    pub survey: Option<Arc<Surveyed>>,
 }
 
 impl Site {
@@ -129,6 +134,7 @@ impl Site {
             collections: None,
             auth: None,
             uploads: None,
+            survey: None,
         }
     }
 
@@ -148,22 +154,12 @@ pub fn app(site: Site) -> Router {
         SecurityHeaders { policy: HeaderValue::from_str(&site.policy.header()).ok(), vary: vary_of(&site) };
     let place = site.catalogue.place().clone();
     let counting = Counting { budget: Arc::new(Budget::default()), behind_proxy: site.behind_proxy };
-    Router::new()
-        .route("/models.json", get(list_json))
-        .route("/m/{slug}", get(model))
-        .route("/packs/{*file}", get(pack).options(preflight))
-        .route("/viewer/", get(viewer))
+    let content =
+        if site.survey.is_some() { survey::routes::routes(site.behind_proxy) } else { models_of(site.behind_proxy) };
+    content
         .route("/viewer/{*file}", get(asset).options(preflight))
-        .route("/robots.txt", get(routes::robots))
         .route("/healthz", get(health))
         .route("/metrics", get(metrics))
-        .route("/{slug}", get(towards))
-        .route("/{slug}/", get(landing))
-        .route("/sign-in", get(auth::routes::ask).post(auth::routes::sign_in))
-        .route("/sign-out", post(auth::routes::sign_out))
-        .route("/{slug}/{*file}", get(object).post(auth::routes::open).options(preflight))
-        .merge(questions(site.behind_proxy))
-        .merge(upload::routes::routes())
         .fallback(|| async { lost() })
         .layer(from_fn_with_state(place, store::report_outage))
         .layer(from_fn_with_state(counting, count))
@@ -171,6 +167,23 @@ pub fn app(site: Site) -> Router {
         .layer(from_fn_with_state(fixed_headers, security_headers))
         .layer(from_fn_with_state(observer, observe))
         .with_state(site)
+}
+
+/// A site of models.
+fn models_of(behind_proxy: bool) -> Router<Site> {
+    Router::new()
+        .route("/models.json", get(list_json))
+        .route("/m/{slug}", get(model))
+        .route("/packs/{*file}", get(pack).options(preflight))
+        .route("/viewer/", get(viewer))
+        .route("/robots.txt", get(routes::robots))
+        .route("/{slug}", get(towards))
+        .route("/{slug}/", get(landing))
+        .route("/sign-in", get(auth::routes::ask).post(auth::routes::sign_in))
+        .route("/sign-out", post(auth::routes::sign_out))
+        .route("/{slug}/{*file}", get(object).post(auth::routes::open).options(preflight))
+        .merge(questions(behind_proxy))
+        .merge(upload::routes::routes())
 }
 
 /// Headers of every response.

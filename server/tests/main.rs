@@ -12,5 +12,6 @@ mod pages;
 mod portal;
 mod socket;
 mod store;
+mod survey;
 mod transfers;
 mod uploads;

@@ -74,7 +74,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     NewFile::write(&args.output, &bytes, args.force)?;
     let mut out = crate::terminal::out();
     write!(out, "{}: {} × {} pixels", args.output.display(), picture.width, picture.height)?;
-    match (picture.scale, args.show) {
+    match (picture.frame.scale, args.show) {
         (_, ShowArg::Mask) => {
             writeln!(out)?;
             legend(station, &masks, &mut out)?;

@@ -63,14 +63,14 @@ async fn ask<T: Send + 'static>(
 }
 
 /// What of a request's address and headers decides how it is read.
-struct Asked {
+pub(crate) struct Asked {
     pairs: Vec<(String, String)>,
     collections: Arc<Vec<Collection>>,
     has_map: bool,
 }
 
 impl Asked {
-    async fn of(site: &Site, query: Option<&str>) -> Self {
+    pub(crate) async fn of(site: &Site, query: Option<&str>) -> Self {
         let pairs = pairs(query.unwrap_or_default());
         Self { pairs, collections: collections(site).await, has_map: has_map(site) }
     }
@@ -80,11 +80,11 @@ impl Asked {
         self.get(name).and_then(|n| n.parse::<usize>().ok()).unwrap_or(1).clamp(1, 1_000_000) - 1
     }
 
-    fn get(&self, name: &str) -> Option<&str> {
+    pub(crate) fn get(&self, name: &str) -> Option<&str> {
         self.pairs.iter().find(|(n, _)| n == name).map(|(_, value)| value.as_str())
     }
 
-    fn reader(&self, headers: &HeaderMap) -> Reader<'_> {
+    pub(crate) fn reader(&self, headers: &HeaderMap) -> Reader<'_> {
         let lang = self.get("lang").and_then(Language::named);
         let accepted = text(headers, &ACCEPT_LANGUAGE).unwrap_or_default();
         let language = lang.unwrap_or_else(|| Language::choose(None, accepted));
@@ -109,7 +109,7 @@ pub(crate) async fn collections(site: &Site) -> Arc<Vec<Collection>> {
 }
 
 /// A page for one reader.
-fn for_reader(html: String, headers: &HeaderMap) -> Response {
+pub(crate) fn for_reader(html: String, headers: &HeaderMap) -> Response {
     let mut response = page(html, headers);
     response.headers_mut().insert(VARY, HeaderValue::from_static("Accept-Encoding, Accept-Language"));
     response

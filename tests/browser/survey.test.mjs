@@ -1,0 +1,212 @@
+// The pages of a survey as people meet them: the plan and the list together, pictures that zoom to single cells, both themes, a phone, Arabic, no scripts.
+
+import assert from "node:assert/strict";
+import { execFile } from "node:child_process";
+import { mkdtemp, readFile, rm, writeFile } from "node:fs/promises";
+import { createRequire } from "node:module";
+import { tmpdir } from "node:os";
+import path from "node:path";
+import { after, before } from "node:test";
+import { promisify } from "node:util";
+import { KILWA, launch, open, serve, test } from "./harness.mjs";
+import { decodePng } from "./png.mjs";
+
+const run = promisify(execFile);
+const PAGES = ["/", "/stations/hall/", "/stations/hall/?show=mask", "/stations/yard/?show=intensity", "/stations/nowhere/"];
+let work;
+let server;
+let browser;
+
+/** A scan of a room from its middle, with stripes of intensity one column wide, brighter from row to row. */
+function room(columns, rows, [x, y], pose = true) {
+  const lines = [columns, rows, `${x} ${y} 0`, "1 0 0", "0 1 0", "0 0 1", "1 0 0 0", "0 1 0 0", "0 0 1 0", pose ? `${x} ${y} 0 1` : "0 0 0 1"];
+  for (let column = 0; column < columns; column += 1) {
+    for (let row = 0; row < rows; row += 1) {
+      const azimuth = (column / columns) * 2 * Math.PI;
+      const elevation = (row / rows - 0.5) * 1.2;
+      const ray = [Math.cos(elevation) * Math.cos(azimuth), Math.cos(elevation) * Math.sin(azimuth), Math.sin(elevation)];
+      const range = Math.min(...ray.map((d, k) => [4, 3, 1.5][k] / Math.abs(d)));
+      lines.push(`${ray.map((d) => (d * range).toFixed(4)).join(" ")} ${(column % 2) + row / rows}`);
+    }
+  }
+  return `${lines.join("\n")}\n`;
+}
+
+before(async () => {
+  work = await mkdtemp(path.join(tmpdir(), "kilwa-survey-"));
+  const survey = path.join(work, "survey");
+  // The hall has more columns than its picture has pixels.
+  const scans = { hall: room(2400, 300, [0, 0]), yard: room(240, 80, [9, 2]), lost: room(60, 20, [0, 0], false) };
+  for (const [name, text] of Object.entries(scans)) await writeFile(path.join(work, `${name}.ptx`), text);
+  await run(KILWA, ["scans", "import", ...Object.keys(scans).map((name) => path.join(work, `${name}.ptx`)), "-o", survey]);
+  await run(KILWA, ["scans", "mask", survey, "--inside", "2,-4,-2,6,4,2", "--name", "east", "--station", "hall"]);
+  const file = path.join(survey, "survey.toml");
+  const text = await readFile(file, "utf8");
+  const [placed, lost] = text.split('name = "lost"');
+  const control = '\n[[control]]\nname = "P1"\nat = [4.0, 2.0, 0.0]\n';
+  await writeFile(file, `${placed}name = "lost"${lost.replace(/^rotation .*\ntranslation .*\n/m, "")}${control}`);
+  server = await serve(survey);
+  browser = await launch();
+});
+after(async () => {
+  await browser?.close();
+  await server?.stop();
+  await rm(work, { recursive: true });
+});
+
+const look = (address, options = {}) => open(browser, `${server.url}${address}`, { size: [1200, 800], wait: null, ...options });
+const picture = (page) => page.getByRole("group", { name: /image of station/i });
+const zoomOf = async (page) => Number.parseInt(await page.getByRole("status").innerText(), 10);
+
+test("axe-core finds nothing serious, in both themes and in Arabic", async () => {
+  const axe = await readFile(path.join(path.dirname(createRequire(import.meta.url).resolve("axe-core")), "axe.min.js"), "utf8");
+  const found = [];
+  for (const [colorScheme, locale] of [
+    ["light", "en"],
+    ["dark", "en"],
+    ["light", "ar"],
+  ]) {
+    for (const address of PAGES) {
+      const { page, complaints, close } = await look(address, { colorScheme, locale });
+      await page.evaluate(axe);
+      const { violations } = await page.evaluate(() => globalThis.axe.run());
+      const serious = violations.filter((v) => ["serious", "critical"].includes(v.impact));
+      found.push(...serious.map((v) => `${address} ${colorScheme} ${locale}: ${v.id}: ${v.nodes.map((n) => n.failureSummary).join("; ")}`));
+      found.push(...complaints.filter((text) => !text.includes("404")).map((text) => `${address}: ${text}`));
+      await close();
+    }
+  }
+  assert.deepEqual(found, []);
+});
+
+test("on a phone nothing is wider than the screen and every control is large enough for a finger", async () => {
+  for (const address of PAGES) {
+    const { page, close } = await look(address, { size: [390, 844], hasTouch: true, isMobile: true });
+    assert.equal(await page.evaluate(() => document.documentElement.scrollWidth), 390, address);
+    // The links of the plan are also in the list.
+    const drawn = await page.getByRole("group", { name: "Plan" }).getByRole("link").elementHandles();
+    const small = await page
+      .getByRole("link")
+      .or(page.getByRole("button"))
+      .evaluateAll(
+        (all, others) =>
+          all
+            .filter((e) => !others.includes(e))
+            .map((e) => [e, e.getBoundingClientRect()])
+            .filter(([, b]) => b.height < 43.5)
+            .map(([e, b]) => `${e.textContent.trim()}: ${b.width} × ${b.height}`),
+        drawn,
+      );
+    assert.deepEqual(small, [], address);
+    await close();
+  }
+});
+
+test("the plan and the list mark the same station", async () => {
+  const { page, close } = await look("/");
+  const plan = page.getByRole("group", { name: "Plan" }).first();
+  const row = (name) => page.getByRole("row").filter({ has: page.getByRole("link", { name, exact: true }) });
+  const classes = (locator) => locator.evaluate((e) => e.getAttribute("class") ?? "");
+  await plan.getByRole("link", { name: "yard" }).click();
+  assert.match(page.url(), /#station-yard$/);
+  assert.match(await classes(row("yard")), /picked/);
+  assert.match(await classes(plan.getByRole("link", { name: "yard" })), /picked/);
+  await row("hall").getByRole("cell").first().click();
+  assert.match(await classes(plan.getByRole("link", { name: "hall" })), /picked/);
+  assert.doesNotMatch(await classes(row("yard")), /picked/);
+  // By keyboard: the link in the list has the focus, the station on the plan is marked.
+  await row("yard").getByRole("link").focus();
+  assert.match(await classes(plan.getByRole("link", { name: "yard" })), /marked/);
+  assert.equal(await plan.getByRole("link").count(), 2, "a station without a pose has no place");
+  assert.ok(await page.getByRole("region", { name: "Pose unknown" }).getByRole("link", { name: "lost" }).isVisible());
+  await page.keyboard.press("Enter");
+  await page.waitForURL(/\/stations\/yard\/$/);
+  await page.getByRole("link", { name: "Plan and all stations" }).click();
+  await page.waitForURL(/\/#station-yard$/);
+  assert.match(await classes(row("yard")), /picked/);
+  await close();
+});
+
+test("a picture zooms by wheel, keys and buttons, about the place under the pointer", async () => {
+  const { page, close } = await look("/stations/hall/");
+  const frame = picture(page);
+  const box = await frame.boundingBox();
+  const at = [box.x + box.width * 0.75, box.y + box.height * 0.5];
+  /** The column of the picture under the pointer. */
+  const column = () =>
+    frame.evaluate((e, [x]) => {
+      const b = e.querySelector("img").getBoundingClientRect();
+      return (2400 * (x - b.left)) / b.width;
+    }, at);
+  const before = await column();
+  await page.mouse.move(...at);
+  await page.mouse.wheel(0, -600);
+  await page.waitForFunction(() => Number.parseInt(document.querySelector("output").textContent, 10) > 200);
+  assert.ok(Math.abs((await column()) - before) < 4, `${before} stays at the pointer: ${await column()}`);
+  // A drag moves the picture, and is no click.
+  const scrolled = () => frame.evaluate((e) => e.scrollLeft);
+  const from = await scrolled();
+  await page.mouse.down();
+  await page.mouse.move(at[0] - 60, at[1], { steps: 4 });
+  await page.mouse.up();
+  assert.ok(Math.abs((await scrolled()) - from - 60) < 8, `${from} to ${await scrolled()}`);
+  await frame.focus();
+  await page.keyboard.press("0");
+  assert.equal(await zoomOf(page), 100);
+  await page.keyboard.press("+");
+  assert.equal(await zoomOf(page), 150);
+  await page.keyboard.press("-");
+  assert.equal(await zoomOf(page), 100);
+  await page.getByRole("button", { name: "Zoom in" }).click();
+  await page.getByRole("button", { name: "Zoom in" }).click();
+  assert.equal(await zoomOf(page), 225);
+  await page.getByRole("button", { name: "Zoom out" }).click();
+  assert.equal(await zoomOf(page), 150);
+  await page.getByRole("button", { name: "Show all" }).click();
+  assert.equal(await zoomOf(page), 100);
+  await close();
+});
+
+test("two fingers zoom", async () => {
+  const { page, close } = await look("/stations/hall/", { size: [390, 844], hasTouch: true, isMobile: true });
+  const { x, y, width, height } = await picture(page).boundingBox();
+  const session = await page.context().newCDPSession(page);
+  const fingers = (apart) => [-apart, apart].map((dx, id) => ({ x: x + width / 2 + dx, y: y + height / 2, id }));
+  await session.send("Input.dispatchTouchEvent", { type: "touchStart", touchPoints: fingers(20) });
+  for (const apart of [40, 60, 80, 100]) await session.send("Input.dispatchTouchEvent", { type: "touchMove", touchPoints: fingers(apart) });
+  await session.send("Input.dispatchTouchEvent", { type: "touchEnd", touchPoints: [] });
+  await page.waitForFunction(() => Number.parseInt(document.querySelector("output").textContent, 10) > 300);
+  await close();
+});
+
+test("zoomed in, every cell of a large station is shown", async () => {
+  const { page, close } = await look("/stations/hall/?show=intensity");
+  const frame = picture(page);
+  await frame.focus();
+  for (let k = 0; k < 20; k += 1) await page.keyboard.press("+");
+  await page.waitForFunction(() => [...document.querySelectorAll("img.part")].some((e) => e.complete && e.naturalWidth > 0));
+  const cell = await frame.evaluate((e) => e.querySelector("img").getBoundingClientRect().width / 2400);
+  assert.ok(cell > 8, `a cell is ${cell} pixels wide`);
+  // Stripes one column wide: each cell is unlike its neighbours, which the picture of every second column cannot show.
+  await page.waitForFunction(() => [...document.querySelectorAll("img.part")].every((e) => e.complete));
+  const { width, at, channels } = decodePng(await frame.screenshot());
+  assert.ok(channels >= 3);
+  let changes = 0;
+  for (let x = 21; x < width - 20; x += 1) changes += Math.abs(at(x, 150)[0] - at(x - 1, 150)[0]) > 60 ? 1 : 0;
+  assert.ok(changes > (0.7 * (width - 40)) / cell, `${changes} changes over ${width} pixels`);
+  await close();
+});
+
+test("without scripts the pages show the same, still", async () => {
+  const { page, close } = await look("/", { javaScriptEnabled: false });
+  await page.getByRole("group", { name: "Plan" }).first().getByRole("link", { name: "yard" }).click();
+  assert.match(page.url(), /#station-yard$/);
+  await page.getByRole("table").getByRole("link", { name: "hall" }).click();
+  await page.getByRole("link", { name: "Masks" }).click();
+  const image = page.getByRole("img", { name: /^Image of station hall in grey/ });
+  assert.ok(await image.isVisible());
+  assert.ok((await image.evaluate((e) => e.naturalWidth)) === 1200);
+  assert.ok(await page.getByText("east", { exact: true }).isVisible());
+  assert.equal(await page.getByRole("button").count(), 0, "no control that does nothing");
+  await close();
+});
