@@ -17,7 +17,9 @@ pub(crate) fn of(target: &str) -> Vec<Vec<u8>> {
         "manifest" => manifests(),
         "notes" => notes(),
         // All codecs: new packs of surfaces have codec 2.
-        "decode_chunk" => packs().iter().chain([&of_format_1_0(), &of_points()]).flat_map(|pack| chunks(pack)).collect(),
+        "decode_chunk" => {
+            packs().iter().chain([&of_format_1_0(), &of_points()]).flat_map(|pack| chunks(pack)).collect()
+        }
         "ptx" => ptx(),
         "points" => points(),
         "e57" => e57s(),

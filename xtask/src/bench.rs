@@ -6,6 +6,7 @@
 
 mod codec;
 mod masks;
+mod points;
 mod scans;
 mod stations;
 mod view;
@@ -41,6 +42,8 @@ enum What {
     View(view::Args),
     /// Importing scans: points per CPU second, memory
     Scans(scans::Args),
+    /// Building packs of points: CPU time, memory, size
+    Points(points::Args),
     /// Masks of simulated scans against the truth: what they find, what they lose
     Masks(masks::Args),
     /// Meshes of simulated stations against the true surface: what is false, what is missing
@@ -93,6 +96,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         What::Codec(codec) => codec::run(codec),
         What::View(view) => view::run(view),
         What::Scans(scans) => scans::run(scans),
+        What::Points(points) => points::run(points),
         What::Masks(masks) => masks::run(masks),
         What::Stations(stations) => stations::run(stations),
         What::Measured { report, program, args } => measured(report, program, args),

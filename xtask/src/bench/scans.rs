@@ -26,7 +26,7 @@ pub(super) struct Args {
 }
 
 /// Rows of the scan.
-const ROWS: u64 = 2000;
+pub(super) const ROWS: u64 = 2000;
 
 pub(super) fn run(args: &Args) -> Result<()> {
     let root = root()?;
@@ -101,7 +101,7 @@ fn point(column: u64, row: u64, columns: u64) -> ([f64; 3], f64, [u8; 3]) {
     (ray.map(|d| d * (range + noise)), 1.0 / range, color)
 }
 
-fn write_ptx(file: &Path, points: u64) -> Result<()> {
+pub(super) fn write_ptx(file: &Path, points: u64) -> Result<()> {
     let columns = points / ROWS;
     let mut out = BufWriter::with_capacity(1 << 20, File::create(file)?);
     write!(out, "{columns}\n{ROWS}\n0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n")?;
