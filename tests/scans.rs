@@ -434,7 +434,7 @@ fn stations_are_exported_together_as_e57_and_ptx_with_masks_applied() {
         let list = json(&["scans", "list", text(&again)]);
         assert_eq!(list["stations"].as_array().unwrap().len(), 2);
         for (k, points) in [(0, 2400 - masked), (1, 2400)] {
-            assert_eq!(list["stations"][k]["scan"]["measured"].as_u64(), Some(points), "{list}");
+            assert_eq!(list["stations"][k]["scan"]["points"].as_u64(), Some(points), "{list}");
         }
         assert_eq!(list["stations"][1]["pose"]["translation_m"][0], 0.5);
     }
@@ -514,7 +514,7 @@ fn a_divided_mesh_is_the_undivided_one_when_its_files_are_joined() {
     let built = |name: &str, files: &[&str]| {
         succeeds(&[&["build"], files, &["-o", text(&path(name))]].concat());
         let about = json(&["info", text(&path(name))]);
-        [about["stored_triangles"].clone(), about["source_triangles"].clone()]
+        [about["stored_triangles"].clone(), about["patch_triangles"].clone()]
     };
     let named: Vec<&str> = files.iter().map(String::as_str).collect();
     assert_eq!(built("parts.kilwa", &named), built("whole.kilwa", &[text(&path("whole.ply"))]));
