@@ -8,6 +8,7 @@ mod malformed;
 mod masks;
 mod mesh;
 mod peers;
+mod pictures;
 mod resume;
 mod shared_data;
 mod stations;

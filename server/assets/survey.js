@@ -249,3 +249,5 @@ for (const frame of document.querySelectorAll(".zoom")) {
   if (frame instanceof HTMLElement && (content instanceof HTMLElement || content instanceof SVGSVGElement)) new Zoom(frame, content);
 }
 link();
+
+export {};
