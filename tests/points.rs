@@ -157,3 +157,26 @@ fn what_cannot_be_built_as_points_is_refused() {
     assert_eq!(json(&["build", text(&clouds), "--points", "-o", text(&pack)])["points"], 5);
     succeeds(&["verify", text(&pack)]);
 }
+
+#[test]
+fn a_published_pack_of_points_says_points_everywhere() {
+    let folder = tempfile::tempdir().unwrap();
+    let pack = pack_of_points(folder.path());
+    let (metadata, site) = (folder.path().join("m.toml"), folder.path().join("site"));
+    std::fs::write(
+        &metadata,
+        "title = \"Room\"\n[rights]\nlicence = \"CC-BY-4.0\"\nholder = \"A\"\n[[creators]]\nname = \"A B\"\n",
+    )
+    .unwrap();
+    succeeds(&["publish", text(&pack), "--metadata", text(&metadata), "--to", text(&site)]);
+    let object = site.join("room");
+    succeeds(&["verify", text(&object)]);
+    let read = |name: &str| std::fs::read_to_string(object.join(name)).unwrap();
+    for name in ["v1/metadata/datacite.json", "v1/metadata/dc.xml", "v1/README.txt", "v1/iiif/manifest.json", "index.html"] {
+        let said = read(name).to_lowercase();
+        assert!(said.contains("points") && !said.contains(" triangles"), "{name}: {said}");
+    }
+    assert!(!read("v1/metadata/edm.xml").contains(&format!("<edm:polygonCount>{}", 2 * 4800)));
+    let manifest: serde_json::Value = serde_json::from_str(&read("manifest.json")).unwrap();
+    assert!(manifest["versions"][0]["figures"]["points"].as_u64().unwrap() > 4000);
+}

@@ -61,6 +61,7 @@ fn publication(slug: &str, number: u32, bytes: &[u8]) -> Publication {
             units: "m".to_owned(),
             source_units: "m".to_owned(),
             triangles: m.triangles,
+            points: None,
             vertices: m.vertices,
             spacing: m.median_edge,
             accuracy: None,

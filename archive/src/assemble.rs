@@ -74,6 +74,7 @@ impl Facts {
                 units: "m".to_owned(),
                 source_units: of_pack.source_units.clone(),
                 triangles: of_pack.triangles,
+                points: of_pack.is_of_points().then_some(of_pack.vertices),
                 vertices: of_pack.vertices,
                 spacing: of_pack.median_edge,
                 accuracy: self.accuracy,

@@ -164,6 +164,9 @@ pub struct Figures {
     pub source_units: String,
     /// Triangles of the finest level.
     pub triangles: u64,
+    /// Points, if the pack is made of points.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub points: Option<u64>,
     /// Vertices of the finest level.
     pub vertices: u64,
     /// Median edge of the finest level, metres.
@@ -171,6 +174,19 @@ pub struct Figures {
     /// Standard uncertainty of the capture, metres, where known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub accuracy: Option<f64>,
+}
+
+impl Figures {
+    /// What the model is made of, and how many: its points, else its triangles.
+    pub fn parts(&self) -> (&'static str, u64) {
+        self.points.map_or(("Triangles", self.triangles), |points| ("Points", points))
+    }
+
+    /// The same in words: `80 points`.
+    pub fn counted(&self) -> String {
+        let (what, count) = self.parts();
+        format!("{count} {}", what.to_lowercase())
+    }
 }
 
 /// One version. Its folder never changes.

@@ -25,6 +25,7 @@ pub(crate) fn sample() -> Manifest {
             units: "m".to_owned(),
             source_units: "m".to_owned(),
             triangles: 7,
+            points: None,
             vertices: 5,
             spacing: 0.1,
             accuracy: None,

@@ -107,7 +107,7 @@ pub fn landing(frame: Frame<'_>, p: &Publication, around: &Surroundings) -> Stri
         // A data block: `<` is all that could end it.
         data: schema_org(p).to_string().replace('<', "\\u003c"),
         panel_facts: vec![
-            ("Triangles", grouped(p.figures.triangles)),
+            (p.figures.parts().0, grouped(p.figures.parts().1)),
             ("Extent", size_in_space(p.size())),
             ("File", size(p.pack.bytes)),
             ("Licence", p.rights.label.clone()),
@@ -313,7 +313,7 @@ fn all_facts(p: &Publication) -> Vec<(&'static str, String)> {
         ("Instruments", capture.and_then(|c| list(&c.instruments))),
         ("Software", capture.and_then(|c| list(&c.software))),
         ("Capture accuracy", p.figures.accuracy.map(|a| format!("{} (standard uncertainty)", length(a)))),
-        ("Triangles", Some(grouped(p.figures.triangles))),
+        (p.figures.parts().0, Some(grouped(p.figures.parts().1))),
         ("Extent", Some(size_in_space(p.size()))),
         ("Finest spacing", Some(length(p.figures.spacing))),
         ("Reference system", Some(p.figures.crs.clone().unwrap_or_else(|| "local".to_owned()))),

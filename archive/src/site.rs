@@ -352,7 +352,7 @@ fn card(m: &Manifest) -> Option<Card<'_>> {
     let [min, max] = v.figures.bounds;
     let line: Vec<&str> = [m.place.as_deref(), m.captured.as_deref()].into_iter().flatten().collect();
     let mut facts = vec![
-        ("Triangles", grouped(v.figures.triangles)),
+        (v.figures.parts().0, grouped(v.figures.parts().1)),
         ("Extent", size_in_space(max - min)),
         ("Licence", m.rights.short.clone()),
     ];

@@ -31,6 +31,7 @@ size-under-1m = under 1 million triangles
 size-1m-10m = 1 to 10 million
 size-10m-100m = 10 to 100 million
 size-over-100m = over 100 million
+points = Points
 triangles = Triangles
 file = File
 embargo = Public from { $day } on

@@ -31,6 +31,7 @@ size-under-1m = moins d’un million de triangles
 size-1m-10m = 1 à 10 millions
 size-10m-100m = 10 à 100 millions
 size-over-100m = plus de 100 millions
+points = Points
 triangles = Triangles
 file = Fichier
 embargo = Public à partir du { $day }

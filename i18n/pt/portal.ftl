@@ -31,6 +31,7 @@ size-under-1m = menos de 1 milhão de triângulos
 size-1m-10m = 1 a 10 milhões
 size-10m-100m = 10 a 100 milhões
 size-over-100m = mais de 100 milhões
+points = Pontos
 triangles = Triângulos
 file = Ficheiro
 embargo = Público a partir de { $day }

@@ -31,6 +31,7 @@ size-under-1m = chini ya pembetatu milioni 1
 size-1m-10m = milioni 1 hadi 10
 size-10m-100m = milioni 10 hadi 100
 size-over-100m = zaidi ya milioni 100
+points = Nukta
 triangles = Pembetatu
 file = Faili
 embargo = Wazi kwa umma kuanzia { $day }

@@ -65,6 +65,8 @@ pub struct Summary {
     pub title: String,
     /// Triangles of the finest level.
     pub triangles: u64,
+    /// Points, if the pack is made of points.
+    pub points: Option<u64>,
     /// Smallest and largest corner, metres.
     pub bounds: [DVec3; 2],
     /// Median edge of the finest level, metres.
@@ -551,6 +553,7 @@ fn object_of(
                     summary = Ok(Summary {
                         title: manifest.title.clone(),
                         triangles: version.figures.triangles,
+                        points: version.figures.points,
                         bounds: version.figures.bounds,
                         spacing: version.figures.spacing,
                         crs: version.figures.crs.clone(),
@@ -615,6 +618,7 @@ fn summarise(path: &Path) -> Result<Summary, String> {
     Ok(Summary {
         title: metadata.title,
         triangles: header.triangles,
+        points: header.is_of_points().then_some(metadata.vertices),
         bounds: [metadata.bounds_min, metadata.bounds_max],
         spacing: metadata.median_edge,
         crs: metadata.crs,

@@ -26,7 +26,10 @@ pub(crate) struct Facts {
 pub(crate) fn facts(m: &Model, summary: &Summary, l: &'static Language) -> Facts {
     let rights = m.object().and_then(|o| o.rights.clone());
     let rows = [
-        ("triangles", l.count(summary.triangles), ""),
+        match summary.points {
+            Some(points) => ("points", l.count(points), ""),
+            None => ("triangles", l.count(summary.triangles), ""),
+        },
         ("extent", l.decimals(&size_in_space(dimensions(summary))), "ltr"),
         ("spacing", l.decimals(&length(summary.spacing)), "ltr"),
         ("file", l.size(m.bytes), ""),

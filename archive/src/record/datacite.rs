@@ -48,7 +48,7 @@ pub(super) fn datacite(p: &Publication) -> Value {
         "dates": dates(p),
         "language": m.language,
         "version": p.version.to_string(),
-        "sizes": [format!("{} bytes", p.pack.bytes), format!("{} triangles", p.figures.triangles)],
+        "sizes": [format!("{} bytes", p.pack.bytes), p.figures.counted()],
         "formats": ["application/octet-stream"],
         "rightsList": [rights(p)],
         "alternateIdentifiers": [{ "alternateIdentifier": format!("urn:kilwa:{}", p.pack.identity), "alternateIdentifierType": "Kilwa pack" }],

@@ -38,7 +38,7 @@ pub(super) fn dublin_core(p: &Publication) -> String {
     x.text("dc:type", &[], "Dataset");
     x.text("dc:type", &[], "3D model");
     x.text("dc:format", &[], "application/octet-stream");
-    x.text("dc:format", &[], &format!("{} triangles", p.figures.triangles));
+    x.text("dc:format", &[], &p.figures.counted());
     x.text("dc:identifier", &[], &p.identifier());
     if let Some(url) = p.url().filter(|u| *u != p.identifier()) {
         x.text("dc:identifier", &[], url);

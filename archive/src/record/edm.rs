@@ -201,13 +201,16 @@ fn resources(x: &mut Xml, p: &Publication) {
         x.empty("svcs:has_service", &[("rdf:resource", &service(p))]);
         end(x, true);
     }
-    let of_pack = (p.pack_file(), p.pack.bytes, p.figures.triangles, Some(p.figures.vertices));
-    let preview = p.preview.map(|v| (PREVIEW, v.bytes, v.triangles, None));
+    // Points have no polygons.
+    let polygons = if p.figures.points.is_some() { None } else { Some(p.figures.triangles) };
+    let of_pack = (p.pack_file(), p.pack.bytes, polygons, Some(p.figures.vertices));
+    let preview = p.preview.map(|v| (PREVIEW, v.bytes, Some(v.triangles), None));
     for (path, bytes, triangles, vertices) in [Some(of_pack), preview].into_iter().flatten() {
         let what = match p.preview {
             Some(v) if path == PREVIEW && v.error > 0.0 => {
                 format!("A coarser form for any 3D program, within {:.4} m", v.error)
             }
+            _ if p.figures.points.is_some() => "All levels of detail, to the last point of the survey".to_owned(),
             _ => "All levels of detail, to the last triangle of the survey".to_owned(),
         };
         x.begin("edm:WebResource", &[("rdf:about", &p.file(path, 1))]);
@@ -218,7 +221,9 @@ fn resources(x: &mut Xml, p: &Publication) {
         x.text("dcterms:extent", &[], &format!("{bytes} bytes"));
         x.text("dcterms:issued", &[], &p.published);
         x.empty("edm:rights", &[("rdf:resource", &rights)]);
-        x.text("edm:polygonCount", &[], &triangles.to_string());
+        if let Some(triangles) = triangles {
+            x.text("edm:polygonCount", &[], &triangles.to_string());
+        }
         if let Some(vertices) = vertices {
             x.text("edm:vertexCount", &[], &vertices.to_string());
         }

@@ -166,7 +166,7 @@ fn pairs(p: &Publication) -> Vec<Value> {
         ("Captured", capture.and_then(|c| c.date.clone())),
         ("Method", capture.and_then(|c| c.method.clone())),
         ("Size", Some(format!("{x:.2} × {y:.2} × {z:.2} m"))),
-        ("Triangles", Some(p.figures.triangles.to_string())),
+        (p.figures.parts().0, Some(p.figures.parts().1.to_string())),
         ("Version", Some(format!("{}, {}", p.version, p.published))),
         ("Rights", Some(p.rights.label.clone())),
     ];

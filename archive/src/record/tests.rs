@@ -66,6 +66,7 @@ award = "1"
             units: "m".to_owned(),
             source_units: "m".to_owned(),
             triangles: 1_234_567,
+            points: None,
             vertices: 600_000,
             spacing: 0.02,
             accuracy: Some(0.003),

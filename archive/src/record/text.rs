@@ -43,11 +43,17 @@ pub(super) fn readme(p: &Publication) -> String {
     let crs = f.crs.as_deref().unwrap_or("none: local coordinates");
     let _ = write!(
         s,
-        "A 3D model of {} and {}, {x:.2} x {y:.2} x {z:.2} m.\n\
+        "A 3D model of {}, {x:.2} x {y:.2} x {z:.2} m.\n\
          Version {} of {}: {}\nUnits: metres, z up. Reference system: {crs}.\n\
          Standard uncertainty of the capture: {}.\nRights: {} ({})\n\n",
-        counted(f.triangles, "triangle", "triangles"),
-        counted(f.vertices, "vertex", "vertices"),
+        match f.points {
+            Some(points) => counted(points, "point", "points").to_string(),
+            None => format!(
+                "{} and {}",
+                counted(f.triangles, "triangle", "triangles"),
+                counted(f.vertices, "vertex", "vertices")
+            ),
+        },
         p.version,
         p.published,
         p.note,

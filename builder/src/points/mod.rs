@@ -189,7 +189,7 @@ fn shaped(options: &BuildOptions) -> BTreeMap<String, String> {
     let step = if options.step.is_some() { "given" } else { "derived" };
     let all = [
         ("step", step.to_owned()),
-        ("leaf-points", LEAF_POINTS.to_string()),
+        (kilwa_pack::metadata::LEAF_POINTS, LEAF_POINTS.to_string()),
         ("normal-bits", options.normal_bits.min(splat::NORMAL_BITS).to_string()),
         ("coarse-points", format!("one in {} of those of the next finer level", coarsen::KEEP)),
     ];

@@ -71,7 +71,15 @@ pub struct Metadata {
     pub repairs: std::collections::BTreeMap<String, u64>,
 }
 
+/// The option that packs of points have, and no others: the most points of a leaf.
+pub const LEAF_POINTS: &str = "leaf-points";
+
 impl Metadata {
+    /// Whether the pack is one of points; its header says so too.
+    pub fn is_of_points(&self) -> bool {
+        self.options.contains_key(LEAF_POINTS)
+    }
+
     /// Parse the metadata block and check it against the header.
     ///
     /// # Errors

@@ -80,6 +80,9 @@ pub struct Entry {
     pub published: [String; 2],
     /// Triangles of the finest level.
     pub triangles: u64,
+    /// Points, if the pack is made of points.
+    #[serde(default)]
+    pub points: Option<u64>,
     /// Bytes of the pack.
     pub pack_bytes: u64,
     /// Whether any version was published without its place.
@@ -113,6 +116,7 @@ impl Entry {
             version: manifest.current,
             published: [day(manifest.versions.first()), day(current)],
             triangles: current.map_or(0, |v| v.figures.triangles),
+            points: current.and_then(|v| v.figures.points),
             pack_bytes: current.map_or(0, |v| v.pack.bytes),
             location_redacted: manifest.versions.iter().any(|v| v.location_redacted),
         }

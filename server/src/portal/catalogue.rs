@@ -243,7 +243,8 @@ pub(super) struct Card<'a> {
     line: Vec<String>,
     /// Who made it: the first few names.
     creators: Option<String>,
-    triangles: String,
+    /// Triangles, or points.
+    parts: String,
     size: String,
     /// Who may have the model, where not everybody may.
     state: Option<String>,
@@ -277,7 +278,7 @@ pub(super) fn card<'a>(entry: &'a Entry, reader: &Reader<'_>, today: &str) -> Ca
             .flatten()
             .collect(),
         creators: some_of(&entry.creators),
-        triangles: l.count(entry.triangles),
+        parts: l.count(entry.points.unwrap_or(entry.triangles)),
         size: l.size(entry.pack_bytes),
         state,
     }

@@ -258,6 +258,7 @@ fn version(root: &Path, number: u32, pack: &[u8]) -> Version {
             units: "m".to_owned(),
             source_units: "m".to_owned(),
             triangles: 1,
+            points: None,
             vertices: 3,
             spacing: 0.1,
             accuracy: None,
