@@ -165,7 +165,7 @@ fn a_published_pack_of_points_says_points_everywhere() {
     let (metadata, site) = (folder.path().join("m.toml"), folder.path().join("site"));
     std::fs::write(
         &metadata,
-        "title = \"Room\"\n[rights]\nlicence = \"CC-BY-4.0\"\nholder = \"A\"\n[[creators]]\nname = \"A B\"\n",
+        "title = \"Room\"\n[rights]\nuri = \"CC BY 4.0\"\nholder = \"A\"\n[[creators]]\nname = \"A B\"\n",
     )
     .unwrap();
     succeeds(&["publish", text(&pack), "--metadata", text(&metadata), "--to", text(&site)]);
