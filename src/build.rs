@@ -48,8 +48,8 @@ pub(crate) struct Args {
     /// The pack to write.
     #[arg(short, long, value_name = "NAME.kilwa")]
     output: PathBuf,
-    /// Build the points of surveys instead of a surface: a display of what was scanned, before any surface exists.
-    #[arg(long, conflicts_with_all = ["min_confidence", "drop_islands_below", "texture_detail", "resume"])]
+    /// Build a pack from the points of surveys instead of a surface, to show what was scanned before any surface exists.
+    #[arg(long, conflicts_with_all = ["min_confidence", "drop_islands_below", "texture_detail", "resume", "color_bits"])]
     points: bool,
     /// Worker threads (default: one per core). The bytes do not depend on it.
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true, value_parser = parse_threads)]

@@ -19,7 +19,7 @@ use std::time::Duration;
 
 /// Serve archive objects, packs and the viewer page, or a survey.
 ///
-/// Lists the models of a folder as pages that anyone with the address can look at, and streams them to the browser. Of a survey (`kilwa scans import`) it
+/// Lists the models of a folder as pages that anyone with the address can look at, and streams them to the browser. For a survey (`kilwa scans import`) it
 /// shows a plan, a list of the stations, and a range, intensity or colour image of each. Stops at Ctrl-C or SIGTERM.
 #[derive(clap::Args)]
 pub(crate) struct Args {

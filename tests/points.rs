@@ -2,6 +2,7 @@
 
 use crate::scans::box_scan;
 use crate::support::{Ply, fails, json, kilwa, succeeds, text};
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Survey and pack of the two stations of [`box_scan`].
@@ -172,11 +173,87 @@ fn a_published_pack_of_points_says_points_everywhere() {
     let object = site.join("room");
     succeeds(&["verify", text(&object)]);
     let read = |name: &str| std::fs::read_to_string(object.join(name)).unwrap();
-    for name in ["v1/metadata/datacite.json", "v1/metadata/dc.xml", "v1/README.txt", "v1/iiif/manifest.json", "index.html"] {
+    for name in
+        ["v1/metadata/datacite.json", "v1/metadata/dc.xml", "v1/README.txt", "v1/iiif/manifest.json", "index.html"]
+    {
         let said = read(name).to_lowercase();
         assert!(said.contains("points") && !said.contains(" triangles"), "{name}: {said}");
     }
     assert!(!read("v1/metadata/edm.xml").contains(&format!("<edm:polygonCount>{}", 2 * 4800)));
     let manifest: serde_json::Value = serde_json::from_str(&read("manifest.json")).unwrap();
     assert!(manifest["versions"][0]["figures"]["points"].as_u64().unwrap() > 4000);
+}
+
+/// A survey of one cloud of these points, and its report when it is built.
+fn cloud(folder: &Path, name: &str, points: &str, options: &[&str]) -> (PathBuf, serde_json::Value) {
+    let (file, survey, pack) =
+        (folder.join(format!("{name}.xyz")), folder.join(name), folder.join(format!("{name}.kilwa")));
+    std::fs::write(&file, points).unwrap();
+    if !survey.exists() {
+        succeeds(&["scans", "import", text(&file), "--station", "0,0,0", "-o", text(&survey)]);
+    }
+    let report = json(&[&["build", text(&survey), "--points", "--force", "-o", text(&pack)], options].concat());
+    succeeds(&["verify", text(&pack)]);
+    (pack, report)
+}
+
+#[test]
+fn a_single_point_and_points_at_one_place_are_built() {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, points) in
+        [("one", "1 2 3\n".to_owned()), ("same", "1 2 3\n".repeat(3000)), ("far", "5000 7000 3\n".to_owned())]
+    {
+        let (_, report) = cloud(folder.path(), name, &points, &[]);
+        assert_eq!(report["points"], 1, "{name}");
+    }
+    for step in ["1e-300", "1e300", "100"] {
+        let all = [
+            "build",
+            text(&folder.path().join("one")),
+            "--points",
+            "-o",
+            text(&folder.path().join("x.kilwa")),
+            "--step",
+            step,
+        ];
+        assert!(fails(&all).contains("lattice spacing is possible from"), "{step}");
+    }
+}
+
+#[test]
+fn points_whose_spacing_is_unknown_get_one_from_their_neighbours_and_no_outlier_hides_the_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut points = String::new();
+    for i in 0..2500 {
+        writeln!(points, "{} {} 3.5", f64::from(i % 50) * 0.1, f64::from(i / 50) * 0.1).unwrap();
+    }
+    let spacing = |report: &serde_json::Value| report["median_edge"].as_f64().unwrap();
+    let (_, even) = cloud(folder.path(), "even", &points, &[]);
+    assert!((0.08..0.2).contains(&spacing(&even)), "{even}");
+    let (_, few) = cloud(folder.path(), "even", &points, &["--crop=0,0,0,0.15,0.25,9"]);
+    assert!(few["points"] == 6 && (0.03..0.5).contains(&spacing(&few)), "{few}");
+    points += "4000 0 3.5\n";
+    let (_, outlier) = cloud(folder.path(), "outlier", &points, &[]);
+    let size = |k: usize| outlier["extent"][k].as_f64().unwrap();
+    assert!(size(0) < 4040.0 && size(1) < 40.0 && spacing(&outlier) < 0.2, "{outlier}");
+}
+
+#[test]
+fn points_are_extracted_by_the_box_that_they_are_in() {
+    let folder = tempfile::tempdir().unwrap();
+    let pack = pack_of_points(folder.path());
+    let points = |options: &[&str]| {
+        let out = folder.path().join("part.ply");
+        succeeds(&[&["extract", text(&pack), "--force", "-o", text(&out)], options].concat());
+        let ply = Ply::read(&out);
+        let mut points: Vec<[u64; 3]> =
+            (0..ply.vertices.len() as u32).map(|v| ply.position(v).map(f64::to_bits)).collect();
+        points.sort_unstable();
+        points
+    };
+    let is_in =
+        |p: &[u64; 3]| p.iter().zip([-2.0, -2.0, -1.0]).all(|(x, low)| (low..2.9).contains(&f64::from_bits(*x)));
+    let wanted: Vec<[u64; 3]> = points(&[]).into_iter().filter(is_in).collect();
+    assert!(wanted.len() > 100);
+    assert_eq!(points(&["--box=-2,-2,-1,2.9,2.9,2.9"]), wanted);
 }

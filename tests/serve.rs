@@ -117,7 +117,7 @@ fn a_survey_is_served_and_what_does_not_fit_it_is_refused() {
 }
 
 #[test]
-fn a_folder_with_nothing_to_serve_gets_a_hint_what_can_be_served() {
+fn a_folder_with_nothing_to_serve_gets_a_hint_about_what_can_be_served() {
     let dir = tempfile::tempdir().unwrap();
     page(dir.path());
     let empty = dir.path().join("empty");

@@ -4,12 +4,14 @@ import init, { decode } from "./decode.js";
 /** @type {Promise<unknown>} */
 let ready;
 let isReady = false;
-/** Chunks of points (codec 3) have a decoder of their own, which comes when it is needed. @type {Promise<typeof decode> | undefined} */
+/** Chunks of points (codec 3) have a decoder of their own, which is loaded when it is needed. @type {Promise<typeof decode> | undefined} */
 let points;
 
 async function ofPoints() {
+  isReady = false; // until it is there: the page replaces a worker whose program did not come
   const module = await import("./decode-points.js");
   await module.default({ module_or_path: new URL("decode-points_bg.wasm", import.meta.url) });
+  isReady = true;
   return module.decode;
 }
 

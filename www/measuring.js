@@ -24,7 +24,7 @@ import { get } from "./store.js";
  * @property {() => number[][]} pins boxes of the pins of notes in the picture, CSS pixels
  */
 
-/** The program behind the tools: it comes while their code does. Packs of points have one of their own. @param {Model} model */
+/** The program behind the tools: it is loaded together with their code. Packs of points have one of their own. @param {Model} model */
 async function compiled({ info }) {
   const url = new URL(info.pack.points ? "measure-points_bg.wasm" : "measure_bg.wasm", import.meta.url);
   const response = await fetch(url);

@@ -7,7 +7,7 @@
 //! | [`levels`] | merges, locks, simplifies, certifies, splits and encodes, finest level first |
 //! | [`assemble`] | numbers the chunks, orders them and writes the pack |
 //!
-//! [`points`] is the way from points, without a mesh, to a pack of splats; it has the tree and the assembly in common.
+//! [`points`] goes from points, without a mesh, to a pack of splats; it shares the tree and the assembly.
 //!
 //! [`mod@build`] runs the stages and keeps a journal of what is complete; between stages everything is in files in a
 //! [`scratch`] folder. [`partition`] is the tree of tetrahedra that all stages share.

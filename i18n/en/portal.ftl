@@ -154,7 +154,7 @@ surveySamples = { $count ->
     }
 surveyEmpty = This survey has no stations yet. Import scans with kilwa scans import, and reload this page.
 surveyPlan = Plan
-surveyPlanWhat = The samples of all stations, seen from above: the more surface there is above a place, the stronger it is drawn. The line at a station is the x axis of its scanner.
+surveyPlanWhat = The samples of all stations, seen from above: the more surface there is above a place, the more strongly it is drawn. The line at a station is the x axis of its scanner.
 surveyPlanNone = No station has a known pose, so there is no plan.
 surveyPoseUnknown = Pose unknown
 surveyUnknownNext = These stations are not on the plan. Enter their poses in survey.toml.

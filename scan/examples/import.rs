@@ -1,4 +1,4 @@
-//! Imports files into a survey, as `kilwa scans import` does, without the rest of the program, which takes long to compile: `import SURVEY FILES…`.
+//! Imports files into a survey, as `kilwa scans import` does, without the rest of the program, which takes a long time to compile: `import SURVEY FILES…`.
 //! For `cargo xtask bench scans --library` and for profiles.
 
 use kilwa_scan::import::{Options, Silent, import};

@@ -203,13 +203,12 @@ impl Into<'_> {
         let place = || format!("scan {number}");
         let has_other = |is: fn(&Station) -> bool| self.edit.survey().stations.iter().any(is);
         if head.pose == Some(Pose::IDENTITY) && has_other(|station| station.pose == Some(Pose::IDENTITY)) {
-            let kind =
-                "scans that stand, like another station, exactly at the origin: they are probably not registered";
+            let kind = "scans that are exactly at the origin, like another station: they are probably not registered";
             self.diagnostics.add(kind, place);
         }
         if head.is_position_given {
             if self.report.positions_given > 0 {
-                let kind = "scans that share the position of --station with another one: right only for parts of one scan, otherwise import each file with its own --station";
+                let kind = "scans that share the position of --station with another scan: correct only for parts of one scan; otherwise import each file with its own --station";
                 self.diagnostics.add(kind, place);
             }
             self.report.positions_given += 1;

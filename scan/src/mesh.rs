@@ -44,11 +44,11 @@ pub struct MeshVertex {
 
 /// Receives a mesh.
 pub trait Surface {
-    /// The number of the part that the next triangle belongs to, asked before its vertices come. Parts have vertices of their own: one that a triangle of
-    /// another part used comes again, the same in every bit.
+    /// The number of the part that the next triangle belongs to, asked before its vertices are passed. Parts have vertices of their own: one that a triangle of
+    /// another part used is passed again, identical in every bit.
     ///
     /// # Errors
-    /// Where the part before cannot be kept.
+    /// If the part before cannot be kept.
     fn part(&mut self) -> Result<u32, ScanError> {
         Ok(0)
     }

@@ -20,7 +20,7 @@ pub enum Show {
     Mask,
 }
 
-/// Most columns of the picture of a cloud.
+/// Largest number of columns of the picture of a cloud.
 const CLOUD_MAX: u32 = 16_384;
 /// Cells where nothing is recorded.
 const EMPTY: [u8; 3] = [12, 12, 16];
@@ -155,7 +155,7 @@ pub fn render_part(
     let ends = [left.checked_add(width), top.checked_add(height)];
     let is_inside = ends.iter().zip(frame.size).all(|(end, size)| end.is_some_and(|end| end <= size));
     if !is_inside || width == 0 || height == 0 || frame.size != full_size(reader) {
-        return Err(ScanError::Request("the station has no such part".to_owned()));
+        return Err(ScanError::Request("the picture of the station has no such part".to_owned()));
     }
     let cells = if reader.header().is_grid {
         let from_end = |start: u32, length: u32, size: u32, is_turned: bool| {
@@ -192,7 +192,7 @@ fn full_size(reader: &Reader) -> [u32; 2] {
     if reader.header().is_grid {
         return [grid.columns, grid.rows];
     }
-    // About a point a pixel, as long as there is room.
+    // About one point per pixel, as long as there is room.
     let width = CLOUD_MAX.min(2 * ((grid.cells() as f64 / 2.0).sqrt() as u32).max(64)) / 2 * 2;
     [width, width / 2]
 }
@@ -207,7 +207,7 @@ fn turn(cells: &mut Vec<Cell>, width: u32, is_upside_down: bool, is_mirrored: bo
     }
 }
 
-/// Of `size` columns and rows of the grid, from `first` on, every so many. What is masked is shown also where the cells between are left out.
+/// Of `size` columns and rows of the grid, from `first` on, every `step`-th. Masked cells are shown even where the cells between are left out.
 fn from_grid(
     reader: &mut Reader,
     masks: &mut [MaskReader],
@@ -334,7 +334,7 @@ fn shown_value(sample: &Sample, show: Show) -> Option<f32> {
     (sample.is_measured() && value.is_finite()).then_some(value)
 }
 
-/// The values at 1 % and 99 %, of every so many cells if there are many: some millions tell them as well as all.
+/// The values at 1 % and 99 %, of every n-th cell if there are many: a few million give them as well as all do.
 fn percentiles(cells: &[Cell], show: Show) -> [f32; 2] {
     const MANY: usize = 4 << 20;
     let step = cells.len().div_ceil(MANY).max(1);

@@ -1,4 +1,4 @@
-//! The points of a station with the normal of the surface there and the spacing of its points, in coordinates of the survey. Held are three lines of
+//! The points of a station with the normal of the surface there and the spacing of its points, in coordinates of the survey. Memory holds three lines of
 //! the grid, or a block of a cloud.
 
 use crate::ScanError;
@@ -17,7 +17,7 @@ const MIN_COS: f64 = 0.1;
 pub struct StationPoint {
     /// Where, metres.
     pub position: DVec3,
-    /// Unit normal towards the scanner: that of the surface, or of the ray where the neighbours do not tell.
+    /// Unit normal towards the scanner: that of the surface, or of the ray where the neighbours do not determine it.
     pub normal: DVec3,
     /// How far the points of the surface are apart there, metres; 0 for a point of a cloud without a grid, or a grid of one point.
     pub spacing: f64,

@@ -1,8 +1,8 @@
 //! Where the samples of stations are, seen from above: the background of a plan.
 //!
-//! Each sample stands for the surface that its ray covers, range² · solid angle, so that near ground is not darker than far walls, and walls, which
+//! Each sample is weighted by the area that its ray covers, range² · solid angle, so that near ground is not darker than far walls, and walls, which
 //! stand on little ground, are darkest. [`extent`] finds where most samples of a station are, from a part of them; a [`TopView`] adds stations up, line by
-//! line. Memory is that of the picture.
+//! line. Memory holds only the picture.
 
 use crate::ScanError;
 use crate::spool::Reader;
@@ -10,7 +10,7 @@ use glam::{DVec2, DVec3};
 use kilwa_scan_core::{Pose, Rays, Sample};
 use std::io::Write;
 
-/// Most pixels across and down.
+/// Largest number of pixels across and down.
 pub const SIZE_MAX: u32 = 4096;
 
 /// The smallest and the largest x and y, in the survey, of 98 % of the samples of a station along each axis; `None` where it has none. Estimated from 64
@@ -52,7 +52,7 @@ fn place(sample: &Sample, pose: Pose) -> DVec3 {
 #[derive(Debug)]
 pub struct TopView {
     min: DVec2,
-    /// Pixels for a metre.
+    /// Pixels per metre.
     scale: f64,
     size: [u32; 2],
     /// Surface above each pixel, rows from the top.

@@ -284,7 +284,7 @@ fn what_cannot_be_exported_is_refused_before_anything_is_written() {
 
 /// PTX has intensities from 0 to 1: other ones are scaled, those of all stations of a file by one range.
 #[test]
-fn intensities_of_ptx_are_scaled_together_and_only_if_they_must_be() {
+fn intensities_of_ptx_are_scaled_together_and_only_if_necessary() {
     let site = Site::new();
     for (name, intensities) in [("a", ["-2048", "2047"]), ("b", ["0.5", "1000"]), ("c", ["0.25", "1"])] {
         let points = intensities.map(|i| format!("1 2 3 {i}")).join("\n");

@@ -79,7 +79,7 @@ fn chunks_at(bytes: &[u8]) -> usize {
 }
 
 #[test]
-fn what_is_wrong_with_a_chunk_in_layers_is_said_with_its_byte() {
+fn errors_in_layered_chunks_name_the_byte() {
     let site = Site::new();
     let bytes = std::fs::read(written(&site, "seed.laz", 7, 500)).unwrap();
     let (at, point) = (chunks_at(&bytes), 36 + 3);
@@ -106,7 +106,7 @@ fn what_is_wrong_with_a_chunk_in_layers_is_said_with_its_byte() {
 
 /// A file that is cut has no table of chunks any more.
 #[test]
-fn a_file_that_is_cut_in_a_chunk_in_layers_is_refused() {
+fn a_file_truncated_in_a_layered_chunk_is_refused() {
     let site = Site::new();
     let bytes = std::fs::read(written(&site, "seed.laz", 7, 500)).unwrap();
     for length in [chunks_at(&bytes) + 59, bytes.len() / 2, bytes.len() - 9] {

@@ -3,7 +3,7 @@
 //! For each station:
 //!
 //! * *false*: the share of the mesh's area that is farther from the true surface than the tolerance;
-//! * *seen*: points spread evenly over the true surface to which a straight line from the scanner meets nothing else of it, within the elevations and ranges of the
+//! * *seen*: points spread evenly over the true surface to which the line of sight from the scanner is free, within the elevations and ranges of the
 //!   instrument, at an incidence of at most 85°;
 //! * *present*: the share of seen points that are no farther from the mesh than the tolerance.
 //!

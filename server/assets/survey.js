@@ -1,4 +1,4 @@
-// The pages of a survey: pictures that zoom, and a plan and a list that point to each other. Without this script the pages show the same, still.
+// The pages of a survey: pictures that can be zoomed, and a plan and a list that highlight the same station. Without this script the pages show the same, but do not zoom.
 
 const STEP = 1.5;
 /** A picture is enlarged until a cell of the grid is this wide, in pixels of the page. */

@@ -336,7 +336,7 @@ async fn a_damaged_station_is_shown_with_the_reason_and_the_others_work() {
 }
 
 #[tokio::test]
-async fn mistakes_in_the_file_are_named_and_gone_when_corrected() {
+async fn mistakes_in_survey_toml_are_shown_until_they_are_corrected() {
     let (_dir, folder) = survey();
     let (app, _) = serve(&folder);
     let sound = std::fs::read_to_string(folder.join("survey.toml")).unwrap();

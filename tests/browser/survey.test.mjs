@@ -127,7 +127,7 @@ test("the plan and the list mark the same station", async () => {
   await close();
 });
 
-test("a picture zooms by wheel, keys and buttons, about the place under the pointer", async () => {
+test("a picture zooms by wheel, keys and buttons, around the place under the pointer", async () => {
   const { page, close } = await look("/stations/hall/");
   const frame = picture(page);
   const box = await frame.boundingBox();
@@ -197,7 +197,7 @@ test("zoomed in, every cell of a large station is shown", async () => {
   await close();
 });
 
-test("without scripts the pages show the same, still", async () => {
+test("without scripts the pages show the same, but do not zoom", async () => {
   const { page, close } = await look("/", { javaScriptEnabled: false });
   await page.getByRole("group", { name: "Plan" }).first().getByRole("link", { name: "yard" }).click();
   assert.match(page.url(), /#station-yard$/);

@@ -36,7 +36,7 @@ export interface PackInfo {
     storedTriangles: number;
     colors: boolean;
     scalars: number;
-    /** It is made of points: two of its triangles are one of them. */
+    /** Whether it is made of points: each point counts as two triangles. */
     points: boolean;
     lattice: Lattice;
   };

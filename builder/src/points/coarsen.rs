@@ -1,5 +1,5 @@
-//! Thinning: the points of a tetrahedron are grouped in cells of Morton's curve, as large as it takes to leave a third of them, and each cell keeps one
-//! point of the finest level, with the mean colour, normal and scalars and the area of all.
+//! Thinning: the points of a tetrahedron are grouped into cells of the Morton curve, just large enough to leave a third of them, and each cell keeps one
+//! point of the finest level, with the mean colour, normal and scalars and the total area.
 //!
 //! Pure: the result depends on the points alone, and not on their order.
 
@@ -71,14 +71,17 @@ fn squares(a: [u8; 3], b: [u8; 3]) -> f64 {
 /// One splat for all of a cell, weighted by area.
 fn merged(members: &[Splat], place: &Placement) -> Splat {
     let (mut area, mut center, mut facing) = (0.0, DVec3::ZERO, DVec3::ZERO);
-    let (mut color, mut intensity) = (DVec3::ZERO, 0.0);
+    let (mut color, mut intensity, mut with_intensity) = (DVec3::ZERO, 0.0, 0.0);
     for m in members {
         let weight = splat::radius(m.radius).powi(2);
         area += weight;
         center += m.center().as_dvec3() * weight;
         facing += normal::decode(m.normal) * weight;
         color += DVec3::from(m.color.map(f64::from)) * weight;
-        intensity += f64::from(m.intensity) * weight;
+        if !m.intensity.is_nan() {
+            intensity += f64::from(m.intensity) * weight;
+            with_intensity += weight;
+        }
     }
     center /= area;
     let away = |m: &&Splat| (m.center().as_dvec3() - center).length_squared();
@@ -91,7 +94,8 @@ fn merged(members: &[Splat], place: &Placement) -> Splat {
     one.radius = splat::code_of(area.sqrt().min(extent)).min(place.largest);
     one.normal = normal_of(facing, NORMAL_BITS);
     one.color = (color / area).to_array().map(|x| (x + 0.5) as u8);
-    one.intensity = rounded((intensity / area) as f32);
+    // NaN where no member has any.
+    one.intensity = rounded((intensity / with_intensity) as f32);
     one
 }
 
@@ -101,8 +105,12 @@ mod tests {
     use kilwa_geometry::Lattice;
     use proptest::prelude::*;
 
-    const PLACE: Placement =
-        Placement { lattice: Lattice { origin: DVec3::ZERO, step_log2: -11 }, cube_log2: 20, largest: 60 };
+    const PLACE: Placement = Placement {
+        lattice: Lattice { origin: DVec3::ZERO, step_log2: -11 },
+        cube_log2: 20,
+        largest: 60,
+        largest_estimated: 40,
+    };
 
     fn some(seed: u64, n: usize) -> Vec<Splat> {
         let mut random = fastrand::Rng::with_seed(seed);

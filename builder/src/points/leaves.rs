@@ -1,5 +1,5 @@
 //! From piles to leaves: which tetrahedra have more points than a leaf, the tree in which these are split, and the points of every leaf along Morton's
-//! curve. Of points at the same place on the lattice one is kept.
+//! curve. If several points have the same place on the lattice, one is kept.
 
 use super::piles::{Pile, Read};
 use super::runs::{ByTetrahedron, Run, RunFile};
@@ -18,6 +18,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 const WINDOW: usize = 8;
 /// The spacing is the distance to so many-th nearest of them.
 const NEAREST: usize = 4;
+/// Splats that are read before those at the same place are merged.
+const DEDUPLICATED_FROM: usize = 1 << 20;
 
 /// The leaves.
 pub(super) struct Ingested {
@@ -96,17 +98,28 @@ pub(super) fn leaves(read: &Read, place: &Placement, work: &Work<'_>) -> Result<
 
 /// Sort a pile, drop what lies at the same place as another, and find what has to be split in it.
 fn sort(pile: &Pile, from: &RunFile, to: &RunFile, place: &Placement) -> Result<Sorted, BuildError> {
-    let mut splats = Vec::with_capacity(pile.count as usize);
+    let mut splats = Vec::new();
+    let mut most = DEDUPLICATED_FROM;
     for run in &pile.runs {
         from.read(*run, &mut splats)?;
+        // What lies at one place cannot be divided by space.
+        if splats.len() > most {
+            sort_and_merge(&mut splats);
+            most = DEDUPLICATED_FROM.max(2 * splats.len());
+        }
     }
-    splats.sort_unstable_by_key(Splat::key);
-    splats.dedup_by_key(|s| s.position);
+    sort_and_merge(&mut splats);
     let duplicates = pile.count - splats.len() as u64;
     let mut requests = Vec::new();
     let run = to.append(&splats)?;
     request(&pile.tetra, &mut splats, place, &mut requests);
     Ok(Sorted { run, duplicates, requests })
+}
+
+/// In the order of their keys, one at each place.
+fn sort_and_merge(splats: &mut Vec<Splat>) {
+    splats.sort_unstable_by_key(Splat::key);
+    splats.dedup_by_key(|s| s.position);
 }
 
 /// Whether a tetrahedron of so many points is to be split, and can be.
@@ -195,7 +208,7 @@ impl<'a> Filled<'a> {
             return Ok(());
         }
         let tetrahedron = &tree.tetrahedra[node as usize];
-        let Some(children) = tetrahedron.children else { return self.leaf(node, splats) };
+        let Some(children) = tetrahedron.children else { return self.leaf(tree, node, splats) };
         let halves = tetrahedron.tetra.children();
         let parts = parted(&tetrahedron.tetra, splats);
         let quarters = halves.iter().zip(parts).flat_map(|(half, splats)| parted(half, splats));
@@ -203,8 +216,10 @@ impl<'a> Filled<'a> {
         children.into_iter().zip(quarters).try_for_each(|(child, splats)| self.divide(tree, child, splats))
     }
 
-    fn leaf(&mut self, leaf: u32, mut splats: Vec<Splat>) -> Result<(), BuildError> {
-        find_spacings(&mut splats, self.place);
+    fn leaf(&mut self, tree: &Partition, leaf: u32, mut splats: Vec<Splat>) -> Result<(), BuildError> {
+        let [first, .., last] = tree.tetrahedra[leaf as usize].tetra.v;
+        let edge = (last - first).as_dvec3().length();
+        find_spacings(&mut splats, edge, self.place);
         for s in &splats {
             self.radii[usize::from(s.radius)] += 1;
             for p in splat::corners(s.center(), s.normal, s.radius) {
@@ -224,7 +239,10 @@ fn parted(tetra: &Tetra, splats: Vec<Splat>) -> [Vec<Splat>; 2] {
 }
 
 /// Radii of splats whose spacing is not known: the distance to the fourth nearest of those that are near along the curve.
-fn find_spacings(splats: &mut [Splat], place: &Placement) {
+///
+/// Where a leaf has too few points for that: as if they were spread evenly over a square on its longest edge.
+fn find_spacings(splats: &mut [Splat], edge: f64, place: &Placement) {
+    let spread = edge / (splats.len() as f64).sqrt() / 2.0;
     let found: Vec<(usize, u8)> = (0..splats.len())
         .filter(|i| splats[*i].is_unknown())
         .map(|i| {
@@ -233,8 +251,8 @@ fn find_spacings(splats: &mut [Splat], place: &Placement) {
                 near.iter().map(|s| (s.center() - splats[i].center()).as_dvec3().length_squared()).collect();
             distances.sort_unstable_by(f64::total_cmp);
             // The first is the splat itself.
-            let squared = distances.get(NEAREST).or(distances.last()).copied().unwrap_or(0.0);
-            (i, splat::code_of(squared.sqrt()).min(place.largest))
+            let spacing = distances.get(NEAREST).map_or(spread, |squared| squared.sqrt());
+            (i, splat::code_of(spacing).min(place.largest_estimated))
         })
         .collect();
     for (i, code) in found {

@@ -194,7 +194,8 @@ impl Chunk {
         if self.attributes.colors {
             self.splats.colors.extend(splats.iter().map(|s| s.color));
         }
-        for channel in &mut self.splats.scalars {
+        // There is one channel at most.
+        if let Some(channel) = self.splats.scalars.first_mut() {
             channel.extend(splats.iter().map(|s| s.intensity));
         }
     }

@@ -1,5 +1,5 @@
-//! Points to pack: the same tree as for surfaces, with points in its patches instead of triangles. Each point is a *splat*, a square along its
-//! normal as large as the points are apart (Rusinkiewicz and Levoy, "QSplat", SIGGRAPH 2000).
+//! From points to a pack: the same tree as for surfaces, with points in its patches instead of triangles. Each point is a *splat*, a square across its
+//! normal, as large as the distance between the points (Rusinkiewicz and Levoy, "QSplat", SIGGRAPH 2000).
 //!
 //! | stage | does |
 //! |---|---|
@@ -8,7 +8,7 @@
 //! | `levels` | thins the points of a diamond's tetrahedra to a third, finest level first, and encodes them |
 //! | [`crate::assemble`] | numbers the chunks, orders them and writes the pack |
 //!
-//! Points need no care at the borders of tetrahedra, so each tetrahedron is thinned alone. A build of points is not resumed: reading is most of it.
+//! Points need no care at the borders of tetrahedra, so each tetrahedron is thinned alone. A build of points cannot be resumed: most of its time is reading.
 //! Memory follows the budget; the bytes depend on the points and the options alone.
 
 mod coarsen;
@@ -27,6 +27,7 @@ use crate::ingest::surface::{ColoredBy, Diagnostic, Surface};
 use glam::{DVec3, Vec3};
 use kilwa_geometry::Lattice;
 use kilwa_geometry::lattice::MAX_COORDINATE;
+use kilwa_pack::chunk::splat::MIN_RADIUS;
 use kilwa_pack::metadata::{ScalarChannel, SourceFile};
 use std::collections::BTreeMap;
 use std::io::{Seek, Write};
@@ -39,6 +40,11 @@ pub const LEAF_POINTS: usize = 1024;
 const STEPS_LOG2: i32 = 17;
 const LARGEST_STEP_LOG2: i32 = -11;
 
+/// A radius that is estimated is at most the margin over this: a 256th of the extent.
+const ESTIMATED: f64 = 64.0;
+/// The extent of a single point, metres.
+const SMALLEST: f64 = 1e-3;
+
 /// A measured point.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
@@ -46,7 +52,7 @@ pub struct Point {
     pub position: DVec3,
     /// The normal of the surface there, of any length; zero where nothing is known.
     pub normal: Vec3,
-    /// How far the points of the surface are apart there, metres; 0 where that is to be found out.
+    /// The distance between the points of the surface there, metres; 0 if it has to be estimated.
     pub spacing: f32,
     /// sRGB.
     pub color: [u8; 3],
@@ -65,7 +71,7 @@ pub trait PointInputs {
     /// Whether any point has a colour, and whether any has an intensity.
     fn attributes(&self) -> (bool, bool);
 
-    /// Deliver all points in blocks. Returns what the metadata says of the inputs.
+    /// Deliver all points in blocks. Returns the sources for the metadata.
     ///
     /// # Errors
     /// [`BuildError`], with what is wrong and what to do.
@@ -75,7 +81,7 @@ pub trait PointInputs {
 /// Receives points in blocks.
 pub type PointSink<'a> = dyn FnMut(&[Point]) -> Result<(), BuildError> + 'a;
 
-/// Build a pack of points into `out`, from its beginning; as [`crate::build()`], which builds one of a mesh.
+/// Build a pack of points into `out`, from its beginning; like [`crate::build()`], which builds a pack of a mesh.
 ///
 /// # Errors
 /// [`BuildError`] with what is wrong and what to do.
@@ -150,6 +156,8 @@ struct Placement {
     cube_log2: u32,
     /// Largest code of a radius: no corner of a splat is outside of the lattice.
     largest: u8,
+    /// Largest code of a radius that is estimated: an outlier does not hide the model.
+    largest_estimated: u8,
 }
 
 impl Placement {
@@ -159,28 +167,34 @@ impl Placement {
         if !(min.is_finite() && max.is_finite() && extent >= 0.0) {
             return Err(BuildError::Inputs { why: "the inputs have no points".to_owned() });
         }
-        // A quarter of the extent is left for splats on every side.
-        let needed = libm::log2(extent * 1.6 / f64::from(MAX_COORDINATE)).ceil().max(-60.0) as i32;
+        // One point alone has a place, too.
+        let extent = extent.max(SMALLEST);
+        let log2 = |x: f64| libm::log2(x).clamp(-60.0, 60.0);
+        // A quarter of the extent is left for splats on every side; and doubles tell places apart.
+        let magnitude = min.abs().max(max.abs()).max_element();
+        let room = log2(extent * 1.6 / f64::from(MAX_COORDINATE)).ceil() as i32;
+        let needed = room.max(log2(magnitude * f64::EPSILON * 2.0).ceil() as i32);
+        let coarsest = log2(extent.max(1.0) / 16.0).floor() as i32;
         let step_log2 = match options.step {
-            Some(step) if step > 0.0 && step.is_finite() => libm::log2(step).floor() as i32,
-            Some(step) => return Err(BuildError::Inputs { why: format!("--step {step} is no length in metres") }),
-            None => (libm::log2(extent).floor().max(-60.0) as i32 - STEPS_LOG2).min(LARGEST_STEP_LOG2).max(needed),
+            Some(step) if step > 0.0 && step.is_finite() => libm::log2(step).floor().clamp(-1000.0, 1000.0) as i32,
+            Some(step) => return Err(BuildError::Inputs { why: format!("--step {step} is not a length in metres") }),
+            None => (log2(extent).floor() as i32 - STEPS_LOG2).min(LARGEST_STEP_LOG2).max(needed),
         };
-        if step_log2 < needed {
+        if !(needed..=coarsest.max(needed)).contains(&step_log2) {
+            let [least, most] = [needed, coarsest.max(needed)].map(|log2| libm::scalbn(1.0, log2));
             let why = format!(
-                "the points are {extent:.0} m apart, too far for steps of {} m; give --step {} or more",
-                libm::scalbn(1.0, step_log2),
-                libm::scalbn(1.0, needed)
+                "the points extend over {extent} m, for which a lattice spacing is possible from {least} to {most} m; give --step such a value, or leave it out"
             );
-            return Err(BuildError::TooLarge { why });
+            return Err(BuildError::Inputs { why });
         }
         let step = libm::scalbn(1.0, step_log2);
         let margin = (extent / step / 4.0).ceil().max(64.0);
         let origin = ((min / step).floor() - margin) * step;
         let last = ((max - origin) / step).max_element() + 1.0;
         let cube_log2 = (libm::log2(last).ceil().max(1.0) as u32).min(30);
-        let largest = kilwa_pack::chunk::splat::code_of(margin - 2.0) - 1;
-        Ok(Self { lattice: Lattice { origin, step_log2 }, cube_log2, largest })
+        let codes = [margin - 2.0, margin / ESTIMATED].map(|r| kilwa_pack::chunk::splat::code_of(r) - 1);
+        let [largest, largest_estimated] = codes.map(|code| code.max(MIN_RADIUS));
+        Ok(Self { lattice: Lattice { origin, step_log2 }, cube_log2, largest, largest_estimated })
     }
 }
 
@@ -207,7 +221,7 @@ fn surface(read: &piles::Read, ingested: &leaves::Ingested, place: &Placement, o
         }
     };
     note("points at the same place on the lattice, of which one is kept", ingested.duplicates);
-    note("points outside of the box of --crop", read.cropped);
+    note("points outside the box of --crop", read.cropped);
     let intensity = read.intensity.map(|[min, max]| ScalarChannel { name: "intensity".to_owned(), min, max });
     Surface {
         lattice: place.lattice,

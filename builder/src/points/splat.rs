@@ -40,7 +40,7 @@ impl Splat {
         let radius = if steps > 0.0 { splat::code_of(steps).min(place.largest) } else { UNKNOWN };
         let mut splat = Self {
             position: position.to_array(),
-            intensity: rounded(if point.intensity.is_nan() { 0.0 } else { point.intensity }),
+            intensity: rounded(point.intensity),
             reach: 0.0,
             normal: normal_of(point.normal.as_dvec3(), normal_bits),
             color: point.color,
@@ -103,8 +103,13 @@ pub(super) fn normal_of(n: DVec3, bits: u8) -> [i16; 2] {
 /// A number with fewer bits.
 pub(super) fn rounded(x: f32) -> f32 {
     let dropped = 23 - INTENSITY_BITS;
-    let bits = x.to_bits();
-    f32::from_bits(bits.saturating_add(1 << (dropped - 1)) >> dropped << dropped)
+    if x.is_nan() {
+        return f32::NAN;
+    }
+    let x = x.clamp(f32::MIN, f32::MAX);
+    let cut = |bits: u32| f32::from_bits(bits >> dropped << dropped);
+    let near = cut(x.to_bits() + (1 << (dropped - 1)));
+    if near.is_finite() { near } else { cut(x.to_bits()) }
 }
 
 #[cfg(test)]
@@ -134,6 +139,10 @@ mod tests {
             );
             let x = random.f32() * 5000.0 - 2000.0;
             assert!((rounded(x) - x).abs() <= x.abs() / 200.0);
+        }
+        assert!(rounded(f32::NAN).is_nan());
+        for x in [f32::MAX, f32::MIN, f32::INFINITY, -f32::INFINITY] {
+            assert!(rounded(x).is_finite() && rounded(x).signum() == x.signum());
         }
     }
 }

@@ -5,7 +5,7 @@ use glam::{DVec3, IVec3};
 use kilwa_geometry::LatticePoint;
 use kilwa_pack::{Chunk, Index};
 
-/// Whether a pack is made of points, and can be here: the page measures in surfaces with a program that does without.
+/// Whether a pack is made of points. Never so in the module with which the page measures surfaces, which cannot read such packs.
 pub fn is_of_points(index: &Index) -> bool {
     cfg!(any(not(target_arch = "wasm32"), feature = "points")) && index.header().is_of_points()
 }

@@ -109,7 +109,9 @@ pub enum Refusal {
     },
     /// A tool that needs a surface, and a pack of points.
     #[cfg(any(not(target_arch = "wasm32"), feature = "points"))]
-    #[error("this model is made of points, without a surface; measure coordinates, distances, angles or heights")]
+    #[error(
+        "this model is made of points, without a surface; measure coordinates, distances, angles, heights, circles or polygons"
+    )]
     OfPoints,
     /// Only points are known, and the tool needs the surface.
     #[error("no value is available until the finest surface has been loaded")]

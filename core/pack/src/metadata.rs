@@ -71,7 +71,7 @@ pub struct Metadata {
     pub repairs: std::collections::BTreeMap<String, u64>,
 }
 
-/// The option that packs of points have, and no others: the most points of a leaf.
+/// The option that only packs of points have: the largest number of points in a leaf.
 pub const LEAF_POINTS: &str = "leaf-points";
 
 impl Metadata {

@@ -41,7 +41,7 @@ impl Instrument {
 pub struct Options {
     /// How many times the expected spacing an edge may be long.
     pub edge_factor: f64,
-    /// Longest edge, metres; infinite for no limit. What a limit drops first is what is far and seen aslant: with 5 cm and rays 4 mrad apart a station in
+    /// Longest edge, metres; infinite for no limit. A limit first drops what is far away and seen at an oblique angle: with 5 cm and rays 4 mrad apart, a station in
     /// the fort of the simulator kept a third of the surface that it saw.
     pub max_edge: f64,
     /// Largest incidence, radians from the normal of the surface. Noise tilts triangles, so this is 2° more than the incidence up to which surfaces are to be

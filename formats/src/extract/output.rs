@@ -77,7 +77,7 @@ impl Output {
         write().map_err(cannot)
     }
 
-    /// Write a complete file in the folder of the output with `body`, which does not get its name `path` yet; and its number of bytes.
+    /// Write a complete file in the folder of the output with `body`, without giving it its name `path` yet; returns its number of bytes too.
     ///
     /// # Errors
     /// What the system says, naming the file.

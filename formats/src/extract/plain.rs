@@ -160,7 +160,7 @@ impl<'o> MeshWriter<'o> {
         Ok(Written { bytes, vertices: counts.vertices, triangles: counts.triangles })
     }
 
-    /// Write the file that will be at `path`, in the folder of the output, but do not give it its name yet: so that several files get theirs together.
+    /// Write the file that will be at `path`, in the folder of the output, but do not give it its name yet, so that several files can be named together.
     ///
     /// # Errors
     /// As for [`Self::finish`].

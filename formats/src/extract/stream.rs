@@ -48,7 +48,8 @@ pub(super) fn stream<S: Source + Sync>(
     progress(0, chunks.len() as u64);
     let mut done = 0;
     let counts = Counts { error: chosen.error, ..Counts::default() };
-    let as_points = reader.header().is_of_points() && encoder.writes_points();
+    let is_of_points = reader.header().is_of_points();
+    let as_points = is_of_points && encoder.writes_points();
     let mut weld = Weld { axis, known: HashMap::new(), kept: 0, counts, bytes: Vec::new(), encoder, scratch };
     let mut reducer = chosen.reduction.map(|reduction| {
         weld.counts.error = 0.0;
@@ -65,7 +66,10 @@ pub(super) fn stream<S: Source + Sync>(
                 return Err(ExtractError::Outside { chunk: index });
             }
             let plane = bounds.min[axis];
-            let inside = |t: &usize| region.is_none_or(|region| region.holds(chunk.mesh.corners(*t)));
+            // Of a square, its point tells: both of its triangles are inside, or none.
+            let places =
+                |t: usize| if is_of_points { [point_of(&chunk.mesh, 4 * (t / 2)); 3] } else { chunk.mesh.corners(t) };
+            let inside = |t: &usize| region.is_none_or(|region| region.holds(places(*t)));
             match &mut reducer {
                 None => weld.forget(plane),
                 Some(reducer) => weld.write(reducer.reduce_if_full(plane))?,
@@ -106,6 +110,11 @@ fn in_order<S: Source>(reader: &Reader<S>, chosen: &Chosen, region: Option<&Step
     let mut chunks: Vec<u32> = chosen.cut.refined().filter(wanted).collect();
     chunks.sort_unstable_by_key(|&i| (bounds(i).min[axis], i));
     chunks
+}
+
+/// The point that a square stands for, by its first vertex.
+fn point_of(squares: &Mesh, first: usize) -> LatticePoint {
+    (squares.positions[first] + squares.positions[first + 2]) / 2
 }
 
 /// Gives equal vertices one number, and writes them and the triangles.
@@ -164,7 +173,7 @@ impl Weld<'_> {
         Ok(())
     }
 
-    /// Write the points that the squares of some triangles stand for, each once: the first of its two triangles tells.
+    /// Write the points that the squares of some triangles stand for, each once: by the first of its two triangles.
     fn add_points(&mut self, squares: &Mesh, triangles: impl Iterator<Item = usize>) -> Result<(), ExtractError> {
         let mut point = Mesh::default();
         for v in triangles.filter(|t| t % 2 == 0).map(|t| 2 * t) {
@@ -177,7 +186,7 @@ impl Weld<'_> {
             point.normals.clear();
             point.scalars.iter_mut().for_each(Vec::clear);
             point.push_vertex_of(squares, v);
-            point.positions[0] = (squares.positions[v] + squares.positions[v + 2]) / 2;
+            point.positions[0] = point_of(squares, v);
             self.bytes.clear();
             self.encoder.vertex(&mut self.bytes, &point, 0);
             self.scratch.vertices.write_all(&self.bytes).map_err(ExtractError::Scratch)?;

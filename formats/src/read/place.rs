@@ -81,12 +81,12 @@ impl Placement {
         self.target_from_source.transform_point3(p)
     }
 
-    /// Which way a surface faces afterwards that faces along `normal`: a vector of any length.
+    /// The normal of a surface after the transformation, from its `normal` before; of any length.
     pub fn turn(&self, normal: DVec3) -> DVec3 {
         self.of_normals() * normal
     }
 
-    /// How much longer lengths become, on average over all directions.
+    /// The factor by which lengths grow, on average over all directions.
     pub fn scale(&self) -> f64 {
         self.determinant().abs().cbrt()
     }

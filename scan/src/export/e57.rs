@@ -1,12 +1,12 @@
-//! E57 (ASTM E2807), by the crate `e57`: scans with their grids and poses, and the photographs of their stations.
+//! E57 (ASTM E2807), with the crate `e57`: scans with their grids and poses, and the photographs of their stations.
 //!
 //! A cell without a sample has no record, whether nothing was recorded there or a mask hides it: E57 allows that, the rows and columns of the other
 //! records stay right, and programs that do not look at invalid states (or at rows and columns) show no points at the scanner. Rays without a return keep
-//! their record, with the direction (invalid state 1) or without (2), because they say where nothing stands; CloudCompare, pye57 and PDAL leave these out or
+//! their record, with the direction (invalid state 1) or without (2), because they show where there is nothing; CloudCompare, pye57 and PDAL leave these out or
 //! flag them.
 //!
-//! Fields are written only if a sample needs them. `isIntensityInvalid` and `isColorInvalid` are for points without, among others that have intensities or
-//! colours, and return numbers for stations with one above 1: pye57 refuses files with any of these fields (other than by `read_scan`), and some versions
+//! Fields are written only if a sample needs them. `isIntensityInvalid` and `isColorInvalid` are written if some points lack intensities or
+//! colours that others have, and return numbers if a station has one above 1: pye57 refuses files with any of these fields (except with `read_scan`), and some versions
 //! of CloudCompare understand `isIntensityInvalid` the wrong way round.
 
 use super::photograph::{self, photographs};
@@ -25,11 +25,11 @@ const BATCH: u64 = 4096;
 
 /// Write stations as the scans of one E57 file, into an empty file.
 ///
-/// Coordinates are `f32` relative to the scanner, so that they come back exactly, and so do intensities, colours, rows, columns and numbers of returns.
+/// Coordinates are `f32` relative to the scanner, so that they can be read back exactly, as can intensities, colours, rows, columns and return numbers.
 ///
 /// # Errors
 /// [`ScanError::Spool`] or [`ScanError::Mask`] where a file of the survey is damaged, [`ScanError::Read`] for a photograph that cannot be opened, and
-/// `output.cannot` of what the system says.
+/// `output.cannot` for an error of the system.
 pub fn e57<F: Read + Write + Seek>(
     request: &Request<'_>,
     out: F,
@@ -38,7 +38,7 @@ pub fn e57<F: Read + Write + Seek>(
     let cannot = output.cannot;
     let failed = move |e: e57::Error| cannot(io::Error::other(causes(&e)));
     photograph::check(request)?;
-    // What is there is looked at, then written.
+    // The samples are read once to see what there is, then again to be written.
     let mut steps = Steps { done: 0, total: 2 * request.cells()?, output };
     let guids = request.stations.iter().map(|station| station_guid(request, station)).collect::<Result<Vec<_>, _>>()?;
     let crs = request.survey.crs.as_deref().filter(|_| request.stations.iter().any(|s| s.pose.is_some()));
@@ -118,7 +118,7 @@ fn station_guid(request: &Request<'_>, station: &Station) -> Result<String, Scan
     Ok(guid("station", &parts.iter().map(Vec::as_slice).collect::<Vec<_>>()))
 }
 
-/// Text for the XML of the file: the crate puts it into character data as it is, so what would end that is divided, and what XML cannot hold left out.
+/// Text for the XML of the file: the crate puts it into character data as it is, so a `]]>` is split, and characters that XML does not allow are left out.
 pub(super) fn character_data(text: &str) -> String {
     let sound: String = text.chars().filter(|c| matches!(c, '\t' | '\n' | '\r') || !c.is_control()).collect();
     sound.replace("]]>", "]]]]><![CDATA[>")

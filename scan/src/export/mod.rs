@@ -1,7 +1,7 @@
 //! Stations for other programs: PTX and E57, with masks and poses applied.
 //!
-//! A file holds one station or several, in the order in which they are asked for. What is held in memory is a line of a grid (PTX of a grid that is stored
-//! by rows: some columns) or a packet, never a scan.
+//! A file holds one station or several, in the order in which they are asked for. Memory holds one line of a grid (for PTX of a grid that is stored
+//! by rows, some columns) or one packet, never a whole scan.
 
 mod e57;
 mod photograph;
@@ -77,17 +77,17 @@ pub struct Exported {
 pub struct Report {
     /// The stations.
     pub stations: Vec<Exported>,
-    /// Photographs beside them.
+    /// How many photographs were written.
     pub photographs: u64,
     /// The range of intensities that was scaled to 0 to 1, where it had to be.
     pub scaled: Option<[f32; 2]>,
 }
 
-/// Where a file is written to, and who wants to know how far it is.
+/// How errors and progress are reported while a file is written.
 pub struct Output<'a> {
-    /// What an error of the system means.
+    /// Turns an error of the system into a [`ScanError`].
     pub cannot: &'a dyn Fn(io::Error) -> ScanError,
-    /// So much of so much is done; an error stops it.
+    /// Called with how much is done, of how much; an error stops the export.
     pub progress: &'a mut dyn FnMut(u64, u64) -> Result<(), ScanError>,
 }
 

@@ -33,7 +33,7 @@ pub(super) fn check(request: &Request<'_>) -> Result<(), ScanError> {
     Ok(())
 }
 
-/// Write the photographs of the stations whose GUIDs these are, and their number.
+/// Write the photographs of the stations, whose GUIDs are `guids`; returns how many there were.
 pub(super) fn photographs<F: Read + Write + Seek>(
     request: &Request<'_>,
     guids: &[String],
@@ -148,7 +148,7 @@ fn size(file: &mut (impl Read + Seek)) -> std::io::Result<Option<(ImageFormat, [
             let half = |at: usize| u32::from(u16::from_be_bytes([head[at], head[at + 1]]));
             return Ok(Some((ImageFormat::Jpeg, [half(7), half(5)])));
         }
-        // Bytes of filling before a marker.
+        // Fill bytes before a marker.
         at += if head[1] == 0xff { 1 } else { 2 + u64::from(u16::from_be_bytes([head[2], head[3]])) };
     }
 }

@@ -165,7 +165,7 @@ pub fn read(path: &Path, options: &ReadOptions, sink: &mut dyn Sink) -> Result<(
     }
 }
 
-/// What can be said of a file before the work is done: its format, whether a position is missing, whether a PLY file is a mesh.
+/// Check what can be known of a file before it is imported: its format, whether a position is missing, whether a PLY file is a mesh.
 ///
 /// # Errors
 /// As [`read`].

@@ -6,11 +6,11 @@
 //! | `/plan.png` | the samples of all stations with a pose, seen from above |
 //! | `/stations/<name>/` | a station: facts and a picture that zooms ([`station`]) |
 //! | `/stations/<name>/<show>.png` | its picture: `range`, `intensity`, `colour`, `mask` |
-//! | `/stations/<name>/<show>/<column>-<row>.png` | a part of that picture with every cell of the grid |
+//! | `/stations/<name>/<show>/<column>-<row>.png` | a tile of that picture with every cell of the grid |
 //!
 //! Pictures are those of `kilwa scans view` ([`kilwa_scan::panorama`]), drawn when somebody asks for them and kept in memory ([`pictures`]). Invariants: a
-//! name in an address is looked up among the stations of `survey.toml` and never becomes a path; files that it names are opened only where no link
-//! leads to them; what a page shows follows the files, whose times are looked at for every request. Failures: a station, a mask or a picture that
+//! name in an address is looked up among the stations of `survey.toml` and never becomes a path; the file's paths are opened only if they contain
+//! no link; what a page shows follows the files, whose times are checked at every request. Failures: a station, a mask or a picture that
 //! cannot be read is shown with the reason, and the others as usual.
 
 mod pictures;
@@ -177,13 +177,13 @@ impl Surveyed {
     fn check_file(&self, file: &str) -> Result<(), ScanError> {
         match plain_file::metadata_inside(&self.folder, &self.folder.join(file)) {
             Err(e) if plain_file::is_other(&e) => Err(ScanError::Request(format!(
-                "{file} is a link, below a link, or no regular file; links are not followed here: put the file itself there"
+                "{file} is a link, in a linked folder, or not a regular file; links are not followed here: put the file itself there"
             ))),
             _ => Ok(()),
         }
     }
 
-    /// An error for readers, to whom it is no concern where the folder is.
+    /// An error for readers, who need not know where the folder is.
     pub(crate) fn sentence(&self, error: &ScanError) -> String {
         let mut text = error.to_string();
         let mut cause = error.source();

@@ -1,6 +1,6 @@
-//! The pictures of stations: drawn when they are asked for, once however many ask at a time, and kept in memory, of which they take a limited part.
+//! The pictures of stations: drawn on request, once for any number of simultaneous requests, and kept in memory up to a limit.
 //!
-//! A picture is at most [`WHOLE`] pixels wide and high. A station with more cells has parts of [`PART`] pixels with every cell. The key of a picture names
+//! A picture is at most [`WHOLE`] pixels wide and high. A station with more cells has tiles of [`PART`] pixels with every cell. The key of a picture names
 //! what it was drawn from, so that a station whose files change gets another one; the old one is the first to go. A picture that failed is not kept.
 
 use super::{Facts, Surveyed};
@@ -15,7 +15,7 @@ use tokio::sync::OnceCell;
 
 /// Largest width and height of the picture of a station.
 pub(crate) const WHOLE: u32 = 2048;
-/// Width and height of a part of it.
+/// Width and height of a tile of it.
 pub(crate) const PART: u32 = 1024;
 /// Bytes of all pictures that are kept.
 const KEPT: usize = 128 << 20;

@@ -9,7 +9,7 @@ use kilwa_scan::survey::Survey;
 use kilwa_scan_core::Pose;
 use std::collections::HashMap;
 
-/// What a page of a survey is headed by.
+/// What is at the head of a page of a survey.
 pub(crate) fn title<'a>(survey: &'a Survey, l: &'static Language) -> &'a str {
     survey.title.as_deref().filter(|title| !title.trim().is_empty()).unwrap_or(l.t("survey"))
 }
@@ -55,7 +55,7 @@ struct Page<'a> {
     has_instruments: bool,
 }
 
-/// The plan, and what stands below it.
+/// The plan, and what is shown below it.
 struct Shown<'a> {
     width: String,
     height: String,

@@ -23,7 +23,7 @@ use kilwa_scan::panorama::Show;
 use kilwa_scan::survey::{Station, Survey};
 use std::sync::Arc;
 
-/// Pictures that are drawn at once, in all and for one network: each takes up to some hundred megabytes while it is drawn.
+/// Pictures that are drawn at once, in all and for one network: each takes up to about a hundred megabytes while it is drawn.
 const AT_ONCE: usize = 4;
 const SHARE: usize = 2;
 

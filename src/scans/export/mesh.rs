@@ -203,7 +203,7 @@ fn finish(args: &Args, mut files: Files<'_>) -> anyhow::Result<Vec<(PathBuf, Wri
     }
     let left = files.split.map(|(_, names)| names.present()).unwrap_or_default();
     for path in left.iter().filter(|path| written.iter().all(|(own, _)| own != *path)) {
-        crate::terminal::say!("kilwa: {} is left from before and is no part of this mesh; remove it", path.display());
+        crate::terminal::say!("kilwa: {} is left from before and is not part of this mesh; remove it", path.display());
     }
     Ok(written)
 }

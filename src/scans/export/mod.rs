@@ -41,13 +41,13 @@ pub(crate) struct Args {
     /// Write a PTX file with grids and poses.
     #[arg(long, group = "format")]
     ptx: bool,
-    /// Divide the mesh into files of at most N triangles, FILE-001.ply and so on, which have bit-identical vertices where they meet; `kilwa build` joins them.
+    /// Divide the mesh into files of at most N triangles (FILE-001.ply and so on) with bit-identical vertices where they meet; `kilwa build` joins them.
     #[arg(long, value_name = "N", requires = "mesh", value_parser = clap::value_parser!(u32).range(1000..))]
     split: Option<u32>,
     /// Use every N-th row and column (default: the value in survey.toml, or 1).
     #[arg(long, value_name = "N", requires = "mesh", value_parser = clap::value_parser!(u32).range(1..=64))]
     subsample: Option<u32>,
-    /// Longest edge in metres (default: no limit but that of --edge-factor).
+    /// Longest edge in metres (default: limited only by --edge-factor).
     #[arg(long, value_name = "METRES", requires = "mesh", value_parser = positive)]
     max_edge: Option<f64>,
     /// Longest edge as a multiple of the point spacing expected from range, angular step and incidence angle (default: 3).
@@ -188,7 +188,7 @@ fn print(args: &Args, report: &Report) -> anyhow::Result<()> {
         writeln!(out, "  {}", counted(report.photographs, "photograph", "photographs"))?;
     }
     if let Some([min, max]) = report.scaled {
-        writeln!(out, "  intensities from {min} to {max} scaled to 0 to 1, as PTX has them")?;
+        writeln!(out, "  intensities from {min} to {max} scaled to 0 to 1, as PTX requires")?;
     }
     Ok(())
 }

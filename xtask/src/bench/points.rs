@@ -1,4 +1,4 @@
-//! `cargo xtask bench points`: building the points of a made-up scan: CPU time, memory, size, and what the first request brings.
+//! `cargo xtask bench points`: building a pack from the points of a synthetic scan: CPU time, memory, size, and what the first request brings.
 
 use super::scans::{ROWS, write_ptx};
 use super::{archive, number_of, run_measured};

@@ -1,4 +1,4 @@
-//! `cargo xtask bench stations`: meshes of simulated stations against the true surface: how much of them is false, and how much of what a station sees they have.
+//! `cargo xtask bench stations`: meshes of simulated stations against the true surface: how much of them is false, and how much of what a station sees is present.
 //! What is measured, and how, is in `scan/tests/stations.rs`, which runs here on a larger survey.
 
 use super::archive;

@@ -1,5 +1,5 @@
 //! Codec 3: splats. A chunk of points, each with a normal and a radius, that decodes to a square per point. FORMAT sections 5.20
-//! to 5.22. (Rusinkiewicz and Levoy, "QSplat", SIGGRAPH 2000, for drawing points of a hierarchy as oriented splats.)
+//! and 5.21. (Rusinkiewicz and Levoy, "QSplat", SIGGRAPH 2000, for drawing points of a hierarchy as oriented splats.)
 //!
 //! The entropy coder is that of codec 2.
 
@@ -144,7 +144,7 @@ impl Splats {
             let code = nearby.into_iter().find(|&c| corners(center, n, c) == *square);
             splats.positions.push(center);
             splats.normals.push(n);
-            splats.radii.push(code.ok_or_else(|| PackError::invalid("chunk", "it has triangles that are no splats"))?);
+            splats.radii.push(code.ok_or_else(|| PackError::invalid("chunk", "it has triangles that are not splats"))?);
             splats.colors.extend(mesh.colors.get(first(i)));
             for (to, from) in splats.scalars.iter_mut().zip(&mesh.scalars) {
                 to.extend(from.get(first(i)));
@@ -153,7 +153,7 @@ impl Splats {
         if splats.mesh() == *mesh {
             Ok(splats)
         } else {
-            Err(PackError::invalid("chunk", "it has triangles that are no splats"))
+            Err(PackError::invalid("chunk", "it has triangles that are not splats"))
         }
     }
 }
@@ -175,11 +175,11 @@ pub fn encode_body(splats: &Splats, patches: &[PatchRange], attributes: Attribut
         return bad("an attribute of a splat is missing");
     }
     if splats.radii.iter().any(|r| !(MIN_RADIUS..=MAX_RADIUS).contains(r)) {
-        return bad("a splat has a radius that is none");
+        return bad("a splat has an invalid radius");
     }
     let sum: u64 = patches.iter().map(|p| u64::from(p.count)).sum();
     if sum != u64::from(TRIANGLES) * count as u64 || patches.iter().any(|p| !p.count.is_multiple_of(TRIANGLES)) {
-        return bad("its patches have other splats");
+        return bad("its patches do not match its splats");
     }
     if count == 0 {
         return Ok(Vec::new());
@@ -222,7 +222,7 @@ pub(super) fn decode_body(
         || patches.iter().any(|p| !p.count.is_multiple_of(TRIANGLES))
         || declared.vertices != VERTICES * count
     {
-        return Err(c.invalid("its patches have other splats"));
+        return Err(c.invalid("its patches do not match its splats"));
     }
     let count = count as usize;
     let mut splats = Splats {

@@ -66,8 +66,8 @@ fn compressed(file: &mut (impl Read + Seek), total: u64, head: [u64; 4]) -> Opti
     if let Some(record) = laszip(file, head) {
         if let Some(at) = record.again {
             // It is not known which of them the crate reads.
-            let expected = "one; it is damaged: copy or export it again".to_owned();
-            return Some(Excess { at, found: "a second record of LAZ".to_owned(), expected });
+            let expected = "one; the file is damaged: copy or export it again".to_owned();
+            return Some(Excess { at, found: "a second LASzip record".to_owned(), expected });
         }
         if let Some(excess) = too_many(record.at + 32, record.point, "bytes in a point", point) {
             return Some(excess);

@@ -1,7 +1,7 @@
-//! The file of a LAZ reader, which looks at every chunk in layers before the crate `laz` reads it.
+//! The file that a LAZ reader reads: every layered chunk is checked before the crate `laz` reads it.
 //!
-//! Such a chunk is its first point, its number of points, the length of each layer (4 bytes each), and the layers. `laz` 0.13 allocates what the lengths
-//! say. They are compared with what is left of the file first, and a chunk may not be larger than [`LARGEST`].
+//! Such a chunk is its first point, its number of points, the length of each layer (4 bytes each), and the layers. `laz` 0.13 allocates whatever the lengths
+//! announce. They are compared with what is left of the file first, and a chunk may not be larger than [`LARGEST`].
 
 use super::bounds::Layered;
 use std::io::{self, Read, Seek, SeekFrom};

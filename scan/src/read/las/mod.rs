@@ -1,6 +1,6 @@
 //! LAS and LAZ (ASPRS, "LAS Specification 1.4"), by the crates `las` and `laz`. They have no grid and no scanner: the position must be given.
 //!
-//! LAZ of point formats 6 to 10 has chunks in layers, for whose announced lengths `laz` 0.13 allocates without a bound: `chunks` looks at them first.
+//! LAZ of point formats 6 to 10 has layered chunks. `laz` 0.13 allocates whatever lengths they announce, so `chunks` checks these first.
 //!
 //! Colours have 16 bits; many programs write 8 into them. So a file with colours is read twice: if no value exceeds 255, they are taken as they are.
 
