@@ -77,6 +77,10 @@ fn compressed(file: &mut (impl Read + Seek), total: u64, head: [u64; 4]) -> Opti
     let table = number(file, points_at, 8)?;
     let is_known = table > points_at && table >> 63 == 0;
     let table = if is_known { table } else { number(file, total.checked_sub(8)?, 8)? };
+    // From a place beyond the file, `laz` returns to another byte than that where the chunks begin.
+    if let Some(excess) = too_many(points_at, table, "bytes before the table of chunks", total.saturating_sub(8)) {
+        return Some(excess);
+    }
     let at = table.checked_add(4)?;
     // Each chunk begins with a point as it is.
     too_many(at, number(file, at, 4)?, "chunks", total / point.max(1))

@@ -38,6 +38,8 @@ pub(super) struct Checked<R> {
     layered: Option<Layered>,
     /// Where the next chunk begins.
     next: u64,
+    /// The file ended, or has no such place, where the table of chunks was read: `laz` would go on at any byte.
+    is_lost: bool,
     seen: Arc<Seen>,
 }
 
@@ -45,7 +47,7 @@ impl<R: Read + Seek> Checked<R> {
     /// A file of `total` bytes at its beginning.
     pub(super) fn new(inner: R, total: u64, layered: Option<Layered>, seen: Arc<Seen>) -> Self {
         let next = layered.map_or(u64::MAX, |layered| layered.first);
-        Self { inner, position: 0, total, layered, next, seen }
+        Self { inner, position: 0, total, layered, next, is_lost: false, seen }
     }
 
     /// Look at the chunk that begins here.
@@ -82,6 +84,9 @@ impl<R: Read + Seek> Checked<R> {
 
 impl<R: Read + Seek> Read for Checked<R> {
     fn read(&mut self, out: &mut [u8]) -> io::Result<usize> {
+        if self.is_lost {
+            return Err(io::ErrorKind::UnexpectedEof.into());
+        }
         if self.position == self.next
             && let Some(layered) = self.layered
             && !out.is_empty()
@@ -90,13 +95,38 @@ impl<R: Read + Seek> Read for Checked<R> {
         }
         let n = self.inner.read(out)?;
         self.position += n as u64;
+        self.is_lost = n == 0 && !out.is_empty() && self.layered.is_some();
         Ok(n)
     }
 }
 
 impl<R: Read + Seek> Seek for Checked<R> {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        self.position = self.inner.seek(to)?;
+        let sought = self.inner.seek(to);
+        self.is_lost |= sought.is_err() && self.layered.is_some();
+        self.position = sought?;
         Ok(self.position)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_is_read_any_more_after_the_end_of_a_layered_file_or_a_place_that_does_not_exist() {
+        let layered = Some(Layered { first: 8, point: 4, layers: 1 });
+        let file = || Checked::new(io::Cursor::new(vec![0; 64]), 64, layered, Arc::default());
+        let mut ends = file();
+        ends.seek(SeekFrom::Start(64)).unwrap();
+        assert_eq!(ends.read(&mut [0; 4]).unwrap(), 0);
+        ends.seek(SeekFrom::Start(20)).unwrap();
+        assert!(ends.read(&mut [0; 4]).is_err());
+        let mut nowhere = file();
+        assert!(nowhere.seek(SeekFrom::Current(-1)).is_err());
+        assert!(nowhere.read(&mut [0; 4]).is_err());
+        let mut sound = file();
+        sound.seek(SeekFrom::Start(20)).unwrap();
+        assert_eq!(sound.read(&mut [0; 4]).unwrap(), 4);
     }
 }
