@@ -167,3 +167,20 @@ fn what_cannot_be_coded_is_refused() {
     mesh.positions[5].x += 1;
     assert!(Splats::of(&mesh).unwrap_err().to_string().contains("no splats"));
 }
+
+/// A surface whose header says that it is made of points, and the other way round: neither is shown.
+#[test]
+fn chunks_of_another_kind_than_the_header_states_are_refused() {
+    let surface = crate::common::pack(2, 2, Attributes { colors: true, scalars: 0 });
+    let reader = |bytes: Vec<u8>| kilwa_pack::Reader::open(kilwa_pack::SliceSource(bytes));
+    assert!(!reader(surface.clone()).expect("opens").header().is_of_points());
+    let mut forged = surface;
+    forged[16] |= 2;
+    let hash = *blake3::hash(&forged[..224]).as_bytes();
+    forged[224..256].copy_from_slice(&hash);
+    let footer = forged.len() - 64;
+    forged[footer..footer + 32].copy_from_slice(&hash);
+    let reader = reader(forged).expect("opens");
+    assert!(reader.header().is_of_points());
+    assert!(reader.chunk(0).unwrap_err().to_string().contains("does not announce its codec"));
+}
