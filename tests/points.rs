@@ -206,17 +206,10 @@ fn a_single_point_and_points_at_one_place_are_built() {
         let (_, report) = cloud(folder.path(), name, &points, &[]);
         assert_eq!(report["points"], 1, "{name}");
     }
+    let (survey, pack) = (folder.path().join("one"), folder.path().join("x.kilwa"));
     for step in ["1e-300", "1e300", "100"] {
-        let all = [
-            "build",
-            text(&folder.path().join("one")),
-            "--points",
-            "-o",
-            text(&folder.path().join("x.kilwa")),
-            "--step",
-            step,
-        ];
-        assert!(fails(&all).contains("lattice spacing is possible from"), "{step}");
+        let refused = fails(&["build", text(&survey), "--points", "-o", text(&pack), "--step", step]);
+        assert!(refused.contains("lattice spacing is possible from"), "{step}: {refused}");
     }
 }
 

@@ -25,7 +25,8 @@ async function take({ data }) {
   const { job, bytes, vertices, triangles, colors, scalars, checksum } = data;
   try {
     await ready;
-    const from = bytes[0] === 3 ? await (points ??= ofPoints()) : decode;
+    if (bytes[0] === 3) points ??= ofPoints();
+    const from = bytes[0] === 3 ? await points : decode;
     const decoded = from(bytes, vertices, triangles, colors, scalars, checksum);
     const out = {
       job,

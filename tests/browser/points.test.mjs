@@ -38,7 +38,15 @@ test("a pack of points is drawn, and measured between points, with the programs 
   const [one] = await list(page);
   assert.equal(one.state, "final");
   const pointed = (await pointing(page)).join(",");
-  const { stdout } = await run(KILWA, ["measure", path.join(site.folder, "points.kilwa"), "distance", "--pointing", pointed, "--rays", ...numbers(rays).map(String)]);
+  const { stdout } = await run(KILWA, [
+    "measure",
+    path.join(site.folder, "points.kilwa"),
+    "distance",
+    "--pointing",
+    pointed,
+    "--rays",
+    ...numbers(rays).map(String),
+  ]);
   const label = await labels(page).first().innerText();
   const value = /[\d.]+ m/u.exec(label)?.[0];
   assert.ok(value && stdout.includes(value), `${label} is in ${stdout}`);

@@ -64,7 +64,10 @@ test("every language has a folder, a place in the menu and a type", async () => 
 test("the element that other pages embed says in every language that its viewer is blocked", async () => {
   const text = await readFile(path.join(WWW, "kilwa-viewer.js"), "utf8");
   const words = /const WORDS = \{\n([\s\S]*?)\n\};/.exec(text)[1];
-  assert.deepEqual([...words.matchAll(/^ {2}([a-z]+): \[/gm)].map((m) => m[1]), LANGUAGES);
+  assert.deepEqual(
+    [...words.matchAll(/^ {2}([a-z]+): \[/gm)].map((m) => m[1]),
+    LANGUAGES,
+  );
 });
 
 test("plural forms are those that browsers choose among", async () => {

@@ -109,11 +109,16 @@ fn files(s: &mut String, p: &Publication) {
 fn without_kilwa(s: &mut String, p: &Publication) {
     let pack = p.pack_file();
     let short = format!("{}...kilwa", pack.get(..13).unwrap_or(pack));
+    let whole = if p.figures.points.is_some() {
+        "(also .obj, .stl, .glb, as a square for each point). This gives every point of the survey, its colours."
+    } else {
+        "(also .obj, .stl, .glb). This gives the whole mesh: every triangle of the survey, its colours."
+    };
     let _ = write!(
         s,
         "\nHOW TO GET THE MESH OUT\n\n\
          1. With the program kilwa:   kilwa extract {short} -o mesh.ply\n   \
-            (also .obj, .stl, .glb). This gives the whole mesh: every triangle of the survey, its colours.\n\
+            {whole}\n\
          2. Without it: {PREVIEW}, where it is here, is an ordinary glTF 2.0 file (y up, in metres, the model at zero).\n\
          3. With nothing but this: the pack is a single file, all integers little-endian, in this order.\n   \
             a. Header, 256 bytes: it begins with the letters KILWAPCK. Origin and step of a lattice stand in it: every\n      \

@@ -79,7 +79,11 @@ pub(super) fn read(
         divided(pile, place, work, &file, &mut piles)?;
     }
     if piles.is_empty() {
-        let why = if cropped > 0 { "the box of --crop holds no points" } else { "the inputs have no points" };
+        let why = if cropped > 0 {
+            "the box of --crop holds no points"
+        } else {
+            "the inputs have no points, or active masks cover all of them (--unmasked uses them)"
+        };
         return Err(BuildError::Inputs { why: why.to_owned() });
     }
     let intensity = (has_intensity && low <= high).then_some([low, high]);

@@ -73,7 +73,8 @@ impl Splat {
 
     /// All values, for an order that depends on nothing else.
     pub(super) fn key(&self) -> (u128, u8, [u8; 3], [i16; 2], u32) {
-        (self.code(), self.radius, self.color, self.normal, self.intensity.to_bits())
+        // Of two at one place, one whose radius is known comes first.
+        (self.code(), self.radius.wrapping_sub(1), self.color, self.normal, self.intensity.to_bits())
     }
 }
 

@@ -10,16 +10,18 @@ pub fn is_of_points(index: &Index) -> bool {
     cfg!(any(not(target_arch = "wasm32"), feature = "points")) && index.header().is_of_points()
 }
 
-/// The point that a square stands for, lattice units, by one of its two triangles: the middle of the longest edge.
+/// The point that a square stands for, lattice units, by one of its two triangles: the middle of the diagonal, which begins at the first corner. Its
+/// ends are as far from the point on both sides, so that their sum is even on every axis.
 pub fn center([a, b, c]: [LatticePoint; 3]) -> DVec3 {
-    let length = |p: IVec3, q: IVec3| (p - q).as_dvec3().length_squared();
-    let (_, p, q) = [(length(a, b), a, b), (length(b, c), b, c), (length(c, a), c, a)].into_iter().fold(
-        (-1.0, a, a),
-        |best, edge| {
-            if edge.0 > best.0 { edge } else { best }
-        },
-    );
-    (p.as_dvec3() + q.as_dvec3()) * 0.5
+    let is_diagonal = |q: IVec3| ((a + q) & 1) == IVec3::ZERO;
+    let length = |q: IVec3| (a - q).as_dvec3().length_squared();
+    let far = match (is_diagonal(b), is_diagonal(c)) {
+        (true, false) => b,
+        (false, true) => c,
+        _ if length(b) > length(c) => b,
+        _ => c,
+    };
+    (a.as_dvec3() + far.as_dvec3()) * 0.5
 }
 
 /// The point of a chunk's finest points nearest to `p`, lattice units, with the corners of a triangle of its square.
@@ -42,7 +44,7 @@ mod tests {
         for _ in 0..2000 {
             let n = normal::encode(DVec3::new(random.f64() - 0.5, random.f64() - 0.5, random.f64() - 0.5));
             let p = IVec3::new(random.i32(5000..90_000), random.i32(5000..90_000), random.i32(5000..90_000));
-            let [a, b, c, d] = corners(p, n, random.u8(MIN_RADIUS + 4..40));
+            let [a, b, c, d] = corners(p, n, random.u8(MIN_RADIUS..40));
             assert_eq!([center([a, b, c]), center([a, c, d])], [p.as_dvec3(); 2]);
         }
     }
