@@ -26,7 +26,7 @@ async function take({ data }) {
   try {
     await ready;
     if (bytes[0] === 3) points ??= ofPoints();
-    const from = bytes[0] === 3 ? await points : decode;
+    const from = (bytes[0] === 3 && (await points)) || decode;
     const decoded = from(bytes, vertices, triangles, colors, scalars, checksum);
     const out = {
       job,
