@@ -18,6 +18,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 const WINDOW: usize = 8;
 /// The spacing is the distance to so many-th nearest of them.
 const NEAREST: usize = 4;
+/// A spacing is at most so many times the median of its leaf.
+const OUTLIER: f64 = 8.0;
 /// Splats that are read before those at the same place are merged.
 const DEDUPLICATED_FROM: usize = 1 << 20;
 
@@ -243,18 +245,23 @@ fn parted(tetra: &Tetra, splats: Vec<Splat>) -> [Vec<Splat>; 2] {
 /// Where a leaf has too few points for that: as if they were spread evenly over a square on its longest edge.
 fn find_spacings(splats: &mut [Splat], edge: f64, place: &Placement) {
     let spread = edge / (splats.len() as f64).sqrt() / 2.0;
-    let found: Vec<(usize, u8)> = (0..splats.len())
-        .filter(|i| splats[*i].is_unknown())
-        .map(|i| {
-            let near = &splats[i.saturating_sub(WINDOW)..(i + WINDOW + 1).min(splats.len())];
-            let mut distances: Vec<f64> =
-                near.iter().map(|s| (s.center() - splats[i].center()).as_dvec3().length_squared()).collect();
-            distances.sort_unstable_by(f64::total_cmp);
-            // The first is the splat itself.
-            let spacing = distances.get(NEAREST).map_or(spread, |squared| squared.sqrt());
-            (i, splat::code_of(spacing).min(place.largest_estimated))
-        })
-        .collect();
+    let near = |i: usize| {
+        let near = &splats[i.saturating_sub(WINDOW)..(i + WINDOW + 1).min(splats.len())];
+        let away = |s: &Splat| (s.center() - splats[i].center()).as_dvec3().length_squared();
+        let mut distances: Vec<f64> = near.iter().map(away).collect();
+        distances.sort_unstable_by(f64::total_cmp);
+        // The first is the splat itself.
+        distances.get(NEAREST).map(|squared| squared.sqrt())
+    };
+    let unknown = (0..splats.len()).filter(|i| splats[*i].is_unknown());
+    let mut spacings: Vec<(usize, Option<f64>)> = unknown.map(|i| (i, near(i))).collect();
+    spacings.sort_by(|a, b| a.1.unwrap_or(0.0).total_cmp(&b.1.unwrap_or(0.0)));
+    let median = spacings.get(spacings.len() / 2).and_then(|(_, spacing)| *spacing).unwrap_or(0.0);
+    let code = |(i, spacing): (usize, Option<f64>)| match spacing {
+        Some(spacing) => (i, splat::code_of(spacing.min(OUTLIER * median)).min(place.largest)),
+        None => (i, splat::code_of(spread).min(place.largest_estimated)),
+    };
+    let found: Vec<(usize, u8)> = spacings.into_iter().map(code).collect();
     for (i, code) in found {
         splats[i].radius = code;
         splats[i].be_finest();

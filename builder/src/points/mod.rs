@@ -40,7 +40,7 @@ pub const LEAF_POINTS: usize = 1024;
 const STEPS_LOG2: i32 = 17;
 const LARGEST_STEP_LOG2: i32 = -11;
 
-/// A radius that is estimated is at most the margin over this: a 256th of the extent.
+/// A radius that is guessed, where there are too few neighbours, is at most the margin over this: a 256th of the extent.
 const ESTIMATED: f64 = 64.0;
 /// The extent of a single point, metres.
 const SMALLEST: f64 = 1e-3;
@@ -156,7 +156,7 @@ struct Placement {
     cube_log2: u32,
     /// Largest code of a radius: no corner of a splat is outside of the lattice.
     largest: u8,
-    /// Largest code of a radius that is estimated: an outlier does not hide the model.
+    /// Largest code of a radius that is guessed: an outlier does not hide the model.
     largest_estimated: u8,
 }
 

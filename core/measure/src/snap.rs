@@ -54,7 +54,12 @@ pub async fn snap<L: Leaves>(
     let mut triangles = Vec::new();
     for i in near {
         let chunk = leaves.chunk(i).await?;
-        triangles.extend(finest(&chunk).filter(|t| within_reach(p, t, reach)));
+        let is_near = |t: &[LatticePoint; 3]| within_reach(p, t, reach);
+        if points::is_of_points(leaves.index()) {
+            triangles.extend(points::halves(&chunk).filter(is_near));
+        } else {
+            triangles.extend(finest(&chunk).filter(is_near));
+        }
     }
     let mut best: Option<(f64, DVec3)> = None;
     let places = if points::is_of_points(leaves.index()) {

@@ -165,7 +165,7 @@ fn what_cannot_be_coded_is_refused() {
     assert!(splat::encode_body(&splats, &odd, ALL).is_err());
     let mut mesh = splats.mesh();
     mesh.positions[5].x += 1;
-    assert!(Splats::of(&mesh).unwrap_err().to_string().contains("no splats"));
+    assert!(Splats::of(&mesh).unwrap_err().to_string().contains("not splats"));
 }
 
 /// A surface whose header says that it is made of points, and the other way round: neither is shown.
