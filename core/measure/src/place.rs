@@ -38,7 +38,6 @@ pub async fn cast<L: Leaves>(leaves: &L, origin: DVec3, direction: DVec3, clip: 
         return Err(Refusal::NoRay.into());
     }
     let ray = Ray { origin: space.steps_from_local(space.local_from_world(origin)), direction };
-    let is_of_points = points::is_of_points(leaves.index());
     let mut picker = Picker::clipped(ray, *clip);
     let entries = (0u32..).zip(leaves.index().entries()).filter(|(i, _)| leaves.may_hold_leaves(*i));
     let order = picker.order(entries.map(|(i, e)| (i, &e.bounds)));
@@ -48,17 +47,13 @@ pub async fn cast<L: Leaves>(leaves: &L, origin: DVec3, direction: DVec3, clip: 
         }
         let next = order.iter().skip(at).take(AHEAD).filter(|o| picker.wants(o.0));
         leaves.ahead(&next.map(|o| o.1).collect::<Vec<u32>>());
-        let chunk = leaves.chunk(*i).await?;
-        if is_of_points {
-            points::halves(&chunk).for_each(|t| picker.add(t));
-        } else {
-            finest(&chunk).for_each(|t| picker.add(t));
-        }
+        points::triangles(leaves.index(), &leaves.chunk(*i).await?).for_each(|t| picker.add(t));
     }
     let picked = picker.picked().ok_or_else(|| Refusal::Misses {
         what: Target::Ray,
         hint: "check its origin and direction, which are world coordinates".to_owned(),
     })?;
+    let is_of_points = points::is_of_points(leaves.index());
     let local = space.local_from_steps(if is_of_points { points::center(picked.corners) } else { picked.point });
     let normal = unit_normal(picked.corners.map(glam::IVec3::as_dvec3));
     let world = space.world_from_local(local);

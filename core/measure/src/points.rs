@@ -10,13 +10,28 @@ pub fn is_of_points(index: &Index) -> bool {
     cfg!(any(not(target_arch = "wasm32"), feature = "points")) && index.header().is_of_points()
 }
 
-/// The finest triangles of a chunk, each from one end of its square's diagonal to the other.
+/// The finest triangles of a chunk: in a pack of points its [`halves`].
+#[cfg(any(not(target_arch = "wasm32"), feature = "points"))]
+pub(crate) fn triangles<'a>(index: &Index, chunk: &'a Chunk) -> impl Iterator<Item = [LatticePoint; 3]> + use<'a> {
+    let turns = usize::from(index.header().is_of_points());
+    finest_triangles(chunk).map(move |t| half(chunk, t, turns))
+}
+
+/// The finest triangles of a chunk.
+#[cfg(not(any(not(target_arch = "wasm32"), feature = "points")))]
+pub(crate) fn triangles<'a>(_: &Index, chunk: &'a Chunk) -> impl Iterator<Item = [LatticePoint; 3]> + use<'a> {
+    crate::leaves::finest(chunk)
+}
+
+/// A triangle; with `turns` of 1, from one end of its square's diagonal to the other, which runs from the first vertex of a square to its third (FORMAT section 5.21).
+fn half(chunk: &Chunk, t: usize, turns: usize) -> [LatticePoint; 3] {
+    let [a, b, c] = chunk.mesh.corners(t);
+    if t % 2 * turns == 0 { [a, b, c] } else { [b, c, a] }
+}
+
+/// The finest triangles of a chunk of points, each from one end of its square's diagonal to the other.
 pub(crate) fn halves(chunk: &Chunk) -> impl Iterator<Item = [LatticePoint; 3]> + '_ {
-    finest_triangles(chunk).map(|t| {
-        let [a, b, c] = chunk.mesh.corners(t);
-        // The diagonal of a square runs from its first vertex to its third (FORMAT section 5.21).
-        if t % 2 == 0 { [a, b, c] } else { [b, c, a] }
-    })
+    finest_triangles(chunk).map(|t| half(chunk, t, 1))
 }
 
 /// The point that a square stands for, lattice units, by one of its [`halves`]: the middle of the diagonal.

@@ -4,7 +4,7 @@
 //! reaches into the sphere around the point is examined, whichever chunk it is in, so that an edge between two chunks is not taken for a border.
 
 use crate::clip::Clip;
-use crate::leaves::{Failure, Leaves, finest};
+use crate::leaves::{Failure, Leaves};
 use crate::place::box_distance;
 use crate::points;
 use crate::space::Space;
@@ -54,12 +54,7 @@ pub async fn snap<L: Leaves>(
     let mut triangles = Vec::new();
     for i in near {
         let chunk = leaves.chunk(i).await?;
-        let is_near = |t: &[LatticePoint; 3]| within_reach(p, t, reach);
-        if points::is_of_points(leaves.index()) {
-            triangles.extend(points::halves(&chunk).filter(is_near));
-        } else {
-            triangles.extend(finest(&chunk).filter(is_near));
-        }
+        triangles.extend(points::triangles(leaves.index(), &chunk).filter(|t| within_reach(p, t, reach)));
     }
     let mut best: Option<(f64, DVec3)> = None;
     let places = if points::is_of_points(leaves.index()) {
