@@ -225,7 +225,8 @@ fn points_whose_spacing_is_unknown_get_one_from_their_neighbours_and_no_outlier_
     let (_, even) = cloud(folder.path(), "even", &points, &[]);
     assert!((0.08..0.2).contains(&spacing(&even)), "{even}");
     let (_, few) = cloud(folder.path(), "even", &points, &["--crop=0,0,0,0.15,0.25,9"]);
-    assert!(few["points"] == 6 && (0.03..0.5).contains(&spacing(&few)), "{few}");
+    // Too few for a spacing: a 256th of the extent of the inputs, which can be seen and hides nothing.
+    assert!(few["points"] == 6 && (0.01..0.1).contains(&spacing(&few)), "{few}");
     points += "4000 0 3.5\n";
     let (_, outlier) = cloud(folder.path(), "outlier", &points, &[]);
     let size = |k: usize| outlier["extent"][k].as_f64().unwrap();
