@@ -1,4 +1,4 @@
-//! LAS and LAZ of point formats 6 to 10: chunks in layers, and what is wrong with them.
+//! LAS of point formats 6 to 10, and LAZ of them, which is refused: `laz` 0.13 overflows its stack on damaged layers.
 
 use crate::support::{Site, seen_from};
 use kilwa_scan::read::ReadOptions;
@@ -50,18 +50,15 @@ fn samples(site: &Site, path: PathBuf) -> Vec<Sample> {
 }
 
 #[test]
-fn las_and_laz_of_the_extended_point_formats_give_the_same_points() {
-    // More than a chunk has: 50,000.
+fn las_of_the_extended_point_formats_is_read_and_their_laz_refused_by_name() {
     const COUNT: u32 = 60_000;
     let site = Site::new();
     for format in [6, 7, 8, 9, 10] {
         let plain = samples(&site, written(&site, &format!("plain{format}.las"), format, COUNT));
-        let layered = samples(&site, written(&site, &format!("layered{format}.laz"), format, COUNT));
-        assert_eq!((plain.len(), layered.len()), (COUNT as usize, COUNT as usize));
-        let differ = plain.iter().zip(&layered).position(|(a, b)| {
-            a.position != b.position || a.intensity != b.intensity || a.color != b.color || a.state != b.state
-        });
-        assert_eq!(differ, None, "format {format}");
+        let layered = written(&site, &format!("layered{format}.laz"), format, 50);
+        let refused = site.import(&[layered], here()).unwrap_err().to_string();
+        assert!(refused.contains("compressed in layers") && refused.contains("convert it"), "{refused}");
+        assert_eq!(plain.len(), COUNT as usize);
         let has_color = [7, 8, 10].contains(&format);
         assert!(plain.iter().all(|s| s.state.has_color() == has_color));
         assert!(!has_color || plain.iter().all(|s| s.color[1..] == [2, 255]));
@@ -76,44 +73,6 @@ fn las_and_laz_of_the_extended_point_formats_give_the_same_points() {
 /// The byte where the chunks begin.
 fn chunks_at(bytes: &[u8]) -> usize {
     u32::from_le_bytes(bytes[96..100].try_into().unwrap()) as usize + 8
-}
-
-#[test]
-fn errors_in_layered_chunks_name_the_byte() {
-    let site = Site::new();
-    let bytes = std::fs::read(written(&site, "seed.laz", 7, 500)).unwrap();
-    let (at, point) = (chunks_at(&bytes), 36 + 3);
-    let with = |place: usize, value: u32| {
-        let mut bytes = bytes.clone();
-        bytes[place..place + 4].copy_from_slice(&value.to_le_bytes());
-        bytes
-    };
-    let chunk = format!("byte {at}");
-    for (name, damaged, parts) in [
-        // The length of every kind of layer: position, time, colour, the last extra byte.
-        ("a.laz", with(at + point + 4, u32::MAX), ["a chunk of 42949", "are left in the file"]),
-        ("b.laz", with(at + point + 4 + 4 * 8, 0x7fff_ffff), ["a chunk of 21474", "truncated or damaged"]),
-        ("c.laz", with(at + point + 4 + 4 * 9, 0x00ff_ffff), ["a chunk of 1678", "truncated or damaged"]),
-        ("d.laz", with(at + point + 4 + 4 * 12, u32::MAX), ["a chunk of 42949", "truncated or damaged"]),
-        ("e.laz", with(at + point, 499), ["chunks of 499 points in all", "expected 500"]),
-    ] {
-        let file = site.write(name, damaged);
-        let message = site.import(&[file], here()).unwrap_err().to_string();
-        assert!(message.contains(name) && message.contains(&chunk), "{name}: {message}");
-        assert!(parts.iter().all(|part| message.contains(part)), "{name}: {message}");
-    }
-}
-
-/// A file that is cut has no table of chunks any more.
-#[test]
-fn a_file_truncated_in_a_layered_chunk_is_refused() {
-    let site = Site::new();
-    let bytes = std::fs::read(written(&site, "seed.laz", 7, 500)).unwrap();
-    for length in [chunks_at(&bytes) + 59, bytes.len() / 2, bytes.len() - 9] {
-        let file = site.write("cut.laz", &bytes[..length]);
-        let message = site.import(&[file], here()).unwrap_err().to_string();
-        assert!(message.contains("cut.laz") && message.contains("truncated or damaged"), "{message}");
-    }
 }
 
 /// A point too far away is named by its byte, which counts from the beginning of the file.

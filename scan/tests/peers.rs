@@ -105,12 +105,10 @@ fn laspy_finds_the_same_points_in_las_and_laz() {
         println!("{name}: {}", compare("las", &path, &spool, 0));
     }
     for format in [6, 7, 8, 10] {
-        for ending in ["las", "laz"] {
-            let site = Site::new();
-            let path = crate::las::written(&site, &format!("a.{ending}"), format, 5000);
-            let report = site.import(std::slice::from_ref(&path), seen_from(566_040.0, 566_040.0, 566_001.5)).unwrap();
-            let spool = site.survey().join(&report.stations[0].station.scan);
-            println!("{ending} {format}: {}", compare("las", &path, &spool, 0));
-        }
+        let site = Site::new();
+        let path = crate::las::written(&site, "a.las", format, 5000);
+        let report = site.import(std::slice::from_ref(&path), seen_from(566_040.0, 566_040.0, 566_001.5)).unwrap();
+        let spool = site.survey().join(&report.stations[0].station.scan);
+        println!("las {format}: {}", compare("las", &path, &spool, 0));
     }
 }

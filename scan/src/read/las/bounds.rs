@@ -10,7 +10,9 @@ const EXTENDED: u64 = 60;
 const LASZIP: u64 = 22_204;
 const LAYERED: u64 = 3;
 const POINT14: u64 = 10;
+const RGB14: u64 = 11;
 const RGBNIR14: u64 = 12;
+const WAVEPACKET14: u64 = 13;
 const BYTE14: u64 = 14;
 
 /// What a file announces and cannot have.
@@ -61,17 +63,39 @@ fn extended(file: &mut (impl Read + Seek), total: u64) -> Option<Excess> {
 
 /// The record of LAZ, and the table of chunks.
 fn compressed(file: &mut (impl Read + Seek), total: u64, head: [u64; 4]) -> Option<Excess> {
-    let points_at = head[2];
-    let point = head[3];
-    if let Some(record) = laszip(file, head) {
-        if let Some(at) = record.again {
-            // It is not known which of them the crate reads.
-            let expected = "one; the file is damaged: copy or export it again".to_owned();
-            return Some(Excess { at, found: "a second LASzip record".to_owned(), expected });
-        }
-        if let Some(excess) = too_many(record.at + 32, record.point, "bytes in a point", point) {
-            return Some(excess);
-        }
+    let [records_at, _, points_at, point] = head;
+    let damaged = |at, found: &str, expected: &str| {
+        let expected = format!("{expected}; the file is damaged: copy or export it again");
+        Some(Excess { at, found: found.to_owned(), expected })
+    };
+    // The crate reads the whole header of the version, whatever length it states, and the records behind that.
+    let least = match number(file, 25, 1)? {
+        0..=2 => 227,
+        3 => 235,
+        _ => 375,
+    };
+    if records_at < least {
+        return damaged(94, &format!("a header of {records_at} bytes"), &format!("{least} or more in this version"));
+    }
+    let Some(record) = laszip(file, head) else {
+        return damaged(records_at, "no LASzip record", "one, because the points are compressed");
+    };
+    if record.compressor == LAYERED || record.is_layered {
+        // `laz` 0.13 calls itself without end on some damaged layers, which ends the program.
+        let expected =
+            "LAS of these formats, LAZ of point formats 0 to 5, or E57: convert it, for example with LAStools or PDAL";
+        let found = "points compressed in layers (LAZ of point formats 6 to 10), which are not read";
+        return Some(Excess { at: record.at, found: found.to_owned(), expected: expected.to_owned() });
+    }
+    if let Some(at) = record.contradicts {
+        return damaged(at, "an item of points of another size or version", "those of its kind and compressor");
+    }
+    if let Some(at) = record.again {
+        // It is not known which of them the crate reads.
+        return damaged(at, "a second LASzip record", "one");
+    }
+    if let Some(excess) = too_many(record.at + 32, record.point, "bytes in a point", point) {
+        return Some(excess);
     }
     // The points begin with the place of the table; where it was not known when they were written, the file ends with it.
     let table = number(file, points_at, 8)?;
@@ -93,6 +117,10 @@ struct LasZip {
     /// Those of a second record.
     again: Option<u64>,
     compressor: u64,
+    /// The byte of an item whose size or version is not that of its kind, or of its compressor: `laz` goes by the kind.
+    contradicts: Option<u64>,
+    /// Whether an item is one of those in layers.
+    is_layered: bool,
     /// Bytes of a point, and layers of a chunk where there are any: each field has its own.
     point: u64,
     layers: u64,
@@ -105,9 +133,28 @@ fn laszip(file: &mut (impl Read + Seek), [mut at, records, _, _]: [u64; 4]) -> O
         let length = number(file, at + 20, 2)?;
         if number(file, at + 18, 2)? == LASZIP {
             let at = at + RECORD;
-            let mut found = LasZip { at, again: None, compressor: number(file, at, 2)?, point: 0, layers: 0 };
+            let compressor = number(file, at, 2)?;
+            let mut found =
+                LasZip { at, again: None, compressor, contradicts: None, is_layered: false, point: 0, layers: 0 };
             for item in 0..number(file, at + 32, 2)? {
-                let (kind, bytes) = (number(file, at + 34 + 6 * item, 2)?, number(file, at + 36 + 6 * item, 2)?);
+                let place = at + 34 + 6 * item;
+                let (kind, bytes, version) =
+                    (number(file, place, 2)?, number(file, place + 2, 2)?, number(file, place + 4, 2)?);
+                // Kinds from that of point format 6 on are those in layers.
+                let size = match kind {
+                    6 => 20,
+                    7 => 8,
+                    8 | RGB14 => 6,
+                    9 | WAVEPACKET14 => 29,
+                    POINT14 => 30,
+                    RGBNIR14 => 8,
+                    _ => bytes,
+                };
+                let is_layered = kind >= POINT14;
+                found.is_layered |= is_layered;
+                if bytes != size || is_layered != (compressor == LAYERED) || is_layered != (version >= 3) {
+                    found.contradicts = found.contradicts.or(Some(place));
+                }
                 found.point += bytes;
                 found.layers += match kind {
                     POINT14 => 9,
