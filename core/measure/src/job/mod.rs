@@ -197,18 +197,13 @@ async fn measured<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<Outcome,
 /// Measure in a pack of points: only what needs no surface between them.
 #[cfg(any(not(target_arch = "wasm32"), feature = "points"))]
 fn of_pack_of_points<L: Leaves>(s: &Subject<'_, L>, task: &Task) -> Result<Outcome, Failure> {
-    let tool = match task.tool {
-        ToolName::Coordinate => PointTool::Coordinate,
-        ToolName::Distance => PointTool::Distance,
-        ToolName::Perimeter => PointTool::Perimeter,
-        ToolName::Angle => PointTool::Angle,
-        ToolName::PlaneAngle => PointTool::PlaneAngle,
-        ToolName::Height => PointTool::Height,
-        ToolName::Circle => PointTool::Circle,
-        ToolName::Area if !task.local.is_empty() => PointTool::PolygonArea,
-        _ => return Err(Refusal::OfPoints.into()),
-    };
-    on_points(s, task, tool)
+    if task.tool == ToolName::Along {
+        return Err(Refusal::OfPoints.into());
+    }
+    match of_points(task, &s.space, &s.point) {
+        Err(Refusal::Waits) => Err(Refusal::OfPoints.into()),
+        readings => Ok(Outcome::new(task.clone(), readings?)),
+    }
 }
 
 /// The readings of a tool that needs points only, also of points that are known no better than `point` says.

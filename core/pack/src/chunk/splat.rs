@@ -7,7 +7,7 @@ use super::second::model::{Adaptive, Wide};
 use super::second::rans::{Coder, Decoder, Encoder, Stored};
 use super::{Attributes, Declared, PatchRange, attributes};
 use crate::PackError;
-use crate::bytes::{Cursor, push_varint};
+use crate::bytes::Cursor;
 use glam::{DVec3, IVec3};
 use kilwa_geometry::lattice::MAX_COORDINATE;
 use kilwa_geometry::normal::{self, OctNormal};
@@ -195,12 +195,7 @@ pub fn encode_body(splats: &Splats, patches: &[PatchRange], attributes: Attribut
     }
     let mut encoder = Encoder::default();
     code(&mut encoder, &mut splats.clone(), patches, attributes)?;
-    let (words, raw) = encoder.finish();
-    let mut body = Vec::with_capacity(words.len() + raw.len() + 5);
-    push_varint(&mut body, u32::try_from(words.len()).unwrap_or(u32::MAX));
-    body.extend(words);
-    body.extend(raw);
-    Ok(body)
+    Ok(encoder.body())
 }
 
 /// Decode the body of a chunk that is not empty, to the squares; the caller checks the result.

@@ -6,14 +6,10 @@ use std::io::{Read, Seek, SeekFrom};
 /// Bytes of a variable length record before its data, and of an extended one.
 const RECORD: u64 = 54;
 const EXTENDED: u64 = 60;
-/// The record of LAZ: its number, its compressor of chunks in layers, and items of points with another number of layers than one (LASzip, "laszip.hpp").
+/// The record of LAZ: its number, its compressor of chunks in layers, and the first kind of items that are in layers (LASzip, "laszip.hpp").
 const LASZIP: u64 = 22_204;
 const LAYERED: u64 = 3;
 const POINT14: u64 = 10;
-const RGB14: u64 = 11;
-const RGBNIR14: u64 = 12;
-const WAVEPACKET14: u64 = 13;
-const BYTE14: u64 = 14;
 
 /// What a file announces and cannot have.
 pub(super) struct Excess {
@@ -80,7 +76,7 @@ fn compressed(file: &mut (impl Read + Seek), total: u64, head: [u64; 4]) -> Opti
     let Some(record) = laszip(file, head) else {
         return damaged(records_at, "no LASzip record", "one, because the points are compressed");
     };
-    if record.compressor == LAYERED || record.is_layered {
+    if record.is_layered {
         // `laz` 0.13 calls itself without end on some damaged layers, which ends the program.
         let expected =
             "LAS of these formats, LAZ of point formats 0 to 5, or E57: convert it, for example with LAStools or PDAL";
@@ -88,7 +84,7 @@ fn compressed(file: &mut (impl Read + Seek), total: u64, head: [u64; 4]) -> Opti
         return Some(Excess { at: record.at, found: found.to_owned(), expected: expected.to_owned() });
     }
     if let Some(at) = record.contradicts {
-        return damaged(at, "an item of points of another size or version", "those of its kind and compressor");
+        return damaged(at, "an item of points of another size", "that of its kind");
     }
     if let Some(at) = record.again {
         // It is not known which of them the crate reads.
@@ -116,14 +112,12 @@ struct LasZip {
     at: u64,
     /// Those of a second record.
     again: Option<u64>,
-    compressor: u64,
-    /// The byte of an item whose size or version is not that of its kind, or of its compressor: `laz` goes by the kind.
+    /// The byte of an item whose size is not that of its kind.
     contradicts: Option<u64>,
-    /// Whether an item is one of those in layers.
+    /// Whether chunks are in layers.
     is_layered: bool,
-    /// Bytes of a point, and layers of a chunk where there are any: each field has its own.
+    /// Bytes of a point.
     point: u64,
-    layers: u64,
 }
 
 /// The record of LAZ, by what the header says of records and points.
@@ -133,35 +127,25 @@ fn laszip(file: &mut (impl Read + Seek), [mut at, records, _, _]: [u64; 4]) -> O
         let length = number(file, at + 20, 2)?;
         if number(file, at + 18, 2)? == LASZIP {
             let at = at + RECORD;
-            let compressor = number(file, at, 2)?;
-            let mut found =
-                LasZip { at, again: None, compressor, contradicts: None, is_layered: false, point: 0, layers: 0 };
+            let is_layered = number(file, at, 2)? == LAYERED;
+            let mut found = LasZip { at, again: None, contradicts: None, is_layered, point: 0 };
             for item in 0..number(file, at + 32, 2)? {
                 let place = at + 34 + 6 * item;
                 let (kind, bytes, version) =
                     (number(file, place, 2)?, number(file, place + 2, 2)?, number(file, place + 4, 2)?);
-                // Kinds from that of point format 6 on are those in layers.
+                // `laz` goes by the kind, whatever size is stated.
                 let size = match kind {
                     6 => 20,
                     7 => 8,
-                    8 | RGB14 => 6,
-                    9 | WAVEPACKET14 => 29,
-                    POINT14 => 30,
-                    RGBNIR14 => 8,
+                    8 => 6,
+                    9 => 29,
                     _ => bytes,
                 };
-                let is_layered = kind >= POINT14;
-                found.is_layered |= is_layered;
-                if bytes != size || is_layered != (compressor == LAYERED) || is_layered != (version >= 3) {
+                found.is_layered |= kind >= POINT14 || version >= 3;
+                if bytes != size {
                     found.contradicts = found.contradicts.or(Some(place));
                 }
                 found.point += bytes;
-                found.layers += match kind {
-                    POINT14 => 9,
-                    RGBNIR14 => 2,
-                    BYTE14 => bytes,
-                    _ => 1,
-                };
             }
             match &mut first {
                 None => first = Some(found),
@@ -171,24 +155,6 @@ fn laszip(file: &mut (impl Read + Seek), [mut at, records, _, _]: [u64; 4]) -> O
         at += RECORD + length;
     }
     first
-}
-
-/// Where the chunks of a file with layers begin, and the bytes before the data of each: its first point, its number of points, and the length of each layer.
-/// `None` where there are no layers.
-pub(super) fn layered(file: &mut (impl Read + Seek)) -> Option<Layered> {
-    let (format, point) = (number(file, 104, 1)?, number(file, 105, 2)?);
-    let head = [number(file, 94, 2)?, number(file, 100, 4)?, number(file, 96, 4)?, point];
-    let record = laszip(file, head).filter(|record| format & 0xc0 != 0 && record.compressor == LAYERED)?;
-    // The place of the table of chunks comes first.
-    Some(Layered { first: head[2].checked_add(8)?, point: record.point, layers: record.layers })
-}
-
-/// See [`layered`].
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Layered {
-    pub(super) first: u64,
-    pub(super) point: u64,
-    pub(super) layers: u64,
 }
 
 /// A little-endian number at a place of a file, if it is there.

@@ -1,11 +1,11 @@
 //! LAS and LAZ (ASPRS, "LAS Specification 1.4"), by the crates `las` and `laz`. They have no grid and no scanner: the position must be given.
 //!
-//! LAZ of point formats 6 to 10 has layered chunks. `laz` 0.13 allocates whatever lengths they announce, so `chunks` checks these first.
+//! LAZ is read in point formats 0 to 5. In 6 to 10 each chunk is in layers; on damaged ones `laz` 0.13 allocates without a bound and overflows its
+//! stack, so these files are refused.
 //!
 //! Colours have 16 bits; many programs write 8 into them. So a file with colours is read twice: if no value exceeds 255, they are taken as they are.
 
 mod bounds;
-mod chunks;
 
 use super::{Frame, Head, Input, too_far};
 use crate::ScanError;
@@ -19,7 +19,7 @@ use std::cell::Cell;
 use std::io::{BufReader, Seek};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
-use std::sync::{Arc, Once};
+use std::sync::Once;
 
 /// Points decoded at a time, at most, and their bytes.
 const BATCH: u64 = 16_384;
@@ -29,7 +29,7 @@ pub(super) fn read(input: &mut Input<'_>) -> Result<(), ScanError> {
     if input.options.station.is_none() {
         return Err(ScanError::NoStation { file: input.path.to_owned() });
     }
-    let Opened { mut reader, seen, points_at } = open(input)?;
+    let (mut reader, points_at) = open(input)?;
     let header = reader.header().clone();
     let count = header.number_of_points();
     let format = *header.point_format();
@@ -56,15 +56,15 @@ pub(super) fn read(input: &mut Input<'_>) -> Result<(), ScanError> {
         return Ok(());
     }
     let mut done = 0;
-    batches(&mut reader, &seen, count, input.path, &mut |points| {
+    batches(&mut reader, count, input.path, &mut |points| {
         let mut colors = points.rgb();
         let positions = points.x().zip(points.y()).zip(points.z());
         for (((position, intensity), number), k) in
             positions.zip(points.intensity()).zip(points.return_number()).zip(0..)
         {
             let ((x, y), z) = position;
-            // In LAZ, points have no byte of their own: the chunk's.
-            let at = || if format.is_compressed { seen.at().max(points_at) } else { points_at + least * (done + k) };
+            // In LAZ, points have no byte of their own.
+            let at = || if format.is_compressed { points_at } else { points_at + least * (done + k) };
             let far = |metres| too_far(input.path, Place::Byte(at()), metres);
             let position = frame.place(DVec3::new(x, y, z)).map_err(far)?;
             let color = colors.as_mut().and_then(Iterator::next);
@@ -81,26 +81,18 @@ pub(super) fn read(input: &mut Input<'_>) -> Result<(), ScanError> {
     input.sink.progress(input.total)
 }
 
-struct Opened {
-    reader: Reader,
-    seen: Arc<chunks::Seen>,
-    /// The byte where the points begin.
-    points_at: u64,
-}
-
-fn open(input: &Input<'_>) -> Result<Opened, ScanError> {
+/// The reader, and the byte where the points begin.
+fn open(input: &Input<'_>) -> Result<(Reader, u64), ScanError> {
     let cannot = |source| ReadError::Open { file: input.path.to_owned(), source };
     let mut file = kilwa_files::plain_file::open(input.path).map_err(cannot)?;
     if let Some(bounds::Excess { at, found, expected }) = bounds::excess(&mut file, input.total) {
         return Err(ScanError::malformed(input.path, Place::Byte(at), found, expected));
     }
-    let (layered, points_at) = (bounds::layered(&mut file), bounds::number(&mut file, 96, 4).unwrap_or(0));
+    let points_at = bounds::number(&mut file, 96, 4).unwrap_or(0);
     file.rewind().map_err(cannot)?;
-    let seen = Arc::new(chunks::Seen::default());
     let buffered = BufReader::with_capacity(1 << 20, file);
-    let checked = chunks::Checked::new(buffered, input.total, layered, Arc::clone(&seen));
-    let reader = survived(|| Reader::new(checked)).map_err(|e| damaged(input.path, 0, 0, &e))?;
-    Ok(Opened { reader, seen, points_at })
+    let reader = survived(|| Reader::new(buffered)).map_err(|e| damaged(input.path, 0, &e))?;
+    Ok((reader, points_at))
 }
 
 thread_local! {
@@ -130,11 +122,11 @@ fn survived<T>(call: impl FnOnce() -> las::Result<T>) -> Result<T, String> {
     }
 }
 
-fn damaged(path: &Path, at: u64, point: u64, e: &str) -> ScanError {
+fn damaged(path: &Path, point: u64, e: &str) -> ScanError {
     let place = if point == 0 { "its header or its first points".to_owned() } else { format!("after point {point}") };
     ScanError::malformed(
         path,
-        Place::Byte(at),
+        Place::Byte(0),
         format!("{e} ({place})"),
         "a valid LAS or LAZ file; it is truncated or damaged: copy or export it again",
     )
@@ -143,7 +135,6 @@ fn damaged(path: &Path, at: u64, point: u64, e: &str) -> ScanError {
 /// Decode all points, a batch at a time.
 fn batches(
     reader: &mut Reader,
-    seen: &chunks::Seen,
     count: u64,
     path: &Path,
     visit: &mut dyn FnMut(&PointData) -> Result<(), ScanError>,
@@ -152,7 +143,7 @@ fn batches(
     let batch = (BATCH_BYTES / u64::from(reader.header().point_format().len()).max(1)).clamp(1, BATCH);
     while done < count {
         let points = survived(|| reader.read_points(batch.min(count - done)));
-        let points = points.map_err(|e| damaged(path, seen.at(), done, &e))?;
+        let points = points.map_err(|e| damaged(path, done, &e))?;
         if points.is_empty() {
             let found = format!("the end of the file after {}", counted(done, "point", "points"));
             return Err(ScanError::malformed(path, Place::Byte(0), found, format!("{count}, as the header announces")));
@@ -160,24 +151,14 @@ fn batches(
         done += points.len() as u64;
         visit(&points)?;
     }
-    // Layers have no checksum; where a length is wrong, this is what shows.
-    if seen.points() > 0 && seen.points() != count {
-        let found = format!("chunks of {} in all", counted(seen.points(), "point", "points"));
-        return Err(ScanError::malformed(
-            path,
-            Place::Byte(seen.at()),
-            found,
-            format!("{count}, as the header announces"),
-        ));
-    }
     Ok(())
 }
 
 /// By how many bits colours must be shifted to have 8.
 fn color_shift(input: &Input<'_>, count: u64) -> Result<u32, ScanError> {
     let mut largest = 0;
-    let Opened { mut reader, seen, .. } = open(input)?;
-    batches(&mut reader, &seen, count, input.path, &mut |points| {
+    let (mut reader, _) = open(input)?;
+    batches(&mut reader, count, input.path, &mut |points| {
         for (r, g, b) in points.rgb().into_iter().flatten() {
             largest = largest.max(r).max(g).max(b);
         }

@@ -23,7 +23,7 @@ use super::order::Unused;
 use super::payload::{borders_with, by_patch, limits, links};
 use super::predict::Weights;
 use super::{Attributes, Chunk, Declared, PatchRange};
-use crate::bytes::{Cursor, push_varint};
+use crate::bytes::Cursor;
 use crate::{NO_DIAMOND, PackError};
 use kilwa_geometry::{LatticePoint, Mesh};
 
@@ -44,12 +44,7 @@ pub(super) fn encode_body(chunk: &Chunk, attributes: Attributes) -> Result<(Vec<
     let mut parts = Parts { made: &made, mesh: &mut mesh, links: &links, fine: &fine, attributes };
     let encoder = parts.code(encoder)?;
     let counted = Encoded(encoder.clone());
-    let (words, raw) = encoder.finish();
-    let mut body = Vec::with_capacity(words.len() + raw.len() + 5);
-    push_varint(&mut body, u32::try_from(words.len()).unwrap_or(u32::MAX));
-    body.extend(words);
-    body.extend(raw);
-    Ok((body, counted))
+    Ok((encoder.body(), counted))
 }
 
 /// What was coded, for reports.

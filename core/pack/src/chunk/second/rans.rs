@@ -6,7 +6,7 @@
 //! words, least significant first.
 
 use crate::PackError;
-use crate::bytes::Cursor;
+use crate::bytes::{Cursor, push_varint};
 
 /// Widths of a table sum to `2^TOTAL_BITS`.
 const TOTAL_BITS: u32 = 12;
@@ -99,6 +99,16 @@ impl Encoder {
             }
         }
         bits
+    }
+
+    /// The body of a chunk: the length of the words, the words, the raw bits. FORMAT section 5.12.
+    pub(in crate::chunk) fn body(self) -> Vec<u8> {
+        let (words, raw) = self.finish();
+        let mut body = Vec::with_capacity(words.len() + raw.len() + 5);
+        push_varint(&mut body, u32::try_from(words.len()).unwrap_or(u32::MAX));
+        body.extend(words);
+        body.extend(raw);
+        body
     }
 
     /// The words, states first, and the raw bits.
