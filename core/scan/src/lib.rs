@@ -8,6 +8,7 @@ pub mod mask;
 pub mod pose;
 pub mod sample;
 pub mod tessellate;
+pub mod tsdf;
 
 pub use pose::{Pose, PoseError};
 pub use sample::{Grid, Kind, Rays, Sample, State};

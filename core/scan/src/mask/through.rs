@@ -18,6 +18,21 @@ pub enum Witness {
     Through,
 }
 
+/// What a station saw in the direction of a place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Seen {
+    /// It does not look in that direction.
+    Outside,
+    /// It looked, and nothing came back.
+    NoReturn,
+    /// Something nearer.
+    Hidden,
+    /// Something about there.
+    At,
+    /// Something farther away: its rays passed through.
+    Through,
+}
+
 /// How near the pixels around may be blocked for [`Witness::Partly`].
 const MOST_BLOCKED: u32 = 2;
 /// Pixels to each side where a column of azimuth is narrow, near the zenith.
@@ -34,6 +49,10 @@ pub struct RangeImage {
     /// Infinite where nothing was measured.
     nearest: Vec<f32>,
     farthest: f32,
+    /// The first and the last row that has a measured point.
+    rows: [u32; 2],
+    /// The columns that have one.
+    columns: Vec<bool>,
 }
 
 impl RangeImage {
@@ -47,7 +66,7 @@ impl RangeImage {
         let step = turn / f64::from(width);
         let height = width.div_ceil(2);
         let nearest = vec![f32::INFINITY; width as usize * height as usize];
-        Self { width, height, step, nearest, farthest: 0.0 }
+        Self { width, height, step, nearest, farthest: 0.0, rows: [u32::MAX, 0], columns: vec![false; width as usize] }
     }
 
     /// Bytes in memory.
@@ -68,14 +87,14 @@ impl RangeImage {
     /// The same without its pixels, which [`Self::filled`] gives back.
     #[must_use]
     pub fn emptied(&self) -> Self {
-        Self { nearest: Vec::new(), ..*self }
+        Self { nearest: Vec::new(), ..self.clone() }
     }
 
     /// An emptied image with its pixels.
     #[must_use]
     pub fn filled(&self, nearest: Vec<f32>) -> Self {
         debug_assert_eq!(nearest.len() * size_of::<f32>(), self.full_bytes());
-        Self { nearest, ..*self }
+        Self { nearest, ..self.clone() }
     }
 
     /// Enter a point that the station measured, in its coordinates.
@@ -86,6 +105,8 @@ impl RangeImage {
             let pixel = &mut self.nearest[row as usize * self.width as usize + column as usize];
             *pixel = pixel.min(range);
             self.farthest = self.farthest.max(range);
+            self.rows = [self.rows[0].min(row), self.rows[1].max(row)];
+            self.columns[column as usize] = true;
         }
     }
 
@@ -103,6 +124,38 @@ impl RangeImage {
         }
         let column = column.rem_euclid(i64::from(self.width));
         self.nearest[row as usize * self.width as usize + column as usize]
+    }
+
+    /// What the station saw in the direction of `place` (in its coordinates), at least `margin`What the station saw in the direction of `place
+    pub fn look(&self, place: DVec3, margin: f64) -> Seen {
+        let range = place.length();
+        if range <= 0.0 {
+            return Seen::Outside;
+        }
+        let (column, row) = self.pixel(place, range);
+        if row < self.rows[0] || row > self.rows[1] || !self.columns[column as usize] {
+            return Seen::Outside;
+        }
+        let (column, row) = (i64::from(column), i64::from(row));
+        let around = (-1..=1).flat_map(|r| (-1..=1).map(move |c| (c, r))).map(|(c, r)| self.at(column + c, row + r));
+        let nearest = f64::from(around.fold(f32::INFINITY, f32::min));
+        let own = match f64::from(self.at(column, row)) {
+            // An empty pixel takes the nearest range of its neighbours.
+            f64::INFINITY => nearest,
+            own => own,
+        };
+        if own.is_infinite() {
+            Seen::NoReturn
+        } else if own < range - margin {
+            Seen::Hidden
+        } else if own <= range + margin {
+            Seen::At
+        } else if nearest <= range + margin && self.witness(place, margin) == Witness::Silent {
+            // Beside something nearer, which the ray just missed.
+            Seen::Hidden
+        } else {
+            Seen::Through
+        }
     }
 
     /// Whether rays of the station passed through `place` (in its coordinates) and at least `margin` metres farther.
@@ -223,6 +276,22 @@ mod tests {
         assert_eq!(image.witness(DVec3::new(5.0, 0.0, 0.0), 0.1), Witness::Silent, "one ray alone");
         assert_eq!(image.witness(DVec3::new(0.0, 5.0, 0.0), 0.1), Witness::Silent);
         assert_eq!(image.witness(DVec3::ZERO, 0.1), Witness::Silent);
+    }
+
+    #[test]
+    fn a_look_tells_before_at_and_behind_apart_and_where_nothing_came_back() {
+        let image = image(0.05);
+        let aside = DVec3::new(-1.0, 0.3, 0.1).normalize();
+        assert_eq!(image.look(aside * 5.0, 0.1), Seen::Through);
+        assert_eq!(image.look(aside * 9.95, 0.1), Seen::At);
+        assert_eq!(image.look(aside * 10.5, 0.1), Seen::Hidden);
+        assert_eq!(image.look(DVec3::X * 8.0, 0.1), Seen::Hidden, "behind the bar");
+        assert_eq!(image.look(DVec3::Z * 5.0, 0.1), Seen::Outside, "above the highest row");
+        let mut few = RangeImage::new(STEP);
+        few.add(Vec3::new(10.0, 0.0, -1.0));
+        few.add(Vec3::new(10.0, 0.0, 1.0));
+        assert_eq!(few.look(DVec3::new(5.0, 0.0, 0.0), 0.1), Seen::NoReturn);
+        assert_eq!(few.look(DVec3::new(-5.0, 0.0, 0.0), 0.1), Seen::Outside, "a scan of a part of the horizon");
     }
 
     #[test]
