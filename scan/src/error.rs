@@ -70,6 +70,14 @@ pub enum ScanError {
         /// Why the system refused.
         source: io::Error,
     },
+    /// The scratch file of a merge cannot be written or read.
+    #[error("the scratch file in {} failed; if the disk is full, give --scratch a folder on a larger one, or use a larger --voxel", folder.display())]
+    Scratch {
+        /// Where it is.
+        folder: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
     /// The request cannot be met.
     #[error("{0}")]
     Request(String),

@@ -12,6 +12,7 @@ mod hashed;
 pub mod import;
 mod lock;
 pub mod mask;
+pub mod merge;
 pub mod mesh;
 pub mod panorama;
 pub mod points;

@@ -4,6 +4,8 @@ use crate::support::{Site, seen_from, shared};
 use glam::{DVec3, IVec3};
 use kilwa_formats::RawMesh;
 use kilwa_scan::ScanError;
+use kilwa_scan::import::Silent;
+use kilwa_scan::merge::{self, Begin, MergedSurface, MergedVertex};
 use kilwa_scan::mesh::{MeshVertex, Options, Surface, mesh};
 use kilwa_scan::panorama::{Show, render};
 use kilwa_scan::read::ReadOptions;
@@ -160,11 +162,11 @@ fn to_triangle(p: DVec3, a: DVec3, b: DVec3, c: DVec3) -> f64 {
     if is_inside { border.min((p - a).dot(normal.normalize()).abs()) } else { border }
 }
 
-#[test]
-fn each_range_grid_of_the_bunny_is_meshed_on_the_published_surface() {
-    let Some((folder, data)) = shared("scan-data").zip(shared("data")) else { return };
-    let bunny =
-        kilwa_formats::read::read_mesh(&data.join("google+draco/testdata/bun_zipper.ply"), &mut |_, _| ()).unwrap();
+/// The survey of the ten grids in their published poses, and the published surface; nothing where the files are not there.
+fn bunny() -> Option<(Site, RawMesh)> {
+    let (folder, data) = shared("scan-data").zip(shared("data"))?;
+    let path = data.join("google+draco/testdata/bun_zipper.ply");
+    let surface = kilwa_formats::read::read_mesh(&path, &mut |_, _| ()).unwrap();
     let site = Site::new();
     let conf = std::fs::read_to_string(folder.join("bunny/bun.conf")).unwrap();
     let mut files = files(&folder.join("bunny"), "ply");
@@ -172,6 +174,89 @@ fn each_range_grid_of_the_bunny_is_meshed_on_the_published_surface() {
     site.import(&files, ReadOptions::default()).unwrap();
     let toml = site.survey().join("survey.toml");
     std::fs::write(&toml, with_poses(&std::fs::read_to_string(&toml).unwrap(), &conf)).unwrap();
+    Some((site, surface))
+}
+
+/// Receives a merged surface.
+#[derive(Default)]
+struct Merged {
+    positions: Vec<DVec3>,
+    triangles: Vec<[u64; 3]>,
+}
+
+impl MergedSurface for Merged {
+    fn begin(&mut self, _: &Begin) -> Result<(), ScanError> {
+        Ok(())
+    }
+
+    fn vertex(&mut self, vertex: &MergedVertex) -> Result<(), ScanError> {
+        self.positions.push(vertex.vertex.position);
+        Ok(())
+    }
+
+    fn triangle(&mut self, corners: [u64; 3]) -> Result<(), ScanError> {
+        self.triangles.push(corners);
+        Ok(())
+    }
+}
+
+/// The vertex that stands for the component of a vertex.
+fn find(root: &mut [usize], mut k: usize) -> usize {
+    while root[k] != k {
+        root[k] = root[root[k]];
+        k = root[k];
+    }
+    k
+}
+
+/// Triangles of the largest component, as a share of all.
+fn largest_component(mesh: &Merged) -> f64 {
+    let mut root: Vec<usize> = (0..mesh.positions.len()).collect();
+    for [a, b, c] in &mesh.triangles {
+        for (p, q) in [(a, b), (b, c)] {
+            let (p, q) = (find(&mut root, *p as usize), find(&mut root, *q as usize));
+            root[p.max(q)] = p.min(q);
+        }
+    }
+    let mut counts = std::collections::HashMap::new();
+    for [a, ..] in &mesh.triangles {
+        *counts.entry(find(&mut root, *a as usize)).or_insert(0) += 1;
+    }
+    f64::from(*counts.values().max().unwrap()) / mesh.triangles.len() as f64
+}
+
+#[test]
+fn the_grids_of_the_bunny_merge_into_the_published_surface() {
+    let Some((site, bunny)) = bunny() else { return };
+    let survey = Survey::open(&site.survey()).unwrap();
+    let options = merge::Options {
+        voxel: None,
+        memory: 300 << 20,
+        threads: 2,
+        scratch: site.0.path().to_owned(),
+        unmasked: false,
+        bounds: None,
+    };
+    let mut merged = Merged::default();
+    let how = |_: &Station| Options::default();
+    let report = merge::merge(&site.survey(), &survey, &options, &how, &mut merged, &Silent).unwrap();
+    let every_ninth: Vec<DVec3> = merged.positions.iter().copied().step_by(9).collect();
+    let mut all = distances(&every_ninth, &bunny, 0.003);
+    all.sort_unstable_by(f64::total_cmp);
+    let (median, largest) = (all[all.len() / 2], largest_component(&merged));
+    println!(
+        "{report:?}; median {:.4} mm, nine in ten within {:.4} mm, largest component {:.2} %",
+        median * 1e3,
+        all[all.len() * 9 / 10] * 1e3,
+        largest * 100.0
+    );
+    assert!(median <= 0.0003, "{median} m");
+    assert!(largest >= 0.99, "{largest}");
+}
+
+#[test]
+fn each_range_grid_of_the_bunny_is_meshed_on_the_published_surface() {
+    let Some((site, bunny)) = bunny() else { return };
     let stations = Survey::open(&site.survey()).unwrap().stations;
     assert_eq!(stations.len(), 10);
     let mut together = Vec::new();

@@ -113,7 +113,7 @@ impl Witnesses {
 }
 
 /// What a station saw in every direction.
-fn range_image(
+pub(crate) fn range_image(
     reader: &mut Reader,
     progress: &mut dyn FnMut(u64, u64) -> Result<(), ScanError>,
 ) -> Result<RangeImage, ScanError> {

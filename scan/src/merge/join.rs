@@ -1,0 +1,107 @@
+//! The surfaces of bricks, joined into one mesh: vertices on edges that several bricks have are delivered once.
+
+use super::piles::morton;
+use super::rims::{RimVertex, Rims};
+use super::{BEST_SIGMA, MergedSurface, MergedVertex, Scale};
+use crate::ScanError;
+use crate::mesh::MeshVertex;
+use glam::IVec3;
+use kilwa_scan_core::tsdf::{BRICK, EdgeKey, Patch, PatchVertex};
+use std::collections::{BTreeMap, HashMap};
+
+/// Joins patches that come along the Morton curve.
+pub(super) struct Joined<'s> {
+    sink: &'s mut dyn MergedSurface,
+    scale: Scale,
+    /// Vertices that later bricks may share.
+    shared: HashMap<EdgeKey, u64>,
+    /// The same, by the Morton code of the last such brick.
+    until: BTreeMap<u64, Vec<EdgeKey>>,
+    vertices: u64,
+    triangles: u64,
+    rims: Rims,
+}
+
+impl<'s> Joined<'s> {
+    pub(super) fn new(sink: &'s mut dyn MergedSurface, scale: Scale) -> Self {
+        Self {
+            sink,
+            scale,
+            shared: HashMap::new(),
+            until: BTreeMap::new(),
+            vertices: 0,
+            triangles: 0,
+            rims: Rims::default(),
+        }
+    }
+
+    /// Vertices and triangles so far.
+    pub(super) fn counts(&self) -> [u64; 2] {
+        [self.vertices, self.triangles]
+    }
+
+    /// The loops of edges with one triangle.
+    pub(super) fn rims(self) -> Vec<Vec<RimVertex>> {
+        self.rims.loops()
+    }
+
+    pub(super) fn patch(&mut self, brick: IVec3, patch: &Patch) -> Result<(), ScanError> {
+        let here = morton(brick);
+        // Forget vertices that no later brick can share.
+        while let Some(entry) = self.until.first_entry().filter(|entry| *entry.key() < here) {
+            for key in entry.remove() {
+                self.shared.remove(&key);
+            }
+        }
+        let mut numbers = Vec::with_capacity(patch.vertices.len());
+        for vertex in &patch.vertices {
+            let number = match self.shared.get(&vertex.key) {
+                Some(number) => *number,
+                None => self.deliver(vertex, here)?,
+            };
+            numbers.push(number);
+        }
+        for triangle in &patch.triangles {
+            self.sink.triangle(triangle.map(|k| numbers[k as usize]))?;
+        }
+        self.triangles += patch.triangles.len() as u64;
+        let scale = self.scale;
+        self.rims.add(patch, &numbers, |p| scale.to_survey(p));
+        Ok(())
+    }
+
+    fn deliver(&mut self, vertex: &PatchVertex, here: u64) -> Result<u64, ScanError> {
+        let number = self.vertices;
+        self.vertices += 1;
+        let last = last_brick(&vertex.key);
+        if last > here {
+            self.shared.insert(vertex.key, number);
+            self.until.entry(last).or_default().push(vertex.key);
+        }
+        let vertex = MergedVertex {
+            vertex: MeshVertex {
+                position: self.scale.to_survey(vertex.position),
+                normal: vertex.normal,
+                color: vertex.color,
+                intensity: vertex.intensity.unwrap_or(f32::NAN),
+                confidence: (vertex.quality / (BEST_SIGMA * BEST_SIGMA)) as f32,
+            },
+            stations: vertex.stations,
+        };
+        self.sink.vertex(&vertex)?;
+        Ok(number)
+    }
+}
+
+/// The greatest Morton code of the bricks that have a cell at the edge of a vertex.
+fn last_brick(key: &EdgeKey) -> u64 {
+    let at = IVec3::from_array(key.at);
+    if key.axis > 2 {
+        return morton(at.div_euclid(IVec3::splat(BRICK)));
+    }
+    let mut others =
+        [IVec3::X, IVec3::Y, IVec3::Z].into_iter().enumerate().filter(|(axis, _)| *axis != usize::from(key.axis));
+    let (a, b) = (others.next().map_or(IVec3::ZERO, |o| o.1), others.next().map_or(IVec3::ZERO, |o| o.1));
+    let cells = [at, at - a, at - b, at - a - b];
+    cells.map(|cell| morton(cell.div_euclid(IVec3::splat(BRICK)))).into_iter().max().unwrap_or_default()
+}

@@ -1,0 +1,256 @@
+//! Merging the stations of a survey into one surface, out of core.
+//!
+//! Stages: the voxel, if it is not given (`spacing`) → the triangles of each station, cut into pieces that go to the piles of the tiles they matter to (`piles`)
+//! → tile by tile the distance field and its surface ([`kilwa_scan_core::tsdf`]) → one mesh (`join`).
+//!
+//! The result does not depend on tiles, threads or the order of stations: sums are integers, and vertices and triangles are delivered in the order of the
+//! bricks along a Morton curve, which tiles only divide.
+
+mod cut;
+mod holes;
+mod join;
+mod piles;
+mod rims;
+mod spacing;
+mod tiles;
+
+#[cfg(test)]
+mod tests;
+
+use crate::ScanError;
+use crate::import::Progress;
+use crate::mesh::{self, MeshVertex};
+use crate::survey::{self, Survey};
+use cut::{Known, Station, cut_all, stations};
+use glam::DVec3;
+pub use holes::{Borders, Cause, Hole};
+use join::Joined;
+use kilwa_scan_core::tsdf::BRICK;
+use piles::Piles;
+use spacing::Spacings;
+use std::path::{Path, PathBuf};
+
+/// The standard deviation across the surface at which a sample has the greatest weight, metres.
+const BEST_SIGMA: f64 = 0.002;
+/// Smallest and largest voxel, metres. Mesh files have coordinates in micrometres, and vertices can be as near to one another as a 64th of a voxel.
+pub const VOXEL_RANGE: [f64; 2] = [1e-4, 100.0];
+/// Maximum number of voxels along an axis.
+const VOXELS_MAX: f64 = (1 << 22) as f64;
+
+/// How stations are merged.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Options {
+    /// Edge of a voxel, metres; `None`: from the data.
+    pub voxel: Option<f64>,
+    /// Bytes of memory to use.
+    pub memory: u64,
+    /// Threads.
+    pub threads: usize,
+    /// Folder for the scratch file, which is unlinked.
+    pub scratch: PathBuf,
+    /// Also use masked samples.
+    pub unmasked: bool,
+    /// Only what lies in this box of the survey, metres.
+    pub bounds: Option<[DVec3; 2]>,
+}
+
+/// A vertex of the merged surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MergedVertex {
+    /// Where it is, and its attributes: the intensity is that of the files, the confidence is the sum over stations.
+    pub vertex: MeshVertex,
+    /// How many stations saw the surface there.
+    pub stations: u16,
+}
+
+/// What is known before the first vertex.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Begin {
+    /// Edge of a voxel, metres.
+    pub voxel: f64,
+    /// A box that holds every vertex, metres.
+    pub bounds: [DVec3; 2],
+    /// Whether any station has colours; whether any has intensities.
+    pub attributes: [bool; 2],
+}
+
+/// Receives the merged surface.
+pub trait MergedSurface {
+    /// Called once, first.
+    ///
+    /// # Errors
+    /// Where the output cannot be begun.
+    fn begin(&mut self, begin: &Begin) -> Result<(), ScanError>;
+
+    /// A vertex; they are counted from 0.
+    ///
+    /// # Errors
+    /// Where it cannot be kept.
+    fn vertex(&mut self, vertex: &MergedVertex) -> Result<(), ScanError>;
+
+    /// A triangle of vertices that came before, counterclockwise seen from where the surface was scanned.
+    ///
+    /// # Errors
+    /// Where it cannot be kept.
+    fn triangle(&mut self, corners: [u64; 3]) -> Result<(), ScanError>;
+}
+
+/// What was merged.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Report {
+    /// Edge of a voxel, metres.
+    pub voxel: f64,
+    /// Stations.
+    pub stations: usize,
+    /// Triangles of the stations.
+    pub station_triangles: u64,
+    /// Pieces that they were cut into.
+    pub pieces: u64,
+    /// Bytes of the scratch file.
+    pub scratch_bytes: u64,
+    /// Vertices of the merged surface.
+    pub vertices: u64,
+    /// Triangles of the merged surface.
+    pub triangles: u64,
+    /// Holes, and what else borders the surface.
+    pub borders: Borders,
+}
+
+/// From coordinates of the survey to voxels and back.
+#[derive(Debug, Clone, Copy)]
+struct Scale {
+    /// A multiple of the brick size, so that the grid depends on the voxel size only, not on the bounds.
+    origin: DVec3,
+    voxel: f64,
+}
+
+impl Scale {
+    fn new(voxel: f64, [min, max]: [DVec3; 2]) -> Result<Self, ScanError> {
+        // Two bricks of margin below the bounds; extraction needs one.
+        let first = (min / (voxel * f64::from(BRICK))).floor() - 2.0;
+        let origin = first * (voxel * f64::from(BRICK));
+        let count = ((max - origin) / voxel).max_element();
+        if count.is_nan() || count > VOXELS_MAX {
+            return Err(ScanError::Request(format!(
+                "the survey is {count:.0} voxels of {voxel} m wide, but at most {VOXELS_MAX} can be merged; use a larger --voxel, or limit the area with --box"
+            )));
+        }
+        Ok(Self { origin, voxel })
+    }
+
+    fn to_voxels(self, survey: DVec3) -> DVec3 {
+        (survey - self.origin) / self.voxel
+    }
+
+    fn to_survey(self, voxels: DVec3) -> DVec3 {
+        voxels * self.voxel + self.origin
+    }
+}
+
+/// Merge the stations of the survey in `folder`.
+///
+/// # Errors
+/// [`ScanError::Request`] for stations without pose or grid, or where nothing is left; [`ScanError::Spool`] and [`ScanError::Mask`] for damaged ones; what the sink
+/// returns.
+pub fn merge(
+    folder: &Path,
+    survey: &Survey,
+    options: &Options,
+    options_of: &dyn Fn(&survey::Station) -> mesh::Options,
+    sink: &mut dyn MergedSurface,
+    progress: &(dyn Progress + Sync),
+) -> Result<Report, ScanError> {
+    let tile_log2 = tiles::size_log2(options.memory, options.threads);
+    merge_in_tiles(tile_log2, &stations(folder, survey, options, options_of)?, options, sink, progress)
+}
+
+/// Merge in tiles of `1 << tile_log2` bricks along each axis.
+fn merge_in_tiles(
+    tile_log2: u32,
+    stations: &[Station<'_>],
+    options: &Options,
+    sink: &mut dyn MergedSurface,
+    progress: &(dyn Progress + Sync),
+) -> Result<Report, ScanError> {
+    let known = Known::of(stations)?;
+    let bounds = match options.bounds {
+        Some([min, max]) => [known.bounds[0].max(min), known.bounds[1].min(max)],
+        None => known.bounds,
+    };
+    if bounds[0].cmpgt(bounds[1]).any() {
+        let [low, high] = known.bounds.map(|p| p.to_array());
+        return Err(ScanError::Request(format!(
+            "no station has points in the box; the survey extends from {low:?} to {high:?} m"
+        )));
+    }
+    let voxel = match options.voxel {
+        Some(voxel) => voxel,
+        None => voxel_of(stations, options.bounds, progress)?.max(VOXEL_RANGE[0]),
+    };
+    if !(VOXEL_RANGE[0]..=VOXEL_RANGE[1]).contains(&voxel) {
+        return Err(ScanError::Request(format!(
+            "a voxel of {voxel:e} m is not possible; give one from {} to {} m",
+            VOXEL_RANGE[0], VOXEL_RANGE[1]
+        )));
+    }
+    let scale = Scale::new(voxel, bounds)?;
+    let piles = Piles::create(&options.scratch)?;
+    let mut report = Report { voxel, stations: stations.len(), ..Report::default() };
+    let counts = cut_all(stations, options, &known, scale, &piles, tile_log2, progress)?;
+    [report.station_triangles, report.pieces] = counts;
+    report.scratch_bytes = piles.bytes();
+    let room = DVec3::splat(3.0 * voxel);
+    sink.begin(&Begin {
+        voxel,
+        bounds: [bounds[0] - room, bounds[1] + room],
+        attributes: [known.has_color, known.has_intensity],
+    })?;
+    let mut joined = Joined::new(sink, scale);
+    tiles::surfaces(&piles, tile_log2, options, progress, &mut |brick, patch| joined.patch(brick, &patch))?;
+    [report.vertices, report.triangles] = joined.counts();
+    if report.triangles == 0 {
+        return Err(ScanError::Request(match report.pieces {
+            0 => "nothing is left to merge: the box holds no surface, or masks cover all samples (--unmasked uses them), or limits on edges drop all triangles".to_owned(),
+            _ => format!(
+                "no surface is left at a voxel of {voxel} m: the stations have {} triangles, whose surface is smaller than a few voxels, or narrower; use a smaller --voxel",
+                report.station_triangles
+            ),
+        }));
+    }
+    let rims = joined.rims();
+    report.borders = holes::borders(rims, stations, 2.0 * voxel, &mut |done, total| {
+        if progress.is_stopped() {
+            return Err(ScanError::Stopped);
+        }
+        progress.update("analysing holes", done, total);
+        Ok(())
+    })?;
+    Ok(report)
+}
+
+/// The voxel that the data support.
+fn voxel_of(stations: &[Station<'_>], bounds: Option<[DVec3; 2]>, progress: &dyn Progress) -> Result<f64, ScanError> {
+    let mut spacings = Spacings::default();
+    for (number, station) in stations.iter().enumerate() {
+        spacings.add(station, bounds, &mut |done, total| {
+            if progress.is_stopped() {
+                return Err(ScanError::Stopped);
+            }
+            progress.update("measuring point spacing", share(number, done, total), PARTS * stations.len() as u64);
+            Ok(())
+        })?;
+    }
+    spacings.voxel().ok_or_else(|| {
+        ScanError::Request(
+            "the voxel size cannot be derived, because no station has unmasked neighbouring points (in the box); turn masks off, use --unmasked, or give --voxel"
+                .to_owned(),
+        )
+    })
+}
+
+/// Progress units per station.
+const PARTS: u64 = 1000;
+
+fn share(number: usize, done: u64, total: u64) -> u64 {
+    number as u64 * PARTS + (done as f64 / total.max(1) as f64 * PARTS as f64) as u64
+}

@@ -1,0 +1,150 @@
+//! Simulated stations of the fort, merged.
+
+use super::*;
+use crate::import::{self, Silent};
+use kilwa_synth::scans::{ScanOptions, write};
+
+#[derive(Default, PartialEq)]
+struct Mesh {
+    begin: Option<Begin>,
+    vertices: Vec<MergedVertex>,
+    triangles: Vec<[u64; 3]>,
+}
+
+impl MergedSurface for Mesh {
+    fn begin(&mut self, begin: &Begin) -> Result<(), ScanError> {
+        self.begin = Some(*begin);
+        Ok(())
+    }
+
+    fn vertex(&mut self, vertex: &MergedVertex) -> Result<(), ScanError> {
+        self.vertices.push(*vertex);
+        Ok(())
+    }
+
+    fn triangle(&mut self, corners: [u64; 3]) -> Result<(), ScanError> {
+        assert!(corners.iter().all(|k| *k < self.vertices.len() as u64), "a triangle before its vertices");
+        self.triangles.push(corners);
+        Ok(())
+    }
+}
+
+/// A survey of small scans.
+fn survey(folder: &Path, stations: u32, columns: u32) -> (PathBuf, Survey) {
+    std::fs::create_dir_all(folder).unwrap();
+    let (scans, survey) = (folder.join("scans"), folder.join("survey"));
+    write(&ScanOptions::new(stations, columns), &scans, &mut |_, _| ()).unwrap();
+    let mut files: Vec<PathBuf> = std::fs::read_dir(&scans).unwrap().map(|e| e.unwrap().path()).collect();
+    files.retain(|path| path.extension().is_some_and(|e| e == "ptx"));
+    files.sort();
+    import::import(&survey, &files, &import::Options::default(), &Silent).unwrap();
+    let read = Survey::open(&survey).unwrap();
+    (survey, read)
+}
+
+fn options(folder: &Path, voxel: f64) -> Options {
+    Options {
+        voxel: Some(voxel),
+        memory: 200 << 20,
+        threads: 2,
+        scratch: folder.to_owned(),
+        unmasked: false,
+        bounds: None,
+    }
+}
+
+fn merged(folder: &Path, survey: &Survey, options: &Options, tile_log2: u32) -> (Mesh, Report) {
+    let mut mesh = Mesh::default();
+    let stations = stations(folder, survey, options, &|_| mesh::Options::default()).unwrap();
+    let report = merge_in_tiles(tile_log2, &stations, options, &mut mesh, &Silent).unwrap();
+    (mesh, report)
+}
+
+#[test]
+fn tiles_threads_memory_and_the_order_of_stations_change_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, survey) = survey(folder.path(), 3, 200);
+    let common = options(folder.path(), 0.15);
+    let (mesh, report) = merged(&path, &survey, &common, 4);
+    assert_eq!([report.vertices, report.triangles], [mesh.vertices.len() as u64, mesh.triangles.len() as u64]);
+    assert!(report.triangles > 10_000, "{report:?}");
+    for (tile_log2, threads) in [(1, 1), (2, 2), (3, 8)] {
+        let (other, _) = merged(&path, &survey, &Options { threads, ..common.clone() }, tile_log2);
+        assert!(other == mesh, "tiles of {} bricks, {threads} threads", 1 << tile_log2);
+    }
+    // So little memory that piles are written early and tiles are divided.
+    let (other, _) = merged(&path, &survey, &Options { memory: 4 << 20, ..common.clone() }, 4);
+    assert!(other == mesh, "with little memory");
+    let mut turned = survey.clone();
+    turned.stations.reverse();
+    let (other, _) = merged(&path, &turned, &common, 3);
+    assert!(other == mesh, "in another order");
+}
+
+#[test]
+fn no_edge_has_more_than_two_triangles_and_every_vertex_is_used_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, survey) = survey(folder.path(), 3, 300);
+    let (mesh, _) = merged(&path, &survey, &options(folder.path(), 0.1), 2);
+    let mut sides = std::collections::HashMap::new();
+    let mut is_used = vec![false; mesh.vertices.len()];
+    for [a, b, c] in &mesh.triangles {
+        assert!(a != b && b != c && c != a);
+        for [p, q] in [[a, b], [b, c], [c, a]] {
+            *sides.entry([*p, *q]).or_insert(0) += 1;
+            is_used[*p as usize] = true;
+        }
+    }
+    // Each side at most once in each direction: two triangles an edge, facing the same way.
+    assert!(sides.values().all(|count| *count == 1));
+    assert!(is_used.iter().all(|is_used| *is_used));
+    let mut places: Vec<[u64; 3]> =
+        mesh.vertices.iter().map(|v| v.vertex.position.to_array().map(f64::to_bits)).collect();
+    places.sort_unstable();
+    places.dedup();
+    assert_eq!(places.len(), mesh.vertices.len(), "vertices coincide");
+}
+
+#[test]
+fn the_voxel_follows_from_the_data_and_a_box_limits_the_surface() {
+    let folder = tempfile::tempdir().unwrap();
+    let voxels = [150, 300].map(|columns| {
+        let (path, survey) = self::survey(&folder.path().join(columns.to_string()), 1, columns);
+        merged(&path, &survey, &Options { voxel: None, ..options(folder.path(), 1.0) }, 3).1.voxel
+    });
+    // Twice as dense, half the voxel.
+    assert!((voxels[0] / voxels[1] - 2.0).abs() < 0.5, "{voxels:?}");
+    let (path, survey) = survey(folder.path(), 2, 200);
+    let bounds = [DVec3::new(-100.0, -100.0, 0.5), DVec3::new(100.0, 100.0, 1.5)];
+    let (mesh, _) = merged(&path, &survey, &Options { bounds: Some(bounds), ..options(folder.path(), 0.2) }, 3);
+    let [low, high] = mesh.begin.unwrap().bounds;
+    for vertex in &mesh.vertices {
+        let p = vertex.vertex.position;
+        assert!(p.cmpge(low).all() && p.cmple(high).all());
+        assert!(p.z > -0.5 && p.z < 2.5, "{p}");
+        assert!(vertex.stations >= 1 && vertex.vertex.confidence > 0.0 && vertex.vertex.color.is_some());
+    }
+}
+
+#[test]
+fn what_cannot_be_merged_is_refused_with_its_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, mut survey) = survey(folder.path(), 2, 60);
+    let refused = |survey: &Survey, options: &Options| {
+        let mut mesh = Mesh::default();
+        let how = |_: &survey::Station| mesh::Options::default();
+        merge(&path, survey, options, &how, &mut mesh, &Silent).unwrap_err().to_string()
+    };
+    let common = options(folder.path(), 0.3);
+    let nowhere = [DVec3::splat(5e3), DVec3::splat(5.1e3)];
+    let text = refused(&survey, &Options { bounds: Some(nowhere), ..common.clone() });
+    assert!(text.contains("no station has points in the box"), "{text}");
+    let text = refused(&survey, &Options { voxel: Some(1e-6), ..common.clone() });
+    assert!(text.contains("give one from"), "{text}");
+    survey.stations[1].pose = None;
+    let text = refused(&survey, &common);
+    assert!(text.contains(&survey.stations[1].name) && text.contains("no pose"), "{text}");
+    survey.stations.clear();
+    let text = refused(&survey, &common);
+    assert!(text.contains("scans import"), "{text}");
+}

@@ -1,0 +1,112 @@
+//! Tile by tile: the field of a tile's pieces, and the surface in its bricks.
+
+use super::Options;
+use super::piles::{Piles, Run, morton};
+use crate::ScanError;
+use crate::import::Progress;
+use glam::IVec3;
+use kilwa_scan_core::tsdf::{Cubes, Field, Patch, Region};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+
+/// Tiles in a batch for each thread.
+const BATCH: usize = 8;
+
+/// Receives the surfaces of bricks along the Morton curve.
+pub(super) type PatchSink<'a> = dyn FnMut(IVec3, Patch) -> Result<(), ScanError> + 'a;
+
+/// The surfaces of the bricks of a tile.
+type Made = Result<Vec<(IVec3, Patch)>, ScanError>;
+
+/// Bricks along the edge of a tile, as a power of two, for a given amount of memory.
+pub(super) fn size_log2(memory: u64, threads: usize) -> u32 {
+    let share = memory / threads.max(1) as u64;
+    // As if every seventh brick had a surface; a tile that needs more is divided.
+    let bytes = |log2: u32| (1u64 << (3 * log2)) / 7 * Field::BRICK_BYTES as u64;
+    (1..=4).rev().find(|log2| bytes(*log2) <= share / 2).unwrap_or(1)
+}
+
+/// Pass the surfaces of all tiles to `sink
+pub(super) fn surfaces(
+    piles: &Piles,
+    tile_log2: u32,
+    options: &Options,
+    progress: &(dyn Progress + Sync),
+    sink: &mut PatchSink<'_>,
+) -> Result<(), ScanError> {
+    let tiles: Vec<(IVec3, Vec<Run>)> = piles.tiles().into_values().collect();
+    let threads = options.threads.max(1);
+    let budget = usize::try_from(options.memory / 2).unwrap_or(usize::MAX) / threads / Field::BRICK_BYTES;
+    let cubes = Cubes::default();
+    let mut done = 0;
+    for batch in tiles.chunks(BATCH * threads) {
+        let made: Vec<Mutex<Made>> = batch.iter().map(|_| Mutex::new(Ok(Vec::new()))).collect();
+        let next = AtomicUsize::new(0);
+        let work = || {
+            loop {
+                let number = next.fetch_add(1, Ordering::Relaxed);
+                let Some((min, runs)) = batch.get(number) else { return };
+                let region = Region { min: *min, bricks: 1 << tile_log2 };
+                let mut patches = Vec::new();
+                let result = if progress.is_stopped() {
+                    Err(ScanError::Stopped)
+                } else {
+                    surface(piles, region, runs, budget, &cubes, &mut patches)
+                };
+                *made[number].lock().unwrap_or_else(PoisonError::into_inner) = result.map(|()| patches);
+            }
+        };
+        std::thread::scope(|scope| {
+            for _ in 0..threads {
+                scope.spawn(work);
+            }
+        });
+        for tile in made {
+            for (brick, patch) in tile.into_inner().unwrap_or_else(PoisonError::into_inner)? {
+                sink(brick, patch)?;
+            }
+        }
+        done += batch.len();
+        progress.update("merging", done as u64, tiles.len() as u64);
+    }
+    Ok(())
+}
+
+/// The surface of a region, which is divided if its field is too large for the budget in bricks.
+fn surface(
+    piles: &Piles,
+    region: Region,
+    runs: &[Run],
+    budget: usize,
+    cubes: &Cubes,
+    out: &mut Vec<(IVec3, Patch)>,
+) -> Result<(), ScanError> {
+    let mut field = Field::new(region);
+    let mut is_full = false;
+    for run in runs {
+        piles.read(*run, &mut |piece| {
+            if !is_full && region.needs(piece) {
+                field.add(run.station, piece);
+                is_full = field.bricks() > budget && region.bricks > 1;
+            }
+        })?;
+        if is_full {
+            drop(field);
+            let half = region.bricks / 2;
+            for part in 0..8 {
+                let at = IVec3::new(part & 1, part >> 1 & 1, part >> 2) * half;
+                surface(piles, Region { min: region.min + at, bricks: half }, runs, budget, cubes, out)?;
+            }
+            return Ok(());
+        }
+    }
+    let all = 0..region.bricks;
+    let mut bricks: Vec<IVec3> = all
+        .clone()
+        .flat_map(|z| all.clone().flat_map(move |y| (0..region.bricks).map(move |x| IVec3::new(x, y, z))))
+        .map(|at| region.min + at)
+        .collect();
+    bricks.sort_unstable_by_key(|brick| morton(*brick));
+    out.extend(bricks.into_iter().filter_map(|brick| Some((brick, field.patch(cubes, brick)?))));
+    Ok(())
+}
