@@ -6,12 +6,13 @@ mod finished;
 mod need;
 mod output;
 pub(crate) mod report;
-mod size;
+pub(crate) mod size;
 
 use crate::inputs::{InputArgs, Inputs};
 use crate::plausible::ReadAs;
 use crate::progress::Bar;
 use crate::signals;
+use crate::stations::merged::Merging;
 use crate::stations::points::StationPoints;
 use anyhow::Context;
 use finished::Finished;
@@ -99,6 +100,61 @@ pub(crate) struct Args {
     /// Print beforehand what will be used: memory, threads, disk space.
     #[arg(long)]
     verbose: bool,
+    /// How the survey is merged: set by `kilwa merge`.
+    #[arg(skip)]
+    merging: Option<Merging>,
+}
+
+impl Args {
+    /// What `kilwa merge` builds: the merged surface of one survey.
+    pub(crate) fn of_merged(merging: Merging, output: PathBuf, common: Common) -> Self {
+        let Common { threads, memory, scratch, resume, title, crs, capture_accuracy, force, json } = common;
+        let input = InputArgs {
+            inputs: vec![merging.folder.clone()],
+            units: None,
+            up: None,
+            origin: None,
+            transform: None,
+            texture_detail: None,
+            allow_outside: false,
+            unmasked: merging.options.unmasked,
+        };
+        Self {
+            input,
+            output,
+            points: false,
+            threads,
+            memory,
+            scratch,
+            resume,
+            step: None,
+            crop: None,
+            min_confidence: None,
+            drop_islands_below: None,
+            color_bits: 8,
+            normal_bits: 10,
+            crs,
+            capture_accuracy,
+            title,
+            force,
+            json,
+            verbose: false,
+            merging: Some(merging),
+        }
+    }
+}
+
+/// Options that `kilwa merge`Options shared with `kilwa merge
+pub(crate) struct Common {
+    pub(crate) threads: usize,
+    pub(crate) memory: Option<u64>,
+    pub(crate) scratch: Option<PathBuf>,
+    pub(crate) resume: bool,
+    pub(crate) title: Option<String>,
+    pub(crate) crs: Option<String>,
+    pub(crate) capture_accuracy: Option<f64>,
+    pub(crate) force: bool,
+    pub(crate) json: bool,
 }
 
 /// The build was stopped by the user; what it leaves and how to continue.
@@ -182,6 +238,7 @@ fn prepare(args: &Args) -> anyhow::Result<(Inputs, BuildOptions)> {
     refuse(args)?;
     let crs = reference_system(args.crs.as_deref())?;
     let mut inputs = Inputs::find(&args.input, args.points)?;
+    inputs.merging.clone_from(&args.merging);
     if let Some(first) = inputs.passed_over.first() {
         let count = inputs.passed_over.len();
         crate::terminal::say!(
@@ -304,7 +361,7 @@ fn tidy(args: &Args, finished: &Finished) -> anyhow::Result<()> {
 }
 
 /// Each thread takes memory of its own and a place in the system's tables, which thousands of them would fill for everybody.
-fn parse_threads(text: &str) -> Result<usize, String> {
+pub(crate) fn parse_threads(text: &str) -> Result<usize, String> {
     const MAX: usize = 1024;
     let threads = text.parse().ok().filter(|n| *n <= MAX);
     threads.ok_or_else(|| format!("expected a number from 1 to {MAX}, or 0 for one per core"))

@@ -9,6 +9,7 @@
 //! a readable regular file (a broken link, a folder, a pipe), a matrix that cannot place a mesh.
 
 use crate::named_files::{Wanted, named, refuse_link_out, refuse_twice};
+use crate::stations::merged::Merging;
 use crate::stations::{self, StationInput};
 use anyhow::{Context, bail};
 use glam::{DMat4, DVec3};
@@ -93,6 +94,8 @@ pub(crate) struct Inputs {
     pub(crate) files: Vec<InputFile>,
     /// Files in given folders that are no meshes that can be read.
     pub(crate) passed_over: Vec<PathBuf>,
+    /// How the stations are merged, if they are; all files are stations then.
+    pub(crate) merging: Option<Merging>,
 }
 
 /// Bytes of the metadata block that names of sources may take: half of it, so that there is room for the rest and for
@@ -178,7 +181,7 @@ impl Inputs {
         passed_over.sort();
         let detail = args.texture_detail.map(|texels| Arc::new(Detail::new(texels)));
         let options = ReadOptions { detail, allow_outside: args.allow_outside, ..ReadOptions::default() };
-        Ok(Self { options, matrices, files, passed_over })
+        Ok(Self { options, matrices, files, passed_over, merging: None })
     }
 
     /// Refuse an output that would replace an input. Files that the meshes refer to are known only when the meshes are read; they
@@ -241,7 +244,10 @@ impl kilwa_builder::Inputs for Inputs {
                 bytes: about.len(),
                 modified: modified.and_then(|t| u64::try_from(t.as_nanos()).ok()),
                 placement: match &file.station {
-                    Some(station) => format!("{:?} {station:?}", file.placement),
+                    Some(station) => {
+                        let merging = self.merging.as_ref().map(Merging::plan).unwrap_or_default();
+                        format!("{:?} {station:?}{merging}", file.placement)
+                    }
                     None => format!("{:?} {:?}", file.placement, self.options.detail.as_ref().map(|d| d.texels())),
                 },
                 stamp: plain_file::stamp(&about),
@@ -277,6 +283,11 @@ impl kilwa_builder::Inputs for Inputs {
                 read::note_detail(&file.path, &self.options, &mut |_, _| ())?;
                 work.progress.update("measuring pictures", i + 1, self.files.len() as u64);
             }
+        }
+        if let Some(merging) = &self.merging {
+            spool.input(&merging.folder)?;
+            merging.deliver(&mut Interruptible::new(spool, work.stop, &merging.folder), work)?;
+            return self.sources(work.progress, work.stop);
         }
         let mut before = 0;
         for file in &self.files {

@@ -7,6 +7,7 @@ mod extract;
 mod info;
 mod inputs;
 mod measure;
+mod merge;
 mod metadata;
 mod named_files;
 mod new_file;
@@ -42,6 +43,7 @@ struct Cli {
 enum Verb {
     Synth(synth::Args),
     Scans(scans::Args),
+    Merge(merge::Args),
     Build(build::Args),
     Info(info::Args),
     Verify(verify::Args),
@@ -59,6 +61,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Verb::Synth(a) => synth::run(&a),
         Verb::Build(a) => build::run(&a),
         Verb::Scans(a) => scans::run(&a),
+        Verb::Merge(a) => merge::run(&a),
         Verb::Info(a) => info::run(&a),
         Verb::Verify(a) => verify::run(&a),
         Verb::Extract(a) => extract::run(&a),
@@ -78,7 +81,7 @@ fn main() -> ExitCode {
     if matches!(cli.verb, Verb::Publish(_) | Verb::Render(_)) {
         without_wayland();
     }
-    if !matches!(cli.verb, Verb::Build(_) | Verb::Serve(_)) {
+    if !matches!(&cli.verb, Verb::Build(_) | Verb::Serve(_)) && !matches!(&cli.verb, Verb::Merge(a) if a.is_pack()) {
         signals::end_at_once();
     }
     match run(cli) {

@@ -1,5 +1,6 @@
 //! Stations of a survey as inputs of a build: each is meshed while it is read, or its points are handed on.
 
+pub(crate) mod merged;
 pub(crate) mod points;
 
 use anyhow::bail;
@@ -76,10 +77,15 @@ pub(crate) fn of(folder: &Path, unmasked: bool, points: bool) -> anyhow::Result<
         }
         stations.push((path, StationInput { pose, options: options(survey.mesh, station), masks }));
     }
+    warn_of_same_poses(folder, &survey);
+    Ok(stations)
+}
+
+/// Warn if stations have exactly the same pose.
+pub(crate) fn warn_of_same_poses(folder: &Path, survey: &Survey) {
     if let Some(warning) = same_poses(&survey.stations) {
         crate::terminal::say!("kilwa: {}: {warning}", folder.display());
     }
-    Ok(stations)
 }
 
 /// A warning about stations with exactly the same pose, as unregistered scans have it: PTX files, and many E57 files, state the identity for them.
@@ -134,18 +140,9 @@ pub(crate) fn deliver(
     let mut names = vec!["confidence".to_owned()];
     names.extend(has_intensity.then(|| "intensity".to_owned()));
     sink.channels(&names)?;
-    let mut blocks = Blocks {
-        sink,
-        progress,
-        count: 0,
-        positions: Vec::new(),
-        normals: Vec::new(),
-        colors: Vec::new(),
-        scalars: vec![Vec::new(); names.len()],
-        triangles: Vec::new(),
-        has_color: statistics.colored > 0,
-        failure: None,
-    };
+    let mut blocks = Blocks::new(sink, progress);
+    blocks.scalars = vec![Vec::new(); names.len()];
+    blocks.has_color = statistics.colored > 0;
     let done = mesh(&mut reader, station.pose, &station.options, &mut blocks).map(drop);
     if let Some(failure) = blocks.failure.take() {
         return Err(failure.into());
@@ -169,7 +166,35 @@ struct Blocks<'a> {
     failure: Option<ReadError>,
 }
 
-impl Blocks<'_> {
+impl<'a> Blocks<'a> {
+    fn new(sink: &'a mut dyn MeshSink, progress: &'a mut dyn FnMut(u64, u64)) -> Self {
+        Self {
+            sink,
+            progress,
+            count: 0,
+            positions: Vec::new(),
+            normals: Vec::new(),
+            colors: Vec::new(),
+            scalars: Vec::new(),
+            triangles: Vec::new(),
+            has_color: false,
+            failure: None,
+        }
+    }
+
+    /// Add a vertex with as many of the scalars as there are channels.
+    fn push(&mut self, vertex: &MeshVertex, color: [u8; 3], scalars: &[f32]) -> Result<(), ScanError> {
+        self.positions.push(vertex.position);
+        self.normals.push(vertex.normal.as_vec3());
+        if self.has_color {
+            self.colors.push(color);
+        }
+        for (channel, value) in self.scalars.iter_mut().zip(scalars) {
+            channel.push(*value);
+        }
+        self.flush_if_full()
+    }
+
     fn flush(&mut self) -> Result<(), ReadError> {
         let Self { positions, colors, normals, scalars, .. } = self;
         self.sink.vertices(&VertexBlock { positions, colors, normals, scalars })?;
@@ -195,17 +220,9 @@ impl Blocks<'_> {
 
 impl Surface for Blocks<'_> {
     fn vertex(&mut self, vertex: &MeshVertex) -> Result<u32, ScanError> {
-        self.positions.push(vertex.position);
-        self.normals.push(vertex.normal.as_vec3());
-        if self.has_color {
-            self.colors.push(vertex.color.unwrap_or(UNCOLOURED));
-        }
         let intensity = if vertex.intensity.is_nan() { 0.0 } else { vertex.intensity };
-        for (channel, value) in self.scalars.iter_mut().zip([vertex.confidence, intensity]) {
-            channel.push(value);
-        }
+        self.push(vertex, vertex.color.unwrap_or(UNCOLOURED), &[vertex.confidence, intensity])?;
         self.count += 1;
-        self.flush_if_full()?;
         Ok(self.count - 1)
     }
 

@@ -5,9 +5,9 @@ use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
 /// The verbs, in the order of `kilwa --help`.
-const VERBS: [&str; 12] = [
-    "synth", "scans", "build", "info", "verify", "extract", "render", "measure", "publish", "metadata", "serve",
-    "access",
+const VERBS: [&str; 13] = [
+    "synth", "scans", "merge", "build", "info", "verify", "extract", "render", "measure", "publish", "metadata",
+    "serve", "access",
 ];
 
 fn kilwa(args: &[&str]) -> Output {
@@ -23,8 +23,9 @@ fn stderr(output: &Output) -> String {
 }
 
 /// A call with a file that does not exist: in the arguments `{in}` and `{out}` are paths in an empty folder.
-fn calls_without_input() -> [(&'static str, Vec<&'static str>); 7] {
+fn calls_without_input() -> [(&'static str, Vec<&'static str>); 8] {
     [
+        ("merge", vec!["{in}", "-o", "{out}.kilwa"]),
         ("build", vec!["{in}.ply", "-o", "{out}.kilwa"]),
         ("info", vec!["{in}.kilwa"]),
         ("verify", vec!["{in}.kilwa"]),

@@ -20,6 +20,7 @@ mod info_mesh;
 mod inputs;
 #[cfg(unix)]
 mod interrupted;
+mod merge;
 mod pack_verbs;
 mod passwords;
 mod patch_sizes;

@@ -39,7 +39,8 @@ fn kilwa(command: &str, folder: &Path) -> Command {
 /// Run a command, which must succeed; what it prints.
 fn run(command: &str, folder: &Path) -> String {
     let output = kilwa(command, folder).output().unwrap();
-    let printed = [output.stdout, output.stderr].concat();
+    // What it notes comes before its report.
+    let printed = [output.stderr, output.stdout].concat();
     let printed = String::from_utf8_lossy(&printed).into_owned();
     assert!(output.status.success(), "{command}: {printed}");
     printed

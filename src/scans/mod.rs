@@ -1,6 +1,6 @@
 //! `kilwa scans`: a survey of scans, from the files of scanners to stations that can be seen.
 
-mod export;
+pub(crate) mod export;
 mod import;
 mod list;
 pub(crate) mod mask;

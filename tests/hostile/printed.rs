@@ -128,7 +128,7 @@ fn file_names_in_error_messages_never_control_the_terminal() {
             let path = text(&path);
             for verb in [
                 "info", "verify", "extract", "measure", "metadata", "render", "publish", "serve", "build", "scans",
-                "access",
+                "merge", "access",
             ] {
                 let shown = is_plain(&kilwa(&[verb, path]), verb);
                 assert!(!shown.is_empty(), "{verb}");

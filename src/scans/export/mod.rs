@@ -70,7 +70,7 @@ pub(crate) struct Args {
     json: bool,
 }
 
-pub(super) fn positive(text: &str) -> Result<f64, String> {
+pub(crate) fn positive(text: &str) -> Result<f64, String> {
     text.parse()
         .ok()
         .filter(|v: &f64| *v > 0.0 && v.is_finite())

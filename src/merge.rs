@@ -1,0 +1,330 @@
+//! `kilwa merge`: the stations of a survey become one surface.
+
+pub(crate) mod holes;
+
+use crate::build;
+use crate::new_file::{check_output, refuse_inputs};
+use crate::progress::Bar;
+use crate::stations::merged::Merging;
+use anyhow::{Context as _, ensure};
+use glam::DVec3;
+use kilwa_builder::Progress as _;
+use kilwa_builder::build::machine;
+use kilwa_files::size::binary;
+use kilwa_formats::UNCOLOURED;
+use kilwa_formats::extract::{About, Format, MeshWriter, Output, PlainVertex, Written};
+use kilwa_pack::plural::counted;
+use kilwa_scan::ScanError;
+use kilwa_scan::merge::{Begin, MergedSurface, MergedVertex, Options, Report, merge};
+use kilwa_scan::survey::{self, Survey};
+use serde_json::json;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, PoisonError};
+use std::time::Instant;
+
+/// Merge the registered stations of a survey into one surface.
+///
+/// Every vertex has colour and intensity (if the scans have them), a confidence, and the number of stations that saw it.
+#[derive(clap::Args)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a switch of the command line")]
+pub(crate) struct Args {
+    /// The folder of the survey.
+    survey: PathBuf,
+    /// The pack (.kilwa) or mesh (.ply, .obj, .stl, .glb) to write.
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// Voxel size in metres (default: the point spacing of the most densely sampled 30 % of the surface).
+    #[arg(long, value_name = "METRES", value_parser = crate::scans::export::positive)]
+    voxel: Option<f64>,
+    /// Merge only what lies in this box, in survey coordinates (metres).
+    #[arg(long = "box", value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = crate::build::crop, allow_hyphen_values = true)]
+    bounds: Option<[DVec3; 2]>,
+    /// Also write the holes as GeoJSON: rim, position, area and cause.
+    #[arg(long, value_name = "FILE")]
+    holes: Option<PathBuf>,
+    /// Also use masked samples.
+    #[arg(long)]
+    unmasked: bool,
+    /// Worker threads (default: one per core). The result does not depend on it.
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true, value_parser = crate::build::parse_threads)]
+    threads: usize,
+    /// Memory to use, for example 300M or 2.5GiB (default: a quarter of the machine's). The result does not depend on it.
+    #[arg(long, value_name = "SIZE", value_parser = crate::build::size::memory)]
+    memory: Option<u64>,
+    /// Folder for scratch files, preferably on a fast disk (default: the folder of the output).
+    #[arg(long, value_name = "DIR")]
+    scratch: Option<PathBuf>,
+    /// Continue an interrupted merge into a pack.
+    #[arg(long)]
+    resume: bool,
+    /// Title of the model (default: that of the survey, or the name of its folder).
+    #[arg(long)]
+    title: Option<String>,
+    /// Standard uncertainty of the capture in metres, if known; stored with a pack.
+    #[arg(long, value_name = "METRES")]
+    capture_accuracy: Option<f64>,
+    /// Replace an existing file.
+    #[arg(long)]
+    force: bool,
+    /// Print the report as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+impl Args {
+    /// Whether a pack is written, as by a build, which also handles signals itself.
+    pub(crate) fn is_pack(&self) -> bool {
+        self.output.extension().is_some_and(|e| e.eq_ignore_ascii_case("kilwa"))
+    }
+
+    fn options(&self) -> Options {
+        let folder = || kilwa_files::atomic::folder_of(&self.output).to_owned();
+        let cores = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
+        Options {
+            voxel: self.voxel,
+            memory: self.memory.unwrap_or_else(machine::default_budget),
+            threads: if self.threads == 0 { cores() } else { self.threads },
+            scratch: self.scratch.clone().unwrap_or_else(folder),
+            unmasked: self.unmasked,
+            bounds: self.bounds,
+        }
+    }
+}
+
+pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    let survey = Survey::open(&args.survey)?;
+    let inputs = files_of(&args.survey, &survey);
+    refuse_inputs(&args.output, inputs.iter().map(PathBuf::as_path))?;
+    if let Some(list) = &args.holes {
+        ensure!(
+            std::path::absolute(list)? != std::path::absolute(&args.output)?,
+            "{} is the output already; choose another name for the list of holes",
+            list.display()
+        );
+        check_output(list, args.force, inputs.iter().map(PathBuf::as_path))?;
+    }
+    if args.is_pack() {
+        return into_pack(args, &survey);
+    }
+    ensure!(
+        !args.resume,
+        "--resume works only for packs (.kilwa); run the command again without it to merge into a mesh"
+    );
+    ensure!(
+        args.capture_accuracy.is_none(),
+        "--capture-accuracy is stored only in packs, and {} is a mesh; leave it out, or write a .kilwa file",
+        args.output.display()
+    );
+    into_mesh(args, &survey)
+}
+
+/// All files of a survey.
+fn files_of(folder: &Path, survey: &Survey) -> Vec<PathBuf> {
+    let own = survey.stations.iter().flat_map(|station| {
+        std::iter::once(station.scan.as_str()).chain(station.masks.iter().map(|mask| mask.file.as_str()))
+    });
+    let photographs = survey.photographs.iter().map(|photograph| photograph.file.as_str());
+    [survey::FILE].into_iter().chain(own).chain(photographs).map(|name| folder.join(name)).collect()
+}
+
+/// The merged surface goes to the first stage of a build.
+fn into_pack(args: &Args, survey: &Survey) -> anyhow::Result<()> {
+    let merging = Merging {
+        folder: args.survey.clone(),
+        survey: survey.clone(),
+        options: args.options(),
+        report: Arc::default(),
+    };
+    let report = Arc::clone(&merging.report);
+    let common = build::Common {
+        threads: args.threads,
+        memory: args.memory,
+        scratch: args.scratch.clone(),
+        resume: args.resume,
+        title: Some(title(args, survey)),
+        crs: survey.crs.clone(),
+        capture_accuracy: args.capture_accuracy,
+        force: args.force,
+        json: args.json,
+    };
+    build::run(&build::Args::of_merged(merging, args.output.clone(), common))?;
+    let Some(list) = &args.holes else { return Ok(()) };
+    let made = report.lock().unwrap_or_else(PoisonError::into_inner).take();
+    let report = if let Some(report) = made {
+        report
+    } else {
+        crate::terminal::say!(
+            "kilwa: the merge was complete before it was resumed; it is repeated for the list of holes"
+        );
+        let options_of = |station: &_| crate::stations::options(survey.mesh, station);
+        let bar = Bar::new();
+        let report = merge(&args.survey, survey, &args.options(), &options_of, &mut Nothing, &Shown(&bar));
+        bar.clear();
+        report?
+    };
+    holes::write(&report.borders, survey.crs.as_deref(), list, args.force)
+}
+
+/// Forgets the surface.
+struct Nothing;
+
+impl MergedSurface for Nothing {
+    fn begin(&mut self, _: &Begin) -> Result<(), ScanError> {
+        Ok(())
+    }
+
+    fn vertex(&mut self, _: &MergedVertex) -> Result<(), ScanError> {
+        Ok(())
+    }
+
+    fn triangle(&mut self, _: [u64; 3]) -> Result<(), ScanError> {
+        Ok(())
+    }
+}
+
+fn title(args: &Args, survey: &Survey) -> String {
+    let name = || {
+        // The name of `.` is that of the folder.
+        let folder = args.survey.canonicalize().unwrap_or_else(|_| args.survey.clone());
+        folder.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned())
+    };
+    args.title.clone().or_else(|| survey.title.clone()).unwrap_or_else(name)
+}
+
+fn into_mesh(args: &Args, survey: &Survey) -> anyhow::Result<()> {
+    let begun = Instant::now();
+    if !args.unmasked {
+        survey.stations.iter().for_each(|station| crate::scans::mask::warn_of_outdated(survey, station));
+    }
+    crate::stations::warn_of_same_poses(&args.survey, survey);
+    let format = Format::of(&args.output, false)?;
+    let output = Output::prepare(&args.output, args.force)?;
+    let bar = Bar::new();
+    let mut file = File { survey, title: title(args, survey), format, output: &output, writer: None, scalars: 0 };
+    let options_of = |station: &_| crate::stations::options(survey.mesh, station);
+    let report = merge(&args.survey, survey, &args.options(), &options_of, &mut file, &Shown(&bar));
+    let written = report.map_err(anyhow::Error::from).and_then(|report| {
+        let writer = file.writer.take();
+        bar.update("writing", 0, 1);
+        Ok((report, writer.map(MeshWriter::finish).transpose()?))
+    });
+    bar.clear();
+    let (report, written) = written?;
+    let written = written.context("the surface was not begun")?;
+    if let Some(list) = &args.holes {
+        holes::write(&report.borders, survey.crs.as_deref(), list, args.force)?;
+    }
+    print(args, &report, &written, begun.elapsed().as_secs_f64())
+}
+
+/// Where each stage of a merge lies in the whole.
+const SHARES: [(&str, f64, f64); 4] = [
+    ("measuring point spacing", 0.0, 0.15),
+    ("reading stations", 0.15, 0.5),
+    ("merging", 0.5, 0.97),
+    ("analysing holes", 0.97, 1.0),
+];
+
+/// Progress of a merge on a bar.
+struct Shown<'b>(&'b Bar);
+
+impl kilwa_scan::import::Progress for Shown<'_> {
+    fn update(&self, stage: &'static str, done: u64, total: u64) {
+        self.0.update(stage, done, total);
+        if let Some((_, from, to)) = SHARES.iter().find(|share| share.0 == stage) {
+            self.0.whole(from + (to - from) * (done as f64 / total.max(1) as f64).min(1.0));
+        }
+    }
+}
+
+/// A mesh file that is written while the surface comes.
+struct File<'o> {
+    survey: &'o Survey,
+    title: String,
+    format: Format,
+    output: &'o Output,
+    writer: Option<MeshWriter<'o>>,
+    scalars: usize,
+}
+
+fn request(e: kilwa_formats::extract::ExtractError) -> ScanError {
+    ScanError::Request(format!("{:#}", anyhow::Error::from(e)))
+}
+
+impl MergedSurface for File<'_> {
+    fn begin(&mut self, begin: &Begin) -> Result<(), ScanError> {
+        let [colors, has_intensity] = begin.attributes;
+        let mut scalars = vec!["confidence".to_owned(), "stations".to_owned()];
+        scalars.extend(has_intensity.then(|| "intensity".to_owned()));
+        self.scalars = scalars.len();
+        let about = About {
+            title: self.title.clone(),
+            note: format!(
+                "{} merged, voxel size {} m",
+                counted(self.survey.stations.len(), "station", "stations"),
+                begin.voxel
+            ),
+            crs: self.survey.crs.clone(),
+            colors,
+            scalars,
+            bounds: begin.bounds,
+        };
+        self.writer = Some(MeshWriter::begin(self.format, &about, self.output).map_err(request)?);
+        Ok(())
+    }
+
+    fn vertex(&mut self, vertex: &MergedVertex) -> Result<(), ScanError> {
+        let Some(writer) = &mut self.writer else { return Ok(()) };
+        let MergedVertex { vertex, stations } = vertex;
+        let intensity = if vertex.intensity.is_nan() { 0.0 } else { vertex.intensity };
+        let scalars = [vertex.confidence, f32::from(*stations), intensity];
+        let color = vertex.color.unwrap_or(UNCOLOURED);
+        let plain =
+            PlainVertex { position: vertex.position, normal: vertex.normal, color, scalars: &scalars[..self.scalars] };
+        writer.vertex(&plain).map(drop).map_err(request)
+    }
+
+    fn triangle(&mut self, corners: [u64; 3]) -> Result<(), ScanError> {
+        let Some(writer) = &mut self.writer else { return Ok(()) };
+        // The writer refuses vertices beyond that.
+        writer.triangle(corners.map(|k| k as u32)).map_err(request)
+    }
+}
+
+fn print(args: &Args, report: &Report, written: &Written, seconds: f64) -> anyhow::Result<()> {
+    let mut out = crate::terminal::out();
+    let cpu = machine::cpu_seconds();
+    if args.json {
+        let json = json!({
+            "file": args.output.display().to_string(),
+            "bytes": written.bytes,
+            "vertices": written.vertices,
+            "triangles": written.triangles,
+            "voxel": report.voxel,
+            "stations": report.stations,
+            "station_triangles": report.station_triangles,
+            "pieces": report.pieces,
+            "scratch_bytes": report.scratch_bytes,
+            "holes": holes::summary(&report.borders),
+            "seconds": seconds,
+            "cpu_seconds": cpu,
+            "peak_memory": machine::peak_memory(),
+        });
+        writeln!(out, "{}", crate::terminal::json_line(&json)?)?;
+        return Ok(());
+    }
+    writeln!(
+        out,
+        "{}: {}, {}; merged from {} ({}) with voxels of {} m; {} of scratch space, {seconds:.1} s",
+        args.output.display(),
+        counted(written.triangles, "triangle", "triangles"),
+        counted(written.vertices, "vertex", "vertices"),
+        counted(report.stations, "station", "stations"),
+        counted(report.station_triangles, "triangle", "triangles"),
+        report.voxel,
+        binary(report.scratch_bytes),
+    )?;
+    writeln!(out, "  {}", holes::sentence(&report.borders))?;
+    Ok(())
+}

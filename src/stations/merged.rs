@@ -1,0 +1,111 @@
+//! The merged surface of a survey as the input of a build.
+
+use super::{Blocks, failed};
+use crate::merge::holes;
+use kilwa_builder::BuildError;
+use kilwa_builder::build::work::Work;
+use kilwa_formats::UNCOLOURED;
+use kilwa_formats::read::{MeshSink, ReadError};
+use kilwa_pack::plural::counted;
+use kilwa_scan::ScanError;
+use kilwa_scan::import;
+use kilwa_scan::merge::{Begin, MergedSurface, MergedVertex, Options, Report, merge};
+use kilwa_scan::survey::Survey;
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Which survey is merged, and how.
+#[derive(Debug, Clone)]
+pub(crate) struct Merging {
+    /// The folder of the survey.
+    pub(crate) folder: PathBuf,
+    /// The survey as it was read.
+    pub(crate) survey: Survey,
+    /// Memory, threads and scratch folder are those of the build.
+    pub(crate) options: Options,
+    /// What was merged, once it is.
+    pub(crate) report: Arc<Mutex<Option<Report>>>,
+}
+
+impl Merging {
+    /// The options that affect the surface, in one line, to check that a resumed build is the same.
+    pub(crate) fn plan(&self) -> String {
+        let Options { voxel, unmasked, bounds, memory: _, threads: _, scratch: _ } = &self.options;
+        format!("merged {voxel:?} {unmasked} {bounds:?}")
+    }
+
+    /// Pass the merged surface to the build.
+    pub(crate) fn deliver(&self, sink: &mut dyn MeshSink, work: &Work<'_>) -> Result<(), BuildError> {
+        let survey = &self.survey;
+        let options = Options {
+            memory: work.memory,
+            threads: work.threads,
+            scratch: work.scratch.folder().to_owned(),
+            ..self.options.clone()
+        };
+        let options_of = |station: &_| super::options(survey.mesh, station);
+        let mut ignored = |_, _| ();
+        let mut merged = Merged { blocks: Blocks::new(sink, &mut ignored), failure: None };
+        let done = merge(&self.folder, survey, &options, &options_of, &mut merged, &Shown(work));
+        if let Some(failure) = merged.failure.take().or(merged.blocks.failure.take()) {
+            return Err(failure.into());
+        }
+        match done {
+            Err(ScanError::Stopped) => Err(BuildError::Stopped),
+            other => {
+                let report = other.map_err(failed)?;
+                work.progress.note(&format!(
+                    "{} merged, voxel size {} m; {}",
+                    counted(report.stations, "station", "stations"),
+                    report.voxel,
+                    holes::sentence(&report.borders)
+                ));
+                *self.report.lock().unwrap_or_else(PoisonError::into_inner) = Some(report);
+                Ok(merged.blocks.flush()?)
+            }
+        }
+    }
+}
+
+struct Shown<'w>(&'w Work<'w>);
+
+impl import::Progress for Shown<'_> {
+    fn update(&self, stage: &'static str, done: u64, total: u64) {
+        self.0.progress.update(stage, done, total);
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.0.stop.asked()
+    }
+}
+
+struct Merged<'a> {
+    blocks: Blocks<'a>,
+    failure: Option<ReadError>,
+}
+
+impl MergedSurface for Merged<'_> {
+    fn begin(&mut self, begin: &Begin) -> Result<(), ScanError> {
+        let [has_color, has_intensity] = begin.attributes;
+        let mut names = vec!["confidence".to_owned(), "stations".to_owned()];
+        names.extend(has_intensity.then(|| "intensity".to_owned()));
+        self.blocks.has_color = has_color;
+        self.blocks.scalars = vec![Vec::new(); names.len()];
+        self.blocks.sink.channels(&names).map_err(|e| {
+            self.failure = Some(e);
+            ScanError::Stopped
+        })
+    }
+
+    fn vertex(&mut self, vertex: &MergedVertex) -> Result<(), ScanError> {
+        let MergedVertex { vertex, stations } = vertex;
+        let intensity = if vertex.intensity.is_nan() { 0.0 } else { vertex.intensity };
+        let color = vertex.color.unwrap_or(UNCOLOURED);
+        self.blocks.push(vertex, color, &[vertex.confidence, f32::from(*stations), intensity])
+    }
+
+    fn triangle(&mut self, corners: [u64; 3]) -> Result<(), ScanError> {
+        self.blocks.triangles.push(corners);
+        self.blocks.flush_if_full()
+    }
+}
