@@ -6,6 +6,7 @@
 
 mod codec;
 mod masks;
+mod merge;
 mod points;
 mod scans;
 mod stations;
@@ -48,6 +49,8 @@ enum What {
     Masks(masks::Args),
     /// Meshes of simulated stations against the true surface: what is false, what is missing
     Stations(stations::Args),
+    /// Merging simulated stations: time, memory, and how far the surface is from the true one, beside another program
+    Merge(merge::Args),
     /// Run a program and write what it used to a file (used by `build`, in a process of its own)
     #[command(hide = true)]
     Measured { report: PathBuf, program: PathBuf, args: Vec<String> },
@@ -99,6 +102,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         What::Points(points) => points::run(points),
         What::Masks(masks) => masks::run(masks),
         What::Stations(stations) => stations::run(stations),
+        What::Merge(merge) => merge::run(merge),
         What::Measured { report, program, args } => measured(report, program, args),
     }
 }

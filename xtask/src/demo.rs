@@ -1,5 +1,6 @@
 //! `cargo xtask demo`: from sources to a fort in the browser. Builds the page and the program, makes a synthetic fort, builds
-//! and verifies its pack, publishes it as an archive object, serves that on this machine and prints the address.
+//! and verifies its pack, publishes it as an archive object, serves that on this machine and prints the address. With `--scans`, the fort is scanned by
+//! a simulator first, and its pack is merged from the scans.
 //!
 //! Output: the folder `demo/` (ignored by git), with the objects in `demo/site`. What an earlier run made is kept while program and size are
 //! the same. `--check` fetches the page and the head of the pack once over HTTP, then ends; CI uses it with a small fort.
@@ -21,6 +22,12 @@ pub(crate) struct Args {
     /// Triangles of the fort
     #[arg(long, value_name = "N", default_value_t = 2_000_000, value_parser = clap::value_parser!(u64).range(1000..))]
     triangles: u64,
+    /// Scan the fort from stations, mask what is not of the site, and merge the scans, instead of starting from a mesh
+    #[arg(long, conflicts_with = "triangles")]
+    scans: bool,
+    /// Stations of --scans
+    #[arg(long, value_name = "N", default_value_t = 12, requires = "scans")]
+    stations: u32,
     /// Cargo profile of the program; `dev` compiles faster and builds packs slower
     #[arg(long, value_name = "NAME", default_value = "release")]
     profile: String,
@@ -40,13 +47,29 @@ const PORTS: u16 = 20;
 const HEAD_BYTES: u64 = 128 << 10;
 /// Metadata of the fort.
 const METADATA: &str = include_str!("demo.toml");
+/// Columns of a scan: a good half of a million samples.
+const COLUMNS: u32 = 1200;
+
+/// What the pack is made of.
+#[derive(Clone, Copy)]
+enum From {
+    /// A mesh of so many triangles.
+    Mesh { triangles: u64 },
+    /// Scans that are merged.
+    Scans { stations: u32, columns: u32 },
+}
 
 pub(crate) fn run(args: &Args) -> Result<()> {
     let mut times = Vec::new();
     timed(&mut times, "page", || web::run(&web::Args::default()))?;
     let kilwa = timed(&mut times, "compile", || compile_kilwa(&args.profile))?;
     let folder = root()?.join("demo");
-    let pack = make_pack(&mut times, &kilwa, &folder, args.triangles)?;
+    let from = if args.scans {
+        From::Scans { stations: args.stations, columns: COLUMNS }
+    } else {
+        From::Mesh { triangles: args.triangles }
+    };
+    let pack = make_pack(&mut times, &kilwa, &folder, from)?;
     timed(&mut times, "verify", || run_kilwa(&kilwa, &["verify"], &[&pack]))?;
     let site = timed(&mut times, "publish", || publish(&kilwa, &folder, &pack))?;
 
@@ -68,33 +91,36 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     server.wait()
 }
 
-/// The demo that `--check` shows, with a program that is compiled already and a small fort; leaves nothing behind.
+/// The demo that `--check` shows, with a program that is compiled already: a small fort from a mesh, and one from scans; leaves nothing behind.
 ///
 /// # Errors
 /// Any step fails.
 pub(crate) fn check_small(kilwa: &Path, triangles: u64) -> Result<()> {
     let folder = root()?.join("target/demo-check");
-    let pack = make_pack(&mut Vec::new(), kilwa, &folder, triangles)?;
-    run_kilwa(kilwa, &["verify"], &[&pack])?;
-    let site = publish(kilwa, &folder, &pack)?;
-    let address = free_address(8080)?;
-    let server = Server::start(kilwa, &site, address)?;
-    check(address, &site, &pack)?;
-    drop(server);
-    fs::remove_dir_all(&folder).with_context(|| format!("cannot remove {}", folder.display()))
+    for from in [From::Mesh { triangles }, From::Scans { stations: 3, columns: 200 }] {
+        let pack = make_pack(&mut Vec::new(), kilwa, &folder, from)?;
+        run_kilwa(kilwa, &["verify"], &[&pack])?;
+        let site = publish(kilwa, &folder, &pack)?;
+        let address = free_address(8080)?;
+        let server = Server::start(kilwa, &site, address)?;
+        check(address, &site, &pack)?;
+        drop(server);
+        fs::remove_dir_all(&folder).with_context(|| format!("cannot remove {}", folder.display()))?;
+    }
+    Ok(())
 }
 
 /// The fort's pack in `folder`, rebuilt unless the last run made the same with the same program.
-fn make_pack(
-    times: &mut Vec<(&'static str, Duration)>,
-    kilwa: &Path,
-    folder: &Path,
-    triangles: u64,
-) -> Result<PathBuf> {
+fn make_pack(times: &mut Vec<(&'static str, Duration)>, kilwa: &Path, folder: &Path, from: From) -> Result<PathBuf> {
     fs::create_dir_all(folder).with_context(|| format!("cannot create {}", folder.display()))?;
     let (mesh, pack, stamp) = (folder.join("fort.ply"), folder.join("fort.kilwa"), folder.join(".fort"));
+    let (scans, survey) = (folder.join("scans"), folder.join("survey"));
     let program = fs::read(kilwa).with_context(|| format!("cargo left no {}", kilwa.display()))?;
-    let key = format!("{triangles} {}", blake3::hash(&program).to_hex());
+    let size = match from {
+        From::Mesh { triangles } => triangles.to_string(),
+        From::Scans { stations, columns } => format!("{stations} scans of {columns}"),
+    };
+    let key = format!("{size} {}", blake3::hash(&program).to_hex());
     if pack.is_file() && fs::read_to_string(&stamp).is_ok_and(|have| have == key) {
         println!("demo: {} of the last run is kept", pack.display());
         return Ok(pack);
@@ -103,12 +129,29 @@ fn make_pack(
     for file in [&stamp, &mesh, &pack] {
         remove(file)?;
     }
-    remove_all(&folder.join("site"))?;
-    let count = triangles.to_string();
-    timed(times, "synth", || run_kilwa(kilwa, &["synth", "fort", "--triangles", &count, "-o"], &[&mesh]))?;
-    timed(times, "build", || run_kilwa(kilwa, &["build", "-o"], &[&pack, &mesh]))?;
-    // The mesh is the larger of the two files and the pack holds all of it.
-    remove(&mesh)?;
+    for made in [&scans, &survey, &folder.join("site")] {
+        remove_all(made)?;
+    }
+    match from {
+        From::Mesh { triangles } => {
+            let count = triangles.to_string();
+            timed(times, "synth", || run_kilwa(kilwa, &["synth", "fort", "--triangles", &count, "-o"], &[&mesh]))?;
+            timed(times, "build", || run_kilwa(kilwa, &["build", "-o"], &[&pack, &mesh]))?;
+            // The mesh is the larger of the two files and the pack holds all of it.
+            remove(&mesh)?;
+        }
+        From::Scans { stations, columns } => {
+            let [stations, columns] = [stations, columns].map(|n| n.to_string());
+            let synth = ["synth", "scans", "--stations", &stations, "--columns", &columns, "-o"];
+            timed(times, "scan", || run_kilwa(kilwa, &synth, &[&scans]))?;
+            timed(times, "import", || run_kilwa(kilwa, &["scans", "import", "-o"], &[&survey, &scans]))?;
+            let mask = ["scans", "mask", "--mixed", "--seen-through"];
+            timed(times, "mask", || run_kilwa(kilwa, &mask, &[&survey]))?;
+            timed(times, "merge", || run_kilwa(kilwa, &["merge", "-o"], &[&pack, &survey]))?;
+            // The survey has every sample of the scans.
+            remove_all(&scans)?;
+        }
+    }
     fs::write(&stamp, key).with_context(|| format!("cannot write {}", stamp.display()))?;
     Ok(pack)
 }
