@@ -23,7 +23,7 @@ use kilwa_archive::{AccessState, Manifest, sound};
 use kilwa_files::atomic::folder_of;
 use kilwa_files::plain_file;
 use kilwa_pack::plural::counted;
-use kilwa_server::COLLECTIONS_FILE;
+use kilwa_server::{COLLECTIONS_FILE, SITE_FILE};
 use object::Check;
 use place::{Folder, Place};
 use progress::Progress;
@@ -356,7 +356,7 @@ fn is_pack(name: &str) -> bool {
 
 /// Whether the server reads a file of this name beside objects and packs. Its content is not checked here.
 fn is_read_beside(name: &str) -> bool {
-    name == COLLECTIONS_FILE || name.ends_with(".annotations.json")
+    name == COLLECTIONS_FILE || name == SITE_FILE || name.ends_with(".annotations.json")
 }
 
 /// What a folder is. One with version folders and no manifest was an object. A manifest that is not a regular file is reported when it is

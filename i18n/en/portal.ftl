@@ -205,3 +205,6 @@ maskOff = off
 maskOutdated = made with other poses
 noReturn = No return
 noData = No data
+featured = Featured models
+imprint = Legal notice
+contact = Contact

@@ -215,3 +215,6 @@ maskOff = désactivé
 maskOutdated = créé avec d’autres poses
 noReturn = Aucun retour
 noData = Aucune donnée
+featured = Modèles à la une
+imprint = Mentions légales
+contact = Contact

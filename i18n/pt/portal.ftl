@@ -215,3 +215,6 @@ maskOff = desativada
 maskOutdated = feita com outras poses
 noReturn = Sem retorno
 noData = Sem dados
+featured = Modelos em destaque
+imprint = Aviso legal
+contact = Contacto

@@ -175,3 +175,6 @@ maskOff = imezimwa
 maskOutdated = ilitengenezwa kwa mikao mingine
 noReturn = Hakuna mrejesho
 noData = Hakuna data
+featured = Modeli maalum
+imprint = Taarifa za kisheria
+contact = Mawasiliano
