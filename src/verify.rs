@@ -278,12 +278,9 @@ fn say(args: &Args, checked: &Checked, report: &Report) -> anyhow::Result<()> {
 ///
 /// # Errors
 /// When it is damaged, naming the parts, or cannot be read.
-pub(crate) fn sound(path: &Path) -> anyhow::Result<()> {
+pub(crate) fn sound(path: &Path, on_read: &dyn Fn(u64)) -> anyhow::Result<()> {
     let source = FileSource::open(path)?;
-    let progress = Progress::new();
-    progress.at("checking the pack");
-    let checked = sound::check(&source, &|n| progress.bytes(n)).with_context(|| path.display().to_string())?;
-    progress.clear();
+    let checked = sound::check(&source, on_read).with_context(|| path.display().to_string())?;
     match checked.damage() {
         None => Ok(()),
         Some(message) => Err(anyhow::anyhow!(message).context(path.display().to_string())),

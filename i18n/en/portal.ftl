@@ -208,3 +208,4 @@ noData = No data
 featured = Featured models
 imprint = Legal notice
 contact = Contact
+lostNext = The model may have been renamed or removed.

@@ -218,3 +218,4 @@ noData = Aucune donnée
 featured = Modèles à la une
 imprint = Mentions légales
 contact = Contact
+lostNext = Le modèle a peut-être été renommé ou retiré.

@@ -218,3 +218,4 @@ noData = Sem dados
 featured = Modelos em destaque
 imprint = Aviso legal
 contact = Contacto
+lostNext = O modelo pode ter mudado de nome ou ter sido removido.

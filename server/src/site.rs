@@ -37,6 +37,7 @@ use crate::portal::collections::Collections;
 use crate::portal::color::Accent;
 use crate::portal::limit::short_query;
 use crate::portal::logo::Format;
+use crate::portal::routes::{Given, for_reader};
 use crate::portal::site_file::SiteFile;
 use crate::portal::{base, routes, signposting};
 use crate::range::lists;
@@ -49,8 +50,8 @@ use axum::Router;
 use axum::body::{Body, HttpBody as _};
 use axum::extract::{Path, RawQuery, Request, State};
 use axum::http::header::{
-    ACCEPT_ENCODING, ACCESS_CONTROL_ALLOW_ORIGIN, ALLOW, CACHE_CONTROL, CONNECTION, CONTENT_ENCODING,
-    CONTENT_SECURITY_POLICY, CONTENT_TYPE, ETAG, HOST, IF_NONE_MATCH, LINK, LOCATION, REFERRER_POLICY, VARY,
+    ACCEPT_ENCODING, ACCEPT_LANGUAGE, ACCESS_CONTROL_ALLOW_ORIGIN, ALLOW, CACHE_CONTROL, CONNECTION, CONTENT_ENCODING,
+    CONTENT_SECURITY_POLICY, CONTENT_TYPE, COOKIE, ETAG, HOST, IF_NONE_MATCH, LINK, LOCATION, REFERRER_POLICY, VARY,
     X_CONTENT_TYPE_OPTIONS,
 };
 use axum::http::uri::Authority;
@@ -173,6 +174,7 @@ pub fn app(site: Site) -> Router {
         .route("/healthz", get(health))
         .route("/metrics", get(metrics))
         .fallback(|| async { lost() })
+        .layer(from_fn_with_state(site.clone(), frame_lost))
         .layer(from_fn_with_state(place, store::report_outage))
         .layer(from_fn_with_state(counting, count))
         .layer(from_fn_with_state(site.recheck, recheck::watch))
@@ -588,6 +590,29 @@ fn or_lost(status: StatusCode) -> Response {
     if status == StatusCode::NOT_FOUND { lost() } else { status.into_response() }
 }
 
+/// The answer for an address that leads nowhere, whose page [`frame_lost`] writes.
 pub(crate) fn lost() -> Response {
-    (StatusCode::NOT_FOUND, Html(html::lost())).into_response()
+    let mut response = StatusCode::NOT_FOUND.into_response();
+    response.extensions_mut().insert(Lost);
+    response
+}
+
+/// Marks an answer that gets a page for an address that leads nowhere.
+#[derive(Clone)]
+struct Lost;
+
+/// Gives answers that lead nowhere their page, in the reader's language and with the institution's header and footer.
+async fn frame_lost(State(site): State<Site>, request: Request, next: Next) -> Response {
+    const READ: [HeaderName; 3] = [ACCEPT_ENCODING, ACCEPT_LANGUAGE, COOKIE];
+    let named = |name: HeaderName| Some((request.headers().get(&name)?.clone(), name));
+    let headers: HeaderMap = READ.into_iter().filter_map(named).map(|(value, name)| (name, value)).collect();
+    let response = next.run(request).await;
+    if response.extensions().get::<Lost>().is_none() {
+        return response;
+    }
+    let given = Given::of(&site, "", &headers).await;
+    let reader = given.reader();
+    let mut response = for_reader(html::lost(&reader), &reader, &headers);
+    *response.status_mut() = StatusCode::NOT_FOUND;
+    response
 }

@@ -118,11 +118,24 @@ async fn every_page_of_the_portal_has_the_name_and_the_notices() {
     let dir = archive(SITE);
     let app = serve(&dir);
     let long = format!("/?q={}", "x".repeat(3000));
-    for address in ["/", "/?q=xyzzy", "/map", "/collections/", &long, &format!("/?{}", "kind=1&kind=2&".repeat(9))] {
+    let many = format!("/?{}", (0..20).map(|n| format!("kind={n}&")).collect::<String>());
+    for address in ["/", "/?q=xyzzy", "/map", "/collections/", &long, &many, "/nothing/", "/no/such/thing"] {
         let html = get(&app, address).await.text();
         assert!(html.contains("Museum of &lt;Kilwa&gt;"), "{address}\n{html}");
         let imprint = "<a href=\"https://museum.example/imprint?a=1&amp;b=2\">Legal notice</a>";
         assert!(html.contains(imprint) && html.contains("Museum\nStreet &lt;1&gt;</p>"), "{address}\n{html}");
+    }
+}
+
+#[tokio::test]
+async fn an_address_that_leads_nowhere_has_a_page_in_the_readers_language() {
+    let dir = archive(SITE);
+    let app = serve(&dir);
+    for (language, wanted) in [("en", "There is nothing at this address"), ("fr", "Il n’y a rien à cette adresse")] {
+        let lost = ask(&app, "GET", "/nothing/", &[("accept-language", language)]).await;
+        assert_eq!(lost.status, 404);
+        assert!(lost.text().contains(wanted) && lost.text().contains("<footer"), "{}", lost.text());
+        assert!(lost.header("vary").contains("Accept-Language"), "{}", lost.header("vary"));
     }
 }
 
