@@ -267,7 +267,9 @@ async fn no_link_is_followed_to_a_logo_or_a_site_file() {
         std::fs::write(outside.path().join(name), secret).unwrap();
         std::fs::remove_file(dir.path().join(name)).unwrap();
         std::os::unix::fs::symlink(outside.path().join(name), dir.path().join(name)).unwrap();
-        let app = serve(&dir);
+        let mut site = Site::new(fresh(dir.path()), page());
+        site.institution = Some(Arc::new(SiteFile::beside(site.catalogue.shelf().unwrap())));
+        let app = app(site);
         for address in ["/", "/logo.svg"] {
             assert!(!get(&app, address).await.text().contains("SECRET"), "{name} {address}");
         }
