@@ -14,7 +14,7 @@ use std::time::Duration;
 const NOW: u64 = 1_795_262_400;
 const NEW_YEAR: u64 = 1_798_761_600;
 
-const SITE: &str = r##"name = "Museum of <Kilwa>"
+const SITE: &str = r#"name = "Museum of <Kilwa>"
 logo = "logo.svg"
 featured = ["gereza", "songo-mnara"]
 imprint = "https://museum.example/imprint?a=1&b=2"
@@ -26,7 +26,7 @@ en = """Towns of stone.
 
 On the coast."""
 sw = "Miji ya mawe."
-"##;
+"#;
 const SVG: &str =
     "<svg xmlns=\"http://www.w3.org/2000/svg\"><script>alert(1)</script><rect width=\"9\" height=\"9\"/></svg>";
 const PNG: &[u8] = b"\x89PNG\r\n\x1a\nand so on";
@@ -118,7 +118,7 @@ async fn every_page_of_the_portal_has_the_name_and_the_notices() {
     let dir = archive(SITE);
     let app = serve(&dir);
     let long = format!("/?q={}", "x".repeat(3000));
-    let many = format!("/?{}", (0..20).map(|n| format!("kind={n}&")).collect::<String>());
+    let many = format!("/?{}", (0..20).map(|n| format!("kind={n}")).collect::<Vec<_>>().join("&"));
     for address in ["/", "/?q=xyzzy", "/map", "/collections/", &long, &many, "/nothing/", "/no/such/thing"] {
         let html = get(&app, address).await.text();
         assert!(html.contains("Museum of &lt;Kilwa&gt;"), "{address}\n{html}");

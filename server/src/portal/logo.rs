@@ -91,13 +91,11 @@ impl Logo {
     /// The answer with it.
     pub(crate) fn respond(&self, headers: &HeaderMap) -> Response {
         let fixed = [(ETAG, self.etag.as_str()), (CACHE_CONTROL, ASK_AGAIN), (CONTENT_SECURITY_POLICY, POLICY)];
-        match condition(&self.etag, headers) {
-            Some(status) => (status, fixed).into_response(),
-            None => {
-                let kind = [(CONTENT_TYPE, self.format.content_type())];
-                (StatusCode::OK, fixed, kind, Body::from(self.bytes.clone())).into_response()
-            }
+        if let Some(status) = condition(&self.etag, headers) {
+            return (status, fixed).into_response();
         }
+        let kind = [(CONTENT_TYPE, self.format.content_type())];
+        (StatusCode::OK, fixed, kind, Body::from(self.bytes.clone())).into_response()
     }
 }
 

@@ -38,11 +38,15 @@ pub struct SiteFile {
     file: Watched<Institution>,
     /// Where the logo is looked for.
     beside: Beside,
-    logo: Mutex<Option<(String, Arc<Watched<Option<Arc<Logo>>>>)>>,
+    /// The logo that the file names, by its name.
+    logo: Mutex<Option<(String, Arc<LogoFile>)>>,
     remarks: Remarks,
     of_featured: Remarks,
     freshness: Option<Duration>,
 }
+
+/// A file with a logo; nothing where there is none.
+type LogoFile = Watched<Option<Arc<Logo>>>;
 
 #[derive(Debug)]
 enum Beside {
@@ -107,7 +111,7 @@ impl SiteFile {
         let mut logo = None;
         if let Some((name, line)) = &institution.logo {
             let watched = self.logo_named(name);
-            logo = (*watched.content()).clone();
+            logo.clone_from(&watched.content());
             if watched.is_missing() {
                 remarks.insert(format!(
                     "line {line}: logo: there is no {name} beside it; put the picture there, or correct the name"
@@ -124,7 +128,7 @@ impl SiteFile {
         self.of_featured.log(self.file.name(), left_out.iter().map(remark).collect());
     }
 
-    fn logo_named(&self, name: &str) -> Arc<Watched<Option<Arc<Logo>>>> {
+    fn logo_named(&self, name: &str) -> Arc<LogoFile> {
         let mut logo = self.logo.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some((_, watched)) = logo.as_ref().filter(|(known, _)| known == name) {
             return Arc::clone(watched);
