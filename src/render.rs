@@ -203,6 +203,7 @@ fn draw_sheet(args: &Args, mut session: Session<FileSource>) -> anyhow::Result<(
         output: &args.output,
         replace: args.force,
         identity,
+        on_rows: None,
     };
     let report = sheet::run(&args.sheet, subject)?;
     let mut out = crate::terminal::out();

@@ -10,7 +10,9 @@ use kilwa_server::extracts::Extracts;
 use kilwa_server::index::Index;
 use kilwa_server::store::{Place, S3, S3Options};
 use kilwa_server::upload::{UploadLimits, Uploads};
-use kilwa_server::{Audience, Catalogue, Collections, Limits, Page, Policy, Site, Surveyed, app, listen};
+use kilwa_server::{
+    Audience, Catalogue, Collections, Limits, Page, Policy, Site, SiteFile, Surveyed, app, listen, report_featured,
+};
 use std::io::Write as _;
 use std::net::SocketAddr;
 use std::path::PathBuf;
@@ -90,6 +92,9 @@ struct CatalogueArgs {
     /// The file that says which models belong together (default: collections.toml beside the objects, in the folder or the store).
     #[arg(long, value_name = "FILE")]
     collections: Option<PathBuf>,
+    /// The file that says whose archive it is: name, logo, introduction, featured models (default: site.toml beside the objects, in the folder or the store).
+    #[arg(long, value_name = "FILE")]
+    site: Option<PathBuf>,
     /// Mail address for questions about harvesting (default: webmaster at the site).
     #[arg(long, value_name = "ADDRESS")]
     contact: Option<String>,
@@ -210,6 +215,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     site.contact.clone_from(&args.catalogue.contact);
     let beside = || site.catalogue.shelf().map(Collections::beside);
     site.collections = args.catalogue.collections.clone().map(Collections::new).or_else(beside).map(Arc::new);
+    let institution = args.catalogue.site.clone().map(SiteFile::new);
+    site.institution = institution.or_else(|| site.catalogue.shelf().map(SiteFile::beside)).map(Arc::new);
     let cache = if site.survey.is_some() { None } else { extracts(&args.extracts)? };
     site.extracts = cache.as_ref().map(|(_, extracts)| Arc::clone(extracts));
     site.auth = auth(&args.access, &args.path)?;
@@ -435,6 +442,7 @@ async fn serve(address: SocketAddr, site: Site, limits: Limits) -> anyhow::Resul
         bound => bound.with_context(|| format!("cannot listen on {address}"))?,
     };
     let address = listener.local_addr()?;
+    report_featured(&site).await;
     if let Some(survey) = &site.survey {
         let stations = counted(survey.stations(), "station", "stations");
         writeln!(crate::terminal::out(), "Serving a survey of {stations} at http://{address}/ (Ctrl-C stops)")?;

@@ -23,7 +23,7 @@ use kilwa_archive::{AccessState, Manifest, sound};
 use kilwa_files::atomic::folder_of;
 use kilwa_files::plain_file;
 use kilwa_pack::plural::counted;
-use kilwa_server::COLLECTIONS_FILE;
+use kilwa_server::{COLLECTIONS_FILE, SITE_FILE};
 use object::Check;
 use place::{Folder, Place};
 use progress::Progress;
@@ -278,12 +278,9 @@ fn say(args: &Args, checked: &Checked, report: &Report) -> anyhow::Result<()> {
 ///
 /// # Errors
 /// When it is damaged, naming the parts, or cannot be read.
-pub(crate) fn sound(path: &Path) -> anyhow::Result<()> {
+pub(crate) fn sound(path: &Path, on_read: &dyn Fn(u64)) -> anyhow::Result<()> {
     let source = FileSource::open(path)?;
-    let progress = Progress::new();
-    progress.at("checking the pack");
-    let checked = sound::check(&source, &|n| progress.bytes(n)).with_context(|| path.display().to_string())?;
-    progress.clear();
+    let checked = sound::check(&source, on_read).with_context(|| path.display().to_string())?;
     match checked.damage() {
         None => Ok(()),
         Some(message) => Err(anyhow::anyhow!(message).context(path.display().to_string())),
@@ -356,7 +353,7 @@ fn is_pack(name: &str) -> bool {
 
 /// Whether the server reads a file of this name beside objects and packs. Its content is not checked here.
 fn is_read_beside(name: &str) -> bool {
-    name == COLLECTIONS_FILE || name.ends_with(".annotations.json")
+    name == COLLECTIONS_FILE || name == SITE_FILE || name.ends_with(".annotations.json")
 }
 
 /// What a folder is. One with version folders and no manifest was an object. A manifest that is not a regular file is reported when it is

@@ -603,7 +603,7 @@ fn links_and_special_files_beside_objects_and_packs_are_reported_as_damage() {
     publish(shelf.path(), "fort", 1);
     fs::create_dir(shelf.path().join("tower")).unwrap();
     let target = text(shelf.path());
-    for name in ["collections.toml", "wall.annotations.json", "tower/manifest.json"] {
+    for name in ["collections.toml", "site.toml", "wall.annotations.json", "tower/manifest.json"] {
         let at = shelf.path().join(name);
         for is_pipe in [true, false] {
             if is_pipe {

@@ -238,3 +238,7 @@ maskOff = متوقف
 maskOutdated = أُنشئ بوضعيات أخرى
 noReturn = لا ارتداد
 noData = لا بيانات
+featured = نماذج مختارة
+imprint = إشعار قانوني
+contact = للتواصل
+lostNext = ربما أعيدت تسمية النموذج أو أزيل.

@@ -205,3 +205,7 @@ maskOff = off
 maskOutdated = made with other poses
 noReturn = No return
 noData = No data
+featured = Featured models
+imprint = Legal notice
+contact = Contact
+lostNext = The model may have been renamed or removed.

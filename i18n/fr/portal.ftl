@@ -215,3 +215,7 @@ maskOff = désactivé
 maskOutdated = créé avec d’autres poses
 noReturn = Aucun retour
 noData = Aucune donnée
+featured = Modèles à la une
+imprint = Mentions légales
+contact = Contact
+lostNext = Le modèle a peut-être été renommé ou retiré.

@@ -215,3 +215,7 @@ maskOff = desativada
 maskOutdated = feita com outras poses
 noReturn = Sem retorno
 noData = Sem dados
+featured = Modelos em destaque
+imprint = Aviso legal
+contact = Contacto
+lostNext = O modelo pode ter mudado de nome ou ter sido removido.

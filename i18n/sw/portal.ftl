@@ -175,3 +175,7 @@ maskOff = imezimwa
 maskOutdated = ilitengenezwa kwa mikao mingine
 noReturn = Hakuna mrejesho
 noData = Hakuna data
+featured = Modeli zilizochaguliwa
+imprint = Taarifa za kisheria
+contact = Mawasiliano
+lostNext = Huenda modeli imebadilishwa jina au imeondolewa.

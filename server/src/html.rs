@@ -4,6 +4,7 @@
 //! in [`crate::portal`].
 
 use crate::catalogue::{Kind, Model, Summary};
+use crate::portal::frame::{Reader, Top};
 use crate::portal::language::Language;
 use askama::Template;
 use glam::DVec3;
@@ -199,15 +200,15 @@ pub(crate) fn model_json(m: &Model) -> Value {
     v
 }
 
+#[derive(Template)]
+#[template(path = "lost.html")]
+struct LostPage {
+    top: Top,
+}
+
 /// The page for an address that leads nowhere.
-pub(crate) fn lost() -> String {
-    render(&Message {
-        title: "Not found",
-        heading: "There is nothing at this address",
-        first: "",
-        text: "The model may have been renamed or removed.",
-        is_link_apart: false,
-    })
+pub(crate) fn lost(reader: &Reader<'_>) -> String {
+    render(&LostPage { top: reader.top(&|code| format!("/?lang={code}")) })
 }
 
 /// The page while the archive's storage does not answer.

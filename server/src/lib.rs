@@ -45,6 +45,8 @@ pub use kilwa_archive::viewer::{Page, PageError};
 pub use metrics::Metrics;
 pub use policy::{Policy, PolicyError};
 pub use portal::collections::{Collections, FILE as COLLECTIONS_FILE};
+pub use portal::featured::report_featured;
+pub use portal::site_file::{FILE as SITE_FILE, SiteFile};
 pub use site::{Audience, Site, app};
 pub use socket::{Limits, listen};
 pub use survey::Surveyed;

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `/` | the catalogue ([`crate::portal`]), or the list of packs; readable without JavaScript |
 //! | `/map`, `/collections/…` | where the models are; models that belong together |
+//! | `/site.css`, `/logo.svg` … | style sheet of the portal, with the institution's colours, and its logo ([`crate::portal::site_file`]) |
 //! | `/oai`, `/oembed`, `/feed.xml`, `/sitemap.xml`, `/robots.txt` | the catalogue for other systems |
 //! | `/<slug>/` | landing page of an archive object; its files are below ([`crate::objects`]) |
 //! | `/<slug>/extract…` | meshes for other programs, made on request ([`crate::extracts`]) |
@@ -14,14 +15,14 @@
 //! | `/uploads` | versions that are published from elsewhere ([`crate::upload`]) |
 //! | `/healthz`, `/metrics` | for those who keep the server |
 //!
-//! A survey has other routes ([`crate::survey`]) beside the last two and `/viewer/<file>`.
+//! A survey has other routes ([`crate::survey`]) beside the last two, `/viewer/<file>`, the style sheet and the logo.
 
 use crate::FRESHNESS;
 use crate::access::{Clock, Verdict, verdict};
 use crate::auth::{self, Auth};
 use crate::budget::{Budget, Counting, count, lean};
 use crate::catalogue::{Catalogue, Kind, Model};
-use crate::content::{share, text};
+use crate::content::{condition, share, text};
 use crate::extracts::{self, Extracts};
 use crate::flow;
 use crate::gate::{Gate, Passing, pass};
@@ -33,7 +34,11 @@ use crate::observe::{Observer, observe};
 use crate::packs::{self, blocking};
 use crate::policy::Policy;
 use crate::portal::collections::Collections;
+use crate::portal::color::Accent;
 use crate::portal::limit::short_query;
+use crate::portal::logo::Format;
+use crate::portal::routes::{Given, for_reader};
+use crate::portal::site_file::SiteFile;
 use crate::portal::{base, routes, signposting};
 use crate::range::lists;
 use crate::recheck;
@@ -45,13 +50,13 @@ use axum::Router;
 use axum::body::{Body, HttpBody as _};
 use axum::extract::{Path, RawQuery, Request, State};
 use axum::http::header::{
-    ACCEPT_ENCODING, ACCESS_CONTROL_ALLOW_ORIGIN, ALLOW, CACHE_CONTROL, CONNECTION, CONTENT_ENCODING,
-    CONTENT_SECURITY_POLICY, CONTENT_TYPE, ETAG, HOST, IF_NONE_MATCH, LINK, LOCATION, REFERRER_POLICY, VARY,
+    ACCEPT_ENCODING, ACCEPT_LANGUAGE, ACCESS_CONTROL_ALLOW_ORIGIN, ALLOW, CACHE_CONTROL, CONNECTION, CONTENT_ENCODING,
+    CONTENT_SECURITY_POLICY, CONTENT_TYPE, COOKIE, ETAG, HOST, IF_NONE_MATCH, LINK, LOCATION, REFERRER_POLICY, VARY,
     X_CONTENT_TYPE_OPTIONS,
 };
 use axum::http::uri::Authority;
 use axum::http::{Extensions, HeaderMap, HeaderName, HeaderValue, Method, StatusCode};
-use axum::middleware::{Next, from_fn, from_fn_with_state};
+use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{Html, IntoResponse, Response};
 use axum::routing::{get, post};
 use flate2::Compression;
@@ -62,6 +67,8 @@ use std::net::IpAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
+/// Of the portal's pages.
+const STYLE: &str = include_str!("../assets/portal.css");
 /// Nothing here takes more than this of a request's body.
 const BODY_LIMIT: u64 = 64 * 1024;
 
@@ -106,6 +113,8 @@ pub struct Site {
     pub extracts: Option<Arc<Extracts>>,
     /// Models that belong together.
     pub collections: Option<Arc<Collections>>,
+    /// Whose archive it is.
+    pub institution: Option<Arc<SiteFile>>,
     /// Who is let in to what is not public; without it nobody is.
     pub auth: Option<Arc<Auth>>,
     /// Where versions are taken that are published from elsewhere; without it none are.
@@ -132,6 +141,7 @@ impl Site {
             contact: None,
             extracts: None,
             collections: None,
+            institution: None,
             auth: None,
             uploads: None,
             survey: None,
@@ -154,13 +164,17 @@ pub fn app(site: Site) -> Router {
         SecurityHeaders { policy: HeaderValue::from_str(&site.policy.header()).ok(), vary: vary_of(&site) };
     let place = site.catalogue.place().clone();
     let counting = Counting { budget: Arc::new(Budget::default()), behind_proxy: site.behind_proxy };
-    let content =
-        if site.survey.is_some() { survey::routes::routes(site.behind_proxy) } else { models_of(site.behind_proxy) };
-    content
+    let content = if site.survey.is_some() { survey::routes::routes(&site) } else { models_of(&site) };
+    let logos = Format::ALL.into_iter().fold(content, |content, format| {
+        content.route(format.address(), get(move |State(site): State<Site>, headers| logo(site, format, headers)))
+    });
+    logos
+        .route("/site.css", get(style))
         .route("/viewer/{*file}", get(asset).options(preflight))
         .route("/healthz", get(health))
         .route("/metrics", get(metrics))
         .fallback(|| async { lost() })
+        .layer(from_fn_with_state(site.clone(), frame_lost))
         .layer(from_fn_with_state(place, store::report_outage))
         .layer(from_fn_with_state(counting, count))
         .layer(from_fn_with_state(site.recheck, recheck::watch))
@@ -170,7 +184,7 @@ pub fn app(site: Site) -> Router {
 }
 
 /// A site of models.
-fn models_of(behind_proxy: bool) -> Router<Site> {
+fn models_of(site: &Site) -> Router<Site> {
     Router::new()
         .route("/models.json", get(list_json))
         .route("/m/{slug}", get(model))
@@ -182,7 +196,7 @@ fn models_of(behind_proxy: bool) -> Router<Site> {
         .route("/sign-in", get(auth::routes::ask).post(auth::routes::sign_in))
         .route("/sign-out", post(auth::routes::sign_out))
         .route("/{slug}/{*file}", get(object).post(auth::routes::open).options(preflight))
-        .merge(questions(behind_proxy))
+        .merge(questions(site))
         .merge(upload::routes::routes())
 }
 
@@ -201,7 +215,9 @@ fn vary_of(site: &Site) -> Option<HeaderValue> {
 
 /// Pages that repeat in their links what they were asked, which has a limited length; what the index answers, in turns. Harvesters, whose records may have to
 /// be fetched from a store, have turns of their own.
-fn questions(behind_proxy: bool) -> Router<Site> {
+fn questions(site: &Site) -> Router<Site> {
+    let behind_proxy = site.behind_proxy;
+    let short = || from_fn_with_state(site.clone(), short_query);
     let gated = |router: Router<Site>| {
         let gate = Arc::new(Gate::default());
         router.route_layer(from_fn_with_state(Passing { gate, behind_proxy }, pass))
@@ -211,7 +227,7 @@ fn questions(behind_proxy: bool) -> Router<Site> {
         .route("/map", get(routes::map))
         .route("/collections/", get(routes::all_collections))
         .route("/collections/{slug}/", get(routes::collection))
-        .route_layer(from_fn(short_query))
+        .route_layer(short())
         .route("/collections/{slug}/feed.xml", get(routes::collection_feed))
         .route("/oembed", get(routes::embed))
         .route("/feed.xml", get(routes::feed))
@@ -220,9 +236,7 @@ fn questions(behind_proxy: bool) -> Router<Site> {
     let extracts = Router::new()
         .route("/{slug}/extract", get(extracts::routes::ask).post(extracts::routes::begin))
         .route("/{slug}/extract/{name}", get(extracts::routes::file));
-    gated(pages)
-        .merge(gated(harvest.route_layer(from_fn(short_query))))
-        .merge(extracts.route_layer(from_fn(short_query)))
+    gated(pages).merge(gated(harvest.route_layer(short()))).merge(extracts.route_layer(short()))
 }
 
 /// Adds the headers of every response, and refuses requests with unexpected bodies.
@@ -272,6 +286,23 @@ pub(crate) fn page(html: String, headers: &HeaderMap) -> Response {
         }
         None => ([vary], Html(html)).into_response(),
     }
+}
+
+/// `/site.css`: what the portal has beside the page's own style sheet, with the institution's colours.
+async fn style(State(site): State<Site>, headers: HeaderMap) -> Response {
+    let accent = routes::branding(&site).await.institution.accent;
+    let css = format!("{STYLE}{}", accent.map(Accent::css).unwrap_or_default());
+    let etag = format!("\"{}\"", &blake3::hash(css.as_bytes()).to_hex()[..32]);
+    match condition(&etag, &headers) {
+        Some(status) => (status, [(ETAG, etag)]).into_response(),
+        None => ([(CONTENT_TYPE, "text/css; charset=utf-8"), (ETAG, etag.as_str())], css).into_response(),
+    }
+}
+
+/// The institution's logo, at the address of its format.
+async fn logo(site: Site, format: Format, headers: HeaderMap) -> Response {
+    let logo = routes::branding(&site).await.logo.filter(|logo| logo.format == format);
+    logo.map_or_else(lost, |logo| logo.respond(&headers))
 }
 
 async fn list(State(site): State<Site>, RawQuery(query): RawQuery, headers: HeaderMap) -> Response {
@@ -559,6 +590,29 @@ fn or_lost(status: StatusCode) -> Response {
     if status == StatusCode::NOT_FOUND { lost() } else { status.into_response() }
 }
 
+/// The answer for an address that leads nowhere, whose page [`frame_lost`] writes.
 pub(crate) fn lost() -> Response {
-    (StatusCode::NOT_FOUND, Html(html::lost())).into_response()
+    let mut response = StatusCode::NOT_FOUND.into_response();
+    response.extensions_mut().insert(Lost);
+    response
+}
+
+/// Marks an answer that gets a page for an address that leads nowhere.
+#[derive(Clone)]
+struct Lost;
+
+/// Gives answers that lead nowhere their page, in the reader's language and with the institution's header and footer.
+async fn frame_lost(State(site): State<Site>, request: Request, next: Next) -> Response {
+    const READ: [HeaderName; 3] = [ACCEPT_ENCODING, ACCEPT_LANGUAGE, COOKIE];
+    let named = |name: HeaderName| Some((request.headers().get(&name)?.clone(), name));
+    let headers: HeaderMap = READ.into_iter().filter_map(named).map(|(value, name)| (name, value)).collect();
+    let response = next.run(request).await;
+    if response.extensions().get::<Lost>().is_none() {
+        return response;
+    }
+    let given = Given::of(&site, "", &headers).await;
+    let reader = given.reader();
+    let mut response = for_reader(html::lost(&reader), &reader, &headers);
+    *response.status_mut() = StatusCode::NOT_FOUND;
+    response
 }

@@ -280,12 +280,35 @@ async fn no_other_site_can_sign_a_reader_in_or_out_or_send_them_elsewhere() {
 }
 
 #[tokio::test]
+async fn every_page_of_the_portal_leads_to_signing_in_or_out_and_back() {
+    let m = Museum::new();
+    let out = get(&m.app, "/?page=2").await;
+    assert!(out.text().contains("href=\"/sign-in?next=%2F%3Flang%3Den&amp;lang=en\""), "{}", out.text());
+    assert!(out.header("vary").contains("Cookie") && !out.text().contains("/sign-out"));
+    let session = m.sign_in("amina", "a long sentence").await.unwrap();
+    let signed_in = m.fetch("/", &session).await;
+    let html = signed_in.text();
+    assert!(html.contains("You are signed in as amina.") && html.contains(">Sign out</button>"), "{html}");
+    assert!(!html.contains("/sign-in?"), "{html}");
+    assert_eq!(signed_in.header("cache-control"), "private, no-cache");
+    // The form for signing in has the way in as its content alone.
+    assert!(!get(&m.app, "/sign-in").await.text().contains("class=\"account\""));
+    for (next, wanted) in [("%2Fmap%3Flang%3Dsw", "/map?lang=sw"), ("%2F%2Fevil.example%2F", "/"), ("https:x", "/")] {
+        let session = m.sign_in("amina", "a long sentence").await.unwrap();
+        let answer = m.post("/sign-out", &[("cookie", &session)], &format!("next={next}")).await;
+        assert_eq!((answer.status, answer.header("location")), (StatusCode::SEE_OTHER, wanted));
+        assert!(m.fetch("/", &session).await.text().contains("/sign-in?"), "the session has ended");
+    }
+}
+
+#[tokio::test]
 async fn without_accounts_there_is_no_sign_in() {
     let m = Museum::new();
     let site = Site::new(Catalogue::open(&m.folder.path().join("models")).unwrap(), page());
     let app = app(site);
     assert_eq!(get(&app, &m.address).await.status, StatusCode::FORBIDDEN);
     assert_eq!(get(&app, "/sign-in").await.status, StatusCode::NOT_FOUND);
+    assert!(!get(&app, "/").await.text().contains("sign-in"));
 }
 
 #[tokio::test]

@@ -6,6 +6,7 @@ mod common;
 mod eventually;
 mod extracts;
 mod index;
+mod institution;
 mod objects;
 mod packs;
 mod pages;

@@ -8,7 +8,7 @@ use kilwa_scan::mask::{self, MaskReader, Recipe, Request, make};
 use kilwa_scan::panorama::{Show, mask_color, range_color, render};
 use kilwa_scan::spool::Reader;
 use kilwa_scan::survey::Survey;
-use kilwa_server::{Catalogue, Site, Surveyed, app};
+use kilwa_server::{Catalogue, SITE_FILE, Site, SiteFile, Surveyed, app};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -412,4 +412,29 @@ async fn scripts_and_styles_are_files_of_the_site_and_have_the_colours_of_pictur
     let known = ask(&app, "GET", "/survey.js", &[("if-none-match", script.header("etag"))]).await;
     assert_eq!(known.status, StatusCode::NOT_MODIFIED);
     assert!(get(&app, "/").await.header("content-security-policy").contains("script-src 'self'"));
+}
+
+/// As the pages of models do.
+#[tokio::test]
+async fn the_pages_of_a_survey_name_the_institution() {
+    let (_dir, folder) = survey();
+    std::fs::write(
+        folder.join(SITE_FILE),
+        "name = \"Museum\"\nlogo = \"logo.svg\"\nimprint = \"https://m.example/\"\n",
+    )
+    .unwrap();
+    std::fs::write(folder.join("logo.svg"), "<svg/>").unwrap();
+    let mut site = Site::new(Catalogue::open(&folder).unwrap(), page());
+    site.survey = Some(Arc::new(Surveyed::open(&folder).unwrap()));
+    site.institution = Some(Arc::new(SiteFile::beside(site.catalogue.shelf().unwrap())));
+    let app = app(site);
+    for address in ["/", "/stations/west/", "/stations/none/", "/nothing"] {
+        let html = get(&app, address).await.text();
+        assert!(html.contains("<img src=\"/logo.svg\"") && html.contains("Museum</span>"), "{address}: {html}");
+        assert!(html.contains("<a href=\"https://m.example/\">Legal notice</a>"), "{address}: {html}");
+    }
+    for address in ["/logo.svg", "/site.css"] {
+        assert_eq!(get(&app, address).await.status, StatusCode::OK, "{address}");
+    }
+    assert_eq!(get(&app, "/site.toml").await.status, StatusCode::NOT_FOUND);
 }

@@ -1,12 +1,13 @@
 //! `kilwa publish`: a pack and its metadata become an archive object.
 //!
-//! `plan` reads and checks everything and changes nothing; `pictures` draws; `write` puts the object on disk through
+//! `plan` reads and checks everything and changes nothing; `progress` is one bar over all stages; `pictures` draws; `write` puts the object on disk through
 //! `kilwa_archive::draft`; `remote` sends it to a server by `send`, `store` to an S3-compatible store; `mapping` shows where each field goes; `notes` puts notes on the model into it; `withdraw` leaves a tombstone.
 
 mod mapping;
 mod notes;
 mod pictures;
 mod plan;
+mod progress;
 mod remote;
 mod send;
 mod store;
@@ -17,6 +18,7 @@ use anyhow::{Context, ensure};
 use kilwa_archive::date::{day_of, is_day};
 use kilwa_pack::plural::counted;
 pub(crate) use plan::read_metadata;
+use progress::Progress;
 use serde::Serialize;
 use std::io::Write as _;
 use std::path::PathBuf;
@@ -165,7 +167,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     if args.dry_run {
         return mapping::print(args, &plan);
     }
-    let report = write::run(args, &mut plan)?;
+    let progress = Progress::new(&write::stages(&plan), plan.given.pack_bytes);
+    let report = write::run(args, &mut plan, &progress)?;
+    progress.end();
     say(args, &report)
 }
 

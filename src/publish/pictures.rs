@@ -34,11 +34,25 @@ pub(super) struct Drawn {
     pub(super) drawings: Vec<(String, String)>,
 }
 
-/// Draw everything of `pack` into `folder`.
+/// Rows of a picture that has none, as parts of the progress.
+const ROWS: u32 = 1000;
+
+/// Draw everything of `pack` into `folder`. Told how many parts of how many are drawn.
 ///
 /// # Errors
 /// When there is nothing to draw with, the pack is damaged, or a file cannot be written.
-pub(super) fn draw(pack: &Path, folder: &Path, title: &str, software: bool) -> anyhow::Result<Drawn> {
+pub(super) fn draw(
+    pack: &Path,
+    folder: &Path,
+    title: &str,
+    software: bool,
+    on_part: &dyn Fn(u64, u64),
+) -> anyhow::Result<Drawn> {
+    let pictures = VIEWS.len() + 1;
+    let rows = |before: usize, row: u32, rows: u32| {
+        let part = u64::from(row) * u64::from(ROWS) / u64::from(rows.max(1));
+        on_part(before as u64 * u64::from(ROWS) + part, pictures as u64 * u64::from(ROWS));
+    };
     let prefer = if software { Prefer::Software } else { Prefer::Hardware };
     let gpu = pollster::block_on(Gpu::headless(prefer)).context(
         "the pictures of the object need a graphics driver; without a graphics card, install Mesa's software driver (Debian: mesa-vulkan-drivers)",
@@ -48,7 +62,8 @@ pub(super) fn draw(pack: &Path, folder: &Path, title: &str, software: bool) -> a
     std::fs::create_dir_all(folder.join(DRAWINGS))
         .with_context(|| format!("cannot write {}", folder.join(DRAWINGS).display()))?;
     let identity = sheet::identity(&FileSource::open(pack)?)?;
-    for (view, name, words) in VIEWS {
+    for (before, (view, name, words)) in (1..).zip(VIEWS) {
+        rows(before, 0, ROWS);
         let mut session = session(pack, &gpu)?;
         let display = Display { background: "white".to_owned(), ..Display::default() };
         let options = session.options(&display);
@@ -63,6 +78,7 @@ pub(super) fn draw(pack: &Path, folder: &Path, title: &str, software: bool) -> a
             output: &folder.join(&path),
             replace: true,
             identity: identity.clone(),
+            on_rows: Some(&|row, all| rows(before, row, all)),
         };
         sheet::run(&args, subject).with_context(|| format!("cannot draw {path}"))?;
         drawn.drawings.push((path.clone(), format!("{words}, {scale}")));

@@ -2,6 +2,7 @@
 //!
 //! Everything is done as by `kilwa publish`, but that pictures are made of nothing: they take seconds, and have no part in this.
 
+use super::super::progress::tests::watched;
 use super::super::withdraw;
 use super::*;
 use clap::Parser as _;
@@ -112,7 +113,7 @@ impl Bench {
 }
 
 /// Pictures of nothing.
-fn blank(_: &Path, folder: &Path, _: &Plan, _: &ProgressBar) -> anyhow::Result<Pictured> {
+fn blank(_: &Path, folder: &Path, _: &Plan) -> anyhow::Result<Pictured> {
     let names = || [POSTER].into_iter().chain(THUMBNAILS.map(|(name, _)| name));
     for name in names() {
         std::fs::write(folder.join(name), b"\xff\xd8\xff\xe0")?;
@@ -122,7 +123,48 @@ fn blank(_: &Path, folder: &Path, _: &Plan, _: &ProgressBar) -> anyhow::Result<P
 }
 
 fn publish(args: &Args) -> anyhow::Result<Report> {
-    run_with(args, &mut Plan::for_folder(args)?, &blank)
+    run_planned(args, &mut Plan::for_folder(args)?, &blank)
+}
+
+fn run_planned(args: &Args, plan: &mut Plan, picture: Picture<'_>) -> anyhow::Result<Report> {
+    let progress = Progress::new(&stages(plan), plan.given.pack_bytes);
+    run_with(args, plan, &progress, picture)
+}
+
+#[test]
+fn progress_is_continuous_over_all_stages_of_a_publication() {
+    let bench = Bench::new();
+    let args = bench.publishing(None, &[]);
+    let mut plan = Plan::for_folder(&args).unwrap();
+    let (progress, seen) = watched(&stages(&plan), plan.given.pack_bytes);
+    // The pictures report as real ones do.
+    let drawn = |pack: &Path, folder: &Path, plan: &Plan| {
+        progress.begin(Stage::Pictures);
+        (0..6).for_each(|done| progress.at(done, 6));
+        progress.begin(Stage::Preview);
+        blank(pack, folder, plan)
+    };
+    run_with(&args, &mut plan, &progress, &drawn).unwrap();
+    progress.end();
+    let seen = seen.lock().unwrap();
+    let mut names: Vec<&str> = seen.iter().map(|(name, _)| *name).collect();
+    names.dedup();
+    assert_eq!(
+        names,
+        [
+            "checking the pack",
+            "copying the pack",
+            "hashing the pack",
+            "drawing",
+            "making the preview",
+            "writing the records"
+        ]
+    );
+    let shares: Vec<f64> = seen.iter().map(|(_, share)| *share).collect();
+    assert!(shares.is_sorted() && shares[0] == 0.0 && shares.last() == Some(&1.0), "{shares:?}");
+    // Each stage begins where the one before it ends.
+    let begins: Vec<f64> = names.iter().map(|name| seen.iter().find(|(n, _)| n == name).unwrap().1).collect();
+    assert!(begins.windows(2).all(|pair| pair[0] < pair[1]), "{begins:?}");
 }
 
 #[test]
@@ -132,7 +174,7 @@ fn two_publications_planned_as_the_same_version_are_both_published_in_turn() {
     let (ours, theirs) = (bench.publishing(Some("ours"), &[]), bench.publishing(Some("theirs"), &[]));
     let mut planned = Plan::for_folder(&ours).unwrap();
     assert_eq!(publish(&theirs).unwrap().version, 2);
-    let report = run_with(&ours, &mut planned, &blank).unwrap();
+    let report = run_planned(&ours, &mut planned, &blank).unwrap();
     assert_eq!(report.version, 3);
     assert!(
         report.warnings.iter().any(|w| w.contains("version 2 was published by somebody else")),
@@ -150,7 +192,7 @@ fn an_object_withdrawn_during_a_publication_stays_withdrawn() {
     let ours = bench.publishing(Some("ours"), &[]);
     let mut planned = Plan::for_folder(&ours).unwrap();
     withdraw::run(&bench.withdrawing(&[]), "wall").unwrap();
-    let why = run_with(&ours, &mut planned, &blank).err().unwrap().to_string();
+    let why = run_planned(&ours, &mut planned, &blank).err().unwrap().to_string();
     assert!(why.contains("was withdrawn"), "{why}");
     let m = bench.is_whole();
     assert_eq!((m.access.state, m.versions.len()), (AccessState::Withdrawn, 1));
@@ -190,14 +232,14 @@ fn requirements_of_the_object_are_checked_again_after_the_version_is_made() {
     let without_note = Args { version_note: None, date: None, ..second };
     let mut planned = Plan::for_folder(&without_note).unwrap();
     publish(&first).unwrap();
-    let why = run_with(&without_note, &mut planned, &blank).err().unwrap().to_string();
+    let why = run_planned(&without_note, &mut planned, &blank).err().unwrap().to_string();
     assert!(why.contains("is published already") && why.contains("--version-note"), "{why}");
     // A version that closes the object comes while an open one is made.
     let (open, restricted) = (bench.publishing(Some("open"), &[]), bench.publishing(Some("closed"), &[]));
     restrict(&restricted);
     let mut planned = Plan::for_folder(&open).unwrap();
     publish(&restricted).unwrap();
-    let why = run_with(&open, &mut planned, &blank).err().unwrap().to_string();
+    let why = run_planned(&open, &mut planned, &blank).err().unwrap().to_string();
     assert!(why.contains("is restricted, and this version would be public"), "{why}");
     assert_eq!(bench.is_whole().versions.len(), 2);
 }
@@ -264,7 +306,7 @@ fn two_publishers_and_a_withdrawal_lose_nothing_in_200_rounds() {
                         std::thread::sleep(pauses[0]);
                         let planned = Plan::for_folder(args);
                         std::thread::sleep(pauses[1]);
-                        (*words, planned.and_then(|mut plan| run_with(args, &mut plan, &blank)))
+                        (*words, planned.and_then(|mut plan| run_planned(args, &mut plan, &blank)))
                     })
                 })
                 .collect();

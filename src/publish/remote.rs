@@ -1,13 +1,13 @@
 //! `kilwa publish --to https://…`: made here as for a folder, then sent to a server, which verifies it and publishes it.
 
 use super::plan::{Given, Plan};
+use super::progress::{Progress, Stage};
 use super::send::{Patience, SendEvent, Sender, is_loopback};
-use super::write::{picture, spinner, without_place};
+use super::write::{check, picture, without_place};
 use super::{Args, Report, mapping, notes};
 use crate::redact::Place;
-use crate::verify::{is_address, sound};
+use crate::verify::is_address;
 use anyhow::{Context, bail, ensure};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use kilwa_archive::assemble::is_metadata;
 use kilwa_archive::checksums::{sha256, sha256_of};
 use kilwa_archive::layout::{ANNOTATIONS, MANIFEST, METADATA, pack_name};
@@ -52,8 +52,9 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
     sender.greet(given.slug.as_str()).map_err(anyhow::Error::msg).with_context(|| at.clone())?;
     let before = manifest(&sender, given.slug.as_str(), &at)?;
     let work = crate::new_file::private_folder("kilwa-publish-").context("cannot make a temporary folder")?;
+    let progress = Progress::new(&stages(&given), given.pack_bytes);
     if !args.dry_run {
-        sound(&given.pack)?;
+        check(&given, &progress)?;
     }
     // Whether an earlier run has come to its end, whose answer was lost: before a note for another version is asked for.
     if let Some(report) = already(&sender, &given, before.as_ref(), &at)? {
@@ -63,24 +64,29 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
     if args.dry_run {
         return mapping::print(args, &plan);
     }
-    let report = send(args, &sender, &plan, work.path())?;
+    let report = send(args, &sender, &plan, work.path(), &progress)?;
     super::say(args, &report)
 }
 
+/// What there is to do.
+fn stages(given: &Given) -> Vec<Stage> {
+    let redact = given.place.map(|_| Stage::Redact);
+    let others = [Stage::Hash, Stage::Pictures, Stage::Preview, Stage::Send, Stage::Verify];
+    [Stage::Check].into_iter().chain(redact).chain(others).collect()
+}
+
 /// Make the version in `work`, send it, and look at what is there then.
-fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path) -> anyhow::Result<Report> {
-    let bar = spinner();
+fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path, progress: &Progress) -> anyhow::Result<Report> {
     let redacted = work.join("pack.kilwa");
-    let taken = without_place(plan, &redacted)?;
+    let taken = without_place(plan, &redacted, progress)?;
     let pack = if taken.is_some() { redacted } else { plan.given.pack.clone() };
-    bar.set_message("hashing the pack");
+    progress.begin(Stage::Hash);
     let (bytes, pack_sum) = hashed(&pack)?;
     let reader = crate::source::open_pack(&pack)?;
     let (of_pack, identity) = (reader.metadata().clone(), reader.identity());
     drop(reader);
     let noted = notes::published(plan, taken.as_ref(), &of_pack, &pack_sum, &identity)?;
-    let pictured = picture(&pack, work, plan, args.software, &bar)?;
-    bar.finish_and_clear();
+    let pictured = picture(&pack, work, plan, args.software, progress)?;
     let mut paths = pictured.files;
     if let Some(noted) = &noted {
         std::fs::write(work.join(ANNOTATIONS), noted).context("cannot write the notes to the temporary folder")?;
@@ -113,10 +119,9 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path) -> anyhow::Resul
     let place = |file: &AnnouncedFile| -> PathBuf {
         if file.sha256 == pack_sum { pack.clone() } else { work.join(&file.path) }
     };
-    let progress = Progress::new();
-    let published = sender.publish(&intent, &place, &|event| progress.show(&event));
+    let published = sender.publish(&intent, &place, &|event| show(progress, &event));
     let published = published.map_err(anyhow::Error::msg).with_context(|| plan.at.clone())?;
-    progress.0.finish_and_clear();
+    progress.end();
     let version = published_version(sender, (&intent.slug, &plan.at), published.version, &pack_sum)?;
     let mut left_out = pictured.left_out;
     left_out.extend(plan.channels_left_out());
@@ -246,37 +251,18 @@ fn token(args: &Args) -> anyhow::Result<String> {
     Ok(token.to_owned())
 }
 
-/// A bar on standard error with the time left, only where that is a terminal.
-struct Progress(ProgressBar);
-
-impl Progress {
-    fn new() -> Self {
-        let bar = ProgressBar::with_draw_target(Some(0), ProgressDrawTarget::stderr_with_hz(5));
-        let form = "{msg:>24!} {wide_bar} {bytes}/{total_bytes} {bytes_per_sec} {eta} left";
-        if let Ok(style) = ProgressStyle::with_template(form) {
-            bar.set_style(style);
+/// Show how far sending is.
+fn show(progress: &Progress, event: &SendEvent<'_>) {
+    let at = |stage: Stage, done: u64, all: u64| {
+        progress.begin(stage);
+        progress.at(done, all);
+    };
+    match event {
+        SendEvent::Sent(done, of) => at(Stage::Send, *done, *of),
+        SendEvent::Verified(done, of) => at(Stage::Verify, *done, *of),
+        SendEvent::Waits(why, pause) => {
+            progress.say(&format!("kilwa: {why}; trying again in {} s", pause.as_secs_f32().ceil()));
         }
-        Self(bar)
-    }
-
-    fn show(&self, event: &SendEvent<'_>) {
-        match event {
-            SendEvent::Sent(done, of) => self.at("sending", *done, *of),
-            SendEvent::Verified(done, of) => self.at("the server verifies", *done, *of),
-            SendEvent::Waits(why, pause) => {
-                let line = format!("kilwa: {why}; trying again in {} s", pause.as_secs_f32().ceil());
-                self.0.suspend(|| crate::terminal::say!("{line}"));
-            }
-        }
-    }
-
-    fn at(&self, what: &'static str, done: u64, of: u64) {
-        if self.0.message() != what {
-            self.0.set_message(what);
-            self.0.reset_eta();
-        }
-        self.0.set_length(of);
-        self.0.set_position(done);
     }
 }
 

@@ -1,11 +1,11 @@
 //! `kilwa publish --to s3://bucket/prefix`: made here as for a folder, then sent to a store, manifest last.
 
 use super::plan::{Given, Plan};
-use super::write::spinner;
+use super::progress::{Progress, Stage};
 use super::{Args, mapping, write};
 use anyhow::{Context, anyhow, ensure};
-use kilwa_pack::visible::visible;
 use kilwa_server::store::{S3, S3Options};
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::Duration;
 
 /// A part of a pack may take so long on a slow line.
@@ -47,16 +47,26 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
     if args.dry_run {
         return mapping::print(&here, &plan);
     }
-    let mut report = write::run(&here, &mut plan).map_err(in_words)?;
+    let mut stages = write::stages(&plan);
+    stages.push(Stage::Send);
+    let progress = Progress::new(&stages, plan.given.pack_bytes);
+    let mut report = write::run(&here, &mut plan, &progress).map_err(in_words)?;
     report.object = format!("{at}/");
     if report.already {
+        progress.end();
         return super::say(args, &report);
     }
-    let bar = spinner();
-    let on_send = |key: &str| bar.set_message(format!("sending {}", visible(key)));
+    progress.begin(Stage::Send);
+    // A file counts when the next one begins.
+    let (before, all) = (AtomicU64::new(0), report.bytes);
+    let on_send = |key: &str| {
+        progress.more(before.load(Ordering::Relaxed), all);
+        let file = key.strip_prefix(&format!("{slug}/")).map(|name| shelf.path().join(slug.as_str()).join(name));
+        before.store(file.and_then(|file| file.metadata().ok()).map_or(0, |m| m.len()), Ordering::Relaxed);
+    };
     store
         .send(&slug, shelf.path(), report.version, &against, &on_send)
         .with_context(|| format!("{at}: not published; what was sent is kept, and the same command continues"))?;
-    bar.finish_and_clear();
+    progress.end();
     super::say(args, &report)
 }

@@ -1,7 +1,8 @@
 //! `kilwa publish --withdraw`: the files go to a folder outside, a tombstone stays.
 
 use super::Args;
-use super::write::{spinner, waits};
+use super::progress::Progress;
+use super::write::waits;
 use anyhow::{Context, anyhow, bail};
 use kilwa_archive::Slug;
 use kilwa_archive::keep::{Folders, check_outside};
@@ -38,7 +39,7 @@ pub(super) fn run(args: &Args, slug: &str) -> anyhow::Result<()> {
     // Checked before anything is created, and again under the lock, when nobody else can change it.
     check_site()?;
     page()?;
-    let folders = Folders::lock(&args.to, keep, &slug, &waits(&spinner()), &|_| Ok(()))?;
+    let folders = Folders::lock(&args.to, keep, &slug, &waits(&Progress::new(&[], 0)), &|_| Ok(()))?;
     check_site()?;
     let page = page()?;
     let done = withdraw(&folders, &slug, &Withdrawal { reason, day: &day }, &|_| Ok(()))?;

@@ -1,10 +1,10 @@
 //! From a plan to the object on disk.
 
-use super::plan::{Plan, is_same_request};
+use super::plan::{Given, Plan, is_same_request};
+use super::progress::{Progress, Stage};
 use super::{Args, Report, notes, pictures};
 use crate::{redact, source, verify};
 use anyhow::{Context, ensure};
-use indicatif::ProgressBar;
 use kilwa_archive::assemble::{Landing, complete, is_published, write_viewer};
 use kilwa_archive::bag::{self, BagInfo};
 use kilwa_archive::checksums::sha256;
@@ -18,39 +18,40 @@ use kilwa_archive::record::Preview;
 use kilwa_archive::site::{self, Listed};
 use kilwa_archive::{AccessState, Manifest, Slug};
 use kilwa_formats::extract;
-use kilwa_pack::visible::visible;
 use std::fs::File;
 use std::io::{Read, Write};
 use std::path::Path;
-use std::time::Duration;
 
 /// The pack's name in the draft, until its hash is known.
 const PART: &str = "pack.part";
 
-pub(super) fn run(args: &Args, plan: &mut Plan) -> anyhow::Result<Report> {
-    run_with(args, plan, &|pack, folder, plan, bar| picture(pack, folder, plan, args.software, bar))
+/// What there is to do in a folder.
+pub(super) fn stages(plan: &Plan) -> Vec<Stage> {
+    let copy = if plan.given.place.is_some() { Stage::Redact } else { Stage::Copy };
+    vec![Stage::Check, copy, Stage::Hash, Stage::Pictures, Stage::Preview, Stage::Records]
+}
+
+pub(super) fn run(args: &Args, plan: &mut Plan, progress: &Progress) -> anyhow::Result<Report> {
+    run_with(args, plan, progress, &|pack, folder, plan| picture(pack, folder, plan, args.software, progress))
 }
 
 /// Makes pictures and preview of a pack in a folder.
-type Picture<'a> = &'a dyn Fn(&Path, &Path, &Plan, &ProgressBar) -> anyhow::Result<Pictured>;
+type Picture<'a> = &'a dyn Fn(&Path, &Path, &Plan) -> anyhow::Result<Pictured>;
 
 /// Whatever takes long is done in a hidden folder and keeps nobody from publishing. Then the folder is locked, and the version is decided by what is
 /// published at that moment.
-fn run_with(args: &Args, plan: &mut Plan, picture: Picture<'_>) -> anyhow::Result<Report> {
+fn run_with(args: &Args, plan: &mut Plan, progress: &Progress, picture: Picture<'_>) -> anyhow::Result<Report> {
     let (shelf, slug) = (&args.to, plan.facts.slug.clone());
-    let bar = spinner();
-    verify::sound(&plan.given.pack)?;
-    let say = |what: &str| {
-        bar.set_message(visible(what).into_owned());
-        Ok(())
-    };
+    check(&plan.given, progress)?;
+    let say = |_: &str| Ok(());
     // Removed again if nothing is published to it.
-    let (_folders, lock) = CreatedFolders::create_locked(shelf, &|| waits(&bar)(shelf), &|_| Ok(()))?;
+    let (_folders, lock) = CreatedFolders::create_locked(shelf, &|| waits(progress)(shelf), &say)?;
     let mut draft = Draft::begin(&lock, &slug, &say)?;
     drop(lock);
-    let made = Prepared::of(plan, &mut draft, picture, &bar)?;
+    let made = Prepared::of(plan, &mut draft, picture, progress)?;
+    progress.begin(Stage::Records);
     write_viewer(&mut draft, &plan.page)?;
-    let lock = locked(shelf, &bar)?;
+    let lock = locked(shelf, progress)?;
     if args.site {
         site::check(shelf)?;
     }
@@ -81,7 +82,6 @@ fn run_with(args: &Args, plan: &mut Plan, picture: Picture<'_>) -> anyhow::Resul
     let landing = Landing { viewer: &plan.page, drawings: made.pictured.drawings, list };
     let completed = complete(draft, &lock, facts, &publication, landing)?;
     let (bag, pages) = around(args, plan, &lock, (&publication.published, &publication.pack.identity), &say)?;
-    bar.finish_and_clear();
     let mut left_out = made.pictured.left_out;
     left_out.extend(plan.channels_left_out());
     left_out.extend(notes::left_out(plan));
@@ -141,19 +141,19 @@ fn group_name(group: u32) -> String {
 }
 
 /// Lock the folder of objects. Prints a message if the command has to wait.
-fn locked(shelf: &Path, bar: &ProgressBar) -> anyhow::Result<Lock> {
-    Ok(Lock::wait(shelf, PATIENCE, &|| waits(bar)(shelf))?)
+fn locked(shelf: &Path, progress: &Progress) -> anyhow::Result<Lock> {
+    Ok(Lock::wait(shelf, PATIENCE, &|| waits(progress)(shelf))?)
 }
 
 /// Prints that the command waits for the lock of a folder.
-pub(super) fn waits(bar: &ProgressBar) -> impl Fn(&Path) {
+pub(super) fn waits(progress: &Progress) -> impl Fn(&Path) {
     |folder| {
         let line = format!(
             "kilwa: another kilwa command is publishing to or withdrawing from {}; waiting for up to {} minutes",
             folder.display(),
             PATIENCE.as_secs() / 60
         );
-        bar.suspend(|| crate::terminal::say!("{line}"));
+        progress.say(&line);
     }
 }
 
@@ -168,19 +168,20 @@ struct Prepared {
 }
 
 impl Prepared {
-    fn of(plan: &Plan, draft: &mut Draft<'_>, picture: Picture<'_>, bar: &ProgressBar) -> anyhow::Result<Self> {
+    fn of(plan: &Plan, draft: &mut Draft<'_>, picture: Picture<'_>, progress: &Progress) -> anyhow::Result<Self> {
         let folder = draft.folder();
         let part = folder.join(PART);
-        bar.set_message("copying the pack");
-        let taken = without_place(plan, &part)?;
+        let taken = without_place(plan, &part, progress)?;
         if taken.is_none() {
-            copy(&plan.given.pack, &part)?;
+            progress.begin(Stage::Copy);
+            copy(&plan.given.pack, &part, progress)?;
         }
         let reader = source::open_pack(&part)?;
         let (of_pack, identity) = (reader.metadata().clone(), reader.identity());
         drop(reader);
+        progress.begin(Stage::Hash);
         let (bytes, pack_sum) = draft.adopt_named(PART, pack_name)?;
-        let pictured = picture(&folder.join(pack_name(&pack_sum)), &folder, plan, bar)?;
+        let pictured = picture(&folder.join(pack_name(&pack_sum)), &folder, plan)?;
         for path in &pictured.files {
             draft.adopt(path)?;
         }
@@ -222,12 +223,21 @@ fn already(
 }
 
 /// Write the pack without its place, if requested; what was taken out.
-pub(super) fn without_place(plan: &Plan, to: &Path) -> anyhow::Result<Option<redact::TakenOut>> {
+pub(super) fn without_place(plan: &Plan, to: &Path, progress: &Progress) -> anyhow::Result<Option<redact::TakenOut>> {
     let Some(place) = plan.given.place else { return Ok(None) };
+    progress.begin(Stage::Redact);
     let given = &plan.given;
     let taken = redact::redact(&given.pack, to, place, &plan.facts.metadata.title, &given.keep_channels)?;
-    verify::sound(to)?;
+    let all = to.metadata().map_or(0, |m| m.len());
+    verify::sound(to, &|bytes| progress.more(bytes, all))?;
     Ok(Some(taken))
+}
+
+/// Check the pack.
+pub(super) fn check(given: &Given, progress: &Progress) -> anyhow::Result<()> {
+    let all = given.pack_bytes;
+    progress.begin(Stage::Check);
+    verify::sound(&given.pack, &|bytes| progress.more(bytes, all))
 }
 
 /// Pictures and preview of a version: their paths in its folder, and what is known of them.
@@ -245,12 +255,13 @@ pub(super) fn picture(
     folder: &Path,
     plan: &Plan,
     software: bool,
-    bar: &ProgressBar,
+    progress: &Progress,
 ) -> anyhow::Result<Pictured> {
-    bar.set_message("drawing");
-    let drawn = pictures::draw(pack, folder, &plan.facts.metadata.title, software)?;
+    progress.begin(Stage::Pictures);
+    let title = &plan.facts.metadata.title;
+    let drawn = pictures::draw(pack, folder, title, software, &|done, all| progress.at(done, all))?;
     let (mut files, mut left_out) = (drawn.files, Vec::new());
-    bar.set_message("making the preview");
+    progress.begin(Stage::Preview);
     let preview = preview(pack, folder, &mut left_out)?;
     if preview.is_some() {
         files.push(PREVIEW.to_owned());
@@ -258,18 +269,12 @@ pub(super) fn picture(
     Ok(Pictured { files, drawings: drawn.drawings, preview, left_out })
 }
 
-/// A line on standard error that says what is done, only where that is a terminal.
-pub(super) fn spinner() -> ProgressBar {
-    let bar = ProgressBar::new_spinner();
-    bar.enable_steady_tick(Duration::from_millis(200));
-    bar
-}
-
 /// A copy whose bytes on disk are those that were read (`adopt_named` reads them again).
-fn copy(from: &Path, to: &Path) -> anyhow::Result<()> {
+fn copy(from: &Path, to: &Path, progress: &Progress) -> anyhow::Result<()> {
     let failed = || format!("cannot copy {} to {}", from.display(), to.display());
     let mut reader = File::open(from).with_context(failed)?;
     let mut writer = File::create_new(to).with_context(failed)?;
+    let all = reader.metadata().with_context(failed)?.len();
     let mut buffer = vec![0; 1 << 20];
     loop {
         let n = reader.read(&mut buffer).with_context(failed)?;
@@ -277,6 +282,7 @@ fn copy(from: &Path, to: &Path) -> anyhow::Result<()> {
             break;
         }
         writer.write_all(&buffer[..n]).with_context(failed)?;
+        progress.more(n as u64, all);
     }
     writer.sync_all().with_context(failed)
 }

@@ -28,6 +28,7 @@ pub(super) struct Native<'a, S> {
     pub(super) pixel_error: f64,
     pub(super) output: Output,
     pub(super) bar: ProgressBar,
+    pub(super) on_rows: Option<&'a dyn Fn(u32, u32)>,
 }
 
 /// The file that the picture is written to.
@@ -108,8 +109,11 @@ impl<S: Source> Host for Native<'_, S> {
         }
     }
 
-    fn report_progress(&mut self, rows: u32, _all: u32) {
+    fn report_progress(&mut self, rows: u32, all: u32) {
         self.bar.set_position(rows.into());
+        if let Some(on_rows) = self.on_rows {
+            on_rows(rows, all);
+        }
     }
 }
 

@@ -11,6 +11,7 @@ mod paint;
 use crate::new_file::NewFile;
 use anyhow::{Context, bail, ensure};
 use host::{Native, Output};
+use indicatif::ProgressBar;
 use kilwa_measure::sheet::View;
 use kilwa_measure::sheet::draw::{Drawing, Request};
 use kilwa_measure::sheet::file::Format;
@@ -89,6 +90,8 @@ pub(crate) struct Subject<'a, S> {
     pub(crate) replace: bool,
     /// What the pack is called: [`Footer::identity`].
     pub(crate) identity: String,
+    /// Told how many rows of how many are drawn; without it there is a progress bar.
+    pub(crate) on_rows: Option<&'a dyn Fn(u32, u32)>,
 }
 
 /// What `--json` prints.
@@ -144,7 +147,8 @@ pub(crate) fn run<S: Source>(args: &SheetArgs, mut s: Subject<'_, S>) -> anyhow:
         options: s.options,
         pixel_error: s.pixel_error,
         output: Output::new(format, out.file().try_clone()?, drawing.size, args.dpi)?,
-        bar: host::bar(drawing.size[1]),
+        bar: if s.on_rows.is_some() { ProgressBar::hidden() } else { host::bar(drawing.size[1]) },
+        on_rows: s.on_rows,
     };
     let figures = pollster::block_on(drawing.draw(host::WIDEST, &mut host))?;
     // Its file is closed before it gets its name.

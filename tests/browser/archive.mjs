@@ -15,9 +15,9 @@ export const AMINA = { name: "amina", password: "a long sentence" };
 
 /**
  * The fort once for each of the metadata files (TOML texts), served until `stop()`. `granted`: slugs that Amina may open; `collections`: the text of
- * collections.toml; `options`: further arguments of `kilwa serve`, or a function from the archive's own folder to them.
+ * collections.toml; `files`: other files beside the objects, by their names; `options`: further arguments of `kilwa serve`, or a function from the archive's own folder to them.
  */
-export async function archive(metadata, { granted = [], collections, options = () => [] } = {}) {
+export async function archive(metadata, { granted = [], collections, files = {}, options = () => [] } = {}) {
   const scratch = await mkdtemp(path.join(tmpdir(), "kilwa-archive-"));
   const [accounts, site, file] = ["access.json", "site", "metadata.toml"].map((name) => path.join(scratch, name));
   const folder = await packFolder();
@@ -27,6 +27,7 @@ export async function archive(metadata, { granted = [], collections, options = (
   }
   await rm(folder, { recursive: true });
   if (collections) await writeFile(path.join(site, "collections.toml"), collections);
+  for (const [name, content] of Object.entries(files)) await writeFile(path.join(site, name), content);
   const args = options(scratch);
   if (granted.length > 0) {
     await run(KILWA, ["access", "init", accounts]);

@@ -21,9 +21,10 @@ const ANSWER_MAX: f64 = 512.0 * 1024.0;
 const READERS: usize = 400;
 
 /// Every route whose answer is made for the request; files of the archive are streamed (`slow.rs`).
-const PATHS: [&str; 25] = [
+const PATHS: [&str; 26] = [
     "/",
     "/map",
+    "/site.css",
     "/collections/",
     "/collections/some/",
     "/collections/some/feed.xml",

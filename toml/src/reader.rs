@@ -246,6 +246,16 @@ impl<'a, 'i> Table<'a, 'i> {
         self.entry(key).is_some()
     }
 
+    /// Whether a field is there and is a table.
+    pub fn is_table(&self, key: &str) -> bool {
+        self.entry(key).is_some_and(|(_, value)| matches!(value.get_ref(), DeValue::Table(_)))
+    }
+
+    /// The line of a field; of the table where the field is not there.
+    pub fn line(&self, key: &str) -> usize {
+        self.file.line(self.entry(key).map_or(self.at, |(at, _)| at))
+    }
+
     /// Where the table begins, an offset in bytes.
     pub fn at(&self) -> usize {
         self.at

@@ -1,6 +1,7 @@
 //! The form for signing in: plain HTML in the catalogue's languages, works without scripts.
 
-use crate::portal::language::Language;
+use crate::portal::encoded;
+use crate::portal::frame::{Reader, Top};
 use askama::Template;
 use kilwa_archive::html::render;
 
@@ -22,7 +23,7 @@ pub(crate) enum Message {
 #[derive(Template)]
 #[template(path = "sign-in.html")]
 struct Page<'a> {
-    l: &'static Language,
+    top: Top,
     next: &'a str,
     name: &'a str,
     /// Who is signed in, as a sentence; else there is a form.
@@ -31,8 +32,8 @@ struct Page<'a> {
 }
 
 /// The page; `next` is where it leads, an address of this site.
-pub(crate) fn form(language: &'static Language, message: Message, next: &str, name: Option<&str>) -> String {
-    let name = name.unwrap_or_default();
+pub(crate) fn form(reader: &Reader<'_>, message: Message, next: &str, name: Option<&str>) -> String {
+    let (language, name) = (reader.language, name.unwrap_or_default());
     let problem = match message {
         Message::Nothing | Message::Done => None,
         Message::Wrong => Some(language.t("signInWrong").to_owned()),
@@ -40,5 +41,8 @@ pub(crate) fn form(language: &'static Language, message: Message, next: &str, na
         Message::Wait(seconds) => Some(language.with("signInWait", &[("seconds", seconds)])),
     };
     let signed_in = (message == Message::Done).then(|| language.with("signedIn", &[("name", name)]));
-    render(&Page { l: language, next, name, signed_in, problem })
+    // What the header has on other pages is here the content.
+    let reader = Reader { visit: None, ..*reader };
+    let top = reader.top(&|code| format!("/sign-in?next={}&lang={code}", encoded(next)));
+    render(&Page { top, next, name, signed_in, problem })
 }

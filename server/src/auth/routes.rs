@@ -13,12 +13,12 @@ use crate::content::{plain, text};
 use crate::objects;
 use crate::observe::client_of;
 use crate::packs::blocking;
-use crate::portal::language::Language;
+use crate::portal::routes::Given;
 use crate::portal::{base, encoded, pairs};
 use crate::site::{Site, page};
 use axum::body::Body;
 use axum::extract::{Path, RawQuery, Request, State};
-use axum::http::header::{ACCEPT_LANGUAGE, CACHE_CONTROL, HOST, LOCATION, ORIGIN, RETRY_AFTER, SET_COOKIE, VARY};
+use axum::http::header::{CACHE_CONTROL, HOST, LOCATION, ORIGIN, RETRY_AFTER, SET_COOKIE, VARY};
 use axum::http::{HeaderMap, HeaderName, HeaderValue, StatusCode};
 use axum::response::{IntoResponse as _, Response};
 use serde_json::json;
@@ -38,16 +38,15 @@ static HASHING: LazyLock<Arc<Semaphore>> = LazyLock::new(|| Arc::new(Semaphore::
 
 /// `GET /sign-in?next=/slug/`
 pub(crate) async fn ask(State(site): State<Site>, RawQuery(query): RawQuery, headers: HeaderMap) -> Response {
-    let Some(auth) = site.auth.clone() else { return plain(StatusCode::NOT_FOUND).into_response() };
-    let pairs = pairs(query.as_deref().unwrap_or_default());
-    let value = |wanted: &str| pairs.iter().find(|(name, _)| name == wanted).map(|(_, value)| value.as_str());
-    let language = Language::choose(value("lang"), text(&headers, &ACCEPT_LANGUAGE).unwrap_or_default());
-    let next = inside(value("next").unwrap_or("/"));
-    let (now, asked) = (site.clock.seconds(), headers.clone());
-    let visitor = blocking(move || auth.visitor(&asked, now)).await.ok().flatten();
-    match visitor {
-        Some(holder) => answer(form(language, Message::Done, next, Some(&holder.who)), StatusCode::OK, &headers),
-        None => answer(form(language, Message::Nothing, next, None), StatusCode::OK, &headers),
+    if site.auth.is_none() {
+        return plain(StatusCode::NOT_FOUND).into_response();
+    }
+    let given = Given::of(&site, query.as_deref().unwrap_or_default(), &headers).await;
+    let reader = given.reader();
+    let next = inside(given.get("next").unwrap_or("/"));
+    match reader.visit.and_then(|visit| visit.who.as_deref()) {
+        Some(who) => answer(form(&reader, Message::Done, next, Some(who)), StatusCode::OK, &headers),
+        None => answer(form(&reader, Message::Nothing, next, None), StatusCode::OK, &headers),
     }
 }
 
@@ -61,26 +60,25 @@ pub(crate) async fn sign_in(State(site): State<Site>, request: Request) -> Respo
     let client = client_of(&request, site.behind_proxy);
     let read = tokio::time::timeout(FORM, axum::body::to_bytes(request.into_body(), FORM_BYTES)).await;
     let Ok(Ok(body)) = read else { return plain(StatusCode::REQUEST_TIMEOUT).into_response() };
-    let pairs = pairs(&String::from_utf8_lossy(&body));
-    let value = |wanted: &str| pairs.iter().find(|(n, _)| n == wanted).map(|(_, v)| v.clone()).unwrap_or_default();
+    let given = Given::of(&site, &String::from_utf8_lossy(&body), &headers).await;
+    let value = |wanted: &str| given.get(wanted).unwrap_or_default().to_owned();
     // Longer than any name is none, and goes into no page.
     let name: String = value("name").trim().chars().take(NAME_MAX).collect::<String>().to_lowercase();
     let (password, next) = (value("password"), value("next"));
     let next = inside(&next).to_owned();
-    let lang = value("lang");
-    let language = Language::choose(Some(&lang), text(&headers, &ACCEPT_LANGUAGE).unwrap_or_default());
+    let reader = given.reader();
     let now = site.clock.seconds();
     let session = match check(&auth, &name, password, client, now).await {
         Ok(session) => session,
         Err(Denied::Wrong) => {
-            return answer(form(language, Message::Wrong, &next, Some(&name)), StatusCode::FORBIDDEN, &headers);
+            return answer(form(&reader, Message::Wrong, &next, Some(&name)), StatusCode::FORBIDDEN, &headers);
         }
         Err(Denied::Failed) => {
-            let page = form(language, Message::Failed, &next, Some(&name));
+            let page = form(&reader, Message::Failed, &next, Some(&name));
             return answer(page, StatusCode::SERVICE_UNAVAILABLE, &headers);
         }
         Err(Denied::Wait(wait)) => {
-            let page = form(language, Message::Wait(wait), &next, Some(&name));
+            let page = form(&reader, Message::Wait(wait), &next, Some(&name));
             let mut response = answer(page, StatusCode::TOO_MANY_REQUESTS, &headers);
             insert(&mut response, RETRY_AFTER, &wait.to_string());
             return response;
@@ -140,7 +138,7 @@ async fn check(
     checked.await.map_err(|_| Denied::Failed)?
 }
 
-/// `POST /sign-out`; with `everywhere` in the form, all sessions of the user end.
+/// `POST /sign-out`; with `everywhere` in the form, all sessions of the user end. It leads to `next` in the form, an address of this site.
 pub(crate) async fn sign_out(State(site): State<Site>, request: Request) -> Response {
     let headers = request.headers().clone();
     if !from_here(&site, &headers) {
@@ -149,7 +147,9 @@ pub(crate) async fn sign_out(State(site): State<Site>, request: Request) -> Resp
     let (address, _) = client_of(&request, site.behind_proxy);
     let read = tokio::time::timeout(FORM, axum::body::to_bytes(request.into_body(), FORM_BYTES)).await;
     let Ok(Ok(body)) = read else { return plain(StatusCode::REQUEST_TIMEOUT).into_response() };
-    let everywhere = pairs(&String::from_utf8_lossy(&body)).iter().any(|(name, _)| name == "everywhere");
+    let pairs = pairs(&String::from_utf8_lossy(&body));
+    let value = |wanted: &str| pairs.iter().find(|(name, _)| name == wanted).map(|(_, value)| value.as_str());
+    let (everywhere, next) = (value("everywhere").is_some(), inside(value("next").unwrap_or("/")).to_owned());
     if let Some(auth) = site.auth.clone() {
         let (now, asked) = (site.clock.seconds(), headers.clone());
         let ended = blocking(move || {
@@ -167,7 +167,7 @@ pub(crate) async fn sign_out(State(site): State<Site>, request: Request) -> Resp
         }
     }
     let mut response = StatusCode::SEE_OTHER.into_response();
-    insert(&mut response, LOCATION, "/");
+    insert(&mut response, LOCATION, &next);
     let secure = secure(&site, &headers);
     insert(&mut response, SET_COOKIE, &format!("{SESSION_COOKIE}=; Path=/; HttpOnly; SameSite=Lax; Max-Age=0{secure}"));
     insert(&mut response, CACHE_CONTROL, "no-store");

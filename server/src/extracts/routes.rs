@@ -12,15 +12,14 @@ use crate::content::{ASK_AGAIN, Source, answer, insert, plain, text};
 use crate::objects::{self, Sent};
 use crate::observe::client_of;
 use crate::packs::blocking;
+use crate::portal::encoded;
 use crate::portal::frame::Reader;
 use crate::portal::language::Language;
-use crate::portal::{encoded, pairs, routes};
+use crate::portal::routes::Given;
 use crate::site::{Site, find, lost, page};
 use crate::store::Content;
 use axum::extract::{Path, Request, State};
-use axum::http::header::{
-    ACCEPT, ACCEPT_LANGUAGE, CACHE_CONTROL, CONTENT_DISPOSITION, LOCATION, RETRY_AFTER, SET_COOKIE, VARY,
-};
+use axum::http::header::{ACCEPT, CACHE_CONTROL, CONTENT_DISPOSITION, LOCATION, RETRY_AFTER, SET_COOKIE, VARY};
 use axum::http::{HeaderMap, Method, StatusCode};
 use axum::response::{IntoResponse as _, Response};
 use kilwa_archive::viewer::content_type;
@@ -44,34 +43,6 @@ struct Asked {
     is_closed: bool,
     /// Leave that was given now, to be kept by the browser.
     cookie: Option<String>,
-}
-
-/// What the address and the browser say of the reader.
-struct Given {
-    pairs: Vec<(String, String)>,
-    language: &'static Language,
-    has_collections: bool,
-    has_map: bool,
-}
-
-impl Given {
-    async fn of(site: &Site, words: &str, headers: &HeaderMap) -> Self {
-        let pairs = pairs(words);
-        let lang = pairs.iter().find(|(name, _)| name == "lang").map(|(_, value)| value.as_str());
-        let language = Language::choose(lang, text(headers, &ACCEPT_LANGUAGE).unwrap_or_default());
-        let has_collections = !routes::collections(site).await.is_empty();
-        Self { pairs, language, has_collections, has_map: routes::has_map(site) }
-    }
-
-    fn get(&self, wanted: &str) -> Option<&str> {
-        self.pairs.iter().find(|(name, _)| name == wanted).map(|(_, value)| value.as_str())
-    }
-
-    fn reader(&self) -> Reader<'_> {
-        let Self { language, has_collections, has_map, .. } = *self;
-        let lang = self.get("lang").and_then(Language::named).map(|l| l.code);
-        Reader { language, lang, has_collections, has_map }
-    }
 }
 
 /// `GET /<slug>/extract`

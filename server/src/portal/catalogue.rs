@@ -4,6 +4,7 @@
 
 use super::collections::{self, Collection};
 use super::encoded;
+use super::featured::{self, Featured};
 use super::frame::{Reader, Top};
 use super::language::Language;
 use super::limit::{QUERY_MAX, TooMuch, VALUES_MAX};
@@ -11,6 +12,7 @@ use crate::index::{Entry, Facet, Found, Query, Sort};
 use askama::Template;
 use kilwa_archive::AccessState;
 use kilwa_archive::html::render;
+use kilwa_archive::layout::{POSTER, THUMBNAILS};
 use kilwa_archive::site::poster;
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -92,6 +94,8 @@ pub(crate) struct Around<'a> {
     pub(crate) others: &'a str,
     /// Collections, in their order.
     pub(crate) collections: &'a [Collection],
+    /// Models that the institution shows first.
+    pub(crate) featured: &'a [Entry],
 }
 
 /// A filter, with what can be chosen.
@@ -111,6 +115,11 @@ struct FilterValue<'a> {
 #[template(path = "catalogue.html")]
 struct Page<'a> {
     top: Top,
+    /// Whether it is the institution's front page, which introduces it before the list.
+    is_front: bool,
+    /// The paragraphs of the introduction, and their language.
+    introduction: Option<(&'a str, Vec<&'a str>)>,
+    featured: Vec<Featured<'a>>,
     search: Search<'a>,
     results: String,
     /// Address of the map.
@@ -130,6 +139,9 @@ pub(crate) fn page(query: &Query, found: &Found, around: &Around<'_>) -> String 
     let has_collections = query.is_start() && !around.collections.is_empty();
     render(&Page {
         top: reader.top(&|code| address("/", query, query.page, Some(code))),
+        is_front: query.is_start() && reader.name().is_some(),
+        introduction: reader.introduction(),
+        featured: around.featured.iter().map(|entry| featured::card(entry, reader)).collect(),
         search: search("/", query, reader),
         results: l.with("results", &[("count", found.total)]),
         map: address("/map", query, 0, reader.lang),
@@ -259,9 +271,15 @@ fn some_of(names: &[String]) -> Option<String> {
     (!first.is_empty()).then(|| if names.len() > NAMED { format!("{first}; …") } else { first })
 }
 
+/// Place, period and day of capture, as far as they are known.
+pub(super) fn line(entry: &Entry, l: &'static Language) -> Vec<String> {
+    let place = entry.place.as_ref().and_then(|p| p.name.clone());
+    let captured = entry.captured.as_deref().map(|day| l.date(day));
+    [place, entry.period.clone(), captured].into_iter().flatten().collect()
+}
+
 pub(super) fn card<'a>(entry: &'a Entry, reader: &Reader<'_>, today: &str) -> Card<'a> {
     let l = reader.language;
-    let place = entry.place.as_ref().and_then(|p| p.name.as_deref());
     let until = entry.access.until.as_deref().unwrap_or("9999-12-31");
     let state = match entry.access.state {
         AccessState::Embargo if until > today => Some(l.with("embargo", &[("day", l.date(until).as_str())])),
@@ -273,10 +291,7 @@ pub(super) fn card<'a>(entry: &'a Entry, reader: &Reader<'_>, today: &str) -> Ca
         entry,
         poster: poster(&format!("/{}/v{}", entry.slug, entry.version)),
         page: reader.to(&format!("/{}/", entry.slug)),
-        line: [place.map(str::to_owned), entry.period.clone(), entry.captured.as_deref().map(|day| l.date(day))]
-            .into_iter()
-            .flatten()
-            .collect(),
+        line: line(entry, l),
         creators: some_of(&entry.creators),
         parts: l.count(entry.points.unwrap_or(entry.triangles)),
         size: l.size(entry.pack_bytes),

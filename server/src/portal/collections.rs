@@ -12,25 +12,22 @@
 //! ```
 //!
 //! Pages: `/collections/`, `/collections/<slug>/` and its `feed.xml`; in OAI-PMH each is a set. Invariants: slugs are as those of objects, and none is
-//! there twice; a member that is not in the index, or was withdrawn, is passed over. The file is looked at when somebody asks, at most once a second, in a store
-//! as often as its list. Failures: if the file cannot be read, or is a link or a special file, the last valid collections
-//! are kept; the log says once what is wrong and on which line. They are also kept if the store does not answer or
-//! does not deliver the file; the store logs this itself.
+//! there twice; a member that is not in the index, or was withdrawn, is passed over. How the file is followed, and what happens if it is wrong:
+//! [`watched`](super::watched).
 
 use super::catalogue::{Card, Pager, Part, card, pager};
 use super::frame::{Reader, Top};
-use crate::FRESHNESS;
+use super::watched::{At, Expected, Watched};
 use crate::index::Entry;
-use crate::store::{Identity, Place, is_away, is_silent};
+use crate::store::Place;
 use askama::Template;
 use kilwa_archive::html::render;
 use kilwa_archive::layout::Slug;
 use serde::Deserialize;
 use std::collections::BTreeSet;
-use std::io;
-use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Duration;
 
 /// Its name in a folder of objects.
 pub const FILE: &str = "collections.toml";
@@ -102,129 +99,44 @@ pub(crate) fn parse(text: &str) -> Result<Vec<Collection>, String> {
 
 /// The collections of an archive, as its file says now.
 #[derive(Debug)]
-pub struct Collections {
-    file: Place,
-    /// The person who keeps the server named this very file, which may then be a link.
-    is_named: bool,
-    known: Mutex<Known>,
-    /// The shortest time between two checks of a local file.
-    freshness: Duration,
-}
-
-#[derive(Debug, Default)]
-struct Known {
-    looked: Option<Instant>,
-    mark: Option<Identity>,
-    all: Arc<Vec<Collection>>,
-    /// What was wrong with the file at the last look, so that it is logged only once.
-    wrong: Option<String>,
-}
+pub struct Collections(Watched<Vec<Collection>>);
 
 impl Collections {
     /// Those that `file` says; it need not be there yet.
     #[must_use]
     pub fn new(file: PathBuf) -> Self {
-        Self { file: Place::Path(file), is_named: true, known: Mutex::default(), freshness: FRESHNESS }
+        Self::at(At::Named(file))
     }
 
     /// Those that lie beside the objects of `shelf`, a folder or a store, as `collections.toml`. Looks at once.
     #[must_use]
     pub fn beside(shelf: &Place) -> Self {
-        let known = Mutex::default();
-        let collections = Self { file: shelf.join(FILE), is_named: false, known, freshness: FRESHNESS };
+        let collections = Self::at(At::Beside(shelf.join(FILE)));
         drop(collections.all());
         collections
     }
 
-    /// With a freshness other than [`FRESHNESS`]; with zero, every request checks a local file.
-    #[must_use]
-    pub fn with_freshness(mut self, freshness: Duration) -> Self {
-        self.freshness = freshness;
-        self
+    fn at(at: At) -> Self {
+        let read = |bytes: &[u8]| std::str::from_utf8(bytes).map_err(|e| e.to_string()).and_then(parse);
+        let otherwise = "the last valid collections stay in use";
+        Self(Watched::new(at, Expected { max: FILE_MAX, read, otherwise }))
     }
 
-    /// All of them, in the order of the file. Blocks on the file system at most once a second, on a store as often as its list is asked for.
+    /// With a freshness other than [`FRESHNESS`](crate::FRESHNESS); with zero, every request checks a local file.
+    #[must_use]
+    pub fn with_freshness(self, freshness: Duration) -> Self {
+        Self(self.0.with_freshness(freshness))
+    }
+
+    /// All of them, in the order of the file. Blocks as [`Watched::content`].
     pub(crate) fn all(&self) -> Arc<Vec<Collection>> {
-        let before = {
-            let mut known = self.lock();
-            if known.looked.is_some_and(|at| at.elapsed() < self.file.listed_for(self.freshness)) {
-                return Arc::clone(&known.all);
-            }
-            // Whoever asks while a store is asked gets what is known.
-            known.looked = Some(Instant::now());
-            known.mark.clone()
-        };
-        let seen = look(&self.resolved(), before.as_ref());
-        let mut known = self.lock();
-        match seen {
-            Ok(Some((mark, read))) => {
-                let is_changed = mark.is_some();
-                known.mark = mark;
-                known.wrong = match read {
-                    Ok(all) => {
-                        known.all = Arc::new(all);
-                        None
-                    }
-                    Err(why) => {
-                        if is_changed || known.wrong.as_ref() != Some(&why) {
-                            tracing::warn!("{}: {why}; the last valid collections stay in use", self.file);
-                        }
-                        Some(why)
-                    }
-                };
-            }
-            // As soon as it answers: what does not is not asked before.
-            Err(e) if is_away(&e) => known.looked = None,
-            Ok(None) | Err(_) => {}
-        }
-        Arc::clone(&known.all)
+        self.0.content()
     }
 
     /// One of them.
     pub(crate) fn get(&self, slug: &str) -> Option<Collection> {
         self.all().iter().find(|c| c.slug == slug).cloned()
     }
-
-    /// The file, after following links where that is allowed: each time, as they may lead elsewhere by now.
-    fn resolved(&self) -> Place {
-        match self.file.path().filter(|_| self.is_named).map(Path::canonicalize) {
-            Some(Ok(path)) => Place::Path(path),
-            _ => self.file.clone(),
-        }
-    }
-
-    fn lock(&self) -> MutexGuard<'_, Known> {
-        self.known.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-/// What is there now, and its identity compared with what was there `before`.
-type Seen = (Option<Identity>, Result<Vec<Collection>, String>);
-
-/// The file as it is now, unless it is the same as `before`.
-///
-/// # Errors
-/// When its store gives no answer, or not this file, which says nothing about it.
-fn look(file: &Place, before: Option<&Identity>) -> io::Result<Option<Seen>> {
-    let mark = match file.identity() {
-        Ok(mark) => mark,
-        Err(e) if is_silent(&e) => return Err(e),
-        // Taken away: there are none.
-        Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(Some((None, Ok(Vec::new())))),
-        Err(e) => return Ok(Some((None, Err(e.to_string())))),
-    };
-    if before == Some(&mark) {
-        return Ok(None);
-    }
-    let read = match file.read_listed(&mark, FILE_MAX) {
-        Ok(bytes) => std::str::from_utf8(&bytes).map_err(|e| e.to_string()).and_then(parse),
-        Err(e) if is_silent(&e) => return Err(e),
-        Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(Vec::new()),
-        // Another one by now: it is looked at again.
-        Err(e) if crate::store::is_changed(&e) => return Ok(None),
-        Err(e) => Err(e.to_string()),
-    };
-    Ok(Some((Some(mark), read)))
 }
 
 /// Collections as links with their numbers.
@@ -359,7 +271,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let file = dir.path().join(FILE);
         let look = |c: &Collections| {
-            c.known.lock().unwrap().looked = None;
+            c.0.expire();
             c.all().len()
         };
         let collections = Collections::new(file.clone());
@@ -385,9 +297,9 @@ mod tests {
             || assert!(std::process::Command::new("mkfifo").arg(&file).status().unwrap().success()),
         );
         let look = |collections: &Collections| {
-            collections.known.lock().unwrap().looked = None;
+            collections.0.expire();
             let count = collections.all().len();
-            (count, collections.known.lock().unwrap().wrong.clone().unwrap_or_default())
+            (count, collections.0.expire())
         };
         let places: [(&dyn Fn(), &str); 2] = [(&link, "it is a link"), (&pipe, "it is a pipe")];
         for (place, wanted) in places {

@@ -6,11 +6,12 @@
 use super::catalogue::address;
 use super::frame::{Reader, Top};
 use super::language::Language;
+use super::routes::branding;
 use crate::content::text;
 use crate::index::{Facet, Query};
-use crate::site::page;
+use crate::site::{Site, page};
 use askama::Template;
-use axum::extract::Request;
+use axum::extract::{Request, State};
 use axum::http::header::{ACCEPT_LANGUAGE, VARY};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
 use axum::middleware::Next;
@@ -33,7 +34,7 @@ pub(crate) enum TooMuch {
 }
 
 /// Refuse addresses whose query is too long, before anything is made of them.
-pub(crate) async fn short_query(request: Request, next: Next) -> Response {
+pub(crate) async fn short_query(State(site): State<Site>, request: Request, next: Next) -> Response {
     let query = request.uri().query().unwrap_or_default();
     if query.len() <= QUERY_MAX {
         return next.run(request).await;
@@ -42,7 +43,8 @@ pub(crate) async fn short_query(request: Request, next: Next) -> Response {
     let lang = lang.and_then(|(_, value)| Language::named(&value));
     let accepted = text(request.headers(), &ACCEPT_LANGUAGE).unwrap_or_default();
     let language = lang.unwrap_or_else(|| Language::choose(None, accepted));
-    let reader = Reader { language, lang: lang.map(|l| l.code), has_collections: false, has_map: false };
+    let branding = branding(&site).await;
+    let reader = Reader { branding: Some(&branding), ..Reader::of(language, lang.map(|l| l.code)) };
     refused("/", &TooMuch::Long, &reader, request.headers())
 }
 

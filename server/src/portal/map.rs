@@ -322,7 +322,7 @@ mod tests {
     }
 
     fn shown(places: &[Located], window: Option<Window>) -> String {
-        let reader = Reader { language: Language::choose(None, ""), lang: None, has_collections: false, has_map: true };
+        let reader = Reader { has_map: true, ..Reader::of(Language::choose(None, ""), None) };
         page(&Shown { query: &Query::default(), places, window }, &reader)
     }
 

@@ -2,7 +2,8 @@
 //!
 //! | URL | what |
 //! |---|---|
-//! | `/` | catalogue: search, facets, pages; plain HTML, works without JavaScript ([`catalogue`]) |
+//! | `/` | catalogue: search, facets, pages; plain HTML, works without JavaScript ([`catalogue`]); above it the institution and what it features ([`featured`]) |
+//! | `/site.css`, `/logo.svg` … | colours and logo of the institution ([`site_file`]: what `site.toml` says of it) |
 //! | `/map` | where the models are ([`map`], over the outline of the [`land`]) |
 //! | `/collections/…` | models that belong together ([`mod@collections`]) |
 //! | `/oai` | OAI-PMH 2.0, `oai_dc` ([`oai`]) |
@@ -17,17 +18,23 @@
 
 pub(crate) mod catalogue;
 pub(crate) mod collections;
+pub(crate) mod color;
+pub(crate) mod featured;
 pub(crate) mod feeds;
 pub(crate) mod frame;
+pub(crate) mod institution;
 pub(crate) mod land;
 pub(crate) mod language;
 pub(crate) mod limit;
+pub(crate) mod logo;
 pub(crate) mod map;
 pub(crate) mod oai;
 pub(crate) mod oembed;
 pub(crate) mod plain;
 pub(crate) mod routes;
 pub(crate) mod signposting;
+pub(crate) mod site_file;
+pub(crate) mod watched;
 
 use crate::content::text;
 use axum::http::header::HOST;

@@ -39,6 +39,8 @@ pub(crate) struct Asked<'a> {
     pub(crate) url: String,
     /// Host of the site, for identifiers.
     pub(crate) host: String,
+    /// Name of the institution, where it is known.
+    pub(crate) name: Option<&'a str>,
     /// Now, `YYYY-MM-DDThh:mm:ssZ`.
     pub(crate) now: String,
     /// Whom to write to.
@@ -135,7 +137,8 @@ fn identify(source: &dyn Source, asked: &Asked<'_>) -> Result<Xml, String> {
         earliest = asked.now.chars().take(10).collect();
     }
     let mut x = Xml::flat();
-    x.text("repositoryName", &[], &format!("Kilwa at {}", asked.host));
+    let name = asked.name.map_or_else(|| format!("Kilwa at {}", asked.host), str::to_owned);
+    x.text("repositoryName", &[], &name);
     x.text("baseURL", &[], &asked.url);
     x.text("protocolVersion", &[], "2.0");
     x.text("adminEmail", &[], asked.contact);

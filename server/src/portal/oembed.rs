@@ -51,8 +51,14 @@ pub(crate) fn question(base: &str, query: &str) -> Result<Question, u16> {
     Ok(Question { slug: slug.to_owned(), view: view.to_owned(), size, xml })
 }
 
-/// The answer for a model that may be seen; with a frame if any site may show this one.
-pub(crate) fn answer(base: &str, question: &Question, entry: &Entry, may_embed: bool) -> Option<Value> {
+/// The answer for a model that may be seen; with a frame if any site may show this one. The provider is the site's address and the institution's name, where
+/// it is known.
+pub(crate) fn answer(
+    (base, name): (&str, Option<&str>),
+    question: &Question,
+    entry: &Entry,
+    may_embed: bool,
+) -> Option<Value> {
     if entry.access.state == AccessState::Withdrawn {
         return None;
     }
@@ -63,7 +69,7 @@ pub(crate) fn answer(base: &str, question: &Question, entry: &Entry, may_embed: 
         "version": "1.0",
         "type": "link",
         "title": entry.title,
-        "provider_name": base.split("://").nth(1).unwrap_or(base),
+        "provider_name": name.or(base.split("://").nth(1)).unwrap_or(base),
         "provider_url": format!("{base}/"),
         "thumbnail_url": format!("{base}/{}/v{}/{POSTER}", entry.slug, entry.version),
         "thumbnail_width": 1200,

@@ -15,8 +15,12 @@ const LISTED: usize = 100;
 
 #[derive(Template)]
 #[template(path = "packs.html")]
-struct Page {
+struct Page<'a> {
     top: Top,
+    /// Whether it is the institution's front page, which introduces it before the list.
+    is_front: bool,
+    /// The paragraphs of the introduction, and their language.
+    introduction: Option<(&'a str, Vec<&'a str>)>,
     count: String,
     triangles: String,
     size: String,
@@ -31,6 +35,8 @@ pub(crate) fn page(models: &[Arc<Model>], page: usize, clock: &Clock, reader: &R
     let bytes: u64 = models.iter().map(|m| m.bytes).sum();
     render(&Page {
         top: reader.top(&|code| format!("/?lang={code}")),
+        is_front: page == 0 && reader.name().is_some(),
+        introduction: reader.introduction(),
         count: l.with("members", &[("count", models.len())]),
         triangles: l.count(triangles),
         size: l.size(bytes),

@@ -3,11 +3,12 @@
 use super::catalogue::{self, Around, Part};
 use super::collections::{self, Collection};
 use super::feeds::Sitemap;
-use super::frame::Reader;
+use super::frame::{Reader, Visit};
 use super::language::Language;
 use super::limit::{QUERY_MAX, refused};
 use super::plain::{page as plain_page, part as plain_part};
-use super::{base, feeds, map, oai, oembed, pairs};
+use super::site_file::Branding;
+use super::{base, featured, feeds, map, oai, oembed, pairs};
 use crate::access::{Verdict, verdict};
 use crate::budget::lean;
 use crate::catalogue::Model;
@@ -20,7 +21,9 @@ use crate::site::{Site, lost, page};
 use axum::Extension;
 use axum::body::Body;
 use axum::extract::{Path, RawQuery, State};
-use axum::http::header::{ACCEPT_LANGUAGE, ACCESS_CONTROL_ALLOW_ORIGIN, CONTENT_TYPE, RETRY_AFTER, VARY};
+use axum::http::header::{
+    ACCEPT_LANGUAGE, ACCESS_CONTROL_ALLOW_ORIGIN, CACHE_CONTROL, CONTENT_TYPE, COOKIE, RETRY_AFTER, VARY,
+};
 use axum::http::{HeaderMap, HeaderValue, Method, StatusCode};
 use axum::response::{IntoResponse as _, Response};
 use kilwa_archive::layout::DUBLIN_CORE;
@@ -39,7 +42,7 @@ const XML: &str = "application/xml; charset=utf-8";
 const ATOM: &str = "application/atom+xml; charset=utf-8";
 
 /// Bring the index up to the folder, and ask it.
-async fn ask<T: Send + 'static>(
+pub(super) async fn ask<T: Send + 'static>(
     index: &Arc<Index>,
     what: impl FnOnce(&Index) -> Result<T, IndexError> + Send + 'static,
 ) -> Result<T, StatusCode> {
@@ -62,17 +65,24 @@ async fn ask<T: Send + 'static>(
     })
 }
 
-/// What of a request's address and headers decides how it is read.
-pub(crate) struct Asked {
+/// What of a request's address and headers decides how it is read, and what every page says of the site.
+pub(crate) struct Given {
     pairs: Vec<(String, String)>,
+    language: &'static Language,
     collections: Arc<Vec<Collection>>,
     has_map: bool,
+    branding: Branding,
+    visit: Option<Visit>,
 }
 
-impl Asked {
-    pub(crate) async fn of(site: &Site, query: Option<&str>) -> Self {
-        let pairs = pairs(query.unwrap_or_default());
-        Self { pairs, collections: collections(site).await, has_map: has_map(site) }
+impl Given {
+    /// With the words of a query or a form.
+    pub(crate) async fn of(site: &Site, words: &str, headers: &HeaderMap) -> Self {
+        let pairs = pairs(words);
+        let lang = pairs.iter().find(|(name, _)| name == "lang").map(|(_, value)| value.as_str());
+        let language = Language::choose(lang, text(headers, &ACCEPT_LANGUAGE).unwrap_or_default());
+        let (collections, branding) = (collections(site).await, branding(site).await);
+        Self { pairs, language, collections, has_map: has_map(site), branding, visit: visit(site, headers).await }
     }
 
     /// The page of a list that has more than one, from 0.
@@ -84,15 +94,14 @@ impl Asked {
         self.pairs.iter().find(|(n, _)| n == name).map(|(_, value)| value.as_str())
     }
 
-    pub(crate) fn reader(&self, headers: &HeaderMap) -> Reader<'_> {
-        let lang = self.get("lang").and_then(Language::named);
-        let accepted = text(headers, &ACCEPT_LANGUAGE).unwrap_or_default();
-        let language = lang.unwrap_or_else(|| Language::choose(None, accepted));
+    pub(crate) fn reader(&self) -> Reader<'_> {
         Reader {
-            language,
-            lang: lang.map(|l| l.code),
+            language: self.language,
+            lang: self.get("lang").and_then(Language::named).map(|l| l.code),
             has_collections: !self.collections.is_empty(),
             has_map: self.has_map,
+            branding: Some(&self.branding),
+            visit: self.visit.as_ref(),
         }
     }
 }
@@ -108,16 +117,43 @@ pub(crate) async fn collections(site: &Site) -> Arc<Vec<Collection>> {
     blocking(move || collections.all()).await.unwrap_or_default()
 }
 
+/// Whose archive it is, as far as `site.toml` says.
+pub(crate) async fn branding(site: &Site) -> Branding {
+    let Some(file) = site.institution.clone() else { return Branding::default() };
+    blocking(move || file.branding()).await.unwrap_or_default()
+}
+
+/// Who visits, where the server has accounts.
+pub(crate) async fn visit(site: &Site, headers: &HeaderMap) -> Option<Visit> {
+    let auth = site.auth.clone()?;
+    if !headers.contains_key(COOKIE) {
+        return Some(Visit::default());
+    }
+    let (now, headers) = (site.clock.seconds(), headers.clone());
+    let holder = blocking(move || auth.visitor(&headers, now)).await.ok().flatten();
+    Some(Visit { who: holder.map(|holder| holder.who) })
+}
+
 /// A page for one reader.
-pub(crate) fn for_reader(html: String, headers: &HeaderMap) -> Response {
+pub(crate) fn for_reader(html: String, reader: &Reader<'_>, headers: &HeaderMap) -> Response {
     let mut response = page(html, headers);
-    response.headers_mut().insert(VARY, HeaderValue::from_static("Accept-Encoding, Accept-Language"));
+    let names = response.headers_mut();
+    // Whether somebody is signed in is in the header of the page.
+    let vary = if reader.visit.is_some() {
+        "Accept-Encoding, Accept-Language, Cookie"
+    } else {
+        "Accept-Encoding, Accept-Language"
+    };
+    names.insert(VARY, HeaderValue::from_static(vary));
+    if reader.visit.is_some_and(|visit| visit.who.is_some()) {
+        names.insert(CACHE_CONTROL, HeaderValue::from_static("private, no-cache"));
+    }
     response
 }
 
 /// A page that says that the index gives no answer.
 fn failed(around: &Around<'_>, status: StatusCode, headers: &HeaderMap) -> Response {
-    let mut response = for_reader(catalogue::failed(around), headers);
+    let mut response = for_reader(catalogue::failed(around), &around.reader, headers);
     *response.status_mut() = status;
     response.headers_mut().insert(RETRY_AFTER, HeaderValue::from_static("60"));
     response
@@ -125,18 +161,20 @@ fn failed(around: &Around<'_>, status: StatusCode, headers: &HeaderMap) -> Respo
 
 /// `/`
 pub(crate) async fn list(site: &Site, index: &Arc<Index>, query: Option<String>, headers: &HeaderMap) -> Response {
-    let given = Asked::of(site, query.as_deref()).await;
-    let reader = given.reader(headers);
+    let given = Given::of(site, query.as_deref().unwrap_or_default(), headers).await;
+    let reader = given.reader();
     let asked = match catalogue::query("/", &given.pairs) {
         Ok(asked) => asked,
         Err(why) => return refused("/", &why, &reader, headers),
     };
     let others = if asked.is_start() { others(site, &reader, given.page("packs")).await } else { String::new() };
+    let featured = if asked.is_start() { featured::entries(site, index, &given.branding).await } else { Vec::new() };
     let today = site.clock.day();
-    let around = Around { reader, today: &today, others: &others, collections: &given.collections };
+    let around =
+        Around { reader, today: &today, others: &others, collections: &given.collections, featured: &featured };
     let question = asked.clone();
     match ask(index, move |index| index.search(&question)).await {
-        Ok(found) => for_reader(catalogue::page(&asked, &found, &around), headers),
+        Ok(found) => for_reader(catalogue::page(&asked, &found, &around), &reader, headers),
         Err(status) => failed(&around, status, headers),
     }
 }
@@ -148,15 +186,16 @@ pub(crate) async fn plain_list(
     query: Option<String>,
     headers: &HeaderMap,
 ) -> Response {
-    let given = Asked::of(site, query.as_deref()).await;
-    for_reader(plain_page(models, given.page("page"), &site.clock, &given.reader(headers)), headers)
+    let given = Given::of(site, query.as_deref().unwrap_or_default(), headers).await;
+    let reader = given.reader();
+    for_reader(plain_page(models, given.page("page"), &site.clock, &reader), &reader, headers)
 }
 
 /// `/map`
 pub(crate) async fn map(State(site): State<Site>, RawQuery(query): RawQuery, headers: HeaderMap) -> Response {
     let Some(index) = &site.index else { return lost() };
-    let given = Asked::of(&site, query.as_deref()).await;
-    let reader = given.reader(&headers);
+    let given = Given::of(&site, query.as_deref().unwrap_or_default(), &headers).await;
+    let reader = given.reader();
     let asked = match catalogue::query("/map", &given.pairs) {
         Ok(asked) => asked,
         Err(why) => return refused("/map", &why, &reader, &headers),
@@ -165,10 +204,10 @@ pub(crate) async fn map(State(site): State<Site>, RawQuery(query): RawQuery, hea
     match ask(index, move |index| index.located(&question)).await {
         Ok(places) => {
             let window = given.get("box").and_then(map::Window::parse);
-            for_reader(map::page(&map::Shown { query: &asked, places: &places, window }, &reader), &headers)
+            for_reader(map::page(&map::Shown { query: &asked, places: &places, window }, &reader), &reader, &headers)
         }
         Err(status) => {
-            let around = Around { reader, today: &site.clock.day(), others: "", collections: &[] };
+            let around = Around { reader, today: &site.clock.day(), others: "", collections: &[], featured: &[] };
             failed(&around, status, &headers)
         }
     }
@@ -180,9 +219,10 @@ pub(crate) async fn all_collections(
     RawQuery(query): RawQuery,
     headers: HeaderMap,
 ) -> Response {
-    let given = Asked::of(&site, query.as_deref()).await;
+    let given = Given::of(&site, query.as_deref().unwrap_or_default(), &headers).await;
     let page = given.page("page");
-    for_reader(collections::all_page(&given.collections, page, &given.reader(&headers)), &headers)
+    let reader = given.reader();
+    for_reader(collections::all_page(&given.collections, page, &reader), &reader, &headers)
 }
 
 /// A collection, the slugs of those of its members that are shown, in its order, with the day of each one's current version, and of these what `pick` picks.
@@ -213,7 +253,7 @@ pub(crate) async fn collection(
     RawQuery(query): RawQuery,
     headers: HeaderMap,
 ) -> Response {
-    let given = Asked::of(&site, query.as_deref()).await;
+    let given = Given::of(&site, query.as_deref().unwrap_or_default(), &headers).await;
     let page = given.page("page");
     let pick = move |shown: &[(String, String)]| {
         let part = shown.iter().skip(page.saturating_mul(MEMBERS)).take(MEMBERS);
@@ -223,8 +263,8 @@ pub(crate) async fn collection(
         Ok((collection, count, members)) => {
             let today = site.clock.day();
             let part = Part { page, pages: count.div_ceil(MEMBERS) };
-            let reader = given.reader(&headers);
-            for_reader(collections::page(&collection, (count, &members), part, &reader, &today), &headers)
+            let reader = given.reader();
+            for_reader(collections::page(&collection, (count, &members), part, &reader, &today), &reader, &headers)
         }
         Err(StatusCode::NOT_FOUND) => lost(),
         Err(status) => plain(status),
@@ -273,7 +313,11 @@ pub(crate) async fn feed(State(site): State<Site>, headers: HeaderMap) -> Respon
     let Some(index) = &site.index else { return plain(StatusCode::NOT_FOUND) };
     let newest = Query { sort: Sort::Newest, per_page: feeds::NEWEST, ..Query::default() };
     match ask(index, move |index| index.search(&newest)).await {
-        Ok(found) => document(ATOM, feeds::atom(&site_base(&site, &headers), "/", "3D models", &found.entries)),
+        Ok(found) => {
+            let branding = branding(&site).await;
+            let title = branding.title().unwrap_or("3D models");
+            document(ATOM, feeds::atom(&site_base(&site, &headers), "/", title, &found.entries))
+        }
         Err(status) => plain(status),
     }
 }
@@ -324,10 +368,12 @@ pub(crate) async fn embed(State(site): State<Site>, RawQuery(query): RawQuery, h
         Err(status) => return plain(StatusCode::from_u16(status).unwrap_or(StatusCode::BAD_REQUEST)),
     };
     let slug = question.slug.clone();
+    let branding = branding(&site).await;
     match ask(index, move |index| index.entry(&slug)).await {
         Ok(entry) => match entry.and_then(|entry| {
             let is_open = matches!(verdict(&entry.access, &site.clock), Verdict::Open);
-            oembed::answer(&base, &question, &entry, is_open && site.policy.lets_any_site_embed())
+            let may_embed = is_open && site.policy.lets_any_site_embed();
+            oembed::answer((&base, branding.title()), &question, &entry, may_embed)
         }) {
             Some(answer) if question.xml => document("text/xml; charset=utf-8", oembed::to_xml(&answer)),
             Some(answer) => document("application/json", answer.to_string()),
@@ -391,13 +437,14 @@ pub(crate) async fn harvest(
     };
     let base = site_base(&site, &headers);
     let now = site.clock.instant();
-    let sets = collections(&site).await;
+    let (sets, branding) = (collections(&site).await, branding(&site).await);
     let archive = Archive { site, index: Arc::clone(&index), base, sets };
     let answered = ask(&index, move |_| {
         let base = archive.base.clone();
         let host = base.split("://").nth(1).unwrap_or_default().split(':').next().unwrap_or_default().to_owned();
         let contact = archive.site.contact.clone().unwrap_or_else(|| format!("webmaster@{host}"));
-        let asked = oai::Asked { url: format!("{base}/oai"), host, now, contact: &contact };
+        let name = branding.title();
+        let asked = oai::Asked { url: format!("{base}/oai"), host, name, now, contact: &contact };
         Ok(oai::answer(&archive, &asked, &query))
     });
     match answered.await {

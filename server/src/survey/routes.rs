@@ -9,14 +9,14 @@ use crate::gate::{Gate, Passing, pass};
 use crate::packs::blocking;
 use crate::portal::frame::Reader;
 use crate::portal::limit::short_query;
-use crate::portal::routes::{Asked, for_reader};
+use crate::portal::routes::{Given, for_reader};
 use crate::range::lists;
 use crate::site::{Site, lost};
 use axum::Router;
 use axum::extract::{Path, RawQuery, State};
 use axum::http::header::{CONTENT_TYPE, ETAG, IF_NONE_MATCH, LOCATION};
 use axum::http::{HeaderMap, HeaderValue, StatusCode};
-use axum::middleware::{from_fn, from_fn_with_state};
+use axum::middleware::from_fn_with_state;
 use axum::response::{IntoResponse as _, Response};
 use axum::routing::get;
 use kilwa_scan::panorama::Show;
@@ -30,7 +30,9 @@ const SHARE: usize = 2;
 const STYLE: &str = include_str!("../../assets/survey.css");
 const SCRIPT: &str = include_str!("../../assets/survey.js");
 
-pub(crate) fn routes(behind_proxy: bool) -> Router<Site> {
+pub(crate) fn routes(site: &Site) -> Router<Site> {
+    let behind_proxy = site.behind_proxy;
+    let short = || from_fn_with_state(site.clone(), short_query);
     let gated = |router: Router<Site>, gate: Gate| {
         router.route_layer(from_fn_with_state(Passing { gate: Arc::new(gate), behind_proxy }, pass))
     };
@@ -39,8 +41,8 @@ pub(crate) fn routes(behind_proxy: bool) -> Router<Site> {
         .route("/stations/{name}/", get(station_page))
         .route("/stations/{name}/{file}", get(picture))
         .route("/stations/{name}/{show}/{part}", get(part));
-    gated(plan.route_layer(from_fn(short_query)), Gate::of(AT_ONCE, SHARE))
-        .merge(gated(stations.route_layer(from_fn(short_query)), Gate::of(AT_ONCE, SHARE)))
+    gated(plan.route_layer(short()), Gate::of(AT_ONCE, SHARE))
+        .merge(gated(stations.route_layer(short()), Gate::of(AT_ONCE, SHARE)))
         .route("/stations/{name}", get(towards))
         .route("/survey.css", get(|headers: HeaderMap| async move { file(STYLE, "text/css", &headers) }))
         .route("/survey.js", get(|headers: HeaderMap| async move { file(SCRIPT, "text/javascript", &headers) }))
@@ -58,17 +60,17 @@ fn known<'a>(survey: &'a Survey, facts: &'a [Arc<Facts>]) -> Vec<Known<'a>> {
 /// `/`
 async fn plan_page(State(site): State<Site>, RawQuery(query): RawQuery, headers: HeaderMap) -> Response {
     let Some(surveyed) = site.survey.clone() else { return lost() };
-    let given = Asked::of(&site, query.as_deref()).await;
+    let given = Given::of(&site, query.as_deref().unwrap_or_default(), &headers).await;
     let found = blocking(move || {
         let survey = surveyed.survey()?;
         let facts = all(&surveyed, &survey);
         let plan = surveyed.plan(&survey, &known(&survey, &facts));
         Ok::<_, Arc<str>>((survey, facts, plan))
     });
-    let reader = given.reader(&headers);
+    let reader = given.reader();
     match found.await {
         Ok(Ok((survey, facts, plan))) => {
-            for_reader(plan_page::page(&survey, &known(&survey, &facts), plan.as_deref(), &reader), &headers)
+            for_reader(plan_page::page(&survey, &known(&survey, &facts), plan.as_deref(), &reader), &reader, &headers)
         }
         Ok(Err(why)) => mistakes(&why, &reader, &headers),
         Err(status) => status.into_response(),
@@ -150,8 +152,8 @@ async fn station_page(
     RawQuery(query): RawQuery,
     headers: HeaderMap,
 ) -> Response {
-    let given = Asked::of(&site, query.as_deref()).await;
-    let reader = given.reader(&headers);
+    let given = Given::of(&site, query.as_deref().unwrap_or_default(), &headers).await;
+    let reader = given.reader();
     let Found { surveyed, survey, station, facts } = match find(&site, &name).await {
         Ok(found) => found,
         Err(why) => return missing(why, &reader, &headers),
@@ -164,7 +166,7 @@ async fn station_page(
         Err(why) => Err(why.clone()),
     };
     let asked = station::Asked { survey: &survey, station: &station, facts: &facts, shown: &shown, show, picture };
-    for_reader(station::page(asked, &reader), &headers)
+    for_reader(station::page(asked, &reader), &reader, &headers)
 }
 
 fn named(name: &str) -> Option<Show> {
@@ -235,7 +237,7 @@ fn no_picture(why: Missing) -> Response {
 fn missing(why: Missing, reader: &Reader<'_>, headers: &HeaderMap) -> Response {
     match why {
         Missing::Unknown => {
-            let mut response = for_reader(plan_page::lost(reader), headers);
+            let mut response = for_reader(plan_page::lost(reader), reader, headers);
             *response.status_mut() = StatusCode::NOT_FOUND;
             response
         }
@@ -246,7 +248,7 @@ fn missing(why: Missing, reader: &Reader<'_>, headers: &HeaderMap) -> Response {
 }
 
 fn mistakes(why: &str, reader: &Reader<'_>, headers: &HeaderMap) -> Response {
-    let mut response = for_reader(plan_page::mistakes(why, reader), headers);
+    let mut response = for_reader(plan_page::mistakes(why, reader), reader, headers);
     *response.status_mut() = StatusCode::SERVICE_UNAVAILABLE;
     response
 }

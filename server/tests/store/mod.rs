@@ -6,6 +6,7 @@
 mod bucket;
 mod collections;
 mod extracts;
+mod institution;
 mod publishing;
 mod races;
 mod start;
