@@ -99,7 +99,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     if let Some(list) = &args.holes {
         ensure!(
             std::path::absolute(list)? != std::path::absolute(&args.output)?,
-            "{} is the output already; choose another name for the list of holes",
+            "{} is already the name of the output; choose another name for the list of holes",
             list.display()
         );
         check_output(list, args.force, inputs.iter().map(PathBuf::as_path))?;
@@ -155,7 +155,7 @@ fn into_pack(args: &Args, survey: &Survey) -> anyhow::Result<()> {
         report
     } else {
         crate::terminal::say!(
-            "kilwa: the merge was complete before it was resumed; it is repeated for the list of holes"
+            "kilwa: the merge was already complete; it is repeated to make the list of holes"
         );
         let options_of = |station: &_| crate::stations::options(survey.mesh, station);
         let bar = Bar::new();
@@ -166,7 +166,7 @@ fn into_pack(args: &Args, survey: &Survey) -> anyhow::Result<()> {
     holes::write(&report.borders, survey.crs.as_deref(), list, args.force)
 }
 
-/// Forgets the surface.
+/// Discards the surface.
 struct Nothing;
 
 impl MergedSurface for Nothing {
@@ -211,14 +211,14 @@ fn into_mesh(args: &Args, survey: &Survey) -> anyhow::Result<()> {
     });
     bar.clear();
     let (report, written) = written?;
-    let written = written.context("the surface was not begun")?;
+    let written = written.context("the merge ended without a surface")?;
     if let Some(list) = &args.holes {
         holes::write(&report.borders, survey.crs.as_deref(), list, args.force)?;
     }
     print(args, &report, &written, begun.elapsed().as_secs_f64())
 }
 
-/// Where each stage of a merge lies in the whole.
+/// The part of the progress bar that each stage of a merge fills.
 const SHARES: [(&str, f64, f64); 4] = [
     ("measuring point spacing", 0.0, 0.15),
     ("reading stations", 0.15, 0.5),
@@ -238,7 +238,7 @@ impl kilwa_scan::import::Progress for Shown<'_> {
     }
 }
 
-/// A mesh file that is written while the surface comes.
+/// A mesh file, written as the surface is delivered.
 struct File<'o> {
     survey: &'o Survey,
     title: String,

@@ -92,7 +92,7 @@ struct CatalogueArgs {
     /// The file that says which models belong together (default: collections.toml beside the objects, in the folder or the store).
     #[arg(long, value_name = "FILE")]
     collections: Option<PathBuf>,
-    /// The file that says whose archive it is: name, logo, introduction, featured models (default: site.toml beside the objects, in the folder or the store).
+    /// The file that describes the institution: name, logo, introduction, featured models (default: site.toml beside the objects, in the folder or the store).
     #[arg(long, value_name = "FILE")]
     site: Option<PathBuf>,
     /// Mail address for questions about harvesting (default: webmaster at the site).

@@ -71,7 +71,7 @@ pub enum ScanError {
         source: io::Error,
     },
     /// The scratch file of a merge cannot be written or read.
-    #[error("the scratch file in {} failed; if the disk is full, give --scratch a folder on a larger one, or use a larger --voxel", folder.display())]
+    #[error("the scratch file in {} could not be written or read; if the disk is full, choose a folder on a larger disk with --scratch, or use a larger --voxel", folder.display())]
     Scratch {
         /// Where it is.
         folder: PathBuf,

@@ -240,7 +240,7 @@ async fn a_missing_or_unusable_logo_is_reported_and_the_page_works_without_it() 
         html.contains("<img src=\"/logo")
     };
     assert!(!has_logo().await && !has_logo().await);
-    assert_eq!(lines("line 2: logo: there is no logo.svg beside it"), 1, "once");
+    assert_eq!(lines("line 2: logo: there is no logo.svg beside this file"), 1, "once");
     write(&dir, "logo.svg", "GIF89a");
     assert!(!has_logo().await && !has_logo().await);
     assert_eq!(lines("logo.svg: this is not a PNG, SVG, JPEG or WebP picture"), 1);

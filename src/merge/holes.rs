@@ -1,4 +1,4 @@
-//! Holes of a merged surface, for people: a sentence, and a list as GeoJSON.
+//! Reports the holes of a merged surface: a sentence, and a list as GeoJSON.
 
 use crate::new_file::NewFile;
 use kilwa_pack::plural::counted;

@@ -1,6 +1,6 @@
 //! `kilwa publish`: a pack and its metadata become an archive object.
 //!
-//! `plan` reads and checks everything and changes nothing; `progress` is one bar over all stages; `pictures` draws; `write` puts the object on disk through
+//! `plan` reads and checks everything and changes nothing; `progress` shows one bar for all stages; `pictures` draws; `write` puts the object on disk through
 //! `kilwa_archive::draft`; `remote` sends it to a server by `send`, `store` to an S3-compatible store; `mapping` shows where each field goes; `notes` puts notes on the model into it; `withdraw` leaves a tombstone.
 
 mod mapping;

@@ -34,10 +34,10 @@ pub(super) struct Drawn {
     pub(super) drawings: Vec<(String, String)>,
 }
 
-/// Rows of a picture that has none, as parts of the progress.
+/// Parts of the progress that each picture counts for, whatever its number of rows.
 const ROWS: u32 = 1000;
 
-/// Draw everything of `pack` into `folder`. Told how many parts of how many are drawn.
+/// Draw all pictures of `pack` into `folder`. Calls `on_part` with the number of parts drawn and their total.
 ///
 /// # Errors
 /// When there is nothing to draw with, the pack is damaged, or a file cannot be written.

@@ -1,18 +1,18 @@
 //! Progress of `kilwa publish`: one bar from the first check to the last file, with the time left.
 //!
-//! Each stage has a share of the bar, by the time that it is expected to take: what reads the pack by its length, the pictures by their number. The figures
-//! need only be right in proportion; the time left is estimated from how long the work so far really took.
+//! Each stage has a share of the bar according to its expected time: stages that read the pack by its length, the pictures by their number. The figures
+//! need only be right in proportion; the time left is estimated from how long the work has taken so far.
 
 use crate::progress::Bar;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// Bytes per second at which a pack is checked, copied, hashed and written anew, and sent: of a laptop and a usual line.
+/// Bytes per second at which a pack is checked, copied, hashed, rewritten and sent, on a laptop with an ordinary connection.
 const CHECKED: f64 = 250e6;
 const COPIED: f64 = 400e6;
 const HASHED: f64 = 800e6;
 const MOVED: f64 = 60e6;
 const SENT: f64 = 5e6;
-/// Seconds for the pictures of a small pack, and bytes of a pack for each second more: what is drawn grows more slowly than the pack.
+/// Seconds for the pictures of a small pack, and bytes of the pack for each further second: drawing time grows more slowly than the pack.
 const PICTURES: f64 = 8.0;
 const DRAWN: f64 = 200e6;
 /// Seconds for the preview and for the records.
@@ -24,14 +24,14 @@ const RECORDS: f64 = 0.5;
 pub(super) enum Stage {
     Check,
     Copy,
-    /// Writing the pack without its location, and checking that.
+    /// Writing the pack without its location, and checking the result.
     Redact,
     Hash,
     Pictures,
     Preview,
     Records,
     Send,
-    /// By the server that it was sent to.
+    /// Verification by the server that it was sent to.
     Verify,
 }
 
@@ -46,7 +46,7 @@ impl Stage {
             Self::Preview => "making the preview",
             Self::Records => "writing the records",
             Self::Send => "sending",
-            Self::Verify => "the server verifies",
+            Self::Verify => "verifying on the server",
         }
     }
 
@@ -68,7 +68,7 @@ impl Stage {
 /// Shows a stage's name and how much of the whole is done, 0 to 1.
 type Show = Box<dyn Fn(&'static str, f64) + Send + Sync>;
 
-/// How far a publication is.
+/// How far a publication has got.
 pub(super) struct Progress {
     bar: Arc<Bar>,
     show: Show,
@@ -79,14 +79,14 @@ pub(super) struct Progress {
 
 struct Now {
     stage: Stage,
-    /// Parts of the stage that are done, and all; 0 where they are not counted.
+    /// How many parts of the stage are done, and how many there are; 0 if they are not counted.
     parts: [u64; 2],
-    /// Of the whole; never less than before.
+    /// The share of the whole that is done; it never decreases.
     share: f64,
 }
 
 impl Progress {
-    /// Of a publication with these stages, of a pack with this length in bytes; on standard error, where that is a terminal.
+    /// For a publication with these stages of a pack of this length in bytes; shown on standard error if that is a terminal.
     pub(super) fn new(stages: &[Stage], pack: u64) -> Self {
         let bar = Arc::new(Bar::new());
         let shown = Arc::clone(&bar);
@@ -115,12 +115,12 @@ impl Progress {
         self.change(|now| (now.stage, now.parts) = (stage, [0; 2]));
     }
 
-    /// So many parts of the stage are done; bytes, rows or whatever it counts.
+    /// Report how many parts of the stage are done: bytes, rows or whatever it counts.
     pub(super) fn at(&self, done: u64, all: u64) {
         self.change(|now| now.parts = [done, all]);
     }
 
-    /// So many more bytes of a file with this length are done.
+    /// Report that this many more bytes of a file of length `all` are done.
     pub(super) fn more(&self, bytes: u64, all: u64) {
         self.change(|now| now.parts = [now.parts[0] + bytes, all]);
     }
@@ -141,7 +141,7 @@ impl Progress {
         self.bar.say(line);
     }
 
-    /// All of it is done: the bar goes.
+    /// Everything is done: remove the bar.
     pub(super) fn end(&self) {
         let mut now = self.now.lock().unwrap_or_else(PoisonError::into_inner);
         now.share = 1.0;
@@ -163,7 +163,7 @@ pub(super) mod tests {
     /// What a reader would have seen: stages and shares.
     pub(in crate::publish) type Seen = Arc<Mutex<Vec<(&'static str, f64)>>>;
 
-    /// Progress that nobody sees but the test.
+    /// Progress that only the test sees.
     pub(in crate::publish) fn watched(stages: &[Stage], pack: u64) -> (Progress, Seen) {
         let seen = Seen::default();
         let writer = Arc::clone(&seen);
@@ -180,7 +180,7 @@ pub(super) mod tests {
         progress.more(5_000_000_000, 10_000_000_000);
         progress.begin(Stage::Copy);
         progress.at(1, 2);
-        // What counts anew never takes the bar back.
+        // A stage that starts counting again never moves the bar back.
         progress.at(1, 4);
         progress.begin(Stage::Pictures);
         progress.at(3, 6);

@@ -68,7 +68,7 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
     super::say(args, &report)
 }
 
-/// What there is to do.
+/// The stages of a publication to a server.
 fn stages(given: &Given) -> Vec<Stage> {
     let redact = given.place.map(|_| Stage::Redact);
     let others = [Stage::Hash, Stage::Pictures, Stage::Preview, Stage::Send, Stage::Verify];
@@ -251,7 +251,7 @@ fn token(args: &Args) -> anyhow::Result<String> {
     Ok(token.to_owned())
 }
 
-/// Show how far sending is.
+/// Show how far sending has got.
 fn show(progress: &Progress, event: &SendEvent<'_>) {
     let at = |stage: Stage, done: u64, all: u64| {
         progress.begin(stage);

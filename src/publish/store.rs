@@ -57,7 +57,7 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
         return super::say(args, &report);
     }
     progress.begin(Stage::Send);
-    // A file counts when the next one begins.
+    // A file is counted when the next one begins.
     let (before, all) = (AtomicU64::new(0), report.bytes);
     let on_send = |key: &str| {
         progress.more(before.load(Ordering::Relaxed), all);

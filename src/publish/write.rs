@@ -25,7 +25,7 @@ use std::path::Path;
 /// The pack's name in the draft, until its hash is known.
 const PART: &str = "pack.part";
 
-/// What there is to do in a folder.
+/// The stages of a publication to a folder.
 pub(super) fn stages(plan: &Plan) -> Vec<Stage> {
     let copy = if plan.given.place.is_some() { Stage::Redact } else { Stage::Copy };
     vec![Stage::Check, copy, Stage::Hash, Stage::Pictures, Stage::Preview, Stage::Records]

@@ -15,7 +15,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-/// Pieces after which it is asked whether to stop.
+/// Number of pieces between two checks whether to stop.
 const ASK_EVERY: u64 = 1 << 18;
 /// Vertices of a station that are kept at a time.
 const WINDOW: usize = 1 << 17;
@@ -225,10 +225,10 @@ impl Surface for Cutter<'_> {
         if position.cmplt(low).any() || position.cmpgt(high).any() {
             return Err(ScanError::Spool {
                 file: self.path.clone(),
-                what: format!("a point at {:?} m is outside of the bounds in its header", vertex.position.to_array()),
+                what: format!("a point at {:?} m is outside the bounds in its header", vertex.position.to_array()),
             });
         }
-        // What is not finite, or larger than any scanner's count, is no measurement.
+        // A value that is not finite, or is larger than any scanner produces, is not a measurement.
         let intensity = Some(vertex.intensity).filter(|v| v.abs() <= INTENSITY_MAX);
         self.window.push(Corner {
             position,

@@ -1,4 +1,4 @@
-//! The holes of a merged surface, and why they are there: no station saw the place, stations saw through it, or they measured something there that gave no surface.
+//! The holes of a merged surface, and why they are there: no station saw the place, stations saw through it, or what they measured there formed no surface.
 
 use super::cut::Station;
 use super::rims::RimVertex;
@@ -67,9 +67,9 @@ impl Hole {
 pub struct Borders {
     /// Holes, largest first.
     pub holes: Vec<Hole>,
-    /// Rims that surround a part of the surface from outside: how many, and their length in metres.
+    /// The number of rims that surround a part of the surface from outside.
     pub outlines: usize,
-    /// See `outlines`.
+    /// Their total length, metres.
     pub outline_length: f64,
 }
 

@@ -1,4 +1,4 @@
-//! The surfaces of bricks, joined into one mesh: vertices on edges that several bricks have are delivered once.
+//! The surfaces of bricks, joined into one mesh: vertices on edges shared by several bricks are delivered once.
 
 use super::piles::morton;
 use super::rims::{RimVertex, Rims};

@@ -1,10 +1,10 @@
 //! Merging the stations of a survey into one surface, out of core.
 //!
-//! Stages: the voxel, if it is not given (`spacing`) → the triangles of each station, cut into pieces that go to the piles of the tiles they matter to (`piles`)
+//! Stages: the voxel, if it is not given (`spacing`) → the triangles of each station, cut into pieces, which are stored for each tile that needs them (`piles`)
 //! → tile by tile the distance field and its surface ([`kilwa_scan_core::tsdf`]) → one mesh (`join`).
 //!
 //! The result does not depend on tiles, threads or the order of stations: sums are integers, and vertices and triangles are delivered in the order of the
-//! bricks along a Morton curve, which tiles only divide.
+//! bricks along a Morton curve; a tile is a section of that curve.
 
 mod cut;
 mod holes;
@@ -32,7 +32,7 @@ use std::path::{Path, PathBuf};
 
 /// The standard deviation across the surface at which a sample has the greatest weight, metres.
 const BEST_SIGMA: f64 = 0.002;
-/// Smallest and largest voxel, metres. Mesh files have coordinates in micrometres, and vertices can be as near to one another as a 64th of a voxel.
+/// Smallest and largest voxel, metres. Mesh files have coordinates in micrometres, and vertices can be as close together as a 64th of a voxel.
 pub const VOXEL_RANGE: [f64; 2] = [1e-4, 100.0];
 /// Maximum number of voxels along an axis.
 const VOXELS_MAX: f64 = (1 << 22) as f64;
@@ -76,10 +76,10 @@ pub struct Begin {
 
 /// Receives the merged surface.
 pub trait MergedSurface {
-    /// Called once, first.
+    /// Called once, before anything else.
     ///
     /// # Errors
-    /// Where the output cannot be begun.
+    /// If the output cannot be started.
     fn begin(&mut self, begin: &Begin) -> Result<(), ScanError>;
 
     /// A vertex; they are counted from 0.
@@ -132,7 +132,7 @@ impl Scale {
         let count = ((max - origin) / voxel).max_element();
         if count.is_nan() || count > VOXELS_MAX {
             return Err(ScanError::Request(format!(
-                "the survey is {count:.0} voxels of {voxel} m wide, but at most {VOXELS_MAX} can be merged; use a larger --voxel, or limit the area with --box"
+                "the survey extends over {count:.0} voxels of {voxel} m along an axis, but at most {VOXELS_MAX} are allowed; use a larger --voxel, or limit the area with --box"
             )));
         }
         Ok(Self { origin, voxel })
@@ -189,7 +189,7 @@ fn merge_in_tiles(
     };
     if !(VOXEL_RANGE[0]..=VOXEL_RANGE[1]).contains(&voxel) {
         return Err(ScanError::Request(format!(
-            "a voxel of {voxel:e} m is not possible; give one from {} to {} m",
+            "a voxel size of {voxel:e} m is not allowed; give a size from {} to {} m",
             VOXEL_RANGE[0], VOXEL_RANGE[1]
         )));
     }
@@ -212,7 +212,7 @@ fn merge_in_tiles(
         return Err(ScanError::Request(match report.pieces {
             0 => "nothing is left to merge: the box holds no surface, or masks cover all samples (--unmasked uses them), or limits on edges drop all triangles".to_owned(),
             _ => format!(
-                "no surface is left at a voxel of {voxel} m: the stations have {} triangles, whose surface is smaller than a few voxels, or narrower; use a smaller --voxel",
+                "no surface is left at a voxel of {voxel} m: the surface of the stations ({} triangles) is only a few voxels wide or less; use a smaller --voxel",
                 report.station_triangles
             ),
         }));

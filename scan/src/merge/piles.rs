@@ -128,7 +128,7 @@ pub(super) struct Gathered<'p> {
 }
 
 impl<'p> Gathered<'p> {
-    /// For a station, in at most so many bytes.
+    /// For one station, holding at most this many bytes in memory.
     pub(super) fn new(piles: &'p Piles, station: u16, tile_log2: u32, most: usize) -> Self {
         Self { piles, station, tile_log2, tiles: HashMap::new(), held: 0, most, count: 0 }
     }

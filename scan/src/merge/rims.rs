@@ -1,4 +1,4 @@
-//! The rims of a merged surface: edges that have one triangle, joined to loops.
+//! The rims of a merged surface: edges that have one triangle, joined into loops.
 
 use glam::DVec3;
 use kilwa_scan_core::tsdf::Patch;
@@ -65,7 +65,7 @@ impl Rims {
                     next.remove(&at);
                 }
                 let Some(step) = step else { break };
-                // A vertex where two loops touch: what was walked since then is a loop of its own.
+                // A vertex where two loops touch: the edges walked since the last visit form a loop of their own.
                 if let Some(from) = places.get(&step).copied() {
                     let own: Vec<u64> = path.drain(from..).collect();
                     for k in &own {

@@ -15,7 +15,7 @@ const SHARE: f64 = 0.3;
 /// Spacings of all stations in each cell.
 #[derive(Debug, Default)]
 pub(super) struct Spacings {
-    /// The finest mean spacing of a station, and the largest surface that one saw.
+    /// The finest mean spacing of any station, and the largest surface that any station saw.
     cells: HashMap<IVec3, [f64; 2]>,
 }
 

@@ -128,7 +128,7 @@ impl Collections {
         Self(self.0.with_freshness(freshness))
     }
 
-    /// All of them, in the order of the file. Blocks as [`Watched::content`].
+    /// All of them, in the order of the file. Blocks like [`Watched::content`].
     pub(crate) fn all(&self) -> Arc<Vec<Collection>> {
         self.0.content()
     }

@@ -1,8 +1,8 @@
-//! The institution's accent colour, in the light and the dark theme, with the contrast that WCAG 2.2 AA asks for.
+//! The institution's accent colour, in the light and the dark theme, with the contrast that WCAG 2.2 AA requires.
 
 use std::fmt;
 
-/// Contrast of text with what is behind it (WCAG 2.2, 1.4.3).
+/// Minimum contrast of text with its background (WCAG 2.2, 1.4.3).
 const CONTRAST: f64 = 4.5;
 /// Steps from a colour to black or white on the way to one with enough contrast.
 const STEPS: u32 = 200;
@@ -27,7 +27,7 @@ impl Theme {
         }
     }
 
-    /// What the accent is read on (`--paper`, `--raised`, `--sunken`), and the colour of text on the accent (`--on-accent`); as in www/style.css.
+    /// The backgrounds of the accent (`--paper`, `--raised`, `--sunken`), and the colour of text on the accent (`--on-accent`); as in www/style.css.
     fn around(self) -> [Rgb; 4] {
         match self {
             Self::Light => [[0xf6, 0xf1, 0xe7], [0xff, 0xfc, 0xf5], [0xeb, 0xe4, 0xd6], [0xff, 0xfa, 0xf1]].map(Rgb),
@@ -44,7 +44,7 @@ pub(crate) struct Accent {
 }
 
 impl Accent {
-    /// The rules of a style sheet that put it in place of Kilwa's. Nothing but digits of a colour gets into them.
+    /// Style sheet rules that replace Kilwa's accent with it. Nothing but the digits of a colour gets into them.
     pub(crate) fn css(self) -> String {
         let Self { light, dark } = self;
         format!(
@@ -92,7 +92,7 @@ impl Rgb {
         self.contrast_in(theme) >= CONTRAST
     }
 
-    /// The nearest colour on the way to black, or in the dark theme to white, that can be read.
+    /// The nearest colour towards black, or in the dark theme towards white, that has enough contrast.
     pub(crate) fn adjusted(self, theme: Theme) -> Self {
         let end = if theme == Theme::Light { 0.0 } else { 255.0 };
         let mixed = |step: u32| {

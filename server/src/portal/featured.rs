@@ -1,7 +1,7 @@
 //! The models that an institution shows first (`featured` in `site.toml`), as larger cards at the top of the catalogue.
 //!
-//! Invariant: only what everybody may have is shown: what is under embargo, restricted, withdrawn or unreadable is left out, by the object's own manifest,
-//! whatever the index still says of it. What is left out, and why, is logged.
+//! Invariant: only public models are shown. A model that is under embargo, restricted, withdrawn or unreadable is left out, according to its own manifest,
+//! whatever the index still says about it. The log states which are left out, and why.
 
 use super::frame::Reader;
 use super::routes::{ask, branding};
@@ -36,7 +36,7 @@ pub async fn report_featured(site: &Site) {
     }
 }
 
-/// The featured models that everybody may have, in the order of `site.toml`.
+/// The featured models that are public, in the order of `site.toml`.
 pub(super) async fn entries(site: &Site, index: &Arc<Index>, branding: &Branding) -> Vec<Entry> {
     let Some(file) = &site.institution else { return Vec::new() };
     let slugs = branding.institution.featured.clone();
@@ -45,7 +45,7 @@ pub(super) async fn entries(site: &Site, index: &Arc<Index>, branding: &Branding
         let question = slugs.clone();
         let found =
             ask(index, move |index| question.iter().map(|slug| index.entry(slug)).collect::<Result<Vec<_>, _>>());
-        // An index that gives no answer says nothing of these models.
+        // If the index does not answer, nothing is known about these models.
         let Ok(found) = found.await else { return Vec::new() };
         for (slug, entry) in slugs.into_iter().zip(found) {
             match (state(site, &slug).await, entry) {
@@ -60,13 +60,13 @@ pub(super) async fn entries(site: &Site, index: &Arc<Index>, branding: &Branding
     entries
 }
 
-/// Whether everybody may have an object; else why it is not shown, or nothing if that cannot be known now.
+/// Whether an object is public; if not, why it is not shown, or nothing if that is not known at present.
 async fn state(site: &Site, slug: &str) -> Result<(), Option<&'static str>> {
     let manifest = match objects::manifest(site, slug).await {
         Ok(manifest) => manifest,
         Err(StatusCode::NOT_FOUND) => {
             return Err(Some(
-                "is not the name of an object here, so it is not shown; write names as in their addresses, /NAME/",
+                "is not the name of an object here, so it is not shown; write each name as in its address, /NAME/",
             ));
         }
         Err(_) => return Err(None),
@@ -74,7 +74,7 @@ async fn state(site: &Site, slug: &str) -> Result<(), Option<&'static str>> {
     match (verdict(&manifest.access, &site.clock), manifest.access.state) {
         (Verdict::Open, _) => Ok(()),
         (Verdict::Gone(_), _) => Err(Some("was withdrawn, so it is not shown; take it out of the list")),
-        (_, AccessState::Embargo) => Err(Some("is under embargo, so it is shown only when that ends")),
+        (_, AccessState::Embargo) => Err(Some("is under embargo, so it is not shown until the embargo ends")),
         _ => Err(Some("is not public, so it is not shown; take it out of the list")),
     }
 }

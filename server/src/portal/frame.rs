@@ -15,9 +15,9 @@ pub(crate) struct Reader<'a> {
     pub(crate) has_collections: bool,
     /// Whether there is an index, and so a map.
     pub(crate) has_map: bool,
-    /// Whose archive it is, where that is known.
+    /// The institution that runs the archive, if known.
     pub(crate) branding: Option<&'a Branding>,
-    /// Who visits, where the server has accounts.
+    /// The visitor, if the server has accounts.
     pub(crate) visit: Option<&'a Visit>,
 }
 
@@ -29,7 +29,7 @@ pub(crate) struct Visit {
 }
 
 impl<'a> Reader<'a> {
-    /// A reader of whom nothing but the language is known.
+    /// A reader about whom only the language is known.
     pub(crate) fn of(language: &'static Language, lang: Option<&'a str>) -> Self {
         Self { language, lang, has_collections: false, has_map: false, branding: None, visit: None }
     }
@@ -101,7 +101,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// What `templates/portal.html` has around the content of a page: whose archive it is, the ways to the site's parts, the languages, signing in, notices.
+/// What `templates/portal.html` shows around the content of a page: the institution, links to the site's parts, the languages, sign-in, notices.
 #[derive(Debug)]
 pub(crate) struct Top {
     pub(crate) l: &'static Language,
@@ -135,13 +135,13 @@ pub(crate) struct Brand {
     pub(crate) logo: Option<&'static str>,
 }
 
-/// The way to sign in, or who is signed in and the way to sign out.
+/// The link to sign in, or who is signed in and the form to sign out.
 #[derive(Debug)]
 pub(crate) struct Account {
     pub(crate) who: Option<String>,
     /// "You are signed in as …"
     pub(crate) sentence: String,
-    /// Address of the form, which leads back here.
+    /// Address of the sign-in form, which leads back to this page.
     pub(crate) sign_in: String,
     /// Address of this page.
     pub(crate) here: String,
@@ -154,6 +154,6 @@ pub(crate) struct Notice {
     pub(crate) key: &'static str,
     pub(crate) language: String,
     pub(crate) text: String,
-    /// Where it leads, if it is an address and no text.
+    /// The target of the link, if it is an address and not a text.
     pub(crate) link: Option<String>,
 }

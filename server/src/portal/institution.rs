@@ -1,4 +1,4 @@
-//! What `site.toml` says of the institution whose archive it is.
+//! The institution that runs the archive, as described in `site.toml`.
 //!
 //! ```toml
 //! name = "National Museum of Kilwa"
@@ -13,8 +13,8 @@
 //! sw = """Aya moja au zaidi."""
 //! ```
 //!
-//! Texts are in one language, that of `language`, or in several. Invariants: every mistake is reported, with its line; a colour that cannot be read is
-//! adjusted, which a remark says; nothing here is markup.
+//! Texts are in one language, that of `language`, or in several. Invariants: every mistake is reported, with its line; a colour with too little contrast is
+//! adjusted, and a remark reports it; nothing here is markup.
 
 use super::color::{Accent, Rgb, Theme};
 use super::language::Language;
@@ -52,7 +52,7 @@ pub(crate) struct Institution {
 /// A text in one or more languages.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Texts {
-    /// BCP 47 codes and texts; never empty. The first is for readers of whose language there is none.
+    /// BCP 47 codes and texts; never empty. The first is for readers whose language is missing.
     texts: Vec<(String, String)>,
 }
 
@@ -65,7 +65,7 @@ impl Texts {
     }
 }
 
-/// Where an imprint or a contact leads, if it is one address or mail address and no text.
+/// The target of the link, if an imprint or a contact is a single web or mail address and not a text.
 pub(crate) fn link(text: &str) -> Option<String> {
     if text.contains(char::is_whitespace) {
         return None;
@@ -157,7 +157,7 @@ fn texts(t: &Table<'_, '_>, key: &'static str, language: &str, max: usize) -> Op
     let codes = Language::all().iter().map(|l| l.code);
     let mut texts: Vec<_> = codes.filter_map(|code| Some((code.to_owned(), checked(&table, code)?))).collect();
     let is_empty = texts.is_empty() && !Language::all().iter().any(|l| table.has(l.code));
-    // The file's own language first, then English: in this order they are for readers of other languages.
+    // The file's own language first, then English: readers of other languages get the first that exists.
     texts.sort_by_key(|(code, _)| (code != language, code != "en"));
     table.finish();
     if is_empty {
@@ -184,7 +184,7 @@ fn accent(t: &Table<'_, '_>, remarks: &mut Vec<String>) -> Option<Accent> {
         let shown = color.adjusted(theme);
         if shown != color {
             remarks.push(format!(
-                "line {line}: {field}: the contrast of {color} is {:.1} to 1 in the {} theme, too low to read; {shown} is shown instead (WCAG AA asks for 4.5 to 1)",
+                "line {line}: {field}: the contrast of {color} is {:.1} to 1 in the {} theme, too low to read; {shown} is shown instead (WCAG AA requires 4.5 to 1)",
                 color.contrast_in(theme),
                 theme.name()
             ));
@@ -193,7 +193,7 @@ fn accent(t: &Table<'_, '_>, remarks: &mut Vec<String>) -> Option<Accent> {
     };
     if !t.is_table("accent") {
         let color = color(t, "accent")?;
-        // No colour can be read in both themes. Where it suits one, its counterpart in the other is no surprise.
+        // No colour has enough contrast in both themes. If it suits one, adjusting it for the other needs no remark.
         if color.suits(Theme::Dark) {
             return Some(Accent { light: color.adjusted(Theme::Light), dark: color });
         }

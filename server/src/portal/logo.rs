@@ -1,6 +1,6 @@
-//! The institution's logo: which pictures are taken, and how they are served.
+//! The institution's logo: which formats are accepted, and how they are served.
 //!
-//! Invariant: a picture is sent under the type that its content has, with a policy under which it can run nothing and load nothing, so
+//! Invariant: a picture is sent with the media type that its content shows, and with a policy under which it can run and load nothing, so
 //! that an SVG that somebody opens by its address is as harmless as one in a page.
 
 use crate::content::{ASK_AGAIN, condition};
@@ -26,7 +26,7 @@ pub(crate) enum Format {
 impl Format {
     pub(crate) const ALL: [Self; 4] = [Self::Png, Self::Svg, Self::Jpeg, Self::Webp];
 
-    /// That of its content.
+    /// The format of a file, detected from its content.
     fn of_content(bytes: &[u8]) -> Option<Self> {
         match bytes {
             [0x89, b'P', b'N', b'G', b'\r', b'\n', 0x1a, b'\n', ..] => Some(Self::Png),
@@ -56,7 +56,7 @@ impl Format {
     }
 }
 
-/// Whether the first element is `svg`; before it may be a declaration, comments and a document type.
+/// Whether the first element is `svg`; it may follow a declaration, comments and a document type.
 fn is_svg(text: &str) -> bool {
     let mut rest = text.trim_start_matches('\u{feff}').trim_start();
     while let Some(end) = [("<?", "?>"), ("<!--", "-->"), ("<!DOCTYPE", ">")]
@@ -81,14 +81,14 @@ impl Logo {
     /// Of a file's content.
     ///
     /// # Errors
-    /// A sentence, if it is no picture.
+    /// A message, if it is not a picture in one of these formats.
     pub(super) fn read(bytes: &[u8]) -> Result<Self, String> {
         let format = Format::of_content(bytes).ok_or("this is not a PNG, SVG, JPEG or WebP picture")?;
         let etag = format!("\"{}\"", &blake3::hash(bytes).to_hex()[..32]);
         Ok(Self { format, bytes: Bytes::copy_from_slice(bytes), etag })
     }
 
-    /// The answer with it.
+    /// The response with the logo.
     pub(crate) fn respond(&self, headers: &HeaderMap) -> Response {
         let fixed = [(ETAG, self.etag.as_str()), (CACHE_CONTROL, ASK_AGAIN), (CONTENT_SECURITY_POLICY, POLICY)];
         if let Some(status) = condition(&self.etag, headers) {

@@ -3,7 +3,7 @@
 //! | URL | what |
 //! |---|---|
 //! | `/` | catalogue: search, facets, pages; plain HTML, works without JavaScript ([`catalogue`]); above it the institution and what it features ([`featured`]) |
-//! | `/site.css`, `/logo.svg` … | colours and logo of the institution ([`site_file`]: what `site.toml` says of it) |
+//! | `/site.css`, `/logo.svg` … | colours and logo of the institution ([`site_file`]: the content of `site.toml`) |
 //! | `/map` | where the models are ([`map`], over the outline of the [`land`]) |
 //! | `/collections/…` | models that belong together ([`mod@collections`]) |
 //! | `/oai` | OAI-PMH 2.0, `oai_dc` ([`oai`]) |

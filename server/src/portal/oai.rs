@@ -39,7 +39,7 @@ pub(crate) struct Asked<'a> {
     pub(crate) url: String,
     /// Host of the site, for identifiers.
     pub(crate) host: String,
-    /// Name of the institution, where it is known.
+    /// Name of the institution, if known.
     pub(crate) name: Option<&'a str>,
     /// Now, `YYYY-MM-DDThh:mm:ssZ`.
     pub(crate) now: String,

@@ -65,7 +65,7 @@ pub(super) async fn ask<T: Send + 'static>(
     })
 }
 
-/// What of a request's address and headers decides how it is read, and what every page says of the site.
+/// The parts of a request's address and headers that affect the page, and what every page shows of the site.
 pub(crate) struct Given {
     pairs: Vec<(String, String)>,
     language: &'static Language,
@@ -76,7 +76,7 @@ pub(crate) struct Given {
 }
 
 impl Given {
-    /// With the words of a query or a form.
+    /// `words` is a query or the body of a form.
     pub(crate) async fn of(site: &Site, words: &str, headers: &HeaderMap) -> Self {
         let pairs = pairs(words);
         let lang = pairs.iter().find(|(name, _)| name == "lang").map(|(_, value)| value.as_str());
@@ -117,13 +117,13 @@ pub(crate) async fn collections(site: &Site) -> Arc<Vec<Collection>> {
     blocking(move || collections.all()).await.unwrap_or_default()
 }
 
-/// Whose archive it is, as far as `site.toml` says.
+/// The institution, as far as `site.toml` describes it.
 pub(crate) async fn branding(site: &Site) -> Branding {
     let Some(file) = site.institution.clone() else { return Branding::default() };
     blocking(move || file.branding()).await.unwrap_or_default()
 }
 
-/// Who visits, where the server has accounts.
+/// The visitor, if the server has accounts.
 pub(crate) async fn visit(site: &Site, headers: &HeaderMap) -> Option<Visit> {
     let auth = site.auth.clone()?;
     if !headers.contains_key(COOKIE) {

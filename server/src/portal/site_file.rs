@@ -1,4 +1,4 @@
-//! `site.toml` beside the objects: whose archive this is ([`institution`](super::institution)), with the logo beside it.
+//! `site.toml` beside the objects, which describes the institution ([`institution`](super::institution)), and the logo beside it.
 //!
 //! Both are followed while the server runs ([`watched`](super::watched)). What is adjusted or left out (a colour, a missing logo, a featured model that is
 //! not there or not public) is logged once, with its line; the pages work without it.
@@ -45,7 +45,7 @@ pub struct SiteFile {
     freshness: Option<Duration>,
 }
 
-/// A file with a logo; nothing where there is none.
+/// A file with a logo; `None` if there is no file.
 type LogoFile = Watched<Option<Arc<Logo>>>;
 
 #[derive(Debug)]
@@ -70,7 +70,7 @@ impl Remarks {
 }
 
 impl SiteFile {
-    /// That of this file, which need not be there yet; the logo is beside it.
+    /// For this file, which need not exist yet; the logo is beside it.
     #[must_use]
     pub fn new(file: PathBuf) -> Self {
         let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
@@ -78,7 +78,7 @@ impl SiteFile {
         Self::at(At::Named(file), Beside::Folder(folder))
     }
 
-    /// That which lies beside the objects of `shelf`, a folder or a store, as `site.toml`. Looks at once.
+    /// For the `site.toml` beside the objects of `shelf`, a folder or a store. Reads it immediately.
     #[must_use]
     pub fn beside(shelf: &Place) -> Self {
         let file = Self::at(At::Beside(shelf.join(FILE)), Beside::Shelf(shelf.clone()));
@@ -91,7 +91,7 @@ impl SiteFile {
             let text = std::str::from_utf8(bytes).map_err(|e| e.to_string())?;
             Institution::parse(text).map_err(|problems| problems.to_string())
         };
-        let otherwise = "what was last valid stays in use";
+        let otherwise = "the last valid version stays in use";
         let file = Watched::new(at, Expected { max: FILE_MAX, read, otherwise });
         let (remarks, of_featured) = Default::default();
         Self { file, beside, logo: Mutex::default(), remarks, of_featured, freshness: None }
@@ -104,7 +104,7 @@ impl SiteFile {
         Self { file, logo, freshness: Some(freshness), ..self }
     }
 
-    /// What the file and its logo say now. Blocks as [`Watched::content`].
+    /// The current content of the file and its logo. Blocks like [`Watched::content`].
     pub(crate) fn branding(&self) -> Branding {
         let institution = self.file.content();
         let mut remarks: BTreeSet<String> = institution.remarks.iter().cloned().collect();
@@ -114,7 +114,7 @@ impl SiteFile {
             logo.clone_from(&watched.content());
             if watched.is_missing() {
                 remarks.insert(format!(
-                    "line {line}: logo: there is no {name} beside it; put the picture there, or correct the name"
+                    "line {line}: logo: there is no {name} beside this file; put the picture there, or correct the name"
                 ));
             }
         }

@@ -1,6 +1,6 @@
 //! A file beside the objects that people edit while the server runs: it is read again when it changes.
 //!
-//! It is looked at when somebody asks, at most once a second, in a store as often as its list. Failures: if the file cannot be read, or is a link or a
+//! It is checked on request, at most once a second, or in a store as often as the store's list. Failures: if the file cannot be read, or is a link or a
 //! special file, the last valid content is kept; the log says once what is wrong. It is also kept if the store does not answer or does not deliver the
 //! file; the store logs this itself.
 
@@ -15,9 +15,9 @@ use std::time::{Duration, Instant};
 /// Where the file is.
 #[derive(Debug, Clone)]
 pub(crate) enum At {
-    /// There, and no link is followed.
+    /// At this place; no link is followed.
     Beside(Place),
-    /// The person who keeps the server named this very file, which may then be a link.
+    /// The operator named this file explicitly, so it may be a link.
     Named(PathBuf),
     /// A file of this name in the folder of a file that was named. The folder may be reached through links; the file may not be one.
     InFolder(PathBuf, String),
@@ -41,17 +41,17 @@ impl At {
 pub(crate) struct Expected<T> {
     /// Longest file that is read, bytes.
     pub(crate) max: u64,
-    /// From its bytes to what it says, or a sentence that says what is wrong and where.
+    /// Parses its bytes; the error is a message that states what is wrong and where.
     pub(crate) read: fn(&[u8]) -> Result<T, String>,
     /// What happens if it is wrong, for the log: "the last valid collections stay in use".
     pub(crate) otherwise: &'static str,
 }
 
-/// A file that is read again when it changes. What does not exist says the same as `T::default()`.
+/// A file that is read again when it changes. If it does not exist, its content is `T::default()`.
 #[derive(Debug)]
 pub(crate) struct Watched<T> {
     at: At,
-    /// As the file is named in the log.
+    /// The name of the file in the log.
     name: String,
     expected: Expected<T>,
     known: Mutex<Known<T>>,
@@ -73,12 +73,12 @@ struct Known<T> {
 /// What is there now.
 enum Seen<T> {
     Missing,
-    /// Its identity, where it is a file that can be read, and what it says.
+    /// Its identity, if it is a readable file, and its content.
     There(Option<Identity>, Result<T, String>),
 }
 
 impl<T: Default> Watched<T> {
-    /// The file there; it need not be there yet, and is not looked at before somebody asks.
+    /// For the file at this place; it need not exist yet, and is first read on request.
     pub(crate) fn new(at: At, expected: Expected<T>) -> Self {
         let name = match &at {
             At::Beside(place) => place.to_string(),
@@ -94,12 +94,12 @@ impl<T: Default> Watched<T> {
         self
     }
 
-    /// As the log names the file.
+    /// The name of the file in the log, for other remarks about it.
     pub(crate) fn name(&self) -> &str {
         &self.name
     }
 
-    /// What the file says now, or said when it was last valid. Blocks on the file system at most once a second, on a store as often as its list is asked
+    /// The current content of the file, or the last valid one. Blocks on the file system at most once a second, on a store as often as its list is asked
     /// for.
     pub(crate) fn content(&self) -> Arc<T> {
         let place = self.at.place();
@@ -108,7 +108,7 @@ impl<T: Default> Watched<T> {
             if known.looked.is_some_and(|at| at.elapsed() < place.listed_for(self.freshness)) {
                 return Arc::clone(&known.content);
             }
-            // Whoever asks while a store is asked gets what is known.
+            // Other requests get the known content while the store is being asked.
             known.looked = Some(Instant::now());
             known.mark.clone()
         };
@@ -134,7 +134,7 @@ impl<T: Default> Watched<T> {
                     }
                 };
             }
-            // As soon as it answers: what does not is not asked before.
+            // Try again at the next request: a store that does not answer is not asked too often anyway.
             Err(e) if is_away(&e) => known.looked = None,
             Ok(None) | Err(_) => {}
         }
@@ -149,7 +149,7 @@ impl<T: Default> Watched<T> {
     /// The file as it is now, unless it is the same as `before`.
     ///
     /// # Errors
-    /// When its store gives no answer, or not this file, which says nothing about it.
+    /// If the store does not answer or does not deliver this file; then nothing is known about it.
     fn look(&self, file: &Place, before: Option<&Identity>) -> io::Result<Option<Seen<T>>> {
         let mark = match file.identity() {
             Ok(mark) => mark,
@@ -169,7 +169,7 @@ impl<T: Default> Watched<T> {
             Ok(bytes) => read(&bytes),
             Err(e) if is_silent(&e) => return Err(e),
             Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(Some(Seen::Missing)),
-            // Another one by now: it is looked at again.
+            // The file has changed since; it is checked again at the next request.
             Err(e) if is_changed(&e) => return Ok(None),
             Err(e) => Err(e.to_string()),
         };
@@ -180,7 +180,7 @@ impl<T: Default> Watched<T> {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Look again at the next request, and what was wrong at the last look.
+    /// Check again at the next request; returns what was wrong at the last check.
     #[cfg(test)]
     pub(crate) fn expire(&self) -> String {
         let mut known = self.lock();
