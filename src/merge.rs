@@ -154,9 +154,7 @@ fn into_pack(args: &Args, survey: &Survey) -> anyhow::Result<()> {
     let report = if let Some(report) = made {
         report
     } else {
-        crate::terminal::say!(
-            "kilwa: the merge was already complete; it is repeated to make the list of holes"
-        );
+        crate::terminal::say!("kilwa: the merge was already complete; it is repeated to make the list of holes");
         let options_of = |station: &_| crate::stations::options(survey.mesh, station);
         let bar = Bar::new();
         let report = merge(&args.survey, survey, &args.options(), &options_of, &mut Nothing, &Shown(&bar));

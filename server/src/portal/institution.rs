@@ -158,7 +158,8 @@ fn texts(t: &Table<'_, '_>, key: &'static str, language: &str, max: usize) -> Op
     let mut texts: Vec<_> = codes.filter_map(|code| Some((code.to_owned(), checked(&table, code)?))).collect();
     let is_empty = texts.is_empty() && !Language::all().iter().any(|l| table.has(l.code));
     // The file's own language first, then English: readers of other languages get the first that exists.
-    texts.sort_by_key(|(code, _)| (code != language, code != "en"));
+    let own = language.split('-').next().unwrap_or(language);
+    texts.sort_by_key(|(code, _)| (!code.eq_ignore_ascii_case(own), code != "en"));
     table.finish();
     if is_empty {
         t.missing(key, &format!("write a text for at least one language, for example en = \"…\" below [{key}]"));
@@ -246,6 +247,9 @@ mod tests {
             ["Museum", "Makumbusho", "Makumbusho"]
         );
         assert_eq!(several.introduction.unwrap().for_reader(of("ar")), ("en", "A\n\nB"));
+        let regional = "name = \"M\"\nlanguage = \"pt-BR\"\n[introduction]\nen = \"Hello\"\npt = \"Oi\"\n";
+        let regional = Institution::parse(regional).unwrap().introduction.unwrap();
+        assert_eq!(regional.for_reader(of("fr")), ("pt", "Oi"));
     }
 
     #[test]

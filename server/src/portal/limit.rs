@@ -6,14 +6,14 @@
 use super::catalogue::address;
 use super::frame::{Reader, Top};
 use super::language::Language;
-use super::routes::branding;
+use super::routes::{branding, for_reader};
 use crate::content::text;
 use crate::index::{Facet, Query};
-use crate::site::{Site, page};
+use crate::site::Site;
 use askama::Template;
 use axum::extract::{Request, State};
-use axum::http::header::{ACCEPT_LANGUAGE, VARY};
-use axum::http::{HeaderMap, HeaderValue, StatusCode};
+use axum::http::header::ACCEPT_LANGUAGE;
+use axum::http::{HeaderMap, StatusCode};
 use axum::middleware::Next;
 use axum::response::Response;
 use kilwa_archive::html::render;
@@ -76,8 +76,7 @@ pub(crate) fn refused(path: &str, why: &TooMuch, reader: &Reader<'_>, headers: &
             (StatusCode::BAD_REQUEST, Refused { top, why, next: None, address, link })
         }
     };
-    let mut response = page(render(&refused), headers);
+    let mut response = for_reader(render(&refused), reader, headers);
     *response.status_mut() = status;
-    response.headers_mut().insert(VARY, HeaderValue::from_static("Accept-Encoding, Accept-Language"));
     response
 }

@@ -59,14 +59,23 @@ impl Format {
 /// Whether the first element is `svg`; it may follow a declaration, comments and a document type.
 fn is_svg(text: &str) -> bool {
     let mut rest = text.trim_start_matches('\u{feff}').trim_start();
-    while let Some(end) = [("<?", "?>"), ("<!--", "-->"), ("<!DOCTYPE", ">")]
-        .into_iter()
-        .find_map(|(begin, end)| rest.strip_prefix(begin)?.split_once(end).map(|(_, after)| after))
-    {
-        rest = end.trim_start();
+    while let Some(after) = after_prologue(rest) {
+        rest = after.trim_start();
     }
     rest.strip_prefix("<svg")
         .is_some_and(|after| after.starts_with(|c: char| c.is_whitespace() || c == '>' || c == '/'))
+}
+
+/// What follows the declaration, comment or document type that a text begins with.
+fn after_prologue(text: &str) -> Option<&str> {
+    let after = |begin, end| Some(text.strip_prefix(begin)?.split_once(end)?.1);
+    after("<?", "?>").or_else(|| after("<!--", "-->")).or_else(|| {
+        let rest = text.strip_prefix("<!DOCTYPE")?;
+        // Adobe Illustrator declares entities between brackets.
+        let end = rest.find(['[', '>'])?;
+        let rest = if rest[end..].starts_with('[') { rest.split_once(']')?.1 } else { rest };
+        Some(rest.split_once('>')?.1)
+    })
 }
 
 /// A picture that is a logo.
@@ -106,8 +115,10 @@ mod tests {
     #[test]
     fn a_picture_is_known_by_its_content() {
         let svg = "<?xml version=\"1.0\"?>\n<!-- <html> --><!DOCTYPE svg PUBLIC \"x\">\n<svg xmlns=\"\"/>";
+        let illustrator = "<?xml version=\"1.0\"?>\n<!DOCTYPE svg PUBLIC \"-//W3C//DTD SVG 1.1//EN\" \"svg11.dtd\" [\n<!ENTITY ns \"http://x\">\n]>\n<svg xmlns=\"&ns;\"/>";
         for (bytes, format) in [
             (svg.as_bytes(), Format::Svg),
+            (illustrator.as_bytes(), Format::Svg),
             ("\u{feff}<svg>".as_bytes(), Format::Svg),
             (b"\x89PNG\r\n\x1a\nrest", Format::Png),
             (b"\xff\xd8\xff\xe0", Format::Jpeg),

@@ -91,7 +91,8 @@ impl SiteFile {
             let text = std::str::from_utf8(bytes).map_err(|e| e.to_string())?;
             Institution::parse(text).map_err(|problems| problems.to_string())
         };
-        let otherwise = "the last valid version stays in use";
+        let otherwise =
+            "the last valid version stays in use; without one, the file has no effect until it is corrected";
         let file = Watched::new(at, Expected { max: FILE_MAX, read, otherwise });
         let (remarks, of_featured) = Default::default();
         Self { file, beside, logo: Mutex::default(), remarks, of_featured, freshness: None }
@@ -138,7 +139,14 @@ impl SiteFile {
             Beside::Folder(folder) => At::InFolder(folder.clone(), name.to_owned()),
         };
         let read = |bytes: &[u8]| Logo::read(bytes).map(Arc::new).map(Some);
-        let watched = Watched::new(at, Expected { max: LOGO_MAX, read, otherwise: "the last valid logo stays in use" });
+        let watched = Watched::new(
+            at,
+            Expected {
+                max: LOGO_MAX,
+                read,
+                otherwise: "the last valid logo of this name stays in use, if there was one",
+            },
+        );
         let watched = Arc::new(match self.freshness {
             Some(freshness) => watched.with_freshness(freshness),
             None => watched,

@@ -171,7 +171,8 @@ impl<T: Default> Watched<T> {
             Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(Some(Seen::Missing)),
             // The file has changed since; it is checked again at the next request.
             Err(e) if is_changed(&e) => return Ok(None),
-            Err(e) => Err(e.to_string()),
+            // Without its mark, so that it is read again although it does not change: permissions may be set, or files closed.
+            Err(e) => return Ok(Some(Seen::There(None, Err(e.to_string())))),
         };
         Ok(Some(Seen::There(Some(mark), content)))
     }
