@@ -218,7 +218,7 @@ fn surveys_that_cannot_be_merged_are_refused_with_advice() {
     let refused = |args: &[&str]| fails(&[&["merge", text(&survey), "-o"], args].concat());
     assert!(refused(&[text(&out), "--resume"]).contains("only for packs"));
     assert!(refused(&[text(&folder.path().join("room.dwg"))]).contains(".ply"));
-    assert!(refused(&[text(&out), "--voxel", "0.0000001"]).contains("give one from"));
+    assert!(refused(&[text(&out), "--voxel", "0.0000001"]).contains("give a size from"));
     assert!(refused(&[text(&out), "--box", "50,50,50,60,60,60"]).contains("box"));
     let toml = survey.join("survey.toml");
     let text_of = std::fs::read_to_string(&toml).unwrap();

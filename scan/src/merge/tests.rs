@@ -140,7 +140,7 @@ fn what_cannot_be_merged_is_refused_with_its_name() {
     let text = refused(&survey, &Options { bounds: Some(nowhere), ..common.clone() });
     assert!(text.contains("no station has points in the box"), "{text}");
     let text = refused(&survey, &Options { voxel: Some(1e-6), ..common.clone() });
-    assert!(text.contains("give one from"), "{text}");
+    assert!(text.contains("give a size from"), "{text}");
     survey.stations[1].pose = None;
     let text = refused(&survey, &common);
     assert!(text.contains(&survey.stations[1].name) && text.contains("no pose"), "{text}");
