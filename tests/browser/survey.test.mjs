@@ -3,11 +3,11 @@
 import assert from "node:assert/strict";
 import { execFile } from "node:child_process";
 import { mkdtemp, readFile, rm, writeFile } from "node:fs/promises";
-import { createRequire } from "node:module";
 import { tmpdir } from "node:os";
 import path from "node:path";
 import { after, before } from "node:test";
 import { promisify } from "node:util";
+import { serious } from "./axe.mjs";
 import { KILWA, launch, open, serve, test } from "./harness.mjs";
 import { decodePng } from "./png.mjs";
 
@@ -59,24 +59,7 @@ const picture = (page) => page.getByRole("group", { name: /image of station/i })
 const zoomOf = async (page) => Number.parseInt(await page.getByRole("status").innerText(), 10);
 
 test("axe-core finds nothing serious, in both themes and in Arabic", async () => {
-  const axe = await readFile(path.join(path.dirname(createRequire(import.meta.url).resolve("axe-core")), "axe.min.js"), "utf8");
-  const found = [];
-  for (const [colorScheme, locale] of [
-    ["light", "en"],
-    ["dark", "en"],
-    ["light", "ar"],
-  ]) {
-    for (const address of PAGES) {
-      const { page, complaints, close } = await look(address, { colorScheme, locale });
-      await page.evaluate(axe);
-      const { violations } = await page.evaluate(() => globalThis.axe.run());
-      const serious = violations.filter((v) => ["serious", "critical"].includes(v.impact));
-      found.push(...serious.map((v) => `${address} ${colorScheme} ${locale}: ${v.id}: ${v.nodes.map((n) => n.failureSummary).join("; ")}`));
-      found.push(...complaints.filter((text) => !text.includes("404")).map((text) => `${address}: ${text}`));
-      await close();
-    }
-  }
-  assert.deepEqual(found, []);
+  assert.deepEqual(await serious(look, PAGES, (text) => text.includes("404")), []);
 });
 
 test("on a phone nothing is wider than the screen and every control is large enough for a finger", async () => {

@@ -83,27 +83,15 @@ pub(super) fn run(args: &Args) -> Result<()> {
     );
     let mesh = place.at("kilwa.ply");
     let text = |path: &Path| path.display().to_string();
-    let numbers = [args.voxel.to_string(), args.threads.to_string()];
-    let merge = [
-        "merge",
-        &text(&place.at("survey")),
-        "--voxel",
-        &numbers[0],
-        "--threads",
-        &numbers[1],
-        "--force",
-        "--json",
-        "-o",
-        &text(&mesh),
-    ];
-    let used = run_measured(&place.kilwa, &merge.map(str::to_owned), &place.at("kilwa"))?;
+    let used = merged(args, &place, &mesh)?;
     row(&mut table, args, &root, &place, "kilwa merge", &mesh, &used)?;
     if args.peers {
         let meshes = station_meshes(&place)?;
         for (name, setting) in [("PlyMC, default", None), ("PlyMC, widenum=1", Some("widenum=1"))] {
             let mesh = place.at("peer.ply");
             let script = root.join("xtask/peers/merge_peers.py");
-            let mut peer = vec![text(&script), "vcg".to_owned(), text(&mesh), "--voxel".to_owned(), numbers[0].clone()];
+            let mut peer =
+                vec![text(&script), "vcg".to_owned(), text(&mesh), "--voxel".to_owned(), args.voxel.to_string()];
             peer.extend(setting.into_iter().flat_map(|setting| ["--set".to_owned(), setting.to_owned()]));
             peer.extend(meshes.iter().map(|mesh| text(mesh)));
             let python = args.python.as_deref().context("--peers needs --python")?;
@@ -138,7 +126,6 @@ fn load(args: &Args, root: &Path, points: u64) -> Result<()> {
     let place = Place { folder: root.join("target/bench/merge-load"), kilwa: compile_kilwa(&args.profile)? };
     drop(fs::remove_dir_all(&place.folder));
     fs::create_dir_all(&place.folder).with_context(|| format!("cannot create {}", place.folder.display()))?;
-    let text = |path: &Path| path.display().to_string();
     let mut all = 0;
     for number in 1..=args.stations {
         let scan = place.at(&format!("scan_{number:03}.ptx"));
@@ -149,22 +136,7 @@ fn load(args: &Args, root: &Path, points: u64) -> Result<()> {
         place.kilwa(&["scans", "import", "-o"], &[&place.at("survey"), &scan])?;
         fs::remove_file(&scan).with_context(|| format!("cannot remove {}", scan.display()))?;
     }
-    let numbers = [args.voxel.to_string(), args.threads.to_string()];
-    let mesh = place.at("kilwa.ply");
-    let merge = [
-        "merge",
-        &text(&place.at("survey")),
-        "--voxel",
-        &numbers[0],
-        "--threads",
-        &numbers[1],
-        "--memory",
-        "1G",
-        "--json",
-        "-o",
-        &text(&mesh),
-    ];
-    let used = run_measured(&place.kilwa, &merge.map(str::to_owned), &place.at("kilwa"))?;
+    let used = merged(args, &place, &place.at("kilwa.ply"))?;
     let report = fs::read_to_string(place.at("kilwa.json"))?;
     let number = |key: &str| number_of(&report, &format!("\"{key}\"")).unwrap_or(f64::NAN);
     let all = all as f64;
@@ -188,6 +160,28 @@ fn load(args: &Args, root: &Path, points: u64) -> Result<()> {
     fs::remove_dir_all(&place.folder).with_context(|| format!("cannot remove {}", place.folder.display()))?;
     println!("\n{table}");
     if args.dry { Ok(()) } else { archive(root, "merge", &table, &args.profile) }
+}
+
+/// Merge the survey; what that used. The report is `kilwa.json`.
+fn merged(args: &Args, place: &Place, mesh: &Path) -> Result<Usage> {
+    let text = |path: &Path| path.display().to_string();
+    let (voxel, threads) = (args.voxel.to_string(), args.threads.to_string());
+    let survey = text(&place.at("survey"));
+    let merge = [
+        "merge",
+        &survey,
+        "--voxel",
+        &voxel,
+        "--threads",
+        &threads,
+        "--memory",
+        "1G",
+        "--force",
+        "--json",
+        "-o",
+        &text(mesh),
+    ];
+    run_measured(&place.kilwa, &merge.map(str::to_owned), &place.at("kilwa"))
 }
 
 /// The mesh of each station, as other programs need them.
