@@ -1,5 +1,6 @@
 //! `kilwa merge`: the stations of a survey become one surface.
 
+pub(crate) mod channels;
 pub(crate) mod holes;
 
 use crate::build;
@@ -7,6 +8,7 @@ use crate::new_file::{check_output, refuse_inputs};
 use crate::progress::Bar;
 use crate::stations::merged::Merging;
 use anyhow::{Context as _, ensure};
+use channels::Channels;
 use glam::DVec3;
 use kilwa_builder::Progress as _;
 use kilwa_builder::build::machine;
@@ -15,7 +17,7 @@ use kilwa_formats::UNCOLOURED;
 use kilwa_formats::extract::{About, Format, MeshWriter, Output, PlainVertex, Written};
 use kilwa_pack::plural::counted;
 use kilwa_scan::ScanError;
-use kilwa_scan::merge::{Begin, MergedSurface, MergedVertex, Options, Report, merge};
+use kilwa_scan::merge::{Begin, Fill, MergedSurface, MergedVertex, Options, Report, merge};
 use kilwa_scan::survey::{self, Survey};
 use serde_json::json;
 use std::io::Write as _;
@@ -43,6 +45,16 @@ pub(crate) struct Args {
     /// Also write the holes as GeoJSON: rim, position, area and cause.
     #[arg(long, value_name = "FILE")]
     holes: Option<PathBuf>,
+    /// Close holes; the added surface is marked by the channels `filled` and `source`. diffuse: by a smooth surface that continues positions and colours of the rim.
+    /// Openings that scanners saw through stay open.
+    #[arg(long, value_enum, value_name = "HOW")]
+    fill: Vec<Filling>,
+    /// Fill only holes of up to this area, square metres.
+    #[arg(long, value_name = "AREA", default_value_t = Fill::MAX_AREA, value_parser = crate::scans::export::positive)]
+    fill_max_area: f64,
+    /// Close everything that is open, openings and the outer edges too, so that the surface encloses a volume.
+    #[arg(long)]
+    watertight: bool,
     /// Also use masked samples.
     #[arg(long)]
     unmasked: bool,
@@ -72,6 +84,12 @@ pub(crate) struct Args {
     json: bool,
 }
 
+/// How holes are filled.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Filling {
+    Diffuse,
+}
+
 impl Args {
     /// Whether a pack is written, as by a build, which also handles signals itself.
     pub(crate) fn is_pack(&self) -> bool {
@@ -88,6 +106,11 @@ impl Args {
             scratch: self.scratch.clone().unwrap_or_else(folder),
             unmasked: self.unmasked,
             bounds: self.bounds,
+            fill: Fill {
+                diffuse: self.fill.contains(&Filling::Diffuse),
+                max_area: self.fill_max_area,
+                watertight: self.watertight,
+            },
         }
     }
 }
@@ -199,7 +222,14 @@ fn into_mesh(args: &Args, survey: &Survey) -> anyhow::Result<()> {
     let format = Format::of(&args.output, false)?;
     let output = Output::prepare(&args.output, args.force)?;
     let bar = Bar::new();
-    let mut file = File { survey, title: title(args, survey), format, output: &output, writer: None, scalars: 0 };
+    let mut file = File {
+        survey,
+        title: title(args, survey),
+        format,
+        output: &output,
+        writer: None,
+        channels: Channels::default(),
+    };
     let options_of = |station: &_| crate::stations::options(survey.mesh, station);
     let report = merge(&args.survey, survey, &args.options(), &options_of, &mut file, &Shown(&bar));
     let written = report.map_err(anyhow::Error::from).and_then(|report| {
@@ -217,11 +247,12 @@ fn into_mesh(args: &Args, survey: &Survey) -> anyhow::Result<()> {
 }
 
 /// The part of the progress bar that each stage of a merge fills.
-const SHARES: [(&str, f64, f64); 4] = [
+const SHARES: [(&str, f64, f64); 5] = [
     ("measuring point spacing", 0.0, 0.15),
     ("reading stations", 0.15, 0.5),
     ("merging", 0.5, 0.97),
-    ("analysing holes", 0.97, 1.0),
+    ("analysing holes", 0.97, 0.98),
+    ("filling holes", 0.98, 1.0),
 ];
 
 /// Progress of a merge on a bar.
@@ -243,7 +274,7 @@ struct File<'o> {
     format: Format,
     output: &'o Output,
     writer: Option<MeshWriter<'o>>,
-    scalars: usize,
+    channels: Channels,
 }
 
 fn request(e: kilwa_formats::extract::ExtractError) -> ScanError {
@@ -252,10 +283,7 @@ fn request(e: kilwa_formats::extract::ExtractError) -> ScanError {
 
 impl MergedSurface for File<'_> {
     fn begin(&mut self, begin: &Begin) -> Result<(), ScanError> {
-        let [colors, has_intensity] = begin.attributes;
-        let mut scalars = vec!["confidence".to_owned(), "stations".to_owned()];
-        scalars.extend(has_intensity.then(|| "intensity".to_owned()));
-        self.scalars = scalars.len();
+        self.channels = Channels::of(begin);
         let about = About {
             title: self.title.clone(),
             note: format!(
@@ -264,8 +292,8 @@ impl MergedSurface for File<'_> {
                 begin.voxel
             ),
             crs: self.survey.crs.clone(),
-            colors,
-            scalars,
+            colors: begin.attributes[0],
+            scalars: self.channels.names(),
             bounds: begin.bounds,
         };
         self.writer = Some(MeshWriter::begin(self.format, &about, self.output).map_err(request)?);
@@ -274,12 +302,10 @@ impl MergedSurface for File<'_> {
 
     fn vertex(&mut self, vertex: &MergedVertex) -> Result<(), ScanError> {
         let Some(writer) = &mut self.writer else { return Ok(()) };
-        let MergedVertex { vertex, stations } = vertex;
-        let intensity = if vertex.intensity.is_nan() { 0.0 } else { vertex.intensity };
-        let scalars = [vertex.confidence, f32::from(*stations), intensity];
+        let scalars = &self.channels.values(vertex)[..self.channels.count()];
+        let vertex = &vertex.vertex;
         let color = vertex.color.unwrap_or(UNCOLOURED);
-        let plain =
-            PlainVertex { position: vertex.position, normal: vertex.normal, color, scalars: &scalars[..self.scalars] };
+        let plain = PlainVertex { position: vertex.position, normal: vertex.normal, color, scalars };
         writer.vertex(&plain).map(drop).map_err(request)
     }
 
@@ -305,6 +331,7 @@ fn print(args: &Args, report: &Report, written: &Written, seconds: f64) -> anyho
             "pieces": report.pieces,
             "scratch_bytes": report.scratch_bytes,
             "holes": holes::summary(&report.borders),
+            "filled": report.filled.as_ref().map(holes::filled_summary),
             "seconds": seconds,
             "cpu_seconds": cpu,
             "peak_memory": machine::peak_memory(),
@@ -324,5 +351,8 @@ fn print(args: &Args, report: &Report, written: &Written, seconds: f64) -> anyho
         binary(report.scratch_bytes),
     )?;
     writeln!(out, "  {}", holes::sentence(&report.borders))?;
+    if let Some(filled) = &report.filled {
+        writeln!(out, "  {}", holes::filled_sentence(filled))?;
+    }
     Ok(())
 }

@@ -2,7 +2,7 @@
 
 use crate::new_file::NewFile;
 use kilwa_pack::plural::counted;
-use kilwa_scan::merge::{Borders, Cause, Hole};
+use kilwa_scan::merge::{Borders, Cause, Filled, Hole, Source};
 use serde_json::{Value, json};
 use std::path::Path;
 
@@ -52,6 +52,48 @@ pub(crate) fn summary(borders: &Borders) -> Value {
     })
 }
 
+/// What was filled, in a sentence.
+pub(crate) fn filled_sentence(filled: &Filled) -> String {
+    let Filled { holes, area, islands, openings, larger, larger_area, folded, folded_area, closed, triangles } = filled;
+    let mut text = format!("filled: {} of {area:.2} m²", counted(*holes, "hole", "holes"));
+    if *islands > 0 {
+        text = format!("{text}, joined to {} inside them", counted(*islands, "island", "islands"));
+    }
+    if *closed > 0 {
+        text = format!("{text}; {} closed to make the surface watertight", counted(*closed, "loop", "loops"));
+    }
+    let mut left = Vec::new();
+    if *openings > 0 {
+        left.push(counted(*openings, "opening", "openings").to_string());
+    }
+    if *larger > 0 {
+        left.push(format!("{} of {larger_area:.2} m² above --fill-max-area", counted(*larger, "hole", "holes")));
+    }
+    if *folded > 0 && *closed == 0 {
+        left.push(format!("{} of {folded_area:.2} m² with a folded rim", counted(*folded, "hole", "holes")));
+    }
+    if !left.is_empty() {
+        text = format!("{text}; left open: {}", left.join(", "));
+    }
+    format!("{text}; {}", counted(*triangles, "triangle added", "triangles added"))
+}
+
+/// The same as JSON.
+pub(crate) fn filled_summary(filled: &Filled) -> Value {
+    json!({
+        "holes": filled.holes,
+        "area_m2": filled.area,
+        "islands": filled.islands,
+        "openings": filled.openings,
+        "larger": filled.larger,
+        "larger_m2": filled.larger_area,
+        "folded": filled.folded,
+        "folded_m2": filled.folded_area,
+        "closed": filled.closed,
+        "triangles": filled.triangles,
+    })
+}
+
 /// A hole as a feature: its rim as a polygon in coordinates of the survey, x, y, z.
 fn feature(number: usize, hole: &Hole) -> Value {
     let ring: Vec<[f64; 3]> = hole.rim.iter().chain(hole.rim.first()).map(glam::DVec3::to_array).collect();
@@ -67,6 +109,7 @@ fn feature(number: usize, hole: &Hole) -> Value {
             "rim_m": hole.length,
             "center": hole.center.to_array(),
             "areas_m2": causes,
+            "filled": hole.filled.map(Source::word),
         },
     })
 }

@@ -1,6 +1,7 @@
 //! The merged surface of a survey as the input of a build.
 
 use super::{Blocks, failed};
+use crate::merge::channels::Channels;
 use crate::merge::holes;
 use kilwa_builder::BuildError;
 use kilwa_builder::build::work::Work;
@@ -30,8 +31,8 @@ pub(crate) struct Merging {
 impl Merging {
     /// The options that affect the surface, in one line, to check that a resumed build is the same.
     pub(crate) fn plan(&self) -> String {
-        let Options { voxel, unmasked, bounds, memory: _, threads: _, scratch: _ } = &self.options;
-        format!("merged {voxel:?} {unmasked} {bounds:?}")
+        let Options { voxel, unmasked, bounds, fill, memory: _, threads: _, scratch: _ } = &self.options;
+        format!("merged {voxel:?} {unmasked} {bounds:?} {fill:?}")
     }
 
     /// Pass the merged surface to the build.
@@ -45,7 +46,8 @@ impl Merging {
         };
         let options_of = |station: &_| super::options(survey.mesh, station);
         let mut ignored = |_, _| ();
-        let mut merged = Merged { blocks: Blocks::new(sink, &mut ignored), failure: None };
+        let mut merged =
+            Merged { blocks: Blocks::new(sink, &mut ignored), failure: None, channels: Channels::default() };
         let done = merge(&self.folder, survey, &options, &options_of, &mut merged, &Shown(work));
         if let Some(failure) = merged.failure.take().or(merged.blocks.failure.take()) {
             return Err(failure.into());
@@ -60,6 +62,9 @@ impl Merging {
                     report.voxel,
                     holes::sentence(&report.borders)
                 ));
+                if let Some(filled) = &report.filled {
+                    work.progress.note(&holes::filled_sentence(filled));
+                }
                 *self.report.lock().unwrap_or_else(PoisonError::into_inner) = Some(report);
                 Ok(merged.blocks.flush()?)
             }
@@ -82,14 +87,14 @@ impl import::Progress for Shown<'_> {
 struct Merged<'a> {
     blocks: Blocks<'a>,
     failure: Option<ReadError>,
+    channels: Channels,
 }
 
 impl MergedSurface for Merged<'_> {
     fn begin(&mut self, begin: &Begin) -> Result<(), ScanError> {
-        let [has_color, has_intensity] = begin.attributes;
-        let mut names = vec!["confidence".to_owned(), "stations".to_owned()];
-        names.extend(has_intensity.then(|| "intensity".to_owned()));
-        self.blocks.has_color = has_color;
+        self.channels = Channels::of(begin);
+        let names = self.channels.names();
+        self.blocks.has_color = begin.attributes[0];
         self.blocks.scalars = vec![Vec::new(); names.len()];
         self.blocks.sink.channels(&names).map_err(|e| {
             self.failure = Some(e);
@@ -98,10 +103,8 @@ impl MergedSurface for Merged<'_> {
     }
 
     fn vertex(&mut self, vertex: &MergedVertex) -> Result<(), ScanError> {
-        let MergedVertex { vertex, stations } = vertex;
-        let intensity = if vertex.intensity.is_nan() { 0.0 } else { vertex.intensity };
-        let color = vertex.color.unwrap_or(UNCOLOURED);
-        self.blocks.push(vertex, color, &[vertex.confidence, f32::from(*stations), intensity])
+        let color = vertex.vertex.color.unwrap_or(UNCOLOURED);
+        self.blocks.push(&vertex.vertex, color, &self.channels.values(vertex))
     }
 
     fn triangle(&mut self, corners: [u64; 3]) -> Result<(), ScanError> {

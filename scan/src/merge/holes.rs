@@ -1,5 +1,6 @@
 //! The holes of a merged surface, and why they are there: no station saw the place, stations saw through it, or what they measured there formed no surface.
 
+use super::Source;
 use super::cut::Station;
 use super::rims::RimVertex;
 use crate::ScanError;
@@ -52,6 +53,10 @@ pub struct Hole {
     pub center: DVec3,
     /// The area of each cause, in the order of [`Cause::ALL`]; square metres.
     pub causes: [f64; 4],
+    /// With what it was filled.
+    pub filled: Option<Source>,
+    /// The number of its rim among the loops.
+    pub(super) rim_number: usize,
 }
 
 impl Hole {
@@ -94,15 +99,15 @@ impl Tally {
 
 /// The holes among the loops of rims, and their causes. `margin`, metres, is how much farther a ray must have gone to have passed through.
 pub(super) fn borders(
-    loops: Vec<Vec<RimVertex>>,
+    loops: &[Vec<RimVertex>],
     stations: &[Station<'_>],
     margin: f64,
     progress: &mut dyn FnMut(u64, u64) -> Result<(), ScanError>,
 ) -> Result<Borders, ScanError> {
     let mut borders = Borders::default();
-    for rim in loops {
-        let (area, is_hole) = measured(&rim);
-        let rim: Vec<DVec3> = rim.into_iter().map(|vertex| vertex.position).collect();
+    for (rim_number, rim) in loops.iter().enumerate() {
+        let (area, is_hole) = measured(rim);
+        let rim: Vec<DVec3> = rim.iter().map(|vertex| vertex.position).collect();
         let length = rim.iter().zip(rim.iter().cycle().skip(1)).map(|(a, b)| a.distance(*b)).sum();
         if !is_hole {
             borders.outlines += 1;
@@ -110,7 +115,7 @@ pub(super) fn borders(
             continue;
         }
         let center = rim.iter().sum::<DVec3>() / rim.len() as f64;
-        borders.holes.push(Hole { rim, area, length, center, causes: [0.0; 4] });
+        borders.holes.push(Hole { rim, area, length, center, causes: [0.0; 4], filled: None, rim_number });
     }
     borders.holes.sort_by(|a, b| b.area.total_cmp(&a.area));
     let places: Vec<Vec<DVec3>> = borders.holes.iter().map(inner).collect();

@@ -2,7 +2,7 @@
 
 use super::piles::morton;
 use super::rims::{RimVertex, Rims};
-use super::{BEST_SIGMA, MergedSurface, MergedVertex, Scale};
+use super::{BEST_SIGMA, MergedSurface, MergedVertex, Scale, Source};
 use crate::ScanError;
 use crate::mesh::MeshVertex;
 use glam::IVec3;
@@ -40,9 +40,23 @@ impl<'s> Joined<'s> {
         [self.vertices, self.triangles]
     }
 
-    /// The loops of edges with one triangle.
-    pub(super) fn rims(self) -> Vec<Vec<RimVertex>> {
-        self.rims.loops()
+    /// The loops of edges with one triangle, of all patches.
+    pub(super) fn rims(&mut self) -> Vec<Vec<RimVertex>> {
+        std::mem::take(&mut self.rims).loops()
+    }
+
+    /// Add a vertex that belongs to no brick; its number.
+    pub(super) fn vertex(&mut self, vertex: &MergedVertex) -> Result<u64, ScanError> {
+        self.sink.vertex(vertex)?;
+        self.vertices += 1;
+        Ok(self.vertices - 1)
+    }
+
+    /// Add a triangle.
+    pub(super) fn triangle(&mut self, corners: [u64; 3]) -> Result<(), ScanError> {
+        self.sink.triangle(corners)?;
+        self.triangles += 1;
+        Ok(())
     }
 
     pub(super) fn patch(&mut self, brick: IVec3, patch: &Patch) -> Result<(), ScanError> {
@@ -72,7 +86,6 @@ impl<'s> Joined<'s> {
 
     fn deliver(&mut self, vertex: &PatchVertex, here: u64) -> Result<u64, ScanError> {
         let number = self.vertices;
-        self.vertices += 1;
         let last = last_brick(&vertex.key);
         if last > here {
             self.shared.insert(vertex.key, number);
@@ -87,9 +100,9 @@ impl<'s> Joined<'s> {
                 confidence: (vertex.quality / (BEST_SIGMA * BEST_SIGMA)) as f32,
             },
             stations: vertex.stations,
+            source: Source::Scans,
         };
-        self.sink.vertex(&vertex)?;
-        Ok(number)
+        self.vertex(&vertex)
     }
 }
 

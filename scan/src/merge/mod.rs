@@ -7,6 +7,7 @@
 //! bricks along a Morton curve; a tile is a section of that curve.
 
 mod cut;
+mod fill;
 mod holes;
 mod join;
 mod piles;
@@ -22,6 +23,7 @@ use crate::import::Progress;
 use crate::mesh::{self, MeshVertex};
 use crate::survey::{self, Survey};
 use cut::{Known, Station, cut_all, stations};
+pub use fill::{Fill, Filled};
 use glam::DVec3;
 pub use holes::{Borders, Cause, Hole};
 use join::Joined;
@@ -52,6 +54,31 @@ pub struct Options {
     pub unmasked: bool,
     /// Only what lies in this box of the survey, metres.
     pub bounds: Option<[DVec3; 2]>,
+    /// Which holes are filled.
+    pub fill: Fill,
+}
+
+/// What a vertex of the merged surface rests on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+pub enum Source {
+    /// Scans.
+    #[default]
+    Scans = 0,
+    /// The surface around a hole.
+    Diffused = 3,
+    /// Nothing: it closes what is open, to make the surface watertight.
+    Closed = 4,
+}
+
+impl Source {
+    /// A word for it.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Scans => "scans",
+            Self::Diffused => "diffused",
+            Self::Closed => "closed",
+        }
+    }
 }
 
 /// A vertex of the merged surface.
@@ -61,6 +88,8 @@ pub struct MergedVertex {
     pub vertex: MeshVertex,
     /// How many stations saw the surface there.
     pub stations: u16,
+    /// What it rests on. Every triangle that was added to fill a hole has a vertex that does not rest on scans, and no other triangle has one.
+    pub source: Source,
 }
 
 /// What is known before the first vertex.
@@ -72,6 +101,8 @@ pub struct Begin {
     pub bounds: [DVec3; 2],
     /// Whether any station has colours; whether any has intensities.
     pub attributes: [bool; 2],
+    /// Whether holes are filled, so that the source of vertices matters.
+    pub is_filled: bool,
 }
 
 /// Receives the merged surface.
@@ -114,6 +145,8 @@ pub struct Report {
     pub triangles: u64,
     /// Holes, and what else borders the surface.
     pub borders: Borders,
+    /// What was filled, if that was asked for.
+    pub filled: Option<Filled>,
 }
 
 /// From coordinates of the survey to voxels and back.
@@ -199,12 +232,10 @@ fn merge_in_tiles(
     let counts = cut_all(stations, options, &known, scale, &piles, tile_log2, progress)?;
     [report.station_triangles, report.pieces] = counts;
     report.scratch_bytes = piles.bytes();
-    let room = DVec3::splat(3.0 * voxel);
-    sink.begin(&Begin {
-        voxel,
-        bounds: [bounds[0] - room, bounds[1] + room],
-        attributes: [known.has_color, known.has_intensity],
-    })?;
+    let room = DVec3::splat(4.0 * voxel);
+    let bounds = [bounds[0] - room, bounds[1] + room];
+    let is_filled = options.fill.is_any();
+    sink.begin(&Begin { voxel, bounds, attributes: [known.has_color, known.has_intensity], is_filled })?;
     let mut joined = Joined::new(sink, scale);
     tiles::surfaces(&piles, tile_log2, options, progress, &mut |brick, patch| joined.patch(brick, &patch))?;
     [report.vertices, report.triangles] = joined.counts();
@@ -217,14 +248,22 @@ fn merge_in_tiles(
             ),
         }));
     }
-    let rims = joined.rims();
-    report.borders = holes::borders(rims, stations, 2.0 * voxel, &mut |done, total| {
-        if progress.is_stopped() {
-            return Err(ScanError::Stopped);
+    let tell = |stage: &'static str| {
+        move |done, total| {
+            if progress.is_stopped() {
+                return Err(ScanError::Stopped);
+            }
+            progress.update(stage, done, total);
+            Ok(())
         }
-        progress.update("analysing holes", done, total);
-        Ok(())
-    })?;
+    };
+    let rims = joined.rims();
+    report.borders = holes::borders(&rims, stations, 2.0 * voxel, &mut tell("analysing holes"))?;
+    if is_filled {
+        let mut filler = fill::Filler { fill: &options.fill, voxel, bounds, joined: &mut joined };
+        report.filled = Some(filler.run(&rims, &mut report.borders, &mut tell("filling holes"))?);
+        [report.vertices, report.triangles] = joined.counts();
+    }
     Ok(report)
 }
 

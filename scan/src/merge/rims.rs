@@ -4,12 +4,17 @@ use glam::DVec3;
 use kilwa_scan_core::tsdf::Patch;
 use std::collections::{BTreeMap, HashMap};
 
-/// Where an edge of a rim begins, and the normal of the surface there.
+/// The vertex at which an edge of a rim begins.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct RimVertex {
+    /// Its number in the mesh.
+    pub(super) number: u64,
     /// Metres, in the survey.
     pub(super) position: DVec3,
     pub(super) normal: DVec3,
+    pub(super) color: Option<[u8; 3]>,
+    /// NaN where there is none.
+    pub(super) intensity: f32,
 }
 
 /// Collects the edges that have one triangle so far, directed as in their triangle.
@@ -38,7 +43,14 @@ impl Rims {
             let [a, b] = [*p, *q].map(|k| numbers[k as usize]);
             if self.open.remove(&[b, a]).is_none() {
                 let vertex = &patch.vertices[*p as usize];
-                self.open.insert([a, b], RimVertex { position: place(vertex.position), normal: vertex.normal });
+                let begin = RimVertex {
+                    number: a,
+                    position: place(vertex.position),
+                    normal: vertex.normal,
+                    color: vertex.color,
+                    intensity: vertex.intensity.unwrap_or(f32::NAN),
+                };
+                self.open.insert([a, b], begin);
             }
         }
     }

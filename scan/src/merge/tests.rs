@@ -50,6 +50,7 @@ fn options(folder: &Path, voxel: f64) -> Options {
         scratch: folder.to_owned(),
         unmasked: false,
         bounds: None,
+        fill: Fill::default(),
     }
 }
 
@@ -123,6 +124,58 @@ fn the_voxel_follows_from_the_data_and_a_box_limits_the_surface() {
         assert!(p.cmpge(low).all() && p.cmple(high).all());
         assert!(p.z > -0.5 && p.z < 2.5, "{p}");
         assert!(vertex.stations >= 1 && vertex.vertex.confidence > 0.0 && vertex.vertex.color.is_some());
+    }
+}
+
+/// Each edge in each direction, and whether the reverse is missing.
+fn borders(triangles: &[[u64; 3]]) -> usize {
+    let sides = triangles.iter().flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]);
+    let all: std::collections::HashSet<[u64; 2]> = sides.clone().collect();
+    assert_eq!(all.len(), 3 * triangles.len(), "an edge is used twice in the same direction");
+    sides.filter(|[a, b]| !all.contains(&[*b, *a])).count()
+}
+
+#[test]
+fn filled_surface_is_added_to_the_measured_one_and_marked() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, survey) = survey(folder.path(), 3, 200);
+    let common = options(folder.path(), 0.15);
+    let (bare, bare_report) = merged(&path, &survey, &common, 3);
+    assert_eq!(bare_report.filled, None);
+    let fill = Fill { diffuse: true, max_area: 20.0, watertight: false };
+    let with = Options { fill, ..common.clone() };
+    let (mesh, report) = merged(&path, &survey, &with, 3);
+    let filled = report.filled.unwrap();
+    assert!(filled.holes >= 5 && filled.area > 0.5 && filled.openings > 0, "{filled:?}");
+    assert_eq!(filled.holes, report.borders.holes.iter().filter(|hole| hole.filled.is_some()).count());
+    let (vertices, triangles) = (bare.vertices.len(), bare.triangles.len());
+    assert!(mesh.vertices[..vertices] == bare.vertices && mesh.triangles[..triangles] == bare.triangles);
+    assert_eq!(filled.triangles, (mesh.triangles.len() - triangles) as u64);
+    assert!(mesh.vertices[vertices..].iter().all(|v| v.source == Source::Diffused && v.stations == 0));
+    assert!(mesh.triangles[triangles..].iter().all(|t| t.iter().any(|k| *k >= vertices as u64)));
+    // The rims of the filled holes are no borders any more.
+    let rims: usize = report.borders.holes.iter().filter(|hole| hole.filled.is_some()).map(|hole| hole.rim.len()).sum();
+    assert!(borders(&mesh.triangles) <= borders(&bare.triangles) - rims, "of {rims}");
+    let (other, _) = merged(&path, &survey, &Options { threads: 1, ..with }, 2);
+    assert!(other == mesh, "the tiling matters");
+}
+
+#[test]
+fn a_watertight_surface_has_no_border() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, survey) = survey(folder.path(), 3, 200);
+    let fill = Fill { watertight: true, ..Fill::default() };
+    let (mesh, report) = merged(&path, &survey, &Options { fill, ..options(folder.path(), 0.2) }, 3);
+    assert_eq!(borders(&mesh.triangles), 0);
+    let [low, high] = mesh.begin.unwrap().bounds;
+    assert!(mesh.vertices.iter().all(|v| v.vertex.position.cmpge(low).all() && v.vertex.position.cmple(high).all()));
+    assert!(report.filled.unwrap().closed > 0);
+    // No two vertices so close together that a mesh file would have them in one place.
+    let mut places = std::collections::HashMap::new();
+    for (k, v) in mesh.vertices.iter().enumerate() {
+        let place = (v.vertex.position * 1e6).round().to_array().map(|x| x as i64);
+        let other = places.insert(place, k);
+        assert_eq!(other.map(|k| mesh.vertices[k]), None, "{k} {other:?} {v:?}");
     }
 }
 

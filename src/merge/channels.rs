@@ -1,0 +1,52 @@
+//! The channels of a merged surface.
+
+use kilwa_scan::merge::{Begin, MergedVertex, Source};
+
+/// Which channels there are.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Channels {
+    has_intensity: bool,
+    is_filled: bool,
+}
+
+impl Channels {
+    /// At most so many.
+    const MAX: usize = 5;
+
+    pub(crate) fn of(begin: &Begin) -> Self {
+        Self { has_intensity: begin.attributes[1], is_filled: begin.is_filled }
+    }
+
+    /// Their names.
+    pub(crate) fn names(self) -> Vec<String> {
+        let intensity = self.has_intensity.then_some("intensity");
+        let filled = self.is_filled.then_some(["filled", "source"]);
+        ["confidence", "stations"]
+            .into_iter()
+            .chain(intensity)
+            .chain(filled.into_iter().flatten())
+            .map(str::to_owned)
+            .collect()
+    }
+
+    /// The values of a vertex in the same order, in an array of which the first [`Self::count`] matter.
+    pub(crate) fn values(self, vertex: &MergedVertex) -> [f32; Self::MAX] {
+        let MergedVertex { vertex, stations, source } = vertex;
+        let mut values = [vertex.confidence, f32::from(*stations), 0.0, 0.0, 0.0];
+        let mut next = 2;
+        if self.has_intensity {
+            values[next] = if vertex.intensity.is_nan() { 0.0 } else { vertex.intensity };
+            next += 1;
+        }
+        if self.is_filled {
+            values[next] = f32::from(u8::from(*source != Source::Scans));
+            values[next + 1] = f32::from(*source as u8);
+        }
+        values
+    }
+
+    /// How many there are.
+    pub(crate) fn count(self) -> usize {
+        2 + usize::from(self.has_intensity) + 2 * usize::from(self.is_filled)
+    }
+}
