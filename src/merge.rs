@@ -45,10 +45,13 @@ pub(crate) struct Args {
     /// Also write the holes as GeoJSON: rim, position, area and cause.
     #[arg(long, value_name = "FILE")]
     holes: Option<PathBuf>,
-    /// Close holes; the added surface is marked by the channels `filled` and `source`. diffuse: by a smooth surface that continues positions and colours of the rim.
-    /// Openings that scanners saw through stay open.
+    /// Close holes. coarser: narrow gaps, with the scans at larger voxels. diffuse: with a smooth surface that continues the rim. Can be given twice. Openings that scanners saw
+    /// through stay open. What was added is marked by the channels `filled` and `source`.
     #[arg(long, value_enum, value_name = "HOW")]
     fill: Vec<Filling>,
+    /// Use this mesh (in survey coordinates, for example from photographs) where no scan covers the surface.
+    #[arg(long, value_name = "MESH")]
+    fill_mesh: Option<PathBuf>,
     /// Fill only holes of up to this area, square metres.
     #[arg(long, value_name = "AREA", default_value_t = Fill::MAX_AREA, value_parser = crate::scans::export::positive)]
     fill_max_area: f64,
@@ -87,6 +90,7 @@ pub(crate) struct Args {
 /// How holes are filled.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 enum Filling {
+    Coarser,
     Diffuse,
 }
 
@@ -107,6 +111,8 @@ impl Args {
             unmasked: self.unmasked,
             bounds: self.bounds,
             fill: Fill {
+                coarser: self.fill.contains(&Filling::Coarser),
+                mesh: self.fill_mesh.clone(),
                 diffuse: self.fill.contains(&Filling::Diffuse),
                 max_area: self.fill_max_area,
                 watertight: self.watertight,
@@ -117,7 +123,8 @@ impl Args {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let survey = Survey::open(&args.survey)?;
-    let inputs = files_of(&args.survey, &survey);
+    let mut inputs = files_of(&args.survey, &survey);
+    inputs.extend(args.fill_mesh.clone());
     refuse_inputs(&args.output, inputs.iter().map(PathBuf::as_path))?;
     if let Some(list) = &args.holes {
         ensure!(

@@ -54,8 +54,12 @@ pub(crate) fn summary(borders: &Borders) -> Value {
 
 /// What was filled, in a sentence.
 pub(crate) fn filled_sentence(filled: &Filled) -> String {
-    let Filled { holes, area, islands, openings, larger, larger_area, folded, folded_area, closed, triangles } = filled;
+    let Filled { holes, area, mesh_area, unclosed: _, unfilled_openings: _, islands, openings, .. } = filled;
+    let Filled { larger, larger_area, folded, folded_area, closed, triangles, .. } = filled;
     let mut text = format!("filled: {} of {area:.2} m²", counted(*holes, "hole", "holes"));
+    if *mesh_area > 0.0 {
+        text = format!("{text}, {mesh_area:.2} m² added from the mesh");
+    }
     if *islands > 0 {
         text = format!("{text}, joined to {} inside them", counted(*islands, "island", "islands"));
     }
@@ -83,6 +87,7 @@ pub(crate) fn filled_summary(filled: &Filled) -> Value {
     json!({
         "holes": filled.holes,
         "area_m2": filled.area,
+        "mesh_m2": filled.mesh_area,
         "islands": filled.islands,
         "openings": filled.openings,
         "larger": filled.larger,

@@ -137,7 +137,8 @@ pub(super) fn cut_all(
         loop {
             let number = next.fetch_add(1, Ordering::Relaxed);
             let Some(station) = stations.get(number) else { return Ok(()) };
-            let gathered = Gathered::new(piles, number as u16 + 1, tile_log2, most);
+            let gathered =
+                Gathered::new(piles, number as u16 + 1, [tile_log2, options.fill.margin().cast_unsigned()], most);
             let mut before = 0;
             let mut tell = |part: u64, of: u64| {
                 if progress.is_stopped() || failure.lock().is_ok_and(|f| f.is_some()) {

@@ -80,14 +80,14 @@ pub struct Borders {
 
 /// What the stations saw at a test point.
 #[derive(Debug, Clone, Copy, Default)]
-struct Tally {
+pub(super) struct Tally {
     through: bool,
     at: bool,
     no_return: bool,
 }
 
 impl Tally {
-    fn cause(self) -> Cause {
+    pub(super) fn cause(self) -> Cause {
         match self {
             Self { through: true, .. } => Cause::Free,
             Self { at: true, .. } => Cause::Dropped,
@@ -119,11 +119,7 @@ pub(super) fn borders(
     }
     borders.holes.sort_by(|a, b| b.area.total_cmp(&a.area));
     let places: Vec<Vec<DVec3>> = borders.holes.iter().map(inner).collect();
-    let mut tallies: Vec<Vec<Tally>> = places.iter().map(|places| vec![Tally::default(); places.len()]).collect();
-    for (number, station) in stations.iter().enumerate() {
-        progress(number as u64, stations.len() as u64)?;
-        look(station, margin, &places, &mut tallies)?;
-    }
+    let tallies = seen(stations, margin, &places, progress)?;
     for (hole, tallies) in borders.holes.iter_mut().zip(tallies) {
         let share = hole.area / tallies.len().max(1) as f64;
         for tally in tallies {
@@ -132,6 +128,21 @@ pub(super) fn borders(
         }
     }
     Ok(borders)
+}
+
+/// What the stations saw at each of the test points.
+pub(super) fn seen(
+    stations: &[Station<'_>],
+    margin: f64,
+    places: &[Vec<DVec3>],
+    progress: &mut dyn FnMut(u64, u64) -> Result<(), ScanError>,
+) -> Result<Vec<Vec<Tally>>, ScanError> {
+    let mut tallies: Vec<Vec<Tally>> = places.iter().map(|places| vec![Tally::default(); places.len()]).collect();
+    for (number, station) in stations.iter().enumerate() {
+        progress(number as u64, stations.len() as u64)?;
+        look(station, margin, places, &mut tallies)?;
+    }
+    Ok(tallies)
 }
 
 /// Record what a station saw at every test point.

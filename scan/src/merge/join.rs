@@ -1,5 +1,6 @@
 //! The surfaces of bricks, joined into one mesh: vertices on edges shared by several bricks are delivered once.
 
+use super::fill::Held;
 use super::piles::morton;
 use super::rims::{RimVertex, Rims};
 use super::{BEST_SIGMA, MergedSurface, MergedVertex, Scale, Source};
@@ -20,6 +21,11 @@ pub(super) struct Joined<'s> {
     vertices: u64,
     triangles: u64,
     rims: Rims,
+    held: Held,
+    /// While holes are filled: the vertices that can begin an open edge.
+    around: HashMap<u64, RimVertex>,
+    /// What closed an edge that was open in the measured surface.
+    closed: HashMap<[u64; 2], Source>,
 }
 
 impl<'s> Joined<'s> {
@@ -32,6 +38,9 @@ impl<'s> Joined<'s> {
             vertices: 0,
             triangles: 0,
             rims: Rims::default(),
+            held: Held::default(),
+            around: HashMap::new(),
+            closed: HashMap::new(),
         }
     }
 
@@ -40,23 +49,50 @@ impl<'s> Joined<'s> {
         [self.vertices, self.triangles]
     }
 
-    /// The loops of edges with one triangle, of all patches.
-    pub(super) fn rims(&mut self) -> Vec<Vec<RimVertex>> {
-        std::mem::take(&mut self.rims).loops()
+    pub(super) fn scale(&self) -> Scale {
+        self.scale
     }
 
-    /// Add a vertex that belongs to no brick; its number.
+    /// The edges that have one triangle.
+    pub(super) fn rims(&self) -> &Rims {
+        &self.rims
+    }
+
+    /// What was held back. From now on, vertices and triangles are added that do not belong to bricks.
+    pub(super) fn begin_filling(&mut self) -> Held {
+        let held = std::mem::take(&mut self.held);
+        self.around = self.rims.vertices();
+        for (key, number) in &held.numbers {
+            let vertex = merged(&held.vertices[key], self.scale);
+            self.around.entry(*number).or_insert_with(|| rim_vertex(*number, &vertex));
+        }
+        held
+    }
+
+    /// Add a vertex to fill holes; its number.
     pub(super) fn vertex(&mut self, vertex: &MergedVertex) -> Result<u64, ScanError> {
         self.sink.vertex(vertex)?;
+        self.around.insert(self.vertices, rim_vertex(self.vertices, vertex));
         self.vertices += 1;
         Ok(self.vertices - 1)
     }
 
-    /// Add a triangle.
-    pub(super) fn triangle(&mut self, corners: [u64; 3]) -> Result<(), ScanError> {
+    /// Add a triangle to fill holes.
+    pub(super) fn triangle(&mut self, corners: [u64; 3], source: Source) -> Result<(), ScanError> {
         self.sink.triangle(corners)?;
         self.triangles += 1;
+        let [a, b, c] = corners;
+        for [p, q] in [[a, b], [b, c], [c, a]] {
+            if self.rims.toggle([p, q], || self.around[&p]) {
+                self.closed.insert([q, p], source);
+            }
+        }
         Ok(())
+    }
+
+    /// What closed an edge, which begins and ends at these vertices.
+    pub(super) fn closed_by(&self, edge: [u64; 2]) -> Option<Source> {
+        self.closed.get(&edge).copied()
     }
 
     pub(super) fn patch(&mut self, brick: IVec3, patch: &Patch) -> Result<(), ScanError> {
@@ -67,8 +103,8 @@ impl<'s> Joined<'s> {
                 self.shared.remove(&key);
             }
         }
-        let mut numbers = Vec::with_capacity(patch.vertices.len());
-        for vertex in &patch.vertices {
+        let mut numbers = Vec::with_capacity(patch.measured);
+        for vertex in &patch.vertices[..patch.measured] {
             let number = match self.shared.get(&vertex.key) {
                 Some(number) => *number,
                 None => self.deliver(vertex, here)?,
@@ -79,6 +115,9 @@ impl<'s> Joined<'s> {
             self.sink.triangle(triangle.map(|k| numbers[k as usize]))?;
         }
         self.triangles += patch.triangles.len() as u64;
+        if !patch.filled.is_empty() {
+            self.held.add(patch, &numbers, &self.shared);
+        }
         let scale = self.scale;
         self.rims.add(patch, &numbers, |p| scale.to_survey(p));
         Ok(())
@@ -91,19 +130,31 @@ impl<'s> Joined<'s> {
             self.shared.insert(vertex.key, number);
             self.until.entry(last).or_default().push(vertex.key);
         }
-        let vertex = MergedVertex {
-            vertex: MeshVertex {
-                position: self.scale.to_survey(vertex.position),
-                normal: vertex.normal,
-                color: vertex.color,
-                intensity: vertex.intensity.unwrap_or(f32::NAN),
-                confidence: (vertex.quality / (BEST_SIGMA * BEST_SIGMA)) as f32,
-            },
-            stations: vertex.stations,
-            source: Source::Scans,
-        };
-        self.vertex(&vertex)
+        self.held.delivered(&vertex.key, number);
+        self.sink.vertex(&merged(vertex, self.scale))?;
+        self.vertices += 1;
+        Ok(number)
     }
+}
+
+/// A vertex of a patch in the survey.
+pub(super) fn merged(vertex: &PatchVertex, scale: Scale) -> MergedVertex {
+    MergedVertex {
+        vertex: MeshVertex {
+            position: scale.to_survey(vertex.position),
+            normal: vertex.normal,
+            color: vertex.color,
+            intensity: vertex.intensity.unwrap_or(f32::NAN),
+            confidence: (vertex.quality / (BEST_SIGMA * BEST_SIGMA)) as f32,
+        },
+        stations: vertex.stations,
+        source: Source::Scans,
+    }
+}
+
+fn rim_vertex(number: u64, vertex: &MergedVertex) -> RimVertex {
+    let MeshVertex { position, normal, color, intensity, .. } = vertex.vertex;
+    RimVertex { number, position, normal, color, intensity }
 }
 
 /// The greatest Morton code of the bricks that have a cell at the edge of a vertex.

@@ -10,6 +10,7 @@ mod cut;
 mod fill;
 mod holes;
 mod join;
+mod patch_mesh;
 mod piles;
 mod rims;
 mod spacing;
@@ -28,10 +29,13 @@ use glam::DVec3;
 pub use holes::{Borders, Cause, Hole};
 use join::Joined;
 use kilwa_scan_core::tsdf::BRICK;
+use patch_mesh::PatchMesh;
 use piles::Piles;
 use spacing::Spacings;
 use std::path::{Path, PathBuf};
 
+/// The station number of the pieces of the mesh that fills holes; greater than that of any station.
+const MESH_STATION: u16 = u16::MAX;
 /// The standard deviation across the surface at which a sample has the greatest weight, metres.
 const BEST_SIGMA: f64 = 0.002;
 /// Smallest and largest voxel, metres. Mesh files have coordinates in micrometres, and vertices can be as close together as a 64th of a voxel.
@@ -64,6 +68,10 @@ pub enum Source {
     /// Scans.
     #[default]
     Scans = 0,
+    /// Scans at coarser voxels.
+    Coarser = 1,
+    /// Another mesh.
+    Mesh = 2,
     /// The surface around a hole.
     Diffused = 3,
     /// Nothing: it closes what is open, to make the surface watertight.
@@ -75,6 +83,8 @@ impl Source {
     pub fn word(self) -> &'static str {
         match self {
             Self::Scans => "scans",
+            Self::Coarser => "coarser",
+            Self::Mesh => "mesh",
             Self::Diffused => "diffused",
             Self::Closed => "closed",
         }
@@ -205,7 +215,11 @@ fn merge_in_tiles(
     sink: &mut dyn MergedSurface,
     progress: &(dyn Progress + Sync),
 ) -> Result<Report, ScanError> {
-    let known = Known::of(stations)?;
+    let mut known = Known::of(stations)?;
+    let patch_mesh = options.fill.mesh.as_deref().map(|path| PatchMesh::read(path, progress)).transpose()?;
+    if let Some(mesh) = &patch_mesh {
+        known.bounds = [known.bounds[0].min(mesh.bounds[0]), known.bounds[1].max(mesh.bounds[1])];
+    }
     let bounds = match options.bounds {
         Some([min, max]) => [known.bounds[0].max(min), known.bounds[1].min(max)],
         None => known.bounds,
@@ -231,6 +245,10 @@ fn merge_in_tiles(
     let mut report = Report { voxel, stations: stations.len(), ..Report::default() };
     let counts = cut_all(stations, options, &known, scale, &piles, tile_log2, progress)?;
     [report.station_triangles, report.pieces] = counts;
+    if let Some(mesh) = &patch_mesh {
+        mesh.cut(options, bounds, scale, &piles, tile_log2, progress)?;
+    }
+    drop(patch_mesh);
     report.scratch_bytes = piles.bytes();
     let room = DVec3::splat(4.0 * voxel);
     let bounds = [bounds[0] - room, bounds[1] + room];
@@ -257,10 +275,10 @@ fn merge_in_tiles(
             Ok(())
         }
     };
-    let rims = joined.rims();
+    let rims = joined.rims().loops();
     report.borders = holes::borders(&rims, stations, 2.0 * voxel, &mut tell("analysing holes"))?;
     if is_filled {
-        let mut filler = fill::Filler { fill: &options.fill, voxel, bounds, joined: &mut joined };
+        let mut filler = fill::Filler { fill: &options.fill, voxel, bounds, stations, joined: &mut joined };
         report.filled = Some(filler.run(&rims, &mut report.borders, &mut tell("filling holes"))?);
         [report.vertices, report.triangles] = joined.counts();
     }

@@ -2,7 +2,7 @@
 
 use crate::ScanError;
 use glam::IVec3;
-use kilwa_scan_core::tsdf::{BRICK, MARGIN, PIECE_BYTES, Piece, Region, SUB_LOG2};
+use kilwa_scan_core::tsdf::{BRICK, PIECE_BYTES, Piece, Region, SUB_LOG2};
 use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom, Write};
@@ -69,7 +69,7 @@ impl Piles {
         sorted.collect()
     }
 
-    /// Pass the pieces of a run to `sink
+    /// Pass the pieces of a run to `sink`.
     pub(super) fn read(&self, run: Run, sink: &mut dyn FnMut(&Piece)) -> Result<(), ScanError> {
         let mut bytes = vec![0; usize::try_from(run.bytes).unwrap_or(usize::MAX)];
         self.read_at(run.at, &mut bytes).map_err(scratch(&self.folder))?;
@@ -120,6 +120,8 @@ pub(super) struct Gathered<'p> {
     station: u16,
     /// Bricks along the edge of a tile, as a power of two.
     tile_log2: u32,
+    /// Voxels around a tile from which it needs pieces.
+    margin: i32,
     tiles: HashMap<IVec3, Vec<u8>>,
     held: usize,
     most: usize,
@@ -128,15 +130,15 @@ pub(super) struct Gathered<'p> {
 }
 
 impl<'p> Gathered<'p> {
-    /// For one station, holding at most this many bytes in memory.
-    pub(super) fn new(piles: &'p Piles, station: u16, tile_log2: u32, most: usize) -> Self {
-        Self { piles, station, tile_log2, tiles: HashMap::new(), held: 0, most, count: 0 }
+    /// For one station and tiles of `1 << tile_log2` bricks with `margin` voxels around each, holding at most `most` bytes in memory.
+    pub(super) fn new(piles: &'p Piles, station: u16, [tile_log2, margin]: [u32; 2], most: usize) -> Self {
+        Self { piles, station, tile_log2, margin: margin.cast_signed(), tiles: HashMap::new(), held: 0, most, count: 0 }
     }
 
     /// Put a piece where it is needed.
     pub(super) fn add(&mut self, piece: &Piece) -> Result<(), ScanError> {
         let tile = |at: IVec3| (at >> SUB_LOG2) >> (BRICK.ilog2() + self.tile_log2);
-        let reach = (MARGIN + 1) << SUB_LOG2;
+        let reach = (self.margin + 1) << SUB_LOG2;
         let (low, high) = (tile(piece.at - reach), tile(piece.at + reach));
         let bytes = piece.to_bytes();
         self.count += 1;
@@ -145,7 +147,7 @@ impl<'p> Gathered<'p> {
                 for x in low.x..=high.x {
                     let min = IVec3::new(x, y, z) << self.tile_log2;
                     let region = Region { min, bricks: 1 << self.tile_log2 };
-                    if min.cmpge(IVec3::ZERO).all() && region.needs(piece) {
+                    if min.cmpge(IVec3::ZERO).all() && region.needs(piece, self.margin) {
                         let pile = self.tiles.entry(min).or_default();
                         pile.extend_from_slice(&bytes);
                         self.held += PIECE_BYTES;

@@ -41,27 +41,45 @@ impl Rims {
             }
             rest = more;
             let [a, b] = [*p, *q].map(|k| numbers[k as usize]);
-            if self.open.remove(&[b, a]).is_none() {
+            self.toggle([a, b], || {
                 let vertex = &patch.vertices[*p as usize];
-                let begin = RimVertex {
+                RimVertex {
                     number: a,
                     position: place(vertex.position),
                     normal: vertex.normal,
                     color: vertex.color,
                     intensity: vertex.intensity.unwrap_or(f32::NAN),
-                };
-                self.open.insert([a, b], begin);
-            }
+                }
+            });
         }
     }
 
+    /// Whether an edge has a triangle on its left only.
+    pub(super) fn is_open(&self, edge: [u64; 2]) -> bool {
+        self.open.contains_key(&edge)
+    }
+
+    /// Add an edge of a triangle; `begin` is the vertex where it begins. Returns whether that closed an open edge.
+    pub(super) fn toggle(&mut self, [a, b]: [u64; 2], begin: impl FnOnce() -> RimVertex) -> bool {
+        let closes = self.open.remove(&[b, a]).is_some();
+        if !closes {
+            self.open.insert([a, b], begin());
+        }
+        closes
+    }
+
+    /// The vertices of open edges, by their numbers.
+    pub(super) fn vertices(&self) -> HashMap<u64, RimVertex> {
+        self.open.iter().map(|([a, _], vertex)| (*a, *vertex)).collect()
+    }
+
     /// The loops, each along its edges with the surface on its left, in the order of their smallest vertices.
-    pub(super) fn loops(self) -> Vec<Vec<RimVertex>> {
+    pub(super) fn loops(&self) -> Vec<Vec<RimVertex>> {
         let mut next: BTreeMap<u64, Vec<u64>> = BTreeMap::new();
         let mut vertices: HashMap<u64, RimVertex> = HashMap::new();
-        for ([p, q], vertex) in self.open {
-            next.entry(p).or_default().push(q);
-            vertices.insert(p, vertex);
+        for ([p, q], vertex) in &self.open {
+            next.entry(*p).or_default().push(*q);
+            vertices.insert(*p, *vertex);
         }
         for to in next.values_mut() {
             to.sort_unstable_by(|a, b| b.cmp(a));
@@ -117,6 +135,7 @@ mod tests {
                 intensity: None,
                 quality: 1.0,
                 stations: 1,
+                backing: None,
             });
         }
         for (x, y) in (0..size * size).map(|k| (k % size, k / size)).filter(|cell| !without.contains(cell)) {

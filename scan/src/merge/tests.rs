@@ -18,7 +18,12 @@ impl MergedSurface for Mesh {
     }
 
     fn vertex(&mut self, vertex: &MergedVertex) -> Result<(), ScanError> {
-        self.vertices.push(*vertex);
+        let mut vertex = *vertex;
+        // So that vertices without an intensity are equal.
+        if vertex.vertex.intensity.is_nan() {
+            vertex.vertex.intensity = f32::MIN;
+        }
+        self.vertices.push(vertex);
         Ok(())
     }
 
@@ -142,7 +147,7 @@ fn filled_surface_is_added_to_the_measured_one_and_marked() {
     let common = options(folder.path(), 0.15);
     let (bare, bare_report) = merged(&path, &survey, &common, 3);
     assert_eq!(bare_report.filled, None);
-    let fill = Fill { diffuse: true, max_area: 20.0, watertight: false };
+    let fill = Fill { diffuse: true, max_area: 20.0, ..Fill::default() };
     let with = Options { fill, ..common.clone() };
     let (mesh, report) = merged(&path, &survey, &with, 3);
     let filled = report.filled.unwrap();
@@ -200,4 +205,33 @@ fn what_cannot_be_merged_is_refused_with_its_name() {
     survey.stations.clear();
     let text = refused(&survey, &common);
     assert!(text.contains("scans import"), "{text}");
+}
+
+#[test]
+fn coarser_voxels_and_a_mesh_fill_the_same_whatever_the_tiles() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, survey) = survey(folder.path(), 3, 200);
+    // A floor of 20 × 20 m in two triangles. What scans have seen of it gets no second layer.
+    let floor = folder.path().join("floor.obj");
+    std::fs::write(&floor, "v -10 -10 0\nv 10 -10 0\nv 10 10 0\nv -10 10 0\nf 1 2 3\nf 1 3 4\n").unwrap();
+    let common = options(folder.path(), 0.25);
+    let (bare, _) = merged(&path, &survey, &common, 3);
+    let (vertices, triangles) = (bare.vertices.len(), bare.triangles.len());
+    for (mesh, source) in [(None, Source::Coarser), (Some(floor), Source::Mesh)] {
+        let fill = Fill { coarser: mesh.is_none(), mesh, ..Fill::default() };
+        let with = Options { fill, ..common.clone() };
+        let (filled, report) = merged(&path, &survey, &with, 3);
+        assert!(filled.vertices[..vertices] == bare.vertices && filled.triangles[..triangles] == bare.triangles);
+        assert!(filled.vertices.len() > vertices && filled.vertices[vertices..].iter().all(|v| v.source == source));
+        assert!(filled.triangles[triangles..].iter().all(|t| t.iter().any(|k| *k >= vertices as u64)));
+        let report = report.filled.unwrap();
+        let (before, after) = (borders(&bare.triangles), borders(&filled.triangles));
+        if source == Source::Coarser {
+            assert!(report.holes > 0 && after < before, "{report:?}, {before} to {after}");
+        } else {
+            assert!(report.mesh_area > 1.0 && report.mesh_area < 200.0, "{report:?}");
+        }
+        let (other, _) = merged(&path, &survey, &Options { threads: 1, ..with }, 2);
+        assert!(other == filled, "the tiling matters to {source:?}");
+    }
 }

@@ -1,11 +1,11 @@
 //! Tile by tile: the field of a tile's pieces, and the surface in its bricks.
 
-use super::Options;
 use super::piles::{Piles, Run, morton};
+use super::{Fill, MESH_STATION, Options};
 use crate::ScanError;
 use crate::import::Progress;
 use glam::IVec3;
-use kilwa_scan_core::tsdf::{Cubes, Field, Patch, Region};
+use kilwa_scan_core::tsdf::{Backing, Cubes, Field, MARGIN, Patch, Region};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 
@@ -26,7 +26,7 @@ pub(super) fn size_log2(memory: u64, threads: usize) -> u32 {
     (1..=4).rev().find(|log2| bytes(*log2) <= share / 2).unwrap_or(1)
 }
 
-/// Pass the surfaces of all tiles to `sink
+/// Pass the surfaces of all tiles to `sink`.
 pub(super) fn surfaces(
     piles: &Piles,
     tile_log2: u32,
@@ -51,7 +51,7 @@ pub(super) fn surfaces(
                 let result = if progress.is_stopped() {
                     Err(ScanError::Stopped)
                 } else {
-                    surface(piles, region, runs, budget, &cubes, &mut patches)
+                    Tile { piles, runs, budget, cubes: &cubes, fill: &options.fill }.surface(region, &mut patches)
                 };
                 *made[number].lock().unwrap_or_else(PoisonError::into_inner) = result.map(|()| patches);
             }
@@ -72,41 +72,61 @@ pub(super) fn surfaces(
     Ok(())
 }
 
-/// The surface of a region, which is divided if its field is too large for the budget in bricks.
-fn surface(
-    piles: &Piles,
-    region: Region,
-    runs: &[Run],
+/// What the surface of a tile is made of.
+struct Tile<'a> {
+    piles: &'a Piles,
+    runs: &'a [Run],
+    /// Bricks that may be in memory.
     budget: usize,
-    cubes: &Cubes,
-    out: &mut Vec<(IVec3, Patch)>,
-) -> Result<(), ScanError> {
-    let mut field = Field::new(region);
-    let mut is_full = false;
-    for run in runs {
-        piles.read(*run, &mut |piece| {
-            if !is_full && region.needs(piece) {
-                field.add(run.station, piece);
-                is_full = field.bricks() > budget && region.bricks > 1;
+    cubes: &'a Cubes,
+    fill: &'a Fill,
+}
+
+impl Tile<'_> {
+    /// The surface of a region, which is divided if its field is too large for the budget.
+    fn surface(&self, region: Region, out: &mut Vec<(IVec3, Patch)>) -> Result<(), ScanError> {
+        let mut field = Field::new(region);
+        let mut backing = self
+            .fill
+            .is_backed()
+            .then(|| Backing::new(region, self.fill.mesh.is_some(), self.fill.levels(), self.fill.coarser));
+        let margin = self.fill.margin();
+        let mut is_full = false;
+        for run in self.runs {
+            self.piles.read(*run, &mut |piece| {
+                if is_full || !region.needs(piece, margin) {
+                    return;
+                }
+                if run.station == MESH_STATION {
+                    backing.iter_mut().for_each(|backing| backing.add_mesh(piece));
+                } else {
+                    if region.needs(piece, MARGIN) {
+                        field.add(run.station, piece);
+                    }
+                    backing.iter_mut().for_each(|backing| backing.add(run.station, piece));
+                }
+                let bricks = field.bricks() + backing.as_ref().map_or(0, Backing::bricks);
+                is_full = bricks > self.budget && region.bricks > 1;
+            })?;
+            if is_full {
+                drop((field, backing));
+                let half = region.bricks / 2;
+                for part in 0..8 {
+                    let at = IVec3::new(part & 1, part >> 1 & 1, part >> 2) * half;
+                    self.surface(Region { min: region.min + at, bricks: half }, out)?;
+                }
+                return Ok(());
             }
-        })?;
-        if is_full {
-            drop(field);
-            let half = region.bricks / 2;
-            for part in 0..8 {
-                let at = IVec3::new(part & 1, part >> 1 & 1, part >> 2) * half;
-                surface(piles, Region { min: region.min + at, bricks: half }, runs, budget, cubes, out)?;
-            }
-            return Ok(());
         }
+        let all = 0..region.bricks;
+        let mut bricks: Vec<IVec3> = all
+            .clone()
+            .flat_map(|z| all.clone().flat_map(move |y| (0..region.bricks).map(move |x| IVec3::new(x, y, z))))
+            .map(|at| region.min + at)
+            .collect();
+        bricks.sort_unstable_by_key(|brick| morton(*brick));
+        let patch = |brick| Some((brick, field.patch(self.cubes, brick, backing.as_ref())?));
+        out.extend(bricks.into_iter().filter_map(patch));
+        Ok(())
     }
-    let all = 0..region.bricks;
-    let mut bricks: Vec<IVec3> = all
-        .clone()
-        .flat_map(|z| all.clone().flat_map(move |y| (0..region.bricks).map(move |x| IVec3::new(x, y, z))))
-        .map(|at| region.min + at)
-        .collect();
-    bricks.sort_unstable_by_key(|brick| morton(*brick));
-    out.extend(bricks.into_iter().filter_map(|brick| Some((brick, field.patch(cubes, brick)?))));
-    Ok(())
 }

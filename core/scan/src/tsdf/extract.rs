@@ -1,5 +1,6 @@
 //! The surface where the field is zero, brick by brick.
 
+use super::backing::{Backing, Sample};
 use super::cubes::{Cubes, EDGES, INSIDE};
 use super::field::{BRICK, Brick, DISTANCE_LOG2, FULL, Field, Voxel};
 use super::piece::INTENSITY_LOG2;
@@ -9,7 +10,7 @@ use glam::{DVec3, IVec3};
 /// The minimum distance of a vertex from the voxel centres that it lies between, so that no two vertices coincide.
 const NEAREST: f64 = 1.0 / 64.0;
 /// The minimum coverage of a vertex, relative to a plane; at a straight rim it is 0.5.
-const COVERAGE: f64 = 0.3;
+pub(super) const COVERAGE: f64 = 0.3;
 
 /// Identifies a vertex: the lower voxel of its edge and the axis (0 to 2), or a cell and the number of a loop in it (3 and more).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -37,6 +38,8 @@ pub struct PatchVertex {
     pub quality: f64,
     /// Stations that contributed.
     pub stations: u16,
+    /// The level of the [`Backing`] that it rests on; `None` for the scans at their own voxels.
+    pub backing: Option<u8>,
 }
 
 /// The surface of a brick.
@@ -44,8 +47,12 @@ pub struct PatchVertex {
 pub struct Patch {
     /// Vertices, also those on edges that other bricks have too.
     pub vertices: Vec<PatchVertex>,
-    /// Triangles by vertices of this patch, counterclockwise seen from outside.
+    /// How many of the vertices belong to measured triangles; they come first.
+    pub measured: usize,
+    /// Measured triangles by vertices of this patch, counterclockwise seen from outside.
     pub triangles: Vec<[u32; 3]>,
+    /// Triangles that rest on the backing, with at least one vertex that no measured triangle has.
+    pub filled: Vec<[u32; 3]>,
 }
 
 /// Voxels along an axis: a brick and the first of the next brick, which the last cells need.
@@ -133,27 +140,37 @@ fn distance(voxel: &Voxel) -> f32 {
 }
 
 impl Field {
-    /// The surface in the cells of a brick of the region, or nothing.
-    pub fn patch(&self, cubes: &Cubes, brick: IVec3) -> Option<Patch> {
+    /// The surface in the cells of a brick of the region, or nothing. Without a backing, nothing is filled; the measured part is the same with and without it.
+    pub fn patch(&self, cubes: &Cubes, brick: IVec3, backing: Option<&Backing>) -> Option<Patch> {
         let first = brick * BRICK;
         let mut values = Values([f32::NAN; COUNT]);
         values.read(self, first, 0, SIDE, |_| true);
-        let (negative, positive) = (values.0.iter().any(|d| *d < 0.0), values.0.iter().any(|d| *d >= 0.0));
-        if !(negative && positive) {
+        let is_both = |values: &Values| values.0.iter().any(|d| *d < 0.0) && values.0.iter().any(|d| *d >= 0.0);
+        let backing = backing.filter(|backing| backing.reaches(brick));
+        if !is_both(&values) && backing.is_none() {
             return None;
         }
         let is_around = |at: IVec3| at.min_element() < 0 || at.max_element() >= SIDE;
         values.read(self, first, -1, SIDE + 1, is_around);
         let values = values.extended();
-        let mut making = Making { field: self, first, values, slots: [u32::MAX; 3 * COUNT], patch: Patch::default() };
-        for z in 0..BRICK {
-            for y in 0..BRICK {
-                for x in 0..BRICK {
-                    making.cell(cubes, IVec3::new(x, y, z));
-                }
-            }
+        let mut making = Making {
+            field: self,
+            backing: None,
+            first,
+            values,
+            is_backed: [false; COUNT],
+            slots: [u32::MAX; 3 * COUNT],
+            patch: Patch::default(),
+        };
+        making.cells(cubes);
+        making.patch.measured = making.patch.vertices.len();
+        if let Some(backing) = backing
+            && making.back(backing)
+        {
+            making.cells(cubes);
         }
-        (!making.patch.triangles.is_empty()).then_some(making.patch)
+        let patch = making.patch;
+        (!patch.triangles.is_empty() || !patch.filled.is_empty()).then_some(patch)
     }
 }
 
@@ -163,17 +180,54 @@ fn corner(bits: u8) -> IVec3 {
 
 struct Making<'a> {
     field: &'a Field,
+    /// In the second pass over the cells.
+    backing: Option<&'a Backing>,
     first: IVec3,
     values: Values,
+    /// Voxels whose distance is that of the backing.
+    is_backed: [bool; COUNT],
     /// The vertex of each edge, by its lower voxel and axis.
     slots: [u32; 3 * COUNT],
     patch: Patch,
 }
 
-impl Making<'_> {
+impl<'a> Making<'a> {
+    /// Give voxels without a distance that of the backing. Returns whether there can be a surface then.
+    fn back(&mut self, backing: &'a Backing) -> bool {
+        let blocks = backing.blocks(self.first, SIDE - 1);
+        let own = [self.values.0.iter().any(|d| *d < 0.0), self.values.0.iter().any(|d| *d >= 0.0)];
+        let [negative, positive] =
+            blocks.iter().fold(own, |[a, b], block| [a || block.signs()[0], b || block.signs()[1]]);
+        if !(negative && positive) {
+            return false;
+        }
+        self.backing = Some(backing);
+        for at in (0..SIDE.pow(3)).map(|k| IVec3::new(k % SIDE, k / SIDE % SIDE, k / (SIDE * SIDE))) {
+            if self.values.at(at).is_nan()
+                && let Some(distance) = blocks.iter().map(|block| block.at(self.first + at)).find(|d| !d.is_nan())
+            {
+                self.values.0[Values::index(at)] = distance as f32;
+                self.is_backed[Values::index(at)] = true;
+            }
+        }
+        true
+    }
+
+    fn cells(&mut self, cubes: &Cubes) {
+        for z in 0..BRICK {
+            for y in 0..BRICK {
+                for x in 0..BRICK {
+                    self.cell(cubes, IVec3::new(x, y, z));
+                }
+            }
+        }
+    }
+
     fn cell(&mut self, cubes: &Cubes, cell: IVec3) {
         let mut case = 0;
+        let mut is_backed = false;
         for bits in 0..8 {
+            is_backed |= self.is_backed[Values::index(cell + corner(bits))];
             let distance = self.values.at(cell + corner(bits));
             if distance.is_nan() {
                 return;
@@ -190,6 +244,15 @@ impl Making<'_> {
             if crossings.len() < part.edges.len() || !faces_scanners(&crossings) {
                 continue;
             }
+            let is_measured = !is_backed && crossings.iter().all(|vertex| vertex.backing.is_none());
+            // The first pass has made what is measured.
+            if is_measured && self.backing.is_some() {
+                continue;
+            }
+            if !is_measured {
+                self.fill(cell, number, &crossings);
+                continue;
+            }
             if part.triangles.iter().flatten().any(|v| *v == INSIDE) {
                 let key = EdgeKey { at: (self.first + cell).to_array(), axis: 3 + number as u8 };
                 crossings.push(PatchVertex { key, ..middle(&crossings) });
@@ -200,6 +263,16 @@ impl Making<'_> {
             };
             self.patch.triangles.extend(part.triangles.iter().map(|t| t.map(|v| numbers[place(v)])));
         }
+    }
+
+    /// A loop that rests on the backing, as a fan from its middle, so that each triangle has a vertex of its own.
+    fn fill(&mut self, cell: IVec3, number: usize, crossings: &[PatchVertex]) {
+        let key = EdgeKey { at: (self.first + cell).to_array(), axis: 3 + number as u8 };
+        let backing = crossings.iter().filter_map(|vertex| vertex.backing).max().or(Some(1));
+        let center = self.number(&PatchVertex { key, backing, quality: 0.0, stations: 0, ..middle(crossings) });
+        let numbers: Vec<u32> = crossings.iter().map(|vertex| self.number(vertex)).collect();
+        let sides = numbers.iter().zip(numbers.iter().cycle().skip(1));
+        self.patch.filled.extend(sides.map(|(a, b)| [*a, *b, center]));
     }
 
     fn number(&mut self, vertex: &PatchVertex) -> u32 {
@@ -231,8 +304,11 @@ impl Making<'_> {
         let none = Voxel::default();
         let [a, b] = [place, place + step].map(|at| self.field.voxel(at).unwrap_or(&none));
         let mixed = |x: f64, y: f64| x * (1.0 - t) + y * t;
-        if mixed(a.coverage as f64, b.coverage as f64) < COVERAGE * FULL {
-            return None;
+        let is_backed = [at, at + step].iter().any(|at| self.is_backed[Values::index(*at)]);
+        if is_backed || mixed(a.coverage as f64, b.coverage as f64) < COVERAGE * FULL {
+            let position = place.as_dvec3() + step.as_dvec3() * t;
+            let sample = self.backing?.sample(position)?;
+            return backed(EdgeKey { at: place.to_array(), axis }, position, &sample);
         }
         let normal = DVec3::from_array([0, 1, 2].map(|k| mixed(a.normal[k] as f64, b.normal[k] as f64)));
         let color_weight = mixed(a.color_weight as f64, b.color_weight as f64);
@@ -248,8 +324,26 @@ impl Making<'_> {
             intensity: (intensity_weight > 0.0).then_some(intensity as f32),
             quality: mixed(a.weight as f64, b.weight as f64) / (FULL / Piece::AREA_ONE * Piece::WEIGHT_ONE),
             stations: a.stations.max(b.stations),
+            backing: None,
         })
     }
+}
+
+/// A vertex that rests on the backing. It has no quality, because nothing was measured there.
+fn backed(key: EdgeKey, position: DVec3, sample: &Sample) -> Option<PatchVertex> {
+    let sums = &sample.sums;
+    let color = (sums.color / sums.color_weight).round().to_array();
+    let intensity = sums.intensity / sums.intensity_weight / f64::from(1 << INTENSITY_LOG2);
+    Some(PatchVertex {
+        key,
+        position,
+        normal: sums.normal.try_normalize()?,
+        color: (sums.color_weight > 0.0).then(|| color.map(|c| c as u8)),
+        intensity: (sums.intensity_weight > 0.0).then_some(intensity as f32),
+        quality: 0.0,
+        stations: 0,
+        backing: Some(sample.level),
+    })
 }
 
 /// Whether a loop faces the side from which its surface was scanned. Between two layers the field changes back from negative to positive; that crossing is not a surface.
@@ -277,5 +371,6 @@ fn middle(vertices: &[PatchVertex]) -> PatchVertex {
         intensity: (!bright.is_empty()).then(|| bright.iter().sum::<f32>() / bright.len() as f32),
         quality: mean(&|v| v.quality),
         stations: vertices.iter().map(|v| v.stations).max().unwrap_or_default(),
+        backing: None,
     }
 }

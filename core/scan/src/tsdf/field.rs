@@ -1,6 +1,6 @@
 //! The sums at voxels, in bricks that are allocated only where there are pieces.
 
-use super::{MARGIN, Piece, REACH, SIDE, SUB_LOG2};
+use super::{Piece, REACH, SIDE, SUB_LOG2};
 use glam::{IVec3, Vec4};
 
 /// Voxels along the edge of a brick.
@@ -27,7 +27,7 @@ pub(super) struct Voxel {
     pub(super) color_weight: u64,
     pub(super) intensity: i128,
     pub(super) intensity_weight: u64,
-    /// Areas to the side, without quality: [`FULL`Area of the pieces around, by the lateral kernel and without quality: [`FULL`] where one station sampled the whole surface.
+    /// Area of the pieces around, by the lateral kernel and without quality: [`FULL`] where one station sampled the whole surface.
     pub(super) coverage: u64,
     /// Stations that added something.
     pub(super) stations: u16,
@@ -66,15 +66,16 @@ pub struct Region {
 }
 
 impl Region {
-    /// Whether a piece matters to the surface of the region.
-    pub fn needs(&self, piece: &Piece) -> bool {
-        let low = (self.min * BRICK - MARGIN) << SUB_LOG2;
-        let high = ((self.min + self.bricks) * BRICK + MARGIN) << SUB_LOG2;
+    /// Whether a piece matters to the surface of the region, which depends on pieces up to `margin` voxels outside it: [`MARGIN`], or, with coarser voxels in the
+    /// [`Backing`](super::Backing), [`MARGIN`] of the coarsest.
+    pub fn needs(&self, piece: &Piece, margin: i32) -> bool {
+        let low = (self.min * BRICK - margin) << SUB_LOG2;
+        let high = ((self.min + self.bricks) * BRICK + margin) << SUB_LOG2;
         piece.at.cmpge(low).all() && piece.at.cmplt(high).all()
     }
 }
 
-/// The field in a region and one brick around it, where the sums are incomplete beyond [`MARGIN`].
+/// The field in a region and one brick around it, where the sums are incomplete beyond [`MARGIN`](super::MARGIN).
 pub struct Field {
     /// The first brick that may have sums, and how many there are along each axis.
     base: IVec3,

@@ -1,8 +1,8 @@
 //! Merging the surfaces of several stations into one: a sparse truncated signed distance field (TSDF), whose sums are integers.
 //!
 //! The triangles of every station are cut into small [`Piece`]s, planar pieces (surfels) of at most about one voxel. A piece adds to each voxel around it the signed
-//! distance of the voxel's centre from its plane, with a weight: its area, times its quality, times a kernel that falls off to the side
-//! ([`SIDE`a kernel that falls off laterally ([`SIDE`]) and along the normal ([`REACH`], the truncation). The distance at a voxel is the weighted mean, as in the implicit moving least squares of
+//! distance of the voxel's centre from its plane, with a weight: its area, times its quality, times a kernel that falls off laterally
+//! ([`SIDE`]) and along the normal ([`REACH`], the truncation). The distance at a voxel is the weighted mean, as in the implicit moving least squares of
 //! Kolluri ("Provably Good Moving Least Squares", 2008); weighting by area makes it independent of how densely a station sampled the surface,
 //! and quality lets a near, perpendicular view prevail over a distant or oblique one (Curless and Levoy, "A Volumetric Method for
 //! Building Complex Models from Range Images", 1996).
@@ -12,6 +12,7 @@
 //!
 //! Lengths are voxels unless stated otherwise; the voxel with index `i` has its centre at the coordinate `i`.
 
+mod backing;
 mod cubes;
 mod extract;
 mod field;
@@ -20,6 +21,7 @@ mod piece;
 #[cfg(test)]
 mod tests;
 
+pub use backing::Backing;
 pub use cubes::Cubes;
 pub use extract::{EdgeKey, Patch, PatchVertex};
 pub use field::{BRICK, Field, Region};

@@ -65,10 +65,13 @@ fn surface(stations: &[Vec<Piece>], bricks: i32, region: i32) -> Surface {
         let own = Region { min: first * region, bricks: region };
         let mut field = Field::new(own);
         for (number, pieces) in stations.iter().enumerate() {
-            pieces.iter().filter(|piece| own.needs(piece)).for_each(|piece| field.add(number as u16 + 1, piece));
+            pieces
+                .iter()
+                .filter(|piece| own.needs(piece, MARGIN))
+                .for_each(|piece| field.add(number as u16 + 1, piece));
         }
         for brick in grid(region) {
-            let Some(patch) = field.patch(&cubes, own.min + brick) else { continue };
+            let Some(patch) = field.patch(&cubes, own.min + brick, None) else { continue };
             for vertex in &patch.vertices {
                 let before = out.vertices.insert(vertex.key, *vertex);
                 assert!(before.is_none_or(|before| before == *vertex), "a vertex differs between bricks");
@@ -209,5 +212,116 @@ fn the_area_of_pieces_is_that_of_the_triangles() {
 fn a_piece_survives_its_bytes() {
     for piece in cut(&sphere(DVec3::splat(-20.0), 3.0, 1.0)) {
         assert_eq!(Piece::from_bytes(&piece.to_bytes()), piece);
+    }
+}
+
+/// The patches of one region, with and without a backing.
+fn patches(pieces: &[Piece], mesh: &[Piece], bricks: i32, levels: u32) -> [Vec<Patch>; 2] {
+    let own = Region { min: IVec3::ZERO, bricks };
+    let mut field = Field::new(own);
+    let mut backing = Backing::new(own, !mesh.is_empty(), levels, mesh.is_empty());
+    for piece in pieces {
+        field.add(1, piece);
+        backing.add(1, piece);
+    }
+    mesh.iter().for_each(|piece| backing.add_mesh(piece));
+    let cubes = Cubes::default();
+    [None, Some(&backing)].map(|backing| {
+        let all = (0..bricks.pow(3)).map(|k| IVec3::new(k % bricks, k / bricks % bricks, k / (bricks * bricks)));
+        all.filter_map(|brick| field.patch(&cubes, brick, backing)).collect()
+    })
+}
+
+/// Edges of all triangles that have no triangle on their other side, and the middle of each.
+fn open_edges(patches: &[Patch], with_filled: bool) -> Vec<DVec3> {
+    let mut edges = HashMap::new();
+    for patch in patches {
+        let filled = if with_filled { patch.filled.as_slice() } else { &[] };
+        for t in patch.triangles.iter().chain(filled) {
+            for [a, b] in [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]] {
+                let [a, b] = [a, b].map(|k| &patch.vertices[k as usize]);
+                let before = edges.insert([a.key, b.key], (a.position + b.position) / 2.0);
+                assert_eq!(before, None, "an edge is used twice in the same direction");
+            }
+        }
+    }
+    let is_open = |[a, b]: &[EdgeKey; 2]| !edges.contains_key(&[*b, *a]);
+    edges.iter().filter(|(edge, _)| is_open(edge)).map(|(_, middle)| *middle).collect()
+}
+
+/// A plane of 56 × 56 voxels with a hole of this width in the middle.
+fn holed(width: f64) -> Vec<Piece> {
+    let (low, high) = (28.0 - width / 2.0, 28.0 + width / 2.0);
+    let part = |x: [f64; 2], y: [f64; 2]| {
+        let origin = DVec3::new(x[0], y[0], 28.3);
+        cut(&rectangle(origin, DVec3::X * (x[1] - x[0]), DVec3::Y * (y[1] - y[0]), 0.7))
+    };
+    let all = [
+        part([4.0, low], [4.0, 52.0]),
+        part([high, 52.0], [4.0, 52.0]),
+        part([low, high], [4.0, low]),
+        part([low, high], [high, 52.0]),
+    ];
+    all.concat()
+}
+
+#[test]
+fn coarser_voxels_close_narrow_holes_and_leave_the_measured_surface_as_it_is() {
+    let is_inside = |p: &&DVec3| (*p - DVec3::new(28.0, 28.0, 28.3)).abs().max_element() < 18.0;
+    for (width, closes) in [(3.0, true), (7.0, true), (12.0, true), (26.0, false)] {
+        let [bare, backed] = patches(&holed(width), &[], 7, 3);
+        let measured = |patches: &[Patch]| -> Vec<(Vec<PatchVertex>, Vec<[u32; 3]>)> {
+            let with = patches.iter().filter(|patch| !patch.triangles.is_empty());
+            with.map(|patch| (patch.vertices[..patch.measured].to_vec(), patch.triangles.clone())).collect()
+        };
+        assert!(measured(&bare) == measured(&backed), "width {width}");
+        assert!(bare.iter().all(|patch| patch.filled.is_empty()));
+        let rim = open_edges(&bare, false).iter().filter(is_inside).count();
+        assert!(rim > 3 * width as usize, "{rim} at {width}");
+        let left = open_edges(&backed, true).iter().filter(is_inside).count();
+        assert_eq!(left == 0, closes, "{left} of {rim} edges are open at {width}");
+        for patch in &backed {
+            for corners in &patch.filled {
+                assert!(corners.iter().any(|k| *k as usize >= patch.measured), "a triangle without a new vertex");
+                for k in corners {
+                    let vertex = &patch.vertices[*k as usize];
+                    assert!((vertex.position.z - 28.3).abs() < 0.5, "{vertex:?}");
+                    assert_eq!(vertex.color, Some([200, 100, 50]));
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn a_mesh_fills_what_scans_left_open_and_adds_no_second_layer() {
+    // A mesh of the whole plane, three voxels too high, and a hole too wide for coarser voxels.
+    let mesh = cut(&rectangle(DVec3::new(4.0, 4.0, 31.3), DVec3::X * 48.0, DVec3::Y * 48.0, 0.7));
+    let [_, backed] = patches(&holed(24.0), &mesh, 7, 3);
+    let filled: Vec<DVec3> = backed
+        .iter()
+        .flat_map(|patch| patch.filled.iter().map(|t| t.map(|k| patch.vertices[k as usize].position)))
+        .map(|[a, b, c]| (a + b + c) / 3.0)
+        .collect();
+    let from_middle = |p: &DVec3| (p.truncate() - glam::DVec2::splat(28.0)).abs().max_element();
+    assert!(filled.iter().any(|p| from_middle(p) < 2.0), "the hole is empty");
+    let farthest = filled.iter().filter(|p| from_middle(p) < 20.0).map(from_middle).fold(0.0, f64::max);
+    assert!(farthest < 12.0 + 8.0, "{farthest}");
+}
+
+#[test]
+fn coarser_voxels_do_not_mix_the_two_faces_of_a_wall() {
+    // Faces 3 voxels apart, each with a hole.
+    let (front, mut back) = (holed(5.0), holed(5.0));
+    for piece in &mut back {
+        piece.at.z -= 3 << SUB_LOG2;
+        piece.normal = piece.normal.map(|n| -n);
+    }
+    let [_, backed] = patches(&[front, back].concat(), &[], 7, 3);
+    for patch in &backed {
+        for k in patch.filled.iter().flatten() {
+            let z = patch.vertices[*k as usize].position.z;
+            assert!((z - 28.3).abs() < 0.6 || (z - 25.3).abs() < 0.6, "{z}");
+        }
     }
 }

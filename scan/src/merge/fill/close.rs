@@ -9,12 +9,11 @@ use glam::DVec3;
 impl Filler<'_, '_, '_> {
     /// Close all loops that are open; returns their number. The longest outer edge, if it surrounds the ground, gets vertical walls down to a flat base below
     /// everything. Other loops get a membrane, or, where they are folded, a cone.
-    pub(super) fn close(&mut self, loops: &[Vec<RimVertex>], is_open: &[bool]) -> Result<usize, ScanError> {
-        let open: Vec<&Vec<RimVertex>> =
-            loops.iter().zip(is_open).filter_map(|(own, open)| open.then_some(own)).collect();
+    pub(super) fn close(&mut self) -> Result<usize, ScanError> {
+        let open = self.joined.rims().loops();
         let is_around = |rim: &[RimVertex]| rim.iter().map(|v| v.normal.z).sum::<f64>() > 0.5 * rim.len() as f64;
         let runs_round = |rim: &[RimVertex]| membrane::plane(rim).is_some_and(|normal| normal.z < 0.0);
-        let longest = (0..open.len()).max_by(|a, b| length(open[*a]).total_cmp(&length(open[*b])));
+        let longest = (0..open.len()).max_by(|a, b| length(&open[*a]).total_cmp(&length(&open[*b])));
         for (number, rim) in open.iter().enumerate() {
             if Some(number) == longest && is_around(rim) && runs_round(rim) {
                 self.base(rim)?;
@@ -45,7 +44,7 @@ impl Filler<'_, '_, '_> {
             )?;
             bottom.push(RimVertex { position, number, normal: DVec3::NEG_Z, ..*vertex });
         }
-        self.strip(rim, &bottom)?;
+        self.strip(rim, &bottom, Source::Closed)?;
         // The floor needs no detail.
         let wide = length(rim) / 64.0;
         match membrane(&[&bottom], wide.max(self.voxel)) {

@@ -47,19 +47,19 @@ impl Filler<'_, '_, '_> {
                 let RimVertex { position, normal, color, intensity, .. } = *vertex;
                 vertex.number = self.vertex(&Vertex { position, normal, color, intensity }, source)?;
             }
-            self.strip(rim, &inner)?;
+            self.strip(rim, &inner, source)?;
             loops.push(inner);
         }
         Ok(loops)
     }
 
     /// Add the triangles between two loops of as many vertices.
-    pub(super) fn strip(&mut self, rim: &[RimVertex], inner: &[RimVertex]) -> Result<(), ScanError> {
+    pub(super) fn strip(&mut self, rim: &[RimVertex], inner: &[RimVertex], source: Source) -> Result<(), ScanError> {
         for k in 0..rim.len() {
             let next = (k + 1) % rim.len();
             let [a, b, c, d] = [&rim[k], &rim[next], &inner[k], &inner[next]].map(|vertex| vertex.number);
-            self.joined.triangle([b, a, c])?;
-            self.joined.triangle([b, c, d])?;
+            self.joined.triangle([b, a, c], source)?;
+            self.joined.triangle([b, c, d], source)?;
         }
         Ok(())
     }

@@ -1,13 +1,16 @@
 //! Filling the holes of a merged surface, on request. The surface that was measured is not changed: new triangles are added after it, and each has a vertex
 //! that says what it rests on.
 
+mod backed;
 mod close;
 mod collar;
+mod held;
 mod membrane;
 
 #[cfg(test)]
 mod tests;
 
+use super::cut::Station;
 use super::holes::{Borders, Cause};
 use super::join::Joined;
 use super::rims::RimVertex;
@@ -16,11 +19,18 @@ use crate::ScanError;
 use crate::mesh::MeshVertex;
 use collar::Collar;
 use glam::DVec3;
+pub(super) use held::Held;
+use kilwa_scan_core::tsdf::MARGIN;
 use membrane::{Membrane, membrane};
+use std::path::PathBuf;
 
 /// What is filled.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fill {
+    /// Close narrow gaps with the scans at voxels 2, 4 and 8 times as large.
+    pub coarser: bool,
+    /// A mesh, in coordinates of the survey, which is used where there are no scans.
+    pub mesh: Option<PathBuf>,
     /// Close holes by diffusing positions, colours and intensities from their rims.
     pub diffuse: bool,
     /// Only holes up to this area, square metres.
@@ -33,15 +43,33 @@ impl Fill {
     /// The default of `max_area`, square metres.
     pub const MAX_AREA: f64 = 1.0;
 
+    /// Levels of coarser voxels.
+    const LEVELS: u32 = 3;
+
     /// Whether anything is filled.
     pub fn is_any(&self) -> bool {
-        self.diffuse || self.watertight
+        self.diffuse || self.watertight || self.is_backed()
+    }
+
+    /// Whether the field has a backing. A mesh needs coarser voxels, too, to know where scans have measured the surface already.
+    pub(super) fn is_backed(&self) -> bool {
+        self.coarser || self.mesh.is_some()
+    }
+
+    /// How many levels of coarser voxels there are.
+    pub(super) fn levels(&self) -> u32 {
+        if self.is_backed() { Self::LEVELS } else { 0 }
+    }
+
+    /// How far around a tile pieces matter, voxels.
+    pub(super) fn margin(&self) -> i32 {
+        MARGIN << self.levels()
     }
 }
 
 impl Default for Fill {
     fn default() -> Self {
-        Self { diffuse: false, max_area: Self::MAX_AREA, watertight: false }
+        Self { coarser: false, mesh: None, diffuse: false, max_area: Self::MAX_AREA, watertight: false }
     }
 }
 
@@ -52,6 +80,12 @@ pub struct Filled {
     pub holes: usize,
     /// Their area.
     pub area: f64,
+    /// Area of the surface that was added from the mesh.
+    pub mesh_area: f64,
+    /// Gaps that coarser voxels did not close, and so left as they are.
+    pub unclosed: usize,
+    /// Gaps that scanners saw through, left open.
+    pub unfilled_openings: usize,
     /// Parts of the surface that lie inside such holes and were joined to them.
     pub islands: usize,
     /// Openings, which were left open.
@@ -77,6 +111,7 @@ pub(super) struct Filler<'a, 'j, 's> {
     pub(super) voxel: f64,
     /// A box that holds everything, metres.
     pub(super) bounds: [DVec3; 2],
+    pub(super) stations: &'a [Station<'a>],
     pub(super) joined: &'j mut Joined<'s>,
 }
 
@@ -90,11 +125,23 @@ impl Filler<'_, '_, '_> {
     ) -> Result<Filled, ScanError> {
         let mut filled = Filled::default();
         let before = self.joined.counts()[1];
-        let mut is_open = vec![true; loops.len()];
+        let held = self.joined.begin_filling();
+        if self.fill.is_backed() {
+            self.backed(&held, &mut filled, progress)?;
+        }
+        drop(held);
+        let mut is_open: Vec<bool> = loops.iter().map(|rim| self.is_open(rim)).collect();
         let islands = Islands::new(loops, borders);
         let total = borders.holes.len() as u64;
         for (number, hole) in borders.holes.iter_mut().enumerate() {
             progress(number as u64, total)?;
+            let own = &loops[hole.rim_number];
+            if !is_open[hole.rim_number] {
+                hole.filled = self.closed_by(own);
+                filled.holes += usize::from(hole.filled.is_some());
+                filled.area += hole.filled.map_or(0.0, |_| hole.area);
+                continue;
+            }
             if hole.cause() == Cause::Free && !self.fill.watertight {
                 filled.openings += 1;
                 continue;
@@ -107,7 +154,6 @@ impl Filler<'_, '_, '_> {
                 filled.larger_area += hole.area;
                 continue;
             }
-            let own = &loops[hole.rim_number];
             let inside = islands.inside(own, self.voxel, &is_open);
             let mut rims = vec![own.as_slice()];
             rims.extend(inside.iter().map(|k| loops[*k].as_slice()));
@@ -124,10 +170,20 @@ impl Filler<'_, '_, '_> {
             filled.islands += joined;
         }
         if self.fill.watertight {
-            filled.closed = self.close(loops, &is_open)?;
+            filled.closed = self.close()?;
         }
         filled.triangles = self.joined.counts()[1] - before;
         Ok(filled)
+    }
+
+    /// Whether all edges of a loop are open.
+    fn is_open(&self, rim: &[RimVertex]) -> bool {
+        sides(rim).all(|side| self.joined.rims().is_open(side))
+    }
+
+    /// What closed all edges of a loop.
+    fn closed_by(&self, rim: &[RimVertex]) -> Option<Source> {
+        sides(rim).map(|side| self.joined.closed_by(side)).reduce(|a, b| Some(a?.max(b?))).flatten()
     }
 
     /// Close the first loop, with the others as islands; returns the number of islands that were joined, or `None` if it cannot be closed.
@@ -158,7 +214,7 @@ impl Filler<'_, '_, '_> {
             numbers.push(self.vertex(vertex, source)?);
         }
         for triangle in &made.triangles {
-            self.joined.triangle(triangle.map(|k| numbers[k as usize]))?;
+            self.joined.triangle(triangle.map(|k| numbers[k as usize]), source)?;
         }
         Ok(())
     }
@@ -222,6 +278,10 @@ impl<'l> Islands<'l> {
             .map(|(k, _)| *k)
             .collect()
     }
+}
+
+fn sides(rim: &[RimVertex]) -> impl Iterator<Item = [u64; 2]> {
+    rim.iter().zip(rim.iter().cycle().skip(1)).map(|(a, b)| [a.number, b.number])
 }
 
 fn box_of(rim: &[RimVertex]) -> [DVec3; 2] {

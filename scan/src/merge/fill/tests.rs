@@ -178,8 +178,10 @@ fn ground() -> Patch {
             intensity: None,
             quality: 1.0,
             stations: 1,
+            backing: None,
         });
     }
+    patch.measured = patch.vertices.len();
     for (x, y) in (0..400).map(|k| (k % 20, k / 20)).filter(|cell| *cell != (10, 10)) {
         let a = y * 21 + x;
         patch.triangles.extend([[a, a + 1, a + 22], [a, a + 22, a + 21]]);
@@ -192,12 +194,12 @@ fn ground_becomes_a_body_with_a_flat_base() {
     let mut mesh = Mesh::default();
     let mut joined = Joined::new(&mut mesh, Scale { origin: DVec3::ZERO, voxel: 1.0 });
     joined.patch(IVec3::ZERO, &ground()).unwrap();
-    let loops = joined.rims();
+    let loops = joined.rims().loops();
     assert_eq!(loops.iter().map(Vec::len).collect::<Vec<_>>(), [80, 4]);
     let mut borders = holes::borders(&loops, &[], 2.0, &mut |_, _| Ok(())).unwrap();
     let fill = Fill { watertight: true, ..Fill::default() };
     let bounds = [DVec3::splat(-4.0), DVec3::splat(24.0)];
-    let mut filler = Filler { fill: &fill, voxel: 1.0, bounds, joined: &mut joined };
+    let mut filler = Filler { fill: &fill, voxel: 1.0, bounds, stations: &[], joined: &mut joined };
     let filled = filler.run(&loops, &mut borders, &mut |_, _| Ok(())).unwrap();
     assert_eq!([filled.holes, filled.closed], [1, 1]);
     let sides: HashMap<[u64; 2], usize> = mesh
