@@ -267,7 +267,11 @@ export class Holes {
 
   #show() {
     const all = this.#isOn && this.#all;
-    const turn = (/** @type {Event} */ { target }) => this.turn(/** @type {HTMLInputElement} */ (target).checked);
+    const turn = async (/** @type {Event} */ event) => {
+      const box = /** @type {HTMLInputElement} */ (event.target);
+      await this.turn(box.checked);
+      box.checked = this.#isOn; // also where the list could not be read
+    };
     const toggle = html`<legend>${t("holes")}</legend><label class="choice"><input type="checkbox" .checked=${this.#isOn} @change=${turn}><span>${t("holesShow")}</span></label>`;
     show(html`${toggle}${all ? this.#list(all) : nothing}`, this.#panel);
     this.#seen = "";
