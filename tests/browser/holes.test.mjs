@@ -2,19 +2,44 @@
 
 import assert from "node:assert/strict";
 import { execFile } from "node:child_process";
-import { readFile, rm } from "node:fs/promises";
+import { readFile, rm, writeFile } from "node:fs/promises";
 import { createRequire } from "node:module";
 import path from "node:path";
 import { promisify } from "node:util";
-import { fortSite, KILWA, open, openTab, stats, test, waitFor } from "./harness.mjs";
+import { fortSite, KILWA, open, openTab, picture, setCamera, stats, test, waitFor } from "./harness.mjs";
 
 const run = promisify(execFile);
 let list;
+
+/** A pack of two squares beside each other, 1 m wide; the one at larger x was filled. */
+async function halfFilled(folder) {
+  const [vertices, faces, size] = [[], [], 24];
+  for (const filled of [0, 1]) {
+    const first = vertices.length;
+    for (let row = 0; row <= size; row += 1)
+      for (let column = 0; column <= size; column += 1) vertices.push(`${filled + column / size} ${row / size} 0 ${filled}`);
+    for (let row = 0; row < size; row += 1) {
+      for (let column = 0; column < size; column += 1) {
+        const a = first + row * (size + 1) + column;
+        faces.push(`3 ${a} ${a + 1} ${a + size + 2}`, `3 ${a} ${a + size + 2} ${a + size + 1}`);
+      }
+    }
+  }
+  const header = ["ply", "format ascii 1.0", `element vertex ${vertices.length}`, ...["x", "y", "z", "scalar_filled"].map((name) => `property float ${name}`)];
+  const mesh = path.join(folder, "half.ply");
+  await writeFile(
+    mesh,
+    [...header, `element face ${faces.length}`, "property list uchar int vertex_indices", "end_header", ...vertices, ...faces, ""].join("\n"),
+  );
+  await run(KILWA, ["build", mesh, "-o", path.join(folder, "half.kilwa")]);
+  await rm(mesh);
+}
 
 /** Simulated scans of the fort, merged with a list of holes, which is beside the pack; and a pack without a list. */
 const site = fortSite({
   prepare: async (folder) => {
     const at = (name) => path.join(folder, name);
+    await halfFilled(folder);
     await run(KILWA, ["synth", "scans", "--stations", "3", "--columns", "200", "-o", at("scans")]);
     await run(KILWA, ["scans", "import", at("scans"), "-o", at("survey")]);
     await run(KILWA, ["merge", at("survey"), "-o", at("ruin.kilwa"), "--holes", at("ruin.holes.geojson")]);
@@ -230,5 +255,54 @@ test("on a phone the sheet goes down for the hole that is chosen", async () => {
     await page.waitForTimeout(1500);
     await page.screenshot({ path: path.join(process.env.KILWA_SHOTS, "holes-phone.png") });
   }
+  await close();
+});
+
+for (const gpu of ["", "&gpu=webgl"]) {
+  test(`the filled surface is hidden and shown again, in the picture and for picks${gpu && " (WebGL 2)"}`, async () => {
+    const { page, complaints, close } = await open(site.browser, `${site.server.url}/m/half?error=0${gpu}`);
+    await setCamera(page, { target: [1, 0.5, 0], azimuth: 0, elevation: 1.57, distance: 3, orthographic: true });
+    await waitFor(page, "settled");
+    await openTab(page, "Display");
+    const filled = page.getByRole("checkbox", { name: "Show the filled surface" });
+    assert.equal(await filled.isChecked(), true);
+    const look = async () => {
+      await waitFor(page, "settled");
+      return page.evaluate(() => {
+        const { width, height } = document.querySelector("#canvas").getBoundingClientRect();
+        const { api } = globalThis.kilwa;
+        const hits = [];
+        for (let x = 0; x < width; x += 4) hits.push(...(api.pick(x, height / 2)?.place.slice(0, 1) ?? []));
+        return { right: hits.filter((x) => x > 1.02).length, left: hits.filter((x) => x < 0.98).length };
+      });
+    };
+    const before = await look();
+    assert.ok(before.left > 5 && before.right > 5, JSON.stringify(before));
+    const { share } = await picture(page);
+    await filled.uncheck();
+    const hidden = await look();
+    assert.deepEqual({ ...hidden, left: hidden.left > 5 }, { right: 0, left: true });
+    const half = (await picture(page)).share / share;
+    assert.ok(Math.abs(half - 0.5) < 0.05, `${half} of the picture is left`);
+    assert.equal((await page.evaluate(() => globalThis.kilwa.api.state().display)).hideFilled, true);
+    // A link shows it in the same way.
+    await page.reload();
+    await waitFor(page, "settled");
+    await openTab(page, "Display");
+    assert.equal(await filled.isChecked(), false);
+    assert.equal((await look()).right, 0);
+    await filled.check();
+    assert.deepEqual(await look(), before);
+    assert.equal((await picture(page)).share, share);
+    assert.deepEqual(complaints, []);
+    await close();
+  });
+}
+
+test("a pack without the channel has no such setting", async () => {
+  const { page, close } = await open(site.browser, ruin());
+  await openTab(page, "Display");
+  await shown(page).waitFor();
+  assert.equal(await page.getByRole("checkbox", { name: "Show the filled surface" }).count(), 0);
   await close();
 });
