@@ -1,7 +1,7 @@
 //! The filled surface of a merge, which can be hidden: triangles whose channel `filled` is 0.5 or more.
 //!
-//! A hidden triangle stays in its decoded chunk with [`HIDDEN`] set in its first index. Picks pass it over, because no vertex has such a number, and
-//! the GPU gets it without extent. So it can be shown again without decoding the chunk a second time, and no shader has to know of it.
+//! A hidden triangle stays in its decoded chunk with [`HIDDEN`] set in its first index. Picks pass it over, and the GPU gets it without extent. So it
+//! can be shown again without decoding the chunk a second time, and no shader has to know of it.
 
 use kilwa_pack::GpuChunk;
 use std::borrow::Cow;
@@ -25,11 +25,16 @@ pub(crate) fn hide(chunk: &mut GpuChunk, channel: Option<usize>) {
     }
 }
 
+/// Whether a triangle is hidden.
+pub(crate) fn is_hidden(triangle: &[u32]) -> bool {
+    triangle[0] & HIDDEN != 0
+}
+
 /// The indices as the GPU gets them.
 pub(crate) fn drawn(indices: &[u32]) -> Cow<'_, [u32]> {
     let mut drawn = Cow::Borrowed(indices);
     if indices.iter().any(|v| v & HIDDEN != 0) {
-        for triangle in drawn.to_mut().chunks_exact_mut(3).filter(|t| t[0] & HIDDEN != 0) {
+        for triangle in drawn.to_mut().chunks_exact_mut(3).filter(|t| is_hidden(t)) {
             triangle.fill(0);
         }
     }
@@ -48,7 +53,7 @@ mod tests {
         // Two channels; the second one counts: 0, 0, 0.5, 1, no value, 1.
         chunk.scalars = vec![1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.5, 1.0, f32::NAN, 1.0];
         hide(&mut chunk, Some(1));
-        let hidden = |chunk: &GpuChunk| chunk.indices.chunks(3).map(|t| t[0] & HIDDEN != 0).collect::<Vec<_>>();
+        let hidden = |chunk: &GpuChunk| chunk.indices.chunks(3).map(is_hidden).collect::<Vec<_>>();
         assert_eq!(hidden(&chunk), [false, true, false, false]);
         assert_eq!(*drawn(&chunk.indices), [0, 1, 2, 0, 0, 0, 2, 3, 4, 3, 4, 5]);
         hide(&mut chunk, Some(0));
