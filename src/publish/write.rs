@@ -59,9 +59,8 @@ fn run_with(args: &Args, plan: &mut Plan, progress: &Progress, picture: Picture<
     plan.facts.before.clone_from(&before);
     let noted = notes::published(plan, made.taken.as_ref(), &made.of_pack, &made.pack_sum, &made.identity)?;
     let listed_holes = holes::published(plan, made.taken.as_ref(), &made.of_pack)?;
-    let object = shelf.join(slug.as_str());
-    let (notes_sum, holes_sum) = (noted.as_deref().map(sha256), listed_holes.as_deref().map(sha256));
-    let lists = (notes_sum.as_deref(), holes_sum.as_deref());
+    let (object, sums) = (shelf.join(slug.as_str()), [&noted, &listed_holes].map(|list| list.as_deref().map(sha256)));
+    let lists = (sums[0].as_deref(), sums[1].as_deref());
     let is_there = |b: &&Manifest| is_published(&object, b, &made.pack_sum, &plan.facts.metadata, lists);
     if let Some(before) = before.as_ref().filter(is_there) {
         ensure!(
@@ -75,11 +74,10 @@ fn run_with(args: &Args, plan: &mut Plan, progress: &Progress, picture: Picture<
     }
     plan.renew(args, before)?;
     let facts = &plan.facts;
-    if let Some(noted) = &noted {
-        draft.write(ANNOTATIONS, noted)?;
-    }
-    if let Some(list) = &listed_holes {
-        draft.write(HOLES, list)?;
+    for (path, list) in [(ANNOTATIONS, &noted), (HOLES, &listed_holes)] {
+        if let Some(list) = list {
+            draft.write(path, list)?;
+        }
     }
     let entry = facts.pack_entry(made.bytes, made.pack_sum, made.identity);
     let publication = facts.publication(entry, made.of_pack, made.pictured.preview);
