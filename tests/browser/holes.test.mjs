@@ -261,7 +261,7 @@ test("on a phone the sheet goes down for the hole that is chosen", async () => {
 for (const gpu of ["", "&gpu=webgl"]) {
   test(`the filled surface is hidden and shown again, in the picture and for picks${gpu && " (WebGL 2)"}`, async () => {
     const { page, complaints, close } = await open(site.browser, `${site.server.url}/m/half?error=0${gpu}`);
-    await setCamera(page, { target: [1, 0.5, 0], azimuth: 0, elevation: 1.57, distance: 3, orthographic: true });
+    await setCamera(page, { target: [1, 0.5, 0], azimuth: 0, elevation: 1.57, distance: 8, orthographic: true });
     await waitFor(page, "settled");
     await openTab(page, "Display");
     const filled = page.getByRole("checkbox", { name: "Show the filled surface" });
