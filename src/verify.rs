@@ -353,7 +353,10 @@ fn is_pack(name: &str) -> bool {
 
 /// Whether the server reads a file of this name beside objects and packs. Its content is not checked here.
 fn is_read_beside(name: &str) -> bool {
-    name == COLLECTIONS_FILE || name == SITE_FILE || name.ends_with(".annotations.json")
+    name == COLLECTIONS_FILE
+        || name == SITE_FILE
+        || name.ends_with(".annotations.json")
+        || name.ends_with(".holes.geojson")
 }
 
 /// What a folder is. One with version folders and no manifest was an object. A manifest that is not a regular file is reported when it is

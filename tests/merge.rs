@@ -10,9 +10,14 @@ const ROOM: [f64; 3] = [3.0, 2.5, 1.5];
 
 /// A survey of two stations in one room, at different places in it; the second has colours.
 fn survey(folder: &Path) -> PathBuf {
+    survey_at(folder, [0.0; 3])
+}
+
+/// The same with the middle of the room at `origin`.
+fn survey_at(folder: &Path, origin: [f64; 3]) -> PathBuf {
     let mut ptx = String::new();
     for (at, has_color) in [([-1.0, 0.4, -0.2], false), ([0.9, -0.7, 0.3], true)] {
-        let [x, y, z] = at;
+        let [x, y, z] = [0, 1, 2].map(|k| origin[k] + at[k]);
         write!(ptx, "120\n60\n{x} {y} {z}\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n{x} {y} {z} 1\n").unwrap();
         for (column, row) in (0..120).flat_map(|column| (0..60).map(move |row| (column, row))) {
             let (azimuth, elevation) = (f64::from(column) * 0.05236, (f64::from(row) - 29.5) * 0.05);
@@ -121,6 +126,40 @@ fn holes_are_listed_with_their_place_size_and_cause() {
     }
     assert!(std::fs::read(survey.join("survey.toml")).unwrap() == before);
     fails(&["merge", text(&survey), "-o", text(&folder.path().join("other.ply")), "--holes", text(&holes)]);
+}
+
+#[test]
+fn a_published_list_of_holes_is_on_the_surface_of_its_pack() {
+    let folder = tempfile::tempdir().unwrap();
+    // At map coordinates, where single precision would move a rim by half a metre.
+    let survey = survey_at(folder.path(), [565_977.25, 9_009_946.5, 31.75]);
+    succeeds(&["scans", "mask", text(&survey), "--inside=565976,9009943.8,31,565977,9009944.2,32.5"]);
+    let path = |name: &str| folder.path().join(name);
+    let (pack, list, mesh) = (path("room.kilwa"), path("holes.geojson"), path("room.ply"));
+    succeeds(&["merge", text(&survey), "--voxel", "0.08", "-o", text(&pack), "--holes", text(&list)]);
+    let metadata = path("room.toml");
+    std::fs::write(&metadata, "title = \"Room\"\n[rights]\nuri = \"CC0\"\n[model]\nunits = \"m\"\n").unwrap();
+    crate::support::serving::page(&path("www"));
+    let publish =
+        ["publish", text(&pack), "--to", text(&path("site")), "--metadata", text(&metadata)].map(String::from);
+    let more = ["--www", text(&path("www")), "--software", "--holes", text(&list)].map(String::from);
+    let args: Vec<&str> = publish.iter().chain(&more).map(String::as_str).collect();
+    succeeds(&args);
+    succeeds(&["verify", text(&path("site"))]);
+    succeeds(&["extract", text(&pack), "-o", text(&mesh), "--max-error", "0"]);
+    let ply = Ply::read(&mesh);
+    let cell = |p: [f64; 3]| p.map(|v| (v * 50.0).floor() as i64);
+    let vertices: HashSet<[i64; 3]> = (0..ply.vertices.len() as u32).map(|v| cell(ply.position(v))).collect();
+    let published: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(path("site/room/v1/holes.geojson")).unwrap()).unwrap();
+    let rim = published["features"][0]["geometry"]["coordinates"][0].as_array().unwrap();
+    assert!(rim.len() > 20, "{rim:?}");
+    for place in rim {
+        let place = [0, 1, 2].map(|k| place[k].as_f64().unwrap());
+        let near = (0..27).map(|n| [n % 3, n / 3 % 3, n / 9].map(|d| f64::from(d - 1) * 0.001));
+        let found = near.map(|d| [0, 1, 2].map(|k| place[k] + d[k])).any(|p| vertices.contains(&cell(p)));
+        assert!(found, "{place:?} is not a vertex of the pack");
+    }
 }
 
 /// A survey of one station before a wall at y = 4, which has a window to another wall at y = 8, and is hidden in part by a panel at y = 2.

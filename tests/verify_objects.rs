@@ -70,6 +70,7 @@ fn publication(slug: &str, number: u32, bytes: &[u8]) -> Publication {
         location_redacted: false,
         preview: None,
         notes: None,
+        holes: None,
         tool: "kilwa".to_owned(),
     }
 }
@@ -112,6 +113,7 @@ pub(crate) fn publish(shelf: &Path, slug: &str, number: u32) -> PathBuf {
             pack: p.pack.clone(),
             checksums,
             annotations: None,
+            holes: None,
             figures: p.figures.clone(),
             location_redacted: false,
         });

@@ -218,7 +218,9 @@ class Page {
     }
     this.person.open(model);
     await this.draw();
-    await this.person.publish(this.parameters.get("annotations") ?? document.body.dataset.annotations);
+    const published = (/** @type {string} */ name) => this.parameters.get(name) ?? document.body.dataset[name];
+    await this.person.publish(published("annotations"));
+    await this.person.offer(published("holes"));
   }
 
   /**
@@ -239,6 +241,7 @@ class Page {
   async openFile(file) {
     const { current } = this;
     current.scene?.close();
+    current.holes?.close();
     current.notes?.tour.close();
     current.notes?.closeForm();
     this.measuring.close();
@@ -283,6 +286,7 @@ class Page {
     if (!state.camera) scene.begin();
     this.current.scene = scene;
     notes.attach(scene);
+    this.current.holes?.attach(scene);
     this.look.attach(scene, model);
     this.section.attach(scene);
     this.#settle();

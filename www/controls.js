@@ -113,12 +113,13 @@ function documents({ current, measuring, toolbox, address, openFile }) {
       const json = await readJson(file, MAX_DOCUMENT);
       if (json?.kilwa === "measurements") await (await measuring.load()).files.read(file);
       else if (json?.type === "KilwaViews") await current.saved?.import(file);
+      else if (json?.name === "holes") (await import("./holes.js")).offer(current, () => json, true);
       else await current.notes?.import(file);
     } catch (error) {
       chrome.notice(t("importFailed", { why: error.message }), 12000);
     }
   };
-  const open = (/** @type {File} */ file) => (/\.json(ld)?$/i.test(file.name) ? readDocument(file) : openFile(file));
+  const open = (/** @type {File} */ file) => (/\.(geo)?json(ld)?$/i.test(file.name) ? readDocument(file) : openFile(file));
   openers({ input: $("open-file"), drop: $("drop"), open });
 }
 

@@ -1,5 +1,6 @@
 // What is open: the one place that the parts of the page ask. A pack comes first, then what it holds and what the person keeps for it, then the picture.
 
+/** @import { Holes } from "./holes.js" */
 /** @import { Model } from "./model.js" */
 /** @import { Notes } from "./notes.js" */
 /** @import { Saved } from "./saved.js" */
@@ -17,6 +18,8 @@ export class Current {
     this.saved = null;
     /** @type {Notes | null} */
     this.notes = null;
+    /** Where a list of them was given. @type {Holes | null} */
+    this.holes = null;
     /** @type {Scene | null} */
     this.scene = null;
   }

@@ -53,6 +53,7 @@ export class Display {
     for (const row of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll("[data-colours]"))) row.hidden = !info.pack.colors;
     /** @type {Legend} */
     const { channels } = JSON.parse(viewer.legend());
+    $("filled-row").hidden = !channels.some((c) => /^(scalar_)?filled$/.test(c.name));
     $("channel").replaceChildren(...channels.map((c) => new Option(c.name, c.name)));
     this.usualMode = model.usualMode ??= names[0];
     viewer.setMode(this.usualMode);
@@ -134,6 +135,7 @@ export class Display {
     $("inside-help").hidden = !$("mark-inside").checked;
     $("background").value = [...$("background").options].some((o) => o.value === state.background) ? String(state.background) : USUAL.background;
     document.body.classList.toggle("clear", state.background === "transparent");
+    $("filled").checked = !state.hideFilled;
     $("fade").checked = state.fade ?? !matchMedia("(prefers-reduced-motion: reduce)").matches;
     this.#legend(state, mode);
   }
@@ -214,6 +216,7 @@ export class Display {
       this.change({ plane: moved(plane, value, this.viewer), range: undefined });
     });
     on("mark-inside", "change", (field) => this.change({ backFaces: field.checked }));
+    on("filled", "change", (field) => this.change({ hideFilled: !field.checked }));
     on("background", "change", (field) => this.change({ background: field.value }));
     on("fade", "change", (field) => this.change({ fade: field.checked }));
     this.#listenDisc();

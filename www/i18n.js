@@ -60,6 +60,12 @@ export async function use(language, asked = fetch(new URL(`i18n/${language}.json
   for (const listener of listeners) listener();
 }
 
+/**
+ * Messages of a part that is loaded later, in the language of the page.
+ * @param {Record<string, any>} more
+ */
+export const add = (more) => Object.assign(messages, more);
+
 /** @param {() => void} listener */
 export function onChange(listener) {
   listeners.add(listener);

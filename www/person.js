@@ -57,6 +57,15 @@ export class Person {
   }
 
   /**
+   * The list of holes that the host publishes beside the pack.
+   * @param {string | undefined} address
+   */
+  async offer(address) {
+    const { pack } = this.current;
+    if (address && pack && !pack.isLocal) (await import("./holes.js")).offer(this.current, () => fetchPublished(address, pack.url), false);
+  }
+
+  /**
    * Notes that the host publishes beside the pack.
    * @param {string | undefined} address
    */

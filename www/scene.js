@@ -147,16 +147,17 @@ export class Scene {
   }
 
   /**
-   * A part of the model, `across` metres wide, from where it is looked at now.
+   * A part of the model, `across` metres wide, from where it is looked at now or from `side`.
    * @param {number[]} middle
    * @param {number} across
+   * @param {Partial<Camera>} [side]
    */
-  lookAtRegion(middle, across) {
+  lookAtRegion(middle, across, side) {
     const { width, height } = this.session.canvas;
     const look = (/** @type {Viewer} */ viewer) => {
       const camera = viewer.camera();
       const shown = viewer.metresPerPixel() * Math.min(width, height);
-      viewer.setCamera({ ...camera, distance: (camera.distance * Math.max(across * 1.6, 1e-3)) / shown, target: vector(middle) });
+      viewer.setCamera({ ...camera, ...side, distance: (camera.distance * Math.max(across * 1.6, 1e-3)) / shown, target: vector(middle) });
     };
     return this.fly(look, { isJump: true });
   }

@@ -6,7 +6,7 @@
 
 use super::draft::{Draft, DraftError};
 use super::layout::Slug;
-use super::layout::{ANNOTATIONS, CRATE, MANIFEST, METADATA, VIEWER, pack_name, version_folder};
+use super::layout::{ANNOTATIONS, CRATE, HOLES, MANIFEST, METADATA, VIEWER, pack_name, version_folder};
 use super::lock::Lock;
 use super::manifest::{Access, AccessState, FORM, Figures, FileEntry, Manifest, PackEntry, RightsEntry, Version};
 use super::metadata::{Metadata, crs};
@@ -83,6 +83,7 @@ impl Facts {
             location_redacted: self.location_redacted,
             preview,
             notes: None,
+            holes: None,
             tool: self.tool.clone(),
         }
     }
@@ -99,6 +100,11 @@ impl Facts {
             checksums,
             annotations: p.notes.as_ref().map(|n| FileEntry {
                 url: format!("{}/{ANNOTATIONS}", version_folder(p.version)),
+                bytes: n.bytes,
+                sha256: n.sha256.clone(),
+            }),
+            holes: p.holes.as_ref().map(|n| FileEntry {
+                url: format!("{}/{HOLES}", version_folder(p.version)),
                 bytes: n.bytes,
                 sha256: n.sha256.clone(),
             }),
@@ -204,15 +210,15 @@ pub fn complete(
     Ok(Completed { object, files, bytes })
 }
 
-/// Whether the last version of an object in a folder has this very pack, metadata and notes (their SHA-256, where there are any).
+/// Whether the last version of an object in a folder has this very pack and metadata, and these notes and holes (their SHA-256, where there are any).
 pub fn is_published(
     object: &Path,
     before: &Manifest,
     pack_sha256: &str,
     metadata: &Metadata,
-    notes: Option<&str>,
+    (notes, holes): (Option<&str>, Option<&str>),
 ) -> bool {
-    let is_last = |v: &&Version| v.pack.sha256 == pack_sha256 && v.has_notes(notes);
+    let is_last = |v: &&Version| v.pack.sha256 == pack_sha256 && v.has_notes(notes) && v.has_holes(holes);
     let Some(last) = before.versions.last().filter(is_last) else { return false };
     has_metadata(object, last, metadata)
 }

@@ -28,6 +28,8 @@ pub const PREVIEW_MAX: u64 = 5_000_000;
 pub const ANNOTATIONS: &str = "annotations.json";
 /// The same in the coordinates of the IIIF manifest's scene.
 pub const IIIF_ANNOTATIONS: &str = "iiif/annotations.json";
+/// The holes of the surface, where they were given: GeoJSON in coordinates of the pack.
+pub const HOLES: &str = "holes.geojson";
 /// IIIF Presentation manifest.
 pub const IIIF: &str = "iiif/manifest.json";
 /// Dublin Core.
@@ -200,8 +202,8 @@ pub fn is_object(folder: &Path) -> bool {
 
 /// Whether a file contains the geometry of the model: packs and other mesh formats.
 pub fn is_geometry(name: &str) -> bool {
-    // Notes contain positions on the model.
-    if name.rsplit('/').next() == Some(ANNOTATIONS) {
+    // Notes and holes contain positions on the model.
+    if name.rsplit('/').next().is_some_and(|name| [ANNOTATIONS, HOLES].contains(&name)) {
         return true;
     }
     let end = name.rsplit('.').next().unwrap_or_default().to_ascii_lowercase();

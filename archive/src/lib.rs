@@ -21,6 +21,7 @@ mod disk;
 pub mod draft;
 pub mod drawing;
 pub mod frame;
+pub mod holes;
 pub mod html;
 pub mod keep;
 #[cfg(test)]
@@ -46,6 +47,7 @@ pub mod viewer;
 pub mod withdraw;
 
 pub use checksums::{Checksum, Checksums};
+pub use holes::Holes;
 pub use layout::Slug;
 pub use manifest::{AccessState, Manifest, PackEntry, Version};
 pub use metadata::Metadata;

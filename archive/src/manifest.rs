@@ -6,7 +6,7 @@
 
 use super::checksums::{Checksum, is_sha256, sha256};
 use super::date::is_day;
-use super::layout::{ANNOTATIONS, Slug, pack_name, safe, version_folder};
+use super::layout::{ANNOTATIONS, HOLES, Slug, pack_name, safe, version_folder};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -208,6 +208,9 @@ pub struct Version {
     /// Its notes, where it has any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub annotations: Option<FileEntry>,
+    /// The holes of its surface, where they were given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub holes: Option<FileEntry>,
     /// Its numbers.
     pub figures: Figures,
     /// Whether reference system and place were removed or made coarse before publication.
@@ -357,6 +360,11 @@ impl Version {
         self.annotations.as_ref().map(|n| n.sha256.as_str()) == sha256
     }
 
+    /// The same of its list of holes.
+    pub fn has_holes(&self, sha256: Option<&str>) -> bool {
+        self.holes.as_ref().map(|n| n.sha256.as_str()) == sha256
+    }
+
     fn check(&self, number: u32) -> Result<(), ManifestError> {
         let at = |name: &str| format!("versions[{}].{name}", number - 1);
         let wrong = |name: &str, why: &str| Err(ManifestError::Wrong { field: at(name), why: why.to_owned() });
@@ -379,6 +387,12 @@ impl Version {
             notes.check(&at("annotations"), &folder)?;
             if notes.url != format!("{folder}{ANNOTATIONS}") {
                 return wrong("annotations.url", "notes must be in annotations.json of the version");
+            }
+        }
+        if let Some(holes) = &self.holes {
+            holes.check(&at("holes"), &folder)?;
+            if holes.url != format!("{folder}{HOLES}") {
+                return wrong("holes.url", "holes must be in holes.geojson of the version");
             }
         }
         let [min, max] = self.figures.bounds;

@@ -19,6 +19,7 @@ pub(crate) fn sample() -> Manifest {
             bytes: 1,
             sha256: sha256.clone(),
         }),
+        holes: (n == 2).then(|| FileEntry { url: "v2/holes.geojson".to_owned(), bytes: 1, sha256: sha256.clone() }),
         figures: Figures {
             bounds: [glam::DVec3::ZERO, glam::DVec3::ONE],
             crs: None,
@@ -74,6 +75,7 @@ fn impossible_values_in_a_manifest_are_refused_with_their_field() {
     assert!(refuse(&|v| v["versions"][1]["version"] = 3.into()).starts_with("versions[1].version"));
     assert!(refuse(&|v| v["versions"][0]["checksums"]["url"] = "v2/checksums.sha256".into()).contains("checksums.url"));
     assert!(refuse(&|v| v["versions"][1]["annotations"]["url"] = "v2/x.json".into()).contains("annotations.url"));
+    assert!(refuse(&|v| v["versions"][1]["holes"]["url"] = "v2/x.geojson".into()).contains("holes.url"));
     assert!(refuse(&|v| v["current"] = 9.into()).starts_with("current"));
     assert!(refuse(&|v| v["access"]["state"] = "embargo".into()).starts_with("access.until"));
     assert!(refuse(&|v| v["page"]["url"] = "/etc/passwd".into()).starts_with("page.url"));

@@ -5,7 +5,7 @@
 //! `../../`. The markup is in `archive/templates`. No inline script or style: it works under the server's Content-Security-Policy.
 
 use super::layout::{
-    ANNOTATIONS, CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, IIIF, LINKSET, OEMBED, PARADATA, POSTER, PREVIEW,
+    ANNOTATIONS, CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, LINKSET, OEMBED, PARADATA, POSTER, PREVIEW,
     README, THUMBNAILS, VIEWER, version_folder,
 };
 use super::manifest::{AccessState, Manifest, Version};
@@ -197,6 +197,10 @@ fn downloads<'a>(p: &'a Publication, around: &'a Surroundings) -> Vec<Download<'
     if let Some(n) = &p.notes {
         let what = counted(n.notes.notes.len(), "note", "notes").to_string();
         all.push(Download { path: ANNOTATIONS, name: "Web Annotations", what });
+    }
+    if let Some(n) = &p.holes {
+        let what = counted(n.count, "hole", "holes").to_string();
+        all.push(Download { path: HOLES, name: "GeoJSON", what });
     }
     let records = [
         (DATACITE, "DataCite"),

@@ -1,8 +1,8 @@
 //! The messages of the page and the portal in every language: a folder for each language, and in it a file for
-//! the page and one for the portal, in [Fluent](https://projectfluent.org)'s syntax. A message whose wording depends on a number has a
+//! the page, one for its list of holes, which few visitors load, and one for the portal, in [Fluent](https://projectfluent.org)'s syntax. A message whose wording depends on a number has a
 //! form for each plural category of its language (Unicode CLDR): two in English, six in Arabic.
 //!
-//! The server formats the portal's messages ([`portal`]). The page gets its messages as JSON ([`page_json`], written by
+//! The server formats the portal's messages ([`portal`]). The page gets its messages as JSON ([`page_json`], [`holes_json`], written by
 //! `cargo xtask web`), so that browsers need no parser; `www/i18n.js` formats them in the same way, with the browser's own plural rules.
 
 use icu_locale_core::{Locale, locale};
@@ -20,6 +20,7 @@ struct Source {
     code: &'static str,
     locale: Locale,
     page: &'static str,
+    holes: &'static str,
     portal: &'static str,
     /// Between groups of three digits. The digits are 0 to 9 in every language, as those of coordinates are.
     group: char,
@@ -32,6 +33,7 @@ macro_rules! language {
             code: $code,
             locale: locale!($code),
             page: include_str!(concat!("../", $code, "/page.ftl")),
+            holes: include_str!(concat!("../", $code, "/holes.ftl")),
             portal: include_str!(concat!("../", $code, "/portal.ftl")),
             group: $group,
         }
@@ -57,9 +59,21 @@ pub fn languages() -> impl Iterator<Item = &'static str> {
 /// # Errors
 /// An unknown language, or a file that cannot be read; the text names the message.
 pub fn page_json(code: &str) -> Result<String, String> {
+    json(code, "page", |source| source.page)
+}
+
+/// As [`page_json`], the messages of the list of holes (`www/holes.js`).
+///
+/// # Errors
+/// As [`page_json`].
+pub fn holes_json(code: &str) -> Result<String, String> {
+    json(code, "holes", |source| source.holes)
+}
+
+fn json(code: &str, file: &str, text: fn(&Source) -> &'static str) -> Result<String, String> {
     let source =
         SOURCES.iter().find(|s| s.code == code).ok_or_else(|| format!("{code} is not one of the languages"))?;
-    let messages = message::parse(source.page).map_err(|why| format!("i18n/{code}/page.ftl: {why}"))?;
+    let messages = message::parse(text(source)).map_err(|why| format!("i18n/{code}/{file}.ftl: {why}"))?;
     let all = messages.iter().map(|(key, message)| (key.as_str(), message.to_json()));
     Ok(all.collect::<serde_json::Value>().to_string())
 }

@@ -97,10 +97,12 @@ pub struct Model {
 /// What a model lies in.
 #[derive(Debug)]
 pub(crate) enum Kind {
-    /// A pack, with published notes beside it where there are any.
+    /// A pack, with published notes and a list of holes beside it where there are any.
     Pack {
         /// The notes.
         notes: Option<PathBuf>,
+        /// The list of holes.
+        holes: Option<PathBuf>,
         /// Whether the file begins as a pack does: a file with that ending may be anything.
         begins_as_pack: bool,
     },
@@ -477,11 +479,13 @@ fn listed_before(
     identity: &Identity,
 ) -> Option<Arc<Model>> {
     let model = before.get(slug)?;
-    let same_notes = match &model.kind {
-        Kind::Pack { notes, .. } => place.path().is_some_and(|path| *notes == notes_of(path)),
+    let same_lists = match &model.kind {
+        Kind::Pack { notes, holes, .. } => {
+            place.path().is_some_and(|path| *notes == beside(path, NOTES) && *holes == beside(path, HOLES))
+        }
         Kind::Object(_) => true,
     };
-    let same = same_notes && !model.is_unsure && model.place.is(place) && model.identity == *identity;
+    let same = same_lists && !model.is_unsure && model.place.is(place) && model.identity == *identity;
     same.then(|| Arc::clone(model))
 }
 
@@ -493,7 +497,8 @@ fn pack_of(place: Place, slug: &str, identity: Identity) -> Arc<Model> {
         hash: OnceCell::new(),
         slug: slug.to_owned(),
         kind: Kind::Pack {
-            notes: place.path().and_then(notes_of),
+            notes: place.path().and_then(|path| beside(path, NOTES)),
+            holes: place.path().and_then(|path| beside(path, HOLES)),
             begins_as_pack: place.path().is_some_and(|path| begins_as_pack(path).unwrap_or(false)),
         },
         is_unsure: false,
@@ -502,14 +507,18 @@ fn pack_of(place: Place, slug: &str, identity: Identity) -> Arc<Model> {
     })
 }
 
-/// `NAME.annotations.json` beside `NAME.kilwa`.
-fn notes_of(pack: &Path) -> Option<PathBuf> {
-    let notes = pack.with_extension("annotations.json");
-    match plain_file::metadata_direct(&notes) {
-        Ok(_) => Some(notes),
+/// Endings of published notes and of a list of holes, in place of that of the pack beside which they are.
+pub(crate) const NOTES: &str = "annotations.json";
+pub(crate) const HOLES: &str = "holes.geojson";
+
+/// `NAME.annotations.json` or `NAME.holes.geojson` beside `NAME.kilwa`.
+fn beside(pack: &Path, ending: &str) -> Option<PathBuf> {
+    let file = pack.with_extension(ending);
+    match plain_file::metadata_direct(&file) {
+        Ok(_) => Some(file),
         Err(e) => {
             if plain_file::is_other(&e) {
-                store::warn_of(&notes, &e);
+                store::warn_of(&file, &e);
             }
             None
         }

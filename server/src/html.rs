@@ -3,7 +3,7 @@
 //! The markup is in `server/templates`, which escape everything. The pages work without JavaScript: a model's page holds its facts and the download in plain HTML. The list is
 //! in [`crate::portal`].
 
-use crate::catalogue::{Kind, Model, Summary};
+use crate::catalogue::{self, HOLES, Kind, Model, Summary};
 use crate::portal::frame::{Reader, Top};
 use crate::portal::language::Language;
 use askama::Template;
@@ -86,20 +86,22 @@ struct ModelPage<'a> {
     pack: String,
     /// Address of the published notes.
     notes: Option<String>,
+    /// Address of the list of holes beside a pack.
+    holes: Option<String>,
     /// Or why there are none.
     facts: Result<Facts, &'a str>,
     /// Slug of a model of which extracts are made.
     extracts: Option<&'a str>,
 }
 
-/// The viewer page for one model: title, addresses of pack and published notes, and facts in the frame of the built `index.html`; with the way
+/// The viewer page for one model: title, addresses of pack, published notes and list of holes, and facts in the frame of the built `index.html`; with the way
 /// to its extracts where there are any.
 ///
 /// # Errors
 /// When the viewer page lacks a place.
 pub(crate) fn model(page: &Page, m: &Model, has_notes: bool, extracts: Option<&str>) -> Result<String, PageError> {
     let notes = match &m.kind {
-        Kind::Pack { .. } => format!("/packs/{}.annotations.json", m.slug),
+        Kind::Pack { .. } => format!("/packs/{}.{}", m.slug, catalogue::NOTES),
         Kind::Object(_) => format!("/{}/annotations.json", m.slug),
     };
     Ok(render(&ModelPage {
@@ -107,6 +109,7 @@ pub(crate) fn model(page: &Page, m: &Model, has_notes: bool, extracts: Option<&s
         title: m.title(),
         pack: m.pack().unwrap_or_default(),
         notes: has_notes.then_some(notes),
+        holes: matches!(m.kind, Kind::Pack { holes: Some(_), .. }).then(|| format!("/packs/{}.{HOLES}", m.slug)),
         // The viewer writes them again in the reader's language.
         facts: m.summary.as_ref().map(|summary| facts(m, summary, Language::english())).map_err(String::as_str),
         extracts,

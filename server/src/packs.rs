@@ -1,11 +1,11 @@
 //! `/packs/<slug>.kilwa` and `/packs/<slug>.<hash>.kilwa`: the bytes of a pack, whole or one range, with ranges behind it several;
-//! `/packs/<slug>.annotations.json`: the notes that are published beside it.
+//! `/packs/<slug>.annotations.json` and `/packs/<slug>.holes.geojson`: the notes and the list of holes that are published beside it.
 //!
 //! The ETag is a hash of the content, so it changes exactly when the content does: BLAKE3 for a pack that lies in the folder, the SHA-256
 //! of its list for one of an archive object. The hash URL may be kept for ever (`immutable`); the other is revalidated.
 
 use crate::access::Clock;
-use crate::catalogue::{Catalogue, Kind, Model};
+use crate::catalogue::{Catalogue, HOLES, Kind, Model, NOTES};
 use crate::content::{ASK_AGAIN, FOR_EVER, Source, answer, offer_pieces, pieces, plain, share_ranges};
 use crate::objects::{self, Sent};
 use crate::range::split;
@@ -24,8 +24,9 @@ pub(crate) async fn respond(
     method: &Method,
     headers: &HeaderMap,
 ) -> Response<Body> {
-    let found = match name.strip_suffix(".annotations.json") {
-        Some(slug) => notes(catalogue, slug, clock, method, headers).await,
+    let list = [NOTES, HOLES].into_iter().find_map(|list| Some((name.strip_suffix(list)?.strip_suffix('.')?, list)));
+    let found = match list {
+        Some(list) => beside(catalogue, list, clock, method, headers).await,
         None => pack(catalogue, name, clock, method, headers).await,
     };
     let mut response = found.unwrap_or_else(plain);
@@ -138,10 +139,10 @@ async fn open(model: &Arc<Model>) -> Option<Source> {
     })
 }
 
-/// The notes that lie beside a pack, or in the root of an object.
-async fn notes(
+/// The notes or the holes beside a pack; of an object the notes in its root.
+async fn beside(
     catalogue: &Arc<Catalogue>,
-    slug: &str,
+    (slug, list): (&str, &str),
     clock: &Clock,
     method: &Method,
     headers: &HeaderMap,
@@ -149,19 +150,23 @@ async fn notes(
     let (c, s) = (Arc::clone(catalogue), slug.to_owned());
     let model = blocking(move || c.model(&s).ok_or_else(|| c.missing())).await??;
     let path = match &model.kind {
+        Kind::Object(_) if list == HOLES => return Err(StatusCode::NOT_FOUND),
         Kind::Object(_) => return Ok(objects::respond(&model, objects::NOTES, clock, None, method, headers).await),
-        Kind::Pack { notes, .. } => notes.clone().ok_or(StatusCode::NOT_FOUND)?,
+        Kind::Pack { notes, holes, .. } => {
+            let file = if list == HOLES { holes } else { notes };
+            file.clone().ok_or(StatusCode::NOT_FOUND)?
+        }
     };
     let opened = blocking(move || {
         let file = plain_file::open_direct(&path)?;
         if file.metadata()?.len() > SMALL_FILE_MAX {
-            return Err(std::io::Error::other("too long for a file of notes"));
+            return Err(std::io::Error::other("too long for a list of notes or holes"));
         }
         objects::hashed(file)
     });
     let source = opened.await?.map_err(|_| StatusCode::NOT_FOUND)?;
-    let source = Source { content_type: "application/json", ..source };
-    answer(source, method, headers).await.map_err(|_| StatusCode::SERVICE_UNAVAILABLE)
+    let content_type = if list == HOLES { "application/geo+json" } else { "application/json" };
+    answer(Source { content_type, ..source }, method, headers).await.map_err(|_| StatusCode::SERVICE_UNAVAILABLE)
 }
 
 pub(crate) async fn blocking<T: Send + 'static>(f: impl FnOnce() -> T + Send + 'static) -> Result<T, StatusCode> {

@@ -368,6 +368,23 @@ async fn published_notes_are_served_where_the_page_looks_for_them() {
 }
 
 #[tokio::test]
+async fn a_list_of_holes_beside_a_pack_is_served_where_the_page_looks_for_it() {
+    let dir = tempfile::tempdir().unwrap();
+    write(dir.path().join("fort.kilwa"), pack("Fort")).unwrap();
+    write(dir.path().join("wall.kilwa"), pack("Wall")).unwrap();
+    write(dir.path().join("fort.holes.geojson"), "{\"name\":\"holes\"}").unwrap();
+    let app = site(dir.path());
+    assert!(get(&app, "/m/fort").await.text().contains("data-holes=\"/packs/fort.holes.geojson\""));
+    assert!(!get(&app, "/m/wall").await.text().contains("data-holes"));
+    let list = get(&app, "/packs/fort.holes.geojson").await;
+    assert_eq!((list.status.as_u16(), list.header("content-type")), (200, "application/geo+json"));
+    assert_eq!(list.header("cache-control"), "no-cache");
+    for name in ["wall", "none"] {
+        assert_eq!(get(&app, &format!("/packs/{name}.holes.geojson")).await.status, 404);
+    }
+}
+
+#[tokio::test]
 async fn any_site_may_embed_a_public_model_and_nothing_else() {
     let dir = tempfile::tempdir().unwrap();
     object(dir.path(), "fort", &[pack("Fort")], public());

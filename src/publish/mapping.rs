@@ -153,6 +153,9 @@ fn text(plan: &Plan) -> String {
     if let Some(notes) = &plan.given.notes {
         let _ = write!(s, "\n  notes: {}", notes.notes.len());
     }
+    if let Some(holes) = &plan.given.holes {
+        let _ = write!(s, "\n  holes: {}", holes.holes.len());
+    }
     for what in plan.channels_left_out().into_iter().chain(notes::left_out(plan)) {
         let _ = write!(s, "\n  left out: {what}");
     }
@@ -179,5 +182,5 @@ fn json(plan: &Plan) -> Value {
         })
         .collect();
     json!({ "object": plan.at, "version": plan.facts.version(), "published": plan.facts.published, "note": plan.facts.note,
-        "fields": fields, "notes": plan.given.notes.as_ref().map_or(0, |n| n.notes.len()), "left_out": plan.channels_left_out().into_iter().chain(notes::left_out(plan)).collect::<Vec<_>>(), "warnings": plan.warnings(), "advice": plan.advice() })
+        "fields": fields, "notes": plan.given.notes.as_ref().map_or(0, |n| n.notes.len()), "holes": plan.given.holes.as_ref().map_or(0, |n| n.holes.len()), "left_out": plan.channels_left_out().into_iter().chain(notes::left_out(plan)).collect::<Vec<_>>(), "warnings": plan.warnings(), "advice": plan.advice() })
 }

@@ -1,8 +1,9 @@
 //! `kilwa publish`: a pack and its metadata become an archive object.
 //!
 //! `plan` reads and checks everything and changes nothing; `progress` shows one bar for all stages; `pictures` draws; `write` puts the object on disk through
-//! `kilwa_archive::draft`; `remote` sends it to a server by `send`, `store` to an S3-compatible store; `mapping` shows where each field goes; `notes` puts notes on the model into it; `withdraw` leaves a tombstone.
+//! `kilwa_archive::draft`; `remote` sends it to a server by `send`, `store` to an S3-compatible store; `mapping` shows where each field goes; `notes` puts notes on the model into it, `holes` the list of the holes of its surface; `withdraw` leaves a tombstone.
 
+mod holes;
 mod mapping;
 mod notes;
 mod pictures;
@@ -48,6 +49,9 @@ pub(crate) struct Args {
     /// Publish without notes, although the previous version has some.
     #[arg(long, conflicts_with = "notes")]
     no_notes: bool,
+    /// The list of holes that `kilwa merge --holes` wrote with this surface: it becomes part of the version, and its page shows the holes.
+    #[arg(long, value_name = "FILE")]
+    holes: Option<PathBuf>,
     /// Publish as a new version of the object with this name, however different it looks.
     #[arg(long)]
     same_object: bool,
@@ -74,7 +78,7 @@ pub(crate) struct Args {
     #[arg(long)]
     site: bool,
     /// Withdraw an object instead: its files are moved to --keep, a page that says so remains, and pages of the folder that list it are updated.
-    #[arg(long, value_name = "NAME", requires = "reason", requires = "keep", conflicts_with_all = ["pack", "metadata", "version_note", "notes", "no_notes", "bag", "redact_location", "keep_channel"])]
+    #[arg(long, value_name = "NAME", requires = "reason", requires = "keep", conflicts_with_all = ["pack", "metadata", "version_note", "notes", "no_notes", "holes", "bag", "redact_location", "keep_channel"])]
     withdraw: Option<String>,
     /// The reason for the withdrawal, which is public.
     #[arg(long, value_name = "TEXT", requires = "withdraw")]
@@ -136,6 +140,8 @@ struct Report {
     pack: kilwa_archive::PackEntry,
     /// How many notes it has.
     notes: usize,
+    /// How many holes its list has.
+    holes: usize,
     #[serde(skip_serializing_if = "Option::is_none")]
     bag: Option<String>,
     /// Whether the pages of the folder were written.
@@ -206,6 +212,9 @@ fn say(args: &Args, report: &Report) -> anyhow::Result<()> {
     }
     if report.notes > 0 {
         writeln!(out, "  with {}", counted(report.notes, "note", "notes"))?;
+    }
+    if report.holes > 0 {
+        writeln!(out, "  with a list of {}", counted(report.holes, "hole", "holes"))?;
     }
     for line in &report.left_out {
         writeln!(out, "  left out: {line}")?;

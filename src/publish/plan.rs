@@ -1,6 +1,6 @@
 //! The plan of a publication, checked: metadata, pack, name, version, day, viewer, disk space. Changes nothing on disk.
 
-use super::{Args, notes};
+use super::{Args, holes, notes};
 use crate::redact::{self, Place};
 use crate::source::{open_pack, read_named};
 use anyhow::{Context, bail, ensure};
@@ -10,7 +10,7 @@ use kilwa_archive::metadata::plain_accuracy;
 use kilwa_archive::metadata::plausible;
 use kilwa_archive::record::europeana_lacks;
 use kilwa_archive::rights::Rights;
-use kilwa_archive::{Manifest, Metadata, Notes, Slug};
+use kilwa_archive::{Holes, Manifest, Metadata, Notes, Slug};
 use kilwa_builder::build::machine;
 use kilwa_files::size;
 use kilwa_server::Page;
@@ -38,6 +38,8 @@ pub(super) struct Given {
     pub(super) keep_channels: Vec<String>,
     /// Notes on it, at places of the pack that was given.
     pub(super) notes: Option<Notes>,
+    /// The holes of its surface, at coordinates of the pack that was given.
+    pub(super) holes: Option<Holes>,
 }
 
 impl Given {
@@ -73,7 +75,9 @@ impl Given {
             place: args.redact_location,
             keep_channels: args.keep_channel.clone(),
             notes: args.notes.as_deref().map(notes::read).transpose()?,
+            holes: args.holes.as_deref().map(holes::read).transpose()?,
         };
+        holes::check(args.holes.as_deref(), &given)?;
         given.check_withheld(&in_file(), &text, args.version_note.as_deref())?;
         if given.place.is_some() {
             redact::checked_channels(&reader, &given.keep_channels, &given.location())?;

@@ -4,14 +4,14 @@ use super::plan::{Given, Plan};
 use super::progress::{Progress, Stage};
 use super::send::{Patience, SendEvent, Sender, is_loopback};
 use super::write::{check, picture, without_place};
-use super::{Args, Report, mapping, notes};
+use super::{Args, Report, holes, mapping, notes};
 use crate::redact::Place;
 use crate::verify::is_address;
 use anyhow::{Context, bail, ensure};
 use kilwa_archive::assemble::is_metadata;
 use kilwa_archive::checksums::{sha256, sha256_of};
-use kilwa_archive::layout::{ANNOTATIONS, MANIFEST, METADATA, pack_name};
-use kilwa_archive::{Manifest, PackEntry, Version};
+use kilwa_archive::layout::{ANNOTATIONS, HOLES, MANIFEST, METADATA, pack_name};
+use kilwa_archive::{Holes, Manifest, PackEntry, Version};
 use kilwa_server::upload::wire::{AnnouncedFile, AnnouncedPreview, Drawing, FORM, Intent};
 use std::fs::File;
 use std::io::BufReader;
@@ -92,6 +92,10 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path, progress: &Progr
         std::fs::write(work.join(ANNOTATIONS), noted).context("cannot write the notes to the temporary folder")?;
         paths.push(ANNOTATIONS.to_owned());
     }
+    if let Some(list) = holes::published(plan, taken.as_ref(), &of_pack)? {
+        std::fs::write(work.join(HOLES), list).context("cannot write the holes to the temporary folder")?;
+        paths.push(HOLES.to_owned());
+    }
     let mut files = vec![AnnouncedFile { path: pack_name(&pack_sum), bytes, sha256: pack_sum.clone() }];
     for path in &paths {
         let (bytes, sha256) = hashed(&work.join(path))?;
@@ -141,6 +145,7 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path, progress: &Progr
         bytes: intent.files.iter().map(|f| f.bytes).sum(),
         pack: PackEntry { identity, ..version.pack.clone() },
         notes: plan.given.notes.as_ref().map_or(0, |n| n.notes.len()),
+        holes: plan.given.holes.as_ref().map_or(0, |n| n.holes.len()),
         bag: None,
         pages: false,
         left_out,
@@ -185,7 +190,10 @@ fn already(sender: &Sender, given: &Given, before: Option<&Manifest>, at: &str) 
     let Some(last) = last else { return Ok(None) };
     let (bytes, pack_sum) = hashed(&given.pack)?;
     let noted = given.notes.as_ref().map(|n| n.to_bytes(&pack_name(&pack_sum), &given.identity)).transpose()?;
-    if pack_sum != last.pack.sha256 || !last.has_notes(noted.as_deref().map(sha256).as_deref()) {
+    let holes = given.holes.as_ref().map(Holes::to_bytes).transpose()?;
+    let has_lists = last.has_notes(noted.as_deref().map(sha256).as_deref())
+        && last.has_holes(holes.as_deref().map(sha256).as_deref());
+    if pack_sum != last.pack.sha256 || !has_lists {
         return Ok(None);
     }
     let written = sender.fetch(&format!("{}/{}/{METADATA}", given.slug, last.folder)).map_err(anyhow::Error::msg)?;
@@ -204,6 +212,7 @@ fn already(sender: &Sender, given: &Given, before: Option<&Manifest>, at: &str) 
         bytes,
         pack: last.pack.clone(),
         notes: given.notes.as_ref().map_or(0, |n| n.notes.len()),
+        holes: given.holes.as_ref().map_or(0, |n| n.holes.len()),
         bag: None,
         pages: false,
         left_out: Vec::new(),

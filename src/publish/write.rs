@@ -2,7 +2,7 @@
 
 use super::plan::{Given, Plan, is_same_request};
 use super::progress::{Progress, Stage};
-use super::{Args, Report, notes, pictures};
+use super::{Args, Report, holes, notes, pictures};
 use crate::{redact, source, verify};
 use anyhow::{Context, ensure};
 use kilwa_archive::assemble::{Landing, complete, is_published, write_viewer};
@@ -10,7 +10,7 @@ use kilwa_archive::bag::{self, BagInfo};
 use kilwa_archive::checksums::sha256;
 use kilwa_archive::created_folders::CreatedFolders;
 use kilwa_archive::draft::{Draft, Steps};
-use kilwa_archive::layout::{ANNOTATIONS, PREVIEW, PREVIEW_MAX, pack_name, version_folder};
+use kilwa_archive::layout::{ANNOTATIONS, HOLES, PREVIEW, PREVIEW_MAX, pack_name, version_folder};
 use kilwa_archive::lock::{Lock, PATIENCE};
 use kilwa_archive::modes::{settle_published, unshared_with};
 use kilwa_archive::next::settle;
@@ -58,12 +58,14 @@ fn run_with(args: &Args, plan: &mut Plan, progress: &Progress, picture: Picture<
     let (planned, before) = (plan.facts.version(), settle(&lock, &slug, &say)?);
     plan.facts.before.clone_from(&before);
     let noted = notes::published(plan, made.taken.as_ref(), &made.of_pack, &made.pack_sum, &made.identity)?;
-    let (object, notes_sum) = (shelf.join(slug.as_str()), noted.as_deref().map(sha256));
-    let is_there = |b: &&Manifest| is_published(&object, b, &made.pack_sum, &plan.facts.metadata, notes_sum.as_deref());
+    let listed_holes = holes::published(plan, made.taken.as_ref(), &made.of_pack)?;
+    let (object, sums) = (shelf.join(slug.as_str()), [&noted, &listed_holes].map(|list| list.as_deref().map(sha256)));
+    let lists = (sums[0].as_deref(), sums[1].as_deref());
+    let is_there = |b: &&Manifest| is_published(&object, b, &made.pack_sum, &plan.facts.metadata, lists);
     if let Some(before) = before.as_ref().filter(is_there) {
         ensure!(
             is_same_request(args, before),
-            "{}: version {} has the same pack, metadata and notes; there is nothing new to publish",
+            "{}: version {} has the same pack, metadata, notes and holes; there is nothing new to publish",
             plan.at,
             before.versions.len()
         );
@@ -72,12 +74,15 @@ fn run_with(args: &Args, plan: &mut Plan, progress: &Progress, picture: Picture<
     }
     plan.renew(args, before)?;
     let facts = &plan.facts;
-    if let Some(noted) = &noted {
-        draft.write(ANNOTATIONS, noted)?;
+    for (path, list) in [(ANNOTATIONS, &noted), (HOLES, &listed_holes)] {
+        if let Some(list) = list {
+            draft.write(path, list)?;
+        }
     }
     let entry = facts.pack_entry(made.bytes, made.pack_sum, made.identity);
     let publication = facts.publication(entry, made.of_pack, made.pictured.preview);
     let publication = publication.with_notes(&draft.folder()).context("cannot read the notes")?;
+    let publication = publication.with_holes(&draft.folder()).context("cannot read the holes")?;
     let list = listed(args, &slug).map(|_| "../".to_owned());
     let landing = Landing { viewer: &plan.page, drawings: made.pictured.drawings, list };
     let completed = complete(draft, &lock, facts, &publication, landing)?;
@@ -106,6 +111,7 @@ fn run_with(args: &Args, plan: &mut Plan, progress: &Progress, picture: Picture<
         files: completed.files,
         bytes: completed.bytes,
         notes: publication.notes.map_or(0, |n| n.notes.notes.len()),
+        holes: publication.holes.map_or(0, |n| n.count),
         pack: publication.pack,
         bag,
         pages,
@@ -124,7 +130,7 @@ fn closed_files(plan: &Plan) -> bool {
 fn is_for_owner_only(args: &Args, object: &Path, version: u32, warnings: &mut Vec<String>) -> anyhow::Result<bool> {
     let Some(group) = unshared_with(&object.join(version_folder(version)), &args.to)? else { return Ok(false) };
     warnings.push(format!(
-        "you are not in {}, the group of {}: only you can read the pack, preview and notes; a server that runs as another user cannot. \
+        "you are not in {}, the group of {}: only you can read the pack, preview, notes and holes; a server that runs as another user cannot. \
          Ask an administrator to add you to that group, log in again, and run the same command again",
         group_name(group),
         args.to.display()
@@ -214,6 +220,7 @@ fn already(
         bytes: made.bytes,
         pack: last.pack.clone(),
         notes: plan.given.notes.as_ref().map_or(0, |n| n.notes.len()),
+        holes: plan.given.holes.as_ref().map_or(0, |n| n.holes.len()),
         bag,
         pages,
         left_out: Vec::new(),

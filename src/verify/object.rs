@@ -11,16 +11,17 @@ use super::report::{Kind, Report};
 use super::state::{State, Unit, now};
 use kilwa_archive::checksums::{Checksums, sha256};
 use kilwa_archive::draft::HIDDEN;
+use kilwa_archive::holes::HOLES_MAX;
 use kilwa_archive::keep::{KEEPING, KEEPING_TEXT};
 use kilwa_archive::layout::{
-    ANNOTATIONS, CHECKSUMS, CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, IIIF, LICENCE, LINKSET, MANIFEST, METADATA,
-    PAGE, PARADATA, POSTER, README, version_of,
+    ANNOTATIONS, CHECKSUMS, CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, LICENCE, LINKSET, MANIFEST,
+    METADATA, PAGE, PARADATA, POSTER, README, version_of,
 };
 use kilwa_archive::manifest::{FileEntry, MANIFEST_MAX, Seal, seal_of};
 use kilwa_archive::next::NEXT;
 use kilwa_archive::notes::NOTES_MAX;
 use kilwa_archive::sound;
-use kilwa_archive::{AccessState, Manifest, Metadata, Notes, Version};
+use kilwa_archive::{AccessState, Holes, Manifest, Metadata, Notes, Version};
 use kilwa_pack::plural::counted;
 use std::collections::BTreeSet;
 
@@ -427,6 +428,7 @@ impl Check<'_> {
         }
         self.agrees(manifest, version, &list);
         self.notes(version, &list);
+        self.holes(version, &list);
         Ok(true)
     }
 
@@ -453,6 +455,32 @@ impl Check<'_> {
         }
         if let Err(e) = Notes::parse(&bytes).and_then(|notes| notes.within(min, max)) {
             self.add(&path, Kind::Incomplete, format!("its notes cannot be read: {e}"));
+        }
+    }
+
+    /// The same of the list of holes.
+    fn holes(&mut self, version: &Version, list: &Checksums) {
+        let path = format!("{}/{HOLES}", version.folder);
+        if !version.has_holes(list.get(HOLES)) {
+            let what = format!("{CHECKSUMS} and {MANIFEST} disagree about the holes of the version");
+            self.add(&path, Kind::Incomplete, what);
+            return;
+        }
+        let Some(entry) = &version.holes else { return };
+        let Ok(Some(bytes)) = self.place.read(&path, HOLES_MAX) else { return };
+        if sha256(&bytes) != entry.sha256 {
+            return;
+        }
+        if bytes.len() as u64 != entry.bytes {
+            self.add(
+                &path,
+                Kind::Incomplete,
+                format!("it has {}; {MANIFEST} says {}", counted(bytes.len(), "byte", "bytes"), entry.bytes),
+            );
+        }
+        let [min, max] = version.figures.bounds;
+        if let Err(e) = Holes::parse(&bytes).and_then(|holes| holes.within(min, max)) {
+            self.add(&path, Kind::Incomplete, format!("its holes cannot be read: {e}"));
         }
     }
 

@@ -12,9 +12,10 @@ const WWW = path.join(ROOT, "www");
 const BUILT = process.env.KILWA_WWW || path.join(WWW, "dist");
 const LANGUAGES = ["en", "fr", "pt", "sw", "ar"];
 
-/** The page's messages as it reads them. */
+/** The page's messages as it reads them, with those that it loads later. */
 async function messages(language) {
-  return JSON.parse(await readFile(path.join(BUILT, `i18n/${language}.json`), "utf8"));
+  const read = async (name) => JSON.parse(await readFile(path.join(BUILT, `i18n/${name}.json`), "utf8"));
+  return { ...(await read(language)), ...(await read(`holes-${language}`)) };
 }
 
 /** Plural forms in a message. */
@@ -51,7 +52,10 @@ test("every language has a folder, a place in the menu and a type", async () => 
   const isFolder = (entry) => entry.isDirectory() && entry.name !== "src";
   const folders = (await readdir(path.join(ROOT, "i18n"), { withFileTypes: true })).filter(isFolder).map((entry) => entry.name);
   assert.deepEqual(folders.sort(), [...LANGUAGES].sort());
-  assert.deepEqual((await readdir(path.join(BUILT, "i18n"))).filter((n) => n.endsWith(".json")).sort(), LANGUAGES.map((l) => `${l}.json`).sort());
+  assert.deepEqual(
+    (await readdir(path.join(BUILT, "i18n"))).filter((n) => n.endsWith(".json")).sort(),
+    LANGUAGES.flatMap((l) => [`${l}.json`, `holes-${l}.json`]).sort(),
+  );
   const [html, types] = await Promise.all(["index.html", "kilwa-viewer.d.ts"].map((name) => readFile(path.join(WWW, name), "utf8")));
   const { LANGUAGES: offered } = await import(path.join(WWW, "language.js"));
   assert.deepEqual(offered, LANGUAGES);

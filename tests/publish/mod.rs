@@ -3,6 +3,7 @@
 //! Each test publishes packs of its own to a folder of its own, with a page of a few small files in place of the built one.
 
 mod cut;
+mod holes;
 mod notes;
 mod object;
 mod opinions;

@@ -5,6 +5,7 @@
 //! range, with a sentence that names the field.
 
 use crate::camera::Bounds;
+use crate::filled::CHANNELS;
 use crate::options::{Background, Light, Mode, RenderOptions, Scale};
 use crate::section::{Clip, ClipState, half_space};
 use glam::DVec3;
@@ -86,6 +87,9 @@ pub struct Display {
     /// Where the scalar's colours begin and end; usually the channel's own range.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub channel_range: Option<[f64; 2]>,
+    /// Leave out what a merge filled ([`crate::filled`]).
+    #[serde(skip_serializing_if = "is_default")]
+    pub hide_filled: bool,
     /// Mark the inside of the surface.
     #[serde(skip_serializing_if = "is_true")]
     pub back_faces: bool,
@@ -120,6 +124,7 @@ impl Default for Display {
             range: None,
             channel: None,
             channel_range: None,
+            hide_filled: false,
             back_faces: true,
             background: "auto".to_owned(),
             fade: None,
@@ -286,6 +291,11 @@ impl Display {
         let asked = self.channel.as_deref().and_then(|c| names.iter().position(|n| *n == c));
         let named = || names.iter().position(|n| ["confidence", "quality"].iter().any(|w| n.eq_ignore_ascii_case(w)));
         asked.or_else(named).or(if names.is_empty() { None } else { Some(0) })
+    }
+
+    /// Number of the channel, of these names, by which triangles are hidden; `None` where all are shown.
+    pub fn hidden_by(&self, channels: &[kilwa_pack::ScalarChannel]) -> Option<usize> {
+        channels.iter().position(|c| CHANNELS.contains(&c.name.as_str())).filter(|_| self.hide_filled)
     }
 }
 

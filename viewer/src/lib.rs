@@ -14,6 +14,7 @@ pub mod clip;
 pub mod colormap;
 pub mod display;
 pub mod fade;
+pub mod filled;
 pub mod gpu;
 pub mod options;
 pub mod pick;

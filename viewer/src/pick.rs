@@ -3,6 +3,7 @@
 //! Exact for what is on screen (the drawn cut, not the finest level), in f64, in lattice units. No GPU and no waiting, so a wheel
 //! event can zoom towards the surface in the very frame that it belongs to.
 
+use crate::filled::is_hidden;
 use crate::section::Clip;
 use glam::{DVec3, IVec3};
 use kilwa_geometry::Aabb;
@@ -112,6 +113,9 @@ pub fn interval<'a>(
 }
 
 fn corners(mesh: &GpuChunk, triangle: &[u32]) -> Option<[DVec3; 3]> {
+    if is_hidden(triangle) {
+        return None;
+    }
     let corner = |v: u32| {
         let at = v as usize * VERTEX_BYTES;
         let bytes = mesh.vertices.get(at..at + 12)?;

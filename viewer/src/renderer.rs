@@ -132,6 +132,13 @@ impl Renderer {
         self.pool.upload(&self.device, &self.queue, index, chunk, self.scalar);
     }
 
+    /// Draw a chunk that is in GPU memory with other indices: triangles were hidden, or are shown again.
+    pub fn renew(&mut self, index: u32, chunk: &GpuChunk) {
+        if self.pool.get(index).is_some() {
+            self.upload(index, chunk);
+        }
+    }
+
     /// The scalar that [`Mode::Scalar`] shows, or none, which frees its memory. Returns whether it is another one: then every chunk
     /// that is held has to be handed to [`Renderer::upload_scalars`].
     pub fn set_scalar(&mut self, scalar: Option<ShownScalar>) -> bool {

@@ -74,6 +74,8 @@ export interface DisplayState {
   range?: [low: number, high: number];
   channel?: string;
   channelRange?: [low: number, high: number];
+  /** Leave out what a merge filled. */
+  hideFilled?: boolean;
   backFaces?: boolean;
   background?: string;
   fade?: boolean;

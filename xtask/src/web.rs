@@ -292,6 +292,8 @@ fn add_messages(page: &mut Page) -> Result<()> {
     for code in kilwa_messages::languages() {
         let messages = kilwa_messages::page_json(code).map_err(anyhow::Error::msg)?;
         page.insert(format!("i18n/{code}.json"), messages.into_bytes());
+        let holes = kilwa_messages::holes_json(code).map_err(anyhow::Error::msg)?;
+        page.insert(format!("i18n/holes-{code}.json"), holes.into_bytes());
     }
     Ok(())
 }
@@ -388,7 +390,7 @@ fn check_sizes(page: &Page) -> Result<()> {
         |name: &str| page.get(&format!("{name}.gz")).or_else(|| page.get(name)).map_or(0, |bytes| bytes.len() as u64);
     println!("{:>10} {:>10}  file", "bytes", "gzipped");
     let (mut viewer, mut viewer_gl, mut decode, mut measure) = (0, 0, 0, 0);
-    let (mut first, mut later, mut glue, mut language, mut points) = (0, 0, 0, 0, 0);
+    let (mut first, mut later, mut glue, mut language, mut holes, mut points) = (0, 0, 0, 0, 0, 0);
     let at_once = first_files(page);
     for (name, bytes) in page.iter().filter(|(name, _)| !has_extension(name, "gz") && !has_extension(name, "br")) {
         let size = gzipped(name);
@@ -401,6 +403,7 @@ fn check_sizes(page: &Page) -> Result<()> {
             name if name.contains("-points") => points += size,
             // A visitor loads one of the two, and one language.
             "viewer.js" | "viewer-gl.js" => glue = size.max(glue),
+            name if name.starts_with("i18n/holes-") => holes = size.max(holes),
             name if name.starts_with("i18n/") => language = size.max(language),
             // The page itself loads none of these.
             name if name.starts_with("examples/") || name.ends_with(".d.ts") || has_extension(name, "txt") => {}
@@ -409,6 +412,7 @@ fn check_sizes(page: &Page) -> Result<()> {
         }
     }
     first += glue + language;
+    later += holes;
     println!(
         "web: viewer wasm {viewer} of {VIEWER_GZ_MAX}, with WebGL 2 {viewer_gl} of {VIEWER_GL_GZ_MAX}, decoder wasm {decode}, measuring wasm {measure} of {MEASURE_GZ_MAX}, both for points {points} of {POINTS_GZ_MAX}, page without wasm {first} of {FIRST_GZ_MAX} at first and {later} of {LATER_GZ_MAX} later, bytes gzipped"
     );

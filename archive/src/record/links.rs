@@ -2,7 +2,7 @@
 
 use super::{Publication, media_type};
 use crate::html::{Embedded, render};
-use crate::layout::{ANNOTATIONS, CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, IIIF, OEMBED, POSTER, PREVIEW};
+use crate::layout::{ANNOTATIONS, CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, OEMBED, POSTER, PREVIEW};
 use serde_json::{Value, json};
 
 /// Size of the frame that others embed, CSS pixels.
@@ -28,6 +28,9 @@ pub(super) fn linkset(p: &Publication) -> Value {
     }
     if p.notes.is_some() {
         items.push(json!({ "href": p.file(ANNOTATIONS, 0), "type": media_type(ANNOTATIONS), "profile": ["http://www.w3.org/ns/anno.jsonld"] }));
+    }
+    if p.holes.is_some() {
+        items.push(link(HOLES));
     }
     let authors: Vec<Value> = p
         .metadata

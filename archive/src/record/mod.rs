@@ -21,9 +21,10 @@ pub use ro_crate::ro_crate;
 pub use schema_org::schema_org;
 
 use super::checksums::{Checksum, sha256};
+use super::holes::{HOLES_MAX, Holes};
 use super::layout::{
-    ANNOTATIONS, CITATIONS, DATACITE, DUBLIN_CORE, EDM, IIIF, IIIF_ANNOTATIONS, LICENCE, LINKSET, METADATA, OEMBED,
-    PARADATA, PREVIEW, PREVIEW_MAX, README, Slug, version_folder,
+    ANNOTATIONS, CITATIONS, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, IIIF_ANNOTATIONS, LICENCE, LINKSET, METADATA,
+    OEMBED, PARADATA, PREVIEW, PREVIEW_MAX, README, Slug, version_folder,
 };
 use super::manifest::{Figures, PackEntry};
 use super::metadata::{Agent, AgentKind, Metadata};
@@ -65,6 +66,8 @@ pub struct Publication {
     pub preview: Option<Preview>,
     /// What people wrote about places on it, where anybody did.
     pub notes: Option<PublishedNotes>,
+    /// The list of the holes of its surface, where one was given.
+    pub holes: Option<PublishedHoles>,
     /// Program and version that publishes.
     pub tool: String,
 }
@@ -91,6 +94,17 @@ pub struct PublishedNotes {
     pub sha256: Checksum,
     /// Which place of the pack is zero in `preview.glb`, metres.
     pub origin: DVec3,
+}
+
+/// The list of holes of a version, as its file has it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PublishedHoles {
+    /// How many there are.
+    pub count: usize,
+    /// Length of the file.
+    pub bytes: u64,
+    /// Its SHA-256.
+    pub sha256: Checksum,
 }
 
 /// Which place of the pack is zero in a preview that `kilwa publish` made.
@@ -120,6 +134,21 @@ impl Publication {
         let [min, max] = self.figures.bounds;
         let origin = origin.unwrap_or_else(|| [0, 1, 2].map(|k| f64::midpoint(min[k], max[k])).into());
         self.notes = Some(PublishedNotes { notes, bytes: bytes.len() as u64, sha256: sha256(&bytes), origin });
+        Ok(self)
+    }
+
+    /// With the list of holes in the version's folder, if there is one. It was checked before.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub fn with_holes(mut self, folder: &Path) -> io::Result<Self> {
+        let bytes = match plain_file::read_at(&folder.join(HOLES), HOLES_MAX) {
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(self),
+            bytes => bytes?,
+        };
+        let holes = Holes::parse(&bytes).map_err(|e| io::Error::new(io::ErrorKind::InvalidData, e))?;
+        self.holes =
+            Some(PublishedHoles { count: holes.holes.len(), bytes: bytes.len() as u64, sha256: sha256(&bytes) });
         Ok(self)
     }
 

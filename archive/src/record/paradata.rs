@@ -1,7 +1,7 @@
 //! `metadata/paradata.json`: what was captured, how, by which tools, and what was done since, with the hashes of what went in and came out.
 
 use super::Publication;
-use crate::layout::ANNOTATIONS;
+use crate::layout::{ANNOTATIONS, HOLES};
 use serde_json::{Value, json};
 
 pub(super) fn paradata(p: &Publication) -> Value {
@@ -38,6 +38,7 @@ pub(super) fn paradata(p: &Publication) -> Value {
         },
         "preview": p.preview.map(|v| json!({ "triangles": v.triangles, "error_m": v.error })),
         "notes": p.notes.as_ref().map(|n| json!({ "file": ANNOTATIONS, "sha256": n.sha256, "count": n.notes.notes.len() })),
+        "holes": p.holes.as_ref().map(|n| json!({ "file": HOLES, "sha256": n.sha256, "count": n.count })),
         "publication": {
             "tool": p.tool,
             "version": p.version,

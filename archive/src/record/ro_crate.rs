@@ -2,7 +2,7 @@
 
 use super::schema_org::agent;
 use super::{Publication, media_type};
-use crate::layout::{ANNOTATIONS, CHECKSUMS, CRATE, IIIF_ANNOTATIONS, VIEWER};
+use crate::layout::{ANNOTATIONS, CHECKSUMS, CRATE, HOLES, IIIF_ANNOTATIONS, VIEWER};
 use serde_json::{Value, json};
 
 /// The crate; `files` are all other files of the folder: path, bytes, SHA-256.
@@ -66,6 +66,7 @@ pub fn ro_crate(p: &Publication, files: &[(String, u64, String)]) -> Vec<u8> {
         }
         match path.as_str() {
             ANNOTATIONS => one["name"] = json!("Notes on the model (Web Annotations)"),
+            HOLES => one["name"] = json!("Holes of the surface (GeoJSON)"),
             IIIF_ANNOTATIONS => one["name"] = json!("Notes on the model, in the scene of the IIIF manifest"),
             _ => {}
         }

@@ -79,6 +79,7 @@ award = "1"
         location_redacted: false,
         preview: Some(Preview { bytes: 5, triangles: 9, error: 0.01 }),
         notes: None,
+        holes: None,
         tool: "kilwa 0".to_owned(),
     }
 }

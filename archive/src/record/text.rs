@@ -1,7 +1,7 @@
 //! `LICENSE.txt` and `README.txt`: for a person who has this folder and nothing else, perhaps in fifty years.
 
 use super::{Publication, citation};
-use crate::layout::{ANNOTATIONS, CHECKSUMS, DRAWINGS, PREVIEW};
+use crate::layout::{ANNOTATIONS, CHECKSUMS, DRAWINGS, HOLES, PREVIEW};
 use glam::DVec3;
 use kilwa_pack::plural::counted;
 use std::fmt::Write as _;
@@ -91,6 +91,13 @@ fn files(s: &mut String, p: &Publication) {
             s,
             "  {ANNOTATIONS}\n      {} on places of the model (W3C Web Annotations): x, y and z are metres, as in the pack.\n",
             counted(n.notes.notes.len(), "note", "notes")
+        );
+    }
+    if let Some(n) = &p.holes {
+        let _ = write!(
+            s,
+            "  {HOLES}\n      {} of the surface with cause, area and rim (GeoJSON): x, y and z are metres, as in the pack.\n",
+            counted(n.count, "hole", "holes")
         );
     }
     let _ = write!(

@@ -2,14 +2,15 @@
 //!
 //! Pictures must begin as what they are called and say their sizes; they are served with their type and `nosniff`, so that what follows
 //! cannot become a page. A preview must be glTF 2.0 that is whole in itself. Nothing here decodes pixels. Notes must be byte for byte what
-//! `kilwa publish` writes of them: nothing stands in them that was not looked at.
+//! `kilwa publish` writes of them: nothing stands in them that was not looked at. The same holds for lists of holes.
 
 use super::wire::AnnouncedPreview;
 use glam::DVec3;
-use kilwa_archive::Notes;
-use kilwa_archive::layout::{ANNOTATIONS, DRAWINGS, POSTER, PREVIEW, PREVIEW_MAX, THUMBNAILS};
+use kilwa_archive::holes::HOLES_MAX;
+use kilwa_archive::layout::{ANNOTATIONS, DRAWINGS, HOLES, POSTER, PREVIEW, PREVIEW_MAX, THUMBNAILS};
 use kilwa_archive::location::Location;
 use kilwa_archive::notes::NOTES_MAX;
+use kilwa_archive::{Holes, Notes};
 use kilwa_pack::plural::{counted, plural};
 use serde_json::Value;
 use std::fs::File;
@@ -31,6 +32,7 @@ pub(super) fn is_expected(path: &str) -> bool {
         || path == PREVIEW
         || path == WORLD
         || path == ANNOTATIONS
+        || path == HOLES
         || THUMBNAILS.iter().any(|(name, _)| path == *name)
         || drawing.is_some_and(|d| ["plan", "north", "east", "south", "west"].contains(&d))
 }
@@ -41,6 +43,7 @@ pub(super) fn max_bytes(path: &str) -> u64 {
         PREVIEW => PREVIEW_MAX,
         WORLD => TEXT_MAX,
         ANNOTATIONS => NOTES_MAX,
+        HOLES => HOLES_MAX,
         _ => PICTURE_MAX,
     }
 }
@@ -62,8 +65,8 @@ pub(super) fn check(path: &str, at: &Path) -> io::Result<()> {
             wrong("not a world file of six numbers")
         };
     }
-    if path == ANNOTATIONS {
-        // With the pack, by [`check_notes`].
+    if path == ANNOTATIONS || path == HOLES {
+        // With the pack, by [`check_notes`] and [`check_holes`].
         return Ok(());
     }
     if path == PREVIEW {
@@ -145,6 +148,26 @@ pub(super) fn check_notes(at: &Path, noted: &Noted<'_>) -> io::Result<()> {
     )))
 }
 
+/// Check the list of holes of a version whose pack has this box, metres; without its location, the list states no reference system.
+///
+/// # Errors
+/// As [`check`].
+pub(super) fn check_holes(at: &Path, [min, max]: [DVec3; 2], location_redacted: bool) -> io::Result<()> {
+    let wrong = |what: String| io::Error::new(io::ErrorKind::InvalidData, format!("{HOLES}: {what}"));
+    let mut bytes = Vec::new();
+    File::open(at)?.take(HOLES_MAX + 1).read_to_end(&mut bytes)?;
+    let holes = Holes::parse(&bytes).map_err(|e| wrong(e.to_string()))?;
+    holes.within(min, max).map_err(|e| wrong(e.to_string()))?;
+    let holes = if location_redacted { holes.without_place(DVec3::ZERO) } else { holes };
+    if holes.to_bytes().is_ok_and(|written| written == bytes) {
+        return Ok(());
+    }
+    let hidden = if location_redacted { ", or names a reference system" } else { "" };
+    Err(wrong(format!(
+        "the list is not in the form in which kilwa publish writes it{hidden}; use the same version of kilwa on both sides"
+    )))
+}
+
 /// The JSON of a binary glTF 2.0 that is whole in itself: header and chunks of the right lengths, a chunk of JSON and at most one of binary data,
 /// no key twice, and nothing in it that leads elsewhere, extensions and extras included.
 pub(super) fn glb_json(bytes: &[u8]) -> Result<Value, String> {
@@ -210,6 +233,7 @@ mod tests {
             "drawings/plan.pgw",
             "preview.glb",
             "annotations.json",
+            "holes.geojson",
         ] {
             assert!(is_expected(good), "{good}");
         }
@@ -283,6 +307,35 @@ mod tests {
         more[8..12].copy_from_slice(&length.to_le_bytes());
         assert!(checked("preview.glb", &more).is_err(), "no chunk of glTF");
         assert!(checked("preview.glb", &glb("{\"asset\":{},\"extras\":{\"crs\":\"EPSG:32737\"}}")).is_ok());
+    }
+
+    #[test]
+    fn holes_are_accepted_only_in_the_form_kilwa_writes() {
+        let folder = tempfile::tempdir().unwrap();
+        let at = folder.path().join("x");
+        let checked = |bytes: &[u8], location_redacted: bool| {
+            std::fs::write(&at, bytes).unwrap();
+            check_holes(&at, [DVec3::ZERO, DVec3::splat(9.0)], location_redacted).map_err(|e| e.to_string())
+        };
+        let rim = vec![DVec3::ONE, DVec3::new(2.0, 1.0, 1.0), DVec3::splat(2.0)];
+        let hole = |rim: Vec<DVec3>| kilwa_archive::holes::Hole {
+            cause: 0,
+            area: 0.5,
+            rim_length: 3.0,
+            center: rim[0],
+            areas: [0.5, 0.0, 0.0, 0.0],
+            rim,
+        };
+        let holes = Holes { holes: vec![hole(rim)], crs: Some("EPSG:32737".to_owned()) };
+        let written = holes.to_bytes().unwrap();
+        assert_eq!(checked(&written, false), Ok(()));
+        assert!(checked(&written, true).unwrap_err().contains("names a reference system"));
+        assert_eq!(checked(&holes.clone().without_place(DVec3::ZERO).to_bytes().unwrap(), true), Ok(()));
+        let more = String::from_utf8(written).unwrap().replacen("\"id\"", "\"note\":\"-8.957, 39.523\",\"id\"", 1);
+        assert!(checked(more.as_bytes(), false).unwrap_err().contains("same version of kilwa"));
+        let far = Holes { holes: vec![hole(vec![DVec3::splat(50.0); 3])], crs: None };
+        assert!(checked(&far.to_bytes().unwrap(), false).unwrap_err().contains("outside of the model"));
+        assert!(checked(b"<script>", false).unwrap_err().contains("kilwa merge"));
     }
 
     #[test]

@@ -10,7 +10,7 @@ use kilwa_archive::assemble::{
 use kilwa_archive::checksums::sha256_of;
 use kilwa_archive::date::day_of;
 use kilwa_archive::draft::{Draft, DraftError};
-use kilwa_archive::layout::{ANNOTATIONS, PREVIEW};
+use kilwa_archive::layout::{ANNOTATIONS, HOLES, PREVIEW};
 use kilwa_archive::lock::{Lock, PATIENCE};
 use kilwa_archive::manifest::{Manifest, ManifestError};
 use kilwa_archive::sound;
@@ -149,6 +149,10 @@ fn checked(staging: &Staging, intent: &Intent, meant: &Meant, job: &Job) -> Resu
             };
             files::check_notes(&at, &noted).map_err(|e| refused_file(&e))?;
         }
+        if file.path == HOLES {
+            let bounds = [of_pack.0.bounds_min, of_pack.0.bounds_max];
+            files::check_holes(&at, bounds, intent.location_redacted).map_err(|e| refused_file(&e))?;
+        }
         job.done.fetch_add(file.bytes, Ordering::Relaxed);
     }
     Ok(of_pack)
@@ -196,7 +200,7 @@ fn placed(
     let mut there = uploads.there_at_last(&locked, &meant.slug, job)?;
     let (object, before) = (there.shelf.join(&intent.slug), there.before.take());
     if let Some(m) =
-        before.as_ref().filter(|m| is_published(&object, m, &meant.pack.sha256, &intent.metadata, intent.notes()))
+        before.as_ref().filter(|m| is_published(&object, m, &meant.pack.sha256, &intent.metadata, intent.lists()))
     {
         return Ok(Done { version: m.current, already: true });
     }
@@ -236,6 +240,7 @@ fn placed(
     let entry = facts.pack_entry(meant.pack.bytes, meant.pack.sha256.clone(), identity);
     let publication = facts.publication(entry, of_pack, meant.preview);
     let publication = publication.with_notes(&draft.folder()).map_err(|e| Refusal::disk("read the notes", &e))?;
+    let publication = publication.with_holes(&draft.folder()).map_err(|e| Refusal::disk("read the holes", &e))?;
     let drawings = intent.drawings.iter().map(|d| (d.path.clone(), d.words.clone())).collect();
     write_viewer(&mut draft, &uploads.page).map_err(|e| refused(&e))?;
     let landing = Landing { viewer: &uploads.page, drawings, list: None };

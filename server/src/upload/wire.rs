@@ -3,7 +3,7 @@
 use super::{Refusal, UploadLimits};
 use kilwa_archive::checksums::is_sha256;
 use kilwa_archive::date::{day_of, is_day};
-use kilwa_archive::layout::{ANNOTATIONS, DRAWINGS, POSTER, PREVIEW, Slug, THUMBNAILS, pack_name};
+use kilwa_archive::layout::{ANNOTATIONS, DRAWINGS, HOLES, POSTER, PREVIEW, Slug, THUMBNAILS, pack_name};
 use kilwa_archive::metadata::Metadata;
 use kilwa_archive::record::Preview;
 use kilwa_archive::rights::Rights;
@@ -50,7 +50,7 @@ pub struct Intent {
     pub preview: Option<AnnouncedPreview>,
     /// The drawings: path in the version and words.
     pub drawings: Vec<Drawing>,
-    /// The files: pack, pictures, preview, notes.
+    /// The files: pack, pictures, preview, notes, holes.
     pub files: Vec<AnnouncedFile>,
 }
 
@@ -228,7 +228,7 @@ impl Intent {
             let is_pack = file.path == pack_name(&file.sha256);
             if !is_pack && !super::files::is_expected(&file.path) {
                 return Err(Refusal::content(format!(
-                    "{:?} cannot be uploaded: only the pack, posters, drawings, preview and notes can; the server makes everything else",
+                    "{:?} cannot be uploaded: only the pack, posters, drawings, preview, notes and holes can; the server makes everything else",
                     short(&file.path)
                 )));
             }
@@ -262,9 +262,10 @@ impl Intent {
         pack.ok_or_else(|| Refusal::content("the pack is missing; its name must be pack.<sha256>.kilwa"))
     }
 
-    /// The SHA-256 of the notes, where there are any.
-    pub(super) fn notes(&self) -> Option<&str> {
-        self.files.iter().find(|f| f.path == ANNOTATIONS).map(|f| f.sha256.as_str())
+    /// The SHA-256 of the notes and of the holes, where there are any.
+    pub(super) fn lists(&self) -> (Option<&str>, Option<&str>) {
+        let sum = |path| self.files.iter().find(|f| f.path == path).map(|f| f.sha256.as_str());
+        (sum(ANNOTATIONS), sum(HOLES))
     }
 
     fn has(&self, path: &str) -> bool {

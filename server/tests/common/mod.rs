@@ -252,6 +252,7 @@ fn version(root: &Path, number: u32, pack: &[u8]) -> Version {
             sha256: sha256(text.as_bytes()),
         },
         annotations: None,
+        holes: None,
         figures: Figures {
             bounds: [DVec3::ZERO, DVec3::ONE],
             crs: None,

@@ -1,5 +1,6 @@
 //! GPU memory of chunks: one vertex and one index buffer each, as `kilwa_pack::vertex_layout` lays them out.
 
+use crate::filled::drawn;
 use kilwa_pack::GpuChunk;
 use kilwa_pack::vertex_layout::VERTEX_BYTES;
 use std::collections::BTreeMap;
@@ -89,7 +90,8 @@ impl Pool {
     ) {
         self.evict(index);
         let vertices = filled(device, queue, &chunk.vertices, wgpu::BufferUsages::VERTEX);
-        let indices = filled(device, queue, bytemuck::cast_slice(&chunk.indices), wgpu::BufferUsages::INDEX);
+        let indices = drawn(&chunk.indices);
+        let indices = filled(device, queue, bytemuck::cast_slice(&indices), wgpu::BufferUsages::INDEX);
         let buffers = ChunkBuffers { vertices, indices, scalars: None, triangles: chunk.triangle_count };
         self.bytes += buffers.bytes();
         self.chunks.insert(index, buffers);

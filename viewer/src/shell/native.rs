@@ -2,6 +2,7 @@
 
 use crate::camera::{Bounds, Camera};
 use crate::display::Display;
+use crate::filled::hide;
 use crate::gpu::context::{Gpu, GpuError};
 use crate::gpu::depth_normal::REACH;
 use crate::gpu::pool::ShownScalar;
@@ -47,6 +48,8 @@ pub struct Session<S> {
     streamer: Streamer,
     renderer: Renderer,
     decoded: BTreeMap<u32, GpuChunk>,
+    /// Number of the channel by which triangles are hidden.
+    hidden_by: Option<usize>,
     max_texture: u32,
     clock_ms: f64,
 }
@@ -74,6 +77,7 @@ impl<S: Source> Session<S> {
             streamer,
             renderer: Renderer::headless(gpu),
             decoded: BTreeMap::new(),
+            hidden_by: None,
             max_texture: gpu.device.limits().max_texture_dimension_2d,
             clock_ms: 0.0,
         })
@@ -107,6 +111,14 @@ impl<S: Source> Session<S> {
             let c = self.metadata.scalars.get(channel)?;
             Some(ShownScalar { channel, min: c.min, max: c.max })
         });
+        let hidden_by = display.hidden_by(&self.metadata.scalars);
+        if self.hidden_by != hidden_by {
+            self.hidden_by = hidden_by;
+            for (index, chunk) in &mut self.decoded {
+                hide(chunk, hidden_by);
+                self.renderer.renew(*index, chunk);
+            }
+        }
         if self.renderer.set_scalar(shown) {
             for (index, chunk) in &self.decoded {
                 self.renderer.upload_scalars(*index, chunk);
@@ -159,7 +171,8 @@ impl<S: Source> Session<S> {
                 },
                 Command::Decode { chunk, .. } => events.push(self.decode(chunk)?),
                 Command::Upload { chunk } => {
-                    if let Some(decoded) = self.decoded.get(&chunk) {
+                    if let Some(decoded) = self.decoded.get_mut(&chunk) {
+                        hide(decoded, self.hidden_by);
                         self.renderer.upload(chunk, decoded);
                     }
                 }

@@ -3,6 +3,7 @@
 use super::Viewer;
 use crate::colormap::{NO_VALUE, VIRIDIS};
 use crate::display::{Display, Plane};
+use crate::filled::hide;
 use crate::gpu::frame::ERROR_SCALE;
 use crate::gpu::pool::ShownScalar;
 use crate::options::{Mode, RenderOptions};
@@ -122,6 +123,14 @@ impl Viewer {
     /// Tell the renderer what the display says now.
     pub(super) fn apply_display(&mut self) {
         let scalar = self.channel().map(|(channel, c)| ShownScalar { channel, min: c.min, max: c.max });
+        let hidden_by = self.display.hidden_by(&self.channels);
+        if self.hidden_by != hidden_by {
+            self.hidden_by = hidden_by;
+            for (index, chunk) in &mut self.decoded {
+                hide(chunk, hidden_by);
+                self.renderer.renew(*index, chunk);
+            }
+        }
         self.options = self.display_options(self.pixel_ratio);
         if self.renderer.set_scalar(scalar.filter(|_| self.options.mode == Mode::Scalar)) {
             for (index, chunk) in &self.decoded {

@@ -105,6 +105,8 @@ pub struct Viewer {
     dark: bool,
     pixel_ratio: f64,
     channels: Vec<ScalarChannel>,
+    /// Number of the channel by which triangles are hidden.
+    hidden_by: Option<usize>,
     options: RenderOptions,
     /// The system asks for little motion.
     reduced_motion: bool,
@@ -178,6 +180,7 @@ impl Viewer {
             dark: false,
             pixel_ratio: 1.0,
             channels: parsed.metadata.scalars.clone(),
+            hidden_by: None,
             options: RenderOptions::default(),
             reduced_motion: false,
             fader: Fader::default(),

@@ -1,6 +1,7 @@
 //! The viewer's streaming: budgets, what JavaScript reports, and the frame that decides and draws.
 
 use super::{Viewer, set};
+use crate::filled::hide;
 use js_sys::{Array, Object, Uint8Array};
 use kilwa_pack::{GpuChunk, PatchRange};
 use kilwa_stream::{Budgets, Command, Event, FetchKind, Stats, Step};
@@ -149,7 +150,8 @@ impl Viewer {
         for command in &step.commands {
             match command {
                 Command::Upload { chunk } => {
-                    if let Some(decoded) = self.decoded.get(chunk) {
+                    if let Some(decoded) = self.decoded.get_mut(chunk) {
+                        hide(decoded, self.hidden_by);
                         self.renderer.upload(*chunk, decoded);
                     }
                 }

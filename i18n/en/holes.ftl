@@ -1,0 +1,16 @@
+### Messages of the list of holes (www/holes.js), which the page loads only where there is one.
+
+holes = Holes
+holesShow = Show the holes as outlines
+holesCount = { $count ->
+        [one] { $count } hole, { $area } in total.
+       *[other] { $count } holes, { $area } in total.
+    }
+holesRest = Smaller ones, not shown: { $count }.
+holeUnseen = Seen by no station
+holeFree = Seen through (an opening)
+holeDropped = Measured, but dropped
+holeNoReturn = No return
+holeSize = { $area }, rim { $length }
+holesFailed = The list of holes could not be read: { $why }
+holesForm = it is not the list that kilwa merge --holes wrote with this model

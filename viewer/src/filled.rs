@@ -1,0 +1,68 @@
+//! The filled surface of a merge, which can be hidden: triangles whose channel `filled` is 0.5 or more.
+//!
+//! A hidden triangle stays in its decoded chunk with [`HIDDEN`] set in its first index. Picks pass it over, and the GPU gets it without extent. So it
+//! can be shown again without decoding the chunk a second time, and no shader has to know of it.
+
+use kilwa_pack::GpuChunk;
+use std::borrow::Cow;
+
+/// Names of the channel (0 where the surface was measured, 1 where it was filled), as a merge writes it and as a PLY file has to.
+pub const CHANNELS: [&str; 2] = ["filled", "scalar_filled"];
+/// Set in the first index of a hidden triangle.
+const HIDDEN: u32 = 1 << 31;
+
+/// Hide the triangles whose mean value of this channel is at least 0.5, and show all others; without a channel, show all.
+pub(crate) fn hide(chunk: &mut GpuChunk, channel: Option<usize>) {
+    let count = chunk.vertex_count as usize;
+    let values = channel.and_then(|c| chunk.scalars.get(c * count..(c + 1) * count)).unwrap_or_default();
+    for triangle in chunk.indices.chunks_exact_mut(3) {
+        triangle[0] &= !HIDDEN;
+        let sum: f32 = triangle.iter().filter_map(|v| values.get(*v as usize)).sum();
+        // Not a number is no value, and hides nothing.
+        if sum >= 1.5 {
+            triangle[0] |= HIDDEN;
+        }
+    }
+}
+
+/// Whether a triangle is hidden.
+pub(crate) fn is_hidden(triangle: &[u32]) -> bool {
+    triangle[0] & HIDDEN != 0
+}
+
+/// The indices as the GPU gets them.
+pub(crate) fn drawn(indices: &[u32]) -> Cow<'_, [u32]> {
+    let mut drawn = Cow::Borrowed(indices);
+    if indices.iter().any(|v| v & HIDDEN != 0) {
+        for triangle in drawn.to_mut().chunks_exact_mut(3).filter(|t| is_hidden(t)) {
+            triangle.fill(0);
+        }
+    }
+    drawn
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn triangles_with_a_mean_of_half_or_more_are_hidden_and_shown_again() {
+        let indices = vec![0, 1, 2, 1, 2, 3, 2, 3, 4, 3, 4, 5];
+        let mut chunk =
+            GpuChunk { vertex_count: 6, triangle_count: 4, indices: indices.clone(), ..GpuChunk::default() };
+        // Two channels; the second one counts: 0, 0, 0.5, 1, no value, 1.
+        chunk.scalars = vec![1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.5, 1.0, f32::NAN, 1.0];
+        hide(&mut chunk, Some(1));
+        let hidden = |chunk: &GpuChunk| chunk.indices.chunks(3).map(is_hidden).collect::<Vec<_>>();
+        assert_eq!(hidden(&chunk), [false, true, false, false]);
+        assert_eq!(*drawn(&chunk.indices), [0, 1, 2, 0, 0, 0, 2, 3, 4, 3, 4, 5]);
+        hide(&mut chunk, Some(0));
+        assert_eq!(hidden(&chunk), [true; 4]);
+        // A channel that the chunk lacks hides nothing.
+        hide(&mut chunk, Some(2));
+        assert_eq!(chunk.indices, indices);
+        hide(&mut chunk, Some(0));
+        hide(&mut chunk, None);
+        assert!(chunk.indices == indices && matches!(drawn(&chunk.indices), Cow::Borrowed(_)));
+    }
+}
