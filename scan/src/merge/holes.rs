@@ -52,9 +52,22 @@ pub struct Hole {
     pub center: DVec3,
     /// The area of each cause, in the order of [`Cause::ALL`]; square metres.
     pub causes: [f64; 4],
+    /// The cause at each of its [`Self::places`].
+    pub flags: Vec<Cause>,
 }
 
 impl Hole {
+    /// The unit normal of its surroundings.
+    pub fn normal(&self) -> DVec3 {
+        let sides = self.rim.iter().zip(self.rim.iter().cycle().skip(1));
+        -sides.map(|(a, b)| (*a - self.center).cross(*b - self.center)).sum::<DVec3>().normalize_or_zero()
+    }
+
+    /// The places at which it was tested why the surface is missing; each stands for the same part of the area.
+    pub fn places(&self) -> Vec<DVec3> {
+        inner(self)
+    }
+
     /// The cause of the largest part.
     pub fn cause(&self) -> Cause {
         let largest = (0..4).rev().max_by(|a, b| self.causes[*a].total_cmp(&self.causes[*b]));
@@ -110,7 +123,7 @@ pub(super) fn borders(
             continue;
         }
         let center = rim.iter().sum::<DVec3>() / rim.len() as f64;
-        borders.holes.push(Hole { rim, area, length, center, causes: [0.0; 4] });
+        borders.holes.push(Hole { rim, area, length, center, causes: [0.0; 4], flags: Vec::new() });
     }
     borders.holes.sort_by(|a, b| b.area.total_cmp(&a.area));
     let places: Vec<Vec<DVec3>> = borders.holes.iter().map(inner).collect();
@@ -124,6 +137,7 @@ pub(super) fn borders(
         for tally in tallies {
             let cause = Cause::ALL.iter().position(|cause| *cause == tally.cause()).unwrap_or_default();
             hole.causes[cause] += share;
+            hole.flags.push(tally.cause());
         }
     }
     Ok(borders)
