@@ -1,27 +1,30 @@
-//! `hole_flags SURVEY SEED STATIONS VOXEL PLACES LINES`: merges a survey that `kilwa synth scans` simulated (without walkers, grass and scaffolding) and compares the causes of its
+//! `hole_flags SURVEY SEED STATIONS COLUMNS VOXEL PLACES LINES`: merges a survey that `kilwa synth scans` simulated (without walkers, grass and scaffolding) and compares the causes of its
 //! holes with what the simulator knows. Prints a table; used by `cargo xtask bench merge --flags`.
 
 #[path = "../tests/hole_truth.rs"]
 mod hole_truth;
 
+use hole_truth::Oracle;
 use kilwa_scan::ScanError;
 use kilwa_scan::import::Silent;
 use kilwa_scan::merge::{Begin, Cause, MergedSurface, MergedVertex, Options, merge};
 use kilwa_scan::survey::Survey;
-use kilwa_synth::scans::Sight;
 use std::path::PathBuf;
 
-/// Keeps only the bounds.
-#[derive(Default)]
-struct Nothing(Option<Begin>);
+/// Keeps where the surface is.
+struct Kept {
+    oracle: Oracle,
+    begin: Option<Begin>,
+}
 
-impl MergedSurface for Nothing {
+impl MergedSurface for Kept {
     fn begin(&mut self, begin: &Begin) -> Result<(), ScanError> {
-        self.0 = Some(*begin);
+        self.begin = Some(*begin);
         Ok(())
     }
 
-    fn vertex(&mut self, _: &MergedVertex) -> Result<(), ScanError> {
+    fn vertex(&mut self, vertex: &MergedVertex) -> Result<(), ScanError> {
+        self.oracle.merged(vertex.vertex.position);
         Ok(())
     }
 
@@ -32,10 +35,11 @@ impl MergedSurface for Nothing {
 
 fn main() {
     let mut args = std::env::args().skip(1);
-    let mut next = || args.next().expect("SURVEY SEED STATIONS VOXEL PLACES LINES");
+    let mut next = || args.next().expect("SURVEY SEED STATIONS COLUMNS VOXEL PLACES LINES");
     let folder = PathBuf::from(next());
     let seed: u64 = next().parse().expect("a seed");
     let stations: u32 = next().parse().expect("a number of stations");
+    let columns: u32 = next().parse().expect("a number of columns");
     let voxel: f64 = next().parse().expect("a voxel size");
     let places: usize = next().parse().expect("a number of places");
     let lines: u32 = next().parse().expect("a number of lines");
@@ -48,18 +52,19 @@ fn main() {
         unmasked: false,
         bounds: None,
     };
-    let mut surface = Nothing::default();
+    let mut surface = Kept { oracle: Oracle::new(seed, stations, columns, voxel), begin: None };
     let report = merge(&folder, &survey, &options, &|_| kilwa_scan::mesh::Options::default(), &mut surface, &Silent)
         .expect("a surface");
-    let sight = Sight::new(seed, stations);
     let holes = &report.borders.holes;
-    let mut compared = hole_truth::compare(holes, &sight, voxel, places);
-    let bounds = surface.0.expect("bounds").bounds;
-    hole_truth::sample(&mut compared, holes, &sight, voxel, bounds, lines);
+    let mut compared = hole_truth::compare(holes, &surface.oracle, places);
+    let bounds = surface.begin.expect("bounds").bounds;
+    hole_truth::sample(&mut compared, holes, &surface.oracle, bounds, lines);
     println!("{} holes, {:.2} m²", holes.len(), holes.iter().map(|hole| hole.area).sum::<f64>());
-    println!("\n| flag | truly unseen m² | truly free m² | truly visible m² |\n|---|---:|---:|---:|");
-    for (cause, [unseen, free, visible]) in Cause::ALL.iter().zip(compared.areas) {
-        println!("| {} | {unseen:.2} | {free:.2} | {visible:.2} |", cause.word());
+    println!(
+        "\n| flag | truly unseen m² | truly free m² | truly visible m² | between rays m² |\n|---|---:|---:|---:|---:|"
+    );
+    for (cause, [unseen, free, visible, between]) in Cause::ALL.iter().zip(compared.areas) {
+        println!("| {} | {unseen:.2} | {free:.2} | {visible:.2} | {between:.2} |", cause.word());
     }
     let percent = |share: f64| 100.0 * share;
     println!(

@@ -6,6 +6,7 @@
 //! The result does not depend on tiles, threads or the order of stations: sums are integers, and vertices and triangles are delivered in the order of the
 //! bricks along a Morton curve; a tile is a section of that curve.
 
+mod causes;
 mod cut;
 mod holes;
 mod join;

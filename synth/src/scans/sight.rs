@@ -11,17 +11,8 @@ use glam::DVec3;
 const BEFORE: f64 = 0.004;
 /// Spacing of the places at which the field is evaluated along a line, metres.
 const STEP: f64 = 0.01;
-
-/// What is truly at a place where a merged surface has a hole.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Truth {
-    /// No station has a line of sight to the surface there, or, where there is none, to the place.
-    Unseen,
-    /// There is no surface, and a station has a line of sight to the place: an opening.
-    Free,
-    /// A station has a line of sight to the surface there.
-    Visible,
-}
+/// Cosine of the largest incidence at which a surface is meshed.
+const FLATTEST: f64 = 0.052;
 
 /// A place of the true surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -78,23 +69,52 @@ impl Sight {
             .any(|station| (station.position - place.position).dot(place.normal) > 0.0 && self.sees(station, before))
     }
 
-    /// The surface that a line crosses: the crossing nearest to `place`, at most `reach` metres before or behind it, where the field changes from outside
-    /// to inside against `normal`.
-    pub fn surface_at(&self, place: DVec3, normal: DVec3, reach: f64) -> Option<SurfacePlace> {
+    /// Whether a station with a line of sight to a place of the surface, at an incidence of less than 87°, sampled it in a survey of so many columns: one of the
+    /// four rays of its grid around the place meets the surface at most `reach` metres away from it. Otherwise the place lies between its rays.
+    pub fn is_sampled(&self, place: &SurfacePlace, columns: u32, reach: f64) -> bool {
+        let before = place.position + place.normal * BEFORE;
+        self.stations.iter().any(|station| {
+            let offset = station.position - place.position;
+            let is_facing = offset.dot(place.normal) > FLATTEST * offset.length();
+            is_facing && self.sees(station, before) && self.samples(station, place, columns, reach)
+        })
+    }
+
+    fn samples(&self, station: &Station, place: &SurfacePlace, columns: u32, reach: f64) -> bool {
+        let (width, height) = station.instrument.grid(columns);
+        let angle = std::f64::consts::TAU / f64::from(width);
+        let lowest = LOWEST_ELEVATION.to_radians();
+        let step = (90.0 - LOWEST_ELEVATION).to_radians() / f64::from(height - 1);
+        let local = station.rotation.transpose() * (place.position - station.position).normalize_or_zero();
+        let column = (libm::atan2(local.y, local.x) / angle).floor();
+        let row = ((libm::asin(local.z.clamp(-1.0, 1.0)) - lowest) / step).floor();
+        (0..4).any(|k| {
+            let (s, c) = libm::sincos((column + f64::from(k & 1)) * angle);
+            let (up, flat) = libm::sincos(lowest + (row + f64::from(k >> 1)) * step);
+            let d = station.rotation * DVec3::new(c * flat, s * flat, up);
+            let far = station.instrument.max_range;
+            let hit = self.scene.hit(Scene::from_site(station.position), Scene::from_site(d), 0.0, far);
+            hit.is_some_and(|hit| (station.position + d * hit.t).distance(place.position) <= reach)
+        })
+    }
+
+    /// The places where a line crosses the surface from outside to inside against `normal`, at most `reach` metres before or behind `place`; the nearest first.
+    pub fn surfaces_at(&self, place: DVec3, normal: DVec3, reach: f64) -> Vec<SurfacePlace> {
         let (p, n) = (Scene::from_site(place), Scene::from_site(normal));
         let steps = (reach / STEP).ceil().max(1.0) as i64;
         let at = |k: i64| reach * k as f64 / steps as f64;
         let value = |t: f64| self.scene.value(p + n * t);
-        let mut best: Option<[f64; 2]> = None;
+        let mut found = Vec::new();
         let mut outer = value(at(steps));
         for k in (-steps..steps).rev() {
             let inner = value(at(k));
-            if outer > 0.0 && inner <= 0.0 && best.is_none_or(|[t, _]| at(k).abs() < t.abs()) {
-                best = Some([at(k), at(k + 1)]);
+            if outer > 0.0 && inner <= 0.0 {
+                found.push(self.between(p, n, at(k), at(k + 1)));
             }
             outer = inner;
         }
-        best.map(|[inside, outside]| self.between(p, n, inside, outside))
+        found.sort_by(|a, b| a.position.distance(place).total_cmp(&b.position.distance(place)));
+        found
     }
 
     /// The surface between a place inside and one outside of it, both on one line in the fort's frame.
@@ -126,15 +146,5 @@ impl Sight {
             before = is_out;
         }
         out
-    }
-
-    /// What is at a place in a hole whose surroundings face along `normal`: the missing surface is looked for up to `reach` metres before and behind it.
-    pub fn truth(&self, place: DVec3, normal: DVec3, reach: f64) -> Truth {
-        match self.surface_at(place, normal, reach) {
-            Some(surface) if self.is_visible(&surface) => Truth::Visible,
-            Some(_) => Truth::Unseen,
-            None if self.is_in_sight(place) => Truth::Free,
-            None => Truth::Unseen,
-        }
     }
 }
