@@ -17,7 +17,7 @@ use kilwa_pack::plural::counted;
 use kilwa_scan::ScanError;
 use kilwa_scan::merge::{Begin, MergedSurface, MergedVertex, Options, Report, merge};
 use kilwa_scan::survey::{self, Survey};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError};
@@ -224,14 +224,20 @@ const SHARES: [(&str, f64, f64); 4] = [
     ("analysing holes", 0.97, 1.0),
 ];
 
+/// How much of a merge is done, 0 to 1, when so much of a stage is done.
+pub(crate) fn share(stage: &str, done: u64, total: u64) -> Option<f64> {
+    let (_, from, to) = SHARES.iter().find(|share| share.0 == stage)?;
+    Some(from + (to - from) * (done as f64 / total.max(1) as f64).min(1.0))
+}
+
 /// Progress of a merge on a bar.
 struct Shown<'b>(&'b Bar);
 
 impl kilwa_scan::import::Progress for Shown<'_> {
     fn update(&self, stage: &'static str, done: u64, total: u64) {
         self.0.update(stage, done, total);
-        if let Some((_, from, to)) = SHARES.iter().find(|share| share.0 == stage) {
-            self.0.whole(from + (to - from) * (done as f64 / total.max(1) as f64).min(1.0));
+        if let Some(share) = share(stage, done, total) {
+            self.0.whole(share);
         }
     }
 }
@@ -290,25 +296,36 @@ impl MergedSurface for File<'_> {
     }
 }
 
+/// The figures of a merge for machines.
+pub(crate) fn figures(report: &Report) -> Value {
+    json!({
+        "voxel": report.voxel,
+        "stations": report.stations,
+        "station_triangles": report.station_triangles,
+        "pieces": report.pieces,
+        "scratch_estimated_bytes": report.scratch_estimated,
+        "scratch_bytes": report.scratch_bytes,
+        "holes": holes::summary(&report.borders),
+    })
+}
+
 fn print(args: &Args, report: &Report, written: &Written, seconds: f64) -> anyhow::Result<()> {
     let mut out = crate::terminal::out();
     let cpu = machine::cpu_seconds();
     if args.json {
-        let json = json!({
+        let mut json = figures(report);
+        let more = json!({
             "file": args.output.display().to_string(),
             "bytes": written.bytes,
             "vertices": written.vertices,
             "triangles": written.triangles,
-            "voxel": report.voxel,
-            "stations": report.stations,
-            "station_triangles": report.station_triangles,
-            "pieces": report.pieces,
-            "scratch_bytes": report.scratch_bytes,
-            "holes": holes::summary(&report.borders),
             "seconds": seconds,
             "cpu_seconds": cpu,
             "peak_memory": machine::peak_memory(),
         });
+        if let (Some(json), Value::Object(more)) = (json.as_object_mut(), more) {
+            json.extend(more);
+        }
         writeln!(out, "{}", crate::terminal::json_line(&json)?)?;
         return Ok(());
     }

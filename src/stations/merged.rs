@@ -34,6 +34,11 @@ impl Merging {
         format!("merged {voxel:?} {unmasked} {bounds:?}")
     }
 
+    /// The figures of the merge for machines, once it is done.
+    pub(crate) fn figures(&self) -> Option<serde_json::Value> {
+        self.report.lock().unwrap_or_else(PoisonError::into_inner).as_ref().map(crate::merge::figures)
+    }
+
     /// Pass the merged surface to the build.
     pub(crate) fn deliver(&self, sink: &mut dyn MeshSink, work: &Work<'_>) -> Result<(), BuildError> {
         let survey = &self.survey;
@@ -67,11 +72,17 @@ impl Merging {
     }
 }
 
+/// The share of a build that merging takes, about.
+const MERGED: f64 = 0.35;
+
 struct Shown<'w>(&'w Work<'w>);
 
 impl import::Progress for Shown<'_> {
     fn update(&self, stage: &'static str, done: u64, total: u64) {
         self.0.progress.update(stage, done, total);
+        if let Some(share) = crate::merge::share(stage, done, total) {
+            self.0.progress.whole(MERGED * share);
+        }
     }
 
     fn is_stopped(&self) -> bool {

@@ -10,6 +10,7 @@ mod causes;
 mod cut;
 mod holes;
 mod join;
+mod need;
 mod piles;
 mod rims;
 mod spacing;
@@ -107,6 +108,8 @@ pub struct Report {
     pub station_triangles: u64,
     /// Pieces that they were cut into.
     pub pieces: u64,
+    /// Bytes of the scratch file, as estimated beforehand.
+    pub scratch_estimated: u64,
     /// Bytes of the scratch file.
     pub scratch_bytes: u64,
     /// Vertices of the merged surface.
@@ -195,8 +198,10 @@ fn merge_in_tiles(
         )));
     }
     let scale = Scale::new(voxel, bounds)?;
-    let piles = Piles::create(&options.scratch)?;
     let mut report = Report { voxel, stations: stations.len(), ..Report::default() };
+    report.scratch_estimated = need::scratch_bytes(stations, options, scale, tile_log2)?;
+    need::check(report.scratch_estimated, options)?;
+    let piles = Piles::create(&options.scratch)?;
     let counts = cut_all(stations, options, &known, scale, &piles, tile_log2, progress)?;
     [report.station_triangles, report.pieces] = counts;
     report.scratch_bytes = piles.bytes();
