@@ -15,7 +15,7 @@ use kilwa_formats::UNCOLOURED;
 use kilwa_formats::extract::{About, Format, MeshWriter, Output, PlainVertex, Written};
 use kilwa_pack::plural::counted;
 use kilwa_scan::ScanError;
-use kilwa_scan::merge::{Begin, MergedSurface, MergedVertex, Options, Report, merge};
+use kilwa_scan::merge::{Begin, Intensity, Light, MergedSurface, MergedVertex, Options, Report, merge};
 use kilwa_scan::survey::{self, Survey};
 use serde_json::{Value, json};
 use std::io::Write as _;
@@ -43,6 +43,9 @@ pub(crate) struct Args {
     /// Also write the holes as GeoJSON: rim, position, area and cause.
     #[arg(long, value_name = "FILE")]
     holes: Option<PathBuf>,
+    /// Intensities of the surface: normalised for range, incidence and the gains of stations, as far as overlapping scans show them; or as in the files.
+    #[arg(long, value_enum, value_name = "WHICH", default_value_t = IntensityArg::Normalised)]
+    intensity: IntensityArg,
     /// Also use masked samples.
     #[arg(long)]
     unmasked: bool,
@@ -72,6 +75,36 @@ pub(crate) struct Args {
     json: bool,
 }
 
+/// Which intensities the surface gets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum IntensityArg {
+    Normalised,
+    Raw,
+}
+
+impl From<IntensityArg> for Intensity {
+    fn from(which: IntensityArg) -> Self {
+        match which {
+            IntensityArg::Normalised => Self::Normalised,
+            IntensityArg::Raw => Self::Raw,
+        }
+    }
+}
+
+/// What became of intensities, in a sentence; nothing where there are none.
+pub(crate) fn intensities(light: Light) -> Option<String> {
+    Some(match light {
+        Light::None => return None,
+        Light::Normalised { observations } => format!(
+            "intensities normalised for range, incidence and station, from {}",
+            counted(observations, "observation in overlaps", "observations in overlaps")
+        ),
+        Light::Raw => "intensities as in the scans".to_owned(),
+        Light::Unknown => "intensities as in the scans: too few places were seen by several stations at different ranges or angles to normalise them".to_owned(),
+        Light::Negative => "intensities as in the scans: some are negative, so they are not amounts of light that could be normalised".to_owned(),
+    })
+}
+
 impl Args {
     /// Whether a pack is written, as by a build, which also handles signals itself.
     pub(crate) fn is_pack(&self) -> bool {
@@ -88,6 +121,7 @@ impl Args {
             scratch: self.scratch.clone().unwrap_or_else(folder),
             unmasked: self.unmasked,
             bounds: self.bounds,
+            intensity: self.intensity.into(),
         }
     }
 }
@@ -217,9 +251,10 @@ fn into_mesh(args: &Args, survey: &Survey) -> anyhow::Result<()> {
 }
 
 /// The part of the progress bar that each stage of a merge fills.
-const SHARES: [(&str, f64, f64); 4] = [
-    ("measuring point spacing", 0.0, 0.15),
-    ("reading stations", 0.15, 0.5),
+const SHARES: [(&str, f64, f64); 5] = [
+    ("measuring point spacing", 0.0, 0.12),
+    ("measuring intensities", 0.12, 0.22),
+    ("reading stations", 0.22, 0.5),
     ("merging", 0.5, 0.97),
     ("analysing holes", 0.97, 1.0),
 ];
@@ -305,6 +340,11 @@ pub(crate) fn figures(report: &Report) -> Value {
         "pieces": report.pieces,
         "scratch_estimated_bytes": report.scratch_estimated,
         "scratch_bytes": report.scratch_bytes,
+        "intensity": match report.light {
+            Light::None => Value::Null,
+            Light::Normalised { .. } => "normalised".into(),
+            Light::Raw | Light::Unknown | Light::Negative => "raw".into(),
+        },
         "holes": holes::summary(&report.borders),
     })
 }
@@ -341,5 +381,8 @@ fn print(args: &Args, report: &Report, written: &Written, seconds: f64) -> anyho
         binary(report.scratch_bytes),
     )?;
     writeln!(out, "  {}", holes::sentence(&report.borders))?;
+    if let Some(sentence) = intensities(report.light) {
+        writeln!(out, "  {sentence}")?;
+    }
     Ok(())
 }

@@ -51,6 +51,7 @@ fn main() {
         scratch: std::env::temp_dir(),
         unmasked: false,
         bounds: None,
+        intensity: kilwa_scan::merge::Intensity::Raw,
     };
     let mut surface = Kept { oracle: Oracle::new(seed, stations, columns, voxel), begin: None };
     let report = merge(&folder, &survey, &options, &|_| kilwa_scan::mesh::Options::default(), &mut surface, &Silent)

@@ -30,8 +30,8 @@ pub(crate) struct Merging {
 impl Merging {
     /// The options that affect the surface, in one line, to check that a resumed build is the same.
     pub(crate) fn plan(&self) -> String {
-        let Options { voxel, unmasked, bounds, memory: _, threads: _, scratch: _ } = &self.options;
-        format!("merged {voxel:?} {unmasked} {bounds:?}")
+        let Options { voxel, unmasked, bounds, intensity, memory: _, threads: _, scratch: _ } = &self.options;
+        format!("merged {voxel:?} {unmasked} {bounds:?} {intensity:?}")
     }
 
     /// The figures of the merge for machines, once it is done.
@@ -65,6 +65,9 @@ impl Merging {
                     report.voxel,
                     holes::sentence(&report.borders)
                 ));
+                if let Some(sentence) = crate::merge::intensities(report.light) {
+                    work.progress.note(&sentence);
+                }
                 *self.report.lock().unwrap_or_else(PoisonError::into_inner) = Some(report);
                 Ok(merged.blocks.flush()?)
             }

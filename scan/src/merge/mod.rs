@@ -6,6 +6,7 @@
 //! The result does not depend on tiles, threads or the order of stations: sums are integers, and vertices and triangles are delivered in the order of the
 //! bricks along a Morton curve; a tile is a section of that curve.
 
+mod brightness;
 mod causes;
 mod cut;
 mod holes;
@@ -23,6 +24,8 @@ use crate::ScanError;
 use crate::import::Progress;
 use crate::mesh::{self, MeshVertex};
 use crate::survey::{self, Survey};
+use brightness::Brightness;
+pub use brightness::Light;
 use cut::{Known, Station, cut_all, stations};
 use glam::DVec3;
 pub use holes::{Borders, Cause, Hole};
@@ -54,12 +57,24 @@ pub struct Options {
     pub unmasked: bool,
     /// Only what lies in this box of the survey, metres.
     pub bounds: Option<[DVec3; 2]>,
+    /// What intensities the surface gets.
+    pub intensity: Intensity,
+}
+
+/// What intensities the surface gets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Intensity {
+    /// Normalised for range, incidence and the gains of stations, where the data tell these.
+    #[default]
+    Normalised,
+    /// Those of the files.
+    Raw,
 }
 
 /// A vertex of the merged surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MergedVertex {
-    /// Where it is, and its attributes: the intensity is that of the files, the confidence is the sum over stations.
+    /// Where it is, and its attributes: the intensity is as [`Report::light`] says, the confidence is the sum over stations.
     pub vertex: MeshVertex,
     /// How many stations saw the surface there.
     pub stations: u16,
@@ -116,6 +131,8 @@ pub struct Report {
     pub vertices: u64,
     /// Triangles of the merged surface.
     pub triangles: u64,
+    /// What became of intensities.
+    pub light: Light,
     /// Holes, and what else borders the surface.
     pub borders: Borders,
 }
@@ -202,7 +219,9 @@ fn merge_in_tiles(
     report.scratch_estimated = need::scratch_bytes(stations, options, scale, tile_log2)?;
     need::check(report.scratch_estimated, options)?;
     let piles = Piles::create(&options.scratch)?;
-    let counts = cut_all(stations, options, &known, scale, &piles, tile_log2, progress)?;
+    let brightness = Brightness::of(stations, known.has_intensity, options.intensity, progress)?;
+    report.light = brightness.light;
+    let counts = cut_all(stations, options, (&known, &brightness), scale, &piles, tile_log2, progress)?;
     [report.station_triangles, report.pieces] = counts;
     report.scratch_bytes = piles.bytes();
     let room = DVec3::splat(3.0 * voxel);

@@ -50,6 +50,7 @@ fn options(folder: &Path, voxel: f64) -> Options {
         scratch: folder.to_owned(),
         unmasked: false,
         bounds: None,
+        intensity: Intensity::default(),
     }
 }
 

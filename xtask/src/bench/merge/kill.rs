@@ -11,7 +11,7 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// Stages that a kill can interrupt, told apart by the scratch files that exist then.
-const STAGES: [&str; 4] = ["assembling", "simplifying levels", "merging", "starting"];
+const STAGES: [&str; 3] = ["merging", "taking the surface in", "simplifying levels and assembling"];
 
 /// A linear congruential generator (Knuth, MMIX): the moments can be repeated from the seed.
 struct Random(u64);
@@ -96,14 +96,12 @@ fn stage(out: &Path) -> usize {
         entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect()
     };
     let scratch = names(&out.join(".killed.kilwa.scratch"));
-    if names(out).iter().any(|name| name.ends_with(".part")) {
-        0
-    } else if scratch.iter().any(|name| name.starts_with("level-")) {
-        1
-    } else if scratch.is_empty() {
-        3
-    } else {
+    if scratch.iter().any(|name| name.starts_with("level-")) {
         2
+    } else if scratch.iter().any(|name| name.starts_with("leaves")) {
+        1
+    } else {
+        0
     }
 }
 
