@@ -3,6 +3,8 @@
 mod edited;
 mod export;
 mod formats;
+mod hole_flags;
+mod hole_truth;
 mod las;
 mod malformed;
 mod masks;

@@ -81,7 +81,7 @@ impl Brightness {
         }
         let mut instruments: Vec<_> = Vec::new();
         let instrument_of = |k: &usize| {
-            let own = stations[*k].options.tessellate.instrument;
+            let own = stations[*k].instrument();
             instruments.iter().position(|other| *other == own).unwrap_or_else(|| {
                 instruments.push(own);
                 instruments.len() - 1

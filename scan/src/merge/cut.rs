@@ -44,6 +44,11 @@ impl Station<'_> {
         &self.entry.name
     }
 
+    /// Maker, model and serial number of its scanner, as far as known.
+    pub(super) fn instrument(&self) -> Option<&str> {
+        self.entry.instrument.as_deref()
+    }
+
     /// Standard deviations of its pose: metres, radians.
     pub(super) fn sigma(&self) -> [f64; 2] {
         self.entry.sigma.unwrap_or_default()
