@@ -1,5 +1,6 @@
 //! Tests over whole files: written, imported into a survey, and read back from its spools.
 
+mod density;
 mod edited;
 mod export;
 mod formats;
