@@ -14,7 +14,7 @@ const COS_KNOTS: [f64; 6] = [0.05, 0.15, 0.3, 0.5, 0.75, 1.0];
 /// Coefficients of an instrument.
 const SHAPE: usize = RANGE_KNOTS + COS_KNOTS.len();
 /// Weight of the assumption that neighbouring coefficients are equal, in observations: it decides only where there are none.
-const SMOOTHNESS: f64 = 1.0;
+const SMOOTHNESS: f64 = 0.01;
 /// Residuals beyond this count less, in the logarithm.
 const ROBUST: f64 = 0.15;
 /// Rounds of weighting by residuals.
@@ -149,7 +149,7 @@ impl Falloff {
     fn regularise(&self, matrix: &mut [f64]) {
         let (size, stations) = (self.solution.len(), self.instruments.len());
         for k in 0..size {
-            matrix[k * size + k] += 1e-3;
+            matrix[k * size + k] += 1e-6;
         }
         for first in (stations..size).step_by(SHAPE) {
             for k in (0..SHAPE - 1).filter(|k| *k != RANGE_KNOTS - 1) {
