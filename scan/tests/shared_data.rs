@@ -236,6 +236,7 @@ fn the_grids_of_the_bunny_merge_into_the_published_surface() {
         scratch: site.0.path().to_owned(),
         unmasked: false,
         bounds: None,
+        intensity: merge::Intensity::Raw,
     };
     let mut merged = Merged::default();
     let how = |_: &Station| Options::default();
