@@ -158,7 +158,7 @@ fn scratch_space_is_estimated_before_it_is_needed() {
     for (voxel, tile_log2, bounds) in [(0.5, 3, None), (0.1, 1, None), (0.1, 3, Some(bounds)), (0.03, 3, None)] {
         let (_, report) = merged(&path, &survey, &Options { bounds, ..options(folder.path(), voxel) }, tile_log2);
         let ratio = report.scratch_estimated as f64 / report.scratch_bytes as f64;
-        assert!((0.75..1.35).contains(&ratio), "{ratio} at {voxel} m in tiles of {}", 1 << tile_log2);
+        assert!((0.75..1.5).contains(&ratio), "{ratio} at {voxel} m in tiles of {}", 1 << tile_log2);
     }
     // More than any disk has: refused before a triangle is cut.
     let common = options(folder.path(), 1e-4);
