@@ -229,7 +229,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let complete = make(args, inputs, &options, &bar, &stop, begun, &read_as)?;
     complete.scratch.discard(|_| true)?;
     finished::remove(&args.output);
-    let report = Report::of(&complete.built, complete.spent, &read_as, args.input.texture_detail.is_some());
+    let report = Report::of(&complete.built, complete.spent, &read_as, args);
     print(args, &report)
 }
 
@@ -329,7 +329,7 @@ fn make(
     bar.clear();
     let threads = if args.threads == 0 { rayon::current_num_threads() } else { args.threads };
     let spent = Spent::of(&built, memory, threads, need, begun.elapsed().as_secs_f64());
-    let report = serde_json::to_value(Report::of(&built, spent.clone(), read_as, args.input.texture_detail.is_some()))?;
+    let report = serde_json::to_value(Report::of(&built, spent.clone(), read_as, args))?;
     // Only needed if the build is killed in the next moment.
     drop(Finished { plan, identity, bytes: built.pack.bytes, report }.write(&args.output));
     if let Err(error) = output.keep(args.force) {

@@ -17,9 +17,9 @@ use kilwa_formats::UNCOLOURED;
 use kilwa_formats::extract::{About, Format, MeshWriter, Output, PlainVertex, Written};
 use kilwa_pack::plural::counted;
 use kilwa_scan::ScanError;
-use kilwa_scan::merge::{Begin, Fill, MergedSurface, MergedVertex, Options, Report, merge};
+use kilwa_scan::merge::{Begin, Fill, Intensity, Light, MergedSurface, MergedVertex, Options, Report, merge};
 use kilwa_scan::survey::{self, Survey};
-use serde_json::json;
+use serde_json::{Value, json};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, PoisonError};
@@ -58,6 +58,9 @@ pub(crate) struct Args {
     /// Close everything that is open, openings and the outer edges too, so that the surface encloses a volume.
     #[arg(long)]
     watertight: bool,
+    /// Intensities of the surface: normalised for range, incidence and the gains of stations, as far as overlapping scans show them; or as in the files.
+    #[arg(long, value_enum, value_name = "WHICH", default_value_t = IntensityArg::Normalised)]
+    intensity: IntensityArg,
     /// Also use masked samples.
     #[arg(long)]
     unmasked: bool,
@@ -94,6 +97,36 @@ enum Filling {
     Diffuse,
 }
 
+/// Which intensities the surface gets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum IntensityArg {
+    Normalised,
+    Raw,
+}
+
+impl From<IntensityArg> for Intensity {
+    fn from(which: IntensityArg) -> Self {
+        match which {
+            IntensityArg::Normalised => Self::Normalised,
+            IntensityArg::Raw => Self::Raw,
+        }
+    }
+}
+
+/// What became of intensities, in a sentence; nothing where there are none.
+pub(crate) fn intensities(light: Light) -> Option<String> {
+    Some(match light {
+        Light::None => return None,
+        Light::Normalised { observations } => format!(
+            "intensities normalised for range, incidence and station, from {}",
+            counted(observations, "observation in overlaps", "observations in overlaps")
+        ),
+        Light::Raw => "intensities as in the scans".to_owned(),
+        Light::Unknown => "intensities as in the scans: too few places were seen by several stations at different ranges or angles to normalise them".to_owned(),
+        Light::Negative => "intensities as in the scans: some are negative, so they are not amounts of light that could be normalised".to_owned(),
+    })
+}
+
 impl Args {
     /// Whether a pack is written, as by a build, which also handles signals itself.
     pub(crate) fn is_pack(&self) -> bool {
@@ -117,6 +150,7 @@ impl Args {
                 max_area: self.fill_max_area,
                 watertight: self.watertight,
             },
+            intensity: self.intensity.into(),
         }
     }
 }
@@ -254,13 +288,20 @@ fn into_mesh(args: &Args, survey: &Survey) -> anyhow::Result<()> {
 }
 
 /// The part of the progress bar that each stage of a merge fills.
-const SHARES: [(&str, f64, f64); 5] = [
-    ("measuring point spacing", 0.0, 0.15),
-    ("reading stations", 0.15, 0.5),
+const SHARES: [(&str, f64, f64); 6] = [
+    ("measuring point spacing", 0.0, 0.12),
+    ("measuring intensities", 0.12, 0.22),
+    ("reading stations", 0.22, 0.5),
     ("merging", 0.5, 0.97),
     ("analysing holes", 0.97, 0.98),
     ("filling holes", 0.98, 1.0),
 ];
+
+/// How much of a merge is done, 0 to 1, when so much of a stage is done.
+pub(crate) fn share(stage: &str, done: u64, total: u64) -> Option<f64> {
+    let (_, from, to) = SHARES.iter().find(|share| share.0 == stage)?;
+    Some(from + (to - from) * (done as f64 / total.max(1) as f64).min(1.0))
+}
 
 /// Progress of a merge on a bar.
 struct Shown<'b>(&'b Bar);
@@ -268,8 +309,8 @@ struct Shown<'b>(&'b Bar);
 impl kilwa_scan::import::Progress for Shown<'_> {
     fn update(&self, stage: &'static str, done: u64, total: u64) {
         self.0.update(stage, done, total);
-        if let Some((_, from, to)) = SHARES.iter().find(|share| share.0 == stage) {
-            self.0.whole(from + (to - from) * (done as f64 / total.max(1) as f64).min(1.0));
+        if let Some(share) = share(stage, done, total) {
+            self.0.whole(share);
         }
     }
 }
@@ -323,11 +364,31 @@ impl MergedSurface for File<'_> {
     }
 }
 
+/// The figures of a merge for machines.
+pub(crate) fn figures(report: &Report) -> Value {
+    json!({
+        "voxel": report.voxel,
+        "stations": report.stations,
+        "station_triangles": report.station_triangles,
+        "pieces": report.pieces,
+        "scratch_estimated_bytes": report.scratch_estimated,
+        "scratch_bytes": report.scratch_bytes,
+        "intensity": match report.light {
+            Light::None => Value::Null,
+            Light::Normalised { .. } => "normalised".into(),
+            Light::Raw | Light::Unknown | Light::Negative => "raw".into(),
+        },
+        "holes": holes::summary(&report.borders),
+        "filled": report.filled.as_ref().map(holes::filled_summary),
+    })
+}
+
 fn print(args: &Args, report: &Report, written: &Written, seconds: f64) -> anyhow::Result<()> {
     let mut out = crate::terminal::out();
     let cpu = machine::cpu_seconds();
     if args.json {
-        let json = json!({
+        let mut json = figures(report);
+        let more = json!({
             "file": args.output.display().to_string(),
             "bytes": written.bytes,
             "vertices": written.vertices,
@@ -338,11 +399,13 @@ fn print(args: &Args, report: &Report, written: &Written, seconds: f64) -> anyho
             "pieces": report.pieces,
             "scratch_bytes": report.scratch_bytes,
             "holes": holes::summary(&report.borders),
-            "filled": report.filled.as_ref().map(holes::filled_summary),
             "seconds": seconds,
             "cpu_seconds": cpu,
             "peak_memory": machine::peak_memory(),
         });
+        if let (Some(json), Value::Object(more)) = (json.as_object_mut(), more) {
+            json.extend(more);
+        }
         writeln!(out, "{}", crate::terminal::json_line(&json)?)?;
         return Ok(());
     }
@@ -360,6 +423,9 @@ fn print(args: &Args, report: &Report, written: &Written, seconds: f64) -> anyho
     writeln!(out, "  {}", holes::sentence(&report.borders))?;
     if let Some(filled) = &report.filled {
         writeln!(out, "  {}", holes::filled_sentence(filled))?;
+    }
+    if let Some(sentence) = intensities(report.light) {
+        writeln!(out, "  {sentence}")?;
     }
     Ok(())
 }

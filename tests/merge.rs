@@ -1,9 +1,12 @@
 //! `kilwa merge`: stations of a survey become one surface, as a mesh or a pack.
 
+use crate::eventually::eventually_every;
 use crate::support::{Ply, fails, json, succeeds, text};
 use std::collections::HashSet;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::time::Duration;
 
 /// Half the size of the room along each axis, metres.
 const ROOM: [f64; 3] = [3.0, 2.5, 1.5];
@@ -266,4 +269,112 @@ fn surveys_that_cannot_be_merged_are_refused_with_advice() {
     let said = refused(&[text(&out)]);
     assert!(said.contains("has no pose") && said.contains("survey.toml"), "{said}");
     assert!(!out.exists());
+}
+
+#[test]
+fn the_report_of_a_pack_has_the_figures_of_the_merge() {
+    let folder = tempfile::tempdir().unwrap();
+    let (survey, out) = (survey(folder.path()), folder.path().join("room.kilwa"));
+    let common = ["merge", text(&survey), "--voxel", "0.08", "-o"];
+    let report = json(&[&common[..], &[text(&out)]].concat());
+    let mesh = json(&[&common[..], &[text(&folder.path().join("room.ply"))]].concat());
+    for key in ["voxel", "stations", "station_triangles", "pieces", "scratch_estimated_bytes", "intensity", "holes"] {
+        assert!(!mesh[key].is_null() && report["merge"][key] == mesh[key], "{key}: {report}");
+    }
+    assert!(report["merge"]["scratch_bytes"].as_u64() > Some(0), "{report}");
+}
+
+#[test]
+fn a_voxel_that_needs_more_scratch_space_than_there_is_is_refused_beforehand() {
+    let folder = tempfile::tempdir().unwrap();
+    let (survey, out) = (survey(folder.path()), folder.path().join("room.ply"));
+    let said = fails(&["merge", text(&survey), "--voxel", "0.0001", "-o", text(&out)]);
+    assert!(said.contains("of scratch space") && said.contains("free; use a larger --voxel"), "{said}");
+    assert!(!out.exists());
+}
+
+/// Every file of a folder but those of the survey.
+fn made(folder: &Path) -> Vec<String> {
+    let names = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap());
+    let mut names: Vec<String> = names.filter(|name| name.contains(".kilwa")).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn a_merge_that_is_killed_resumes_to_the_same_pack() {
+    let folder = tempfile::tempdir().unwrap();
+    let survey = survey(folder.path());
+    let path = |name: &str| folder.path().join(name);
+    let merge = |name: &str| {
+        let mut merge = Command::new(env!("CARGO_BIN_EXE_kilwa"));
+        merge.args(["merge", text(&survey), "--voxel", "0.03", "--title", "room", "--resume", "-o"]).arg(path(name));
+        merge.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+        merge
+    };
+    assert!(merge("first.kilwa").status().unwrap().success());
+    let wanted = std::fs::read(path("first.kilwa")).unwrap();
+    let scratch = path(".room.kilwa.scratch");
+    let mut kills = 0;
+    // The scratch folder is there while stations are merged, the leaves when the merged surface has been taken in, a level when it is simplified.
+    for state in ["", "leaves.patches", "level-01.patches"] {
+        let mut child = merge("room.kilwa").spawn().unwrap();
+        eventually_every(Duration::from_micros(200), state, || {
+            (scratch.join(state).exists() || path("room.kilwa").exists()).then_some(())
+        });
+        child.kill().unwrap();
+        kills += u32::from(!child.wait().unwrap().success());
+        assert!(!path("room.kilwa").exists() || std::fs::read(path("room.kilwa")).unwrap() == wanted, "{state}");
+    }
+    assert!(kills > 0, "every merge was faster than its kill");
+    assert!(merge("room.kilwa").status().unwrap().success());
+    assert!(std::fs::read(path("room.kilwa")).unwrap() == wanted, "the resumed pack differs");
+    assert_eq!(made(folder.path()), ["first.kilwa", "room.kilwa"]);
+}
+
+/// A survey of two stations, 3 and 12 m before a wall, whose intensities fall off with range and incidence; both see its middle.
+fn wall_from_two_ranges(folder: &Path) -> PathBuf {
+    let survey = folder.join("survey");
+    for (name, [x, y], gain) in [("near", [-5.0, -3.0_f64], 1.0), ("far", [5.0, -12.0], 2.0)] {
+        let (columns, rows, step) = (300, 60, 12.0 / 300.0);
+        let mut ptx =
+            format!("{columns}\n{rows}\n{x} {y} 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n{x} {y} 0 1\n");
+        for (column, row) in (0..columns).flat_map(|column| (0..rows).map(move |row| (column, row))) {
+            // From x = -9 to 3, or -3 to 9; the wall is at y = 0.
+            let first = if gain == 1.0 { -9.0 } else { -3.0 };
+            let [dx, dy, dz] = [first + f64::from(column) * step - x, -y, (f64::from(row) - 29.5) * step];
+            let range = (dx * dx + dy * dy + dz * dz).sqrt();
+            let intensity = 0.3 * gain * (dy / range) / (1.0 + (range / 8.0).powi(2));
+            writeln!(ptx, "{dx:.6} {dy:.6} {dz:.6} {intensity:.6}").unwrap();
+        }
+        let file = folder.join(format!("{name}.ptx"));
+        std::fs::write(&file, ptx).unwrap();
+        succeeds(&["scans", "import", text(&file), "-o", text(&survey)]);
+    }
+    survey
+}
+
+#[test]
+fn intensities_of_a_wall_seen_from_two_ranges_agree_after_normalisation() {
+    let folder = tempfile::tempdir().unwrap();
+    let (survey, out) = (wall_from_two_ranges(folder.path()), folder.path().join("wall.ply"));
+    let extremes = |which: &str| {
+        let more = ["--intensity", which, "--voxel", "0.05", "--force"];
+        let report = json(&[&["merge", text(&survey), "-o", text(&out)], &more[..]].concat());
+        assert_eq!(report["intensity"], which, "{report}");
+        let ply = Ply::read(&out);
+        let mut all: Vec<f64> = (0..ply.vertices.len() as u32).map(|v| ply.get(v, "intensity").unwrap()).collect();
+        all.sort_by(f64::total_cmp);
+        all[all.len() * 98 / 100] / all[all.len() * 2 / 100]
+    };
+    let (raw, normalised) = (extremes("raw"), extremes("normalised"));
+    assert!(raw > 1.8, "{raw}");
+    assert!(normalised < 1.06, "{normalised}");
+    // Without an overlap nothing is known of the falloff.
+    let toml = std::fs::read_to_string(survey.join("survey.toml")).unwrap();
+    let moved = toml.replacen("12.0", "112.0", 1);
+    assert!(moved != toml, "{toml}");
+    std::fs::write(survey.join("survey.toml"), moved).unwrap();
+    let report = json(&["merge", text(&survey), "--voxel", "0.05", "--force", "-o", text(&out)]);
+    assert_eq!(report["intensity"], "raw", "{report}");
 }

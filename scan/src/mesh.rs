@@ -145,6 +145,34 @@ pub fn mesh(
     Ok(strips.report)
 }
 
+/// Mesh at most `count` strips between two lines of the grid, spread evenly over it; returns which share of all strips that is.
+///
+/// # Errors
+/// As [`mesh`].
+pub(crate) fn sample_strips(
+    reader: &mut Reader,
+    pose: Pose,
+    options: &Options,
+    count: usize,
+    surface: &mut dyn Surface,
+) -> Result<f64, ScanError> {
+    let (header, step) = (*reader.header(), options.subsample.max(1));
+    let numbers: Vec<u32> = (0..header.grid.lines()).step_by(step as usize).collect();
+    let all = numbers.len().saturating_sub(1);
+    let count = count.min(all);
+    let mut strips = Strips { rays: header.rays, pose, options, surface, report: Report::default() };
+    let mut window = Window { reader, step, next: 0, numbers: &numbers };
+    for strip in 0..count {
+        window.next = strip * all / count;
+        let (Some(mut left), Some(mut right)) = (window.next()?, window.next()?) else { break };
+        let (a, b) = (&left.samples, &right.samples);
+        tessellate::vertices(None, a, Some(b), header.rays, &options.tessellate, &mut left.vertices);
+        tessellate::vertices(Some(a), b, None, header.rays, &options.tessellate, &mut right.vertices);
+        strips.between(&mut left, &mut right)?;
+    }
+    Ok(if all == 0 { 1.0 } else { count as f64 / all as f64 })
+}
+
 /// A line of the grid, thinned, with its surface and the numbers of its vertices.
 struct Line {
     samples: Vec<Sample>,

@@ -1,8 +1,11 @@
 //! Tests over whole files: written, imported into a survey, and read back from its spools.
 
+mod density;
 mod edited;
 mod export;
 mod formats;
+mod hole_flags;
+mod hole_truth;
 mod las;
 mod malformed;
 mod masks;

@@ -237,6 +237,7 @@ fn the_grids_of_the_bunny_merge_into_the_published_surface() {
         unmasked: false,
         bounds: None,
         fill: merge::Fill::default(),
+        intensity: merge::Intensity::Raw,
     };
     let mut merged = Merged::default();
     let how = |_: &Station| Options::default();

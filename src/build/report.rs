@@ -1,8 +1,10 @@
 //! What a build prints when it is done.
 
+use super::Args;
 use super::need::Need;
 use crate::info::metres;
 use crate::plausible::{self, Model, ReadAs};
+use crate::stations::merged::Merging;
 use kilwa_builder::build::machine;
 use kilwa_builder::{BuildReport, Spread, StageTime};
 use kilwa_files::size::binary;
@@ -23,15 +25,20 @@ pub(super) struct Report<'a> {
     /// What is doubtful.
     pub(super) warnings: Vec<String>,
     pub(super) run: Spent,
+    /// The merge of the survey that was built, if this run did it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) merge: Option<serde_json::Value>,
 }
 
 impl<'a> Report<'a> {
-    pub(super) fn of(build: &'a BuildReport, run: Spent, read: &ReadAs<'_>, is_split: bool) -> Self {
+    pub(super) fn of(build: &'a BuildReport, run: Spent, read: &ReadAs<'_>, args: &Args) -> Self {
+        let is_split = args.input.texture_detail.is_some();
+        let merge = args.merging.as_ref().and_then(Merging::figures);
         let bounds = [build.bounds_min, build.bounds_min + build.extent];
         let is_closed = build.border_edges == 0;
         let model = Model { bounds, facing: build.facing, is_closed, diagnostics: &build.diagnostics };
         let colors = plausible::colors(&build.colored_by, build.vertices, build.triangles, is_split);
-        Self { build, read_as: read.words(), colors, warnings: plausible::warnings(&model, read), run }
+        Self { build, read_as: read.words(), colors, warnings: plausible::warnings(&model, read), run, merge }
     }
 }
 

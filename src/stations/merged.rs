@@ -31,8 +31,13 @@ pub(crate) struct Merging {
 impl Merging {
     /// The options that affect the surface, in one line, to check that a resumed build is the same.
     pub(crate) fn plan(&self) -> String {
-        let Options { voxel, unmasked, bounds, fill, memory: _, threads: _, scratch: _ } = &self.options;
-        format!("merged {voxel:?} {unmasked} {bounds:?} {fill:?}")
+        let Options { voxel, unmasked, bounds, fill, intensity, memory: _, threads: _, scratch: _ } = &self.options;
+        format!("merged {voxel:?} {unmasked} {bounds:?} {fill:?} {intensity:?}")
+    }
+
+    /// The figures of the merge for machines, once it is done.
+    pub(crate) fn figures(&self) -> Option<serde_json::Value> {
+        self.report.lock().unwrap_or_else(PoisonError::into_inner).as_ref().map(crate::merge::figures)
     }
 
     /// Pass the merged surface to the build.
@@ -65,6 +70,9 @@ impl Merging {
                 if let Some(filled) = &report.filled {
                     work.progress.note(&holes::filled_sentence(filled));
                 }
+                if let Some(sentence) = crate::merge::intensities(report.light) {
+                    work.progress.note(&sentence);
+                }
                 *self.report.lock().unwrap_or_else(PoisonError::into_inner) = Some(report);
                 Ok(merged.blocks.flush()?)
             }
@@ -72,11 +80,17 @@ impl Merging {
     }
 }
 
+/// The share of a build that merging takes, about.
+const MERGED: f64 = 0.35;
+
 struct Shown<'w>(&'w Work<'w>);
 
 impl import::Progress for Shown<'_> {
     fn update(&self, stage: &'static str, done: u64, total: u64) {
         self.0.progress.update(stage, done, total);
+        if let Some(share) = crate::merge::share(stage, done, total) {
+            self.0.progress.whole(MERGED * share);
+        }
     }
 
     fn is_stopped(&self) -> bool {

@@ -41,12 +41,26 @@ pub struct Whole<'a> {
     inner: &'a dyn Progress,
     /// The share reported last, in parts of 2^32.
     reported: AtomicU64,
+    /// The share that delivering the input took, as it reported itself by [`Progress::whole`]; stages share the rest.
+    input: AtomicU64,
 }
 
 impl<'a> Whole<'a> {
     /// Passes on to `inner`.
     pub fn new(inner: &'a dyn Progress) -> Self {
-        Self { inner, reported: AtomicU64::new(0) }
+        Self { inner, reported: AtomicU64::new(0), input: AtomicU64::new(0) }
+    }
+}
+
+/// Fixed-point scale of shares.
+const ONE: f64 = (1_u64 << 32) as f64;
+
+impl Whole<'_> {
+    /// Report a share of the whole, never less than before.
+    fn report(&self, share: f64) {
+        let share = (share * ONE) as u64;
+        let before = self.reported.fetch_max(share, Ordering::Relaxed);
+        self.inner.whole(before.max(share) as f64 / ONE);
     }
 }
 
@@ -55,17 +69,49 @@ impl Progress for Whole<'_> {
         self.inner.update(stage, done, total);
         if let Some((_, from, to)) = SHARES.iter().find(|s| s.0 == stage) {
             let part = if total == 0 { 1.0 } else { (done as f64 / total as f64).min(1.0) };
-            let share = ((from + (to - from) * part) * 2f64.powi(32)) as u64;
-            let before = self.reported.fetch_max(share, Ordering::Relaxed);
-            self.inner.whole(before.max(share) as f64 * 2f64.powi(-32));
+            let input = self.input.load(Ordering::Relaxed) as f64 / ONE;
+            self.report(input + (1.0 - input) * (from + (to - from) * part));
         }
     }
 
     fn whole(&self, share: f64) {
-        self.inner.whole(share);
+        self.input.fetch_max((share * ONE) as u64, Ordering::Relaxed);
+        self.report(share);
     }
 
     fn note(&self, text: &str) {
         self.inner.note(text);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::Mutex;
+
+    #[derive(Default)]
+    struct Kept(Mutex<Vec<f64>>);
+
+    impl Progress for Kept {
+        fn update(&self, _stage: &'static str, _done: u64, _total: u64) {}
+
+        fn whole(&self, share: f64) {
+            self.0.lock().unwrap().push(share);
+        }
+    }
+
+    #[test]
+    fn stages_share_what_the_input_leaves_of_the_whole() {
+        let kept = Kept::default();
+        let whole = Whole::new(&kept);
+        whole.whole(0.25);
+        whole.whole(0.5);
+        whole.update("unknown", 1, 2);
+        whole.update("simplifying", 0, 10);
+        whole.update("reading", 0, 1);
+        whole.update("checking", 1, 1);
+        let shares = kept.0.into_inner().unwrap();
+        let wanted = [0.25, 0.5, 0.58, 0.58, 1.0];
+        assert!(shares.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-6) && shares.len() == 5, "{shares:?}");
     }
 }

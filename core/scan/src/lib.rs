@@ -4,6 +4,7 @@
 //! Lengths are metres, angles radians. Coordinates of samples are those of their station (`station`); a pose takes them to those of
 //! the survey (`survey_from_station`).
 
+pub mod intensity;
 pub mod mask;
 pub mod pose;
 pub mod sample;

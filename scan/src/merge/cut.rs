@@ -1,5 +1,6 @@
 //! The triangles of stations, cut into pieces. Stations are shared among threads; pieces of a station stay together.
 
+use super::brightness::Brightness;
 use super::piles::{Gathered, Piles};
 use super::{BEST_SIGMA, Options, PARTS, Scale};
 use crate::ScanError;
@@ -9,8 +10,8 @@ use crate::mesh::{self, MeshVertex, Surface, mesh};
 use crate::spool::Reader;
 use crate::survey::{self, Survey};
 use glam::DVec3;
-use kilwa_scan_core::Pose;
 use kilwa_scan_core::tsdf::{Corner, INTENSITY_MAX, pieces};
+use kilwa_scan_core::{Pose, Rays};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
@@ -37,6 +38,15 @@ impl Station<'_> {
     /// All samples, including masked ones, because these blocked its rays, too.
     pub(super) fn open_unmasked(&self) -> Result<Reader, ScanError> {
         mask::open(self.folder, self.entry, true)
+    }
+
+    pub(super) fn name(&self) -> &str {
+        &self.entry.name
+    }
+
+    /// Maker, model and serial number of its scanner, as far as known.
+    pub(super) fn instrument(&self) -> Option<&str> {
+        self.entry.instrument.as_deref()
     }
 
     /// Standard deviations of its pose: metres, radians.
@@ -122,7 +132,7 @@ impl Known {
 pub(super) fn cut_all(
     stations: &[Station<'_>],
     options: &Options,
-    known: &Known,
+    (known, brightness): (&Known, &Brightness),
     scale: Scale,
     piles: &Piles,
     tile_log2: u32,
@@ -154,7 +164,7 @@ pub(super) fn cut_all(
             // Poses are rounded differently in bounds and in points.
             let [low, high] = to_voxels(known.bounds);
             let boxes = [[low - 1.0, high + 1.0], options.bounds.map_or([low - 1.0, high + 1.0], to_voxels)];
-            let [triangles, count] = cut(station, scale, boxes, gathered, &mut tell)?;
+            let [triangles, count] = cut((station, number), brightness, scale, boxes, gathered, &mut tell)?;
             let mut sums = sums.lock().unwrap_or_else(PoisonError::into_inner);
             *sums = [sums[0] + triangles, sums[1] + count];
         }
@@ -178,15 +188,33 @@ pub(super) fn cut_all(
 type Tell<'t> = &'t mut dyn FnMut(u64, u64) -> Result<(), ScanError>;
 
 fn cut(
-    station: &Station<'_>,
+    (station, number): (&Station<'_>, usize),
+    brightness: &Brightness,
     scale: Scale,
     [known, bounds]: [[DVec3; 2]; 2],
     gathered: Gathered<'_>,
     tell: Tell<'_>,
 ) -> Result<[u64; 2], ScanError> {
     let path = station.folder.join(&station.entry.scan);
-    let mut cutter =
-        Cutter { path, scale, known, bounds, part: 0, window: Vec::new(), gathered, tell, pieces: 0, done: (0, 1) };
+    let is_central = station.open()?.header().rays == Rays::Central;
+    let origin = station.pose.translation;
+    let light = move |vertex: &MeshVertex| {
+        if is_central { brightness.factor(number, vertex.position - origin, vertex.normal) } else { 1.0 }
+    };
+    let light = &light;
+    let mut cutter = Cutter {
+        path,
+        scale,
+        known,
+        bounds,
+        light,
+        part: 0,
+        window: Vec::new(),
+        gathered,
+        tell,
+        pieces: 0,
+        done: (0, 1),
+    };
     let report = mesh(&mut station.open()?, station.pose, &station.options, &mut cutter)?;
     cutter.gathered.flush()?;
     (cutter.tell)(1, 1)?;
@@ -201,6 +229,8 @@ struct Cutter<'a> {
     known: [DVec3; 2],
     /// Only pieces in this box are kept, voxels.
     bounds: [DVec3; 2],
+    /// What to multiply the intensity of a vertex with.
+    light: &'a dyn Fn(&MeshVertex) -> f64,
     /// Each part has a window of vertices of its own.
     part: u32,
     window: Vec<Corner>,
@@ -231,6 +261,8 @@ impl Surface for Cutter<'_> {
         }
         // A value that is not finite, or is larger than any scanner produces, is not a measurement.
         let intensity = Some(vertex.intensity).filter(|v| v.abs() <= INTENSITY_MAX);
+        let normalised = |v| (f64::from(v) * (self.light)(vertex)) as f32;
+        let intensity = intensity.map(|v| normalised(v).clamp(-INTENSITY_MAX, INTENSITY_MAX));
         self.window.push(Corner {
             position,
             color: vertex.color,

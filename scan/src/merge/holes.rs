@@ -1,16 +1,11 @@
 //! The holes of a merged surface, and why they are there: no station saw the place, stations saw through it, or what they measured there formed no surface.
 
 use super::Source;
+use super::causes;
 use super::cut::Station;
 use super::rims::RimVertex;
 use crate::ScanError;
-use crate::mask::range_image;
 use glam::DVec3;
-use kilwa_scan_core::Rays;
-use kilwa_scan_core::mask::through::Seen;
-
-/// Test points per hole.
-const PLACES: usize = 64;
 
 /// Why there is no surface.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -57,9 +52,22 @@ pub struct Hole {
     pub filled: Option<Source>,
     /// The number of its rim among the loops.
     pub(super) rim_number: usize,
+    /// The cause at each of its [`Self::places`].
+    pub flags: Vec<Cause>,
 }
 
 impl Hole {
+    /// The unit normal of its surroundings.
+    pub fn normal(&self) -> DVec3 {
+        let sides = self.rim.iter().zip(self.rim.iter().cycle().skip(1));
+        -sides.map(|(a, b)| (*a - self.center).cross(*b - self.center)).sum::<DVec3>().normalize_or_zero()
+    }
+
+    /// The places at which it was tested why the surface is missing; each stands for the same part of the area.
+    pub fn places(&self) -> Vec<DVec3> {
+        causes::places(self)
+    }
+
     /// The cause of the largest part.
     pub fn cause(&self) -> Cause {
         let largest = (0..4).rev().max_by(|a, b| self.causes[*a].total_cmp(&self.causes[*b]));
@@ -76,25 +84,6 @@ pub struct Borders {
     pub outlines: usize,
     /// Their total length, metres.
     pub outline_length: f64,
-}
-
-/// What the stations saw at a test point.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Tally {
-    through: bool,
-    at: bool,
-    no_return: bool,
-}
-
-impl Tally {
-    pub(super) fn cause(self) -> Cause {
-        match self {
-            Self { through: true, .. } => Cause::Free,
-            Self { at: true, .. } => Cause::Dropped,
-            Self { no_return: true, .. } => Cause::NoReturn,
-            _ => Cause::Unseen,
-        }
-    }
 }
 
 /// The holes among the loops of rims, and their causes. `margin`, metres, is how much farther a ray must have gone to have passed through.
@@ -115,60 +104,20 @@ pub(super) fn borders(
             continue;
         }
         let center = rim.iter().sum::<DVec3>() / rim.len() as f64;
-        borders.holes.push(Hole { rim, area, length, center, causes: [0.0; 4], filled: None, rim_number });
+        borders.holes.push(Hole {
+            rim,
+            area,
+            length,
+            center,
+            causes: [0.0; 4],
+            flags: Vec::new(),
+            filled: None,
+            rim_number,
+        });
     }
     borders.holes.sort_by(|a, b| b.area.total_cmp(&a.area));
-    let places: Vec<Vec<DVec3>> = borders.holes.iter().map(inner).collect();
-    let tallies = seen(stations, margin, &places, progress)?;
-    for (hole, tallies) in borders.holes.iter_mut().zip(tallies) {
-        let share = hole.area / tallies.len().max(1) as f64;
-        for tally in tallies {
-            let cause = Cause::ALL.iter().position(|cause| *cause == tally.cause()).unwrap_or_default();
-            hole.causes[cause] += share;
-        }
-    }
+    causes::find(&mut borders.holes, stations, margin, progress)?;
     Ok(borders)
-}
-
-/// What the stations saw at each of the test points.
-pub(super) fn seen(
-    stations: &[Station<'_>],
-    margin: f64,
-    places: &[Vec<DVec3>],
-    progress: &mut dyn FnMut(u64, u64) -> Result<(), ScanError>,
-) -> Result<Vec<Vec<Tally>>, ScanError> {
-    let mut tallies: Vec<Vec<Tally>> = places.iter().map(|places| vec![Tally::default(); places.len()]).collect();
-    for (number, station) in stations.iter().enumerate() {
-        progress(number as u64, stations.len() as u64)?;
-        look(station, margin, places, &mut tallies)?;
-    }
-    Ok(tallies)
-}
-
-/// Record what a station saw at every test point.
-fn look(
-    station: &Station<'_>,
-    margin: f64,
-    places: &[Vec<DVec3>],
-    tallies: &mut [Vec<Tally>],
-) -> Result<(), ScanError> {
-    let mut reader = station.open_unmasked()?;
-    if reader.header().rays != Rays::Central || reader.header().statistics.measured == 0 {
-        return Ok(());
-    }
-    let image = range_image(&mut reader, &mut |_, _| Ok(()))?;
-    let station_from_survey = station.pose.inverse();
-    let [metres, radians] = station.sigma();
-    for (place, tally) in places.iter().flatten().zip(tallies.iter_mut().flatten()) {
-        let place = station_from_survey.apply(*place);
-        match image.look(place, margin + 3.0 * (metres + radians * place.length())) {
-            Seen::Through => tally.through = true,
-            Seen::At => tally.at = true,
-            Seen::NoReturn => tally.no_return = true,
-            Seen::Hidden | Seen::Outside => {}
-        }
-    }
-    Ok(())
 }
 
 /// The area that a rim encloses, and whether the surface is around it: then the rim runs clockwise, seen from outside.
@@ -178,27 +127,4 @@ fn measured(rim: &[RimVertex]) -> (f64, bool) {
     let area: DVec3 = sides.map(|(a, b)| (a.position - origin).cross(b.position - origin)).sum::<DVec3>() / 2.0;
     let normal: DVec3 = rim.iter().map(|vertex| vertex.normal).sum();
     (area.length(), area.dot(normal) < 0.0)
-}
-
-/// Places spread over the triangles from the middle of a hole to its rim, by their area.
-fn inner(hole: &Hole) -> Vec<DVec3> {
-    let rim = &hole.rim;
-    let corners = |k: usize| [hole.center, rim[k], rim[(k + 1) % rim.len()]];
-    let mut sums = Vec::with_capacity(rim.len());
-    let mut sum = 0.0;
-    for k in 0..rim.len() {
-        let [a, b, c] = corners(k);
-        sum += (b - a).cross(c - a).length();
-        sums.push(sum);
-    }
-    let count = PLACES.min(4 * rim.len());
-    let place = |k: usize| {
-        let wanted = (k as f64 + 0.5) / count as f64 * sum;
-        let [a, b, c] = corners(sums.partition_point(|sum| *sum < wanted).min(rim.len() - 1));
-        // A sequence that fills the unit square evenly (Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences", 2018).
-        let (u, v) = ((0.5 + k as f64 * 0.754_877_666).fract(), (0.5 + k as f64 * 0.569_840_291).fract());
-        let root = u.sqrt();
-        a + (b - a) * (root * (1.0 - v)) + (c - a) * (root * v)
-    };
-    (0..count).map(place).collect()
 }

@@ -6,10 +6,13 @@
 //! The result does not depend on tiles, threads or the order of stations: sums are integers, and vertices and triangles are delivered in the order of the
 //! bricks along a Morton curve; a tile is a section of that curve.
 
+mod brightness;
+mod causes;
 mod cut;
 mod fill;
 mod holes;
 mod join;
+mod need;
 mod patch_mesh;
 mod piles;
 mod rims;
@@ -23,6 +26,8 @@ use crate::ScanError;
 use crate::import::Progress;
 use crate::mesh::{self, MeshVertex};
 use crate::survey::{self, Survey};
+use brightness::Brightness;
+pub use brightness::Light;
 use cut::{Known, Station, cut_all, stations};
 pub use fill::{Fill, Filled};
 use glam::DVec3;
@@ -60,6 +65,8 @@ pub struct Options {
     pub bounds: Option<[DVec3; 2]>,
     /// Which holes are filled.
     pub fill: Fill,
+    /// What intensities the surface gets.
+    pub intensity: Intensity,
 }
 
 /// What a vertex of the merged surface rests on.
@@ -91,10 +98,20 @@ impl Source {
     }
 }
 
+/// What intensities the surface gets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Intensity {
+    /// Normalised for range, incidence and the gains of stations, where the data tell these.
+    #[default]
+    Normalised,
+    /// Those of the files.
+    Raw,
+}
+
 /// A vertex of the merged surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MergedVertex {
-    /// Where it is, and its attributes: the intensity is that of the files, the confidence is the sum over stations.
+    /// Where it is, and its attributes: the intensity is as [`Report::light`] says, the confidence is the sum over stations.
     pub vertex: MeshVertex,
     /// How many stations saw the surface there.
     pub stations: u16,
@@ -147,12 +164,16 @@ pub struct Report {
     pub station_triangles: u64,
     /// Pieces that they were cut into.
     pub pieces: u64,
+    /// Bytes of the scratch file, as estimated beforehand.
+    pub scratch_estimated: u64,
     /// Bytes of the scratch file.
     pub scratch_bytes: u64,
     /// Vertices of the merged surface.
     pub vertices: u64,
     /// Triangles of the merged surface.
     pub triangles: u64,
+    /// What became of intensities.
+    pub light: Light,
     /// Holes, and what else borders the surface.
     pub borders: Borders,
     /// What was filled, if that was asked for.
@@ -241,9 +262,13 @@ fn merge_in_tiles(
         )));
     }
     let scale = Scale::new(voxel, bounds)?;
-    let piles = Piles::create(&options.scratch)?;
     let mut report = Report { voxel, stations: stations.len(), ..Report::default() };
-    let counts = cut_all(stations, options, &known, scale, &piles, tile_log2, progress)?;
+    report.scratch_estimated = need::scratch_bytes(stations, options, scale, tile_log2)?;
+    need::check(report.scratch_estimated, options)?;
+    let piles = Piles::create(&options.scratch)?;
+    let brightness = Brightness::of(stations, known.has_intensity, options.intensity, progress)?;
+    report.light = brightness.light;
+    let counts = cut_all(stations, options, (&known, &brightness), scale, &piles, tile_log2, progress)?;
     [report.station_triangles, report.pieces] = counts;
     if let Some(mesh) = &patch_mesh {
         mesh.cut(options, bounds, scale, &piles, tile_log2, progress)?;

@@ -56,6 +56,7 @@ fn options(folder: &Path, voxel: f64) -> Options {
         unmasked: false,
         bounds: None,
         fill: Fill::default(),
+        intensity: Intensity::default(),
     }
 }
 
@@ -234,4 +235,23 @@ fn coarser_voxels_and_a_mesh_fill_the_same_whatever_the_tiles() {
         let (other, _) = merged(&path, &survey, &Options { threads: 1, ..with }, 2);
         assert!(other == filled, "the tiling matters to {source:?}");
     }
+}
+
+#[test]
+fn scratch_space_is_estimated_before_it_is_needed() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, survey) = survey(folder.path(), 3, 300);
+    let bounds = [DVec3::new(-8.0, -8.0, -20.0), DVec3::new(8.0, 8.0, 20.0)];
+    for (voxel, tile_log2, bounds) in [(0.5, 3, None), (0.1, 1, None), (0.1, 3, Some(bounds)), (0.03, 3, None)] {
+        let (_, report) = merged(&path, &survey, &Options { bounds, ..options(folder.path(), voxel) }, tile_log2);
+        let ratio = report.scratch_estimated as f64 / report.scratch_bytes as f64;
+        assert!((0.75..1.5).contains(&ratio), "{ratio} at {voxel} m in tiles of {}", 1 << tile_log2);
+    }
+    // More than any disk has: refused before a triangle is cut.
+    let common = options(folder.path(), 1e-4);
+    let mut mesh = Mesh::default();
+    let how = |_: &survey::Station| mesh::Options::default();
+    let text = merge(&path, &survey, &common, &how, &mut mesh, &Silent).unwrap_err().to_string();
+    assert!(text.contains("scratch space") && text.contains("--voxel") && text.contains("TiB"), "{text}");
+    assert!(mesh.begin.is_none());
 }

@@ -10,6 +10,7 @@ mod figures;
 mod format;
 mod instrument;
 mod props;
+mod sight;
 mod stations;
 mod surface;
 #[cfg(test)]
@@ -20,6 +21,7 @@ pub use beam::Sample;
 pub use figures::Extras;
 pub use format::ScanFormat;
 pub use instrument::{INSTRUMENTS, Instrument, LOWEST_ELEVATION, MIN_RANGE, Returns};
+pub use sight::{Sight, SurfacePlace};
 pub use stations::{Station, TILT_DEGREES};
 
 use crate::fort::scene::Scene;

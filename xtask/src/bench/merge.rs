@@ -3,6 +3,9 @@
 //! The yardstick (`xtask/peers/evaluate_merge.py`) and the other programs are Python packages (`xtask/peers/requirements.txt`), which `--python` names the
 //! interpreter of; without it, only time, memory and triangles of Kilwa are measured.
 
+mod flags;
+mod kill;
+
 use super::scans::{ROWS, write_ptx};
 use super::{Usage, archive, number_of, run_measured};
 use crate::process::{command, compile_kilwa, root, run as run_command};
@@ -28,6 +31,12 @@ pub(super) struct Args {
     /// Instead of the fort: so many points in all, of stations in one made-up room, for time and memory only
     #[arg(long, value_name = "N", conflicts_with_all = ["python", "peers", "again"])]
     points: Option<u64>,
+    /// Instead: compare the causes of holes with what the simulator knows
+    #[arg(long, conflicts_with_all = ["python", "peers", "points"])]
+    flags: bool,
+    /// Instead: merge into a pack that is killed so many times at random moments and resumed, and compare it with an uninterrupted one
+    #[arg(long, value_name = "N", conflicts_with_all = ["python", "peers", "points", "flags"])]
+    kill: Option<u32>,
     /// Edge of a voxel, metres
     #[arg(long, value_name = "METRES", default_value_t = 0.02)]
     voxel: f64,
@@ -71,6 +80,12 @@ pub(super) fn run(args: &Args) -> Result<()> {
     let root = root()?;
     if let Some(points) = args.points {
         return load(args, &root, points);
+    }
+    if let Some(kills) = args.kill {
+        return kill::run(args, kills);
+    }
+    if args.flags {
+        return flags::run(args);
     }
     let Args { stations, columns, seed, truth, .. } = args;
     let folder = root.join(format!("target/bench/merge-{stations}-{columns}-{seed}-{truth}"));

@@ -25,7 +25,7 @@ pub use backing::Backing;
 pub use cubes::Cubes;
 pub use extract::{EdgeKey, Patch, PatchVertex};
 pub use field::{BRICK, Field, Region};
-pub use piece::{Corner, INTENSITY_LOG2, INTENSITY_MAX, PIECE_BYTES, Piece, pieces};
+pub use piece::{Corner, INTENSITY_LOG2, INTENSITY_MAX, PIECE_BYTES, Piece, expected_pieces, pieces};
 
 /// Positions of pieces are rounded to 1/2^SUB_LOG2 voxel.
 pub const SUB_LOG2: u32 = 8;

@@ -106,7 +106,7 @@ pub fn pieces(corners: &[Corner; 3], best: f64, emit: &mut dyn FnMut(Piece)) {
         emit(triangle.piece([1.0 / 3.0; 3], double / 2.0));
         return;
     }
-    let step = if longest <= 3.0 { 0.5 } else { 1.0 };
+    let step = step(longest);
     let axis = (0..3).max_by(|i, j| normal[*i].abs().total_cmp(&normal[*j].abs())).unwrap_or(2);
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
     let area = step * step / normal[axis].abs();
@@ -123,6 +123,22 @@ pub fn pieces(corners: &[Corner; 3], best: f64, emit: &mut dyn FnMut(Piece)) {
             }
         }
     }
+}
+
+/// How many pieces a triangle, whose corners are in voxels, is cut into on average over its places on the grid.
+pub fn expected_pieces([a, b, c]: [DVec3; 3]) -> f64 {
+    let across = (b - a).cross(c - a);
+    let longest = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared()).sqrt();
+    if longest <= 1.0 {
+        return f64::from(across != DVec3::ZERO);
+    }
+    let step = step(longest);
+    across.abs().max_element() / (2.0 * step * step)
+}
+
+/// The spacing of the grid on which pieces of a triangle with such a longest edge are taken, voxels.
+fn step(longest: f64) -> f64 {
+    if longest <= 3.0 { 0.5 } else { 1.0 }
 }
 
 struct Triangle<'a> {

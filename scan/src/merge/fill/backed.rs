@@ -4,7 +4,7 @@ use super::held::Held;
 use super::{Filled, Filler, Source};
 use crate::ScanError;
 use crate::merge::MergedVertex;
-use crate::merge::holes::{self, Cause, Tally};
+use crate::merge::causes::seen_through;
 use crate::mesh::MeshVertex;
 use glam::DVec3;
 use kilwa_scan_core::tsdf::{EdgeKey, PatchVertex};
@@ -32,10 +32,9 @@ impl Filler<'_, '_, '_> {
         let (closing, open): (Vec<_>, Vec<_>) = parts.into_iter().partition(|(_, closes)| *closes);
         filled.unclosed = open.len();
         let places: Vec<Vec<DVec3>> = closing.iter().map(|(part, _)| self.places(held, part)).collect();
-        let tallies = holes::seen(self.stations, 2.0 * self.voxel, &places, progress)?;
-        for ((part, _), tallies) in closing.iter().zip(&tallies) {
-            let through = tallies.iter().filter(|tally: &&Tally| tally.cause() == Cause::Free).count();
-            if 2 * through > tallies.len() {
+        let through = seen_through(self.stations, 2.0 * self.voxel, &places, progress)?;
+        for (((part, _), places), through) in closing.iter().zip(&places).zip(through) {
+            if 2 * through > places.len() {
                 filled.unfilled_openings += 1;
                 continue;
             }
