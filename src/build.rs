@@ -102,7 +102,7 @@ pub(crate) struct Args {
     verbose: bool,
     /// How the survey is merged: set by `kilwa merge`.
     #[arg(skip)]
-    merging: Option<Merging>,
+    merging: Option<Box<Merging>>,
 }
 
 impl Args {
@@ -139,12 +139,12 @@ impl Args {
             force,
             json,
             verbose: false,
-            merging: Some(merging),
+            merging: Some(Box::new(merging)),
         }
     }
 }
 
-/// Options that `kilwa merge`Options shared with `kilwa merge
+/// Options shared with `kilwa merge`.
 pub(crate) struct Common {
     pub(crate) threads: usize,
     pub(crate) memory: Option<u64>,

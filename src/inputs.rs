@@ -95,7 +95,7 @@ pub(crate) struct Inputs {
     /// Files in given folders that are no meshes that can be read.
     pub(crate) passed_over: Vec<PathBuf>,
     /// How the stations are merged, if they are; all files are stations then.
-    pub(crate) merging: Option<Merging>,
+    pub(crate) merging: Option<Box<Merging>>,
 }
 
 /// Bytes of the metadata block that names of sources may take: half of it, so that there is room for the rest and for
@@ -245,7 +245,7 @@ impl kilwa_builder::Inputs for Inputs {
                 modified: modified.and_then(|t| u64::try_from(t.as_nanos()).ok()),
                 placement: match &file.station {
                     Some(station) => {
-                        let merging = self.merging.as_ref().map(Merging::plan).unwrap_or_default();
+                        let merging = self.merging.as_ref().map(|merging| merging.plan()).unwrap_or_default();
                         format!("{:?} {station:?}{merging}", file.placement)
                     }
                     None => format!("{:?} {:?}", file.placement, self.options.detail.as_ref().map(|d| d.texels())),

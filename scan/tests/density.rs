@@ -60,6 +60,7 @@ fn scans_of_very_different_density_pass_into_each_other_without_a_step() {
         scratch: folder.path().to_owned(),
         unmasked: false,
         bounds: None,
+        fill: kilwa_scan::merge::Fill::default(),
         intensity: Intensity::Raw,
     };
     let mut kept = Kept::default();

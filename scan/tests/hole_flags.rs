@@ -42,6 +42,7 @@ fn flags_of_holes_agree_with_the_truth_of_the_simulator() {
         scratch: folder.path().to_owned(),
         unmasked: false,
         bounds: None,
+        fill: kilwa_scan::merge::Fill::default(),
         intensity: Intensity::Raw,
     };
     let mut kept = Kept(Oracle::new(1, STATIONS, COLUMNS, VOXEL), None);

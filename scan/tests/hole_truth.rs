@@ -61,9 +61,8 @@ impl Oracle {
         match missing {
             Some(surface) if self.sight.is_sampled(&surface, self.columns, reach(hole, self.voxel)) => Truth::Visible,
             Some(surface) if self.sight.is_visible(&surface) => Truth::BetweenRays,
-            Some(_) => Truth::Unseen,
             None if self.sight.is_in_sight(place) => Truth::Free,
-            None => Truth::Unseen,
+            _ => Truth::Unseen,
         }
     }
 }
@@ -123,11 +122,14 @@ pub(crate) fn compare(holes: &[Hole], oracle: &Oracle, count: usize) -> Compared
     compared
 }
 
+/// A place, the number of its hole, and its flag.
+type Flagged = (DVec3, usize, Cause);
+
 /// The places of holes by cells of a grid, in grids as coarse as the holes need.
 struct Places<'h> {
     holes: &'h [Hole],
     voxel: f64,
-    cells: HashMap<(u64, IVec3), Vec<(DVec3, usize, Cause)>>,
+    cells: HashMap<(u64, IVec3), Vec<Flagged>>,
     sizes: Vec<f64>,
 }
 

@@ -4,7 +4,6 @@ use super::Args;
 use super::need::Need;
 use crate::info::metres;
 use crate::plausible::{self, Model, ReadAs};
-use crate::stations::merged::Merging;
 use kilwa_builder::build::machine;
 use kilwa_builder::{BuildReport, Spread, StageTime};
 use kilwa_files::size::binary;
@@ -33,7 +32,7 @@ pub(super) struct Report<'a> {
 impl<'a> Report<'a> {
     pub(super) fn of(build: &'a BuildReport, run: Spent, read: &ReadAs<'_>, args: &Args) -> Self {
         let is_split = args.input.texture_detail.is_some();
-        let merge = args.merging.as_ref().and_then(Merging::figures);
+        let merge = args.merging.as_ref().and_then(|merging| merging.figures());
         let bounds = [build.bounds_min, build.bounds_min + build.extent];
         let is_closed = build.border_edges == 0;
         let model = Model { bounds, facing: build.facing, is_closed, diagnostics: &build.diagnostics };

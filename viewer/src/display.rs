@@ -53,6 +53,7 @@ pub use kilwa_measure::clip::{WorldBox as SectionBox, WorldPlane as Plane};
 /// How the model is shown.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, rename_all = "camelCase", default)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a switch of the display")]
 pub struct Display {
     /// Name of the mode ([`Mode::ALL`]).
     #[serde(skip_serializing_if = "is_colour")]

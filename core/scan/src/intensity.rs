@@ -233,7 +233,9 @@ mod tests {
     #[test]
     fn constant_intensities_stay_as_they_are_and_too_few_places_decide_nothing() {
         let mut observations = observations();
-        observations.iter_mut().for_each(|o| o.log_intensity = 0.25_f64.ln());
+        for o in &mut observations {
+            o.log_intensity = 0.25_f64.ln();
+        }
         let falloff = Falloff::fit(&observations, &[0, 1]).unwrap();
         assert!((falloff.factor(1, 20.0, 0.4) - 1.0).abs() < 1e-6);
         assert_eq!(Falloff::fit(&observations[..60], &[0, 1]), None);

@@ -173,10 +173,13 @@ impl View {
     }
 }
 
+/// What is in each cell of a grid: the line, the position, its index among those of the line.
+type Grid = HashMap<IVec3, Vec<(u32, u32, DVec3)>>;
+
 /// Spheres around positions that are farther apart than the margin, by the cells of grids that they reach into.
 struct Spheres {
-    /// Edges of cells, and what is in them: the line, the position, its index among those of the line.
-    grids: BTreeMap<u64, HashMap<IVec3, Vec<(u32, u32, DVec3)>>>,
+    /// By the edges of their cells.
+    grids: BTreeMap<u64, Grid>,
 }
 
 /// Radius of a sphere, in steps.
@@ -186,7 +189,7 @@ const BATCH: u64 = 1 << 16;
 
 impl Spheres {
     fn new(lines: &[Lines], margin: f64) -> Self {
-        let mut grids: BTreeMap<u64, HashMap<IVec3, Vec<(u32, u32, DVec3)>>> = BTreeMap::new();
+        let mut grids: BTreeMap<u64, Grid> = BTreeMap::new();
         for (number, lines) in lines.iter().enumerate().filter(|(_, lines)| lines.step > margin) {
             let radius = RADIUS * lines.step;
             // A sphere reaches into at most eight cells.

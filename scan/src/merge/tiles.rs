@@ -98,12 +98,16 @@ impl Tile<'_> {
                     return;
                 }
                 if run.station == MESH_STATION {
-                    backing.iter_mut().for_each(|backing| backing.add_mesh(piece));
+                    if let Some(backing) = &mut backing {
+                        backing.add_mesh(piece);
+                    }
                 } else {
                     if region.needs(piece, MARGIN) {
                         field.add(run.station, piece);
                     }
-                    backing.iter_mut().for_each(|backing| backing.add(run.station, piece));
+                    if let Some(backing) = &mut backing {
+                        backing.add(run.station, piece);
+                    }
                 }
                 let bricks = field.bricks() + backing.as_ref().map_or(0, Backing::bricks);
                 is_full = bricks > self.budget && region.bricks > 1;

@@ -15,6 +15,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a switch of the command line")]
 pub(super) struct Args {
     /// Stations of the survey
     #[arg(long, value_name = "N", default_value_t = 12)]

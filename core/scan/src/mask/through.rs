@@ -126,7 +126,7 @@ impl RangeImage {
         self.nearest[row as usize * self.width as usize + column as usize]
     }
 
-    /// What the station saw in the direction of `place` (in its coordinates), at least `margin`What the station saw in the direction of `place
+    /// What the station saw in the direction of `place` (in its coordinates); a ray passed through if it went at least `margin` metres farther.
     pub fn look(&self, place: DVec3, margin: f64) -> Seen {
         let range = place.length();
         if range <= 0.0 {

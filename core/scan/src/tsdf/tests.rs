@@ -224,7 +224,9 @@ fn patches(pieces: &[Piece], mesh: &[Piece], bricks: i32, levels: u32) -> [Vec<P
         field.add(1, piece);
         backing.add(1, piece);
     }
-    mesh.iter().for_each(|piece| backing.add_mesh(piece));
+    for piece in mesh {
+        backing.add_mesh(piece);
+    }
     let cubes = Cubes::default();
     [None, Some(&backing)].map(|backing| {
         let all = (0..bricks.pow(3)).map(|k| IVec3::new(k % bricks, k / bricks % bricks, k / (bricks * bricks)));

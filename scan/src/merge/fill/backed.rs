@@ -74,13 +74,12 @@ impl Filler<'_, '_, '_> {
     ) -> Result<(), ScanError> {
         let mut corners = [0; 3];
         for (corner, key) in corners.iter_mut().zip(triangle) {
-            *corner = match held.numbers.get(key).or_else(|| numbers.get(key)) {
-                Some(number) => *number,
-                None => {
-                    let number = self.held_vertex(&held.vertices[key], source)?;
-                    numbers.insert(*key, number);
-                    number
-                }
+            *corner = if let Some(number) = held.numbers.get(key).or_else(|| numbers.get(key)) {
+                *number
+            } else {
+                let number = self.held_vertex(&held.vertices[key], source)?;
+                numbers.insert(*key, number);
+                number
             };
         }
         self.joined.triangle(corners, source)

@@ -283,7 +283,9 @@ impl Frame {
         for [a, b, c] in &triangles {
             let [p, q, r] = [a, b, c].map(|k| places[*k as usize]);
             let across = (q - p).cross(r - p);
-            [a, b, c].into_iter().for_each(|k| normals[*k as usize] += across);
+            for k in [a, b, c] {
+                normals[*k as usize] += across;
+            }
         }
         let known = |of: &dyn Fn(&RimVertex) -> Option<f64>| -> Option<Vec<f64>> {
             let values: Vec<Option<f64>> = rim.iter().map(|v| of(v)).collect();

@@ -7,7 +7,7 @@ use crate::merge::rims::RimVertex;
 use crate::merge::{Begin, MergedSurface, MergedVertex, Scale, Source, holes};
 use glam::{DVec2, DVec3, IVec3};
 use kilwa_scan_core::tsdf::{EdgeKey, Patch, PatchVertex};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::f64::consts::TAU;
 
 /// The rim of a hole in a surface that was scanned from above; the points run counterclockwise seen from above.
@@ -34,11 +34,11 @@ fn star(count: usize, radius: impl Fn(usize) -> f64, height: impl Fn(DVec2) -> f
 /// Panics unless every side of a rim has one triangle, on its right, and every other edge has two, and each triangle has a new vertex.
 fn assert_closed(rims: &[&[RimVertex]], made: &Membrane) {
     let fixed: usize = rims.iter().map(|rim| rim.len()).sum();
-    let mut sides = HashMap::new();
+    let mut sides = HashSet::new();
     for [a, b, c] in &made.triangles {
         assert!([a, b, c].into_iter().any(|k| *k as usize >= fixed), "a triangle without a new vertex");
         for side in [[*a, *b], [*b, *c], [*c, *a]] {
-            assert!(sides.insert(side, ()).is_none(), "{side:?} twice");
+            assert!(sides.insert(side), "{side:?} twice");
         }
     }
     let mut first = 0;
@@ -46,13 +46,13 @@ fn assert_closed(rims: &[&[RimVertex]], made: &Membrane) {
         let count = rim.len() as u32;
         for k in 0..count {
             let (a, b) = (first + k, first + (k + 1) % count);
-            assert!(sides.remove(&[b, a]).is_some(), "the side {a} to {b} is open");
-            assert!(!sides.contains_key(&[a, b]));
+            assert!(sides.remove(&[b, a]), "the side {a} to {b} is open");
+            assert!(!sides.contains(&[a, b]));
         }
         first += count;
     }
-    for [a, b] in sides.keys() {
-        assert!(sides.contains_key(&[*b, *a]), "{a} to {b} is a border");
+    for [a, b] in &sides {
+        assert!(sides.contains(&[*b, *a]), "{a} to {b} is a border");
         assert!((*a.max(b)) as usize >= fixed, "{a} to {b} could be an edge of the surface");
     }
 }
@@ -106,7 +106,9 @@ fn islands_are_joined_and_what_lies_outside_or_crosses_is_refused() {
     let hole = star(60, |_| 6.0, |_| 0.0);
     let island = |at: DVec2, radius: f64| -> Vec<RimVertex> {
         let mut island = star(12, |_| radius, |_| 0.0);
-        island.iter_mut().for_each(|vertex| vertex.position += at.extend(0.1));
+        for vertex in &mut island {
+            vertex.position += at.extend(0.1);
+        }
         // The surface is inside.
         island.reverse();
         island

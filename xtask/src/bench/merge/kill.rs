@@ -98,10 +98,8 @@ fn stage(out: &Path) -> usize {
     let scratch = names(&out.join(".killed.kilwa.scratch"));
     if scratch.iter().any(|name| name.starts_with("level-")) {
         2
-    } else if scratch.iter().any(|name| name.starts_with("leaves")) {
-        1
     } else {
-        0
+        usize::from(scratch.iter().any(|name| name.starts_with("leaves")))
     }
 }
 
