@@ -45,20 +45,20 @@ pub(crate) struct Args {
     /// Also write the holes as GeoJSON: rim, position, area and cause.
     #[arg(long, value_name = "FILE")]
     holes: Option<PathBuf>,
-    /// Close holes. coarser: narrow gaps, with the scans at larger voxels. diffuse: with a smooth surface that continues the rim. Can be given twice. Openings that scanners saw
-    /// through stay open. What was added is marked by the channels `filled` and `source`.
+    /// Fill holes. coarser: narrow gaps, from the scans at larger voxels. diffuse: with a smooth surface that continues the rim. Give the option twice to use both. Openings that scanners saw
+    /// through stay open. The channels `filled` and `source` mark what was added.
     #[arg(long, value_enum, value_name = "HOW")]
     fill: Vec<Filling>,
     /// Use this mesh (in survey coordinates, for example from photographs) where no scan covers the surface.
     #[arg(long, value_name = "MESH")]
     fill_mesh: Option<PathBuf>,
-    /// Fill only holes of up to this area, square metres.
+    /// With --fill, fill only holes of at most this area, square metres.
     #[arg(long, value_name = "AREA", default_value_t = Fill::MAX_AREA, value_parser = crate::scans::export::positive)]
     fill_max_area: f64,
-    /// Close everything that is open, openings and the outer edges too, so that the surface encloses a volume.
+    /// Close all holes, openings and outer edges, so that the surface encloses a volume.
     #[arg(long)]
     watertight: bool,
-    /// Intensities of the surface: normalised for range, incidence and the gains of stations, as far as overlapping scans show them; or as in the files.
+    /// Intensities of the surface: normalised for range, incidence and station where overlapping scans allow it, or as recorded.
     #[arg(long, value_enum, value_name = "WHICH", default_value_t = IntensityArg::Normalised)]
     intensity: IntensityArg,
     /// Also use masked samples.
@@ -113,7 +113,7 @@ impl From<IntensityArg> for Intensity {
     }
 }
 
-/// What became of intensities, in a sentence; nothing where there are none.
+/// What was done to the intensities, in a sentence; `None` if there are none.
 pub(crate) fn intensities(light: Light) -> Option<String> {
     Some(match light {
         Light::None => return None,
@@ -123,7 +123,7 @@ pub(crate) fn intensities(light: Light) -> Option<String> {
         ),
         Light::Raw => "intensities as in the scans".to_owned(),
         Light::Unknown => "intensities as in the scans: too few places were seen by several stations at different ranges or angles to normalise them".to_owned(),
-        Light::Negative => "intensities as in the scans: some are negative, so they are not amounts of light that could be normalised".to_owned(),
+        Light::Negative => "intensities as in the scans: more than one in a thousand is negative, as on a logarithmic scale, so they cannot be normalised".to_owned(),
     })
 }
 
@@ -297,7 +297,7 @@ const SHARES: [(&str, f64, f64); 6] = [
     ("filling holes", 0.98, 1.0),
 ];
 
-/// How much of a merge is done, 0 to 1, when so much of a stage is done.
+/// The share of a merge that is done, 0 to 1, at this point of a stage.
 pub(crate) fn share(stage: &str, done: u64, total: u64) -> Option<f64> {
     let (_, from, to) = SHARES.iter().find(|share| share.0 == stage)?;
     Some(from + (to - from) * (done as f64 / total.max(1) as f64).min(1.0))

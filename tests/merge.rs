@@ -285,7 +285,7 @@ fn the_report_of_a_pack_has_the_figures_of_the_merge() {
 }
 
 #[test]
-fn a_voxel_that_needs_more_scratch_space_than_there_is_is_refused_beforehand() {
+fn a_voxel_size_that_needs_too_much_scratch_space_is_refused_beforehand() {
     let folder = tempfile::tempdir().unwrap();
     let (survey, out) = (survey(folder.path()), folder.path().join("room.ply"));
     let said = fails(&["merge", text(&survey), "--voxel", "0.0001", "-o", text(&out)]);

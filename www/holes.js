@@ -30,11 +30,11 @@ const NAMES = ["holeUnseen", "holeFree", "holeDropped", "holeNoReturn"];
 const COLORS = ["#d55e00", "#0072b2", "#cc79a7", "#009e73"];
 /** Metres of the units that measurements can be in (measure/values.js, which only measuring loads). @type {Record<string, number>} */
 const METRES = { m: 1, cm: 0.01, mm: 0.001, km: 1000, ft: 0.3048, "us-ft": 1200 / 3937, in: 0.0254 };
-/** Holes that are drawn and listed, and points of all their outlines together: more would make a picture late. */
+/** Maximum number of holes drawn and listed, and of points in all outlines; more would slow down drawing. */
 const [MAX_HOLES, MAX_POINTS] = [200, 12_000];
-/** Points of an outline that are looked at together for whether the model hides them. */
+/** Points of an outline that are tested together for occlusion by the model. */
 const PIECE = 8;
-/** Milliseconds of a turn for finding that out; part of its distance that a place may lie behind the surface shown and still be on it. */
+/** Milliseconds per turn of that test; how far a point may lie behind the drawn surface and still count as visible, as a share of its distance. */
 const [PATIENCE, SLACK] = [4, 0.004];
 
 /** The messages of the page's language. @returns {Promise<void>} */
@@ -76,7 +76,7 @@ function parse(json, bounds) {
 }
 
 /**
- * The direction of the eye before a hole. Seen from where the surface is seen, a rim runs clockwise: its normal (Newell's), reversed.
+ * The direction from which to view a hole. A rim runs clockwise as seen from the scanned side, so its Newell normal is reversed.
  * @param {number[][]} rim
  */
 function before(rim) {
@@ -136,7 +136,7 @@ export class Holes {
     this.#panel.id = "holes";
     $("marks").before(this.#canvas);
     $("display").firstElementChild?.after(this.#panel);
-    $("tab-display").addEventListener("click", () => this.#show()); // The unit may be another one.
+    $("tab-display").addEventListener("click", () => this.#show()); // The unit may have changed.
     onChange(() => this.#isHere && words().then(() => this.#show()));
     this.attach(scene);
   }
@@ -153,7 +153,7 @@ export class Holes {
   }
 
   /**
-   * The picture is (again) there.
+   * Follow the frames of this scene; called again when the picture was rebuilt.
    * @param {Scene} scene
    */
   attach(scene) {

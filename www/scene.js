@@ -147,7 +147,7 @@ export class Scene {
   }
 
   /**
-   * A part of the model, `across` metres wide, from where it is looked at now or from `side`.
+   * Look at a part of the model, `across` metres wide, from the current direction or from `side`.
    * @param {number[]} middle
    * @param {number} across
    * @param {Partial<Camera>} [side]

@@ -1,8 +1,8 @@
 //! Published holes: the list of holes that `kilwa merge --holes` writes beside a merged surface, kept in a version as `holes.geojson`.
 //!
-//! [`Holes::parse`] reads the file of `kilwa merge` or of a version. Whatever is not part of the list is left out, and what the viewer
-//! could not draw is refused with the number of the hole. [`Holes::to_bytes`] writes one form: the same holes are the same bytes, so whoever takes
-//! such a file from elsewhere can see that it contains nothing else.
+//! [`Holes::parse`] reads the file of `kilwa merge` or of a version. Whatever is not part of the list is left out, and a hole that the viewer
+//! could not draw is refused with its number. [`Holes::to_bytes`] writes a canonical form: equal lists have equal bytes, so a server that receives
+//! such a file can check that it contains nothing else.
 //!
 //! Coordinates are metres in the reference system of the survey, which is that of the pack, z up. Allocation is bounded by the length of the file.
 
@@ -13,9 +13,9 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 use thiserror::Error;
 
-/// Longest published list, bytes: the page reads no longer one.
+/// Maximum size of a published list, bytes; the page reads no larger file.
 pub const HOLES_MAX: u64 = 16_000_000;
-/// Longest file that is read, bytes: `kilwa merge` writes more digits than are published.
+/// Maximum size of a file that is read, bytes; larger, because `kilwa merge` writes more digits than are published.
 pub const HOLES_READ_MAX: u64 = 4 * HOLES_MAX;
 /// What a hole can be due to, as in the file: seen by no station, seen through, measured but dropped, no return.
 pub const CAUSES: [&str; 4] = ["unseen", "free", "dropped", "no_return"];
@@ -23,16 +23,16 @@ pub const CAUSES: [&str; 4] = ["unseen", "free", "dropped", "no_return"];
 const MARGIN: f64 = 0.02;
 /// Coordinates, lengths and areas are rounded to this part of a metre or square metre.
 const PARTS: f64 = 1e6;
-/// Larger numbers are refused: no survey is so large, and rounded they would not be finite.
+/// Larger numbers are refused: no survey is that large, and rounding could make them infinite.
 const FAR: f64 = 1e12;
 
 /// Why a list of holes is refused.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 pub enum HolesError {
     /// It is not JSON, or not a list of this form.
-    #[error("it is not a list of holes that kilwa merge --holes writes: {0}")]
+    #[error("not a list of holes as written by kilwa merge --holes: {0}")]
     Form(String),
-    /// A hole that cannot be.
+    /// An invalid hole.
     #[error("hole {number}: {what}")]
     Hole {
         /// Its number in the file, from 1.
@@ -66,7 +66,7 @@ pub enum HolesError {
 /// A hole.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Hole {
-    /// What most of it is due to: a place in [`CAUSES`].
+    /// The cause of its largest part: an index in [`CAUSES`].
     pub cause: usize,
     /// Area that its rim encloses, square metres.
     pub area: f64,
@@ -140,14 +140,14 @@ impl Feature {
         }
         let mut rings = geometry.coordinates.into_iter();
         let (Some(mut rim), None, "Polygon") = (rings.next(), rings.next(), &*geometry.kind) else {
-            return Err("its rim must be a Polygon of one line".to_owned());
+            return Err("its rim must be a Polygon with exactly one ring".to_owned());
         };
         if rim.len() < 4 || rim.first() != rim.last() {
-            return Err("its rim must be a closed line of at least three points".to_owned());
+            return Err("its rim must be a closed ring of at least three points".to_owned());
         }
         rim.pop();
         if !rim.iter().chain([&p.center]).all(|place| place.abs().max_element() < FAR) {
-            return Err("its coordinates must be finite".to_owned());
+            return Err("its coordinates must be less than 1e12 m from zero".to_owned());
         }
         Ok(Hole { cause, area: p.area_m2, rim_length: p.rim_m, center: p.center, areas, rim })
     }
@@ -168,7 +168,7 @@ impl Holes {
         Ok(Self { holes: holes.collect::<Result<_, _>>()?, crs: file.crs_of_survey })
     }
 
-    /// Check that every rim is on the model whose box this is, metres.
+    /// Check that every rim lies in this bounding box of the model, metres, with a margin.
     ///
     /// # Errors
     /// [`HolesError::Hole`] for the first that is not.
@@ -258,7 +258,7 @@ impl Hole {
     }
 }
 
-/// Rounded to the `PARTS`th part; minus zero becomes zero.
+/// Rounded to 1/`PARTS`; negative zero becomes zero.
 fn rounded(v: f64) -> f64 {
     (v * PARTS).round() / PARTS + 0.0
 }
@@ -287,7 +287,7 @@ mod tests {
     }
 
     #[test]
-    fn a_list_is_written_in_one_form_which_reads_back_as_the_same() {
+    fn a_list_has_one_written_form_that_reads_back_unchanged() {
         let holes = Holes::parse(&one(&|_| {})).unwrap();
         assert_eq!((holes.holes.len(), holes.holes[0].rim.len(), holes.holes[0].cause), (1, 3, 1));
         let bytes = holes.to_bytes().unwrap();
@@ -299,7 +299,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_list_of_holes_is_refused_with_the_reason() {
+    fn anything_but_a_list_of_holes_is_refused_with_the_reason() {
         for text in ["", "[]", "{}", "{\"type\":\"FeatureCollection\",\"features\":[]}"] {
             let why = Holes::parse(text.as_bytes()).unwrap_err().to_string();
             assert!(why.contains("kilwa merge --holes"), "{why}");
@@ -307,10 +307,10 @@ mod tests {
         assert!(refused(&|v| v["name"] = "roads".into()).contains("named holes"));
         assert!(refused(&|v| v["features"][0]["properties"]["cause"] = "x".into()).contains("hole 1: its cause"));
         assert!(refused(&|v| v["features"][0]["properties"]["area_m2"] = (-1.0).into()).contains("not negative"));
-        assert!(refused(&|v| v["features"][0]["geometry"]["type"] = "LineString".into()).contains("one line"));
-        assert!(refused(&|v| v["features"][0]["geometry"]["coordinates"] = json!([])).contains("one line"));
+        assert!(refused(&|v| v["features"][0]["geometry"]["type"] = "LineString".into()).contains("one ring"));
+        assert!(refused(&|v| v["features"][0]["geometry"]["coordinates"] = json!([])).contains("one ring"));
         let open = |v: &mut Value| v["features"][0]["geometry"]["coordinates"][0][3] = json!([9, 9, 9]);
-        assert!(refused(&open).contains("closed line"));
+        assert!(refused(&open).contains("closed ring"));
         assert!(
             refused(&|v| v["features"][0]["geometry"]["coordinates"][0][1] = json!([1, 2])).contains("kilwa merge")
         );
@@ -333,7 +333,7 @@ mod tests {
     }
 
     #[test]
-    fn without_its_place_a_list_moves_and_names_no_system() {
+    fn a_list_without_its_location_is_moved_and_names_no_reference_system() {
         let offset = DVec3::new(565_000.0, 9_009_000.0, 0.0);
         let mut holes = Holes::parse(&one(&|_| {})).unwrap();
         let here = holes.clone();
@@ -346,7 +346,7 @@ mod tests {
     }
 
     #[test]
-    fn a_list_that_the_page_would_not_read_is_refused() {
+    fn a_list_too_large_for_the_page_is_refused() {
         let mut holes = Holes::parse(&one(&|_| {})).unwrap();
         let rim = vec![DVec3::new(123_456.789_123, 9_123_456.789_123, 12.345_678); 450_000];
         holes.holes[0].rim = rim;

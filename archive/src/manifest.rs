@@ -360,7 +360,7 @@ impl Version {
         self.annotations.as_ref().map(|n| n.sha256.as_str()) == sha256
     }
 
-    /// The same of its list of holes.
+    /// Whether its list of holes has this SHA-256; `None` means no list.
     pub fn has_holes(&self, sha256: Option<&str>) -> bool {
         self.holes.as_ref().map(|n| n.sha256.as_str()) == sha256
     }

@@ -1,4 +1,4 @@
-### Messages of the list of holes (www/holes.js), which the page loads only where there is one.
+### Messages for the list of holes (www/holes.js). The page loads them only if there is such a list.
 
 holes = Holes
 holesShow = Show the holes as outlines
@@ -6,7 +6,7 @@ holesCount = { $count ->
         [one] { $count } hole, { $area } in total.
        *[other] { $count } holes, { $area } in total.
     }
-holesRest = Smaller ones, not shown: { $count }.
+holesRest = Smaller holes not shown: { $count }.
 holeUnseen = Seen by no station
 holeFree = Seen through (an opening)
 holeDropped = Measured, but dropped

@@ -1,4 +1,4 @@
-### Messages of the list of holes (www/holes.js), which the page loads only where there is one.
+### Messages for the list of holes (www/holes.js). The page loads them only if there is such a list.
 
 holes = Trous
 holesShow = Montrer les contours des trous

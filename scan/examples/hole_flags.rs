@@ -1,5 +1,5 @@
 //! `hole_flags SURVEY SEED STATIONS COLUMNS VOXEL PLACES LINES`: merges a survey that `kilwa synth scans` simulated (without walkers, grass and scaffolding) and compares the causes of its
-//! holes with what the simulator knows. Prints a table; used by `cargo xtask bench merge --flags`.
+//! holes with the simulator's ground truth. Prints a table; used by `cargo xtask bench merge --flags`.
 
 #[path = "../tests/hole_truth.rs"]
 mod hole_truth;

@@ -30,7 +30,7 @@ impl MergedSurface for Kept {
     }
 }
 
-/// A scan of the plane from 4 m before it, from x to x + 3.5 m, with samples so far apart.
+/// A scan of the plane from 4 m in front of it, from `from` to `from` + 3.5 m, with samples `step` apart.
 fn scan(folder: &Path, name: &str, from: f64, step: f64) -> PathBuf {
     let mut random = fastrand::Rng::with_seed(3);
     let mut normal = || (0..12).map(|_| random.f64()).sum::<f64>() - 6.0;
@@ -48,7 +48,7 @@ fn scan(folder: &Path, name: &str, from: f64, step: f64) -> PathBuf {
 }
 
 #[test]
-fn scans_of_very_different_density_pass_into_each_other_without_a_step() {
+fn scans_of_very_different_density_meet_without_a_step() {
     let folder = tempfile::tempdir().unwrap();
     let survey = folder.path().join("survey");
     let files = [scan(folder.path(), "dense.ptx", -3.0, 0.02), scan(folder.path(), "coarse.ptx", -0.5, 0.1)];

@@ -1,4 +1,4 @@
-//! The causes of holes compared with what the simulator knows: shared by a test and the example `hole_flags`.
+//! Compares the causes of holes with the simulator's ground truth; shared by a test and the example `hole_flags`.
 
 use glam::{DVec3, IVec3};
 use kilwa_scan::merge::{Cause, Hole};
@@ -8,7 +8,7 @@ use std::collections::{HashMap, HashSet};
 /// What is truly at a place where the merged surface has a hole.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Truth {
-    /// No station has a line of sight to the missing surface, or, where there is none, to the place.
+    /// No station has a line of sight to the missing surface or, if no surface is missing, to the place.
     Unseen,
     /// There is no surface that is missing, and a station has a line of sight to the place: an opening.
     Free,
@@ -71,7 +71,7 @@ impl Oracle {
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(crate) struct Compared {
     pub(crate) areas: [[f64; 4]; 4],
-    /// Of the surface inside holes that no station can see, sampled evenly over the true surface: number of samples, and of those flagged as unseen.
+    /// Even samples of the true surface that no station can see and that lie in holes: their number, and how many are flagged as unseen.
     pub(crate) hidden: [u64; 2],
     /// Samples of the surface that no station can see and that are in no hole.
     pub(crate) beyond: u64,
@@ -149,7 +149,7 @@ impl<'h> Places<'h> {
         all
     }
 
-    /// The flag of the nearest place of a hole that surface is missing in.
+    /// The flag at the nearest test point of the hole in which this surface is missing.
     fn flag(&self, surface: &SurfacePlace) -> Option<Cause> {
         let mut nearest: Option<(f64, Cause)> = None;
         for (size, k) in self.sizes.iter().flat_map(|size| (0..27).map(move |k| (*size, k))) {
@@ -170,7 +170,7 @@ impl<'h> Places<'h> {
     }
 }
 
-/// Compare the flags with what `lines` random lines through a box cross of the true surface.
+/// Compare the flags with the points where `lines` random lines through a box cross the true surface.
 pub(crate) fn sample(compared: &mut Compared, holes: &[Hole], oracle: &Oracle, [low, high]: [DVec3; 2], lines: u32) {
     let places = Places::new(holes, oracle.voxel);
     let mut random = fastrand::Rng::with_seed(1);
@@ -199,7 +199,7 @@ pub(crate) fn sample(compared: &mut Compared, holes: &[Hole], oracle: &Oracle, [
     }
 }
 
-/// The distance between places of a hole, about.
+/// The approximate distance between the test points of a hole.
 fn spacing(hole: &Hole) -> f64 {
     (hole.area / hole.flags.len() as f64).sqrt()
 }

@@ -507,7 +507,7 @@ fn pack_of(place: Place, slug: &str, identity: Identity) -> Arc<Model> {
     })
 }
 
-/// Endings of published notes and of a list of holes, in place of that of the pack beside which they are.
+/// Extensions of published notes and of a list of holes beside a pack; they replace the extension of the pack.
 pub(crate) const NOTES: &str = "annotations.json";
 pub(crate) const HOLES: &str = "holes.geojson";
 

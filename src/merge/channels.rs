@@ -10,7 +10,7 @@ pub(crate) struct Channels {
 }
 
 impl Channels {
-    /// At most so many.
+    /// Maximum number of channels.
     const MAX: usize = 5;
 
     pub(crate) fn of(begin: &Begin) -> Self {

@@ -56,7 +56,7 @@ pub(crate) fn summary(borders: &Borders) -> Value {
 pub(crate) fn filled_sentence(filled: &Filled) -> String {
     let Filled { holes, area, mesh_area, unclosed: _, unfilled_openings: _, islands, openings, .. } = filled;
     let Filled { larger, larger_area, folded, folded_area, closed, triangles, .. } = filled;
-    let mut text = format!("filled: {} of {area:.2} m²", counted(*holes, "hole", "holes"));
+    let mut text = format!("filled: {}, {area:.2} m² in total", counted(*holes, "hole", "holes"));
     if *mesh_area > 0.0 {
         text = format!("{text}, {mesh_area:.2} m² added from the mesh");
     }
@@ -71,10 +71,13 @@ pub(crate) fn filled_sentence(filled: &Filled) -> String {
         left.push(counted(*openings, "opening", "openings").to_string());
     }
     if *larger > 0 {
-        left.push(format!("{} of {larger_area:.2} m² above --fill-max-area", counted(*larger, "hole", "holes")));
+        left.push(format!(
+            "{} larger than --fill-max-area ({larger_area:.2} m² in total)",
+            counted(*larger, "hole", "holes")
+        ));
     }
     if *folded > 0 && *closed == 0 {
-        left.push(format!("{} of {folded_area:.2} m² with a folded rim", counted(*folded, "hole", "holes")));
+        left.push(format!("{} with a folded rim ({folded_area:.2} m² in total)", counted(*folded, "hole", "holes")));
     }
     if !left.is_empty() {
         text = format!("{text}; left open: {}", left.join(", "));

@@ -1,7 +1,7 @@
 //! `--holes FILE`: the list of holes that `kilwa merge --holes` wrote, read and checked before anything is written, then put into the version.
 //!
 //! Rims are at coordinates of the pack that was given; where its location is removed, they are moved with it. A list belongs to one surface,
-//! so a further version has only the list that is given with it.
+//! so a new version has a list only if one is given for it.
 
 use super::plan::{Given, Plan};
 use crate::redact::TakenOut;

@@ -49,7 +49,7 @@ pub(crate) struct Args {
     /// Publish without notes, although the previous version has some.
     #[arg(long, conflicts_with = "notes")]
     no_notes: bool,
-    /// The list of holes that `kilwa merge --holes` wrote with this surface: it becomes part of the version, and its page shows the holes.
+    /// The list of holes that `kilwa merge --holes` wrote for this surface. It becomes part of the version, and the model's page can show the holes.
     #[arg(long, value_name = "FILE")]
     holes: Option<PathBuf>,
     /// Publish as a new version of the object with this name, however different it looks.

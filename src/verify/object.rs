@@ -458,7 +458,7 @@ impl Check<'_> {
         }
     }
 
-    /// The same of the list of holes.
+    /// Check the list of holes in the same way.
     fn holes(&mut self, version: &Version, list: &Checksums) {
         let path = format!("{}/{HOLES}", version.folder);
         if !version.has_holes(list.get(HOLES)) {

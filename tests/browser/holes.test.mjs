@@ -85,7 +85,7 @@ async function drop(page, name, text) {
 }
 
 for (const gpu of ["", "&gpu=webgl"]) {
-  test(`outlines appear when they are asked for, and a row leads to its hole${gpu && " (WebGL 2)"}`, async () => {
+  test(`outlines appear on request, and a row moves the view to its hole${gpu && " (WebGL 2)"}`, async () => {
     const asked = [];
     const { page, complaints, close } = await open(site.browser, ruin(gpu), {
       size: [1280, 800],
@@ -139,7 +139,7 @@ test("an outline lies where the surface ends", async () => {
     }
     return null;
   }, list.features);
-  assert.ok(found, "through no hole one sees what is behind it");
+  assert.ok(found, "no hole shows what lies behind it");
   await close();
 });
 
@@ -168,7 +168,7 @@ test("the list is in the language of the page, and follows it", async () => {
   await close();
 });
 
-test("a list is dropped beside a pack; one of another model or of another kind is refused", async () => {
+test("a list can be dropped onto the page of a pack; lists of another model and malformed lists are refused", async () => {
   const { page, close } = await open(site.browser, `${site.server.url}/m/fort?error=16`);
   const { bounds_min: min, bounds_max: max } = await page.evaluate(() => globalThis.kilwa.api.info().metadata);
   assert.equal(await group(page).count(), 0);
@@ -189,13 +189,13 @@ test("a list is dropped beside a pack; one of another model or of another kind i
   await message(page, "not the list that kilwa merge --holes wrote with this model").waitFor();
   await drop(page, "broken.geojson", holes(hole(0, "magic")));
   await message(page, "The list of holes could not be read").waitFor();
-  // As many as no page could show at once.
+  // More than a page could show at once.
   await drop(page, "many.geojson", holes(...Array.from({ length: 3000 }, () => hole(0))));
   await openTab(page, "Display");
   await rows(page).first().waitFor();
   assert.equal(await rows(page).count(), 200);
   await group(page).getByText("3,000 holes, 1,500 m² in total.").waitFor();
-  await group(page).getByText("Smaller ones, not shown: 2,800.").waitFor();
+  await group(page).getByText("Smaller holes not shown: 2,800.").waitFor();
   assert.ok((await inked(page)) > 20);
   // Another pack has no list.
   const file = path.join(site.folder, "ruin.kilwa");
@@ -242,7 +242,7 @@ test("axe-core finds nothing serious in the list, in both themes and in Arabic",
   }
 });
 
-test("on a phone the sheet goes down for the hole that is chosen", async () => {
+test("on a phone, selecting a hole lowers the sheet", async () => {
   const { page, close } = await open(site.browser, ruin(), { size: [360, 780], hasTouch: true });
   await page.locator("#tab-display").click();
   await page.locator("#holes input").check();

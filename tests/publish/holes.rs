@@ -3,7 +3,7 @@
 use super::{Bench, FULL, MINIMAL, json_of, other_pack, pack, run, tree};
 use crate::support::{succeeds, text};
 use serde_json::{Value, json};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// The middle of the torus of [`pack`].
 const MIDDLE: [f64; 3] = [565_977.25, 9_009_946.5, 31.75];
@@ -45,12 +45,12 @@ fn a_list_of_holes_becomes_part_of_the_version_and_is_verified() {
     assert!(std::fs::read_to_string(object.join("v1/README.txt")).unwrap().contains("2 holes of the surface"));
     assert_eq!(json_of(&object.join("v1/metadata/paradata.json"))["holes"]["count"], 2);
     succeeds(&["verify", text(&object)]);
-    // The same again adds nothing; without a list it is another version, which has none.
+    // Publishing the same again adds nothing; publishing without the list makes a version without one.
     bench.published(&pack(), FULL, &["--holes", text(&holes)]);
     assert!(!object.join("v2").exists());
     bench.published(&pack(), FULL, &["--version-note", "Without holes", "--date", "2026-12-01"]);
     assert!(object.join("v2").exists() && !object.join("v2/holes.geojson").exists());
-    // What the manifest does not name, or names and is not there, is reported.
+    // A list that the manifest does not name, or that it names but is missing, is reported.
     let at = object.join("manifest.json");
     let text_of = std::fs::read_to_string(&at).unwrap();
     let mut changed: Value = serde_json::from_str(&text_of).unwrap();
@@ -93,7 +93,7 @@ fn what_is_not_the_list_of_this_model_is_refused() {
     let why = refused(&list(&[MIDDLE], Some("EPSG:32736")));
     assert!(why.contains("the list is in EPSG:32736 and the pack in EPSG:32737"), "{why}");
     let why = refused(&json!({ "type": "FeatureCollection", "features": [] }));
-    assert!(why.contains("not a list of holes that kilwa merge --holes writes"), "{why}");
+    assert!(why.contains("not a list of holes as written by kilwa merge --holes"), "{why}");
     let missing = bench.path("none.geojson");
     let why = bench.refused(&pack(), FULL, &["--holes", text(&missing)]);
     assert!(why.contains("cannot read the list of holes"), "{why}");

@@ -88,7 +88,7 @@ pub struct Display {
     /// Where the scalar's colours begin and end; usually the channel's own range.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub channel_range: Option<[f64; 2]>,
-    /// Leave out what a merge filled ([`crate::filled`]).
+    /// Hide the surface that a merge filled ([`crate::filled`]).
     #[serde(skip_serializing_if = "is_default")]
     pub hide_filled: bool,
     /// Mark the inside of the surface.

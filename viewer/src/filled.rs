@@ -1,7 +1,7 @@
 //! The filled surface of a merge, which can be hidden: triangles whose channel `filled` is 0.5 or more.
 //!
-//! A hidden triangle stays in its decoded chunk with [`HIDDEN`] set in its first index. Picks pass it over, and the GPU gets it without extent. So it
-//! can be shown again without decoding the chunk a second time, and no shader has to know of it.
+//! A hidden triangle stays in its decoded chunk with [`HIDDEN`] set in its first index. Picking skips it, and the GPU gets it as a degenerate triangle. So it
+//! can be shown again without decoding the chunk a second time, and no shader needs to know about it.
 
 use kilwa_pack::GpuChunk;
 use std::borrow::Cow;
@@ -18,7 +18,7 @@ pub(crate) fn hide(chunk: &mut GpuChunk, channel: Option<usize>) {
     for triangle in chunk.indices.chunks_exact_mut(3) {
         triangle[0] &= !HIDDEN;
         let sum: f32 = triangle.iter().filter_map(|v| values.get(*v as usize)).sum();
-        // Not a number is no value, and hides nothing.
+        // NaN means no value and hides nothing.
         if sum >= 1.5 {
             triangle[0] |= HIDDEN;
         }

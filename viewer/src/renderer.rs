@@ -132,7 +132,7 @@ impl Renderer {
         self.pool.upload(&self.device, &self.queue, index, chunk, self.scalar);
     }
 
-    /// Draw a chunk that is in GPU memory with other indices: triangles were hidden, or are shown again.
+    /// Upload a chunk that is in GPU memory again, because some of its triangles were hidden or are shown again.
     pub fn renew(&mut self, index: u32, chunk: &GpuChunk) {
         if self.pool.get(index).is_some() {
             self.upload(index, chunk);

@@ -74,7 +74,7 @@ export interface DisplayState {
   range?: [low: number, high: number];
   channel?: string;
   channelRange?: [low: number, high: number];
-  /** Leave out what a merge filled. */
+  /** Hide the surface that a merge filled. */
   hideFilled?: boolean;
   backFaces?: boolean;
   background?: string;

@@ -41,7 +41,7 @@ pub struct Whole<'a> {
     inner: &'a dyn Progress,
     /// The share reported last, in parts of 2^32.
     reported: AtomicU64,
-    /// The share that delivering the input took, as it reported itself by [`Progress::whole`]; stages share the rest.
+    /// The share that delivering the input took, as the input reported it through [`Progress::whole`]; the stages share the rest.
     input: AtomicU64,
 }
 
@@ -101,7 +101,7 @@ mod tests {
     }
 
     #[test]
-    fn stages_share_what_the_input_leaves_of_the_whole() {
+    fn stages_share_the_progress_that_the_input_leaves() {
         let kept = Kept::default();
         let whole = Whole::new(&kept);
         whole.whole(0.25);

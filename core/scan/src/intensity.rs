@@ -21,16 +21,16 @@ const ROBUST: f64 = 0.15;
 const ROUNDS: usize = 4;
 /// An intensity is never changed by more than this factor.
 const FACTOR_MAX: f64 = 16.0;
-/// Most stations: the equations take so many squared numbers of memory.
+/// Maximum number of stations; the memory for the equations grows with its square.
 pub const STATIONS_MAX: usize = 1000;
-/// Fewest places that stations saw at ranges or cosines differing by at least [`APART`]; with fewer, the falloff is unknown.
+/// Minimum number of places that stations saw at ranges or cosines differing by at least [`APART`]; with fewer, the falloff is unknown.
 const PLACES_MIN: usize = 50;
 const APART: f64 = 1.3;
 
 /// What a station saw of a place: means over its samples.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Observation {
-    /// The number of the place; observations of a place stand together.
+    /// The number of the place; observations of a place are consecutive.
     pub place: u32,
     /// The number of the station.
     pub station: u16,
@@ -168,7 +168,7 @@ impl Falloff {
     }
 }
 
-/// Solve symmetric positive definite equations; `right` becomes the solution. False if they are not.
+/// Solve a symmetric positive definite system; `right` becomes the solution. Returns false if the matrix is not positive definite.
 fn cholesky(matrix: &mut [f64], right: &mut [f64]) -> bool {
     let n = right.len();
     for j in 0..n {
@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn constant_intensities_stay_as_they_are_and_too_few_places_decide_nothing() {
+    fn constant_intensities_stay_unchanged_and_too_few_places_give_no_falloff() {
         let mut observations = observations();
         for o in &mut observations {
             o.log_intensity = 0.25_f64.ln();

@@ -12,11 +12,11 @@ use std::collections::HashMap;
 
 /// Edge of a place, metres.
 const PLACE: f64 = 0.25;
-/// Fewest samples of a station at a place.
+/// Minimum number of samples of a station at a place.
 const SAMPLES_MIN: u32 = 3;
-/// Most observations that are kept. With more, only every second place is used, then every fourth, and so on.
+/// Maximum number of observations kept. With more, only half of the places are used, then a quarter, and so on.
 const OBSERVATIONS_MAX: usize = 1 << 20;
-/// The share of samples that may be negative. Where more are, intensities are no amounts of light.
+/// The share of samples that may be negative. If there are more, intensities are not on a linear scale.
 const NEGATIVE_MAX: f64 = 0.001;
 
 /// What became of intensities.
@@ -25,7 +25,7 @@ pub enum Light {
     /// There are none.
     #[default]
     None,
-    /// Normalised for range, incidence and the gains of stations, by what several stations saw at so many places.
+    /// Normalised for range, incidence and the gains of stations, from places that several stations saw.
     Normalised {
         /// Number of observations at them.
         observations: usize,
@@ -54,7 +54,7 @@ impl Brightness {
         wanted: Intensity,
         progress: &dyn Progress,
     ) -> Result<Self, ScanError> {
-        // The order of the stations must not change a bit.
+        // The result must not depend on the order of the stations, not even in the last bit.
         let mut order: Vec<usize> = (0..stations.len()).collect();
         order.sort_by_key(|k| stations[*k].name());
         let mut numbers = vec![0; stations.len()];
@@ -98,7 +98,7 @@ impl Brightness {
         })
     }
 
-    /// What to multiply an intensity of a station with: `offset` leads from the instrument to the sample.
+    /// The factor by which to multiply an intensity of a station; `offset` leads from the instrument to the sample.
     pub(super) fn factor(&self, station: usize, offset: DVec3, normal: DVec3) -> f64 {
         let range = offset.length();
         let factor = |falloff: &Falloff| falloff.factor(self.numbers[station], range, -offset.dot(normal) / range);

@@ -1,8 +1,8 @@
 //! Why the surface is missing in a hole: what each station saw along lines through the hole.
 //!
-//! The surface that is missing need not lie in the fan of triangles from the middle of a hole to its rim. So at each place of the fan a line along the normal of the
-//! hole is followed from outside to inside, through space that rays passed through, to the first position that they did not pass through: if nothing was measured there,
-//! it is unseen, and the surface may be there. If the line meets only a measured surface some way off, or nothing at all, the hole is an opening.
+//! The missing surface need not lie in the fan of triangles from the middle of a hole to its rim. So at each test point of the fan, a line along the normal of the
+//! hole is followed from outside to inside, through space that rays passed through, to the first position that no ray passed through. If nothing was measured there,
+//! it is unseen, and the surface may be there. If the line meets only measured surface farther away, or nothing at all, that part of the hole is an opening.
 
 use super::cut::Station;
 use super::holes::{Cause, Hole};
@@ -21,7 +21,7 @@ const STEPS: usize = 6;
 const THROUGH: u8 = 1;
 const AT: u8 = 2;
 const NO_RETURN: u8 = 4;
-/// Something was measured nearby. Looked for only where positions are farther apart than the margin, so that a surface may lie between them.
+/// Something was measured nearby. Searched for only if positions are farther apart than the margin, because surface may then lie between them.
 const NEAR: u8 = 8;
 
 /// The places of a hole, and what the stations saw along their lines.
@@ -85,7 +85,7 @@ fn plain(seen: u8) -> Cause {
     }
 }
 
-/// Find the causes of holes. `margin`, metres, is how much farther a ray must have gone to have passed through.
+/// Find the causes of holes. `margin`, metres, is how far beyond a position a ray must have gone to have passed through it.
 pub(super) fn find(
     holes: &mut [Hole],
     stations: &[Station<'_>],
@@ -150,7 +150,7 @@ pub(super) fn seen_through(
 struct View {
     image: RangeImage,
     station_from_survey: Pose,
-    /// Metres, and radians that add to them with the distance.
+    /// Metres, and radians, which add to the margin in proportion to the distance.
     margin: [f64; 2],
 }
 

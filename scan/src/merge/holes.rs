@@ -48,7 +48,7 @@ pub struct Hole {
     pub center: DVec3,
     /// The area of each cause, in the order of [`Cause::ALL`]; square metres.
     pub causes: [f64; 4],
-    /// With what it was filled.
+    /// What it was filled with, if it was filled.
     pub filled: Option<Source>,
     /// The number of its rim among the loops.
     pub(super) rim_number: usize,
@@ -63,7 +63,7 @@ impl Hole {
         -sides.map(|(a, b)| (*a - self.center).cross(*b - self.center)).sum::<DVec3>().normalize_or_zero()
     }
 
-    /// The places at which it was tested why the surface is missing; each stands for the same part of the area.
+    /// The points at which the cause was tested; each represents an equal share of the area.
     pub fn places(&self) -> Vec<DVec3> {
         causes::places(self)
     }
@@ -86,7 +86,7 @@ pub struct Borders {
     pub outline_length: f64,
 }
 
-/// The holes among the loops of rims, and their causes. `margin`, metres, is how much farther a ray must have gone to have passed through.
+/// The holes among the loops of rims, and their causes. `margin`, metres, is how far beyond a position a ray must have gone to have passed through it.
 pub(super) fn borders(
     loops: &[Vec<RimVertex>],
     stations: &[Station<'_>],

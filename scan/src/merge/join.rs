@@ -69,7 +69,7 @@ impl<'s> Joined<'s> {
         held
     }
 
-    /// Add a vertex to fill holes; its number.
+    /// Add a vertex to fill holes; returns its number.
     pub(super) fn vertex(&mut self, vertex: &MergedVertex) -> Result<u64, ScanError> {
         self.sink.vertex(vertex)?;
         self.around.insert(self.vertices, rim_vertex(self.vertices, vertex));

@@ -79,7 +79,7 @@ pub enum Source {
     Coarser = 1,
     /// Another mesh.
     Mesh = 2,
-    /// The surface around a hole.
+    /// Diffusion from the rim of a hole.
     Diffused = 3,
     /// Nothing: it closes what is open, to make the surface watertight.
     Closed = 4,
@@ -101,7 +101,7 @@ impl Source {
 /// What intensities the surface gets.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Intensity {
-    /// Normalised for range, incidence and the gains of stations, where the data tell these.
+    /// Normalised for range, incidence and the gains of stations, if these can be estimated from the data.
     #[default]
     Normalised,
     /// Those of the files.
@@ -176,7 +176,7 @@ pub struct Report {
     pub light: Light,
     /// Holes, and what else borders the surface.
     pub borders: Borders,
-    /// What was filled, if that was asked for.
+    /// What was filled, if filling was requested.
     pub filled: Option<Filled>,
 }
 

@@ -11,7 +11,7 @@ use kilwa_scan_core::tsdf::{BRICK, PIECE_BYTES, expected_pieces};
 /// Strips between two lines of the grid that are looked at in each station.
 const STRIPS: usize = 48;
 
-/// Bytes that the scratch file will have, about.
+/// The approximate size of the scratch file, bytes.
 pub(super) fn scratch_bytes(
     stations: &[Station<'_>],
     options: &Options,
@@ -32,7 +32,7 @@ pub(super) fn scratch_bytes(
 
 /// Fail if the scratch folder has less free space than that.
 pub(super) fn check(needed: u64, options: &Options) -> Result<(), ScanError> {
-    // Where the system does not say, the merge begins.
+    // If the system does not report its free space, the merge goes ahead.
     let free = fs4::available_space(&options.scratch).unwrap_or(u64::MAX);
     if free >= needed {
         return Ok(());

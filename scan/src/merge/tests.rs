@@ -159,7 +159,7 @@ fn filled_surface_is_added_to_the_measured_one_and_marked() {
     assert_eq!(filled.triangles, (mesh.triangles.len() - triangles) as u64);
     assert!(mesh.vertices[vertices..].iter().all(|v| v.source == Source::Diffused && v.stations == 0));
     assert!(mesh.triangles[triangles..].iter().all(|t| t.iter().any(|k| *k >= vertices as u64)));
-    // The rims of the filled holes are no borders any more.
+    // The rims of filled holes are no longer borders.
     let rims: usize = report.borders.holes.iter().filter(|hole| hole.filled.is_some()).map(|hole| hole.rim.len()).sum();
     assert!(borders(&mesh.triangles) <= borders(&bare.triangles) - rims, "of {rims}");
     let (other, _) = merged(&path, &survey, &Options { threads: 1, ..with }, 2);
@@ -209,7 +209,7 @@ fn what_cannot_be_merged_is_refused_with_its_name() {
 }
 
 #[test]
-fn coarser_voxels_and_a_mesh_fill_the_same_whatever_the_tiles() {
+fn filling_from_coarser_voxels_and_a_mesh_does_not_depend_on_tiles() {
     let folder = tempfile::tempdir().unwrap();
     let (path, survey) = survey(folder.path(), 3, 200);
     // A floor of 20 × 20 m in two triangles. What scans have seen of it gets no second layer.

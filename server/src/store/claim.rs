@@ -2,7 +2,7 @@
 //!
 //! A store changes one file at a time. The manifest can be put on the condition that nobody has changed it; the files of a version cannot be put on the
 //! condition that nobody has published them meanwhile. So whoever sends a version claims its number first, and nobody else touches its files while that
-//! claim is renewed. A claim says what is published (a hash of pack, metadata, notes, holes and words), so that the same command continues at once where it was cut
+//! claim is renewed. A claim says what is published (a hash of the pack, metadata, notes, holes and version note), so that the same command continues at once where it was cut
 //! off; another one may take it over when it was not renewed for [`super::S3Options::lease`], by the clock of the store. The claim goes when
 //! the version is published. Failures: a claim of another user is an error that says since when and what to do.
 

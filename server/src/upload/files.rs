@@ -1,8 +1,8 @@
 //! What a file of an upload must be, by its name: nothing that a browser would run, nothing that leads elsewhere.
 //!
 //! Pictures must begin as what they are called and say their sizes; they are served with their type and `nosniff`, so that what follows
-//! cannot become a page. A preview must be glTF 2.0 that is whole in itself. Nothing here decodes pixels. Notes must be byte for byte what
-//! `kilwa publish` writes of them: nothing stands in them that was not looked at. The same holds for lists of holes.
+//! cannot become a page. A preview must be glTF 2.0 that is whole in itself. Nothing here decodes pixels. Notes and lists of holes must be byte for byte what
+//! `kilwa publish` writes, so they contain nothing that was not checked.
 
 use super::wire::AnnouncedPreview;
 use glam::DVec3;

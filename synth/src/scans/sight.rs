@@ -7,7 +7,7 @@ use super::stations::{self, Station};
 use crate::fort::scene::{Beam, Scene};
 use glam::DVec3;
 
-/// Places this far before a surface are looked at instead of the surface itself, metres: rays end a little before what they meet.
+/// Visibility is tested at points this far in front of a surface, metres, because rays end slightly in front of what they hit.
 const BEFORE: f64 = 0.004;
 /// Spacing of the places at which the field is evaluated along a line, metres.
 const STEP: f64 = 0.01;
@@ -31,7 +31,7 @@ pub struct Sight {
 }
 
 impl Sight {
-    /// The fort of a seed with so many stations, as `kilwa synth scans` places them.
+    /// The fort with this seed and this number of stations, as `kilwa synth scans` places them.
     pub fn new(seed: u64, stations: u32) -> Self {
         let scene = Scene::new(seed);
         let stations = stations::stations(&scene, seed, stations);
@@ -69,7 +69,7 @@ impl Sight {
             .any(|station| (station.position - place.position).dot(place.normal) > 0.0 && self.sees(station, before))
     }
 
-    /// Whether a station with a line of sight to a place of the surface, at an incidence of less than 87°, sampled it in a survey of so many columns: one of the
+    /// Whether a station with a line of sight to a place of the surface, at an incidence of less than 87°, sampled it in a survey with `columns` columns: one of the
     /// four rays of its grid around the place meets the surface at most `reach` metres away from it. Otherwise the place lies between its rays.
     pub fn is_sampled(&self, place: &SurfacePlace, columns: u32, reach: f64) -> bool {
         let before = place.position + place.normal * BEFORE;

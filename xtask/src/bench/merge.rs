@@ -29,13 +29,13 @@ pub(super) struct Args {
     /// Triangles of the true surface
     #[arg(long, value_name = "N", default_value_t = 6_000_000)]
     truth: u64,
-    /// Instead of the fort: so many points in all, of stations in one made-up room, for time and memory only
+    /// Merge N points in total, from stations in one synthetic room instead of the fort, to measure time and memory only
     #[arg(long, value_name = "N", conflicts_with_all = ["python", "peers", "again"])]
     points: Option<u64>,
-    /// Instead: compare the causes of holes with what the simulator knows
+    /// Compare the causes of holes with the simulator's ground truth instead
     #[arg(long, conflicts_with_all = ["python", "peers", "points"])]
     flags: bool,
-    /// Instead: merge into a pack that is killed so many times at random moments and resumed, and compare it with an uninterrupted one
+    /// Kill a merge into a pack N times at random moments instead, resume it each time, and compare the pack with that of an uninterrupted merge
     #[arg(long, value_name = "N", conflicts_with_all = ["python", "peers", "points", "flags"])]
     kill: Option<u32>,
     /// Edge of a voxel, metres

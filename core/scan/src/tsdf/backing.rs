@@ -8,10 +8,10 @@ use glam::{DVec3, IVec3};
 /// The share of a sum of normals that must remain of the sum of their lengths. Where it is less, the two sides of a thin wall are mixed.
 const COHERENT: f64 = 0.6;
 
-/// Fields that back that of a region.
+/// Fields that back the field of a region.
 pub struct Backing {
     region: Region,
-    /// Whether the coarser voxels fill, too, or only tell where the surface was measured.
+    /// Whether the coarser voxels fill, too, or only indicate where the surface was measured.
     fills_coarser: bool,
     /// The mesh, at the voxels of the region; level 0.
     mesh: Option<Field>,
@@ -49,7 +49,7 @@ impl Sums {
 }
 
 impl Backing {
-    /// Empty fields: for a mesh, if there is one, and for so many coarser levels, which fill gaps if `fills_coarser`.
+    /// Empty fields: for a mesh, if there is one, and for `levels` coarser levels, which fill gaps if `fills_coarser`.
     pub fn new(region: Region, has_mesh: bool, levels: u32, fills_coarser: bool) -> Self {
         let coarser = |level: u32| {
             let min = region.min >> level;
@@ -112,7 +112,7 @@ impl Backing {
         self.fields().filter(|(level, _)| *level == 0 || self.fills_coarser)
     }
 
-    /// The distances that the fields know around the voxels from `first` to, and with, `first + side`.
+    /// The distances that the fields know around the voxels from `first` to `first + side`, inclusive.
     pub(super) fn blocks(&self, first: IVec3, side: i32) -> Vec<Block> {
         let block = |(level, field): (u8, &Field)| {
             let low = first >> i32::from(level);

@@ -1,7 +1,7 @@
 //! Marching cubes with a table that is made by rule (Lorensen and Cline, "Marching Cubes", 1987).
 //!
 //! On a face with two inside and two outside corners on diagonals, the inside corners are separated; both cells of a face see the same corners and cut it in the same way, so
-//! that there are no cracks. The loops of a cell are triangulated without diagonals in its faces, because the neighbouring cell could have the same diagonal, and then an edge
+//! there are no cracks. The loops of a cell are triangulated without diagonals in its faces, because the neighbouring cell could have the same diagonal, and then an edge
 //! would have four triangles. Where a loop allows no such triangulation, a vertex is added inside the cell.
 
 /// The twelve edges of a cell: the lower corner, as bits x, y, z, and the axis.

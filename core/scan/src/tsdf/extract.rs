@@ -74,7 +74,7 @@ impl Values {
         self.0[Self::index(at)]
     }
 
-    /// Read the voxels from `low` up to, and without, `high`, for which `wanted` holds.
+    /// Read the voxels from `low` to `high`, exclusive, for which `wanted` holds.
     fn read(&mut self, field: &Field, first: IVec3, low: i32, high: i32, wanted: impl Fn(IVec3) -> bool) {
         let home = first >> BRICK.ilog2();
         // The bricks around, by -1, 0 and 1 along each axis.
@@ -192,7 +192,7 @@ struct Making<'a> {
 }
 
 impl<'a> Making<'a> {
-    /// Give voxels without a distance that of the backing. Returns whether there can be a surface then.
+    /// Give voxels without a distance the distance of the backing. Returns whether there can then be a surface.
     fn back(&mut self, backing: &'a Backing) -> bool {
         let blocks = backing.blocks(self.first, SIDE - 1);
         let own = [self.values.0.iter().any(|d| *d < 0.0), self.values.0.iter().any(|d| *d >= 0.0)];
@@ -245,7 +245,7 @@ impl<'a> Making<'a> {
                 continue;
             }
             let is_measured = !is_backed && crossings.iter().all(|vertex| vertex.backing.is_none());
-            // The first pass has made what is measured.
+            // The first pass made the measured triangles.
             if is_measured && self.backing.is_some() {
                 continue;
             }

@@ -91,7 +91,7 @@ impl Piece {
     }
 }
 
-/// Cut a triangle, counterclockwise seen from the scanner, into pieces. `best` is the quality of weight one, 1/voxel²: better ones count no more.
+/// Cut a triangle, counterclockwise seen from the scanner, into pieces. `best` is the quality of weight one, 1/voxel²: better ones get no greater weight.
 ///
 /// A triangle without an edge longer than a voxel is one piece. Of a larger one a piece is taken at every point of a regular grid in the two axes that it is
 /// seen along best, so that neighbouring triangles share the grid and the area is right on average.
@@ -125,7 +125,7 @@ pub fn pieces(corners: &[Corner; 3], best: f64, emit: &mut dyn FnMut(Piece)) {
     }
 }
 
-/// How many pieces a triangle, whose corners are in voxels, is cut into on average over its places on the grid.
+/// The mean number of pieces that a triangle (corners in voxels) is cut into, averaged over its position relative to the grid.
 pub fn expected_pieces([a, b, c]: [DVec3; 3]) -> f64 {
     let across = (b - a).cross(c - a);
     let longest = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared()).sqrt();
@@ -136,7 +136,7 @@ pub fn expected_pieces([a, b, c]: [DVec3; 3]) -> f64 {
     across.abs().max_element() / (2.0 * step * step)
 }
 
-/// The spacing of the grid on which pieces of a triangle with such a longest edge are taken, voxels.
+/// The spacing of the grid for the pieces of a triangle whose longest edge is this long, voxels.
 fn step(longest: f64) -> f64 {
     if longest <= 3.0 { 0.5 } else { 1.0 }
 }

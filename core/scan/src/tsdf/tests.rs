@@ -51,7 +51,7 @@ fn cut(triangles: &Triangles) -> Vec<Piece> {
     out
 }
 
-/// The patches of regions of so many bricks that fill a cube of `bricks`, joined.
+/// The joined patches of regions of `region` bricks that fill a cube of `bricks`.
 struct Surface {
     vertices: BTreeMap<EdgeKey, PatchVertex>,
     triangles: Vec<[EdgeKey; 3]>,
@@ -84,7 +84,7 @@ fn surface(stations: &[Vec<Piece>], bricks: i32, region: i32) -> Surface {
 }
 
 impl Surface {
-    /// How many edges have so many triangles, by the number of triangles, and whether neighbours have the same orientation.
+    /// The number of edges by their number of triangles; panics unless neighbours have the same orientation.
     fn edges(&self) -> BTreeMap<usize, usize> {
         let mut edges: HashMap<[EdgeKey; 2], Vec<bool>> = HashMap::new();
         for [a, b, c] in &self.triangles {

@@ -7,7 +7,7 @@ use crate::ScanError;
 use crate::merge::rims::RimVertex;
 use glam::DVec3;
 
-/// How often a rim of so many vertices is smoothed; one after the other is tried until the rim does not cross itself. The smoothing must be narrow
+/// The numbers of smoothing passes to try, in turn, for a rim of `count` vertices until it no longer crosses itself. The smoothing must be narrow
 /// compared with the rim, which shrinks to a point otherwise: after n passes, its standard deviation is √(n / 2) vertices.
 pub(super) fn passes(count: usize) -> impl Iterator<Item = u32> {
     let most = (count / 8).pow(2);
@@ -53,7 +53,7 @@ impl Filler<'_, '_, '_> {
         Ok(loops)
     }
 
-    /// Add the triangles between two loops of as many vertices.
+    /// Add the triangles between two loops with the same number of vertices.
     pub(super) fn strip(&mut self, rim: &[RimVertex], inner: &[RimVertex], source: Source) -> Result<(), ScanError> {
         for k in 0..rim.len() {
             let next = (k + 1) % rim.len();

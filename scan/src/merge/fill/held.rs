@@ -39,7 +39,7 @@ impl Held {
         }
     }
 
-    /// The parts of the surface that hang together by edges, with the numbers of their triangles; and whether each closes: whether each of its edges has a triangle on its
+    /// The parts of the surface that are connected by edges, with the numbers of their triangles; and whether each closes: whether each of its edges has a triangle on its
     /// other side. Only triangles for which `wanted` holds form parts; the others count as closing.
     pub(super) fn parts(&self, rims: &Rims, wanted: impl Fn(&[EdgeKey; 3]) -> bool) -> Vec<(Vec<usize>, bool)> {
         let sides = |t: &[EdgeKey; 3]| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]];

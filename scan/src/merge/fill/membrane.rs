@@ -29,7 +29,7 @@ pub(super) struct Vertex {
 #[derive(Debug, Clone, Default, PartialEq)]
 pub(super) struct Membrane {
     pub(super) vertices: Vec<Vertex>,
-    /// By the vertices of the loops, in their order, and then the new ones; counterclockwise seen from where the surface was scanned.
+    /// Indices into the vertices of the loops, in order, followed by the new ones; counterclockwise seen from where the surface was scanned.
     pub(super) triangles: Vec<[u32; 3]>,
 }
 
@@ -183,7 +183,7 @@ fn triangulate(rims: &[Vec<DVec2>], points: &[DVec2]) -> Option<Vec<[u32; 3]>> {
         }
     }
     triangles.sort_unstable();
-    // Every rim must have the triangles on its right; islands that lie outside, or in each other, have not.
+    // Every rim must have the triangles on its right; islands outside the rim or inside each other do not.
     let sides: HashSet<[u32; 2]> = triangles.iter().flat_map(|(_, [a, b, c])| [[*a, *b], [*b, *c], [*c, *a]]).collect();
     let mut rest = 0..fixed as u32;
     for rim in rims {

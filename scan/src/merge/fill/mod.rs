@@ -82,11 +82,11 @@ pub struct Filled {
     pub area: f64,
     /// Area of the surface that was added from the mesh.
     pub mesh_area: f64,
-    /// Gaps that coarser voxels did not close, and so left as they are.
+    /// Gaps that coarser voxels could not close completely, so they were left open.
     pub unclosed: usize,
     /// Gaps that scanners saw through, left open.
     pub unfilled_openings: usize,
-    /// Parts of the surface that lie inside such holes and were joined to them.
+    /// Islands of surface inside filled holes that were joined to the filling.
     pub islands: usize,
     /// Openings, which were left open.
     pub openings: usize,
@@ -94,7 +94,7 @@ pub struct Filled {
     pub larger: usize,
     /// Their area.
     pub larger_area: f64,
-    /// Holes left open because their rims are folded: seen from no side, the rim surrounds the hole without crossing itself.
+    /// Holes left open because their rims are folded: the projected rim crosses itself.
     pub folded: usize,
     /// Their area.
     pub folded_area: f64,

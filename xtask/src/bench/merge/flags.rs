@@ -1,11 +1,11 @@
-//! `cargo xtask bench merge --flags`: the causes of holes compared with what the simulator knows (the example `hole_flags` of the crate kilwa-scan).
+//! `cargo xtask bench merge --flags`: compares the causes of holes with the simulator's ground truth (example `hole_flags` of the crate kilwa-scan).
 
 use super::{Args, Place, simulate};
 use crate::bench::archive;
 use crate::process::{cargo, command, compile_kilwa, output, root, run as run_command};
 use anyhow::Result;
 
-/// Places in holes, and lines through the site.
+/// Numbers of test points in holes and of lines through the site.
 const SAMPLES: [&str; 2] = ["100000", "20000"];
 
 pub(super) fn run(args: &Args) -> Result<()> {

@@ -1,4 +1,4 @@
-//! `cargo xtask bench merge --kill N`: a merge into a pack that is killed at random moments and resumed each time ends with the bytes of an uninterrupted one.
+//! `cargo xtask bench merge --kill N`: kills a merge into a pack at random moments, resumes it each time, and checks that the pack is identical to that of an uninterrupted merge.
 
 use super::{Args, Place, simulate};
 use crate::bench::archive;
@@ -10,8 +10,8 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-/// Stages that a kill can interrupt, told apart by the scratch files that exist then.
-const STAGES: [&str; 3] = ["merging", "taking the surface in", "simplifying levels and assembling"];
+/// Stages that a kill can interrupt, distinguished by the scratch files that exist at that moment.
+const STAGES: [&str; 3] = ["merging", "reading the merged surface", "simplifying levels and assembling"];
 
 /// A linear congruential generator (Knuth, MMIX): the moments can be repeated from the seed.
 struct Random(u64);
@@ -45,7 +45,7 @@ pub(super) fn run(args: &Args, kills: u32) -> Result<()> {
     let mut by_stage = [0_u32; STAGES.len()];
     while done < kills {
         let mut child = merge(args, &place, &pack)?.stdout(Stdio::null()).stderr(Stdio::null()).spawn()?;
-        // The moment is the subject of this bench; it waits for no state.
+        // The random moment is the point of this benchmark, so it does not wait for a particular state.
         std::thread::sleep(took.mul_f64(random.next()));
         if let Some(status) = child.try_wait()? {
             ensure!(status.success(), "a resumed merge failed after {done} kills");
@@ -105,7 +105,7 @@ fn stage(out: &Path) -> usize {
 
 fn table(args: &Args, kills: u32, finished: u32, took: Duration, by_stage: &[u32], bytes: &[u8]) -> String {
     let mut text = format!(
-        "{kills} kills (SIGKILL) of `kilwa merge --resume` into a pack, at moments spread evenly over the {:.1} s of an uninterrupted merge (seed {}); {} stations of {} columns, voxel {} m, {} threads. {finished} merges ended between the kills, and one after them. Every pack had the bytes of the uninterrupted one ({} bytes, BLAKE3 {}), and nothing was left beside it.\n\n| killed while | kills |\n|---|---:|\n",
+        "{kills} kills (SIGKILL) of `kilwa merge --resume` into a pack, at random moments during the {:.1} s that an uninterrupted merge takes (seed {}); {} stations of {} columns, voxel {} m, {} threads. {finished} merges finished before they could be killed, and the last one after all kills. Every pack was identical to that of the uninterrupted merge ({} bytes, BLAKE3 {}), and no other file was left behind.\n\n| killed while | kills |\n|---|---:|\n",
         took.as_secs_f64(),
         args.seed,
         args.stations,
