@@ -53,7 +53,7 @@ pub(crate) struct Args {
     #[arg(long, value_name = "MESH")]
     fill_mesh: Option<PathBuf>,
     /// With --fill, fill only holes of at most this area, square metres.
-    #[arg(long, value_name = "AREA", default_value_t = Fill::MAX_AREA, value_parser = crate::scans::export::positive)]
+    #[arg(long, value_name = "AREA", default_value_t = Fill::MAX_AREA, requires = "fill", value_parser = crate::scans::export::positive)]
     fill_max_area: f64,
     /// Close all holes, openings and outer edges, so that the surface encloses a volume.
     #[arg(long)]
@@ -162,7 +162,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     refuse_inputs(&args.output, inputs.iter().map(PathBuf::as_path))?;
     if let Some(list) = &args.holes {
         ensure!(
-            std::path::absolute(list)? != std::path::absolute(&args.output)?,
+            resolved(list)? != resolved(&args.output)?,
             "{} is already the name of the output; choose another name for the list of holes",
             list.display()
         );
@@ -181,6 +181,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         args.output.display()
     );
     into_mesh(args, &survey)
+}
+
+/// A path with all links and `..` of its folder followed; the file need not exist.
+fn resolved(path: &Path) -> anyhow::Result<PathBuf> {
+    let folder = kilwa_files::atomic::folder_of(path);
+    // A folder that does not exist will be made.
+    let folder = folder.canonicalize().or_else(|_| std::path::absolute(folder))?;
+    Ok(path.file_name().map_or(folder.clone(), |name| folder.join(name)))
 }
 
 /// All files of a survey.

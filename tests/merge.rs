@@ -1,7 +1,7 @@
 //! `kilwa merge`: stations of a survey become one surface, as a mesh or a pack.
 
 use crate::eventually::eventually_every;
-use crate::support::{Ply, fails, json, succeeds, text};
+use crate::support::{Ply, fails, json, kilwa, succeeds, text};
 use std::collections::HashSet;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -377,4 +377,49 @@ fn intensities_of_a_wall_seen_from_two_ranges_agree_after_normalisation() {
     std::fs::write(survey.join("survey.toml"), moved).unwrap();
     let report = json(&["merge", text(&survey), "--voxel", "0.05", "--force", "-o", text(&out)]);
     assert_eq!(report["intensity"], "raw", "{report}");
+}
+
+fn joined<'a>(common: &[&'a str], args: &[&'a str]) -> Vec<&'a str> {
+    [common, args].concat()
+}
+
+#[test]
+fn shadows_are_filled_on_request_and_openings_stay_open() {
+    let folder = tempfile::tempdir().unwrap();
+    let survey = wall_with_window_and_panel(folder.path());
+    let (out, holes) = (folder.path().join("wall.ply"), folder.path().join("holes.geojson"));
+    let common = ["merge", text(&survey), "--voxel", "0.03", "--force", "-o", text(&out)];
+    let report = json(&joined(
+        &common,
+        &["--fill", "diffuse", "--fill", "coarser", "--fill-max-area", "1.5", "--holes", text(&holes)],
+    ));
+    assert_eq!((&report["filled"]["holes"], &report["filled"]["openings"]), (&1.into(), &1.into()), "{report}");
+    let list: serde_json::Value = serde_json::from_slice(&std::fs::read(&holes).unwrap()).unwrap();
+    for feature in list["features"].as_array().unwrap() {
+        let about = &feature["properties"];
+        let expected = if about["cause"] == "unseen" { "diffused".into() } else { serde_json::Value::Null };
+        assert_eq!(about["filled"], expected, "{about}");
+    }
+    let ply = Ply::read(&out);
+    let added: Vec<u32> = (0..ply.vertices.len() as u32).filter(|v| ply.get(*v, "filled") == Some(1.0)).collect();
+    assert!(added.len() > 500, "{}", added.len());
+    for v in added {
+        let [x, y, z] = ply.position(v);
+        assert!((-1.9..-0.7).contains(&x) && (y - 4.0).abs() < 0.02 && z.abs() < 0.6, "{x} {y} {z}");
+        assert_eq!((ply.get(v, "source"), ply.get(v, "stations")), (Some(3.0), Some(0.0)));
+    }
+    let report = json(&joined(&common, &["--watertight"]));
+    assert!(report["filled"]["closed"].as_u64() > Some(0), "{report}");
+    let triangles = Ply::read(&out).triangles;
+    let sides: HashSet<[u32; 2]> = triangles.iter().flat_map(|t| [[t[0], t[1]], [t[1], t[2]], [t[2], t[0]]]).collect();
+    assert_eq!(sides.len(), 3 * triangles.len());
+    assert!(sides.iter().all(|[a, b]| sides.contains(&[*b, *a])), "the surface has a border");
+    // An option that would do nothing, a mesh in millimetres, and a list over the output.
+    let useless = kilwa(&joined(&common, &["--fill-max-area", "1.5"]));
+    assert!(useless.status.code() == Some(2) && String::from_utf8_lossy(&useless.stderr).contains("--fill <HOW>"));
+    let mesh = folder.path().join("mesh.obj");
+    std::fs::write(&mesh, "v 0 4000 0\nv 1000 4000 0\nv 0 4000 1000\nf 1 2 3\n").unwrap();
+    assert!(fails(&joined(&common, &["--fill-mesh", text(&mesh)])).contains("does not fit the survey"));
+    let same = folder.path().join("wall/../wall.ply");
+    assert!(fails(&joined(&common, &["--holes", text(&same)])).contains("already the name of the output"));
 }

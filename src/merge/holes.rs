@@ -54,7 +54,7 @@ pub(crate) fn summary(borders: &Borders) -> Value {
 
 /// What was filled, in a sentence.
 pub(crate) fn filled_sentence(filled: &Filled) -> String {
-    let Filled { holes, area, mesh_area, unclosed: _, unfilled_openings: _, islands, openings, .. } = filled;
+    let Filled { holes, area, mesh_area, unclosed, unclosed_area, islands, openings, .. } = filled;
     let Filled { larger, larger_area, folded, folded_area, closed, triangles, .. } = filled;
     let mut text = format!("filled: {}, {area:.2} m² in total", counted(*holes, "hole", "holes"));
     if *mesh_area > 0.0 {
@@ -76,7 +76,11 @@ pub(crate) fn filled_sentence(filled: &Filled) -> String {
             counted(*larger, "hole", "holes")
         ));
     }
-    if *folded > 0 && *closed == 0 {
+    if *unclosed > 0 {
+        let count = counted(*unclosed, "hole", "holes");
+        left.push(format!("{count} that coarser voxels or the mesh did not close ({unclosed_area:.2} m² in total)"));
+    }
+    if *folded > 0 {
         left.push(format!("{} with a folded rim ({folded_area:.2} m² in total)", counted(*folded, "hole", "holes")));
     }
     if !left.is_empty() {
@@ -95,6 +99,8 @@ pub(crate) fn filled_summary(filled: &Filled) -> Value {
         "openings": filled.openings,
         "larger": filled.larger,
         "larger_m2": filled.larger_area,
+        "unclosed": filled.unclosed,
+        "unclosed_m2": filled.unclosed_area,
         "folded": filled.folded,
         "folded_m2": filled.folded_area,
         "closed": filled.closed,

@@ -32,7 +32,9 @@ impl Merging {
     /// The options that affect the surface, in one line, to check that a resumed build is the same.
     pub(crate) fn plan(&self) -> String {
         let Options { voxel, unmasked, bounds, fill, intensity, memory: _, threads: _, scratch: _ } = &self.options;
-        format!("merged {voxel:?} {unmasked} {bounds:?} {fill:?} {intensity:?}")
+        // Another mesh under the same name is another merge.
+        let mesh = fill.mesh.as_ref().and_then(|path| path.metadata().ok()).map(|m| (m.len(), m.modified().ok()));
+        format!("merged {voxel:?} {unmasked} {bounds:?} {fill:?} {mesh:?} {intensity:?}")
     }
 
     /// The figures of the merge for machines, once it is done.

@@ -1,4 +1,5 @@
-//! The filled surface of a merge, which can be hidden: triangles whose channel `filled` is 0.5 or more.
+//! The filled surface of a merge, which can be hidden: triangles with a vertex whose channel `filled` is 0.5 or more. Every triangle that a merge added has such
+//! a vertex, and no measured triangle has one.
 //!
 //! A hidden triangle stays in its decoded chunk with [`HIDDEN`] set in its first index. Picking skips it, and the GPU gets it as a degenerate triangle. So it
 //! can be shown again without decoding the chunk a second time, and no shader needs to know about it.
@@ -11,15 +12,14 @@ pub const CHANNELS: [&str; 2] = ["filled", "scalar_filled"];
 /// Set in the first index of a hidden triangle.
 const HIDDEN: u32 = 1 << 31;
 
-/// Hide the triangles whose mean value of this channel is at least 0.5, and show all others; without a channel, show all.
+/// Hide the triangles with a vertex whose value of this channel is at least 0.5, and show all others; without a channel, show all.
 pub(crate) fn hide(chunk: &mut GpuChunk, channel: Option<usize>) {
     let count = chunk.vertex_count as usize;
     let values = channel.and_then(|c| chunk.scalars.get(c * count..(c + 1) * count)).unwrap_or_default();
     for triangle in chunk.indices.chunks_exact_mut(3) {
         triangle[0] &= !HIDDEN;
-        let sum: f32 = triangle.iter().filter_map(|v| values.get(*v as usize)).sum();
         // NaN means no value and hides nothing.
-        if sum >= 1.5 {
+        if triangle.iter().any(|v| values.get(*v as usize).is_some_and(|value| *value >= 0.5)) {
             triangle[0] |= HIDDEN;
         }
     }
@@ -46,16 +46,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn triangles_with_a_mean_of_half_or_more_are_hidden_and_shown_again() {
-        let indices = vec![0, 1, 2, 1, 2, 3, 2, 3, 4, 3, 4, 5];
+    fn triangles_with_a_filled_vertex_are_hidden_and_shown_again() {
+        let indices = vec![0, 1, 4, 0, 1, 2, 2, 3, 4, 3, 4, 5];
         let mut chunk =
             GpuChunk { vertex_count: 6, triangle_count: 4, indices: indices.clone(), ..GpuChunk::default() };
-        // Two channels; the second one counts: 0, 0, 0.5, 1, no value, 1.
-        chunk.scalars = vec![1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.0, 0.5, 1.0, f32::NAN, 1.0];
+        // Two channels; the second one counts: 0, 0.4, 0.5, 1, no value, 0.
+        chunk.scalars = vec![1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 0.0, 0.4, 0.5, 1.0, f32::NAN, 0.0];
         hide(&mut chunk, Some(1));
         let hidden = |chunk: &GpuChunk| chunk.indices.chunks(3).map(is_hidden).collect::<Vec<_>>();
-        assert_eq!(hidden(&chunk), [false, true, false, false]);
-        assert_eq!(*drawn(&chunk.indices), [0, 1, 2, 0, 0, 0, 2, 3, 4, 3, 4, 5]);
+        assert_eq!(hidden(&chunk), [false, true, true, true]);
+        assert_eq!(*drawn(&chunk.indices), [0, 1, 4, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
         hide(&mut chunk, Some(0));
         assert_eq!(hidden(&chunk), [true; 4]);
         // A channel that the chunk lacks hides nothing.

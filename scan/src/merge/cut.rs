@@ -281,7 +281,7 @@ impl Surface for Cutter<'_> {
             return Ok(());
         }
         let mut failure = None;
-        pieces(&corners, best, &mut |piece| {
+        pieces(&corners, best, self.bounds, &mut |piece| {
             // A large triangle can have very many.
             self.pieces += 1;
             if self.pieces.is_multiple_of(ASK_EVERY) && failure.is_none() {

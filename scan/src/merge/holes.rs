@@ -96,7 +96,10 @@ pub(super) fn borders(
     let mut borders = Borders::default();
     for (rim_number, rim) in loops.iter().enumerate() {
         let (area, is_hole) = measured(rim);
-        let rim: Vec<DVec3> = rim.iter().map(|vertex| vertex.position).collect();
+        let mut rim: Vec<DVec3> = rim.iter().map(|vertex| vertex.position).collect();
+        // Numbers of vertices depend on the bounds of the survey; where a list of places begins must not.
+        let least = (0..rim.len()).min_by(|a, b| order(&rim[*a], &rim[*b])).unwrap_or_default();
+        rim.rotate_left(least);
         let length = rim.iter().zip(rim.iter().cycle().skip(1)).map(|(a, b)| a.distance(*b)).sum();
         if !is_hole {
             borders.outlines += 1;
@@ -118,6 +121,10 @@ pub(super) fn borders(
     borders.holes.sort_by(|a, b| b.area.total_cmp(&a.area));
     causes::find(&mut borders.holes, stations, margin, progress)?;
     Ok(borders)
+}
+
+fn order(a: &DVec3, b: &DVec3) -> std::cmp::Ordering {
+    a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)).then(a.z.total_cmp(&b.z))
 }
 
 /// The area that a rim encloses, and whether the surface is around it: then the rim runs clockwise, seen from outside.

@@ -24,6 +24,8 @@ pub(super) struct Joined<'s> {
     held: Held,
     /// While holes are filled: the vertices that can begin an open edge.
     around: HashMap<u64, RimVertex>,
+    /// How many vertices there were before.
+    measured: u64,
     /// What closed an edge that was open in the measured surface.
     closed: HashMap<[u64; 2], Source>,
 }
@@ -40,6 +42,7 @@ impl<'s> Joined<'s> {
             rims: Rims::default(),
             held: Held::default(),
             around: HashMap::new(),
+            measured: 0,
             closed: HashMap::new(),
         }
     }
@@ -61,6 +64,7 @@ impl<'s> Joined<'s> {
     /// What was held back. From now on, vertices and triangles are added that do not belong to bricks.
     pub(super) fn begin_filling(&mut self) -> Held {
         let held = std::mem::take(&mut self.held);
+        self.measured = self.vertices;
         self.around = self.rims.vertices();
         for (key, number) in &held.numbers {
             let vertex = merged(&held.vertices[key], self.scale);
@@ -83,7 +87,7 @@ impl<'s> Joined<'s> {
         self.triangles += 1;
         let [a, b, c] = corners;
         for [p, q] in [[a, b], [b, c], [c, a]] {
-            if self.rims.toggle([p, q], || self.around[&p]) {
+            if self.rims.toggle([p, q], || self.around[&p]) && p.max(q) < self.measured {
                 self.closed.insert([q, p], source);
             }
         }

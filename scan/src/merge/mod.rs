@@ -225,6 +225,8 @@ pub fn merge(
     progress: &(dyn Progress + Sync),
 ) -> Result<Report, ScanError> {
     let tile_log2 = tiles::size_log2(options.memory, options.threads);
+    // A tile needs the pieces in a wide margin, so small ones would be mostly margin.
+    let tile_log2 = if options.fill.is_backed() { tile_log2.max(3) } else { tile_log2 };
     merge_in_tiles(tile_log2, &stations(folder, survey, options, options_of)?, options, sink, progress)
 }
 
@@ -237,7 +239,9 @@ fn merge_in_tiles(
     progress: &(dyn Progress + Sync),
 ) -> Result<Report, ScanError> {
     let mut known = Known::of(stations)?;
-    let patch_mesh = options.fill.mesh.as_deref().map(|path| PatchMesh::read(path, progress)).transpose()?;
+    let read = |path| PatchMesh::read(path, known.bounds, progress);
+    let patch_mesh = options.fill.mesh.as_deref().map(read).transpose()?;
+    let survey = known.bounds;
     if let Some(mesh) = &patch_mesh {
         known.bounds = [known.bounds[0].min(mesh.bounds[0]), known.bounds[1].max(mesh.bounds[1])];
     }
@@ -246,7 +250,7 @@ fn merge_in_tiles(
         None => known.bounds,
     };
     if bounds[0].cmpgt(bounds[1]).any() {
-        let [low, high] = known.bounds.map(|p| p.to_array());
+        let [low, high] = survey.map(|p| p.to_array());
         return Err(ScanError::Request(format!(
             "no station has points in the box; the survey extends from {low:?} to {high:?} m"
         )));
@@ -263,7 +267,8 @@ fn merge_in_tiles(
     }
     let scale = Scale::new(voxel, bounds)?;
     let mut report = Report { voxel, stations: stations.len(), ..Report::default() };
-    report.scratch_estimated = need::scratch_bytes(stations, options, scale, tile_log2)?;
+    let of_mesh = patch_mesh.as_ref().map_or(0.0, |mesh| mesh.expected_pieces(scale, bounds));
+    report.scratch_estimated = need::scratch_bytes(stations, of_mesh, options, scale, tile_log2)?;
     need::check(report.scratch_estimated, options)?;
     let piles = Piles::create(&options.scratch)?;
     let brightness = Brightness::of(stations, known.has_intensity, options.intensity, progress)?;

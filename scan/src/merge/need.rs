@@ -14,11 +14,12 @@ const STRIPS: usize = 48;
 /// The approximate size of the scratch file, bytes.
 pub(super) fn scratch_bytes(
     stations: &[Station<'_>],
+    of_mesh: f64,
     options: &Options,
     scale: Scale,
     tile_log2: u32,
 ) -> Result<u64, ScanError> {
-    let mut pieces = 0.0;
+    let mut pieces = of_mesh;
     for station in stations {
         let mut counter = Counter { scale, bounds: options.bounds, window: Vec::new(), pieces: 0.0 };
         let share = sample_strips(&mut station.open()?, station.pose, &station.options, STRIPS, &mut counter)?;
@@ -63,7 +64,8 @@ impl Surface for Counter {
         let corners = corners.map(|k| self.window[k as usize]);
         let middle = corners.iter().sum::<DVec3>() / 3.0;
         if self.bounds.is_none_or(|[low, high]| middle.cmpge(low).all() && middle.cmple(high).all()) {
-            self.pieces += expected_pieces(corners.map(|p| self.scale.to_voxels(p)));
+            let within = [DVec3::NEG_INFINITY, DVec3::INFINITY];
+            self.pieces += expected_pieces(corners.map(|p| self.scale.to_voxels(p)), within);
         }
         Ok(())
     }

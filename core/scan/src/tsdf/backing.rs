@@ -80,6 +80,11 @@ impl Backing {
         }
     }
 
+    /// The first level that is sure to fill: coarser voxels, or the mesh if these do not.
+    pub(super) fn first_level(&self) -> u8 {
+        u8::from(self.fills_coarser)
+    }
+
     /// Bricks that have sums.
     pub fn bricks(&self) -> usize {
         self.fields().map(|(_, field)| field.bricks()).sum()

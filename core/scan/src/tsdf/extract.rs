@@ -268,7 +268,8 @@ impl<'a> Making<'a> {
     /// A loop that rests on the backing, as a fan from its middle, so that each triangle has a vertex of its own.
     fn fill(&mut self, cell: IVec3, number: usize, crossings: &[PatchVertex]) {
         let key = EdgeKey { at: (self.first + cell).to_array(), axis: 3 + number as u8 };
-        let backing = crossings.iter().filter_map(|vertex| vertex.backing).max().or(Some(1));
+        let backing =
+            crossings.iter().filter_map(|vertex| vertex.backing).max().or(self.backing.map(Backing::first_level));
         let center = self.number(&PatchVertex { key, backing, quality: 0.0, stations: 0, ..middle(crossings) });
         let numbers: Vec<u32> = crossings.iter().map(|vertex| self.number(vertex)).collect();
         let sides = numbers.iter().zip(numbers.iter().cycle().skip(1));

@@ -93,9 +93,11 @@ impl Piece {
 
 /// Cut a triangle, counterclockwise seen from the scanner, into pieces. `best` is the quality of weight one, 1/voxel²: better ones get no greater weight.
 ///
+/// Of a large triangle, only the part in the box from `least` to `greatest`, voxels, is cut, about.
+///
 /// A triangle without an edge longer than a voxel is one piece. Of a larger one a piece is taken at every point of a regular grid in the two axes that it is
 /// seen along best, so that neighbouring triangles share the grid and the area is right on average.
-pub fn pieces(corners: &[Corner; 3], best: f64, emit: &mut dyn FnMut(Piece)) {
+pub fn pieces(corners: &[Corner; 3], best: f64, [least, greatest]: [DVec3; 2], emit: &mut dyn FnMut(Piece)) {
     let [a, b, c] = corners.map(|corner| corner.position);
     let across = (b - a).cross(c - a);
     let double = across.length();
@@ -111,7 +113,7 @@ pub fn pieces(corners: &[Corner; 3], best: f64, emit: &mut dyn FnMut(Piece)) {
     let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
     let area = step * step / normal[axis].abs();
     let doubled = (b[u] - a[u]) * (c[v] - a[v]) - (b[v] - a[v]) * (c[u] - a[u]);
-    let (low, high) = (a.min(b).min(c), a.max(b).max(c));
+    let (low, high) = (a.min(b).min(c).max(least), a.max(b).max(c).min(greatest));
     let from = |x: f64| (x / step - 0.25).ceil() as i64;
     for i in from(low[u])..=from(high[u]) {
         for j in from(low[v])..=from(high[v]) {
@@ -125,15 +127,20 @@ pub fn pieces(corners: &[Corner; 3], best: f64, emit: &mut dyn FnMut(Piece)) {
     }
 }
 
-/// The mean number of pieces that a triangle (corners in voxels) is cut into, averaged over its position relative to the grid.
-pub fn expected_pieces([a, b, c]: [DVec3; 3]) -> f64 {
+/// The mean number of pieces that a triangle (corners in voxels) is cut into, averaged over its position relative to the grid; at most as many as its part in the box
+/// from `least` to `greatest` can have.
+pub fn expected_pieces([a, b, c]: [DVec3; 3], [least, greatest]: [DVec3; 2]) -> f64 {
     let across = (b - a).cross(c - a);
     let longest = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared()).sqrt();
     if longest <= 1.0 {
         return f64::from(across != DVec3::ZERO);
     }
     let step = step(longest);
-    across.abs().max_element() / (2.0 * step * step)
+    let axis = (0..3).max_by(|i, j| across[*i].abs().total_cmp(&across[*j].abs())).unwrap_or(2);
+    let inside = (a.max(b).max(c).min(greatest) - a.min(b).min(c).max(least)).max(DVec3::ZERO);
+    // At most the part of its box that lies in the other.
+    let limit = inside[(axis + 1) % 3] * inside[(axis + 2) % 3];
+    (across[axis].abs() / 2.0).min(limit) / (step * step)
 }
 
 /// The spacing of the grid for the pieces of a triangle whose longest edge is this long, voxels.

@@ -10,6 +10,7 @@ fn corner(position: DVec3) -> Corner {
     Corner { position, color: Some([200, 100, 50]), intensity: Some(0.5), quality: 25.0 }
 }
 
+const EVERYWHERE: [DVec3; 2] = [DVec3::NEG_INFINITY, DVec3::INFINITY];
 /// Best quality: as of [`corner`].
 const BEST: f64 = 25.0;
 
@@ -46,7 +47,7 @@ fn rectangle(origin: DVec3, u: DVec3, v: DVec3, edge: f64) -> Triangles {
 fn cut(triangles: &Triangles) -> Vec<Piece> {
     let mut out = Vec::new();
     for triangle in triangles {
-        pieces(&triangle.map(corner), BEST, &mut |piece| out.push(piece));
+        pieces(&triangle.map(corner), BEST, EVERYWHERE, &mut |piece| out.push(piece));
     }
     out
 }

@@ -29,13 +29,11 @@ impl Filler<'_, '_, '_> {
             self.held_triangle(held, triangle, Source::Mesh, &mut numbers)?;
         }
         let parts = held.parts(self.joined.rims(), |t| !is_mesh(t));
-        let (closing, open): (Vec<_>, Vec<_>) = parts.into_iter().partition(|(_, closes)| *closes);
-        filled.unclosed = open.len();
+        let closing: Vec<_> = parts.into_iter().filter(|(_, closes)| *closes).collect();
         let places: Vec<Vec<DVec3>> = closing.iter().map(|(part, _)| self.places(held, part)).collect();
         let through = seen_through(self.stations, 2.0 * self.voxel, &places, progress)?;
         for (((part, _), places), through) in closing.iter().zip(&places).zip(through) {
             if 2 * through > places.len() {
-                filled.unfilled_openings += 1;
                 continue;
             }
             let area: f64 = part.iter().map(|k| self.area(held, &held.triangles[*k])).sum();

@@ -1,6 +1,7 @@
 //! Closing what is left, to make the surface watertight.
 
-use super::membrane::{self, Membrane, membrane};
+use super::NEAREST;
+use super::membrane::{self, Membrane, Nearest, membrane};
 use super::{Filler, Source};
 use crate::ScanError;
 use crate::merge::rims::RimVertex;
@@ -27,7 +28,7 @@ impl Filler<'_, '_, '_> {
     }
 
     /// Vertical walls from a loop down to the lowest place, and a floor.
-    fn base(&mut self, rim: &[RimVertex]) -> Result<(), ScanError> {
+    pub(super) fn base(&mut self, rim: &[RimVertex]) -> Result<(), ScanError> {
         let mut bottom = Vec::with_capacity(rim.len());
         for (k, vertex) in rim.iter().enumerate() {
             let next = rim[(k + 1) % rim.len()].position - vertex.position;
@@ -47,7 +48,8 @@ impl Filler<'_, '_, '_> {
         self.strip(rim, &bottom, Source::Closed)?;
         // The floor needs no detail.
         let wide = length(rim) / 64.0;
-        match membrane(&[&bottom], wide.max(self.voxel)) {
+        let nearest = Nearest { distance: self.voxel * NEAREST, checks_rims: false };
+        match membrane(&[&bottom], wide.max(self.voxel), nearest) {
             Some(made) => self.add(&[&bottom], &made, Source::Closed),
             None => self.add(&[&bottom], &cone(&bottom), Source::Closed),
         }

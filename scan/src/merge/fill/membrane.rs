@@ -12,8 +12,6 @@ use std::collections::{BTreeMap, HashSet};
 const MOST: f64 = 2e6;
 /// New vertices keep this distance from the rim, as a share of the spacing.
 const CLEARANCE: f64 = 0.6;
-/// The minimum distance of two vertices, as a share of the spacing.
-const NEAREST: f64 = 1.0 / 256.0;
 
 /// A new vertex.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -23,6 +21,15 @@ pub(super) struct Vertex {
     pub(super) color: Option<[u8; 3]>,
     /// NaN where there is none.
     pub(super) intensity: f32,
+}
+
+/// How close to each other vertices may be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Nearest {
+    /// The minimum distance, metres.
+    pub(super) distance: f64,
+    /// Whether that holds for the sides of rims, too.
+    pub(super) checks_rims: bool,
 }
 
 /// What closes a hole.
@@ -53,7 +60,7 @@ pub(super) fn surrounds(rim: &[RimVertex], normal: DVec3, place: DVec3) -> bool 
 
 /// Close the first loop, with the other loops as islands inside it. `None` where the loops cross themselves or
 /// each other as seen along the normal of the first, or come too close to each other.
-pub(super) fn membrane(loops: &[&[RimVertex]], spacing: f64) -> Option<Membrane> {
+pub(super) fn membrane(loops: &[&[RimVertex]], spacing: f64, nearest: Nearest) -> Option<Membrane> {
     let normal = plane(loops[0])?;
     let frame = Frame::new(loops[0], normal, spacing);
     let rims: Vec<Vec<DVec2>> = loops.iter().map(|rim| rim.iter().map(|v| frame.flat(v.position)).collect()).collect();
@@ -71,8 +78,10 @@ pub(super) fn membrane(loops: &[&[RimVertex]], spacing: f64) -> Option<Membrane>
         None => vertices[k as usize].position,
     };
     // Vertices this close would be one in a file.
-    let nearest = spacing * NEAREST;
-    let is_near = |[a, b]: [u32; 2]| place(a).distance(place(b)) < nearest;
+    let is_near = |[a, b]: [u32; 2]| {
+        let is_rim = (a.max(b) as usize) < fixed;
+        (nearest.checks_rims || !is_rim) && place(a).distance(place(b)) < nearest.distance
+    };
     let sides = made.triangles.iter().flat_map(|[a, b, c]| [[*a, *b], [*b, *c], [*c, *a]]);
     (!sides.into_iter().any(is_near)).then_some(made)
 }

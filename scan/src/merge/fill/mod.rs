@@ -11,7 +11,7 @@ mod membrane;
 mod tests;
 
 use super::cut::Station;
-use super::holes::{Borders, Cause};
+use super::holes::{self, Borders, Cause};
 use super::join::Joined;
 use super::rims::RimVertex;
 use super::{MergedVertex, Source};
@@ -21,8 +21,11 @@ use collar::Collar;
 use glam::DVec3;
 pub(super) use held::Held;
 use kilwa_scan_core::tsdf::MARGIN;
-use membrane::{Membrane, membrane};
+use membrane::{Membrane, Nearest, membrane};
 use std::path::PathBuf;
+
+/// The minimum distance of two vertices, in voxels.
+const NEAREST: f64 = 1.0 / 256.0;
 
 /// What is filled.
 #[derive(Debug, Clone, PartialEq)]
@@ -82,10 +85,10 @@ pub struct Filled {
     pub area: f64,
     /// Area of the surface that was added from the mesh.
     pub mesh_area: f64,
-    /// Gaps that coarser voxels could not close completely, so they were left open.
+    /// Holes left open because coarser voxels or the mesh did not close them, and no membrane was asked for.
     pub unclosed: usize,
-    /// Gaps that scanners saw through, left open.
-    pub unfilled_openings: usize,
+    /// Their area.
+    pub unclosed_area: f64,
     /// Islands of surface inside filled holes that were joined to the filling.
     pub islands: usize,
     /// Openings, which were left open.
@@ -128,32 +131,55 @@ impl Filler<'_, '_, '_> {
         let held = self.joined.begin_filling();
         if self.fill.is_backed() {
             self.backed(&held, &mut filled, progress)?;
+            drop(held);
+            // What is left may be parts of holes.
+            let loops = self.joined.rims().loops();
+            let left = holes::borders(&loops, self.stations, 2.0 * self.voxel, progress)?;
+            self.fill_holes(&loops, &left, &mut filled, progress)?;
+        } else {
+            self.fill_holes(loops, borders, &mut filled, progress)?;
         }
-        drop(held);
-        let mut is_open: Vec<bool> = loops.iter().map(|rim| self.is_open(rim)).collect();
+        if self.fill.watertight {
+            filled.closed = self.close()?;
+            (filled.folded, filled.folded_area) = (0, 0.0);
+        }
+        for hole in &mut borders.holes {
+            hole.filled = self.closed_by(&loops[hole.rim_number]);
+            filled.holes += usize::from(hole.filled.is_some());
+            filled.area += hole.filled.map_or(0.0, |_| hole.area);
+        }
+        filled.triangles = self.joined.counts()[1] - before;
+        Ok(filled)
+    }
+
+    /// Fill the holes of the present surface by membranes, if that was asked for, and count those that stay open.
+    fn fill_holes(
+        &mut self,
+        loops: &[Vec<RimVertex>],
+        borders: &Borders,
+        filled: &mut Filled,
+        progress: &mut dyn FnMut(u64, u64) -> Result<(), ScanError>,
+    ) -> Result<(), ScanError> {
+        let mut is_open = vec![true; loops.len()];
         let islands = Islands::new(loops, borders);
-        let total = borders.holes.len() as u64;
-        for (number, hole) in borders.holes.iter_mut().enumerate() {
-            progress(number as u64, total)?;
-            let own = &loops[hole.rim_number];
-            if !is_open[hole.rim_number] {
-                hole.filled = self.closed_by(own);
-                filled.holes += usize::from(hole.filled.is_some());
-                filled.area += hole.filled.map_or(0.0, |_| hole.area);
-                continue;
-            }
-            if hole.cause() == Cause::Free && !self.fill.watertight {
+        let Fill { diffuse, watertight, max_area, .. } = *self.fill;
+        for (number, hole) in borders.holes.iter().enumerate() {
+            progress(number as u64, borders.holes.len() as u64)?;
+            if hole.cause() == Cause::Free && !watertight {
                 filled.openings += 1;
                 continue;
             }
-            if !self.fill.diffuse && !self.fill.watertight {
-                continue;
-            }
-            if hole.area > self.fill.max_area && !self.fill.watertight {
+            if hole.area > max_area && !watertight {
                 filled.larger += 1;
                 filled.larger_area += hole.area;
                 continue;
             }
+            if !diffuse && !watertight {
+                filled.unclosed += 1;
+                filled.unclosed_area += hole.area;
+                continue;
+            }
+            let own = &loops[hole.rim_number];
             let inside = islands.inside(own, self.voxel, &is_open);
             let mut rims = vec![own.as_slice()];
             rims.extend(inside.iter().map(|k| loops[*k].as_slice()));
@@ -162,23 +188,10 @@ impl Filler<'_, '_, '_> {
                 filled.folded_area += hole.area;
                 continue;
             };
-            is_open[hole.rim_number] = false;
             inside[..joined].iter().for_each(|k| is_open[*k] = false);
-            hole.filled = Some(Source::Diffused);
-            filled.holes += 1;
-            filled.area += hole.area;
             filled.islands += joined;
         }
-        if self.fill.watertight {
-            filled.closed = self.close()?;
-        }
-        filled.triangles = self.joined.counts()[1] - before;
-        Ok(filled)
-    }
-
-    /// Whether all edges of a loop are open.
-    fn is_open(&self, rim: &[RimVertex]) -> bool {
-        sides(rim).all(|side| self.joined.rims().is_open(side))
+        Ok(())
     }
 
     /// What closed all edges of a loop.
@@ -193,7 +206,9 @@ impl Filler<'_, '_, '_> {
             for rims in [rims, &rims[..1]].into_iter().take(rims.len()) {
                 let collars: Vec<Collar> = rims.iter().map(|rim| Collar::new(rim, passes)).collect();
                 let inner: Vec<&[RimVertex]> = collars.iter().map(|collar| collar.inner.as_slice()).collect();
-                let Some(made) = membrane(&inner, self.voxel) else { continue };
+                // What comes from the measured surface is as it is; a collar must not have vertices in one place.
+                let nearest = Nearest { distance: self.voxel * NEAREST, checks_rims: passes > 0 };
+                let Some(made) = membrane(&inner, self.voxel, nearest) else { continue };
                 if passes == 0 {
                     self.add(rims, &made, source)?;
                 } else {

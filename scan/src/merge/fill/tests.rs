@@ -1,5 +1,5 @@
 use super::collar::{self, Collar};
-use super::membrane::{Membrane, membrane};
+use super::membrane::{Membrane, Nearest};
 use super::{Fill, Filler};
 use crate::ScanError;
 use crate::merge::join::Joined;
@@ -9,6 +9,10 @@ use glam::{DVec2, DVec3, IVec3};
 use kilwa_scan_core::tsdf::{EdgeKey, Patch, PatchVertex};
 use std::collections::{HashMap, HashSet};
 use std::f64::consts::TAU;
+
+fn membrane(rims: &[&[RimVertex]], spacing: f64) -> Option<Membrane> {
+    super::membrane::membrane(rims, spacing, Nearest { distance: spacing / 256.0, checks_rims: true })
+}
 
 /// The rim of a hole in a surface that was scanned from above; the points run counterclockwise seen from above.
 fn rim(points: &[DVec3]) -> Vec<RimVertex> {
@@ -223,4 +227,38 @@ fn ground_becomes_a_body_with_a_flat_base() {
     let pit = 2.0 * (36.0 + 4.0 * 6.0 / 2.0 + 4.0 / 3.0);
     assert!((volume - (400.0 * 10.0 - pit)).abs() < 1.5, "{volume} {pit}");
     assert!(mesh.sources.contains(&Source::Closed) && mesh.sources.contains(&Source::Diffused));
+}
+
+#[test]
+fn the_base_is_flat_below_an_outline_that_is_not_convex_and_has_short_sides() {
+    let mut mesh = Mesh::default();
+    let mut joined = Joined::new(&mut mesh, Scale { origin: DVec3::ZERO, voxel: 0.1 });
+    // Each vertex twice, 2 mm apart, on an outline 1.2 km long.
+    let radius = |k: usize| if k / 2 % 8 < 4 { 100.0 } else { 60.0 };
+    let angle = |k: usize| (k / 2) as f64 / 200.0 * TAU + (k % 2) as f64 * 2e-5;
+    let outline = (0..400).map(|k| (DVec2::from_angle(angle(k)) * radius(k)).extend(6.0 + (k as f64).sin()));
+    let mut rim: Vec<RimVertex> = rim(&outline.collect::<Vec<_>>());
+    // The ground is inside.
+    rim.reverse();
+    for vertex in &mut rim {
+        let RimVertex { position, normal, color, intensity, .. } = *vertex;
+        let vertex_of = crate::mesh::MeshVertex { position, normal, color, intensity, confidence: 1.0 };
+        vertex.number = joined.vertex(&MergedVertex { vertex: vertex_of, stations: 1, source: Source::Scans }).unwrap();
+    }
+    let bounds = [DVec3::splat(-200.0).with_z(0.0), DVec3::splat(200.0)];
+    let fill = Fill { watertight: true, ..Fill::default() };
+    Filler { fill: &fill, voxel: 0.1, bounds, stations: &[], joined: &mut joined }.base(&rim).unwrap();
+    let places = |t: &[u64; 3]| t.map(|k| mesh.places[k as usize]);
+    let floor: Vec<f64> = mesh
+        .triangles
+        .iter()
+        .map(places)
+        .filter(|t| t.iter().all(|p| p.z == 0.0))
+        .map(|[a, b, c]| (b - a).cross(c - a).z / 2.0)
+        .collect();
+    assert!(floor.iter().all(|area| *area < 0.0), "a triangle of the floor faces up");
+    let flat =
+        rim.iter().zip(rim.iter().cycle().skip(1)).map(|(a, b)| a.position.truncate().perp_dot(b.position.truncate()));
+    let area = flat.sum::<f64>() / 2.0;
+    assert!((floor.iter().sum::<f64>() + area).abs() < 1e-6 * area, "{area}");
 }
