@@ -17,6 +17,7 @@ pub mod mesh;
 pub mod panorama;
 pub mod points;
 pub mod read;
+pub mod register;
 pub mod spool;
 pub mod survey;
 pub mod top_view;

@@ -1,0 +1,224 @@
+//! What a registration found: poses with their covariances, links, and the stations that could not be placed. It is kept in the survey as
+//! `registration.json`, beside the poses in `survey.toml`.
+
+use crate::ScanError;
+use crate::survey::{Station, Survey};
+use glam::{DQuat, DVec3};
+use kilwa_files::atomic::{self, Access};
+use kilwa_files::plain_file;
+use kilwa_formats::read::ReadError;
+use kilwa_scan_core::Pose;
+use serde::{Deserialize, Serialize};
+use std::io::Read as _;
+use std::path::Path;
+
+/// The name of the file.
+pub const FILE: &str = "registration.json";
+/// The version of the file that this program reads and writes.
+const VERSION: u32 = 1;
+/// Largest file, bytes.
+const FILE_MAX: u64 = 256 << 20;
+
+/// What a registration found.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Registration {
+    /// [`VERSION`].
+    pub version: u32,
+    /// Stations with a pose, in the order of the survey.
+    pub stations: Vec<Placed>,
+    /// Stations without one, in the order of the survey.
+    pub unplaced: Vec<Unplaced>,
+    /// Pairs of placed stations that see the same surface.
+    pub links: Vec<Link>,
+    /// The stations on the way from the anchor to the station whose place is least certain, along the strongest links.
+    pub weakest_chain: Vec<String>,
+}
+
+/// Why a station stands where it does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Placement {
+    /// Its coordinates are those of the survey: no station is fixed, and no point of the survey is known.
+    Anchor,
+    /// Its pose was given and was not to be changed.
+    Fixed,
+    /// From control points.
+    Control,
+    /// From the surface that it shares with others.
+    Surface,
+}
+
+/// A station that has a pose.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Placed {
+    /// Its name in the survey.
+    pub name: String,
+    /// What its pose rests on.
+    pub placement: Placement,
+    /// `survey_from_station`: a unit quaternion w, x, y, z.
+    pub rotation: [f64; 4],
+    /// And a translation, metres.
+    pub translation: [f64; 3],
+    /// Covariance of the pose relative to the anchor or the fixed stations, 6 × 6: rotations about the axes of the survey through the station
+    /// (radians), then translations of the station along them (metres). A point `p` of the station is displaced by `ω × (p − translation) + τ`.
+    pub covariance: [[f64; 6]; 6],
+}
+
+impl Placed {
+    /// `survey_from_station`.
+    pub fn pose(&self) -> Pose {
+        let [w, x, y, z] = self.rotation;
+        Pose { rotation: DQuat::from_xyzw(x, y, z, w), translation: DVec3::from_array(self.translation) }
+    }
+
+    /// Standard deviations as `survey.toml` has them: of the position, the root mean square of its three coordinates, metres; and of the rotation about
+    /// the axis for which it is largest, radians at most.
+    pub fn sigma(&self) -> [f64; 2] {
+        let c = &self.covariance;
+        let metres = ((c[3][3] + c[4][4] + c[5][5]) / 3.0).max(0.0).sqrt();
+        let radians = (c[0][0].max(c[1][1]).max(c[2][2])).max(0.0).sqrt();
+        [metres, radians]
+    }
+
+    /// Covariance of a point that the station measured, 3 × 3, square metres: what the uncertainty of the pose alone contributes.
+    pub fn covariance_at(&self, point: DVec3) -> [[f64; 3]; 3] {
+        let r = point - DVec3::from_array(self.translation);
+        // ω × r = −[r]× ω.
+        let jacobian =
+            [[0.0, r.z, -r.y, 1.0, 0.0, 0.0], [-r.z, 0.0, r.x, 0.0, 1.0, 0.0], [r.y, -r.x, 0.0, 0.0, 0.0, 1.0]];
+        let mut out = [[0.0; 3]; 3];
+        for (i, row) in out.iter_mut().enumerate() {
+            for (j, value) in row.iter_mut().enumerate() {
+                for a in 0..6 {
+                    for b in 0..6 {
+                        *value += jacobian[i][a] * self.covariance[a][b] * jacobian[j][b];
+                    }
+                }
+            }
+        }
+        out
+    }
+
+    /// Standard deviation of a coordinate of a point that the station measured, metres: the root mean square over the three axes of what the
+    /// uncertainty of the pose contributes.
+    pub fn sigma_at(&self, point: DVec3) -> f64 {
+        let c = self.covariance_at(point);
+        ((c[0][0] + c[1][1] + c[2][2]) / 3.0).max(0.0).sqrt()
+    }
+}
+
+/// A station that could not be placed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Unplaced {
+    /// Its name in the survey.
+    pub name: String,
+    /// Why, in a sentence.
+    pub reason: String,
+    /// The best places that were considered, best first.
+    pub candidates: Vec<Candidate>,
+    /// What would settle it, in a sentence.
+    pub remedy: String,
+}
+
+/// A place that was considered for a station.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Candidate {
+    /// The placed station beside which it would be.
+    pub beside: String,
+    /// `survey_from_station` there: a unit quaternion w, x, y, z.
+    pub rotation: [f64; 4],
+    /// And a translation, metres.
+    pub translation: [f64; 3],
+    /// Share of the samples of the smaller view that the other sees too, 0 to 1.
+    pub overlap: f64,
+    /// Share of the common samples that agree, 0 to 1.
+    pub agreement: f64,
+    /// Share of the samples that rays of the other pass through, 0 to 1.
+    pub contradicted: f64,
+    /// Root mean square distance between the surfaces where they agree, metres.
+    pub residual: f64,
+}
+
+/// Two stations that see the same surface.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Link {
+    /// The names of both.
+    pub stations: [String; 2],
+    /// Share of the samples of the smaller view that the other sees too, 0 to 1.
+    pub overlap: f64,
+    /// Samples that were compared.
+    pub samples: u64,
+    /// Root mean square distance between the surfaces after registration, metres.
+    pub residual: f64,
+    /// Share of the samples that rays of the other pass through, 0 to 1.
+    pub contradicted: f64,
+    /// How well this link alone would fix the one against the other: the largest standard deviation of a translation (metres) and of a rotation
+    /// (radians) in any direction; infinite ones are left out.
+    pub sigma: Option<[f64; 2]>,
+}
+
+impl Registration {
+    /// What was found when the survey in `folder` was registered last; `None` if it never was.
+    ///
+    /// # Errors
+    /// [`ScanError::Request`] for a file that cannot be understood; [`ReadError::Open`] for one that cannot be read.
+    pub fn open(folder: &Path) -> Result<Option<Self>, ScanError> {
+        let path = folder.join(FILE);
+        if !path.exists() {
+            return Ok(None);
+        }
+        let cannot = |source| ReadError::Open { file: path.clone(), source };
+        let mut text = String::new();
+        let file = plain_file::open(&path).map_err(cannot)?;
+        file.take(FILE_MAX + 1).read_to_string(&mut text).map_err(cannot)?;
+        let wrong = |what: String| {
+            ScanError::Request(format!("{}: {what}; run `kilwa register` again, or remove the file", path.display()))
+        };
+        if text.len() as u64 > FILE_MAX {
+            return Err(wrong(format!("it has more than {FILE_MAX} bytes")));
+        }
+        let found: Self = serde_json::from_str(&text).map_err(|e| wrong(e.to_string()))?;
+        if found.version != VERSION {
+            return Err(wrong(format!("it is of version {}, this program reads {VERSION}", found.version)));
+        }
+        for station in &found.stations {
+            let numbers =
+                station.rotation.iter().chain(&station.translation).chain(station.covariance.iter().flatten());
+            if numbers.copied().any(|v| !v.is_finite())
+                || (station.pose().rotation.length() - 1.0).abs() > Pose::TOLERANCE
+            {
+                return Err(wrong(format!("the pose of station {} is impossible", station.name)));
+            }
+        }
+        Ok(Some(found))
+    }
+
+    /// Write it into the survey.
+    ///
+    /// # Errors
+    /// [`ScanError::Write`].
+    pub fn save(&self, folder: &Path) -> Result<(), ScanError> {
+        let path = folder.join(FILE);
+        let mut text = serde_json::to_string_pretty(self).map_err(|e| ScanError::Request(e.to_string()))?;
+        text.push('\n');
+        atomic::write(&path, text.as_bytes(), Access::Default, true).map_err(ScanError::write(&path))
+    }
+
+    /// An empty one.
+    pub fn empty() -> Self {
+        Self { version: VERSION, ..Self::default() }
+    }
+
+    /// What is known of the pose that a station has now; `None` if it was not registered, or if its pose was changed since.
+    pub fn of(&self, station: &Station) -> Option<&Placed> {
+        let placed = self.stations.iter().find(|placed| placed.name == station.name)?;
+        let (angle, distance) = station.pose?.difference(placed.pose());
+        (angle < 1e-6 && distance < 1e-6).then_some(placed)
+    }
+
+    /// Stations of the survey whose pose was changed since they were registered.
+    pub fn outdated<'s>(&self, survey: &'s Survey) -> Vec<&'s str> {
+        let known = |station: &&Station| self.stations.iter().any(|placed| placed.name == station.name);
+        survey.stations.iter().filter(known).filter(|s| self.of(s).is_none()).map(|s| s.name.as_str()).collect()
+    }
+}
