@@ -17,13 +17,17 @@ use std::sync::atomic::{AtomicU64, Ordering};
 const MIN_AGREE: u32 = 80;
 /// Least share of the common planes that must agree, and the largest share that may be contradicted.
 const MIN_AGREEMENT: f64 = 0.45;
-const MAX_CONTRADICTED: f64 = 0.05;
-/// Least number of planes that fix the direction that is fixed least, and their least share of all.
-const MIN_FIRMNESS: f64 = 8.0;
-const MIN_SHARE: f64 = 0.006;
+const MAX_CONTRADICTED: f64 = 0.06;
+/// The same between groups, which have more surface in common, and more that moved meanwhile.
+const MAX_GROUP_CONTRADICTED: f64 = 0.08;
+/// Least number of planes that fix the direction that is fixed least, and how many times as many they must be as errors of normals amount to.
+const MIN_FIRMNESS: f64 = 0.25;
+const MIN_CLEARNESS: f64 = 3.0;
 /// Another place is a rival if its score is at least this share of the best one's, and its distances are at most this many times as large.
-const RIVAL_SCORE: f64 = 0.5;
-const RIVAL_MEDIAN: f64 = 1.8;
+const RIVAL: [f64; 2] = [0.5, 1.8];
+/// The same for places at most so many edges of voxels away.
+const NEAR_RIVAL: [f64; 2] = [0.8, 1.2];
+const NEARBY: f64 = 8.0;
 /// Cells along the maps of single stations and of groups.
 const SIDE: usize = 128;
 const GROUP_SIDE: usize = 256;
@@ -57,8 +61,8 @@ pub(super) struct Finding {
 }
 
 impl Finding {
-    fn new(places: Vec<Beside>) -> Self {
-        let doubt = doubt(&places);
+    fn new(places: Vec<Beside>, edge: f64, most: f64) -> Self {
+        let doubt = doubt(&places, edge, most);
         Self { places, doubt }
     }
 
@@ -67,20 +71,26 @@ impl Finding {
     }
 }
 
-fn doubt(places: &[Beside]) -> Option<Doubt> {
+fn doubt(places: &[Beside], edge: f64, most: f64) -> Option<Doubt> {
     let Some(best) = places.first() else { return Some(Doubt::None) };
     let v = &best.verdict;
     if v.agree < MIN_AGREE {
         return Some(Doubt::Little);
     }
-    if v.agreement() < MIN_AGREEMENT || v.contradicted() > MAX_CONTRADICTED {
+    if v.agreement() < MIN_AGREEMENT || v.contradicted() > most {
         return Some(Doubt::Contradicted);
     }
-    if best.firmness() < MIN_FIRMNESS.max(MIN_SHARE * best.matched as f64) {
+    if best.firmness < MIN_FIRMNESS.max(MIN_CLEARNESS * best.noise) {
         return Some(Doubt::Loose);
     }
     let is_rival = |other: &Beside| {
-        other.score() >= RIVAL_SCORE * best.score() && other.median <= RIVAL_MEDIAN * best.median
+        // Beside the right place there are others, where stones lie on the wrong stones.
+        let is_near = best.pose.difference(other.pose).1 < NEARBY * edge;
+        let [score, median] = if is_near { NEAR_RIVAL } else { RIVAL };
+        other.verdict.contradicted() <= most.max(2.0 * v.contradicted())
+            && other.firmness >= MIN_FIRMNESS.min(best.firmness)
+            && other.score() >= score * best.score()
+            && other.median <= median * best.median
     };
     places[1..].iter().any(is_rival).then_some(Doubt::Ambiguous)
 }
@@ -147,8 +157,9 @@ fn pairs(
             let two = Two { views, first: &singles[a], second: &singles[b], edge };
             let guess = known.guesses[a].zip(known.guesses[b]).map(|(a, b)| b.then(a.inverse()));
             let places = two.places(&correlator, &maps[a], &turned, guess.as_slice());
+            debug("pair", &singles[a], &singles[b], &Finding::new(places.clone(), edge, MAX_CONTRADICTED));
             progress.update("comparing stations", done.fetch_add(1, Ordering::Relaxed) + 1, total);
-            Ok(((a, b), Finding::new(places)))
+            Ok(((a, b), Finding::new(places, edge, MAX_CONTRADICTED)))
         };
         (0..b).filter(|a| !(is_fixed(*a) && is_fixed(b))).map(of_pair).collect()
     };
@@ -220,7 +231,7 @@ fn joined(
         let pose = of_b.inverse().then(place.pose).then(of_a);
         let two = Two { views, first, second, edge };
         let verdict = two.verdict(pose, edge, usize::MAX);
-        if verdict.contradicted() > MAX_CONTRADICTED {
+        if verdict.contradicted() > MAX_GROUP_CONTRADICTED {
             continue;
         }
         let group = first.joined(second, pose, views);
@@ -255,7 +266,7 @@ fn best_of_groups(
             let turned = if others.is_empty() { Vec::new() } else { correlator.turned(&groups[b].plan) };
             let of_pair = |a: usize| {
                 let two = Two { views, first: &groups[a], second: &groups[b], edge };
-                (a, b, Finding::new(two.places(&correlator, &maps[a], &turned, &[])))
+                (a, b, Finding::new(two.places(&correlator, &maps[a], &turned, &[]), edge, MAX_GROUP_CONTRADICTED))
             };
             let found = others.into_iter().map(of_pair).collect::<Vec<_>>();
             progress.update("joining groups", done.fetch_add(1, Ordering::Relaxed) + 1, total);
@@ -265,12 +276,7 @@ fn best_of_groups(
         .into_iter()
         .flatten()
         .collect();
-    if std::env::var_os("REG_DEBUG").is_some() {
-        for (a, b, f) in &found {
-            let p = f.places.first();
-            eprintln!("groups {:?} {:?}: {:?} {:?}", names(&groups[*a]), names(&groups[*b]), f.doubt, p.map(|p| (p.score(), p.verdict.agree, p.verdict.agreement(), p.verdict.contradicted(), p.median, p.firmness(), p.matched)));
-        }
-    }
+    for (a, b, f) in &found { debug("group", &groups[*a], &groups[*b], f); }
     for (a, b, finding) in &found {
         if finding.accepted().is_none() {
             tried.insert([names(&groups[*a]), names(&groups[*b])]);
@@ -279,4 +285,18 @@ fn best_of_groups(
     let accepted = found.iter().filter_map(|(a, b, finding)| Some((*a, *b, finding.accepted()?)));
     let best = accepted.max_by(|x, y| x.2.score().total_cmp(&y.2.score()));
     Ok(best.map(|(a, b, place)| (a, b, place.pose)))
+}
+
+fn debug(kind: &str, a: &Group, b: &Group, finding: &Finding) {
+    if std::env::var_os("REG_DEBUG").is_none() { return; }
+    for (k, p) in finding.places.iter().enumerate() {
+        let (na, pa) = a.members[0];
+        let (nb, pb) = b.members[0];
+        let rel = pb.then(p.pose).then(pa.inverse());
+        let q = rel.rotation;
+        let t = rel.translation;
+        let v = p.verdict;
+        eprintln!("DBG {kind} {na} {nb} {} {} {k} {:?} {} {} {} {} {} {} {} {} {} {} {} {} {} {} {}", a.members.len(), b.members.len(), finding.doubt, p.score(), v.agree, v.agreement(), v.contradicted(), v.residual(), p.median, p.firmness, p.noise, q.w, q.x, q.y, q.z, t.x, t.y, t.z);
+    }
+    if finding.places.is_empty() { eprintln!("DBG {kind} {} {} {} {} none", a.members[0].0, b.members[0].0, a.members.len(), b.members.len()); }
 }

@@ -10,6 +10,7 @@ use nalgebra::Matrix6;
 
 /// Places that correlation finds, of which the best at a glance are fitted, and those that are fitted finely.
 const PLACES: usize = 160;
+const GROUP_PLACES: usize = 600;
 const FITTED: usize = 20;
 const REFINED: usize = 5;
 /// Heights that are tried at each place.
@@ -39,8 +40,15 @@ impl Group {
         let moved = other.members.iter().map(|(number, own)| (*number, own.then(pose)));
         let mut members: Vec<(usize, Pose)> = self.members.iter().copied().chain(moved).collect();
         members.sort_unstable_by_key(|(number, _)| *number);
-        let plan = Plan::joined(members.iter().map(|(number, pose)| (&views[*number].plan, *pose)));
+        let parts: Vec<(&Plan, Pose)> = members.iter().map(|(number, pose)| (&views[*number].plan, *pose)).collect();
+        let plan = Plan::joined(&parts);
         Self { members, plan }
+    }
+
+    /// Move the group so that this member (its place in the list) has this pose.
+    pub(super) fn move_to(&mut self, member: usize, pose: Pose) {
+        let step = self.members[member].1.inverse().then(pose);
+        self.members.iter_mut().for_each(|(_, own)| *own = own.then(step));
     }
 
     /// The pose of a member.
@@ -63,8 +71,9 @@ pub(super) struct Beside {
     /// The pose of the second group in the frame of the first.
     pub(super) pose: Pose,
     pub(super) verdict: Verdict,
-    /// The information of the fit: rotation, translation.
-    pub(super) information: Matrix6<f64>,
+    /// How much surface fixes the place in the direction that it fixes least, in planes, and how much of that errors of normals amount to.
+    pub(super) firmness: f64,
+    pub(super) noise: f64,
     /// Planes that were matched.
     pub(super) matched: usize,
     /// The median distance of planes that were matched in the fine fit, metres; infinite before it.
@@ -74,28 +83,26 @@ pub(super) struct Beside {
 impl Beside {
     /// How much surface agrees; nothing where rays of one pass through much of what the other saw.
     pub(super) fn score(&self) -> f64 {
-        f64::from(self.verdict.agree) * (self.verdict.agreement() - 2.0 * self.verdict.contradicted()).max(0.0)
+        f64::from(self.verdict.agree) * (self.verdict.agreement() - 4.0 * self.verdict.contradicted()).max(0.0)
     }
+}
 
-    /// How much surface fixes the place in the direction that it fixes least, in planes: the smallest eigenvalue of the information, with rotations in the
-    /// unit of the mean distance of the planes.
-    pub(super) fn firmness(&self) -> f64 {
-        let i = &self.information;
-        let turning = i.fixed_view::<3, 3>(0, 0).trace();
-        let moving = i.fixed_view::<3, 3>(3, 3).trace();
-        if moving <= 0.0 || turning <= 0.0 {
-            return 0.0;
-        }
-        let unit = (moving / turning).sqrt();
-        let mut scaled = *i;
-        for k in 0..3 {
-            for other in 0..6 {
-                scaled[(k, other)] *= unit;
-                scaled[(other, k)] *= unit;
-            }
-        }
-        scaled.symmetric_eigenvalues().min()
+/// The smallest eigenvalue of the information, with rotations in the unit of the mean distance of the planes.
+fn firmness(information: &Matrix6<f64>) -> f64 {
+    let turning = information.fixed_view::<3, 3>(0, 0).trace();
+    let moving = information.fixed_view::<3, 3>(3, 3).trace();
+    if moving <= 0.0 || turning <= 0.0 {
+        return 0.0;
     }
+    let unit = (moving / turning).sqrt();
+    let mut scaled = *information;
+    for k in 0..3 {
+        for other in 0..6 {
+            scaled[(k, other)] *= unit;
+            scaled[(other, k)] *= unit;
+        }
+    }
+    scaled.symmetric_eigenvalues().min()
 }
 
 /// Two groups with everything that is needed to find places of the second beside the first.
@@ -117,7 +124,8 @@ impl Two<'_> {
         guesses: &[Pose],
     ) -> Vec<Beside> {
         let mut starts: Vec<(f64, Pose)> = Vec::new();
-        for place in correlator.places(map, turned, PLACES) {
+        let singles = self.first.members.len() + self.second.members.len() == 2;
+        for place in correlator.places(map, turned, if singles { PLACES } else { GROUP_PLACES }) {
             for height in self.first.plan.heights(&self.second.plan, &place, correlator.cell(), HEIGHTS) {
                 let start = upright(&place, height);
                 let glance = self.verdict(start, 0.8 * correlator.cell(), GLANCED);
@@ -125,6 +133,23 @@ impl Two<'_> {
             }
         }
         starts.sort_by(|a, b| b.0.total_cmp(&a.0));
+        if std::env::var_os("REG_TRUTH").is_some() && self.first.members.len() + self.second.members.len() > 2 {
+            let text = std::fs::read_to_string("/tmp/truth.txt").unwrap();
+            let truth: Vec<Pose> = text.lines().map(|l| { let v: Vec<f64> = l.split(' ').map(|v| v.parse().unwrap()).collect();
+                Pose::from_matrix(glam::DMat4::from_cols_array(&[v[0],v[3],v[6],0.0,v[1],v[4],v[7],0.0,v[2],v[5],v[8],0.0,v[9],v[10],v[11],1.0])).unwrap().0 }).collect();
+            let (na, pa) = self.first.members[0];
+            let (nb, pb) = self.second.members[0];
+            // a_from_b true
+            let rel = truth[nb].then(truth[na].inverse());
+            let pose = pb.inverse().then(rel).then(pa);
+            let at = self.verdict(pose, 0.8 * correlator.cell(), GLANCED);
+            let exact = self.beside_at(pose);
+            let near = correlator.places(map, turned, GROUP_PLACES);
+            let yaw = pose.rotation.to_euler(glam::EulerRot::ZYX).0;
+            let rank = near.iter().position(|p| { let d = (p.heading - yaw).rem_euclid(6.283185307); d.min(6.283185307 - d) < 0.08 && p.offset.distance(pose.translation.truncate()) < 2.0 * correlator.cell() });
+            let hs = rank.map(|r| self.first.plan.heights(&self.second.plan, &near[r], correlator.cell(), HEIGHTS));
+            eprintln!("TRUTH {na}x{} {nb}x{} cell {:.2} glance at truth {at:?} q {:.1}; exact {:?}; rank {rank:?} heights {hs:?} true z {:.2}; best starts {:?}; starts near {:?}", self.first.members.len(), self.second.members.len(), correlator.cell(), quality(at), exact, pose.translation.z, starts.iter().take(3).map(|s| s.0).collect::<Vec<_>>(), starts.iter().position(|s| { let (x, y) = s.1.difference(pose); x < 0.1 && y < 1.5 }));
+        }
         starts.truncate(FITTED);
         starts.extend(guesses.iter().map(|guess| (f64::INFINITY, *guess)));
         let mut out: Vec<Beside> = Vec::new();
@@ -148,6 +173,7 @@ impl Two<'_> {
         refined
     }
 
+    fn beside_at(&self, pose: Pose) -> Verdict { self.verdict(pose, self.edge, usize::MAX) }
     /// Whether two poses are the same place.
     fn is_same(&self, a: Pose, b: Pose) -> bool {
         let (angle, distance) = a.difference(b);
@@ -161,7 +187,7 @@ impl Two<'_> {
     }
 
     /// With the finest planes.
-    pub(super) fn refined(&self, found: &Beside) -> Option<Beside> {
+    pub(super) fn refined(&self, rough: &Beside) -> Option<Beside> {
         let thinned: Vec<Vec<Surfel>> = self
             .second
             .members
@@ -175,13 +201,16 @@ impl Two<'_> {
         let sources: Vec<Posed<&[Surfel]>> =
             poses.zip(&thinned).map(|(pose, planes)| Posed { pose, planes: &planes[..] }).collect();
         let reaches = [1.0, 0.5, 0.3].map(|reach| reach * self.edge);
-        let found = fit(&self.first.targets(self.views), &sources, found.pose, 0, &reaches)?;
-        Some(self.beside(&found, found.median))
+        let found = fit(&self.first.targets(self.views), &sources, rough.pose, 0, &reaches)?;
+        let fine = self.beside(&found, found.median);
+        // Small planes have normals too rough to tell what fixes the place.
+        Some(Beside { firmness: rough.firmness, noise: rough.noise, ..fine })
     }
 
     fn beside(&self, found: &Fit, median: f64) -> Beside {
         let verdict = self.verdict(found.pose, self.edge, usize::MAX);
-        Beside { pose: found.pose, verdict, information: found.information, matched: found.matched, median }
+        let firmness = firmness(&found.information);
+        Beside { pose: found.pose, verdict, firmness, noise: found.noise, matched: found.matched, median }
     }
 
     /// What all stations of both say of each other; of each station at most so many planes are looked at.
@@ -200,7 +229,7 @@ impl Two<'_> {
 }
 
 fn quality(verdict: Verdict) -> f64 {
-    f64::from(verdict.agree) * (verdict.agreement() - verdict.contradicted())
+    f64::from(verdict.agree) * (verdict.agreement() - 2.0 * verdict.contradicted())
 }
 
 fn upright(place: &Place, height: f64) -> Pose {

@@ -152,23 +152,27 @@ impl<'a> Work<'a> {
     }
 
     fn place(&self, views: &[View], edge: f64, group: &Group, out: &mut Registration) -> Result<(), ScanError> {
-        let mut group = group.clone();
-        let mut is_fixed: Vec<bool> = group.members.iter().map(|(k, _)| self.is_fixed[*k]).collect();
+        let is_fixed: Vec<bool> = group.members.iter().map(|(k, _)| self.is_fixed[*k]).collect();
         let has_fixed = is_fixed.contains(&true);
-        let anchor = is_fixed.iter().position(|fixed| *fixed).unwrap_or(0);
-        is_fixed[anchor] = true;
-        let (number, own) = group.members[anchor];
-        let given = if has_fixed { self.stations[number].pose } else { self.guesses[number] };
-        let frame = own.inverse().then(given.unwrap_or(Pose::IDENTITY));
-        group.members.iter_mut().for_each(|(_, pose)| *pose = pose.then(frame));
+        let mut group = group.clone();
+        if let Some(first) = is_fixed.iter().position(|fixed| *fixed) {
+            group.move_to(first, self.stations[group.members[first].0].pose.unwrap_or_default());
+        }
         let settled = settle(views, &group, &is_fixed, &|_| Vec::new(), edge);
-        let settled = settled.ok_or_else(|| ScanError::Request("the poses cannot be adjusted: the stations have too little surface in common".to_owned()))?;
+        let mut settled = settled.ok_or_else(|| {
+            let message = "the poses cannot be adjusted: the stations have too little surface in common";
+            ScanError::Request(message.to_owned())
+        })?;
+        let anchor = settled.is_fixed.iter().position(|fixed| *fixed).unwrap_or(0);
+        if !has_fixed {
+            settled.move_to(anchor, self.guesses[group.members[anchor].0].unwrap_or_default());
+        }
         let name = |k: usize| self.stations[group.members[k].0].name.clone();
         for (k, (pose, covariance)) in settled.poses.iter().zip(&settled.covariances).enumerate() {
             let q = pose.rotation;
             out.stations.push(Placed {
                 name: name(k),
-                placement: if k == anchor && !has_fixed { Placement::Anchor } else if is_fixed[k] { Placement::Fixed } else { Placement::Surface },
+                placement: if k == anchor && !has_fixed { Placement::Anchor } else if settled.is_fixed[k] { Placement::Fixed } else { Placement::Surface },
                 rotation: [q.w, q.x, q.y, q.z],
                 translation: pose.translation.to_array(),
                 covariance: std::array::from_fn(|i| std::array::from_fn(|j| covariance[(i, j)])),
@@ -186,4 +190,21 @@ impl<'a> Work<'a> {
         }
         Ok(())
     }
+}
+
+#[doc(hidden)]
+pub fn trial(folder: &Path, survey: &Survey, truth: &dyn Fn(&str) -> Pose) -> Registration {
+    let work = Work::new(folder, survey, &Options::default()).unwrap();
+    let (views, edge) = work.views(&crate::import::Silent).unwrap();
+    let mut group = Group::single(0, &views[0]);
+    group.members[0].1 = truth(&work.stations[0].name);
+    for k in 1..views.len() {
+        let other = Group::single(k, &views[k]);
+        group = group.joined(&other, truth(&work.stations[k].name), &views);
+    }
+    let mut out = Registration::empty();
+    let t = std::time::Instant::now();
+    work.place(&views, edge, &group, &mut out).unwrap();
+    eprintln!("settled in {:.1} s", t.elapsed().as_secs_f64());
+    out
 }

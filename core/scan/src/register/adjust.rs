@@ -6,11 +6,14 @@
 //! analysis using generalized linear models", 1986), where a cluster is a cube of space: whatever correlates the distances within it is accounted for.
 
 use super::fit::{Match, moved};
-use super::surfels::{Surfel, Surfels};
+use super::image::{Image, Point};
 use crate::Pose;
 use glam::IVec3;
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix6, SMatrix, SVector, Vector6};
 use std::collections::BTreeMap;
+
+/// A spacing of samples at which the surface between them begins to be uncertain, metres.
+const FINE: f64 = 0.01;
 
 /// Equations of a pair: the first station's six unknowns, then the second's.
 type Matrix12 = SMatrix<f64, 12, 12>;
@@ -19,10 +22,10 @@ type Vector12 = SVector<f64, 12>;
 /// A station of an adjustment.
 #[derive(Debug, Clone, Copy)]
 pub struct Party<'a> {
-    /// Its planes by voxel.
-    pub surfels: &'a Surfels,
-    /// Its planes, every part of the surface once.
-    pub planes: &'a [Surfel],
+    /// Its samples by direction.
+    pub image: &'a Image,
+    /// Some of its samples, spread evenly over the surface.
+    pub samples: &'a [Point],
     /// `survey_from_station`.
     pub pose: Pose,
 }
@@ -67,9 +70,9 @@ impl Link {
         let mut clusters: BTreeMap<[i32; 3], Vector12> = BTreeMap::new();
         for (target, source, sign) in [(a, b, 1.0), (b, a, -1.0)] {
             let target_from_source = source.pose.then(target.pose.inverse());
-            for surfel in source.planes {
-                let found = Match::find(target.surfels, 0, surfel, target_from_source, reach.reach);
-                let Some(found) = found.map(|found| found.seen_from(target.pose)) else { continue };
+            for sample in source.samples {
+                let Some(found) = find(target.image, sample, target_from_source, reach.reach) else { continue };
+                let found = found.seen_from(target.pose);
                 let w = found.weight(reach.sigma);
                 // The distance is that of the source before the target; what moves the second forwards moves the first backwards.
                 let (ja, jb) = (found.jacobian(a.pose.translation) * -sign, found.jacobian(b.pose.translation) * sign);
@@ -113,6 +116,21 @@ impl Link {
         }
         Some(inverse * meat * inverse)
     }
+}
+
+/// The sample of the source before the surface of the target.
+fn find(target: &Image, sample: &Point, target_from_source: Pose, reach: f64) -> Option<Match> {
+    let own = &sample.surface;
+    let position = target_from_source.apply(sample.position);
+    let surface = target.surface(position)?;
+    let normal = target_from_source.rotation * own.normal;
+    if surface.normal.dot(normal) < 0.7 {
+        return None;
+    }
+    let distance = position.dot(surface.normal) - surface.offset;
+    // Where samples are far apart, the surface between them is a guess; at a small angle, a part of it is hidden.
+    let share = surface.facing * own.facing / (1.0 + (surface.spacing / FINE).powi(2));
+    (distance.abs() <= reach).then_some(Match { position, normal: surface.normal, distance, share, normal_variance: 0.0 })
 }
 
 /// A pose that is known beforehand, with its information.
