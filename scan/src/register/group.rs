@@ -8,7 +8,7 @@ use kilwa_scan_core::register::fit::{Fit, Posed, fit};
 use kilwa_scan_core::register::surfels::{Surfel, Surfels};
 use nalgebra::Matrix6;
 
-/// Places that correlation finds, of which the best at a glance are fitted, and those that are fitted finely.
+/// Places that correlation finds for two stations and for groups, of which the best at a glance are fitted, and those that are fitted finely.
 const PLACES: usize = 160;
 const GROUP_PLACES: usize = 600;
 const FITTED: usize = 20;
@@ -74,8 +74,6 @@ pub(super) struct Beside {
     /// How much surface fixes the place in the direction that it fixes least, in planes, and how much of that errors of normals amount to.
     pub(super) firmness: f64,
     pub(super) noise: f64,
-    /// Planes that were matched.
-    pub(super) matched: usize,
     /// The median distance of planes that were matched in the fine fit, metres; infinite before it.
     pub(super) median: f64,
 }
@@ -124,8 +122,10 @@ impl Two<'_> {
         guesses: &[Pose],
     ) -> Vec<Beside> {
         let mut starts: Vec<(f64, Pose)> = Vec::new();
-        let singles = self.first.members.len() + self.second.members.len() == 2;
-        for place in correlator.places(map, turned, if singles { PLACES } else { GROUP_PLACES }) {
+        // Without knowing where rays went, nothing tells a right place from a wrong one but that it is near a known pose.
+        let turned = if self.see_through() { turned } else { &[] };
+        let are_single = self.first.members.len() + self.second.members.len() == 2;
+        for place in correlator.places(map, turned, if are_single { PLACES } else { GROUP_PLACES }) {
             for height in self.first.plan.heights(&self.second.plan, &place, correlator.cell(), HEIGHTS) {
                 let start = upright(&place, height);
                 let glance = self.verdict(start, 0.8 * correlator.cell(), GLANCED);
@@ -133,23 +133,6 @@ impl Two<'_> {
             }
         }
         starts.sort_by(|a, b| b.0.total_cmp(&a.0));
-        if std::env::var_os("REG_TRUTH").is_some() && self.first.members.len() + self.second.members.len() > 2 {
-            let text = std::fs::read_to_string("/tmp/truth.txt").unwrap();
-            let truth: Vec<Pose> = text.lines().map(|l| { let v: Vec<f64> = l.split(' ').map(|v| v.parse().unwrap()).collect();
-                Pose::from_matrix(glam::DMat4::from_cols_array(&[v[0],v[3],v[6],0.0,v[1],v[4],v[7],0.0,v[2],v[5],v[8],0.0,v[9],v[10],v[11],1.0])).unwrap().0 }).collect();
-            let (na, pa) = self.first.members[0];
-            let (nb, pb) = self.second.members[0];
-            // a_from_b true
-            let rel = truth[nb].then(truth[na].inverse());
-            let pose = pb.inverse().then(rel).then(pa);
-            let at = self.verdict(pose, 0.8 * correlator.cell(), GLANCED);
-            let exact = self.beside_at(pose);
-            let near = correlator.places(map, turned, GROUP_PLACES);
-            let yaw = pose.rotation.to_euler(glam::EulerRot::ZYX).0;
-            let rank = near.iter().position(|p| { let d = (p.heading - yaw).rem_euclid(6.283185307); d.min(6.283185307 - d) < 0.08 && p.offset.distance(pose.translation.truncate()) < 2.0 * correlator.cell() });
-            let hs = rank.map(|r| self.first.plan.heights(&self.second.plan, &near[r], correlator.cell(), HEIGHTS));
-            eprintln!("TRUTH {na}x{} {nb}x{} cell {:.2} glance at truth {at:?} q {:.1}; exact {:?}; rank {rank:?} heights {hs:?} true z {:.2}; best starts {:?}; starts near {:?}", self.first.members.len(), self.second.members.len(), correlator.cell(), quality(at), exact, pose.translation.z, starts.iter().take(3).map(|s| s.0).collect::<Vec<_>>(), starts.iter().position(|s| { let (x, y) = s.1.difference(pose); x < 0.1 && y < 1.5 }));
-        }
         starts.truncate(FITTED);
         starts.extend(guesses.iter().map(|guess| (f64::INFINITY, *guess)));
         let mut out: Vec<Beside> = Vec::new();
@@ -173,7 +156,17 @@ impl Two<'_> {
         refined
     }
 
-    fn beside_at(&self, pose: Pose) -> Verdict { self.verdict(pose, self.edge, usize::MAX) }
+    /// Whether it is known where the rays of all stations went.
+    fn see_through(&self) -> bool {
+        self.first.members.iter().chain(&self.second.members).all(|(number, _)| self.views[*number].image.is_some())
+    }
+
+    /// A place that is known from control points.
+    pub(super) fn given(&self, pose: Pose) -> Beside {
+        let verdict = self.verdict(pose, self.edge, usize::MAX);
+        Beside { pose, verdict, firmness: f64::INFINITY, noise: 0.0, median: 0.0 }
+    }
+
     /// Whether two poses are the same place.
     fn is_same(&self, a: Pose, b: Pose) -> bool {
         let (angle, distance) = a.difference(b);
@@ -210,7 +203,7 @@ impl Two<'_> {
     fn beside(&self, found: &Fit, median: f64) -> Beside {
         let verdict = self.verdict(found.pose, self.edge, usize::MAX);
         let firmness = firmness(&found.information);
-        Beside { pose: found.pose, verdict, firmness, noise: found.noise, matched: found.matched, median }
+        Beside { pose: found.pose, verdict, firmness, noise: found.noise, median }
     }
 
     /// What all stations of both say of each other; of each station at most so many planes are looked at.

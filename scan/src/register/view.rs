@@ -17,6 +17,8 @@ use std::path::Path;
 const MIN_COS: f64 = 0.15;
 /// The same for planes that are looked at from another station.
 const MIN_LOOK: f64 = 0.2;
+/// The width of a pixel, in spacings of rays: nearly every pixel has a sample.
+const PIXEL: f64 = 1.3;
 /// Width of a range image, pixels.
 const WIDTH: f64 = 1440.0;
 /// The edge of the smallest voxels, in spacings of points.
@@ -100,7 +102,7 @@ pub(super) fn edge(mut spacings: Vec<f64>) -> f64 {
 }
 
 impl View {
-    pub(super) fn load(folder: &Path, station: &Station, edge: f64) -> Result<Self, ScanError> {
+    pub(super) fn load(folder: &Path, station: &Station, edge: f64, own_spacing: f64) -> Result<Self, ScanError> {
         let mut reader = mask::open(folder, station, false)?;
         let rays = reader.header().rays;
         let mut collector = Collector::new(edge);
@@ -121,7 +123,16 @@ impl View {
         let every = coarse.len().div_ceil(SAMPLES).max(1);
         let samples = coarse.iter().step_by(every).copied().collect();
         let horizon = image.as_ref().map_or_else(Vec::new, |image| image.horizon(HORIZON, BAND));
-        let mut collector = image::Collector::new((std::f64::consts::TAU / WIDTH).max(1.3 * mask::ray_spacing(&mut reader)?));
+        let mut collector = match rays {
+            Rays::Central => {
+                let step = (std::f64::consts::TAU / WIDTH).max(PIXEL * mask::ray_spacing(&mut reader)?);
+                image::Collector::around(step)
+            }
+            Rays::Parallel(direction) => {
+                let bounds = reader.header().statistics.bounds.map(glam::Vec3::as_dvec3);
+                image::Collector::across(PIXEL * own_spacing, direction, bounds)
+            }
+        };
         let (cells, mut at, mut batch) = (reader.header().grid.cells(), 0, Vec::new());
         while at < cells {
             let size = 65_536.min(cells - at);
