@@ -1,0 +1,249 @@
+//! All poses together: the distances between the surfaces of all stations are minimised at once, and what is left of them tells how certain the poses are.
+//!
+//! Point-to-plane distances of every pair of stations that see the same surface go into one system of normal equations (Bergevin et al., "Towards a
+//! general multi-view registration technique", 1996), which is solved by Gauss and Newton's method. Errors of neighbouring planes are not independent:
+//! they share the relief, the edges, and the samples. The covariance is therefore the sandwich estimate for clusters (Liang and Zeger, "Longitudinal data
+//! analysis using generalized linear models", 1986), where a cluster is a cube of space: whatever correlates the distances within it is accounted for.
+
+use super::fit::{Match, moved};
+use super::surfels::{Surfel, Surfels};
+use crate::Pose;
+use glam::IVec3;
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix6, SMatrix, SVector, Vector6};
+use std::collections::BTreeMap;
+
+/// Equations of a pair: the first station's six unknowns, then the second's.
+type Matrix12 = SMatrix<f64, 12, 12>;
+type Vector12 = SVector<f64, 12>;
+
+/// A station of an adjustment.
+#[derive(Debug, Clone, Copy)]
+pub struct Party<'a> {
+    /// Its planes by voxel.
+    pub surfels: &'a Surfels,
+    /// Its planes, every part of the surface once.
+    pub planes: &'a [Surfel],
+    /// `survey_from_station`.
+    pub pose: Pose,
+}
+
+/// How distances are compared.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reach {
+    /// The largest distance of planes that are the same surface, metres.
+    pub reach: f64,
+    /// How far distances are spread, metres.
+    pub sigma: f64,
+    /// The edge of the cubes of space whose errors may be correlated, metres; 0: clusters are not needed.
+    pub cluster: f64,
+}
+
+/// The equations of a pair of stations.
+#[derive(Debug, Clone)]
+pub struct Link {
+    information: Matrix12,
+    gradient: Vector12,
+    /// The gradient by cubes of space.
+    clusters: Vec<(IVec3, Vector12)>,
+    /// Planes that were compared.
+    pub matched: usize,
+    /// The weighted sum of squared distances (square metres) and the weights.
+    pub squares: [f64; 2],
+    /// Distances without signs, metres.
+    pub distances: Vec<f32>,
+}
+
+impl Link {
+    /// Compare two stations, each with the other's planes.
+    pub fn compare(a: Party<'_>, b: Party<'_>, reach: Reach) -> Self {
+        let mut link = Self {
+            information: Matrix12::zeros(),
+            gradient: Vector12::zeros(),
+            clusters: Vec::new(),
+            matched: 0,
+            squares: [0.0; 2],
+            distances: Vec::new(),
+        };
+        let mut clusters: BTreeMap<[i32; 3], Vector12> = BTreeMap::new();
+        for (target, source, sign) in [(a, b, 1.0), (b, a, -1.0)] {
+            let target_from_source = source.pose.then(target.pose.inverse());
+            for surfel in source.planes {
+                let found = Match::find(target.surfels, 0, surfel, target_from_source, reach.reach);
+                let Some(found) = found.map(|found| found.seen_from(target.pose)) else { continue };
+                let w = found.weight(reach.sigma);
+                // The distance is that of the source before the target; what moves the second forwards moves the first backwards.
+                let (ja, jb) = (found.jacobian(a.pose.translation) * -sign, found.jacobian(b.pose.translation) * sign);
+                let mut j = Vector12::zeros();
+                j.fixed_rows_mut::<6>(0).copy_from(&ja);
+                j.fixed_rows_mut::<6>(6).copy_from(&jb);
+                link.information += j * j.transpose() * w;
+                let part = j * (w * found.distance);
+                link.gradient += part;
+                if reach.cluster > 0.0 {
+                    let cube = (found.position / reach.cluster).floor().as_ivec3().to_array();
+                    *clusters.entry(cube).or_default() += part;
+                }
+                link.matched += 1;
+                link.squares[0] += w * found.distance * found.distance;
+                link.squares[1] += w;
+                link.distances.push(found.distance.abs() as f32);
+            }
+        }
+        link.clusters = clusters.into_iter().map(|(cube, part)| (IVec3::from_array(cube), part)).collect();
+        link
+    }
+
+    /// The root mean square distance, metres.
+    pub fn residual(&self) -> f64 {
+        (self.squares[0] / self.squares[1].max(1e-12)).sqrt()
+    }
+
+    /// The information that the pair alone has of the second station's pose beside the first.
+    pub fn information(&self) -> Matrix6<f64> {
+        self.information.fixed_view::<6, 6>(6, 6).into_owned()
+    }
+
+    /// The covariance of the second station's pose beside the first's from this pair alone, by the same estimate; `None` if it does not determine all of it.
+    pub fn covariance(&self) -> Option<Matrix6<f64>> {
+        let inverse = Cholesky::new(self.information())?.inverse();
+        let mut meat = Matrix6::zeros();
+        for (_, part) in &self.clusters {
+            let g = part.fixed_rows::<6>(6);
+            meat += g * g.transpose();
+        }
+        Some(inverse * meat * inverse)
+    }
+}
+
+/// A pose that is known beforehand, with its information.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Prior {
+    /// The number of the station.
+    pub station: usize,
+    /// How far the pose is from the known one: rotation, translation.
+    pub error: Vector6<f64>,
+    /// The inverse of its covariance.
+    pub information: Matrix6<f64>,
+}
+
+/// The system of normal equations of all stations that can move.
+#[derive(Debug)]
+pub struct System {
+    /// The place of each station's unknowns; `None` for those that cannot move.
+    places: Vec<Option<usize>>,
+    information: DMatrix<f64>,
+    gradient: DVector<f64>,
+    clusters: BTreeMap<[i32; 3], BTreeMap<usize, Vector6<f64>>>,
+    /// Priors are information in units of their own; distances are brought to the same by the variance of a distance.
+    priors: Vec<Prior>,
+}
+
+impl System {
+    /// Of stations, of which these cannot move.
+    pub fn new(is_fixed: &[bool]) -> Self {
+        let mut next = 0;
+        let place = |fixed: &bool| {
+            let place = (!fixed).then_some(next);
+            next += usize::from(!fixed);
+            place
+        };
+        let places: Vec<Option<usize>> = is_fixed.iter().map(place).collect();
+        Self {
+            information: DMatrix::zeros(6 * next, 6 * next),
+            gradient: DVector::zeros(6 * next),
+            clusters: BTreeMap::new(),
+            priors: Vec::new(),
+            places,
+        }
+    }
+
+    /// Add the equations of the stations `a` and `b`.
+    pub fn add(&mut self, a: usize, b: usize, link: &Link) {
+        let own = [self.places[a], self.places[b]];
+        for (i, row) in own.iter().enumerate() {
+            let Some(row) = row else { continue };
+            let part = link.gradient.fixed_rows::<6>(6 * i);
+            let mut sum = self.gradient.fixed_rows_mut::<6>(6 * row);
+            sum += part;
+            for (k, column) in own.iter().enumerate() {
+                let Some(column) = column else { continue };
+                let block = link.information.fixed_view::<6, 6>(6 * i, 6 * k).into_owned();
+                let mut view = self.information.fixed_view_mut::<6, 6>(6 * row, 6 * column);
+                view += block;
+            }
+        }
+        for (cube, part) in &link.clusters {
+            let entry = self.clusters.entry(cube.to_array()).or_default();
+            for (i, row) in own.iter().enumerate() {
+                if let Some(row) = row {
+                    *entry.entry(*row).or_default() += part.fixed_rows::<6>(6 * i);
+                }
+            }
+        }
+    }
+
+    /// Add a pose that is known beforehand; `variance` is that of a distance, square metres.
+    pub fn add_prior(&mut self, prior: &Prior, variance: f64) {
+        let Some(row) = self.places[prior.station] else { return };
+        let information = prior.information * variance;
+        let mut view = self.information.fixed_view_mut::<6, 6>(6 * row, 6 * row);
+        view += information;
+        let mut own = self.gradient.fixed_rows_mut::<6>(6 * row);
+        own += information * prior.error;
+        self.priors.push(Prior { information, ..prior.clone() });
+    }
+
+    fn factor(&self) -> Option<Cholesky<f64, Dyn>> {
+        let mut information = self.information.clone();
+        // What nothing determines stays as it is.
+        let n = information.nrows();
+        let damping = 1e-9 * information.trace() / n.max(1) as f64;
+        for k in 0..n {
+            information[(k, k)] += damping;
+        }
+        Cholesky::new(information)
+    }
+
+    /// Move the poses to the solution; how far the farthest moved (radians, metres), `None` if there is none.
+    pub fn solve(&self, poses: &mut [Pose]) -> Option<[f64; 2]> {
+        let step = -self.factor()?.solve(&self.gradient);
+        let mut most = [0.0_f64; 2];
+        for (pose, place) in poses.iter_mut().zip(&self.places) {
+            let Some(place) = place else { continue };
+            let own: Vector6<f64> = step.fixed_rows::<6>(6 * place).into_owned();
+            *pose = moved(*pose, &own);
+            most[0] = most[0].max(own.fixed_rows::<3>(0).norm());
+            most[1] = most[1].max(own.fixed_rows::<3>(3).norm());
+        }
+        Some(most)
+    }
+
+    /// The covariance of every station's pose, zero for those that cannot move; `variance` is that of a distance. `None` if there is no solution.
+    pub fn covariances(&self, variance: f64) -> Option<Vec<Matrix6<f64>>> {
+        let inverse = self.factor()?.inverse();
+        let n = inverse.nrows();
+        let mut meat = DMatrix::<f64>::zeros(n, n);
+        for parts in self.clusters.values() {
+            for (row, a) in parts {
+                for (column, b) in parts {
+                    let mut view = meat.fixed_view_mut::<6, 6>(6 * row, 6 * column);
+                    view += a * b.transpose();
+                }
+            }
+        }
+        // Residuals are smaller than errors, because the poses follow them; with few clusters noticeably.
+        let clusters = self.clusters.len() as f64;
+        meat *= clusters / (clusters - n as f64).max(0.1 * clusters).max(1.0);
+        for prior in &self.priors {
+            if let Some(row) = self.places[prior.station] {
+                let mut view = meat.fixed_view_mut::<6, 6>(6 * row, 6 * row);
+                view += prior.information * variance;
+            }
+        }
+        let covariance = &inverse * meat * &inverse;
+        let own = |place: &Option<usize>| {
+            place.map_or_else(Matrix6::zeros, |k| covariance.fixed_view::<6, 6>(6 * k, 6 * k).into_owned())
+        };
+        Some(self.places.iter().map(own).collect())
+    }
+}

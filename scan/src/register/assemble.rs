@@ -1,0 +1,282 @@
+//! From stations to groups: pairs that fit in one place only are joined, then groups, until nothing more fits.
+//!
+//! A wrong place is worse than none. Two stations are joined only if enough surface agrees, if the rays of neither pass through what the other saw, if the common surface fixes the
+//! place in every direction, and if no other place is nearly as good. Pairs that contradict each other in a triangle are not used.
+
+use super::group::{Beside, Group, Two};
+use super::view::View;
+use crate::ScanError;
+use crate::import::Progress;
+use kilwa_scan_core::Pose;
+use kilwa_scan_core::register::correlate::{Correlator, Spectrum};
+use rayon::prelude::*;
+use std::collections::{BTreeMap, BTreeSet};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Fewest planes that must agree, of the samples of both.
+const MIN_AGREE: u32 = 80;
+/// Least share of the common planes that must agree, and the largest share that may be contradicted.
+const MIN_AGREEMENT: f64 = 0.45;
+const MAX_CONTRADICTED: f64 = 0.05;
+/// Least number of planes that fix the direction that is fixed least, and their least share of all.
+const MIN_FIRMNESS: f64 = 8.0;
+const MIN_SHARE: f64 = 0.006;
+/// Another place is a rival if its score is at least this share of the best one's, and its distances are at most this many times as large.
+const RIVAL_SCORE: f64 = 0.5;
+const RIVAL_MEDIAN: f64 = 1.8;
+/// Cells along the maps of single stations and of groups.
+const SIDE: usize = 128;
+const GROUP_SIDE: usize = 256;
+/// Bounds of how far walls are looked at, in edges of voxels.
+const REACH: (f64, f64) = (16.0, 200.0);
+
+/// Why a place is not accepted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Doubt {
+    /// There is none where anything agrees.
+    None,
+    /// Too little surface is common.
+    Little,
+    /// Too much of the common surface differs, or is passed through.
+    Contradicted,
+    /// The common surface does not fix the place in every direction.
+    Loose,
+    /// It fits in more than one place.
+    Ambiguous,
+    /// It contradicts other pairs.
+    Inconsistent,
+}
+
+/// What was found for two stations or groups.
+#[derive(Debug, Clone)]
+pub(super) struct Finding {
+    /// Places, best first.
+    pub(super) places: Vec<Beside>,
+    /// Why the best is not used; `None` if it is.
+    pub(super) doubt: Option<Doubt>,
+}
+
+impl Finding {
+    fn new(places: Vec<Beside>) -> Self {
+        let doubt = doubt(&places);
+        Self { places, doubt }
+    }
+
+    fn accepted(&self) -> Option<&Beside> {
+        if self.doubt.is_none() { self.places.first() } else { None }
+    }
+}
+
+fn doubt(places: &[Beside]) -> Option<Doubt> {
+    let Some(best) = places.first() else { return Some(Doubt::None) };
+    let v = &best.verdict;
+    if v.agree < MIN_AGREE {
+        return Some(Doubt::Little);
+    }
+    if v.agreement() < MIN_AGREEMENT || v.contradicted() > MAX_CONTRADICTED {
+        return Some(Doubt::Contradicted);
+    }
+    if best.firmness() < MIN_FIRMNESS.max(MIN_SHARE * best.matched as f64) {
+        return Some(Doubt::Loose);
+    }
+    let is_rival = |other: &Beside| {
+        other.score() >= RIVAL_SCORE * best.score() && other.median <= RIVAL_MEDIAN * best.median
+    };
+    places[1..].iter().any(is_rival).then_some(Doubt::Ambiguous)
+}
+
+/// What came of the stations.
+pub(super) struct Assembled {
+    /// The groups, the largest first; every station is in one.
+    pub(super) groups: Vec<Group>,
+    /// What was found for pairs of stations, the first with the lower number.
+    pub(super) pairs: BTreeMap<(usize, usize), Finding>,
+}
+
+/// What is known before.
+pub(super) struct Known<'a> {
+    /// Stations that stay where they are, with their poses.
+    pub(super) fixed: Vec<(usize, Pose)>,
+    /// Rough poses of stations.
+    pub(super) guesses: &'a [Option<Pose>],
+}
+
+/// Put the stations together.
+pub(super) fn assemble(
+    views: &[View],
+    edge: f64,
+    known: &Known<'_>,
+    progress: &(dyn Progress + Sync),
+) -> Result<Assembled, ScanError> {
+    let mut reaches: Vec<f64> = views.iter().map(|view| view.plan.reach()).collect();
+    reaches.sort_unstable_by(f64::total_cmp);
+    let reach = reaches[reaches.len() / 2].clamp(REACH.0 * edge, REACH.1 * edge);
+    let singles: Vec<Group> = views.iter().enumerate().map(|(k, view)| Group::single(k, view)).collect();
+    let mut pairs = pairs(views, &singles, edge, reach, known, progress)?;
+    drop_inconsistent(&mut pairs, edge);
+    let mut groups = joined(views, singles, &pairs, edge, known);
+    let mut tried: BTreeSet<[Vec<usize>; 2]> = BTreeSet::new();
+    while groups.len() > 1 {
+        let Some((a, b, place)) = best_of_groups(views, &groups, edge, reach, &mut tried, progress)? else { break };
+        let second = groups.remove(b);
+        groups[a] = groups[a].joined(&second, place, views);
+    }
+    groups.sort_by_key(|group| (std::cmp::Reverse(group.members.len()), group.members[0].0));
+    Ok(Assembled { groups, pairs })
+}
+
+/// What is found for every pair of stations.
+fn pairs(
+    views: &[View],
+    singles: &[Group],
+    edge: f64,
+    reach: f64,
+    known: &Known<'_>,
+    progress: &(dyn Progress + Sync),
+) -> Result<BTreeMap<(usize, usize), Finding>, ScanError> {
+    let correlator = Correlator::new(reach, SIDE);
+    let maps: Vec<Spectrum> = singles.par_iter().map(|single| correlator.upright(&single.plan)).collect();
+    let (done, total) = (AtomicU64::new(0), (views.len() * (views.len() - 1) / 2) as u64);
+    let is_fixed = |k: usize| known.fixed.iter().any(|(fixed, _)| *fixed == k);
+    let of_second = |b: usize| -> Result<Vec<((usize, usize), Finding)>, ScanError> {
+        let turned = correlator.turned(&singles[b].plan);
+        let of_pair = |a: usize| {
+            if progress.is_stopped() {
+                return Err(ScanError::Stopped);
+            }
+            let two = Two { views, first: &singles[a], second: &singles[b], edge };
+            let guess = known.guesses[a].zip(known.guesses[b]).map(|(a, b)| b.then(a.inverse()));
+            let places = two.places(&correlator, &maps[a], &turned, guess.as_slice());
+            progress.update("comparing stations", done.fetch_add(1, Ordering::Relaxed) + 1, total);
+            Ok(((a, b), Finding::new(places)))
+        };
+        (0..b).filter(|a| !(is_fixed(*a) && is_fixed(b))).map(of_pair).collect()
+    };
+    let found: Vec<_> = (0..views.len()).into_par_iter().map(of_second).collect::<Result<_, _>>()?;
+    Ok(found.into_iter().flatten().collect())
+}
+
+/// Give up pairs that contradict others: round a triangle, three poses must lead back to the beginning. A pair is given up if it is in more triangles that do
+/// not than in such that do; all three if nothing tells which of them is wrong.
+fn drop_inconsistent(pairs: &mut BTreeMap<(usize, usize), Finding>, edge: f64) {
+    loop {
+        let accepted: BTreeMap<(usize, usize), Pose> =
+            pairs.iter().filter_map(|(key, found)| Some((*key, found.accepted()?.pose))).collect();
+        let mut votes: BTreeMap<(usize, usize), [u32; 2]> = BTreeMap::new();
+        for ((a, b), ab) in &accepted {
+            for ((_, c), bc) in accepted.range((*b, b + 1)..(b + 1, 0)) {
+                let Some(ac) = accepted.get(&(*a, *c)) else { continue };
+                let (angle, distance) = bc.then(*ab).difference(*ac);
+                let closes = distance < 6.0 * edge && angle < 0.05;
+                for key in [(*a, *b), (*b, *c), (*a, *c)] {
+                    votes.entry(key).or_default()[usize::from(closes)] += 1;
+                }
+            }
+        }
+        let worst = votes.values().map(|[against, by]| i64::from(*against) - i64::from(*by)).max().unwrap_or(0);
+        if worst <= 0 {
+            return;
+        }
+        for (key, [against, by]) in votes {
+            if i64::from(against) - i64::from(by) == worst
+                && let Some(found) = pairs.get_mut(&key)
+            {
+                found.doubt = Some(Doubt::Inconsistent);
+            }
+        }
+    }
+}
+
+/// Join the stations of accepted pairs, the best first.
+fn joined(
+    views: &[View],
+    singles: Vec<Group>,
+    pairs: &BTreeMap<(usize, usize), Finding>,
+    edge: f64,
+    known: &Known<'_>,
+) -> Vec<Group> {
+    let mut groups: Vec<Option<Group>> = singles.into_iter().map(Some).collect();
+    let mut group_of: Vec<usize> = (0..groups.len()).collect();
+    if let [(first, first_pose), rest @ ..] = &known.fixed[..] {
+        let mut group = Group::single(*first, &views[*first]);
+        for (number, pose) in rest {
+            let other = Group::single(*number, &views[*number]);
+            group = group.joined(&other, pose.then(first_pose.inverse()), views);
+            groups[*number] = None;
+            group_of[*number] = *first;
+        }
+        groups[*first] = Some(group);
+    }
+    let mut accepted: Vec<(&(usize, usize), &Beside)> =
+        pairs.iter().filter_map(|(key, found)| Some((key, found.accepted()?))).collect();
+    accepted.sort_by(|a, b| b.1.score().total_cmp(&a.1.score()));
+    for ((a, b), place) in accepted {
+        let (ga, gb) = (group_of[*a], group_of[*b]);
+        if ga == gb {
+            continue;
+        }
+        let (Some(first), Some(second)) = (&groups[ga], &groups[gb]) else { continue };
+        let (Some(of_a), Some(of_b)) = (first.pose_of(*a), second.pose_of(*b)) else { continue };
+        let pose = of_b.inverse().then(place.pose).then(of_a);
+        let two = Two { views, first, second, edge };
+        let verdict = two.verdict(pose, edge, usize::MAX);
+        if verdict.contradicted() > MAX_CONTRADICTED {
+            continue;
+        }
+        let group = first.joined(second, pose, views);
+        groups[ga] = Some(group);
+        groups[gb] = None;
+        group_of.iter_mut().filter(|own| **own == gb).for_each(|own| *own = ga);
+    }
+    groups.into_iter().flatten().collect()
+}
+
+/// The best place of one group beside another that is accepted: their numbers, the first the lower, and the pose of the second in the first.
+fn best_of_groups(
+    views: &[View],
+    groups: &[Group],
+    edge: f64,
+    reach: f64,
+    tried: &mut BTreeSet<[Vec<usize>; 2]>,
+    progress: &(dyn Progress + Sync),
+) -> Result<Option<(usize, usize, Pose)>, ScanError> {
+    let correlator = Correlator::new(1.6 * reach, GROUP_SIDE);
+    let names = |group: &Group| -> Vec<usize> { group.members.iter().map(|(number, _)| *number).collect() };
+    let maps: Vec<Spectrum> = groups.par_iter().map(|group| correlator.upright(&group.plan)).collect();
+    let (done, total) = (AtomicU64::new(0), groups.len() as u64);
+    let fresh = |a: usize, b: usize| !tried.contains(&[names(&groups[a]), names(&groups[b])]);
+    let found: Vec<(usize, usize, Finding)> = (0..groups.len())
+        .into_par_iter()
+        .map(|b| {
+            if progress.is_stopped() {
+                return Err(ScanError::Stopped);
+            }
+            let others: Vec<usize> = (0..b).filter(|a| fresh(*a, b)).filter(|a| groups[*a].members.len() + groups[b].members.len() > 2).collect();
+            let turned = if others.is_empty() { Vec::new() } else { correlator.turned(&groups[b].plan) };
+            let of_pair = |a: usize| {
+                let two = Two { views, first: &groups[a], second: &groups[b], edge };
+                (a, b, Finding::new(two.places(&correlator, &maps[a], &turned, &[])))
+            };
+            let found = others.into_iter().map(of_pair).collect::<Vec<_>>();
+            progress.update("joining groups", done.fetch_add(1, Ordering::Relaxed) + 1, total);
+            Ok(found)
+        })
+        .collect::<Result<Vec<_>, _>>()?
+        .into_iter()
+        .flatten()
+        .collect();
+    if std::env::var_os("REG_DEBUG").is_some() {
+        for (a, b, f) in &found {
+            let p = f.places.first();
+            eprintln!("groups {:?} {:?}: {:?} {:?}", names(&groups[*a]), names(&groups[*b]), f.doubt, p.map(|p| (p.score(), p.verdict.agree, p.verdict.agreement(), p.verdict.contradicted(), p.median, p.firmness(), p.matched)));
+        }
+    }
+    for (a, b, finding) in &found {
+        if finding.accepted().is_none() {
+            tried.insert([names(&groups[*a]), names(&groups[*b])]);
+        }
+    }
+    let accepted = found.iter().filter_map(|(a, b, finding)| Some((*a, *b, finding.accepted()?)));
+    let best = accepted.max_by(|x, y| x.2.score().total_cmp(&y.2.score()));
+    Ok(best.map(|(a, b, place)| (a, b, place.pose)))
+}

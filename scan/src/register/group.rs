@@ -1,0 +1,208 @@
+//! Groups of stations whose places beside each other are known, and where one group could stand beside another. At first every station is a group of its own.
+
+use super::view::{Verdict, View};
+use glam::DQuat;
+use kilwa_scan_core::Pose;
+use kilwa_scan_core::register::correlate::{Correlator, Place, Plan, Spectrum};
+use kilwa_scan_core::register::fit::{Fit, Posed, fit};
+use kilwa_scan_core::register::surfels::{Surfel, Surfels};
+use nalgebra::Matrix6;
+
+/// Places that correlation finds, of which the best at a glance are fitted, and those that are fitted finely.
+const PLACES: usize = 160;
+const FITTED: usize = 20;
+const REFINED: usize = 5;
+/// Heights that are tried at each place.
+const HEIGHTS: usize = 2;
+/// Planes of a station that are looked at for a glance, and for a fine fit.
+const GLANCED: usize = 120;
+const FINE: usize = 3000;
+/// A place that is at most this good in comparison with the best is out of the question.
+const RIVAL: f64 = 0.3;
+
+/// Stations whose places beside each other are known.
+#[derive(Debug, Clone)]
+pub(super) struct Group {
+    /// Numbers of stations, and `group_from_station`, in the order of the numbers.
+    pub(super) members: Vec<(usize, Pose)>,
+    pub(super) plan: Plan,
+}
+
+impl Group {
+    /// One station, in its own coordinates.
+    pub(super) fn single(number: usize, view: &View) -> Self {
+        Self { members: vec![(number, Pose::IDENTITY)], plan: view.plan.clone() }
+    }
+
+    /// Both, in the frame of this one.
+    pub(super) fn joined(&self, other: &Self, pose: Pose, views: &[View]) -> Self {
+        let moved = other.members.iter().map(|(number, own)| (*number, own.then(pose)));
+        let mut members: Vec<(usize, Pose)> = self.members.iter().copied().chain(moved).collect();
+        members.sort_unstable_by_key(|(number, _)| *number);
+        let plan = Plan::joined(members.iter().map(|(number, pose)| (&views[*number].plan, *pose)));
+        Self { members, plan }
+    }
+
+    /// The pose of a member.
+    pub(super) fn pose_of(&self, number: usize) -> Option<Pose> {
+        self.members.iter().find(|(own, _)| *own == number).map(|(_, pose)| *pose)
+    }
+
+    fn targets<'v>(&self, views: &'v [View]) -> Vec<Posed<&'v Surfels>> {
+        self.members.iter().map(|(number, pose)| Posed { pose: *pose, planes: &views[*number].surfels }).collect()
+    }
+
+    fn samples<'v>(&self, views: &'v [View]) -> Vec<Posed<&'v [Surfel]>> {
+        self.members.iter().map(|(number, pose)| Posed { pose: *pose, planes: &views[*number].samples[..] }).collect()
+    }
+}
+
+/// A place of a group beside another.
+#[derive(Debug, Clone)]
+pub(super) struct Beside {
+    /// The pose of the second group in the frame of the first.
+    pub(super) pose: Pose,
+    pub(super) verdict: Verdict,
+    /// The information of the fit: rotation, translation.
+    pub(super) information: Matrix6<f64>,
+    /// Planes that were matched.
+    pub(super) matched: usize,
+    /// The median distance of planes that were matched in the fine fit, metres; infinite before it.
+    pub(super) median: f64,
+}
+
+impl Beside {
+    /// How much surface agrees; nothing where rays of one pass through much of what the other saw.
+    pub(super) fn score(&self) -> f64 {
+        f64::from(self.verdict.agree) * (self.verdict.agreement() - 2.0 * self.verdict.contradicted()).max(0.0)
+    }
+
+    /// How much surface fixes the place in the direction that it fixes least, in planes: the smallest eigenvalue of the information, with rotations in the
+    /// unit of the mean distance of the planes.
+    pub(super) fn firmness(&self) -> f64 {
+        let i = &self.information;
+        let turning = i.fixed_view::<3, 3>(0, 0).trace();
+        let moving = i.fixed_view::<3, 3>(3, 3).trace();
+        if moving <= 0.0 || turning <= 0.0 {
+            return 0.0;
+        }
+        let unit = (moving / turning).sqrt();
+        let mut scaled = *i;
+        for k in 0..3 {
+            for other in 0..6 {
+                scaled[(k, other)] *= unit;
+                scaled[(other, k)] *= unit;
+            }
+        }
+        scaled.symmetric_eigenvalues().min()
+    }
+}
+
+/// Two groups with everything that is needed to find places of the second beside the first.
+pub(super) struct Two<'a> {
+    pub(super) views: &'a [View],
+    pub(super) first: &'a Group,
+    pub(super) second: &'a Group,
+    /// The edge of the smallest voxels, metres.
+    pub(super) edge: f64,
+}
+
+impl Two<'_> {
+    /// All places that come out of a fit, the best first. `guesses`: places that are known roughly.
+    pub(super) fn places(
+        &self,
+        correlator: &Correlator,
+        map: &Spectrum,
+        turned: &[Spectrum],
+        guesses: &[Pose],
+    ) -> Vec<Beside> {
+        let mut starts: Vec<(f64, Pose)> = Vec::new();
+        for place in correlator.places(map, turned, PLACES) {
+            for height in self.first.plan.heights(&self.second.plan, &place, correlator.cell(), HEIGHTS) {
+                let start = upright(&place, height);
+                let glance = self.verdict(start, 0.8 * correlator.cell(), GLANCED);
+                starts.push((quality(glance), start));
+            }
+        }
+        starts.sort_by(|a, b| b.0.total_cmp(&a.0));
+        starts.truncate(FITTED);
+        starts.extend(guesses.iter().map(|guess| (f64::INFINITY, *guess)));
+        let mut out: Vec<Beside> = Vec::new();
+        for (_, start) in starts {
+            let Some(found) = self.fitted(start) else { continue };
+            if !out.iter().any(|other| self.is_same(other.pose, found.pose)) {
+                out.push(found);
+            }
+        }
+        out.sort_by(|x, y| y.score().total_cmp(&x.score()));
+        let best = out.first().map_or(0.0, Beside::score);
+        out.retain(|found| found.score() > 0.0 && found.score() >= RIVAL * best);
+        out.truncate(REFINED);
+        let mut refined: Vec<Beside> = Vec::new();
+        for found in out.iter().filter_map(|found| self.refined(found)) {
+            if !refined.iter().any(|other| self.is_same(other.pose, found.pose)) {
+                refined.push(found);
+            }
+        }
+        refined.sort_by(|x, y| y.score().total_cmp(&x.score()));
+        refined
+    }
+
+    /// Whether two poses are the same place.
+    fn is_same(&self, a: Pose, b: Pose) -> bool {
+        let (angle, distance) = a.difference(b);
+        distance < 2.0 * self.edge && angle < 0.035
+    }
+
+    fn fitted(&self, start: Pose) -> Option<Beside> {
+        let reaches = [8.0, 4.0, 2.0, 1.0].map(|reach| reach * self.edge);
+        let found = fit(&self.first.targets(self.views), &self.second.samples(self.views), start, 1, &reaches)?;
+        Some(self.beside(&found, f64::INFINITY))
+    }
+
+    /// With the finest planes.
+    pub(super) fn refined(&self, found: &Beside) -> Option<Beside> {
+        let thinned: Vec<Vec<Surfel>> = self
+            .second
+            .members
+            .iter()
+            .map(|(number, _)| {
+                let fine = &self.views[*number].fine;
+                fine.iter().step_by(fine.len().div_ceil(FINE).max(1)).copied().collect()
+            })
+            .collect();
+        let poses = self.second.members.iter().map(|(_, pose)| *pose);
+        let sources: Vec<Posed<&[Surfel]>> =
+            poses.zip(&thinned).map(|(pose, planes)| Posed { pose, planes: &planes[..] }).collect();
+        let reaches = [1.0, 0.5, 0.3].map(|reach| reach * self.edge);
+        let found = fit(&self.first.targets(self.views), &sources, found.pose, 0, &reaches)?;
+        Some(self.beside(&found, found.median))
+    }
+
+    fn beside(&self, found: &Fit, median: f64) -> Beside {
+        let verdict = self.verdict(found.pose, self.edge, usize::MAX);
+        Beside { pose: found.pose, verdict, information: found.information, matched: found.matched, median }
+    }
+
+    /// What all stations of both say of each other; of each station at most so many planes are looked at.
+    pub(super) fn verdict(&self, pose: Pose, margin: f64, most: usize) -> Verdict {
+        let mut out = Verdict::default();
+        for (b, b_pose) in &self.second.members {
+            for (a, a_pose) in &self.first.members {
+                let a_from_b = b_pose.then(pose).then(a_pose.inverse());
+                let (a, b) = (&self.views[*a], &self.views[*b]);
+                out = out.join(Verdict::one_way(a, &b.samples, most, a_from_b, margin));
+                out = out.join(Verdict::one_way(b, &a.samples, most, a_from_b.inverse(), margin));
+            }
+        }
+        out
+    }
+}
+
+fn quality(verdict: Verdict) -> f64 {
+    f64::from(verdict.agree) * (verdict.agreement() - verdict.contradicted())
+}
+
+fn upright(place: &Place, height: f64) -> Pose {
+    Pose { rotation: DQuat::from_rotation_z(place.heading), translation: place.offset.extend(height) }
+}
