@@ -132,7 +132,8 @@ impl Truth {
 
     /// Fails if the result is not whole, or if a station is farther from its true place than this: metres, degrees.
     pub(super) fn within(&self, found: &Registration, limits: [f64; 2]) {
-        let wrong: Vec<String> = self.off(found).into_iter().filter(|o| o.is_more_than(limits)).map(|o| o.name).collect();
+        let wrong: Vec<String> =
+            self.off(found).into_iter().filter(|o| o.is_more_than(limits)).map(|o| o.name).collect();
         let [metres, degrees] = limits;
         assert!(
             wrong.is_empty(),
@@ -197,7 +198,10 @@ pub(super) fn is_whole(found: &Registration, names: &[&str]) {
         }
         let is_known = matches!(placement, Placement::Anchor | Placement::Fixed);
         let is_zero = c.iter().flatten().all(|v| *v == 0.0);
-        assert_eq!(is_known, is_zero, "{name}, {placement:?}: only what others are placed by has no uncertainty: {c:?}");
+        assert_eq!(
+            is_known, is_zero,
+            "{name}, {placement:?}: only what others are placed by has no uncertainty: {c:?}"
+        );
     }
     for unplaced in &found.unplaced {
         for text in [&unplaced.reason, &unplaced.remedy] {
@@ -235,14 +239,20 @@ fn three() -> Truth {
         rotation: DQuat::from_rotation_z(degrees.to_radians()) * DQuat::from_rotation_x(3e-4),
         translation: DVec3::new(x, 2.0, 1.5),
     };
-    Truth(vec![("a".to_owned(), pose(30.0, 1.0)), ("b".to_owned(), pose(200.0, 9.0)), ("c".to_owned(), pose(-70.0, 4.0))])
+    Truth(vec![
+        ("a".to_owned(), pose(30.0, 1.0)),
+        ("b".to_owned(), pose(200.0, 9.0)),
+        ("c".to_owned(), pose(-70.0, 4.0)),
+    ])
 }
 
 #[test]
 fn the_truth_is_right_in_any_frame() {
     let truth = three();
     truth.all_placed(&right(&truth));
-    assert!(truth.off(&right(&truth)).iter().all(|off| off.translation.length() < 1e-12 && off.rotation.length() < 1e-12));
+    assert!(
+        truth.off(&right(&truth)).iter().all(|off| off.translation.length() < 1e-12 && off.rotation.length() < 1e-12)
+    );
 }
 
 #[test]

@@ -55,8 +55,11 @@ fn range_grids_of_the_bunny_find_their_published_poses_from_ten_degrees_and_twen
     files.sort();
     surveyed.import(&files);
     let toml = surveyed.folder().join("survey.toml");
-    std::fs::write(&toml, with_poses(&read_to_string(&toml).unwrap(), &read_to_string(folder.join("bun.conf")).unwrap()))
-        .unwrap();
+    std::fs::write(
+        &toml,
+        with_poses(&read_to_string(&toml).unwrap(), &read_to_string(folder.join("bun.conf")).unwrap()),
+    )
+    .unwrap();
     for station in surveyed.survey().stations {
         surveyed.truth.0.push((station.name, station.pose.unwrap()));
     }
@@ -165,7 +168,10 @@ fn the_corridor_of_3dtk_is_registered_from_its_odometry() {
         let median = all[all.len() / 2];
         let turn = rotation_vector(own.rotation * guess.rotation.inverse()).length();
         let way = own.translation.distance(guess.translation);
-        println!("{other} on {base}: median distance {:.1} mm; {way:.3} m and {turn:.2}° from the odometry", median * 1e3);
+        println!(
+            "{other} on {base}: median distance {:.1} mm; {way:.3} m and {turn:.2}° from the odometry",
+            median * 1e3
+        );
         // GICP of small_gicp 1.0.1 comes to 32.5 mm (the spacing of the points), 14 and 17 mm and 0.13 and 0.57° from the odometry.
         assert!(median <= 0.036, "{other} on {base}: {median} m");
         assert!(way <= 0.1 && turn <= 1.5, "{other} on {base}: {way} m and {turn}° from the odometry");

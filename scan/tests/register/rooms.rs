@@ -102,8 +102,7 @@ fn three_rooms_with_stations_in_their_doors_are_placed() {
 
 #[test]
 fn five_rooms_with_stations_in_their_doors_are_placed() {
-    let chain =
-        [CHAMBER, KITCHEN_DOOR, KITCHEN, HALL_DOOR, HALL, LIVING_DOOR, LIVING, STUDY_DOOR, STUDY];
+    let chain = [CHAMBER, KITCHEN_DOOR, KITCHEN, HALL_DOOR, HALL, LIVING_DOOR, LIVING, STUDY_DOOR, STUDY];
     all_placed(&house(), &chain, 5);
 }
 
@@ -208,8 +207,7 @@ fn a_room_that_is_almost_equal_is_not_taken_for_the_other() {
     let mut scene = first.and(&second);
     scene.ground();
     for seed in 17..19 {
-        let surveyed =
-            Surveyed::of(&scene, &[("first", [2.4, 1.8, 1.6]), ("second", [22.0, 2.4, 1.5])], seed);
+        let surveyed = Surveyed::of(&scene, &[("first", [2.4, 1.8, 1.6]), ("second", [22.0, 2.4, 1.5])], seed);
         let found = surveyed.register();
         surveyed.truth.never_wrong(&found);
         assert_eq!(found.unplaced.len(), 1, "the rooms have no link");

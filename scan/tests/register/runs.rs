@@ -97,7 +97,12 @@ fn nothing_is_written_until_it_is_applied_and_then_poses_with_their_uncertainty(
     for station in &survey.stations {
         let placed = found.of(station).unwrap_or_else(|| panic!("the pose of {} is not entered", station.name));
         let pose = station.pose.unwrap();
-        assert_eq!(pose.translation.to_array().map(f64::to_bits), placed.translation.map(f64::to_bits), "{}", station.name);
+        assert_eq!(
+            pose.translation.to_array().map(f64::to_bits),
+            placed.translation.map(f64::to_bits),
+            "{}",
+            station.name
+        );
         let q = pose.rotation;
         for (entered, own) in [q.w, q.x, q.y, q.z].into_iter().zip(placed.rotation) {
             assert!((entered - own).abs() < 1e-15, "{}: {q}, {:?}", station.name, placed.rotation);
@@ -106,7 +111,11 @@ fn nothing_is_written_until_it_is_applied_and_then_poses_with_their_uncertainty(
             let ([metres, radians], own) = (placed.sigma(), station.sigma.unwrap());
             assert!((own[0] / metres - 1.0).abs() < 0.01, "{}: {own:?}, {metres} m", station.name);
             let degrees = radians.to_degrees();
-            assert!([degrees, radians].iter().any(|r| (own[1] / r - 1.0).abs() < 0.01), "{}: {own:?}, {degrees}°", station.name);
+            assert!(
+                [degrees, radians].iter().any(|r| (own[1] / r - 1.0).abs() < 0.01),
+                "{}: {own:?}, {degrees}°",
+                station.name
+            );
         }
     }
     assert!(found.outdated(&survey).is_empty());

@@ -72,12 +72,9 @@ fn a_bench_and_a_barrel_in_the_tower_are_enough() {
 fn stations_in_a_square_room_are_refused() {
     let mut scene = Scene::default();
     scene.ground().block([-3.0, -3.0, 2.8], [3.0, 3.0, 3.1]);
-    for (from, to) in [
-        ([-2.5, -2.5], [2.5, -2.5]),
-        ([2.5, -2.5], [2.5, 2.5]),
-        ([2.5, 2.5], [-2.5, 2.5]),
-        ([-2.5, 2.5], [-2.5, -2.5]),
-    ] {
+    for (from, to) in
+        [([-2.5, -2.5], [2.5, -2.5]), ([2.5, -2.5], [2.5, 2.5]), ([2.5, 2.5], [-2.5, 2.5]), ([-2.5, 2.5], [-2.5, -2.5])]
+    {
         scene.wall(from, to, 2.8, &[window(2.0, 3.0)]);
     }
     for seed in 29..32 {
@@ -235,10 +232,13 @@ fn a_survey_without_stations_is_refused() {
     let toml = surveyed.folder().join("survey.toml");
     std::fs::write(&toml, "version = 1\n").unwrap();
     let result = register(&surveyed.folder(), &surveyed.survey(), &Options::default(), &Silent);
-    assert!(result.is_ok_and(|found| found.stations.is_empty() && found.unplaced.is_empty()) || matches!(
-        register(&surveyed.folder(), &surveyed.survey(), &Options::default(), &Silent),
-        Err(ScanError::Request(sentence)) if sentence.contains("station")
-    ));
+    assert!(
+        result.is_ok_and(|found| found.stations.is_empty() && found.unplaced.is_empty())
+            || matches!(
+                register(&surveyed.folder(), &surveyed.survey(), &Options::default(), &Silent),
+                Err(ScanError::Request(sentence)) if sentence.contains("station")
+            )
+    );
 }
 
 #[test]
@@ -269,8 +269,7 @@ fn stations_that_see_one_wall_and_the_ground_are_refused() {
 
 #[test]
 fn a_station_of_a_few_points_is_refused_and_the_rest_is_placed() {
-    let mut surveyed =
-        Surveyed::of(&yard(), &[("one", [0.0, 0.0, 1.6]), ("two", [1.5, 2.0, 1.5])], 49);
+    let mut surveyed = Surveyed::of(&yard(), &[("one", [0.0, 0.0, 1.6]), ("two", [1.5, 2.0, 1.5])], 49);
     surveyed.add(&Scanner { dropouts: 0.9999, ..Scanner::default() }, &yard(), &[("blind", [0.0, 3.0, 1.6])], 49);
     let found = surveyed.register();
     surveyed.truth.never_wrong(&found);
