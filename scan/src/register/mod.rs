@@ -250,6 +250,10 @@ impl<'a> Work<'a> {
         if let Some((k, pose)) = first {
             group.move_to(k, pose);
         }
+        // To the last bit.
+        for (number, pose) in group.members.iter_mut().filter(|(number, _)| self.is_fixed[*number]) {
+            *pose = self.stations[*number].pose.unwrap_or(*pose);
+        }
         let given = Given { is_fixed, priors, controls: &controls };
         let settled = settle(report.views, &group, &given, report.edge);
         let mut settled = settled.ok_or_else(|| {
