@@ -171,7 +171,9 @@ pub(super) fn assemble(
             return Ok(Assembled { groups, pairs: pairs.found });
         }
         // Without them, others may be lost, too.
-        lost.into_iter().for_each(|station| pairs.refuse(station));
+        for station in lost {
+            pairs.refuse(station);
+        }
     }
 }
 
@@ -276,6 +278,9 @@ fn ambiguous(views: &[View], groups: &[Group], pairs: &Pairs, edge: f64, known: 
     groups.iter().flat_map(of_group).collect()
 }
 
+/// A pair of stations, and what was found for it.
+type Found = ((usize, usize), Finding);
+
 /// What is found for every pair of stations.
 fn pairs(
     views: &[View],
@@ -290,30 +295,29 @@ fn pairs(
     let symmetries = symmetries(views, singles, edge, &correlator, &maps);
     let (done, total) = (AtomicU64::new(0), (views.len() * (views.len() - 1) / 2) as u64);
     let is_fixed = |k: usize| known.fixed.iter().any(|(fixed, _)| *fixed == k);
-    let of_second = |b: usize| -> Result<Vec<((usize, usize), Finding)>, ScanError> {
+    let of_second = |b: usize| -> Result<Vec<Found>, ScanError> {
         let turned = correlator.turned(&singles[b].plan);
         let of_pair = |a: usize| {
             if progress.is_stopped() {
                 return Err(ScanError::Stopped);
             }
             let two = Two { views, first: &singles[a], second: &singles[b], edge };
-            let finding = match known.controlled.get(&(a, b)) {
-                Some(pose) => Finding { places: vec![two.given(*pose)], doubt: None },
-                None => {
-                    let guess = known.guesses[a].zip(known.guesses[b]);
-                    let guess = guess.map(|(a, b)| (b.pose.then(a.pose.inverse()), a.reach.zip(b.reach)));
-                    let start = guess.map(|(pose, _)| pose);
-                    let mut places = two.places(&correlator, &maps[a], &turned, start.as_slice());
-                    if let Some(best) = places.first().map(|best| best.pose) {
-                        let of_first = symmetries[a].iter().map(|turn| best.then(*turn));
-                        let of_second = symmetries[b].iter().map(|turn| turn.then(best));
-                        two.add(&mut places, of_first.chain(of_second));
-                    }
-                    if let Some((pose, Some((a, b)))) = guess {
-                        places.retain(|place| is_near(place.pose, pose, a, b));
-                    }
-                    Finding::new(places, edge, MAX_CONTRADICTED)
+            let finding = if let Some(pose) = known.controlled.get(&(a, b)) {
+                Finding { places: vec![two.given(*pose)], doubt: None }
+            } else {
+                let guess = known.guesses[a].zip(known.guesses[b]);
+                let guess = guess.map(|(a, b)| (b.pose.then(a.pose.inverse()), a.reach.zip(b.reach)));
+                let start = guess.map(|(pose, _)| pose);
+                let mut places = two.places(&correlator, &maps[a], &turned, start.as_slice());
+                if let Some(best) = places.first().map(|best| best.pose) {
+                    let of_first = symmetries[a].iter().map(|turn| best.then(*turn));
+                    let of_second = symmetries[b].iter().map(|turn| turn.then(best));
+                    two.add(&mut places, of_first.chain(of_second));
                 }
+                if let Some((pose, Some((a, b)))) = guess {
+                    places.retain(|place| is_near(place.pose, pose, a, b));
+                }
+                Finding::new(places, edge, MAX_CONTRADICTED)
             };
             progress.update("comparing stations", done.fetch_add(1, Ordering::Relaxed) + 1, total);
             Ok(((a, b), finding))

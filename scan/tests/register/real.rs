@@ -25,7 +25,7 @@ fn numbers(text: &str) -> Vec<f64> {
 
 /// The pose of `other` in the frame of `base`, if both are placed.
 fn relative(found: &Registration, base: &str, other: &str) -> Option<Pose> {
-    let pose = |name: &str| found.stations.iter().find(|s| s.name == name).map(|s| s.pose());
+    let pose = |name: &str| found.stations.iter().find(|s| s.name == name).map(kilwa_scan::register::Placed::pose);
     Some(pose(other)?.then(pose(base)?.inverse()))
 }
 

@@ -6,7 +6,7 @@
 
 use glam::{DVec3, IVec3};
 use nalgebra::{Matrix3, SymmetricEigen};
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Sizes of voxels; each is twice the one before.
 pub const LEVELS: usize = 4;
@@ -174,11 +174,11 @@ impl Surfels {
     /// Every part of the surface once: the planes of `level`, and larger ones where that has none.
     pub fn cover(&self, level: usize) -> Vec<Surfel> {
         let mut out = self.levels[level].surfels.clone();
-        let mut covered: FxHashMap<IVec3, ()> = self.levels[level].voxels.iter().map(|v| (*v, ())).collect();
+        let mut covered: FxHashSet<IVec3> = self.levels[level].voxels.iter().copied().collect();
         for next in level + 1..LEVELS {
-            covered = covered.into_keys().map(|v| (v.map(|v| v.div_euclid(2)), ())).collect();
+            covered = covered.into_iter().map(|v| v.map(|v| v.div_euclid(2))).collect();
             for (surfel, voxel) in self.levels[next].surfels.iter().zip(&self.levels[next].voxels) {
-                if covered.insert(*voxel, ()).is_none() {
+                if covered.insert(*voxel) {
                     out.push(*surfel);
                 }
             }
