@@ -48,8 +48,8 @@ fn stations_that_fit_in_several_places_are_named_and_control_points_settle_it() 
     let found = json(&["register", text(&survey)]);
     assert_eq!(found["unplaced"], serde_json::json!([]), "{found}");
     let place = |k: usize| -> Vec<f64> { serde_json::from_value(found["stations"][k]["translation"].clone()).unwrap() };
-    for axis in 0..3 {
-        let off = place(1)[axis] - place(0)[axis] - (PLACES[1][axis] - PLACES[0][axis]);
+    for (axis, (first, second)) in PLACES[0].iter().zip(&PLACES[1]).enumerate() {
+        let off = place(1)[axis] - place(0)[axis] - (second - first);
         assert!(off.abs() < 0.005, "{off} along axis {axis}");
     }
     assert!(std::fs::read_to_string(&toml).unwrap().contains("translation_sigma"));
