@@ -17,16 +17,22 @@ use std::sync::atomic::{AtomicU64, Ordering};
 const MIN_AGREE: u32 = 80;
 /// Least share of the common planes that must agree, and the largest share that may be contradicted.
 const MIN_AGREEMENT: f64 = 0.45;
-const MAX_CONTRADICTED: f64 = 0.05;
-/// Least number of planes that fix the direction that is fixed least, and their least share of all.
-const MIN_FIRMNESS: f64 = 8.0;
-const MIN_SHARE: f64 = 0.006;
+const MAX_CONTRADICTED: f64 = 0.06;
+/// The same between groups, which have more surface in common, and more that moved meanwhile.
+const MAX_GROUP_CONTRADICTED: f64 = 0.08;
+/// Least number of planes that fix the direction that is fixed least, and how many times as many they must be as errors of normals amount to.
+const MIN_FIRMNESS: f64 = 0.25;
+const MIN_CLEARNESS: f64 = 3.0;
 /// Another place is a rival if its score is at least this share of the best one's, and its distances are at most this many times as large.
-const RIVAL_SCORE: f64 = 0.5;
-const RIVAL_MEDIAN: f64 = 1.8;
+const RIVAL: [f64; 2] = [0.5, 1.8];
+/// The same for places at most so many edges of voxels away.
+const NEAR_RIVAL: [f64; 2] = [0.8, 1.2];
+const NEARBY: f64 = 8.0;
 /// Cells along the maps of single stations and of groups.
 const SIDE: usize = 128;
 const GROUP_SIDE: usize = 256;
+/// Maps of groups show walls up to so many times as far away as those of single stations.
+const GROUP_REACH: f64 = 1.6;
 /// Bounds of how far walls are looked at, in edges of voxels.
 const REACH: (f64, f64) = (16.0, 200.0);
 
@@ -57,8 +63,8 @@ pub(super) struct Finding {
 }
 
 impl Finding {
-    fn new(places: Vec<Beside>) -> Self {
-        let doubt = doubt(&places);
+    fn new(places: Vec<Beside>, edge: f64, most: f64) -> Self {
+        let doubt = doubt(&places, edge, most);
         Self { places, doubt }
     }
 
@@ -67,20 +73,26 @@ impl Finding {
     }
 }
 
-fn doubt(places: &[Beside]) -> Option<Doubt> {
+fn doubt(places: &[Beside], edge: f64, most: f64) -> Option<Doubt> {
     let Some(best) = places.first() else { return Some(Doubt::None) };
     let v = &best.verdict;
     if v.agree < MIN_AGREE {
         return Some(Doubt::Little);
     }
-    if v.agreement() < MIN_AGREEMENT || v.contradicted() > MAX_CONTRADICTED {
+    if v.agreement() < MIN_AGREEMENT || v.contradicted() > most {
         return Some(Doubt::Contradicted);
     }
-    if best.firmness() < MIN_FIRMNESS.max(MIN_SHARE * best.matched as f64) {
+    if best.firmness < MIN_FIRMNESS.max(MIN_CLEARNESS * best.noise) {
         return Some(Doubt::Loose);
     }
     let is_rival = |other: &Beside| {
-        other.score() >= RIVAL_SCORE * best.score() && other.median <= RIVAL_MEDIAN * best.median
+        // Beside the right place there are others, where stones lie on the wrong stones.
+        let is_near = best.pose.difference(other.pose).1 < NEARBY * edge;
+        let [score, median] = if is_near { NEAR_RIVAL } else { RIVAL };
+        other.verdict.contradicted() <= most.max(2.0 * v.contradicted())
+            && other.firmness >= MIN_FIRMNESS.min(best.firmness)
+            && other.score() >= score * best.score()
+            && other.median <= median * best.median
     };
     places[1..].iter().any(is_rival).then_some(Doubt::Ambiguous)
 }
@@ -98,7 +110,24 @@ pub(super) struct Known<'a> {
     /// Stations that stay where they are, with their poses.
     pub(super) fixed: Vec<(usize, Pose)>,
     /// Rough poses of stations.
-    pub(super) guesses: &'a [Option<Pose>],
+    pub(super) guesses: &'a [Option<Guess>],
+    /// The pose of the second station beside the first by control points, the first with the lower number.
+    pub(super) controlled: BTreeMap<(usize, usize), Pose>,
+}
+
+/// A rough pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Guess {
+    pub(super) pose: Pose,
+    /// How far it is wrong at most, if that is known: metres, radians.
+    pub(super) reach: Option<[f64; 2]>,
+}
+
+/// Whether a place agrees with rough poses of both stations.
+fn is_near(place: Pose, guess: Pose, a: [f64; 2], b: [f64; 2]) -> bool {
+    let (angle, distance) = place.difference(guess);
+    // A wrong heading of the one moves the other.
+    angle <= a[1] + b[1] && distance <= a[0] + b[0] + (a[1] + b[1]) * guess.translation.length()
 }
 
 /// Put the stations together.
@@ -113,7 +142,7 @@ pub(super) fn assemble(
     let reach = reaches[reaches.len() / 2].clamp(REACH.0 * edge, REACH.1 * edge);
     let singles: Vec<Group> = views.iter().enumerate().map(|(k, view)| Group::single(k, view)).collect();
     let mut pairs = pairs(views, &singles, edge, reach, known, progress)?;
-    drop_inconsistent(&mut pairs, edge);
+    drop_inconsistent(&mut pairs, known, edge);
     let mut groups = joined(views, singles, &pairs, edge, known);
     let mut tried: BTreeSet<[Vec<usize>; 2]> = BTreeSet::new();
     while groups.len() > 1 {
@@ -145,10 +174,21 @@ fn pairs(
                 return Err(ScanError::Stopped);
             }
             let two = Two { views, first: &singles[a], second: &singles[b], edge };
-            let guess = known.guesses[a].zip(known.guesses[b]).map(|(a, b)| b.then(a.inverse()));
-            let places = two.places(&correlator, &maps[a], &turned, guess.as_slice());
+            let finding = match known.controlled.get(&(a, b)) {
+                Some(pose) => Finding { places: vec![two.given(*pose)], doubt: None },
+                None => {
+                    let guess = known.guesses[a].zip(known.guesses[b]);
+                    let guess = guess.map(|(a, b)| (b.pose.then(a.pose.inverse()), a.reach.zip(b.reach)));
+                    let start = guess.map(|(pose, _)| pose);
+                    let mut places = two.places(&correlator, &maps[a], &turned, start.as_slice());
+                    if let Some((pose, Some((a, b)))) = guess {
+                        places.retain(|place| is_near(place.pose, pose, a, b));
+                    }
+                    Finding::new(places, edge, MAX_CONTRADICTED)
+                }
+            };
             progress.update("comparing stations", done.fetch_add(1, Ordering::Relaxed) + 1, total);
-            Ok(((a, b), Finding::new(places)))
+            Ok(((a, b), finding))
         };
         (0..b).filter(|a| !(is_fixed(*a) && is_fixed(b))).map(of_pair).collect()
     };
@@ -158,7 +198,7 @@ fn pairs(
 
 /// Give up pairs that contradict others: round a triangle, three poses must lead back to the beginning. A pair is given up if it is in more triangles that do
 /// not than in such that do; all three if nothing tells which of them is wrong.
-fn drop_inconsistent(pairs: &mut BTreeMap<(usize, usize), Finding>, edge: f64) {
+fn drop_inconsistent(pairs: &mut BTreeMap<(usize, usize), Finding>, known: &Known<'_>, edge: f64) {
     loop {
         let accepted: BTreeMap<(usize, usize), Pose> =
             pairs.iter().filter_map(|(key, found)| Some((*key, found.accepted()?.pose))).collect();
@@ -173,6 +213,7 @@ fn drop_inconsistent(pairs: &mut BTreeMap<(usize, usize), Finding>, edge: f64) {
                 }
             }
         }
+        votes.retain(|key, _| !known.controlled.contains_key(key));
         let worst = votes.values().map(|[against, by]| i64::from(*against) - i64::from(*by)).max().unwrap_or(0);
         if worst <= 0 {
             return;
@@ -209,7 +250,8 @@ fn joined(
     }
     let mut accepted: Vec<(&(usize, usize), &Beside)> =
         pairs.iter().filter_map(|(key, found)| Some((key, found.accepted()?))).collect();
-    accepted.sort_by(|a, b| b.1.score().total_cmp(&a.1.score()));
+    let is_controlled = |key: &(usize, usize)| known.controlled.contains_key(key);
+    accepted.sort_by(|a, b| is_controlled(b.0).cmp(&is_controlled(a.0)).then(b.1.score().total_cmp(&a.1.score())));
     for ((a, b), place) in accepted {
         let (ga, gb) = (group_of[*a], group_of[*b]);
         if ga == gb {
@@ -220,7 +262,7 @@ fn joined(
         let pose = of_b.inverse().then(place.pose).then(of_a);
         let two = Two { views, first, second, edge };
         let verdict = two.verdict(pose, edge, usize::MAX);
-        if verdict.contradicted() > MAX_CONTRADICTED {
+        if verdict.contradicted() > MAX_GROUP_CONTRADICTED && !is_controlled(&(*a, *b)) {
             continue;
         }
         let group = first.joined(second, pose, views);
@@ -240,7 +282,7 @@ fn best_of_groups(
     tried: &mut BTreeSet<[Vec<usize>; 2]>,
     progress: &(dyn Progress + Sync),
 ) -> Result<Option<(usize, usize, Pose)>, ScanError> {
-    let correlator = Correlator::new(1.6 * reach, GROUP_SIDE);
+    let correlator = Correlator::new(GROUP_REACH * reach, GROUP_SIDE);
     let names = |group: &Group| -> Vec<usize> { group.members.iter().map(|(number, _)| *number).collect() };
     let maps: Vec<Spectrum> = groups.par_iter().map(|group| correlator.upright(&group.plan)).collect();
     let (done, total) = (AtomicU64::new(0), groups.len() as u64);
@@ -251,11 +293,14 @@ fn best_of_groups(
             if progress.is_stopped() {
                 return Err(ScanError::Stopped);
             }
-            let others: Vec<usize> = (0..b).filter(|a| fresh(*a, b)).filter(|a| groups[*a].members.len() + groups[b].members.len() > 2).collect();
+            let others: Vec<usize> = (0..b)
+                .filter(|a| fresh(*a, b))
+                .filter(|a| groups[*a].members.len() + groups[b].members.len() > 2)
+                .collect();
             let turned = if others.is_empty() { Vec::new() } else { correlator.turned(&groups[b].plan) };
             let of_pair = |a: usize| {
                 let two = Two { views, first: &groups[a], second: &groups[b], edge };
-                (a, b, Finding::new(two.places(&correlator, &maps[a], &turned, &[])))
+                (a, b, Finding::new(two.places(&correlator, &maps[a], &turned, &[]), edge, MAX_GROUP_CONTRADICTED))
             };
             let found = others.into_iter().map(of_pair).collect::<Vec<_>>();
             progress.update("joining groups", done.fetch_add(1, Ordering::Relaxed) + 1, total);
@@ -265,12 +310,6 @@ fn best_of_groups(
         .into_iter()
         .flatten()
         .collect();
-    if std::env::var_os("REG_DEBUG").is_some() {
-        for (a, b, f) in &found {
-            let p = f.places.first();
-            eprintln!("groups {:?} {:?}: {:?} {:?}", names(&groups[*a]), names(&groups[*b]), f.doubt, p.map(|p| (p.score(), p.verdict.agree, p.verdict.agreement(), p.verdict.contradicted(), p.median, p.firmness(), p.matched)));
-        }
-    }
     for (a, b, finding) in &found {
         if finding.accepted().is_none() {
             tried.insert([names(&groups[*a]), names(&groups[*b])]);

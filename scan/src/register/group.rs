@@ -8,8 +8,9 @@ use kilwa_scan_core::register::fit::{Fit, Posed, fit};
 use kilwa_scan_core::register::surfels::{Surfel, Surfels};
 use nalgebra::Matrix6;
 
-/// Places that correlation finds, of which the best at a glance are fitted, and those that are fitted finely.
+/// Places that correlation finds for two stations and for groups, of which the best at a glance are fitted, and those that are fitted finely.
 const PLACES: usize = 160;
+const GROUP_PLACES: usize = 600;
 const FITTED: usize = 20;
 const REFINED: usize = 5;
 /// Heights that are tried at each place.
@@ -39,8 +40,15 @@ impl Group {
         let moved = other.members.iter().map(|(number, own)| (*number, own.then(pose)));
         let mut members: Vec<(usize, Pose)> = self.members.iter().copied().chain(moved).collect();
         members.sort_unstable_by_key(|(number, _)| *number);
-        let plan = Plan::joined(members.iter().map(|(number, pose)| (&views[*number].plan, *pose)));
+        let parts: Vec<(&Plan, Pose)> = members.iter().map(|(number, pose)| (&views[*number].plan, *pose)).collect();
+        let plan = Plan::joined(&parts);
         Self { members, plan }
+    }
+
+    /// Move the group so that this member (its place in the list) has this pose.
+    pub(super) fn move_to(&mut self, member: usize, pose: Pose) {
+        let step = self.members[member].1.inverse().then(pose);
+        self.members.iter_mut().for_each(|(_, own)| *own = own.then(step));
     }
 
     /// The pose of a member.
@@ -63,10 +71,9 @@ pub(super) struct Beside {
     /// The pose of the second group in the frame of the first.
     pub(super) pose: Pose,
     pub(super) verdict: Verdict,
-    /// The information of the fit: rotation, translation.
-    pub(super) information: Matrix6<f64>,
-    /// Planes that were matched.
-    pub(super) matched: usize,
+    /// How much surface fixes the place in the direction that it fixes least, in planes, and how much of that errors of normals amount to.
+    pub(super) firmness: f64,
+    pub(super) noise: f64,
     /// The median distance of planes that were matched in the fine fit, metres; infinite before it.
     pub(super) median: f64,
 }
@@ -74,28 +81,26 @@ pub(super) struct Beside {
 impl Beside {
     /// How much surface agrees; nothing where rays of one pass through much of what the other saw.
     pub(super) fn score(&self) -> f64 {
-        f64::from(self.verdict.agree) * (self.verdict.agreement() - 2.0 * self.verdict.contradicted()).max(0.0)
+        f64::from(self.verdict.agree) * (self.verdict.agreement() - 4.0 * self.verdict.contradicted()).max(0.0)
     }
+}
 
-    /// How much surface fixes the place in the direction that it fixes least, in planes: the smallest eigenvalue of the information, with rotations in the
-    /// unit of the mean distance of the planes.
-    pub(super) fn firmness(&self) -> f64 {
-        let i = &self.information;
-        let turning = i.fixed_view::<3, 3>(0, 0).trace();
-        let moving = i.fixed_view::<3, 3>(3, 3).trace();
-        if moving <= 0.0 || turning <= 0.0 {
-            return 0.0;
-        }
-        let unit = (moving / turning).sqrt();
-        let mut scaled = *i;
-        for k in 0..3 {
-            for other in 0..6 {
-                scaled[(k, other)] *= unit;
-                scaled[(other, k)] *= unit;
-            }
-        }
-        scaled.symmetric_eigenvalues().min()
+/// The smallest eigenvalue of the information, with rotations in the unit of the mean distance of the planes.
+fn firmness(information: &Matrix6<f64>) -> f64 {
+    let turning = information.fixed_view::<3, 3>(0, 0).trace();
+    let moving = information.fixed_view::<3, 3>(3, 3).trace();
+    if moving <= 0.0 || turning <= 0.0 {
+        return 0.0;
     }
+    let unit = (moving / turning).sqrt();
+    let mut scaled = *information;
+    for k in 0..3 {
+        for other in 0..6 {
+            scaled[(k, other)] *= unit;
+            scaled[(other, k)] *= unit;
+        }
+    }
+    scaled.symmetric_eigenvalues().min()
 }
 
 /// Two groups with everything that is needed to find places of the second beside the first.
@@ -117,7 +122,10 @@ impl Two<'_> {
         guesses: &[Pose],
     ) -> Vec<Beside> {
         let mut starts: Vec<(f64, Pose)> = Vec::new();
-        for place in correlator.places(map, turned, PLACES) {
+        // Without knowing where rays went, nothing tells a right place from a wrong one but that it is near a known pose.
+        let turned = if self.see_through() { turned } else { &[] };
+        let are_single = self.first.members.len() + self.second.members.len() == 2;
+        for place in correlator.places(map, turned, if are_single { PLACES } else { GROUP_PLACES }) {
             for height in self.first.plan.heights(&self.second.plan, &place, correlator.cell(), HEIGHTS) {
                 let start = upright(&place, height);
                 let glance = self.verdict(start, 0.8 * correlator.cell(), GLANCED);
@@ -148,6 +156,17 @@ impl Two<'_> {
         refined
     }
 
+    /// Whether it is known where the rays of all stations went.
+    fn see_through(&self) -> bool {
+        self.first.members.iter().chain(&self.second.members).all(|(number, _)| self.views[*number].image.is_some())
+    }
+
+    /// A place that is known from control points.
+    pub(super) fn given(&self, pose: Pose) -> Beside {
+        let verdict = self.verdict(pose, self.edge, usize::MAX);
+        Beside { pose, verdict, firmness: f64::INFINITY, noise: 0.0, median: 0.0 }
+    }
+
     /// Whether two poses are the same place.
     fn is_same(&self, a: Pose, b: Pose) -> bool {
         let (angle, distance) = a.difference(b);
@@ -161,7 +180,7 @@ impl Two<'_> {
     }
 
     /// With the finest planes.
-    pub(super) fn refined(&self, found: &Beside) -> Option<Beside> {
+    pub(super) fn refined(&self, rough: &Beside) -> Option<Beside> {
         let thinned: Vec<Vec<Surfel>> = self
             .second
             .members
@@ -175,13 +194,16 @@ impl Two<'_> {
         let sources: Vec<Posed<&[Surfel]>> =
             poses.zip(&thinned).map(|(pose, planes)| Posed { pose, planes: &planes[..] }).collect();
         let reaches = [1.0, 0.5, 0.3].map(|reach| reach * self.edge);
-        let found = fit(&self.first.targets(self.views), &sources, found.pose, 0, &reaches)?;
-        Some(self.beside(&found, found.median))
+        let found = fit(&self.first.targets(self.views), &sources, rough.pose, 0, &reaches)?;
+        let fine = self.beside(&found, found.median);
+        // Small planes have normals too rough to tell what fixes the place.
+        Some(Beside { firmness: rough.firmness, noise: rough.noise, ..fine })
     }
 
     fn beside(&self, found: &Fit, median: f64) -> Beside {
         let verdict = self.verdict(found.pose, self.edge, usize::MAX);
-        Beside { pose: found.pose, verdict, information: found.information, matched: found.matched, median }
+        let firmness = firmness(&found.information);
+        Beside { pose: found.pose, verdict, firmness, noise: found.noise, median }
     }
 
     /// What all stations of both say of each other; of each station at most so many planes are looked at.
@@ -200,7 +222,7 @@ impl Two<'_> {
 }
 
 fn quality(verdict: Verdict) -> f64 {
-    f64::from(verdict.agree) * (verdict.agreement() - verdict.contradicted())
+    f64::from(verdict.agree) * (verdict.agreement() - 2.0 * verdict.contradicted())
 }
 
 fn upright(place: &Place, height: f64) -> Pose {

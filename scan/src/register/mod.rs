@@ -2,10 +2,12 @@
 //!
 //! Every station becomes a set of small planes ([`view`]). Each pair of stations is laid over each other in all ways that a levelled scanner allows, and
 //! joined if exactly one is right ([`group`], [`assemble`]); then groups of stations, which have more surface in common. All poses are
-//! adjusted together, with their covariances ([`settle`]). What does not fit in exactly one place is not placed, and the result says why.
+//! adjusted together, with their covariances ([`settle`]). What does not fit in exactly one place is not placed, and the result says why ([`report`]).
 
 mod assemble;
+mod control;
 mod group;
+mod report;
 mod result;
 mod settle;
 mod view;
@@ -14,15 +16,23 @@ pub use result::{Candidate, FILE, Link, Placed, Placement, Registration, Unplace
 
 use crate::ScanError;
 use crate::import::Progress;
+use crate::lock::Lock;
+use crate::survey::edit::Edit;
 use crate::survey::{Station, Survey};
-use assemble::{Assembled, Known, assemble};
+use assemble::{Assembled, Guess, Known, assemble};
+use control::Controls;
 use group::Group;
 use kilwa_scan_core::Pose;
 use rayon::prelude::*;
-use settle::settle;
+use report::Report;
+use settle::{Given, settle};
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use view::View;
+
+/// A pose that is known with standard deviations is not wrong by more than so many of them.
+const SURE: f64 = 4.0;
 
 /// What to do.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -52,13 +62,38 @@ pub fn register(
     pool.install(|| Work::new(folder, survey, options)?.run(progress))
 }
 
+/// Enter what was found into `survey.toml`, and keep it as `registration.json`. Stations that were not placed lose a pose that they share with others, because it says nothing.
+///
+/// # Errors
+/// [`ScanError::Request`] if another command is writing to the survey, or if a station is gone; [`ScanError::Survey`], [`ScanError::Write`].
+pub fn apply(folder: &Path, found: &Registration) -> Result<(), ScanError> {
+    let _lock = Lock::take(folder)?;
+    let mut edit = Edit::open(folder)?;
+    for unplaced in &found.unplaced {
+        let own = edit.survey().station(&unplaced.name)?.pose;
+        if own.is_some() && edit.survey().stations.iter().filter(|s| s.pose == own).count() > 1 {
+            edit.set_pose(&unplaced.name, None)?;
+        }
+    }
+    for placed in found.stations.iter().filter(|placed| placed.placement != Placement::Fixed) {
+        edit.set_pose(&placed.name, Some(placed.pose()))?;
+        edit.set_sigma(&placed.name, placed.sigma())?;
+    }
+    // Either file alone does no harm: what is kept of a station counts only if its pose is the one in `survey.toml`.
+    found.save(folder)?;
+    edit.save()
+}
+
 /// The stations in an order that does not depend on that of the files, and what is known of them.
 struct Work<'a> {
     folder: &'a Path,
     survey: &'a Survey,
     stations: Vec<&'a Station>,
     is_fixed: Vec<bool>,
-    guesses: Vec<Option<Pose>>,
+    guesses: Vec<Option<Guess>>,
+    controls: Controls,
+    /// What was found before, of stations that stay.
+    before: Option<Registration>,
 }
 
 impl<'a> Work<'a> {
@@ -71,8 +106,7 @@ impl<'a> Work<'a> {
             )));
         }
         for name in &options.fixed {
-            let station = survey.station(name)?;
-            if station.pose.is_none() {
+            if survey.station(name)?.pose.is_none() {
                 return Err(ScanError::Request(format!(
                     "station {name} has no pose, so it cannot stay where it is; add rotation and translation to it in survey.toml"
                 )));
@@ -80,31 +114,66 @@ impl<'a> Work<'a> {
         }
         let mut stations: Vec<&Station> = survey.stations.iter().collect();
         stations.sort_by(|a, b| {
-            let key = |s: &Station| (s.source.blake3.clone(), s.source.number);
-            key(a).cmp(&key(b)).then(a.name.cmp(&b.name))
+            let hashes = a.source.blake3.cmp(&b.source.blake3);
+            hashes.then(a.source.number.cmp(&b.source.number)).then(a.name.cmp(&b.name))
         });
-        let before = if options.again { None } else { Registration::open(folder)? };
-        let is_known = |s: &Station| before.as_ref().is_some_and(|before| before.of(s).is_some());
-        let is_fixed = stations.iter().map(|s| s.is_fixed || options.fixed.contains(&s.name) || is_known(s)).collect();
+        let registered = Registration::open(folder)?;
+        let is_registered = |s: &Station| registered.as_ref().is_some_and(|before| before.of(s).is_some());
+        let stays = |s: &&Station| {
+            s.pose.is_some() && (s.is_fixed || options.fixed.contains(&s.name) || !options.again && is_registered(s))
+        };
+        let is_fixed = stations.iter().map(stays).collect();
         // Scans that were never registered often state the same pose.
         let is_alone = |s: &Station| stations.iter().filter(|other| other.pose == s.pose).count() == 1;
-        let guess = |s: &&Station| s.pose.filter(|_| !options.ignore_poses && is_alone(s));
+        let guess = |s: &&Station| {
+            let pose = s.pose.filter(|_| !options.ignore_poses && is_alone(s))?;
+            let sigma = s.sigma.filter(|_| !is_registered(s));
+            Some(Guess { pose, reach: sigma.map(|sigma| sigma.map(|v| SURE * v)) })
+        };
         let guesses = stations.iter().map(guess).collect();
-        Ok(Self { folder, survey, is_fixed, guesses, stations })
+        let controls = Controls::new(survey, &stations);
+        Ok(Self { folder, survey, is_fixed, guesses, controls, stations, before: registered })
     }
 
     fn run(&self, progress: &(dyn Progress + Sync)) -> Result<Registration, ScanError> {
+        let known = self.known()?;
+        if known.fixed.len() == self.stations.len()
+            && let Some(before) = &self.before
+            && self.stations.iter().all(|s| before.of(s).is_some())
+        {
+            return Ok(before.clone());
+        }
         let (views, edge) = self.views(progress)?;
-        let fixed = (0..views.len()).filter(|k| self.is_fixed[*k]);
-        let fixed: Vec<(usize, Pose)> = fixed.filter_map(|k| Some((k, self.stations[k].pose?))).collect();
-        let known = Known { fixed, guesses: &self.guesses };
         let mut assembled = assemble(&views, edge, &known, progress)?;
         let main = self.main_group(&assembled, &known);
         let group = assembled.groups.remove(main);
+        progress.update("adjusting all poses", 0, 1);
         self.result(&views, edge, &group, &assembled)
     }
 
-    /// What every station saw.
+    fn known(&self) -> Result<Known<'_>, ScanError> {
+        let name = |k: Option<usize>| {
+            k.map_or_else(|| "the survey".to_owned(), |k| format!("station {}", self.stations[k].name))
+        };
+        let mut located: BTreeMap<usize, Pose> = BTreeMap::new();
+        for (k, station) in self.stations.iter().enumerate() {
+            let controlled = self.controls.pose(None, Some(k), &name)?;
+            if let Some(pose) = station.pose.filter(|_| self.is_fixed[k]).or(controlled) {
+                located.insert(k, pose);
+            }
+        }
+        let mut controlled = BTreeMap::new();
+        for b in 0..self.stations.len() {
+            for a in 0..b {
+                if let Some(pose) = self.controls.pose(Some(a), Some(b), &name)? {
+                    controlled.insert((a, b), pose);
+                }
+            }
+        }
+        Ok(Known { fixed: located.into_iter().collect(), guesses: &self.guesses, controlled })
+    }
+
+    /// What every station saw, and the edge of the smallest voxels, metres.
     fn views(&self, progress: &(dyn Progress + Sync)) -> Result<(Vec<View>, f64), ScanError> {
         let (done, total) = (AtomicU64::new(0), 2 * self.stations.len() as u64);
         let step = || {
@@ -116,15 +185,15 @@ impl<'a> Work<'a> {
             view::spacing(self.folder, station)
         });
         let spacings: Vec<Option<f64>> = spacings.collect::<Result<_, _>>()?;
-        let edge = view::edge(spacings.into_iter().flatten().collect());
-        let views = self.stations.par_iter().map(|station| {
+        let edge = view::edge(spacings.iter().copied().flatten().collect());
+        let views = self.stations.par_iter().zip(&spacings).map(|(station, spacing)| {
             step()?;
-            View::load(self.folder, station, edge)
+            View::load(self.folder, station, edge, spacing.unwrap_or(edge))
         });
         Ok((views.collect::<Result<_, _>>()?, edge))
     }
 
-    /// The group that becomes the survey: the one with the fixed stations, or the largest.
+    /// The group that becomes the survey: the one with the stations that stay, or the largest.
     fn main_group(&self, assembled: &Assembled, known: &Known<'_>) -> usize {
         let Some((first, _)) = known.fixed.first() else { return 0 };
         assembled.groups.iter().position(|group| group.pose_of(*first).is_some()).unwrap_or(0)
@@ -132,18 +201,13 @@ impl<'a> Work<'a> {
 
     fn result(&self, views: &[View], edge: f64, group: &Group, rest: &Assembled) -> Result<Registration, ScanError> {
         let mut out = Registration::empty();
-        if group.members.len() > 1 {
-            self.place(views, edge, group, &mut out)?;
+        let mut report = Report { views, edge, stations: &self.stations, pairs: &rest.pairs, poses: BTreeMap::new() };
+        if group.members.len() > 1 || group.members.iter().any(|(k, _)| self.is_fixed[*k]) {
+            self.place(group, &mut report, &mut out)?;
         }
-        for group in &rest.groups {
-            for (number, _) in &group.members {
-                out.unplaced.push(Unplaced {
-                    name: self.stations[*number].name.clone(),
-                    reason: String::new(),
-                    candidates: Vec::new(),
-                    remedy: String::new(),
-                });
-            }
+        let unplaced = rest.groups.iter().chain((report.poses.is_empty()).then_some(group));
+        for group in unplaced {
+            report.unplaced(group, &mut out);
         }
         let order = |name: &str| self.survey.stations.iter().position(|s| s.name == name);
         out.stations.sort_by_key(|placed| order(&placed.name));
@@ -151,39 +215,77 @@ impl<'a> Work<'a> {
         Ok(out)
     }
 
-    fn place(&self, views: &[View], edge: f64, group: &Group, out: &mut Registration) -> Result<(), ScanError> {
+    /// What is known of the members of a group, by their places in it.
+    fn given(&self, group: &Group, controls: &Controls) -> (Vec<bool>, Vec<(usize, Pose, [f64; 2])>, Controls) {
+        let is_fixed = group.members.iter().map(|(k, _)| self.is_fixed[*k]).collect();
+        let of_member = |k: usize| group.members.iter().position(|(own, _)| *own == k);
+        let prior = |(member, (k, _)): (usize, &(usize, Pose))| {
+            let Guess { pose, reach } = self.guesses[*k].filter(|_| !self.is_fixed[*k])?;
+            Some((member, pose, reach?.map(|v| v / SURE)))
+        };
+        let priors = group.members.iter().enumerate().filter_map(prior).collect();
+        let mut controls = controls.clone();
+        for sightings in controls.points.values_mut() {
+            sightings.retain_mut(|sighting| {
+                let member = sighting.station.map(of_member);
+                sighting.station = member.flatten();
+                member.is_none_or(|member| member.is_some())
+            });
+        }
+        controls.points.retain(|_, all| all.len() > 1);
+        (is_fixed, priors, controls)
+    }
+
+    fn place(&self, group: &Group, report: &mut Report<'_>, out: &mut Registration) -> Result<(), ScanError> {
+        let (is_fixed, priors, controls) = self.given(group, &self.controls);
         let mut group = group.clone();
-        let mut is_fixed: Vec<bool> = group.members.iter().map(|(k, _)| self.is_fixed[*k]).collect();
-        let has_fixed = is_fixed.contains(&true);
-        let anchor = is_fixed.iter().position(|fixed| *fixed).unwrap_or(0);
-        is_fixed[anchor] = true;
-        let (number, own) = group.members[anchor];
-        let given = if has_fixed { self.stations[number].pose } else { self.guesses[number] };
-        let frame = own.inverse().then(given.unwrap_or(Pose::IDENTITY));
-        group.members.iter_mut().for_each(|(_, pose)| *pose = pose.then(frame));
-        let settled = settle(views, &group, &is_fixed, &|_| Vec::new(), edge);
-        let settled = settled.ok_or_else(|| ScanError::Request("the poses cannot be adjusted: the stations have too little surface in common".to_owned()))?;
-        let name = |k: usize| self.stations[group.members[k].0].name.clone();
+        let name = |_: Option<usize>| String::new();
+        let located = |k: usize| -> Option<Pose> {
+            let number = group.members[k].0;
+            let stays = self.stations[number].pose.filter(|_| self.is_fixed[number]);
+            let controlled = || self.controls.pose(None, Some(number), &name).ok().flatten();
+            stays.or_else(controlled).or_else(|| priors.iter().find(|(own, ..)| *own == k).map(|(_, pose, _)| *pose))
+        };
+        let first = (0..group.members.len()).find_map(|k| Some((k, located(k)?)));
+        if let Some((k, pose)) = first {
+            group.move_to(k, pose);
+        }
+        let given = Given { is_fixed, priors, controls: &controls };
+        let settled = settle(report.views, &group, &given, report.edge);
+        let mut settled = settled.ok_or_else(|| {
+            let message = "the poses cannot be adjusted: the stations have too little surface in common";
+            ScanError::Request(message.to_owned())
+        })?;
+        let anchor = settled.is_fixed.iter().position(|fixed| *fixed).filter(|_| first.is_none());
+        if let Some(anchor) = anchor {
+            let guess = self.guesses[group.members[anchor].0];
+            settled.move_to(anchor, guess.map_or(Pose::IDENTITY, |guess| guess.pose));
+        }
+        let of_controls = |k: usize| {
+            controls.points.values().filter(|all| all.iter().any(|s| s.station == Some(k))).count()
+                >= control::MIN_POINTS
+        };
         for (k, (pose, covariance)) in settled.poses.iter().zip(&settled.covariances).enumerate() {
+            let number = group.members[k].0;
+            let placement = match () {
+                () if anchor == Some(k) => Placement::Anchor,
+                () if settled.is_fixed[k] => Placement::Fixed,
+                () if of_controls(k) => Placement::Control,
+                () => Placement::Surface,
+            };
+            report.poses.insert(number, *pose);
+            let station = self.stations[number];
+            let known = self.before.as_ref().and_then(|before| before.of(station)).filter(|_| settled.is_fixed[k]);
             let q = pose.rotation;
-            out.stations.push(Placed {
-                name: name(k),
-                placement: if k == anchor && !has_fixed { Placement::Anchor } else if is_fixed[k] { Placement::Fixed } else { Placement::Surface },
+            out.stations.push(known.cloned().unwrap_or_else(|| Placed {
+                name: station.name.clone(),
+                placement,
                 rotation: [q.w, q.x, q.y, q.z],
                 translation: pose.translation.to_array(),
                 covariance: std::array::from_fn(|i| std::array::from_fn(|j| covariance[(i, j)])),
-            });
+            }));
         }
-        for ((a, b), link) in &settled.links {
-            out.links.push(Link {
-                stations: [name(*a), name(*b)],
-                overlap: 0.0,
-                samples: link.matched as u64,
-                residual: link.residual(),
-                contradicted: 0.0,
-                sigma: None,
-            });
-        }
+        report.links(&group, &settled, out);
         Ok(())
     }
 }

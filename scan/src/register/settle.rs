@@ -1,10 +1,12 @@
 //! The last step: all poses of a group together, with their covariances.
 
+use super::control::Controls;
 use super::group::Group;
 use super::view::View;
+use glam::DMat3;
 use kilwa_scan_core::Pose;
 use kilwa_scan_core::register::adjust::{Link, Party, Prior, Reach, System};
-use nalgebra::Matrix6;
+use nalgebra::{Matrix3, Matrix6, Vector6};
 use rayon::prelude::*;
 
 /// Largest distances of planes that are the same surface, in edges of voxels, and how often each is used.
@@ -14,63 +16,139 @@ const MIN_MATCHED: usize = 60;
 /// The edge of the cubes whose errors may be correlated, in edges of voxels.
 const CLUSTER: f64 = 12.0;
 
+/// What covariances are multiplied by: errors that all stations have in common are not seen in the distances between them. The figure is that with which true errors
+/// of simulated surveys lie in the regions that are stated (docs/bench, `cargo xtask bench register`).
+const CAUTION: f64 = 2.5;
+
 /// Poses that fit all stations best.
 pub(super) struct Settled {
     pub(super) poses: Vec<Pose>,
     pub(super) covariances: Vec<Matrix6<f64>>,
+    /// Which did not move: those that were to stay, or the anchor.
+    pub(super) is_fixed: Vec<bool>,
     /// Pairs of members (their places in the group), with their equations.
     pub(super) links: Vec<((usize, usize), Link)>,
 }
 
-/// Adjust the members of a group; `is_fixed`: which of them stay. `None` if the equations have no solution.
-pub(super) fn settle(
-    views: &[View],
-    group: &Group,
-    is_fixed: &[bool],
-    priors: &dyn Fn(&[Pose]) -> Vec<Prior>,
-    edge: f64,
-) -> Option<Settled> {
-    let mut poses: Vec<Pose> = group.members.iter().map(|(_, pose)| *pose).collect();
-    let n = poses.len();
-    let mut pairs: Vec<(usize, usize)> = (0..n).flat_map(|b| (0..b).map(move |a| (a, b))).collect();
-    let compare = |poses: &[Pose], pairs: &[(usize, usize)], reach: Reach| -> Vec<((usize, usize), Link)> {
+impl Settled {
+    /// Move everything so that this member has this pose.
+    pub(super) fn move_to(&mut self, member: usize, pose: Pose) {
+        let step = self.poses[member].inverse().then(pose);
+        self.poses.iter_mut().for_each(|own| *own = own.then(step));
+        let turn = DMat3::from_quat(step.rotation);
+        let turn = Matrix3::from_fn(|row, column| turn.col(column)[row]);
+        let mut both = Matrix6::zeros();
+        both.fixed_view_mut::<3, 3>(0, 0).copy_from(&turn);
+        both.fixed_view_mut::<3, 3>(3, 3).copy_from(&turn);
+        self.covariances.iter_mut().for_each(|c| *c = both * *c * both.transpose());
+    }
+}
+
+/// What fixes poses besides the surface.
+pub(super) struct Given<'a> {
+    /// Which members stay.
+    pub(super) is_fixed: Vec<bool>,
+    /// Poses of members that are known with standard deviations (metres, radians).
+    pub(super) priors: Vec<(usize, Pose, [f64; 2])>,
+    /// Control points; stations are numbers of members.
+    pub(super) controls: &'a Controls,
+}
+
+/// The members of a group while they are adjusted.
+struct Adjustment<'a> {
+    views: &'a [View],
+    group: &'a Group,
+    given: &'a Given<'a>,
+    is_fixed: Vec<bool>,
+    poses: Vec<Pose>,
+    pairs: Vec<(usize, usize)>,
+    /// How far distances are spread, metres.
+    sigma: f64,
+}
+
+impl Adjustment<'_> {
+    fn compare(&self, reach: f64, cluster: f64) -> Vec<((usize, usize), Link)> {
         let party = |k: usize| {
-            let view = &views[group.members[k].0];
-            Party { surfels: &view.surfels, planes: &view.fine, pose: poses[k] }
+            let view = &self.views[self.group.members[k].0];
+            Party { image: &view.surface, samples: &view.points, pose: self.poses[k] }
         };
-        pairs.par_iter().map(|(a, b)| ((*a, *b), Link::compare(party(*a), party(*b), reach))).collect()
+        let reach = Reach { reach, sigma: self.sigma, cluster };
+        let of_pair = |(a, b): &(usize, usize)| ((*a, *b), Link::compare(party(*a), party(*b), reach));
+        let mut links: Vec<_> = self.pairs.par_iter().map(of_pair).collect();
+        links.retain(|(_, link)| link.matched >= MIN_MATCHED);
+        links
+    }
+
+    fn system(&self, links: &[((usize, usize), Link)]) -> System {
+        let mut system = System::new(&self.is_fixed);
+        links.iter().for_each(|((a, b), link)| system.add(*a, *b, link));
+        let variance = 0.25 * self.sigma * self.sigma;
+        for (member, pose, [metres, radians]) in &self.given.priors {
+            let own = self.poses[*member];
+            let turn = (own.rotation * pose.rotation.inverse()).to_scaled_axis();
+            let shift = own.translation - pose.translation;
+            let weights = [radians, metres].map(|sigma| 1.0 / (sigma * sigma));
+            let information = Matrix6::from_diagonal(&Vector6::from_fn(|k, _| weights[k / 3]));
+            let error = Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);
+            system.add_prior(&Prior { station: *member, error, information }, variance);
+        }
+        for sightings in self.given.controls.points.values() {
+            for (k, b) in sightings.iter().enumerate() {
+                let Some(second) = b.station.map(|member| (member, self.poses[member], b.at)) else { continue };
+                for a in &sightings[..k] {
+                    let first = a.station.map(|member| (member, self.poses[member], a.at));
+                    system.add_point(first, second, a.at, a.sigma.hypot(b.sigma), variance);
+                }
+            }
+        }
+        system
+    }
+}
+
+/// Adjust the members of a group. `None` if the equations have no solution.
+pub(super) fn settle(views: &[View], group: &Group, given: &Given<'_>, edge: f64) -> Option<Settled> {
+    let n = group.members.len();
+    let mut work = Adjustment {
+        views,
+        group,
+        given,
+        is_fixed: given.is_fixed.clone(),
+        poses: group.members.iter().map(|(_, pose)| *pose).collect(),
+        pairs: (0..n).flat_map(|b| (0..b).map(move |a| (a, b))).collect(),
+        sigma: edge / 3.0,
     };
-    let mut sigma = edge / 3.0;
-    for (number, (reach, rounds)) in REACHES.into_iter().enumerate() {
+    let is_located = !given.priors.is_empty() || given.controls.locate();
+    for (reach, rounds) in REACHES {
         for _ in 0..rounds {
-            let links = compare(&poses, &pairs, Reach { reach: reach * edge, sigma, cluster: 0.0 });
-            if number == 0 {
-                pairs = links.iter().filter(|(_, link)| link.matched >= MIN_MATCHED).map(|(pair, _)| *pair).collect();
+            let links = work.compare(reach * edge, 0.0);
+            work.pairs = links.iter().map(|(pair, _)| *pair).collect();
+            if !work.is_fixed.contains(&true) && !is_located {
+                work.is_fixed[anchor(n, &links)] = true;
             }
-            let mut system = System::new(is_fixed);
-            let links: Vec<_> = links.iter().filter(|(_, link)| link.matched >= MIN_MATCHED).collect();
-            links.iter().for_each(|((a, b), link)| system.add(*a, *b, link));
-            for prior in priors(&poses) {
-                system.add_prior(&prior, sigma * sigma);
-            }
-            let [angle, distance] = system.solve(&mut poses)?;
+            let [angle, distance] = work.system(&links).solve(&mut work.poses)?;
             let mut all: Vec<f32> = links.iter().flat_map(|(_, link)| &link.distances).copied().collect();
             all.sort_unstable_by(f32::total_cmp);
-            // The standard deviation of the errors, if they are normal but for outliers.
-            sigma = (1.483 * f64::from(*all.get(all.len() / 2)?) * 2.0).max(1e-4 * edge).min(reach * edge / 2.0);
+            if let Some(median) = all.get(all.len() / 2) {
+                // Twice the standard deviation, if errors are normal but for outliers.
+                work.sigma = (2.0 * 1.483 * f64::from(*median)).clamp(1e-4 * edge, reach * edge / 2.0);
+            }
             if angle < 1e-7 && distance < 1e-6 * edge {
                 break;
             }
         }
     }
-    let reach = Reach { reach: REACHES[3].0 * edge, sigma, cluster: CLUSTER * edge };
-    let links: Vec<((usize, usize), Link)> =
-        compare(&poses, &pairs, reach).into_iter().filter(|(_, link)| link.matched >= MIN_MATCHED).collect();
-    let mut system = System::new(is_fixed);
-    links.iter().for_each(|((a, b), link)| system.add(*a, *b, link));
-    for prior in priors(&poses) {
-        system.add_prior(&prior, sigma * sigma);
+    let links = work.compare(REACHES[REACHES.len() - 1].0 * edge, CLUSTER * edge);
+    let covariances = work.system(&links).covariances(0.25 * work.sigma * work.sigma)?;
+    let covariances = covariances.into_iter().map(|c| c * CAUTION).collect();
+    Some(Settled { poses: work.poses, covariances, links, is_fixed: work.is_fixed })
+}
+
+/// The station that has most surface in common with others: what is known of the others beside it is most certain.
+fn anchor(n: usize, links: &[((usize, usize), Link)]) -> usize {
+    let mut sums = vec![0.0; n];
+    for ((a, b), link) in links {
+        sums[*a] += link.squares[1];
+        sums[*b] += link.squares[1];
     }
-    let covariances = system.covariances(sigma * sigma)?;
-    Some(Settled { poses, covariances, links })
+    (0..n).rev().max_by(|a, b| sums[*a].total_cmp(&sums[*b])).unwrap_or(0)
 }

@@ -8,12 +8,17 @@ use crate::survey::Station;
 use glam::DVec3;
 use kilwa_scan_core::mask::through::{RangeImage, Seen};
 use kilwa_scan_core::register::correlate::Plan;
-use kilwa_scan_core::register::surfels::{Collector, Surfel, Surfels};
+use kilwa_scan_core::register::image::{self, Image, Point};
+use kilwa_scan_core::register::surfels::{Collector, LEVELS, Surfel, Surfels};
 use kilwa_scan_core::{Pose, Rays, tessellate};
 use std::path::Path;
 
 /// Points seen at less than this cosine of the incidence are left out: they are far apart along the surface, and many lie between two surfaces.
 const MIN_COS: f64 = 0.15;
+/// The same for planes that are looked at from another station.
+const MIN_LOOK: f64 = 0.2;
+/// The width of a pixel, in spacings of rays: nearly every pixel has a sample.
+const PIXEL: f64 = 1.3;
 /// Width of a range image, pixels.
 const WIDTH: f64 = 1440.0;
 /// The edge of the smallest voxels, in spacings of points.
@@ -35,6 +40,9 @@ pub(super) struct View {
     pub(super) plan: Plan,
     /// `None` where rays are parallel.
     pub(super) image: Option<RangeImage>,
+    /// The surface in every direction, and samples on it, spread evenly.
+    pub(super) surface: Image,
+    pub(super) points: Vec<Point>,
 }
 
 /// The median spacing of the points of a station, metres.
@@ -94,7 +102,7 @@ pub(super) fn edge(mut spacings: Vec<f64>) -> f64 {
 }
 
 impl View {
-    pub(super) fn load(folder: &Path, station: &Station, edge: f64) -> Result<Self, ScanError> {
+    pub(super) fn load(folder: &Path, station: &Station, edge: f64, own_spacing: f64) -> Result<Self, ScanError> {
         let mut reader = mask::open(folder, station, false)?;
         let rays = reader.header().rays;
         let mut collector = Collector::new(edge);
@@ -115,7 +123,25 @@ impl View {
         let every = coarse.len().div_ceil(SAMPLES).max(1);
         let samples = coarse.iter().step_by(every).copied().collect();
         let horizon = image.as_ref().map_or_else(Vec::new, |image| image.horizon(HORIZON, BAND));
-        Ok(Self { plan: Plan::new(&coarse, horizon), fine, samples, surfels, image })
+        let mut collector = match rays {
+            Rays::Central => {
+                let step = (std::f64::consts::TAU / WIDTH).max(PIXEL * mask::ray_spacing(&mut reader)?);
+                image::Collector::around(step)
+            }
+            Rays::Parallel(direction) => {
+                let bounds = reader.header().statistics.bounds.map(glam::Vec3::as_dvec3);
+                image::Collector::across(PIXEL * own_spacing, direction, bounds)
+            }
+        };
+        let (cells, mut at, mut batch) = (reader.header().grid.cells(), 0, Vec::new());
+        while at < cells {
+            let size = 65_536.min(cells - at);
+            reader.read(at, size as usize, &mut batch)?;
+            batch.iter().filter(|sample| sample.is_measured()).for_each(|sample| collector.add(sample.position));
+            at += size;
+        }
+        let (surface, points) = collector.finish(edge);
+        Ok(Self { plan: Plan::new(&coarse, horizon), fine, samples, surfels, image, surface, points })
     }
 }
 
@@ -163,7 +189,12 @@ impl Verdict {
             out.planes += 1;
             let position = target_from_source.apply(surfel.position);
             let normal = target_from_source.rotation * surfel.normal;
-            let seen = target.image.as_ref().map(|image| image.look(position, margin + 0.01 * position.length()));
+            let range = position.length();
+            // Where it looks along the plane, the range says nothing of it.
+            if normal.dot(position).abs() < MIN_LOOK * range {
+                continue;
+            }
+            let seen = target.image.as_ref().map(|image| image.look(position, margin + 0.01 * range));
             match seen {
                 Some(Seen::Through) => out.through += 1,
                 Some(Seen::At) | None => {
@@ -218,6 +249,8 @@ impl Verdict {
 
 /// The distance between the planes there.
 fn find(target: &View, position: DVec3, normal: DVec3, margin: f64) -> Option<f64> {
-    let found = target.surfels.find(1, position, normal, margin)?;
+    // Planes as large as the distance at which they still are the same surface.
+    let level = ((margin / target.surfels.edge(0)).log2().round() as usize + 1).min(LEVELS - 1);
+    let found = target.surfels.find(level, position, normal, margin)?;
     Some((position - found.position).dot((found.normal + normal).normalize_or_zero()))
 }

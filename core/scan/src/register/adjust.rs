@@ -6,11 +6,14 @@
 //! analysis using generalized linear models", 1986), where a cluster is a cube of space: whatever correlates the distances within it is accounted for.
 
 use super::fit::{Match, moved};
-use super::surfels::{Surfel, Surfels};
+use super::image::{Image, Point};
 use crate::Pose;
-use glam::IVec3;
+use glam::{DVec3, IVec3};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix6, SMatrix, SVector, Vector6};
 use std::collections::BTreeMap;
+
+/// A spacing of samples at which the surface between them begins to be uncertain, metres.
+const FINE: f64 = 0.01;
 
 /// Equations of a pair: the first station's six unknowns, then the second's.
 type Matrix12 = SMatrix<f64, 12, 12>;
@@ -19,10 +22,10 @@ type Vector12 = SVector<f64, 12>;
 /// A station of an adjustment.
 #[derive(Debug, Clone, Copy)]
 pub struct Party<'a> {
-    /// Its planes by voxel.
-    pub surfels: &'a Surfels,
-    /// Its planes, every part of the surface once.
-    pub planes: &'a [Surfel],
+    /// Its samples by direction.
+    pub image: &'a Image,
+    /// Some of its samples, spread evenly over the surface.
+    pub samples: &'a [Point],
     /// `survey_from_station`.
     pub pose: Pose,
 }
@@ -67,9 +70,9 @@ impl Link {
         let mut clusters: BTreeMap<[i32; 3], Vector12> = BTreeMap::new();
         for (target, source, sign) in [(a, b, 1.0), (b, a, -1.0)] {
             let target_from_source = source.pose.then(target.pose.inverse());
-            for surfel in source.planes {
-                let found = Match::find(target.surfels, 0, surfel, target_from_source, reach.reach);
-                let Some(found) = found.map(|found| found.seen_from(target.pose)) else { continue };
+            for sample in source.samples {
+                let Some(found) = find(target.image, sample, target_from_source, reach.reach) else { continue };
+                let found = found.seen_from(target.pose);
                 let w = found.weight(reach.sigma);
                 // The distance is that of the source before the target; what moves the second forwards moves the first backwards.
                 let (ja, jb) = (found.jacobian(a.pose.translation) * -sign, found.jacobian(b.pose.translation) * sign);
@@ -115,6 +118,27 @@ impl Link {
     }
 }
 
+/// The sample of the source before the surface of the target.
+fn find(target: &Image, sample: &Point, target_from_source: Pose, reach: f64) -> Option<Match> {
+    let own = &sample.surface;
+    let position = target_from_source.apply(sample.position);
+    let surface = target.surface(position)?;
+    let normal = target_from_source.rotation * own.normal;
+    if surface.normal.dot(normal) < 0.7 {
+        return None;
+    }
+    let distance = position.dot(surface.normal) - surface.offset;
+    // Where samples are far apart, the surface between them is a guess; at a small angle, a part of it is hidden.
+    let share = surface.facing * own.facing / (1.0 + (surface.spacing / FINE).powi(2));
+    (distance.abs() <= reach).then_some(Match {
+        position,
+        normal: surface.normal,
+        distance,
+        share,
+        normal_variance: 0.0,
+    })
+}
+
 /// A pose that is known beforehand, with its information.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Prior {
@@ -134,8 +158,8 @@ pub struct System {
     information: DMatrix<f64>,
     gradient: DVector<f64>,
     clusters: BTreeMap<[i32; 3], BTreeMap<usize, Vector6<f64>>>,
-    /// Priors are information in units of their own; distances are brought to the same by the variance of a distance.
-    priors: Vec<Prior>,
+    /// What of the information is from priors and control points, whose errors are as large as stated.
+    known: DMatrix<f64>,
 }
 
 impl System {
@@ -152,7 +176,7 @@ impl System {
             information: DMatrix::zeros(6 * next, 6 * next),
             gradient: DVector::zeros(6 * next),
             clusters: BTreeMap::new(),
-            priors: Vec::new(),
+            known: DMatrix::zeros(6 * next, 6 * next),
             places,
         }
     }
@@ -182,15 +206,54 @@ impl System {
         }
     }
 
+    /// Add a point that two stations saw, at these places in the survey (`None`: known there) with the standard deviation of their difference in every coordinate, metres. `variance` is that of a
+    /// distance of planes, square metres.
+    pub fn add_point(
+        &mut self,
+        a: Option<(usize, Pose, DVec3)>,
+        b: (usize, Pose, DVec3),
+        known: DVec3,
+        sigma: f64,
+        variance: f64,
+    ) {
+        let weight = variance / (sigma * sigma);
+        let at = |(_, pose, p): (usize, Pose, DVec3)| pose.apply(p);
+        let difference = at(b) - a.map_or(known, at);
+        for axis in DVec3::AXES {
+            let row = |(station, pose, p): (usize, Pose, DVec3), sign: f64| {
+                let c = (pose.apply(p) - pose.translation).cross(axis) * sign;
+                let n = axis * sign;
+                (self.places[station], Vector6::new(c.x, c.y, c.z, n.x, n.y, n.z))
+            };
+            let rows: Vec<(Option<usize>, Vector6<f64>)> =
+                a.map(|a| row(a, -1.0)).into_iter().chain([row(b, 1.0)]).collect();
+            for (place, j) in &rows {
+                let Some(place) = place else { continue };
+                let mut sum = self.gradient.fixed_rows_mut::<6>(6 * place);
+                sum += j * (weight * difference.dot(axis));
+                for (other, k) in &rows {
+                    let Some(other) = other else { continue };
+                    let block = j * k.transpose() * weight;
+                    let mut view = self.information.fixed_view_mut::<6, 6>(6 * place, 6 * other);
+                    view += block;
+                    // Its error is independent of all others and as large as stated.
+                    let mut view = self.known.fixed_view_mut::<6, 6>(6 * place, 6 * other);
+                    view += block;
+                }
+            }
+        }
+    }
+
     /// Add a pose that is known beforehand; `variance` is that of a distance, square metres.
     pub fn add_prior(&mut self, prior: &Prior, variance: f64) {
         let Some(row) = self.places[prior.station] else { return };
         let information = prior.information * variance;
         let mut view = self.information.fixed_view_mut::<6, 6>(6 * row, 6 * row);
         view += information;
+        let mut view = self.known.fixed_view_mut::<6, 6>(6 * row, 6 * row);
+        view += information;
         let mut own = self.gradient.fixed_rows_mut::<6>(6 * row);
         own += information * prior.error;
-        self.priors.push(Prior { information, ..prior.clone() });
     }
 
     fn factor(&self) -> Option<Cholesky<f64, Dyn>> {
@@ -234,12 +297,7 @@ impl System {
         // Residuals are smaller than errors, because the poses follow them; with few clusters noticeably.
         let clusters = self.clusters.len() as f64;
         meat *= clusters / (clusters - n as f64).max(0.1 * clusters).max(1.0);
-        for prior in &self.priors {
-            if let Some(row) = self.places[prior.station] {
-                let mut view = meat.fixed_view_mut::<6, 6>(6 * row, 6 * row);
-                view += prior.information * variance;
-            }
-        }
+        meat += &self.known * variance;
         let covariance = &inverse * meat * &inverse;
         let own = |place: &Option<usize>| {
             place.map_or_else(Matrix6::zeros, |k| covariance.fixed_view::<6, 6>(6 * k, 6 * k).into_owned())

@@ -21,6 +21,8 @@ const WALL_MAX: f64 = 0.4;
 const FLAT_MIN: f64 = 0.8;
 /// Tangent of the largest elevation at which a wall counts as at the height of the scanner.
 const LEVEL: f64 = 0.04;
+/// Scanners whose heights differ by more than this do not look at the same level, metres.
+const STOREY: f64 = 1.0;
 /// Places of one heading that are considered.
 const PER_HEADING: usize = 8;
 /// What walls in free space count against walls that agree.
@@ -71,12 +73,19 @@ impl Plan {
     }
 
     /// Of several stations in their common frame.
-    pub fn joined<'p>(parts: impl Iterator<Item = (&'p Self, Pose)>) -> Self {
+    pub fn joined(parts: &[(&Self, Pose)]) -> Self {
+        let mut heights: Vec<f64> = parts.iter().map(|(_, pose)| pose.translation.z).collect();
+        heights.sort_unstable_by(f64::total_cmp);
+        let usual = heights.get(heights.len() / 2).copied().unwrap_or(0.0);
         let mut out = Self::default();
         for (part, pose) in parts {
             let turned = |n: DVec2| (pose.rotation * n.extend(0.0)).truncate().normalize_or_zero();
             out.walls.extend(part.walls.iter().map(|(p, n, area)| (pose.apply(*p), turned(*n), *area)));
             out.flats.extend(part.flats.iter().map(|(p, up)| (pose.apply(*p), *up)));
+            // From a tower one looks over walls.
+            if (pose.translation.z - usual).abs() > STOREY {
+                continue;
+            }
             out.level.extend(part.level.iter().map(|(p, length)| (pose.apply(*p), *length)));
             out.looks.extend(part.looks.iter().map(|look| Look {
                 at: pose.apply(look.at.extend(0.0)).truncate(),

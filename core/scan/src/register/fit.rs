@@ -19,6 +19,10 @@ pub struct Match {
     pub normal: DVec3,
     /// How far the source's plane is before the target's, metres.
     pub distance: f64,
+    /// What the distance counts.
+    pub share: f64,
+    /// The variance of the direction of the normal, square radians.
+    pub normal_variance: f64,
 }
 
 impl Match {
@@ -30,7 +34,9 @@ impl Match {
         let found = target.find(level.max(same_size).min(LEVELS - 1), position, normal, reach)?;
         let mean = (found.normal + normal).normalize_or_zero();
         let distance = (position - found.position).dot(mean);
-        (distance.abs() <= reach).then_some(Self { position, normal: mean, distance })
+        let share = share(source, found);
+        let normal_variance = 0.25 * (source.normal_variance() + found.normal_variance());
+        (distance.abs() <= reach).then_some(Self { position, normal: mean, distance, share, normal_variance })
     }
 
     /// How the distance changes with a rotation of the source about `center` and a translation.
@@ -43,14 +49,19 @@ impl Match {
     pub fn weight(&self, sigma: f64) -> f64 {
         let t = self.distance / sigma;
         let w = 1.0 / (1.0 + t * t);
-        w * w
+        w * w * self.share
     }
 
     /// The same seen from another frame.
     #[must_use]
     pub fn seen_from(&self, pose: Pose) -> Self {
-        Self { position: pose.apply(self.position), normal: pose.rotation * self.normal, distance: self.distance }
+        Self { position: pose.apply(self.position), normal: pose.rotation * self.normal, ..*self }
     }
+}
+
+/// What is seen at a small angle counts less: a part of it is hidden.
+fn share(a: &Surfel, b: &Surfel) -> f64 {
+    (a.facing * b.facing).max(0.0)
 }
 
 /// Planes of a station, and the pose of the station in the frame of its group.
@@ -69,6 +80,8 @@ pub struct Fit {
     pub pose: Pose,
     /// The sum of the weighted products of the Jacobians: rotation about the origin of the source (square metres), then translation.
     pub information: Matrix6<f64>,
+    /// What of it the errors of normals alone amount to in each direction: a flat wall seems to fix a place along itself, because its normals are not exact.
+    pub noise: f64,
     /// Planes that were matched.
     pub matched: usize,
     /// The median of their distances without signs, metres.
@@ -127,25 +140,26 @@ pub fn fit(
             if found.len() < LEAST {
                 return None;
             }
-            let (mut information, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
+            let (mut information, mut gradient, mut noise) = (Matrix6::zeros(), Vector6::zeros(), 0.0);
             for found in &found {
                 let (j, w) = (found.jacobian(pose.translation), found.weight(reach / 3.0));
                 information += j * j.transpose() * w;
                 gradient += j * (w * found.distance);
+                noise += w * found.normal_variance;
             }
             // What the planes do not determine stays as it is.
             let damping = 1e-6 * information.trace() / 6.0;
             let step = -Cholesky::new(information + Matrix6::identity() * damping)?.solve(&gradient);
             pose = moved(pose, &step);
             let is_last = step.fixed_rows::<3>(3).norm() < 1e-3 * reach && step.fixed_rows::<3>(0).norm() < 1e-5;
-            last = Some((pose, information, found.len()));
+            last = Some((pose, information, noise, found.len()));
             if is_last {
                 break;
             }
         }
     }
-    let (pose, information, matched) = last?;
+    let (pose, information, noise, matched) = last?;
     let mut distances: Vec<f64> = found.iter().map(|found| found.distance.abs()).collect();
     distances.sort_unstable_by(f64::total_cmp);
-    Some(Fit { pose, information, matched, median: distances[distances.len() / 2] })
+    Some(Fit { pose, information, noise, matched, median: distances[distances.len() / 2] })
 }

@@ -4,4 +4,5 @@
 pub mod adjust;
 pub mod correlate;
 pub mod fit;
+pub mod image;
 pub mod surfels;

@@ -29,6 +29,16 @@ pub struct Surfel {
     pub edge: f64,
     /// Its points.
     pub points: u32,
+    /// Cosine of the angle at which the scanner saw it.
+    pub facing: f64,
+}
+
+impl Surfel {
+    /// The variance of the direction of the normal, square radians: that of a plane through points spread evenly over the voxel, if their distances from it are
+    /// independent.
+    pub fn normal_variance(&self) -> f64 {
+        12.0 * self.roughness * self.roughness / (f64::from(self.points) * self.edge * self.edge)
+    }
 }
 
 /// Sums of the points of a voxel.
@@ -78,7 +88,8 @@ impl Sums {
         let normal = eigen.eigenvectors.column(order[0]);
         let normal = DVec3::new(normal[0], normal[1], normal[2]).normalize_or_zero();
         let normal = if normal.dot(self.towards) < 0.0 { -normal } else { normal };
-        Some(Surfel { position: mean, normal, roughness: least.sqrt(), edge, points: self.points })
+        let facing = normal.dot(self.towards.normalize_or_zero());
+        Some(Surfel { position: mean, normal, roughness: least.sqrt(), edge, points: self.points, facing })
     }
 }
 
