@@ -20,6 +20,8 @@ const MIN_AGREEMENT: f64 = 0.45;
 const MAX_CONTRADICTED: f64 = 0.06;
 /// The same between groups, which have more surface in common, and more that moved meanwhile.
 const MAX_GROUP_CONTRADICTED: f64 = 0.08;
+/// The same where a station is laid onto itself.
+const MAX_SYMMETRY_CONTRADICTED: f64 = 0.1;
 /// Least number of planes that fix the direction that is fixed least, and how many times as many they must be as errors of normals amount to.
 const MIN_FIRMNESS: f64 = 0.25;
 const MIN_CLEARNESS: f64 = 3.0;
@@ -28,6 +30,16 @@ const RIVAL: [f64; 2] = [0.5, 1.8];
 /// The same for places at most so many edges of voxels away.
 const NEAR_RIVAL: [f64; 2] = [0.8, 1.2];
 const NEARBY: f64 = 8.0;
+/// Two headings are different places if they differ by more than this, radians.
+const ELSEWHERE: f64 = 0.1;
+/// A station fits elsewhere as well if the surfaces agree there nearly as well, are not more contradicted, and are not much farther apart.
+const ELSEWHERE_AGREEMENT: f64 = 0.15;
+const ELSEWHERE_CONTRADICTED: f64 = 0.005;
+const ELSEWHERE_RESIDUAL: f64 = 1.3;
+/// A place is no rival if rays pass through so many more planes than three times as many as at the best one.
+const CLEARLY: u32 = 12;
+/// A group of at most so many stations is given up if one of them fits elsewhere, too.
+const SMALL_GROUP: usize = 3;
 /// Cells along the maps of single stations and of groups.
 const SIDE: usize = 128;
 const GROUP_SIDE: usize = 256;
@@ -90,7 +102,8 @@ fn doubt(places: &[Beside], edge: f64, most: f64) -> Option<Doubt> {
         let is_near = best.pose.difference(other.pose).1 < NEARBY * edge;
         let [score, median] = if is_near { NEAR_RIVAL } else { RIVAL };
         other.verdict.contradicted() <= most.max(2.0 * v.contradicted())
-            && other.firmness >= MIN_FIRMNESS.min(best.firmness)
+            && other.verdict.through < 3 * v.through + CLEARLY
+            && (other.firmness >= MIN_FIRMNESS.min(best.firmness) || other.score() >= NEAR_RIVAL[0] * best.score())
             && other.score() >= score * best.score()
             && other.median <= median * best.median
     };
@@ -142,17 +155,131 @@ pub(super) fn assemble(
     let reach = reaches[reaches.len() / 2].clamp(REACH.0 * edge, REACH.1 * edge);
     let singles: Vec<Group> = views.iter().enumerate().map(|(k, view)| Group::single(k, view)).collect();
     let mut pairs = pairs(views, &singles, edge, reach, known, progress)?;
-    drop_inconsistent(&mut pairs, known, edge);
-    let mut groups = joined(views, singles, &pairs, edge, known);
-    let mut tried: BTreeSet<[Vec<usize>; 2]> = BTreeSet::new();
-    while groups.len() > 1 {
-        let Some((a, b, place)) = best_of_groups(views, &groups, edge, reach, &mut tried, progress)? else { break };
-        let second = groups.remove(b);
-        groups[a] = groups[a].joined(&second, place, views);
+    drop_inconsistent(&mut pairs.found, known, edge);
+    loop {
+        let mut groups = joined(views, singles.clone(), &pairs.found, edge, known);
+        let mut tried: BTreeSet<[Vec<usize>; 2]> = BTreeSet::new();
+        loop {
+            let best = best_of_groups(views, &groups, &pairs.refused, edge, reach, &mut tried, progress)?;
+            let Some((a, b, place)) = best else { break };
+            let second = groups.remove(b);
+            groups[a] = groups[a].joined(&second, place, views);
+        }
+        let lost = ambiguous(views, &groups, &pairs, edge, known);
+        if lost.is_empty() {
+            groups.sort_by_key(|group| (std::cmp::Reverse(group.members.len()), group.members[0].0));
+            return Ok(Assembled { groups, pairs: pairs.found });
+        }
+        // Without them, others may be lost, too.
+        for station in lost {
+            pairs.refuse(station);
+        }
     }
-    groups.sort_by_key(|group| (std::cmp::Reverse(group.members.len()), group.members[0].0));
-    Ok(Assembled { groups, pairs })
 }
+
+/// Pairs of stations, and the stations that are not to be joined with others.
+struct Pairs {
+    found: BTreeMap<(usize, usize), Finding>,
+    /// Poses in which each station fits onto itself.
+    symmetries: Vec<Vec<Pose>>,
+    /// Poses that lead from what each station sees to a copy of it that another station sees.
+    copies: Vec<Vec<Pose>>,
+    refused: BTreeSet<usize>,
+}
+
+impl Pairs {
+    /// Where a station fits in several places beside another, the other sees several copies of what it sees. A third station beside it may be in
+    /// another copy.
+    fn add_copies(&mut self) {
+        for ((a, b), finding) in &self.found {
+            if finding.doubt != Some(Doubt::Ambiguous) {
+                continue;
+            }
+            let sound: Vec<Pose> =
+                finding.places.iter().filter(|place| is_sound(place)).map(|place| place.pose).collect();
+            for (k, one) in sound.iter().enumerate() {
+                for (_, other) in sound.iter().enumerate().filter(|(other, _)| *other != k) {
+                    self.copies[*a].push(other.inverse().then(*one));
+                    self.copies[*b].push(other.then(one.inverse()));
+                }
+            }
+        }
+    }
+
+    /// Use a station no more.
+    fn refuse(&mut self, station: usize) {
+        self.refused.insert(station);
+        for ((a, b), finding) in &mut self.found {
+            if (*a == station || *b == station) && finding.doubt.is_none() {
+                finding.doubt = Some(Doubt::Ambiguous);
+            }
+        }
+    }
+}
+
+/// Whether a place could be right, regardless of others.
+fn is_sound(place: &Beside) -> bool {
+    let v = &place.verdict;
+    v.agree >= MIN_AGREE
+        && v.agreement() >= MIN_AGREEMENT
+        && v.contradicted() <= MAX_CONTRADICTED
+        && place.firmness >= MIN_FIRMNESS
+}
+
+/// Stations that fit as well elsewhere in their group, as in the other of two rooms that are alike.
+fn ambiguous(views: &[View], groups: &[Group], pairs: &Pairs, edge: f64, known: &Known<'_>) -> Vec<usize> {
+    let is_known = |k: usize| {
+        known.fixed.iter().any(|(fixed, _)| *fixed == k) || known.controlled.keys().any(|(a, b)| *a == k || *b == k)
+    };
+    let of_station = |group: &Group, number: usize, own: Pose| -> bool {
+        let rest = group.without(number, views);
+        let single = Group::single(number, &views[number]);
+        let two = Two { views, first: &rest, second: &single, edge };
+        let here = two.verdict(own, edge, usize::MAX);
+        let elsewhere = |there: Pose| {
+            let (angle, distance) = there.difference(own);
+            if distance < NEARBY * edge && angle < ELSEWHERE {
+                return false;
+            }
+            let v = two.verdict(there, edge, usize::MAX);
+            v.agree >= MIN_AGREE
+                && v.agreement() >= here.agreement() - ELSEWHERE_AGREEMENT
+                && v.contradicted() <= here.contradicted().max(ELSEWHERE_CONTRADICTED)
+                && v.residual() <= ELSEWHERE_RESIDUAL * here.residual()
+        };
+        // Of few stations, none may have seen between a room and its copy.
+        let is_small = group.members.len() <= SMALL_GROUP;
+        let in_copy =
+            |there: Pose| elsewhere(there) || is_small && two.verdict(there, edge, usize::MAX).through <= CLEARLY / 4;
+        // Where a station beside another would be if that were turned, and it were not.
+        let turned = |pose: Pose, turn: Pose| own.then(pose.inverse()).then(turn).then(pose);
+        let is_symmetric = pairs.symmetries[number].iter().any(|turn| elsewhere(turn.then(own)));
+        is_symmetric
+            || rest.members.iter().any(|(other, pose)| {
+                let key = (number.min(*other), number.max(*other));
+                let places = pairs.found.get(&key).map_or(&[][..], |finding| &finding.places);
+                let beside = |place: &Beside| if number < *other { place.pose.inverse() } else { place.pose };
+                places.iter().filter(|place| is_sound(place)).any(|place| elsewhere(beside(place).then(*pose)))
+                    || pairs.symmetries[*other].iter().any(|turn| elsewhere(turned(*pose, *turn)))
+                    || pairs.copies[*other].iter().any(|turn| in_copy(turned(*pose, *turn)))
+            })
+    };
+    let members = groups.iter().filter(|group| group.members.len() > 1);
+    let members: Vec<(&Group, usize, Pose)> =
+        members.flat_map(|group| group.members.iter().map(move |(number, own)| (group, *number, *own))).collect();
+    let lost = members.par_iter().filter(|(group, number, own)| !is_known(*number) && of_station(group, *number, *own));
+    let lost: BTreeSet<usize> = lost.map(|(_, number, _)| *number).collect();
+    // In a small group nothing tells which of its stations is in the wrong place.
+    let of_group = |group: &Group| -> Vec<usize> {
+        let own = || group.members.iter().map(|(number, _)| *number);
+        let are_all_lost = group.members.len() <= SMALL_GROUP && own().any(|number| lost.contains(&number));
+        own().filter(|number| !is_known(*number) && (are_all_lost || lost.contains(number))).collect()
+    };
+    groups.iter().flat_map(of_group).collect()
+}
+
+/// A pair of stations, and what was found for it.
+type Found = ((usize, usize), Finding);
 
 /// What is found for every pair of stations.
 fn pairs(
@@ -162,30 +289,35 @@ fn pairs(
     reach: f64,
     known: &Known<'_>,
     progress: &(dyn Progress + Sync),
-) -> Result<BTreeMap<(usize, usize), Finding>, ScanError> {
+) -> Result<Pairs, ScanError> {
     let correlator = Correlator::new(reach, SIDE);
     let maps: Vec<Spectrum> = singles.par_iter().map(|single| correlator.upright(&single.plan)).collect();
+    let symmetries = symmetries(views, singles, edge, &correlator, &maps);
     let (done, total) = (AtomicU64::new(0), (views.len() * (views.len() - 1) / 2) as u64);
     let is_fixed = |k: usize| known.fixed.iter().any(|(fixed, _)| *fixed == k);
-    let of_second = |b: usize| -> Result<Vec<((usize, usize), Finding)>, ScanError> {
+    let of_second = |b: usize| -> Result<Vec<Found>, ScanError> {
         let turned = correlator.turned(&singles[b].plan);
         let of_pair = |a: usize| {
             if progress.is_stopped() {
                 return Err(ScanError::Stopped);
             }
             let two = Two { views, first: &singles[a], second: &singles[b], edge };
-            let finding = match known.controlled.get(&(a, b)) {
-                Some(pose) => Finding { places: vec![two.given(*pose)], doubt: None },
-                None => {
-                    let guess = known.guesses[a].zip(known.guesses[b]);
-                    let guess = guess.map(|(a, b)| (b.pose.then(a.pose.inverse()), a.reach.zip(b.reach)));
-                    let start = guess.map(|(pose, _)| pose);
-                    let mut places = two.places(&correlator, &maps[a], &turned, start.as_slice());
-                    if let Some((pose, Some((a, b)))) = guess {
-                        places.retain(|place| is_near(place.pose, pose, a, b));
-                    }
-                    Finding::new(places, edge, MAX_CONTRADICTED)
+            let finding = if let Some(pose) = known.controlled.get(&(a, b)) {
+                Finding { places: vec![two.given(*pose)], doubt: None }
+            } else {
+                let guess = known.guesses[a].zip(known.guesses[b]);
+                let guess = guess.map(|(a, b)| (b.pose.then(a.pose.inverse()), a.reach.zip(b.reach)));
+                let start = guess.map(|(pose, _)| pose);
+                let mut places = two.places(&correlator, &maps[a], &turned, start.as_slice());
+                if let Some(best) = places.first().map(|best| best.pose) {
+                    let of_first = symmetries[a].iter().map(|turn| best.then(*turn));
+                    let of_second = symmetries[b].iter().map(|turn| turn.then(best));
+                    two.add(&mut places, of_first.chain(of_second));
                 }
+                if let Some((pose, Some((a, b)))) = guess {
+                    places.retain(|place| is_near(place.pose, pose, a, b));
+                }
+                Finding::new(places, edge, MAX_CONTRADICTED)
             };
             progress.update("comparing stations", done.fetch_add(1, Ordering::Relaxed) + 1, total);
             Ok(((a, b), finding))
@@ -193,7 +325,35 @@ fn pairs(
         (0..b).filter(|a| !(is_fixed(*a) && is_fixed(b))).map(of_pair).collect()
     };
     let found: Vec<_> = (0..views.len()).into_par_iter().map(of_second).collect::<Result<_, _>>()?;
-    Ok(found.into_iter().flatten().collect())
+    let copies = vec![Vec::new(); views.len()];
+    let mut pairs =
+        Pairs { found: found.into_iter().flatten().collect(), symmetries, copies, refused: BTreeSet::new() };
+    pairs.add_copies();
+    Ok(pairs)
+}
+
+/// The poses in which each station fits onto itself: what is beside it fits there as well.
+fn symmetries(
+    views: &[View],
+    singles: &[Group],
+    edge: f64,
+    correlator: &Correlator,
+    maps: &[Spectrum],
+) -> Vec<Vec<Pose>> {
+    let of_station = |(single, map): (&Group, &Spectrum)| -> Vec<Pose> {
+        let two = Two { views, first: single, second: single, edge };
+        let fits = |place: &Beside| {
+            let v = &place.verdict;
+            let (angle, distance) = place.pose.difference(Pose::IDENTITY);
+            (distance > NEARBY * edge || angle > ELSEWHERE)
+                && v.agree >= MIN_AGREE
+                && v.agreement() >= MIN_AGREEMENT
+                && v.contradicted() <= MAX_SYMMETRY_CONTRADICTED
+        };
+        let places = two.others(correlator, map, &correlator.turned(&single.plan));
+        places.iter().filter(|place| fits(place)).map(|place| place.pose).collect()
+    };
+    singles.par_iter().zip(maps).map(of_station).collect()
 }
 
 /// Give up pairs that contradict others: round a triangle, three poses must lead back to the beginning. A pair is given up if it is in more triangles that do
@@ -277,6 +437,7 @@ fn joined(
 fn best_of_groups(
     views: &[View],
     groups: &[Group],
+    refused: &BTreeSet<usize>,
     edge: f64,
     reach: f64,
     tried: &mut BTreeSet<[Vec<usize>; 2]>,
@@ -286,7 +447,12 @@ fn best_of_groups(
     let names = |group: &Group| -> Vec<usize> { group.members.iter().map(|(number, _)| *number).collect() };
     let maps: Vec<Spectrum> = groups.par_iter().map(|group| correlator.upright(&group.plan)).collect();
     let (done, total) = (AtomicU64::new(0), groups.len() as u64);
-    let fresh = |a: usize, b: usize| !tried.contains(&[names(&groups[a]), names(&groups[b])]);
+    if groups.len() < 2 {
+        return Ok(None);
+    }
+    let is_used = |k: usize| !groups[k].members.iter().any(|(number, _)| refused.contains(number));
+    let fresh =
+        |a: usize, b: usize| is_used(a) && is_used(b) && !tried.contains(&[names(&groups[a]), names(&groups[b])]);
     let found: Vec<(usize, usize, Finding)> = (0..groups.len())
         .into_par_iter()
         .map(|b| {

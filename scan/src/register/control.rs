@@ -44,7 +44,9 @@ impl Controls {
             let sighting = Sighting { station, at: control.at, sigma: control.sigma.unwrap_or(SIGMA) };
             points.entry(control.name.clone()).or_default().push(sighting);
         }
-        points.values_mut().for_each(|all| all.sort_by_key(|sighting| sighting.station));
+        for all in points.values_mut() {
+            all.sort_by_key(|sighting| sighting.station);
+        }
         points.retain(|_, all| all.len() > 1);
         Self { points }
     }
@@ -91,10 +93,10 @@ fn rigid(pairs: &[(DVec3, DVec3)]) -> Option<Pose> {
     }
     let n = pairs.len() as f64;
     let (mut to, mut from) = (DVec3::ZERO, DVec3::ZERO);
-    pairs.iter().for_each(|(a, b)| {
+    for (a, b) in pairs {
         to += *a;
         from += *b;
-    });
+    }
     let (to, from) = (to / n, from / n);
     let (mut product, mut spread) = (Matrix3::zeros(), Matrix3::zeros());
     for (a, b) in pairs {

@@ -4,15 +4,19 @@ use super::view::{Verdict, View};
 use glam::DQuat;
 use kilwa_scan_core::Pose;
 use kilwa_scan_core::register::correlate::{Correlator, Place, Plan, Spectrum};
-use kilwa_scan_core::register::fit::{Fit, Posed, fit};
+use kilwa_scan_core::register::fit::{Fit, Posed, fit, moved};
 use kilwa_scan_core::register::surfels::{Surfel, Surfels};
-use nalgebra::Matrix6;
+use nalgebra::{Matrix6, Vector6};
 
 /// Places that correlation finds for two stations and for groups, of which the best at a glance are fitted, and those that are fitted finely.
 const PLACES: usize = 160;
 const GROUP_PLACES: usize = 600;
 const FITTED: usize = 20;
 const REFINED: usize = 5;
+/// Starts that are nearer to each other than so many edges of voxels and radians lead to the same place; so many of them are tried.
+const NEIGHBOURS: (f64, f64, usize) = (8.0, 0.3, 3);
+/// How far a place is moved to see whether it slides, in edges of voxels.
+const SLIDES: [f64; 4] = [-10.0, -4.0, 4.0, 10.0];
 /// Heights that are tried at each place.
 const HEIGHTS: usize = 2;
 /// Planes of a station that are looked at for a glance, and for a fine fit.
@@ -45,6 +49,13 @@ impl Group {
         Self { members, plan }
     }
 
+    /// The others, in the same frame.
+    pub(super) fn without(&self, number: usize, views: &[View]) -> Self {
+        let members: Vec<(usize, Pose)> = self.members.iter().copied().filter(|(own, _)| *own != number).collect();
+        let parts: Vec<(&Plan, Pose)> = members.iter().map(|(number, pose)| (&views[*number].plan, *pose)).collect();
+        Self { plan: Plan::joined(&parts), members }
+    }
+
     /// Move the group so that this member (its place in the list) has this pose.
     pub(super) fn move_to(&mut self, member: usize, pose: Pose) {
         let step = self.members[member].1.inverse().then(pose);
@@ -74,6 +85,8 @@ pub(super) struct Beside {
     /// How much surface fixes the place in the direction that it fixes least, in planes, and how much of that errors of normals amount to.
     pub(super) firmness: f64,
     pub(super) noise: f64,
+    /// That direction: a rotation and a translation that move planes by about one metre.
+    weakest: Vector6<f64>,
     /// The median distance of planes that were matched in the fine fit, metres; infinite before it.
     pub(super) median: f64,
 }
@@ -85,12 +98,12 @@ impl Beside {
     }
 }
 
-/// The smallest eigenvalue of the information, with rotations in the unit of the mean distance of the planes.
-fn firmness(information: &Matrix6<f64>) -> f64 {
+/// The smallest eigenvalue of the information, with rotations in the unit of the mean distance of the planes, and its direction.
+fn firmness(information: &Matrix6<f64>) -> (f64, Vector6<f64>) {
     let turning = information.fixed_view::<3, 3>(0, 0).trace();
     let moving = information.fixed_view::<3, 3>(3, 3).trace();
     if moving <= 0.0 || turning <= 0.0 {
-        return 0.0;
+        return (0.0, Vector6::zeros());
     }
     let unit = (moving / turning).sqrt();
     let mut scaled = *information;
@@ -100,7 +113,13 @@ fn firmness(information: &Matrix6<f64>) -> f64 {
             scaled[(other, k)] *= unit;
         }
     }
-    scaled.symmetric_eigenvalues().min()
+    let eigen = scaled.symmetric_eigen();
+    let least = eigen.eigenvalues.imin();
+    let mut weakest: Vector6<f64> = eigen.eigenvectors.column(least).into_owned();
+    for k in 0..3 {
+        weakest[k] *= unit;
+    }
+    (eigen.eigenvalues[least], weakest)
 }
 
 /// Two groups with everything that is needed to find places of the second beside the first.
@@ -121,19 +140,7 @@ impl Two<'_> {
         turned: &[Spectrum],
         guesses: &[Pose],
     ) -> Vec<Beside> {
-        let mut starts: Vec<(f64, Pose)> = Vec::new();
-        // Without knowing where rays went, nothing tells a right place from a wrong one but that it is near a known pose.
-        let turned = if self.see_through() { turned } else { &[] };
-        let are_single = self.first.members.len() + self.second.members.len() == 2;
-        for place in correlator.places(map, turned, if are_single { PLACES } else { GROUP_PLACES }) {
-            for height in self.first.plan.heights(&self.second.plan, &place, correlator.cell(), HEIGHTS) {
-                let start = upright(&place, height);
-                let glance = self.verdict(start, 0.8 * correlator.cell(), GLANCED);
-                starts.push((quality(glance), start));
-            }
-        }
-        starts.sort_by(|a, b| b.0.total_cmp(&a.0));
-        starts.truncate(FITTED);
+        let mut starts = self.starts(correlator, map, turned);
         starts.extend(guesses.iter().map(|guess| (f64::INFINITY, *guess)));
         let mut out: Vec<Beside> = Vec::new();
         for (_, start) in starts {
@@ -153,7 +160,73 @@ impl Two<'_> {
             }
         }
         refined.sort_by(|x, y| y.score().total_cmp(&x.score()));
+        self.slide(&mut refined);
         refined
+    }
+
+    /// Add the places to which the best can be moved along the direction that the surface fixes least, as along a corridor or round a tower.
+    fn slide(&self, places: &mut Vec<Beside>) {
+        let Some(best) = places.first().cloned() else { return };
+        self.add(places, SLIDES.into_iter().map(|step| moved(best.pose, &(best.weakest * (step * self.edge)))));
+    }
+
+    /// Add the places that come out of fits from these poses.
+    pub(super) fn add(&self, places: &mut Vec<Beside>, starts: impl Iterator<Item = Pose>) {
+        for start in starts {
+            let found = self.fitted(start).and_then(|found| self.refined(&found));
+            if let Some(found) = found.filter(|found| places.iter().all(|other| !self.is_same(other.pose, found.pose)))
+            {
+                places.push(found);
+            }
+        }
+        places.sort_by(|x, y| y.score().total_cmp(&x.score()));
+    }
+
+    /// The places of a station beside itself.
+    pub(super) fn others(&self, correlator: &Correlator, map: &Spectrum, turned: &[Spectrum]) -> Vec<Beside> {
+        let mut out: Vec<Beside> = Vec::new();
+        for (_, start) in self.starts(correlator, map, turned) {
+            let Some(found) = self.fitted(start) else { continue };
+            if !out.iter().any(|other| self.is_same(other.pose, found.pose)) {
+                out.push(found);
+            }
+        }
+        out
+    }
+
+    /// Places from which fits begin, the best at a glance first.
+    fn starts(&self, correlator: &Correlator, map: &Spectrum, turned: &[Spectrum]) -> Vec<(f64, Pose)> {
+        let mut starts: Vec<(f64, Pose)> = Vec::new();
+        // Without knowing where rays went, nothing tells a right place from a wrong one but that it is near a known pose.
+        let turned = if self.see_through() { turned } else { &[] };
+        let are_single = self.first.members.len() + self.second.members.len() == 2;
+        for place in correlator.places(map, turned, if are_single { PLACES } else { GROUP_PLACES }) {
+            for height in self.first.plan.heights(&self.second.plan, &place, correlator.cell(), HEIGHTS) {
+                let start = upright(&place, height);
+                let glance = self.verdict(start, 0.8 * correlator.cell(), GLANCED);
+                starts.push((quality(glance), start));
+            }
+        }
+        starts.sort_by(|a, b| b.0.total_cmp(&a.0));
+        self.spread(starts)
+    }
+
+    /// The best starts, of which few lead to the same place.
+    fn spread(&self, starts: Vec<(f64, Pose)>) -> Vec<(f64, Pose)> {
+        let mut out: Vec<(f64, Pose)> = Vec::new();
+        for (quality, start) in starts {
+            let is_near = |(_, other): &&(f64, Pose)| {
+                let (angle, distance) = start.difference(*other);
+                distance < NEIGHBOURS.0 * self.edge && angle < NEIGHBOURS.1
+            };
+            if out.iter().filter(is_near).count() < NEIGHBOURS.2 {
+                out.push((quality, start));
+            }
+            if out.len() == FITTED {
+                break;
+            }
+        }
+        out
     }
 
     /// Whether it is known where the rays of all stations went.
@@ -164,7 +237,7 @@ impl Two<'_> {
     /// A place that is known from control points.
     pub(super) fn given(&self, pose: Pose) -> Beside {
         let verdict = self.verdict(pose, self.edge, usize::MAX);
-        Beside { pose, verdict, firmness: f64::INFINITY, noise: 0.0, median: 0.0 }
+        Beside { pose, verdict, firmness: f64::INFINITY, noise: 0.0, weakest: Vector6::zeros(), median: 0.0 }
     }
 
     /// Whether two poses are the same place.
@@ -197,13 +270,13 @@ impl Two<'_> {
         let found = fit(&self.first.targets(self.views), &sources, rough.pose, 0, &reaches)?;
         let fine = self.beside(&found, found.median);
         // Small planes have normals too rough to tell what fixes the place.
-        Some(Beside { firmness: rough.firmness, noise: rough.noise, ..fine })
+        Some(Beside { firmness: rough.firmness, noise: rough.noise, weakest: rough.weakest, ..fine })
     }
 
     fn beside(&self, found: &Fit, median: f64) -> Beside {
         let verdict = self.verdict(found.pose, self.edge, usize::MAX);
-        let firmness = firmness(&found.information);
-        Beside { pose: found.pose, verdict, firmness, noise: found.noise, median }
+        let (firmness, weakest) = firmness(&found.information);
+        Beside { pose: found.pose, verdict, firmness, noise: found.noise, weakest, median }
     }
 
     /// What all stations of both say of each other; of each station at most so many planes are looked at.

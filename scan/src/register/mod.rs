@@ -145,7 +145,7 @@ impl<'a> Work<'a> {
         }
         let (views, edge) = self.views(progress)?;
         let mut assembled = assemble(&views, edge, &known, progress)?;
-        let main = self.main_group(&assembled, &known);
+        let main = main_group(&assembled, &known);
         let group = assembled.groups.remove(main);
         progress.update("adjusting all poses", 0, 1);
         self.result(&views, edge, &group, &assembled)
@@ -193,12 +193,6 @@ impl<'a> Work<'a> {
         Ok((views.collect::<Result<_, _>>()?, edge))
     }
 
-    /// The group that becomes the survey: the one with the stations that stay, or the largest.
-    fn main_group(&self, assembled: &Assembled, known: &Known<'_>) -> usize {
-        let Some((first, _)) = known.fixed.first() else { return 0 };
-        assembled.groups.iter().position(|group| group.pose_of(*first).is_some()).unwrap_or(0)
-    }
-
     fn result(&self, views: &[View], edge: f64, group: &Group, rest: &Assembled) -> Result<Registration, ScanError> {
         let mut out = Registration::empty();
         let mut report = Report { views, edge, stations: &self.stations, pairs: &rest.pairs, poses: BTreeMap::new() };
@@ -216,7 +210,7 @@ impl<'a> Work<'a> {
     }
 
     /// What is known of the members of a group, by their places in it.
-    fn given(&self, group: &Group, controls: &Controls) -> (Vec<bool>, Vec<(usize, Pose, [f64; 2])>, Controls) {
+    fn given(&self, group: &Group) -> Given {
         let is_fixed = group.members.iter().map(|(k, _)| self.is_fixed[*k]).collect();
         let of_member = |k: usize| group.members.iter().position(|(own, _)| *own == k);
         let prior = |(member, (k, _)): (usize, &(usize, Pose))| {
@@ -224,7 +218,7 @@ impl<'a> Work<'a> {
             Some((member, pose, reach?.map(|v| v / SURE)))
         };
         let priors = group.members.iter().enumerate().filter_map(prior).collect();
-        let mut controls = controls.clone();
+        let mut controls = self.controls.clone();
         for sightings in controls.points.values_mut() {
             sightings.retain_mut(|sighting| {
                 let member = sighting.station.map(of_member);
@@ -233,24 +227,29 @@ impl<'a> Work<'a> {
             });
         }
         controls.points.retain(|_, all| all.len() > 1);
-        (is_fixed, priors, controls)
+        Given { is_fixed, priors, controls }
     }
 
     fn place(&self, group: &Group, report: &mut Report<'_>, out: &mut Registration) -> Result<(), ScanError> {
-        let (is_fixed, priors, controls) = self.given(group, &self.controls);
+        let given = self.given(group);
         let mut group = group.clone();
         let name = |_: Option<usize>| String::new();
         let located = |k: usize| -> Option<Pose> {
             let number = group.members[k].0;
             let stays = self.stations[number].pose.filter(|_| self.is_fixed[number]);
             let controlled = || self.controls.pose(None, Some(number), &name).ok().flatten();
-            stays.or_else(controlled).or_else(|| priors.iter().find(|(own, ..)| *own == k).map(|(_, pose, _)| *pose))
+            stays
+                .or_else(controlled)
+                .or_else(|| given.priors.iter().find(|(own, ..)| *own == k).map(|(_, pose, _)| *pose))
         };
         let first = (0..group.members.len()).find_map(|k| Some((k, located(k)?)));
         if let Some((k, pose)) = first {
             group.move_to(k, pose);
         }
-        let given = Given { is_fixed, priors, controls: &controls };
+        // To the last bit.
+        for (number, pose) in group.members.iter_mut().filter(|(number, _)| self.is_fixed[*number]) {
+            *pose = self.stations[*number].pose.unwrap_or(*pose);
+        }
         let settled = settle(report.views, &group, &given, report.edge);
         let mut settled = settled.ok_or_else(|| {
             let message = "the poses cannot be adjusted: the stations have too little surface in common";
@@ -262,7 +261,7 @@ impl<'a> Work<'a> {
             settled.move_to(anchor, guess.map_or(Pose::IDENTITY, |guess| guess.pose));
         }
         let of_controls = |k: usize| {
-            controls.points.values().filter(|all| all.iter().any(|s| s.station == Some(k))).count()
+            given.controls.points.values().filter(|all| all.iter().any(|s| s.station == Some(k))).count()
                 >= control::MIN_POINTS
         };
         for (k, (pose, covariance)) in settled.poses.iter().zip(&settled.covariances).enumerate() {
@@ -288,4 +287,10 @@ impl<'a> Work<'a> {
         report.links(&group, &settled, out);
         Ok(())
     }
+}
+
+/// The group that becomes the survey: the one with the stations that stay, or the largest.
+fn main_group(assembled: &Assembled, known: &Known<'_>) -> usize {
+    let Some((first, _)) = known.fixed.first() else { return 0 };
+    assembled.groups.iter().position(|group| group.pose_of(*first).is_some()).unwrap_or(0)
 }

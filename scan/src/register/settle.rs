@@ -45,20 +45,20 @@ impl Settled {
 }
 
 /// What fixes poses besides the surface.
-pub(super) struct Given<'a> {
+pub(super) struct Given {
     /// Which members stay.
     pub(super) is_fixed: Vec<bool>,
     /// Poses of members that are known with standard deviations (metres, radians).
     pub(super) priors: Vec<(usize, Pose, [f64; 2])>,
     /// Control points; stations are numbers of members.
-    pub(super) controls: &'a Controls,
+    pub(super) controls: Controls,
 }
 
 /// The members of a group while they are adjusted.
 struct Adjustment<'a> {
     views: &'a [View],
     group: &'a Group,
-    given: &'a Given<'a>,
+    given: &'a Given,
     is_fixed: Vec<bool>,
     poses: Vec<Pose>,
     pairs: Vec<(usize, usize)>,
@@ -81,7 +81,9 @@ impl Adjustment<'_> {
 
     fn system(&self, links: &[((usize, usize), Link)]) -> System {
         let mut system = System::new(&self.is_fixed);
-        links.iter().for_each(|((a, b), link)| system.add(*a, *b, link));
+        for ((a, b), link) in links {
+            system.add(*a, *b, link);
+        }
         let variance = 0.25 * self.sigma * self.sigma;
         for (member, pose, [metres, radians]) in &self.given.priors {
             let own = self.poses[*member];
@@ -106,7 +108,7 @@ impl Adjustment<'_> {
 }
 
 /// Adjust the members of a group. `None` if the equations have no solution.
-pub(super) fn settle(views: &[View], group: &Group, given: &Given<'_>, edge: f64) -> Option<Settled> {
+pub(super) fn settle(views: &[View], group: &Group, given: &Given, edge: f64) -> Option<Settled> {
     let n = group.members.len();
     let mut work = Adjustment {
         views,

@@ -123,16 +123,7 @@ impl View {
         let every = coarse.len().div_ceil(SAMPLES).max(1);
         let samples = coarse.iter().step_by(every).copied().collect();
         let horizon = image.as_ref().map_or_else(Vec::new, |image| image.horizon(HORIZON, BAND));
-        let mut collector = match rays {
-            Rays::Central => {
-                let step = (std::f64::consts::TAU / WIDTH).max(PIXEL * mask::ray_spacing(&mut reader)?);
-                image::Collector::around(step)
-            }
-            Rays::Parallel(direction) => {
-                let bounds = reader.header().statistics.bounds.map(glam::Vec3::as_dvec3);
-                image::Collector::across(PIXEL * own_spacing, direction, bounds)
-            }
-        };
+        let mut collector = collector_of(&mut reader, own_spacing)?;
         let (cells, mut at, mut batch) = (reader.header().grid.cells(), 0, Vec::new());
         while at < cells {
             let size = 65_536.min(cells - at);
@@ -143,6 +134,17 @@ impl View {
         let (surface, points) = collector.finish(edge);
         Ok(Self { plan: Plan::new(&coarse, horizon), fine, samples, surfels, image, surface, points })
     }
+}
+
+/// Pixels for the samples of a station whose points are `spacing` metres apart.
+fn collector_of(reader: &mut Reader, spacing: f64) -> Result<image::Collector, ScanError> {
+    let header = *reader.header();
+    let bounds = header.statistics.bounds.map(glam::Vec3::as_dvec3);
+    if let Rays::Parallel(direction) = header.rays {
+        return Ok(image::Collector::across(PIXEL * spacing, direction, bounds));
+    }
+    let step = (std::f64::consts::TAU / WIDTH).max(PIXEL * mask::ray_spacing(reader)?);
+    Ok(image::Collector::around(step))
 }
 
 /// The nearest range in every direction, of all samples: masked ones stopped the rays, too.

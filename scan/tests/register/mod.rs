@@ -90,7 +90,7 @@ impl Surveyed {
     fn keep(&self) {
         let Some(folder) = std::env::var_os("KILWA_KEEP_SCENES").map(PathBuf::from) else { return };
         let test = std::thread::current().name().unwrap_or("test").rsplit("::").next().unwrap().to_owned();
-        let free = (1..).map(|k| folder.join(format!("{test}-{k}"))).find(|place| !place.exists()).unwrap();
+        let free = (1..10_000).map(|k| folder.join(format!("{test}-{k}"))).find(|place| !place.exists()).unwrap();
         std::fs::create_dir_all(free.join("stations")).unwrap();
         std::fs::copy(self.folder().join("survey.toml"), free.join("survey.toml")).unwrap();
         for station in self.survey().stations {

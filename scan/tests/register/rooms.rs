@@ -2,6 +2,7 @@
 
 use super::scene::{Scanner, Scene, door, window};
 use super::{Surveyed, placed_by_surface};
+use kilwa_scan::register::Registration;
 
 /// Height of the rooms, metres.
 const HEIGHT: f64 = 2.7;
@@ -176,7 +177,8 @@ fn equal_rooms_are_told_apart_by_the_corridor_or_refused() {
     let mut scene = twins();
     // What the corridor has on one side only.
     scene.furniture([6.0, 2.75], [0.9, 0.3, 1.2], 0.0).column([9.9, 1.3], 0.15, 1.4);
-    for (seed, stands) in [(11, vec![LEFT, CORRIDOR, RIGHT]), (12, vec![RIGHT, LEFT]), (13, vec![CORRIDOR, RIGHT])] {
+    // Without the corridor, the two rooms are one room that was scanned twice: nothing in the scans says otherwise.
+    for (seed, stands) in [(11, vec![LEFT, CORRIDOR, RIGHT]), (13, vec![CORRIDOR, RIGHT])] {
         print_overlaps(&scene, &stands);
         let surveyed = Surveyed::of(&scene, &stands, seed);
         surveyed.truth.never_wrong(&surveyed.register());
@@ -230,9 +232,10 @@ fn a_room_with_other_furniture_is_not_taken_for_the_other() {
     assert!(placed_by_surface(&found).is_empty(), "the rooms have no link");
 }
 
-/// The second room has the same furniture but for a crate, which stands elsewhere.
+/// The second room has the same furniture but for a crate that stands elsewhere, as if somebody had moved it between two scans of the same room. That is
+/// what it may be taken for; the link says how much is contradicted.
 #[test]
-fn a_room_that_is_almost_equal_is_not_taken_for_the_other() {
+fn a_room_that_differs_by_a_crate_only_is_refused_or_the_link_is_contradicted() {
     let crate_at = |x: f64| {
         move |scene: &mut Scene| {
             furnish_cell(scene);
@@ -241,21 +244,24 @@ fn a_room_that_is_almost_equal_is_not_taken_for_the_other() {
     };
     let scene = shells(crate_at(2.6), crate_at(3.6));
     for seed in 17..19 {
-        let surveyed = Surveyed::of(&scene, &CLOSED, seed);
-        let found = surveyed.register();
-        surveyed.truth.never_wrong(&found);
-        assert!(placed_by_surface(&found).is_empty(), "the rooms have no link");
+        let found = taken_for_one(&scene, seed);
+        assert!(found.unplaced.len() == 2 || found.links[0].contradicted > 0.001, "{found:?}");
     }
 }
 
-/// Two closed rooms without any difference: no program can know that they are two. The second station is refused, or placed as if it stood in the first.
-#[test]
-fn closed_rooms_that_are_equal_are_refused_or_taken_for_one() {
-    let scene = shells(furnish_cell, furnish_cell);
-    let mut surveyed = Surveyed::of(&scene, &CLOSED, 19);
+/// Fails if the station in the second room has a place, but not the one that it would have in the first.
+fn taken_for_one(scene: &Scene, seed: u64) -> Registration {
+    let mut surveyed = Surveyed::of(scene, &CLOSED, seed);
     let found = surveyed.register();
     for (_, pose) in surveyed.truth.0.iter_mut().filter(|(name, _)| name == "second") {
         pose.translation.x -= 20.0;
     }
     surveyed.truth.never_wrong(&found);
+    found
+}
+
+/// Two closed rooms without any difference: no program can know that they are two. The second station is refused, or placed as if it stood in the first.
+#[test]
+fn closed_rooms_that_are_equal_are_refused_or_taken_for_one() {
+    taken_for_one(&shells(furnish_cell, furnish_cell), 19);
 }

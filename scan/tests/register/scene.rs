@@ -109,7 +109,7 @@ impl Scene {
         let (length, along) = (from.distance(to), (to - from).normalize());
         let mut piece = |a: f64, b: f64, bottom: f64, top: f64| {
             if b > a && top > bottom {
-                let middle = (from + along * (a + b) / 2.0).extend((bottom + top) / 2.0);
+                let middle = (from + along * (a + b) / 2.0).extend(f64::midpoint(bottom, top));
                 let half = DVec3::new((b - a) / 2.0, THICK / 2.0, (top - bottom) / 2.0);
                 self.0.push(Shape::Block { center: middle, half, turn: along.to_angle() });
             }

@@ -212,11 +212,15 @@ impl Correlator {
         for (p, length) in &plan.level {
             self.spread(turn.rotate(p.truncate()), Complex32::new(*length as f32, 0.0), &mut level);
         }
-        level.iter_mut().for_each(|v| v.re = v.re.min(self.cell as f32));
+        for v in &mut level {
+            v.re = v.re.min(self.cell as f32);
+        }
         let mass = level.iter().map(|v| f64::from(v.re)).sum();
         self.mark_free(plan, heading, &mut level);
         if is_turned {
-            level.iter_mut().for_each(|v| *v = v.conj());
+            for v in &mut level {
+                *v = v.conj();
+            }
         }
         self.transform(&mut level, &self.forward);
         Spectrum { walls, energy, level, mass }

@@ -6,7 +6,7 @@
 
 use glam::{DVec3, IVec3};
 use nalgebra::{Matrix3, SymmetricEigen};
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Sizes of voxels; each is twice the one before.
 pub const LEVELS: usize = 4;
@@ -31,13 +31,14 @@ pub struct Surfel {
     pub points: u32,
     /// Cosine of the angle at which the scanner saw it.
     pub facing: f64,
+    /// Root mean square distance of its points from their mean in the direction in which they are spread second most, metres.
+    pub spread: f64,
 }
 
 impl Surfel {
-    /// The variance of the direction of the normal, square radians: that of a plane through points spread evenly over the voxel, if their distances from it are
-    /// independent.
+    /// The variance of the direction of the normal, square radians, if the distances of the points from the plane are independent.
     pub fn normal_variance(&self) -> f64 {
-        12.0 * self.roughness * self.roughness / (f64::from(self.points) * self.edge * self.edge)
+        (self.roughness / self.spread).powi(2) / f64::from(self.points)
     }
 }
 
@@ -89,7 +90,15 @@ impl Sums {
         let normal = DVec3::new(normal[0], normal[1], normal[2]).normalize_or_zero();
         let normal = if normal.dot(self.towards) < 0.0 { -normal } else { normal };
         let facing = normal.dot(self.towards.normalize_or_zero());
-        Some(Surfel { position: mean, normal, roughness: least.sqrt(), edge, points: self.points, facing })
+        Some(Surfel {
+            position: mean,
+            normal,
+            roughness: least.sqrt(),
+            edge,
+            points: self.points,
+            facing,
+            spread: middle.sqrt(),
+        })
     }
 }
 
@@ -165,11 +174,11 @@ impl Surfels {
     /// Every part of the surface once: the planes of `level`, and larger ones where that has none.
     pub fn cover(&self, level: usize) -> Vec<Surfel> {
         let mut out = self.levels[level].surfels.clone();
-        let mut covered: FxHashMap<IVec3, ()> = self.levels[level].voxels.iter().map(|v| (*v, ())).collect();
+        let mut covered: FxHashSet<IVec3> = self.levels[level].voxels.iter().copied().collect();
         for next in level + 1..LEVELS {
-            covered = covered.into_keys().map(|v| (v.map(|v| v.div_euclid(2)), ())).collect();
+            covered = covered.into_iter().map(|v| v.map(|v| v.div_euclid(2))).collect();
             for (surfel, voxel) in self.levels[next].surfels.iter().zip(&self.levels[next].voxels) {
-                if covered.insert(*voxel, ()).is_none() {
+                if covered.insert(*voxel) {
                     out.push(*surfel);
                 }
             }
