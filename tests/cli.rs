@@ -5,9 +5,9 @@ use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
 /// The verbs, in the order of `kilwa --help`.
-const VERBS: [&str; 13] = [
-    "synth", "scans", "merge", "build", "info", "verify", "extract", "render", "measure", "publish", "metadata",
-    "serve", "access",
+const VERBS: [&str; 14] = [
+    "synth", "scans", "register", "merge", "build", "info", "verify", "extract", "render", "measure", "publish",
+    "metadata", "serve", "access",
 ];
 
 fn kilwa(args: &[&str]) -> Output {
@@ -23,8 +23,9 @@ fn stderr(output: &Output) -> String {
 }
 
 /// A call with a file that does not exist: in the arguments `{in}` and `{out}` are paths in an empty folder.
-fn calls_without_input() -> [(&'static str, Vec<&'static str>); 8] {
+fn calls_without_input() -> [(&'static str, Vec<&'static str>); 9] {
     [
+        ("register", vec!["{in}"]),
         ("merge", vec!["{in}", "-o", "{out}.kilwa"]),
         ("build", vec!["{in}.ply", "-o", "{out}.kilwa"]),
         ("info", vec!["{in}.kilwa"]),
@@ -50,7 +51,8 @@ fn help_lists_exactly_the_verbs_that_are_documented() {
         commands.lines().filter_map(|line| line.split_whitespace().next()).filter(|v| *v != "help").collect();
     assert_eq!(listed, VERBS);
     for verb in VERBS {
-        let page = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("docs/{verb}.md"));
+        let page = if verb == "register" { "registering" } else { verb };
+        let page = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("docs/{page}.md"));
         assert!(page.is_file(), "{} is missing", page.display());
     }
 }
