@@ -1,7 +1,7 @@
 //! Properties of every verb of `kilwa`: help, exit codes (0 success, 1 failure, 2 wrong usage), and messages that name the
 //! file they are about.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
 /// The verbs, in the order of `kilwa --help`.
@@ -37,6 +37,12 @@ fn calls_without_input() -> [(&'static str, Vec<&'static str>); 9] {
     ]
 }
 
+/// The page of a verb.
+fn page_of(verb: &str) -> PathBuf {
+    let page = if verb == "register" { "registering" } else { verb };
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("docs/{page}.md"))
+}
+
 fn is_empty(folder: &Path) -> bool {
     std::fs::read_dir(folder).unwrap().next().is_none()
 }
@@ -51,8 +57,7 @@ fn help_lists_exactly_the_verbs_that_are_documented() {
         commands.lines().filter_map(|line| line.split_whitespace().next()).filter(|v| *v != "help").collect();
     assert_eq!(listed, VERBS);
     for verb in VERBS {
-        let page = if verb == "register" { "registering" } else { verb };
-        let page = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("docs/{page}.md"));
+        let page = page_of(verb);
         assert!(page.is_file(), "{} is missing", page.display());
     }
 }
@@ -160,8 +165,7 @@ fn a_closed_output_pipe_is_no_error() {
 #[test]
 fn every_option_is_explained_in_the_documentation() {
     for verb in VERBS {
-        let page =
-            std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("docs/{verb}.md"))).unwrap();
+        let page = std::fs::read_to_string(page_of(verb)).unwrap();
         let help = stdout(&kilwa(&[verb, "--help"]));
         let options = help.split_whitespace().filter(|word| word.starts_with("--") && word.len() > 2);
         // `--redact-location[=<METRES>]` is explained as `--redact-location`.
@@ -170,7 +174,7 @@ fn every_option_is_explained_in_the_documentation() {
         for option in options.filter_map(name) {
             let option = option.trim_end_matches('-');
             let is_explained = option == "--help" || page.contains(option);
-            assert!(is_explained, "docs/{verb}.md says nothing about {option}");
+            assert!(is_explained, "the page of {verb} in docs says nothing about {option}");
         }
     }
 }
