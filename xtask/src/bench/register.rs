@@ -300,7 +300,7 @@ struct Pairs {
 }
 
 /// Lower ends of the ranges of overlap.
-const SHARES: [f64; 3] = [0.15, 0.3, 0.5];
+const SHARES: [f64; 3] = [0.1, 0.2, 0.4];
 
 impl Pairs {
     fn add(&mut self, args: &Args, root: &Path, survey: &Survey) -> Result<()> {
