@@ -70,7 +70,7 @@ impl Adjustment<'_> {
     fn compare(&self, reach: f64, cluster: f64) -> Vec<((usize, usize), Link)> {
         let party = |k: usize| {
             let view = &self.views[self.group.members[k].0];
-            Party { image: &view.surface, samples: &view.points, pose: self.poses[k] }
+            Party { shape: &view.shape, samples: &view.points, pose: self.poses[k] }
         };
         let reach = Reach { reach, sigma: self.sigma, cluster };
         let of_pair = |(a, b): &(usize, usize)| ((*a, *b), Link::compare(party(*a), party(*b), reach));

@@ -5,10 +5,12 @@ use crate::mask;
 use crate::points::points;
 use crate::spool::Reader;
 use crate::survey::Station;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use kilwa_scan_core::mask::through::{RangeImage, Seen};
+use kilwa_scan_core::register::adjust::Shape;
+use kilwa_scan_core::register::cloud;
 use kilwa_scan_core::register::correlate::Plan;
-use kilwa_scan_core::register::image::{self, Image, Point};
+use kilwa_scan_core::register::image::{self, Point};
 use kilwa_scan_core::register::surfels::{Collector, LEVELS, Surfel, Surfels};
 use kilwa_scan_core::{Pose, Rays, tessellate};
 use std::path::Path;
@@ -26,6 +28,10 @@ const EDGE: f64 = 4.0;
 /// Steps of azimuth in which it is kept how far a scanner looked horizontally, and the elevation up to which a ray counts as horizontal, radians.
 const HORIZON: usize = 360;
 const BAND: f64 = 0.04;
+/// Points of a cloud without a grid from which the adjustment measures: one in each cube of this share of the edge of a voxel.
+const CLOUD_SHARE: f64 = 0.5;
+/// Cells read at a time.
+const BATCH: u64 = 65_536;
 /// Planes of a station that are compared where a place is judged.
 const SAMPLES: usize = 1500;
 
@@ -40,8 +46,8 @@ pub(super) struct View {
     pub(super) plan: Plan,
     /// `None` where rays are parallel.
     pub(super) image: Option<RangeImage>,
-    /// The surface in every direction, and samples on it, spread evenly.
-    pub(super) surface: Image,
+    /// The surface as fine as its samples, and samples on it, spread evenly.
+    pub(super) shape: Shape,
     pub(super) points: Vec<Point>,
 }
 
@@ -81,17 +87,11 @@ pub(super) fn spacing(folder: &Path, station: &Station) -> Result<Option<f64>, S
 fn cloud_spacing(reader: &mut Reader) -> Result<f64, ScanError> {
     let [low, high] = reader.header().statistics.bounds;
     let edge = f64::from((high - low).max_element()).max(1e-6) / 64.0;
-    let (cells, mut at, mut batch) = (reader.header().grid.cells(), 0, Vec::new());
     let (mut occupied, mut count) = (std::collections::HashSet::new(), 0_u64);
-    while at < cells {
-        let size = 65_536.min(cells - at);
-        reader.read(at, size as usize, &mut batch)?;
-        for sample in batch.iter().filter(|s| s.is_measured()) {
-            occupied.insert((sample.position.as_dvec3() / edge).floor().as_ivec3());
-            count += 1;
-        }
-        at += size;
-    }
+    each_sample(reader, &mut |sample| {
+        occupied.insert((sample.as_dvec3() / edge).floor().as_ivec3());
+        count += 1;
+    })?;
     Ok(edge * (occupied.len().max(1) as f64 / count.max(1) as f64).sqrt())
 }
 
@@ -123,42 +123,52 @@ impl View {
         let every = coarse.len().div_ceil(SAMPLES).max(1);
         let samples = coarse.iter().step_by(every).copied().collect();
         let horizon = image.as_ref().map_or_else(Vec::new, |image| image.horizon(HORIZON, BAND));
-        let mut collector = collector_of(&mut reader, own_spacing)?;
-        let (cells, mut at, mut batch) = (reader.header().grid.cells(), 0, Vec::new());
-        while at < cells {
-            let size = 65_536.min(cells - at);
-            reader.read(at, size as usize, &mut batch)?;
-            batch.iter().filter(|sample| sample.is_measured()).for_each(|sample| collector.add(sample.position));
-            at += size;
-        }
-        let (surface, points) = collector.finish(edge);
-        Ok(Self { plan: Plan::new(&coarse, horizon), fine, samples, surfels, image, surface, points })
+        let (shape, points) = shape(&mut reader, own_spacing, edge)?;
+        Ok(Self { plan: Plan::new(&coarse, horizon), fine, samples, surfels, image, shape, points })
     }
 }
 
-/// Pixels for the samples of a station whose points are `spacing` metres apart.
-fn collector_of(reader: &mut Reader, spacing: f64) -> Result<image::Collector, ScanError> {
+/// The surface of a station whose points are `spacing` metres apart, and samples on it: one in each cube of `edge` metres.
+fn shape(reader: &mut Reader, spacing: f64, edge: f64) -> Result<(Shape, Vec<Point>), ScanError> {
     let header = *reader.header();
-    let bounds = header.statistics.bounds.map(glam::Vec3::as_dvec3);
-    if let Rays::Parallel(direction) = header.rays {
-        return Ok(image::Collector::across(PIXEL * spacing, direction, bounds));
+    if !header.is_grid {
+        let mut collector = cloud::Collector::new(spacing);
+        each_sample(reader, &mut |sample| collector.add(sample))?;
+        let (cloud, points) = collector.finish(CLOUD_SHARE * edge);
+        return Ok((Shape::Cloud(cloud), points));
     }
-    let step = (std::f64::consts::TAU / WIDTH).max(PIXEL * mask::ray_spacing(reader)?);
-    Ok(image::Collector::around(step))
+    let mut collector = match header.rays {
+        Rays::Parallel(direction) => {
+            let bounds = header.statistics.bounds.map(Vec3::as_dvec3);
+            image::Collector::across(PIXEL * spacing, direction, bounds)
+        }
+        Rays::Central => {
+            image::Collector::around((std::f64::consts::TAU / WIDTH).max(PIXEL * mask::ray_spacing(reader)?))
+        }
+    };
+    each_sample(reader, &mut |sample| collector.add(sample))?;
+    let (image, points) = collector.finish(edge);
+    Ok((Shape::Image(image), points))
 }
 
 /// The nearest range in every direction, of all samples: masked ones stopped the rays, too.
 fn image(folder: &Path, station: &Station) -> Result<RangeImage, ScanError> {
     let mut reader = mask::open(folder, station, true)?;
     let mut image = RangeImage::new((std::f64::consts::TAU / WIDTH).max(mask::ray_spacing(&mut reader)?));
+    each_sample(&mut reader, &mut |sample| image.add(sample))?;
+    Ok(image)
+}
+
+/// The positions of all measured points.
+fn each_sample(reader: &mut Reader, each: &mut dyn FnMut(Vec3)) -> Result<(), ScanError> {
     let (cells, mut at, mut batch) = (reader.header().grid.cells(), 0, Vec::new());
     while at < cells {
-        let size = 65_536.min(cells - at);
+        let size = BATCH.min(cells - at);
         reader.read(at, size as usize, &mut batch)?;
-        batch.iter().filter(|sample| sample.is_measured()).for_each(|sample| image.add(sample.position));
+        batch.iter().filter(|sample| sample.is_measured()).for_each(|sample| each(sample.position));
         at += size;
     }
-    Ok(image)
+    Ok(())
 }
 
 /// What two stations say of each other at a place.

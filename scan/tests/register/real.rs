@@ -104,8 +104,7 @@ fn the_lidar_pair_of_small_gicp_finds_its_published_pose() {
     let (angle, metres) = own.difference(source);
     println!("{:.1} mm and {:.3}° from the published pose", metres * 1e3, angle.to_degrees());
     // small_gicp 1.0.1 itself comes to between 5.6 and 11.8 mm and between 0.14 and 0.22°, by method and voxel.
-    // Clouds without a grid are adjusted less precisely than scans: the wanted 2 cm and 0.2° are not reached.
-    assert!(metres <= 0.035 && angle.to_degrees() <= 0.25, "{metres} m, {}°", angle.to_degrees());
+    assert!(metres <= 0.02 && angle.to_degrees() <= 0.2, "{metres} m, {}°", angle.to_degrees());
 }
 
 /// From the left-handed frame of 3DTK in centimetres (x right, y up, z forwards) to x forwards, y left, z up in metres.
@@ -198,6 +197,6 @@ fn the_two_dragons_of_simpleicp_lie_on_each_other() {
     let sum: f64 = fixed.iter().zip(&moving).map(|(p, q)| p.distance_squared(own.apply(*q))).sum();
     let residual = (sum / fixed.len() as f64).sqrt();
     println!("residual {residual:e}");
-    // simpleICP 2.0.15: 5.04e-5, of which 5.01e-5 is rounding. That is not reached for clouds without a grid.
-    assert!(residual <= 5e-4, "{residual:e}");
+    // simpleICP 2.0.15: 5.04e-5, of which 5.01e-5 is rounding.
+    assert!(residual <= 5.04e-5, "{residual:e}");
 }

@@ -5,8 +5,9 @@
 //! they share the relief, the edges, and the samples. The covariance is therefore the sandwich estimate for clusters (Liang and Zeger, "Longitudinal data
 //! analysis using generalized linear models", 1986), where a cluster is a cube of space: whatever correlates the distances within it is accounted for.
 
+use super::cloud::Cloud;
 use super::fit::{Match, moved};
-use super::image::{Image, Point};
+use super::image::{Image, Point, Surface};
 use crate::Pose;
 use glam::{DVec3, IVec3};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix6, SMatrix, SVector, Vector6};
@@ -19,11 +20,29 @@ const FINE: f64 = 0.01;
 type Matrix12 = SMatrix<f64, 12, 12>;
 type Vector12 = SVector<f64, 12>;
 
+/// The surface that a station saw.
+#[derive(Debug, Clone)]
+pub enum Shape {
+    /// By direction.
+    Image(Image),
+    /// Of a point cloud without a grid.
+    Cloud(Cloud),
+}
+
+impl Shape {
+    fn surface(&self, place: DVec3) -> Option<Surface> {
+        match self {
+            Self::Image(image) => image.surface(place),
+            Self::Cloud(cloud) => cloud.surface(place),
+        }
+    }
+}
+
 /// A station of an adjustment.
 #[derive(Debug, Clone, Copy)]
 pub struct Party<'a> {
-    /// Its samples by direction.
-    pub image: &'a Image,
+    /// The surface that it saw.
+    pub shape: &'a Shape,
     /// Some of its samples, spread evenly over the surface.
     pub samples: &'a [Point],
     /// `survey_from_station`.
@@ -71,7 +90,7 @@ impl Link {
         for (target, source, sign) in [(a, b, 1.0), (b, a, -1.0)] {
             let target_from_source = source.pose.then(target.pose.inverse());
             for sample in source.samples {
-                let Some(found) = find(target.image, sample, target_from_source, reach.reach) else { continue };
+                let Some(found) = find(target.shape, sample, target_from_source, reach.reach) else { continue };
                 let found = found.seen_from(target.pose);
                 let w = found.weight(reach.sigma);
                 // The distance is that of the source before the target; what moves the second forwards moves the first backwards.
@@ -119,7 +138,7 @@ impl Link {
 }
 
 /// The sample of the source before the surface of the target.
-fn find(target: &Image, sample: &Point, target_from_source: Pose, reach: f64) -> Option<Match> {
+fn find(target: &Shape, sample: &Point, target_from_source: Pose, reach: f64) -> Option<Match> {
     let own = &sample.surface;
     let position = target_from_source.apply(sample.position);
     let surface = target.surface(position)?;

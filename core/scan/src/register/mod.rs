@@ -2,6 +2,7 @@
 //! ([`correlate`]), the fit of one against the other ([`fit`]), and of all against all ([`adjust`]).
 
 pub mod adjust;
+pub mod cloud;
 pub mod correlate;
 pub mod fit;
 pub mod image;
