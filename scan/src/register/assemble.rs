@@ -20,6 +20,8 @@ const MIN_AGREEMENT: f64 = 0.45;
 const MAX_CONTRADICTED: f64 = 0.06;
 /// The same between groups, which have more surface in common, and more that moved meanwhile.
 const MAX_GROUP_CONTRADICTED: f64 = 0.08;
+/// The same where both poses are known with standard deviations, which say the same as the place.
+const MAX_KNOWN_CONTRADICTED: f64 = 0.15;
 /// The same where a station is laid onto itself.
 const MAX_SYMMETRY_CONTRADICTED: f64 = 0.1;
 /// Least number of planes that fix the direction that is fixed least, and how many times as many they must be as errors of normals amount to.
@@ -126,6 +128,13 @@ pub(super) struct Known<'a> {
     pub(super) guesses: &'a [Option<Guess>],
     /// The pose of the second station beside the first by control points, the first with the lower number.
     pub(super) controlled: BTreeMap<(usize, usize), Pose>,
+}
+
+impl Known<'_> {
+    /// Whether the poses of both are known with standard deviations.
+    fn are_known(&self, a: usize, b: usize) -> bool {
+        [a, b].iter().all(|k| self.guesses[*k].is_some_and(|guess| guess.reach.is_some()))
+    }
 }
 
 /// A rough pose.
@@ -317,7 +326,11 @@ fn pairs(
                 if let Some((pose, Some((a, b)))) = guess {
                     places.retain(|place| is_near(place.pose, pose, a, b));
                 }
-                Finding::new(places, edge, MAX_CONTRADICTED)
+                Finding::new(
+                    places,
+                    edge,
+                    if known.are_known(a, b) { MAX_KNOWN_CONTRADICTED } else { MAX_CONTRADICTED },
+                )
             };
             progress.update("comparing stations", done.fetch_add(1, Ordering::Relaxed) + 1, total);
             Ok(((a, b), finding))
@@ -422,7 +435,8 @@ fn joined(
         let pose = of_b.inverse().then(place.pose).then(of_a);
         let two = Two { views, first, second, edge };
         let verdict = two.verdict(pose, edge, usize::MAX);
-        if verdict.contradicted() > MAX_GROUP_CONTRADICTED && !is_controlled(&(*a, *b)) {
+        let most = if known.are_known(*a, *b) { MAX_KNOWN_CONTRADICTED } else { MAX_GROUP_CONTRADICTED };
+        if verdict.contradicted() > most && !is_controlled(&(*a, *b)) {
             continue;
         }
         let group = first.joined(second, pose, views);

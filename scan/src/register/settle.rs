@@ -3,7 +3,7 @@
 use super::control::Controls;
 use super::group::Group;
 use super::view::View;
-use glam::DMat3;
+use glam::{DMat3, DQuat, DVec3};
 use kilwa_scan_core::Pose;
 use kilwa_scan_core::register::adjust::{Link, Party, Prior, Reach, System};
 use nalgebra::{Matrix3, Matrix6, Vector6};
@@ -87,7 +87,7 @@ impl Adjustment<'_> {
         let variance = 0.25 * self.sigma * self.sigma;
         for (member, pose, [metres, radians]) in &self.given.priors {
             let own = self.poses[*member];
-            let turn = (own.rotation * pose.rotation.inverse()).to_scaled_axis();
+            let turn = rotation_vector(own.rotation * pose.rotation.inverse());
             let shift = own.translation - pose.translation;
             let weights = [radians, metres].map(|sigma| 1.0 / (sigma * sigma));
             let information = Matrix6::from_diagonal(&Vector6::from_fn(|k, _| weights[k / 3]));
@@ -105,6 +105,12 @@ impl Adjustment<'_> {
         }
         system
     }
+}
+
+/// The rotation as an axis times an angle of at most half a turn: a quaternion and its negative are the same rotation.
+fn rotation_vector(rotation: DQuat) -> DVec3 {
+    let rotation = if rotation.w < 0.0 { -rotation } else { rotation };
+    rotation.to_scaled_axis()
 }
 
 /// Adjust the members of a group. `None` if the equations have no solution.

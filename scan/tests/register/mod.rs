@@ -72,6 +72,13 @@ impl Surveyed {
         edit.save().unwrap();
     }
 
+    /// State how certain a pose is: metres, radians.
+    fn set_sigma(&self, name: &str, sigma: [f64; 2]) {
+        let mut edit = Edit::open(&self.folder()).unwrap();
+        edit.set_sigma(name, sigma).unwrap();
+        edit.save().unwrap();
+    }
+
     fn register(&self) -> Registration {
         self.register_with(&Options::default())
     }
