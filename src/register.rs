@@ -1,4 +1,4 @@
-//! `kilwa register`: stations find their places by themselves.
+//! `kilwa register`: automatic registration of the stations of a survey.
 
 use crate::progress::Bar;
 use anyhow::ensure;
@@ -9,28 +9,28 @@ use kilwa_scan::survey::Survey;
 use std::io::Write as _;
 use std::path::PathBuf;
 
-/// Find where the stations of a survey stand, without targets, and how certain that is.
+/// Register the stations of a survey without targets, and estimate the uncertainty of each pose.
 ///
-/// Stations are placed where enough surface agrees, where no ray of one passes through what another saw, and where no other place is nearly as good. A station that does not fit in exactly one place is not
-/// placed; the report says why and what would settle it. Poses and standard deviations are written to survey.toml, everything else to registration.json.
+/// A station is placed if enough of its surface agrees with other stations, if hardly any rays of one pass through what another saw, and if no other pose is nearly as good. A station whose pose is not unique is not
+/// placed; the report gives the reason and a remedy. Poses and standard deviations are written to survey.toml, everything else to registration.json.
 #[derive(clap::Args)]
 #[expect(clippy::struct_excessive_bools, reason = "each is a switch of the command line")]
 pub(crate) struct Args {
     /// The folder of the survey.
     survey: PathBuf,
-    /// Also place stations anew that are registered already (default: they keep their poses).
+    /// Also register stations that are already registered (default: they keep their poses).
     #[arg(long)]
     again: bool,
-    /// Do not use the poses that the scans came with (default: rough poses are a starting point).
+    /// Ignore the poses stored with the scans (default: use them as initial estimates).
     #[arg(long)]
     ignore_poses: bool,
-    /// Keep the pose of this station; can be given several times. Stations with `fixed = true` in survey.toml keep theirs, too.
+    /// Keep the pose of this station; may be given several times. Stations with `fixed = true` in survey.toml also keep theirs.
     #[arg(long, value_name = "NAME")]
     fixed: Vec<String>,
     /// Write nothing to the survey.
     #[arg(long)]
     dry_run: bool,
-    /// Worker threads (default: one per core). The result does not depend on it.
+    /// Worker threads (default: one per core). The number does not affect the result.
     #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true, value_parser = crate::build::parse_threads)]
     threads: usize,
     /// Print the report as JSON.
@@ -83,7 +83,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         found.unplaced.is_empty(),
         "{} could not be placed{}",
         counted(found.unplaced.len() as u64, "station", "stations"),
-        if found.stations.is_empty() || args.dry_run { "" } else { "; the others are in survey.toml" }
+        if found.stations.is_empty() || args.dry_run {
+            ""
+        } else {
+            "; the poses of the others were written to survey.toml"
+        }
     );
     Ok(())
 }
@@ -92,7 +96,7 @@ fn print(out: &mut impl std::io::Write, found: &Registration) -> anyhow::Result<
     for station in &found.stations {
         let [metres, radians] = station.sigma();
         let how = match station.placement {
-            Placement::Anchor => "its coordinates are those of the survey".to_owned(),
+            Placement::Anchor => "anchor; its pose defines the coordinate system of the survey".to_owned(),
             Placement::Fixed => "kept its pose".to_owned(),
             Placement::Control => format!("by control points, {}", sigma(metres, radians)),
             Placement::Surface => sigma(metres, radians),
@@ -100,7 +104,7 @@ fn print(out: &mut impl std::io::Write, found: &Registration) -> anyhow::Result<
         writeln!(out, "{}: {how}", station.name)?;
     }
     for station in &found.unplaced {
-        writeln!(out, "{}: NOT PLACED: {}. What would settle it: {}.", station.name, station.reason, station.remedy)?;
+        writeln!(out, "{}: NOT PLACED: {}. Remedy: {}.", station.name, station.reason, station.remedy)?;
     }
     if let Some(worst) = found.links.iter().max_by(|a, b| a.residual.total_cmp(&b.residual)) {
         let [a, b] = &worst.stations;

@@ -37,7 +37,7 @@ fn calls_without_input() -> [(&'static str, Vec<&'static str>); 9] {
     ]
 }
 
-/// The page of a verb.
+/// The documentation page of a verb.
 fn page_of(verb: &str) -> PathBuf {
     let page = if verb == "register" { "registering" } else { verb };
     Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("docs/{page}.md"))

@@ -1,4 +1,4 @@
-//! `kilwa register`: stations are placed, or named with the reason.
+//! `kilwa register`: stations are placed, or listed with the reason.
 
 use crate::support::{fails, json, succeeds, text};
 use std::fmt::Write as _;
@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 /// Where the scanner stood, metres.
 const PLACES: [[f64; 3]; 2] = [[-1.0, 0.4, -0.2], [0.9, -0.7, 0.3]];
 
-/// A survey of two stations without poses in a room without anything, which looks the same after half a turn.
+/// A survey of two stations without poses in an empty room, which looks the same after half a turn.
 fn survey(folder: &Path) -> PathBuf {
     let room = [3.0, 2.5, 1.5];
     let files = PLACES.iter().enumerate().map(|(k, at)| {
@@ -31,7 +31,7 @@ fn survey(folder: &Path) -> PathBuf {
 }
 
 #[test]
-fn stations_that_fit_in_several_places_are_named_and_control_points_settle_it() {
+fn ambiguous_stations_are_refused_and_control_points_resolve_the_ambiguity() {
     let folder = tempfile::tempdir().unwrap();
     let survey = survey(folder.path());
     let refused = fails(&["register", text(&survey)]);

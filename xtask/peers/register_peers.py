@@ -1,19 +1,19 @@
 #!/usr/bin/env python3
-"""Register a survey with another program, from true poses that are disturbed by a known amount, and write what it found as Kilwa does.
+"""Register a survey with another program, starting from perturbed true poses, and write the result in the format of Kilwa.
 
     register_peers.py open3d     SURVEY TRUTH.toml OUT.json [--sigma METRES DEGREES] [--seed N] [--voxel M] [--overlap SHARE]
     register_peers.py small_gicp SURVEY TRUTH.toml OUT.json [the same]
     register_peers.py kiss       SURVEY TRUTH.toml OUT.json [--voxel M] [--overlap SHARE]
 
 open3d      multiway registration as in its tutorial: point-to-plane ICP of every pair that overlaps, from coarse to fine, then
-            global_optimization of the pose graph, in which a spanning tree of the pairs with most in common is certain
+            global_optimization of the pose graph, in which the edges of the maximum spanning tree by overlap are marked as certain
 small_gicp  GICP of the same pairs from the same start, then a pose graph with the Hessian of each pair as information (Gauss-Newton with
             Cauchy weights, as small_gicp has none of its own)
-kiss        KISS-Matcher on every pair that truly overlaps, without a start: how many of its answers are right
+kiss        KISS-Matcher on every pair that truly overlaps, without initial poses: how many of its results are correct
 
-Which pairs overlap is estimated from the disturbed poses; for `kiss`, from the true ones. The settings (voxels, reach, loss) are those of five that
-were tried with each program that came out best on the survey of seed 1 (30 stations of 800 columns).
-OUT.json has the form of registration.json, so that one yardstick measures all; for `kiss` it lists the pairs.
+Overlapping pairs are estimated from the perturbed poses; for `kiss`, from the true ones. The settings (voxels, reach, loss) are, of five tried
+with each program, those that performed best on the survey with seed 1 (30 stations of 800 columns).
+OUT.json has the format of registration.json, so that all programs are evaluated in the same way; for `kiss` it lists the pairs.
 """
 import argparse, json, resource, struct, time, tomllib
 from pathlib import Path
@@ -21,9 +21,9 @@ import numpy as np
 import open3d as o3d
 
 SAMPLE = np.dtype([("xyz", "<f4", 3), ("intensity", "<f4"), ("rgb", "u1", 3), ("state", "u1")])
-# A pair is right within this: metres, degrees.
+# A pair is correct within these limits: metres, degrees.
 RIGHT = (0.5, 5.0)
-# Pairs that KISS-Matcher itself calls found: as in its examples.
+# Minimum number of inliers for KISS-Matcher to accept a pair, as in its examples.
 KISS_INLIERS = 5
 
 
@@ -57,7 +57,7 @@ def skew(v):
 
 
 def turn(v):
-    """The rotation of a vector."""
+    """The rotation matrix of a rotation vector."""
     angle = np.linalg.norm(v)
     if angle < 1e-12:
         return np.eye(3) + skew(v)
@@ -66,19 +66,19 @@ def turn(v):
 
 
 def vector(r):
-    """The vector of a rotation of less than a half turn."""
+    """The rotation vector of a rotation of less than half a turn."""
     v = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]) / 2
     sine = np.linalg.norm(v)
     return v * (np.arctan2(sine, (np.trace(r) - 1) / 2) / sine) if sine > 1e-12 else v
 
 
 def difference(a, b):
-    """Metres and degrees between two poses."""
+    """Distance (metres) and angle (degrees) between two poses."""
     return float(np.linalg.norm(a[:3, 3] - b[:3, 3])), float(np.degrees(np.linalg.norm(vector(a[:3, :3].T @ b[:3, :3]))))
 
 
 def disturbed(true, sigma, seed):
-    """The true poses, each but the first moved and turned at random: a standard deviation for each axis."""
+    """The true poses, with a random perturbation of all but the first; one standard deviation per axis."""
     random, out = np.random.default_rng(seed), []
     for k, t in enumerate(true):
         move, spin = random.normal(size=3) * sigma[0], random.normal(size=3) * np.radians(sigma[1])
@@ -95,12 +95,12 @@ def cloud(points, voxel, normals=True):
 
 
 def near(points, reach=15.0):
-    """Samples within the reach: those beyond are too far apart for normals, and mislead both programs."""
+    """Samples within the reach: samples beyond it are too far apart for normals and mislead both programs."""
     return points[np.einsum("ij,ij->i", points, points) < reach * reach]
 
 
 def overlaps(points, poses, cell=0.25):
-    """For each pair, the share of the cells of the smaller one that both have near by, by these poses."""
+    """For each pair, the share of the cells of the smaller scan that have a cell of the other nearby, in these poses."""
     cells = []
     for p, t in zip(points, poses):
         p = near(p, 12.0)
@@ -112,7 +112,7 @@ def overlaps(points, poses, cell=0.25):
 
 
 def spanning_tree(pairs, n):
-    """Pairs of the tree with most in common."""
+    """The pairs of the maximum spanning tree by overlap."""
     group, tree = list(range(n)), set()
     for (i, j), _ in sorted(pairs.items(), key=lambda item: -item[1]):
         a, b = group[i], group[j]
@@ -131,7 +131,7 @@ def open3d_multiway(points, start, pairs, tree, voxel):
     for t in start:
         graph.nodes.append(reg.PoseGraphNode(t))
     for i, j in pairs:
-        # Takes the coordinates of i to those of j.
+        # Transforms coordinates of i to those of j.
         at = np.linalg.inv(start[j]) @ start[i]
         for level, (_, reach) in enumerate(levels):
             at = reg.registration_icp(clouds[level][i], clouds[level][j], reach, at,
@@ -150,7 +150,7 @@ def small_gicp_graph(points, start, pairs, voxel):
     clouds = [[small_gicp.preprocess_points(near(p), downsampling_resolution=size, num_threads=1) for p in points] for size, _ in levels]
     edges = []
     for i, j in pairs:
-        # Takes the coordinates of j to those of i.
+        # Transforms coordinates of j to those of i.
         at = np.linalg.inv(start[i]) @ start[j]
         for level, (_, reach) in enumerate(levels):
             (target, tree), (source, _) = clouds[level][i], clouds[level][j]
@@ -162,7 +162,7 @@ def small_gicp_graph(points, start, pairs, voxel):
 
 
 def pose_graph(start, edges, rounds=50):
-    """Poses for which the edges (i, j, the pose of j in i, the Hessian in the frame of j: rotation, translation) agree best; the first stays."""
+    """Poses that best agree with the edges (i, j, the pose of j in i, the Hessian in the frame of j: rotation, translation); the first stays fixed."""
     poses, n = [t.copy() for t in start], len(start)
     scale = np.median([np.trace(h) for *_, h in edges])
     for _ in range(rounds):
@@ -174,7 +174,7 @@ def pose_graph(start, edges, rounds=50):
         chi = np.array([r @ h @ r for r, h in residuals])
         weights = 1 / (1 + chi / (np.median(chi) * 9 + 1e-18))
         for (i, j, _, _), (r, h), w in zip(edges, residuals, weights):
-            # The Jacobian by j is the identity to first order; that by i is minus the adjoint of (pose of i in j).
+            # The Jacobian with respect to j is the identity to first order; that with respect to i is minus the adjoint of (pose of i in j).
             t = np.linalg.inv(poses[j]) @ poses[i]
             adjoint = np.zeros((6, 6))
             adjoint[:3, :3] = adjoint[3:, 3:] = t[:3, :3]
@@ -196,7 +196,7 @@ def pose_graph(start, edges, rounds=50):
 
 
 def kiss(points, true, pairs, names, voxel):
-    """Every pair by KISS-Matcher, and whether it is right."""
+    """KISS-Matcher on every pair, and whether its result is correct."""
     import kiss_matcher
     matcher, rows = kiss_matcher.KISSMatcher(kiss_matcher.KISSMatcherConfig(voxel)), []
     small = [np.asarray(cloud(p, voxel, False).points).astype(np.float32) for p in points]
@@ -218,7 +218,7 @@ def quaternion(r):
 
 
 def registration(names, poses, groups):
-    """As registration.json, without covariances: peers have none for poses of a graph."""
+    """The format of registration.json, without covariances: other programs provide none for the poses of a graph."""
     stations, unplaced = [], []
     for k, (name, t) in enumerate(zip(names, poses)):
         if groups[k] != groups[0]:
@@ -247,7 +247,7 @@ def main():
     start = true if args.what == "kiss" else disturbed(true, args.sigma, args.seed)
     shares = overlaps(points, start)
     tree, groups = spanning_tree({pair: share for pair, share in shares.items() if share > 0.02}, len(points))
-    # What ties a station to the rest is used even if it has little in common.
+    # Pairs of the spanning tree are used even if they overlap little, to keep every station connected.
     pairs = {pair: share for pair, share in shares.items() if share >= args.overlap or (pair in tree and args.what != "kiss")}
     if args.what == "kiss":
         result = {"version": 1, "voxel": voxel, "pairs": kiss(points, true, pairs, names, voxel)}

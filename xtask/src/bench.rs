@@ -52,7 +52,7 @@ enum What {
     Stations(stations::Args),
     /// Merging simulated stations: time, memory, and how far the surface is from the true one, beside another program
     Merge(merge::Args),
-    /// Registering simulated surveys without poses: what is placed, how far off, how honestly, beside other programs
+    /// Registration of simulated surveys without poses: completeness, errors, realism of the covariances, and a comparison with other programs
     Register(register::Args),
     /// Run a program and write what it used to a file (used by `build`, in a process of its own)
     #[command(hide = true)]

@@ -1,7 +1,7 @@
-//! From stations to groups: pairs that fit in one place only are joined, then groups, until nothing more fits.
+//! Joins stations into groups: first pairs with a unique relative pose, then groups, until no more can be joined.
 //!
-//! A wrong place is worse than none. Two stations are joined only if enough surface agrees, if the rays of neither pass through what the other saw, if the common surface fixes the
-//! place in every direction, and if no other place is nearly as good. Pairs that contradict each other in a triangle are not used.
+//! A wrong pose is worse than none. Two stations are joined only if enough surface agrees, if hardly any rays of either pass through what the other saw, if the common surface constrains the
+//! pose in every direction, and if no other pose is nearly as good. Pairs that contradict each other in a triangle are not used.
 
 use super::group::{Beside, Group, Two};
 use super::view::View;
@@ -15,53 +15,53 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Fewest planes that must agree, of the samples of both.
 const MIN_AGREE: u32 = 80;
-/// Least share of the common planes that must agree, and the largest share that may be contradicted.
+/// Minimum share of the common planes that must agree, and maximum share that may be contradicted.
 const MIN_AGREEMENT: f64 = 0.45;
 const MAX_CONTRADICTED: f64 = 0.06;
-/// The same between groups, which have more surface in common, and more that moved meanwhile.
+/// The same between groups, which have more surface in common and more objects that were moved between scans.
 const MAX_GROUP_CONTRADICTED: f64 = 0.08;
-/// The same where both poses are known with standard deviations, which say the same as the place.
+/// The same where both poses are known with standard deviations, because these support the candidate as well.
 const MAX_KNOWN_CONTRADICTED: f64 = 0.15;
-/// The same where a station is laid onto itself.
+/// The same where a station is compared with itself.
 const MAX_SYMMETRY_CONTRADICTED: f64 = 0.1;
-/// Least number of planes that fix the direction that is fixed least, and how many times as many they must be as errors of normals amount to.
+/// Minimum number of planes that constrain the weakest direction, and the minimum ratio of that number to the contribution of noisy normals.
 const MIN_FIRMNESS: f64 = 0.25;
 const MIN_CLEARNESS: f64 = 3.0;
-/// Another place is a rival if its score is at least this share of the best one's, and its distances are at most this many times as large.
+/// Another pose is a rival if its score is at least this share of the best score, and its distances are at most this many times as large.
 const RIVAL: [f64; 2] = [0.5, 1.8];
-/// The same for places at most so many edges of voxels away.
+/// The same for poses at most this many voxel edges away.
 const NEAR_RIVAL: [f64; 2] = [0.8, 1.2];
 const NEARBY: f64 = 8.0;
-/// Two headings are different places if they differ by more than this, radians.
+/// Two poses are different if their rotations differ by more than this, radians.
 const ELSEWHERE: f64 = 0.1;
-/// A station fits elsewhere as well if the surfaces agree there nearly as well, are not more contradicted, and are not much farther apart.
+/// A station also fits elsewhere if the surfaces agree there nearly as well, with no more contradictions and not much larger distances.
 const ELSEWHERE_AGREEMENT: f64 = 0.15;
 const ELSEWHERE_CONTRADICTED: f64 = 0.005;
 const ELSEWHERE_RESIDUAL: f64 = 1.3;
-/// A place is no rival if rays pass through so many more planes than three times as many as at the best one.
+/// A pose is no rival if rays pass through this many more planes than three times the number at the best pose.
 const CLEARLY: u32 = 12;
-/// A group of at most so many stations is given up if one of them fits elsewhere, too.
+/// A group of at most this many stations is dissolved if one of them also fits elsewhere.
 const SMALL_GROUP: usize = 3;
-/// Cells along the maps of single stations and of groups.
+/// Cells along each side of the maps of single stations and of groups.
 const SIDE: usize = 128;
 const GROUP_SIDE: usize = 256;
-/// Maps of groups show walls up to so many times as far away as those of single stations.
+/// The reach of the maps of groups, as a multiple of that of single stations.
 const GROUP_REACH: f64 = 1.6;
-/// Bounds of how far walls are looked at, in edges of voxels.
+/// Limits of the distance up to which walls are used, in voxel edges.
 const REACH: (f64, f64) = (16.0, 200.0);
 
-/// Why a place is not accepted.
+/// Why a candidate pose is not accepted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Doubt {
-    /// There is none where anything agrees.
+    /// There is no pose in which any surface agrees.
     None,
-    /// Too little surface is common.
+    /// There is too little common surface.
     Little,
-    /// Too much of the common surface differs, or is passed through.
+    /// Too much of the common surface differs, or rays pass through it.
     Contradicted,
-    /// The common surface does not fix the place in every direction.
+    /// The common surface does not constrain the pose in every direction.
     Loose,
-    /// It fits in more than one place.
+    /// More than one pose fits.
     Ambiguous,
     /// It contradicts other pairs.
     Inconsistent,
@@ -100,7 +100,7 @@ fn doubt(places: &[Beside], edge: f64, most: f64) -> Option<Doubt> {
         return Some(Doubt::Loose);
     }
     let is_rival = |other: &Beside| {
-        // Beside the right place there are others, where stones lie on the wrong stones.
+        // Near the correct pose there are others in which stones match the wrong stones.
         let is_near = best.pose.difference(other.pose).1 < NEARBY * edge;
         let [score, median] = if is_near { NEAR_RIVAL } else { RIVAL };
         other.verdict.contradicted() <= most.max(2.0 * v.contradicted())
@@ -112,7 +112,7 @@ fn doubt(places: &[Beside], edge: f64, most: f64) -> Option<Doubt> {
     places[1..].iter().any(is_rival).then_some(Doubt::Ambiguous)
 }
 
-/// What came of the stations.
+/// The result of joining the stations.
 pub(super) struct Assembled {
     /// The groups, the largest first; every station is in one.
     pub(super) groups: Vec<Group>,
@@ -120,18 +120,18 @@ pub(super) struct Assembled {
     pub(super) pairs: BTreeMap<(usize, usize), Finding>,
 }
 
-/// What is known before.
+/// What is known beforehand.
 pub(super) struct Known<'a> {
-    /// Stations that stay where they are, with their poses.
+    /// Stations whose poses are known, with these poses.
     pub(super) fixed: Vec<(usize, Pose)>,
     /// Rough poses of stations.
     pub(super) guesses: &'a [Option<Guess>],
-    /// The pose of the second station beside the first by control points, the first with the lower number.
+    /// The pose of the second station relative to the first from control points; the first has the lower number.
     pub(super) controlled: BTreeMap<(usize, usize), Pose>,
 }
 
 impl Known<'_> {
-    /// Whether the poses of both are known with standard deviations.
+    /// Whether the poses of both stations are known with standard deviations.
     fn are_known(&self, a: usize, b: usize) -> bool {
         [a, b].iter().all(|k| self.guesses[*k].is_some_and(|guess| guess.reach.is_some()))
     }
@@ -141,18 +141,18 @@ impl Known<'_> {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Guess {
     pub(super) pose: Pose,
-    /// How far it is wrong at most, if that is known: metres, radians.
+    /// Its maximum error, if known: metres, radians.
     pub(super) reach: Option<[f64; 2]>,
 }
 
 /// Whether a place agrees with rough poses of both stations.
 fn is_near(place: Pose, guess: Pose, a: [f64; 2], b: [f64; 2]) -> bool {
     let (angle, distance) = place.difference(guess);
-    // A wrong heading of the one moves the other.
+    // An error in the heading of one station displaces the other.
     angle <= a[1] + b[1] && distance <= a[0] + b[0] + (a[1] + b[1]) * guess.translation.length()
 }
 
-/// Put the stations together.
+/// Join the stations into groups.
 pub(super) fn assemble(
     views: &[View],
     edge: f64,
@@ -179,17 +179,17 @@ pub(super) fn assemble(
             groups.sort_by_key(|group| (std::cmp::Reverse(group.members.len()), group.members[0].0));
             return Ok(Assembled { groups, pairs: pairs.found });
         }
-        // Without them, others may be lost, too.
+        // Without these stations, others may become ambiguous.
         for station in lost {
             pairs.refuse(station);
         }
     }
 }
 
-/// Pairs of stations, and the stations that are not to be joined with others.
+/// Pairs of stations, and the stations that must not be joined with others.
 struct Pairs {
     found: BTreeMap<(usize, usize), Finding>,
-    /// Poses in which each station fits onto itself.
+    /// Poses in which each station coincides with itself.
     symmetries: Vec<Vec<Pose>>,
     /// Poses that lead from what each station sees to a copy of it that another station sees.
     copies: Vec<Vec<Pose>>,
@@ -215,7 +215,7 @@ impl Pairs {
         }
     }
 
-    /// Use a station no more.
+    /// Stop using a station.
     fn refuse(&mut self, station: usize) {
         self.refused.insert(station);
         for ((a, b), finding) in &mut self.found {
@@ -226,7 +226,7 @@ impl Pairs {
     }
 }
 
-/// Whether a place could be right, regardless of others.
+/// Whether a pose is acceptable on its own, regardless of rivals.
 fn is_sound(place: &Beside) -> bool {
     let v = &place.verdict;
     v.agree >= MIN_AGREE
@@ -235,7 +235,7 @@ fn is_sound(place: &Beside) -> bool {
         && place.firmness >= MIN_FIRMNESS
 }
 
-/// Stations that fit as well elsewhere in their group, as in the other of two rooms that are alike.
+/// Stations that fit equally well elsewhere in their group, as in the other of two similar rooms.
 fn ambiguous(views: &[View], groups: &[Group], pairs: &Pairs, edge: f64, known: &Known<'_>) -> Vec<usize> {
     let is_known = |k: usize| {
         known.fixed.iter().any(|(fixed, _)| *fixed == k) || known.controlled.keys().any(|(a, b)| *a == k || *b == k)
@@ -256,11 +256,11 @@ fn ambiguous(views: &[View], groups: &[Group], pairs: &Pairs, edge: f64, known: 
                 && v.contradicted() <= here.contradicted().max(ELSEWHERE_CONTRADICTED)
                 && v.residual() <= ELSEWHERE_RESIDUAL * here.residual()
         };
-        // Of few stations, none may have seen between a room and its copy.
+        // With only a few stations, there may be no rays between a room and its copy.
         let is_small = group.members.len() <= SMALL_GROUP;
         let in_copy =
             |there: Pose| elsewhere(there) || is_small && two.verdict(there, edge, usize::MAX).through <= CLEARLY / 4;
-        // Where a station beside another would be if that were turned, and it were not.
+        // The pose of a station relative to another if that other station were turned and this one were not.
         let turned = |pose: Pose, turn: Pose| own.then(pose.inverse()).then(turn).then(pose);
         let is_symmetric = pairs.symmetries[number].iter().any(|turn| elsewhere(turn.then(own)));
         is_symmetric
@@ -278,7 +278,7 @@ fn ambiguous(views: &[View], groups: &[Group], pairs: &Pairs, edge: f64, known: 
         members.flat_map(|group| group.members.iter().map(move |(number, own)| (group, *number, *own))).collect();
     let lost = members.par_iter().filter(|(group, number, own)| !is_known(*number) && of_station(group, *number, *own));
     let lost: BTreeSet<usize> = lost.map(|(_, number, _)| *number).collect();
-    // In a small group nothing tells which of its stations is in the wrong place.
+    // In a small group, there is no way to know which station is wrong.
     let of_group = |group: &Group| -> Vec<usize> {
         let own = || group.members.iter().map(|(number, _)| *number);
         let are_all_lost = group.members.len() <= SMALL_GROUP && own().any(|number| lost.contains(&number));
@@ -345,7 +345,7 @@ fn pairs(
     Ok(pairs)
 }
 
-/// The poses in which each station fits onto itself: what is beside it fits there as well.
+/// The poses in which each station coincides with itself: a station registered to it fits there as well.
 fn symmetries(
     views: &[View],
     singles: &[Group],
@@ -369,8 +369,8 @@ fn symmetries(
     singles.par_iter().zip(maps).map(of_station).collect()
 }
 
-/// Give up pairs that contradict others: round a triangle, three poses must lead back to the beginning. A pair is given up if it is in more triangles that do
-/// not than in such that do; all three if nothing tells which of them is wrong.
+/// Discard pairs that contradict others: the three relative poses around a triangle must close. A pair is discarded if more of its triangles fail to close
+/// than close; all three pairs are discarded if it is unclear which of them is wrong.
 fn drop_inconsistent(pairs: &mut BTreeMap<(usize, usize), Finding>, known: &Known<'_>, edge: f64) {
     loop {
         let accepted: BTreeMap<(usize, usize), Pose> =
@@ -401,7 +401,7 @@ fn drop_inconsistent(pairs: &mut BTreeMap<(usize, usize), Finding>, known: &Know
     }
 }
 
-/// Join the stations of accepted pairs, the best first.
+/// Join the stations of accepted pairs, best first.
 fn joined(
     views: &[View],
     singles: Vec<Group>,
@@ -447,7 +447,7 @@ fn joined(
     groups.into_iter().flatten().collect()
 }
 
-/// The best place of one group beside another that is accepted: their numbers, the first the lower, and the pose of the second in the first.
+/// The best accepted pose of one group relative to another: their indices, the lower one first, and the pose of the second in the frame of the first.
 fn best_of_groups(
     views: &[View],
     groups: &[Group],

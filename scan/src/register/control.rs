@@ -1,4 +1,4 @@
-//! Control points: places that several stations saw, or whose coordinates in the survey are known.
+//! Control points: points that several stations observed, or whose survey coordinates are known.
 
 use crate::ScanError;
 use crate::survey::{Station, Survey};
@@ -11,13 +11,13 @@ use std::collections::BTreeMap;
 pub(super) const SIGMA: f64 = 0.005;
 /// Fewest points that define a pose.
 pub(super) const MIN_POINTS: usize = 3;
-/// Points define a pose if they are spread by at least this share of their distance in a second direction.
+/// Points define a pose if their spread in a second direction is at least this share of their spread in the first.
 const SPREAD: f64 = 0.02;
 
-/// A control point as one station saw it, or as the survey has it.
+/// A control point as observed by a station, or with known survey coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Sighting {
-    /// The number of the station; `None`: coordinates of the survey.
+    /// The index of the station; `None`: survey coordinates.
     pub(super) station: Option<usize>,
     pub(super) at: DVec3,
     pub(super) sigma: f64,
@@ -30,7 +30,7 @@ pub(super) struct Controls {
 }
 
 impl Controls {
-    /// Those of a survey; numbers are places in `stations`.
+    /// The control points of a survey; station numbers are indices into `stations`.
     pub(super) fn new(survey: &Survey, stations: &[&Station]) -> Self {
         let mut points: BTreeMap<String, Vec<Sighting>> = BTreeMap::new();
         for control in &survey.controls {
@@ -51,12 +51,12 @@ impl Controls {
         Self { points }
     }
 
-    /// Whether the survey knows coordinates of points that stations saw.
+    /// Whether enough points have known survey coordinates to place the survey.
     pub(super) fn locate(&self) -> bool {
         self.points.values().filter(|all| all.iter().any(|s| s.station.is_none())).count() >= MIN_POINTS
     }
 
-    /// `a_from_b` by the points that both saw; `None`: coordinates of the survey. `None` if there are too few.
+    /// `a_from_b` from the points that both observed; for `a` or `b`, `None` means survey coordinates. Returns `None` if there are too few points, or if they are collinear.
     ///
     /// # Errors
     /// [`ScanError::Request`] if the points contradict each other.
@@ -75,7 +75,7 @@ impl Controls {
             let distance = own.at.distance(pose.apply(other.at));
             if distance > (5.0 * own.sigma.hypot(other.sigma)).max(0.01) {
                 return Err(ScanError::Request(format!(
-                    "control point {point} does not fit: as {} has it, it is {distance:.3} m from where {} has it, if the others are right; check its coordinates in survey.toml",
+                    "control point {point} does not fit: its coordinates in {} and in {} differ by {distance:.3} m after alignment; check them in survey.toml",
                     name(b),
                     name(a)
                 )));
@@ -85,8 +85,8 @@ impl Controls {
     }
 }
 
-/// The pose that brings the second of each pair nearest to the first (Kabsch, "A solution for the best rotation to relate two sets of vectors", 1976); `None` if there are fewer than three,
-/// or if they are on a line.
+/// The pose that best aligns the second point of each pair with the first (Kabsch, "A solution for the best rotation to relate two sets of vectors", 1976); `None` if there are fewer than three
+/// pairs, or if the points are collinear.
 fn rigid(pairs: &[(DVec3, DVec3)]) -> Option<Pose> {
     if pairs.len() < MIN_POINTS {
         return None;

@@ -1,8 +1,8 @@
-//! Registration: stations find their places by themselves.
+//! Registration: finding the poses of the stations of a survey.
 //!
-//! Every station becomes a set of small planes ([`view`]). Each pair of stations is laid over each other in all ways that a levelled scanner allows, and
-//! joined if exactly one is right ([`group`], [`assemble`]); then groups of stations, which have more surface in common. All poses are
-//! adjusted together, with their covariances ([`settle`]). What does not fit in exactly one place is not placed, and the result says why ([`report`]).
+//! Each station is reduced to small planes ([`view`]). For each pair of stations, all relative poses that levelled scanners allow are compared, and the pair is
+//! joined if exactly one pose fits ([`group`], [`assemble`]). Groups of stations, which have more surface in common, are then joined in the same way. All poses are
+//! adjusted together, with their covariances ([`settle`]). A station whose pose is not unique is not placed, and the result gives the reason ([`report`]).
 
 mod assemble;
 mod control;
@@ -31,17 +31,17 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 use view::View;
 
-/// A pose that is known with standard deviations is not wrong by more than so many of them.
+/// A known pose is assumed to be within this many standard deviations of the truth.
 const SURE: f64 = 4.0;
 
-/// What to do.
+/// Options of [`register`].
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
 pub struct Options {
-    /// Also place stations anew that are registered already.
+    /// Also register stations that are already registered.
     pub again: bool,
-    /// Do not even use the poses that scans came with as guesses.
+    /// Ignore the poses stored with the scans, even as initial estimates.
     pub ignore_poses: bool,
-    /// Stations whose poses stay, besides those that are fixed in `survey.toml`.
+    /// Stations that keep their poses, in addition to those marked as fixed in `survey.toml`.
     pub fixed: Vec<String>,
     /// Worker threads; 0 for one per core.
     pub threads: usize,
@@ -62,7 +62,7 @@ pub fn register(
     pool.install(|| Work::new(folder, survey, options)?.run(progress))
 }
 
-/// Enter what was found into `survey.toml`, and keep it as `registration.json`. Stations that were not placed lose a pose that they share with others, because it says nothing.
+/// Write the poses to `survey.toml` and the whole result to `registration.json`. An unplaced station loses its pose if other stations have the same one, because such a pose is a placeholder.
 ///
 /// # Errors
 /// [`ScanError::Request`] if another command is writing to the survey, or if a station is gone; [`ScanError::Survey`], [`ScanError::Write`].
@@ -79,12 +79,12 @@ pub fn apply(folder: &Path, found: &Registration) -> Result<(), ScanError> {
         edit.set_pose(&placed.name, Some(placed.pose()))?;
         edit.set_sigma(&placed.name, placed.sigma())?;
     }
-    // Either file alone does no harm: what is kept of a station counts only if its pose is the one in `survey.toml`.
+    // One file without the other does no harm: an entry of `registration.json` counts only if its pose equals the one in `survey.toml`.
     found.save(folder)?;
     edit.save()
 }
 
-/// The stations in an order that does not depend on that of the files, and what is known of them.
+/// The stations, in an order that does not depend on the order of the files, and what is known about them.
 struct Work<'a> {
     folder: &'a Path,
     survey: &'a Survey,
@@ -92,7 +92,7 @@ struct Work<'a> {
     is_fixed: Vec<bool>,
     guesses: Vec<Option<Guess>>,
     controls: Controls,
-    /// What was found before, of stations that stay.
+    /// The previous result, for stations that keep their poses.
     before: Option<Registration>,
 }
 
@@ -108,7 +108,7 @@ impl<'a> Work<'a> {
         for name in &options.fixed {
             if survey.station(name)?.pose.is_none() {
                 return Err(ScanError::Request(format!(
-                    "station {name} has no pose, so it cannot stay where it is; add rotation and translation to it in survey.toml"
+                    "station {name} has no pose, so it cannot be fixed; add rotation and translation to it in survey.toml"
                 )));
             }
         }
@@ -123,7 +123,7 @@ impl<'a> Work<'a> {
             s.pose.is_some() && (s.is_fixed || options.fixed.contains(&s.name) || !options.again && is_registered(s))
         };
         let is_fixed = stations.iter().map(stays).collect();
-        // Scans that were never registered often state the same pose.
+        // Scans that were never registered often have the same placeholder pose.
         let is_alone = |s: &Station| stations.iter().filter(|other| other.pose == s.pose).count() == 1;
         let guess = |s: &&Station| {
             let pose = s.pose.filter(|_| !options.ignore_poses && is_alone(s))?;
@@ -173,7 +173,7 @@ impl<'a> Work<'a> {
         Ok(Known { fixed: located.into_iter().collect(), guesses: &self.guesses, controlled })
     }
 
-    /// What every station saw, and the edge of the smallest voxels, metres.
+    /// The views of all stations, and the edge of the smallest voxels, metres.
     fn views(&self, progress: &(dyn Progress + Sync)) -> Result<(Vec<View>, f64), ScanError> {
         let (done, total) = (AtomicU64::new(0), 2 * self.stations.len() as u64);
         let step = || {
@@ -209,7 +209,7 @@ impl<'a> Work<'a> {
         Ok(out)
     }
 
-    /// What is known of the members of a group, by their places in it.
+    /// What is known about the members of a group, by their indices in it.
     fn given(&self, group: &Group) -> Given {
         let is_fixed = group.members.iter().map(|(k, _)| self.is_fixed[*k]).collect();
         let of_member = |k: usize| group.members.iter().position(|(own, _)| *own == k);
@@ -246,7 +246,7 @@ impl<'a> Work<'a> {
         if let Some((k, pose)) = first {
             group.move_to(k, pose);
         }
-        // To the last bit.
+        // Fixed poses must stay bit-identical.
         for (number, pose) in group.members.iter_mut().filter(|(number, _)| self.is_fixed[*number]) {
             *pose = self.stations[*number].pose.unwrap_or(*pose);
         }
@@ -289,7 +289,7 @@ impl<'a> Work<'a> {
     }
 }
 
-/// The group that becomes the survey: the one with the stations that stay, or the largest.
+/// The group that becomes the registered survey: the one that contains the fixed stations, or otherwise the largest.
 fn main_group(assembled: &Assembled, known: &Known<'_>) -> usize {
     let Some((first, _)) = known.fixed.first() else { return 0 };
     assembled.groups.iter().position(|group| group.pose_of(*first).is_some()).unwrap_or(0)

@@ -1,4 +1,4 @@
-//! What a registration says of links, of the weakest chain, and of stations that it could not place.
+//! The report of a registration: links, the weakest chain, and the stations that could not be placed.
 
 use super::assemble::{Doubt, Finding};
 use super::group::{Beside, Group};
@@ -9,10 +9,10 @@ use crate::survey::Station;
 use kilwa_scan_core::Pose;
 use std::collections::BTreeMap;
 
-/// Places that are listed for a station that is not placed.
+/// Number of candidate poses listed for an unplaced station.
 const CANDIDATES: usize = 3;
 
-/// What the report is made from.
+/// The data from which the report is made.
 pub(super) struct Report<'a> {
     pub(super) views: &'a [View],
     pub(super) edge: f64,
@@ -65,7 +65,7 @@ impl Report<'_> {
                 }
             }
             found.sort_by(|x, y| y.3.score().total_cmp(&x.3.score()));
-            // A place beside a placed station says more than one beside another that is lost, too.
+            // A candidate relative to a placed station is more useful than one relative to another unplaced station.
             let placed: Vec<_> = found.iter().filter(|(other, ..)| self.poses.contains_key(other)).copied().collect();
             let candidates = placed.iter().take(CANDIDATES).map(|(other, beside, _, best)| {
                 let pose = beside.then(self.poses.get(other).copied().unwrap_or_default());
@@ -83,7 +83,7 @@ impl Report<'_> {
         let q = pose.rotation;
         let v = best.verdict;
         Candidate {
-            beside: self.name(beside),
+            matched_with: self.name(beside),
             rotation: [q.w, q.x, q.y, q.z],
             translation: pose.translation.to_array(),
             overlap: f64::from(v.common()) / f64::from(v.planes.max(1)),
@@ -93,9 +93,9 @@ impl Report<'_> {
         }
     }
 
-    /// Why, and what would settle it.
+    /// The reason and the remedy.
     fn why(&self, best: Option<(usize, &Finding)>, companions: &[String]) -> (String, String) {
-        let points = "add three control points to survey.toml that this station and a placed one both see, or a pose with translation_sigma and rotation_sigma";
+        let points = "add three control points that this station and a placed station both observe to survey.toml, or add a pose with translation_sigma and rotation_sigma";
         let between = format!("scan from a position between it and the others, or {points}");
         let Some((other, finding)) = best else {
             return ("it has no surface in common with any other station".to_owned(), between);
@@ -106,14 +106,14 @@ impl Report<'_> {
         let (reason, remedy) = match finding.doubt {
             Some(Doubt::None | Doubt::Little) => (
                 format!(
-                    "it has too little surface in common with other stations; most with {other}, {} of {} samples",
+                    "it has too little surface in common with other stations; the best match is {other}, where {} of {} samples agree",
                     v.agree, v.planes
                 ),
                 between,
             ),
             Some(Doubt::Contradicted) => (
                 format!(
-                    "its best place, beside {other}, is not certain: {} of what both should see agrees, and rays of one station pass through {} of what the other saw",
+                    "its best pose relative to {other} is not reliable: {} of the surface that both should see agrees, and rays of one station pass through {} of it",
                     percent(v.agreement()),
                     percent(v.contradicted())
                 ),
@@ -121,33 +121,35 @@ impl Report<'_> {
             ),
             Some(Doubt::Loose) => (
                 format!(
-                    "what it has in common with {other} does not fix its place in every direction, as along a corridor or a flat wall"
+                    "the surface it shares with {other} does not constrain its pose in every direction, as in a corridor or at a flat wall"
                 ),
                 between,
             ),
             Some(Doubt::Ambiguous) => (
                 format!(
-                    "it fits in {} places beside {other}, as in a symmetric tower or in rooms that are alike",
+                    "it fits {other} in {} different poses, as in a symmetric tower or in similar rooms",
                     finding.places.len()
                 ),
                 points.to_owned(),
             ),
             Some(Doubt::Inconsistent) => (
                 format!(
-                    "its places beside {other} and other stations contradict each other, as in rooms that are alike"
+                    "its poses relative to {other} and to other stations contradict each other, as happens with similar rooms"
                 ),
                 points.to_owned(),
             ),
-            None => (format!("its place beside {other} contradicts what other stations saw"), points.to_owned()),
+            None => {
+                (format!("its pose relative to {other} contradicts what other stations measured"), points.to_owned())
+            }
         };
         if companions.is_empty() {
             return (reason, remedy);
         }
-        (format!("it was joined with {}, but not with the rest: {reason}", companions.join(", ")), remedy)
+        (format!("it was registered to {}, but not to the rest of the survey: {reason}", companions.join(", ")), remedy)
     }
 }
 
-/// The stations on the way from what is fixed to the station whose place is least certain, along the links that together are most certain.
+/// The stations on the path from the anchor or a fixed station to the station with the largest standard deviation, along the links with the smallest total variance.
 fn weakest_chain(found: &Registration) -> Vec<String> {
     let certain = |p: Placement| matches!(p, Placement::Anchor | Placement::Fixed);
     let worst =

@@ -1,4 +1,4 @@
-//! The last step: all poses of a group together, with their covariances.
+//! The last step: joint adjustment of all poses of a group, with their covariances.
 
 use super::control::Controls;
 use super::group::Group;
@@ -9,22 +9,22 @@ use kilwa_scan_core::register::adjust::{Link, Party, Prior, Reach, System};
 use nalgebra::{Matrix3, Matrix6, Vector6};
 use rayon::prelude::*;
 
-/// Largest distances of planes that are the same surface, in edges of voxels, and how often each is used.
+/// Maximum distances of matching surfaces, in voxel edges, and the number of rounds for each.
 const REACHES: [(f64, usize); 4] = [(2.0, 3), (1.0, 3), (0.5, 4), (0.35, 8)];
 /// Fewest planes of a link.
 const MIN_MATCHED: usize = 60;
-/// The edge of the cubes whose errors may be correlated, in edges of voxels.
+/// The edge of the cubes within which errors may be correlated, in voxel edges.
 const CLUSTER: f64 = 12.0;
 
-/// What covariances are multiplied by: errors that all stations have in common are not seen in the distances between them. The figure is that with which true errors
-/// of simulated surveys lie in the regions that are stated (docs/bench, `cargo xtask bench register`).
+/// Factor by which covariances are multiplied: errors that all stations have in common do not show in the distances between them. The value is chosen so that the true errors
+/// of simulated surveys lie in the stated regions (docs/bench, `cargo xtask bench register`).
 const CAUTION: f64 = 2.5;
 
-/// Poses that fit all stations best.
+/// The adjusted poses.
 pub(super) struct Settled {
     pub(super) poses: Vec<Pose>,
     pub(super) covariances: Vec<Matrix6<f64>>,
-    /// Which did not move: those that were to stay, or the anchor.
+    /// Stations that did not move: the fixed ones, or the anchor.
     pub(super) is_fixed: Vec<bool>,
     /// Pairs of members (their places in the group), with their equations.
     pub(super) links: Vec<((usize, usize), Link)>,
@@ -44,9 +44,9 @@ impl Settled {
     }
 }
 
-/// What fixes poses besides the surface.
+/// Constraints on poses other than the surface.
 pub(super) struct Given {
-    /// Which members stay.
+    /// Which members keep their poses.
     pub(super) is_fixed: Vec<bool>,
     /// Poses of members that are known with standard deviations (metres, radians).
     pub(super) priors: Vec<(usize, Pose, [f64; 2])>,
@@ -62,7 +62,7 @@ struct Adjustment<'a> {
     is_fixed: Vec<bool>,
     poses: Vec<Pose>,
     pairs: Vec<(usize, usize)>,
-    /// How far distances are spread, metres.
+    /// The scale of the robust weights, metres.
     sigma: f64,
 }
 
@@ -151,7 +151,7 @@ pub(super) fn settle(views: &[View], group: &Group, given: &Given, edge: f64) ->
     Some(Settled { poses: work.poses, covariances, links, is_fixed: work.is_fixed })
 }
 
-/// The station that has most surface in common with others: what is known of the others beside it is most certain.
+/// The station with the most surface in common with others: poses relative to it are the most certain.
 fn anchor(n: usize, links: &[((usize, usize), Link)]) -> usize {
     let mut sums = vec![0.0; n];
     for ((a, b), link) in links {

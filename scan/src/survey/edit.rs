@@ -133,7 +133,7 @@ impl Edit {
         Ok(())
     }
 
-    /// Set the standard deviations of the pose of a station: metres, radians. Those that are not positive are left out, both.
+    /// Set the standard deviations of the pose of a station: metres, radians. If either is not positive, both are removed.
     ///
     /// # Errors
     /// As [`Survey::station`].

@@ -1,20 +1,20 @@
-//! What a registration found, against the truth: aligned at the anchor or the first fixed station, by composing poses.
+//! Compares a registration with the ground truth, aligned at the anchor or the first fixed station by composing poses.
 
 use glam::{DMat3, DQuat, DVec3};
 use kilwa_scan::register::{Placed, Placement, Registration};
 use kilwa_scan_core::Pose;
 use std::fmt::Write as _;
 
-/// A place is wrong when it is farther off than this: metres, degrees.
+/// A pose is wrong if its error exceeds these: metres, degrees.
 const WRONG: [f64; 2] = [0.05, 0.5];
-/// A coordinate whose error is more standard deviations than this was stated too surely.
+/// A stated standard deviation is too small if the error of a coordinate is more than this many times as large.
 const DEVIATIONS: f64 = 2.5;
 
 /// True poses by name, in any frame.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Truth(pub(super) Vec<(String, Pose)>);
 
-/// How far a station is from its true place.
+/// The pose error of a station.
 #[derive(Debug, Clone)]
 pub(super) struct Off {
     pub(super) name: String,
@@ -25,7 +25,7 @@ pub(super) struct Off {
 
 impl Off {
     fn is_more_than(&self, [metres, degrees]: [f64; 2]) -> bool {
-        // Not a number is more.
+        // NaN counts as more.
         !(self.translation.length() <= metres && self.rotation.length() <= degrees)
     }
 }
@@ -44,7 +44,7 @@ impl Truth {
         found.unwrap_or_else(|| panic!("there is no station {name}")).1
     }
 
-    /// As `kilwa synth scans` writes it.
+    /// In the format of `kilwa synth scans`.
     pub(super) fn to_toml(&self) -> String {
         let mut text = String::new();
         for (name, Pose { rotation, translation }) in &self.0 {
@@ -56,14 +56,14 @@ impl Truth {
         text
     }
 
-    /// The pose in the frame of the registration that takes the true frame to it: at the anchor, or the first fixed station.
+    /// The transformation from the true frame to that of the registration: at the anchor, or the first fixed station.
     pub(super) fn frame(&self, found: &Registration) -> Option<Pose> {
         let is = |placement: Placement| found.stations.iter().find(move |placed| placed.placement == placement);
         let base = is(Placement::Anchor).or_else(|| is(Placement::Fixed)).or_else(|| found.stations.first())?;
         Some(self.pose(&base.name).inverse().then(base.pose()))
     }
 
-    /// Every placed station's error, the largest first.
+    /// The errors of all placed stations, largest first.
     pub(super) fn off(&self, found: &Registration) -> Vec<Off> {
         let Some(frame) = self.frame(found) else { return Vec::new() };
         let off = |placed: &Placed| {
@@ -80,7 +80,7 @@ impl Truth {
         all
     }
 
-    /// All that is known of a result, for a message.
+    /// The whole result, for a message.
     pub(super) fn table(&self, found: &Registration) -> String {
         let mut text = String::new();
         for Off { name, rotation, translation } in self.off(found) {
@@ -103,9 +103,9 @@ impl Truth {
             for c in &unplaced.candidates {
                 writeln!(
                     text,
-                    "{:12}   beside {}: overlap {:.3}, agreement {:.3}, contradicted {:.4}, residual {:.1} mm",
+                    "{:12}   matched with {}: overlap {:.3}, agreement {:.3}, contradicted {:.4}, residual {:.1} mm",
                     "",
-                    c.beside,
+                    c.matched_with,
                     c.overlap,
                     c.agreement,
                     c.contradicted,
@@ -130,7 +130,7 @@ impl Truth {
         text
     }
 
-    /// Fails if the result is not whole, or if a station is farther from its true place than this: metres, degrees.
+    /// Fails if the result is incomplete, or if the error of a station exceeds these limits: metres, degrees.
     pub(super) fn within(&self, found: &Registration, limits: [f64; 2]) {
         let wrong: Vec<String> =
             self.off(found).into_iter().filter(|o| o.is_more_than(limits)).map(|o| o.name).collect();
@@ -177,14 +177,14 @@ impl Truth {
     }
 }
 
-/// Fails unless every station of the survey is either placed or named, covariances are covariances, and sentences are sentences.
+/// Fails unless every station of the survey is listed as placed or unplaced, covariances are valid, and reasons and remedies are readable.
 pub(super) fn is_whole(found: &Registration, names: &[&str]) {
     let placed = found.stations.iter().map(|placed| placed.name.as_str());
     let mut listed: Vec<&str> = placed.chain(found.unplaced.iter().map(|unplaced| unplaced.name.as_str())).collect();
     let mut expected = names.to_vec();
     listed.sort_unstable();
     expected.sort_unstable();
-    assert_eq!(listed, expected, "every station is placed or named, once");
+    assert_eq!(listed, expected, "every station is listed exactly once, as placed or unplaced");
     for placed in &found.stations {
         let Placed { name, rotation, translation, covariance: c, placement } = placed;
         assert!((placed.pose().rotation.length() - 1.0).abs() < 1e-9, "{name}: {rotation:?}");
@@ -200,7 +200,7 @@ pub(super) fn is_whole(found: &Registration, names: &[&str]) {
         let is_zero = c.iter().flatten().all(|v| *v == 0.0);
         assert_eq!(
             is_known, is_zero,
-            "{name}, {placement:?}: only what others are placed by has no uncertainty: {c:?}"
+            "{name}, {placement:?}: only the anchor and fixed stations have no uncertainty: {c:?}"
         );
     }
     for unplaced in &found.unplaced {
@@ -217,7 +217,7 @@ pub(super) fn is_whole(found: &Registration, names: &[&str]) {
     }
 }
 
-/// A result that would have been right: the true poses as seen from the first station.
+/// A correct result: the true poses in the frame of the first station.
 fn right(truth: &Truth) -> Registration {
     let frame = truth.0[0].1.inverse();
     let placed = |(k, (name, pose)): (usize, &(String, Pose))| {
@@ -273,8 +273,8 @@ fn a_heading_six_tenths_of_a_degree_off_fails_with_its_name() {
 }
 
 #[test]
-#[should_panic(expected = "every station is placed or named")]
-fn a_station_that_is_passed_over_fails() {
+#[should_panic(expected = "every station is listed exactly once")]
+fn a_station_missing_from_the_result_fails() {
     let (truth, mut found) = (three(), right(&three()));
     found.stations.pop();
     truth.never_wrong(&found);

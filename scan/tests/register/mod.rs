@@ -1,7 +1,7 @@
 //! Registration of scenes whose true poses are known: what must be placed, what must be refused, and what must never happen.
 //!
-//! `KILWA_KEEP_SCENES=FOLDER` keeps the survey of every registration in a folder of its own there, with the truth beside it as `kilwa synth scans` writes it,
-//! so that one that fails can be looked at.
+//! `KILWA_KEEP_SCENES=FOLDER` stores the survey of every registration in a subfolder of its own, together with the ground truth in the format of `kilwa synth scans`,
+//! so that failures can be examined.
 
 mod judge;
 mod real;
@@ -22,7 +22,7 @@ use scene::{Scanner, Scene};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-/// A survey of a scene, and where its stations truly are.
+/// A survey of a scene, and the true poses of its stations.
 struct Surveyed {
     site: Site,
     truth: Truth,
@@ -33,20 +33,20 @@ impl Surveyed {
         Self { site: Site::new(), truth: Truth::default() }
     }
 
-    /// Scans of a scene from these places, imported with the identity as pose.
+    /// Scans of a scene from these positions, imported with the identity as pose.
     fn of(scene: &Scene, stands: &[(&str, [f64; 3])], seed: u64) -> Self {
         let mut surveyed = Self::new();
         surveyed.add(&Scanner::default(), scene, stands, seed);
         surveyed
     }
 
-    /// More scans. The seed of a scan is of its name too, so that it is the same in whatever order files are imported.
+    /// Add scans. The seed of a scan also depends on its name, so that the scan is the same in any order of the files.
     fn add(&mut self, scanner: &Scanner, scene: &Scene, stands: &[(&str, [f64; 3])], seed: u64) {
         let files: Vec<PathBuf> = stands.iter().map(|(name, at)| self.scan(scanner, scene, name, *at, seed)).collect();
         self.import(&files);
     }
 
-    /// One scan as a file.
+    /// Write one scan to a file.
     fn scan(&mut self, scanner: &Scanner, scene: &Scene, name: &str, at: [f64; 3], seed: u64) -> PathBuf {
         let own = name.bytes().fold(seed, |seed, byte| seed.wrapping_mul(31).wrapping_add(u64::from(byte)));
         let (text, pose) = scanner.scan(scene, at, own);
@@ -72,7 +72,7 @@ impl Surveyed {
         edit.save().unwrap();
     }
 
-    /// State how certain a pose is: metres, radians.
+    /// Set the standard deviations of a pose: metres, radians.
     fn set_sigma(&self, name: &str, sigma: [f64; 2]) {
         let mut edit = Edit::open(&self.folder()).unwrap();
         edit.set_sigma(name, sigma).unwrap();
@@ -93,7 +93,7 @@ impl Surveyed {
 }
 
 impl Surveyed {
-    /// A copy of the survey with its truth where `KILWA_KEEP_SCENES` says.
+    /// Copy the survey and its ground truth to the folder given by `KILWA_KEEP_SCENES`.
     fn keep(&self) {
         let Some(folder) = std::env::var_os("KILWA_KEEP_SCENES").map(PathBuf::from) else { return };
         let test = std::thread::current().name().unwrap_or("test").rsplit("::").next().unwrap().to_owned();
@@ -111,7 +111,7 @@ fn registered(folder: &Path, options: &Options) -> Registration {
     register(folder, &Survey::open(folder).unwrap(), options, &Silent).unwrap_or_else(|e| panic!("{e}"))
 }
 
-/// Names of stations that are placed by what they see.
+/// Names of the stations that were placed by common surface.
 fn placed_by_surface(found: &Registration) -> Vec<&str> {
     let known = [kilwa_scan::register::Placement::Anchor, kilwa_scan::register::Placement::Fixed];
     found.stations.iter().filter(|s| !known.contains(&s.placement)).map(|s| s.name.as_str()).collect()

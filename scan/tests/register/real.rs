@@ -1,4 +1,4 @@
-//! Real scans, where the folder beside the project is there. There is no large real survey with a ground truth among them.
+//! Real scans; skipped if the shared data folder is missing. The data include no large real survey with ground truth.
 
 use super::judge::{Truth, rotation_vector};
 use super::{Surveyed, registered};
@@ -35,7 +35,7 @@ fn displacement(points: &[DVec3], a: Pose, b: Pose) -> f64 {
     (sum / points.len() as f64).sqrt()
 }
 
-/// A direction, even over the sphere.
+/// A random direction, uniformly distributed over the sphere.
 fn direction(random: &mut fastrand::Rng) -> DVec3 {
     loop {
         let v = DVec3::new(random.f64(), random.f64(), random.f64()) * 2.0 - 1.0;
@@ -46,7 +46,7 @@ fn direction(random: &mut fastrand::Rng) -> DVec3 {
 }
 
 #[test]
-fn range_grids_of_the_bunny_find_their_published_poses_from_ten_degrees_and_twenty_millimetres() {
+fn bunny_range_grids_converge_to_their_published_poses_from_ten_degrees_and_twenty_millimetres() {
     let Some(folder) = shared("scan-data/bunny") else { return };
     let mut surveyed = Surveyed::new();
     let mut files: Vec<PathBuf> = std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
@@ -69,7 +69,7 @@ fn range_grids_of_the_bunny_find_their_published_poses_from_ten_degrees_and_twen
         let middle = all.iter().sum::<DVec3>() / all.len() as f64;
         let turn = DQuat::from_axis_angle(direction(&mut random), 10_f64.to_radians());
         let mut way = || (random.f64() * 2.0 - 1.0) * 0.02;
-        // Turned about the middle of the scan, not about the far origin of its coordinates.
+        // Rotated about the centre of the scan, not about the distant origin of its coordinates.
         let own = Pose { rotation: turn, translation: middle - turn * middle + DVec3::new(way(), way(), way()) };
         surveyed.set_pose(name, Some(own.then(*pose)));
     }
@@ -88,7 +88,7 @@ fn range_grids_of_the_bunny_find_their_published_poses_from_ten_degrees_and_twen
 }
 
 #[test]
-fn the_lidar_pair_of_small_gicp_finds_its_published_pose() {
+fn the_small_gicp_lidar_pair_converges_to_its_published_pose() {
     let Some(folder) = shared("scan-data/small_gicp") else { return };
     let m = numbers(&read_to_string(folder.join("T_target_source.txt")).unwrap());
     let mut rows = [0.0; 16];
@@ -103,7 +103,7 @@ fn the_lidar_pair_of_small_gicp_finds_its_published_pose() {
     let own = relative(&found, "target", "source").unwrap_or_else(|| panic!("{}", surveyed.truth.table(&found)));
     let (angle, metres) = own.difference(source);
     println!("{:.1} mm and {:.3}° from the published pose", metres * 1e3, angle.to_degrees());
-    // small_gicp 1.0.1 itself comes to between 5.6 and 11.8 mm and between 0.14 and 0.22°, by method and voxel.
+    // small_gicp 1.0.1 itself gives between 5.6 and 11.8 mm and between 0.14 and 0.22°, depending on the method and the voxel size.
     assert!(metres <= 0.02 && angle.to_degrees() <= 0.2, "{metres} m, {}°", angle.to_degrees());
 }
 
@@ -112,7 +112,7 @@ fn right_handed(p: DVec3) -> DVec3 {
     DVec3::new(p.z, -p.x, p.y) / 100.0
 }
 
-/// The pose in a `.pose` file of 3DTK: a place, and the angles about x, y and z in degrees, which follow each other as Rx · Ry · Rz.
+/// The pose in a `.pose` file of 3DTK: a place, and the angles about x, y and z in degrees, composed as Rx · Ry · Rz.
 fn odometry(file: &Path) -> Pose {
     let v = numbers(&read_to_string(file).unwrap());
     let [x, y, z] = [v[3], v[4], v[5]].map(f64::to_radians);
@@ -124,7 +124,7 @@ fn odometry(file: &Path) -> Pose {
     }
 }
 
-/// Distances from points to the nearest of others, where one is within `cell`.
+/// Distances from points to their nearest neighbours in another set, if within `cell`.
 fn nearest(points: &[DVec3], others: &[DVec3], cell: f64) -> Vec<f64> {
     let key = |p: DVec3| (p / cell).floor().as_ivec3();
     let mut cells: HashMap<_, Vec<DVec3>> = HashMap::new();
@@ -173,23 +173,23 @@ fn the_corridor_of_3dtk_is_registered_from_its_odometry() {
             "{other} on {base}: median distance {:.1} mm; {way:.3} m and {turn:.2}° from the odometry",
             median * 1e3
         );
-        // GICP of small_gicp 1.0.1 comes to 32.5 mm (the spacing of the points), 14 and 17 mm and 0.13 and 0.57° from the odometry.
+        // GICP of small_gicp 1.0.1 gives 32.5 mm (the spacing of the points), 14 and 17 mm and 0.13 and 0.57° from the odometry.
         assert!(median <= 0.036, "{other} on {base}: {median} m");
         assert!(way <= 0.1 && turn <= 1.5, "{other} on {base}: {way} m and {turn}° from the odometry");
     }
 }
 
 #[test]
-fn the_two_dragons_of_simpleicp_lie_on_each_other() {
+fn the_two_simpleicp_dragons_are_aligned() {
     let Some(folder) = shared("scan-data/simpleICP") else { return };
     let surveyed = Surveyed::new();
     for name in ["dragon1", "dragon2"] {
-        // Nobody knows from where they were seen; the coordinates are as a camera at their origin would have them.
+        // The scanner positions are unknown; the coordinates are as those of a camera at the origin.
         surveyed.site.import(&[folder.join(format!("{name}.xyz"))], seen_from(0.0, 0.0, 0.0)).unwrap();
     }
     let found = registered(&surveyed.folder(), &Options::default());
     let own = relative(&found, "dragon1", "dragon2").unwrap_or_else(|| panic!("{:?}", found.unplaced));
-    // Point by point the same dragon, so that the residual is that of the rounding to four decimals.
+    // Both files contain the same points of one dragon, so the expected residual is the rounding to four decimals.
     let (fixed, moving) = (points(&surveyed, "dragon1"), points(&surveyed, "dragon2"));
     assert_eq!(fixed.len(), moving.len());
     let sum: f64 = fixed.iter().zip(&moving).map(|(p, q)| p.distance_squared(own.apply(*q))).sum();

@@ -1,4 +1,4 @@
-//! Rooms that are joined by doors: what must be placed, and rooms that are equal, which must not be confused.
+//! Rooms connected by doors, which must be placed, and identical rooms, which must not be confused.
 
 use super::scene::{Scanner, Scene, door, window};
 use super::{Surveyed, placed_by_surface};
@@ -34,7 +34,7 @@ fn house() -> Scene {
     scene.wall([0.0, 4.0], [5.0, 4.0], HEIGHT, &[door(3.2, 4.3)]);
     scene.wall([5.0, 4.0], [9.0, 4.0], HEIGHT, &[]);
     scene.wall([9.0, 0.0], [9.0, 4.0], HEIGHT, &[door(2.5, 3.5)]);
-    // The ceilings are not equally high.
+    // The ceilings have different heights.
     scene.block([-0.2, -0.2, 2.7], [5.0, 4.0, 3.0]).block([5.0, -0.2, 2.62], [12.7, 4.0, 3.0]);
     scene.block([-0.2, 4.0, 2.7], [9.2, 9.2, 3.0]);
     furnish(&mut scene);
@@ -65,7 +65,7 @@ const LIVING: (&str, [f64; 3]) = ("living", [3.3, 5.7, 1.6]);
 const STUDY_DOOR: (&str, [f64; 3]) = ("study-door", [5.0, 6.4, 1.6]);
 const STUDY: (&str, [f64; 3]) = ("study", [7.0, 6.2, 1.7]);
 
-/// What two stations at these places have in common, so that a test that fails can be judged.
+/// Prints the overlap of every pair of stations, to help explain test failures.
 fn print_overlaps(scene: &Scene, stands: &[(&str, [f64; 3])]) {
     for (k, (name, at)) in stands.iter().enumerate() {
         for (other, place) in &stands[k + 1..] {
@@ -87,7 +87,7 @@ fn two_stations_in_a_room_are_placed() {
 }
 
 #[test]
-fn two_scans_from_one_tripod_are_placed_on_each_other() {
+fn two_scans_from_the_same_position_get_the_same_pose() {
     all_placed(&house(), &[LIVING, ("again", LIVING.1)], 2);
 }
 
@@ -108,7 +108,7 @@ fn five_rooms_with_stations_in_their_doors_are_placed() {
 }
 
 #[test]
-fn scans_without_poses_and_of_another_maker_are_placed_too() {
+fn scans_without_poses_from_another_manufacturer_are_placed() {
     let scene = house();
     let mut surveyed = Surveyed::new();
     surveyed.add(&Scanner::default(), &scene, &[HALL, LIVING], 6);
@@ -121,7 +121,7 @@ fn scans_without_poses_and_of_another_maker_are_placed_too() {
 }
 
 #[test]
-fn people_who_walk_about_do_not_hinder() {
+fn people_walking_about_do_not_prevent_registration() {
     let scene = house();
     let mut surveyed = Surveyed::new();
     for (k, (name, at)) in [HALL, HALL_2, HALL_DOOR].into_iter().enumerate() {
@@ -134,9 +134,9 @@ fn people_who_walk_about_do_not_hinder() {
     surveyed.truth.all_placed(&surveyed.register());
 }
 
-/// One station a room, which sees little of the next one through the door: a place may be refused, but never wrong.
+/// One station per room, which sees little of the next room through the door: a station may be refused, but never placed wrongly.
 #[test]
-fn rooms_that_are_seen_through_doors_only_are_never_placed_wrongly() {
+fn rooms_seen_only_through_doors_are_never_placed_wrongly() {
     let scene = house();
     let stands = [HALL, KITCHEN, CHAMBER, LIVING, STUDY];
     print_overlaps(&scene, &stands);
@@ -158,7 +158,7 @@ fn cell() -> Scene {
     scene
 }
 
-/// Two equal rooms, the second a half turn of the first about the middle of the corridor between them.
+/// Two identical rooms; the second is the first after half a turn about the middle of the corridor between them.
 fn twins() -> Scene {
     let cell = cell();
     let mut scene = cell.and(&cell.moved([8.0, 2.0], 180.0, [0.0, 0.0]));
@@ -173,11 +173,11 @@ const CORRIDOR: (&str, [f64; 3]) = ("corridor", [7.1, 1.9, 1.6]);
 const RIGHT: (&str, [f64; 3]) = ("right", [13.2, 2.5, 1.5]);
 
 #[test]
-fn equal_rooms_are_told_apart_by_the_corridor_or_refused() {
+fn identical_rooms_are_told_apart_by_the_corridor_or_refused() {
     let mut scene = twins();
-    // What the corridor has on one side only.
+    // Features on one side of the corridor only.
     scene.furniture([6.0, 2.75], [0.9, 0.3, 1.2], 0.0).column([9.9, 1.3], 0.15, 1.4);
-    // Without the corridor, the two rooms are one room that was scanned twice: nothing in the scans says otherwise.
+    // Without the corridor, the two rooms look like one room scanned twice: nothing in the scans indicates otherwise.
     for (seed, stands) in [(11, vec![LEFT, CORRIDOR, RIGHT]), (13, vec![CORRIDOR, RIGHT])] {
         print_overlaps(&scene, &stands);
         let surveyed = Surveyed::of(&scene, &stands, seed);
@@ -185,20 +185,20 @@ fn equal_rooms_are_told_apart_by_the_corridor_or_refused() {
     }
 }
 
-/// The building is the same after a half turn, so that nothing says which of the rooms a station is in: only several draws of the noise show a program
+/// The building looks the same after half a turn, so the scans cannot show which room a station is in. Only several noise seeds reveal a program
 /// that guesses.
 #[test]
-fn a_building_that_is_symmetrical_is_refused() {
+fn a_symmetrical_building_is_refused() {
     let scene = twins();
     for seed in 14..17 {
         let surveyed = Surveyed::of(&scene, &[LEFT, CORRIDOR], seed);
         let found = surveyed.register();
         surveyed.truth.never_wrong(&found);
-        assert!(placed_by_surface(&found).is_empty(), "either end of the corridor would do");
+        assert!(placed_by_surface(&found).is_empty(), "either end of the corridor fits");
     }
 }
 
-/// Two closed rooms without a link, 20 m apart, with equal walls, and a station in each.
+/// Two closed rooms with identical walls, 20 m apart and not connected, with a station in each.
 fn shells(furnish: impl Fn(&mut Scene), other: impl Fn(&mut Scene)) -> Scene {
     let mut shell = Scene::default();
     shell.wall([0.0, 0.0], [5.0, 0.0], HEIGHT, &[]).wall([0.0, 4.0], [5.0, 4.0], HEIGHT, &[]);
@@ -221,7 +221,7 @@ fn furnish_cell(scene: &mut Scene) {
 }
 
 #[test]
-fn a_room_with_other_furniture_is_not_taken_for_the_other() {
+fn rooms_with_different_furniture_are_not_confused() {
     let scene = shells(furnish_cell, |scene| {
         scene.furniture([4.4, 0.6], [1.0, 0.9, 1.2], 0.0).furniture([2.6, 3.4], [1.8, 0.9, 0.75], 0.0);
         scene.column([1.5, 0.6], 0.3, 1.6);
@@ -229,13 +229,13 @@ fn a_room_with_other_furniture_is_not_taken_for_the_other() {
     let surveyed = Surveyed::of(&scene, &CLOSED, 20);
     let found = surveyed.register();
     surveyed.truth.never_wrong(&found);
-    assert!(placed_by_surface(&found).is_empty(), "the rooms have no link");
+    assert!(placed_by_surface(&found).is_empty(), "the rooms are not connected");
 }
 
-/// The second room has the same furniture but for a crate that stands elsewhere, as if somebody had moved it between two scans of the same room. That is
-/// what it may be taken for; the link says how much is contradicted.
+/// The second room has the same furniture except for a crate in a different position, as if somebody had moved it between two scans of the same room. The rooms
+/// may therefore be treated as one; the link then reports the contradicted share.
 #[test]
-fn a_room_that_differs_by_a_crate_only_is_refused_or_the_link_is_contradicted() {
+fn a_room_that_differs_only_by_a_crate_is_refused_or_the_link_reports_contradictions() {
     let crate_at = |x: f64| {
         move |scene: &mut Scene| {
             furnish_cell(scene);
@@ -249,7 +249,7 @@ fn a_room_that_differs_by_a_crate_only_is_refused_or_the_link_is_contradicted() 
     }
 }
 
-/// Fails if the station in the second room has a place, but not the one that it would have in the first.
+/// Fails if the station in the second room is placed anywhere but in its equivalent position in the first.
 fn taken_for_one(scene: &Scene, seed: u64) -> Registration {
     let mut surveyed = Surveyed::of(scene, &CLOSED, seed);
     let found = surveyed.register();
@@ -260,8 +260,8 @@ fn taken_for_one(scene: &Scene, seed: u64) -> Registration {
     found
 }
 
-/// Two closed rooms without any difference: no program can know that they are two. The second station is refused, or placed as if it stood in the first.
+/// Two identical closed rooms: no program can know that there are two. The second station is refused, or placed as if it were in the first room.
 #[test]
-fn closed_rooms_that_are_equal_are_refused_or_taken_for_one() {
+fn identical_closed_rooms_are_refused_or_treated_as_one() {
     taken_for_one(&shells(furnish_cell, furnish_cell), 19);
 }

@@ -1,4 +1,4 @@
-//! What is asked of runs: the same bits from any number of threads and order of files, stations that were placed stay, fixed ones never move.
+//! Properties of runs: bit-identical results for any number of threads and any order of files; registered stations keep their poses, and fixed stations never move.
 
 use super::scene::{Scanner, Scene, door, window};
 use super::{Surveyed, registered};
@@ -10,7 +10,7 @@ use kilwa_scan_core::Pose;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-/// Two rooms and a yard before them.
+/// Two rooms with a yard in front of them.
 fn lodge() -> Scene {
     let mut scene = Scene::default();
     scene.ground().block([-0.2, -0.2, 2.8], [8.2, 4.2, 3.1]);
@@ -31,7 +31,7 @@ const STANDS: [(&str, [f64; 3]); 4] = [
 ];
 const LAST: (&str, [f64; 3]) = ("back", [6.2, 1.9, 1.6]);
 
-/// All numbers of the placed stations, by name, to the last bit.
+/// All numbers of the placed stations by name, as bits.
 fn bits(found: &Registration) -> BTreeMap<String, Vec<u64>> {
     let numbers = |placed: &Placed| {
         let covariance = placed.covariance.iter().flatten();
@@ -45,7 +45,7 @@ fn pose_bits(found: &Registration) -> BTreeMap<String, Vec<u64>> {
     bits(found).into_iter().map(|(name, numbers)| (name, numbers[..7].to_vec())).collect()
 }
 
-/// Names and hashes of all files of a folder.
+/// Names and contents of all files in a folder.
 fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut all = BTreeMap::new();
     for entry in std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()) {
@@ -60,7 +60,7 @@ fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 }
 
 #[test]
-fn poses_are_the_same_to_the_last_bit_for_any_threads_and_order_of_files() {
+fn poses_are_bit_identical_for_any_number_of_threads_and_order_of_files() {
     let scene = lodge();
     let mut surveyed = Surveyed::new();
     let mut files: Vec<PathBuf> =
@@ -84,7 +84,7 @@ fn poses_are_the_same_to_the_last_bit_for_any_threads_and_order_of_files() {
 }
 
 #[test]
-fn nothing_is_written_until_it_is_applied_and_then_poses_with_their_uncertainty() {
+fn only_apply_writes_and_it_writes_poses_with_standard_deviations() {
     let surveyed = Surveyed::of(&lodge(), &STANDS[..3], 52);
     let before = contents(&surveyed.folder());
     let found = surveyed.register();
@@ -95,7 +95,8 @@ fn nothing_is_written_until_it_is_applied_and_then_poses_with_their_uncertainty(
     assert_eq!(Registration::open(&surveyed.folder()).unwrap().as_ref(), Some(&found));
     let survey = surveyed.survey();
     for station in &survey.stations {
-        let placed = found.of(station).unwrap_or_else(|| panic!("the pose of {} is not entered", station.name));
+        let placed =
+            found.of(station).unwrap_or_else(|| panic!("the pose of {} is not in registration.json", station.name));
         let pose = station.pose.unwrap();
         assert_eq!(
             pose.translation.to_array().map(f64::to_bits),
@@ -122,7 +123,7 @@ fn nothing_is_written_until_it_is_applied_and_then_poses_with_their_uncertainty(
 }
 
 #[test]
-fn a_station_more_is_placed_and_the_poses_of_the_others_stay() {
+fn an_added_station_is_placed_and_the_other_poses_stay() {
     let scene = lodge();
     let mut surveyed = Surveyed::of(&scene, &STANDS, 53);
     let first = surveyed.register();
@@ -137,14 +138,14 @@ fn a_station_more_is_placed_and_the_poses_of_the_others_stay() {
         assert_eq!(pose_bits(&second)[&name], pose, "{name} has moved");
         assert!(first.of(survey.station(&name).unwrap()).is_some(), "{name} has moved in survey.toml");
     }
-    // One that cannot be placed changes nothing either.
+    // A station that cannot be placed changes nothing either.
     let mut other = Scene::default();
     other.ground().furniture([3.0, 0.0], [1.0, 7.0, 4.0], 10.0).column([-2.0, 2.0], 0.8, 5.0);
     surveyed.add(&Scanner::default(), &other, &[("elsewhere", [0.0, 0.0, 1.6])], 53);
     let third = surveyed.register();
     assert_eq!(third.unplaced.iter().map(|u| u.name.as_str()).collect::<Vec<_>>(), ["elsewhere"]);
     assert_eq!(pose_bits(&second), pose_bits(&third));
-    // And asked twice, the answer is the same.
+    // A second run gives the same result.
     apply(&surveyed.folder(), &third).unwrap();
     second = surveyed.register();
     assert_eq!(bits(&third), bits(&second));
@@ -207,18 +208,18 @@ fn a_station_that_cannot_be_fixed_is_refused() {
 }
 
 #[test]
-fn again_places_all_anew_and_without_it_what_is_registered_stays() {
+fn again_registers_all_stations_and_otherwise_registered_poses_stay() {
     let surveyed = Surveyed::of(&lodge(), &STANDS, 56);
     let first = surveyed.register();
     surveyed.truth.all_placed(&first);
     apply(&surveyed.folder(), &first).unwrap();
     let second = surveyed.register();
-    assert_eq!(pose_bits(&first), pose_bits(&second), "nothing is to do");
+    assert_eq!(pose_bits(&first), pose_bits(&second), "there is nothing to do");
     for ignore_poses in [false, true] {
         let again = surveyed.register_with(&Options { again: true, ignore_poses, ..Options::default() });
         surveyed.truth.all_placed(&again);
     }
-    // A pose that a person has changed since is no registered one.
+    // A pose that was edited by hand no longer counts as registered.
     let moved = surveyed.survey().station("passage").unwrap().pose.unwrap();
     surveyed.set_pose("passage", Some(Pose { translation: moved.translation + DVec3::new(0.1, 0.0, 0.0), ..moved }));
     assert_eq!(first.outdated(&surveyed.survey()), ["passage"]);
@@ -227,7 +228,7 @@ fn again_places_all_anew_and_without_it_what_is_registered_stays() {
 }
 
 #[test]
-fn rough_poses_may_help_and_never_harm() {
+fn rough_poses_may_help_but_never_harm() {
     let surveyed = Surveyed::of(&lodge(), &STANDS, 57);
     let mut random = fastrand::Rng::with_seed(57);
     for (name, pose) in &surveyed.truth.0 {

@@ -1,5 +1,5 @@
-//! Scenes of boxes and vertical cylinders, and a scanner that looks at them: true poses are known to the last digit, and nothing of the simulator of
-//! `kilwa synth scans` is used, so that a mistake in one is not hidden by the same mistake in the other.
+//! Scenes of boxes and vertical cylinders, and a simulated scanner: the true poses are known exactly, and the code is independent of the simulator of
+//! `kilwa synth scans`, so that a mistake in one is not hidden by the same mistake in the other.
 
 use crate::support::ptx_header;
 use glam::{DQuat, DVec2, DVec3};
@@ -11,20 +11,20 @@ use std::fmt::Write as _;
 const THICK: f64 = 0.2;
 /// Elevations of the lowest and the highest row, degrees.
 const ELEVATIONS: [f64; 2] = [-60.0, 88.0];
-/// Standard deviation of each of the two tilts that levelling leaves, degrees.
+/// Standard deviation of each of the two tilts that remain after levelling, degrees.
 const TILT: f64 = 0.02;
 
-/// Something that stands in the way of rays.
+/// A shape that stops rays.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Shape {
     /// A box, turned about the vertical by an angle in radians.
     Block { center: DVec3, half: DVec3, turn: f64 },
-    /// A vertical cylinder that is closed above, seen from within or from outside.
+    /// A vertical cylinder with a closed top, seen from inside or outside.
     Cylinder { axis: DVec2, radius: f64, bottom: f64, top: f64 },
 }
 
 impl Shape {
-    /// How far a ray goes until it meets the shape; infinite if it misses.
+    /// The distance at which a ray meets the shape; infinite if it misses.
     fn distance(&self, from: DVec3, along: DVec3) -> f64 {
         match *self {
             Self::Block { center, half, turn } => {
@@ -98,7 +98,7 @@ impl Scene {
         self
     }
 
-    /// The ground, far in every direction.
+    /// A large ground plane.
     pub(super) fn ground(&mut self) -> &mut Self {
         self.block([-200.0, -200.0, -1.0], [200.0, 200.0, 0.0])
     }
@@ -126,7 +126,7 @@ impl Scene {
         self
     }
 
-    /// The same scene turned about a place by some degrees and moved.
+    /// The same scene rotated about a point by some degrees and moved.
     pub(super) fn moved(&self, about: [f64; 2], degrees: f64, by: [f64; 2]) -> Self {
         let (about, by, turn) = (DVec2::from_array(about), DVec2::from_array(by), degrees.to_radians());
         let at = |p: DVec2| DVec2::from_angle(turn).rotate(p - about) + about + by;
@@ -160,7 +160,7 @@ pub(super) struct Scanner {
     pub(super) max_range: f64,
     /// Share of the rays without a return.
     pub(super) dropouts: f64,
-    /// Columns from right to left and rows from the zenith downwards, as other makers have them.
+    /// Columns from right to left and rows from the zenith downwards, as other manufacturers record them.
     pub(super) is_reversed: bool,
 }
 
@@ -181,7 +181,7 @@ impl Scanner {
         (DVec2::from_angle(turn) * up.cos()).extend(up.sin())
     }
 
-    /// A scan as PTX, with the identity where the pose belongs, and the true pose: the position with a heading and a tilt of its own.
+    /// A scan as PTX with the identity as its pose, and the true pose: the given position with a random heading and tilt.
     pub(super) fn scan(&self, scene: &Scene, at: [f64; 3], seed: u64) -> (String, Pose) {
         let mut random = fastrand::Rng::with_seed(seed);
         let tilt = [normal(&mut random), normal(&mut random)].map(|n| (n * TILT).to_radians());
@@ -193,7 +193,7 @@ impl Scanner {
             for row in 0..self.rows {
                 let ray = self.ray(column, row);
                 let range = scene.distance(pose.translation, rotation * ray);
-                // Both are drawn for every ray, so that what is seen changes nothing of the noise of others.
+                // Both are drawn for every ray, so that what one ray meets does not change the noise of the others.
                 let (noise, is_lost) = (normal(&mut random) * self.noise, random.f64() < self.dropouts);
                 if range > self.max_range || is_lost {
                     text.push_str("0 0 0 0\n");

@@ -1,4 +1,4 @@
-//! What cannot be placed, because nothing says where: it is refused with a sentence, and no pose is made up.
+//! Stations that cannot be placed because their pose is not determined: they are refused with a reason, and no pose is invented.
 
 use super::judge::is_whole;
 use super::scene::{Scanner, Scene, door, window};
@@ -9,12 +9,12 @@ use kilwa_scan::import::Silent;
 use kilwa_scan::register::{Options, Placement, Registration, register};
 use kilwa_scan_core::Pose;
 
-/// Fails unless nothing but what others are placed by has a pose, and every other station is named with a reason and a remedy.
+/// Fails unless only the anchor or fixed stations have a pose, and every other station is listed with a reason and a remedy.
 fn refused(surveyed: &Surveyed) {
     let found = surveyed.register();
     surveyed.truth.never_wrong(&found);
     assert!(placed_by_surface(&found).is_empty(), "placed: {}", placed_by_surface(&found).join(", "));
-    assert!(found.stations.len() <= 1, "one station is enough to begin with");
+    assert!(found.stations.len() <= 1, "at most the anchor is placed");
     assert!(found.links.is_empty(), "{:?}", found.links);
 }
 
@@ -59,7 +59,7 @@ fn stations_in_a_tower_with_equal_niches_are_refused() {
 }
 
 #[test]
-fn a_bench_and_a_barrel_in_the_tower_are_enough() {
+fn a_bench_and_a_barrel_make_the_tower_unambiguous() {
     let mut scene = tower();
     niches(&mut scene, 4);
     scene.furniture([1.6, -1.9], [1.2, 0.5, 0.5], 40.0).column([-2.0, -0.9], 0.35, 0.9);
@@ -70,7 +70,7 @@ fn a_bench_and_a_barrel_in_the_tower_are_enough() {
 }
 
 #[test]
-fn a_stair_and_a_cupboard_in_the_tower_are_enough() {
+fn a_stair_and_a_cupboard_make_the_tower_unambiguous() {
     let mut scene = tower();
     niches(&mut scene, 4);
     for k in 0..6 {
@@ -97,7 +97,7 @@ fn stations_in_a_square_room_are_refused() {
     }
 }
 
-/// A corridor, two metres wide, whose ends are out of reach.
+/// A corridor, two metres wide, whose ends are beyond the range of the scanner.
 fn corridor() -> Scene {
     let mut scene = Scene::default();
     scene.ground().block([-70.0, -1.2, 2.5], [70.0, 1.2, 2.8]);
@@ -118,16 +118,16 @@ fn a_corridor_without_features_is_refused_or_its_uncertainty_is_stated() {
         surveyed.add(&short_sighted(), &corridor(), &ALONG, seed);
         let found = surveyed.register();
         surveyed.truth.is_honest_along(&found, DVec3::X);
-        // Across the corridor and in height it is known well, but the heading is one of two.
+        // The position across the corridor and the height are well determined, but there are two possible headings.
         for off in surveyed.truth.off(&found) {
             assert!(off.rotation.length() < 0.5, "{} has a wrong heading: {:.1}°", off.name, off.rotation.length());
         }
     }
 }
 
-/// Equal pillars at equal distances: a place that is off by one pillar fits as well.
+/// Identical pillars at equal distances: a pose shifted by one pillar fits equally well.
 #[test]
-fn a_row_of_equal_pillars_is_never_counted_wrongly() {
+fn stations_at_a_row_of_identical_pillars_are_never_off_by_a_pillar() {
     let mut scene = corridor();
     for k in -35..=35 {
         for y in [-0.9, 0.9] {
@@ -141,9 +141,9 @@ fn a_row_of_equal_pillars_is_never_counted_wrongly() {
     }
 }
 
-/// A hall of equal columns, larger than what the scanner reaches.
+/// A hall of identical columns, larger than the range of the scanner.
 #[test]
-fn a_hall_of_equal_columns_is_never_counted_wrongly() {
+fn stations_in_a_hall_of_identical_columns_are_never_off_by_a_column() {
     let mut scene = Scene::default();
     scene.ground().block([-40.0, -40.0, 4.0], [40.0, 40.0, 4.4]);
     for i in -10..=10 {
@@ -217,7 +217,7 @@ fn rooms_with_a_wall_between_them_are_refused() {
     refused(&Surveyed::of(&scene, &[("store", [3.9, 1.7, 1.5]), ("stairs", [9.3, 3.4, 1.6])], 42));
 }
 
-/// What is done with a survey that offers nothing to register: a sentence as an error, or nothing but the station to begin with.
+/// The result for a survey with nothing to register: an error message (`None`), or only the anchor.
 fn offers_nothing(surveyed: &Surveyed) -> Option<Registration> {
     match register(&surveyed.folder(), &surveyed.survey(), &Options::default(), &Silent) {
         Ok(found) => {
@@ -235,7 +235,7 @@ fn offers_nothing(surveyed: &Surveyed) -> Option<Registration> {
 }
 
 #[test]
-fn one_station_has_nothing_to_be_registered_to() {
+fn a_single_station_cannot_be_registered() {
     let surveyed = Surveyed::of(&yard(), &[("alone", [0.0, 0.0, 1.6])], 43);
     let found = offers_nothing(&surveyed);
     assert!(found.is_none_or(|found| found.stations.iter().all(|s| s.placement == Placement::Anchor)));
@@ -263,7 +263,7 @@ fn stations_that_see_one_plane_are_refused() {
     for (seed, scanner) in [
         (45, short_sighted()),
         (46, Scanner { noise: 0.0, dropouts: 0.0, max_range: 6.0, ..Scanner::default() }),
-        // Far enough to see the edge of nothing but the reach of the scanner.
+        // Large enough that only the range of the scanner limits what it sees.
         (47, Scanner::default()),
     ] {
         let mut surveyed = Surveyed::new();
@@ -291,9 +291,9 @@ fn a_station_of_a_few_points_is_refused_and_the_rest_is_placed() {
     assert_eq!(found.unplaced.iter().map(|u| u.name.as_str()).collect::<Vec<_>>(), ["blind"]);
 }
 
-/// Poses that scans came with may be wrong by any amount.
+/// Poses stored with scans may be wrong by any amount.
 #[test]
-fn poses_that_mislead_are_never_believed() {
+fn misleading_poses_are_never_accepted() {
     let surveyed = Surveyed::of(&yard(), &[("one", [0.0, 0.0, 1.6]), ("two", [1.5, 2.0, 1.5])], 50);
     let right = surveyed.truth.pose("two");
     surveyed.set_pose("one", Some(surveyed.truth.pose("one")));

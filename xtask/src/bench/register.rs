@@ -1,6 +1,6 @@
-//! `cargo xtask bench register`: simulated surveys without poses, registered by `kilwa register` and compared with the true poses; with `--peers` beside other programs.
+//! `cargo xtask bench register`: simulated surveys without poses, registered by `kilwa register` and compared with the true poses; with `--peers`, also by other programs.
 //!
-//! The truth is read by code of its own (`register/judge.rs`), which also measures what the peers found: `xtask/peers/register_peers.py` writes it in the same form.
+//! The ground truth is read by separate code (`register/judge.rs`), which also evaluates the other programs: `xtask/peers/register_peers.py` writes their results in the same format.
 
 mod judge;
 
@@ -15,37 +15,37 @@ use std::path::{Path, PathBuf};
 
 #[derive(clap::Args)]
 pub(super) struct Args {
-    /// Surveys, each with a seed of its own; figures are published of 20
+    /// Number of surveys, each with its own seed; published figures use 20
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u64).range(1..))]
     seeds: u64,
     /// The seed of the first survey
     #[arg(long, value_name = "S", default_value_t = 1)]
     first: u64,
-    /// Stations of a survey
+    /// Number of stations per survey
     #[arg(long, value_name = "N", default_value_t = 30)]
     stations: u32,
-    /// Columns of a scan of the dense instrument
+    /// Number of columns per scan of the dense instrument
     #[arg(long, value_name = "N", default_value_t = 800)]
     columns: u32,
     /// Threads of `kilwa register`; all cores by default
     #[arg(long, value_name = "N", default_value_t = 0)]
     threads: u32,
-    /// Also register with open3d and small_gicp, from true poses that are disturbed, and pairs with KISS-Matcher
+    /// Also run open3d and small_gicp from perturbed true poses, and KISS-Matcher on pairs
     #[arg(long, requires = "python")]
     peers: bool,
     /// A Python interpreter with the packages of xtask/peers/requirements.txt
     #[arg(long, value_name = "FILE")]
     python: Option<PathBuf>,
-    /// Standard deviation of what the poses are off from which other programs start, along each axis, metres
+    /// Standard deviation of the perturbation of the initial poses of other programs along each axis, metres
     #[arg(long, value_name = "METRES", default_value_t = 0.05)]
     off: f64,
-    /// And about each axis, degrees
+    /// Standard deviation of their rotation about each axis, degrees
     #[arg(long, value_name = "DEGREES", default_value_t = 0.5)]
     turned: f64,
-    /// Cargo profile of the program; figures of `dev` are for trying out only
+    /// Cargo profile of the program; figures with `dev` are only for testing
     #[arg(long, value_name = "NAME", default_value = "release")]
     profile: String,
-    /// Use the surveys that an earlier run with the same options made
+    /// Reuse the surveys of an earlier run with the same options
     #[arg(long)]
     again: bool,
     /// Print the tables without adding them to docs/bench
@@ -53,7 +53,7 @@ pub(super) struct Args {
     dry: bool,
 }
 
-/// Programs that start from disturbed poses.
+/// Programs that start from perturbed true poses.
 const PEERS: [&str; 2] = ["open3d", "small_gicp"];
 const HEAD: &str = "| survey | program | placed | refused | wrong | median mm | worst mm | median ° | worst ° | CPU s | wall s | peak MiB |\n\
                     |---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n";
@@ -87,7 +87,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
         }
     }
     let mut text = format!(
-        "{} surveys of {} stations, {} columns for one of the dense instrument, without poses; seeds {} to {}; \
+        "{} surveys of {} stations, {} columns per scan of the dense instrument, without poses; seeds {} to {}; \
          {} threads (0: all cores). Errors are relative to the anchor; wrong: more than 5 cm or 0.5°.\n\n",
         args.seeds,
         args.stations,
@@ -102,7 +102,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     if args.peers {
         writeln!(
             text,
-            "\nOther programs start from the true poses, off by {} m along and {}° about each axis (standard deviations).\n{}",
+            "\nOther programs start from the true poses, perturbed with standard deviations of {} m along and {}° about each axis.\n{}",
             args.off,
             args.turned,
             pairs.table()
@@ -136,7 +136,7 @@ fn survey(args: &Args, root: &Path, kilwa: &Path, seed: u64) -> Result<Survey> {
     Ok(Survey { seed, folder, truth: Truth::parse(&text)? })
 }
 
-/// What `kilwa register` finds; nothing is entered in the survey, so that it can be used again.
+/// The result of `kilwa register`; the survey is not changed, so that it can be reused.
 fn registered(args: &Args, kilwa: &Path, survey: &Survey) -> Result<(u64, Found, Usage)> {
     let (folder, threads) = (survey.folder.join("survey").display().to_string(), args.threads.to_string());
     let mut register = vec!["register", &folder, "--dry-run", "--json"];
@@ -149,13 +149,14 @@ fn registered(args: &Args, kilwa: &Path, survey: &Survey) -> Result<(u64, Found,
 }
 
 fn judged(survey: &Survey, file: &Path, used: Usage) -> Result<(u64, Found, Usage)> {
-    let found = survey.truth.judge(&json(file)?).with_context(|| format!("{} is not as expected", file.display()))?;
+    let found =
+        survey.truth.judge(&json(file)?).with_context(|| format!("{} has an unexpected format", file.display()))?;
     Ok((survey.seed, found, used))
 }
 
 fn json(file: &Path) -> Result<Value> {
     let text = fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
-    serde_json::from_str(&text).with_context(|| format!("{} is no JSON", file.display()))
+    serde_json::from_str(&text).with_context(|| format!("{} is not valid JSON", file.display()))
 }
 
 /// Runs a program of `register_peers.py`, whose result is `NAME.out.json`.
@@ -222,7 +223,7 @@ impl Results {
             (judged.iter().filter(|m| **m <= limit).count(), judged.len())
         };
         let mut text = String::from(
-            "\nTrue errors inside the 95 % region of the covariance (chi-square with as many degrees of freedom as the part has; kilwa):\n\n\
+            "\nTrue errors inside the 95 % region of the covariance (chi-square with the degrees of freedom of the part; kilwa):\n\n\
              | part | poses | inside | % |\n|---|---:|---:|---:|\n",
         );
         let parts: [(&str, &[usize]); 9] = [
@@ -244,7 +245,7 @@ impl Results {
         text
     }
 
-    /// Stations that were refused, with the reasons, and those that were placed wrongly.
+    /// Stations that were refused, with the reasons, and stations that were placed wrongly.
     fn refused(&self) -> String {
         let mut text = String::new();
         for (seed, found, _) in &self.0 {
@@ -266,7 +267,7 @@ impl Results {
     }
 }
 
-/// One line of the table; the anchors are placed, but have no errors.
+/// One row of the table; anchors count as placed, but have no errors.
 fn line(survey: &str, program: &str, found: &[&Found], used: &[&Usage]) -> String {
     let errors: Vec<_> = found.iter().flat_map(|found| &found.errors).collect();
     let sorted = |value: &dyn Fn(&judge::Error) -> f64| {
@@ -291,15 +292,15 @@ fn line(survey: &str, program: &str, found: &[&Found], used: &[&Usage]) -> Strin
     )
 }
 
-/// What KISS-Matcher says of pairs, by how much they have in common.
+/// Results of KISS-Matcher for pairs, by overlap.
 #[derive(Default)]
 struct Pairs {
-    /// For each of [`SHARES`]: pairs, those it calls found, those of them that are right, and right ones in all.
+    /// For each of [`SHARES`]: all pairs, accepted pairs, accepted pairs that are correct, and all correct pairs.
     counts: [[u32; 4]; SHARES.len()],
     cpu_s: f64,
 }
 
-/// Lower ends of the ranges of overlap.
+/// Lower limits of the overlap classes.
 const SHARES: [f64; 3] = [0.1, 0.2, 0.4];
 
 impl Pairs {
@@ -324,7 +325,7 @@ impl Pairs {
 
     fn table(&self) -> String {
         let mut text = String::from(
-            "\nPairs by KISS-Matcher, without a start (right: within 0.5 m and 5°; accepted: five inliers or more):\n\n\
+            "\nPairs by KISS-Matcher, without initial poses (right: within 0.5 m and 5°; accepted: five inliers or more):\n\n\
              | overlap from | pairs | right | accepted | accepted, but wrong |\n|---|---:|---:|---:|---:|\n",
         );
         for (share, [pairs, found, both, right]) in SHARES.iter().zip(self.counts) {

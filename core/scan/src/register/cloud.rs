@@ -5,23 +5,23 @@ use glam::{DVec3, IVec3, Vec3};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use rustc_hash::{FxHashMap, FxHashSet};
 
-/// Edge of the cells in which neighbours are looked for, in spacings of points.
+/// Edge of the cells in which neighbours are searched, as a multiple of the point spacing.
 const CELL: f64 = 3.0;
-/// Points nearer to each other than this many spacings are taken as one.
+/// Points closer to each other than this many spacings count as one.
 const SAME: f64 = 0.3;
-/// Fewest neighbours that define a plane.
+/// Minimum number of neighbours that define a plane.
 const MIN_NEIGHBOURS: usize = 6;
-/// Largest root mean square distance of neighbours from their plane, as a share of their spread along it.
+/// Maximum root mean square distance of neighbours from their plane, as a share of their spread along it.
 const FLAT: f64 = 0.5;
 
-/// Points with the planes of their surface.
+/// Points with their normals.
 #[derive(Debug, Clone)]
 pub struct Cloud {
     spacing: f64,
     points: Vec<Vec3>,
     /// Unit normals towards the scanner; zero where the neighbours do not define one.
     normals: Vec<Vec3>,
-    /// Numbers of points by cell.
+    /// Indices of the points in each cell.
     cells: FxHashMap<IVec3, Vec<u32>>,
 }
 
@@ -34,19 +34,19 @@ pub struct Collector {
 }
 
 impl Collector {
-    /// For points that are about `spacing` metres apart.
+    /// `spacing`: the approximate distance between points, metres.
     pub fn new(spacing: f64) -> Self {
         Self { spacing, taken: FxHashSet::default(), points: Vec::new() }
     }
 
-    /// Enter a point, in coordinates of the station.
+    /// Add a point, in coordinates of the station.
     pub fn add(&mut self, point: Vec3) {
         if self.taken.insert(cell(point.as_dvec3(), SAME * self.spacing)) {
             self.points.push(point);
         }
     }
 
-    /// The cloud, and points of it with their surfaces: one in each cube of `edge` metres.
+    /// The cloud, and a subset of its points with their surfaces: one per cube of `edge` metres.
     pub fn finish(self, edge: f64) -> (Cloud, Vec<Point>) {
         let Self { spacing, points, .. } = self;
         let mut cells: FxHashMap<IVec3, Vec<u32>> = FxHashMap::default();
@@ -78,7 +78,7 @@ impl Cloud {
         near.filter_map(|cell| self.cells.get(&cell)).flatten().copied()
     }
 
-    /// The normal of the plane through the points around a place.
+    /// The normal of the plane through the points around a position.
     fn normal(&self, place: DVec3) -> Option<DVec3> {
         let near = CELL * self.spacing;
         let all: Vec<DVec3> = self.around(place).map(|k| self.points[k as usize].as_dvec3()).collect();
@@ -106,11 +106,11 @@ impl Cloud {
     fn plane(&self, number: usize) -> Option<Surface> {
         let (position, normal) = (self.points[number].as_dvec3(), self.normals[number].as_dvec3());
         let normal = normal.try_normalize()?;
-        // From where a cloud was seen is often a guess, so that all of its surface counts the same.
+        // The scanner position of a cloud is often unknown, so the angle of incidence does not affect the weight.
         Some(Surface { normal, offset: normal.dot(position), facing: 1.0, spacing: self.spacing })
     }
 
-    /// The surface at the point that is nearest to a place, in coordinates of the station; `None` if there is none in the cells around it.
+    /// The surface at the point nearest to a position, in coordinates of the station; `None` if there is none in the cells around it.
     pub fn surface(&self, place: DVec3) -> Option<Surface> {
         let distance = |k: &u32| self.points[*k as usize].as_dvec3().distance_squared(place);
         let nearest = self.around(place).min_by(|a, b| distance(a).total_cmp(&distance(b)).then(a.cmp(b)))?;

@@ -1,8 +1,8 @@
-//! The surface that a station saw in every direction, as fine as its samples.
+//! The surface that a station saw in each direction, at the resolution of its samples.
 //!
 //! Poses are adjusted by the distances of single samples from the surface of another station in the same direction. Planes through the samples of a
-//! voxel do not serve for that: a scanner sees only the tops of rough ground far away, so the mean of what it sees there is too high, and the error grows
-//! with the distance. A single sample is on the surface wherever it is.
+//! voxel are not suitable for this: a scanner sees only the tops of rough ground far away, so the mean of what it sees there is too high, and the error grows
+//! with the distance. A single sample always lies on the surface.
 
 use glam::{DVec3, Vec3};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
@@ -11,30 +11,30 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// Fewest samples that define a surface.
 const MIN_SAMPLES: usize = 6;
-/// Neighbours are at most this many pixels away along the surface.
+/// Neighbours are at most this many pixels apart along the surface.
 const NEAR: f64 = 6.0;
 /// Largest root mean square distance of samples from their plane, as a share of their spread along it.
 const FLAT: f64 = 0.35;
-/// Least cosine of the incidence.
+/// Minimum cosine of the angle of incidence.
 const MIN_FACING: f64 = 0.1;
 
-/// The plane of the surface there, and where it was seen from.
+/// A local plane of the surface, and how it was seen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Surface {
     /// Unit normal towards the scanner.
     pub normal: DVec3,
-    /// The plane: positions whose product with the normal is this, metres.
+    /// The offset of the plane: the dot product of its points with the normal, metres.
     pub offset: f64,
     /// Cosine of the incidence.
     pub facing: f64,
-    /// How far samples are apart along the surface, metres.
+    /// The spacing of the samples along the surface, metres.
     pub spacing: f64,
 }
 
 /// A sample on a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
-    /// Where, metres.
+    /// Position, metres.
     pub position: DVec3,
     /// The surface.
     pub surface: Surface,
@@ -49,7 +49,7 @@ enum Pixels {
     Across { width: usize, height: usize, step: f64, axes: [DVec3; 3], low: DVec3 },
 }
 
-/// Most pixels of an image of parallel rays.
+/// Maximum number of pixels of an image of parallel rays.
 const MAX_PIXELS: f64 = 4e6;
 
 impl Pixels {
@@ -82,7 +82,7 @@ impl Pixels {
         }
     }
 
-    /// The pixel of a direction, and how far it is from its middle, squared.
+    /// The pixel of a direction, and the squared distance from the centre of the pixel.
     fn of(self, p: DVec3) -> Option<(usize, f64)> {
         let [width, height] = self.size();
         let (x, y) = match self {
@@ -107,7 +107,7 @@ impl Pixels {
         Some((row * width + column, dx * dx + dy * dy))
     }
 
-    /// The direction of the ray to a place.
+    /// The direction of the ray to a position.
     fn ray(self, place: DVec3) -> DVec3 {
         match self {
             Self::Around { .. } => place.normalize_or_zero(),
@@ -115,7 +115,7 @@ impl Pixels {
         }
     }
 
-    /// How far rays are apart at a place, metres.
+    /// The spacing of the rays at a position, metres.
     fn spacing(self, place: DVec3) -> f64 {
         match self {
             Self::Around { step, .. } => step * place.length(),
@@ -128,7 +128,7 @@ impl Pixels {
 #[derive(Debug, Clone)]
 pub struct Collector {
     pixels: Pixels,
-    /// The sample nearest to the middle of each pixel; NaN where there is none.
+    /// The sample nearest to the centre of each pixel; NaN where there is none.
     samples: Vec<Vec3>,
 }
 
@@ -148,7 +148,7 @@ impl Collector {
         Self { pixels, samples: vec![Vec3::NAN; width * height] }
     }
 
-    /// Enter a sample, in coordinates of the station.
+    /// Add a sample, in coordinates of the station.
     pub fn add(&mut self, sample: Vec3) {
         let Some((at, off)) = self.pixels.of(sample.as_dvec3()) else { return };
         let before = self.pixels.of(self.samples[at].as_dvec3());
@@ -157,7 +157,7 @@ impl Collector {
         }
     }
 
-    /// The surfaces, and samples on them: one in each cube of `edge` metres, the first in the order of pixels.
+    /// The surface, and samples on it: one per cube of `edge` metres, the first in pixel order.
     pub fn finish(self, edge: f64) -> (Image, Vec<Point>) {
         let mut planes = vec![[f32::NAN; 4]; self.samples.len()];
         let (mut taken, mut points) = (FxHashSet::default(), Vec::new());
@@ -217,14 +217,14 @@ impl Collector {
     }
 }
 
-/// The surface where a plane is seen in the direction of a place; `None` if at too small an angle.
+/// The surface where the ray to a position meets a plane; `None` at grazing incidence.
 fn surface(pixels: Pixels, normal: DVec3, offset: f64, place: DVec3) -> Option<Surface> {
     let ray = pixels.ray(place);
     let facing = -normal.dot(ray);
     if facing < MIN_FACING {
         return None;
     }
-    // Where the ray meets the plane.
+    // The intersection of the ray with the plane.
     let met = place + ray * ((normal.dot(place) - offset) / facing);
     Some(Surface { normal, offset, facing, spacing: pixels.spacing(met) / facing.sqrt() })
 }
@@ -238,7 +238,7 @@ pub struct Image {
 }
 
 impl Image {
-    /// The surface in the direction of a place, in coordinates of the station.
+    /// The surface in the direction of a position, in coordinates of the station.
     pub fn surface(&self, place: DVec3) -> Option<Surface> {
         let (at, _) = self.pixels.of(place)?;
         let [x, y, z, offset] = self.planes[at].map(f64::from);

@@ -1,6 +1,6 @@
-//! Poses that were found, compared with the true ones: aligned at the anchor, or at the first fixed station, by composing poses.
+//! Compares registered poses with the true ones, aligned at the anchor or at the first fixed station by composing poses.
 //!
-//! The error of a pose is as `registration.json` has its covariance: a rotation about the axes of the survey through the station (radians), then a
+//! Pose errors follow the convention of the covariances in `registration.json`: a rotation about the axes of the survey through the station (radians), then a
 //! translation (metres).
 
 use anyhow::{Context, Result, ensure};
@@ -25,16 +25,16 @@ struct Pose {
 /// True poses by name.
 pub(super) struct Truth(Vec<(String, Pose)>);
 
-/// The error of a station, other than those that the others are placed by.
+/// The error of a station that is neither the anchor nor fixed.
 pub(super) struct Error {
     pub(super) name: String,
     off: [f64; 6],
     covariance: [[f64; 6]; 6],
 }
 
-/// What a program found.
+/// The result of a program.
 pub(super) struct Found {
-    /// Stations of the truth, and those that have a pose, the anchor among them.
+    /// Number of true stations, and number of placed stations, including the anchor.
     pub(super) stations: usize,
     pub(super) placed: usize,
     pub(super) errors: Vec<Error>,
@@ -52,17 +52,17 @@ impl Error {
     }
 
     pub(super) fn is_wrong(&self) -> bool {
-        // Not a number is wrong.
+        // NaN counts as wrong.
         !(self.millimetres() <= WRONG[0] * 1e3 && self.degrees() <= WRONG[1])
     }
 
-    /// The square of the Mahalanobis distance of a part of the error; none without a covariance, infinite for one that is singular.
+    /// The squared Mahalanobis distance of a part of the error; `None` without a covariance, infinite if the covariance is singular.
     pub(super) fn mahalanobis(&self, part: &[usize]) -> Option<f64> {
         if self.covariance.iter().flatten().all(|v| *v == 0.0) {
             return None;
         }
         let n = part.len();
-        // Cholesky's factor, and what solves it forwards, whose square is the distance.
+        // The Cholesky factor and forward substitution; the squared norm of the solution is the squared distance.
         let (mut factor, mut solved, mut sum) = ([[0.0; 6]; 6], [0.0; 6], 0.0);
         for i in 0..n {
             for j in 0..=i {
@@ -88,7 +88,7 @@ impl Truth {
                 let line = line.with_context(|| format!("a station of the truth has no {key}"))?;
                 serde_json::from_str::<Value>(line).with_context(|| format!("{key} = {line}"))
             };
-            let name = value("name")?.as_str().context("a name is no text")?.to_owned();
+            let name = value("name")?.as_str().context("a name is not a string")?.to_owned();
             let (position, rotation) = (numbers(&value("position")?)?, numbers::<9>(&value("rotation")?)?);
             let row = |k: usize| [rotation[3 * k], rotation[3 * k + 1], rotation[3 * k + 2]];
             all.push((name, Pose { rotation: [row(0), row(1), row(2)], translation: position }));
@@ -97,7 +97,7 @@ impl Truth {
         Ok(Self(all))
     }
 
-    /// Measures a result in the form of `registration.json`.
+    /// Evaluates a result in the format of `registration.json`.
     pub(super) fn judge(&self, found: &Value) -> Result<Found> {
         let text = |value: &Value| value.as_str().unwrap_or_default().to_owned();
         let list = |key: &str| found[key].as_array().with_context(|| format!("there is no list of {key}"));
@@ -111,7 +111,7 @@ impl Truth {
         }
         let base = |kind: &str| all.iter().find(|station| station.1 == kind);
         let base = base("anchor").or_else(|| base("fixed")).or_else(|| all.first());
-        // Takes the frame of the truth to that of the result.
+        // Transforms the true frame to that of the result.
         let turn = base.map_or(IDENTITY, |(_, _, pose, truth, _)| product(pose.rotation, transposed(truth.rotation)));
         let shift =
             base.map_or([0.0; 3], |(_, _, pose, truth, _)| minus(pose.translation, apply(turn, truth.translation)));
@@ -157,7 +157,7 @@ fn quaternion([w, x, y, z]: [f64; 4]) -> Matrix {
     ]
 }
 
-/// The vector of a rotation; of one by almost a half turn only the length counts.
+/// The rotation vector of a rotation matrix; near half a turn, only its length is meaningful.
 fn rotation_vector(r: Matrix) -> Vector {
     let v = [r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1]].map(|v| v / 2.0);
     let (sine, cosine) = (length(v), (r[0][0] + r[1][1] + r[2][2] - 1.0) / 2.0);
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn the_mahalanobis_distance_knows_of_correlations() {
+    fn the_mahalanobis_distance_accounts_for_correlations() {
         let error = &found(0.002, 0.001).errors[0];
         let near = |part: &[usize], expected: f64| {
             let own = error.mahalanobis(part).unwrap();
@@ -244,7 +244,7 @@ mod tests {
         };
         near(&[3], 4.0);
         near(&[2], 1.0);
-        // Against the correlation of 0.9, 2 standard deviations along x and none along y are much.
+        // With a correlation of 0.9, an error of 2 standard deviations along x and none along y is unlikely.
         near(&[3, 4, 5], 4.0 / (1.0 - 0.81));
         near(&[0, 1, 2, 3, 4, 5], 4.0 / (1.0 - 0.81) + 1.0);
     }
