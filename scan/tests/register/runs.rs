@@ -70,7 +70,7 @@ fn contents(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 fn poses_are_bit_identical_for_any_number_of_threads_and_order_of_files() {
     let scene = lodge();
     let mut surveyed = Surveyed::new();
-    let mut files: Vec<PathBuf> =
+    let files: Vec<PathBuf> =
         STANDS.iter().map(|(name, at)| surveyed.scan(&Scanner::default(), &scene, name, *at, 51)).collect();
     surveyed.import(&files);
     let first = surveyed.register_with(&Options { threads: 1, ..Options::default() });
@@ -80,13 +80,12 @@ fn poses_are_bit_identical_for_any_number_of_threads_and_order_of_files() {
         assert_eq!(bits(&first), bits(&found), "{threads} threads");
         assert_eq!(first, found, "{threads} threads");
     }
-    for order in 0..2 {
-        files.rotate_left(1);
-        files.reverse();
+    for order in [[3, 1, 0, 2], [2, 3, 1, 0]] {
+        let files: Vec<PathBuf> = order.iter().map(|k| files[*k].clone()).collect();
         std::fs::remove_dir_all(surveyed.folder()).unwrap();
         surveyed.import(&files);
         let found = registered(&surveyed.folder(), &Options::default());
-        assert_eq!(bits(&first), bits(&found), "order {order}: {files:?}");
+        assert_eq!(bits(&first), bits(&found), "order {order:?}");
     }
 }
 
@@ -226,12 +225,10 @@ fn again_registers_all_stations_and_otherwise_registered_poses_stay() {
         let again = surveyed.register_with(&Options { again: true, ignore_poses, ..Options::default() });
         surveyed.truth.all_placed(&again);
     }
-    // A pose that was edited by hand no longer counts as registered.
+    // A pose that was edited by hand no longer counts as registered (what becomes of it: `edited.rs`).
     let moved = surveyed.survey().station("passage").unwrap().pose.unwrap();
     surveyed.set_pose("passage", Some(Pose { translation: moved.translation + DVec3::new(0.1, 0.0, 0.0), ..moved }));
     assert_eq!(first.outdated(&surveyed.survey()), ["passage"]);
-    let again = surveyed.register_with(&Options { again: true, ..Options::default() });
-    surveyed.truth.all_placed(&again);
 }
 
 #[test]
