@@ -15,11 +15,13 @@ mod known;
 mod pairs;
 mod place;
 mod report;
+mod residuals;
 mod result;
 mod settle;
 mod view;
 
 pub use apply::apply;
+pub use residuals::{Residual, residuals, write_residuals};
 pub use result::{Candidate, FILE, Link, Placed, Placement, Registration, Stated, Unplaced};
 
 use crate::ScanError;
@@ -30,11 +32,9 @@ use control::Controls;
 use group::Group;
 use kilwa_scan_core::Pose;
 use known::{Guess, Known};
-use rayon::prelude::*;
 use report::Report;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
-use std::sync::atomic::{AtomicU64, Ordering};
 use view::View;
 
 /// A known pose is assumed to be within this many standard deviations of the truth.
@@ -63,9 +63,13 @@ pub fn register(
     options: &Options,
     progress: &(dyn Progress + Sync),
 ) -> Result<Registration, ScanError> {
-    let pool = rayon::ThreadPoolBuilder::new().num_threads(options.threads).build();
-    let pool = pool.map_err(|e| ScanError::Request(format!("cannot start threads: {e}")))?;
-    pool.install(|| Work::new(folder, survey, options)?.run(progress))
+    in_threads(options.threads, || Work::new(folder, survey, options)?.run(progress))
+}
+
+/// Do work that is spread over so many threads; 0: one per core.
+fn in_threads<T: Send>(threads: usize, work: impl FnOnce() -> Result<T, ScanError> + Send) -> Result<T, ScanError> {
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+    pool.map_err(|e| ScanError::Request(format!("cannot start threads: {e}")))?.install(work)
 }
 
 /// The stations, in an order that does not depend on the order of the files, and what is known about them.
@@ -126,7 +130,7 @@ impl<'a> Work<'a> {
             return Ok(same);
         }
         let known = self.known()?;
-        let (views, edge) = self.views(progress)?;
+        let (views, edge) = view::load_all(self.folder, &self.stations, progress)?;
         self.check_known(&views, edge, &known)?;
         let mut assembled = assemble(&views, edge, &known, progress)?;
         let main = main_group(&assembled, &known);
@@ -184,26 +188,6 @@ impl<'a> Work<'a> {
         let exact = |pose: &Pose| Guess { pose: *pose, reach: Some([0.0; 2]) };
         let guesses = (0..self.stations.len()).map(|k| fixed.get(&k).map(exact).or_else(|| self.guess(k)));
         Ok(Known { guesses: guesses.collect(), fixed: fixed.into_iter().collect(), controlled })
-    }
-
-    /// What every station saw, and the edge of the smallest voxels, metres.
-    fn views(&self, progress: &(dyn Progress + Sync)) -> Result<(Vec<View>, f64), ScanError> {
-        let (done, total) = (AtomicU64::new(0), 2 * self.stations.len() as u64);
-        let step = || {
-            progress.update("reading stations", done.fetch_add(1, Ordering::Relaxed) + 1, total);
-            if progress.is_stopped() { Err(ScanError::Stopped) } else { Ok(()) }
-        };
-        let spacings = self.stations.par_iter().map(|station| {
-            step()?;
-            view::spacing(self.folder, station)
-        });
-        let spacings: Vec<Option<f64>> = spacings.collect::<Result<_, _>>()?;
-        let edge = view::edge(spacings.iter().copied().flatten().collect());
-        let views = self.stations.par_iter().zip(&spacings).map(|(station, spacing)| {
-            step()?;
-            View::load(self.folder, station, edge, spacing.unwrap_or(edge))
-        });
-        Ok((views.collect::<Result<_, _>>()?, edge))
     }
 
     fn result(

@@ -1,6 +1,7 @@
 //! The data of a station that registration needs: planes, walls and floors seen from above, and the nearest range in every direction.
 
 use crate::ScanError;
+use crate::import::Progress;
 use crate::mask;
 use crate::points::points;
 use crate::spool::Reader;
@@ -13,7 +14,9 @@ use kilwa_scan_core::register::correlate::Plan;
 use kilwa_scan_core::register::image::{self, Point};
 use kilwa_scan_core::register::surfels::{Collector, LEVELS, Surfel, Surfels};
 use kilwa_scan_core::{Pose, Rays, tessellate};
+use rayon::prelude::*;
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Points with a smaller cosine of the incidence angle are left out: they are far apart along the surface, and many are mixed pixels between two surfaces.
 const MIN_COS: f64 = 0.15;
@@ -109,6 +112,30 @@ fn cloud_spacing(reader: &mut Reader) -> Result<Option<f64>, ScanError> {
 pub(super) fn edge(mut spacings: Vec<f64>) -> f64 {
     spacings.sort_unstable_by(f64::total_cmp);
     EDGE * spacings.get(spacings.len() / 2).copied().unwrap_or(0.02)
+}
+
+/// What every station saw, and the edge of the smallest voxels, metres.
+pub(super) fn load_all(
+    folder: &Path,
+    stations: &[&Station],
+    progress: &(dyn Progress + Sync),
+) -> Result<(Vec<View>, f64), ScanError> {
+    let (done, total) = (AtomicU64::new(0), 2 * stations.len() as u64);
+    let step = || {
+        progress.update("reading stations", done.fetch_add(1, Ordering::Relaxed) + 1, total);
+        if progress.is_stopped() { Err(ScanError::Stopped) } else { Ok(()) }
+    };
+    let spacings = stations.par_iter().map(|station| {
+        step()?;
+        spacing(folder, station)
+    });
+    let spacings: Vec<Option<f64>> = spacings.collect::<Result<_, _>>()?;
+    let edge = edge(spacings.iter().copied().flatten().collect());
+    let views = stations.par_iter().zip(&spacings).map(|(station, spacing)| {
+        step()?;
+        View::load(folder, station, edge, spacing.unwrap_or(edge))
+    });
+    Ok((views.collect::<Result<_, _>>()?, edge))
 }
 
 impl View {

@@ -5,7 +5,7 @@ use super::{Surveyed, registered};
 use glam::{DQuat, DVec3};
 use kilwa_scan::ScanError;
 use kilwa_scan::import::Silent;
-use kilwa_scan::register::{Options, Placed, Placement, Registration, register};
+use kilwa_scan::register::{Options, Placed, Placement, Registration, register, residuals};
 use kilwa_scan_core::Pose;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -242,4 +242,25 @@ fn rough_poses_may_help_but_never_harm() {
         surveyed.set_pose(name, Some(Pose { rotation, translation }.then(national_grid())));
     }
     surveyed.truth.all_placed(&surveyed.register());
+}
+
+#[test]
+fn residuals_show_a_station_that_is_displaced() {
+    let surveyed = lodge_scanned(58);
+    let found = surveyed.register();
+    surveyed.truth.all_placed(&found);
+    let typical = |found: &Registration| {
+        let all = residuals(&surveyed.folder(), &surveyed.survey(), found, 0, &Silent).unwrap();
+        let mut sizes: Vec<f64> = all.iter().filter_map(|r| r.distance).map(f64::abs).collect();
+        assert!(sizes.len() > all.len() / 2, "most surface of the lodge was seen by several stations");
+        sizes.sort_unstable_by(f64::total_cmp);
+        sizes[sizes.len() * 9 / 10]
+    };
+    let before = typical(&found);
+    assert!(before < 0.008, "{before} m");
+    let mut displaced = found.clone();
+    let station = displaced.stations.iter_mut().find(|placed| placed.name == "passage").unwrap();
+    station.translation[0] += 0.03;
+    let after = typical(&displaced);
+    assert!(after > 3.0 * before && after < 0.04, "{before} m, {after} m");
 }
