@@ -5,11 +5,13 @@
 //! adjusted together, with their covariances ([`settle`]). What does not fit in exactly one place is not placed, and the result says why.
 
 mod assemble;
+mod grade;
 mod group;
 mod result;
 mod settle;
 mod view;
 
+pub use grade::Grades;
 pub use result::{Candidate, FILE, Link, Placed, Placement, Registration, Unplaced};
 
 use crate::ScanError;

@@ -1,10 +1,11 @@
 //! The page of a survey: its plan, and the list of its stations.
 
-use super::plan::{Drawing, Known, LONGER, Plan, heading};
+use super::plan::{Drawing, Known, Plan, heading};
 use crate::portal::frame::{Reader, Top};
 use crate::portal::language::Language;
 use askama::Template;
 use kilwa_archive::html::render;
+use kilwa_scan::plan::LONGER;
 use kilwa_scan::survey::Survey;
 use kilwa_scan_core::Pose;
 use std::collections::HashMap;
