@@ -15,6 +15,7 @@ mod plausible;
 mod progress;
 mod publish;
 mod redact;
+mod register;
 mod render;
 mod scans;
 mod secrets;

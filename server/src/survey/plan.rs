@@ -147,7 +147,8 @@ impl Plan {
         ((self.max - self.min) * self.scale()).to_array()
     }
 
-    fn at(&self, point: DVec3) -> [f64; 2] {
+    /// Where a place of the survey is in the drawing.
+    pub(crate) fn at(&self, point: DVec3) -> [f64; 2] {
         let at = (point.truncate() - self.min) * self.scale();
         [at.x, self.size()[1] - at.y]
     }
