@@ -50,7 +50,7 @@ pub(crate) fn links(
     survey: &Survey,
     l: &'static Language,
 ) -> (Vec<Line>, Vec<(usize, String)>) {
-    let Some(grades) = Grades::of(&found.links) else { return Default::default() };
+    let Some(grades) = Grades::of(&found.links) else { return (Vec::new(), Vec::new()) };
     let end = |name: &str| {
         let station = survey.stations.iter().find(|station| station.name == name)?;
         found.of(station).and(station.pose).map(|pose| plan.at(pose.translation))
@@ -68,7 +68,7 @@ pub(crate) fn links(
     });
     let lines: Vec<Line> = lines.collect();
     if lines.is_empty() {
-        return Default::default();
+        return (Vec::new(), Vec::new());
     }
     let [first, second, third] = grades.bounds().map(|bound| millimetres(bound, l));
     let legend = [format!("≤ {first}"), format!("≤ {second}"), format!("≤ {third}"), format!("> {third}")];
