@@ -113,7 +113,7 @@ struct Picture {
 }
 
 struct CandidateRow<'a> {
-    beside: &'a str,
+    matched_with: &'a str,
     numbers: [String; 8],
 }
 
@@ -227,7 +227,7 @@ fn candidate_row(candidate: &Candidate) -> CandidateRow<'_> {
     let ahead = glam::DQuat::from_xyzw(i, j, k, w) * DVec3::X;
     let heading = format!("{:.1}", ahead.x.atan2(ahead.y).to_degrees().rem_euclid(360.0));
     CandidateRow {
-        beside: &candidate.beside,
+        matched_with: &candidate.matched_with,
         numbers: [
             x,
             y,

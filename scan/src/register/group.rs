@@ -1,27 +1,31 @@
-//! Groups of stations whose places beside each other are known, and where one group could stand beside another. At first every station is a group of its own.
+//! Groups of stations with known relative poses, and the candidate poses of one group relative to another. Initially, every station is a group of its own.
 
 use super::view::{Verdict, View};
 use glam::DQuat;
 use kilwa_scan_core::Pose;
 use kilwa_scan_core::register::correlate::{Correlator, Place, Plan, Spectrum};
-use kilwa_scan_core::register::fit::{Fit, Posed, fit};
+use kilwa_scan_core::register::fit::{Fit, Posed, fit, moved};
 use kilwa_scan_core::register::surfels::{Surfel, Surfels};
-use nalgebra::Matrix6;
+use nalgebra::{Matrix6, Vector6};
 
-/// Places that correlation finds, of which the best at a glance are fitted, and those that are fitted finely.
+/// Candidates from correlation for single stations and for groups, the number of those that are fitted, and the number that are refined.
 const PLACES: usize = 160;
 const GROUP_PLACES: usize = 600;
 const FITTED: usize = 20;
 const REFINED: usize = 5;
-/// Heights that are tried at each place.
+/// Initial poses within this many voxel edges and radians of each other converge to the same pose; at most this many of them are tried.
+const NEIGHBOURS: (f64, f64, usize) = (8.0, 0.3, 3);
+/// Shifts that test whether a pose is unconstrained in its weakest direction, in voxel edges.
+const SLIDES: [f64; 4] = [-10.0, -4.0, 4.0, 10.0];
+/// Heights that are tried for each candidate.
 const HEIGHTS: usize = 2;
-/// Planes of a station that are looked at for a glance, and for a fine fit.
+/// Planes of a station that are used for a rough check, and for a fine fit.
 const GLANCED: usize = 120;
 const FINE: usize = 3000;
-/// A place that is at most this good in comparison with the best is out of the question.
+/// A candidate whose score is at most this share of the best score is discarded.
 const RIVAL: f64 = 0.3;
 
-/// Stations whose places beside each other are known.
+/// Stations with known relative poses.
 #[derive(Debug, Clone)]
 pub(super) struct Group {
     /// Numbers of stations, and `group_from_station`, in the order of the numbers.
@@ -35,7 +39,7 @@ impl Group {
         Self { members: vec![(number, Pose::IDENTITY)], plan: view.plan.clone() }
     }
 
-    /// Both, in the frame of this one.
+    /// Both groups, in the frame of this one.
     pub(super) fn joined(&self, other: &Self, pose: Pose, views: &[View]) -> Self {
         let moved = other.members.iter().map(|(number, own)| (*number, own.then(pose)));
         let mut members: Vec<(usize, Pose)> = self.members.iter().copied().chain(moved).collect();
@@ -45,7 +49,14 @@ impl Group {
         Self { members, plan }
     }
 
-    /// Move the group so that this member (its place in the list) has this pose.
+    /// The group without one member, in the same frame.
+    pub(super) fn without(&self, number: usize, views: &[View]) -> Self {
+        let members: Vec<(usize, Pose)> = self.members.iter().copied().filter(|(own, _)| *own != number).collect();
+        let parts: Vec<(&Plan, Pose)> = members.iter().map(|(number, pose)| (&views[*number].plan, *pose)).collect();
+        Self { plan: Plan::joined(&parts), members }
+    }
+
+    /// Move the group so that this member (an index in the list) has this pose.
     pub(super) fn move_to(&mut self, member: usize, pose: Pose) {
         let step = self.members[member].1.inverse().then(pose);
         self.members.iter_mut().for_each(|(_, own)| *own = own.then(step));
@@ -65,34 +76,34 @@ impl Group {
     }
 }
 
-/// A place of a group beside another.
+/// A candidate pose of one group relative to another.
 #[derive(Debug, Clone)]
 pub(super) struct Beside {
     /// The pose of the second group in the frame of the first.
     pub(super) pose: Pose,
     pub(super) verdict: Verdict,
-    /// How much surface fixes the place in the direction that it fixes least, in planes, and how much of that errors of normals amount to.
+    /// How many planes constrain the pose in its weakest direction, and how much of that is due to noisy normals.
     pub(super) firmness: f64,
     pub(super) noise: f64,
-    /// Planes that were matched.
-    pub(super) matched: usize,
+    /// The weakest direction: a rotation and a translation that move planes by about one metre.
+    weakest: Vector6<f64>,
     /// The median distance of planes that were matched in the fine fit, metres; infinite before it.
     pub(super) median: f64,
 }
 
 impl Beside {
-    /// How much surface agrees; nothing where rays of one pass through much of what the other saw.
+    /// How much surface agrees; zero if rays of one pass through much of what the other saw.
     pub(super) fn score(&self) -> f64 {
         f64::from(self.verdict.agree) * (self.verdict.agreement() - 4.0 * self.verdict.contradicted()).max(0.0)
     }
 }
 
-/// The smallest eigenvalue of the information, with rotations in the unit of the mean distance of the planes.
-fn firmness(information: &Matrix6<f64>) -> f64 {
+/// The smallest eigenvalue of the information matrix, with rotations scaled by the mean distance of the planes, and its eigenvector.
+fn firmness(information: &Matrix6<f64>) -> (f64, Vector6<f64>) {
     let turning = information.fixed_view::<3, 3>(0, 0).trace();
     let moving = information.fixed_view::<3, 3>(3, 3).trace();
     if moving <= 0.0 || turning <= 0.0 {
-        return 0.0;
+        return (0.0, Vector6::zeros());
     }
     let unit = (moving / turning).sqrt();
     let mut scaled = *information;
@@ -102,10 +113,16 @@ fn firmness(information: &Matrix6<f64>) -> f64 {
             scaled[(other, k)] *= unit;
         }
     }
-    scaled.symmetric_eigenvalues().min()
+    let eigen = scaled.symmetric_eigen();
+    let least = eigen.eigenvalues.imin();
+    let mut weakest: Vector6<f64> = eigen.eigenvectors.column(least).into_owned();
+    for k in 0..3 {
+        weakest[k] *= unit;
+    }
+    (eigen.eigenvalues[least], weakest)
 }
 
-/// Two groups with everything that is needed to find places of the second beside the first.
+/// Two groups, with the data needed to find poses of the second relative to the first.
 pub(super) struct Two<'a> {
     pub(super) views: &'a [View],
     pub(super) first: &'a Group,
@@ -115,7 +132,7 @@ pub(super) struct Two<'a> {
 }
 
 impl Two<'_> {
-    /// All places that come out of a fit, the best first. `guesses`: places that are known roughly.
+    /// All poses found by fitting, best first. `guesses`: approximate poses.
     pub(super) fn places(
         &self,
         correlator: &Correlator,
@@ -123,34 +140,7 @@ impl Two<'_> {
         turned: &[Spectrum],
         guesses: &[Pose],
     ) -> Vec<Beside> {
-        let mut starts: Vec<(f64, Pose)> = Vec::new();
-        let singles = self.first.members.len() + self.second.members.len() == 2;
-        for place in correlator.places(map, turned, if singles { PLACES } else { GROUP_PLACES }) {
-            for height in self.first.plan.heights(&self.second.plan, &place, correlator.cell(), HEIGHTS) {
-                let start = upright(&place, height);
-                let glance = self.verdict(start, 0.8 * correlator.cell(), GLANCED);
-                starts.push((quality(glance), start));
-            }
-        }
-        starts.sort_by(|a, b| b.0.total_cmp(&a.0));
-        if std::env::var_os("REG_TRUTH").is_some() && self.first.members.len() + self.second.members.len() > 2 {
-            let text = std::fs::read_to_string("/tmp/truth.txt").unwrap();
-            let truth: Vec<Pose> = text.lines().map(|l| { let v: Vec<f64> = l.split(' ').map(|v| v.parse().unwrap()).collect();
-                Pose::from_matrix(glam::DMat4::from_cols_array(&[v[0],v[3],v[6],0.0,v[1],v[4],v[7],0.0,v[2],v[5],v[8],0.0,v[9],v[10],v[11],1.0])).unwrap().0 }).collect();
-            let (na, pa) = self.first.members[0];
-            let (nb, pb) = self.second.members[0];
-            // a_from_b true
-            let rel = truth[nb].then(truth[na].inverse());
-            let pose = pb.inverse().then(rel).then(pa);
-            let at = self.verdict(pose, 0.8 * correlator.cell(), GLANCED);
-            let exact = self.beside_at(pose);
-            let near = correlator.places(map, turned, GROUP_PLACES);
-            let yaw = pose.rotation.to_euler(glam::EulerRot::ZYX).0;
-            let rank = near.iter().position(|p| { let d = (p.heading - yaw).rem_euclid(6.283185307); d.min(6.283185307 - d) < 0.08 && p.offset.distance(pose.translation.truncate()) < 2.0 * correlator.cell() });
-            let hs = rank.map(|r| self.first.plan.heights(&self.second.plan, &near[r], correlator.cell(), HEIGHTS));
-            eprintln!("TRUTH {na}x{} {nb}x{} cell {:.2} glance at truth {at:?} q {:.1}; exact {:?}; rank {rank:?} heights {hs:?} true z {:.2}; best starts {:?}; starts near {:?}", self.first.members.len(), self.second.members.len(), correlator.cell(), quality(at), exact, pose.translation.z, starts.iter().take(3).map(|s| s.0).collect::<Vec<_>>(), starts.iter().position(|s| { let (x, y) = s.1.difference(pose); x < 0.1 && y < 1.5 }));
-        }
-        starts.truncate(FITTED);
+        let mut starts = self.starts(correlator, map, turned);
         starts.extend(guesses.iter().map(|guess| (f64::INFINITY, *guess)));
         let mut out: Vec<Beside> = Vec::new();
         for (_, start) in starts {
@@ -170,11 +160,87 @@ impl Two<'_> {
             }
         }
         refined.sort_by(|x, y| y.score().total_cmp(&x.score()));
+        self.slide(&mut refined);
         refined
     }
 
-    fn beside_at(&self, pose: Pose) -> Verdict { self.verdict(pose, self.edge, usize::MAX) }
-    /// Whether two poses are the same place.
+    /// Add the poses to which the best one can be shifted in its weakest direction, for example along a corridor or round a tower.
+    fn slide(&self, places: &mut Vec<Beside>) {
+        let Some(best) = places.first().cloned() else { return };
+        self.add(places, SLIDES.into_iter().map(|step| moved(best.pose, &(best.weakest * (step * self.edge)))));
+    }
+
+    /// Add the poses found by fits from these initial poses.
+    pub(super) fn add(&self, places: &mut Vec<Beside>, starts: impl Iterator<Item = Pose>) {
+        for start in starts {
+            let found = self.fitted(start).and_then(|found| self.refined(&found));
+            if let Some(found) = found.filter(|found| places.iter().all(|other| !self.is_same(other.pose, found.pose)))
+            {
+                places.push(found);
+            }
+        }
+        places.sort_by(|x, y| y.score().total_cmp(&x.score()));
+    }
+
+    /// The poses in which a station may coincide with itself.
+    pub(super) fn others(&self, correlator: &Correlator, map: &Spectrum, turned: &[Spectrum]) -> Vec<Beside> {
+        let mut out: Vec<Beside> = Vec::new();
+        for (_, start) in self.starts(correlator, map, turned) {
+            let Some(found) = self.fitted(start) else { continue };
+            if !out.iter().any(|other| self.is_same(other.pose, found.pose)) {
+                out.push(found);
+            }
+        }
+        out
+    }
+
+    /// Initial poses for fits, ranked by a rough check, best first.
+    fn starts(&self, correlator: &Correlator, map: &Spectrum, turned: &[Spectrum]) -> Vec<(f64, Pose)> {
+        let mut starts: Vec<(f64, Pose)> = Vec::new();
+        // Without free-space information, a correct pose cannot be distinguished from a wrong one unless it is close to a known pose.
+        let turned = if self.see_through() { turned } else { &[] };
+        let are_single = self.first.members.len() + self.second.members.len() == 2;
+        for place in correlator.places(map, turned, if are_single { PLACES } else { GROUP_PLACES }) {
+            for height in self.first.plan.heights(&self.second.plan, &place, correlator.cell(), HEIGHTS) {
+                let start = upright(&place, height);
+                let glance = self.verdict(start, 0.8 * correlator.cell(), GLANCED);
+                starts.push((quality(glance), start));
+            }
+        }
+        starts.sort_by(|a, b| b.0.total_cmp(&a.0));
+        self.spread(starts)
+    }
+
+    /// The best initial poses, limited to a few that are close to each other.
+    fn spread(&self, starts: Vec<(f64, Pose)>) -> Vec<(f64, Pose)> {
+        let mut out: Vec<(f64, Pose)> = Vec::new();
+        for (quality, start) in starts {
+            let is_near = |(_, other): &&(f64, Pose)| {
+                let (angle, distance) = start.difference(*other);
+                distance < NEIGHBOURS.0 * self.edge && angle < NEIGHBOURS.1
+            };
+            if out.iter().filter(is_near).count() < NEIGHBOURS.2 {
+                out.push((quality, start));
+            }
+            if out.len() == FITTED {
+                break;
+            }
+        }
+        out
+    }
+
+    /// Whether free space is known for all stations.
+    fn see_through(&self) -> bool {
+        self.first.members.iter().chain(&self.second.members).all(|(number, _)| self.views[*number].image.is_some())
+    }
+
+    /// A pose from control points.
+    pub(super) fn given(&self, pose: Pose) -> Beside {
+        let verdict = self.verdict(pose, self.edge, usize::MAX);
+        Beside { pose, verdict, firmness: f64::INFINITY, noise: 0.0, weakest: Vector6::zeros(), median: 0.0 }
+    }
+
+    /// Whether two poses are practically the same.
     fn is_same(&self, a: Pose, b: Pose) -> bool {
         let (angle, distance) = a.difference(b);
         distance < 2.0 * self.edge && angle < 0.035
@@ -186,7 +252,7 @@ impl Two<'_> {
         Some(self.beside(&found, f64::INFINITY))
     }
 
-    /// With the finest planes.
+    /// The pose refined with the finest planes.
     pub(super) fn refined(&self, rough: &Beside) -> Option<Beside> {
         let thinned: Vec<Vec<Surfel>> = self
             .second
@@ -203,17 +269,17 @@ impl Two<'_> {
         let reaches = [1.0, 0.5, 0.3].map(|reach| reach * self.edge);
         let found = fit(&self.first.targets(self.views), &sources, rough.pose, 0, &reaches)?;
         let fine = self.beside(&found, found.median);
-        // Small planes have normals too rough to tell what fixes the place.
-        Some(Beside { firmness: rough.firmness, noise: rough.noise, ..fine })
+        // The normals of small planes are too noisy to show which directions are constrained.
+        Some(Beside { firmness: rough.firmness, noise: rough.noise, weakest: rough.weakest, ..fine })
     }
 
     fn beside(&self, found: &Fit, median: f64) -> Beside {
         let verdict = self.verdict(found.pose, self.edge, usize::MAX);
-        let firmness = firmness(&found.information);
-        Beside { pose: found.pose, verdict, firmness, noise: found.noise, matched: found.matched, median }
+        let (firmness, weakest) = firmness(&found.information);
+        Beside { pose: found.pose, verdict, firmness, noise: found.noise, weakest, median }
     }
 
-    /// What all stations of both say of each other; of each station at most so many planes are looked at.
+    /// Compares all stations of one group with all stations of the other, using at most `most` planes of each station.
     pub(super) fn verdict(&self, pose: Pose, margin: f64, most: usize) -> Verdict {
         let mut out = Verdict::default();
         for (b, b_pose) in &self.second.members {

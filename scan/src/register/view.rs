@@ -1,33 +1,41 @@
-//! What a station saw, as far as registration needs it: planes, walls and floors seen from above, and the nearest range in every direction.
+//! The data of a station that registration needs: planes, walls and floors seen from above, and the nearest range in every direction.
 
 use crate::ScanError;
 use crate::mask;
 use crate::points::points;
 use crate::spool::Reader;
 use crate::survey::Station;
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 use kilwa_scan_core::mask::through::{RangeImage, Seen};
+use kilwa_scan_core::register::adjust::Shape;
+use kilwa_scan_core::register::cloud;
 use kilwa_scan_core::register::correlate::Plan;
-use kilwa_scan_core::register::image::{self, Image, Point};
+use kilwa_scan_core::register::image::{self, Point};
 use kilwa_scan_core::register::surfels::{Collector, LEVELS, Surfel, Surfels};
 use kilwa_scan_core::{Pose, Rays, tessellate};
 use std::path::Path;
 
-/// Points seen at less than this cosine of the incidence are left out: they are far apart along the surface, and many lie between two surfaces.
+/// Points with a smaller cosine of the incidence angle are left out: they are far apart along the surface, and many are mixed pixels between two surfaces.
 const MIN_COS: f64 = 0.15;
-/// The same for planes that are looked at from another station.
+/// The same for planes that are compared with the range image of another station.
 const MIN_LOOK: f64 = 0.2;
+/// The width of a pixel, as a multiple of the ray spacing, so that nearly every pixel has a sample.
+const PIXEL: f64 = 1.3;
 /// Width of a range image, pixels.
 const WIDTH: f64 = 1440.0;
-/// The edge of the smallest voxels, in spacings of points.
+/// The edge of the smallest voxels, as a multiple of the point spacing.
 const EDGE: f64 = 4.0;
-/// Steps of azimuth in which it is kept how far a scanner looked horizontally, and the elevation up to which a ray counts as horizontal, radians.
+/// Number of azimuth steps of the horizontal range of view, and the maximum elevation at which a ray counts as horizontal, radians.
 const HORIZON: usize = 360;
 const BAND: f64 = 0.04;
-/// Planes of a station that are compared where a place is judged.
+/// Spacing of the points of a cloud without a grid that are used in the adjustment: one per cube, whose edge is this share of a voxel edge.
+const CLOUD_SHARE: f64 = 0.5;
+/// Number of cells that are read at a time.
+const BATCH: u64 = 65_536;
+/// Number of planes of a station that are compared to check a candidate pose.
 const SAMPLES: usize = 1500;
 
-/// A station that takes part.
+/// A station in a registration.
 #[derive(Debug, Clone)]
 pub(super) struct View {
     pub(super) surfels: Surfels,
@@ -38,8 +46,8 @@ pub(super) struct View {
     pub(super) plan: Plan,
     /// `None` where rays are parallel.
     pub(super) image: Option<RangeImage>,
-    /// The surface in every direction, and samples on it, spread evenly.
-    pub(super) surface: Image,
+    /// The surface at the resolution of its samples, and evenly spaced samples on it.
+    pub(super) shape: Shape,
     pub(super) points: Vec<Point>,
 }
 
@@ -75,21 +83,15 @@ pub(super) fn spacing(folder: &Path, station: &Station) -> Result<Option<f64>, S
     Ok(all.get(all.len() / 2).copied())
 }
 
-/// The spacing of points of a cloud without a grid: as if they were spread evenly over the occupied cells of a coarse grid.
+/// The point spacing of a cloud without a grid, estimated as if the points were evenly spread over the occupied cells of a coarse grid.
 fn cloud_spacing(reader: &mut Reader) -> Result<f64, ScanError> {
     let [low, high] = reader.header().statistics.bounds;
     let edge = f64::from((high - low).max_element()).max(1e-6) / 64.0;
-    let (cells, mut at, mut batch) = (reader.header().grid.cells(), 0, Vec::new());
     let (mut occupied, mut count) = (std::collections::HashSet::new(), 0_u64);
-    while at < cells {
-        let size = 65_536.min(cells - at);
-        reader.read(at, size as usize, &mut batch)?;
-        for sample in batch.iter().filter(|s| s.is_measured()) {
-            occupied.insert((sample.position.as_dvec3() / edge).floor().as_ivec3());
-            count += 1;
-        }
-        at += size;
-    }
+    each_sample(reader, &mut |sample| {
+        occupied.insert((sample.as_dvec3() / edge).floor().as_ivec3());
+        count += 1;
+    })?;
     Ok(edge * (occupied.len().max(1) as f64 / count.max(1) as f64).sqrt())
 }
 
@@ -100,7 +102,7 @@ pub(super) fn edge(mut spacings: Vec<f64>) -> f64 {
 }
 
 impl View {
-    pub(super) fn load(folder: &Path, station: &Station, edge: f64) -> Result<Self, ScanError> {
+    pub(super) fn load(folder: &Path, station: &Station, edge: f64, own_spacing: f64) -> Result<Self, ScanError> {
         let mut reader = mask::open(folder, station, false)?;
         let rays = reader.header().rays;
         let mut collector = Collector::new(edge);
@@ -121,41 +123,62 @@ impl View {
         let every = coarse.len().div_ceil(SAMPLES).max(1);
         let samples = coarse.iter().step_by(every).copied().collect();
         let horizon = image.as_ref().map_or_else(Vec::new, |image| image.horizon(HORIZON, BAND));
-        let mut collector = image::Collector::new((std::f64::consts::TAU / WIDTH).max(1.3 * mask::ray_spacing(&mut reader)?));
-        let (cells, mut at, mut batch) = (reader.header().grid.cells(), 0, Vec::new());
-        while at < cells {
-            let size = 65_536.min(cells - at);
-            reader.read(at, size as usize, &mut batch)?;
-            batch.iter().filter(|sample| sample.is_measured()).for_each(|sample| collector.add(sample.position));
-            at += size;
-        }
-        let (surface, points) = collector.finish(edge);
-        Ok(Self { plan: Plan::new(&coarse, horizon), fine, samples, surfels, image, surface, points })
+        let (shape, points) = shape(&mut reader, own_spacing, edge)?;
+        Ok(Self { plan: Plan::new(&coarse, horizon), fine, samples, surfels, image, shape, points })
     }
+}
+
+/// The surface of a station whose points are `spacing` metres apart, and samples on it: one per cube of `edge` metres.
+fn shape(reader: &mut Reader, spacing: f64, edge: f64) -> Result<(Shape, Vec<Point>), ScanError> {
+    let header = *reader.header();
+    if !header.is_grid {
+        let mut collector = cloud::Collector::new(spacing);
+        each_sample(reader, &mut |sample| collector.add(sample))?;
+        let (cloud, points) = collector.finish(CLOUD_SHARE * edge);
+        return Ok((Shape::Cloud(cloud), points));
+    }
+    let mut collector = match header.rays {
+        Rays::Parallel(direction) => {
+            let bounds = header.statistics.bounds.map(Vec3::as_dvec3);
+            image::Collector::across(PIXEL * spacing, direction, bounds)
+        }
+        Rays::Central => {
+            image::Collector::around((std::f64::consts::TAU / WIDTH).max(PIXEL * mask::ray_spacing(reader)?))
+        }
+    };
+    each_sample(reader, &mut |sample| collector.add(sample))?;
+    let (image, points) = collector.finish(edge);
+    Ok((Shape::Image(image), points))
 }
 
 /// The nearest range in every direction, of all samples: masked ones stopped the rays, too.
 fn image(folder: &Path, station: &Station) -> Result<RangeImage, ScanError> {
     let mut reader = mask::open(folder, station, true)?;
     let mut image = RangeImage::new((std::f64::consts::TAU / WIDTH).max(mask::ray_spacing(&mut reader)?));
-    let (cells, mut at, mut batch) = (reader.header().grid.cells(), 0, Vec::new());
-    while at < cells {
-        let size = 65_536.min(cells - at);
-        reader.read(at, size as usize, &mut batch)?;
-        batch.iter().filter(|sample| sample.is_measured()).for_each(|sample| image.add(sample.position));
-        at += size;
-    }
+    each_sample(&mut reader, &mut |sample| image.add(sample))?;
     Ok(image)
 }
 
-/// What two stations say of each other at a place.
+/// Calls `each` with the positions of all measured points.
+fn each_sample(reader: &mut Reader, each: &mut dyn FnMut(Vec3)) -> Result<(), ScanError> {
+    let (cells, mut at, mut batch) = (reader.header().grid.cells(), 0, Vec::new());
+    while at < cells {
+        let size = BATCH.min(cells - at);
+        reader.read(at, size as usize, &mut batch)?;
+        batch.iter().filter(|sample| sample.is_measured()).for_each(|sample| each(sample.position));
+        at += size;
+    }
+    Ok(())
+}
+
+/// How well two stations agree in a candidate pose.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub(super) struct Verdict {
     /// Planes that were compared.
     pub(super) planes: u32,
-    /// Those where the other station saw a surface about there, with the same normal.
+    /// Those where the other station saw a surface at about the same position, with the same normal.
     pub(super) agree: u32,
-    /// Those where it saw another surface there.
+    /// Those where it saw a different surface.
     pub(super) differ: u32,
     /// Those that its rays pass through.
     pub(super) through: u32,
@@ -164,7 +187,7 @@ pub(super) struct Verdict {
 }
 
 impl Verdict {
-    /// What `target` saw at the planes of `source`, of which at most `most` are looked at, evenly thinned out.
+    /// Compares planes of `source` with what `target` saw there, using at most `most` evenly spaced planes.
     pub(super) fn one_way(
         target: &View,
         source: &[Surfel],
@@ -179,7 +202,7 @@ impl Verdict {
             let position = target_from_source.apply(surfel.position);
             let normal = target_from_source.rotation * surfel.normal;
             let range = position.length();
-            // Where it looks along the plane, the range says nothing of it.
+            // At grazing incidence, the range is not informative.
             if normal.dot(position).abs() < MIN_LOOK * range {
                 continue;
             }
@@ -236,9 +259,9 @@ impl Verdict {
     }
 }
 
-/// The distance between the planes there.
+/// The distance to the matching plane of the target, if there is one.
 fn find(target: &View, position: DVec3, normal: DVec3, margin: f64) -> Option<f64> {
-    // Planes as large as the distance at which they still are the same surface.
+    // The plane size corresponds to the maximum matching distance.
     let level = ((margin / target.surfels.edge(0)).log2().round() as usize + 1).min(LEVELS - 1);
     let found = target.surfels.find(level, position, normal, margin)?;
     Some((position - found.position).dot((found.normal + normal).normalize_or_zero()))

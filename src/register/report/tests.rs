@@ -38,8 +38,8 @@ fn link(a: &str, b: &str, residual: f64, samples: u64) -> Link {
 }
 
 fn found() -> Registration {
-    let candidate = |beside: &str| Candidate {
-        beside: beside.to_owned(),
+    let candidate = |matched_with: &str| Candidate {
+        matched_with: matched_with.to_owned(),
         rotation: [1.0, 0.0, 0.0, 0.0],
         translation: [1.0, -2.5, 0.0],
         overlap: 0.31,

@@ -110,8 +110,8 @@ impl RangeImage {
         }
     }
 
-    /// How far the station looked horizontally: the nearest range at elevations up to `band` radians, in so many equal steps of azimuth from -π; infinite
-    /// where nothing came back, 0 where it did not look.
+    /// The horizontal range of view: the nearest range at elevations up to `band` radians, in this many equal steps of azimuth from -π; infinite
+    /// where there was no return, 0 outside the field of view.
     pub fn horizon(&self, steps: usize, band: f64) -> Vec<f32> {
         let middle = f64::from(self.height) / 2.0;
         let rows = (band / self.step).ceil();

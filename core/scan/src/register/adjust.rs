@@ -1,29 +1,48 @@
-//! All poses together: the distances between the surfaces of all stations are minimised at once, and what is left of them tells how certain the poses are.
+//! Joint adjustment of all poses: the distances between the surfaces of all stations are minimised together, and the residuals determine the uncertainty of the poses.
 //!
 //! Point-to-plane distances of every pair of stations that see the same surface go into one system of normal equations (Bergevin et al., "Towards a
-//! general multi-view registration technique", 1996), which is solved by Gauss and Newton's method. Errors of neighbouring planes are not independent:
-//! they share the relief, the edges, and the samples. The covariance is therefore the sandwich estimate for clusters (Liang and Zeger, "Longitudinal data
-//! analysis using generalized linear models", 1986), where a cluster is a cube of space: whatever correlates the distances within it is accounted for.
+//! general multi-view registration technique", 1996), which is solved by the Gauss–Newton method. Errors of neighbouring planes are not independent:
+//! they share the same relief, edges and samples. The covariance is therefore the sandwich estimate for clusters (Liang and Zeger, "Longitudinal data
+//! analysis using generalized linear models", 1986), where a cluster is a cube of space: any correlation of the distances within a cube is accounted for.
 
+use super::cloud::Cloud;
 use super::fit::{Match, moved};
-use super::image::{Image, Point};
+use super::image::{Image, Point, Surface};
 use crate::Pose;
-use glam::IVec3;
+use glam::{DVec3, IVec3};
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, Matrix6, SMatrix, SVector, Vector6};
 use std::collections::BTreeMap;
 
-/// A spacing of samples at which the surface between them begins to be uncertain, metres.
+/// Sample spacing beyond which the surface between samples is considered uncertain, metres.
 const FINE: f64 = 0.01;
 
-/// Equations of a pair: the first station's six unknowns, then the second's.
+/// Normal equations of a pair: the six unknowns of the first station, then those of the second.
 type Matrix12 = SMatrix<f64, 12, 12>;
 type Vector12 = SVector<f64, 12>;
+
+/// The surface that a station saw.
+#[derive(Debug, Clone)]
+pub enum Shape {
+    /// As a function of direction.
+    Image(Image),
+    /// For a point cloud without a grid.
+    Cloud(Cloud),
+}
+
+impl Shape {
+    fn surface(&self, place: DVec3) -> Option<Surface> {
+        match self {
+            Self::Image(image) => image.surface(place),
+            Self::Cloud(cloud) => cloud.surface(place),
+        }
+    }
+}
 
 /// A station of an adjustment.
 #[derive(Debug, Clone, Copy)]
 pub struct Party<'a> {
-    /// Its samples by direction.
-    pub image: &'a Image,
+    /// The surface that it saw.
+    pub shape: &'a Shape,
     /// Some of its samples, spread evenly over the surface.
     pub samples: &'a [Point],
     /// `survey_from_station`.
@@ -33,31 +52,31 @@ pub struct Party<'a> {
 /// How distances are compared.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reach {
-    /// The largest distance of planes that are the same surface, metres.
+    /// The maximum distance between matching surfaces, metres.
     pub reach: f64,
-    /// How far distances are spread, metres.
+    /// The scale of the robust weights, metres.
     pub sigma: f64,
-    /// The edge of the cubes of space whose errors may be correlated, metres; 0: clusters are not needed.
+    /// The edge of the cubes within which errors may be correlated, metres; 0: no clusters are collected.
     pub cluster: f64,
 }
 
-/// The equations of a pair of stations.
+/// The normal equations of a pair of stations.
 #[derive(Debug, Clone)]
 pub struct Link {
     information: Matrix12,
     gradient: Vector12,
-    /// The gradient by cubes of space.
+    /// The gradient of each cube of space.
     clusters: Vec<(IVec3, Vector12)>,
-    /// Planes that were compared.
+    /// Number of samples that were matched.
     pub matched: usize,
-    /// The weighted sum of squared distances (square metres) and the weights.
+    /// The weighted sum of squared distances (square metres), and the sum of the weights.
     pub squares: [f64; 2],
-    /// Distances without signs, metres.
+    /// Absolute distances, metres.
     pub distances: Vec<f32>,
 }
 
 impl Link {
-    /// Compare two stations, each with the other's planes.
+    /// Compare two stations: the samples of each with the surface of the other.
     pub fn compare(a: Party<'_>, b: Party<'_>, reach: Reach) -> Self {
         let mut link = Self {
             information: Matrix12::zeros(),
@@ -71,10 +90,10 @@ impl Link {
         for (target, source, sign) in [(a, b, 1.0), (b, a, -1.0)] {
             let target_from_source = source.pose.then(target.pose.inverse());
             for sample in source.samples {
-                let Some(found) = find(target.image, sample, target_from_source, reach.reach) else { continue };
+                let Some(found) = find(target.shape, sample, target_from_source, reach.reach) else { continue };
                 let found = found.seen_from(target.pose);
                 let w = found.weight(reach.sigma);
-                // The distance is that of the source before the target; what moves the second forwards moves the first backwards.
+                // The distance is the signed height of the source above the target: moving the second station forwards has the opposite effect to moving the first.
                 let (ja, jb) = (found.jacobian(a.pose.translation) * -sign, found.jacobian(b.pose.translation) * sign);
                 let mut j = Vector12::zeros();
                 j.fixed_rows_mut::<6>(0).copy_from(&ja);
@@ -101,12 +120,12 @@ impl Link {
         (self.squares[0] / self.squares[1].max(1e-12)).sqrt()
     }
 
-    /// The information that the pair alone has of the second station's pose beside the first.
+    /// The information matrix of the pose of the second station relative to the first, from this pair alone.
     pub fn information(&self) -> Matrix6<f64> {
         self.information.fixed_view::<6, 6>(6, 6).into_owned()
     }
 
-    /// The covariance of the second station's pose beside the first's from this pair alone, by the same estimate; `None` if it does not determine all of it.
+    /// The covariance of the pose of the second station relative to the first, from this pair alone, as a sandwich estimate; `None` if the pose is not fully determined.
     pub fn covariance(&self) -> Option<Matrix6<f64>> {
         let inverse = Cholesky::new(self.information())?.inverse();
         let mut meat = Matrix6::zeros();
@@ -118,8 +137,8 @@ impl Link {
     }
 }
 
-/// The sample of the source before the surface of the target.
-fn find(target: &Image, sample: &Point, target_from_source: Pose, reach: f64) -> Option<Match> {
+/// Matches a sample of the source with the surface of the target.
+fn find(target: &Shape, sample: &Point, target_from_source: Pose, reach: f64) -> Option<Match> {
     let own = &sample.surface;
     let position = target_from_source.apply(sample.position);
     let surface = target.surface(position)?;
@@ -128,17 +147,23 @@ fn find(target: &Image, sample: &Point, target_from_source: Pose, reach: f64) ->
         return None;
     }
     let distance = position.dot(surface.normal) - surface.offset;
-    // Where samples are far apart, the surface between them is a guess; at a small angle, a part of it is hidden.
+    // Where samples are far apart, the surface between them is uncertain; at grazing incidence, part of it is hidden.
     let share = surface.facing * own.facing / (1.0 + (surface.spacing / FINE).powi(2));
-    (distance.abs() <= reach).then_some(Match { position, normal: surface.normal, distance, share, normal_variance: 0.0 })
+    (distance.abs() <= reach).then_some(Match {
+        position,
+        normal: surface.normal,
+        distance,
+        share,
+        normal_variance: 0.0,
+    })
 }
 
-/// A pose that is known beforehand, with its information.
+/// A prior: a known pose with its information matrix.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Prior {
     /// The number of the station.
     pub station: usize,
-    /// How far the pose is from the known one: rotation, translation.
+    /// The deviation of the pose from the known one: rotation, translation.
     pub error: Vector6<f64>,
     /// The inverse of its covariance.
     pub information: Matrix6<f64>,
@@ -147,17 +172,17 @@ pub struct Prior {
 /// The system of normal equations of all stations that can move.
 #[derive(Debug)]
 pub struct System {
-    /// The place of each station's unknowns; `None` for those that cannot move.
+    /// The index of the unknowns of each station; `None` for those that cannot move.
     places: Vec<Option<usize>>,
     information: DMatrix<f64>,
     gradient: DVector<f64>,
     clusters: BTreeMap<[i32; 3], BTreeMap<usize, Vector6<f64>>>,
-    /// Priors are information in units of their own; distances are brought to the same by the variance of a distance.
-    priors: Vec<Prior>,
+    /// The part of the information that comes from priors and control points, whose standard deviations are taken as stated.
+    known: DMatrix<f64>,
 }
 
 impl System {
-    /// Of stations, of which these cannot move.
+    /// A system without equations; `is_fixed`: the stations that cannot move.
     pub fn new(is_fixed: &[bool]) -> Self {
         let mut next = 0;
         let place = |fixed: &bool| {
@@ -170,7 +195,7 @@ impl System {
             information: DMatrix::zeros(6 * next, 6 * next),
             gradient: DVector::zeros(6 * next),
             clusters: BTreeMap::new(),
-            priors: Vec::new(),
+            known: DMatrix::zeros(6 * next, 6 * next),
             places,
         }
     }
@@ -200,20 +225,59 @@ impl System {
         }
     }
 
-    /// Add a pose that is known beforehand; `variance` is that of a distance, square metres.
+    /// Add a control point that two stations observed, each in its own coordinates (`a` is `None` if the survey coordinates are `known`). `sigma`: the standard deviation of each coordinate of their difference, metres. `variance`: that of a
+    /// surface distance, square metres.
+    pub fn add_point(
+        &mut self,
+        a: Option<(usize, Pose, DVec3)>,
+        b: (usize, Pose, DVec3),
+        known: DVec3,
+        sigma: f64,
+        variance: f64,
+    ) {
+        let weight = variance / (sigma * sigma);
+        let at = |(_, pose, p): (usize, Pose, DVec3)| pose.apply(p);
+        let difference = at(b) - a.map_or(known, at);
+        for axis in DVec3::AXES {
+            let row = |(station, pose, p): (usize, Pose, DVec3), sign: f64| {
+                let c = (pose.apply(p) - pose.translation).cross(axis) * sign;
+                let n = axis * sign;
+                (self.places[station], Vector6::new(c.x, c.y, c.z, n.x, n.y, n.z))
+            };
+            let rows: Vec<(Option<usize>, Vector6<f64>)> =
+                a.map(|a| row(a, -1.0)).into_iter().chain([row(b, 1.0)]).collect();
+            for (place, j) in &rows {
+                let Some(place) = place else { continue };
+                let mut sum = self.gradient.fixed_rows_mut::<6>(6 * place);
+                sum += j * (weight * difference.dot(axis));
+                for (other, k) in &rows {
+                    let Some(other) = other else { continue };
+                    let block = j * k.transpose() * weight;
+                    let mut view = self.information.fixed_view_mut::<6, 6>(6 * place, 6 * other);
+                    view += block;
+                    // Its error is independent of all others and has the stated standard deviation.
+                    let mut view = self.known.fixed_view_mut::<6, 6>(6 * place, 6 * other);
+                    view += block;
+                }
+            }
+        }
+    }
+
+    /// Add a prior; `variance` is that of a distance, square metres.
     pub fn add_prior(&mut self, prior: &Prior, variance: f64) {
         let Some(row) = self.places[prior.station] else { return };
         let information = prior.information * variance;
         let mut view = self.information.fixed_view_mut::<6, 6>(6 * row, 6 * row);
         view += information;
+        let mut view = self.known.fixed_view_mut::<6, 6>(6 * row, 6 * row);
+        view += information;
         let mut own = self.gradient.fixed_rows_mut::<6>(6 * row);
         own += information * prior.error;
-        self.priors.push(Prior { information, ..prior.clone() });
     }
 
     fn factor(&self) -> Option<Cholesky<f64, Dyn>> {
         let mut information = self.information.clone();
-        // What nothing determines stays as it is.
+        // Undetermined directions stay as they are.
         let n = information.nrows();
         let damping = 1e-9 * information.trace() / n.max(1) as f64;
         for k in 0..n {
@@ -222,7 +286,7 @@ impl System {
         Cholesky::new(information)
     }
 
-    /// Move the poses to the solution; how far the farthest moved (radians, metres), `None` if there is none.
+    /// Move the poses to the solution. Returns the largest rotation and translation (radians, metres), or `None` if there is no solution.
     pub fn solve(&self, poses: &mut [Pose]) -> Option<[f64; 2]> {
         let step = -self.factor()?.solve(&self.gradient);
         let mut most = [0.0_f64; 2];
@@ -249,15 +313,10 @@ impl System {
                 }
             }
         }
-        // Residuals are smaller than errors, because the poses follow them; with few clusters noticeably.
+        // Residuals underestimate errors, because the poses are fitted to them; with few clusters, the difference is noticeable.
         let clusters = self.clusters.len() as f64;
         meat *= clusters / (clusters - n as f64).max(0.1 * clusters).max(1.0);
-        for prior in &self.priors {
-            if let Some(row) = self.places[prior.station] {
-                let mut view = meat.fixed_view_mut::<6, 6>(6 * row, 6 * row);
-                view += prior.information * variance;
-            }
-        }
+        meat += &self.known * variance;
         let covariance = &inverse * meat * &inverse;
         let own = |place: &Option<usize>| {
             place.map_or_else(Matrix6::zeros, |k| covariance.fixed_view::<6, 6>(6 * k, 6 * k).into_owned())

@@ -1,9 +1,9 @@
-//! Where two levelled stations could stand beside each other: their walls, seen from above, laid over each other in all ways.
+//! Candidate relative poses of two levelled stations, found by correlating maps of their walls, seen from above.
 //!
-//! Scanners are levelled, so that a place has four unknowns: heading, x, y and height. Every station becomes a map of its walls, whose cells hold
-//! the sum of the horizontal normals there as complex numbers. Turned by every heading in steps, the map of one is correlated with that of the other by fast Fourier
-//! transforms. Walls match only if their normals do, so the two sides of a wall are told apart; and walls of one where the other looked through count
-//! against a place. The result is not one place but all that are plausible, which is what tells a unique place from an ambiguous one.
+//! Scanners are levelled, so a relative pose has four unknowns: heading, x, y and height. Each station is turned into a map of its walls, whose cells hold
+//! the sum of the horizontal normals as complex numbers. The map of one station, rotated in steps through all headings, is correlated with that of the other by fast Fourier
+//! transforms. Walls match only if their normals do, so the two sides of a wall are distinguished; walls of one station in the free space of the other count
+//! against a candidate. The result is not a single pose but all plausible ones, so that unique and ambiguous poses can be distinguished.
 
 use super::surfels::Surfel;
 use crate::Pose;
@@ -14,46 +14,46 @@ use rustfft::{Fft, FftPlannerScalar};
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-/// Headings that are tried.
+/// Number of headings that are tried.
 const HEADINGS: usize = 120;
-/// Walls have normals of at most this height, floors and vaults of at least that.
+/// Walls have normals with at most this absolute vertical component, floors and vaults with at least that.
 const WALL_MAX: f64 = 0.4;
 const FLAT_MIN: f64 = 0.8;
-/// Tangent of the largest elevation at which a wall counts as at the height of the scanner.
+/// Tangent of the maximum elevation at which a wall counts as level with the scanner.
 const LEVEL: f64 = 0.04;
-/// Scanners whose heights differ by more than this do not look at the same level, metres.
+/// Scanners whose heights differ by more than this do not see the same walls at scanner height, metres.
 const STOREY: f64 = 1.0;
-/// Places of one heading that are considered.
+/// Number of candidates per heading.
 const PER_HEADING: usize = 8;
-/// What walls in free space count against walls that agree.
+/// The weight of walls in free space relative to matching walls.
 const AGAINST: f64 = 1.0;
-/// Places nearer to each other than this many cells, and at most so many headings apart, are the same.
+/// Candidates less than this many cells and at most this many heading steps apart are the same.
 const SAME_CELLS: f64 = 2.0;
 const SAME_HEADINGS: usize = 2;
 
-/// How far a scanner looked horizontally.
+/// The horizontal range of view of a scanner.
 #[derive(Debug, Clone)]
 struct Look {
     at: DVec2,
     heading: f64,
-    /// In equal steps of azimuth from -π, metres; infinite where nothing came back.
+    /// In equal steps of azimuth from -π, metres; infinite where there was no return.
     horizon: Vec<f32>,
 }
 
-/// The walls and floors of a station, or of several whose places beside each other are known.
+/// The walls and floors of a station, or of several stations with known relative poses.
 #[derive(Debug, Clone, Default)]
 pub struct Plan {
-    /// Where, the horizontal normal, the area.
+    /// Position, horizontal normal and area.
     walls: Vec<(DVec3, DVec2, f64)>,
-    /// Floors and vaults: where, and whether it faces up.
+    /// Floors and vaults: position, and whether the surface faces up.
     flats: Vec<(DVec3, bool)>,
-    /// Walls at the height of the scanner: where, and their length.
+    /// Walls at the height of the scanner: position and length.
     level: Vec<(DVec3, f64)>,
     looks: Vec<Look>,
 }
 
 impl Plan {
-    /// Of planes of a station, and how far it looked horizontally in equal steps of azimuth from -π (metres; infinite where nothing came back; empty if unknown).
+    /// From the planes of a station and its horizontal range of view, in equal steps of azimuth from -π (metres; infinite where there was no return; empty if unknown).
     pub fn new(surfels: &[Surfel], horizon: Vec<f32>) -> Self {
         let mut plan = Self::default();
         for s in surfels {
@@ -72,7 +72,7 @@ impl Plan {
         plan
     }
 
-    /// Of several stations in their common frame.
+    /// From several stations, in their common frame.
     pub fn joined(parts: &[(&Self, Pose)]) -> Self {
         let mut heights: Vec<f64> = parts.iter().map(|(_, pose)| pose.translation.z).collect();
         heights.sort_unstable_by(f64::total_cmp);
@@ -82,7 +82,7 @@ impl Plan {
             let turned = |n: DVec2| (pose.rotation * n.extend(0.0)).truncate().normalize_or_zero();
             out.walls.extend(part.walls.iter().map(|(p, n, area)| (pose.apply(*p), turned(*n), *area)));
             out.flats.extend(part.flats.iter().map(|(p, up)| (pose.apply(*p), *up)));
-            // From a tower one looks over walls.
+            // A scanner on a tower sees over walls.
             if (pose.translation.z - usual).abs() > STOREY {
                 continue;
             }
@@ -96,7 +96,7 @@ impl Plan {
         out
     }
 
-    /// The horizontal distance within which nine tenths of the area of the walls are; 0 without walls.
+    /// The horizontal distance that contains nine tenths of the wall area; 0 without walls.
     pub fn reach(&self) -> f64 {
         let mut walls: Vec<(f64, f64)> = self.walls.iter().map(|(p, _, area)| (p.truncate().length(), *area)).collect();
         walls.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
@@ -109,7 +109,7 @@ impl Plan {
         found.map_or(0.0, |(distance, _)| *distance)
     }
 
-    /// The differences of height at which most floors and vaults of `other`, turned and moved, meet those of this station; the best first, at most `keep`.
+    /// The height differences at which most floors and vaults of `other`, turned and moved, coincide with those of this station; best first, at most `keep`.
     pub fn heights(&self, other: &Self, place: &Place, cell: f64, keep: usize) -> Vec<f64> {
         let step = 0.25 * cell;
         let key = |p: DVec2, up: bool| ((p / cell).floor().as_ivec2().to_array(), up);
@@ -146,14 +146,14 @@ impl Plan {
     }
 }
 
-/// Where a station could stand in the plan of another.
+/// A candidate pose of a station in the plan of another.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Place {
     /// Radians, counter-clockwise.
     pub heading: f64,
     /// Metres.
     pub offset: DVec2,
-    /// Correlation of the walls, at most 1, less what is in free space.
+    /// Correlation of the walls, at most 1, minus the penalty for walls in free space.
     pub score: f64,
 }
 
@@ -162,13 +162,13 @@ pub struct Place {
 pub struct Spectrum {
     walls: Vec<Complex32>,
     energy: f64,
-    /// Walls at the height of the scanner as real parts, free cells as imaginary ones; of a turned map the conjugate.
+    /// Walls at the height of the scanner as real parts, free cells as imaginary parts; conjugated for a turned map.
     level: Vec<Complex32>,
-    /// The sum of the former.
+    /// The sum of the real parts.
     mass: f64,
 }
 
-/// Correlates maps whose cells have one size.
+/// Correlates maps with a common cell size.
 pub struct Correlator {
     /// Cells along a side of a map.
     side: usize,
@@ -178,7 +178,7 @@ pub struct Correlator {
 }
 
 impl Correlator {
-    /// For stations that see walls up to `reach` metres away (what is farther is left out), in maps of so many cells along a side.
+    /// For stations that see walls up to `reach` metres away (walls farther away are left out), in maps with this many cells along each side.
     pub fn new(reach: f64, side: usize) -> Self {
         let mut planner = FftPlannerScalar::new();
         // A map has room for both stations side by side.
@@ -199,7 +199,7 @@ impl Correlator {
             let n = turn.rotate(*n) * *area;
             self.spread(turn.rotate(p.truncate()), Complex32::new(n.x as f32, n.y as f32), &mut walls);
         }
-        // A high wall does not count as much as many low ones.
+        // The square root keeps high walls from outweighing many low ones.
         for v in &mut walls {
             let size = v.norm();
             if size > 0.0 {
@@ -212,17 +212,21 @@ impl Correlator {
         for (p, length) in &plan.level {
             self.spread(turn.rotate(p.truncate()), Complex32::new(*length as f32, 0.0), &mut level);
         }
-        level.iter_mut().for_each(|v| v.re = v.re.min(self.cell as f32));
+        for v in &mut level {
+            v.re = v.re.min(self.cell as f32);
+        }
         let mass = level.iter().map(|v| f64::from(v.re)).sum();
         self.mark_free(plan, heading, &mut level);
         if is_turned {
-            level.iter_mut().for_each(|v| *v = v.conj());
+            for v in &mut level {
+                *v = v.conj();
+            }
         }
         self.transform(&mut level, &self.forward);
         Spectrum { walls, energy, level, mass }
     }
 
-    /// Share a value among the four cells around a place, if that is in reach.
+    /// Distribute a value among the four cells around a position, if that is within reach.
     fn spread(&self, place: DVec2, value: Complex32, map: &mut [Complex32]) {
         if place.length() > self.cell * self.side as f64 / 4.0 {
             return;
@@ -235,7 +239,7 @@ impl Correlator {
         }
     }
 
-    /// Mark the cells that scanners looked through as imaginary parts.
+    /// Mark free cells, which scanners looked through, as imaginary parts.
     fn mark_free(&self, plan: &Plan, heading: f64, map: &mut [Complex32]) {
         let half = self.side as i64 / 4;
         let turn = DVec2::from_angle(-heading);
@@ -259,17 +263,17 @@ impl Correlator {
         cell.rem_euclid(self.side as i64) as usize
     }
 
-    /// The map as it is.
+    /// The transform of the unrotated map.
     pub fn upright(&self, plan: &Plan) -> Spectrum {
         self.spectrum(plan, 0.0, false)
     }
 
-    /// The map turned by every heading.
+    /// The transforms of the map rotated to each heading.
     pub fn turned(&self, plan: &Plan) -> Vec<Spectrum> {
         (0..HEADINGS).map(|k| self.spectrum(plan, TAU * k as f64 / HEADINGS as f64, true)).collect()
     }
 
-    /// Along rows, then along columns, which become rows.
+    /// Transform the rows, then the columns; each pass ends with a transposition.
     fn transform(&self, map: &mut [Complex32], fft: &Arc<dyn Fft<f32>>) {
         let mut scratch = vec![Complex32::default(); fft.get_inplace_scratch_len()];
         for _ in 0..2 {
@@ -284,7 +288,7 @@ impl Correlator {
         }
     }
 
-    /// The places of a station, given by its turned maps, in the plan of another, best first, at most `keep`.
+    /// The candidate poses of a station, given by its rotated maps, in the plan of another; best first, at most `keep`.
     pub fn places(&self, target: &Spectrum, turned: &[Spectrum], keep: usize) -> Vec<Place> {
         let mut found: Vec<(f64, usize, DVec2)> = Vec::new();
         let mut map = vec![Complex32::default(); self.side * self.side];
@@ -295,7 +299,7 @@ impl Correlator {
                 continue;
             }
             let agree = (1.0 / energy) as f32;
-            // The real part of i z is minus the imaginary part of z, in which walls of one meet free cells of the other.
+            // The real part of i z is minus the imaginary part of z, which is where walls of one coincide with free cells of the other.
             let against = Complex32::new(0.0, if mass > 0.0 { (AGAINST / mass) as f32 } else { 0.0 });
             let walls = target.walls.iter().zip(&source.walls);
             let level = target.level.iter().zip(&source.level);

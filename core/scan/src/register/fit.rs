@@ -1,4 +1,4 @@
-//! The fit of stations against others: the distances of the planes of the ones from those of the others, in least squares along both normals.
+//! The fit of one group of stations to another: least squares of the distances between their planes along the mean of both normals.
 
 use super::surfels::{LEVELS, Surfel, Surfels};
 use crate::Pose;
@@ -7,26 +7,26 @@ use nalgebra::{Cholesky, Matrix6, Vector6};
 
 /// Fewest planes that define a pose.
 const LEAST: usize = 12;
-/// Most steps with one reach.
+/// Maximum number of steps for one reach.
 const ROUNDS: usize = 12;
 
-/// A pair of planes that are the same surface.
+/// A pair of matching planes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Match {
-    /// The place of the source's plane in the coordinates of the target, metres.
+    /// The position of the source's plane in the coordinates of the target, metres.
     pub position: DVec3,
     /// The mean of both normals (Rusinkiewicz, "A symmetric objective function for ICP", 2019).
     pub normal: DVec3,
-    /// How far the source's plane is before the target's, metres.
+    /// The signed distance of the source's plane in front of the target's, metres.
     pub distance: f64,
-    /// What the distance counts.
+    /// The weight of the distance before robust weighting.
     pub share: f64,
     /// The variance of the direction of the normal, square radians.
     pub normal_variance: f64,
 }
 
 impl Match {
-    /// The plane of `target` that continues `source`. `level`: the smallest of the target's planes that are used; `reach`: the largest distance, metres.
+    /// The plane of `target` that matches `source`. `level`: the finest level of the target that is used; `reach`: the maximum distance, metres.
     pub fn find(target: &Surfels, level: usize, source: &Surfel, target_from_source: Pose, reach: f64) -> Option<Self> {
         let position = target_from_source.apply(source.position);
         let normal = target_from_source.rotation * source.normal;
@@ -39,13 +39,13 @@ impl Match {
         (distance.abs() <= reach).then_some(Self { position, normal: mean, distance, share, normal_variance })
     }
 
-    /// How the distance changes with a rotation of the source about `center` and a translation.
+    /// The derivative of the distance with respect to a rotation of the source about `center` and a translation.
     pub fn jacobian(&self, center: DVec3) -> Vector6<f64> {
         let c = (self.position - center).cross(self.normal);
         Vector6::new(c.x, c.y, c.z, self.normal.x, self.normal.y, self.normal.z)
     }
 
-    /// The weight of the distance where distances are spread by `sigma`, metres: that of Geman and McClure, which forgets outliers.
+    /// The robust weight of the distance at the scale `sigma`, metres: that of Geman and McClure, which suppresses outliers.
     pub fn weight(&self, sigma: f64) -> f64 {
         let t = self.distance / sigma;
         let w = 1.0 / (1.0 + t * t);
@@ -59,7 +59,7 @@ impl Match {
     }
 }
 
-/// What is seen at a small angle counts less: a part of it is hidden.
+/// Surface seen at grazing incidence counts less, because part of it is hidden.
 fn share(a: &Surfel, b: &Surfel) -> f64 {
     (a.facing * b.facing).max(0.0)
 }
@@ -78,17 +78,17 @@ pub struct Posed<T> {
 pub struct Fit {
     /// `target_from_source`.
     pub pose: Pose,
-    /// The sum of the weighted products of the Jacobians: rotation about the origin of the source (square metres), then translation.
+    /// The information matrix: the weighted sum of the outer products of the Jacobians, with the rotation about the origin of the source (square metres) first, then the translation.
     pub information: Matrix6<f64>,
-    /// What of it the errors of normals alone amount to in each direction: a flat wall seems to fix a place along itself, because its normals are not exact.
+    /// The part of the information in each direction that is due to noisy normals alone: a flat wall seems to constrain a pose along itself because its normals are not exact.
     pub noise: f64,
     /// Planes that were matched.
     pub matched: usize,
-    /// The median of their distances without signs, metres.
+    /// The median of their absolute distances, metres.
     pub median: f64,
 }
 
-/// A pose moved a little: rotation about its translation, then translation.
+/// A pose after a small step: a rotation about its own position, then a translation.
 pub fn moved(pose: Pose, step: &Vector6<f64>) -> Pose {
     let omega = DVec3::new(step[0], step[1], step[2]);
     Pose {
@@ -97,7 +97,7 @@ pub fn moved(pose: Pose, step: &Vector6<f64>) -> Pose {
     }
 }
 
-/// All matches of two groups of stations where one stands at `pose` beside the other.
+/// All matches between two groups of stations; `pose` is that of the sources in the frame of the targets.
 pub fn matches(
     targets: &[Posed<&Surfels>],
     sources: &[Posed<&[Surfel]>],
@@ -110,7 +110,7 @@ pub fn matches(
     for source in sources {
         for target in targets {
             let target_from_source = source.pose.then(pose).then(target.pose.inverse());
-            // Beyond what the other saw there is nothing to find.
+            // Planes outside the surface that the other station saw have no match.
             let found = source
                 .planes
                 .iter()
@@ -120,7 +120,7 @@ pub fn matches(
     }
 }
 
-/// Fit a group of stations against another, from a pose that is wrong by less than the first of `reaches` (metres), through all of them. `level`: the smallest planes of the target that are used. `None` if the
+/// Fit a group of stations to another. `pose`: the initial pose, in error by less than the first of `reaches` (metres), all of which are used in turn. `level`: the finest level of the target that is used. Returns `None` if the
 /// two have too little surface in common.
 pub fn fit(
     targets: &[Posed<&Surfels>],
@@ -147,7 +147,7 @@ pub fn fit(
                 gradient += j * (w * found.distance);
                 noise += w * found.normal_variance;
             }
-            // What the planes do not determine stays as it is.
+            // Undetermined directions stay as they are.
             let damping = 1e-6 * information.trace() / 6.0;
             let step = -Cholesky::new(information + Matrix6::identity() * damping)?.solve(&gradient);
             pose = moved(pose, &step);

@@ -1,14 +1,14 @@
-//! The surface that a station saw, as small planes: in each voxel of a grid the plane through its points, at several sizes of voxels.
+//! The surface that a station saw, as small planes: the plane through the points of each voxel of a grid, for several voxel sizes.
 //!
-//! A plane through a dozen points is more precise than each of them, and the same number of planes stands for each square metre, near or far, so that
-//! what the scanner saw densely does not outweigh the rest (the covariance of points in a voxel as in Biber and Straßer, "The normal distributions
+//! A plane through a dozen points is more precise than each of them, and every square metre has the same number of planes, near or far, so that
+//! densely scanned parts do not outweigh the rest (the covariance of points in a voxel as in Biber and Straßer, "The normal distributions
 //! transform", 2003; voxels of surfaces as in Koide et al., "Voxelized GICP for fast and accurate 3D point cloud registration", 2021).
 
 use glam::{DVec3, IVec3};
 use nalgebra::{Matrix3, SymmetricEigen};
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 
-/// Sizes of voxels; each is twice the one before.
+/// Number of voxel sizes; each is twice the previous one.
 pub const LEVELS: usize = 4;
 /// Fewest points that define a plane.
 const MIN_POINTS: u32 = 6;
@@ -27,17 +27,18 @@ pub struct Surfel {
     pub roughness: f64,
     /// Edge of its voxel, metres.
     pub edge: f64,
-    /// Its points.
+    /// Number of its points.
     pub points: u32,
     /// Cosine of the angle at which the scanner saw it.
     pub facing: f64,
+    /// Standard deviation of its points along the second principal axis, metres.
+    pub spread: f64,
 }
 
 impl Surfel {
-    /// The variance of the direction of the normal, square radians: that of a plane through points spread evenly over the voxel, if their distances from it are
-    /// independent.
+    /// The variance of the direction of the normal, square radians, assuming independent distances of the points from the plane.
     pub fn normal_variance(&self) -> f64 {
-        12.0 * self.roughness * self.roughness / (f64::from(self.points) * self.edge * self.edge)
+        (self.roughness / self.spread).powi(2) / f64::from(self.points)
     }
 }
 
@@ -89,7 +90,15 @@ impl Sums {
         let normal = DVec3::new(normal[0], normal[1], normal[2]).normalize_or_zero();
         let normal = if normal.dot(self.towards) < 0.0 { -normal } else { normal };
         let facing = normal.dot(self.towards.normalize_or_zero());
-        Some(Surfel { position: mean, normal, roughness: least.sqrt(), edge, points: self.points, facing })
+        Some(Surfel {
+            position: mean,
+            normal,
+            roughness: least.sqrt(),
+            edge,
+            points: self.points,
+            facing,
+            spread: middle.sqrt(),
+        })
     }
 }
 
@@ -101,7 +110,7 @@ pub struct Collector {
 }
 
 impl Collector {
-    /// For voxels of this edge (metres) at the finest level.
+    /// `edge`: the edge of the voxels at the finest level, metres.
     pub fn new(edge: f64) -> Self {
         Self { edge, voxels: FxHashMap::default() }
     }
@@ -116,7 +125,7 @@ impl Collector {
         let mut levels = Vec::with_capacity(LEVELS);
         let (mut edge, mut voxels) = (self.edge, self.voxels);
         for _ in 0..LEVELS {
-            // In an order that does not depend on the hash table.
+            // Sorted, so that the order does not depend on the hash table.
             let mut sorted: Vec<(IVec3, Sums)> = voxels.into_iter().collect();
             sorted.sort_unstable_by_key(|(voxel, _)| voxel.to_array());
             let mut level = Level { edge, surfels: Vec::new(), voxels: Vec::new(), at: FxHashMap::default() };
@@ -162,14 +171,14 @@ impl Surfels {
         &self.levels[level].surfels
     }
 
-    /// Every part of the surface once: the planes of `level`, and larger ones where that has none.
+    /// The whole surface without duplication: the planes of `level`, and larger ones where there are none at that level.
     pub fn cover(&self, level: usize) -> Vec<Surfel> {
         let mut out = self.levels[level].surfels.clone();
-        let mut covered: FxHashMap<IVec3, ()> = self.levels[level].voxels.iter().map(|v| (*v, ())).collect();
+        let mut covered: FxHashSet<IVec3> = self.levels[level].voxels.iter().copied().collect();
         for next in level + 1..LEVELS {
-            covered = covered.into_keys().map(|v| (v.map(|v| v.div_euclid(2)), ())).collect();
+            covered = covered.into_iter().map(|v| v.map(|v| v.div_euclid(2))).collect();
             for (surfel, voxel) in self.levels[next].surfels.iter().zip(&self.levels[next].voxels) {
-                if covered.insert(*voxel, ()).is_none() {
+                if covered.insert(*voxel) {
                     out.push(*surfel);
                 }
             }
@@ -177,10 +186,10 @@ impl Surfels {
         out
     }
 
-    /// The plane that continues `surfel` (in the coordinates of this station): of those of `level` or larger in the voxels before, at and behind it, the nearest with a similar normal.
-    /// `reach` is the largest distance between the planes, metres. `None` if there is none.
+    /// The plane that matches `surfel` (in the coordinates of this station): of the planes at `level` or coarser in the voxels in front of it, at it and behind it, the nearest with a similar normal.
+    /// `reach` is the maximum distance between the planes, metres. `None` if there is none.
     pub fn find(&self, level: usize, position: DVec3, normal: DVec3, reach: f64) -> Option<&Surfel> {
-        /// Cosine of the largest angle between normals.
+        /// Cosine of the maximum angle between normals.
         const SIMILAR: f64 = 0.8;
         let mut best: Option<(f64, &Surfel)> = None;
         for level in &self.levels[level..] {
@@ -207,7 +216,7 @@ impl Surfels {
         best.map(|(_, surfel)| surfel)
     }
 
-    /// Bytes in memory, about.
+    /// Approximate size in memory, bytes.
     pub fn bytes(&self) -> usize {
         self.levels.iter().map(|level| level.surfels.len() * (size_of::<Surfel>() + 2 * size_of::<IVec3>() + 16)).sum()
     }
