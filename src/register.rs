@@ -2,14 +2,15 @@
 
 mod report;
 
+use crate::new_file::{NewFile, check_output};
 use crate::progress::Bar;
 use anyhow::ensure;
 use kilwa_builder::Progress as _;
 use kilwa_pack::plural::counted;
-use kilwa_scan::register::{Options, Placement, Registration, apply, register};
-use kilwa_scan::survey::Survey;
+use kilwa_scan::register::{FILE, Options, Placement, Registration, apply, register};
+use kilwa_scan::survey::{self, Survey};
 use std::io::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Register the stations of a survey without targets, and estimate the uncertainty of each pose.
 ///
@@ -38,6 +39,12 @@ pub(crate) struct Args {
     /// Print the report as JSON.
     #[arg(long)]
     json: bool,
+    /// Also write the report as an HTML page: plan, links, standard deviations, and a picture of each station that could not be placed.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+    /// Replace an existing report.
+    #[arg(long, requires = "report")]
+    force: bool,
 }
 
 /// The part of the progress bar that each stage fills.
@@ -61,6 +68,9 @@ impl kilwa_scan::import::Progress for Shown<'_> {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let survey = Survey::open(&args.survey)?;
+    if let Some(report) = &args.report {
+        check_report(report, args, &survey)?;
+    }
     let options = Options {
         again: args.again,
         ignore_poses: args.ignore_poses,
@@ -74,11 +84,17 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     if !args.dry_run {
         apply(&args.survey, &found)?;
     }
+    if let Some(report) = &args.report {
+        NewFile::write(report, report::html(&args.survey, &survey, &found)?.as_bytes(), args.force)?;
+    }
     let mut out = crate::terminal::out();
     if args.json {
         writeln!(out, "{}", crate::terminal::json_line(&serde_json::to_value(&found)?)?)?;
     } else {
         print(&mut out, &found)?;
+        if let Some(report) = &args.report {
+            writeln!(out, "report: {}", report.display())?;
+        }
     }
     drop(out);
     ensure!(
@@ -92,6 +108,22 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         }
     );
     Ok(())
+}
+
+/// Check, before the work, that the report can be written and would not replace a file of the survey.
+fn check_report(report: &Path, args: &Args, survey: &Survey) -> anyhow::Result<()> {
+    let shown = report.display();
+    let is_html = report.extension().is_some_and(|e| e.eq_ignore_ascii_case("html"));
+    ensure!(is_html || report.is_dir(), "{shown}: the file extension of the report must be .html");
+    let folder = report.parent().filter(|folder| !folder.as_os_str().is_empty());
+    if let Some(folder) = folder.filter(|folder| !folder.exists()) {
+        anyhow::bail!("{shown}: the folder {} does not exist; make it, or choose another one", folder.display());
+    }
+    let stations = survey.stations.iter();
+    let scans = stations.flat_map(|s| std::iter::once(&s.scan).chain(s.masks.iter().map(|mask| &mask.file)));
+    let own = scans.map(String::as_str).chain([survey::FILE, FILE]);
+    let own: Vec<PathBuf> = own.map(|file| args.survey.join(file)).collect();
+    check_output(report, args.force, own.iter().map(PathBuf::as_path))
 }
 
 fn print(out: &mut impl std::io::Write, found: &Registration) -> anyhow::Result<()> {

@@ -164,13 +164,50 @@ fn registered(folder: &Path) -> Registration {
         stations: vec![placed("west", Placement::Anchor, 0.0), placed("east", Placement::Surface, 1e-6)],
         unplaced: vec![Unplaced {
             name: "lost".to_owned(),
-            reason: "Two places fit <equally> well.".to_owned(),
+            reason: "it fits west in <2> different poses".to_owned(),
             candidates: Vec::new(),
-            remedy: "Scan once more from the door.".to_owned(),
+            remedy: "scan from a position between it and the others".to_owned(),
         }],
         links: vec![link],
-        weakest_chain: Vec::new(),
+        weakest_chain: ["west", "east"].map(str::to_owned).to_vec(),
         ..Registration::empty()
+    }
+}
+
+#[tokio::test]
+async fn links_are_listed_with_their_residuals_and_the_weakest_chain_is_drawn() {
+    let (_dir, folder) = survey();
+    add(&folder, "far", &room(60, 40, [16.0, 0.0], false));
+    let mut found = registered(&folder);
+    let pose = Survey::open(&folder).unwrap().station("far").unwrap().pose.unwrap();
+    let far = Placed { name: "far".to_owned(), translation: pose.translation.to_array(), ..found.stations[1].clone() };
+    found.stations.push(far);
+    let stations = ["east", "far"].map(str::to_owned);
+    let sigma = Some([0.0004, 1e-4]);
+    found.links.push(Link { stations, overlap: 0.31, samples: 100, residual: 0.0101, contradicted: 0.012, sigma });
+    found.save(&folder).unwrap();
+    let (app, _) = serve(&folder);
+    let html = get(&app, "/").await.text();
+    let rows: Vec<&str> = html.split("id=\"links\"").nth(1).unwrap().split("<tr role=\"row\">").skip(2).collect();
+    assert!(
+        rows.len() == 2 && rows[0].contains("<bdi>east</bdi> – <bdi>far</bdi>"),
+        "largest residual first: {rows:?}"
+    );
+    for part in ["grade-3", "10.1 mm", ">100<", "31 %", "1.2 %", "0.40 mm; 0.0057°"] {
+        assert!(rows[0].contains(part), "{part}: {}", rows[0]);
+    }
+    assert!(rows[1].contains("grade-0") && rows[1].contains("50 %") && rows[1].contains(">–<"), "{}", rows[1]);
+    let plan = html.split("<svg class=\"content\"").nth(1).unwrap().split("</svg>").next().unwrap();
+    assert_eq!(plan.matches("<line class=\"chain\"").count(), 1, "{plan}");
+    assert!(html.contains("Weakest chain: <bdi>west</bdi> – <bdi>east</bdi>"), "{html}");
+    for (language, text) in [("fr", "10,1 mm"), ("pt", "Cadeia mais fraca"), ("sw", "Mwingiliano"), ("ar", "التداخل")]
+    {
+        assert!(get(&app, &format!("/?lang={language}")).await.text().contains(text), "{language}");
+    }
+    let css = get(&app, "/survey.css").await.text();
+    for grade in 1..4 {
+        let rule = css.split(&format!(".grade-{grade} {{")).nth(1).unwrap().split('}').next().unwrap();
+        assert!(rule.contains("stroke-dasharray"), "grades differ by more than their colours: {rule}");
     }
 }
 
@@ -201,7 +238,8 @@ async fn what_a_registration_found_is_on_the_page() {
     };
     assert!(cells("west").contains(">anchor</td>") && cells("west").contains(">–</bdi>"), "{}", cells("west"));
     assert!(cells("east").contains(">surface</td>") && cells("east").contains("1.00 mm; 0.057°"), "{}", cells("east"));
-    assert!(html.contains("Two places fit &lt;equally&gt; well.") && html.contains("Scan once more from the door."));
+    assert!(html.contains("Reason: <bdi lang=\"en\">it fits west in &lt;2&gt; different poses</bdi>"), "{html}");
+    assert!(html.contains("What to do: <bdi lang=\"en\">scan from a position between it and the others</bdi>"));
     assert!(html.contains("id=\"refused\"") && !html.contains("id=\"unknown\""), "each station once");
     assert!(!html.contains("style="), "nothing that the policy forbids");
     for (language, text) in [("fr", "1,00 mm"), ("pt", "Desvio padrão"), ("sw", "nanga"), ("ar", "محطة مرجعية")]

@@ -23,8 +23,6 @@ const STYLE: &str = include_str!("report.css");
 const PICTURE: u32 = 800;
 /// Quality of their JPEG, of 100.
 const QUALITY: u8 = 82;
-/// Candidates of a station that are shown.
-const CANDIDATES: usize = 5;
 /// 95 % of a normal distribution in two dimensions lie within so many standard deviations: the root of the χ² with two degrees of freedom.
 const WITHIN_95: f64 = 2.447_746_830_680_816;
 /// The largest ellipse is at most so large: part of the longer side of the plan.
@@ -89,6 +87,8 @@ struct StationRow<'a> {
 
 struct LinkRow<'a> {
     names: [&'a str; 2],
+    /// As in [`Grades`].
+    grade: usize,
     numbers: [String; 6],
 }
 
@@ -99,8 +99,6 @@ struct Refused<'a> {
     remedy: &'a str,
     picture: Result<Picture, String>,
     candidates: Vec<CandidateRow<'a>>,
-    /// How many more candidates there were.
-    more: usize,
 }
 
 struct Picture {
@@ -124,9 +122,10 @@ struct CandidateRow<'a> {
 pub(crate) fn html(folder: &Path, survey: &Survey, found: &Registration) -> anyhow::Result<String> {
     let mut links: Vec<&Link> = found.links.iter().collect();
     links.sort_by(|a, b| b.residual.total_cmp(&a.residual).then_with(|| a.stations.cmp(&b.stations)));
+    let rows = Grades::of(&found.links).map(|grades| links.into_iter().map(|link| link_row(link, grades)).collect());
     let unplaced = found.unplaced.iter().map(|one| refused(folder, survey, one));
     let chain = (found.weakest_chain.len() > 1).then(|| {
-        format!("Weakest chain, from what is given to the least certain station: {}.", found.weakest_chain.join(" → "))
+        format!("Weakest chain, from a given pose to the least certain station: {}.", found.weakest_chain.join(" → "))
     });
     Ok(render(&Page {
         style: STYLE,
@@ -136,7 +135,7 @@ pub(crate) fn html(folder: &Path, survey: &Survey, found: &Registration) -> anyh
         chain,
         unplaced: unplaced.collect::<anyhow::Result<_>>()?,
         stations: found.stations.iter().map(station_row).collect(),
-        links: links.into_iter().map(link_row).collect(),
+        links: rows.unwrap_or_default(),
     }))
 }
 
@@ -144,18 +143,18 @@ pub(crate) fn html(folder: &Path, survey: &Survey, found: &Registration) -> anyh
 fn summary(found: &Registration) -> String {
     let (placed, refused) = (found.stations.len(), found.unplaced.len());
     let all = counted((placed + refused) as u64, "station", "stations");
+    let verb = |count: usize| if count == 1 { "is" } else { "are" };
     let mut text = match (placed, refused) {
         (0, 0) => return "The survey has no stations.".to_owned(),
-        (0, _) => format!("None of {all} could be placed."),
+        (0, _) => format!("None of the {all} could be placed."),
         (1, 0) => "The only station has a pose.".to_owned(),
         (_, 0) => format!("All {all} are placed."),
-        (1, _) => format!("1 of {all} is placed, {refused} not."),
-        _ => format!("{placed} of {all} are placed, {refused} not."),
+        _ => format!("{placed} of {all} {} placed, {refused} {} not.", verb(placed), verb(refused)),
     };
     if let Some(weakest) = weakest(found) {
         let [metres, radians] = weakest.sigma();
         text += &format!(
-            " The least certain is {}: the standard deviation of its position is {} mm, that of its rotation {}°.",
+            " The least certain is {}, with standard deviations of {} mm (position) and {}° (rotation).",
             weakest.name,
             millimetres(metres),
             degrees(radians)
@@ -194,11 +193,12 @@ fn station_row(placed: &Placed) -> StationRow<'_> {
     }
 }
 
-fn link_row(link: &Link) -> LinkRow<'_> {
+fn link_row(link: &Link, grades: Grades) -> LinkRow<'_> {
     let none = || "–".to_owned();
     let [metres, radians] = link.sigma.map_or_else(|| [none(), none()], |[m, r]| [millimetres(m), degrees(r)]);
     LinkRow {
         names: [&link.stations[0], &link.stations[1]],
+        grade: grades.residual(link),
         numbers: [
             millimetres(link.residual),
             grouped(link.samples),
@@ -216,8 +216,7 @@ fn refused<'a>(folder: &Path, survey: &Survey, one: &'a Unplaced) -> anyhow::Res
         reason: &one.reason,
         remedy: &one.remedy,
         picture: picture(folder, survey, &one.name)?,
-        candidates: one.candidates.iter().take(CANDIDATES).map(candidate_row).collect(),
-        more: one.candidates.len().saturating_sub(CANDIDATES),
+        candidates: one.candidates.iter().map(candidate_row).collect(),
     })
 }
 

@@ -1,7 +1,7 @@
 //! The page of a survey: its plan, and the list of its stations.
 
 use super::plan::{Drawing, Known, Plan, heading};
-use super::registered::{self, Certainty, Found, Line, Refused};
+use super::registered::{self, Certainty, Found, Line, LinkRow, Refused};
 use crate::portal::frame::{Reader, Top};
 use crate::portal::language::Language;
 use askama::Template;
@@ -59,6 +59,7 @@ struct Page<'a> {
     /// Addresses and names of other stations that are not on the plan.
     unknown: Vec<(String, &'a str)>,
     rows: Vec<Row<'a>>,
+    links: Vec<LinkRow<'a>>,
     has_instruments: bool,
     is_registered: bool,
 }
@@ -71,6 +72,10 @@ struct Shown<'a> {
     background: String,
     drawing: Drawing<'a>,
     bar: Bar,
+    /// Ends of the links of the weakest chain.
+    chain: Vec<[String; 4]>,
+    /// Stations of the weakest chain.
+    chain_names: &'a [String],
     links: Vec<Line>,
     /// Grades of residuals and their bounds.
     legend: Vec<(usize, String)>,
@@ -130,6 +135,7 @@ pub(crate) fn page(
         refused: refused.into_iter().map(|one| (address(one.name, reader), one)).collect(),
         unknown,
         rows: stations.iter().map(|known| row(*known, found, reader)).collect(),
+        links: found.map(|found| registered::link_rows(found, l)).unwrap_or_default(),
         has_instruments: survey.stations.iter().any(|station| station.instrument.is_some()),
         is_registered: found.is_some(),
     })
@@ -150,7 +156,7 @@ fn same_poses(survey: &Survey) -> usize {
     counts.into_values().filter(|count| *count > 1).sum()
 }
 
-fn shown<'a>(plan: &Plan, survey: &'a Survey, found: Option<&Registration>, l: &'static Language) -> Shown<'a> {
+fn shown<'a>(plan: &Plan, survey: &'a Survey, found: Option<&'a Registration>, l: &'static Language) -> Shown<'a> {
     let drawing = plan.drawing(survey);
     let [width, height] = drawing.size;
     let bar = &drawing.bar;
@@ -160,11 +166,14 @@ fn shown<'a>(plan: &Plan, survey: &'a Survey, found: Option<&Registration>, l: &
         text: metres(bar.metres, l),
     };
     let (links, legend) = found.map(|found| registered::links(found, plan, survey, l)).unwrap_or_default();
+    let chain = found.map(|found| registered::chain(found, plan, survey)).unwrap_or_default();
     Shown {
         width: format!("{:.1}", width.min(LONGER)),
         height: format!("{:.1}", height.min(LONGER)),
         background: format!("/plan.png?state={}", &plan.key[..12]),
         bar,
+        chain_names: found.filter(|_| !chain.is_empty()).map(|found| &*found.weakest_chain).unwrap_or_default(),
+        chain,
         links,
         legend,
         drawing,

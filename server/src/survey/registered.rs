@@ -43,6 +43,21 @@ pub(crate) struct Line {
     pub(crate) what: String,
 }
 
+/// The links of the weakest chain, as ends of lines.
+pub(crate) fn chain(found: &Registration, plan: &Plan, survey: &Survey) -> Vec<[String; 4]> {
+    let line = |pair: &[String]| {
+        let [[x1, y1], [x2, y2]] = [end(found, plan, survey, &pair[0])?, end(found, plan, survey, &pair[1])?];
+        Some([x1, y1, x2, y2].map(text))
+    };
+    found.weakest_chain.windows(2).filter_map(line).collect()
+}
+
+/// Where a station is on the plan; `None` if its pose is not the one that was found.
+fn end(found: &Registration, plan: &Plan, survey: &Survey, name: &str) -> Option<[f64; 2]> {
+    let station = survey.stations.iter().find(|station| station.name == name)?;
+    found.of(station).and(station.pose).map(|pose| plan.at(pose.translation))
+}
+
 /// Links on the plan, and the grades of their residuals with their bounds. Links of stations whose poses were changed since are left out.
 pub(crate) fn links(
     found: &Registration,
@@ -51,10 +66,7 @@ pub(crate) fn links(
     l: &'static Language,
 ) -> (Vec<Line>, Vec<(usize, String)>) {
     let Some(grades) = Grades::of(&found.links) else { return (Vec::new(), Vec::new()) };
-    let end = |name: &str| {
-        let station = survey.stations.iter().find(|station| station.name == name)?;
-        found.of(station).and(station.pose).map(|pose| plan.at(pose.translation))
-    };
+    let end = |name: &str| end(found, plan, survey, name);
     let mut sorted: Vec<&Link> = found.links.iter().collect();
     // The worst ones lie on top.
     sorted.sort_by(|a, b| a.residual.total_cmp(&b.residual));
@@ -73,6 +85,36 @@ pub(crate) fn links(
     let [first, second, third] = grades.bounds().map(|bound| millimetres(bound, l));
     let legend = [format!("≤ {first}"), format!("≤ {second}"), format!("≤ {third}"), format!("> {third}")];
     (lines, (0..).zip(legend).collect())
+}
+
+/// A link in the list.
+pub(crate) struct LinkRow<'a> {
+    pub(crate) names: [&'a str; 2],
+    /// As in [`Grades`].
+    pub(crate) grade: usize,
+    pub(crate) residual: String,
+    pub(crate) samples: String,
+    pub(crate) overlap: String,
+    pub(crate) contradicted: String,
+    /// Standard deviations of the position and the rotation of one station relative to the other.
+    pub(crate) sigma: Option<String>,
+}
+
+/// All links, the largest residual first.
+pub(crate) fn link_rows<'a>(found: &'a Registration, l: &'static Language) -> Vec<LinkRow<'a>> {
+    let Some(grades) = Grades::of(&found.links) else { return Vec::new() };
+    let mut sorted: Vec<&Link> = found.links.iter().collect();
+    sorted.sort_by(|a, b| b.residual.total_cmp(&a.residual).then_with(|| a.stations.cmp(&b.stations)));
+    let row = |link: &'a Link| LinkRow {
+        names: link.stations.each_ref().map(String::as_str),
+        grade: grades.residual(link),
+        residual: millimetres(link.residual, l),
+        samples: l.count(link.samples),
+        overlap: percent(link.overlap, l),
+        contradicted: percent(link.contradicted, l),
+        sigma: link.sigma.map(|sigma| deviations(sigma, l)),
+    };
+    sorted.into_iter().map(row).collect()
 }
 
 /// What a station's pose rests on, and its standard deviations.
@@ -94,12 +136,22 @@ pub(crate) fn certainty(found: &Registration, station: &Station, l: &'static Lan
         Placement::Control => ("surveyByControl", false),
         Placement::Surface => ("surveyBySurface", false),
     };
-    let [metres, radians] = placed.sigma();
+    let sigma = (!is_given).then(|| deviations(placed.sigma(), l));
+    Some(Certainty { placement: l.t(key), sigma })
+}
+
+/// Standard deviations of a position, metres, and of a rotation, radians.
+fn deviations([metres, radians]: [f64; 2], l: &'static Language) -> String {
     let degrees = radians.to_degrees();
     let digits = if degrees >= 0.01 { 3 } else { 4 };
-    let angle = l.decimals(&format!("{degrees:.digits$}"));
-    let sigma = (!is_given).then(|| format!("{}; {angle}°", millimetres(metres, l)));
-    Some(Certainty { placement: l.t(key), sigma })
+    format!("{}; {}°", millimetres(metres, l), l.decimals(&format!("{degrees:.digits$}")))
+}
+
+/// A share; small ones with a digit more.
+fn percent(share: f64, l: &'static Language) -> String {
+    let value = share * 100.0;
+    let digits = usize::from(value > 0.0 && value < 9.95);
+    format!("{} %", l.decimals(&format!("{value:.digits$}")))
 }
 
 /// A station that could not be placed, and why: sentences of the program.

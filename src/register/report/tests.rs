@@ -49,9 +49,9 @@ fn found() -> Registration {
     };
     let refused = |name: &str| Unplaced {
         name: name.to_owned(),
-        reason: "Two places fit equally well.".to_owned(),
-        candidates: ["hall", "hall", "yard <b>", "hall", "hall", "hall", "hall"].map(candidate).to_vec(),
-        remedy: "Scan from the door & register again.".to_owned(),
+        reason: "it fits hall in 2 different poses".to_owned(),
+        candidates: ["hall", "yard <b>"].map(candidate).to_vec(),
+        remedy: "scan from the door & register again".to_owned(),
     };
     Registration {
         stations: vec![
@@ -78,7 +78,7 @@ fn page() -> String {
 #[test]
 fn the_report_sums_up_and_lists_stations_and_links_worst_first() {
     let page = page();
-    let summary = "3 of 5 stations are placed, 2 not. The least certain is yard &lt;b&gt;: the standard deviation of its position is 1.41 mm, that of its rotation 0.011°.";
+    let summary = "3 of 5 stations are placed, 2 are not. The least certain is yard &lt;b&gt;, with standard deviations of 1.41 mm (position) and 0.011° (rotation).";
     assert!(page.contains(summary), "{page}");
     assert!(
         page.contains("<td class=\"word\">anchor</td>")
@@ -127,6 +127,21 @@ fn the_plan_shows_ellipses_links_and_the_weakest_chain() {
 }
 
 #[test]
+fn residuals_differ_by_more_than_their_colours() {
+    for grade in 1..4 {
+        let rule = STYLE.split(&format!(".grade-{grade} {{")).nth(1).unwrap().split('}').next().unwrap();
+        assert!(rule.contains("stroke-dasharray"), "{rule}");
+    }
+    let page = page();
+    let legend = page.split("<ul class=\"legend\">").nth(1).unwrap().split("</ul>").next().unwrap();
+    for text in ["residual to 1.10 mm (the median)", "to 1.65 mm", "to 2.20 mm", "above 2.20 mm"] {
+        assert!(legend.contains(text), "{legend}");
+    }
+    let row = page.split("<td class=\"grade\">").nth(1).unwrap();
+    assert!(row.contains("grade-3") && row.split("</tr>").next().unwrap().contains("<td>10.1</td>"), "{row}");
+}
+
+#[test]
 fn an_ellipse_lies_along_the_less_certain_direction() {
     let mut station = placed("a", Placement::Surface, [0.0; 3], [0.001; 3], 0.0);
     let (long, short, _) = ellipse(&station).unwrap();
@@ -142,12 +157,13 @@ fn an_ellipse_lies_along_the_less_certain_direction() {
 #[test]
 fn stations_that_were_not_placed_have_their_reason_picture_and_candidates() {
     let page = page();
-    assert!(page.contains("Two places fit equally well.") && page.contains("Scan from the door &amp; register again."));
+    assert!(page.contains("</strong> it fits hall in 2 different poses.</p>"));
+    assert!(page.contains("</strong> scan from the door &amp; register again.</p>"));
     let data = page.split("data:image/jpeg;base64,").nth(1).unwrap().split('"').next().unwrap();
     let picture = image::load_from_memory(&STANDARD.decode(data).unwrap()).unwrap();
     assert_eq!((picture.width(), picture.height()), (450, 20), "every second cell: at most 800 pixels");
     assert!(page.contains("There is no picture of this station: "), "`lost` is not in the survey");
-    assert!(page.contains("Candidates, best first (2 more in registration.json)"));
+    assert!(page.contains("<tr><th scope=\"row\"><bdi>hall</bdi></th>"));
     assert!(page.contains("<td>1.0000</td><td>−2.5000</td><td>0.0000</td><td>90.0°</td><td>31 %</td><td>90 %</td><td>0 %</td><td>4.20</td>"), "{page}");
 }
 
@@ -166,7 +182,10 @@ fn a_survey_without_a_single_pose_has_no_plan() {
     let (dir, survey) = survey();
     let none = Registration { unplaced: found().unplaced, ..Registration::empty() };
     let page = html(&dir.path().join("survey"), &survey, &none).unwrap();
-    assert!(page.contains("None of 2 stations could be placed.") && !page.contains("<svg class=\"plan\""), "{page}");
+    assert!(
+        page.contains("None of the 2 stations could be placed.") && !page.contains("<svg class=\"plan\""),
+        "{page}"
+    );
 }
 
 #[test]
