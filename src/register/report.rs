@@ -154,7 +154,7 @@ fn summary(found: &Registration) -> String {
     if let Some(weakest) = weakest(found) {
         let [metres, radians] = weakest.sigma();
         text += &format!(
-            " The least certain is {}, with standard deviations of {} mm (position) and {}° (rotation).",
+            " The least certain is {}, with standard deviations of {}\u{a0}mm (position) and {}° (rotation).",
             weakest.name,
             millimetres(metres),
             degrees(radians)

@@ -78,7 +78,7 @@ fn page() -> String {
 #[test]
 fn the_report_sums_up_and_lists_stations_and_links_worst_first() {
     let page = page();
-    let summary = "3 of 5 stations are placed, 2 are not. The least certain is yard &lt;b&gt;, with standard deviations of 1.41 mm (position) and 0.011° (rotation).";
+    let summary = "3 of 5 stations are placed, 2 are not. The least certain is yard &lt;b&gt;, with standard deviations of 1.41\u{a0}mm (position) and 0.011° (rotation).";
     assert!(page.contains(summary), "{page}");
     assert!(
         page.contains("<td class=\"word\">anchor</td>")
