@@ -60,6 +60,7 @@ struct Page<'a> {
     unknown: Vec<(String, &'a str)>,
     rows: Vec<Row<'a>>,
     links: Vec<LinkRow<'a>>,
+    link_count: String,
     has_instruments: bool,
     is_registered: bool,
 }
@@ -123,6 +124,7 @@ pub(crate) fn page(
     let is_refused = |name: &str| refused.iter().any(|one| one.name == name);
     let unknown = survey.stations.iter().filter(|station| station.pose.is_none() && !is_refused(&station.name));
     let unknown = unknown.map(|station| (address(&station.name, reader), station.name.as_str())).collect();
+    let links = found.map(|found| registered::link_rows(found, l)).unwrap_or_default();
     render(&Page {
         top: reader.top(&|code| format!("/?lang={code}")),
         title: title(survey, l),
@@ -135,7 +137,8 @@ pub(crate) fn page(
         refused: refused.into_iter().map(|one| (address(one.name, reader), one)).collect(),
         unknown,
         rows: stations.iter().map(|known| row(*known, found, reader)).collect(),
-        links: found.map(|found| registered::link_rows(found, l)).unwrap_or_default(),
+        link_count: l.count(links.len() as u64),
+        links,
         has_instruments: survey.stations.iter().any(|station| station.instrument.is_some()),
         is_registered: found.is_some(),
     })
