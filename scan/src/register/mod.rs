@@ -10,6 +10,7 @@ mod apply;
 mod assemble;
 mod control;
 mod doubt;
+mod grade;
 mod group;
 mod known;
 mod pairs;
@@ -21,6 +22,7 @@ mod settle;
 mod view;
 
 pub use apply::apply;
+pub use grade::Grades;
 pub use residuals::{Residual, residuals, write_residuals};
 pub use result::{Candidate, FILE, Link, Placed, Placement, Registration, Stated, Unplaced};
 
