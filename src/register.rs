@@ -87,18 +87,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let found = register(&args.survey, &survey, &options, &Shown(&bar));
     bar.clear();
     let found = found?;
-    let mut out = crate::terminal::out();
-    if args.json {
-        writeln!(out, "{}", crate::terminal::json_line(&serde_json::to_value(&found)?)?)?;
-    } else {
-        print(&mut out, &found)?;
-    }
-    drop(out);
-    if !args.dry_run {
-        for sentence in apply(&args.survey, &survey, &found)? {
-            eprintln!("note: {sentence}");
-        }
-    }
+    // A closed pipe or a locked survey must not lose the other outputs: a run can take an hour.
+    let printed = print_result(args, &found);
+    let applied = if args.dry_run { Ok(Vec::new()) } else { apply(&args.survey, &survey, &found) };
     if let Some(report) = &args.report {
         NewFile::write(report, report::html(&args.survey, &survey, &found)?.as_bytes(), args.force)?;
         eprintln!("report: {}", report.display());
@@ -106,6 +97,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     if let Some(file) = &args.residuals {
         write_coloured(file, args, &survey, &found)?;
     }
+    for sentence in applied? {
+        eprintln!("note: {sentence}");
+    }
+    printed?;
     ensure!(
         found.unplaced.is_empty(),
         "{} could not be placed{}",
@@ -149,6 +144,15 @@ fn write_coloured(file: &Path, args: &Args, survey: &Survey, found: &Registratio
         file.display()
     );
     Ok(())
+}
+
+fn print_result(args: &Args, found: &Registration) -> anyhow::Result<()> {
+    let mut out = crate::terminal::out();
+    if args.json {
+        writeln!(out, "{}", crate::terminal::json_line(&serde_json::to_value(found)?)?)?;
+        return Ok(());
+    }
+    print(&mut out, found)
 }
 
 fn print(out: &mut impl std::io::Write, found: &Registration) -> anyhow::Result<()> {

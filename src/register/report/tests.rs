@@ -29,7 +29,15 @@ fn placed(name: &str, placement: Placement, at: [f64; 3], metres: [f64; 3], radi
         covariance[k + 3][k + 3] = metres[k] * metres[k];
     }
     let rotation = [1.0, 0.0, 0.0, 0.0];
-    Placed { name: name.to_owned(), placement, rotation, translation: at, covariance, stated: None }
+    Placed {
+        name: name.to_owned(),
+        placement,
+        rotation,
+        translation: at,
+        covariance,
+        stated: None,
+        scan: String::new(),
+    }
 }
 
 fn link(a: &str, b: &str, residual: f64, samples: u64) -> Link {
