@@ -81,22 +81,21 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let found = register(&args.survey, &survey, &options, &Shown(&bar));
     bar.clear();
     let found = found?;
-    if !args.dry_run {
-        apply(&args.survey, &found)?;
-    }
-    if let Some(report) = &args.report {
-        NewFile::write(report, report::html(&args.survey, &survey, &found)?.as_bytes(), args.force)?;
-    }
     let mut out = crate::terminal::out();
     if args.json {
         writeln!(out, "{}", crate::terminal::json_line(&serde_json::to_value(&found)?)?)?;
     } else {
         print(&mut out, &found)?;
-        if let Some(report) = &args.report {
-            writeln!(out, "report: {}", report.display())?;
-        }
     }
     drop(out);
+    let applied = if args.dry_run { Ok(Vec::new()) } else { apply(&args.survey, &survey, &found) };
+    // Even if the poses cannot be written: the run may have taken long.
+    if let Some(report) = &args.report {
+        NewFile::write(report, report::html(&args.survey, &survey, &found)?.as_bytes(), args.force)?;
+    }
+    for sentence in applied? {
+        eprintln!("note: {sentence}");
+    }
     ensure!(
         found.unplaced.is_empty(),
         "{} could not be placed{}",
@@ -144,6 +143,9 @@ fn print(out: &mut impl std::io::Write, found: &Registration) -> anyhow::Result<
         let [a, b] = &worst.stations;
         let links = counted(found.links.len() as u64, "link", "links");
         writeln!(out, "{links}; the largest residual is {:.1} mm, between {a} and {b}", 1e3 * worst.residual)?;
+    }
+    for note in &found.notes {
+        writeln!(out, "note: {note}")?;
     }
     if found.weakest_chain.len() > 1 {
         writeln!(out, "weakest chain: {}", found.weakest_chain.join(" – "))?;

@@ -156,7 +156,7 @@ fn registered(folder: &Path) -> Registration {
             row[k] = variance;
         }
         let (rotation, translation) = ([q.w, q.x, q.y, q.z], pose.translation.to_array());
-        Placed { name: name.to_owned(), placement, rotation, translation, covariance }
+        Placed { name: name.to_owned(), placement, rotation, translation, covariance, stated: None }
     };
     let stations = ["west", "east"].map(str::to_owned);
     let link = Link { stations, overlap: 0.5, samples: 1200, residual: 0.0023, contradicted: 0.0, sigma: None };

@@ -34,6 +34,8 @@ struct Page<'a> {
     style: &'static str,
     title: &'a str,
     summary: String,
+    /// What else the user should know.
+    notes: &'a [String],
     plan: Option<Plan<'a>>,
     chain: Option<String>,
     unplaced: Vec<Refused<'a>>,
@@ -131,6 +133,7 @@ pub(crate) fn html(folder: &Path, survey: &Survey, found: &Registration) -> anyh
         style: STYLE,
         title: survey.title.as_deref().filter(|title| !title.trim().is_empty()).unwrap_or("a survey"),
         summary: summary(found),
+        notes: &found.notes,
         plan: plan(survey, found),
         chain,
         unplaced: unplaced.collect::<anyhow::Result<_>>()?,
