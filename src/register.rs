@@ -7,7 +7,7 @@ use crate::progress::Bar;
 use anyhow::ensure;
 use kilwa_builder::Progress as _;
 use kilwa_pack::plural::counted;
-use kilwa_scan::register::{FILE, Options, Placement, Registration, apply, register};
+use kilwa_scan::register::{FILE, Options, Placement, Registration, apply, register, residuals, write_residuals};
 use kilwa_scan::survey::{self, Survey};
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
@@ -42,8 +42,11 @@ pub(crate) struct Args {
     /// Also write the report as an HTML page: plan, links, standard deviations, and a picture of each station that could not be placed.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
-    /// Replace an existing report.
-    #[arg(long, requires = "report")]
+    /// Also write evenly spread samples of the registered stations as a point cloud, coloured by their distance from what the other stations saw.
+    #[arg(long, value_name = "FILE.ply")]
+    residuals: Option<PathBuf>,
+    /// Replace an existing report and residuals.
+    #[arg(long)]
     force: bool,
 }
 
@@ -68,9 +71,12 @@ impl kilwa_scan::import::Progress for Shown<'_> {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let survey = Survey::open(&args.survey)?;
-    if let Some(report) = &args.report {
-        check_report(report, args, &survey)?;
+    for (file, extension) in [(&args.report, "html"), (&args.residuals, "ply")] {
+        if let Some(file) = file {
+            check_new(file, extension, args, &survey)?;
+        }
     }
+    ensure!(args.report.is_some() || args.residuals.is_some() || !args.force, "--force needs --report or --residuals");
     let options = Options {
         again: args.again,
         ignore_poses: args.ignore_poses,
@@ -96,6 +102,13 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     for sentence in applied? {
         eprintln!("note: {sentence}");
     }
+    if let Some(report) = &args.report {
+        NewFile::write(report, report::html(&args.survey, &survey, &found)?.as_bytes(), args.force)?;
+        eprintln!("report: {}", report.display());
+    }
+    if let Some(file) = &args.residuals {
+        write_coloured(file, args, &survey, &found)?;
+    }
     ensure!(
         found.unplaced.is_empty(),
         "{} could not be placed{}",
@@ -109,12 +122,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Check, before the work, that the report can be written and would not replace a file of the survey.
-fn check_report(report: &Path, args: &Args, survey: &Survey) -> anyhow::Result<()> {
-    let shown = report.display();
-    let is_html = report.extension().is_some_and(|e| e.eq_ignore_ascii_case("html"));
-    ensure!(is_html || report.is_dir(), "{shown}: the file extension of the report must be .html");
-    let folder = report.parent().filter(|folder| !folder.as_os_str().is_empty());
+/// Check, before the work, that a file can be written and would not replace a file of the survey.
+fn check_new(file: &Path, extension: &str, args: &Args, survey: &Survey) -> anyhow::Result<()> {
+    let shown = file.display();
+    let is_named = file.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
+    ensure!(is_named || file.is_dir(), "{shown}: the file extension must be .{extension}");
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
     if let Some(folder) = folder.filter(|folder| !folder.exists()) {
         anyhow::bail!("{shown}: the folder {} does not exist; make it, or choose another one", folder.display());
     }
@@ -122,7 +135,23 @@ fn check_report(report: &Path, args: &Args, survey: &Survey) -> anyhow::Result<(
     let scans = stations.flat_map(|s| std::iter::once(&s.scan).chain(s.masks.iter().map(|mask| &mask.file)));
     let own = scans.map(String::as_str).chain([survey::FILE, FILE]);
     let own: Vec<PathBuf> = own.map(|file| args.survey.join(file)).collect();
-    check_output(report, args.force, own.iter().map(PathBuf::as_path))
+    check_output(file, args.force, own.iter().map(PathBuf::as_path))
+}
+
+/// Write the residuals of all registered stations, and say what the colours mean.
+fn write_coloured(file: &Path, args: &Args, survey: &Survey, found: &Registration) -> anyhow::Result<()> {
+    let bar = Bar::new();
+    let all = residuals(&args.survey, survey, found, args.threads, &Shown(&bar));
+    bar.clear();
+    let mut bytes = Vec::new();
+    let most = write_residuals(&mut bytes, &all?)?;
+    NewFile::write(file, &bytes, args.force)?;
+    let millimetres = 1e3 * most;
+    eprintln!(
+        "residuals: {}, blue: {millimetres:.1} mm or more behind what other stations saw, red: in front of it",
+        file.display()
+    );
+    Ok(())
 }
 
 fn print(out: &mut impl std::io::Write, found: &Registration) -> anyhow::Result<()> {

@@ -59,6 +59,12 @@ fn ambiguous_stations_are_refused_and_control_points_resolve_the_ambiguity() {
     }
     assert!(std::fs::read_to_string(&toml).unwrap().contains("translation_sigma"));
     assert!(survey.join("registration.json").exists());
+    // With poses that stay, only the files are written.
+    let residuals = folder.path().join("residuals.ply");
+    let said = succeeds(&["register", text(&survey), "--residuals", text(&residuals)]);
+    assert!(said.contains("kept its pose") || said.contains("control points"), "{said}");
+    let bytes = std::fs::read(&residuals).unwrap();
+    assert!(String::from_utf8_lossy(&bytes[..400]).contains("property float residual"));
     let page = std::fs::read_to_string(&report).unwrap();
     assert!(page.contains("All 2 stations are placed.") && page.contains("<svg class=\"plan\""), "{page}");
 }
@@ -75,7 +81,7 @@ fn where_the_report_cannot_go_is_found_before_the_work() {
         (at("none/report.html"), false, "none does not exist"),
         (at("survey"), false, "is a folder"),
         (at("there.html"), false, "already exists; use --force"),
-        (survey.join("survey.toml"), true, "the file extension of the report must be .html"),
+        (survey.join("survey.toml"), true, "the file extension must be .html"),
         (at("same.html"), true, "an input of this command"),
     ] {
         let mut args = vec!["register", text(&survey), "--report", text(&report)];

@@ -124,7 +124,7 @@ pub(crate) fn page(
     let is_refused = |name: &str| refused.iter().any(|one| one.name == name);
     let unknown = survey.stations.iter().filter(|station| station.pose.is_none() && !is_refused(&station.name));
     let unknown = unknown.map(|station| (address(&station.name, reader), station.name.as_str())).collect();
-    let links = found.map(|found| registered::link_rows(found, l)).unwrap_or_default();
+    let links = found.map(|found| registered::link_rows(found, survey, l)).unwrap_or_default();
     render(&Page {
         top: reader.top(&|code| format!("/?lang={code}")),
         title: title(survey, l),

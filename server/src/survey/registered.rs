@@ -100,10 +100,11 @@ pub(crate) struct LinkRow<'a> {
     pub(crate) sigma: Option<String>,
 }
 
-/// All links, the largest residual first.
-pub(crate) fn link_rows<'a>(found: &'a Registration, l: &'static Language) -> Vec<LinkRow<'a>> {
+/// All links, the largest residual first, without those of stations whose poses were changed since.
+pub(crate) fn link_rows<'a>(found: &'a Registration, survey: &Survey, l: &'static Language) -> Vec<LinkRow<'a>> {
     let Some(grades) = Grades::of(&found.links) else { return Vec::new() };
-    let mut sorted: Vec<&Link> = found.links.iter().collect();
+    let is_current = |name: &String| survey.stations.iter().any(|s| s.name == *name && found.of(s).is_some());
+    let mut sorted: Vec<&Link> = found.links.iter().filter(|link| link.stations.iter().all(is_current)).collect();
     sorted.sort_by(|a, b| b.residual.total_cmp(&a.residual).then_with(|| a.stations.cmp(&b.stations)));
     let row = |link: &'a Link| LinkRow {
         names: link.stations.each_ref().map(String::as_str),
