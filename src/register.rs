@@ -94,13 +94,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         print(&mut out, &found)?;
     }
     drop(out);
-    let applied = if args.dry_run { Ok(Vec::new()) } else { apply(&args.survey, &survey, &found) };
-    // Even if the poses cannot be written: the run may have taken long.
-    if let Some(report) = &args.report {
-        NewFile::write(report, report::html(&args.survey, &survey, &found)?.as_bytes(), args.force)?;
-    }
-    for sentence in applied? {
-        eprintln!("note: {sentence}");
+    if !args.dry_run {
+        for sentence in apply(&args.survey, &survey, &found)? {
+            eprintln!("note: {sentence}");
+        }
     }
     if let Some(report) = &args.report {
         NewFile::write(report, report::html(&args.survey, &survey, &found)?.as_bytes(), args.force)?;
