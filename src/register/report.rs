@@ -156,12 +156,13 @@ fn summary(found: &Registration) -> String {
     };
     if let Some(weakest) = weakest(found) {
         let [metres, radians] = weakest.sigma();
-        text += &format!(
+        let deviations = format!(
             " The least certain is {}, with standard deviations of {}\u{a0}mm (position) and {}° (rotation).",
             weakest.name,
             millimetres(metres),
             degrees(radians)
         );
+        text.push_str(&deviations);
     }
     text
 }
@@ -269,7 +270,7 @@ fn picture(folder: &Path, survey: &Survey, name: &str) -> anyhow::Result<Result<
 
 /// What is where; `None` where no station has a place.
 fn plan<'a>(survey: &Survey, found: &'a Registration) -> Option<Plan<'a>> {
-    let places: Vec<DVec2> = found.stations.iter().map(|placed| place(placed)).collect();
+    let places: Vec<DVec2> = found.stations.iter().map(place).collect();
     let [min, max] = around(&places)?;
     let scale = LONGER / (max - min).max_element();
     let [width, height] = ((max - min) * scale).to_array();
