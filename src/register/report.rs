@@ -34,6 +34,8 @@ struct Page<'a> {
     style: &'static str,
     title: &'a str,
     summary: String,
+    /// What else the user should know.
+    notes: &'a [String],
     plan: Option<Plan<'a>>,
     chain: Option<String>,
     unplaced: Vec<Refused<'a>>,
@@ -131,6 +133,7 @@ pub(crate) fn html(folder: &Path, survey: &Survey, found: &Registration) -> anyh
         style: STYLE,
         title: survey.title.as_deref().filter(|title| !title.trim().is_empty()).unwrap_or("a survey"),
         summary: summary(found),
+        notes: &found.notes,
         plan: plan(survey, found),
         chain,
         unplaced: unplaced.collect::<anyhow::Result<_>>()?,
@@ -153,12 +156,13 @@ fn summary(found: &Registration) -> String {
     };
     if let Some(weakest) = weakest(found) {
         let [metres, radians] = weakest.sigma();
-        text += &format!(
+        let deviations = format!(
             " The least certain is {}, with standard deviations of {}\u{a0}mm (position) and {}° (rotation).",
             weakest.name,
             millimetres(metres),
             degrees(radians)
         );
+        text.push_str(&deviations);
     }
     text
 }
@@ -266,7 +270,7 @@ fn picture(folder: &Path, survey: &Survey, name: &str) -> anyhow::Result<Result<
 
 /// What is where; `None` where no station has a place.
 fn plan<'a>(survey: &Survey, found: &'a Registration) -> Option<Plan<'a>> {
-    let places: Vec<DVec2> = found.stations.iter().map(|placed| place(placed)).collect();
+    let places: Vec<DVec2> = found.stations.iter().map(place).collect();
     let [min, max] = around(&places)?;
     let scale = LONGER / (max - min).max_element();
     let [width, height] = ((max - min) * scale).to_array();

@@ -74,6 +74,7 @@ fn found() -> Registration {
             link("room", "yard <b>", 0.001, 5000),
         ],
         weakest_chain: ["hall", "room", "yard <b>"].map(str::to_owned).to_vec(),
+        notes: vec!["the pose of <b> is not used".to_owned()],
         ..Registration::empty()
     }
 }
@@ -88,6 +89,7 @@ fn the_report_sums_up_and_lists_stations_and_links_worst_first() {
     let page = page();
     let summary = "3 of 5 stations are placed, 2 are not. The least certain is yard &lt;b&gt;, with standard deviations of 1.41\u{a0}mm (position) and 0.011° (rotation).";
     assert!(page.contains(summary), "{page}");
+    assert!(page.contains("Note:</strong> the pose of &lt;b&gt; is not used.</p>"), "{page}");
     assert!(
         page.contains("<td class=\"word\">anchor</td>")
             && page.contains("<td>10.0000</td><td>8.0000</td><td>0.5000</td><td>0.50</td>")
