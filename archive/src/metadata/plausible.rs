@@ -128,6 +128,7 @@ mod tests {
             tool: String::new(),
             options: std::collections::BTreeMap::new(),
             capture_accuracy: None,
+            capture_parts: None,
             repairs: std::collections::BTreeMap::new(),
         }
     }

@@ -28,6 +28,18 @@ pub struct SourceFile {
     pub sha256: String,
 }
 
+/// What the capture accuracy consists of: standard uncertainties of a coordinate, metres.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct CaptureParts {
+    /// Because of the poses of the stations. The channel [`REGISTRATION`], if there is one, has it for every vertex.
+    pub registration: f64,
+    /// Because of the noise of the instruments.
+    pub instrument: f64,
+}
+
+/// The name of the scalar channel with the part of the capture accuracy that is due to registration, metres.
+pub const REGISTRATION: &str = "registration";
+
 /// What the pack says of itself. Lengths in metres, world coordinates, f64.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Metadata {
@@ -66,6 +78,9 @@ pub struct Metadata {
     /// Standard uncertainty of the capture, metres, where known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub capture_accuracy: Option<f64>,
+    /// What this consists of, where known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub capture_parts: Option<CaptureParts>,
     /// What reading and building repaired or dropped: reason to count. Empty means nothing.
     #[serde(default)]
     pub repairs: std::collections::BTreeMap<String, u64>,
