@@ -44,9 +44,8 @@ impl Merging {
         if registration.is_none() && stated.iter().all(Option::is_none) {
             return String::new();
         }
-        let mut hasher = blake3::Hasher::new();
-        hasher.update(format!("{stated:?}").as_bytes()).update(&registration.unwrap_or_default());
-        format!(" poses {}", hasher.finalize().to_hex())
+        let all = [registration.unwrap_or_default(), format!("{stated:?}").into_bytes()].concat();
+        format!(" poses {:?}", kilwa_pack::checksum(&all))
     }
 
     /// The figures of the merge for machines, once it is done.

@@ -127,7 +127,7 @@ pub fn survey(
     if let Some(visitor) = visitor {
         known.visit(work, visitor)?;
     }
-    Ok(known.surface(Vec::new()))
+    Ok(known.surface(Provenance::default()))
 }
 
 /// Sees the triangles of a mesh, region by region.

@@ -63,7 +63,7 @@ pub struct Surface {
     /// The files that it came from.
     pub sources: Vec<SourceFile>,
     /// The accuracy of the capture, if the inputs state it.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "Option::is_none")]
     pub capture: Option<Capture>,
     /// What reading and preparing found: kind, count and first places.
     #[serde(rename = "findings")]
