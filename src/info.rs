@@ -169,8 +169,9 @@ fn words(info: &Info<'_>, header: &Header) -> String {
     line("median edge", metres(m.median_edge));
     if let Some(accuracy) = m.capture_accuracy {
         let standard = format!("{} (standard uncertainty of the capture", metres(accuracy));
-        let parts = m.capture_parts.map(|parts| {
-            format!(": registration {}, instrument {}", metres(parts.registration), metres(parts.instrument))
+        let parts = m.capture_parts().map(|parts| {
+            let [registration, instrument] = parts.map(metres);
+            format!(": registration {registration}, instrument {instrument}")
         });
         line("accuracy", format!("{standard}{})", parts.unwrap_or_default()));
     }

@@ -388,7 +388,7 @@ pub(crate) fn figures(report: &Report) -> Value {
             Light::Normalised { .. } => "normalised".into(),
             Light::Raw | Light::Unknown | Light::Negative => "raw".into(),
         },
-        "accuracy": accuracy::figures(&report.accuracy),
+        "capture": accuracy::figures(&report.accuracy),
         "holes": holes::summary(&report.borders),
         "filled": report.filled.as_ref().map(holes::filled_summary),
     })

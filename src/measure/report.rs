@@ -3,7 +3,6 @@
 use super::Subject;
 use super::place::distances;
 use kilwa_measure::{Leaves, Outcome, Uncertainty};
-use kilwa_pack::metadata::CaptureParts;
 use kilwa_pack::plural::{counted, plural};
 use serde_json::{Value, json};
 use std::io::Write;
@@ -64,8 +63,8 @@ fn away(outcome: &Outcome) -> Vec<f64> {
 fn parts(u: &Uncertainty) -> String {
     let lattice = format!("lattice {:.3e} m", u.lattice);
     let pointing = (u.pointing > 0.0).then(|| format!("pointing {} m", u.pointing));
-    let capture = u.capture.map(|c| match u.capture_parts {
-        Some(CaptureParts { registration, instrument }) => {
+    let capture = u.capture.map(|c| match u.registration.zip(u.instrument) {
+        Some((registration, instrument)) => {
             let [all, registration, instrument] = [c, registration, instrument].map(millimetres);
             format!("capture {all} (registration {registration}, instrument {instrument})")
         }

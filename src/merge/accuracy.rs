@@ -2,7 +2,6 @@
 
 use crate::info::metres;
 use kilwa_builder::Capture;
-use kilwa_pack::metadata::CaptureParts;
 use kilwa_scan::merge::{Accuracy, Parts};
 use kilwa_scan::register;
 use serde_json::{Value, json};
@@ -11,10 +10,10 @@ use serde_json::{Value, json};
 /// coordinate.
 pub(crate) fn capture(accuracy: &Accuracy) -> Option<Capture> {
     let Accuracy::Known(Parts { registration, instrument }) = *accuracy else { return None };
-    let parts = CaptureParts { registration: three_digits(registration), instrument: three_digits(instrument) };
-    let accuracy = three_digits(registration.hypot(instrument));
+    let [accuracy, registration, instrument] =
+        [registration.hypot(instrument), registration, instrument].map(three_digits);
     // An accuracy of 0 m would be that of a surface that is not measured.
-    (accuracy > 0.0).then_some(Capture { accuracy, parts })
+    (accuracy > 0.0).then_some(Capture { accuracy, registration, instrument })
 }
 
 fn three_digits(x: f64) -> f64 {
@@ -23,8 +22,9 @@ fn three_digits(x: f64) -> f64 {
 
 /// A sentence about it, without a full stop; `None` if there is nothing to report.
 pub(crate) fn sentence(accuracy: &Accuracy) -> Option<String> {
-    if let Some(capture) = capture(accuracy) {
-        return Some(format!("capture accuracy {}", words(capture.accuracy, capture.parts)));
+    if let Some(Capture { accuracy, registration, instrument }) = capture(accuracy) {
+        let [accuracy, registration, instrument] = [accuracy, registration, instrument].map(metres);
+        return Some(format!("capture accuracy {accuracy} (registration {registration}, instrument {instrument})"));
     }
     let Accuracy::Incomplete(poses) = accuracy else { return None };
     let named = |was_changed: bool| {
@@ -46,12 +46,6 @@ pub(crate) fn sentence(accuracy: &Accuracy) -> Option<String> {
     Some(format!("capture accuracy unknown: {}", reasons.join("; ")))
 }
 
-/// `3.12 mm (registration 2.00 mm, instrument 2.40 mm)`.
-pub(crate) fn words(accuracy: f64, parts: CaptureParts) -> String {
-    let CaptureParts { registration, instrument } = parts;
-    format!("{} (registration {}, instrument {})", metres(accuracy), metres(registration), metres(instrument))
-}
-
 /// For machines.
 pub(crate) fn figures(accuracy: &Accuracy) -> Value {
     match accuracy {
@@ -60,9 +54,6 @@ pub(crate) fn figures(accuracy: &Accuracy) -> Value {
             let pose = |pose: &kilwa_scan::merge::UnknownPose| json!({ "station": pose.station, "was_changed": pose.was_changed });
             json!({ "unknown_poses": poses.iter().map(pose).collect::<Vec<_>>() })
         }
-        Accuracy::Known(_) => capture(accuracy).map_or(
-            Value::Null,
-            |capture| json!({ "capture_accuracy": capture.accuracy, "capture_parts": capture.parts }),
-        ),
+        Accuracy::Known(_) => json!(capture(accuracy)),
     }
 }

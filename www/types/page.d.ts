@@ -26,7 +26,8 @@ export interface PackInfo {
     sources: { name: string; bytes: number; sha256: string }[];
     tool: string;
     capture_accuracy?: number | null;
-    capture_parts?: CaptureParts;
+    capture_registration?: number;
+    capture_instrument?: number;
     repairs: Record<string, number>;
   };
   pack: {
@@ -235,19 +236,14 @@ export interface MeasureTool {
   steps?: (string | null)[];
 }
 
-/** What the uncertainty of a capture consists of, metres. */
-export interface CaptureParts {
-  registration: number;
-  instrument: number;
-}
-
 /** Standard uncertainty by source, metres; capture is null where nobody knows it. */
 export interface Uncertainty {
   lattice: number;
   level: number;
   capture: number | null;
-  /** What it consists of, where known. */
-  capture_parts?: CaptureParts;
+  /** The parts of the capture, where known; the registration is that of the least certain point. */
+  registration?: number;
+  instrument?: number;
   /** Of the least exactly picked point; absent where no point was picked on a picture. */
   pointing?: number;
 }

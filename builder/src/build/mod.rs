@@ -31,7 +31,7 @@ use crate::scratch::{Scratch, ScratchError};
 use glam::{DVec3, Vec3};
 use kilwa_formats::RawMesh;
 use kilwa_formats::Up;
-use kilwa_pack::metadata::{CaptureParts, SourceFile};
+use kilwa_pack::metadata::SourceFile;
 use serde_json::Value;
 use std::collections::{BTreeMap, BTreeSet};
 use std::io::{Seek, Write};
@@ -66,8 +66,10 @@ pub struct Provenance {
 pub struct Capture {
     /// Standard uncertainty of a coordinate, metres.
     pub accuracy: f64,
-    /// What it consists of.
-    pub parts: CaptureParts,
+    /// The part of it that is due to the poses of the stations, metres.
+    pub registration: f64,
+    /// The part of it that is due to the noise of the instruments, metres.
+    pub instrument: f64,
 }
 
 /// Where the mesh comes from.

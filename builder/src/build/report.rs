@@ -152,7 +152,8 @@ pub(crate) fn metadata(s: &Surface, options: &BuildOptions) -> Metadata {
         tool: format!("kilwa {}", env!("CARGO_PKG_VERSION")),
         options: shaped,
         capture_accuracy: options.capture_accuracy.or(capture.map(|capture| capture.accuracy)),
-        capture_parts: capture.map(|capture| capture.parts),
+        capture_registration: capture.map(|capture| capture.registration),
+        capture_instrument: capture.map(|capture| capture.instrument),
         repairs: s.diagnostics.iter().map(|(kind, f)| (kind.clone(), f.count)).collect(),
     }
 }

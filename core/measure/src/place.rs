@@ -2,7 +2,7 @@
 
 use crate::clip::Clip;
 use crate::leaves::{Failure, Leaves, finest, finest_triangles};
-use crate::pick::{Picker, Ray};
+use crate::pick::{Picker, Ray, nearest_first};
 use crate::points;
 use crate::refusal::{Refusal, Target};
 use crate::space::Space;
@@ -89,7 +89,7 @@ pub async fn nearest<L: Leaves>(leaves: &L, local: DVec3) -> Result<Place, Failu
     crate::refusal::finite(&[p])?;
     let entries = (0u32..).zip(leaves.index().entries()).filter(|(i, _)| leaves.may_hold_leaves(*i));
     let mut order: Vec<(f64, u32)> = entries.map(|(i, e)| (box_distance(p, &e.bounds), i)).collect();
-    order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    nearest_first(&mut order);
     let channel = registration_channel(leaves.index());
     let mut best: Option<(f64, DVec3, DVec3, Option<f64>)> = None;
     for (at, &(lower, i)) in order.iter().enumerate() {

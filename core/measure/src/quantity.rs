@@ -2,7 +2,6 @@
 
 use glam::DVec3;
 use kilwa_pack::Index;
-use kilwa_pack::metadata::CaptureParts;
 
 /// Where the uncertainty of one measured point comes from, in metres.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -13,9 +12,12 @@ pub struct Uncertainty {
     pub level: f64,
     /// Standard uncertainty of the capture, where known.
     pub capture: Option<f64>,
-    /// What this consists of, where known; with points, the registration is that of the least certain of them.
+    /// The part of the capture that is due to the registration of the stations, where known: of the least certain point.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub capture_parts: Option<CaptureParts>,
+    pub registration: Option<f64>,
+    /// The part of the capture that is due to the instruments, where known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instrument: Option<f64>,
     /// Of pointing: the largest of the points that were picked on a picture; 0 for points that were typed or snapped.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub pointing: f64,
@@ -35,8 +37,9 @@ impl Uncertainty {
     /// Of a point on the finest surface of a pack, per axis.
     pub fn of_pack(index: &Index) -> Self {
         let metadata = index.metadata();
+        let [registration, instrument] = metadata.capture_parts().map_or([None; 2], |parts| parts.map(Some));
         let finest = Self::finest(index.header().lattice.step(), metadata.capture_accuracy);
-        Self { capture_parts: metadata.capture_parts.filter(|_| finest.capture.is_some()), ..finest }
+        Self { registration, instrument, ..finest }
     }
 
     /// What all points have in common, without pointing, in metres, per axis.

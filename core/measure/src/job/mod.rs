@@ -7,7 +7,7 @@ mod cutting;
 mod whole;
 
 use crate::lines::Lines;
-use crate::place::{Place, facing_at, nearest, registration_channel};
+use crate::place::{Place, facing_at, registration_channel};
 use crate::plane::Plane;
 use crate::quantity::Uncertainty;
 use crate::refusal::Refusal;
@@ -91,24 +91,21 @@ impl<'a, L: Leaves> Subject<'a, L> {
 
     /// Find how uncertain registration leaves the points of a task, if the pack has it vertex by vertex. Sums over the surface use the largest.
     async fn locate(&mut self, task: &Task) -> Result<(), Failure> {
-        let Some(mut parts) = self.point.capture_parts else { return Ok(()) };
+        let Some((mean, instrument)) = self.point.registration.zip(self.point.instrument) else { return Ok(()) };
         // A profile is drawn in plan: its points are not on the surface.
         if registration_channel(self.leaves.index()).is_none() || task.tool == ToolName::Profile {
             return Ok(());
         }
-        for p in &task.local {
-            let found = match nearest(self.leaves, *p).await {
-                Ok(place) => place.registration,
-                // The tool refuses such a point itself.
-                Err(Failure::Refused(_)) => None,
-                Err(e) => return Err(e),
-            };
-            self.registration.push(found.unwrap_or(parts.registration));
-        }
+        let places = match self.places(task).await {
+            Ok(places) => places,
+            // The tool refuses these points itself.
+            Err(Failure::Refused(_)) => return Ok(()),
+            Err(e) => return Err(e),
+        };
+        self.registration = places.iter().map(|place| place.registration.unwrap_or(mean)).collect();
         if let Some(largest) = self.registration.iter().copied().reduce(f64::max) {
-            parts.registration = largest;
-            self.point.capture = Some(libm::hypot(largest, parts.instrument));
-            self.point.capture_parts = Some(parts);
+            self.point.capture = Some(libm::hypot(largest, instrument));
+            self.point.registration = Some(largest);
         }
         Ok(())
     }
@@ -116,13 +113,13 @@ impl<'a, L: Leaves> Subject<'a, L> {
     /// The uncertainty of each point of a task, metres, on each axis.
     fn per_axis(&self, task: &Task) -> Vec<f64> {
         let count = task.local.len();
-        let Some(parts) = self.point.capture_parts.filter(|_| !self.registration.is_empty()) else {
+        if self.registration.is_empty() {
             return self.point.of_points(&task.pointing, count);
-        };
+        }
         let with_pointing =
             |(i, registration): (usize, &f64)| libm::hypot(*registration, task.pointing.get(i).copied().unwrap_or(0.0));
         let own: Vec<f64> = self.registration.iter().enumerate().map(with_pointing).collect();
-        Uncertainty { capture: Some(parts.instrument), ..self.point }.of_points(&own, count)
+        Uncertainty { capture: self.point.instrument, ..self.point }.of_points(&own, count)
     }
 
     /// Where the uncertainty of the points of a task comes from: that of pointing is the largest of them.
