@@ -3,8 +3,10 @@
 use crate::info::metres;
 use kilwa_builder::Capture;
 use kilwa_scan::merge::{Accuracy, Parts};
-use kilwa_scan::register;
 use serde_json::{Value, json};
+
+/// Stations that a message names.
+const NAMED: usize = 5;
 
 /// The accuracy of the capture for the metadata of a pack, if it is known. Three digits are more than a standard deviation has, and too few to hold a
 /// coordinate.
@@ -27,23 +29,18 @@ pub(crate) fn sentence(accuracy: &Accuracy) -> Option<String> {
         return Some(format!("capture accuracy {accuracy} (registration {registration}, instrument {instrument})"));
     }
     let Accuracy::Incomplete(poses) = accuracy else { return None };
-    let named = |was_changed: bool| {
-        let names = poses.iter().filter(|pose| pose.was_changed == was_changed).map(|pose| pose.station.as_str());
-        Some(names.collect::<Vec<_>>().join(", ")).filter(|names| !names.is_empty())
+    let named = |was_changed: bool, why: &str| {
+        let all = poses.iter().filter(|pose| pose.was_changed == was_changed).map(|pose| pose.station.as_str());
+        let all: Vec<&str> = all.collect();
+        let more = all.len().saturating_sub(NAMED);
+        let names = all[..all.len() - more].join(", ");
+        let names = if more > 0 { format!("{names} and {more} more") } else { names };
+        (!all.is_empty()).then(|| format!("{why}: {names}"))
     };
-    let changed = named(true).map(|names| {
-        format!(
-            "the pose was changed after registration: {names} (run `kilwa register` again, or remove {} to use translation_sigma and rotation_sigma of survey.toml)",
-            register::FILE
-        )
-    });
-    let unstated = named(false).map(|names| {
-        format!(
-            "the uncertainty of the pose is not known: {names} (run `kilwa register`, or give translation_sigma and rotation_sigma in survey.toml)"
-        )
-    });
-    let reasons: Vec<String> = changed.into_iter().chain(unstated).collect();
-    Some(format!("capture accuracy unknown: {}", reasons.join("; ")))
+    let changed = named(true, "the pose was changed after registration");
+    let unstated = named(false, "the uncertainty of the pose is not known");
+    let reasons: Vec<String> = [changed, unstated].into_iter().flatten().collect();
+    Some(format!("capture accuracy unknown: {} (run `kilwa register`, or give --capture-accuracy)", reasons.join("; ")))
 }
 
 /// For machines.
