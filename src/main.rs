@@ -15,6 +15,7 @@ mod plausible;
 mod progress;
 mod publish;
 mod redact;
+mod register;
 mod render;
 mod scans;
 mod secrets;
@@ -43,6 +44,7 @@ struct Cli {
 enum Verb {
     Synth(synth::Args),
     Scans(scans::Args),
+    Register(register::Args),
     Merge(merge::Args),
     Build(build::Args),
     Info(info::Args),
@@ -61,6 +63,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Verb::Synth(a) => synth::run(&a),
         Verb::Build(a) => build::run(&a),
         Verb::Scans(a) => scans::run(&a),
+        Verb::Register(a) => register::run(&a),
         Verb::Merge(a) => merge::run(&a),
         Verb::Info(a) => info::run(&a),
         Verb::Verify(a) => verify::run(&a),

@@ -1,13 +1,13 @@
 //! Properties of every verb of `kilwa`: help, exit codes (0 success, 1 failure, 2 wrong usage), and messages that name the
 //! file they are about.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
 /// The verbs, in the order of `kilwa --help`.
-const VERBS: [&str; 13] = [
-    "synth", "scans", "merge", "build", "info", "verify", "extract", "render", "measure", "publish", "metadata",
-    "serve", "access",
+const VERBS: [&str; 14] = [
+    "synth", "scans", "register", "merge", "build", "info", "verify", "extract", "render", "measure", "publish",
+    "metadata", "serve", "access",
 ];
 
 fn kilwa(args: &[&str]) -> Output {
@@ -23,8 +23,9 @@ fn stderr(output: &Output) -> String {
 }
 
 /// A call with a file that does not exist: in the arguments `{in}` and `{out}` are paths in an empty folder.
-fn calls_without_input() -> [(&'static str, Vec<&'static str>); 8] {
+fn calls_without_input() -> [(&'static str, Vec<&'static str>); 9] {
     [
+        ("register", vec!["{in}"]),
         ("merge", vec!["{in}", "-o", "{out}.kilwa"]),
         ("build", vec!["{in}.ply", "-o", "{out}.kilwa"]),
         ("info", vec!["{in}.kilwa"]),
@@ -34,6 +35,12 @@ fn calls_without_input() -> [(&'static str, Vec<&'static str>); 8] {
         ("measure", vec!["{in}.kilwa", "area"]),
         ("serve", vec!["{in}", "--listen", "127.0.0.1:0"]),
     ]
+}
+
+/// The documentation page of a verb.
+fn page_of(verb: &str) -> PathBuf {
+    let page = if verb == "register" { "registering" } else { verb };
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("docs/{page}.md"))
 }
 
 fn is_empty(folder: &Path) -> bool {
@@ -50,7 +57,7 @@ fn help_lists_exactly_the_verbs_that_are_documented() {
         commands.lines().filter_map(|line| line.split_whitespace().next()).filter(|v| *v != "help").collect();
     assert_eq!(listed, VERBS);
     for verb in VERBS {
-        let page = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("docs/{verb}.md"));
+        let page = page_of(verb);
         assert!(page.is_file(), "{} is missing", page.display());
     }
 }
@@ -158,8 +165,7 @@ fn a_closed_output_pipe_is_no_error() {
 #[test]
 fn every_option_is_explained_in_the_documentation() {
     for verb in VERBS {
-        let page =
-            std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("docs/{verb}.md"))).unwrap();
+        let page = std::fs::read_to_string(page_of(verb)).unwrap();
         let help = stdout(&kilwa(&[verb, "--help"]));
         let options = help.split_whitespace().filter(|word| word.starts_with("--") && word.len() > 2);
         // `--redact-location[=<METRES>]` is explained as `--redact-location`.
@@ -168,7 +174,7 @@ fn every_option_is_explained_in_the_documentation() {
         for option in options.filter_map(name) {
             let option = option.trim_end_matches('-');
             let is_explained = option == "--help" || page.contains(option);
-            assert!(is_explained, "docs/{verb}.md says nothing about {option}");
+            assert!(is_explained, "the page of {verb} in docs says nothing about {option}");
         }
     }
 }

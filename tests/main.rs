@@ -29,6 +29,7 @@ mod points;
 mod publish;
 mod real_formats;
 mod real_input;
+mod register;
 mod remote;
 mod render_verb;
 mod scans;

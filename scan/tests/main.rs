@@ -12,6 +12,7 @@ mod masks;
 mod mesh;
 mod peers;
 mod pictures;
+mod register;
 mod resume;
 mod shared_data;
 mod stations;

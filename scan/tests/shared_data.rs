@@ -80,7 +80,7 @@ fn the_ptx_whose_header_lies_is_refused_and_kept_on_request() {
 
 /// Gives stations the poses of a `.conf` file, in the way of docs/scans.md: `bmesh FILE tx ty tz qx qy qz qw`, whose quaternion turns the model into the
 /// scan.
-fn with_poses(survey: &str, conf: &str) -> String {
+pub(crate) fn with_poses(survey: &str, conf: &str) -> String {
     let mut survey = survey.to_owned();
     for line in conf.lines().filter_map(|line| line.strip_prefix("bmesh ")) {
         let words: Vec<&str> = line.split_whitespace().collect();

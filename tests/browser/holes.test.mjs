@@ -285,7 +285,8 @@ for (const gpu of ["", "&gpu=webgl"]) {
     const half = (await picture(page)).share / share;
     assert.ok(Math.abs(half - 0.5) < 0.05, `${half} of the picture is left`);
     assert.equal((await page.evaluate(() => globalThis.kilwa.api.state().display)).hideFilled, true);
-    // A link shows it in the same way.
+    // A link shows it in the same way; the address is updated once the camera stops moving.
+    await page.waitForFunction(() => location.hash.includes("hideFilled"));
     await page.reload();
     await waitFor(page, "settled");
     await openTab(page, "Display");

@@ -8,6 +8,7 @@ mod codec;
 mod masks;
 mod merge;
 mod points;
+mod register;
 mod scans;
 mod stations;
 mod view;
@@ -51,6 +52,8 @@ enum What {
     Stations(stations::Args),
     /// Merging simulated stations: time, memory, and how far the surface is from the true one, beside another program
     Merge(merge::Args),
+    /// Registration of simulated surveys without poses: completeness, errors, realism of the covariances, and a comparison with other programs
+    Register(register::Args),
     /// Run a program and write what it used to a file (used by `build`, in a process of its own)
     #[command(hide = true)]
     Measured { report: PathBuf, program: PathBuf, args: Vec<String> },
@@ -103,6 +106,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         What::Masks(masks) => masks::run(masks),
         What::Stations(stations) => stations::run(stations),
         What::Merge(merge) => merge::run(merge),
+        What::Register(register) => register::run(register),
         What::Measured { report, program, args } => measured(report, program, args),
     }
 }

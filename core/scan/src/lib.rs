@@ -7,6 +7,7 @@
 pub mod intensity;
 pub mod mask;
 pub mod pose;
+pub mod register;
 pub mod sample;
 pub mod tessellate;
 pub mod tsdf;

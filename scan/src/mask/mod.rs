@@ -15,7 +15,7 @@ pub use list::read_list;
 pub use make::{Made, Report, Request, make};
 pub use manage::{remove, switch};
 pub use recipe::{Numbering, Recipe};
-pub(crate) use through::range_image;
+pub(crate) use through::{range_image, ray_spacing};
 
 use crate::ScanError;
 use crate::spool::Reader;

@@ -117,7 +117,7 @@ pub(crate) fn range_image(
     reader: &mut Reader,
     progress: &mut dyn FnMut(u64, u64) -> Result<(), ScanError>,
 ) -> Result<RangeImage, ScanError> {
-    let mut image = RangeImage::new(spacing(reader)?);
+    let mut image = RangeImage::new(ray_spacing(reader)?);
     let (cells, mut at, mut batch) = (reader.header().grid.cells(), 0, Vec::new());
     while at < cells {
         let count = BATCH.min(cells - at);
@@ -131,7 +131,7 @@ pub(crate) fn range_image(
 
 /// How far neighbouring rays are from each other, radians: the larger of the medians along and across lines; of a cloud, as if its points were spread
 /// evenly over the sphere.
-fn spacing(reader: &mut Reader) -> Result<f64, ScanError> {
+pub(crate) fn ray_spacing(reader: &mut Reader) -> Result<f64, ScanError> {
     const LINES: u32 = 48;
     let header = *reader.header();
     if !header.is_grid {

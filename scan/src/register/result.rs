@@ -1,5 +1,5 @@
-//! What a registration found: poses with their covariances, links, and the stations that could not be placed. It is kept in the survey as
-//! `registration.json`, beside the poses in `survey.toml`.
+//! The result of a registration: poses with their covariances, links, and the stations that could not be placed. It is stored in the survey as
+//! `registration.json`, next to `survey.toml`, which has the poses.
 
 use crate::ScanError;
 use crate::survey::{Station, Survey};
@@ -19,7 +19,7 @@ const VERSION: u32 = 1;
 /// Largest file, bytes.
 const FILE_MAX: u64 = 256 << 20;
 
-/// What a registration found.
+/// The result of a registration.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Registration {
     /// [`VERSION`].
@@ -30,17 +30,17 @@ pub struct Registration {
     pub unplaced: Vec<Unplaced>,
     /// Pairs of placed stations that see the same surface.
     pub links: Vec<Link>,
-    /// The stations on the way from the anchor to the station whose place is least certain, along the strongest links.
+    /// The stations on the path from the anchor to the least certain station, along the links with the smallest total variance.
     pub weakest_chain: Vec<String>,
 }
 
-/// Why a station stands where it does.
+/// How the pose of a station was determined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Placement {
-    /// Its coordinates are those of the survey: no station is fixed, and no point of the survey is known.
+    /// Its pose defines the coordinate system: there are no fixed stations, known poses or control points with survey coordinates.
     Anchor,
-    /// Its pose was given and was not to be changed.
+    /// Its pose was given and kept.
     Fixed,
     /// From control points.
     Control,
@@ -53,7 +53,7 @@ pub enum Placement {
 pub struct Placed {
     /// Its name in the survey.
     pub name: String,
-    /// What its pose rests on.
+    /// How its pose was determined.
     pub placement: Placement,
     /// `survey_from_station`: a unit quaternion w, x, y, z.
     pub rotation: [f64; 4],
@@ -72,7 +72,7 @@ impl Placed {
     }
 
     /// Standard deviations as `survey.toml` has them: of the position, the root mean square of its three coordinates, metres; and of the rotation about
-    /// the axis for which it is largest, radians at most.
+    /// the axis for which it is largest, radians.
     pub fn sigma(&self) -> [f64; 2] {
         let c = &self.covariance;
         let metres = ((c[3][3] + c[4][4] + c[5][5]) / 3.0).max(0.0).sqrt();
@@ -80,7 +80,7 @@ impl Placed {
         [metres, radians]
     }
 
-    /// Covariance of a point that the station measured, 3 × 3, square metres: what the uncertainty of the pose alone contributes.
+    /// Covariance of a point that the station measured, 3 × 3, square metres: only the contribution of the pose uncertainty.
     pub fn covariance_at(&self, point: DVec3) -> [[f64; 3]; 3] {
         let r = point - DVec3::from_array(self.translation);
         // ω × r = −[r]× ω.
@@ -112,20 +112,20 @@ impl Placed {
 pub struct Unplaced {
     /// Its name in the survey.
     pub name: String,
-    /// Why, in a sentence.
+    /// The reason, as a phrase.
     pub reason: String,
-    /// The best places that were considered, best first.
+    /// The best candidate poses, best first.
     pub candidates: Vec<Candidate>,
-    /// What would settle it, in a sentence.
+    /// The remedy, as a phrase.
     pub remedy: String,
 }
 
-/// A place that was considered for a station.
+/// A candidate pose of a station.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Candidate {
-    /// The placed station beside which it would be.
-    pub beside: String,
-    /// `survey_from_station` there: a unit quaternion w, x, y, z.
+    /// The placed station with which it was matched.
+    pub matched_with: String,
+    /// `survey_from_station` for this candidate: a unit quaternion w, x, y, z.
     pub rotation: [f64; 4],
     /// And a translation, metres.
     pub translation: [f64; 3],
@@ -152,16 +152,16 @@ pub struct Link {
     pub residual: f64,
     /// Share of the samples that rays of the other pass through, 0 to 1.
     pub contradicted: f64,
-    /// How well this link alone would fix the one against the other: the largest standard deviation of a translation (metres) and of a rotation
-    /// (radians) in any direction; infinite ones are left out.
+    /// Standard deviations of the relative pose from this link alone: the largest of a translation (metres) and of a rotation
+    /// (radians) in any direction; `None` if either is not finite.
     pub sigma: Option<[f64; 2]>,
 }
 
 impl Registration {
-    /// What was found when the survey in `folder` was registered last; `None` if it never was.
+    /// The result of the last registration of the survey in `folder`; `None` if it was never registered.
     ///
     /// # Errors
-    /// [`ScanError::Request`] for a file that cannot be understood; [`ReadError::Open`] for one that cannot be read.
+    /// [`ScanError::Request`] for an invalid file; [`ReadError::Open`] for one that cannot be read.
     pub fn open(folder: &Path) -> Result<Option<Self>, ScanError> {
         let path = folder.join(FILE);
         if !path.exists() {
@@ -175,11 +175,11 @@ impl Registration {
             ScanError::Request(format!("{}: {what}; run `kilwa register` again, or remove the file", path.display()))
         };
         if text.len() as u64 > FILE_MAX {
-            return Err(wrong(format!("it has more than {FILE_MAX} bytes")));
+            return Err(wrong(format!("it is larger than {FILE_MAX} bytes")));
         }
         let found: Self = serde_json::from_str(&text).map_err(|e| wrong(e.to_string()))?;
         if found.version != VERSION {
-            return Err(wrong(format!("it is of version {}, this program reads {VERSION}", found.version)));
+            return Err(wrong(format!("its version is {}, but this program reads version {VERSION}", found.version)));
         }
         for station in &found.stations {
             let numbers =
@@ -187,7 +187,7 @@ impl Registration {
             if numbers.copied().any(|v| !v.is_finite())
                 || (station.pose().rotation.length() - 1.0).abs() > Pose::TOLERANCE
             {
-                return Err(wrong(format!("the pose of station {} is impossible", station.name)));
+                return Err(wrong(format!("the pose of station {} is invalid", station.name)));
             }
         }
         Ok(Some(found))
@@ -204,19 +204,19 @@ impl Registration {
         atomic::write(&path, text.as_bytes(), Access::Default, true).map_err(ScanError::write(&path))
     }
 
-    /// An empty one.
+    /// An empty result.
     pub fn empty() -> Self {
         Self { version: VERSION, ..Self::default() }
     }
 
-    /// What is known of the pose that a station has now; `None` if it was not registered, or if its pose was changed since.
+    /// The entry for the current pose of a station; `None` if it was not registered, or if its pose has been changed since.
     pub fn of(&self, station: &Station) -> Option<&Placed> {
         let placed = self.stations.iter().find(|placed| placed.name == station.name)?;
         let (angle, distance) = station.pose?.difference(placed.pose());
         (angle < 1e-6 && distance < 1e-6).then_some(placed)
     }
 
-    /// Stations of the survey whose pose was changed since they were registered.
+    /// Stations of the survey whose poses have been changed since they were registered.
     pub fn outdated<'s>(&self, survey: &'s Survey) -> Vec<&'s str> {
         let known = |station: &&Station| self.stations.iter().any(|placed| placed.name == station.name);
         survey.stations.iter().filter(known).filter(|s| self.of(s).is_none()).map(|s| s.name.as_str()).collect()

@@ -133,6 +133,27 @@ impl Edit {
         Ok(())
     }
 
+    /// Set the standard deviations of the pose of a station: metres, radians. If either is not positive, both are removed.
+    ///
+    /// # Errors
+    /// As [`Survey::station`].
+    pub fn set_sigma(&mut self, name: &str, sigma: [f64; 2]) -> Result<(), ScanError> {
+        self.survey.station(name)?;
+        let place = self.survey.stations.iter().position(|s| s.name == name);
+        let table = place.and_then(|k| listed(&mut self.document, "station", k));
+        let Some((place, table)) = place.zip(table) else { return Ok(()) };
+        if sigma.iter().all(|v| *v > 0.0) {
+            table.insert("translation_sigma", value(sigma[0]));
+            table.insert("rotation_sigma", value(sigma[1].to_degrees()));
+            self.survey.stations[place].sigma = Some(sigma);
+        } else {
+            table.remove("translation_sigma");
+            table.remove("rotation_sigma");
+            self.survey.stations[place].sigma = None;
+        }
+        Ok(())
+    }
+
     /// Give a station a mask, in place of the one of that name if it has one.
     ///
     /// # Errors

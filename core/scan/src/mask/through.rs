@@ -110,6 +110,25 @@ impl RangeImage {
         }
     }
 
+    /// The horizontal range of view: the nearest range at elevations up to `band` radians, in this many equal steps of azimuth from -π; infinite
+    /// where there was no return, 0 outside the field of view.
+    pub fn horizon(&self, steps: usize, band: f64) -> Vec<f32> {
+        let middle = f64::from(self.height) / 2.0;
+        let rows = (band / self.step).ceil();
+        let (low, high) = ((middle - rows).max(0.0) as u32, ((middle + rows) as u32).min(self.height));
+        let mut out = vec![f32::INFINITY; steps];
+        let mut looked = vec![false; steps];
+        for column in 0..self.width {
+            let step = (column as usize * steps / self.width as usize).min(steps - 1);
+            looked[step] |= self.columns[column as usize];
+            for row in low..high {
+                out[step] = out[step].min(self.nearest[row as usize * self.width as usize + column as usize]);
+            }
+        }
+        out.iter_mut().zip(looked).filter(|(_, looked)| !looked).for_each(|(range, _)| *range = 0.0);
+        out
+    }
+
     fn pixel(&self, p: DVec3, range: f64) -> (u32, u32) {
         let azimuth = libm::atan2(p.y, p.x) + std::f64::consts::PI;
         let elevation = libm::asin((p.z / range).clamp(-1.0, 1.0)) + std::f64::consts::FRAC_PI_2;

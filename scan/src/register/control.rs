@@ -1,0 +1,145 @@
+//! Control points: points that several stations observed, or whose survey coordinates are known.
+
+use crate::ScanError;
+use crate::survey::{Station, Survey};
+use glam::{DMat3, DVec3};
+use kilwa_scan_core::Pose;
+use nalgebra::Matrix3;
+use std::collections::BTreeMap;
+
+/// The standard deviation of a control point where none is given, metres.
+pub(super) const SIGMA: f64 = 0.005;
+/// Fewest points that define a pose.
+pub(super) const MIN_POINTS: usize = 3;
+/// Points define a pose if their spread in a second direction is at least this share of their spread in the first.
+const SPREAD: f64 = 0.02;
+
+/// A control point as observed by a station, or with known survey coordinates.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Sighting {
+    /// The index of the station; `None`: survey coordinates.
+    pub(super) station: Option<usize>,
+    pub(super) at: DVec3,
+    pub(super) sigma: f64,
+}
+
+/// The control points of a survey by name, each with at least two sightings.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Controls {
+    pub(super) points: BTreeMap<String, Vec<Sighting>>,
+}
+
+impl Controls {
+    /// The control points of a survey; station numbers are indices into `stations`.
+    pub(super) fn new(survey: &Survey, stations: &[&Station]) -> Self {
+        let mut points: BTreeMap<String, Vec<Sighting>> = BTreeMap::new();
+        for control in &survey.controls {
+            let station = match &control.station {
+                Some(name) => match stations.iter().position(|s| s.name == *name) {
+                    Some(number) => Some(number),
+                    None => continue,
+                },
+                None => None,
+            };
+            let sighting = Sighting { station, at: control.at, sigma: control.sigma.unwrap_or(SIGMA) };
+            points.entry(control.name.clone()).or_default().push(sighting);
+        }
+        for all in points.values_mut() {
+            all.sort_by_key(|sighting| sighting.station);
+        }
+        points.retain(|_, all| all.len() > 1);
+        Self { points }
+    }
+
+    /// Whether enough points have known survey coordinates to place the survey.
+    pub(super) fn locate(&self) -> bool {
+        self.points.values().filter(|all| all.iter().any(|s| s.station.is_none())).count() >= MIN_POINTS
+    }
+
+    /// `a_from_b` from the points that both observed; for `a` or `b`, `None` means survey coordinates. Returns `None` if there are too few points, or if they are collinear.
+    ///
+    /// # Errors
+    /// [`ScanError::Request`] if the points contradict each other.
+    pub(super) fn pose(
+        &self,
+        a: Option<usize>,
+        b: Option<usize>,
+        name: &dyn Fn(Option<usize>) -> String,
+    ) -> Result<Option<Pose>, ScanError> {
+        let of = |all: &[Sighting], station| all.iter().find(|s: &&Sighting| s.station == station).copied();
+        let common: Vec<(&String, Sighting, Sighting)> =
+            self.points.iter().filter_map(|(name, all)| Some((name, of(all, a)?, of(all, b)?))).collect();
+        let pairs: Vec<(DVec3, DVec3)> = common.iter().map(|(_, a, b)| (a.at, b.at)).collect();
+        let Some(pose) = rigid(&pairs) else { return Ok(None) };
+        for (point, own, other) in &common {
+            let distance = own.at.distance(pose.apply(other.at));
+            if distance > (5.0 * own.sigma.hypot(other.sigma)).max(0.01) {
+                return Err(ScanError::Request(format!(
+                    "control point {point} does not fit: its coordinates in {} and in {} differ by {distance:.3} m after alignment; check them in survey.toml",
+                    name(b),
+                    name(a)
+                )));
+            }
+        }
+        Ok(Some(pose))
+    }
+}
+
+/// The pose that best aligns the second point of each pair with the first (Kabsch, "A solution for the best rotation to relate two sets of vectors", 1976); `None` if there are fewer than three
+/// pairs, or if the points are collinear.
+fn rigid(pairs: &[(DVec3, DVec3)]) -> Option<Pose> {
+    if pairs.len() < MIN_POINTS {
+        return None;
+    }
+    let n = pairs.len() as f64;
+    let (mut to, mut from) = (DVec3::ZERO, DVec3::ZERO);
+    for (a, b) in pairs {
+        to += *a;
+        from += *b;
+    }
+    let (to, from) = (to / n, from / n);
+    let (mut product, mut spread) = (Matrix3::zeros(), Matrix3::zeros());
+    for (a, b) in pairs {
+        let (a, b) = (nalgebra::Vector3::from((*a - to).to_array()), nalgebra::Vector3::from((*b - from).to_array()));
+        product += a * b.transpose();
+        spread += b * b.transpose();
+    }
+    let mut sizes: Vec<f64> = spread.symmetric_eigenvalues().iter().copied().collect();
+    sizes.sort_by(f64::total_cmp);
+    if sizes[1] <= SPREAD * SPREAD * sizes[2] {
+        return None;
+    }
+    let svd = product.svd(true, true);
+    let (u, v) = (svd.u?, svd.v_t?);
+    let sign = (u * v).determinant().signum();
+    let mut order = [0, 1, 2];
+    order.sort_by(|a, b| svd.singular_values[*b].total_cmp(&svd.singular_values[*a]));
+    let mut flip = Matrix3::identity();
+    flip[(order[2], order[2])] = sign;
+    let r = u * flip * v;
+    let rotation = DMat3::from_cols_array(&[r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8]]);
+    let rotation = glam::DQuat::from_mat3(&rotation).normalize();
+    Some(Pose { rotation, translation: to - rotation * from })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DQuat;
+
+    const PLACES: [DVec3; 4] =
+        [DVec3::new(1.0, 2.0, 0.5), DVec3::new(-3.0, 4.0, 1.5), DVec3::new(2.0, -5.0, 2.5), DVec3::new(7.0, 1.0, -0.5)];
+
+    #[test]
+    fn three_points_give_the_pose_and_points_on_a_line_do_not() {
+        let pose = Pose { rotation: DQuat::from_rotation_z(2.0), translation: DVec3::new(10.0, -3.0, 1.0) };
+        for n in 3..=4 {
+            let pairs: Vec<_> = PLACES[..n].iter().map(|p| (pose.apply(*p), *p)).collect();
+            let (angle, distance) = rigid(&pairs).unwrap().difference(pose);
+            assert!(angle < 1e-6 && distance < 1e-9, "{angle} {distance}");
+        }
+        let line: Vec<_> = (0..5).map(|k| DVec3::X * f64::from(k)).map(|p| (pose.apply(p), p)).collect();
+        assert_eq!(rigid(&line), None);
+        assert_eq!(rigid(&[(DVec3::X, DVec3::X), (DVec3::Y, DVec3::Y)]), None);
+    }
+}

@@ -1,0 +1,303 @@
+//! Groups of stations with known relative poses, and the candidate poses of one group relative to another. Initially, every station is a group of its own.
+
+use super::view::{Verdict, View};
+use glam::DQuat;
+use kilwa_scan_core::Pose;
+use kilwa_scan_core::register::correlate::{Correlator, Place, Plan, Spectrum};
+use kilwa_scan_core::register::fit::{Fit, Posed, fit, moved};
+use kilwa_scan_core::register::surfels::{Surfel, Surfels};
+use nalgebra::{Matrix6, Vector6};
+
+/// Candidates from correlation for single stations and for groups, the number of those that are fitted, and the number that are refined.
+const PLACES: usize = 160;
+const GROUP_PLACES: usize = 600;
+const FITTED: usize = 20;
+const REFINED: usize = 5;
+/// Initial poses within this many voxel edges and radians of each other converge to the same pose; at most this many of them are tried.
+const NEIGHBOURS: (f64, f64, usize) = (8.0, 0.3, 3);
+/// Shifts that test whether a pose is unconstrained in its weakest direction, in voxel edges.
+const SLIDES: [f64; 4] = [-10.0, -4.0, 4.0, 10.0];
+/// Heights that are tried for each candidate.
+const HEIGHTS: usize = 2;
+/// Planes of a station that are used for a rough check, and for a fine fit.
+const GLANCED: usize = 120;
+const FINE: usize = 3000;
+/// A candidate whose score is at most this share of the best score is discarded.
+const RIVAL: f64 = 0.3;
+
+/// Stations with known relative poses.
+#[derive(Debug, Clone)]
+pub(super) struct Group {
+    /// Numbers of stations, and `group_from_station`, in the order of the numbers.
+    pub(super) members: Vec<(usize, Pose)>,
+    pub(super) plan: Plan,
+}
+
+impl Group {
+    /// One station, in its own coordinates.
+    pub(super) fn single(number: usize, view: &View) -> Self {
+        Self { members: vec![(number, Pose::IDENTITY)], plan: view.plan.clone() }
+    }
+
+    /// Both groups, in the frame of this one.
+    pub(super) fn joined(&self, other: &Self, pose: Pose, views: &[View]) -> Self {
+        let moved = other.members.iter().map(|(number, own)| (*number, own.then(pose)));
+        let mut members: Vec<(usize, Pose)> = self.members.iter().copied().chain(moved).collect();
+        members.sort_unstable_by_key(|(number, _)| *number);
+        let parts: Vec<(&Plan, Pose)> = members.iter().map(|(number, pose)| (&views[*number].plan, *pose)).collect();
+        let plan = Plan::joined(&parts);
+        Self { members, plan }
+    }
+
+    /// The group without one member, in the same frame.
+    pub(super) fn without(&self, number: usize, views: &[View]) -> Self {
+        let members: Vec<(usize, Pose)> = self.members.iter().copied().filter(|(own, _)| *own != number).collect();
+        let parts: Vec<(&Plan, Pose)> = members.iter().map(|(number, pose)| (&views[*number].plan, *pose)).collect();
+        Self { plan: Plan::joined(&parts), members }
+    }
+
+    /// Move the group so that this member (an index in the list) has this pose.
+    pub(super) fn move_to(&mut self, member: usize, pose: Pose) {
+        let step = self.members[member].1.inverse().then(pose);
+        self.members.iter_mut().for_each(|(_, own)| *own = own.then(step));
+    }
+
+    /// The pose of a member.
+    pub(super) fn pose_of(&self, number: usize) -> Option<Pose> {
+        self.members.iter().find(|(own, _)| *own == number).map(|(_, pose)| *pose)
+    }
+
+    fn targets<'v>(&self, views: &'v [View]) -> Vec<Posed<&'v Surfels>> {
+        self.members.iter().map(|(number, pose)| Posed { pose: *pose, planes: &views[*number].surfels }).collect()
+    }
+
+    fn samples<'v>(&self, views: &'v [View]) -> Vec<Posed<&'v [Surfel]>> {
+        self.members.iter().map(|(number, pose)| Posed { pose: *pose, planes: &views[*number].samples[..] }).collect()
+    }
+}
+
+/// A candidate pose of one group relative to another.
+#[derive(Debug, Clone)]
+pub(super) struct Beside {
+    /// The pose of the second group in the frame of the first.
+    pub(super) pose: Pose,
+    pub(super) verdict: Verdict,
+    /// How many planes constrain the pose in its weakest direction, and how much of that is due to noisy normals.
+    pub(super) firmness: f64,
+    pub(super) noise: f64,
+    /// The weakest direction: a rotation and a translation that move planes by about one metre.
+    weakest: Vector6<f64>,
+    /// The median distance of planes that were matched in the fine fit, metres; infinite before it.
+    pub(super) median: f64,
+}
+
+impl Beside {
+    /// How much surface agrees; zero if rays of one pass through much of what the other saw.
+    pub(super) fn score(&self) -> f64 {
+        f64::from(self.verdict.agree) * (self.verdict.agreement() - 4.0 * self.verdict.contradicted()).max(0.0)
+    }
+}
+
+/// The smallest eigenvalue of the information matrix, with rotations scaled by the mean distance of the planes, and its eigenvector.
+fn firmness(information: &Matrix6<f64>) -> (f64, Vector6<f64>) {
+    let turning = information.fixed_view::<3, 3>(0, 0).trace();
+    let moving = information.fixed_view::<3, 3>(3, 3).trace();
+    if moving <= 0.0 || turning <= 0.0 {
+        return (0.0, Vector6::zeros());
+    }
+    let unit = (moving / turning).sqrt();
+    let mut scaled = *information;
+    for k in 0..3 {
+        for other in 0..6 {
+            scaled[(k, other)] *= unit;
+            scaled[(other, k)] *= unit;
+        }
+    }
+    let eigen = scaled.symmetric_eigen();
+    let least = eigen.eigenvalues.imin();
+    let mut weakest: Vector6<f64> = eigen.eigenvectors.column(least).into_owned();
+    for k in 0..3 {
+        weakest[k] *= unit;
+    }
+    (eigen.eigenvalues[least], weakest)
+}
+
+/// Two groups, with the data needed to find poses of the second relative to the first.
+pub(super) struct Two<'a> {
+    pub(super) views: &'a [View],
+    pub(super) first: &'a Group,
+    pub(super) second: &'a Group,
+    /// The edge of the smallest voxels, metres.
+    pub(super) edge: f64,
+}
+
+impl Two<'_> {
+    /// All poses found by fitting, best first. `guesses`: approximate poses.
+    pub(super) fn places(
+        &self,
+        correlator: &Correlator,
+        map: &Spectrum,
+        turned: &[Spectrum],
+        guesses: &[Pose],
+    ) -> Vec<Beside> {
+        let mut starts = self.starts(correlator, map, turned);
+        starts.extend(guesses.iter().map(|guess| (f64::INFINITY, *guess)));
+        let mut out: Vec<Beside> = Vec::new();
+        for (_, start) in starts {
+            let Some(found) = self.fitted(start) else { continue };
+            if !out.iter().any(|other| self.is_same(other.pose, found.pose)) {
+                out.push(found);
+            }
+        }
+        out.sort_by(|x, y| y.score().total_cmp(&x.score()));
+        let best = out.first().map_or(0.0, Beside::score);
+        out.retain(|found| found.score() > 0.0 && found.score() >= RIVAL * best);
+        out.truncate(REFINED);
+        let mut refined: Vec<Beside> = Vec::new();
+        for found in out.iter().filter_map(|found| self.refined(found)) {
+            if !refined.iter().any(|other| self.is_same(other.pose, found.pose)) {
+                refined.push(found);
+            }
+        }
+        refined.sort_by(|x, y| y.score().total_cmp(&x.score()));
+        self.slide(&mut refined);
+        refined
+    }
+
+    /// Add the poses to which the best one can be shifted in its weakest direction, for example along a corridor or round a tower.
+    fn slide(&self, places: &mut Vec<Beside>) {
+        let Some(best) = places.first().cloned() else { return };
+        self.add(places, SLIDES.into_iter().map(|step| moved(best.pose, &(best.weakest * (step * self.edge)))));
+    }
+
+    /// Add the poses found by fits from these initial poses.
+    pub(super) fn add(&self, places: &mut Vec<Beside>, starts: impl Iterator<Item = Pose>) {
+        for start in starts {
+            let found = self.fitted(start).and_then(|found| self.refined(&found));
+            if let Some(found) = found.filter(|found| places.iter().all(|other| !self.is_same(other.pose, found.pose)))
+            {
+                places.push(found);
+            }
+        }
+        places.sort_by(|x, y| y.score().total_cmp(&x.score()));
+    }
+
+    /// The poses in which a station may coincide with itself.
+    pub(super) fn others(&self, correlator: &Correlator, map: &Spectrum, turned: &[Spectrum]) -> Vec<Beside> {
+        let mut out: Vec<Beside> = Vec::new();
+        for (_, start) in self.starts(correlator, map, turned) {
+            let Some(found) = self.fitted(start) else { continue };
+            if !out.iter().any(|other| self.is_same(other.pose, found.pose)) {
+                out.push(found);
+            }
+        }
+        out
+    }
+
+    /// Initial poses for fits, ranked by a rough check, best first.
+    fn starts(&self, correlator: &Correlator, map: &Spectrum, turned: &[Spectrum]) -> Vec<(f64, Pose)> {
+        let mut starts: Vec<(f64, Pose)> = Vec::new();
+        // Without free-space information, a correct pose cannot be distinguished from a wrong one unless it is close to a known pose.
+        let turned = if self.see_through() { turned } else { &[] };
+        let are_single = self.first.members.len() + self.second.members.len() == 2;
+        for place in correlator.places(map, turned, if are_single { PLACES } else { GROUP_PLACES }) {
+            for height in self.first.plan.heights(&self.second.plan, &place, correlator.cell(), HEIGHTS) {
+                let start = upright(&place, height);
+                let glance = self.verdict(start, 0.8 * correlator.cell(), GLANCED);
+                starts.push((quality(glance), start));
+            }
+        }
+        starts.sort_by(|a, b| b.0.total_cmp(&a.0));
+        self.spread(starts)
+    }
+
+    /// The best initial poses, limited to a few that are close to each other.
+    fn spread(&self, starts: Vec<(f64, Pose)>) -> Vec<(f64, Pose)> {
+        let mut out: Vec<(f64, Pose)> = Vec::new();
+        for (quality, start) in starts {
+            let is_near = |(_, other): &&(f64, Pose)| {
+                let (angle, distance) = start.difference(*other);
+                distance < NEIGHBOURS.0 * self.edge && angle < NEIGHBOURS.1
+            };
+            if out.iter().filter(is_near).count() < NEIGHBOURS.2 {
+                out.push((quality, start));
+            }
+            if out.len() == FITTED {
+                break;
+            }
+        }
+        out
+    }
+
+    /// Whether free space is known for all stations.
+    fn see_through(&self) -> bool {
+        self.first.members.iter().chain(&self.second.members).all(|(number, _)| self.views[*number].image.is_some())
+    }
+
+    /// A pose from control points.
+    pub(super) fn given(&self, pose: Pose) -> Beside {
+        let verdict = self.verdict(pose, self.edge, usize::MAX);
+        Beside { pose, verdict, firmness: f64::INFINITY, noise: 0.0, weakest: Vector6::zeros(), median: 0.0 }
+    }
+
+    /// Whether two poses are practically the same.
+    fn is_same(&self, a: Pose, b: Pose) -> bool {
+        let (angle, distance) = a.difference(b);
+        distance < 2.0 * self.edge && angle < 0.035
+    }
+
+    fn fitted(&self, start: Pose) -> Option<Beside> {
+        let reaches = [8.0, 4.0, 2.0, 1.0].map(|reach| reach * self.edge);
+        let found = fit(&self.first.targets(self.views), &self.second.samples(self.views), start, 1, &reaches)?;
+        Some(self.beside(&found, f64::INFINITY))
+    }
+
+    /// The pose refined with the finest planes.
+    pub(super) fn refined(&self, rough: &Beside) -> Option<Beside> {
+        let thinned: Vec<Vec<Surfel>> = self
+            .second
+            .members
+            .iter()
+            .map(|(number, _)| {
+                let fine = &self.views[*number].fine;
+                fine.iter().step_by(fine.len().div_ceil(FINE).max(1)).copied().collect()
+            })
+            .collect();
+        let poses = self.second.members.iter().map(|(_, pose)| *pose);
+        let sources: Vec<Posed<&[Surfel]>> =
+            poses.zip(&thinned).map(|(pose, planes)| Posed { pose, planes: &planes[..] }).collect();
+        let reaches = [1.0, 0.5, 0.3].map(|reach| reach * self.edge);
+        let found = fit(&self.first.targets(self.views), &sources, rough.pose, 0, &reaches)?;
+        let fine = self.beside(&found, found.median);
+        // The normals of small planes are too noisy to show which directions are constrained.
+        Some(Beside { firmness: rough.firmness, noise: rough.noise, weakest: rough.weakest, ..fine })
+    }
+
+    fn beside(&self, found: &Fit, median: f64) -> Beside {
+        let verdict = self.verdict(found.pose, self.edge, usize::MAX);
+        let (firmness, weakest) = firmness(&found.information);
+        Beside { pose: found.pose, verdict, firmness, noise: found.noise, weakest, median }
+    }
+
+    /// Compares all stations of one group with all stations of the other, using at most `most` planes of each station.
+    pub(super) fn verdict(&self, pose: Pose, margin: f64, most: usize) -> Verdict {
+        let mut out = Verdict::default();
+        for (b, b_pose) in &self.second.members {
+            for (a, a_pose) in &self.first.members {
+                let a_from_b = b_pose.then(pose).then(a_pose.inverse());
+                let (a, b) = (&self.views[*a], &self.views[*b]);
+                out = out.join(Verdict::one_way(a, &b.samples, most, a_from_b, margin));
+                out = out.join(Verdict::one_way(b, &a.samples, most, a_from_b.inverse(), margin));
+            }
+        }
+        out
+    }
+}
+
+fn quality(verdict: Verdict) -> f64 {
+    f64::from(verdict.agree) * (verdict.agreement() - 2.0 * verdict.contradicted())
+}
+
+fn upright(place: &Place, height: f64) -> Pose {
+    Pose { rotation: DQuat::from_rotation_z(place.heading), translation: place.offset.extend(height) }
+}

@@ -1,0 +1,122 @@
+//! `kilwa register`: automatic registration of the stations of a survey.
+
+use crate::progress::Bar;
+use anyhow::ensure;
+use kilwa_builder::Progress as _;
+use kilwa_pack::plural::counted;
+use kilwa_scan::register::{Options, Placement, Registration, apply, register};
+use kilwa_scan::survey::Survey;
+use std::io::Write as _;
+use std::path::PathBuf;
+
+/// Register the stations of a survey without targets, and estimate the uncertainty of each pose.
+///
+/// A station is placed if enough of its surface agrees with other stations, if hardly any rays of one pass through what another saw, and if no other pose is nearly as good. A station whose pose is not unique is not
+/// placed; the report gives the reason and a remedy. Poses and standard deviations are written to survey.toml, everything else to registration.json.
+#[derive(clap::Args)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a switch of the command line")]
+pub(crate) struct Args {
+    /// The folder of the survey.
+    survey: PathBuf,
+    /// Also register stations that are already registered (default: they keep their poses).
+    #[arg(long)]
+    again: bool,
+    /// Ignore the poses stored with the scans (default: use them as initial estimates).
+    #[arg(long)]
+    ignore_poses: bool,
+    /// Keep the pose of this station; may be given several times. Stations with `fixed = true` in survey.toml also keep theirs.
+    #[arg(long, value_name = "NAME")]
+    fixed: Vec<String>,
+    /// Write nothing to the survey.
+    #[arg(long)]
+    dry_run: bool,
+    /// Worker threads (default: one per core). The number does not affect the result.
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true, value_parser = crate::build::parse_threads)]
+    threads: usize,
+    /// Print the report as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// The part of the progress bar that each stage fills.
+const SHARES: [(&str, f64, f64); 4] = [
+    ("reading stations", 0.0, 0.1),
+    ("comparing stations", 0.1, 0.7),
+    ("joining groups", 0.7, 0.9),
+    ("adjusting all poses", 0.9, 1.0),
+];
+
+struct Shown<'b>(&'b Bar);
+
+impl kilwa_scan::import::Progress for Shown<'_> {
+    fn update(&self, stage: &'static str, done: u64, total: u64) {
+        self.0.update(stage, done, total);
+        if let Some((_, from, to)) = SHARES.iter().find(|share| share.0 == stage) {
+            self.0.whole(from + (to - from) * (done as f64 / total.max(1) as f64).min(1.0));
+        }
+    }
+}
+
+pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    let survey = Survey::open(&args.survey)?;
+    let options = Options {
+        again: args.again,
+        ignore_poses: args.ignore_poses,
+        fixed: args.fixed.clone(),
+        threads: args.threads,
+    };
+    let bar = Bar::new();
+    let found = register(&args.survey, &survey, &options, &Shown(&bar));
+    bar.clear();
+    let found = found?;
+    if !args.dry_run {
+        apply(&args.survey, &found)?;
+    }
+    let mut out = crate::terminal::out();
+    if args.json {
+        writeln!(out, "{}", crate::terminal::json_line(&serde_json::to_value(&found)?)?)?;
+    } else {
+        print(&mut out, &found)?;
+    }
+    drop(out);
+    ensure!(
+        found.unplaced.is_empty(),
+        "{} could not be placed{}",
+        counted(found.unplaced.len() as u64, "station", "stations"),
+        if found.stations.is_empty() || args.dry_run {
+            ""
+        } else {
+            "; the poses of the others were written to survey.toml"
+        }
+    );
+    Ok(())
+}
+
+fn print(out: &mut impl std::io::Write, found: &Registration) -> anyhow::Result<()> {
+    for station in &found.stations {
+        let [metres, radians] = station.sigma();
+        let how = match station.placement {
+            Placement::Anchor => "anchor; its pose defines the coordinate system of the survey".to_owned(),
+            Placement::Fixed => "kept its pose".to_owned(),
+            Placement::Control => format!("by control points, {}", sigma(metres, radians)),
+            Placement::Surface => sigma(metres, radians),
+        };
+        writeln!(out, "{}: {how}", station.name)?;
+    }
+    for station in &found.unplaced {
+        writeln!(out, "{}: NOT PLACED: {}. Remedy: {}.", station.name, station.reason, station.remedy)?;
+    }
+    if let Some(worst) = found.links.iter().max_by(|a, b| a.residual.total_cmp(&b.residual)) {
+        let [a, b] = &worst.stations;
+        let links = counted(found.links.len() as u64, "link", "links");
+        writeln!(out, "{links}; the largest residual is {:.1} mm, between {a} and {b}", 1e3 * worst.residual)?;
+    }
+    if found.weakest_chain.len() > 1 {
+        writeln!(out, "weakest chain: {}", found.weakest_chain.join(" – "))?;
+    }
+    Ok(())
+}
+
+fn sigma(metres: f64, radians: f64) -> String {
+    format!("standard deviations {:.1} mm and {:.4}°", 1e3 * metres, radians.to_degrees())
+}
