@@ -123,7 +123,7 @@ fn a_pose_that_was_edited_leaves_the_accuracy_of_the_pack_unknown() {
     std::fs::write(&toml, text_of.replacen("0.9", "0.901", 1)).unwrap();
     let report = merged(&survey, &pack, &[]);
     let unknown = &report["merge"]["capture"]["unknown_poses"];
-    assert!(unknown.as_array().is_some_and(|all| all.len() == 1 && all[0]["was_changed"] == true), "{report}");
+    assert!(unknown.as_array().is_some_and(|all| all.len() == 1 && all[0]["reason"] == "changed"), "{report}");
     let about = metadata(&pack);
     assert!(about["capture_accuracy"].is_null() && about["capture_registration"].is_null(), "{about}");
     assert!(!about["scalars"].to_string().contains("registration"), "{about}");

@@ -2,7 +2,7 @@
 
 use crate::info::metres;
 use kilwa_builder::Capture;
-use kilwa_scan::merge::{Accuracy, Parts};
+use kilwa_scan::merge::{Accuracy, Parts, Reason, UnknownPose};
 use serde_json::{Value, json};
 
 /// Stations that a message names.
@@ -29,17 +29,18 @@ pub(crate) fn sentence(accuracy: &Accuracy) -> Option<String> {
         return Some(format!("capture accuracy {accuracy} (registration {registration}, instrument {instrument})"));
     }
     let Accuracy::Incomplete(poses) = accuracy else { return None };
-    let named = |was_changed: bool, why: &str| {
-        let all = poses.iter().filter(|pose| pose.was_changed == was_changed).map(|pose| pose.station.as_str());
+    let named = |reason: Reason, why: &str| {
+        let all = poses.iter().filter(|pose| pose.reason == reason).map(|pose| pose.station.as_str());
         let all: Vec<&str> = all.collect();
         let more = all.len().saturating_sub(NAMED);
         let names = all[..all.len() - more].join(", ");
         let names = if more > 0 { format!("{names} and {more} more") } else { names };
         (!all.is_empty()).then(|| format!("{why}: {names}"))
     };
-    let changed = named(true, "the pose was changed after registration");
-    let unstated = named(false, "the uncertainty of the pose is not known");
-    let reasons: Vec<String> = [changed, unstated].into_iter().flatten().collect();
+    let changed = named(Reason::Changed, "the pose was changed after registration");
+    let unplaced = named(Reason::Unplaced, "registration did not place the station");
+    let unstated = named(Reason::Unstated, "the uncertainty of the pose is not known");
+    let reasons: Vec<String> = [changed, unplaced, unstated].into_iter().flatten().collect();
     Some(format!("capture accuracy unknown: {} (run `kilwa register`, or give --capture-accuracy)", reasons.join("; ")))
 }
 
@@ -48,7 +49,14 @@ pub(crate) fn figures(accuracy: &Accuracy) -> Value {
     match accuracy {
         Accuracy::Unknown => Value::Null,
         Accuracy::Incomplete(poses) => {
-            let pose = |pose: &kilwa_scan::merge::UnknownPose| json!({ "station": pose.station, "was_changed": pose.was_changed });
+            let pose = |pose: &UnknownPose| {
+                let reason = match pose.reason {
+                    Reason::Changed => "changed",
+                    Reason::Unplaced => "unplaced",
+                    Reason::Unstated => "unstated",
+                };
+                json!({ "station": pose.station, "reason": reason })
+            };
             json!({ "unknown_poses": poses.iter().map(pose).collect::<Vec<_>>() })
         }
         Accuracy::Known(_) => json!(capture(accuracy)),

@@ -5,13 +5,13 @@ use super::cut::{Part, Station};
 use crate::register::{Placed, Placement, Registration};
 use crate::survey;
 use glam::{DMat3, DVec3};
-use kilwa_scan_core::Rays;
 use kilwa_scan_core::tsdf::{Patch, Piece, Sigma, Variance};
+use kilwa_scan_core::{Pose, Rays};
 
 /// What is known about the accuracy of a merged surface.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub enum Accuracy {
-    /// Nothing: no station has a pose whose uncertainty is known.
+    /// Nothing: no station was registered, and the survey states no standard deviations.
     #[default]
     Unknown,
     /// Not enough: the poses of these stations are uncertain by an unknown amount, though not all are.
@@ -34,50 +34,49 @@ pub struct Parts {
 pub struct UnknownPose {
     /// Its name.
     pub station: String,
-    /// Whether the pose was changed after it had been registered.
-    pub was_changed: bool,
+    /// Why it is unknown.
+    pub reason: Reason,
 }
 
-/// How uncertain what a station measured is.
+/// Why it is not known how uncertain a pose is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reason {
+    /// The pose was changed after it had been registered.
+    Changed,
+    /// The registration did not place the station, so that it does not confirm the pose.
+    Unplaced,
+    /// The station was not registered, and the survey states no standard deviations.
+    Unstated,
+}
+
+/// How uncertain the pose of a station is.
 #[derive(Debug, Clone)]
 pub(super) enum PoseSigma {
-    /// Nothing is known.
-    Unknown,
-    /// It was registered, but its pose is another one now.
-    Changed,
-    /// The pose that was registered, or that `survey.toml` states with its standard deviations.
+    /// That is not known.
+    Unknown(Reason),
+    /// The pose is the one that was registered, or the survey states its standard deviations.
     Known(PoseVariance),
 }
 
 impl PoseSigma {
     pub(super) fn of(entry: &survey::Station, registration: Option<&Registration>) -> Self {
-        if let Some(registration) = registration {
-            if let Some(placed) = registration.of(entry) {
-                return Self::Known(PoseVariance::new(placed));
+        let stated = || entry.sigma.zip(entry.pose).map(|(sigma, pose)| Self::Known(PoseVariance::stated(sigma, pose)));
+        let stated_or_unknown = || stated().unwrap_or(Self::Unknown(Reason::Unstated));
+        let Some(registration) = registration else { return stated_or_unknown() };
+        // Standard deviations in survey.toml are those of the pose that a registration found, unless the pose was given and kept.
+        match registration.of(entry) {
+            Some(placed) if placed.placement == Placement::Fixed => {
+                stated().unwrap_or_else(|| Self::registered(placed))
             }
-            // The standard deviations in survey.toml are those of the pose that the registration found.
-            if registration.stations.iter().any(|placed| placed.name == entry.name) {
-                return Self::Changed;
-            }
+            Some(placed) => Self::registered(placed),
+            None if registration.stations.iter().any(|s| s.name == entry.name) => Self::Unknown(Reason::Changed),
+            None if registration.unplaced.iter().any(|s| s.name == entry.name) => Self::Unknown(Reason::Unplaced),
+            None => stated_or_unknown(),
         }
-        match (entry.sigma, entry.pose) {
-            (Some([metres, radians]), Some(pose)) => {
-                let mut covariance = [[0.0; 6]; 6];
-                for k in 0..3 {
-                    covariance[k][k] = radians * radians;
-                    covariance[k + 3][k + 3] = metres * metres;
-                }
-                let stated = Placed {
-                    name: entry.name.clone(),
-                    placement: Placement::Fixed,
-                    rotation: [1.0, 0.0, 0.0, 0.0],
-                    translation: pose.translation.to_array(),
-                    covariance,
-                };
-                Self::Known(PoseVariance::new(&stated))
-            }
-            _ => Self::Unknown,
-        }
+    }
+
+    fn registered(placed: &Placed) -> Self {
+        Self::Known(PoseVariance::new(placed))
     }
 }
 
@@ -102,6 +101,16 @@ impl PoseVariance {
             square: DMat3::from_diagonal(DVec3::splat(trace)) - rotation,
             linear: 2.0 * cross,
             constant: c(3, 3) + c(4, 4) + c(5, 5),
+        }
+    }
+
+    /// From standard deviations of the position (of each coordinate, metres) and of the rotation (about each axis, radians).
+    fn stated([metres, radians]: [f64; 2], pose: Pose) -> Self {
+        Self {
+            station: pose.translation,
+            square: DMat3::from_diagonal(DVec3::splat(2.0 * radians * radians)),
+            linear: DVec3::ZERO,
+            constant: 3.0 * metres * metres,
         }
     }
 
@@ -150,15 +159,16 @@ impl<'a> Sigmas<'a> {
     /// Of these stations, of which `parts` are in the surface.
     pub(super) fn of(stations: &'a [Station<'_>], parts: &[Part], scale: Scale) -> Result<Self, Accuracy> {
         let merged = || stations.iter().zip(parts).filter(|(_, part)| part.pieces > 0).map(|(station, _)| station);
-        let unknown = |station: &Station<'_>| {
-            let was_changed = matches!(station.pose_sigma, PoseSigma::Changed);
-            (was_changed || matches!(station.pose_sigma, PoseSigma::Unknown))
-                .then(|| UnknownPose { station: station.name().to_owned(), was_changed })
+        let unknown = |station: &Station<'_>| match station.pose_sigma {
+            PoseSigma::Unknown(reason) => Some(UnknownPose { station: station.name().to_owned(), reason }),
+            PoseSigma::Known(_) => None,
         };
         let unknown: Vec<UnknownPose> = merged().filter_map(unknown).collect();
         if !unknown.is_empty() {
-            let is_any_known = unknown.len() < merged().count() || unknown.iter().any(|pose| pose.was_changed);
-            return Err(if is_any_known { Accuracy::Incomplete(unknown) } else { Accuracy::Unknown });
+            // A survey in which nothing was registered or stated needs no remark.
+            let is_bare =
+                unknown.len() == merged().count() && unknown.iter().all(|pose| pose.reason == Reason::Unstated);
+            return Err(if is_bare { Accuracy::Unknown } else { Accuracy::Incomplete(unknown) });
         }
         let ranges = || parts.iter().filter_map(|part| part.variances);
         let least = ranges().map(|[least, _]| least).fold(f64::INFINITY, f64::min);
@@ -243,6 +253,13 @@ mod tests {
             };
             let point = DVec3::new(random.f64(), random.f64(), random.f64()) * 40.0 - 20.0;
             let [ours, theirs] = [PoseVariance::new(&placed).at(point).sqrt(), placed.sigma_at(point)];
+            assert!((ours / theirs - 1.0).abs() < 1e-9, "{ours} {theirs}");
+            // The same with stated standard deviations.
+            let stated: [f64; 2] = [random.f64(), random.f64()];
+            let entry = |i: usize, j: usize| if i == j { stated[usize::from(i < 3)].powi(2) } else { 0.0 };
+            let covariance = std::array::from_fn(|i| std::array::from_fn(|j| entry(i, j)));
+            let theirs = Placed { covariance, ..placed.clone() }.sigma_at(point);
+            let ours = PoseVariance::stated(stated, placed.pose()).at(point).sqrt();
             assert!((ours / theirs - 1.0).abs() < 1e-9, "{ours} {theirs}");
         }
     }

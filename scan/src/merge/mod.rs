@@ -28,7 +28,7 @@ use crate::import::Progress;
 use crate::mesh::{self, MeshVertex};
 use crate::survey::{self, Survey};
 use accuracy::Sigmas;
-pub use accuracy::{Accuracy, Parts, UnknownPose};
+pub use accuracy::{Accuracy, Parts, Reason, UnknownPose};
 use brightness::Brightness;
 pub use brightness::Light;
 use cut::{Known, Station, cut_all, stations};

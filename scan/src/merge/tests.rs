@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::import::{self, Silent};
-use crate::register::{Placed, Placement, Registration};
+use crate::register::{Placed, Placement, Registration, Unplaced};
 use kilwa_synth::scans::{ScanOptions, write};
 
 #[derive(Default, PartialEq)]
@@ -387,15 +387,15 @@ fn a_pose_that_was_changed_is_uncertain_by_an_unknown_amount() {
     survey.stations[1].sigma = Some([0.002, 0.001]);
     survey.stations[1].pose.as_mut().unwrap().translation.x += 1e-4;
     let name = survey.stations[1].name.clone();
-    let unknown = |was_changed| Accuracy::Incomplete(vec![UnknownPose { station: name.clone(), was_changed }]);
-    assert_eq!(accuracy(&survey, &common), (None, unknown(true)));
+    let unknown = |reason| Accuracy::Incomplete(vec![UnknownPose { station: name.clone(), reason }]);
+    assert_eq!(accuracy(&survey, &common), (None, unknown(Reason::Changed)));
     // Without the registration, those in survey.toml count.
     std::fs::remove_file(path.join(crate::register::FILE)).unwrap();
     survey.stations[0].sigma = Some([0.001, 0.0005]);
     let (registration, known) = accuracy(&survey, &common);
     assert!(registration.is_some() && matches!(known, Accuracy::Known(_)), "{known:?}");
     survey.stations[1].sigma = None;
-    assert_eq!(accuracy(&survey, &common), (None, unknown(false)));
+    assert_eq!(accuracy(&survey, &common), (None, unknown(Reason::Unstated)));
     survey.stations[0].sigma = None;
     assert_eq!(accuracy(&survey, &common), (None, Accuracy::Unknown));
     // A station that has no part in the surface does not matter.
@@ -408,4 +408,35 @@ fn a_pose_that_was_changed_is_uncertain_by_an_unknown_amount() {
     std::fs::write(path.join(crate::register::FILE), "{}").unwrap();
     let Err(refused) = stations(&path, &survey, &common, &|_| mesh::Options::default()) else { panic!() };
     assert!(refused.to_string().contains("run `kilwa register` again, or remove the file"), "{refused}");
+}
+
+#[test]
+fn a_given_pose_is_as_uncertain_as_stated_and_one_that_was_not_confirmed_by_an_unknown_amount() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, mut survey) = survey(folder.path(), 2, 120);
+    let common = options(folder.path(), 0.2);
+    register(&path, &survey, &[[0.0, 0.0]; 2]);
+    let mut registration = Registration::open(&path).unwrap().unwrap();
+    // Two fixed stations have no uncertainty relative to each other, unless the survey states one.
+    registration.stations.iter_mut().for_each(|placed| placed.placement = Placement::Fixed);
+    registration.save(&path).unwrap();
+    let (mesh, report) = merged(&path, &survey, &common, 3);
+    let Accuracy::Known(exact) = report.accuracy else { panic!("{report:?}") };
+    assert!(mesh.begin.unwrap().registration.is_none() && exact.registration == 0.0 && exact.instrument > 0.001);
+    survey.stations[1].sigma = Some([0.003, 0.001]);
+    let (mesh, report) = merged(&path, &survey, &common, 3);
+    let Accuracy::Known(parts) = report.accuracy else { panic!("{report:?}") };
+    assert!(mesh.begin.unwrap().registration > Some(0.003) && parts.registration > 0.001, "{parts:?}");
+    // Those of another pose than a given one are the registration's.
+    registration.stations[1].placement = Placement::Surface;
+    registration.save(&path).unwrap();
+    let (_, report) = merged(&path, &survey, &common, 3);
+    assert_eq!(report.accuracy, Accuracy::Known(exact));
+    let Placed { name, .. } = registration.stations.pop().unwrap();
+    let (reason, remedy) = ("no overlap".to_owned(), "scan again".to_owned());
+    registration.unplaced = vec![Unplaced { name: name.clone(), reason, candidates: Vec::new(), remedy }];
+    registration.save(&path).unwrap();
+    let (_, report) = merged(&path, &survey, &common, 3);
+    let reason = Reason::Unplaced;
+    assert_eq!(report.accuracy, Accuracy::Incomplete(vec![UnknownPose { station: name, reason }]));
 }
