@@ -69,9 +69,6 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let found = register(&args.survey, &survey, &options, &Shown(&bar));
     bar.clear();
     let found = found?;
-    if !args.dry_run {
-        apply(&args.survey, &found)?;
-    }
     let mut out = crate::terminal::out();
     if args.json {
         writeln!(out, "{}", crate::terminal::json_line(&serde_json::to_value(&found)?)?)?;
@@ -79,6 +76,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         print(&mut out, &found)?;
     }
     drop(out);
+    if !args.dry_run {
+        for sentence in apply(&args.survey, &survey, &found)? {
+            eprintln!("note: {sentence}");
+        }
+    }
     ensure!(
         found.unplaced.is_empty(),
         "{} could not be placed{}",
@@ -110,6 +112,9 @@ fn print(out: &mut impl std::io::Write, found: &Registration) -> anyhow::Result<
         let [a, b] = &worst.stations;
         let links = counted(found.links.len() as u64, "link", "links");
         writeln!(out, "{links}; the largest residual is {:.1} mm, between {a} and {b}", 1e3 * worst.residual)?;
+    }
+    for note in &found.notes {
+        writeln!(out, "note: {note}")?;
     }
     if found.weakest_chain.len() > 1 {
         writeln!(out, "weakest chain: {}", found.weakest_chain.join(" – "))?;

@@ -20,7 +20,8 @@ pub(crate) fn register(survey: &Path, sigmas: [[f64; 2]; 2]) {
             covariance[k + 3][k + 3] = metres * metres;
         }
         let (name, translation) = (station.name.clone(), pose.translation.to_array());
-        Placed { name, placement: Placement::Surface, rotation: [w, x, y, z], translation, covariance }
+        let rotation = [w, x, y, z];
+        Placed { name, placement: Placement::Surface, rotation, translation, covariance, stated: None }
     };
     let stations = stations.iter().zip(sigmas).map(placed).collect();
     Registration { stations, ..Registration::empty() }.save(survey).unwrap();

@@ -125,6 +125,8 @@ struct Usage {
     cpu_s: f64,
     /// Largest resident set, bytes; counts mapped pages too.
     peak_bytes: u64,
+    /// The exit status.
+    status: i32,
 }
 
 fn bench_build(args: &Build) -> Result<()> {
@@ -244,14 +246,32 @@ fn ply_faces(file: &Path) -> Result<u64> {
 
 /// Runs the program below a process of its own, because the system keeps the peak memory over *all* children of a process.
 fn run_measured(program: &Path, args: &[String], report: &Path) -> Result<Usage> {
+    run_measured_accepting(&[0], program, args, report)
+}
+
+/// The same for a program that tells something by its exit status.
+fn run_measured_accepting(statuses: &[i32], program: &Path, args: &[String], report: &Path) -> Result<Usage> {
     let me = std::env::current_exe().context("cannot find this program")?;
     let mut wrapper = Command::new(me);
     wrapper.args(["bench", "measured"]).arg(report).arg(program).arg("--").args(args);
     run_command(&mut wrapper)?;
+    let usage = usage(report)?;
+    if !statuses.contains(&usage.status) {
+        bail!("{} failed (exit status {})", program.display(), usage.status);
+    }
+    Ok(usage)
+}
+
+fn usage(report: &Path) -> Result<Usage> {
     let text = fs::read_to_string(report).with_context(|| format!("cannot read {}", report.display()))?;
     let mut words = text.split_whitespace();
     let mut next = || words.next().with_context(|| format!("{} is cut short: {text:?}", report.display()));
-    Ok(Usage { wall_s: next()?.parse()?, cpu_s: next()?.parse()?, peak_bytes: next()?.parse()? })
+    Ok(Usage {
+        wall_s: next()?.parse()?,
+        cpu_s: next()?.parse()?,
+        peak_bytes: next()?.parse()?,
+        status: next()?.parse()?,
+    })
 }
 
 #[cfg(unix)]
@@ -266,15 +286,13 @@ fn measured(report: &Path, program: &Path, args: &[String]) -> Result<()> {
         .status()
         .with_context(|| format!("cannot start {}", program.display()))?;
     let wall_s = started.elapsed().as_secs_f64();
-    if !status.success() {
-        bail!("{} failed ({status})", program.display());
-    }
+    let code = status.code().with_context(|| format!("{} failed ({status})", program.display()))?;
     let used = getrusage(UsageWho::RUSAGE_CHILDREN)?;
     let cpu_s = (used.user_time() + used.system_time()).num_microseconds() as f64 / 1e6;
     // Kilobytes on Linux, bytes on macOS.
     let unit = if cfg!(target_os = "macos") { 1 } else { 1024 };
     let peak_bytes = u64::try_from(used.max_rss())? * unit;
-    fs::write(report, format!("{wall_s} {cpu_s} {peak_bytes}\n"))
+    fs::write(report, format!("{wall_s} {cpu_s} {peak_bytes} {code}\n"))
         .with_context(|| format!("cannot write {}", report.display()))
 }
 
@@ -349,16 +367,15 @@ mod tests {
 
     #[cfg(unix)]
     #[test]
-    fn a_measured_run_reports_its_own_use_and_a_failing_one_is_an_error() {
+    fn a_measured_run_reports_its_own_use_and_exit_status_and_a_killed_one_is_an_error() {
         let report = std::env::temp_dir().join(format!("kilwa-usage-{}", std::process::id()));
         measured(&report, Path::new("sh"), &["-c".into(), "exit 0".into()]).unwrap();
-        let text = fs::read_to_string(&report).unwrap();
-        let numbers: Vec<f64> = text.split_whitespace().map(|word| word.parse().unwrap()).collect();
-        assert_eq!(numbers.len(), 3);
-        assert!(numbers[2] > 0.0, "peak memory of a shell is not zero");
-        assert!(
-            measured(&report, Path::new("sh"), &["-c".into(), "exit 3".into()]).unwrap_err().to_string().contains('3')
-        );
+        let used = usage(&report).unwrap();
+        assert!(used.peak_bytes > 0, "peak memory of a shell is not zero");
+        assert_eq!(used.status, 0);
+        measured(&report, Path::new("sh"), &["-c".into(), "exit 3".into()]).unwrap();
+        assert_eq!(usage(&report).unwrap().status, 3);
+        measured(&report, Path::new("sh"), &["-c".into(), "kill -9 $$".into()]).unwrap_err();
         fs::remove_file(&report).unwrap();
         fs::remove_file(report.with_extension("json")).unwrap();
     }

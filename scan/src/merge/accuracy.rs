@@ -60,23 +60,22 @@ pub(super) enum PoseSigma {
 
 impl PoseSigma {
     pub(super) fn of(entry: &survey::Station, registration: Option<&Registration>) -> Self {
-        let stated = || entry.sigma.zip(entry.pose).map(|(sigma, pose)| Self::Known(PoseVariance::stated(sigma, pose)));
-        let stated_or_unknown = || stated().unwrap_or(Self::Unknown(Reason::Unstated));
-        let Some(registration) = registration else { return stated_or_unknown() };
-        // Standard deviations in survey.toml are those of the pose that a registration found, unless the pose was given and kept.
-        match registration.of(entry) {
-            Some(placed) if placed.placement == Placement::Fixed => {
-                stated().unwrap_or_else(|| Self::registered(placed))
+        // Standard deviations that a registration entered do not count for a pose that was entered since.
+        let stated = Registration::stated(registration, entry)
+            .and_then(|stated| Some(PoseVariance::stated(stated.sigma?, stated.pose())));
+        let is_listed = |of: fn(&Registration, &str) -> bool| registration.is_some_and(|all| of(all, &entry.name));
+        match (registration.and_then(|all| all.of(entry)), stated) {
+            (Some(placed), Some(stated)) if placed.placement == Placement::Fixed => Self::Known(stated),
+            (Some(placed), _) => Self::Known(PoseVariance::new(placed)),
+            (None, _) if is_listed(|all, name| all.unplaced.iter().any(|s| s.name == name)) => {
+                Self::Unknown(Reason::Unplaced)
             }
-            Some(placed) => Self::registered(placed),
-            None if registration.stations.iter().any(|s| s.name == entry.name) => Self::Unknown(Reason::Changed),
-            None if registration.unplaced.iter().any(|s| s.name == entry.name) => Self::Unknown(Reason::Unplaced),
-            None => stated_or_unknown(),
+            (None, Some(stated)) => Self::Known(stated),
+            (None, None) if is_listed(|all, name| all.stations.iter().any(|s| s.name == name)) => {
+                Self::Unknown(Reason::Changed)
+            }
+            (None, None) => Self::Unknown(Reason::Unstated),
         }
-    }
-
-    fn registered(placed: &Placed) -> Self {
-        Self::Known(PoseVariance::new(placed))
     }
 }
 
@@ -250,6 +249,7 @@ mod tests {
                 rotation: [1.0, 0.0, 0.0, 0.0],
                 translation: [3.0, -2.0, 1.0],
                 covariance: std::array::from_fn(|i| std::array::from_fn(|j| entry(i, j))),
+                stated: None,
             };
             let point = DVec3::new(random.f64(), random.f64(), random.f64()) * 40.0 - 20.0;
             let [ours, theirs] = [PoseVariance::new(&placed).at(point).sqrt(), placed.sigma_at(point)];

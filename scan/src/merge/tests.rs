@@ -308,7 +308,8 @@ fn register(folder: &Path, survey: &Survey, sigmas: &[[f64; 2]]) {
             covariance[k + 3][k + 3] = metres * metres;
         }
         let (name, translation) = (station.name.clone(), pose.translation.to_array());
-        Placed { name, placement: Placement::Surface, rotation: [w, x, y, z], translation, covariance }
+        let rotation = [w, x, y, z];
+        Placed { name, placement: Placement::Surface, rotation, translation, covariance, stated: None }
     };
     let stations = survey.stations.iter().zip(sigmas).map(placed).collect();
     Registration { stations, ..Registration::empty() }.save(folder).unwrap();
@@ -383,12 +384,15 @@ fn a_pose_that_was_changed_is_uncertain_by_an_unknown_amount() {
     let (registration, known) = accuracy(&survey, &common);
     let Accuracy::Known(parts) = known else { panic!("{known:?}") };
     assert!(registration.is_none() && (parts.registration - 0.002).abs() < 1e-6, "{parts:?}");
-    // The standard deviations in survey.toml are those of the pose that was registered.
-    survey.stations[1].sigma = Some([0.002, 0.001]);
+    // The standard deviations in survey.toml are those of the pose that was registered, unless new ones are stated.
+    survey.stations[1].sigma = Some([0.002, 0.0]);
     survey.stations[1].pose.as_mut().unwrap().translation.x += 1e-4;
     let name = survey.stations[1].name.clone();
     let unknown = |reason| Accuracy::Incomplete(vec![UnknownPose { station: name.clone(), reason }]);
     assert_eq!(accuracy(&survey, &common), (None, unknown(Reason::Changed)));
+    survey.stations[1].sigma = Some([0.002, 0.001]);
+    let (registration, known) = accuracy(&survey, &common);
+    assert!(registration > Some(0.002) && matches!(known, Accuracy::Known(_)), "{known:?}");
     // Without the registration, those in survey.toml count.
     std::fs::remove_file(path.join(crate::register::FILE)).unwrap();
     survey.stations[0].sigma = Some([0.001, 0.0005]);

@@ -51,9 +51,35 @@ impl Controls {
         Self { points }
     }
 
-    /// Whether enough points have known survey coordinates to place the survey.
-    pub(super) fn locate(&self) -> bool {
-        self.points.values().filter(|all| all.iter().any(|s| s.station.is_none())).count() >= MIN_POINTS
+    /// Observations of points with known survey coordinates: the station, its coordinates, those of the survey, and the standard deviation of their difference, metres.
+    pub(super) fn with_survey_coordinates(&self) -> Vec<(usize, DVec3, DVec3, f64)> {
+        let of_point = |all: &Vec<Sighting>| {
+            let known = all.iter().find(|s| s.station.is_none()).copied();
+            let observed = |s: &Sighting| {
+                let known = known?;
+                Some((s.station?, s.at, known.at, s.sigma.hypot(known.sigma)))
+            };
+            all.iter().filter_map(observed).collect::<Vec<_>>()
+        };
+        self.points.values().flat_map(of_point).collect()
+    }
+
+    /// Forget the survey coordinates of all points. Returns whether there were any.
+    pub(super) fn drop_survey_points(&mut self) -> bool {
+        let had = self.points.values().any(|all| all.iter().any(|s| s.station.is_none()));
+        for all in self.points.values_mut() {
+            all.retain(|s| s.station.is_some());
+        }
+        self.points.retain(|_, all| all.len() > 1);
+        had
+    }
+
+    /// Whether the points that both observed determine the pose of one relative to the other; `None` means survey coordinates.
+    pub(super) fn are_tied(&self, a: Option<usize>, b: Option<usize>) -> bool {
+        let of = |all: &[Sighting], station| all.iter().find(|s: &&Sighting| s.station == station).map(|s| s.at);
+        let pairs: Vec<(DVec3, DVec3)> =
+            self.points.values().filter_map(|all| Some((of(all, a)?, of(all, b)?))).collect();
+        rigid(&pairs).is_some()
     }
 
     /// `a_from_b` from the points that both observed; for `a` or `b`, `None` means survey coordinates. Returns `None` if there are too few points, or if they are collinear.
@@ -73,7 +99,7 @@ impl Controls {
         let Some(pose) = rigid(&pairs) else { return Ok(None) };
         for (point, own, other) in &common {
             let distance = own.at.distance(pose.apply(other.at));
-            if distance > (5.0 * own.sigma.hypot(other.sigma)).max(0.01) {
+            if distance > tolerance(own, other) {
                 return Err(ScanError::Request(format!(
                     "control point {point} does not fit: its coordinates in {} and in {} differ by {distance:.3} m after alignment; check them in survey.toml",
                     name(b),
@@ -85,9 +111,14 @@ impl Controls {
     }
 }
 
+/// How far two observations of a point may be apart, metres.
+pub(super) fn tolerance(a: &Sighting, b: &Sighting) -> f64 {
+    (5.0 * a.sigma.hypot(b.sigma)).max(0.01)
+}
+
 /// The pose that best aligns the second point of each pair with the first (Kabsch, "A solution for the best rotation to relate two sets of vectors", 1976); `None` if there are fewer than three
 /// pairs, or if the points are collinear.
-fn rigid(pairs: &[(DVec3, DVec3)]) -> Option<Pose> {
+pub(super) fn rigid(pairs: &[(DVec3, DVec3)]) -> Option<Pose> {
     if pairs.len() < MIN_POINTS {
         return None;
     }

@@ -56,12 +56,6 @@ impl Group {
         Self { plan: Plan::joined(&parts), members }
     }
 
-    /// Move the group so that this member (an index in the list) has this pose.
-    pub(super) fn move_to(&mut self, member: usize, pose: Pose) {
-        let step = self.members[member].1.inverse().then(pose);
-        self.members.iter_mut().for_each(|(_, own)| *own = own.then(step));
-    }
-
     /// The pose of a member.
     pub(super) fn pose_of(&self, number: usize) -> Option<Pose> {
         self.members.iter().find(|(own, _)| *own == number).map(|(_, pose)| *pose)
@@ -145,7 +139,7 @@ impl Two<'_> {
         let mut out: Vec<Beside> = Vec::new();
         for (_, start) in starts {
             let Some(found) = self.fitted(start) else { continue };
-            if !out.iter().any(|other| self.is_same(other.pose, found.pose)) {
+            if !out.iter().any(|other| is_same(other.pose, found.pose, self.edge)) {
                 out.push(found);
             }
         }
@@ -155,7 +149,7 @@ impl Two<'_> {
         out.truncate(REFINED);
         let mut refined: Vec<Beside> = Vec::new();
         for found in out.iter().filter_map(|found| self.refined(found)) {
-            if !refined.iter().any(|other| self.is_same(other.pose, found.pose)) {
+            if !refined.iter().any(|other| is_same(other.pose, found.pose, self.edge)) {
                 refined.push(found);
             }
         }
@@ -174,7 +168,8 @@ impl Two<'_> {
     pub(super) fn add(&self, places: &mut Vec<Beside>, starts: impl Iterator<Item = Pose>) {
         for start in starts {
             let found = self.fitted(start).and_then(|found| self.refined(&found));
-            if let Some(found) = found.filter(|found| places.iter().all(|other| !self.is_same(other.pose, found.pose)))
+            if let Some(found) =
+                found.filter(|found| places.iter().all(|other| !is_same(other.pose, found.pose, self.edge)))
             {
                 places.push(found);
             }
@@ -187,7 +182,7 @@ impl Two<'_> {
         let mut out: Vec<Beside> = Vec::new();
         for (_, start) in self.starts(correlator, map, turned) {
             let Some(found) = self.fitted(start) else { continue };
-            if !out.iter().any(|other| self.is_same(other.pose, found.pose)) {
+            if !out.iter().any(|other| is_same(other.pose, found.pose, self.edge)) {
                 out.push(found);
             }
         }
@@ -240,12 +235,6 @@ impl Two<'_> {
         Beside { pose, verdict, firmness: f64::INFINITY, noise: 0.0, weakest: Vector6::zeros(), median: 0.0 }
     }
 
-    /// Whether two poses are practically the same.
-    fn is_same(&self, a: Pose, b: Pose) -> bool {
-        let (angle, distance) = a.difference(b);
-        distance < 2.0 * self.edge && angle < 0.035
-    }
-
     fn fitted(&self, start: Pose) -> Option<Beside> {
         let reaches = [8.0, 4.0, 2.0, 1.0].map(|reach| reach * self.edge);
         let found = fit(&self.first.targets(self.views), &self.second.samples(self.views), start, 1, &reaches)?;
@@ -279,19 +268,37 @@ impl Two<'_> {
         Beside { pose: found.pose, verdict, firmness, noise: found.noise, weakest, median }
     }
 
-    /// Compares all stations of one group with all stations of the other, using at most `most` planes of each station.
+    /// How well both agree, using at most `most` planes of each station.
     pub(super) fn verdict(&self, pose: Pose, margin: f64, most: usize) -> Verdict {
-        let mut out = Verdict::default();
-        for (b, b_pose) in &self.second.members {
-            for (a, a_pose) in &self.first.members {
-                let a_from_b = b_pose.then(pose).then(a_pose.inverse());
-                let (a, b) = (&self.views[*a], &self.views[*b]);
-                out = out.join(Verdict::one_way(a, &b.samples, most, a_from_b, margin));
-                out = out.join(Verdict::one_way(b, &a.samples, most, a_from_b.inverse(), margin));
-            }
-        }
-        out
+        verdict(self.views, &self.first.members, &self.second.members, pose, margin, most)
     }
+}
+
+/// Whether two poses are practically the same; `edge` is that of the smallest voxels.
+pub(super) fn is_same(a: Pose, b: Pose, edge: f64) -> bool {
+    let (angle, distance) = a.difference(b);
+    distance < 2.0 * edge && angle < 0.035
+}
+
+/// Compares all stations of one group (their numbers, and their poses in it) with all stations of another, whose pose is in the frame of the first, using at most `most` planes of each station.
+pub(super) fn verdict(
+    views: &[View],
+    first: &[(usize, Pose)],
+    second: &[(usize, Pose)],
+    pose: Pose,
+    margin: f64,
+    most: usize,
+) -> Verdict {
+    let mut out = Verdict::default();
+    for (b, b_pose) in second {
+        for (a, a_pose) in first {
+            let a_from_b = b_pose.then(pose).then(a_pose.inverse());
+            let (a, b) = (&views[*a], &views[*b]);
+            out = out.join(Verdict::one_way(a, &b.samples, most, a_from_b, margin));
+            out = out.join(Verdict::one_way(b, &a.samples, most, a_from_b.inverse(), margin));
+        }
+    }
+    out
 }
 
 fn quality(verdict: Verdict) -> f64 {

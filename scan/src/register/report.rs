@@ -1,8 +1,8 @@
 //! The report of a registration: links, the weakest chain, and the stations that could not be placed.
 
-use super::assemble::{Doubt, Finding};
+use super::doubt::{Doubt, Finding};
 use super::group::{Beside, Group};
-use super::result::{Candidate, Link, Placement, Registration, Unplaced};
+use super::result::{Candidate, Link, Placement, Registration, Unplaced, quaternion};
 use super::settle::Settled;
 use super::view::{Verdict, View};
 use crate::survey::Station;
@@ -21,6 +21,8 @@ pub(super) struct Report<'a> {
     pub(super) pairs: &'a BTreeMap<(usize, usize), Finding>,
     /// `survey_from_station` of those that are placed.
     pub(super) poses: BTreeMap<usize, Pose>,
+    /// Stations that were placed at first, and then not.
+    pub(super) dropped: BTreeMap<usize, Doubt>,
 }
 
 impl Report<'_> {
@@ -74,17 +76,17 @@ impl Report<'_> {
             let candidates = candidates.collect();
             let companions = group.members.iter().filter(|(other, _)| other != number);
             let companions: Vec<String> = companions.map(|(other, _)| self.name(*other)).collect();
-            let (reason, remedy) = self.why(placed.first().or(found.first()).map(|f| (f.0, f.2)), &companions);
+            let best = placed.first().or(found.first()).map(|f| (f.0, f.2));
+            let (reason, remedy) = self.why(*number, best, &companions);
             out.unplaced.push(Unplaced { name: self.name(*number), reason, candidates, remedy });
         }
     }
 
     fn candidate(&self, beside: usize, pose: Pose, best: &Beside) -> Candidate {
-        let q = pose.rotation;
         let v = best.verdict;
         Candidate {
             matched_with: self.name(beside),
-            rotation: [q.w, q.x, q.y, q.z],
+            rotation: quaternion(pose),
             translation: pose.translation.to_array(),
             overlap: f64::from(v.common()) / f64::from(v.planes.max(1)),
             agreement: v.agreement(),
@@ -94,16 +96,38 @@ impl Report<'_> {
     }
 
     /// The reason and the remedy.
-    fn why(&self, best: Option<(usize, &Finding)>, companions: &[String]) -> (String, String) {
+    fn why(&self, own: usize, best: Option<(usize, &Finding)>, companions: &[String]) -> (String, String) {
         let points = "add three control points that this station and a placed station both observe to survey.toml, or add a pose with translation_sigma and rotation_sigma";
         let between = format!("scan from a position between it and the others, or {points}");
         let Some((other, finding)) = best else {
-            return ("it has no surface in common with any other station".to_owned(), between);
+            return match self.views[own].image {
+                Some(_) => ("it has no surface in common with any other station".to_owned(), between),
+                None => (
+                    "its rays are parallel, and such scans are not searched for without approximate poses".to_owned(),
+                    "add approximate poses (rotation and translation) to it and to another station in survey.toml"
+                        .to_owned(),
+                ),
+            };
         };
         let other = self.name(other);
         let v = finding.places.first().map(|best| best.verdict).unwrap_or_default();
         let percent = |share: f64| format!("{:.0} %", 100.0 * share);
-        let (reason, remedy) = match finding.doubt {
+        let (reason, remedy) = match self.dropped.get(&own).copied().or(finding.doubt) {
+            Some(Doubt::Unlinked) => (
+                format!("the surface it shares with {other} and others is too small to determine its pose precisely"),
+                between,
+            ),
+            Some(Doubt::Adjusted) => (
+                format!("after the adjustment of all stations, its pose contradicts what {other} and others measured"),
+                points.to_owned(),
+            ),
+            Some(Doubt::Known) => (
+                format!(
+                    "no pose in which it fits {other} agrees with the poses and standard deviations in survey.toml"
+                ),
+                "check rotation, translation and their standard deviations in survey.toml, or use `--ignore-poses`"
+                    .to_owned(),
+            ),
             Some(Doubt::None | Doubt::Little) => (
                 format!(
                     "it has too little surface in common with other stations; the best match is {other}, where {} of {} samples agree",

@@ -32,6 +32,9 @@ pub struct Registration {
     pub links: Vec<Link>,
     /// The stations on the path from the anchor to the least certain station, along the links with the smallest total variance.
     pub weakest_chain: Vec<String>,
+    /// What else the user should know, in sentences.
+    #[serde(default)]
+    pub notes: Vec<String>,
 }
 
 /// How the pose of a station was determined.
@@ -62,13 +65,48 @@ pub struct Placed {
     /// Covariance of the pose relative to the anchor or the fixed stations, 6 × 6: rotations about the axes of the survey through the station
     /// (radians), then translations of the station along them (metres). A point `p` of the station is displaced by `ω × (p − translation) + τ`.
     pub covariance: [[f64; 6]; 6],
+    /// The pose that this one replaced in `survey.toml`, unless that was registered, too.
+    #[serde(default)]
+    pub stated: Option<Stated>,
+}
+
+/// A pose that was not registered: it came with the scan, or somebody entered it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Stated {
+    /// `survey_from_station`: a unit quaternion w, x, y, z.
+    pub rotation: [f64; 4],
+    /// And a translation, metres.
+    pub translation: [f64; 3],
+    /// Its standard deviations, if somebody entered them: metres, radians.
+    pub sigma: Option<[f64; 2]>,
+}
+
+impl Stated {
+    /// A pose, and its standard deviations in metres and radians.
+    pub fn new(pose: Pose, sigma: Option<[f64; 2]>) -> Self {
+        Self { rotation: quaternion(pose), translation: pose.translation.to_array(), sigma }
+    }
+
+    /// `survey_from_station`.
+    pub fn pose(&self) -> Pose {
+        pose(self.rotation, self.translation)
+    }
+}
+
+/// The rotation of a pose as w, x, y, z.
+pub(super) fn quaternion(pose: Pose) -> [f64; 4] {
+    let q = pose.rotation;
+    [q.w, q.x, q.y, q.z]
+}
+
+fn pose([w, x, y, z]: [f64; 4], translation: [f64; 3]) -> Pose {
+    Pose { rotation: DQuat::from_xyzw(x, y, z, w), translation: DVec3::from_array(translation) }
 }
 
 impl Placed {
     /// `survey_from_station`.
     pub fn pose(&self) -> Pose {
-        let [w, x, y, z] = self.rotation;
-        Pose { rotation: DQuat::from_xyzw(x, y, z, w), translation: DVec3::from_array(self.translation) }
+        pose(self.rotation, self.translation)
     }
 
     /// Standard deviations as `survey.toml` has them: of the position, the root mean square of its three coordinates, metres; and of the rotation about
@@ -168,25 +206,29 @@ impl Registration {
             return Ok(None);
         }
         let cannot = |source| ReadError::Open { file: path.clone(), source };
-        let mut text = String::new();
+        let mut text = Vec::new();
         let file = plain_file::open(&path).map_err(cannot)?;
-        file.take(FILE_MAX + 1).read_to_string(&mut text).map_err(cannot)?;
+        file.take(FILE_MAX + 1).read_to_end(&mut text).map_err(cannot)?;
         let wrong = |what: String| {
-            ScanError::Request(format!("{}: {what}; run `kilwa register` again, or remove the file", path.display()))
+            ScanError::Request(format!(
+                "{} is damaged: {what}; register all stations again with `kilwa register --again`, or remove the file",
+                path.display()
+            ))
         };
         if text.len() as u64 > FILE_MAX {
             return Err(wrong(format!("it is larger than {FILE_MAX} bytes")));
         }
-        let found: Self = serde_json::from_str(&text).map_err(|e| wrong(e.to_string()))?;
+        let found: Self = serde_json::from_slice(&text).map_err(|e| wrong(e.to_string()))?;
         if found.version != VERSION {
             return Err(wrong(format!("its version is {}, but this program reads version {VERSION}", found.version)));
         }
         for station in &found.stations {
-            let numbers =
-                station.rotation.iter().chain(&station.translation).chain(station.covariance.iter().flatten());
-            if numbers.copied().any(|v| !v.is_finite())
-                || (station.pose().rotation.length() - 1.0).abs() > Pose::TOLERANCE
-            {
+            let is_pose =
+                |pose: Pose| pose.translation.is_finite() && (pose.rotation.length() - 1.0).abs() <= Pose::TOLERANCE;
+            let is_valid = is_pose(station.pose())
+                && station.covariance.iter().flatten().all(|v| v.is_finite())
+                && station.stated.is_none_or(|stated| is_pose(stated.pose()));
+            if !is_valid {
                 return Err(wrong(format!("the pose of station {} is invalid", station.name)));
             }
         }
@@ -196,9 +238,12 @@ impl Registration {
     /// Write it into the survey.
     ///
     /// # Errors
-    /// [`ScanError::Write`].
+    /// [`ScanError::Write`]; [`ScanError::Request`] if a covariance is not finite, because the file could not be read again.
     pub fn save(&self, folder: &Path) -> Result<(), ScanError> {
         let path = folder.join(FILE);
+        if let Some(bad) = self.stations.iter().find(|s| !s.covariance.iter().flatten().all(|v| v.is_finite())) {
+            return Err(ScanError::Request(format!("the covariance of station {} is not finite", bad.name)));
+        }
         let mut text = serde_json::to_string_pretty(self).map_err(|e| ScanError::Request(e.to_string()))?;
         text.push('\n');
         atomic::write(&path, text.as_bytes(), Access::Default, true).map_err(ScanError::write(&path))
@@ -211,9 +256,29 @@ impl Registration {
 
     /// The entry for the current pose of a station; `None` if it was not registered, or if its pose has been changed since.
     pub fn of(&self, station: &Station) -> Option<&Placed> {
-        let placed = self.stations.iter().find(|placed| placed.name == station.name)?;
+        let placed = self.named(&station.name)?;
         let (angle, distance) = station.pose?.difference(placed.pose());
         (angle < 1e-6 && distance < 1e-6).then_some(placed)
+    }
+
+    fn named(&self, name: &str) -> Option<&Placed> {
+        self.stations.iter().find(|placed| placed.name == name)
+    }
+
+    /// The pose of a station that is not the work of a registration, of which `before` is the last one; `None` if there is none. Standard deviations that the
+    /// registration entered say nothing about a pose that somebody entered since.
+    pub(crate) fn stated(before: Option<&Self>, station: &Station) -> Option<Stated> {
+        let own = |sigma| station.pose.map(|pose| Stated::new(pose, sigma));
+        let Some(placed) = before.and_then(|before| before.named(&station.name)) else { return own(station.sigma) };
+        if placed.placement == Placement::Fixed {
+            return own(station.sigma);
+        }
+        let entered = placed.sigma();
+        // Angles are stored in degrees.
+        let is_entered = |sigma: &[f64; 2]| sigma.iter().zip(entered).all(|(a, b)| (a - b).abs() <= 1e-9 * b.abs());
+        let sigma = station.sigma.filter(|sigma| !is_entered(sigma));
+        let is_registered = before.is_some_and(|before| before.of(station).is_some());
+        if is_registered && sigma.is_none() { placed.stated } else { own(sigma) }
     }
 
     /// Stations of the survey whose poses have been changed since they were registered.

@@ -1,16 +1,20 @@
 //! The last step: joint adjustment of all poses of a group, with their covariances.
 
-use super::control::Controls;
+use super::SURE;
+use super::align::align;
+use super::control::{Controls, tolerance};
 use super::group::Group;
 use super::view::View;
 use glam::{DMat3, DQuat, DVec3};
 use kilwa_scan_core::Pose;
 use kilwa_scan_core::register::adjust::{Link, Party, Prior, Reach, System};
-use nalgebra::{Matrix3, Matrix6, Vector6};
+use nalgebra::{Cholesky, Matrix3, Matrix6, Vector6};
 use rayon::prelude::*;
 
 /// Maximum distances of matching surfaces, in voxel edges, and the number of rounds for each.
 const REACHES: [(f64, usize); 4] = [(2.0, 3), (1.0, 3), (0.5, 4), (0.35, 8)];
+/// From this one of them on, known poses and control points count. Before, distances are large and have little weight, so that one wrong point would tear a station from its neighbours.
+const KNOWN_FROM: usize = 2;
 /// Fewest planes of a link.
 const MIN_MATCHED: usize = 60;
 /// The edge of the cubes within which errors may be correlated, in voxel edges.
@@ -46,12 +50,16 @@ impl Settled {
 
 /// Constraints on poses other than the surface.
 pub(super) struct Given {
-    /// Which members keep their poses.
-    pub(super) is_fixed: Vec<bool>,
+    /// The poses of members that keep them.
+    pub(super) stays: Vec<Option<Pose>>,
+    /// The covariances of members that keep their poses because they were registered before.
+    pub(super) covariances: Vec<Option<Matrix6<f64>>>,
     /// Poses of members that are known with standard deviations (metres, radians).
     pub(super) priors: Vec<(usize, Pose, [f64; 2])>,
     /// Control points; stations are numbers of members.
     pub(super) controls: Controls,
+    /// Whether poses that stay, known poses, or control points determine where the group is.
+    pub(super) is_located: bool,
 }
 
 /// The members of a group while they are adjusted.
@@ -62,6 +70,7 @@ struct Adjustment<'a> {
     is_fixed: Vec<bool>,
     poses: Vec<Pose>,
     pairs: Vec<(usize, usize)>,
+    uses_known: bool,
     /// The scale of the robust weights, metres.
     sigma: f64,
 }
@@ -79,61 +88,146 @@ impl Adjustment<'_> {
         links
     }
 
-    fn system(&self, links: &[((usize, usize), Link)]) -> System {
-        let mut system = System::new(&self.is_fixed);
+    /// Move the stations, which fit each other by now, to where they are known to be, and keep them there.
+    fn use_known(&mut self) {
+        self.uses_known = true;
+        if !self.given.is_located {
+            return;
+        }
+        self.is_fixed = self.given.stays.iter().map(Option::is_some).collect();
+        let mut members: Vec<(usize, Pose)> = self.poses.iter().copied().enumerate().collect();
+        align(&mut members, self.given);
+        self.poses = members.into_iter().map(|(_, pose)| pose).collect();
+    }
+
+    /// The variance of a distance, square metres.
+    fn variance(&self) -> f64 {
+        0.25 * self.sigma * self.sigma
+    }
+
+    fn system(&self, links: &[((usize, usize), Link)], is_fixed: &[bool]) -> System {
+        let mut system = System::new(is_fixed);
         for ((a, b), link) in links {
             system.add(*a, *b, link);
         }
-        let variance = 0.25 * self.sigma * self.sigma;
+        if !self.uses_known {
+            return system;
+        }
+        let variance = self.variance();
         for (member, pose, [metres, radians]) in &self.given.priors {
             let own = self.poses[*member];
             let turn = rotation_vector(own.rotation * pose.rotation.inverse());
             let shift = own.translation - pose.translation;
-            let weights = [radians, metres].map(|sigma| 1.0 / (sigma * sigma));
+            let robust = robust((turn.length() / radians).max(shift.length() / metres) / SURE);
+            let weights = [radians, metres].map(|sigma| robust / (sigma * sigma));
             let information = Matrix6::from_diagonal(&Vector6::from_fn(|k, _| weights[k / 3]));
             let error = Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);
             system.add_prior(&Prior { station: *member, error, information }, variance);
         }
         for sightings in self.given.controls.points.values() {
+            // All differences of n observations together say as much as n - 1 independent ones.
+            let share = (sightings.len() as f64 / 2.0).sqrt();
             for (k, b) in sightings.iter().enumerate() {
                 let Some(second) = b.station.map(|member| (member, self.poses[member], b.at)) else { continue };
                 for a in &sightings[..k] {
                     let first = a.station.map(|member| (member, self.poses[member], a.at));
-                    system.add_point(first, second, a.at, a.sigma.hypot(b.sigma), variance);
+                    let place = |(_, pose, at): (usize, Pose, DVec3)| pose.apply(at);
+                    let distance = place(second).distance(first.map_or(a.at, place));
+                    let share = share / robust(distance / tolerance(a, b)).sqrt();
+                    system.add_point(first, second, a.at, share * a.sigma.hypot(b.sigma), variance);
                 }
             }
         }
         system
     }
+
+    /// Members that neither links nor control points connect with what is known.
+    fn loose(&self, links: &[((usize, usize), Link)]) -> Vec<usize> {
+        let n = self.poses.len();
+        let mut parts: Vec<usize> = (0..n).collect();
+        let mut join = |a: usize, b: usize| {
+            let (from, to) = (parts[a].max(parts[b]), parts[a].min(parts[b]));
+            parts.iter_mut().filter(|part| **part == from).for_each(|part| *part = to);
+        };
+        for ((a, b), _) in links {
+            join(*a, *b);
+        }
+        let is_tied = |a: Option<usize>, b: usize| self.given.controls.are_tied(a, Some(b));
+        for b in 0..n {
+            (0..b).filter(|a| is_tied(Some(*a), b)).for_each(|a| join(a, b));
+        }
+        let is_known =
+            |k: usize| self.is_fixed[k] || self.given.priors.iter().any(|prior| prior.0 == k) || is_tied(None, k);
+        let mut known: Vec<usize> = (0..n).filter(|k| is_known(*k)).map(|k| parts[k]).collect();
+        if known.is_empty() && self.given.is_located {
+            // Several stations saw one point each with survey coordinates.
+            known.extend(self.given.controls.with_survey_coordinates().iter().map(|(k, ..)| parts[*k]));
+        }
+        (0..n).filter(|k| !known.contains(&parts[*k])).collect()
+    }
+
+    /// The covariance of each member's pose. Those of stations that were registered before have errors, too, which the others share.
+    fn covariances(&self, links: &[((usize, usize), Link)]) -> Option<Vec<Matrix6<f64>>> {
+        let before = |c: &Option<Matrix6<f64>>| Some(Cholesky::new((*c)? / CAUTION)?.inverse());
+        let before: Vec<Option<Matrix6<f64>>> = self.given.covariances.iter().map(before).collect();
+        let is_exact: Vec<bool> = self.is_fixed.iter().zip(&before).map(|(fixed, b)| *fixed && b.is_none()).collect();
+        // Their covariances come from these links already.
+        let is_new = |(a, b): &(usize, usize)| before[*a].is_none() || before[*b].is_none();
+        let links: Vec<((usize, usize), Link)> = links.iter().filter(|(pair, _)| is_new(pair)).cloned().collect();
+        let mut system = self.system(&links, &is_exact);
+        for (station, information) in before.iter().enumerate().filter_map(|(k, c)| Some((k, (*c)?))) {
+            system.add_prior(&Prior { station, error: Vector6::zeros(), information }, self.variance());
+        }
+        Some(system.covariances(self.variance())?.into_iter().map(|c| c * CAUTION).collect())
+    }
+}
+
+/// The weight of something known that is off by so many times of what can be expected, as by Geman and McClure: one wrong point must not tear a station from its neighbours. The error is reported afterwards.
+fn robust(excess: f64) -> f64 {
+    let w = 1.0 / (1.0 + excess * excess);
+    w * w
 }
 
 /// The rotation as an axis times an angle of at most half a turn: a quaternion and its negative are the same rotation.
-fn rotation_vector(rotation: DQuat) -> DVec3 {
+pub(super) fn rotation_vector(rotation: DQuat) -> DVec3 {
     let rotation = if rotation.w < 0.0 { -rotation } else { rotation };
     rotation.to_scaled_axis()
 }
 
-/// Adjust the members of a group. `None` if the equations have no solution.
-pub(super) fn settle(views: &[View], group: &Group, given: &Given, edge: f64) -> Option<Settled> {
+/// Adjust the members of a group.
+///
+/// # Errors
+/// The members that nothing connects with a station that stays, a known pose, or the anchor: their poses would not be determined.
+pub(super) fn settle(views: &[View], group: &Group, given: &Given, edge: f64) -> Result<Settled, Vec<usize>> {
     let n = group.members.len();
+    let all: Vec<(usize, usize)> = (0..n).flat_map(|b| (0..b).map(move |a| (a, b))).collect();
     let mut work = Adjustment {
         views,
         group,
         given,
-        is_fixed: given.is_fixed.clone(),
+        is_fixed: given.stays.iter().map(Option::is_some).collect(),
         poses: group.members.iter().map(|(_, pose)| *pose).collect(),
-        pairs: (0..n).flat_map(|b| (0..b).map(move |a| (a, b))).collect(),
+        pairs: all.clone(),
+        uses_known: false,
         sigma: edge / 3.0,
     };
-    let is_located = !given.priors.is_empty() || given.controls.locate();
-    for (reach, rounds) in REACHES {
+    for (number, (reach, rounds)) in REACHES.into_iter().enumerate() {
+        // Stations may have come near each other since, as at the ends of a loop.
+        work.pairs.clone_from(&all);
+        if number == KNOWN_FROM {
+            work.use_known();
+        }
         for _ in 0..rounds {
             let links = work.compare(reach * edge, 0.0);
-            work.pairs = links.iter().map(|(pair, _)| *pair).collect();
-            if !work.is_fixed.contains(&true) && !is_located {
+            if number > 0 {
+                work.pairs = links.iter().map(|(pair, _)| *pair).collect();
+            }
+            if !(work.is_fixed.contains(&true) || given.is_located && work.uses_known) {
                 work.is_fixed[anchor(n, &links)] = true;
             }
-            let [angle, distance] = work.system(&links).solve(&mut work.poses)?;
+            let moved = work.system(&links, &work.is_fixed).solve(&mut work.poses);
+            // Without links, control points may hold the stations.
+            let Some([angle, distance]) = moved else { break };
             let mut all: Vec<f32> = links.iter().flat_map(|(_, link)| &link.distances).copied().collect();
             all.sort_unstable_by(f32::total_cmp);
             if let Some(median) = all.get(all.len() / 2) {
@@ -146,9 +240,13 @@ pub(super) fn settle(views: &[View], group: &Group, given: &Given, edge: f64) ->
         }
     }
     let links = work.compare(REACHES[REACHES.len() - 1].0 * edge, CLUSTER * edge);
-    let covariances = work.system(&links).covariances(0.25 * work.sigma * work.sigma)?;
-    let covariances = covariances.into_iter().map(|c| c * CAUTION).collect();
-    Some(Settled { poses: work.poses, covariances, links, is_fixed: work.is_fixed })
+    let loose = work.loose(&links);
+    if !loose.is_empty() {
+        return Err(loose);
+    }
+    let covariances =
+        work.covariances(&links).ok_or_else(|| (0..n).filter(|k| !work.is_fixed[*k]).collect::<Vec<_>>())?;
+    Ok(Settled { poses: work.poses, covariances, links, is_fixed: work.is_fixed })
 }
 
 /// The station with the most surface in common with others: poses relative to it are the most certain.

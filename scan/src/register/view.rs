@@ -1,6 +1,7 @@
 //! The data of a station that registration needs: planes, walls and floors seen from above, and the nearest range in every direction.
 
 use crate::ScanError;
+use crate::import::Progress;
 use crate::mask;
 use crate::points::points;
 use crate::spool::Reader;
@@ -13,7 +14,9 @@ use kilwa_scan_core::register::correlate::Plan;
 use kilwa_scan_core::register::image::{self, Point};
 use kilwa_scan_core::register::surfels::{Collector, LEVELS, Surfel, Surfels};
 use kilwa_scan_core::{Pose, Rays, tessellate};
+use rayon::prelude::*;
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Points with a smaller cosine of the incidence angle are left out: they are far apart along the surface, and many are mixed pixels between two surfaces.
 const MIN_COS: f64 = 0.15;
@@ -30,6 +33,11 @@ const HORIZON: usize = 360;
 const BAND: f64 = 0.04;
 /// Spacing of the points of a cloud without a grid that are used in the adjustment: one per cube, whose edge is this share of a voxel edge.
 const CLOUD_SHARE: f64 = 0.5;
+/// Most points of a cloud without a grid that are kept. Each takes about 80 bytes.
+const MAX_CLOUD: u64 = 400_000;
+/// Fewest points that have a spacing, and the smallest spacing, metres.
+const MIN_MEASURED: u64 = 100;
+const MIN_SPACING: f64 = 1e-5;
 /// Number of cells that are read at a time.
 const BATCH: u64 = 65_536;
 /// Number of planes of a station that are compared to check a candidate pose.
@@ -44,6 +52,7 @@ pub(super) struct View {
     /// The same at the second size, thinned out evenly.
     pub(super) samples: Vec<Surfel>,
     pub(super) plan: Plan,
+    rays: Rays,
     /// `None` where rays are parallel.
     pub(super) image: Option<RangeImage>,
     /// The surface at the resolution of its samples, and evenly spaced samples on it.
@@ -57,11 +66,11 @@ pub(super) fn spacing(folder: &Path, station: &Station) -> Result<Option<f64>, S
     let mut reader = mask::open(folder, station, false)?;
     let header = *reader.header();
     let measured = header.statistics.measured;
-    if measured == 0 {
+    if measured < MIN_MEASURED {
         return Ok(None);
     }
     if !header.is_grid {
-        return Ok(Some(cloud_spacing(&mut reader)?));
+        return cloud_spacing(&mut reader);
     }
     let lines = header.grid.lines();
     let (mut line, mut next, mut all) = (Vec::new(), Vec::new(), Vec::new());
@@ -84,21 +93,49 @@ pub(super) fn spacing(folder: &Path, station: &Station) -> Result<Option<f64>, S
 }
 
 /// The point spacing of a cloud without a grid, estimated as if the points were evenly spread over the occupied cells of a coarse grid.
-fn cloud_spacing(reader: &mut Reader) -> Result<f64, ScanError> {
+fn cloud_spacing(reader: &mut Reader) -> Result<Option<f64>, ScanError> {
     let [low, high] = reader.header().statistics.bounds;
-    let edge = f64::from((high - low).max_element()).max(1e-6) / 64.0;
+    let edge = f64::from((high - low).max_element()) / 64.0;
+    // All points in one place have no spacing.
+    if edge < MIN_SPACING {
+        return Ok(None);
+    }
     let (mut occupied, mut count) = (std::collections::HashSet::new(), 0_u64);
     each_sample(reader, &mut |sample| {
         occupied.insert((sample.as_dvec3() / edge).floor().as_ivec3());
         count += 1;
     })?;
-    Ok(edge * (occupied.len().max(1) as f64 / count.max(1) as f64).sqrt())
+    Ok(Some((edge * (occupied.len().max(1) as f64 / count.max(1) as f64).sqrt()).max(MIN_SPACING)))
 }
 
 /// The edge of the smallest voxels for stations whose points have these median spacings.
 pub(super) fn edge(mut spacings: Vec<f64>) -> f64 {
     spacings.sort_unstable_by(f64::total_cmp);
     EDGE * spacings.get(spacings.len() / 2).copied().unwrap_or(0.02)
+}
+
+/// What every station saw, and the edge of the smallest voxels, metres.
+pub(super) fn load_all(
+    folder: &Path,
+    stations: &[&Station],
+    progress: &(dyn Progress + Sync),
+) -> Result<(Vec<View>, f64), ScanError> {
+    let (done, total) = (AtomicU64::new(0), 2 * stations.len() as u64);
+    let step = || {
+        progress.update("reading stations", done.fetch_add(1, Ordering::Relaxed) + 1, total);
+        if progress.is_stopped() { Err(ScanError::Stopped) } else { Ok(()) }
+    };
+    let spacings = stations.par_iter().map(|station| {
+        step()?;
+        spacing(folder, station)
+    });
+    let spacings: Vec<Option<f64>> = spacings.collect::<Result<_, _>>()?;
+    let edge = edge(spacings.iter().copied().flatten().collect());
+    let views = stations.par_iter().zip(&spacings).map(|(station, spacing)| {
+        step()?;
+        View::load(folder, station, edge, spacing.unwrap_or(edge))
+    });
+    Ok((views.collect::<Result<_, _>>()?, edge))
 }
 
 impl View {
@@ -124,7 +161,7 @@ impl View {
         let samples = coarse.iter().step_by(every).copied().collect();
         let horizon = image.as_ref().map_or_else(Vec::new, |image| image.horizon(HORIZON, BAND));
         let (shape, points) = shape(&mut reader, own_spacing, edge)?;
-        Ok(Self { plan: Plan::new(&coarse, horizon), fine, samples, surfels, image, shape, points })
+        Ok(Self { plan: Plan::new(&coarse, horizon), fine, samples, surfels, rays, image, shape, points })
     }
 }
 
@@ -132,17 +169,24 @@ impl View {
 fn shape(reader: &mut Reader, spacing: f64, edge: f64) -> Result<(Shape, Vec<Point>), ScanError> {
     let header = *reader.header();
     if !header.is_grid {
-        let mut collector = cloud::Collector::new(spacing);
-        each_sample(reader, &mut |sample| collector.add(sample))?;
+        let every = header.statistics.measured.div_ceil(MAX_CLOUD).max(1);
+        let mut collector = cloud::Collector::new(spacing * (every as f64).sqrt());
+        let mut number = 0_u64;
+        each_sample(reader, &mut |sample| {
+            if number.is_multiple_of(every) {
+                collector.add(sample);
+            }
+            number += 1;
+        })?;
         let (cloud, points) = collector.finish(CLOUD_SHARE * edge);
         return Ok((Shape::Cloud(cloud), points));
     }
     let mut collector = match header.rays {
-        Rays::Parallel(direction) => {
+        Rays::Parallel(direction) if header.statistics.measured > 0 => {
             let bounds = header.statistics.bounds.map(Vec3::as_dvec3);
             image::Collector::across(PIXEL * spacing, direction, bounds)
         }
-        Rays::Central => {
+        Rays::Parallel(_) | Rays::Central => {
             image::Collector::around((std::f64::consts::TAU / WIDTH).max(PIXEL * mask::ray_spacing(reader)?))
         }
     };
@@ -201,17 +245,21 @@ impl Verdict {
             out.planes += 1;
             let position = target_from_source.apply(surfel.position);
             let normal = target_from_source.rotation * surfel.normal;
-            let range = position.length();
+            let facing = normal.dot(target.rays.direction(position.as_vec3()));
             // At grazing incidence, the range is not informative.
-            if normal.dot(position).abs() < MIN_LOOK * range {
+            if facing.abs() < MIN_LOOK {
                 continue;
             }
-            let seen = target.image.as_ref().map(|image| image.look(position, margin + 0.01 * range));
+            let seen = match (&target.image, &target.shape) {
+                (Some(image), _) => Some(image.look(position, margin + 0.01 * position.length())),
+                (None, Shape::Image(image)) => Some(image.look(position, margin)),
+                (None, Shape::Cloud(_)) => None,
+            };
             match seen {
                 Some(Seen::Through) => out.through += 1,
                 Some(Seen::At) | None => {
                     // A surface that faces away cannot be seen.
-                    if normal.dot(position) > 0.0 && seen.is_some() {
+                    if facing > 0.0 && seen.is_some() {
                         out.differ += 1;
                         continue;
                     }

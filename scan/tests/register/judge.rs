@@ -186,7 +186,7 @@ pub(super) fn is_whole(found: &Registration, names: &[&str]) {
     expected.sort_unstable();
     assert_eq!(listed, expected, "every station is listed exactly once, as placed or unplaced");
     for placed in &found.stations {
-        let Placed { name, rotation, translation, covariance: c, placement } = placed;
+        let Placed { name, rotation, translation, covariance: c, placement, stated: _ } = placed;
         assert!((placed.pose().rotation.length() - 1.0).abs() < 1e-9, "{name}: {rotation:?}");
         assert!(translation.iter().all(|v| v.is_finite()), "{name}: {translation:?}");
         for (i, row) in c.iter().enumerate() {
@@ -229,7 +229,14 @@ fn right(truth: &Truth) -> Registration {
         }
         let placement = if k == 0 { Placement::Anchor } else { Placement::Surface };
         let rotation = [q.w, q.x, q.y, q.z];
-        Placed { name: name.clone(), placement, rotation, translation: pose.translation.to_array(), covariance }
+        Placed {
+            name: name.clone(),
+            placement,
+            rotation,
+            translation: pose.translation.to_array(),
+            covariance,
+            stated: None,
+        }
     };
     Registration { stations: truth.0.iter().enumerate().map(placed).collect(), ..Registration::empty() }
 }

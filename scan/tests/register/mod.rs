@@ -3,7 +3,9 @@
 //! `KILWA_KEEP_SCENES=FOLDER` stores the survey of every registration in a subfolder of its own, together with the ground truth in the format of `kilwa synth scans`,
 //! so that failures can be examined.
 
+mod edited;
 mod judge;
+mod known;
 mod real;
 mod rooms;
 mod runs;
@@ -14,7 +16,7 @@ use crate::support::Site;
 use judge::Truth;
 use kilwa_scan::import::Silent;
 use kilwa_scan::read::ReadOptions;
-use kilwa_scan::register::{Options, Registration, register};
+use kilwa_scan::register::{Options, Registration, apply, register};
 use kilwa_scan::survey::Survey;
 use kilwa_scan::survey::edit::Edit;
 use kilwa_scan_core::Pose;
@@ -77,6 +79,11 @@ impl Surveyed {
         let mut edit = Edit::open(&self.folder()).unwrap();
         edit.set_sigma(name, sigma).unwrap();
         edit.save().unwrap();
+    }
+
+    /// Enter what was found into the survey.
+    fn apply(&self, found: &Registration) {
+        assert_eq!(apply(&self.folder(), &self.survey(), found).unwrap(), [""; 0]);
     }
 
     fn register(&self) -> Registration {

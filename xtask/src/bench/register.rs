@@ -4,7 +4,7 @@
 
 mod judge;
 
-use super::{Usage, archive, run_measured};
+use super::{Usage, archive, run_measured, run_measured_accepting};
 use crate::process::{command, compile_kilwa, root, run as run_command};
 use anyhow::{Context, Result, ensure};
 use judge::{Found, Truth};
@@ -144,7 +144,8 @@ fn registered(args: &Args, kilwa: &Path, survey: &Survey) -> Result<(u64, Found,
         register.extend(["--threads", &threads]);
     }
     let register: Vec<String> = register.into_iter().map(str::to_owned).collect();
-    let used = run_measured(kilwa, &register, &survey.folder.join("kilwa"))?;
+    // Status 1: stations were refused. If anything else failed, there is no JSON.
+    let used = run_measured_accepting(&[0, 1], kilwa, &register, &survey.folder.join("kilwa"))?;
     judged(survey, &survey.folder.join("kilwa.json"), used)
 }
 
@@ -222,7 +223,17 @@ impl Results {
             let limit = judge::CHI_SQUARE_95[part.len() - 1];
             (judged.iter().filter(|m| **m <= limit).count(), judged.len())
         };
-        let mut text = String::from(
+        let mut aligned: Vec<[f64; 2]> = self.0.iter().flat_map(|(_, found, _)| &found.aligned).copied().collect();
+        let mut of = |part: usize| {
+            aligned.sort_unstable_by(|a, b| a[part].total_cmp(&b[part]));
+            let at = |k: usize| aligned.get(k).map_or(f64::NAN, |error| error[part]);
+            [at(aligned.len() / 2), at(aligned.len().saturating_sub(1))]
+        };
+        let ([mm, worst_mm], [degrees, worst_degrees]) = (of(0), of(1));
+        let mut text = format!(
+            "\nErrors of all stations after the best rigid alignment of each survey (kilwa): median {mm:.2} mm and {degrees:.4}°, worst {worst_mm:.2} mm and {worst_degrees:.4}°.\n"
+        );
+        text.push_str(
             "\nTrue errors inside the 95 % region of the covariance (chi-square with the degrees of freedom of the part; kilwa):\n\n\
              | part | poses | inside | % |\n|---|---:|---:|---:|\n",
         );

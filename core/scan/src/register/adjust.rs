@@ -137,6 +137,11 @@ impl Link {
     }
 }
 
+/// The signed distance of a sample of one station from the surface of another, metres (positive: nearer to the scanner of the other), and its weight; `None` if the other did not see the same surface within `reach` metres.
+pub fn distance(target: &Shape, sample: &Point, target_from_source: Pose, reach: f64) -> Option<(f64, f64)> {
+    find(target, sample, target_from_source, reach).map(|found| (found.distance, found.share))
+}
+
 /// Matches a sample of the source with the surface of the target.
 fn find(target: &Shape, sample: &Point, target_from_source: Pose, reach: f64) -> Option<Match> {
     let own = &sample.surface;

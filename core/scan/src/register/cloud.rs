@@ -74,7 +74,7 @@ fn cell(p: DVec3, edge: f64) -> IVec3 {
 impl Cloud {
     fn around(&self, place: DVec3) -> impl Iterator<Item = u32> + '_ {
         let middle = cell(place, CELL * self.spacing);
-        let near = (0..27).map(move |k| middle + IVec3::new(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1));
+        let near = (0..27).map(move |k| middle.saturating_add(IVec3::new(k % 3 - 1, k / 3 % 3 - 1, k / 9 - 1)));
         near.filter_map(|cell| self.cells.get(&cell)).flatten().copied()
     }
 

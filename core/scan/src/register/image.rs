@@ -4,6 +4,7 @@
 //! voxel are not suitable for this: a scanner sees only the tops of rough ground far away, so the mean of what it sees there is too high, and the error grows
 //! with the distance. A single sample always lies on the surface.
 
+use crate::mask::through::Seen;
 use glam::{DVec3, Vec3};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use rustc_hash::FxHashSet;
@@ -70,7 +71,8 @@ impl Pixels {
             (low, high) = (low.min(p), high.max(p));
         }
         let size = (high - low).max(DVec3::ZERO);
-        let step = step.max((size.x * size.y / MAX_PIXELS).sqrt());
+        // A narrow strip has a pixel more on either side, too.
+        let step = step.max((size.x * size.y / MAX_PIXELS).sqrt()).max(9.0 * size.x.max(size.y) / MAX_PIXELS);
         let count = |length: f64| (length / step) as usize + 3;
         // A pixel more on every side.
         Self::Across { width: count(size.x), height: count(size.y), step, axes, low: low - DVec3::splat(step) }
@@ -243,5 +245,32 @@ impl Image {
         let (at, _) = self.pixels.of(place)?;
         let [x, y, z, offset] = self.planes[at].map(f64::from);
         if offset.is_nan() { None } else { surface(self.pixels, DVec3::new(x, y, z), offset, place) }
+    }
+
+    /// What the station saw along the ray through a position (in its coordinates); a ray passed through if it went at least `margin` metres farther. For scans with parallel rays; others
+    /// have a range image ([`crate::mask::through::RangeImage`]), which also knows where nothing came back.
+    pub fn look(&self, place: DVec3, margin: f64) -> Seen {
+        let Some((at, _)) = self.pixels.of(place) else { return Seen::Outside };
+        let [width, height] = self.pixels.size().map(|n| n as i64);
+        let (column, row) = (at as i64 % width, at as i64 / width);
+        let ray = self.pixels.ray(place);
+        // How much farther than the position the surface is.
+        let beyond = |column: i64, row: i64| -> Option<f64> {
+            let is_inside = (0..width).contains(&column) && (0..height).contains(&row);
+            let [x, y, z, offset] = is_inside.then(|| self.planes[(row * width + column) as usize].map(f64::from))?;
+            let normal = DVec3::new(x, y, z);
+            let facing = normal.dot(ray);
+            (!offset.is_nan() && facing.abs() >= MIN_FACING).then(|| (offset - normal.dot(place)) / facing)
+        };
+        let around = (-1..=1).flat_map(|r| (-1..=1).map(move |c| (c, r)));
+        let nearest = around.filter_map(|(c, r)| beyond(column + c, row + r)).min_by(f64::total_cmp);
+        match (beyond(column, row).or(nearest), nearest) {
+            (Some(own), _) if own < -margin => Seen::Hidden,
+            (Some(own), _) if own <= margin => Seen::At,
+            // Beside something nearer, which the ray just missed.
+            (Some(_), Some(nearest)) if nearest <= margin => Seen::Hidden,
+            (Some(_), _) => Seen::Through,
+            (None, _) => Seen::NoReturn,
+        }
     }
 }

@@ -38,6 +38,9 @@ pub(super) struct Found {
     pub(super) stations: usize,
     pub(super) placed: usize,
     pub(super) errors: Vec<Error>,
+    /// The errors of all placed stations after the rigid motion that aligns their positions best: millimetres, degrees. Errors of the anchor itself are not in
+    /// those of all others then.
+    pub(super) aligned: Vec<[f64; 2]>,
     /// Names and reasons.
     pub(super) refused: Vec<(String, String)>,
 }
@@ -115,20 +118,66 @@ impl Truth {
         let turn = base.map_or(IDENTITY, |(_, _, pose, truth, _)| product(pose.rotation, transposed(truth.rotation)));
         let shift =
             base.map_or([0.0; 3], |(_, _, pose, truth, _)| minus(pose.translation, apply(turn, truth.translation)));
-        let mut errors = Vec::new();
+        let (mut errors, mut offs) = (Vec::new(), Vec::new());
         for (name, placement, pose, truth, covariance) in &all {
-            if placement == "anchor" || placement == "fixed" {
-                continue;
-            }
             let spin = product(pose.rotation, transposed(product(turn, truth.rotation)));
             let [a, b, c] = rotation_vector(spin);
             let [x, y, z] = minus(minus(pose.translation, apply(turn, truth.translation)), shift);
+            offs.push((pose.translation, [a, b, c], [x, y, z]));
+            if placement == "anchor" || placement == "fixed" {
+                continue;
+            }
             let row = |k: usize| std::array::from_fn(|j| covariance[6 * k + j]);
             errors.push(Error { name: name.clone(), off: [a, b, c, x, y, z], covariance: std::array::from_fn(row) });
         }
         let refused = list("unplaced")?.iter().map(|one| (text(&one["name"]), text(&one["reason"]))).collect();
-        Ok(Found { stations: self.0.len(), placed: all.len(), errors, refused })
+        Ok(Found { stations: self.0.len(), placed: all.len(), errors, aligned: aligned(&offs), refused })
     }
+}
+
+/// Errors (millimetres, degrees) that remain after the small rigid motion that aligns the positions best. Each station: its position, its rotation error, and its translation error.
+fn aligned(stations: &[(Vector, Vector, Vector)]) -> Vec<[f64; 2]> {
+    let mean = |of: &dyn Fn(&(Vector, Vector, Vector)) -> Vector| -> Vector {
+        std::array::from_fn(|k| stations.iter().map(|s| of(s)[k]).sum::<f64>() / stations.len().max(1) as f64)
+    };
+    let (middle, shift) = (mean(&|s| s.0), mean(&|s| s.2));
+    // Least squares for the rotation: (sum of r² I - r rᵀ) turn = sum of r × error.
+    let (mut matrix, mut moment) = ([[0.0; 3]; 3], [0.0; 3]);
+    for (position, _, off) in stations {
+        let (r, e) = (minus(*position, middle), minus(*off, shift));
+        let square = r.iter().map(|v| v * v).sum::<f64>();
+        for i in 0..3 {
+            for (j, value) in matrix[i].iter_mut().enumerate() {
+                *value += if i == j { square - r[i] * r[j] } else { -r[i] * r[j] };
+            }
+            moment[i] += cross(r, e)[i];
+        }
+    }
+    let turn = solved(matrix, moment).unwrap_or([0.0; 3]);
+    let rest = |(position, spin, off): &(Vector, Vector, Vector)| {
+        let lever = cross(turn, minus(*position, middle));
+        [length(minus(minus(*off, shift), lever)) * 1e3, length(minus(*spin, turn)).to_degrees()]
+    };
+    stations.iter().map(rest).collect()
+}
+
+/// Cramer's rule; `None` if the matrix is singular, as for stations on a line.
+fn solved(matrix: Matrix, right: Vector) -> Option<Vector> {
+    let columns = transposed(matrix);
+    let volume = |[a, b, c]: Matrix| (0..3).map(|k| a[k] * cross(b, c)[k]).sum::<f64>();
+    let whole = volume(columns);
+    let scale = (matrix[0][0] + matrix[1][1] + matrix[2][2]).powi(3);
+    (whole.abs() > 1e-9 * scale).then(|| {
+        std::array::from_fn(|k| {
+            let mut replaced = columns;
+            replaced[k] = right;
+            volume(replaced) / whole
+        })
+    })
+}
+
+fn cross(a: Vector, b: Vector) -> Vector {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
 const IDENTITY: Matrix = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
@@ -194,6 +243,20 @@ mod tests {
     const TRUTH: &str = "seed = 1\n\n[[station]]\nname = \"a\"\ncolumns = 8\n# site_from_scan\nposition = [1.0, 2.0, 0.5]\n\
         rotation = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]\nwritten_position = [9.0, 9.0, 9.0]\n[station.samples]\nempty = 3\n\
         \n[[station]]\nname = \"b\"\nposition = [4.0, 2.0, 0.5]\nrotation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]\n";
+
+    #[test]
+    fn a_small_motion_of_all_stations_is_no_error_after_alignment() {
+        let positions = [[0.0, 0.0, 0.0], [10.0, 0.0, 1.0], [0.0, 8.0, 0.0], [5.0, 5.0, 3.0]];
+        let (turn, shift) = ([1e-4, -2e-4, 3e-4], [0.01, 0.02, -0.03]);
+        let moved = |p: Vector| (p, turn, std::array::from_fn(|k| cross(turn, p)[k] + shift[k]));
+        let mut stations = positions.map(moved);
+        for [millimetres, degrees] in aligned(&stations) {
+            assert!(millimetres < 1e-9 && degrees < 1e-9, "{millimetres} {degrees}");
+        }
+        stations[3].2[0] += 0.004;
+        let worst = aligned(&stations).into_iter().map(|[mm, _]| mm).fold(0.0, f64::max);
+        assert!((1.0..4.0).contains(&worst), "{worst}");
+    }
 
     /// Station `a` as the anchor at the origin, and `b` off by so much along x, and turned about z.
     fn found(off: f64, turned: f64) -> Found {

@@ -1,0 +1,91 @@
+//! Entering what was found into a survey that may have been edited meanwhile.
+
+use super::result::{Placed, Placement, Registration};
+use crate::ScanError;
+use crate::lock::Lock;
+use crate::survey::edit::Edit;
+use crate::survey::{Station, Survey};
+use kilwa_scan_core::Pose;
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// Enter what was found into `survey.toml`, and store it as `registration.json`. `read` is the survey that was registered: a run can take an hour, and people edit. Stations are recognised by their scans; those that were removed meanwhile, or whose pose was changed,
+/// are left alone, and returned as sentences.
+///
+/// A station that was not placed loses a pose of an earlier registration, which may be in other coordinates, and gets back the one that it replaced. It also loses the identity if other stations have it, too, because that says nothing.
+///
+/// # Errors
+/// [`ScanError::Request`] if another command is writing to the survey; [`ScanError::Survey`], [`ScanError::Write`].
+pub fn apply(folder: &Path, read: &Survey, found: &Registration) -> Result<Vec<String>, ScanError> {
+    let _lock = Lock::take(folder)?;
+    // With `--again`, a damaged one is replaced.
+    let before = Registration::open(folder).ok().flatten();
+    let mut edit = Edit::open(folder)?;
+    let (names, left) = current_names(read, edit.survey());
+    let found = found.renamed(&names);
+    for unplaced in &found.unplaced {
+        let station = edit.survey().station(&unplaced.name)?;
+        let replaced =
+            before.as_ref().and_then(|before| before.of(station)).filter(|p| p.placement != Placement::Fixed);
+        let is_identity = station.pose == Some(Pose::IDENTITY)
+            && edit.survey().stations.iter().filter(|s| s.pose == station.pose).count() > 1;
+        if let Some(replaced) = replaced.cloned() {
+            edit.set_pose(&unplaced.name, replaced.stated.map(|stated| stated.pose()))?;
+            edit.set_sigma(&unplaced.name, replaced.stated.and_then(|stated| stated.sigma).unwrap_or_default())?;
+        } else if is_identity {
+            edit.set_pose(&unplaced.name, None)?;
+        }
+    }
+    for placed in found.stations.iter().filter(|placed| placed.placement != Placement::Fixed) {
+        edit.set_pose(&placed.name, Some(placed.pose()))?;
+        edit.set_sigma(&placed.name, placed.sigma())?;
+    }
+    // If only the first is written, the poses count as edited by hand: nothing is wrong, and the next run finds the rest.
+    edit.save()?;
+    found.save(folder)?;
+    Ok(left)
+}
+
+/// The names that stations have now by those that they had, without stations that are left alone; and sentences about these.
+fn current_names(read: &Survey, now: &Survey) -> (BTreeMap<String, String>, Vec<String>) {
+    let (mut names, mut left) = (BTreeMap::new(), Vec::new());
+    for station in &read.stations {
+        let is_same =
+            |s: &&Station| s.source.blake3 == station.source.blake3 && s.source.number == station.source.number;
+        let mut same = now.stations.iter().filter(is_same);
+        let own = same.clone().find(|s| s.name == station.name).or_else(|| same.next());
+        match own {
+            None => left.push(format!("station {} was removed from survey.toml meanwhile", station.name)),
+            Some(own) if (own.pose, own.sigma, own.is_fixed) != (station.pose, station.sigma, station.is_fixed) => {
+                left.push(format!("the pose of station {} was changed in survey.toml meanwhile and is kept", own.name));
+            }
+            Some(own) => drop(names.insert(station.name.clone(), own.name.clone())),
+        }
+    }
+    (names, left)
+}
+
+impl Registration {
+    /// The same with other names, without stations that have none.
+    pub(super) fn renamed(&self, names: &BTreeMap<String, String>) -> Self {
+        let of = |name: &String| names.get(name).cloned();
+        let mut out = self.clone();
+        out.stations = self
+            .stations
+            .iter()
+            .filter_map(|placed| Some(Placed { name: of(&placed.name)?, ..placed.clone() }))
+            .collect();
+        out.unplaced.retain_mut(|unplaced| {
+            unplaced.candidates.retain_mut(|candidate| {
+                of(&candidate.matched_with).map(|name| candidate.matched_with = name).is_some()
+            });
+            of(&unplaced.name).map(|name| unplaced.name = name).is_some()
+        });
+        out.links.retain_mut(|link| {
+            let [a, b] = &link.stations;
+            of(a).zip(of(b)).map(|(a, b)| link.stations = [a, b]).is_some()
+        });
+        out.weakest_chain = self.weakest_chain.iter().map(of).collect::<Option<_>>().unwrap_or_default();
+        out
+    }
+}

@@ -1,0 +1,91 @@
+//! What is known of the poses of stations beforehand.
+
+use super::doubt::{MAX_GROUP_CONTRADICTED, MAX_KNOWN_CONTRADICTED};
+use super::group::Group;
+use kilwa_scan_core::Pose;
+use std::collections::BTreeMap;
+
+/// The relative pose of two stations is known well if it is wrong by at most so much: metres, radians.
+const WELL_KNOWN: [f64; 2] = [1.0, 0.175];
+/// Room for rounding where poses are exact: metres, radians.
+const ROUNDING: [f64; 2] = [1e-6, 1e-6];
+
+/// What is known beforehand.
+pub(super) struct Known {
+    /// Stations whose poses are known, with these poses.
+    pub(super) fixed: Vec<(usize, Pose)>,
+    /// Rough poses of stations.
+    pub(super) guesses: Vec<Option<Guess>>,
+    /// The pose of the second station relative to the first from control points; the first has the lower number.
+    pub(super) controlled: BTreeMap<(usize, usize), Pose>,
+}
+
+impl Known {
+    /// Whether a station is tied to others by control points.
+    pub(super) fn is_controlled(&self, k: usize) -> bool {
+        self.controlled.keys().any(|(a, b)| *a == k || *b == k)
+    }
+
+    pub(super) fn is_fixed(&self, k: usize) -> bool {
+        self.fixed.iter().any(|(fixed, _)| *fixed == k)
+    }
+
+    fn reach(&self, k: usize) -> Option<(Pose, [f64; 2])> {
+        self.guesses[k].and_then(|guess| Some((guess.pose, guess.reach?)))
+    }
+
+    /// Whether the poses of two stations are known so well that little else than the right place agrees with them.
+    pub(super) fn are_known(&self, a: usize, b: usize) -> bool {
+        let reaches = self.reach(a).zip(self.reach(b)).map(|((_, a), (_, b))| [a[0] + b[0], a[1] + b[1]]);
+        reaches.is_some_and(|reach| reach.iter().zip(WELL_KNOWN).all(|(own, most)| *own <= most))
+    }
+
+    /// The largest share of the surface of a station in the adjusted survey that may be contradicted.
+    pub(super) fn most_contradicted(&self, k: usize) -> f64 {
+        let is_known = (0..self.guesses.len()).any(|other| other != k && self.are_known(k, other));
+        if is_known { MAX_KNOWN_CONTRADICTED } else { MAX_GROUP_CONTRADICTED }
+    }
+
+    /// The pose of the second station relative to the first from rough poses of both.
+    pub(super) fn relative(&self, a: usize, b: usize) -> Option<Pose> {
+        let (a, b) = self.guesses[a].zip(self.guesses[b])?;
+        Some(b.pose.then(a.pose.inverse()))
+    }
+
+    /// Whether a pose of the second group relative to the first agrees with all known poses.
+    pub(super) fn allows(&self, first: &Group, second: &Group, pose: Pose) -> bool {
+        let known = |group: &Group| -> Vec<(Pose, Pose, [f64; 2])> {
+            let of = |(k, own): &(usize, Pose)| self.reach(*k).map(|(pose, reach)| (*own, pose, reach));
+            group.members.iter().filter_map(of).collect()
+        };
+        let (first, second) = (known(first), known(second));
+        second.iter().all(|(own_b, b, reach_b)| {
+            first.iter().all(|(own_a, a, reach_a)| {
+                is_near(own_b.then(pose).then(own_a.inverse()), b.then(a.inverse()), *reach_a, *reach_b)
+            })
+        })
+    }
+
+    /// A pose of the second group relative to the first that rough poses suggest.
+    pub(super) fn start(&self, first: &Group, second: &Group) -> Option<Pose> {
+        let known = |group: &Group| group.members.iter().find_map(|(k, own)| Some((*own, self.guesses[*k]?.pose)));
+        let ((own_a, a), (own_b, b)) = known(first).zip(known(second))?;
+        Some(own_b.inverse().then(b).then(a.inverse()).then(own_a))
+    }
+}
+
+/// A rough pose.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Guess {
+    pub(super) pose: Pose,
+    /// Its maximum error, if known: metres, radians.
+    pub(super) reach: Option<[f64; 2]>,
+}
+
+/// Whether a place agrees with rough poses of both stations.
+fn is_near(place: Pose, guess: Pose, a: [f64; 2], b: [f64; 2]) -> bool {
+    let (angle, distance) = place.difference(guess);
+    // An error in the heading of one station displaces the other.
+    angle <= a[1] + b[1] + ROUNDING[1]
+        && distance <= ROUNDING[0] + a[0] + b[0] + (a[1] + b[1]) * guess.translation.length()
+}

@@ -1,0 +1,203 @@
+//! The last steps for the group that becomes the survey: it is moved to where it is known to be, its poses are adjusted together, and what came of it is checked.
+
+use super::Work;
+use super::align::align;
+use super::control::{self, Sighting};
+use super::doubt::{Doubt, MIN_AGREE, MIN_AGREEMENT};
+use super::group::{Group, verdict};
+use super::known::{Guess, Known};
+use super::report::Report;
+use super::result::{Placed, Placement, Registration, quaternion};
+use super::settle::{Given, Settled, settle};
+use super::view::{Verdict, View};
+use crate::ScanError;
+use crate::import::Progress;
+use kilwa_scan_core::Pose;
+use nalgebra::Matrix6;
+use rayon::prelude::*;
+
+/// Two stations whose poses are given contradict each other if rays of one pass through more than this share of what the other saw.
+const MAX_GIVEN_CONTRADICTED: f64 = 0.15;
+/// By how much the share of contradicted surface may grow in the adjustment.
+const MAX_WORSE: f64 = 0.02;
+
+impl Work<'_> {
+    /// Refuse stations that are to stay where they are, but cannot all be there.
+    pub(super) fn check_known(&self, views: &[View], edge: f64, known: &Known) -> Result<(), ScanError> {
+        let is_checked = |k: usize, other: usize| self.is_fixed[k] || self.is_fixed[other];
+        for (n, (b, b_pose)) in known.fixed.iter().enumerate() {
+            for (a, a_pose) in known.fixed[..n].iter().filter(|(a, _)| is_checked(*a, *b)) {
+                let v = verdict(views, &[(*a, *a_pose)], &[(*b, *b_pose)], Pose::IDENTITY, edge, usize::MAX);
+                if v.common() >= MIN_AGREE && v.contradicted() > MAX_GIVEN_CONTRADICTED {
+                    return Err(ScanError::Request(format!(
+                        "stations {} and {} cannot both be where they are: rays of one pass through {:.0} % of what the other saw; fix only those whose poses are right",
+                        self.stations[*a].name,
+                        self.stations[*b].name,
+                        100.0 * v.contradicted()
+                    )));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Place the stations of a group, without those for which the adjustment shows that they are in a wrong place or that nothing holds them.
+    pub(super) fn place(
+        &self,
+        mut group: Group,
+        known: &Known,
+        report: &mut Report<'_>,
+        out: &mut Registration,
+        progress: &(dyn Progress + Sync),
+    ) -> Result<(), ScanError> {
+        loop {
+            if group.members.len() < 2 && !group.members.iter().any(|(k, _)| self.stays[*k]) {
+                return Ok(());
+            }
+            if progress.is_stopped() {
+                return Err(ScanError::Stopped);
+            }
+            progress.update("adjusting all poses", 0, 1);
+            let mut given = self.given(&group);
+            given.is_located = align(&mut group.members, &given);
+            if !given.is_located && given.controls.drop_survey_points() {
+                out.notes = vec!["the control points with survey coordinates are fewer than three or on a line, so they do not determine where the survey is; they were not used".to_owned()];
+            }
+            let lost = match settle(report.views, &group, &given, report.edge) {
+                Err(lost) => lost.into_iter().map(|member| (member, Doubt::Unlinked)).collect(),
+                Ok(settled) => {
+                    self.check_points(&group, &given, &settled)?;
+                    let worst = self.worst(report.views, &group, &settled, known, report.edge);
+                    if worst.is_none() {
+                        self.enter(&group, &given, settled, report, out);
+                        return Ok(());
+                    }
+                    worst.map(|member| (member, Doubt::Adjusted)).into_iter().collect::<Vec<_>>()
+                }
+            };
+            if lost.is_empty() {
+                return Err(ScanError::Request(
+                    "the poses cannot be adjusted: the equations have no solution".to_owned(),
+                ));
+            }
+            let numbers: Vec<(usize, Doubt)> = lost.iter().map(|(k, doubt)| (group.members[*k].0, *doubt)).collect();
+            for (number, doubt) in numbers {
+                report.dropped.insert(number, doubt);
+                group = group.without(number, report.views);
+            }
+        }
+    }
+
+    /// What is known of the members of a group, by their indices in it.
+    fn given(&self, group: &Group) -> Given {
+        let numbers = || group.members.iter().map(|(number, _)| *number);
+        let stays = numbers().map(|k| self.stations[k].pose.filter(|_| self.stays[k])).collect();
+        let of_member = |k: usize| numbers().position(|own| own == k);
+        let prior = |(member, k): (usize, usize)| self.prior(k).map(|(pose, sigma)| (member, pose, sigma));
+        let priors = numbers().enumerate().filter_map(prior).collect();
+        let mut controls = self.controls.clone();
+        for sightings in controls.points.values_mut() {
+            sightings.retain_mut(|sighting| {
+                let member = sighting.station.map(of_member);
+                sighting.station = member.flatten();
+                member.is_none_or(|member| member.is_some())
+            });
+        }
+        controls.points.retain(|_, all| all.len() > 1);
+        let covariance = |k: usize| {
+            let placed = self.before.as_ref()?.of(self.stations[k]).filter(|_| self.stays[k] && !self.is_fixed[k])?;
+            Some(Matrix6::from_fn(|i, j| placed.covariance[i][j]))
+        };
+        Given { stays, covariances: numbers().map(covariance).collect(), priors, controls, is_located: false }
+    }
+
+    /// Refuse control points that contradict the scans, or each other around several stations; the one that fits worst is named.
+    fn check_points(&self, group: &Group, given: &Given, settled: &Settled) -> Result<(), ScanError> {
+        let at = |s: &Sighting| s.station.map_or(s.at, |member| settled.poses[member].apply(s.at));
+        let mut worst: Option<(f64, &str, [&Sighting; 2])> = None;
+        for (point, sightings) in &given.controls.points {
+            for (k, b) in sightings.iter().enumerate() {
+                for a in &sightings[..k] {
+                    let excess = at(a).distance(at(b)) / control::tolerance(a, b);
+                    if excess > worst.as_ref().map_or(1.0, |worst| worst.0) {
+                        worst = Some((excess, point, [a, b]));
+                    }
+                }
+            }
+        }
+        let Some((_, point, [a, b])) = worst else { return Ok(()) };
+        let name = |s: &Sighting| self.name(s.station.map(|member| group.members[member].0));
+        Err(ScanError::Request(format!(
+            "control point {point} does not fit: after the adjustment of all stations, its coordinates in {} and in {} differ by {:.3} m; check them in survey.toml",
+            name(b),
+            name(a),
+            at(a).distance(at(b))
+        )))
+    }
+
+    /// The member that contradicts the others most, if one does. Stations that stay, and those that control points place, are not judged.
+    fn worst(&self, views: &[View], group: &Group, settled: &Settled, known: &Known, edge: f64) -> Option<usize> {
+        let poses: Vec<(usize, Pose)> =
+            group.members.iter().zip(&settled.poses).map(|((number, _), pose)| (*number, *pose)).collect();
+        let of = |member: usize, poses: &[(usize, Pose)]| -> Verdict {
+            let rest: Vec<(usize, Pose)> =
+                poses.iter().enumerate().filter(|(k, _)| *k != member).map(|(_, own)| *own).collect();
+            verdict(views, &rest, &poses[member..=member], Pose::IDENTITY, edge, usize::MAX)
+        };
+        let judge = |member: usize| -> Option<(usize, f64)> {
+            let number = group.members[member].0;
+            let is_judged = !self.stays[number] && !known.is_controlled(number);
+            let before = is_judged.then(|| of(member, &group.members))?;
+            let now = of(member, &poses);
+            let most = known.most_contradicted(number).max(before.contradicted() + MAX_WORSE);
+            let is_wrong = now.contradicted() > most
+                || now.agreement() < MIN_AGREEMENT.min(before.agreement() - MAX_WORSE)
+                || now.agree < MIN_AGREE.min(before.agree / 2);
+            is_wrong.then(|| (member, now.contradicted()))
+        };
+        let wrong: Vec<(usize, f64)> = (0..poses.len()).into_par_iter().filter_map(judge).collect();
+        wrong.into_iter().max_by(|a, b| a.1.total_cmp(&b.1).then(b.0.cmp(&a.0))).map(|(member, _)| member)
+    }
+
+    /// Enter the poses of a group into the result.
+    fn enter(
+        &self,
+        group: &Group,
+        given: &Given,
+        mut settled: Settled,
+        report: &mut Report<'_>,
+        out: &mut Registration,
+    ) {
+        let anchor = settled.is_fixed.iter().position(|fixed| *fixed).filter(|_| !given.is_located);
+        if let Some(anchor) = anchor {
+            let guess: Option<Guess> = self.guess(group.members[anchor].0);
+            settled.move_to(anchor, guess.map_or(Pose::IDENTITY, |guess| guess.pose));
+        }
+        let of_controls = |k: usize| {
+            given.controls.points.values().filter(|all| all.iter().any(|s| s.station == Some(k))).count()
+                >= control::MIN_POINTS
+        };
+        for (k, (pose, covariance)) in settled.poses.iter().zip(&settled.covariances).enumerate() {
+            let number = group.members[k].0;
+            let placement = match () {
+                () if anchor == Some(k) => Placement::Anchor,
+                () if settled.is_fixed[k] => Placement::Fixed,
+                () if of_controls(k) => Placement::Control,
+                () => Placement::Surface,
+            };
+            report.poses.insert(number, *pose);
+            let station = self.stations[number];
+            let is_kept = settled.is_fixed[k] && !self.options.again;
+            let kept = self.before.as_ref().filter(|_| is_kept).and_then(|before| before.of(station));
+            out.stations.push(kept.cloned().unwrap_or_else(|| Placed {
+                name: station.name.clone(),
+                placement,
+                rotation: quaternion(*pose),
+                translation: pose.translation.to_array(),
+                covariance: std::array::from_fn(|i| std::array::from_fn(|j| covariance[(i, j)])),
+                stated: self.stated[number].filter(|_| placement != Placement::Fixed),
+            }));
+        }
+        report.links(group, &settled, out);
+    }
+}
