@@ -168,7 +168,12 @@ fn words(info: &Info<'_>, header: &Header) -> String {
     line("step", format!("{} (2^{} m)", metres(info.lattice_step), header.lattice.step_log2));
     line("median edge", metres(m.median_edge));
     if let Some(accuracy) = m.capture_accuracy {
-        line("accuracy", format!("{} (standard uncertainty of the capture)", metres(accuracy)));
+        let standard = format!("{} (standard uncertainty of the capture", metres(accuracy));
+        let parts = m.capture_parts().map(|parts| {
+            let [registration, instrument] = parts.map(metres);
+            format!(": registration {registration}, instrument {instrument}")
+        });
+        line("accuracy", format!("{standard}{})", parts.unwrap_or_default()));
     }
     let mut attributes = vec!["normals".to_owned()];
     if info.colors {

@@ -16,7 +16,7 @@ use glam::{DMat4, DVec3};
 use kilwa_builder::build::journal::PlannedInput;
 use kilwa_builder::build::work::{Stop, Work};
 use kilwa_builder::ingest::Spool;
-use kilwa_builder::{BuildError, Interruptible, Progress};
+use kilwa_builder::{BuildError, Interruptible, Progress, Provenance};
 use kilwa_files::atomic::folder_of;
 use kilwa_files::plain_file;
 use kilwa_formats::Up;
@@ -271,7 +271,7 @@ impl kilwa_builder::Inputs for Inputs {
         Ok(sources.contains(&source_file(&file.path, progress, stop)?))
     }
 
-    fn deliver(&mut self, spool: &mut Spool, work: &Work<'_>) -> Result<Vec<SourceFile>, BuildError> {
+    fn deliver(&mut self, spool: &mut Spool, work: &Work<'_>) -> Result<Provenance, BuildError> {
         let total: u64 = self.files.iter().map(|f| f.path.metadata().map_or(0, |about| about.len())).sum();
         work.scratch.folder().clone_into(&mut self.options.scratch);
         self.options.memory = self.options.memory.min(work.memory / 2);
@@ -286,8 +286,8 @@ impl kilwa_builder::Inputs for Inputs {
         }
         if let Some(merging) = &self.merging {
             spool.input(&merging.folder)?;
-            merging.deliver(&mut Interruptible::new(spool, work.stop, &merging.folder), work)?;
-            return self.sources(work.progress, work.stop);
+            let capture = merging.deliver(&mut Interruptible::new(spool, work.stop, &merging.folder), work)?;
+            return Ok(Provenance { sources: self.sources(work.progress, work.stop)?, capture });
         }
         let mut before = 0;
         for file in &self.files {
@@ -316,7 +316,7 @@ impl kilwa_builder::Inputs for Inputs {
             done?;
             before += of_file;
         }
-        self.sources(work.progress, work.stop)
+        Ok(Provenance { sources: self.sources(work.progress, work.stop)?, capture: None })
     }
 }
 

@@ -1,5 +1,6 @@
 //! `kilwa merge`: the stations of a survey become one surface.
 
+pub(crate) mod accuracy;
 pub(crate) mod channels;
 pub(crate) mod holes;
 
@@ -18,6 +19,7 @@ use kilwa_formats::extract::{About, Format, MeshWriter, Output, PlainVertex, Wri
 use kilwa_pack::plural::counted;
 use kilwa_scan::ScanError;
 use kilwa_scan::merge::{Begin, Fill, Intensity, Light, MergedSurface, MergedVertex, Options, Report, merge};
+use kilwa_scan::register;
 use kilwa_scan::survey::{self, Survey};
 use serde_json::{Value, json};
 use std::io::Write as _;
@@ -27,7 +29,7 @@ use std::time::Instant;
 
 /// Merge the registered stations of a survey into one surface.
 ///
-/// Every vertex has colour and intensity (if the scans have them), a confidence, and the number of stations that saw it.
+/// Every vertex has colour and intensity (if the scans have them), a confidence, the number of stations that saw it, and the uncertainty that their poses cause (if it is known and differs).
 #[derive(clap::Args)]
 #[expect(clippy::struct_excessive_bools, reason = "each is a switch of the command line")]
 pub(crate) struct Args {
@@ -79,7 +81,7 @@ pub(crate) struct Args {
     /// Title of the model (default: that of the survey, or the name of its folder).
     #[arg(long)]
     title: Option<String>,
-    /// Standard uncertainty of the capture in metres, if known; stored with a pack.
+    /// Standard uncertainty of the capture in metres, stored with a pack (default: from the uncertainties of the poses and the noise of the ranges, if these are known).
     #[arg(long, value_name = "METRES")]
     capture_accuracy: Option<f64>,
     /// Replace an existing file.
@@ -197,7 +199,7 @@ fn files_of(folder: &Path, survey: &Survey) -> Vec<PathBuf> {
         std::iter::once(station.scan.as_str()).chain(station.masks.iter().map(|mask| mask.file.as_str()))
     });
     let photographs = survey.photographs.iter().map(|photograph| photograph.file.as_str());
-    [survey::FILE].into_iter().chain(own).chain(photographs).map(|name| folder.join(name)).collect()
+    [survey::FILE, register::FILE].into_iter().chain(own).chain(photographs).map(|name| folder.join(name)).collect()
 }
 
 /// The merged surface goes to the first stage of a build.
@@ -386,6 +388,7 @@ pub(crate) fn figures(report: &Report) -> Value {
             Light::Normalised { .. } => "normalised".into(),
             Light::Raw | Light::Unknown | Light::Negative => "raw".into(),
         },
+        "capture": accuracy::figures(&report.accuracy),
         "holes": holes::summary(&report.borders),
         "filled": report.filled.as_ref().map(holes::filled_summary),
     })
@@ -432,7 +435,8 @@ fn print(args: &Args, report: &Report, written: &Written, seconds: f64) -> anyho
     if let Some(filled) = &report.filled {
         writeln!(out, "  {}", holes::filled_sentence(filled))?;
     }
-    if let Some(sentence) = intensities(report.light) {
+    let sentences = [intensities(report.light), accuracy::sentence(&report.accuracy)];
+    for sentence in sentences.into_iter().flatten() {
         writeln!(out, "  {sentence}")?;
     }
     Ok(())

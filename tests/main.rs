@@ -6,6 +6,7 @@ mod access;
 mod bucket;
 #[cfg(unix)]
 mod build_resume;
+mod capture_accuracy;
 mod cli;
 #[path = "../server/tests/common/eventually.rs"]
 mod eventually;

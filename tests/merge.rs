@@ -1,5 +1,6 @@
 //! `kilwa merge`: stations of a survey become one surface, as a mesh or a pack.
 
+use crate::capture_accuracy::register;
 use crate::eventually::eventually_every;
 use crate::support::{Ply, fails, json, kilwa, succeeds, text};
 use std::collections::HashSet;
@@ -12,7 +13,7 @@ use std::time::Duration;
 const ROOM: [f64; 3] = [3.0, 2.5, 1.5];
 
 /// A survey of two stations in one room, at different places in it; the second has colours.
-fn survey(folder: &Path) -> PathBuf {
+pub(crate) fn survey(folder: &Path) -> PathBuf {
     survey_at(folder, [0.0; 3])
 }
 
@@ -305,6 +306,8 @@ fn made(folder: &Path) -> Vec<String> {
 fn a_merge_that_is_killed_resumes_to_the_same_pack() {
     let folder = tempfile::tempdir().unwrap();
     let survey = survey(folder.path());
+    // What is found about the accuracy while stations are merged is needed at the end.
+    register(&survey, [[0.001, 0.0001], [0.004, 0.0002]]);
     let path = |name: &str| folder.path().join(name);
     let merge = |name: &str| {
         let mut merge = Command::new(env!("CARGO_BIN_EXE_kilwa"));
@@ -330,6 +333,22 @@ fn a_merge_that_is_killed_resumes_to_the_same_pack() {
     assert!(merge("room.kilwa").status().unwrap().success());
     assert!(std::fs::read(path("room.kilwa")).unwrap() == wanted, "the resumed pack differs");
     assert_eq!(made(folder.path()), ["first.kilwa", "room.kilwa"]);
+    let about = json(&["info", text(&path("room.kilwa"))]);
+    assert!(about["metadata"]["capture_registration"].as_f64() > Some(0.001), "{about}");
+    // With other uncertainties of the poses it would be another pack.
+    let mut child = merge("other.kilwa").spawn().unwrap();
+    let scratch = path(".other.kilwa.scratch");
+    eventually_every(Duration::from_micros(200), "leaves", || {
+        (scratch.join("leaves.patches").exists() || path("other.kilwa").exists()).then_some(())
+    });
+    child.kill().unwrap();
+    child.wait().unwrap();
+    if !path("other.kilwa").exists() {
+        register(&survey, [[0.001, 0.0001], [0.005, 0.0002]]);
+        let refused = merge("other.kilwa").stderr(Stdio::piped()).output().unwrap();
+        let refused = String::from_utf8(refused.stderr).unwrap();
+        assert!(refused.contains("cannot resume"), "{refused}");
+    }
 }
 
 /// A survey of two stations, 3 and 12 m before a wall, whose intensities fall off with range and incidence; both see its middle.

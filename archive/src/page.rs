@@ -304,6 +304,10 @@ fn all_facts(p: &Publication) -> Vec<(&'static str, String)> {
     let m = &p.metadata;
     let (object, capture) = (m.object.as_ref(), m.capture.as_ref());
     let list = |l: &[String]| Some(l.join(", ")).filter(|x| !x.is_empty());
+    let parts = p.of_pack.capture_parts().map_or_else(String::new, |parts| {
+        let [registration, instrument] = parts.map(length);
+        format!("; registration {registration}, instrument {instrument}")
+    });
     let all = [
         ("Also called", list(&m.alternative_titles)),
         ("Kind", object.and_then(|o| o.kind.clone())),
@@ -316,7 +320,7 @@ fn all_facts(p: &Publication) -> Vec<(&'static str, String)> {
         ("Method", capture.and_then(|c| c.method.clone())),
         ("Instruments", capture.and_then(|c| list(&c.instruments))),
         ("Software", capture.and_then(|c| list(&c.software))),
-        ("Capture accuracy", p.figures.accuracy.map(|a| format!("{} (standard uncertainty)", length(a)))),
+        ("Capture accuracy", p.figures.accuracy.map(|a| format!("{} (standard uncertainty{parts})", length(a)))),
         (p.figures.parts().0, Some(grouped(p.figures.parts().1))),
         ("Extent", Some(size_in_space(p.size()))),
         ("Finest spacing", Some(length(p.figures.spacing))),

@@ -23,6 +23,6 @@ pub mod scratch;
 pub use assemble::Spread;
 pub use build::options::{BuildError, BuildOptions};
 pub use build::progress::{Progress, Silent};
-pub use build::{BuildReport, Built, Inputs, Interruptible, Run, StageTime, build, build_pack};
+pub use build::{BuildReport, Built, Capture, Inputs, Interruptible, Provenance, Run, StageTime, build, build_pack};
 pub use ingest::surface::{ColoredBy, Diagnostic};
 pub use kilwa_simplify::Precision;

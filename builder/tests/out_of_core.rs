@@ -6,9 +6,8 @@ use kilwa_builder::build::journal::PlannedInput;
 use kilwa_builder::build::work::{Stop, Work};
 use kilwa_builder::ingest::Spool;
 use kilwa_builder::scratch::Scratch;
-use kilwa_builder::{BuildError, BuildOptions, BuildReport, Inputs, Progress, Run, Silent, build};
+use kilwa_builder::{BuildError, BuildOptions, BuildReport, Inputs, Progress, Provenance, Run, Silent, build};
 use kilwa_formats::RawMesh;
-use kilwa_pack::metadata::SourceFile;
 use std::io::Cursor;
 use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -20,9 +19,9 @@ impl Inputs for Delivered<'_> {
         Ok(Vec::new())
     }
 
-    fn deliver(&mut self, spool: &mut Spool, _work: &Work<'_>) -> Result<Vec<SourceFile>, BuildError> {
+    fn deliver(&mut self, spool: &mut Spool, _work: &Work<'_>) -> Result<Provenance, BuildError> {
         spool.add(self.0)?;
-        Ok(Vec::new())
+        Ok(Provenance::default())
     }
 }
 

@@ -7,13 +7,12 @@ use crate::build::report::duplicates;
 use crate::inputs::{InputArgs, Inputs};
 use crate::plausible::{self, Model, ReadAs};
 use crate::progress::Bar;
-use kilwa_builder::Precision;
 use kilwa_builder::build::machine;
 use kilwa_builder::build::work::{Stop, Work};
 use kilwa_builder::ingest::surface::Surface;
 use kilwa_builder::ingest::{self, IngestOptions, Spool, TriangleVisitor};
 use kilwa_builder::scratch::Scratch;
-use kilwa_builder::{BuildOptions, Inputs as _};
+use kilwa_builder::{BuildOptions, Inputs as _, Precision, Provenance};
 use kilwa_pack::plural::counted;
 use serde::Serialize;
 use std::io::Write;
@@ -67,7 +66,7 @@ pub(super) fn run(input: &InputArgs, picture: Option<Picture<'_>>, json: bool) -
 
 fn survey(inputs: &mut Inputs, work: &Work<'_>, drawing: Option<&mut Drawing>) -> anyhow::Result<Surface> {
     let mut spool = Spool::create(work.scratch, Path::new("mesh"))?;
-    let sources = inputs.deliver(&mut spool, work)?;
+    let Provenance { sources, .. } = inputs.deliver(&mut spool, work)?;
     let options = IngestOptions {
         leaf_triangles: BuildOptions::default().leaf_triangles,
         step: None,

@@ -224,11 +224,6 @@ impl Subject {
         pollster::block_on(places(&self.leaves, numbers, self.given))
     }
 
-    /// Where the uncertainty of the points of a task comes from.
-    fn uncertainty(&self, task: &Task) -> Uncertainty {
-        kilwa_measure::job::Subject::new(&self.leaves).uncertainty(task)
-    }
-
     /// Measure.
     fn measure(&self, task: &Task) -> anyhow::Result<Outcome> {
         Ok(pollster::block_on(kilwa_measure::measure(&self.leaves, task))?)
@@ -274,7 +269,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     if let Some(to) = &args.save {
         saved::save(&subject, &outcome, to, args)?;
     }
-    let cited = args.cite.then(|| saved::measurement(&subject, &outcome, args, outcome.task.tool.name().to_owned()));
+    let cited = args.cite.then(|| saved::measurement(&outcome, args, outcome.task.tool.name().to_owned()));
     report::print(outcome, &subject, args.json)?;
     if let Some(cited) = cited {
         writeln!(crate::terminal::out(), "{}", saved::citation(&subject, &cited))?;

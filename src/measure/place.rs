@@ -55,13 +55,13 @@ pub(super) async fn places(leaves: &FileLeaves, numbers: &[f64], given: Given) -
             anyhow::ensure!(near, "{}", too_far(i + 1, world, found.away, tolerance, leaves.index().metadata()));
             found
         } else {
-            let away = match nearest {
-                Ok(found) => found.away,
+            let (away, registration) = match nearest {
+                Ok(found) => (found.away, found.registration),
                 // So far away that the distance overflows: it is used all the same.
-                Err(Failure::Refused(Refusal::NotFinite)) => f64::INFINITY,
+                Err(Failure::Refused(Refusal::NotFinite)) => (f64::INFINITY, None),
                 Err(why) => return Err(why.into()),
             };
-            Place { world, local, away, normal: DVec3::ZERO }
+            Place { world, local, away, normal: DVec3::ZERO, registration }
         });
     }
     Ok(places)

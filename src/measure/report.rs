@@ -17,7 +17,7 @@ pub(super) fn print(mut outcome: Outcome, s: &Subject, as_json: bool) -> anyhow:
         }
         outcome.add("tool", json!(outcome.task.tool));
         outcome.add("readings", json!(outcome.readings));
-        outcome.add("uncertainty", json!(s.uncertainty(&outcome.task)));
+        outcome.add("uncertainty", json!(outcome.uncertainty));
         outcome.add("pack", json!({ "title": index.metadata().title, "identity": index.identity() }));
         let printed: Vec<Value> =
             outcome.printed(s.unit).iter().map(|(name, text)| json!({ "name": name, "text": text })).collect();
@@ -49,7 +49,7 @@ pub(super) fn print(mut outcome: Outcome, s: &Subject, as_json: bool) -> anyhow:
             plural(read.bytes, "byte", "bytes")
         )?;
     }
-    writeln!(out, "standard uncertainty of a coordinate: {}", parts(&s.uncertainty(&outcome.task)))?;
+    writeln!(out, "standard uncertainty of a coordinate: {}", parts(&outcome.uncertainty))?;
     Ok(())
 }
 
@@ -63,10 +63,24 @@ fn away(outcome: &Outcome) -> Vec<f64> {
 fn parts(u: &Uncertainty) -> String {
     let lattice = format!("lattice {:.3e} m", u.lattice);
     let pointing = (u.pointing > 0.0).then(|| format!("pointing {} m", u.pointing));
-    match (u.capture, pointing) {
-        (Some(c), None) => format!("{lattice} and capture {c} m"),
-        (Some(c), Some(pointing)) => format!("{lattice}, {pointing} and capture {c} m"),
+    let capture = u.capture.map(|c| match u.registration.zip(u.instrument) {
+        Some((registration, instrument)) => {
+            let [all, registration, instrument] = [c, registration, instrument].map(millimetres);
+            format!("capture {all} (registration {registration}, instrument {instrument})")
+        }
+        None => format!("capture {c} m"),
+    });
+    match (capture, pointing) {
+        (Some(capture), None) => format!("{lattice} and {capture}"),
+        (Some(capture), Some(pointing)) => format!("{lattice}, {pointing} and {capture}"),
         (None, None) => format!("{lattice}, grid only; survey accuracy unknown"),
         (None, Some(pointing)) => format!("{lattice} and {pointing}, grid and pointing only; survey accuracy unknown"),
     }
+}
+
+/// With two significant digits.
+fn millimetres(metres: f64) -> String {
+    let mm = metres * 1e3;
+    let digits = if mm > 0.0 { (1.0 - mm.log10().floor()).clamp(0.0, 12.0) as usize } else { 0 };
+    format!("{mm:.digits$} mm")
 }

@@ -44,12 +44,12 @@ pub(super) fn write_whole(path: &Path, text: &str, replace: bool) -> anyhow::Res
 }
 
 /// What came out, as it is saved and cited; `default` is its name where none is given.
-pub(super) fn measurement(s: &Subject, outcome: &Outcome, args: &Args, default: String) -> Measurement {
+pub(super) fn measurement(outcome: &Outcome, args: &Args, default: String) -> Measurement {
     Measurement {
         name: args.name.clone().unwrap_or(default),
         task: outcome.task.clone(),
         readings: outcome.readings.clone(),
-        uncertainty: s.uncertainty(&outcome.task),
+        uncertainty: outcome.uncertainty,
         color: None,
         hidden: false,
         note: String::new(),
@@ -86,7 +86,7 @@ pub(super) fn save(s: &Subject, outcome: &Outcome, to: &Path, args: &Args) -> an
         document.pack.identity
     );
     let default = format!("{} {}", outcome.task.tool.name(), document.measurements.len() + 1);
-    document.measurements.push(measurement(s, outcome, args, default));
+    document.measurements.push(measurement(outcome, args, default));
     write_whole(to, &document.to_json(), true)
 }
 

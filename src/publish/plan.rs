@@ -6,7 +6,7 @@ use crate::source::{open_pack, read_named};
 use anyhow::{Context, bail, ensure};
 use kilwa_archive::assemble::{Facts, Following, agree, existing, further, has_metadata};
 use kilwa_archive::location::Location;
-use kilwa_archive::metadata::plain_accuracy;
+use kilwa_archive::metadata::plain_capture;
 use kilwa_archive::metadata::plausible;
 use kilwa_archive::record::europeana_lacks;
 use kilwa_archive::rights::Rights;
@@ -104,8 +104,8 @@ impl Given {
         }
         let of_pack = redact::published_metadata(&self.of_pack, place, &self.metadata.title, &self.keep_channels);
         let value = serde_json::to_value(&of_pack).context("cannot read the pack's metadata")?;
-        if let Some(Err(what)) = of_pack.capture_accuracy.map(plain_accuracy) {
-            bail!("{}: capture_accuracy {what} when you build the pack again", self.pack.display());
+        if let Err((name, what)) = plain_capture(&of_pack) {
+            bail!("{}: {name} {what} when you build the pack again", self.pack.display());
         }
         if let Some((field, finding)) = location.find_in_json(&value, &|at| at == "crs") {
             bail!("{}: {field}: {finding}; build the pack again", self.pack.display());

@@ -2,16 +2,16 @@
 
 use super::{Blocks, failed};
 use crate::merge::channels::Channels;
-use crate::merge::holes;
-use kilwa_builder::BuildError;
+use crate::merge::{accuracy, holes};
 use kilwa_builder::build::work::Work;
+use kilwa_builder::{BuildError, Capture};
 use kilwa_formats::UNCOLOURED;
 use kilwa_formats::read::{MeshSink, ReadError};
 use kilwa_pack::plural::counted;
 use kilwa_scan::ScanError;
-use kilwa_scan::import;
 use kilwa_scan::merge::{Begin, MergedSurface, MergedVertex, Options, Report, merge};
 use kilwa_scan::survey::Survey;
+use kilwa_scan::{import, register};
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -34,7 +34,18 @@ impl Merging {
         let Options { voxel, unmasked, bounds, fill, intensity, memory: _, threads: _, scratch: _ } = &self.options;
         // Another mesh under the same name is another merge.
         let mesh = fill.mesh.as_ref().and_then(|path| path.metadata().ok()).map(|m| (m.len(), m.modified().ok()));
-        format!("merged {voxel:?} {unmasked} {bounds:?} {fill:?} {mesh:?} {intensity:?}")
+        format!("merged {voxel:?} {unmasked} {bounds:?} {fill:?} {mesh:?} {intensity:?}{}", self.sigmas())
+    }
+
+    /// What distinguishes the uncertainties of the poses from others; empty if there are none.
+    fn sigmas(&self) -> String {
+        let registration = std::fs::read(self.folder.join(register::FILE)).ok();
+        let stated: Vec<Option<[f64; 2]>> = self.survey.stations.iter().map(|station| station.sigma).collect();
+        if registration.is_none() && stated.iter().all(Option::is_none) {
+            return String::new();
+        }
+        let all = [registration.unwrap_or_default(), format!("{stated:?}").into_bytes()].concat();
+        format!(" poses {:?}", kilwa_pack::checksum(&all))
     }
 
     /// The figures of the merge for machines, once it is done.
@@ -42,8 +53,8 @@ impl Merging {
         self.report.lock().unwrap_or_else(PoisonError::into_inner).as_ref().map(crate::merge::figures)
     }
 
-    /// Pass the merged surface to the build.
-    pub(crate) fn deliver(&self, sink: &mut dyn MeshSink, work: &Work<'_>) -> Result<(), BuildError> {
+    /// Pass the merged surface to the build. Returns the accuracy of the capture, if the survey tells it.
+    pub(crate) fn deliver(&self, sink: &mut dyn MeshSink, work: &Work<'_>) -> Result<Option<Capture>, BuildError> {
         let survey = &self.survey;
         let options = Options {
             memory: work.memory,
@@ -75,8 +86,13 @@ impl Merging {
                 if let Some(sentence) = crate::merge::intensities(report.light) {
                     work.progress.note(&sentence);
                 }
+                if let Some(sentence) = accuracy::sentence(&report.accuracy) {
+                    work.progress.note(&sentence);
+                }
+                let capture = accuracy::capture(&report.accuracy);
                 *self.report.lock().unwrap_or_else(PoisonError::into_inner) = Some(report);
-                Ok(merged.blocks.flush()?)
+                merged.blocks.flush()?;
+                Ok(capture)
             }
         }
     }

@@ -4,6 +4,7 @@
 //! be held to the same. Packs are built from phantoms whose sizes are known, at the origin, at UTM coordinates and 10^7 m away; the
 //! oracles are rewritten here, from the triangles that went in, not from the code that is tested.
 
+mod accuracy;
 mod drawings;
 mod opinions;
 mod oracle;

@@ -73,14 +73,14 @@ impl Fetch for Line {
 }
 
 /// What the page has of a pack.
-struct Page {
+pub(super) struct Page {
     index: Index,
     store: RefCell<Store>,
     line: Line,
 }
 
 impl Page {
-    fn open(pack: &Path) -> Self {
+    pub(super) fn open(pack: &Path) -> Self {
         let bytes = std::fs::read(pack).unwrap();
         let head = kilwa_pack::parse_head(&bytes[..bytes.len().min(1 << 17)]).unwrap().header;
         let part = |(offset, length): (u64, u64)| &bytes[offset as usize..(offset + length) as usize];
@@ -95,7 +95,7 @@ impl Page {
         Remote::new(&self.index, &self.store, self.line.clone())
     }
 
-    fn measure(&self, task: &Value) -> Value {
+    pub(super) fn measure(&self, task: &Value) -> Value {
         let question: Question = serde_json::from_value(value!({ "task": task, "unit": "m" })).unwrap();
         pollster::block_on(question.answer(&self.surface())).unwrap()
     }

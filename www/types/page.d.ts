@@ -26,6 +26,8 @@ export interface PackInfo {
     sources: { name: string; bytes: number; sha256: string }[];
     tool: string;
     capture_accuracy?: number | null;
+    capture_registration?: number;
+    capture_instrument?: number;
     repairs: Record<string, number>;
   };
   pack: {
@@ -239,6 +241,9 @@ export interface Uncertainty {
   lattice: number;
   level: number;
   capture: number | null;
+  /** The parts of the capture, where known; the registration is that of the least certain point. */
+  registration?: number;
+  instrument?: number;
   /** Of the least exactly picked point; absent where no point was picked on a picture. */
   pointing?: number;
 }

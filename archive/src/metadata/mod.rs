@@ -12,7 +12,7 @@ pub mod template;
 mod withheld;
 
 pub use kilwa_toml::{Problem, Problems};
-pub use withheld::plain_accuracy;
+pub use withheld::{plain_accuracy, plain_capture};
 
 use serde::{Deserialize, Serialize};
 

@@ -128,6 +128,8 @@ mod tests {
             tool: String::new(),
             options: std::collections::BTreeMap::new(),
             capture_accuracy: None,
+            capture_registration: None,
+            capture_instrument: None,
             repairs: std::collections::BTreeMap::new(),
         }
     }

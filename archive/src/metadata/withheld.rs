@@ -52,6 +52,22 @@ pub fn plain_accuracy(metres: f64) -> Result<(), String> {
     ))
 }
 
+/// Check the same of the accuracy of the capture that a pack states, and of its parts.
+///
+/// # Errors
+/// The name of the member, and the end of a sentence as in [`plain_accuracy`].
+pub fn plain_capture(pack: &kilwa_pack::Metadata) -> Result<(), (&'static str, String)> {
+    let members = [
+        ("capture_accuracy", pack.capture_accuracy),
+        ("capture_registration", pack.capture_registration),
+        ("capture_instrument", pack.capture_instrument),
+    ];
+    for (name, metres) in members {
+        metres.map_or(Ok(()), plain_accuracy).map_err(|what| (name, what))?;
+    }
+    Ok(())
+}
+
 struct Search<'a> {
     text: &'a str,
     file: &'a File<'a>,

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 pub(super) fn paradata(p: &Publication) -> Value {
     let m = &p.metadata;
     let pack = &p.of_pack;
-    json!({
+    let mut all = json!({
         "about": "What was captured, how, by which tools and with which decisions; hashes are SHA-256 unless named otherwise",
         "title": m.title,
         "capture": m.capture,
@@ -46,5 +46,10 @@ pub(super) fn paradata(p: &Publication) -> Value {
             "note": p.note,
             "location_redacted": p.location_redacted,
         },
-    })
+    });
+    if let Some([registration, instrument]) = pack.capture_parts() {
+        all["pack"]["capture_registration_m"] = json!(registration);
+        all["pack"]["capture_instrument_m"] = json!(instrument);
+    }
+    all
 }

@@ -8,7 +8,7 @@
 //! the last line but one are kept too, so that one damaged file costs one stage.
 
 use crate::build::options::BuildError;
-use crate::build::{INGEST, READ};
+use crate::build::{INGEST, Provenance, READ};
 use crate::ingest::is_file_of_ingest;
 use crate::scratch::{Scratch, ScratchError, ScratchFile, seal, unseal};
 use kilwa_pack::metadata::SourceFile;
@@ -166,8 +166,8 @@ impl Journal {
             return Ok(Self::begin(scratch, plan)?);
         };
         let stages: Vec<Stage> = lines.map_while(|l| serde_json::from_str(unseal(l)?).ok()).collect();
-        let sources = stages.iter().find(|s| s.stage == READ).map(|s| s.data.clone()).unwrap_or_default();
-        let sources: Vec<SourceFile> = serde_json::from_value(sources).unwrap_or_default();
+        let read = stages.iter().find(|s| s.stage == READ).map(|s| s.data.clone()).unwrap_or_default();
+        let Provenance { sources, .. } = serde_json::from_value(read).unwrap_or_default();
         // If nothing is complete, all inputs are read from the beginning.
         let is_unread = |_: usize, _: &[SourceFile]| -> Result<bool, BuildError> { Ok(true) };
         let is_unchanged: IsUnchanged<'_> = if stages.is_empty() { &is_unread } else { is_unchanged };
@@ -359,7 +359,7 @@ mod tests {
         // Nothing is kept.
         let mut journal = resume(&scratch, other.clone()).unwrap();
         let source = SourceFile { name: "a.ply".into(), bytes: 10, sha256: "aa".into() };
-        journal.complete(READ, &[], serde_json::to_value([&source]).unwrap()).unwrap();
+        journal.complete(READ, &[], serde_json::json!({ "sources": [&source] })).unwrap();
         drop(journal);
         let resumed = |plan: Plan, is_same: bool| {
             Journal::resume(&scratch, plan, &|number, sources| {

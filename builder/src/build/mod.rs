@@ -51,6 +51,27 @@ pub struct Built {
     pub report: BuildReport,
 }
 
+/// What the metadata says of the inputs.
+#[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Provenance {
+    /// The files.
+    pub sources: Vec<SourceFile>,
+    /// The accuracy of the capture, if the inputs state it; [`BuildOptions::capture_accuracy`] takes precedence.
+    #[serde(default)]
+    pub capture: Option<Capture>,
+}
+
+/// The accuracy of a capture.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Capture {
+    /// Standard uncertainty of a coordinate, metres.
+    pub accuracy: f64,
+    /// The part of it that is due to the poses of the stations, metres.
+    pub registration: f64,
+    /// The part of it that is due to the noise of the instruments, metres.
+    pub instrument: f64,
+}
+
 /// Where the mesh comes from.
 pub trait Inputs {
     /// Identifies the inputs: a build is resumed only with the same ones.
@@ -74,11 +95,11 @@ pub trait Inputs {
         Ok(false)
     }
 
-    /// Deliver all of them to `spool`, in metres and with z up. Returns what the metadata says of each.
+    /// Deliver all of them to `spool`, in metres and with z up. Returns what the metadata says of them.
     ///
     /// # Errors
     /// [`BuildError`], with what is wrong and what to do.
-    fn deliver(&mut self, spool: &mut Spool, work: &Work<'_>) -> Result<Vec<SourceFile>, BuildError>;
+    fn deliver(&mut self, spool: &mut Spool, work: &Work<'_>) -> Result<Provenance, BuildError>;
 }
 
 /// How a build is run; nothing of it changes the bytes.
@@ -233,10 +254,10 @@ impl Building<'_> {
         self.timed(READ, |b| {
             b.forget_ingest()?;
             let mut spool = Spool::create(scratch, Path::new("mesh"))?;
-            let sources = inputs.deliver(&mut spool, &b.work)?;
+            let provenance = inputs.deliver(&mut spool, &b.work)?;
             b.spooled = Some(spool.finish()?);
-            let sources = serde_json::to_value(&sources).unwrap_or_default();
-            Ok(b.journal.complete(READ, &[], sources)?)
+            let provenance = serde_json::to_value(&provenance).unwrap_or_default();
+            Ok(b.journal.complete(READ, &[], provenance)?)
         })
     }
 
@@ -288,8 +309,8 @@ impl Building<'_> {
             let chunks = last.files.get(CHUNKS).copied().unwrap_or(0);
             return Hierarchy::resume(&self.work, surface, tree, done, chunks);
         }
-        let sources = self.journal.stage(READ).map(|s| s.data.clone()).unwrap_or_default();
-        let sources: Vec<SourceFile> = serde_json::from_value(sources).map_err(|e| damaged(&journal, e.to_string()))?;
+        let read = self.journal.stage(READ).map(|s| s.data.clone()).unwrap_or_default();
+        let provenance: Provenance = serde_json::from_value(read).map_err(|e| damaged(&journal, e.to_string()))?;
         self.timed(INGEST, |b| {
             let o = b.options;
             let options = IngestOptions {
@@ -300,7 +321,7 @@ impl Building<'_> {
                 drop_islands_below: o.drop_islands_below,
                 precision: o.precision(),
             };
-            let ingested = ingest(&b.work, b.spooled.take(), &options, sources)?;
+            let ingested = ingest(&b.work, b.spooled.take(), &options, provenance)?;
             tree_file::write(scratch, &ingested.tree)?;
             let surface = serde_json::to_value(&ingested.surface).map_err(|e| damaged(&journal, e.to_string()))?;
             b.journal.complete(INGEST, &[LEAVES, SHARED, TREE].map(str::to_owned), surface)?;
@@ -324,7 +345,7 @@ impl Inputs for InMemory<'_> {
         Ok(Vec::new())
     }
 
-    fn deliver(&mut self, spool: &mut Spool, _work: &Work<'_>) -> Result<Vec<SourceFile>, BuildError> {
+    fn deliver(&mut self, spool: &mut Spool, _work: &Work<'_>) -> Result<Provenance, BuildError> {
         let (s, y_up) = (self.options.units.metres(), self.options.up == Up::Y);
         for p in &mut self.raw.positions {
             *p = s * if y_up { DVec3::new(p.x, -p.z, p.y) } else { *p };
@@ -335,6 +356,6 @@ impl Inputs for InMemory<'_> {
         spool.add(&self.raw)?;
         // Its memory is needed for what follows.
         self.raw = RawMesh::default();
-        Ok(self.options.sources.clone())
+        Ok(Provenance { sources: self.options.sources.clone(), capture: None })
     }
 }

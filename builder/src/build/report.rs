@@ -133,6 +133,8 @@ pub(crate) fn metadata(s: &Surface, options: &BuildOptions) -> Metadata {
     shaped.insert("coarse-positions".to_owned(), positions.to_owned());
     shaped.insert("leaf-triangles".to_owned(), options.leaf_triangles.to_string());
     let [bounds_min, bounds_max] = s.bounds.map(|p| s.lattice.world_from_lattice(p));
+    // What the user states takes precedence, and its parts are not known.
+    let capture = s.capture.filter(|_| options.capture_accuracy.is_none());
     Metadata {
         title: options.title.clone(),
         source_units: options.units.symbol().to_owned(),
@@ -149,7 +151,9 @@ pub(crate) fn metadata(s: &Surface, options: &BuildOptions) -> Metadata {
         sources: s.sources.clone(),
         tool: format!("kilwa {}", env!("CARGO_PKG_VERSION")),
         options: shaped,
-        capture_accuracy: options.capture_accuracy,
+        capture_accuracy: options.capture_accuracy.or(capture.map(|capture| capture.accuracy)),
+        capture_registration: capture.map(|capture| capture.registration),
+        capture_instrument: capture.map(|capture| capture.instrument),
         repairs: s.diagnostics.iter().map(|(kind, f)| (kind.clone(), f.count)).collect(),
     }
 }

@@ -38,6 +38,7 @@ mod topology;
 mod weld;
 mod words;
 
+use crate::build::Provenance;
 use crate::build::options::BuildError;
 use crate::build::work::Work;
 use crate::ingest::surface::{Diagnostic, Ingested, LEAVES, SHARED, Surface};
@@ -47,7 +48,7 @@ use crowded::Crowd;
 use glam::DVec3;
 use kilwa_geometry::{DiamondKey, LatticePoint};
 use kilwa_pack::chunk::MAX_SCALARS;
-use kilwa_pack::metadata::{ScalarChannel, SourceFile};
+use kilwa_pack::metadata::ScalarChannel;
 use kilwa_simplify::Precision;
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
@@ -85,7 +86,7 @@ pub fn scratch_needed(vertices: u64, triangles: u64, vertex_bytes: u64) -> u64 {
 }
 
 /// Run the stages that are not done yet. `spooled` is what [`Spool::finish`] gave, `None` where that stage was done
-/// before an interruption; `sources` are the files that the mesh came from, for the metadata.
+/// before an interruption; `provenance` is what the metadata says of the inputs.
 ///
 /// # Errors
 /// [`BuildError`], each with what to do.
@@ -93,7 +94,7 @@ pub fn ingest(
     work: &Work<'_>,
     spooled: Option<Spooled>,
     options: &IngestOptions,
-    sources: Vec<SourceFile>,
+    provenance: Provenance,
 ) -> Result<Ingested, BuildError> {
     let mut stages = Stages { work, unchecked: BTreeMap::new() };
     let known = Known::find(&mut stages, spooled, options)?;
@@ -107,7 +108,7 @@ pub fn ingest(
     })?;
     leaves.count(&mut tree, options.leaf_triangles);
     let (leaves, shared) = (PatchFile::open(work.scratch, LEAVES)?, Records::open(work.scratch, SHARED)?);
-    Ok(Ingested { surface: known.surface(sources), tree, leaves, shared })
+    Ok(Ingested { surface: known.surface(provenance), tree, leaves, shared })
 }
 
 /// What is known of a mesh without building anything of it: for a report. The scratch files are left to the caller. `visitor`, if there is
@@ -126,7 +127,7 @@ pub fn survey(
     if let Some(visitor) = visitor {
         known.visit(work, visitor)?;
     }
-    Ok(known.surface(Vec::new()))
+    Ok(known.surface(Provenance::default()))
 }
 
 /// Sees the triangles of a mesh, region by region.
@@ -213,7 +214,7 @@ impl Known {
         Ok(())
     }
 
-    fn surface(&self, sources: Vec<SourceFile>) -> Surface {
+    fn surface(&self, provenance: Provenance) -> Surface {
         let Self { spooled, resolved, scattered, topology } = self;
         let mut tally = spooled.tally.clone();
         tally.merge(&resolved.tally);
@@ -243,7 +244,8 @@ impl Known {
             median_edge: resolved.median,
             short_edge: resolved.first,
             noise: topology.roughness * resolved.lattice.step() * DEVIATION_PER_MEDIAN,
-            sources,
+            sources: provenance.sources,
+            capture: provenance.capture,
             diagnostics: tally.iter().map(diagnostic).collect::<BTreeMap<_, _>>(),
         }
     }

@@ -1,6 +1,7 @@
 //! What is known of the finest surface once it lies in scratch files: everything that later stages need beside the files
 //! themselves. Kept in the journal, so that a resumed build need not read its inputs again.
 
+use crate::build::Capture;
 use crate::partition::Partition;
 use crate::scratch::{PatchFile, Records};
 use glam::DVec3;
@@ -61,6 +62,9 @@ pub struct Surface {
     pub noise: f64,
     /// The files that it came from.
     pub sources: Vec<SourceFile>,
+    /// The accuracy of the capture, if the inputs state it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub capture: Option<Capture>,
     /// What reading and preparing found: kind, count and first places.
     #[serde(rename = "findings")]
     pub diagnostics: BTreeMap<String, Diagnostic>,

@@ -244,6 +244,7 @@ fn surface(read: &piles::Read, ingested: &leaves::Ingested, place: &Placement, o
         short_edge: spacing,
         noise: options.capture_accuracy.unwrap_or(0.0),
         sources: read.sources.clone(),
+        capture: None,
         diagnostics,
     }
 }

@@ -9,7 +9,7 @@ use kilwa_builder::build::work::{Stop, Work};
 use kilwa_builder::ingest::surface::{Ingested, Surface};
 use kilwa_builder::ingest::{IngestOptions, Spool, ingest};
 use kilwa_builder::scratch::Scratch;
-use kilwa_builder::{BuildError, Precision, Silent};
+use kilwa_builder::{BuildError, Precision, Provenance, Silent};
 use kilwa_formats::RawMesh;
 use kilwa_geometry::{Mesh, Tetra};
 use plain::{partition, plain};
@@ -99,7 +99,7 @@ fn try_run(inputs: &[&RawMesh], case: &Case, options: &IngestOptions) -> Result<
             spool.add(input).unwrap();
         }
         let spooled = spool.finish()?;
-        Ok(outcome(&ingest(&work, Some(spooled), options, Vec::new())?))
+        Ok(outcome(&ingest(&work, Some(spooled), options, Provenance::default())?))
     })
 }
 
@@ -519,13 +519,13 @@ fn an_ingest_stopped_in_any_stage_resumes_with_the_same_result() {
         let work = Work { scratch: &scratch, memory: TINY, threads: 2, stop: &stop, progress: &progress };
         let mut spool = Spool::create(&scratch, Path::new("input 0")).unwrap();
         spool.add(&mesh).unwrap();
-        let stopped = ingest(&work, Some(spool.finish().unwrap()), &options(300), Vec::new());
+        let stopped = ingest(&work, Some(spool.finish().unwrap()), &options(300), Provenance::default());
         assert!(matches!(stopped, Err(BuildError::Stopped)), "{stage}");
         assert!(kilwa_builder::ingest::can_resume(&scratch));
         assert!(scratch.files().unwrap().iter().all(|(name, _)| kilwa_builder::ingest::is_file_of_ingest(name)));
         let (stop, progress) = (Stop::default(), Silent);
         let work = Work { scratch: &scratch, memory: LARGE, threads: 1, stop: &stop, progress: &progress };
-        let found = ingest(&work, None, &options(300), Vec::new()).expect("goes on");
+        let found = ingest(&work, None, &options(300), Provenance::default()).expect("goes on");
         same(&reference, &outcome(&found), stage);
     }
 }

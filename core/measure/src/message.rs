@@ -5,8 +5,7 @@
 //! (`viewer/measure/tests/messages.rs` compares them).
 
 use serde::Serialize;
-use serde_json::{Value, json};
-use std::collections::BTreeMap;
+use serde_json::{Map, Value, json};
 use std::fmt::Display;
 
 /// A value in a message.
@@ -26,12 +25,12 @@ pub enum MessageValue {
 }
 
 /// A message without its text.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Message {
     /// Which message: lower-case words joined by `-`. Stable across versions.
     pub code: &'static str,
     /// By name.
-    pub values: BTreeMap<&'static str, MessageValue>,
+    pub values: Vec<(&'static str, MessageValue)>,
 }
 
 impl Message {
@@ -48,7 +47,11 @@ pub trait ToMessage: Display {
 
     /// `code`, `values` and `english`.
     fn as_json(&self) -> Value {
-        let Message { code, values } = self.message();
+        let Message { code, values: named } = self.message();
+        let mut values = Map::new();
+        for (name, value) in named {
+            values.insert(name.to_owned(), json!(value));
+        }
         json!({ "code": code, "values": values, "english": self.to_string() })
     }
 }

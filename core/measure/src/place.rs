@@ -1,14 +1,16 @@
 //! Points of the finest surface: where a ray meets it first, what is nearest to a position, and which way the surface faces there.
 
 use crate::clip::Clip;
-use crate::leaves::{Failure, Leaves, finest};
-use crate::pick::{Picker, Ray};
+use crate::leaves::{Failure, Leaves, finest, finest_triangles};
+use crate::pick::{Picker, Ray, nearest_first};
 use crate::points;
 use crate::refusal::{Refusal, Target};
 use crate::space::Space;
 use crate::surface::Surface;
 use glam::DVec3;
 use kilwa_geometry::Aabb;
+use kilwa_pack::metadata::REGISTRATION;
+use kilwa_pack::{Chunk, Index};
 use serde::Serialize;
 
 /// Chunks that are fetched before it is known whether they are needed.
@@ -26,6 +28,10 @@ pub struct Place {
     pub away: f64,
     /// Unit normal of the triangle there; zero for one without area.
     pub normal: DVec3,
+    /// Standard uncertainty of a coordinate because of the registration of the stations, metres, if the pack has it vertex by vertex. Only of places that are the
+    /// nearest to a position.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub registration: Option<f64>,
 }
 
 /// Where a ray (world coordinates) meets the finest surface first, of what `clip` (lattice units) leaves.
@@ -58,7 +64,7 @@ pub async fn cast<L: Leaves>(leaves: &L, origin: DVec3, direction: DVec3, clip: 
     let normal = unit_normal(picked.corners.map(glam::IVec3::as_dvec3));
     let world = space.world_from_local(local);
     crate::refusal::finite(&[world])?;
-    Ok(Place { world, local, away: 0.0, normal })
+    Ok(Place { world, local, away: 0.0, normal, registration: None })
 }
 
 /// A point in local metres as it is, with the direction that the surface nearest to it faces.
@@ -68,7 +74,7 @@ pub async fn cast<L: Leaves>(leaves: &L, origin: DVec3, direction: DVec3, clip: 
 pub async fn facing_at<L: Leaves>(leaves: &L, local: DVec3) -> Result<Place, Failure> {
     let found = nearest(leaves, local).await?;
     let world = Space::new(leaves.index().header().lattice).world_from_local(local);
-    Ok(Place { world, local, away: 0.0, normal: found.normal })
+    Ok(Place { world, local, away: 0.0, ..found })
 }
 
 /// The point of the surface nearest to a position in local metres. Chunks are read nearest first and only while they can still hold a nearer
@@ -83,8 +89,9 @@ pub async fn nearest<L: Leaves>(leaves: &L, local: DVec3) -> Result<Place, Failu
     crate::refusal::finite(&[p])?;
     let entries = (0u32..).zip(leaves.index().entries()).filter(|(i, _)| leaves.may_hold_leaves(*i));
     let mut order: Vec<(f64, u32)> = entries.map(|(i, e)| (box_distance(p, &e.bounds), i)).collect();
-    order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
-    let mut best: Option<(f64, DVec3, DVec3)> = None;
+    nearest_first(&mut order);
+    let channel = registration_channel(leaves.index());
+    let mut best: Option<(f64, DVec3, DVec3, Option<f64>)> = None;
     for (at, &(lower, i)) in order.iter().enumerate() {
         if best.is_some_and(|b| lower > b.0) {
             break;
@@ -93,20 +100,20 @@ pub async fn nearest<L: Leaves>(leaves: &L, local: DVec3) -> Result<Place, Failu
         leaves.ahead(&likely.map(|o| o.1).collect::<Vec<u32>>());
         let chunk = leaves.chunk(i).await?;
         let found = if points::is_of_points(leaves.index()) {
-            points::nearest(&chunk, p).map(|(q, t)| (q, unit_normal(t)))
+            points::nearest(&chunk, p).map(|(q, t)| (q, unit_normal(t), None))
         } else {
             let surface = Surface::new(finest(&chunk).map(|t| t.map(glam::IVec3::as_dvec3)).collect());
             let normal = |t: u32| surface.triangles().get(t as usize).map_or(DVec3::ZERO, |t| unit_normal(*t));
-            surface.nearest(p).map(|(q, t)| (q, normal(t)))
+            surface.nearest(p).map(|(q, t)| (q, normal(t), channel.and_then(|channel| scalar(&chunk, channel, t, q))))
         };
-        if let Some((q, normal)) = found {
+        if let Some((q, normal, registration)) = found {
             let d = (p - q).length();
             if best.is_none_or(|b| d < b.0) {
-                best = Some((d, q, normal));
+                best = Some((d, q, normal, registration));
             }
         }
     }
-    let (d, q, normal) = best.ok_or_else(|| match leaves.index().metadata().triangles {
+    let (d, q, normal, registration) = best.ok_or_else(|| match leaves.index().metadata().triangles {
         0 => Refusal::Misses { what: Target::Position, hint: "the pack contains no triangles".to_owned() },
         // So far away that the square of the distance overflows.
         _ => Refusal::NotFinite,
@@ -114,7 +121,25 @@ pub async fn nearest<L: Leaves>(leaves: &L, local: DVec3) -> Result<Place, Failu
     let local = space.local_from_steps(q);
     let (world, away) = (space.world_from_local(local), d * space.step());
     crate::refusal::finite(&[world, DVec3::splat(away)])?;
-    Ok(Place { world, local, away, normal })
+    Ok(Place { world, local, away, normal, registration })
+}
+
+/// The scalar channel that has the part of the uncertainty that is due to registration.
+pub(crate) fn registration_channel(index: &Index) -> Option<usize> {
+    index.metadata().scalars.iter().position(|channel| channel.name == REGISTRATION)
+}
+
+/// A scalar at a point of one of the finest triangles of a chunk, by the areas opposite of its corners.
+fn scalar(chunk: &Chunk, channel: usize, triangle: u32, q: DVec3) -> Option<f64> {
+    let triangle = finest_triangles(chunk).nth(triangle as usize)?;
+    let [a, b, c] = chunk.mesh.corners(triangle).map(|p| p.as_dvec3() - q);
+    let shares = [b.cross(c), c.cross(a), a.cross(b)].map(DVec3::length);
+    let (mut sum, mut whole) = (0.0, 0.0);
+    for (v, share) in chunk.mesh.triangles.get(triangle)?.iter().zip(shares) {
+        sum += f64::from(*chunk.mesh.scalars.get(channel)?.get(*v as usize)?) * share;
+        whole += share;
+    }
+    (sum >= 0.0 && whole > 0.0).then(|| sum / whole)
 }
 
 fn unit_normal([a, b, c]: [DVec3; 3]) -> DVec3 {

@@ -1,9 +1,10 @@
 //! A value with its standard uncertainty, and as many digits as that allows.
 
 use glam::DVec3;
+use kilwa_pack::Index;
 
 /// Where the uncertainty of one measured point comes from, in metres.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Uncertainty {
     /// Rounding to the lattice: half a step on each of three axes, as a standard deviation (step / sqrt 12 per axis).
     pub lattice: f64,
@@ -11,6 +12,12 @@ pub struct Uncertainty {
     pub level: f64,
     /// Standard uncertainty of the capture, where known.
     pub capture: Option<f64>,
+    /// The part of the capture that is due to the registration of the stations, where known: of the least certain point.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub registration: Option<f64>,
+    /// The part of the capture that is due to the instruments, where known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub instrument: Option<f64>,
     /// Of pointing: the largest of the points that were picked on a picture; 0 for points that were typed or snapped.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub pointing: f64,
@@ -24,7 +31,15 @@ fn is_zero(x: &f64) -> bool {
 impl Uncertainty {
     /// Of a point on the finest surface of a pack with this lattice spacing, per axis.
     pub fn finest(step: f64, capture: Option<f64>) -> Self {
-        Self { lattice: step / libm::sqrt(12.0), level: 0.0, capture, pointing: 0.0 }
+        Self { lattice: step / libm::sqrt(12.0), capture, ..Self::default() }
+    }
+
+    /// Of a point on the finest surface of a pack, per axis.
+    pub fn of_pack(index: &Index) -> Self {
+        let metadata = index.metadata();
+        let [registration, instrument] = metadata.capture_parts().map_or([None; 2], |parts| parts.map(Some));
+        let finest = Self::finest(index.header().lattice.step(), metadata.capture_accuracy);
+        Self { registration, instrument, ..finest }
     }
 
     /// What all points have in common, without pointing, in metres, per axis.

@@ -28,6 +28,9 @@ pub struct SourceFile {
     pub sha256: String,
 }
 
+/// The name of the scalar channel with the part of the capture accuracy that is due to registration, metres.
+pub const REGISTRATION: &str = "registration";
+
 /// What the pack says of itself. Lengths in metres, world coordinates, f64.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Metadata {
@@ -66,6 +69,12 @@ pub struct Metadata {
     /// Standard uncertainty of the capture, metres, where known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub capture_accuracy: Option<f64>,
+    /// The part of it that is due to the poses of the stations, metres, where known. The channel [`REGISTRATION`], if there is one, has it for every vertex.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub capture_registration: Option<f64>,
+    /// The part of it that is due to the noise of the instruments, metres, where known.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub capture_instrument: Option<f64>,
     /// What reading and building repaired or dropped: reason to count. Empty means nothing.
     #[serde(default)]
     pub repairs: std::collections::BTreeMap<String, u64>,
@@ -75,6 +84,11 @@ pub struct Metadata {
 pub const LEAF_POINTS: &str = "leaf-points";
 
 impl Metadata {
+    /// The parts of the capture accuracy that are due to registration and to the instruments, metres, where both are known.
+    pub fn capture_parts(&self) -> Option<[f64; 2]> {
+        self.capture_accuracy.and(Some([self.capture_registration?, self.capture_instrument?]))
+    }
+
     /// Whether the pack is one of points; its header says so too.
     pub fn is_of_points(&self) -> bool {
         self.options.contains_key(LEAF_POINTS)

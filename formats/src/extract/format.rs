@@ -317,6 +317,8 @@ impl Target {
             tool: String::new(),
             options: BTreeMap::new(),
             capture_accuracy: None,
+            capture_registration: None,
+            capture_instrument: None,
             repairs: BTreeMap::new(),
         };
         let side = (bounds.max - bounds.min.min(LatticePoint::ZERO)).max_element().max(1) as u32;

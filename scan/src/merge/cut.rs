@@ -1,5 +1,6 @@
 //! The triangles of stations, cut into pieces. Stations are shared among threads; pieces of a station stay together.
 
+use super::accuracy::{PoseSigma, StationSigma};
 use super::brightness::Brightness;
 use super::piles::{Gathered, Piles};
 use super::{BEST_SIGMA, Options, PARTS, Scale};
@@ -7,6 +8,7 @@ use crate::ScanError;
 use crate::import::Progress;
 use crate::mask;
 use crate::mesh::{self, MeshVertex, Surface, mesh};
+use crate::register::Registration;
 use crate::spool::Reader;
 use crate::survey::{self, Survey};
 use glam::DVec3;
@@ -27,6 +29,9 @@ pub(super) struct Station<'a> {
     entry: &'a survey::Station,
     unmasked: bool,
     pub(super) pose: Pose,
+    /// How uncertain the pose is, as far as known.
+    pub(super) pose_sigma: PoseSigma,
+    pub(super) rays: Rays,
     pub(super) options: mesh::Options,
 }
 
@@ -47,6 +52,11 @@ impl Station<'_> {
     /// Maker, model and serial number of its scanner, as far as known.
     pub(super) fn instrument(&self) -> Option<&str> {
         self.entry.instrument.as_deref()
+    }
+
+    /// Whether it is known how uncertain its pose is.
+    pub(super) fn has_sigma(&self) -> bool {
+        matches!(self.pose_sigma, PoseSigma::Known(_))
     }
 
     /// Standard deviations of its pose: metres, radians.
@@ -71,6 +81,7 @@ pub(super) fn stations<'a>(
         let message = format!("the survey has {} stations; at most {} can be merged", all.len(), u16::MAX - 1);
         return Err(ScanError::Request(message));
     }
+    let registration = Registration::open(folder)?;
     let mut out = Vec::with_capacity(all.len());
     for entry in all {
         let name = &entry.name;
@@ -80,13 +91,15 @@ pub(super) fn stations<'a>(
                 "station {name} has no pose, so its position relative to the others is unknown; add rotation and translation to it in survey.toml"
             )));
         };
-        let station = Station { folder, entry, unmasked: options.unmasked, pose, options: options_of(entry) };
-        if !station.open()?.header().is_grid {
+        let unmasked = options.unmasked;
+        let reader = mask::open(folder, entry, unmasked)?;
+        if !reader.header().is_grid {
             return Err(ScanError::Request(format!(
                 "station {name} is an unstructured point cloud and has no surface to merge; build its points with `kilwa build --points`, or remove the station from survey.toml"
             )));
         }
-        out.push(station);
+        let (pose_sigma, rays) = (PoseSigma::of(entry, registration.as_ref()), reader.header().rays);
+        out.push(Station { folder, entry, unmasked, pose, pose_sigma, rays, options: options_of(entry) });
     }
     Ok(out)
 }
@@ -128,7 +141,17 @@ impl Known {
     }
 }
 
-/// Cut all stations; returns the numbers of triangles and pieces.
+/// What a station contributes.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Part {
+    pub(super) triangles: u64,
+    /// Pieces that they were cut into.
+    pub(super) pieces: u64,
+    /// The smallest and the largest variance of a piece because of the pose, square metres, if that is known.
+    pub(super) variances: Option<[f64; 2]>,
+}
+
+/// Cut all stations; returns what each contributes.
 pub(super) fn cut_all(
     stations: &[Station<'_>],
     options: &Options,
@@ -137,9 +160,9 @@ pub(super) fn cut_all(
     piles: &Piles,
     tile_log2: u32,
     progress: &(dyn Progress + Sync),
-) -> Result<[u64; 2], ScanError> {
+) -> Result<Vec<Part>, ScanError> {
     let (next, done) = (AtomicUsize::new(0), AtomicU64::new(0));
-    let (sums, failure) = (Mutex::new([0; 2]), Mutex::new(None));
+    let (parts, failure) = (Mutex::new(vec![Part::default(); stations.len()]), Mutex::new(None));
     let threads = options.threads.clamp(1, stations.len());
     let most = usize::try_from(options.memory / 2).unwrap_or(usize::MAX) / threads;
     let total = PARTS * stations.len() as u64;
@@ -164,9 +187,8 @@ pub(super) fn cut_all(
             // Poses are rounded differently in bounds and in points.
             let [low, high] = to_voxels(known.bounds);
             let boxes = [[low - 1.0, high + 1.0], options.bounds.map_or([low - 1.0, high + 1.0], to_voxels)];
-            let [triangles, count] = cut((station, number), brightness, scale, boxes, gathered, &mut tell)?;
-            let mut sums = sums.lock().unwrap_or_else(PoisonError::into_inner);
-            *sums = [sums[0] + triangles, sums[1] + count];
+            let part = cut((station, number), brightness, scale, boxes, gathered, &mut tell)?;
+            parts.lock().unwrap_or_else(PoisonError::into_inner)[number] = part;
         }
     };
     std::thread::scope(|scope| {
@@ -181,7 +203,7 @@ pub(super) fn cut_all(
     });
     match failure.into_inner().unwrap_or_else(PoisonError::into_inner) {
         Some(e) => Err(e),
-        None => Ok(sums.into_inner().unwrap_or_else(PoisonError::into_inner)),
+        None => Ok(parts.into_inner().unwrap_or_else(PoisonError::into_inner)),
     }
 }
 
@@ -194,9 +216,9 @@ fn cut(
     [known, bounds]: [[DVec3; 2]; 2],
     gathered: Gathered<'_>,
     tell: Tell<'_>,
-) -> Result<[u64; 2], ScanError> {
+) -> Result<Part, ScanError> {
     let path = station.folder.join(&station.entry.scan);
-    let is_central = station.open()?.header().rays == Rays::Central;
+    let is_central = station.rays == Rays::Central;
     let origin = station.pose.translation;
     let light = move |vertex: &MeshVertex| {
         if is_central { brightness.factor(number, vertex.position - origin, vertex.normal) } else { 1.0 }
@@ -211,6 +233,8 @@ fn cut(
         part: 0,
         window: Vec::new(),
         gathered,
+        sigma: StationSigma::new(station, scale),
+        variances: None,
         tell,
         pieces: 0,
         done: (0, 1),
@@ -218,7 +242,7 @@ fn cut(
     let report = mesh(&mut station.open()?, station.pose, &station.options, &mut cutter)?;
     cutter.gathered.flush()?;
     (cutter.tell)(1, 1)?;
-    Ok([report.triangles, cutter.gathered.count])
+    Ok(Part { triangles: report.triangles, pieces: cutter.gathered.count, variances: cutter.variances })
 }
 
 /// Cuts the triangles of a station.
@@ -235,6 +259,9 @@ struct Cutter<'a> {
     part: u32,
     window: Vec<Corner>,
     gathered: Gathered<'a>,
+    sigma: Option<StationSigma<'a>>,
+    /// See [`Part::variances`].
+    variances: Option<[f64; 2]>,
     tell: Tell<'a>,
     /// Pieces so far, and how many of how many lines of the grid are done.
     pieces: u64,
@@ -290,6 +317,11 @@ impl Surface for Cutter<'_> {
             let at = piece.position();
             if failure.is_none() && at.cmpge(low).all() && at.cmple(high).all() {
                 failure = self.gathered.add(&piece).err();
+                if let Some(sigma) = &self.sigma {
+                    let variance = sigma.at(&piece).pose();
+                    let [least, greatest] = self.variances.unwrap_or([variance; 2]);
+                    self.variances = Some([least.min(variance), greatest.max(variance)]);
+                }
             }
         });
         failure.map_or(Ok(()), Err)

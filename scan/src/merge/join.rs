@@ -1,5 +1,6 @@
 //! The surfaces of bricks, joined into one mesh: vertices on edges shared by several bricks are delivered once.
 
+use super::accuracy;
 use super::fill::Held;
 use super::piles::morton;
 use super::rims::{RimVertex, Rims};
@@ -21,6 +22,7 @@ pub(super) struct Joined<'s> {
     vertices: u64,
     triangles: u64,
     rims: Rims,
+    accuracy: accuracy::Sum,
     held: Held,
     /// While holes are filled: the vertices that can begin an open edge.
     around: HashMap<u64, RimVertex>,
@@ -40,6 +42,7 @@ impl<'s> Joined<'s> {
             vertices: 0,
             triangles: 0,
             rims: Rims::default(),
+            accuracy: accuracy::Sum::default(),
             held: Held::default(),
             around: HashMap::new(),
             measured: 0,
@@ -59,6 +62,11 @@ impl<'s> Joined<'s> {
     /// The edges that have one triangle.
     pub(super) fn rims(&self) -> &Rims {
         &self.rims
+    }
+
+    /// How accurate the measured surface is.
+    pub(super) fn accuracy(&self) -> &accuracy::Sum {
+        &self.accuracy
     }
 
     /// What was held back. From now on, vertices and triangles are added that do not belong to bricks.
@@ -119,6 +127,7 @@ impl<'s> Joined<'s> {
             self.sink.triangle(triangle.map(|k| numbers[k as usize]))?;
         }
         self.triangles += patch.triangles.len() as u64;
+        self.accuracy.add(patch);
         if !patch.filled.is_empty() {
             self.held.add(patch, &numbers, &self.shared);
         }
@@ -152,6 +161,7 @@ pub(super) fn merged(vertex: &PatchVertex, scale: Scale) -> MergedVertex {
             confidence: (vertex.quality / (BEST_SIGMA * BEST_SIGMA)) as f32,
         },
         stations: vertex.stations,
+        registration: vertex.variance.map(|variance| accuracy::kept(variance.pose)),
         source: Source::Scans,
     }
 }

@@ -6,6 +6,7 @@
 //! The result does not depend on tiles, threads or the order of stations: sums are integers, and vertices and triangles are delivered in the order of the
 //! bricks along a Morton curve; a tile is a section of that curve.
 
+mod accuracy;
 mod brightness;
 mod causes;
 mod cut;
@@ -26,6 +27,8 @@ use crate::ScanError;
 use crate::import::Progress;
 use crate::mesh::{self, MeshVertex};
 use crate::survey::{self, Survey};
+use accuracy::Sigmas;
+pub use accuracy::{Accuracy, Parts, Reason, UnknownPose};
 use brightness::Brightness;
 pub use brightness::Light;
 use cut::{Known, Station, cut_all, stations};
@@ -115,6 +118,9 @@ pub struct MergedVertex {
     pub vertex: MeshVertex,
     /// How many stations saw the surface there.
     pub stations: u16,
+    /// The standard deviation of a coordinate because of the poses of these stations, metres; `None` if it is not known, or for a vertex that does not rest on
+    /// scans.
+    pub registration: Option<f32>,
     /// What it rests on. Every triangle that was added to fill a hole has a vertex that does not rest on scans, and no other triangle has one.
     pub source: Source,
 }
@@ -130,6 +136,8 @@ pub struct Begin {
     pub attributes: [bool; 2],
     /// Whether holes are filled, so that the source of vertices matters.
     pub is_filled: bool,
+    /// The largest [`MergedVertex::registration`] that there can be; `None` if it is not known, or the same everywhere.
+    pub registration: Option<f32>,
 }
 
 /// Receives the merged surface.
@@ -178,6 +186,8 @@ pub struct Report {
     pub borders: Borders,
     /// What was filled, if filling was requested.
     pub filled: Option<Filled>,
+    /// How accurate the measured surface is, as far as the survey tells.
+    pub accuracy: Accuracy,
 }
 
 /// From coordinates of the survey to voxels and back.
@@ -224,10 +234,12 @@ pub fn merge(
     sink: &mut dyn MergedSurface,
     progress: &(dyn Progress + Sync),
 ) -> Result<Report, ScanError> {
-    let tile_log2 = tiles::size_log2(options.memory, options.threads);
+    let stations = stations(folder, survey, options, options_of)?;
+    let has_sigmas = stations.iter().all(Station::has_sigma);
+    let tile_log2 = tiles::size_log2(options.memory, options.threads, has_sigmas);
     // A tile needs the pieces in a wide margin, so small ones would be mostly margin.
     let tile_log2 = if options.fill.is_backed() { tile_log2.max(3) } else { tile_log2 };
-    merge_in_tiles(tile_log2, &stations(folder, survey, options, options_of)?, options, sink, progress)
+    merge_in_tiles(tile_log2, &stations, options, sink, progress)
 }
 
 /// Merge in tiles of `1 << tile_log2` bricks along each axis.
@@ -273,8 +285,10 @@ fn merge_in_tiles(
     let piles = Piles::create(&options.scratch)?;
     let brightness = Brightness::of(stations, known.has_intensity, options.intensity, progress)?;
     report.light = brightness.light;
-    let counts = cut_all(stations, options, (&known, &brightness), scale, &piles, tile_log2, progress)?;
-    [report.station_triangles, report.pieces] = counts;
+    let parts = cut_all(stations, options, (&known, &brightness), scale, &piles, tile_log2, progress)?;
+    report.station_triangles = parts.iter().map(|part| part.triangles).sum();
+    report.pieces = parts.iter().map(|part| part.pieces).sum();
+    let sigmas = Sigmas::of(stations, &parts, scale).map_err(|accuracy| report.accuracy = accuracy).ok();
     if let Some(mesh) = &patch_mesh {
         mesh.cut(options, bounds, scale, &piles, tile_log2, progress)?;
     }
@@ -283,10 +297,15 @@ fn merge_in_tiles(
     let room = DVec3::splat(4.0 * voxel);
     let bounds = [bounds[0] - room, bounds[1] + room];
     let is_filled = options.fill.is_any();
-    sink.begin(&Begin { voxel, bounds, attributes: [known.has_color, known.has_intensity], is_filled })?;
+    let registration = sigmas.as_ref().and_then(Sigmas::largest);
+    sink.begin(&Begin { voxel, bounds, attributes: [known.has_color, known.has_intensity], is_filled, registration })?;
     let mut joined = Joined::new(sink, scale);
-    tiles::surfaces(&piles, tile_log2, options, progress, &mut |brick, patch| joined.patch(brick, &patch))?;
+    let of = tiles::Of { piles: &piles, sigmas: sigmas.as_ref(), tile_log2 };
+    tiles::surfaces(&of, options, progress, &mut |brick, patch| joined.patch(brick, &patch))?;
     [report.vertices, report.triangles] = joined.counts();
+    if let Some(parts) = joined.accuracy().parts() {
+        report.accuracy = Accuracy::Known(parts);
+    }
     if report.triangles == 0 {
         return Err(ScanError::Request(match report.pieces {
             0 => "nothing is left to merge: the box holds no surface, or masks cover all samples (--unmasked uses them), or limits on edges drop all triangles".to_owned(),

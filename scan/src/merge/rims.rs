@@ -135,6 +135,7 @@ mod tests {
                 intensity: None,
                 quality: 1.0,
                 stations: 1,
+                variance: None,
                 backing: None,
             });
         }

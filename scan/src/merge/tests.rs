@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::import::{self, Silent};
+use crate::register::{Placed, Placement, Registration, Unplaced};
 use kilwa_synth::scans::{ScanOptions, write};
 
 #[derive(Default, PartialEq)]
@@ -294,4 +295,152 @@ fn a_mesh_that_does_not_fit_the_survey_is_refused_and_one_with_y_up_is_turned() 
     let [low, high] = PatchMesh::read(&gltf, around, &Silent).unwrap().bounds;
     // The y of the file is up.
     assert!(low.abs_diff_eq(DVec3::ZERO, 1e-6) && high.abs_diff_eq(DVec3::new(1.0, 0.0, 1.0), 1e-6), "{low} {high}");
+}
+
+/// Write that the stations of a survey were registered, with these standard deviations: of the position (metres) and of the rotation (radians).
+fn register(folder: &Path, survey: &Survey, sigmas: &[[f64; 2]]) {
+    let placed = |(station, [metres, radians]): (&survey::Station, &[f64; 2])| {
+        let pose = station.pose.unwrap();
+        let [x, y, z, w] = pose.rotation.to_array();
+        let mut covariance = [[0.0; 6]; 6];
+        for k in 0..3 {
+            covariance[k][k] = radians * radians;
+            covariance[k + 3][k + 3] = metres * metres;
+        }
+        let (name, translation) = (station.name.clone(), pose.translation.to_array());
+        let rotation = [w, x, y, z];
+        Placed { name, placement: Placement::Surface, rotation, translation, covariance, stated: None }
+    };
+    let stations = survey.stations.iter().zip(sigmas).map(placed).collect();
+    Registration { stations, ..Registration::empty() }.save(folder).unwrap();
+}
+
+#[test]
+fn vertices_are_as_uncertain_as_the_poses_of_the_stations_that_saw_them() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, survey) = survey(folder.path(), 2, 200);
+    let common = options(folder.path(), 0.15);
+    let (bare, bare_report) = merged(&path, &survey, &common, 3);
+    assert_eq!(bare_report.accuracy, Accuracy::Unknown);
+    assert!(bare.begin.unwrap().registration.is_none() && bare.vertices.iter().all(|v| v.registration.is_none()));
+    // Positions alone are uncertain, so that it is the same wherever a station looks.
+    let sigmas = [[0.001, 0.0], [0.004, 0.0]];
+    register(&path, &survey, &sigmas);
+    let (mesh, report) = merged(&path, &survey, &common, 3);
+    // The surface itself is the same.
+    assert!(mesh.triangles == bare.triangles);
+    let without = |v: &MergedVertex| MergedVertex { registration: None, ..*v };
+    assert!(mesh.vertices.iter().map(without).eq(bare.vertices.iter().copied()));
+    let [least, greatest] = sigmas.map(|[metres, _]| accuracy::kept(metres * metres));
+    assert_eq!(mesh.begin.unwrap().registration, Some(greatest));
+    let of = |v: &MergedVertex| v.registration.unwrap();
+    assert!(mesh.vertices.iter().all(|v| (least..=greatest).contains(&of(v))));
+    let (one, two): (Vec<&MergedVertex>, Vec<&MergedVertex>) = mesh.vertices.iter().partition(|v| v.stations == 1);
+    assert!(one.iter().any(|v| of(v) == least) && one.iter().any(|v| of(v) == greatest));
+    assert!(two.iter().filter(|v| of(v) > least && of(v) < greatest).count() > two.len() / 2);
+    let Accuracy::Known(Parts { registration, instrument }) = report.accuracy else { panic!("{report:?}") };
+    assert!(registration > 0.001 && registration < 0.004, "{registration}");
+    // 2 mm and 10 ppm, less where both stations saw the surface.
+    assert!(instrument > 0.001_4 && instrument < 0.002_3, "{instrument}");
+    // Nothing changes with tiles, threads and the order of stations.
+    let (other, other_report) = merged(&path, &survey, &Options { threads: 1, memory: 4 << 20, ..common.clone() }, 4);
+    assert!(other == mesh && other_report.accuracy == report.accuracy);
+    let mut turned = survey.clone();
+    turned.stations.reverse();
+    let (other, other_report) = merged(&path, &turned, &common, 2);
+    assert!(other == mesh && other_report.accuracy == report.accuracy);
+    // What is filled is at most as certain as the most uncertain place, which is for the caller to state.
+    let fill = Fill { diffuse: true, max_area: 20.0, ..Fill::default() };
+    let (filled, filled_report) = merged(&path, &survey, &Options { fill, ..common.clone() }, 3);
+    assert!(filled.vertices.iter().all(|v| v.registration.is_some() == (v.source == Source::Scans)));
+    assert!(filled.vertices.len() > mesh.vertices.len() && filled_report.accuracy == report.accuracy);
+    // A rotation matters more the farther away a surface is.
+    register(&path, &survey, &[[0.001, 0.0], [0.001, 0.001]]);
+    let (rotated, _) = merged(&path, &survey, &common, 3);
+    let center = survey.stations[1].pose.unwrap().translation;
+    let second: Vec<_> = rotated.vertices.iter().filter(|v| v.stations == 1 && of(v) > least).collect();
+    let fits = |v: &&&MergedVertex| {
+        let distance = v.vertex.position.distance(center);
+        // Around two of three axes.
+        let wanted = f64::hypot(0.001, 0.001 * distance * (2.0_f64 / 3.0).sqrt());
+        (f64::from(of(v)) / wanted - 1.0).abs() < 0.02
+    };
+    // Between two voxels that different stations saw, it is a mixture.
+    let fitting = second.iter().filter(fits).count();
+    assert!(second.len() > 500 && fitting as f64 > 0.95 * second.len() as f64, "{fitting} of {}", second.len());
+}
+
+#[test]
+fn a_pose_that_was_changed_is_uncertain_by_an_unknown_amount() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, mut survey) = survey(folder.path(), 2, 120);
+    let common = options(folder.path(), 0.2);
+    let accuracy = |survey: &Survey, options: &Options| {
+        let (mesh, report) = merged(&path, survey, options, 3);
+        (mesh.begin.unwrap().registration, report.accuracy)
+    };
+    // The same everywhere: there is nothing to keep for each vertex.
+    register(&path, &survey, &[[0.002, 0.0]; 2]);
+    let (registration, known) = accuracy(&survey, &common);
+    let Accuracy::Known(parts) = known else { panic!("{known:?}") };
+    assert!(registration.is_none() && (parts.registration - 0.002).abs() < 1e-6, "{parts:?}");
+    // The standard deviations in survey.toml are those of the pose that was registered, unless new ones are stated.
+    survey.stations[1].sigma = Some([0.002, 0.0]);
+    survey.stations[1].pose.as_mut().unwrap().translation.x += 1e-4;
+    let name = survey.stations[1].name.clone();
+    let unknown = |reason| Accuracy::Incomplete(vec![UnknownPose { station: name.clone(), reason }]);
+    assert_eq!(accuracy(&survey, &common), (None, unknown(Reason::Changed)));
+    survey.stations[1].sigma = Some([0.002, 0.001]);
+    let (registration, known) = accuracy(&survey, &common);
+    assert!(registration > Some(0.002) && matches!(known, Accuracy::Known(_)), "{known:?}");
+    // Without the registration, those in survey.toml count.
+    std::fs::remove_file(path.join(crate::register::FILE)).unwrap();
+    survey.stations[0].sigma = Some([0.001, 0.0005]);
+    let (registration, known) = accuracy(&survey, &common);
+    assert!(registration.is_some() && matches!(known, Accuracy::Known(_)), "{known:?}");
+    survey.stations[1].sigma = None;
+    assert_eq!(accuracy(&survey, &common), (None, unknown(Reason::Unstated)));
+    survey.stations[0].sigma = None;
+    assert_eq!(accuracy(&survey, &common), (None, Accuracy::Unknown));
+    // A station that has no part in the surface does not matter.
+    survey.stations[0].sigma = Some([0.001, 0.0005]);
+    survey.stations[1].pose.as_mut().unwrap().translation.x += 500.0;
+    let around = survey.stations[0].pose.unwrap().translation;
+    let bounds = Some([around - 50.0, around + 50.0]);
+    let (_, known) = accuracy(&survey, &Options { bounds, ..common.clone() });
+    assert!(matches!(known, Accuracy::Known(_)), "{known:?}");
+    std::fs::write(path.join(crate::register::FILE), "{}").unwrap();
+    let Err(refused) = stations(&path, &survey, &common, &|_| mesh::Options::default()) else { panic!() };
+    assert!(refused.to_string().contains("run `kilwa register` again, or remove the file"), "{refused}");
+}
+
+#[test]
+fn a_given_pose_is_as_uncertain_as_stated_and_one_that_was_not_confirmed_by_an_unknown_amount() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, mut survey) = survey(folder.path(), 2, 120);
+    let common = options(folder.path(), 0.2);
+    register(&path, &survey, &[[0.0, 0.0]; 2]);
+    let mut registration = Registration::open(&path).unwrap().unwrap();
+    // Two fixed stations have no uncertainty relative to each other, unless the survey states one.
+    registration.stations.iter_mut().for_each(|placed| placed.placement = Placement::Fixed);
+    registration.save(&path).unwrap();
+    let (mesh, report) = merged(&path, &survey, &common, 3);
+    let Accuracy::Known(exact) = report.accuracy else { panic!("{report:?}") };
+    assert!(mesh.begin.unwrap().registration.is_none() && exact.registration == 0.0 && exact.instrument > 0.001);
+    survey.stations[1].sigma = Some([0.003, 0.001]);
+    let (mesh, report) = merged(&path, &survey, &common, 3);
+    let Accuracy::Known(parts) = report.accuracy else { panic!("{report:?}") };
+    assert!(mesh.begin.unwrap().registration > Some(0.003) && parts.registration > 0.001, "{parts:?}");
+    // Those of another pose than a given one are the registration's.
+    registration.stations[1].placement = Placement::Surface;
+    registration.save(&path).unwrap();
+    let (_, report) = merged(&path, &survey, &common, 3);
+    assert_eq!(report.accuracy, Accuracy::Known(exact));
+    let Placed { name, .. } = registration.stations.pop().unwrap();
+    let (reason, remedy) = ("no overlap".to_owned(), "scan again".to_owned());
+    registration.unplaced = vec![Unplaced { name: name.clone(), reason, candidates: Vec::new(), remedy }];
+    registration.save(&path).unwrap();
+    let (_, report) = merged(&path, &survey, &common, 3);
+    let reason = Reason::Unplaced;
+    assert_eq!(report.accuracy, Accuracy::Incomplete(vec![UnknownPose { station: name, reason }]));
 }

@@ -1,5 +1,6 @@
 //! Tile by tile: the field of a tile's pieces, and the surface in its bricks.
 
+use super::accuracy::Sigmas;
 use super::piles::{Piles, Run, morton};
 use super::{Fill, MESH_STATION, Options};
 use crate::ScanError;
@@ -18,25 +19,35 @@ pub(super) type PatchSink<'a> = dyn FnMut(IVec3, Patch) -> Result<(), ScanError>
 /// The surfaces of the bricks of a tile.
 type Made = Result<Vec<(IVec3, Patch)>, ScanError>;
 
+/// What the surface is made of.
+pub(super) struct Of<'a> {
+    pub(super) piles: &'a Piles,
+    /// How uncertain the stations are, if that is known.
+    pub(super) sigmas: Option<&'a Sigmas<'a>>,
+    /// Bricks along the edge of a tile, as a power of two.
+    pub(super) tile_log2: u32,
+}
+
 /// Bricks along the edge of a tile, as a power of two, for a given amount of memory.
-pub(super) fn size_log2(memory: u64, threads: usize) -> u32 {
+pub(super) fn size_log2(memory: u64, threads: usize, has_sigmas: bool) -> u32 {
     let share = memory / threads.max(1) as u64;
     // As if every seventh brick had a surface; a tile that needs more is divided.
-    let bytes = |log2: u32| (1u64 << (3 * log2)) / 7 * Field::BRICK_BYTES as u64;
+    let bytes = |log2: u32| (1u64 << (3 * log2)) / 7 * Field::brick_bytes(has_sigmas) as u64;
     (1..=4).rev().find(|log2| bytes(*log2) <= share / 2).unwrap_or(1)
 }
 
 /// Pass the surfaces of all tiles to `sink`.
 pub(super) fn surfaces(
-    piles: &Piles,
-    tile_log2: u32,
+    of: &Of<'_>,
     options: &Options,
     progress: &(dyn Progress + Sync),
     sink: &mut PatchSink<'_>,
 ) -> Result<(), ScanError> {
+    let Of { piles, sigmas, tile_log2 } = *of;
     let tiles: Vec<(IVec3, Vec<Run>)> = piles.tiles().into_values().collect();
     let threads = options.threads.max(1);
-    let budget = usize::try_from(options.memory / 2).unwrap_or(usize::MAX) / threads / Field::BRICK_BYTES;
+    let budget =
+        usize::try_from(options.memory / 2).unwrap_or(usize::MAX) / threads / Field::brick_bytes(sigmas.is_some());
     let cubes = Cubes::default();
     let mut done = 0;
     for batch in tiles.chunks(BATCH * threads) {
@@ -51,7 +62,8 @@ pub(super) fn surfaces(
                 let result = if progress.is_stopped() {
                     Err(ScanError::Stopped)
                 } else {
-                    Tile { piles, runs, budget, cubes: &cubes, fill: &options.fill }.surface(region, &mut patches)
+                    Tile { piles, runs, sigmas, budget, cubes: &cubes, fill: &options.fill }
+                        .surface(region, &mut patches)
                 };
                 *made[number].lock().unwrap_or_else(PoisonError::into_inner) = result.map(|()| patches);
             }
@@ -76,6 +88,7 @@ pub(super) fn surfaces(
 struct Tile<'a> {
     piles: &'a Piles,
     runs: &'a [Run],
+    sigmas: Option<&'a Sigmas<'a>>,
     /// Bricks that may be in memory.
     budget: usize,
     cubes: &'a Cubes,
@@ -103,7 +116,8 @@ impl Tile<'_> {
                     }
                 } else {
                     if region.needs(piece, MARGIN) {
-                        field.add(run.station, piece);
+                        let sigma = self.sigmas.and_then(|sigmas| sigmas.at(run.station, piece));
+                        field.add(run.station, piece, sigma);
                     }
                     if let Some(backing) = &mut backing {
                         backing.add(run.station, piece);

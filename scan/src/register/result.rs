@@ -292,7 +292,7 @@ impl Registration {
 
     /// The pose of a station that is not the work of a registration, of which `before` is the last one; `None` if there is none. Standard deviations that the
     /// registration entered say nothing about a pose that somebody entered since.
-    pub(super) fn stated(before: Option<&Self>, station: &Station) -> Option<Stated> {
+    pub(crate) fn stated(before: Option<&Self>, station: &Station) -> Option<Stated> {
         let own = |sigma| station.pose.map(|pose| Stated::new(pose, sigma));
         let Some((before, placed)) = before.and_then(|before| Some((before, before.entry(station)?))) else {
             return own(station.sigma);

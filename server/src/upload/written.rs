@@ -3,7 +3,7 @@
 
 use glam::DVec3;
 use kilwa_archive::compare::CompareWriter;
-use kilwa_archive::metadata::plain_accuracy;
+use kilwa_archive::metadata::plain_capture;
 use kilwa_pack::plural::counted;
 use kilwa_pack::{Chunk, DirectoryEntry, Header, Metadata, NO_DIAMOND, Reader, Source, relocate};
 
@@ -67,7 +67,7 @@ fn check_numbers(m: &Metadata, header: &Header) -> Result<(), String> {
             counted(m.border_edges, "border edge", "border edges")
         ));
     }
-    m.capture_accuracy.map_or(Ok(()), plain_accuracy).map_err(|what| format!("capture_accuracy of its pack {what}"))
+    plain_capture(m).map_err(|(name, what)| format!("{name} of its pack {what}"))
 }
 
 fn has_digit(text: &str) -> bool {

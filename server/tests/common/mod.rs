@@ -162,6 +162,8 @@ pub(crate) fn pack_at(title: &str, crs: Option<&str>, origin: DVec3, channels: &
         tool: "test".to_owned(),
         options: std::collections::BTreeMap::new(),
         capture_accuracy: None,
+        capture_registration: None,
+        capture_instrument: None,
         repairs: std::collections::BTreeMap::new(),
     };
     let mut writer = PackWriter::begin(Vec::new(), header, &metadata, vec![entry]).unwrap();

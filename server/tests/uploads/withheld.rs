@@ -342,6 +342,7 @@ async fn a_withheld_location_is_searched_for_outside_the_texts_of_the_pack() {
         ),
         (stating(|m, _| m.median_edge = 39.600_27), "median_edge of its pack is 39.60027 m"),
         (stating(|m, _| m.capture_accuracy = Some(8.956_11)), "capture_accuracy of its pack is 8.95611"),
+        (stating(|m, _| m.capture_registration = Some(8.956_11)), "capture_registration of its pack is 8.95611"),
         (stating(|m, _| m.vertices = 9_009_946), "states 9009946 vertices"),
         (
             stating(|m, _| m.border_edges = 9_009_946),

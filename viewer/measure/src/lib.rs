@@ -172,6 +172,6 @@ impl Engine {
 
 impl Engine {
     fn point(&self) -> Uncertainty {
-        Uncertainty::finest(self.index.header().lattice.step(), self.index.metadata().capture_accuracy)
+        Uncertainty::of_pack(&self.index)
     }
 }

@@ -143,7 +143,7 @@ impl Question {
             });
         }
         match kilwa_measure::measure(leaves, &self.task).await {
-            Ok(outcome) => Ok(self.outcome_json(&outcome, &s.uncertainty(&self.task))),
+            Ok(outcome) => Ok(self.outcome_json(&outcome, &outcome.uncertainty)),
             Err(Failure::Refused(why)) => Ok(refused(&why)),
             Err(e) => Err(e),
         }

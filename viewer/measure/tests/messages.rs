@@ -204,7 +204,7 @@ fn every_code_has_a_text_in_all_five_languages_with_exactly_its_placeholders() {
             "{}",
             text.code
         );
-        let names: BTreeSet<String> = text.values.keys().map(|n| (*n).to_owned()).collect();
+        let names: BTreeSet<String> = text.values.iter().map(|(name, _)| (*name).to_owned()).collect();
         if let Some(before) = codes.insert(text.code, names.clone()) {
             assert_eq!(before, names, "{} has the same values always", text.code);
         }

@@ -7,7 +7,7 @@ mod cutting;
 mod whole;
 
 use crate::lines::Lines;
-use crate::place::{Place, facing_at};
+use crate::place::{Place, facing_at, registration_channel};
 use crate::plane::Plane;
 use crate::quantity::Uncertainty;
 use crate::refusal::Refusal;
@@ -37,12 +37,15 @@ pub struct Outcome {
     pub lines: Option<Lines>,
     /// What was read for it; points alone need nothing.
     pub read: Option<Read>,
+    /// Where the uncertainty of the points comes from: that of pointing, and that of registration, is the largest of them.
+    pub uncertainty: Uncertainty,
 }
 
 impl Outcome {
     /// Readings alone.
     pub fn new(task: Task, readings: Vec<Reading>) -> Self {
-        Self { task, readings, details: Map::new(), remarks: Vec::new(), lines: None, read: None }
+        let (details, remarks) = (Map::new(), Vec::new());
+        Self { task, readings, details, remarks, lines: None, read: None, uncertainty: Uncertainty::default() }
     }
 
     /// A further value.
@@ -66,7 +69,7 @@ impl Outcome {
 }
 
 /// A surface with what every tool needs to know of it.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub struct Subject<'a, L> {
     /// The surface.
     pub leaves: &'a L,
@@ -74,6 +77,8 @@ pub struct Subject<'a, L> {
     pub space: Space,
     /// Uncertainty of one coordinate of one point.
     pub point: Uncertainty,
+    /// The part of it that is due to registration, of each point of a task, metres; empty where it is the same for all.
+    registration: Vec<f64>,
 }
 
 impl<'a, L: Leaves> Subject<'a, L> {
@@ -81,12 +86,40 @@ impl<'a, L: Leaves> Subject<'a, L> {
     pub fn new(leaves: &'a L) -> Self {
         let index = leaves.index();
         let space = Space::new(index.header().lattice);
-        Self { leaves, space, point: Uncertainty::finest(space.step(), index.metadata().capture_accuracy) }
+        Self { leaves, space, point: Uncertainty::of_pack(index), registration: Vec::new() }
+    }
+
+    /// Find how uncertain registration leaves the points of a task, if the pack has it vertex by vertex. Sums over the surface use the largest.
+    async fn locate(&mut self, task: &Task) -> Result<(), Failure> {
+        let Some((mean, instrument)) = self.point.registration.zip(self.point.instrument) else { return Ok(()) };
+        // A profile is drawn in plan: its points are not on the surface.
+        if registration_channel(self.leaves.index()).is_none() || task.tool == ToolName::Profile {
+            return Ok(());
+        }
+        let places = match self.places(task).await {
+            Ok(places) => places,
+            // The tool refuses these points itself.
+            Err(Failure::Refused(_)) => return Ok(()),
+            Err(e) => return Err(e),
+        };
+        self.registration = places.iter().map(|place| place.registration.unwrap_or(mean)).collect();
+        if let Some(largest) = self.registration.iter().copied().reduce(f64::max) {
+            self.point.capture = Some(libm::hypot(largest, instrument));
+            self.point.registration = Some(largest);
+        }
+        Ok(())
     }
 
     /// The uncertainty of each point of a task, metres, on each axis.
     fn per_axis(&self, task: &Task) -> Vec<f64> {
-        self.point.of_points(&task.pointing, task.local.len())
+        let count = task.local.len();
+        if self.registration.is_empty() {
+            return self.point.of_points(&task.pointing, count);
+        }
+        let with_pointing =
+            |(i, registration): (usize, &f64)| libm::hypot(*registration, task.pointing.get(i).copied().unwrap_or(0.0));
+        let own: Vec<f64> = self.registration.iter().enumerate().map(with_pointing).collect();
+        Uncertainty { capture: self.point.instrument, ..self.point }.of_points(&own, count)
     }
 
     /// Where the uncertainty of the points of a task comes from: that of pointing is the largest of them.
@@ -149,14 +182,16 @@ pub fn pack_name(index: &Index) -> PackName {
 /// # Errors
 /// A [`Refusal`] where there is no meaningful number, or what kept chunks from being read.
 pub async fn measure<L: Leaves>(leaves: &L, task: &Task) -> Result<Outcome, Failure> {
-    let subject = Subject::new(leaves);
+    let mut subject = Subject::new(leaves);
     let is_length = |x: &f64| *x >= 0.0 && x.is_finite();
     if !task.pointing.iter().all(is_length) {
         return Err(Refusal::NotFinite.into());
     }
+    subject.locate(task).await?;
     let mut outcome = measured(&subject, task).await?;
     finite(&outcome.readings)?;
     subject.limit_digits(&mut outcome);
+    outcome.uncertainty = subject.uncertainty(task);
     Ok(outcome)
 }
 

@@ -112,6 +112,8 @@ pub(crate) fn metadata(attributes: Attributes, triangles: u64) -> Metadata {
         tool: "kilwa test".to_owned(),
         options: std::iter::once(("patch".to_owned(), "8000".to_owned())).collect(),
         capture_accuracy: None,
+        capture_registration: None,
+        capture_instrument: None,
         repairs: std::iter::once(("degenerate triangles dropped".to_owned(), 2)).collect(),
     }
 }

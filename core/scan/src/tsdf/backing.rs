@@ -68,7 +68,7 @@ impl Backing {
     pub fn add(&mut self, station: u16, piece: &Piece) {
         for (field, level) in self.coarser.iter_mut().zip(1..) {
             if self.region.needs(piece, MARGIN << level) {
-                field.add(station, &Piece { at: piece.at >> level, ..*piece });
+                field.add(station, &Piece { at: piece.at >> level, ..*piece }, None);
             }
         }
     }
@@ -76,7 +76,7 @@ impl Backing {
     /// Add a piece of the mesh.
     pub fn add_mesh(&mut self, piece: &Piece) {
         if let Some(field) = &mut self.mesh {
-            field.add(1, piece);
+            field.add(1, piece, None);
         }
     }
 

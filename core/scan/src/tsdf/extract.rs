@@ -4,7 +4,7 @@ use super::backing::{Backing, Sample};
 use super::cubes::{Cubes, EDGES, INSIDE};
 use super::field::{BRICK, Brick, DISTANCE_LOG2, FULL, Field, Voxel};
 use super::piece::INTENSITY_LOG2;
-use super::{Piece, REACH};
+use super::{Piece, REACH, Variance};
 use glam::{DVec3, IVec3};
 
 /// The minimum distance of a vertex from the voxel centres that it lies between, so that no two vertices coincide.
@@ -38,6 +38,8 @@ pub struct PatchVertex {
     pub quality: f64,
     /// Stations that contributed.
     pub stations: u16,
+    /// What stations contribute to the variance of a coordinate, if that is known.
+    pub variance: Option<Variance>,
     /// The level of the [`Backing`] that it rests on; `None` for the scans at their own voxels.
     pub backing: Option<u8>,
 }
@@ -270,7 +272,8 @@ impl<'a> Making<'a> {
         let key = EdgeKey { at: (self.first + cell).to_array(), axis: 3 + number as u8 };
         let backing =
             crossings.iter().filter_map(|vertex| vertex.backing).max().or(self.backing.map(Backing::first_level));
-        let center = self.number(&PatchVertex { key, backing, quality: 0.0, stations: 0, ..middle(crossings) });
+        let center =
+            self.number(&PatchVertex { key, backing, quality: 0.0, stations: 0, variance: None, ..middle(crossings) });
         let numbers: Vec<u32> = crossings.iter().map(|vertex| self.number(vertex)).collect();
         let sides = numbers.iter().zip(numbers.iter().cycle().skip(1));
         self.patch.filled.extend(sides.map(|(a, b)| [*a, *b, center]));
@@ -325,8 +328,18 @@ impl<'a> Making<'a> {
             intensity: (intensity_weight > 0.0).then_some(intensity as f32),
             quality: mixed(a.weight as f64, b.weight as f64) / (FULL / Piece::AREA_ONE * Piece::WEIGHT_ONE),
             stations: a.stations.max(b.stations),
+            variance: self.variance([place, place + step], t),
             backing: None,
         })
+    }
+
+    /// The variance at a point between two voxels.
+    fn variance(&self, places: [IVec3; 2], t: f64) -> Option<Variance> {
+        let parts = places.into_iter().zip([1.0 - t, t]);
+        Variance::mean(parts.filter_map(|(at, share)| {
+            let (variance, weight) = self.field.variance(at)?;
+            Some((variance, weight * share))
+        }))
     }
 }
 
@@ -343,6 +356,7 @@ fn backed(key: EdgeKey, position: DVec3, sample: &Sample) -> Option<PatchVertex>
         intensity: (sums.intensity_weight > 0.0).then_some(intensity as f32),
         quality: 0.0,
         stations: 0,
+        variance: None,
         backing: Some(sample.level),
     })
 }
@@ -372,6 +386,7 @@ fn middle(vertices: &[PatchVertex]) -> PatchVertex {
         intensity: (!bright.is_empty()).then(|| bright.iter().sum::<f32>() / bright.len() as f32),
         quality: mean(&|v| v.quality),
         stations: vertices.iter().map(|v| v.stations).max().unwrap_or_default(),
+        variance: Variance::mean(vertices.iter().filter_map(|v| Some((v.variance?, 1.0)))),
         backing: None,
     }
 }

@@ -1,5 +1,6 @@
 //! The sums at voxels, in bricks that are allocated only where there are pieces.
 
+use super::sigma::{Sigma, Sums, Variance};
 use super::{Piece, REACH, SIDE, SUB_LOG2};
 use glam::{IVec3, Vec4};
 
@@ -38,22 +39,27 @@ pub(super) struct Voxel {
 /// The coverage of a voxel at a plane: the integral of the kernel to the side, `π SIDE² / 3`.
 pub(super) const FULL: f64 = std::f64::consts::PI * SIDE * SIDE / 3.0 * (1 << KERNEL_LOG2) as f64 * Piece::AREA_ONE;
 
-pub(super) struct Brick(pub(super) Box<[Voxel; VOXELS]>);
+pub(super) struct Brick {
+    voxels: Box<[Voxel; VOXELS]>,
+    /// Only if it is known how uncertain stations are.
+    sigmas: Option<Box<[Sums; VOXELS]>>,
+}
 
 impl Brick {
-    fn new() -> Self {
-        Self(
-            vec![Voxel::default(); VOXELS]
-                .into_boxed_slice()
-                .try_into()
-                .unwrap_or_else(|_| unreachable!("of that length")),
-        )
+    fn new(has_sigmas: bool) -> Self {
+        Self { voxels: boxed(), sigmas: has_sigmas.then(boxed) }
     }
 
     /// A voxel by its coordinates in the field.
     pub(super) fn voxel(&self, at: IVec3) -> &Voxel {
-        &self.0[inner(at)]
+        &self.voxels[inner(at)]
     }
+}
+
+/// On the heap from the start: a brick does not fit on the stack of a thread.
+fn boxed<T: Clone + Default>() -> Box<[T; VOXELS]> {
+    let all = vec![T::default(); VOXELS].into_boxed_slice();
+    all.try_into().unwrap_or_else(|_| unreachable!("of that length"))
 }
 
 /// A cube of bricks: the voxels from `min`, `bricks` times [`BRICK`] along each axis.
@@ -85,8 +91,10 @@ pub struct Field {
 }
 
 impl Field {
-    /// Bytes of a brick.
-    pub const BRICK_BYTES: usize = VOXELS * size_of::<Voxel>();
+    /// Bytes of a brick, `has_sigmas` if it is known how uncertain stations are.
+    pub const fn brick_bytes(has_sigmas: bool) -> usize {
+        VOXELS * (size_of::<Voxel>() + if has_sigmas { size_of::<Sums>() } else { 0 })
+    }
 
     /// An empty field.
     pub fn new(region: Region) -> Self {
@@ -114,8 +122,17 @@ impl Field {
         Some(self.brick(at >> BRICK_LOG2)?.voxel(at))
     }
 
-    /// Add a piece of a station, counted from 1. All pieces of a station must be added consecutively, because each voxel counts its stations.
-    pub fn add(&mut self, station: u16, piece: &Piece) {
+    /// The variance of the surface at a voxel, with the weight of the voxel; `None` if it is not known, or if the voxel has no weight.
+    pub(super) fn variance(&self, at: IVec3) -> Option<(Variance, f64)> {
+        let brick = self.brick(at >> BRICK_LOG2)?;
+        let weight = brick.voxel(at).weight;
+        let sums = brick.sigmas.as_ref().filter(|_| weight > 0)?[inner(at)];
+        Some((sums.variance(weight), weight as f64))
+    }
+
+    /// Add a piece of a station, counted from 1. All pieces of a station must be added consecutively, because each voxel counts its stations. `sigma` is how
+    /// uncertain the station is there; it must be known for all pieces of a field or for none.
+    pub fn add(&mut self, station: u16, piece: &Piece, sigma: Option<Sigma>) {
         let unit = 1 << SUB_LOG2;
         let low = (piece.at - BOX + (unit - 1)) >> SUB_LOG2;
         let high = (piece.at + BOX) >> SUB_LOG2;
@@ -145,9 +162,11 @@ impl Field {
                     let Some(index) = places[(which.x | which.y << 1 | which.z << 2) as usize] else { continue };
                     let brick = self.bricks[index].get_or_insert_with(|| {
                         self.count += 1;
-                        Brick::new()
+                        Brick::new(sigma.is_some())
                     });
-                    add(&mut brick.0[inner(at)], station, piece, along, kernels);
+                    let known = brick.sigmas.as_mut().zip(sigma);
+                    let known = known.map(|(sums, sigma)| (&mut sums[inner(at)], sigma));
+                    add(&mut brick.voxels[inner(at)], station, piece, along, kernels, known);
                 }
             }
         }
@@ -204,7 +223,14 @@ fn inner(at: IVec3) -> usize {
     ((at.z * BRICK + at.y) * BRICK + at.x) as usize
 }
 
-fn add(voxel: &mut Voxel, station: u16, piece: &Piece, along: i32, [side, both]: [u32; 2]) {
+fn add(
+    voxel: &mut Voxel,
+    station: u16,
+    piece: &Piece,
+    along: i32,
+    [side, both]: [u32; 2],
+    known: Option<(&mut Sums, Sigma)>,
+) {
     let weight = u64::from(piece.weight) * u64::from(both);
     voxel.coverage += u64::from(piece.area) * u64::from(side);
     if weight == 0 {
@@ -224,6 +250,9 @@ fn add(voxel: &mut Voxel, station: u16, piece: &Piece, along: i32, [side, both]:
     if piece.has & Piece::HAS_INTENSITY != 0 {
         voxel.intensity += i128::from(piece.intensity) * i128::from(weight);
         voxel.intensity_weight += weight;
+    }
+    if let Some((sums, sigma)) = known {
+        sums.add(sigma, weight, voxel.last != station);
     }
     if voxel.last != station {
         voxel.last = station;

@@ -17,6 +17,7 @@ mod cubes;
 mod extract;
 mod field;
 mod piece;
+mod sigma;
 
 #[cfg(test)]
 mod tests;
@@ -26,6 +27,7 @@ pub use cubes::Cubes;
 pub use extract::{EdgeKey, Patch, PatchVertex};
 pub use field::{BRICK, Field, Region};
 pub use piece::{Corner, INTENSITY_LOG2, INTENSITY_MAX, PIECE_BYTES, Piece, expected_pieces, pieces};
+pub use sigma::{Sigma, Variance};
 
 /// Positions of pieces are rounded to 1/2^SUB_LOG2 voxel.
 pub const SUB_LOG2: u32 = 8;

@@ -59,6 +59,11 @@ struct Surface {
 }
 
 fn surface(stations: &[Vec<Piece>], bricks: i32, region: i32) -> Surface {
+    surface_of(stations, &[], bricks, region)
+}
+
+/// The same of stations that are as uncertain as `sigmas` says.
+fn surface_of(stations: &[Vec<Piece>], sigmas: &[Sigma], bricks: i32, region: i32) -> Surface {
     let cubes = Cubes::default();
     let mut out = Surface { vertices: BTreeMap::new(), triangles: Vec::new() };
     let grid = |n: i32| (0..n * n * n).map(move |k| IVec3::new(k % n, k / n % n, k / (n * n)));
@@ -69,7 +74,7 @@ fn surface(stations: &[Vec<Piece>], bricks: i32, region: i32) -> Surface {
             pieces
                 .iter()
                 .filter(|piece| own.needs(piece, MARGIN))
-                .for_each(|piece| field.add(number as u16 + 1, piece));
+                .for_each(|piece| field.add(number as u16 + 1, piece, sigmas.get(number).copied()));
         }
         for brick in grid(region) {
             let Some(patch) = field.patch(&cubes, own.min + brick, None) else { continue };
@@ -149,6 +154,51 @@ fn the_surface_does_not_depend_on_regions_or_on_the_order_of_pieces() {
 }
 
 #[test]
+fn variances_of_poses_are_averaged_and_ranges_average_out_among_stations() {
+    let wall = |from: f64| cut(&rectangle(DVec3::new(from, 12.3, 3.0), DVec3::X * 17.0, DVec3::Z * 26.0, 0.6));
+    // Side by side, overlapping by 8 voxels.
+    let stations = [wall(3.0), wall(12.0)];
+    let poses = [1e-3_f64, 4e-3].map(|sigma| sigma * sigma);
+    let ranges = [3e-3, 2e-3];
+    let sigmas = [0, 1].map(|k| Sigma::new(poses[k], ranges[k]));
+    let merged = surface_of(&stations, &sigmas, 4, 4);
+    let bare = surface(&stations, 4, 4);
+    assert_eq!(merged.triangles, bare.triangles);
+    let mut both = 0;
+    for (vertex, bare) in merged.vertices.values().zip(bare.vertices.values()) {
+        assert_eq!(PatchVertex { variance: None, ..*vertex }, *bare);
+        let Variance { pose, range } = vertex.variance.unwrap();
+        let is_near = |a: f64, b: f64| (a / b - 1.0).abs() < 1e-6;
+        let x = vertex.position.x;
+        if x < 9.0 {
+            assert!(is_near(pose, poses[0]) && is_near(range, ranges[0].powi(2)), "{vertex:?}");
+        } else if x > 23.0 {
+            assert!(is_near(pose, poses[1]) && is_near(range, ranges[1].powi(2)), "{vertex:?}");
+        } else if x > 14.0 && x < 18.0 && vertex.position.z > 6.0 && vertex.position.z < 26.0 {
+            // The share of the first station in the weight, from the variance of the poses; it gives that of the ranges.
+            let share = (poses[1] - pose) / (poses[1] - poses[0]);
+            assert!((0.3..0.7).contains(&share), "{vertex:?}");
+            let wanted = (share * ranges[0]).powi(2) + ((1.0 - share) * ranges[1]).powi(2);
+            // Between two voxels the variances are averaged, not the shares.
+            assert!((range / wanted - 1.0).abs() < 0.02, "{share}: {range} {wanted}");
+            both += 1;
+        }
+    }
+    assert!(both > 50, "{both}");
+    let [turned, uncertain] = [[stations[1].clone(), stations[0].clone()], [stations[0].clone(), stations[1].clone()]]
+        .map(|mut stations| {
+            stations.iter_mut().for_each(|pieces| pieces.reverse());
+            stations
+        });
+    for region in [1, 2] {
+        assert!(surface_of(&turned, &[sigmas[1], sigmas[0]], 4, region).vertices == merged.vertices);
+        assert!(surface_of(&uncertain, &sigmas, 4, region).vertices == merged.vertices);
+    }
+    // What is not a number is not small.
+    assert_eq!(Sigma::new(f64::NAN, f64::INFINITY), Sigma::new(1e9, 1e9));
+}
+
+#[test]
 fn both_faces_of_a_thin_wall_are_kept() {
     for thickness in [1.5, 3.0, 10.0] {
         let y = 12.4;
@@ -222,7 +272,7 @@ fn patches(pieces: &[Piece], mesh: &[Piece], bricks: i32, levels: u32) -> [Vec<P
     let mut field = Field::new(own);
     let mut backing = Backing::new(own, !mesh.is_empty(), levels, mesh.is_empty());
     for piece in pieces {
-        field.add(1, piece);
+        field.add(1, piece, None);
         backing.add(1, piece);
     }
     for piece in mesh {

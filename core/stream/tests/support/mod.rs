@@ -222,6 +222,8 @@ fn head(entries: &[DirectoryEntry], end: u64) -> Head {
         tool: String::new(),
         options: BTreeMap::new(),
         capture_accuracy: None,
+        capture_registration: None,
+        capture_instrument: None,
         repairs: BTreeMap::new(),
     };
     let page = directory::write_page(&entries[..entries.len().min(ENTRIES_PER_PAGE)], 0);

@@ -94,6 +94,7 @@ impl Filler<'_, '_, '_> {
                 confidence: 0.0,
             },
             stations: 0,
+            registration: None,
             source,
         })
     }

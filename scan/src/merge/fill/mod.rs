@@ -244,6 +244,7 @@ impl Filler<'_, '_, '_> {
                 confidence: 0.0,
             },
             stations: 0,
+            registration: None,
             source,
         })
     }

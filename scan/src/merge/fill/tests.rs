@@ -184,6 +184,7 @@ fn ground() -> Patch {
             intensity: None,
             quality: 1.0,
             stations: 1,
+            variance: None,
             backing: None,
         });
     }
@@ -243,7 +244,8 @@ fn the_base_is_flat_below_an_outline_that_is_not_convex_and_has_short_sides() {
     for vertex in &mut rim {
         let RimVertex { position, normal, color, intensity, .. } = *vertex;
         let vertex_of = crate::mesh::MeshVertex { position, normal, color, intensity, confidence: 1.0 };
-        vertex.number = joined.vertex(&MergedVertex { vertex: vertex_of, stations: 1, source: Source::Scans }).unwrap();
+        let merged = MergedVertex { vertex: vertex_of, stations: 1, registration: None, source: Source::Scans };
+        vertex.number = joined.vertex(&merged).unwrap();
     }
     let bounds = [DVec3::splat(-200.0).with_z(0.0), DVec3::splat(200.0)];
     let fill = Fill { watertight: true, ..Fill::default() };
