@@ -29,7 +29,7 @@ use std::time::Instant;
 
 /// Merge the registered stations of a survey into one surface.
 ///
-/// Every vertex has colour and intensity (if the scans have them), a confidence, the number of stations that saw it, and the uncertainty that their poses cause (if it is known and differs).
+/// Every vertex has colour and intensity (if the scans have them), a confidence, the number of stations that saw it, and the uncertainty due to their poses (if it is known and varies).
 #[derive(clap::Args)]
 #[expect(clippy::struct_excessive_bools, reason = "each is a switch of the command line")]
 pub(crate) struct Args {
@@ -81,7 +81,7 @@ pub(crate) struct Args {
     /// Title of the model (default: that of the survey, or the name of its folder).
     #[arg(long)]
     title: Option<String>,
-    /// Standard uncertainty of the capture in metres, stored with a pack (default: from the uncertainties of the poses and the noise of the ranges, if these are known).
+    /// Standard uncertainty of the capture in metres, stored with a pack (default: computed from the uncertainties of the poses and the range noise, if these are known).
     #[arg(long, value_name = "METRES")]
     capture_accuracy: Option<f64>,
     /// Replace an existing file.

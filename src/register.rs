@@ -42,7 +42,7 @@ pub(crate) struct Args {
     /// Also write the report as an HTML page: plan, links, standard deviations, and a picture of each station that could not be placed.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
-    /// Also write evenly spread samples of the registered stations as a point cloud, coloured by their distance from what the other stations saw.
+    /// Also write evenly spread samples of the registered stations as a point cloud, coloured by their distance from the surfaces that the other stations saw.
     #[arg(long, value_name = "FILE.ply")]
     residuals: Option<PathBuf>,
     /// Replace an existing report and residuals.
@@ -95,7 +95,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         eprintln!("report: {}", report.display());
     }
     if let Some(file) = &args.residuals {
-        write_coloured(file, args, &survey, &found)?;
+        write_colored(file, args, &survey, &found)?;
     }
     for sentence in applied? {
         eprintln!("note: {sentence}");
@@ -114,14 +114,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Check, before the work, that a file can be written and would not replace a file of the survey.
+/// Checks, before registration starts, that a file can be written and would not replace a file of the survey.
 fn check_new(file: &Path, extension: &str, args: &Args, survey: &Survey) -> anyhow::Result<()> {
     let shown = file.display();
     let is_named = file.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
     ensure!(is_named || file.is_dir(), "{shown}: the file extension must be .{extension}");
     let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
     if let Some(folder) = folder.filter(|folder| !folder.exists()) {
-        anyhow::bail!("{shown}: the folder {} does not exist; make it, or choose another one", folder.display());
+        anyhow::bail!("{shown}: the folder {} does not exist; create it, or choose another folder", folder.display());
     }
     let stations = survey.stations.iter();
     let scans = stations.flat_map(|s| std::iter::once(&s.scan).chain(s.masks.iter().map(|mask| &mask.file)));
@@ -130,8 +130,8 @@ fn check_new(file: &Path, extension: &str, args: &Args, survey: &Survey) -> anyh
     check_output(file, args.force, own.iter().map(PathBuf::as_path))
 }
 
-/// Write the residuals of all registered stations, and say what the colours mean.
-fn write_coloured(file: &Path, args: &Args, survey: &Survey, found: &Registration) -> anyhow::Result<()> {
+/// Writes the residuals of all registered stations and prints what the colours mean.
+fn write_colored(file: &Path, args: &Args, survey: &Survey, found: &Registration) -> anyhow::Result<()> {
     let bar = Bar::new();
     let all = residuals(&args.survey, survey, found, args.threads, &Shown(&bar));
     bar.clear();
@@ -140,7 +140,7 @@ fn write_coloured(file: &Path, args: &Args, survey: &Survey, found: &Registratio
     NewFile::write(file, &bytes, args.force)?;
     let millimetres = 1e3 * most;
     eprintln!(
-        "residuals: {}, blue: {millimetres:.1} mm or more behind what other stations saw, red: in front of it",
+        "residuals: {}; strongest blue: {millimetres:.1} mm or more behind what other stations saw; strongest red: as far in front of it",
         file.display()
     );
     Ok(())

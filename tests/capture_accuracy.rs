@@ -70,18 +70,18 @@ fn the_uncertainty_of_the_poses_reaches_every_vertex_and_every_measured_distance
         about["scalars"].as_array().unwrap().iter().find(|channel| channel["name"] == "registration").unwrap();
     let [least, greatest] = ["min", "max"].map(|name| channel[name].as_f64().unwrap());
     assert!(least >= 0.000_99 && greatest <= 0.004_01 && least < greatest, "{channel}");
-    // Vertex by vertex, as it went in.
+    // Extracted vertices have the values that were stored.
     succeeds(&["verify", text(&pack)]);
     succeeds(&["extract", text(&pack), "-o", text(&back)]);
     let ply = Ply::read(&back);
     let each: Vec<f64> = (0..ply.vertices.len() as u32).map(|v| ply.get(v, "registration").unwrap()).collect();
-    // Of the channel, the shortest decimals that are the same singles.
+    // The limits of the channel are stored as the shortest decimals of 32-bit floats.
     let [least, greatest] = [least, greatest].map(|x| f64::from(x as f32));
     assert!(each.iter().all(|sigma| (least..=greatest).contains(sigma)), "{least} {greatest}");
     let words = succeeds(&["info", text(&pack)]);
     assert!(words.contains("(standard uncertainty of the capture: registration "), "{words}");
 
-    // What is measured is as uncertain as the registration there.
+    // A measured value has the uncertainty of the registration at its points.
     let measured = |pack: &Path, more: &[&str]| json(&[&["measure", text(pack)], &ACROSS[..], more].concat());
     let of = |measured: &Value| measured["readings"][0]["uncertainty"].as_f64().unwrap();
     let narrow = measured(&pack, &[]);
@@ -98,7 +98,7 @@ fn the_uncertainty_of_the_poses_reaches_every_vertex_and_every_measured_distance
         format!("capture {:.1} mm (registration {:.1} mm, instrument", largest.hypot(instrument) * 1e3, largest * 1e3);
     assert!(words.contains(&wanted), "{wanted}: {words}");
 
-    // Worse poses, a greater uncertainty; a value from a survey without any is no better than the mesh.
+    // Worse poses give a larger uncertainty; if that of the poses is unknown, a value is no better than the mesh.
     register(&survey, [[0.010, 0.0], [0.040, 0.0]]);
     merged(&survey, &path("worse.kilwa"), &[]);
     let wide = measured(&path("worse.kilwa"), &[]);
@@ -139,7 +139,6 @@ fn a_pose_that_was_edited_leaves_the_accuracy_of_the_pack_unknown() {
     let mesh = folder.path().join("room.ply");
     let words = succeeds(&["merge", text(&survey), "--voxel", "0.2", "-o", text(&mesh)]);
     let name = unknown[0]["station"].as_str().unwrap();
-    let wanted =
-        format!("capture accuracy unknown: the pose was changed after registration: {name} (run `kilwa register`");
+    let wanted = format!("capture accuracy unknown: pose changed after registration: {name} (run `kilwa register`");
     assert!(words.contains(&wanted), "{words}");
 }

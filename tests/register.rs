@@ -59,7 +59,7 @@ fn ambiguous_stations_are_refused_and_control_points_resolve_the_ambiguity() {
     }
     assert!(std::fs::read_to_string(&toml).unwrap().contains("translation_sigma"));
     assert!(survey.join("registration.json").exists());
-    // With poses that stay, only the files are written.
+    // If all poses are kept, only the output files are written.
     let residuals = folder.path().join("residuals.ply");
     let said = succeeds(&["register", text(&survey), "--residuals", text(&residuals)]);
     assert!(said.contains("kept its pose") || said.contains("control points"), "{said}");
@@ -70,7 +70,7 @@ fn ambiguous_stations_are_refused_and_control_points_resolve_the_ambiguity() {
 }
 
 #[test]
-fn where_the_report_cannot_go_is_found_before_the_work() {
+fn an_unusable_report_path_is_reported_before_registration_starts() {
     let folder = tempfile::tempdir().unwrap();
     let survey = survey(folder.path());
     let at = |name: &str| folder.path().join(name);

@@ -1,23 +1,23 @@
-//! What every plan of a survey needs: the part of the ground that it shows, a scale bar, and room for names. The server's page of a survey and the report
+//! The layout shared by all plans of a survey: the area shown, the scale bar, and the placement of labels. Used by the server's survey page and by the report
 //! of a registration draw with it.
 //!
-//! A drawing has units of its own, [`LONGER`] along its longer side, x to the right and y down.
+//! A drawing has its own units: its longer side is [`LONGER`] units, x points right and y down.
 
 use glam::DVec2;
 
 /// Units of the drawing along its longer side.
 pub const LONGER: f64 = 720.0;
-/// Margin around everything, and the smallest plan: parts of the longer side, and metres.
+/// Margin as a fraction of the longer side, and the minimum extent of a plan in metres.
 const MARGIN: f64 = 0.05;
-const SMALLEST: f64 = 4.0;
+const MIN_EXTENT: f64 = 4.0;
 /// The shorter side is at least this part of the longer one.
-const SLIMMEST: f64 = 0.4;
-/// Text of the drawing, in its units: on a phone, where the drawing is small, and on larger screens. As in server/assets/survey.css.
+const MIN_ASPECT: f64 = 0.4;
+/// Text sizes in units: on a phone, where the drawing is small, and on larger screens. The same as in server/assets/survey.css.
 const TEXTS: [f64; 2] = [28.0, 15.0];
 /// Radius of a station with its outline, in units.
 pub const DOT: f64 = 9.0;
 
-/// The rectangle around points, with a margin and of a form that can be shown.
+/// The bounding rectangle of points, with a margin and an aspect ratio suitable for display.
 pub fn around(points: &[DVec2]) -> Option<[DVec2; 2]> {
     let min = points.iter().copied().reduce(DVec2::min)?;
     let max = points.iter().copied().reduce(DVec2::max)?;
@@ -25,8 +25,8 @@ pub fn around(points: &[DVec2]) -> Option<[DVec2; 2]> {
     let span = max - min;
     let span = span + 2.0 * MARGIN * span.max_element();
     let longer = span.max_element();
-    let least = if longer < SMALLEST { SMALLEST } else { longer * SLIMMEST };
-    let half = span.max(DVec2::splat(least)) / 2.0;
+    let min_span = if longer < MIN_EXTENT { MIN_EXTENT } else { longer * MIN_ASPECT };
+    let half = span.max(DVec2::splat(min_span)) / 2.0;
     let is_sound = middle.is_finite() && half.is_finite();
     is_sound.then_some([middle - half, middle + half])
 }
@@ -53,7 +53,7 @@ pub struct ScaleBar {
     pub metres: f64,
 }
 
-/// A number of a drawing: a tenth of a unit is less than can be seen.
+/// A number in a drawing, to a tenth of a unit: smaller differences cannot be seen.
 pub fn text(number: f64) -> String {
     format!("{number:.1}")
 }
@@ -66,7 +66,7 @@ pub fn bar(metres: f64, scale: f64) -> ScaleBar {
     ScaleBar { length: metres * scale, metres }
 }
 
-/// Where names have room: beside their marks, without overlapping each other, other marks, or the scale bar. The first ones have precedence.
+/// Places labels beside their marks so that they do not overlap each other, other marks, or the scale bar. Earlier marks take precedence.
 pub fn labels(marks: &[(&str, [f64; 2])], [width, height]: [f64; 2], bar: f64) -> Vec<Option<Label>> {
     type Box = [f64; 4];
     let meets = |a: &Box, b: &Box| a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3];
@@ -113,9 +113,9 @@ mod tests {
     #[test]
     fn the_plan_is_never_a_line_or_a_point() {
         let [min, max] = around(&[DVec2::new(500_000.0, 9_000_000.0)]).unwrap();
-        assert!((max - min - SMALLEST).abs().max_element() < 1e-6);
+        assert!((max - min - MIN_EXTENT).abs().max_element() < 1e-6);
         let [min, max] = around(&[DVec2::ZERO, DVec2::new(100.0, 0.0)]).unwrap();
-        assert!(((max - min).x - 110.0).abs() < 1e-9 && (max - min).y >= 110.0 * SLIMMEST - 1e-9);
+        assert!(((max - min).x - 110.0).abs() < 1e-9 && (max - min).y >= 110.0 * MIN_ASPECT - 1e-9);
         assert_eq!(around(&[]), None);
         assert_eq!(around(&[DVec2::NAN]), None);
     }
@@ -129,7 +129,7 @@ mod tests {
     }
 
     #[test]
-    fn names_do_not_overlap_and_those_without_room_are_left_out() {
+    fn labels_do_not_overlap_and_those_that_do_not_fit_are_omitted() {
         let marks: Vec<(String, [f64; 2])> = (0..60)
             .map(|k| (format!("station_{k:03}"), [60.0 + f64::from(k % 8) * 80.0, 60.0 + f64::from(k / 8) * 60.0]))
             .collect();

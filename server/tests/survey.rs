@@ -145,7 +145,7 @@ async fn stations_without_a_pose_are_listed_apart() {
     assert_eq!(get(&app, "/plan.png").await.status, StatusCode::NOT_FOUND);
 }
 
-/// What a registration of [`survey`] and of a station `lost` found: `west` is the anchor.
+/// The result of registering [`survey`] with an additional station `lost`; `west` is the anchor.
 fn registered(folder: &Path) -> Registration {
     let survey = Survey::open(folder).unwrap();
     let placed = |name: &str, placement: Placement, variance: f64| {
@@ -220,7 +220,7 @@ async fn links_are_listed_with_their_residuals_and_the_weakest_chain_is_drawn() 
 }
 
 #[tokio::test]
-async fn what_a_registration_found_is_on_the_page() {
+async fn the_page_shows_the_result_of_a_registration() {
     let (_dir, folder) = survey();
     add(&folder, "lost", &room(60, 40, [20.0, 0.0], false));
     edit(&folder, |text| {
@@ -231,7 +231,7 @@ async fn what_a_registration_found_is_on_the_page() {
     let (app, _) = serve(&folder);
     let before = get(&app, "/").await.text();
     assert!(!before.contains("class=\"link") && !before.contains("Standard deviation"), "{before}");
-    assert!(before.contains("id=\"unknown\""), "without a registration, lost is just unknown");
+    assert!(before.contains("id=\"unknown\""), "without a registration, `lost` is listed as unknown");
     let found = registered(&folder);
     found.save(&folder).unwrap();
     let html = get(&app, "/").await.text();
@@ -249,12 +249,12 @@ async fn what_a_registration_found_is_on_the_page() {
     assert!(html.contains("Reason: <bdi lang=\"en\">it fits west in &lt;2&gt; different poses</bdi>"), "{html}");
     assert!(html.contains("What to do: <bdi lang=\"en\">scan from a position between it and the others</bdi>"));
     assert!(html.contains("id=\"refused\"") && !html.contains("id=\"unknown\""), "each station once");
-    assert!(!html.contains("style="), "nothing that the policy forbids");
+    assert!(!html.contains("style="), "no inline styles, which the policy forbids");
     for (language, text) in [("fr", "1,00 mm"), ("pt", "Desvio padrão"), ("sw", "nanga"), ("ar", "محطة مرجعية")]
     {
         assert!(get(&app, &format!("/?lang={language}")).await.text().contains(text), "{language}");
     }
-    // A pose that was changed by hand is not the one that was found.
+    // A pose that was changed by hand is no longer the registered one.
     edit(&folder, |text| text.replacen("translation = [8.0, 1.0, 0.0]", "translation = [8.5, 1.0, 0.0]", 1));
     let html = get(&app, "/").await.text();
     assert!(html.contains("pose changed since the registration") && !html.contains("class=\"link"), "{html}");

@@ -1,4 +1,4 @@
-//! How accurate a merged surface is, in words, for machines and for the metadata of a pack.
+//! The accuracy of a merged surface as text, as JSON, and for the metadata of a pack.
 
 use crate::info::metres;
 use kilwa_builder::Capture;
@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 /// Stations that a message names.
 const NAMED: usize = 5;
 
-/// The accuracy of the capture for the metadata of a pack, if it is known. Three digits are more than a standard deviation has, and too few to hold a
+/// The accuracy of the capture for the metadata of a pack, if it is known. Three digits exceed the precision of a standard deviation, and are too few to encode a
 /// coordinate.
 pub(crate) fn capture(accuracy: &Accuracy) -> Option<Capture> {
     let Accuracy::Known(Parts { registration, instrument }) = *accuracy else { return None };
@@ -37,14 +37,14 @@ pub(crate) fn sentence(accuracy: &Accuracy) -> Option<String> {
         let names = if more > 0 { format!("{names} and {more} more") } else { names };
         (!all.is_empty()).then(|| format!("{why}: {names}"))
     };
-    let changed = named(Reason::Changed, "the pose was changed after registration");
-    let unplaced = named(Reason::Unplaced, "registration did not place the station");
-    let unstated = named(Reason::Unstated, "the uncertainty of the pose is not known");
+    let changed = named(Reason::Changed, "pose changed after registration");
+    let unplaced = named(Reason::Unplaced, "not placed by registration");
+    let unstated = named(Reason::Unstated, "pose uncertainty unknown");
     let reasons: Vec<String> = [changed, unplaced, unstated].into_iter().flatten().collect();
     Some(format!("capture accuracy unknown: {} (run `kilwa register`, or give --capture-accuracy)", reasons.join("; ")))
 }
 
-/// For machines.
+/// The accuracy as JSON.
 pub(crate) fn figures(accuracy: &Accuracy) -> Value {
     match accuracy {
         Accuracy::Unknown => Value::Null,

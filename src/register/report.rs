@@ -23,9 +23,9 @@ const STYLE: &str = include_str!("report.css");
 const PICTURE: u32 = 800;
 /// Quality of their JPEG, of 100.
 const QUALITY: u8 = 82;
-/// 95 % of a normal distribution in two dimensions lie within so many standard deviations: the root of the χ² with two degrees of freedom.
+/// The number of standard deviations within which 95 % of a two-dimensional normal distribution lies: the square root of the 95 % quantile of χ² with two degrees of freedom.
 const WITHIN_95: f64 = 2.447_746_830_680_816;
-/// The largest ellipse is at most so large: part of the longer side of the plan.
+/// Maximum semi-axis of an ellipse, as a fraction of the longer side of the plan.
 const LARGEST: f64 = 0.06;
 
 #[derive(Template)]
@@ -57,7 +57,7 @@ struct Plan<'a> {
     bar: String,
     bar_end: String,
     bar_y: String,
-    /// What is up: north in a known system, else the y axis.
+    /// The label of the upward direction: north in a known coordinate reference system, otherwise the y axis.
     up: &'static str,
     /// What the ellipses are.
     ellipses: String,
@@ -117,7 +117,7 @@ struct CandidateRow<'a> {
     numbers: [String; 8],
 }
 
-/// The report on what was found of the survey in `folder`. A station that cannot be read has the reason in place of its picture.
+/// The registration report of the survey in `folder`. If a station cannot be read, the reason replaces its picture.
 ///
 /// # Errors
 /// Pictures that cannot be encoded.
@@ -235,7 +235,7 @@ fn candidate_row(candidate: &Candidate) -> CandidateRow<'_> {
             x,
             y,
             z,
-            // What rounds to a whole turn is north.
+            // A heading that rounds to 360° is 0°.
             if heading == "360.0" { "0.0°".to_owned() } else { heading + "°" },
             percent(candidate.overlap),
             percent(candidate.agreement),
@@ -245,7 +245,7 @@ fn candidate_row(candidate: &Candidate) -> CandidateRow<'_> {
     }
 }
 
-/// What a station's scanner saw, or why there is no picture.
+/// The range image of a station, or why there is none.
 fn picture(folder: &Path, survey: &Survey, name: &str) -> anyhow::Result<Result<Picture, String>> {
     let drawn = survey.station(name).and_then(|station| {
         let mut reader = mask::open(folder, station, false)?;
@@ -268,7 +268,7 @@ fn picture(folder: &Path, survey: &Survey, name: &str) -> anyhow::Result<Result<
     }))
 }
 
-/// What is where; `None` where no station has a place.
+/// The plan; `None` if no station was placed.
 fn plan<'a>(survey: &Survey, found: &'a Registration) -> Option<Plan<'a>> {
     let places: Vec<DVec2> = found.stations.iter().map(place).collect();
     let [min, max] = around(&places)?;
@@ -312,9 +312,11 @@ fn plan<'a>(survey: &Survey, found: &'a Registration) -> Option<Plan<'a>> {
         bar_y: text(height - 16.0),
         up: if survey.crs.is_some() { "N" } else { "y" },
         ellipses: match larger {
-            Some(1.0) => "Ellipses: 95 % confidence of the position, true to scale. Rings: given poses.".to_owned(),
+            Some(1.0) => {
+                "Ellipses: 95 % confidence regions of the positions, true to scale. Rings: given poses.".to_owned()
+            }
             Some(larger) => format!(
-                "Ellipses: 95 % confidence of the position, enlarged {} times. Rings: given poses.",
+                "Ellipses: 95 % confidence regions of the positions, enlarged {} times. Rings: given poses.",
                 grouped(larger as u64)
             ),
             None => "Rings: given poses.".to_owned(),
@@ -354,7 +356,7 @@ fn mark(placed: &Placed, [x, y]: [f64; 2], larger: Option<f64>) -> Mark {
     Mark { x: text(x), y: text(y), ellipse, class: if is_given(placed) { "given" } else { "" }, what }
 }
 
-/// The ellipse in which the position lies with 95 %: semi-axes in metres, and the angle of the longer one, counterclockwise from x, radians. `None` for
+/// The 95 % confidence ellipse of the horizontal position: semi-axes in metres, and the angle of the longer one, counterclockwise from x, radians. `None` for
 /// a position that is certain.
 fn ellipse(placed: &Placed) -> Option<(f64, f64, f64)> {
     let c = &placed.covariance;
@@ -379,7 +381,7 @@ fn coordinate(metres: f64) -> String {
     if text == "-0.0000" { "0.0000".to_owned() } else { text.replace('-', "−") }
 }
 
-/// A length in millimetres with two or three digits that count.
+/// A length in millimetres with two or three significant digits.
 fn millimetres(metres: f64) -> String {
     let value = metres * 1000.0;
     let digits = match value.abs() {

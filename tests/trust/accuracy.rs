@@ -7,7 +7,7 @@ use crate::support::{Ply, json, succeeds, text};
 use serde_json::json as value;
 
 #[test]
-fn a_coordinate_is_as_uncertain_as_lattice_instrument_and_registration_make_it() {
+fn the_uncertainty_of_a_coordinate_combines_lattice_instrument_and_registration() {
     const POINTS: usize = 40;
     let folder = tempfile::tempdir().unwrap();
     let survey = crate::merge::survey(folder.path());

@@ -249,7 +249,7 @@ fn run_measured(program: &Path, args: &[String], report: &Path) -> Result<Usage>
     run_measured_accepting(&[0], program, args, report)
 }
 
-/// The same for a program that tells something by its exit status.
+/// The same for a program whose exit status carries information.
 fn run_measured_accepting(statuses: &[i32], program: &Path, args: &[String], report: &Path) -> Result<Usage> {
     let me = std::env::current_exe().context("cannot find this program")?;
     let mut wrapper = Command::new(me);

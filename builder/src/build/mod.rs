@@ -51,7 +51,7 @@ pub struct Built {
     pub report: BuildReport,
 }
 
-/// What the metadata says of the inputs.
+/// What the metadata records about the inputs.
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Provenance {
     /// The files.

@@ -115,7 +115,7 @@ impl Picker {
     }
 }
 
-/// Sort chunks by where they begin, then by number. A function by itself, because the module of the page has no room for a second sort.
+/// Sorts chunks by distance, then by number. A separate function, because the page's module has no room for a second sort.
 pub(crate) fn nearest_first(order: &mut [(f64, u32)]) {
     order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
 }

@@ -28,8 +28,8 @@ pub struct Place {
     pub away: f64,
     /// Unit normal of the triangle there; zero for one without area.
     pub normal: DVec3,
-    /// Standard uncertainty of a coordinate because of the registration of the stations, metres, if the pack has it vertex by vertex. Only of places that are the
-    /// nearest to a position.
+    /// Standard uncertainty of a coordinate due to the registration of the stations, metres, if the pack stores it for each vertex. Set only for the
+    /// place nearest to a position.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub registration: Option<f64>,
 }
@@ -129,7 +129,7 @@ pub(crate) fn registration_channel(index: &Index) -> Option<usize> {
     index.metadata().scalars.iter().position(|channel| channel.name == REGISTRATION)
 }
 
-/// A scalar at a point of one of the finest triangles of a chunk, by the areas opposite of its corners.
+/// A scalar at a point of one of the finest triangles of a chunk, interpolated with barycentric weights.
 fn scalar(chunk: &Chunk, channel: usize, triangle: u32, q: DVec3) -> Option<f64> {
     let triangle = finest_triangles(chunk).nth(triangle as usize)?;
     let [a, b, c] = chunk.mesh.corners(triangle).map(|p| p.as_dvec3() - q);

@@ -1,4 +1,4 @@
-//! How accurate the merged surface is: what the poses of the stations and the noise of their ranges contribute to the standard deviation of a coordinate.
+//! The accuracy of the merged surface: the contributions of station poses and range noise to the standard deviation of a coordinate.
 
 use super::Scale;
 use super::cut::{Part, Station};
@@ -14,7 +14,7 @@ pub enum Accuracy {
     /// Nothing: no station was registered, and the survey states no standard deviations.
     #[default]
     Unknown,
-    /// Not enough: the poses of these stations are uncertain by an unknown amount, though not all are.
+    /// Not enough: the uncertainties of the poses of these stations are unknown.
     Incomplete(Vec<UnknownPose>),
     /// Enough.
     Known(Parts),
@@ -49,7 +49,7 @@ pub enum Reason {
     Unstated,
 }
 
-/// How uncertain the pose of a station is.
+/// The uncertainty of the pose of a station.
 #[derive(Debug, Clone)]
 pub(super) enum PoseSigma {
     /// That is not known.
@@ -60,7 +60,7 @@ pub(super) enum PoseSigma {
 
 impl PoseSigma {
     pub(super) fn of(entry: &survey::Station, registration: Option<&Registration>) -> Self {
-        // Standard deviations that a registration entered do not count for a pose that was entered since.
+        // Standard deviations written by a registration do not apply to a pose that has been entered since.
         let stated = Registration::stated(registration, entry)
             .and_then(|stated| Some(PoseVariance::stated(stated.sigma?, stated.pose())));
         let is_listed = |of: fn(&Registration, &str) -> bool| registration.is_some_and(|all| of(all, &entry.name));
@@ -120,7 +120,7 @@ impl PoseVariance {
     }
 }
 
-/// How uncertain what a station measured is, at each place.
+/// The uncertainty of a station's measurements at each point.
 pub(super) struct StationSigma<'a> {
     pose: &'a PoseVariance,
     /// See [`kilwa_scan_core::tessellate::Instrument::range_noise`].
@@ -145,10 +145,10 @@ impl<'a> StationSigma<'a> {
     }
 }
 
-/// How uncertain all stations are, if that is known of each that has a part in the surface.
+/// The uncertainties of all stations, if they are known for each station that contributes to the surface.
 pub(super) struct Sigmas<'a> {
     stations: Vec<Option<StationSigma<'a>>>,
-    /// The largest standard deviation because of a pose, as it is kept.
+    /// The largest standard deviation due to a pose, as stored.
     largest: f32,
     /// Whether it is the same everywhere.
     is_uniform: bool,
@@ -184,13 +184,13 @@ impl<'a> Sigmas<'a> {
         Some(self.stations.get(usize::from(station) - 1)?.as_ref()?.at(piece))
     }
 
-    /// The largest standard deviation because of a pose, metres, as it is kept; `None` if it is the same everywhere.
+    /// The largest standard deviation due to a pose, metres, as stored; `None` if it is the same everywhere.
     pub(super) fn largest(&self) -> Option<f32> {
         (!self.is_uniform).then_some(self.largest)
     }
 }
 
-/// The standard deviation of a vertex because of the poses, metres, as it is kept: in steps of 0.4 % or less. More digits would be noise that takes room.
+/// The standard deviation of a vertex due to the poses, metres, as stored: in steps of 0.4 % or less. More digits would be noise and take up space.
 pub(super) fn kept(variance: f64) -> f32 {
     const DROPPED: u32 = 15;
     let bits = (variance.sqrt() as f32).to_bits();
@@ -237,7 +237,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_polynomial_is_the_variance_that_the_covariance_gives() {
+    fn the_polynomial_equals_the_variance_from_the_covariance() {
         let mut random = fastrand::Rng::with_seed(7);
         for _ in 0..100 {
             // A covariance is a matrix times its transpose.
@@ -266,7 +266,7 @@ mod tests {
     }
 
     #[test]
-    fn a_standard_deviation_is_kept_to_a_five_hundredth() {
+    fn a_standard_deviation_is_stored_to_within_0_2_percent() {
         assert_eq!(kept(0.0), 0.0);
         for sigma in [1e-6, 0.000_123_4, 0.002, 0.999_9, 12.3] {
             let kept = f64::from(kept(sigma * sigma));

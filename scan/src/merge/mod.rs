@@ -118,7 +118,7 @@ pub struct MergedVertex {
     pub vertex: MeshVertex,
     /// How many stations saw the surface there.
     pub stations: u16,
-    /// The standard deviation of a coordinate because of the poses of these stations, metres; `None` if it is not known, or for a vertex that does not rest on
+    /// The standard deviation of a coordinate due to the poses of these stations, metres; `None` if it is unknown, or for a vertex that is not based on
     /// scans.
     pub registration: Option<f32>,
     /// What it rests on. Every triangle that was added to fill a hole has a vertex that does not rest on scans, and no other triangle has one.
@@ -186,7 +186,7 @@ pub struct Report {
     pub borders: Borders,
     /// What was filled, if filling was requested.
     pub filled: Option<Filled>,
-    /// How accurate the measured surface is, as far as the survey tells.
+    /// The accuracy of the measured surface, as far as the survey determines it.
     pub accuracy: Accuracy,
 }
 
@@ -300,7 +300,7 @@ fn merge_in_tiles(
     let registration = sigmas.as_ref().and_then(Sigmas::largest);
     sink.begin(&Begin { voxel, bounds, attributes: [known.has_color, known.has_intensity], is_filled, registration })?;
     let mut joined = Joined::new(sink, scale);
-    let of = tiles::Of { piles: &piles, sigmas: sigmas.as_ref(), tile_log2 };
+    let of = tiles::TileInputs { piles: &piles, sigmas: sigmas.as_ref(), tile_log2 };
     tiles::surfaces(&of, options, progress, &mut |brick, patch| joined.patch(brick, &patch))?;
     [report.vertices, report.triangles] = joined.counts();
     if let Some(parts) = joined.accuracy().parts() {

@@ -309,21 +309,29 @@ fn register(folder: &Path, survey: &Survey, sigmas: &[[f64; 2]]) {
         }
         let (name, translation) = (station.name.clone(), pose.translation.to_array());
         let rotation = [w, x, y, z];
-        Placed { name, placement: Placement::Surface, rotation, translation, covariance, stated: None }
+        Placed {
+            name,
+            placement: Placement::Surface,
+            rotation,
+            translation,
+            covariance,
+            stated: None,
+            scan: String::new(),
+        }
     };
     let stations = survey.stations.iter().zip(sigmas).map(placed).collect();
     Registration { stations, ..Registration::empty() }.save(folder).unwrap();
 }
 
 #[test]
-fn vertices_are_as_uncertain_as_the_poses_of_the_stations_that_saw_them() {
+fn the_uncertainty_of_vertices_follows_from_the_poses_of_their_stations() {
     let folder = tempfile::tempdir().unwrap();
     let (path, survey) = survey(folder.path(), 2, 200);
     let common = options(folder.path(), 0.15);
     let (bare, bare_report) = merged(&path, &survey, &common, 3);
     assert_eq!(bare_report.accuracy, Accuracy::Unknown);
     assert!(bare.begin.unwrap().registration.is_none() && bare.vertices.iter().all(|v| v.registration.is_none()));
-    // Positions alone are uncertain, so that it is the same wherever a station looks.
+    // Only positions are uncertain, so the uncertainty is the same in every direction.
     let sigmas = [[0.001, 0.0], [0.004, 0.0]];
     register(&path, &survey, &sigmas);
     let (mesh, report) = merged(&path, &survey, &common, 3);
@@ -342,14 +350,14 @@ fn vertices_are_as_uncertain_as_the_poses_of_the_stations_that_saw_them() {
     assert!(registration > 0.001 && registration < 0.004, "{registration}");
     // 2 mm and 10 ppm, less where both stations saw the surface.
     assert!(instrument > 0.001_4 && instrument < 0.002_3, "{instrument}");
-    // Nothing changes with tiles, threads and the order of stations.
+    // The result does not depend on tiles, threads or the order of stations.
     let (other, other_report) = merged(&path, &survey, &Options { threads: 1, memory: 4 << 20, ..common.clone() }, 4);
     assert!(other == mesh && other_report.accuracy == report.accuracy);
     let mut turned = survey.clone();
     turned.stations.reverse();
     let (other, other_report) = merged(&path, &turned, &common, 2);
     assert!(other == mesh && other_report.accuracy == report.accuracy);
-    // What is filled is at most as certain as the most uncertain place, which is for the caller to state.
+    // Filled surface is no more certain than the least certain point; its value is up to the caller.
     let fill = Fill { diffuse: true, max_area: 20.0, ..Fill::default() };
     let (filled, filled_report) = merged(&path, &survey, &Options { fill, ..common.clone() }, 3);
     assert!(filled.vertices.iter().all(|v| v.registration.is_some() == (v.source == Source::Scans)));
@@ -371,7 +379,7 @@ fn vertices_are_as_uncertain_as_the_poses_of_the_stations_that_saw_them() {
 }
 
 #[test]
-fn a_pose_that_was_changed_is_uncertain_by_an_unknown_amount() {
+fn the_uncertainty_of_a_changed_pose_is_unknown() {
     let folder = tempfile::tempdir().unwrap();
     let (path, mut survey) = survey(folder.path(), 2, 120);
     let common = options(folder.path(), 0.2);
@@ -379,7 +387,7 @@ fn a_pose_that_was_changed_is_uncertain_by_an_unknown_amount() {
         let (mesh, report) = merged(&path, survey, options, 3);
         (mesh.begin.unwrap().registration, report.accuracy)
     };
-    // The same everywhere: there is nothing to keep for each vertex.
+    // The same everywhere: no value per vertex is needed.
     register(&path, &survey, &[[0.002, 0.0]; 2]);
     let (registration, known) = accuracy(&survey, &common);
     let Accuracy::Known(parts) = known else { panic!("{known:?}") };
@@ -411,11 +419,14 @@ fn a_pose_that_was_changed_is_uncertain_by_an_unknown_amount() {
     assert!(matches!(known, Accuracy::Known(_)), "{known:?}");
     std::fs::write(path.join(crate::register::FILE), "{}").unwrap();
     let Err(refused) = stations(&path, &survey, &common, &|_| mesh::Options::default()) else { panic!() };
-    assert!(refused.to_string().contains("run `kilwa register` again, or remove the file"), "{refused}");
+    assert!(
+        refused.to_string().contains("register all stations again with `kilwa register --again`, or remove the file"),
+        "{refused}"
+    );
 }
 
 #[test]
-fn a_given_pose_is_as_uncertain_as_stated_and_one_that_was_not_confirmed_by_an_unknown_amount() {
+fn a_given_pose_has_its_stated_uncertainty_and_that_of_an_unplaced_station_is_unknown() {
     let folder = tempfile::tempdir().unwrap();
     let (path, mut survey) = survey(folder.path(), 2, 120);
     let common = options(folder.path(), 0.2);
@@ -431,7 +442,7 @@ fn a_given_pose_is_as_uncertain_as_stated_and_one_that_was_not_confirmed_by_an_u
     let (mesh, report) = merged(&path, &survey, &common, 3);
     let Accuracy::Known(parts) = report.accuracy else { panic!("{report:?}") };
     assert!(mesh.begin.unwrap().registration > Some(0.003) && parts.registration > 0.001, "{parts:?}");
-    // Those of another pose than a given one are the registration's.
+    // For a pose that was not given, the standard deviations of the registration apply.
     registration.stations[1].placement = Placement::Surface;
     registration.save(&path).unwrap();
     let (_, report) = merged(&path, &survey, &common, 3);

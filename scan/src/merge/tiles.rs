@@ -19,10 +19,10 @@ pub(super) type PatchSink<'a> = dyn FnMut(IVec3, Patch) -> Result<(), ScanError>
 /// The surfaces of the bricks of a tile.
 type Made = Result<Vec<(IVec3, Patch)>, ScanError>;
 
-/// What the surface is made of.
-pub(super) struct Of<'a> {
+/// The inputs from which the surface is made.
+pub(super) struct TileInputs<'a> {
     pub(super) piles: &'a Piles,
-    /// How uncertain the stations are, if that is known.
+    /// The uncertainties of the stations, if known.
     pub(super) sigmas: Option<&'a Sigmas<'a>>,
     /// Bricks along the edge of a tile, as a power of two.
     pub(super) tile_log2: u32,
@@ -38,12 +38,12 @@ pub(super) fn size_log2(memory: u64, threads: usize, has_sigmas: bool) -> u32 {
 
 /// Pass the surfaces of all tiles to `sink`.
 pub(super) fn surfaces(
-    of: &Of<'_>,
+    of: &TileInputs<'_>,
     options: &Options,
     progress: &(dyn Progress + Sync),
     sink: &mut PatchSink<'_>,
 ) -> Result<(), ScanError> {
-    let Of { piles, sigmas, tile_log2 } = *of;
+    let TileInputs { piles, sigmas, tile_log2 } = *of;
     let tiles: Vec<(IVec3, Vec<Run>)> = piles.tiles().into_values().collect();
     let threads = options.threads.max(1);
     let budget =

@@ -1,4 +1,4 @@
-//! Moving a group as a whole to where it is known to be.
+//! Aligns a group rigidly with its known poses and control points.
 
 use super::control::rigid;
 use super::settle::{Given, rotation_vector};
@@ -10,20 +10,20 @@ use nalgebra::{Cholesky, Matrix6, Vector6};
 /// Steps of the alignment to known poses and points.
 const STEPS: usize = 20;
 
-/// Move the members of a group (their numbers and poses), without deforming it, to the stations that stay, or to where known poses and control points fit best. Returns whether these determine where it is.
+/// Aligns the members of a group (their numbers and poses) rigidly with the stations that keep their poses, or otherwise with known poses and control points. Returns whether these determine the position of the group.
 pub(super) fn align(members: &mut [(usize, Pose)], given: &Given) -> bool {
-    if let Some((first, pose)) = given.stays.iter().enumerate().find_map(|(k, pose)| Some((k, (*pose)?))) {
+    if let Some((first, pose)) = given.kept_poses.iter().enumerate().find_map(|(k, pose)| Some((k, (*pose)?))) {
         move_to(members, first, pose);
-        // To the last bit.
-        for ((_, own), pose) in members.iter_mut().zip(&given.stays) {
+        // Bit-identical, without rounding.
+        for ((_, own), pose) in members.iter_mut().zip(&given.kept_poses) {
             *own = pose.unwrap_or(*own);
         }
         return true;
     }
     let points = given.controls.with_survey_coordinates();
     let pairs = survey_points(members, given);
-    let surest = given.priors.iter().min_by(|a, b| a.2[1].total_cmp(&b.2[1]));
-    match (rigid(&pairs), surest) {
+    let most_certain = given.priors.iter().min_by(|a, b| a.2[1].total_cmp(&b.2[1]));
+    match (rigid(&pairs), most_certain) {
         (Some(step), _) => move_by(members, step),
         (None, Some((member, pose, _))) => move_to(members, *member, *pose),
         (None, None) => return false,
@@ -41,9 +41,9 @@ pub(super) fn survey_points(members: &[(usize, Pose)], given: &Given) -> Vec<(DV
     points.iter().map(|(member, at, known, _)| (*known, members[*member].1.apply(*at))).collect()
 }
 
-/// The rotation and translation of a whole group that fit known poses and points best, linearised at its present place.
+/// The rotation and translation of a whole group that best fit the known poses and points, linearised at its current pose.
 fn rigid_step(members: &[(usize, Pose)], given: &Given, points: &[(usize, DVec3, DVec3, f64)]) -> Option<Pose> {
-    // Rotations are about the middle: coordinates may be those of a national grid.
+    // Rotations are about the centroid, because coordinates may be those of a national grid.
     let middle = members.iter().map(|(_, pose)| pose.translation).sum::<DVec3>() / members.len() as f64;
     let (mut information, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
     let mut add = |at: Option<DVec3>, error: DVec3, sigma: f64| {

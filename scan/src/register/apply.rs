@@ -1,4 +1,4 @@
-//! Entering what was found into a survey that may have been edited meanwhile.
+//! Writes the result of a registration to a survey that may have been edited in the meantime.
 
 use super::result::{Placed, Placement, Registration};
 use crate::ScanError;
@@ -9,10 +9,10 @@ use kilwa_scan_core::Pose;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Enter what was found into `survey.toml`, and store it as `registration.json`. `read` is the survey that was registered: a run can take an hour, and people edit. Stations are recognised by their scans; those that were removed meanwhile, or whose pose was changed,
-/// are left alone, and returned as sentences.
+/// Writes the poses to `survey.toml` and the whole result to `registration.json`. `read` is the survey as it was when the run began: a run can take an hour, and people may edit the file in the meantime. Stations are identified by their scans; those that have been removed since, or whose pose has been changed,
+/// are left unchanged and reported in the returned messages.
 ///
-/// A station that was not placed loses a pose of an earlier registration, which may be in other coordinates, and gets back the one that it replaced. It also loses the identity if other stations have it, too, because that says nothing.
+/// If a station was not placed, a pose from an earlier registration is replaced by the pose that preceded it (if any), because it may be in other coordinates. The identity is removed if other stations have it as well, because it is then a placeholder.
 ///
 /// # Errors
 /// [`ScanError::Request`] if another command is writing to the survey; [`ScanError::Survey`], [`ScanError::Write`].
@@ -49,13 +49,13 @@ pub fn apply(folder: &Path, read: &Survey, found: &Registration) -> Result<Vec<S
         edit.set_pose(&placed.name, Some(placed.pose()))?;
         edit.set_sigma(&placed.name, placed.sigma())?;
     }
-    // If only the first is written, the poses count as edited by hand: nothing is wrong, and the next run finds the rest.
+    // If only the first file is written, the poses count as edited by hand: this does no harm, and the next run completes the result.
     edit.save()?;
     found.save(folder)?;
     Ok(left)
 }
 
-/// The names that stations have now by those that they had, without stations that are left alone; and sentences about these.
+/// The current names of stations by their former names, without the stations that are left unchanged; and messages about those.
 fn current_names(read: &Survey, now: &Survey) -> (BTreeMap<String, String>, Vec<String>) {
     let (mut names, mut left) = (BTreeMap::new(), Vec::new());
     for station in &read.stations {
@@ -64,9 +64,12 @@ fn current_names(read: &Survey, now: &Survey) -> (BTreeMap<String, String>, Vec<
         let mut same = now.stations.iter().filter(is_same);
         let own = same.clone().find(|s| s.name == station.name).or_else(|| same.next());
         match own {
-            None => left.push(format!("station {} was removed from survey.toml meanwhile", station.name)),
+            None => left.push(format!("station {} was removed from survey.toml during the run", station.name)),
             Some(own) if (own.pose, own.sigma, own.is_fixed) != (station.pose, station.sigma, station.is_fixed) => {
-                left.push(format!("the pose of station {} was changed in survey.toml meanwhile and is kept", own.name));
+                left.push(format!(
+                    "the pose of station {} was changed in survey.toml during the run and is kept",
+                    own.name
+                ));
             }
             Some(own) => drop(names.insert(station.name.clone(), own.name.clone())),
         }

@@ -51,7 +51,7 @@ impl Controls {
         Self { points }
     }
 
-    /// Observations of points with known survey coordinates: the station, its coordinates, those of the survey, and the standard deviation of their difference, metres.
+    /// Observations of points with known survey coordinates: the station, the coordinates of the point in the station and in the survey, and the standard deviation of their difference, metres.
     pub(super) fn with_survey_coordinates(&self) -> Vec<(usize, DVec3, DVec3, f64)> {
         let of_point = |all: &Vec<Sighting>| {
             let known = all.iter().find(|s| s.station.is_none()).copied();
@@ -74,7 +74,7 @@ impl Controls {
         had
     }
 
-    /// Whether the points that both observed determine the pose of one relative to the other; `None` means survey coordinates.
+    /// Whether the points that both stations observed determine their relative pose; `None` stands for the survey coordinates.
     pub(super) fn are_tied(&self, a: Option<usize>, b: Option<usize>) -> bool {
         let of = |all: &[Sighting], station| all.iter().find(|s: &&Sighting| s.station == station).map(|s| s.at);
         let pairs: Vec<(DVec3, DVec3)> =

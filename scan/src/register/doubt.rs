@@ -42,7 +42,7 @@ pub(super) enum Doubt {
     Inconsistent,
     /// It contradicts a pose that is known.
     Known,
-    /// The surface that is common after the adjustment of all poses is too little.
+    /// After the adjustment of all poses, there is too little common surface.
     Unlinked,
     /// After the adjustment of all poses, it contradicts what other stations saw.
     Adjusted,
@@ -63,7 +63,7 @@ impl Finding {
         Self { places, doubt }
     }
 
-    /// The same for places of which only those count that agree with known poses.
+    /// The same, considering only the candidates that agree with known poses.
     pub(super) fn among(mut places: Vec<Beside>, edge: f64, most: f64, agrees: impl Fn(&Beside) -> bool) -> Self {
         if !places.is_empty() && !places.iter().any(&agrees) {
             return Self { places, doubt: Some(Doubt::Known) };

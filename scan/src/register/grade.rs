@@ -2,12 +2,12 @@
 
 use super::Link;
 
-/// How the links of a registration compare with each other: four grades of residual, whose bounds are 1, 1.5 and 2 times the median, so that what
-/// stands out is seen whatever the scanner; and three of samples.
+/// Grades the links of a registration relative to each other: four grades of residual, with bounds at 1, 1.5 and 2 times the median, so that
+/// outliers are visible whatever the scanner; and three grades of sample count.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Grades {
     median: f64,
-    most: u64,
+    max_samples: u64,
 }
 
 impl Grades {
@@ -16,7 +16,7 @@ impl Grades {
         let mut residuals: Vec<f64> = links.iter().map(|link| link.residual).collect();
         residuals.sort_unstable_by(f64::total_cmp);
         let median = *residuals.get(residuals.len().saturating_sub(1) / 2)?;
-        Some(Self { median, most: links.iter().map(|link| link.samples).max().unwrap_or(0) })
+        Some(Self { median, max_samples: links.iter().map(|link| link.samples).max().unwrap_or(0) })
     }
 
     /// Largest residuals of all grades but the last, metres.
@@ -29,9 +29,9 @@ impl Grades {
         self.bounds().iter().take_while(|bound| link.residual > **bound).count()
     }
 
-    /// The grade of its number of samples: 0 below a tenth of the most that a link has, 1 below four tenths, 2 else.
+    /// The grade of a link's sample count: 0 below 10 % of the largest count, 1 below 40 %, otherwise 2.
     pub fn samples(&self, link: &Link) -> usize {
-        [0.1, 0.4].iter().take_while(|share| link.samples as f64 >= **share * self.most as f64).count()
+        [0.1, 0.4].iter().take_while(|share| link.samples as f64 >= **share * self.max_samples as f64).count()
     }
 }
 

@@ -1,16 +1,16 @@
-//! What is known of the poses of stations beforehand.
+//! Prior knowledge of the poses of stations.
 
 use super::doubt::{MAX_GROUP_CONTRADICTED, MAX_KNOWN_CONTRADICTED};
 use super::group::Group;
 use kilwa_scan_core::Pose;
 use std::collections::BTreeMap;
 
-/// The relative pose of two stations is known well if it is wrong by at most so much: metres, radians.
+/// Maximum error of a relative pose that counts as well known: metres, radians.
 const WELL_KNOWN: [f64; 2] = [1.0, 0.175];
 /// Room for the errors of a fit, which is not adjusted yet: voxel edges, share of the distance, and radians.
 const FIT: [f64; 3] = [2.0, 0.005, 0.02];
 
-/// What is known beforehand.
+/// Prior knowledge of poses.
 pub(super) struct Known {
     /// Stations whose poses are known, with these poses.
     pub(super) fixed: Vec<(usize, Pose)>,
@@ -36,7 +36,7 @@ impl Known {
         self.guesses[k].and_then(|guess| Some((guess.pose, guess.reach?)))
     }
 
-    /// Whether the poses of two stations are known so well that little else than the right place agrees with them.
+    /// Whether the poses of two stations are known so well that hardly any wrong pose agrees with them.
     pub(super) fn are_known(&self, a: usize, b: usize) -> bool {
         let reaches = self.reach(a).zip(self.reach(b)).map(|((_, a), (_, b))| [a[0] + b[0], a[1] + b[1]]);
         reaches.is_some_and(|reach| reach.iter().zip(WELL_KNOWN).all(|(own, most)| *own <= most))
@@ -68,7 +68,7 @@ impl Known {
         })
     }
 
-    /// A pose of the second group relative to the first that rough poses suggest.
+    /// The pose of the second group relative to the first that approximate poses suggest.
     pub(super) fn start(&self, first: &Group, second: &Group) -> Option<Pose> {
         let known = |group: &Group| group.members.iter().find_map(|(k, own)| Some((*own, self.guesses[*k]?.pose)));
         let ((own_a, a), (own_b, b)) = known(first).zip(known(second))?;
@@ -84,7 +84,7 @@ pub(super) struct Guess {
     pub(super) reach: Option<[f64; 2]>,
 }
 
-/// Whether a place agrees with rough poses of both stations.
+/// Whether a candidate pose agrees with the approximate poses of both stations.
 fn is_near(place: Pose, guess: Pose, a: [f64; 2], b: [f64; 2], edge: f64) -> bool {
     let (angle, off) = place.difference(guess);
     let distance = guess.translation.length();

@@ -68,7 +68,7 @@ pub fn register(
     in_threads(options.threads, || Work::new(folder, survey, options)?.run(progress))
 }
 
-/// Do work that is spread over so many threads; 0: one per core.
+/// Runs work on this number of threads; 0 means one per core.
 fn in_threads<T: Send>(threads: usize, work: impl FnOnce() -> Result<T, ScanError> + Send) -> Result<T, ScanError> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     pool.map_err(|e| ScanError::Request(format!("cannot start threads: {e}")))?.install(work)
@@ -82,8 +82,8 @@ struct Work<'a> {
     stations: Vec<&'a Station>,
     /// Stations that the user asked to keep where they are.
     is_fixed: Vec<bool>,
-    /// These, and stations that are registered already and are not to be registered again.
-    stays: Vec<bool>,
+    /// Stations that keep their poses: these, and those that are already registered and are not to be registered again.
+    keeps_pose: Vec<bool>,
     /// Poses that are not the work of an earlier registration.
     stated: Vec<Option<Stated>>,
     controls: Controls,
@@ -103,7 +103,7 @@ impl<'a> Work<'a> {
         for name in &options.fixed {
             if survey.station(name)?.pose.is_none() {
                 return Err(ScanError::Request(format!(
-                    "station {name} has no pose, so it cannot stay where it is; add rotation and translation to it in survey.toml"
+                    "station {name} has no pose that could be kept; add rotation and translation to it in survey.toml"
                 )));
             }
         }
@@ -113,18 +113,18 @@ impl<'a> Work<'a> {
             hashes.then(a.source.number.cmp(&b.source.number)).then(a.name.cmp(&b.name))
         });
         let before = match Registration::open(folder) {
-            // All that it says is found again.
+            // Everything in it is determined again.
             Err(ScanError::Request(_)) if options.again => None,
             other => other?,
         };
         let is_fixed: Vec<bool> =
             stations.iter().map(|s| s.pose.is_some() && (s.is_fixed || options.fixed.contains(&s.name))).collect();
         let is_registered = |s: &Station| before.as_ref().is_some_and(|before| before.of(s).is_some());
-        let stays = stations.iter().zip(&is_fixed).map(|(s, fixed)| *fixed || !options.again && is_registered(s));
-        let stays = stays.collect();
+        let keeps_pose = stations.iter().zip(&is_fixed).map(|(s, fixed)| *fixed || !options.again && is_registered(s));
+        let keeps_pose = keeps_pose.collect();
         let stated = stations.iter().map(|s| Registration::stated(before.as_ref(), s)).collect();
         let controls = Controls::new(survey, &stations);
-        Ok(Self { folder, survey, options, stations, is_fixed, stays, stated, controls, before })
+        Ok(Self { folder, survey, options, stations, is_fixed, keeps_pose, stated, controls, before })
     }
 
     fn run(&self, progress: &(dyn Progress + Sync)) -> Result<Registration, ScanError> {
@@ -144,7 +144,8 @@ impl<'a> Work<'a> {
     /// The previous result, if no station is to be registered.
     fn nothing_to_do(&self) -> Option<Registration> {
         let before = self.before.as_ref().filter(|_| !self.options.again)?;
-        let is_covered = self.stays.iter().zip(&self.stations).all(|(stays, s)| *stays && before.of(s).is_some());
+        let is_covered =
+            self.keeps_pose.iter().zip(&self.stations).all(|(keeps_pose, s)| *keeps_pose && before.of(s).is_some());
         let names = self.stations.iter().filter_map(|s| Some((before.of(s)?.name.clone(), s.name.clone()))).collect();
         // Without stations that were removed since.
         is_covered.then(|| before.renamed(&names))
@@ -156,7 +157,7 @@ impl<'a> Work<'a> {
 
     /// The known pose of a station, with its standard deviations (metres, radians).
     fn prior(&self, k: usize) -> Option<(Pose, [f64; 2])> {
-        let stated = self.stated[k].filter(|_| !self.stays[k] && !self.options.ignore_poses)?;
+        let stated = self.stated[k].filter(|_| !self.keeps_pose[k] && !self.options.ignore_poses)?;
         Some((stated.pose(), stated.sigma?))
     }
 
@@ -176,7 +177,7 @@ impl<'a> Work<'a> {
         let mut fixed: BTreeMap<usize, Pose> = BTreeMap::new();
         for (k, station) in self.stations.iter().enumerate() {
             let controlled = self.controls.pose(None, Some(k), &name)?;
-            if let Some(pose) = station.pose.filter(|_| self.stays[k]).or(controlled) {
+            if let Some(pose) = station.pose.filter(|_| self.keeps_pose[k]).or(controlled) {
                 fixed.insert(k, pose);
             }
         }
@@ -224,9 +225,9 @@ impl<'a> Work<'a> {
         Ok(out)
     }
 
-    /// The group that becomes the survey: the one with the stations that stay, or the largest.
+    /// The group that becomes the registered survey: the one that contains the stations that keep their poses, or otherwise the largest.
     fn main_group(&self, assembled: &Assembled) -> usize {
-        let stays = |group: &Group| group.members.iter().any(|(k, _)| self.stays[*k]);
-        assembled.groups.iter().position(stays).unwrap_or(0)
+        let has_kept = |group: &Group| group.members.iter().any(|(k, _)| self.keeps_pose[*k]);
+        assembled.groups.iter().position(has_kept).unwrap_or(0)
     }
 }

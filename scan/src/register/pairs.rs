@@ -19,7 +19,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 const MAX_SYMMETRY_CONTRADICTED: f64 = 0.1;
 /// Cells along each side of the maps of single stations.
 const SIDE: usize = 128;
-/// Most copies of what a station sees that are remembered. In a hall of equal columns there are many, and a few show that a place is not unique.
+/// Maximum number of copies stored of what a station sees. In a hall of identical columns there are many, and a few are enough to show that a pose is not unique.
 const MAX_COPIES: usize = 24;
 
 /// Pairs of stations, and the stations that must not be joined with others.
@@ -33,7 +33,7 @@ pub(super) struct Pairs {
 }
 
 impl Pairs {
-    /// Where a station fits in several places beside another, the other sees several copies of what it sees. A third station beside it may be in
+    /// If a station fits another in several poses, the other sees several copies of what it sees. A third station next to it may be in
     /// another copy.
     fn add_copies(&mut self, edge: f64) {
         for ((a, b), finding) in &self.found {
@@ -62,7 +62,7 @@ impl Pairs {
     }
 }
 
-/// Add a pose unless there is nearly the same one, or enough of them.
+/// Adds a pose unless the list is full or already contains nearly the same pose.
 fn add_new(poses: &mut Vec<Pose>, pose: Pose, edge: f64) {
     if poses.len() < MAX_COPIES && !poses.iter().any(|other| is_same(*other, pose, edge)) {
         poses.push(pose);

@@ -1,4 +1,4 @@
-//! The last steps for the group that becomes the survey: it is moved to where it is known to be, its poses are adjusted together, and what came of it is checked.
+//! The last steps for the group that becomes the survey: it is aligned with known poses and points, its poses are adjusted together, and the result is checked.
 
 use super::align::{align, survey_points};
 use super::control::{self, Sighting, rigid};
@@ -17,11 +17,11 @@ use rayon::prelude::*;
 
 /// Two stations whose poses are given contradict each other if rays of one pass through more than this share of what the other saw.
 const MAX_GIVEN_CONTRADICTED: f64 = 0.15;
-/// By how much the share of contradicted surface may grow in the adjustment.
+/// Maximum increase of the contradicted share of a surface during the adjustment.
 const MAX_WORSE: f64 = 0.02;
 
 impl Work<'_> {
-    /// Refuse stations that are to stay where they are, but cannot all be there.
+    /// Reports an error if the given poses of two stations contradict each other.
     pub(super) fn check_known(&self, views: &[View], edge: f64, known: &Known) -> Result<(), ScanError> {
         let is_checked = |k: usize, other: usize| self.is_fixed[k] || self.is_fixed[other];
         for (n, (b, b_pose)) in known.fixed.iter().enumerate() {
@@ -29,7 +29,7 @@ impl Work<'_> {
                 let v = verdict(views, &[(*a, *a_pose)], &[(*b, *b_pose)], Pose::IDENTITY, edge, usize::MAX);
                 if v.common() >= MIN_AGREE && v.contradicted() > MAX_GIVEN_CONTRADICTED {
                     return Err(ScanError::Request(format!(
-                        "stations {} and {} cannot both be where they are: rays of one pass through {:.0} % of what the other saw; fix only those whose poses are right",
+                        "the poses of stations {} and {} contradict each other: rays of one pass through {:.0} % of what the other saw; fix only stations whose poses are correct",
                         self.stations[*a].name,
                         self.stations[*b].name,
                         100.0 * v.contradicted()
@@ -40,7 +40,7 @@ impl Work<'_> {
         Ok(())
     }
 
-    /// Place the stations of a group, without those for which the adjustment shows that they are in a wrong place or that nothing holds them.
+    /// Places the stations of a group, except those that the adjustment shows to be wrong or not connected to the others.
     pub(super) fn place(
         &self,
         mut group: Group,
@@ -50,7 +50,7 @@ impl Work<'_> {
         progress: &(dyn Progress + Sync),
     ) -> Result<(), ScanError> {
         loop {
-            if group.members.len() < 2 && !group.members.iter().any(|(k, _)| self.stays[*k]) {
+            if group.members.len() < 2 && !group.members.iter().any(|(k, _)| self.keeps_pose[*k]) {
                 // The last one left its partner, or was left by it.
                 let left = group.members.first().filter(|_| !report.dropped.is_empty());
                 report.dropped.extend(left.map(|(number, _)| (*number, Doubt::Unlinked)));
@@ -66,7 +66,7 @@ impl Work<'_> {
             let has_frame = !given.priors.is_empty() || group.members.iter().any(|(k, _)| self.is_fixed[*k]);
             let determine = rigid(&survey_points(&group.members, &given)).is_some();
             if !has_frame && !determine && given.controls.drop_survey_points() {
-                out.notes = vec!["the control points with survey coordinates are fewer than three or on a line, so they do not determine where the survey is; they were not used".to_owned()];
+                out.notes = vec!["there are fewer than three control points with survey coordinates, or they are collinear, so they do not determine the position of the survey and were not used".to_owned()];
             }
             let lost = match settle(report.views, &group, &given, report.edge) {
                 Err(lost) => lost.into_iter().map(|member| (member, Doubt::Unlinked)).collect(),
@@ -82,7 +82,7 @@ impl Work<'_> {
             };
             if lost.is_empty() {
                 return Err(ScanError::Request(
-                    "the poses cannot be adjusted: the equations have no solution".to_owned(),
+                    "the poses cannot be adjusted, because the equations have no solution; try `--ignore-poses`, and check the control points in survey.toml".to_owned(),
                 ));
             }
             let numbers: Vec<(usize, Doubt)> = lost.iter().map(|(k, doubt)| (group.members[*k].0, *doubt)).collect();
@@ -93,10 +93,10 @@ impl Work<'_> {
         }
     }
 
-    /// What is known of the members of a group, by their indices in it.
+    /// The known poses and control points of the members of a group, by their indices in it.
     fn given(&self, group: &Group) -> Given {
         let numbers = || group.members.iter().map(|(number, _)| *number);
-        let stays = numbers().map(|k| self.stations[k].pose.filter(|_| self.stays[k])).collect();
+        let kept_poses = numbers().map(|k| self.stations[k].pose.filter(|_| self.keeps_pose[k])).collect();
         let of_member = |k: usize| numbers().position(|own| own == k);
         let prior = |(member, k): (usize, usize)| self.prior(k).map(|(pose, sigma)| (member, pose, sigma));
         let priors = numbers().enumerate().filter_map(prior).collect();
@@ -112,22 +112,22 @@ impl Work<'_> {
         let is_exact = |k: usize| {
             let placed = self.before.as_ref().and_then(|before| before.of(self.stations[k]));
             let is_known = |placed: &Placed| matches!(placed.placement, Placement::Anchor | Placement::Fixed);
-            self.is_fixed[k] || self.stays[k] && placed.is_some_and(is_known)
+            self.is_fixed[k] || self.keeps_pose[k] && placed.is_some_and(is_known)
         };
-        Given { stays, are_exact: numbers().map(is_exact).collect(), priors, controls, is_located: false }
+        Given { kept_poses, are_exact: numbers().map(is_exact).collect(), priors, controls, is_located: false }
     }
 
-    /// Refuse control points that contradict the scans, or each other around several stations; the one that fits worst is named.
+    /// Reports an error if control points contradict the scans, or each other across several stations; the message names the worst one.
     fn check_points(&self, group: &Group, given: &Given, settled: &Settled) -> Result<(), ScanError> {
         let at = |s: &Sighting| s.station.map_or(s.at, |member| settled.poses[member].apply(s.at));
         let mut worst: Option<(f64, &str, [&Sighting; 2])> = None;
         for (point, sightings) in &given.controls.points {
             for (k, b) in sightings.iter().enumerate() {
                 for a in &sightings[..k] {
-                    let stays = |s: &Sighting| s.station.is_none_or(|member| given.stays[member].is_some());
+                    let is_kept = |s: &Sighting| s.station.is_none_or(|member| given.kept_poses[member].is_some());
                     let excess = at(a).distance(at(b)) / control::tolerance(a, b);
                     // Where neither is registered now, nothing can be done about it.
-                    let moves = !(stays(a) && stays(b));
+                    let moves = !(is_kept(a) && is_kept(b));
                     if moves && excess > worst.as_ref().map_or(1.0, |worst| worst.0) {
                         worst = Some((excess, point, [a, b]));
                     }
@@ -135,7 +135,7 @@ impl Work<'_> {
             }
         }
         let Some((_, point, [a, b])) = worst else { return Ok(()) };
-        let is_kept = group.members.iter().any(|(k, _)| self.stays[*k] && !self.is_fixed[*k]);
+        let is_kept = group.members.iter().any(|(k, _)| self.keeps_pose[*k] && !self.is_fixed[*k]);
         let hint = if is_kept { ", or, if they are newer than the last registration, use `--again`" } else { "" };
         let name = |s: &Sighting| self.name(s.station.map(|member| group.members[member].0));
         Err(ScanError::Request(format!(
@@ -157,7 +157,7 @@ impl Work<'_> {
         };
         let judge = |member: usize| -> Option<(usize, f64)> {
             let number = group.members[member].0;
-            let before = (!self.stays[number]).then(|| of(member, &group.members))?;
+            let before = (!self.keeps_pose[number]).then(|| of(member, &group.members))?;
             let now = of(member, &poses);
             if known.is_controlled(number) || known.is_fixed(number) {
                 let is_wrong = now.common() >= MIN_AGREE && now.contradicted() > MAX_GIVEN_CONTRADICTED;

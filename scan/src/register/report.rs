@@ -103,8 +103,8 @@ impl Report<'_> {
             return match self.views[own].image {
                 Some(_) => ("it has no surface in common with any other station".to_owned(), between),
                 None => (
-                    "its rays are parallel, and such scans are not searched for without approximate poses".to_owned(),
-                    "add approximate poses (rotation and translation) to it and to another station in survey.toml"
+                    "its rays are parallel, and such scans can only be placed near approximate poses".to_owned(),
+                    "enter approximate poses (rotation and translation) for it and for another station in survey.toml"
                         .to_owned(),
                 ),
             };
@@ -123,7 +123,7 @@ impl Report<'_> {
             ),
             Some(Doubt::Known) => (
                 format!(
-                    "no pose in which it fits {other} agrees with the poses and standard deviations in survey.toml"
+                    "none of the poses in which it fits {other} agrees with the poses and standard deviations in survey.toml"
                 ),
                 "check rotation, translation and their standard deviations in survey.toml, or use `--ignore-poses`"
                     .to_owned(),

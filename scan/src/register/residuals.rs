@@ -1,4 +1,4 @@
-//! Residuals on the surface: how far what a station saw is from what the others saw in the same place.
+//! Residuals on the surface: distances between what a station saw and what the others saw in the same place.
 
 use super::result::{Placed, Registration};
 use super::view;
@@ -15,12 +15,12 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Surfaces farther apart than this are not the same, in voxel edges.
 const REACH: f64 = 1.0;
-/// The share of the residuals that the colours resolve; larger ones have the strongest colour.
-const SHOWN: f64 = 0.95;
-/// The strongest colour stands for at least so much, metres.
-const LEAST: f64 = 0.0005;
+/// The share of the residuals within the colour scale; larger ones have the strongest colour.
+const SCALE_SHARE: f64 = 0.95;
+/// Minimum residual at the ends of the colour scale, metres.
+const MIN_SCALE: f64 = 0.0005;
 /// Where only one station saw the surface.
-const ALONE: [u8; 3] = [110, 110, 110];
+const SINGLE_COLOR: [u8; 3] = [110, 110, 110];
 
 /// A sample of the surface that a station saw.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -71,37 +71,38 @@ pub fn residuals(
 }
 
 /// Write residuals as a coloured point cloud (PLY, binary): blue where the sample is behind the surface of the others, red in front of it, grey where no other station saw it; the property
-/// `residual` has the distance in metres, NaN where there is none. Returns what the strongest colours stand for, metres.
+/// `residual` contains the distance in metres, NaN where there is none. Returns the distance shown in the strongest colours, metres.
 ///
 /// # Errors
 /// Those of the writer.
 pub fn write_residuals(out: &mut dyn Write, residuals: &[Residual]) -> io::Result<f64> {
     let mut sizes: Vec<f64> = residuals.iter().filter_map(|r| r.distance).map(f64::abs).collect();
     sizes.sort_unstable_by(f64::total_cmp);
-    let most = sizes.get((SHOWN * sizes.len() as f64) as usize).or(sizes.last()).copied().unwrap_or(0.0).max(LEAST);
+    let max =
+        sizes.get((SCALE_SHARE * sizes.len() as f64) as usize).or(sizes.last()).copied().unwrap_or(0.0).max(MIN_SCALE);
     writeln!(out, "ply\nformat binary_little_endian 1.0")?;
-    let millimetres = 1e3 * most;
+    let millimetres = 1e3 * max;
     writeln!(out, "comment residuals of a registration: blue -{millimetres:.2} mm, red +{millimetres:.2} mm")?;
     writeln!(out, "element vertex {}", residuals.len())?;
     for axis in ["x", "y", "z"] {
         writeln!(out, "property double {axis}")?;
     }
-    for colour in ["red", "green", "blue"] {
-        writeln!(out, "property uchar {colour}")?;
+    for color in ["red", "green", "blue"] {
+        writeln!(out, "property uchar {color}")?;
     }
     writeln!(out, "property float residual\nend_header")?;
     for residual in residuals {
         for value in residual.position.to_array() {
             out.write_all(&value.to_le_bytes())?;
         }
-        out.write_all(&residual.distance.map_or(ALONE, |distance| colour(distance / most)))?;
+        out.write_all(&residual.distance.map_or(SINGLE_COLOR, |distance| color(distance / max)))?;
         out.write_all(&residual.distance.map_or(f32::NAN, |distance| distance as f32).to_le_bytes())?;
     }
-    Ok(most)
+    Ok(max)
 }
 
 /// From blue (-1) over near white (0) to red (1).
-fn colour(value: f64) -> [u8; 3] {
+fn color(value: f64) -> [u8; 3] {
     let (end, part) = if value < 0.0 { ([33, 80, 200], -value) } else { ([200, 40, 40], value) };
     let part = part.min(1.0);
     end.map(|end: u8| (part * f64::from(end) + (1.0 - part) * 240.0).round() as u8)
@@ -126,7 +127,7 @@ mod tests {
         assert_eq!(rows.len(), 4);
         assert_eq!(rows[0][..8], 5e5_f64.to_le_bytes());
         let colours: Vec<&[u8]> = rows.iter().map(|row| &row[24..27]).collect();
-        assert_eq!(colours, [&[33, 80, 200][..], &ALONE, &[240; 3], &[200, 40, 40]]);
+        assert_eq!(colours, [&[33, 80, 200][..], &SINGLE_COLOR, &[240; 3], &[200, 40, 40]]);
         let distances: Vec<f32> = rows.iter().map(|row| f32::from_le_bytes(row[27..].try_into().unwrap())).collect();
         assert!(distances[1].is_nan() && distances[3] == 0.002, "{distances:?}");
     }

@@ -32,7 +32,7 @@ pub struct Registration {
     pub links: Vec<Link>,
     /// The stations on the path from the anchor to the least certain station, along the links with the smallest total variance.
     pub weakest_chain: Vec<String>,
-    /// What else the user should know, in sentences.
+    /// Further messages for the user.
     #[serde(default)]
     pub notes: Vec<String>,
 }
@@ -68,12 +68,12 @@ pub struct Placed {
     /// Covariance of the pose relative to the anchor or the fixed stations, 6 × 6: rotations about the axes of the survey through the station
     /// (radians), then translations of the station along them (metres). A point `p` of the station is displaced by `ω × (p − translation) + τ`.
     pub covariance: [[f64; 6]; 6],
-    /// The pose that this one replaced in `survey.toml`, unless that was registered, too.
+    /// The pose that this one replaced in `survey.toml`, unless that pose came from a registration as well.
     #[serde(default)]
     pub stated: Option<Stated>,
 }
 
-/// A pose that was not registered: it came with the scan, or somebody entered it.
+/// A pose that does not come from a registration: it was imported with the scan or entered by hand.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Stated {
     /// `survey_from_station`: a unit quaternion w, x, y, z.
@@ -223,7 +223,11 @@ impl Registration {
         }
         let found: Self = serde_json::from_slice(&text).map_err(|e| wrong(e.to_string()))?;
         if found.version != VERSION {
-            return Err(wrong(format!("its version is {}, but this program reads version {VERSION}", found.version)));
+            return Err(ScanError::Request(format!(
+                "{} has version {}, but this program reads version {VERSION}: use the version of Kilwa that wrote it, or register all stations again with `kilwa register --again`",
+                path.display(),
+                found.version
+            )));
         }
         for station in &found.stations {
             let is_pose =
@@ -285,13 +289,16 @@ impl Registration {
     /// [`ScanError::Request`] if a covariance is not finite.
     pub(super) fn check(&self) -> Result<(), ScanError> {
         match self.stations.iter().find(|s| !s.covariance.iter().flatten().all(|v| v.is_finite())) {
-            Some(bad) => Err(ScanError::Request(format!("the covariance of station {} is not finite", bad.name))),
+            Some(bad) => Err(ScanError::Request(format!(
+                "the covariance of station {} is not finite, so the result cannot be stored; register with `--dry-run --report FILE.html` and look at its links",
+                bad.name
+            ))),
             None => Ok(()),
         }
     }
 
-    /// The pose of a station that is not the work of a registration, of which `before` is the last one; `None` if there is none. Standard deviations that the
-    /// registration entered say nothing about a pose that somebody entered since.
+    /// The pose of a station that does not come from a registration (`before` is the last one); `None` if there is no such pose. Standard deviations written by the
+    /// registration say nothing about a pose that has been entered since.
     pub(crate) fn stated(before: Option<&Self>, station: &Station) -> Option<Stated> {
         let own = |sigma| station.pose.map(|pose| Stated::new(pose, sigma));
         let Some((before, placed)) = before.and_then(|before| Some((before, before.entry(station)?))) else {

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 
 /// Maximum distances of matching surfaces, in voxel edges, and the number of rounds for each.
 const REACHES: [(f64, usize); 4] = [(2.0, 3), (1.0, 3), (0.5, 4), (0.35, 8)];
-/// From this one of them on, known poses and control points count. Before, distances are large and have little weight, so that one wrong point would tear a station from its neighbours.
+/// Index of the first reach at which known poses and control points are used. Before that, distances are large and have little weight, so one wrong point would pull a station away from its neighbours.
 const KNOWN_FROM: usize = 2;
 /// How many neighbouring distances say only as much as a single one, because they share their errors; known poses and points have a weight that is larger by this factor.
 const CORRELATED: f64 = 25.0;
@@ -55,14 +55,14 @@ impl Settled {
 /// Constraints on poses other than the surface.
 pub(super) struct Given {
     /// The poses of members that keep them.
-    pub(super) stays: Vec<Option<Pose>>,
+    pub(super) kept_poses: Vec<Option<Pose>>,
     /// Whether the poses of those are exact: others that stay were registered before, and have errors.
     pub(super) are_exact: Vec<bool>,
     /// Poses of members that are known with standard deviations (metres, radians).
     pub(super) priors: Vec<(usize, Pose, [f64; 2])>,
     /// Control points; stations are numbers of members.
     pub(super) controls: Controls,
-    /// Whether poses that stay, known poses, or control points determine where the group is.
+    /// Whether kept poses, known poses or control points determine the position of the group.
     pub(super) is_located: bool,
 }
 
@@ -94,19 +94,19 @@ impl Adjustment<'_> {
         links
     }
 
-    /// Move the stations, which fit each other by now, to where they are known to be, and keep them there.
+    /// Aligns the stations, which fit each other by now, with the known poses and points, and uses these from now on.
     fn use_known(&mut self) {
         self.uses_known = true;
         if !self.given.is_located {
             return;
         }
-        self.is_fixed = self.given.stays.iter().map(Option::is_some).collect();
+        self.is_fixed = self.given.kept_poses.iter().map(Option::is_some).collect();
         let mut members: Vec<(usize, Pose)> = self.poses.iter().copied().enumerate().collect();
         align(&mut members, self.given);
         self.poses = members.into_iter().map(|(_, pose)| pose).collect();
     }
 
-    /// The weight of something known that is off by so many times of what can be expected, as by Geman and McClure: one wrong point must not tear a station from its neighbours. The error is reported afterwards.
+    /// The Geman–McClure weight of a known pose or point whose error is `excess` times the tolerance: one wrong point must not pull a station away from its neighbours. The error is reported afterwards.
     fn robust(&self, excess: f64) -> f64 {
         let w = 1.0 / (1.0 + (excess / self.patience).powi(2));
         w * w
@@ -153,7 +153,7 @@ impl Adjustment<'_> {
         system
     }
 
-    /// Members that neither links nor control points connect with what is known.
+    /// Members that neither links nor control points connect to a known pose or point.
     fn loose(&self, links: &[((usize, usize), Link)]) -> Vec<usize> {
         let n = self.poses.len();
         let mut parts: Vec<usize> = (0..n).collect();
@@ -184,7 +184,7 @@ impl Adjustment<'_> {
     /// The covariance of each member's pose. Stations that stay because they were registered before have errors, too, which the others share: they do not move, but are not exact.
     fn covariances(&self, links: &[((usize, usize), Link)]) -> Option<Vec<Matrix6<f64>>> {
         let is_exact =
-            |k: usize| if self.given.stays[k].is_some() { self.given.are_exact[k] } else { self.is_fixed[k] };
+            |k: usize| if self.given.kept_poses[k].is_some() { self.given.are_exact[k] } else { self.is_fixed[k] };
         let mut exact: Vec<bool> = (0..self.poses.len()).map(is_exact).collect();
         let has_points = !self.given.controls.with_survey_coordinates().is_empty();
         if !exact.contains(&true) && self.given.priors.is_empty() && !has_points {
@@ -204,7 +204,7 @@ pub(super) fn rotation_vector(rotation: DQuat) -> DVec3 {
 /// Adjust the members of a group.
 ///
 /// # Errors
-/// The members that nothing connects with a station that stays, a known pose, or the anchor: their poses would not be determined.
+/// The members that are not connected to a station that keeps its pose, a known pose, or the anchor: their poses would be undetermined.
 pub(super) fn settle(views: &[View], group: &Group, given: &Given, edge: f64) -> Result<Settled, Vec<usize>> {
     let n = group.members.len();
     let all: Vec<(usize, usize)> = (0..n).flat_map(|b| (0..b).map(move |a| (a, b))).collect();
@@ -212,7 +212,7 @@ pub(super) fn settle(views: &[View], group: &Group, given: &Given, edge: f64) ->
         views,
         group,
         given,
-        is_fixed: given.stays.iter().map(Option::is_some).collect(),
+        is_fixed: given.kept_poses.iter().map(Option::is_some).collect(),
         poses: group.members.iter().map(|(_, pose)| *pose).collect(),
         pairs: all.clone(),
         uses_known: false,

@@ -35,7 +35,7 @@ const BAND: f64 = 0.04;
 const CLOUD_SHARE: f64 = 0.5;
 /// Most points of a cloud without a grid that are kept. Each takes about 80 bytes.
 const MAX_CLOUD: u64 = 400_000;
-/// Fewest points that have a spacing, and the smallest spacing, metres.
+/// Minimum number of points needed to estimate a spacing, and the minimum spacing, metres.
 const MIN_MEASURED: u64 = 100;
 const MIN_SPACING: f64 = 1e-5;
 /// Number of cells that are read at a time.

@@ -1,4 +1,4 @@
-//! What becomes of a survey that people edit before, between and during registrations: nothing that they entered is lost or taken for the work of a registration.
+//! Surveys that are edited before, between and during registrations: nothing that was entered by hand is lost or mistaken for a registration result.
 
 use super::runs::{LAST, STANDS, lodge, lodge_scanned};
 use super::scene::Scanner;
@@ -125,7 +125,7 @@ fn a_station_that_is_no_longer_placed_gets_back_the_pose_that_was_replaced() {
 }
 
 #[test]
-fn an_unplaced_station_keeps_a_pose_that_it_shares_unless_that_is_the_identity() {
+fn an_unplaced_station_keeps_a_shared_pose_unless_it_is_the_identity() {
     let surveyed = lodge_scanned(74);
     let shared = Pose::at(DVec3::new(5e5, 4e6, 20.0));
     surveyed.set_pose("yard", Some(shared));
@@ -184,7 +184,7 @@ fn a_station_removed_after_registration_is_forgotten() {
 }
 
 #[test]
-fn a_damaged_result_is_an_error_that_says_what_to_do_and_is_replaced_on_request() {
+fn a_damaged_result_is_reported_with_a_remedy_and_replaced_on_request() {
     let (surveyed, _) = Surveyed::registered_and_applied(77);
     let file = surveyed.folder().join(FILE);
     let text = fs::read_to_string(&file).unwrap();
@@ -206,7 +206,7 @@ fn a_damaged_result_is_an_error_that_says_what_to_do_and_is_replaced_on_request(
 }
 
 #[test]
-fn added_stations_do_not_change_what_the_others_replaced() {
+fn adding_stations_does_not_change_the_stored_original_poses_of_the_others() {
     let scene = lodge();
     let (mut surveyed, first) = Surveyed::registered_and_applied(78);
     surveyed.add(&Scanner::default(), &scene, &[LAST], 78);

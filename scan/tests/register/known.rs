@@ -1,4 +1,4 @@
-//! Poses, control points and fixed stations that are known: they determine where the survey is, and those that contradict the scans are refused.
+//! Known poses, control points and fixed stations: they determine the position of the survey, and those that contradict the scans are refused.
 
 use super::Surveyed;
 use super::runs::{LAST, STANDS, lodge, lodge_scanned, national_grid};
@@ -130,7 +130,7 @@ fn survey_points_seen_by_different_stations_place_the_survey() {
 }
 
 #[test]
-fn survey_points_on_a_line_do_not_place_the_survey_and_that_is_said() {
+fn collinear_survey_points_do_not_place_the_survey_and_a_note_says_so() {
     let surveyed = lodge_scanned(65);
     for (point, station, x) in [("a", "yard", 0.0), ("b", "room", 2.0), ("c", "passage", 5.0)] {
         let at = DVec3::new(x, 1.0, 1.0);
@@ -164,7 +164,7 @@ fn a_wrong_survey_point_is_refused_even_if_no_station_saw_three() {
 }
 
 #[test]
-fn stations_that_are_fixed_in_the_same_place_are_refused_by_name() {
+fn stations_fixed_with_the_same_pose_are_refused_by_name() {
     let surveyed = lodge_scanned(67);
     for name in ["yard", "room"] {
         surveyed.set_pose(name, Some(Pose::IDENTITY));

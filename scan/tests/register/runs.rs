@@ -225,7 +225,7 @@ fn again_registers_all_stations_and_otherwise_registered_poses_stay() {
         let again = surveyed.register_with(&Options { again: true, ignore_poses, ..Options::default() });
         surveyed.truth.all_placed(&again);
     }
-    // A pose that was edited by hand no longer counts as registered (what becomes of it: `edited.rs`).
+    // A pose that was edited by hand no longer counts as registered (see also `edited.rs`).
     let moved = surveyed.survey().station("passage").unwrap().pose.unwrap();
     surveyed.set_pose("passage", Some(Pose { translation: moved.translation + DVec3::new(0.1, 0.0, 0.0), ..moved }));
     assert_eq!(first.outdated(&surveyed.survey()), ["passage"]);

@@ -27,7 +27,7 @@ use kilwa_scan::spool::{Header, Reader};
 use kilwa_scan::survey::{FILE, Mask, Station, Survey};
 use pictures::Pictures;
 use plan::Plan;
-use registered::Kept;
+use registered::Cached;
 use std::collections::HashMap;
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -40,7 +40,7 @@ pub struct Surveyed {
     read: Mutex<Read>,
     stations: Mutex<HashMap<String, Arc<Facts>>>,
     plan: Mutex<Option<Arc<Plan>>>,
-    registration: Mutex<Kept>,
+    registration: Mutex<Cached>,
     pictures: Pictures,
 }
 

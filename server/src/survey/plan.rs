@@ -1,6 +1,6 @@
 //! The plan of a survey: which part of the ground it shows, what is where in the drawing, and the samples seen from above as its background.
 //!
-//! Its units and the room for names are those of [`kilwa_scan::plan`].
+//! Its units and label placement are those of [`kilwa_scan::plan`].
 
 use super::pictures::Drawn;
 use super::{Facts, Surveyed};

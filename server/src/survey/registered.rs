@@ -1,4 +1,4 @@
-//! What the registration of a survey (`registration.json`) adds to its page: links on the plan, how certain stations are, and which were not placed.
+//! Registration results (`registration.json`) on the page of a survey: links on the plan, how certain stations are, and which stations were not placed.
 
 use super::plan::Plan;
 use super::{Surveyed, stamp};
@@ -8,19 +8,19 @@ use kilwa_scan::register::{FILE, Grades, Link, Placement, Registration};
 use kilwa_scan::survey::{Station, Survey};
 use std::sync::{Arc, PoisonError};
 
-/// `registration.json` as it is now: `None` in a survey that was never registered; or its mistakes.
+/// The current `registration.json`: `None` if the survey was never registered; an error message if the file cannot be read.
 pub(crate) type Found = Result<Option<Arc<Registration>>, Arc<str>>;
 
 /// The file when it was last read.
 #[derive(Debug, Default)]
-pub(super) struct Kept {
+pub(super) struct Cached {
     /// Which state of the file that was.
     stamp: Option<String>,
     found: Option<Found>,
 }
 
 impl Surveyed {
-    /// What was found when the survey was registered last.
+    /// The result of the last registration of the survey.
     pub(crate) fn registration(&self) -> Found {
         let mut kept = self.registration.lock().unwrap_or_else(PoisonError::into_inner);
         let now = stamp(&self.folder.join(FILE));
@@ -29,7 +29,7 @@ impl Surveyed {
         }
         let found = self.check_file(FILE).and_then(|()| Registration::open(&self.folder));
         let found = found.map(|found| found.map(Arc::new)).map_err(|e| self.sentence(&e).into());
-        *kept = Kept { stamp: Some(now), found: Some(Found::clone(&found)) };
+        *kept = Cached { stamp: Some(now), found: Some(Found::clone(&found)) };
         found
     }
 }
@@ -52,7 +52,7 @@ pub(crate) fn chain(found: &Registration, plan: &Plan, survey: &Survey) -> Vec<[
     found.weakest_chain.windows(2).filter_map(line).collect()
 }
 
-/// Where a station is on the plan; `None` if its pose is not the one that was found.
+/// The position of a station on the plan; `None` if its pose is not the registered one.
 fn end(found: &Registration, plan: &Plan, survey: &Survey, name: &str) -> Option<[f64; 2]> {
     let station = survey.stations.iter().find(|station| station.name == name)?;
     found.of(station).and(station.pose).map(|pose| plan.at(pose.translation))
@@ -118,7 +118,7 @@ pub(crate) fn link_rows<'a>(found: &'a Registration, survey: &Survey, l: &'stati
     sorted.into_iter().map(row).collect()
 }
 
-/// What a station's pose rests on, and its standard deviations.
+/// How a station was placed, and its standard deviations.
 pub(crate) struct Certainty {
     pub(crate) placement: &'static str,
     /// Of its position and its rotation; none of a pose that was given.
@@ -155,7 +155,7 @@ fn percent(share: f64, l: &'static Language) -> String {
     format!("{} %", l.decimals(&format!("{value:.digits$}")))
 }
 
-/// A station that could not be placed, and why: sentences of the program.
+/// A station that could not be placed, with the reason and the remedy in English.
 pub(crate) struct Refused<'a> {
     pub(crate) name: &'a str,
     pub(crate) reason: &'a str,
@@ -169,7 +169,7 @@ pub(crate) fn refused<'a>(found: &'a Registration, survey: &Survey) -> Vec<Refus
     refused.map(|one| Refused { name: &one.name, reason: &one.reason, remedy: &one.remedy }).collect()
 }
 
-/// A length in millimetres with two or three digits that count.
+/// A length in millimetres with two or three significant digits.
 fn millimetres(metres: f64, l: &'static Language) -> String {
     let value = metres * 1000.0;
     let digits = match value {

@@ -2,7 +2,7 @@ use super::*;
 use kilwa_scan::import::{Options, Silent, import};
 use std::fmt::Write as _;
 
-/// A survey with one station, `yard <b>`'s neighbour: a wall, 3 m away.
+/// A survey with one station, `tower`, that sees a wall 3 m away.
 fn survey() -> (tempfile::TempDir, Survey) {
     let dir = tempfile::tempdir().unwrap();
     let (columns, rows) = (900, 40);
@@ -114,7 +114,7 @@ fn the_plan_shows_ellipses_links_and_the_weakest_chain() {
         "{plan}"
     );
     // 720 units are 11 m; the longer semi-axis of yard, 4.9 mm, is at most 6 % of that: enlarged 100 times.
-    assert!(page.contains("95 % confidence of the position, enlarged 100 times"), "{page}");
+    assert!(page.contains("95 % confidence regions of the positions, enlarged 100 times"), "{page}");
     assert_eq!(plan.matches("<ellipse").count(), 2, "the anchor has none");
     let ellipse = plan.split("<ellipse").nth(1).unwrap();
     assert!(ellipse.contains("rx=\"32.0\" ry=\"16.0\""), "{ellipse}");
@@ -137,7 +137,7 @@ fn the_plan_shows_ellipses_links_and_the_weakest_chain() {
 }
 
 #[test]
-fn residuals_differ_by_more_than_their_colours() {
+fn grades_of_residuals_are_distinguished_by_more_than_colour() {
     for grade in 1..4 {
         let rule = STYLE.split(&format!(".grade-{grade} {{")).nth(1).unwrap().split('}').next().unwrap();
         assert!(rule.contains("stroke-dasharray"), "{rule}");
@@ -199,7 +199,7 @@ fn a_survey_without_a_single_pose_has_no_plan() {
 }
 
 #[test]
-fn numbers_have_the_digits_that_count() {
+fn numbers_are_rounded_to_their_significant_digits() {
     let lengths = [0.0, 0.000_012_3, 0.000_56, 0.001_234, 0.0456, 1.5].map(millimetres);
     assert_eq!(lengths, ["0", "0.012", "0.56", "1.23", "45.6", "1500"]);
     assert_eq!([0.0, 1e-5, 1e-3, 0.1].map(degrees), ["0", "0.0006", "0.057", "5.73"]);

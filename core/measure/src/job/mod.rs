@@ -89,7 +89,7 @@ impl<'a, L: Leaves> Subject<'a, L> {
         Self { leaves, space, point: Uncertainty::of_pack(index), registration: Vec::new() }
     }
 
-    /// Find how uncertain registration leaves the points of a task, if the pack has it vertex by vertex. Sums over the surface use the largest.
+    /// Looks up the uncertainty due to registration at the points of a task, if the pack stores it for each vertex. Sums over the surface use the largest value.
     async fn locate(&mut self, task: &Task) -> Result<(), Failure> {
         let Some((mean, instrument)) = self.point.registration.zip(self.point.instrument) else { return Ok(()) };
         // A profile is drawn in plan: its points are not on the surface.

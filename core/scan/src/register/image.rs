@@ -247,7 +247,7 @@ impl Image {
         if offset.is_nan() { None } else { surface(self.pixels, DVec3::new(x, y, z), offset, place) }
     }
 
-    /// What the station saw along the ray through a position (in its coordinates); a ray passed through if it went at least `margin` metres farther. For scans with parallel rays; others
+    /// What the station saw along the ray through a position (in its coordinates). The ray counts as passing through if it went at least `margin` metres farther. For scans with parallel rays; others
     /// have a range image ([`crate::mask::through::RangeImage`]), which also knows where nothing came back.
     pub fn look(&self, place: DVec3, margin: f64) -> Seen {
         let Some((at, _)) = self.pixels.of(place) else { return Seen::Outside };
@@ -267,7 +267,7 @@ impl Image {
         match (beyond(column, row).or(nearest), nearest) {
             (Some(own), _) if own < -margin => Seen::Hidden,
             (Some(own), _) if own <= margin => Seen::At,
-            // Beside something nearer, which the ray just missed.
+            // Next to a nearer surface, which the ray just missed.
             (Some(_), Some(nearest)) if nearest <= margin => Seen::Hidden,
             (Some(_), _) => Seen::Through,
             (None, _) => Seen::NoReturn,

@@ -38,7 +38,7 @@ pub struct PatchVertex {
     pub quality: f64,
     /// Stations that contributed.
     pub stations: u16,
-    /// What stations contribute to the variance of a coordinate, if that is known.
+    /// The variance of a coordinate due to the stations, if known.
     pub variance: Option<Variance>,
     /// The level of the [`Backing`] that it rests on; `None` for the scans at their own voxels.
     pub backing: Option<u8>,

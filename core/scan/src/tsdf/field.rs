@@ -130,8 +130,8 @@ impl Field {
         Some((sums.variance(weight), weight as f64))
     }
 
-    /// Add a piece of a station, counted from 1. All pieces of a station must be added consecutively, because each voxel counts its stations. `sigma` is how
-    /// uncertain the station is there; it must be known for all pieces of a field or for none.
+    /// Add a piece of a station, counted from 1. All pieces of a station must be added consecutively, because each voxel counts its stations. `sigma` is the
+    /// uncertainty of the station there; it must be known for all pieces of a field or for none.
     pub fn add(&mut self, station: u16, piece: &Piece, sigma: Option<Sigma>) {
         let unit = 1 << SUB_LOG2;
         let low = (piece.at - BOX + (unit - 1)) >> SUB_LOG2;

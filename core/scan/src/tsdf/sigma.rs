@@ -1,10 +1,10 @@
-//! How uncertain the merged surface is: sums of what stations contribute to the variance of a place, in integers like those of the surface.
+//! The uncertainty of the merged surface: sums of the stations' contributions to the variance at a point, in integers like those of the surface.
 //!
-//! The uncertainty of a pose moves everything that a station saw nearby in the same way, and stations that were registered with each other are often wrong
-//! together. Variances of poses are therefore averaged, by the weights of the surface, and do not become smaller where several stations saw a place. The noise of
+//! An error of a pose moves everything that a station saw nearby in the same way, and stations that were registered to each other often share
+//! errors. Variances of poses are therefore averaged, by the weights of the surface, and do not become smaller where several stations saw a place. The noise of
 //! ranges is independent between stations and averages out among them; samples of one station count as one.
 
-/// How uncertain what a station measured is at a place.
+/// The uncertainty of a station's measurement at a point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sigma {
     /// Variance of a coordinate because of the pose, in 1/[`Self::ONE`]² square metre.
@@ -21,7 +21,7 @@ impl Sigma {
 
     /// From the variance of a coordinate because of the pose, square metres, and the standard deviation of the range, metres.
     pub fn new(pose: f64, range: f64) -> Self {
-        // What is not a number is not small.
+        // NaN counts as the maximum.
         let limited = |v: f64, max: f64| if v <= max { v.max(0.0) } else { max };
         // At most 10^18 and 10^9.
         let pose = limited(pose, Self::MAX * Self::MAX) * (Self::ONE * Self::ONE);
@@ -41,7 +41,7 @@ pub(super) struct Sums {
     pose: u128,
     /// Weighted standard deviations of the ranges of the last station.
     range: u128,
-    /// The same of each station before it, squared. Saturated sums do not depend on their order either.
+    /// The squares of these sums for the earlier stations. Saturated sums do not depend on the order either.
     squares: u128,
 }
 

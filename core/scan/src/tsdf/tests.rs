@@ -62,7 +62,7 @@ fn surface(stations: &[Vec<Piece>], bricks: i32, region: i32) -> Surface {
     surface_of(stations, &[], bricks, region)
 }
 
-/// The same of stations that are as uncertain as `sigmas` says.
+/// The same for stations with the uncertainties `sigmas`.
 fn surface_of(stations: &[Vec<Piece>], sigmas: &[Sigma], bricks: i32, region: i32) -> Surface {
     let cubes = Cubes::default();
     let mut out = Surface { vertices: BTreeMap::new(), triangles: Vec::new() };
@@ -175,7 +175,7 @@ fn variances_of_poses_are_averaged_and_ranges_average_out_among_stations() {
         } else if x > 23.0 {
             assert!(is_near(pose, poses[1]) && is_near(range, ranges[1].powi(2)), "{vertex:?}");
         } else if x > 14.0 && x < 18.0 && vertex.position.z > 6.0 && vertex.position.z < 26.0 {
-            // The share of the first station in the weight, from the variance of the poses; it gives that of the ranges.
+            // The variance of the poses gives the weight share of the first station, from which that of the ranges follows.
             let share = (poses[1] - pose) / (poses[1] - poses[0]);
             assert!((0.3..0.7).contains(&share), "{vertex:?}");
             let wanted = (share * ranges[0]).powi(2) + ((1.0 - share) * ranges[1]).powi(2);
@@ -194,7 +194,7 @@ fn variances_of_poses_are_averaged_and_ranges_average_out_among_stations() {
         assert!(surface_of(&turned, &[sigmas[1], sigmas[0]], 4, region).vertices == merged.vertices);
         assert!(surface_of(&uncertain, &sigmas, 4, region).vertices == merged.vertices);
     }
-    // What is not a number is not small.
+    // NaN counts as the maximum.
     assert_eq!(Sigma::new(f64::NAN, f64::INFINITY), Sigma::new(1e9, 1e9));
 }
 

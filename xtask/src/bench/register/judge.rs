@@ -245,7 +245,7 @@ mod tests {
         \n[[station]]\nname = \"b\"\nposition = [4.0, 2.0, 0.5]\nrotation = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]\n";
 
     #[test]
-    fn a_small_motion_of_all_stations_is_no_error_after_alignment() {
+    fn alignment_removes_a_small_rigid_motion_of_all_stations() {
         let positions = [[0.0, 0.0, 0.0], [10.0, 0.0, 1.0], [0.0, 8.0, 0.0], [5.0, 5.0, 3.0]];
         let (turn, shift) = ([1e-4, -2e-4, 3e-4], [0.01, 0.02, -0.03]);
         let moved = |p: Vector| (p, turn, std::array::from_fn(|k| cross(turn, p)[k] + shift[k]));
