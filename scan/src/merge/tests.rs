@@ -411,7 +411,7 @@ fn a_pose_that_was_changed_is_uncertain_by_an_unknown_amount() {
     assert!(matches!(known, Accuracy::Known(_)), "{known:?}");
     std::fs::write(path.join(crate::register::FILE), "{}").unwrap();
     let Err(refused) = stations(&path, &survey, &common, &|_| mesh::Options::default()) else { panic!() };
-    assert!(refused.to_string().contains("run `kilwa register` again, or remove the file"), "{refused}");
+    assert!(refused.to_string().contains("`kilwa register --again`, or remove the file"), "{refused}");
 }
 
 #[test]
