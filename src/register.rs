@@ -1,13 +1,16 @@
 //! `kilwa register`: automatic registration of the stations of a survey.
 
+mod report;
+
+use crate::new_file::{NewFile, check_output};
 use crate::progress::Bar;
 use anyhow::ensure;
 use kilwa_builder::Progress as _;
 use kilwa_pack::plural::counted;
-use kilwa_scan::register::{Options, Placement, Registration, apply, register};
-use kilwa_scan::survey::Survey;
+use kilwa_scan::register::{FILE, Options, Placement, Registration, apply, register, residuals, write_residuals};
+use kilwa_scan::survey::{self, Survey};
 use std::io::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Register the stations of a survey without targets, and estimate the uncertainty of each pose.
 ///
@@ -36,6 +39,15 @@ pub(crate) struct Args {
     /// Print the report as JSON.
     #[arg(long)]
     json: bool,
+    /// Also write the report as an HTML page: plan, links, standard deviations, and a picture of each station that could not be placed.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+    /// Also write evenly spread samples of the registered stations as a point cloud, coloured by their distance from what the other stations saw.
+    #[arg(long, value_name = "FILE.ply")]
+    residuals: Option<PathBuf>,
+    /// Replace an existing report and residuals.
+    #[arg(long)]
+    force: bool,
 }
 
 /// The part of the progress bar that each stage fills.
@@ -59,6 +71,12 @@ impl kilwa_scan::import::Progress for Shown<'_> {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let survey = Survey::open(&args.survey)?;
+    for (file, extension) in [(&args.report, "html"), (&args.residuals, "ply")] {
+        if let Some(file) = file {
+            check_new(file, extension, args, &survey)?;
+        }
+    }
+    ensure!(args.report.is_some() || args.residuals.is_some() || !args.force, "--force needs --report or --residuals");
     let options = Options {
         again: args.again,
         ignore_poses: args.ignore_poses,
@@ -69,18 +87,20 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let found = register(&args.survey, &survey, &options, &Shown(&bar));
     bar.clear();
     let found = found?;
-    let mut out = crate::terminal::out();
-    if args.json {
-        writeln!(out, "{}", crate::terminal::json_line(&serde_json::to_value(&found)?)?)?;
-    } else {
-        print(&mut out, &found)?;
+    // A closed pipe or a locked survey must not lose the other outputs: a run can take an hour.
+    let printed = print_result(args, &found);
+    let applied = if args.dry_run { Ok(Vec::new()) } else { apply(&args.survey, &survey, &found) };
+    if let Some(report) = &args.report {
+        NewFile::write(report, report::html(&args.survey, &survey, &found)?.as_bytes(), args.force)?;
+        eprintln!("report: {}", report.display());
     }
-    drop(out);
-    if !args.dry_run {
-        for sentence in apply(&args.survey, &survey, &found)? {
-            eprintln!("note: {sentence}");
-        }
+    if let Some(file) = &args.residuals {
+        write_coloured(file, args, &survey, &found)?;
     }
+    for sentence in applied? {
+        eprintln!("note: {sentence}");
+    }
+    printed?;
     ensure!(
         found.unplaced.is_empty(),
         "{} could not be placed{}",
@@ -92,6 +112,47 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         }
     );
     Ok(())
+}
+
+/// Check, before the work, that a file can be written and would not replace a file of the survey.
+fn check_new(file: &Path, extension: &str, args: &Args, survey: &Survey) -> anyhow::Result<()> {
+    let shown = file.display();
+    let is_named = file.extension().is_some_and(|e| e.eq_ignore_ascii_case(extension));
+    ensure!(is_named || file.is_dir(), "{shown}: the file extension must be .{extension}");
+    let folder = file.parent().filter(|folder| !folder.as_os_str().is_empty());
+    if let Some(folder) = folder.filter(|folder| !folder.exists()) {
+        anyhow::bail!("{shown}: the folder {} does not exist; make it, or choose another one", folder.display());
+    }
+    let stations = survey.stations.iter();
+    let scans = stations.flat_map(|s| std::iter::once(&s.scan).chain(s.masks.iter().map(|mask| &mask.file)));
+    let own = scans.map(String::as_str).chain([survey::FILE, FILE]);
+    let own: Vec<PathBuf> = own.map(|file| args.survey.join(file)).collect();
+    check_output(file, args.force, own.iter().map(PathBuf::as_path))
+}
+
+/// Write the residuals of all registered stations, and say what the colours mean.
+fn write_coloured(file: &Path, args: &Args, survey: &Survey, found: &Registration) -> anyhow::Result<()> {
+    let bar = Bar::new();
+    let all = residuals(&args.survey, survey, found, args.threads, &Shown(&bar));
+    bar.clear();
+    let mut bytes = Vec::new();
+    let most = write_residuals(&mut bytes, &all?)?;
+    NewFile::write(file, &bytes, args.force)?;
+    let millimetres = 1e3 * most;
+    eprintln!(
+        "residuals: {}, blue: {millimetres:.1} mm or more behind what other stations saw, red: in front of it",
+        file.display()
+    );
+    Ok(())
+}
+
+fn print_result(args: &Args, found: &Registration) -> anyhow::Result<()> {
+    let mut out = crate::terminal::out();
+    if args.json {
+        writeln!(out, "{}", crate::terminal::json_line(&serde_json::to_value(found)?)?)?;
+        return Ok(());
+    }
+    print(&mut out, found)
 }
 
 fn print(out: &mut impl std::io::Write, found: &Registration) -> anyhow::Result<()> {

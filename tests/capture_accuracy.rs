@@ -21,7 +21,15 @@ pub(crate) fn register(survey: &Path, sigmas: [[f64; 2]; 2]) {
         }
         let (name, translation) = (station.name.clone(), pose.translation.to_array());
         let rotation = [w, x, y, z];
-        Placed { name, placement: Placement::Surface, rotation, translation, covariance, stated: None }
+        Placed {
+            name,
+            placement: Placement::Surface,
+            rotation,
+            translation,
+            covariance,
+            stated: None,
+            scan: String::new(),
+        }
     };
     let stations = stations.iter().zip(sigmas).map(placed).collect();
     Registration { stations, ..Registration::empty() }.save(survey).unwrap();

@@ -34,8 +34,13 @@ fn survey(folder: &Path) -> PathBuf {
 fn ambiguous_stations_are_refused_and_control_points_resolve_the_ambiguity() {
     let folder = tempfile::tempdir().unwrap();
     let survey = survey(folder.path());
-    let refused = fails(&["register", text(&survey)]);
+    let report = folder.path().join("report.html");
+    let refused = fails(&["register", text(&survey), "--dry-run", "--report", text(&report)]);
     assert!(refused.contains("2 stations could not be placed"), "{refused}");
+    assert!(!survey.join("registration.json").exists(), "a dry run");
+    let page = std::fs::read_to_string(&report).unwrap();
+    assert!(page.contains("None of the 2 stations could be placed."), "{page}");
+    assert!(page.contains("<h3><bdi>s1</bdi></h3>") && page.contains("data:image/jpeg;base64,"), "{page}");
     let toml = survey.join("survey.toml");
     let mut entries = std::fs::read_to_string(&toml).unwrap();
     for (name, point) in [("A", [3.0, 1.0, 0.5]), ("B", [-3.0, -1.0, 0.0]), ("C", [0.0, 2.5, -1.0])] {
@@ -45,7 +50,7 @@ fn ambiguous_stations_are_refused_and_control_points_resolve_the_ambiguity() {
         }
     }
     std::fs::write(&toml, entries).unwrap();
-    let found = json(&["register", text(&survey)]);
+    let found = json(&["register", text(&survey), "--report", text(&report), "--force"]);
     assert_eq!(found["unplaced"], serde_json::json!([]), "{found}");
     let place = |k: usize| -> Vec<f64> { serde_json::from_value(found["stations"][k]["translation"].clone()).unwrap() };
     for (axis, (first, second)) in PLACES[0].iter().zip(&PLACES[1]).enumerate() {
@@ -54,6 +59,38 @@ fn ambiguous_stations_are_refused_and_control_points_resolve_the_ambiguity() {
     }
     assert!(std::fs::read_to_string(&toml).unwrap().contains("translation_sigma"));
     assert!(survey.join("registration.json").exists());
+    // With poses that stay, only the files are written.
+    let residuals = folder.path().join("residuals.ply");
+    let said = succeeds(&["register", text(&survey), "--residuals", text(&residuals)]);
+    assert!(said.contains("kept its pose") || said.contains("control points"), "{said}");
+    let bytes = std::fs::read(&residuals).unwrap();
+    assert!(String::from_utf8_lossy(&bytes[..400]).contains("property float residual"));
+    let page = std::fs::read_to_string(&report).unwrap();
+    assert!(page.contains("All 2 stations are placed.") && page.contains("<svg class=\"plan\""), "{page}");
+}
+
+#[test]
+fn where_the_report_cannot_go_is_found_before_the_work() {
+    let folder = tempfile::tempdir().unwrap();
+    let survey = survey(folder.path());
+    let at = |name: &str| folder.path().join(name);
+    std::fs::write(at("there.html"), "x").unwrap();
+    std::fs::hard_link(survey.join("survey.toml"), at("same.html")).unwrap();
+    let before = std::fs::read(survey.join("survey.toml")).unwrap();
+    for (report, force, message) in [
+        (at("none/report.html"), false, "none does not exist"),
+        (at("survey"), false, "is a folder"),
+        (at("there.html"), false, "already exists; use --force"),
+        (survey.join("survey.toml"), true, "the file extension must be .html"),
+        (at("same.html"), true, "an input of this command"),
+    ] {
+        let mut args = vec!["register", text(&survey), "--report", text(&report)];
+        args.extend(force.then_some("--force"));
+        let refused = fails(&args);
+        assert!(refused.contains(message) && !refused.contains("could not be placed"), "{refused}");
+    }
+    assert_eq!(std::fs::read(survey.join("survey.toml")).unwrap(), before);
+    assert!(!survey.join("registration.json").exists());
 }
 
 #[test]

@@ -186,7 +186,7 @@ surveyPlan = المخطط
 surveyPlanWhat = نقاط جميع المحطات منظورة من الأعلى: كلما زادت الأسطح فوق مكان ما ازداد رسمه قوة. الخط عند المحطة هو المحور x لجهاز المسح.
 surveyPlanNone = لا توجد محطة ذات وضعية معروفة، ولذلك لا يوجد مخطط.
 surveyPoseUnknown = وضعية غير معروفة
-surveyUnknownNext = هذه المحطات غير موجودة على المخطط. أدخل وضعياتها في survey.toml.
+surveyUnknownNext = هذه المحطات غير موجودة على المخطط. سجّلها باستخدام kilwa register، أو أدخل وضعياتها في survey.toml.
 surveySame = { $count ->
         [zero] { $count } محطة
         [one] محطة واحدة
@@ -194,7 +194,7 @@ surveySame = { $count ->
         [few] { $count } محطات
         [many] { $count } محطة
        *[other] { $count } محطة
-    } بالوضعية نفسها تمامًا لمحطة أخرى. إذا لم تُسجَّل عمليات المسح هذه بعضها إلى بعض فوضعياتها غير معروفة بعد: أدخلها في survey.toml.
+    } بالوضعية نفسها تمامًا لمحطة أخرى. إذا لم تُسجَّل عمليات المسح هذه بعضها إلى بعض فوضعياتها غير معروفة بعد: استخدم kilwa register، أو أدخلها في survey.toml.
 surveyList = المحطات
 surveyStation = المحطة
 surveySource = الملف المصدر
@@ -209,6 +209,24 @@ surveyHeading = الاتجاه
 surveyHeadingWhat = الاتجاه: اتجاه المحور x لجهاز المسح، مع عقارب الساعة بدءًا من المحور y للمسح.
 surveyPose = الوضعية
 surveyFixed = ثابتة
+surveyPlacement = أساس الوضعية
+surveyAnchor = محطة مرجعية
+surveyByControl = نقاط ضبط
+surveyBySurface = سطح مشترك
+surveyPoseChanged = تغيرت الوضعية بعد التسجيل
+surveySigma = الانحراف المعياري
+surveySigmaWhat = الانحراف المعياري: لإحداثي من إحداثيات المحطة، وأكبر انحراف للدوران، نسبةً إلى المحطة المرجعية أو المحطات الثابتة.
+surveyLinks = وصلات بين محطات ترى السطح نفسه؛ اللون والتقطيع: الباقي؛ الخط الرفيع: نقاط قليلة.
+surveyReason = السبب:
+surveyChain = أضعف سلسلة:
+surveyLinkList = الوصلات
+surveyResidual = الباقي
+surveyOverlap = التداخل
+surveyContradicted = المتناقضة
+surveyLinkWhat = الأكبر باقيًا أولًا. الباقي: جذر متوسط مربعات المسافة بين السطحين. المتناقضة: نسبة النقاط التي تخترقها أشعة المحطة الأخرى. الانحراف المعياري: لوضعية إحدى المحطتين نسبةً إلى الأخرى، من هذه الوصلة وحدها.
+surveyRefused = محطات تعذر تحديد مواضعها
+surveyRemedy = ما يجب فعله:
+surveyRegistrationBroken = تعذرت قراءة registration.json.
 surveyInstrument = الجهاز
 surveyRange = أبعد مدى
 surveyBroken = تعذرت قراءة هذه المحطة.

@@ -157,11 +157,11 @@ surveyPlan = Plan
 surveyPlanWhat = The samples of all stations, seen from above: the more surface there is above a place, the more strongly it is drawn. The line at a station is the x axis of its scanner.
 surveyPlanNone = No station has a known pose, so there is no plan.
 surveyPoseUnknown = Pose unknown
-surveyUnknownNext = These stations are not on the plan. Enter their poses in survey.toml.
+surveyUnknownNext = These stations are not on the plan. Register them with kilwa register, or enter their poses in survey.toml.
 surveySame = { $count ->
         [one] { $count } station has
        *[other] { $count } stations have
-    } exactly the same pose as another. If these scans are not registered, their poses are not known yet: enter them in survey.toml.
+    } exactly the same pose as another. If these scans are not registered, their poses are not known yet: use kilwa register, or enter them in survey.toml.
 surveyList = Stations
 surveyStation = Station
 surveySource = Source file
@@ -176,6 +176,24 @@ surveyHeading = Heading
 surveyHeadingWhat = Heading: direction of the scanner’s x axis, clockwise from the y axis of the survey.
 surveyPose = Pose
 surveyFixed = fixed
+surveyPlacement = Placed by
+surveyAnchor = anchor
+surveyByControl = control points
+surveyBySurface = surface
+surveyPoseChanged = pose changed since the registration
+surveySigma = Standard deviation
+surveySigmaWhat = Standard deviation: of a coordinate of the station, and the largest of a rotation, relative to the anchor or the fixed stations.
+surveyLinks = Links between stations that see the same surface; colour and dashes: residual; thin: few samples.
+surveyReason = Reason:
+surveyChain = Weakest chain:
+surveyLinkList = Links
+surveyResidual = Residual
+surveyOverlap = Overlap
+surveyContradicted = Contradicted
+surveyLinkWhat = Largest residual first. Residual: root mean square distance between the two surfaces. Contradicted: share of the samples that rays of the other station pass through. Standard deviation: of the pose of one station relative to the other, from this link alone.
+surveyRefused = Stations that could not be placed
+surveyRemedy = What to do:
+surveyRegistrationBroken = registration.json cannot be read.
 surveyInstrument = Instrument
 surveyRange = Longest range
 surveyBroken = This station cannot be read.

@@ -166,12 +166,12 @@ surveyPlan = Plan
 surveyPlanWhat = Les points de toutes les stations vus d’en haut : plus il y a de surface au-dessus d’un endroit, plus le trait est marqué. La ligne à une station est l’axe x de son scanner.
 surveyPlanNone = La pose d’aucune station n’est connue ; il n’y a donc pas de plan.
 surveyPoseUnknown = Pose inconnue
-surveyUnknownNext = Ces stations ne sont pas sur le plan. Indiquez leurs poses dans survey.toml.
+surveyUnknownNext = Ces stations ne sont pas sur le plan. Recalez-les avec kilwa register, ou indiquez leurs poses dans survey.toml.
 surveySame = { $count ->
         [one] { $count } station a
         [many] { $count } de stations ont
        *[other] { $count } stations ont
-    } exactement la même pose qu’une autre. Si ces scans ne sont pas recalés, leurs poses ne sont pas encore connues : indiquez-les dans survey.toml.
+    } exactement la même pose qu’une autre. Si ces scans ne sont pas recalés, leurs poses ne sont pas encore connues : utilisez kilwa register, ou indiquez-les dans survey.toml.
 surveyList = Stations
 surveyStation = Station
 surveySource = Fichier source
@@ -186,6 +186,24 @@ surveyHeading = Orientation
 surveyHeadingWhat = Orientation : direction de l’axe x du scanner, dans le sens horaire depuis l’axe y du levé.
 surveyPose = Pose
 surveyFixed = fixe
+surveyPlacement = Placée par
+surveyAnchor = ancrage
+surveyByControl = points de contrôle
+surveyBySurface = surface commune
+surveyPoseChanged = pose modifiée depuis le recalage
+surveySigma = Écart-type
+surveySigmaWhat = Écart-type : d’une coordonnée de la station, et le plus grand d’une rotation, par rapport à l’ancrage ou aux stations fixes.
+surveyLinks = Liaisons entre stations qui voient la même surface ; couleur et tirets : résidu ; trait fin : peu de points.
+surveyReason = Raison :
+surveyChain = Chaîne la plus faible :
+surveyLinkList = Liaisons
+surveyResidual = Résidu
+surveyOverlap = Recouvrement
+surveyContradicted = Contredits
+surveyLinkWhat = Les plus grands résidus d’abord. Résidu : écart quadratique moyen entre les deux surfaces. Contredits : part des points que traversent des rayons de l’autre station. Écart-type : de la pose d’une station par rapport à l’autre, d’après cette seule liaison.
+surveyRefused = Stations qui n’ont pas pu être placées
+surveyRemedy = À faire :
+surveyRegistrationBroken = registration.json ne peut pas être lu.
 surveyInstrument = Instrument
 surveyRange = Portée maximale
 surveyBroken = Cette station ne peut pas être lue.

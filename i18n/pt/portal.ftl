@@ -166,12 +166,12 @@ surveyPlan = Planta
 surveyPlanWhat = Os pontos de todas as estações vistos de cima: quanto mais superfície há sobre um lugar, mais marcado é o traço. A linha numa estação é o eixo x do seu scanner.
 surveyPlanNone = Nenhuma estação tem pose conhecida; por isso não há planta.
 surveyPoseUnknown = Pose desconhecida
-surveyUnknownNext = Estas estações não estão na planta. Indique as suas poses em survey.toml.
+surveyUnknownNext = Estas estações não estão na planta. Registe-as com kilwa register, ou indique as suas poses em survey.toml.
 surveySame = { $count ->
         [one] { $count } estação tem
         [many] { $count } de estações têm
        *[other] { $count } estações têm
-    } exatamente a mesma pose que outra. Se estes varrimentos não estão registados, as suas poses ainda não são conhecidas: indique-as em survey.toml.
+    } exatamente a mesma pose que outra. Se estes varrimentos não estão registados, as suas poses ainda não são conhecidas: utilize kilwa register, ou indique-as em survey.toml.
 surveyList = Estações
 surveyStation = Estação
 surveySource = Ficheiro de origem
@@ -186,6 +186,24 @@ surveyHeading = Orientação
 surveyHeadingWhat = Orientação: direção do eixo x do scanner, no sentido horário a partir do eixo y do levantamento.
 surveyPose = Pose
 surveyFixed = fixa
+surveyPlacement = Colocada por
+surveyAnchor = âncora
+surveyByControl = pontos de controlo
+surveyBySurface = superfície comum
+surveyPoseChanged = pose alterada depois do registo dos varrimentos
+surveySigma = Desvio padrão
+surveySigmaWhat = Desvio padrão: de uma coordenada da estação, e o maior de uma rotação, em relação à âncora ou às estações fixas.
+surveyLinks = Ligações entre estações que veem a mesma superfície; cor e tracejado: resíduo; traço fino: poucos pontos.
+surveyReason = Motivo:
+surveyChain = Cadeia mais fraca:
+surveyLinkList = Ligações
+surveyResidual = Resíduo
+surveyOverlap = Sobreposição
+surveyContradicted = Contrariados
+surveyLinkWhat = Os maiores resíduos primeiro. Resíduo: valor quadrático médio da distância entre as duas superfícies. Contrariados: parte dos pontos que raios da outra estação atravessam. Desvio padrão: da pose de uma estação em relação à outra, apenas a partir desta ligação.
+surveyRefused = Estações que não foi possível colocar
+surveyRemedy = O que fazer:
+surveyRegistrationBroken = Não é possível ler registration.json.
 surveyInstrument = Instrumento
 surveyRange = Alcance máximo
 surveyBroken = Não é possível ler esta estação.

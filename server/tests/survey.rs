@@ -6,6 +6,7 @@ use axum::http::StatusCode;
 use kilwa_scan::import::{Options, Silent, import};
 use kilwa_scan::mask::{self, MaskReader, Recipe, Request, make};
 use kilwa_scan::panorama::{Show, mask_color, range_color, render};
+use kilwa_scan::register::{Link, Placed, Placement, Registration, Unplaced};
 use kilwa_scan::spool::Reader;
 use kilwa_scan::survey::Survey;
 use kilwa_server::{Catalogue, SITE_FILE, Site, SiteFile, Surveyed, app};
@@ -142,6 +143,142 @@ async fn stations_without_a_pose_are_listed_apart() {
     let html = get(&app, "/").await.text();
     assert!(html.contains("so there is no plan") && !html.contains("<svg class=\"content\""));
     assert_eq!(get(&app, "/plan.png").await.status, StatusCode::NOT_FOUND);
+}
+
+/// What a registration of [`survey`] and of a station `lost` found: `west` is the anchor.
+fn registered(folder: &Path) -> Registration {
+    let survey = Survey::open(folder).unwrap();
+    let placed = |name: &str, placement: Placement, variance: f64| {
+        let pose = survey.station(name).unwrap().pose.unwrap();
+        let q = pose.rotation;
+        let mut covariance = [[0.0; 6]; 6];
+        for (k, row) in covariance.iter_mut().enumerate() {
+            row[k] = variance;
+        }
+        let (rotation, translation) = ([q.w, q.x, q.y, q.z], pose.translation.to_array());
+        Placed {
+            name: name.to_owned(),
+            placement,
+            rotation,
+            translation,
+            covariance,
+            stated: None,
+            scan: String::new(),
+        }
+    };
+    let stations = ["west", "east"].map(str::to_owned);
+    let link = Link { stations, overlap: 0.5, samples: 1200, residual: 0.0023, contradicted: 0.0, sigma: None };
+    Registration {
+        stations: vec![placed("west", Placement::Anchor, 0.0), placed("east", Placement::Surface, 1e-6)],
+        unplaced: vec![Unplaced {
+            name: "lost".to_owned(),
+            reason: "it fits west in <2> different poses".to_owned(),
+            candidates: Vec::new(),
+            remedy: "scan from a position between it and the others".to_owned(),
+        }],
+        links: vec![link],
+        weakest_chain: ["west", "east"].map(str::to_owned).to_vec(),
+        ..Registration::empty()
+    }
+}
+
+#[tokio::test]
+async fn links_are_listed_with_their_residuals_and_the_weakest_chain_is_drawn() {
+    let (_dir, folder) = survey();
+    add(&folder, "far", &room(60, 40, [16.0, 0.0], false));
+    let mut found = registered(&folder);
+    let pose = Survey::open(&folder).unwrap().station("far").unwrap().pose.unwrap();
+    let far = Placed { name: "far".to_owned(), translation: pose.translation.to_array(), ..found.stations[1].clone() };
+    found.stations.push(far);
+    let stations = ["east", "far"].map(str::to_owned);
+    let sigma = Some([0.0004, 1e-4]);
+    found.links.push(Link { stations, overlap: 0.31, samples: 100, residual: 0.0101, contradicted: 0.012, sigma });
+    found.save(&folder).unwrap();
+    let (app, _) = serve(&folder);
+    let html = get(&app, "/").await.text();
+    let rows: Vec<&str> = html.split("id=\"links\"").nth(1).unwrap().split("<tr role=\"row\">").skip(2).collect();
+    assert!(
+        rows.len() == 2 && rows[0].contains("<bdi>east</bdi> – <bdi>far</bdi>"),
+        "largest residual first: {rows:?}"
+    );
+    for part in ["grade-3", "10.1 mm", ">100<", "31 %", "1.2 %", "0.40 mm; 0.0057°"] {
+        assert!(rows[0].contains(part), "{part}: {}", rows[0]);
+    }
+    assert!(rows[1].contains("grade-0") && rows[1].contains("50 %") && rows[1].contains(">–<"), "{}", rows[1]);
+    let plan = html.split("<svg class=\"content\"").nth(1).unwrap().split("</svg>").next().unwrap();
+    assert_eq!(plan.matches("<line class=\"chain\"").count(), 1, "{plan}");
+    assert!(html.contains("Weakest chain: <bdi>west</bdi> – <bdi>east</bdi>"), "{html}");
+    for (language, text) in [("fr", "10,1 mm"), ("pt", "Cadeia mais fraca"), ("sw", "Mwingiliano"), ("ar", "التداخل")]
+    {
+        assert!(get(&app, &format!("/?lang={language}")).await.text().contains(text), "{language}");
+    }
+    let css = get(&app, "/survey.css").await.text();
+    for grade in 1..4 {
+        let rule = css.split(&format!(".grade-{grade} {{")).nth(1).unwrap().split('}').next().unwrap();
+        assert!(rule.contains("stroke-dasharray"), "grades differ by more than their colours: {rule}");
+    }
+}
+
+#[tokio::test]
+async fn what_a_registration_found_is_on_the_page() {
+    let (_dir, folder) = survey();
+    add(&folder, "lost", &room(60, 40, [20.0, 0.0], false));
+    edit(&folder, |text| {
+        let keep = |line: &&str| !line.starts_with("rotation") && !line.starts_with("translation");
+        let (others, lost) = text.split_at(text.find("name = \"lost\"").unwrap());
+        format!("{others}{}", lost.lines().filter(keep).fold(String::new(), |all, line| all + line + "\n"))
+    });
+    let (app, _) = serve(&folder);
+    let before = get(&app, "/").await.text();
+    assert!(!before.contains("class=\"link") && !before.contains("Standard deviation"), "{before}");
+    assert!(before.contains("id=\"unknown\""), "without a registration, lost is just unknown");
+    let found = registered(&folder);
+    found.save(&folder).unwrap();
+    let html = get(&app, "/").await.text();
+    assert!(
+        html.contains("<line class=\"link grade-0 samples-2\"") && html.contains("2.30 mm · 1,200 samples"),
+        "{html}"
+    );
+    assert!(html.contains("≤ 2.30 mm") && html.contains("> 4.60 mm".replace('>', "&gt;").as_str()), "{html}");
+    let cells = |name: &str| {
+        let row = html.split(&format!("<tr role=\"row\" id=\"station-{name}\"")).nth(1).unwrap();
+        row.split("</tr>").next().unwrap().to_owned()
+    };
+    assert!(cells("west").contains(">anchor</td>") && cells("west").contains(">–</bdi>"), "{}", cells("west"));
+    assert!(cells("east").contains(">surface</td>") && cells("east").contains("1.00 mm; 0.057°"), "{}", cells("east"));
+    assert!(html.contains("Reason: <bdi lang=\"en\">it fits west in &lt;2&gt; different poses</bdi>"), "{html}");
+    assert!(html.contains("What to do: <bdi lang=\"en\">scan from a position between it and the others</bdi>"));
+    assert!(html.contains("id=\"refused\"") && !html.contains("id=\"unknown\""), "each station once");
+    assert!(!html.contains("style="), "nothing that the policy forbids");
+    for (language, text) in [("fr", "1,00 mm"), ("pt", "Desvio padrão"), ("sw", "nanga"), ("ar", "محطة مرجعية")]
+    {
+        assert!(get(&app, &format!("/?lang={language}")).await.text().contains(text), "{language}");
+    }
+    // A pose that was changed by hand is not the one that was found.
+    edit(&folder, |text| text.replacen("translation = [8.0, 1.0, 0.0]", "translation = [8.5, 1.0, 0.0]", 1));
+    let html = get(&app, "/").await.text();
+    assert!(html.contains("pose changed since the registration") && !html.contains("class=\"link"), "{html}");
+}
+
+#[tokio::test]
+async fn a_registration_that_cannot_be_read_is_reported() {
+    let (_dir, folder) = survey();
+    let (app, _) = serve(&folder);
+    std::fs::write(folder.join("registration.json"), "{\"version\": 1").unwrap();
+    let a = get(&app, "/").await;
+    let html = a.text();
+    assert!(a.status == StatusCode::OK && html.contains("registration.json cannot be read."), "{html}");
+    assert!(html.contains("class=\"station\"") && !html.contains(&*folder.to_string_lossy()), "{html}");
+    assert_eq!(get(&app, "/registration.json").await.status, StatusCode::NOT_FOUND);
+    #[cfg(unix)]
+    {
+        let elsewhere = folder.with_file_name("elsewhere.json");
+        registered(&folder).save(&folder).unwrap();
+        std::fs::rename(folder.join("registration.json"), &elsewhere).unwrap();
+        std::os::unix::fs::symlink(&elsewhere, folder.join("registration.json")).unwrap();
+        let html = get(&app, "/").await.text();
+        assert!(html.contains("links are not followed") && !html.contains("class=\"link"), "{html}");
+    }
 }
 
 #[tokio::test]

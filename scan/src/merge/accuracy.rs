@@ -249,6 +249,7 @@ mod tests {
                 rotation: [1.0, 0.0, 0.0, 0.0],
                 translation: [3.0, -2.0, 1.0],
                 covariance: std::array::from_fn(|i| std::array::from_fn(|j| entry(i, j))),
+                scan: String::new(),
                 stated: None,
             };
             let point = DVec3::new(random.f64(), random.f64(), random.f64()) * 40.0 - 20.0;

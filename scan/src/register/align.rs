@@ -21,8 +21,7 @@ pub(super) fn align(members: &mut [(usize, Pose)], given: &Given) -> bool {
         return true;
     }
     let points = given.controls.with_survey_coordinates();
-    let pairs: Vec<(DVec3, DVec3)> =
-        points.iter().map(|(member, at, known, _)| (*known, members[*member].1.apply(*at))).collect();
+    let pairs = survey_points(members, given);
     let surest = given.priors.iter().min_by(|a, b| a.2[1].total_cmp(&b.2[1]));
     match (rigid(&pairs), surest) {
         (Some(step), _) => move_by(members, step),
@@ -34,6 +33,12 @@ pub(super) fn align(members: &mut [(usize, Pose)], given: &Given) -> bool {
         move_by(members, step);
     }
     true
+}
+
+/// Points with survey coordinates: these, and where the group has them.
+pub(super) fn survey_points(members: &[(usize, Pose)], given: &Given) -> Vec<(DVec3, DVec3)> {
+    let points = given.controls.with_survey_coordinates();
+    points.iter().map(|(member, at, known, _)| (*known, members[*member].1.apply(*at))).collect()
 }
 
 /// The rotation and translation of a whole group that fit known poses and points best, linearised at its present place.

@@ -23,12 +23,21 @@ pub fn apply(folder: &Path, read: &Survey, found: &Registration) -> Result<Vec<S
     let mut edit = Edit::open(folder)?;
     let (names, left) = current_names(read, edit.survey());
     let found = found.renamed(&names);
+    found.check()?;
+    let stations = edit.survey().stations.clone();
+    let is_shared = |s: &Station| stations.iter().filter(|other| other.pose == s.pose).count() > 1;
+    // Standard deviations that a registration entered say nothing without it.
+    for station in &stations {
+        let is_kept = found.stations.iter().any(|p| p.name == station.name && p.placement != Placement::Fixed);
+        if !is_kept && before.as_ref().is_some_and(|before| before.has_entered_sigma(station)) {
+            edit.set_sigma(&station.name, [0.0; 2])?;
+        }
+    }
     for unplaced in &found.unplaced {
-        let station = edit.survey().station(&unplaced.name)?;
+        let Some(station) = stations.iter().find(|s| s.name == unplaced.name) else { continue };
         let replaced =
             before.as_ref().and_then(|before| before.of(station)).filter(|p| p.placement != Placement::Fixed);
-        let is_identity = station.pose == Some(Pose::IDENTITY)
-            && edit.survey().stations.iter().filter(|s| s.pose == station.pose).count() > 1;
+        let is_identity = station.pose == Some(Pose::IDENTITY) && is_shared(station);
         if let Some(replaced) = replaced.cloned() {
             edit.set_pose(&unplaced.name, replaced.stated.map(|stated| stated.pose()))?;
             edit.set_sigma(&unplaced.name, replaced.stated.and_then(|stated| stated.sigma).unwrap_or_default())?;

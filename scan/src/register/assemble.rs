@@ -155,9 +155,9 @@ fn best_of_groups(
         let of_pair = |a: &usize| {
             let two = Two { views: work.views, first: &groups[*a], second: &groups[*b], edge: work.edge };
             let start = work.known.start(&groups[*a], &groups[*b]);
-            let places = two.places(&correlator, &maps[a], &turned, start.as_slice());
-            let allows = |place: &Beside| work.known.allows(&groups[*a], &groups[*b], place.pose);
-            (key(*a, *b), Finding::among(places, work.edge, MAX_GROUP_CONTRADICTED, allows))
+            let allows = |pose: Pose| work.known.allows(&groups[*a], &groups[*b], pose);
+            let places = two.places(&correlator, &maps[a], &turned, start.as_slice(), allows);
+            (key(*a, *b), Finding::among(places, work.edge, MAX_GROUP_CONTRADICTED, |place| allows(place.pose)))
         };
         compared.extend(firsts.par_iter().map(of_pair).collect::<Vec<_>>());
         work.progress.update("joining groups", done as u64 + 1, seconds.len() as u64);

@@ -133,6 +133,7 @@ impl Two<'_> {
         map: &Spectrum,
         turned: &[Spectrum],
         guesses: &[Pose],
+        allows: impl Fn(Pose) -> bool,
     ) -> Vec<Beside> {
         let mut starts = self.starts(correlator, map, turned);
         starts.extend(guesses.iter().map(|guess| (f64::INFINITY, *guess)));
@@ -142,6 +143,10 @@ impl Two<'_> {
             if !out.iter().any(|other| is_same(other.pose, found.pose, self.edge)) {
                 out.push(found);
             }
+        }
+        // What known poses exclude is no rival; if they exclude everything, that is reported.
+        if out.iter().any(|found| allows(found.pose)) {
+            out.retain(|found| allows(found.pose));
         }
         out.sort_by(|x, y| y.score().total_cmp(&x.score()));
         let best = out.first().map_or(0.0, Beside::score);

@@ -7,8 +7,8 @@ use std::collections::BTreeMap;
 
 /// The relative pose of two stations is known well if it is wrong by at most so much: metres, radians.
 const WELL_KNOWN: [f64; 2] = [1.0, 0.175];
-/// Room for rounding where poses are exact: metres, radians.
-const ROUNDING: [f64; 2] = [1e-6, 1e-6];
+/// Room for the errors of a fit, which is not adjusted yet: voxel edges, share of the distance, and radians.
+const FIT: [f64; 3] = [2.0, 0.005, 0.02];
 
 /// What is known beforehand.
 pub(super) struct Known {
@@ -18,6 +18,8 @@ pub(super) struct Known {
     pub(super) guesses: Vec<Option<Guess>>,
     /// The pose of the second station relative to the first from control points; the first has the lower number.
     pub(super) controlled: BTreeMap<(usize, usize), Pose>,
+    /// The edge of the smallest voxels, metres.
+    pub(super) edge: f64,
 }
 
 impl Known {
@@ -61,7 +63,7 @@ impl Known {
         let (first, second) = (known(first), known(second));
         second.iter().all(|(own_b, b, reach_b)| {
             first.iter().all(|(own_a, a, reach_a)| {
-                is_near(own_b.then(pose).then(own_a.inverse()), b.then(a.inverse()), *reach_a, *reach_b)
+                is_near(own_b.then(pose).then(own_a.inverse()), b.then(a.inverse()), *reach_a, *reach_b, self.edge)
             })
         })
     }
@@ -83,9 +85,10 @@ pub(super) struct Guess {
 }
 
 /// Whether a place agrees with rough poses of both stations.
-fn is_near(place: Pose, guess: Pose, a: [f64; 2], b: [f64; 2]) -> bool {
-    let (angle, distance) = place.difference(guess);
+fn is_near(place: Pose, guess: Pose, a: [f64; 2], b: [f64; 2], edge: f64) -> bool {
+    let (angle, off) = place.difference(guess);
+    let distance = guess.translation.length();
     // An error in the heading of one station displaces the other.
-    angle <= a[1] + b[1] + ROUNDING[1]
-        && distance <= ROUNDING[0] + a[0] + b[0] + (a[1] + b[1]) * guess.translation.length()
+    let reach = a[0] + b[0] + (a[1] + b[1]) * distance;
+    angle <= a[1] + b[1] + FIT[2] && off <= reach + FIT[0] * edge + FIT[1] * distance
 }

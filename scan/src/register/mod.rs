@@ -10,6 +10,7 @@ mod apply;
 mod assemble;
 mod control;
 mod doubt;
+mod grade;
 mod group;
 mod known;
 mod pairs;
@@ -21,6 +22,7 @@ mod settle;
 mod view;
 
 pub use apply::apply;
+pub use grade::Grades;
 pub use residuals::{Residual, residuals, write_residuals};
 pub use result::{Candidate, FILE, Link, Placed, Placement, Registration, Stated, Unplaced};
 
@@ -129,11 +131,12 @@ impl<'a> Work<'a> {
         if let Some(same) = self.nothing_to_do() {
             return Ok(same);
         }
-        let known = self.known()?;
+        let mut known = self.known()?;
         let (views, edge) = view::load_all(self.folder, &self.stations, progress)?;
+        known.edge = edge;
         self.check_known(&views, edge, &known)?;
         let mut assembled = assemble(&views, edge, &known, progress)?;
-        let main = main_group(&assembled, &known);
+        let main = self.main_group(&assembled);
         let group = assembled.groups.remove(main);
         self.result(&views, edge, group, &assembled, &known, progress)
     }
@@ -142,7 +145,7 @@ impl<'a> Work<'a> {
     fn nothing_to_do(&self) -> Option<Registration> {
         let before = self.before.as_ref().filter(|_| !self.options.again)?;
         let is_covered = self.stays.iter().zip(&self.stations).all(|(stays, s)| *stays && before.of(s).is_some());
-        let names = self.stations.iter().map(|s| (s.name.clone(), s.name.clone())).collect();
+        let names = self.stations.iter().filter_map(|s| Some((before.of(s)?.name.clone(), s.name.clone()))).collect();
         // Without stations that were removed since.
         is_covered.then(|| before.renamed(&names))
     }
@@ -187,7 +190,7 @@ impl<'a> Work<'a> {
         }
         let exact = |pose: &Pose| Guess { pose: *pose, reach: Some([0.0; 2]) };
         let guesses = (0..self.stations.len()).map(|k| fixed.get(&k).map(exact).or_else(|| self.guess(k)));
-        Ok(Known { guesses: guesses.collect(), fixed: fixed.into_iter().collect(), controlled })
+        Ok(Known { guesses: guesses.collect(), fixed: fixed.into_iter().collect(), controlled, edge: 0.0 })
     }
 
     fn result(
@@ -220,10 +223,10 @@ impl<'a> Work<'a> {
         out.unplaced.sort_by_key(|unplaced| order(&unplaced.name));
         Ok(out)
     }
-}
 
-/// The group that becomes the survey: the one with the stations that stay, or the largest.
-fn main_group(assembled: &Assembled, known: &Known) -> usize {
-    let Some((first, _)) = known.fixed.first() else { return 0 };
-    assembled.groups.iter().position(|group| group.pose_of(*first).is_some()).unwrap_or(0)
+    /// The group that becomes the survey: the one with the stations that stay, or the largest.
+    fn main_group(&self, assembled: &Assembled) -> usize {
+        let stays = |group: &Group| group.members.iter().any(|(k, _)| self.stays[*k]);
+        assembled.groups.iter().position(stays).unwrap_or(0)
+    }
 }

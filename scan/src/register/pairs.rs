@@ -96,14 +96,15 @@ pub(super) fn pairs(
                 Finding { places: vec![two.given(*pose)], doubt: None }
             } else {
                 let start = known.relative(a, b);
-                let mut places = two.places(&correlator, &maps[a], &turned, start.as_slice());
+                let allows = |pose: Pose| known.allows(&singles[a], &singles[b], pose);
+                let mut places = two.places(&correlator, &maps[a], &turned, start.as_slice(), allows);
                 if let Some(best) = places.first().map(|best| best.pose) {
                     let of_first = symmetries[a].iter().map(|turn| best.then(*turn));
                     let of_second = symmetries[b].iter().map(|turn| turn.then(best));
                     two.add(&mut places, of_first.chain(of_second));
                 }
                 let most = if known.are_known(a, b) { MAX_KNOWN_CONTRADICTED } else { MAX_CONTRADICTED };
-                Finding::among(places, edge, most, |place| known.allows(&singles[a], &singles[b], place.pose))
+                Finding::among(places, edge, most, |place| allows(place.pose))
             };
             progress.update("comparing stations", done.fetch_add(1, Ordering::Relaxed) + 1, total);
             Ok(((a, b), finding))

@@ -1,8 +1,7 @@
 //! The last steps for the group that becomes the survey: it is moved to where it is known to be, its poses are adjusted together, and what came of it is checked.
 
-use super::Work;
-use super::align::align;
-use super::control::{self, Sighting};
+use super::align::{align, survey_points};
+use super::control::{self, Sighting, rigid};
 use super::doubt::{Doubt, MIN_AGREE, MIN_AGREEMENT};
 use super::group::{Group, verdict};
 use super::known::{Guess, Known};
@@ -10,10 +9,10 @@ use super::report::Report;
 use super::result::{Placed, Placement, Registration, quaternion};
 use super::settle::{Given, Settled, settle};
 use super::view::{Verdict, View};
+use super::{SURE, Work};
 use crate::ScanError;
 use crate::import::Progress;
 use kilwa_scan_core::Pose;
-use nalgebra::Matrix6;
 use rayon::prelude::*;
 
 /// Two stations whose poses are given contradict each other if rays of one pass through more than this share of what the other saw.
@@ -52,6 +51,9 @@ impl Work<'_> {
     ) -> Result<(), ScanError> {
         loop {
             if group.members.len() < 2 && !group.members.iter().any(|(k, _)| self.stays[*k]) {
+                // The last one left its partner, or was left by it.
+                let left = group.members.first().filter(|_| !report.dropped.is_empty());
+                report.dropped.extend(left.map(|(number, _)| (*number, Doubt::Unlinked)));
                 return Ok(());
             }
             if progress.is_stopped() {
@@ -60,7 +62,10 @@ impl Work<'_> {
             progress.update("adjusting all poses", 0, 1);
             let mut given = self.given(&group);
             given.is_located = align(&mut group.members, &given);
-            if !given.is_located && given.controls.drop_survey_points() {
+            // Stations that were registered before may be anywhere.
+            let has_frame = !given.priors.is_empty() || group.members.iter().any(|(k, _)| self.is_fixed[*k]);
+            let determine = rigid(&survey_points(&group.members, &given)).is_some();
+            if !has_frame && !determine && given.controls.drop_survey_points() {
                 out.notes = vec!["the control points with survey coordinates are fewer than three or on a line, so they do not determine where the survey is; they were not used".to_owned()];
             }
             let lost = match settle(report.views, &group, &given, report.edge) {
@@ -104,11 +109,12 @@ impl Work<'_> {
             });
         }
         controls.points.retain(|_, all| all.len() > 1);
-        let covariance = |k: usize| {
-            let placed = self.before.as_ref()?.of(self.stations[k]).filter(|_| self.stays[k] && !self.is_fixed[k])?;
-            Some(Matrix6::from_fn(|i, j| placed.covariance[i][j]))
+        let is_exact = |k: usize| {
+            let placed = self.before.as_ref().and_then(|before| before.of(self.stations[k]));
+            let is_known = |placed: &Placed| matches!(placed.placement, Placement::Anchor | Placement::Fixed);
+            self.is_fixed[k] || self.stays[k] && placed.is_some_and(is_known)
         };
-        Given { stays, covariances: numbers().map(covariance).collect(), priors, controls, is_located: false }
+        Given { stays, are_exact: numbers().map(is_exact).collect(), priors, controls, is_located: false }
     }
 
     /// Refuse control points that contradict the scans, or each other around several stations; the one that fits worst is named.
@@ -118,24 +124,29 @@ impl Work<'_> {
         for (point, sightings) in &given.controls.points {
             for (k, b) in sightings.iter().enumerate() {
                 for a in &sightings[..k] {
+                    let stays = |s: &Sighting| s.station.is_none_or(|member| given.stays[member].is_some());
                     let excess = at(a).distance(at(b)) / control::tolerance(a, b);
-                    if excess > worst.as_ref().map_or(1.0, |worst| worst.0) {
+                    // Where neither is registered now, nothing can be done about it.
+                    let moves = !(stays(a) && stays(b));
+                    if moves && excess > worst.as_ref().map_or(1.0, |worst| worst.0) {
                         worst = Some((excess, point, [a, b]));
                     }
                 }
             }
         }
         let Some((_, point, [a, b])) = worst else { return Ok(()) };
+        let is_kept = group.members.iter().any(|(k, _)| self.stays[*k] && !self.is_fixed[*k]);
+        let hint = if is_kept { ", or, if they are newer than the last registration, use `--again`" } else { "" };
         let name = |s: &Sighting| self.name(s.station.map(|member| group.members[member].0));
         Err(ScanError::Request(format!(
-            "control point {point} does not fit: after the adjustment of all stations, its coordinates in {} and in {} differ by {:.3} m; check them in survey.toml",
+            "control point {point} does not fit: after the adjustment of all stations, its coordinates in {} and in {} differ by {:.3} m; check them in survey.toml{hint}",
             name(b),
             name(a),
             at(a).distance(at(b))
         )))
     }
 
-    /// The member that contradicts the others most, if one does. Stations that stay, and those that control points place, are not judged.
+    /// The member that contradicts the others most, if one does. Stations that stay are not judged; for those that control points place, only rays that pass through the surface of others count.
     fn worst(&self, views: &[View], group: &Group, settled: &Settled, known: &Known, edge: f64) -> Option<usize> {
         let poses: Vec<(usize, Pose)> =
             group.members.iter().zip(&settled.poses).map(|((number, _), pose)| (*number, *pose)).collect();
@@ -146,10 +157,14 @@ impl Work<'_> {
         };
         let judge = |member: usize| -> Option<(usize, f64)> {
             let number = group.members[member].0;
-            let is_judged = !self.stays[number] && !known.is_controlled(number);
-            let before = is_judged.then(|| of(member, &group.members))?;
+            let before = (!self.stays[number]).then(|| of(member, &group.members))?;
             let now = of(member, &poses);
-            let most = known.most_contradicted(number).max(before.contradicted() + MAX_WORSE);
+            if known.is_controlled(number) || known.is_fixed(number) {
+                let is_wrong = now.common() >= MIN_AGREE && now.contradicted() > MAX_GIVEN_CONTRADICTED;
+                return is_wrong.then(|| (member, now.contradicted()));
+            }
+            let most =
+                known.most_contradicted(number).max((before.contradicted() + MAX_WORSE).min(MAX_GIVEN_CONTRADICTED));
             let is_wrong = now.contradicted() > most
                 || now.agreement() < MIN_AGREEMENT.min(before.agreement() - MAX_WORSE)
                 || now.agree < MIN_AGREE.min(before.agree / 2);
@@ -186,16 +201,31 @@ impl Work<'_> {
                 () => Placement::Surface,
             };
             report.poses.insert(number, *pose);
+            if let Some((known, sigma)) = self.prior(number) {
+                let (angle, distance) = pose.difference(known);
+                if distance > SURE * sigma[0] || angle > SURE * sigma[1] {
+                    out.notes.push(format!(
+                        "the pose of station {} in survey.toml differs by {distance:.3} m and {:.2}° from that by which it fits the others, more than {SURE} standard deviations",
+                        self.stations[number].name,
+                        angle.to_degrees()
+                    ));
+                }
+            }
             let station = self.stations[number];
-            let is_kept = settled.is_fixed[k] && !self.options.again;
+            let is_kept = settled.is_fixed[k] && !self.options.again && !self.is_fixed[number];
             let kept = self.before.as_ref().filter(|_| is_kept).and_then(|before| before.of(station));
-            out.stations.push(kept.cloned().unwrap_or_else(|| Placed {
+            let kept = kept.map(|placed| Placed { name: station.name.clone(), ..placed.clone() });
+            out.stations.push(kept.unwrap_or_else(|| Placed {
                 name: station.name.clone(),
+                scan: station.scan.clone(),
                 placement,
                 rotation: quaternion(*pose),
                 translation: pose.translation.to_array(),
                 covariance: std::array::from_fn(|i| std::array::from_fn(|j| covariance[(i, j)])),
-                stated: self.stated[number].filter(|_| placement != Placement::Fixed),
+                stated: self.stated[number].filter(|stated| {
+                    let (angle, distance) = stated.pose().difference(*pose);
+                    placement != Placement::Fixed || stated.sigma.is_some() || angle > 1e-9 || distance > 1e-9
+                }),
             }));
         }
         report.links(group, &settled, out);

@@ -56,6 +56,9 @@ pub enum Placement {
 pub struct Placed {
     /// Its name in the survey.
     pub name: String,
+    /// Its scan, relative to the folder of the survey: a station may be renamed.
+    #[serde(default)]
+    pub scan: String,
     /// How its pose was determined.
     pub placement: Placement,
     /// `survey_from_station`: a unit quaternion w, x, y, z.
@@ -241,9 +244,7 @@ impl Registration {
     /// [`ScanError::Write`]; [`ScanError::Request`] if a covariance is not finite, because the file could not be read again.
     pub fn save(&self, folder: &Path) -> Result<(), ScanError> {
         let path = folder.join(FILE);
-        if let Some(bad) = self.stations.iter().find(|s| !s.covariance.iter().flatten().all(|v| v.is_finite())) {
-            return Err(ScanError::Request(format!("the covariance of station {} is not finite", bad.name)));
-        }
+        self.check()?;
         let mut text = serde_json::to_string_pretty(self).map_err(|e| ScanError::Request(e.to_string()))?;
         text.push('\n');
         atomic::write(&path, text.as_bytes(), Access::Default, true).map_err(ScanError::write(&path))
@@ -256,34 +257,54 @@ impl Registration {
 
     /// The entry for the current pose of a station; `None` if it was not registered, or if its pose has been changed since.
     pub fn of(&self, station: &Station) -> Option<&Placed> {
-        let placed = self.named(&station.name)?;
+        let placed = self.entry(station)?;
         let (angle, distance) = station.pose?.difference(placed.pose());
         (angle < 1e-6 && distance < 1e-6).then_some(placed)
     }
 
-    fn named(&self, name: &str) -> Option<&Placed> {
-        self.stations.iter().find(|placed| placed.name == name)
+    /// The entry of a station, whatever its pose is now.
+    fn entry(&self, station: &Station) -> Option<&Placed> {
+        let is_same = |placed: &&Placed| match &placed.scan[..] {
+            "" => placed.name == station.name,
+            scan => scan == station.scan,
+        };
+        self.stations.iter().find(is_same)
+    }
+
+    /// Whether the standard deviations of a station in `survey.toml` are those that this registration entered there.
+    pub(super) fn has_entered_sigma(&self, station: &Station) -> bool {
+        let Some((placed, sigma)) = self.entry(station).zip(station.sigma) else { return false };
+        // Angles are stored in degrees.
+        placed.placement != Placement::Fixed
+            && sigma.iter().zip(placed.sigma()).all(|(a, b)| (a - b).abs() <= 1e-9 * b.abs())
+    }
+
+    /// Whether it can be stored and read again.
+    ///
+    /// # Errors
+    /// [`ScanError::Request`] if a covariance is not finite.
+    pub(super) fn check(&self) -> Result<(), ScanError> {
+        match self.stations.iter().find(|s| !s.covariance.iter().flatten().all(|v| v.is_finite())) {
+            Some(bad) => Err(ScanError::Request(format!("the covariance of station {} is not finite", bad.name))),
+            None => Ok(()),
+        }
     }
 
     /// The pose of a station that is not the work of a registration, of which `before` is the last one; `None` if there is none. Standard deviations that the
     /// registration entered say nothing about a pose that somebody entered since.
     pub(crate) fn stated(before: Option<&Self>, station: &Station) -> Option<Stated> {
         let own = |sigma| station.pose.map(|pose| Stated::new(pose, sigma));
-        let Some(placed) = before.and_then(|before| before.named(&station.name)) else { return own(station.sigma) };
-        if placed.placement == Placement::Fixed {
+        let Some((before, placed)) = before.and_then(|before| Some((before, before.entry(station)?))) else {
             return own(station.sigma);
-        }
-        let entered = placed.sigma();
-        // Angles are stored in degrees.
-        let is_entered = |sigma: &[f64; 2]| sigma.iter().zip(entered).all(|(a, b)| (a - b).abs() <= 1e-9 * b.abs());
-        let sigma = station.sigma.filter(|sigma| !is_entered(sigma));
-        let is_registered = before.is_some_and(|before| before.of(station).is_some());
-        if is_registered && sigma.is_none() { placed.stated } else { own(sigma) }
+        };
+        let sigma = station.sigma.filter(|_| !before.has_entered_sigma(station));
+        let was_replaced = placed.placement != Placement::Fixed || placed.stated.is_some();
+        if was_replaced && sigma.is_none() && before.of(station).is_some() { placed.stated } else { own(sigma) }
     }
 
     /// Stations of the survey whose poses have been changed since they were registered.
     pub fn outdated<'s>(&self, survey: &'s Survey) -> Vec<&'s str> {
-        let known = |station: &&Station| self.stations.iter().any(|placed| placed.name == station.name);
+        let known = |station: &&Station| self.entry(station).is_some();
         survey.stations.iter().filter(known).filter(|s| self.of(s).is_none()).map(|s| s.name.as_str()).collect()
     }
 }

@@ -2,19 +2,23 @@
 
 use super::SURE;
 use super::align::align;
-use super::control::{Controls, tolerance};
+use super::control::{Controls, rigid, tolerance};
 use super::group::Group;
 use super::view::View;
 use glam::{DMat3, DQuat, DVec3};
 use kilwa_scan_core::Pose;
 use kilwa_scan_core::register::adjust::{Link, Party, Prior, Reach, System};
-use nalgebra::{Cholesky, Matrix3, Matrix6, Vector6};
+use nalgebra::{Matrix3, Matrix6, Vector6};
 use rayon::prelude::*;
 
 /// Maximum distances of matching surfaces, in voxel edges, and the number of rounds for each.
 const REACHES: [(f64, usize); 4] = [(2.0, 3), (1.0, 3), (0.5, 4), (0.35, 8)];
 /// From this one of them on, known poses and control points count. Before, distances are large and have little weight, so that one wrong point would tear a station from its neighbours.
 const KNOWN_FROM: usize = 2;
+/// How many neighbouring distances say only as much as a single one, because they share their errors; known poses and points have a weight that is larger by this factor.
+const CORRELATED: f64 = 25.0;
+/// At first, known poses and points may be off by so many times more: a long chain of stations may have to bend.
+const PATIENCE: f64 = 4.0;
 /// Fewest planes of a link.
 const MIN_MATCHED: usize = 60;
 /// The edge of the cubes within which errors may be correlated, in voxel edges.
@@ -52,8 +56,8 @@ impl Settled {
 pub(super) struct Given {
     /// The poses of members that keep them.
     pub(super) stays: Vec<Option<Pose>>,
-    /// The covariances of members that keep their poses because they were registered before.
-    pub(super) covariances: Vec<Option<Matrix6<f64>>>,
+    /// Whether the poses of those are exact: others that stay were registered before, and have errors.
+    pub(super) are_exact: Vec<bool>,
     /// Poses of members that are known with standard deviations (metres, radians).
     pub(super) priors: Vec<(usize, Pose, [f64; 2])>,
     /// Control points; stations are numbers of members.
@@ -71,6 +75,8 @@ struct Adjustment<'a> {
     poses: Vec<Pose>,
     pairs: Vec<(usize, usize)>,
     uses_known: bool,
+    /// By what factor more than expected may be off before it counts for less.
+    patience: f64,
     /// The scale of the robust weights, metres.
     sigma: f64,
 }
@@ -100,6 +106,12 @@ impl Adjustment<'_> {
         self.poses = members.into_iter().map(|(_, pose)| pose).collect();
     }
 
+    /// The weight of something known that is off by so many times of what can be expected, as by Geman and McClure: one wrong point must not tear a station from its neighbours. The error is reported afterwards.
+    fn robust(&self, excess: f64) -> f64 {
+        let w = 1.0 / (1.0 + (excess / self.patience).powi(2));
+        w * w
+    }
+
     /// The variance of a distance, square metres.
     fn variance(&self) -> f64 {
         0.25 * self.sigma * self.sigma
@@ -113,12 +125,12 @@ impl Adjustment<'_> {
         if !self.uses_known {
             return system;
         }
-        let variance = self.variance();
+        let variance = CORRELATED * self.variance();
         for (member, pose, [metres, radians]) in &self.given.priors {
             let own = self.poses[*member];
             let turn = rotation_vector(own.rotation * pose.rotation.inverse());
             let shift = own.translation - pose.translation;
-            let robust = robust((turn.length() / radians).max(shift.length() / metres) / SURE);
+            let robust = self.robust((turn.length() / radians).max(shift.length() / metres) / SURE);
             let weights = [radians, metres].map(|sigma| robust / (sigma * sigma));
             let information = Matrix6::from_diagonal(&Vector6::from_fn(|k, _| weights[k / 3]));
             let error = Vector6::new(turn.x, turn.y, turn.z, shift.x, shift.y, shift.z);
@@ -133,7 +145,7 @@ impl Adjustment<'_> {
                     let first = a.station.map(|member| (member, self.poses[member], a.at));
                     let place = |(_, pose, at): (usize, Pose, DVec3)| pose.apply(at);
                     let distance = place(second).distance(first.map_or(a.at, place));
-                    let share = share / robust(distance / tolerance(a, b)).sqrt();
+                    let share = share / self.robust(distance / tolerance(a, b)).sqrt();
                     system.add_point(first, second, a.at, share * a.sigma.hypot(b.sigma), variance);
                 }
             }
@@ -159,33 +171,28 @@ impl Adjustment<'_> {
         let is_known =
             |k: usize| self.is_fixed[k] || self.given.priors.iter().any(|prior| prior.0 == k) || is_tied(None, k);
         let mut known: Vec<usize> = (0..n).filter(|k| is_known(*k)).map(|k| parts[k]).collect();
-        if known.is_empty() && self.given.is_located {
-            // Several stations saw one point each with survey coordinates.
-            known.extend(self.given.controls.with_survey_coordinates().iter().map(|(k, ..)| parts[*k]));
+        // Several stations saw a point or two each with survey coordinates.
+        let points = self.given.controls.with_survey_coordinates();
+        for part in parts.iter().filter(|_| self.given.is_located) {
+            let own = points.iter().filter(|(k, ..)| parts[*k] == *part);
+            let own: Vec<(DVec3, DVec3)> = own.map(|(k, at, known, _)| (*known, self.poses[*k].apply(*at))).collect();
+            known.extend(rigid(&own).is_some().then_some(*part));
         }
         (0..n).filter(|k| !known.contains(&parts[*k])).collect()
     }
 
-    /// The covariance of each member's pose. Those of stations that were registered before have errors, too, which the others share.
+    /// The covariance of each member's pose. Stations that stay because they were registered before have errors, too, which the others share: they do not move, but are not exact.
     fn covariances(&self, links: &[((usize, usize), Link)]) -> Option<Vec<Matrix6<f64>>> {
-        let before = |c: &Option<Matrix6<f64>>| Some(Cholesky::new((*c)? / CAUTION)?.inverse());
-        let before: Vec<Option<Matrix6<f64>>> = self.given.covariances.iter().map(before).collect();
-        let is_exact: Vec<bool> = self.is_fixed.iter().zip(&before).map(|(fixed, b)| *fixed && b.is_none()).collect();
-        // Their covariances come from these links already.
-        let is_new = |(a, b): &(usize, usize)| before[*a].is_none() || before[*b].is_none();
-        let links: Vec<((usize, usize), Link)> = links.iter().filter(|(pair, _)| is_new(pair)).cloned().collect();
-        let mut system = self.system(&links, &is_exact);
-        for (station, information) in before.iter().enumerate().filter_map(|(k, c)| Some((k, (*c)?))) {
-            system.add_prior(&Prior { station, error: Vector6::zeros(), information }, self.variance());
+        let is_exact =
+            |k: usize| if self.given.stays[k].is_some() { self.given.are_exact[k] } else { self.is_fixed[k] };
+        let mut exact: Vec<bool> = (0..self.poses.len()).map(is_exact).collect();
+        let has_points = !self.given.controls.with_survey_coordinates().is_empty();
+        if !exact.contains(&true) && self.given.priors.is_empty() && !has_points {
+            exact.clone_from(&self.is_fixed);
         }
-        Some(system.covariances(self.variance())?.into_iter().map(|c| c * CAUTION).collect())
+        let variance = CORRELATED * self.variance();
+        Some(self.system(links, &exact).covariances(variance)?.into_iter().map(|c| c * CAUTION).collect())
     }
-}
-
-/// The weight of something known that is off by so many times of what can be expected, as by Geman and McClure: one wrong point must not tear a station from its neighbours. The error is reported afterwards.
-fn robust(excess: f64) -> f64 {
-    let w = 1.0 / (1.0 + excess * excess);
-    w * w
 }
 
 /// The rotation as an axis times an angle of at most half a turn: a quaternion and its negative are the same rotation.
@@ -209,6 +216,7 @@ pub(super) fn settle(views: &[View], group: &Group, given: &Given, edge: f64) ->
         poses: group.members.iter().map(|(_, pose)| *pose).collect(),
         pairs: all.clone(),
         uses_known: false,
+        patience: PATIENCE,
         sigma: edge / 3.0,
     };
     for (number, (reach, rounds)) in REACHES.into_iter().enumerate() {
@@ -216,6 +224,9 @@ pub(super) fn settle(views: &[View], group: &Group, given: &Given, edge: f64) ->
         work.pairs.clone_from(&all);
         if number == KNOWN_FROM {
             work.use_known();
+        }
+        if number + 1 == REACHES.len() {
+            work.patience = 1.0;
         }
         for _ in 0..rounds {
             let links = work.compare(reach * edge, 0.0);

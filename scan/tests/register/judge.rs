@@ -186,7 +186,7 @@ pub(super) fn is_whole(found: &Registration, names: &[&str]) {
     expected.sort_unstable();
     assert_eq!(listed, expected, "every station is listed exactly once, as placed or unplaced");
     for placed in &found.stations {
-        let Placed { name, rotation, translation, covariance: c, placement, stated: _ } = placed;
+        let Placed { name, rotation, translation, covariance: c, placement, .. } = placed;
         assert!((placed.pose().rotation.length() - 1.0).abs() < 1e-9, "{name}: {rotation:?}");
         assert!(translation.iter().all(|v| v.is_finite()), "{name}: {translation:?}");
         for (i, row) in c.iter().enumerate() {
@@ -236,6 +236,7 @@ fn right(truth: &Truth) -> Registration {
             translation: pose.translation.to_array(),
             covariance,
             stated: None,
+            scan: String::new(),
         }
     };
     Registration { stations: truth.0.iter().enumerate().map(placed).collect(), ..Registration::empty() }

@@ -5,7 +5,7 @@ use super::{Surveyed, registered};
 use glam::{DQuat, DVec3};
 use kilwa_scan::ScanError;
 use kilwa_scan::import::Silent;
-use kilwa_scan::register::{Options, Placed, Placement, Registration, register, residuals};
+use kilwa_scan::register::{Options, Placed, Placement, Registration, Residual, register, residuals};
 use kilwa_scan_core::Pose;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -244,6 +244,12 @@ fn rough_poses_may_help_but_never_harm() {
     surveyed.truth.all_placed(&surveyed.register());
 }
 
+/// Whether a sample is at the height of the ground as the lifted station saw it.
+fn is_on_ground(lifted: &Registration, residual: &Residual) -> bool {
+    let room = lifted.stations.iter().find(|placed| placed.name == "room").unwrap();
+    (residual.position.z - (room.translation[2] - 1.6)).abs() < 0.015
+}
+
 #[test]
 fn residuals_show_a_station_that_is_displaced() {
     let surveyed = lodge_scanned(58);
@@ -263,4 +269,11 @@ fn residuals_show_a_station_that_is_displaced() {
     station.translation[0] += 0.03;
     let after = typical(&displaced);
     assert!(after > 3.0 * before && after < 0.04, "{before} m, {after} m");
+    // A ground that was lifted is nearer to the scanners of the others, and theirs lies behind it.
+    let mut lifted = found.clone();
+    lifted.stations.iter_mut().find(|placed| placed.name == "room").unwrap().translation[2] += 0.03;
+    let all = residuals(&surveyed.folder(), &surveyed.survey(), &lifted, 0, &Silent).unwrap();
+    let ground: Vec<f64> = all.iter().filter(|r| is_on_ground(&lifted, r)).filter_map(|r| r.distance).collect();
+    let above = ground.iter().filter(|distance| **distance > 0.02).count();
+    assert!(above > 100, "{above} of {} samples of the ground", ground.len());
 }

@@ -11,11 +11,12 @@
 //! Pictures are those of `kilwa scans view` ([`kilwa_scan::panorama`]), drawn when somebody asks for them and kept in memory ([`pictures`]). Invariants: a
 //! name in an address is looked up among the stations of `survey.toml` and never becomes a path; the file's paths are opened only if they contain
 //! no link; what a page shows follows the files, whose times are checked at every request. Failures: a station, a mask or a picture that
-//! cannot be read is shown with the reason, and the others as usual.
+//! cannot be read is shown with the reason, and the others as usual; so is `registration.json` ([`registered`]).
 
 mod pictures;
 mod plan;
 mod plan_page;
+mod registered;
 pub(crate) mod routes;
 mod station;
 
@@ -26,6 +27,7 @@ use kilwa_scan::spool::{Header, Reader};
 use kilwa_scan::survey::{FILE, Mask, Station, Survey};
 use pictures::Pictures;
 use plan::Plan;
+use registered::Kept;
 use std::collections::HashMap;
 use std::error::Error;
 use std::path::{Path, PathBuf};
@@ -38,6 +40,7 @@ pub struct Surveyed {
     read: Mutex<Read>,
     stations: Mutex<HashMap<String, Arc<Facts>>>,
     plan: Mutex<Option<Arc<Plan>>>,
+    registration: Mutex<Kept>,
     pictures: Pictures,
 }
 
@@ -78,13 +81,14 @@ impl Surveyed {
     /// # Errors
     /// [`ScanError`] where `survey.toml` has mistakes or cannot be opened.
     pub fn open(folder: &Path) -> Result<Self, ScanError> {
-        let stamp = stamp(folder);
+        let stamp = stamp(&folder.join(FILE));
         let survey = Survey::open(folder)?;
         Ok(Self {
             folder: folder.to_owned(),
             read: Mutex::new(Read { stamp, survey: Ok(Arc::new(survey)) }),
             stations: Mutex::default(),
             plan: Mutex::default(),
+            registration: Mutex::default(),
             pictures: Pictures::default(),
         })
     }
@@ -102,7 +106,7 @@ impl Surveyed {
     /// The survey as its file is now, or the mistakes in it.
     pub(crate) fn survey(&self) -> Result<Arc<Survey>, Arc<str>> {
         let mut read = self.read.lock().unwrap_or_else(PoisonError::into_inner);
-        let now = stamp(&self.folder);
+        let now = stamp(&self.folder.join(FILE));
         if read.stamp != now {
             let survey = Survey::open(&self.folder).map(Arc::new);
             *read = Read { stamp: now, survey: survey.map_err(|e| self.sentence(&e).into()) };
@@ -208,8 +212,8 @@ impl Surveyed {
     }
 }
 
-/// Which state of `survey.toml` is there.
-fn stamp(folder: &Path) -> String {
-    let metadata = std::fs::metadata(folder.join(FILE));
+/// Which state of a file is there.
+fn stamp(file: &Path) -> String {
+    let metadata = std::fs::metadata(file);
     metadata.map_or_else(|e| e.to_string(), |metadata| plain_file::stamp(&metadata))
 }

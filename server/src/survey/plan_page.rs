@@ -1,10 +1,13 @@
 //! The page of a survey: its plan, and the list of its stations.
 
-use super::plan::{Drawing, Known, LONGER, Plan, heading};
+use super::plan::{Drawing, Known, Plan, heading};
+use super::registered::{self, Certainty, Found, Line, LinkRow, Refused};
 use crate::portal::frame::{Reader, Top};
 use crate::portal::language::Language;
 use askama::Template;
 use kilwa_archive::html::render;
+use kilwa_scan::plan::LONGER;
+use kilwa_scan::register::Registration;
 use kilwa_scan::survey::Survey;
 use kilwa_scan_core::Pose;
 use std::collections::HashMap;
@@ -49,10 +52,17 @@ struct Page<'a> {
     plan: Option<Shown<'a>>,
     /// A warning about stations that lie on top of each other.
     same: Option<String>,
-    /// Addresses and names of stations that are not on the plan.
+    /// Why `registration.json` cannot be read.
+    unreadable: Option<&'a str>,
+    /// Stations that could not be placed, with their addresses.
+    refused: Vec<(String, Refused<'a>)>,
+    /// Addresses and names of other stations that are not on the plan.
     unknown: Vec<(String, &'a str)>,
     rows: Vec<Row<'a>>,
+    links: Vec<LinkRow<'a>>,
+    link_count: String,
     has_instruments: bool,
+    is_registered: bool,
 }
 
 /// The plan, and what is shown below it.
@@ -63,6 +73,13 @@ struct Shown<'a> {
     background: String,
     drawing: Drawing<'a>,
     bar: Bar,
+    /// Ends of the links of the weakest chain.
+    chain: Vec<[String; 4]>,
+    /// Stations of the weakest chain.
+    chain_names: &'a [String],
+    links: Vec<Line>,
+    /// Grades of residuals and their bounds.
+    legend: Vec<(usize, String)>,
     /// Whether up is north.
     has_north: bool,
 }
@@ -86,27 +103,44 @@ struct Row<'a> {
     /// Place and heading.
     pose: Option<(String, String)>,
     is_fixed: bool,
+    certainty: Option<Certainty>,
     instrument: Option<&'a str>,
     trouble: Option<&'a str>,
 }
 
 /// The page.
-pub(crate) fn page(survey: &Survey, stations: &[Known<'_>], plan: Option<&Plan>, reader: &Reader<'_>) -> String {
+pub(crate) fn page(
+    survey: &Survey,
+    stations: &[Known<'_>],
+    plan: Option<&Plan>,
+    registration: &Found,
+    reader: &Reader<'_>,
+) -> String {
+    let found = registration.as_ref().ok().and_then(Option::as_deref);
     let l = reader.language;
     let samples = stations.iter().filter_map(|(_, facts)| facts.header.as_ref().ok());
     let samples: u64 = samples.map(|header| header.statistics.measured).sum();
-    let unknown = survey.stations.iter().filter(|station| station.pose.is_none());
+    let refused = found.map(|found| registered::refused(found, survey)).unwrap_or_default();
+    let is_refused = |name: &str| refused.iter().any(|one| one.name == name);
+    let unknown = survey.stations.iter().filter(|station| station.pose.is_none() && !is_refused(&station.name));
+    let unknown = unknown.map(|station| (address(&station.name, reader), station.name.as_str())).collect();
+    let links = found.map(|found| registered::link_rows(found, survey, l)).unwrap_or_default();
     render(&Page {
         top: reader.top(&|code| format!("/?lang={code}")),
         title: title(survey, l),
         crs: survey.crs.as_deref(),
         stations: l.with("surveyStations", &[("count", survey.stations.len())]),
         samples: l.with("surveySamples", &[("count", samples)]),
-        plan: plan.map(|plan| shown(plan, survey, l)),
+        plan: plan.map(|plan| shown(plan, survey, found, l)),
         same: Some(same_poses(survey)).filter(|same| *same > 0).map(|same| l.with("surveySame", &[("count", same)])),
-        unknown: unknown.map(|station| (address(&station.name, reader), station.name.as_str())).collect(),
-        rows: stations.iter().map(|known| row(*known, reader)).collect(),
+        unreadable: registration.as_ref().err().map(AsRef::as_ref),
+        refused: refused.into_iter().map(|one| (address(one.name, reader), one)).collect(),
+        unknown,
+        rows: stations.iter().map(|known| row(*known, found, reader)).collect(),
+        link_count: l.count(links.len() as u64),
+        links,
         has_instruments: survey.stations.iter().any(|station| station.instrument.is_some()),
+        is_registered: found.is_some(),
     })
 }
 
@@ -125,7 +159,7 @@ fn same_poses(survey: &Survey) -> usize {
     counts.into_values().filter(|count| *count > 1).sum()
 }
 
-fn shown<'a>(plan: &Plan, survey: &'a Survey, l: &'static Language) -> Shown<'a> {
+fn shown<'a>(plan: &Plan, survey: &'a Survey, found: Option<&'a Registration>, l: &'static Language) -> Shown<'a> {
     let drawing = plan.drawing(survey);
     let [width, height] = drawing.size;
     let bar = &drawing.bar;
@@ -134,17 +168,23 @@ fn shown<'a>(plan: &Plan, survey: &'a Survey, l: &'static Language) -> Shown<'a>
         y: format!("{:.1}", height - 16.0),
         text: metres(bar.metres, l),
     };
+    let (links, legend) = found.map(|found| registered::links(found, plan, survey, l)).unwrap_or_default();
+    let chain = found.map(|found| registered::chain(found, plan, survey)).unwrap_or_default();
     Shown {
         width: format!("{:.1}", width.min(LONGER)),
         height: format!("{:.1}", height.min(LONGER)),
         background: format!("/plan.png?state={}", &plan.key[..12]),
         bar,
+        chain_names: found.filter(|_| !chain.is_empty()).map(|found| &*found.weakest_chain).unwrap_or_default(),
+        chain,
+        links,
+        legend,
         drawing,
         has_north: survey.crs.is_some(),
     }
 }
 
-fn row<'a>((station, facts): Known<'a>, reader: &Reader<'_>) -> Row<'a> {
+fn row<'a>((station, facts): Known<'a>, found: Option<&Registration>, reader: &Reader<'_>) -> Row<'a> {
     let l = reader.language;
     let header = facts.header.as_ref().ok();
     let grid = header.map(|header| {
@@ -165,6 +205,7 @@ fn row<'a>((station, facts): Known<'a>, reader: &Reader<'_>) -> Row<'a> {
         masked: facts.masked.as_ref().map(|masked| l.count(*masked)).map_err(String::as_str),
         pose: station.pose.map(|pose| (coordinates(pose, l), facing(pose, l))),
         is_fixed: station.is_fixed,
+        certainty: found.and_then(|found| registered::certainty(found, station, l)),
         instrument: station.instrument.as_deref(),
         trouble: facts.trouble(),
     }

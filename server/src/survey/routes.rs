@@ -65,12 +65,13 @@ async fn plan_page(State(site): State<Site>, RawQuery(query): RawQuery, headers:
         let survey = surveyed.survey()?;
         let facts = all(&surveyed, &survey);
         let plan = surveyed.plan(&survey, &known(&survey, &facts));
-        Ok::<_, Arc<str>>((survey, facts, plan))
+        Ok::<_, Arc<str>>((survey, facts, plan, surveyed.registration()))
     });
     let reader = given.reader();
     match found.await {
-        Ok(Ok((survey, facts, plan))) => {
-            for_reader(plan_page::page(&survey, &known(&survey, &facts), plan.as_deref(), &reader), &reader, &headers)
+        Ok(Ok((survey, facts, plan, registration))) => {
+            let stations = known(&survey, &facts);
+            for_reader(plan_page::page(&survey, &stations, plan.as_deref(), &registration, &reader), &reader, &headers)
         }
         Ok(Err(why)) => mistakes(&why, &reader, &headers),
         Err(status) => status.into_response(),

@@ -280,11 +280,11 @@ impl System {
         own += information * prior.error;
     }
 
-    fn factor(&self) -> Option<Cholesky<f64, Dyn>> {
+    fn factor(&self, damping: f64) -> Option<Cholesky<f64, Dyn>> {
         let mut information = self.information.clone();
         // Undetermined directions stay as they are.
         let n = information.nrows();
-        let damping = 1e-9 * information.trace() / n.max(1) as f64;
+        let damping = damping * information.trace() / n.max(1) as f64;
         for k in 0..n {
             information[(k, k)] += damping;
         }
@@ -293,7 +293,7 @@ impl System {
 
     /// Move the poses to the solution. Returns the largest rotation and translation (radians, metres), or `None` if there is no solution.
     pub fn solve(&self, poses: &mut [Pose]) -> Option<[f64; 2]> {
-        let step = -self.factor()?.solve(&self.gradient);
+        let step = -self.factor(1e-9)?.solve(&self.gradient);
         let mut most = [0.0_f64; 2];
         for (pose, place) in poses.iter_mut().zip(&self.places) {
             let Some(place) = place else { continue };
@@ -307,7 +307,8 @@ impl System {
 
     /// The covariance of every station's pose, zero for those that cannot move; `variance` is that of a distance. `None` if there is no solution.
     pub fn covariances(&self, variance: f64) -> Option<Vec<Matrix6<f64>>> {
-        let inverse = self.factor()?.inverse();
+        // Rough known poses may determine the survey with a weight that is smaller than that of surfaces by many orders: damping must not add to it.
+        let inverse = self.factor(1e-14)?.inverse();
         let n = inverse.nrows();
         let mut meat = DMatrix::<f64>::zeros(n, n);
         for parts in self.clusters.values() {

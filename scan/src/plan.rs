@@ -1,0 +1,143 @@
+//! What every plan of a survey needs: the part of the ground that it shows, a scale bar, and room for names. The server's page of a survey and the report
+//! of a registration draw with it.
+//!
+//! A drawing has units of its own, [`LONGER`] along its longer side, x to the right and y down.
+
+use glam::DVec2;
+
+/// Units of the drawing along its longer side.
+pub const LONGER: f64 = 720.0;
+/// Margin around everything, and the smallest plan: parts of the longer side, and metres.
+const MARGIN: f64 = 0.05;
+const SMALLEST: f64 = 4.0;
+/// The shorter side is at least this part of the longer one.
+const SLIMMEST: f64 = 0.4;
+/// Text of the drawing, in its units: on a phone, where the drawing is small, and on larger screens. As in server/assets/survey.css.
+const TEXTS: [f64; 2] = [28.0, 15.0];
+/// Radius of a station with its outline, in units.
+pub const DOT: f64 = 9.0;
+
+/// The rectangle around points, with a margin and of a form that can be shown.
+pub fn around(points: &[DVec2]) -> Option<[DVec2; 2]> {
+    let min = points.iter().copied().reduce(DVec2::min)?;
+    let max = points.iter().copied().reduce(DVec2::max)?;
+    let middle = (min + max) / 2.0;
+    let span = max - min;
+    let span = span + 2.0 * MARGIN * span.max_element();
+    let longer = span.max_element();
+    let least = if longer < SMALLEST { SMALLEST } else { longer * SLIMMEST };
+    let half = span.max(DVec2::splat(least)) / 2.0;
+    let is_sound = middle.is_finite() && half.is_finite();
+    is_sound.then_some([middle - half, middle + half])
+}
+
+/// A name beside its mark.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Label {
+    /// Units, as text.
+    pub x: String,
+    /// Units, as text.
+    pub y: String,
+    /// `text-anchor` of SVG.
+    pub anchor: &'static str,
+    /// Whether it has room on large screens only.
+    pub is_for_large: bool,
+}
+
+/// A bar of a round length.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ScaleBar {
+    /// Units.
+    pub length: f64,
+    /// What that is on the ground.
+    pub metres: f64,
+}
+
+/// A number of a drawing: a tenth of a unit is less than can be seen.
+pub fn text(number: f64) -> String {
+    format!("{number:.1}")
+}
+
+/// The longest bar of 1, 2 or 5 times a power of ten metres that is at most a third of the drawing.
+pub fn bar(metres: f64, scale: f64) -> ScaleBar {
+    let longest = metres / 3.0;
+    let power = 10_f64.powf(longest.log10().floor());
+    let metres = [5.0, 2.0, 1.0].map(|k| k * power).into_iter().find(|length| *length <= longest).unwrap_or(power);
+    ScaleBar { length: metres * scale, metres }
+}
+
+/// Where names have room: beside their marks, without overlapping each other, other marks, or the scale bar. The first ones have precedence.
+pub fn labels(marks: &[(&str, [f64; 2])], [width, height]: [f64; 2], bar: f64) -> Vec<Option<Label>> {
+    type Box = [f64; 4];
+    let meets = |a: &Box, b: &Box| a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3];
+    let mut taken: Vec<Box> = marks.iter().map(|(_, [x, y])| [x - DOT, y - DOT, x + DOT, y + DOT]).collect();
+    taken.push([0.0, height - 52.0, bar + 40.0, height]);
+    taken.push([width - 76.0, 0.0, width, 84.0]);
+    let mut taken = [taken.clone(), taken];
+    let place = |name: &str, [x, y]: [f64; 2], size: f64| {
+        let (long, high) = (name.chars().count() as f64 * 0.68 * size, 1.1 * size);
+        let gap = DOT + 4.0;
+        let beside = |x0: f64, y: f64| [x0, y - high / 2.0, x0 + long, y + high / 2.0];
+        let (above, below) = (y - gap - high / 2.0, y + gap + high / 2.0);
+        [
+            (beside(x + gap, y), [x + gap, y], "start"),
+            (beside(x - gap - long, y), [x - gap, y], "end"),
+            (beside(x - long / 2.0, above), [x, above], "middle"),
+            (beside(x - long / 2.0, below), [x, below], "middle"),
+        ]
+    };
+    let mut find = |name: &str, at: [f64; 2]| {
+        for (k, size) in TEXTS.into_iter().enumerate() {
+            for (own, [x, y], anchor) in place(name, at, size) {
+                let is_inside = own[0] >= 0.0 && own[1] >= 0.0 && own[2] <= width && own[3] <= height;
+                if is_inside && !taken[k].iter().any(|other| meets(other, &own)) {
+                    taken[k].push(own);
+                    if k == 0 {
+                        // On a large screen the same name is smaller.
+                        let small = place(name, at, TEXTS[1]);
+                        taken[1].extend(small.into_iter().find(|(.., other)| *other == anchor).map(|(own, ..)| own));
+                    }
+                    return Some(Label { x: text(x), y: text(y), anchor, is_for_large: k == 1 });
+                }
+            }
+        }
+        None
+    };
+    marks.iter().map(|(name, at)| find(name, *at)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_plan_is_never_a_line_or_a_point() {
+        let [min, max] = around(&[DVec2::new(500_000.0, 9_000_000.0)]).unwrap();
+        assert!((max - min - SMALLEST).abs().max_element() < 1e-6);
+        let [min, max] = around(&[DVec2::ZERO, DVec2::new(100.0, 0.0)]).unwrap();
+        assert!(((max - min).x - 110.0).abs() < 1e-9 && (max - min).y >= 110.0 * SLIMMEST - 1e-9);
+        assert_eq!(around(&[]), None);
+        assert_eq!(around(&[DVec2::NAN]), None);
+    }
+
+    #[test]
+    fn the_scale_bar_is_round_and_at_most_a_third() {
+        for metres in [0.7, 4.0, 31.0, 100.0, 2600.0] {
+            let bar = bar(metres, 10.0);
+            assert!(bar.metres <= metres / 3.0 && bar.metres > metres / 3.0 / 2.6, "{metres}: {}", bar.metres);
+        }
+    }
+
+    #[test]
+    fn names_do_not_overlap_and_those_without_room_are_left_out() {
+        let marks: Vec<(String, [f64; 2])> = (0..60)
+            .map(|k| (format!("station_{k:03}"), [60.0 + f64::from(k % 8) * 80.0, 60.0 + f64::from(k / 8) * 60.0]))
+            .collect();
+        let named: Vec<(&str, [f64; 2])> = marks.iter().map(|(name, at)| (name.as_str(), *at)).collect();
+        let found = labels(&named, [720.0, 540.0], 100.0);
+        let large: Vec<_> = found.iter().flatten().filter(|label| !label.is_for_large).collect();
+        let count = found.iter().flatten().count();
+        assert!(large.len() > 3 && count > large.len() + 5 && count <= 60, "{} of {count}", large.len());
+        assert!(labels(&[("a", [5.0, 5.0])], [10.0, 10.0], 1.0)[0].is_none());
+    }
+}

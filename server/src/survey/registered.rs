@@ -1,0 +1,182 @@
+//! What the registration of a survey (`registration.json`) adds to its page: links on the plan, how certain stations are, and which were not placed.
+
+use super::plan::Plan;
+use super::{Surveyed, stamp};
+use crate::portal::language::Language;
+use kilwa_scan::plan::text;
+use kilwa_scan::register::{FILE, Grades, Link, Placement, Registration};
+use kilwa_scan::survey::{Station, Survey};
+use std::sync::{Arc, PoisonError};
+
+/// `registration.json` as it is now: `None` in a survey that was never registered; or its mistakes.
+pub(crate) type Found = Result<Option<Arc<Registration>>, Arc<str>>;
+
+/// The file when it was last read.
+#[derive(Debug, Default)]
+pub(super) struct Kept {
+    /// Which state of the file that was.
+    stamp: Option<String>,
+    found: Option<Found>,
+}
+
+impl Surveyed {
+    /// What was found when the survey was registered last.
+    pub(crate) fn registration(&self) -> Found {
+        let mut kept = self.registration.lock().unwrap_or_else(PoisonError::into_inner);
+        let now = stamp(&self.folder.join(FILE));
+        if let Some(found) = kept.found.as_ref().filter(|_| kept.stamp.as_ref() == Some(&now)) {
+            return found.clone();
+        }
+        let found = self.check_file(FILE).and_then(|()| Registration::open(&self.folder));
+        let found = found.map(|found| found.map(Arc::new)).map_err(|e| self.sentence(&e).into());
+        *kept = Kept { stamp: Some(now), found: Some(Found::clone(&found)) };
+        found
+    }
+}
+
+/// A link in the drawing.
+pub(crate) struct Line {
+    pub(crate) ends: [String; 4],
+    /// As in [`Grades`].
+    pub(crate) grade: usize,
+    pub(crate) samples: usize,
+    pub(crate) what: String,
+}
+
+/// The links of the weakest chain, as ends of lines.
+pub(crate) fn chain(found: &Registration, plan: &Plan, survey: &Survey) -> Vec<[String; 4]> {
+    let line = |pair: &[String]| {
+        let [[x1, y1], [x2, y2]] = [end(found, plan, survey, &pair[0])?, end(found, plan, survey, &pair[1])?];
+        Some([x1, y1, x2, y2].map(text))
+    };
+    found.weakest_chain.windows(2).filter_map(line).collect()
+}
+
+/// Where a station is on the plan; `None` if its pose is not the one that was found.
+fn end(found: &Registration, plan: &Plan, survey: &Survey, name: &str) -> Option<[f64; 2]> {
+    let station = survey.stations.iter().find(|station| station.name == name)?;
+    found.of(station).and(station.pose).map(|pose| plan.at(pose.translation))
+}
+
+/// Links on the plan, and the grades of their residuals with their bounds. Links of stations whose poses were changed since are left out.
+pub(crate) fn links(
+    found: &Registration,
+    plan: &Plan,
+    survey: &Survey,
+    l: &'static Language,
+) -> (Vec<Line>, Vec<(usize, String)>) {
+    let Some(grades) = Grades::of(&found.links) else { return (Vec::new(), Vec::new()) };
+    let end = |name: &str| end(found, plan, survey, name);
+    let mut sorted: Vec<&Link> = found.links.iter().collect();
+    // The worst ones lie on top.
+    sorted.sort_by(|a, b| a.residual.total_cmp(&b.residual));
+    let lines = sorted.into_iter().filter_map(|link| {
+        let [a, b] = link.stations.each_ref().map(String::as_str);
+        let [[x1, y1], [x2, y2]] = [end(a)?, end(b)?];
+        let samples = l.with("surveySamples", &[("count", link.samples)]);
+        let what = format!("{a} – {b}: {} · {samples}", millimetres(link.residual, l));
+        let ends = [x1, y1, x2, y2].map(text);
+        Some(Line { ends, grade: grades.residual(link), samples: grades.samples(link), what })
+    });
+    let lines: Vec<Line> = lines.collect();
+    if lines.is_empty() {
+        return (Vec::new(), Vec::new());
+    }
+    let [first, second, third] = grades.bounds().map(|bound| millimetres(bound, l));
+    let legend = [format!("≤ {first}"), format!("≤ {second}"), format!("≤ {third}"), format!("> {third}")];
+    (lines, (0..).zip(legend).collect())
+}
+
+/// A link in the list.
+pub(crate) struct LinkRow<'a> {
+    pub(crate) names: [&'a str; 2],
+    /// As in [`Grades`].
+    pub(crate) grade: usize,
+    pub(crate) residual: String,
+    pub(crate) samples: String,
+    pub(crate) overlap: String,
+    pub(crate) contradicted: String,
+    /// Standard deviations of the position and the rotation of one station relative to the other.
+    pub(crate) sigma: Option<String>,
+}
+
+/// All links, the largest residual first, without those of stations whose poses were changed since.
+pub(crate) fn link_rows<'a>(found: &'a Registration, survey: &Survey, l: &'static Language) -> Vec<LinkRow<'a>> {
+    let Some(grades) = Grades::of(&found.links) else { return Vec::new() };
+    let is_current = |name: &String| survey.stations.iter().any(|s| s.name == *name && found.of(s).is_some());
+    let mut sorted: Vec<&Link> = found.links.iter().filter(|link| link.stations.iter().all(is_current)).collect();
+    sorted.sort_by(|a, b| b.residual.total_cmp(&a.residual).then_with(|| a.stations.cmp(&b.stations)));
+    let row = |link: &'a Link| LinkRow {
+        names: link.stations.each_ref().map(String::as_str),
+        grade: grades.residual(link),
+        residual: millimetres(link.residual, l),
+        samples: l.count(link.samples),
+        overlap: percent(link.overlap, l),
+        contradicted: percent(link.contradicted, l),
+        sigma: link.sigma.map(|sigma| deviations(sigma, l)),
+    };
+    sorted.into_iter().map(row).collect()
+}
+
+/// What a station's pose rests on, and its standard deviations.
+pub(crate) struct Certainty {
+    pub(crate) placement: &'static str,
+    /// Of its position and its rotation; none of a pose that was given.
+    pub(crate) sigma: Option<String>,
+}
+
+/// How certain a station is; `None` where that is not known.
+pub(crate) fn certainty(found: &Registration, station: &Station, l: &'static Language) -> Option<Certainty> {
+    let known = found.stations.iter().any(|placed| placed.name == station.name);
+    let Some(placed) = found.of(station) else {
+        return known.then(|| Certainty { placement: l.t("surveyPoseChanged"), sigma: None });
+    };
+    let (key, is_given) = match placed.placement {
+        Placement::Anchor => ("surveyAnchor", true),
+        Placement::Fixed => ("surveyFixed", true),
+        Placement::Control => ("surveyByControl", false),
+        Placement::Surface => ("surveyBySurface", false),
+    };
+    let sigma = (!is_given).then(|| deviations(placed.sigma(), l));
+    Some(Certainty { placement: l.t(key), sigma })
+}
+
+/// Standard deviations of a position, metres, and of a rotation, radians.
+fn deviations([metres, radians]: [f64; 2], l: &'static Language) -> String {
+    let degrees = radians.to_degrees();
+    let digits = if degrees >= 0.01 { 3 } else { 4 };
+    format!("{}; {}°", millimetres(metres, l), l.decimals(&format!("{degrees:.digits$}")))
+}
+
+/// A share; small ones with a digit more.
+fn percent(share: f64, l: &'static Language) -> String {
+    let value = share * 100.0;
+    let digits = usize::from(value > 0.0 && value < 9.95);
+    format!("{} %", l.decimals(&format!("{value:.digits$}")))
+}
+
+/// A station that could not be placed, and why: sentences of the program.
+pub(crate) struct Refused<'a> {
+    pub(crate) name: &'a str,
+    pub(crate) reason: &'a str,
+    pub(crate) remedy: &'a str,
+}
+
+/// The stations of the survey that could not be placed and were not fixed since.
+pub(crate) fn refused<'a>(found: &'a Registration, survey: &Survey) -> Vec<Refused<'a>> {
+    let is_open = |name: &str| survey.stations.iter().any(|station| station.name == name && !station.is_fixed);
+    let refused = found.unplaced.iter().filter(|one| is_open(&one.name));
+    refused.map(|one| Refused { name: &one.name, reason: &one.reason, remedy: &one.remedy }).collect()
+}
+
+/// A length in millimetres with two or three digits that count.
+fn millimetres(metres: f64, l: &'static Language) -> String {
+    let value = metres * 1000.0;
+    let digits = match value {
+        v if v >= 100.0 => 0,
+        v if v >= 10.0 => 1,
+        v if v >= 0.1 => 2,
+        _ => 3,
+    };
+    format!("{} mm", l.decimals(&format!("{value:.digits$}")))
+}
