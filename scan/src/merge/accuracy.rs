@@ -63,15 +63,14 @@ impl PoseSigma {
         // Standard deviations written by a registration do not apply to a pose that has been entered since.
         let stated = Registration::stated(registration, entry)
             .and_then(|stated| Some(PoseVariance::stated(stated.sigma?, stated.pose())));
-        let is_listed = |of: fn(&Registration, &str) -> bool| registration.is_some_and(|all| of(all, &entry.name));
+        let is_unplaced =
+            registration.is_some_and(|all| all.unplaced.iter().any(|unplaced| unplaced.name == entry.name));
         match (registration.and_then(|all| all.of(entry)), stated) {
             (Some(placed), Some(stated)) if placed.placement == Placement::Fixed => Self::Known(stated),
             (Some(placed), _) => Self::Known(PoseVariance::new(placed)),
-            (None, _) if is_listed(|all, name| all.unplaced.iter().any(|s| s.name == name)) => {
-                Self::Unknown(Reason::Unplaced)
-            }
+            (None, _) if is_unplaced => Self::Unknown(Reason::Unplaced),
             (None, Some(stated)) => Self::Known(stated),
-            (None, None) if is_listed(|all, name| all.stations.iter().any(|s| s.name == name)) => {
+            (None, None) if registration.is_some_and(|all| all.entry(entry).is_some()) => {
                 Self::Unknown(Reason::Changed)
             }
             (None, None) => Self::Unknown(Reason::Unstated),

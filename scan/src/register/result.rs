@@ -267,7 +267,7 @@ impl Registration {
     }
 
     /// The entry of a station, whatever its pose is now.
-    fn entry(&self, station: &Station) -> Option<&Placed> {
+    pub(crate) fn entry(&self, station: &Station) -> Option<&Placed> {
         let is_same = |placed: &&Placed| match &placed.scan[..] {
             "" => placed.name == station.name,
             scan => scan == station.scan,

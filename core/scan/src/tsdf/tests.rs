@@ -187,7 +187,9 @@ fn variances_of_poses_are_averaged_and_ranges_average_out_among_stations() {
     assert!(both > 50, "{both}");
     let [turned, uncertain] = [[stations[1].clone(), stations[0].clone()], [stations[0].clone(), stations[1].clone()]]
         .map(|mut stations| {
-            stations.iter_mut().for_each(|pieces| pieces.reverse());
+            for pieces in &mut stations {
+                pieces.reverse();
+            }
             stations
         });
     for region in [1, 2] {
