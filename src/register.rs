@@ -92,13 +92,13 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let applied = if args.dry_run { Ok(Vec::new()) } else { apply(&args.survey, &survey, &found) };
     if let Some(report) = &args.report {
         NewFile::write(report, report::html(&args.survey, &survey, &found)?.as_bytes(), args.force)?;
-        eprintln!("report: {}", report.display());
+        crate::terminal::say!("report: {}", report.display());
     }
     if let Some(file) = &args.residuals {
         write_colored(file, args, &survey, &found)?;
     }
     for sentence in applied? {
-        eprintln!("note: {sentence}");
+        crate::terminal::say!("note: {sentence}");
     }
     printed?;
     ensure!(
@@ -139,7 +139,7 @@ fn write_colored(file: &Path, args: &Args, survey: &Survey, found: &Registration
     let most = write_residuals(&mut bytes, &all?)?;
     NewFile::write(file, &bytes, args.force)?;
     let millimetres = 1e3 * most;
-    eprintln!(
+    crate::terminal::say!(
         "residuals: {}; strongest blue: {millimetres:.1} mm or more behind what other stations saw; strongest red: as far in front of it",
         file.display()
     );
