@@ -1,4 +1,4 @@
-//! From the uncertainty of the poses of a survey to that of a measured distance.
+//! Propagation of pose uncertainties to measured distances.
 
 use crate::merge::survey;
 use crate::support::{Ply, json, succeeds, text};
@@ -7,7 +7,7 @@ use kilwa_scan::survey::{Station, Survey};
 use serde_json::{Value, json as value};
 use std::path::Path;
 
-/// Write that the two stations of [`survey`] were registered, with these standard deviations: of the position (metres) and of the rotation (radians).
+/// Writes a registration of the two stations of [`survey`] with these standard deviations: of the position (metres) and of the rotation (radians).
 pub(crate) fn register(survey: &Path, sigmas: [[f64; 2]; 2]) {
     let stations = Survey::open(survey).unwrap().stations;
     assert_eq!(stations.len(), 2);
@@ -35,7 +35,7 @@ pub(crate) fn register(survey: &Path, sigmas: [[f64; 2]; 2]) {
     Registration { stations, ..Registration::empty() }.save(survey).unwrap();
 }
 
-/// Merge a survey into a pack; the report.
+/// Merges a survey into a pack and returns the report.
 fn merged(survey: &Path, pack: &Path, more: &[&str]) -> Value {
     json(&[&["merge", text(survey), "--voxel", "0.1", "-o", text(pack), "--force"], more].concat())
 }
@@ -48,7 +48,7 @@ fn metadata(pack: &Path) -> Value {
 const ACROSS: [&str; 9] = ["distance", "-3", "0.5", "0", "3", "0.5", "0", "--tolerance", "0.3"];
 
 #[test]
-fn the_uncertainty_of_the_poses_reaches_every_vertex_and_every_measured_distance() {
+fn pose_uncertainty_is_propagated_to_every_vertex_and_every_measured_distance() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     let (survey, bare, pack, back) = (survey(folder.path()), path("bare.kilwa"), path("room.kilwa"), path("back.ply"));
@@ -123,7 +123,7 @@ fn the_uncertainty_of_the_poses_reaches_every_vertex_and_every_measured_distance
 }
 
 #[test]
-fn a_pose_that_was_edited_leaves_the_accuracy_of_the_pack_unknown() {
+fn the_accuracy_of_a_pack_is_unknown_if_a_pose_was_edited() {
     let folder = tempfile::tempdir().unwrap();
     let (survey, pack) = (survey(folder.path()), folder.path().join("room.kilwa"));
     register(&survey, [[0.001, 0.0001]; 2]);

@@ -306,7 +306,7 @@ fn made(folder: &Path) -> Vec<String> {
 fn a_merge_that_is_killed_resumes_to_the_same_pack() {
     let folder = tempfile::tempdir().unwrap();
     let survey = survey(folder.path());
-    // What is found about the accuracy while stations are merged is needed at the end.
+    // The accuracy determined during the merge is needed at the end.
     register(&survey, [[0.001, 0.0001], [0.004, 0.0002]]);
     let path = |name: &str| folder.path().join(name);
     let merge = |name: &str| {
@@ -335,7 +335,7 @@ fn a_merge_that_is_killed_resumes_to_the_same_pack() {
     assert_eq!(made(folder.path()), ["first.kilwa", "room.kilwa"]);
     let about = json(&["info", text(&path("room.kilwa"))]);
     assert!(about["metadata"]["capture_registration"].as_f64() > Some(0.001), "{about}");
-    // With other uncertainties of the poses it would be another pack.
+    // With different pose uncertainties, the result would be a different pack.
     let mut child = merge("other.kilwa").spawn().unwrap();
     let scratch = path(".other.kilwa.scratch");
     eventually_every(Duration::from_micros(200), "leaves", || {

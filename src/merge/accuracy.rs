@@ -5,7 +5,7 @@ use kilwa_builder::Capture;
 use kilwa_scan::merge::{Accuracy, Parts, Reason, UnknownPose};
 use serde_json::{Value, json};
 
-/// Stations that a message names.
+/// Maximum number of stations named in a message.
 const NAMED: usize = 5;
 
 /// The accuracy of the capture for the metadata of a pack, if it is known. Three digits exceed the precision of a standard deviation, and are too few to encode a
@@ -22,7 +22,7 @@ fn three_digits(x: f64) -> f64 {
     format!("{x:.2e}").parse().unwrap_or(x)
 }
 
-/// A sentence about it, without a full stop; `None` if there is nothing to report.
+/// A message about the accuracy, without a full stop; `None` if there is nothing to report.
 pub(crate) fn sentence(accuracy: &Accuracy) -> Option<String> {
     if let Some(Capture { accuracy, registration, instrument }) = capture(accuracy) {
         let [accuracy, registration, instrument] = [accuracy, registration, instrument].map(metres);
@@ -41,7 +41,7 @@ pub(crate) fn sentence(accuracy: &Accuracy) -> Option<String> {
     let unplaced = named(Reason::Unplaced, "not placed by registration");
     let unstated = named(Reason::Unstated, "pose uncertainty unknown");
     let reasons: Vec<String> = [changed, unplaced, unstated].into_iter().flatten().collect();
-    Some(format!("capture accuracy unknown: {} (run `kilwa register`, or give --capture-accuracy)", reasons.join("; ")))
+    Some(format!("capture accuracy unknown: {} (run `kilwa register`, or use --capture-accuracy)", reasons.join("; ")))
 }
 
 /// The accuracy as JSON.

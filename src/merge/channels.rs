@@ -8,7 +8,7 @@ use kilwa_scan::merge::{Begin, MergedVertex, Source};
 pub(crate) struct Channels {
     has_intensity: bool,
     is_filled: bool,
-    /// The largest standard deviation of a vertex because of the poses, metres, if there is a channel for it.
+    /// The largest standard deviation of a vertex due to the poses, metres, if there is a channel for it.
     registration: Option<f32>,
 }
 
@@ -45,7 +45,7 @@ impl Channels {
             next += 1;
         }
         if let Some(largest) = self.registration {
-            // A vertex that fills a hole is no more certain than the least certain that was measured.
+            // A vertex that fills a hole gets the largest uncertainty.
             values[next] = registration.unwrap_or(largest);
             next += 1;
         }

@@ -34,7 +34,7 @@ struct Page<'a> {
     style: &'static str,
     title: &'a str,
     summary: String,
-    /// What else the user should know.
+    /// Further messages for the user.
     notes: &'a [String],
     plan: Option<Plan<'a>>,
     chain: Option<String>,

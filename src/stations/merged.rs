@@ -37,7 +37,7 @@ impl Merging {
         format!("merged {voxel:?} {unmasked} {bounds:?} {fill:?} {mesh:?} {intensity:?}{}", self.sigmas())
     }
 
-    /// What distinguishes the uncertainties of the poses from others; empty if there are none.
+    /// A fingerprint of the pose uncertainties; empty if there are none.
     fn sigmas(&self) -> String {
         let registration = std::fs::read(self.folder.join(register::FILE)).ok();
         let stated: Vec<Option<[f64; 2]>> = self.survey.stations.iter().map(|station| station.sigma).collect();
@@ -53,7 +53,7 @@ impl Merging {
         self.report.lock().unwrap_or_else(PoisonError::into_inner).as_ref().map(crate::merge::figures)
     }
 
-    /// Pass the merged surface to the build. Returns the accuracy of the capture, if the survey tells it.
+    /// Pass the merged surface to the build. Returns the accuracy of the capture, if it can be computed from the survey.
     pub(crate) fn deliver(&self, sink: &mut dyn MeshSink, work: &Work<'_>) -> Result<Option<Capture>, BuildError> {
         let survey = &self.survey;
         let options = Options {

@@ -1,4 +1,4 @@
-//! The uncertainty of a point in a survey whose stations are registered with different certainty.
+//! The uncertainty of a point in a survey whose stations have different registration uncertainties.
 
 use super::page::Page;
 use super::{check_bound, check_none};

@@ -241,7 +241,7 @@ export interface Uncertainty {
   lattice: number;
   level: number;
   capture: number | null;
-  /** The parts of the capture, where known; the registration is that of the least certain point. */
+  /** The parts of `capture`, if known; `registration` is that of the least certain point. */
   registration?: number;
   instrument?: number;
   /** Of the least exactly picked point; absent where no point was picked on a picture. */

@@ -52,7 +52,7 @@ pub fn plain_accuracy(metres: f64) -> Result<(), String> {
     ))
 }
 
-/// Check the same of the accuracy of the capture that a pack states, and of its parts.
+/// Applies the same check to the capture accuracy that a pack states, and to its parts.
 ///
 /// # Errors
 /// The name of the member, and the end of a sentence as in [`plain_accuracy`].

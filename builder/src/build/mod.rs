@@ -95,7 +95,7 @@ pub trait Inputs {
         Ok(false)
     }
 
-    /// Deliver all of them to `spool`, in metres and with z up. Returns what the metadata says of them.
+    /// Deliver all of them to `spool`, in metres and with z up. Returns what the metadata records about them.
     ///
     /// # Errors
     /// [`BuildError`], with what is wrong and what to do.

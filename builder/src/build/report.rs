@@ -133,7 +133,7 @@ pub(crate) fn metadata(s: &Surface, options: &BuildOptions) -> Metadata {
     shaped.insert("coarse-positions".to_owned(), positions.to_owned());
     shaped.insert("leaf-triangles".to_owned(), options.leaf_triangles.to_string());
     let [bounds_min, bounds_max] = s.bounds.map(|p| s.lattice.world_from_lattice(p));
-    // What the user states takes precedence, and its parts are not known.
+    // A value given by the user takes precedence; its parts are unknown.
     let capture = s.capture.filter(|_| options.capture_accuracy.is_none());
     Metadata {
         title: options.title.clone(),

@@ -86,7 +86,7 @@ pub fn scratch_needed(vertices: u64, triangles: u64, vertex_bytes: u64) -> u64 {
 }
 
 /// Run the stages that are not done yet. `spooled` is what [`Spool::finish`] gave, `None` where that stage was done
-/// before an interruption; `provenance` is what the metadata says of the inputs.
+/// before an interruption; `provenance` is what the metadata records about the inputs.
 ///
 /// # Errors
 /// [`BuildError`], each with what to do.

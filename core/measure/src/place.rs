@@ -124,7 +124,7 @@ pub async fn nearest<L: Leaves>(leaves: &L, local: DVec3) -> Result<Place, Failu
     Ok(Place { world, local, away, normal, registration })
 }
 
-/// The scalar channel that has the part of the uncertainty that is due to registration.
+/// The scalar channel that contains the uncertainty due to registration.
 pub(crate) fn registration_channel(index: &Index) -> Option<usize> {
     index.metadata().scalars.iter().position(|channel| channel.name == REGISTRATION)
 }

@@ -12,10 +12,10 @@ pub struct Uncertainty {
     pub level: f64,
     /// Standard uncertainty of the capture, where known.
     pub capture: Option<f64>,
-    /// The part of the capture that is due to the registration of the stations, where known: of the least certain point.
+    /// The part of the capture uncertainty due to the registration of the stations, if known: that of the least certain point.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub registration: Option<f64>,
-    /// The part of the capture that is due to the instruments, where known.
+    /// The part of the capture uncertainty due to the instruments, if known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub instrument: Option<f64>,
     /// Of pointing: the largest of the points that were picked on a picture; 0 for points that were typed or snapped.

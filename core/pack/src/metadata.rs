@@ -69,10 +69,10 @@ pub struct Metadata {
     /// Standard uncertainty of the capture, metres, where known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub capture_accuracy: Option<f64>,
-    /// The part of it that is due to the poses of the stations, metres, where known. The channel [`REGISTRATION`], if there is one, has it for every vertex.
+    /// The part of it due to the poses of the stations, metres, if known. The channel [`REGISTRATION`], if present, contains it for every vertex.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub capture_registration: Option<f64>,
-    /// The part of it that is due to the noise of the instruments, metres, where known.
+    /// The part of it due to instrument noise, metres, if known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub capture_instrument: Option<f64>,
     /// What reading and building repaired or dropped: reason to count. Empty means nothing.

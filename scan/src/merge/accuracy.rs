@@ -11,25 +11,25 @@ use kilwa_scan_core::{Pose, Rays};
 /// What is known about the accuracy of a merged surface.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub enum Accuracy {
-    /// Nothing: no station was registered, and the survey states no standard deviations.
+    /// Unknown: no station was registered, and the survey states no standard deviations.
     #[default]
     Unknown,
     /// Not enough: the uncertainties of the poses of these stations are unknown.
     Incomplete(Vec<UnknownPose>),
-    /// Enough.
+    /// Known, with its parts.
     Known(Parts),
 }
 
 /// Standard deviations of a coordinate, root mean squares over the surface, metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parts {
-    /// Because of the poses of the stations.
+    /// Due to the poses of the stations.
     pub registration: f64,
-    /// Because of the noise of their ranges.
+    /// Due to their range noise.
     pub instrument: f64,
 }
 
-/// A station whose pose is uncertain by an unknown amount.
+/// A station whose pose uncertainty is unknown.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct UnknownPose {
     /// Its name.
@@ -38,12 +38,12 @@ pub struct UnknownPose {
     pub reason: Reason,
 }
 
-/// Why it is not known how uncertain a pose is.
+/// Why the uncertainty of a pose is unknown.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reason {
     /// The pose was changed after it had been registered.
     Changed,
-    /// The registration did not place the station, so that it does not confirm the pose.
+    /// The registration did not place the station, so it does not confirm the pose.
     Unplaced,
     /// The station was not registered, and the survey states no standard deviations.
     Unstated,
@@ -52,7 +52,7 @@ pub enum Reason {
 /// The uncertainty of the pose of a station.
 #[derive(Debug, Clone)]
 pub(super) enum PoseSigma {
-    /// That is not known.
+    /// Unknown, for this reason.
     Unknown(Reason),
     /// The pose is the one that was registered, or the survey states its standard deviations.
     Known(PoseVariance),
@@ -138,7 +138,7 @@ impl<'a> StationSigma<'a> {
 
     pub(super) fn at(&self, piece: &Piece) -> Sigma {
         let point = self.scale.to_survey(piece.position());
-        // Without a centre the range is not known; the confidence of samples does the same.
+        // Without a centre, the range is unknown and taken as 0, as for the confidence of samples.
         let range = if self.has_center { point.distance(self.pose.station) } else { 0.0 };
         Sigma::new(self.pose.at(point), self.range_noise[0] + self.range_noise[1] * range)
     }
@@ -154,7 +154,7 @@ pub(super) struct Sigmas<'a> {
 }
 
 impl<'a> Sigmas<'a> {
-    /// Of these stations, of which `parts` are in the surface.
+    /// The uncertainties of these stations; `parts` are their contributions to the surface.
     pub(super) fn of(stations: &'a [Station<'_>], parts: &[Part], scale: Scale) -> Result<Self, Accuracy> {
         let merged = || stations.iter().zip(parts).filter(|(_, part)| part.pieces > 0).map(|(station, _)| station);
         let unknown = |station: &Station<'_>| match station.pose_sigma {
@@ -163,7 +163,7 @@ impl<'a> Sigmas<'a> {
         };
         let unknown: Vec<UnknownPose> = merged().filter_map(unknown).collect();
         if !unknown.is_empty() {
-            // A survey in which nothing was registered or stated needs no remark.
+            // If nothing was registered or stated, no message is needed.
             let is_bare =
                 unknown.len() == merged().count() && unknown.iter().all(|pose| pose.reason == Reason::Unstated);
             return Err(if is_bare { Accuracy::Unknown } else { Accuracy::Incomplete(unknown) });
@@ -178,7 +178,7 @@ impl<'a> Sigmas<'a> {
         })
     }
 
-    /// Of a station, counted from 1, at a piece of it.
+    /// The uncertainty of a station (numbered from 1) at one of its pieces.
     pub(super) fn at(&self, station: u16, piece: &Piece) -> Option<Sigma> {
         Some(self.stations.get(usize::from(station) - 1)?.as_ref()?.at(piece))
     }

@@ -29,7 +29,7 @@ pub(super) struct Station<'a> {
     entry: &'a survey::Station,
     unmasked: bool,
     pub(super) pose: Pose,
-    /// How uncertain the pose is, as far as known.
+    /// The uncertainty of the pose, if known.
     pub(super) pose_sigma: PoseSigma,
     pub(super) rays: Rays,
     pub(super) options: mesh::Options,
@@ -54,7 +54,7 @@ impl Station<'_> {
         self.entry.instrument.as_deref()
     }
 
-    /// Whether it is known how uncertain its pose is.
+    /// Whether the uncertainty of its pose is known.
     pub(super) fn has_sigma(&self) -> bool {
         matches!(self.pose_sigma, PoseSigma::Known(_))
     }
@@ -147,7 +147,7 @@ pub(super) struct Part {
     pub(super) triangles: u64,
     /// Pieces that they were cut into.
     pub(super) pieces: u64,
-    /// The smallest and the largest variance of a piece because of the pose, square metres, if that is known.
+    /// The smallest and the largest variance of a piece due to the pose, square metres, if known.
     pub(super) variances: Option<[f64; 2]>,
 }
 

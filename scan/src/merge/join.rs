@@ -64,7 +64,7 @@ impl<'s> Joined<'s> {
         &self.rims
     }
 
-    /// How accurate the measured surface is.
+    /// The accuracy of the measured surface.
     pub(super) fn accuracy(&self) -> &accuracy::Sum {
         &self.accuracy
     }

@@ -136,7 +136,7 @@ pub struct Begin {
     pub attributes: [bool; 2],
     /// Whether holes are filled, so that the source of vertices matters.
     pub is_filled: bool,
-    /// The largest [`MergedVertex::registration`] that there can be; `None` if it is not known, or the same everywhere.
+    /// The largest possible [`MergedVertex::registration`]; `None` if it is unknown or the same everywhere.
     pub registration: Option<f32>,
 }
 

@@ -297,7 +297,7 @@ fn a_mesh_that_does_not_fit_the_survey_is_refused_and_one_with_y_up_is_turned() 
     assert!(low.abs_diff_eq(DVec3::ZERO, 1e-6) && high.abs_diff_eq(DVec3::new(1.0, 0.0, 1.0), 1e-6), "{low} {high}");
 }
 
-/// Write that the stations of a survey were registered, with these standard deviations: of the position (metres) and of the rotation (radians).
+/// Writes a registration of the stations of a survey with these standard deviations: of the position (metres) and of the rotation (radians).
 fn register(folder: &Path, survey: &Survey, sigmas: &[[f64; 2]]) {
     let placed = |(station, [metres, radians]): (&survey::Station, &[f64; 2])| {
         let pose = station.pose.unwrap();

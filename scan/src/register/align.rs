@@ -35,7 +35,7 @@ pub(super) fn align(members: &mut [(usize, Pose)], given: &Given) -> bool {
     true
 }
 
-/// Points with survey coordinates: these, and where the group has them.
+/// Points with survey coordinates: their coordinates in the survey and in the group.
 pub(super) fn survey_points(members: &[(usize, Pose)], given: &Given) -> Vec<(DVec3, DVec3)> {
     let points = given.controls.with_survey_coordinates();
     points.iter().map(|(member, at, known, _)| (*known, members[*member].1.apply(*at))).collect()

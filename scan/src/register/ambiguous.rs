@@ -1,7 +1,7 @@
 //! Stations that fit equally well elsewhere in their group.
 
 use super::doubt::{CLEARLY, Doubt, MIN_AGREE, NEARBY, is_sound};
-use super::group::{Beside, Group, Two};
+use super::group::{CandidatePose, Group, Two};
 use super::known::Known;
 use super::pairs::Pairs;
 use super::view::View;
@@ -64,9 +64,9 @@ pub(super) fn ambiguous(
             || rest.members.iter().any(|(other, pose)| {
                 let key = (number.min(*other), number.max(*other));
                 let found = pairs.found.get(&key).filter(|finding| finding.doubt != Some(Doubt::Known));
-                let places = found.map_or(&[][..], |finding| &finding.places);
-                let beside = |place: &Beside| if number < *other { place.pose.inverse() } else { place.pose };
-                places.iter().filter(|place| is_sound(place)).any(|place| elsewhere(beside(place).then(*pose)))
+                let candidates = found.map_or(&[][..], |finding| &finding.candidates);
+                let relative = |found: &CandidatePose| if number < *other { found.pose.inverse() } else { found.pose };
+                candidates.iter().filter(|found| is_sound(found)).any(|found| elsewhere(relative(found).then(*pose)))
                     || pairs.symmetries[*other].iter().any(|turn| elsewhere(turned(*pose, *turn)))
                     || pairs.copies[*other].iter().any(|turn| fits(turned(*pose, *turn), true))
             }))

@@ -26,7 +26,7 @@ pub fn apply(folder: &Path, read: &Survey, found: &Registration) -> Result<Vec<S
     found.check()?;
     let stations = edit.survey().stations.clone();
     let is_shared = |s: &Station| stations.iter().filter(|other| other.pose == s.pose).count() > 1;
-    // Standard deviations that a registration entered say nothing without it.
+    // Standard deviations written by a registration are meaningless without it.
     for station in &stations {
         let is_kept = found.stations.iter().any(|p| p.name == station.name && p.placement != Placement::Fixed);
         if !is_kept && before.as_ref().is_some_and(|before| before.has_entered_sigma(station)) {

@@ -2,7 +2,7 @@
 
 use super::ambiguous::ambiguous;
 use super::doubt::{Finding, MAX_GROUP_CONTRADICTED, MAX_KNOWN_CONTRADICTED};
-use super::group::{Beside, Group, Two};
+use super::group::{CandidatePose, Group, Two};
 use super::known::Known;
 use super::pairs::{drop_inconsistent, pairs};
 use super::view::View;
@@ -94,7 +94,7 @@ fn joined(
         }
         groups[*first] = Some(group);
     }
-    let mut accepted: Vec<(&(usize, usize), &Beside)> =
+    let mut accepted: Vec<(&(usize, usize), &CandidatePose)> =
         pairs.iter().filter_map(|(key, found)| Some((key, found.accepted()?))).collect();
     let is_controlled = |key: &(usize, usize)| known.controlled.contains_key(key);
     accepted.sort_by(|a, b| is_controlled(b.0).cmp(&is_controlled(a.0)).then(b.1.score().total_cmp(&a.1.score())));
@@ -156,8 +156,8 @@ fn best_of_groups(
             let two = Two { views: work.views, first: &groups[*a], second: &groups[*b], edge: work.edge };
             let start = work.known.start(&groups[*a], &groups[*b]);
             let allows = |pose: Pose| work.known.allows(&groups[*a], &groups[*b], pose);
-            let places = two.places(&correlator, &maps[a], &turned, start.as_slice(), allows);
-            (key(*a, *b), Finding::among(places, work.edge, MAX_GROUP_CONTRADICTED, |place| allows(place.pose)))
+            let candidates = two.candidates(&correlator, &maps[a], &turned, start.as_slice(), allows);
+            (key(*a, *b), Finding::among(candidates, work.edge, MAX_GROUP_CONTRADICTED, |place| allows(place.pose)))
         };
         compared.extend(firsts.par_iter().map(of_pair).collect::<Vec<_>>());
         work.progress.update("joining groups", done as u64 + 1, seconds.len() as u64);

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 
 /// The standard deviation of a control point where none is given, metres.
 pub(super) const SIGMA: f64 = 0.005;
-/// Fewest points that define a pose.
+/// Minimum number of points that define a pose.
 pub(super) const MIN_POINTS: usize = 3;
 /// Points define a pose if their spread in a second direction is at least this share of their spread in the first.
 const SPREAD: f64 = 0.02;

@@ -3,9 +3,9 @@
 //! A wrong pose is worse than none. Two stations are joined only if enough surface agrees, if hardly any rays of either pass through what the other saw, if the common surface constrains the
 //! pose in every direction, and if no other pose is nearly as good.
 
-use super::group::Beside;
+use super::group::CandidatePose;
 
-/// Fewest planes that must agree, of the samples of both.
+/// Minimum number of planes that must agree, counting the samples of both.
 pub(super) const MIN_AGREE: u32 = 80;
 /// Minimum share of the common planes that must agree, and maximum share that may be contradicted.
 pub(super) const MIN_AGREEMENT: f64 = 0.45;
@@ -51,34 +51,39 @@ pub(super) enum Doubt {
 /// What was found for two stations or groups.
 #[derive(Debug, Clone)]
 pub(super) struct Finding {
-    /// Places, best first.
-    pub(super) places: Vec<Beside>,
+    /// Candidate poses, best first.
+    pub(super) candidates: Vec<CandidatePose>,
     /// Why the best is not used; `None` if it is.
     pub(super) doubt: Option<Doubt>,
 }
 
 impl Finding {
-    pub(super) fn new(places: Vec<Beside>, edge: f64, most: f64) -> Self {
-        let doubt = doubt(&places, edge, most);
-        Self { places, doubt }
+    pub(super) fn new(candidates: Vec<CandidatePose>, edge: f64, most: f64) -> Self {
+        let doubt = doubt(&candidates, edge, most);
+        Self { candidates, doubt }
     }
 
     /// The same, considering only the candidates that agree with known poses.
-    pub(super) fn among(mut places: Vec<Beside>, edge: f64, most: f64, agrees: impl Fn(&Beside) -> bool) -> Self {
-        if !places.is_empty() && !places.iter().any(&agrees) {
-            return Self { places, doubt: Some(Doubt::Known) };
+    pub(super) fn among(
+        mut candidates: Vec<CandidatePose>,
+        edge: f64,
+        most: f64,
+        agrees: impl Fn(&CandidatePose) -> bool,
+    ) -> Self {
+        if !candidates.is_empty() && !candidates.iter().any(&agrees) {
+            return Self { candidates, doubt: Some(Doubt::Known) };
         }
-        places.retain(agrees);
-        Self::new(places, edge, most)
+        candidates.retain(agrees);
+        Self::new(candidates, edge, most)
     }
 
-    pub(super) fn accepted(&self) -> Option<&Beside> {
-        if self.doubt.is_none() { self.places.first() } else { None }
+    pub(super) fn accepted(&self) -> Option<&CandidatePose> {
+        if self.doubt.is_none() { self.candidates.first() } else { None }
     }
 }
 
-fn doubt(places: &[Beside], edge: f64, most: f64) -> Option<Doubt> {
-    let Some(best) = places.first() else { return Some(Doubt::None) };
+fn doubt(candidates: &[CandidatePose], edge: f64, most: f64) -> Option<Doubt> {
+    let Some(best) = candidates.first() else { return Some(Doubt::None) };
     let v = &best.verdict;
     if v.agree < MIN_AGREE {
         return Some(Doubt::Little);
@@ -89,7 +94,7 @@ fn doubt(places: &[Beside], edge: f64, most: f64) -> Option<Doubt> {
     if best.firmness < MIN_FIRMNESS.max(MIN_CLEARNESS * best.noise) {
         return Some(Doubt::Loose);
     }
-    let is_rival = |other: &Beside| {
+    let is_rival = |other: &CandidatePose| {
         // Near the correct pose there are others in which stones match the wrong stones.
         let is_near = best.pose.difference(other.pose).1 < NEARBY * edge;
         let [score, median] = if is_near { NEAR_RIVAL } else { RIVAL };
@@ -99,11 +104,11 @@ fn doubt(places: &[Beside], edge: f64, most: f64) -> Option<Doubt> {
             && other.score() >= score * best.score()
             && other.median <= median * best.median
     };
-    places[1..].iter().any(is_rival).then_some(Doubt::Ambiguous)
+    candidates[1..].iter().any(is_rival).then_some(Doubt::Ambiguous)
 }
 
 /// Whether a pose is acceptable on its own, regardless of rivals.
-pub(super) fn is_sound(place: &Beside) -> bool {
+pub(super) fn is_sound(place: &CandidatePose) -> bool {
     let v = &place.verdict;
     v.agree >= MIN_AGREE
         && v.agreement() >= MIN_AGREEMENT

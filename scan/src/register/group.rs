@@ -72,7 +72,7 @@ impl Group {
 
 /// A candidate pose of one group relative to another.
 #[derive(Debug, Clone)]
-pub(super) struct Beside {
+pub(super) struct CandidatePose {
     /// The pose of the second group in the frame of the first.
     pub(super) pose: Pose,
     pub(super) verdict: Verdict,
@@ -85,7 +85,7 @@ pub(super) struct Beside {
     pub(super) median: f64,
 }
 
-impl Beside {
+impl CandidatePose {
     /// How much surface agrees; zero if rays of one pass through much of what the other saw.
     pub(super) fn score(&self) -> f64 {
         f64::from(self.verdict.agree) * (self.verdict.agreement() - 4.0 * self.verdict.contradicted()).max(0.0)
@@ -127,32 +127,32 @@ pub(super) struct Two<'a> {
 
 impl Two<'_> {
     /// All poses found by fitting, best first. `guesses`: approximate poses.
-    pub(super) fn places(
+    pub(super) fn candidates(
         &self,
         correlator: &Correlator,
         map: &Spectrum,
         turned: &[Spectrum],
         guesses: &[Pose],
         allows: impl Fn(Pose) -> bool,
-    ) -> Vec<Beside> {
+    ) -> Vec<CandidatePose> {
         let mut starts = self.starts(correlator, map, turned);
         starts.extend(guesses.iter().map(|guess| (f64::INFINITY, *guess)));
-        let mut out: Vec<Beside> = Vec::new();
+        let mut out: Vec<CandidatePose> = Vec::new();
         for (_, start) in starts {
             let Some(found) = self.fitted(start) else { continue };
             if !out.iter().any(|other| is_same(other.pose, found.pose, self.edge)) {
                 out.push(found);
             }
         }
-        // What known poses exclude is no rival; if they exclude everything, that is reported.
+        // Candidates excluded by known poses are not rivals; if all candidates are excluded, this is reported.
         if out.iter().any(|found| allows(found.pose)) {
             out.retain(|found| allows(found.pose));
         }
         out.sort_by(|x, y| y.score().total_cmp(&x.score()));
-        let best = out.first().map_or(0.0, Beside::score);
+        let best = out.first().map_or(0.0, CandidatePose::score);
         out.retain(|found| found.score() > 0.0 && found.score() >= RIVAL * best);
         out.truncate(REFINED);
-        let mut refined: Vec<Beside> = Vec::new();
+        let mut refined: Vec<CandidatePose> = Vec::new();
         for found in out.iter().filter_map(|found| self.refined(found)) {
             if !refined.iter().any(|other| is_same(other.pose, found.pose, self.edge)) {
                 refined.push(found);
@@ -164,27 +164,27 @@ impl Two<'_> {
     }
 
     /// Add the poses to which the best one can be shifted in its weakest direction, for example along a corridor or round a tower.
-    fn slide(&self, places: &mut Vec<Beside>) {
-        let Some(best) = places.first().cloned() else { return };
-        self.add(places, SLIDES.into_iter().map(|step| moved(best.pose, &(best.weakest * (step * self.edge)))));
+    fn slide(&self, candidates: &mut Vec<CandidatePose>) {
+        let Some(best) = candidates.first().cloned() else { return };
+        self.add(candidates, SLIDES.into_iter().map(|step| moved(best.pose, &(best.weakest * (step * self.edge)))));
     }
 
     /// Add the poses found by fits from these initial poses.
-    pub(super) fn add(&self, places: &mut Vec<Beside>, starts: impl Iterator<Item = Pose>) {
+    pub(super) fn add(&self, candidates: &mut Vec<CandidatePose>, starts: impl Iterator<Item = Pose>) {
         for start in starts {
             let found = self.fitted(start).and_then(|found| self.refined(&found));
             if let Some(found) =
-                found.filter(|found| places.iter().all(|other| !is_same(other.pose, found.pose, self.edge)))
+                found.filter(|found| candidates.iter().all(|other| !is_same(other.pose, found.pose, self.edge)))
             {
-                places.push(found);
+                candidates.push(found);
             }
         }
-        places.sort_by(|x, y| y.score().total_cmp(&x.score()));
+        candidates.sort_by(|x, y| y.score().total_cmp(&x.score()));
     }
 
     /// The poses in which a station may coincide with itself.
-    pub(super) fn others(&self, correlator: &Correlator, map: &Spectrum, turned: &[Spectrum]) -> Vec<Beside> {
-        let mut out: Vec<Beside> = Vec::new();
+    pub(super) fn others(&self, correlator: &Correlator, map: &Spectrum, turned: &[Spectrum]) -> Vec<CandidatePose> {
+        let mut out: Vec<CandidatePose> = Vec::new();
         for (_, start) in self.starts(correlator, map, turned) {
             let Some(found) = self.fitted(start) else { continue };
             if !out.iter().any(|other| is_same(other.pose, found.pose, self.edge)) {
@@ -235,19 +235,19 @@ impl Two<'_> {
     }
 
     /// A pose from control points.
-    pub(super) fn given(&self, pose: Pose) -> Beside {
+    pub(super) fn given(&self, pose: Pose) -> CandidatePose {
         let verdict = self.verdict(pose, self.edge, usize::MAX);
-        Beside { pose, verdict, firmness: f64::INFINITY, noise: 0.0, weakest: Vector6::zeros(), median: 0.0 }
+        CandidatePose { pose, verdict, firmness: f64::INFINITY, noise: 0.0, weakest: Vector6::zeros(), median: 0.0 }
     }
 
-    fn fitted(&self, start: Pose) -> Option<Beside> {
+    fn fitted(&self, start: Pose) -> Option<CandidatePose> {
         let reaches = [8.0, 4.0, 2.0, 1.0].map(|reach| reach * self.edge);
         let found = fit(&self.first.targets(self.views), &self.second.samples(self.views), start, 1, &reaches)?;
-        Some(self.beside(&found, f64::INFINITY))
+        Some(self.checked(&found, f64::INFINITY))
     }
 
     /// The pose refined with the finest planes.
-    pub(super) fn refined(&self, rough: &Beside) -> Option<Beside> {
+    pub(super) fn refined(&self, rough: &CandidatePose) -> Option<CandidatePose> {
         let thinned: Vec<Vec<Surfel>> = self
             .second
             .members
@@ -262,15 +262,15 @@ impl Two<'_> {
             poses.zip(&thinned).map(|(pose, planes)| Posed { pose, planes: &planes[..] }).collect();
         let reaches = [1.0, 0.5, 0.3].map(|reach| reach * self.edge);
         let found = fit(&self.first.targets(self.views), &sources, rough.pose, 0, &reaches)?;
-        let fine = self.beside(&found, found.median);
+        let fine = self.checked(&found, found.median);
         // The normals of small planes are too noisy to show which directions are constrained.
-        Some(Beside { firmness: rough.firmness, noise: rough.noise, weakest: rough.weakest, ..fine })
+        Some(CandidatePose { firmness: rough.firmness, noise: rough.noise, weakest: rough.weakest, ..fine })
     }
 
-    fn beside(&self, found: &Fit, median: f64) -> Beside {
+    fn checked(&self, found: &Fit, median: f64) -> CandidatePose {
         let verdict = self.verdict(found.pose, self.edge, usize::MAX);
         let (firmness, weakest) = firmness(&found.information);
-        Beside { pose: found.pose, verdict, firmness, noise: found.noise, weakest, median }
+        CandidatePose { pose: found.pose, verdict, firmness, noise: found.noise, weakest, median }
     }
 
     /// How well both agree, using at most `most` planes of each station.

@@ -7,14 +7,14 @@ use std::collections::BTreeMap;
 
 /// Maximum error of a relative pose that counts as well known: metres, radians.
 const WELL_KNOWN: [f64; 2] = [1.0, 0.175];
-/// Room for the errors of a fit, which is not adjusted yet: voxel edges, share of the distance, and radians.
+/// Tolerance for the errors of a fit before the adjustment: voxel edges, share of the distance, and radians.
 const FIT: [f64; 3] = [2.0, 0.005, 0.02];
 
 /// Prior knowledge of poses.
 pub(super) struct Known {
     /// Stations whose poses are known, with these poses.
     pub(super) fixed: Vec<(usize, Pose)>,
-    /// Rough poses of stations.
+    /// Approximate poses of stations.
     pub(super) guesses: Vec<Option<Guess>>,
     /// The pose of the second station relative to the first from control points; the first has the lower number.
     pub(super) controlled: BTreeMap<(usize, usize), Pose>,
@@ -48,7 +48,7 @@ impl Known {
         if is_known { MAX_KNOWN_CONTRADICTED } else { MAX_GROUP_CONTRADICTED }
     }
 
-    /// The pose of the second station relative to the first from rough poses of both.
+    /// The pose of the second station relative to the first from the approximate poses of both.
     pub(super) fn relative(&self, a: usize, b: usize) -> Option<Pose> {
         let (a, b) = self.guesses[a].zip(self.guesses[b])?;
         Some(b.pose.then(a.pose.inverse()))
@@ -63,7 +63,7 @@ impl Known {
         let (first, second) = (known(first), known(second));
         second.iter().all(|(own_b, b, reach_b)| {
             first.iter().all(|(own_a, a, reach_a)| {
-                is_near(own_b.then(pose).then(own_a.inverse()), b.then(a.inverse()), *reach_a, *reach_b, self.edge)
+                agrees(own_b.then(pose).then(own_a.inverse()), b.then(a.inverse()), *reach_a, *reach_b, self.edge)
             })
         })
     }
@@ -76,7 +76,7 @@ impl Known {
     }
 }
 
-/// A rough pose.
+/// An approximate pose.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Guess {
     pub(super) pose: Pose,
@@ -85,8 +85,8 @@ pub(super) struct Guess {
 }
 
 /// Whether a candidate pose agrees with the approximate poses of both stations.
-fn is_near(place: Pose, guess: Pose, a: [f64; 2], b: [f64; 2], edge: f64) -> bool {
-    let (angle, off) = place.difference(guess);
+fn agrees(candidate: Pose, guess: Pose, a: [f64; 2], b: [f64; 2], edge: f64) -> bool {
+    let (angle, off) = candidate.difference(guess);
     let distance = guess.translation.length();
     // An error in the heading of one station displaces the other.
     let reach = a[0] + b[0] + (a[1] + b[1]) * distance;

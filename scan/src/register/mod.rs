@@ -80,11 +80,11 @@ struct Work<'a> {
     survey: &'a Survey,
     options: &'a Options,
     stations: Vec<&'a Station>,
-    /// Stations that the user asked to keep where they are.
+    /// Stations whose poses the user asked to keep.
     is_fixed: Vec<bool>,
     /// Stations that keep their poses: these, and those that are already registered and are not to be registered again.
     keeps_pose: Vec<bool>,
-    /// Poses that are not the work of an earlier registration.
+    /// Poses that do not come from an earlier registration.
     stated: Vec<Option<Stated>>,
     controls: Controls,
     /// The previous result, for stations that keep their poses.
@@ -161,7 +161,7 @@ impl<'a> Work<'a> {
         Some((stated.pose(), stated.sigma?))
     }
 
-    /// A rough pose of a station that is to be registered.
+    /// An approximate pose of a station that is to be registered.
     fn guess(&self, k: usize) -> Option<Guess> {
         if let Some((pose, sigma)) = self.prior(k) {
             return Some(Guess { pose, reach: Some(sigma.map(|v| SURE * v)) });

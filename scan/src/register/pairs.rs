@@ -4,7 +4,7 @@ use super::ambiguous::ELSEWHERE;
 use super::doubt::{
     Doubt, Finding, MAX_CONTRADICTED, MAX_KNOWN_CONTRADICTED, MIN_AGREE, MIN_AGREEMENT, NEARBY, is_sound,
 };
-use super::group::{Beside, Group, Two, is_same};
+use super::group::{CandidatePose, Group, Two, is_same};
 use super::known::Known;
 use super::view::View;
 use crate::ScanError;
@@ -41,7 +41,7 @@ impl Pairs {
                 continue;
             }
             let sound: Vec<Pose> =
-                finding.places.iter().filter(|place| is_sound(place)).map(|place| place.pose).collect();
+                finding.candidates.iter().filter(|place| is_sound(place)).map(|place| place.pose).collect();
             for (k, one) in sound.iter().enumerate() {
                 for (_, other) in sound.iter().enumerate().filter(|(other, _)| *other != k) {
                     add_new(&mut self.copies[*a], other.inverse().then(*one), edge);
@@ -93,18 +93,18 @@ pub(super) fn pairs(
             }
             let two = Two { views, first: &singles[a], second: &singles[b], edge };
             let finding = if let Some(pose) = known.controlled.get(&(a, b)) {
-                Finding { places: vec![two.given(*pose)], doubt: None }
+                Finding { candidates: vec![two.given(*pose)], doubt: None }
             } else {
                 let start = known.relative(a, b);
                 let allows = |pose: Pose| known.allows(&singles[a], &singles[b], pose);
-                let mut places = two.places(&correlator, &maps[a], &turned, start.as_slice(), allows);
-                if let Some(best) = places.first().map(|best| best.pose) {
+                let mut candidates = two.candidates(&correlator, &maps[a], &turned, start.as_slice(), allows);
+                if let Some(best) = candidates.first().map(|best| best.pose) {
                     let of_first = symmetries[a].iter().map(|turn| best.then(*turn));
                     let of_second = symmetries[b].iter().map(|turn| turn.then(best));
-                    two.add(&mut places, of_first.chain(of_second));
+                    two.add(&mut candidates, of_first.chain(of_second));
                 }
                 let most = if known.are_known(a, b) { MAX_KNOWN_CONTRADICTED } else { MAX_CONTRADICTED };
-                Finding::among(places, edge, most, |place| allows(place.pose))
+                Finding::among(candidates, edge, most, |place| allows(place.pose))
             };
             progress.update("comparing stations", done.fetch_add(1, Ordering::Relaxed) + 1, total);
             Ok(((a, b), finding))
@@ -133,7 +133,7 @@ fn symmetries(
             return Err(ScanError::Stopped);
         }
         let two = Two { views, first: single, second: single, edge };
-        let fits = |place: &Beside| {
+        let fits = |place: &CandidatePose| {
             let v = &place.verdict;
             let (angle, distance) = place.pose.difference(Pose::IDENTITY);
             (distance > NEARBY * edge || angle > ELSEWHERE)
@@ -141,8 +141,8 @@ fn symmetries(
                 && v.agreement() >= MIN_AGREEMENT
                 && v.contradicted() <= MAX_SYMMETRY_CONTRADICTED
         };
-        let places = two.others(correlator, map, &correlator.turned(&single.plan));
-        Ok(places.iter().filter(|place| fits(place)).map(|place| place.pose).collect())
+        let candidates = two.others(correlator, map, &correlator.turned(&single.plan));
+        Ok(candidates.iter().filter(|place| fits(place)).map(|place| place.pose).collect())
     };
     singles.par_iter().zip(maps).map(of_station).collect()
 }

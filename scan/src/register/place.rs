@@ -51,7 +51,7 @@ impl Work<'_> {
     ) -> Result<(), ScanError> {
         loop {
             if group.members.len() < 2 && !group.members.iter().any(|(k, _)| self.keeps_pose[*k]) {
-                // The last one left its partner, or was left by it.
+                // The last member has lost all its partners.
                 let left = group.members.first().filter(|_| !report.dropped.is_empty());
                 report.dropped.extend(left.map(|(number, _)| (*number, Doubt::Unlinked)));
                 return Ok(());
@@ -62,7 +62,7 @@ impl Work<'_> {
             progress.update("adjusting all poses", 0, 1);
             let mut given = self.given(&group);
             given.is_located = align(&mut group.members, &given);
-            // Stations that were registered before may be anywhere.
+            // The coordinate system of an earlier registration is arbitrary.
             let has_frame = !given.priors.is_empty() || group.members.iter().any(|(k, _)| self.is_fixed[*k]);
             let determine = rigid(&survey_points(&group.members, &given)).is_some();
             if !has_frame && !determine && given.controls.drop_survey_points() {
@@ -126,7 +126,7 @@ impl Work<'_> {
                 for a in &sightings[..k] {
                     let is_kept = |s: &Sighting| s.station.is_none_or(|member| given.kept_poses[member].is_some());
                     let excess = at(a).distance(at(b)) / control::tolerance(a, b);
-                    // Where neither is registered now, nothing can be done about it.
+                    // If neither station is being registered now, this run cannot reduce the difference.
                     let moves = !(is_kept(a) && is_kept(b));
                     if moves && excess > worst.as_ref().map_or(1.0, |worst| worst.0) {
                         worst = Some((excess, point, [a, b]));
@@ -136,7 +136,7 @@ impl Work<'_> {
         }
         let Some((_, point, [a, b])) = worst else { return Ok(()) };
         let is_kept = group.members.iter().any(|(k, _)| self.keeps_pose[*k] && !self.is_fixed[*k]);
-        let hint = if is_kept { ", or, if they are newer than the last registration, use `--again`" } else { "" };
+        let hint = if is_kept { "; if they were added after the last registration, use `--again`" } else { "" };
         let name = |s: &Sighting| self.name(s.station.map(|member| group.members[member].0));
         Err(ScanError::Request(format!(
             "control point {point} does not fit: after the adjustment of all stations, its coordinates in {} and in {} differ by {:.3} m; check them in survey.toml{hint}",
@@ -146,7 +146,7 @@ impl Work<'_> {
         )))
     }
 
-    /// The member that contradicts the others most, if one does. Stations that stay are not judged; for those that control points place, only rays that pass through the surface of others count.
+    /// The member that contradicts the others most, if any does. Stations that keep their poses are not checked; for stations placed by control points, only rays that pass through the surface of others count.
     fn worst(&self, views: &[View], group: &Group, settled: &Settled, known: &Known, edge: f64) -> Option<usize> {
         let poses: Vec<(usize, Pose)> =
             group.members.iter().zip(&settled.poses).map(|((number, _), pose)| (*number, *pose)).collect();
@@ -205,7 +205,7 @@ impl Work<'_> {
                 let (angle, distance) = pose.difference(known);
                 if distance > SURE * sigma[0] || angle > SURE * sigma[1] {
                     out.notes.push(format!(
-                        "the pose of station {} in survey.toml differs by {distance:.3} m and {:.2}° from that by which it fits the others, more than {SURE} standard deviations",
+                        "the pose of station {} in survey.toml differs by {distance:.3} m and {:.2}° from the pose in which it fits the others, which is more than {SURE} standard deviations; check the pose and its standard deviations",
                         self.stations[number].name,
                         angle.to_degrees()
                     ));

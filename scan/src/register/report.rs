@@ -1,7 +1,7 @@
 //! The report of a registration: links, the weakest chain, and the stations that could not be placed.
 
 use super::doubt::{Doubt, Finding};
-use super::group::{Beside, Group};
+use super::group::{CandidatePose, Group};
 use super::result::{Candidate, Link, Placement, Registration, Unplaced, quaternion};
 use super::settle::Settled;
 use super::view::{Verdict, View};
@@ -21,7 +21,7 @@ pub(super) struct Report<'a> {
     pub(super) pairs: &'a BTreeMap<(usize, usize), Finding>,
     /// `survey_from_station` of those that are placed.
     pub(super) poses: BTreeMap<usize, Pose>,
-    /// Stations that were placed at first, and then not.
+    /// Stations that were placed at first and removed later.
     pub(super) dropped: BTreeMap<usize, Doubt>,
 }
 
@@ -58,19 +58,19 @@ impl Report<'_> {
     /// The stations of a group that is not placed.
     pub(super) fn unplaced(&self, group: &Group, out: &mut Registration) {
         for (number, _) in &group.members {
-            let mut found: Vec<(usize, Pose, &Finding, &Beside)> = Vec::new();
+            let mut found: Vec<(usize, Pose, &Finding, &CandidatePose)> = Vec::new();
             for ((a, b), finding) in self.pairs {
-                let Some(best) = finding.places.first() else { continue };
+                let Some(best) = finding.candidates.first() else { continue };
                 if a == number || b == number {
-                    let (other, beside) = if a == number { (*b, best.pose.inverse()) } else { (*a, best.pose) };
-                    found.push((other, beside, finding, best));
+                    let (other, relative) = if a == number { (*b, best.pose.inverse()) } else { (*a, best.pose) };
+                    found.push((other, relative, finding, best));
                 }
             }
             found.sort_by(|x, y| y.3.score().total_cmp(&x.3.score()));
             // A candidate relative to a placed station is more useful than one relative to another unplaced station.
             let placed: Vec<_> = found.iter().filter(|(other, ..)| self.poses.contains_key(other)).copied().collect();
-            let candidates = placed.iter().take(CANDIDATES).map(|(other, beside, _, best)| {
-                let pose = beside.then(self.poses.get(other).copied().unwrap_or_default());
+            let candidates = placed.iter().take(CANDIDATES).map(|(other, relative, _, best)| {
+                let pose = relative.then(self.poses.get(other).copied().unwrap_or_default());
                 self.candidate(*other, pose, best)
             });
             let candidates = candidates.collect();
@@ -82,10 +82,10 @@ impl Report<'_> {
         }
     }
 
-    fn candidate(&self, beside: usize, pose: Pose, best: &Beside) -> Candidate {
+    fn candidate(&self, other: usize, pose: Pose, best: &CandidatePose) -> Candidate {
         let v = best.verdict;
         Candidate {
-            matched_with: self.name(beside),
+            matched_with: self.name(other),
             rotation: quaternion(pose),
             translation: pose.translation.to_array(),
             overlap: f64::from(v.common()) / f64::from(v.planes.max(1)),
@@ -110,7 +110,7 @@ impl Report<'_> {
             };
         };
         let other = self.name(other);
-        let v = finding.places.first().map(|best| best.verdict).unwrap_or_default();
+        let v = finding.candidates.first().map(|best| best.verdict).unwrap_or_default();
         let percent = |share: f64| format!("{:.0} %", 100.0 * share);
         let (reason, remedy) = match self.dropped.get(&own).copied().or(finding.doubt) {
             Some(Doubt::Unlinked) => (
@@ -152,7 +152,7 @@ impl Report<'_> {
             Some(Doubt::Ambiguous) => (
                 format!(
                     "it fits {other} in {} different poses, as in a symmetric tower or in similar rooms",
-                    finding.places.len()
+                    finding.candidates.len()
                 ),
                 points.to_owned(),
             ),

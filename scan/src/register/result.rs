@@ -283,7 +283,7 @@ impl Registration {
             && sigma.iter().zip(placed.sigma()).all(|(a, b)| (a - b).abs() <= 1e-9 * b.abs())
     }
 
-    /// Whether it can be stored and read again.
+    /// Checks that the result can be stored and read again.
     ///
     /// # Errors
     /// [`ScanError::Request`] if a covariance is not finite.

@@ -15,11 +15,11 @@ use rayon::prelude::*;
 const REACHES: [(f64, usize); 4] = [(2.0, 3), (1.0, 3), (0.5, 4), (0.35, 8)];
 /// Index of the first reach at which known poses and control points are used. Before that, distances are large and have little weight, so one wrong point would pull a station away from its neighbours.
 const KNOWN_FROM: usize = 2;
-/// How many neighbouring distances say only as much as a single one, because they share their errors; known poses and points have a weight that is larger by this factor.
+/// The number of neighbouring distances that carry as much information as a single independent one, because their errors are correlated; the weight of known poses and points is larger by this factor.
 const CORRELATED: f64 = 25.0;
-/// At first, known poses and points may be off by so many times more: a long chain of stations may have to bend.
+/// Factor by which the tolerance for known poses and points is larger at first: a long chain of stations may have to bend.
 const PATIENCE: f64 = 4.0;
-/// Fewest planes of a link.
+/// Minimum number of planes of a link.
 const MIN_MATCHED: usize = 60;
 /// The edge of the cubes within which errors may be correlated, in voxel edges.
 const CLUSTER: f64 = 12.0;
@@ -34,7 +34,7 @@ pub(super) struct Settled {
     pub(super) covariances: Vec<Matrix6<f64>>,
     /// Stations that did not move: the fixed ones, or the anchor.
     pub(super) is_fixed: Vec<bool>,
-    /// Pairs of members (their places in the group), with their equations.
+    /// Pairs of members (their indices in the group), with their equations.
     pub(super) links: Vec<((usize, usize), Link)>,
 }
 
@@ -56,7 +56,7 @@ impl Settled {
 pub(super) struct Given {
     /// The poses of members that keep them.
     pub(super) kept_poses: Vec<Option<Pose>>,
-    /// Whether the poses of those are exact: others that stay were registered before, and have errors.
+    /// Whether these poses are exact; poses kept from an earlier registration have errors.
     pub(super) are_exact: Vec<bool>,
     /// Poses of members that are known with standard deviations (metres, radians).
     pub(super) priors: Vec<(usize, Pose, [f64; 2])>,
@@ -75,7 +75,7 @@ struct Adjustment<'a> {
     poses: Vec<Pose>,
     pairs: Vec<(usize, usize)>,
     uses_known: bool,
-    /// By what factor more than expected may be off before it counts for less.
+    /// Factor by which the tolerance for known poses and points is currently larger; see [`PATIENCE`].
     patience: f64,
     /// The scale of the robust weights, metres.
     sigma: f64,
@@ -137,7 +137,7 @@ impl Adjustment<'_> {
             system.add_prior(&Prior { station: *member, error, information }, variance);
         }
         for sightings in self.given.controls.points.values() {
-            // All differences of n observations together say as much as n - 1 independent ones.
+            // All differences of n observations together carry as much information as n - 1 independent ones.
             let share = (sightings.len() as f64 / 2.0).sqrt();
             for (k, b) in sightings.iter().enumerate() {
                 let Some(second) = b.station.map(|member| (member, self.poses[member], b.at)) else { continue };
@@ -171,7 +171,7 @@ impl Adjustment<'_> {
         let is_known =
             |k: usize| self.is_fixed[k] || self.given.priors.iter().any(|prior| prior.0 == k) || is_tied(None, k);
         let mut known: Vec<usize> = (0..n).filter(|k| is_known(*k)).map(|k| parts[k]).collect();
-        // Several stations saw a point or two each with survey coordinates.
+        // Several stations may each have seen one or two points with survey coordinates.
         let points = self.given.controls.with_survey_coordinates();
         for part in parts.iter().filter(|_| self.given.is_located) {
             let own = points.iter().filter(|(k, ..)| parts[*k] == *part);
@@ -181,7 +181,7 @@ impl Adjustment<'_> {
         (0..n).filter(|k| !known.contains(&parts[*k])).collect()
     }
 
-    /// The covariance of each member's pose. Stations that stay because they were registered before have errors, too, which the others share: they do not move, but are not exact.
+    /// The covariance of each member's pose. Stations that keep their poses from an earlier registration do not move, but their poses have errors, which the others share.
     fn covariances(&self, links: &[((usize, usize), Link)]) -> Option<Vec<Matrix6<f64>>> {
         let is_exact =
             |k: usize| if self.given.kept_poses[k].is_some() { self.given.are_exact[k] } else { self.is_fixed[k] };
@@ -237,7 +237,7 @@ pub(super) fn settle(views: &[View], group: &Group, given: &Given, edge: f64) ->
                 work.is_fixed[anchor(n, &links)] = true;
             }
             let moved = work.system(&links, &work.is_fixed).solve(&mut work.poses);
-            // Without links, control points may hold the stations.
+            // Without links, control points may still connect the stations.
             let Some([angle, distance]) = moved else { break };
             let mut all: Vec<f32> = links.iter().flat_map(|(_, link)| &link.distances).copied().collect();
             all.sort_unstable_by(f32::total_cmp);

@@ -33,7 +33,7 @@ const HORIZON: usize = 360;
 const BAND: f64 = 0.04;
 /// Spacing of the points of a cloud without a grid that are used in the adjustment: one per cube, whose edge is this share of a voxel edge.
 const CLOUD_SHARE: f64 = 0.5;
-/// Most points of a cloud without a grid that are kept. Each takes about 80 bytes.
+/// Maximum number of points that are kept of a cloud without a grid. Each takes about 80 bytes.
 const MAX_CLOUD: u64 = 400_000;
 /// Minimum number of points needed to estimate a spacing, and the minimum spacing, metres.
 const MIN_MEASURED: u64 = 100;

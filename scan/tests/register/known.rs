@@ -228,7 +228,7 @@ fn a_survey_located_by_rough_poses_is_as_uncertain_as_they_are() {
 }
 
 #[test]
-fn control_points_that_contradict_what_the_stations_saw_place_nothing() {
+fn stations_are_not_placed_by_control_points_that_contradict_the_scans() {
     let surveyed = lodge_scanned(71);
     // The numbers of the targets were exchanged, so that the room comes to lie across its wall.
     for (k, (x, y)) in [(0.5, 0.5), (4.0, 0.5), (4.0, 3.5), (0.5, 3.5)].into_iter().enumerate() {

@@ -269,7 +269,7 @@ fn residuals_show_a_station_that_is_displaced() {
     station.translation[0] += 0.03;
     let after = typical(&displaced);
     assert!(after > 3.0 * before && after < 0.04, "{before} m, {after} m");
-    // A ground that was lifted is nearer to the scanners of the others, and theirs lies behind it.
+    // Raised ground is nearer to the scanners of the other stations, and the ground that they saw lies behind it.
     let mut lifted = found.clone();
     lifted.stations.iter_mut().find(|placed| placed.name == "room").unwrap().translation[2] += 0.03;
     let all = residuals(&surveyed.folder(), &surveyed.survey(), &lifted, 0, &Silent).unwrap();

@@ -37,7 +37,7 @@ pub struct Outcome {
     pub lines: Option<Lines>,
     /// What was read for it; points alone need nothing.
     pub read: Option<Read>,
-    /// Where the uncertainty of the points comes from: that of pointing, and that of registration, is the largest of them.
+    /// Contributions to the uncertainty of the points; those of pointing and of registration are the largest of any point.
     pub uncertainty: Uncertainty,
 }
 
@@ -77,7 +77,7 @@ pub struct Subject<'a, L> {
     pub space: Space,
     /// Uncertainty of one coordinate of one point.
     pub point: Uncertainty,
-    /// The part of it that is due to registration, of each point of a task, metres; empty where it is the same for all.
+    /// The part due to registration for each point of a task, metres; empty if it is the same for all points.
     registration: Vec<f64>,
 }
 
@@ -98,7 +98,7 @@ impl<'a, L: Leaves> Subject<'a, L> {
         }
         let places = match self.places(task).await {
             Ok(places) => places,
-            // The tool refuses these points itself.
+            // The tool itself reports the error for these points.
             Err(Failure::Refused(_)) => return Ok(()),
             Err(e) => return Err(e),
         };

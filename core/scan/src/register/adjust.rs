@@ -307,7 +307,7 @@ impl System {
 
     /// The covariance of every station's pose, zero for those that cannot move; `variance` is that of a distance. `None` if there is no solution.
     pub fn covariances(&self, variance: f64) -> Option<Vec<Matrix6<f64>>> {
-        // Rough known poses may determine the survey with a weight that is smaller than that of surfaces by many orders: damping must not add to it.
+        // Approximate known poses may locate the survey with a weight many orders of magnitude smaller than that of the surfaces; damping must not add to it.
         let inverse = self.factor(1e-14)?.inverse();
         let n = inverse.nrows();
         let mut meat = DMatrix::<f64>::zeros(n, n);

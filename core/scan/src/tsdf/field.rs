@@ -41,7 +41,7 @@ pub(super) const FULL: f64 = std::f64::consts::PI * SIDE * SIDE / 3.0 * (1 << KE
 
 pub(super) struct Brick {
     voxels: Box<[Voxel; VOXELS]>,
-    /// Only if it is known how uncertain stations are.
+    /// Present only if the uncertainties of the stations are known.
     sigmas: Option<Box<[Sums; VOXELS]>>,
 }
 
@@ -56,7 +56,7 @@ impl Brick {
     }
 }
 
-/// On the heap from the start: a brick does not fit on the stack of a thread.
+/// Allocated directly on the heap, because a brick does not fit on the stack of a thread.
 fn boxed<T: Clone + Default>() -> Box<[T; VOXELS]> {
     let all = vec![T::default(); VOXELS].into_boxed_slice();
     all.try_into().unwrap_or_else(|_| unreachable!("of that length"))
@@ -91,7 +91,7 @@ pub struct Field {
 }
 
 impl Field {
-    /// Bytes of a brick, `has_sigmas` if it is known how uncertain stations are.
+    /// Bytes of a brick; `has_sigmas`: whether the uncertainties of the stations are known.
     pub const fn brick_bytes(has_sigmas: bool) -> usize {
         VOXELS * (size_of::<Voxel>() + if has_sigmas { size_of::<Sums>() } else { 0 })
     }

@@ -2,12 +2,12 @@
 //!
 //! An error of a pose moves everything that a station saw nearby in the same way, and stations that were registered to each other often share
 //! errors. Variances of poses are therefore averaged, by the weights of the surface, and do not become smaller where several stations saw a place. The noise of
-//! ranges is independent between stations and averages out among them; samples of one station count as one.
+//! ranges is independent between stations and averages out over them; all samples of one station count as one observation.
 
 /// The uncertainty of a station's measurement at a point.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sigma {
-    /// Variance of a coordinate because of the pose, in 1/[`Self::ONE`]² square metre.
+    /// Variance of a coordinate due to the pose, in 1/[`Self::ONE`]² square metre.
     pose: u64,
     /// Standard deviation of the range, in 1/[`Self::ONE`] metre.
     range: u64,
@@ -16,10 +16,10 @@ pub struct Sigma {
 impl Sigma {
     /// Fixed-point scale of lengths: a tenth of a micrometre.
     const ONE: f64 = 1e7;
-    /// Largest standard deviation, metres; greater ones count as this.
+    /// Maximum standard deviation, metres; larger values are clamped.
     const MAX: f64 = 100.0;
 
-    /// From the variance of a coordinate because of the pose, square metres, and the standard deviation of the range, metres.
+    /// From the variance of a coordinate due to the pose, square metres, and the standard deviation of the range, metres.
     pub fn new(pose: f64, range: f64) -> Self {
         // NaN counts as the maximum.
         let limited = |v: f64, max: f64| if v <= max { v.max(0.0) } else { max };
@@ -28,13 +28,13 @@ impl Sigma {
         Self { pose: pose.round() as u64, range: (limited(range, Self::MAX) * Self::ONE).round() as u64 }
     }
 
-    /// The variance of a coordinate because of the pose, square metres, as it is summed.
+    /// The variance of a coordinate due to the pose, square metres, as used in the sums.
     pub fn pose(self) -> f64 {
         self.pose as f64 / (Self::ONE * Self::ONE)
     }
 }
 
-/// The sums at a voxel, beside its weight.
+/// The sums at a voxel, in addition to its weight.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Sums {
     /// Weighted variances of poses.
@@ -69,12 +69,12 @@ impl Sums {
     }
 }
 
-/// What the variance of a coordinate of the surface consists of, square metres.
+/// The components of the variance of a coordinate of the surface, square metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Variance {
-    /// The poses of the stations that saw the place.
+    /// Due to the poses of the stations that saw the point.
     pub pose: f64,
-    /// The noise of their ranges.
+    /// Due to their range noise.
     pub range: f64,
 }
 

@@ -154,7 +154,7 @@ fn the_surface_does_not_depend_on_regions_or_on_the_order_of_pieces() {
 }
 
 #[test]
-fn variances_of_poses_are_averaged_and_ranges_average_out_among_stations() {
+fn pose_variances_are_averaged_and_range_noise_averages_out_over_stations() {
     let wall = |from: f64| cut(&rectangle(DVec3::new(from, 12.3, 3.0), DVec3::X * 17.0, DVec3::Z * 26.0, 0.6));
     // Side by side, overlapping by 8 voxels.
     let stations = [wall(3.0), wall(12.0)];

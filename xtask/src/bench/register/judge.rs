@@ -6,7 +6,7 @@
 use anyhow::{Context, Result, ensure};
 use serde_json::Value;
 
-/// A pose is wrong beyond these: metres, degrees.
+/// Maximum errors of a correct pose: metres, degrees.
 const WRONG: [f64; 2] = [0.05, 0.5];
 /// The limits of the 95 % region for one to six degrees of freedom.
 pub(super) const CHI_SQUARE_95: [f64; 6] = [3.841, 5.991, 7.815, 9.488, 11.070, 12.592];
@@ -38,8 +38,8 @@ pub(super) struct Found {
     pub(super) stations: usize,
     pub(super) placed: usize,
     pub(super) errors: Vec<Error>,
-    /// The errors of all placed stations after the rigid motion that aligns their positions best: millimetres, degrees. Errors of the anchor itself are not in
-    /// those of all others then.
+    /// The errors of all placed stations after the rigid motion that best aligns their positions: millimetres, degrees. The error of the anchor is then not
+    /// included in those of all others.
     pub(super) aligned: Vec<[f64; 2]>,
     /// Names and reasons.
     pub(super) refused: Vec<(String, String)>,
@@ -258,7 +258,7 @@ mod tests {
         assert!((1.0..4.0).contains(&worst), "{worst}");
     }
 
-    /// Station `a` as the anchor at the origin, and `b` off by so much along x, and turned about z.
+    /// Station `a` as the anchor at the origin, and `b` displaced by `off` along x and rotated by `turned` about z.
     fn found(off: f64, turned: f64) -> Found {
         let truth = Truth::parse(TRUTH).unwrap();
         // In the frame of `a`, which is turned by a quarter, `b` stands at y = -3 and is turned back by a quarter.
