@@ -90,16 +90,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     // A closed pipe or a locked survey must not lose the other outputs: a run can take an hour.
     let printed = print_result(args, &found);
     let applied = if args.dry_run { Ok(Vec::new()) } else { apply(&args.survey, &survey, &found) };
-    if let Some(report) = &args.report {
-        NewFile::write(report, report::html(&args.survey, &survey, &found)?.as_bytes(), args.force)?;
-        crate::terminal::say!("report: {}", report.display());
-    }
-    if let Some(file) = &args.residuals {
-        write_colored(file, args, &survey, &found)?;
-    }
-    for sentence in applied? {
+    for sentence in applied.as_ref().into_iter().flatten() {
         crate::terminal::say!("note: {sentence}");
     }
+    let reported = args.report.as_ref().map_or(Ok(()), |file| write_report(file, args, &survey, &found));
+    let colored = args.residuals.as_ref().map_or(Ok(()), |file| write_colored(file, args, &survey, &found));
+    applied?;
+    reported?;
+    colored?;
     printed?;
     ensure!(
         found.unplaced.is_empty(),
@@ -128,6 +126,12 @@ fn check_new(file: &Path, extension: &str, args: &Args, survey: &Survey) -> anyh
     let own = scans.map(String::as_str).chain([survey::FILE, FILE]);
     let own: Vec<PathBuf> = own.map(|file| args.survey.join(file)).collect();
     check_output(file, args.force, own.iter().map(PathBuf::as_path))
+}
+
+fn write_report(file: &Path, args: &Args, survey: &Survey, found: &Registration) -> anyhow::Result<()> {
+    NewFile::write(file, report::html(&args.survey, survey, found)?.as_bytes(), args.force)?;
+    crate::terminal::say!("report: {}", file.display());
+    Ok(())
 }
 
 /// Writes the residuals of all registered stations and prints what the colours mean.

@@ -13,23 +13,12 @@ pub(crate) fn register(survey: &Path, sigmas: [[f64; 2]; 2]) {
     assert_eq!(stations.len(), 2);
     let placed = |(station, [metres, radians]): (&Station, [f64; 2])| {
         let pose = station.pose.unwrap();
-        let [x, y, z, w] = pose.rotation.to_array();
         let mut covariance = [[0.0; 6]; 6];
         for k in 0..3 {
             covariance[k][k] = radians * radians;
             covariance[k + 3][k + 3] = metres * metres;
         }
-        let (name, translation) = (station.name.clone(), pose.translation.to_array());
-        let rotation = [w, x, y, z];
-        Placed {
-            name,
-            placement: Placement::Surface,
-            rotation,
-            translation,
-            covariance,
-            stated: None,
-            scan: String::new(),
-        }
+        Placed::new(station, Placement::Surface, pose, covariance)
     };
     let stations = stations.iter().zip(sigmas).map(placed).collect();
     Registration { stations, ..Registration::empty() }.save(survey).unwrap();

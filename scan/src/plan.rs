@@ -125,6 +125,8 @@ mod tests {
         for metres in [0.7, 4.0, 31.0, 100.0, 2600.0] {
             let bar = bar(metres, 10.0);
             assert!(bar.metres <= metres / 3.0 && bar.metres > metres / 3.0 / 2.6, "{metres}: {}", bar.metres);
+            let mantissa = bar.metres / 10_f64.powf(bar.metres.log10().floor());
+            assert!([1.0, 2.0, 5.0, 10.0].iter().any(|round| (mantissa - round).abs() < 1e-9), "{}", bar.metres);
         }
     }
 
@@ -135,9 +137,28 @@ mod tests {
             .collect();
         let named: Vec<(&str, [f64; 2])> = marks.iter().map(|(name, at)| (name.as_str(), *at)).collect();
         let found = labels(&named, [720.0, 540.0], 100.0);
+        // The boxes on a small screen, where texts are larger.
+        let boxed = |((name, _), label): (&(&str, [f64; 2]), &Option<Label>)| -> Option<[f64; 4]> {
+            let label = label.as_ref().filter(|label| !label.is_for_large)?;
+            let [x, y]: [f64; 2] = [label.x.parse().unwrap(), label.y.parse().unwrap()];
+            let (long, high) = (name.len() as f64 * 0.68 * TEXTS[0], 1.1 * TEXTS[0]);
+            let left = match label.anchor {
+                "start" => x,
+                "end" => x - long,
+                _ => x - long / 2.0,
+            };
+            Some([left, y - high / 2.0, left + long, y + high / 2.0])
+        };
+        let boxes: Vec<[f64; 4]> = named.iter().zip(&found).filter_map(boxed).collect();
+        for (k, a) in boxes.iter().enumerate() {
+            // Coordinates are rounded when they are written.
+            let overlaps =
+                |b: &&[f64; 4]| a[0] + 0.2 < b[2] && b[0] + 0.2 < a[2] && a[1] + 0.2 < b[3] && b[1] + 0.2 < a[3];
+            assert_eq!(boxes[..k].iter().find(overlaps), None, "{a:?}");
+        }
         let large: Vec<_> = found.iter().flatten().filter(|label| !label.is_for_large).collect();
         let count = found.iter().flatten().count();
-        assert!(large.len() > 3 && count > large.len() + 5 && count <= 60, "{} of {count}", large.len());
+        assert!(large.len() > 3 && count > large.len() + 5 && count < 60, "{} of {count}", large.len());
         assert!(labels(&[("a", [5.0, 5.0])], [10.0, 10.0], 1.0)[0].is_none());
     }
 }

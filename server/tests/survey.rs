@@ -171,6 +171,7 @@ fn registered(folder: &Path) -> Registration {
     Registration {
         stations: vec![placed("west", Placement::Anchor, 0.0), placed("east", Placement::Surface, 1e-6)],
         unplaced: vec![Unplaced {
+            scan: String::new(),
             name: "lost".to_owned(),
             reason: "it fits west in <2> different poses".to_owned(),
             candidates: Vec::new(),

@@ -61,14 +61,12 @@ pub(super) enum PoseSigma {
 impl PoseSigma {
     pub(super) fn of(entry: &survey::Station, registration: Option<&Registration>) -> Self {
         // Standard deviations written by a registration do not apply to a pose that has been entered since.
-        let stated = Registration::stated(registration, entry)
-            .and_then(|stated| Some(PoseVariance::stated(stated.sigma?, stated.pose())));
-        let is_unplaced =
-            registration.is_some_and(|all| all.unplaced.iter().any(|unplaced| unplaced.name == entry.name));
+        let sigma = entry.sigma.filter(|_| !registration.is_some_and(|all| all.has_entered_sigma(entry)));
+        let stated = sigma.zip(entry.pose).map(|(sigma, pose)| PoseVariance::stated(sigma, pose));
         match (registration.and_then(|all| all.of(entry)), stated) {
             (Some(placed), Some(stated)) if placed.placement == Placement::Fixed => Self::Known(stated),
             (Some(placed), _) => Self::Known(PoseVariance::new(placed)),
-            (None, _) if is_unplaced => Self::Unknown(Reason::Unplaced),
+            (None, _) if registration.is_some_and(|all| all.is_unplaced(entry)) => Self::Unknown(Reason::Unplaced),
             (None, Some(stated)) => Self::Known(stated),
             (None, None) if registration.is_some_and(|all| all.entry(entry).is_some()) => {
                 Self::Unknown(Reason::Changed)
@@ -78,7 +76,7 @@ impl PoseSigma {
     }
 }
 
-/// The square of [`Placed::sigma_at`] as a polynomial, because it is needed for every piece.
+/// The variance that the uncertainty of a pose adds to a coordinate of a point (the mean over the three axes) as a polynomial, because it is needed for every piece.
 #[derive(Debug, Clone)]
 pub(super) struct PoseVariance {
     station: DVec3,
@@ -235,6 +233,32 @@ impl Sum {
 mod tests {
     use super::*;
 
+    /// Covariance of a point that the station measured, 3 × 3, square metres: only the contribution of the pose uncertainty.
+    fn covariance_at(placed: &Placed, point: DVec3) -> [[f64; 3]; 3] {
+        let r = point - DVec3::from_array(placed.translation);
+        // ω × r = −[r]× ω.
+        let jacobian =
+            [[0.0, r.z, -r.y, 1.0, 0.0, 0.0], [-r.z, 0.0, r.x, 0.0, 1.0, 0.0], [r.y, -r.x, 0.0, 0.0, 0.0, 1.0]];
+        let mut out = [[0.0; 3]; 3];
+        for (i, row) in out.iter_mut().enumerate() {
+            for (j, value) in row.iter_mut().enumerate() {
+                for a in 0..6 {
+                    for b in 0..6 {
+                        *value += jacobian[i][a] * placed.covariance[a][b] * jacobian[j][b];
+                    }
+                }
+            }
+        }
+        out
+    }
+
+    /// Standard deviation of a coordinate of a point that the station measured, metres: the root mean square over the three axes of what the
+    /// uncertainty of the pose contributes.
+    fn sigma_at(placed: &Placed, point: DVec3) -> f64 {
+        let c = covariance_at(placed, point);
+        ((c[0][0] + c[1][1] + c[2][2]) / 3.0).max(0.0).sqrt()
+    }
+
     #[test]
     fn the_polynomial_equals_the_variance_from_the_covariance() {
         let mut random = fastrand::Rng::with_seed(7);
@@ -252,13 +276,13 @@ mod tests {
                 stated: None,
             };
             let point = DVec3::new(random.f64(), random.f64(), random.f64()) * 40.0 - 20.0;
-            let [ours, theirs] = [PoseVariance::new(&placed).at(point).sqrt(), placed.sigma_at(point)];
+            let [ours, theirs] = [PoseVariance::new(&placed).at(point).sqrt(), sigma_at(&placed, point)];
             assert!((ours / theirs - 1.0).abs() < 1e-9, "{ours} {theirs}");
             // The same with stated standard deviations.
             let stated: [f64; 2] = [random.f64(), random.f64()];
             let entry = |i: usize, j: usize| if i == j { stated[usize::from(i < 3)].powi(2) } else { 0.0 };
             let covariance = std::array::from_fn(|i| std::array::from_fn(|j| entry(i, j)));
-            let theirs = Placed { covariance, ..placed.clone() }.sigma_at(point);
+            let theirs = sigma_at(&Placed { covariance, ..placed.clone() }, point);
             let ours = PoseVariance::stated(stated, placed.pose()).at(point).sqrt();
             assert!((ours / theirs - 1.0).abs() < 1e-9, "{ours} {theirs}");
         }

@@ -257,26 +257,7 @@ fn merge_in_tiles(
     if let Some(mesh) = &patch_mesh {
         known.bounds = [known.bounds[0].min(mesh.bounds[0]), known.bounds[1].max(mesh.bounds[1])];
     }
-    let bounds = match options.bounds {
-        Some([min, max]) => [known.bounds[0].max(min), known.bounds[1].min(max)],
-        None => known.bounds,
-    };
-    if bounds[0].cmpgt(bounds[1]).any() {
-        let [low, high] = survey.map(|p| p.to_array());
-        return Err(ScanError::Request(format!(
-            "no station has points in the box; the survey extends from {low:?} to {high:?} m"
-        )));
-    }
-    let voxel = match options.voxel {
-        Some(voxel) => voxel,
-        None => voxel_of(stations, options.bounds, progress)?.max(VOXEL_RANGE[0]),
-    };
-    if !(VOXEL_RANGE[0]..=VOXEL_RANGE[1]).contains(&voxel) {
-        return Err(ScanError::Request(format!(
-            "a voxel size of {voxel:e} m is not allowed; give a size from {} to {} m",
-            VOXEL_RANGE[0], VOXEL_RANGE[1]
-        )));
-    }
+    let (bounds, voxel) = extent(stations, options, known.bounds, survey, progress)?;
     let scale = Scale::new(voxel, bounds)?;
     let mut report = Report { voxel, stations: stations.len(), ..Report::default() };
     let of_mesh = patch_mesh.as_ref().map_or(0.0, |mesh| mesh.expected_pieces(scale, bounds));
@@ -332,6 +313,37 @@ fn merge_in_tiles(
         [report.vertices, report.triangles] = joined.counts();
     }
     Ok(report)
+}
+
+/// The box that is merged and the voxel size, metres. `bounds`: of all inputs; `survey`: of the stations.
+fn extent(
+    stations: &[Station<'_>],
+    options: &Options,
+    bounds: [DVec3; 2],
+    survey: [DVec3; 2],
+    progress: &dyn Progress,
+) -> Result<([DVec3; 2], f64), ScanError> {
+    let bounds = match options.bounds {
+        Some([min, max]) => [bounds[0].max(min), bounds[1].min(max)],
+        None => bounds,
+    };
+    if bounds[0].cmpgt(bounds[1]).any() {
+        let [low, high] = survey.map(|p| p.to_array());
+        return Err(ScanError::Request(format!(
+            "no station has points in the box; the survey extends from {low:?} to {high:?} m"
+        )));
+    }
+    let voxel = match options.voxel {
+        Some(voxel) => voxel,
+        None => voxel_of(stations, options.bounds, progress)?.max(VOXEL_RANGE[0]),
+    };
+    if !(VOXEL_RANGE[0]..=VOXEL_RANGE[1]).contains(&voxel) {
+        return Err(ScanError::Request(format!(
+            "a voxel size of {voxel:e} m is not allowed; give a size from {} to {} m",
+            VOXEL_RANGE[0], VOXEL_RANGE[1]
+        )));
+    }
+    Ok((bounds, voxel))
 }
 
 /// The voxel that the data support.

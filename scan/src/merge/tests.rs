@@ -301,16 +301,12 @@ fn a_mesh_that_does_not_fit_the_survey_is_refused_and_one_with_y_up_is_turned() 
 fn register(folder: &Path, survey: &Survey, sigmas: &[[f64; 2]]) {
     let placed = |(station, [metres, radians]): (&survey::Station, &[f64; 2])| {
         let pose = station.pose.unwrap();
-        let [x, y, z, w] = pose.rotation.to_array();
         let mut covariance = [[0.0; 6]; 6];
         for k in 0..3 {
             covariance[k][k] = radians * radians;
             covariance[k + 3][k + 3] = metres * metres;
         }
-        let (name, translation) = (station.name.clone(), pose.translation.to_array());
-        let rotation = [w, x, y, z];
-        let (placement, scan) = (Placement::Surface, station.scan.clone());
-        Placed { name, scan, placement, rotation, translation, covariance, stated: None }
+        Placed::new(station, Placement::Surface, pose, covariance)
     };
     let stations = survey.stations.iter().zip(sigmas).map(placed).collect();
     Registration { stations, ..Registration::empty() }.save(folder).unwrap();
@@ -443,7 +439,8 @@ fn a_given_pose_has_its_stated_uncertainty_and_that_of_an_unplaced_station_is_un
     assert_eq!(report.accuracy, Accuracy::Known(exact));
     let Placed { name, .. } = registration.stations.pop().unwrap();
     let (reason, remedy) = ("no overlap".to_owned(), "scan again".to_owned());
-    registration.unplaced = vec![Unplaced { name: name.clone(), reason, candidates: Vec::new(), remedy }];
+    registration.unplaced =
+        vec![Unplaced { name: name.clone(), scan: String::new(), reason, candidates: Vec::new(), remedy }];
     registration.save(&path).unwrap();
     let (_, report) = merged(&path, &survey, &common, 3);
     let reason = Reason::Unplaced;

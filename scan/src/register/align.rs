@@ -10,7 +10,8 @@ use nalgebra::{Cholesky, Matrix6, Vector6};
 /// Steps of the alignment to known poses and points.
 const STEPS: usize = 20;
 
-/// Aligns the members of a group (their numbers and poses) rigidly with the stations that keep their poses, or otherwise with known poses and control points. Returns whether these determine the position of the group.
+/// Aligns the members of a group (their numbers and poses) rigidly with the stations that keep their poses, or otherwise with known poses and control
+/// points. Returns whether these determine the position of the group.
 pub(super) fn align(members: &mut [(usize, Pose)], given: &Given) -> bool {
     if let Some((first, pose)) = given.kept_poses.iter().enumerate().find_map(|(k, pose)| Some((k, (*pose)?))) {
         move_to(members, first, pose);

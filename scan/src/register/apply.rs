@@ -9,10 +9,13 @@ use kilwa_scan_core::Pose;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Writes the poses to `survey.toml` and the whole result to `registration.json`. `read` is the survey as it was when the run began: a run can take an hour, and people may edit the file in the meantime. Stations are identified by their scans; those that have been removed since, or whose pose has been changed,
+/// Writes the poses to `survey.toml` and the whole result to `registration.json`. `read` is the survey as it was when the run began: a run can take
+/// an hour, and people may edit the file in the meantime. Stations are identified by their scans; those that have been removed since, or whose pose
+/// has been changed,
 /// are left unchanged and reported in the returned messages.
 ///
-/// If a station was not placed, a pose from an earlier registration is replaced by the pose that preceded it (if any), because it may be in other coordinates. The identity is removed if other stations have it as well, because it is then a placeholder.
+/// If a station was not placed, a pose from an earlier registration is replaced by the pose that preceded it (if any), because it may be in other
+/// coordinates. The identity is removed if other stations have it as well, because it is then a placeholder.
 ///
 /// # Errors
 /// [`ScanError::Request`] if another command is writing to the survey; [`ScanError::Survey`], [`ScanError::Write`].

@@ -285,7 +285,8 @@ pub(super) fn is_same(a: Pose, b: Pose, edge: f64) -> bool {
     distance < 2.0 * edge && angle < 0.035
 }
 
-/// Compares all stations of one group (numbers, and poses in the group) with all stations of another; `pose` is the pose of the second group in the frame of the first. Uses at most `most` planes of each station.
+/// Compares all stations of one group (numbers, and poses in the group) with all stations of another; `pose` is the pose of the second group in the
+/// frame of the first. Uses at most `most` planes of each station.
 pub(super) fn verdict(
     views: &[View],
     first: &[(usize, Pose)],

@@ -146,9 +146,8 @@ impl<'a> Work<'a> {
         let before = self.before.as_ref().filter(|_| !self.options.again)?;
         let is_covered =
             self.keeps_pose.iter().zip(&self.stations).all(|(keeps_pose, s)| *keeps_pose && before.of(s).is_some());
-        let names = self.stations.iter().filter_map(|s| Some((before.of(s)?.name.clone(), s.name.clone()))).collect();
         // Without stations that were removed since.
-        is_covered.then(|| before.renamed(&names))
+        is_covered.then(|| before.with_current_names(self.survey))
     }
 
     fn name(&self, station: Option<usize>) -> String {

@@ -6,7 +6,7 @@ use super::doubt::{Doubt, MIN_AGREE, MIN_AGREEMENT};
 use super::group::{Group, verdict};
 use super::known::{Guess, Known};
 use super::report::Report;
-use super::result::{Placed, Placement, Registration, quaternion};
+use super::result::{Placed, Placement, Registration};
 use super::settle::{Given, Settled, settle};
 use super::view::{Verdict, View};
 use super::{SURE, Work};
@@ -49,6 +49,7 @@ impl Work<'_> {
         out: &mut Registration,
         progress: &(dyn Progress + Sync),
     ) -> Result<(), ScanError> {
+        let mut are_points_unused = false;
         loop {
             if group.members.len() < 2 && !group.members.iter().any(|(k, _)| self.keeps_pose[*k]) {
                 // The last member has lost all its partners.
@@ -66,7 +67,7 @@ impl Work<'_> {
             let has_frame = !given.priors.is_empty() || group.members.iter().any(|(k, _)| self.is_fixed[*k]);
             let determine = rigid(&survey_points(&group.members, &given)).is_some();
             if !has_frame && !determine && given.controls.drop_survey_points() {
-                out.notes = vec!["there are fewer than three control points with survey coordinates, or they are collinear, so they do not determine the position of the survey and were not used".to_owned()];
+                are_points_unused = true;
             }
             let lost = match settle(report.views, &group, &given, report.edge) {
                 Err(lost) => lost.into_iter().map(|member| (member, Doubt::Unlinked)).collect(),
@@ -74,6 +75,9 @@ impl Work<'_> {
                     self.check_points(&group, &given, &settled)?;
                     let worst = self.worst(report.views, &group, &settled, known, report.edge);
                     if worst.is_none() {
+                        if are_points_unused {
+                            out.notes.push("there are fewer than three control points with survey coordinates, or they are collinear, so they do not determine the position of the survey and were not used".to_owned());
+                        }
                         self.enter(&group, &given, settled, report, out);
                         return Ok(());
                     }
@@ -99,7 +103,7 @@ impl Work<'_> {
         let kept_poses = numbers().map(|k| self.stations[k].pose.filter(|_| self.keeps_pose[k])).collect();
         let of_member = |k: usize| numbers().position(|own| own == k);
         let prior = |(member, k): (usize, usize)| self.prior(k).map(|(pose, sigma)| (member, pose, sigma));
-        let priors = numbers().enumerate().filter_map(prior).collect();
+        let mut priors: Vec<_> = numbers().enumerate().filter_map(prior).collect();
         let mut controls = self.controls.clone();
         for sightings in controls.points.values_mut() {
             sightings.retain_mut(|sighting| {
@@ -111,10 +115,18 @@ impl Work<'_> {
         controls.points.retain(|_, all| all.len() > 1);
         let is_exact = |k: usize| {
             let placed = self.before.as_ref().and_then(|before| before.of(self.stations[k]));
-            let is_known = |placed: &Placed| matches!(placed.placement, Placement::Anchor | Placement::Fixed);
-            self.is_fixed[k] || self.keeps_pose[k] && placed.is_some_and(is_known)
+            self.is_fixed[k] || self.keeps_pose[k] && placed.is_some_and(|placed| placed.placement.is_given())
         };
-        Given { kept_poses, are_exact: numbers().map(is_exact).collect(), priors, controls, is_located: false }
+        let are_exact: Vec<bool> = numbers().map(is_exact).collect();
+        if !are_exact.contains(&true) {
+            // The survey was located by known poses: they do not move what is registered, but it is only as certain as they are.
+            let kept = numbers().enumerate().filter(|(_, k)| self.keeps_pose[*k]);
+            priors.extend(kept.filter_map(|(member, k)| {
+                let stated = self.stated[k]?;
+                Some((member, stated.pose(), stated.sigma?))
+            }));
+        }
+        Given { kept_poses, are_exact, priors, controls, is_located: false }
     }
 
     /// Reports an error if control points contradict the scans, or each other across several stations; the message names the worst one.
@@ -146,7 +158,8 @@ impl Work<'_> {
         )))
     }
 
-    /// The member that contradicts the others most, if any does. Stations that keep their poses are not checked; for stations placed by control points, only rays that pass through the surface of others count.
+    /// The member that contradicts the others most, if any does. Stations that keep their poses are not checked; for stations placed by control
+    /// points, only rays that pass through the surface of others count.
     fn worst(&self, views: &[View], group: &Group, settled: &Settled, known: &Known, edge: f64) -> Option<usize> {
         let poses: Vec<(usize, Pose)> =
             group.members.iter().zip(&settled.poses).map(|((number, _), pose)| (*number, *pose)).collect();
@@ -216,16 +229,16 @@ impl Work<'_> {
             let kept = self.before.as_ref().filter(|_| is_kept).and_then(|before| before.of(station));
             let kept = kept.map(|placed| Placed { name: station.name.clone(), ..placed.clone() });
             out.stations.push(kept.unwrap_or_else(|| Placed {
-                name: station.name.clone(),
-                scan: station.scan.clone(),
-                placement,
-                rotation: quaternion(*pose),
-                translation: pose.translation.to_array(),
-                covariance: std::array::from_fn(|i| std::array::from_fn(|j| covariance[(i, j)])),
                 stated: self.stated[number].filter(|stated| {
                     let (angle, distance) = stated.pose().difference(*pose);
                     placement != Placement::Fixed || stated.sigma.is_some() || angle > 1e-9 || distance > 1e-9
                 }),
+                ..Placed::new(
+                    station,
+                    placement,
+                    *pose,
+                    std::array::from_fn(|i| std::array::from_fn(|j| covariance[(i, j)])),
+                )
             }));
         }
         report.links(group, &settled, out);

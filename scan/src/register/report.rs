@@ -78,7 +78,13 @@ impl Report<'_> {
             let companions: Vec<String> = companions.map(|(other, _)| self.name(*other)).collect();
             let best = placed.first().or(found.first()).map(|f| (f.0, f.2));
             let (reason, remedy) = self.why(*number, best, &companions);
-            out.unplaced.push(Unplaced { name: self.name(*number), reason, candidates, remedy });
+            out.unplaced.push(Unplaced {
+                name: self.name(*number),
+                scan: self.stations[*number].scan.clone(),
+                reason,
+                candidates,
+                remedy,
+            });
         }
     }
 
@@ -175,7 +181,7 @@ impl Report<'_> {
 
 /// The stations on the path from the anchor or a fixed station to the station with the largest standard deviation, along the links with the smallest total variance.
 fn weakest_chain(found: &Registration) -> Vec<String> {
-    let certain = |p: Placement| matches!(p, Placement::Anchor | Placement::Fixed);
+    let certain = Placement::is_given;
     let worst =
         found.stations.iter().filter(|s| !certain(s.placement)).max_by(|a, b| a.sigma()[0].total_cmp(&b.sigma()[0]));
     let Some(worst) = worst else { return Vec::new() };

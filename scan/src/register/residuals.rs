@@ -42,7 +42,7 @@ pub fn residuals(
     threads: usize,
     progress: &(dyn Progress + Sync),
 ) -> Result<Vec<Residual>, ScanError> {
-    let pose = |s: &Station| found.stations.iter().find(|placed| placed.name == s.name).map(Placed::pose);
+    let pose = |s: &Station| found.entry(s).map(Placed::pose);
     let placed: Vec<(&Station, Pose)> = survey.stations.iter().filter_map(|s| Some((s, pose(s)?))).collect();
     let (stations, poses): (Vec<&Station>, Vec<Pose>) = placed.into_iter().unzip();
     super::in_threads(threads, || {

@@ -106,7 +106,36 @@ fn pose([w, x, y, z]: [f64; 4], translation: [f64; 3]) -> Pose {
     Pose { rotation: DQuat::from_xyzw(x, y, z, w), translation: DVec3::from_array(translation) }
 }
 
+impl Placement {
+    /// Whether the pose is exact by definition.
+    pub fn is_given(self) -> bool {
+        matches!(self, Self::Anchor | Self::Fixed)
+    }
+}
+
 impl Placed {
+    /// A station with this pose and its covariance, 6 × 6.
+    pub fn new(station: &Station, placement: Placement, pose: Pose, covariance: [[f64; 6]; 6]) -> Self {
+        Self {
+            name: station.name.clone(),
+            scan: station.scan.clone(),
+            placement,
+            rotation: quaternion(pose),
+            translation: pose.translation.to_array(),
+            covariance,
+            stated: None,
+        }
+    }
+
+    /// Whether it can be stored and read again.
+    fn is_valid(&self) -> bool {
+        let is_pose =
+            |pose: Pose| pose.translation.is_finite() && (pose.rotation.length() - 1.0).abs() <= Pose::TOLERANCE;
+        is_pose(self.pose())
+            && self.covariance.iter().flatten().all(|v| v.is_finite())
+            && self.stated.is_none_or(|stated| is_pose(stated.pose()))
+    }
+
     /// `survey_from_station`.
     pub fn pose(&self) -> Pose {
         pose(self.rotation, self.translation)
@@ -120,32 +149,6 @@ impl Placed {
         let radians = (c[0][0].max(c[1][1]).max(c[2][2])).max(0.0).sqrt();
         [metres, radians]
     }
-
-    /// Covariance of a point that the station measured, 3 × 3, square metres: only the contribution of the pose uncertainty.
-    pub fn covariance_at(&self, point: DVec3) -> [[f64; 3]; 3] {
-        let r = point - DVec3::from_array(self.translation);
-        // ω × r = −[r]× ω.
-        let jacobian =
-            [[0.0, r.z, -r.y, 1.0, 0.0, 0.0], [-r.z, 0.0, r.x, 0.0, 1.0, 0.0], [r.y, -r.x, 0.0, 0.0, 0.0, 1.0]];
-        let mut out = [[0.0; 3]; 3];
-        for (i, row) in out.iter_mut().enumerate() {
-            for (j, value) in row.iter_mut().enumerate() {
-                for a in 0..6 {
-                    for b in 0..6 {
-                        *value += jacobian[i][a] * self.covariance[a][b] * jacobian[j][b];
-                    }
-                }
-            }
-        }
-        out
-    }
-
-    /// Standard deviation of a coordinate of a point that the station measured, metres: the root mean square over the three axes of what the
-    /// uncertainty of the pose contributes.
-    pub fn sigma_at(&self, point: DVec3) -> f64 {
-        let c = self.covariance_at(point);
-        ((c[0][0] + c[1][1] + c[2][2]) / 3.0).max(0.0).sqrt()
-    }
 }
 
 /// A station that could not be placed.
@@ -153,6 +156,9 @@ impl Placed {
 pub struct Unplaced {
     /// Its name in the survey.
     pub name: String,
+    /// Its scan, as in [`Placed`].
+    #[serde(default)]
+    pub scan: String,
     /// The reason, as a phrase.
     pub reason: String,
     /// The best candidate poses, best first.
@@ -229,15 +235,8 @@ impl Registration {
                 found.version
             )));
         }
-        for station in &found.stations {
-            let is_pose =
-                |pose: Pose| pose.translation.is_finite() && (pose.rotation.length() - 1.0).abs() <= Pose::TOLERANCE;
-            let is_valid = is_pose(station.pose())
-                && station.covariance.iter().flatten().all(|v| v.is_finite())
-                && station.stated.is_none_or(|stated| is_pose(stated.pose()));
-            if !is_valid {
-                return Err(wrong(format!("the pose of station {} is invalid", station.name)));
-            }
+        if let Some(station) = found.stations.iter().find(|station| !station.is_valid()) {
+            return Err(wrong(format!("the pose of station {} is invalid", station.name)));
         }
         Ok(Some(found))
     }
@@ -275,8 +274,27 @@ impl Registration {
         self.stations.iter().find(is_same)
     }
 
+    /// Whether a station could not be placed.
+    pub fn is_unplaced(&self, station: &Station) -> bool {
+        self.unplaced.iter().any(|unplaced| match &unplaced.scan[..] {
+            "" => unplaced.name == station.name,
+            scan => scan == station.scan,
+        })
+    }
+
+    /// The same with the names that stations have in `survey` now, without those that are no longer in it.
+    #[must_use]
+    pub fn with_current_names(&self, survey: &Survey) -> Self {
+        let name_of = |station: &Station| {
+            let unplaced = self.unplaced.iter().find(|u| !u.scan.is_empty() && u.scan == station.scan);
+            let former = self.entry(station).map(|placed| &placed.name).or(unplaced.map(|unplaced| &unplaced.name));
+            (former.unwrap_or(&station.name).clone(), station.name.clone())
+        };
+        self.renamed(&survey.stations.iter().map(name_of).collect())
+    }
+
     /// Whether the standard deviations of a station in `survey.toml` are those that this registration entered there.
-    pub(super) fn has_entered_sigma(&self, station: &Station) -> bool {
+    pub(crate) fn has_entered_sigma(&self, station: &Station) -> bool {
         let Some((placed, sigma)) = self.entry(station).zip(station.sigma) else { return false };
         // Angles are stored in degrees.
         placed.placement != Placement::Fixed
@@ -286,11 +304,11 @@ impl Registration {
     /// Checks that the result can be stored and read again.
     ///
     /// # Errors
-    /// [`ScanError::Request`] if a covariance is not finite.
+    /// [`ScanError::Request`] if a pose or a covariance is not finite.
     pub(super) fn check(&self) -> Result<(), ScanError> {
-        match self.stations.iter().find(|s| !s.covariance.iter().flatten().all(|v| v.is_finite())) {
+        match self.stations.iter().find(|station| !station.is_valid()) {
             Some(bad) => Err(ScanError::Request(format!(
-                "the covariance of station {} is not finite, so the result cannot be stored; register with `--dry-run --report FILE.html` and look at its links",
+                "the pose or the covariance of station {} is not finite, so the result cannot be stored; register with `--dry-run --report FILE.html` and look at its links",
                 bad.name
             ))),
             None => Ok(()),
@@ -299,7 +317,7 @@ impl Registration {
 
     /// The pose of a station that does not come from a registration (`before` is the last one); `None` if there is no such pose. Standard deviations written by the
     /// registration say nothing about a pose that has been entered since.
-    pub(crate) fn stated(before: Option<&Self>, station: &Station) -> Option<Stated> {
+    pub(super) fn stated(before: Option<&Self>, station: &Station) -> Option<Stated> {
         let own = |sigma| station.pose.map(|pose| Stated::new(pose, sigma));
         let Some((before, placed)) = before.and_then(|before| Some((before, before.entry(station)?))) else {
             return own(station.sigma);
@@ -307,11 +325,5 @@ impl Registration {
         let sigma = station.sigma.filter(|_| !before.has_entered_sigma(station));
         let was_replaced = placed.placement != Placement::Fixed || placed.stated.is_some();
         if was_replaced && sigma.is_none() && before.of(station).is_some() { placed.stated } else { own(sigma) }
-    }
-
-    /// Stations of the survey whose poses have been changed since they were registered.
-    pub fn outdated<'s>(&self, survey: &'s Survey) -> Vec<&'s str> {
-        let known = |station: &&Station| self.entry(station).is_some();
-        survey.stations.iter().filter(known).filter(|s| self.of(s).is_none()).map(|s| s.name.as_str()).collect()
     }
 }

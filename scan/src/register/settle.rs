@@ -13,7 +13,8 @@ use rayon::prelude::*;
 
 /// Maximum distances of matching surfaces, in voxel edges, and the number of rounds for each.
 const REACHES: [(f64, usize); 4] = [(2.0, 3), (1.0, 3), (0.5, 4), (0.35, 8)];
-/// Index of the first reach at which known poses and control points are used. Before that, distances are large and have little weight, so one wrong point would pull a station away from its neighbours.
+/// Index of the first reach at which known poses and control points are used. Before that, distances are large and have little weight, so one wrong
+/// point would pull a station away from its neighbours.
 const KNOWN_FROM: usize = 2;
 /// The number of neighbouring distances that carry as much information as a single independent one, because their errors are correlated; the weight of known poses and points is larger by this factor.
 const CORRELATED: f64 = 25.0;
@@ -106,7 +107,8 @@ impl Adjustment<'_> {
         self.poses = members.into_iter().map(|(_, pose)| pose).collect();
     }
 
-    /// The Geman–McClure weight of a known pose or point whose error is `excess` times the tolerance: one wrong point must not pull a station away from its neighbours. The error is reported afterwards.
+    /// The Geman–McClure weight of a known pose or point whose error is `excess` times the tolerance: one wrong point must not pull a station away
+    /// from its neighbours. The error is reported afterwards.
     fn robust(&self, excess: f64) -> f64 {
         let w = 1.0 / (1.0 + (excess / self.patience).powi(2));
         w * w
@@ -191,7 +193,7 @@ impl Adjustment<'_> {
             exact.clone_from(&self.is_fixed);
         }
         let variance = CORRELATED * self.variance();
-        Some(self.system(links, &exact).covariances(variance)?.into_iter().map(|c| c * CAUTION).collect())
+        self.system(links, &exact).covariances(variance, CAUTION)
     }
 }
 

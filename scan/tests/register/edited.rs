@@ -6,7 +6,7 @@ use super::{Surveyed, registered};
 use glam::DVec3;
 use kilwa_scan::ScanError;
 use kilwa_scan::import::Silent;
-use kilwa_scan::register::{FILE, Options, Registration, Unplaced, apply, register};
+use kilwa_scan::register::{FILE, Link, Options, Registration, Unplaced, apply, register};
 use kilwa_scan_core::Pose;
 use std::fs;
 
@@ -78,6 +78,10 @@ fn a_station_renamed_between_two_registrations_stays_registered() {
         found.stations.iter().find(|placed| placed.name == name).map(|placed| (placed.translation, placed.covariance))
     };
     assert_eq!(of(&first, "passage"), of(&second, "door"));
+    let is_former = |link: &Link| link.stations.iter().any(|name| name == "passage");
+    let is_current = |link: &Link| link.stations.iter().any(|name| name == "door");
+    assert!(first.links.iter().any(is_former) && second.links.iter().any(is_current));
+    assert!(!second.links.iter().any(is_former), "{:?}", second.links);
 }
 
 #[test]
@@ -103,7 +107,7 @@ fn without(found: &Registration, name: &str) -> Registration {
     out.stations.retain(|placed| placed.name != name);
     out.links.retain(|link| !link.stations.iter().any(|own| own == name));
     let [reason, remedy] = ["no reason".to_owned(), "no remedy".to_owned()];
-    out.unplaced.push(Unplaced { name: name.to_owned(), reason, candidates: Vec::new(), remedy });
+    out.unplaced.push(Unplaced { name: name.to_owned(), scan: String::new(), reason, candidates: Vec::new(), remedy });
     out
 }
 

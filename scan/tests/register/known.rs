@@ -223,8 +223,24 @@ fn a_survey_located_by_rough_poses_is_as_uncertain_as_they_are() {
     surveyed.truth.all_placed(&found);
     for placed in &found.stations {
         let [metres, radians] = placed.sigma();
-        assert!(metres > 0.4 && radians > 1_f64.to_radians(), "{}: {metres} m, {radians} rad", placed.name);
+        assert!(
+            (0.4..1.5).contains(&metres) && (1.0..5.0).contains(&radians.to_degrees()),
+            "{}: {metres} m, {radians} rad",
+            placed.name
+        );
     }
+}
+
+#[test]
+fn an_added_station_is_no_more_certain_than_the_rough_poses_that_locate_the_survey() {
+    let mut surveyed = lodge_scanned(72);
+    surveyed.know("room", surveyed.in_grid("room"), [0.5, 2.0]);
+    surveyed.apply(&surveyed.register());
+    surveyed.add(&Scanner::default(), &lodge(), &[LAST], 72);
+    let found = surveyed.register();
+    let added = found.stations.iter().find(|placed| placed.name == LAST.0).unwrap();
+    let [metres, radians] = added.sigma();
+    assert!((0.4..1.5).contains(&metres) && (1.0..5.0).contains(&radians.to_degrees()), "{metres} m, {radians} rad");
 }
 
 #[test]

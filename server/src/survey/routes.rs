@@ -65,7 +65,9 @@ async fn plan_page(State(site): State<Site>, RawQuery(query): RawQuery, headers:
         let survey = surveyed.survey()?;
         let facts = all(&surveyed, &survey);
         let plan = surveyed.plan(&survey, &known(&survey, &facts));
-        Ok::<_, Arc<str>>((survey, facts, plan, surveyed.registration()))
+        // A station may have been renamed since.
+        let found = surveyed.registration().map(|found| found.map(|found| Arc::new(found.with_current_names(&survey))));
+        Ok::<_, Arc<str>>((survey, facts, plan, found))
     });
     let reader = given.reader();
     match found.await {

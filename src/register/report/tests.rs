@@ -56,6 +56,7 @@ fn found() -> Registration {
         residual: 0.0042,
     };
     let refused = |name: &str| Unplaced {
+        scan: String::new(),
         name: name.to_owned(),
         reason: "it fits hall in 2 different poses".to_owned(),
         candidates: ["hall", "yard <b>"].map(candidate).to_vec(),

@@ -137,7 +137,8 @@ impl Link {
     }
 }
 
-/// The signed distance of a sample of one station from the surface of another, metres (positive: nearer to the scanner of the other), and its weight; `None` if the other did not see the same surface within `reach` metres.
+/// The signed distance of a sample of one station from the surface of another, metres (positive: nearer to the scanner of the other), and its weight;
+/// `None` if the other did not see the same surface within `reach` metres.
 pub fn distance(target: &Shape, sample: &Point, target_from_source: Pose, reach: f64) -> Option<(f64, f64)> {
     find(target, sample, target_from_source, reach).map(|found| (found.distance, found.share))
 }
@@ -230,7 +231,8 @@ impl System {
         }
     }
 
-    /// Add a control point that two stations observed, each in its own coordinates (`a` is `None` if the survey coordinates are `known`). `sigma`: the standard deviation of each coordinate of their difference, metres. `variance`: that of a
+    /// Add a control point that two stations observed, each in its own coordinates (`a` is `None` if the survey coordinates are `known`). `sigma`:
+    /// the standard deviation of each coordinate of their difference, metres. `variance`: that of a
     /// surface distance, square metres.
     pub fn add_point(
         &mut self,
@@ -306,7 +308,7 @@ impl System {
     }
 
     /// The covariance of every station's pose, zero for those that cannot move; `variance` is that of a distance. `None` if there is no solution.
-    pub fn covariances(&self, variance: f64) -> Option<Vec<Matrix6<f64>>> {
+    pub fn covariances(&self, variance: f64, caution: f64) -> Option<Vec<Matrix6<f64>>> {
         // Approximate known poses may locate the survey with a weight many orders of magnitude smaller than that of the surfaces; damping must not add to it.
         let inverse = self.factor(1e-14)?.inverse();
         let n = inverse.nrows();
@@ -321,7 +323,7 @@ impl System {
         }
         // Residuals underestimate errors, because the poses are fitted to them; with few clusters, the difference is noticeable.
         let clusters = self.clusters.len() as f64;
-        meat *= clusters / (clusters - n as f64).max(0.1 * clusters).max(1.0);
+        meat *= caution * clusters / (clusters - n as f64).max(0.1 * clusters).max(1.0);
         meat += &self.known * variance;
         let covariance = &inverse * meat * &inverse;
         let own = |place: &Option<usize>| {

@@ -120,7 +120,8 @@ pub fn matches(
     }
 }
 
-/// Fit a group of stations to another. `pose`: the initial pose, in error by less than the first of `reaches` (metres), all of which are used in turn. `level`: the finest level of the target that is used. Returns `None` if the
+/// Fit a group of stations to another. `pose`: the initial pose, in error by less than the first of `reaches` (metres), all of which are used in
+/// turn. `level`: the finest level of the target that is used. Returns `None` if the
 /// two have too little surface in common.
 pub fn fit(
     targets: &[Posed<&Surfels>],

@@ -215,9 +215,4 @@ impl Surfels {
         }
         best.map(|(_, surfel)| surfel)
     }
-
-    /// Approximate size in memory, bytes.
-    pub fn bytes(&self) -> usize {
-        self.levels.iter().map(|level| level.surfels.len() * (size_of::<Surfel>() + 2 * size_of::<IVec3>() + 16)).sum()
-    }
 }
