@@ -4,12 +4,16 @@
 //! links: when the first picture and the target are there, what it cost, and that over the bytes of the chunks that are then shown. The pixel
 //! error is 1 or `ERR`; with `LOG` in the environment the requests over 10 Mbit/s are listed, too.
 //!
+//! `flight steps PACK WIDTH HEIGHT`: what [`kilwa_stream::Streamer::step`] takes once a view is loaded, at rest and in an orbit around the whole
+//! model. The pixel error is 1 or `ERR`.
+//!
 //! `flight render PACK WIDTH HEIGHT FRAMES`: a recorded flight (all of it, down to the surface, along it, back) drawn
 //! without a window: times of whole frames (deciding, reading, decoding, uploading, drawing, waiting for the GPU) and of drawing alone.
 
-use kilwa_pack::SliceSource;
+use kilwa_pack::reader::decode_checked;
+use kilwa_pack::{HEAD_BYTES, SliceSource, Source};
 use kilwa_stream::sim::{Decoders, Flight, Link, PackStore, Simulator};
-use kilwa_stream::{Budgets, Stats, View};
+use kilwa_stream::{Budgets, Command, Event, FetchKind, Stats, Streamer, View, length_of};
 use kilwa_viewer::shell::native::Session;
 use kilwa_viewer::{Bounds, Camera, Gpu, Prefer, RenderOptions, StandardView};
 use std::error::Error;
@@ -34,7 +38,9 @@ fn main() -> Result<(), Box<dyn Error>> {
         Some((verb, [pack, width, height, frames])) if verb == "render" => {
             render(pack, [width.parse()?, height.parse()?], frames.parse()?)
         }
-        _ => Err("usage: flight sim PACK... | flight render PACK WIDTH HEIGHT FRAMES".into()),
+        Some((verb, [pack, width, height])) if verb == "steps" => steps(pack, [width.parse()?, height.parse()?], error),
+        _ => Err("usage: flight sim PACK... | flight steps PACK WIDTH HEIGHT | flight render PACK WIDTH HEIGHT FRAMES"
+            .into()),
     }
 }
 
@@ -105,6 +111,75 @@ fn simulate(pack: &str, error: f64) -> Result<(), Box<dyn Error>> {
         }
     }
     Ok(())
+}
+
+fn steps(pack: &str, size: [u32; 2], error: f64) -> Result<(), Box<dyn Error>> {
+    let source = SliceSource(std::fs::read(pack)?);
+    let head = kilwa_pack::parse_head(&source.0)?;
+    let bounds = Bounds { min: head.metadata.bounds_min, max: head.metadata.bounds_max };
+    let budgets = Budgets { uploads: 64, gpu_bytes: 16 << 30, cpu_bytes: 32 << 30, ..Budgets::default() };
+    let mut streamer = Streamer::new(&head, HEAD_BYTES, budgets);
+    let mut camera = Camera::standard(StandardView::South, &bounds, size);
+    camera.orthographic = false;
+    camera.elevation = 0.2;
+    let lattice = head.header.lattice;
+    let (mut now, mut events) = (0.0, Vec::new());
+    println!("| course | steps | ms p50 | ms p99 | chunks | patches | M triangles |");
+    println!("|---|---:|---:|---:|---:|---:|---:|");
+    for (course, turn, count) in [("load", 0.0, usize::MAX), ("rest", 0.0, 400), ("orbit", 0.0157, 400)] {
+        let mut times = Vec::new();
+        let mut stats = Stats::default();
+        for _ in 0..count {
+            camera.azimuth += turn;
+            now += 16.0;
+            let view = camera.view(&lattice, &bounds, size, error);
+            let begun = Instant::now();
+            let step = streamer.step(&view, now, std::mem::take(&mut events));
+            times.push(begun.elapsed().as_secs_f64() * 1e3);
+            stats = step.stats;
+            events = answers(&streamer, &source, &step.commands)?;
+            if count == usize::MAX && stats.settled {
+                break;
+            }
+        }
+        times.sort_by(f64::total_cmp);
+        let at = |share: f64| times[((times.len() - 1) as f64 * share).round() as usize];
+        let (p50, p99, triangles) = (at(0.5), at(0.99), stats.triangles_drawn as f64 / 1e6);
+        let (chunks, patches) = (stats.chunks_resident, stats.patches_drawn);
+        println!("| {course} | {} | {p50:.3} | {p99:.3} | {chunks} | {patches} | {triangles:.2} |", times.len());
+    }
+    Ok(())
+}
+
+/// Everything that is asked for is answered before the next step.
+fn answers(
+    streamer: &Streamer,
+    source: &SliceSource<Vec<u8>>,
+    commands: &[Command],
+) -> Result<Vec<Event>, Box<dyn Error>> {
+    let mut events = Vec::new();
+    for command in commands {
+        match *command {
+            Command::Fetch { request, ref ranges, kind: FetchKind::Pages } => {
+                let mut bytes = Vec::new();
+                for range in ranges {
+                    bytes.extend(source.read_at(range.start, usize::try_from(range.end - range.start)?)?);
+                }
+                events.push(Event::PageBytes { request, bytes });
+            }
+            Command::Fetch { request, ref ranges, .. } => {
+                events.push(Event::Bytes { request, length: length_of(ranges) });
+            }
+            Command::Decode { chunk, .. } => {
+                let entry = streamer.entry(chunk).ok_or("a chunk without an entry")?;
+                let bytes = source.read_at(entry.offset, usize::try_from(entry.encoded_bytes)?)?;
+                let decoded = decode_checked(&bytes, chunk, entry, streamer.header())?;
+                events.push(Event::Decoded { chunk, patches: decoded.patches });
+            }
+            Command::Cancel { .. } | Command::Upload { .. } | Command::Evict { .. } => {}
+        }
+    }
+    Ok(events)
 }
 
 /// The camera of a flight, 0 to 1: from all of the model to its middle, along it, and away again.

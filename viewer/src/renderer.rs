@@ -8,6 +8,9 @@ use crate::gpu::present::Present;
 use crate::gpu::readback::Readback;
 use crate::gpu::surface::Variant;
 use crate::gpu::target::{Attachments, texture, view_of};
+#[cfg(not(target_arch = "wasm32"))]
+use crate::gpu::timer::PassTimer;
+use crate::gpu::timing::Timing;
 use crate::gpu::{DEPTH_NORMAL_FORMAT, ID_FORMAT, background, id, surface};
 use crate::options::{Background, Mode, RenderOptions, Tile};
 use crate::section::Clip;
@@ -88,6 +91,7 @@ pub struct Renderer {
     attachments: Attachments,
     id_attachments: Attachments,
     depth_normal_attachments: Attachments,
+    timing: Timing,
 }
 
 impl Renderer {
@@ -119,6 +123,7 @@ impl Renderer {
             attachments: Attachments::default(),
             id_attachments: Attachments::default(),
             depth_normal_attachments: Attachments::default(),
+            timing: Timing::default(),
         }
     }
 
@@ -150,6 +155,18 @@ impl Renderer {
     /// Give a chunk that was uploaded before the scalar that is shown now.
     pub fn upload_scalars(&mut self, index: u32, chunk: &GpuChunk) {
         self.pool.upload_scalars(&self.device, &self.queue, index, chunk, self.scalar);
+    }
+
+    /// Time the passes of the frames from now on, or no longer. Pictures of ids and single pixels are not timed.
+    #[cfg(not(target_arch = "wasm32"))]
+    pub fn set_timer(&mut self, timer: Option<PassTimer>) {
+        self.timing.timer = timer;
+    }
+
+    /// The timer, to take times from.
+    #[cfg(not(target_arch = "wasm32"))]
+    pub fn timer(&mut self) -> Option<&mut PassTimer> {
+        self.timing.timer.as_mut()
     }
 
     /// Free a chunk's GPU memory.
@@ -221,7 +238,8 @@ impl Renderer {
             None => (drawn_to, None),
         };
         {
-            let mut pass = begin(&mut encoder, attached, resolve, &depth);
+            let timestamps = self.timing.begin("surface");
+            let mut pass = begin(&mut encoder, attached, resolve, &depth, timestamps);
             pass.set_bind_group(0, &self.uniforms.frame_group, &[]);
             pass.set_bind_group(1, &self.uniforms.draw_group, &[0]);
             pass.set_pipeline(&self.background);
@@ -229,10 +247,12 @@ impl Renderer {
             pass.set_pipeline(&surface);
             self.record(&mut pass, &calls, variant.scalar);
         }
+        self.timing.end();
         if let Some(present) = &self.present {
-            present.record(&mut encoder, target);
+            present.record(&mut encoder, target, self.timing.begin("present"));
+            self.timing.end();
         }
-        self.queue.submit([encoder.finish()]);
+        self.timing.submit(&self.queue, encoder);
     }
 
     /// Uniforms, map and pipeline of the depth and normal pass.
@@ -258,10 +278,13 @@ impl Renderer {
         let (map, _) = self.depth_normal.fit(&self.device, size);
         let (depth, _) = self.depth_normal_attachments.fit(&self.device, size, 1, DEPTH_NORMAL_FORMAT);
         let Some(pipeline) = self.depth_normal_pipelines.get(&cut) else { return };
-        let mut pass = begin(encoder, &map, None, &depth);
+        let timestamps = self.timing.begin("depth_normal");
+        let mut pass = begin(encoder, &map, None, &depth, timestamps);
         pass.set_bind_group(0, &self.uniforms.depth_normal_group, &[]);
         pass.set_pipeline(pipeline);
         self.record(&mut pass, calls, false);
+        drop(pass);
+        self.timing.end();
     }
 
     /// A picture of a cut.
@@ -330,7 +353,7 @@ impl Renderer {
         let pipeline = self.id.entry(cut).or_insert_with(|| id::pipeline(&self.device, &self.uniforms, cut)).clone();
         let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         {
-            let mut pass = begin(&mut encoder, &view_of(&ids), None, &depth);
+            let mut pass = begin(&mut encoder, &view_of(&ids), None, &depth, None);
             pass.set_bind_group(0, &self.uniforms.frame_group, &[]);
             pass.set_pipeline(&pipeline);
             self.record(&mut pass, &calls, false);
@@ -412,6 +435,7 @@ fn begin<'e>(
     color: &wgpu::TextureView,
     resolve: Option<&wgpu::TextureView>,
     depth: &wgpu::TextureView,
+    timestamp_writes: Option<wgpu::RenderPassTimestampWrites<'_>>,
 ) -> wgpu::RenderPass<'e> {
     encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
         label: None,
@@ -429,6 +453,7 @@ fn begin<'e>(
             depth_ops: Some(wgpu::Operations { load: wgpu::LoadOp::Clear(0.0), store: wgpu::StoreOp::Discard }),
             stencil_ops: None,
         }),
+        timestamp_writes,
         ..wgpu::RenderPassDescriptor::default()
     })
 }

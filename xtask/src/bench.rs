@@ -5,6 +5,7 @@
 //! table is added to `docs/bench/DATE-build.md` with the machine it ran on, so that figures are never compared across machines unseen.
 
 mod codec;
+mod gpu;
 mod masks;
 mod merge;
 mod points;
@@ -42,6 +43,8 @@ enum What {
     Codec(codec::Args),
     /// Streaming and drawing: a recorded flight natively, the page in Chromium on three links
     View(view::Args),
+    /// Frame times and times of passes on a GPU: an archive for other machines, and this machine's figures
+    Gpu(gpu::Args),
     /// Importing scans: points per CPU second, memory
     Scans(scans::Args),
     /// Building packs of points: CPU time, memory, size
@@ -101,6 +104,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         What::Quality(quality) => bench_quality(quality),
         What::Codec(codec) => codec::run(codec),
         What::View(view) => view::run(view),
+        What::Gpu(gpu) => gpu::run(gpu),
         What::Scans(scans) => scans::run(scans),
         What::Points(points) => points::run(points),
         What::Masks(masks) => masks::run(masks),

@@ -1,12 +1,11 @@
 //! The cut that is drawn: the finest that the view asks for and that what is resident can show.
 
 use crate::command::DrawPatch;
-use crate::nodes::{Nodes, State};
+use crate::nodes::{PerNode, State};
 use crate::select::{HELD_BONUS, raw_priority};
 use crate::streamer::Streamer;
 use crate::view::View;
 use kilwa_pack::NO_DIAMOND;
-use std::collections::{BTreeMap, BTreeSet};
 
 /// What the cut is good for.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -36,25 +35,24 @@ impl Streamer {
     }
 
     /// Entries that the view asks to be refined, closed under parents, as far as resident or listed nodes reach.
-    fn asked_for(&self, view: &View) -> BTreeSet<u32> {
+    fn asked_for(&self, view: &View) -> Vec<u32> {
         let step = self.header.lattice.step();
-        let mut asked = BTreeSet::new();
-        let mut parents_in = BTreeMap::<u32, usize>::new();
-        let mut queue = BTreeSet::from([0u32]);
-        while let Some(index) = queue.pop_first() {
+        let mut asked = Vec::new();
+        let mut parents_in = PerNode::<u8>::new(&self.nodes);
+        let mut open = vec![0u32];
+        while let Some(index) = open.pop() {
             let Some(node) = self.nodes.get(index) else { continue };
             let bar = if node.refined { view.target_pixels / HELD_BONUS } else { view.target_pixels };
             let is_there = node.state == State::Resident || index > 0 && self.nodes.whole_family(index).is_some();
             if !is_there || raw_priority(index, node, view, step) <= bar {
                 continue;
             }
-            asked.insert(index);
+            asked.push(index);
             for &child in self.nodes.children(index) {
-                let Some(node) = self.nodes.get(child) else { continue };
-                let count = parents_in.entry(child).or_insert(0);
+                let Some(count) = parents_in.get_mut(&self.nodes, child) else { continue };
                 *count += 1;
-                if *count == Nodes::parent_count(node) {
-                    queue.insert(child);
+                if self.nodes.get(child).is_some_and(|node| *count == node.parent_count) {
+                    open.push(child);
                 }
             }
         }
@@ -62,50 +60,61 @@ impl Streamer {
     }
 
     /// Without the entries that are not resident while a child is not refined, and without what lies below those, until none is left: the
-    /// union of two cuts that can be drawn can be drawn, so there is one largest.
-    fn drawable(&self, mut cut: BTreeSet<u32>) -> BTreeSet<u32> {
-        let is_resident = |i: u32| self.nodes.get(i).is_some_and(|n| n.state == State::Resident);
-        let is_replaced = |cut: &BTreeSet<u32>, i: u32| {
-            self.nodes.whole_family(i).is_some_and(|children| children.iter().all(|c| cut.contains(c)))
+    /// union of two cuts that can be drawn can be drawn, so there is one largest. In order of the indices.
+    fn drawable(&self, asked: Vec<u32>) -> Vec<u32> {
+        let nodes = &self.nodes;
+        let mut is_in = PerNode::<bool>::new(nodes);
+        for &index in &asked {
+            if let Some(slot) = is_in.get_mut(nodes, index) {
+                *slot = true;
+            }
+        }
+        let is_resident = |i: u32| nodes.get(i).is_some_and(|n| n.state == State::Resident);
+        let is_replaced = |is_in: &PerNode<bool>, i: u32| {
+            nodes.whole_family(i).is_some_and(|children| children.iter().all(|&c| is_in.get(nodes, c)))
         };
-        let mut doubtful: Vec<u32> = cut.iter().copied().filter(|&i| !is_resident(i)).collect();
+        let mut doubtful: Vec<u32> = asked.iter().copied().filter(|&i| !is_resident(i)).collect();
         while let Some(index) = doubtful.pop() {
-            if is_resident(index) || is_replaced(&cut, index) || !cut.contains(&index) {
+            if is_resident(index) || !is_in.get(nodes, index) || is_replaced(&is_in, index) {
                 continue;
             }
             let mut falling = vec![index];
             while let Some(index) = falling.pop() {
-                if !cut.remove(&index) {
-                    continue;
-                }
-                falling.extend(self.nodes.children(index).iter().filter(|c| cut.contains(c)));
-                let parents = self.nodes.get(index).into_iter().flat_map(|n| n.entry.parents());
+                let Some(slot) = is_in.get_mut(nodes, index).filter(|slot| **slot) else { continue };
+                *slot = false;
+                falling.extend(nodes.children(index).iter().filter(|&&c| is_in.get(nodes, c)));
+                let parents = nodes.get(index).into_iter().flat_map(|n| n.entry.parents());
                 doubtful.extend(parents.filter(|&p| !is_resident(p)));
             }
         }
+        let mut cut = asked;
+        cut.retain(|&i| is_in.get(nodes, i));
+        cut.sort_unstable();
         cut
     }
 
     /// The patches of the cut, and its quality in the view.
-    pub(crate) fn cut(&self, view: &View, refined: &BTreeSet<u32>) -> (Vec<DrawPatch>, Quality) {
+    pub(crate) fn cut(&self, view: &View) -> (Vec<DrawPatch>, Quality) {
         let mut draw = Vec::new();
         let mut quality = Quality { pixels: 0.0, metres: 0.0, triangles: 0 };
-        if refined.is_empty() {
+        if self.refined.is_empty() {
             return (draw, Quality { pixels: f64::INFINITY, metres: f64::INFINITY, triangles: 0 });
         }
         let step = self.header.lattice.step();
-        let mut frontier = BTreeSet::new();
-        for &chunk in refined {
+        let mut is_frontier = PerNode::<bool>::new(&self.nodes);
+        let mut frontier = Vec::new();
+        for &chunk in &self.refined {
             let Some(node) = self.nodes.get(chunk) else { continue };
-            frontier.extend(self.nodes.children(chunk).iter().filter(|c| !refined.contains(c)));
+            for &child in self.nodes.children(chunk) {
+                let is_new = is_frontier.get_mut(&self.nodes, child).is_some_and(|slot| !std::mem::replace(slot, true));
+                frontier.extend(self.nodes.get(child).filter(|node| is_new && !node.refined));
+            }
             for (number, patch) in node.patches.iter().enumerate() {
-                if patch.diamond != NO_DIAMOND && refined.contains(&patch.diamond) {
-                    continue;
-                }
                 let diamond = if patch.diamond == NO_DIAMOND { None } else { Some(patch.diamond) };
                 let known = diamond.map(|d| self.nodes.get(d));
                 let (sphere, error) = match known {
-                    None => (node.box_sphere(), 0.0),
+                    None => (node.box_sphere, 0.0),
+                    Some(Some(d)) if d.refined => continue,
                     Some(Some(d)) => (d.entry.sphere, d.entry.error),
                     Some(None) => (node.entry.sphere, node.error_below()),
                 };
@@ -130,7 +139,7 @@ impl Streamer {
             }
         }
         // A coarse form may be empty (islands that were pruned): its error counts although no patch shows it.
-        for node in frontier.iter().filter_map(|&c| self.nodes.get(c)) {
+        for node in frontier {
             if view.may_see(&node.entry.sphere) {
                 let error = f64::from(node.entry.error);
                 quality.metres = quality.metres.max(error);

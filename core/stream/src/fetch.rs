@@ -93,7 +93,7 @@ impl Streamer {
         let stale: Vec<RequestId> = self
             .requests
             .iter()
-            .filter(|(_, r)| r.kind == FetchKind::Chunks && !r.parts.iter().any(|&c| wanted.contains(c)))
+            .filter(|(_, r)| r.kind == FetchKind::Chunks && !r.parts.iter().any(|&c| wanted.contains(&self.nodes, c)))
             .map(|(&id, _)| id)
             .collect();
         for request in stale {
@@ -119,10 +119,14 @@ impl Streamer {
             .filter(|&(&page, _)| self.is_page_ready(page, now_ms))
             .map(|(&index, &rank)| Candidate { rank, kind: FetchKind::Pages, index })
             .collect();
-        for (&index, &rank) in &wanted.ranks {
+        for (index, rank) in wanted.ranks.iter() {
             let waits = self.nodes.get(index).is_some_and(|n| n.state == State::Absent && n.retry_at <= now_ms);
             if waits {
-                candidates.push(Candidate { rank: wanted.urgency(index, rank), kind: FetchKind::Chunks, index });
+                candidates.push(Candidate {
+                    rank: wanted.urgency(&self.nodes, index, rank),
+                    kind: FetchKind::Chunks,
+                    index,
+                });
             }
         }
         // While something in the picture is on its way, what it shows next is not known yet: the link is kept free for it.
@@ -154,7 +158,8 @@ impl Streamer {
 
     /// Whether a visible part is being asked for, on its way, being decoded or uploaded; one that failed and has to wait does not count.
     fn waits_for_visible(&self, wanted: &Wanted, needed: &BTreeMap<u32, Rank>, now_ms: f64) -> bool {
-        let chunks = wanted.ranks.keys().filter(|&&i| wanted.is_visible(i)).filter_map(|&i| self.nodes.get(i));
+        let chunks = wanted.ranks.iter().map(|(i, _)| i).filter(|&i| wanted.is_visible(&self.nodes, i));
+        let chunks = chunks.filter_map(|i| self.nodes.get(i));
         let mut waiting = chunks.filter(|n| match n.state {
             State::Requested(_) | State::Decoding | State::Decoded => true,
             State::Absent => n.retry_at <= now_ms,
@@ -176,7 +181,7 @@ impl Streamer {
             return needed;
         }
         let mut is_complete = true;
-        for (&index, &rank) in &wanted.ranks {
+        for (index, rank) in wanted.ranks.iter() {
             let Some(node) = self.nodes.get(index) else { continue };
             is_complete &= node.state == State::Resident;
             if !self.nodes.lacks_children(index) || !wanted.may_want_below(index, &self.nodes) {
@@ -291,7 +296,7 @@ impl Streamer {
     ) {
         let Some((mut start, mut end)) = self.range(index) else { return };
         let alone = self.nodes.get(index).is_some_and(|n| n.damaged);
-        let is_visible = wanted.is_visible(index);
+        let is_visible = wanted.is_visible(&self.nodes, index);
         let is_like =
             |&(id, visible): &(RequestId, bool)| !alone && visible == is_visible && self.may_grow(id, end - start);
         let joined = growing.chunks.filter(is_like).map(|(id, _)| id);
@@ -343,7 +348,8 @@ impl Streamer {
         if self.budgets.ranges > 1 {
             return 0; // Another range costs less than any gap.
         }
-        let needed = wanted.order.iter().filter(|&&i| wanted.is_visible(i)).filter_map(|&i| self.nodes.get(i));
+        let needed =
+            wanted.order.iter().filter(|&&i| wanted.is_visible(&self.nodes, i)).filter_map(|&i| self.nodes.get(i));
         let missing = needed.filter(|n| matches!(n.state, State::Absent | State::Requested(_)));
         let bytes: u64 = missing.map(|n| u64::from(n.entry.encoded_bytes)).sum();
         (bytes / GAP_PART).clamp(GAP_BYTES, WIDE_GAP_BYTES)
@@ -368,7 +374,7 @@ impl Streamer {
             if gap > widest {
                 return None;
             }
-            if self.may_join(next, wanted, now_ms) && wanted.is_visible(next) >= visible {
+            if self.may_join(next, wanted, now_ms) && wanted.is_visible(&self.nodes, next) >= visible {
                 return Some(next);
             }
         }
@@ -377,7 +383,7 @@ impl Streamer {
     /// Whether a chunk may be asked for together with a neighbour: wanted, and not suspected of being damaged.
     fn may_join(&self, index: u32, wanted: &Wanted, now_ms: f64) -> bool {
         let idle = |n: &Node| n.state == State::Absent && !n.damaged && n.retry_at <= now_ms;
-        wanted.contains(index) && self.nodes.get(index).is_some_and(idle)
+        wanted.contains(&self.nodes, index) && self.nodes.get(index).is_some_and(idle)
     }
 
     fn range(&self, index: u32) -> Option<(u64, u64)> {

@@ -28,6 +28,12 @@ pub(crate) struct Node {
     pub(crate) damaged: bool,
     /// Refined in the cut of the last step; it may be so without being held ([`crate::skip`]).
     pub(crate) refined: bool,
+    /// A ball round the chunk's own box.
+    pub(crate) box_sphere: Sphere,
+    /// How many different parents it has.
+    pub(crate) parent_count: u8,
+    /// Known children, each once.
+    children: Vec<u32>,
 }
 
 /// Children on pages farther apart than this are found through the chunk's own table: most pages in between would belong to other chunks.
@@ -43,8 +49,11 @@ const CPU_VERTEX_BYTES: u64 = 12 + 3 + 4;
 const CPU_TRIANGLE_BYTES: u64 = 13;
 
 impl Node {
-    fn new(entry: DirectoryEntry) -> Self {
+    fn new(entry: DirectoryEntry, children: Vec<u32>) -> Self {
         Self {
+            box_sphere: box_sphere(&entry),
+            parent_count: different_parents(&entry).count() as u8,
+            children,
             entry,
             state: State::Absent,
             patches: Vec::new(),
@@ -77,23 +86,40 @@ impl Node {
     pub(crate) fn is_held(&self) -> bool {
         self.state != State::Absent
     }
-
-    /// A ball round the chunk's own box.
-    pub(crate) fn box_sphere(&self) -> Sphere {
-        let b = self.entry.bounds;
-        if b.is_empty() {
-            return Sphere::EMPTY;
-        }
-        let [low, high] = [b.min, b.max].map(glam::IVec3::as_dvec3);
-        Sphere { center: (low + high) * 0.5, radius: ((high - low) * 0.5).length() }
-    }
 }
 
-/// Known directory pages and the links from parents to children.
+fn box_sphere(entry: &DirectoryEntry) -> Sphere {
+    let b = entry.bounds;
+    if b.is_empty() {
+        return Sphere::EMPTY;
+    }
+    let [low, high] = [b.min, b.max].map(glam::IVec3::as_dvec3);
+    Sphere { center: (low + high) * 0.5, radius: ((high - low) * 0.5).length() }
+}
+
+/// The parents of an entry, each once.
+fn different_parents(entry: &DirectoryEntry) -> impl Iterator<Item = u32> + '_ {
+    let all: Vec<u32> = entry.parents().collect();
+    entry.parents().enumerate().filter(move |(slot, parent)| !all[..*slot].contains(parent)).map(|(_, parent)| parent)
+}
+
+/// A directory page that is known.
+#[derive(Debug, Clone)]
+struct Page {
+    number: u32,
+    nodes: Vec<Node>,
+}
+
+/// Known directory pages and the links from parents to children. Every step asks for thousands of nodes, so that they are found by two
+/// indices, not by a search.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Nodes {
-    pages: BTreeMap<u32, Vec<Node>>,
-    children: BTreeMap<u32, Vec<u32>>,
+    /// Known pages in the order in which they came.
+    pages: Vec<Page>,
+    /// By page number, as far as pages are known: 1 + the place in `pages`, 0 for an unknown page.
+    places: Vec<u32>,
+    /// Known children of entries that are not known.
+    orphans: BTreeMap<u32, Vec<u32>>,
     /// Where the file ends, if it ends before what its header states.
     pub(crate) cut_off: Option<u64>,
 }
@@ -105,7 +131,7 @@ impl Nodes {
     }
 
     pub(crate) fn has_page(&self, page: u32) -> bool {
-        self.pages.contains_key(&page)
+        self.place(page).is_some()
     }
 
     pub(crate) fn page_count(&self) -> usize {
@@ -114,7 +140,7 @@ impl Nodes {
 
     /// Number of known entries.
     pub(crate) fn len(&self) -> usize {
-        self.pages.values().map(Vec::len).sum()
+        self.pages.iter().map(|p| p.nodes.len()).sum()
     }
 
     pub(crate) fn page_of(index: u32) -> u32 {
@@ -122,30 +148,63 @@ impl Nodes {
     }
 
     pub(crate) fn add_page(&mut self, page: u32, entries: Vec<DirectoryEntry>) {
+        if self.has_page(page) {
+            return;
+        }
         let first = page * ENTRIES_PER_PAGE as u32;
-        for (at, entry) in entries.iter().enumerate() {
-            let mut seen = [u32::MAX; 4];
-            for (slot, parent) in entry.parents().enumerate() {
-                if !seen.contains(&parent) {
-                    seen[slot] = parent;
-                    self.children.entry(parent).or_default().push(first + at as u32);
-                }
+        let nodes = (first..).zip(entries).map(|(index, entry)| {
+            let children = self.orphans.remove(&index).unwrap_or_default();
+            Node::new(entry, children)
+        });
+        let nodes: Vec<Node> = nodes.collect();
+        if self.places.len() <= page as usize {
+            self.places.resize(page as usize + 1, 0);
+        }
+        self.places[page as usize] = self.pages.len() as u32 + 1;
+        let links: Vec<(u32, u32)> = (first..)
+            .zip(&nodes)
+            .flat_map(|(index, node)| different_parents(&node.entry).map(move |parent| (parent, index)))
+            .collect();
+        self.pages.push(Page { number: page, nodes });
+        for (parent, child) in links {
+            match self.get_mut(parent) {
+                Some(node) => node.children.push(child),
+                None => self.orphans.entry(parent).or_default().push(child),
             }
         }
-        self.pages.insert(page, entries.into_iter().map(Node::new).collect());
+    }
+
+    fn place(&self, page: u32) -> Option<usize> {
+        (self.places.get(page as usize)?.checked_sub(1)).map(|place| place as usize)
+    }
+
+    /// Where values of a known node stand in a list with [`Nodes::slots`] places.
+    pub(crate) fn slot(&self, index: u32) -> Option<usize> {
+        let place = self.place(Self::page_of(index))?;
+        let within = index as usize % ENTRIES_PER_PAGE;
+        (within < self.pages.get(place)?.nodes.len()).then_some(place * ENTRIES_PER_PAGE + within)
+    }
+
+    /// Places of a list with a value for every known node.
+    pub(crate) fn slots(&self) -> usize {
+        self.pages.len() * ENTRIES_PER_PAGE
     }
 
     pub(crate) fn get(&self, index: u32) -> Option<&Node> {
-        self.pages.get(&Self::page_of(index))?.get(index as usize % ENTRIES_PER_PAGE)
+        self.pages.get(self.place(Self::page_of(index))?)?.nodes.get(index as usize % ENTRIES_PER_PAGE)
     }
 
     pub(crate) fn get_mut(&mut self, index: u32) -> Option<&mut Node> {
-        self.pages.get_mut(&Self::page_of(index))?.get_mut(index as usize % ENTRIES_PER_PAGE)
+        let place = self.place(Self::page_of(index))?;
+        self.pages.get_mut(place)?.nodes.get_mut(index as usize % ENTRIES_PER_PAGE)
     }
 
     /// Known children, each once.
     pub(crate) fn children(&self, index: u32) -> &[u32] {
-        self.children.get(&index).map_or(&[], Vec::as_slice)
+        match self.get(index) {
+            Some(node) => &node.children,
+            None => self.orphans.get(&index).map_or(&[], Vec::as_slice),
+        }
     }
 
     /// The children, if the directory states that they replace all of a chunk and every one of them is known.
@@ -169,27 +228,32 @@ impl Nodes {
     }
 
     pub(crate) fn iter_mut(&mut self) -> impl Iterator<Item = &mut Node> {
-        self.pages.values_mut().flatten()
+        self.pages.iter_mut().flat_map(|p| &mut p.nodes)
     }
 
     /// All known nodes in order of their index.
     pub(crate) fn iter(&self) -> impl Iterator<Item = (u32, &Node)> {
-        self.pages.iter().flat_map(|(page, nodes)| {
-            let first = page * ENTRIES_PER_PAGE as u32;
-            nodes.iter().enumerate().map(move |(at, node)| (first + at as u32, node))
-        })
+        let known = self.places.iter().filter_map(|place| self.pages.get(place.checked_sub(1)? as usize));
+        known.flat_map(|page| (page.number * ENTRIES_PER_PAGE as u32..).zip(&page.nodes))
+    }
+}
+
+/// A value for every known node.
+#[derive(Debug, Clone)]
+pub(crate) struct PerNode<T>(Vec<T>);
+
+impl<T: Copy + Default> PerNode<T> {
+    pub(crate) fn new(nodes: &Nodes) -> Self {
+        Self(vec![T::default(); nodes.slots()])
     }
 
-    /// How many different parents a node has.
-    pub(crate) fn parent_count(node: &Node) -> usize {
-        let mut seen = [u32::MAX; 4];
-        let mut count = 0;
-        for parent in node.entry.parents() {
-            if !seen.contains(&parent) {
-                seen[count] = parent;
-                count += 1;
-            }
-        }
-        count
+    /// The value of a node; the default one where the node is not known, or was not when this list was made.
+    pub(crate) fn get(&self, nodes: &Nodes, index: u32) -> T {
+        nodes.slot(index).and_then(|slot| self.0.get(slot)).copied().unwrap_or_default()
+    }
+
+    /// The value of a known node, to change it.
+    pub(crate) fn get_mut(&mut self, nodes: &Nodes, index: u32) -> Option<&mut T> {
+        self.0.get_mut(nodes.slot(index)?)
     }
 }

@@ -6,10 +6,10 @@
 //! trembles nothing is swapped, and at a camera at rest the wanted set can only stay as it is.
 
 use crate::command::Budgets;
-use crate::nodes::{Node, Nodes};
+use crate::nodes::{Node, Nodes, PerNode};
 use crate::skip;
 use crate::view::View;
-use std::collections::{BTreeMap, BTreeSet, BinaryHeap};
+use std::collections::BinaryHeap;
 
 /// How much more a chunk counts that is already held, and how much farther one that is drawn stays drawn.
 pub(crate) const HELD_BONUS: f64 = 1.2;
@@ -65,6 +65,38 @@ impl Cameras {
     }
 }
 
+/// The wanted chunks with their ranks.
+#[derive(Debug, Clone)]
+pub(crate) struct Ranks {
+    /// In order of their indices.
+    by_index: Vec<(u32, Rank)>,
+    /// 1 + the place in `by_index`, 0 for a chunk that is not wanted.
+    places: PerNode<u32>,
+}
+
+impl Ranks {
+    fn new(mut by_index: Vec<(u32, Rank)>, nodes: &Nodes) -> Self {
+        by_index.sort_unstable_by_key(|(index, _)| *index);
+        let mut places = PerNode::new(nodes);
+        for (place, (index, _)) in (1..).zip(&by_index) {
+            if let Some(slot) = places.get_mut(nodes, *index) {
+                *slot = place;
+            }
+        }
+        Self { by_index, places }
+    }
+
+    pub(crate) fn get(&self, nodes: &Nodes, index: u32) -> Option<Rank> {
+        let place = self.places.get(nodes, index).checked_sub(1)?;
+        self.by_index.get(place as usize).map(|(_, rank)| *rank)
+    }
+
+    /// In order of the chunks' indices.
+    pub(crate) fn iter(&self) -> impl DoubleEndedIterator<Item = (u32, Rank)> + '_ {
+        self.by_index.iter().copied()
+    }
+}
+
 /// The outcome.
 #[derive(Debug, Clone)]
 pub(crate) struct Wanted {
@@ -72,9 +104,9 @@ pub(crate) struct Wanted {
     /// Wanted chunks, most urgent first.
     pub(crate) order: Vec<u32>,
     /// The same with their ranks.
-    pub(crate) ranks: BTreeMap<u32, Rank>,
+    pub(crate) ranks: Ranks,
     /// Those of them that the picture does not need ([`crate::skip`]).
-    pub(crate) skipped: BTreeSet<u32>,
+    skipped: PerNode<bool>,
     /// Something above the target did not fit.
     pub(crate) limited: bool,
     /// Something above the target that can be seen lies beyond the end of a file that is cut off.
@@ -86,13 +118,13 @@ impl Wanted {
         self.cameras.priority(index, node)
     }
 
-    pub(crate) fn contains(&self, index: u32) -> bool {
-        self.ranks.contains_key(&index)
+    pub(crate) fn contains(&self, nodes: &Nodes, index: u32) -> bool {
+        self.ranks.get(nodes, index).is_some()
     }
 
     /// Whether the picture needs it.
-    pub(crate) fn is_visible(&self, index: u32) -> bool {
-        self.ranks.get(&index).is_some_and(|r| r.visible) && !self.skipped.contains(&index)
+    pub(crate) fn is_visible(&self, nodes: &Nodes, index: u32) -> bool {
+        self.ranks.get(nodes, index).is_some_and(|r| r.visible) && !self.skipped.get(nodes, index)
     }
 
     /// Whether a child of this chunk may be wanted, by what the directory states before the children are known.
@@ -102,8 +134,8 @@ impl Wanted {
     }
 
     /// How urgently a chunk is asked for: one that the picture does not need comes with those beside the picture.
-    pub(crate) fn urgency(&self, index: u32, rank: Rank) -> Rank {
-        Rank { visible: rank.visible && !self.skipped.contains(&index), ..rank }
+    pub(crate) fn urgency(&self, nodes: &Nodes, index: u32, rank: Rank) -> Rank {
+        Rank { visible: rank.visible && !self.skipped.get(nodes, index), ..rank }
     }
 }
 
@@ -192,50 +224,51 @@ pub(crate) fn wanted(
         headroom.force(node, scalars);
     }
     let target = cameras.view.target_pixels;
-    let mut out = Wanted {
-        cameras: *cameras,
-        order: Vec::new(),
-        ranks: BTreeMap::new(),
-        skipped: BTreeSet::new(),
-        limited: false,
-        cut_off: false,
-    };
-    let mut parents_in = BTreeMap::<u32, usize>::new();
+    let (mut limited, mut cut_off) = (false, false);
+    let mut is_pinned = PerNode::<bool>::new(nodes);
+    for &index in pinned {
+        if let Some(slot) = is_pinned.get_mut(nodes, index) {
+            *slot = true;
+        }
+    }
+    let mut ranks = Vec::new();
+    let mut parents_in = PerNode::<u8>::new(nodes);
     let mut full = false;
     let mut heap = BinaryHeap::from([Candidate { priority: f64::INFINITY, index: 0 }]);
     while let Some(Candidate { priority, index }) = heap.pop() {
         let Some(node) = nodes.get(index) else { continue };
         let visible = cameras.view.may_see(&node.entry.sphere);
         if !nodes.is_there(node.end()) {
-            out.cut_off |= visible && priority > target;
+            cut_off |= visible && priority > target;
             continue; // So are all below it: nothing of them could be shown.
         }
-        if pinned.binary_search(&index).is_err() {
+        if !is_pinned.get(nodes, index) {
             if priority <= target {
                 continue;
             }
             full = full || !headroom.take(node, scalars);
             if full {
-                out.limited |= raw_priority(index, node, &cameras.view, cameras.step) > target;
+                limited |= raw_priority(index, node, &cameras.view, cameras.step) > target;
                 continue;
             }
         }
-        out.ranks.insert(index, Rank { visible, priority });
+        ranks.push((index, Rank { visible, priority }));
         for &child in nodes.children(index) {
-            let Some(node) = nodes.get(child) else { continue };
-            let count = parents_in.entry(child).or_insert(0);
+            let Some((node, count)) = nodes.get(child).zip(parents_in.get_mut(nodes, child)) else { continue };
             *count += 1;
-            if *count == Nodes::parent_count(node) {
+            if *count == node.parent_count {
                 let bonus = if node.is_held() || node.refined { HELD_BONUS } else { 1.0 };
                 let own = cameras.priority(child, node) * bonus;
                 heap.push(Candidate { priority: own.min(priority), index: child });
             }
         }
     }
-    let is_free = |index: u32, node: &Node| pinned.binary_search(&index).is_ok() || node.end() <= head_bytes;
-    out.skipped = skip::skipped(nodes, &out.ranks, |index| out.may_want_below(index, nodes), is_free);
-    let mut order: Vec<(u32, Rank)> = out.ranks.iter().map(|(&i, &r)| (i, r)).collect();
+    let mut order = ranks.clone();
     order.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
-    out.order = order.into_iter().map(|(i, _)| i).collect();
+    let order = order.into_iter().map(|(index, _)| index).collect();
+    let ranks = Ranks::new(ranks, nodes);
+    let mut out = Wanted { cameras: *cameras, order, ranks, skipped: PerNode::new(nodes), limited, cut_off };
+    let is_free = |index: u32, node: &Node| is_pinned.get(nodes, index) || node.end() <= head_bytes;
+    out.skipped = skip::skipped(nodes, &out.ranks, |index| out.may_want_below(index, nodes), is_free);
     out
 }

@@ -7,21 +7,20 @@
 //! Never two in a row: of a chunk and its child at most one is skipped, so that no step is coarser than two levels and nothing waits for
 //! more than what it replaces. Chosen from the finest up, because there the bytes are: parents have a fifth of their children.
 
-use crate::nodes::{Node, Nodes, State};
-use crate::select::Rank;
-use std::collections::{BTreeMap, BTreeSet};
+use crate::nodes::{Node, Nodes, PerNode, State};
+use crate::select::Ranks;
 
 /// Those of the wanted chunks that the picture does not need. `is_free` decides what costs nothing (the head has it), or stays anyway;
 /// `is_likely` where children whose entries are not known yet will be wanted.
 pub(crate) fn skipped(
     nodes: &Nodes,
-    ranks: &BTreeMap<u32, Rank>,
+    ranks: &Ranks,
     is_likely: impl Fn(u32) -> bool,
     is_free: impl Fn(u32, &Node) -> bool,
-) -> BTreeSet<u32> {
-    let mut skipped = BTreeSet::new();
+) -> PerNode<bool> {
+    let mut skipped = PerNode::<bool>::new(nodes);
     // Children have larger indices than their parents.
-    for (&index, rank) in ranks.iter().rev() {
+    for (index, rank) in ranks.iter().rev() {
         let Some(node) =
             nodes.get(index).filter(|n| n.state == State::Absent && n.entry.children.is_some_and(|c| c.is_whole))
         else {
@@ -29,9 +28,11 @@ pub(crate) fn skipped(
         };
         let is_told =
             nodes.whole_family(index).is_some() || is_likely(index) && nodes.pages_of_children(index).next().is_some();
-        let passes = |child: &u32| ranks.get(child).is_some_and(|r| r.visible) && !skipped.contains(child);
+        let passes = |&child: &u32| ranks.get(nodes, child).is_some_and(|r| r.visible) && !skipped.get(nodes, child);
         if rank.visible && is_told && !is_free(index, node) && nodes.children(index).iter().all(passes) {
-            skipped.insert(index);
+            if let Some(slot) = skipped.get_mut(nodes, index) {
+                *slot = true;
+            }
         }
     }
     skipped

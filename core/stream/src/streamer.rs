@@ -12,6 +12,16 @@ use std::collections::{BTreeMap, BTreeSet};
 /// When a request that failed is tried again at the latest once another one succeeds, milliseconds.
 const SOON_MS: f64 = 250.0;
 
+/// The outcome of a step that asked for nothing, for steps with the same view.
+#[derive(Debug, Clone)]
+struct Rest {
+    view: View,
+    predicted: Option<View>,
+    step: Step,
+    /// A second step gave the same, and so will every other.
+    is_repeated: bool,
+}
+
 /// Streams one pack. See the crate's documentation.
 #[derive(Debug, Clone)]
 pub struct Streamer {
@@ -31,7 +41,9 @@ pub struct Streamer {
     pub(crate) decoding_bytes: u64,
     pinned: Vec<u32>,
     /// The cut of the last step.
-    pub(crate) refined: BTreeSet<u32>,
+    pub(crate) refined: Vec<u32>,
+    /// As of the last step, unless something has changed since.
+    rest: Option<Rest>,
     predictor: Predictor,
     /// Where the camera goes, as of the last frame.
     predicted: Option<View>,
@@ -64,7 +76,8 @@ impl Streamer {
             requests_made: 0,
             decoding_bytes: 0,
             pinned: Vec::new(),
-            refined: BTreeSet::new(),
+            refined: Vec::new(),
+            rest: None,
             predictor: Predictor::default(),
             predicted: None,
             pages_missing: 0,
@@ -91,6 +104,7 @@ impl Streamer {
     /// Change the budgets; what is too much goes in the next step.
     pub fn set_budgets(&mut self, budgets: Budgets) {
         self.budgets = budgets;
+        self.rest = None;
         self.pinned = select::pinned(&self.nodes, &budgets, self.header.attributes.scalars);
     }
 
@@ -134,11 +148,25 @@ impl Streamer {
     }
 
     fn advance(&mut self, view: &View, now_ms: f64, events: impl IntoIterator<Item = Event>, uploads: usize) -> Step {
-        let mut commands = Vec::new();
         let mut arrived = Vec::new();
+        let mut rest = self.rest.take().filter(|r| r.view == *view && r.predicted == self.predicted);
         for event in events {
+            rest = None;
             self.apply(event, now_ms, &mut arrived);
         }
+        if let Some(rest) = rest.take_if(|r| r.is_repeated) {
+            return self.rest.insert(rest).step.clone();
+        }
+        let step = self.decide(view, now_ms, arrived, uploads);
+        if step.commands.is_empty() && step.stats.settled && step.stats.retry_in_ms < 0.0 {
+            let is_repeated = rest.is_some_and(|r| r.step == step);
+            self.rest = Some(Rest { view: *view, predicted: self.predicted, step: step.clone(), is_repeated });
+        }
+        step
+    }
+
+    fn decide(&mut self, view: &View, now_ms: f64, arrived: Vec<(u32, RequestId, u64)>, uploads: usize) -> Step {
+        let mut commands = Vec::new();
         let scalars = self.header.attributes.scalars;
         let step = self.header.lattice.step();
         let cameras = Cameras { view: *view, predicted: self.predicted, step };
@@ -152,13 +180,15 @@ impl Streamer {
         self.schedule(&wanted, now_ms, &mut commands);
         self.upload(&wanted, uploads, &mut commands);
         self.refine(view);
-        let (draw, quality) = self.cut(view, &self.refined);
+        let (draw, quality) = self.cut(view);
         let mut stats = self.stats(&wanted, now_ms);
         stats.patches_drawn = draw.len() as u32;
         stats.triangles_drawn = quality.triangles;
         stats.worst_pixel_error = quality.pixels;
         stats.worst_error_metres = quality.metres;
-        let shown: BTreeSet<u32> = draw.iter().filter(|d| d.visible).map(|d| d.chunk).collect();
+        // The cut is in order of the chunks.
+        let mut shown: Vec<u32> = draw.iter().filter(|d| d.visible).map(|d| d.chunk).collect();
+        shown.dedup();
         stats.chunks_shown = shown.len() as u32;
         stats.bytes_shown = shown.iter().filter_map(|&c| self.entry(c)).map(|e| u64::from(e.encoded_bytes)).sum();
         stats.target_reached = quality.pixels <= view.target_pixels;
@@ -369,7 +399,7 @@ impl Streamer {
         let mut victims: Vec<(f64, u32)> = self
             .held
             .iter()
-            .filter(|&&i| !wanted.contains(i))
+            .filter(|&&i| !wanted.contains(&self.nodes, i))
             .filter_map(|&i| Some((wanted.raw_priority(i, self.nodes.get(i)?), i)))
             .collect();
         victims.sort_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));

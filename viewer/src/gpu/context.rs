@@ -32,6 +32,10 @@ pub enum GpuError {
 pub const BROWSER_BACKEND: wgpu::Backends =
     if cfg!(feature = "webgpu") { wgpu::Backends::BROWSER_WEBGPU } else { wgpu::Backends::GL };
 
+/// What a device gets where its adapter has it: natively timestamps, for figures ([`super::timer`]).
+const OPTIONAL_FEATURES: wgpu::Features =
+    if cfg!(target_arch = "wasm32") { wgpu::Features::empty() } else { wgpu::Features::TIMESTAMP_QUERY };
+
 /// Which adapter to take where there are several.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Prefer {
@@ -98,6 +102,7 @@ impl Gpu {
             .request_device(&wgpu::DeviceDescriptor {
                 label: Some("kilwa"),
                 required_limits: limits,
+                required_features: adapter.features() & OPTIONAL_FEATURES,
                 ..wgpu::DeviceDescriptor::default()
             })
             .await

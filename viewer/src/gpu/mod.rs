@@ -11,6 +11,9 @@ pub(crate) mod present;
 pub mod readback;
 pub mod surface;
 pub mod target;
+#[cfg(not(target_arch = "wasm32"))]
+pub mod timer;
+pub(crate) mod timing;
 
 /// Depth of every pass: 32-bit float, reversed.
 pub const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;

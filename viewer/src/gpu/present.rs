@@ -51,7 +51,12 @@ impl Present {
     }
 
     /// Encode what was drawn.
-    pub(crate) fn record(&self, encoder: &mut wgpu::CommandEncoder, target: &wgpu::TextureView) {
+    pub(crate) fn record(
+        &self,
+        encoder: &mut wgpu::CommandEncoder,
+        target: &wgpu::TextureView,
+        timestamp_writes: Option<wgpu::RenderPassTimestampWrites<'_>>,
+    ) {
         let Some((_, group)) = &self.between else { return };
         let mut pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
             label: Some("present"),
@@ -64,6 +69,7 @@ impl Present {
                     store: wgpu::StoreOp::Store,
                 },
             })],
+            timestamp_writes,
             ..wgpu::RenderPassDescriptor::default()
         });
         pass.set_pipeline(&self.pipeline);

@@ -11,7 +11,7 @@ use crate::renderer::{IdImage, Image, Renderer};
 use kilwa_pack::directory::parse_page;
 use kilwa_pack::plural::counted;
 use kilwa_pack::reader::decode_checked;
-use kilwa_pack::{GpuChunk, HEAD_BYTES, Metadata, PAGE_BYTES, PackError, Source, interleave, parse_head};
+use kilwa_pack::{GpuChunk, HEAD_BYTES, Head, Metadata, PAGE_BYTES, PackError, Source, interleave, parse_head};
 use kilwa_stream::{Budgets, Command, DrawPatch, Event, FetchKind, Stats, Step, Streamer, View, length_of};
 use std::collections::BTreeMap;
 use thiserror::Error;
@@ -60,15 +60,7 @@ impl<S: Source> Session<S> {
     /// # Errors
     /// [`SessionError`] when it cannot be read or is no sound pack.
     pub fn open(source: S, gpu: &Gpu, budgets: Budgets) -> Result<Self, SessionError> {
-        let length = source.len().map_err(|source| SessionError::Read { offset: 0, length: 0, source })?;
-        let mut bytes = read(&source, 0, HEAD_BYTES.min(length))?;
-        let head = match parse_head(&bytes) {
-            Err(PackError::Truncated { needed, .. }) if needed <= length && needed > bytes.len() as u64 => {
-                bytes = read(&source, 0, needed)?;
-                parse_head(&bytes)?
-            }
-            other => other?,
-        };
+        let (bytes, head) = read_head(&source)?;
         let streamer = Streamer::new(&head, bytes.len() as u64, budgets);
         Ok(Self {
             source,
@@ -253,11 +245,25 @@ impl<S: Source> Session<S> {
     }
 }
 
+/// The head of a pack: its bytes, as many as it needs, and what they say.
+pub(super) fn read_head<S: Source>(source: &S) -> Result<(Vec<u8>, Head), SessionError> {
+    let length = source.len().map_err(|source| SessionError::Read { offset: 0, length: 0, source })?;
+    let bytes = read(source, 0, HEAD_BYTES.min(length))?;
+    match parse_head(&bytes) {
+        Err(PackError::Truncated { needed, .. }) if needed <= length && needed > bytes.len() as u64 => {
+            let bytes = read(source, 0, needed)?;
+            let head = parse_head(&bytes)?;
+            Ok((bytes, head))
+        }
+        head => Ok((bytes, head?)),
+    }
+}
+
 fn uploads(step: &Step) -> bool {
     step.commands.iter().any(|c| matches!(c, Command::Upload { .. }))
 }
 
-fn read<S: Source>(source: &S, offset: u64, length: u64) -> Result<Vec<u8>, SessionError> {
+pub(super) fn read<S: Source>(source: &S, offset: u64, length: u64) -> Result<Vec<u8>, SessionError> {
     let failed = |source| SessionError::Read { offset, length, source };
     let count = usize::try_from(length).map_err(|_| failed(std::io::ErrorKind::OutOfMemory.into()))?;
     source.read_at(offset, count).map_err(failed)

@@ -1,0 +1,85 @@
+//! Figures of drawing on one machine's GPU: `cargo xtask bench gpu` packs this program, its models' recipes and a script into one archive that
+//! runs without a toolchain.
+//!
+//! For every pack, size and pixel error: how long a picture takes from bytes in memory; an orbit around the whole model and a flight along its
+//! surface in real time, streamed and decoded as in the page. Frames are drawn as fast as they come, two in flight, to a target without sRGB, as
+//! canvases are. Printed: percentiles of the time from frame to frame; processor time of a frame, by part; GPU time of every pass, from
+//! timestamps. Software renderers have the same tables, and are named.
+
+mod measure;
+mod report;
+
+use clap::Parser;
+use kilwa_viewer::{Gpu, Mode, Prefer};
+use measure::{Course, Run, Setting};
+use std::error::Error;
+use std::num::NonZeroUsize;
+use std::path::PathBuf;
+
+#[derive(Parser)]
+#[command(about = "Figures of drawing packs on this machine's GPU")]
+struct Args {
+    /// Packs to draw
+    #[arg(required = true, value_name = "FILE")]
+    packs: Vec<PathBuf>,
+    /// Width and height of the picture; more than one separated by commas
+    #[arg(long, value_name = "WxH", value_delimiter = ',', default_value = "1920x1080,3840x2160", value_parser = size)]
+    sizes: Vec<[u32; 2]>,
+    /// Pixel errors to refine to; 0 shows the finest surface
+    #[arg(long, value_name = "PX", value_delimiter = ',', default_value = "1,0.5,0")]
+    pixels: Vec<f64>,
+    /// Seconds of an orbit and of a flight
+    #[arg(long, value_name = "S", default_value_t = 6.0)]
+    seconds: f64,
+    /// Decoding threads; by default as many as the page would have workers
+    #[arg(long, value_name = "N")]
+    threads: Option<NonZeroUsize>,
+    /// Write the figures as JSON, too
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+fn size(text: &str) -> Result<[u32; 2], String> {
+    let parsed = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
+    parsed
+        .filter(|s: &[u32; 2]| s.iter().all(|&n| n > 0))
+        .ok_or_else(|| "a size is a width and a height such as 1920x1080".to_owned())
+}
+
+fn main() -> Result<(), Box<dyn Error>> {
+    let args = Args::parse();
+    let gpu = pollster::block_on(Gpu::headless(Prefer::Hardware))?;
+    let threads = args.threads.unwrap_or_else(measure::page_workers);
+    print!("{}", report::machine(&gpu, threads));
+    let mut runs: Vec<Run> = Vec::new();
+    for path in &args.packs {
+        let bytes = std::fs::read(path).map_err(|e| format!("cannot read {}: {e}", path.display()))?;
+        let pack = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        for &size in &args.sizes {
+            for &pixels in &args.pixels {
+                let setting =
+                    Setting { pack: pack.clone(), size, pixels, seconds: args.seconds, threads, mode: Mode::Color };
+                eprintln!("{pack}, {} x {}, {pixels} px", size[0], size[1]);
+                let courses = [Course::Orbit, Course::Flight];
+                let courses = if pixels > 0.0 { &courses[..] } else { &courses[..1] };
+                runs.push(measure::run(&gpu, &bytes, setting, courses)?);
+            }
+            // A mode with the depth and normal pass.
+            let setting = Setting {
+                pack: pack.clone(),
+                size,
+                pixels: 1.0,
+                seconds: args.seconds / 2.0,
+                threads,
+                mode: Mode::EyeDome,
+            };
+            runs.push(measure::run(&gpu, &bytes, setting, &[Course::Orbit])?);
+        }
+    }
+    print!("{}", report::tables(&runs));
+    if let Some(path) = &args.json {
+        let text = serde_json::to_string_pretty(&report::json(&gpu, &runs))?;
+        std::fs::write(path, text).map_err(|e| format!("cannot write {}: {e}", path.display()))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,176 @@
+//! A pack in memory, drawn frame by frame while threads decode beside it, as the page does with its workers: what figures of a flight need.
+//! Nothing waits for a chunk; a frame shows what is there.
+
+use super::native::{SessionError, read_head};
+use crate::camera::{Bounds, Camera};
+use crate::renderer::Renderer;
+use kilwa_pack::reader::decode_checked;
+use kilwa_pack::{DirectoryEntry, GpuChunk, Header, Metadata, PatchRange, SliceSource, Source, interleave};
+use kilwa_stream::{Budgets, Command, Event, FetchKind, Step, Streamer, View, length_of};
+use std::collections::BTreeMap;
+use std::num::NonZeroUsize;
+use std::sync::{Arc, Mutex, mpsc};
+use std::thread::JoinHandle;
+
+/// A chunk to decode.
+struct Job {
+    chunk: u32,
+    entry: DirectoryEntry,
+}
+
+/// The chunk, and what its decoding gave; `None` where its bytes are damaged.
+type Answer = (u32, Option<(GpuChunk, Vec<PatchRange>)>);
+
+/// What the decoding threads share.
+struct Shared {
+    bytes: SliceSource<Vec<u8>>,
+    header: Header,
+    jobs: Mutex<mpsc::Receiver<Job>>,
+}
+
+/// An open pack with its renderer and its decoding threads.
+pub struct LiveSession {
+    shared: Arc<Shared>,
+    metadata: Metadata,
+    streamer: Streamer,
+    renderer: Renderer,
+    /// `None` once the threads are to end.
+    jobs: Option<mpsc::Sender<Job>>,
+    answers: mpsc::Receiver<Answer>,
+    threads: Vec<JoinHandle<()>>,
+    /// Decoded chunks that are not uploaded yet.
+    decoded: BTreeMap<u32, GpuChunk>,
+    events: Vec<Event>,
+}
+
+impl LiveSession {
+    /// Read the head of a pack, and start so many decoding threads. `renderer` draws it.
+    ///
+    /// # Errors
+    /// [`SessionError`] when it is no sound pack.
+    pub fn open(
+        bytes: Vec<u8>,
+        renderer: Renderer,
+        budgets: Budgets,
+        threads: NonZeroUsize,
+    ) -> Result<Self, SessionError> {
+        let source = SliceSource(bytes);
+        let (head_bytes, head) = read_head(&source)?;
+        let streamer = Streamer::new(&head, head_bytes.len() as u64, budgets);
+        let (jobs, queue) = mpsc::channel();
+        let (answer, answers) = mpsc::channel();
+        let shared = Arc::new(Shared { bytes: source, header: head.header, jobs: Mutex::new(queue) });
+        let threads = (0..threads.get())
+            .map(|_| {
+                let (shared, answer) = (shared.clone(), answer.clone());
+                std::thread::spawn(move || decode_all(&shared, &answer))
+            })
+            .collect();
+        Ok(Self {
+            shared,
+            metadata: head.metadata,
+            streamer,
+            renderer,
+            jobs: Some(jobs),
+            answers,
+            threads,
+            decoded: BTreeMap::new(),
+            events: Vec::new(),
+        })
+    }
+
+    /// The model's box, world metres.
+    pub fn bounds(&self) -> Bounds {
+        Bounds { min: self.metadata.bounds_min, max: self.metadata.bounds_max }
+    }
+
+    /// A camera's view of this pack.
+    pub fn view(&self, camera: &Camera, size: [u32; 2], target_pixels: f64) -> View {
+        camera.view(&self.shared.header.lattice, &self.bounds(), size, target_pixels)
+    }
+
+    /// The renderer.
+    pub fn renderer(&mut self) -> &mut Renderer {
+        &mut self.renderer
+    }
+
+    /// Decide what a frame shows. What it asks for is begun, and what is decoded by now is uploaded.
+    ///
+    /// # Errors
+    /// [`SessionError::Read`] when the pack ends before its header states.
+    pub fn step(&mut self, view: &View, now_ms: f64) -> Result<Step, SessionError> {
+        let mut events = std::mem::take(&mut self.events);
+        for (chunk, decoded) in self.answers.try_iter() {
+            events.push(match decoded {
+                Some((decoded, patches)) => {
+                    self.decoded.insert(chunk, decoded);
+                    Event::Decoded { chunk, patches }
+                }
+                None => Event::DecodeFailed { chunk },
+            });
+        }
+        let step = self.streamer.step(view, now_ms, events);
+        for command in &step.commands {
+            self.carry_out(command)?;
+        }
+        Ok(step)
+    }
+
+    fn carry_out(&mut self, command: &Command) -> Result<(), SessionError> {
+        match *command {
+            Command::Fetch { request, ref ranges, kind: FetchKind::Pages } => {
+                let mut bytes = Vec::new();
+                for range in ranges {
+                    bytes.extend(super::native::read(&self.shared.bytes, range.start, range.end - range.start)?);
+                }
+                self.events.push(Event::PageBytes { request, bytes });
+            }
+            Command::Fetch { request, ref ranges, kind: FetchKind::Chunks } => {
+                self.events.push(Event::Bytes { request, length: length_of(ranges) });
+            }
+            Command::Decode { chunk, .. } => {
+                let entry = self.streamer.entry(chunk).cloned();
+                let is_begun =
+                    entry.zip(self.jobs.as_ref()).is_some_and(|(entry, jobs)| jobs.send(Job { chunk, entry }).is_ok());
+                if !is_begun {
+                    self.events.push(Event::DecodeFailed { chunk });
+                }
+            }
+            Command::Upload { chunk } => {
+                if let Some(decoded) = self.decoded.remove(&chunk) {
+                    self.renderer.upload(chunk, &decoded);
+                }
+            }
+            Command::Evict { chunk } => {
+                self.decoded.remove(&chunk);
+                self.renderer.evict(chunk);
+            }
+            Command::Cancel { .. } => {}
+        }
+        Ok(())
+    }
+}
+
+impl Drop for LiveSession {
+    fn drop(&mut self) {
+        self.jobs = None;
+        for thread in self.threads.drain(..) {
+            // A thread that panicked has said so.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// Decode what comes, until the session is dropped.
+fn decode_all(shared: &Shared, answers: &mpsc::Sender<Answer>) {
+    loop {
+        let job = shared.jobs.lock().map(|jobs| jobs.recv());
+        let Ok(Ok(Job { chunk, entry })) = job else { return };
+        let bytes = usize::try_from(entry.encoded_bytes).ok().and_then(|n| shared.bytes.read_at(entry.offset, n).ok());
+        let decoded = bytes.and_then(|bytes| decode_checked(&bytes, chunk, &entry, &shared.header).ok());
+        let answer = decoded.map(|decoded| (interleave(&decoded), decoded.patches));
+        if answers.send((chunk, answer)).is_err() {
+            return;
+        }
+    }
+}
