@@ -25,8 +25,8 @@ struct Frame {
     clip: array<vec4<f32>, 7>,
     // Positions are counted from this lattice point.
     cell: vec3<i32>,
-    // The mode's place in Mode::ALL.
-    mode: u32,
+    // 1: the edge of a cut is smoothed by the samples that it covers.
+    smooth_cut: u32,
     // Where this tile lies in the picture: y = scale * tile_y + shift, from 0 (top) to 1.
     tile_scale: f32,
     tile_shift: f32,
@@ -44,20 +44,18 @@ struct Frame {
     strength: f32,
     radius: f32,
     feature: f32,
-    unused: u32,
+    // Width of the line along a cut, pixels.
+    outline: f32,
     // From a pixel of the target to the pixel of the depth and normal buffer.
     depth_normal_shift: vec2<i32>,
     // Bit 0: the plane cuts; bit 1: the box cuts; bit 2: what is inside of the box goes.
     clip_flags: u32,
     // 1: modes of light show the scan's colours.
     on_color: u32,
-    // Width of the line along a cut, pixels.
-    outline: f32,
     // Scalar where the colours begin, and 1 / (end - begin), as shares of the channel's range.
     scalar_low: f32,
     scalar_scale: f32,
-    // 1: the edge of a cut is smoothed by the samples that it covers.
-    smooth_cut: u32,
+    unused: vec2<u32>,
 }
 
 struct Draw {

@@ -1,5 +1,8 @@
 // The surface: vertex attributes to a lit colour. viewer/src/gpu/surface.rs.
 
+// The mode's place in Mode::ALL. A pipeline has one mode: its shader is small, which on a slow GPU is half of the time of a frame.
+override mode: u32 = 0u;
+
 struct VertexIn {
     @location(0) position: vec3<i32>,
     @location(1) color: vec4<f32>,
@@ -135,7 +138,7 @@ fn shade(in: VertexOut, front: bool) -> vec3<f32> {
     }
     let pixel = vec2<i32>(floor(in.clip.xy)) + frame.depth_normal_shift;
     var c: vec3<f32>;
-    switch frame.mode {
+    switch mode {
         case 1u: {
             c = clay(normal, to_eye);
         }

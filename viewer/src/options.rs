@@ -5,7 +5,7 @@ use glam::DVec3;
 use kilwa_stream::View;
 
 /// What colours the surface.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
 pub enum Mode {
     /// The scan's own colours.
     #[default]
@@ -50,6 +50,11 @@ impl Mode {
         (Self::Level, "level"),
         (Self::Error, "error"),
     ];
+
+    /// Its number in the shader.
+    pub(crate) fn number(self) -> usize {
+        Self::ALL.iter().position(|(mode, _)| *mode == self).unwrap_or(0)
+    }
 
     /// The mode of a name; `color` is understood too.
     pub fn from_name(name: &str) -> Option<Self> {

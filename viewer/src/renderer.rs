@@ -63,10 +63,34 @@ pub struct IdImage {
 }
 
 /// One draw call.
+#[derive(Clone)]
 struct Call {
     chunk: u32,
     triangles: Range<u32>,
     fade: [f32; 2],
+    /// Place of its uniforms among those of the frame.
+    draw: u32,
+}
+
+/// What draw calls have uniforms of their own for.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum PerCall {
+    /// Only for levels that fade into each other.
+    Fades,
+    /// For the level of detail, too.
+    Levels,
+    /// Every patch is a call, with its number and its error.
+    Patches,
+}
+
+impl PerCall {
+    fn of(mode: Mode) -> Self {
+        match mode {
+            Mode::Error => Self::Patches,
+            Mode::Level => Self::Levels,
+            _ => Self::Fades,
+        }
+    }
 }
 
 /// Draws cuts with one device. Chunks are uploaded and evicted as the streamer says.
@@ -100,7 +124,7 @@ impl Renderer {
     pub fn new(device: wgpu::Device, queue: wgpu::Queue, format: wgpu::TextureFormat, samples: u32) -> Self {
         let uniforms = Uniforms::new(&device);
         // What most pictures need; other pipelines are made when a picture needs them.
-        let plain = Variant { cut: false, smooth: false, scalar: false };
+        let plain = Variant { mode: Mode::default(), cut: false, smooth: false, scalar: false };
         let drawn = Present::drawn_format(format);
         let present = Present::new(&device, format);
         let surface = BTreeMap::from([(plain, surface::pipeline(&device, &uniforms, drawn, samples, plain))]);
@@ -214,11 +238,11 @@ impl Renderer {
         let (depth, samples) = self.attachments.fit(&self.device, size, self.samples, self.drawn);
         let picture = self.present.as_mut().map(|p| p.fit(&self.device, size));
         let drawn_to = picture.as_ref().unwrap_or(target);
-        let merge = options.mode != Mode::Error;
-        let (calls, draws) = self.calls(patches, fades, merge);
+        let (calls, draws) = self.calls(view, patches, fades, PerCall::of(options.mode));
         let cut = options.clip.is_on() || calls.iter().any(|c| c.fade != NO_FADE);
         let smooth = options.clip.is_on() && self.samples > 1 && options.background != Background::Transparent;
-        let variant = Variant { cut, smooth, scalar: options.mode == Mode::Scalar && self.pool.has_scalars() };
+        let scalar = options.mode == Mode::Scalar && self.pool.has_scalars();
+        let variant = Variant { mode: options.mode, cut, smooth, scalar };
         let mut traits = TargetTraits { smooth_cut: smooth, depth_normal_shift: [0, 0] };
         let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let map = options.mode.needs_depth_normal().then(|| depth_normal::covered(view, options.tile));
@@ -345,7 +369,7 @@ impl Renderer {
         let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
         let ids = texture(&self.device, "ids", size, 1, ID_FORMAT, usage);
         let (depth, _) = self.id_attachments.fit(&self.device, size, 1, ID_FORMAT);
-        let (calls, draws) = self.calls(patches, &[], false);
+        let (calls, draws) = self.calls(view, patches, &[], PerCall::Patches);
         let options = RenderOptions { tile, clip: *clip, ..RenderOptions::default() };
         let frame = frame_uniform(view, &options, TargetTraits::default());
         self.uniforms.write(&self.device, &self.queue, &frame, &draws);
@@ -382,35 +406,61 @@ impl Renderer {
         Ok(ids.pixels.first().and_then(|(id, depth)| Some(((*id)?, crate::clip::distance_from_depth(view, *depth)))))
     }
 
-    /// Draw calls and their uniforms. The id of a call is 1 plus the index of its first patch. With `merge`,
-    /// neighbouring patches of a chunk that fade alike become one call.
-    fn calls(&self, patches: &[DrawPatch], fades: &[[f32; 2]], merge: bool) -> (Vec<Call>, Vec<Draw>) {
+    /// Draw calls, nearest first so that what is hidden is not shaded, and their uniforms. The id of a patch is 1 plus its index. Neighbouring
+    /// patches of a chunk become one call where no uniform tells them apart, and calls share their uniforms.
+    fn calls(
+        &self,
+        view: &View,
+        patches: &[DrawPatch],
+        fades: &[[f32; 2]],
+        per_call: PerCall,
+    ) -> (Vec<Call>, Vec<Draw>) {
         let mut calls: Vec<Call> = Vec::new();
-        let mut draws = Vec::new();
-        for (index, patch) in patches.iter().enumerate() {
-            let end = patch.first.saturating_add(patch.count);
-            let inside = self.pool.get(patch.chunk).is_some_and(|c| end <= c.triangles);
-            if !patch.visible || !inside || patch.count == 0 {
+        let mut draws: Vec<Draw> = Vec::new();
+        let mut chunks: Vec<(f64, Range<usize>)> = Vec::new();
+        let mut first = 0;
+        for patches in patches.chunk_by(|a, b| a.chunk == b.chunk) {
+            let before = calls.len();
+            let Some(chunk) = patches.first().and_then(|p| self.pool.get(p.chunk)) else {
+                first += patches.len();
                 continue;
+            };
+            for (index, patch) in (first..).zip(patches) {
+                let end = patch.first.saturating_add(patch.count);
+                if !patch.visible || end > chunk.triangles || patch.count == 0 {
+                    continue;
+                }
+                let fade = fades.get(index).copied().unwrap_or(NO_FADE);
+                let continues = |c: &&mut Call| c.triangles.end == patch.first && c.fade == fade;
+                let last = calls[before..].last_mut().filter(|c| per_call != PerCall::Patches && continues(c));
+                if let Some(last) = last {
+                    last.triangles.end = end;
+                    continue;
+                }
+                let uniform = match per_call {
+                    PerCall::Fades => draw_uniform(0, 0, 0.0, fade),
+                    PerCall::Levels => draw_uniform(0, u32::from(patch.level), 0.0, fade),
+                    PerCall::Patches => draw_uniform(index as u32 + 1, u32::from(patch.level), patch.error, fade),
+                };
+                if draws.last() != Some(&uniform) {
+                    draws.push(uniform);
+                }
+                let draw = draws.len() as u32 - 1;
+                calls.push(Call { chunk: patch.chunk, triangles: patch.first..end, fade, draw });
             }
-            let fade = fades.get(index).copied().unwrap_or(NO_FADE);
-            let continues = |c: &&mut Call| c.chunk == patch.chunk && c.triangles.end == patch.first && c.fade == fade;
-            let last = calls.last_mut().filter(|c| merge && continues(c));
-            if let Some(last) = last {
-                last.triangles.end = end;
-                continue;
-            }
-            calls.push(Call { chunk: patch.chunk, triangles: patch.first..end, fade });
-            draws.push(draw_uniform(index as u32 + 1, u32::from(patch.level), patch.error, fade));
+            first += patches.len();
+            chunks.push(((chunk.middle - view.eye).dot(view.forward), before..calls.len()));
         }
-        (calls, draws)
+        chunks.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let ordered = chunks.into_iter().flat_map(|(_, range)| calls[range].iter().cloned()).collect();
+        (ordered, draws)
     }
 
     fn record(&self, pass: &mut wgpu::RenderPass<'_>, calls: &[Call], scalars: bool) {
-        let mut bound = None;
-        for (number, call) in calls.iter().enumerate() {
-            let Some(chunk) = self.pool.get(call.chunk) else { continue };
+        let (mut bound, mut bound_draw) = (None, None);
+        for call in calls {
             if bound != Some(call.chunk) {
+                let Some(chunk) = self.pool.get(call.chunk) else { continue };
                 pass.set_vertex_buffer(0, chunk.vertices.slice(..));
                 if scalars {
                     let Some(values) = &chunk.scalars else { continue };
@@ -419,7 +469,10 @@ impl Renderer {
                 pass.set_index_buffer(chunk.indices.slice(..), wgpu::IndexFormat::Uint32);
                 bound = Some(call.chunk);
             }
-            pass.set_bind_group(1, &self.uniforms.draw_group, &[number as u32 * self.uniforms.stride]);
+            if bound_draw != Some(call.draw) {
+                pass.set_bind_group(1, &self.uniforms.draw_group, &[call.draw * self.uniforms.stride]);
+                bound_draw = Some(call.draw);
+            }
             pass.draw_indexed(call.triangles.start * 3..call.triangles.end * 3, 0, 0..1);
         }
     }

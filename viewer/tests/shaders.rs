@@ -1,5 +1,6 @@
 //! Without a GPU: every shader is valid WGSL, stays within WebGL2, and agrees with Rust about memory layout.
 
+use kilwa_viewer::Mode;
 use kilwa_viewer::gpu::frame::{Draw, Frame};
 use kilwa_viewer::gpu::{SHADERS, pool};
 
@@ -31,28 +32,40 @@ fn no_shader_needs_more_than_webgl2_has() {
 }
 
 #[test]
-fn every_entry_point_translates_to_webgl2_glsl() {
-    use naga::back::glsl;
+fn every_entry_point_translates_to_webgl2_glsl_in_every_mode() {
     for (name, source) in SHADERS {
         let module = parse(name, source);
         let info = naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::empty())
             .validate(&module)
             .unwrap_or_else(|e| panic!("{name}.wgsl: {}", e.emit_to_string(source)));
-        let options = glsl::Options {
-            version: glsl::Version::Embedded { version: 300, is_webgl: true },
-            ..glsl::Options::default()
-        };
-        for entry in &module.entry_points {
-            let pipeline =
-                glsl::PipelineOptions { shader_stage: entry.stage, entry_point: entry.name.clone(), multiview: None };
-            let mut text = String::new();
-            let policies = naga::proc::BoundsCheckPolicies::default();
-            let written = glsl::Writer::new(&mut text, &module, &info, &options, &pipeline, policies)
-                .and_then(|mut writer| writer.write());
-            assert!(written.is_ok(), "{name}.wgsl, {}: {:?}", entry.name, written.err());
-            assert!(text.contains("void main()") && !text.contains("imageLoad"), "{name}.wgsl, {}", entry.name);
+        let has_modes = module.overrides.iter().any(|(_, o)| o.name.as_deref() == Some("mode"));
+        assert_eq!(has_modes, name == "surface", "{name}.wgsl");
+        for mode in 0..if has_modes { Mode::ALL.len() as u32 } else { 1 } {
+            for entry in &module.entry_points {
+                let constants = has_modes.then(|| ("mode".to_owned(), f64::from(mode)));
+                let constants = constants.into_iter().collect();
+                let chosen = Some((entry.stage, entry.name.as_str()));
+                let (module, info) =
+                    naga::back::pipeline_constants::process_overrides(&module, &info, chosen, &constants)
+                        .unwrap_or_else(|e| panic!("{name}.wgsl, {}, mode {mode}: {e}", entry.name));
+                assert_translates(name, &module, &info, entry);
+            }
         }
     }
+}
+
+fn assert_translates(name: &str, module: &naga::Module, info: &naga::valid::ModuleInfo, entry: &naga::EntryPoint) {
+    use naga::back::glsl;
+    let options =
+        glsl::Options { version: glsl::Version::Embedded { version: 300, is_webgl: true }, ..glsl::Options::default() };
+    let pipeline =
+        glsl::PipelineOptions { shader_stage: entry.stage, entry_point: entry.name.clone(), multiview: None };
+    let mut text = String::new();
+    let policies = naga::proc::BoundsCheckPolicies::default();
+    let written =
+        glsl::Writer::new(&mut text, module, info, &options, &pipeline, policies).and_then(|mut writer| writer.write());
+    assert!(written.is_ok(), "{name}.wgsl, {}: {:?}", entry.name, written.err());
+    assert!(text.contains("void main()") && !text.contains("imageLoad"), "{name}.wgsl, {}", entry.name);
 }
 
 #[test]
@@ -90,9 +103,9 @@ macro_rules! fields {
 
 #[test]
 fn uniforms_have_the_memory_layout_the_shaders_expect() {
-    let frame = fields!(Frame: clip_from_cell eye_from_cell light rake top bottom right up depth plane clip cell mode
-        tile_scale tile_shift shading back_tint error_low error_high range_low range_scale strength radius feature unused
-        depth_normal_shift clip_flags on_color outline scalar_low scalar_scale smooth_cut);
+    let frame = fields!(Frame: clip_from_cell eye_from_cell light rake top bottom right up depth plane clip cell smooth_cut
+        tile_scale tile_shift shading back_tint error_low error_high range_low range_scale strength radius feature outline
+        depth_normal_shift clip_flags on_color scalar_low scalar_scale unused);
     let draw = fields!(Draw: id level error fade);
     for (name, source) in SHADERS.iter().filter(|(name, _)| *name != "present") {
         let module = parse(name, source);

@@ -5,6 +5,7 @@ use crate::nodes::{PerNode, State};
 use crate::select::{HELD_BONUS, raw_priority};
 use crate::streamer::Streamer;
 use crate::view::View;
+use kilwa_geometry::Sphere;
 use kilwa_pack::NO_DIAMOND;
 
 /// What the cut is good for.
@@ -13,6 +14,15 @@ pub(crate) struct Quality {
     pub(crate) pixels: f64,
     pub(crate) metres: f64,
     pub(crate) triangles: u64,
+}
+
+/// What a patch shows in a view.
+#[derive(Debug, Clone, Copy)]
+struct Seen {
+    visible: bool,
+    /// Certified error, metres, and in pixels where it is visible.
+    error: f32,
+    pixels: f64,
 }
 
 impl Streamer {
@@ -101,34 +111,42 @@ impl Streamer {
             return (draw, Quality { pixels: f64::INFINITY, metres: f64::INFINITY, triangles: 0 });
         }
         let step = self.header.lattice.step();
+        let look = |sphere: &Sphere, error: f32| {
+            let visible = view.may_see(sphere);
+            let pixels = if visible { view.pixel_error(sphere, f64::from(error) / step) } else { 0.0 };
+            Seen { visible, pixels, error }
+        };
         let mut is_frontier = PerNode::<bool>::new(&self.nodes);
         let mut frontier = Vec::new();
+        // A diamond has patches in several chunks.
+        let mut diamonds = PerNode::<Option<Seen>>::new(&self.nodes);
         for &chunk in &self.refined {
             let Some(node) = self.nodes.get(chunk) else { continue };
             for &child in self.nodes.children(chunk) {
                 let is_new = is_frontier.get_mut(&self.nodes, child).is_some_and(|slot| !std::mem::replace(slot, true));
                 frontier.extend(self.nodes.get(child).filter(|node| is_new && !node.refined));
             }
-            for (number, patch) in node.patches.iter().enumerate() {
-                let diamond = if patch.diamond == NO_DIAMOND { None } else { Some(patch.diamond) };
-                let known = diamond.map(|d| self.nodes.get(d));
-                let (sphere, error) = match known {
-                    None => (node.box_sphere, 0.0),
+            let leaf = look(&node.box_sphere, 0.0);
+            for (number, patch) in (0..).zip(&node.patches) {
+                let diamond = if patch.diamond == NO_DIAMOND { None } else { Some(self.nodes.get(patch.diamond)) };
+                let seen = match diamond {
+                    None => leaf,
                     Some(Some(d)) if d.refined => continue,
-                    Some(Some(d)) => (d.entry.sphere, d.entry.error),
-                    Some(None) => (node.entry.sphere, node.error_below()),
+                    Some(Some(d)) => match diamonds.get_mut(&self.nodes, patch.diamond) {
+                        Some(seen) => *seen.get_or_insert_with(|| look(&d.entry.sphere, d.entry.error)),
+                        None => look(&d.entry.sphere, d.entry.error),
+                    },
+                    Some(None) => look(&node.entry.sphere, node.error_below()),
                 };
-                let visible = view.may_see(&sphere);
+                let Seen { visible, pixels, error } = seen;
                 if visible {
                     quality.triangles += u64::from(patch.count);
                     quality.metres = quality.metres.max(f64::from(error));
-                    if error > 0.0 {
-                        quality.pixels = quality.pixels.max(view.pixel_error(&sphere, f64::from(error) / step));
-                    }
+                    quality.pixels = quality.pixels.max(pixels);
                 }
                 draw.push(DrawPatch {
                     chunk,
-                    patch: number as u32,
+                    patch: number,
                     first: patch.first,
                     count: patch.count,
                     diamond: patch.diamond,

@@ -31,12 +31,19 @@ struct Args {
     /// Seconds of an orbit and of a flight
     #[arg(long, value_name = "S", default_value_t = 6.0)]
     seconds: f64,
+    /// Samples per pixel, 1 or 4; the page has 4 where the adapter can
+    #[arg(long, value_name = "N", value_parser = samples)]
+    samples: Option<u32>,
     /// Decoding threads; by default as many as the page would have workers
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
     /// Write the figures as JSON, too
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+}
+
+fn samples(text: &str) -> Result<u32, String> {
+    text.parse().ok().filter(|n| [1, 4].contains(n)).ok_or_else(|| "1 or 4 samples are possible".to_owned())
 }
 
 fn size(text: &str) -> Result<[u32; 2], String> {
@@ -56,24 +63,23 @@ fn main() -> Result<(), Box<dyn Error>> {
         let bytes = std::fs::read(path).map_err(|e| format!("cannot read {}: {e}", path.display()))?;
         let pack = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         for &size in &args.sizes {
+            let setting = |pixels: f64, mode: Mode| Setting {
+                pack: pack.clone(),
+                size,
+                samples: args.samples.unwrap_or_else(|| gpu.samples(measure::CANVAS_FORMAT)),
+                pixels,
+                seconds: args.seconds,
+                threads,
+                mode,
+            };
             for &pixels in &args.pixels {
-                let setting =
-                    Setting { pack: pack.clone(), size, pixels, seconds: args.seconds, threads, mode: Mode::Color };
                 eprintln!("{pack}, {} x {}, {pixels} px", size[0], size[1]);
                 let courses = [Course::Orbit, Course::Flight];
                 let courses = if pixels > 0.0 { &courses[..] } else { &courses[..1] };
-                runs.push(measure::run(&gpu, &bytes, setting, courses)?);
+                runs.push(measure::run(&gpu, &bytes, setting(pixels, Mode::Color), courses)?);
             }
             // A mode with the depth and normal pass.
-            let setting = Setting {
-                pack: pack.clone(),
-                size,
-                pixels: 1.0,
-                seconds: args.seconds / 2.0,
-                threads,
-                mode: Mode::EyeDome,
-            };
-            runs.push(measure::run(&gpu, &bytes, setting, &[Course::Orbit])?);
+            runs.push(measure::run(&gpu, &bytes, setting(1.0, Mode::EyeDome), &[Course::Orbit])?);
         }
     }
     print!("{}", report::tables(&runs));

@@ -11,9 +11,11 @@ use std::num::NonZeroUsize;
 use std::time::Instant;
 
 /// Format of canvases: without sRGB, so that pictures are encoded by the present pass.
-const CANVAS_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
+pub(crate) const CANVAS_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 /// Frames that the GPU may be behind.
 const IN_FLIGHT: usize = 2;
+/// Chunks uploaded in a frame: as many as the page uploads in a sixtieth of a second (viewer/src/shell/web/stream.rs).
+const UPLOADS: usize = 16;
 /// A pack that is not loaded after this long is drawn as it is, seconds.
 const LOAD_S: f64 = 120.0;
 
@@ -22,6 +24,8 @@ const LOAD_S: f64 = 120.0;
 pub(crate) struct Setting {
     pub(crate) pack: String,
     pub(crate) size: [u32; 2],
+    /// Samples per pixel.
+    pub(crate) samples: u32,
     /// Pixel error to refine to.
     pub(crate) pixels: f64,
     /// Of an orbit or a flight.
@@ -152,12 +156,11 @@ impl<'g> Stage<'g> {
             usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
             view_formats: &[],
         });
-        let samples = gpu.samples(CANVAS_FORMAT);
         let opened = Instant::now();
-        let mut renderer = Renderer::new(gpu.device.clone(), gpu.queue.clone(), CANVAS_FORMAT, samples);
+        let mut renderer = Renderer::new(gpu.device.clone(), gpu.queue.clone(), CANVAS_FORMAT, setting.samples);
         renderer.set_timer(Some(PassTimer::new(&gpu.device, &gpu.queue)));
         // No limit of memory: what the view wants is drawn.
-        let budgets = Budgets { uploads: 64, gpu_bytes: 16 << 30, cpu_bytes: 32 << 30, ..Budgets::default() };
+        let budgets = Budgets { uploads: UPLOADS, gpu_bytes: 16 << 30, cpu_bytes: 32 << 30, ..Budgets::default() };
         let session = LiveSession::open(bytes, renderer, budgets, setting.threads)?;
         Ok(Self {
             gpu,

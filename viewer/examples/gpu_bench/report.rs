@@ -59,7 +59,7 @@ pub(crate) fn tables(runs: &[Run]) -> String {
             load.stats.gpu_bytes as f64 / 1e6,
         );
     }
-    out += "\nFrames; processor and GPU times are those of one frame, p50 / p99:\n\n\
+    out += "\nSizes are width x height x samples. Frames; processor and GPU times are those of one frame, p50 / p99:\n\n\
          | pack | size | mode | px | course | frames | ms p50 | ms p95 | ms p99 | frames/s at p99 | processor: step ms | processor: draw ms | GPU ms | M triangles | patches | G triangles/s on the GPU |\n\
          |---|---|---|---:|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n";
     for (run, course, frames) in all_courses(runs) {
@@ -123,7 +123,7 @@ pub(crate) fn json(gpu: &Gpu, runs: &[Run]) -> serde_json::Value {
         .map(|run| {
             let load = &run.load;
             json!({
-                "pack": run.setting.pack, "size": run.setting.size, "mode": mode(run.setting.mode), "pixels": run.setting.pixels,
+                "pack": run.setting.pack, "size": run.setting.size, "samples": run.setting.samples, "mode": mode(run.setting.mode), "pixels": run.setting.pixels,
                 "first_picture_ms": load.first_ms, "target_ms": load.target_ms, "bytes": load.stats.bytes_received,
                 "courses": courses(run),
             })
@@ -138,7 +138,7 @@ fn all_courses(runs: &[Run]) -> impl Iterator<Item = (&Run, Course, &[Frame])> {
 
 fn size(run: &Run) -> String {
     let [width, height] = run.setting.size;
-    format!("{width}x{height}")
+    format!("{width}x{height} x{}", run.setting.samples)
 }
 
 fn mode(mode: Mode) -> &'static str {

@@ -17,6 +17,7 @@ pub(crate) fn pipeline(
         vertex: "vertex",
         buffers: &[],
         fragment: "fragment",
+        constants: &[],
         format,
         depth: Some(depth_state(false)),
         multisample: wgpu::MultisampleState { count: samples, ..wgpu::MultisampleState::default() },

@@ -21,6 +21,7 @@ pub(crate) fn pipeline(device: &wgpu::Device, uniforms: &Uniforms, cut: bool) ->
         vertex: "vertex",
         buffers: &[Some(vertex_buffer_layout(&attributes))],
         fragment: fragment(cut),
+        constants: &[],
         format: DEPTH_NORMAL_FORMAT,
         depth: Some(depth_state(true)),
         multisample: wgpu::MultisampleState::default(),

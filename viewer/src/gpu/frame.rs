@@ -29,7 +29,7 @@ pub struct Frame {
     pub plane: Vec4,
     pub clip: [Vec4; 7],
     pub cell: IVec3,
-    pub mode: u32,
+    pub smooth_cut: u32,
     pub tile_scale: f32,
     pub tile_shift: f32,
     pub shading: f32,
@@ -41,14 +41,13 @@ pub struct Frame {
     pub strength: f32,
     pub radius: f32,
     pub feature: f32,
-    pub unused: u32,
+    pub outline: f32,
     pub depth_normal_shift: [i32; 2],
     pub clip_flags: u32,
     pub on_color: u32,
-    pub outline: f32,
     pub scalar_low: f32,
     pub scalar_scale: f32,
-    pub smooth_cut: u32,
+    pub unused: [u32; 2],
 }
 
 /// The struct `Draw` of `shaders/frame.wgsl`, likewise.
@@ -75,7 +74,6 @@ pub fn frame_uniform(view: &View, options: &RenderOptions, target: TargetTraits)
         let full = f64::from(view.size[1].max(1));
         ((f64::from(t.size[1]) / full) as f32, (f64::from(t.offset[1]) / full) as f32)
     });
-    let mode = crate::Mode::ALL.iter().position(|(m, _)| *m == options.mode).unwrap_or(0);
     let (per_depth, per_pixel, depth) = footprint(view);
     let cell = clip.cell.as_dvec3();
     let range_scale = reciprocal(options.scale.range[1] - options.scale.range[0]);
@@ -96,7 +94,7 @@ pub fn frame_uniform(view: &View, options: &RenderOptions, target: TargetTraits)
         plane: four(options.scale.normal, options.scale.normal.dot(cell) - options.scale.offset),
         clip: half_spaces(&options.clip, cell),
         cell: clip.cell,
-        mode: mode as u32,
+        smooth_cut: u32::from(target.smooth_cut),
         tile_scale: scale,
         tile_shift: shift,
         shading: options.shading,
@@ -108,14 +106,13 @@ pub fn frame_uniform(view: &View, options: &RenderOptions, target: TargetTraits)
         strength: options.strength,
         radius: options.radius,
         feature: options.feature as f32,
-        unused: 0,
+        outline: options.outline,
         depth_normal_shift: target.depth_normal_shift,
         clip_flags: flags,
         on_color: u32::from(options.on_color),
-        outline: options.outline,
         scalar_low: options.scalar_range[0],
         scalar_scale,
-        smooth_cut: u32::from(target.smooth_cut),
+        unused: [0; 2],
     }
 }
 

@@ -13,6 +13,7 @@ pub(crate) fn pipeline(device: &wgpu::Device, uniforms: &Uniforms, cut: bool) ->
         vertex: "vertex",
         buffers: &[Some(vertex_buffer_layout(&ATTRIBUTES[..1]))],
         fragment: fragment(cut),
+        constants: &[],
         format: ID_FORMAT,
         depth: Some(depth_state(true)),
         multisample: wgpu::MultisampleState::default(),

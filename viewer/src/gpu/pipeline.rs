@@ -12,6 +12,8 @@ pub(crate) struct Pass<'a> {
     pub(crate) buffers: &'a [Option<wgpu::VertexBufferLayout<'a>>],
     /// Entry point of the fragment shader.
     pub(crate) fragment: &'static str,
+    /// Values of the shader's `override`s, by name.
+    pub(crate) constants: &'a [(&'a str, f64)],
     pub(crate) format: wgpu::TextureFormat,
     pub(crate) depth: Option<wgpu::DepthStencilState>,
     pub(crate) multisample: wgpu::MultisampleState,
@@ -20,13 +22,17 @@ pub(crate) struct Pass<'a> {
 impl Pass<'_> {
     pub(crate) fn pipeline(self, device: &wgpu::Device) -> wgpu::RenderPipeline {
         let module = shader(device, self.name);
+        let options = wgpu::PipelineCompilationOptions {
+            constants: self.constants,
+            ..wgpu::PipelineCompilationOptions::default()
+        };
         device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
             label: Some(self.name),
             layout: Some(self.layout),
             vertex: wgpu::VertexState {
                 module: &module,
                 entry_point: Some(self.vertex),
-                compilation_options: wgpu::PipelineCompilationOptions::default(),
+                compilation_options: options.clone(),
                 buffers: self.buffers,
             },
             primitive: wgpu::PrimitiveState::default(),
@@ -35,7 +41,7 @@ impl Pass<'_> {
             fragment: Some(wgpu::FragmentState {
                 module: &module,
                 entry_point: Some(self.fragment),
-                compilation_options: wgpu::PipelineCompilationOptions::default(),
+                compilation_options: options,
                 targets: &[Some(self.format.into())],
             }),
             multiview_mask: None,

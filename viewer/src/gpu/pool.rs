@@ -1,6 +1,7 @@
 //! GPU memory of chunks: one vertex and one index buffer each, as `kilwa_pack::vertex_layout` lays them out.
 
 use crate::filled::drawn;
+use glam::{DVec3, IVec3};
 use kilwa_pack::GpuChunk;
 use kilwa_pack::vertex_layout::VERTEX_BYTES;
 use std::collections::BTreeMap;
@@ -27,6 +28,8 @@ pub(crate) struct ChunkBuffers {
     /// Where a scalar is shown.
     pub(crate) scalars: Option<wgpu::Buffer>,
     pub(crate) triangles: u32,
+    /// Middle of the box of its vertices, in lattice units.
+    pub(crate) middle: DVec3,
 }
 
 impl ChunkBuffers {
@@ -92,7 +95,13 @@ impl Pool {
         let vertices = filled(device, queue, &chunk.vertices, wgpu::BufferUsages::VERTEX);
         let indices = drawn(&chunk.indices);
         let indices = filled(device, queue, bytemuck::cast_slice(&indices), wgpu::BufferUsages::INDEX);
-        let buffers = ChunkBuffers { vertices, indices, scalars: None, triangles: chunk.triangle_count };
+        let buffers = ChunkBuffers {
+            vertices,
+            indices,
+            scalars: None,
+            triangles: chunk.triangle_count,
+            middle: middle(&chunk.vertices),
+        };
         self.bytes += buffers.bytes();
         self.chunks.insert(index, buffers);
         self.upload_scalars(device, queue, index, chunk, scalar);
@@ -160,4 +169,14 @@ fn filled(device: &wgpu::Device, queue: &wgpu::Queue, bytes: &[u8], usage: wgpu:
         queue.write_buffer(&buffer, 0, bytes);
     }
     buffer
+}
+
+/// Middle of the box of vertices as they lie in the vertex buffer.
+fn middle(vertices: &[u8]) -> DVec3 {
+    let (mut low, mut high) = (IVec3::MAX, IVec3::MIN);
+    for vertex in vertices.chunks_exact(VERTEX_BYTES) {
+        let position: [i32; 3] = bytemuck::pod_read_unaligned(&vertex[..12]);
+        (low, high) = (low.min(position.into()), high.max(position.into()));
+    }
+    if low.x > high.x { DVec3::ZERO } else { (low.as_dvec3() + high.as_dvec3()) * 0.5 }
 }

@@ -110,6 +110,7 @@ fn pipeline(
         vertex: "vertex",
         buffers: &[],
         fragment: "fragment",
+        constants: &[],
         format,
         depth: None,
         multisample: wgpu::MultisampleState::default(),

@@ -4,10 +4,13 @@ use super::depth_state;
 use super::frame::Uniforms;
 use super::pipeline::{Pass, fragment};
 use super::pool::{ATTRIBUTES, scalar_buffer_layout, vertex_buffer_layout};
+use crate::options::Mode;
 
 /// What a pipeline of the surface pass is made for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct Variant {
+    /// What colours the surface.
+    pub(crate) mode: Mode,
     /// Something is cut away, or levels fade: pixels are discarded.
     pub(crate) cut: bool,
     /// The edge of the cut is smoothed by the samples that it covers.
@@ -32,6 +35,7 @@ pub(crate) fn pipeline(
         vertex: if variant.scalar { "vertex_scalar" } else { "vertex" },
         buffers: if variant.scalar { &buffers } else { &buffers[..1] },
         fragment: fragment(variant.cut),
+        constants: &[("mode", variant.mode.number() as f64)],
         format,
         depth: Some(depth_state(true)),
         multisample: wgpu::MultisampleState {
