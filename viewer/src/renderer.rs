@@ -72,6 +72,9 @@ struct Call {
     draw: u32,
 }
 
+/// Layers of chunks, from the nearest: within one, buffers are bound once.
+const LAYERS: usize = 12;
+
 /// What draw calls have uniforms of their own for.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum PerCall {
@@ -173,6 +176,9 @@ impl Renderer {
     pub fn set_scalar(&mut self, scalar: Option<ShownScalar>) -> bool {
         let is_new = self.scalar != scalar;
         self.scalar = scalar;
+        if scalar.is_none() {
+            self.pool.free_scalars();
+        }
         is_new
     }
 
@@ -417,7 +423,9 @@ impl Renderer {
     ) -> (Vec<Call>, Vec<Draw>) {
         let mut calls: Vec<Call> = Vec::new();
         let mut draws: Vec<Draw> = Vec::new();
-        let mut chunks: Vec<(f64, Range<usize>)> = Vec::new();
+        // Slab and calls of every chunk; and its depth with its place in that list, as one number to sort by.
+        let mut ranges: Vec<(usize, Range<usize>)> = Vec::new();
+        let mut near: Vec<u64> = Vec::new();
         let mut first = 0;
         for patches in patches.chunk_by(|a, b| a.chunk == b.chunk) {
             let before = calls.len();
@@ -449,33 +457,46 @@ impl Renderer {
                 calls.push(Call { chunk: patch.chunk, triangles: patch.first..end, fade, draw });
             }
             first += patches.len();
-            chunks.push(((chunk.middle - view.eye).dot(view.forward), before..calls.len()));
+            let depth = (chunk.middle - view.eye).dot(view.forward) as f32;
+            near.push(ordered_bits(depth) << 32 | ranges.len() as u64);
+            ranges.push((chunk.slab, before..calls.len()));
         }
-        chunks.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let ordered = chunks.into_iter().flat_map(|(_, range)| calls[range].iter().cloned()).collect();
+        near.sort_unstable();
+        let in_layer = near.len().div_ceil(LAYERS).max(1);
+        for (place, key) in near.iter_mut().enumerate() {
+            let (slab, range) = (ranges.get(*key as u32 as usize).map_or(0, |r| r.0 as u64), *key & 0xffff_ffff);
+            let layer = (place / in_layer) as u64;
+            *key = layer << 56 | slab << 32 | range;
+        }
+        near.sort_unstable();
+        let ranges = near.into_iter().filter_map(|key| ranges.get(key as u32 as usize));
+        let ordered = ranges.flat_map(|(_, range)| calls[range.clone()].iter().cloned()).collect();
         (ordered, draws)
     }
 
     fn record(&self, pass: &mut wgpu::RenderPass<'_>, calls: &[Call], scalars: bool) {
         let (mut bound, mut bound_draw) = (None, None);
         for call in calls {
-            if bound != Some(call.chunk) {
-                let Some(chunk) = self.pool.get(call.chunk) else { continue };
-                pass.set_vertex_buffer(0, chunk.vertices.slice(..));
-                if scalars {
-                    let Some(values) = &chunk.scalars else { continue };
-                    pass.set_vertex_buffer(1, values.slice(..));
+            let Some(chunk) = self.pool.get(call.chunk) else { continue };
+            if bound != Some(chunk.slab) {
+                if !self.pool.bind(pass, chunk.slab, scalars) {
+                    continue;
                 }
-                pass.set_index_buffer(chunk.indices.slice(..), wgpu::IndexFormat::Uint32);
-                bound = Some(call.chunk);
+                bound = Some(chunk.slab);
             }
             if bound_draw != Some(call.draw) {
                 pass.set_bind_group(1, &self.uniforms.draw_group, &[call.draw * self.uniforms.stride]);
                 bound_draw = Some(call.draw);
             }
-            pass.draw_indexed(call.triangles.start * 3..call.triangles.end * 3, 0, 0..1);
+            pass.draw_indexed(chunk.indices_of(&call.triangles), 0, 0..1);
         }
     }
+}
+
+/// Bits of a number that is ordered as the number is.
+fn ordered_bits(x: f32) -> u64 {
+    let bits = x.to_bits();
+    u64::from(if bits >> 31 == 0 { bits | 1 << 31 } else { !bits })
 }
 
 fn target_size(view: &View, tile: Option<Tile>) -> [u32; 2] {

@@ -2,7 +2,7 @@
 
 use crate::command::DrawPatch;
 use crate::nodes::{PerNode, State};
-use crate::select::{HELD_BONUS, raw_priority};
+use crate::select::{HELD_BONUS, in_order, raw_priority};
 use crate::streamer::Streamer;
 use crate::view::View;
 use kilwa_geometry::Sphere;
@@ -30,7 +30,7 @@ impl Streamer {
     /// or all of its children are in the cut. It becomes [`Streamer::refined`]; hysteresis remembers it.
     pub(crate) fn refine(&mut self, view: &View) {
         let asked = self.asked_for(view);
-        let refined = self.drawable(asked);
+        let refined = self.drawable(&asked);
         for index in std::mem::take(&mut self.refined) {
             if let Some(node) = self.nodes.get_mut(index) {
                 node.refined = false;
@@ -71,10 +71,10 @@ impl Streamer {
 
     /// Without the entries that are not resident while a child is not refined, and without what lies below those, until none is left: the
     /// union of two cuts that can be drawn can be drawn, so there is one largest. In order of the indices.
-    fn drawable(&self, asked: Vec<u32>) -> Vec<u32> {
+    fn drawable(&self, asked: &[u32]) -> Vec<u32> {
         let nodes = &self.nodes;
         let mut is_in = PerNode::<bool>::new(nodes);
-        for &index in &asked {
+        for &index in asked {
             if let Some(slot) = is_in.get_mut(nodes, index) {
                 *slot = true;
             }
@@ -97,10 +97,8 @@ impl Streamer {
                 doubtful.extend(parents.filter(|&p| !is_resident(p)));
             }
         }
-        let mut cut = asked;
-        cut.retain(|&i| is_in.get(nodes, i));
-        cut.sort_unstable();
-        cut
+        let in_order = in_order(asked.iter().copied()).into_iter().filter_map(|k| asked.get(k).copied());
+        in_order.filter(|&i| is_in.get(nodes, i)).collect()
     }
 
     /// The patches of the cut, and its quality in the view.

@@ -65,6 +65,14 @@ impl Cameras {
     }
 }
 
+/// Where values stand in a list, in the order of the values. Everything is sorted as `u64`: one sort less in the page's program is 2 kB less.
+pub(crate) fn in_order(values: impl Iterator<Item = u32>) -> Vec<usize> {
+    let mut keys: Vec<u64> =
+        (0..).zip(values).map(|(place, value): (u64, u32)| u64::from(value) << 32 | place).collect();
+    keys.sort_unstable();
+    keys.into_iter().map(|key| key as u32 as usize).collect()
+}
+
 /// The wanted chunks with their ranks.
 #[derive(Debug, Clone)]
 pub(crate) struct Ranks {
@@ -75,8 +83,9 @@ pub(crate) struct Ranks {
 }
 
 impl Ranks {
-    fn new(mut by_index: Vec<(u32, Rank)>, nodes: &Nodes) -> Self {
-        by_index.sort_unstable_by_key(|(index, _)| *index);
+    fn new(ranks: &[(u32, Rank)], nodes: &Nodes) -> Self {
+        let indices = ranks.iter().map(|(index, _)| *index);
+        let by_index: Vec<(u32, Rank)> = in_order(indices).into_iter().filter_map(|k| ranks.get(k).copied()).collect();
         let mut places = PerNode::new(nodes);
         for (place, (index, _)) in (1..).zip(&by_index) {
             if let Some(slot) = places.get_mut(nodes, *index) {
@@ -263,10 +272,11 @@ pub(crate) fn wanted(
             }
         }
     }
-    let mut order = ranks.clone();
+    let by_index = Ranks::new(&ranks, nodes);
+    let mut order = ranks;
     order.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
     let order = order.into_iter().map(|(index, _)| index).collect();
-    let ranks = Ranks::new(ranks, nodes);
+    let ranks = by_index;
     let mut out = Wanted { cameras: *cameras, order, ranks, skipped: PerNode::new(nodes), limited, cut_off };
     let is_free = |index: u32, node: &Node| is_pinned.get(nodes, index) || node.end() <= head_bytes;
     out.skipped = skip::skipped(nodes, &out.ranks, |index| out.may_want_below(index, nodes), is_free);

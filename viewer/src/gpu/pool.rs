@@ -1,10 +1,12 @@
-//! GPU memory of chunks: one vertex and one index buffer each, as `kilwa_pack::vertex_layout` lays them out.
+//! GPU memory of chunks: parts of a few large buffers, whose vertices are as `kilwa_pack::vertex_layout` lays them out.
 
 use crate::filled::drawn;
 use glam::{DVec3, IVec3};
 use kilwa_pack::GpuChunk;
 use kilwa_pack::vertex_layout::VERTEX_BYTES;
+use range_alloc::RangeAllocator;
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 /// Attributes of the vertex buffer: position, colour, normal. 20 bytes.
 pub const ATTRIBUTES: [wgpu::VertexAttribute; 3] =
@@ -15,34 +17,86 @@ pub fn vertex_buffer_layout(attributes: &[wgpu::VertexAttribute]) -> wgpu::Verte
     wgpu::VertexBufferLayout { array_stride: VERTEX_BYTES as u64, step_mode: wgpu::VertexStepMode::Vertex, attributes }
 }
 
+/// Bytes of the scalar of a vertex.
+const SCALAR_BYTES: u64 = 4;
+
 /// The scalars' buffer: the value (0 if there is none) and whether there is one, both scaled to 65535.
 pub(crate) fn scalar_buffer_layout() -> wgpu::VertexBufferLayout<'static> {
     const SCALAR: [wgpu::VertexAttribute; 1] = wgpu::vertex_attr_array![3 => Unorm16x2];
-    wgpu::VertexBufferLayout { array_stride: 4, step_mode: wgpu::VertexStepMode::Vertex, attributes: &SCALAR }
+    wgpu::VertexBufferLayout {
+        array_stride: SCALAR_BYTES,
+        step_mode: wgpu::VertexStepMode::Vertex,
+        attributes: &SCALAR,
+    }
 }
 
-/// One chunk's buffers.
-pub(crate) struct ChunkBuffers {
-    pub(crate) vertices: wgpu::Buffer,
-    pub(crate) indices: wgpu::Buffer,
+/// Vertices of the first slab; every further one has twice as many, up to the largest.
+const FIRST_SLAB: u32 = 1 << 16;
+const LARGEST_SLAB: u32 = 1 << 20;
+/// Indices that a slab has for a vertex: chunks have about 1.6 triangles for one.
+const INDICES_PER_VERTEX: u32 = 5;
+
+/// Buffers that hold many chunks, so that a frame binds few of them.
+struct Slab {
+    vertices: wgpu::Buffer,
+    indices: wgpu::Buffer,
     /// Where a scalar is shown.
-    pub(crate) scalars: Option<wgpu::Buffer>,
+    scalars: Option<wgpu::Buffer>,
+    free_vertices: RangeAllocator<u32>,
+    free_indices: RangeAllocator<u32>,
+}
+
+impl Slab {
+    fn new(device: &wgpu::Device, vertices: u32, indices: u32) -> Self {
+        let (vertex, index) = (wgpu::BufferUsages::VERTEX, wgpu::BufferUsages::INDEX);
+        Self {
+            vertices: buffer(device, u64::from(vertices) * VERTEX_BYTES as u64, vertex),
+            indices: buffer(device, u64::from(indices) * 4, index),
+            scalars: None,
+            free_vertices: RangeAllocator::new(0..vertices),
+            free_indices: RangeAllocator::new(0..indices),
+        }
+    }
+
+    fn allocate(&mut self, vertices: u32, indices: u32) -> Option<(Range<u32>, Range<u32>)> {
+        // An allocator takes no empty range.
+        let vertices = self.free_vertices.allocate_range(vertices.max(1)).ok()?;
+        if let Ok(indices) = self.free_indices.allocate_range(indices.max(1)) {
+            return Some((vertices, indices));
+        }
+        self.free_vertices.free_range(vertices);
+        None
+    }
+
+    fn destroy(&self) {
+        for buffer in [Some(&self.vertices), Some(&self.indices), self.scalars.as_ref()].into_iter().flatten() {
+            buffer.destroy();
+        }
+    }
+}
+
+/// Where a chunk is.
+pub(crate) struct ResidentChunk {
+    /// Number of its slab.
+    pub(crate) slab: usize,
+    vertices: Range<u32>,
+    /// Of its triangles, which count vertices from the beginning of the slab: WebGL2 has no base vertex.
+    indices: Range<u32>,
+    has_scalars: bool,
     pub(crate) triangles: u32,
     /// Middle of the box of its vertices, in lattice units.
     pub(crate) middle: DVec3,
 }
 
-impl ChunkBuffers {
-    fn bytes(&self) -> u64 {
-        self.vertices.size() + self.indices.size() + self.scalars.as_ref().map_or(0, wgpu::Buffer::size)
+impl ResidentChunk {
+    /// Indices of triangles of the chunk, in its slab.
+    pub(crate) fn indices_of(&self, triangles: &Range<u32>) -> Range<u32> {
+        self.indices.start + triangles.start * 3..self.indices.start + triangles.end * 3
     }
 
-    fn destroy(&self) {
-        self.vertices.destroy();
-        self.indices.destroy();
-        if let Some(scalars) = &self.scalars {
-            scalars.destroy();
-        }
+    fn bytes(&self) -> u64 {
+        let per_vertex = VERTEX_BYTES as u64 + if self.has_scalars { SCALAR_BYTES } else { 0 };
+        self.vertices.len() as u64 * per_vertex + self.indices.len() as u64 * 4
     }
 }
 
@@ -78,7 +132,9 @@ impl ShownScalar {
 /// All resident chunks, by directory index.
 #[derive(Default)]
 pub(crate) struct Pool {
-    chunks: BTreeMap<u32, ChunkBuffers>,
+    /// `None` for one that was freed.
+    slabs: Vec<Option<Slab>>,
+    chunks: BTreeMap<u32, ResidentChunk>,
     bytes: u64,
 }
 
@@ -92,19 +148,38 @@ impl Pool {
         scalar: Option<ShownScalar>,
     ) {
         self.evict(index);
-        let vertices = filled(device, queue, &chunk.vertices, wgpu::BufferUsages::VERTEX);
-        let indices = drawn(&chunk.indices);
-        let indices = filled(device, queue, bytemuck::cast_slice(&indices), wgpu::BufferUsages::INDEX);
-        let buffers = ChunkBuffers {
-            vertices,
-            indices,
-            scalars: None,
-            triangles: chunk.triangle_count,
-            middle: middle(&chunk.vertices),
-        };
-        self.bytes += buffers.bytes();
-        self.chunks.insert(index, buffers);
+        let local = drawn(&chunk.indices);
+        let (slab, vertices, indices) = self.allocate(device, chunk.vertex_count, local.len() as u32);
+        let Some(Some(buffers)) = self.slabs.get(slab) else { return };
+        let in_slab: Vec<u32> = local.iter().map(|vertex| vertices.start + vertex).collect();
+        queue.write_buffer(&buffers.vertices, u64::from(vertices.start) * VERTEX_BYTES as u64, &chunk.vertices);
+        queue.write_buffer(&buffers.indices, u64::from(indices.start) * 4, bytemuck::cast_slice(&in_slab));
+        let (triangles, middle) = (chunk.triangle_count, middle(&chunk.vertices));
+        let resident = ResidentChunk { slab, vertices, indices, has_scalars: false, triangles, middle };
+        self.bytes += resident.bytes();
+        self.chunks.insert(index, resident);
         self.upload_scalars(device, queue, index, chunk, scalar);
+    }
+
+    /// A place for a chunk, in a slab that has room or in a new one.
+    fn allocate(&mut self, device: &wgpu::Device, vertices: u32, indices: u32) -> (usize, Range<u32>, Range<u32>) {
+        for (number, slab) in self.slabs.iter_mut().enumerate() {
+            if let Some((vertices, indices)) = slab.as_mut().and_then(|s| s.allocate(vertices, indices)) {
+                return (number, vertices, indices);
+            }
+        }
+        let count = self.slabs.iter().flatten().count() as u32;
+        let usual = FIRST_SLAB.checked_shl(count).filter(|n| (1..LARGEST_SLAB).contains(n)).unwrap_or(LARGEST_SLAB);
+        let (most_vertices, most_indices) =
+            (usual.max(vertices).max(1), (usual * INDICES_PER_VERTEX).max(indices).max(1));
+        let mut slab = Slab::new(device, most_vertices, most_indices);
+        let place = slab.allocate(vertices, indices).unwrap_or((0..vertices, 0..indices));
+        let number = self.slabs.iter().position(Option::is_none).unwrap_or(self.slabs.len());
+        if number == self.slabs.len() {
+            self.slabs.push(None);
+        }
+        self.slabs[number] = Some(slab);
+        (number, place.0, place.1)
     }
 
     /// Show another scalar of a chunk that is here, or none.
@@ -116,30 +191,62 @@ impl Pool {
         chunk: &GpuChunk,
         scalar: Option<ShownScalar>,
     ) {
-        let Some(buffers) = self.chunks.get_mut(&index) else { return };
-        self.bytes -= buffers.bytes();
-        if let Some(old) = buffers.scalars.take() {
-            old.destroy();
+        let Some(resident) = self.chunks.get_mut(&index) else { return };
+        let Some(Some(slab)) = self.slabs.get_mut(resident.slab) else { return };
+        self.bytes -= resident.bytes();
+        let shown = scalar.filter(|_| !chunk.scalars.is_empty());
+        resident.has_scalars = shown.is_some();
+        self.bytes += resident.bytes();
+        let Some(shown) = shown else { return };
+        let size = slab.vertices.size() / VERTEX_BYTES as u64 * SCALAR_BYTES;
+        let buffer = slab.scalars.get_or_insert_with(|| buffer(device, size, wgpu::BufferUsages::VERTEX));
+        queue.write_buffer(buffer, u64::from(resident.vertices.start) * SCALAR_BYTES, &shown.bytes(chunk));
+    }
+
+    /// No scalar is shown: what held them is freed.
+    pub(crate) fn free_scalars(&mut self) {
+        for chunk in self.chunks.values_mut() {
+            self.bytes -= chunk.bytes();
+            chunk.has_scalars = false;
+            self.bytes += chunk.bytes();
         }
-        let make = |s: ShownScalar| filled(device, queue, &s.bytes(chunk), wgpu::BufferUsages::VERTEX);
-        buffers.scalars = scalar.filter(|_| !chunk.scalars.is_empty()).map(make);
-        self.bytes += buffers.bytes();
+        for scalars in self.slabs.iter_mut().flatten().filter_map(|s| s.scalars.take()) {
+            scalars.destroy();
+        }
     }
 
     pub(crate) fn evict(&mut self, index: u32) {
-        if let Some(old) = self.chunks.remove(&index) {
-            self.bytes -= old.bytes();
-            old.destroy();
+        let Some(old) = self.chunks.remove(&index) else { return };
+        self.bytes -= old.bytes();
+        let Some(slot) = self.slabs.get_mut(old.slab) else { return };
+        let Some(slab) = slot else { return };
+        slab.free_vertices.free_range(old.vertices);
+        slab.free_indices.free_range(old.indices);
+        if slab.free_vertices.is_empty() {
+            slab.destroy();
+            *slot = None;
         }
     }
 
-    pub(crate) fn get(&self, index: u32) -> Option<&ChunkBuffers> {
+    pub(crate) fn get(&self, index: u32) -> Option<&ResidentChunk> {
         self.chunks.get(&index)
+    }
+
+    /// Bind the buffers of a slab, with those of the scalars if `scalars`; whether they are there.
+    pub(crate) fn bind(&self, pass: &mut wgpu::RenderPass<'_>, slab: usize, scalars: bool) -> bool {
+        let Some(Some(slab)) = self.slabs.get(slab) else { return false };
+        if scalars {
+            let Some(values) = &slab.scalars else { return false };
+            pass.set_vertex_buffer(1, values.slice(..));
+        }
+        pass.set_vertex_buffer(0, slab.vertices.slice(..));
+        pass.set_index_buffer(slab.indices.slice(..), wgpu::IndexFormat::Uint32);
+        true
     }
 
     /// Whether every chunk that is here has a scalar.
     pub(crate) fn has_scalars(&self) -> bool {
-        !self.chunks.is_empty() && self.chunks.values().all(|c| c.scalars.is_some())
+        !self.chunks.is_empty() && self.chunks.values().all(|c| c.has_scalars)
     }
 
     pub(crate) fn clear(&mut self) {
@@ -157,18 +264,13 @@ impl Pool {
     }
 }
 
-fn filled(device: &wgpu::Device, queue: &wgpu::Queue, bytes: &[u8], usage: wgpu::BufferUsages) -> wgpu::Buffer {
-    let buffer = device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some("chunk"),
-        // An empty chunk keeps a buffer that can be bound.
-        size: (bytes.len() as u64).max(4),
+fn buffer(device: &wgpu::Device, size: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
+    device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some("chunks"),
+        size,
         usage: usage | wgpu::BufferUsages::COPY_DST,
         mapped_at_creation: false,
-    });
-    if !bytes.is_empty() {
-        queue.write_buffer(&buffer, 0, bytes);
-    }
-    buffer
+    })
 }
 
 /// Middle of the box of vertices as they lie in the vertex buffer.
