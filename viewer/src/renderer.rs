@@ -425,7 +425,7 @@ impl Renderer {
         let mut draws: Vec<Draw> = Vec::new();
         // Slab and calls of every chunk; and its depth with its place in that list, as one number to sort by.
         let mut ranges: Vec<(usize, Range<usize>)> = Vec::new();
-        let mut near: Vec<u64> = Vec::new();
+        let mut near: Vec<u128> = Vec::new();
         let mut first = 0;
         for patches in patches.chunk_by(|a, b| a.chunk == b.chunk) {
             let before = calls.len();
@@ -458,15 +458,15 @@ impl Renderer {
             }
             first += patches.len();
             let depth = (chunk.middle - view.eye).dot(view.forward) as f32;
-            near.push(ordered_bits(depth) << 32 | ranges.len() as u64);
+            near.push(ordered_bits(depth) << 64 | ranges.len() as u128);
             ranges.push((chunk.slab, before..calls.len()));
         }
         near.sort_unstable();
         let in_layer = near.len().div_ceil(LAYERS).max(1);
         for (place, key) in near.iter_mut().enumerate() {
-            let (slab, range) = (ranges.get(*key as u32 as usize).map_or(0, |r| r.0 as u64), *key & 0xffff_ffff);
-            let layer = (place / in_layer) as u64;
-            *key = layer << 56 | slab << 32 | range;
+            let range = *key as u32;
+            let slab = ranges.get(range as usize).map_or(0, |r| r.0);
+            *key = ((place / in_layer) as u128) << 96 | (slab as u128) << 64 | u128::from(range);
         }
         near.sort_unstable();
         let ranges = near.into_iter().filter_map(|key| ranges.get(key as u32 as usize));
@@ -494,9 +494,9 @@ impl Renderer {
 }
 
 /// Bits of a number that is ordered as the number is.
-fn ordered_bits(x: f32) -> u64 {
+fn ordered_bits(x: f32) -> u128 {
     let bits = x.to_bits();
-    u64::from(if bits >> 31 == 0 { bits | 1 << 31 } else { !bits })
+    u128::from(if bits >> 31 == 0 { bits | 1 << 31 } else { !bits })
 }
 
 fn target_size(view: &View, tile: Option<Tile>) -> [u32; 2] {

@@ -2,7 +2,7 @@
 
 use crate::command::{Command, FetchKind, RequestId, length_of};
 use crate::nodes::{Node, Nodes, State};
-use crate::select::{Rank, Wanted};
+use crate::select::{Rank, Wanted, sorted};
 use crate::streamer::Streamer;
 use kilwa_pack::PAGE_BYTES;
 use std::collections::BTreeMap;
@@ -133,20 +133,18 @@ impl Streamer {
         if self.waits_for_visible(wanted, &needed, now_ms) {
             candidates.retain(|c| c.rank.visible || self.is_in_head(c));
         }
-        candidates.sort_by(|a, b| {
-            let pages_first = |c: &Candidate| c.kind == FetchKind::Chunks;
-            b.rank.total_cmp(&a.rank).then(pages_first(a).cmp(&pages_first(b))).then(a.index.cmp(&b.index))
-        });
+        // Of equal rank pages come first.
+        let keys =
+            candidates.iter().map(|c| c.rank.key(u64::from(c.kind == FetchKind::Chunks) << 32 | u64::from(c.index)));
         let mut growing = Growing::default();
-        for candidate in candidates {
-            match candidate.kind {
-                FetchKind::Pages => self.request_pages(candidate.index, &needed, now_ms, &mut growing, commands),
-                FetchKind::Chunks => {
-                    let absent = self.nodes.get(candidate.index).is_some_and(|n| n.state == State::Absent);
-                    if absent && !self.decode_from_head(candidate.index, wanted, commands) {
-                        self.request_chunks(candidate.index, wanted, now_ms, &mut growing, commands);
-                    }
-                }
+        for key in sorted(keys) {
+            let index = key as u32;
+            if key >> 32 & 1 == 0 {
+                self.request_pages(index, &needed, now_ms, &mut growing, commands);
+            } else if self.nodes.get(index).is_some_and(|n| n.state == State::Absent)
+                && !self.decode_from_head(index, wanted, commands)
+            {
+                self.request_chunks(index, wanted, now_ms, &mut growing, commands);
             }
         }
     }

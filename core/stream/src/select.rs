@@ -34,6 +34,12 @@ impl Rank {
     pub(crate) fn total_cmp(&self, other: &Self) -> std::cmp::Ordering {
         self.visible.cmp(&other.visible).then(self.priority.total_cmp(&other.priority))
     }
+
+    /// A key of [`sorted`]: the most urgent first, then the smaller number.
+    pub(crate) fn key(&self, number: u64) -> u128 {
+        let urgency = u64::from(self.visible) << 63 | bits(self.priority);
+        u128::from(!urgency) << 64 | u128::from(number)
+    }
 }
 
 /// The cameras that chunks are wanted for.
@@ -65,12 +71,23 @@ impl Cameras {
     }
 }
 
-/// Where values stand in a list, in the order of the values. Everything is sorted as `u64`: one sort less in the page's program is 2 kB less.
+/// Where values stand in a list, in the order of the values. Everything is sorted as `u128`: another sort would be 2 kB more in the page's
+/// program.
 pub(crate) fn in_order(values: impl Iterator<Item = u32>) -> Vec<usize> {
-    let mut keys: Vec<u64> =
-        (0..).zip(values).map(|(place, value): (u64, u32)| u64::from(value) << 32 | place).collect();
+    let keys = (0..).zip(values).map(|(place, value): (u128, u32)| u128::from(value) << 64 | place);
+    sorted(keys).map(|key| key as usize).collect()
+}
+
+/// The keys in ascending order; what is not compared is in their lowest bits.
+pub(crate) fn sorted(keys: impl Iterator<Item = u128>) -> std::vec::IntoIter<u128> {
+    let mut keys: Vec<u128> = keys.collect();
     keys.sort_unstable();
-    keys.into_iter().map(|key| key as u32 as usize).collect()
+    keys.into_iter()
+}
+
+/// A number that is not negative as one that is ordered likewise, to sort by.
+pub(crate) fn bits(x: f64) -> u64 {
+    x.max(0.0).to_bits()
 }
 
 /// The wanted chunks with their ranks.
@@ -273,9 +290,8 @@ pub(crate) fn wanted(
         }
     }
     let by_index = Ranks::new(&ranks, nodes);
-    let mut order = ranks;
-    order.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
-    let order = order.into_iter().map(|(index, _)| index).collect();
+    let keys = ranks.iter().map(|(index, rank)| rank.key(u64::from(*index)));
+    let order = sorted(keys).map(|key| key as u32).collect();
     let ranks = by_index;
     let mut out = Wanted { cameras: *cameras, order, ranks, skipped: PerNode::new(nodes), limited, cut_off };
     let is_free = |index: u32, node: &Node| is_pinned.get(nodes, index) || node.end() <= head_bytes;

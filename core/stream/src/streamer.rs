@@ -4,7 +4,7 @@ use crate::command::{Budgets, Command, Event, RequestId, Stats, Step};
 use crate::fetch::{PageRetry, Request, retry_time};
 use crate::nodes::{Nodes, State};
 use crate::predict::Predictor;
-use crate::select::{self, Cameras, Wanted};
+use crate::select::{self, Cameras, Wanted, bits, sorted};
 use crate::view::View;
 use kilwa_pack::{DirectoryEntry, Head, Header, NO_DIAMOND, PAGE_BYTES, PatchRange, directory};
 use std::collections::{BTreeMap, BTreeSet};
@@ -396,14 +396,11 @@ impl Streamer {
         if fits(self) {
             return true;
         }
-        let mut victims: Vec<(f64, u32)> = self
-            .held
-            .iter()
-            .filter(|&&i| !wanted.contains(&self.nodes, i))
-            .filter_map(|&i| Some((wanted.raw_priority(i, self.nodes.get(i)?), i)))
-            .collect();
-        victims.sort_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)));
-        for (_, chunk) in victims {
+        let victims = self.held.iter().filter(|&&i| !wanted.contains(&self.nodes, i)).filter_map(|&i| {
+            let priority = wanted.raw_priority(i, self.nodes.get(i)?);
+            Some(u128::from(bits(priority)) << 64 | u128::from(!i))
+        });
+        for chunk in sorted(victims).map(|key| !(key as u32)) {
             if fits(self) {
                 return true;
             }

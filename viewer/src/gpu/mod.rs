@@ -23,9 +23,9 @@ pub const ID_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Uint;
 /// Target of the depth and normal pass.
 pub const DEPTH_NORMAL_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rg32Uint;
 
-/// A shader of the parts named, in this order.
+/// A shader of the parts named, in this order, as `build.rs` leaves them: without comments.
 macro_rules! wgsl {
-    ($($part:literal),+) => { concat!($(include_str!(concat!("../../../shaders/", $part, ".wgsl"))),+) };
+    ($($part:literal),+) => { concat!($(include_str!(concat!(env!("OUT_DIR"), "/", $part, ".wgsl"))),+) };
 }
 
 /// WGSL of every pass with the shared parts in front, by name: what the pipelines and the tests use.
