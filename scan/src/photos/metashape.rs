@@ -40,12 +40,9 @@ pub(super) fn read(path: &Path) -> Result<Contents, ScanError> {
     let document = xml.parse()?;
     let root = document.root_element();
     let chunks: Vec<Node<'_, '_>> = root.children().filter(|node| node.has_tag_name("chunk")).collect();
-    let chunk = match chunks[..] {
-        [chunk] => chunk,
-        _ => {
-            let found = format!("{} chunks", chunks.len());
-            return Err(xml.wrong(root, found, "one chunk; export the cameras of one chunk"));
-        }
+    let [chunk] = chunks[..] else {
+        let found = format!("{} chunks", chunks.len());
+        return Err(xml.wrong(root, found, "one chunk; export the cameras of one chunk"));
     };
     let mut sensors = HashMap::new();
     for node in chunk.descendants().filter(|node| node.has_tag_name("sensor")) {

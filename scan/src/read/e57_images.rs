@@ -13,7 +13,7 @@ use std::path::Path;
 pub(crate) struct Images {
     reader: Reader,
     errors: Errors,
-    images: Vec<e57::Image>,
+    entries: Vec<e57::Image>,
 }
 
 /// What the file states about a picture.
@@ -32,22 +32,22 @@ pub(crate) fn open(path: &Path) -> Result<Images, ScanError> {
     let file = plain_file::open(path).map_err(cannot)?;
     let total = file.metadata().map_err(cannot)?.len();
     let (reader, errors) = open_file(path, file, total)?;
-    let images = reader.images();
-    Ok(Images { reader, errors, images })
+    let entries = reader.images();
+    Ok(Images { reader, errors, entries })
 }
 
 impl Images {
     pub(crate) fn is_empty(&self) -> bool {
-        self.images.is_empty()
+        self.entries.is_empty()
     }
 
     pub(crate) fn len(&self) -> usize {
-        self.images.len()
+        self.entries.len()
     }
 
     /// What the file states about the picture of this number, from 0.
     pub(crate) fn get(&self, number: usize) -> Stated {
-        let image = &self.images[number];
+        let image = &self.entries[number];
         let found = blob_and_camera(image);
         Stated {
             name: image.name.clone().filter(|name| !name.is_empty()),
@@ -59,7 +59,7 @@ impl Images {
 
     /// Write the file of the picture of this number, from 0.
     pub(crate) fn write(&mut self, number: usize, mut out: &mut dyn Write) -> Result<(), ScanError> {
-        let Some((blob, _)) = blob_and_camera(&self.images[number]) else {
+        let Some((blob, _)) = blob_and_camera(&self.entries[number]) else {
             let what = format!("picture {} without data", number + 1);
             return Err(self.errors.malformed(what, "a picture in the file"));
         };

@@ -103,7 +103,7 @@ fn one_point(line: &str) -> Option<SparsePoint> {
     // The error is NaN or -1 where it was not computed.
     words.next()?.parse::<f64>().ok()?;
     let track = words.count();
-    (track % 2 == 0).then_some(SparsePoint { at, color, seen: u32::try_from(track / 2).unwrap_or(u32::MAX) })
+    track.is_multiple_of(2).then_some(SparsePoint { at, color, seen: u32::try_from(track / 2).unwrap_or(u32::MAX) })
 }
 
 /// The number in a comment such as `# Number of images: 8, mean observations per image: 20`.
