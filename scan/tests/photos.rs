@@ -111,7 +111,9 @@ fn several_files_with_poses_are_an_error_that_names_them_and_the_option() {
     for part in ["(COLMAP, text)", "cameras.xml (Metashape)", "--poses FILE"] {
         assert!(message.contains(part), "{message}");
     }
-    for (poses, format) in [("cameras.xml", Format::Metashape), ("images.txt", Format::ColmapText), ("", Format::ColmapText)] {
+    for (poses, format) in
+        [("cameras.xml", Format::Metashape), ("images.txt", Format::ColmapText), ("", Format::ColmapText)]
+    {
         let path = site.path(poses);
         let set = read(&site.path(""), &Options { poses: Some(&path), stations: &[] }).unwrap();
         assert_eq!(set.poses.unwrap().0, format);
@@ -180,12 +182,16 @@ fn metashape_is_read_as_its_manual_defines_it() {
         ["no file", "no calibration: the sensor was not calibrated", "no pose: not aligned by Metashape"]
     );
     for (from, to, parts) in [
-        ("0 0 0 0 1</transform></camera>\n      <g", "0 0 0 1</transform></camera>\n      <g", ["line 22", "16 numbers"]),
+        (
+            "0 0 0 0 1</transform></camera>\n      <g",
+            "0 0 0 1</transform></camera>\n      <g",
+            ["line 21", "16 numbers"],
+        ),
         ("<f>50</f>", "<f>5O</f>", ["line 10", "\"5O\" as f; expected a number"]),
-        ("<scale>0.2", "<scale>-1", ["line 19", "a positive scale"]),
-        (">1 0 0 1 0 1 0 0", ">1 0 0 1 0 2 0 0", ["line 22", "a matrix that scales"]),
-        ("</cameras>", "", ["line 28", "XML that is not sound"]),
-        ("width=\"80\"", "width=\"8.5\"", ["line 15", "a resolution of 8.5 × 40"]),
+        ("<scale>0.2", "<scale>-1", ["line 18", "a positive scale"]),
+        (">1 0 0 1 0 1 0 0", ">1 0 0 1 0 2 0 0", ["line 21", "a matrix that scales"]),
+        ("</cameras>", "", ["line 26", "XML that is not sound"]),
+        ("width=\"80\"", "width=\"8.5\"", ["line 14", "a resolution of 8.5 × 40"]),
     ] {
         std::fs::write(&file, METASHAPE.replacen(from, to, 1)).unwrap();
         let message = read(&site.path(""), &Options::default()).unwrap_err().to_string();
@@ -240,7 +246,7 @@ fn sidecars_of_reality_capture_are_read_as_its_makers_define_them() {
     assert!(missing(&folder(&site).photos[0])[0].contains("distortion model division is not supported"));
     std::fs::write(&file, XMP.replace("10 20 5", "10 20")).unwrap();
     let message = read(&site.path(""), &Options::default()).unwrap_err().to_string();
-    assert!(message.contains("IMG_1.xmp, line 3: found \"10 20\" as Position; expected 3 numbers"), "{message}");
+    assert!(message.contains("IMG_1.xmp, line 7: found \"10 20\" as Position; expected 3 numbers"), "{message}");
 }
 
 /// The principal point of MeshLab is measured from the lower left corner.
@@ -316,9 +322,24 @@ fn mistakes_in_text_of_colmap_are_refused_with_their_line() {
     for (name, from, to, part) in [
         ("cameras.txt", "PINHOLE 40 30 50 50 20 15\n2", "PINHOLE 40 30 50 50 20\n2", "line 2: found \"1 PINHOLE"),
         ("cameras.txt", "FOV", "FOW", "line 3: found \"2 FOW"),
-        ("images.txt", "1 a.png", "9 a.png", "line 2: found \"1 1 0 0 0 0 0 5 9 a.png\"; expected a camera that cameras.txt holds"),
-        ("images.txt", "2 1 0 0 0", "2 0 0 0 0", "line 4: found \"2 0 0 0 0 0 0 5 2 b.png\"; expected a quaternion that is not 0"),
-        ("images.txt", "2 1 0 0 0 0 0 5 2 b.png\n", "", "expected 2 images, as the comment at its beginning states, not 1"),
+        (
+            "images.txt",
+            "1 a.png",
+            "9 a.png",
+            "line 2: found \"1 1 0 0 0 0 0 5 9 a.png\"; expected a camera that cameras.txt holds",
+        ),
+        (
+            "images.txt",
+            "2 1 0 0 0",
+            "2 0 0 0 0",
+            "line 4: found \"2 0 0 0 0 0 0 5 2 b.png\"; expected a quaternion that is not 0",
+        ),
+        (
+            "images.txt",
+            "2 1 0 0 0 0 0 5 2 b.png\n",
+            "",
+            "expected 2 images, as the comment at its beginning states, not 1",
+        ),
         ("points3D.txt", "2 0\n", "2\n", "line 2: found \"7 0.5"),
         ("points3D.txt", "7 0.5", "7 inf", "line 2: found \"7 inf"),
     ] {
@@ -334,7 +355,9 @@ fn mistakes_in_text_of_colmap_are_refused_with_their_line() {
 fn colmap_binary() -> [(&'static str, Vec<u8>); 3] {
     let mut cameras = Vec::new();
     cameras.extend(2_u64.to_le_bytes());
-    for (id, model, values) in [(1_u32, 1_i32, [50.0_f64, 50.0, 20.0, 15.0, 0.0]), (2, 7, [50.0, 50.0, 20.0, 15.0, 0.5])] {
+    for (id, model, values) in
+        [(1_u32, 1_i32, [50.0_f64, 50.0, 20.0, 15.0, 0.0]), (2, 7, [50.0, 50.0, 20.0, 15.0, 0.5])]
+    {
         cameras.extend(id.to_le_bytes());
         cameras.extend(model.to_le_bytes());
         cameras.extend([40_u64, 30].map(u64::to_le_bytes).concat());
@@ -419,7 +442,7 @@ fn truncated_and_damaged_files_with_poses_are_refused_or_read() {
         let whole = folder(&site);
         assert!(whole.photos.iter().any(|photo| photo.camera_from_world.is_some()), "{whole:?}");
         for (name, bytes) in files {
-            let flips = (0..200).map(|_| {
+            let flips = (0..60).map(|_| {
                 let mut damaged = bytes.clone();
                 for _ in 0..=rng.usize(..3) {
                     let at = rng.usize(..damaged.len());
@@ -524,7 +547,7 @@ fn panoramas_and_cubes_take_the_pose_of_their_station() {
     near(seen(pano, DVec3::new(0.0, 1.0, 1.0)), [200.0, 50.0]);
     near(seen(find("tower_front.png"), DVec3::new(0.5, 1.0, 0.2)), [75.0, 40.0]);
     near(seen(find("tower_right.png"), DVec3::new(1.0, -0.5, 0.2)), [75.0, 40.0]);
-    near(seen(find("tower_up.png"), DVec3::new(0.5, 0.2, 1.0)), [75.0, 40.0]);
+    near(seen(find("tower_up.png"), DVec3::new(0.5, 0.2, 1.0)), [75.0, 60.0]);
     assert_eq!(missing(find("other.png")), ["no pose"]);
 }
 

@@ -134,7 +134,11 @@ fn summary(set: &PhotoSet, out: &mut impl Write) -> anyhow::Result<()> {
     }
     let loose = count(&|photo| photo.camera_from_world.is_some() && photo.frame == Frame::Reconstruction);
     if loose > 0 {
-        writeln!(out, "{} in the frame of the reconstruction, not of a survey", counted(loose, "pose is", "poses are"))?;
+        writeln!(
+            out,
+            "{} in the frame of the reconstruction, not of a survey",
+            counted(loose, "pose is", "poses are")
+        )?;
     }
     Ok(())
 }

@@ -36,7 +36,10 @@ pub(super) fn read(path: &Path, folder: &Folder) -> Result<Contents, ScanError> 
     for _ in 0..points {
         contents.points.push(one_point(&mut lines)?);
     }
-    if let Some(more) = lines.next_full()?.map(quoted) {
+    let more = lines.next_full()?.map(quoted);
+    // MeshLab ends a file without points with such a line.
+    let is_of_meshlab = points == 0 && more.as_deref() == Some("\"0 0 0\"");
+    if let Some(more) = more.filter(|_| !is_of_meshlab) {
         return Err(lines.wrong(more, format!("the end of the file after {points} points")));
     }
     Ok(contents)

@@ -115,14 +115,15 @@ impl Distortion {
         }
         let radius = |angle: f64| if self.is_fisheye() { angle } else { libm::tan(angle) };
         let widest = if self.is_fisheye() { std::f64::consts::PI - 1e-3 } else { WIDEST };
+        let directions = self.directions();
         let mut good = 0.0;
         while good < widest {
             let next = (good + SPACING).min(widest);
-            if !self.is_regular(radius(next)) {
+            if !self.is_regular(radius(next), &directions) {
                 let mut bad = next;
                 for _ in 0..50 {
                     let middle = 0.5 * (good + bad);
-                    if self.is_regular(radius(middle)) {
+                    if self.is_regular(radius(middle), &directions) {
                         good = middle;
                     } else {
                         bad = middle;
@@ -135,14 +136,16 @@ impl Distortion {
         radius(good)
     }
 
-    /// Whether the stretch is large enough in all directions at a radius.
-    fn is_regular(&self, radius: f64) -> bool {
-        let directions = if self.tangential() == [0.0; 2] { 1 } else { DIRECTIONS };
-        (0..directions).all(|k| {
-            let turn = f64::from(k) * std::f64::consts::TAU / f64::from(DIRECTIONS);
-            let (_, d) = self.apply(radius * DVec2::new(libm::cos(turn), libm::sin(turn)));
-            min_stretch(d) >= MIN_STRETCH
-        })
+    /// Directions in which the map is examined.
+    fn directions(&self) -> Vec<DVec2> {
+        let count = if self.tangential() == [0.0; 2] { 1 } else { DIRECTIONS };
+        let turn = |k: u32| f64::from(k) * std::f64::consts::TAU / f64::from(DIRECTIONS);
+        (0..count).map(turn).map(|turn| DVec2::new(libm::cos(turn), libm::sin(turn))).collect()
+    }
+
+    /// Whether the stretch is large enough in these directions at a radius.
+    fn is_regular(&self, radius: f64, directions: &[DVec2]) -> bool {
+        directions.iter().all(|direction| min_stretch(self.apply(*direction * radius).1) >= MIN_STRETCH)
     }
 
     /// The point within `limit` that comes to lie at `to`, if there is one: Newton's iteration with halved steps, from the solution without
