@@ -595,3 +595,37 @@ fn wrong_files_are_found_before_the_work_and_an_import_that_fails_later_says_how
     let refused = fails(&["scans", "import", text(&path("later.ptx")), "-o", text(&survey)]);
     assert!(refused.contains("--resume to continue") && refused.contains("later.ptx"), "{refused}");
 }
+
+#[test]
+fn photographs_are_listed_with_what_is_known_and_what_is_missing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let write = |name: &str, text: &str| std::fs::write(path(name), text).unwrap();
+    write("cameras.txt", "1 OPENCV 40 30 50 51 20 15 -0.1 0 0 0\n");
+    write("images.txt", "1 1 0 0 0 0 0 5 1 a.png\n\n2 1 0 0 0 1 0 5 1 b.png\n\n");
+    image::GrayImage::new(40, 30).save(path("a.png")).unwrap();
+    image::GrayImage::new(8, 8).save(path("c.png")).unwrap();
+    let list = succeeds(&["scans", "photos", "list", text(folder.path())]);
+    for part in [
+        "(COLMAP, text)",
+        "40 × 30  brown, f 50.0 px",
+        "0.000 0.000 -5.000",
+        "3 photographs, 1 with file, camera and pose",
+        "1 photograph: no file",
+        "1 photograph: no calibration",
+        "2 poses are in the frame of the reconstruction",
+    ] {
+        assert!(list.contains(part), "{part}: {list}");
+    }
+    let about = json(&["scans", "photos", "list", text(folder.path())]);
+    let photo = &about["photographs"][0];
+    assert_eq!(photo["camera"]["distortion"]["kind"], "brown");
+    assert_eq!(photo["pose"]["camera_from_world"]["translation"][2], 5.0);
+    assert_eq!(about["photographs"][1]["missing"][0]["kind"], "no file");
+    write("bundle.out", "# Bundle file v0.3\n0 0\n");
+    let refused = fails(&["scans", "photos", "list", text(folder.path())]);
+    assert!(refused.contains("bundle.out (Bundler)") && refused.contains("--poses FILE"), "{refused}");
+    succeeds(&["scans", "photos", "list", text(folder.path()), "--poses", text(&path("cameras.txt"))]);
+    let refused = fails(&["scans", "photos", "list", text(&path("nothing"))]);
+    assert!(refused.contains("nothing does not exist"), "{refused}");
+}

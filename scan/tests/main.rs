@@ -11,6 +11,8 @@ mod malformed;
 mod masks;
 mod mesh;
 mod peers;
+mod photo_peers;
+mod photos;
 mod pictures;
 mod register;
 mod resume;

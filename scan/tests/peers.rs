@@ -5,12 +5,12 @@ use kilwa_scan::read::ReadOptions;
 use std::path::Path;
 use std::process::Command;
 
-fn python() -> Command {
+pub(crate) fn python() -> Command {
     Command::new(std::env::var_os("KILWA_SCAN_PYTHON").unwrap_or_else(|| "python3".into()))
 }
 
 /// Whether Python can import a module; says by name what is skipped.
-fn has(module: &str) -> bool {
+pub(crate) fn has(module: &str) -> bool {
     let is_there = python().args(["-c", &format!("import numpy, {module}")]).output().is_ok_and(|o| o.status.success());
     if !is_there {
         eprintln!("skipped: Python has no {module}");

@@ -4,6 +4,7 @@ pub(crate) mod export;
 mod import;
 mod list;
 pub(crate) mod mask;
+mod photos;
 mod view;
 
 use clap::Subcommand;
@@ -23,6 +24,7 @@ enum What {
     List(list::Args),
     Mask(Box<mask::Args>),
     View(view::Args),
+    Photos(photos::Args),
     Export(Box<export::Args>),
 }
 
@@ -32,6 +34,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         What::List(args) => list::run(args),
         What::Mask(args) => mask::run(args),
         What::View(args) => view::run(args),
+        What::Photos(args) => photos::run(args),
         What::Export(args) => export::run(args),
     }
 }
