@@ -1,9 +1,10 @@
 //! Scans without I/O: what a scanner recorded in a cell of its grid ([`Sample`]), where a station stands ([`Pose`]), the triangles between
-//! neighbouring cells ([`tessellate`]), and which samples are not of the site ([`mask`]).
+//! neighbouring cells ([`tessellate`]), and which samples are not of the site ([`mask`]), and what a photograph sees ([`camera`]).
 //!
 //! Lengths are metres, angles radians. Coordinates of samples are those of their station (`station`); a pose takes them to those of
 //! the survey (`survey_from_station`).
 
+pub mod camera;
 pub mod intensity;
 pub mod mask;
 pub mod pose;
@@ -12,5 +13,6 @@ pub mod sample;
 pub mod tessellate;
 pub mod tsdf;
 
+pub use camera::{Camera, CameraError, CameraModel, Distortion, PosedCamera};
 pub use pose::{Pose, PoseError};
 pub use sample::{Grid, Kind, Rays, Sample, State};
