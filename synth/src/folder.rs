@@ -42,10 +42,7 @@ pub(crate) fn check(out: &Path) -> Result<(), FolderError> {
 ///
 /// # Errors
 /// Those of `fill`, and [`FolderError`]; there is no folder `out` then.
-pub(crate) fn create<T, E: From<FolderError>>(
-    out: &Path,
-    fill: impl FnOnce(&Path) -> Result<T, E>,
-) -> Result<T, E> {
+pub(crate) fn create<T, E: From<FolderError>>(out: &Path, fill: impl FnOnce(&Path) -> Result<T, E>) -> Result<T, E> {
     let parent = folder_of(out);
     let mut builder = tempfile::Builder::new();
     builder.prefix(".kilwa-").suffix(".part");

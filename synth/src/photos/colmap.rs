@@ -100,9 +100,8 @@ impl Model {
             }
         }
         let given = photos.iter().zip(&targets).enumerate();
-        let given = given.map(|(k, (photo, targets))| {
-            disturbed(photo, targets, options.pose_error, hash2(seed, k as i64, 1))
-        });
+        let given =
+            given.map(|(k, (photo, targets))| disturbed(photo, targets, options.pose_error, hash2(seed, k as i64, 1)));
         Self { frame: Similarity::of(options), given: given.collect(), points }
     }
 
@@ -114,11 +113,7 @@ impl Model {
     /// `cameras.txt`, `images.txt` and `points3D.txt`.
     pub(super) fn texts(&self, session: &Session) -> [(&'static str, String); 3] {
         let photos: Vec<&Photo> = session.photos().iter().take(self.given.len()).collect();
-        [
-            ("cameras.txt", cameras(&photos)),
-            ("images.txt", self.images(&photos)),
-            ("points3D.txt", self.points3d()),
-        ]
+        [("cameras.txt", cameras(&photos)), ("images.txt", self.images(&photos)), ("points3D.txt", self.points3d())]
     }
 
     fn images(&self, photos: &[&Photo]) -> String {
@@ -139,7 +134,16 @@ impl Model {
             let _ = writeln!(
                 text,
                 "{} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {} {}.jpg",
-                k + 1, q.w, q.x, q.y, q.z, t.x, t.y, t.z, camera_id(photo.carrier), photo.name
+                k + 1,
+                q.w,
+                q.x,
+                q.y,
+                q.z,
+                t.x,
+                t.y,
+                t.z,
+                camera_id(photo.carrier),
+                photo.name
             );
             let observations: Vec<String> =
                 observed[k].iter().map(|(at, point)| format!("{:.3} {:.3} {point}", at.x, at.y)).collect();
@@ -156,11 +160,7 @@ impl Model {
         );
         for (number, point) in self.points.iter().enumerate() {
             let (p, [r, g, b]) = (self.frame.apply(point.position), point.color);
-            let _ = write!(
-                text,
-                "{} {:?} {:?} {:?} {r} {g} {b} {:.4}",
-                number + 1, p.x, p.y, p.z, point.error
-            );
+            let _ = write!(text, "{} {:?} {:?} {:?} {r} {g} {b} {:.4}", number + 1, p.x, p.y, p.z, point.error);
             for (photo, _) in &point.seen {
                 let _ = write!(text, " {} {}", photo + 1, next[*photo]);
                 next[*photo] += 1;
@@ -177,7 +177,8 @@ fn camera_id(carrier: Carrier) -> u32 {
 
 /// The cameras that were used, with OpenCV's model.
 fn cameras(photos: &[&Photo]) -> String {
-    let mut text = String::from("# Made by kilwa synth photos; no real place.\n# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n");
+    let mut text =
+        String::from("# Made by kilwa synth photos; no real place.\n# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]\n");
     for carrier in [Carrier::Hand, Carrier::Drone] {
         let Some(photo) = photos.iter().find(|photo| photo.carrier == carrier) else { continue };
         let CameraModel::Pinhole { focal, center, distortion, .. } = photo.camera.model() else { continue };
@@ -186,7 +187,15 @@ fn cameras(photos: &[&Photo]) -> String {
         let _ = writeln!(
             text,
             "{} OPENCV {width} {height} {:?} {:?} {:?} {:?} {:?} {:?} {:?} {:?}",
-            camera_id(carrier), focal.x, focal.y, center.x, center.y, k[0], k[1], p[0], p[1]
+            camera_id(carrier),
+            focal.x,
+            focal.y,
+            center.x,
+            center.y,
+            k[0],
+            k[1],
+            p[0],
+            p[1]
         );
     }
     text
@@ -252,7 +261,8 @@ fn disturbed(photo: &Photo, targets: &[DVec3], pixels: f64, h: u64) -> Given {
     let range = ranges[ranges.len() / 2];
     let off = |k: i64| normal(hash2(h, k, 2));
     let angle = pixels / focal(photo);
-    let (turn, shift) = (DVec3::new(off(1), off(2), off(3)) * angle, DVec3::new(off(4), off(5), off(6)) * angle * range);
+    let (turn, shift) =
+        (DVec3::new(off(1), off(2), off(3)) * angle, DVec3::new(off(4), off(5), off(6)) * angle * range);
     let with = |factor: f64| {
         let (turn, shift) = (turn * factor * 0.6, shift * factor * 0.4);
         let half = 0.5 * turn;

@@ -6,8 +6,8 @@ use kilwa_geometry::color::srgb_from_light;
 use rayon::prelude::*;
 use std::array::from_fn;
 
-/// What light is multiplied by at 0 EV: bright stone in the sun becomes about 0.45 of white.
-const GAIN: f64 = 0.68;
+/// What light is multiplied by at 0 EV: bright stone in the sun becomes about 0.6 of white.
+const GAIN: f64 = 0.95;
 /// Noise of a pixel of value v, linear: the square root of `v / ELECTRONS + READ²`.
 const ELECTRONS: f64 = 9_000.0;
 const READ: f64 = 0.001_5;

@@ -59,7 +59,7 @@ const NEAR_SHARE: f64 = 0.06;
 const LOOKS: [u32; 2] = [14, 10];
 /// Beyond this range nothing counts; up to `WELL` it is seen well. Metres.
 const SIGHT: f64 = 45.0;
-const WELL: f64 = 9.0;
+const WELL: f64 = 14.0;
 /// Side of the cubes that are counted as seen, in metres.
 const CUBE: f64 = 1.0;
 /// What the first, second, third … photograph of a cube is worth.
@@ -87,7 +87,8 @@ pub(super) fn facing(yaw: f64, pitch: f64, roll: f64) -> DMat3 {
 pub(super) fn places(scene: &Scene, seed: u64, count: u32, aspect: f64) -> Vec<Placed> {
     let seed = derive(seed, 0xf1);
     let rounds = 1 + count / 250;
-    let views: Vec<Placed> = (0..rounds).flat_map(|round| views(scene, derive(seed, u64::from(round)), count)).collect();
+    let views: Vec<Placed> =
+        (0..rounds).flat_map(|round| views(scene, derive(seed, u64::from(round)), count)).collect();
     let looks: Vec<Option<Vec<(Patch, f64)>>> = views.par_iter().map(|view| look(scene, view, aspect)).collect();
     let mut numbers: HashMap<Patch, u32> = HashMap::new();
     let mut candidates = Vec::new();
@@ -102,11 +103,7 @@ pub(super) fn places(scene: &Scene, seed: u64, count: u32, aspect: f64) -> Vec<P
     }
     let mut chosen = choose(&candidates, numbers.len(), count);
     // In the order of a walk: outside, indoors and in the court, then by drone; each round the middle.
-    let order = |p: &Placed| {
-        let outside = p.eye.x.abs() > HALF_X || p.eye.y.abs() > HALF_Y;
-        let group = (p.carrier == Carrier::Drone, !outside);
-        (group, libm::atan2(p.eye.y, p.eye.x))
-    };
+    let order = |p: &Placed| (p.group(), libm::atan2(p.eye.y, p.eye.x));
     chosen.sort_by(|a, b| {
         let ((one, angle), (other, angle_of_other)) = (order(a), order(b));
         one.cmp(&other).then(angle.total_cmp(&angle_of_other))
@@ -118,7 +115,8 @@ pub(super) fn places(scene: &Scene, seed: u64, count: u32, aspect: f64) -> Vec<P
 fn views(scene: &Scene, seed: u64, count: u32) -> Vec<Placed> {
     let mut views = Vec::new();
     let mut add = |eye: DVec3, yaw: f64, pitch: f64, carrier: Carrier, h: u64| {
-        let shaken = |lane| if carrier == Carrier::Hand { 1.2_f64.to_radians() * normal(h.rotate_left(lane)) } else { 0.0 };
+        let shaken =
+            |lane| if carrier == Carrier::Hand { 1.2_f64.to_radians() * normal(h.rotate_left(lane)) } else { 0.0 };
         views.push(Placed { eye, rotation: facing(yaw, pitch + shaken(9), shaken(31)), carrier });
     };
     // Round the walls, by hand and by drone.
@@ -149,8 +147,8 @@ fn views(scene: &Scene, seed: u64, count: u32) -> Vec<Placed> {
     // Above the court and the walls, looking down.
     for k in 0..90_i64 {
         let (h, g) = (hash2(seed, k, 3), hash2(seed, k, 4));
-        let at = DVec3::new(30.0 * (unit(h, 0) - 0.5), 26.0 * (unit(h, 1) - 0.5), 5.0 + 10.0 * unit(h, 2));
-        let pitch = -(35.0 + 50.0 * unit(g, 1)).to_radians();
+        let at = DVec3::new(30.0 * (unit(h, 0) - 0.5), 26.0 * (unit(h, 1) - 0.5), 7.0 + 13.0 * unit(h, 2));
+        let pitch = -(40.0 + 48.0 * unit(g, 1)).to_radians();
         add(at, unit(g, 0) * std::f64::consts::TAU, pitch, Carrier::Drone, g);
     }
     // From where scanners could stand, all around.
@@ -207,9 +205,49 @@ fn look(scene: &Scene, view: &Placed, aspect: f64) -> Option<Vec<(Patch, f64)>> 
 /// The cube of a place and the side that it faces.
 fn patch(p: DVec3, n: DVec3) -> Patch {
     let a = n.abs();
-    let axis = if a.x >= a.y && a.x >= a.z { 0 } else if a.y >= a.z { 1 } else { 2 };
+    let axis = if a.x >= a.y && a.x >= a.z {
+        0
+    } else if a.y >= a.z {
+        1
+    } else {
+        2
+    };
     // A place on the border of a cube belongs to the same cube from everywhere.
     ((p / CUBE).floor().as_ivec3(), 2 * axis + u8::from(n[usize::from(axis)] < 0.0))
+}
+
+/// Kinds of places, of which photographs have fixed shares.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+enum Group {
+    /// By hand, outside the walls.
+    Outside,
+    /// By hand, in the court, in rooms and on walls.
+    Inside,
+    Drone,
+}
+
+/// The group of the first, second … photograph, over and over. A drone sees most, but not what is in rooms and under arches.
+const TURNS: [Group; 8] = [
+    Group::Outside,
+    Group::Inside,
+    Group::Drone,
+    Group::Inside,
+    Group::Drone,
+    Group::Outside,
+    Group::Inside,
+    Group::Drone,
+];
+
+impl Placed {
+    fn group(&self) -> Group {
+        if self.carrier == Carrier::Drone {
+            Group::Drone
+        } else if self.eye.x.abs() > HALF_X || self.eye.y.abs() > HALF_Y {
+            Group::Outside
+        } else {
+            Group::Inside
+        }
+    }
 }
 
 fn choose(candidates: &[Candidate], patches: usize, count: u32) -> Vec<Placed> {
@@ -218,13 +256,17 @@ fn choose(candidates: &[Candidate], patches: usize, count: u32) -> Vec<Placed> {
     let mut chosen = Vec::new();
     while chosen.len() < count as usize {
         let gain = |(k, c): (usize, &Candidate)| {
-            let worth = |(patch, well): &(u32, f64)| {
-                well * WORTH[usize::from(known[*patch as usize]).min(WORTH.len() - 1)]
-            };
+            let worth =
+                |(patch, well): &(u32, f64)| well * WORTH[usize::from(known[*patch as usize]).min(WORTH.len() - 1)];
             (c.seen.iter().map(worth).sum::<f64>(), k)
         };
-        let free = candidates.iter().enumerate().filter(|(k, _)| !is_taken[*k]);
-        let Some((_, k)) = free.map(gain).max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1))) else { break };
+        let best = |fits: &dyn Fn(&Candidate) -> bool| {
+            let free = candidates.iter().enumerate().filter(|(k, c)| !is_taken[*k] && fits(c));
+            free.map(gain).max_by(|a, b| a.0.total_cmp(&b.0).then(b.1.cmp(&a.1)))
+        };
+        let turn = TURNS[chosen.len() % TURNS.len()];
+        let pick = best(&|c| c.placed.group() == turn).or_else(|| best(&|_| true));
+        let Some((_, k)) = pick else { break };
         is_taken[k] = true;
         for (patch, _) in &candidates[k].seen {
             let times = &mut known[*patch as usize];

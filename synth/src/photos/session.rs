@@ -21,7 +21,7 @@ const REACH: f64 = 0.15;
 /// A place is of a bar of a grille if it is within this of it, in metres.
 const BAR_REACH: f64 = 0.012;
 /// Light that a photographer aims for: the mean (of logarithms) over the surface, as a share of white.
-const AIM: f64 = 0.2;
+const AIM: f64 = 0.14;
 /// Rays across and down with which the light is metered.
 const METER: [u32; 2] = [20, 15];
 
@@ -112,12 +112,9 @@ impl Session {
         session.photos = session.placed(options)?;
         let scene = &session.scene;
         let mut crowd = Crowd::new(options.seed, options.passers_by / 100.0);
-        session.people =
-            session.photos.iter().map(|photo| Props::new(crowd.next(scene, &photo.eye()))).collect();
-        let exposures: Vec<f64> = (0..session.photos.len())
-            .into_par_iter()
-            .map(|k| session.metered(k, options))
-            .collect();
+        session.people = session.photos.iter().map(|photo| Props::new(crowd.next(scene, &photo.eye()))).collect();
+        let exposures: Vec<f64> =
+            (0..session.photos.len()).into_par_iter().map(|k| session.metered(k, options)).collect();
         for (photo, ev) in session.photos.iter_mut().zip(exposures) {
             photo.exposure.ev = ev;
         }

@@ -22,7 +22,10 @@ pub(super) fn panoramas(photos: &[&Photo]) -> String {
         let p = photo.position;
         let _ = writeln!(text, "\n[[panorama]]\nfile = \"panoramas/{name}.jpg\"\nstation = \"{name}\"");
         let _ = writeln!(text, "projection = \"equirectangular\"\nwidth = {width}\nheight = {height}");
-        let _ = writeln!(text, "# survey_from_camera; the camera's axes are x right, y down, z to the middle of the picture");
+        let _ = writeln!(
+            text,
+            "# survey_from_camera; the camera's axes are x right, y down, z to the middle of the picture"
+        );
         let _ = writeln!(text, "position = [{:.6}, {:.6}, {:.6}]\nrotation = {}", p.x, p.y, p.z, rows(&photo.rotation));
     }
     text
@@ -62,7 +65,8 @@ pub(super) fn photos(options: &PhotoOptions, session: &Session, model: &Model, c
         ));
         if let Some(given) = model.given.get(k) {
             let turned = given.rotation.transpose() * photo.rotation;
-            let angle = libm::acos((0.5 * (turned.x_axis.x + turned.y_axis.y + turned.z_axis.z - 1.0)).clamp(-1.0, 1.0));
+            let angle =
+                libm::acos((0.5 * (turned.x_axis.x + turned.y_axis.y + turned.z_axis.z - 1.0)).clamp(-1.0, 1.0));
             line(format_args!("pose_error_px = {:.3}", given.error));
             line(format_args!("pose_error_m = {:.6}", given.position.distance(photo.position)));
             line(format_args!("pose_error_degrees = {:.6}", angle.to_degrees()));

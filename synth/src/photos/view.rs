@@ -15,7 +15,7 @@ pub(super) const FAR: f64 = 120.0;
 const SAMPLES: [[f64; 2]; 4] = [[-0.25, -0.25], [0.25, -0.25], [-0.25, 0.25], [0.25, 0.25]];
 /// Neighbouring pixels show an edge if their ranges differ by more than this share, or their light by more than this share and this much.
 const RANGE_STEP: f32 = 0.03;
-const LIGHT_STEP: (f32, f32) = (0.12, 0.008);
+const LIGHT_STEP: (f32, f32) = (0.2, 0.015);
 /// Rows that are traced between two reports of progress.
 const BAND: usize = 64;
 const RAY: Beam = Beam { exit: 0.0, spread: 0.0 };
@@ -37,11 +37,6 @@ impl Eye<'_> {
     /// The unit direction that a place of the picture shows.
     pub(super) fn ray(&self, x: f64, y: f64) -> Option<DVec3> {
         Some(self.rotation * self.camera.ray(DVec2::new(x, y))?)
-    }
-
-    /// Where a place is in the picture; nothing outside of it.
-    pub(super) fn project(&self, p: DVec3) -> Option<DVec2> {
-        self.camera.project(self.rotation.transpose() * (p - self.position)).filter(|at| self.camera.contains(*at))
     }
 }
 

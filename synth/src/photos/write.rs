@@ -65,7 +65,11 @@ pub(super) fn folder(carrier: Carrier) -> &'static str {
 ///
 /// # Errors
 /// [`PhotoError`]; there is no folder `out` then.
-pub fn write(options: &PhotoOptions, out: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<PhotoReport, PhotoError> {
+pub fn write(
+    options: &PhotoOptions,
+    out: &Path,
+    progress: &mut dyn FnMut(u64, u64),
+) -> Result<PhotoReport, PhotoError> {
     options.check()?;
     folder::check(out)?;
     let session = Session::new(options)?;
@@ -165,9 +169,8 @@ impl Writer<'_> {
         let (width, height) = photo.size();
         let pixels: Vec<u8> = rendered.is_person.iter().map(|is| if *is { 255 } else { 0 }).collect();
         let name = PathBuf::from(TRUTH).join("people").join(format!("{}.png", photo.name));
-        let encode = |bytes: &mut Vec<u8>| {
-            PngEncoder::new(bytes).write_image(&pixels, width, height, ExtendedColorType::L8)
-        };
+        let encode =
+            |bytes: &mut Vec<u8>| PngEncoder::new(bytes).write_image(&pixels, width, height, ExtendedColorType::L8);
         self.encoded(&name, encode).map(|_| ())
     }
 
@@ -180,9 +183,8 @@ impl Writer<'_> {
         };
         let pixels: Vec<u8> = rendered.range.iter().flat_map(|range| unit(range).to_ne_bytes()).collect();
         let name = PathBuf::from(TRUTH).join("range").join(format!("{}.png", photo.name));
-        let encode = |bytes: &mut Vec<u8>| {
-            PngEncoder::new(bytes).write_image(&pixels, width, height, ExtendedColorType::L16)
-        };
+        let encode =
+            |bytes: &mut Vec<u8>| PngEncoder::new(bytes).write_image(&pixels, width, height, ExtendedColorType::L16);
         self.encoded(&name, encode).map(|_| ())
     }
 }

@@ -24,10 +24,10 @@ pub use instrument::{INSTRUMENTS, Instrument, LOWEST_ELEVATION, MIN_RANGE, Retur
 pub use sight::{Sight, SurfacePlace};
 pub use stations::{Station, TILT_DEGREES};
 
+use crate::folder::{self, FolderError};
 use crate::fort::scene::Scene;
 use crate::noise::{derive, hash3, normal};
 use crate::piece::weld;
-use crate::folder::{self, FolderError};
 use crate::{UTM_CRS, UTM_ORIGIN, ply};
 use beam::{Scratch, Shot};
 use figures::Occasion;
