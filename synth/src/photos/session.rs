@@ -232,7 +232,7 @@ impl Session {
         let value = |p| self.scene.value_of(p, on_ground);
         for _ in 0..12 {
             let here = value(p);
-            if here.abs() < 2e-5 || !(here.abs() < 4.0 * REACH) {
+            if here.abs() < 2e-5 || here.abs() > 4.0 * REACH || here.is_nan() {
                 break;
             }
             let normal = self.scene.normal(p, on_ground, 0.004);

@@ -36,10 +36,12 @@ fn a_pixel_shows_reflectance_times_light_times_exposure() {
         for (index, at) in pixels(photo.size(), 7) {
             let Some(place) = session.shown_at(number, at) else { continue };
             let range = place.position.distance(photo.position);
-            // Away from edges and people, where a pixel shows one surface.
+            // Away from edges and people, where a pixel is one ray.
+            let light = rendered.light[index][1];
             let is_plain = [1, width].into_iter().all(|step| {
                 [index.wrapping_sub(step), index + step].into_iter().all(|other| {
                     rendered.range.get(other).is_some_and(|r| (f64::from(*r) - range).abs() < 0.02 * range)
+                        && (rendered.light[other][1] - light).abs() < 0.12 * light
                         && !rendered.is_person[other]
                 })
             });
@@ -57,33 +59,37 @@ fn a_pixel_shows_reflectance_times_light_times_exposure() {
             good += u32::from(is_equal);
         }
     }
-    // Others are on the edge of a shadow or of a stone.
-    assert!(all > 600 && good * 100 > all * 88, "{good} of {all}");
+    // Others are on the edge of a shadow.
+    assert!(all > 600 && good * 100 > all * 97, "{good} of {all}");
     assert_eq!(kinds, [true, true, true], "a photograph by hand, one by drone and a panorama");
 }
 
 #[test]
 fn what_is_seen_is_what_the_range_of_a_pixel_says() {
-    let session = Session::new(&PhotoOptions { passers_by: 0.0, ..options(6, 0) }).unwrap();
+    let session = Session::new(&PhotoOptions { passers_by: 0.0, ..options(10, 0) }).unwrap();
     let (mut right, mut all, mut seen) = (0, 0, 0);
-    for from in 0..6 {
-        let to = (from + 1) % 6;
+    for to in 0..10 {
         let photo = &session.photos()[to];
         let rendered = session.view(to).render(&mut |_| {});
-        for (_, at) in pixels(SIZE, 23) {
+        for (from, (_, at)) in (0..10).flat_map(|from| pixels(SIZE, 211).map(move |pixel| (from, pixel))) {
             let Some(place) = session.shown_at(from, at) else { continue };
             let Some(there) = photo.project(place.position) else {
                 assert!(!session.sees(to, &place));
                 continue;
             };
+            if from == to {
+                continue;
+            }
             let range = f64::from(rendered.range[there.y as usize * SIZE.0 as usize + there.x as usize]);
             let is_first = place.position.distance(photo.position) < range * 1.06;
             right += u32::from(session.is_seen(to, place.position) == is_first);
             seen += u32::from(is_first);
             all += 1;
         }
-        let people = pixels(SIZE, 50).filter_map(|(_, at)| session.shown_at(from, at));
-        assert!(people.into_iter().all(|place| !session.is_behind_people(from, place.position)));
+    }
+    for from in 0..10 {
+        let mut places = pixels(SIZE, 500).filter_map(|(_, at)| session.shown_at(from, at));
+        assert!(places.all(|place| !session.is_behind_people(from, place.position)));
     }
     assert!(seen > 30 && all - seen > 30 && right * 100 >= all * 95, "{right} of {all} right, {seen} seen");
 }
@@ -147,7 +153,7 @@ fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
 
 #[test]
 fn bytes_do_not_depend_on_threads_and_people_cover_their_share() {
-    let options = PhotoOptions { truth_depth: true, ..options(9, 1) };
+    let options = PhotoOptions { truth_depth: true, size: (64, 48), ..options(5, 1) };
     let folder = tempfile::tempdir().unwrap();
     let run = |threads: usize| {
         let out = folder.path().join(threads.to_string());
@@ -163,7 +169,7 @@ fn bytes_do_not_depend_on_threads_and_people_cover_their_share() {
     assert!(report.files.iter().all(|file| file.is_file()));
     assert_eq!(
         one.len(),
-        3 * 10 + 3 + 2,
+        3 * 6 + 3 + 2,
         "pictures, masks and ranges; a reconstruction, panoramas and the ground truth"
     );
     let share = report.people_pixels as f64 / report.pixels as f64;
@@ -175,10 +181,10 @@ fn bytes_do_not_depend_on_threads_and_people_cover_their_share() {
             marked += picture().to_luma8().pixels().filter(|p| p.0[0] == 255).count() as u64;
         } else if name.starts_with("images/") {
             let picture = picture().to_rgb8();
-            assert_eq!(picture.dimensions(), SIZE);
+            assert_eq!(picture.dimensions(), options.size);
             let levels: Vec<u8> = picture.pixels().map(|p| p.0[1]).collect();
             let mean = levels.iter().map(|v| f64::from(*v)).sum::<f64>() / levels.len() as f64;
-            let white = levels.iter().filter(|v| **v == 255).count() as f64 / levels.len() as f64;
+            let white = levels.iter().map(|v| f64::from(u8::from(*v == u8::MAX))).sum::<f64>() / levels.len() as f64;
             assert!((40.0..200.0).contains(&mean) && white < 0.05, "{name}: mean {mean}, white {white}");
         }
     }
