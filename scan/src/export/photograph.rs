@@ -3,6 +3,7 @@
 use super::Request;
 use super::e57::{character_data, guid, transform};
 use crate::ScanError;
+use crate::photos::{PictureFormat, picture_size};
 use crate::survey::{Camera, Photograph};
 use e57::{
     CylindricalImageProperties, E57Writer, ImageFormat, ImageWriter, PinholeImageProperties, SphericalImageProperties,
@@ -71,11 +72,15 @@ impl Picture {
     fn open(path: &Path) -> Result<Self, ScanError> {
         let cannot = |source| ReadError::Open { file: path.to_owned(), source };
         let mut file = BufReader::new(plain_file::open(path).map_err(cannot)?);
-        let Some((format, size)) = size(&mut file).map_err(cannot)? else {
+        let Some((format, size)) = picture_size(&mut file).map_err(cannot)? else {
             let found = "neither the header of a JPEG file nor that of a PNG file";
             return Err(ScanError::malformed(path, Place::Byte(0), found, "a photograph that E57 can hold"));
         };
         file.seek(SeekFrom::Start(0)).map_err(cannot)?;
+        let format = match format {
+            PictureFormat::Jpeg => ImageFormat::Jpeg,
+            PictureFormat::Png => ImageFormat::Png,
+        };
         Ok(Self { file, format, size })
     }
 
@@ -115,40 +120,5 @@ impl Picture {
                 image.add_visual_reference(format, file, VisualReferenceImageProperties { width, height }, None)
             }
         }
-    }
-}
-
-/// Format, width and height of a picture; `None` where the file is neither JPEG nor PNG.
-fn size(file: &mut (impl Read + Seek)) -> std::io::Result<Option<(ImageFormat, [u32; 2])>> {
-    let mut start = [0; 24];
-    let mut filled = 0;
-    while filled < start.len() {
-        match file.read(&mut start[filled..])? {
-            0 => return Ok(None),
-            n => filled += n,
-        }
-    }
-    if start.starts_with(b"\x89PNG\r\n\x1a\n") {
-        let word = |at: usize| u32::from_be_bytes([start[at], start[at + 1], start[at + 2], start[at + 3]]);
-        return Ok(Some((ImageFormat::Png, [word(16), word(20)])));
-    }
-    if !start.starts_with(&[0xff, 0xd8, 0xff]) {
-        return Ok(None);
-    }
-    // Segments of a JPEG file: a marker, then the length of what follows. The first frame (SOF) holds the size.
-    let mut at = 2;
-    loop {
-        let mut head = [0; 9];
-        file.seek(SeekFrom::Start(at))?;
-        if file.read_exact(&mut head).is_err() || head[0] != 0xff {
-            return Ok(None);
-        }
-        let is_frame = matches!(head[1], 0xc0..=0xcf) && !matches!(head[1], 0xc4 | 0xc8 | 0xcc);
-        if is_frame {
-            let half = |at: usize| u32::from(u16::from_be_bytes([head[at], head[at + 1]]));
-            return Ok(Some((ImageFormat::Jpeg, [half(7), half(5)])));
-        }
-        // Fill bytes before a marker.
-        at += if head[1] == 0xff { 1 } else { 2 + u64::from(u16::from_be_bytes([head[2], head[3]])) };
     }
 }

@@ -16,7 +16,7 @@ use std::cell::Cell;
 use std::error::Error;
 use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
 /// Points looked at to find out whether lines are rows or columns.
@@ -24,17 +24,23 @@ const PROBED: usize = 4096;
 /// A grid may have this many cells for each recorded point, and a million besides: scanners leave the sky out.
 const SPARSE: u64 = 64;
 
-type Reader = E57Reader<Tracked>;
+pub(super) type Reader = E57Reader<Tracked>;
+
+/// Open a file of `total` bytes.
+pub(super) fn open(path: &Path, file: File, total: u64) -> Result<(Reader, Errors), ScanError> {
+    let at = Rc::new(Cell::new(0));
+    let source = Tracked { file, buffer: Vec::new(), base: 0, position: 0, total, at: Rc::clone(&at) };
+    let errors = Errors { path: path.to_owned(), at };
+    let reader = E57Reader::new(source).map_err(|e| errors.wrap(&e))?;
+    Ok((reader, errors))
+}
 
 pub(super) fn read(mut input: Input<'_>) -> Result<(), ScanError> {
-    let at = Rc::new(Cell::new(0));
     let file = input
         .file
         .try_clone()
         .map_err(|source| kilwa_formats::read::ReadError::Open { file: input.path.to_owned(), source })?;
-    let source = Tracked { file, buffer: Vec::new(), base: 0, position: 0, total: input.total, at: Rc::clone(&at) };
-    let errors = Errors { path: input.path.to_owned(), at };
-    let mut reader = E57Reader::new(source).map_err(|e| errors.wrap(&e))?;
+    let (mut reader, errors) = open(input.path, file, input.total)?;
     let clouds = reader.pointclouds();
     let mut is_empty = true;
     for (number, cloud) in clouds.iter().enumerate() {
@@ -59,13 +65,13 @@ pub(super) fn read(mut input: Input<'_>) -> Result<(), ScanError> {
 }
 
 /// Adds file and byte to errors of the crate.
-struct Errors {
+pub(super) struct Errors {
     path: PathBuf,
     at: Rc<Cell<u64>>,
 }
 
 impl Errors {
-    fn wrap(&self, e: &e57::Error) -> ScanError {
+    pub(super) fn wrap(&self, e: &e57::Error) -> ScanError {
         let mut text = e.to_string();
         let mut cause = e.source();
         while let Some(inner) = cause {
@@ -75,7 +81,7 @@ impl Errors {
         self.malformed(text, "a sound E57 file; copy or export it again")
     }
 
-    fn malformed(&self, found: impl Into<String>, expected: impl Into<String>) -> ScanError {
+    pub(super) fn malformed(&self, found: impl Into<String>, expected: impl Into<String>) -> ScanError {
         ScanError::malformed(&self.path, Place::Byte(self.at.get()), found, expected)
     }
 }
@@ -228,7 +234,7 @@ fn color_range(cloud: &PointCloud, channel: usize, data_type: &RecordDataType) -
     }
 }
 
-fn pose_of(transform: Option<&e57::Transform>) -> Option<Result<Pose, f64>> {
+pub(super) fn pose_of(transform: Option<&e57::Transform>) -> Option<Result<Pose, f64>> {
     let transform = transform?;
     let (r, t) = (&transform.rotation, &transform.translation);
     let (rotation, translation) = (DQuat::from_xyzw(r.x, r.y, r.z, r.w), DVec3::new(t.x, t.y, t.z));
@@ -385,13 +391,8 @@ fn grid_of(
     Ok(Grid { columns: columns as u32, rows: rows as u32, by_rows: changes[0] > changes[1] })
 }
 
-fn one_picture(
-    reader: &mut Reader,
-    picture: &e57::Image,
-    clouds: &[PointCloud],
-    errors: &Errors,
-    input: &mut Input<'_>,
-) -> Result<(), ScanError> {
+/// Where the data of a picture are, and its camera if that is sound; None if it has no data.
+pub(super) fn blob_and_camera(picture: &e57::Image) -> Option<(&e57::ImageBlob, Option<Camera>)> {
     let (blob, camera) = match (&picture.projection, &picture.visual_reference) {
         (Some(Projection::Pinhole(p)), _) => {
             let q = &p.properties;
@@ -409,12 +410,22 @@ fn one_picture(
             (&p.blob, Some(Camera::Cylindrical { size, radius: q.radius, center: q.principal_y, pixel }))
         }
         (None, Some(p)) => (&p.blob, None),
-        (None, None) => {
-            input.sink.diagnostics().add_many("photograph entries without image data left out", 1);
-            return Ok(());
-        }
+        (None, None) => return None,
     };
-    let camera = camera.filter(Camera::is_sound);
+    Some((blob, camera.filter(Camera::is_sound)))
+}
+
+fn one_picture(
+    reader: &mut Reader,
+    picture: &e57::Image,
+    clouds: &[PointCloud],
+    errors: &Errors,
+    input: &mut Input<'_>,
+) -> Result<(), ScanError> {
+    let Some((blob, camera)) = blob_and_camera(picture) else {
+        input.sink.diagnostics().add_many("photograph entries without image data left out", 1);
+        return Ok(());
+    };
     let found = Picture {
         name: picture.name.clone(),
         pose: pose_of(picture.transform.as_ref()).and_then(Result::ok),
@@ -434,7 +445,7 @@ fn one_picture(
 }
 
 /// The file, read in large pieces and remembering where; the crate seeks before every page.
-struct Tracked {
+pub(super) struct Tracked {
     file: File,
     buffer: Vec<u8>,
     base: u64,

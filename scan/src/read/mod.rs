@@ -8,6 +8,7 @@
 
 mod columns;
 mod e57;
+pub(crate) mod e57_images;
 mod las;
 mod lines;
 mod order;
