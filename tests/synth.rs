@@ -109,10 +109,12 @@ fn photographs_are_written_with_poses_and_ground_truth_and_counted() {
     let call = ["synth", "photos", "--photos", "3", "--panoramas", "1", "--size", "48x36", "--sfm-frame"];
     let report =
         json(&[&call[..], &["--pose-error", "5", "--truth-depth", "--threads", "2", "-o", text(&out)]].concat());
-    assert_eq!(names(&out), ["images", "panoramas", "panoramas.toml", "sparse", "truth"]);
-    assert_eq!(names(&out.join("images")), ["IMG_0001.jpg", "IMG_0002.jpg", "IMG_0003.jpg"]);
-    assert_eq!(names(&out.join("panoramas")), ["scan_001.jpg"]);
-    assert_eq!(names(&out.join("sparse")), ["cameras.txt", "images.txt", "points3D.txt"]);
+    assert_eq!(names(&out), ["photos", "truth"]);
+    let photos = out.join("photos");
+    assert_eq!(names(&photos), ["images", "panoramas", "sparse"]);
+    assert_eq!(names(&photos.join("images")), ["IMG_0001.jpg", "IMG_0002.jpg", "IMG_0003.jpg"]);
+    assert_eq!(names(&photos.join("panoramas")), ["scan_001.jpg"]);
+    assert_eq!(names(&photos.join("sparse")), ["cameras.txt", "images.txt", "points3D.txt"]);
     assert_eq!(names(&out.join("truth")), ["people", "photos.toml", "range"]);
     assert_eq!((&report["photos"], &report["panoramas"]), (&3.into(), &1.into()));
     assert_eq!(report["pixels"], 3 * 48 * 36 + 96 * 48);

@@ -15,5 +15,6 @@ mod pictures;
 mod register;
 mod resume;
 mod shared_data;
+mod simulated_photos;
 mod stations;
 mod support;

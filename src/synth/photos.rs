@@ -9,7 +9,7 @@ use std::path::PathBuf;
 /// Simulated photographs and panoramas of the fort under a moving sun, with poses as COLMAP gives them and the ground truth in separate files.
 #[derive(clap::Args)]
 pub(super) struct Args {
-    /// The folder to create: pictures, poses, and the ground truth in its subfolder `truth`.
+    /// The folder to create: pictures and poses in its subfolder `photos`, the ground truth in `truth`.
     #[arg(short, long = "output", value_name = "FOLDER")]
     output: PathBuf,
     /// Number of photographs, up to 2,000; their places are chosen so that as much of the fort as possible is seen by three of them.

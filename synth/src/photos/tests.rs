@@ -167,11 +167,7 @@ fn bytes_do_not_depend_on_threads_and_people_cover_their_share() {
     assert!(one == three, "files differ");
     assert_eq!(report.by_carrier.iter().sum::<u32>() as usize, report.files.len());
     assert!(report.files.iter().all(|file| file.is_file()));
-    assert_eq!(
-        one.len(),
-        3 * 6 + 3 + 2,
-        "pictures, masks and ranges; a reconstruction, panoramas and the ground truth"
-    );
+    assert_eq!(one.len(), 3 * 6 + 3 + 1, "pictures, masks and ranges; a reconstruction and the ground truth");
     let share = report.people_pixels as f64 / report.pixels as f64;
     assert!(share > 0.01 && share < 0.04, "{share}");
     let mut marked = 0;
@@ -179,7 +175,7 @@ fn bytes_do_not_depend_on_threads_and_people_cover_their_share() {
         let picture = || image::load_from_memory(bytes).unwrap();
         if name.starts_with("truth/people/") {
             marked += picture().to_luma8().pixels().filter(|p| p.0[0] == 255).count() as u64;
-        } else if name.starts_with("images/") {
+        } else if name.starts_with("photos/images/") {
             let picture = picture().to_rgb8();
             assert_eq!(picture.dimensions(), options.size);
             let levels: Vec<u8> = picture.pixels().map(|p| p.0[1]).collect();

@@ -1,8 +1,8 @@
-//! What is true of the photographs, and where the panoramas are, as TOML.
+//! What is true of the photographs, as TOML.
 
 use super::PhotoOptions;
 use super::colmap::Model;
-use super::session::{Photo, Session};
+use super::session::Session;
 use crate::scans::truth::rows;
 use std::fmt::Write as _;
 
@@ -14,23 +14,6 @@ pub(super) struct Counts {
     pub(super) people: u64,
 }
 
-/// `panoramas.toml`: the station and the pose of each panorama.
-pub(super) fn panoramas(photos: &[&Photo]) -> String {
-    let mut text = String::from("# Panoramas from the stations of kilwa synth scans. No real place.\n");
-    for photo in photos {
-        let (name, (width, height)) = (&photo.name, photo.size());
-        let p = photo.position;
-        let _ = writeln!(text, "\n[[panorama]]\nfile = \"panoramas/{name}.jpg\"\nstation = \"{name}\"");
-        let _ = writeln!(text, "projection = \"equirectangular\"\nwidth = {width}\nheight = {height}");
-        let _ = writeln!(
-            text,
-            "# survey_from_camera; the camera's axes are x right, y down, z to the middle of the picture"
-        );
-        let _ = writeln!(text, "position = [{:.6}, {:.6}, {:.6}]\nrotation = {}", p.x, p.y, p.z, rows(&photo.rotation));
-    }
-    text
-}
-
 /// `truth/photos.toml`.
 pub(super) fn photos(options: &PhotoOptions, session: &Session, model: &Model, counts: &[Counts]) -> String {
     let mut text = String::from("# The ground truth of simulated photographs (kilwa synth photos). No real place.\n");
@@ -40,7 +23,7 @@ pub(super) fn photos(options: &PhotoOptions, session: &Session, model: &Model, c
     };
     line(format_args!("seed = {}\nunits = \"metre\"\nnoise = {:?}", options.seed, options.noise));
     let frame = model.frame.inverse();
-    line(format_args!("\n# Takes coordinates of sparse/ to those of the survey: scale · rotation · p + shift"));
+    line(format_args!("\n# Takes coordinates of photos/sparse to those of the survey: scale · rotation · p + shift"));
     line(format_args!("[survey_from_sparse]\nscale = {:?}\nrotation = {}", frame.scale, rows(&frame.rotation)));
     line(format_args!("shift = [{:?}, {:?}, {:?}]", frame.shift.x, frame.shift.y, frame.shift.z));
     for (k, (photo, counts)) in session.photos().iter().zip(counts).enumerate() {

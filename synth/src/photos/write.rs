@@ -55,9 +55,9 @@ fn failed(path: &Path) -> impl Fn(io::Error) -> PhotoError + '_ {
     |source| PhotoError::Io { path: path.to_owned(), source }
 }
 
-/// The folder of the pictures of a carrier.
+/// The folder of the pictures of a carrier. Programs that look for photographs are given the folder above it, which does not hold the ground truth.
 pub(super) fn folder(carrier: Carrier) -> &'static str {
-    if carrier == Carrier::Tripod { "panoramas" } else { "images" }
+    if carrier == Carrier::Tripod { "photos/panoramas" } else { "photos/images" }
 }
 
 /// Photograph the fort and write the pictures, the poses and the ground truth into the new folder `out`. `progress` is called with the pixels rendered
@@ -115,12 +115,8 @@ impl Writer<'_> {
         report.points = model.point_count();
         if !model.given.is_empty() {
             for (name, text) in model.texts(self.session) {
-                self.text(&format!("sparse/{name}"), &text)?;
+                self.text(&format!("photos/sparse/{name}"), &text)?;
             }
-        }
-        let panoramas: Vec<&Photo> = photos.iter().filter(|photo| photo.carrier == Carrier::Tripod).collect();
-        if !panoramas.is_empty() {
-            self.text("panoramas.toml", &truth::panoramas(&panoramas))?;
         }
         self.text("truth/photos.toml", &truth::photos(self.options, self.session, &model, &counts))?;
         Ok(report)
