@@ -101,3 +101,34 @@ fn scans_are_written_with_their_truth_and_counted() {
     assert!(error.contains("ask for 1 to 1000"), "{error}");
     assert_eq!(names(folder.path()), ["scans"]);
 }
+
+#[test]
+fn photographs_are_written_with_poses_and_ground_truth_and_counted() {
+    let folder = folder();
+    let out = folder.path().join("photos");
+    let call = ["synth", "photos", "--photos", "3", "--panoramas", "1", "--size", "48x36", "--sfm-frame"];
+    let report =
+        json(&[&call[..], &["--pose-error", "5", "--truth-depth", "--threads", "2", "-o", text(&out)]].concat());
+    assert_eq!(names(&out), ["photos", "truth"]);
+    let photos = out.join("photos");
+    assert_eq!(names(&photos), ["images", "panoramas", "sparse"]);
+    assert_eq!(names(&photos.join("images")), ["IMG_0001.jpg", "IMG_0002.jpg", "IMG_0003.jpg"]);
+    assert_eq!(names(&photos.join("panoramas")), ["scan_001.jpg"]);
+    assert_eq!(names(&photos.join("sparse")), ["cameras.txt", "images.txt", "points3D.txt"]);
+    assert_eq!(names(&out.join("truth")), ["people", "photos.toml", "range"]);
+    assert_eq!((&report["photos"], &report["panoramas"]), (&3.into(), &1.into()));
+    assert_eq!(report["pixels"], 3 * 48 * 36 + 96 * 48);
+    assert_eq!(report["files"].as_array().unwrap().len(), 4);
+    let truth = std::fs::read_to_string(out.join("truth/photos.toml")).unwrap();
+    let errors = truth.lines().filter_map(|line| line.strip_prefix("pose_error_px = "));
+    let errors: Vec<f64> = errors.map(|error| error.parse().unwrap()).collect();
+    assert!(errors.len() == 3 && errors.iter().all(|error| (error - 5.0).abs() < 0.5), "{errors:?}");
+    assert_eq!(truth.matches("[[photo]]").count(), 4);
+    let error = fails(&["synth", "photos", "-o", text(&out)]);
+    assert!(error.contains("photos") && error.contains("already exists"), "{error}");
+    let error = fails(&["synth", "photos", "--hours", "9", "-o", text(&folder.path().join("none"))]);
+    assert!(error.contains("the number of hours cannot be 9: give a number from 0 to 6"), "{error}");
+    let output = kilwa(&["synth", "photos", "--size", "1600", "-o", text(&folder.path().join("none"))]);
+    assert_eq!(output.status.code(), Some(2));
+    assert_eq!(names(folder.path()), ["photos"]);
+}

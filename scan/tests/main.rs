@@ -17,5 +17,6 @@ mod pictures;
 mod register;
 mod resume;
 mod shared_data;
+mod simulated_photos;
 mod stations;
 mod support;

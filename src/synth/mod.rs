@@ -1,5 +1,6 @@
 //! `kilwa synth`.
 
+mod photos;
 mod scans;
 
 use anyhow::Result;
@@ -10,7 +11,7 @@ use kilwa_synth::{self as synth, Phantom, SiteKind, SynthOptions, UTM_CRS};
 use std::io::Write as _;
 use std::path::PathBuf;
 
-/// Make a synthetic site: a mesh for trials, tests and benchmarks, or simulated laser scans.
+/// Make a synthetic site: a mesh for trials, tests and benchmarks, or simulated laser scans or photographs.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(subcommand)]
@@ -35,6 +36,7 @@ enum Site {
         mesh: Mesh,
     },
     Scans(scans::Args),
+    Photos(photos::Args),
 }
 
 #[derive(clap::Args)]
@@ -120,6 +122,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         Site::Wall(mesh) => write_mesh(SiteKind::Wall, mesh, 0.0),
         Site::Phantom { shape, noise, mesh } => write_mesh(SiteKind::Phantom(shape.phantom()), mesh, *noise),
         Site::Scans(args) => scans::run(args),
+        Site::Photos(args) => photos::run(args),
     }
 }
 

@@ -5,9 +5,11 @@
 //! ([`ply`]): memory does not grow with the number of triangles. Failures: [`SynthError`]; nothing is left under a
 //! final name unless the whole run succeeded.
 
+mod folder;
 mod fort;
 mod noise;
 mod phantom;
+pub mod photos;
 mod piece;
 mod ply;
 pub mod scans;

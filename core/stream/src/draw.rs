@@ -112,7 +112,7 @@ impl Streamer {
         let look = |sphere: &Sphere, error: f32| {
             let visible = view.may_see(sphere);
             let pixels = if visible { view.pixel_error(sphere, f64::from(error) / step) } else { 0.0 };
-            Seen { visible, pixels, error }
+            Seen { visible, error, pixels }
         };
         let mut is_frontier = PerNode::<bool>::new(&self.nodes);
         let mut frontier = Vec::new();
@@ -136,7 +136,7 @@ impl Streamer {
                     },
                     Some(None) => look(&node.entry.sphere, node.error_below()),
                 };
-                let Seen { visible, pixels, error } = seen;
+                let Seen { visible, error, pixels } = seen;
                 if visible {
                     quality.triangles += u64::from(patch.count);
                     quality.metres = quality.metres.max(f64::from(error));

@@ -29,10 +29,9 @@ pub(crate) fn skipped(
         let is_told =
             nodes.whole_family(index).is_some() || is_likely(index) && nodes.pages_of_children(index).next().is_some();
         let passes = |&child: &u32| ranks.get(nodes, child).is_some_and(|r| r.visible) && !skipped.get(nodes, child);
-        if rank.visible && is_told && !is_free(index, node) && nodes.children(index).iter().all(passes) {
-            if let Some(slot) = skipped.get_mut(nodes, index) {
-                *slot = true;
-            }
+        let is_skipped = rank.visible && is_told && !is_free(index, node) && nodes.children(index).iter().all(passes);
+        if let Some(slot) = skipped.get_mut(nodes, index) {
+            *slot = is_skipped;
         }
     }
     skipped

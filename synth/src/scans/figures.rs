@@ -67,7 +67,7 @@ fn bar(a: impl Into<DVec3>, b: impl Into<DVec3>, radius: f64, class: Class, colo
 }
 
 /// Bars of 16 mm in the windows of the western and northern rooms. They belong to the fort.
-pub(super) fn grilles(scene: &Scene) -> Vec<Prop> {
+pub(crate) fn grilles(scene: &Scene) -> Vec<Prop> {
     const RUST: [f64; 3] = [92.0, 68.0, 54.0];
     let mut bars = Vec::new();
     let mut window = |middle: DVec3, along: DVec3, half: f64, height: f64| {
@@ -212,7 +212,7 @@ fn walkers(scene: &Scene, seed: u64, at: &Occasion, props: &mut Vec<Prop>) {
 }
 
 /// Somebody in mid-step, 1.5 to 1.9 m tall.
-fn person(feet: DVec3, h: u64, props: &mut Vec<Prop>) {
+pub(crate) fn person(feet: DVec3, h: u64, props: &mut Vec<Prop>) {
     let scale = (1.5 + 0.4 * unit(h, 0)) / 1.75;
     let (s, c) = libm::sincos(unit(h, 1) * std::f64::consts::TAU);
     let stride = 0.12 + 0.25 * unit(h, 2);

@@ -6,16 +6,16 @@
 //! name when it is complete.
 
 mod beam;
-mod figures;
+pub(crate) mod figures;
 mod format;
 mod instrument;
-mod props;
+pub(crate) mod props;
 mod sight;
-mod stations;
+pub(crate) mod stations;
 mod surface;
 #[cfg(test)]
 mod tests;
-mod truth;
+pub(crate) mod truth;
 
 pub use beam::Sample;
 pub use figures::Extras;
@@ -24,6 +24,7 @@ pub use instrument::{INSTRUMENTS, Instrument, LOWEST_ELEVATION, MIN_RANGE, Retur
 pub use sight::{Sight, SurfacePlace};
 pub use stations::{Station, TILT_DEGREES};
 
+use crate::folder::{self, FolderError};
 use crate::fort::scene::Scene;
 use crate::noise::{derive, hash3, normal};
 use crate::piece::weld;
@@ -32,9 +33,6 @@ use beam::{Scratch, Shot};
 use figures::Occasion;
 use format::Header;
 use glam::{DMat3, DVec3};
-use kilwa_files::atomic::{folder_of, sync_folder};
-use kilwa_files::made_folders::MadeFolders;
-use kilwa_files::unfinished;
 use kilwa_pack::plural::counted;
 use props::Props;
 use rayon::prelude::*;
@@ -239,6 +237,15 @@ pub enum ScanError {
     },
 }
 
+impl From<FolderError> for ScanError {
+    fn from(error: FolderError) -> Self {
+        match error {
+            FolderError::Name(path, why) => Self::Name { path, why },
+            FolderError::Io(path, source) => Self::Io { path, source },
+        }
+    }
+}
+
 fn failed(path: &Path) -> impl Fn(io::Error) -> ScanError + '_ {
     |source| ScanError::Io { path: path.to_owned(), source }
 }
@@ -250,24 +257,10 @@ fn failed(path: &Path) -> impl Fn(io::Error) -> ScanError + '_ {
 /// [`ScanError`]; there is no folder `out` then.
 pub fn write(options: &ScanOptions, out: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<ScanReport, ScanError> {
     check(options)?;
-    check_folder(out)?;
+    folder::check(out)?;
     let scene = Scene::new(options.seed);
     let survey = Survey::new(&scene, options)?;
-    let parent = folder_of(out);
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(".kilwa-").suffix(".part");
-    #[cfg(unix)]
-    builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o777));
-    // Dropped after the scans are there, or removed.
-    let _folders = MadeFolders::all_of(parent).map_err(failed(parent))?;
-    let make = || builder.tempdir_in(parent);
-    let (folder, noted) = unfinished::make(make, tempfile::TempDir::path).map_err(failed(parent))?;
-    let mut report = survey.write(folder.path(), progress)?;
-    fs::rename(folder.path(), out).map_err(failed(out))?;
-    // Nothing is left of it under the temporary name.
-    let _ = folder.keep();
-    drop(noted);
-    sync_folder(parent).map_err(failed(parent))?;
+    let mut report = folder::create(out, |folder| survey.write(folder, progress))?;
     report.files.iter_mut().for_each(|file| *file = out.join(&*file));
     report.truth = out.join(TRUTH);
     Ok(report)
@@ -297,21 +290,6 @@ fn check(options: &ScanOptions) -> Result<(), ScanError> {
         within("the deviation of headings", heading, 180.0)?;
     }
     Ok(())
-}
-
-fn check_folder(out: &Path) -> Result<(), ScanError> {
-    let name = |why| Err(ScanError::Name { path: out.to_owned(), why });
-    if out.file_name().is_none() {
-        return name("not a valid name for a new folder: choose another one, such as survey");
-    }
-    match fs::symlink_metadata(out) {
-        Ok(about) if about.is_dir() => match fs::read_dir(out).map_err(failed(out))?.next() {
-            None => Ok(()),
-            Some(_) => name("already exists and is not empty: choose another name, or remove it"),
-        },
-        Ok(_) => name("already exists: choose another name, or remove it"),
-        Err(_) => Ok(()),
-    }
 }
 
 /// A survey that is ready to be scanned.

@@ -6,7 +6,7 @@ use glam::DVec3;
 
 /// A solid that rays meet in closed form.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Shape {
+pub(crate) enum Shape {
     /// All places within `radius` of the line from `a` to `b`.
     Capsule { a: DVec3, b: DVec3, radius: f64 },
     /// A box with horizontal top and bottom, turned about the vertical: half its length, width and height, and the direction of its length.
@@ -15,14 +15,14 @@ pub(super) enum Shape {
 
 /// A solid with what it is and its colour (sRGB, 0 to 255).
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Prop {
-    pub(super) shape: Shape,
-    pub(super) class: Class,
-    pub(super) color: [f64; 3],
+pub(crate) struct Prop {
+    pub(crate) shape: Shape,
+    pub(crate) class: Class,
+    pub(crate) color: [f64; 3],
 }
 
 /// Things in a hierarchy of boxes.
-pub(super) struct Props {
+pub(crate) struct Props {
     props: Vec<Prop>,
     nodes: Vec<Node>,
 }
@@ -51,7 +51,7 @@ impl Shape {
     }
 
     /// Where a ray (origin, unit direction) first meets it from outside.
-    pub(super) fn meet(&self, o: DVec3, d: DVec3) -> Option<f64> {
+    pub(crate) fn meet(&self, o: DVec3, d: DVec3) -> Option<f64> {
         match *self {
             Self::Capsule { a, b, radius } => capsule(o, d, a, b, radius),
             Self::Plank { middle, half, along: [c, s] } => {
@@ -65,7 +65,7 @@ impl Shape {
     }
 
     /// Outward unit normal at a place of its surface.
-    pub(super) fn normal(&self, p: DVec3) -> DVec3 {
+    pub(crate) fn normal(&self, p: DVec3) -> DVec3 {
         match *self {
             Self::Capsule { a, b, .. } => {
                 let axis = b - a;
@@ -116,7 +116,7 @@ fn capsule(o: DVec3, d: DVec3, a: DVec3, b: DVec3, radius: f64) -> Option<f64> {
 }
 
 impl Props {
-    pub(super) fn new(mut props: Vec<Prop>) -> Self {
+    pub(crate) fn new(mut props: Vec<Prop>) -> Self {
         let mut nodes = Vec::new();
         if !props.is_empty() {
             build(&mut props, 0, &mut nodes);
@@ -124,12 +124,12 @@ impl Props {
         Self { props, nodes }
     }
 
-    pub(super) fn get(&self, index: u32) -> &Prop {
+    pub(crate) fn get(&self, index: u32) -> &Prop {
         &self.props[index as usize]
     }
 
     /// The things that a beam may touch before `to`, added to `found`.
-    pub(super) fn near(&self, o: DVec3, d: DVec3, to: f64, beam: Beam, found: &mut Vec<u32>) {
+    pub(crate) fn near(&self, o: DVec3, d: DVec3, to: f64, beam: Beam, found: &mut Vec<u32>) {
         let inverse = d.recip();
         let radius = DVec3::splat(beam.radius(to));
         let mut node = 0;

@@ -23,6 +23,8 @@ const CUBE: f64 = 1.0;
 const WELL_SEEN: f64 = 4.0;
 /// Share of what a station sees that must have been seen before, if there is such a candidate.
 const SHARED: f64 = 0.25;
+/// What tells the seed of stations from others.
+const SALT: u64 = 0xe1;
 /// Distance that the instrument keeps from walls, in metres.
 const CLEARANCE: f64 = 0.28;
 
@@ -50,10 +52,17 @@ pub struct Station {
 }
 
 /// A place where the instrument could stand, in the fort's frame.
-struct Candidate {
-    eye: DVec3,
+pub(crate) struct Standpoint {
+    /// The instrument.
+    pub(crate) eye: DVec3,
     floor: f64,
-    indoors: bool,
+    /// In a room, a passage or a tower.
+    pub(crate) indoors: bool,
+}
+
+/// A place with what is seen from there.
+struct Candidate {
+    place: Standpoint,
     /// What it sees: cubes and how well, from 0 to 1.
     seen: Vec<(IVec3, f64)>,
 }
@@ -103,12 +112,12 @@ const PLACES: [([f64; 2], f64); 33] = [
 const INDOORS: usize = 27;
 
 /// The stations of a survey.
-pub(super) fn stations(scene: &Scene, seed: u64, count: u32) -> Vec<Station> {
-    let seed = derive(seed, 0xe1);
+pub(crate) fn stations(scene: &Scene, seed: u64, count: u32) -> Vec<Station> {
+    let seed = derive(seed, SALT);
     let candidates = candidates(scene, seed, count);
     let chosen = choose(&candidates, count);
     let place = |(k, (index, shared)): (usize, (usize, f64))| {
-        let Candidate { eye, floor, indoors, .. } = candidates[index];
+        let Standpoint { eye, floor, indoors } = candidates[index].place;
         let h = hash2(seed, k as i64, 7);
         let heading = unit(h, 0) * std::f64::consts::TAU;
         let tilt = [1, 2].map(|axis| TILT_DEGREES.to_radians() * normal(hash3(seed, k as i64, 8, axis)));
@@ -143,7 +152,18 @@ fn about_y(angle: f64) -> DMat3 {
     DMat3::from_cols(DVec3::new(c, 0.0, -s), DVec3::Y, DVec3::new(s, 0.0, c))
 }
 
+/// All places where an instrument could stand, of which [`stations`] chooses as many as it is asked for.
+pub(crate) fn standpoints(scene: &Scene, seed: u64, count: u32) -> Vec<Standpoint> {
+    free_places(scene, derive(seed, SALT), count)
+}
+
 fn candidates(scene: &Scene, seed: u64, count: u32) -> Vec<Candidate> {
+    let with_view = |place: Standpoint| Candidate { seen: look(scene, place.eye), place };
+    free_places(scene, seed, count).into_par_iter().map(with_view).collect()
+}
+
+/// All places where an instrument could stand. `seed` is that of [`stations`], derived.
+fn free_places(scene: &Scene, seed: u64, count: u32) -> Vec<Standpoint> {
     let mut places: Vec<(DVec3, bool)> =
         PLACES.iter().enumerate().map(|(k, ([x, y], z))| (DVec3::new(*x, *y, *z), k < INDOORS)).collect();
     // A grid with three times as many places as are wanted.
@@ -164,7 +184,7 @@ fn candidates(scene: &Scene, seed: u64, count: u32) -> Vec<Candidate> {
         let eye = DVec3 { z: floor + tripod, ..above };
         let free =
             [0.4, 0.9, tripod].iter().all(|z| scene.masonry_distance(DVec3 { z: floor + z, ..above }) > CLEARANCE);
-        free.then(|| Candidate { eye, floor, indoors, seen: look(scene, eye) })
+        free.then_some(Standpoint { eye, floor, indoors })
     };
     places.into_par_iter().enumerate().filter_map(stand).collect()
 }
@@ -200,10 +220,10 @@ fn choose(candidates: &[Candidate], count: u32) -> Vec<(usize, f64)> {
     let mut free = vec![true; candidates.len()];
     while chosen.len() < count as usize {
         let turn = chosen.len() % 4;
-        let outside = |c: &Candidate| c.eye.x.abs() > HALF_X || c.eye.y.abs() > HALF_Y;
+        let outside = |c: &Candidate| c.place.eye.x.abs() > HALF_X || c.place.eye.y.abs() > HALF_Y;
         let fits = |c: &Candidate| match turn {
-            1 => c.indoors,
-            3 => !c.indoors && outside(c),
+            1 => c.place.indoors,
+            3 => !c.place.indoors && outside(c),
             _ => true,
         };
         let rate = |(k, c): (usize, &Candidate)| {

@@ -67,7 +67,7 @@ pub(super) fn poses(options: &ScanOptions, crs: Option<&str>, entries: &[Entry<'
 }
 
 /// The rows of a matrix that is multiplied by column vectors.
-fn rows(m: &DMat3) -> String {
+pub(crate) fn rows(m: &DMat3) -> String {
     let row = |k: usize| {
         let [x, y, z] = m.row(k).to_array();
         format!("[{x:.15}, {y:.15}, {z:.15}]")
