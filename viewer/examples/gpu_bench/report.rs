@@ -1,6 +1,7 @@
 //! The tables, and the same as JSON.
 
 use crate::measure::{Course, Frame, Run};
+use kilwa_viewer::gpu::timer::PassTime;
 use kilwa_viewer::{Gpu, Mode};
 use serde_json::json;
 use std::fmt::Write as _;
@@ -87,7 +88,7 @@ pub(crate) fn tables(runs: &[Run]) -> String {
     }
     out += "\nPasses, p50 / p99:\n\n| pack | size | mode | px | course | pass | processor ms | GPU ms |\n|---|---|---|---:|---|---|---:|---:|\n";
     for (run, course, frames) in all_courses(runs) {
-        for (pass, cpu, gpu) in passes(frames) {
+        for PassFigures { name: pass, cpu, gpu } in passes(frames) {
             let gpu = gpu.map_or("-".to_owned(), pair);
             let (pack, size, mode, px) = (&run.setting.pack, size(run), mode(run.setting.mode), run.setting.pixels);
             let _ = writeln!(
@@ -108,7 +109,7 @@ pub(crate) fn json(gpu: &Gpu, runs: &[Run]) -> serde_json::Value {
             let f = Figures::new(frames);
             let passes: Vec<_> = passes(frames)
                 .into_iter()
-                .map(|(pass, cpu, gpu)| json!({ "pass": pass, "cpu_ms": cpu, "gpu_ms": gpu }))
+                .map(|p| json!({ "pass": p.name, "cpu_ms": p.cpu, "gpu_ms": p.gpu }))
                 .collect();
             json!({
                 "course": name(*course), "frames": frames.len(), "frame_ms": f.frame, "step_ms": f.step, "draw_ms": f.draw,
@@ -201,17 +202,28 @@ fn gpu_ms(frame: &Frame) -> Option<f64> {
     times.filter(|t| !t.is_empty()).map(|t| t.iter().sum())
 }
 
-/// Every pass with its processor and GPU times, p50 and p99.
-fn passes(frames: &[Frame]) -> Vec<(&'static str, [f64; 2], Option<[f64; 2]>)> {
-    let names: Vec<&'static str> =
-        frames.first().map(|f| f.passes.iter().map(|p| p.name).collect()).unwrap_or_default();
-    let of = |name: &str, value: &dyn Fn(&kilwa_viewer::gpu::timer::PassTime) -> Option<f64>| {
+/// Times of a pass, p50 and p99, milliseconds.
+struct PassFigures {
+    name: &'static str,
+    cpu: [f64; 2],
+    gpu: Option<[f64; 2]>,
+}
+
+/// Every pass of the frames.
+fn passes(frames: &[Frame]) -> Vec<PassFigures> {
+    let first = frames.first().map(|f| f.passes.iter().map(|p| p.name));
+    let of = |name: &str, value: &dyn Fn(&PassTime) -> Option<f64>| {
         let all = frames.iter().flat_map(|f| &f.passes).filter(|p| p.name == name);
         let mut values: Vec<f64> = all.filter_map(value).collect();
         values.sort_by(f64::total_cmp);
         (!values.is_empty()).then(|| [at(&values, 0.5), at(&values, 0.99)])
     };
-    names.into_iter().map(|n| (n, of(n, &|p| Some(p.cpu_ms)).unwrap_or_default(), of(n, &|p| p.gpu_ms))).collect()
+    let figures = |name| PassFigures {
+        name,
+        cpu: of(name, &|p| Some(p.cpu_ms)).unwrap_or_default(),
+        gpu: of(name, &|p| p.gpu_ms),
+    };
+    first.into_iter().flatten().map(figures).collect()
 }
 
 fn at(sorted: &[f64], share: f64) -> f64 {
