@@ -1,6 +1,6 @@
 // The surface: vertex attributes to a lit colour. viewer/src/gpu/surface.rs.
 
-// The mode's place in Mode::ALL. A pipeline has one mode: its shader is small, which on a slow GPU is half of the time of a frame.
+// The mode's place in Mode::ALL. A pipeline has one mode, so that its shader is small.
 override mode: u32 = 0u;
 
 struct VertexIn {

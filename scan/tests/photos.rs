@@ -109,6 +109,60 @@ fn masks_are_told_from_photographs() {
 }
 
 #[test]
+fn a_picture_of_a_mask_is_a_photograph() {
+    let site = Site::new();
+    for name in ["gold_mask.png", "masks/death.png", "a.mask.png", "a.png", "masks/a.png"] {
+        png(&site, name, [4, 4]);
+    }
+    let names: Vec<String> = folder(&site).photos.iter().map(|photo| photo.name.clone()).collect();
+    assert_eq!(
+        names,
+        ["a.png", "gold_mask.png", "masks/a.png", "masks/death.png"],
+        "the second mask of a picture, too"
+    );
+}
+
+#[test]
+fn a_name_is_found_at_its_place_in_the_folder_first() {
+    let site = Site::new();
+    colmap(&site);
+    png(&site, "a.png", [40, 30]);
+    png(&site, "thumbs/a.png", [40, 30]);
+    assert_eq!(folder(&site).photos[0].source, Source::File(site.path("a.png")));
+}
+
+#[test]
+fn an_image_of_colmap_where_observations_belong_is_refused() {
+    let site = Site::new();
+    colmap(&site);
+    site.write("images.txt", "1 1 0 0 0 0 0 5 1 a.png\n2 1 0 0 0 0 0 5 2 b.png\n");
+    let message = read(&site.path(""), &Options::default()).unwrap_err().to_string();
+    assert!(message.contains("images.txt, line 2") && message.contains("or an empty line"), "{message}");
+}
+
+#[test]
+fn xml_that_would_take_more_memory_than_its_file_is_refused() {
+    let site = Site::new();
+    let head = "<!DOCTYPE d [\n<!ENTITY e \"";
+    let many = "&e;".repeat(1000);
+    site.write("cameras.xml", format!("{head}{}\">]><document><chunk>{many}</chunk></document>", "x".repeat(1000)));
+    let message = read(&site.path(""), &Options::default()).unwrap_err().to_string();
+    assert!(message.contains("cameras.xml, line 2") && message.contains("<!ENTITY"), "{message}");
+    rewrite(&site, "cameras.xml", format!("<document><chunk>{}", "<".repeat(5 << 20)).as_bytes());
+    let message = read(&site.path(""), &Options::default()).unwrap_err().to_string();
+    assert!(message.contains("characters <"), "{message}");
+}
+
+#[test]
+fn a_jpeg_of_fill_bytes_is_unreadable_at_once() {
+    let site = Site::new();
+    let mut bytes = vec![0xff; 8 << 20];
+    bytes[1] = 0xd8;
+    site.write("a.jpg", bytes);
+    assert_eq!(missing(&folder(&site).photos[0])[0], "unreadable: neither JPEG nor PNG");
+}
+
+#[test]
 fn several_files_with_poses_are_an_error_that_names_them_and_the_option() {
     let site = Site::new();
     colmap(&site);
@@ -205,6 +259,14 @@ fn metashape_is_read_as_its_manual_defines_it() {
             assert!(message.contains(part) && message.contains("cameras.xml"), "{from}: {message}");
         }
     }
+    // Of a geographic or projected system the transform is not.
+    std::fs::write(
+        &file,
+        METASHAPE.replace("LOCAL_CS[\"Local Coordinates (m)\"]", "PROJCS[\"WGS 84 / UTM zone 36S\",GEOGCS[]]"),
+    )
+    .unwrap();
+    let crs = folder(&site).crs.unwrap();
+    assert!(crs.starts_with("geocentric (ECEF)") && crs.ends_with("WGS 84 / UTM zone 36S"), "{crs}");
     std::fs::write(&file, METASHAPE.replace("<p1>", "<p3>1e-5</p3><p1>")).unwrap();
     assert!(missing(&folder(&site).photos[0])[0].contains("P3 and P4"));
 }
@@ -248,6 +310,17 @@ fn sidecars_of_reality_capture_are_read_as_its_makers_define_them() {
     near(seen, [15.0 + 0.025 * 40.0 + 50.0 * xd, 20.0 - 0.05 * 40.0 + 50.0 * yd]);
     assert_eq!(missing(&set.photos[1]), ["no file", "no calibration: the size of the picture is unknown"]);
     assert_eq!(missing(&set.photos[2]), ["no calibration: no file states its camera", "no pose"]);
+    // Sidecars elsewhere, and a sidecar of another program that is not even UTF-8.
+    std::fs::create_dir(site.path("elsewhere")).unwrap();
+    site.write("elsewhere/IMG_2.xmp", XMP);
+    site.write("elsewhere/IMG_4.xmp", [0xff, 0xfe, b'<', 0]);
+    let elsewhere = site.path("elsewhere");
+    std::fs::create_dir(site.path("pictures")).unwrap();
+    png(&site, "pictures/IMG_2.png", [30, 40]);
+    let set = read(&site.path("pictures"), &Options { poses: Some(&elsewhere), ..Options::default() }).unwrap();
+    assert!(set.photos[0].posed().is_some() && set.photos.len() == 1, "{:?}", missing(&set.photos[0]));
+    std::fs::remove_dir_all(elsewhere).unwrap();
+    std::fs::remove_dir_all(site.path("pictures")).unwrap();
     std::fs::write(&file, XMP.replace("brown3t2", "division")).unwrap();
     assert!(missing(&folder(&site).photos[0])[0].contains("distortion model division is not supported"));
     std::fs::write(&file, XMP.replace("10 20 5", "10 20")).unwrap();
@@ -554,7 +627,20 @@ fn panoramas_and_cubes_take_the_pose_of_their_station() {
     near(seen(find("tower_front.png"), DVec3::new(0.5, 1.0, 0.2)), [75.0, 40.0]);
     near(seen(find("tower_right.png"), DVec3::new(1.0, -0.5, 0.2)), [75.0, 40.0]);
     near(seen(find("tower_up.png"), DVec3::new(0.5, 0.2, 1.0)), [75.0, 60.0]);
-    assert_eq!(missing(find("other.png")), ["no pose"]);
+    // A picture of 2:1 that no station has is any picture.
+    assert_eq!(missing(find("other.png")), ["no calibration: no file states its camera", "no pose"]);
+    // The file of the station has one scan; a second one from it, and its panorama is of neither.
+    png(&site, "pano/t.png", [400, 200]);
+    let photo = |stations: &[survey::Station]| {
+        let set = read(&site.path("pano"), &Options { poses: None, stations }).unwrap();
+        set.photos.iter().find(|photo| photo.name == "t.png").unwrap().station.clone()
+    };
+    assert_eq!(photo(&survey.stations).as_deref(), Some("tower"));
+    let mut second = survey.stations[0].clone();
+    second.name = "gate".into();
+    second.scan = "stations/gate.scan".into();
+    second.source.number = 2;
+    assert_eq!(photo(&[survey.stations[0].clone(), second]), None);
 }
 
 #[test]

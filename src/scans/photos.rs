@@ -211,7 +211,7 @@ fn position(photo: &PhotoRecord) -> String {
 
 fn as_json(set: &PhotoSet) -> Value {
     json!({
-        "poses": set.poses.as_ref().map(|(format, path)| json!({"format": format.name(), "path": path})),
+        "poses": set.poses.as_ref().map(|(format, path)| json!({"format": format.name(), "path": path.display().to_string()})),
         "coordinates": set.crs,
         "sparse_points": set.sparse_points.len(),
         "photographs": set.photos.iter().map(photo_as_json).collect::<Vec<_>>(),
@@ -230,9 +230,11 @@ fn photo_as_json(photo: &PhotoRecord) -> Value {
             }),
         })
     });
-    let (file, inside): (Option<&Path>, _) = match &photo.source {
-        Source::File(path) => (Some(path), None),
-        Source::Inside { file, number } => (None, Some(json!({"file": file, "picture": number + 1}))),
+    // JSON has no names that are not UTF-8.
+    let shown = |path: &Path| path.display().to_string();
+    let (file, inside) = match &photo.source {
+        Source::File(path) => (Some(shown(path)), None),
+        Source::Inside { file, number } => (None, Some(json!({"file": shown(file), "picture": number + 1}))),
         Source::Missing => (None, None),
     };
     let picture = photo.picture.as_ref();
@@ -250,7 +252,7 @@ fn photo_as_json(photo: &PhotoRecord) -> Value {
         "camera": photo.camera.as_ref().map(camera_as_json),
         "pose": pose,
         "station": photo.station,
-        "mask": photo.mask,
+        "mask": photo.mask.as_deref().map(shown),
         "missing": photo.missing.iter().map(|missing| json!({"kind": of(missing), "message": missing.to_string()})).collect::<Vec<_>>(),
     })
 }

@@ -457,6 +457,9 @@ impl Renderer {
                 calls.push(Call { chunk: patch.chunk, triangles: patch.first..end, fade, draw });
             }
             first += patches.len();
+            if calls.len() == before {
+                continue; // It would take a place in a layer.
+            }
             let depth = (chunk.middle - view.eye).dot(view.forward) as f32;
             near.push(ordered_bits(depth) << 64 | ranges.len() as u128);
             ranges.push((chunk.slab, before..calls.len()));

@@ -26,10 +26,10 @@ pub(crate) fn skipped(
         else {
             continue;
         };
-        let is_told =
+        let is_known =
             nodes.whole_family(index).is_some() || is_likely(index) && nodes.pages_of_children(index).next().is_some();
         let passes = |&child: &u32| ranks.get(nodes, child).is_some_and(|r| r.visible) && !skipped.get(nodes, child);
-        let is_skipped = rank.visible && is_told && !is_free(index, node) && nodes.children(index).iter().all(passes);
+        let is_skipped = rank.visible && is_known && !is_free(index, node) && nodes.children(index).iter().all(passes);
         if let Some(slot) = skipped.get_mut(nodes, index) {
             *slot = is_skipped;
         }

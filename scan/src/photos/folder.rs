@@ -3,7 +3,7 @@
 use super::Missing;
 use crate::ScanError;
 use kilwa_formats::read::ReadError;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::{Component, Path, PathBuf};
 
 /// Endings of pictures that are read.
@@ -70,8 +70,11 @@ impl Folder {
     /// Tell masks from photographs, and index both.
     fn sort_out(&mut self, pictures: Vec<PathBuf>) {
         let mut masks = HashMap::new();
+        // A picture of a mask (of gold, say) is a photograph: only where the picture is there that it would mask, it is a mask.
+        let there: HashSet<PathBuf> =
+            pictures.iter().flat_map(|path| [path.clone(), path.with_extension("")]).collect();
         for path in pictures {
-            match masked(&path) {
+            match masked(&path).filter(|name| there.contains(name) && !masks.contains_key(name)) {
                 Some(name) => drop(masks.insert(name, path)),
                 None => self.pictures.push(path),
             }
@@ -94,11 +97,16 @@ impl Folder {
         self.pictures.binary_search_by(|picture| picture.as_path().cmp(path)).ok()
     }
 
-    /// The picture that a file of another program calls this: of those with its name, the one whose folders agree most. Backslashes separate folders, too.
+    /// The picture that a file of another program calls this: the one at this place in the folder; or of those with its name, the one whose folders agree most. Backslashes separate folders, too.
     pub(super) fn find(&self, name: &str) -> Result<usize, Missing> {
         let name = name.replace('\\', "/").to_lowercase();
         let parts: Vec<&str> = name.split('/').filter(|part| !part.is_empty()).collect();
         let found = parts.last().and_then(|last| self.by_name.get(*last)).ok_or(Missing::File)?;
+        let is_exact = |at: &&usize| self.relative(&self.pictures[**at]).replace('\\', "/").to_lowercase() == name;
+        let mut exact = found.iter().filter(is_exact);
+        if let (Some(at), None) = (exact.next(), exact.next()) {
+            return Ok(*at);
+        }
         let agreement = |at: usize| {
             let folders = self.pictures[at].parent().into_iter().flat_map(Path::components).rev();
             let folders = folders.filter_map(|part| match part {

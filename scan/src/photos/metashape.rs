@@ -1,7 +1,7 @@
 //! Agisoft Metashape and PhotoScan: the XML file of "Export Cameras".
 //!
 //! A camera's `transform` takes its axes (ours) to the chunk; the chunk's transform (or that of the camera's component) is a rotation, a
-//! translation and a scale to the coordinate system of the file. A scale does not change what a camera sees, so it is
+//! translation and a scale to the chunk's local system, or to geocentric coordinates if it has a geographic or projected one. A scale does not change what a camera sees, so it is
 //! moved into the position: poses are in units of the coordinate system.
 //!
 //! Frame cameras: x' = x·(1 + K1·r² + … + K4·r⁸) + P1·(r² + 2x²) + 2·P2·x·y, y' with P1 and P2 exchanged (so P1 is p2 of OpenCV, and P2 is p1);
@@ -60,8 +60,18 @@ pub(super) fn read(path: &Path) -> Result<Contents, ScanError> {
         contents.photos.push(camera(&xml, node, &sensors, own, &components)?);
     }
     let reference = child(chunk, "reference").and_then(|node| node.text()).map(str::trim);
-    contents.crs = reference.filter(|text| !text.is_empty()).map(str::to_owned);
+    contents.crs = reference.filter(|text| !text.is_empty()).map(coordinates);
     Ok(contents)
+}
+
+/// The coordinates of the poses, for people. If the chunk has a geographic or projected system, its transform leads to geocentric coordinates, and
+/// Metashape projects afterwards.
+fn coordinates(reference: &str) -> String {
+    if ["LOCAL_CS", "ENGCRS", "ENGINEERINGCRS"].iter().any(|kind| reference.starts_with(kind)) {
+        return reference.to_owned();
+    }
+    let name = reference.split('"').nth(1).unwrap_or(reference);
+    format!("geocentric (ECEF), metres; the coordinate system of the chunk is {name}")
 }
 
 fn id<'a>(xml: &Xml<'_>, node: Node<'a, '_>, name: &str) -> Result<&'a str, ScanError> {

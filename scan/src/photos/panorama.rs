@@ -27,24 +27,20 @@ pub(super) fn place(photo: &mut PhotoRecord, stations: &[Station]) {
         Some((name, face)) => (name, Camera::cube_face(size[0]), Some(face)),
         None => return,
     };
-    let station = stations.iter().find(|station| station.name == name || is_spool(station, name));
-    // A square picture whose name ends in a letter may be anything; a picture of 2:1 hardly.
-    if station.is_none() && turn.is_some() {
-        return;
-    }
+    let named = stations.iter().find(|station| station.name == name || stem_of(&station.scan) == Some(name));
+    // A file with several scans has no panorama of its own.
+    let mut of_file = stations.iter().filter(|station| stem_of(&station.source.file) == Some(name));
+    let Some(station) = named.or(of_file.next().filter(|_| of_file.next().is_none())) else { return };
     photo.set_camera(camera.map_err(|e| e.to_string()));
-    let Some(station) = station else { return };
     photo.station = Some(station.name.clone());
     photo.frame = Frame::Survey;
     let rotation = turn.map_or(camera_from_spherical(), |face| face.face_from_cube() * camera_from_spherical());
     photo.camera_from_world = station.pose.map(|pose| pose.inverse().then(Pose { rotation, translation: DVec3::ZERO }));
 }
 
-/// Whether a station has this name in its file, which keeps the name it was imported under.
-fn is_spool(station: &Station, name: &str) -> bool {
-    let names = [Path::new(&station.scan).file_stem(), Path::new(&station.source.file).file_stem()];
-    let is_only = station.source.number <= 1;
-    names[0].is_some_and(|stem| stem == name) || is_only && names[1].is_some_and(|stem| stem == name)
+/// The name of a file without its ending.
+fn stem_of(file: &str) -> Option<&str> {
+    Path::new(file).file_stem().and_then(|stem| stem.to_str())
 }
 
 /// The station and the face in the name of a picture.

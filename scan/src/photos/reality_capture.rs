@@ -9,7 +9,7 @@
 
 use super::folder::Folder;
 use super::xml::{Xml, child};
-use super::{Contents, PhotoRecord, picture};
+use super::{Contents, PhotoRecord, picture, sniff};
 use crate::ScanError;
 use glam::{DMat3, DMat4, DVec2, DVec3};
 use kilwa_scan_core::{Camera, CameraModel, Distortion, Pose};
@@ -19,11 +19,13 @@ use std::path::Path;
 /// The namespace of its properties.
 pub(super) const NAMESPACE: &str = "http://www.capturingreality.com/ns/xcr/1.1#";
 
-/// Read the sidecars of a folder.
+/// Read the sidecars in `at`, which need not lie in the folder of the pictures.
 pub(super) fn read(at: &Path, folder: &Folder) -> Result<Contents, ScanError> {
     let mut contents = Contents::default();
-    for path in folder.others.iter().filter(|path| is_sidecar(path) && path.starts_with(at)) {
-        contents.photos.extend(one(path, folder)?);
+    let sidecars = Folder::walk(at)?;
+    for path in sidecars.others.iter().filter(|path| is_sidecar(path)) {
+        let name = sidecars.relative(&path.with_extension(""));
+        contents.photos.extend(one(path, name, folder)?);
     }
     Ok(contents)
 }
@@ -33,7 +35,10 @@ pub(super) fn is_sidecar(path: &Path) -> bool {
 }
 
 /// The photograph of a sidecar; None if other programs wrote it.
-fn one(path: &Path, folder: &Folder) -> Result<Option<PhotoRecord>, ScanError> {
+fn one(path: &Path, name: String, folder: &Folder) -> Result<Option<PhotoRecord>, ScanError> {
+    if !sniff::contains(path, NAMESPACE)? {
+        return Ok(None);
+    }
     let xml = Xml::open(path)?;
     let document = xml.parse()?;
     let has_own = |node: &Node<'_, '_>| {
@@ -41,8 +46,7 @@ fn one(path: &Path, folder: &Folder) -> Result<Option<PhotoRecord>, ScanError> {
             || node.children().any(|c| c.tag_name().namespace() == Some(NAMESPACE))
     };
     let Some(node) = document.descendants().find(has_own) else { return Ok(None) };
-    let name = path.with_extension("");
-    let mut photo = PhotoRecord::named(folder.relative(&name));
+    let mut photo = PhotoRecord::named(name);
     let size = folder.find(&photo.name).ok().and_then(|at| picture::read(&folder.pictures[at]).ok()).map(|p| p.size);
     photo.set_camera(camera(&xml, node, size)?);
     photo.set_pose(pose(&xml, node)?.ok_or(None));

@@ -124,6 +124,7 @@ pub(super) fn given(path: &Path) -> Result<Found, ScanError> {
             }
         }
     } else {
+        plain_file::open(path).map_err(|source| ReadError::Open { file: path.to_owned(), source })?;
         found = of(path)?;
         if let Some(one) = found.pop() {
             return Ok(one);
@@ -156,10 +157,7 @@ fn of(path: &Path) -> Result<Vec<Found>, ScanError> {
     if !has_ending(path, &["out", "xml", "mlp", "xmp"]) {
         return Ok(Vec::new());
     }
-    let cannot = |source| ReadError::Open { file: path.to_owned(), source };
-    let mut start = Vec::new();
-    plain_file::open(path).map_err(cannot)?.take(SNIFFED).read_to_end(&mut start).map_err(cannot)?;
-    let text = String::from_utf8_lossy(&start);
+    let text = beginning(path)?;
     let format = if text.starts_with(bundler::MAGIC) {
         Some((Format::Bundler, path.to_owned()))
     } else if text.contains("<MeshLabProject") || text.contains("<VCGCamera") {
@@ -172,4 +170,17 @@ fn of(path: &Path) -> Result<Vec<Found>, ScanError> {
         None
     };
     Ok(format.into_iter().collect())
+}
+
+/// The beginning of a file as text.
+fn beginning(path: &Path) -> Result<String, ScanError> {
+    let cannot = |source| ReadError::Open { file: path.to_owned(), source };
+    let mut start = Vec::new();
+    plain_file::open(path).map_err(cannot)?.take(SNIFFED).read_to_end(&mut start).map_err(cannot)?;
+    Ok(String::from_utf8_lossy(&start).into_owned())
+}
+
+/// Whether the beginning of a file has this text.
+pub(super) fn contains(path: &Path, text: &str) -> Result<bool, ScanError> {
+    Ok(beginning(path)?.contains(text))
 }

@@ -10,6 +10,9 @@ use std::path::{Path, PathBuf};
 /// Longest line, bytes: the observations of a picture stand in one line.
 const LINE_MAX: u64 = 64 << 20;
 
+/// How much of a line that is skipped is looked at, bytes.
+const LOOK: u64 = 4 << 10;
+
 /// The lines of a file.
 pub(super) struct Lines {
     path: PathBuf,
@@ -65,13 +68,17 @@ impl Lines {
         Ok(std::str::from_utf8(&self.line).ok().map(str::trim))
     }
 
-    /// Pass over a line, however long.
-    pub(super) fn skip(&mut self) -> Result<(), ScanError> {
-        let length = self.file.skip_until(b'\n');
+    /// Pass over a line, however long; its beginning, up to [`LOOK`] bytes.
+    pub(super) fn skip(&mut self) -> Result<&str, ScanError> {
+        self.line.clear();
+        let begun = (&mut self.file).take(LOOK).read_until(b'\n', &mut self.line);
+        let is_whole = self.line.ends_with(b"\n");
+        let rest = if is_whole { Ok(0) } else { self.file.skip_until(b'\n') };
+        let length = begun.and_then(|begun| Ok(begun + rest?));
         let length = length.map_err(|source| ReadError::Io { file: self.path.clone(), offset: self.offset, source })?;
         self.offset += length as u64;
         self.number += u64::from(length > 0);
-        Ok(())
+        Ok(std::str::from_utf8(&self.line).unwrap_or_default().trim())
     }
 
     /// The error for what stands in the line that came last.

@@ -9,8 +9,8 @@ use std::path::Path;
 
 /// Largest file, bytes; Metashape writes about a kilobyte for a photograph.
 const FILE_MAX: u64 = 256 << 20;
-/// Most elements and attributes' owners: a file of this size has fewer.
-const NODES_MAX: u32 = 16 << 20;
+/// Elements and texts of a file, and its attributes, at most: Metashape writes about twenty of each for a photograph.
+const NODES_MAX: u32 = 4 << 20;
 
 /// A file and its text.
 pub(super) struct Xml<'a> {
@@ -26,7 +26,31 @@ impl<'a> Xml<'a> {
             let valid = e.utf8_error().valid_up_to() as u64;
             ScanError::malformed(path, Place::Byte(valid), "bytes that are not UTF-8", "XML in UTF-8")
         })?;
-        Ok(Self { path, text })
+        let xml = Self { path, text };
+        xml.check()?;
+        Ok(xml)
+    }
+
+    /// Refuse a text whose document would be much larger than the file: `roxmltree` reserves memory for every `<` and `=`, and expands entities
+    /// as often as they are referred to.
+    fn check(&self) -> Result<(), ScanError> {
+        if let Some(at) = self.text.find("<!ENTITY") {
+            let line = self.text[..at].matches('\n').count() as u64 + 1;
+            let expected = "a file without entities of its own, as other programs write it";
+            return Err(ScanError::malformed(self.path, Place::Line(line), "a declaration <!ENTITY", expected));
+        }
+        for sign in ['<', '='] {
+            if let Some((at, _)) = self.text.match_indices(sign).nth(NODES_MAX as usize) {
+                let found = format!("more than {NODES_MAX} characters {sign}");
+                return Err(ScanError::malformed(
+                    self.path,
+                    Place::Byte(at as u64),
+                    found,
+                    "fewer photographs; export them in parts",
+                ));
+            }
+        }
+        Ok(())
     }
 
     pub(super) fn parse(&self) -> Result<Document<'_>, ScanError> {

@@ -32,9 +32,7 @@ pub(crate) fn scalar_buffer_layout() -> wgpu::VertexBufferLayout<'static> {
 
 /// Vertices of the first slab; every further one has twice as many, up to the largest.
 const FIRST_SLAB: u32 = 1 << 16;
-const LARGEST_SLAB: u32 = 1 << 20;
-/// Indices that a slab has for a vertex: chunks have about 1.6 triangles for one.
-const INDICES_PER_VERTEX: u32 = 5;
+const LARGEST_SLAB: u32 = 1 << 18;
 
 /// Buffers that hold many chunks, so that a frame binds few of them.
 struct Slab {
@@ -149,7 +147,8 @@ impl Pool {
     ) {
         self.evict(index);
         let local = drawn(&chunk.indices);
-        let (slab, vertices, indices) = self.allocate(device, chunk.vertex_count, local.len() as u32);
+        let place = self.allocate(device, chunk.vertex_count, local.len() as u32);
+        let Some((slab, vertices, indices)) = place else { return };
         let Some(Some(buffers)) = self.slabs.get(slab) else { return };
         let in_slab: Vec<u32> = local.iter().map(|vertex| vertices.start + vertex).collect();
         queue.write_buffer(&buffers.vertices, u64::from(vertices.start) * VERTEX_BYTES as u64, &chunk.vertices);
@@ -162,24 +161,31 @@ impl Pool {
     }
 
     /// A place for a chunk, in a slab that has room or in a new one.
-    fn allocate(&mut self, device: &wgpu::Device, vertices: u32, indices: u32) -> (usize, Range<u32>, Range<u32>) {
+    fn allocate(
+        &mut self,
+        device: &wgpu::Device,
+        vertices: u32,
+        indices: u32,
+    ) -> Option<(usize, Range<u32>, Range<u32>)> {
         for (number, slab) in self.slabs.iter_mut().enumerate() {
             if let Some((vertices, indices)) = slab.as_mut().and_then(|s| s.allocate(vertices, indices)) {
-                return (number, vertices, indices);
+                return Some((number, vertices, indices));
             }
         }
         let count = self.slabs.iter().flatten().count() as u32;
         let usual = FIRST_SLAB.checked_shl(count).filter(|n| (1..LARGEST_SLAB).contains(n)).unwrap_or(LARGEST_SLAB);
-        let (most_vertices, most_indices) =
-            (usual.max(vertices).max(1), (usual * INDICES_PER_VERTEX).max(indices).max(1));
-        let mut slab = Slab::new(device, most_vertices, most_indices);
-        let place = slab.allocate(vertices, indices).unwrap_or((0..vertices, 0..indices));
+        // As many indices for a vertex as the chunk has, and some more: meshes have about five, points one and a half.
+        let share = u64::from(usual) * u64::from(indices) * 9 / (u64::from(vertices.max(1)) * 8);
+        let max_vertices = usual.max(vertices).max(1);
+        let max_indices = (share.min(u64::from(usual) * 6) as u32).max(indices).max(1);
+        let mut slab = Slab::new(device, max_vertices, max_indices);
+        let (vertices, indices) = slab.allocate(vertices, indices)?;
         let number = self.slabs.iter().position(Option::is_none).unwrap_or(self.slabs.len());
         if number == self.slabs.len() {
             self.slabs.push(None);
         }
         self.slabs[number] = Some(slab);
-        (number, place.0, place.1)
+        Some((number, vertices, indices))
     }
 
     /// Show another scalar of a chunk that is here, or none.
@@ -195,7 +201,8 @@ impl Pool {
         let Some(Some(slab)) = self.slabs.get_mut(resident.slab) else { return };
         self.bytes -= resident.bytes();
         let shown = scalar.filter(|_| !chunk.scalars.is_empty());
-        resident.has_scalars = shown.is_some();
+        // An empty chunk lacks none.
+        resident.has_scalars = shown.is_some() || scalar.is_some() && chunk.vertex_count == 0;
         self.bytes += resident.bytes();
         let Some(shown) = shown else { return };
         let size = slab.vertices.size() / VERTEX_BYTES as u64 * SCALAR_BYTES;

@@ -1,7 +1,7 @@
 //! How long the passes of a frame take, on the processor and on the GPU. For figures; never needed to draw.
 //!
 //! A device with [`wgpu::Features::TIMESTAMP_QUERY`] writes the time at the beginning and the end of every pass into a query set, which is
-//! copied to a buffer at the end of the frame. A buffer is read two frames later, so that reading it does not stall the GPU.
+//! copied to a buffer at the end of the frame. A buffer is read once the GPU has finished the frame, so that reading it does not stall the GPU.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -10,6 +10,8 @@ use std::time::Instant;
 
 /// Passes of a frame that are timed at most; further ones have no GPU time.
 const PASSES: u32 = 8;
+/// Frames whose times were not taken; older ones are dropped.
+const FRAMES: usize = 16;
 /// Bytes of the timestamps of one frame.
 const BYTES: u64 = PASSES as u64 * 2 * 8;
 
@@ -100,6 +102,9 @@ impl PassTimer {
                 encoder.copy_buffer_to_buffer(resolved, 0, &out, 0, BYTES);
                 out
             });
+        if self.frames.len() == FRAMES {
+            self.frames.pop_front();
+        }
         self.frames.push_back(Recorded { passes, buffer, is_mapped: Arc::default() });
     }
 

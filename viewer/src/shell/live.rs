@@ -155,7 +155,7 @@ impl Drop for LiveSession {
     fn drop(&mut self) {
         self.jobs = None;
         for thread in self.threads.drain(..) {
-            // A thread that panicked has said so.
+            // The panic has already been reported.
             let _ = thread.join();
         }
     }

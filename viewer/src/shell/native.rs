@@ -245,7 +245,7 @@ impl<S: Source> Session<S> {
     }
 }
 
-/// The head of a pack: its bytes, as many as it needs, and what they say.
+/// The bytes of a pack's head, as many as it needs, and the parsed head.
 pub(super) fn read_head<S: Source>(source: &S) -> Result<(Vec<u8>, Head), SessionError> {
     let length = source.len().map_err(|source| SessionError::Read { offset: 0, length: 0, source })?;
     let bytes = read(source, 0, HEAD_BYTES.min(length))?;

@@ -45,7 +45,12 @@ pub(super) fn images(path: &Path, cameras: &Cameras) -> Result<Vec<PhotoRecord>,
         }
         let photo = one_image(line, cameras).map_err(|expected| (quoted(line), expected));
         photos.push(photo.map_err(|(found, expected)| lines.wrong(found, expected))?);
-        lines.skip()?;
+        let observations = lines.skip()?;
+        if one_image(observations, cameras).is_ok() {
+            let found = quoted(observations);
+            let expected = "the observations of the image above it, X Y POINT3D_ID for each, or an empty line";
+            return Err(lines.wrong(found, expected));
+        }
     }
     check(&lines, announced, photos.len(), "images")?;
     Ok(photos)
