@@ -206,7 +206,11 @@ fn posed(photo: &PhotoRecord) -> Option<[f64; 3]> {
 
 fn position(photo: &PhotoRecord) -> String {
     let station = photo.station.as_deref().map(|name| format!(" ({name})")).unwrap_or_default();
-    posed(photo).map_or_else(String::new, |[x, y, z]| format!("{x:.3} {y:.3} {z:.3}{station}"))
+    // No -0.000.
+    let rounded = |value: f64| (value * 1e3).round() / 1e3 + 0.0;
+    posed(photo)
+        .map(|at| at.map(rounded))
+        .map_or_else(String::new, |[x, y, z]| format!("{x:.3} {y:.3} {z:.3}{station}"))
 }
 
 fn as_json(set: &PhotoSet) -> Value {

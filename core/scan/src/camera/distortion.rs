@@ -53,14 +53,24 @@ impl Distortion {
         matches!(self, Self::Fisheye { .. })
     }
 
-    /// Whether all coefficients are finite.
-    pub(super) fn is_finite(&self) -> bool {
+    fn coefficients(&self) -> impl Iterator<Item = f64> {
         let (k, p): (&[f64], &[f64]) = match self {
             Self::None => (&[], &[]),
             Self::Brown { k, p } | Self::Fisheye { k, p } => (k, p),
             Self::OpenCv { k, p } => (k, p),
         };
-        k.iter().chain(p).all(|c| c.is_finite())
+        k.iter().chain(p).copied()
+    }
+
+    /// Whether all coefficients are finite.
+    pub(super) fn is_finite(&self) -> bool {
+        self.coefficients().all(f64::is_finite)
+    }
+
+    /// None for a map that moves nothing.
+    pub(super) fn simplified(self) -> Self {
+        let is_none = !self.is_fisheye() && self.coefficients().all(|c| c == 0.0);
+        if is_none { Self::None } else { self }
     }
 
     /// p1 and p2.

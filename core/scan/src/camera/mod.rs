@@ -89,11 +89,11 @@ pub struct Projection {
 }
 
 impl Camera {
-    /// A camera of pictures of `size` (width and height, pixels).
+    /// A camera of pictures of `size` (width and height, pixels). A distortion whose coefficients are all 0 becomes [`Distortion::None`], unless it is that of a fisheye.
     ///
     /// # Errors
     /// [`CameraError`]: a size of 0, a number that is not finite, a focal length or scale that is not positive.
-    pub fn new(size: [u32; 2], model: CameraModel) -> Result<Self, CameraError> {
+    pub fn new(size: [u32; 2], mut model: CameraModel) -> Result<Self, CameraError> {
         if size.contains(&0) {
             return Err(CameraError::Empty);
         }
@@ -111,8 +111,11 @@ impl Camera {
         if scale.min_element() <= 0.0 {
             return Err(CameraError::NotPositive);
         }
-        let limit = match &model {
-            CameraModel::Pinhole { distortion, .. } => distortion.limit(),
+        let limit = match &mut model {
+            CameraModel::Pinhole { distortion, .. } => {
+                *distortion = distortion.simplified();
+                distortion.limit()
+            }
             _ => f64::INFINITY,
         };
         Ok(Self { size, model, limit })
