@@ -465,3 +465,41 @@ fn missing_chunks_are_skipped_and_evicted_ones_free_their_memory() {
     renderer.evict(7);
     assert_eq!((renderer.chunk_count(), renderer.chunk_bytes()), (0, 0));
 }
+
+/// Places that evicted chunks leave are filled by others, some in buffers of their own: pictures do not depend on it.
+#[test]
+fn a_picture_does_not_depend_on_what_was_uploaded_and_evicted_before() {
+    let gpu = gpu();
+    let center = IVec3::splat(1 << 20);
+    // Balls in a row, of 40 to 60,000 triangles; the largest has more vertices than the first buffer has places.
+    let balls: BTreeMap<u32, Chunk> = (0..9_i32)
+        .map(|k| {
+            let rings = [5, 190, 12, 60, 8, 30, 100, 6, 20][k as usize];
+            (k as u32, ball(center + IVec3::new((k - 4) * 90_000, 0, 0), 40_000.0, rings))
+        })
+        .collect();
+    let draw: Vec<DrawPatch> = balls
+        .iter()
+        .flat_map(|(&index, chunk)| (0..4).map(move |k| draw_patch(index, k, &chunk.patches[k as usize])))
+        .collect();
+    let view = ball_view(center, 200_000.0, 3.0, 0.7, [96, 64]);
+    let options = RenderOptions::default();
+    let mut fresh = Renderer::headless(&gpu);
+    let mut used = Renderer::headless(&gpu);
+    for (&index, chunk) in &balls {
+        fresh.upload(index, &interleave(chunk));
+        used.upload(8 - index, &interleave(chunk));
+    }
+    for index in [1, 3, 4, 8, 0] {
+        used.evict(index);
+    }
+    for index in [3, 6, 0, 8, 2, 1, 7, 5, 4] {
+        used.upload(index, &interleave(&balls[&index]));
+    }
+    assert_eq!(used.chunk_bytes(), fresh.chunk_bytes());
+    let [a, b] =
+        [&mut fresh, &mut used].map(|r| pollster::block_on(r.image(&view, &draw, &options)).expect("reads back"));
+    let colors: std::collections::BTreeSet<&[u8]> = a.pixels.chunks_exact(4).collect();
+    assert!(colors.len() > 20, "the balls are in the picture");
+    assert_eq!(a, b);
+}

@@ -10,6 +10,9 @@
 //! `flight render PACK WIDTH HEIGHT FRAMES`: a recorded flight (all of it, down to the surface, along it, back) drawn
 //! without a window: times of whole frames (deciding, reading, decoding, uploading, drawing, waiting for the GPU) and of drawing alone.
 
+#[path = "shared/course.rs"]
+mod course;
+
 use kilwa_pack::reader::decode_checked;
 use kilwa_pack::{HEAD_BYTES, SliceSource, Source};
 use kilwa_stream::sim::{Decoders, Flight, Link, PackStore, Simulator};
@@ -119,9 +122,7 @@ fn steps(pack: &str, size: [u32; 2], error: f64) -> Result<(), Box<dyn Error>> {
     let bounds = Bounds { min: head.metadata.bounds_min, max: head.metadata.bounds_max };
     let budgets = Budgets { uploads: 64, gpu_bytes: 16 << 30, cpu_bytes: 32 << 30, ..Budgets::default() };
     let mut streamer = Streamer::new(&head, HEAD_BYTES, budgets);
-    let mut camera = Camera::standard(StandardView::South, &bounds, size);
-    camera.orthographic = false;
-    camera.elevation = 0.2;
+    let mut camera = course::whole(&bounds, size);
     let lattice = head.header.lattice;
     let (mut now, mut events) = (0.0, Vec::new());
     println!("| course | steps | ms p50 | ms p99 | chunks | patches | M triangles |");
@@ -182,44 +183,20 @@ fn answers(
     Ok(events)
 }
 
-/// The camera of a flight, 0 to 1: from all of the model to its middle, along it, and away again.
-fn camera_at(t: f64, all: &Camera, bounds: &Bounds) -> Camera {
-    let ease = |x: f64| x * x * (3.0 - 2.0 * x);
-    let near = ease((t * 4.0).min(1.0).min((1.0 - t) * 4.0));
-    let along = ease(((t - 0.25) * 2.0).clamp(0.0, 1.0)) - 0.5;
-    let mut camera = *all;
-    camera.distance = all.distance * (0.06 / 1.0f64).powf(near);
-    camera.target[0] += along * 0.7 * (bounds.max[0] - bounds.min[0]) * near;
-    camera.azimuth += 0.6 * along;
-    camera
-}
-
 fn render(pack: &str, size: [u32; 2], frames: usize) -> Result<(), Box<dyn Error>> {
     let gpu = pollster::block_on(Gpu::headless(Prefer::Hardware))?;
     let budgets = Budgets { uploads: 64, ..Budgets::default() };
     let mut session = Session::open(SliceSource(std::fs::read(pack)?), &gpu, budgets)?;
     let bounds = session.bounds();
-    let mut all = Camera::standard(StandardView::South, &bounds, size);
-    all.orthographic = false;
-    all.elevation = 0.2;
-    let target = gpu.device.create_texture(&wgpu::TextureDescriptor {
-        label: Some("flight"),
-        size: wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: 1 },
-        mip_level_count: 1,
-        sample_count: 1,
-        dimension: wgpu::TextureDimension::D2,
-        format: kilwa_viewer::renderer::IMAGE_FORMAT,
-        usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
-        view_formats: &[],
-    });
-    let target = target.create_view(&wgpu::TextureViewDescriptor::default());
+    let all = course::whole(&bounds, size);
+    let target = course::target(&gpu, size, kilwa_viewer::renderer::IMAGE_FORMAT);
     let options = RenderOptions::default();
     let (mut whole, mut draws, mut triangles) = (Vec::new(), Vec::new(), 0);
     let mut last = Stats::default();
     let begun = Instant::now();
     for frame in 0..frames {
         let started = Instant::now();
-        let view = session.view(&camera_at(frame as f64 / (frames - 1).max(1) as f64, &all, &bounds), size, 1.0);
+        let view = session.view(&course::flight(&all, &bounds, frame as f64 / (frames - 1).max(1) as f64), size, 1.0);
         let step = session.settle(&view)?;
         let drawing = Instant::now();
         session.renderer().draw(&view, &step.draw, &options, &target);

@@ -6,6 +6,8 @@
 //! canvases are. Printed: percentiles of the time from frame to frame; processor time of a frame, by part; GPU time of every pass, from
 //! timestamps. Software renderers have the same tables, and are named.
 
+#[path = "../shared/course.rs"]
+mod course;
 mod measure;
 mod report;
 

@@ -1,9 +1,10 @@
 //! Loading a pack and flying about it, with a clock beside it.
 
+use crate::course;
 use kilwa_stream::{Budgets, Stats};
 use kilwa_viewer::gpu::timer::{PassTime, PassTimer};
 use kilwa_viewer::shell::live::LiveSession;
-use kilwa_viewer::{Bounds, Camera, Gpu, Mode, RenderOptions, Renderer, StandardView};
+use kilwa_viewer::{Bounds, Camera, Gpu, Mode, RenderOptions, Renderer};
 use std::collections::VecDeque;
 use std::error::Error;
 use std::f64::consts::TAU;
@@ -109,21 +110,12 @@ pub(crate) fn run(gpu: &Gpu, bytes: &[u8], setting: Setting, courses: &[Course])
 
 /// The camera at a share of a course.
 fn camera_at(course: Course, share: f64, bounds: &Bounds, size: [u32; 2]) -> Camera {
-    let mut all = Camera::standard(StandardView::South, bounds, size);
-    all.orthographic = false;
-    all.elevation = 0.2;
-    if course == Course::Orbit {
-        all.azimuth += TAU * share;
-        return all;
+    let mut all = course::whole(bounds, size);
+    if course == Course::Flight {
+        return course::flight(&all, bounds, share);
     }
-    let ease = |x: f64| x * x * (3.0 - 2.0 * x);
-    let near = ease((share * 4.0).min(1.0).min((1.0 - share) * 4.0));
-    let along = ease(((share - 0.25) * 2.0).clamp(0.0, 1.0)) - 0.5;
-    let mut camera = all;
-    camera.distance = all.distance * 0.06_f64.powf(near);
-    camera.target[0] += along * 0.7 * (bounds.max[0] - bounds.min[0]) * near;
-    camera.azimuth += 0.6 * along;
-    camera
+    all.azimuth += TAU * share;
+    all
 }
 
 /// A session, its target, and the frames that the GPU is behind.
@@ -146,16 +138,6 @@ struct Stage<'g> {
 impl<'g> Stage<'g> {
     fn new(gpu: &'g Gpu, bytes: Vec<u8>, setting: &Setting) -> Result<Self, Box<dyn Error>> {
         let size = setting.size;
-        let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
-            label: Some("canvas"),
-            size: wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: 1 },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: CANVAS_FORMAT,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
-            view_formats: &[],
-        });
         let opened = Instant::now();
         let mut renderer = Renderer::new(gpu.device.clone(), gpu.queue.clone(), CANVAS_FORMAT, setting.samples);
         renderer.set_timer(Some(PassTimer::new(&gpu.device, &gpu.queue)));
@@ -165,7 +147,7 @@ impl<'g> Stage<'g> {
         Ok(Self {
             gpu,
             session,
-            target: texture.create_view(&wgpu::TextureViewDescriptor::default()),
+            target: course::target(gpu, size, CANVAS_FORMAT),
             options: RenderOptions { mode: setting.mode, ..RenderOptions::default() },
             size,
             pixels: setting.pixels,

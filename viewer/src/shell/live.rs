@@ -7,7 +7,7 @@ use crate::renderer::Renderer;
 use kilwa_pack::reader::decode_checked;
 use kilwa_pack::{DirectoryEntry, GpuChunk, Header, Metadata, PatchRange, SliceSource, Source, interleave};
 use kilwa_stream::{Budgets, Command, Event, FetchKind, Step, Streamer, View, length_of};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex, mpsc};
 use std::thread::JoinHandle;
@@ -38,6 +38,8 @@ pub struct LiveSession {
     jobs: Option<mpsc::Sender<Job>>,
     answers: mpsc::Receiver<Answer>,
     threads: Vec<JoinHandle<()>>,
+    /// Chunks that are being decoded, unless they were evicted meanwhile.
+    awaited: BTreeSet<u32>,
     /// Decoded chunks that are not uploaded yet.
     decoded: BTreeMap<u32, GpuChunk>,
     events: Vec<Event>,
@@ -74,6 +76,7 @@ impl LiveSession {
             jobs: Some(jobs),
             answers,
             threads,
+            awaited: BTreeSet::new(),
             decoded: BTreeMap::new(),
             events: Vec::new(),
         })
@@ -101,6 +104,9 @@ impl LiveSession {
     pub fn step(&mut self, view: &View, now_ms: f64) -> Result<Step, SessionError> {
         let mut events = std::mem::take(&mut self.events);
         for (chunk, decoded) in self.answers.try_iter() {
+            if !self.awaited.remove(&chunk) {
+                continue;
+            }
             events.push(match decoded {
                 Some((decoded, patches)) => {
                     self.decoded.insert(chunk, decoded);
@@ -132,7 +138,9 @@ impl LiveSession {
                 let entry = self.streamer.entry(chunk).cloned();
                 let is_begun =
                     entry.zip(self.jobs.as_ref()).is_some_and(|(entry, jobs)| jobs.send(Job { chunk, entry }).is_ok());
-                if !is_begun {
+                if is_begun {
+                    self.awaited.insert(chunk);
+                } else {
                     self.events.push(Event::DecodeFailed { chunk });
                 }
             }
@@ -142,6 +150,7 @@ impl LiveSession {
                 }
             }
             Command::Evict { chunk } => {
+                self.awaited.remove(&chunk);
                 self.decoded.remove(&chunk);
                 self.renderer.evict(chunk);
             }
