@@ -59,6 +59,12 @@ impl Cameras {
         seen.map_or(now, |p| now.max(PREDICTED_WEIGHT * raw_priority(index, node, p, self.step)))
     }
 
+    /// [`Wanted::may_want_below`].
+    fn may_want_below(&self, index: u32, nodes: &Nodes) -> bool {
+        let bound = nodes.get(index).map(|node| self.bound_below(index, node));
+        bound.is_some_and(|bound| bound > self.view.target_pixels)
+    }
+
     /// The priority that children of a chunk have at most.
     fn bound_below(&self, index: u32, node: &Node) -> f64 {
         if index == 0 {
@@ -155,8 +161,7 @@ impl Wanted {
 
     /// Whether a child of this chunk may be wanted, by what the directory states before the children are known.
     pub(crate) fn may_want_below(&self, index: u32, nodes: &Nodes) -> bool {
-        let bound = nodes.get(index).map(|node| self.cameras.bound_below(index, node));
-        bound.is_some_and(|bound| bound > self.cameras.view.target_pixels)
+        self.cameras.may_want_below(index, nodes)
     }
 
     /// How urgently a chunk is asked for: one that the picture does not need comes with those beside the picture.
@@ -289,12 +294,10 @@ pub(crate) fn wanted(
             }
         }
     }
-    let by_index = Ranks::new(&ranks, nodes);
     let keys = ranks.iter().map(|(index, rank)| rank.key(u64::from(*index)));
     let order = sorted(keys).map(|key| key as u32).collect();
-    let ranks = by_index;
-    let mut out = Wanted { cameras: *cameras, order, ranks, skipped: PerNode::new(nodes), limited, cut_off };
+    let ranks = Ranks::new(&ranks, nodes);
     let is_free = |index: u32, node: &Node| is_pinned.get(nodes, index) || node.end() <= head_bytes;
-    out.skipped = skip::skipped(nodes, &out.ranks, |index| out.may_want_below(index, nodes), is_free);
-    out
+    let skipped = skip::skipped(nodes, &ranks, |index| cameras.may_want_below(index, nodes), is_free);
+    Wanted { cameras: *cameras, order, ranks, skipped, limited, cut_off }
 }
