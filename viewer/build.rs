@@ -1,4 +1,4 @@
-//! The shaders without their comments and indentation, for the program: readers of the page on a slow line would wait for them.
+//! Strips comments and indentation from the shaders, so that the page loads faster over a slow connection.
 
 use std::path::Path;
 use std::{env, fs};
@@ -7,7 +7,7 @@ fn main() {
     let shaders = Path::new("../shaders");
     println!("cargo::rerun-if-changed={}", shaders.display());
     let out = env::var("OUT_DIR").expect("cargo sets OUT_DIR for build scripts");
-    for entry in fs::read_dir(shaders).expect("the folder shaders lies beside the viewer's") {
+    for entry in fs::read_dir(shaders).expect("the folder `shaders` is beside the viewer's") {
         let path = entry.expect("the folder shaders can be read").path();
         if path.extension().is_some_and(|e| e == "wgsl") {
             let text = fs::read_to_string(&path).expect("a shader can be read");
@@ -17,7 +17,7 @@ fn main() {
     }
 }
 
-/// WGSL has no texts, so that two slashes always begin a comment; there are no comments in /* */ in the shaders.
+/// WGSL has no string literals, so `//` always begins a comment. Block comments are not allowed in the shaders.
 fn without_comments(text: &str) -> String {
     assert!(!text.contains("/*"), "comments in the shaders begin with //");
     let lines = text.lines().map(|line| line.split_once("//").map_or(line, |(code, _)| code).trim());

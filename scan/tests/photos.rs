@@ -61,7 +61,7 @@ fn what_is_missing_is_listed_with_the_photograph() {
     assert_eq!(names, ["a.png", "b.png", "images/c.png"]);
     assert_eq!(missing(&set.photos[0]), ["no file"]);
     assert_eq!(missing(&set.photos[1]), ["no calibration: the camera model FOV is not supported"]);
-    assert_eq!(missing(&set.photos[2]), ["no calibration: no file states its camera", "no pose"]);
+    assert_eq!(missing(&set.photos[2]), ["no calibration: no file describes its camera", "no pose"]);
     assert_eq!(set.sparse_points[0].seen, 2);
     // A picture of another size than the calibrated one has no camera that fits.
     png(&site, "images/a.png", [20, 15]);
@@ -92,7 +92,7 @@ fn names_in_files_never_lead_outside_the_folder() {
 }
 
 #[test]
-fn masks_are_told_from_photographs() {
+fn masks_are_distinguished_from_photographs() {
     let site = Site::new();
     for name in ["a.png", "a.mask.png", "b.png", "b_mask.png", "sub/c.png", "sub/masks/c.png", "images/d.png"] {
         png(&site, name, [4, 4]);
@@ -132,7 +132,7 @@ fn a_name_is_found_at_its_place_in_the_folder_first() {
 }
 
 #[test]
-fn an_image_of_colmap_where_observations_belong_is_refused() {
+fn a_colmap_image_line_in_place_of_observations_is_refused() {
     let site = Site::new();
     colmap(&site);
     site.write("images.txt", "1 1 0 0 0 0 0 5 1 a.png\n2 1 0 0 0 0 0 5 2 b.png\n");
@@ -150,7 +150,7 @@ fn xml_that_would_take_more_memory_than_its_file_is_refused() {
     assert!(message.contains("cameras.xml, line 2") && message.contains("<!ENTITY"), "{message}");
     rewrite(&site, "cameras.xml", format!("<document><chunk>{}", "<".repeat(5 << 20)).as_bytes());
     let message = read(&site.path(""), &Options::default()).unwrap_err().to_string();
-    assert!(message.contains("characters <"), "{message}");
+    assert!(message.contains("\"<\" characters"), "{message}");
 }
 
 #[test]
@@ -180,7 +180,7 @@ fn several_files_with_poses_are_an_error_that_names_them_and_the_option() {
     }
     let path = site.write("notes.txt", "hello");
     let message = read(&site.path(""), &Options { poses: Some(&path), stations: &[] }).unwrap_err().to_string();
-    assert!(message.contains("notes.txt holds no poses"), "{message}");
+    assert!(message.contains("notes.txt contains no poses"), "{message}");
 }
 
 /// The camera stands at (1, 0, 0) of the chunk and looks along +z; the chunk is twice as large as its coordinate system's tenth, turned by 90° about z,
@@ -215,7 +215,7 @@ const METASHAPE: &str = r#"<?xml version="1.0" encoding="UTF-8"?>
 "#;
 
 #[test]
-fn metashape_is_read_as_its_manual_defines_it() {
+fn metashape_follows_its_documentation() {
     let site = Site::new();
     let file = site.write("cameras.xml", METASHAPE);
     png(&site, "photos/a.png", [40, 30]);
@@ -250,7 +250,7 @@ fn metashape_is_read_as_its_manual_defines_it() {
         ("<f>50</f>", "<f>5O</f>", ["line 10", "\"5O\" as f; expected a number"]),
         ("<scale>0.2", "<scale>-1", ["line 18", "a positive scale"]),
         (">1 0 0 1 0 1 0 0", ">1 0 0 1 0 2 0 0", ["line 21", "a matrix that scales"]),
-        ("</cameras>", "", ["line 26", "XML that is not sound"]),
+        ("</cameras>", "", ["line 26", "malformed XML"]),
         ("width=\"80\"", "width=\"8.5\"", ["line 14", "a resolution of 8.5 × 40"]),
     ] {
         std::fs::write(&file, METASHAPE.replacen(from, to, 1)).unwrap();
@@ -259,7 +259,7 @@ fn metashape_is_read_as_its_manual_defines_it() {
             assert!(message.contains(part) && message.contains("cameras.xml"), "{from}: {message}");
         }
     }
-    // Of a geographic or projected system the transform is not.
+    // With a geographic or projected system, the transform leads to geocentric coordinates.
     std::fs::write(
         &file,
         METASHAPE.replace("LOCAL_CS[\"Local Coordinates (m)\"]", "PROJCS[\"WGS 84 / UTM zone 36S\",GEOGCS[]]"),
@@ -286,7 +286,7 @@ const XMP: &str = r#"<x:xmpmeta xmlns:x="adobe:ns:meta/">
 "#;
 
 #[test]
-fn sidecars_of_reality_capture_are_read_as_its_makers_define_them() {
+fn sidecars_of_reality_capture_follow_their_documentation() {
     let site = Site::new();
     let file = site.write("IMG_1.xmp", XMP);
     site.write("IMG_2.xmp", "<x:xmpmeta xmlns:x=\"adobe:ns:meta/\"/>");
@@ -309,7 +309,7 @@ fn sidecars_of_reality_capture_are_read_as_its_makers_define_them() {
     let seen = posed.project(DVec3::new(10.0 + x, 21.0, 5.0 - y)).unwrap();
     near(seen, [15.0 + 0.025 * 40.0 + 50.0 * xd, 20.0 - 0.05 * 40.0 + 50.0 * yd]);
     assert_eq!(missing(&set.photos[1]), ["no file", "no calibration: the size of the picture is unknown"]);
-    assert_eq!(missing(&set.photos[2]), ["no calibration: no file states its camera", "no pose"]);
+    assert_eq!(missing(&set.photos[2]), ["no calibration: no file describes its camera", "no pose"]);
     // Sidecars elsewhere, and a sidecar of another program that is not even UTF-8.
     std::fs::create_dir(site.path("elsewhere")).unwrap();
     site.write("elsewhere/IMG_2.xmp", XMP);
@@ -349,9 +349,9 @@ fn a_camera_of_meshlab_belongs_to_the_picture_of_its_name() {
     for (from, to, part) in [
         ("CenterPx=\"21 14\"", "", "line 3: found an element VCGCamera without CenterPx"),
         ("-1 -2 -3 1", "-1 -2 -3", "line 3: found \"-1 -2 -3\" as TranslationVector; expected 4 numbers"),
-        ("0 0 0 0 1\"/>", "0 0 0 0 1\"", "line 5: found XML that is not sound"),
+        ("0 0 0 0 1\"/>", "0 0 0 0 1\"", "line 5: found malformed XML"),
         ("\"40 30\"", "\"-4 30\"", "line 3: found a ViewportPx of -4 × 30"),
-        ("\"1 0 0 0 0 1", "\"1 0 0 0 0 -1", "line 3: found as RotationMatrix a matrix that mirrors"),
+        ("\"1 0 0 0 0 1", "\"1 0 0 0 0 -1", "line 3: found a matrix that mirrors"),
     ] {
         std::fs::write(&file, MESHLAB.replacen(from, to, 1)).unwrap();
         let message = read(&site.path(""), &Options::default()).unwrap_err().to_string();
@@ -368,7 +368,7 @@ fn bundler_looks_along_minus_z_with_y_up() {
     let site = Site::new();
     let file = site.write("bundle.out", BUNDLE);
     let message = read(&site.path(""), &Options::default()).unwrap_err().to_string();
-    assert!(message.contains("has no list of its pictures beside it"), "{message}");
+    assert!(message.contains("there is no list of pictures beside"), "{message}");
     site.write("list.txt", "./my pictures/a.png 0 532.5\nb.png\n");
     png(&site, "my pictures/a.png", [40, 30]);
     let set = folder(&site);
@@ -381,12 +381,12 @@ fn bundler_looks_along_minus_z_with_y_up() {
     assert!(missing(&set.photos[1]).contains(&"no pose: not registered by Bundler".to_owned()));
     assert_eq!((set.sparse_points[0].color, set.sparse_points[0].seen), ([1, 2, 3], 1));
     for (from, to, part) in [
-        ("2 1\n", "3 1\n", "line 2: found 3 cameras; expected 2, as"),
+        ("2 1\n", "3 1\n", "line 2: found a camera count of 3; expected 2, the number of names in"),
         ("0 1 0\n", "0 1\n", "line 5: found \"0 1\"; expected a row of a rotation: 3 numbers"),
         ("0 1 0\n", "0 2 0\n", "line 7: found a matrix that scales"),
         ("1 0 7 0.5 -0.5\n", "2 0 7 0.5 -0.5\n", "line 15: found \"2 0 7 0.5 -0.5\"; expected the number of views"),
         ("1 0 7 0.5 -0.5\n", "", "line 15: found the end of the file"),
-        ("-0.5\n", "-0.5\n9\n", "line 16: found \"9\"; expected the end of the file after 1 points"),
+        ("-0.5\n", "-0.5\n9\n", "line 16: found \"9\"; expected the end of the file (number of points: 1)"),
         ("2 1\n", "2 1000000000000\n", "line 16: found the end of the file"),
     ] {
         std::fs::write(&file, BUNDLE.replacen(from, to, 1)).unwrap();
@@ -396,7 +396,7 @@ fn bundler_looks_along_minus_z_with_y_up() {
 }
 
 #[test]
-fn mistakes_in_text_of_colmap_are_refused_with_their_line() {
+fn errors_in_colmap_text_state_the_line() {
     let site = Site::new();
     for (name, from, to, part) in [
         ("cameras.txt", "PINHOLE 40 30 50 50 20 15\n2", "PINHOLE 40 30 50 50 20\n2", "line 2: found \"1 PINHOLE"),
@@ -405,20 +405,15 @@ fn mistakes_in_text_of_colmap_are_refused_with_their_line() {
             "images.txt",
             "1 a.png",
             "9 a.png",
-            "line 2: found \"1 1 0 0 0 0 0 5 9 a.png\"; expected a camera that cameras.txt holds",
+            "line 2: found \"1 1 0 0 0 0 0 5 9 a.png\"; expected a camera that is in cameras.txt",
         ),
         (
             "images.txt",
             "2 1 0 0 0",
             "2 0 0 0 0",
-            "line 4: found \"2 0 0 0 0 0 0 5 2 b.png\"; expected a quaternion that is not 0",
+            "line 4: found \"2 0 0 0 0 0 0 5 2 b.png\"; expected a quaternion other than 0",
         ),
-        (
-            "images.txt",
-            "2 1 0 0 0 0 0 5 2 b.png\n",
-            "",
-            "expected 2 images, as the comment at its beginning states, not 1",
-        ),
+        ("images.txt", "2 1 0 0 0 0 0 5 2 b.png\n", "", "expected 2 images, as stated at the start of the file, not 1"),
         ("points3D.txt", "2 0\n", "2\n", "line 2: found \"7 0.5"),
         ("points3D.txt", "7 0.5", "7 inf", "line 2: found \"7 inf"),
     ] {
@@ -466,7 +461,7 @@ fn colmap_binary() -> [(&'static str, Vec<u8>); 3] {
 }
 
 #[test]
-fn binary_of_colmap_is_the_text_and_its_counts_are_not_trusted() {
+fn colmap_binary_equals_text_and_its_counts_are_checked() {
     let (site, text) = (Site::new(), Site::new());
     colmap(&text);
     let write = || colmap_binary().map(|(name, bytes)| site.write(name, bytes));
@@ -618,7 +613,8 @@ fn panoramas_and_cubes_take_the_pose_of_their_station() {
     let find = |name: &str| set.photos.iter().find(|photo| photo.name == name).unwrap();
     let pano = find("tower.png");
     assert_eq!((pano.frame, pano.station.as_deref(), pano.missing.len()), (Frame::Survey, Some("tower"), 0));
-    // x of the station is y of the survey. What is to its right is seen to the right, what is above above.
+    // The station's x axis is the survey's y axis. Points to its right appear on the right of the picture, points above
+    // it at the top.
     let station = DVec3::new(10.0, 20.0, 2.0);
     let seen = |photo: &PhotoRecord, direction: DVec3| photo.posed().unwrap().project(station + direction).unwrap();
     near(seen(pano, DVec3::Y), [200.0, 100.0]);
@@ -627,9 +623,10 @@ fn panoramas_and_cubes_take_the_pose_of_their_station() {
     near(seen(find("tower_front.png"), DVec3::new(0.5, 1.0, 0.2)), [75.0, 40.0]);
     near(seen(find("tower_right.png"), DVec3::new(1.0, -0.5, 0.2)), [75.0, 40.0]);
     near(seen(find("tower_up.png"), DVec3::new(0.5, 0.2, 1.0)), [75.0, 60.0]);
-    // A picture of 2:1 that no station has is any picture.
-    assert_eq!(missing(find("other.png")), ["no calibration: no file states its camera", "no pose"]);
-    // The file of the station has one scan; a second one from it, and its panorama is of neither.
+    // A 2:1 picture that is not named after a station is an ordinary picture.
+    assert_eq!(missing(find("other.png")), ["no calibration: no file describes its camera", "no pose"]);
+    // A panorama named after the station's source file belongs to the station; if the file has a second scan, to
+    // neither.
     png(&site, "pano/t.png", [400, 200]);
     let photo = |stations: &[survey::Station]| {
         let set = read(&site.path("pano"), &Options { poses: None, stations }).unwrap();
@@ -701,7 +698,7 @@ fn pictures_in_an_e57_file_are_listed_and_taken_out() {
     let mut out = Vec::new();
     extract(file, *number, &mut out).unwrap();
     assert_eq!(out, seed);
-    assert!(extract(file, 1, &mut Vec::new()).unwrap_err().to_string().contains("none of number 2"));
+    assert!(extract(file, 1, &mut Vec::new()).unwrap_err().to_string().contains("has no picture 2"));
     // Damaged, it is refused with its byte.
     let mut bytes = std::fs::read(&path).unwrap();
     let at = bytes.len() - 200;

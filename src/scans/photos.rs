@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// See what is known of photographs: cameras, poses, and what is missing.
+/// Show what is known about photographs: cameras, poses, and what is missing.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(subcommand)]
@@ -22,7 +22,7 @@ enum What {
     List(List),
 }
 
-/// List the photographs of a folder, or of a survey, with their cameras and poses and with what is missing.
+/// List the photographs in a folder or survey with their cameras and poses, and what is missing.
 ///
 /// Poses are read from COLMAP (text or binary), Bundler, Metashape XML, XMP sidecars of RealityCapture, MeshLab projects and camera XML, and E57.
 /// Photographs are JPEG and PNG files. They are not decoded, and nothing is written.
@@ -31,10 +31,12 @@ struct List {
     /// A folder with photographs, or a survey (its survey.toml lists them).
     #[arg(value_name = "DIR|SURVEY")]
     folder: PathBuf,
-    /// The file with the poses, if the folder holds several or it is elsewhere; of COLMAP, the folder of the model or one of its files.
+    /// The file with the poses, if the folder contains several or it is elsewhere; for COLMAP, the model's folder or
+    /// one of its files.
     #[arg(long, value_name = "FILE")]
     poses: Option<PathBuf>,
-    /// The survey whose stations have panoramas in the folder: pictures of 2:1 named after a station get its pose.
+    /// The survey whose stations have panoramas in the folder: a picture named after a station and twice as wide as
+    /// high gets its pose.
     #[arg(long, value_name = "SURVEY")]
     survey: Option<PathBuf>,
     /// Print the list as JSON.
@@ -64,14 +66,14 @@ fn read(args: &List) -> anyhow::Result<PhotoSet> {
     if is_survey {
         if args.poses.is_some() || args.survey.is_some() {
             bail!(
-                "{} is a survey, whose photographs survey.toml lists; for poses from another program name the folder of the photographs, and the survey with --survey",
+                "{} is a survey, so its photographs are listed in survey.toml; to use poses from another program, give the folder of the photographs instead, and the survey with --survey",
                 args.folder.display()
             );
         }
         return Ok(photos::of_survey(&args.folder, &Survey::open(&args.folder)?));
     }
     ensure!(args.folder.exists(), "{} does not exist", args.folder.display());
-    ensure!(args.folder.is_dir(), "{} is no folder; name the folder of the photographs", args.folder.display());
+    ensure!(args.folder.is_dir(), "{} is not a folder; give the folder of the photographs", args.folder.display());
     let survey = args.survey.as_deref().map(Survey::open).transpose()?;
     let stations = survey.as_ref().map(|survey| survey.stations.as_slice()).unwrap_or_default();
     let options = Options { poses: args.poses.as_deref(), stations };
@@ -109,7 +111,7 @@ fn table(set: &PhotoSet, out: &mut impl Write) -> anyhow::Result<()> {
     summary(set, out)
 }
 
-/// Counts, and for each kind of what is missing how many photographs miss it.
+/// Writes the counts, and for each kind of problem the number of photographs that have it.
 fn summary(set: &PhotoSet, out: &mut impl Write) -> anyhow::Result<()> {
     let count = |is: &dyn Fn(&PhotoRecord) -> bool| set.photos.iter().filter(|photo| is(photo)).count() as u64;
     let usable = count(&|photo| photo.posed().is_some() && photo.source != Source::Missing);
@@ -143,14 +145,14 @@ fn summary(set: &PhotoSet, out: &mut impl Write) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Kinds of what is missing, for people and programs.
+/// Names of the kinds of [`Missing`], in the table and in JSON.
 const KINDS: [&str; 7] = [
     "no file",
-    "several files of the name",
+    "several files with this name",
     "unreadable",
     "no calibration",
     "no pose",
-    "another size than calibrated",
+    "size differs from the calibration",
     "disabled",
 ];
 
@@ -174,7 +176,7 @@ fn pixels(photo: &PhotoRecord) -> String {
     size(photo).map_or_else(String::new, |[width, height]| format!("{width} × {height}"))
 }
 
-/// The kind of a camera, and what its lens does.
+/// The kind of camera, and its distortion model.
 fn kind(camera: &Camera) -> (&'static str, &'static str) {
     match camera.model() {
         CameraModel::Pinhole { distortion, .. } => match distortion {
@@ -234,7 +236,7 @@ fn photo_as_json(photo: &PhotoRecord) -> Value {
             }),
         })
     });
-    // JSON has no names that are not UTF-8.
+    // JSON strings must be Unicode, so other names are converted with loss.
     let shown = |path: &Path| path.display().to_string();
     let (file, inside) = match &photo.source {
         Source::File(path) => (Some(shown(path)), None),

@@ -6,13 +6,15 @@ use kilwa_synth::photos::{self, PhotoOptions};
 use std::io::Write as _;
 use std::path::PathBuf;
 
-/// Simulated photographs and panoramas of the fort under a moving sun, with poses as COLMAP gives them and the ground truth in separate files.
+/// Simulated photographs and panoramas of the fort under a moving sun, with poses in COLMAP's format and the ground
+/// truth in separate files.
 #[derive(clap::Args)]
 pub(super) struct Args {
     /// The folder to create: pictures and poses in its subfolder `photos`, the ground truth in `truth`.
     #[arg(short, long = "output", value_name = "FOLDER")]
     output: PathBuf,
-    /// Number of photographs, up to 2,000; their places are chosen so that as much of the fort as possible is seen by three of them.
+    /// Number of photographs, up to 2,000; positions are chosen so that three photographs show as much of the fort as
+    /// possible.
     #[arg(long, value_name = "N", default_value_t = 60)]
     photos: u32,
     /// Number of panoramas, up to 200: one from each of the first stations of `kilwa synth scans` with the same seed.
@@ -24,22 +26,24 @@ pub(super) struct Args {
     /// Seed of the fort and of everything random.
     #[arg(long, value_name = "S", default_value_t = 1)]
     seed: u64,
-    /// Exposures differ from the middle by up to so many stops.
+    /// Vary exposures by up to this many stops in either direction.
     #[arg(long, value_name = "EV", default_value_t = 1.0)]
     exposure: f64,
-    /// Share of pixels that show people, in per cent, over all pictures; in each picture they stand elsewhere.
+    /// Percentage of pixels that show people, over all pictures. Their positions differ from picture to picture.
     #[arg(long, value_name = "PERCENT", default_value_t = 2.0)]
     passers_by: f64,
-    /// Hours from the first photograph to the last, while the sun moves: up to 6, around nine in the morning.
+    /// Hours from the first photograph to the last, up to 6, centred on nine in the morning; the sun moves in this
+    /// time.
     #[arg(long, value_name = "HOURS", default_value_t = 2.0)]
     hours: f64,
-    /// Multiply the noise of the sensor; 0 is none.
+    /// Multiply the sensor noise by this factor; 0 turns it off.
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0)]
     noise: f64,
-    /// Write poses and sparse points in a frame of their own (scale, rotation and shift), as structure from motion gives them, instead of the survey's.
+    /// Write poses and sparse points in an arbitrary frame (scale, rotation and shift), as structure from motion does,
+    /// instead of the survey's.
     #[arg(long)]
     sfm_frame: bool,
-    /// Turn and move the poses so that points are off by PX pixels (root mean square) in each photograph.
+    /// Rotate and move the poses so that sparse points are off by PX pixels (root mean square) in each photograph.
     #[arg(long, value_name = "PX", default_value_t = 0.0)]
     pose_error: f64,
     /// Also write the range of each pixel, as 16-bit PNG files in units of 2 mm.

@@ -38,7 +38,7 @@ pub(crate) fn check(out: &Path) -> Result<(), FolderError> {
     }
 }
 
-/// Make the folder `out` of what `fill` writes into a folder with a temporary name beside it.
+/// Create the folder `out`: `fill` writes into a temporary folder beside it, which is then renamed.
 ///
 /// # Errors
 /// Those of `fill`, and [`FolderError`]; there is no folder `out` then.

@@ -4,7 +4,8 @@
 //! links: when the first picture and the target are there, what it cost, and that over the bytes of the chunks that are then shown. The pixel
 //! error is 1 or `ERR`; with `LOG` in the environment the requests over 10 Mbit/s are listed, too.
 //!
-//! `flight steps PACK WIDTH HEIGHT`: what [`kilwa_stream::Streamer::step`] takes once a view is loaded, at rest and in an orbit around the whole
+//! `flight steps PACK WIDTH HEIGHT`: how long [`kilwa_stream::Streamer::step`] takes once a view is loaded, at rest and
+//! in an orbit around the whole
 //! model. The pixel error is 1 or `ERR`.
 //!
 //! `flight render PACK WIDTH HEIGHT FRAMES`: a recorded flight (all of it, down to the surface, along it, back) drawn

@@ -72,10 +72,10 @@ struct Call {
     draw: u32,
 }
 
-/// Layers of chunks, from the nearest: within one, buffers are bound once.
+/// Number of layers of chunks, from near to far: within one, each buffer is bound once.
 const LAYERS: usize = 12;
 
-/// What draw calls have uniforms of their own for.
+/// When a draw call needs uniforms of its own.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum PerCall {
     /// Only for levels that fade into each other.
@@ -187,7 +187,7 @@ impl Renderer {
         self.pool.upload_scalars(&self.device, &self.queue, index, chunk, self.scalar);
     }
 
-    /// Time the passes of the frames from now on, or no longer. Pictures of ids and single pixels are not timed.
+    /// Start timing passes, or stop with `None`. ID images and picking are not timed.
     #[cfg(not(target_arch = "wasm32"))]
     pub fn set_timer(&mut self, timer: Option<PassTimer>) {
         self.timing.timer = timer;
@@ -423,7 +423,7 @@ impl Renderer {
     ) -> (Vec<Call>, Vec<Draw>) {
         let mut calls: Vec<Call> = Vec::new();
         let mut draws: Vec<Draw> = Vec::new();
-        // Slab and calls of every chunk; and its depth with its place in that list, as one number to sort by.
+        // The slab and calls of every chunk; and sort keys of depth and index in that list.
         let mut ranges: Vec<(usize, Range<usize>)> = Vec::new();
         let mut near: Vec<u128> = Vec::new();
         let mut first = 0;
@@ -458,7 +458,7 @@ impl Renderer {
             }
             first += patches.len();
             if calls.len() == before {
-                continue; // It would take a place in a layer.
+                continue; // A chunk without calls must not count towards a layer.
             }
             let depth = (chunk.middle - view.eye).dot(view.forward) as f32;
             near.push(ordered_bits(depth) << 64 | ranges.len() as u128);
@@ -496,7 +496,7 @@ impl Renderer {
     }
 }
 
-/// Bits of a number that is ordered as the number is.
+/// The bits of a number as an integer with the same order.
 fn ordered_bits(x: f32) -> u128 {
     let bits = x.to_bits();
     u128::from(if bits >> 31 == 0 { bits | 1 << 31 } else { !bits })

@@ -43,7 +43,7 @@ enum What {
     Codec(codec::Args),
     /// Streaming and drawing: a recorded flight natively, the page in Chromium on three links
     View(view::Args),
-    /// Frame times and times of passes on a GPU: an archive for other machines, and this machine's figures
+    /// Frame times and GPU pass times: makes an archive for other machines, and measures this one
     Gpu(gpu::Args),
     /// Importing scans: points per CPU second, memory
     Scans(scans::Args),

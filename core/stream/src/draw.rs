@@ -69,8 +69,9 @@ impl Streamer {
         asked
     }
 
-    /// Without the entries that are not resident while a child is not refined, and without what lies below those, until none is left: the
-    /// union of two cuts that can be drawn can be drawn, so there is one largest. In order of the indices.
+    /// The largest subset of `asked` that can be drawn, in order of the indices: removes entries that are not resident
+    /// while one of their children is not refined, and everything below them, until none is left. The union of two
+    /// drawable cuts is drawable, so the largest one is unique.
     fn drawable(&self, asked: &[u32]) -> Vec<u32> {
         let nodes = &self.nodes;
         let mut is_in = PerNode::<bool>::new(nodes);

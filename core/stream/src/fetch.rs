@@ -133,7 +133,7 @@ impl Streamer {
         if self.waits_for_visible(wanted, &needed, now_ms) {
             candidates.retain(|c| c.rank.visible || self.is_in_head(c));
         }
-        // Of equal rank pages come first.
+        // Pages come before chunks of the same rank.
         let keys =
             candidates.iter().map(|c| c.rank.key(u64::from(c.kind == FetchKind::Chunks) << 32 | u64::from(c.index)));
         let mut growing = Growing::default();

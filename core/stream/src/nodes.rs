@@ -28,7 +28,7 @@ pub(crate) struct Node {
     pub(crate) damaged: bool,
     /// Refined in the cut of the last step; it may be so without being held ([`crate::skip`]).
     pub(crate) refined: bool,
-    /// A ball round the chunk's own box.
+    /// Bounding sphere of the chunk's own box.
     pub(crate) box_sphere: Sphere,
     /// How many different parents it has.
     pub(crate) parent_count: u8,
@@ -52,7 +52,7 @@ impl Node {
     fn new(entry: DirectoryEntry, children: Vec<u32>) -> Self {
         Self {
             box_sphere: box_sphere(&entry),
-            parent_count: different_parents(&entry).count() as u8,
+            parent_count: distinct_parents(&entry).count() as u8,
             children,
             entry,
             state: State::Absent,
@@ -98,7 +98,7 @@ fn box_sphere(entry: &DirectoryEntry) -> Sphere {
 }
 
 /// The parents of an entry, each once.
-fn different_parents(entry: &DirectoryEntry) -> impl Iterator<Item = u32> + '_ {
+fn distinct_parents(entry: &DirectoryEntry) -> impl Iterator<Item = u32> + '_ {
     let all: Vec<u32> = entry.parents().collect();
     entry.parents().enumerate().filter(move |(slot, parent)| !all[..*slot].contains(parent)).map(|(_, parent)| parent)
 }
@@ -110,8 +110,8 @@ struct Page {
     nodes: Vec<Node>,
 }
 
-/// Known directory pages and the links from parents to children. Every step asks for thousands of nodes, so that they are found by two
-/// indices, not by a search.
+/// Known directory pages and the links from parents to children. Every step looks up thousands of nodes, so lookups use
+/// two array accesses instead of a search.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Nodes {
     /// Known pages in the order in which they came.
@@ -163,7 +163,7 @@ impl Nodes {
         self.places[page as usize] = self.pages.len() as u32 + 1;
         let links: Vec<(u32, u32)> = (first..)
             .zip(&nodes)
-            .flat_map(|(index, node)| different_parents(&node.entry).map(move |parent| (parent, index)))
+            .flat_map(|(index, node)| distinct_parents(&node.entry).map(move |parent| (parent, index)))
             .collect();
         self.pages.push(Page { number: page, nodes });
         for (parent, child) in links {
@@ -178,14 +178,14 @@ impl Nodes {
         (self.places.get(page as usize)?.checked_sub(1)).map(|place| place as usize)
     }
 
-    /// Where values of a known node stand in a list with [`Nodes::slots`] places.
+    /// The index of a known node in a list of length [`Nodes::slots`].
     pub(crate) fn slot(&self, index: u32) -> Option<usize> {
         let place = self.place(Self::page_of(index))?;
         let within = index as usize % ENTRIES_PER_PAGE;
         (within < self.pages.get(place)?.nodes.len()).then_some(place * ENTRIES_PER_PAGE + within)
     }
 
-    /// Places of a list with a value for every known node.
+    /// The length of a list with one value for every known node.
     pub(crate) fn slots(&self) -> usize {
         self.pages.len() * ENTRIES_PER_PAGE
     }
@@ -247,7 +247,7 @@ impl<T: Copy + Default> PerNode<T> {
         Self(vec![T::default(); nodes.slots()])
     }
 
-    /// The value of a node; the default one where the node is not known, or was not when this list was made.
+    /// The value of a node; the default if the node is unknown, or was when this list was made.
     pub(crate) fn get(&self, nodes: &Nodes, index: u32) -> T {
         nodes.slot(index).and_then(|slot| self.0.get(slot)).copied().unwrap_or_default()
     }

@@ -77,21 +77,21 @@ impl Cameras {
     }
 }
 
-/// Where values stand in a list, in the order of the values. Everything is sorted as `u128`: another sort would be 2 kB more in the page's
-/// program.
+/// The positions of the values, in ascending order of the values. Everything is sorted as `u128`: another instance of
+/// the sort would add 2 kB to the page's WebAssembly.
 pub(crate) fn in_order(values: impl Iterator<Item = u32>) -> Vec<usize> {
     let keys = (0..).zip(values).map(|(place, value): (u128, u32)| u128::from(value) << 64 | place);
     sorted(keys).map(|key| key as usize).collect()
 }
 
-/// The keys in ascending order; what is not compared is in their lowest bits.
+/// The keys in ascending order; their lowest bits carry the payload.
 pub(crate) fn sorted(keys: impl Iterator<Item = u128>) -> std::vec::IntoIter<u128> {
     let mut keys: Vec<u128> = keys.collect();
     keys.sort_unstable();
     keys.into_iter()
 }
 
-/// A number that is not negative as one that is ordered likewise, to sort by.
+/// The bits of a nonnegative number, which sort in the same order.
 pub(crate) fn bits(x: f64) -> u64 {
     x.max(0.0).to_bits()
 }

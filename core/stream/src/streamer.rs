@@ -12,13 +12,13 @@ use std::collections::{BTreeMap, BTreeSet};
 /// When a request that failed is tried again at the latest once another one succeeds, milliseconds.
 const SOON_MS: f64 = 250.0;
 
-/// The outcome of a step that asked for nothing, for steps with the same view.
+/// The result of a step that requested nothing, reused for steps with the same view.
 #[derive(Debug, Clone)]
 struct Rest {
     view: View,
     predicted: Option<View>,
     step: Step,
-    /// A second step gave the same, and so will every other.
+    /// Whether a second step had the same result; then all further ones will, too.
     is_repeated: bool,
 }
 

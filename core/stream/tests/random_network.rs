@@ -106,14 +106,14 @@ proptest! {
             let step = streamer.step(&view, 1e9 + f64::from(k), []);
             prop_assert_eq!(&step.commands, &Vec::new());
             prop_assert_eq!(&step.draw, &last.draw);
-            // An event, even one that means nothing, has everything decided anew.
+            // Any event, even an irrelevant one, triggers a full decision.
             let unknown = Event::Failed { request: u64::MAX };
             let fresh = streamer.clone().step(&view, 1e9 + f64::from(k), [unknown]);
             prop_assert_eq!(fresh, step);
         }
         streamer.set_budgets(Budgets { gpu_bytes: 0, cpu_bytes: 0, ..budgets });
         let step = streamer.step(&view, 1e9 + 6.0, []);
-        prop_assert!(step.stats.chunks_resident <= 1, "less memory is less memory at rest, too: {:?}", step.stats);
+        prop_assert!(step.stats.chunks_resident <= 1, "the budget applies at rest, too: {:?}", step.stats);
     }
 }
 

@@ -77,20 +77,20 @@ impl Bytes {
         Ok(count)
     }
 
-    /// Pass over bytes.
+    /// Skip bytes.
     pub(super) fn skip(&mut self, length: u64) -> Result<(), ScanError> {
         if length > self.total - self.at {
             return Err(self.wrong("the end of the file", "more data; the file is truncated"));
         }
         let distance =
-            i64::try_from(length).map_err(|_| self.wrong("a length of more than 2^63", "a file of this length"))?;
+            i64::try_from(length).map_err(|_| self.wrong("a length of 2^63 or more", "a length within the file"))?;
         let moved = self.file.seek_relative(distance);
         moved.map_err(|source| ReadError::Io { file: self.path.clone(), offset: self.at, source })?;
         self.at += length;
         Ok(())
     }
 
-    /// A name that a zero byte ends.
+    /// A name that ends with a zero byte.
     pub(super) fn name(&mut self) -> Result<String, ScanError> {
         let (start, mut name) = (self.at, Vec::new());
         loop {
@@ -112,10 +112,10 @@ impl Bytes {
     /// The file must end here.
     pub(super) fn end(&self) -> Result<(), ScanError> {
         let left = self.total - self.at;
-        if left > 0 { Err(self.wrong(format!("{left} more bytes"), "the end of the file")) } else { Ok(()) }
+        if left > 0 { Err(self.wrong(format!("extra data ({left} B)"), "the end of the file")) } else { Ok(()) }
     }
 
-    /// The error for what stands here.
+    /// The error for unexpected content at this position.
     pub(super) fn wrong(&self, found: impl Into<String>, expected: impl Into<String>) -> ScanError {
         ScanError::malformed(&self.path, Place::Byte(self.at), found, expected)
     }

@@ -26,8 +26,8 @@ pub(super) fn read(path: &Path, folder: &Folder) -> Result<Contents, ScanError> 
     }
     let [cameras, points] = counts(&mut lines)?;
     if cameras != names.1.len() as u64 {
-        let what = format!("{cameras} cameras");
-        return Err(lines.wrong(what, format!("{}, as {} lists", names.1.len(), names.0.display())));
+        let what = format!("a camera count of {cameras}");
+        return Err(lines.wrong(what, format!("{}, the number of names in {}", names.1.len(), names.0.display())));
     }
     let mut contents = Contents::default();
     for name in names.1 {
@@ -36,17 +36,17 @@ pub(super) fn read(path: &Path, folder: &Folder) -> Result<Contents, ScanError> 
     for _ in 0..points {
         contents.points.push(one_point(&mut lines)?);
     }
-    let more = lines.next_full()?.map(quoted);
+    let more = lines.next_content()?.map(quoted);
     // MeshLab ends a file without points with such a line.
     let is_of_meshlab = points == 0 && more.as_deref() == Some("\"0 0 0\"");
     if let Some(more) = more.filter(|_| !is_of_meshlab) {
-        return Err(lines.wrong(more, format!("the end of the file after {points} points")));
+        return Err(lines.wrong(more, format!("the end of the file (number of points: {points})")));
     }
     Ok(contents)
 }
 
 fn counts(lines: &mut Lines) -> Result<[u64; 2], ScanError> {
-    let line = lines.next_full()?.map(str::to_owned);
+    let line = lines.next_content()?.map(str::to_owned);
     let line = line.ok_or_else(|| lines.ended("the number of cameras and of points"))?;
     let counts: Option<Vec<u64>> = line.split_ascii_whitespace().map(|word| word.parse().ok()).collect();
     match counts.as_deref() {
@@ -57,7 +57,7 @@ fn counts(lines: &mut Lines) -> Result<[u64; 2], ScanError> {
 
 /// A line of `N` numbers.
 fn line_of<const N: usize>(lines: &mut Lines, what: &str) -> Result<[f64; N], ScanError> {
-    let line = lines.next_full()?.map(|line| (numbers(line), quoted(line)));
+    let line = lines.next_content()?.map(|line| (numbers(line), quoted(line)));
     match line {
         Some((Some(numbers), _)) => Ok(numbers),
         Some((None, found)) => Err(lines.wrong(found, format!("{what}: {N} numbers"))),
@@ -104,7 +104,7 @@ fn camera(focal: f64, [k1, k2]: [f64; 2], size: Option<[u32; 2]>) -> Result<Came
 fn one_point(lines: &mut Lines) -> Result<SparsePoint, ScanError> {
     let at = DVec3::from_array(line_of(lines, "the position of a point")?);
     let color = line_of::<3>(lines, "the colour of a point")?.map(|value| value.clamp(0.0, 255.0) as u8);
-    let line = lines.next_full()?.map(|line| (seen(line), quoted(line)));
+    let line = lines.next_content()?.map(|line| (seen(line), quoted(line)));
     match line {
         Some((Some(seen), _)) => Ok(SparsePoint { at, color, seen }),
         Some((None, found)) => Err(lines.wrong(found, "the number of views of a point, and four numbers for each")),
@@ -128,13 +128,13 @@ fn list(path: &Path) -> Result<(PathBuf, Vec<String>), ScanError> {
     let candidates = around.iter().flat_map(|folder| own.iter().chain(&usual).map(|name| folder.join(name)));
     let Some(list) = candidates.into_iter().find(|path| path.is_file()) else {
         return Err(ScanError::Request(format!(
-            "{} has no list of its pictures beside it; put {stem}.list.txt or list.txt there, with one file name per line in the order of the cameras",
+            "there is no list of pictures beside {}; put {stem}.list.txt or list.txt there, with one file name per line in the order of the cameras",
             path.display()
         )));
     };
     let mut lines = Lines::open(&list)?;
     let mut names = Vec::new();
-    while let Some(line) = lines.next_full()? {
+    while let Some(line) = lines.next_content()? {
         names.push(without_focal(line).to_owned());
     }
     Ok((list, names))

@@ -40,7 +40,7 @@ pub(super) fn read(path: &Path) -> Result<Contents, ScanError> {
 pub fn extract(path: &Path, number: usize, out: &mut dyn Write) -> Result<(), ScanError> {
     let mut images = open(path)?;
     if number >= images.len() {
-        let what = format!("{} has {} pictures and none of number {}", path.display(), images.len(), number + 1);
+        let what = format!("{} has no picture {} (number of pictures: {})", path.display(), number + 1, images.len());
         return Err(ScanError::Request(what));
     }
     images.write(number, out)

@@ -6,13 +6,13 @@ use kilwa_formats::read::ReadError;
 use std::collections::{HashMap, HashSet};
 use std::path::{Component, Path, PathBuf};
 
-/// Endings of pictures that are read.
+/// File extensions of pictures that are read.
 const PICTURES: [&str; 3] = ["jpg", "jpeg", "png"];
-/// Endings of files that may hold poses.
+/// File extensions of files that may contain poses.
 const OTHERS: [&str; 8] = ["txt", "bin", "out", "xml", "mlp", "xmp", "e57", "list"];
-/// Folders within folders that are looked at.
+/// Maximum depth of nested folders.
 const DEPTH_MAX: usize = 8;
-/// Most entries that are looked at.
+/// Maximum number of entries.
 const ENTRIES_MAX: usize = 1_000_000;
 
 /// What a folder holds, without following links.
@@ -48,15 +48,15 @@ impl Folder {
                 let kind = entry.file_type().map_err(cannot)?;
                 entries += 1;
                 if entries > ENTRIES_MAX {
-                    let what = format!("{} holds more than {ENTRIES_MAX} files; name a smaller folder", root.display());
+                    let what = format!("{} has more than {ENTRIES_MAX} files; choose a smaller folder", root.display());
                     return Err(ScanError::Request(what));
                 }
                 let path = entry.path();
                 if kind.is_dir() && depth < DEPTH_MAX {
                     open.push((path, depth + 1));
-                } else if kind.is_file() && has_ending(&path, &PICTURES) {
+                } else if kind.is_file() && has_extension(&path, &PICTURES) {
                     pictures.push(path);
-                } else if kind.is_file() && has_ending(&path, &OTHERS) {
+                } else if kind.is_file() && has_extension(&path, &OTHERS) {
                     folder.others.push(path);
                 }
             }
@@ -70,7 +70,8 @@ impl Folder {
     /// Tell masks from photographs, and index both.
     fn sort_out(&mut self, pictures: Vec<PathBuf>) {
         let mut masks = HashMap::new();
-        // A picture of a mask (of gold, say) is a photograph: only where the picture is there that it would mask, it is a mask.
+        // A picture named like a mask may be a photograph of one (a death mask, say): it is a mask only if the picture
+        // it would mask exists.
         let there: HashSet<PathBuf> =
             pictures.iter().flat_map(|path| [path.clone(), path.with_extension("")]).collect();
         for path in pictures {
@@ -97,7 +98,8 @@ impl Folder {
         self.pictures.binary_search_by(|picture| picture.as_path().cmp(path)).ok()
     }
 
-    /// The picture that a file of another program calls this: the one at this place in the folder; or of those with its name, the one whose folders agree most. Backslashes separate folders, too.
+    /// The picture that another program's file refers to by this name: the one at this path in the folder; otherwise,
+    /// of those with this file name, the one whose parent folders agree most. Backslashes separate folders, too.
     pub(super) fn find(&self, name: &str) -> Result<usize, Missing> {
         let name = name.replace('\\', "/").to_lowercase();
         let parts: Vec<&str> = name.split('/').filter(|part| !part.is_empty()).collect();
@@ -140,7 +142,7 @@ fn names(path: &Path) -> impl Iterator<Item = String> {
 /// The picture (with or without its ending) that this one masks: `NAME.mask.png` and `NAME_mask.png` lie beside it, `masks/NAME.png` in a folder
 /// beside it, or in `masks` beside its folder `images`.
 fn masked(path: &Path) -> Option<PathBuf> {
-    if !has_ending(path, &["png"]) {
+    if !has_extension(path, &["png"]) {
         return None;
     }
     let (folder, stem) = (path.parent()?, path.file_stem()?.to_str()?);
@@ -155,6 +157,6 @@ fn masked(path: &Path) -> Option<PathBuf> {
     })
 }
 
-pub(super) fn has_ending(path: &Path, endings: &[&str]) -> bool {
+pub(super) fn has_extension(path: &Path, endings: &[&str]) -> bool {
     path.extension().is_some_and(|ending| endings.iter().any(|known| ending.eq_ignore_ascii_case(known)))
 }

@@ -22,7 +22,7 @@ pub(super) fn read(path: &Path) -> Result<Contents, ScanError> {
         let raster = node.parent().filter(|parent| parent.has_tag_name("MLRaster"));
         let plane = raster.and_then(|raster| raster.children().find(|child| child.has_tag_name("Plane")));
         let name = plane.and_then(|plane| plane.attribute("fileName")).or_else(|| raster?.attribute("label"));
-        // A camera that stands alone belongs to the picture of the same name.
+        // A camera file that is not a project belongs to the picture of the same name.
         let own = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let mut photo = PhotoRecord::named(name.filter(|name| !name.is_empty()).map_or(own, str::to_owned));
         photo.set_camera(camera(&xml, node)?);
@@ -34,7 +34,7 @@ pub(super) fn read(path: &Path) -> Result<Contents, ScanError> {
 
 fn pose(xml: &Xml<'_>, node: Node<'_, '_>) -> Result<Pose, ScanError> {
     if node.attribute("BinaryData").is_some_and(|value| value != "0") {
-        return Err(xml.wrong(node, "a camera in binary", "a project that was saved as text"));
+        return Err(xml.wrong(node, "a camera in binary form", "a project saved as text"));
     }
     let rows = xml.attribute::<16>(node, "RotationMatrix")?;
     let [x, y, z, _] = xml.attribute::<4>(node, "TranslationVector")?;
@@ -44,7 +44,7 @@ fn pose(xml: &Xml<'_>, node: Node<'_, '_>) -> Result<Pose, ScanError> {
     let rotation = DMat3::from_diagonal(flip) * DMat3::from_mat4(DMat4::from_cols_array(&rows)).transpose();
     let matrix = DMat4::from_mat3_translation(rotation, -(rotation * position));
     let (pose, _) = Pose::from_matrix(matrix)
-        .map_err(|e| xml.wrong(node, format!("as RotationMatrix {e}"), "a rotation by rows"))?;
+        .map_err(|e| xml.wrong(node, format!("{e} in RotationMatrix"), "a rotation matrix, row by row"))?;
     Ok(Pose { translation: -(pose.rotation * position), ..pose })
 }
 
@@ -57,7 +57,7 @@ fn camera(xml: &Xml<'_>, node: Node<'_, '_>) -> Result<Result<Camera, String>, S
     let distortion =
         node.attribute("LensDistortion").map_or(Ok([0.0; 2]), |_| xml.attribute(node, "LensDistortion"))?;
     let pixels = size(viewport).ok_or_else(|| {
-        xml.wrong(node, format!("a ViewportPx of {} × {}", viewport[0], viewport[1]), "whole numbers from 1 on")
+        xml.wrong(node, format!("a ViewportPx of {} × {}", viewport[0], viewport[1]), "positive whole numbers")
     })?;
     if distortion != [0.0; 2] {
         return Ok(Err("the lens distortion of MeshLab is not supported; undistort the picture".to_owned()));

@@ -1,6 +1,7 @@
 //! Agisoft Metashape and PhotoScan: the XML file of "Export Cameras".
 //!
-//! A camera's `transform` takes its axes (ours) to the chunk; the chunk's transform (or that of the camera's component) is a rotation, a
+//! A camera's `transform` takes its axes (those of [`kilwa_scan_core::camera`]) to the chunk; the chunk's transform (or
+//! that of the camera's component) is a rotation, a
 //! translation and a scale to the chunk's local system, or to geocentric coordinates if it has a geographic or projected one. A scale does not change what a camera sees, so it is
 //! moved into the position: poses are in units of the coordinate system.
 //!
@@ -88,7 +89,7 @@ fn camera(
 ) -> Result<PhotoRecord, ScanError> {
     let mut photo = PhotoRecord::named(id(xml, node, "label")?);
     let sensor = node.attribute("sensor_id").and_then(|id| sensors.get(id));
-    photo.set_camera(sensor.cloned().unwrap_or_else(|| Err("the file has no sensor for it".to_owned())));
+    photo.set_camera(sensor.cloned().unwrap_or_else(|| Err("its sensor is not in the file".to_owned())));
     if matches!(node.attribute("enabled"), Some("false" | "0")) {
         photo.missing.push(Missing::Disabled);
     }
@@ -150,7 +151,7 @@ fn sensor(xml: &Xml<'_>, node: Node<'_, '_>) -> Result<Result<Camera, String>, S
     };
     let pixels = [xml.attribute::<1>(resolution, "width")?[0], xml.attribute::<1>(resolution, "height")?[0]];
     let pixels = size(pixels).ok_or_else(|| {
-        xml.wrong(resolution, format!("a resolution of {} × {}", pixels[0], pixels[1]), "whole numbers from 1 on")
+        xml.wrong(resolution, format!("a resolution of {} × {}", pixels[0], pixels[1]), "positive whole numbers")
     })?;
     let kind = calibration.and_then(|node| node.attribute("type")).unwrap_or(kind);
     if kind == "spherical" && calibration.is_none() {

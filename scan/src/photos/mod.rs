@@ -1,4 +1,5 @@
-//! Photographs: what is known of each picture of a folder, from the pictures and from files of other programs that hold cameras and poses.
+//! Photographs: what is known about each picture in a folder, from the pictures and from other programs' files with
+//! cameras and poses.
 //!
 //! A format has a file here: COLMAP (text and binary), Bundler, Metashape, XMP sidecars of RealityCapture, MeshLab, E57. [`read`] finds out which of them a
 //! folder holds, reads it, and finds the pictures that it names among the pictures of the folder; names never lead outside the folder.
@@ -71,11 +72,11 @@ pub struct PhotoRecord {
     pub frame: Frame,
     /// The station that it belongs to.
     pub station: Option<String>,
-    /// What the picture says of itself.
+    /// What the picture file states: its size, time and exposure.
     pub picture: Option<Picture>,
     /// A PNG picture that masks parts of it: `NAME.mask.png`, `NAME_mask.png` or `masks/NAME.png`.
     pub mask: Option<PathBuf>,
-    /// Why it cannot be used, or not as it is.
+    /// Reasons why it cannot be used, or only with changes.
     pub missing: Vec<Missing>,
 }
 
@@ -108,14 +109,14 @@ pub enum Missing {
     Calibration(String),
     /// It has no pose, or none that can be used; why, if that is known.
     Pose(Option<String>),
-    /// The picture has another size than the one that was calibrated.
+    /// The picture's size differs from the calibrated size.
     Size {
         /// Width and height of the picture, pixels.
         picture: [u32; 2],
         /// Those of the calibration.
         calibrated: [u32; 2],
     },
-    /// The program that made the poses was told not to use it.
+    /// It was disabled in the program that made the poses.
     Disabled,
 }
 
@@ -123,7 +124,7 @@ impl std::fmt::Display for Missing {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
             Self::File => f.write_str("no file"),
-            Self::Ambiguous(count) => write!(f, "{count} files of this name"),
+            Self::Ambiguous(count) => write!(f, "{count} files with this name"),
             Self::Picture(why) => write!(f, "unreadable: {why}"),
             Self::Calibration(why) => write!(f, "no calibration: {why}"),
             Self::Pose(None) => f.write_str("no pose"),
@@ -276,7 +277,7 @@ fn complete(photo: &mut PhotoRecord, folder: &Folder, stations: &[Station]) {
 fn note_missing(photo: &mut PhotoRecord) {
     let has = |photo: &PhotoRecord, kind: fn(&Missing) -> bool| photo.missing.iter().any(kind);
     if photo.camera.is_none() && !has(photo, |m| matches!(m, Missing::Calibration(_))) {
-        photo.missing.push(Missing::Calibration("no file states its camera".to_owned()));
+        photo.missing.push(Missing::Calibration("no file describes its camera".to_owned()));
     }
     if photo.camera_from_world.is_none() && !has(photo, |m| matches!(m, Missing::Pose(_))) {
         photo.missing.push(Missing::Pose(None));

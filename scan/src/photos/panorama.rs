@@ -12,7 +12,7 @@ use kilwa_scan_core::camera::CubeFace;
 use kilwa_scan_core::{Camera, Pose};
 use std::path::Path;
 
-/// Widest border of rounding: a panorama of 8191 × 4096 is one, too.
+/// Tolerance of the 2:1 aspect ratio, for rounding: 8191 × 4096 is a panorama, too.
 const ROUNDING: u32 = 1;
 
 /// Give a photograph the camera of a panorama, and the pose of its station.

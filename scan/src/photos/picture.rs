@@ -1,4 +1,4 @@
-//! What a picture says of itself: its size, when it was taken, and its exposure. Pixels are not decoded.
+//! What a picture file states: its size, when it was taken, and its exposure. Pixels are not decoded.
 
 use exif::{In, Tag, Value};
 use kilwa_files::plain_file;
@@ -6,7 +6,7 @@ use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::path::Path;
 
-/// What a picture says of itself.
+/// What a picture file states about the picture.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Picture {
     /// The format of its file.
@@ -48,7 +48,7 @@ impl Exposure {
     }
 }
 
-/// Read what a picture says of itself; or why it cannot be read.
+/// Read what a picture file states, or return why it cannot be read.
 pub(super) fn read(path: &Path) -> Result<Picture, String> {
     let cannot = |e: io::Error| e.to_string();
     let mut file = BufReader::new(plain_file::open(path).map_err(cannot)?);
@@ -63,7 +63,8 @@ pub(super) fn read(path: &Path) -> Result<Picture, String> {
     Ok(picture)
 }
 
-/// Add time and exposure where the EXIF segment of a JPEG file (at most 64 KiB) states them. Damaged EXIF is as none: the picture is sound without it.
+/// Add time and exposure where the EXIF segment of a JPEG file (at most 64 KiB) states them. Damaged EXIF is ignored:
+/// the picture is usable without it.
 fn add_exif(picture: &mut Picture, file: &mut BufReader<File>) {
     let Ok(exif) = exif::Reader::new().read_from_container(file) else { return };
     let number = |tag| match exif.get_field(tag, In::PRIMARY).map(|field| &field.value) {
@@ -108,7 +109,8 @@ fn is_zone(zone: &str) -> bool {
             && [1, 2, 4, 5].iter().all(|at| bytes[*at].is_ascii_digit())
 }
 
-/// Segments and fill bytes before the first frame of a JPEG file at most: colour profiles and previews take some hundred.
+/// Maximum number of segments and fill bytes before the first frame of a JPEG file: colour profiles and previews take a
+/// few hundred.
 const SEGMENTS_MAX: u32 = 2000;
 
 /// Format, width and height of a picture; None where the file is neither JPEG nor PNG.

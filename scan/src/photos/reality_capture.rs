@@ -1,6 +1,7 @@
 //! XMP sidecars of RealityCapture and RealityScan: `NAME.xmp` beside each picture.
 //!
-//! x = R·(X − Position) in axes that are ours; R is stored by rows. Lengths in the picture are relative to its longer side: the focal length is that times
+//! x = R·(X − Position) with the axes of [`kilwa_scan_core::camera`]; R is stored row by row. Lengths in the picture
+//! are relative to its longer side: the focal length is that times
 //! FocalLength35mm / 36, the principal point is (PrincipalPointU, PrincipalPointV) from the centre. DistortionCoeficients (so spelled) are k1 k2 k3 k4 t1 t2
 //! of Brown's model; t1 and t2 are p1 and p2 of OpenCV.
 //!
@@ -70,7 +71,7 @@ fn pose(xml: &Xml<'_>, node: Node<'_, '_>) -> Result<Option<Pose>, ScanError> {
     let rotation = DMat3::from_cols_array(&rows).transpose();
     let translation = -(rotation * DVec3::from_array(position));
     let (pose, _) = Pose::from_matrix(DMat4::from_mat3_translation(rotation, translation))
-        .map_err(|e| xml.wrong(node, format!("as Rotation and Position {e}"), "a rotation by rows"))?;
+        .map_err(|e| xml.wrong(node, format!("{e} in Rotation and Position"), "a rotation matrix, row by row"))?;
     Ok(Some(Pose { translation: -(pose.rotation * DVec3::from_array(position)), ..pose }))
 }
 
@@ -90,7 +91,7 @@ fn camera(xml: &Xml<'_>, node: Node<'_, '_>, size: Option<[u32; 2]>) -> Result<R
     };
     let Some(size) = size else { return Ok(Err("the size of the picture is unknown".to_owned())) };
     if skew != 0.0 {
-        return Ok(Err("a skew is not supported".to_owned()));
+        return Ok(Err("skew is not supported".to_owned()));
     }
     let longer = f64::from(size[0].max(size[1]));
     let focal = focal / 36.0 * longer;

@@ -1,6 +1,6 @@
 //! Which files of a folder hold poses, and in which format.
 
-use super::folder::{Folder, has_ending};
+use super::folder::{Folder, has_extension};
 use super::{Contents, bundler, colmap, e57, meshlab, metashape, reality_capture};
 use crate::ScanError;
 use kilwa_files::plain_file;
@@ -96,7 +96,7 @@ pub(super) fn only(folder: &Folder) -> Result<Option<Found>, ScanError> {
         _ => {
             let list: Vec<String> =
                 found.iter().map(|(format, path)| format!("{} ({format})", path.display())).collect();
-            let what = format!("several files hold poses: {}; choose one with --poses FILE", list.join(", "));
+            let what = format!("several files contain poses: {}; choose one with --poses FILE", list.join(", "));
             Err(ScanError::Request(what))
         }
     }
@@ -130,7 +130,8 @@ pub(super) fn given(path: &Path) -> Result<Found, ScanError> {
             return Ok(one);
         }
     }
-    let holds = if found.is_empty() { "holds no poses" } else { "is a COLMAP model both as text and binary" };
+    let holds =
+        if found.is_empty() { "contains no poses" } else { "contains a COLMAP model both as text and in binary form" };
     Err(ScanError::Request(format!(
         "{} {holds}; --poses takes bundle.out, cameras.bin or cameras.txt of COLMAP, the XML of Metashape, an XMP sidecar of RealityCapture, .mlp or camera XML of MeshLab, or an E57 file with pictures",
         path.display()
@@ -151,10 +152,10 @@ fn of(path: &Path) -> Result<Vec<Found>, ScanError> {
         }
         _ => {}
     }
-    if has_ending(path, &["e57"]) {
+    if has_extension(path, &["e57"]) {
         return Ok(if e57::has_pictures(path) { vec![(Format::E57, path.to_owned())] } else { Vec::new() });
     }
-    if !has_ending(path, &["out", "xml", "mlp", "xmp"]) {
+    if !has_extension(path, &["out", "xml", "mlp", "xmp"]) {
         return Ok(Vec::new());
     }
     let text = beginning(path)?;

@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 const LINE_MAX: u64 = 64 << 20;
 
 /// How much of a line that is skipped is looked at, bytes.
-const LOOK: u64 = 4 << 10;
+const SKIPPED_PREFIX: u64 = 4 << 10;
 
 /// The lines of a file.
 pub(super) struct Lines {
@@ -41,7 +41,7 @@ impl Lines {
         self.number += 1;
         self.offset += length;
         if length == LINE_MAX {
-            return Err(self.wrong(format!("a line of {LINE_MAX} bytes or more"), "a text file of another program"));
+            return Err(self.wrong(format!("a line of {LINE_MAX} bytes or more"), "a text file with shorter lines"));
         }
         // Where it is text but not UTF-8, names of files were written in another encoding.
         match std::str::from_utf8(&self.line) {
@@ -56,22 +56,22 @@ impl Lines {
     }
 
     /// The next line that is neither empty nor a comment.
-    pub(super) fn next_full(&mut self) -> Result<Option<&str>, ScanError> {
+    pub(super) fn next_content(&mut self) -> Result<Option<&str>, ScanError> {
         loop {
             match self.next()? {
                 None => return Ok(None),
                 Some(line) if line.is_empty() || line.starts_with('#') => {}
-                // The borrow checker does not let `line` out of the loop.
+                // The borrow checker does not allow `line` to be returned from the loop.
                 Some(_) => break,
             }
         }
         Ok(std::str::from_utf8(&self.line).ok().map(str::trim))
     }
 
-    /// Pass over a line, however long; its beginning, up to [`LOOK`] bytes.
+    /// Skip a line of any length; returns its beginning, up to [`SKIPPED_PREFIX`] bytes.
     pub(super) fn skip(&mut self) -> Result<&str, ScanError> {
         self.line.clear();
-        let begun = (&mut self.file).take(LOOK).read_until(b'\n', &mut self.line);
+        let begun = (&mut self.file).take(SKIPPED_PREFIX).read_until(b'\n', &mut self.line);
         let is_whole = self.line.ends_with(b"\n");
         let rest = if is_whole { Ok(0) } else { self.file.skip_until(b'\n') };
         let length = begun.and_then(|begun| Ok(begun + rest?));
@@ -81,7 +81,7 @@ impl Lines {
         Ok(std::str::from_utf8(&self.line).unwrap_or_default().trim())
     }
 
-    /// The error for what stands in the line that came last.
+    /// The error for unexpected content in the line that was read last.
     pub(super) fn wrong(&self, found: impl Into<String>, expected: impl Into<String>) -> ScanError {
         ScanError::malformed(&self.path, Place::Line(self.number), found, expected)
     }

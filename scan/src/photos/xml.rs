@@ -36,12 +36,12 @@ impl<'a> Xml<'a> {
     fn check(&self) -> Result<(), ScanError> {
         if let Some(at) = self.text.find("<!ENTITY") {
             let line = self.text[..at].matches('\n').count() as u64 + 1;
-            let expected = "a file without entities of its own, as other programs write it";
-            return Err(ScanError::malformed(self.path, Place::Line(line), "a declaration <!ENTITY", expected));
+            let expected = "a file without entity declarations";
+            return Err(ScanError::malformed(self.path, Place::Line(line), "an <!ENTITY declaration", expected));
         }
         for sign in ['<', '='] {
             if let Some((at, _)) = self.text.match_indices(sign).nth(NODES_MAX as usize) {
-                let found = format!("more than {NODES_MAX} characters {sign}");
+                let found = format!("more than {NODES_MAX} \"{sign}\" characters");
                 return Err(ScanError::malformed(
                     self.path,
                     Place::Byte(at as u64),
@@ -57,12 +57,7 @@ impl<'a> Xml<'a> {
         let options = ParsingOptions { allow_dtd: true, nodes_limit: NODES_MAX, ..ParsingOptions::default() };
         Document::parse_with_options(&self.text, options).map_err(|e| {
             let line = u64::from(e.pos().row);
-            ScanError::malformed(
-                self.path,
-                Place::Line(line),
-                format!("XML that is not sound ({e})"),
-                "a complete XML file",
-            )
+            ScanError::malformed(self.path, Place::Line(line), format!("malformed XML ({e})"), "a complete XML file")
         })
     }
 

@@ -1,4 +1,5 @@
-//! Poses as programs for structure from motion give them: a text model of COLMAP, with sparse points, their observations and errors.
+//! Poses in the form that structure-from-motion programs write: a COLMAP text model, with sparse points, their
+//! observations and errors.
 //!
 //! Format: <https://colmap.github.io/format.html>. Pixels count from the corner of the picture.
 
@@ -221,7 +222,7 @@ fn point(session: &Session, photos: &[&Photo], h: u64, from: usize) -> Option<Po
         let is_inside = noisy.cmpgt(DVec2::splat(BORDER)).all()
             && noisy.cmplt(DVec2::new(f64::from(width), f64::from(height)) - BORDER).all();
         let Some(again) = photo.project(position) else { continue };
-        // What is seen at a flat angle is not recognised.
+        // Points seen at a grazing angle are not recognised.
         let to_camera = (photo.position - surface.position).normalize();
         let is_clear = || session.sees(k, &surface) && !session.is_behind_people(k, surface.position);
         if is_inside && surface.normal.dot(to_camera) > 0.2 && again.distance(noisy) < 1.0 && is_clear() {

@@ -19,7 +19,8 @@ pub struct Exposure {
     pub ev: f64,
     /// What linear red, green and blue are multiplied by; green is 1.
     pub white_balance: [f64; 3],
-    /// The light that is left at distance r from the middle of the picture, where r is 1 in the corners: 1 + a r² + b r⁴ + c r⁶.
+    /// The vignette: the relative brightness at distance r from the centre, where r is 1 in the corners: 1 + a r² + b
+    /// r⁴ + c r⁶.
     pub vignette: [f64; 3],
 }
 

@@ -11,7 +11,8 @@ use glam::{DVec3, IVec3};
 use std::array::from_fn;
 use std::sync::OnceLock;
 
-/// Light of the sun at normal incidence, of a free sky on level ground, and of what reflects, in linear red, green and blue.
+/// Sunlight at normal incidence, light from an open sky on level ground, and reflected light, in linear red, green and
+/// blue.
 const SUN: [f64; 3] = [0.84, 0.80, 0.72];
 const SKY: [f64; 3] = [0.27, 0.30, 0.345];
 const REFLECTED: [f64; 3] = [0.125, 0.11, 0.09];
@@ -29,7 +30,7 @@ const FIRST: DVec3 = DVec3::new(-28.5, -28.5, -5.5);
 const NODES: IVec3 = IVec3::new(115, 115, 39);
 /// Rays over the whole sphere; the half above the horizon is traced.
 const RAYS: u32 = 48;
-/// The sky of a place is looked up so far in front of the surface, in metres.
+/// The sky's light is looked up this far in front of the surface, in metres.
 const BEFORE: f64 = 0.25;
 
 /// Where the sun is at a time of day (local solar time in hours): azimuth from north over east and elevation, in radians.
@@ -61,7 +62,7 @@ impl Sky {
         Self { nodes: (0..NODES.x * NODES.y * NODES.z).map(|_| OnceLock::new()).collect() }
     }
 
-    /// Light from the sky and from what reflects it on a place of the surface with a normal, in the fort's frame.
+    /// Light from the sky and reflected light on a point of the surface with a normal, in the fort's frame.
     fn light(&self, scene: &Scene, p: DVec3, normal: DVec3) -> [f64; 3] {
         let at = (p + normal * BEFORE - FIRST) / SPACING;
         let low = at.floor().as_ivec3().clamp(IVec3::ZERO, NODES - 2);

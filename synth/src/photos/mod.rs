@@ -3,7 +3,7 @@
 //! Cameras ([`place`]) look at the fort's distance field, with its colours, under a sun that moves ([`light`]), with people in front of it ([`people`]).
 //! A photograph is rendered by rays ([`view`]) and exposed ([`develop`]); poses are written as other programs give them ([`colmap`]). A pixel is a pure
 //! function of the seed, the photograph and its place: bytes do not depend on threads or on the machine. One picture at a time is in memory.
-//! [`Session`] answers what is true: the reflectance of a place, its light, and which photograph sees it.
+//! [`Session`] gives the ground truth: the reflectance of a point, its light, and which photographs see it.
 
 mod colmap;
 mod develop;
@@ -54,7 +54,7 @@ pub struct PhotoOptions {
     pub panoramas: u32,
     /// Width and height of a photograph, in pixels. Panoramas are twice as wide, and as high as photographs are wide.
     pub size: (u32, u32),
-    /// Exposures are within this many stops of the middle.
+    /// Exposures vary by up to this many stops in either direction.
     pub exposure: f64,
     /// Share of pixels that people hide, in per cent.
     pub passers_by: f64,
@@ -129,7 +129,7 @@ pub enum PhotoError {
     },
     /// Pictures that are too small, too large, or too narrow.
     #[error(
-        "cannot simulate photographs of {width} × {height} pixels: each side has {} to {} pixels, and the longer one is at most {MAX_ASPECT} times the shorter one",
+        "cannot simulate photographs of {width} × {height} pixels: each side must have {} to {} pixels, and the longer one at most {MAX_ASPECT} times the shorter one",
         SIDES.0, SIDES.1
     )]
     Size {
@@ -138,7 +138,7 @@ pub enum PhotoError {
         /// Asked for.
         height: u32,
     },
-    /// A number that is negative, too large or no number.
+    /// A number that is negative, too large or NaN.
     #[error("{what} cannot be {value}: give a number from 0 to {max}")]
     Value {
         /// Which.
@@ -148,8 +148,8 @@ pub enum PhotoError {
         /// The largest that is possible.
         max: f64,
     },
-    /// There are no places for so many photographs.
-    #[error("the fort has places for only {found} of {asked} {what}: ask for fewer")]
+    /// There are not enough positions for this many photographs.
+    #[error("there are camera positions for only {found} of {asked} {what}: ask for fewer")]
     Places {
         /// Photographs or panoramas.
         what: &'static str,

@@ -1,4 +1,5 @@
-//! People who walk through the pictures: at other places in each photograph, as many as cover the share of pixels that is asked for.
+//! People in the pictures: in different positions in each photograph, and as many as cover the requested share of
+//! pixels.
 
 use super::view::Eye;
 use crate::fort::scene::{Beam, Scene};
@@ -16,7 +17,7 @@ const FARTHEST: f64 = 20.0;
 const CLEARANCE: f64 = 0.22;
 const ATTEMPTS: i64 = 120;
 /// A photograph has at most this many times the share that is asked for, as far as the people can be divided.
-const MOST: f64 = 2.5;
+const MAX_SHARE: f64 = 2.5;
 
 /// Keeps the share of pixels over all photographs near what is asked for.
 pub(super) struct Crowd {
@@ -49,7 +50,7 @@ impl Crowd {
         let wanted = (self.share * (self.pixels + weight) - self.covered) / weight;
         let salt = hash2(self.seed, self.number, 0);
         let varied = wanted * (0.6 + 0.8 * unit(salt, 0));
-        let quota = varied.clamp(0.0, MOST * self.share);
+        let quota = varied.clamp(0.0, MAX_SHARE * self.share);
         self.pixels += weight;
         if quota <= 0.0 {
             return Vec::new();
@@ -101,7 +102,7 @@ fn coarse(scene: &Scene, eye: &Eye) -> Vec<Cell> {
     (0..ACROSS * down).map(cell).collect()
 }
 
-/// Mark the cells that somebody hides.
+/// Mark the cells that a person hides.
 fn cover(person: &[Prop], position: DVec3, cells: &[Cell], hidden: &mut [bool]) {
     let person = Props::new(person.to_vec());
     let mut near = Vec::new();

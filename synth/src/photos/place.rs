@@ -50,20 +50,20 @@ pub(super) struct Placed {
 /// Distance that cameras keep from masonry and from the ground, in metres.
 pub(super) const CLEARANCE: f64 = 0.28;
 pub(super) const ABOVE_GROUND: f64 = 0.6;
-/// Share of the picture that shows the surface, at least. A margin above the 40 % that are promised.
+/// Minimum share of the picture that shows the surface: the promised 40 %, with a margin.
 const SURFACE: f64 = 0.46;
-/// Nothing is nearer than this, in metres, in more than this share of the picture.
+/// At most this share of the picture (`NEAR_SHARE`) shows anything nearer than this, in metres.
 const NEAREST: f64 = 0.8;
 const NEAR_SHARE: f64 = 0.06;
 /// Rays of a candidate, across and down.
 const LOOKS: [u32; 2] = [14, 10];
-/// Beyond this range nothing counts; up to `WELL` it is seen well. Metres.
-const SIGHT: f64 = 45.0;
+/// Surfaces beyond this range do not count; those up to `WELL` count fully. Metres.
+const MAX_RANGE: f64 = 45.0;
 const WELL: f64 = 14.0;
 /// Side of the cubes that are counted as seen, in metres.
 const CUBE: f64 = 1.0;
 /// What the first, second, third … photograph of a cube is worth.
-const WORTH: [f64; 6] = [1.0, 1.0, 0.9, 0.12, 0.06, 0.03];
+const VALUE: [f64; 6] = [1.0, 1.0, 0.9, 0.12, 0.06, 0.03];
 
 /// A cube and the side from which it is seen (0 to 5: along an axis).
 type Patch = (IVec3, u8);
@@ -111,7 +111,7 @@ pub(super) fn places(scene: &Scene, seed: u64, count: u32, aspect: f64) -> Vec<P
     chosen
 }
 
-/// Everything that could be photographed from.
+/// All candidate positions and directions.
 fn views(scene: &Scene, seed: u64, count: u32) -> Vec<Placed> {
     let mut views = Vec::new();
     let mut add = |eye: DVec3, yaw: f64, pitch: f64, carrier: Carrier, h: u64| {
@@ -184,7 +184,7 @@ fn look(scene: &Scene, view: &Placed, aspect: f64) -> Option<Vec<(Patch, f64)>> 
         let at = |i: u32, n: u32| 2.0 * (f64::from(i) + 0.5) / f64::from(n) - 1.0;
         let ray = DVec3::new(width * at(k % across, across), height * at(k / across, down), 1.0);
         let d = view.rotation * ray.normalize();
-        let Some(hit) = scene.hit(view.eye, d, 0.0, SIGHT) else { continue };
+        let Some(hit) = scene.hit(view.eye, d, 0.0, MAX_RANGE) else { continue };
         hits += 1;
         near += u32::from(hit.t < NEAREST);
         let p = view.eye + d * hit.t;
@@ -257,7 +257,7 @@ fn choose(candidates: &[Candidate], patches: usize, count: u32) -> Vec<Placed> {
     while chosen.len() < count as usize {
         let gain = |(k, c): (usize, &Candidate)| {
             let worth =
-                |(patch, well): &(u32, f64)| well * WORTH[usize::from(known[*patch as usize]).min(WORTH.len() - 1)];
+                |(patch, well): &(u32, f64)| well * VALUE[usize::from(known[*patch as usize]).min(VALUE.len() - 1)];
             (c.seen.iter().map(worth).sum::<f64>(), k)
         };
         let best = |fits: &dyn Fn(&Candidate) -> bool| {

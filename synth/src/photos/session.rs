@@ -1,4 +1,4 @@
-//! A session of photographs: cameras, light and people before the fort, and what is true of them.
+//! A photo session: cameras, light and people at the fort, and the ground truth about them.
 
 use super::develop::Exposure;
 use super::light::{self, RELIEF, Sky};
@@ -16,9 +16,9 @@ use rayon::prelude::*;
 
 /// Visibility is tested at points this far in front of the surface, in metres, because rays end slightly in front of what they hit.
 const BEFORE: f64 = 0.004;
-/// A place is of the surface if it is within this of it, in metres.
+/// A point counts as on the surface if it is within this distance of it, in metres.
 const REACH: f64 = 0.15;
-/// A place is of a bar of a grille if it is within this of it, in metres.
+/// A point counts as on a bar of a grille if it is within this distance of it, in metres.
 const BAR_REACH: f64 = 0.012;
 /// Light that a photographer aims for: the mean (of logarithms) over the surface, as a share of white.
 const AIM: f64 = 0.14;
@@ -52,7 +52,7 @@ impl Photo {
         self.camera.size().into()
     }
 
-    /// Where a place of the site is in the picture; nothing outside of it. What is in front of the place does not matter.
+    /// The pixel of a point of the site; `None` if it is outside the picture. Occlusion is ignored.
     pub fn project(&self, place: DVec3) -> Option<DVec2> {
         self.camera.project(self.rotation.transpose() * (place - self.position)).filter(|at| self.camera.contains(*at))
     }
@@ -175,7 +175,7 @@ impl Session {
         Ok(photos)
     }
 
-    /// Exposure in stops: what the photographer's meter shows, in part, and chance; within what is asked for.
+    /// Exposure in stops: partly from the photographer's light meter, partly random, within the limits of the options.
     fn metered(&self, number: usize, options: &PhotoOptions) -> f64 {
         let view = self.view(number);
         let photo = &self.photos[number];
@@ -305,7 +305,7 @@ impl Session {
         is_met(&self.people[number], eye, d, range)
     }
 
-    /// The place of the surface that a place of a picture shows, apart from people; nothing for the sky.
+    /// The point of the surface that a picture shows at a pixel, ignoring people; `None` for the sky.
     ///
     /// # Panics
     /// If there is no photograph of this number.

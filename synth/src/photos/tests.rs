@@ -65,7 +65,7 @@ fn a_pixel_shows_reflectance_times_light_times_exposure() {
 }
 
 #[test]
-fn what_is_seen_is_what_the_range_of_a_pixel_says() {
+fn visibility_agrees_with_the_range_image() {
     let session = Session::new(&PhotoOptions { passers_by: 0.0, ..options(10, 0) }).unwrap();
     let (mut right, mut all, mut seen) = (0, 0, 0);
     for to in 0..10 {
@@ -95,7 +95,7 @@ fn what_is_seen_is_what_the_range_of_a_pixel_says() {
 }
 
 #[test]
-fn the_surface_is_found_from_near_it() {
+fn surface_points_are_found_from_nearby_points() {
     let session = Session::new(&options(1, 0)).unwrap();
     let mut near = 0;
     for (_, at) in pixels(SIZE, 11) {
@@ -227,7 +227,7 @@ fn read(texts: &[(&str, String); 3]) -> Read {
 }
 
 #[test]
-fn sparse_points_are_seen_where_the_reconstruction_says_in_any_frame_and_off_by_the_error_that_is_asked_for() {
+fn sparse_points_reproject_in_any_frame_with_the_requested_error() {
     let options = options(14, 1);
     let session = Session::new(&options).unwrap();
     let model = |options: &PhotoOptions| {

@@ -1,4 +1,4 @@
-//! What is true of the photographs, as TOML.
+//! The ground truth of the photographs, as TOML.
 
 use super::PhotoOptions;
 use super::colmap::Model;

@@ -1,4 +1,4 @@
-//! What a camera sees: rays through its pixels to the fort and to the people before it.
+//! What a camera sees: rays through its pixels to the fort and to the people in front of it.
 
 use super::light::{self, RELIEF, Sky};
 use crate::fort::scene::{Beam, Scene};
@@ -50,7 +50,7 @@ pub(super) enum What {
     Person,
 }
 
-/// What a ray brings: linear light before exposure, and how far it came, in metres (infinite for the backdrop).
+/// The result of a ray: linear light before exposure, and the distance, in metres (infinite for the backdrop).
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Texel {
     pub(super) light: [f32; 3],

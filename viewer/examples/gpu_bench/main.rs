@@ -1,10 +1,11 @@
-//! Figures of drawing on one machine's GPU: `cargo xtask bench gpu` packs this program, its models' recipes and a script into one archive that
-//! runs without a toolchain.
+//! Measures drawing on this machine's GPU. `cargo xtask bench gpu` packs this program, `kilwa` (which makes the models)
+//! and a script into an archive that runs without a toolchain.
 //!
 //! For every pack, size and pixel error: how long a picture takes from bytes in memory; an orbit around the whole model and a flight along its
-//! surface in real time, streamed and decoded as in the page. Frames are drawn as fast as they come, two in flight, to a target without sRGB, as
-//! canvases are. Printed: percentiles of the time from frame to frame; processor time of a frame, by part; GPU time of every pass, from
-//! timestamps. Software renderers have the same tables, and are named.
+//! surface in real time, streamed and decoded as in the page. Frames are drawn as fast as possible, two in flight, to a
+//! target without sRGB, like a canvas. It prints percentiles of the time from frame to frame; processor time of a
+//! frame, by part; GPU time of every pass, from timestamps. Software renderers get the same tables and are marked as
+//! such.
 
 #[path = "../shared/course.rs"]
 mod course;
@@ -19,21 +20,21 @@ use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
 #[derive(Parser)]
-#[command(about = "Figures of drawing packs on this machine's GPU")]
+#[command(about = "Measure how fast packs are drawn on this machine's GPU")]
 struct Args {
     /// Packs to draw
     #[arg(required = true, value_name = "FILE")]
     packs: Vec<PathBuf>,
-    /// Width and height of the picture; more than one separated by commas
+    /// Width and height of the picture; separate several with commas
     #[arg(long, value_name = "WxH", value_delimiter = ',', default_value = "1920x1080,3840x2160", value_parser = size)]
     sizes: Vec<[u32; 2]>,
     /// Pixel errors to refine to; 0 shows the finest surface
     #[arg(long, value_name = "PX", value_delimiter = ',', default_value = "1,0.5,0")]
     pixels: Vec<f64>,
-    /// Seconds of an orbit and of a flight
+    /// Duration of each orbit and flight, seconds
     #[arg(long, value_name = "S", default_value_t = 6.0)]
     seconds: f64,
-    /// Samples per pixel, 1 or 4; the page has 4 where the adapter can
+    /// Samples per pixel, 1 or 4; by default 4 if the adapter supports it, as in the page
     #[arg(long, value_name = "N", value_parser = samples)]
     samples: Option<u32>,
     /// Decoding threads; by default as many as the page would have workers
@@ -45,14 +46,14 @@ struct Args {
 }
 
 fn samples(text: &str) -> Result<u32, String> {
-    text.parse().ok().filter(|n| [1, 4].contains(n)).ok_or_else(|| "1 or 4 samples are possible".to_owned())
+    text.parse().ok().filter(|n| [1, 4].contains(n)).ok_or_else(|| "the number of samples must be 1 or 4".to_owned())
 }
 
 fn size(text: &str) -> Result<[u32; 2], String> {
     let parsed = text.split_once('x').and_then(|(w, h)| Some([w.parse().ok()?, h.parse().ok()?]));
     parsed
         .filter(|s: &[u32; 2]| s.iter().all(|&n| n > 0))
-        .ok_or_else(|| "a size is a width and a height such as 1920x1080".to_owned())
+        .ok_or_else(|| "give width and height in pixels, such as 1920x1080".to_owned())
 }
 
 fn main() -> Result<(), Box<dyn Error>> {

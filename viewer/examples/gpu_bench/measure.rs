@@ -1,4 +1,4 @@
-//! Loading a pack and flying about it, with a clock beside it.
+//! Loads a pack, moves the camera around it, and measures the time.
 
 use crate::course;
 use kilwa_stream::{Budgets, Stats};
@@ -17,7 +17,7 @@ pub(crate) const CANVAS_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8
 const IN_FLIGHT: usize = 2;
 /// Chunks uploaded in a frame: as many as the page uploads in a sixtieth of a second (viewer/src/shell/web/stream.rs).
 const UPLOADS: usize = 16;
-/// A pack that is not loaded after this long is drawn as it is, seconds.
+/// Time limit for loading, seconds; after it, the pack is drawn as far as it is loaded.
 const LOAD_S: f64 = 120.0;
 
 /// What is measured.
@@ -36,7 +36,7 @@ pub(crate) struct Setting {
     pub(crate) mode: Mode,
 }
 
-/// The way of the camera.
+/// The path of the camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Course {
     /// Once around the whole model, which is loaded.
@@ -69,7 +69,7 @@ pub(crate) struct Load {
     pub(crate) stats: Stats,
 }
 
-/// What a setting gave.
+/// The results of one setting.
 #[derive(Debug, Clone)]
 pub(crate) struct Run {
     pub(crate) setting: Setting,

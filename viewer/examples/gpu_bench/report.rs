@@ -11,14 +11,14 @@ use std::num::NonZeroUsize;
 pub(crate) fn machine(gpu: &Gpu, threads: NonZeroUsize) -> String {
     let info = gpu.adapter.get_info();
     let software = if info.device_type == wgpu::DeviceType::Cpu {
-        " It is a software renderer: these are figures of the processor."
+        " It is a software renderer, so these figures are for the CPU."
     } else {
         ""
     };
     let timestamps = if gpu.device.features().contains(wgpu::Features::TIMESTAMP_QUERY) {
         ""
     } else {
-        " It has no timestamps: GPU times are missing."
+        " It does not support timestamps, so GPU times are missing."
     };
     let cores = std::thread::available_parallelism().map_or(0, NonZeroUsize::get);
     format!(

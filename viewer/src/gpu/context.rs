@@ -32,7 +32,7 @@ pub enum GpuError {
 pub const BROWSER_BACKEND: wgpu::Backends =
     if cfg!(feature = "webgpu") { wgpu::Backends::BROWSER_WEBGPU } else { wgpu::Backends::GL };
 
-/// What a device gets where its adapter has it: natively timestamps, for figures ([`super::timer`]).
+/// Optional features, enabled if the adapter supports them: timestamps in native builds ([`super::timer`]).
 const OPTIONAL_FEATURES: wgpu::Features =
     if cfg!(target_arch = "wasm32") { wgpu::Features::empty() } else { wgpu::Features::TIMESTAMP_QUERY };
 

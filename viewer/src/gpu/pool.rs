@@ -57,7 +57,7 @@ impl Slab {
     }
 
     fn allocate(&mut self, vertices: u32, indices: u32) -> Option<(Range<u32>, Range<u32>)> {
-        // An allocator takes no empty range.
+        // The allocator does not accept empty ranges.
         let vertices = self.free_vertices.allocate_range(vertices.max(1)).ok()?;
         if let Ok(indices) = self.free_indices.allocate_range(indices.max(1)) {
             return Some((vertices, indices));
@@ -174,7 +174,7 @@ impl Pool {
         }
         let count = self.slabs.iter().flatten().count() as u32;
         let usual = FIRST_SLAB.checked_shl(count).filter(|n| (1..LARGEST_SLAB).contains(n)).unwrap_or(LARGEST_SLAB);
-        // As many indices for a vertex as the chunk has, and some more: meshes have about five, points one and a half.
+        // The chunk's number of indices per vertex, and an eighth more: meshes have about five, points one and a half.
         let share = u64::from(usual) * u64::from(indices) * 9 / (u64::from(vertices.max(1)) * 8);
         let max_vertices = usual.max(vertices).max(1);
         let max_indices = (share.min(u64::from(usual) * 6) as u32).max(indices).max(1);
@@ -210,7 +210,7 @@ impl Pool {
         queue.write_buffer(buffer, u64::from(resident.vertices.start) * SCALAR_BYTES, &shown.bytes(chunk));
     }
 
-    /// No scalar is shown: what held them is freed.
+    /// Free the scalar buffers, because no scalar is shown.
     pub(crate) fn free_scalars(&mut self) {
         for chunk in self.chunks.values_mut() {
             self.bytes -= chunk.bytes();
@@ -239,7 +239,7 @@ impl Pool {
         self.chunks.get(&index)
     }
 
-    /// Bind the buffers of a slab, with those of the scalars if `scalars`; whether they are there.
+    /// Bind the buffers of a slab, including its scalars if `scalars` is set. Returns whether they exist.
     pub(crate) fn bind(&self, pass: &mut wgpu::RenderPass<'_>, slab: usize, scalars: bool) -> bool {
         let Some(Some(slab)) = self.slabs.get(slab) else { return false };
         if scalars {

@@ -8,9 +8,9 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Instant;
 
-/// Passes of a frame that are timed at most; further ones have no GPU time.
+/// Maximum number of timed passes per frame; further passes have no GPU time.
 const PASSES: u32 = 8;
-/// Frames whose times were not taken; older ones are dropped.
+/// Maximum number of frames whose times have not been read; older ones are dropped.
 const FRAMES: usize = 16;
 /// Bytes of the timestamps of one frame.
 const BYTES: u64 = PASSES as u64 * 2 * 8;
@@ -70,7 +70,7 @@ impl PassTimer {
         }
     }
 
-    /// A pass begins: what its descriptor gets.
+    /// Call when a pass begins; returns the timestamp writes for its descriptor.
     pub(crate) fn begin(&mut self, name: &'static str) -> Option<wgpu::RenderPassTimestampWrites<'_>> {
         let number = self.passes.len() as u32;
         self.passes.push(PassTime { name, cpu_ms: 0.0, gpu_ms: None });
@@ -83,14 +83,14 @@ impl PassTimer {
         })
     }
 
-    /// The pass that was begun last is recorded.
+    /// Call when the current pass has been recorded.
     pub(crate) fn end(&mut self) {
         if let (Some(begun), Some(pass)) = (self.begun.take(), self.passes.last_mut()) {
             pass.cpu_ms = begun.elapsed().as_secs_f64() * 1e3;
         }
     }
 
-    /// All passes of a frame are recorded: its timestamps go to a buffer.
+    /// Call when all passes of a frame have been recorded; copies its timestamps to a buffer.
     pub(crate) fn resolve(&mut self, encoder: &mut wgpu::CommandEncoder) {
         let passes = std::mem::take(&mut self.passes);
         let count = (passes.len() as u32).min(PASSES) * 2;
@@ -108,7 +108,7 @@ impl PassTimer {
         self.frames.push_back(Recorded { passes, buffer, is_mapped: Arc::default() });
     }
 
-    /// The frame was submitted: its buffer is mapped as soon as the GPU has finished.
+    /// Call when the frame has been submitted; its buffer is mapped as soon as the GPU has finished.
     pub(crate) fn submitted(&self) {
         let Some(Recorded { buffer: Some(buffer), is_mapped, .. }) = self.frames.back() else { return };
         let is_mapped = is_mapped.clone();

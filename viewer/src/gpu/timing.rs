@@ -12,12 +12,12 @@ pub(crate) struct Timing {
 
 #[cfg(not(target_arch = "wasm32"))]
 impl Timing {
-    /// A pass begins: what its descriptor gets.
+    /// Call when a pass begins; returns the timestamp writes for its descriptor.
     pub(crate) fn begin(&mut self, name: &'static str) -> Option<wgpu::RenderPassTimestampWrites<'_>> {
         self.timer.as_mut()?.begin(name)
     }
 
-    /// The pass that was begun last is recorded.
+    /// Call when the current pass has been recorded.
     pub(crate) fn end(&mut self) {
         if let Some(timer) = &mut self.timer {
             timer.end();

@@ -1,5 +1,5 @@
-//! A pack in memory, drawn frame by frame while threads decode beside it, as the page does with its workers: what figures of a flight need.
-//! Nothing waits for a chunk; a frame shows what is there.
+//! A pack in memory, drawn frame by frame while background threads decode chunks, as the page does with its workers.
+//! Used to measure flights. No frame waits for a chunk; it shows what is loaded.
 
 use super::native::{SessionError, read_head};
 use crate::camera::{Bounds, Camera};
@@ -18,7 +18,7 @@ struct Job {
     entry: DirectoryEntry,
 }
 
-/// The chunk, and what its decoding gave; `None` where its bytes are damaged.
+/// The chunk and its decoded form; `None` if its bytes are damaged.
 type Answer = (u32, Option<(GpuChunk, Vec<PatchRange>)>);
 
 /// What the decoding threads share.
@@ -34,7 +34,7 @@ pub struct LiveSession {
     metadata: Metadata,
     streamer: Streamer,
     renderer: Renderer,
-    /// `None` once the threads are to end.
+    /// `None` when the threads should stop.
     jobs: Option<mpsc::Sender<Job>>,
     answers: mpsc::Receiver<Answer>,
     threads: Vec<JoinHandle<()>>,
@@ -46,10 +46,10 @@ pub struct LiveSession {
 }
 
 impl LiveSession {
-    /// Read the head of a pack, and start so many decoding threads. `renderer` draws it.
+    /// Read the head of a pack and start this many decoding threads. `renderer` draws the pack.
     ///
     /// # Errors
-    /// [`SessionError`] when it is no sound pack.
+    /// [`SessionError`] if it is not a valid pack.
     pub fn open(
         bytes: Vec<u8>,
         renderer: Renderer,
@@ -97,10 +97,10 @@ impl LiveSession {
         &mut self.renderer
     }
 
-    /// Decide what a frame shows. What it asks for is begun, and what is decoded by now is uploaded.
+    /// Decide what a frame shows. Requests of the step are started, and chunks decoded so far are uploaded.
     ///
     /// # Errors
-    /// [`SessionError::Read`] when the pack ends before its header states.
+    /// [`SessionError::Read`] if the pack is shorter than its header states.
     pub fn step(&mut self, view: &View, now_ms: f64) -> Result<Step, SessionError> {
         let mut events = std::mem::take(&mut self.events);
         for (chunk, decoded) in self.answers.try_iter() {
@@ -170,7 +170,7 @@ impl Drop for LiveSession {
     }
 }
 
-/// Decode what comes, until the session is dropped.
+/// Decode queued chunks until the session is dropped.
 fn decode_all(shared: &Shared, answers: &mpsc::Sender<Answer>) {
     loop {
         let job = shared.jobs.lock().map(|jobs| jobs.recv());

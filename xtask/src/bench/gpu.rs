@@ -1,4 +1,5 @@
-//! `cargo xtask bench gpu`: one archive with everything that figures of a GPU need on a machine without a toolchain, and the figures of this one.
+//! `cargo xtask bench gpu`: makes an archive for measuring a GPU on a machine without a toolchain, and measures this
+//! machine.
 //!
 //! The archive is `target/gpu-bench.tar.gz`: `kilwa`, `gpu_bench` (viewer/examples), and `run.sh` and `README.md` of `xtask/gpu`. It is unpacked into a
 //! scratch folder and run as on any other machine; its tables are added to `docs/bench/DATE-gpu.md`. Figures of another machine are added by
@@ -10,8 +11,8 @@ use anyhow::{Context, Result, bail};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The archive has to travel.
-const LARGEST_BYTES: u64 = 60_000_000;
+/// Largest archive, bytes: it is copied to other machines.
+const MAX_BYTES: u64 = 60_000_000;
 
 #[derive(clap::Args)]
 pub(crate) struct Args {
@@ -65,8 +66,8 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     run_command(command("tar", &["-czf"])?.arg(&file).arg("-C").arg(&target).arg("gpu-bench"))?;
     let bytes = fs::metadata(&file).with_context(|| format!("cannot read {}", file.display()))?.len();
     println!("{}: {:.1} MB", file.display(), bytes as f64 / 1e6);
-    if bytes > LARGEST_BYTES {
-        bail!("the archive has more than {} MB; name smaller packs", LARGEST_BYTES / 1_000_000);
+    if bytes > MAX_BYTES {
+        bail!("the archive is larger than {} MB; pass smaller packs with --pack", MAX_BYTES / 1_000_000);
     }
     if args.no_run {
         return Ok(());
@@ -80,7 +81,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 
 /// Copy a file into a folder.
 fn copy(file: &Path, folder: &Path) -> Result<()> {
-    let name = file.file_name().with_context(|| format!("{} is no file", file.display()))?;
+    let name = file.file_name().with_context(|| format!("{} is not a file", file.display()))?;
     fs::copy(file, folder.join(name)).with_context(|| format!("cannot copy {}", file.display()))?;
     Ok(())
 }

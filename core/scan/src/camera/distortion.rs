@@ -67,7 +67,7 @@ impl Distortion {
         self.coefficients().all(f64::is_finite)
     }
 
-    /// None for a map that moves nothing.
+    /// [`Self::None`] for the identity.
     pub(super) fn simplified(self) -> Self {
         let is_none = !self.is_fisheye() && self.coefficients().all(|c| c == 0.0);
         if is_none { Self::None } else { self }
@@ -102,7 +102,7 @@ impl Distortion {
         }
     }
 
-    /// Where a point of the plane comes to lie, and the derivative, which is symmetric.
+    /// The image of a point of the plane, and the derivative, which is symmetric.
     pub(super) fn apply(&self, u: DVec2) -> (DVec2, DMat2) {
         let (x, y, r2) = (u.x, u.y, u.length_squared());
         let [p1, p2] = self.tangential();
@@ -155,12 +155,13 @@ impl Distortion {
 
     /// Whether the stretch is large enough in these directions at a radius.
     fn is_regular(&self, radius: f64, directions: &[DVec2]) -> bool {
-        directions.iter().all(|direction| min_stretch(self.apply(*direction * radius).1) >= MIN_STRETCH)
+        directions.iter().all(|direction| min_eigenvalue(self.apply(*direction * radius).1) >= MIN_STRETCH)
     }
 
-    /// The point within `limit` that comes to lie at `to`, if there is one: Newton's iteration with halved steps, from the solution without
+    /// The point within `limit` that is mapped to `to`, if there is one: Newton's iteration with halved steps, from the
+    /// solution without
     /// the tangential part. Exact to about 1e-14 of the distance from the axis.
-    pub(super) fn undo(&self, to: DVec2, limit: f64) -> Option<DVec2> {
+    pub(super) fn invert(&self, to: DVec2, limit: f64) -> Option<DVec2> {
         if *self == Self::None {
             return Some(to);
         }
@@ -168,7 +169,7 @@ impl Distortion {
         if length == 0.0 {
             return Some(to);
         }
-        let mut u = to * (self.undo_radial(length, limit) / length);
+        let mut u = to * (self.invert_radial(length, limit) / length);
         let mut error = self.apply(u).0 - to;
         for _ in 0..60 {
             let step = self.apply(u).1.inverse() * error;
@@ -184,15 +185,16 @@ impl Distortion {
                     break None;
                 }
             };
-            // No step makes it better: it is exact, or there is no solution.
+            // No step improves it: it is exact, or there is no solution.
             let Some(next) = next else { break };
             (u, error) = next;
         }
         (error.length() <= 1e-13 * (1.0 + length)).then_some(u)
     }
 
-    /// The radius that the radial part takes to a length, or `limit` if that is not enough: Newton's iteration kept in a bracket.
-    fn undo_radial(&self, length: f64, limit: f64) -> f64 {
+    /// The radius that the radial part maps to `length`, or `limit` if no smaller radius does: Newton's iteration kept
+    /// in a bracket.
+    fn invert_radial(&self, length: f64, limit: f64) -> f64 {
         let (mut low, mut high) = (0.0, limit);
         let mut r = length.min(0.5 * limit);
         for _ in 0..80 {
@@ -215,7 +217,7 @@ impl Distortion {
 }
 
 /// The smaller eigenvalue of a symmetric matrix. NaN if an entry is.
-fn min_stretch(m: DMat2) -> f64 {
+fn min_eigenvalue(m: DMat2) -> f64 {
     let (a, b, c) = (m.x_axis.x, m.x_axis.y, m.y_axis.y);
     let half = 0.5 * (a - c);
     0.5 * (a + c) - (half * half + b * b).sqrt()

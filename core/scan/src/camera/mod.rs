@@ -55,7 +55,7 @@ pub struct Camera {
     limit: f64,
 }
 
-/// Why numbers are no camera.
+/// Why a camera cannot be made from these numbers.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CameraError {
     /// A picture without pixels.
@@ -158,7 +158,8 @@ impl Camera {
         &self.model
     }
 
-    /// The widest angle from the optical axis at which the model can be used, radians: where the distortion stops to be one-to-one, and less
+    /// The widest angle from the optical axis at which the model can be used, radians: where the distortion ceases to
+    /// be one-to-one, and less
     /// than half a turn. π for panoramas.
     pub fn max_angle(&self) -> f64 {
         match &self.model {
@@ -235,7 +236,7 @@ impl Camera {
             CameraModel::Pinhole { focal, center, skew, distortion } => {
                 let y = (pixel.y - center.y) / focal.y;
                 let distorted = DVec2::new((pixel.x - center.x - skew * y) / focal.x, y);
-                let u = distortion.undo(distorted, self.limit)?;
+                let u = distortion.invert(distorted, self.limit)?;
                 if !distortion.is_fisheye() {
                     return Some(u.extend(1.0).normalize());
                 }
@@ -360,7 +361,7 @@ impl CubeFace {
 pub struct PosedCamera {
     /// The camera.
     pub camera: Camera,
-    /// Takes coordinates of the world to those of the camera.
+    /// Transforms world coordinates to camera coordinates.
     pub camera_from_world: Pose,
 }
 

@@ -3,7 +3,7 @@ use proptest::prelude::*;
 
 const SIZE: [u32; 2] = [4000, 3000];
 
-/// Lenses as calibrations find them: the corners of the picture are at a tangent of about 1.
+/// Realistic lenses: the corners of the picture are at a tangent of about 1.
 fn distortion() -> impl Strategy<Value = Distortion> {
     let tangential = || prop::array::uniform2(-0.002..0.002);
     let k = || (-0.1..0.1, prop::array::uniform5(-0.005..0.005));
@@ -40,7 +40,7 @@ fn place(camera: &Camera, at: [f64; 2]) -> DVec2 {
 
 proptest! {
     #[test]
-    fn a_pixel_is_where_its_ray_is_seen(camera in camera(), at in prop::array::uniform2(0.0..1.0), range in 0.1..100.0) {
+    fn projecting_the_ray_of_a_pixel_gives_the_pixel(camera in camera(), at in prop::array::uniform2(0.0..1.0), range in 0.1..100.0) {
         let pixel = place(&camera, at);
         let ray = camera.ray(pixel).unwrap();
         prop_assert!((ray.length() - 1.0).abs() < 1e-14);
@@ -122,7 +122,7 @@ fn a_barrel_lens_ends_where_it_would_fold_back() {
 }
 
 #[test]
-fn what_is_behind_a_pinhole_is_not_seen_and_a_fisheye_sees_past_a_right_angle() {
+fn points_behind_a_pinhole_are_invisible_and_a_fisheye_sees_beyond_90_degrees() {
     let center = DVec2::new(2000.0, 1500.0);
     let camera = Camera::pinhole(SIZE, DVec2::splat(3000.0), center, Distortion::None).unwrap();
     assert_eq!(camera.project(DVec3::new(0.1, 0.2, -1.0)), None);
@@ -139,7 +139,7 @@ fn what_is_behind_a_pinhole_is_not_seen_and_a_fisheye_sees_past_a_right_angle() 
 
 /// The directions of the docs: x right, y down, the centre of the picture forward.
 #[test]
-fn panoramas_and_cubes_look_where_they_say() {
+fn panorama_and_cube_directions_are_as_documented() {
     let camera = Camera::equirectangular([3600, 1800]).unwrap();
     for (point, pixel) in [
         (DVec3::Z, [1800.0, 900.0]),
@@ -157,7 +157,8 @@ fn panoramas_and_cubes_look_where_they_say() {
         let seen = face.project(cube.face_from_cube() * face_direction).unwrap();
         assert!(seen.distance(DVec2::splat(500.0)) < 1e-9, "{cube:?}");
     }
-    // What joins: the right edge of the front is the left edge of the right face, its upper edge the lower edge of the upper face.
+    // The front's right edge adjoins the left edge of the right face; its upper edge adjoins the lower edge of the
+    // upper face.
     let corner = |cube: CubeFace, direction: DVec3| face.project(cube.face_from_cube() * direction).unwrap();
     let right = DVec3::new(1.0, 0.4, 1.0);
     assert!(corner(CubeFace::Front, right).distance(DVec2::new(1000.0, 700.0)) < 1e-9);
@@ -190,7 +191,7 @@ fn the_coefficients_are_in_the_order_of_open_cv() {
 }
 
 #[test]
-fn numbers_that_are_no_camera_are_refused() {
+fn invalid_camera_parameters_are_refused() {
     let pinhole = |size, focal| Camera::pinhole(size, DVec2::splat(focal), DVec2::ZERO, Distortion::None);
     assert_eq!(pinhole([0, 5], 1.0), Err(CameraError::Empty));
     assert_eq!(pinhole([5, 5], 0.0), Err(CameraError::NotPositive));

@@ -36,12 +36,12 @@ pub(super) fn images(path: &Path, cameras: &Cameras) -> Result<Vec<PhotoRecord>,
     for _ in 0..count {
         let id = file.u32()?;
         let pose = pose(file.f64s()?).ok_or_else(|| {
-            file.wrong(format!("a pose of image {id} that is none"), "a quaternion that is not 0 and finite numbers")
+            file.wrong(format!("an invalid pose of image {id}"), "finite numbers and a quaternion other than 0")
         })?;
         let camera = file.u32()?;
         let name = file.name()?;
         let photo = record(name, pose, camera, cameras)
-            .ok_or_else(|| file.wrong(format!("camera {camera} of image {id}"), "a camera that cameras.bin holds"))?;
+            .ok_or_else(|| file.wrong(format!("camera {camera} of image {id}"), "a camera that is in cameras.bin"))?;
         photos.push(photo);
         let observations = file.count("observations", 24)?;
         file.skip(observations * 24)?;
@@ -60,7 +60,7 @@ pub(super) fn points(path: &Path) -> Result<Vec<SparsePoint>, ScanError> {
         let at = DVec3::from_array(file.f64s()?);
         let color = [file.byte()?, file.byte()?, file.byte()?];
         if !at.is_finite() {
-            return Err(file.wrong(format!("a place of point {id} that is not finite"), "three finite numbers"));
+            return Err(file.wrong(format!("a position of point {id} that is not finite"), "three finite numbers"));
         }
         file.f64()?;
         let seen = file.count("observations", 8)?;

@@ -1,6 +1,7 @@
 //! COLMAP: a folder with `cameras`, `images` and `points3D`, all as text or all binary.
 //!
-//! An image has a rotation (quaternion w x y z) and a translation that take the world to the camera, whose axes and pixels are ours (the
+//! An image has a rotation (quaternion w x y z) and a translation that transform world coordinates to camera
+//! coordinates. Axes and pixels are as in [`kilwa_scan_core::camera`] (the
 //! centre of the upper left pixel is (0.5, 0.5)). Rigs and frames of COLMAP 3.12 and later are not needed: `images` holds the pose of every image.
 //!
 //! Sources: COLMAP's documentation, "Output Format" (<https://colmap.github.io/format.html>) and "Camera Models"
@@ -38,7 +39,7 @@ pub(super) fn read_text(folder: &Path) -> Result<Contents, ScanError> {
     Ok(Contents { photos, points, crs: None })
 }
 
-/// The pose of an image. None if the quaternion is none or a number is not finite.
+/// The pose of an image. None if the quaternion is 0 or a number is not finite.
 fn pose([w, x, y, z, tx, ty, tz]: [f64; 7]) -> Option<Pose> {
     let (rotation, translation) = (DQuat::from_xyzw(x, y, z, w), DVec3::new(tx, ty, tz));
     let length = rotation.length();

@@ -11,7 +11,7 @@ use std::path::Path;
 pub(super) fn cameras(path: &Path) -> Result<Cameras, ScanError> {
     let mut lines = Lines::open(path)?;
     let mut cameras = Cameras::default();
-    while let Some(line) = lines.next_full()? {
+    while let Some(line) = lines.next_content()? {
         let Some((id, camera)) = one_camera(line) else {
             let found = quoted(line);
             return Err(lines.wrong(found, "CAMERA_ID MODEL WIDTH HEIGHT PARAMS of a model of COLMAP"));
@@ -74,8 +74,8 @@ fn one_image(line: &str, cameras: &Cameras) -> Result<PhotoRecord, &'static str>
     if name.is_empty() {
         return Err(FORM);
     }
-    let pose = pose(values).ok_or("a quaternion that is not 0")?;
-    record(name.to_owned(), pose, camera, cameras).ok_or("a camera that cameras.txt holds")
+    let pose = pose(values).ok_or("a quaternion other than 0")?;
+    record(name.to_owned(), pose, camera, cameras).ok_or("a camera that is in cameras.txt")
 }
 
 /// `points3D.txt`: POINT3D_ID X Y Z R G B ERROR TRACK.
@@ -122,7 +122,7 @@ fn count_of(line: &str) -> Option<u64> {
 fn check(lines: &Lines, announced: Option<u64>, found: usize, what: &str) -> Result<(), ScanError> {
     match announced {
         Some(count) if count != found as u64 => Err(lines.ended(format!(
-            "{count} {what}, as the comment at its beginning states, not {found}; copy or export the file again"
+            "{count} {what}, as stated at the start of the file, not {found}; copy or export the file again"
         ))),
         _ => Ok(()),
     }
