@@ -4,7 +4,7 @@
 //! Each body takes any bytes, must return, and panics if a property does not hold. What it returns distinguishes inputs that
 //! took different paths: the kind of result, without its numbers.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use kilwa_archive::layout::safe;
 use kilwa_archive::notes::Body as NoteBody;
 use kilwa_archive::rights::Rights;
@@ -23,6 +23,7 @@ use kilwa_scan::ScanError;
 use kilwa_scan::mask::{self, MaskReader, read_list};
 use kilwa_scan::mesh::{MeshVertex, Options as MeshOptions, Surface, mesh};
 use kilwa_scan::panorama::{Show, render};
+use kilwa_scan::photos::Options as PhotoOptions;
 use kilwa_scan::read::{Head, Picture, ReadOptions as ScanOptions, Sink};
 use kilwa_scan::spool::{Layout, Reader as Spool};
 use kilwa_scan::survey::Survey;
@@ -36,7 +37,7 @@ use std::sync::LazyLock;
 pub(crate) type Body = fn(&[u8]) -> String;
 
 /// All targets by name.
-pub(crate) const ALL: [(&str, Body); 18] = [
+pub(crate) const ALL: [(&str, Body); 19] = [
     ("ply", ply),
     ("obj", obj_file),
     ("stl", stl_file),
@@ -52,6 +53,7 @@ pub(crate) const ALL: [(&str, Body); 18] = [
     ("las", las_file),
     ("range_grid", range_grid),
     ("survey", survey),
+    ("photos", photos),
     ("spool", spool),
     ("mask", mask_file),
     ("point_list", point_list),
@@ -447,14 +449,18 @@ impl Sink for Scans {
 fn file(bytes: &[u8], name: &str) -> PathBuf {
     static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().expect("a temporary folder"));
     let path = FOLDER.path().join(format!("{:?}-{name}", std::thread::current().id()));
+    write(&path, bytes);
+    path
+}
+
+fn write(path: &Path, bytes: &[u8]) {
     // A file that is made empty first is written to the disk at once by some file systems, which takes most of the time.
-    let file = std::fs::File::options().write(true).create(true).truncate(false).open(&path);
+    let file = std::fs::File::options().write(true).create(true).truncate(false).open(path);
     let written = file.and_then(|mut file| {
         std::io::Write::write_all(&mut file, bytes)?;
         file.set_len(bytes.len() as u64)
     });
     written.expect("room for the file");
-    path
 }
 
 /// Any bytes as a file of scans with this name: the reader ends, does not panic, and delivers no more than eight samples for each byte; an error names
@@ -523,6 +529,68 @@ pub(crate) fn survey(bytes: &[u8]) -> String {
         Err(problems) => {
             assert!(problems.0.iter().all(|problem| problem.line > 0 && !problem.message.is_empty()));
             problems.0.first().map(complaint).unwrap_or_default()
+        }
+    }
+}
+
+/// Files with the poses of photographs; the first byte of an input chooses one.
+pub(crate) const POSES: [&str; 10] = [
+    "text/images.txt",
+    "text/cameras.txt",
+    "text/points3D.txt",
+    "binary/images.bin",
+    "binary/cameras.bin",
+    "binary/points3D.bin",
+    "bundler/bundle.out",
+    "metashape/cameras.xml",
+    "meshlab/a.mlp",
+    "sidecars/a.xmp",
+];
+
+/// Any bytes as a file with the poses of photographs. The other files of its format are sound.
+pub(crate) fn photos(bytes: &[u8]) -> String {
+    static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| {
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        for name in POSES {
+            let path = folder.path().join(name);
+            std::fs::create_dir_all(path.parent().expect("a name in a folder")).expect("room for a folder");
+        }
+        std::fs::create_dir(folder.path().join("photos")).expect("room for a folder");
+        write(&folder.path().join("bundler/list.txt"), b"a.jpg\nb.jpg\n");
+        folder
+    });
+    const NO_RECORDS: [u8; 8] = [0; 8];
+    let Some((choice, bytes)) = bytes.split_first() else { return "nothing".to_owned() };
+    let name = POSES[usize::from(*choice) % POSES.len()];
+    let format = name.split('/').next().unwrap_or(name);
+    for other in POSES.iter().filter(|other| other.starts_with(format) && **other != name) {
+        let cameras = "1 PINHOLE 40 30 50 50 20 15\n2 OPENCV 40 30 50 50 20 15 0.1 0 0 0\n";
+        let sound = match *other {
+            "text/cameras.txt" => cameras.as_bytes(),
+            other if other.ends_with("bin") => &NO_RECORDS,
+            _ => b"",
+        };
+        write(&FOLDER.path().join(other), sound);
+    }
+    let path = FOLDER.path().join(name);
+    write(&path, bytes);
+    let options = PhotoOptions { poses: Some(&path), stations: &[] };
+    match kilwa_scan::photos::read(&FOLDER.path().join("photos"), &options) {
+        Ok(set) => {
+            assert!(set.photos.len() <= bytes.len() && set.sparse_points.len() <= bytes.len());
+            for posed in set.photos.iter().filter_map(kilwa_scan::photos::PhotoRecord::posed) {
+                assert!(posed.position().is_finite());
+                if let Some(ray) = posed.ray(DVec2::from_array(posed.camera.size().map(f64::from)) * 0.5) {
+                    assert!((ray.length() - 1.0).abs() < 1e-9, "{ray}");
+                }
+            }
+            let missing = set.photos.iter().flat_map(|photo| &photo.missing).next();
+            format!("{name} {} {}", set.photos.len().min(3), missing.map(complaint).unwrap_or_default())
+        }
+        Err(e) => {
+            let message = e.to_string();
+            assert!(!message.is_empty());
+            format!("{name} {}", complaint(message))
         }
     }
 }

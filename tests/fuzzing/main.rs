@@ -232,6 +232,11 @@ fn any_bytes_are_read_as_a_survey_or_refused() {
 }
 
 #[test]
+fn any_bytes_are_read_as_poses_of_photographs_or_refused() {
+    fuzz("photos");
+}
+
+#[test]
 fn any_bytes_are_read_as_a_spool_or_refused() {
     fuzz("spool");
 }

@@ -26,6 +26,7 @@ pub(crate) fn of(target: &str) -> Vec<Vec<u8>> {
         "las" => las_files(),
         "range_grid" => range_grids(),
         "survey" => surveys(),
+        "photos" => photos(),
         "spool" => spools(),
         "mask" => masks(),
         "point_list" => point_lists(),
@@ -383,6 +384,46 @@ fn surveys() -> Vec<Vec<u8>> {
     ]
     .map(String::into_bytes)
     .to_vec()
+}
+
+/// A small file of every format with poses.
+fn photos() -> Vec<Vec<u8>> {
+    let matrix = "1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1";
+    let sensor = "<sensor id=\"0\" type=\"frame\"><resolution width=\"40\" height=\"30\"/><calibration type=\"frame\" class=\"adjusted\"><resolution width=\"40\" height=\"30\"/><f>50</f><cx>1</cx><k1>-0.1</k1><p1>0.001</p1></calibration></sensor>";
+    let images = "# Number of images: 2\n1 1 0 0 0 0 0 5 1 a.jpg\n1 2 3\n2 0.5 0.5 0.5 0.5 1 2 3 2 b.jpg\n\n";
+    let cameras = "# Camera list\n1 SIMPLE_RADIAL 40 30 50 20 15 0.1\n2 OPENCV_FISHEYE 40 30 50 50 20 15 0.1 0 0 0\n3 FULL_OPENCV 40 30 50 50 20 15 0 0 0 0 0 0 0 0\n";
+    let bundle = "# Bundle file v0.3\n2 1\n50 -0.1 0.02\n1 0 0\n0 1 0\n0 0 1\n-1 -2 -3\n0 0 0\n0 0 0\n0 0 0\n0 0 0\n0 0 0\n0.5 0 0\n1 2 3\n1 0 7 0.5 -0.5\n";
+    let metashape = format!(
+        "<?xml version=\"1.0\"?>\n<document><chunk><sensors>{sensor}</sensors><components><component id=\"0\"><transform><rotation>1 0 0 0 1 0 0 0 1</rotation><translation>1 2 3</translation><scale>2</scale></transform></component></components><cameras><camera id=\"0\" sensor_id=\"0\" component_id=\"0\" label=\"a.jpg\"><transform>{matrix}</transform></camera></cameras><reference>LOCAL_CS[\"m\"]</reference></chunk></document>\n"
+    );
+    let meshlab = format!(
+        "<!DOCTYPE MeshLabDocument>\n<MeshLabProject><RasterGroup><MLRaster label=\"a.jpg\"><VCGCamera TranslationVector=\"-1 -2 -3 1\" LensDistortion=\"0 0\" ViewportPx=\"40 30\" PixelSizeMm=\"0.1 0.1\" CenterPx=\"20 15\" FocalMm=\"5\" RotationMatrix=\"{matrix}\"/><Plane semantic=\"1\" fileName=\"a.jpg\"/></MLRaster></RasterGroup></MeshLabProject>\n"
+    );
+    let sidecar = "<x:xmpmeta xmlns:x=\"adobe:ns:meta/\"><rdf:RDF xmlns:rdf=\"http://www.w3.org/1999/02/22-rdf-syntax-ns#\"><rdf:Description xcr:DistortionModel=\"brown3t2\" xcr:FocalLength35mm=\"45\" xmlns:xcr=\"http://www.capturingreality.com/ns/xcr/1.1#\"><xcr:Rotation>1 0 0 0 0 -1 0 1 0</xcr:Rotation><xcr:Position>10 20 5</xcr:Position><xcr:DistortionCoeficients>-0.1 0.02 0 0 0 0</xcr:DistortionCoeficients></rdf:Description></rdf:RDF></x:xmpmeta>\n";
+    let points = "# Number of points: 1\n7 0.5 0 0 1 2 3 0.1 1 0 2 0\n";
+    let mut binary_camera =
+        [1_u64.to_le_bytes(), [1, 0, 0, 0, 1, 0, 0, 0], 40_u64.to_le_bytes(), 30_u64.to_le_bytes()].concat();
+    binary_camera.extend([50.0, 50.0, 20.0, 15.0_f64].iter().flat_map(|value| value.to_le_bytes()));
+    let mut binary_image = [1_u64.to_le_bytes().as_slice(), &1_u32.to_le_bytes()].concat();
+    binary_image.extend([1.0, 0.0, 0.0, 0.0, 1.0, 2.0, 3.0_f64].iter().flat_map(|value| value.to_le_bytes()));
+    binary_image.extend([&1_u32.to_le_bytes()[..], b"a.jpg\0", &0_u64.to_le_bytes()].concat());
+    let mut binary_point = [1_u64.to_le_bytes(), 7_u64.to_le_bytes()].concat();
+    binary_point.extend([0.5, 0.0, 0.0_f64].iter().flat_map(|value| value.to_le_bytes()));
+    binary_point.extend([&[1, 2, 3][..], &0.1_f64.to_le_bytes(), &1_u64.to_le_bytes(), &[0; 8]].concat());
+    let text = |text: &str| text.as_bytes().to_vec();
+    let files = [
+        text(images),
+        text(cameras),
+        text(points),
+        binary_image,
+        binary_camera,
+        binary_point,
+        text(bundle),
+        text(&metashape),
+        text(&meshlab),
+        text(sidecar),
+    ];
+    (0..).zip(files).map(|(choice, file)| [vec![choice], file].concat()).collect()
 }
 
 /// Masks as the program writes them, of grids with and without a whole last block.
