@@ -1,5 +1,5 @@
 //! Scans without I/O: what a scanner recorded in a cell of its grid ([`Sample`]), where a station stands ([`Pose`]), the triangles between
-//! neighbouring cells ([`tessellate`]), and which samples are not of the site ([`mask`]), and what a photograph sees ([`camera`]).
+//! neighbouring cells ([`tessellate`]), which samples are not of the site ([`mask`]), what a photograph sees ([`camera`]), and drawing a mesh as a camera sees it ([`raster`]).
 //!
 //! Lengths are metres, angles radians. Coordinates of samples are those of their station (`station`); a pose takes them to those of
 //! the survey (`survey_from_station`).
@@ -8,6 +8,7 @@ pub mod camera;
 pub mod intensity;
 pub mod mask;
 pub mod pose;
+pub mod raster;
 pub mod register;
 pub mod sample;
 pub mod tessellate;
