@@ -5,11 +5,13 @@ use kilwa_geometry::color::light_from_srgb_f32;
 use std::path::Path;
 
 /// Pixels of the photograph per pixel of the low band, in each direction.
-pub const LOW: u32 = 16;
+pub(super) const LOW: u32 = 16;
 /// Pixels of the photograph per tile whose sharpness is known, in each direction: four of the low band.
 const TILE: u32 = 4 * LOW;
-/// Contrast between neighbouring pixels, as a share of that between neighbours at twice the distance, from which a tile counts as sharp.
-const SHARP: f32 = 0.3;
+/// The variance of differences between neighbouring pixels, as a share of that between means of two by two pixels at twice the distance: of a smooth slope, and how much more
+/// makes a tile sharp.
+const SMOOTH: f32 = 0.25;
+const SHARP: f32 = 0.2;
 /// Variance of luminance that is taken for noise.
 const NOISE: f32 = 1e-5;
 /// A photograph has at most this many pixels.
@@ -132,7 +134,7 @@ impl Photograph {
             }
             let (fine, coarse) = ((fine / count - NOISE).max(0.0), (coarse / count - 0.25 * NOISE).max(0.0));
             // Without contrast there is nothing to be blurred.
-            if coarse < NOISE { 1.0 } else { (fine / (SHARP * coarse)).clamp(0.1, 1.0) }
+            if coarse < NOISE { 1.0 } else { ((fine / coarse - SMOOTH) / SHARP).clamp(0.1, 1.0) }
         };
         (0..columns * rows).map(tile).collect()
     }

@@ -10,7 +10,7 @@ use kilwa_scan_core::raster::{Edges, Raster, Window, windows};
 /// Pixels of the depth maps of a photograph, at most.
 const MAX_PIXELS: u32 = 3_000_000;
 /// Pixels of a depth map per pixel of the photograph, in each direction.
-const SCALE: f64 = 0.5;
+const SCALE: f64 = 1.0;
 /// Error of the surface that is drawn, in pixels of the depth map.
 const ERROR_PIXELS: f64 = 0.5;
 /// A jump in depth is an edge where it exceeds this share of the depth.

@@ -46,6 +46,10 @@ pub fn blend(observations: &[Observation], agreement: &mut Vec<f32>) -> Option<B
     if observations.len() >= 3 {
         judge(observations, agreement);
     }
+    if agreement.iter().all(|agreement| *agreement == 0.0) {
+        // Nothing is common to them.
+        agreement.fill(1.0);
+    }
     let largest = observations.iter().zip(&*agreement).map(|(o, a)| o.weight * a).fold(0.0, f32::max);
     if largest <= 0.0 {
         return None;
@@ -69,17 +73,19 @@ pub fn blend(observations: &[Observation], agreement: &mut Vec<f32>) -> Option<B
     Some(Blended { light, photos: counted(photos), dropped: counted(observations.len() - photos) })
 }
 
-/// Lower the agreement of observations that differ from the median.
+/// Lower the agreement of observations that differ from the median, at the vertex or around it: beside a passer-by, the surroundings are wrong.
 fn judge(observations: &[Observation], agreement: &mut [f32]) {
-    let values: Vec<[f32; 3]> = observations.iter().map(|o| o.full.map(encode)).collect();
-    let middle: [f32; 3] = from_fn(|k| weighted_median(values.iter().map(|v| v[k]).zip(observations)));
-    let distance = |value: &[f32; 3]| (0..3).map(|k| (value[k] - middle[k]).abs()).fold(0.0, f32::max);
-    let usual = weighted_median(values.iter().map(distance).zip(observations));
-    let limit = DIFFERENT.max(TIMES * usual);
-    for (agreement, value) in agreement.iter_mut().zip(&values) {
-        // Tukey's biweight.
-        let share = distance(value) / (2.0 * limit);
-        *agreement = if share < 1.0 { (1.0 - share * share) * (1.0 - share * share) } else { 0.0 };
+    for band in [|o: &Observation| o.full, |o: &Observation| o.low] {
+        let values: Vec<[f32; 3]> = observations.iter().map(|o| band(o).map(encode)).collect();
+        let middle: [f32; 3] = from_fn(|k| weighted_median(values.iter().map(|v| v[k]).zip(observations)));
+        let distance = |value: &[f32; 3]| (0..3).map(|k| (value[k] - middle[k]).abs()).fold(0.0, f32::max);
+        let usual = weighted_median(values.iter().map(distance).zip(observations));
+        let limit = DIFFERENT.max(TIMES * usual);
+        for (agreement, value) in agreement.iter_mut().zip(&values) {
+            // Tukey's biweight.
+            let share = distance(value) / (2.0 * limit);
+            *agreement *= if share < 1.0 { (1.0 - share * share) * (1.0 - share * share) } else { 0.0 };
+        }
     }
 }
 
