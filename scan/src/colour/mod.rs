@@ -20,6 +20,7 @@ mod vertices;
 mod view;
 
 pub use model::{Model, Part};
+use paint::Work;
 pub use paint::{Colouring, PHOTOS};
 pub use picture::{Photograph, Shown};
 pub use view::{Sighting, View};
@@ -30,7 +31,7 @@ use kilwa_pack::plural::counted;
 use kilwa_pack::{Reader, Source};
 use kilwa_scan_core::colour::tone::{ToneSample, Tones};
 use kilwa_scan_core::{Camera, PosedCamera};
-use observe::{Found, Observations, Share};
+use observe::{Found, Observations, Observer, Share};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -165,8 +166,8 @@ fn coloured<S: Source + Sync>(
         (photo.gain, photo.offset) = (tones.gain(number), tones.offset(number));
         photo.corner = tones.vignette(*lens, 1.0);
     }
-    let colouring =
-        paint::paint(reader, vertices, &observations, &runs, (&tones, brightness), &mut report, options, progress)?;
+    let work = Work { reader, vertices: &vertices, observations: &observations, tones: &tones, brightness };
+    let colouring = work.paint(&runs, &options.scratch, &mut report, progress)?;
     Ok((colouring, report))
 }
 
@@ -212,7 +213,8 @@ fn observe_all<S: Source + Sync>(
                 let result = match Photograph::read(&input.path, input.camera.camera.size(), input.mask.as_deref()) {
                     Ok(picture) => {
                         let view = View::new(model, input.camera)?;
-                        Ok(observations.of(*number, &view, &picture, vertices, share)?)
+                        let observer = Observer { photo: *number, view, picture, vertices, share };
+                        Ok(observations.of(&observer)?)
                     }
                     Err(why) => Err(why),
                 };

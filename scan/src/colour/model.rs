@@ -134,7 +134,7 @@ impl<'r, S: Source + Sync> Model<'r, S> {
         let mut seen = Vec::new();
         for number in (0u32..).zip(&is_refined).filter(|(_, is)| **is).map(|(i, _)| i) {
             let part = self.part(number)?;
-            let turned = sight.from_world(part.origin);
+            let turned = sight.seen_from(part.origin);
             let turn = sight.rotation.as_mat3();
             seen.clear();
             seen.extend(part.positions.iter().map(|p| turn * *p + turned));
@@ -190,7 +190,7 @@ impl Sight {
     }
 
     /// A point in the axes of the window; relative to it, `f32` suffices.
-    fn from_world(&self, point: DVec3) -> Vec3 {
+    fn seen_from(&self, point: DVec3) -> Vec3 {
         (self.rotation * (point - self.position)).as_vec3()
     }
 

@@ -1,12 +1,12 @@
 //! What every photograph shows of the vertices: observations in a scratch file, by group of vertices.
 
 use super::picture::Photograph;
-use super::vertices::{Group, Vertices};
+use super::vertices::{Vertex, Vertices};
 use super::view::{Sighting, View};
 use crate::ScanError;
 use crate::scratch::{ScratchFile, Stretch};
 use glam::DVec2;
-use kilwa_geometry::color::srgb_from_light_f32;
+use kilwa_geometry::color::{light_from_srgb_f32, srgb_from_light_f32};
 use kilwa_scan_core::colour::tone::ToneSample;
 
 /// Bytes of an observation.
@@ -39,6 +39,11 @@ pub(super) struct Observed {
 }
 
 impl Observed {
+    /// For comparing tones; of the surroundings, because poses are not exact.
+    fn tone(&self, photo: u32) -> ToneSample {
+        ToneSample { photo, r2: self.r2, light: self.low.map(light_from_srgb_f32), weight: 1.0 }
+    }
+
     fn to_bytes(self, bytes: &mut Vec<u8>) {
         let weight = (f64::from(self.weight).log2() - SMALLEST) * STEPS;
         let weight = weight.round().clamp(0.0, 65_535.0) as u16;
@@ -106,70 +111,65 @@ impl Observations {
     }
 
     /// What a photograph shows.
-    pub(super) fn of(
-        &self,
-        photo: u32,
-        view: &View,
-        picture: &Photograph,
-        vertices: &Vertices,
-        share: Share,
-    ) -> Result<Found, ScanError> {
+    pub(super) fn of(&self, observer: &Observer<'_>) -> Result<Found, ScanError> {
         let mut found = Found::default();
         let mut bytes = Vec::new();
-        for (number, group) in (0u32..).zip(&vertices.groups) {
-            if !view.may_show(group.center, group.radius) {
+        for (number, group) in (0u32..).zip(&observer.vertices.groups) {
+            if !observer.view.may_show(group.center, group.radius) {
                 continue;
             }
             bytes.clear();
-            self.of_group([photo, number], view, picture, vertices, group, share, &mut found, &mut bytes)?;
+            for (k, vertex) in (0u32..).zip(observer.vertices.of(group)?) {
+                let Some((observed, is_clear)) = observer.observed(k, &vertex) else { continue };
+                observed.to_bytes(&mut bytes);
+                if is_clear && vertex.hash().is_multiple_of(observer.share.0) {
+                    found.samples.push(([number, k], observed.tone(observer.photo)));
+                }
+            }
             if !bytes.is_empty() {
                 found.seen += (bytes.len() / BYTES) as u64;
-                found.runs.push(Run { group: number, photo, stretch: self.file.append(&bytes)? });
+                found.runs.push(Run { group: number, photo: observer.photo, stretch: self.file.append(&bytes)? });
             }
         }
         Ok(found)
     }
+}
 
-    #[allow(clippy::too_many_arguments, reason = "the body of a loop")]
-    fn of_group(
-        &self,
-        [photo, number]: [u32; 2],
-        view: &View,
-        picture: &Photograph,
-        vertices: &Vertices,
-        group: &Group,
-        share: Share,
-        found: &mut Found,
-        bytes: &mut Vec<u8>,
-    ) -> Result<(), ScanError> {
-        let error = vertices.lattice.step();
-        for (k, vertex) in (0u32..).zip(vertices.of(group)?) {
-            let place = vertices.lattice.world_from_lattice(vertex.position);
-            let Some(sighting) = view.sighting(place, vertex.normal(), error).filter(|s| s.facing > GRAZING) else {
-                continue;
-            };
-            let camera = view.camera();
-            let point = camera.camera_from_world.apply(place);
-            let Some(pixel) = camera.camera.project(point) else { continue };
-            let Some(shown) = picture.shown(pixel.x, pixel.y) else { continue };
-            let Some(angle) = camera.camera.pixel_angle(point) else { continue };
-            let size = picture.size().map(f64::from);
-            let mut weight = weight(&sighting, angle, pixel, size) * f64::from(shown.sharpness * shown.sharpness);
-            if shown.is_clipped {
-                weight *= CLIPPED;
-            }
-            let r2 = radius2(pixel, size) as f32;
-            let encode = |light: [f32; 3]| light.map(srgb_from_light_f32);
-            let observed =
-                Observed { vertex: k, weight: weight as f32, r2, full: encode(shown.full), low: encode(shown.low) };
-            observed.to_bytes(bytes);
-            let is_clear = !shown.is_clipped && sighting.clearance > BORDER[1] * angle;
-            if is_clear && vertex.hash().is_multiple_of(share.0) {
-                let sample = ToneSample { photo, r2, light: shown.low, weight: 1.0 };
-                found.samples.push(([number, k], sample));
-            }
+/// A photograph, and the vertices that it may see.
+pub(super) struct Observer<'a> {
+    /// The number of the photograph.
+    pub(super) photo: u32,
+    pub(super) view: View,
+    pub(super) picture: Photograph,
+    pub(super) vertices: &'a Vertices,
+    pub(super) share: Share,
+}
+
+impl Observer<'_> {
+    /// What it shows of a vertex, and whether that is good enough to compare tones.
+    fn observed(&self, number: u32, vertex: &Vertex) -> Option<(Observed, bool)> {
+        let lattice = &self.vertices.lattice;
+        let place = lattice.world_from_lattice(vertex.position);
+        let sighting = self.view.sighting(place, vertex.normal(), lattice.step()).filter(|s| s.facing > GRAZING)?;
+        let camera = self.view.camera();
+        let point = camera.camera_from_world.apply(place);
+        let pixel = camera.camera.project(point)?;
+        let shown = self.picture.shown(pixel.x, pixel.y)?;
+        let angle = camera.camera.pixel_angle(point)?;
+        let size = self.picture.size().map(f64::from);
+        let mut weight = weight(&sighting, angle, pixel, size) * f64::from(shown.sharpness * shown.sharpness);
+        if shown.is_clipped {
+            weight *= CLIPPED;
         }
-        Ok(())
+        let encode = |light: [f32; 3]| light.map(srgb_from_light_f32);
+        let observed = Observed {
+            vertex: number,
+            weight: weight as f32,
+            r2: radius2(pixel, size) as f32,
+            full: encode(shown.full),
+            low: encode(shown.low),
+        };
+        Some((observed, !shown.is_clipped && sighting.clearance > BORDER[1] * angle))
     }
 }
 

@@ -3,7 +3,7 @@
 use super::observe::{Observations, Run};
 use super::unseen::{Observed as Cells, Ratios, observe};
 use super::vertices::{Group, Vertices, finest};
-use super::{Options, Report, WAY_OUT};
+use super::{Report, WAY_OUT};
 use crate::ScanError;
 use crate::import::Progress;
 use crate::scratch::{ScratchFile, Stretch};
@@ -16,6 +16,7 @@ use kilwa_scan_core::colour::blend::{Observation, blend};
 use kilwa_scan_core::colour::tone::Tones;
 use rayon::prelude::*;
 use std::collections::HashMap;
+use std::path::Path;
 
 /// The scalar with the number of photographs that a colour rests on.
 pub const PHOTOS: &str = "photos";
@@ -33,51 +34,6 @@ pub struct Colouring {
     ratios: Ratios,
 }
 
-/// Blend the observations of all groups.
-#[allow(clippy::too_many_arguments, reason = "everything that was found")]
-pub(super) fn paint<S: Source + Sync>(
-    reader: &Reader<S>,
-    vertices: Vertices,
-    observations: &Observations,
-    runs: &[Run],
-    (tones, brightness): (&Tones, f32),
-    report: &mut Report,
-    options: &Options,
-    progress: &(dyn Progress + Sync),
-) -> Result<Colouring, ScanError> {
-    let file = ScratchFile::create(&options.scratch, WAY_OUT)?;
-    let mut colouring =
-        Colouring { lattice: vertices.lattice, stretches: HashMap::new(), file, ratios: Ratios::default() };
-    let numbered: Vec<(u32, &Group)> = (0u32..).zip(&vertices.groups).collect();
-    for batch in numbered.chunks(BATCH) {
-        if progress.is_stopped() {
-            return Err(ScanError::Stopped);
-        }
-        progress.update("colouring", batch[0].0.into(), numbered.len() as u64);
-        let painted: Vec<Result<Painted, ScanError>> = batch
-            .par_iter()
-            .map(|(number, group)| {
-                let first = runs.partition_point(|run| run.group < *number);
-                let last = runs.partition_point(|run| run.group <= *number);
-                let work = Work { reader, vertices: &vertices, observations, tones, brightness };
-                work.group(group, &runs[first..last])
-            })
-            .collect();
-        for ((_, group), painted) in batch.iter().zip(painted) {
-            let painted = painted?;
-            report.coloured += painted.coloured;
-            for (photo, [share, dropped]) in painted.photos {
-                let about = &mut report.photos[photo as usize];
-                about.share += share;
-                about.dropped += dropped as u64;
-            }
-            colouring.ratios.add(painted.cells);
-            colouring.stretches.insert(group.chunk, colouring.file.append(&painted.bytes)?);
-        }
-    }
-    Ok(colouring)
-}
-
 /// The colours of a group.
 struct Painted {
     bytes: Vec<u8>,
@@ -87,15 +43,57 @@ struct Painted {
     cells: Cells,
 }
 
-struct Work<'a, S> {
-    reader: &'a Reader<S>,
-    vertices: &'a Vertices,
-    observations: &'a Observations,
-    tones: &'a Tones,
-    brightness: f32,
+/// Everything that was found.
+pub(super) struct Work<'a, S> {
+    pub(super) reader: &'a Reader<S>,
+    pub(super) vertices: &'a Vertices,
+    pub(super) observations: &'a Observations,
+    pub(super) tones: &'a Tones,
+    /// What light is multiplied by.
+    pub(super) brightness: f32,
 }
 
 impl<S: Source + Sync> Work<'_, S> {
+    /// Blend the observations of all groups; `runs` are in their order.
+    pub(super) fn paint(
+        &self,
+        runs: &[Run],
+        scratch: &Path,
+        report: &mut Report,
+        progress: &(dyn Progress + Sync),
+    ) -> Result<Colouring, ScanError> {
+        let file = ScratchFile::create(scratch, WAY_OUT)?;
+        let lattice = self.vertices.lattice;
+        let mut colouring = Colouring { lattice, stretches: HashMap::new(), file, ratios: Ratios::default() };
+        let numbered: Vec<(u32, &Group)> = (0u32..).zip(&self.vertices.groups).collect();
+        for batch in numbered.chunks(BATCH) {
+            if progress.is_stopped() {
+                return Err(ScanError::Stopped);
+            }
+            progress.update("colouring", batch[0].0.into(), numbered.len() as u64);
+            let painted: Vec<Result<Painted, ScanError>> = batch
+                .par_iter()
+                .map(|(number, group)| {
+                    let first = runs.partition_point(|run| run.group < *number);
+                    let last = runs.partition_point(|run| run.group <= *number);
+                    self.group(group, &runs[first..last])
+                })
+                .collect();
+            for ((_, group), painted) in batch.iter().zip(painted) {
+                let painted = painted?;
+                report.coloured += painted.coloured;
+                for (photo, [share, dropped]) in painted.photos {
+                    let about = &mut report.photos[photo as usize];
+                    about.share += share;
+                    about.dropped += dropped as u64;
+                }
+                colouring.ratios.add(painted.cells);
+                colouring.stretches.insert(group.chunk, colouring.file.append(&painted.bytes)?);
+            }
+        }
+        Ok(colouring)
+    }
+
     fn group(&self, group: &Group, runs: &[Run]) -> Result<Painted, ScanError> {
         let mut all: Vec<(u32, u32, Observation)> = Vec::new();
         for (number, run) in (0u32..).zip(runs) {

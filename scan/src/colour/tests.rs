@@ -160,8 +160,8 @@ fn a_wall_gets_its_light_back_without_the_pillar_and_the_passer_by() {
         let mut ratios: Vec<f64> = seen.iter().map(|v| ratio(v, k)).collect();
         ratios.sort_by(f64::total_cmp);
         *usual = ratios[ratios.len() / 2];
-        let wrong = ratios.iter().filter(|r| (*r / *usual - 1.0).abs() > 0.06).count();
-        assert!(wrong < seen.len() / 200, "{wrong} of {}", seen.len());
+        let wrong = ratios.iter().filter(|r| (*r / *usual - 1.0).abs() > 0.1).count();
+        assert!(wrong < seen.len() / 100, "{wrong} of {}", seen.len());
     }
     // What no photograph sees keeps the scan's colour, in the tone of the photographs: between the extremes of the wall.
     let grey = unseen.iter().map(|v| light_from_srgb(v.color[1]) / usual[1]);
