@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
 /// The verbs, in the order of `kilwa --help`.
-const VERBS: [&str; 14] = [
-    "synth", "scans", "register", "merge", "build", "info", "verify", "extract", "render", "measure", "publish",
-    "metadata", "serve", "access",
+const VERBS: [&str; 15] = [
+    "synth", "scans", "register", "merge", "colour", "build", "info", "verify", "extract", "render", "measure",
+    "publish", "metadata", "serve", "access",
 ];
 
 fn kilwa(args: &[&str]) -> Output {

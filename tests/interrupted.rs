@@ -29,7 +29,7 @@ fn begun(args: &[&str]) -> Child {
 
 /// Run a command that writes the file `out` into an empty folder and send it each signal: no file is left, or the whole one if it had its name
 /// before the signal came. Try again until a signal comes before the file has its name.
-fn leaves_nothing_partial(out: &Path, args: &[&str]) {
+pub(crate) fn leaves_nothing_partial(out: &Path, args: &[&str]) {
     let folder = out.parent().unwrap();
     for (signal, code) in SIGNALS {
         let caught = (0..50).any(|_| {

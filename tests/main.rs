@@ -8,6 +8,7 @@ mod bucket;
 mod build_resume;
 mod capture_accuracy;
 mod cli;
+mod colour;
 #[path = "../server/tests/common/eventually.rs"]
 mod eventually;
 // Named by `send`, which is compiled into the tests of uploads.

@@ -5,6 +5,7 @@
 //! table is added to `docs/bench/DATE-build.md` with the machine it ran on, so that figures are never compared across machines unseen.
 
 mod codec;
+mod colour;
 mod gpu;
 mod masks;
 mod merge;
@@ -51,6 +52,8 @@ enum What {
     Points(points::Args),
     /// Masks of simulated scans against the truth: what they find, what they lose
     Masks(masks::Args),
+    /// Colours from simulated photographs against the true light
+    Colour(colour::Args),
     /// Meshes of simulated stations against the true surface: what is false, what is missing
     Stations(stations::Args),
     /// Merging simulated stations: time, memory, and how far the surface is from the true one, beside another program
@@ -108,6 +111,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         What::Scans(scans) => scans::run(scans),
         What::Points(points) => points::run(points),
         What::Masks(masks) => masks::run(masks),
+        What::Colour(colour) => colour::run(colour),
         What::Stations(stations) => stations::run(stations),
         What::Merge(merge) => merge::run(merge),
         What::Register(register) => register::run(register),

@@ -16,7 +16,8 @@ const NOISE: f64 = 0.004;
 const SPREAD: f64 = 0.03;
 /// How far from what is expected gains, offsets, and coefficients of vignettes are: standard deviations.
 const GAIN: f64 = 0.7;
-const OFFSET: f64 = 0.003;
+/// Offsets must stay small, because a sun that moves looks like one.
+const OFFSET: f64 = 0.000_5;
 const VIGNETTE: f64 = 0.4;
 /// Light below this is not used, linear.
 const DARKEST: f64 = 0.002;

@@ -9,7 +9,7 @@
 //! largest value, the vertices (or faces) are looked through first.
 //!
 //! What is kept: positions; colours as 8-bit sRGB (`red green blue`, `diffuse_red …`, `r g b`); normals; `alpha` where
-//! it is not opaque throughout (0 to 1); `confidence`, `quality`, `intensity`, `value` and `scalar_*` under their
+//! it is not opaque throughout (0 to 1); `confidence`, `quality`, `intensity`, `value`, Kilwa's own channels (`stations`, `registration`, `filled`, `source`, `photos`) and `scalar_*` under their
 //! names. Numbers in text are read as doubles whatever type the header gives them, so that nothing written is lost (some
 //! programs declare `float` and write real-world coordinates in full). All else is dropped and listed in the diagnostics. Vertices and faces are counted from 0, as PLY indices are.
 //!

@@ -79,8 +79,9 @@ const COLORS: [[&str; 4]; 3] = [
 ];
 /// Names of the list of corners.
 const INDICES: [&str; 2] = ["vertex_indices", "vertex_index"];
-/// Channels kept under their names, besides `scalar_*` (CloudCompare).
-const CHANNELS: [&str; 4] = ["confidence", "quality", "intensity", "value"];
+/// Channels kept under their names, besides `scalar_*` (CloudCompare). From the fifth on they are those that Kilwa itself writes.
+const CHANNELS: [&str; 9] =
+    ["confidence", "quality", "intensity", "value", "stations", "registration", "filled", "source", "photos"];
 
 const MESH_FIRST: &str = "Make a mesh of it first (for example Poisson reconstruction in CloudCompare or MeshLab) and give that; where the mesh exists, export its faces too";
 

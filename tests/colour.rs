@@ -1,0 +1,116 @@
+//! `kilwa colour`: a model gets its colours from simulated photographs.
+
+use crate::interrupted::leaves_nothing_partial;
+use crate::support::{Ply, fails, json, kilwa, succeeds, text};
+use std::path::{Path, PathBuf};
+
+/// Simulated photographs of the fort.
+fn photographs(folder: &Path, size: &str) -> PathBuf {
+    let out = folder.join("session");
+    succeeds(&["synth", "photos", "--photos", "8", "--panoramas", "1", "--size", size, "-o", text(&out)]);
+    out.join("photos")
+}
+
+/// The fort as a pack, and as a mesh without colours.
+fn fort(folder: &Path, triangles: &str) -> [PathBuf; 2] {
+    let [colored, pack, plain] = ["colored.ply", "fort.kilwa", "fort.stl"].map(|name| folder.join(name));
+    succeeds(&["synth", "fort", "--triangles", triangles, "-o", text(&colored)]);
+    succeeds(&["build", text(&colored), "--title", "The fort", "-o", text(&pack)]);
+    succeeds(&["extract", text(&pack), "-o", text(&plain)]);
+    [pack, plain]
+}
+
+/// Mean colour of the vertices that photographs see, and how many do.
+fn seen(ply: &Ply) -> ([f64; 3], usize) {
+    let seen: Vec<u32> = (0..ply.vertices.len() as u32).filter(|v| ply.get(*v, "photos").unwrap() > 0.0).collect();
+    let mean = |name| seen.iter().map(|v| ply.get(*v, name).unwrap()).sum::<f64>() / seen.len().max(1) as f64;
+    (["red", "green", "blue"].map(mean), seen.len())
+}
+
+#[test]
+fn a_mesh_and_a_pack_get_the_same_colours_from_photographs() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let photos = photographs(folder.path(), "160x120");
+    let [pack, plain] = fort(folder.path(), "40k");
+    let mesh = at("mesh.ply");
+    let report = json(&["colour", text(&plain), "--photos", text(&photos), "-o", text(&mesh)]);
+    let ply = Ply::read(&mesh);
+    assert_eq!(report["vertices"], ply.vertices.len());
+    assert_eq!(report["photographs"].as_array().unwrap().len(), 8, "{report}");
+    // A panorama has no pose without a survey.
+    assert!(report["left_out"][0]["name"].as_str().unwrap().contains("panoramas"), "{report}");
+    let (color, count) = seen(&ply);
+    assert!(count > ply.vertices.len() / 10, "{count} of {}", ply.vertices.len());
+    // Masonry in the sun: neither the grey of a mesh without colours nor black.
+    assert!(color[0] > color[2] + 5.0 && color[0] > 60.0 && color[0] < 230.0, "{color:?}");
+    assert!(ply.edge_uses().values().all(|uses| *uses <= 4));
+
+    let coloured = at("coloured.kilwa");
+    let options = ["--photos", text(&photos), "--threads", "1", "--memory", "200M", "-o", text(&coloured)];
+    succeeds(&[&["colour", text(&pack)], options.as_slice()].concat());
+    succeeds(&["verify", text(&coloured)]);
+    let info = json(&["info", text(&coloured)]);
+    assert!(info.to_string().contains("The fort") && info.to_string().contains("IMG_0001.jpg"), "{info}");
+    let back = at("back.ply");
+    succeeds(&["extract", text(&coloured), "-o", text(&back)]);
+    let back = Ply::read(&back);
+    // The mesh went through a lattice of its own, and triangles without area were dropped on it.
+    let (other, same) = seen(&back);
+    assert!((same as f64 / count as f64 - 1.0).abs() < 0.02, "{same} {count}");
+    assert!(color.iter().zip(other).all(|(a, b)| (a - b).abs() < 3.0), "{color:?} {other:?}");
+    // What no photograph sees keeps its own colour, in the tone of the photographs.
+    let unseen = (0..back.vertices.len() as u32).filter(|v| back.get(*v, "photos") == Some(0.0));
+    let levels: std::collections::HashSet<u64> = unseen.map(|v| back.get(v, "red").unwrap() as u64).collect();
+    assert!(levels.len() > 20, "{levels:?}");
+}
+
+#[test]
+fn what_cannot_be_coloured_is_refused_with_what_to_do() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let photos = photographs(folder.path(), "48x36");
+    let [pack, plain] = fort(folder.path(), "6k");
+    let out = at("out.ply");
+    let refused = |args: &[&str], expected: &str| {
+        let error = fails(&[&["colour"], args].concat());
+        assert!(error.contains(expected), "{args:?}: {error}");
+        assert!(!out.exists() && !at("out.stl").exists());
+    };
+    let (photos, pack, out_) = (text(&photos), text(&pack), text(&out));
+    refused(&[pack, "-o", out_], "no photographs: give their folder with --photos");
+    refused(&[pack, "--photos", text(&at("none")), "-o", out_], "is not a folder");
+    refused(&[pack, "--photos", photos, "-o", text(&at("out.stl"))], "STL cannot store colours");
+    refused(&[text(&plain), pack, "--photos", photos, "-o", out_], "is not a survey");
+    refused(&[text(&at("none.ply")), "--photos", photos, "-o", out_], "does not exist");
+    refused(&[pack, "--photos", photos, "--force", "-o", pack], "is an input of this command");
+    std::fs::create_dir(at("empty")).unwrap();
+    refused(&[pack, "--photos", text(&at("empty")), "-o", out_], "none of 0 photographs has");
+    // An existing file is not replaced.
+    std::fs::write(at("there.ply"), "mine").unwrap();
+    let error = fails(&["colour", pack, "--photos", photos, "-o", text(&at("there.ply"))]);
+    assert!(error.contains("--force"), "{error}");
+    assert_eq!(std::fs::read(at("there.ply")).unwrap(), b"mine");
+    // Photographs whose files are damaged are named; the others are used.
+    std::fs::write(at("session/photos/images/IMG_0002.jpg"), b"\xff\xd8 not a picture").unwrap();
+    let output = kilwa(&["colour", pack, "--photos", photos, "-o", out_]);
+    let shown = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success() && shown.contains("IMG_0002.jpg was left out"), "{shown}");
+    // No scratch files are left.
+    assert!(
+        std::fs::read_dir(folder.path()).unwrap().all(|e| !e.unwrap().file_name().to_string_lossy().starts_with('.'))
+    );
+}
+
+#[test]
+fn a_signal_while_a_model_is_coloured_leaves_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let photos = photographs(folder.path(), "48x36");
+    let [pack, _] = fort(folder.path(), "40k");
+    let out = folder.path().join("out");
+    std::fs::create_dir(&out).unwrap();
+    for name in ["a.ply", "a.kilwa"] {
+        let out = out.join(name);
+        leaves_nothing_partial(&out, &["colour", text(&pack), "--photos", text(&photos), "-o", text(&out)]);
+    }
+}
