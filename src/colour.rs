@@ -5,7 +5,7 @@ mod report;
 
 use crate::build::{self, Interrupted, size};
 use crate::inputs::{source_file, summarised};
-use crate::new_file::{PrivateFolder, private_folder_in, refuse_inputs};
+use crate::new_file::{PrivateFolder, check_output, private_folder_in, refuse_inputs};
 use crate::progress::Bar;
 use crate::source::{FileSource, open_pack};
 use anyhow::{Context as _, ensure};
@@ -49,7 +49,10 @@ pub(crate) struct Args {
     /// Folder for scratch files, preferably on a fast disk (default: the folder of the output).
     #[arg(long, value_name = "DIR")]
     scratch: Option<PathBuf>,
-    /// Replace an existing file.
+    /// Also write the report as a JSON file, to be kept with the model: it lists each photograph with its pose, its share of the colours and its tone.
+    #[arg(long, value_name = "FILE.json")]
+    report: Option<PathBuf>,
+    /// Replace existing files.
     #[arg(long)]
     force: bool,
     /// Print the report as JSON.
@@ -125,7 +128,16 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     ensure!(format.has_colors(), "{} cannot store colours; write a pack, PLY, OBJ or GLB", format.title());
     let photographs = Photographs::find(args.photos.as_deref(), args.poses.as_deref(), survey)?;
     let read = photographs.inputs.iter().map(|input| input.path.as_path());
-    refuse_inputs(&args.output, read.chain([path]))?;
+    let read: Vec<&Path> = read.chain([path]).collect();
+    refuse_inputs(&args.output, read.iter().copied())?;
+    if let Some(report) = &args.report {
+        ensure!(
+            *report != args.output,
+            "{} is already the name of the output; choose another name for the report",
+            report.display()
+        );
+        check_output(report, args.force, read)?;
+    }
     let output = Output::prepare(&args.output, args.force)?;
     let (bar, stop) = (Bar::new(), build::stop_on_signals()?);
     let folder = args.scratch.clone().unwrap_or_else(|| folder_of(&args.output).to_owned());

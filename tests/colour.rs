@@ -34,7 +34,13 @@ fn a_mesh_and_a_pack_get_the_same_colours_from_photographs() {
     let photos = photographs(folder.path(), "160x120");
     let [pack, plain] = fort(folder.path(), "40k");
     let mesh = at("mesh.ply");
-    let report = json(&["colour", text(&plain), "--photos", text(&photos), "-o", text(&mesh)]);
+    let written = at("report.json");
+    let report =
+        json(&["colour", text(&plain), "--photos", text(&photos), "-o", text(&mesh), "--report", text(&written)]);
+    let written: serde_json::Value = serde_json::from_slice(&std::fs::read(written).unwrap()).unwrap();
+    assert_eq!(written["photographs"], report["photographs"]);
+    let shares = written["photographs"].as_array().unwrap().iter().map(|photo| photo["share"].as_f64().unwrap());
+    assert!(shares.sum::<f64>() > 1000.0, "{written}");
     let ply = Ply::read(&mesh);
     assert_eq!(report["vertices"], ply.vertices.len());
     assert_eq!(report["photographs"].as_array().unwrap().len(), 8, "{report}");

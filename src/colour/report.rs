@@ -6,7 +6,7 @@ use crate::info::grouped;
 use kilwa_builder::build::machine;
 use kilwa_pack::plural::{counted, plural};
 use kilwa_pack::visible::visible;
-use kilwa_scan::colour::PhotoReport;
+use kilwa_scan::colour::{Input, PhotoReport};
 use serde_json::{Value, json};
 use std::io::Write as _;
 
@@ -19,22 +19,21 @@ pub(super) fn print(args: &Args, photographs: &Photographs, done: &Done, seconds
         .map(|(name, why)| (name.as_str(), why.as_str()))
         .chain(report.photos.iter().filter_map(|photo| Some((photo.name.as_str(), photo.left_out.as_deref()?))))
         .collect();
+    let cost = json!({
+        "seconds": seconds,
+        "cpu_seconds": machine::cpu_seconds(),
+        "peak_memory": machine::peak_memory(),
+        "scratch_bytes": report.scratch,
+    });
+    if let Some(path) = &args.report {
+        let text = crate::terminal::json_text(&as_json(args, photographs, done, &left_out))?;
+        crate::new_file::NewFile::write(path, text.as_bytes(), args.force)?;
+    }
     if args.json {
-        let json = json!({
-            "output": args.output.display().to_string(),
-            "bytes": done.bytes,
-            "triangles": done.triangles,
-            "vertices": done.vertices,
-            "coloured_share": share(report.coloured, report.vertices),
-            "places_compared": report.places,
-            "brightness": report.brightness,
-            "photographs": report.photos.iter().filter(|photo| photo.left_out.is_none()).map(as_json).collect::<Vec<_>>(),
-            "left_out": left_out.iter().map(|(name, why)| json!({"name": name, "why": why})).collect::<Vec<_>>(),
-            "scratch_bytes": report.scratch,
-            "seconds": seconds,
-            "cpu_seconds": machine::cpu_seconds(),
-            "peak_memory": machine::peak_memory(),
-        });
+        let mut json = as_json(args, photographs, done, &left_out);
+        if let (Some(json), Value::Object(cost)) = (json.as_object_mut(), cost) {
+            json.extend(cost);
+        }
         writeln!(out, "{}", crate::terminal::json_line(&json)?)?;
         return Ok(());
     }
@@ -62,9 +61,32 @@ fn share(part: u64, whole: u64) -> f64 {
     part as f64 / whole.max(1) as f64
 }
 
-fn as_json(photo: &PhotoReport) -> Value {
+/// What does not change from run to run.
+fn as_json(args: &Args, photographs: &Photographs, done: &Done, left_out: &[(&str, &str)]) -> Value {
+    let report = &done.report;
+    let used = report.photos.iter().zip(&photographs.inputs).filter(|(photo, _)| photo.left_out.is_none());
+    json!({
+        "output": args.output.display().to_string(),
+        "bytes": done.bytes,
+        "triangles": done.triangles,
+        "vertices": done.vertices,
+        "coloured_share": share(report.coloured, report.vertices),
+        "places_compared": report.places,
+        "brightness": report.brightness,
+        "photographs": used.map(|(photo, input)| photo_as_json(photo, input)).collect::<Vec<_>>(),
+        "left_out": left_out.iter().map(|(name, why)| json!({"name": name, "why": why})).collect::<Vec<_>>(),
+    })
+}
+
+fn photo_as_json(photo: &PhotoReport, input: &Input) -> Value {
+    let pose = input.camera.camera_from_world;
+    let q = pose.rotation;
     json!({
         "name": photo.name,
+        "file": input.path.display().to_string(),
+        "mask": input.mask.as_ref().map(|mask| mask.display().to_string()),
+        "camera_from_world": {"rotation_wxyz": [q.w, q.x, q.y, q.z], "translation": pose.translation.to_array()},
+        "position": input.camera.position().to_array(),
         "seen": photo.seen,
         "share": photo.share,
         "dropped": photo.dropped,
