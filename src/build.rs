@@ -117,7 +117,7 @@ impl Args {
         args
     }
 
-    /// What `kilwa colour` builds: one mesh in metres, on a lattice of a given step, with what the metadata records instead of its file.
+    /// What `kilwa colour` builds: one mesh in metres, on a lattice with the given spacing; the metadata records `provenance` instead of its file.
     pub(crate) fn of_mesh(
         mesh: PathBuf,
         output: PathBuf,
@@ -166,10 +166,10 @@ impl Args {
     }
 }
 
-/// Build within another command, which reports; scratch files are removed.
+/// Build a pack for another command, which prints its own report; scratch files are removed.
 ///
 /// # Errors
-/// As for the command; [`Interrupted`] if `stop` is asked.
+/// As for `kilwa build`; [`Interrupted`] if a stop is requested.
 pub(crate) fn within(args: &Args, bar: &Bar, stop: &Stop) -> anyhow::Result<BuildReport> {
     let (inputs, options) = prepare(args)?;
     let read_as =

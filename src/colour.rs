@@ -25,7 +25,7 @@ use std::time::Instant;
 
 /// Colour a model from photographs with known cameras and poses.
 ///
-/// Vertices that no photograph sees keep their colour, matched in tone. The channel `photos` states how many photographs each colour rests on.
+/// Vertices that no photograph sees keep their colour, matched in tone to the photographs. The channel `photos` states how many photographs each colour is based on.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// The model: a pack, or a mesh in metres (PLY, OBJ, STL, glTF). A survey before it supplies photographs (if --photos is not given) and the poses of panoramas.
@@ -34,7 +34,7 @@ pub(crate) struct Args {
     /// The folder of the photographs (default: the photographs of the survey).
     #[arg(long, value_name = "DIR")]
     photos: Option<PathBuf>,
-    /// The file with the poses, if the folder contains several or it is elsewhere; for COLMAP, the model's folder or one of its files.
+    /// The file with the poses, if the folder contains several such files or the file is elsewhere; for COLMAP, the model's folder or one of its files.
     #[arg(long, value_name = "FILE", requires = "photos")]
     poses: Option<PathBuf>,
     /// The file to write: a pack (.kilwa) or a mesh (.ply, .obj, .glb).
@@ -63,7 +63,7 @@ pub(crate) struct Args {
 /// The model as a pack.
 struct Model {
     path: PathBuf,
-    /// What it was made of, if the pack is only a temporary one.
+    /// The mesh that it was built from, if the pack is temporary.
     mesh: Option<PathBuf>,
 }
 
@@ -83,7 +83,7 @@ impl Args {
             [model] => {
                 ensure!(
                     !model.join(survey::FILE).is_file(),
-                    "{} is a survey; name the model to be coloured after it",
+                    "{} is a survey; after it, give the model to be coloured",
                     model.display()
                 );
                 Ok((None, model))
@@ -172,24 +172,24 @@ fn work(
     let reader = open_pack(&model.path)?;
     ensure!(
         !reader.header().is_of_points(),
-        "{} contains points without a surface, so what hides them from a photograph is unknown; colour the merged mesh instead (`kilwa merge`)",
+        "{} contains points without a surface, so it is unknown which of them a photograph sees; colour the merged mesh instead (`kilwa merge`)",
         path.display()
     );
     let options = Options { memory: args.memory(), threads: args.threads(), scratch: scratch.path().to_owned() };
-    let coloured = colour(&reader, &photographs.inputs, &options, &Shown { bar, stop });
+    let coloured = colour(&reader, &photographs.inputs, &options, &BarProgress { bar, stop });
     let (colouring, report) = coloured.map_err(|e| match e {
         ScanError::Stopped => Interrupted::new("stopped; nothing was written").into(),
         e => anyhow::Error::new(e),
     })?;
     if args.is_pack() {
-        let (surface, bytes) = into_pack(args, &model, &reader, &colouring, photographs, scratch.path(), (bar, stop))?;
+        let (surface, bytes) = write_pack(args, &model, &reader, &colouring, photographs, scratch.path(), (bar, stop))?;
         return Ok(Done { report, triangles: surface.triangles, vertices: surface.vertices, bytes });
     }
-    let written = into_mesh(&reader, format, &colouring, output, bar)?;
+    let written = write_mesh(&reader, format, &colouring, output, bar)?;
     Ok(Done { report, triangles: written.triangles, vertices: written.vertices, bytes: written.bytes })
 }
 
-fn into_mesh(
+fn write_mesh(
     reader: &Reader<FileSource>,
     format: Format,
     colouring: &Colouring,
@@ -212,8 +212,8 @@ fn as_pack(args: &Args, path: &Path, scratch: &Path, bar: &Bar, stop: &Stop) -> 
     Ok(Model { path: pack, mesh: Some(path.to_owned()) })
 }
 
-/// Build a pack of the coloured surface, on the lattice that it has already; also returns the bytes of the pack.
-fn into_pack(
+/// Build a pack of the coloured surface, on the lattice of the model; also returns the size of the pack in bytes.
+fn write_pack(
     args: &Args,
     model: &Model,
     reader: &Reader<FileSource>,
@@ -224,7 +224,7 @@ fn into_pack(
 ) -> anyhow::Result<(Extraction, u64)> {
     let mesh = scratch.join("coloured.ply");
     let output = Output::prepare(&mesh, false)?;
-    let surface = into_mesh(reader, Format::of(&mesh, false)?, colouring, &output, bar)?;
+    let surface = write_mesh(reader, Format::of(&mesh, false)?, colouring, &output, bar)?;
     let metadata = reader.metadata();
     let mut sources = match &model.mesh {
         Some(mesh) => vec![source_file(mesh, bar, stop)?],
@@ -245,13 +245,13 @@ fn into_pack(
     Ok((surface, build::within(&building, bar, stop)?.pack.bytes))
 }
 
-/// Progress on a bar; what stops is a signal.
-struct Shown<'a> {
+/// Shows progress on a bar; a signal stops the work.
+struct BarProgress<'a> {
     bar: &'a Bar,
     stop: &'a Stop,
 }
 
-impl kilwa_scan::import::Progress for Shown<'_> {
+impl kilwa_scan::import::Progress for BarProgress<'_> {
     fn update(&self, stage: &'static str, done: u64, total: u64) {
         self.bar.update(stage, done, total);
     }

@@ -61,7 +61,7 @@ fn a_mesh_and_a_pack_get_the_same_colours_from_photographs() {
     let back = at("back.ply");
     succeeds(&["extract", text(&coloured), "-o", text(&back)]);
     let back = Ply::read(&back);
-    // The mesh went through a lattice of its own, and triangles without area were dropped on it.
+    // The mesh was rounded to a lattice of its own, and triangles that became degenerate were dropped.
     let (other, same) = seen(&back);
     assert!((same as f64 / count as f64 - 1.0).abs() < 0.02, "{same} {count}");
     assert!(color.iter().zip(other).all(|(a, b)| (a - b).abs() < 3.0), "{color:?} {other:?}");
@@ -72,7 +72,7 @@ fn a_mesh_and_a_pack_get_the_same_colours_from_photographs() {
 }
 
 #[test]
-fn what_cannot_be_coloured_is_refused_with_what_to_do() {
+fn errors_state_what_to_do_if_a_model_cannot_be_coloured() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let photos = photographs(folder.path(), "48x36");
@@ -83,15 +83,15 @@ fn what_cannot_be_coloured_is_refused_with_what_to_do() {
         assert!(error.contains(expected), "{args:?}: {error}");
         assert!(!out.exists() && !at("out.stl").exists());
     };
-    let (photos, pack, out_) = (text(&photos), text(&pack), text(&out));
-    refused(&[pack, "-o", out_], "no photographs: give their folder with --photos");
-    refused(&[pack, "--photos", text(&at("none")), "-o", out_], "is not a folder");
+    let (photos, pack, out_name) = (text(&photos), text(&pack), text(&out));
+    refused(&[pack, "-o", out_name], "no photographs: give their folder with --photos");
+    refused(&[pack, "--photos", text(&at("none")), "-o", out_name], "is not a folder");
     refused(&[pack, "--photos", photos, "-o", text(&at("out.stl"))], "STL cannot store colours");
-    refused(&[text(&plain), pack, "--photos", photos, "-o", out_], "is not a survey");
-    refused(&[text(&at("none.ply")), "--photos", photos, "-o", out_], "does not exist");
+    refused(&[text(&plain), pack, "--photos", photos, "-o", out_name], "is not a survey");
+    refused(&[text(&at("none.ply")), "--photos", photos, "-o", out_name], "does not exist");
     refused(&[pack, "--photos", photos, "--force", "-o", pack], "is an input of this command");
     std::fs::create_dir(at("empty")).unwrap();
-    refused(&[pack, "--photos", text(&at("empty")), "-o", out_], "none of 0 photographs has");
+    refused(&[pack, "--photos", text(&at("empty")), "-o", out_name], "0 of 0 photographs have");
     // An existing file is not replaced.
     std::fs::write(at("there.ply"), "mine").unwrap();
     let error = fails(&["colour", pack, "--photos", photos, "-o", text(&at("there.ply"))]);
@@ -99,7 +99,7 @@ fn what_cannot_be_coloured_is_refused_with_what_to_do() {
     assert_eq!(std::fs::read(at("there.ply")).unwrap(), b"mine");
     // Photographs whose files are damaged are named; the others are used.
     std::fs::write(at("session/photos/images/IMG_0002.jpg"), b"\xff\xd8 not a picture").unwrap();
-    let output = kilwa(&["colour", pack, "--photos", photos, "-o", out_]);
+    let output = kilwa(&["colour", pack, "--photos", photos, "-o", out_name]);
     let shown = String::from_utf8_lossy(&output.stdout);
     assert!(output.status.success() && shown.contains("IMG_0002.jpg was left out"), "{shown}");
     // No scratch files are left.
@@ -109,7 +109,7 @@ fn what_cannot_be_coloured_is_refused_with_what_to_do() {
 }
 
 #[test]
-fn a_signal_while_a_model_is_coloured_leaves_nothing() {
+fn a_signal_during_colouring_leaves_no_files() {
     let folder = tempfile::tempdir().unwrap();
     let photos = photographs(folder.path(), "48x36");
     let [pack, _] = fort(folder.path(), "40k");

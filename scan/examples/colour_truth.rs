@@ -1,15 +1,15 @@
 //! `colour_truth SEED PHOTOS PANORAMAS WIDTHxHEIGHT VERTICES FILE.ply…`: compares the colours of meshes of the simulated fort, made from the photographs that `kilwa synth photos` simulates
-//! with these options, with the true light (reflectance times light in the middle of the session). Prints a line of JSON per file; used by
+//! with these options, with the ground truth (reflectance times light in the middle of the session). Prints a line of JSON per file; used by
 //! `cargo xtask bench colour`.
 //!
-//! Only vertices that a photograph truly sees count. A factor for each channel is free. `psnr` is in linear light, 1 being white.
+//! Only vertices that a photograph really sees count. Each channel is first scaled by the best factor. `psnr` is in linear light; 1 is white.
 
 use kilwa_formats::read::read_mesh;
 use kilwa_synth::photos::{PhotoOptions, Place, Session};
 use rayon::prelude::*;
 use std::path::Path;
 
-/// A vertex counts as seen under at least this cosine.
+/// A photograph sees a vertex well only if the cosine of the angle between normal and line of sight exceeds this.
 const FACING: f64 = 0.25;
 /// Light that changes by less than this factor is steady.
 const STEADY: f64 = 1.3;
@@ -56,14 +56,14 @@ fn compare(session: &Session, suns: [(f64, f64); 3], count: usize, file: &str) {
         let lights = suns.map(|sun| session.light_at(&place, sun));
         let light = lights[1];
         let green = lights.map(|light| light[1]);
-        let [least, most] =
+        let [min, max] =
             [green.iter().copied().fold(f64::INFINITY, f64::min), green.iter().copied().fold(0.0, f64::max)];
         Some(Compared {
             found: mesh.colors[k].map(kilwa_geometry::color::light_from_srgb),
             truth: std::array::from_fn(|c| GAIN * place.albedo[c] * light[c]),
             mean: std::array::from_fn(|c| GAIN * place.albedo[c] * lights.iter().map(|l| l[c]).sum::<f64>() / 3.0),
             photos: photos.map(|values| values[k]),
-            is_steady: most < STEADY * least,
+            is_steady: max < STEADY * min,
             seen,
         })
     };
@@ -113,7 +113,7 @@ fn seen(session: &Session, place: &Place) -> [usize; 2] {
     counts
 }
 
-/// Differences in a channel, after the best factor: the median of ratios.
+/// Errors in a channel after scaling by the best factor, the median of the ratios.
 fn errors(vertices: &[&Compared], channel: usize, truth: fn(&Compared) -> [f64; 3]) -> Vec<f64> {
     let mut ratios: Vec<f64> =
         vertices.iter().filter(|v| v.found[channel] > 0.01).map(|v| truth(v)[channel] / v.found[channel]).collect();

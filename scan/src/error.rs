@@ -71,12 +71,12 @@ pub enum ScanError {
         source: io::Error,
     },
     /// A scratch file cannot be written or read.
-    #[error("the scratch file in {} could not be written or read; if the disk is full, choose a folder on a larger disk with --scratch{way_out}", folder.display())]
+    #[error("the scratch file in {} could not be written or read; if the disk is full, choose a folder on a larger disk with --scratch{remedy}", folder.display())]
     Scratch {
         /// Where it is.
         folder: PathBuf,
         /// What else helps, as the end of the sentence.
-        way_out: &'static str,
+        remedy: &'static str,
         /// What the system says.
         source: io::Error,
     },

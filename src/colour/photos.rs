@@ -31,7 +31,7 @@ impl Photographs {
         let found = Self::of(&set);
         ensure!(
             !found.inputs.is_empty(),
-            "none of {} photographs has a file, a camera and a pose; `kilwa scans photos list` shows what is missing",
+            "0 of {} photographs have a file, a camera and a pose; `kilwa scans photos list` shows what is missing",
             set.photos.len()
         );
         Ok(found)

@@ -39,7 +39,7 @@ pub(super) fn print(args: &Args, photographs: &Photographs, done: &Done, seconds
     }
     writeln!(
         out,
-        "{}: {} {}, {:.1} % of the vertices coloured from {}.",
+        "{}: {} {}, {:.1} % of them coloured from {}.",
         args.output.display(),
         grouped(done.vertices),
         plural(done.vertices, "vertex", "vertices"),

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Colour a mesh by pymeshlab's projection of photographs, and say what it cost.
+"""Colour a mesh with pymeshlab's projection of photographs, and report time and memory.
 
     colour_peers.py PHOTOS MESH.ply OUT.ply --work DIR [--truth truth/photos.toml] [--set NAME=VALUE ...]
 
@@ -14,7 +14,7 @@ from PIL import Image
 
 
 def sample(picture, x, y):
-    """Bilinear; pixel centres at halves. Black outside."""
+    """Bilinear interpolation; pixel centres are at half-integers. Black outside the picture."""
     height, width, _ = picture.shape
     left, top = np.floor(x - 0.5), np.floor(y - 0.5)
     u, v = (x - 0.5 - left)[..., None], (y - 0.5 - top)[..., None]

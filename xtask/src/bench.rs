@@ -52,7 +52,7 @@ enum What {
     Points(points::Args),
     /// Masks of simulated scans against the truth: what they find, what they lose
     Masks(masks::Args),
-    /// Colours from simulated photographs against the true light
+    /// Colours from simulated photographs against the ground truth
     Colour(colour::Args),
     /// Meshes of simulated stations against the true surface: what is false, what is missing
     Stations(stations::Args),

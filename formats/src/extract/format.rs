@@ -299,7 +299,7 @@ impl Target {
         Ok(Self { lattice, center, needs_double, colors, metadata, at_zero: false, note: None })
     }
 
-    /// Vertices have colours, and further scalars.
+    /// Record that vertices have colours and additional scalars.
     pub(super) fn repainted(&mut self, scalars: &[String]) {
         self.colors = true;
         let channel = |name: &String| ScalarChannel { name: name.clone(), min: 0.0, max: 0.0 };

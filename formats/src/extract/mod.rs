@@ -71,7 +71,7 @@ pub struct Extraction {
 
 /// Changes the vertices of the finest surface while it is extracted.
 ///
-/// Vertices that several chunks share must become equal in all of them, otherwise the surface cracks.
+/// A vertex that several chunks share must be changed identically in all of them; otherwise the surface cracks.
 pub trait Repaint: Sync {
     /// Names of the scalars that each vertex gets in addition to those of the pack.
     fn scalars(&self) -> Vec<String>;

@@ -3,7 +3,7 @@
 //! Stages: [`vertices`] of the finest surface into a scratch file → for each photograph its depth maps ([`view`], drawn from the pack by [`model`]), its pixels
 //! ([`picture`]), and what it shows of every vertex ([`observe`]), into a second scratch file → the tones of all photographs
 //! (`kilwa_scan_core::colour::tone`) → chunk by chunk one colour for each vertex ([`paint`], `kilwa_scan_core::colour::blend`); vertices that no photograph sees
-//! keep the scan's colour in the tone of the photographs ([`unseen`]).
+//! keep the colour of the model, matched in tone to the photographs ([`unseen`]).
 //!
 //! A vertex on the border of chunks is in several of them. It gets the same colour in all, because that depends only on its position and normal. Results do not
 //! depend on threads. Memory: a photograph with its depth maps per thread, decoded chunks up to a share of `Options::memory`, and an index of some bytes for each
@@ -20,7 +20,7 @@ mod vertices;
 mod view;
 
 pub use model::{Model, Part};
-use paint::Work;
+use paint::Painter;
 pub use paint::{Colouring, PHOTOS};
 pub use picture::{Photograph, Shown};
 pub use view::{Sighting, View};
@@ -31,21 +31,21 @@ use kilwa_pack::plural::counted;
 use kilwa_pack::{Reader, Source};
 use kilwa_scan_core::colour::tone::{ToneSample, Tones};
 use kilwa_scan_core::{Camera, PosedCamera};
-use observe::{Found, Observations, Observer, Share};
+use observe::{Observations, Observer, PhotoObservations, Subsample};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 use vertices::Vertices;
 
-/// What helps where scratch space is short.
-const WAY_OUT: &str = "";
-/// Vertices that determine tones, about.
+/// What else helps if the disk is full: nothing.
+const REMEDY: &str = "";
+/// Approximate number of vertices from which tones are estimated.
 const TONE_VERTICES: u64 = 150_000;
-/// Bytes of a photograph for each of its pixels while it is used, and of its depth maps.
+/// Bytes in memory for each pixel of a photograph, and for its depth maps.
 const PIXEL_BYTES: u64 = 12;
 const VIEW_BYTES: u64 = 40 << 20;
-/// The share of places that may become white, and what the brightest of the others becomes, linear light.
+/// The share of places that may become white, and the linear light of the brightest of the others.
 const WHITE: f64 = 0.005;
 const BRIGHTEST: f32 = 0.95;
 
@@ -71,11 +71,11 @@ pub struct Input {
     pub mask: Option<PathBuf>,
     /// The camera, in the coordinates of the model.
     pub camera: PosedCamera,
-    /// Light per exposure in stops, relative to the other photographs: log2(t · ISO / N²), if that is known.
+    /// Exposure in stops, relative to the other photographs: log2(t · ISO / N²), if known.
     pub exposure: Option<f64>,
 }
 
-/// What became of a photograph.
+/// How a photograph was used.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PhotoReport {
     /// Its name.
@@ -88,9 +88,9 @@ pub struct PhotoReport {
     pub share: f64,
     /// Vertices for which it was dropped, because it shows something else than the others.
     pub dropped: u64,
-    /// What it multiplies light by, relative to the mean of all photographs, in red, green and blue.
+    /// Its gain in red, green and blue, relative to the mean of all photographs.
     pub gain: [f64; 3],
-    /// What it adds to light, linear.
+    /// Its offset, in linear light.
     pub offset: [f64; 3],
     /// The brightness of its lens in the corners, relative to the centre.
     pub corner: f64,
@@ -107,7 +107,7 @@ pub struct Report {
     pub coloured: u64,
     /// Places at which photographs were compared to find their tones.
     pub places: usize,
-    /// What light was multiplied by, so that highlights fit into the range of colours.
+    /// The factor by which light was multiplied so that highlights fit into the range of colours.
     pub brightness: f64,
     /// Bytes of scratch files.
     pub scratch: u64,
@@ -136,7 +136,7 @@ fn coloured<S: Source + Sync>(
 ) -> Result<(Colouring, Report), ScanError> {
     let vertices = Vertices::read(reader, &options.scratch, progress)?;
     let observations = Observations::create(&options.scratch)?;
-    let share = Share((vertices.count() / TONE_VERTICES).max(1));
+    let share = Subsample((vertices.count() / TONE_VERTICES).max(1));
     let model = Model::new(reader, options.memory / 2);
     let found = observe_all(&model, inputs, &vertices, &observations, share, options, progress)?;
     drop(model);
@@ -145,7 +145,7 @@ fn coloured<S: Source + Sync>(
     for (input, result) in inputs.iter().zip(found) {
         let (found, left_out) = match result {
             Ok(found) => (found, None),
-            Err(why) => (Found::default(), Some(why)),
+            Err(why) => (PhotoObservations::default(), Some(why)),
         };
         report.photos.push(PhotoReport::new(input, &found, left_out));
         runs.extend(found.runs);
@@ -166,13 +166,13 @@ fn coloured<S: Source + Sync>(
         (photo.gain, photo.offset) = (tones.gain(number), tones.offset(number));
         photo.corner = tones.vignette(*lens, 1.0);
     }
-    let work = Work { reader, vertices: &vertices, observations: &observations, tones: &tones, brightness };
+    let work = Painter { reader, vertices: &vertices, observations: &observations, tones: &tones, brightness };
     let colouring = work.paint(&runs, &options.scratch, &mut report, progress)?;
     Ok((colouring, report))
 }
 
 impl PhotoReport {
-    fn new(input: &Input, found: &Found, left_out: Option<String>) -> Self {
+    fn new(input: &Input, found: &PhotoObservations, left_out: Option<String>) -> Self {
         Self {
             name: input.name.clone(),
             left_out,
@@ -186,16 +186,16 @@ impl PhotoReport {
     }
 }
 
-/// Go through the photographs, as many at once as memory allows. A photograph that cannot be read is left out, with the reason.
+/// Process the photographs, as many at once as memory allows. A photograph that cannot be read is left out, with the reason.
 fn observe_all<S: Source + Sync>(
     model: &Model<'_, S>,
     inputs: &[Input],
     vertices: &Vertices,
     observations: &Observations,
-    share: Share,
+    share: Subsample,
     options: &Options,
     progress: &(dyn Progress + Sync),
-) -> Result<Vec<Result<Found, String>>, ScanError> {
+) -> Result<Vec<Result<PhotoObservations, String>>, ScanError> {
     let pixels = |input: &Input| input.camera.camera.size().map(u64::from).iter().product::<u64>();
     let largest = inputs.iter().map(pixels).max().unwrap_or(0) * PIXEL_BYTES + VIEW_BYTES;
     let at_once = (options.memory / 2 / largest).clamp(1, 1 << 10) as usize;
@@ -203,7 +203,7 @@ fn observe_all<S: Source + Sync>(
     let mut results = Vec::with_capacity(inputs.len());
     let numbered: Vec<(u32, &Input)> = (0u32..).zip(inputs).collect();
     for batch in numbered.chunks(at_once.max(1)) {
-        let found: Vec<Result<Result<Found, String>, ScanError>> = batch
+        let found: Vec<Result<Result<PhotoObservations, String>, ScanError>> = batch
             .par_iter()
             .with_max_len(1)
             .map(|(number, input)| {
@@ -218,7 +218,11 @@ fn observe_all<S: Source + Sync>(
                     }
                     Err(why) => Err(why),
                 };
-                progress.update("photographs", done.fetch_add(1, Ordering::Relaxed) + 1, inputs.len() as u64);
+                progress.update(
+                    "processing the photographs",
+                    done.fetch_add(1, Ordering::Relaxed) + 1,
+                    inputs.len() as u64,
+                );
                 Ok(result)
             })
             .collect();
@@ -236,7 +240,7 @@ fn refuse_if_none(photos: &[PhotoReport]) -> Result<(), ScanError> {
     let readable = photos.iter().filter(|photo| photo.left_out.is_none()).count() as u64;
     if readable > 0 {
         return Err(ScanError::Request(format!(
-            "{} and none sees the model; check that their poses are in the coordinates of the model, and that the surface of the model faces outwards",
+            "{}, but none sees the model; check that the poses are in the coordinates of the model, and that its surface faces outwards",
             counted(readable, "photograph could be read", "photographs could be read")
         )));
     }
@@ -261,7 +265,7 @@ fn lenses(inputs: &[Input]) -> Vec<u32> {
     inputs.iter().map(number).collect()
 }
 
-/// Logarithms of gains, relative to the mean; 0 for all if any is unknown.
+/// Logarithms of the gains expected from the exposure settings, relative to the mean; 0 for all if any is unknown.
 fn expected_gains(inputs: &[Input]) -> Vec<f64> {
     let known: Option<Vec<f64>> = inputs.iter().map(|input| input.exposure).collect();
     let Some(stops) = known else { return vec![0.0; inputs.len()] };
@@ -269,7 +273,7 @@ fn expected_gains(inputs: &[Input]) -> Vec<f64> {
     stops.iter().map(|stop| (stop - mean) * std::f64::consts::LN_2).collect()
 }
 
-/// What to multiply light by, so that all but a few places are not white.
+/// The factor for light with which only a few places become white.
 fn brightness(tones: &Tones, places: &[Vec<ToneSample>]) -> f32 {
     let largest = |samples: &Vec<ToneSample>| {
         let lights = samples.iter().map(|s| tones.corrected(s.photo, s.r2, s.light));

@@ -31,7 +31,7 @@ impl Part {
     }
 }
 
-/// A pack whose chunks are drawn again and again.
+/// A pack with a cache of decoded chunks, for drawing it many times.
 pub struct Model<'r, S> {
     reader: &'r Reader<S>,
     parts: Mutex<Parts>,
@@ -152,7 +152,7 @@ impl<'r, S: Source + Sync> Model<'r, S> {
 }
 
 impl Parts {
-    /// Forget the chunks that were not used for the longest time, down to so many bytes.
+    /// Evict the least recently used chunks until at most `to` bytes remain.
     fn forget(&mut self, to: usize) {
         let mut order: Vec<(u64, u32)> = self.known.iter().map(|(number, (_, used))| (*used, *number)).collect();
         order.sort_unstable();
@@ -167,7 +167,7 @@ impl Parts {
     }
 }
 
-/// Which balls a window sees, and how fine they must be.
+/// Decides which bounding spheres a window sees, and which chunks it needs.
 struct Sight {
     window: Window,
     /// To the axes of the window, from those of the world.
@@ -189,7 +189,7 @@ impl Sight {
         }
     }
 
-    /// A point in the axes of the window; relative to it, `f32` suffices.
+    /// A point in the axes of the window, relative to the camera, so that `f32` suffices.
     fn seen_from(&self, point: DVec3) -> Vec3 {
         (self.rotation * (point - self.position)).as_vec3()
     }

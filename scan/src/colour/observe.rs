@@ -4,22 +4,22 @@ use super::picture::Photograph;
 use super::vertices::{Vertex, Vertices};
 use super::view::{Sighting, View};
 use crate::ScanError;
-use crate::scratch::{ScratchFile, Stretch};
+use crate::scratch::{ByteRange, ScratchFile};
 use glam::DVec2;
 use kilwa_geometry::color::{light_from_srgb_f32, srgb_from_light_f32};
 use kilwa_scan_core::colour::tone::ToneSample;
 
 /// Bytes of an observation.
 const BYTES: usize = 14;
-/// Seen under a smaller cosine, a vertex is not coloured.
+/// A photograph does not colour a vertex if the cosine of the angle between the normal and the line of sight is smaller.
 const GRAZING: f64 = 0.15;
-/// Within so many pixels of the border of an occlusion a photograph hardly counts; from the second number on, fully.
+/// Distances from an occlusion boundary, in pixels: below the first a photograph hardly counts, from the second on it counts fully.
 const BORDER: [f64; 2] = [2.0, 24.0];
 /// The same for the border of the picture, as shares of its longer side.
 const MARGIN: [f64; 2] = [0.002, 0.06];
-/// What is left of a weight at a border, where no other photograph may see the vertex.
-const LEAST: f64 = 1e-3;
-/// How much a clipped value counts.
+/// The smallest factor for weights at borders; not 0, because there may be no other photograph that sees the vertex.
+const MIN_WEIGHT: f64 = 1e-3;
+/// The factor for the weight of a clipped value.
 const CLIPPED: f64 = 0.02;
 /// Weights are kept as logarithms: steps per factor of two, and the logarithm (base 2) of the smallest.
 const STEPS: f64 = 512.0;
@@ -39,7 +39,7 @@ pub(super) struct Observed {
 }
 
 impl Observed {
-    /// For comparing tones; of the surroundings, because poses are not exact.
+    /// A sample for comparing tones, taken from the surroundings because poses are not exact.
     fn tone(&self, photo: u32) -> ToneSample {
         ToneSample { photo, r2: self.r2, light: self.low.map(light_from_srgb_f32), weight: 1.0 }
     }
@@ -72,7 +72,7 @@ impl Observed {
 pub(super) struct Run {
     pub(super) group: u32,
     pub(super) photo: u32,
-    stretch: Stretch,
+    range: ByteRange,
 }
 
 /// The scratch file.
@@ -82,7 +82,7 @@ pub(super) struct Observations {
 
 /// What was found in a photograph.
 #[derive(Default)]
-pub(super) struct Found {
+pub(super) struct PhotoObservations {
     pub(super) runs: Vec<Run>,
     /// Samples for the tone, each with its vertex: group and number in it.
     pub(super) samples: Vec<([u32; 2], ToneSample)>,
@@ -92,16 +92,16 @@ pub(super) struct Found {
 
 /// Which part of the vertices determines tones: those whose hash is divisible by this.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Share(pub(super) u64);
+pub(super) struct Subsample(pub(super) u64);
 
 impl Observations {
     pub(super) fn create(scratch: &std::path::Path) -> Result<Self, ScanError> {
-        Ok(Self { file: ScratchFile::create(scratch, super::WAY_OUT)? })
+        Ok(Self { file: ScratchFile::create(scratch, super::REMEDY)? })
     }
 
     /// The observations of a run.
     pub(super) fn read(&self, run: &Run) -> Result<Vec<Observed>, ScanError> {
-        let bytes = self.file.read(run.stretch)?;
+        let bytes = self.file.read(run.range)?;
         Ok(bytes.as_chunks::<BYTES>().0.iter().map(Observed::from_bytes).collect())
     }
 
@@ -111,8 +111,8 @@ impl Observations {
     }
 
     /// What a photograph shows.
-    pub(super) fn of(&self, observer: &Observer<'_>) -> Result<Found, ScanError> {
-        let mut found = Found::default();
+    pub(super) fn of(&self, observer: &Observer<'_>) -> Result<PhotoObservations, ScanError> {
+        let mut found = PhotoObservations::default();
         let mut bytes = Vec::new();
         for (number, group) in (0u32..).zip(&observer.vertices.groups) {
             if !observer.view.may_show(group.center, group.radius) {
@@ -128,7 +128,7 @@ impl Observations {
             }
             if !bytes.is_empty() {
                 found.seen += (bytes.len() / BYTES) as u64;
-                found.runs.push(Run { group: number, photo: observer.photo, stretch: self.file.append(&bytes)? });
+                found.runs.push(Run { group: number, photo: observer.photo, range: self.file.append(&bytes)? });
             }
         }
         Ok(found)
@@ -142,7 +142,7 @@ pub(super) struct Observer<'a> {
     pub(super) view: View,
     pub(super) picture: Photograph,
     pub(super) vertices: &'a Vertices,
-    pub(super) share: Share,
+    pub(super) share: Subsample,
 }
 
 impl Observer<'_> {
@@ -173,14 +173,14 @@ impl Observer<'_> {
     }
 }
 
-/// How well a photograph shows a vertex: pixels per square metre of surface, less where they are not to be trusted.
+/// How well a photograph shows a vertex: pixels per square metre of surface, reduced where they are unreliable.
 fn weight(sighting: &Sighting, pixel_angle: f64, pixel: DVec2, [width, height]: [f64; 2]) -> f64 {
     let length = pixel_angle * sighting.range;
     let density = sighting.facing / (length * length);
     let border = ramp(sighting.clearance / pixel_angle, BORDER);
     let to_edge = pixel.x.min(pixel.y).min(width - pixel.x).min(height - pixel.y);
     let margin = ramp(to_edge / width.max(height), MARGIN);
-    density * sighting.facing * (border * margin).max(LEAST)
+    density * sighting.facing * (border * margin).max(MIN_WEIGHT)
 }
 
 /// The square of the distance from the centre of a picture; 1 in the corners.
@@ -189,7 +189,7 @@ fn radius2(pixel: DVec2, [width, height]: [f64; 2]) -> f64 {
     (pixel - half).length_squared() / half.length_squared()
 }
 
-/// From 0 to 1 between two numbers, smoothly.
+/// Smoothstep: rises from 0 to 1 between two numbers.
 fn ramp(value: f64, [from, to]: [f64; 2]) -> f64 {
     let t = ((value - from) / (to - from)).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)
@@ -200,7 +200,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn observations_are_kept_to_a_quarter_of_a_per_cent() {
+    fn weights_are_stored_to_within_a_quarter_of_a_per_cent() {
         let mut random = fastrand::Rng::with_seed(1);
         for _ in 0..1000 {
             let observed = Observed {
@@ -219,7 +219,7 @@ mod tests {
     }
 
     #[test]
-    fn a_nearer_photograph_and_one_from_the_front_count_more_and_a_border_less() {
+    fn closer_and_more_frontal_photographs_count_more_and_borders_less() {
         let size = [1000.0, 800.0];
         let middle = DVec2::new(500.0, 400.0);
         let seen = |facing: f64, range: f64, clearance: f64| Sighting { facing, range, clearance };

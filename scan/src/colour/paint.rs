@@ -1,12 +1,12 @@
-//! One colour for each vertex, chunk by chunk, and how to put them on the surface.
+//! Calculates one colour for each vertex, chunk by chunk, and applies the colours to the surface.
 
 use super::observe::{Observations, Run};
-use super::unseen::{Observed as Cells, Ratios, observe};
+use super::unseen::{CellSums, Ratios, observe};
 use super::vertices::{Group, Vertices, finest};
-use super::{Report, WAY_OUT};
+use super::{REMEDY, Report};
 use crate::ScanError;
 use crate::import::Progress;
-use crate::scratch::{ScratchFile, Stretch};
+use crate::scratch::{ByteRange, ScratchFile};
 use kilwa_formats::UNCOLOURED;
 use kilwa_formats::extract::Repaint;
 use kilwa_geometry::Lattice;
@@ -18,7 +18,7 @@ use rayon::prelude::*;
 use std::collections::HashMap;
 use std::path::Path;
 
-/// The scalar with the number of photographs that a colour rests on.
+/// The scalar with the number of photographs that a colour is based on.
 pub const PHOTOS: &str = "photos";
 
 /// Bytes of a vertex: its colour, and the number of photographs.
@@ -29,7 +29,7 @@ const BATCH: usize = 64;
 /// The colours of a model.
 pub struct Colouring {
     lattice: Lattice,
-    stretches: HashMap<u32, Stretch>,
+    ranges: HashMap<u32, ByteRange>,
     file: ScratchFile,
     ratios: Ratios,
 }
@@ -40,11 +40,11 @@ struct Painted {
     coloured: u64,
     /// For each photograph its share of the colours, and how often it was dropped.
     photos: Vec<(u32, [f64; 2])>,
-    cells: Cells,
+    cells: CellSums,
 }
 
-/// Everything that was found.
-pub(super) struct Work<'a, S> {
+/// The input of the last stage.
+pub(super) struct Painter<'a, S> {
     pub(super) reader: &'a Reader<S>,
     pub(super) vertices: &'a Vertices,
     pub(super) observations: &'a Observations,
@@ -53,8 +53,8 @@ pub(super) struct Work<'a, S> {
     pub(super) brightness: f32,
 }
 
-impl<S: Source + Sync> Work<'_, S> {
-    /// Blend the observations of all groups; `runs` are in their order.
+impl<S: Source + Sync> Painter<'_, S> {
+    /// Blend the observations of all groups; `runs` are sorted by group.
     pub(super) fn paint(
         &self,
         runs: &[Run],
@@ -62,9 +62,9 @@ impl<S: Source + Sync> Work<'_, S> {
         report: &mut Report,
         progress: &(dyn Progress + Sync),
     ) -> Result<Colouring, ScanError> {
-        let file = ScratchFile::create(scratch, WAY_OUT)?;
+        let file = ScratchFile::create(scratch, REMEDY)?;
         let lattice = self.vertices.lattice;
-        let mut colouring = Colouring { lattice, stretches: HashMap::new(), file, ratios: Ratios::default() };
+        let mut colouring = Colouring { lattice, ranges: HashMap::new(), file, ratios: Ratios::default() };
         let numbered: Vec<(u32, &Group)> = (0u32..).zip(&self.vertices.groups).collect();
         for batch in numbered.chunks(BATCH) {
             if progress.is_stopped() {
@@ -88,7 +88,7 @@ impl<S: Source + Sync> Work<'_, S> {
                     about.dropped += dropped as u64;
                 }
                 colouring.ratios.add(painted.cells);
-                colouring.stretches.insert(group.chunk, colouring.file.append(&painted.bytes)?);
+                colouring.ranges.insert(group.chunk, colouring.file.append(&painted.bytes)?);
             }
         }
         Ok(colouring)
@@ -113,8 +113,8 @@ impl<S: Source + Sync> Work<'_, S> {
         all.sort_unstable_by_key(|(vertex, run, _)| (*vertex, *run));
         let mut bytes = vec![0; group.count as usize * BYTES];
         let mut photos: Vec<(u32, [f64; 2])> = runs.iter().map(|run| (run.photo, [0.0; 2])).collect();
-        let (mut coloured, mut cells) = (0, Cells::default());
-        let scans = self.scans(group)?;
+        let (mut coloured, mut cells) = (0, CellSums::default());
+        let original_colors = self.original_colors(group)?;
         let places = self.vertices.of(group)?;
         let (mut seen, mut agreement) = (Vec::new(), Vec::new());
         for part in all.chunk_by(|a, b| a.0 == b.0) {
@@ -126,22 +126,22 @@ impl<S: Source + Sync> Work<'_, S> {
             let at = vertex * BYTES;
             bytes[at..at + 3].copy_from_slice(&blended.light.map(srgb_from_light_f32));
             bytes[at + 3..at + 5].copy_from_slice(&blended.photos.max(1).to_le_bytes());
-            let whole: f32 = seen.iter().zip(&agreement).map(|(o, a)| o.weight * a).sum();
+            let total: f32 = seen.iter().zip(&agreement).map(|(o, a)| o.weight * a).sum();
             for ((_, run, observation), agreement) in part.iter().zip(&agreement) {
                 let [share, dropped] = &mut photos[*run as usize].1;
-                *share += f64::from(observation.weight * agreement / whole);
+                *share += f64::from(observation.weight * agreement / total);
                 *dropped += f64::from(u8::from(*agreement == 0.0));
             }
-            if let Some(scan) = scans.get(vertex) {
+            if let Some(original) = original_colors.get(vertex) {
                 let place = self.vertices.lattice.world_from_lattice(places[vertex].position);
-                observe(&mut cells, place, blended.light, scan.map(light_from_srgb_f32));
+                observe(&mut cells, place, blended.light, original.map(light_from_srgb_f32));
             }
         }
         Ok(Painted { bytes, coloured, photos, cells })
     }
 
     /// The colours that the vertices of a group have in the pack; none if it has no colours.
-    fn scans(&self, group: &Group) -> Result<Vec<[u8; 3]>, ScanError> {
+    fn original_colors(&self, group: &Group) -> Result<Vec<[u8; 3]>, ScanError> {
         if !self.reader.header().attributes.colors {
             return Ok(Vec::new());
         }
@@ -152,8 +152,8 @@ impl<S: Source + Sync> Work<'_, S> {
 }
 
 impl Colouring {
-    /// Give the vertices of a chunk that belong to the finest surface their colours, and all a further scalar: the number of photographs that each colour rests on,
-    /// 0 where it is the scan's.
+    /// Colour the vertices of a chunk that belong to the finest surface, and give all its vertices an additional scalar: the number of photographs that each colour is based on,
+    /// 0 where the vertex keeps its own colour.
     ///
     /// # Errors
     /// [`ScanError::Scratch`] if the scratch file cannot be read.
@@ -164,8 +164,8 @@ impl Colouring {
             mesh.colors = vec![UNCOLOURED; count];
         }
         let mut photos = vec![0.0; count];
-        if let Some(stretch) = self.stretches.get(&number) {
-            let bytes = self.file.read(*stretch)?;
+        if let Some(range) = self.ranges.get(&number) {
+            let bytes = self.file.read(*range)?;
             for (k, painted) in finest(mesh, &chunk.patches).into_iter().zip(bytes.as_chunks::<BYTES>().0) {
                 let k = k as usize;
                 let [r, g, b, low, high] = *painted;
@@ -175,8 +175,8 @@ impl Colouring {
                     [r, g, b]
                 } else {
                     let place = self.lattice.world_from_lattice(mesh.positions[k]);
-                    let scan = mesh.colors[k].map(light_from_srgb_f32);
-                    self.ratios.matched(place, scan).map(srgb_from_light_f32)
+                    let original = mesh.colors[k].map(light_from_srgb_f32);
+                    self.ratios.matched(place, original).map(srgb_from_light_f32)
                 };
             }
         }

@@ -1,4 +1,4 @@
-//! The pixels of a photograph: in full, in a low band, and how sharp they are.
+//! The pixels of a photograph: at full resolution, in a low-frequency band, and how sharp they are.
 
 use image::{DynamicImage, ImageReader, Limits};
 use kilwa_geometry::color::light_from_srgb_f32;
@@ -6,10 +6,10 @@ use std::path::Path;
 
 /// Pixels of the photograph per pixel of the low band, in each direction.
 pub(super) const LOW: u32 = 16;
-/// Pixels of the photograph per tile whose sharpness is known, in each direction: four of the low band.
+/// Pixels of the photograph per tile for which sharpness is measured, in each direction: four pixels of the low band.
 const TILE: u32 = 4 * LOW;
-/// The variance of differences between neighbouring pixels, as a share of that between means of two by two pixels at twice the distance: of a smooth slope, and how much more
-/// makes a tile sharp.
+/// The variance of differences between neighbouring pixels, as a share of that between means of two by two pixels at twice the distance: its value for a smooth gradient, and the excess over it
+/// at which a tile is fully sharp.
 const SMOOTH: f32 = 0.25;
 const SHARP: f32 = 0.2;
 /// Variance of luminance that is taken for noise.
@@ -46,7 +46,7 @@ pub struct Shown {
 }
 
 impl Photograph {
-    /// Read a JPEG or PNG file, and its mask (a PNG file: black is not used; if it has transparency, only that counts, and what is transparent is not used).
+    /// Read a JPEG or PNG file, and its mask (a PNG file: black parts are not used; if it has transparency, only that counts, and transparent parts are not used).
     ///
     /// # Errors
     /// Why it cannot be used, in words.
@@ -76,7 +76,7 @@ impl Photograph {
         self.size
     }
 
-    /// The luminance of pixels averaged over squares of `side` pixels, in sRGB's nearly perceptual scale, 0 to 1, and width and height in squares;
+    /// The luma of pixels averaged over squares of `side` by `side` pixels, 0 to 1, and the width and height in squares;
     /// incomplete squares at the right and lower edges are left out.
     pub fn luminance(&self, side: u32) -> (Vec<f32>, [u32; 2]) {
         let side = side.clamp(1, self.size[0].min(self.size[1]));
@@ -112,7 +112,7 @@ impl Photograph {
         sums.into_iter().map(|(sum, count)| sum.map(|sum| sum / f32::max(count, 1.0))).collect()
     }
 
-    /// Contrasts of neighbouring pixels against contrasts of means of two by two.
+    /// The sharpness of each tile: the contrast of neighbouring pixels, compared with that of means of two by two pixels.
     fn sharpnesses(&self) -> Vec<f32> {
         let [columns, rows] = self.size.map(|side| side.div_ceil(TILE));
         let tile = |k: u32| {
@@ -133,7 +133,7 @@ impl Photograph {
                 return 1.0;
             }
             let (fine, coarse) = ((fine / count - NOISE).max(0.0), (coarse / count - 0.25 * NOISE).max(0.0));
-            // Without contrast there is nothing to be blurred.
+            // Without contrast, blur cannot be detected, and does no harm.
             if coarse < NOISE { 1.0 } else { ((fine / coarse - SMOOTH) / SHARP).clamp(0.1, 1.0) }
         };
         (0..columns * rows).map(tile).collect()
@@ -187,7 +187,7 @@ fn luminance([r, g, b]: [u8; 3]) -> f32 {
     (0.2126 * f32::from(r) + 0.7152 * f32::from(g) + 0.0722 * f32::from(b)) / 255.0
 }
 
-/// Decode a picture that should have a size.
+/// Decode a picture, and check its size.
 fn decode(path: &Path, size: [u32; 2]) -> Result<DynamicImage, String> {
     let [width, height] = size;
     if u64::from(width) * u64::from(height) > MAX_PIXELS {

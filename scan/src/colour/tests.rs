@@ -1,4 +1,4 @@
-//! A wall behind a pillar, photographed by cameras with different exposures; pictures are traced here and not by the code that is tested.
+//! A wall behind a pillar, photographed by cameras with different exposures; the pictures are ray traced here, independently of the code under test.
 
 use super::*;
 use crate::import::Silent;
@@ -139,12 +139,12 @@ fn session(folder: &Path) -> Vec<Input> {
 }
 
 #[test]
-fn a_wall_gets_its_light_back_without_the_pillar_and_the_passer_by() {
+fn the_colours_of_the_wall_are_recovered_without_the_pillar_and_the_passer_by() {
     let folder = tempfile::tempdir().expect("a folder");
     let inputs = session(folder.path());
     let (all, report) = vertices(&pack(), &inputs, &options(folder.path(), 2, 1 << 30));
     let wall: Vec<&Vertex> = all.iter().filter(|v| v.place.z < 0.1 && v.place.y.abs() < 1.15).collect();
-    // What at least one camera sees also if it is moved a little, and what none sees.
+    // Vertices that at least one camera sees even if they are moved a little, and vertices that none sees.
     let moved =
         |v: &Vertex, by: f64| [DVec3::X * by, -DVec3::X * by, DVec3::Y * by, -DVec3::Y * by].map(|step| v.place + step);
     let clear = |v: &Vertex| inputs.iter().any(|i| moved(v, 0.03).iter().all(|p| sees(&i.camera, p.with_z(0.0))));
@@ -155,16 +155,16 @@ fn a_wall_gets_its_light_back_without_the_pillar_and_the_passer_by() {
     assert!(seen.iter().all(|v| v.photos > 0.0));
     assert!(unseen.iter().all(|v| v.photos == 0.0));
     let ratio = |v: &Vertex, k: usize| light_from_srgb(v.color[k]) / light(v.place)[k];
-    let mut usual = [0.0; 3];
-    for (k, usual) in usual.iter_mut().enumerate() {
+    let mut median_ratio = [0.0; 3];
+    for (k, median_ratio) in median_ratio.iter_mut().enumerate() {
         let mut ratios: Vec<f64> = seen.iter().map(|v| ratio(v, k)).collect();
         ratios.sort_by(f64::total_cmp);
-        *usual = ratios[ratios.len() / 2];
-        let wrong = ratios.iter().filter(|r| (*r / *usual - 1.0).abs() > 0.1).count();
+        *median_ratio = ratios[ratios.len() / 2];
+        let wrong = ratios.iter().filter(|r| (*r / *median_ratio - 1.0).abs() > 0.1).count();
         assert!(wrong < seen.len() / 100, "{wrong} of {}", seen.len());
     }
     // What no photograph sees keeps the scan's colour, in the tone of the photographs: between the extremes of the wall.
-    let grey = unseen.iter().map(|v| light_from_srgb(v.color[1]) / usual[1]);
+    let grey = unseen.iter().map(|v| light_from_srgb(v.color[1]) / median_ratio[1]);
     assert!(grey.clone().all(|light| light > 0.13 && light < 0.28), "{:?}", grey.fold(0.0, f64::max));
     let gains: Vec<f64> = report.photos.iter().map(|photo| photo.gain[1]).collect();
     assert!(
@@ -209,7 +209,7 @@ fn masked_parts_and_damaged_photographs_are_left_out() {
     let left = |v: &&Vertex| inputs[0].camera.project(v.place).is_some_and(|pixel| pixel.x < 179.0);
     assert!(all.iter().filter(left).all(|v| v.photos == 0.0));
     assert!(all.iter().any(|v| v.photos == 1.0));
-    // A mask of another size, and no photograph at all.
+    // The mask has the wrong size, so no photograph is left.
     image::GrayImage::new(5, 5).save(inputs[0].mask.as_ref().expect("a mask")).expect("a mask");
     let pack = pack();
     let reader = Reader::open(SliceSource(pack.as_slice())).expect("a pack");
@@ -229,7 +229,7 @@ fn photographs_of_something_else_are_refused() {
 }
 
 #[test]
-fn sharpness_tells_a_blurred_photograph_from_a_sharp_one() {
+fn sharpness_distinguishes_blurred_from_sharp_photographs() {
     let mut random = fastrand::Rng::with_seed(4);
     let mut sharp = vec![120_u8; 128 * 128];
     for _ in 0..400 {

@@ -1,6 +1,6 @@
-//! The colours of scans, in the tone of the photographs: what vertices get that no photograph sees.
+//! Colours for vertices that no photograph sees: those of the model, matched in tone to the photographs.
 //!
-//! Where both are known their ratio is averaged over cells of space, on a pyramid of grids. A vertex without photographs takes the ratio of its
+//! Where both colours are known, their ratio is averaged over the cells of a pyramid of grids. A vertex that no photograph sees takes the ratio of its
 //! surroundings: of the finest cells that have enough vertices, blended into coarser ones, so that there is no step where photographs end.
 
 use glam::{DVec3, IVec3};
@@ -9,8 +9,8 @@ use std::collections::HashMap;
 /// Edge of the finest cells, metres; each further level has twice the edge.
 const FINEST: f64 = 0.5;
 const LEVELS: usize = 8;
-/// So many vertices make a cell count as much as the coarser level.
-const ENOUGH: f64 = 30.0;
+/// With this many vertices, a cell counts as much as the coarser level.
+const FULL_COUNT: f64 = 30.0;
 /// Added to light before ratios are formed.
 const DARKEST: f64 = 2e-3;
 
@@ -21,14 +21,14 @@ type Sums = HashMap<IVec3, ([f64; 3], f64)>;
 #[derive(Debug, Default)]
 pub(super) struct Ratios {
     levels: [Sums; LEVELS],
-    whole: ([f64; 3], f64),
+    overall: ([f64; 3], f64),
 }
 
-/// A number of vertices of a cell.
-pub(super) type Observed = HashMap<IVec3, ([f64; 3], f64)>;
+/// The sums over the vertices of a chunk, for each of the finest cells.
+pub(super) type CellSums = HashMap<IVec3, ([f64; 3], f64)>;
 
 /// Add a vertex to the cells of a chunk.
-pub(super) fn observe(cells: &mut Observed, place: DVec3, photographs: [f32; 3], scan: [f32; 3]) {
+pub(super) fn observe(cells: &mut CellSums, place: DVec3, photographs: [f32; 3], scan: [f32; 3]) {
     let (sum, count) = cells.entry(cell(place, 0)).or_default();
     for k in 0..3 {
         sum[k] += libm::log((f64::from(photographs[k]) + DARKEST) / (f64::from(scan[k]) + DARKEST));
@@ -42,27 +42,27 @@ fn cell(place: DVec3, level: usize) -> IVec3 {
 
 impl Ratios {
     /// Add the cells of a chunk. The order of chunks must always be the same, because sums are rounded.
-    pub(super) fn add(&mut self, cells: Observed) {
+    pub(super) fn add(&mut self, cells: CellSums) {
         let mut cells: Vec<_> = cells.into_iter().collect();
         cells.sort_unstable_by_key(|(at, _)| at.to_array());
         for (at, (sum, count)) in cells {
             for (level, sums) in self.levels.iter_mut().enumerate() {
                 merge(sums.entry(at >> level as i32).or_default(), sum, count);
             }
-            merge(&mut self.whole, sum, count);
+            merge(&mut self.overall, sum, count);
         }
     }
 
     /// Light of a scan in the tone of the photographs.
     pub(super) fn matched(&self, place: DVec3, scan: [f32; 3]) -> [f32; 3] {
-        let (sum, count) = self.whole;
+        let (sum, count) = self.overall;
         if count == 0.0 {
             return scan;
         }
         let mut ratio = sum.map(|sum| sum / count);
         for level in (0..LEVELS).rev() {
             let (sum, count) = self.around(place, level);
-            let weight = count / (count + ENOUGH);
+            let weight = count / (count + FULL_COUNT);
             if count > 0.0 {
                 for k in 0..3 {
                     ratio[k] += weight * (sum[k] / count - ratio[k]);
@@ -101,9 +101,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_vertex_beside_photographs_gets_their_tone_and_far_ones_the_usual_tone() {
+    fn unseen_vertices_get_the_tone_of_nearby_photographs_or_a_blend_between_distant_ones() {
         let mut ratios = Ratios::default();
-        let mut cells = Observed::default();
+        let mut cells = CellSums::default();
         // Left of x = 10 photographs are twice as bright as the scan, right of x = 60 four times.
         for k in 0..4000 {
             let (x, y) = (f64::from(k % 100) * 0.1, f64::from(k / 100) * 0.1);

@@ -1,8 +1,8 @@
-//! The vertices of the finest surface, by chunk, where each photograph can go through them quickly.
+//! The vertices of the finest surface, by chunk, in a scratch file that is read quickly for each photograph.
 
 use crate::ScanError;
 use crate::import::Progress;
-use crate::scratch::{ScratchFile, Stretch};
+use crate::scratch::{ByteRange, ScratchFile};
 use glam::{DVec3, IVec3};
 use kilwa_geometry::normal::{self, OctNormal};
 use kilwa_geometry::{Lattice, Mesh};
@@ -22,10 +22,10 @@ pub(super) struct Group {
     pub(super) chunk: u32,
     /// How many there are.
     pub(super) count: u32,
-    /// A ball around them, metres.
+    /// A bounding sphere, in metres.
     pub(super) center: DVec3,
     pub(super) radius: f64,
-    stretch: Stretch,
+    range: ByteRange,
 }
 
 /// A vertex.
@@ -50,14 +50,14 @@ impl Vertex {
     }
 }
 
-/// All of them.
+/// The vertices of all chunks.
 pub(super) struct Vertices {
     pub(super) lattice: Lattice,
     pub(super) groups: Vec<Group>,
     file: ScratchFile,
 }
 
-/// Which vertices of a chunk the finest surface has, in their order.
+/// The numbers of the vertices of a chunk that belong to the finest surface, in ascending order.
 pub(super) fn finest(mesh: &Mesh, patches: &[PatchRange]) -> Vec<u32> {
     let mut is_used = vec![false; mesh.positions.len()];
     for patch in patches.iter().filter(|patch| patch.diamond == NO_DIAMOND) {
@@ -76,7 +76,7 @@ impl Vertices {
         scratch: &Path,
         progress: &dyn Progress,
     ) -> Result<Self, ScanError> {
-        let file = ScratchFile::create(scratch, super::WAY_OUT)?;
+        let file = ScratchFile::create(scratch, super::REMEDY)?;
         let lattice = reader.header().lattice;
         let count = u32::try_from(reader.entries().len()).unwrap_or(u32::MAX);
         let mut groups = Vec::new();
@@ -107,7 +107,7 @@ impl Vertices {
                 if count > 0 {
                     let [low, high] = bounds.map(|corner| lattice.world_from_lattice(corner));
                     let (center, radius) = (0.5 * (low + high), 0.5 * low.distance(high));
-                    groups.push(Group { chunk, count, center, radius, stretch: file.append(&bytes)? });
+                    groups.push(Group { chunk, count, center, radius, range: file.append(&bytes)? });
                 }
             }
         }
@@ -121,7 +121,7 @@ impl Vertices {
 
     /// The vertices of a group.
     pub(super) fn of(&self, group: &Group) -> Result<Vec<Vertex>, ScanError> {
-        let bytes = self.file.read(group.stretch)?;
+        let bytes = self.file.read(group.range)?;
         let vertex = |b: &[u8; BYTES]| {
             let word = |k: usize| i32::from_le_bytes([b[k], b[k + 1], b[k + 2], b[k + 3]]);
             let short = |k: usize| i16::from_le_bytes([b[k], b[k + 1]]);

@@ -1,4 +1,4 @@
-//! What a photograph sees of the model: depth maps, from which vertices are visible, and how near they are to the border of an occlusion.
+//! What a photograph sees of the model: depth maps, which determine which vertices are visible and how near they are to occlusion boundaries.
 
 use super::model::Model;
 use crate::ScanError;
@@ -38,7 +38,7 @@ pub struct Sighting {
     pub facing: f64,
     /// Distance from the camera, metres.
     pub range: f64,
-    /// Distance to the nearest border of an occlusion, as an angle in radians.
+    /// Distance to the nearest occlusion boundary, as an angle in radians.
     pub clearance: f64,
 }
 
@@ -62,7 +62,7 @@ impl View {
         &self.camera
     }
 
-    /// Whether any part of a ball may be seen.
+    /// Whether any part of a sphere may be visible.
     pub fn may_show(&self, center: DVec3, radius: f64) -> bool {
         let at = self.camera.camera_from_world.apply(center);
         self.faces.iter().any(|face| face.raster.window().may_show(at, radius))

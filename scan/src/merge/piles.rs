@@ -1,7 +1,7 @@
 //! Pieces by tile: each tile has the pieces that its surface needs, in runs of one scratch file.
 
 use crate::ScanError;
-use crate::scratch::{ScratchFile, Stretch};
+use crate::scratch::{ByteRange, ScratchFile};
 use glam::IVec3;
 use kilwa_scan_core::tsdf::{BRICK, PIECE_BYTES, Piece, Region, SUB_LOG2};
 use std::collections::{BTreeMap, HashMap};
@@ -16,7 +16,7 @@ const CHUNK: usize = 4096 * PIECE_BYTES;
 pub(super) struct Run {
     /// The number of the station, from 1.
     pub(super) station: u16,
-    stretch: Stretch,
+    range: ByteRange,
 }
 
 /// The file, and the runs of each tile.
@@ -33,7 +33,7 @@ impl Piles {
     }
 
     fn append(&self, station: u16, tile: IVec3, bytes: &[u8]) -> Result<(), ScanError> {
-        let run = Run { station, stretch: self.file.append(bytes)? };
+        let run = Run { station, range: self.file.append(bytes)? };
         self.runs.lock().unwrap_or_else(PoisonError::into_inner).entry(tile).or_default().push(run);
         Ok(())
     }
@@ -56,7 +56,7 @@ impl Piles {
 
     /// Pass the pieces of a run to `sink`.
     pub(super) fn read(&self, run: Run, sink: &mut dyn FnMut(&Piece)) -> Result<(), ScanError> {
-        let bytes = self.file.read(run.stretch)?;
+        let bytes = self.file.read(run.range)?;
         for piece in bytes.as_chunks::<PIECE_BYTES>().0 {
             sink(&Piece::from_bytes(piece));
         }

@@ -1,4 +1,4 @@
-//! `cargo xtask bench colour`: colours the true surface of the simulated fort from simulated photographs, and compares them with the true light (example
+//! `cargo xtask bench colour`: colours the true surface of the simulated fort from simulated photographs, and compares the colours with the ground truth (example
 //! `colour_truth` of the crate kilwa-scan); with `--python`, pymeshlab's projection of the same photographs beside it.
 
 use super::{archive, run_measured};
@@ -97,7 +97,7 @@ fn simulate(args: &Args, kilwa: &Path, folder: &Path) -> Result<PathBuf> {
     Ok(session)
 }
 
-/// Run pymeshlab; what it cost, as cells of a table.
+/// Run pymeshlab; returns its time and memory as cells of a table.
 fn peer(python: &Path, root: &Path, session: &Path, surface: &Path, folder: &Path, file: &Path) -> Result<String> {
     let mut call = command("xvfb-run", &["-a", "-s", "-screen 0 1280x1024x24 +extension GLX"])?;
     call.arg(python).arg(root.join("xtask/peers/colour_peers.py")).arg(session.join("photos")).arg(surface).arg(file);
@@ -118,7 +118,7 @@ fn compared(args: &Args, kilwa: &Path, files: &[PathBuf]) -> Result<String> {
     let mut compare = command(&example.to_string_lossy(), &[])?;
     let printed = output(compare.args(numbers).arg(args.vertices.to_string()).args(files))?;
     let mut table = String::from(
-        "| colours | PSNR dB | against the mean light | steady light only | median error | 90 % | seen, not coloured % | hidden, but coloured % |\n|---|---:|---:|---:|---:|---:|---:|---:|\n",
+        "| colours | PSNR dB | PSNR, mean light | PSNR, steady light only | median error | 90th percentile | visible, not coloured % | hidden, but coloured % |\n|---|---:|---:|---:|---:|---:|---:|---:|\n",
     );
     for line in printed.lines().filter(|line| line.starts_with('{')) {
         let found: serde_json::Value = serde_json::from_str(line)?;

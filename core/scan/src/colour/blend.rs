@@ -1,4 +1,4 @@
-//! One colour out of what several photographs show of a vertex.
+//! Blends what several photographs show of a vertex into one colour.
 //!
 //! Two bands (Burt and Adelson, "A multiresolution spline with application to image mosaics", 1983): the surroundings are averaged over all photographs, so that
 //! differences of tone vanish gradually; details come mostly from the photographs that show the vertex best, so that they stay sharp although poses are not exact.
@@ -7,9 +7,9 @@ use kilwa_geometry::color::encode_f32 as encode;
 use std::array::from_fn;
 
 /// A photograph that differs by more than this from the others shows something else (people, a shadow that moved), in sRGB from 0 to 1.
-const DIFFERENT: f32 = 0.12;
-/// How many times the usual difference at the vertex is needed for that, too.
-const TIMES: f32 = 2.5;
+const OUTLIER_DIFFERENCE: f32 = 0.12;
+/// Its difference must also exceed this many times the median difference at the vertex.
+const MEDIAN_FACTOR: f32 = 2.5;
 /// Details change the surroundings by at most this factor.
 const CONTRAST: f32 = 6.0;
 /// Light below which ratios mean nothing.
@@ -37,15 +37,15 @@ pub struct Blended {
     pub dropped: u16,
 }
 
-/// The colour of a vertex; None without an observation. `agreement` takes how much each observation counts, 0 to 1.
+/// The colour of a vertex; None without an observation. `agreement` receives how much each observation counts, from 0 to 1.
 pub fn blend(observations: &[Observation], agreement: &mut Vec<f32>) -> Option<Blended> {
     agreement.clear();
     agreement.resize(observations.len(), 1.0);
     if observations.len() >= 3 {
-        judge(observations, agreement);
+        downweight_outliers(observations, agreement);
     }
     if agreement.iter().all(|agreement| *agreement == 0.0) {
-        // Nothing is common to them.
+        // No observation agrees with the median, so all of them count.
         agreement.fill(1.0);
     }
     let largest = observations.iter().zip(&*agreement).map(|(o, a)| o.weight * a).fold(0.0, f32::max);
@@ -55,7 +55,7 @@ pub fn blend(observations: &[Observation], agreement: &mut Vec<f32>) -> Option<B
     let (mut low, mut sum) = ([0.0; 3], 0.0);
     let (mut detail, mut detail_sum) = ([0.0; 3], 0.0);
     for (observation, agreement) in observations.iter().zip(&*agreement) {
-        // Noise and errors of tone average out over many photographs; details do not survive that.
+        // Averaging over many photographs removes noise and errors in tone, but also details.
         let sharp = observation.weight / largest * agreement;
         let weight = sharp.sqrt();
         for k in 0..3 {
@@ -72,14 +72,14 @@ pub fn blend(observations: &[Observation], agreement: &mut Vec<f32>) -> Option<B
     Some(Blended { light, photos: counted(photos), dropped: counted(observations.len() - photos) })
 }
 
-/// Lower the agreement of observations that differ from the median, at the vertex or around it: beside a passer-by, the surroundings are wrong.
-fn judge(observations: &[Observation], agreement: &mut [f32]) {
+/// Lower the agreement of observations that differ from the median, at the vertex or around it: next to a passer-by, the surroundings are wrong.
+fn downweight_outliers(observations: &[Observation], agreement: &mut [f32]) {
     for band in [|o: &Observation| o.full, |o: &Observation| o.low] {
         let values: Vec<[f32; 3]> = observations.iter().map(|o| band(o).map(encode)).collect();
         let middle: [f32; 3] = from_fn(|k| weighted_median(values.iter().map(|v| v[k]).zip(observations)));
         let distance = |value: &[f32; 3]| (0..3).map(|k| (value[k] - middle[k]).abs()).fold(0.0, f32::max);
-        let usual = weighted_median(values.iter().map(distance).zip(observations));
-        let limit = DIFFERENT.max(TIMES * usual);
+        let median_distance = weighted_median(values.iter().map(distance).zip(observations));
+        let limit = OUTLIER_DIFFERENCE.max(MEDIAN_FACTOR * median_distance);
         for (agreement, value) in agreement.iter_mut().zip(&values) {
             // Tukey's biweight.
             let share = distance(value) / (2.0 * limit);
@@ -88,7 +88,7 @@ fn judge(observations: &[Observation], agreement: &mut [f32]) {
     }
 }
 
-/// The value at half of the weights. No photograph counts more than the middle one, so that one cannot outvote two others.
+/// The weighted median. Weights are limited to the median weight, so that one photograph cannot outvote two others.
 fn weighted_median<'o>(values: impl Iterator<Item = (f32, &'o Observation)>) -> f32 {
     let mut values: Vec<(f32, f32)> = values.map(|(value, o)| (value, o.weight)).collect();
     values.sort_by(|a, b| a.1.total_cmp(&b.1));
@@ -145,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_and_observations_without_weight_give_no_colour() {
+    fn no_observations_or_only_weightless_ones_give_no_colour() {
         assert!(blend(&[], &mut Vec::new()).is_none());
         assert!(blend(&[seen(0.0, 0.2)], &mut Vec::new()).is_none());
     }

@@ -1,31 +1,31 @@
 //! Gains, offsets and vignettes of photographs, from what several of them show at the same places.
 //!
 //! A photograph p shows a place with light L as I = gₚ · v(r) · L + oₚ, in each channel: a gain (exposure and white balance), an offset (stray light), and the
-//! vignette of its lens, v(r) = exp(a r² + b r⁴ + c r⁶), where r is 1 in the corners. All are found together by robust least squares of log I (Gauss-Newton,
-//! Cauchy weights); the light of each place is eliminated (Schur complement). Gains that nothing determines stay at what the exposure settings say.
+//! vignette of its lens, v(r) = exp(a r² + b r⁴ + c r⁶), where r is 1 in the corners. All are estimated jointly by robust least squares on log I (Gauss-Newton,
+//! Cauchy weights); the light of each place is eliminated (Schur complement). Gains that no sample determines keep the values that the exposure settings imply.
 //! The model is that of Goldman and Chen, "Vignette and exposure calibration and compensation", ICCV 2005, with an offset and without a response curve.
 
 use nalgebra::{DMatrix, DVector};
 use std::array::from_fn;
 
-/// Scale of the residuals that count fully, natural logarithms.
+/// Scale of the Cauchy weights, in natural logarithms: much smaller residuals count fully.
 const SCALE: f64 = 0.06;
 /// Noise of a photograph, linear light.
 const NOISE: f64 = 0.004;
-/// Residuals that come from the surface and not from noise, natural logarithms.
+/// Standard deviation of residuals that are caused by the surface and not by noise, in natural logarithms.
 const SPREAD: f64 = 0.03;
-/// How far from what is expected gains, offsets, and coefficients of vignettes are: standard deviations.
+/// Prior standard deviations of gains, offsets and vignetting coefficients.
 const GAIN: f64 = 0.7;
-/// Offsets must stay small, because a sun that moves looks like one.
+/// Offsets must stay small, because a moving sun has a similar effect.
 const OFFSET: f64 = 0.000_5;
 const VIGNETTE: f64 = 0.4;
 /// Light below this is not used, linear.
 const DARKEST: f64 = 0.002;
-/// Rounds of the solution, at most, and the change of a gain at which they end.
-const ROUNDS: usize = 12;
-const SETTLED: f64 = 1e-4;
-/// Places that are used have at most so many photographs.
-const PHOTOS_MAX: usize = 16;
+/// Max number of iterations, and the change of a gain below which they end.
+const MAX_ITERATIONS: usize = 12;
+const CONVERGED: f64 = 1e-4;
+/// At most this many photographs are used at each place.
+const MAX_PHOTOS: usize = 16;
 
 /// What a photograph shows at a place.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,7 +48,7 @@ struct Channel {
     offset: f64,
 }
 
-/// How photographs show light.
+/// The tones of all photographs and lenses.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Tones {
     photos: Vec<[Channel; 3]>,
@@ -70,8 +70,8 @@ fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
 }
 
 impl Tones {
-    /// Find them. `lenses` has the number of the lens of each photograph, from 0 without gaps. `expected` has the logarithms (natural) of the gains that exposure settings lead one to expect, relative to each other;
-    /// 0 where nothing is known. `places` has what photographs show at each place.
+    /// Estimate the tones. `lenses` contains the number of the lens of each photograph, from 0 without gaps. `expected` contains the natural logarithms of the gains expected from the exposure settings, relative to each other;
+    /// 0 where nothing is known. `places` contains what the photographs show at each place.
     pub fn solve(lenses: &[u32], expected: &[f64], places: &[Vec<ToneSample>]) -> Self {
         let count = lenses.iter().max().map_or(0, |most| *most as usize + 1);
         let mut tones = Self {
@@ -81,8 +81,8 @@ impl Tones {
             places: places.iter().filter(|samples| samples.len() > 1).count(),
         };
         for channel in 0..3 {
-            for _ in 0..ROUNDS {
-                if tones.improve(channel, expected, places) < SETTLED {
+            for _ in 0..MAX_ITERATIONS {
+                if tones.improve(channel, expected, places) < CONVERGED {
                     break;
                 }
             }
@@ -90,7 +90,7 @@ impl Tones {
         tones
     }
 
-    /// The light of a place of which a photograph shows `light`.
+    /// The light of a place, calculated from the value `light` that a photograph shows there.
     pub fn corrected(&self, photo: u32, r2: f32, light: [f32; 3]) -> [f32; 3] {
         from_fn(|k| self.light(k, photo, r2.into(), light[k].into()).max(0.0) as f32)
     }
@@ -120,7 +120,7 @@ impl Tones {
         dot(self.vignettes[lens][channel], powers(r2))
     }
 
-    /// One round of Gauss-Newton in a channel; the largest change of a gain.
+    /// One Gauss-Newton iteration for a channel; returns the largest change of a gain.
     fn improve(&mut self, channel: usize, expected: &[f64], places: &[Vec<ToneSample>]) -> f64 {
         let (photos, lenses) = (self.photos.len(), self.vignettes.len());
         let size = 2 * photos + 3 * lenses;
@@ -164,7 +164,7 @@ impl Tones {
     /// The equations of the samples of a place.
     fn rows(&self, channel: usize, samples: &[ToneSample], rows: &mut Vec<Row>) {
         rows.clear();
-        let usable = samples.iter().filter(|s| f64::from(s.light[channel]) > DARKEST).take(PHOTOS_MAX);
+        let usable = samples.iter().filter(|s| f64::from(s.light[channel]) > DARKEST).take(MAX_PHOTOS);
         let known = |s: &ToneSample| {
             let (r2, light) = (f64::from(s.r2), f64::from(s.light[channel]));
             let estimate = self.light(channel, s.photo, r2, light);
@@ -175,7 +175,7 @@ impl Tones {
             return;
         }
         seen.sort_by(|a, b| a.1.total_cmp(&b.1));
-        // The median; of an even number, the mean of both in the middle.
+        // The median; for an even number of samples, the mean of the two in the middle.
         let middle = 0.5 * (seen[(seen.len() - 1) / 2].1 + seen[seen.len() / 2].1);
         let (photos, place) = (self.photos.len(), libm::exp(middle));
         for (sample, estimate) in seen {
@@ -210,17 +210,17 @@ struct Row {
     weight: f64,
 }
 
-/// Add the equations of a place, without the light of the place.
+/// Add the equations of a place after eliminating its light.
 fn add(rows: &[Row], normal: &mut DMatrix<f64>, right: &mut DVector<f64>) {
     if rows.len() < 2 {
         return;
     }
     let sum = |of: &dyn Fn(&Row) -> f64| rows.iter().map(|row| row.weight * of(row)).sum::<f64>();
-    let whole = sum(&|row| row.place * row.place);
-    if whole <= 0.0 {
+    let total = sum(&|row| row.place * row.place);
+    if total <= 0.0 {
         return;
     }
-    let residual = sum(&|row| row.place * row.residual) / whole;
+    let residual = sum(&|row| row.place * row.residual) / total;
     for row in rows {
         for (i, a) in row.terms {
             right[i] += row.weight * a * (row.residual - row.place * residual);
@@ -231,7 +231,7 @@ fn add(rows: &[Row], normal: &mut DMatrix<f64>, right: &mut DVector<f64>) {
     }
     for p in rows {
         for q in rows {
-            let factor = p.weight * p.place * q.weight * q.place / whole;
+            let factor = p.weight * p.place * q.weight * q.place / total;
             for (i, a) in p.terms {
                 for (j, b) in q.terms {
                     normal[(i, j)] -= factor * a * b;
@@ -245,7 +245,7 @@ fn add(rows: &[Row], normal: &mut DMatrix<f64>, right: &mut DVector<f64>) {
 mod tests {
     use super::*;
 
-    /// Photographs of two lenses with random exposures of places, every tenth sample wrong.
+    /// Samples from photographs with two lenses and random exposures; the share `wrong` of them are outliers.
     fn simulated(photos: usize, wrong: f64) -> (Vec<u32>, Vec<[f64; 3]>, Vec<Vec<ToneSample>>) {
         let mut random = fastrand::Rng::with_seed(11);
         let gains: Vec<[f64; 3]> = (0..photos)
@@ -273,7 +273,7 @@ mod tests {
     }
 
     #[test]
-    fn exposures_and_vignettes_are_found_although_a_tenth_of_the_samples_is_wrong() {
+    fn exposures_and_vignetting_are_recovered_although_a_tenth_of_the_samples_are_outliers() {
         let photos = 40;
         let (lenses, gains, places) = simulated(photos, 0.1);
         let tones = Tones::solve(&lenses, &vec![0.0; photos], &places);

@@ -3,11 +3,11 @@
 use super::Window;
 use glam::{DVec2, DVec3, Vec3};
 
-/// What is nearer than this to the plane of the camera is cut off, metres.
+/// Distance of the near clipping plane, in metres.
 const NEAR: f32 = 1e-3;
 
 /// Barycentric weights down to this are inside, so that rounding opens no gap between neighbouring triangles.
-const OUTSIDE: f64 = -1e-9;
+const MIN_BARYCENTRIC: f64 = -1e-9;
 
 /// What is interpolated across a triangle.
 pub trait Value: Copy + Default {
@@ -60,7 +60,7 @@ impl<V: Value> Raster<V> {
         if !depths.iter().any(|z| *z > NEAR) || depths.iter().any(|z| !z.is_finite()) {
             return;
         }
-        // Cut off what is behind the near plane: what remains has three or four corners.
+        // Clip against the near plane; three or four corners remain.
         let corners = corners.map(Vec3::as_dvec3);
         let near = f64::from(NEAR);
         let (mut rest, mut count) = ([(DVec3::ZERO, V::default()); 4], 0);
@@ -93,7 +93,7 @@ impl<V: Value> Raster<V> {
         if !(low.cmplt(high).all()) {
             return;
         }
-        // Pixels are filled whose centre, half a pixel inside, is in the triangle.
+        // A pixel is filled if its centre lies in the triangle.
         let first = (low - 0.5).ceil().max(DVec2::ZERO);
         let last = (high - 0.5).floor().min(size - 1.0);
         if first.x > last.x || first.y > last.y {
@@ -117,7 +117,7 @@ impl<V: Value> Raster<V> {
             for (i, column) in columns.clone().enumerate() {
                 let x = i as f64;
                 let w: [f64; 3] = std::array::from_fn(|k| start[k] + steps[k] * x);
-                if w[0] < OUTSIDE || w[1] < OUTSIDE || w[2] < OUTSIDE {
+                if w[0] < MIN_BARYCENTRIC || w[1] < MIN_BARYCENTRIC || w[2] < MIN_BARYCENTRIC {
                     continue;
                 }
                 let scaled: [f64; 3] = std::array::from_fn(|k| w[k] * inverse[k]);
@@ -153,10 +153,10 @@ impl<V: Value> Raster<V> {
         let corner = (pixel - 0.5).floor();
         let x = [corner.x, corner.x + 1.0].map(|x| x.clamp(0.0, f64::from(width - 1)) as u32);
         let y = [corner.y, corner.y + 1.0].map(|y| y.clamp(0.0, f64::from(height - 1)) as u32);
-        let nearest = [(0, 0), (1, 0), (0, 1), (1, 1)]
+        let smallest = [(0, 0), (1, 0), (0, 1), (1, 1)]
             .iter()
             .map(|(i, j)| self.inverse_depth(x[*i], y[*j]))
             .fold(f32::INFINITY, f32::min);
-        1.0 / nearest
+        1.0 / smallest
     }
 }

@@ -1,8 +1,8 @@
-//! How far a pixel is from the next place where the depth jumps.
+//! The distance of each pixel from the nearest depth discontinuity.
 
 use super::{Raster, Value};
 
-/// For each pixel of a raster the distance to the nearest border of an occlusion, or of the surface, in pixels up to a limit.
+/// For each pixel of a raster, the distance in pixels to the nearest occlusion boundary or border of the surface, up to a limit.
 #[derive(Debug, Clone)]
 pub struct Edges {
     width: usize,
@@ -15,10 +15,10 @@ const STRAIGHT: u8 = 3;
 const DIAGONAL: u8 = 4;
 
 impl Edges {
-    /// The largest distance that is told apart, pixels.
+    /// The largest distance that can be stored, in pixels.
     pub const FARTHEST: f32 = 85.0;
 
-    /// Where neighbouring pixels differ in depth by more than `jump` of it, and by more than the slope of the surface on both sides explains.
+    /// Find the edges: where neighbouring pixels differ in depth by more than the fraction `jump` of the depth, and by more than the slope of the surface on both sides explains.
     pub fn of<V: Value>(raster: &Raster<V>, jump: f32) -> Self {
         let [width, height] = raster.window().size;
         let mut thirds = vec![u8::MAX; width as usize * height as usize];
@@ -47,39 +47,39 @@ impl Edges {
         for y in 0..height {
             for x in 0..width {
                 let at = y * width + x;
-                let mut least = self.thirds[at];
+                let mut min = self.thirds[at];
                 if x > 0 {
-                    least = least.min(self.thirds[at - 1].saturating_add(STRAIGHT));
+                    min = min.min(self.thirds[at - 1].saturating_add(STRAIGHT));
                 }
                 if y > 0 {
-                    least = least.min(self.thirds[at - width].saturating_add(STRAIGHT));
+                    min = min.min(self.thirds[at - width].saturating_add(STRAIGHT));
                     if x > 0 {
-                        least = least.min(self.thirds[at - width - 1].saturating_add(DIAGONAL));
+                        min = min.min(self.thirds[at - width - 1].saturating_add(DIAGONAL));
                     }
                     if x + 1 < width {
-                        least = least.min(self.thirds[at - width + 1].saturating_add(DIAGONAL));
+                        min = min.min(self.thirds[at - width + 1].saturating_add(DIAGONAL));
                     }
                 }
-                self.thirds[at] = least;
+                self.thirds[at] = min;
             }
         }
         for y in (0..height).rev() {
             for x in (0..width).rev() {
                 let at = y * width + x;
-                let mut least = self.thirds[at];
+                let mut min = self.thirds[at];
                 if x + 1 < width {
-                    least = least.min(self.thirds[at + 1].saturating_add(STRAIGHT));
+                    min = min.min(self.thirds[at + 1].saturating_add(STRAIGHT));
                 }
                 if y + 1 < height {
-                    least = least.min(self.thirds[at + width].saturating_add(STRAIGHT));
+                    min = min.min(self.thirds[at + width].saturating_add(STRAIGHT));
                     if x > 0 {
-                        least = least.min(self.thirds[at + width - 1].saturating_add(DIAGONAL));
+                        min = min.min(self.thirds[at + width - 1].saturating_add(DIAGONAL));
                     }
                     if x + 1 < width {
-                        least = least.min(self.thirds[at + width + 1].saturating_add(DIAGONAL));
+                        min = min.min(self.thirds[at + width + 1].saturating_add(DIAGONAL));
                     }
                 }
-                self.thirds[at] = least;
+                self.thirds[at] = min;
             }
         }
     }
@@ -92,7 +92,7 @@ impl Edges {
     }
 }
 
-/// Whether the depth jumps between a pixel and the next one in a direction. Compared are reciprocals of depths, which are linear across a plane: the
+/// Whether the depth jumps between a pixel and the next one in a direction. Reciprocals of depths are compared, because they are linear across a plane: the
 /// jump must exceed what the differences on either side lead one to expect.
 fn is_jump<V: Value>(raster: &Raster<V>, [x, y]: [u32; 2], [dx, dy]: [u32; 2], jump: f32) -> bool {
     let at = |x: Option<u32>, y: Option<u32>| {

@@ -7,8 +7,8 @@ fn window(size: [u32; 2], focal: f64) -> Window {
     Window { window_from_camera: DMat3::IDENTITY, focal, center, size }
 }
 
-/// Where a ray along `d` from the origin meets a triangle: its depth.
-fn meet([a, b, c]: [DVec3; 3], d: DVec3) -> Option<f64> {
+/// The depth at which a ray from the origin along `d` meets a triangle.
+fn depth_along_ray([a, b, c]: [DVec3; 3], d: DVec3) -> Option<f64> {
     let normal = (b - a).cross(c - a);
     let t = normal.dot(a) / normal.dot(d);
     let p = d * t;
@@ -17,7 +17,7 @@ fn meet([a, b, c]: [DVec3; 3], d: DVec3) -> Option<f64> {
 }
 
 #[test]
-fn depths_are_those_of_rays_also_of_triangles_that_reach_behind_the_camera() {
+fn depths_match_ray_casting_even_for_triangles_that_reach_behind_the_camera() {
     let mut random = fastrand::Rng::with_seed(7);
     let window = window([40, 30], 25.0);
     let mut point = || Vec3::from_array(std::array::from_fn(|_| random.f32() * 8.0 - 4.0));
@@ -30,7 +30,10 @@ fn depths_are_those_of_rays_also_of_triangles_that_reach_behind_the_camera() {
         let mut misses = 0;
         for (x, y) in (0..30).flat_map(|y| (0..40).map(move |x| (x, y))) {
             let ray = window.ray(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5));
-            let hits = triangles.iter().enumerate().filter_map(|(k, t)| Some((meet(t.map(Vec3::as_dvec3), ray)?, k)));
+            let hits = triangles
+                .iter()
+                .enumerate()
+                .filter_map(|(k, t)| Some((depth_along_ray(t.map(Vec3::as_dvec3), ray)?, k)));
             let Some((depth, number)) = hits.min_by(|a, b| a.0.total_cmp(&b.0)) else {
                 continue;
             };
@@ -38,7 +41,7 @@ fn depths_are_those_of_rays_also_of_triangles_that_reach_behind_the_camera() {
                 continue;
             }
             let drawn = f64::from(raster.depth(x, y));
-            // Edges seen almost along the triangle are the limit of single precision.
+            // Single precision is not enough for triangles seen almost edge-on.
             let same = (drawn - depth).abs() < 2e-3 * depth
                 && raster.value(x, y).is_some_and(|[value]| value.round() == number as f32);
             misses += u32::from(!same);
@@ -48,7 +51,7 @@ fn depths_are_those_of_rays_also_of_triangles_that_reach_behind_the_camera() {
 }
 
 #[test]
-fn values_are_interpolated_in_space_and_not_in_the_picture() {
+fn value_interpolation_is_perspective_correct() {
     let mut raster = Raster::<[f32; 1]>::new(window([100, 100], 50.0));
     // A floor that recedes; the value is the depth.
     let corners = [Vec3::new(-50.0, 1.0, 1.0), Vec3::new(50.0, 1.0, 1.0), Vec3::new(0.0, 1.0, 200.0)];
@@ -85,7 +88,7 @@ fn a_mesh_without_holes_has_none_in_its_picture() {
 }
 
 #[test]
-fn windows_show_all_that_a_camera_sees() {
+fn windows_cover_everything_that_a_camera_sees() {
     let size = [640, 480];
     let half = DVec2::new(320.0, 240.0);
     let brown = Distortion::Brown { k: [-0.2, 0.05, 0.0, 0.0], p: [0.001, -0.002] };
@@ -116,7 +119,7 @@ fn windows_show_all_that_a_camera_sees() {
 }
 
 #[test]
-fn balls_outside_are_left_out() {
+fn spheres_outside_the_view_are_culled() {
     let window = window([100, 100], 100.0);
     assert!(window.may_show(DVec3::new(0.0, 0.0, 5.0), 0.1));
     assert!(!window.may_show(DVec3::new(0.0, 0.0, -5.0), 0.1));
@@ -126,7 +129,7 @@ fn balls_outside_are_left_out() {
 }
 
 #[test]
-fn edges_are_where_the_depth_jumps_and_not_on_slopes() {
+fn edges_lie_at_depth_discontinuities_and_not_on_slopes() {
     let mut raster = Raster::<()>::new(window([80, 60], 60.0));
     let quad = |raster: &mut Raster<()>, corners: [Vec3; 4]| {
         raster.draw([corners[0], corners[1], corners[2]], [(); 3]);

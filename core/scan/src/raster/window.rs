@@ -5,9 +5,9 @@ use glam::{DMat3, DVec2, DVec3};
 
 /// Cameras that see farther than this from their axis, radians, are covered by the faces of a cube.
 const WIDE: f64 = 0.96;
-/// Places along each side of a picture at which its field of view is examined.
+/// Sample positions along each side of a picture, from which its field of view is found.
 const SAMPLES: u32 = 33;
-/// A window is larger than what was found at those places by this share of its size.
+/// Windows extend beyond the samples by this share of their size.
 const MARGIN: f64 = 0.02;
 
 /// A perspective view without distortion. Pixels as in [`crate::camera`]: (0, 0) is the corner of the first pixel.
@@ -15,16 +15,16 @@ const MARGIN: f64 = 0.02;
 pub struct Window {
     /// The rotation from the axes of the camera to those of the window: x right, y down, z forward.
     pub window_from_camera: DMat3,
-    /// Pixels per unit of the tangent.
+    /// Focal length, in pixels.
     pub focal: f64,
-    /// Where the axis meets the picture, pixels.
+    /// Principal point, in pixels.
     pub center: DVec2,
     /// Width and height, pixels.
     pub size: [u32; 2],
 }
 
 impl Window {
-    /// The place of a point, given in the axes of the window; None if it is not in front, or not inside the picture.
+    /// The pixel position of a point given in the axes of the window; None if it is not in front of the camera or not inside the picture.
     pub fn project(&self, point: DVec3) -> Option<DVec2> {
         if point.z <= 0.0 {
             return None;
@@ -34,7 +34,7 @@ impl Window {
         (pixel.x >= 0.0 && pixel.y >= 0.0 && pixel.x < width && pixel.y < height).then_some(pixel)
     }
 
-    /// The direction that a place sees, in the axes of the camera; its component along the axis of the window is 1.
+    /// The viewing direction at a pixel position, in the axes of the camera; its component along the axis of the window is 1.
     pub fn ray(&self, pixel: DVec2) -> DVec3 {
         self.window_from_camera.transpose() * ((pixel - self.center) / self.focal).extend(1.0)
     }
@@ -46,7 +46,7 @@ impl Window {
         [low.x, low.y, high.x, high.y]
     }
 
-    /// Whether a ball, with its centre in the axes of the camera, may reach into the view. Balls around the camera do.
+    /// Whether a sphere, with its centre in the axes of the camera, may reach into the view; always true if the sphere contains the camera.
     pub fn may_show(&self, center: DVec3, radius: f64) -> bool {
         let at = self.window_from_camera * center;
         let [left, top, right, bottom] = self.tangents();
@@ -60,7 +60,7 @@ impl Window {
     }
 }
 
-/// The windows that cover a camera, with pixels of `scale` of the picture's pixels in each direction (0.5: a quarter as many), but together not many more
+/// The windows that cover what a camera sees, at `scale` times the resolution of the picture in each direction (0.5: a quarter as many pixels), but together not many more pixels
 /// than `max_pixels`.
 pub fn windows(camera: &Camera, scale: f64, max_pixels: u32) -> Vec<Window> {
     let rays = rays(camera);
@@ -101,7 +101,7 @@ fn rays(camera: &Camera) -> Vec<DVec3> {
     places.filter_map(|(x, y)| camera.ray(DVec2::new(x * width, y * height))).collect()
 }
 
-/// The smallest and largest tangents that a view of these axes needs; None if it sees none of the directions. A face of a cube is not wider than the face.
+/// The smallest and largest tangents that a view of these axes needs; None if it sees none of the directions. The view through a face of a cube does not extend beyond that face.
 fn extent(rays: &[DVec3], frame: DMat3, is_face: bool) -> Option<[DVec2; 2]> {
     let start = [DVec2::INFINITY, DVec2::NEG_INFINITY];
     let inside = rays.iter().map(|ray| frame * *ray).filter(|at| at.z > 0.3).map(|at| at.truncate() / at.z);
