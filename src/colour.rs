@@ -5,6 +5,7 @@ mod report;
 
 use crate::build::{self, Interrupted, size};
 use crate::inputs::{source_file, summarised};
+use crate::merge::resolved;
 use crate::new_file::{PrivateFolder, check_output, private_folder_in, refuse_inputs};
 use crate::progress::Bar;
 use crate::source::{FileSource, open_pack};
@@ -14,12 +15,13 @@ use kilwa_builder::build::work::Stop;
 use kilwa_builder::{Capture, Progress as _, Provenance};
 use kilwa_files::atomic::folder_of;
 use kilwa_files::made_folders::MadeFolders;
-use kilwa_formats::extract::{Extraction, Format, Output, extract_repainted};
-use kilwa_pack::Reader;
+use kilwa_formats::extract::{Extraction, Format, Output, Repaint, extract_repainted};
+use kilwa_pack::{Chunk, Reader};
 use kilwa_scan::ScanError;
 use kilwa_scan::colour::{Colouring, Options, Report, colour};
 use kilwa_scan::survey;
 use photos::Photographs;
+use std::error::Error;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -132,7 +134,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     refuse_inputs(&args.output, read.iter().copied())?;
     if let Some(report) = &args.report {
         ensure!(
-            *report != args.output,
+            resolved(report)? != resolved(&args.output)?,
             "{} is already the name of the output; choose another name for the report",
             report.display()
         );
@@ -146,7 +148,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let scratch = scratch.with_context(|| format!("cannot make a scratch folder in {}", folder.display()))?;
     let done = work(args, path, &photographs, format, &output, &scratch, (&bar, &stop));
     bar.clear();
-    let done = if stop.asked() { Err(Interrupted::new("stopped; nothing was written").into()) } else { done };
+    let done =
+        if done.is_err() && stop.asked() { Err(Interrupted::new("stopped; nothing was written").into()) } else { done };
     drop((scratch, made));
     done.and_then(|done| report::print(args, &photographs, &done, begun.elapsed().as_secs_f64()))
 }
@@ -157,6 +160,8 @@ struct Done {
     triangles: u64,
     vertices: u64,
     bytes: u64,
+    /// What the format of the mesh cannot store.
+    left_out: Vec<String>,
 }
 
 fn work(
@@ -176,33 +181,90 @@ fn work(
         path.display()
     );
     let options = Options { memory: args.memory(), threads: args.threads(), scratch: scratch.path().to_owned() };
-    let coloured = colour(&reader, &photographs.inputs, &options, &BarProgress { bar, stop });
-    let (colouring, report) = coloured.map_err(|e| match e {
-        ScanError::Stopped => Interrupted::new("stopped; nothing was written").into(),
-        e => anyhow::Error::new(e),
-    })?;
-    if args.is_pack() {
-        let (surface, bytes) = write_pack(args, &model, &reader, &colouring, photographs, scratch.path(), (bar, stop))?;
-        return Ok(Done { report, triangles: surface.triangles, vertices: surface.vertices, bytes });
-    }
-    let written = write_mesh(&reader, format, &colouring, output, bar)?;
-    Ok(Done { report, triangles: written.triangles, vertices: written.vertices, bytes: written.bytes })
+    let progress = BarProgress { bar, stop };
+    let (colouring, report) = colour(&reader, &photographs.inputs, &options, &progress)?;
+    let coloured = Coloured { args, reader: &reader, colouring, report, bar, stop };
+    let (written, bytes) = if args.is_pack() {
+        coloured.write_pack(&model, photographs, scratch.path())?
+    } else {
+        let written = coloured.write_mesh(format, output)?;
+        let bytes = written.bytes;
+        (written, bytes)
+    };
+    let report = coloured.report;
+    Ok(Done { report, triangles: written.triangles, vertices: written.vertices, bytes, left_out: written.left_out })
 }
 
-fn write_mesh(
-    reader: &Reader<FileSource>,
-    format: Format,
-    colouring: &Colouring,
-    output: &Output,
-    bar: &Bar,
-) -> anyhow::Result<Extraction> {
-    let progress = |done, all| bar.update("writing", done, all);
-    Ok(extract_repainted(reader, format, colouring, output, &progress)?)
+/// A model with its new colours.
+struct Coloured<'a> {
+    args: &'a Args,
+    reader: &'a Reader<FileSource>,
+    colouring: Colouring,
+    report: Report,
+    bar: &'a Bar,
+    stop: &'a Stop,
+}
+
+impl Repaint for Coloured<'_> {
+    fn scalars(&self) -> Vec<String> {
+        self.colouring.scalars()
+    }
+
+    fn repaint(&self, number: u32, chunk: &mut Chunk) -> Result<(), Box<dyn Error + Send + Sync>> {
+        if self.stop.asked() {
+            return Err(Box::new(ScanError::Stopped));
+        }
+        self.colouring.repaint(number, chunk)
+    }
+}
+
+impl Coloured<'_> {
+    fn write_mesh(&self, format: Format, output: &Output) -> anyhow::Result<Extraction> {
+        let progress = |done, all| self.bar.update("writing", done, all);
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.args.threads()).build()?;
+        Ok(extract_repainted(self.reader, format, self, output, &pool, &progress)?)
+    }
+
+    /// Build a pack of the coloured surface, on the lattice of the model; also returns the size of the pack in bytes.
+    fn write_pack(
+        &self,
+        model: &Model,
+        photographs: &Photographs,
+        scratch: &Path,
+    ) -> anyhow::Result<(Extraction, u64)> {
+        let mesh = scratch.join("coloured.ply");
+        let surface = self.write_mesh(Format::of(&mesh, false)?, &Output::prepare(&mesh, false)?)?;
+        let metadata = self.reader.metadata();
+        let mut sources = match &model.mesh {
+            Some(mesh) => vec![source_file(mesh, self.bar, self.stop)?],
+            None => metadata.sources.clone(),
+        };
+        for (input, photo) in photographs.inputs.iter().zip(&self.report.photos) {
+            if photo.seen > 0 {
+                sources.push(source_file(&input.path, self.bar, self.stop)?);
+            }
+        }
+        let mut common = self.args.common(scratch, Some(metadata.title.clone()), metadata.crs.clone());
+        let parts = metadata.capture_registration.zip(metadata.capture_instrument);
+        let capture = metadata.capture_accuracy.zip(parts).map(|(accuracy, (registration, instrument))| Capture {
+            accuracy,
+            registration,
+            instrument,
+        });
+        if capture.is_none() {
+            common.capture_accuracy = metadata.capture_accuracy;
+        }
+        let provenance = Provenance { sources: summarised(sources), capture };
+        let step = Some(metadata.lattice_step);
+        let building = build::Args::of_mesh(mesh, self.args.output.clone(), common, step, Some(provenance));
+        Ok((surface, build::within(&building, self.bar, self.stop)?.pack.bytes))
+    }
 }
 
 /// The model as a pack: itself, or a temporary one.
 fn as_pack(args: &Args, path: &Path, scratch: &Path, bar: &Bar, stop: &Stop) -> anyhow::Result<Model> {
     ensure!(path.exists(), "{} does not exist", path.display());
+    ensure!(path.is_file(), "{} is not a file; give one mesh or pack", path.display());
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("kilwa")) {
         return Ok(Model { path: path.to_owned(), mesh: None });
     }
@@ -210,39 +272,6 @@ fn as_pack(args: &Args, path: &Path, scratch: &Path, bar: &Bar, stop: &Stop) -> 
     let building = build::Args::of_mesh(path.to_owned(), pack.clone(), args.common(scratch, None, None), None, None);
     build::within(&building, bar, stop)?;
     Ok(Model { path: pack, mesh: Some(path.to_owned()) })
-}
-
-/// Build a pack of the coloured surface, on the lattice of the model; also returns the size of the pack in bytes.
-fn write_pack(
-    args: &Args,
-    model: &Model,
-    reader: &Reader<FileSource>,
-    colouring: &Colouring,
-    photographs: &Photographs,
-    scratch: &Path,
-    (bar, stop): (&Bar, &Stop),
-) -> anyhow::Result<(Extraction, u64)> {
-    let mesh = scratch.join("coloured.ply");
-    let output = Output::prepare(&mesh, false)?;
-    let surface = write_mesh(reader, Format::of(&mesh, false)?, colouring, &output, bar)?;
-    let metadata = reader.metadata();
-    let mut sources = match &model.mesh {
-        Some(mesh) => vec![source_file(mesh, bar, stop)?],
-        None => metadata.sources.clone(),
-    };
-    for input in &photographs.inputs {
-        sources.push(source_file(&input.path, bar, stop)?);
-    }
-    let capture = metadata.capture_accuracy.map(|accuracy| Capture {
-        accuracy,
-        registration: metadata.capture_registration.unwrap_or(0.0),
-        instrument: metadata.capture_instrument.unwrap_or(0.0),
-    });
-    let provenance = Provenance { sources: summarised(sources), capture };
-    let common = args.common(scratch, Some(metadata.title.clone()), metadata.crs.clone());
-    let step = Some(metadata.lattice_step);
-    let building = build::Args::of_mesh(mesh, args.output.clone(), common, step, Some(provenance));
-    Ok((surface, build::within(&building, bar, stop)?.pack.bytes))
 }
 
 /// Shows progress on a bar; a signal stops the work.

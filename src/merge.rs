@@ -186,7 +186,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
 }
 
 /// A path with all links and `..` of its folder followed; the file need not exist.
-fn resolved(path: &Path) -> anyhow::Result<PathBuf> {
+pub(crate) fn resolved(path: &Path) -> anyhow::Result<PathBuf> {
     let folder = kilwa_files::atomic::folder_of(path);
     // A folder that does not exist will be made.
     let folder = folder.canonicalize().or_else(|_| std::path::absolute(folder))?;

@@ -91,7 +91,7 @@ fn errors_state_what_to_do_if_a_model_cannot_be_coloured() {
     refused(&[text(&at("none.ply")), "--photos", photos, "-o", out_name], "does not exist");
     refused(&[pack, "--photos", photos, "--force", "-o", pack], "is an input of this command");
     std::fs::create_dir(at("empty")).unwrap();
-    refused(&[pack, "--photos", text(&at("empty")), "-o", out_name], "0 of 0 photographs have");
+    refused(&[pack, "--photos", text(&at("empty")), "-o", out_name], "no photographs were found");
     // An existing file is not replaced.
     std::fs::write(at("there.ply"), "mine").unwrap();
     let error = fails(&["colour", pack, "--photos", photos, "-o", text(&at("there.ply"))]);

@@ -68,7 +68,7 @@ fn compare(session: &Session, suns: [(f64, f64); 3], count: usize, file: &str) {
         })
     };
     let all: Vec<Compared> = (0..mesh.positions.len()).into_par_iter().step_by(step).filter_map(vertex).collect();
-    let well: Vec<&Compared> = all.iter().filter(|v| v.seen[0] > 0 && v.photos != Some(0.0)).collect();
+    let well: Vec<&Compared> = all.iter().filter(|v| v.seen[0] > 0).collect();
     let squares_of = |vertices: &[&Compared], truth: fn(&Compared) -> [f64; 3]| -> Vec<f64> {
         (0..3).flat_map(|c| errors(vertices, c, truth)).map(|e| e * e).collect()
     };
@@ -83,7 +83,7 @@ fn compare(session: &Session, suns: [(f64, f64); 3], count: usize, file: &str) {
         all.iter().filter(|v| of(v) && is(v)).count() as f64 / whole.max(1) as f64
     };
     println!(
-        "{{\"file\":{file:?},\"vertices\":{},\"compared\":{},\"psnr\":{:.2},\"steady_share\":{:.3},\"steady_psnr\":{:.2},\"psnr_mean\":{:.2},\"median\":{:.4},\"p90\":{:.4},\"p99\":{:.4},\"seen_truly\":{:.4},\"missed\":{:.4},\"false\":{:.4}}}",
+        "{{\"file\":{file:?},\"vertices\":{},\"compared\":{},\"psnr\":{:.2},\"steady_share\":{:.3},\"steady_psnr\":{:.2},\"psnr_mean\":{:.2},\"median\":{:.4},\"p90\":{:.4},\"p99\":{:.4},\"seen_truly\":{:.4},\"visible_but_uncoloured\":{:.4},\"hidden_but_coloured\":{:.4}}}",
         all.len(),
         well.len(),
         psnr(&squares),

@@ -29,6 +29,7 @@ impl Photographs {
             (None, None) => bail!("no photographs: give their folder with --photos, or a survey before the model"),
         };
         let found = Self::of(&set);
+        ensure!(!set.photos.is_empty(), "no photographs were found; JPEG and PNG files are photographs");
         ensure!(
             !found.inputs.is_empty(),
             "0 of {} photographs have a file, a camera and a pose; `kilwa scans photos list` shows what is missing",
@@ -65,13 +66,11 @@ fn input(photo: &PhotoRecord) -> Result<Input, String> {
         }
         Source::Missing => return Err(missing()),
     };
-    Ok(Input { name: photo.name.clone(), path, mask: photo.mask.clone(), camera, exposure: exposure(photo) })
-}
-
-/// Light per exposure, in stops.
-fn exposure(photo: &PhotoRecord) -> Option<f64> {
-    let exposure = &photo.picture.as_ref()?.exposure;
-    let (time, number, iso) = (exposure.time?, exposure.f_number?, exposure.iso?);
-    let light = time * f64::from(iso) / (number * number);
-    (light.is_finite() && light > 0.0).then(|| light.log2())
+    Ok(Input {
+        name: photo.name.clone(),
+        path,
+        mask: photo.mask.clone(),
+        camera,
+        exposure: photo.picture.as_ref().and_then(|picture| picture.exposure.stops()),
+    })
 }

@@ -51,6 +51,13 @@ pub(super) fn print(args: &Args, photographs: &Photographs, done: &Done, seconds
     for name in blind {
         writeln!(out, "  {} does not see the model.", visible(name))?;
     }
+    if !done.left_out.is_empty() {
+        writeln!(out, "  The format cannot store {}; use PLY or a pack for that.", done.left_out.join(", "))?;
+    }
+    let compared = report.photos.iter().filter(|photo| photo.seen > 0).count();
+    if report.places == 0 && compared > 1 {
+        writeln!(out, "  No vertex is seen clearly by two photographs, so their exposures could not be compared.")?;
+    }
     for (name, why) in left_out {
         writeln!(out, "  {} was left out: {}.", visible(name), visible(why))?;
     }
@@ -71,7 +78,8 @@ fn as_json(args: &Args, photographs: &Photographs, done: &Done, left_out: &[(&st
         "triangles": done.triangles,
         "vertices": done.vertices,
         "coloured_share": share(report.coloured, report.vertices),
-        "places_compared": report.places,
+        "points_compared": report.places,
+        "not_stored": done.left_out,
         "brightness": report.brightness,
         "photographs": used.map(|(photo, input)| photo_as_json(photo, input)).collect::<Vec<_>>(),
         "left_out": left_out.iter().map(|(name, why)| json!({"name": name, "why": why})).collect::<Vec<_>>(),

@@ -109,6 +109,11 @@ impl Format {
         }
     }
 
+    /// Whether it stores scalars of vertices.
+    pub fn has_scalars(self) -> bool {
+        matches!(self, Self::Ply { .. })
+    }
+
     /// Whether it stores colours of vertices.
     pub fn has_colors(self) -> bool {
         self != Self::Stl
@@ -156,7 +161,7 @@ impl Format {
         if matches!(self, Self::Stl | Self::Obj) {
             left_out.push("normals of vertices".to_owned());
         }
-        if !matches!(self, Self::Ply { .. }) {
+        if !self.has_scalars() {
             left_out.extend(reader.metadata().scalars.iter().map(|s| s.name.clone()));
         }
         left_out

@@ -96,7 +96,7 @@ pub fn extract<S: Source + Sync>(
     extracted(reader, request, None, output, progress)
 }
 
-/// Write the finest surface of a pack with other colours to `output`.
+/// Write the finest surface of a pack with other colours to `output`. Chunks are decoded on the threads of `pool`.
 ///
 /// # Errors
 /// As [`extract`], and [`ExtractError::Repaint`].
@@ -105,16 +105,21 @@ pub fn extract_repainted<S: Source + Sync>(
     format: Format,
     repaint: &dyn Repaint,
     output: &Output,
+    pool: &rayon::ThreadPool,
     progress: &dyn Fn(u64, u64),
 ) -> Result<Extraction, ExtractError> {
     let request = Request { format, max_error: None, max_triangles: None, region: None, window: WINDOW };
-    extracted(reader, &request, Some(repaint), output, progress)
+    let mut extraction = extracted(reader, &request, Some((repaint, pool)), output, progress)?;
+    if !format.has_scalars() {
+        extraction.left_out.extend(repaint.scalars());
+    }
+    Ok(extraction)
 }
 
 fn extracted<S: Source + Sync>(
     reader: &Reader<S>,
     request: &Request,
-    repaint: Option<&dyn Repaint>,
+    repaint: Option<(&dyn Repaint, &rayon::ThreadPool)>,
     output: &Output,
     progress: &dyn Fn(u64, u64),
 ) -> Result<Extraction, ExtractError> {
@@ -122,7 +127,7 @@ fn extracted<S: Source + Sync>(
     let region = request.region.as_ref().map(|region| region.on(&reader.header().lattice));
     let chosen = choose::choose(reader, request.max_error, request.max_triangles, request.window, region.as_ref())?;
     let mut target = Target::new(reader, &chosen, region.as_ref(), format)?;
-    if let Some(repaint) = repaint {
+    if let Some((repaint, _)) = repaint {
         target.repainted(&repaint.scalars());
     }
     let mut encoder = format.encoder(&target);

@@ -38,14 +38,23 @@ pub(super) struct Counts {
 /// Where chunks come from.
 pub(super) struct Chunks<'a, S> {
     pub(super) reader: &'a Reader<S>,
-    /// Changes their vertices.
-    pub(super) repaint: Option<&'a dyn Repaint>,
+    /// Changes their vertices, on these threads.
+    pub(super) repaint: Option<(&'a dyn Repaint, &'a rayon::ThreadPool)>,
 }
 
-impl<S: Source> Chunks<'_, S> {
+impl<S: Source + Sync> Chunks<'_, S> {
+    /// Decode several.
+    fn decode(&self, numbers: &[u32]) -> Vec<Result<Chunk, ExtractError>> {
+        let all = || numbers.par_iter().map(|&number| self.get(number)).collect();
+        match self.repaint {
+            Some((_, pool)) => pool.install(all),
+            None => all(),
+        }
+    }
+
     fn get(&self, number: u32) -> Result<Chunk, ExtractError> {
         let mut chunk = self.reader.chunk(number)?;
-        if let Some(repaint) = self.repaint {
+        if let Some((repaint, _)) = self.repaint {
             repaint.repaint(number, &mut chunk).map_err(ExtractError::Repaint)?;
         }
         Ok(chunk)
@@ -76,7 +85,7 @@ pub(super) fn stream<S: Source + Sync>(
     });
     for batch in order.chunks(BATCH) {
         reader.source().expect(&stretches(reader, batch));
-        let decoded: Vec<Result<Chunk, ExtractError>> = batch.par_iter().map(|&i| chunks.get(i)).collect();
+        let decoded = chunks.decode(batch);
         for (&index, chunk) in batch.iter().zip(decoded) {
             let chunk = chunk?;
             let bounds = &reader.entries()[index as usize].bounds;

@@ -29,8 +29,8 @@ use crate::ScanError;
 use crate::import::Progress;
 use kilwa_pack::plural::counted;
 use kilwa_pack::{Reader, Source};
-use kilwa_scan_core::colour::tone::{ToneSample, Tones};
-use kilwa_scan_core::{Camera, PosedCamera};
+use kilwa_scan_core::colour::tone::{MAX_PHOTOS, ToneSample, Tones};
+use kilwa_scan_core::{Camera, CameraModel, PosedCamera};
 use observe::{Observations, Observer, PhotoObservations, Subsample};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -43,6 +43,8 @@ const REMEDY: &str = "";
 /// Approximate number of vertices from which tones are estimated.
 const TONE_VERTICES: u64 = 150_000;
 /// Bytes in memory for each pixel of a photograph, and for its depth maps.
+/// Focal lengths that differ by less than this share belong to the same lens.
+const SAME_LENS: f64 = 0.03;
 const PIXEL_BYTES: u64 = 12;
 const VIEW_BYTES: u64 = 40 << 20;
 /// The share of places that may become white, and the linear light of the brightest of the others.
@@ -150,7 +152,7 @@ fn coloured<S: Source + Sync>(
         report.photos.push(PhotoReport::new(input, &found, left_out));
         runs.extend(found.runs);
         for (vertex, sample) in found.samples {
-            samples.entry(vertex).or_default().push(sample);
+            keep(samples.entry(vertex).or_default(), vertex, sample);
         }
     }
     refuse_if_none(&report.photos)?;
@@ -169,6 +171,22 @@ fn coloured<S: Source + Sync>(
     let work = Painter { reader, vertices: &vertices, observations: &observations, tones: &tones, brightness };
     let colouring = work.paint(&runs, &options.scratch, &mut report, progress)?;
     Ok((colouring, report))
+}
+
+/// Keep a sample, unless the place has enough; which ones are kept is random, but the same in every run.
+fn keep(samples: &mut Vec<ToneSample>, vertex: [u32; 2], sample: ToneSample) {
+    let rank = |sample: &ToneSample| {
+        let [group, number] = vertex.map(u64::from);
+        let mixed = (u64::from(sample.photo) ^ group.rotate_left(40) ^ number.rotate_left(20))
+            .wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        (mixed ^ (mixed >> 31)).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 7
+    };
+    samples.push(sample);
+    if samples.len() > MAX_PHOTOS
+        && let Some(last) = (0..samples.len()).max_by_key(|k| rank(&samples[*k]))
+    {
+        samples.remove(last);
+    }
 }
 
 impl PhotoReport {
@@ -196,41 +214,50 @@ fn observe_all<S: Source + Sync>(
     options: &Options,
     progress: &(dyn Progress + Sync),
 ) -> Result<Vec<Result<PhotoObservations, String>>, ScanError> {
-    let pixels = |input: &Input| input.camera.camera.size().map(u64::from).iter().product::<u64>();
-    let largest = inputs.iter().map(pixels).max().unwrap_or(0) * PIXEL_BYTES + VIEW_BYTES;
-    let at_once = (options.memory / 2 / largest).clamp(1, 1 << 10) as usize;
+    let bytes = |input: &Input| {
+        let [width, height] = input.camera.camera.size().map(u64::from);
+        width.saturating_mul(height).saturating_mul(PIXEL_BYTES).saturating_add(VIEW_BYTES)
+    };
+    let (all, at_once) = (options.memory / 2, options.memory / 2 / options.threads.max(1) as u64);
     let done = AtomicU64::new(0);
-    let mut results = Vec::with_capacity(inputs.len());
-    let numbered: Vec<(u32, &Input)> = (0u32..).zip(inputs).collect();
-    for batch in numbered.chunks(at_once.max(1)) {
-        let found: Vec<Result<Result<PhotoObservations, String>, ScanError>> = batch
-            .par_iter()
-            .with_max_len(1)
-            .map(|(number, input)| {
-                if progress.is_stopped() {
-                    return Err(ScanError::Stopped);
-                }
-                let result = match Photograph::read(&input.path, input.camera.camera.size(), input.mask.as_deref()) {
-                    Ok(picture) => {
-                        let view = View::new(model, input.camera)?;
-                        let observer = Observer { photo: *number, view, picture, vertices, share };
-                        Ok(observations.of(&observer)?)
-                    }
-                    Err(why) => Err(why),
-                };
-                progress.update(
-                    "processing the photographs",
-                    done.fetch_add(1, Ordering::Relaxed) + 1,
-                    inputs.len() as u64,
-                );
-                Ok(result)
-            })
-            .collect();
-        for result in found {
-            results.push(result?);
+    let one = |(number, input): &(u32, &Input)| {
+        if progress.is_stopped() {
+            return Err(ScanError::Stopped);
         }
+        let result = if bytes(input) > all {
+            Err(format!("it needs {} MiB of memory; allow twice that with --memory", bytes(input) >> 20))
+        } else {
+            observe(model, *number, input, vertices, observations, share)?
+        };
+        let count = done.fetch_add(1, Ordering::Relaxed) + 1;
+        progress.update("processing the photographs", count, inputs.len() as u64);
+        Ok((*number, result))
+    };
+    // Those that are so large that not every thread could have one are processed one after the other.
+    let (ordinary, large): (Vec<_>, Vec<_>) = (0u32..).zip(inputs).partition(|(_, input)| bytes(input) <= at_once);
+    let mut results = ordinary.par_iter().with_max_len(1).map(one).collect::<Result<Vec<_>, ScanError>>()?;
+    for photo in &large {
+        results.push(one(photo)?);
     }
-    Ok(results)
+    results.sort_by_key(|(number, _)| *number);
+    Ok(results.into_iter().map(|(_, result)| result).collect())
+}
+
+/// What a photograph shows; or why it cannot be used.
+fn observe<S: Source + Sync>(
+    model: &Model<'_, S>,
+    photo: u32,
+    input: &Input,
+    vertices: &Vertices,
+    observations: &Observations,
+    share: Subsample,
+) -> Result<Result<PhotoObservations, String>, ScanError> {
+    let picture = match Photograph::read(&input.path, input.camera.camera.size(), input.mask.as_deref()) {
+        Ok(picture) => picture,
+        Err(why) => return Ok(Err(why)),
+    };
+    let view = View::new(model, input.camera)?;
+    Ok(Ok(observations.of(&Observer { photo, view, picture, vertices, share })?))
 }
 
 fn refuse_if_none(photos: &[PhotoReport]) -> Result<(), ScanError> {
@@ -240,8 +267,8 @@ fn refuse_if_none(photos: &[PhotoReport]) -> Result<(), ScanError> {
     let readable = photos.iter().filter(|photo| photo.left_out.is_none()).count() as u64;
     if readable > 0 {
         return Err(ScanError::Request(format!(
-            "{}, but none sees the model; check that the poses are in the coordinates of the model, and that its surface faces outwards",
-            counted(readable, "photograph could be read", "photographs could be read")
+            "no photograph sees the model ({} read); check that the poses are in the coordinates of the model, and that its surface faces outwards",
+            counted(readable, "photograph was", "photographs were")
         )));
     }
     let why = photos.iter().find_map(|photo| Some(format!("{}: {}", photo.name, photo.left_out.as_ref()?)));
@@ -251,18 +278,32 @@ fn refuse_if_none(photos: &[PhotoReport]) -> Result<(), ScanError> {
     )))
 }
 
-/// Photographs of the same camera have the same lens.
+/// Photographs of the same size, projection and, to within a few percent, focal length have the same lens: programs may calibrate every photograph on its own.
 fn lenses(inputs: &[Input]) -> Vec<u32> {
-    let mut known: Vec<Camera> = Vec::new();
+    let mut known: Vec<(Camera, f64)> = Vec::new();
     let number = |input: &Input| {
         let camera = input.camera.camera;
-        let at = known.iter().position(|other| *other == camera).unwrap_or_else(|| {
-            known.push(camera);
+        let focal = focal(&camera);
+        let is_same = |(other, length): &(Camera, f64)| {
+            other.size() == camera.size()
+                && std::mem::discriminant(other.model()) == std::mem::discriminant(camera.model())
+                && (focal / length - 1.0).abs() < SAME_LENS
+        };
+        let at = known.iter().position(is_same).unwrap_or_else(|| {
+            known.push((camera, focal));
             known.len() - 1
         });
         at as u32
     };
     inputs.iter().map(number).collect()
+}
+
+/// Pixels per radian on the axis.
+fn focal(camera: &Camera) -> f64 {
+    match camera.model() {
+        CameraModel::Pinhole { focal, .. } => focal.x,
+        CameraModel::Equirectangular { scale, .. } | CameraModel::Cylindrical { scale, .. } => scale.x,
+    }
 }
 
 /// Logarithms of the gains expected from the exposure settings, relative to the mean; 0 for all if any is unknown.

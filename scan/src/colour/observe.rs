@@ -8,6 +8,8 @@ use crate::scratch::{ByteRange, ScratchFile};
 use glam::DVec2;
 use kilwa_geometry::color::{light_from_srgb_f32, srgb_from_light_f32};
 use kilwa_scan_core::colour::tone::ToneSample;
+use kilwa_scan_core::{Camera, CameraModel};
+use std::f64::consts::TAU;
 
 /// Bytes of an observation.
 const BYTES: usize = 14;
@@ -45,7 +47,7 @@ impl Observed {
     }
 
     fn to_bytes(self, bytes: &mut Vec<u8>) {
-        let weight = (f64::from(self.weight).log2() - SMALLEST) * STEPS;
+        let weight = (libm::log2(f64::from(self.weight)) - SMALLEST) * STEPS;
         let weight = weight.round().clamp(0.0, 65_535.0) as u16;
         let radius = (self.r2 * 32_768.0).round().clamp(0.0, 65_535.0) as u16;
         bytes.extend(self.vertex.to_le_bytes());
@@ -59,7 +61,7 @@ impl Observed {
         let short = |k: usize| u16::from_le_bytes([b[k], b[k + 1]]);
         Self {
             vertex: u32::from_le_bytes([b[0], b[1], b[2], b[3]]),
-            weight: (f64::from(short(4)) / STEPS + SMALLEST).exp2() as f32,
+            weight: libm::exp2(f64::from(short(4)) / STEPS + SMALLEST) as f32,
             r2: f32::from(short(6)) / 32_768.0,
             full: [b[8], b[9], b[10]],
             low: [b[11], b[12], b[13]],
@@ -153,11 +155,17 @@ impl Observer<'_> {
         let sighting = self.view.sighting(place, vertex.normal(), lattice.step()).filter(|s| s.facing > GRAZING)?;
         let camera = self.view.camera();
         let point = camera.camera_from_world.apply(place);
-        let pixel = camera.camera.project(point)?;
+        let mut pixel = camera.camera.project(point)?;
+        let size = self.picture.size().map(f64::from);
+        let is_full_turn = is_full_turn(&camera.camera);
+        if is_full_turn {
+            // Straight behind, the column may be the one after the last.
+            pixel.x = pixel.x.rem_euclid(size[0]);
+        }
         let shown = self.picture.shown(pixel.x, pixel.y)?;
         let angle = camera.camera.pixel_angle(point)?;
-        let size = self.picture.size().map(f64::from);
-        let mut weight = weight(&sighting, angle, pixel, size) * f64::from(shown.sharpness * shown.sharpness);
+        let margin = if is_full_turn { 1.0 } else { margin(pixel, size) };
+        let mut weight = weight(&sighting, angle, margin) * f64::from(shown.sharpness * shown.sharpness);
         if shown.is_clipped {
             weight *= CLIPPED;
         }
@@ -165,7 +173,7 @@ impl Observer<'_> {
         let observed = Observed {
             vertex: number,
             weight: weight as f32,
-            r2: radius2(pixel, size) as f32,
+            r2: if is_full_turn { 0.0 } else { radius2(pixel, size) as f32 },
             full: encode(shown.full),
             low: encode(shown.low),
         };
@@ -174,13 +182,27 @@ impl Observer<'_> {
 }
 
 /// How well a photograph shows a vertex: pixels per square metre of surface, reduced where they are unreliable.
-fn weight(sighting: &Sighting, pixel_angle: f64, pixel: DVec2, [width, height]: [f64; 2]) -> f64 {
+fn weight(sighting: &Sighting, pixel_angle: f64, margin: f64) -> f64 {
     let length = pixel_angle * sighting.range;
     let density = sighting.facing / (length * length);
     let border = ramp(sighting.clearance / pixel_angle, BORDER);
-    let to_edge = pixel.x.min(pixel.y).min(width - pixel.x).min(height - pixel.y);
-    let margin = ramp(to_edge / width.max(height), MARGIN);
     density * sighting.facing * (border * margin).max(MIN_WEIGHT)
+}
+
+/// What is left of a weight near the border of a picture.
+fn margin(pixel: DVec2, [width, height]: [f64; 2]) -> f64 {
+    let to_edge = pixel.x.min(pixel.y).min(width - pixel.x).min(height - pixel.y);
+    ramp(to_edge / width.max(height), MARGIN)
+}
+
+/// Whether a picture goes all the way round, so that its left and right borders are the same place. Such pictures are composed of many, and have no vignetting.
+fn is_full_turn(camera: &Camera) -> bool {
+    match camera.model() {
+        CameraModel::Equirectangular { scale, .. } | CameraModel::Cylindrical { scale, .. } => {
+            f64::from(camera.size()[0]) >= 0.999 * TAU * scale.x
+        }
+        CameraModel::Pinhole { .. } => false,
+    }
 }
 
 /// The square of the distance from the centre of a picture; 1 in the corners.
@@ -223,11 +245,11 @@ mod tests {
         let size = [1000.0, 800.0];
         let middle = DVec2::new(500.0, 400.0);
         let seen = |facing: f64, range: f64, clearance: f64| Sighting { facing, range, clearance };
-        let base = weight(&seen(0.8, 5.0, 0.1), 1e-3, middle, size);
-        assert!(weight(&seen(0.8, 4.0, 0.1), 1e-3, middle, size) > base);
-        assert!(weight(&seen(0.9, 5.0, 0.1), 1e-3, middle, size) > base);
-        assert!(weight(&seen(0.8, 5.0, 0.004), 1e-3, middle, size) < 0.1 * base);
-        assert!(weight(&seen(0.8, 5.0, 0.1), 1e-3, DVec2::new(4.0, 400.0), size) < 0.1 * base);
-        assert!(weight(&seen(0.8, 5.0, 0.0), 1e-3, middle, size) > 0.0);
+        let base = weight(&seen(0.8, 5.0, 0.1), 1e-3, 1.0);
+        assert!(weight(&seen(0.8, 4.0, 0.1), 1e-3, 1.0) > base);
+        assert!(weight(&seen(0.9, 5.0, 0.1), 1e-3, 1.0) > base);
+        assert!(weight(&seen(0.8, 5.0, 0.004), 1e-3, 1.0) < 0.1 * base);
+        assert!(margin(DVec2::new(4.0, 400.0), size) < 0.1 && margin(middle, size) >= 1.0);
+        assert!(weight(&seen(0.8, 5.0, 0.0), 1e-3, 1.0) > 0.0);
     }
 }

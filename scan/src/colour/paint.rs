@@ -32,6 +32,8 @@ pub struct Colouring {
     ranges: HashMap<u32, ByteRange>,
     file: ScratchFile,
     ratios: Ratios,
+    /// The number of the scalar that the model has already, if it was coloured before.
+    channel: Option<usize>,
 }
 
 /// The colours of a group.
@@ -64,7 +66,8 @@ impl<S: Source + Sync> Painter<'_, S> {
     ) -> Result<Colouring, ScanError> {
         let file = ScratchFile::create(scratch, REMEDY)?;
         let lattice = self.vertices.lattice;
-        let mut colouring = Colouring { lattice, ranges: HashMap::new(), file, ratios: Ratios::default() };
+        let channel = self.reader.metadata().scalars.iter().position(|scalar| scalar.name == PHOTOS);
+        let mut colouring = Colouring { lattice, ranges: HashMap::new(), file, ratios: Ratios::default(), channel };
         let numbered: Vec<(u32, &Group)> = (0u32..).zip(&self.vertices.groups).collect();
         for batch in numbered.chunks(BATCH) {
             if progress.is_stopped() {
@@ -180,14 +183,17 @@ impl Colouring {
                 };
             }
         }
-        mesh.scalars.push(photos);
+        match self.channel.and_then(|channel| mesh.scalars.get_mut(channel)) {
+            Some(channel) => *channel = photos,
+            None => mesh.scalars.push(photos),
+        }
         Ok(())
     }
 }
 
 impl Repaint for Colouring {
     fn scalars(&self) -> Vec<String> {
-        vec![PHOTOS.to_owned()]
+        if self.channel.is_some() { Vec::new() } else { vec![PHOTOS.to_owned()] }
     }
 
     fn repaint(&self, number: u32, chunk: &mut Chunk) -> Result<(), Box<dyn std::error::Error + Send + Sync>> {

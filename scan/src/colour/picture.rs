@@ -2,6 +2,7 @@
 
 use image::{DynamicImage, ImageReader, Limits};
 use kilwa_geometry::color::light_from_srgb_f32;
+use std::io::Cursor;
 use std::path::Path;
 
 /// Pixels of the photograph per pixel of the low band, in each direction.
@@ -24,7 +25,8 @@ pub struct Photograph {
     /// sRGB, rows from the top.
     pixels: Vec<[u8; 3]>,
     /// Means of linear light over squares of [`LOW`] pixels, without what is masked; rows from the top.
-    low: Vec<[f32; 3]>,
+    /// The fourth number is the share of the pixels that are not masked, by which the others are multiplied.
+    low: Vec<[f32; 4]>,
     low_size: [u32; 2],
     /// From 0 (blurred) to 1, per tile.
     sharpness: Vec<f32>,
@@ -94,7 +96,7 @@ impl Photograph {
         y as usize * self.size[0] as usize + x as usize
     }
 
-    fn means(&self) -> Vec<[f32; 3]> {
+    fn means(&self) -> Vec<[f32; 4]> {
         let [columns, rows] = self.low_size;
         let mut sums = vec![([0.0_f32; 3], 0.0_f32); columns as usize * rows as usize];
         for y in 0..self.size[1] {
@@ -109,7 +111,8 @@ impl Photograph {
                 }
             }
         }
-        sums.into_iter().map(|(sum, count)| sum.map(|sum| sum / f32::max(count, 1.0))).collect()
+        let full = (LOW * LOW) as f32;
+        sums.into_iter().map(|([r, g, b], count)| [r, g, b, count].map(|sum| sum / full)).collect()
     }
 
     /// The sharpness of each tile: the contrast of neighbouring pixels, compared with that of means of two by two pixels.
@@ -155,20 +158,26 @@ impl Photograph {
             pixel.map(light_from_srgb_f32)
         });
         let scale = f64::from(LOW);
-        let low = bilinear(self.low_size, x / scale, y / scale, |at| self.low[at]);
-        let tiles = self.size[0].div_ceil(TILE);
-        let sharpness = self.sharpness[((y as u32 / TILE) * tiles + x as u32 / TILE) as usize];
+        let [r, g, b, used] = bilinear(self.low_size, x / scale, y / scale, |at| self.low[at]);
+        let low = [r, g, b].map(|sum| sum / used.max(1e-6));
+        let (tiles, tile) = (self.size.map(|side| side.div_ceil(TILE)), f64::from(TILE));
+        let [sharpness] = bilinear(tiles, x / tile, y / tile, |at| [self.sharpness[at]]);
         Some(Shown { full, low, sharpness, is_clipped })
     }
 }
 
 /// Interpolate between the centres of four pixels of a picture.
-fn bilinear([width, height]: [u32; 2], x: f64, y: f64, mut at: impl FnMut(usize) -> [f32; 3]) -> [f32; 3] {
+fn bilinear<const N: usize>(
+    [width, height]: [u32; 2],
+    x: f64,
+    y: f64,
+    mut at: impl FnMut(usize) -> [f32; N],
+) -> [f32; N] {
     let (left, top) = ((x - 0.5).floor(), (y - 0.5).floor());
     let (u, v) = ((x - 0.5 - left) as f32, (y - 0.5 - top) as f32);
     let column = |k: f64| k.clamp(0.0, f64::from(width - 1)) as usize;
     let row = |k: f64| k.clamp(0.0, f64::from(height - 1)) as usize * width as usize;
-    let mut sum = [0.0; 3];
+    let mut sum = [0.0; N];
     for (dx, dy, weight) in
         [(0.0, 0.0, (1.0 - u) * (1.0 - v)), (1.0, 0.0, u * (1.0 - v)), (0.0, 1.0, (1.0 - u) * v), (1.0, 1.0, u * v)]
     {
@@ -195,12 +204,17 @@ fn decode(path: &Path, size: [u32; 2]) -> Result<DynamicImage, String> {
             "{width} × {height} pixels are more than Kilwa decodes; scale the photograph and its calibration down"
         ));
     }
-    let file = kilwa_files::plain_file::open(path).map_err(|e| e.to_string())?;
-    let mut reader =
-        ImageReader::new(std::io::BufReader::new(file)).with_guessed_format().map_err(|e| e.to_string())?;
+    // No picture of this size is longer, so a huge file is not read whole.
+    let longest = u64::from(width) * u64::from(height) * 16 + (64 << 20);
+    let bytes = kilwa_files::plain_file::read_at(path, longest).map_err(|e| e.to_string())?;
+    if is_cut_off(&bytes) {
+        return Err("the file is cut off: its end is missing; copy it again".to_owned());
+    }
+    let reader = ImageReader::new(Cursor::new(bytes)).with_guessed_format();
+    let mut reader = reader.map_err(|e| e.to_string())?;
     let mut limits = Limits::default();
     (limits.max_image_width, limits.max_image_height) = (Some(width), Some(height));
-    limits.max_alloc = Some(u64::from(width) * u64::from(height) * 16 + (64 << 20));
+    limits.max_alloc = Some(longest);
     reader.limits(limits);
     let picture = reader.decode().map_err(|e| e.to_string())?;
     if [picture.width(), picture.height()] != size {
@@ -209,11 +223,21 @@ fn decode(path: &Path, size: [u32; 2]) -> Result<DynamicImage, String> {
     Ok(picture)
 }
 
+/// Whether a JPEG file has no end after its last scan: decoders fill the rest with grey. Neither marker can occur within the data of a scan (ITU-T T.81, B.1.1.5).
+fn is_cut_off(bytes: &[u8]) -> bool {
+    let last = |marker: u8| memchr::memmem::rfind(bytes, &[0xff, marker]);
+    bytes.starts_with(&[0xff, 0xd8]) && last(0xda) >= last(0xd9)
+}
+
 /// Which pixels a mask allows.
 fn usable(path: &Path, size: [u32; 2]) -> Result<Vec<bool>, String> {
     let mask = decode(path, size).map_err(|why| format!("its mask {}: {why}", path.display()))?;
     if mask.color().has_alpha() {
-        return Ok(mask.into_luma_alpha8().pixels().map(|pixel| pixel.0[1] >= 128).collect());
+        let alpha: Vec<bool> = mask.to_luma_alpha8().pixels().map(|pixel| pixel.0[1] >= 128).collect();
+        // Some programs save black and white with an alpha channel that is opaque everywhere.
+        if !alpha.iter().all(|is_opaque| *is_opaque) {
+            return Ok(alpha);
+        }
     }
     Ok(mask.into_luma8().pixels().map(|pixel| pixel.0[0] >= 128).collect())
 }

@@ -157,6 +157,14 @@ fn masked(path: &Path) -> Option<PathBuf> {
     })
 }
 
+/// The mask of a picture whose folder was not walked.
+pub(super) fn mask_beside(picture: &Path) -> Option<PathBuf> {
+    let (folder, name, stem) = (picture.parent()?, picture.file_name()?.to_str()?, picture.file_stem()?.to_str()?);
+    let beside = [name, stem].into_iter().flat_map(|name| [format!("{name}.mask.png"), format!("{name}_mask.png")]);
+    let in_folder = [name, stem].map(|name| format!("masks/{name}.png"));
+    beside.chain(in_folder).map(|name| folder.join(name)).find(|path| path.is_file())
+}
+
 pub(super) fn has_extension(path: &Path, endings: &[&str]) -> bool {
     path.extension().is_some_and(|ending| endings.iter().any(|known| ending.eq_ignore_ascii_case(known)))
 }

@@ -3,6 +3,7 @@
 //! The pose of a pinhole picture has the axes x right, y up, z backwards. That of a spherical or cylindrical picture has the axes of E57's
 //! spherical coordinates: z up, and the centre of the picture at azimuth 0, along x; azimuths grow counterclockwise, so columns grow against them.
 
+use super::folder::mask_beside;
 use super::{Frame, Missing, PhotoRecord, Source, note_missing, picture};
 use crate::survey::{Camera as Stated, Photograph, Survey};
 use glam::{DMat3, DQuat, DVec2, DVec3};
@@ -21,6 +22,7 @@ pub(super) fn record(folder: &Path, survey: &Survey, photograph: &Photograph) ->
             Ok(picture) => photo.picture = Some(picture),
             Err(why) => photo.missing.push(Missing::Picture(why)),
         }
+        photo.mask = mask_beside(&path);
         photo.source = Source::File(path);
     } else {
         photo.missing.push(Missing::File);

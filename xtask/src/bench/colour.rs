@@ -133,8 +133,8 @@ fn compared(args: &Args, kilwa: &Path, files: &[PathBuf]) -> Result<String> {
             found["steady_psnr"],
             found["median"],
             found["p90"],
-            percent("missed"),
-            percent("false")
+            percent("visible_but_uncoloured"),
+            percent("hidden_but_coloured")
         )?;
     }
     Ok(table)

@@ -6,12 +6,12 @@
 use kilwa_geometry::color::encode_f32 as encode;
 use std::array::from_fn;
 
-/// A photograph that differs by more than this from the others shows something else (people, a shadow that moved), in sRGB from 0 to 1.
+/// A photograph that differs by twice this from the median shows something else (people, a shadow that moved) and is dropped; smaller differences lower its weight. In sRGB, 0 to 1.
 const OUTLIER_DIFFERENCE: f32 = 0.12;
 /// Its difference must also exceed this many times the median difference at the vertex.
 const MEDIAN_FACTOR: f32 = 2.5;
-/// Details change the surroundings by at most this factor.
-const CONTRAST: f32 = 6.0;
+/// Details brighten their surroundings by at most the first factor and darken them by at most the second: an inscription may be nearly black.
+const CONTRAST: [f32; 2] = [6.0, 50.0];
 /// Light below which ratios mean nothing.
 const DARKEST: f32 = 1e-3;
 
@@ -61,7 +61,7 @@ pub fn blend(observations: &[Observation], agreement: &mut Vec<f32>) -> Option<B
         for k in 0..3 {
             low[k] += weight * observation.low[k];
             let ratio = (observation.full[k] + DARKEST) / (observation.low[k] + DARKEST);
-            detail[k] += sharp * ratio.clamp(1.0 / CONTRAST, CONTRAST);
+            detail[k] += sharp * ratio.clamp(1.0 / CONTRAST[1], CONTRAST[0]);
         }
         sum += weight;
         detail_sum += sharp;

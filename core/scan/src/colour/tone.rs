@@ -25,7 +25,7 @@ const DARKEST: f64 = 0.002;
 const MAX_ITERATIONS: usize = 12;
 const CONVERGED: f64 = 1e-4;
 /// At most this many photographs are used at each place.
-const MAX_PHOTOS: usize = 16;
+pub const MAX_PHOTOS: usize = 16;
 
 /// What a photograph shows at a place.
 #[derive(Debug, Clone, Copy, PartialEq)]
