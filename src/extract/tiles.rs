@@ -23,8 +23,8 @@ pub(super) struct TilesArgs {
     geoid_offset: Option<f64>,
     /// 3D Tiles: the reference system of the coordinates, for a pack that states none or one that Kilwa cannot convert (EPSG:N); local: do not place
     /// the model on the globe.
-    #[arg(long, value_name = "EPSG:N", requires = "to", value_parser = normalise)]
-    crs: Option<Option<String>>,
+    #[arg(long, value_name = "EPSG:N", requires = "to")]
+    crs: Option<String>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -65,11 +65,14 @@ impl Earth for Place {
 
 /// Where the model is on the earth; `None` for a local model.
 fn place(reader: &Reader<FileSource>, args: &TilesArgs) -> anyhow::Result<Option<Place>> {
-    let stated = || reader.metadata().crs.clone();
-    let Some(crs) = args.crs.clone().unwrap_or_else(stated) else {
+    let crs = match &args.crs {
+        Some(given) => normalise(given).map_err(|why| anyhow::anyhow!("--crs: {why}"))?,
+        None => reader.metadata().crs.clone(),
+    };
+    let Some(crs) = crs else {
         anyhow::ensure!(
             args.geoid_offset.is_none(),
-            "--geoid-offset is for models with a coordinate reference system, and the pack states none; add --crs EPSG:N"
+            "--geoid-offset is for models with a coordinate reference system, and this one has none; add --crs EPSG:N"
         );
         return Ok(None);
     };

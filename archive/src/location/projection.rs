@@ -79,7 +79,8 @@ impl Geocentric {
             return Err(NoGeocentric::Datum);
         }
         // No shift of the datum: it is WGS 84 then.
-        let to = Proj::from_proj_string("+proj=geocent +datum=WGS84 +units=m +no_defs").map_err(|_| NoGeocentric::Unknown)?;
+        let to = Proj::from_proj_string("+proj=geocent +datum=WGS84 +units=m +no_defs")
+            .map_err(|_| NoGeocentric::Unknown)?;
         Ok(Self { from, to, shifted })
     }
 
@@ -96,5 +97,46 @@ impl Geocentric {
         proj4rs::transform::transform(&self.from, &self.to, &mut point).ok()?;
         let found = DVec3::new(point.0, point.1, point.2);
         found.is_finite().then_some(found)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// pyproj 3.7 with PROJ 9, from the system in three dimensions to EPSG:4978.
+    #[test]
+    fn geocentric_coordinates_are_those_of_proj_to_a_tenth_of_a_millimetre() {
+        for (crs, world, expected) in [
+            ("EPSG:32737", [531_000.0, 9_010_000.0, 12.5], [4_877_142.5387, 3_989_337.4270, -986_357.8155]),
+            ("EPSG:32737", [531_400.25, 9_010_400.75, -3.125], [4_876_925.6012, 3_989_676.8756, -985_959.0587]),
+            ("EPSG:32633", [499_999.0, 1.0, 0.0], [6_160_807.5108, 1_650_782.3616, 1.0004]),
+            ("EPSG:25832", [691_000.5, 5_334_000.25, 520.0], [4_178_639.8388, 855_248.2729, 4_726_966.0715]),
+            ("EPSG:3006", [674_000.0, 6_580_000.0, 30.0], [3_101_539.1578, 1_011_221.3512, 5_462_399.6230]),
+            ("EPSG:2154", [652_000.0, 6_862_000.0, 80.0], [4_201_016.0426, 172_094.7659, 4_780_115.8419]),
+        ] {
+            let geocentric = Geocentric::new(crs).expect("a known system");
+            let found = geocentric.of(world.into()).expect("on the earth");
+            assert!(found.distance(expected.into()) < 1.5e-4, "{crs}: {found} instead of {expected:?}");
+            assert!(!geocentric.is_approximate(), "{crs}");
+        }
+        // The Swiss datum by its published shift of three parameters.
+        let swiss = Geocentric::new("EPSG:2056").expect("a known system");
+        let found = swiss.of(DVec3::new(2_600_000.0, 1_200_000.0, 550.0)).expect("on the earth");
+        let expected = DVec3::new(4_325_361.8498, 564_732.3135, 4_638_492.4800);
+        assert!(swiss.is_approximate() && found.distance(expected) < 1.5e-4, "{found}");
+    }
+
+    #[test]
+    fn systems_that_cannot_be_converted_are_refused_with_the_reason() {
+        for (crs, why) in [
+            ("PROJCRS[\"x\"]", NoGeocentric::NoCode),
+            ("EPSG:99999", NoGeocentric::NoCode),
+            ("EPSG:1999", NoGeocentric::Unknown),
+            ("EPSG:4326", NoGeocentric::NotProjected),
+            ("EPSG:4978", NoGeocentric::NotProjected),
+        ] {
+            assert_eq!(Geocentric::new(crs).err(), Some(why), "{crs}");
+        }
     }
 }

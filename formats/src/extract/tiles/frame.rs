@@ -17,6 +17,8 @@ pub trait Earth: Sync {
 
 /// How far, in metres, an affine map may be from the exact one. Beyond it every vertex is converted by itself.
 pub const AFFINE_RESIDUAL: f64 = 2e-4;
+/// Exponent of the grid for vertices that are converted one by one, unless the lattice is finer or the model too wide: rounding moves them by less than a millimetre.
+const CONVERTED: i32 = -10;
 /// Steps of the grid that a tile can be wide: 24 bits with a sign.
 const WIDEST: f64 = 16_777_214.0;
 /// Exponents of the grid that the exponential filter holds, with room.
@@ -59,7 +61,13 @@ impl<'a> Frame<'a> {
         let median_edge = reader.metadata().median_edge;
         let Some(earth) = earth else {
             let place = DMat3::IDENTITY;
-            return Self::on_lattice(lattice, center, &samples, median_edge, (place, lattice.world_from_lattice(center)));
+            return Self::on_lattice(
+                lattice,
+                center,
+                &samples,
+                median_edge,
+                (place, lattice.world_from_lattice(center)),
+            );
         };
         let exact = samples.map(|world| located(earth, world));
         let mut found = [DVec3::ZERO; 27];
@@ -77,7 +85,7 @@ impl<'a> Frame<'a> {
         let geocentric_from_local = east_north_up(earth, middle)?;
         let local = found.map(|e| geocentric_from_local.transpose() * (e - origin));
         // Two lattice points are at least a step apart: rounded to half a step they stay apart.
-        let grid_log2 = grid(lattice.step_log2 - 1, &local, median_edge)?;
+        let grid_log2 = grid((lattice.step_log2 - 1).min(CONVERTED), &local, median_edge)?;
         let normals = geocentric_from_local.transpose() * jacobian;
         Ok(Self {
             lattice,

@@ -4,7 +4,7 @@ use super::Profile;
 use crate::extract::ExtractError;
 use glam::{DVec3, IVec3};
 use kilwa_geometry::Sphere;
-use kilwa_geometry::color::light_from_srgb;
+use kilwa_geometry::color::{light_from_srgb, srgb_from_light};
 use meshoptimizer_rs::{Workspace, codec};
 use serde_json::{Value, json};
 use std::sync::LazyLock;
@@ -182,12 +182,17 @@ impl Tile {
             let Attribute { name, bytes, stride, mut accessor, filter } = attribute;
             let count = self.points.len();
             let packed = codec::encode_vertex_buffer(&bytes, count, stride, version, &mut work).map_err(failed)?;
-            let about = if filter == "NONE" { json!({"mode": "ATTRIBUTES"}) } else { json!({"mode": "ATTRIBUTES", "filter": filter}) };
+            let about = if filter == "NONE" {
+                json!({"mode": "ATTRIBUTES"})
+            } else {
+                json!({"mode": "ATTRIBUTES", "filter": filter})
+            };
             view(&mut file, &packed, count, stride, ARRAY_BUFFER, about);
             accessor["count"] = json!(count);
             add(&mut file, name, accessor);
         }
-        let packed = codec::encode_index_buffer(&self.indices, codec::IndexEncoding::DEFAULT, &mut work).map_err(failed)?;
+        let packed =
+            codec::encode_index_buffer(&self.indices, codec::IndexEncoding::DEFAULT, &mut work).map_err(failed)?;
         view(&mut file, &packed, self.indices.len(), 2, ELEMENT_ARRAY_BUFFER, json!({"mode": "TRIANGLES"}));
         self.add_indices(&mut file);
         file["buffers"] = json!([{"byteLength": binary.len()},
@@ -220,7 +225,11 @@ impl Tile {
                 binary.extend(&a.bytes[v * a.stride..(v + 1) * a.stride]);
             }
         }
-        push(&mut file, "bufferViews", json!({"buffer": 0, "byteLength": count * stride, "byteStride": stride, "target": ARRAY_BUFFER}));
+        push(
+            &mut file,
+            "bufferViews",
+            json!({"buffer": 0, "byteLength": count * stride, "byteStride": stride, "target": ARRAY_BUFFER}),
+        );
         let mut at = 0;
         for Attribute { name, stride, mut accessor, .. } in attributes {
             accessor["count"] = json!(count);
@@ -241,7 +250,8 @@ impl Tile {
 
     fn add_indices(&self, file: &mut Value) {
         let view = file["bufferViews"].as_array().map_or(0, Vec::len) - 1;
-        let accessor = json!({"bufferView": view, "componentType": UNSIGNED_SHORT, "count": self.indices.len(), "type": "SCALAR"});
+        let accessor =
+            json!({"bufferView": view, "componentType": UNSIGNED_SHORT, "count": self.indices.len(), "type": "SCALAR"});
         let number = push(file, "accessors", accessor);
         file["meshes"][0]["primitives"][0]["indices"] = json!(number);
     }
@@ -264,9 +274,18 @@ impl Tile {
     }
 }
 
-/// Light of each level of sRGB, in 16 bits.
-static LIGHT: LazyLock<[u16; 256]> =
-    LazyLock::new(|| std::array::from_fn(|level| (light_from_srgb(level as u8) * 65535.0).round() as u16));
+/// Light of each level of sRGB, in 16 bits: of the values that are rounded to the level again, one whose low byte is 128 if there is one. That byte takes
+/// no room then; without this, colours would take more than positions.
+static LIGHT: LazyLock<[u16; 256]> = LazyLock::new(|| {
+    std::array::from_fn(|level| {
+        let exact = light_from_srgb(level as u8) * 65535.0;
+        let round = (exact / 256.0).floor().min(255.0) * 256.0 + 128.0;
+        let is_level = |light: f64| usize::from(srgb_from_light(light / 65535.0)) == level;
+        // With a margin for clients that compute in floats.
+        let is_safe = is_level(round - 2.0) && is_level(round + 2.0);
+        (if is_safe { round } else { exact.round() }) as u16
+    })
+});
 
 fn failed(error: meshoptimizer_rs::Error) -> ExtractError {
     ExtractError::Encode(error.to_string())
@@ -304,4 +323,19 @@ fn glb(file: &Value, binary: &[u8]) -> Vec<u8> {
     out.extend(b"BIN\0");
     out.extend(binary);
     out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_level_of_srgb_is_restored_and_bright_ones_cost_a_byte() {
+        let restored = |level: usize| usize::from(srgb_from_light(f64::from(LIGHT[level]) / 65535.0));
+        assert!((0..256).all(|level| restored(level) == level));
+        assert!(LIGHT.windows(2).all(|pair| pair[0] < pair[1]));
+        assert!((140..256).all(|level| LIGHT[level] % 256 == 128));
+        let off = (0..256).map(|l| (f64::from(LIGHT[l]) - light_from_srgb(l as u8) * 65535.0).abs());
+        assert!(off.fold(0.0, f64::max) <= 128.0);
+    }
 }

@@ -66,7 +66,8 @@ pub(super) fn tables<S: Source>(reader: &Reader<S>) -> Result<Vec<Vec<PatchRange
             let why = "its patches do not have the triangles that the directory states";
             return Err(PackError::Invalid { what: format!("chunk {i}"), why: why.to_owned() }.into());
         }
-        match table.iter().find(|p| p.diamond != NO_DIAMOND && (p.diamond as usize >= entries.len() || p.diamond <= i)) {
+        match table.iter().find(|p| p.diamond != NO_DIAMOND && (p.diamond as usize >= entries.len() || p.diamond <= i))
+        {
             Some(patch) => Err(ExtractError::NoChunk(patch.diamond)),
             None => Ok(table),
         }

@@ -124,7 +124,14 @@ impl Writer<'_> {
         }
     }
 
-    fn tile(&self, tile: u32, above: Sphere, included: &[bool], waiting: &mut VecDeque<u32>, names: &mut Names) -> Value {
+    fn tile(
+        &self,
+        tile: u32,
+        above: Sphere,
+        included: &[bool],
+        waiting: &mut VecDeque<u32>,
+        names: &mut Names,
+    ) -> Value {
         let (piece, below) = (&self.tree.pieces[tile as usize], &self.tree.below[tile as usize]);
         let sphere = self.sphere(tile, &above);
         let volume = volume(&sphere);
@@ -140,8 +147,7 @@ impl Writer<'_> {
             json["content"] = json!({"uri": format!("{}{file}", names.depth)});
         }
         if !below.is_empty() {
-            let below: Vec<Value> =
-                below.iter().map(|t| self.tile(*t, sphere, included, waiting, names)).collect();
+            let below: Vec<Value> = below.iter().map(|t| self.tile(*t, sphere, included, waiting, names)).collect();
             json["children"] = json!(below);
         }
         json

@@ -6,7 +6,6 @@
 use super::content::Piece;
 use super::groups::Groups;
 use kilwa_geometry::Sphere;
-use std::collections::BTreeMap;
 
 /// Which tiles are below each tile, by their numbers.
 pub(super) struct Tree {
@@ -91,13 +90,4 @@ fn adopt(pieces: &[Piece], above: &[u32], children: &[u32]) -> Vec<Vec<u32>> {
         adopted[without].push(child);
     }
     adopted
-}
-
-/// How many tiles there are at each level of the pack.
-pub(super) fn by_level(pieces: &[Piece], groups: &Groups) -> BTreeMap<u8, u64> {
-    let mut counts = BTreeMap::new();
-    for piece in pieces {
-        *counts.entry(groups.all[piece.group as usize].level).or_default() += 1;
-    }
-    counts
 }
