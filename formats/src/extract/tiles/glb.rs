@@ -274,18 +274,18 @@ impl Tile {
     }
 }
 
-/// Light of each level of sRGB, in 16 bits: of the values that are rounded to the level again, one whose low byte is 128 if there is one. That byte takes
-/// no room then; without this, colours would take more than positions.
-static LIGHT: LazyLock<[u16; 256]> = LazyLock::new(|| {
-    std::array::from_fn(|level| {
-        let exact = light_from_srgb(level as u8) * 65535.0;
-        let round = (exact / 256.0).floor().min(255.0) * 256.0 + 128.0;
-        let is_level = |light: f64| usize::from(srgb_from_light(light / 65535.0)) == level;
-        // With a margin for clients that compute in floats.
-        let is_safe = is_level(round - 2.0) && is_level(round + 2.0);
-        (if is_safe { round } else { exact.round() }) as u16
-    })
-});
+/// Light of each level of sRGB, in 16 bits: of the values that are rounded to the level again, one whose low byte is one of a few, the first if possible. A
+/// byte that seldom changes takes little room; without this, colours would take more than positions.
+static LIGHT: LazyLock<[u16; 256]> = LazyLock::new(|| std::array::from_fn(|level| light(level as u8)));
+
+fn light(level: u8) -> u16 {
+    let exact = light_from_srgb(level) * 65535.0;
+    let is_level = |light: f64| srgb_from_light(light / 65535.0) == level;
+    let with_low_byte = |low: f64| ((exact - low) / 256.0).round() * 256.0 + low;
+    // With a margin for clients that compute in floats.
+    let is_safe = |light: &f64| (0.0..=65535.0).contains(light) && is_level(light - 2.0) && is_level(light + 2.0);
+    [128.0, 0.0, 64.0, 192.0].map(with_low_byte).into_iter().find(is_safe).unwrap_or(exact.round()) as u16
+}
 
 fn failed(error: meshoptimizer_rs::Error) -> ExtractError {
     ExtractError::Encode(error.to_string())
@@ -335,6 +335,7 @@ mod tests {
         assert!((0..256).all(|level| restored(level) == level));
         assert!(LIGHT.windows(2).all(|pair| pair[0] < pair[1]));
         assert!((140..256).all(|level| LIGHT[level] % 256 == 128));
+        assert!((80..256).all(|level| LIGHT[level] % 128 == 0));
         let off = (0..256).map(|l| (f64::from(LIGHT[l]) - light_from_srgb(l as u8) * 65535.0).abs());
         assert!(off.fold(0.0, f64::max) <= 128.0);
     }
