@@ -92,13 +92,17 @@ impl Tile {
 
     fn visit<'a>(&'a self, above: Option<&'a Self>, each: &mut dyn FnMut(&'a Self, Option<&'a Self>)) {
         each(self, above);
-        self.children.iter().for_each(|child| child.visit(Some(self), each));
+        for child in &self.children {
+            child.visit(Some(self), each);
+        }
     }
 
     /// The contents that are shown at rest where `refines` decides, as the three clients descend: tilesets are entered always.
     fn shown<'a>(&'a self, refines: &dyn Fn(&Self) -> bool, out: &mut Vec<&'a str>) {
         if self.is_external || !self.children.is_empty() && refines(self) {
-            self.children.iter().for_each(|child| child.shown(refines, out));
+            for child in &self.children {
+                child.shown(refines, out);
+            }
         } else if let Some(content) = &self.content {
             out.push(content);
         }
@@ -114,7 +118,9 @@ fn transform(folder: &Path) -> DMat4 {
 /// The mesh of a tile in the frame of the tileset: z is up there, and y in glTF.
 fn mesh_of(folder: &Path, name: &str) -> RawMesh {
     let mut mesh = read_mesh(&folder.join(name), &mut |_, _| {}).unwrap_or_else(|e| panic!("{name}: {e}"));
-    mesh.positions.iter_mut().for_each(|p| *p = DVec3::new(p.x, -p.z, p.y));
+    for p in &mut mesh.positions {
+        *p = DVec3::new(p.x, -p.z, p.y);
+    }
     mesh
 }
 
@@ -320,7 +326,9 @@ fn vertices_are_on_the_sphere_of_the_earth() {
     // By cells of ten steps, so that neighbours are found without comparing all with all.
     let cell = |p: DVec3| (p / (report.spacing * 10.0)).floor().as_i64vec3().to_array();
     let mut cells: BTreeMap<[i64; 3], Vec<DVec3>> = BTreeMap::new();
-    exact.iter().for_each(|p| cells.entry(cell(*p)).or_default().push(*p));
+    for p in &exact {
+        cells.entry(cell(*p)).or_default().push(*p);
+    }
     let mut worst: f64 = 0.0;
     Tile::whole(&folder, "tileset.json").visit(None, &mut |tile, _| {
         let Some(content) = &tile.content else { return };

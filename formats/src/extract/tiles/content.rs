@@ -28,6 +28,9 @@ pub(super) struct Piece {
     pub(super) bytes: u64,
 }
 
+/// A patch, and the number of its chunk among those of the group.
+type PatchOf = (usize, PatchRange);
+
 /// The meshes of the tiles that a group shows, each with the group that replaces it: those that are replaced first, by group.
 ///
 /// # Errors
@@ -40,7 +43,7 @@ pub(super) fn meshes<S: Source>(
     keeps_normals: bool,
 ) -> Result<Vec<(Option<u32>, Mesh)>, ExtractError> {
     let mut chunks = Vec::new();
-    let mut targets: BTreeMap<(bool, Option<u32>), Vec<(usize, PatchRange)>> = BTreeMap::new();
+    let mut targets: BTreeMap<(bool, Option<u32>), Vec<PatchOf>> = BTreeMap::new();
     for i in &group.entries {
         let mut chunk = reader.chunk(*i)?;
         chunk.mesh.scalars.clear();

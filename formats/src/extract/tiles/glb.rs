@@ -63,7 +63,9 @@ impl Tile {
         if ((max.as_i64vec3() - min.as_i64vec3()) / 2 + 1).max_element() > i64::from(REACH) {
             return Err(ExtractError::Numbers("a tile is too wide for floats".to_owned()));
         }
-        points.iter_mut().for_each(|p| *p -= offset);
+        for p in &mut points {
+            *p -= offset;
+        }
         Ok(Self { points, offset, normals, colors, indices, grid_log2 })
     }
 

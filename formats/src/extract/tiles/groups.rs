@@ -104,7 +104,9 @@ impl Groups {
             for members in beside.into_values() {
                 let mut parts = Vec::new();
                 divide(entries, &coarse, members, tile, &mut parts);
-                parts.into_iter().for_each(|part| groups.add(entries, part));
+                for part in parts {
+                    groups.add(entries, part);
+                }
             }
             first = last;
         }
