@@ -133,7 +133,7 @@ mod tests {
             ("PROJCRS[\"x\"]", NoGeocentric::NoCode),
             ("EPSG:99999", NoGeocentric::NoCode),
             ("EPSG:1999", NoGeocentric::Unknown),
-            ("EPSG:4326", NoGeocentric::NotProjected),
+            ("EPSG:4314", NoGeocentric::NotProjected),
             ("EPSG:4978", NoGeocentric::NotProjected),
         ] {
             assert_eq!(Geocentric::new(crs).err(), Some(why), "{crs}");
