@@ -1,4 +1,6 @@
-//! `kilwa extract`: give the mesh back from a pack, whole or coarser, as one crack-free PLY, OBJ, STL or GLB.
+//! `kilwa extract`: give the mesh back from a pack, whole or coarser, as one crack-free PLY, OBJ, STL or GLB; or its hierarchy as 3D Tiles (`tiles`).
+
+mod tiles;
 
 use crate::info::{grouped, metres};
 use crate::new_file::refuse_inputs;
@@ -11,14 +13,19 @@ use kilwa_pack::plural::plural;
 use std::io::Write as _;
 use std::path::PathBuf;
 
-/// Extract the mesh from a pack, at full detail or coarser, as PLY, OBJ, STL or GLB, without cracks.
+/// Extract the mesh from a pack, at full detail or coarser, as PLY, OBJ, STL or GLB, without cracks; or all levels of detail as 3D Tiles.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// The pack.
     pack: PathBuf,
-    /// The file to write; its extension chooses the format: .ply, .obj, .stl or .glb.
+    /// The file to write; its extension chooses the format: .ply, .obj, .stl or .glb. With --to, a folder that does not exist yet.
     #[arg(short, long)]
     output: PathBuf,
+    /// Write a folder with all levels of detail for other viewers: 3D Tiles 1.1.
+    #[arg(long, value_name = "FORMAT", conflicts_with_all = ["max_error", "max_triangles", "region", "ascii", "force"])]
+    to: Option<To>,
+    #[command(flatten)]
+    tiles: tiles::TilesArgs,
     /// The coarsest surface whose certified error is at most this many metres.
     #[arg(long, value_name = "METRES", conflicts_with = "max_triangles", value_parser = error_limit)]
     max_error: Option<f64>,
@@ -39,6 +46,13 @@ pub(crate) struct Args {
     json: bool,
 }
 
+/// What is written as a folder.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum To {
+    /// 3D Tiles 1.1.
+    Tiles,
+}
+
 fn error_limit(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(x) if x.is_finite() && x >= 0.0 => Ok(x),
@@ -47,6 +61,9 @@ fn error_limit(text: &str) -> Result<f64, String> {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
+    if args.to == Some(To::Tiles) {
+        return tiles::run(args);
+    }
     // An output that cannot be written is reported before the work is done.
     let format = Format::of(&args.output, args.ascii)?;
     refuse_inputs(&args.output, [args.pack.as_path()])?;

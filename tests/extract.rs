@@ -401,3 +401,54 @@ fn the_header_of_an_stl_contains_the_complete_offset_however_long_its_numbers() 
     let words = header.split(' ').filter_map(|word| word.parse::<f64>().ok());
     assert_eq!(serde_json::json!(words.collect::<Vec<_>>()), report["offset"], "{header}");
 }
+
+#[test]
+fn tiles_are_placed_on_the_globe_and_say_what_they_assume() {
+    let work = tempfile::tempdir().unwrap();
+    let at = |name: &str| work.path().join(name);
+    let pack = torus();
+    let call = |name: &str, more: &[&str]| {
+        let out = at(name);
+        json(&[&["extract", text(pack), "--to", "tiles", "-o", text(&out)], more].concat())
+    };
+    let web = call("web", &[]);
+    assert_eq!((&web["format"], &web["profile"], &web["crs"]), (&"tiles".into(), &"web".into(), &"EPSG:32737".into()));
+    assert_eq!((&web["triangles"], &web["geoid_offset"]), (&(2 * 256 * 64).into(), &0.0.into()));
+    assert!(web["notes"][0].as_str().unwrap().contains("--geoid-offset METRES"), "{web}");
+    let origin = |name: &str| {
+        let file = std::fs::read(at(name).join("tileset.json")).unwrap();
+        let tileset: serde_json::Value = serde_json::from_slice(&file).unwrap();
+        DVec3::from([12, 13, 14].map(|k| tileset["root"]["transform"][k].as_f64().unwrap()))
+    };
+    // The value of pyproj for a point near the middle (`kilwa_archive::location::projection`).
+    assert!(origin("web").distance(DVec3::new(4_877_142.5387, 3_989_337.4270, -986_357.8155)) < 20.0);
+    let plain = call("plain", &["--profile", "plain", "--geoid-offset", "-28.5"]);
+    assert_eq!((&plain["profile"], &plain["notes"]), (&"plain".into(), &serde_json::json!([])));
+    assert!((origin("plain").distance(origin("web")) - 28.5).abs() < 1e-6);
+    let local = call("local", &["--crs", "local"]);
+    assert!(local["notes"][0].as_str().unwrap().contains("--crs local was given"), "{local}");
+    assert!(origin("local").distance(FAR.into()) < 20.0);
+    assert!(succeeds(&["extract", text(pack), "--to", "tiles", "-o", text(&at("text"))]).contains("triangles"));
+}
+
+#[test]
+fn tiles_that_cannot_be_written_are_refused_with_a_way_out() {
+    let work = tempfile::tempdir().unwrap();
+    let (there, new) = (work.path().join("there"), work.path().join("new"));
+    std::fs::create_dir(&there).unwrap();
+    let pack = text(torus());
+    let tiles =
+        |out: &Path, more: &[&str]| fails(&[&["extract", pack, "--to", "tiles", "-o", text(out)], more].concat());
+    assert!(tiles(&there, &[]).contains("already exists; remove it, or choose another name"));
+    let unknown = tiles(&new, &["--crs", "EPSG:1999"]);
+    assert!(unknown.contains("EPSG:1999") && unknown.contains("--crs local"), "{unknown}");
+    assert!(tiles(&new, &["--crs", "nowhere"]).contains("is not a reference system"));
+    assert!(tiles(&new, &["--crs", "local", "--geoid-offset", "1"]).contains("--crs EPSG:N"));
+    for more in [&["--force"][..], &["--max-error", "1"], &["--box", "0,0,0,1,1,1"]] {
+        let output = kilwa(&[&["extract", pack, "--to", "tiles", "-o", text(&new)], more].concat());
+        assert_eq!(output.status.code(), Some(2), "{more:?}");
+    }
+    let output = kilwa(&["extract", pack, "-o", text(&work.path().join("a.ply")), "--geoid-offset", "1"]);
+    assert_eq!(output.status.code(), Some(2), "only with --to");
+    assert!(!new.exists());
+}

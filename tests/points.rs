@@ -54,6 +54,8 @@ fn every_point_of_a_survey_is_in_its_pack() {
     let out = folder.path().join("points.ply");
     let extracted = json(&["extract", text(&pack), "-o", text(&out)]);
     assert_eq!((&extracted["vertices"], &extracted["triangles"]), (&points.into(), &0.into()));
+    let refused = fails(&["extract", text(&pack), "--to", "tiles", "-o", text(&folder.path().join("tiles"))]);
+    assert!(refused.contains("points without a surface") && refused.contains("kilwa merge"), "{refused}");
     let ply = Ply::read(&out);
     let step = report["step"].as_f64().unwrap();
     for v in 0..ply.vertices.len() as u32 {

@@ -5,3 +5,4 @@ mod read_shared_data;
 mod read_stl_and_gltf;
 mod reduce;
 mod shared_data;
+mod tiles;

@@ -15,7 +15,7 @@ use std::f64::consts::TAU;
 type Pack = Reader<SliceSource<Vec<u8>>>;
 
 /// A rough, closed torus of `2 n m` triangles.
-fn torus(n: u32, m: u32) -> RawMesh {
+pub(crate) fn torus(n: u32, m: u32) -> RawMesh {
     let at = |i: u32, j: u32| {
         let (u, v) = (f64::from(i) / f64::from(n) * TAU, f64::from(j) / f64::from(m) * TAU);
         let noise = f64::from((i * 7919 + j * 104_729) % 97) / 97.0;

@@ -29,3 +29,114 @@ pub fn projected(epsg: u16, [lat, lon]: [f64; 2]) -> Option<[f64; 2]> {
     proj4rs::transform::transform(&from, &to, &mut point).ok()?;
     (point.0.is_finite() && point.1.is_finite()).then_some([point.0, point.1])
 }
+
+/// Converts coordinates of a reference system to geocentric ones.
+pub struct Geocentric {
+    from: Proj,
+    to: Proj,
+    /// The datum is brought to WGS 84 by a shift of a few parameters, which is off by decimetres or metres.
+    shifted: bool,
+}
+
+/// Why coordinates cannot be converted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum NoGeocentric {
+    /// Well-known text, or another text that is not an EPSG code.
+    #[error("it is not an EPSG code")]
+    NoCode,
+    /// The code is not in the list, or needs a grid of shifts.
+    #[error("its definition is not known to Kilwa")]
+    Unknown,
+    /// It is not projected, or its axes are not east and north.
+    #[error("its coordinates are not eastings and northings")]
+    NotProjected,
+    /// Its datum is not tied to WGS 84.
+    #[error("its definition does not relate its datum to WGS 84")]
+    Datum,
+}
+
+impl Geocentric {
+    /// Of a projected system such as `EPSG:32737`.
+    ///
+    /// # Errors
+    /// [`NoGeocentric`].
+    pub fn new(crs: &str) -> Result<Self, NoGeocentric> {
+        let code = crs.strip_prefix("EPSG:").and_then(|code| code.parse::<u16>().ok()).ok_or(NoGeocentric::NoCode)?;
+        let text = crs_definitions::from_code(code).ok_or(NoGeocentric::Unknown)?.proj4;
+        if text.contains("+nadgrids") {
+            return Err(NoGeocentric::Unknown);
+        }
+        let from = Proj::from_proj_string(text).map_err(|_| NoGeocentric::Unknown)?;
+        if from.is_latlong() || from.is_geocent() || !from.is_normalized_axis() {
+            return Err(NoGeocentric::NotProjected);
+        }
+        let shift = text.split_whitespace().find_map(|part| part.strip_prefix("+towgs84="));
+        let datum = text.split_whitespace().find_map(|part| part.strip_prefix("+datum="));
+        // NAD 83 is taken for WGS 84, from which it is a metre or two away.
+        let shifted = shift.is_some_and(|values| values.split(',').any(|v| v.parse() != Ok(0.0)))
+            || datum.is_some_and(|datum| datum != "WGS84");
+        if shift.is_none() && datum.is_none() && !text.contains("+ellps=WGS84") {
+            return Err(NoGeocentric::Datum);
+        }
+        // No shift of the datum: it is WGS 84 then.
+        let to = Proj::from_proj_string("+proj=geocent +datum=WGS84 +units=m +no_defs")
+            .map_err(|_| NoGeocentric::Unknown)?;
+        Ok(Self { from, to, shifted })
+    }
+
+    /// Whether the datum is brought to WGS 84 by an approximation.
+    pub fn is_approximate(&self) -> bool {
+        self.shifted
+    }
+
+    /// Geocentric coordinates (WGS 84, EPSG:4978) of an easting, a northing and an ellipsoidal height, all in metres; `None` outside of the projection.
+    pub fn of(&self, world: DVec3) -> Option<DVec3> {
+        // Packs are in metres, whatever the unit of the system.
+        let horizontal = world / self.from.to_meter();
+        let mut point = (horizontal.x, horizontal.y, world.z / self.from.vto_meter());
+        proj4rs::transform::transform(&self.from, &self.to, &mut point).ok()?;
+        let found = DVec3::new(point.0, point.1, point.2);
+        found.is_finite().then_some(found)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// pyproj 3.7 with PROJ 9, from the system in three dimensions to EPSG:4978.
+    #[test]
+    fn geocentric_coordinates_are_those_of_proj_to_a_tenth_of_a_millimetre() {
+        for (crs, world, expected) in [
+            ("EPSG:32737", [531_000.0, 9_010_000.0, 12.5], [4_877_142.5387, 3_989_337.4270, -986_357.8155]),
+            ("EPSG:32737", [531_400.25, 9_010_400.75, -3.125], [4_876_925.6012, 3_989_676.8756, -985_959.0587]),
+            ("EPSG:32633", [499_999.0, 1.0, 0.0], [6_160_807.5108, 1_650_782.3616, 1.0004]),
+            ("EPSG:25832", [691_000.5, 5_334_000.25, 520.0], [4_178_639.8388, 855_248.2729, 4_726_966.0715]),
+            ("EPSG:3006", [674_000.0, 6_580_000.0, 30.0], [3_101_539.1578, 1_011_221.3512, 5_462_399.6230]),
+            ("EPSG:2154", [652_000.0, 6_862_000.0, 80.0], [4_201_016.0426, 172_094.7659, 4_780_115.8419]),
+        ] {
+            let geocentric = Geocentric::new(crs).expect("a known system");
+            let found = geocentric.of(world.into()).expect("on the earth");
+            assert!(found.distance(expected.into()) < 1.5e-4, "{crs}: {found} instead of {expected:?}");
+            assert!(!geocentric.is_approximate(), "{crs}");
+        }
+        // The Swiss datum by its published shift of three parameters.
+        let swiss = Geocentric::new("EPSG:2056").expect("a known system");
+        let found = swiss.of(DVec3::new(2_600_000.0, 1_200_000.0, 550.0)).expect("on the earth");
+        let expected = DVec3::new(4_325_361.8498, 564_732.3135, 4_638_492.4800);
+        assert!(swiss.is_approximate() && found.distance(expected) < 1.5e-4, "{found}");
+    }
+
+    #[test]
+    fn systems_that_cannot_be_converted_are_refused_with_the_reason() {
+        for (crs, why) in [
+            ("PROJCRS[\"x\"]", NoGeocentric::NoCode),
+            ("EPSG:99999", NoGeocentric::NoCode),
+            ("EPSG:1999", NoGeocentric::Unknown),
+            ("EPSG:4314", NoGeocentric::NotProjected),
+            ("EPSG:4978", NoGeocentric::NotProjected),
+        ] {
+            assert_eq!(Geocentric::new(crs).err(), Some(why), "{crs}");
+        }
+    }
+}

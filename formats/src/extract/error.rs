@@ -1,5 +1,6 @@
 //! Why a mesh could not be extracted from a pack.
 
+use glam::DVec3;
 use kilwa_pack::PackError;
 use std::io;
 use std::path::PathBuf;
@@ -45,6 +46,23 @@ pub enum ExtractError {
     /// The numbers of the format cannot hold the coordinates.
     #[error("{0}")]
     Numbers(String),
+    /// Part of the model has no place on the earth.
+    #[error(
+        "the point {} {} {} m has no place on the earth in the reference system of the pack; check the system, or use --crs local", world.x, world.y, world.z
+    )]
+    NoPlace {
+        /// World coordinates, metres.
+        world: DVec3,
+    },
+    /// The pack has points, and tiles have triangles.
+    #[error(
+        "it contains points without a surface, which cannot be written as tiles of a mesh; write the points as PLY (--output FILE.ply), or merge the scans to a \
+         surface (kilwa merge)"
+    )]
+    PointsAsTiles,
+    /// A tile cannot be compressed.
+    #[error("a tile cannot be compressed: {0}")]
+    Encode(String),
     /// Even the coarsest surface is too large.
     #[error("even its simplest surface takes more than {limit} bytes as GLB")]
     TooLarge {

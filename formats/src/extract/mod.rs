@@ -18,6 +18,7 @@ mod reduce;
 mod region;
 mod stl;
 mod stream;
+pub mod tiles;
 
 pub use error::ExtractError;
 pub use format::Format;

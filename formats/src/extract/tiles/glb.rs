@@ -1,0 +1,344 @@
+//! A tile as GLB (Khronos, "glTF 2.0 Specification"): positions on a grid, relative to the node's translation, y up.
+
+use super::Profile;
+use crate::extract::ExtractError;
+use glam::{DVec3, IVec3};
+use kilwa_geometry::Sphere;
+use kilwa_geometry::color::{light_from_srgb, srgb_from_light};
+use meshoptimizer_rs::{Workspace, codec};
+use serde_json::{Value, json};
+use std::sync::LazyLock;
+
+/// Codes of OpenGL.
+const BYTE: u32 = 5120;
+const UNSIGNED_SHORT: u32 = 5123;
+const FLOAT: u32 = 5126;
+const ARRAY_BUFFER: u32 = 34962;
+const ELEMENT_ARRAY_BUFFER: u32 = 34963;
+/// Largest distance from the offset: 24 bits with a sign.
+const REACH: i32 = (1 << 23) - 1;
+/// The extension of glTF for compressed views, and the one for normals in bytes.
+const MESHOPT: &str = "EXT_meshopt_compression";
+const QUANTIZED: &str = "KHR_mesh_quantization";
+const UNLIT: &str = "KHR_materials_unlit";
+
+/// The mesh of a tile.
+pub(super) struct Tile {
+    /// Steps of the grid, relative to `offset`.
+    points: Vec<IVec3>,
+    offset: IVec3,
+    /// Unit vectors, or none.
+    normals: Vec<DVec3>,
+    /// sRGB, or none.
+    colors: Vec<[u8; 3]>,
+    indices: Vec<u32>,
+    grid_log2: i32,
+}
+
+/// An attribute of the vertices.
+struct Attribute {
+    name: &'static str,
+    bytes: Vec<u8>,
+    stride: usize,
+    /// What the accessor says of type, range and bounds.
+    accessor: Value,
+    filter: &'static str,
+}
+
+impl Tile {
+    /// From points on the grid.
+    ///
+    /// # Errors
+    /// If they are too far apart for floats.
+    pub(super) fn new(
+        mut points: Vec<IVec3>,
+        normals: Vec<DVec3>,
+        colors: Vec<[u8; 3]>,
+        indices: Vec<u32>,
+        grid_log2: i32,
+    ) -> Result<Self, ExtractError> {
+        let min = points.iter().copied().fold(IVec3::MAX, IVec3::min);
+        let max = points.iter().copied().fold(IVec3::MIN, IVec3::max);
+        let offset = ((min.as_i64vec3() + max.as_i64vec3()) / 2).as_ivec3();
+        if ((max.as_i64vec3() - min.as_i64vec3()) / 2 + 1).max_element() > i64::from(REACH) {
+            return Err(ExtractError::Numbers("a tile is too wide for floats".to_owned()));
+        }
+        for p in &mut points {
+            *p -= offset;
+        }
+        Ok(Self { points, offset, normals, colors, indices, grid_log2 })
+    }
+
+    pub(super) fn triangles(&self) -> usize {
+        self.indices.len() / 3
+    }
+
+    pub(super) fn vertices(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Round its vertices, metres in the frame.
+    pub(super) fn sphere(&self) -> Sphere {
+        let spacing = libm::scalbn(1.0, self.grid_log2);
+        let ball = Sphere::of(&self.points);
+        Sphere { center: (ball.center + self.offset.as_dvec3()) * spacing, radius: ball.radius * spacing }
+    }
+
+    /// The file; `error` is certified, in metres.
+    ///
+    /// # Errors
+    /// If meshopt fails.
+    pub(super) fn bytes(&self, profile: Profile, error: f64) -> Result<Vec<u8>, ExtractError> {
+        match profile {
+            Profile::Web => self.compressed(error),
+            Profile::Plain => Ok(self.plain(error)),
+        }
+    }
+
+    /// Steps of the grid, y up.
+    fn y_up(p: IVec3) -> [i32; 3] {
+        [p.x, p.z, -p.y]
+    }
+
+    fn bounds(&self) -> [[f64; 3]; 2] {
+        let spacing = libm::scalbn(1.0, self.grid_log2);
+        let turned = || self.points.iter().map(|p| IVec3::from(Self::y_up(*p)));
+        let (min, max) = (turned().fold(IVec3::MAX, IVec3::min), turned().fold(IVec3::MIN, IVec3::max));
+        [min, max].map(|p| (p.as_dvec3() * spacing).to_array())
+    }
+
+    fn positions(&self, filtered: bool) -> Attribute {
+        let [min, max] = self.bounds();
+        let mut bytes = Vec::with_capacity(self.points.len() * 12);
+        for x in self.points.iter().flat_map(|p| Self::y_up(*p)) {
+            if filtered {
+                // Mantissa and exponent: what the filter turns into a float.
+                bytes.extend(&x.to_le_bytes()[..3]);
+                bytes.push((self.grid_log2 as i8).cast_unsigned());
+            } else {
+                bytes.extend((libm::scalbn(f64::from(x), self.grid_log2) as f32).to_le_bytes());
+            }
+        }
+        let accessor = json!({"componentType": FLOAT, "type": "VEC3", "min": min, "max": max});
+        Attribute { name: "POSITION", bytes, stride: 12, accessor, filter: "EXPONENTIAL" }
+    }
+
+    fn colors(&self) -> Option<Attribute> {
+        let mut bytes = Vec::with_capacity(self.colors.len() * 8);
+        for color in &self.colors {
+            for level in color {
+                bytes.extend(LIGHT[usize::from(*level)].to_le_bytes());
+            }
+            bytes.extend([0; 2]);
+        }
+        let accessor = json!({"componentType": UNSIGNED_SHORT, "normalized": true, "type": "VEC3"});
+        let attribute = Attribute { name: "COLOR_0", bytes, stride: 8, accessor, filter: "NONE" };
+        (!self.colors.is_empty()).then_some(attribute)
+    }
+
+    fn normals(&self, profile: Profile) -> Result<Option<Attribute>, ExtractError> {
+        if self.normals.is_empty() {
+            return Ok(None);
+        }
+        let turned = self.normals.iter().map(|n| [n.x as f32, n.z as f32, -n.y as f32]);
+        let (bytes, stride, accessor) = match profile {
+            Profile::Plain => {
+                let bytes = turned.flatten().flat_map(f32::to_le_bytes).collect();
+                (bytes, 12, json!({"componentType": FLOAT, "type": "VEC3"}))
+            }
+            Profile::Web => {
+                let four: Vec<f32> = turned.flat_map(|[x, y, z]| [x, y, z, 0.0]).collect();
+                let bytes = codec::encode_filter_oct(self.normals.len(), 4, 8, &four, &mut Workspace::default());
+                let accessor = json!({"componentType": BYTE, "normalized": true, "type": "VEC3"});
+                (bytes.map_err(failed)?, 4, accessor)
+            }
+        };
+        Ok(Some(Attribute { name: "NORMAL", bytes, stride, accessor, filter: "OCTAHEDRAL" }))
+    }
+
+    fn compressed(&self, error: f64) -> Result<Vec<u8>, ExtractError> {
+        let mut work = Workspace::default();
+        let normals = self.normals(Profile::Web)?;
+        let is_quantized = normals.is_some();
+        let (mut file, mut binary) = (self.file(error), Vec::new());
+        // What a client without the extension would need has its places, but no bytes.
+        let mut plain = 0;
+        let mut view = |file: &mut Value, packed: &[u8], count: usize, stride: usize, target: u32, about: Value| {
+            let mut extension = json!({"buffer": 0, "byteOffset": binary.len(), "byteLength": packed.len(),
+                "byteStride": stride, "count": count});
+            for (key, value) in about.as_object().into_iter().flatten() {
+                extension[key] = value.clone();
+            }
+            let mut view = json!({"buffer": 1, "byteOffset": plain, "byteLength": count * stride, "target": target,
+                "extensions": {MESHOPT: extension}});
+            if target == ARRAY_BUFFER {
+                view["byteStride"] = json!(stride);
+            }
+            push(file, "bufferViews", view);
+            binary.extend(packed);
+            binary.resize(binary.len().next_multiple_of(4), 0);
+            plain += (count * stride).next_multiple_of(4);
+        };
+        let version = codec::VertexEncoding::new(0, 0).map_err(failed)?;
+        for attribute in [Some(self.positions(true)), self.colors(), normals].into_iter().flatten() {
+            let Attribute { name, bytes, stride, mut accessor, filter } = attribute;
+            let count = self.points.len();
+            let packed = codec::encode_vertex_buffer(&bytes, count, stride, version, &mut work).map_err(failed)?;
+            let about = if filter == "NONE" {
+                json!({"mode": "ATTRIBUTES"})
+            } else {
+                json!({"mode": "ATTRIBUTES", "filter": filter})
+            };
+            view(&mut file, &packed, count, stride, ARRAY_BUFFER, about);
+            accessor["count"] = json!(count);
+            add(&mut file, name, accessor);
+        }
+        let packed =
+            codec::encode_index_buffer(&self.indices, codec::IndexEncoding::DEFAULT, &mut work).map_err(failed)?;
+        view(&mut file, &packed, self.indices.len(), 2, ELEMENT_ARRAY_BUFFER, json!({"mode": "TRIANGLES"}));
+        self.add_indices(&mut file);
+        file["buffers"] = json!([{"byteLength": binary.len()},
+            {"byteLength": plain, "extensions": {MESHOPT: {"fallback": true}}}]);
+        let mut required = vec![MESHOPT];
+        if is_quantized {
+            required.push(QUANTIZED);
+        }
+        file["extensionsRequired"] = json!(required);
+        if !self.colors.is_empty() {
+            required.push(UNLIT);
+        }
+        file["extensionsUsed"] = json!(required);
+        if !self.colors.is_empty() {
+            file["materials"][0]["extensions"] = json!({UNLIT: {}});
+        }
+        Ok(glb(&file, &binary))
+    }
+
+    fn plain(&self, error: f64) -> Vec<u8> {
+        let mut file = self.file(error);
+        let normals = self.normals(Profile::Plain).ok().flatten();
+        let attributes: Vec<Attribute> =
+            [Some(self.positions(false)), normals, self.colors()].into_iter().flatten().collect();
+        let stride: usize = attributes.iter().map(|a| a.stride).sum();
+        let count = self.points.len();
+        let mut binary = Vec::with_capacity(count * stride + self.indices.len() * 2 + 2);
+        for v in 0..count {
+            for a in &attributes {
+                binary.extend(&a.bytes[v * a.stride..(v + 1) * a.stride]);
+            }
+        }
+        push(
+            &mut file,
+            "bufferViews",
+            json!({"buffer": 0, "byteLength": count * stride, "byteStride": stride, "target": ARRAY_BUFFER}),
+        );
+        let mut at = 0;
+        for Attribute { name, stride, mut accessor, .. } in attributes {
+            accessor["count"] = json!(count);
+            accessor["byteOffset"] = json!(at);
+            accessor["bufferView"] = json!(0);
+            at += stride;
+            add(&mut file, name, accessor);
+        }
+        let view = json!({"buffer": 0, "byteOffset": binary.len(), "byteLength": self.indices.len() * 2,
+            "target": ELEMENT_ARRAY_BUFFER});
+        push(&mut file, "bufferViews", view);
+        binary.extend(self.indices.iter().flat_map(|i| (*i as u16).to_le_bytes()));
+        binary.resize(binary.len().next_multiple_of(4), 0);
+        self.add_indices(&mut file);
+        file["buffers"] = json!([{"byteLength": binary.len()}]);
+        glb(&file, &binary)
+    }
+
+    fn add_indices(&self, file: &mut Value) {
+        let view = file["bufferViews"].as_array().map_or(0, Vec::len) - 1;
+        let accessor =
+            json!({"bufferView": view, "componentType": UNSIGNED_SHORT, "count": self.indices.len(), "type": "SCALAR"});
+        let number = push(file, "accessors", accessor);
+        file["meshes"][0]["primitives"][0]["indices"] = json!(number);
+    }
+
+    /// The parts that do not depend on the profile.
+    fn file(&self, error: f64) -> Value {
+        let spacing = libm::scalbn(1.0, self.grid_log2);
+        let [x, y, z] = Self::y_up(self.offset).map(|x| f64::from(x) * spacing);
+        json!({
+            "asset": {"version": "2.0", "generator": format!("kilwa {}", env!("CARGO_PKG_VERSION"))},
+            "extras": {"certified_error_m": error},
+            "scene": 0,
+            "scenes": [{"nodes": [0]}],
+            "nodes": [{"mesh": 0, "translation": [x, y, z]}],
+            "meshes": [{"primitives": [{"attributes": {}, "material": 0}]}],
+            "materials": [{"pbrMetallicRoughness": {"metallicFactor": 0.0, "roughnessFactor": 1.0}}],
+            "accessors": [],
+            "bufferViews": [],
+        })
+    }
+}
+
+/// Light of each level of sRGB, in 16 bits: of the values that are rounded to the level again, one whose low byte is one of a few, the first if possible. A
+/// byte that seldom changes takes little room; without this, colours would take more than positions.
+static LIGHT: LazyLock<[u16; 256]> = LazyLock::new(|| std::array::from_fn(|level| light(level as u8)));
+
+fn light(level: u8) -> u16 {
+    let exact = light_from_srgb(level) * 65535.0;
+    let is_level = |light: f64| srgb_from_light(light / 65535.0) == level;
+    let with_low_byte = |low: f64| ((exact - low) / 256.0).round() * 256.0 + low;
+    // With a margin for clients that compute in floats.
+    let is_safe = |light: &f64| (0.0..=65535.0).contains(light) && is_level(light - 2.0) && is_level(light + 2.0);
+    [128.0, 0.0, 64.0, 192.0].map(with_low_byte).into_iter().find(is_safe).unwrap_or(exact.round()) as u16
+}
+
+fn failed(error: meshoptimizer_rs::Error) -> ExtractError {
+    ExtractError::Encode(error.to_string())
+}
+
+/// Append to a list of the file; returns the number of what was appended.
+fn push(file: &mut Value, list: &str, what: Value) -> usize {
+    let Some(list) = file[list].as_array_mut() else { return 0 };
+    list.push(what);
+    list.len() - 1
+}
+
+/// Add an attribute: its accessor, of the last view where it names none.
+fn add(file: &mut Value, name: &str, mut accessor: Value) {
+    if accessor.get("bufferView").is_none() {
+        accessor["bufferView"] = json!(file["bufferViews"].as_array().map_or(0, Vec::len) - 1);
+    }
+    let number = push(file, "accessors", accessor);
+    file["meshes"][0]["primitives"][0]["attributes"][name] = json!(number);
+}
+
+/// The file with its two parts. A tile is far smaller than the 4 GiB that the format allows.
+fn glb(file: &Value, binary: &[u8]) -> Vec<u8> {
+    let mut json = file.to_string().into_bytes();
+    json.resize(json.len().next_multiple_of(4), b' ');
+    let total = 12 + 8 + json.len() + 8 + binary.len();
+    let mut out = Vec::with_capacity(total);
+    out.extend(b"glTF");
+    for word in [2, total as u32, json.len() as u32] {
+        out.extend(word.to_le_bytes());
+    }
+    out.extend(b"JSON");
+    out.extend(json);
+    out.extend((binary.len() as u32).to_le_bytes());
+    out.extend(b"BIN\0");
+    out.extend(binary);
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_level_of_srgb_is_restored_and_bright_ones_cost_a_byte() {
+        let restored = |level: usize| usize::from(srgb_from_light(f64::from(LIGHT[level]) / 65535.0));
+        assert!((0..256).all(|level| restored(level) == level));
+        assert!(LIGHT.windows(2).all(|pair| pair[0] < pair[1]));
+        assert!((140..256).all(|level| LIGHT[level] % 256 == 128));
+        assert!((80..256).all(|level| LIGHT[level] % 128 == 0));
+        let off = (0..256).map(|l| (f64::from(LIGHT[l]) - light_from_srgb(l as u8) * 65535.0).abs());
+        assert!(off.fold(0.0, f64::max) <= 128.0);
+    }
+}

@@ -1,0 +1,187 @@
+//! `kilwa extract --to tiles`: the hierarchy of a pack as 3D Tiles.
+
+use super::Args;
+use crate::info::grouped;
+use crate::source::{FileSource, open_pack};
+use crate::verify::progress_bar;
+use glam::DVec3;
+use kilwa_archive::location::projection::Geocentric;
+use kilwa_archive::metadata::crs::normalise;
+use kilwa_formats::extract::tiles::{Earth, Folder, Limits, Profile, Request, Tileset, write_tiles};
+use kilwa_pack::Reader;
+use kilwa_pack::plural::plural;
+use std::io::Write as _;
+
+/// Options of 3D Tiles.
+#[derive(Debug, clap::Args)]
+pub(super) struct TilesArgs {
+    /// 3D Tiles: compressed for browsers (web), or without extensions for QGIS, Unreal and Blender (plain).
+    #[arg(long, value_name = "PROFILE", default_value = "web", requires = "to")]
+    profile: ProfileArg,
+    /// 3D Tiles: height of the geoid above the ellipsoid at the site, in metres; added to all heights, which must be ellipsoidal on the globe.
+    #[arg(long, value_name = "METRES", allow_negative_numbers = true, requires = "to", value_parser = offset)]
+    geoid_offset: Option<f64>,
+    /// 3D Tiles: the reference system of the coordinates, for a pack that states none or one that Kilwa cannot convert (EPSG:N); local: do not place
+    /// the model on the globe.
+    #[arg(long, value_name = "EPSG:N", requires = "to")]
+    crs: Option<String>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum ProfileArg {
+    Web,
+    Plain,
+}
+
+impl ProfileArg {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Web => "web",
+            Self::Plain => "plain",
+        }
+    }
+}
+
+fn offset(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        // No geoid is farther than 110 m from its ellipsoid; local systems of heights can be.
+        Ok(x) if x.is_finite() && x.abs() <= 10_000.0 => Ok(x),
+        _ => Err("expected a length in metres, for example -28.5".to_owned()),
+    }
+}
+
+/// A reference system, and heights above its ellipsoid.
+struct Place {
+    crs: String,
+    geocentric: Geocentric,
+    geoid_offset: f64,
+}
+
+impl Earth for Place {
+    fn geocentric(&self, world: DVec3) -> Option<DVec3> {
+        self.geocentric.of(world + DVec3::Z * self.geoid_offset)
+    }
+}
+
+/// Where the model is on the earth; `None` for a local model.
+fn place(reader: &Reader<FileSource>, args: &TilesArgs) -> anyhow::Result<Option<Place>> {
+    let crs = match &args.crs {
+        Some(given) => normalise(given).map_err(|why| anyhow::anyhow!("--crs: {why}"))?,
+        None => reader.metadata().crs.clone(),
+    };
+    let Some(crs) = crs else {
+        anyhow::ensure!(
+            args.geoid_offset.is_none(),
+            "--geoid-offset is for models with a coordinate reference system, and this one has none; add --crs EPSG:N"
+        );
+        return Ok(None);
+    };
+    let geocentric = Geocentric::new(&crs).map_err(|why| {
+        let shown: String = crs.chars().take(60).collect();
+        anyhow::anyhow!(
+            "the model cannot be placed on the globe by its reference system \"{shown}\": {why}; state a projected system of the same coordinates \
+             with --crs EPSG:N, or use --crs local"
+        )
+    })?;
+    Ok(Some(Place { crs, geocentric, geoid_offset: args.geoid_offset.unwrap_or(0.0) }))
+}
+
+pub(super) fn run(args: &Args) -> anyhow::Result<()> {
+    let folder = Folder::prepare(&args.output)?;
+    let reader = open_pack(&args.pack)?;
+    let place = place(&reader, &args.tiles)?;
+    let request = Request {
+        profile: match args.tiles.profile {
+            ProfileArg::Web => Profile::Web,
+            ProfileArg::Plain => Profile::Plain,
+        },
+        limits: Limits::default(),
+        earth: place.as_ref().map(|place| place as &dyn Earth),
+        crs: place.as_ref().map(|place| place.crs.as_str()),
+    };
+    let bar = progress_bar(0, "writing tiles");
+    let progress = |done, all| {
+        bar.set_length(all);
+        bar.set_position(done);
+    };
+    let written = write_tiles(&reader, &request, &folder, &progress);
+    bar.finish_and_clear();
+    let written = written.map_err(|e| {
+        if e.is_of_output() { e.into() } else { anyhow::Error::new(e).context(args.pack.display().to_string()) }
+    })?;
+    let notes = notes(&args.tiles, place.as_ref());
+    if args.json { json(args, &written, place.as_ref(), &notes) } else { text(args, &written, &notes) }
+}
+
+/// What a person should know about the place of the model.
+fn notes(args: &TilesArgs, place: Option<&Place>) -> Vec<String> {
+    let Some(place) = place else {
+        let why = if args.crs.is_some() {
+            "--crs local was given"
+        } else {
+            "the pack states no coordinate reference system; --crs EPSG:N states one"
+        };
+        return vec![format!("The tileset keeps the coordinates of the pack and has no place on the globe: {why}.")];
+    };
+    let mut notes = Vec::new();
+    if args.geoid_offset.is_none() {
+        notes.push(
+            "Heights were taken to be ellipsoidal. If they are above sea level, add the height of the geoid at the site: --geoid-offset METRES.".to_owned(),
+        );
+    }
+    if place.geocentric.is_approximate() {
+        notes.push(format!(
+            "{} has a datum that is brought to WGS 84 by a shift of a few parameters: the place on the globe may be off by metres, the shape is not affected.",
+            place.crs
+        ));
+    }
+    notes
+}
+
+fn json(args: &Args, written: &Tileset, place: Option<&Place>, notes: &[String]) -> anyhow::Result<()> {
+    let report = serde_json::json!({
+        "output": args.output.display().to_string(),
+        "format": "tiles",
+        "profile": args.tiles.profile.name(),
+        "tiles": written.tiles,
+        "tilesets": written.tilesets,
+        "bytes": written.bytes,
+        "largest_tile_bytes": written.largest_tile,
+        "triangles": written.triangles,
+        "stored_triangles": written.stored_triangles,
+        "stored_vertices": written.stored_vertices,
+        "grid_spacing": written.spacing,
+        "crs": place.map(|place| &place.crs),
+        "geoid_offset": place.map(|place| place.geoid_offset),
+        "per_vertex": written.is_curved,
+        "affine_residual": written.residual,
+        "left_out": written.left_out,
+        "notes": notes,
+    });
+    writeln!(crate::terminal::out(), "{}", crate::terminal::json_text(&report)?)?;
+    Ok(())
+}
+
+fn text(args: &Args, written: &Tileset, notes: &[String]) -> anyhow::Result<()> {
+    let mut out = crate::terminal::out();
+    writeln!(
+        out,
+        "{}: {} {}, {} {} at the finest level, {} at all levels, {} {} ({:.2} per triangle of the finest level).",
+        args.output.display(),
+        grouped(written.tiles),
+        plural(written.tiles, "tile", "tiles"),
+        grouped(written.triangles),
+        plural(written.triangles, "triangle", "triangles"),
+        grouped(written.stored_triangles),
+        grouped(written.bytes),
+        plural(written.bytes, "byte", "bytes"),
+        written.bytes as f64 / written.triangles.max(1) as f64
+    )?;
+    if !written.left_out.is_empty() {
+        writeln!(out, "  The tiles do not store {}.", written.left_out.join(", "))?;
+    }
+    for note in notes {
+        writeln!(out, "  {note}")?;
+    }
+    Ok(())
+}
