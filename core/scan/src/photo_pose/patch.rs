@@ -1,0 +1,246 @@
+//! How well a patch of the expected picture explains the photograph at each shift.
+//!
+//! The photograph is regressed on what the model shows in the patch (brightness, intensity, normals, depth, borders): the light, which is unknown, becomes the coefficients.
+//! With n independent pixels and an explained share R² the logarithm of the likelihood, maximised over coefficients and noise, is −n/2 · log(1 − R²).
+//! It is a measure of mutual information: that of jointly Gaussian variables is −1/2 · log(1 − R²) (Cover and Thomas, "Elements of information theory", 2006, section 8.5; Viola and Wells,
+//! "Alignment by maximization of mutual information", 1997, use the general form).
+
+use super::{Grey, Prediction};
+
+/// Side of a patch, pixels.
+pub const SIDE: usize = 32;
+/// Pixels summed together.
+const LANES: usize = 8;
+/// Pixels of a patch per independent one: details have a correlation length of about two pixels.
+const PER_INDEPENDENT: f32 = 12.0;
+/// A patch is used where at least this share of it shows a surface.
+const SURFACE: f32 = 0.3;
+/// Contrast of the photograph below which nothing can be said, as a share of the contrast of the whole picture.
+const FLAT: f32 = 0.15;
+
+type Row = [f32; SIDE];
+
+/// Vectors that span what the model shows in a patch: orthonormal, and orthogonal to constants.
+struct Basis {
+    vectors: Vec<Vec<Row>>,
+}
+
+/// The log-likelihood of each shift of a patch, less its median.
+#[derive(Debug, Clone)]
+pub struct Map {
+    /// The centre of the patch in the expected picture, pixels.
+    pub center: [f32; 2],
+    /// Largest shift in each direction, pixels.
+    pub radius: usize,
+    /// Rows of shifts from (-radius, -radius); 0 where the shifted patch would leave the picture.
+    pub gain: Vec<f32>,
+}
+
+impl Basis {
+    fn new(prediction: &Prediction, [left, top]: [usize; 2]) -> Self {
+        let mut vectors: Vec<Vec<Row>> = Vec::new();
+        for (picture, least) in &prediction.channels {
+            let mut rows: Vec<Row> = (0..SIDE)
+                .map(|y| {
+                    let mut row = [0.0; SIDE];
+                    row.copy_from_slice(picture.row(left, top + y, SIDE));
+                    row
+                })
+                .collect();
+            let mean = rows.iter().flatten().sum::<f32>() / (SIDE * SIDE) as f32;
+            rows.iter_mut().flatten().for_each(|v| *v -= mean);
+            // Twice, because once is not exact to rounding (Gram and Schmidt).
+            for _ in 0..2 {
+                for other in &vectors {
+                    let share = dot(&rows, other);
+                    for (row, other) in rows.iter_mut().zip(other) {
+                        row.iter_mut().zip(other).for_each(|(v, o)| *v -= share * o);
+                    }
+                }
+            }
+            let length = dot(&rows, &rows).sqrt();
+            if length > least * SIDE as f32 {
+                rows.iter_mut().flatten().for_each(|v| *v /= length);
+                vectors.push(rows);
+            }
+        }
+        Self { vectors }
+    }
+}
+
+fn dot(a: &[Row], b: &[Row]) -> f32 {
+    let mut lanes = [0.0; LANES];
+    for (a, b) in a.iter().zip(b) {
+        add_products(&mut lanes, a, b);
+    }
+    lanes.iter().sum()
+}
+
+/// Always in the same order, so that sums do not depend on the processor.
+fn add_products(lanes: &mut [f32; LANES], a: &[f32], b: &[f32]) {
+    for (a, b) in a.chunks_exact(LANES).zip(b.chunks_exact(LANES)) {
+        for k in 0..LANES {
+            lanes[k] += a[k] * b[k];
+        }
+    }
+}
+
+/// Maps of patches on a grid: all that show enough surface with something to recognise. `photograph`: details of the photograph, as large as the prediction.
+pub fn maps(photograph: &Grey, prediction: &Prediction, radius: usize, spacing: usize) -> Vec<Map> {
+    let [width, height] = photograph.size().map(|side| side as usize);
+    let square: f64 = photograph.values().iter().map(|v| f64::from(*v) * f64::from(*v)).sum();
+    let contrast = (square / photograph.values().len() as f64) as f32;
+    let least = FLAT * FLAT * contrast * (SIDE * SIDE) as f32;
+    let starts = |side: usize| -> Vec<usize> {
+        // Evenly spaced, from border to border.
+        let Some(room) = side.checked_sub(SIDE) else { return Vec::new() };
+        let count = room / spacing.max(1) + 1;
+        let step = |k: usize| if count > 1 { k * room / (count - 1) } else { room / 2 };
+        (0..count).map(step).collect()
+    };
+    let mut out = Vec::new();
+    for top in starts(height) {
+        for left in starts(width) {
+            let rows = (0..SIDE).map(|y| prediction.surface.row(left, top + y, SIDE));
+            let surface = rows.flatten().sum::<f32>() / (SIDE * SIDE) as f32;
+            if surface < SURFACE {
+                continue;
+            }
+            let basis = Basis::new(prediction, [left, top]);
+            if !basis.vectors.is_empty() {
+                out.push(basis.map(photograph, [left, top], radius, least));
+            }
+        }
+    }
+    out
+}
+
+impl Basis {
+    fn map(&self, photograph: &Grey, [left, top]: [usize; 2], radius: usize, least: f32) -> Map {
+        let [width, height] = photograph.size().map(|side| side as usize);
+        let mut gain = Vec::with_capacity((2 * radius + 1) * (2 * radius + 1));
+        let mut valid = Vec::new();
+        for dy in 0..=2 * radius {
+            for dx in 0..=2 * radius {
+                let inside = (left + dx).checked_sub(radius).zip((top + dy).checked_sub(radius));
+                let value = inside
+                    .filter(|(x, y)| x + SIDE <= width && y + SIDE <= height)
+                    .map(|at| self.likelihood(photograph, at, least));
+                valid.extend(value);
+                gain.push(value.unwrap_or(f32::NAN));
+            }
+        }
+        valid.sort_unstable_by(f32::total_cmp);
+        let median = valid.get(valid.len() / 2).copied().unwrap_or(0.0);
+        for value in &mut gain {
+            *value = if value.is_nan() { 0.0 } else { *value - median };
+        }
+        let half = SIDE as f32 * 0.5;
+        Map { center: [left as f32 + half, top as f32 + half], radius, gain }
+    }
+
+    /// The log-likelihood that the photograph shows the patch at a place (left, top).
+    fn likelihood(&self, photograph: &Grey, (left, top): (usize, usize), least: f32) -> f32 {
+        const ONE: Row = [1.0; SIDE];
+        let mut sums = [[0.0_f32; LANES]; 2];
+        let mut products = [[0.0_f32; LANES]; 12];
+        for y in 0..SIDE {
+            let row = photograph.row(left, top + y, SIDE);
+            add_products(&mut sums[0], row, &ONE);
+            add_products(&mut sums[1], row, row);
+            for (lanes, vector) in products.iter_mut().zip(&self.vectors) {
+                add_products(lanes, row, &vector[y]);
+            }
+        }
+        let total = |lanes: &[f32; LANES]| lanes.iter().sum::<f32>();
+        let [sum, square] = [total(&sums[0]), total(&sums[1])];
+        let n = (SIDE * SIDE) as f32;
+        let variance = square - sum * sum / n;
+        if variance < least {
+            return 0.0;
+        }
+        let explained: f32 = products[..self.vectors.len().min(12)].iter().map(|lanes| total(lanes).powi(2)).sum();
+        let share = (explained / variance).clamp(0.0, 0.999);
+        -0.5 * n / PER_INDEPENDENT * libm::log1pf(-share)
+    }
+}
+
+impl Map {
+    /// The gain at a shift, interpolated; None beyond the radius.
+    pub fn at(&self, shift: [f64; 2]) -> Option<f32> {
+        let side = 2 * self.radius + 1;
+        let [x, y] = shift.map(|s| s + self.radius as f64);
+        if !(x >= 0.0 && y >= 0.0 && x <= (side - 1) as f64 && y <= (side - 1) as f64) {
+            return None;
+        }
+        let (i, j) = ((x as usize).min(side.saturating_sub(2)), (y as usize).min(side.saturating_sub(2)));
+        let (u, v) = ((x - i as f64) as f32, (y - j as f64) as f32);
+        let at = |i: usize, j: usize| self.gain[j * side + i];
+        Some((1.0 - v) * ((1.0 - u) * at(i, j) + u * at(i + 1, j)) + v * ((1.0 - u) * at(i, j + 1) + u * at(i + 1, j + 1)))
+    }
+
+    /// The largest gain.
+    pub fn max(&self) -> f32 {
+        self.gain.iter().copied().fold(0.0, f32::max)
+    }
+
+    /// The largest gain within a pixel of a shift (in both directions). None beyond the radius.
+    pub fn near(&self, shift: [f64; 2]) -> Option<f32> {
+        let (side, r) = (2 * self.radius as i64 + 1, self.radius as i64);
+        let [x, y] = shift.map(|s| s.round() as i64 + r);
+        let around = (y - 1..=y + 1).flat_map(|j| (x - 1..=x + 1).map(move |i| (i, j)));
+        let inside = around.filter(|(i, j)| (0..side).contains(i) && (0..side).contains(j));
+        inside.map(|(i, j)| self.gain[(j * side + i) as usize]).reduce(f32::max)
+    }
+
+    /// The share of all shifts that have, within a pixel, a gain at most `nats` below the largest: how many shifts agree with the patch.
+    pub fn share_within(&self, nats: f32) -> f64 {
+        let (side, r, least) = (2 * self.radius + 1, self.radius as f64, self.max() - nats);
+        let shifts = (0..side * side).map(|k| [(k % side) as f64 - r, (k / side) as f64 - r]);
+        let agree = shifts.filter(|shift| self.near(*shift).is_some_and(|gain| gain >= least)).count();
+        agree as f64 / (side * side) as f64
+    }
+
+    /// The shift of the largest gain among those within `reach` of a place, with a fraction of a pixel from the parabolas through its neighbours, and the second derivatives
+    /// of the gain there (xx, xy, yy; negative definite at a distinct peak). None if it is at the border of the map.
+    pub fn peak_near(&self, near: [f64; 2], reach: f64) -> Option<Peak> {
+        let (side, r) = (2 * self.radius + 1, self.radius as f64);
+        let mut best: Option<(f32, usize, usize)> = None;
+        for j in 0..side {
+            for i in 0..side {
+                let (dx, dy) = (i as f64 - r - near[0], j as f64 - r - near[1]);
+                let gain = self.gain[j * side + i];
+                if dx * dx + dy * dy <= reach * reach && best.is_none_or(|(most, _, _)| gain > most) {
+                    best = Some((gain, i, j));
+                }
+            }
+        }
+        let (gain, i, j) = best?;
+        if i == 0 || j == 0 || i + 1 == side || j + 1 == side {
+            return None;
+        }
+        let at = |dx: usize, dy: usize| f64::from(self.gain[(j + dy - 1) * side + i + dx - 1]);
+        let (gx, gy) = (0.5 * (at(2, 1) - at(0, 1)), 0.5 * (at(1, 2) - at(1, 0)));
+        let xx = at(2, 1) + at(0, 1) - 2.0 * at(1, 1);
+        let yy = at(1, 2) + at(1, 0) - 2.0 * at(1, 1);
+        let xy = 0.25 * (at(2, 2) + at(0, 0) - at(2, 0) - at(0, 2));
+        let determinant = xx * yy - xy * xy;
+        if xx >= 0.0 || determinant <= 1e-6 {
+            return None;
+        }
+        let dx = (-(yy * gx - xy * gy) / determinant).clamp(-1.0, 1.0);
+        let dy = (-(xx * gy - xy * gx) / determinant).clamp(-1.0, 1.0);
+        Some(Peak { shift: [i as f64 - r + dx, j as f64 - r + dy], gain, curvature: [xx, xy, yy] })
+    }
+}
+
+/// The best shift of a patch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Peak {
+    /// Pixels.
+    pub shift: [f64; 2],
+    /// Its gain.
+    pub gain: f32,
+    /// Second derivatives of the gain with respect to x and x, x and y, y and y.
+    pub curvature: [f64; 3],
+}

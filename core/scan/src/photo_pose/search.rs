@@ -1,0 +1,206 @@
+//! The change of a camera under which the patches agree best.
+
+use super::motion::{Change, Directions, PARAMETERS, dot};
+use super::patch::Map;
+use nalgebra::{Cholesky, DMatrix, DVector};
+
+/// A patch counts for at most this gain, so that no single one decides.
+const CAP: f32 = 12.0;
+/// Candidates that are improved.
+const STARTS: usize = 12;
+/// Rolls that are tried, in steps that shift the border of the picture by this many pixels.
+const ROLLS: i32 = 2;
+const ROLL_STEP: f64 = 2.5;
+/// The smallest step of the search, pixels.
+const FINEST: f64 = 0.04;
+/// Steps of the final least squares.
+const ROUNDS: usize = 8;
+/// How far a patch's best shift may be from the others' for it to take part in the least squares, pixels.
+const NEAR: f64 = 2.5;
+/// Scale of the robust weight of the least squares, pixels.
+const SCALE: f64 = 1.0;
+
+/// A patch with its derivatives, pixels of the map.
+#[derive(Debug, Clone)]
+pub struct Sight {
+    /// The map.
+    pub map: Map,
+    /// Derivatives of its place.
+    pub rows: [Change; 2],
+}
+
+/// Patches and the directions of change among which the best change is sought.
+pub struct Search<'a> {
+    sights: &'a [Sight],
+    directions: Directions,
+    /// Shifts of each patch in each direction.
+    shifts: Vec<Vec<[f64; 2]>>,
+    /// Expected size of the change in each direction, pixels.
+    expected: f64,
+}
+
+/// The best change.
+#[derive(Debug, Clone)]
+pub struct Found {
+    /// The change.
+    pub change: Change,
+    /// The sum of the gains.
+    pub gain: f64,
+    /// The covariance of the change.
+    pub covariance: DMatrix<f64>,
+}
+
+impl<'a> Search<'a> {
+    /// `expected`: the standard deviation of the shifts that are to be corrected, pixels of the maps.
+    pub fn new(sights: &'a [Sight], expected: f64) -> Self {
+        let rows: Vec<[Change; 2]> = sights.iter().map(|sight| sight.rows).collect();
+        let directions = Directions::new(&rows);
+        let shift = |sight: &Sight| {
+            let along = |direction: &Change| [dot(&sight.rows[0], direction), dot(&sight.rows[1], direction)];
+            directions.changes.iter().map(along).collect()
+        };
+        let shifts = sights.iter().map(shift).collect();
+        Self { sights, directions, shifts, expected }
+    }
+
+    /// The gain of amounts in each direction, with the prior.
+    fn gain(&self, amounts: &[f64]) -> f64 {
+        let mut sum = 0.0;
+        for (sight, shifts) in self.sights.iter().zip(&self.shifts) {
+            let (mut x, mut y) = (0.0, 0.0);
+            for ([dx, dy], amount) in shifts.iter().zip(amounts) {
+                x += dx * amount;
+                y += dy * amount;
+            }
+            sum += f64::from(sight.map.at([x, y]).map_or(0.0, |gain| gain.clamp(0.0, CAP)));
+        }
+        let square: f64 = amounts.iter().map(|a| a * a).sum();
+        sum - 0.5 * square / (self.expected * self.expected)
+    }
+
+    /// Common shifts of the whole picture in steps of a pixel, with some rolls: the best ones.
+    fn starts(&self, radius: i32) -> Vec<Vec<f64>> {
+        let rows: Vec<[Change; 2]> = self.sights.iter().map(|sight| sight.rows).collect();
+        let per_turn = |axis: usize| {
+            let square: f64 = rows.iter().flatten().map(|row| row[axis] * row[axis]).sum();
+            (square / rows.len().max(1) as f64).sqrt().max(1e-9)
+        };
+        let one = |axis: usize, pixels: f64| {
+            let mut change = [0.0; PARAMETERS];
+            change[axis] = pixels / per_turn(axis);
+            self.directions.amounts(&change, &rows)
+        };
+        let [pitch, yaw, roll] = [one(0, 1.0), one(1, 1.0), one(2, ROLL_STEP)];
+        let mut all = Vec::new();
+        for turn in -ROLLS..=ROLLS {
+            for y in -radius..=radius {
+                for x in -radius..=radius {
+                    let amounts: Vec<f64> = (0..self.directions.changes.len())
+                        .map(|k| f64::from(y) * pitch[k] + f64::from(x) * yaw[k] + f64::from(turn) * roll[k])
+                        .collect();
+                    all.push((self.gain(&amounts), amounts));
+                }
+            }
+        }
+        all.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let mut out: Vec<Vec<f64>> = vec![vec![0.0; self.directions.changes.len()]];
+        for (_, amounts) in all {
+            let far = |other: &Vec<f64>| {
+                other.iter().zip(&amounts).map(|(a, b)| (a - b) * (a - b)).sum::<f64>() > 2.0
+            };
+            if out.iter().all(far) {
+                out.push(amounts);
+            }
+            if out.len() >= STARTS {
+                break;
+            }
+        }
+        out
+    }
+
+    /// Improve amounts step by step along the directions until no step helps.
+    fn climb(&self, mut amounts: Vec<f64>, mut step: f64) -> (f64, Vec<f64>) {
+        let mut best = self.gain(&amounts);
+        while step > FINEST {
+            let mut improved = false;
+            for k in 0..amounts.len() {
+                for sign in [1.0, -1.0] {
+                    let before = amounts[k];
+                    amounts[k] = before + sign * step;
+                    let gain = self.gain(&amounts);
+                    if gain > best {
+                        best = gain;
+                        improved = true;
+                        break;
+                    }
+                    amounts[k] = before;
+                }
+            }
+            if !improved {
+                step *= 0.5;
+            }
+        }
+        (best, amounts)
+    }
+
+    /// The best change: candidates within `radius` pixels (0: only no change), each improved, and the best one fitted to the best shifts of the patches.
+    /// None without directions.
+    pub fn best(&self, radius: i32) -> Option<Found> {
+        if self.directions.changes.is_empty() {
+            return None;
+        }
+        let climbed = self.starts(radius).into_iter().map(|start| self.climb(start, 2.0));
+        let (gain, amounts) = climbed.max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let (amounts, covariance) = self.fitted(&amounts);
+        let count = self.directions.changes.len();
+        let basis = DMatrix::from_fn(PARAMETERS, count, |i, k| self.directions.changes[k][i]);
+        let covariance = &basis * covariance * basis.transpose();
+        Some(Found { change: self.directions.change(&amounts), gain, covariance })
+    }
+
+    /// Least squares of the distances from the patches' own best shifts, weighted with the sharpness of their peaks, robust against patches that disagree
+    /// (weights of Geman and McClure), with the prior; and the covariance of the amounts.
+    fn fitted(&self, start: &[f64]) -> (Vec<f64>, DMatrix<f64>) {
+        let count = start.len();
+        let prior = 1.0 / (self.expected * self.expected);
+        let mut amounts = DVector::from_column_slice(start);
+        let mut covariance = DMatrix::identity(count, count) * (self.expected * self.expected);
+        let place = |shifts: &[[f64; 2]], amounts: &DVector<f64>| {
+            let along = |axis: usize| shifts.iter().zip(amounts.iter()).map(|(s, a)| s[axis] * a).sum::<f64>();
+            [along(0), along(1)]
+        };
+        let peaks: Vec<_> = self
+            .sights
+            .iter()
+            .zip(&self.shifts)
+            .map(|(sight, shifts)| sight.map.peak_near(place(shifts, &amounts), NEAR))
+            .collect();
+        for _ in 0..ROUNDS {
+            let mut information = DMatrix::identity(count, count) * prior;
+            let mut gradient = &amounts * -prior;
+            for (peak, shifts) in peaks.iter().zip(&self.shifts) {
+                let Some(peak) = peak else { continue };
+                let [x, y] = place(shifts, &amounts);
+                let (ex, ey) = (peak.shift[0] - x, peak.shift[1] - y);
+                let t = (ex * ex + ey * ey) / (SCALE * SCALE);
+                let weight = 1.0 / ((1.0 + t) * (1.0 + t));
+                let [xx, xy, yy] = peak.curvature.map(|c| -c * weight);
+                let [gx, gy] = [xx * ex + xy * ey, xy * ex + yy * ey];
+                for (i, a) in shifts.iter().enumerate() {
+                    gradient[i] += a[0] * gx + a[1] * gy;
+                    for (j, b) in shifts.iter().enumerate() {
+                        information[(i, j)] += a[0] * (xx * b[0] + xy * b[1]) + a[1] * (xy * b[0] + yy * b[1]);
+                    }
+                }
+            }
+            let Some(factors) = Cholesky::new(information) else { break };
+            let step = factors.solve(&gradient);
+            amounts += &step;
+            covariance = factors.inverse();
+            if step.norm() < 1e-4 {
+                break;
+            }
+        }
+        (amounts.as_slice().to_vec(), covariance)
+    }
+}
