@@ -88,9 +88,34 @@ fn error(truth: &PosedCamera, pose: &PosedCamera, places: &[DVec3]) -> f64 {
     f64::sqrt(sum / f64::max(count, 1.0))
 }
 
+/// The mean shift, and the median distance.
+fn bias(truth: &PosedCamera, pose: &PosedCamera, places: &[DVec3]) -> String {
+    let offsets: Vec<DVec2> =
+        places.iter().filter_map(|place| Some(pose.project(*place)? - truth.project(*place)?)).collect();
+    let mean = offsets.iter().sum::<DVec2>() / offsets.len().max(1) as f64;
+    let mut lengths: Vec<f64> = offsets.iter().map(|offset| offset.length()).collect();
+    lengths.sort_by(f64::total_cmp);
+    format!("mean {:.2} {:.2} median {:.2}", mean.x, mean.y, lengths.get(lengths.len() / 2).copied().unwrap_or(0.0))
+}
+
 fn grey(bytes: &[u8], size: [u32; 2]) -> Grey {
     let luminance = |p: &[u8]| (0.2126 * f32::from(p[0]) + 0.7152 * f32::from(p[1]) + 0.0722 * f32::from(p[2])) / 255.0;
     Grey::new(size, bytes.chunks_exact(3).map(luminance).collect()).expect("a picture")
+}
+
+/// A simulated picture; kept in the folder `PHOTO_CACHE` of the environment, if there is one.
+fn cached(session: &Session, number: usize, options: &PhotoOptions) -> Vec<u8> {
+    let (width, height) = session.photos()[number].size();
+    let name = format!("{}-{}-{}-{number}-{width}x{height}", options.seed, options.photos, options.panoramas);
+    let path = std::env::var_os("PHOTO_CACHE").map(|folder| std::path::PathBuf::from(folder).join(name));
+    let known = path.as_ref().and_then(|path| std::fs::read(path).ok());
+    known.filter(|bytes| bytes.len() == width as usize * height as usize * 3).unwrap_or_else(|| {
+        let bytes = session.picture(number, options);
+        if let Some(path) = path {
+            std::fs::write(path, &bytes).expect("a folder for pictures");
+        }
+        bytes
+    })
 }
 
 /// Turned about a random axis and moved so that places shift by about `pixels`.
@@ -128,7 +153,7 @@ fn describe(result: &Result<Refined, NotRefined>, truth: &PosedCamera, places: &
         )
     };
     match result {
-        Ok(refined) => line("refined", &refined.camera, &refined.quality, format!("moved {:.1}", refined.moved_px)),
+        Ok(refined) => line("refined", &refined.camera, &refined.quality, format!("moved {:.1} {}", refined.moved_px, bias(truth, &refined.camera, places))),
         Err(not) => line("REJECTED", &not.camera, &not.quality, not.to_string()),
     }
 }
@@ -172,7 +197,7 @@ fn main() {
             posed.push((start, options.pose_error));
         }
         let begin = Instant::now();
-        let picture = grey(&session.picture(k, &options), size);
+        let picture = grey(&cached(&session, k, &options), size);
         let rendered = begin.elapsed().as_secs_f64();
         let mut attempt = |pose: &PosedCamera, picture: &Grey| {
             let mut render = |camera: &PosedCamera, scale: f64| Ok::<_, Infallible>(model.draw(camera, scale));
@@ -197,6 +222,9 @@ fn main() {
             if after <= 1.5 { good += 1 } else { wrong += 1 }
         }
         // A pose far off, and the photograph before instead of this one.
+        if args.iter().any(|a| a == "quick") {
+            continue;
+        }
         let far = disturbed(&truth, &places, 200.0, &mut random);
         let other = pictures.iter().rev().find(|other| other.size() == picture.size());
         for (name, pose, picture) in

@@ -5,7 +5,8 @@
 //! It is a measure of mutual information: that of jointly Gaussian variables is −1/2 · log(1 − R²) (Cover and Thomas, "Elements of information theory", 2006, section 8.5; Viola and Wells,
 //! "Alignment by maximization of mutual information", 1997, use the general form).
 
-use super::{Grey, Prediction};
+use super::Grey;
+use super::predict::Prediction;
 
 /// Side of a patch, pixels.
 pub const SIDE: usize = 32;
@@ -32,8 +33,10 @@ pub struct Map {
     pub center: [f32; 2],
     /// Largest shift in each direction, pixels.
     pub radius: usize,
-    /// Rows of shifts from (-radius, -radius); 0 where the shifted patch would leave the picture.
+    /// Rows of shifts from (-radius, -radius); NaN where the shifted patch would leave the picture.
     pub gain: Vec<f32>,
+    /// The median that was subtracted.
+    base: f32,
 }
 
 impl Basis {
@@ -132,11 +135,9 @@ impl Basis {
         }
         valid.sort_unstable_by(f32::total_cmp);
         let median = valid.get(valid.len() / 2).copied().unwrap_or(0.0);
-        for value in &mut gain {
-            *value = if value.is_nan() { 0.0 } else { *value - median };
-        }
+        gain.iter_mut().for_each(|value| *value -= median);
         let half = SIDE as f32 * 0.5;
-        Map { center: [left as f32 + half, top as f32 + half], radius, gain }
+        Map { center: [left as f32 + half, top as f32 + half], radius, gain, base: median }
     }
 
     /// The log-likelihood that the photograph shows the patch at a place (left, top).
@@ -166,7 +167,7 @@ impl Basis {
 }
 
 impl Map {
-    /// The gain at a shift, interpolated; None beyond the radius.
+    /// The gain at a shift, interpolated; None beyond the radius and where the patch would leave the picture.
     pub fn at(&self, shift: [f64; 2]) -> Option<f32> {
         let side = 2 * self.radius + 1;
         let [x, y] = shift.map(|s| s + self.radius as f64);
@@ -176,7 +177,10 @@ impl Map {
         let (i, j) = ((x as usize).min(side.saturating_sub(2)), (y as usize).min(side.saturating_sub(2)));
         let (u, v) = ((x - i as f64) as f32, (y - j as f64) as f32);
         let at = |i: usize, j: usize| self.gain[j * side + i];
-        Some((1.0 - v) * ((1.0 - u) * at(i, j) + u * at(i + 1, j)) + v * ((1.0 - u) * at(i, j + 1) + u * at(i + 1, j + 1)))
+        let above = (1.0 - u) * at(i, j) + u * at(i + 1, j);
+        let below = (1.0 - u) * at(i, j + 1) + u * at(i + 1, j + 1);
+        let gain = (1.0 - v) * above + v * below;
+        (!gain.is_nan()).then_some(gain)
     }
 
     /// The largest gain.
@@ -190,19 +194,23 @@ impl Map {
         let [x, y] = shift.map(|s| s.round() as i64 + r);
         let around = (y - 1..=y + 1).flat_map(|j| (x - 1..=x + 1).map(move |i| (i, j)));
         let inside = around.filter(|(i, j)| (0..side).contains(i) && (0..side).contains(j));
-        inside.map(|(i, j)| self.gain[(j * side + i) as usize]).reduce(f32::max)
+        inside.map(|(i, j)| self.gain[(j * side + i) as usize]).filter(|gain| !gain.is_nan()).reduce(f32::max)
     }
 
     /// The share of all shifts that have, within a pixel, a gain at most `nats` below the largest: how many shifts agree with the patch.
     pub fn share_within(&self, nats: f32) -> f64 {
         let (side, r, least) = (2 * self.radius + 1, self.radius as f64, self.max() - nats);
         let shifts = (0..side * side).map(|k| [(k % side) as f64 - r, (k / side) as f64 - r]);
-        let agree = shifts.filter(|shift| self.near(*shift).is_some_and(|gain| gain >= least)).count();
-        agree as f64 / (side * side) as f64
+        let (mut agree, mut all) = (0, 0);
+        for gain in shifts.filter_map(|shift| self.near(shift)) {
+            all += 1;
+            agree += u32::from(gain >= least);
+        }
+        f64::from(agree) / f64::from(all.max(1))
     }
 
     /// The shift of the largest gain among those within `reach` of a place, with a fraction of a pixel from the parabolas through its neighbours, and the second derivatives
-    /// of the gain there (xx, xy, yy; negative definite at a distinct peak). None if it is at the border of the map.
+    /// of the gain there (xx, xy, yy; negative definite at a distinct peak). None if it is at the border of the map or of the picture, or not larger than around it.
     pub fn peak_near(&self, near: [f64; 2], reach: f64) -> Option<Peak> {
         let (side, r) = (2 * self.radius + 1, self.radius as f64);
         let mut best: Option<(f32, usize, usize)> = None;
@@ -210,7 +218,8 @@ impl Map {
             for i in 0..side {
                 let (dx, dy) = (i as f64 - r - near[0], j as f64 - r - near[1]);
                 let gain = self.gain[j * side + i];
-                if dx * dx + dy * dy <= reach * reach && best.is_none_or(|(most, _, _)| gain > most) {
+                let is_near = dx * dx + dy * dy <= reach * reach && !gain.is_nan();
+                if is_near && best.is_none_or(|(most, _, _)| gain > most) {
                     best = Some((gain, i, j));
                 }
             }
@@ -219,18 +228,28 @@ impl Map {
         if i == 0 || j == 0 || i + 1 == side || j + 1 == side {
             return None;
         }
-        let at = |dx: usize, dy: usize| f64::from(self.gain[(j + dy - 1) * side + i + dx - 1]);
+        let mut around = (0..9).map(|k| self.gain[(j + k / 3 - 1) * side + i + k % 3 - 1]);
+        if !around.all(|other| other <= gain) {
+            return None;
+        }
+        // The explained share is rounder at its peak than its logarithm.
+        let n = f64::from((SIDE * SIDE) as f32 / PER_INDEPENDENT);
+        let at = |dx: usize, dy: usize| {
+            let likelihood = f64::from(self.gain[(j + dy - 1) * side + i + dx - 1] + self.base);
+            1.0 - libm::exp(-2.0 * likelihood / n)
+        };
         let (gx, gy) = (0.5 * (at(2, 1) - at(0, 1)), 0.5 * (at(1, 2) - at(1, 0)));
         let xx = at(2, 1) + at(0, 1) - 2.0 * at(1, 1);
         let yy = at(1, 2) + at(1, 0) - 2.0 * at(1, 1);
         let xy = 0.25 * (at(2, 2) + at(0, 0) - at(2, 0) - at(0, 2));
         let determinant = xx * yy - xy * xy;
-        if xx >= 0.0 || determinant <= 1e-6 {
+        if xx >= 0.0 || determinant <= 1e-9 {
             return None;
         }
         let dx = (-(yy * gx - xy * gy) / determinant).clamp(-1.0, 1.0);
         let dy = (-(xx * gy - xy * gx) / determinant).clamp(-1.0, 1.0);
-        Some(Peak { shift: [i as f64 - r + dx, j as f64 - r + dy], gain, curvature: [xx, xy, yy] })
+        let curvature = [xx, xy, yy].map(|second| 0.5 * n * second);
+        Some(Peak { shift: [i as f64 - r + dx, j as f64 - r + dy], gain, curvature })
     }
 }
 

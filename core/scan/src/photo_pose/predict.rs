@@ -88,7 +88,7 @@ fn unit(shown: &Shown) -> [f32; 3] {
 }
 
 /// What a raster shows in a direction (camera's axes, unit), and how far away it is.
-fn look(raster: &Raster<Shown>, ray: DVec3) -> Option<(f32, Shown)> {
+pub(super) fn look(raster: &Raster<Shown>, ray: DVec3) -> Option<(f32, Shown)> {
     let window: &Window = raster.window();
     let direction = window.window_from_camera * ray;
     let place = window.project(direction)?;

@@ -4,8 +4,8 @@ use super::motion::{Change, Directions, PARAMETERS, dot};
 use super::patch::Map;
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-/// A patch counts for at most this gain, so that no single one decides.
-const CAP: f32 = 12.0;
+/// Gains beyond this grow only as their logarithm, so that no single patch decides.
+const SOFT: f32 = 6.0;
 /// Candidates that are improved.
 const STARTS: usize = 12;
 /// Rolls that are tried, in steps that shift the border of the picture by this many pixels.
@@ -17,8 +17,8 @@ const FINEST: f64 = 0.04;
 const ROUNDS: usize = 8;
 /// How far a patch's best shift may be from the others' for it to take part in the least squares, pixels.
 const NEAR: f64 = 2.5;
-/// Scale of the robust weight of the least squares, pixels.
-const SCALE: f64 = 1.0;
+/// Scales of the robust weight of the least squares, pixels, first and last.
+const SCALES: [f64; 2] = [3.0, 1.0];
 
 /// A patch with its derivatives, pixels of the map.
 #[derive(Debug, Clone)]
@@ -72,7 +72,8 @@ impl<'a> Search<'a> {
                 x += dx * amount;
                 y += dy * amount;
             }
-            sum += f64::from(sight.map.at([x, y]).map_or(0.0, |gain| gain.clamp(0.0, CAP)));
+            let gain = sight.map.at([x, y]).unwrap_or(0.0).max(0.0);
+            sum += f64::from(SOFT * libm::log1pf(gain / SOFT));
         }
         let square: f64 = amounts.iter().map(|a| a * a).sum();
         sum - 0.5 * square / (self.expected * self.expected)
@@ -169,20 +170,19 @@ impl<'a> Search<'a> {
             let along = |axis: usize| shifts.iter().zip(amounts.iter()).map(|(s, a)| s[axis] * a).sum::<f64>();
             [along(0), along(1)]
         };
-        let peaks: Vec<_> = self
-            .sights
-            .iter()
-            .zip(&self.shifts)
-            .map(|(sight, shifts)| sight.map.peak_near(place(shifts, &amounts), NEAR))
-            .collect();
-        for _ in 0..ROUNDS {
+        for round in 0..ROUNDS {
+            // Patches whose best shifts are far from the others' lose their weight step by step.
+            let share = (2.0 * round as f64 / ROUNDS as f64).min(1.0);
+            let scale = SCALES[0] + share * (SCALES[1] - SCALES[0]);
+            let peak = |(sight, shifts): (&Sight, &Vec<[f64; 2]>)| sight.map.peak_near(place(shifts, &amounts), NEAR);
+            let peaks: Vec<_> = self.sights.iter().zip(&self.shifts).map(peak).collect();
             let mut information = DMatrix::identity(count, count) * prior;
             let mut gradient = &amounts * -prior;
             for (peak, shifts) in peaks.iter().zip(&self.shifts) {
                 let Some(peak) = peak else { continue };
                 let [x, y] = place(shifts, &amounts);
                 let (ex, ey) = (peak.shift[0] - x, peak.shift[1] - y);
-                let t = (ex * ex + ey * ey) / (SCALE * SCALE);
+                let t = (ex * ex + ey * ey) / (scale * scale);
                 let weight = 1.0 / ((1.0 + t) * (1.0 + t));
                 let [xx, xy, yy] = peak.curvature.map(|c| -c * weight);
                 let [gx, gy] = [xx * ex + xy * ey, xy * ex + yy * ey];
@@ -197,9 +197,6 @@ impl<'a> Search<'a> {
             let step = factors.solve(&gradient);
             amounts += &step;
             covariance = factors.inverse();
-            if step.norm() < 1e-4 {
-                break;
-            }
         }
         (amounts.as_slice().to_vec(), covariance)
     }
