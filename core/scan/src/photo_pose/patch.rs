@@ -16,8 +16,8 @@ const LANES: usize = 8;
 const PER_INDEPENDENT: f32 = 12.0;
 /// A patch is used where at least this share of it shows a surface.
 const SURFACE: f32 = 0.3;
-/// Contrast of the photograph below which nothing can be said, as a share of the contrast of the whole picture.
-const FLAT: f32 = 0.15;
+/// Noise that is assumed in every patch, as a share of the contrast of the whole picture: what has less contrast says little.
+const NOISE: f32 = 0.1;
 
 type Row = [f32; SIDE];
 
@@ -93,7 +93,7 @@ pub fn maps(photograph: &Grey, prediction: &Prediction, radius: usize, spacing: 
     let [width, height] = photograph.size().map(|side| side as usize);
     let square: f64 = photograph.values().iter().map(|v| f64::from(*v) * f64::from(*v)).sum();
     let contrast = (square / photograph.values().len() as f64) as f32;
-    let least = FLAT * FLAT * contrast * (SIDE * SIDE) as f32;
+    let noise = NOISE * NOISE * contrast * (SIDE * SIDE) as f32;
     let starts = |side: usize| -> Vec<usize> {
         // Evenly spaced, from border to border.
         let Some(room) = side.checked_sub(SIDE) else { return Vec::new() };
@@ -111,7 +111,7 @@ pub fn maps(photograph: &Grey, prediction: &Prediction, radius: usize, spacing: 
             }
             let basis = Basis::new(prediction, [left, top]);
             if !basis.vectors.is_empty() {
-                out.push(basis.map(photograph, [left, top], radius, least));
+                out.push(basis.map(photograph, [left, top], radius, noise));
             }
         }
     }
@@ -119,7 +119,7 @@ pub fn maps(photograph: &Grey, prediction: &Prediction, radius: usize, spacing: 
 }
 
 impl Basis {
-    fn map(&self, photograph: &Grey, [left, top]: [usize; 2], radius: usize, least: f32) -> Map {
+    fn map(&self, photograph: &Grey, [left, top]: [usize; 2], radius: usize, noise: f32) -> Map {
         let [width, height] = photograph.size().map(|side| side as usize);
         let mut gain = Vec::with_capacity((2 * radius + 1) * (2 * radius + 1));
         let mut valid = Vec::new();
@@ -128,7 +128,7 @@ impl Basis {
                 let inside = (left + dx).checked_sub(radius).zip((top + dy).checked_sub(radius));
                 let value = inside
                     .filter(|(x, y)| x + SIDE <= width && y + SIDE <= height)
-                    .map(|at| self.likelihood(photograph, at, least));
+                    .map(|at| self.likelihood(photograph, at, noise));
                 valid.extend(value);
                 gain.push(value.unwrap_or(f32::NAN));
             }
@@ -141,7 +141,7 @@ impl Basis {
     }
 
     /// The log-likelihood that the photograph shows the patch at a place (left, top).
-    fn likelihood(&self, photograph: &Grey, (left, top): (usize, usize), least: f32) -> f32 {
+    fn likelihood(&self, photograph: &Grey, (left, top): (usize, usize), noise: f32) -> f32 {
         const ONE: Row = [1.0; SIDE];
         let mut sums = [[0.0_f32; LANES]; 2];
         let mut products = [[0.0_f32; LANES]; 12];
@@ -157,11 +157,8 @@ impl Basis {
         let [sum, square] = [total(&sums[0]), total(&sums[1])];
         let n = (SIDE * SIDE) as f32;
         let variance = square - sum * sum / n;
-        if variance < least {
-            return 0.0;
-        }
         let explained: f32 = products[..self.vectors.len().min(12)].iter().map(|lanes| total(lanes).powi(2)).sum();
-        let share = (explained / variance).clamp(0.0, 0.999);
+        let share = (explained / (variance.max(0.0) + noise)).clamp(0.0, 0.999);
         -0.5 * n / PER_INDEPENDENT * libm::log1pf(-share)
     }
 }

@@ -259,23 +259,17 @@ fn the_same_photograph_at_half_the_size_gives_almost_the_same_pose() {
 fn zz_diag() {
     let full = Room::new(1, true);
     let truth = looking();
-    for (name, shade) in [("flat", 0.0), ("lit", 1.0)] {
-        let rasters = full.draw(&truth, 1.0);
-        let sun = DVec3::new(0.5, 0.3, 0.8).normalize();
-        let picture = Grey::from_fn([320, 240], |x, y| {
-            let pixel = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
-            let Some(ray) = truth.camera.ray(pixel) else { return 0.0 };
-            let Some((_, [light, _, nx, ny, nz])) = rasters.iter().find_map(|r| look(r, ray)) else { return 0.0 };
-            let normal = DVec3::new(nx.into(), ny.into(), nz.into());
-            light * (1.0 - shade as f32 + shade as f32 * (0.35 + 0.5 * normal.dot(sun).abs()) as f32)
-        });
-        for pixels in [1.0, 20.0] {
-            let start = disturbed(&truth, pixels);
-            let refined = run(&full, &start, &picture, &Options::default());
-            match refined {
-                Ok(r) => println!("{name} {pixels} {:.2} -> {:.3} share {:.2} res {:.2} sig {:.3}", error(&truth, &start, &full), error(&truth, &r.camera, &full), r.quality.share, r.quality.residual_px, r.quality.sigma_px),
-                Err(n) => println!("{name} {pixels} {n}"),
-            }
+    let picture = full.photograph(&truth, &full);
+    let person = |hide: u32| Grey::from_fn(picture.size(), |x, y| match (x, y) {
+        (60..110, 60..) if hide & 1 > 0 => 0.1 + 0.3 * f32::from(u8::from((x / 5 + y / 7) % 2 == 0)),
+        (200..260, 100..150) if hide & 2 > 0 => f32::NAN,
+        _ => picture.at(x as usize, y as usize),
+    });
+    for hide in 0..4 {
+        let start = disturbed(&truth, 11.0);
+        match run(&full, &start, &person(hide), &Options::default()) {
+            Ok(r) => println!("lit {hide} {:.2} -> {:.3} share {:.2} res {:.2} sig {:.3}", error(&truth, &start, &full), error(&truth, &r.camera, &full), r.quality.share, r.quality.residual_px, r.quality.sigma_px),
+            Err(n) => println!("lit {hide} {n}"),
         }
     }
 }
