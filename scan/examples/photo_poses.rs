@@ -129,7 +129,10 @@ fn disturbed(truth: &PosedCamera, places: &[DVec3], pixels: f64, random: &mut fa
         let rotation = DQuat::from_scaled_axis(turn * factor);
         let pose = truth.camera_from_world;
         let translation = rotation * pose.translation + shift * (0.5 * factor * range);
-        PosedCamera { camera_from_world: Pose { rotation: (rotation * pose.rotation).normalize(), translation }, ..*truth }
+        PosedCamera {
+            camera_from_world: Pose { rotation: (rotation * pose.rotation).normalize(), translation },
+            ..*truth
+        }
     };
     let (mut low, mut high) = (0.0, 1.0);
     for _ in 0..40 {
@@ -153,7 +156,12 @@ fn describe(result: &Result<Refined, NotRefined>, truth: &PosedCamera, places: &
         )
     };
     match result {
-        Ok(refined) => line("refined", &refined.camera, &refined.quality, format!("moved {:.1} {}", refined.moved_px, bias(truth, &refined.camera, places))),
+        Ok(refined) => line(
+            "refined",
+            &refined.camera,
+            &refined.quality,
+            format!("moved {:.1} {}", refined.moved_px, bias(truth, &refined.camera, places)),
+        ),
         Err(not) => line("REJECTED", &not.camera, &not.quality, not.to_string()),
     }
 }

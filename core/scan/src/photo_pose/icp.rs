@@ -204,7 +204,9 @@ fn step(
     if eigen.eigenvalues.iter().any(|value| *value < DETERMINED * DETERMINED) {
         return Err(LandingError::Slides);
     }
-    let inverse = eigen.eigenvectors * SMatrix::from_diagonal(&eigen.eigenvalues.map(f64::recip)) * eigen.eigenvectors.transpose();
+    let inverse = eigen.eigenvectors
+        * SMatrix::from_diagonal(&eigen.eigenvalues.map(f64::recip))
+        * eigen.eigenvectors.transpose();
     let step = -(inverse * gradient / weights);
     let turn = DQuat::from_scaled_axis(DVec3::new(step[0], step[1], step[2]) / size);
     let factor = libm::exp(step[6] / size);

@@ -6,20 +6,20 @@ use glam::{DQuat, DVec2, DVec3};
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 /// Parameters: a rotation about the camera's axes (radians), a translation along them (in units of a length), the logarithm of the focal length, the principal point (in units of the focal length).
-pub const PARAMETERS: usize = 9;
+pub(super) const PARAMETERS: usize = 9;
 /// Those of the pose.
-pub const OF_POSE: usize = 6;
+const OF_POSE: usize = 6;
 /// Directions in which the shifts are smaller than this share of the largest are left as they are.
 const WEAK: f64 = 1e-4;
 
 /// A change of a camera.
-pub type Change = [f64; PARAMETERS];
+pub(super) type Change = [f64; PARAMETERS];
 
 /// The camera after a change. `length`: the unit of translations.
 ///
 /// # Errors
 /// [`CameraError`] if the changed camera is none.
-pub fn changed(camera: &PosedCamera, change: &Change, length: f64) -> Result<PosedCamera, CameraError> {
+pub(super) fn changed(camera: &PosedCamera, change: &Change, length: f64) -> Result<PosedCamera, CameraError> {
     let turn = DQuat::from_scaled_axis(DVec3::new(change[0], change[1], change[2]));
     let shift = DVec3::new(change[3], change[4], change[5]) * length;
     let pose = camera.camera_from_world;
@@ -38,7 +38,7 @@ pub fn changed(camera: &PosedCamera, change: &Change, length: f64) -> Result<Pos
 }
 
 /// Derivatives of the place (pixels, x and y) of a point in the camera's axes with respect to a change. None where the point is not seen.
-pub fn derivatives(camera: &Camera, point: DVec3, length: f64, calibrate: bool) -> Option<[Change; 2]> {
+pub(super) fn derivatives(camera: &Camera, point: DVec3, length: f64, calibrate: bool) -> Option<[Change; 2]> {
     let projection = camera.project_with_derivative(point)?;
     let mut out = [[0.0; PARAMETERS]; 2];
     for (out, row) in out.iter_mut().zip(projection.rows) {
@@ -56,14 +56,14 @@ pub fn derivatives(camera: &Camera, point: DVec3, length: f64, calibrate: bool) 
 
 /// Directions of change, each of which shifts the points by one pixel (root mean square), independent of each other.
 #[derive(Debug, Clone)]
-pub struct Directions {
+pub(super) struct Directions {
     /// Changes.
-    pub changes: Vec<Change>,
+    pub(super) changes: Vec<Change>,
 }
 
 impl Directions {
     /// The directions for points with these derivatives; those that hardly shift any point are left out.
-    pub fn new(rows: &[[Change; 2]]) -> Self {
+    pub(super) fn new(rows: &[[Change; 2]]) -> Self {
         let mut product = DMatrix::<f64>::zeros(PARAMETERS, PARAMETERS);
         for row in rows.iter().flatten() {
             let row = DVector::from_column_slice(row);
@@ -86,7 +86,7 @@ impl Directions {
     }
 
     /// The change that is a sum of directions.
-    pub fn change(&self, amounts: &[f64]) -> Change {
+    pub(super) fn change(&self, amounts: &[f64]) -> Change {
         let mut out = [0.0; PARAMETERS];
         for (direction, amount) in self.changes.iter().zip(amounts) {
             out.iter_mut().zip(direction).for_each(|(sum, value)| *sum += amount * value);
@@ -95,7 +95,7 @@ impl Directions {
     }
 
     /// The amounts of these directions by which a change shifts the points.
-    pub fn amounts(&self, change: &Change, rows: &[[Change; 2]]) -> Vec<f64> {
+    pub(super) fn amounts(&self, change: &Change, rows: &[[Change; 2]]) -> Vec<f64> {
         let count = rows.len().max(1) as f64;
         let along = |direction: &Change| {
             let product = |row: &Change| dot(row, direction) * dot(row, change);
@@ -106,6 +106,6 @@ impl Directions {
 }
 
 /// The shift along a row.
-pub fn dot(row: &Change, change: &Change) -> f64 {
+pub(super) fn dot(row: &Change, change: &Change) -> f64 {
     row.iter().zip(change).map(|(a, b)| a * b).sum()
 }

@@ -9,7 +9,7 @@ use super::Grey;
 use super::predict::Prediction;
 
 /// Side of a patch, pixels.
-pub const SIDE: usize = 32;
+pub(super) const SIDE: usize = 32;
 /// Pixels summed together.
 const LANES: usize = 8;
 /// Pixels of a patch per independent one: details have a correlation length of about two pixels.
@@ -28,13 +28,13 @@ struct Basis {
 
 /// The log-likelihood of each shift of a patch, less its median.
 #[derive(Debug, Clone)]
-pub struct Map {
+pub(super) struct Map {
     /// The centre of the patch in the expected picture, pixels.
-    pub center: [f32; 2],
+    pub(super) center: [f32; 2],
     /// Largest shift in each direction, pixels.
-    pub radius: usize,
+    pub(super) radius: usize,
     /// Rows of shifts from (-radius, -radius); NaN where the shifted patch would leave the picture.
-    pub gain: Vec<f32>,
+    pub(super) gain: Vec<f32>,
     /// The median that was subtracted.
     base: f32,
 }
@@ -89,7 +89,7 @@ fn add_products(lanes: &mut [f32; LANES], a: &[f32], b: &[f32]) {
 }
 
 /// Maps of patches on a grid: all that show enough surface with something to recognise. `photograph`: details of the photograph, as large as the prediction.
-pub fn maps(photograph: &Grey, prediction: &Prediction, radius: usize, spacing: usize) -> Vec<Map> {
+pub(super) fn maps(photograph: &Grey, prediction: &Prediction, radius: usize, spacing: usize) -> Vec<Map> {
     let [width, height] = photograph.size().map(|side| side as usize);
     let square: f64 = photograph.values().iter().map(|v| f64::from(*v) * f64::from(*v)).sum();
     let contrast = (square / photograph.values().len() as f64) as f32;
@@ -165,7 +165,7 @@ impl Basis {
 
 impl Map {
     /// The gain at a shift, interpolated; None beyond the radius and where the patch would leave the picture.
-    pub fn at(&self, shift: [f64; 2]) -> Option<f32> {
+    pub(super) fn at(&self, shift: [f64; 2]) -> Option<f32> {
         let side = 2 * self.radius + 1;
         let [x, y] = shift.map(|s| s + self.radius as f64);
         if !(x >= 0.0 && y >= 0.0 && x <= (side - 1) as f64 && y <= (side - 1) as f64) {
@@ -181,12 +181,12 @@ impl Map {
     }
 
     /// The largest gain.
-    pub fn max(&self) -> f32 {
+    pub(super) fn max(&self) -> f32 {
         self.gain.iter().copied().fold(0.0, f32::max)
     }
 
     /// The largest gain within a pixel of a shift (in both directions). None beyond the radius.
-    pub fn near(&self, shift: [f64; 2]) -> Option<f32> {
+    pub(super) fn near(&self, shift: [f64; 2]) -> Option<f32> {
         let (side, r) = (2 * self.radius as i64 + 1, self.radius as i64);
         let [x, y] = shift.map(|s| s.round() as i64 + r);
         let around = (y - 1..=y + 1).flat_map(|j| (x - 1..=x + 1).map(move |i| (i, j)));
@@ -195,7 +195,7 @@ impl Map {
     }
 
     /// The share of all shifts that have, within a pixel, a gain at most `nats` below the largest: how many shifts agree with the patch.
-    pub fn share_within(&self, nats: f32) -> f64 {
+    pub(super) fn share_within(&self, nats: f32) -> f64 {
         let (side, r, least) = (2 * self.radius + 1, self.radius as f64, self.max() - nats);
         let shifts = (0..side * side).map(|k| [(k % side) as f64 - r, (k / side) as f64 - r]);
         let (mut agree, mut all) = (0, 0);
@@ -208,7 +208,7 @@ impl Map {
 
     /// The shift of the largest gain among those within `reach` of a place, with a fraction of a pixel from the parabolas through its neighbours, and the second derivatives
     /// of the gain there (xx, xy, yy; negative definite at a distinct peak). None if it is at the border of the map or of the picture, or not larger than around it.
-    pub fn peak_near(&self, near: [f64; 2], reach: f64) -> Option<Peak> {
+    pub(super) fn peak_near(&self, near: [f64; 2], reach: f64) -> Option<Peak> {
         let (side, r) = (2 * self.radius + 1, self.radius as f64);
         let mut best: Option<(f32, usize, usize)> = None;
         for j in 0..side {
@@ -246,17 +246,15 @@ impl Map {
         let dx = (-(yy * gx - xy * gy) / determinant).clamp(-1.0, 1.0);
         let dy = (-(xx * gy - xy * gx) / determinant).clamp(-1.0, 1.0);
         let curvature = [xx, xy, yy].map(|second| 0.5 * n * second);
-        Some(Peak { shift: [i as f64 - r + dx, j as f64 - r + dy], gain, curvature })
+        Some(Peak { shift: [i as f64 - r + dx, j as f64 - r + dy], curvature })
     }
 }
 
 /// The best shift of a patch.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Peak {
+pub(super) struct Peak {
     /// Pixels.
-    pub shift: [f64; 2],
-    /// Its gain.
-    pub gain: f32,
+    pub(super) shift: [f64; 2],
     /// Second derivatives of the gain with respect to x and x, x and y, y and y.
-    pub curvature: [f64; 3],
+    pub(super) curvature: [f64; 3],
 }

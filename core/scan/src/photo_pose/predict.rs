@@ -16,13 +16,13 @@ const JUMP: f32 = 0.02;
 
 /// The expected picture at one resolution.
 #[derive(Debug, Clone)]
-pub struct Prediction {
+pub(super) struct Prediction {
     /// Distance along the ray, metres; infinite where nothing is shown.
-    pub range: Vec<f32>,
+    pub(super) range: Vec<f32>,
     /// 1 where a surface is shown, 0 elsewhere.
-    pub surface: Grey,
+    pub(super) surface: Grey,
     /// Details of what is shown, each with the root mean square below which it counts as constant.
-    pub channels: Vec<(Grey, f32)>,
+    pub(super) channels: Vec<(Grey, f32)>,
 }
 
 /// Logarithms of a brightness.
@@ -40,7 +40,7 @@ pub(super) fn logarithm(picture: &Grey, known: Option<&Grey>) -> Grey {
 
 impl Prediction {
     /// The picture of a camera, divided by `factor` in both directions, from what was drawn. `size`: that of the result, pixels.
-    pub fn new(camera: &Camera, factor: f64, size: [u32; 2], rasters: &[Raster<Shown>]) -> Self {
+    pub(super) fn new(camera: &Camera, factor: f64, size: [u32; 2], rasters: &[Raster<Shown>]) -> Self {
         let count = size[0] as usize * size[1] as usize;
         let mut range = vec![f32::INFINITY; count];
         let mut shown = vec![[f32::NAN; 5]; count];
@@ -55,8 +55,7 @@ impl Prediction {
         let picture = |value: &dyn Fn(&Shown) -> f32| {
             Grey::from_fn(size, |x, y| value(&shown[y as usize * size[0] as usize + x as usize]))
         };
-        let surface =
-            Grey::from_fn(size, |x, y| f32::from(u8::from(range[(y * size[0] + x) as usize].is_finite())));
+        let surface = Grey::from_fn(size, |x, y| f32::from(u8::from(range[(y * size[0] + x) as usize].is_finite())));
         let mut channels = Vec::new();
         for brightness in [0, 1] {
             let known = picture(&|shown| f32::from(u8::from(shown[brightness].is_finite())));

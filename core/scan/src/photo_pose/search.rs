@@ -22,15 +22,15 @@ const SCALES: [f64; 2] = [3.0, 1.0];
 
 /// A patch with its derivatives, pixels of the map.
 #[derive(Debug, Clone)]
-pub struct Sight {
+pub(super) struct Sight {
     /// The map.
-    pub map: Map,
+    pub(super) map: Map,
     /// Derivatives of its place.
-    pub rows: [Change; 2],
+    pub(super) rows: [Change; 2],
 }
 
 /// Patches and the directions of change among which the best change is sought.
-pub struct Search<'a> {
+pub(super) struct Search<'a> {
     sights: &'a [Sight],
     directions: Directions,
     /// Shifts of each patch in each direction.
@@ -41,18 +41,16 @@ pub struct Search<'a> {
 
 /// The best change.
 #[derive(Debug, Clone)]
-pub struct Found {
+pub(super) struct Found {
     /// The change.
-    pub change: Change,
-    /// The sum of the gains.
-    pub gain: f64,
+    pub(super) change: Change,
     /// The covariance of the change.
-    pub covariance: DMatrix<f64>,
+    pub(super) covariance: DMatrix<f64>,
 }
 
 impl<'a> Search<'a> {
     /// `expected`: the standard deviation of the shifts that are to be corrected, pixels of the maps.
-    pub fn new(sights: &'a [Sight], expected: f64) -> Self {
+    pub(super) fn new(sights: &'a [Sight], expected: f64) -> Self {
         let rows: Vec<[Change; 2]> = sights.iter().map(|sight| sight.rows).collect();
         let directions = Directions::new(&rows);
         let shift = |sight: &Sight| {
@@ -106,9 +104,7 @@ impl<'a> Search<'a> {
         all.sort_by(|a, b| b.0.total_cmp(&a.0));
         let mut out: Vec<Vec<f64>> = vec![vec![0.0; self.directions.changes.len()]];
         for (_, amounts) in all {
-            let far = |other: &Vec<f64>| {
-                other.iter().zip(&amounts).map(|(a, b)| (a - b) * (a - b)).sum::<f64>() > 2.0
-            };
+            let far = |other: &Vec<f64>| other.iter().zip(&amounts).map(|(a, b)| (a - b) * (a - b)).sum::<f64>() > 2.0;
             if out.iter().all(far) {
                 out.push(amounts);
             }
@@ -146,17 +142,17 @@ impl<'a> Search<'a> {
 
     /// The best change: candidates within `radius` pixels (0: only no change), each improved, and the best one fitted to the best shifts of the patches.
     /// None without directions.
-    pub fn best(&self, radius: i32) -> Option<Found> {
+    pub(super) fn best(&self, radius: i32) -> Option<Found> {
         if self.directions.changes.is_empty() {
             return None;
         }
         let climbed = self.starts(radius).into_iter().map(|start| self.climb(start, 2.0));
-        let (gain, amounts) = climbed.max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let (_, amounts) = climbed.max_by(|a, b| a.0.total_cmp(&b.0))?;
         let (amounts, covariance) = self.fitted(&amounts);
         let count = self.directions.changes.len();
         let basis = DMatrix::from_fn(PARAMETERS, count, |i, k| self.directions.changes[k][i]);
         let covariance = &basis * covariance * basis.transpose();
-        Some(Found { change: self.directions.change(&amounts), gain, covariance })
+        Some(Found { change: self.directions.change(&amounts), covariance })
     }
 
     /// Least squares of the distances from the patches' own best shifts, weighted with the sharpness of their peaks, robust against patches that disagree

@@ -88,7 +88,11 @@ impl fmt::Display for FrameError {
                 write!(f, "only {pairs} points are known in both frames; at least three are needed")
             }
             Self::Unusable { pair } => {
-                write!(f, "pair {} has a number that is not finite or a standard deviation that is not positive", pair + 1)
+                write!(
+                    f,
+                    "pair {} has a number that is not finite or a standard deviation that is not positive",
+                    pair + 1
+                )
             }
             Self::Line => {
                 f.write_str("the points that are known in both frames are on a line or at one place; add one beside it")
@@ -137,10 +141,14 @@ impl Similarity {
 
     /// A camera of the reconstruction in the survey: it sees each moved point at the same pixel.
     pub fn camera(&self, camera: &PosedCamera) -> PosedCamera {
-        let pose = camera.camera_from_world;
-        let rotation = (pose.rotation * self.rotation.inverse()).normalize();
-        let translation = pose.translation * self.scale - rotation * self.translation;
-        PosedCamera { camera: camera.camera, camera_from_world: Pose { rotation, translation } }
+        PosedCamera { camera: camera.camera, camera_from_world: self.pose(camera.camera_from_world) }
+    }
+
+    /// The same for the pose of a camera (`camera_from_world`).
+    #[must_use]
+    pub fn pose(&self, camera_from_world: Pose) -> Pose {
+        let rotation = (camera_from_world.rotation * self.rotation.inverse()).normalize();
+        Pose { rotation, translation: camera_from_world.translation * self.scale - rotation * self.translation }
     }
 
     /// The similarity that best takes the points of the reconstruction to those of the survey, each pair weighted with 1 / sigma² (Umeyama,
@@ -227,7 +235,8 @@ impl Similarity {
         if let [(pair, distance)] = suspects[..] {
             return Err(FrameError::Contradiction { pair, distance, expected: tolerance(&pairs[pair]) });
         }
-        let largest = |a: &usize, b: &usize| excess(&pairs[*a], residuals[*a]).total_cmp(&excess(&pairs[*b], residuals[*b]));
+        let largest =
+            |a: &usize, b: &usize| excess(&pairs[*a], residuals[*a]).total_cmp(&excess(&pairs[*b], residuals[*b]));
         let pair = (0..pairs.len()).max_by(largest).unwrap_or(0);
         Err(FrameError::Contradictions { pair, distance: residuals[pair], expected: tolerance(&pairs[pair]) })
     }

@@ -39,7 +39,8 @@ fn directions_shift_points_by_one_pixel_and_are_independent() {
     let camera = Camera::pinhole([800, 600], DVec2::splat(600.0), DVec2::new(400.0, 300.0), Distortion::None).unwrap();
     let mut random = fastrand::Rng::with_seed(2);
     let mut number = || random.f64() * 2.0 - 1.0;
-    let points: Vec<DVec3> = (0..50).map(|_| DVec3::new(number() * 3.0, number() * 2.0, 6.0 + 2.0 * number())).collect();
+    let points: Vec<DVec3> =
+        (0..50).map(|_| DVec3::new(number() * 3.0, number() * 2.0, 6.0 + 2.0 * number())).collect();
     let rows: Vec<_> = points.iter().map(|p| derivatives(&camera, *p, 6.0, false).unwrap()).collect();
     let directions = Directions::new(&rows);
     assert_eq!(directions.changes.len(), 6);

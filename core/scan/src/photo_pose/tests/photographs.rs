@@ -45,7 +45,7 @@ impl Room {
                 at[(axis + 2) % 3] = v;
                 let at = at * half;
                 let mut out = at;
-                out[axis] += 0.12 * noise(seed, at * 1.7) * (1.0 - u.powi(8)) * (1.0 - v.powi(8));
+                out[axis] += (0.12 * noise(seed, at * 1.7) + 0.06 * noise(seed + 2, at * 4.3)) * (1.0 - u.powi(8)) * (1.0 - v.powi(8));
                 out
             };
             let vertex = |i: u32, j: u32| {
@@ -68,6 +68,12 @@ impl Room {
         Self { triangles }
     }
 
+    /// The same room in one colour.
+    fn whitewashed(&self) -> Self {
+        let white = |[_, intensity, x, y, z]: Shown| [0.6, intensity, x, y, z];
+        Self { triangles: self.triangles.iter().map(|(corners, shown)| (*corners, shown.map(white))).collect() }
+    }
+
     fn draw(&self, camera: &PosedCamera, scale: f64) -> Vec<Raster<Shown>> {
         let draw = |window: crate::raster::Window| {
             let mut raster = Raster::new(window);
@@ -81,15 +87,17 @@ impl Room {
     }
 
     /// A photograph under a light, with a vignette and noise.
-    fn photograph(&self, camera: &PosedCamera, colors: &Self) -> Grey {
-        let rasters = colors.draw(camera, 1.0);
+    fn photograph(&self, camera: &PosedCamera) -> Grey {
+        let rasters = self.draw(camera, 1.0);
         let sun = DVec3::new(0.5, 0.3, 0.8).normalize();
         let mut random = fastrand::Rng::with_seed(9);
         let [width, height] = camera.camera.size().map(f64::from);
         Grey::from_fn(camera.camera.size(), |x, y| {
             let pixel = DVec2::new(f64::from(x), f64::from(y)) + 0.5;
             let Some(ray) = camera.camera.ray(pixel) else { return 0.0 };
-            let Some((_, [light, _, nx, ny, nz])) = rasters.iter().find_map(|raster| look(raster, ray)) else { return 0.0 };
+            let Some((_, [light, _, nx, ny, nz])) = rasters.iter().find_map(|raster| look(raster, ray)) else {
+                return 0.0;
+            };
             let normal = DVec3::new(nx.into(), ny.into(), nz.into());
             let shading = 0.35 + 0.5 * normal.dot(sun).abs() + 0.1 * normal.z;
             let off = (pixel - DVec2::new(width, height) * 0.5) / width;
@@ -153,11 +161,15 @@ fn looking() -> PosedCamera {
 fn a_photograph_finds_its_pose_also_where_the_model_has_no_colours() {
     let full = Room::new(1, true);
     let truth = looking();
-    let picture = full.photograph(&truth, &full);
+    let picture = full.photograph(&truth);
     let start = disturbed(&truth, 11.0);
     assert!(error(&truth, &start, &full) > 5.0);
-    for (room, limit) in [(&full, 0.35), (&Room::new(1, false), 0.8)] {
-        let refined = run(room, &start, &picture, &Options::default()).unwrap();
+    // Whitewash: only its relief is seen.
+    let white = full.whitewashed();
+    let bare = white.photograph(&truth);
+    let plain = Room::new(1, false);
+    for (room, picture, limit) in [(&full, &picture, 0.1), (&plain, &bare, 0.3)] {
+        let refined = run(room, &start, picture, &Options::default()).unwrap();
         let error = error(&truth, &refined.camera, room);
         assert!(error < limit, "{error} {refined:?}");
         assert!(refined.quality.share > 0.5 && refined.quality.residual_px < 2.0, "{refined:?}");
@@ -169,7 +181,7 @@ fn a_photograph_finds_its_pose_also_where_the_model_has_no_colours() {
 fn a_person_and_a_mask_do_not_matter() {
     let room = Room::new(1, true);
     let truth = looking();
-    let picture = room.photograph(&truth, &room);
+    let picture = room.photograph(&truth);
     let hidden = Grey::from_fn(picture.size(), |x, y| match (x, y) {
         (60..110, 60..) => 0.1 + 0.3 * f32::from(u8::from((x / 5 + y / 7) % 2 == 0)),
         (200..260, 100..150) => f32::NAN,
@@ -177,21 +189,22 @@ fn a_person_and_a_mask_do_not_matter() {
     });
     let refined = run(&room, &disturbed(&truth, 11.0), &hidden, &Options::default()).unwrap();
     let error = error(&truth, &refined.camera, &room);
-    assert!(error < 0.5, "{error} {refined:?}");
+    assert!(error < 0.3, "{error} {refined:?}");
 }
 
 #[test]
 fn what_cannot_be_refined_is_refused() {
     let room = Room::new(1, true);
     let truth = looking();
-    let picture = room.photograph(&truth, &room);
+    let picture = room.photograph(&truth);
     // Far beyond the reach of 16 pixels; and another room.
     let far = disturbed(&truth, 90.0);
     let other = Room::new(77, true);
-    for (start, picture) in [(&far, &picture), (&disturbed(&truth, 4.0), &other.photograph(&truth, &other))] {
+    for (start, picture) in [(&far, &picture), (&disturbed(&truth, 4.0), &other.photograph(&truth))] {
         let not = run(&room, start, picture, &Options::default()).unwrap_err();
         assert!(matches!(not.why, Why::Disagrees | Why::Little { .. }), "{not:?}");
         assert!(not.quality.share < 0.25, "{not:?}");
+        assert!(not.to_string().contains("agree") || not.to_string().contains("too little"), "{not}");
     }
     // Nothing of the model in sight.
     let away = posed(pinhole(), DQuat::IDENTITY, DVec3::new(0.0, 0.0, 50.0));
@@ -209,9 +222,7 @@ fn what_cannot_be_refined_is_refused() {
     let tiny = PosedCamera { camera: tiny, ..truth };
     let not = run(&room, &tiny, &Grey::from_fn([60, 50], |_, _| 0.0), &Options::default()).unwrap_err();
     assert_eq!(not.why, Why::Small);
-    for why in [not.to_string(), run(&room, &far, &picture, &Options::default()).unwrap_err().to_string()] {
-        assert!(why.contains("small") || why.contains("agree") || why.contains("little"), "{why}");
-    }
+    assert!(not.to_string().contains("too small"), "{not}");
 }
 
 #[test]
@@ -219,18 +230,18 @@ fn a_panorama_finds_its_pose() {
     let room = Room::new(1, true);
     let camera = Camera::equirectangular([512, 256]).unwrap();
     let truth = posed(camera, DQuat::from_rotation_x(-1.5), DVec3::new(0.5, -0.4, 0.2));
-    let picture = room.photograph(&truth, &room);
+    let picture = room.photograph(&truth);
     let start = disturbed(&truth, 14.0);
     let refined = run(&room, &start, &picture, &Options::default()).unwrap();
     let error = error(&truth, &refined.camera, &room);
-    assert!(error < 0.5, "{error} {refined:?}");
+    assert!(error < 0.3, "{error} {refined:?}");
 }
 
 #[test]
 fn focal_length_and_principal_point_are_refined_if_asked() {
     let room = Room::new(1, true);
     let truth = looking();
-    let picture = room.photograph(&truth, &room);
+    let picture = room.photograph(&truth);
     let CameraModel::Pinhole { focal, center, skew, distortion } = *truth.camera.model() else { panic!() };
     let model = CameraModel::Pinhole { focal: focal * 1.03, center: center + 3.0, skew, distortion };
     let start = PosedCamera { camera: Camera::new([320, 240], model).unwrap(), ..disturbed(&truth, 4.0) };
@@ -247,29 +258,10 @@ fn focal_length_and_principal_point_are_refined_if_asked() {
 fn the_same_photograph_at_half_the_size_gives_almost_the_same_pose() {
     let room = Room::new(1, true);
     let truth = looking();
-    let picture = room.photograph(&truth, &room).halved().unwrap();
+    let picture = room.photograph(&truth).halved().unwrap();
     let mut render = |camera: &PosedCamera, scale: f64| Ok::<_, Infallible>(room.draw(camera, scale));
     let Ok(refined) = refine(&disturbed(&truth, 5.0), &picture, 2.0, &mut render, &Options::default());
     let refined = refined.unwrap();
     let error = error(&truth, &refined.camera, &room);
     assert!(error < 0.8, "{error} {refined:?}");
-}
-
-#[test]
-fn zz_diag() {
-    let full = Room::new(1, true);
-    let truth = looking();
-    let picture = full.photograph(&truth, &full);
-    let person = |hide: u32| Grey::from_fn(picture.size(), |x, y| match (x, y) {
-        (60..110, 60..) if hide & 1 > 0 => 0.1 + 0.3 * f32::from(u8::from((x / 5 + y / 7) % 2 == 0)),
-        (200..260, 100..150) if hide & 2 > 0 => f32::NAN,
-        _ => picture.at(x as usize, y as usize),
-    });
-    for hide in 0..4 {
-        let start = disturbed(&truth, 11.0);
-        match run(&full, &start, &person(hide), &Options::default()) {
-            Ok(r) => println!("lit {hide} {:.2} -> {:.3} share {:.2} res {:.2} sig {:.3}", error(&truth, &start, &full), error(&truth, &r.camera, &full), r.quality.share, r.quality.residual_px, r.quality.sigma_px),
-            Err(n) => println!("lit {hide} {n}"),
-        }
-    }
 }
