@@ -24,7 +24,7 @@ use kilwa_builder::build::plan;
 use kilwa_builder::build::work::Stop;
 use kilwa_builder::points::build_points;
 use kilwa_builder::scratch::Scratch;
-use kilwa_builder::{BuildError, BuildOptions, BuildReport, Run, StageTime, build};
+use kilwa_builder::{BuildError, BuildOptions, BuildReport, Provenance, Run, StageTime, build};
 use kilwa_files::atomic::folder_of;
 use kilwa_files::made_folders::MadeFolders;
 use kilwa_files::size::binary;
@@ -103,21 +103,42 @@ pub(crate) struct Args {
     /// How the survey is merged: set by `kilwa merge`.
     #[arg(skip)]
     merging: Option<Box<Merging>>,
+    /// What the metadata records instead of the input files: set by `kilwa colour`.
+    #[arg(skip)]
+    provenance: Option<Provenance>,
 }
 
 impl Args {
     /// What `kilwa merge` builds: the merged surface of one survey.
     pub(crate) fn of_merged(merging: Merging, output: PathBuf, common: Common) -> Self {
+        let mut args = Self::of_one(merging.folder.clone(), output, common);
+        args.input.unmasked = merging.options.unmasked;
+        args.merging = Some(Box::new(merging));
+        args
+    }
+
+    /// What `kilwa colour` builds: one mesh in metres, on a lattice of a given step, with what the metadata records instead of its file.
+    pub(crate) fn of_mesh(
+        mesh: PathBuf,
+        output: PathBuf,
+        common: Common,
+        step: Option<f64>,
+        provenance: Option<Provenance>,
+    ) -> Self {
+        Self { step, provenance, ..Self::of_one(mesh, output, common) }
+    }
+
+    fn of_one(input: PathBuf, output: PathBuf, common: Common) -> Self {
         let Common { threads, memory, scratch, resume, title, crs, capture_accuracy, force, json } = common;
         let input = InputArgs {
-            inputs: vec![merging.folder.clone()],
+            inputs: vec![input],
             units: None,
             up: None,
             origin: None,
             transform: None,
             texture_detail: None,
             allow_outside: false,
-            unmasked: merging.options.unmasked,
+            unmasked: false,
         };
         Self {
             input,
@@ -139,12 +160,27 @@ impl Args {
             force,
             json,
             verbose: false,
-            merging: Some(Box::new(merging)),
+            merging: None,
+            provenance: None,
         }
     }
 }
 
-/// Options shared with `kilwa merge`.
+/// Build within another command, which reports; scratch files are removed.
+///
+/// # Errors
+/// As for the command; [`Interrupted`] if `stop` is asked.
+pub(crate) fn within(args: &Args, bar: &Bar, stop: &Stop) -> anyhow::Result<BuildReport> {
+    let (inputs, options) = prepare(args)?;
+    let read_as =
+        ReadAs { units: args.input.units, given_up: args.input.up, up: options.up, crs: options.crs.as_deref() };
+    let complete = make(args, inputs, &options, bar, stop, Instant::now(), &read_as)?;
+    complete.scratch.discard(|_| true)?;
+    finished::remove(&args.output);
+    Ok(complete.built)
+}
+
+/// Options shared with other commands that build.
 pub(crate) struct Common {
     pub(crate) threads: usize,
     pub(crate) memory: Option<u64>,
@@ -170,6 +206,11 @@ impl std::fmt::Display for Interrupted {
 impl std::error::Error for Interrupted {}
 
 impl Interrupted {
+    /// What was stopped, and what is left.
+    pub(crate) fn new(what: &str) -> Self {
+        Self(what.to_owned())
+    }
+
     /// The exit code of the program.
     pub(crate) fn code() -> u8 {
         u8::try_from(128 + SIGNAL.load(Ordering::Relaxed)).unwrap_or(u8::MAX)
@@ -239,6 +280,7 @@ fn prepare(args: &Args) -> anyhow::Result<(Inputs, BuildOptions)> {
     let crs = reference_system(args.crs.as_deref())?;
     let mut inputs = Inputs::find(&args.input, args.points)?;
     inputs.merging.clone_from(&args.merging);
+    inputs.provenance.clone_from(&args.provenance);
     if let Some(first) = inputs.passed_over.first() {
         let count = inputs.passed_over.len();
         crate::terminal::say!(
@@ -453,7 +495,7 @@ fn discard_earlier(scratch: &Scratch) -> anyhow::Result<u64> {
 static SIGNAL: AtomicI32 = AtomicI32::new(signals::INTERRUPT);
 
 /// The first signal asks for a clean stop, the second ends at once (scratch files stay good for `--resume`).
-fn stop_on_signals() -> anyhow::Result<Stop> {
+pub(crate) fn stop_on_signals() -> anyhow::Result<Stop> {
     let stop = Stop::default();
     let asked = stop.clone();
     signals::listen(move |number| {

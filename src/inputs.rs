@@ -96,6 +96,8 @@ pub(crate) struct Inputs {
     pub(crate) passed_over: Vec<PathBuf>,
     /// How the stations are merged, if they are; all files are stations then.
     pub(crate) merging: Option<Box<Merging>>,
+    /// What the metadata records instead of the files.
+    pub(crate) provenance: Option<Provenance>,
 }
 
 /// Bytes of the metadata block that names of sources may take: half of it, so that there is room for the rest and for
@@ -181,7 +183,7 @@ impl Inputs {
         passed_over.sort();
         let detail = args.texture_detail.map(|texels| Arc::new(Detail::new(texels)));
         let options = ReadOptions { detail, allow_outside: args.allow_outside, ..ReadOptions::default() };
-        Ok(Self { options, matrices, files, passed_over, merging: None })
+        Ok(Self { options, matrices, files, passed_over, merging: None, provenance: None })
     }
 
     /// Refuse an output that would replace an input. Files that the meshes refer to are known only when the meshes are read; they
@@ -316,13 +318,16 @@ impl kilwa_builder::Inputs for Inputs {
             done?;
             before += of_file;
         }
+        if let Some(provenance) = &self.provenance {
+            return Ok(provenance.clone());
+        }
         Ok(Provenance { sources: self.sources(work.progress, work.stop)?, capture: None })
     }
 }
 
 /// As many as there is room for; the rest as one entry: how many, their bytes, and the SHA-256 of their lines as
 /// `sha256sum` writes them.
-fn summarised(mut sources: Vec<SourceFile>) -> Vec<SourceFile> {
+pub(crate) fn summarised(mut sources: Vec<SourceFile>) -> Vec<SourceFile> {
     let mut bytes = 0;
     let fits = |s: &SourceFile| {
         // {"name":"…","bytes":…,"sha256":"…"}, a name escaped at the most.
@@ -399,7 +404,7 @@ fn matrix(file: &Path) -> anyhow::Result<Placement> {
 }
 
 /// Name, length and hash of a file.
-fn source_file(path: &Path, progress: &dyn Progress, stop: &Stop) -> Result<SourceFile, BuildError> {
+pub(crate) fn source_file(path: &Path, progress: &dyn Progress, stop: &Stop) -> Result<SourceFile, BuildError> {
     let cannot = |source| ReadError::Open { file: path.to_owned(), source };
     let (mut file, total) = read::open_regular(path).map_err(cannot)?;
     let mut hash = Sha256::new();

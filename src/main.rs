@@ -2,6 +2,7 @@
 
 mod access;
 mod build;
+mod colour;
 mod distrust;
 mod extract;
 mod info;
@@ -46,6 +47,7 @@ enum Verb {
     Scans(scans::Args),
     Register(register::Args),
     Merge(merge::Args),
+    Colour(colour::Args),
     Build(build::Args),
     Info(info::Args),
     Verify(verify::Args),
@@ -65,6 +67,7 @@ fn run(cli: Cli) -> anyhow::Result<()> {
         Verb::Scans(a) => scans::run(&a),
         Verb::Register(a) => register::run(&a),
         Verb::Merge(a) => merge::run(&a),
+        Verb::Colour(a) => colour::run(&a),
         Verb::Info(a) => info::run(&a),
         Verb::Verify(a) => verify::run(&a),
         Verb::Extract(a) => extract::run(&a),
@@ -84,7 +87,9 @@ fn main() -> ExitCode {
     if matches!(cli.verb, Verb::Publish(_) | Verb::Render(_)) {
         without_wayland();
     }
-    if !matches!(&cli.verb, Verb::Build(_) | Verb::Serve(_)) && !matches!(&cli.verb, Verb::Merge(a) if a.is_pack()) {
+    if !matches!(&cli.verb, Verb::Build(_) | Verb::Colour(_) | Verb::Serve(_))
+        && !matches!(&cli.verb, Verb::Merge(a) if a.is_pack())
+    {
         signals::end_at_once();
     }
     match run(cli) {

@@ -9,7 +9,7 @@ use std::fs::File;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-/// A folder in the system's temporary folder, removed when it is dropped or a signal ends the program. Only its owner can look into
+/// A temporary folder, removed when it is dropped or a signal ends the program. Only its owner can look into
 /// it, because it may contain a closed model.
 #[derive(Debug)]
 pub(crate) struct PrivateFolder {
@@ -23,16 +23,24 @@ impl PrivateFolder {
     }
 }
 
-/// Make one.
+/// Make one in the system's temporary folder.
 ///
 /// # Errors
 /// The system's error.
 pub(crate) fn private_folder(prefix: &str) -> std::io::Result<PrivateFolder> {
+    private_folder_in(&std::env::temp_dir(), prefix)
+}
+
+/// Make one in a folder.
+///
+/// # Errors
+/// The system's error.
+pub(crate) fn private_folder_in(parent: &Path, prefix: &str) -> std::io::Result<PrivateFolder> {
     let mut builder = tempfile::Builder::new();
     // Temporary files are private by default; temporary folders are not.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
-    let (folder, noted) = unfinished::make(|| builder.prefix(prefix).tempdir(), tempfile::TempDir::path)?;
+    let (folder, noted) = unfinished::make(|| builder.prefix(prefix).tempdir_in(parent), tempfile::TempDir::path)?;
     Ok(PrivateFolder { folder, _unfinished: noted })
 }
 

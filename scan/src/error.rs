@@ -70,13 +70,21 @@ pub enum ScanError {
         /// Why the system refused.
         source: io::Error,
     },
-    /// The scratch file of a merge cannot be written or read.
-    #[error("the scratch file in {} could not be written or read; if the disk is full, choose a folder on a larger disk with --scratch, or use a larger --voxel", folder.display())]
+    /// A scratch file cannot be written or read.
+    #[error("the scratch file in {} could not be written or read; if the disk is full, choose a folder on a larger disk with --scratch{way_out}", folder.display())]
     Scratch {
         /// Where it is.
         folder: PathBuf,
+        /// What else helps, as the end of the sentence.
+        way_out: &'static str,
         /// What the system says.
         source: io::Error,
+    },
+    /// A pack cannot be read.
+    #[error("the model cannot be read")]
+    Model {
+        /// What is wrong with it.
+        source: kilwa_pack::PackError,
     },
     /// The request cannot be met.
     #[error("{0}")]

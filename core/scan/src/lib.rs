@@ -5,6 +5,7 @@
 //! the survey (`survey_from_station`).
 
 pub mod camera;
+pub mod colour;
 pub mod intensity;
 pub mod mask;
 pub mod photo_pose;

@@ -28,6 +28,9 @@ pub enum ExtractError {
         /// Number of the chunk.
         chunk: u32,
     },
+    /// The colours of a chunk cannot be changed.
+    #[error(transparent)]
+    Repaint(Box<dyn std::error::Error + Send + Sync>),
     /// There is nothing to write.
     #[error("it contains no triangles")]
     Empty,

@@ -109,6 +109,11 @@ impl Format {
         }
     }
 
+    /// Whether it stores colours of vertices.
+    pub fn has_colors(self) -> bool {
+        self != Self::Stl
+    }
+
     /// Its name for people.
     pub fn title(self) -> &'static str {
         match self {
@@ -292,6 +297,13 @@ impl Target {
         let (center, needs_double) = (coordinates.center(), coordinates.need_double());
         let (colors, metadata) = (header.attributes.colors, reader.metadata().clone());
         Ok(Self { lattice, center, needs_double, colors, metadata, at_zero: false, note: None })
+    }
+
+    /// Vertices have colours, and further scalars.
+    pub(super) fn repainted(&mut self, scalars: &[String]) {
+        self.colors = true;
+        let channel = |name: &String| ScalarChannel { name: name.clone(), min: 0.0, max: 0.0 };
+        self.metadata.scalars.extend(scalars.iter().map(channel));
     }
 
     /// For a mesh that comes from no pack.

@@ -29,7 +29,7 @@ pub use region::Region;
 
 use format::Target;
 use glam::DVec3;
-use kilwa_pack::{Reader, Source};
+use kilwa_pack::{Chunk, Reader, Source};
 
 /// What to extract.
 #[derive(Debug, Clone, Copy)]
@@ -69,6 +69,20 @@ pub struct Extraction {
     pub left_out: Vec<String>,
 }
 
+/// Changes the vertices of the finest surface while it is extracted.
+///
+/// Vertices that several chunks share must become equal in all of them, otherwise the surface cracks.
+pub trait Repaint: Sync {
+    /// Names of the scalars that each vertex gets in addition to those of the pack.
+    fn scalars(&self) -> Vec<String>;
+
+    /// Give the vertices of chunk `number` their colours, and append the additional scalars.
+    ///
+    /// # Errors
+    /// Why that is impossible.
+    fn repaint(&self, number: u32, chunk: &mut Chunk) -> Result<(), Box<dyn std::error::Error + Send + Sync>>;
+}
+
 /// Write the mesh of a pack to `output`. `progress` is called with chunks done and chunks in all.
 ///
 /// # Errors
@@ -79,13 +93,42 @@ pub fn extract<S: Source + Sync>(
     output: &Output,
     progress: &dyn Fn(u64, u64),
 ) -> Result<Extraction, ExtractError> {
+    extracted(reader, request, None, output, progress)
+}
+
+/// Write the finest surface of a pack with other colours to `output`.
+///
+/// # Errors
+/// As [`extract`], and [`ExtractError::Repaint`].
+pub fn extract_repainted<S: Source + Sync>(
+    reader: &Reader<S>,
+    format: Format,
+    repaint: &dyn Repaint,
+    output: &Output,
+    progress: &dyn Fn(u64, u64),
+) -> Result<Extraction, ExtractError> {
+    let request = Request { format, max_error: None, max_triangles: None, region: None, window: WINDOW };
+    extracted(reader, &request, Some(repaint), output, progress)
+}
+
+fn extracted<S: Source + Sync>(
+    reader: &Reader<S>,
+    request: &Request,
+    repaint: Option<&dyn Repaint>,
+    output: &Output,
+    progress: &dyn Fn(u64, u64),
+) -> Result<Extraction, ExtractError> {
     let format = request.format;
     let region = request.region.as_ref().map(|region| region.on(&reader.header().lattice));
     let chosen = choose::choose(reader, request.max_error, request.max_triangles, request.window, region.as_ref())?;
-    let target = Target::new(reader, &chosen, region.as_ref(), format)?;
+    let mut target = Target::new(reader, &chosen, region.as_ref(), format)?;
+    if let Some(repaint) = repaint {
+        target.repainted(&repaint.scalars());
+    }
     let mut encoder = format.encoder(&target);
     let mut scratch = output.scratch()?;
-    let counts = stream::stream(reader, &chosen, region.as_ref(), &mut *encoder, &mut scratch, progress)?;
+    let source = stream::Chunks { reader, repaint };
+    let counts = stream::stream(&source, &chosen, region.as_ref(), &mut *encoder, &mut scratch, progress)?;
     if counts.triangles == 0 && counts.vertices == 0 {
         return Err(ExtractError::Empty);
     }

@@ -39,7 +39,8 @@ pub fn preview<S: Source + Sync>(reader: &Reader<S>, to: &Path, max_bytes: u64) 
         let mut encoder = Format::Glb.encoder(&target);
         let output = Output::prepare(to, false)?;
         let mut scratch = output.scratch()?;
-        let counts = stream::stream(reader, &chosen, None, &mut *encoder, &mut scratch, &|_, _| {})?;
+        let source = stream::Chunks { reader, repaint: None };
+        let counts = stream::stream(&source, &chosen, None, &mut *encoder, &mut scratch, &|_, _| {})?;
         if counts.triangles == 0 {
             return Err(ExtractError::Empty);
         }

@@ -6,13 +6,14 @@
 //! simplified further, a window of triangles behind the plane (`reduce`).
 
 use super::ExtractError;
+use super::Repaint;
 use super::choose::{Chosen, stretches};
 use super::format::Encoder;
 use super::output::Scratch;
 use super::reduce::{Piece, Reducer};
 use super::region::Steps;
 use kilwa_geometry::{LatticePoint, Mesh};
-use kilwa_pack::{Chunk, PackError, Reader, Source};
+use kilwa_pack::{Chunk, Reader, Source};
 use rayon::prelude::*;
 use std::collections::HashMap;
 use std::io::Write;
@@ -34,18 +35,36 @@ pub(super) struct Counts {
     pub(super) error: f32,
 }
 
+/// Where chunks come from.
+pub(super) struct Chunks<'a, S> {
+    pub(super) reader: &'a Reader<S>,
+    /// Changes their vertices.
+    pub(super) repaint: Option<&'a dyn Repaint>,
+}
+
+impl<S: Source> Chunks<'_, S> {
+    fn get(&self, number: u32) -> Result<Chunk, ExtractError> {
+        let mut chunk = self.reader.chunk(number)?;
+        if let Some(repaint) = self.repaint {
+            repaint.repaint(number, &mut chunk).map_err(ExtractError::Repaint)?;
+        }
+        Ok(chunk)
+    }
+}
+
 /// Write the vertices and the triangles of the cut to the scratch files; `progress` is called with chunks done and chunks in all.
 pub(super) fn stream<S: Source + Sync>(
-    reader: &Reader<S>,
+    chunks: &Chunks<'_, S>,
     chosen: &Chosen,
     region: Option<&Steps>,
     encoder: &mut dyn Encoder,
     scratch: &mut Scratch,
     progress: &dyn Fn(u64, u64),
 ) -> Result<Counts, ExtractError> {
+    let reader = chunks.reader;
     let axis = longest_side(reader);
-    let chunks = in_order(reader, chosen, region, axis);
-    progress(0, chunks.len() as u64);
+    let order = in_order(reader, chosen, region, axis);
+    progress(0, order.len() as u64);
     let mut done = 0;
     let counts = Counts { error: chosen.error, ..Counts::default() };
     let is_of_points = reader.header().is_of_points();
@@ -55,9 +74,9 @@ pub(super) fn stream<S: Source + Sync>(
         weld.counts.error = 0.0;
         Reducer::new(reader, reduction, axis, region.is_some())
     });
-    for batch in chunks.chunks(BATCH) {
+    for batch in order.chunks(BATCH) {
         reader.source().expect(&stretches(reader, batch));
-        let decoded: Vec<Result<Chunk, PackError>> = batch.par_iter().map(|&i| reader.chunk(i)).collect();
+        let decoded: Vec<Result<Chunk, ExtractError>> = batch.par_iter().map(|&i| chunks.get(i)).collect();
         for (&index, chunk) in batch.iter().zip(decoded) {
             let chunk = chunk?;
             let bounds = &reader.entries()[index as usize].bounds;
@@ -87,7 +106,7 @@ pub(super) fn stream<S: Source + Sync>(
             }
         }
         done += batch.len();
-        progress(done as u64, chunks.len() as u64);
+        progress(done as u64, order.len() as u64);
     }
     if let Some(reducer) = reducer {
         weld.write(Some(reducer.finish()))?;

@@ -1,12 +1,11 @@
 //! Pieces by tile: each tile has the pieces that its surface needs, in runs of one scratch file.
 
 use crate::ScanError;
+use crate::scratch::{ScratchFile, Stretch};
 use glam::IVec3;
 use kilwa_scan_core::tsdf::{BRICK, PIECE_BYTES, Piece, Region, SUB_LOG2};
 use std::collections::{BTreeMap, HashMap};
-use std::fs::File;
-use std::io::{self, Read, Seek, SeekFrom, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Mutex, PoisonError};
 
 /// Bytes read at a time.
@@ -17,51 +16,37 @@ const CHUNK: usize = 4096 * PIECE_BYTES;
 pub(super) struct Run {
     /// The number of the station, from 1.
     pub(super) station: u16,
-    at: u64,
-    bytes: u64,
-    sum: u32,
+    stretch: Stretch,
 }
 
 /// The file, and the runs of each tile.
 pub(super) struct Piles {
-    folder: PathBuf,
-    inner: Mutex<Inner>,
-}
-
-struct Inner {
-    file: File,
-    end: u64,
-    runs: HashMap<IVec3, Vec<Run>>,
+    file: ScratchFile,
+    runs: Mutex<HashMap<IVec3, Vec<Run>>>,
 }
 
 impl Piles {
     /// Create an empty store. The file is unlinked and disappears when this is dropped.
     pub(super) fn create(folder: &Path) -> Result<Self, ScanError> {
-        let file = tempfile::tempfile_in(folder).map_err(scratch(folder))?;
-        let inner = Inner { file, end: 0, runs: HashMap::new() };
-        Ok(Self { folder: folder.to_owned(), inner: Mutex::new(inner) })
+        let file = ScratchFile::create(folder, ", or use a larger --voxel")?;
+        Ok(Self { file, runs: Mutex::default() })
     }
 
     fn append(&self, station: u16, tile: IVec3, bytes: &[u8]) -> Result<(), ScanError> {
-        let mut inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
-        let at = inner.end;
-        inner.file.seek(SeekFrom::Start(at)).map_err(scratch(&self.folder))?;
-        inner.file.write_all(bytes).map_err(scratch(&self.folder))?;
-        inner.end += bytes.len() as u64;
-        let run = Run { station, at, bytes: bytes.len() as u64, sum: sum(bytes) };
-        inner.runs.entry(tile).or_default().push(run);
+        let run = Run { station, stretch: self.file.append(bytes)? };
+        self.runs.lock().unwrap_or_else(PoisonError::into_inner).entry(tile).or_default().push(run);
         Ok(())
     }
 
     /// Bytes in the file.
     pub(super) fn bytes(&self) -> u64 {
-        self.inner.lock().unwrap_or_else(PoisonError::into_inner).end
+        self.file.bytes()
     }
 
     /// The tiles that have pieces, by the Morton codes of their first bricks, and the runs of each by station.
     pub(super) fn tiles(&self) -> BTreeMap<u64, (IVec3, Vec<Run>)> {
-        let inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
-        let sorted = inner.runs.iter().map(|(tile, runs)| {
+        let runs = self.runs.lock().unwrap_or_else(PoisonError::into_inner);
+        let sorted = runs.iter().map(|(tile, runs)| {
             let mut runs = runs.clone();
             runs.sort_unstable();
             (morton(*tile), (*tile, runs))
@@ -71,34 +56,12 @@ impl Piles {
 
     /// Pass the pieces of a run to `sink`.
     pub(super) fn read(&self, run: Run, sink: &mut dyn FnMut(&Piece)) -> Result<(), ScanError> {
-        let mut bytes = vec![0; usize::try_from(run.bytes).unwrap_or(usize::MAX)];
-        self.read_at(run.at, &mut bytes).map_err(scratch(&self.folder))?;
-        if sum(&bytes) != run.sum {
-            let source =
-                io::Error::other("it does not contain what was written; check the disk and run the merge again");
-            return Err(scratch(&self.folder)(source));
-        }
+        let bytes = self.file.read(run.stretch)?;
         for piece in bytes.as_chunks::<PIECE_BYTES>().0 {
             sink(&Piece::from_bytes(piece));
         }
         Ok(())
     }
-
-    fn read_at(&self, at: u64, bytes: &mut [u8]) -> io::Result<()> {
-        let mut inner = self.inner.lock().unwrap_or_else(PoisonError::into_inner);
-        inner.file.seek(SeekFrom::Start(at))?;
-        inner.file.read_exact(bytes)
-    }
-}
-
-fn scratch(folder: &Path) -> impl FnOnce(io::Error) -> ScanError + '_ {
-    |source| ScanError::Scratch { folder: folder.to_owned(), source }
-}
-
-fn sum(bytes: &[u8]) -> u32 {
-    let hash = blake3::hash(bytes);
-    let first = hash.as_bytes();
-    u32::from_le_bytes([first[0], first[1], first[2], first[3]])
 }
 
 /// The Morton code of coordinates from 0 to 2²¹ - 1.

@@ -1,0 +1,256 @@
+//! A wall behind a pillar, photographed by cameras with different exposures; pictures are traced here and not by the code that is tested.
+
+use super::*;
+use crate::import::Silent;
+use glam::{DMat3, DQuat, DVec2, DVec3};
+use kilwa_formats::RawMesh;
+use kilwa_geometry::color::{light_from_srgb, srgb_from_light};
+use kilwa_pack::SliceSource;
+use kilwa_scan_core::{Distortion, Pose};
+use std::path::Path;
+
+/// The wall is z = 0; the pillar stands before it.
+const WALL: DVec2 = DVec2::new(2.0, 1.2);
+const PILLAR: [DVec3; 2] = [DVec3::new(-0.4, -1.2, 0.6), DVec3::new(0.4, 1.2, 0.9)];
+const SPACING: f64 = 0.02;
+const SIZE: [u32; 2] = [360, 240];
+
+/// Light of a place of the surface.
+fn light(p: DVec3) -> [f64; 3] {
+    if p.z > 0.1 {
+        return [0.05, 0.10, 0.30];
+    }
+    let wave = 0.06 * (5.0 * p.x + 1.0).sin() * (4.0 * p.y).cos();
+    [0.25 + wave, 0.20 + wave, 0.15 - 0.5 * wave]
+}
+
+/// Where a ray meets the scene.
+fn hit(o: DVec3, d: DVec3) -> Option<DVec3> {
+    let wall = Some(o - d * (o.z / d.z)).filter(|p| d.z < 0.0 && p.truncate().abs().cmple(WALL).all());
+    let (a, b) = ((PILLAR[0] - o) / d, (PILLAR[1] - o) / d);
+    let (enter, leave) = (a.min(b).max_element(), a.max(b).min_element());
+    let pillar = (enter > 0.0 && enter < leave).then(|| o + d * enter);
+    pillar.or(wall)
+}
+
+/// Whether a camera sees a vertex of the wall.
+fn sees(camera: &PosedCamera, p: DVec3) -> bool {
+    let d = (p - camera.position()).normalize();
+    let inside = camera.project(p).is_some_and(|pixel| camera.camera.contains(pixel));
+    inside && hit(camera.position(), d).is_some_and(|q| q.distance(p) < 1e-6)
+}
+
+fn camera_at(position: DVec3, distortion: Distortion) -> PosedCamera {
+    let focal = DVec2::splat(260.0);
+    let camera = Camera::pinhole(SIZE, focal, DVec2::new(180.0, 120.0), distortion).expect("a camera");
+    // Looks along -z, with y of the world up.
+    let rotation = DQuat::from_mat3(&DMat3::from_cols(DVec3::X, -DVec3::Y, -DVec3::Z));
+    PosedCamera { camera, camera_from_world: Pose { rotation, translation: -(rotation * position) } }
+}
+
+/// A photograph with a gain; `person` hides a part of it.
+fn photograph(folder: &Path, number: usize, camera: PosedCamera, gain: f64, person: Option<[u32; 4]>) -> Input {
+    let mut picture = image::RgbImage::new(SIZE[0], SIZE[1]);
+    for (x, y, pixel) in picture.enumerate_pixels_mut() {
+        let ray = camera.ray(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5));
+        let place = ray.and_then(|ray| hit(camera.position(), ray));
+        let is_hidden =
+            person.is_some_and(|[left, top, right, bottom]| (left..right).contains(&x) && (top..bottom).contains(&y));
+        let shown = if is_hidden { [0.02; 3] } else { place.map_or([0.6, 0.7, 0.9], light) };
+        pixel.0 = shown.map(|light| srgb_from_light(light * gain));
+    }
+    let path = folder.join(format!("{number}.png"));
+    picture.save(&path).expect("a file");
+    Input { name: format!("{number}.png"), path, mask: None, camera, exposure: None }
+}
+
+fn quad(mesh: &mut RawMesh, corner: DVec3, u: DVec3, v: DVec3, scan: [u8; 3]) {
+    let count = |side: DVec3| (side.length() / SPACING).round().max(1.0) as u32;
+    let (columns, rows) = (count(u), count(v));
+    let first = mesh.positions.len() as u32;
+    for j in 0..=rows {
+        for i in 0..=columns {
+            mesh.positions
+                .push(corner + u * (f64::from(i) / f64::from(columns)) + v * (f64::from(j) / f64::from(rows)));
+            mesh.normals.push(u.cross(v).normalize().as_vec3());
+            mesh.colors.push(scan);
+        }
+    }
+    for j in 0..rows {
+        for i in 0..columns {
+            let a = first + j * (columns + 1) + i;
+            let (b, c, d) = (a + 1, a + columns + 2, a + columns + 1);
+            mesh.triangles.extend([[a, b, c], [a, c, d]]);
+        }
+    }
+}
+
+/// The wall and the pillar, with the uniform colour of a scan.
+fn pack() -> Vec<u8> {
+    let mut mesh = RawMesh::default();
+    let scan = [120, 110, 100];
+    quad(&mut mesh, DVec3::new(-WALL.x, -WALL.y, 0.0), DVec3::X * (2.0 * WALL.x), DVec3::Y * (2.0 * WALL.y), scan);
+    let [low, high] = PILLAR;
+    let size = high - low;
+    quad(&mut mesh, low.with_z(high.z), DVec3::X * size.x, DVec3::Y * size.y, scan);
+    quad(&mut mesh, low.with_x(high.x), DVec3::Y * size.y, DVec3::Z * size.z, scan);
+    quad(&mut mesh, low, DVec3::Z * size.z, DVec3::Y * size.y, scan);
+    let options = kilwa_builder::BuildOptions { leaf_triangles: 512, ..Default::default() };
+    kilwa_builder::build_pack(mesh, &options, &kilwa_builder::build::progress::Silent).expect("a pack").bytes
+}
+
+/// A coloured vertex.
+struct Vertex {
+    place: DVec3,
+    color: [u8; 3],
+    photos: f32,
+}
+
+fn options(folder: &Path, threads: usize, memory: u64) -> Options {
+    Options { memory, threads, scratch: folder.to_owned() }
+}
+
+fn vertices(pack: &[u8], inputs: &[Input], options: &Options) -> (Vec<Vertex>, Report) {
+    let reader = Reader::open(SliceSource(pack)).expect("a pack");
+    let (colouring, report) = colour(&reader, inputs, options, &Silent).expect("colours");
+    let mut all = Vec::new();
+    for number in 0..reader.entries().len() as u32 {
+        let mut chunk = reader.chunk(number).expect("a chunk");
+        colouring.apply(number, &mut chunk).expect("colours");
+        for k in vertices::finest(&chunk.mesh, &chunk.patches) {
+            let k = k as usize;
+            let place = reader.header().lattice.world_from_lattice(chunk.mesh.positions[k]);
+            let photos = chunk.mesh.scalars.last().expect("a scalar")[k];
+            all.push(Vertex { place, color: chunk.mesh.colors[k], photos });
+        }
+    }
+    (all, report)
+}
+
+fn session(folder: &Path) -> Vec<Input> {
+    let brown = Distortion::Brown { k: [-0.08, 0.01, 0.0, 0.0], p: [0.001, 0.0] };
+    let places = [(-0.25, 0.1, 1.0), (-0.1, -0.1, 0.6), (0.0, 0.0, 1.5), (0.15, 0.1, 1.0), (0.25, -0.1, 0.7)];
+    let place = |(k, (x, y, gain)): (usize, (f64, f64, f64))| {
+        // Someone stands in the third one.
+        let person = (k == 2).then_some([60, 40, 110, 240]);
+        photograph(folder, k, camera_at(DVec3::new(x, y, 3.0), brown), gain, person)
+    };
+    places.into_iter().enumerate().map(place).collect()
+}
+
+#[test]
+fn a_wall_gets_its_light_back_without_the_pillar_and_the_passer_by() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let inputs = session(folder.path());
+    let (all, report) = vertices(&pack(), &inputs, &options(folder.path(), 2, 1 << 30));
+    let wall: Vec<&Vertex> = all.iter().filter(|v| v.place.z < 0.1 && v.place.y.abs() < 1.15).collect();
+    // What at least one camera sees also if it is moved a little, and what none sees.
+    let moved =
+        |v: &Vertex, by: f64| [DVec3::X * by, -DVec3::X * by, DVec3::Y * by, -DVec3::Y * by].map(|step| v.place + step);
+    let clear = |v: &Vertex| inputs.iter().any(|i| moved(v, 0.03).iter().all(|p| sees(&i.camera, p.with_z(0.0))));
+    let hidden = |v: &Vertex| inputs.iter().all(|i| moved(v, 0.03).iter().all(|p| !sees(&i.camera, p.with_z(0.0))));
+    let (seen, unseen): (Vec<&Vertex>, Vec<&Vertex>) =
+        (wall.iter().filter(|v| clear(v)).copied().collect(), wall.iter().filter(|v| hidden(v)).copied().collect());
+    assert!(seen.len() > 10_000 && unseen.len() > 1_000, "{} {}", seen.len(), unseen.len());
+    assert!(seen.iter().all(|v| v.photos > 0.0));
+    assert!(unseen.iter().all(|v| v.photos == 0.0));
+    let ratio = |v: &Vertex, k: usize| light_from_srgb(v.color[k]) / light(v.place)[k];
+    let mut usual = [0.0; 3];
+    for (k, usual) in usual.iter_mut().enumerate() {
+        let mut ratios: Vec<f64> = seen.iter().map(|v| ratio(v, k)).collect();
+        ratios.sort_by(f64::total_cmp);
+        *usual = ratios[ratios.len() / 2];
+        let wrong = ratios.iter().filter(|r| (*r / *usual - 1.0).abs() > 0.1).count();
+        assert!(wrong < seen.len() / 100, "{wrong} of {}", seen.len());
+    }
+    // What no photograph sees keeps the scan's colour, in the tone of the photographs: between the extremes of the wall.
+    let grey = unseen.iter().map(|v| light_from_srgb(v.color[1]) / usual[1]);
+    assert!(grey.clone().all(|light| light > 0.13 && light < 0.28), "{:?}", grey.fold(0.0, f64::max));
+    let gains: Vec<f64> = report.photos.iter().map(|photo| photo.gain[1]).collect();
+    assert!(
+        (gains[1] / gains[0] / 0.6 - 1.0).abs() < 0.02 && (gains[2] / gains[0] / 1.5 - 1.0).abs() < 0.02,
+        "{gains:?}"
+    );
+    assert!(report.photos[2].dropped > 500, "{}", report.photos[2].dropped);
+}
+
+#[test]
+fn colours_do_not_depend_on_threads_memory_or_chunks() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (pack, inputs) = (pack(), session(folder.path()));
+    let (one, report) = vertices(&pack, &inputs, &options(folder.path(), 1, 1 << 30));
+    let (other, same) = vertices(&pack, &inputs, &options(folder.path(), 2, 1 << 20));
+    assert_eq!(report, same);
+    let mut known = std::collections::HashMap::new();
+    for (a, b) in one.iter().zip(&other) {
+        assert_eq!((a.color, a.photos), (b.color, b.photos));
+        let place = a.place.to_array().map(f64::to_bits);
+        // On the edges of the pillar vertices of two faces meet.
+        if a.place.z < 0.1 {
+            assert_eq!(*known.entry(place).or_insert((a.color, a.photos)), (a.color, a.photos), "{}", a.place);
+        }
+    }
+    assert!(known.len() < one.len());
+}
+
+#[test]
+fn masked_parts_and_damaged_photographs_are_left_out() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut inputs = session(folder.path());
+    inputs.truncate(2);
+    let mask = folder.path().join("mask.png");
+    image::GrayImage::from_fn(SIZE[0], SIZE[1], |x, _| image::Luma([if x < 180 { 0 } else { 255 }]))
+        .save(&mask)
+        .expect("a mask");
+    inputs[0].mask = Some(mask);
+    std::fs::write(&inputs[1].path, b"\x89PNG\r\n\x1a\n and no more").expect("a file");
+    let (all, report) = vertices(&pack(), &inputs, &options(folder.path(), 2, 1 << 30));
+    assert!(report.photos[1].left_out.is_some() && report.photos[0].left_out.is_none());
+    let left = |v: &&Vertex| inputs[0].camera.project(v.place).is_some_and(|pixel| pixel.x < 179.0);
+    assert!(all.iter().filter(left).all(|v| v.photos == 0.0));
+    assert!(all.iter().any(|v| v.photos == 1.0));
+    // A mask of another size, and no photograph at all.
+    image::GrayImage::new(5, 5).save(inputs[0].mask.as_ref().expect("a mask")).expect("a mask");
+    let pack = pack();
+    let reader = Reader::open(SliceSource(pack.as_slice())).expect("a pack");
+    let refused = colour(&reader, &inputs, &options(folder.path(), 1, 1 << 30), &Silent).err().expect("a refusal");
+    assert!(refused.to_string().contains("its mask"), "{refused}");
+}
+
+#[test]
+fn photographs_of_something_else_are_refused() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let away = camera_at(DVec3::new(0.0, 0.0, -2.0), Distortion::None);
+    let inputs = [photograph(folder.path(), 0, away, 1.0, None)];
+    let pack = pack();
+    let reader = Reader::open(SliceSource(pack.as_slice())).expect("a pack");
+    let refused = colour(&reader, &inputs, &options(folder.path(), 1, 1 << 30), &Silent).err().expect("a refusal");
+    assert!(refused.to_string().contains("sees the model"), "{refused}");
+}
+
+#[test]
+fn sharpness_tells_a_blurred_photograph_from_a_sharp_one() {
+    let mut random = fastrand::Rng::with_seed(4);
+    let mut sharp = vec![120_u8; 128 * 128];
+    for _ in 0..400 {
+        let (left, top, width, height) =
+            (random.usize(..128), random.usize(..128), random.usize(3..20), random.usize(3..20));
+        let level = random.u8(60..190);
+        for y in top..(top + height).min(128) {
+            sharp[y * 128 + left..y * 128 + (left + width).min(128)].fill(level);
+        }
+    }
+    let blurred: Vec<u8> = (0..128 * 128_usize)
+        .map(|k| {
+            let (x, y) = (k % 128, k / 128);
+            let around = (0..25).map(|d| u32::from(sharp[((y + d / 5) % 128) * 128 + (x + d % 5) % 128]));
+            (around.sum::<u32>() / 25) as u8
+        })
+        .collect();
+    let of = |levels: &[u8]| {
+        let photograph = Photograph::new([128, 128], levels.iter().map(|level| [*level; 3]).collect(), Vec::new());
+        photograph.shown(40.0, 40.0).expect("a pixel").sharpness
+    };
+    assert!(of(&sharp) > 0.95 && of(&blurred) < 0.7, "{} {}", of(&sharp), of(&blurred));
+    assert!(of(&[100; 128 * 128]) >= 1.0);
+}
