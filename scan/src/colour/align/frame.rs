@@ -142,7 +142,8 @@ fn extent(points: &[DVec3]) -> f64 {
     let along = |axis: usize| {
         let mut values: Vec<f64> = points.iter().map(|p| p[axis]).collect();
         values.sort_unstable_by(f64::total_cmp);
-        let at = |share: f64| values.get((share * values.len().saturating_sub(1) as f64) as usize).copied().unwrap_or(0.0);
+        let at =
+            |share: f64| values.get((share * values.len().saturating_sub(1) as f64) as usize).copied().unwrap_or(0.0);
         at(0.95) - at(0.05)
     };
     (0..3).map(along).fold(0.0, f64::max)

@@ -45,7 +45,9 @@ impl Room {
                 at[(axis + 2) % 3] = v;
                 let at = at * half;
                 let mut out = at;
-                out[axis] += (0.12 * noise(seed, at * 1.7) + 0.06 * noise(seed + 2, at * 4.3)) * (1.0 - u.powi(8)) * (1.0 - v.powi(8));
+                out[axis] += (0.12 * noise(seed, at * 1.7) + 0.06 * noise(seed + 2, at * 4.3))
+                    * (1.0 - u.powi(8))
+                    * (1.0 - v.powi(8));
                 out
             };
             let vertex = |i: u32, j: u32| {
