@@ -157,7 +157,8 @@ impl Basis {
         let [sum, square] = [total(&sums[0]), total(&sums[1])];
         let n = (SIDE * SIDE) as f32;
         let variance = square - sum * sum / n;
-        let explained: f32 = products[..self.vectors.len().min(12)].iter().map(|lanes| total(lanes).powi(2)).sum();
+        let products = products[..self.vectors.len().min(12)].iter().map(total);
+        let explained: f32 = products.map(|product| product * product).sum();
         let share = (explained / (variance.max(0.0) + noise)).clamp(0.0, 0.999);
         -0.5 * n / PER_INDEPENDENT * libm::log1pf(-share)
     }

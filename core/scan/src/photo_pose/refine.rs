@@ -57,6 +57,8 @@ const CHANCE: f64 = 0.12;
 const GAIN: f32 = 4.0;
 /// The fewest informative patches.
 const MIN_PATCHES: usize = 12;
+/// The largest gain of a second pose, as a share of the best one's.
+const MAX_RIVAL: f64 = 0.9;
 /// By how many standard deviations more patches must agree than would by chance.
 const MIN_SCORE: f64 = 8.0;
 
@@ -80,12 +82,16 @@ pub struct Quality {
     pub share: f64,
     /// The share that would agree with any pose.
     pub chance: f64,
-    /// By how many standard deviations more agree than would by chance.
+    /// The largest gain of a second pose, as a share of the best one's.
+const MAX_RIVAL: f64 = 0.9;
+/// By how many standard deviations more agree than would by chance.
     pub score: f64,
     /// Distances between where the patches that agree are and where they are expected, pixels of the photograph (root mean square).
     pub residual_px: f64,
     /// Standard deviation of where the pose sees the surface, pixels of the photograph (root mean square over the patches).
     pub sigma_px: f64,
+    /// How well the second best pose within reach fits at the coarsest resolution, as a share of how well the best one fits: near 1 where something repeats.
+    pub rival: f64,
 }
 
 /// Why a photograph could not be refined.
@@ -107,6 +113,8 @@ pub enum Why {
     },
     /// Too few patches agree on a pose: it does not show the model, or is too far from where it was taken.
     Disagrees,
+    /// Another pose fits almost as well: something in the picture repeats.
+    Ambiguous,
     /// The patches that agree do not determine the pose.
     Vague,
     /// The pose would have to be changed by more than the reach.
@@ -144,6 +152,7 @@ impl fmt::Display for NotRefined {
                 "only {:.0} % of {patches} patches agree on a pose: it does not show the model, or its pose is too far off",
                 100.0 * share
             ),
+            Why::Ambiguous => f.write_str("a second pose fits almost as well, because what it shows repeats: give a better initial pose, and a smaller reach"),
             Why::Vague => {
                 write!(
                     f,
@@ -207,7 +216,7 @@ pub fn refine<E>(
     }
     let reach = options.reach.unwrap_or(f64::from(camera.camera.size()[0].max(camera.camera.size()[1])) / 20.0);
     let mut radius = ((reach / factor).ceil() as usize).clamp(3, MAX_RADIUS);
-    let mut quality = Quality::default();
+    let (mut quality, mut rival) = (Quality::default(), None);
     for (level, factor) in levels.iter().rev() {
         for _ in 0..ROUNDS {
             let round = match refiner.round(level, *factor, radius, render)? {
@@ -215,7 +224,8 @@ pub fn refine<E>(
                 Err(patches) => return Ok(Err(refiner.failed(Why::Little { patches }, quality))),
             };
             refiner.camera = round.camera;
-            quality = round.quality;
+            let first = *rival.get_or_insert(round.quality.rival);
+            quality = Quality { rival: first, ..round.quality };
             radius = RADIUS;
             if round.moved < SETTLED {
                 break;
@@ -274,7 +284,7 @@ impl Refiner<'_> {
             return Ok(Err(0));
         };
         let Ok(camera) = changed(&self.camera, &found.change, length) else { return Ok(Err(0)) };
-        let square: f64 = sights.iter().flat_map(|s| &s.rows).map(|row| dot(row, &found.change).powi(2)).sum();
+        let square: f64 = sights.iter().flat_map(|s| &s.rows).map(|row| dot(row, &found.change)).map(|shift| shift * shift).sum();
         let moved = (square / sights.len() as f64).sqrt();
         Ok(Ok(Round { camera, moved, quality: quality(&sights, &found, factor) }))
     }
@@ -299,6 +309,8 @@ impl Refiner<'_> {
             Some(Why::Little { patches: quality.patches })
         } else if quality.share < self.options.min_share || quality.score < MIN_SCORE {
             Some(Why::Disagrees)
+        } else if quality.rival > MAX_RIVAL {
+            Some(Why::Ambiguous)
         } else if quality.sigma_px > self.options.max_sigma {
             Some(Why::Vague)
         } else if moved_px > 2.0 * reach {
@@ -361,7 +373,7 @@ fn quality(sights: &[Sight], found: &Found, factor: f64) -> Quality {
         if sight.map.near(shift).is_some_and(|gain| gain >= best - NATS) {
             agree += 1;
             if let Some(peak) = sight.map.peak_near(shift, 3.0) {
-                square += (peak.shift[0] - shift[0]).powi(2) + (peak.shift[1] - shift[1]).powi(2);
+                square += DVec2::from_array(peak.shift).distance_squared(DVec2::from_array(shift));
                 measured += 1;
             }
         }
@@ -374,5 +386,6 @@ fn quality(sights: &[Sight], found: &Found, factor: f64) -> Quality {
         score: (f64::from(agree) - chance) / variance.max(0.25).sqrt(),
         residual_px: (square / f64::from(measured.max(1))).sqrt() * factor,
         sigma_px: SIGMA_FACTOR * (sigma / sights.len().max(1) as f64).sqrt() * factor,
+        rival: found.rival,
     }
 }

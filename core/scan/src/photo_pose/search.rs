@@ -11,6 +11,9 @@ const STARTS: usize = 12;
 /// Rolls that are tried, in steps that shift the border of the picture by this many pixels.
 const ROLLS: i32 = 2;
 const ROLL_STEP: f64 = 2.5;
+/// Candidates are at least this far apart, and others than the best one are rivals if they are at least this far from it, pixels.
+const APART: f64 = 2.5;
+const ELSEWHERE: f64 = 3.0;
 /// The smallest step of the search, pixels.
 const FINEST: f64 = 0.04;
 /// Steps of the final least squares.
@@ -46,6 +49,8 @@ pub(super) struct Found {
     pub(super) change: Change,
     /// The covariance of the change.
     pub(super) covariance: DMatrix<f64>,
+    /// The gain of the best change that shifts what is seen to another place, as a share of the gain of the best one.
+    pub(super) rival: f64,
 }
 
 impl<'a> Search<'a> {
@@ -73,8 +78,8 @@ impl<'a> Search<'a> {
             let gain = sight.map.at([x, y]).unwrap_or(0.0).max(0.0);
             sum += f64::from(SOFT * libm::log1pf(gain / SOFT));
         }
-        let square: f64 = amounts.iter().map(|a| a * a).sum();
-        sum - 0.5 * square / (self.expected * self.expected)
+        let prior: f64 = amounts.iter().map(|a| a * a).sum();
+        sum - 0.5 * prior / (self.expected * self.expected)
     }
 
     /// Common shifts of the whole picture in steps of a pixel, with some rolls: the best ones.
@@ -104,7 +109,7 @@ impl<'a> Search<'a> {
         all.sort_by(|a, b| b.0.total_cmp(&a.0));
         let mut out: Vec<Vec<f64>> = vec![vec![0.0; self.directions.changes.len()]];
         for (_, amounts) in all {
-            let far = |other: &Vec<f64>| other.iter().zip(&amounts).map(|(a, b)| (a - b) * (a - b)).sum::<f64>() > 2.0;
+            let far = |other: &Vec<f64>| square(other, &amounts) > APART * APART;
             if out.iter().all(far) {
                 out.push(amounts);
             }
@@ -146,13 +151,15 @@ impl<'a> Search<'a> {
         if self.directions.changes.is_empty() {
             return None;
         }
-        let climbed = self.starts(radius).into_iter().map(|start| self.climb(start, 2.0));
-        let (_, amounts) = climbed.max_by(|a, b| a.0.total_cmp(&b.0))?;
-        let (amounts, covariance) = self.fitted(&amounts);
+        let climbed: Vec<_> = self.starts(radius).into_iter().map(|start| self.climb(start, 2.0)).collect();
+        let (gain, amounts) = climbed.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let others = climbed.iter().filter(|(_, other)| square(other, amounts) > ELSEWHERE * ELSEWHERE);
+        let rival = others.map(|(other, _)| *other).fold(0.0, f64::max) / gain.max(1e-9);
+        let (amounts, covariance) = self.fitted(amounts);
         let count = self.directions.changes.len();
         let basis = DMatrix::from_fn(PARAMETERS, count, |i, k| self.directions.changes[k][i]);
         let covariance = &basis * covariance * basis.transpose();
-        Some(Found { change: self.directions.change(&amounts), covariance })
+        Some(Found { change: self.directions.change(&amounts), covariance, rival })
     }
 
     /// Least squares of the distances from the patches' own best shifts, weighted with the sharpness of their peaks, robust against patches that disagree
@@ -196,4 +203,9 @@ impl<'a> Search<'a> {
         }
         (amounts.as_slice().to_vec(), covariance)
     }
+}
+
+/// The square of the distance between two sets of amounts.
+fn square(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum()
 }

@@ -227,6 +227,32 @@ fn what_cannot_be_refined_is_refused() {
     assert!(not.to_string().contains("too small"), "{not}");
 }
 
+/// A flat wall of equal tiles.
+fn tiles() -> Room {
+    const N: u32 = 200;
+    let vertex = |i: u32, j: u32| {
+        let p = DVec3::new(f64::from(i) * 0.05 - 5.0, f64::from(j) * 0.05 - 5.0, 4.0);
+        let wave = |x: f64| libm::sin(x * std::f64::consts::TAU / 0.5);
+        let light = (0.5 + 0.3 * wave(p.x) * wave(p.y)) as f32;
+        (p.as_vec3(), [light, f32::NAN, 0.0, 0.0, -1.0])
+    };
+    let mut triangles = Vec::new();
+    for (i, j) in (0..N).flat_map(|i| (0..N).map(move |j| (i, j))) {
+        let [a, b, c, d] = [vertex(i, j), vertex(i + 1, j), vertex(i + 1, j + 1), vertex(i, j + 1)];
+        triangles.extend([[a, b, c], [a, c, d]].map(|[p, q, r]| ([p.0, q.0, r.0], [p.1, q.1, r.1])));
+    }
+    Room { triangles }
+}
+
+#[test]
+fn a_wall_of_equal_tiles_is_ambiguous() {
+    let wall = tiles();
+    let truth = posed(pinhole(), DQuat::from_rotation_y(0.1), DVec3::new(0.1, 0.2, 0.3));
+    let not = run(&wall, &disturbed(&truth, 8.0), &wall.photograph(&truth), &Options::default()).unwrap_err();
+    assert_eq!(not.why, Why::Ambiguous, "{not:?}");
+    assert!(not.to_string().contains("repeats"));
+}
+
 #[test]
 fn a_panorama_finds_its_pose() {
     let room = Room::new(1, true);
