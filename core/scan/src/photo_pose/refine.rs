@@ -28,7 +28,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { reach: None, finest: 1024, calibrate: false, min_share: 0.3, max_sigma: 1.5 }
+        Self { reach: None, finest: 1024, calibrate: false, min_share: 0.4, max_sigma: 1.5 }
     }
 }
 
@@ -82,9 +82,7 @@ pub struct Quality {
     pub share: f64,
     /// The share that would agree with any pose.
     pub chance: f64,
-    /// The largest gain of a second pose, as a share of the best one's.
-const MAX_RIVAL: f64 = 0.9;
-/// By how many standard deviations more agree than would by chance.
+    /// By how many standard deviations more agree than would by chance.
     pub score: f64,
     /// Distances between where the patches that agree are and where they are expected, pixels of the photograph (root mean square).
     pub residual_px: f64,
@@ -284,7 +282,8 @@ impl Refiner<'_> {
             return Ok(Err(0));
         };
         let Ok(camera) = changed(&self.camera, &found.change, length) else { return Ok(Err(0)) };
-        let square: f64 = sights.iter().flat_map(|s| &s.rows).map(|row| dot(row, &found.change)).map(|shift| shift * shift).sum();
+        let square: f64 =
+            sights.iter().flat_map(|s| &s.rows).map(|row| dot(row, &found.change)).map(|shift| shift * shift).sum();
         let moved = (square / sights.len() as f64).sqrt();
         Ok(Ok(Round { camera, moved, quality: quality(&sights, &found, factor) }))
     }
@@ -353,8 +352,8 @@ fn median_range(range: &[f32]) -> f64 {
 
 /// How many patches agree with a change, and how many would by chance.
 fn quality(sights: &[Sight], found: &Found, factor: f64) -> Quality {
-    let (mut patches, mut agree, mut chance, mut variance) = (0, 0, 0.0, 0.0);
-    let (mut square, mut measured) = (0.0, 0);
+    let (mut patches, mut agree, mut chance, mut variance) = (0_u32, 0_u32, 0.0, 0.0);
+    let (mut square, mut measured) = (0.0, 0_u32);
     let mut sigma = 0.0;
     for sight in sights {
         let shift = [dot(&sight.rows[0], &found.change), dot(&sight.rows[1], &found.change)];

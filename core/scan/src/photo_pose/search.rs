@@ -49,7 +49,7 @@ pub(super) struct Found {
     pub(super) change: Change,
     /// The covariance of the change.
     pub(super) covariance: DMatrix<f64>,
-    /// The gain of the best change that shifts what is seen to another place, as a share of the gain of the best one.
+    /// The mean gain of the best change that shifts what is seen to another place, as a share of that of the best one.
     pub(super) rival: f64,
 }
 
@@ -80,6 +80,19 @@ impl<'a> Search<'a> {
         }
         let prior: f64 = amounts.iter().map(|a| a * a).sum();
         sum - 0.5 * prior / (self.expected * self.expected)
+    }
+
+    /// The mean gain of the patches that are still inside the picture and their maps, without the prior; None if fewer than half of them are.
+    fn mean_gain(&self, amounts: &[f64]) -> Option<f64> {
+        let (mut sum, mut count) = (0.0, 0);
+        for (sight, shifts) in self.sights.iter().zip(&self.shifts) {
+            let along = |axis: usize| shifts.iter().zip(amounts).map(|(shift, a)| shift[axis] * a).sum::<f64>();
+            if let Some(gain) = sight.map.at([along(0), along(1)]) {
+                sum += f64::from(SOFT * libm::log1pf(gain.max(0.0) / SOFT));
+                count += 1;
+            }
+        }
+        (2 * count >= self.sights.len()).then(|| sum / count.max(1) as f64)
     }
 
     /// Common shifts of the whole picture in steps of a pixel, with some rolls: the best ones.
@@ -152,9 +165,10 @@ impl<'a> Search<'a> {
             return None;
         }
         let climbed: Vec<_> = self.starts(radius).into_iter().map(|start| self.climb(start, 2.0)).collect();
-        let (gain, amounts) = climbed.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let (_, amounts) = climbed.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let own = self.mean_gain(amounts).unwrap_or(0.0).max(1e-9);
         let others = climbed.iter().filter(|(_, other)| square(other, amounts) > ELSEWHERE * ELSEWHERE);
-        let rival = others.map(|(other, _)| *other).fold(0.0, f64::max) / gain.max(1e-9);
+        let rival = others.filter_map(|(_, other)| self.mean_gain(other)).fold(0.0, f64::max) / own;
         let (amounts, covariance) = self.fitted(amounts);
         let count = self.directions.changes.len();
         let basis = DMatrix::from_fn(PARAMETERS, count, |i, k| self.directions.changes[k][i]);

@@ -32,7 +32,7 @@ fn noise(seed: u32, p: DVec3) -> f64 {
 
 impl Room {
     fn new(seed: u32, has_colors: bool) -> Self {
-        const N: u32 = 90;
+        const N: u32 = 80;
         let mut triangles = Vec::new();
         let half = DVec3::new(4.0, 3.0, 2.0);
         for side in 0..6_u32 {
@@ -249,7 +249,7 @@ fn a_wall_of_equal_tiles_is_ambiguous() {
     let wall = tiles();
     let truth = posed(pinhole(), DQuat::from_rotation_y(0.1), DVec3::new(0.1, 0.2, 0.3));
     let not = run(&wall, &disturbed(&truth, 8.0), &wall.photograph(&truth), &Options::default()).unwrap_err();
-    assert_eq!(not.why, Why::Ambiguous, "{not:?}");
+    assert!(not.quality.rival > 0.85 && not.why == Why::Ambiguous, "{not:?}");
     assert!(not.to_string().contains("repeats"));
 }
 
