@@ -186,7 +186,7 @@ fn main() {
     let session = Session::new(&options).expect("a session");
     let mut posed = session.disturbed(&options);
     println!("session in {:.1} s", start.elapsed().as_secs_f64());
-    let settings = Options { finest: named("finest=").unwrap_or(1024), ..Options::default() };
+    let settings = Options { finest: named("finest=").unwrap_or(Options::default().finest), ..Options::default() };
     let mut random = fastrand::Rng::with_seed(options.seed);
     let (mut good, mut wrong, mut accepted, mut false_accepted, mut tests) = (0, 0, 0, 0, 0);
     let photos = session.photos();
@@ -208,7 +208,7 @@ fn main() {
         let begin = Instant::now();
         let picture = grey(&cached(&session, k, &options), size);
         let rendered = begin.elapsed().as_secs_f64();
-        let mut attempt = |pose: &PosedCamera, picture: &Grey| {
+        let attempt = |pose: &PosedCamera, picture: &Grey| {
             let mut render = |camera: &PosedCamera, scale: f64| Ok::<_, Infallible>(model.draw(camera, scale));
             match refine(pose, picture, 1.0, &mut render, &settings) {
                 Ok(result) => result,

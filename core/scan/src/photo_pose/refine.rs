@@ -28,7 +28,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { reach: None, finest: 1024, calibrate: false, min_share: 0.4, max_sigma: 1.5 }
+        Self { reach: None, finest: 2048, calibrate: false, min_share: 0.4, max_sigma: 1.35 }
     }
 }
 
@@ -44,7 +44,7 @@ const ROUNDS: usize = 3;
 /// Pixels between patches.
 const SPACING: usize = 16;
 /// The pose is less certain than patches with independent errors would make it, by this factor: shadows shift neighbouring patches alike. Measured on simulated photographs.
-const SIGMA_FACTOR: f64 = 2.0;
+const SIGMA_FACTOR: f64 = 3.0;
 /// A picture has at most about this many patches.
 const MAX_PATCHES: usize = 400;
 /// A resolution is finished when the pose moves what is seen by less than this, pixels of it.

@@ -14,6 +14,8 @@ const ROLL_STEP: f64 = 2.5;
 /// Candidates are at least this far apart, and others than the best one are rivals if they are at least this far from it, pixels.
 const APART: f64 = 2.5;
 const ELSEWHERE: f64 = 3.0;
+/// Shifts of a patch that differ by more than this lead to different places, pixels.
+const PLACE: f64 = 2.0;
 /// The smallest step of the search, pixels.
 const FINEST: f64 = 0.04;
 /// Steps of the final least squares.
@@ -75,24 +77,30 @@ impl<'a> Search<'a> {
                 x += dx * amount;
                 y += dy * amount;
             }
-            let gain = sight.map.at([x, y]).unwrap_or(0.0).max(0.0);
-            sum += f64::from(SOFT * libm::log1pf(gain / SOFT));
+            sum += f64::from(sight.map.at([x, y]).map_or(0.0, softened));
         }
         let prior: f64 = amounts.iter().map(|a| a * a).sum();
         sum - 0.5 * prior / (self.expected * self.expected)
     }
 
-    /// The mean gain of the patches that are still inside the picture and their maps, without the prior; None if fewer than half of them are.
-    fn mean_gain(&self, amounts: &[f64]) -> Option<f64> {
-        let (mut sum, mut count) = (0.0, 0);
+    /// The gain of other amounts as a share of that of the best ones, over the patches that both leave inside the picture and their maps and shift to different places; None if these are fewer than half.
+    fn share(&self, best: &[f64], other: &[f64]) -> Option<f64> {
+        let (mut of_best, mut of_other, mut count) = (0.0, 0.0, 0);
         for (sight, shifts) in self.sights.iter().zip(&self.shifts) {
-            let along = |axis: usize| shifts.iter().zip(amounts).map(|(shift, a)| shift[axis] * a).sum::<f64>();
-            if let Some(gain) = sight.map.at([along(0), along(1)]) {
-                sum += f64::from(SOFT * libm::log1pf(gain.max(0.0) / SOFT));
+            let place = |amounts: &[f64]| {
+                let along = |axis: usize| shifts.iter().zip(amounts).map(|(shift, a)| shift[axis] * a).sum::<f64>();
+                [along(0), along(1)]
+            };
+            let (here, there) = (place(best), place(other));
+            if square(&here, &there) > PLACE * PLACE
+                && let (Some(a), Some(b)) = (sight.map.at(here), sight.map.at(there))
+            {
+                of_best += f64::from(softened(a));
+                of_other += f64::from(softened(b));
                 count += 1;
             }
         }
-        (2 * count >= self.sights.len()).then(|| sum / count.max(1) as f64)
+        (2 * count >= self.sights.len()).then(|| of_other / f64::max(of_best, 1e-9))
     }
 
     /// Common shifts of the whole picture in steps of a pixel, with some rolls: the best ones.
@@ -166,9 +174,8 @@ impl<'a> Search<'a> {
         }
         let climbed: Vec<_> = self.starts(radius).into_iter().map(|start| self.climb(start, 2.0)).collect();
         let (_, amounts) = climbed.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
-        let own = self.mean_gain(amounts).unwrap_or(0.0).max(1e-9);
         let others = climbed.iter().filter(|(_, other)| square(other, amounts) > ELSEWHERE * ELSEWHERE);
-        let rival = others.filter_map(|(_, other)| self.mean_gain(other)).fold(0.0, f64::max) / own;
+        let rival = others.filter_map(|(_, other)| self.share(amounts, other)).fold(0.0, f64::max);
         let (amounts, covariance) = self.fitted(amounts);
         let count = self.directions.changes.len();
         let basis = DMatrix::from_fn(PARAMETERS, count, |i, k| self.directions.changes[k][i]);
@@ -217,6 +224,11 @@ impl<'a> Search<'a> {
         }
         (amounts.as_slice().to_vec(), covariance)
     }
+}
+
+/// What a gain counts for.
+fn softened(gain: f32) -> f32 {
+    SOFT * libm::log1pf(gain.max(0.0) / SOFT)
 }
 
 /// The square of the distance between two sets of amounts.
