@@ -8,6 +8,7 @@ pub mod camera;
 pub mod colour;
 pub mod intensity;
 pub mod mask;
+pub mod photo_pose;
 pub mod pose;
 pub mod raster;
 pub mod register;

@@ -9,6 +9,7 @@
 //! depend on threads. Memory: a photograph with its depth maps per thread, decoded chunks up to a share of `Options::memory`, and an index of some bytes for each
 //! photograph and chunk that it sees.
 
+pub mod align;
 mod model;
 mod observe;
 mod paint;

@@ -20,7 +20,7 @@ mod picture;
 mod reality_capture;
 mod sniff;
 mod survey;
-mod text;
+pub(crate) mod text;
 mod xml;
 
 pub use e57::extract;

@@ -14,7 +14,7 @@ const LINE_MAX: u64 = 64 << 20;
 const SKIPPED_PREFIX: u64 = 4 << 10;
 
 /// The lines of a file.
-pub(super) struct Lines {
+pub(crate) struct Lines {
     path: PathBuf,
     file: BufReader<File>,
     line: Vec<u8>,
@@ -24,7 +24,7 @@ pub(super) struct Lines {
 }
 
 impl Lines {
-    pub(super) fn open(path: &Path) -> Result<Self, ScanError> {
+    pub(crate) fn open(path: &Path) -> Result<Self, ScanError> {
         let file = plain_file::open(path).map_err(|source| ReadError::Open { file: path.to_owned(), source })?;
         Ok(Self { path: path.to_owned(), file: BufReader::new(file), line: Vec::new(), number: 0, offset: 0 })
     }
@@ -56,7 +56,7 @@ impl Lines {
     }
 
     /// The next line that is neither empty nor a comment.
-    pub(super) fn next_content(&mut self) -> Result<Option<&str>, ScanError> {
+    pub(crate) fn next_content(&mut self) -> Result<Option<&str>, ScanError> {
         loop {
             match self.next()? {
                 None => return Ok(None),
@@ -82,7 +82,7 @@ impl Lines {
     }
 
     /// The error for unexpected content in the line that was read last.
-    pub(super) fn wrong(&self, found: impl Into<String>, expected: impl Into<String>) -> ScanError {
+    pub(crate) fn wrong(&self, found: impl Into<String>, expected: impl Into<String>) -> ScanError {
         ScanError::malformed(&self.path, Place::Line(self.number), found, expected)
     }
 
@@ -103,12 +103,12 @@ pub(super) fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
 }
 
 /// A finite number.
-pub(super) fn number(word: &str) -> Option<f64> {
+pub(crate) fn number(word: &str) -> Option<f64> {
     word.parse().ok().filter(|value: &f64| value.is_finite())
 }
 
 /// A line for a message: not too long.
-pub(super) fn quoted(line: &str) -> String {
+pub(crate) fn quoted(line: &str) -> String {
     let start: String = line.chars().take(60).collect();
     if start.len() < line.len() { format!("\"{start}…\"") } else { format!("\"{start}\"") }
 }

@@ -1,6 +1,7 @@
 //! A photo session: cameras, light and people at the fort, and the ground truth about them.
 
-use super::develop::Exposure;
+use super::colmap::{Given, Model};
+use super::develop::{Exposure, develop};
 use super::light::{self, RELIEF, Sky};
 use super::people::Crowd;
 use super::place::{self, Carrier, Placed};
@@ -10,8 +11,9 @@ use crate::fort::scene::{Beam, Scene};
 use crate::noise::{derive, hash2, normal, unit};
 use crate::scans::props::{Prop, Props, Shape};
 use crate::scans::{figures, stations};
-use glam::{DMat3, DVec2, DVec3};
-use kilwa_scan_core::camera::{Camera, CameraError, Distortion};
+use glam::{DMat3, DQuat, DVec2, DVec3};
+use kilwa_scan_core::camera::{Camera, CameraError, Distortion, PosedCamera};
+use kilwa_scan_core::pose::Pose;
 use rayon::prelude::*;
 
 /// Visibility is tested at points this far in front of the surface, in metres, because rays end slightly in front of what they hit.
@@ -47,6 +49,13 @@ pub struct Photo {
 }
 
 impl Photo {
+    /// The camera with its true pose.
+    pub fn posed(&self) -> PosedCamera {
+        let rotation = DQuat::from_mat3(&self.rotation.transpose()).normalize();
+        let camera_from_world = Pose { rotation, translation: -(rotation * self.position) };
+        PosedCamera { camera: self.camera, camera_from_world }
+    }
+
     /// Width and height, in pixels.
     pub fn size(&self) -> (u32, u32) {
         self.camera.size().into()
@@ -214,6 +223,29 @@ impl Session {
             eye: photo.eye(),
             sun: photo.sun_in_fort(),
         }
+    }
+
+    /// The bytes of a photograph before it is compressed: sRGB, rows from the top, three bytes per pixel. `options`: those of the session.
+    ///
+    /// # Panics
+    /// If there is no photograph of this number.
+    pub fn picture(&self, number: usize, options: &PhotoOptions) -> Vec<u8> {
+        let photo = &self.photos[number];
+        let rendered = self.view(number).render(&mut |_| {});
+        let seed = hash2(derive(options.seed, 0xf8), number as i64, 0);
+        develop(&rendered.light, photo.size(), &photo.exposure, options.noise, seed)
+    }
+
+    /// The poses of the photographs (without the panoramas) as [`super::write`] gives them with the same options, but in the site's frame: with the error of
+    /// poses, and the number of pixels by which what is seen is shifted by it (root mean square).
+    pub fn disturbed(&self, options: &PhotoOptions) -> Vec<(PosedCamera, f64)> {
+        let given = Model::new(self, options).given;
+        let posed = |(given, photo): (&Given, &Photo)| {
+            let rotation = DQuat::from_mat3(&given.rotation.transpose()).normalize();
+            let camera_from_world = Pose { rotation, translation: -(rotation * given.position) };
+            (PosedCamera { camera: photo.camera, camera_from_world }, given.error)
+        };
+        given.iter().zip(&self.photos).map(posed).collect()
     }
 
     /// The true surface at a place that is within 15 cm of it, such as a vertex of a mesh; nothing elsewhere. Grilles count.

@@ -1,0 +1,16 @@
+//! Poses of photographs made to fit a model.
+//!
+//! A reconstruction from photographs has a frame of its own. [`frame()`] brings it to the survey's: from control points ([`pairs`]), known positions of cameras, or a given
+//! similarity, and then from its sparse points, which must lie on the surface of the model. That leaves errors of some pixels to some tens of pixels, because reconstructions bend. [`refine_photograph`] therefore compares each
+//! photograph with what the model shows, and refuses those of which too few patches agree. [`Overlay`] shows a refused photograph with the borders of the model.
+
+mod frame;
+mod overlay;
+pub mod pairs;
+mod refine;
+#[cfg(test)]
+mod tests;
+
+pub use frame::{Aligned, Residual, Start, frame};
+pub use overlay::Overlay;
+pub use refine::{draw, refine_photograph};
