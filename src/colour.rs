@@ -51,6 +51,12 @@ pub(crate) struct Args {
     /// Folder for scratch files, preferably on a fast disk (default: the folder of the output).
     #[arg(long, value_name = "DIR")]
     scratch: Option<PathBuf>,
+    /// Refine the pose of each photograph against the model, from up to a twentieth of its longer side, and leave out photographs that do not fit.
+    #[arg(long)]
+    refine: bool,
+    /// Folder for pictures of the photographs that do not fit, with the edges of the model drawn over them.
+    #[arg(long, value_name = "DIR", requires = "refine")]
+    overlays: Option<PathBuf>,
     /// Also write the report as a JSON file, to be kept with the model: it lists each photograph with its pose, its share of the colours and its tone.
     #[arg(long, value_name = "FILE.json")]
     report: Option<PathBuf>,
@@ -180,7 +186,14 @@ fn work(
         "{} contains points without a surface, so it is unknown which of them a photograph sees; colour the merged mesh instead (`kilwa merge`)",
         path.display()
     );
-    let options = Options { memory: args.memory(), threads: args.threads(), scratch: scratch.path().to_owned() };
+    let _overlays = args.overlays.as_deref().map(MadeFolders::all_of).transpose()?;
+    let options = Options {
+        memory: args.memory(),
+        threads: args.threads(),
+        scratch: scratch.path().to_owned(),
+        refine: args.refine,
+        overlays: args.overlays.clone(),
+    };
     let progress = BarProgress { bar, stop };
     let (colouring, report) = colour(&reader, &photographs.inputs, &options, &progress)?;
     let coloured = Coloured { args, reader: &reader, colouring, report, bar, stop };

@@ -87,14 +87,19 @@ fn as_json(args: &Args, photographs: &Photographs, done: &Done, left_out: &[(&st
 }
 
 fn photo_as_json(photo: &PhotoReport, input: &Input) -> Value {
-    let pose = input.camera.camera_from_world;
+    let pose = photo.camera.camera_from_world;
     let q = pose.rotation;
     json!({
         "name": photo.name,
         "file": input.path.display().to_string(),
         "mask": input.mask.as_ref().map(|mask| mask.display().to_string()),
         "camera_from_world": {"rotation_wxyz": [q.w, q.x, q.y, q.z], "translation": pose.translation.to_array()},
-        "position": input.camera.position().to_array(),
+        "position": photo.camera.position().to_array(),
+        "refined": photo.refined.map(|refined| json!({
+            "moved_px": refined.moved_px,
+            "residual_px": refined.residual_px,
+            "agreement": refined.agreement,
+        })),
         "seen": photo.seen,
         "share": photo.share,
         "dropped": photo.dropped,

@@ -31,6 +31,7 @@ use crate::import::Progress;
 use kilwa_pack::plural::counted;
 use kilwa_pack::{Reader, Source};
 use kilwa_scan_core::colour::tone::{MAX_PHOTOS, ToneSample, Tones};
+use kilwa_scan_core::photo_pose::{self, Grey, Quality};
 use kilwa_scan_core::{Camera, CameraModel, PosedCamera};
 use observe::{Observations, Observer, PhotoObservations, Subsample};
 use rayon::prelude::*;
@@ -61,6 +62,10 @@ pub struct Options {
     pub threads: usize,
     /// The folder of scratch files.
     pub scratch: PathBuf,
+    /// Refine the pose of every photograph against the model, and leave out photographs that do not fit it.
+    pub refine: bool,
+    /// A folder for pictures of photographs that do not fit, with the edges of the model drawn over them.
+    pub overlays: Option<PathBuf>,
 }
 
 /// A photograph to colour from.
@@ -85,6 +90,10 @@ pub struct PhotoReport {
     pub name: String,
     /// Why it was not used.
     pub left_out: Option<String>,
+    /// Its camera and pose, refined if that was asked for.
+    pub camera: PosedCamera,
+    /// How its pose was refined.
+    pub refined: Option<Refinement>,
     /// Vertices that it sees.
     pub seen: u64,
     /// The sum of its shares in the colours of vertices: 1 for each vertex that it alone colours.
@@ -97,6 +106,17 @@ pub struct PhotoReport {
     pub offset: [f64; 3],
     /// The brightness of its lens in the corners, relative to the centre.
     pub corner: f64,
+}
+
+/// How a pose was refined.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Refinement {
+    /// By how much what the photograph shows was shifted, pixels (root mean square).
+    pub moved_px: f64,
+    /// Distances between the photograph and the model that remain, pixels (root mean square over the patches that agree).
+    pub residual_px: f64,
+    /// The share of the patches that agree with the pose.
+    pub agreement: f64,
 }
 
 /// What was done.
@@ -195,6 +215,8 @@ impl PhotoReport {
         Self {
             name: input.name.clone(),
             left_out,
+            camera: found.refined.map_or(input.camera, |(camera, _)| camera),
+            refined: found.refined.map(|(_, refined)| refined),
             seen: found.seen,
             share: 0.0,
             dropped: 0,
@@ -228,7 +250,8 @@ fn observe_all<S: Source + Sync>(
         let result = if bytes(input) > all {
             Err(format!("it needs {} MiB of memory; allow twice that with --memory", bytes(input) >> 20))
         } else {
-            observe(model, *number, input, vertices, observations, share)?
+            let work = Observing { model, vertices, observations, share, options };
+            work.photograph(*number, input)?
         };
         let count = done.fetch_add(1, Ordering::Relaxed) + 1;
         progress.update("processing the photographs", count, inputs.len() as u64);
@@ -244,21 +267,71 @@ fn observe_all<S: Source + Sync>(
     Ok(results.into_iter().map(|(_, result)| result).collect())
 }
 
-/// What a photograph shows; or why it cannot be used.
-fn observe<S: Source + Sync>(
-    model: &Model<'_, S>,
-    photo: u32,
-    input: &Input,
-    vertices: &Vertices,
-    observations: &Observations,
+/// What is needed to process a photograph.
+struct Observing<'a, S> {
+    model: &'a Model<'a, S>,
+    vertices: &'a Vertices,
+    observations: &'a Observations,
     share: Subsample,
-) -> Result<Result<PhotoObservations, String>, ScanError> {
-    let picture = match Photograph::read(&input.path, input.camera.camera.size(), input.mask.as_deref()) {
-        Ok(picture) => picture,
-        Err(why) => return Ok(Err(why)),
-    };
-    let view = View::new(model, input.camera)?;
-    Ok(Ok(observations.of(&Observer { photo, view, picture, vertices, share })?))
+    options: &'a Options,
+}
+
+impl<S: Source + Sync> Observing<'_, S> {
+    /// What a photograph shows; or why it cannot be used.
+    fn photograph(&self, photo: u32, input: &Input) -> Result<Result<PhotoObservations, String>, ScanError> {
+        let picture = match Photograph::read(&input.path, input.camera.camera.size(), input.mask.as_deref()) {
+            Ok(picture) => picture,
+            Err(why) => return Ok(Err(why)),
+        };
+        let refined = if self.options.refine {
+            match self.refined(photo, input, &picture)? {
+                Ok(refined) => Some(refined),
+                Err(why) => return Ok(Err(why)),
+            }
+        } else {
+            None
+        };
+        let view = View::new(self.model, refined.map_or(input.camera, |(camera, _)| camera))?;
+        let observer = Observer { photo, view, picture, vertices: self.vertices, share: self.share };
+        let found = self.observations.of(&observer)?;
+        Ok(Ok(PhotoObservations { refined, ..found }))
+    }
+
+    /// The refined camera; or why there is none, in which case a picture may be written.
+    fn refined(
+        &self,
+        photo: u32,
+        input: &Input,
+        picture: &Photograph,
+    ) -> Result<Result<(PosedCamera, Refinement), String>, ScanError> {
+        let how = photo_pose::Options::default();
+        let side = picture.size().into_iter().max().unwrap_or(1).div_ceil(how.finest);
+        let (values, size) = picture.luma(side);
+        let Some(grey) = Grey::new(size, values) else { return Ok(Err("the picture is too small".to_owned())) };
+        let factor = f64::from(side);
+        match align::refine_photograph(self.model, &input.camera, &grey, factor, &how)? {
+            Ok(found) => {
+                let Quality { residual_px, share, .. } = found.quality;
+                let refined = Refinement { moved_px: found.moved_px, residual_px, agreement: share };
+                Ok(Ok((found.camera, refined)))
+            }
+            Err(why) => {
+                if let Some(folder) = &self.options.overlays {
+                    let rasters = align::draw(self.model, &input.camera, 1.0 / factor)?;
+                    let path = folder.join(format!("{:04}.png", photo + 1));
+                    let overlay = align::Overlay::new(&grey, factor, &input.camera, &rasters);
+                    let mut bytes = Vec::new();
+                    let written = overlay.write_png(&mut bytes);
+                    let written = written.and_then(|()| {
+                        kilwa_files::atomic::write(&path, &bytes, kilwa_files::atomic::Access::Default, true)
+                    });
+                    written.map_err(ScanError::write(&path))?;
+                    return Ok(Err(format!("{why} (see {})", path.display())));
+                }
+                Ok(Err(why.to_string()))
+            }
+        }
+    }
 }
 
 fn refuse_if_none(photos: &[PhotoReport]) -> Result<(), ScanError> {

@@ -1,5 +1,6 @@
 //! What every photograph shows of the vertices: observations in a scratch file, by group of vertices.
 
+use super::Refinement;
 use super::picture::Photograph;
 use super::vertices::{Vertex, Vertices};
 use super::view::{Sighting, View};
@@ -8,7 +9,7 @@ use crate::scratch::{ByteRange, ScratchFile};
 use glam::DVec2;
 use kilwa_geometry::color::{light_from_srgb_f32, srgb_from_light_f32};
 use kilwa_scan_core::colour::tone::ToneSample;
-use kilwa_scan_core::{Camera, CameraModel};
+use kilwa_scan_core::{Camera, CameraModel, PosedCamera};
 use std::f64::consts::TAU;
 
 /// Bytes of an observation.
@@ -90,6 +91,8 @@ pub(super) struct PhotoObservations {
     pub(super) samples: Vec<([u32; 2], ToneSample)>,
     /// Vertices that are seen.
     pub(super) seen: u64,
+    /// The camera with its pose refined.
+    pub(super) refined: Option<(PosedCamera, Refinement)>,
 }
 
 /// Which part of the vertices determines tones: those whose hash is divisible by this.

@@ -13,7 +13,7 @@ const TILE: u32 = 4 * LOW;
 /// at which a tile is fully sharp.
 const SMOOTH: f32 = 0.25;
 const SHARP: f32 = 0.2;
-/// Variance of luminance that is taken for noise.
+/// Variance of luma that is taken for noise.
 const NOISE: f32 = 1e-5;
 /// A photograph has at most this many pixels.
 const MAX_PIXELS: u64 = 1 << 30;
@@ -80,12 +80,12 @@ impl Photograph {
 
     /// The luma of pixels averaged over squares of `side` by `side` pixels, 0 to 1, and the width and height in squares;
     /// incomplete squares at the right and lower edges are left out.
-    pub fn luminance(&self, side: u32) -> (Vec<f32>, [u32; 2]) {
+    pub fn luma(&self, side: u32) -> (Vec<f32>, [u32; 2]) {
         let side = side.clamp(1, self.size[0].min(self.size[1]));
         let [columns, rows] = self.size.map(|pixels| pixels / side);
         let mean = |column: u32, row: u32| {
             let places = (0..side * side).map(|k| (column * side + k % side, row * side + k / side));
-            let sum: f32 = places.map(|(x, y)| luminance(self.pixels[self.index(x, y)])).sum();
+            let sum: f32 = places.map(|(x, y)| luma(self.pixels[self.index(x, y)])).sum();
             sum / (side * side) as f32
         };
         let values = (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row)));
@@ -124,7 +124,7 @@ impl Photograph {
             let (mut fine, mut coarse, mut count) = (0.0_f32, 0.0_f32, 0.0_f32);
             for y in (top..bottom.saturating_sub(3)).step_by(4) {
                 for x in (left..right.saturating_sub(3)).step_by(4) {
-                    let at = |i: u32, j: u32| luminance(self.pixels[self.index(x + i, y + j)]);
+                    let at = |i: u32, j: u32| luma(self.pixels[self.index(x + i, y + j)]);
                     let square = |i: u32, j: u32| 0.25 * (at(i, j) + at(i + 1, j) + at(i, j + 1) + at(i + 1, j + 1));
                     fine += (at(1, 1) - at(2, 1)).powi(2) + (at(1, 1) - at(1, 2)).powi(2);
                     let [a, b, c] = [square(0, 0), square(2, 0), square(0, 2)];
@@ -192,7 +192,7 @@ fn bilinear<const N: usize>(
 }
 
 /// Luma of an sRGB pixel (BT.709), 0 to 1.
-fn luminance([r, g, b]: [u8; 3]) -> f32 {
+fn luma([r, g, b]: [u8; 3]) -> f32 {
     (0.2126 * f32::from(r) + 0.7152 * f32::from(g) + 0.0722 * f32::from(b)) / 255.0
 }
 

@@ -107,7 +107,7 @@ struct Vertex {
 }
 
 fn options(folder: &Path, threads: usize, memory: u64) -> Options {
-    Options { memory, threads, scratch: folder.to_owned() }
+    Options { memory, threads, scratch: folder.to_owned(), refine: false, overlays: None }
 }
 
 fn vertices(pack: &[u8], inputs: &[Input], options: &Options) -> (Vec<Vertex>, Report) {
