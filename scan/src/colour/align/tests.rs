@@ -54,17 +54,14 @@ fn reconstruction(photos: u32) -> (PhotoSet, Vec<(String, DVec3, f64)>) {
     kilwa_synth::photos::write(&options, &out, &mut |_, _| {}).unwrap();
     let set = photos::read(&out.join("photos"), &photos::Options::default()).unwrap();
     let truth = std::fs::read_to_string(out.join("truth/photos.toml")).unwrap();
-    let truth: toml::Table = truth.parse().unwrap();
-    let number = |value: &toml::Value| value.as_float().unwrap();
-    let place = |photo: &toml::Value| {
+    let truth: toml_edit::DocumentMut = truth.parse().unwrap();
+    let place = |photo: &toml_edit::Table| {
         let at = photo["position"].as_array().unwrap();
-        (
-            format!("{}.jpg", photo["name"].as_str().unwrap()),
-            DVec3::from_array(std::array::from_fn(|k| number(&at[k]))),
-            0.01,
-        )
+        let number = |k: usize| at.get(k).and_then(toml_edit::Value::as_float).unwrap();
+        let name = photo["name"].as_str().unwrap();
+        (format!("{name}.jpg"), DVec3::from_array(std::array::from_fn(number)), 0.01)
     };
-    (set, truth["photo"].as_array().unwrap().iter().map(place).collect())
+    (set, truth["photo"].as_array_of_tables().unwrap().iter().map(place).collect())
 }
 
 /// Where the frame puts cameras, compared with where they are, metres.
