@@ -47,6 +47,8 @@ const SPACING: usize = 16;
 const SIGMA_FACTOR: f64 = 3.0;
 /// A picture has at most about this many patches.
 const MAX_PATCHES: usize = 400;
+/// Patches whose pixels are stretched by more than this are left out: those near the poles of panoramas do not move as a whole.
+const STRETCHED: f64 = 2.0;
 /// A resolution is finished when the pose moves what is seen by less than this, pixels of it.
 const SETTLED: f64 = 0.15;
 /// Patches agree with a shift whose likelihood is at most this far below that of their best shift.
@@ -273,6 +275,10 @@ impl Refiner<'_> {
             .filter_map(|map| {
                 let point = self.point(&map, &prediction, picture.size(), factor)?;
                 let rows = derivatives(&self.camera.camera, point, length, self.options.calibrate)?;
+                let [a, b] = rows.map(|row| DVec3::new(row[3], row[4], row[5]).length());
+                if a.max(b) > STRETCHED * a.min(b) {
+                    return None;
+                }
                 Some(Sight { map, rows: rows.map(|row| row.map(|value| value / factor)) })
             })
             .collect();
