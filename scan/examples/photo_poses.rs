@@ -142,7 +142,7 @@ fn disturbed(truth: &PosedCamera, places: &[DVec3], pixels: f64, random: &mut fa
     with(low)
 }
 
-fn describe(result: &Result<Refined, NotRefined>, truth: &PosedCamera, places: &[DVec3]) -> String {
+fn describe(result: &Result<Refined, Box<NotRefined>>, truth: &PosedCamera, places: &[DVec3]) -> String {
     let line = |word: &str, camera: &PosedCamera, q: &Quality, note: String| {
         format!(
             "{word:8} {:8.2} px | share {:.2} of {:3} chance {:.3} score {:6.1} residual {:5.2} sigma {:6.3} rival {:.2} {note}",

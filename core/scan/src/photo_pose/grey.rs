@@ -139,7 +139,9 @@ impl Grey {
         let count = (0..values.len()).filter(|k| is_known(*k)).count().max(1);
         let square: f64 = values.iter().map(|v| f64::from(*v) * f64::from(*v)).sum();
         let cut = CUT * (square / count as f64).sqrt() as f32;
-        values.iter_mut().for_each(|v| *v = v.clamp(-cut, cut));
+        for value in &mut values {
+            *value = value.clamp(-cut, cut);
+        }
         Self { values, ..*self }
     }
 }

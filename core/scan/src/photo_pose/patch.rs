@@ -135,7 +135,9 @@ impl Basis {
         }
         valid.sort_unstable_by(f32::total_cmp);
         let median = valid.get(valid.len() / 2).copied().unwrap_or(0.0);
-        gain.iter_mut().for_each(|value| *value -= median);
+        for value in &mut gain {
+            *value -= median;
+        }
         let half = SIDE as f32 * 0.5;
         Map { center: [left as f32 + half, top as f32 + half], radius, gain, base: median }
     }

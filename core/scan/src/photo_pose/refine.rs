@@ -47,6 +47,8 @@ const SPACING: usize = 16;
 const SIGMA_FACTOR: f64 = 3.0;
 /// A picture has at most about this many patches.
 const MAX_PATCHES: usize = 400;
+/// Patches whose pixels are stretched by more than this are left out: those near the poles of panoramas do not move as a whole.
+const STRETCHED: f64 = 2.0;
 /// A resolution is finished when the pose moves what is seen by less than this, pixels of it.
 const SETTLED: f64 = 0.15;
 /// Patches agree with a shift whose likelihood is at most this far below that of their best shift.
@@ -175,6 +177,9 @@ struct Round {
     quality: Quality,
 }
 
+/// Draws a model for a camera, with pixels of a share of the photograph's pixels in each direction.
+pub type Render<'a, E> = dyn FnMut(&PosedCamera, f64) -> Result<Vec<Raster<Shown>>, E> + 'a;
+
 /// Refine the pose of a photograph.
 ///
 /// `picture`: its luminance in a scale close to sRGB's or in linear light, at full size or divided by `factor` in both directions (a last incomplete pixel is dropped); NaN where it must not be used. `render` draws the model for a
@@ -189,9 +194,9 @@ pub fn refine<E>(
     camera: &PosedCamera,
     picture: &Grey,
     factor: f64,
-    render: &mut dyn FnMut(&PosedCamera, f64) -> Result<Vec<Raster<Shown>>, E>,
+    render: &mut Render<'_, E>,
     options: &Options,
-) -> Result<Result<Refined, NotRefined>, E> {
+) -> Result<Result<Refined, Box<NotRefined>>, E> {
     let mut refiner = Refiner { options, initial: *camera, camera: *camera };
     let expected = camera.camera.size().map(|side| (f64::from(side) / factor) as u32);
     if expected.iter().zip(picture.size()).any(|(a, b)| a.abs_diff(b) > 1) {
@@ -240,8 +245,8 @@ struct Refiner<'a> {
 }
 
 impl Refiner<'_> {
-    fn failed(&self, why: Why, quality: Quality) -> NotRefined {
-        NotRefined { why, quality, camera: self.camera }
+    fn failed(&self, why: Why, quality: Quality) -> Box<NotRefined> {
+        Box::new(NotRefined { why, quality, camera: self.camera })
     }
 
     /// Render, compare, and improve the pose once. The inner error: the number of patches, which is too small.
@@ -250,7 +255,7 @@ impl Refiner<'_> {
         picture: &Grey,
         factor: f64,
         radius: usize,
-        render: &mut dyn FnMut(&PosedCamera, f64) -> Result<Vec<Raster<Shown>>, E>,
+        render: &mut Render<'_, E>,
     ) -> Result<Result<Round, usize>, E> {
         let rasters = render(&self.camera, 1.0 / factor)?;
         let prediction = Prediction::new(&self.camera.camera, factor, picture.size(), &rasters);
@@ -270,6 +275,10 @@ impl Refiner<'_> {
             .filter_map(|map| {
                 let point = self.point(&map, &prediction, picture.size(), factor)?;
                 let rows = derivatives(&self.camera.camera, point, length, self.options.calibrate)?;
+                let [a, b] = rows.map(|row| DVec3::new(row[3], row[4], row[5]).length());
+                if a.max(b) > STRETCHED * a.min(b) {
+                    return None;
+                }
                 Some(Sight { map, rows: rows.map(|row| row.map(|value| value / factor)) })
             })
             .collect();
@@ -302,7 +311,7 @@ impl Refiner<'_> {
         Some(self.camera.camera.ray(pixel)? * range)
     }
 
-    fn judged(&self, quality: Quality, reach: f64) -> Result<Refined, NotRefined> {
+    fn judged(&self, quality: Quality, reach: f64) -> Result<Refined, Box<NotRefined>> {
         let moved_px = self.moved();
         let why = if quality.patches < MIN_PATCHES {
             Some(Why::Little { patches: quality.patches })

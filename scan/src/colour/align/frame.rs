@@ -77,15 +77,14 @@ impl Aligned {
 pub fn frame(set: &PhotoSet, start: &Start, surface: Option<(&Surface, f64)>) -> Result<Aligned, ScanError> {
     let pairs = pairs(set, start)?;
     let sparse: Vec<DVec3> = sparse_points(set);
-    let (first, before, reach) = match start {
-        Start::Given(similarity, reach) => (*similarity, Vec::new(), *reach),
-        _ => {
-            let plain: Vec<Pair> = pairs.iter().map(|pair| pair.pair).collect();
-            let Fit { similarity, residuals, rms } =
-                Similarity::from_pairs(&plain).map_err(|error| refusal(&error, &pairs))?;
-            let extent = extent(&sparse) * similarity.scale;
-            (similarity, residuals, (REACH_PER_RMS * rms).max(REACH_SHARE * extent))
-        }
+    let (first, before, reach) = if let Start::Given(similarity, reach) = start {
+        (*similarity, Vec::new(), *reach)
+    } else {
+        let plain: Vec<Pair> = pairs.iter().map(|pair| pair.pair).collect();
+        let fit = Similarity::from_pairs(&plain).map_err(|error| refusal(&error, &pairs))?;
+        let Fit { similarity, residuals, rms } = fit;
+        let extent = extent(&sparse) * similarity.scale;
+        (similarity, residuals, (REACH_PER_RMS * rms).max(REACH_SHARE * extent))
     };
     let (mut similarity, mut landed, mut not_landed) = (first, None, None);
     if let Some((surface, spacing)) = surface.filter(|_| !sparse.is_empty()) {

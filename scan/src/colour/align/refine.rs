@@ -44,6 +44,6 @@ pub fn refine_photograph<S: Source + Sync>(
     picture: &Grey,
     factor: f64,
     options: &Options,
-) -> Result<Result<Refined, NotRefined>, ScanError> {
+) -> Result<Result<Refined, Box<NotRefined>>, ScanError> {
     refine(camera, picture, factor, &mut |camera, scale| draw(model, camera, scale), options)
 }

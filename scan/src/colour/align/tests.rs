@@ -48,23 +48,20 @@ fn mistakes_in_files_of_points_are_named_with_their_line() {
 
 /// Photographs of the fort in a frame of their own, and the true positions of their cameras.
 fn reconstruction(photos: u32) -> (PhotoSet, Vec<(String, DVec3, f64)>) {
-    let options = PhotoOptions { sfm_frame: true, passers_by: 0.0, ..PhotoOptions::new(photos, (64, 48)) };
+    let options = PhotoOptions { sfm_frame: true, passers_by: 0.0, ..PhotoOptions::new(photos, (96, 72)) };
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("session");
     kilwa_synth::photos::write(&options, &out, &mut |_, _| {}).unwrap();
     let set = photos::read(&out.join("photos"), &photos::Options::default()).unwrap();
     let truth = std::fs::read_to_string(out.join("truth/photos.toml")).unwrap();
-    let truth: toml::Table = truth.parse().unwrap();
-    let number = |value: &toml::Value| value.as_float().unwrap();
-    let place = |photo: &toml::Value| {
+    let truth: toml_edit::DocumentMut = truth.parse().unwrap();
+    let place = |photo: &toml_edit::Table| {
         let at = photo["position"].as_array().unwrap();
-        (
-            format!("{}.jpg", photo["name"].as_str().unwrap()),
-            DVec3::from_array(std::array::from_fn(|k| number(&at[k]))),
-            0.01,
-        )
+        let number = |k: usize| at.get(k).and_then(toml_edit::Value::as_float).unwrap();
+        let name = photo["name"].as_str().unwrap();
+        (format!("{name}.jpg"), DVec3::from_array(std::array::from_fn(number)), 0.01)
     };
-    (set, truth["photo"].as_array().unwrap().iter().map(place).collect())
+    (set, truth["photo"].as_array_of_tables().unwrap().iter().map(place).collect())
 }
 
 /// Where the frame puts cameras, compared with where they are, metres.
@@ -81,7 +78,7 @@ fn worst(aligned: &Aligned, set: &PhotoSet, known: &[(String, DVec3, f64)]) -> f
 
 #[test]
 fn a_reconstruction_gets_its_frame_from_cameras_points_and_its_sparse_points() {
-    let (set, known) = reconstruction(6);
+    let (set, known) = reconstruction(8);
     let exact = frame(&set, &Start::Cameras(known.clone()), None).unwrap();
     assert!(worst(&exact, &set, &known) < 1e-6 && exact.rms.unwrap() < 1e-6, "{exact:?}");
     // Known to 10 cm; and a start that is half a metre and one degree off. The surface helps.

@@ -147,7 +147,7 @@ fn error(truth: &PosedCamera, found: &PosedCamera, room: &Room) -> f64 {
     (sum / f64::from(count)).sqrt()
 }
 
-fn run(room: &Room, start: &PosedCamera, picture: &Grey, options: &Options) -> Result<Refined, NotRefined> {
+fn run(room: &Room, start: &PosedCamera, picture: &Grey, options: &Options) -> Result<Refined, Box<NotRefined>> {
     let mut render = |camera: &PosedCamera, scale: f64| Ok::<_, Infallible>(room.draw(camera, scale));
     match refine(start, picture, 1.0, &mut render, options) {
         Ok(result) => result,
