@@ -29,7 +29,9 @@ impl Model {
         for corners in &mesh.triangles {
             let [a, b, c] = corners.map(|k| mesh.positions[k as usize]);
             let normal = (b - a).cross(c - a);
-            corners.iter().for_each(|k| normals[*k as usize] += normal);
+            for k in corners {
+                normals[*k as usize] += normal;
+            }
         }
         let light = |color: [u8; 3]| {
             let [r, g, b] = color.map(kilwa_geometry::color::light_from_srgb_f32);

@@ -86,7 +86,9 @@ fn a_reconstruction_gets_its_frame_from_cameras_points_and_its_sparse_points() {
     let mut normals = vec![DVec3::ZERO; mesh.positions.len()];
     for corners in &mesh.triangles {
         let [a, b, c] = corners.map(|k| mesh.positions[k as usize]);
-        corners.iter().for_each(|k| normals[*k as usize] += (b - a).cross(c - a));
+        for k in corners {
+            normals[*k as usize] += (b - a).cross(c - a);
+        }
     }
     let normals = normals.into_iter().map(DVec3::normalize_or_zero);
     let surface = Surface::new(mesh.positions.iter().copied().zip(normals));
