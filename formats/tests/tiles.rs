@@ -73,7 +73,8 @@ impl Tile {
             Some(above) => above.to_owned(),
             None => format!("{inside}{uri}"),
         });
-        let is_external = uri.as_ref().is_some_and(|uri| uri.ends_with(".json"));
+        let is_external =
+            uri.as_ref().is_some_and(|uri| std::path::Path::new(uri.as_str()).extension().is_some_and(|e| e == "json"));
         let children = match &uri {
             Some(uri) if is_external => vec![Self::whole(folder, uri)],
             _ => json["children"].as_array().into_iter().flatten().map(|c| Self::of(c, folder, inside)).collect(),
@@ -335,7 +336,7 @@ fn vertices_are_on_the_sphere_of_the_earth() {
         for p in mesh_of(&folder, content).positions {
             let p = transform.transform_point3(p);
             let c = cell(p);
-            let near = (0..27).flat_map(|i| cells.get(&[c[0] + i % 3 - 1, c[1] + i / 3 % 3 - 1, c[2] + i / 9 - 1]));
+            let near = (0..27).filter_map(|i| cells.get(&[c[0] + i % 3 - 1, c[1] + i / 3 % 3 - 1, c[2] + i / 9 - 1]));
             worst = worst.max(near.flatten().map(|q| q.distance(p)).fold(f64::INFINITY, f64::min));
         }
     });

@@ -337,7 +337,7 @@ mod tests {
         assert!((0..256).all(|level| restored(level) == level));
         assert!(LIGHT.windows(2).all(|pair| pair[0] < pair[1]));
         assert!((140..256).all(|level| LIGHT[level] % 256 == 128));
-        assert!((80..256).all(|level| LIGHT[level] % 128 == 0));
+        assert!((80..256).all(|level| LIGHT[level].is_multiple_of(128)));
         let off = (0..256).map(|l| (f64::from(LIGHT[l]) - light_from_srgb(l as u8) * 65535.0).abs());
         assert!(off.fold(0.0, f64::max) <= 128.0);
     }
