@@ -3,17 +3,16 @@
 mod photos;
 mod report;
 
-use crate::build::{self, Interrupted, size};
+use crate::build::{self, Interrupted};
 use crate::inputs::{source_file, summarised};
 use crate::merge::resolved;
 use crate::new_file::{PrivateFolder, check_output, private_folder_in, refuse_inputs};
 use crate::progress::Bar;
+use crate::resources::Resources;
 use crate::source::{FileSource, open_pack};
 use anyhow::{Context as _, ensure};
-use kilwa_builder::build::machine;
 use kilwa_builder::build::work::Stop;
 use kilwa_builder::{Capture, Progress as _, Provenance};
-use kilwa_files::atomic::folder_of;
 use kilwa_files::made_folders::MadeFolders;
 use kilwa_formats::extract::{Extraction, Format, Output, Repaint, extract_repainted};
 use kilwa_pack::{Chunk, Reader};
@@ -42,15 +41,8 @@ pub(crate) struct Args {
     /// The file to write: a pack (.kilwa) or a mesh (.ply, .obj, .glb).
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// Worker threads (default: one per core). The result does not depend on it.
-    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true, value_parser = build::parse_threads)]
-    threads: usize,
-    /// Memory to use, for example 300M or 2.5GiB (default: a quarter of the machine's). The result does not depend on it.
-    #[arg(long, value_name = "SIZE", value_parser = size::memory)]
-    memory: Option<u64>,
-    /// Folder for scratch files, preferably on a fast disk (default: the folder of the output).
-    #[arg(long, value_name = "DIR")]
-    scratch: Option<PathBuf>,
+    #[command(flatten)]
+    resources: Resources,
     /// Refine the pose of each photograph against the model, from up to a twentieth of its longer side, and leave out photographs that do not fit.
     #[arg(long)]
     refine: bool,
@@ -76,15 +68,6 @@ struct Model {
 }
 
 impl Args {
-    fn threads(&self) -> usize {
-        let cores = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
-        if self.threads == 0 { cores() } else { self.threads }
-    }
-
-    fn memory(&self) -> u64 {
-        self.memory.unwrap_or_else(machine::default_budget)
-    }
-
     /// The survey, if there is one, and the model.
     fn survey_and_model(&self) -> anyhow::Result<(Option<&Path>, &Path)> {
         match self.inputs.as_slice() {
@@ -115,8 +98,8 @@ impl Args {
 
     fn common(&self, folder: &Path, title: Option<String>, crs: Option<String>) -> build::Common {
         build::Common {
-            threads: self.threads,
-            memory: self.memory,
+            threads: self.resources.threads,
+            memory: self.resources.memory,
             scratch: Some(folder.to_owned()),
             resume: false,
             title,
@@ -148,7 +131,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     }
     let output = Output::prepare(&args.output, args.force)?;
     let (bar, stop) = (Bar::new(), build::stop_on_signals()?);
-    let folder = args.scratch.clone().unwrap_or_else(|| folder_of(&args.output).to_owned());
+    let folder = args.resources.scratch_for(&args.output);
     let made = MadeFolders::all_of(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let scratch = private_folder_in(&folder, ".kilwa-colour-");
     let scratch = scratch.with_context(|| format!("cannot make a scratch folder in {}", folder.display()))?;
@@ -188,8 +171,8 @@ fn work(
     );
     let _overlays = args.overlays.as_deref().map(MadeFolders::all_of).transpose()?;
     let options = Options {
-        memory: args.memory(),
-        threads: args.threads(),
+        memory: args.resources.memory(),
+        threads: args.resources.threads(),
         scratch: scratch.path().to_owned(),
         refine: args.refine,
         overlays: args.overlays.clone(),
@@ -234,7 +217,7 @@ impl Repaint for Coloured<'_> {
 impl Coloured<'_> {
     fn write_mesh(&self, format: Format, output: &Output) -> anyhow::Result<Extraction> {
         let progress = |done, all| self.bar.update("writing", done, all);
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.args.threads()).build()?;
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.args.resources.threads()).build()?;
         Ok(extract_repainted(self.reader, format, self, output, &pool, &progress)?)
     }
 
@@ -254,7 +237,11 @@ impl Coloured<'_> {
         };
         for (input, photo) in photographs.inputs.iter().zip(&self.report.photos) {
             if photo.seen > 0 {
-                sources.push(source_file(&input.path, self.bar, self.stop)?);
+                let source = source_file(&input.path, self.bar, self.stop)?;
+                // The model may have been coloured from it before.
+                if !sources.contains(&source) {
+                    sources.push(source);
+                }
             }
         }
         let mut common = self.args.common(scratch, Some(metadata.title.clone()), metadata.crs.clone());

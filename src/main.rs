@@ -18,6 +18,7 @@ mod publish;
 mod redact;
 mod register;
 mod render;
+mod resources;
 mod scans;
 mod secrets;
 mod serve;

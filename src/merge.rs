@@ -7,6 +7,7 @@ pub(crate) mod holes;
 use crate::build;
 use crate::new_file::{check_output, refuse_inputs};
 use crate::progress::Bar;
+use crate::resources::Resources;
 use crate::stations::merged::Merging;
 use anyhow::{Context as _, ensure};
 use channels::Channels;
@@ -66,15 +67,8 @@ pub(crate) struct Args {
     /// Also use masked samples.
     #[arg(long)]
     unmasked: bool,
-    /// Worker threads (default: one per core). The result does not depend on it.
-    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true, value_parser = crate::build::parse_threads)]
-    threads: usize,
-    /// Memory to use, for example 300M or 2.5GiB (default: a quarter of the machine's). The result does not depend on it.
-    #[arg(long, value_name = "SIZE", value_parser = crate::build::size::memory)]
-    memory: Option<u64>,
-    /// Folder for scratch files, preferably on a fast disk (default: the folder of the output).
-    #[arg(long, value_name = "DIR")]
-    scratch: Option<PathBuf>,
+    #[command(flatten)]
+    resources: Resources,
     /// Continue an interrupted merge into a pack.
     #[arg(long)]
     resume: bool,
@@ -136,13 +130,11 @@ impl Args {
     }
 
     fn options(&self) -> Options {
-        let folder = || kilwa_files::atomic::folder_of(&self.output).to_owned();
-        let cores = || std::thread::available_parallelism().map_or(1, std::num::NonZero::get);
         Options {
             voxel: self.voxel,
-            memory: self.memory.unwrap_or_else(machine::default_budget),
-            threads: if self.threads == 0 { cores() } else { self.threads },
-            scratch: self.scratch.clone().unwrap_or_else(folder),
+            memory: self.resources.memory(),
+            threads: self.resources.threads(),
+            scratch: self.resources.scratch_for(&self.output),
             unmasked: self.unmasked,
             bounds: self.bounds,
             fill: Fill {
@@ -212,9 +204,9 @@ fn into_pack(args: &Args, survey: &Survey) -> anyhow::Result<()> {
     };
     let report = Arc::clone(&merging.report);
     let common = build::Common {
-        threads: args.threads,
-        memory: args.memory,
-        scratch: args.scratch.clone(),
+        threads: args.resources.threads,
+        memory: args.resources.memory,
+        scratch: args.resources.scratch.clone(),
         resume: args.resume,
         title: Some(title(args, survey)),
         crs: survey.crs.clone(),

@@ -29,3 +29,4 @@ pub mod top_view;
 mod turn;
 
 pub use error::ScanError;
+mod write_png;

@@ -4,6 +4,7 @@
 use crate::ScanError;
 use crate::mask::MaskReader;
 use crate::spool::Reader;
+use crate::write_png::write_png;
 use kilwa_scan_core::{Kind, Rays, Sample};
 use std::io::Write;
 
@@ -92,13 +93,7 @@ impl Picture {
     /// # Errors
     /// The system's.
     pub fn write_png(&self, out: &mut dyn Write) -> std::io::Result<()> {
-        let mut encoder = png::Encoder::new(out, self.width, self.height);
-        encoder.set_color(png::ColorType::Rgb);
-        encoder.set_depth(png::BitDepth::Eight);
-        let mut writer = encoder.write_header()?;
-        writer.write_image_data(&self.pixels)?;
-        writer.finish()?;
-        Ok(())
+        write_png(out, [self.width, self.height], png::ColorType::Rgb, &self.pixels)
     }
 }
 

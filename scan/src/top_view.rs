@@ -6,6 +6,7 @@
 
 use crate::ScanError;
 use crate::spool::Reader;
+use crate::write_png::write_png;
 use glam::{DVec2, DVec3};
 use kilwa_scan_core::{Pose, Rays, Sample};
 use std::io::Write;
@@ -127,12 +128,6 @@ impl TopView {
             let opacity = if *surface > 0.0 { 20.0 + 235.0 * share.clamp(0.0, 1.0) } else { 0.0 };
             pixels.extend([0, opacity as u8]);
         }
-        let mut encoder = png::Encoder::new(out, self.size[0], self.size[1]);
-        encoder.set_color(png::ColorType::GrayscaleAlpha);
-        encoder.set_depth(png::BitDepth::Eight);
-        let mut writer = encoder.write_header()?;
-        writer.write_image_data(&pixels)?;
-        writer.finish()?;
-        Ok(())
+        write_png(out, self.size, png::ColorType::GrayscaleAlpha, &pixels)
     }
 }

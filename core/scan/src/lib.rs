@@ -7,6 +7,7 @@
 pub mod camera;
 pub mod colour;
 pub mod intensity;
+pub mod kabsch;
 pub mod mask;
 pub mod photo_pose;
 pub mod pose;

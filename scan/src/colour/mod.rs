@@ -32,13 +32,13 @@ use kilwa_pack::plural::counted;
 use kilwa_pack::{Reader, Source};
 use kilwa_scan_core::colour::tone::{MAX_PHOTOS, ToneSample, Tones};
 use kilwa_scan_core::photo_pose::{self, Grey, Quality};
-use kilwa_scan_core::{Camera, CameraModel, PosedCamera};
+use kilwa_scan_core::{Camera, PosedCamera};
 use observe::{Observations, Observer, PhotoObservations, Subsample};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
-use vertices::Vertices;
+use vertices::{Vertices, mixed};
 
 /// What else helps if the disk is full: nothing.
 const REMEDY: &str = "";
@@ -196,12 +196,8 @@ fn coloured<S: Source + Sync>(
 
 /// Keep a sample, unless the place has enough; which ones are kept is random, but the same in every run.
 fn keep(samples: &mut Vec<ToneSample>, vertex: [u32; 2], sample: ToneSample) {
-    let rank = |sample: &ToneSample| {
-        let [group, number] = vertex.map(u64::from);
-        let mixed = (u64::from(sample.photo) ^ group.rotate_left(40) ^ number.rotate_left(20))
-            .wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        (mixed ^ (mixed >> 31)).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 7
-    };
+    let [group, number] = vertex.map(u64::from);
+    let rank = |sample: &ToneSample| mixed(u64::from(sample.photo) ^ group.rotate_left(40) ^ number.rotate_left(20));
     samples.push(sample);
     if samples.len() > MAX_PHOTOS
         && let Some(last) = (0..samples.len()).max_by_key(|k| rank(&samples[*k]))
@@ -357,7 +353,7 @@ fn lenses(inputs: &[Input]) -> Vec<u32> {
     let mut known: Vec<(Camera, f64)> = Vec::new();
     let number = |input: &Input| {
         let camera = input.camera.camera;
-        let focal = focal(&camera);
+        let focal = camera.pixels_per_radian();
         let is_same = |(other, length): &(Camera, f64)| {
             other.size() == camera.size()
                 && std::mem::discriminant(other.model()) == std::mem::discriminant(camera.model())
@@ -370,14 +366,6 @@ fn lenses(inputs: &[Input]) -> Vec<u32> {
         at as u32
     };
     inputs.iter().map(number).collect()
-}
-
-/// Pixels per radian on the axis.
-fn focal(camera: &Camera) -> f64 {
-    match camera.model() {
-        CameraModel::Pinhole { focal, .. } => focal.x,
-        CameraModel::Equirectangular { scale, .. } | CameraModel::Cylindrical { scale, .. } => scale.x,
-    }
 }
 
 /// Logarithms of the gains expected from the exposure settings, relative to the mean; 0 for all if any is unknown.

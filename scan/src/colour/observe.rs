@@ -8,9 +8,8 @@ use crate::ScanError;
 use crate::scratch::{ByteRange, ScratchFile};
 use glam::DVec2;
 use kilwa_geometry::color::{light_from_srgb_f32, srgb_from_light_f32};
+use kilwa_scan_core::PosedCamera;
 use kilwa_scan_core::colour::tone::ToneSample;
-use kilwa_scan_core::{Camera, CameraModel, PosedCamera};
-use std::f64::consts::TAU;
 
 /// Bytes of an observation.
 const BYTES: usize = 14;
@@ -160,7 +159,8 @@ impl Observer<'_> {
         let point = camera.camera_from_world.apply(place);
         let mut pixel = camera.camera.project(point)?;
         let size = self.picture.size().map(f64::from);
-        let is_full_turn = is_full_turn(&camera.camera);
+        // Such pictures are composed of many, and have no vignetting.
+        let is_full_turn = camera.camera.is_full_turn();
         if is_full_turn {
             // Straight behind, the column may be the one after the last.
             pixel.x = pixel.x.rem_euclid(size[0]);
@@ -196,16 +196,6 @@ fn weight(sighting: &Sighting, pixel_angle: f64, margin: f64) -> f64 {
 fn margin(pixel: DVec2, [width, height]: [f64; 2]) -> f64 {
     let to_edge = pixel.x.min(pixel.y).min(width - pixel.x).min(height - pixel.y);
     ramp(to_edge / width.max(height), MARGIN)
-}
-
-/// Whether a picture goes all the way round, so that its left and right borders are the same place. Such pictures are composed of many, and have no vignetting.
-fn is_full_turn(camera: &Camera) -> bool {
-    match camera.model() {
-        CameraModel::Equirectangular { scale, .. } | CameraModel::Cylindrical { scale, .. } => {
-            f64::from(camera.size()[0]) >= 0.999 * TAU * scale.x
-        }
-        CameraModel::Pinhole { .. } => false,
-    }
 }
 
 /// The square of the distance from the centre of a picture; 1 in the corners.

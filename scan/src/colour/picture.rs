@@ -84,12 +84,16 @@ impl Photograph {
         let side = side.clamp(1, self.size[0].min(self.size[1]));
         let [columns, rows] = self.size.map(|pixels| pixels / side);
         let mean = |column: u32, row: u32| {
-            let places = (0..side * side).map(|k| (column * side + k % side, row * side + k / side));
-            let sum: f32 = places.map(|(x, y)| luma(self.pixels[self.index(x, y)])).sum();
-            sum / (side * side) as f32
+            let places = (0..side * side).map(|k| self.index(column * side + k % side, row * side + k / side));
+            let value = |at: usize| if self.is_usable(at) { luma(self.pixels[at]) } else { f32::NAN };
+            places.map(value).sum::<f32>() / (side * side) as f32
         };
         let values = (0..rows).flat_map(|row| (0..columns).map(move |column| (column, row)));
         (values.map(|(column, row)| mean(column, row)).collect(), [columns, rows])
+    }
+
+    fn is_usable(&self, at: usize) -> bool {
+        self.usable.get(at).copied().unwrap_or(true)
     }
 
     fn index(&self, x: u32, y: u32) -> usize {
@@ -102,7 +106,7 @@ impl Photograph {
         for y in 0..self.size[1] {
             for x in 0..self.size[0] {
                 let at = self.index(x, y);
-                if self.usable.get(at).copied().unwrap_or(true) {
+                if self.is_usable(at) {
                     let (sum, count) = &mut sums[((y / LOW) * columns + x / LOW) as usize];
                     for (sum, level) in sum.iter_mut().zip(self.pixels[at]) {
                         *sum += light_from_srgb_f32(level);
@@ -148,7 +152,7 @@ impl Photograph {
         if !(x >= 0.0 && x < width && y >= 0.0 && y < height) {
             return None;
         }
-        if !self.usable.get(self.index(x as u32, y as u32)).copied().unwrap_or(true) {
+        if !self.is_usable(self.index(x as u32, y as u32)) {
             return None;
         }
         let mut is_clipped = false;

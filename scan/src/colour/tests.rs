@@ -254,3 +254,81 @@ fn sharpness_distinguishes_blurred_from_sharp_photographs() {
     assert!(of(&sharp) > 0.95 && of(&blurred) < 0.7, "{} {}", of(&sharp), of(&blurred));
     assert!(of(&[100; 128 * 128]) >= 1.0);
 }
+
+#[test]
+fn a_jpeg_file_that_ends_too_early_is_left_out() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut input = session(folder.path()).remove(0);
+    let path = folder.path().join("whole.jpg");
+    image::open(&input.path).expect("a picture").save(&path).expect("a file");
+    let read = |path: &Path| Photograph::read(path, SIZE, None);
+    assert!(read(&path).is_ok());
+    let bytes = std::fs::read(&path).expect("bytes");
+    input.path = folder.path().join("half.jpg");
+    std::fs::write(&input.path, &bytes[..bytes.len() / 2]).expect("a file");
+    assert!(read(&input.path).expect_err("a refusal").contains("cut off"));
+}
+
+#[test]
+fn a_mask_with_an_opaque_alpha_channel_masks_by_its_levels() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let (input, mask) = (session(folder.path()).remove(0), folder.path().join("mask.png"));
+    let level = |x: u32| if x < 180 { [0, 0, 0, 255] } else { [255; 4] };
+    image::RgbaImage::from_fn(SIZE[0], SIZE[1], |x, _| image::Rgba(level(x))).save(&mask).expect("a mask");
+    let photograph = Photograph::read(&input.path, SIZE, Some(&mask)).expect("a photograph");
+    assert!(photograph.shown(179.5, 100.0).is_none() && photograph.shown(181.0, 100.0).is_some());
+}
+
+#[test]
+fn a_mask_does_not_darken_what_is_beside_it() {
+    let plain = Photograph::new([64, 64], vec![[150; 3]; 64 * 64], Vec::new());
+    let masked = Photograph::new([64, 64], vec![[150; 3]; 64 * 64], (0..64 * 64).map(|k| k % 64 >= 32).collect());
+    for x in 32..64 {
+        let [a, b] = [&plain, &masked].map(|p| p.shown(f64::from(x) + 0.5, 20.0).expect("a pixel").low[0]);
+        assert!((a - b).abs() < 1e-4, "{x}: {a} {b}");
+    }
+    assert!(masked.luma(4).0.iter().filter(|value| value.is_nan()).count() == 8 * 16);
+}
+
+#[test]
+fn a_panorama_colours_the_wall_across_its_seam() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let camera = Camera::equirectangular([720, 360]).expect("a camera");
+    // Its back looks at the wall, exactly along an axis.
+    let rotation = DQuat::from_mat3(&DMat3::from_cols(-DVec3::X, -DVec3::Y, DVec3::Z));
+    let position = DVec3::new(1.0, 0.0, 1.0);
+    let camera = PosedCamera { camera, camera_from_world: Pose { rotation, translation: -(rotation * position) } };
+    let mut picture = image::RgbImage::new(720, 360);
+    for (x, y, pixel) in picture.enumerate_pixels_mut() {
+        let ray = camera.ray(DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5));
+        let place = ray.and_then(|ray| hit(position, ray));
+        pixel.0 = place.map_or([0.5; 3], light).map(srgb_from_light);
+    }
+    let path = folder.path().join("round.png");
+    picture.save(&path).expect("a file");
+    let input = Input { name: "round.png".to_owned(), path, mask: None, camera, exposure: None };
+    let (all, _) = vertices(&pack(), &[input], &options(folder.path(), 2, 1 << 30));
+    let near = |v: &&Vertex| v.place.z < 0.1 && v.place.distance(position.with_z(0.0)) < 0.5;
+    assert!(all.iter().filter(near).count() > 1000);
+    for v in all.iter().filter(near) {
+        assert!(v.photos > 0.0, "{}", v.place);
+        let ratio = light_from_srgb(v.color[1]) / light(v.place)[1];
+        assert!((ratio - 1.0).abs() < 0.06, "{} {ratio}", v.place);
+    }
+}
+
+#[test]
+fn every_photograph_of_a_crowded_place_may_be_compared() {
+    let mut kept = [0; 40];
+    for place in 0..200 {
+        let mut samples = Vec::new();
+        for photo in 0..40 {
+            keep(&mut samples, [place, 7], ToneSample { photo, r2: 0.0, light: [0.2; 3], weight: 1.0 });
+        }
+        assert_eq!(samples.len(), MAX_PHOTOS);
+        for sample in &samples {
+            kept[sample.photo as usize] += 1;
+        }
+    }
+    assert!(kept.iter().all(|count| (40..130).contains(count)), "{kept:?}");
+}

@@ -45,9 +45,14 @@ impl Vertex {
     pub(super) fn hash(&self) -> u64 {
         let word = |v: i32| u64::from(v.cast_unsigned());
         let [x, y, z] = self.position.to_array().map(word);
-        let mixed = (x ^ y.rotate_left(21) ^ z.rotate_left(42)).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        (mixed ^ (mixed >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 11
+        mixed(x ^ y.rotate_left(21) ^ z.rotate_left(42))
     }
+}
+
+/// A number whose bits all depend on all bits of `value` (the finaliser of SplitMix64 without its last step).
+pub(super) fn mixed(value: u64) -> u64 {
+    let value = value.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    (value ^ (value >> 29)).wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 11
 }
 
 /// The vertices of all chunks.

@@ -84,12 +84,14 @@ impl View {
         let slope = ((1.0 - facing * facing).max(0.0).sqrt() / facing).min(STEEPEST);
         let texel = at.z / focal;
         let tolerance = error + texel * (ERROR_PIXELS + 1.5 * slope + 0.5);
-        let nearest = f64::from(face.raster.farthest_around(pixel));
-        if at.z > nearest + tolerance {
+        let [x, y] = [pixel.x as u32, pixel.y as u32];
+        let from_edge = face.edges.distance(x, y);
+        // Beside an edge, only the pixel itself tells: its neighbours show what lies behind.
+        let depth = if from_edge < 1.0 { face.raster.depth(x, y) } else { face.raster.farthest_around(pixel) };
+        if at.z > f64::from(depth) + tolerance {
             return None;
         }
-        let [x, y] = [pixel.x as u32, pixel.y as u32];
-        let clearance = f64::from(face.edges.distance(x, y)) / focal;
+        let clearance = f64::from(from_edge) / focal;
         Some(Sighting { facing, range, clearance })
     }
 }

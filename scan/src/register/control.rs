@@ -2,8 +2,9 @@
 
 use crate::ScanError;
 use crate::survey::{Station, Survey};
-use glam::{DMat3, DVec3};
+use glam::DVec3;
 use kilwa_scan_core::Pose;
+use kilwa_scan_core::kabsch::{best_rotation, is_line};
 use nalgebra::Matrix3;
 use std::collections::BTreeMap;
 
@@ -11,8 +12,6 @@ use std::collections::BTreeMap;
 pub(super) const SIGMA: f64 = 0.005;
 /// Minimum number of points that define a pose.
 pub(super) const MIN_POINTS: usize = 3;
-/// Points define a pose if their spread in a second direction is at least this share of their spread in the first.
-const SPREAD: f64 = 0.02;
 
 /// A control point as observed by a station, or with known survey coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -135,21 +134,10 @@ pub(super) fn rigid(pairs: &[(DVec3, DVec3)]) -> Option<Pose> {
         product += a * b.transpose();
         spread += b * b.transpose();
     }
-    let mut sizes: Vec<f64> = spread.symmetric_eigenvalues().iter().copied().collect();
-    sizes.sort_by(f64::total_cmp);
-    if sizes[1] <= SPREAD * SPREAD * sizes[2] {
+    if is_line(&spread) {
         return None;
     }
-    let svd = product.svd(true, true);
-    let (u, v) = (svd.u?, svd.v_t?);
-    let sign = (u * v).determinant().signum();
-    let mut order = [0, 1, 2];
-    order.sort_by(|a, b| svd.singular_values[*b].total_cmp(&svd.singular_values[*a]));
-    let mut flip = Matrix3::identity();
-    flip[(order[2], order[2])] = sign;
-    let r = u * flip * v;
-    let rotation = DMat3::from_cols_array(&[r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8]]);
-    let rotation = glam::DQuat::from_mat3(&rotation).normalize();
+    let rotation = best_rotation(&product)?.rotation;
     Some(Pose { rotation, translation: to - rotation * from })
 }
 

@@ -153,6 +153,24 @@ impl Camera {
         self.size
     }
 
+    /// Pixels per radian on the optical axis, where it is larger if they differ between the directions.
+    pub fn pixels_per_radian(&self) -> f64 {
+        match &self.model {
+            CameraModel::Pinhole { focal, .. } => focal.max_element(),
+            CameraModel::Equirectangular { scale, .. } | CameraModel::Cylindrical { scale, .. } => scale.max_element(),
+        }
+    }
+
+    /// Whether its pictures go all the way round, so that their left and right edges are the same place.
+    pub fn is_full_turn(&self) -> bool {
+        match &self.model {
+            CameraModel::Equirectangular { scale, .. } | CameraModel::Cylindrical { scale, .. } => {
+                f64::from(self.size[0]) >= 0.999 * TAU * scale.x
+            }
+            CameraModel::Pinhole { .. } => false,
+        }
+    }
+
     /// The model.
     pub fn model(&self) -> &CameraModel {
         &self.model

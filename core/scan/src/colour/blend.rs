@@ -145,6 +145,12 @@ mod tests {
     }
 
     #[test]
+    fn a_dark_inscription_on_bright_stone_stays_dark() {
+        let letter = Observation { weight: 1.0, full: [0.02; 3], low: [0.4; 3] };
+        assert!((light(&[letter]).0 - 0.02).abs() < 1e-4);
+    }
+
+    #[test]
     fn no_observations_or_only_weightless_ones_give_no_colour() {
         assert!(blend(&[], &mut Vec::new()).is_none());
         assert!(blend(&[seen(0.0, 0.2)], &mut Vec::new()).is_none());

@@ -1,15 +1,14 @@
 //! The frame of a reconstruction from photographs and that of the survey: a similarity from pairs of points.
 
 use crate::camera::PosedCamera;
+use crate::kabsch::{BestRotation, best_rotation, is_line};
 use crate::pose::Pose;
-use glam::{DMat3, DQuat, DVec3};
+use glam::{DQuat, DVec3};
 use nalgebra::Matrix3;
 use std::fmt;
 
 /// Fewest pairs that define a similarity.
 pub const MIN_PAIRS: usize = 3;
-/// Points define a similarity if their spread in a second direction is at least this share of their spread in the first.
-const SPREAD: f64 = 0.02;
 
 /// Takes coordinates of a reconstruction to those of the survey: `scale · rotation · p + translation`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -170,26 +169,11 @@ impl Similarity {
             spread += b * b.transpose() * (weight / total);
             in_survey += a * a.transpose() * (weight / total);
         }
-        let is_line = |spread: Matrix3<f64>| {
-            let mut sizes: Vec<f64> = spread.symmetric_eigenvalues().iter().copied().collect();
-            sizes.sort_by(f64::total_cmp);
-            sizes[1] <= SPREAD * SPREAD * sizes[2]
-        };
-        if is_line(spread) || is_line(in_survey) {
+        if is_line(&spread) || is_line(&in_survey) {
             return None;
         }
-        let svd = product.svd(true, true);
-        let (u, v) = (svd.u?, svd.v_t?);
-        let sign = (u * v).determinant().signum();
-        let mut order = [0, 1, 2];
-        order.sort_by(|a, b| svd.singular_values[*b].total_cmp(&svd.singular_values[*a]));
-        let mut flip = Matrix3::identity();
-        flip[(order[2], order[2])] = sign;
-        let r = u * flip * v;
-        let rotation = DMat3::from_cols_array(&[r[0], r[1], r[2], r[3], r[4], r[5], r[6], r[7], r[8]]);
-        let rotation = DQuat::from_mat3(&rotation).normalize();
-        let signed: f64 = (0..3).map(|k| svd.singular_values[k] * flip[(k, k)]).sum();
-        let scale = signed / spread.trace();
+        let BestRotation { rotation, trace } = best_rotation(&product)?;
+        let scale = trace / spread.trace();
         let is_scale = scale.is_finite() && scale > 0.0;
         is_scale.then_some(Self { scale, rotation, translation: to - rotation * from * scale })
     }

@@ -1,6 +1,6 @@
 //! Perspective views that cover what a camera sees.
 
-use crate::camera::{Camera, CameraModel, CubeFace};
+use crate::camera::{Camera, CubeFace};
 use glam::{DMat3, DVec2, DVec3};
 
 /// Cameras that see farther than this from their axis, radians, are covered by the faces of a cube.
@@ -74,7 +74,7 @@ pub fn windows(camera: &Camera, scale: f64, max_pixels: u32) -> Vec<Window> {
     let extents: Vec<(DMat3, [DVec2; 2])> =
         frames.into_iter().filter_map(|frame| Some((frame, extent(&rays, frame, is_wide)?))).collect();
     let area: f64 = extents.iter().map(|(_, [low, high])| (*high - *low).element_product()).sum();
-    let wanted = focal(camera) * scale;
+    let wanted = camera.pixels_per_radian() * scale;
     let most = (f64::from(max_pixels.max(1)) / area.max(1e-12)).sqrt();
     let focal = wanted.min(most).max(1e-3);
     let window = |(window_from_camera, [low, high]): (DMat3, [DVec2; 2])| {
@@ -83,14 +83,6 @@ pub fn windows(camera: &Camera, scale: f64, max_pixels: u32) -> Vec<Window> {
         Window { window_from_camera, focal, center: -low * focal, size }
     };
     extents.into_iter().map(window).collect()
-}
-
-/// Pixels per radian on the axis.
-fn focal(camera: &Camera) -> f64 {
-    match camera.model() {
-        CameraModel::Pinhole { focal, .. } => focal.max_element(),
-        CameraModel::Equirectangular { scale, .. } | CameraModel::Cylindrical { scale, .. } => scale.max_element(),
-    }
 }
 
 /// Unit directions seen at places all over the picture, edges included.

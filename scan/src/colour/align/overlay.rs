@@ -1,5 +1,6 @@
 //! A photograph with the borders of the model drawn over it, to see what is wrong with its pose.
 
+use crate::write_png::write_png;
 use glam::DVec2;
 use kilwa_scan_core::PosedCamera;
 use kilwa_scan_core::photo_pose::{Grey, Shown};
@@ -54,12 +55,6 @@ impl Overlay {
     /// # Errors
     /// Those of `out`.
     pub fn write_png(&self, out: &mut dyn Write) -> io::Result<()> {
-        let mut encoder = png::Encoder::new(out, self.size[0], self.size[1]);
-        encoder.set_color(png::ColorType::Rgb);
-        encoder.set_depth(png::BitDepth::Eight);
-        let mut writer = encoder.write_header()?;
-        writer.write_image_data(&self.pixels)?;
-        writer.finish()?;
-        Ok(())
+        write_png(out, self.size, png::ColorType::Rgb, &self.pixels)
     }
 }
