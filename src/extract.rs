@@ -1,4 +1,4 @@
-//! `kilwa extract`: give the mesh back from a pack, whole or coarser, as one crack-free PLY, OBJ, STL or GLB; or its hierarchy as 3D Tiles (`tiles`).
+//! `kilwa extract`: extract the mesh from a pack, whole or coarser, as one crack-free PLY, OBJ, STL or GLB; or its hierarchy as 3D Tiles (`tiles`).
 
 mod tiles;
 
@@ -18,7 +18,7 @@ use std::path::PathBuf;
 pub(crate) struct Args {
     /// The pack.
     pack: PathBuf,
-    /// The file to write; its extension chooses the format: .ply, .obj, .stl or .glb. With --to, a folder that does not exist yet.
+    /// The file to write; its extension determines the format: .ply, .obj, .stl or .glb. With --to, a folder that does not exist yet.
     #[arg(short, long)]
     output: PathBuf,
     /// Write a folder with all levels of detail for other viewers: 3D Tiles 1.1.

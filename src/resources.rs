@@ -1,4 +1,4 @@
-//! What a command may use of the machine: threads, memory, a folder for scratch files.
+//! The resources that a command may use: threads, memory, a folder for scratch files.
 
 use crate::build::{self, size};
 use kilwa_builder::build::machine;

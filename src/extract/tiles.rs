@@ -18,7 +18,7 @@ pub(super) struct TilesArgs {
     /// 3D Tiles: compressed for browsers (web), or without extensions for QGIS, Unreal and Blender (plain).
     #[arg(long, value_name = "PROFILE", default_value = "web", requires = "to")]
     profile: ProfileArg,
-    /// 3D Tiles: height of the geoid above the ellipsoid at the site, in metres; added to all heights, which must be ellipsoidal on the globe.
+    /// 3D Tiles: height of the geoid above the ellipsoid at the site, in metres. It is added to all heights, because the globe needs ellipsoidal heights.
     #[arg(long, value_name = "METRES", allow_negative_numbers = true, requires = "to", value_parser = offset)]
     geoid_offset: Option<f64>,
     /// 3D Tiles: the reference system of the coordinates, for a pack that states none or one that Kilwa cannot convert (EPSG:N); local: do not place
@@ -44,7 +44,7 @@ impl ProfileArg {
 
 fn offset(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
-        // No geoid is farther than 110 m from its ellipsoid; local systems of heights can be.
+        // No geoid is farther than 110 m from its ellipsoid; local height systems can be.
         Ok(x) if x.is_finite() && x.abs() <= 10_000.0 => Ok(x),
         _ => Err("expected a length in metres, for example -28.5".to_owned()),
     }
@@ -79,7 +79,7 @@ fn place(reader: &Reader<FileSource>, args: &TilesArgs) -> anyhow::Result<Option
     let geocentric = Geocentric::new(&crs).map_err(|why| {
         let shown: String = crs.chars().take(60).collect();
         anyhow::anyhow!(
-            "the model cannot be placed on the globe by its reference system \"{shown}\": {why}; state a projected system of the same coordinates \
+            "the model cannot be placed on the globe from its reference system \"{shown}\": {why}; give the projected system of its coordinates \
              with --crs EPSG:N, or use --crs local"
         )
     })?;
@@ -113,25 +113,25 @@ pub(super) fn run(args: &Args) -> anyhow::Result<()> {
     if args.json { json(args, &written, place.as_ref(), &notes) } else { text(args, &written, &notes) }
 }
 
-/// What a person should know about the place of the model.
+/// What the user should know about the model's position.
 fn notes(args: &TilesArgs, place: Option<&Place>) -> Vec<String> {
     let Some(place) = place else {
         let why = if args.crs.is_some() {
             "--crs local was given"
         } else {
-            "the pack states no coordinate reference system; --crs EPSG:N states one"
+            "the pack has no coordinate reference system; set one with --crs EPSG:N"
         };
-        return vec![format!("The tileset keeps the coordinates of the pack and has no place on the globe: {why}.")];
+        return vec![format!("The tileset keeps the coordinates of the pack and is not placed on the globe: {why}.")];
     };
     let mut notes = Vec::new();
     if args.geoid_offset.is_none() {
         notes.push(
-            "Heights were taken to be ellipsoidal. If they are above sea level, add the height of the geoid at the site: --geoid-offset METRES.".to_owned(),
+            "Heights were assumed to be ellipsoidal. If they are above sea level, add the height of the geoid at the site: --geoid-offset METRES.".to_owned(),
         );
     }
     if place.geocentric.is_approximate() {
         notes.push(format!(
-            "{} has a datum that is brought to WGS 84 by a shift of a few parameters: the place on the globe may be off by metres, the shape is not affected.",
+            "{} has a datum that is converted to WGS 84 by an approximate transformation with a few parameters: the position on the globe may be off by metres, but the shape is not affected.",
             place.crs
         ));
     }

@@ -34,7 +34,7 @@ pub fn projected(epsg: u16, [lat, lon]: [f64; 2]) -> Option<[f64; 2]> {
 pub struct Geocentric {
     from: Proj,
     to: Proj,
-    /// The datum is brought to WGS 84 by a shift of a few parameters, which is off by decimetres or metres.
+    /// The datum is converted to WGS 84 with a few parameters, which is off by decimetres or metres.
     shifted: bool,
 }
 
@@ -44,8 +44,8 @@ pub enum NoGeocentric {
     /// Well-known text, or another text that is not an EPSG code.
     #[error("it is not an EPSG code")]
     NoCode,
-    /// The code is not in the list, or needs a grid of shifts.
-    #[error("its definition is not known to Kilwa")]
+    /// The code is not in the list, or needs a datum shift grid.
+    #[error("Kilwa does not have its definition, or not the grid of datum shifts that it needs")]
     Unknown,
     /// It is not projected, or its axes are not east and north.
     #[error("its coordinates are not eastings and northings")]
@@ -56,7 +56,7 @@ pub enum NoGeocentric {
 }
 
 impl Geocentric {
-    /// Of a projected system such as `EPSG:32737`.
+    /// The conversion for a projected system such as `EPSG:32737`.
     ///
     /// # Errors
     /// [`NoGeocentric`].

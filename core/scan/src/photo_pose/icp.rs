@@ -23,7 +23,7 @@ const DETERMINED: f64 = 0.02;
 
 /// A reconstruction on a surface.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Landed {
+pub struct SurfaceFit {
     /// The frame.
     pub similarity: Similarity,
     /// The share of points that are within the last reach of the surface.
@@ -38,7 +38,7 @@ pub struct Landed {
 
 /// Why points could not be brought onto a surface.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum LandingError {
+pub enum SurfaceFitError {
     /// Too few points, or too few of them are near the surface.
     Few {
         /// Points near the surface.
@@ -59,40 +59,40 @@ pub enum LandingError {
     },
 }
 
-impl fmt::Display for LandingError {
+impl fmt::Display for SurfaceFitError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Few { near, points, reach } => write!(
                 f,
-                "only {near} of {points} points of the reconstruction are within {reach:.2} m of the surface; at least {MIN_POINTS} and {:.0} % are needed: the reconstruction shows something else, or its frame is too far off",
+                "only {near} of {points} points of the reconstruction are within {reach:.2} m of the surface; at least {MIN_POINTS} and {:.0} % are needed. The reconstruction shows something else, or its frame is too far off",
                 100.0 * MIN_SHARE
             ),
             Self::Slides => f.write_str(
-                "the points of the reconstruction can slide along the surface, so that their frame is not determined; give control points",
+                "the points of the reconstruction can slide along the surface, so their frame is not determined; give control points",
             ),
             Self::Ran { moved, allowed } => write!(
                 f,
-                "the points of the reconstruction moved by {moved:.2} m, more than the start may be wrong ({allowed:.2} m); give control points"
+                "the points of the reconstruction moved by {moved:.2} m, more than the allowed error of the initial frame ({allowed:.2} m); give control points"
             ),
         }
     }
 }
 
-impl std::error::Error for LandingError {}
+impl std::error::Error for SurfaceFitError {}
 
 /// Bring points onto a surface. `start`: in error by at most `reach`, metres. `spacing`: the distance between the points that describe the surface, metres.
 ///
 /// Distances along the normal are minimised by Gauss–Newton over rotation, translation and scale (Chen and Medioni, "Object modelling by registration of multiple range images", 1992), with weights of Geman and McClure whose scale shrinks.
 ///
 /// # Errors
-/// [`LandingError`].
-pub fn land(
+/// [`SurfaceFitError`].
+pub fn fit_to_surface(
     points: &[DVec3],
     start: &Similarity,
     reach: f64,
     surface: &Surface,
     spacing: f64,
-) -> Result<Landed, LandingError> {
+) -> Result<SurfaceFit, SurfaceFitError> {
     let foot = &|place: DVec3, radius: f64| {
         let (foot, normal) = surface.nearest(place, radius.hypot(spacing))?;
         ((place - foot).dot(normal).abs() <= radius).then_some((foot, normal))
@@ -109,7 +109,7 @@ pub fn land(
         }
         let distances = distances(points, &similarity, radius, foot);
         let Some(median) = distances.get(distances.len() / 2).copied() else {
-            return Err(LandingError::Few { near: 0, points: points.len(), reach: radius });
+            return Err(SurfaceFitError::Few { near: 0, points: points.len(), reach: radius });
         };
         // Normals at the points of the surface are not better than this.
         if radius * SHRINK < (TIGHT * median).max(FINEST * spacing) {
@@ -126,19 +126,19 @@ fn judged(
     allowed: f64,
     radius: f64,
     foot: &dyn Fn(DVec3, f64) -> Option<Foot>,
-) -> Result<Landed, LandingError> {
+) -> Result<SurfaceFit, SurfaceFitError> {
     let distances = distances(points, &similarity, radius, foot);
     let (near, count) = (distances.len(), points.len());
     let share = near as f64 / count.max(1) as f64;
     if near < MIN_POINTS || share < MIN_SHARE {
-        return Err(LandingError::Few { near, points: count, reach: radius });
+        return Err(SurfaceFitError::Few { near, points: count, reach: radius });
     }
     let square: f64 = points.iter().map(|p| similarity.apply(*p).distance_squared(start.apply(*p))).sum();
     let moved = (square / count as f64).sqrt();
     if moved > 2.0 * allowed {
-        return Err(LandingError::Ran { moved, allowed });
+        return Err(SurfaceFitError::Ran { moved, allowed });
     }
-    Ok(Landed { similarity, share, points: near, median: distances[near / 2], reach: radius })
+    Ok(SurfaceFit { similarity, share, points: near, median: distances[near / 2], reach: radius })
 }
 
 /// The distances from the surface of the points that are within a radius of it, in order.
@@ -170,14 +170,14 @@ fn step(
     similarity: &Similarity,
     radius: f64,
     foot: &dyn Fn(DVec3, f64) -> Option<Foot>,
-) -> Result<Step, LandingError> {
+) -> Result<Step, SurfaceFitError> {
     let pair = |point: &DVec3| {
         let at = similarity.apply(*point);
         foot(at, radius).map(|(place, normal)| (at, place, normal))
     };
     let pairs: Vec<(DVec3, DVec3, DVec3)> = points.iter().filter_map(pair).collect();
     if pairs.len() < MIN_POINTS {
-        return Err(LandingError::Few { near: pairs.len(), points: points.len(), reach: radius });
+        return Err(SurfaceFitError::Few { near: pairs.len(), points: points.len(), reach: radius });
     }
     let center = pairs.iter().map(|(at, ..)| *at).sum::<DVec3>() / pairs.len() as f64;
     let square: f64 = pairs.iter().map(|(at, ..)| at.distance_squared(center)).sum();
@@ -198,11 +198,11 @@ fn step(
         weights += weight;
     }
     if weights < 1e-9 {
-        return Err(LandingError::Few { near: 0, points: points.len(), reach: radius });
+        return Err(SurfaceFitError::Few { near: 0, points: points.len(), reach: radius });
     }
     let eigen = SymmetricEigen::new(information / weights);
     if eigen.eigenvalues.iter().any(|value| *value < DETERMINED * DETERMINED) {
-        return Err(LandingError::Slides);
+        return Err(SurfaceFitError::Slides);
     }
     let inverse = eigen.eigenvectors
         * SMatrix::from_diagonal(&eigen.eigenvalues.map(f64::recip))

@@ -18,6 +18,6 @@ mod tests;
 
 pub use grey::Grey;
 pub use predict::Shown;
-pub use refine::{NotRefined, Options, Quality, Refined, Render, Why, refine};
+pub use refine::{NotRefined, Options, Quality, Refined, RefusalReason, Render, refine};
 pub use similarity::Similarity;
 pub use surface::Surface;

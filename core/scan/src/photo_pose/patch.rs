@@ -79,7 +79,7 @@ fn dot(a: &[Row], b: &[Row]) -> f32 {
     lanes.iter().sum()
 }
 
-/// Always in the same order, so that sums do not depend on the processor.
+/// Always adds in the same order, so that sums do not depend on the processor.
 fn add_products(lanes: &mut [f32; LANES], a: &[f32], b: &[f32]) {
     for (a, b) in a.chunks_exact(LANES).zip(b.chunks_exact(LANES)) {
         for k in 0..LANES {

@@ -54,7 +54,7 @@ const SETTLED: f64 = 0.15;
 /// Patches agree with a shift whose likelihood is at most this far below that of their best shift.
 const NATS: f32 = 3.0;
 /// A patch counts as informative if at most this share of all shifts would agree with it,
-const CHANCE: f64 = 0.12;
+const MAX_CHANCE_AGREEMENT: f64 = 0.12;
 /// and its best shift has at least this gain.
 const GAIN: f32 = 4.0;
 /// The fewest informative patches.
@@ -96,7 +96,7 @@ pub struct Quality {
 
 /// Why a photograph could not be refined.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Why {
+pub enum RefusalReason {
     /// The picture's size does not match the camera's.
     Size {
         /// Width and height of the picture, pixels.
@@ -128,7 +128,7 @@ pub enum Why {
 #[derive(Debug, Clone, PartialEq)]
 pub struct NotRefined {
     /// Why.
-    pub why: Why,
+    pub why: RefusalReason,
     /// How well it fits, as far as that could be judged.
     pub quality: Quality,
     /// The best pose that was found, which must not be used.
@@ -139,30 +139,30 @@ impl fmt::Display for NotRefined {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Quality { patches, share, sigma_px, .. } = self.quality;
         match self.why {
-            Why::Size { picture: [w, h], expected: [a, b] } => {
-                write!(f, "the picture has {w} × {h} pixels, but its camera {a} × {b}")
+            RefusalReason::Size { picture: [w, h], expected: [a, b] } => {
+                write!(f, "the picture has {w} × {h} pixels, but its camera has {a} × {b}")
             }
-            Why::Small => write!(f, "the picture is too small: its shorter side needs {SHORTEST} pixels"),
-            Why::Little { patches } => write!(
+            RefusalReason::Small => write!(f, "the picture is too small: its shorter side must have at least {SHORTEST} pixels"),
+            RefusalReason::Little { patches } => write!(
                 f,
-                "it shows too little of the model that can be recognised: {patches} patches, of at least {MIN_PATCHES}"
+                "it shows too little of the model: only {patches} usable patches; at least {MIN_PATCHES} are needed"
             ),
-            Why::Disagrees => write!(
+            RefusalReason::Disagrees => write!(
                 f,
                 "only {:.0} % of {patches} patches agree on a pose: it does not show the model, or its pose is too far off",
                 100.0 * share
             ),
-            Why::Ambiguous => f.write_str("a second pose fits almost as well, because what it shows repeats: give a better initial pose, and a smaller reach"),
-            Why::Vague => {
+            RefusalReason::Ambiguous => f.write_str("a second pose fits almost as well, because the scene repeats: give a better initial pose and a smaller reach"),
+            RefusalReason::Vague => {
                 write!(
                     f,
-                    "what it shows of the model does not determine its pose: it is uncertain by {sigma_px:.1} pixels"
+                    "the visible part of the model does not determine its pose: the uncertainty is {sigma_px:.1} pixels"
                 )
             }
-            Why::Far { moved_px } => {
+            RefusalReason::Far { moved_px } => {
                 write!(
                     f,
-                    "it would fit if its pose were changed by {moved_px:.0} pixels, which is more than was allowed"
+                    "it fits only if its pose is changed by {moved_px:.0} pixels, which is more than the limit"
                 )
             }
         }
@@ -200,7 +200,7 @@ pub fn refine<E>(
     let mut refiner = Refiner { options, initial: *camera, camera: *camera };
     let expected = camera.camera.size().map(|side| (f64::from(side) / factor) as u32);
     if expected.iter().zip(picture.size()).any(|(a, b)| a.abs_diff(b) > 1) {
-        return Ok(Err(refiner.failed(Why::Size { picture: picture.size(), expected }, Quality::default())));
+        return Ok(Err(refiner.failed(RefusalReason::Size { picture: picture.size(), expected }, Quality::default())));
     }
     let mut levels = vec![(picture.clone(), factor)];
     while let Some((last, factor)) = levels.last()
@@ -212,10 +212,10 @@ pub fn refine<E>(
     }
     levels.retain(|(level, _)| level.size()[0].max(level.size()[1]) <= options.finest.max(COARSEST));
     let Some((coarsest, factor)) = levels.last() else {
-        return Ok(Err(refiner.failed(Why::Small, Quality::default())));
+        return Ok(Err(refiner.failed(RefusalReason::Small, Quality::default())));
     };
     if coarsest.size()[0].min(coarsest.size()[1]) < SHORTEST {
-        return Ok(Err(refiner.failed(Why::Small, Quality::default())));
+        return Ok(Err(refiner.failed(RefusalReason::Small, Quality::default())));
     }
     let reach = options.reach.unwrap_or(f64::from(camera.camera.size()[0].max(camera.camera.size()[1])) / 20.0);
     let mut radius = ((reach / factor).ceil() as usize).clamp(3, MAX_RADIUS);
@@ -224,7 +224,7 @@ pub fn refine<E>(
         for _ in 0..ROUNDS {
             let round = match refiner.round(level, *factor, radius, render)? {
                 Ok(round) => round,
-                Err(patches) => return Ok(Err(refiner.failed(Why::Little { patches }, quality))),
+                Err(patches) => return Ok(Err(refiner.failed(RefusalReason::Little { patches }, quality))),
             };
             refiner.camera = round.camera;
             let first = *rival.get_or_insert(round.quality.rival);
@@ -245,7 +245,7 @@ struct Refiner<'a> {
 }
 
 impl Refiner<'_> {
-    fn failed(&self, why: Why, quality: Quality) -> Box<NotRefined> {
+    fn failed(&self, why: RefusalReason, quality: Quality) -> Box<NotRefined> {
         Box::new(NotRefined { why, quality, camera: self.camera })
     }
 
@@ -314,15 +314,15 @@ impl Refiner<'_> {
     fn judged(&self, quality: Quality, reach: f64) -> Result<Refined, Box<NotRefined>> {
         let moved_px = self.moved();
         let why = if quality.patches < MIN_PATCHES {
-            Some(Why::Little { patches: quality.patches })
+            Some(RefusalReason::Little { patches: quality.patches })
         } else if quality.share < self.options.min_share || quality.score < MIN_SCORE {
-            Some(Why::Disagrees)
+            Some(RefusalReason::Disagrees)
         } else if quality.rival > MAX_RIVAL {
-            Some(Why::Ambiguous)
+            Some(RefusalReason::Ambiguous)
         } else if quality.sigma_px > self.options.max_sigma {
-            Some(Why::Vague)
+            Some(RefusalReason::Vague)
         } else if moved_px > 2.0 * reach {
-            Some(Why::Far { moved_px })
+            Some(RefusalReason::Far { moved_px })
         } else {
             None
         };
@@ -372,7 +372,7 @@ fn quality(sights: &[Sight], found: &Found, factor: f64) -> Quality {
         }
         let best = sight.map.max();
         let p = sight.map.share_within(NATS);
-        if best < GAIN || p > CHANCE {
+        if best < GAIN || p > MAX_CHANCE_AGREEMENT {
             continue;
         }
         patches += 1;

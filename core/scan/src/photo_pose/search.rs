@@ -5,7 +5,7 @@ use super::patch::Map;
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 /// Gains beyond this grow only as their logarithm, so that no single patch decides.
-const SOFT: f32 = 6.0;
+const GAIN_SOFT_LIMIT: f32 = 6.0;
 /// Candidates that are improved.
 const STARTS: usize = 12;
 /// Rolls that are tried, in steps that shift the border of the picture by this many pixels.
@@ -13,7 +13,7 @@ const ROLLS: i32 = 2;
 const ROLL_STEP: f64 = 2.5;
 /// Candidates are at least this far apart, and others than the best one are rivals if they are at least this far from it, pixels.
 const APART: f64 = 2.5;
-const ELSEWHERE: f64 = 3.0;
+const MIN_RIVAL_DISTANCE: f64 = 3.0;
 /// Shifts of a patch that differ by more than this lead to different places, pixels.
 const PLACE: f64 = 2.0;
 /// The smallest step of the search, pixels.
@@ -174,7 +174,8 @@ impl<'a> Search<'a> {
         }
         let climbed: Vec<_> = self.starts(radius).into_iter().map(|start| self.climb(start, 2.0)).collect();
         let (_, amounts) = climbed.iter().max_by(|a, b| a.0.total_cmp(&b.0))?;
-        let others = climbed.iter().filter(|(_, other)| square(other, amounts) > ELSEWHERE * ELSEWHERE);
+        let others =
+            climbed.iter().filter(|(_, other)| square(other, amounts) > MIN_RIVAL_DISTANCE * MIN_RIVAL_DISTANCE);
         let rival = others.filter_map(|(_, other)| self.share(amounts, other)).fold(0.0, f64::max);
         let (amounts, covariance) = self.fitted(amounts);
         let count = self.directions.changes.len();
@@ -228,7 +229,7 @@ impl<'a> Search<'a> {
 
 /// What a gain counts for.
 fn softened(gain: f32) -> f32 {
-    SOFT * libm::log1pf(gain.max(0.0) / SOFT)
+    GAIN_SOFT_LIMIT * libm::log1pf(gain.max(0.0) / GAIN_SOFT_LIMIT)
 }
 
 /// The square of the distance between two sets of amounts.

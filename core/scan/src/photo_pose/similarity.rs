@@ -94,7 +94,7 @@ impl fmt::Display for FrameError {
                 )
             }
             Self::Line => {
-                f.write_str("the points that are known in both frames are on a line or at one place; add one beside it")
+                f.write_str("the points that are known in both frames all lie on one line or at one place; add a point away from the line")
             }
             Self::Contradiction { pair, distance, expected } => write!(
                 f,
@@ -103,7 +103,7 @@ impl fmt::Display for FrameError {
             ),
             Self::Contradictions { pair, distance, expected } => write!(
                 f,
-                "the pairs contradict each other: the points of pair {} are {distance:.3} m apart, at most {expected:.3} m are expected, and leaving out a single pair does not help",
+                "the pairs contradict each other: the points of pair {} are {distance:.3} m apart, at most {expected:.3} m are expected. Leaving out a single pair does not help",
                 pair + 1
             ),
         }

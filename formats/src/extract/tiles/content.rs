@@ -1,7 +1,7 @@
-//! What tiles show: the patches of a group's chunks, apart by the group that replaces them.
+//! What tiles show: the patches of a group's chunks, split by the group that replaces them.
 //!
 //! A tile belongs to the group whose refinement shows it. It has the patches whose diamonds are in one other group, and is replaced when that
-//! is refined, or leaf patches, which nothing replaces. A tile that would be too large is several, which are replaced together.
+//! is refined, or leaf patches, which nothing replaces. A tile that would be too large is split into several, which are replaced together.
 
 use super::glb::Tile;
 use super::groups::{Group, Groups};

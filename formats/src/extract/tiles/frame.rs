@@ -244,13 +244,13 @@ fn grid(finest: i32, points: &[DVec3; 27], median_edge: f64) -> Result<i32, Extr
     let refused = |why: String| Err(ExtractError::Numbers(why));
     if !EXPONENTS.contains(&grid_log2) || !wide.is_finite() {
         return refused(format!(
-            "3D Tiles cannot represent coordinates in steps of 2^{grid_log2} m; build the pack again with another --step"
+            "3D Tiles cannot store coordinates with a spacing of 2^{grid_log2} m; build the pack again with another --step"
         ));
     }
     let spacing = libm::scalbn(1.0, grid_log2);
     if grid_log2 > finest && spacing > median_edge * 0.5 {
         return refused(format!(
-            "the model is {wide:.0} m wide: floats would round it to {spacing} m, more than half of its median edge of {median_edge} m; \
+            "the model is {wide:.0} m wide: 32-bit floats would round it to {spacing} m, which is more than half its median edge of {median_edge} m; \
              build packs of parts of it (kilwa build --crop)"
         ));
     }

@@ -61,7 +61,7 @@ impl Tile {
         let max = points.iter().copied().fold(IVec3::MIN, IVec3::max);
         let offset = ((min.as_i64vec3() + max.as_i64vec3()) / 2).as_ivec3();
         if ((max.as_i64vec3() - min.as_i64vec3()) / 2 + 1).max_element() > i64::from(REACH) {
-            return Err(ExtractError::Numbers("a tile is too wide for floats".to_owned()));
+            return Err(ExtractError::Numbers("a tile is too wide for 32-bit floats".to_owned()));
         }
         for p in &mut points {
             *p -= offset;
@@ -161,7 +161,7 @@ impl Tile {
         let normals = self.normals(Profile::Web)?;
         let is_quantized = normals.is_some();
         let (mut file, mut binary) = (self.file(error), Vec::new());
-        // What a client without the extension would need has its places, but no bytes.
+        // The fallback buffer for clients without the extension is declared, but has no bytes.
         let mut plain = 0;
         let mut view = |file: &mut Value, packed: &[u8], count: usize, stride: usize, target: u32, about: Value| {
             let mut extension = json!({"buffer": 0, "byteOffset": binary.len(), "byteLength": packed.len(),

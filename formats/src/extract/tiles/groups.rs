@@ -1,4 +1,4 @@
-//! Which diamonds are refined together, and what a client decides it by.
+//! Which diamonds are refined together, and the values by which a client decides that.
 //!
 //! A client knows nothing of cuts: it refines a tile by the tile's own bounding sphere and `geometricError`. It shows a valid cut all the same
 //! if three things hold. The diamonds of a level are divided into *groups*; all tiles of a group have the same sphere and the same error, so
@@ -19,10 +19,10 @@ use std::collections::BTreeMap;
 const START: u32 = 1024;
 /// The error of a group is so many times the largest of the groups below it, or more: 3d-tiles-renderer refines where a child has the
 /// same error as its parent.
-const STEEPER: f64 = 1.0 + 1.0 / 4096.0;
+const PARENT_ERROR_FACTOR: f64 = 1.0 + 1.0 / 4096.0;
 /// A sphere reaches so far beyond those inside, in parts of their radius and in metres, which is more than clients round off far from the origin.
 const MARGIN: f64 = 1e-6;
-/// Chunks of a group have at most so many times the triangles of a tile, if it has several: they are in memory together.
+/// The chunks of a group, if it has several, have at most this many times the triangles of a tile: they are in memory together.
 const CHUNKS_PER_TILE: u64 = 8;
 
 /// Diamonds that are refined together.
@@ -63,7 +63,7 @@ pub(super) fn tables<S: Source>(reader: &Reader<S>) -> Result<Vec<Vec<PatchRange
             Err(_) => patch_table(&bytes(e.encoded_bytes)?)?,
         };
         if table.iter().map(|p| u64::from(p.count)).sum::<u64>() != u64::from(e.triangles) {
-            let why = "its patches do not have the triangles that the directory states";
+            let why = "the triangle count of its patches differs from the directory";
             return Err(PackError::Invalid { what: format!("chunk {i}"), why: why.to_owned() }.into());
         }
         match table.iter().find(|p| p.diamond != NO_DIAMOND && (p.diamond as usize >= entries.len() || p.diamond <= i))
@@ -163,7 +163,7 @@ impl Groups {
             }
             for below in &self.all[g].below {
                 let below = &self.all[*below as usize];
-                error = error.max(below.error * STEEPER);
+                error = error.max(below.error * PARENT_ERROR_FACTOR);
                 let Sphere { center, radius } = below.sphere;
                 let wider = Sphere { center, radius: radius + MARGIN * radius + MARGIN };
                 if !sphere.contains(&wider, 0.0) {

@@ -10,13 +10,13 @@ use std::collections::VecDeque;
 /// The name of the first one.
 pub(super) const TILESET: &str = "tileset.json";
 /// The folder of the others.
-pub(super) const BELOW: &str = "tilesets";
+pub(super) const NESTED_FOLDER: &str = "tilesets";
 /// Clients refine where the error takes more than so many pixels (CesiumJS and 3d-tiles-renderer; loaders.gl takes 8), and a tile shall be
 /// replaced where its certified error takes more than one.
 pub const PIXELS: f64 = 16.0;
 /// A tile that stands for a tileset has an error so many times that of its first tile: larger, because 3d-tiles-renderer refines a tile whose error is
 /// not smaller than that of the tile above, and smaller than that of the tile above both.
-const STAND_IN: f64 = 1.0 + 1.0 / 8192.0;
+const NESTED_TILESET_ERROR_FACTOR: f64 = 1.0 + 1.0 / 8192.0;
 
 /// A JSON file of a tileset.
 pub(super) struct File {
@@ -39,7 +39,7 @@ pub(super) fn files(tree: &Tree, groups: &Groups, frame: &Frame<'_>, tiles: usiz
         let mut names = Names { next: number + waiting.len() + 1, depth: "../" };
         let root = writer.part(first, tiles, &mut waiting, &mut names);
         let error = writer.error(first);
-        files.push(file(format!("{BELOW}/{number}.json"), root, error, None));
+        files.push(file(format!("{NESTED_FOLDER}/{number}.json"), root, error, None));
         number += 1;
     }
     files
@@ -114,7 +114,7 @@ impl Writer<'_> {
         group.map_or(0.0, |group| PIXELS * self.groups.all[group as usize].error)
     }
 
-    /// That of the group which replaces it; of a tile of the finest level its own, if that is inside of the one above.
+    /// The sphere of the group that replaces it; for a tile of the finest level its own, if that is inside the one above.
     fn sphere(&self, tile: u32, above: &Sphere) -> Sphere {
         let piece = &self.tree.pieces[tile as usize];
         match piece.replaced_by {
@@ -136,11 +136,11 @@ impl Writer<'_> {
         let sphere = self.sphere(tile, &above);
         let volume = volume(&sphere);
         if !included[tile as usize] && !below.is_empty() {
-            let folder = if names.depth.is_empty() { format!("{BELOW}/") } else { String::new() };
+            let folder = if names.depth.is_empty() { format!("{NESTED_FOLDER}/") } else { String::new() };
             let uri = format!("{folder}{}.json", names.next);
             names.next += 1;
             waiting.push_back(tile);
-            return json!({"boundingVolume": volume, "geometricError": self.error(tile) * STAND_IN, "content": {"uri": uri}});
+            return json!({"boundingVolume": volume, "geometricError": self.error(tile) * NESTED_TILESET_ERROR_FACTOR, "content": {"uri": uri}});
         }
         let mut json = json!({"boundingVolume": volume, "geometricError": self.error(tile)});
         if let Some(file) = &piece.file {

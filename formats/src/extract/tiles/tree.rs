@@ -70,7 +70,7 @@ fn add_empty_parents(pieces: &mut Vec<Piece>, groups: &Groups) {
     }
 }
 
-/// For each of `above` the children that are nearest to it; nobody goes without while another has two.
+/// For each of `above` the children that are nearest to it; no tile has two children while another has none.
 fn adopt(pieces: &[Piece], above: &[u32], children: &[u32]) -> Vec<Vec<u32>> {
     let center = |number: u32| pieces[number as usize].sphere.center;
     let distance = |parent: usize, child: u32| center(above[parent]).distance_squared(center(child));

@@ -4,7 +4,7 @@ use super::pairs::NamedPair;
 use crate::ScanError;
 use crate::photos::{Frame, PhotoSet};
 use glam::DVec3;
-use kilwa_scan_core::photo_pose::icp::{Landed, LandingError, land};
+use kilwa_scan_core::photo_pose::icp::{SurfaceFit, SurfaceFitError, fit_to_surface};
 use kilwa_scan_core::photo_pose::similarity::{Fit, FrameError, Pair};
 use kilwa_scan_core::photo_pose::{Similarity, Surface};
 
@@ -48,9 +48,9 @@ pub struct Aligned {
     /// Their root mean square with the final frame, metres; None without any.
     pub rms: Option<f64>,
     /// How the sparse points lie on the surface, if they were used.
-    pub landed: Option<Landed>,
+    pub landed: Option<SurfaceFit>,
     /// Why they were not used, although there is a surface.
-    pub not_landed: Option<LandingError>,
+    pub not_landed: Option<SurfaceFitError>,
 }
 
 impl Aligned {
@@ -88,7 +88,7 @@ pub fn frame(set: &PhotoSet, start: &Start, surface: Option<(&Surface, f64)>) ->
     };
     let (mut similarity, mut landed, mut not_landed) = (first, None, None);
     if let Some((surface, spacing)) = surface.filter(|_| !sparse.is_empty()) {
-        match land(&sparse, &first, reach, surface, spacing) {
+        match fit_to_surface(&sparse, &first, reach, surface, spacing) {
             Ok(found) => {
                 similarity = found.similarity;
                 landed = Some(found);
@@ -119,7 +119,7 @@ fn pairs(set: &PhotoSet, start: &Start) -> Result<Vec<NamedPair>, ScanError> {
                 let pose = photo.filter(|p| p.frame == Frame::Reconstruction).and_then(|p| p.camera_from_world);
                 let Some(pose) = pose else {
                     return Err(ScanError::Request(format!(
-                        "the position of the camera of {name} is known, but the reconstruction has no pose of it; check the name"
+                        "the camera position of {name} is known, but the reconstruction has no pose for this photograph; check the name"
                     )));
                 };
                 let reconstruction = pose.inverse().translation;
@@ -156,11 +156,11 @@ fn refusal(error: &FrameError, pairs: &[NamedPair]) -> ScanError {
             format!("{} has a coordinate that is not finite or a standard deviation that is not positive", name(pair))
         }
         FrameError::Contradiction { pair, distance, expected } => format!(
-            "{} contradicts the other points: it is {distance:.3} m from where they expect it (at most {expected:.3} m); correct it or leave it out",
+            "{} contradicts the other points: it is {distance:.3} m from where they place it (expected: at most {expected:.3} m); correct it or leave it out",
             name(pair)
         ),
         FrameError::Contradictions { pair, distance, expected } => format!(
-            "the points that are known in the reconstruction and in the survey contradict each other: {} is {distance:.3} m off (at most {expected:.3} m), and no single point can be left out; check them all, and whether they are in the same order of axes",
+            "the points that are known in the reconstruction and in the survey contradict each other: {} is {distance:.3} m off (at most {expected:.3} m), and leaving out a single point does not help. Check all points, and check that the axes are in the same order",
             name(pair)
         ),
         FrameError::Few { .. } | FrameError::Line => error.to_string(),

@@ -1,5 +1,5 @@
 use crate::camera::{Camera, PosedCamera};
-use crate::photo_pose::icp::{LandingError, land};
+use crate::photo_pose::icp::{SurfaceFitError, fit_to_surface};
 use crate::photo_pose::similarity::{FrameError, Pair, Similarity};
 use crate::photo_pose::surface::Surface;
 use crate::pose::Pose;
@@ -147,7 +147,7 @@ fn sparse_points_land_on_their_surface_with_the_right_scale() {
         rotation: DQuat::from_scaled_axis(DVec3::new(0.02, -0.02, 0.03)),
         translation: DVec3::new(0.1, -0.1, 0.05),
     };
-    let landed = land(&sparse, &truth.then(&off), 0.5, &surface, 0.1).unwrap();
+    let landed = fit_to_surface(&sparse, &truth.then(&off), 0.5, &surface, 0.1).unwrap();
     assert!((landed.similarity.scale / truth.scale - 1.0).abs() < 1e-4, "{landed:?}");
     let far = sparse.iter().map(|p| landed.similarity.apply(*p).distance(truth.apply(*p))).fold(0.0, f64::max);
     assert!(far < 2e-3, "{far}");
@@ -159,8 +159,8 @@ fn points_on_a_plane_or_far_away_are_refused() {
     let (surface, points) = room();
     let floor: Vec<DVec3> = points.iter().copied().filter(|p| p.z == 0.0).collect();
     assert!(floor.len() > 50);
-    assert_eq!(land(&floor, &Similarity::IDENTITY, 0.3, &surface, 0.1), Err(LandingError::Slides));
+    assert_eq!(fit_to_surface(&floor, &Similarity::IDENTITY, 0.3, &surface, 0.1), Err(SurfaceFitError::Slides));
     let away = Similarity { translation: DVec3::splat(30.0), ..Similarity::IDENTITY };
-    let error = land(&points, &away, 0.5, &surface, 0.1).unwrap_err();
-    assert!(matches!(error, LandingError::Few { near: 0, .. }), "{error}");
+    let error = fit_to_surface(&points, &away, 0.5, &surface, 0.1).unwrap_err();
+    assert!(matches!(error, SurfaceFitError::Few { near: 0, .. }), "{error}");
 }

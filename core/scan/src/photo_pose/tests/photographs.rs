@@ -2,7 +2,7 @@
 
 use crate::camera::{Camera, CameraModel, Distortion, PosedCamera};
 use crate::photo_pose::predict::look;
-use crate::photo_pose::{Grey, NotRefined, Options, Refined, Shown, Why, refine};
+use crate::photo_pose::{Grey, NotRefined, Options, Refined, RefusalReason, Shown, refine};
 use crate::pose::Pose;
 use crate::raster::{Raster, windows};
 use glam::{DQuat, DVec2, DVec3, Vec3};
@@ -204,26 +204,26 @@ fn what_cannot_be_refined_is_refused() {
     let other = Room::new(77, true);
     for (start, picture) in [(&far, &picture), (&disturbed(&truth, 4.0), &other.photograph(&truth))] {
         let not = run(&room, start, picture, &Options::default()).unwrap_err();
-        assert!(matches!(not.why, Why::Disagrees | Why::Little { .. }), "{not:?}");
+        assert!(matches!(not.why, RefusalReason::Disagrees | RefusalReason::Little { .. }), "{not:?}");
         assert!(not.quality.share < 0.25, "{not:?}");
         assert!(not.to_string().contains("agree") || not.to_string().contains("too little"), "{not}");
     }
     // Nothing of the model in sight.
     let away = posed(pinhole(), DQuat::IDENTITY, DVec3::new(0.0, 0.0, 50.0));
     let not = run(&room, &away, &picture, &Options::default()).unwrap_err();
-    assert!(matches!(not.why, Why::Little { patches: 0 }), "{not:?}");
+    assert!(matches!(not.why, RefusalReason::Little { patches: 0 }), "{not:?}");
     // A picture without contrast.
     let blank = Grey::from_fn([320, 240], |_, _| 0.5);
     let not = run(&room, &truth, &blank, &Options::default()).unwrap_err();
-    assert!(matches!(not.why, Why::Little { .. }), "{not:?}");
+    assert!(matches!(not.why, RefusalReason::Little { .. }), "{not:?}");
     // Pictures of other sizes.
     let small = picture.halved().unwrap();
     let not = run(&room, &truth, &small, &Options::default()).unwrap_err();
-    assert_eq!(not.why, Why::Size { picture: [160, 120], expected: [320, 240] });
+    assert_eq!(not.why, RefusalReason::Size { picture: [160, 120], expected: [320, 240] });
     let tiny = Camera::pinhole([60, 50], DVec2::splat(50.0), DVec2::new(30.0, 25.0), Distortion::None).unwrap();
     let tiny = PosedCamera { camera: tiny, ..truth };
     let not = run(&room, &tiny, &Grey::from_fn([60, 50], |_, _| 0.0), &Options::default()).unwrap_err();
-    assert_eq!(not.why, Why::Small);
+    assert_eq!(not.why, RefusalReason::Small);
     assert!(not.to_string().contains("too small"), "{not}");
 }
 
@@ -249,7 +249,7 @@ fn a_wall_of_equal_tiles_is_ambiguous() {
     let wall = tiles();
     let truth = posed(pinhole(), DQuat::from_rotation_y(0.1), DVec3::new(0.1, 0.2, 0.3));
     let not = run(&wall, &disturbed(&truth, 8.0), &wall.photograph(&truth), &Options::default()).unwrap_err();
-    assert!(not.quality.rival > 0.85 && not.why == Why::Ambiguous, "{not:?}");
+    assert!(not.quality.rival > 0.85 && not.why == RefusalReason::Ambiguous, "{not:?}");
     assert!(not.to_string().contains("repeats"));
 }
 
