@@ -1,6 +1,6 @@
 //! `kilwa register`: automatic registration of the stations of a survey.
 
-mod report;
+pub(crate) mod report;
 
 use crate::new_file::{NewFile, check_output};
 use crate::progress::Bar;

@@ -629,3 +629,54 @@ fn photographs_are_listed_with_what_is_known_and_what_is_missing() {
     let refused = fails(&["scans", "photos", "list", text(&path("nothing"))]);
     assert!(refused.contains("nothing does not exist"), "{refused}");
 }
+
+#[test]
+fn one_report_has_every_station_mask_hole_and_photograph() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let write = |name: &str, text: &str| std::fs::write(path(name), text).unwrap();
+    let survey = path("survey");
+    succeeds(&["scans", "import", text(&box_scan(folder.path())), "-o", text(&survey)]);
+    let name = json(&["scans", "list", text(&survey)])["stations"][0]["name"].as_str().unwrap().to_owned();
+    succeeds(&["scans", "mask", text(&survey), "--mixed"]);
+    let holes = r#"{"count": 3, "unseen_m2": 1.25, "free_m2": 0.5, "dropped_m2": 0, "no_return_m2": 0}"#;
+    let merge = format!(r#"{{"voxel": 0.02, "stations": 1, "holes": {holes}, "filled": null}}"#);
+    write("mesh.json", &merge);
+    write("pack.json", &format!(r#"{{"triangles": 9, "merge": {merge}}}"#));
+    let photo = r#"{"name": "<b>.jpg", "position": [1, 2, 3], "mask": null, "refined": {"moved_px": 4.5, "residual_px": 0.75},
+        "seen": 12345, "share": 10.2, "dropped": 7, "gain": [1.0, 1.1, 1.2]}"#;
+    let left_out = r#"[{"name": "far.jpg", "why": "it is too far off"}]"#;
+    let photos = format!(r#""photographs": [{photo}], "left_out": {left_out}"#);
+    write("colour.json", &format!(r#"{{"vertices": 20000, "coloured_share": 0.5, {photos}}}"#));
+    let report = |merge: &str, out: &str| {
+        let (merge, colour, out) = (path(merge), path("colour.json"), path(out));
+        let args = ["scans", "report", text(&survey), "--merge", text(&merge), "--colour", text(&colour), "-o"];
+        succeeds(&[&args[..], &[text(&out)]].concat());
+        std::fs::read_to_string(out).unwrap()
+    };
+    let page = report("mesh.json", "a.html");
+    let parts =
+        [&name, "mixed ", "1.25 m²", "20.0 mm", "&lt;b&gt;.jpg", "12,345", "4.50", "0.75", "1.10", "it is too far off"];
+    for part in parts {
+        assert!(page.contains(part), "{part}: {page}");
+    }
+    assert_eq!(page, report("pack.json", "b.html"), "a pack's report has the merge's in it");
+    let all: serde_json::Value = serde_json::from_str(&report("pack.json", "c.json")).unwrap();
+    assert_eq!((&all["stations"][0]["name"], &all["merge"]["holes"]["count"]), (&name.into(), &3.into()));
+    assert_eq!(all["stations"][0]["masks"][0]["name"], "mixed");
+    assert_eq!(all["colour"]["photographs"][0]["seen"], 12345);
+
+    let out = path("d.html");
+    let refused = |extra: &[&str]| fails(&[&["scans", "report", text(&survey), "-o", text(&out)], extra].concat());
+    write("not.json", "{");
+    let (colour, not) = (path("colour.json"), path("not.json"));
+    let other = refused(&["--merge", text(&colour)]);
+    assert!(other.contains("colour.json is not the report of `kilwa merge --json`"), "{other}");
+    let broken = refused(&["--colour", text(&not)]);
+    assert!(broken.contains("not.json is not JSON"), "{broken}");
+    assert!(!out.exists());
+    let named = fails(&["scans", "report", text(&survey), "-o", text(&path("e.txt"))]);
+    assert!(named.contains("name the report .html or .json"), "{named}");
+    let kept = fails(&["scans", "report", text(&survey), "-o", text(&path("a.html"))]);
+    assert!(kept.contains("--force"), "{kept}");
+}

@@ -18,7 +18,7 @@ use kilwa_scan::survey::Survey;
 use std::collections::HashMap;
 use std::path::Path;
 
-const STYLE: &str = include_str!("report.css");
+pub(crate) const STYLE: &str = include_str!("report.css");
 /// Width and height of pictures, pixels at most.
 const PICTURE: u32 = 800;
 /// Quality of their JPEG, of 100.
@@ -178,7 +178,7 @@ fn weakest(found: &Registration) -> Option<&Placed> {
     found.max_by(|a, b| a.sigma()[0].total_cmp(&b.sigma()[0]))
 }
 
-fn placement(placed: &Placed) -> &'static str {
+pub(crate) fn placement(placed: &Placed) -> &'static str {
     match placed.placement {
         Placement::Anchor => "anchor",
         Placement::Fixed => "fixed pose",
@@ -376,13 +376,13 @@ fn enlargement(found: &Registration, largest: f64) -> Option<f64> {
 }
 
 /// Metres to a tenth of a millimetre.
-fn coordinate(metres: f64) -> String {
+pub(crate) fn coordinate(metres: f64) -> String {
     let text = format!("{metres:.4}");
     if text == "-0.0000" { "0.0000".to_owned() } else { text.replace('-', "−") }
 }
 
 /// A length in millimetres with two or three significant digits.
-fn millimetres(metres: f64) -> String {
+pub(crate) fn millimetres(metres: f64) -> String {
     let value = metres * 1000.0;
     let digits = match value.abs() {
         v if v == 0.0 || v >= 100.0 => 0,
@@ -394,7 +394,7 @@ fn millimetres(metres: f64) -> String {
 }
 
 /// An angle in degrees, to a ten-thousandth where it is small.
-fn degrees(radians: f64) -> String {
+pub(crate) fn degrees(radians: f64) -> String {
     let value = radians.to_degrees();
     let digits = match value.abs() {
         0.0 => 0,
@@ -406,7 +406,7 @@ fn degrees(radians: f64) -> String {
 }
 
 /// A share; small ones with a digit more.
-fn percent(share: f64) -> String {
+pub(crate) fn percent(share: f64) -> String {
     let value = share * 100.0;
     if value > 0.0 && value < 9.95 { format!("{value:.1} %") } else { format!("{value:.0} %") }
 }

@@ -5,6 +5,7 @@ mod import;
 mod list;
 pub(crate) mod mask;
 mod photos;
+mod report;
 mod view;
 
 use clap::Subcommand;
@@ -25,6 +26,7 @@ enum What {
     Mask(Box<mask::Args>),
     View(view::Args),
     Photos(photos::Args),
+    Report(report::Args),
     Export(Box<export::Args>),
 }
 
@@ -35,6 +37,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         What::Mask(args) => mask::run(args),
         What::View(args) => view::run(args),
         What::Photos(args) => photos::run(args),
+        What::Report(args) => report::run(args),
         What::Export(args) => export::run(args),
     }
 }

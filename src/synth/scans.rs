@@ -1,6 +1,6 @@
 //! `kilwa synth scans`.
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use clap::ValueEnum;
 use kilwa_pack::plural::counted;
 use kilwa_synth::UTM_CRS;
@@ -35,6 +35,9 @@ pub(super) struct Args {
     /// Standard deviation of the heading of rough poses, in degrees.
     #[arg(long, value_name = "DEGREES", default_value_t = 2.0)]
     rough_heading: f64,
+    /// Number of stations, counted from the first, whose poses are true although those of the others are rough, as if they had been surveyed.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    surveyed: u32,
     /// Which return every instrument reports, instead of its own setting.
     #[arg(long, value_enum, value_name = "KIND")]
     returns: Option<ReturnsArg>,
@@ -98,6 +101,7 @@ impl Args {
                 PosesArg::None => Poses::None,
                 PosesArg::Rough => Poses::Rough { position: self.rough_position, heading: self.rough_heading },
             },
+            surveyed: self.surveyed,
             utm: self.utm,
             extras: Extras {
                 walkers: with(ExtraArg::Walkers),
@@ -116,6 +120,10 @@ impl Args {
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
+    ensure!(
+        args.surveyed == 0 || args.poses == PosesArg::Rough,
+        "--surveyed is for --poses rough: with other poses, all stations are alike"
+    );
     let options = args.options();
     let bar = super::progress_bar(0);
     let report = scans::write(&options, &args.output, &mut |done, total| {

@@ -1,9 +1,12 @@
 //! `cargo xtask demo`: from sources to a fort in the browser. Builds the page and the program, makes a synthetic fort, builds
 //! and verifies its pack, publishes it as an archive object, serves that on this machine and prints the address. With `--scans`, the fort is scanned by
-//! a simulator first, and its pack is merged from the scans.
+//! a simulator first, and its pack is merged from the scans; with `--survey`, it is photographed, too, the scans have to be registered, and the pack gets
+//! the colours of the photographs.
 //!
 //! Output: the folder `demo/` (ignored by git), with the objects in `demo/site`. What an earlier run made is kept while program and size are
 //! the same. `--check` fetches the page and the head of the pack once over HTTP, then ends; CI uses it with a small fort.
+
+mod survey;
 
 use crate::process::{command, compile_kilwa, root, run as run_command};
 use crate::{http, web};
@@ -15,6 +18,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
+use survey::Survey;
 
 /// Make a fort, build its pack and show it in the browser.
 #[derive(clap::Args)]
@@ -25,8 +29,11 @@ pub(crate) struct Args {
     /// Scan the fort from stations, mask what is not of the site, and merge the scans, instead of starting from a mesh
     #[arg(long, conflicts_with = "triangles")]
     scans: bool,
-    /// Stations of --scans
-    #[arg(long, value_name = "N", default_value_t = 12, requires = "scans")]
+    /// As --scans, but from scans with rough poses, which are registered, and with photographs, which give the colours
+    #[arg(long, conflicts_with_all = ["triangles", "scans"])]
+    survey: bool,
+    /// Stations of --scans and --survey
+    #[arg(long, value_name = "N", default_value_t = 12)]
     stations: u32,
     /// Cargo profile of the program; `dev` compiles faster and builds packs slower
     #[arg(long, value_name = "NAME", default_value = "release")]
@@ -57,6 +64,8 @@ enum From {
     Mesh { triangles: u64 },
     /// Scans that are merged.
     Scans { stations: u32, columns: u32 },
+    /// Scans that are registered and merged, with the colours of photographs.
+    Survey(Survey),
 }
 
 pub(crate) fn run(args: &Args) -> Result<()> {
@@ -64,10 +73,17 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     timed(&mut times, "page", || web::run(&web::Args::default()))?;
     let kilwa = timed(&mut times, "compile", || compile_kilwa(&args.profile))?;
     let folder = root()?.join("demo");
-    let from = if args.scans {
-        From::Scans { stations: args.stations, columns: COLUMNS }
-    } else {
-        From::Mesh { triangles: args.triangles }
+    let from = match (args.survey, args.scans) {
+        (true, _) => From::Survey(Survey {
+            stations: args.stations,
+            columns: COLUMNS,
+            photographs: 24,
+            panoramas: 4,
+            size: [1000, 750],
+            pose_error: 5,
+        }),
+        (false, true) => From::Scans { stations: args.stations, columns: COLUMNS },
+        (false, false) => From::Mesh { triangles: args.triangles },
     };
     let pack = make_pack(&mut times, &kilwa, &folder, from)?;
     timed(&mut times, "verify", || run_kilwa(&kilwa, &["verify"], &[&pack]))?;
@@ -87,17 +103,21 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         println!("\nThe page and the head of the pack came over HTTP from http://{address}/");
         return Ok(());
     }
+    if args.survey {
+        println!("\nReports: {0}/report.html and {0}/registration.html", folder.display());
+    }
     println!("\nThe fort is at  http://{address}/fort/  (Ctrl-C ends)");
     server.wait()
 }
 
-/// The demo that `--check` shows, with a program that is compiled already: a small fort from a mesh, and one from scans; leaves nothing behind.
+/// The demo that `--check` shows, with a program that is compiled already: a small fort from a mesh, and one from scans and photographs; leaves nothing behind.
 ///
 /// # Errors
 /// Any step fails.
 pub(crate) fn check_small(kilwa: &Path, triangles: u64) -> Result<()> {
     let folder = root()?.join("target/demo-check");
-    for from in [From::Mesh { triangles }, From::Scans { stations: 3, columns: 200 }] {
+    let survey = Survey { stations: 4, columns: 240, photographs: 6, panoramas: 1, size: [280, 210], pose_error: 0 };
+    for from in [From::Mesh { triangles }, From::Survey(survey)] {
         let pack = make_pack(&mut Vec::new(), kilwa, &folder, from)?;
         run_kilwa(kilwa, &["verify"], &[&pack])?;
         let site = publish(kilwa, &folder, &pack)?;
@@ -119,6 +139,7 @@ fn make_pack(times: &mut Vec<(&'static str, Duration)>, kilwa: &Path, folder: &P
     let size = match from {
         From::Mesh { triangles } => triangles.to_string(),
         From::Scans { stations, columns } => format!("{stations} scans of {columns}"),
+        From::Survey(survey) => format!("{survey:?}"),
     };
     let key = format!("{size} {}", blake3::hash(&program).to_hex());
     if pack.is_file() && fs::read_to_string(&stamp).is_ok_and(|have| have == key) {
@@ -151,6 +172,7 @@ fn make_pack(times: &mut Vec<(&'static str, Duration)>, kilwa: &Path, folder: &P
             // The survey has every sample of the scans.
             remove_all(&scans)?;
         }
+        From::Survey(made) => survey::make(times, kilwa, folder, &pack, made)?,
     }
     fs::write(&stamp, key).with_context(|| format!("cannot write {}", stamp.display()))?;
     Ok(pack)

@@ -4,6 +4,7 @@
 //! Invariant: no shell is involved; arguments reach the program as they are given.
 
 use anyhow::{Context, Result, bail};
+use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -78,6 +79,15 @@ pub(crate) fn run(command: &mut Command) -> Result<()> {
         bail!("`{}` failed ({status})", shown(command));
     }
     Ok(())
+}
+
+/// Runs `command` with its output in `file`.
+///
+/// # Errors
+/// As [`run`]; a file that cannot be created.
+pub(crate) fn run_to(command: &mut Command, file: &Path) -> Result<()> {
+    let output = File::create(file).with_context(|| format!("cannot create {}", file.display()))?;
+    run(command.stdout(output))
 }
 
 /// Compiles `kilwa` in the given cargo profile; the path of the program.

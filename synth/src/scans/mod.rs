@@ -118,6 +118,8 @@ pub struct ScanOptions {
     pub format: ScanFormat,
     /// The poses that the files have.
     pub poses: Poses,
+    /// How many stations, from the first, have their true pose although poses are [`Poses::Rough`].
+    pub surveyed: u32,
     /// Coordinates in [`UTM_CRS`] instead of the site's frame.
     pub utm: bool,
     /// What stands before the fort.
@@ -139,6 +141,7 @@ impl ScanOptions {
             columns,
             format: ScanFormat::Ptx,
             poses: Poses::True,
+            surveyed: 0,
             utm: false,
             extras: Extras::default(),
             noise: 1.0,
@@ -395,7 +398,11 @@ impl<'a> Survey<'a> {
     fn header(&self, station: &Station, name: &str) -> Header {
         let (columns, rows) = station.instrument.grid(self.options.columns);
         let seed = derive(derive(self.options.seed, 0xe2), u64::from(station.number));
-        let (rotation, position) = match self.options.poses {
+        let poses = match self.options.poses {
+            Poses::Rough { .. } if station.number <= self.options.surveyed => Poses::True,
+            poses => poses,
+        };
+        let (rotation, position) = match poses {
             Poses::True => (station.rotation, station.position + self.origin()),
             Poses::None => (DMat3::IDENTITY, DVec3::ZERO),
             Poses::Rough { position, heading } => {

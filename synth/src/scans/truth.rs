@@ -41,6 +41,7 @@ pub(super) fn poses(options: &ScanOptions, crs: Option<&str>, entries: &[Entry<'
         Poses::Rough { position, heading } => {
             line(format_args!("poses_in_scans = \"rough\""));
             line(format_args!("rough_position_sigma_m = {position:?}\nrough_heading_sigma_degrees = {heading:?}"));
+            line(format_args!("surveyed = {}", options.surveyed));
         }
     }
     for entry in entries {
