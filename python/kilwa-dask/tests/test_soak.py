@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
-
-import pytest
 
 from conftest import Collection, until
 
 MESHES = 300
 
 
-@pytest.mark.skipif(not os.environ.get("KILWA_SOAK"), reason="the long form, KILWA_SOAK=1, takes a quarter of an hour")
 def test_a_collection_of_300_survives_two_killed_drivers(collection: Collection) -> None:
     """All meshes are built as plain `kilwa build` does it and published exactly once."""
     names = collection.make(MESHES, triangles=1000)

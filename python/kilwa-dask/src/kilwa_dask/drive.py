@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from distributed import Client, as_completed
@@ -77,15 +78,25 @@ def drive(client: Client, meshes: Sequence[Mesh], plan: Plan, outcomes: list[Out
     ordered = sorted(meshes, key=lambda mesh: (-mesh.bytes, mesh.name))
     # Keys are unlike those of other runs, which may use the same scheduler.
     keys = [f"{mesh.name}-{plan.run}" for mesh in ordered]
-    futures = client.map(work_on, ordered, [plan] * len(ordered), key=keys, pure=False, retries=REPEATS)
-    names = {future.key: mesh for future, mesh in zip(futures, ordered, strict=True)}
+    work = partial(work_on, plan=plan, wait=False)
+    futures = client.map(work, ordered, key=keys, pure=False, retries=REPEATS)
+    meshes_by_key = dict(zip(keys, ordered, strict=True))
     progress = Progress(meshes)
+    ended = as_completed(futures, loop=client.loop)
     try:
-        for future in as_completed(futures, loop=client.loop):
-            outcome = _outcome(future, names[future.key])
+        for future in ended:
+            mesh = meshes_by_key[future.key]
+            outcome = _outcome(future, mesh)
+            if outcome.state == "busy":
+                # Another run, or an orphan of one, works on it: wait for that when nothing else is left to do.
+                key = f"{mesh.name}-waits-{plan.run}"
+                meshes_by_key[key] = mesh
+                waits = client.submit(work_on, mesh, plan, key=key, pure=False, retries=REPEATS, priority=-1)
+                futures.append(waits)
+                ended.add(waits)
+                continue
             outcomes.append(outcome)
             progress.add(outcome)
-            future.release()
     except BaseException:
         client.cancel(futures, force=True)
         client.run(program.stop, plan.run, on_error="ignore")

@@ -59,7 +59,7 @@ class Outcome:
 
     name: str
     state: str
-    """"built", "published" (built earlier), "already done" or "failed"."""
+    """"built", "published" (built earlier), "already done", "failed", or "busy": somebody else works on it."""
     stage: str | None = None
     """Where it failed: "check", "build", "verify", "place" or "publish"."""
     message: str | None = None
@@ -109,11 +109,16 @@ def refusal(plan: Plan, found: dict[str, object]) -> str | None:
     return None
 
 
-def work_on(mesh: Mesh, plan: Plan) -> Outcome:
-    """Do what is not done yet for a mesh. Failures that trying again cannot help are outcomes, others are raised."""
+def work_on(mesh: Mesh, plan: Plan, wait: bool = True) -> Outcome:
+    """Do what is not done yet for a mesh. Failures that trying again cannot help are outcomes, others are raised.
+
+    If somebody else works on it, wait for them, or return "busy" if `wait` is false.
+    """
     attempt = _Attempt(mesh, plan)
     try:
-        attempt.work()
+        attempt.work(wait)
+    except Busy:
+        return attempt.outcome("busy")
     except StageFailed as failed:
         return attempt.outcome("failed", failed.stage, failed.message)
     except program.ProgramFailed as failed:
@@ -140,13 +145,13 @@ class _Attempt:
         self.retries = 0
         self.manifest: Manifest | None = None
 
-    def work(self) -> None:
-        """Take the lock and do everything."""
+    def work(self, wait: bool) -> None:
+        """Take the lock and do everything. Raises `Busy` if somebody else has it and `wait` is false."""
         started = time.monotonic()
         refused = refusal(self.plan, survey(self.plan))
         if refused is not None:
             raise StageFailed("check", refused)
-        with locked(self.state_folder / f"{self.id}.lock") as lock:
+        with locked(self.state_folder / f"{self.id}.lock", wait=wait) as lock:
             self.retries = sweep_attempts(self.state_folder, self.id)
             folder = self.state_folder / f"{self.id}.{self.retries + 1}"
             folder.mkdir()
