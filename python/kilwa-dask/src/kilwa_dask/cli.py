@@ -15,7 +15,7 @@ from types import FrameType
 from typing import NoReturn
 
 from kilwa_dask import __version__, clusters, collection, program, report
-from kilwa_dask.clusters import Choice
+from kilwa_dask.clusters import Choice, ClusterFailed
 from kilwa_dask.collection import Mesh, UsageError
 from kilwa_dask.drive import WorkerRefused, check_workers, drive
 from kilwa_dask.task import Outcome, Plan, announced, sweep
@@ -81,7 +81,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except UsageError as error:
         print(f"kilwa-dask: {error}", file=sys.stderr)
         return 2
-    except (WorkerRefused, program.ProgramFailed, OSError) as error:
+    except (WorkerRefused, ClusterFailed, program.ProgramFailed, OSError) as error:
         print(f"kilwa-dask: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import shutil
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -29,6 +30,10 @@ _CONFIG: dict[str, Any] = {
     "distributed.worker.memory.terminate": False,
     "distributed.worker.memory.pause": False,
 }
+
+
+class ClusterFailed(Exception):
+    """The machines cannot be used; the text says why."""
 
 
 @dataclass(frozen=True)
@@ -61,18 +66,22 @@ class LeaveCtrlCToTheDriver(WorkerPlugin):  # type: ignore[misc]
 
 @contextmanager
 def opened(choice: Choice) -> Iterator[Client]:
-    """Open the cluster and a client, and close both at the end. Raises `UsageError` if that is impossible."""
+    """Open the cluster and a client, and close both at the end. Raises `UsageError` or `ClusterFailed` otherwise."""
     with dask.config.set(_CONFIG):
         if choice.scheduler is not None:
             try:
                 client = Client(choice.scheduler, timeout="30s", set_as_default=False)
             except (OSError, ValueError) as error:
-                raise UsageError(f"cannot reach the scheduler at {choice.scheduler}: {error}") from error
+                raise ClusterFailed(f"cannot reach the scheduler at {choice.scheduler}: {error}") from error
             with client:
                 yield client
             return
         open_cluster = {"local": _local, "ssh": _ssh, "slurm": _slurm}[choice.kind]
-        with open_cluster(choice) as cluster, Client(cluster, set_as_default=False) as client:
+        try:
+            opening = open_cluster(choice)
+        except (OSError, ValueError, RuntimeError) as error:
+            raise ClusterFailed(f"cannot start the workers ({choice.kind}): {error}") from error
+        with opening as cluster, Client(cluster, set_as_default=False) as client:
             if choice.kind == "local":
                 client.register_plugin(LeaveCtrlCToTheDriver())
             yield client
@@ -112,11 +121,10 @@ def _slurm(choice: Choice) -> Any:
         raise UsageError("--cluster slurm needs the package dask-jobqueue: pip install 'kilwa-dask[slurm]'")
     from dask_jobqueue import SLURMCluster
 
+    if shutil.which("sbatch") is None:
+        raise UsageError("--cluster slurm needs Slurm's program sbatch; start kilwa-dask on a machine that submits jobs")
     memory = dask.config.get("jobqueue.slurm.memory", None) or "4GiB"
-    try:
-        # One task at a time in a job, whose kilwa has all its cores.
-        cluster = SLURMCluster(cores=1, processes=1, job_cpu=choice.threads or 1, memory=memory)
-        cluster.scale(jobs=choice.workers or 1)
-    except (OSError, ValueError, RuntimeError) as error:
-        raise UsageError(f"cannot use Slurm: {error}") from error
+    # One task at a time in a job, whose kilwa has all its cores.
+    cluster = SLURMCluster(cores=1, processes=1, job_cpu=choice.threads or 1, memory=memory)
+    cluster.scale(jobs=choice.workers or 1)
     return cluster
