@@ -123,7 +123,7 @@ def _build_all(options: argparse.Namespace, build_options: list[str]) -> int:
         _run(options, meshes, plan, outcomes)
         stopped = False
     finally:
-        _sweep(output, patience=_PATIENCE if stopped else 0.0)
+        _sweep(output, patience=_PATIENCE)
         seconds = time.monotonic() - started
         if stopped and outcomes:
             print(f"\nstopped after {len(outcomes)} of {len(meshes)} meshes; the same command continues", file=sys.stderr)

@@ -87,6 +87,8 @@ def drive(client: Client, meshes: Sequence[Mesh], plan: Plan, outcomes: list[Out
         for future in ended:
             mesh = meshes_by_key[future.key]
             outcome = _outcome(future, mesh)
+            # Otherwise the scheduler would have it computed again when the worker that keeps it dies.
+            future.release()
             if outcome.state == "busy":
                 # Another run, or an orphan of one, works on it: wait for that when nothing else is left to do.
                 key = f"{mesh.name}-waits-{plan.run}"

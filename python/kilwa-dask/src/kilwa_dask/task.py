@@ -296,7 +296,10 @@ def sweep_attempts(state_folder: Path, mesh: str) -> int:
 
 
 def sweep(output: Path) -> bool:
-    """Remove what ended runs and broken-off attempts left, except where somebody works; tell whether nothing is left."""
+    """Remove what ended runs and broken-off attempts left, except where somebody works.
+
+    Tell whether nothing is left, or another run goes on, which sweeps when it ends.
+    """
     state_folder = output / STATE
     try:
         entries = list(state_folder.iterdir())
@@ -309,7 +312,10 @@ def sweep(output: Path) -> bool:
             with locked(lock, wait=False):
                 if lock in locks:
                     sweep_attempts(state_folder, locks[lock])
-        except (Busy, FileNotFoundError):
+        except Busy:
+            if lock not in locks:
+                return True
+        except FileNotFoundError:
             continue
     try:
         state_folder.rmdir()
