@@ -46,7 +46,7 @@ def test_after_a_killed_driver_the_same_command_goes_on(collection: Collection, 
 def test_a_mesh_that_kills_three_workers_is_named_and_given_up(collection: Collection) -> None:
     """The other meshes are built."""
     names = collection.make(3)
-    script = f'case "$*" in build*mesh-001.ply*) kill -9 $PPID; sleep 60;; esac\nexec "{collection.kilwa}" "$@"\n'
+    script = f'case "$*" in build*mesh-001.ply*) kill -9 $PPID; exec sleep 60;; esac\nexec "{collection.kilwa}" "$@"\n'
     text = collection.run(kilwa=wrapper(collection.root / "kilwa", script), code=1)
     assert "mesh-001: FAILED (worker): 3 workers died while they worked on mesh-001" in text
     assert collection.packs() == collection.plain([name for name in names if name != "mesh-001"])
