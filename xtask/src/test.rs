@@ -1,7 +1,7 @@
 //! `cargo xtask test`: everything that has to hold before a change is taken, in the order that shares compile work.
 //!
 //! Stages: format, lints natively and for wasm32, the page, its code, the workspace's tests, its documentation's examples, fuzzing, the
-//! demo, the browser.
+//! demo, the browser, the package in Python.
 //! All in the profile dev (the page in its own). Invariants: a failing stage does not stop the later ones, so that one run shows all
 //! failures; the last line is `N passed, N failed, N skipped` over all suites, where a stage that is not a suite counts only when it
 //! fails; a suite that ran no test has failed. The exit code is 1 when anything failed.
@@ -48,6 +48,9 @@ enum Suite {
 /// A store in Python, for the tests of the server, and where they look for it.
 const STORE_PACKAGES: &str = "server/tests/store/requirements.txt";
 const STORE_VARIABLE: &str = "KILWA_MOTO";
+/// The package in Python, and what it and its checks need.
+const DASK: &str = "python/kilwa-dask";
+const DASK_PACKAGES: &str = "python/kilwa-dask/tests/requirements.txt";
 /// Crates that have to build for wasm32: the page's own and every pure crate below them.
 const WASM_PACKAGES: [&str; 9] = [
     "kilwa-viewer",
@@ -114,7 +117,7 @@ struct Row {
 
 type Stage = (&'static str, fn(Length) -> Result<Tally>);
 
-const STAGES: [Stage; 11] = [
+const STAGES: [Stage; 12] = [
     ("set up", set_up),
     ("format", format),
     ("lints", lints),
@@ -126,6 +129,7 @@ const STAGES: [Stage; 11] = [
     ("fuzz", fuzzing),
     ("demo", demo),
     ("browser", browser),
+    ("python", python),
 ];
 
 pub(crate) fn run(args: &Args) -> Result<()> {
@@ -195,6 +199,7 @@ fn set_up(_: Length) -> Result<Tally> {
     setup::vulkan()?;
     println!("second opinions: {}", setup::python_packages(trust::PACKAGES)?.display());
     println!("a store to test with: {}", setup::python_packages(STORE_PACKAGES)?.display());
+    println!("Dask: {}", setup::python_packages(DASK_PACKAGES)?.display());
     println!("browser: {}", setup::chromium()?.display());
     match setup::strace() {
         Ok(program) => println!("tests that kill programs before system calls use {}", program.display()),
@@ -317,6 +322,25 @@ fn browser(length: Length) -> Result<Tally> {
     let kilwa = tested_kilwa()?;
     let mut npm = command("npm", &["test", "--silent"])?;
     suite(npm.current_dir(&folder).env("CHROMIUM", chromium).env("KILWA", kilwa), length)
+}
+
+/// The package in Python: its form (ruff), its types (mypy), then its tests, with the program of the tests above.
+fn python(length: Length) -> Result<Tally> {
+    let packages = setup::python_packages(DASK_PACKAGES)?;
+    let folder = root()?.join(DASK);
+    let module = |args: &[&str]| {
+        let mut python = command("python3", &["-m"])?;
+        python.args(args).current_dir(&folder).env("PYTHONPATH", &packages);
+        Ok::<Command, anyhow::Error>(python)
+    };
+    let mut tally = Tally::default();
+    for args in [&["ruff", "check"][..], &["ruff", "format", "--check"], &["mypy"]] {
+        tally.add_all(check(&mut module(args)?).unwrap_or_else(|error| failure(&error)));
+    }
+    let kilwa = tested_kilwa()?;
+    let counts = suite(length.apply_to(module(&["pytest", "--quiet"])?.env("KILWA", kilwa)), length);
+    tally.add_all(counts.unwrap_or_else(|error| failure(&error)));
+    Ok(tally)
 }
 
 /// An error as a count, after it was shown.

@@ -1,4 +1,4 @@
-//! Reads the results that test runners print: cargo test, cargo nextest, node --test (TAP and spec), and the plain line
+//! Reads the results that test runners print: cargo test, cargo nextest, node --test (TAP and spec), pytest, and the plain line
 //! `N passed, N failed, N skipped`; and collects by name the tests that report themselves as skipped.
 //!
 //! Input: the output of a run, line by line. Invariant: only a runner's own closing line counts, which begins at the margin (that of nextest
@@ -66,6 +66,8 @@ impl Tally {
             }
         } else if let Some((word, count)) = node_count(line) {
             self.add(word, count);
+        } else if let Some(counts) = pytest_counts(line) {
+            self.add_counts(counts.split(','));
         } else if !line.starts_with(' ') && is_plain(line) {
             self.add_counts(line.split(','));
         }
@@ -85,7 +87,7 @@ impl Tally {
     fn add(&mut self, word: &str, count: u64) {
         match word {
             "passed" | "pass" => self.passed += count,
-            "failed" | "fail" | "exec failed" | "timed out" | "cancelled" => self.failed += count,
+            "failed" | "fail" | "exec failed" | "timed out" | "cancelled" | "error" | "errors" => self.failed += count,
             "ignored" | "skipped" | "todo" => self.left_out += count,
             _ => {}
         }
@@ -104,6 +106,23 @@ fn node_count(line: &str) -> Option<(&str, u64)> {
     let (word, count) = line.strip_prefix("# ").or_else(|| line.strip_prefix("\u{2139} "))?.split_once(' ')?;
     let is_known = matches!(word, "pass" | "fail" | "cancelled" | "skipped" | "todo");
     Some((word, count.parse().ok()?)).filter(|_| is_known)
+}
+
+/// `1 failed, 3 passed, 2 warnings, 1 error` in pytest's closing line: `=== 1 failed, 3 passed in 61.20s (0:01:01) ===`, which has no frame
+/// with `--quiet`.
+fn pytest_counts(line: &str) -> Option<&str> {
+    let is_word = |word: &str| {
+        let pytest =
+            ["failed", "passed", "skipped", "deselected", "xfailed", "xpassed", "warning", "warnings", "error"];
+        pytest.contains(&word) || word == "errors"
+    };
+    let (counts, took) = line.trim_matches('=').trim_end().split_once(" in ")?;
+    let counts = if line.starts_with('=') { counts.trim_start() } else { counts };
+    let seconds = took.split(" (").next()?.strip_suffix('s')?;
+    let is_counted = counts.split(", ").all(|count| {
+        count.split_once(' ').is_some_and(|(number, word)| number.parse::<u64>().is_ok() && is_word(word))
+    });
+    (is_counted && seconds.parse::<f64>().is_ok()).then_some(counts)
 }
 
 /// `3 passed, 0 failed` or `3 passed, 0 failed, 1 skipped`, and nothing else on the line.
@@ -175,6 +194,17 @@ mod tests {
             (2, 2, 0)
         );
         assert_eq!(read(&["\u{2139} pass 3", "\u{2139} fail 0", "\u{2139} skipped 1"]), (3, 0, 1));
+    }
+
+    #[test]
+    fn pytest_closes_with_or_without_a_frame() {
+        assert_eq!(read(&["31 passed, 1 skipped in 110.58s (0:01:50)"]), (31, 0, 1));
+        assert_eq!(read(&["===== 1 failed, 3 passed, 2 warnings, 1 error in 1.20s ====="]), (3, 2, 0));
+        assert_eq!(read(&["2 errors in 0.30s", "no tests ran in 0.01s"]), (0, 2, 0));
+        assert_eq!(
+            read(&["  3 passed in 1.20s", "3 passed in time", "3 passed in 2 of 4 runs", "4 meshes in 1.20s"]),
+            (0, 0, 0)
+        );
     }
 
     #[test]

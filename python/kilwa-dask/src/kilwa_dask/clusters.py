@@ -1,0 +1,130 @@
+"""Opens the machines that work: an existing scheduler, this computer, hosts reached by SSH, or jobs of Slurm."""
+
+from __future__ import annotations
+
+import logging
+import os
+import shutil
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.util import find_spec
+from typing import Any
+
+import dask
+from distributed import Client, LocalCluster
+from distributed.diagnostics.plugin import WorkerPlugin
+
+from kilwa_dask.collection import UsageError
+
+# A task is given up when as many workers as this, and one more, died while they worked on it.
+ALLOWED_FAILURES = 2
+
+_CONFIG: dict[str, Any] = {
+    "distributed.scheduler.allowed-failures": ALLOWED_FAILURES,
+    # A worker holds only the task that it works on, so that no waiting task is blamed when it dies.
+    "distributed.scheduler.worker-saturation": 1.0,
+    "distributed.scheduler.work-stealing": False,
+    # The memory is that of kilwa, a process of its own, which is told how much to use.
+    "distributed.worker.memory.terminate": False,
+    "distributed.worker.memory.pause": False,
+}
+
+
+class ClusterFailed(Exception):
+    """The machines cannot be used; the text says why."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """Which machines to use."""
+
+    scheduler: str | None = None
+    kind: str = "local"
+    """"local", "ssh" or "slurm"; without meaning if there is a scheduler."""
+    workers: int | None = None
+    hosts: tuple[str, ...] = ()
+    threads: int | None = None
+    """Threads of each kilwa."""
+
+
+class LeaveCtrlCToTheDriver(WorkerPlugin):  # type: ignore[misc]
+    """Ctrl-C in a terminal reaches all its processes; the driver stops the workers of this computer itself."""
+
+    name = "kilwa-dask-ctrl-c"
+
+    def setup(self, worker: object) -> None:
+        """Ignore SIGINT in the worker's process, and keep it from logging that tasks of a stopped run were cancelled."""
+        del worker
+        logging.getLogger("distributed.worker.state_machine").setLevel(logging.ERROR)
+        try:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+        except ValueError:
+            pass  # Not the main thread, so this process does not belong to the worker alone.
+
+
+@contextmanager
+def opened(choice: Choice) -> Iterator[Client]:
+    """Open the cluster and a client, and close both at the end. Raises `UsageError` or `ClusterFailed` otherwise."""
+    with dask.config.set(_CONFIG):
+        if choice.scheduler is not None:
+            try:
+                client = Client(choice.scheduler, timeout="30s", set_as_default=False)
+            except (OSError, ValueError) as error:
+                raise ClusterFailed(f"cannot reach the scheduler at {choice.scheduler}: {error}") from error
+            with client:
+                yield client
+            return
+        open_cluster = {"local": _local, "ssh": _ssh, "slurm": _slurm}[choice.kind]
+        try:
+            opening = open_cluster(choice)
+        except (OSError, ValueError, RuntimeError) as error:
+            raise ClusterFailed(f"cannot start the workers ({choice.kind}): {error}") from error
+        with opening as cluster, Client(cluster, set_as_default=False) as client:
+            if choice.kind == "local":
+                client.register_plugin(LeaveCtrlCToTheDriver())
+            yield client
+
+
+def local_workers(workers: int | None) -> int:
+    """Return the number of workers on this computer: as asked, or one for every two cores."""
+    return workers or max(1, (os.cpu_count() or 1) // 2)
+
+
+def _local(choice: Choice) -> Any:
+    """Start processes with one thread each, which a nanny restarts if they die."""
+    return LocalCluster(
+        n_workers=local_workers(choice.workers),
+        threads_per_worker=1,
+        processes=True,
+        memory_limit=0,
+        host="127.0.0.1",
+        dashboard_address="127.0.0.1:0",
+    )
+
+
+def _ssh(choice: Choice) -> Any:
+    if not choice.hosts:
+        raise UsageError("--cluster ssh needs --hosts HOST,HOST,…; the first one also runs the scheduler")
+    if find_spec("asyncssh") is None:
+        raise UsageError("--cluster ssh needs the package asyncssh: pip install 'kilwa-dask[ssh]'")
+    from distributed import SSHCluster
+
+    each = choice.workers or 1
+    options = {"nthreads": 1, "n_workers": each, "memory_limit": "0"}
+    return SSHCluster([choice.hosts[0], *choice.hosts], worker_options=options)
+
+
+def _slurm(choice: Choice) -> Any:
+    if find_spec("dask_jobqueue") is None:
+        raise UsageError("--cluster slurm needs the package dask-jobqueue: pip install 'kilwa-dask[slurm]'")
+    from dask_jobqueue import SLURMCluster
+
+    if shutil.which("sbatch") is None:
+        raise UsageError("--cluster slurm needs Slurm's program sbatch; start kilwa-dask on a machine that submits jobs")
+    memory = dask.config.get("jobqueue.slurm.memory", None) or "4GiB"
+    # One task at a time in a job, whose kilwa has all its cores.
+    cluster = SLURMCluster(cores=1, processes=1, job_cpu=choice.threads or 1, memory=memory)
+    cluster.scale(jobs=choice.workers or 1)
+    return cluster

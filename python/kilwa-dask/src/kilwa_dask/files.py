@@ -1,0 +1,96 @@
+"""Checksums, files that appear only when they are complete, and locks."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+import uuid
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+_PIECE = 1 << 20
+
+
+def sha256(path: Path) -> str:
+    """Return the SHA-256 of a file, in hexadecimal; the file is read in pieces of 1 MiB."""
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while piece := file.read(_PIECE):
+            digest.update(piece)
+    return digest.hexdigest()
+
+
+def sync_folder(folder: Path) -> None:
+    """Write the names in a folder to the disk, so that a rename survives a power cut."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)
+
+
+def write_whole(path: Path, text: str, *, temporary_in: Path | None = None) -> None:
+    """Write a text file that appears only when it is complete: a temporary file, fsync, rename, fsync of the folder.
+
+    The temporary file is in `temporary_in` (default: the folder of the file), which must be on the same file system. It
+    is removed if anything fails.
+    """
+    temporary = (temporary_in or path.parent) / f".{path.name}.{uuid.uuid4().hex}.part"
+    try:
+        with temporary.open("x", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    sync_folder(path.parent)
+
+
+class Busy(Exception):
+    """Somebody else holds the lock."""
+
+
+@contextmanager
+def locked(path: Path, *, wait: bool = True) -> Iterator[int]:
+    """Hold an exclusive lock and yield its descriptor; the lock file is removed afterwards.
+
+    A subprocess that inherits the descriptor shares the lock: as long as it runs, nobody else gets the lock, even if the
+    process that took it is dead. Raises `Busy` if `wait` is false and somebody else holds it, and `OSError` if the file
+    system has no locks.
+    """
+    while True:
+        descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        try:
+            _lock(descriptor, path, wait)
+            # Whoever held it before has removed the file: this lock is that of a file without a name.
+            is_current = _same_file(descriptor, path)
+            if is_current:
+                try:
+                    yield descriptor
+                finally:
+                    path.unlink(missing_ok=True)
+                return
+        finally:
+            os.close(descriptor)
+
+
+def _lock(descriptor: int, path: Path, wait: bool) -> None:
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+    except BlockingIOError as error:
+        raise Busy(path) from error
+    except OSError as error:
+        reason = f"{error.strerror}; kilwa-dask needs a file system with locks (on Lustre: mount it with -o flock)"
+        raise OSError(error.errno, reason, str(path)) from error
+
+
+def _same_file(descriptor: int, path: Path) -> bool:
+    try:
+        named = path.stat()
+    except FileNotFoundError:
+        return False
+    held = os.fstat(descriptor)
+    return (named.st_dev, named.st_ino) == (held.st_dev, held.st_ino)

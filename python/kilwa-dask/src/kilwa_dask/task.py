@@ -1,0 +1,341 @@
+"""The task of one mesh, which runs in a worker: build, verify, place, publish, each only if it is not done yet.
+
+Whatever is killed, the output has either the old pack or the new one:
+
+* The task holds the lock of its mesh (`files.locked`), which the kilwa that it starts shares. So neither a second driver,
+  nor the same task on another worker, nor an orphan of a killed worker works on the mesh at the same time.
+* kilwa builds into a folder of this attempt, OUT/.kilwa-dask/ID.N. Only the task renames the pack to its final name; an
+  orphan cannot. The next attempt removes the folder.
+* The manifest is written after the pack has its name. A pack with another manifest, or with none, is not done. Building
+  it again gives the same bytes.
+* `kilwa publish` adds nothing if the same pack is already published.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import re
+import shutil
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
+from datetime import datetime, timezone
+from pathlib import Path
+from typing import Any
+
+from kilwa_dask import __version__, manifest, program
+from kilwa_dask.collection import Mesh, companions
+from kilwa_dask.files import Busy, locked, sha256, sync_folder
+from kilwa_dask.manifest import Manifest, key_of
+
+STATE = ".kilwa-dask"
+"""Folder in the output folder for locks and attempts; removed when a run ends and nobody else uses it."""
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a run asks for; the same for all its meshes."""
+
+    run: str
+    """Name of the run, unlike any other."""
+    output: str
+    program: str
+    version: str
+    """What `kilwa --version` prints where the run was started."""
+    options: tuple[str, ...] = ()
+    """Options of `kilwa build` that shape the pack."""
+    resources: tuple[str, ...] = ()
+    """Options of `kilwa build` that do not, such as --threads."""
+    publish: str | None = None
+    publish_options: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a mesh."""
+
+    name: str
+    state: str
+    """"built", "published" (built earlier), "already done", "failed", or "busy": somebody else works on it."""
+    stage: str | None = None
+    """Where it failed: "check", "build", "verify", "place" or "publish"."""
+    message: str | None = None
+    seconds: dict[str, float] = field(default_factory=dict)
+    input_bytes: int = 0
+    pack_bytes: int = 0
+    pack_sha256: str | None = None
+    triangles: int = 0
+    retries: int = 0
+    """Earlier attempts at this mesh that broke off, in this run or before."""
+    publication: dict[str, Any] | None = None
+    worker: str = ""
+
+
+class StageFailed(Exception):
+    """A stage failed in a way that trying again does not help."""
+
+    def __init__(self, stage: str, message: str) -> None:
+        """Note the stage and the message."""
+        super().__init__(stage, message)
+        self.stage = stage
+        self.message = message
+
+
+def survey(plan: Plan) -> dict[str, object]:
+    """Describe this worker: its machine, its versions, and whether it sees the output folder of the driver."""
+    try:
+        version, problem = program.version(plan.program), None
+    except (program.ProgramFailed, OSError) as error:
+        version, problem = None, str(error)
+    sees = Path(plan.output, STATE, f"{plan.run}.run").exists()
+    package = __version__
+    return {"host": program.host(), "version": version, "problem": problem, "package": package, "sees_output": sees}
+
+
+def refusal(plan: Plan, found: dict[str, object]) -> str | None:
+    """Return why a worker with this `survey` cannot take part, or None."""
+    where = f"the worker on {found['host']}"
+    if found["problem"] is not None:
+        return f"{where} cannot run kilwa: {found['problem']}"
+    if found["version"] != plan.version:
+        return f"{where} has {found['version']}, and this computer has {plan.version}; install the same version on both"
+    if found["package"] != __version__:
+        return f"{where} has kilwa-dask {found['package']}, and this computer has kilwa-dask {__version__}"
+    if not found["sees_output"]:
+        return f"{where} does not see {plan.output} as this computer does; all machines need the same shared folder"
+    return None
+
+
+def work_on(mesh: Mesh, plan: Plan, wait: bool = True) -> Outcome:
+    """Do what is not done yet for a mesh. Failures that trying again cannot help are outcomes, others are raised.
+
+    If somebody else works on it, wait for them, or return "busy" if `wait` is false.
+    """
+    attempt = _Attempt(mesh, plan)
+    try:
+        attempt.work(wait)
+    except Busy:
+        return attempt.outcome("busy")
+    except StageFailed as failed:
+        return attempt.outcome("failed", failed.stage, failed.message)
+    except program.ProgramFailed as failed:
+        return attempt.outcome("failed", attempt.stage, str(failed))
+    except OSError as error:
+        full = " (the disk is full)" if error.errno in (errno.ENOSPC, errno.EDQUOT) else ""
+        return attempt.outcome("failed", attempt.stage, f"{error}{full}")
+    return attempt.outcome(attempt.state)
+
+
+class _Attempt:
+    """One attempt at one mesh."""
+
+    def __init__(self, mesh: Mesh, plan: Plan) -> None:
+        self.mesh = mesh
+        self.plan = plan
+        self.pack = Path(plan.output, mesh.name + ".kilwa")
+        self.manifest_path = self.pack.with_name(self.pack.name + ".json")
+        self.state_folder = Path(plan.output, STATE)
+        self.id = mesh_id(mesh.name)
+        self.stage = "check"
+        self.state = "already done"
+        self.seconds: dict[str, float] = {}
+        self.retries = 0
+        self.manifest: Manifest | None = None
+
+    def work(self, wait: bool) -> None:
+        """Take the lock and do everything. Raises `Busy` if somebody else has it and `wait` is false."""
+        started = time.monotonic()
+        refused = refusal(self.plan, survey(self.plan))
+        if refused is not None:
+            raise StageFailed("check", refused)
+        with locked(self.state_folder / f"{self.id}.lock", wait=wait) as lock:
+            self.retries = sweep_attempts(self.state_folder, self.id)
+            folder = self.state_folder / f"{self.id}.{self.retries + 1}"
+            folder.mkdir()
+            try:
+                self._work_in(folder, lock, started)
+            except program.ProgramKilled:
+                raise  # The folder remains, so that the next attempt knows that there was one.
+            except BaseException:
+                shutil.rmtree(folder, ignore_errors=True)
+                raise
+            shutil.rmtree(folder)
+
+    def _work_in(self, folder: Path, lock: int, started: float) -> None:
+        earlier = manifest.read(self.manifest_path)
+        key = self._key()
+        is_built = earlier is not None and earlier.key == key and earlier.describes(self.pack)
+        self.seconds["check"] = round(time.monotonic() - started, 3)
+        if is_built:
+            self.manifest = earlier
+        else:
+            self.manifest = self._build(folder, lock, key, replace_pack=earlier is not None)
+            self.manifest.write(self.manifest_path, folder)
+            self.state = "built"
+        if self.plan.publish is not None and self.manifest is not None:
+            self._publish(self.plan.publish, lock, folder, self.manifest)
+
+    def _key(self) -> str:
+        """Return the key of the pack: the version, options and contents of everything that shapes it."""
+        path = Path(self.mesh.path)
+        files = {file.relative_to(path.parent).as_posix(): sha256(file) for file in companions(path)}
+        named = {option: sha256(Path(option)) for option in self.plan.options if Path(option).is_file()}
+        return key_of(
+            version=self.plan.version,
+            options=self.plan.options,
+            option_files=named,
+            # The pack states the file's name, and the name says how the file is read.
+            input=[path.name, sha256(path)],
+            companions=files,
+        )
+
+    def _build(self, folder: Path, lock: int, key: str, *, replace_pack: bool) -> Manifest:
+        before = Path(self.mesh.path).stat()
+        pack = folder / self.pack.name
+        options = [*self.plan.options, *self.plan.resources]
+        built = self._run("build", ["build", self.mesh.path, "--output", str(pack), "--json", *options], lock)
+        verified = self._run("verify", ["verify", str(pack), "--json"], lock)
+        self.stage = "place"
+        after = Path(self.mesh.path).stat()
+        if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
+            raise StageFailed("place", f"{self.mesh.path} was changed while it was built; run the command again")
+        digest = str(verified["sha256"])
+        self.pack.parent.mkdir(parents=True, exist_ok=True)
+        if self.pack.exists() and not replace_pack and sha256(self.pack) != digest:
+            raise StageFailed(
+                "place", f"{self.pack} exists already, is another pack, and has no manifest; move it away or delete it"
+            )
+        pack.replace(self.pack)
+        sync_folder(self.pack.parent)
+        return Manifest(
+            key=key,
+            kilwa=self.plan.version,
+            input=self.mesh.path,
+            input_bytes=after.st_size,
+            pack_bytes=self.pack.stat().st_size,
+            pack_sha256=digest,
+            triangles=int(built["triangles"]),
+            finished=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+            seconds=dict(self.seconds),
+        )
+
+    def _publish(self, to: str, lock: int, folder: Path, built: Manifest) -> None:
+        self.stage = "publish"
+        metadata = Path(self.mesh.metadata or "")
+        if not metadata.is_file():
+            raise StageFailed("publish", f"its metadata file {metadata} does not exist (`kilwa metadata init` writes one)")
+        key = key_of(
+            version=self.plan.version,
+            pack=built.pack_sha256,
+            metadata=sha256(metadata),
+            to=to,
+            options=self.plan.publish_options,
+        )
+        known = built.publication
+        if known is not None and known.get("key") == key and _is_published(to, str(known.get("slug"))):
+            return
+        command = ["publish", str(self.pack), "--to", to, "--metadata", str(metadata), "--json"]
+        report = self._run("publish", [*command, *self.plan.publish_options], lock)
+        publication = {"key": key, "to": to, "slug": report.get("slug"), "version": report.get("version")}
+        seconds = {**built.seconds, "publish": self.seconds["publish"]}
+        self.manifest = replace(built, publication=publication, seconds=seconds)
+        self.manifest.write(self.manifest_path, folder)
+        if self.state == "already done":
+            self.state = "published"
+
+    def _run(self, stage: str, arguments: list[str], lock: int) -> dict[str, Any]:
+        self.stage = stage
+        started = time.monotonic()
+        try:
+            return program.run_json(self.plan.program, arguments, run=self.plan.run, lock=lock)
+        finally:
+            self.seconds[stage] = round(time.monotonic() - started, 3)
+
+    def outcome(self, state: str, stage: str | None = None, message: str | None = None) -> Outcome:
+        """Describe how this attempt ended."""
+        known = self.manifest
+        return Outcome(
+            name=self.mesh.name,
+            state=state,
+            stage=stage,
+            message=message,
+            seconds={name: round(value, 3) for name, value in self.seconds.items()},
+            input_bytes=self.mesh.bytes,
+            pack_bytes=known.pack_bytes if known else 0,
+            pack_sha256=known.pack_sha256 if known else None,
+            triangles=known.triangles if known else 0,
+            retries=self.retries,
+            publication=known.publication if known else None,
+            worker=f"{program.host()}, process {os.getpid()}",
+        )
+
+
+def _is_published(to: str, slug: str) -> bool:
+    """Tell whether the object is still in a folder; servers and stores are not asked."""
+    return "://" in to or Path(to, slug, "manifest.json").is_file()
+
+
+def mesh_id(name: str) -> str:
+    """Return a file name for the lock and the attempts of a mesh, different for every mesh."""
+    readable = re.sub(r"[^A-Za-z0-9_-]", "_", name)[-40:]
+    return f"{readable}-{hashlib.sha256(name.encode()).hexdigest()[:16]}"
+
+
+def sweep_attempts(state_folder: Path, mesh: str) -> int:
+    """Remove what broken-off attempts at a mesh left, and return how many there were. Its lock must be held."""
+    last = 0
+    for folder in state_folder.glob(f"{mesh}.*"):
+        number = folder.name.removeprefix(mesh + ".")
+        if number.isdigit():
+            last = max(last, int(number))
+            shutil.rmtree(folder)
+    return last
+
+
+def sweep(output: Path) -> bool:
+    """Remove what ended runs and broken-off attempts left, except where somebody works.
+
+    Tell whether nothing is left, or another run goes on, which sweeps when it ends.
+    """
+    state_folder = output / STATE
+    try:
+        entries = list(state_folder.iterdir())
+    except FileNotFoundError:
+        return True
+    meshes = {match[1] for entry in entries if (match := re.fullmatch(r"(.+)\.(\d+|lock)", entry.name))}
+    locks = {state_folder / f"{mesh}.lock": mesh for mesh in meshes}
+    for lock in [*locks, *(entry for entry in entries if entry.suffix == ".run")]:
+        try:
+            with locked(lock, wait=False):
+                if lock in locks:
+                    sweep_attempts(state_folder, locks[lock])
+        except Busy:
+            if lock not in locks:
+                return True
+        except FileNotFoundError:
+            continue
+    try:
+        state_folder.rmdir()
+    except FileNotFoundError:
+        return True
+    except OSError:
+        return False
+    return True
+
+
+@contextmanager
+def announced(plan: Plan) -> Iterator[None]:
+    """Keep a file in the state folder while a run goes on: workers look for it, and the folder is not removed."""
+    state_folder = Path(plan.output, STATE)
+    while True:
+        state_folder.mkdir(parents=True, exist_ok=True)
+        with ExitStack() as stack:
+            try:
+                stack.enter_context(locked(state_folder / f"{plan.run}.run"))
+            except FileNotFoundError:
+                continue  # Another run that ended has just removed the folder.
+            yield
+            return

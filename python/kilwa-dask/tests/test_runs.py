@@ -1,0 +1,99 @@
+"""Whole runs: what is built, what is skipped, what is reported."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+
+from conftest import Collection, path_with_source, until, wrapper
+from distributed import LocalCluster
+
+
+def report_of(collection: Collection) -> dict[str, object]:
+    """Read the JSON report."""
+    report = json.loads((collection.root / "report.json").read_text())
+    assert isinstance(report, dict)
+    return report
+
+
+def test_everything_is_built_and_a_second_run_builds_nothing(collection: Collection) -> None:
+    """A bad mesh is named with kilwa's message, the others are as plain `kilwa build` makes them."""
+    names = collection.make(4)
+    (collection.meshes / "bad.ply").write_text("ply\nformat ascii 1.0\nelement vertex x\n")
+    report_file = ["--json", str(collection.root / "report.json")]
+    text = collection.run(*report_file, code=1)
+    assert "bad: FAILED (build)" in text
+    assert 'bad.ply, line 3: found "element vertex x"' in text
+    assert "dashboard: http://127.0.0.1:" in text
+    assert collection.packs() == collection.plain(names)
+    report = report_of(collection)
+    assert (report["built"], report["failed"], report["already_done"]) == (4, 1, 0)
+    meshes = report["meshes"]
+    assert isinstance(meshes, list)
+    for mesh in meshes:
+        if mesh["state"] == "built":
+            assert mesh["triangles"] > 100
+            assert mesh["pack_bytes"] > 1000
+            assert set(mesh["seconds"]) == {"check", "build", "verify"}
+    assert collection.strays() == []
+
+    (collection.meshes / "bad.ply").unlink()
+    text = collection.run(*report_file)
+    assert "0 built, 0 only published, 4 already done, 0 failed" in text
+    assert report_of(collection)["already_done"] == 4
+
+
+def test_two_drivers_at_once_build_each_mesh_once(collection: Collection) -> None:
+    """Both end well, and together they built each mesh once."""
+    names = collection.make(6)
+    reports = [collection.root / f"report-{which}.json" for which in (1, 2)]
+    drivers = [collection.start("--json", str(report)) for report in reports]
+    for driver in drivers:
+        collection.end(driver)
+    read = [json.loads(report.read_text()) for report in reports]
+    assert sum(report["built"] for report in read) == 6
+    assert sum(report["already_done"] for report in read) == 6
+    assert collection.packs() == collection.plain(names)
+    assert collection.strays() == []
+
+
+def test_another_version_on_a_worker_is_refused(collection: Collection) -> None:
+    """The message names both versions, and nothing is built."""
+    collection.make(1)
+    other = 'if [ "$1" = --version ] && [ -n "$OTHER" ]; then echo kilwa 9.9.9; exit; fi\n'
+    kilwa = wrapper(collection.root / "kilwa", f'{other}exec "{collection.kilwa}" "$@"\n')
+    # The worker is a process of its own, so that only it has the variable.
+    cluster = LocalCluster(n_workers=0, threads_per_worker=1, memory_limit=0, host="127.0.0.1", dashboard_address="127.0.0.1:0")
+    environment = {**os.environ, "OTHER": "1", "PYTHONPATH": path_with_source()}
+    command = [sys.executable, "-m", "distributed.cli.dask_worker", cluster.scheduler_address, "--nthreads", "1"]
+    worker = subprocess.Popen([*command, "--no-dashboard"], env=environment, cwd=collection.root, stderr=subprocess.DEVNULL)
+    try:
+        text = collection.run("--scheduler", cluster.scheduler_address, code=1, kilwa=kilwa)
+    finally:
+        worker.terminate()
+        worker.wait()
+        cluster.close()
+    assert "has kilwa 9.9.9, and this computer has kilwa 0." in text
+    assert collection.packs() == {}
+    assert collection.strays() == []
+
+
+def test_objects_are_published_once(collection: Collection) -> None:
+    """Also if the driver is killed after kilwa published and before the manifest says so."""
+    collection.make(1)
+    published = collection.root / "published"
+    hang = f'"{collection.kilwa}" "$@"; touch "{published}"; exec sleep 600'
+    script = f'if [ "$1" = publish ]; then {hang}; fi\nexec "{collection.kilwa}" "$@"\n'
+    kilwa = wrapper(collection.root / "kilwa", script)
+    options = ["--metadata", f"{collection.root}/metadata/*.toml", "--publish", str(collection.store)]
+    driver = collection.start(*options, kilwa=kilwa)
+    until(published.exists, "the object is published")
+    driver.kill()
+    driver.wait()
+    assert "1 only published" in collection.run(*options)
+    assert "1 already done" in collection.run(*options)
+    (manifest,) = collection.store.glob("*/manifest.json")
+    assert len(json.loads(manifest.read_text())["versions"]) == 1
+    assert collection.strays() == []
