@@ -139,13 +139,7 @@ const TILES: &str = "3D Tiles";
 /// Asked in this order.
 const FORMATS: &[Format] = &[
     Format { name: "PLY", up: Up::Z, is: |start, _| ply::is_ply(start), read: ply::read, note_detail: None },
-    Format {
-        name: TILES,
-        up: Up::Z,
-        is: tiles::is_tileset,
-        read: tiles::read,
-        note_detail: Some(tiles::note_detail),
-    },
+    Format { name: TILES, up: Up::Z, is: tiles::is_tileset, read: tiles::read, note_detail: Some(tiles::note_detail) },
     Format { name: "glTF", up: Up::Y, is: gltf::is_gltf, read: gltf::read, note_detail: Some(gltf::note_detail) },
     Format { name: "STL", up: Up::Z, is: stl::is_stl, read: stl::read, note_detail: None },
     Format {

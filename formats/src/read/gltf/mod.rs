@@ -234,7 +234,8 @@ fn deliver_at(
 
     let buffers = Buffers::new(source, total, binary, &root, options.document, progress);
     let colored = is_colored(&root, &in_scene, &context)?;
-    let mut delivery = Delivery::new(&root, buffers, sink, Context { path, companions, format: GLTF }, colored, options, detailing);
+    let mut delivery =
+        Delivery::new(&root, buffers, sink, Context { path, companions, format: GLTF }, colored, options, detailing);
     for place in &placed {
         let mut known = Known::new();
         for (number, primitive) in root.meshes[place.mesh].primitives.iter().enumerate() {

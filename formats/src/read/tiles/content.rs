@@ -4,8 +4,8 @@
 use super::super::companions::Companions;
 use super::super::gltf::{Detailing, Standing, deliver_standing, is_gltf};
 use super::super::{Bytes, Input, MeshSink, OnProgress, Place, ReadError, ReadOptions};
-use super::tree::Leaf;
 use super::is_tileset;
+use super::tree::Leaf;
 use flate2::read::GzDecoder;
 use glam::{DAffine3, DVec3};
 use kilwa_pack::plural::counted;
@@ -40,7 +40,10 @@ pub(super) fn gunzip(source: impl Read, path: &Path, options: &ReadOptions) -> R
         expected: format!("a sound one; {COPY}"),
     })?;
     if bytes.len() as u64 > max {
-        let what = format!("uncompressed it has more than {} MiB, which is all that may be used; give a larger --memory", max >> 20);
+        let what = format!(
+            "uncompressed it has more than {} MiB, which is all that may be used; give a larger --memory",
+            max >> 20
+        );
         return Err(ReadError::TooLarge { file: path.to_owned(), what });
     }
     Ok(bytes)
@@ -90,10 +93,8 @@ pub(super) struct Delivery<'a> {
 impl Delivery<'_> {
     /// Deliver one file; the number of its triangles.
     pub(super) fn leaf(&mut self, leaf: &Leaf, progress: &mut OnProgress<'_>) -> Result<u64, ReadError> {
-        let (mut file, bytes) = self
-            .companions
-            .open(&leaf.path)
-            .map_err(|source| ReadError::Open { file: leaf.path.clone(), source })?;
+        let (mut file, bytes) =
+            self.companions.open(&leaf.path).map_err(|source| ReadError::Open { file: leaf.path.clone(), source })?;
         let start = piece(&mut file, 0, bytes.min(2), &leaf.path)?;
         if !is_gzip(&start) {
             let mut content = Content { leaf, source: &mut file, progress, delivery: self };
@@ -137,7 +138,8 @@ impl Content<'_, '_, '_> {
 
     fn refused(&self, what: &str) -> ReadError {
         let needs = format!("is {what}, which is not read");
-        let way_out = "Export the tileset again with meshes in b3dm or glTF alone, or give the mesh that it was made of";
+        let way_out =
+            "Export the tileset again with meshes in b3dm or glTF alone, or give the mesh that it was made of";
         ReadError::Needs { file: self.leaf.path.clone(), needs, way_out }
     }
 
@@ -218,7 +220,8 @@ impl Content<'_, '_, '_> {
             return Ok(DVec3::ZERO);
         }
         let features: Features = serde_json::from_slice(&text[..end]).map_err(|e| {
-            let found = format!("a feature table that cannot be read ({})", kilwa_pack::visible::visible(&e.to_string()));
+            let found =
+                format!("a feature table that cannot be read ({})", kilwa_pack::visible::visible(&e.to_string()));
             self.malformed(at, found, &format!("JSON, with RTC_CENTER, if it is there, of three numbers; {COPY}"))
         })?;
         let center = match features.center {
@@ -230,7 +233,9 @@ impl Content<'_, '_, '_> {
                     return Err(self.malformed(at, found, &format!("12 bytes that are there; {COPY}")));
                 }
                 let bytes = self.piece(at + json + offset, 12)?;
-                let word = |i: usize| bytes.get(4 * i..).and_then(<[u8]>::first_chunk).map_or(f32::NAN, |b| f32::from_le_bytes(*b));
+                let word = |i: usize| {
+                    bytes.get(4 * i..).and_then(<[u8]>::first_chunk).map_or(f32::NAN, |b| f32::from_le_bytes(*b))
+                };
                 DVec3::from_array([0, 1, 2].map(|i| f64::from(word(i))))
             }
         };
@@ -254,7 +259,11 @@ impl Content<'_, '_, '_> {
             let own = bytes.get(8..12).and_then(|b| b.first_chunk()).map_or(0, |b| u64::from(u32::from_le_bytes(*b)));
             if own < 12 || own > end - inner {
                 let found = format!("tile {number} of {tiles} with {own} bytes");
-                return Err(self.malformed(inner, found, &format!("12 to {}, the rest of the composite; {COPY}", end - inner)));
+                return Err(self.malformed(
+                    inner,
+                    found,
+                    &format!("12 to {}, the rest of the composite; {COPY}", end - inner),
+                ));
             }
             triangles += self.read(inner, own, composites + 1)?;
             inner += own;

@@ -94,9 +94,8 @@ impl Names<'_> {
 
 /// Whether a URI names something that is no file here: it has a scheme, which a drive of Windows is not, or the name of a computer.
 fn is_address(uri: &str) -> bool {
-    let is_scheme = |scheme: &str| {
-        scheme.len() > 1 && scheme.bytes().all(|b| b.is_ascii_alphanumeric() || b"+-.".contains(&b))
-    };
+    let is_scheme =
+        |scheme: &str| scheme.len() > 1 && scheme.bytes().all(|b| b.is_ascii_alphanumeric() || b"+-.".contains(&b));
     uri.starts_with("//") || uri.starts_with("\\\\") || uri.split_once(':').is_some_and(|(scheme, _)| is_scheme(scheme))
 }
 

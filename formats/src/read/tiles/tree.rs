@@ -26,7 +26,8 @@ const KNOWN_EXTENSIONS: &[&str] = &[
     "3DTILES_multiple_contents",
     "3DTILES_batch_table_hierarchy",
 ];
-const EXPORT: &str = "Export it again with explicit tiles in b3dm or glTF, or give the mesh that the tiles were made of";
+const EXPORT: &str =
+    "Export it again with explicit tiles in b3dm or glTF, or give the mesh that the tiles were made of";
 
 /// A file with a mesh that is part of the finest surface.
 pub(super) struct Leaf {
@@ -214,12 +215,7 @@ impl Walk<'_> {
 ///
 /// # Errors
 /// [`ReadError`] where it cannot be read, or has more bytes than memory allows.
-pub(super) fn whole(
-    source: impl Read,
-    bytes: u64,
-    path: &Path,
-    options: &ReadOptions,
-) -> Result<Vec<u8>, ReadError> {
+pub(super) fn whole(source: impl Read, bytes: u64, path: &Path, options: &ReadOptions) -> Result<Vec<u8>, ReadError> {
     check_memory(bytes, path, options)?;
     let mut json = Vec::new();
     let read = source.take(options.document).read_to_end(&mut json);
