@@ -3,7 +3,7 @@
 //! Stages: `schema` (the JSON) → `tree` (which tiles are the finest, and where they are; `names` finds their files) → `content` (b3dm, glTF) → the reader of
 //! glTF → the sink.
 //!
-//! Only the finest surface is read: tiles below which no tile has content, and tiles that are refined by addition. Coarser tiles are counted and never
+//! Only the finest surface is read: tiles without children, and tiles that are refined by addition. Coarser tiles are counted and never
 //! opened, so that they may be missing. Positions are those of the frame of the first tileset in f64: transforms of tiles are multiplied down from
 //! the root, and z is up in all tiles (y in their glTF, unless `gltfUpAxis` says otherwise). Coordinates on the earth (geocentric, EPSG:4978) are kept as they are,
 //! and counted.
@@ -99,6 +99,8 @@ fn deliver(input: Input<'_>, sink: &mut dyn MeshSink, detailing: Option<Detailin
     let diagnostics = sink.diagnostics();
     diagnostics.add_many("tiles of the finest level read", plan.leaves.len() as u64);
     diagnostics.add_many("coarser tiles left out, because finer ones replace them", plan.coarser);
+    let kind = "coarser tiles left out that tiles without content replace";
+    diagnostics.add_many(kind, plan.replaced_by_nothing);
     diagnostics.add_many("tilesets named by other tilesets read", plan.external);
     let mut delivery = Delivery { companions, options, detailing, sink, geocentric: 0 };
     let all = plan.leaves.iter().fold(0u64, |sum, leaf| sum.saturating_add(leaf.bytes));

@@ -162,8 +162,9 @@ fn only_the_finest_tiles_are_read_and_coarser_ones_need_not_be_there() {
     let leaf = |uri: &str| json!({"content": {"uri": uri}});
     let root = json!({"refine": "REPLACE", "content": {"uri": "coarse.b3dm"}, "children": [
         {"content": {"uri": "middle.b3dm"}, "children": [leaf("a.glb"), {"children": [leaf("b.glb")]}]},
-        // Nothing below it has content.
-        {"content": {"uri": "c.glb"}, "children": [{}, {"children": []}]},
+        {"content": {"uri": "c.glb"}, "children": []},
+        // Its children replace it by nothing.
+        {"content": {"uri": "gone.glb"}, "children": [{}, {"children": []}]},
         // What is added to is part of the surface.
         {"content": {"uri": "d.glb"}, "refine": "ADD", "children": [leaf("e.glb")]},
     ]});
@@ -175,7 +176,8 @@ fn only_the_finest_tiles_are_read_and_coarser_ones_need_not_be_there() {
     xs.sort_by(f64::total_cmp);
     assert_eq!(xs, [0.0, 1.0, 2.0, 3.0, 4.0]);
     let found = site.mesh().diagnostics;
-    assert_eq!(found.count("coarser tiles left out, because finer ones replace them"), 2);
+    assert_eq!(found.count("coarser tiles left out, because finer ones replace them"), 3);
+    assert_eq!(found.count("coarser tiles left out that tiles without content replace"), 1);
     assert_eq!(found.count("tiles of the finest level read"), 5);
 }
 

@@ -1,7 +1,7 @@
 //! Which tiles are the finest: the trees of all tilesets are walked, and tiles that finer ones replace are left out.
 //!
-//! A tile with content is taken if no tile below it has content, or if it is refined by addition, so that it remains visible with those below it. A tileset
-//! that a tile names stands in the place of that tile. One that is named twice is refused: it would be in a circle, or the same surface twice,
+//! A tile is taken if it has no children, or if it is refined by addition, so that it remains visible with them. Children without content replace it by nothing, as clients
+//! do: where tiles are refined together, what is finer may stand below another of them. A tileset that a tile names stands in the place of that tile. One that is named twice is refused: it would be in a circle, or the same surface twice,
 //! and a few small files could name each other billions of times.
 
 use super::super::gltf::{Tally, json_of};
@@ -43,6 +43,8 @@ pub(super) struct Plan {
     pub(super) leaves: Vec<Leaf>,
     /// Tiles with content that finer ones replace.
     pub(super) coarser: u64,
+    /// Those of them below which no tile has content.
+    pub(super) replaced_by_nothing: u64,
     /// Tilesets beside the first.
     pub(super) external: u64,
 }
@@ -136,14 +138,17 @@ impl Walk<'_> {
             return Err(file.needs(format!("has implicit tiling in {}, which is not read", file.place(""))));
         }
         let here = below(tile, file, above)?;
-        let (mut own, mut has_below) = (Vec::new(), false);
+        let (mut own, mut has_below, mut is_refined) = (Vec::new(), false, !tile.children.is_empty());
         for (part, content) in tile.contents() {
             let Some(uri) = content.uri() else {
                 let part = format!("{part}.uri");
                 return Err(file.error(&part, "nothing".to_owned(), "the name of a file; export the tileset again"));
             };
             match self.external(uri, &format!("{part}.uri"), file)? {
-                Some(named) => has_below |= self.enter(&named, &format!("{part}.uri"), file, here)?,
+                Some(named) => {
+                    is_refined = true;
+                    has_below |= self.enter(&named, &format!("{part}.uri"), file, here)?;
+                }
                 None => own.push((part, content)),
             }
         }
@@ -152,8 +157,9 @@ impl Walk<'_> {
             has_below |= self.tile(child, file, here)?;
             file.trail.pop();
         }
-        if has_below && !here.is_added_to {
+        if is_refined && !here.is_added_to {
             self.plan.coarser += u64::from(!own.is_empty());
+            self.plan.replaced_by_nothing += u64::from(!own.is_empty() && !has_below);
         } else {
             self.take(&own, file, here)?;
         }
