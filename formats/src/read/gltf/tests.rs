@@ -558,7 +558,7 @@ fn other_versions_and_unknown_required_extensions_are_refused_by_name() {
     assert!(text.contains("ACME_secret") && !text.contains("quantization"), "{text}");
     let first = br#"{"asset": {"version": "1.0"}, "accessors": {}, "meshes": {}}"#;
     assert!(read_bytes(first).unwrap_err().to_string().contains("glTF 1.0"));
-    let tiles = br#"{"asset": {"version": "1.1"}, "geometricError": 7, "root": {}}"#;
+    let tiles = br#"{"asset": {"version": "1.1"}, "geometricError": 7, "root": {}, "accessors": []}"#;
     assert!(read_bytes(tiles).unwrap_err().to_string().contains("3D Tiles"));
     assert!(read_bytes(b"glTF\x01\0\0\0\x14\0\0\0........").unwrap_err().to_string().contains("glTF 1"));
 }

@@ -238,7 +238,7 @@ fn composites_are_taken_apart() {
     bytes.extend(parts.concat());
     let site = Site::new(json!({"content": {"uri": "a.cmpt"}})).with("a.cmpt", &bytes);
     assert_eq!(site.corners(), [[1.0, 0.0, 0.0], [5.0, 0.0, 0.0]]);
-    bytes[24] = 0xff;
+    bytes[27] = 0xff;
     let message = site.with("a.cmpt", &bytes).refusal();
     assert!(message.contains("a.cmpt, byte 16: found tile 0 of 2"), "{message}");
 }
@@ -308,7 +308,7 @@ fn what_is_not_read_is_refused_by_its_name() {
         (b"vctr\x01\0\0\0", "tile of vector data (vctr)"),
         (b"", "0 bytes that are neither b3dm nor glTF"),
         (&tileset(json!({})), "a tileset under the name of a mesh"),
-        (&b3dm("", &[], b"glTF\x01\0\0\0\x14\0\0\0\0\0\0\0\0\0\0\0"), "is glTF 1.0"),
+        (&b3dm("", &[], b"glTF\x01\0\0\0\x14\0\0\0\0\0\0\0\0\0\0\0"), "is glTF 1;"),
         (&b3dm("{", &[], &glb([0.0; 3])), "a feature table that cannot be read"),
         (&b3dm(r#"{"RTC_CENTER":{"byteOffset":1}}"#, &[0; 12], &glb([0.0; 3])), "RTC_CENTER at byte 1"),
         (&b3dm("", &[0; 8], b"not a GLB"), "behind the tables of a b3dm"),
