@@ -36,7 +36,7 @@ use std::sync::Arc;
 /// Which meshes are read, and how their coordinates are interpreted.
 #[derive(clap::Args)]
 pub(crate) struct InputArgs {
-    /// Mesh files (PLY, OBJ, STL, glTF), folders of them, quoted patterns such as 'blocks/*.ply', or surveys of scans.
+    /// Mesh files (PLY, OBJ, STL, glTF, tilesets of 3D Tiles), folders of them, quoted patterns such as 'blocks/*.ply', or surveys of scans.
     ///
     /// Several are joined, and matching vertices are welded; their order does not matter.
     #[arg(required = true, value_name = "INPUT")]
@@ -352,14 +352,23 @@ pub(crate) fn summarised(mut sources: Vec<SourceFile>) -> Vec<SourceFile> {
 
 const MESHES: Wanted = Wanted {
     what: "mesh",
-    formats: "PLY, OBJ, STL, glTF",
+    formats: "PLY, OBJ, STL, glTF, 3D Tiles",
     is_named: is_named_as_mesh,
-    recognise: |path| Ok(read::recognise(path).map(drop)?),
+    recognise: recognise_in_folder,
 };
+
+/// Fails unless a file in a folder is a mesh. Beside a tileset lie its tiles, which are one surface in several levels of detail.
+fn recognise_in_folder(path: &Path) -> anyhow::Result<()> {
+    if read::recognise(path)?.is_tileset() {
+        bail!("{} is a tileset of 3D Tiles; give that file itself instead of its folder", path.display());
+    }
+    Ok(())
+}
 
 fn is_named_as_mesh(path: &Path) -> bool {
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default();
-    MESH_EXTENSIONS.iter().any(|e| e.eq_ignore_ascii_case(extension))
+    let is_tileset = path.file_name().is_some_and(|name| name.eq_ignore_ascii_case("tileset.json"));
+    is_tileset || MESH_EXTENSIONS.iter().any(|e| e.eq_ignore_ascii_case(extension))
 }
 
 /// The matrix beside an input.

@@ -41,7 +41,12 @@ fn packed(mesh: RawMesh) -> Pack {
     Reader::open(SliceSource(built.bytes)).expect("a pack")
 }
 
-fn extracted(pack: &Pack, max_triangles: Option<u64>, window: usize, region: Option<Region>) -> (Extraction, RawMesh) {
+pub(crate) fn extracted(
+    pack: &Pack,
+    max_triangles: Option<u64>,
+    window: usize,
+    region: Option<Region>,
+) -> (Extraction, RawMesh) {
     let work = tempfile::tempdir().expect("a folder");
     let path = work.path().join("out.ply");
     let output = Output::prepare(&path, false).expect("writable");

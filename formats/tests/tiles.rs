@@ -1,10 +1,11 @@
 //! 3D Tiles: whatever a client shows at rest has no cracks, the finest tiles have the triangles of the pack, and files are as the specification and the
 //! documentation promise.
 
-use crate::reduce::torus;
+use crate::reduce::{extracted, torus};
 use glam::{DMat4, DVec3};
 use kilwa_builder::{BuildOptions, Silent, build_pack};
 use kilwa_formats::RawMesh;
+use kilwa_formats::extract::WINDOW;
 use kilwa_formats::extract::tiles::{Earth, Folder, Limits, PIXELS, Profile, Request, Tileset, write_tiles};
 use kilwa_formats::read::read_mesh;
 use kilwa_pack::reader::SliceSource;
@@ -431,4 +432,59 @@ fn a_place_off_the_earth_is_refused() {
     let request = Request { profile: Profile::Web, limits: SMALL, earth: Some(&Nowhere), crs: None };
     let text = write_tiles(&pack(1.0), &request, &folder, &|_, _| ()).unwrap_err().to_string();
     assert!(text.contains("has no place on the earth") && text.contains("--crs local"), "{text}");
+}
+
+/// The corners of triangles in millimetres, each from its smallest corner on, sorted: equal for the same surface, however it is divided and numbered.
+fn triangles_of(mesh: &RawMesh) -> Vec<[[i64; 3]; 3]> {
+    let corner = |v: u32| mesh.positions[v as usize].to_array().map(|x| (x * 1000.0).round() as i64);
+    let mut all: Vec<[[i64; 3]; 3]> = mesh
+        .triangles
+        .iter()
+        .map(|t| {
+            let mut corners = t.map(corner);
+            let first = (0..3).min_by_key(|&i| corners[i]).unwrap_or(0);
+            corners.rotate_left(first);
+            corners
+        })
+        .collect();
+    all.sort_unstable();
+    all
+}
+
+#[test]
+fn what_was_written_is_read_back_as_the_finest_surface() {
+    let work = tempfile::tempdir().unwrap();
+    let pack = pack(1.0);
+    let mut finest: Vec<[[i64; 3]; 3]> = Vec::new();
+    for (name, profile, earth) in [
+        ("plain", Profile::Plain, None),
+        ("web", Profile::Web, None),
+        ("earth", Profile::Web, Some(&Ball as &dyn Earth)),
+    ] {
+        let folder = work.path().join(name);
+        let report = written(&pack, profile, SMALL, earth, &folder);
+        assert!(
+            report.tilesets > 2 && report.stored_triangles > report.triangles,
+            "{name} has nested files and coarser levels"
+        );
+        let mesh = read_mesh(&folder.join("tileset.json"), &mut |_, _| {}).unwrap_or_else(|e| panic!("{name}: {e}"));
+        assert_eq!(mesh.triangles.len() as u64, report.triangles, "{name}");
+        assert_eq!(mesh.colors.len(), mesh.positions.len(), "{name}");
+        let count = |kind: &str| mesh.diagnostics.count(kind);
+        let coarser = count("coarser tiles left out, because finer ones replace them");
+        assert_eq!(count("tiles of the finest level read") + coarser, report.tiles, "{name}");
+        assert_eq!(count("tilesets named by other tilesets read") + 1, report.tilesets, "{name}");
+        let geocentric = count("tiles in geocentric coordinates (EPSG:4978), kept as they are");
+        assert_eq!(geocentric > 0, earth.is_some(), "{name}");
+        if earth.is_none() {
+            let triangles = triangles_of(&mesh);
+            if !finest.is_empty() {
+                assert!(triangles == finest, "both profiles have the same triangles");
+            }
+            finest = triangles;
+        }
+    }
+    // The pack itself, as another writer gives it.
+    let (_, expected) = extracted(&pack, None, WINDOW, None);
+    assert!(finest == triangles_of(&expected), "the triangles of the pack");
 }

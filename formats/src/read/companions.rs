@@ -109,6 +109,16 @@ impl Companions {
         Self { folder, link, real, allow_outside, replaced, found, listed: RefCell::default() }
     }
 
+    /// The same where the mesh file is itself one that another names, in whose folder files may lie, too.
+    pub(super) fn within(mut self, other: &Self) -> Self {
+        if let (Some(own), Some(above)) = (&self.real, &other.real)
+            && own.starts_with(above)
+        {
+            self.real = Some(above.clone());
+        }
+        self
+    }
+
     /// The folder of the mesh file.
     pub(super) fn folder(&self) -> &Path {
         &self.folder
@@ -138,6 +148,11 @@ impl Companions {
             all.insert(key, found.clone());
         }
         found
+    }
+
+    /// Where this very path leads: no other case of letters, no other folder.
+    pub(super) fn exactly(&self, path: PathBuf) -> Found {
+        self.judged(path)
     }
 
     /// As [`Companions::find`], with an error for what lies outside. `None` where there is nothing.

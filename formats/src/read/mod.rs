@@ -24,6 +24,7 @@ mod sniff;
 mod source;
 pub mod stl;
 pub mod texture;
+pub mod tiles;
 
 pub use companions::{Replaced, open_regular};
 pub use error::{Place, ReadError};
@@ -125,9 +126,20 @@ pub struct Format {
     note_detail: Option<NoteDetail>,
 }
 
+impl Format {
+    /// Whether it is a tileset, whose tiles lie beside it.
+    pub fn is_tileset(&self) -> bool {
+        self.name == TILES
+    }
+}
+
+/// The name of 3D Tiles.
+const TILES: &str = "3D Tiles";
+
 /// Asked in this order.
 const FORMATS: &[Format] = &[
     Format { name: "PLY", up: Up::Z, is: |start, _| ply::is_ply(start), read: ply::read, note_detail: None },
+    Format { name: TILES, up: Up::Z, is: tiles::is_tileset, read: tiles::read, note_detail: Some(tiles::note_detail) },
     Format { name: "glTF", up: Up::Y, is: gltf::is_gltf, read: gltf::read, note_detail: Some(gltf::note_detail) },
     Format { name: "STL", up: Up::Z, is: stl::is_stl, read: stl::read, note_detail: None },
     Format {

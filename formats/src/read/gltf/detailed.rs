@@ -28,10 +28,10 @@ const REMEMBERED: usize = 1 << 20;
 
 /// What happens with triangles.
 #[derive(Clone, Copy)]
-pub(super) struct Detailing<'d> {
-    pub(super) detail: &'d Detail,
+pub(in crate::read) struct Detailing<'d> {
+    pub(in crate::read) detail: &'d Detail,
     /// Note how many texels edges span, and deliver nothing.
-    pub(super) notes: bool,
+    pub(in crate::read) notes: bool,
 }
 
 /// A vertex in the making.
@@ -288,7 +288,7 @@ impl Delivery<'_, '_, '_> {
 
 /// Takes nothing: for the pass that only notes.
 #[derive(Default)]
-pub(super) struct Nowhere {
+pub(in crate::read) struct Nowhere {
     count: u64,
     diagnostics: crate::Diagnostics,
 }

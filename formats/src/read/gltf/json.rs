@@ -28,8 +28,8 @@ fn refusal(e: &serde_path_to_error::Error<serde_json::Error>, context: &Context<
         path if path == "." => "JSON".to_owned(),
         path => path,
     };
-    let expected = "glTF 2.0; the file is damaged or its exporter is wrong: copy or export it again";
-    context.part(visible(&part).into_owned(), plainly(&e.inner().to_string()), expected)
+    let expected = format!("{}; the file is damaged or its exporter is wrong: copy or export it again", context.format);
+    context.part(visible(&part).into_owned(), plainly(&e.inner().to_string()), &expected)
 }
 
 /// The same with every 1.0 written as 1; `None` if there is none.

@@ -36,23 +36,28 @@ mod tally;
 mod tests;
 mod transform;
 
+pub(super) use detailed::{Detailing, Nowhere};
 pub use sizes::{Sizes, sizes};
+pub(super) use tally::{LARGEST_ELEMENT as OBJECT_BYTES, Tally};
 
 use super::companions::{Companions, Found, Reference};
 use super::texture::detail::Detail;
 use super::{Input, MeshSink, ReadError};
 use buffers::Buffers;
 use container::Container;
-use detailed::{Detailing, Nowhere};
+use glam::DAffine3;
 use json::deserialize;
 use kilwa_pack::visible::visible;
 use material::Material;
 use primitive::{Delivery, Known};
 use schema::{Head, Root};
+use serde::de::DeserializeOwned;
 use std::path::Path;
+use transform::Transform;
 
 /// Extensions that a file may require: those that are read, and those that change neither surface nor base colour.
 const KNOWN_EXTENSIONS: &[&str] = &[
+    "CESIUM_RTC",
     "KHR_mesh_quantization",
     "EXT_meshopt_compression",
     "KHR_meshopt_compression",
@@ -84,6 +89,19 @@ const EXPORT: &str =
 struct Context<'a> {
     path: &'a Path,
     companions: &'a Companions,
+    /// What the JSON is expected to be.
+    format: &'static str,
+}
+
+/// What the JSON of a glTF is expected to be.
+const GLTF: &str = "glTF 2.0";
+
+/// Where a scene stands that is part of a larger whole.
+pub(super) struct Standing {
+    /// From the coordinates of the scene to those of the whole.
+    pub(super) transform: DAffine3,
+    /// Finds what the file names.
+    pub(super) companions: Companions,
 }
 
 impl Context<'_> {
@@ -134,39 +152,13 @@ pub fn note_detail(input: Input<'_>, detail: &Detail) -> Result<(), ReadError> {
 }
 
 fn deliver(input: Input<'_>, sink: &mut dyn MeshSink, detailing: Option<Detailing<'_>>) -> Result<(), ReadError> {
-    let Input { path, total, source, progress, options } = input;
-    let companions = &Companions::of(path, options);
-    let context = Context { path, companions };
-    let Container { json, binary, trailing } = container::open(source, total, options.document, &context)?;
-    let root = parse(json, options.document, &context)?;
-    refuse_pictures_outside(&root, &context)?;
-    let diagnostics = sink.diagnostics();
-    diagnostics.add_many("bytes behind the end that the header of the GLB gives left out", trailing);
-    diagnostics.add_many("animations left out; the rest pose is taken", root.animations.len() as u64);
-    let placed = scene::placed(&root, diagnostics, &context)?;
-    let mut in_scene = vec![false; root.meshes.len()];
-    for place in &placed {
-        in_scene[place.mesh] = true;
-    }
-    let unused = in_scene.iter().filter(|used| !**used).count();
-    diagnostics.add_many("meshes that do not stand in the scene left out", unused as u64);
-
-    let buffers = Buffers::new(source, total, binary, &root, options.document, progress);
-    let colored = is_colored(&root, &in_scene, &context)?;
-    let mut delivery = Delivery::new(&root, buffers, sink, Context { path, companions }, colored, options, detailing);
-    for place in &placed {
-        let mut known = Known::new();
-        for (number, primitive) in root.meshes[place.mesh].primitives.iter().enumerate() {
-            let part = format!("meshes[{}].primitives[{number}]", place.mesh);
-            delivery.primitive(primitive, &part, &place.transform, &mut known)?;
-        }
-    }
-    delivery.count_pictures();
-    delivery.buffers.finish();
-    if delivery.triangles() > 0 || detailing.is_some_and(|d| d.notes) {
+    let path = input.path;
+    let companions = Companions::of(path, input.options);
+    let delivered = deliver_at(input, sink, detailing, (None, &companions))?;
+    if delivered.triangles > 0 || detailing.is_some_and(|d| d.notes) {
         return Ok(());
     }
-    let found = match (root.meshes.len(), placed.len()) {
+    let found = match (delivered.meshes, delivered.placed) {
         (0, _) => "it has no meshes".to_owned(),
         (1, 0) => "its mesh is not in the scene".to_owned(),
         (n, 0) => format!("none of its {n} meshes is in the scene"),
@@ -177,6 +169,83 @@ fn deliver(input: Input<'_>, sink: &mut dyn MeshSink, detailing: Option<Detailin
         found,
         way_out: "Export the model again, with its surface as triangles",
     })
+}
+
+/// Deliver a scene that is part of a larger whole; the number of its triangles, which may be 0.
+///
+/// # Errors
+/// As [`read`].
+pub(super) fn deliver_standing(
+    input: Input<'_>,
+    sink: &mut dyn MeshSink,
+    detailing: Option<Detailing<'_>>,
+    standing: &Standing,
+) -> Result<u64, ReadError> {
+    let transform = Some(Transform::new(standing.transform));
+    Ok(deliver_at(input, sink, detailing, (transform, &standing.companions))?.triangles)
+}
+
+/// JSON of another format that has glTF files in it. The caller has checked that there is memory for it.
+///
+/// # Errors
+/// [`ReadError::Part`] with the path to what is wrong.
+pub(super) fn json_of<T: DeserializeOwned>(
+    json: &[u8],
+    path: &Path,
+    companions: &Companions,
+    format: &'static str,
+) -> Result<T, ReadError> {
+    deserialize(json, &Context { path, companions, format })
+}
+
+/// What a file had.
+struct Delivered {
+    triangles: u64,
+    meshes: usize,
+    /// Meshes in the scene.
+    placed: usize,
+}
+
+fn deliver_at(
+    input: Input<'_>,
+    sink: &mut dyn MeshSink,
+    detailing: Option<Detailing<'_>>,
+    (outer, companions): (Option<Transform>, &Companions),
+) -> Result<Delivered, ReadError> {
+    let Input { path, total, source, progress, options } = input;
+    let context = Context { path, companions, format: GLTF };
+    let Container { json, binary, trailing } = container::open(source, total, options.document, &context)?;
+    let root = parse(json, options.document, &context)?;
+    refuse_pictures_outside(&root, &context)?;
+    let diagnostics = sink.diagnostics();
+    diagnostics.add_many("bytes behind the end that the header of the GLB gives left out", trailing);
+    diagnostics.add_many("animations left out; the rest pose is taken", root.animations.len() as u64);
+    let mut placed = scene::placed(&root, diagnostics, &context)?;
+    let center = root.extensions.rtc.as_ref().map(|rtc| Transform::relative_to_center(rtc.center.into()));
+    for outer in [center, outer].iter().flatten() {
+        placed.iter_mut().for_each(|place| place.transform = outer.after(&place.transform));
+    }
+    let mut in_scene = vec![false; root.meshes.len()];
+    for place in &placed {
+        in_scene[place.mesh] = true;
+    }
+    let unused = in_scene.iter().filter(|used| !**used).count();
+    diagnostics.add_many("meshes that do not stand in the scene left out", unused as u64);
+
+    let buffers = Buffers::new(source, total, binary, &root, options.document, progress);
+    let colored = is_colored(&root, &in_scene, &context)?;
+    let mut delivery =
+        Delivery::new(&root, buffers, sink, Context { path, companions, format: GLTF }, colored, options, detailing);
+    for place in &placed {
+        let mut known = Known::new();
+        for (number, primitive) in root.meshes[place.mesh].primitives.iter().enumerate() {
+            let part = format!("meshes[{}].primitives[{number}]", place.mesh);
+            delivery.primitive(primitive, &part, &place.transform, &mut known)?;
+        }
+    }
+    delivery.count_pictures();
+    delivery.buffers.finish();
+    Ok(Delivered { triangles: delivery.triangles(), meshes: root.meshes.len(), placed: placed.len() })
 }
 
 /// Refuse pictures that lie outside of the folder. Those that are missing are left out when they are needed.

@@ -65,9 +65,23 @@ pub(super) struct Root {
     pub(super) samplers: Vec<Sampler>,
     pub(super) scene: Option<usize>,
     #[serde(default)]
+    pub(super) extensions: RootExtensions,
+    #[serde(default)]
     pub(super) scenes: Vec<Scene>,
     #[serde(default)]
     pub(super) textures: Vec<Texture>,
+}
+
+#[derive(Deserialize, Default)]
+pub(super) struct RootExtensions {
+    #[serde(rename = "CESIUM_RTC")]
+    pub(super) rtc: Option<Rtc>,
+}
+
+/// Positions are relative to a centre: of glTF 1.0, but still written in tiles of 3D Tiles.
+#[derive(Deserialize)]
+pub(super) struct Rtc {
+    pub(super) center: [f64; 3],
 }
 
 #[derive(Deserialize)]

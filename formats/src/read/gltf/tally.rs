@@ -19,12 +19,12 @@ const STRING: u64 = 64;
 const SCALAR: u64 = 16;
 
 /// The largest element of a list in `schema`.
-pub(super) const LARGEST_ELEMENT: usize = 104;
+pub(in crate::read) const LARGEST_ELEMENT: usize = 104;
 const _: () = assert!(OBJECT >= 3 * LARGEST_ELEMENT as u64 && LIST + OBJECT >= 4 * LARGEST_ELEMENT as u64);
 
 /// What a text represents.
 #[derive(Debug, Default, PartialEq, Eq)]
-pub(super) struct Tally {
+pub(in crate::read) struct Tally {
     objects: u64,
     lists: u64,
     strings: u64,
@@ -34,7 +34,7 @@ pub(super) struct Tally {
 
 impl Tally {
     /// Of any text; what is no JSON counts as whatever it looks like.
-    pub(super) fn of(json: &[u8]) -> Self {
+    pub(in crate::read) fn of(json: &[u8]) -> Self {
         let mut tally = Self::default();
         let (mut at, mut in_scalar) = (0, false);
         while let Some(&b) = json.get(at) {
@@ -60,7 +60,7 @@ impl Tally {
     }
 
     /// Bytes that it takes in memory at the most, the text itself not counted.
-    pub(super) fn bytes(&self) -> u64 {
+    pub(in crate::read) fn bytes(&self) -> u64 {
         let Self { objects, lists, strings, string_bytes, scalars } = self;
         objects * OBJECT + lists * LIST + strings * STRING + string_bytes + scalars * SCALAR
     }

@@ -377,7 +377,7 @@ fn a_texture_rotation_turns_like_the_khronos_sample_model() {
         json!({"KHR_texture_transform": {"rotation": rotation}});
     let root = serde_json::from_value::<super::Root>(scene.0.clone()).unwrap();
     let companions = super::Companions::of(Path::new("a.gltf"), &ReadOptions::default());
-    let context = super::Context { path: Path::new("a.gltf"), companions: &companions };
+    let context = super::Context { path: Path::new("a.gltf"), companions: &companions, format: super::GLTF };
     let material = super::Material::of(&root, &root.meshes[0].primitives[0], "", &context).unwrap();
     let at = material.texture.unwrap().place(shown.map(f64::from).into());
     assert!(at.abs_diff_eq(DVec2::splat(f64::from(tip)), 1e-5), "{at:?}");
@@ -558,7 +558,7 @@ fn other_versions_and_unknown_required_extensions_are_refused_by_name() {
     assert!(text.contains("ACME_secret") && !text.contains("quantization"), "{text}");
     let first = br#"{"asset": {"version": "1.0"}, "accessors": {}, "meshes": {}}"#;
     assert!(read_bytes(first).unwrap_err().to_string().contains("glTF 1.0"));
-    let tiles = br#"{"asset": {"version": "1.1"}, "geometricError": 7, "root": {}}"#;
+    let tiles = br#"{"asset": {"version": "1.1"}, "geometricError": 7, "root": {}, "accessors": []}"#;
     assert!(read_bytes(tiles).unwrap_err().to_string().contains("3D Tiles"));
     assert!(read_bytes(b"glTF\x01\0\0\0\x14\0\0\0........").unwrap_err().to_string().contains("glTF 1"));
 }

@@ -31,6 +31,16 @@ impl Transform {
         Self { parent_from_node: DAffine3 { matrix3, translation } }
     }
 
+    /// Of any affine map.
+    pub(super) fn new(parent_from_node: DAffine3) -> Self {
+        Self { parent_from_node }
+    }
+
+    /// Of a scene whose positions are relative to a centre (`CESIUM_RTC`), which is given with z up.
+    pub(super) fn relative_to_center(center: DVec3) -> Self {
+        Self::new(DAffine3::from_translation(DVec3::new(center.x, center.z, -center.y)))
+    }
+
     /// This transform after `inner`.
     pub(super) fn after(&self, inner: &Self) -> Self {
         Self { parent_from_node: self.parent_from_node * inner.parent_from_node }

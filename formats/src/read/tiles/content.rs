@@ -1,0 +1,303 @@
+//! What a tile shows: glTF, alone, behind the header of a b3dm (OGC 22-025r4, annex "Batched 3D Model"; deprecated in 1.1 but written by most
+//! programs), or several in a cmpt; any of them may be compressed with gzip.
+
+use super::super::companions::Companions;
+use super::super::gltf::{Detailing, Standing, deliver_standing, is_gltf};
+use super::super::{Bytes, Input, MeshSink, OnProgress, Place, ReadError, ReadOptions};
+use super::is_tileset;
+use super::tree::Leaf;
+use flate2::read::GzDecoder;
+use glam::{DAffine3, DVec3};
+use kilwa_pack::plural::counted;
+use serde::Deserialize;
+use std::io::{Cursor, Read, Seek, SeekFrom};
+use std::path::Path;
+
+/// Bytes of the header of a b3dm.
+const B3DM_HEADER: u64 = 28;
+/// Bytes of the header of a cmpt.
+const CMPT_HEADER: u64 = 16;
+/// Composites in each other.
+const MAX_COMPOSITES: usize = 8;
+const COPY: &str = "the file is truncated or damaged: copy or export it again";
+
+/// Whether a file begins as gzip does.
+pub(super) fn is_gzip(start: &[u8]) -> bool {
+    start.starts_with(b"\x1f\x8b")
+}
+
+/// Uncompressed; no more than memory allows.
+///
+/// # Errors
+/// [`ReadError`] where it is damaged or too large.
+pub(super) fn gunzip(source: impl Read, path: &Path, options: &ReadOptions) -> Result<Vec<u8>, ReadError> {
+    let mut bytes = Vec::new();
+    let max = options.document;
+    GzDecoder::new(source).take(max + 1).read_to_end(&mut bytes).map_err(|e| ReadError::Malformed {
+        file: path.to_owned(),
+        place: Place::Byte(0),
+        found: format!("a gzip stream that cannot be decompressed ({e})"),
+        expected: format!("a sound one; {COPY}"),
+    })?;
+    if bytes.len() as u64 > max {
+        let what = format!(
+            "uncompressed it has more than {} MiB, which is all that may be used; give a larger --memory",
+            max >> 20
+        );
+        return Err(ReadError::TooLarge { file: path.to_owned(), what });
+    }
+    Ok(bytes)
+}
+
+/// A part of a file as a file.
+struct Window<'a> {
+    source: &'a mut dyn Bytes,
+    start: u64,
+    length: u64,
+    at: u64,
+}
+
+impl Read for Window<'_> {
+    fn read(&mut self, into: &mut [u8]) -> std::io::Result<usize> {
+        let left = self.length.saturating_sub(self.at);
+        let n = into.len().min(usize::try_from(left).unwrap_or(usize::MAX));
+        self.source.seek(SeekFrom::Start(self.start + self.at))?;
+        let read = self.source.read(&mut into[..n])?;
+        self.at += read as u64;
+        Ok(read)
+    }
+}
+
+impl Seek for Window<'_> {
+    fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
+        let at = match to {
+            SeekFrom::Start(at) => Some(at),
+            SeekFrom::End(by) => self.length.checked_add_signed(by),
+            SeekFrom::Current(by) => self.at.checked_add_signed(by),
+        };
+        self.at = at.ok_or_else(|| std::io::Error::from(std::io::ErrorKind::InvalidInput))?;
+        Ok(self.at)
+    }
+}
+
+/// Delivers the contents of tiles.
+pub(super) struct Delivery<'a> {
+    pub(super) companions: &'a Companions,
+    pub(super) options: &'a ReadOptions,
+    pub(super) detailing: Option<Detailing<'a>>,
+    pub(super) sink: &'a mut dyn MeshSink,
+    /// Tiles near the surface of the earth, if they are in geocentric coordinates.
+    pub(super) geocentric: u64,
+}
+
+impl Delivery<'_> {
+    /// Deliver one file; the number of its triangles.
+    pub(super) fn leaf(&mut self, leaf: &Leaf, progress: &mut OnProgress<'_>) -> Result<u64, ReadError> {
+        let (mut file, bytes) =
+            self.companions.open(&leaf.path).map_err(|source| ReadError::Open { file: leaf.path.clone(), source })?;
+        let start = piece(&mut file, 0, bytes.min(2), &leaf.path)?;
+        if !is_gzip(&start) {
+            let mut content = Content { leaf, source: &mut file, progress, delivery: self };
+            return content.read(0, bytes, 0);
+        }
+        let cannot = |source| ReadError::Io { file: leaf.path.clone(), offset: 0, source };
+        file.seek(SeekFrom::Start(0)).map_err(cannot)?;
+        let bytes = gunzip(file, &leaf.path, self.options)?;
+        let length = bytes.len() as u64;
+        Content { leaf, source: &mut Cursor::new(bytes), progress, delivery: self }.read(0, length, 0)
+    }
+}
+
+/// One file in hand.
+struct Content<'c, 'd, 'p> {
+    leaf: &'c Leaf,
+    source: &'c mut dyn Bytes,
+    progress: &'c mut OnProgress<'p>,
+    delivery: &'c mut Delivery<'d>,
+}
+
+impl Content<'_, '_, '_> {
+    /// Deliver the content that begins at a byte and has so many.
+    fn read(&mut self, at: u64, length: u64, composites: usize) -> Result<u64, ReadError> {
+        let start = self.piece(at, length.min(super::super::SNIFFED))?;
+        match start.get(..4).unwrap_or_default() {
+            b"b3dm" => self.batched(at, length),
+            b"cmpt" => self.composite(at, length, composites),
+            b"pnts" => Err(self.refused("a tile of points (pnts)")),
+            b"i3dm" => Err(self.refused("a tile of instances (i3dm)")),
+            b"vctr" => Err(self.refused("a tile of vector data (vctr)")),
+            b"subt" => Err(self.refused("a subtree of implicit tiling")),
+            _ if is_tileset(&start, length) => Err(self.refused("a tileset under the name of a mesh")),
+            _ if is_gltf(&start, length) => self.gltf(at, length, DVec3::ZERO),
+            _ => {
+                let found = format!("{} that are neither b3dm nor glTF", counted(length, "byte", "bytes"));
+                Err(self.malformed(at, found, &format!("a tile in b3dm or glTF; {COPY}")))
+            }
+        }
+    }
+
+    fn refused(&self, what: &str) -> ReadError {
+        let needs = format!("is {what}, which is not read");
+        let way_out =
+            "Export the tileset again with meshes in b3dm or glTF alone, or give the mesh that it was made of";
+        ReadError::Needs { file: self.leaf.path.clone(), needs, way_out }
+    }
+
+    fn malformed(&self, at: u64, found: String, expected: &str) -> ReadError {
+        let (file, place) = (self.leaf.path.clone(), Place::Byte(at));
+        ReadError::Malformed { file, place, found, expected: expected.to_owned() }
+    }
+
+    fn piece(&mut self, at: u64, length: u64) -> Result<Vec<u8>, ReadError> {
+        piece(self.source, at, length, &self.leaf.path)
+    }
+
+    /// The words of a header of `N` words, of which the third is the length of the whole; the length is checked.
+    fn header<const N: usize>(&mut self, at: u64, length: u64, what: &str) -> Result<[u32; N], ReadError> {
+        let bytes = self.piece(at, length.min(4 * N as u64))?;
+        if bytes.len() < 4 * N {
+            let found = format!("{} for a {what}", counted(length, "byte", "bytes"));
+            return Err(self.malformed(at, found, &format!("a header of {} bytes; {COPY}", 4 * N)));
+        }
+        let word = |i: usize| bytes[4 * i..].first_chunk().map_or(0, |b| u32::from_le_bytes(*b));
+        let words: [u32; N] = std::array::from_fn(word);
+        if words[1] != 1 {
+            let needs = format!("has a {what} of version {}; only version 1 is supported", words[1]);
+            let way_out = "Export the tileset again as 3D Tiles 1.0 or 1.1";
+            return Err(ReadError::Needs { file: self.leaf.path.clone(), needs, way_out });
+        }
+        let whole = u64::from(words[2]);
+        if whole > length || whole < bytes.len() as u64 {
+            let found = counted(length, "byte", "bytes").to_string();
+            return Err(self.malformed(at, found, &format!("{whole}, as the header of the {what} says; {COPY}")));
+        }
+        Ok(words)
+    }
+
+    /// A b3dm: header, tables of features and batches, each in JSON and binary, and a GLB.
+    fn batched(&mut self, at: u64, length: u64) -> Result<u64, ReadError> {
+        let [_, _, whole, json, binary, batch_json, batch_binary] = self.header::<7>(at, length, "b3dm")?;
+        let [json, binary] = [json, binary].map(u64::from);
+        let tables = json + binary + u64::from(batch_json) + u64::from(batch_binary);
+        let room = u64::from(whole) - B3DM_HEADER;
+        if tables > room {
+            let found = format!("tables of {}", counted(tables, "byte", "bytes"));
+            let expected = format!("at most {room}, the rest of the b3dm; {COPY}");
+            return Err(self.malformed(at + 12, found, &expected));
+        }
+        let center = self.center(at + B3DM_HEADER, json, binary)?;
+        let first = at + B3DM_HEADER + tables;
+        let start = self.piece(first, (room - tables).min(12))?;
+        if !start.starts_with(b"glTF") {
+            let expected = "a GLB behind the tables of a b3dm; drafts of b3dm are not read: export the tileset again";
+            return Err(self.malformed(first, "something else".to_owned(), expected));
+        }
+        // What is behind the GLB fills the file up to a multiple of 8 bytes.
+        let own = start.get(8..12).and_then(|b| b.first_chunk()).map_or(u64::MAX, |b| u32::from_le_bytes(*b).into());
+        let rest = room - tables;
+        self.gltf(first, if own <= rest && rest - own < 8 { own } else { rest }, center)
+    }
+
+    /// `RTC_CENTER` of the table of features.
+    fn center(&mut self, at: u64, json: u64, binary: u64) -> Result<DVec3, ReadError> {
+        #[derive(Deserialize, Default)]
+        struct Features {
+            #[serde(rename = "RTC_CENTER")]
+            center: Option<Center>,
+        }
+        #[derive(Deserialize)]
+        #[serde(untagged)]
+        enum Center {
+            Here([f64; 3]),
+            Binary {
+                #[serde(rename = "byteOffset")]
+                offset: u64,
+            },
+        }
+        let text = self.piece(at, json)?;
+        let end = text.iter().rposition(|b| *b != 0 && !b.is_ascii_whitespace()).map_or(0, |last| last + 1);
+        if end == 0 {
+            return Ok(DVec3::ZERO);
+        }
+        let features: Features = serde_json::from_slice(&text[..end]).map_err(|e| {
+            let found =
+                format!("a feature table that cannot be read ({})", kilwa_pack::visible::visible(&e.to_string()));
+            self.malformed(at, found, &format!("JSON, with RTC_CENTER, if it is there, of three numbers; {COPY}"))
+        })?;
+        let center = match features.center {
+            None => DVec3::ZERO,
+            Some(Center::Here(center)) => center.into(),
+            Some(Center::Binary { offset }) => {
+                if offset.checked_add(12).is_none_or(|end| end > binary) {
+                    let found = format!("RTC_CENTER at byte {offset} of a binary part of {binary}");
+                    return Err(self.malformed(at, found, &format!("12 bytes that are there; {COPY}")));
+                }
+                let bytes = self.piece(at + json + offset, 12)?;
+                let word = |i: usize| {
+                    bytes.get(4 * i..).and_then(<[u8]>::first_chunk).map_or(f32::NAN, |b| f32::from_le_bytes(*b))
+                };
+                DVec3::from_array([0, 1, 2].map(|i| f64::from(word(i))))
+            }
+        };
+        if center.is_finite() {
+            return Ok(center);
+        }
+        Err(self.malformed(at, "RTC_CENTER that is not finite".to_owned(), &format!("three numbers; {COPY}")))
+    }
+
+    /// A cmpt: header, and tiles one after the other.
+    fn composite(&mut self, at: u64, length: u64, composites: usize) -> Result<u64, ReadError> {
+        if composites == MAX_COMPOSITES {
+            let found = format!("more than {MAX_COMPOSITES} composites in each other");
+            return Err(self.malformed(at, found, "fewer; export the tileset again"));
+        }
+        let [_, _, whole, tiles] = self.header::<4>(at, length, "cmpt")?;
+        let end = at + u64::from(whole);
+        let (mut triangles, mut inner) = (0, at + CMPT_HEADER);
+        for number in 0..tiles {
+            let bytes = self.piece(inner, (end - inner).min(12))?;
+            let own = bytes.get(8..12).and_then(|b| b.first_chunk()).map_or(0, |b| u64::from(u32::from_le_bytes(*b)));
+            if own < 12 || own > end - inner {
+                let found = format!("tile {number} of {tiles} with {own} bytes");
+                return Err(self.malformed(
+                    inner,
+                    found,
+                    &format!("12 to {}, the rest of the composite; {COPY}", end - inner),
+                ));
+            }
+            triangles += self.read(inner, own, composites + 1)?;
+            inner += own;
+        }
+        Ok(triangles)
+    }
+
+    /// A glTF, turned and moved to where the tile is.
+    fn gltf(&mut self, at: u64, length: u64, center: DVec3) -> Result<u64, ReadError> {
+        /// How far from the centre of the earth its surface can be, with mountains and trenches, metres.
+        const SURFACE: std::ops::Range<f64> = 6_330_000.0..6_400_000.0;
+        let Delivery { companions, options, detailing, sink, geocentric } = &mut *self.delivery;
+        let tile = self.leaf.root_from_tile * DAffine3::from_translation(center);
+        let transform = tile * self.leaf.up.tile_from_gltf();
+        *geocentric += u64::from(SURFACE.contains(&tile.translation.length()));
+        let mut window = Window { source: &mut *self.source, start: at, length, at: 0 };
+        let progress = &mut *self.progress;
+        let input = Input {
+            path: &self.leaf.path,
+            total: length,
+            source: &mut window,
+            progress: &mut |done, total| progress(done, total),
+            options,
+        };
+        let companions = Companions::of(&self.leaf.path, options).within(companions);
+        deliver_standing(input, &mut **sink, *detailing, &Standing { transform, companions })
+    }
+}
+
+/// Bytes that lie in the file, or as many of them as are there.
+fn piece(source: &mut dyn Bytes, at: u64, length: u64, path: &Path) -> Result<Vec<u8>, ReadError> {
+    let cannot = |source| ReadError::Io { file: path.to_owned(), offset: at, source };
+    source.seek(SeekFrom::Start(at)).map_err(cannot)?;
+    let mut bytes = Vec::new();
+    source.take(length).read_to_end(&mut bytes).map_err(cannot)?;
+    Ok(bytes)
+}

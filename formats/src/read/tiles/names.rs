@@ -1,0 +1,110 @@
+//! Where the URIs of a tileset lead: to files in the folder of the first tileset or below it, and nowhere else.
+//!
+//! A name must lead exactly where it says. A file of the same name in another folder, which other readers take for one that was moved, is another tile
+//! here.
+
+use super::super::companions::{Companions, Found, Reference};
+use super::super::{ReadError, ReadOptions};
+use kilwa_pack::visible::visible;
+use percent_encoding::percent_decode_str;
+use std::path::{Path, PathBuf};
+
+/// A file of the tileset.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Named {
+    pub(super) path: PathBuf,
+    /// The folders from that of the first tileset to it.
+    pub(super) folders: Vec<String>,
+}
+
+/// Finds files.
+pub(super) struct Names<'a> {
+    pub(super) companions: &'a Companions,
+    pub(super) options: &'a ReadOptions,
+}
+
+/// The file that has a name in it.
+#[derive(Clone, Copy)]
+pub(super) struct From<'a> {
+    pub(super) path: &'a Path,
+    pub(super) folders: &'a [String],
+}
+
+impl Names<'_> {
+    /// The file that `uri` names in `from`, at `place`.
+    ///
+    /// # Errors
+    /// [`ReadError::Part`] where it is an address, absolute or not there; [`ReadError::Outside`] where it leaves the folder.
+    pub(super) fn locate(&self, uri: &str, place: &str, from: From<'_>) -> Result<Named, ReadError> {
+        let part = |found: String, expected: &str| ReadError::Part {
+            file: from.path.to_owned(),
+            part: place.to_owned(),
+            found,
+            expected: expected.to_owned(),
+        };
+        if is_address(uri) {
+            let expected = "the name of a file; download the whole tileset and give that";
+            return Err(part(format!("the address \"{}\"", shown(uri)), expected));
+        }
+        // Some exporters do not escape: the name as it stands counts where there is such a file.
+        let path_of_uri = uri.split(['?', '#']).next().unwrap_or(uri);
+        let decoded = percent_decode_str(path_of_uri).decode_utf8_lossy().into_owned();
+        let mut refused = None;
+        for name in [uri, &decoded] {
+            if is_absolute(name) {
+                let expected = "a name relative to the tileset; correct the tileset or export it again";
+                return Err(part(format!("the absolute name \"{}\"", shown(uri)), expected));
+            }
+            let reference = Reference { file: from.path, place, name: uri };
+            let Some((folders, last)) = self.resolved(name, from) else {
+                let target = from.path.parent().unwrap_or(Path::new("")).join(name);
+                return Err(self.companions.refusal(&reference, target));
+            };
+            let mut path = self.companions.folder().to_owned();
+            path.extend(folders.iter().chain([&last]));
+            match self.companions.exactly(path) {
+                Found::File(path) => return Ok(Named { path, folders }),
+                Found::Outside(target) => refused = Some(self.companions.refusal(&reference, target)),
+                Found::Nothing => {}
+            }
+        }
+        let missing = || {
+            let found = format!("the file \"{}\", which is not there", shown(&decoded));
+            part(found, "all files of the tileset; copy the missing ones too")
+        };
+        Err(refused.unwrap_or_else(missing))
+    }
+
+    /// Folders and name, from the folder of the first tileset; `None` where that is left.
+    fn resolved(&self, name: &str, from: From<'_>) -> Option<(Vec<String>, String)> {
+        let mut all = from.folders.to_vec();
+        for part in name.split(['/', '\\']).filter(|part| !part.is_empty() && *part != ".") {
+            match part {
+                ".." if all.last().is_some_and(|last| last != "..") => {
+                    all.pop();
+                }
+                ".." if !self.options.allow_outside => return None,
+                _ => all.push(part.to_owned()),
+            }
+        }
+        let last = all.pop().unwrap_or_default();
+        Some((all, last))
+    }
+}
+
+/// Whether a URI names something that is no file here: it has a scheme, which a drive of Windows is not, or the name of a computer.
+fn is_address(uri: &str) -> bool {
+    let is_scheme =
+        |scheme: &str| scheme.len() > 1 && scheme.bytes().all(|b| b.is_ascii_alphanumeric() || b"+-.".contains(&b));
+    uri.starts_with("//") || uri.starts_with("\\\\") || uri.split_once(':').is_some_and(|(scheme, _)| is_scheme(scheme))
+}
+
+fn is_absolute(name: &str) -> bool {
+    let is_drive = |name: &str| name.as_bytes().get(1) == Some(&b':');
+    name.starts_with(['/', '\\']) || is_drive(name) || name.contains('\0')
+}
+
+/// A name for a message.
+pub(super) fn shown(uri: &str) -> String {
+    visible(&uri.chars().take(80).collect::<String>()).into_owned()
+}

@@ -1,0 +1,87 @@
+//! The parts of a tileset's JSON that say what is shown where (OGC, "3D Tiles Specification 1.1", 22-025r4, section 7; 1.0 and its
+//! drafts name some parts differently). All else is not looked at, so that damage there refuses nothing.
+
+use super::super::gltf::OBJECT_BYTES;
+use serde::Deserialize;
+use serde::de::IgnoredAny;
+
+// What the memory for the JSON is estimated by.
+const _: () = assert!(size_of::<Tile>() <= OBJECT_BYTES && size_of::<Content>() <= OBJECT_BYTES);
+
+/// One file.
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Tileset {
+    pub(super) asset: Asset,
+    #[serde(default)]
+    pub(super) extensions_required: Vec<String>,
+    pub(super) root: Tile,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Asset {
+    pub(super) version: String,
+    /// The axis that points up in the glTF of tiles: of drafts of 1.0, and still written.
+    pub(super) gltf_up_axis: Option<String>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
+pub(super) struct Tile {
+    /// Column by column.
+    pub(super) transform: Option<Box<[f64; 16]>>,
+    pub(super) refine: Option<String>,
+    /// Boxed, because memory is estimated by the size of elements of lists.
+    content: Option<Box<Content>>,
+    #[serde(default)]
+    contents: Vec<Content>,
+    #[serde(default)]
+    pub(super) children: Vec<Tile>,
+    implicit_tiling: Option<IgnoredAny>,
+    extensions: Option<Box<Extensions>>,
+}
+
+/// What a tile shows. Drafts of 1.0 have `url`.
+#[derive(Deserialize)]
+pub(super) struct Content {
+    uri: Option<String>,
+    url: Option<String>,
+}
+
+#[derive(Deserialize)]
+struct Extensions {
+    #[serde(rename = "3DTILES_implicit_tiling")]
+    implicit: Option<IgnoredAny>,
+    #[serde(rename = "3DTILES_multiple_contents")]
+    multiple: Option<Multiple>,
+}
+
+/// The extension of 1.0 that became `contents`; its drafts have `content`.
+#[derive(Deserialize)]
+struct Multiple {
+    #[serde(default, alias = "content")]
+    contents: Vec<Content>,
+}
+
+impl Content {
+    /// The name, if there is one.
+    pub(super) fn uri(&self) -> Option<&str> {
+        self.uri.as_deref().or(self.url.as_deref())
+    }
+}
+
+impl Tile {
+    /// All that it shows, with the names of the parts.
+    pub(super) fn contents(&self) -> impl Iterator<Item = (String, &Content)> {
+        let one = self.content.iter().map(|content| ("content".to_owned(), &**content));
+        let multiple = self.extensions.iter().filter_map(|e| e.multiple.as_ref()).flat_map(|m| &m.contents);
+        let several = self.contents.iter().chain(multiple).enumerate();
+        one.chain(several.map(|(i, content)| (format!("contents[{i}]"), content)))
+    }
+
+    /// Whether its tiles are not listed but computed.
+    pub(super) fn is_implicit(&self) -> bool {
+        self.implicit_tiling.is_some() || self.extensions.as_ref().is_some_and(|e| e.implicit.is_some())
+    }
+}

@@ -1,0 +1,302 @@
+//! Which tiles are the finest: the trees of all tilesets are walked, and tiles that finer ones replace are left out.
+//!
+//! A tile is taken if it has no children, or if it is refined by addition, so that it remains visible with them. Children without content replace it by nothing, as clients
+//! do: where tiles are refined together, what is finer may stand below another of them. A tileset that a tile names stands in the place of that tile. One that is named twice is refused: it would be in a circle, or the same surface twice,
+//! and a few small files could name each other billions of times.
+
+use super::super::gltf::{Tally, json_of};
+use super::super::{ReadError, ReadOptions};
+use super::content::{gunzip, is_gzip};
+use super::names::{From, Named, Names, shown};
+use super::schema::{Content, Tile, Tileset};
+use super::{UpAxis, is_tileset};
+use glam::{DAffine3, DMat3, DVec3};
+use kilwa_pack::plural::counted;
+use std::collections::HashSet;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// Tiles one below the other, in all tilesets together.
+const MAX_DEPTH: usize = 200;
+/// Extensions that a tileset may require: those that are read, and those that do not change what is shown where.
+const KNOWN_EXTENSIONS: &[&str] = &[
+    "3DTILES_bounding_volume_S2",
+    "3DTILES_content_gltf",
+    "3DTILES_metadata",
+    "3DTILES_multiple_contents",
+    "3DTILES_batch_table_hierarchy",
+];
+const EXPORT: &str =
+    "Export it again with explicit tiles in b3dm or glTF, or give the mesh that the tiles were made of";
+
+/// A file with a mesh that is part of the finest surface.
+pub(super) struct Leaf {
+    pub(super) path: PathBuf,
+    pub(super) bytes: u64,
+    pub(super) root_from_tile: DAffine3,
+    pub(super) up: UpAxis,
+}
+
+/// What is to be read.
+#[derive(Default)]
+pub(super) struct Plan {
+    pub(super) leaves: Vec<Leaf>,
+    /// Tiles with content that finer ones replace.
+    pub(super) coarser: u64,
+    /// Those of them below which no tile has content.
+    pub(super) replaced_by_nothing: u64,
+    /// Tilesets beside the first.
+    pub(super) external: u64,
+}
+
+/// What a tile has from those above it.
+#[derive(Clone, Copy)]
+struct Above {
+    root_from_tile: DAffine3,
+    is_added_to: bool,
+    depth: usize,
+}
+
+/// The file that is being walked.
+struct File<'a> {
+    path: &'a Path,
+    folders: &'a [String],
+    up: UpAxis,
+    /// The numbers of the children from its root to the tile in hand.
+    trail: Vec<usize>,
+}
+
+impl File<'_> {
+    /// Where something is, for messages.
+    fn place(&self, part: &str) -> String {
+        let children = self.trail.iter().map(|i| format!(".children[{i}]"));
+        format!("root{}{}{part}", children.collect::<String>(), if part.is_empty() { "" } else { "." })
+    }
+
+    fn error(&self, part: &str, found: String, expected: &str) -> ReadError {
+        ReadError::Part { file: self.path.to_owned(), part: self.place(part), found, expected: expected.to_owned() }
+    }
+
+    fn needs(&self, needs: String) -> ReadError {
+        ReadError::Needs { file: self.path.to_owned(), needs, way_out: EXPORT }
+    }
+}
+
+struct Walk<'a> {
+    names: Names<'a>,
+    plan: Plan,
+    /// Real paths of all tilesets, and of those that are being walked.
+    met: HashSet<PathBuf>,
+    open: Vec<PathBuf>,
+}
+
+/// The plan for a tileset whose JSON is `json`.
+///
+/// # Errors
+/// [`ReadError`], as the module says.
+pub(super) fn plan(json: &[u8], path: &Path, names: Names<'_>) -> Result<Plan, ReadError> {
+    let mut walk = Walk { names, plan: Plan::default(), met: HashSet::new(), open: Vec::new() };
+    let above = Above { root_from_tile: DAffine3::IDENTITY, is_added_to: false, depth: 0 };
+    walk.tileset(json, path, &[], above, UpAxis::Y)?;
+    Ok(walk.plan)
+}
+
+impl Walk<'_> {
+    /// Walk a tileset; whether anything in it has content.
+    fn tileset(
+        &mut self,
+        json: &[u8],
+        path: &Path,
+        folders: &[String],
+        above: Above,
+        up: UpAxis,
+    ) -> Result<bool, ReadError> {
+        let real = path.canonicalize().unwrap_or_else(|_| path.to_owned());
+        self.met.insert(real.clone());
+        self.open.push(real);
+        let tileset = parse(json, path, &self.names)?;
+        let mut file = File { path, folders, up, trail: Vec::new() };
+        if let Some(axis) = &tileset.asset.gltf_up_axis {
+            file.up = UpAxis::of(axis).ok_or_else(|| ReadError::Part {
+                file: path.to_owned(),
+                part: "asset.gltfUpAxis".to_owned(),
+                found: format!("\"{}\"", shown(axis)),
+                expected: "X, Y or Z".to_owned(),
+            })?;
+        }
+        let has_content = self.tile(&tileset.root, &mut file, above)?;
+        self.open.pop();
+        Ok(has_content)
+    }
+
+    /// Walk a tile; whether it or anything below it has content.
+    fn tile(&mut self, tile: &Tile, file: &mut File<'_>, above: Above) -> Result<bool, ReadError> {
+        if above.depth == MAX_DEPTH {
+            return Err(file.needs(format!("has more than {MAX_DEPTH} tiles one below the other")));
+        }
+        if tile.is_implicit() {
+            return Err(file.needs(format!("has implicit tiling in {}, which is not read", file.place(""))));
+        }
+        let here = below(tile, file, above)?;
+        let (mut own, mut has_below, mut is_refined) = (Vec::new(), false, !tile.children.is_empty());
+        for (part, content) in tile.contents() {
+            let Some(uri) = content.uri() else {
+                let part = format!("{part}.uri");
+                return Err(file.error(&part, "nothing".to_owned(), "the name of a file; export the tileset again"));
+            };
+            match self.external(uri, &format!("{part}.uri"), file)? {
+                Some(named) => {
+                    is_refined = true;
+                    has_below |= self.enter(&named, &format!("{part}.uri"), file, here)?;
+                }
+                None => own.push((part, content)),
+            }
+        }
+        for (i, child) in tile.children.iter().enumerate() {
+            file.trail.push(i);
+            has_below |= self.tile(child, file, here)?;
+            file.trail.pop();
+        }
+        if is_refined && !here.is_added_to {
+            self.plan.coarser += u64::from(!own.is_empty());
+            self.plan.replaced_by_nothing += u64::from(!own.is_empty() && !has_below);
+        } else {
+            self.take(&own, file, here)?;
+        }
+        Ok(has_below || !own.is_empty())
+    }
+
+    /// Take what a tile shows.
+    fn take(&mut self, own: &[(String, &Content)], file: &File<'_>, here: Above) -> Result<(), ReadError> {
+        for (part, content) in own {
+            let place = file.place(&format!("{part}.uri"));
+            let from = From { path: file.path, folders: file.folders };
+            let Named { path, .. } = self.names.locate(content.uri().unwrap_or_default(), &place, from)?;
+            let bytes = path.metadata().map_or(0, |about| about.len());
+            self.plan.leaves.push(Leaf { path, bytes, root_from_tile: here.root_from_tile, up: file.up });
+        }
+        Ok(())
+    }
+
+    /// The tileset that a URI names; `None` where it names anything else. Only files whose names do not say what they are are opened for that.
+    fn external(&self, uri: &str, part: &str, file: &File<'_>) -> Result<Option<Named>, ReadError> {
+        let name = uri.split(['?', '#']).next().unwrap_or(uri).to_ascii_lowercase();
+        let is_of = |extensions: &[&str]| extensions.iter().any(|e| name.ends_with(e));
+        if is_of(&[".b3dm", ".glb", ".gltf", ".cmpt", ".i3dm", ".pnts", ".vctr"]) {
+            return Ok(None);
+        }
+        let named = self.names.locate(uri, &file.place(part), From { path: file.path, folders: file.folders })?;
+        if is_of(&[".json"]) {
+            return Ok(Some(named));
+        }
+        let mut start = Vec::new();
+        let opened = self.names.companions.open(&named.path);
+        opened
+            .and_then(|(source, _)| source.take(super::super::SNIFFED).read_to_end(&mut start))
+            .map_err(|source| ReadError::Open { file: named.path.clone(), source })?;
+        Ok(is_tileset(&start, 0).then_some(named))
+    }
+
+    /// Walk a tileset that a tile names.
+    fn enter(&mut self, named: &Named, part: &str, file: &File<'_>, here: Above) -> Result<bool, ReadError> {
+        let real = named.path.canonicalize().unwrap_or_else(|_| named.path.clone());
+        if self.met.contains(&real) {
+            let name = shown(&named.path.display().to_string());
+            let found = if self.open.contains(&real) {
+                format!("the tileset {name}, which contains this one: they name each other in a circle")
+            } else {
+                format!("the tileset {name}, which another tile names, too: its surface would be included twice")
+            };
+            return Err(file.error(part, found, "a tree of tilesets; export the tileset again"));
+        }
+        let cannot = |source| ReadError::Open { file: named.path.clone(), source };
+        let (source, bytes) = self.names.companions.open(&named.path).map_err(cannot)?;
+        let json = whole(source, bytes, &named.path, self.names.options)?;
+        self.plan.external += 1;
+        self.tileset(&json, &named.path, &named.folders, here, file.up)
+    }
+}
+
+/// All bytes of a JSON file, uncompressed.
+///
+/// # Errors
+/// [`ReadError`] where it cannot be read, or has more bytes than memory allows.
+pub(super) fn whole(source: impl Read, bytes: u64, path: &Path, options: &ReadOptions) -> Result<Vec<u8>, ReadError> {
+    check_memory(bytes, path, options)?;
+    let mut json = Vec::new();
+    let read = source.take(options.document).read_to_end(&mut json);
+    read.map_err(|source| ReadError::Io { file: path.to_owned(), offset: 0, source })?;
+    if is_gzip(&json) { gunzip(&json[..], path, options) } else { Ok(json) }
+}
+
+fn check_memory(bytes: u64, path: &Path, options: &ReadOptions) -> Result<(), ReadError> {
+    if bytes <= options.document {
+        return Ok(());
+    }
+    let what = format!(
+        "its JSON may take {} MiB of memory, and {} MiB are allowed; give a larger --memory",
+        bytes.div_ceil(1 << 20),
+        options.document >> 20
+    );
+    Err(ReadError::TooLarge { file: path.to_owned(), what })
+}
+
+fn parse(json: &[u8], path: &Path, names: &Names<'_>) -> Result<Tileset, ReadError> {
+    let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
+    check_memory(json.len() as u64 + Tally::of(json).bytes(), path, names.options)?;
+    let tileset: Tileset = json_of(json, path, names.companions, "a tileset of 3D Tiles 1.0 or 1.1")?;
+    let needs = |needs| ReadError::Needs { file: path.to_owned(), needs, way_out: EXPORT };
+    // Drafts of 1.0 have 0.0.
+    if !["0.0", "1.0", "1.1"].contains(&tileset.asset.version.as_str()) {
+        let version = shown(&tileset.asset.version);
+        return Err(needs(format!("is a tileset of 3D Tiles {version}; only 1.0 and 1.1 are supported")));
+    }
+    let unknown = tileset.extensions_required.iter().filter(|name| !KNOWN_EXTENSIONS.contains(&name.as_str()));
+    let unknown: Vec<String> = unknown.take(5).map(|name| shown(name)).collect();
+    if !unknown.is_empty() {
+        return Err(needs(format!("requires extensions of 3D Tiles that are not read: {}", unknown.join(", "))));
+    }
+    Ok(tileset)
+}
+
+/// What the tiles below a tile have from it.
+fn below(tile: &Tile, file: &File<'_>, above: Above) -> Result<Above, ReadError> {
+    let is_added_to = match tile.refine.as_deref() {
+        None => above.is_added_to,
+        // Drafts of 1.0 have lower case.
+        Some(refine) if refine.eq_ignore_ascii_case("replace") => false,
+        Some(refine) if refine.eq_ignore_ascii_case("add") => true,
+        Some(other) => {
+            return Err(file.error("refine", format!("\"{}\"", shown(other)), "REPLACE or ADD"));
+        }
+    };
+    let own = match &tile.transform {
+        None => return Ok(Above { is_added_to, depth: above.depth + 1, ..above }),
+        Some(m) => m,
+    };
+    if own[3] != 0.0 || own[7] != 0.0 || own[11] != 0.0 || own[15] != 1.0 {
+        let found = format!("a matrix whose last row is {} {} {} {}", own[3], own[7], own[11], own[15]);
+        let expected = "0 0 0 1 there, column by column; export the tileset again";
+        return Err(file.error("transform", found, expected));
+    }
+    let column = |i: usize| DVec3::from_slice(&own[4 * i..]);
+    let own = DAffine3 { matrix3: DMat3::from_cols(column(0), column(1), column(2)), translation: column(3) };
+    let root_from_tile = above.root_from_tile * own;
+    if !root_from_tile.is_finite() {
+        let found = "a matrix that, with those above it, is beyond all numbers".to_owned();
+        return Err(file.error("transform", found, "finite numbers; export the tileset again"));
+    }
+    Ok(Above { root_from_tile, is_added_to, depth: above.depth + 1 })
+}
+
+/// What was found, for the report.
+impl Plan {
+    /// The error for a tileset without any mesh.
+    pub(super) fn nothing(&self, path: &Path) -> ReadError {
+        let found = match self.leaves.len() {
+            0 => "no tile has content".to_owned(),
+            n => format!("its {} of the finest level have none", counted(n as u64, "tile", "tiles")),
+        };
+        ReadError::NoTriangles { file: path.to_owned(), found, way_out: "Export the tileset again" }
+    }
+}
