@@ -73,7 +73,7 @@ fn nexus() -> Vec<Vec<u8>> {
     corto.extend(b"position\0\x01\0\0\0\0\0\0\x3f\x03\x06\x03");
     corto.extend([4, 0, 0, 0, 2, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 0, 9, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
     corto.resize(corto.len().next_multiple_of(4), 0);
-    corto.extend([1, 0, 0, 0, 0, 0x62, 0x10, 0xc2]);
+    corto.extend([1, 0, 0, 0, 0x40, 0x0c, 0x21, 0xc4]);
     corto.extend([4, 0, 0, 0, 0, 5, 5, 0]);
     let file = |flags: u8, node: &[u8]| {
         let mut bytes = b" sxN\x02\0\0\0".to_vec();
