@@ -35,7 +35,7 @@ fn a_real_compressed_model_is_read_as_the_decoder_of_its_makers_reads_it() {
     assert_eq!(colors, [2_458_476, 2_279_672, 1_821_816]);
     // That decoder rounds corrections of normals otherwise than the encoder; each differs by up to 0.25 degrees.
     let normals: DVec3 = mesh.normals.iter().map(|n| n.as_dvec3()).sum();
-    let theirs = DVec3::new(-219.272_121, 782.744_134, 1008.091_587);
+    let theirs = DVec3::new(-219.272_121, 782.744_134, 1_008.091_587);
     assert!((normals - theirs).length() < 0.0005 * mesh.normals.len() as f64, "{normals}");
     let derived = folder.join("derived/gargo_from_nxz.ply");
     if !derived.is_file() {

@@ -61,6 +61,9 @@ pub(super) struct Layout {
     pub(super) vertex_bytes: usize,
 }
 
+/// Triangles of a node, and the number of their picture.
+pub(super) type Part = (Range<usize>, Option<usize>);
+
 /// A node that the finest level needs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Node {
@@ -70,8 +73,8 @@ pub(super) struct Node {
     pub(super) bytes: Range<u64>,
     pub(super) vertices: u32,
     pub(super) triangles: u32,
-    /// The triangles that are needed, with the number of their picture.
-    pub(super) parts: Vec<(Range<usize>, Option<usize>)>,
+    /// The triangles that are needed.
+    pub(super) parts: Vec<Part>,
 }
 
 /// Where all is.
@@ -228,7 +231,7 @@ struct Patches<'h, 'b> {
 
 impl Patches<'_, '_> {
     /// The triangles of a node that lead to the sink, the last node, so that nothing finer replaces them.
-    fn of(&mut self, entry: &Entry, next: &Entry) -> Result<Vec<(Range<usize>, Option<usize>)>, Fault> {
+    fn of(&mut self, entry: &Entry, next: &Entry) -> Result<Vec<Part>, Fault> {
         let damaged = |found: String, expected: &str| {
             let expected = format!("{expected}; the file is damaged: copy it again");
             Fault { at: entry.at, found, expected }
@@ -238,7 +241,7 @@ impl Patches<'_, '_> {
             let found = format!("a node with the patches from {first} to {end}");
             return Err(damaged(found, &format!("those from {} to {} at most", self.read, self.header.patches)));
         }
-        let mut parts: Vec<(Range<usize>, Option<usize>)> = Vec::new();
+        let mut parts: Vec<Part> = Vec::new();
         let mut start = 0;
         for _ in first..end {
             let node = self.from.u32("the node of a patch")?;
