@@ -78,7 +78,7 @@ fn file(nodes: &[Made], textures: &[&[u8]]) -> Vec<u8> {
     let count = |of: fn(&Made) -> usize| nodes.iter().map(of).sum::<usize>() as u64;
     bytes.extend(count(|n| n.positions.len()).to_le_bytes());
     bytes.extend(count(|n| n.triangles.len()).to_le_bytes());
-    bytes.extend([7, 3, 3, 3, if colored { 1 } else { 0 }, if colored { 4 } else { 0 }]);
+    bytes.extend([7, 3, 3, 3, u8::from(colored), 4 * u8::from(colored)]);
     bytes.extend(if textured { [7, 2] } else { [0, 0] });
     bytes.extend([0; 8]);
     bytes.extend([4, 3]);
@@ -117,8 +117,11 @@ fn model() -> Vec<u8> {
     file(&[coarse, one, two], &[])
 }
 
-/// The corners of all triangles with their colours, sorted.
-fn corners(mesh: &RawMesh) -> Vec<([[u64; 3]; 3], [[u8; 3]; 3])> {
+/// The corners of a triangle, as bits, and their colours.
+type Corners = ([[u64; 3]; 3], [[u8; 3]; 3]);
+
+/// All triangles, sorted.
+fn corners(mesh: &RawMesh) -> Vec<Corners> {
     let color = |v: u32| mesh.colors.get(v as usize).copied().unwrap_or_default();
     let place = |v: u32| mesh.positions[v as usize].to_array().map(f64::to_bits);
     let mut all: Vec<_> = mesh.triangles.iter().map(|t| (t.map(place), t.map(color))).collect();
