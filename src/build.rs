@@ -39,7 +39,7 @@ use std::time::Instant;
 
 /// Build a pack from meshes.
 ///
-/// Reads PLY, OBJ, STL, glTF and the finest level of 3D Tiles (`tileset.json`). The pack holds the finest surface exactly, on a lattice finer than the mesh, and
+/// Reads PLY, OBJ, STL, glTF, Nexus and the finest level of 3D Tiles (`tileset.json`). The pack holds the finest surface exactly, on a lattice finer than the mesh, and
 /// coarser forms of it, each with a certified error.
 #[derive(clap::Args)]
 #[expect(clippy::struct_excessive_bools, reason = "every one is a switch of the command line")]

@@ -29,7 +29,7 @@ use std::time::Instant;
 /// Vertices that no photograph sees keep their colour, matched in tone to the photographs. The channel `photos` states how many photographs each colour is based on.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// The model: a pack, or a mesh in metres (PLY, OBJ, STL, glTF). A survey before it supplies photographs (if --photos is not given) and the poses of panoramas.
+    /// The model: a pack, or a mesh in metres (PLY, OBJ, STL, glTF, Nexus). A survey before it supplies photographs (if --photos is not given) and the poses of panoramas.
     #[arg(value_name = "[SURVEY] MODEL", required = true, num_args = 1..=2)]
     inputs: Vec<PathBuf>,
     /// The folder of the photographs (default: the photographs of the survey).

@@ -36,7 +36,7 @@ use std::sync::Arc;
 /// Which meshes are read, and how their coordinates are interpreted.
 #[derive(clap::Args)]
 pub(crate) struct InputArgs {
-    /// Mesh files (PLY, OBJ, STL, glTF, tilesets of 3D Tiles), folders of them, quoted patterns such as 'blocks/*.ply', or surveys of scans.
+    /// Mesh files (PLY, OBJ, STL, glTF, Nexus, tilesets of 3D Tiles), folders of them, quoted patterns such as 'blocks/*.ply', or surveys of scans.
     ///
     /// Several are joined, and matching vertices are welded; their order does not matter.
     #[arg(required = true, value_name = "INPUT")]
@@ -105,7 +105,7 @@ pub(crate) struct Inputs {
 const SOURCE_BYTES: usize = 32 * 1024;
 
 /// Extensions under which a file in a folder must be a mesh that can be read.
-const MESH_EXTENSIONS: [&str; 5] = ["ply", "obj", "stl", "glb", "gltf"];
+const MESH_EXTENSIONS: [&str; 7] = ["ply", "obj", "stl", "glb", "gltf", "nxs", "nxz"];
 
 pub(crate) fn units(name: &str) -> Result<LengthUnit, String> {
     LengthUnit::parse(name).ok_or_else(|| format!("give one of {}", LengthUnit::symbols()))
@@ -352,7 +352,7 @@ pub(crate) fn summarised(mut sources: Vec<SourceFile>) -> Vec<SourceFile> {
 
 const MESHES: Wanted = Wanted {
     what: "mesh",
-    formats: "PLY, OBJ, STL, glTF, 3D Tiles",
+    formats: "PLY, OBJ, STL, glTF, Nexus, 3D Tiles",
     is_named: is_named_as_mesh,
     recognise: recognise_in_folder,
 };

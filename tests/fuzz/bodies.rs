@@ -12,7 +12,7 @@ use kilwa_archive::{Checksums, Manifest, Metadata, Notes};
 use kilwa_formats::Diagnostics;
 use kilwa_formats::RawMesh;
 use kilwa_formats::read::{
-    Input, MemorySink, MeshSink, ReadError, ReadOptions, VertexBlock, VertexSink, gltf, obj, read_mesh_from, stl,
+    Input, MemorySink, MeshSink, ReadError, ReadOptions, VertexBlock, VertexSink, gltf, nexus, obj, read_mesh_from, stl,
 };
 use kilwa_pack::chunk::{Declared, decode, encode};
 use kilwa_pack::reader::SliceSource;
@@ -37,11 +37,12 @@ use std::sync::LazyLock;
 pub(crate) type Body = fn(&[u8]) -> String;
 
 /// All targets by name.
-pub(crate) const ALL: [(&str, Body); 19] = [
+pub(crate) const ALL: [(&str, Body); 20] = [
     ("ply", ply),
     ("obj", obj_file),
     ("stl", stl_file),
     ("gltf", gltf_file),
+    ("nexus", nexus_file),
     ("open_pack", open_pack),
     ("decode_chunk", decode_chunk),
     ("metadata", metadata),
@@ -197,6 +198,21 @@ pub(crate) fn gltf_file(bytes: &[u8]) -> String {
     let total = bytes.len() as u64;
     let input = Input { path, total, source: &mut source, progress: &mut |_, _| {}, options: &options };
     match gltf::read(input, &mut sink).and_then(|()| sink.0.into_mesh()) {
+        Ok(mesh) => sound(&mesh),
+        Err(e) => complaint(e),
+    }
+}
+
+/// Any bytes as a Nexus model: the reader ends, does not panic, and returns a sound mesh. A compressed node of a few bytes may
+/// have 65535 triangles; the sink here ends the file when it is large.
+pub(crate) fn nexus_file(bytes: &[u8]) -> String {
+    let path = Path::new("fuzz.nxz");
+    let mut sink = Limited(MemorySink::new(path), 1 << 20);
+    let options = ReadOptions { texture_bytes: 1 << 22, ..ReadOptions::default() };
+    let mut source = Cursor::new(bytes);
+    let total = bytes.len() as u64;
+    let input = Input { path, total, source: &mut source, progress: &mut |_, _| {}, options: &options };
+    match nexus::read(input, &mut sink).and_then(|()| sink.0.into_mesh()) {
         Ok(mesh) => sound(&mesh),
         Err(e) => complaint(e),
     }

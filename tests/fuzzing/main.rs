@@ -177,6 +177,11 @@ fn any_bytes_are_read_as_gltf_or_refused() {
 }
 
 #[test]
+fn any_bytes_are_read_as_a_nexus_model_or_refused() {
+    fuzz("nexus");
+}
+
+#[test]
 fn any_bytes_are_read_as_a_pack_or_refused() {
     fuzz("open_pack");
 }

@@ -12,6 +12,7 @@ use std::path::Path;
 pub(crate) fn of(target: &str) -> Vec<Vec<u8>> {
     let mut seeds = match target {
         "obj" => objs(),
+        "nexus" => nexus(),
         "open_pack" => packs().into_iter().chain([of_points()]).collect(),
         "metadata" => metadata(),
         "manifest" => manifests(),
@@ -60,6 +61,39 @@ fn objs() -> Vec<Vec<u8>> {
     ]
     .map(|text| text.as_bytes().to_vec())
     .to_vec()
+}
+
+/// A plain and a compressed Nexus model of one node with two triangles.
+fn nexus() -> Vec<Vec<u8>> {
+    let positions = [[0f32, 0.0, 0.0], [4.0, 0.0, 0.0], [4.0, 4.0, 0.0], [8.0, 4.0, 0.0]];
+    let mut plain: Vec<u8> = positions.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
+    plain.extend([0u16, 1, 2, 2, 1, 3].iter().flat_map(|v| v.to_le_bytes()));
+    // Corto without an entropy code: one attribute, one group, the codes of two triangles, one list of lengths.
+    let mut corto = vec![0, 0x63, 0x7a, 0x78, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 9, 0];
+    corto.extend(b"position\0\x01\0\0\0\0\0\0\x3f\x03\x06\x03");
+    corto.extend([4, 0, 0, 0, 2, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 0, 9, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
+    corto.resize(corto.len().next_multiple_of(4), 0);
+    corto.extend([1, 0, 0, 0, 0x40, 0x0c, 0x21, 0xc4]);
+    corto.extend([4, 0, 0, 0, 0, 5, 5, 0]);
+    let file = |flags: u8, node: &[u8]| {
+        let mut bytes = b" sxN\x02\0\0\0".to_vec();
+        bytes.extend([4, 0, 0, 0, 0, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0, 7, 3]);
+        bytes.resize(40, 0);
+        bytes.extend([4, 3]);
+        bytes.resize(56, 0);
+        bytes.extend([flags, 0, 0, 0, 2, 0, 0, 0, 1, 0, 0, 0]);
+        bytes.resize(88, 0);
+        bytes.extend([1, 0, 0, 0, 4, 0, 2, 0]);
+        bytes.resize(88 + 44, 0);
+        bytes.extend([2, 0, 0, 0]);
+        bytes.resize(88 + 84, 0);
+        bytes.extend([1, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 0xff, 0xff, 0xff, 0xff]);
+        bytes.resize(256, 0);
+        bytes.extend(node);
+        bytes.resize(512, 0);
+        bytes
+    };
+    vec![file(0, &plain), file(4, &corto)]
 }
 
 /// What `kilwa metadata init` writes, all its examples, and files with mistakes.

@@ -29,11 +29,12 @@ pub(crate) struct Args {
 }
 
 /// Targets, and the tests of `tests/fuzzing` that run their bodies.
-const TARGETS: [(&str, &str); 18] = [
+const TARGETS: [(&str, &str); 19] = [
     ("ply", "any_bytes_are_read_as_ply_or_refused"),
     ("obj", "any_bytes_are_read_as_obj_or_refused"),
     ("stl", "any_bytes_are_read_as_stl_or_refused"),
     ("gltf", "any_bytes_are_read_as_gltf_or_refused"),
+    ("nexus", "any_bytes_are_read_as_a_nexus_model_or_refused"),
     ("open_pack", "any_bytes_are_read_as_a_pack_or_refused"),
     ("decode_chunk", "any_bytes_are_read_as_a_chunk_or_refused"),
     ("metadata", "any_bytes_are_read_as_metadata_or_refused"),

@@ -15,6 +15,7 @@ mod error;
 mod faces;
 pub mod gltf;
 mod memory;
+pub mod nexus;
 mod number;
 pub mod obj;
 mod place;
@@ -141,6 +142,7 @@ const FORMATS: &[Format] = &[
     Format { name: "PLY", up: Up::Z, is: |start, _| ply::is_ply(start), read: ply::read, note_detail: None },
     Format { name: TILES, up: Up::Z, is: tiles::is_tileset, read: tiles::read, note_detail: Some(tiles::note_detail) },
     Format { name: "glTF", up: Up::Y, is: gltf::is_gltf, read: gltf::read, note_detail: Some(gltf::note_detail) },
+    Format { name: "Nexus", up: Up::Z, is: |start, _| nexus::is_nexus(start), read: nexus::read, note_detail: None },
     Format { name: "STL", up: Up::Z, is: stl::is_stl, read: stl::read, note_detail: None },
     Format {
         name: "OBJ",

@@ -21,13 +21,6 @@ const UTF_16: Known =
 const SIGNATURES: &[(&[u8], Known)] = &[
     (b"KILWAPCK", ("already a Kilwa pack", "Use it as it is with `kilwa info`, `kilwa render` or `kilwa serve`.")),
     (b"glTF", ("a glTF binary (GLB)", EXPORT)),
-    (
-        b" sxN",
-        (
-            "a Nexus multiresolution model (.nxs or .nxz)",
-            "Use the mesh from which it was built; if that is lost, write its finest level as PLY with the tools of Nexus.",
-        ),
-    ),
     (b"LASF", ("a LAS or LAZ point cloud", SCAN)),
     (b"ASTM-E57", ("an E57 scan", SCAN)),
     (b"# .PCD", ("a PCD point cloud", MESH_FIRST)),
