@@ -223,7 +223,9 @@ fn deliver_at(
     let mut placed = scene::placed(&root, diagnostics, &context)?;
     let center = root.extensions.rtc.as_ref().map(|rtc| Transform::relative_to_center(rtc.center.into()));
     for outer in [center, outer].iter().flatten() {
-        placed.iter_mut().for_each(|place| place.transform = outer.after(&place.transform));
+        for place in &mut placed {
+            place.transform = outer.after(&place.transform);
+        }
     }
     let mut in_scene = vec![false; root.meshes.len()];
     for place in &placed {

@@ -14,10 +14,10 @@ use std::path::PathBuf;
 fn glb(corner: [f32; 3]) -> Vec<u8> {
     let [x, y, z] = corner;
     let binary: Vec<u8> = [x, y, z, x + 1.0, y, z, x, y + 1.0, z].iter().flat_map(|v: &f32| v.to_le_bytes()).collect();
-    glb_of(&triangle(json!({"byteLength": 36})), &binary)
+    glb_of(&triangle(&json!({"byteLength": 36})), &binary)
 }
 
-fn triangle(buffer: Value) -> Value {
+fn triangle(buffer: &Value) -> Value {
     json!({
         "asset": {"version": "2.0"}, "buffers": [buffer], "bufferViews": [{"buffer": 0, "byteLength": 36}],
         "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
@@ -59,7 +59,7 @@ fn gzip(bytes: &[u8]) -> Vec<u8> {
     encoder.finish().unwrap()
 }
 
-fn tileset(root: Value) -> Vec<u8> {
+fn tileset(root: &Value) -> Vec<u8> {
     json!({"asset": {"version": "1.0"}, "geometricError": 100.0, "root": root}).to_string().into_bytes()
 }
 
@@ -71,7 +71,7 @@ fn moved(x: f64, y: f64, z: f64) -> Value {
 struct Site(tempfile::TempDir);
 
 impl Site {
-    fn new(root: Value) -> Self {
+    fn new(root: &Value) -> Self {
         let site = Self(tempfile::tempdir().unwrap());
         site.with("tileset.json", &tileset(root))
     }
@@ -112,7 +112,7 @@ fn transforms_are_multiplied_down_from_the_root_and_y_of_gltf_becomes_z() {
     let turned = json!([0, 2, 0, 0, -2, 0, 0, 0, 0, 0, 2, 0, 10, 20, 30, 1]);
     let inner = json!({"transform": moved(1.0, 0.0, 0.0), "content": {"uri": "a.glb"}});
     let root = json!({"transform": turned, "refine": "REPLACE", "children": [{"children": [inner]}]});
-    let mesh = Site::new(root).with("a.glb", &glb([3.0, 5.0, 7.0])).mesh();
+    let mesh = Site::new(&root).with("a.glb", &glb([3.0, 5.0, 7.0])).mesh();
     // (3, 5, 7) in glTF is (3, -7, 5) with z up, (4, -7, 5) after the first transform, (14, 8, 10) turned.
     assert_eq!(mesh.positions, [[24.0, 28.0, 40.0], [24.0, 30.0, 40.0], [24.0, 28.0, 42.0]].map(DVec3::from));
 }
@@ -121,7 +121,7 @@ fn transforms_are_multiplied_down_from_the_root_and_y_of_gltf_becomes_z() {
 fn large_coordinates_keep_double_precision_and_are_counted() {
     let root = json!({"transform": moved(4_000_000.123, 300_000.5, 4_900_000.25), "content": {"url": "a.b3dm"}});
     let features = r#"{"BATCH_LENGTH":0,"RTC_CENTER":[0.001,0,-0.25]}  "#;
-    let mesh = Site::new(root).with("a.b3dm", &b3dm(features, &[], &glb([0.0; 3]))).mesh();
+    let mesh = Site::new(&root).with("a.b3dm", &b3dm(features, &[], &glb([0.0; 3]))).mesh();
     assert!(mesh.positions[0].abs_diff_eq(DVec3::new(4_000_000.124, 300_000.5, 4_900_000.0), 1e-8));
     assert_eq!(mesh.diagnostics.count("tiles in geocentric coordinates (EPSG:4978), kept as they are"), 1);
     assert_eq!(mesh.diagnostics.count("bytes behind the end that the header of the GLB gives left out"), 0);
@@ -131,7 +131,7 @@ fn large_coordinates_keep_double_precision_and_are_counted() {
 fn the_center_of_a_b3dm_comes_after_the_turn_and_before_the_transform() {
     let turned = json!([0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]);
     let corner = |bytes: &[u8]| {
-        Site::new(json!({"transform": turned, "content": {"uri": "a.b3dm"}})).with("a.b3dm", bytes).corners()[0]
+        Site::new(&json!({"transform": turned, "content": {"uri": "a.b3dm"}})).with("a.b3dm", bytes).corners()[0]
     };
     let glb = glb([1.0, 2.0, 3.0]);
     // (1, -3, 2) with z up, (11, 17, 32) with the center.
@@ -139,7 +139,7 @@ fn the_center_of_a_b3dm_comes_after_the_turn_and_before_the_transform() {
     let binary: Vec<u8> = [0.0f32, 10.0, 20.0, 30.0].iter().flat_map(|v| v.to_le_bytes()).collect();
     assert_eq!(corner(&b3dm(r#"{"RTC_CENTER":{"byteOffset":4}}"#, &binary, &glb)), [-17.0, 11.0, 32.0]);
     assert_eq!(corner(&b3dm("", &[], &glb)), [3.0, 1.0, 2.0]);
-    let mut scene = triangle(json!({"byteLength": 36}));
+    let mut scene = triangle(&json!({"byteLength": 36}));
     scene["extensions"] = json!({"CESIUM_RTC": {"center": [10, 20, 30]}});
     scene["extensionsRequired"] = json!(["CESIUM_RTC"]);
     let zeros = [[0u8; 12], [1; 12], [2; 12]].concat();
@@ -150,9 +150,9 @@ fn the_center_of_a_b3dm_comes_after_the_turn_and_before_the_transform() {
 #[test]
 fn other_axes_of_gltf_are_turned_as_the_tileset_states() {
     for (axis, expected) in [("X", [-3.0, 2.0, 1.0]), ("Y", [1.0, -3.0, 2.0]), ("Z", [1.0, 2.0, 3.0])] {
-        let mut json: Value = serde_json::from_slice(&tileset(json!({"content": {"uri": "a.glb"}}))).unwrap();
+        let mut json: Value = serde_json::from_slice(&tileset(&json!({"content": {"uri": "a.glb"}}))).unwrap();
         json["asset"]["gltfUpAxis"] = json!(axis);
-        let site = Site::new(Value::Null).with("tileset.json", json.to_string().as_bytes());
+        let site = Site::new(&Value::Null).with("tileset.json", json.to_string().as_bytes());
         assert_eq!(site.with("a.glb", &glb([1.0, 2.0, 3.0])).corners(), [expected], "{axis}");
     }
 }
@@ -168,7 +168,7 @@ fn only_the_finest_tiles_are_read_and_coarser_ones_need_not_be_there() {
         // What is added to is part of the surface.
         {"content": {"uri": "d.glb"}, "refine": "ADD", "children": [leaf("e.glb")]},
     ]});
-    let mut site = Site::new(root);
+    let mut site = Site::new(&root);
     for (i, name) in ["a", "b", "c", "d", "e"].iter().enumerate() {
         site = site.with(&format!("{name}.glb"), &glb([i as f32, 0.0, 0.0]));
     }
@@ -183,19 +183,18 @@ fn only_the_finest_tiles_are_read_and_coarser_ones_need_not_be_there() {
 
 #[test]
 fn external_tilesets_stand_in_the_place_of_their_tile() {
-    let site = Site::new(
-        json!({"transform": moved(100.0, 0.0, 0.0), "content": {"uri": "coarse.glb"}, "refine": "REPLACE", "children": [
+    let site = Site::new(&json!({"transform": moved(100.0, 0.0, 0.0), "content": {"uri": "coarse.glb"}, "refine": "REPLACE", "children": [
             {"transform": moved(0.0, 10.0, 0.0), "content": {"uri": "sub/b%20c.json?v=3"}},
         ]}),
     )
     .with(
         "sub/b c.json",
         &tileset(
-            json!({"transform": moved(0.0, 0.0, 1.0), "contents": [{"uri": "../tiles/a.glb"}, {"uri": "d.gltf"}]}),
+            &json!({"transform": moved(0.0, 0.0, 1.0), "contents": [{"uri": "../tiles/a.glb"}, {"uri": "d.gltf"}]}),
         ),
     )
     .with("tiles/a.glb", &glb([0.0; 3]))
-    .with("sub/d.gltf", triangle(json!({"byteLength": 36, "uri": "../buffers/d.bin"})).to_string().as_bytes())
+    .with("sub/d.gltf", triangle(&json!({"byteLength": 36, "uri": "../buffers/d.bin"})).to_string().as_bytes())
     .with(
         "buffers/d.bin",
         &[[1.0f32; 3], [2.0; 3], [3.0, 4.0, 5.0]].concat().iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<_>>(),
@@ -209,10 +208,10 @@ fn external_tilesets_stand_in_the_place_of_their_tile() {
 #[test]
 fn files_compressed_with_gzip_are_read_whatever_their_names_say() {
     let root = json!({"children": [{"content": {"uri": "a.b3dm"}}, {"content": {"uri": "more.json"}}]});
-    let site = Site::new(root.clone())
-        .with("tileset.json", &gzip(&tileset(root)))
+    let site = Site::new(&root)
+        .with("tileset.json", &gzip(&tileset(&root)))
         .with("a.b3dm", &gzip(&b3dm("", &[], &glb([1.0, 0.0, 0.0]))))
-        .with("more.json", &gzip(&tileset(json!({"content": {"uri": "b"}}))))
+        .with("more.json", &gzip(&tileset(&json!({"content": {"uri": "b"}}))))
         .with("b", &gzip(&glb([2.0, 0.0, 0.0])));
     assert_eq!(site.corners(), [[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]);
     let cut = gzip(&glb([2.0, 0.0, 0.0]));
@@ -222,7 +221,7 @@ fn files_compressed_with_gzip_are_read_whatever_their_names_say() {
 
 #[test]
 fn what_is_uncompressed_is_bounded() {
-    let site = Site::new(json!({"content": {"uri": "a.b3dm"}})).with("a.b3dm", &gzip(&vec![0; 1 << 20]));
+    let site = Site::new(&json!({"content": {"uri": "a.b3dm"}})).with("a.b3dm", &gzip(&vec![0; 1 << 20]));
     let options = ReadOptions { document: 1 << 16, ..ReadOptions::default() };
     let path = site.path("tileset.json");
     let refusal = read_into_with(&path, &options, &mut MemorySink::new(&path), &mut |_, _| {}).unwrap_err();
@@ -236,7 +235,7 @@ fn composites_are_taken_apart() {
     bytes.extend((16 + parts.concat().len() as u32).to_le_bytes());
     bytes.extend(2u32.to_le_bytes());
     bytes.extend(parts.concat());
-    let site = Site::new(json!({"content": {"uri": "a.cmpt"}})).with("a.cmpt", &bytes);
+    let site = Site::new(&json!({"content": {"uri": "a.cmpt"}})).with("a.cmpt", &bytes);
     assert_eq!(site.corners(), [[1.0, 0.0, 0.0], [5.0, 0.0, 0.0]]);
     bytes[27] = 0xff;
     let message = site.with("a.cmpt", &bytes).refusal();
@@ -246,13 +245,13 @@ fn composites_are_taken_apart() {
 #[test]
 fn tilesets_that_name_each_other_in_a_circle_or_twice_are_refused() {
     let names = |uri: &str| json!({"children": [{"content": {"uri": uri}}]});
-    let site = Site::new(names("a/b.json")).with("a/b.json", &tileset(names("../tileset.json")));
+    let site = Site::new(&names("a/b.json")).with("a/b.json", &tileset(&names("../tileset.json")));
     let message = site.refusal();
     assert!(message.contains("b.json, root.children[0].content.uri") && message.contains("in a circle"), "{message}");
-    assert!(Site::new(names("tileset.json")).refusal().contains("in a circle"));
+    assert!(Site::new(&names("tileset.json")).refusal().contains("in a circle"));
     let twice = json!({"children": [{"content": {"uri": "b.json"}}, {"content": {"uri": "./b.json"}}]});
     let site =
-        Site::new(twice).with("b.json", &tileset(json!({"content": {"uri": "a.glb"}}))).with("a.glb", &glb([0.0; 3]));
+        Site::new(&twice).with("b.json", &tileset(&json!({"content": {"uri": "a.glb"}}))).with("a.glb", &glb([0.0; 3]));
     assert!(site.refusal().contains("included twice"));
 }
 
@@ -274,7 +273,7 @@ fn names_that_are_addresses_absolute_or_outside_are_refused() {
         ("", "which is not there"),
     ] {
         // There would be a file of the same name in the folder, which is another tile.
-        let site = Site::new(json!({"content": {"uri": uri}}))
+        let site = Site::new(&json!({"content": {"uri": uri}}))
             .with("a.glb", &glb([0.0; 3]))
             .with("../secret.glb", &glb([0.0; 3]));
         let message = site.refusal();
@@ -285,12 +284,12 @@ fn names_that_are_addresses_absolute_or_outside_are_refused() {
 #[cfg(unix)]
 #[test]
 fn links_out_of_the_folder_are_refused_unless_allowed() {
-    let site = Site::new(json!({"content": {"uri": "a.glb"}})).with("../secret.glb", &glb([0.0; 3]));
+    let site = Site::new(&json!({"content": {"uri": "a.glb"}})).with("../secret.glb", &glb([0.0; 3]));
     std::os::unix::fs::symlink("../secret.glb", site.path("a.glb")).unwrap();
     assert!(site.refusal().contains("outside the folder"));
     let options = ReadOptions { allow_outside: true, ..ReadOptions::default() };
     for uri in ["a.glb", "../secret.glb"] {
-        let site = &Site::new(json!({"content": {"uri": uri}})).with("../secret.glb", &glb([0.0; 3]));
+        let site = &Site::new(&json!({"content": {"uri": uri}})).with("../secret.glb", &glb([0.0; 3]));
         if uri == "a.glb" {
             std::os::unix::fs::symlink("../secret.glb", site.path("a.glb")).unwrap();
         }
@@ -301,13 +300,13 @@ fn links_out_of_the_folder_are_refused_unless_allowed() {
 
 #[test]
 fn what_is_not_read_is_refused_by_its_name() {
-    let content = |bytes: &[u8]| Site::new(json!({"content": {"uri": "a.b3dm"}})).with("a.b3dm", bytes).refusal();
+    let content = |bytes: &[u8]| Site::new(&json!({"content": {"uri": "a.b3dm"}})).with("a.b3dm", bytes).refusal();
     for (bytes, words) in [
         (&b"pnts\x01\0\0\0"[..], "tile of points (pnts)"),
         (b"i3dm\x01\0\0\0", "tile of instances (i3dm)"),
         (b"vctr\x01\0\0\0", "tile of vector data (vctr)"),
         (b"", "0 bytes that are neither b3dm nor glTF"),
-        (&tileset(json!({})), "a tileset under the name of a mesh"),
+        (&tileset(&json!({})), "a tileset under the name of a mesh"),
         (&b3dm("", &[], b"glTF\x01\0\0\0\x14\0\0\0\0\0\0\0\0\0\0\0"), "is glTF 1;"),
         (&b3dm("{", &[], &glb([0.0; 3])), "a feature table that cannot be read"),
         (&b3dm(r#"{"RTC_CENTER":{"byteOffset":1}}"#, &[0; 12], &glb([0.0; 3])), "RTC_CENTER at byte 1"),
@@ -316,38 +315,38 @@ fn what_is_not_read_is_refused_by_its_name() {
         let message = content(bytes);
         assert!(message.contains(words) && message.contains("a.b3dm"), "{words}: {message}");
     }
-    let root = |root: Value| Site::new(root).refusal();
-    assert!(root(json!({"implicitTiling": {}})).contains("implicit tiling in root"));
-    assert!(root(json!({"children": [{"extensions": {"3DTILES_implicit_tiling": {}}}]})).contains("root.children[0]"));
-    assert!(root(json!({"transform": vec![1.0; 16]})).contains("root.transform: found a matrix whose last row"));
-    assert!(root(json!({"transform": [1, 2]})).contains("root.transform"));
-    assert!(root(json!({"refine": "MERGE"})).contains("REPLACE or ADD"));
-    assert!(root(json!({"content": {}})).contains("root.content.uri: found nothing"));
-    assert!(root(json!({})).contains("no tile has content"));
-    let whole = |json: Value| Site::new(Value::Null).with("tileset.json", json.to_string().as_bytes()).refusal();
+    let root = |root: &Value| Site::new(root).refusal();
+    assert!(root(&json!({"implicitTiling": {}})).contains("implicit tiling in root"));
+    assert!(root(&json!({"children": [{"extensions": {"3DTILES_implicit_tiling": {}}}]})).contains("root.children[0]"));
+    assert!(root(&json!({"transform": vec![1.0; 16]})).contains("root.transform: found a matrix whose last row"));
+    assert!(root(&json!({"transform": [1, 2]})).contains("root.transform"));
+    assert!(root(&json!({"refine": "MERGE"})).contains("REPLACE or ADD"));
+    assert!(root(&json!({"content": {}})).contains("root.content.uri: found nothing"));
+    assert!(root(&json!({})).contains("no tile has content"));
+    let whole = |json: &Value| Site::new(&Value::Null).with("tileset.json", json.to_string().as_bytes()).refusal();
     let with = |version: &str, extension: &str| {
         whole(
-            json!({"asset": {"version": version}, "geometricError": 1, "extensionsRequired": [extension], "root": {}}),
+            &json!({"asset": {"version": version}, "geometricError": 1, "extensionsRequired": [extension], "root": {}}),
         )
     };
     assert!(with("2.0", "3DTILES_metadata").contains("3D Tiles 2.0; only 1.0 and 1.1"));
     assert!(with("1.0", "X_other").contains("not read: X_other"));
-    assert!(whole(json!({"asset": {"version": "1.0"}, "geometricError": 1})).contains("root"));
+    assert!(whole(&json!({"asset": {"version": "1.0"}, "geometricError": 1})).contains("root"));
     let mut deep = json!({});
     for _ in 0..50 {
         deep = json!({"children": [deep]});
     }
-    assert!(root(deep).contains("no tile has content"));
+    assert!(root(&deep).contains("no tile has content"));
 }
 
 #[test]
 fn too_many_tiles_one_below_the_other_are_refused() {
     let chain = |n: usize| {
-        let mut site = Site::new(json!({"content": {"uri": "0.json"}}));
+        let mut site = Site::new(&json!({"content": {"uri": "0.json"}}));
         for i in 0..n {
-            site = site.with(&format!("{i}.json"), &tileset(json!({"content": {"uri": format!("{}.json", i + 1)}})));
+            site = site.with(&format!("{i}.json"), &tileset(&json!({"content": {"uri": format!("{}.json", i + 1)}})));
         }
-        site.with(&format!("{n}.json"), &tileset(json!({"content": {"uri": "a.glb"}}))).with("a.glb", &glb([0.0; 3]))
+        site.with(&format!("{n}.json"), &tileset(&json!({"content": {"uri": "a.glb"}}))).with("a.glb", &glb([0.0; 3]))
     };
     assert_eq!(chain(150).mesh().triangles.len(), 1);
     assert!(chain(250).refusal().contains("more than 200 tiles"));
@@ -355,9 +354,9 @@ fn too_many_tiles_one_below_the_other_are_refused() {
 
 #[test]
 fn truncated_files_are_refused_at_every_length() {
-    let root = tileset(json!({"children": [{"content": {"uri": "a.b3dm"}}], "transform": moved(1.0, 2.0, 3.0)}));
+    let root = tileset(&json!({"children": [{"content": {"uri": "a.b3dm"}}], "transform": moved(1.0, 2.0, 3.0)}));
     let tile = b3dm(r#"{"RTC_CENTER":[1,2,3]}"#, &[0; 8], &glb([0.0; 3]));
-    let mut site = Site::new(Value::Null).with("a.b3dm", &tile);
+    let mut site = Site::new(&Value::Null).with("a.b3dm", &tile);
     for n in 0..root.len() {
         site = site.with("tileset.json", &root[..n]);
         assert!(site.read().is_err(), "tileset.json of {n} bytes");
@@ -374,10 +373,10 @@ fn truncated_files_are_refused_at_every_length() {
 
 #[test]
 fn any_byte_may_be_damaged() {
-    let root = tileset(json!({"children": [{"content": {"uri": "a.b3dm"}}], "transform": moved(1.0, 2.0, 3.0)}));
+    let root = tileset(&json!({"children": [{"content": {"uri": "a.b3dm"}}], "transform": moved(1.0, 2.0, 3.0)}));
     let tile = b3dm(r#"{"RTC_CENTER":[1,2,3]}"#, &[0; 8], &glb([0.0; 3]));
     let mut random = fastrand::Rng::with_seed(26);
-    let mut site = Site::new(Value::Null);
+    let mut site = Site::new(&Value::Null);
     for _ in 0..2000 {
         let mut damaged = [root.clone(), tile.clone()];
         let which = &mut damaged[usize::from(random.bool())];
@@ -391,9 +390,9 @@ fn any_byte_may_be_damaged() {
 
 #[test]
 fn tiles_without_triangles_are_counted() {
-    let mut empty = triangle(json!({"byteLength": 36}));
+    let mut empty = triangle(&json!({"byteLength": 36}));
     empty["nodes"] = json!([{}]);
-    let site = Site::new(json!({"contents": [{"uri": "a.glb"}, {"uri": "b.glb"}]}))
+    let site = Site::new(&json!({"contents": [{"uri": "a.glb"}, {"uri": "b.glb"}]}))
         .with("a.glb", &glb_of(&empty, &[0; 36]))
         .with("b.glb", &glb([0.0; 3]));
     let mesh = site.mesh();
@@ -404,7 +403,7 @@ fn tiles_without_triangles_are_counted() {
 
 #[test]
 fn memory_for_the_json_is_checked_before_it_is_parsed() {
-    let site = Site::new(json!({"children": vec![json!({}); 1000]}));
+    let site = Site::new(&json!({"children": vec![json!({}); 1000]}));
     let options = ReadOptions { document: 100_000, ..ReadOptions::default() };
     let path = site.path("tileset.json");
     let refusal = read_into_with(&path, &options, &mut MemorySink::new(&path), &mut |_, _| {}).unwrap_err();

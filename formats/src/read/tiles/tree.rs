@@ -270,9 +270,8 @@ fn below(tile: &Tile, file: &File<'_>, above: Above) -> Result<Above, ReadError>
             return Err(file.error("refine", format!("\"{}\"", shown(other)), "REPLACE or ADD"));
         }
     };
-    let own = match &tile.transform {
-        None => return Ok(Above { is_added_to, depth: above.depth + 1, ..above }),
-        Some(m) => m,
+    let Some(own) = &tile.transform else {
+        return Ok(Above { is_added_to, depth: above.depth + 1, ..above });
     };
     if own[3] != 0.0 || own[7] != 0.0 || own[11] != 0.0 || own[15] != 1.0 {
         let found = format!("a matrix whose last row is {} {} {} {}", own[3], own[7], own[11], own[15]);
