@@ -248,13 +248,12 @@ fn page(
 
 fn summary(stations: &[Scanned<'_>], colour: Option<&Colour>) -> String {
     let points: u64 = stations.iter().map(|one| one.header.statistics.measured).sum();
-    let mut text = format!("{} with {} points", counted(stations.len() as u64, "station", "stations"), grouped(points));
-    if let Some(colour) = colour {
+    let photographs = colour.map(|colour| {
         let used = counted(colour.photographs.len() as u64, "photograph", "photographs");
-        text.push_str(&format!("; {used} used, {} left out", colour.left_out.len()));
-    }
-    text.push('.');
-    text
+        format!("; {used} used, {} left out", colour.left_out.len())
+    });
+    let stations = counted(stations.len() as u64, "station", "stations");
+    format!("{stations} with {} points{}.", grouped(points), photographs.unwrap_or_default())
 }
 
 fn station_row<'a>(one: &Scanned<'a>, placed: Option<&Placed>) -> StationRow<'a> {
