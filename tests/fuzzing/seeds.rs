@@ -63,7 +63,7 @@ fn objs() -> Vec<Vec<u8>> {
     .to_vec()
 }
 
-/// A plain and a compressed Nexus model of one node with two triangles.
+/// A plain and a compressed Nexus model of one node with two triangles, and damaged ones.
 fn nexus() -> Vec<Vec<u8>> {
     let positions = [[0f32, 0.0, 0.0], [4.0, 0.0, 0.0], [4.0, 4.0, 0.0], [8.0, 4.0, 0.0]];
     let mut plain: Vec<u8> = positions.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
@@ -93,7 +93,10 @@ fn nexus() -> Vec<Vec<u8>> {
         bytes.resize(512, 0);
         bytes
     };
-    vec![file(0, &plain), file(4, &corto)]
+    let mut many_nodes = file(0, &plain);
+    many_nodes[56 + 4] = 200;
+    // Two that are read, and three that are not: compressed with MECO, with a node of the wrong kind, and with nodes beyond the end.
+    vec![file(0, &plain), file(4, &corto), file(2, &corto), file(4, &plain), many_nodes]
 }
 
 /// What `kilwa metadata init` writes, all its examples, and files with mistakes.
