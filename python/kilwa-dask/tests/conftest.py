@@ -5,11 +5,13 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import psutil
@@ -90,6 +92,8 @@ class Collection:
             text=True,
             env=environment,
             start_new_session=True,
+            # A shell that starts the tests in the background has SIGINT ignored, which every process would inherit.
+            preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
         )
         self.drivers.append(driver)
         return driver
@@ -100,7 +104,7 @@ class Collection:
 
     def end(self, driver: subprocess.Popen[str], code: int = 0) -> str:
         """Wait for a driver, check its exit code, and return all that it printed."""
-        output, _ = driver.communicate(timeout=LIMIT * 10)
+        output, _ = driver.communicate(timeout=LIMIT * (10 if os.environ.get("KILWA_SOAK") else 1))
         text = output + self.messages()
         assert driver.returncode == code, text
         return text
@@ -144,6 +148,8 @@ def collection(tmp_path: Path, kilwa: str) -> Iterator[Collection]:
     """Return an empty collection; drivers that a failed test leaves are ended."""
     made = Collection(tmp_path, kilwa)
     yield made
+    # Builds that outlived their workers wait at the gate.
+    open_gate(made)
     for driver in made.drivers:
         for process in tree(driver):
             process.kill()
