@@ -36,7 +36,7 @@ use std::sync::Arc;
 /// Which meshes are read, and how their coordinates are interpreted.
 #[derive(clap::Args)]
 pub(crate) struct InputArgs {
-    /// Mesh files (PLY, OBJ, STL, glTF, Nexus, tilesets of 3D Tiles), folders of them, quoted patterns such as 'blocks/*.ply', or surveys of scans.
+    /// Mesh files (PLY, OBJ, STL, glTF, Nexus, 3D Tiles tilesets), folders of them, quoted patterns such as 'blocks/*.ply', or surveys of scans.
     ///
     /// Several are joined, and matching vertices are welded; their order does not matter.
     #[arg(required = true, value_name = "INPUT")]
@@ -357,10 +357,10 @@ const MESHES: Wanted = Wanted {
     recognise: recognise_in_folder,
 };
 
-/// Fails unless a file in a folder is a mesh. Beside a tileset lie its tiles, which are one surface in several levels of detail.
+/// Fails unless a file in a folder is a mesh. Tilesets are refused: the tiles beside one are the same surface at several levels of detail.
 fn recognise_in_folder(path: &Path) -> anyhow::Result<()> {
     if read::recognise(path)?.is_tileset() {
-        bail!("{} is a tileset of 3D Tiles; give that file itself instead of its folder", path.display());
+        bail!("{} is a 3D Tiles tileset; give the file itself instead of its folder", path.display());
     }
     Ok(())
 }

@@ -25,11 +25,15 @@ const ALONG: f64 = 0.8;
 
 /// Diagnostics that stand above the report, because something that the mesh names is missing from the model: their names, and what one of them is
 /// called.
-const LOST: [(&str, &str); 5] = [
+const LOST: [(&str, &str); 6] = [
     ("pictures left out", "picture left out"),
     (
         "pictures that cannot be read; what they cover has the colour of its material",
         "picture that cannot be read; what it covers has the colour of its material",
+    ),
+    (
+        "pictures that cannot be read; what they cover keeps its vertex colours, if any",
+        "picture that cannot be read; what it covers keeps its vertex colours, if any",
     ),
     ("pictures named in the header not read", "picture named in the header not read"),
     (

@@ -1,6 +1,7 @@
 //! `kilwa colour`: a model gets its colours from simulated photographs.
 
 use crate::interrupted::leaves_nothing_partial;
+use crate::scans::box_scan;
 use crate::support::{Ply, fails, json, kilwa, succeeds, text};
 use std::path::{Path, PathBuf};
 
@@ -37,6 +38,11 @@ fn a_mesh_and_a_pack_get_the_same_colours_from_photographs() {
     let written = at("report.json");
     let report =
         json(&["colour", text(&plain), "--photos", text(&photos), "-o", text(&mesh), "--report", text(&written)]);
+    let (survey, page) = (at("survey"), at("report.html"));
+    succeeds(&["scans", "import", text(&box_scan(folder.path())), "-o", text(&survey)]);
+    succeeds(&["scans", "report", text(&survey), "--colour", text(&written), "-o", text(&page)]);
+    let page = std::fs::read_to_string(&page).unwrap();
+    assert!(page.contains("IMG_0008.jpg") && page.contains("panoramas/"), "{page}");
     let written: serde_json::Value = serde_json::from_slice(&std::fs::read(written).unwrap()).unwrap();
     assert_eq!(written["photographs"], report["photographs"]);
     let shares = written["photographs"].as_array().unwrap().iter().map(|photo| photo["share"].as_f64().unwrap());

@@ -283,6 +283,15 @@ fn the_report_of_a_pack_has_the_figures_of_the_merge() {
         assert!(!mesh[key].is_null() && report["merge"][key] == mesh[key], "{key}: {report}");
     }
     assert!(report["merge"]["scratch_bytes"].as_u64() > Some(0), "{report}");
+
+    // The report of the survey reads both.
+    for (name, merged) in [("pack", &report), ("mesh", &mesh)] {
+        let [input, page] = ["json", "html"].map(|end| folder.path().join(format!("{name}.{end}")));
+        std::fs::write(&input, merged.to_string()).unwrap();
+        succeeds(&["scans", "report", text(&survey), "--merge", text(&input), "-o", text(&page)]);
+        let page = std::fs::read_to_string(&page).unwrap();
+        assert!(page.contains("Merged surface") && page.contains("80.0 mm"), "{page}");
+    }
 }
 
 #[test]

@@ -67,6 +67,26 @@ fn ambiguous_stations_are_refused_and_control_points_resolve_the_ambiguity() {
     assert!(String::from_utf8_lossy(&bytes[..400]).contains("property float residual"));
     let page = std::fs::read_to_string(&report).unwrap();
     assert!(page.contains("All 2 stations are placed.") && page.contains("<svg class=\"plan\""), "{page}");
+
+    // A pose that is edited afterwards is reported without the standard deviations of the registration.
+    let all = folder.path().join("all.json");
+    let of_survey = || -> serde_json::Value {
+        succeeds(&["scans", "report", text(&survey), "-o", text(&all), "--force"]);
+        serde_json::from_slice(&std::fs::read(&all).unwrap()).unwrap()
+    };
+    assert!(of_survey()["stations"][1]["sigma"][0].as_f64() > Some(0.0));
+    let before = std::fs::read_to_string(&toml).unwrap();
+    let second = before.find("name = \"s1\"").unwrap();
+    let start = second + before[second..].find("translation = [").unwrap() + "translation = [".len();
+    std::fs::write(&toml, format!("{}1{}", &before[..start], &before[start..])).unwrap();
+    let edited = of_survey();
+    assert!(edited["stations"][1]["sigma"].is_null() && !edited["stations"][0]["sigma"].is_null(), "{edited}");
+    let page = folder.path().join("all.html");
+    succeeds(&["scans", "report", text(&survey), "-o", text(&page)]);
+    assert!(std::fs::read_to_string(&page).unwrap().contains("stated pose"));
+    let registration = survey.join("registration.json");
+    let kept = fails(&["scans", "report", text(&survey), "-o", text(&registration), "--force"]);
+    assert!(kept.contains("is an input of this command"), "{kept}");
 }
 
 #[test]

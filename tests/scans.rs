@@ -660,7 +660,7 @@ fn one_report_has_every_station_mask_hole_and_photograph() {
     for part in parts {
         assert!(page.contains(part), "{part}: {page}");
     }
-    assert_eq!(page, report("pack.json", "b.html"), "a pack's report has the merge's in it");
+    assert_eq!(page, report("pack.json", "b.html"), "the report for a pack contains that of the merge");
     let all: serde_json::Value = serde_json::from_str(&report("pack.json", "c.json")).unwrap();
     assert_eq!((&all["stations"][0]["name"], &all["merge"]["holes"]["count"]), (&name.into(), &3.into()));
     assert_eq!(all["stations"][0]["masks"][0]["name"], "mixed");
@@ -676,7 +676,7 @@ fn one_report_has_every_station_mask_hole_and_photograph() {
     assert!(broken.contains("not.json is not JSON"), "{broken}");
     assert!(!out.exists());
     let named = fails(&["scans", "report", text(&survey), "-o", text(&path("e.txt"))]);
-    assert!(named.contains("name the report .html or .json"), "{named}");
+    assert!(named.contains("must end in .html or .json"), "{named}");
     let kept = fails(&["scans", "report", text(&survey), "-o", text(&path("a.html"))]);
     assert!(kept.contains("--force"), "{kept}");
 }

@@ -5,29 +5,29 @@ use super::mask::{self, Listed};
 use crate::info::grouped;
 use crate::new_file::{NewFile, check_output};
 use crate::register::report::{STYLE, coordinate, degrees, millimetres, percent, placement};
-use anyhow::{Context as _, bail, ensure};
+use anyhow::{Context as _, bail};
 use askama::Template;
 use kilwa_archive::html::render;
 use kilwa_files::plain_file;
 use kilwa_pack::plural::counted;
-use kilwa_scan::register::{Placed, Registration};
+use kilwa_scan::register::{FILE, Registration};
 use kilwa_scan::spool::{Header, Reader};
 use kilwa_scan::survey::{Station, Survey};
 use serde::Deserialize;
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
-use std::io::{Read as _, Write as _};
+use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 /// Reports of other commands are not larger than this, bytes.
 const REPORT_MAX: u64 = 64 << 20;
 
-/// Write one report of a survey: its stations with poses and masks, the merged surface with its holes and what was filled, and the photographs.
+/// Write one report of a survey: its stations with poses and masks, the merged surface with its open and filled holes, and the photographs.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// The folder of the survey.
     survey: PathBuf,
-    /// The report to write: a page for people (.html), or everything for programs (.json).
+    /// The report to write: a page to read (.html), or all data for programs (.json).
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     /// The report of the merge, written by `kilwa merge --json`.
@@ -41,7 +41,7 @@ pub(crate) struct Args {
     force: bool,
 }
 
-/// What `kilwa merge --json` says of the surface.
+/// The part of the output of `kilwa merge --json` that describes the surface.
 #[derive(Deserialize)]
 struct Merge {
     voxel: f64,
@@ -67,7 +67,7 @@ struct Filled {
     triangles: u64,
 }
 
-/// What `kilwa colour --report` says.
+/// The report of `kilwa colour --report`.
 #[derive(Deserialize)]
 struct Colour {
     vertices: u64,
@@ -138,7 +138,7 @@ struct PhotographRow<'a> {
     has_mask: bool,
 }
 
-/// A station with what its files say.
+/// A station with the contents of its files.
 struct Scanned<'a> {
     station: &'a Station,
     header: Header,
@@ -146,17 +146,18 @@ struct Scanned<'a> {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    let reports: Vec<&Path> = [&args.merge, &args.colour].into_iter().flatten().map(PathBuf::as_path).collect();
+    let own = ["survey.toml", FILE].map(|name| args.survey.join(name));
+    let inputs = [&args.merge, &args.colour].into_iter().flatten().chain(&own).map(PathBuf::as_path);
     let is_page = match args.output.extension().and_then(|e| e.to_str()).map(str::to_ascii_lowercase).as_deref() {
         Some("html" | "htm") => true,
         Some("json") => false,
-        _ => bail!("{}: name the report .html or .json", args.output.display()),
+        _ => bail!("{}: the name of the report must end in .html or .json", args.output.display()),
     };
-    check_output(&args.output, args.force, reports)?;
+    check_output(&args.output, args.force, inputs)?;
     let survey = Survey::open(&args.survey)?;
-    let registration = Registration::open(&args.survey)?;
+    let registration = Registration::open(&args.survey)?.map(|found| found.with_current_names(&survey));
     let merge = args.merge.as_deref().map(|path| open(path, "kilwa merge --json")).transpose()?;
-    // The report of a pack has the merge's in it.
+    // The report for a pack contains that of the merge.
     let merge = merge.map(|mut report| match report.get_mut("merge").map(Value::take) {
         Some(merge) => merge,
         None => report,
@@ -172,6 +173,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     } else {
         let list = stations.iter().map(|one| {
             let mut json = as_json(one.station, Some(&one.header));
+            json["sigma"] =
+                json!(Registration::known_sigma(registration.as_ref(), one.station).map(|s| s.deviations()));
             json["masks"] = one.masks.iter().map(Listed::as_json).collect();
             json
         });
@@ -193,14 +196,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
 /// A report of another command.
 fn open(path: &Path, command: &str) -> anyhow::Result<Value> {
     let shown = path.display();
-    let mut text = Vec::new();
-    let file = plain_file::open(path).with_context(|| format!("cannot read {shown}"))?;
-    file.take(REPORT_MAX + 1).read_to_end(&mut text).with_context(|| format!("cannot read {shown}"))?;
-    ensure!(
-        text.len() as u64 <= REPORT_MAX,
-        "{shown} is larger than {REPORT_MAX} bytes; name the report of `{command}`"
-    );
-    serde_json::from_slice(&text).with_context(|| format!("{shown} is not JSON; name the report of `{command}`"))
+    let text = plain_file::read_at(path, REPORT_MAX).with_context(|| format!("cannot read {shown}"))?;
+    serde_json::from_slice(&text).with_context(|| format!("{shown} is not JSON; give the report of `{command}`"))
 }
 
 fn typed<T: DeserializeOwned>(report: Value, path: Option<&Path>, command: &str) -> anyhow::Result<T> {
@@ -222,7 +219,6 @@ fn page(
     merge: Option<&Merge>,
     colour: Option<&Colour>,
 ) -> String {
-    let placed = |name: &str| registration?.stations.iter().find(|placed| placed.name == name);
     let unplaced = registration.map_or(&[][..], |found| &found.unplaced);
     render(&Page {
         style: STYLE,
@@ -230,7 +226,7 @@ fn page(
         summary: summary(stations, colour),
         crs: survey.crs.as_deref(),
         notes: registration.map_or(&[], |found| &found.notes),
-        stations: stations.iter().map(|one| station_row(one, placed(&one.station.name))).collect(),
+        stations: stations.iter().map(|one| station_row(one, registration)).collect(),
         unplaced: unplaced.iter().map(|one| [one.name.as_str(), one.reason.as_str(), one.remedy.as_str()]).collect(),
         surface: merge.map(surface).unwrap_or_default(),
         colours: colour.map(|colour| {
@@ -256,12 +252,14 @@ fn summary(stations: &[Scanned<'_>], colour: Option<&Colour>) -> String {
     format!("{stations} with {} points{}.", grouped(points), photographs.unwrap_or_default())
 }
 
-fn station_row<'a>(one: &Scanned<'a>, placed: Option<&Placed>) -> StationRow<'a> {
+fn station_row<'a>(one: &Scanned<'a>, registration: Option<&Registration>) -> StationRow<'a> {
     let none = || "–".to_owned();
     let station = one.station;
     let [x, y, z] =
         station.pose.map_or_else(|| [none(), none(), none()], |pose| pose.translation.to_array().map(coordinate));
-    let sigma = placed.map(Placed::sigma).or(station.sigma);
+    // A pose that was changed after the registration is no longer a registered one.
+    let placed = registration.and_then(|found| found.of(station));
+    let sigma = Registration::known_sigma(registration, station).map(|sigma| sigma.deviations());
     let [metres, radians] = sigma.map_or_else(|| [none(), none()], |[m, r]| [millimetres(m), degrees(r)]);
     let measured = one.header.statistics.measured;
     let masks = one.masks.iter().map(|mask| {
@@ -278,7 +276,7 @@ fn station_row<'a>(one: &Scanned<'a>, placed: Option<&Placed>) -> StationRow<'a>
         file: &station.source.file,
         placement: match (placed, station.pose) {
             (Some(placed), _) => placement(placed),
-            (None, Some(_)) => "stated pose",
+            (None, Some(_)) => "given pose",
             (None, None) => "not placed",
         },
         numbers: [x, y, z, metres, radians, grouped(measured)],
@@ -286,7 +284,7 @@ fn station_row<'a>(one: &Scanned<'a>, placed: Option<&Placed>) -> StationRow<'a>
     }
 }
 
-/// What the surface is made of, and what it lacks: names and values.
+/// Names and values that describe the surface and its holes.
 fn surface(merge: &Merge) -> Vec<[String; 2]> {
     let area = |m2: f64| format!("{m2:.2} m²");
     let row = |name: &str, value: String| [name.to_owned(), value];

@@ -35,7 +35,7 @@ pub(super) struct Args {
     /// Standard deviation of the heading of rough poses, in degrees.
     #[arg(long, value_name = "DEGREES", default_value_t = 2.0)]
     rough_heading: f64,
-    /// Number of stations, counted from the first, whose poses are true although those of the others are rough, as if they had been surveyed.
+    /// With --poses rough: the first N stations keep their true poses, as if they had been surveyed.
     #[arg(long, value_name = "N", default_value_t = 0)]
     surveyed: u32,
     /// Which return every instrument reports, instead of its own setting.
@@ -122,7 +122,7 @@ impl Args {
 pub(super) fn run(args: &Args) -> Result<()> {
     ensure!(
         args.surveyed == 0 || args.poses == PosesArg::Rough,
-        "--surveyed is for --poses rough: with other poses, all stations are alike"
+        "--surveyed needs --poses rough"
     );
     let options = args.options();
     let bar = super::progress_bar(0);

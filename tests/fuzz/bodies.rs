@@ -12,7 +12,8 @@ use kilwa_archive::{Checksums, Manifest, Metadata, Notes};
 use kilwa_formats::Diagnostics;
 use kilwa_formats::RawMesh;
 use kilwa_formats::read::{
-    Input, MemorySink, MeshSink, ReadError, ReadOptions, VertexBlock, VertexSink, gltf, nexus, obj, read_mesh_from, stl,
+    Input, MemorySink, MeshSink, ReadError, ReadOptions, VertexBlock, VertexSink, gltf, nexus, obj, read_mesh_from,
+    stl, tiles,
 };
 use kilwa_pack::chunk::{Declared, decode, encode};
 use kilwa_pack::reader::SliceSource;
@@ -37,12 +38,13 @@ use std::sync::LazyLock;
 pub(crate) type Body = fn(&[u8]) -> String;
 
 /// All targets by name.
-pub(crate) const ALL: [(&str, Body); 20] = [
+pub(crate) const ALL: [(&str, Body); 21] = [
     ("ply", ply),
     ("obj", obj_file),
     ("stl", stl_file),
     ("gltf", gltf_file),
     ("nexus", nexus_file),
+    ("tiles", tiles_in_folder),
     ("open_pack", open_pack),
     ("decode_chunk", decode_chunk),
     ("metadata", metadata),
@@ -204,7 +206,7 @@ pub(crate) fn gltf_file(bytes: &[u8]) -> String {
 }
 
 /// Any bytes as a Nexus model: the reader ends, does not panic, and returns a sound mesh. A compressed node of a few bytes may
-/// have 65535 triangles; the sink here ends the file when it is large.
+/// have 65535 triangles; the sink here stops reading when the mesh becomes large.
 pub(crate) fn nexus_file(bytes: &[u8]) -> String {
     let path = Path::new("fuzz.nxz");
     let mut sink = Limited(MemorySink::new(path), 1 << 20);
@@ -213,6 +215,26 @@ pub(crate) fn nexus_file(bytes: &[u8]) -> String {
     let total = bytes.len() as u64;
     let input = Input { path, total, source: &mut source, progress: &mut |_, _| {}, options: &options };
     match nexus::read(input, &mut sink).and_then(|()| sink.0.into_mesh()) {
+        Ok(mesh) => sound(&mesh),
+        Err(e) => complaint(e),
+    }
+}
+
+/// Any bytes as a tileset and, after the first zero byte, the file of its tiles: the reader ends, does not panic, and returns a sound mesh.
+pub(crate) fn tiles_in_folder(bytes: &[u8]) -> String {
+    static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().expect("a temporary folder"));
+    let end = bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len());
+    let (json, content) = (&bytes[..end], bytes.get(end + 1..).unwrap_or_default());
+    for name in ["a.b3dm", "b.glb", "more.json"] {
+        write(&FOLDER.path().join(name), content);
+    }
+    let path = &FOLDER.path().join("tileset.json");
+    let mut sink = Limited(MemorySink::new(path), 1 << 20);
+    let options = ReadOptions { texture_bytes: 1 << 22, ..ReadOptions::default() };
+    let mut source = Cursor::new(json);
+    let total = json.len() as u64;
+    let input = Input { path, total, source: &mut source, progress: &mut |_, _| {}, options: &options };
+    match tiles::read(input, &mut sink).and_then(|()| sink.0.into_mesh()) {
         Ok(mesh) => sound(&mesh),
         Err(e) => complaint(e),
     }

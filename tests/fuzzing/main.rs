@@ -182,6 +182,11 @@ fn any_bytes_are_read_as_a_nexus_model_or_refused() {
 }
 
 #[test]
+fn any_bytes_are_read_as_3d_tiles_or_refused() {
+    fuzz("tiles");
+}
+
+#[test]
 fn any_bytes_are_read_as_a_pack_or_refused() {
     fuzz("open_pack");
 }

@@ -13,6 +13,7 @@ pub(crate) fn of(target: &str) -> Vec<Vec<u8>> {
     let mut seeds = match target {
         "obj" => objs(),
         "nexus" => nexus(),
+        "tiles" => tiles(),
         "open_pack" => packs().into_iter().chain([of_points()]).collect(),
         "metadata" => metadata(),
         "manifest" => manifests(),
@@ -68,7 +69,7 @@ fn nexus() -> Vec<Vec<u8>> {
     let positions = [[0f32, 0.0, 0.0], [4.0, 0.0, 0.0], [4.0, 4.0, 0.0], [8.0, 4.0, 0.0]];
     let mut plain: Vec<u8> = positions.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
     plain.extend([0u16, 1, 2, 2, 1, 3].iter().flat_map(|v| v.to_le_bytes()));
-    // Corto without an entropy code: one attribute, one group, the codes of two triangles, one list of lengths.
+    // Corto without entropy coding: one attribute, one group, the CLERS codes of two triangles, one list of bit lengths.
     let mut corto = vec![0, 0x63, 0x7a, 0x78, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 9, 0];
     corto.extend(b"position\0\x01\0\0\0\0\0\0\x3f\x03\x06\x03");
     corto.extend([4, 0, 0, 0, 2, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 0, 9, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
@@ -95,8 +96,51 @@ fn nexus() -> Vec<Vec<u8>> {
     };
     let mut many_nodes = file(0, &plain);
     many_nodes[56 + 4] = 200;
-    // Two that are read, and three that are not: compressed with MECO, with a node of the wrong kind, and with nodes beyond the end.
+    // Two that are read, and three that are refused: MECO compression, a node of the wrong kind, and nodes beyond the end.
     vec![file(0, &plain), file(4, &corto), file(2, &corto), file(4, &plain), many_nodes]
+}
+
+/// Tilesets, each with the file that all its tiles name: a GLB, a b3dm, or another tileset.
+fn tiles() -> Vec<Vec<u8>> {
+    let buffer: Vec<u8> = [0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0].iter().flat_map(|v| v.to_le_bytes()).collect();
+    let glb = |extensions: &str| {
+        let mut json = format!(
+            "{{\"asset\":{{\"version\":\"2.0\"}},{extensions}\"buffers\":[{{\"byteLength\":36}}],\"bufferViews\":[{{\"buffer\":0,\"byteLength\":36}}],\
+             \"accessors\":[{{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}}],\
+             \"meshes\":[{{\"primitives\":[{{\"attributes\":{{\"POSITION\":0}}}}]}}],\"nodes\":[{{\"mesh\":0}}],\"scenes\":[{{\"nodes\":[0]}}],\"scene\":0}}"
+        );
+        while !json.len().is_multiple_of(4) {
+            json.push(' ');
+        }
+        let chunk = |kind: &[u8], data: &[u8]| [&(data.len() as u32).to_le_bytes()[..], kind, data].concat();
+        let chunks = [chunk(b"JSON", json.as_bytes()), chunk(b"BIN\0", &buffer)].concat();
+        [&b"glTF\x02\0\0\0"[..], &(chunks.len() as u32 + 12).to_le_bytes(), &chunks].concat()
+    };
+    let b3dm = |table: &str| {
+        let words = [1, 28 + table.len() + glb("").len(), table.len(), 0, 0, 0];
+        let words = words.iter().flat_map(|word| (*word as u32).to_le_bytes());
+        [&b"b3dm"[..], &words.collect::<Vec<u8>>(), table.as_bytes(), &glb("")].concat()
+    };
+    let tileset = |root: &str| {
+        format!("{{\"asset\":{{\"version\":\"1.1\"}},\"geometricError\":9,\"root\":{{\"geometricError\":5,{root}}}}}")
+    };
+    let leaf = "\"refine\":\"REPLACE\",\"content\":{\"uri\":\"b.glb\"}";
+    let moved = "\"transform\":[1,0,0,0,0,1,0,0,0,0,1,0,5,6,7,1]";
+    let children = format!(
+        "\"refine\":\"ADD\",\"content\":{{\"url\":\"a.b3dm\"}},{moved},\"children\":[{{\"geometricError\":0,{moved},\"content\":{{\"uri\":\"a.b3dm\"}}}}]"
+    );
+    let many = "\"contents\":[{\"uri\":\"b.glb\"},{\"uri\":\"a.b3dm\"}]";
+    let rtc = "\"extensionsUsed\":[\"CESIUM_RTC\"],\"extensions\":{\"CESIUM_RTC\":{\"center\":[6e6,1,2]}},";
+    [
+        (tileset(leaf), glb("")),
+        (tileset(leaf), glb(rtc)),
+        (tileset(&children), b3dm("{\"BATCH_LENGTH\":0,\"RTC_CENTER\":[1,2,3]} ")),
+        (tileset(many), glb("")),
+        (tileset("\"content\":{\"uri\":\"more.json\"}"), tileset(leaf).into_bytes()),
+        (tileset("\"implicitTiling\":{\"subdivisionScheme\":\"OCTREE\"}"), Vec::new()),
+    ]
+    .map(|(json, content)| [json.as_bytes(), b"\0", &content].concat())
+    .to_vec()
 }
 
 /// What `kilwa metadata init` writes, all its examples, and files with mistakes.

@@ -1,6 +1,6 @@
 //! `cargo xtask demo`: from sources to a fort in the browser. Builds the page and the program, makes a synthetic fort, builds
-//! and verifies its pack, publishes it as an archive object, serves that on this machine and prints the address. With `--scans`, the fort is scanned by
-//! a simulator first, and its pack is merged from the scans; with `--survey`, it is photographed, too, the scans have to be registered, and the pack gets
+//! and verifies its pack, publishes it as an archive object, serves that on this machine and prints the address. With `--scans`, a simulator
+//! scans the fort first, and its pack is merged from the scans; with `--survey`, the fort is also photographed, the scans are registered first, and the pack gets
 //! the colours of the photographs.
 //!
 //! Output: the folder `demo/` (ignored by git), with the objects in `demo/site`. What an earlier run made is kept while program and size are
@@ -29,7 +29,7 @@ pub(crate) struct Args {
     /// Scan the fort from stations, mask what is not of the site, and merge the scans, instead of starting from a mesh
     #[arg(long, conflicts_with = "triangles")]
     scans: bool,
-    /// As --scans, but from scans with rough poses, which are registered, and with photographs, which give the colours
+    /// Like --scans, but register scans with rough poses, and colour the surface from photographs
     #[arg(long, conflicts_with_all = ["triangles", "scans"])]
     survey: bool,
     /// Stations of --scans and --survey
@@ -64,7 +64,7 @@ enum From {
     Mesh { triangles: u64 },
     /// Scans that are merged.
     Scans { stations: u32, columns: u32 },
-    /// Scans that are registered and merged, with the colours of photographs.
+    /// Scans that are registered, merged and coloured from photographs.
     Survey(Survey),
 }
 
@@ -110,7 +110,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     server.wait()
 }
 
-/// The demo that `--check` shows, with a program that is compiled already: a small fort from a mesh, and one from scans and photographs; leaves nothing behind.
+/// The demo that `--check` runs, with a program that is already compiled: a small fort from a mesh, and one from scans and photographs; leaves nothing behind.
 ///
 /// # Errors
 /// Any step fails.

@@ -81,7 +81,7 @@ pub(crate) fn run(command: &mut Command) -> Result<()> {
     Ok(())
 }
 
-/// Runs `command` with its output in `file`.
+/// Runs `command` and writes its standard output to `file`.
 ///
 /// # Errors
 /// As [`run`]; a file that cannot be created.

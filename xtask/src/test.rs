@@ -1,7 +1,7 @@
 //! `cargo xtask test`: everything that has to hold before a change is taken, in the order that shares compile work.
 //!
 //! Stages: format, lints natively and for wasm32, the page, its code, the workspace's tests, its documentation's examples, fuzzing, the
-//! demo, the browser, the package in Python.
+//! demo, the browser, the Python package.
 //! All in the profile dev (the page in its own). Invariants: a failing stage does not stop the later ones, so that one run shows all
 //! failures; the last line is `N passed, N failed, N skipped` over all suites, where a stage that is not a suite counts only when it
 //! fails; a suite that ran no test has failed. The exit code is 1 when anything failed.
@@ -48,7 +48,7 @@ enum Suite {
 /// A store in Python, for the tests of the server, and where they look for it.
 const STORE_PACKAGES: &str = "server/tests/store/requirements.txt";
 const STORE_VARIABLE: &str = "KILWA_MOTO";
-/// The package in Python, and what it and its checks need.
+/// The Python package, and the requirements of the package and its checks.
 const DASK: &str = "python/kilwa-dask";
 const DASK_PACKAGES: &str = "python/kilwa-dask/tests/requirements.txt";
 /// Crates that have to build for wasm32: the page's own and every pure crate below them.
@@ -324,7 +324,7 @@ fn browser(length: Length) -> Result<Tally> {
     suite(npm.current_dir(&folder).env("CHROMIUM", chromium).env("KILWA", kilwa), length)
 }
 
-/// The package in Python: its form (ruff), its types (mypy), then its tests, with the program of the tests above.
+/// The Python package: ruff, mypy, then its tests, with the same `kilwa` as the tests above.
 fn python(length: Length) -> Result<Tally> {
     let packages = setup::python_packages(DASK_PACKAGES)?;
     let folder = root()?.join(DASK);

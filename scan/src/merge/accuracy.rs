@@ -2,7 +2,7 @@
 
 use super::Scale;
 use super::cut::{Part, Station};
-use crate::register::{Placed, Placement, Registration};
+use crate::register::{KnownSigma, Placed, Registration};
 use crate::survey;
 use glam::{DMat3, DVec3};
 use kilwa_scan_core::tsdf::{Patch, Piece, Sigma, Variance};
@@ -60,18 +60,12 @@ pub(super) enum PoseSigma {
 
 impl PoseSigma {
     pub(super) fn of(entry: &survey::Station, registration: Option<&Registration>) -> Self {
-        // Standard deviations written by a registration do not apply to a pose that has been entered since.
-        let sigma = entry.sigma.filter(|_| !registration.is_some_and(|all| all.has_entered_sigma(entry)));
-        let stated = sigma.zip(entry.pose).map(|(sigma, pose)| PoseVariance::stated(sigma, pose));
-        match (registration.and_then(|all| all.of(entry)), stated) {
-            (Some(placed), Some(stated)) if placed.placement == Placement::Fixed => Self::Known(stated),
-            (Some(placed), _) => Self::Known(PoseVariance::new(placed)),
-            (None, _) if registration.is_some_and(|all| all.is_unplaced(entry)) => Self::Unknown(Reason::Unplaced),
-            (None, Some(stated)) => Self::Known(stated),
-            (None, None) if registration.is_some_and(|all| all.entry(entry).is_some()) => {
-                Self::Unknown(Reason::Changed)
-            }
-            (None, None) => Self::Unknown(Reason::Unstated),
+        match (Registration::known_sigma(registration, entry), entry.pose) {
+            (Some(KnownSigma::Registered(placed)), _) => Self::Known(PoseVariance::new(placed)),
+            (Some(KnownSigma::Stated(sigma)), Some(pose)) => Self::Known(PoseVariance::stated(sigma, pose)),
+            _ if registration.is_some_and(|all| all.is_unplaced(entry)) => Self::Unknown(Reason::Unplaced),
+            _ if registration.is_some_and(|all| all.entry(entry).is_some()) => Self::Unknown(Reason::Changed),
+            _ => Self::Unknown(Reason::Unstated),
         }
     }
 }
@@ -232,6 +226,7 @@ impl Sum {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::register::Placement;
 
     /// Covariance of a point that the station measured, 3 × 3, square metres: only the contribution of the pose uncertainty.
     fn covariance_at(placed: &Placed, point: DVec3) -> [[f64; 3]; 3] {

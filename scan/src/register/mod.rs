@@ -24,7 +24,7 @@ mod view;
 pub use apply::apply;
 pub use grade::Grades;
 pub use residuals::{Residual, residuals, write_residuals};
-pub use result::{Candidate, FILE, Link, Placed, Placement, Registration, Stated, Unplaced};
+pub use result::{Candidate, FILE, KnownSigma, Link, Placed, Placement, Registration, Stated, Unplaced};
 
 use crate::ScanError;
 use crate::import::Progress;

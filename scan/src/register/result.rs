@@ -37,6 +37,25 @@ pub struct Registration {
     pub notes: Vec<String>,
 }
 
+/// What is known about the uncertainty of a pose.
+#[derive(Debug, Clone, Copy)]
+pub enum KnownSigma<'a> {
+    /// The pose is the one that was registered.
+    Registered(&'a Placed),
+    /// The survey states standard deviations: of each coordinate of the position, metres, and about each axis, radians.
+    Stated([f64; 2]),
+}
+
+impl KnownSigma<'_> {
+    /// Standard deviations: of a coordinate of the position, metres, and of the rotation, radians.
+    pub fn deviations(&self) -> [f64; 2] {
+        match self {
+            Self::Registered(placed) => placed.sigma(),
+            Self::Stated(sigma) => *sigma,
+        }
+    }
+}
+
 /// How the pose of a station was determined.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -299,6 +318,19 @@ impl Registration {
         // Angles are stored in degrees.
         placed.placement != Placement::Fixed
             && sigma.iter().zip(placed.sigma()).all(|(a, b)| (a - b).abs() <= 1e-9 * b.abs())
+    }
+
+    /// What is known about the uncertainty of the current pose of a station, from the registration or from the survey; `None` if it is unknown.
+    ///
+    /// Standard deviations that a registration entered do not apply to a pose that was changed afterwards, and a registration that did not place a station does not confirm its pose.
+    pub fn known_sigma<'a>(registration: Option<&'a Self>, station: &Station) -> Option<KnownSigma<'a>> {
+        let stated = station.sigma.filter(|_| !registration.is_some_and(|all| all.has_entered_sigma(station)));
+        let stated = station.pose.and(stated).map(KnownSigma::Stated);
+        match registration.and_then(|all| all.of(station)) {
+            Some(placed) if placed.placement == Placement::Fixed => stated.or(Some(KnownSigma::Registered(placed))),
+            Some(placed) => Some(KnownSigma::Registered(placed)),
+            None => stated.filter(|_| !registration.is_some_and(|all| all.is_unplaced(station))),
+        }
     }
 
     /// Checks that the result can be stored and read again.

@@ -118,7 +118,7 @@ pub struct ScanOptions {
     pub format: ScanFormat,
     /// The poses that the files have.
     pub poses: Poses,
-    /// How many stations, from the first, have their true pose although poses are [`Poses::Rough`].
+    /// With [`Poses::Rough`]: how many stations, from the first, keep their true poses.
     pub surveyed: u32,
     /// Coordinates in [`UTM_CRS`] instead of the site's frame.
     pub utm: bool,

@@ -1,4 +1,4 @@
-//! The whole chain, from scans and photographs to the pack: register, mask, merge, colour, and one report of it all.
+//! The whole pipeline, from scans and photographs to the pack: mask, register, merge, colour, and a report of the survey.
 
 use super::{remove, remove_all, run_kilwa, timed};
 use crate::process::{command, run_to};
@@ -6,7 +6,7 @@ use anyhow::Result;
 use std::path::Path;
 use std::time::Duration;
 
-/// How much is simulated.
+/// The size of the simulated survey.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Survey {
     pub(super) stations: u32,
@@ -16,11 +16,11 @@ pub(super) struct Survey {
     pub(super) panoramas: u32,
     /// Width and height of a photograph, pixels.
     pub(super) size: [u32; 2],
-    /// Error of the poses of the photographs, pixels. If it is not 0, poses are refined; small photographs show too little for that.
+    /// Error of the poses of the photographs, pixels. If it is not 0, the poses are refined; small photographs have too little detail for that.
     pub(super) pose_error: u32,
 }
 
-/// Simulates the survey in `folder` and makes `pack` from it. Only the first station has its true pose. Leaves the survey, with all samples, the photographs, and
+/// Simulates the survey in `folder` and makes `pack` from it. Only the first station has its true pose. Leaves the survey (with all samples), the photographs and
 /// the reports beside the pack.
 pub(super) fn make(
     times: &mut Vec<(&'static str, Duration)>,
@@ -48,12 +48,12 @@ pub(super) fn make(
     let args = [&synth[..], &["--size", &size, "--pose-error", &error, "-o"]].concat();
     timed(times, "photograph", || run_kilwa(kilwa, &args, &[&pictures]))?;
     timed(times, "import", || run_kilwa(kilwa, &["scans", "import", "-o"], &[&survey, &scans]))?;
-    // The survey has every sample of the scans.
+    // The survey contains every sample of the scans.
     remove_all(&scans)?;
     timed(times, "mask mixed pixels", || run_kilwa(kilwa, &["scans", "mask", "--mixed"], &[&survey]))?;
     let args = ["register", "--fixed", "scan_001", "--report"];
     timed(times, "register", || run_kilwa(kilwa, &args, &[&registered, &survey]))?;
-    // Seen through by other stations: their poses have to be known.
+    // Needs the poses of the other stations.
     timed(times, "mask what moved", || run_kilwa(kilwa, &["scans", "mask", "--seen-through"], &[&survey]))?;
     timed(times, "merge", || {
         let mut command = command(&kilwa.to_string_lossy(), &["merge", "--fill", "coarser", "--json", "-o"])?;

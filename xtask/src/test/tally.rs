@@ -108,7 +108,7 @@ fn node_count(line: &str) -> Option<(&str, u64)> {
     Some((word, count.parse().ok()?)).filter(|_| is_known)
 }
 
-/// `1 failed, 3 passed, 2 warnings, 1 error` in pytest's closing line: `=== 1 failed, 3 passed in 61.20s (0:01:01) ===`, which has no frame
+/// `1 failed, 3 passed, 2 warnings, 1 error` in pytest's summary line: `=== 1 failed, 3 passed in 61.20s (0:01:01) ===`, which has no frame
 /// with `--quiet`.
 fn pytest_counts(line: &str) -> Option<&str> {
     let is_word = |word: &str| {

@@ -1,0 +1,10 @@
+//! See `bodies::tiles_in_folder`.
+#![no_main]
+
+#[path = "../bodies.rs"]
+#[allow(dead_code, reason = "each target uses one body")]
+mod bodies;
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+    let _ = bodies::tiles_in_folder(bytes);
+});
