@@ -6,8 +6,12 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 
-from conftest import Collection, path_with_source, until, wrapper
+import pytest
+from conftest import Collection, gated, open_gate, path_with_source, started, until, wrapper
 from distributed import LocalCluster
 
 
@@ -59,25 +63,65 @@ def test_two_drivers_at_once_build_each_mesh_once(collection: Collection) -> Non
     assert collection.strays() == []
 
 
+OTHER = 'if [ "$1" = --version ] && [ -n "$OTHER" ]; then echo kilwa 9.9.9; exit; fi\n'
+
+
+@contextmanager
+def scheduler() -> Iterator[tuple[str, Callable[..., None]]]:
+    """Run a scheduler; yield its address and what starts a worker, a process of its own with variables of its own."""
+    cluster = LocalCluster(n_workers=0, threads_per_worker=1, memory_limit=0, host="127.0.0.1", dashboard_address="127.0.0.1:0")
+    command = [sys.executable, "-m", "distributed.cli.dask_worker", cluster.scheduler_address, "--nthreads", "1"]
+    workers: list[subprocess.Popen[bytes]] = []
+
+    def start_worker(folder: Path, **variables: str) -> None:
+        environment = {**os.environ, "PYTHONPATH": path_with_source(), **variables}
+        workers.append(subprocess.Popen([*command, "--no-dashboard"], env=environment, cwd=folder, stderr=subprocess.DEVNULL))
+
+    try:
+        yield cluster.scheduler_address, start_worker
+    finally:
+        for worker in workers:
+            worker.terminate()
+        for worker in workers:
+            worker.wait()
+        cluster.close()
+
+
 def test_another_version_on_a_worker_is_refused(collection: Collection) -> None:
     """The message names both versions, and nothing is built."""
     collection.make(1)
-    other = 'if [ "$1" = --version ] && [ -n "$OTHER" ]; then echo kilwa 9.9.9; exit; fi\n'
-    kilwa = wrapper(collection.root / "kilwa", f'{other}exec "{collection.kilwa}" "$@"\n')
-    # The worker is a process of its own, so that only it has the variable.
-    cluster = LocalCluster(n_workers=0, threads_per_worker=1, memory_limit=0, host="127.0.0.1", dashboard_address="127.0.0.1:0")
-    environment = {**os.environ, "OTHER": "1", "PYTHONPATH": path_with_source()}
-    command = [sys.executable, "-m", "distributed.cli.dask_worker", cluster.scheduler_address, "--nthreads", "1"]
-    worker = subprocess.Popen([*command, "--no-dashboard"], env=environment, cwd=collection.root, stderr=subprocess.DEVNULL)
-    try:
-        text = collection.run("--scheduler", cluster.scheduler_address, code=1, kilwa=kilwa)
-    finally:
-        worker.terminate()
-        worker.wait()
-        cluster.close()
+    kilwa = wrapper(collection.root / "kilwa", f'{OTHER}exec "{collection.kilwa}" "$@"\n')
+    with scheduler() as (address, start_worker):
+        start_worker(collection.root, OTHER="1")
+        text = collection.run("--scheduler", address, code=1, kilwa=kilwa)
     assert "has kilwa 9.9.9, and this computer has kilwa 0." in text
     assert collection.packs() == {}
     assert collection.strays() == []
+
+
+@pytest.mark.parametrize("late", ["with another version", "without kilwa-dask"])
+def test_a_worker_that_joins_later_and_cannot_take_part_stops_the_run(collection: Collection, late: str) -> None:
+    """No mesh is reported as failed, and the same command goes on without that worker."""
+    names = collection.make(8)
+    gate = Path(gated(collection))
+    kilwa = wrapper(collection.root / "kilwa", f'{OTHER}exec "{gate}" "$@"\n')
+    with scheduler() as (address, start_worker):
+        start_worker(collection.root)
+        driver = collection.start("--scheduler", address, kilwa=kilwa)
+        until(lambda: started(collection) == 1, "a build runs")
+        if late == "with another version":
+            start_worker(collection.root, OTHER="1")
+        else:
+            start_worker(collection.root, PYTHONPATH=os.environ.get("PYTHONPATH", ""))
+        text = collection.end(driver, code=1)
+    expected = "has kilwa 9.9.9, and this computer has" if late == "with another version" else "cannot load kilwa-dask"
+    assert expected in text
+    assert "FAILED" not in text
+    assert collection.packs() == {}
+    assert collection.strays() == []
+    open_gate(collection)
+    collection.run(kilwa=kilwa)
+    assert collection.packs() == collection.plain(names)
 
 
 def test_objects_are_published_once(collection: Collection) -> None:

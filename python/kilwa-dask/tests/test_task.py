@@ -6,17 +6,17 @@ import errno
 import os
 import uuid
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from conftest import Collection
+from conftest import Collection, wrapper
 
 from kilwa_dask import collection as meshes_of
-from kilwa_dask import program
-from kilwa_dask.collection import UsageError
-from kilwa_dask.files import Busy, locked, write_whole
-from kilwa_dask.manifest import Manifest
-from kilwa_dask.task import Outcome, Plan, announced, mesh_id, sweep, work_on
+from kilwa_dask import files, program, task
+from kilwa_dask.files import Busy, locked, sha256, write_whole
+from kilwa_dask.manifest import Manifest, key_of
+from kilwa_dask.task import Outcome, Plan, WorkerRefused, announced, mesh_id, sweep, work_on
 
 
 @pytest.fixture
@@ -33,6 +33,15 @@ def work(collection: Collection, plan: Plan) -> Outcome:
     """Work on the only mesh of a collection."""
     (mesh,) = meshes_of.find(str(collection.meshes), None, collection.out)
     return work_on(mesh, plan)
+
+
+def wall(collection: Collection) -> Path:
+    """Make an OBJ file of one triangle; return its material file."""
+    collection.meshes.mkdir()
+    (collection.meshes / "wall.obj").write_text("mtllib wall.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n")
+    material = collection.meshes / "wall.mtl"
+    material.write_text("newmtl a\nKd 1 0 0\n")
+    return material
 
 
 def test_what_changed_is_built_again_and_nothing_else(collection: Collection, plan: Plan) -> None:
@@ -59,11 +68,7 @@ def test_what_changed_is_built_again_and_nothing_else(collection: Collection, pl
 
 def test_a_change_of_a_material_builds_the_mesh_again(collection: Collection, plan: Plan) -> None:
     """The materials of an OBJ file are files of their own."""
-    collection.meshes.mkdir()
-    triangle = "v 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n"
-    (collection.meshes / "wall.obj").write_text("mtllib wall.mtl\n" + triangle)
-    material = collection.meshes / "wall.mtl"
-    material.write_text("newmtl a\nKd 1 0 0\n")
+    material = wall(collection)
     first = work(collection, plan)
     assert (first.state, first.triangles) == ("built", 1), first.message
     assert work(collection, plan).state == "already done"
@@ -71,6 +76,99 @@ def test_a_change_of_a_material_builds_the_mesh_again(collection: Collection, pl
     second = work(collection, plan)
     assert second.state == "built"
     assert second.pack_sha256 != first.pack_sha256
+
+
+def test_what_runs_write_beside_a_mesh_does_not_build_it_again(collection: Collection, plan: Plan) -> None:
+    """The output, the store and the report, if they lie below the folder of an OBJ file."""
+    wall(collection)
+    below = {name: str(collection.meshes / name) for name in ("out", "store", "report.json")}
+    inside = replace(plan, run=uuid.uuid4().hex, output=below["out"], publish=below["store"], report=below["report.json"])
+    unpublished = replace(inside, publish=None)
+    (mesh,) = meshes_of.find(str(collection.meshes), None, Path(inside.output))
+    with announced(inside):
+        assert work_on(mesh, unpublished).state == "built"
+        found = meshes_of.companions(Path(mesh.path), inside.written())
+        for name in ("out/notes", "store/wall/page.html", "report.json"):
+            path = collection.meshes / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text("x")
+        assert meshes_of.companions(Path(mesh.path), inside.written()) == found == [collection.meshes / "wall.mtl"]
+        (collection.meshes / "store/wall/page.html").unlink()
+        assert work_on(mesh, unpublished).state == "already done"
+    assert sweep(Path(inside.output))
+
+
+def test_a_companion_is_read_once_for_all_meshes(collection: Collection, plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And again when it changed."""
+    material = wall(collection)
+    (collection.meshes / "door.obj").write_text((collection.meshes / "wall.obj").read_text())
+    read: list[str] = []
+
+    def counted(path: Path) -> str:
+        read.append(path.name)
+        return sha256(path)
+
+    monkeypatch.setattr(files, "sha256", counted)
+    meshes = meshes_of.find(str(collection.meshes), None, collection.out)
+    assert [work_on(mesh, plan).state for mesh in meshes] == ["built", "built"]
+    assert read.count("wall.mtl") == 1
+    material.write_text("newmtl a\nKd 0 0 1\n")
+    assert [work_on(mesh, plan).state for mesh in meshes] == ["built", "built"]
+    assert read.count("wall.mtl") == 2
+
+
+def test_a_change_of_a_matrix_beside_a_mesh_builds_it_again(collection: Collection, plan: Plan) -> None:
+    """With `--transform auto` only."""
+    (name,) = collection.make(1)
+    matrix = (collection.meshes / name).with_suffix(".xf")
+    matrix.write_text("1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n")
+    auto = replace(plan, options=("--transform", "auto"))
+    first = work(collection, auto)
+    assert first.state == "built", first.message
+    assert work(collection, auto).state == "already done"
+    matrix.write_text("1 0 0 5\n0 1 0 0\n0 0 1 0\n0 0 0 1\n")
+    second = work(collection, auto)
+    assert second.state == "built"
+    assert second.pack_sha256 != first.pack_sha256
+    assert work(collection, plan).state == "built"
+    matrix.unlink()
+    assert work(collection, plan).state == "already done"
+
+
+@pytest.mark.parametrize("changed", ["wall.obj", "wall.mtl"])
+@pytest.mark.parametrize("when", ["between checksum and build", "in the build"])
+def test_a_change_while_it_is_built_is_reported(
+    collection: Collection, plan: Plan, changed: str, when: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of the mesh or of a file beside it; the pack gets no name."""
+    wall(collection)
+    path = collection.meshes / changed
+    if when == "in the build":
+        script = f'if [ "$1" = build ]; then echo "# x" >> "{path}"; fi\nexec "{collection.kilwa}" "$@"\n'
+        plan = replace(plan, program=wrapper(collection.root / "kilwa", script))
+    else:
+
+        def changing(**parts: object) -> str:
+            with path.open("a") as file:
+                file.write("# x\n")
+            return key_of(**parts)
+
+        monkeypatch.setattr(task, "key_of", changing)
+    outcome = work(collection, plan)
+    assert (outcome.state, outcome.stage) == ("failed", "place")
+    assert f"changed while the pack was built: {path}" in str(outcome.message)
+    assert collection.packs() == {}
+    monkeypatch.undo()
+    assert work(collection, replace(plan, program=collection.kilwa)).state == "built"
+
+
+def test_a_worker_that_cannot_take_part_says_nothing_about_the_mesh(collection: Collection, plan: Plan) -> None:
+    """It has another version, or does not see the output."""
+    collection.make(1)
+    with pytest.raises(WorkerRefused, match=r"and this computer has kilwa 9\.9\.9"):
+        work(collection, replace(plan, version="kilwa 9.9.9"))
+    with pytest.raises(WorkerRefused, match="all machines need the same shared folder"):
+        work(collection, replace(plan, output=str(collection.root / "elsewhere")))
 
 
 def test_a_pack_of_somebody_else_is_not_replaced(collection: Collection, plan: Plan) -> None:
@@ -126,25 +224,3 @@ def test_a_text_appears_whole_or_not_at_all(tmp_path: Path) -> None:
 def test_names_give_different_ids() -> None:
     """Also if only signs differ that are not kept."""
     assert len({mesh_id(name) for name in ("a/b", "a_b", "a b", "x" * 300 + "/b")}) == 4
-
-
-def test_meshes_are_found_and_named(tmp_path: Path) -> None:
-    """By folder and by pattern; not hidden ones, not those of the output."""
-    for name in ("a.ply", "b.STL", "notes.txt", ".hidden.ply", "sub/c.obj", "out/d.ply"):
-        path = tmp_path / name
-        path.parent.mkdir(exist_ok=True)
-        path.write_text("x")
-    out = tmp_path / "out"
-
-    def names(source: str) -> list[str]:
-        return [mesh.name for mesh in meshes_of.find(source, None, out)]
-
-    assert names(str(tmp_path)) == ["a", "b", "sub/c"]
-    assert names(f"{tmp_path}/*.ply") == ["a"]
-    assert names(f"{tmp_path}/s*/*.obj") == ["sub/c"]
-    assert names(f"{tmp_path}/a.ply") == ["a"]
-    (mesh,) = meshes_of.find(f"{tmp_path}/s*/*", "/m/*.toml", out)
-    assert mesh.metadata == "/m/sub/c.toml"
-    (tmp_path / "a.obj").write_text("x")
-    with pytest.raises(UsageError, match=r"would both become a\.kilwa"):
-        names(str(tmp_path))

@@ -18,6 +18,7 @@ from kilwa_dask.cli import main
         (["--hosts", "a,b"], "--hosts is for --cluster ssh"),
         (["--", "--output", "x"], "--output cannot stand after --"),
         (["--", "--threads=2"], "--threads=2 cannot stand after --"),
+        (["--", "-opack.kilwa"], "-opack.kilwa cannot stand after --"),
     ],
 )
 def test_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], message: str) -> None:

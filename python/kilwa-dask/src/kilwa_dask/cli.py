@@ -17,8 +17,8 @@ from typing import NoReturn
 from kilwa_dask import __version__, clusters, collection, program, report
 from kilwa_dask.clusters import Choice, ClusterFailed
 from kilwa_dask.collection import Mesh, UsageError
-from kilwa_dask.drive import WorkerRefused, check_workers, drive
-from kilwa_dask.task import Outcome, Plan, announced, sweep
+from kilwa_dask.drive import check_workers, drive
+from kilwa_dask.task import Outcome, Plan, WorkerRefused, announced, sweep
 
 # Options of `kilwa build` that kilwa-dask sets itself or that a collection cannot have.
 _OWN_OPTIONS = ("-o", "--output", "--json", "--force", "--resume", "--scratch", "--threads", "--memory", "--verbose", "--title")
@@ -107,7 +107,8 @@ def _terminable() -> Iterator[None]:
 
 def _build_all(options: argparse.Namespace, build_options: list[str]) -> int:
     for option in build_options:
-        if option.split("=")[0] in _OWN_OPTIONS:
+        # -o may have its value attached.
+        if option.split("=")[0] in _OWN_OPTIONS or option.startswith("-o"):
             raise UsageError(f"{option} cannot stand after --: kilwa-dask sets it, or it cannot hold for every mesh")
     if options.publish is not None and options.metadata is None:
         raise UsageError("--publish needs --metadata: a model is published with what is known about it")
@@ -153,11 +154,25 @@ def _plan(options: argparse.Namespace, build_options: list[str], output: Path) -
         output=str(output),
         program=asked,
         version=program.version(asked),
-        options=tuple(os.path.abspath(option) if os.path.isfile(option) else option for option in build_options),
+        options=tuple(_absolute(build_options)),
         resources=tuple(resources),
         publish=to,
         publish_options=("--version-note", options.version_note) if options.version_note else (),
+        report=os.path.abspath(options.json) if options.json else None,
     )
+
+
+def _absolute(build_options: list[str]) -> Iterator[str]:
+    """Yield the options with absolute names of files, and apart from the option that names them: tasks look for files."""
+    for option in build_options:
+        name, _, value = option.partition("=")
+        # `--transform auto` means the matrix beside each mesh, even if there is a file of that name.
+        if option == "auto":
+            yield option
+        elif option.startswith("--") and (value == "auto" or os.path.isfile(value)):
+            yield from (name, value if value == "auto" else os.path.abspath(value))
+        else:
+            yield os.path.abspath(option) if os.path.isfile(option) else option
 
 
 def _memory_mib() -> int:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import glob
 import os
-from collections.abc import Iterator
+import sys
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NoReturn
 
-EXTENSIONS = frozenset({".ply", ".obj", ".stl", ".gltf", ".glb"})
+EXTENSIONS = frozenset({".ply", ".obj", ".stl", ".gltf", ".glb", ".nxs", ".nxz"})
 # Formats that may name further files: materials, pictures, buffers.
 WITH_COMPANIONS = frozenset({".obj", ".gltf", ".glb"})
 
@@ -32,11 +34,12 @@ class Mesh:
 def find(source: str, metadata: str | None, output: Path) -> list[Mesh]:
     """List the meshes of a folder (with its subfolders) or of a pattern such as 'scans/*.ply', sorted by name.
 
-    Hidden files and folders and the output folder are left out. `metadata` is a folder, in which the file of NAME is
-    NAME.toml, or a pattern whose `*` stands for NAME. Raises `UsageError` if there are no meshes, or if two would
-    become the same pack.
+    Hidden files and folders and the output folder are left out. Links to folders are followed only where a pattern leads
+    through them; below a folder they are named on standard error. `metadata` is a folder, in which the file of NAME is
+    NAME.toml, or a pattern whose `*` stands for NAME. Raises `UsageError` if there are no meshes, if two would become the
+    same pack, if one is a tileset, or if a folder cannot be read.
     """
-    base, paths = _paths(source)
+    base, paths = _paths(source, output)
     meshes: dict[str, Mesh] = {}
     for path in paths:
         if output in path.parents:
@@ -51,26 +54,72 @@ def find(source: str, metadata: str | None, output: Path) -> list[Mesh]:
     return [meshes[name] for name in sorted(meshes)]
 
 
-def _paths(source: str) -> tuple[Path, list[Path]]:
+def _paths(source: str, output: Path) -> tuple[Path, list[Path]]:
     folder = Path(source)
     if folder.is_dir():
         base = folder.resolve()
-        return base, sorted(_walk(base))
+        return base, sorted(_meshes_below(base, output))
     if glob.has_magic(source):
         before = source[: min(source.find(sign) for sign in "*?[" if sign in source)]
-        base = Path(before if before.endswith("/") else os.path.dirname(before)).resolve()
-        # The folder's own name may be a link; names below it are kept as they are.
-        found = (base / os.path.relpath(text, start=base) for text in glob.glob(source, recursive=True))
-        return base, sorted({path for path in found if _is_mesh(path)})
+        start = Path(before if before.endswith("/") else os.path.dirname(before))
+        base = start.resolve()
+        # The way to the folder may lead through links; names below it are kept as they are.
+        relative = [Path(text).relative_to(start) for text in glob.glob(source, recursive=True)]
+        if any(".." in path.parts for path in relative):
+            raise UsageError(f"{source}: .. cannot stand after a sign such as *, because packs are named after what is there")
+        found = {base / path for path in relative}
+        _refuse_tilesets(path.parent for path in found)
+        return base, sorted(path for path in found if _is_mesh(path))
     if folder.is_file():
-        return folder.parent.resolve(), [folder.parent.resolve() / folder.name]
+        base = folder.parent.resolve()
+        _refuse_tilesets([base])
+        return base, [base / folder.name]
     raise UsageError(f"{source}: there is no such folder, and it is not a pattern such as 'scans/*.ply'")
 
 
-def _walk(base: Path) -> Iterator[Path]:
-    for folder, subfolders, files in os.walk(base):
-        subfolders[:] = sorted(name for name in subfolders if not name.startswith("."))
-        yield from (path for name in files if _is_mesh(path := Path(folder, name)))
+def _meshes_below(base: Path, output: Path) -> Iterator[Path]:
+    skipped: list[Path] = []
+    try:
+        for folder, files in _walk(base, [output], skipped):
+            _refuse_tilesets([folder])
+            yield from (path for name in files if _is_mesh(path := folder / name))
+    except OSError as error:
+        raise UsageError(f"cannot read the folder {error.filename}: {error.strerror}") from error
+    for link in skipped:
+        print(f"kilwa-dask: {link} is skipped: links to folders are not followed", file=sys.stderr)
+
+
+def _walk(base: Path, without: Sequence[Path], skipped: list[Path] | None = None) -> Iterator[tuple[Path, list[str]]]:
+    """Yield each folder from `base` on with the names of its files; hidden folders and those of `without` are left out.
+
+    Links to folders are added to `skipped`. If that is None, they are followed, except to a folder that is on the way to
+    the link. Raises `OSError` if a folder cannot be read.
+    """
+
+    def refuse(error: OSError) -> NoReturn:
+        raise error
+
+    for text, subfolders, files in os.walk(base, onerror=refuse, followlinks=True):
+        folder = Path(text)
+        entered = []
+        for path in (folder / name for name in sorted(subfolders) if not name.startswith(".")):
+            real = path.resolve()
+            if real in without:
+                continue
+            if not path.is_symlink() or (skipped is None and real not in {above.resolve() for above in path.parents}):
+                entered.append(path.name)
+            elif skipped is not None:
+                skipped.append(path)
+        subfolders[:] = entered
+        yield folder, [name for name in files if not name.startswith(".")]
+
+
+def _refuse_tilesets(searched: Iterable[Path]) -> None:
+    """Raise `UsageError` if a folder is part of a tileset: its tiles are one surface in several levels of detail."""
+    for folder in sorted({above for path in searched for above in (path, *path.parents)}):
+        if (folder / "tileset.json").is_file():
+            advice = f"build it alone: kilwa build {folder / 'tileset.json'} --output {folder.name}.kilwa"
+            raise UsageError(f"{folder} is one tileset of 3D Tiles, not a folder of meshes; move it elsewhere and {advice}")
 
 
 def _is_mesh(path: Path) -> bool:
@@ -85,17 +134,16 @@ def _metadata(pattern: str | None, name: str) -> str | None:
     return os.path.abspath(os.path.join(pattern, name + ".toml"))
 
 
-def companions(path: Path) -> list[Path]:
+def companions(path: Path, without: Sequence[Path]) -> list[Path]:
     """List the files that a mesh may name: all files but meshes in its folder and below it, hidden ones excepted.
 
-    Which of them it really names only kilwa knows. A change of any of them builds the mesh anew.
+    Which of them it really names only kilwa knows. A change of any of them builds the mesh anew, so `without` are the files
+    and folders that runs themselves write, as real paths. Raises `OSError` if a folder cannot be read.
     """
     if path.suffix.lower() not in WITH_COMPANIONS:
         return []
-    found: list[Path] = []
-    for folder, subfolders, files in os.walk(path.parent):
-        subfolders[:] = [name for name in subfolders if not name.startswith(".")]
-        candidates = (Path(folder, name) for name in files if not name.startswith("."))
-        ignored = EXTENSIONS | {".kilwa", ".toml"}
-        found += [file for file in candidates if file.suffix.lower() not in ignored and file.is_file()]
-    return sorted(file for file in found if not file.name.endswith(".kilwa.json"))
+    ignored = EXTENSIONS | {".kilwa", ".toml"}
+    found = (folder / name for folder, names in _walk(path.parent, without) for name in names)
+    wanted = (file for file in found if file.suffix.lower() not in ignored and not file.name.endswith(".kilwa.json"))
+    names_without = {written.name for written in without}
+    return sorted(file for file in wanted if not (file.name in names_without and file.resolve() in without) and file.is_file())

@@ -13,14 +13,10 @@ from distributed.scheduler import KilledWorker
 
 from kilwa_dask import program, report
 from kilwa_dask.collection import Mesh
-from kilwa_dask.task import Outcome, Plan, refusal, survey, work_on
+from kilwa_dask.task import Outcome, Plan, WorkerRefused, refusal, survey, work_on
 
 # How often a task is repeated whose kilwa was ended by a signal. That of a worker that died is repeated by the scheduler.
 REPEATS = 2
-
-
-class WorkerRefused(Exception):
-    """A worker cannot take part; the text says which and why."""
 
 
 class Progress:
@@ -56,7 +52,7 @@ class Progress:
 def check_workers(client: Client, plan: Plan) -> None:
     """Wait for the first worker and refuse the run if one that is there cannot take part.
 
-    Each task looks again, because workers may join later. Raises `WorkerRefused`.
+    Each task looks again, because workers may join later (`drive`). Raises `WorkerRefused`.
     """
     client.wait_for_workers(1)
     found: dict[str, dict[str, object]] = client.run(survey, plan, on_error="return")
@@ -73,7 +69,8 @@ def check_workers(client: Client, plan: Plan) -> None:
 def drive(client: Client, meshes: Sequence[Mesh], plan: Plan, outcomes: list[Outcome]) -> None:
     """Have every mesh worked on, the largest first, and append what became of each to `outcomes`.
 
-    If it is interrupted (Ctrl-C), what is running is stopped on the workers before the exception goes on.
+    Raises `WorkerRefused` if a worker that joined later cannot take part: it would take every mesh from those that can. If
+    that happens or the run is interrupted (Ctrl-C), what is running is stopped on the workers before the exception goes on.
     """
     ordered = sorted(meshes, key=lambda mesh: (-mesh.bytes, mesh.name))
     # Keys are unlike those of other runs, which may use the same scheduler.
@@ -114,6 +111,10 @@ def _outcome(future: Any, mesh: Mesh) -> Outcome:
         message = "the scheduler gave it up; run the command again"
     else:
         error = future.exception()
+        if isinstance(error, WorkerRefused):
+            raise error
+        if isinstance(error, ImportError):
+            raise WorkerRefused(f"a worker that joined later cannot load kilwa-dask: {error}") from error
         message = f"{type(error).__name__}: {error}"
         if isinstance(error, KilledWorker):
             times = error.allowed_failures + 1

@@ -8,6 +8,7 @@ import os
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import lru_cache
 from pathlib import Path
 
 _PIECE = 1 << 20
@@ -20,6 +21,18 @@ def sha256(path: Path) -> str:
         while piece := file.read(_PIECE):
             digest.update(piece)
     return digest.hexdigest()
+
+
+def sha256_once(path: Path) -> str:
+    """Return the SHA-256 of a file that many meshes may share; it is read again only if its size or a time changed."""
+    stat = path.stat()
+    return _sha256_of(path, stat.st_size, stat.st_mtime_ns, stat.st_ctime_ns)
+
+
+@lru_cache(maxsize=100_000)
+def _sha256_of(path: Path, *state: int) -> str:
+    del state
+    return sha256(path)
 
 
 def sync_folder(folder: Path) -> None:

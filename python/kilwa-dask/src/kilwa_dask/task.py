@@ -19,7 +19,7 @@ import os
 import re
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
@@ -28,7 +28,7 @@ from typing import Any
 
 from kilwa_dask import __version__, manifest, program
 from kilwa_dask.collection import Mesh, companions
-from kilwa_dask.files import Busy, locked, sha256, sync_folder
+from kilwa_dask.files import Busy, locked, sha256, sha256_once, sync_folder
 from kilwa_dask.manifest import Manifest, key_of
 
 STATE = ".kilwa-dask"
@@ -51,6 +51,13 @@ class Plan:
     """Options of `kilwa build` that do not, such as --threads."""
     publish: str | None = None
     publish_options: tuple[str, ...] = ()
+    report: str | None = None
+    """The file that the driver writes at the end."""
+
+    def written(self) -> list[Path]:
+        """List the files and folders that runs write, as real paths."""
+        folders = [self.output, self.publish if self.publish is not None and "://" not in self.publish else None, self.report]
+        return [Path(path).resolve() for path in folders if path is not None]
 
 
 @dataclass(frozen=True)
@@ -72,6 +79,10 @@ class Outcome:
     """Earlier attempts at this mesh that broke off, in this run or before."""
     publication: dict[str, Any] | None = None
     worker: str = ""
+
+
+class WorkerRefused(Exception):
+    """A worker cannot take part; the text says which and why."""
 
 
 class StageFailed(Exception):
@@ -112,7 +123,8 @@ def refusal(plan: Plan, found: dict[str, object]) -> str | None:
 def work_on(mesh: Mesh, plan: Plan, wait: bool = True) -> Outcome:
     """Do what is not done yet for a mesh. Failures that trying again cannot help are outcomes, others are raised.
 
-    If somebody else works on it, wait for them, or return "busy" if `wait` is false.
+    Raises `WorkerRefused` before anything is done if this worker cannot take part; that says nothing about the mesh. If
+    somebody else works on it, wait for them, or return "busy" if `wait` is false.
     """
     attempt = _Attempt(mesh, plan)
     try:
@@ -150,7 +162,7 @@ class _Attempt:
         started = time.monotonic()
         refused = refusal(self.plan, survey(self.plan))
         if refused is not None:
-            raise StageFailed("check", refused)
+            raise WorkerRefused(refused)
         with locked(self.state_folder / f"{self.id}.lock", wait=wait) as lock:
             self.retries = sweep_attempts(self.state_folder, self.id)
             folder = self.state_folder / f"{self.id}.{self.retries + 1}"
@@ -166,42 +178,53 @@ class _Attempt:
 
     def _work_in(self, folder: Path, lock: int, started: float) -> None:
         earlier = manifest.read(self.manifest_path)
-        key = self._key()
+        beside, named = self._files_beside(), self._option_files()
+        before = _states([Path(self.mesh.path), *beside, *named])
+        key = self._key(beside, named)
         is_built = earlier is not None and earlier.key == key and earlier.describes(self.pack)
         self.seconds["check"] = round(time.monotonic() - started, 3)
         if is_built:
             self.manifest = earlier
         else:
-            self.manifest = self._build(folder, lock, key, replace_pack=earlier is not None)
+            self.manifest = self._build(folder, lock, key, before, replace_pack=earlier is not None)
             self.manifest.write(self.manifest_path, folder)
             self.state = "built"
         if self.plan.publish is not None and self.manifest is not None:
             self._publish(self.plan.publish, lock, folder, self.manifest)
 
-    def _key(self) -> str:
+    def _files_beside(self) -> list[Path]:
+        """List the files beside the mesh that may shape its pack: those that it may name, and its own matrix."""
+        path = Path(self.mesh.path)
+        found = companions(path, self.plan.written())
+        matrix = path.with_suffix(".xf")
+        has_own_matrix = "auto" in self.plan.options and matrix.is_file()
+        return sorted({*found, matrix}) if has_own_matrix else found
+
+    def _option_files(self) -> list[Path]:
+        return [Path(option) for option in self.plan.options if os.path.isabs(option) and os.path.isfile(option)]
+
+    def _key(self, beside: list[Path], named: list[Path]) -> str:
         """Return the key of the pack: the version, options and contents of everything that shapes it."""
         path = Path(self.mesh.path)
-        files = {file.relative_to(path.parent).as_posix(): sha256(file) for file in companions(path)}
-        named = {option: sha256(Path(option)) for option in self.plan.options if Path(option).is_file()}
         return key_of(
             version=self.plan.version,
             options=self.plan.options,
-            option_files=named,
+            option_files={str(file): sha256_once(file) for file in named},
             # The pack states the file's name, and the name says how the file is read.
             input=[path.name, sha256(path)],
-            companions=files,
+            companions={file.relative_to(path.parent).as_posix(): sha256_once(file) for file in beside},
         )
 
-    def _build(self, folder: Path, lock: int, key: str, *, replace_pack: bool) -> Manifest:
-        before = Path(self.mesh.path).stat()
+    def _build(self, folder: Path, lock: int, key: str, before: _States, *, replace_pack: bool) -> Manifest:
         pack = folder / self.pack.name
         options = [*self.plan.options, *self.plan.resources]
         built = self._run("build", ["build", self.mesh.path, "--output", str(pack), "--json", *options], lock)
         verified = self._run("verify", ["verify", str(pack), "--json"], lock)
         self.stage = "place"
-        after = Path(self.mesh.path).stat()
-        if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
-            raise StageFailed("place", f"{self.mesh.path} was changed while it was built; run the command again")
+        after = _states(before)
+        changed = [str(path) for path in before if before[path] != after[path]]
+        if changed:
+            raise StageFailed("place", f"changed while the pack was built: {', '.join(changed[:3])}; run the command again")
         digest = str(verified["sha256"])
         self.pack.parent.mkdir(parents=True, exist_ok=True)
         if self.pack.exists() and not replace_pack and sha256(self.pack) != digest:
@@ -214,7 +237,7 @@ class _Attempt:
             key=key,
             kilwa=self.plan.version,
             input=self.mesh.path,
-            input_bytes=after.st_size,
+            input_bytes=Path(self.mesh.path).stat().st_size,
             pack_bytes=self.pack.stat().st_size,
             pack_sha256=digest,
             triangles=int(built["triangles"]),
@@ -271,6 +294,21 @@ class _Attempt:
             publication=known.publication if known else None,
             worker=f"{program.host()}, process {os.getpid()}",
         )
+
+
+# Of each file its size and time of modification in nanoseconds; None if it is not there.
+_States = dict[Path, tuple[int, int] | None]
+
+
+def _states(paths: Iterable[Path]) -> _States:
+    states: _States = {}
+    for path in paths:
+        try:
+            stat = path.stat()
+            states[path] = (stat.st_size, stat.st_mtime_ns)
+        except FileNotFoundError:
+            states[path] = None
+    return states
 
 
 def _is_published(to: str, slug: str) -> bool:
