@@ -45,7 +45,7 @@ use super::texture::detail::Detail;
 use super::{Input, MeshSink, ReadError};
 use buffers::Buffers;
 use container::Container;
-use glam::DAffine3;
+use glam::{DAffine3, DVec3};
 use json::deserialize;
 use kilwa_pack::visible::visible;
 use material::Material;
@@ -98,10 +98,28 @@ const GLTF: &str = "glTF 2.0";
 
 /// Where a scene stands that is part of a larger whole.
 pub(super) struct Standing {
-    /// From the coordinates of the scene to those of the whole.
-    pub(super) transform: DAffine3,
+    /// From the coordinates of the tile, with z up, to those of the whole.
+    pub(super) root_from_tile: DAffine3,
+    /// Turns the scene so that z is up. `CESIUM_RTC`, which is given with z up, comes behind it.
+    pub(super) tile_from_scene: DAffine3,
     /// Finds what the file names.
     pub(super) companions: Companions,
+}
+
+impl Standing {
+    /// From the coordinates of the scene to those of the whole, for positions that are relative to a centre.
+    fn transform(&self, center: Option<DVec3>) -> Transform {
+        let tile_from_centered = center.map_or(DAffine3::IDENTITY, DAffine3::from_translation);
+        Transform::new(self.root_from_tile * tile_from_centered * self.tile_from_scene)
+    }
+}
+
+/// What was delivered of a scene that is part of a larger whole.
+pub(super) struct Stood {
+    /// May be 0.
+    pub(super) triangles: u64,
+    /// Where the origins of its meshes are in the whole.
+    pub(super) origins: Vec<DVec3>,
 }
 
 impl Context<'_> {
@@ -154,14 +172,15 @@ pub fn note_detail(input: Input<'_>, detail: &Detail) -> Result<(), ReadError> {
 fn deliver(input: Input<'_>, sink: &mut dyn MeshSink, detailing: Option<Detailing<'_>>) -> Result<(), ReadError> {
     let path = input.path;
     let companions = Companions::of(path, input.options);
-    let delivered = deliver_at(input, sink, detailing, (None, &companions))?;
+    let delivered =
+        deliver_at(input, sink, detailing, &companions, |center| center.map(Transform::relative_to_center))?;
     if delivered.triangles > 0 || detailing.is_some_and(|d| d.notes) {
         return Ok(());
     }
-    let found = match (delivered.meshes, delivered.placed) {
+    let found = match (delivered.meshes, delivered.origins.as_slice()) {
         (0, _) => "it has no meshes".to_owned(),
-        (1, 0) => "its mesh is not in the scene".to_owned(),
-        (n, 0) => format!("none of its {n} meshes is in the scene"),
+        (1, []) => "its mesh is not in the scene".to_owned(),
+        (n, []) => format!("none of its {n} meshes is in the scene"),
         _ => "its meshes are points, lines or empty".to_owned(),
     };
     Err(ReadError::NoTriangles {
@@ -171,7 +190,7 @@ fn deliver(input: Input<'_>, sink: &mut dyn MeshSink, detailing: Option<Detailin
     })
 }
 
-/// Deliver a scene that is part of a larger whole; the number of its triangles, which may be 0.
+/// Deliver a scene that is part of a larger whole.
 ///
 /// # Errors
 /// As [`read`].
@@ -180,9 +199,10 @@ pub(super) fn deliver_standing(
     sink: &mut dyn MeshSink,
     detailing: Option<Detailing<'_>>,
     standing: &Standing,
-) -> Result<u64, ReadError> {
-    let transform = Some(Transform::new(standing.transform));
-    Ok(deliver_at(input, sink, detailing, (transform, &standing.companions))?.triangles)
+) -> Result<Stood, ReadError> {
+    let outer = |center| Some(standing.transform(center));
+    let Delivered { triangles, origins, .. } = deliver_at(input, sink, detailing, &standing.companions, outer)?;
+    Ok(Stood { triangles, origins })
 }
 
 /// JSON of another format that has glTF files in it. The caller has checked that there is memory for it.
@@ -202,15 +222,17 @@ pub(super) fn json_of<T: DeserializeOwned>(
 struct Delivered {
     triangles: u64,
     meshes: usize,
-    /// Meshes in the scene.
-    placed: usize,
+    /// Where the meshes in the scene stand.
+    origins: Vec<DVec3>,
 }
 
+/// Deliver a scene; `outer` is what its nodes are moved by, given the centre of `CESIUM_RTC`.
 fn deliver_at(
     input: Input<'_>,
     sink: &mut dyn MeshSink,
     detailing: Option<Detailing<'_>>,
-    (outer, companions): (Option<Transform>, &Companions),
+    companions: &Companions,
+    outer: impl FnOnce(Option<DVec3>) -> Option<Transform>,
 ) -> Result<Delivered, ReadError> {
     let Input { path, total, source, progress, options } = input;
     let context = Context { path, companions, format: GLTF };
@@ -221,8 +243,7 @@ fn deliver_at(
     diagnostics.add_many("bytes behind the end that the header of the GLB gives left out", trailing);
     diagnostics.add_many("animations left out; the rest pose is taken", root.animations.len() as u64);
     let mut placed = scene::placed(&root, diagnostics, &context)?;
-    let center = root.extensions.rtc.as_ref().map(|rtc| Transform::relative_to_center(rtc.center.into()));
-    for outer in [center, outer].iter().flatten() {
+    if let Some(outer) = outer(root.extensions.rtc.as_ref().map(|rtc| rtc.center.into())) {
         for place in &mut placed {
             place.transform = outer.after(&place.transform);
         }
@@ -247,7 +268,8 @@ fn deliver_at(
     }
     delivery.count_pictures();
     delivery.buffers.finish();
-    Ok(Delivered { triangles: delivery.triangles(), meshes: root.meshes.len(), placed: placed.len() })
+    let origins = placed.iter().map(|place| place.transform.point(DVec3::ZERO)).collect();
+    Ok(Delivered { triangles: delivery.triangles(), meshes: root.meshes.len(), origins })
 }
 
 /// Refuse pictures that lie outside of the folder. Those that are missing are left out when they are needed.

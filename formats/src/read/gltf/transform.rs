@@ -36,7 +36,7 @@ impl Transform {
         Self { parent_from_node }
     }
 
-    /// Of a scene whose positions are relative to a centre (`CESIUM_RTC`), which is given with z up.
+    /// Of a scene with y up whose positions are relative to a centre (`CESIUM_RTC`), which is given with z up.
     pub(super) fn relative_to_center(center: DVec3) -> Self {
         Self::new(DAffine3::from_translation(DVec3::new(center.x, center.z, -center.y)))
     }

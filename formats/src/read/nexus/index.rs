@@ -73,7 +73,7 @@ pub(super) struct Node {
     pub(super) bytes: Range<u64>,
     pub(super) vertices: u32,
     pub(super) triangles: u32,
-    /// The triangles that are needed.
+    /// The triangles that are needed, those with the same picture behind each other.
     pub(super) parts: Vec<Part>,
 }
 
@@ -268,6 +268,7 @@ impl Patches<'_, '_> {
             let found = format!("patches for {start} triangles of a node");
             return Err(damaged(found, &format!("patches for all {} of them", entry.triangles)));
         }
+        parts.sort_by_key(|(_, texture)| *texture);
         Ok(parts)
     }
 }

@@ -13,7 +13,8 @@
 //! nodes in files of their own, clouds of points, other versions; with the byte: places outside of the file, counts and
 //! indices that do not agree, streams that do not decode.
 //!
-//! Memory: the index, one node (at most 65535 vertices and triangles), pictures.
+//! Memory: the index, one node (at most 65535 vertices and triangles), pictures. An index beyond the memory and a compressed node beyond all
+//! measure are refused.
 
 mod bytes;
 mod corto;
@@ -38,6 +39,10 @@ const MAGIC: &[u8] = b" sxN";
 const NONE: u64 = u64::MAX;
 /// Bytes after which progress is reported.
 const REPORTED: u64 = 1 << 20;
+/// Bytes of a compressed node at the most. It has up to 65535 vertices and triangles, and a few hundred bytes for each would be far too many.
+const MAX_COMPRESSED: u64 = 64 << 20;
+/// Bytes that a byte of the index takes in memory, about, with the index itself.
+const INDEX_SHARE: u64 = 8;
 /// Diagnostic: the header and the nodes disagree.
 const OTHER_COUNT: &str = "headers that count other triangles than the nodes have; the nodes count";
 
@@ -69,6 +74,16 @@ pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> 
         let found = format!("{total} bytes in all");
         let expected = format!("{end} for the header and {}; the file is truncated or damaged", header.counts());
         return Err(Cursor::new(&[], total).fault(found, expected).in_file(path));
+    }
+    let needed = INDEX_SHARE * header.index_bytes();
+    if needed > options.document {
+        let what = format!(
+            "its index of {} may take {} MiB of memory, and {} MiB are allowed; give a larger --memory",
+            header.counts(),
+            needed.div_ceil(1 << 20),
+            options.document >> 20
+        );
+        return Err(ReadError::TooLarge { file: path.to_owned(), what });
     }
     let bytes = file.bytes(index::HEADER as u64..end)?;
     let index = Index::parse(&header, &bytes, total).map_err(|fault| fault.in_file(path))?;
@@ -174,7 +189,7 @@ struct Delivery<'a, 's> {
 impl Delivery<'_, '_> {
     /// Deliver what the finest level needs of a node.
     fn node(&mut self, node: &Node, coding: Coding) -> Result<(), ReadError> {
-        let bytes = self.file.bytes(node.bytes.clone())?;
+        let bytes = self.file.bytes(self.needed(node, coding)?)?;
         let mut from = Cursor::new(&bytes, node.bytes.start);
         let piece = match coding {
             Coding::Plain(layout) => Piece::plain(&mut from, layout, node),
@@ -182,24 +197,46 @@ impl Delivery<'_, '_> {
         };
         let piece = piece.and_then(|piece| piece.checked(node.number, node.bytes.start));
         let piece = piece.map_err(|fault| fault.in_file(self.file.path))?;
-        // Neighbouring parts with the same picture share their vertices.
+        // Parts with the same picture share their vertices.
+        let mut numbers = vec![NONE; piece.positions.len()];
         for parts in node.parts.chunk_by(|a, b| a.1 == b.1) {
             let triangles = parts.iter().flat_map(|(range, _)| &piece.triangles[range.clone()]);
             let texture = parts.first().and_then(|(_, texture)| *texture);
-            self.part(&piece, triangles.copied(), texture)?;
+            self.part(&piece, triangles.copied(), texture, &mut numbers)?;
         }
         Ok(())
     }
 
-    /// Deliver triangles of a node under one picture, with the vertices that they use.
+    /// The bytes of a node that are read.
+    fn needed(&self, node: &Node, coding: Coding) -> Result<Range<u64>, ReadError> {
+        let Range { start, end } = node.bytes;
+        match coding {
+            Coding::Plain(layout) => {
+                let length = u64::from(node.vertices) * layout.vertex_bytes as u64 + 6 * u64::from(node.triangles);
+                Ok(start..end.min(start + length))
+            }
+            Coding::Corto if end - start > MAX_COMPRESSED => {
+                let what = format!(
+                    "the compressed node {} has {} bytes; at most {MAX_COMPRESSED} are read, which is more than it can need",
+                    node.number,
+                    end - start
+                );
+                Err(ReadError::TooLarge { file: self.file.path.to_owned(), what })
+            }
+            Coding::Corto => Ok(start..end),
+        }
+    }
+
+    /// Deliver triangles of a node under one picture, with the vertices that they use. `numbers` is [`NONE`] for each vertex, and is so again
+    /// afterwards.
     fn part(
         &mut self,
         piece: &Piece,
         triangles: impl Iterator<Item = [u32; 3]>,
         texture: Option<usize>,
+        numbers: &mut [u64],
     ) -> Result<(), ReadError> {
         let first = self.sink.vertex_count();
-        let mut numbers = vec![NONE; piece.positions.len()];
         let mut used: Vec<usize> = Vec::new();
         let mut number = |v: u32| {
             let known = &mut numbers[v as usize];
@@ -210,6 +247,9 @@ impl Delivery<'_, '_> {
             *known
         };
         let triangles: Vec<[u64; 3]> = triangles.map(|t| t.map(&mut number)).collect();
+        for &v in &used {
+            numbers[v] = NONE;
+        }
         let positions: Vec<DVec3> = used.iter().map(|&v| piece.positions[v]).collect();
         let normals: Vec<Vec3> = used.iter().filter_map(|&v| piece.normals.get(v).copied()).collect();
         let own = || used.iter().filter_map(|&v| piece.colors.get(v).copied()).collect();

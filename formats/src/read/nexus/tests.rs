@@ -1,11 +1,12 @@
 //! What the Nexus reader delivers and refuses, on files that are made here without compression.
 
-use super::super::{ReadError, read_mesh_from};
+use super::super::{MemorySink, ReadError, ReadOptions, read_into_with, read_mesh_from};
 use super::corto;
 use super::{Cursor, OTHER_COUNT};
 use crate::RawMesh;
 use glam::DVec3;
 use proptest::prelude::*;
+use std::io::{Read, Seek, SeekFrom};
 use std::path::Path;
 
 fn read(bytes: &[u8]) -> Result<RawMesh, ReadError> {
@@ -223,6 +224,84 @@ fn a_picture_gives_vertices_their_colours_from_the_bottom_up() {
     assert!(mesh.colors.contains(&[9, 8, 7]) && mesh.diagnostics.iter().any(|(kind, ..)| kind.contains("pictures")));
     node.patches[0][2] = 1;
     assert!(refusal(&file(&[node], &[png.get_ref()])).contains("texture 1"));
+}
+
+fn png(color: [u8; 3]) -> Vec<u8> {
+    let mut png = std::io::Cursor::new(Vec::new());
+    image::RgbImage::from_pixel(1, 1, image::Rgb(color)).write_to(&mut png, image::ImageFormat::Png).unwrap();
+    png.into_inner()
+}
+
+#[test]
+fn parts_of_a_node_with_the_same_picture_share_their_vertices_wherever_they_stand() {
+    let mut node = square(0.0, &[]);
+    node.coordinates = vec![[0.5; 2]; 4];
+    node.triangles = vec![[0, 1, 2], [0, 2, 3], [0, 1, 3], [1, 2, 3], [2, 1, 0], [3, 2, 0]];
+    node.patches = (0..6).map(|i| [1, i + 1, i % 2]).collect();
+    let colors = [[200, 0, 0], [0, 0, 100]];
+    let mesh = read(&file(&[node.clone()], &[&png(colors[0]), &png(colors[1])])).unwrap();
+    assert_eq!((mesh.triangles.len(), mesh.positions.len()), (6, 8));
+    let mut expected = RawMesh::default();
+    for (i, t) in node.triangles.iter().enumerate() {
+        let first = expected.positions.len() as u32;
+        expected.triangles.push([first, first + 1, first + 2]);
+        expected.positions.extend(t.map(|v| DVec3::from_array(node.positions[usize::from(v)].map(f64::from))));
+        expected.colors.extend([colors[i % 2]; 3]);
+    }
+    assert_eq!(corners(&mesh), corners(&expected));
+}
+
+/// Counts the bytes that are read.
+struct Counting<'a>(std::io::Cursor<&'a [u8]>, &'a std::cell::Cell<usize>);
+
+impl Read for Counting<'_> {
+    fn read(&mut self, into: &mut [u8]) -> std::io::Result<usize> {
+        let read = self.0.read(into)?;
+        self.1.set(self.1.get() + read);
+        Ok(read)
+    }
+}
+
+impl Seek for Counting<'_> {
+    fn seek(&mut self, to: SeekFrom) -> std::io::Result<u64> {
+        self.0.seek(to)
+    }
+}
+
+/// A model of one node, behind which there are so many bytes that belong to it.
+fn padded(padding: usize, flags: u8) -> Vec<u8> {
+    let mut bytes = file(&[square(0.0, &[[1, 2, NO_TEXTURE]])], &[]);
+    bytes.resize(bytes.len() + padding, 0);
+    let end = (bytes.len() / 256) as u32;
+    bytes[FIRST_NODE + 44..][..4].copy_from_slice(&end.to_le_bytes());
+    bytes[FLAGS] = flags;
+    bytes
+}
+
+#[test]
+fn no_more_of_a_node_is_read_than_it_can_need() {
+    let bytes = padded(4 << 20, 0);
+    let count = std::cell::Cell::new(0);
+    let source = Counting(std::io::Cursor::new(&bytes), &count);
+    let mesh = read_mesh_from(source, bytes.len() as u64, Path::new("a.nxs"), &mut |_, _| {}).unwrap();
+    assert_eq!(mesh.triangles.len(), 2);
+    assert!(count.get() < 1 << 20, "{} bytes", count.get());
+    let message = refusal(&padded(64 << 20, 4));
+    assert!(message.contains("node 0 has 67109120 bytes"), "{message}");
+}
+
+#[test]
+fn an_index_beyond_the_memory_is_refused_before_it_is_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.nxs");
+    std::fs::write(&path, model()).unwrap();
+    let read = |document: u64| {
+        let options = ReadOptions { document, ..ReadOptions::default() };
+        read_into_with(&path, &options, &mut MemorySink::new(&path), &mut |_, _| {})
+    };
+    read(10_000).unwrap();
+    let message = read(1000).unwrap_err().to_string();
+    assert!(message.contains("4 nodes, 5 patches") && message.contains("give a larger --memory"), "{message}");
 }
 
 /// Numbers for a stream of bits of given lengths, in words.

@@ -19,6 +19,8 @@ const B3DM_HEADER: u64 = 28;
 const CMPT_HEADER: u64 = 16;
 /// Composites in each other.
 const MAX_COMPOSITES: usize = 8;
+/// Bytes of the JSON of a feature table; a few dozen are usual.
+const MAX_FEATURES: u64 = 1 << 20;
 const COPY: &str = "the file is truncated or damaged: copy or export it again";
 
 /// Whether a file begins as gzip does.
@@ -26,13 +28,12 @@ pub(super) fn is_gzip(start: &[u8]) -> bool {
     start.starts_with(b"\x1f\x8b")
 }
 
-/// Uncompressed; no more than memory allows.
+/// Uncompressed; at most `max` bytes, which is what memory allows.
 ///
 /// # Errors
 /// [`ReadError`] where it is damaged or too large.
-pub(super) fn gunzip(source: impl Read, path: &Path, options: &ReadOptions) -> Result<Vec<u8>, ReadError> {
+pub(super) fn gunzip(source: impl Read, path: &Path, max: u64) -> Result<Vec<u8>, ReadError> {
     let mut bytes = Vec::new();
-    let max = options.document;
     GzDecoder::new(source).take(max + 1).read_to_end(&mut bytes).map_err(|e| ReadError::Malformed {
         file: path.to_owned(),
         place: Place::Byte(0),
@@ -97,14 +98,28 @@ impl Delivery<'_> {
             self.companions.open(&leaf.path).map_err(|source| ReadError::Open { file: leaf.path.clone(), source })?;
         let start = piece(&mut file, 0, bytes.min(2), &leaf.path)?;
         if !is_gzip(&start) {
-            let mut content = Content { leaf, source: &mut file, progress, delivery: self };
-            return content.read(0, bytes, 0);
+            return self.content(leaf, &mut file, bytes, progress);
         }
         let cannot = |source| ReadError::Io { file: leaf.path.clone(), offset: 0, source };
         file.seek(SeekFrom::Start(0)).map_err(cannot)?;
-        let bytes = gunzip(file, &leaf.path, self.options)?;
+        let bytes = gunzip(file, &leaf.path, self.options.document)?;
         let length = bytes.len() as u64;
-        Content { leaf, source: &mut Cursor::new(bytes), progress, delivery: self }.read(0, length, 0)
+        self.content(leaf, &mut Cursor::new(bytes), length, progress)
+    }
+
+    /// Deliver one file of so many bytes, uncompressed.
+    fn content(
+        &mut self,
+        leaf: &Leaf,
+        source: &mut dyn Bytes,
+        bytes: u64,
+        progress: &mut OnProgress<'_>,
+    ) -> Result<u64, ReadError> {
+        let mut content = Content { leaf, source, progress, delivery: self, is_geocentric: false };
+        let triangles = content.read(0, bytes, 0)?;
+        let is_geocentric = content.is_geocentric;
+        self.geocentric += u64::from(is_geocentric);
+        Ok(triangles)
     }
 }
 
@@ -114,6 +129,8 @@ struct Content<'c, 'd, 'p> {
     source: &'c mut dyn Bytes,
     progress: &'c mut OnProgress<'p>,
     delivery: &'c mut Delivery<'d>,
+    /// Whether any of its meshes stands near the surface of the earth, if it is in geocentric coordinates.
+    is_geocentric: bool,
 }
 
 impl Content<'_, '_, '_> {
@@ -214,6 +231,10 @@ impl Content<'_, '_, '_> {
                 offset: u64,
             },
         }
+        if json > MAX_FEATURES {
+            let found = format!("a feature table of {json} bytes");
+            return Err(self.malformed(at, found, &format!("at most {MAX_FEATURES}; {COPY}")));
+        }
         let text = self.piece(at, json)?;
         let end = text.iter().rposition(|b| *b != 0 && !b.is_ascii_whitespace()).map_or(0, |last| last + 1);
         if end == 0 {
@@ -275,10 +296,9 @@ impl Content<'_, '_, '_> {
     fn gltf(&mut self, at: u64, length: u64, center: DVec3) -> Result<u64, ReadError> {
         /// How far from the centre of the earth its surface can be, with mountains and trenches, metres.
         const SURFACE: std::ops::Range<f64> = 6_330_000.0..6_400_000.0;
-        let Delivery { companions, options, detailing, sink, geocentric } = &mut *self.delivery;
-        let tile = self.leaf.root_from_tile * DAffine3::from_translation(center);
-        let transform = tile * self.leaf.up.tile_from_gltf();
-        *geocentric += u64::from(SURFACE.contains(&tile.translation.length()));
+        let Delivery { companions, options, detailing, sink, .. } = &mut *self.delivery;
+        let root_from_tile = self.leaf.root_from_tile * DAffine3::from_translation(center);
+        let tile_from_scene = self.leaf.up.tile_from_gltf();
         let mut window = Window { source: &mut *self.source, start: at, length, at: 0 };
         let progress = &mut *self.progress;
         let input = Input {
@@ -289,7 +309,10 @@ impl Content<'_, '_, '_> {
             options,
         };
         let companions = Companions::of(&self.leaf.path, options).within(companions);
-        deliver_standing(input, &mut **sink, *detailing, &Standing { transform, companions })
+        let standing = Standing { root_from_tile, tile_from_scene, companions };
+        let stood = deliver_standing(input, &mut **sink, *detailing, &standing)?;
+        self.is_geocentric |= stood.origins.iter().any(|origin| SURFACE.contains(&origin.length()));
+        Ok(stood.triangles)
     }
 }
 

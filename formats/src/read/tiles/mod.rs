@@ -8,7 +8,7 @@
 //! the root, and z is up in all tiles (y in their glTF, unless `gltfUpAxis` says otherwise). Coordinates on the earth (geocentric, EPSG:4978) are kept as they are,
 //! and counted.
 //!
-//! Refused: implicit tiling; tiles of points, instances and vectors; tilesets that name each other in a circle or twice; addresses, absolute names and those
+//! Refused: implicit tiling; tiles of points, instances and vectors; tilesets that name each other in a circle or twice; files that stand at the same place twice; addresses, absolute names and those
 //! that leave the folder; files of the finest tiles that are missing, before anything is delivered.
 //!
 //! Memory: the JSON of tilesets that contain each other, a few hundred bytes for each of the finest tiles, a tile that is compressed with gzip, and what the reader of glTF
@@ -32,7 +32,7 @@ use names::Names;
 use std::io::Read;
 
 /// The axis that points up in the glTF of tiles.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 enum UpAxis {
     X,
     Y,
@@ -93,9 +93,8 @@ pub fn note_detail(input: Input<'_>, detail: &Detail) -> Result<(), ReadError> {
 fn deliver(input: Input<'_>, sink: &mut dyn MeshSink, detailing: Option<Detailing<'_>>) -> Result<(), ReadError> {
     let Input { path, total, source, progress, options } = input;
     let companions = &Companions::of(path, options);
-    let json = tree::whole(source, total, path, options)?;
-    let plan = tree::plan(&json, path, Names { companions, options })?;
-    drop(json);
+    let json = tree::whole(source, total, path, options.document)?;
+    let plan = tree::plan(json, path, Names { companions, options })?;
     let diagnostics = sink.diagnostics();
     diagnostics.add_many("tiles of the finest level read", plan.leaves.len() as u64);
     diagnostics.add_many("coarser tiles left out, because finer ones replace them", plan.coarser);

@@ -36,6 +36,20 @@ impl Names<'_> {
     /// # Errors
     /// [`ReadError::Part`] where it is an address, absolute or not there; [`ReadError::Outside`] where it leaves the folder.
     pub(super) fn locate(&self, uri: &str, place: &str, from: From<'_>) -> Result<Named, ReadError> {
+        let missing = || ReadError::Part {
+            file: from.path.to_owned(),
+            part: place.to_owned(),
+            found: format!("the file \"{}\", which is not there", shown(&decoded(uri))),
+            expected: "all files of the tileset; copy the missing ones too".to_owned(),
+        };
+        self.find(uri, place, from)?.ok_or_else(missing)
+    }
+
+    /// The same; `None` where it is not there.
+    ///
+    /// # Errors
+    /// As [`Names::locate`].
+    pub(super) fn find(&self, uri: &str, place: &str, from: From<'_>) -> Result<Option<Named>, ReadError> {
         let part = |found: String, expected: &str| ReadError::Part {
             file: from.path.to_owned(),
             part: place.to_owned(),
@@ -47,32 +61,29 @@ impl Names<'_> {
             return Err(part(format!("the address \"{}\"", shown(uri)), expected));
         }
         // Some exporters do not escape: the name as it stands counts where there is such a file.
-        let path_of_uri = uri.split(['?', '#']).next().unwrap_or(uri);
-        let decoded = percent_decode_str(path_of_uri).decode_utf8_lossy().into_owned();
+        // What is behind a question mark may look like any path, so that a refusal counts only if neither name leads to a file.
+        let reference = Reference { file: from.path, place, name: uri };
         let mut refused = None;
-        for name in [uri, &decoded] {
+        for name in [uri, &decoded(uri)] {
             if is_absolute(name) {
                 let expected = "a name relative to the tileset; correct the tileset or export it again";
-                return Err(part(format!("the absolute name \"{}\"", shown(uri)), expected));
+                refused = Some(part(format!("the absolute name \"{}\"", shown(uri)), expected));
+                continue;
             }
-            let reference = Reference { file: from.path, place, name: uri };
             let Some((folders, last)) = self.resolved(name, from) else {
                 let target = from.path.parent().unwrap_or(Path::new("")).join(name);
-                return Err(self.companions.refusal(&reference, target));
+                refused = Some(self.companions.refusal(&reference, target));
+                continue;
             };
             let mut path = self.companions.folder().to_owned();
             path.extend(folders.iter().chain([&last]));
             match self.companions.exactly(path) {
-                Found::File(path) => return Ok(Named { path, folders }),
+                Found::File(path) => return Ok(Some(Named { path, folders })),
                 Found::Outside(target) => refused = Some(self.companions.refusal(&reference, target)),
                 Found::Nothing => {}
             }
         }
-        let missing = || {
-            let found = format!("the file \"{}\", which is not there", shown(&decoded));
-            part(found, "all files of the tileset; copy the missing ones too")
-        };
-        Err(refused.unwrap_or_else(missing))
+        refused.map_or(Ok(None), Err)
     }
 
     /// Folders and name, from the folder of the first tileset; `None` where that is left.
@@ -90,6 +101,12 @@ impl Names<'_> {
         let last = all.pop().unwrap_or_default();
         Some((all, last))
     }
+}
+
+/// The path of a URI without escapes.
+fn decoded(uri: &str) -> String {
+    let path_of_uri = uri.split(['?', '#']).next().unwrap_or(uri);
+    percent_decode_str(path_of_uri).decode_utf8_lossy().into_owned()
 }
 
 /// Whether a URI names something that is no file here: it has a scheme, which a drive of Windows is not, or the name of a computer.

@@ -53,6 +53,15 @@ fn b3dm(features: &str, binary: &[u8], glb: &[u8]) -> Vec<u8> {
     bytes
 }
 
+/// A composite of tiles.
+fn cmpt(parts: &[Vec<u8>]) -> Vec<u8> {
+    let mut bytes = b"cmpt\x01\0\0\0".to_vec();
+    bytes.extend((16 + parts.concat().len() as u32).to_le_bytes());
+    bytes.extend((parts.len() as u32).to_le_bytes());
+    bytes.extend(parts.concat());
+    bytes
+}
+
 fn gzip(bytes: &[u8]) -> Vec<u8> {
     let mut encoder = GzEncoder::new(Vec::new(), Compression::fast());
     encoder.write_all(bytes).unwrap();
@@ -158,6 +167,45 @@ fn other_axes_of_gltf_are_turned_as_the_tileset_states() {
 }
 
 #[test]
+fn the_center_of_a_glb_comes_after_the_turn_of_every_axis() {
+    let mut scene = triangle(&json!({"byteLength": 36}));
+    scene["extensions"] = json!({"CESIUM_RTC": {"center": [10, 20, 30]}});
+    scene["nodes"][0]["translation"] = json!([1, 2, 3]);
+    let quarter = json!([0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 100, 0, 0, 1]);
+    // The node turned as without a center, then the center, then a quarter turn about z and 100 steps along x.
+    for (axis, [x, y, z]) in [("X", [7.0, 22.0, 31.0]), ("Y", [11.0, 17.0, 32.0]), ("Z", [11.0, 22.0, 33.0])] {
+        let root = json!({"transform": quarter, "content": {"uri": "a.glb"}});
+        let mut json: Value = serde_json::from_slice(&tileset(&root)).unwrap();
+        json["asset"]["gltfUpAxis"] = json!(axis);
+        let site = Site::new(&Value::Null).with("tileset.json", json.to_string().as_bytes());
+        let corners = site.with("a.glb", &glb_of(&scene, &[0; 36])).mesh().positions;
+        assert_eq!(corners[0], DVec3::new(100.0 - y, x, z), "{axis}");
+    }
+}
+
+#[test]
+fn tiles_are_geocentric_where_their_meshes_stand_and_are_counted_once() {
+    let count = |bytes: &[u8], transform: &Value| {
+        let root = json!({"transform": transform, "content": {"uri": "a.glb"}});
+        let found = Site::new(&root).with("a.glb", bytes).mesh().diagnostics;
+        found.count("tiles in geocentric coordinates (EPSG:4978), kept as they are")
+    };
+    let origin = moved(0.0, 0.0, 0.0);
+    let binary = [[0u8; 12], [1; 12], [2; 12]].concat();
+    let mut scene = triangle(&json!({"byteLength": 36}));
+    assert_eq!(count(&glb_of(&scene, &binary), &origin), 0);
+    scene["nodes"][0]["translation"] = json!([4_000_000, 4_900_000, -300_000]);
+    assert_eq!(count(&glb_of(&scene, &binary), &origin), 1, "by the node");
+    // Back to the centre of the earth: local coordinates after all.
+    assert_eq!(count(&glb_of(&scene, &binary), &moved(-4_000_000.0, -300_000.0, -4_900_000.0)), 0);
+    scene["nodes"][0]["translation"] = json!([0, 0, 0]);
+    scene["extensions"] = json!({"CESIUM_RTC": {"center": [4_000_000, 300_000, 4_900_000]}});
+    assert_eq!(count(&glb_of(&scene, &binary), &origin), 1, "by the center");
+    let part = b3dm(r#"{"RTC_CENTER":[4000000,300000,4900000]}"#, &[], &glb([0.0; 3]));
+    assert_eq!(count(&cmpt(&[part.clone(), part]), &origin), 1, "one tile of two parts");
+}
+
+#[test]
 fn only_the_finest_tiles_are_read_and_coarser_ones_need_not_be_there() {
     let leaf = |uri: &str| json!({"content": {"uri": uri}});
     let root = json!({"refine": "REPLACE", "content": {"uri": "coarse.b3dm"}, "children": [
@@ -206,6 +254,32 @@ fn external_tilesets_stand_in_the_place_of_their_tile() {
 }
 
 #[test]
+fn contents_beside_a_tileset_are_part_of_the_surface() {
+    let root = json!({"refine": "REPLACE", "contents": [{"uri": "more.json"}, {"uri": "a.glb"}]});
+    let site = Site::new(&root)
+        .with("more.json", &tileset(&json!({"content": {"uri": "b.glb"}})))
+        .with("a.glb", &glb([1.0, 0.0, 0.0]))
+        .with("b.glb", &glb([2.0, 0.0, 0.0]));
+    let mut corners = site.corners();
+    corners.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    assert_eq!(corners, [[1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]);
+    assert_eq!(site.mesh().diagnostics.count("coarser tiles left out, because finer ones replace them"), 0);
+}
+
+#[test]
+fn coarser_tiles_may_be_missing_whatever_their_names_are() {
+    let root = |refine: &str, uri: &str| {
+        let root = json!({"refine": refine, "content": {"uri": uri}, "children": [{"content": {"uri": "a.glb"}}]});
+        Site::new(&root).with("a.glb", &glb([1.0, 0.0, 0.0]))
+    };
+    assert_eq!(root("REPLACE", "gone.mesh").corners(), [[1.0, 0.0, 0.0]]);
+    for site in [root("ADD", "gone.mesh"), root("REPLACE", "gone.json")] {
+        assert!(site.refusal().contains("which is not there"));
+    }
+    assert!(root("REPLACE", "../gone.mesh").refusal().contains("outside the folder"));
+}
+
+#[test]
 fn files_compressed_with_gzip_are_read_whatever_their_names_say() {
     let root = json!({"children": [{"content": {"uri": "a.b3dm"}}, {"content": {"uri": "more.json"}}]});
     let site = Site::new(&root)
@@ -231,10 +305,7 @@ fn what_is_uncompressed_is_bounded() {
 #[test]
 fn composites_are_taken_apart() {
     let parts = [b3dm("", &[], &glb([1.0, 0.0, 0.0])), b3dm(r#"{"RTC_CENTER":[5,0,0]}"#, &[], &glb([0.0; 3]))];
-    let mut bytes = b"cmpt\x01\0\0\0".to_vec();
-    bytes.extend((16 + parts.concat().len() as u32).to_le_bytes());
-    bytes.extend(2u32.to_le_bytes());
-    bytes.extend(parts.concat());
+    let mut bytes = cmpt(&parts);
     let site = Site::new(&json!({"content": {"uri": "a.cmpt"}})).with("a.cmpt", &bytes);
     assert_eq!(site.corners(), [[1.0, 0.0, 0.0], [5.0, 0.0, 0.0]]);
     bytes[27] = 0xff;
@@ -253,6 +324,23 @@ fn tilesets_that_name_each_other_in_a_circle_or_twice_are_refused() {
     let site =
         Site::new(&twice).with("b.json", &tileset(&json!({"content": {"uri": "a.glb"}}))).with("a.glb", &glb([0.0; 3]));
     assert!(site.refusal().contains("included twice"));
+}
+
+#[test]
+fn a_mesh_may_stand_at_several_places_but_only_once_at_each() {
+    let leaf = |uri: &str, x: f64| json!({"transform": moved(x, 0.0, 0.0), "content": {"uri": uri}});
+    let site = |leaves: &[Value]| Site::new(&json!({"children": leaves})).with("a.glb", &glb([0.0; 3]));
+    assert_eq!(site(&[leaf("a.glb", 0.0), leaf("a.glb", 5.0)]).corners(), [[0.0; 3], [5.0, 0.0, 0.0]]);
+    let message = site(&[leaf("a.glb", 0.0), leaf("./a.glb?again", -0.0)]).refusal();
+    assert!(message.contains("root.children[1].content.uri") && message.contains("included twice"), "{message}");
+}
+
+#[test]
+fn a_query_is_no_part_of_the_name() {
+    for uri in ["a.glb?x=/../../..", "a.glb?x=C:\\", "a.glb#/../../.."] {
+        let site = Site::new(&json!({"content": {"uri": uri}})).with("a.glb", &glb([0.0; 3]));
+        assert_eq!(site.corners(), [[0.0; 3]], "{uri}");
+    }
 }
 
 #[test]
@@ -348,6 +436,17 @@ fn too_many_tiles_one_below_the_other_are_refused() {
         }
         site.with(&format!("{n}.json"), &tileset(&json!({"content": {"uri": "a.glb"}}))).with("a.glb", &glb([0.0; 3]))
     };
+    let nested = |n: usize| {
+        let mut tile = json!({"content": {"uri": "a.glb"}});
+        for _ in 1..n {
+            tile = json!({"children": [tile]});
+        }
+        Site::new(&tile).with("a.glb", &glb([0.0; 3]))
+    };
+    assert_eq!(nested(63).mesh().triangles.len(), 1);
+    let message = nested(64).refusal();
+    assert!(message.contains("some 60 tiles one below the other in one file"), "{message}");
+    assert!(!message.contains("damaged"), "{message}");
     assert_eq!(chain(150).mesh().triangles.len(), 1);
     assert!(chain(250).refusal().contains("more than 200 tiles"));
 }
@@ -408,4 +507,42 @@ fn memory_for_the_json_is_checked_before_it_is_parsed() {
     let path = site.path("tileset.json");
     let refusal = read_into_with(&path, &options, &mut MemorySink::new(&path), &mut |_, _| {}).unwrap_err();
     assert!(refusal.to_string().contains("give a larger --memory"), "{refusal}");
+}
+
+#[test]
+fn tilesets_that_contain_each_other_share_the_memory() {
+    // Each takes some 330 kB.
+    let full = |uri: &str| {
+        let mut children = vec![json!({}); 1000];
+        children.push(json!({"content": {"uri": uri}}));
+        json!({"children": children})
+    };
+    let read = |site: &Site| {
+        let options = ReadOptions { document: 1_200_000, ..ReadOptions::default() };
+        let path = site.path("tileset.json");
+        read_into_with(&path, &options, &mut MemorySink::new(&path), &mut |_, _| {})
+    };
+    let files = |site: Site| (1..=5).fold(site, |site, i| site.with(&format!("{i}.glb"), &glb([i as f32, 0.0, 0.0])));
+    let names: Vec<Value> = (1..=5).map(|i| json!({"content": {"uri": format!("{i}.json")}})).collect();
+    let mut beside = files(Site::new(&json!({"children": names})));
+    let mut nested = files(Site::new(&full("1.json")));
+    for i in 1..=5 {
+        beside = beside.with(&format!("{i}.json"), &tileset(&full(&format!("{i}.glb"))));
+        let next = if i == 5 { "5.glb".to_owned() } else { format!("{}.json", i + 1) };
+        nested = nested.with(&format!("{i}.json"), &tileset(&full(&next)));
+    }
+    read(&beside).unwrap();
+    let refusal = read(&nested).unwrap_err().to_string();
+    assert!(refusal.contains("3.json: its JSON may take") && refusal.contains("give a larger --memory"), "{refusal}");
+}
+
+#[test]
+fn a_feature_table_of_any_length_is_not_taken_into_memory() {
+    let of = |spaces: usize| {
+        let table = format!(r#"{{"RTC_CENTER":[5,0,0]}}{}"#, " ".repeat(spaces));
+        Site::new(&json!({"content": {"uri": "a.b3dm"}})).with("a.b3dm", &b3dm(&table, &[], &glb([0.0; 3])))
+    };
+    assert_eq!(of(1000).corners(), [[5.0, 0.0, 0.0]]);
+    let message = of(1 << 20).refusal();
+    assert!(message.contains("a.b3dm, byte 28: found a feature table of 1048598 bytes"), "{message}");
 }

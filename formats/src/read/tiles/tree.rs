@@ -2,10 +2,12 @@
 //!
 //! A tile is taken if it has no children, or if it is refined by addition, so that it remains visible with them. Children without content replace it by nothing, as clients
 //! do: where tiles are refined together, what is finer may stand below another of them. A tileset that a tile names stands in the place of that tile. One that is named twice is refused: it would be in a circle, or the same surface twice,
-//! and a few small files could name each other billions of times.
+//! and a few small files could name each other billions of times. A mesh that is named twice is refused where it stands at the same place.
+//!
+//! A tileset stays in memory while those that it names are walked, without its text: all of them together must fit.
 
+use super::super::ReadError;
 use super::super::gltf::{Tally, json_of};
-use super::super::{ReadError, ReadOptions};
 use super::content::{gunzip, is_gzip};
 use super::names::{From, Named, Names, shown};
 use super::schema::{Content, Tile, Tileset};
@@ -18,6 +20,8 @@ use std::path::{Path, PathBuf};
 
 /// Tiles one below the other, in all tilesets together.
 const MAX_DEPTH: usize = 200;
+/// Objects and lists in each other in one file, which serde_json allows. A tile takes two, and what it contains up to four.
+const MAX_LEVELS: usize = 127;
 /// Extensions that a tileset may require: those that are read, and those that do not change what is shown where.
 const KNOWN_EXTENSIONS: &[&str] = &[
     "3DTILES_bounding_volume_S2",
@@ -88,14 +92,20 @@ struct Walk<'a> {
     /// Real paths of all tilesets, and of those that are being walked.
     met: HashSet<PathBuf>,
     open: Vec<PathBuf>,
+    /// Real paths of the meshes and where they stand.
+    shown: HashSet<(PathBuf, UpAxis, [u64; 12])>,
+    /// Bytes of memory that tilesets which are being walked have left.
+    left: u64,
 }
 
 /// The plan for a tileset whose JSON is `json`.
 ///
 /// # Errors
 /// [`ReadError`], as the module says.
-pub(super) fn plan(json: &[u8], path: &Path, names: Names<'_>) -> Result<Plan, ReadError> {
-    let mut walk = Walk { names, plan: Plan::default(), met: HashSet::new(), open: Vec::new() };
+pub(super) fn plan(json: Vec<u8>, path: &Path, names: Names<'_>) -> Result<Plan, ReadError> {
+    let left = names.options.document;
+    let (met, shown) = (HashSet::new(), HashSet::new());
+    let mut walk = Walk { names, plan: Plan::default(), met, open: Vec::new(), shown, left };
     let above = Above { root_from_tile: DAffine3::IDENTITY, is_added_to: false, depth: 0 };
     walk.tileset(json, path, &[], above, UpAxis::Y)?;
     Ok(walk.plan)
@@ -105,7 +115,7 @@ impl Walk<'_> {
     /// Walk a tileset; whether anything in it has content.
     fn tileset(
         &mut self,
-        json: &[u8],
+        json: Vec<u8>,
         path: &Path,
         folders: &[String],
         above: Above,
@@ -114,7 +124,9 @@ impl Walk<'_> {
         let real = path.canonicalize().unwrap_or_else(|_| path.to_owned());
         self.met.insert(real.clone());
         self.open.push(real);
-        let tileset = parse(json, path, &self.names)?;
+        let (tileset, taken) = parse(&json, path, &self.names, self.left)?;
+        drop(json);
+        self.left -= taken;
         let mut file = File { path, folders, up, trail: Vec::new() };
         if let Some(axis) = &tileset.asset.gltf_up_axis {
             file.up = UpAxis::of(axis).ok_or_else(|| ReadError::Part {
@@ -126,6 +138,7 @@ impl Walk<'_> {
         }
         let has_content = self.tile(&tileset.root, &mut file, above)?;
         self.open.pop();
+        self.left += taken;
         Ok(has_content)
     }
 
@@ -138,17 +151,17 @@ impl Walk<'_> {
             return Err(file.needs(format!("has implicit tiling in {}, which is not read", file.place(""))));
         }
         let here = below(tile, file, above)?;
-        let (mut own, mut has_below, mut is_refined) = (Vec::new(), false, !tile.children.is_empty());
+        // Tilesets among its contents do not refine it: they are shown with the others.
+        let is_refined = !tile.children.is_empty();
+        let (mut own, mut has_below) = (Vec::new(), false);
         for (part, content) in tile.contents() {
             let Some(uri) = content.uri() else {
                 let part = format!("{part}.uri");
                 return Err(file.error(&part, "nothing".to_owned(), "the name of a file; export the tileset again"));
             };
-            match self.external(uri, &format!("{part}.uri"), file)? {
-                Some(named) => {
-                    is_refined = true;
-                    has_below |= self.enter(&named, &format!("{part}.uri"), file, here)?;
-                }
+            let may_be_missing = is_refined && !here.is_added_to;
+            match self.external(uri, &format!("{part}.uri"), file, may_be_missing)? {
+                Some(named) => has_below |= self.enter(&named, &format!("{part}.uri"), file, here)?,
                 None => own.push((part, content)),
             }
         }
@@ -172,6 +185,18 @@ impl Walk<'_> {
             let place = file.place(&format!("{part}.uri"));
             let from = From { path: file.path, folders: file.folders };
             let Named { path, .. } = self.names.locate(content.uri().unwrap_or_default(), &place, from)?;
+            let real = path.canonicalize().unwrap_or_else(|_| path.clone());
+            // 0 and -0 are the same place.
+            let columns = here.root_from_tile.to_cols_array().map(|x| (x + 0.0).to_bits());
+            if !self.shown.insert((real, file.up, columns)) {
+                let name = shown(&path.display().to_string());
+                let found = format!("the file {name}, which stands there already: its surface would be included twice");
+                return Err(file.error(
+                    &format!("{part}.uri"),
+                    found,
+                    "each file once at a place; export the tileset again",
+                ));
+            }
             let bytes = path.metadata().map_or(0, |about| about.len());
             self.plan.leaves.push(Leaf { path, bytes, root_from_tile: here.root_from_tile, up: file.up });
         }
@@ -179,16 +204,29 @@ impl Walk<'_> {
     }
 
     /// The tileset that a URI names; `None` where it names anything else. Only files whose names do not say what they are are opened for that.
-    fn external(&self, uri: &str, part: &str, file: &File<'_>) -> Result<Option<Named>, ReadError> {
+    /// Where it may be missing, it is no tileset if it is.
+    fn external(
+        &self,
+        uri: &str,
+        part: &str,
+        file: &File<'_>,
+        may_be_missing: bool,
+    ) -> Result<Option<Named>, ReadError> {
         let name = uri.split(['?', '#']).next().unwrap_or(uri).to_ascii_lowercase();
         let is_of = |extensions: &[&str]| extensions.iter().any(|e| name.ends_with(e));
         if is_of(&[".b3dm", ".glb", ".gltf", ".cmpt", ".i3dm", ".pnts", ".vctr"]) {
             return Ok(None);
         }
-        let named = self.names.locate(uri, &file.place(part), From { path: file.path, folders: file.folders })?;
+        let from = From { path: file.path, folders: file.folders };
         if is_of(&[".json"]) {
-            return Ok(Some(named));
+            return self.names.locate(uri, &file.place(part), from).map(Some);
         }
+        let named = if may_be_missing {
+            let Some(named) = self.names.find(uri, &file.place(part), from)? else { return Ok(None) };
+            named
+        } else {
+            self.names.locate(uri, &file.place(part), from)?
+        };
         let mut start = Vec::new();
         let opened = self.names.companions.open(&named.path);
         opened
@@ -211,9 +249,9 @@ impl Walk<'_> {
         }
         let cannot = |source| ReadError::Open { file: named.path.clone(), source };
         let (source, bytes) = self.names.companions.open(&named.path).map_err(cannot)?;
-        let json = whole(source, bytes, &named.path, self.names.options)?;
+        let json = whole(source, bytes, &named.path, self.left)?;
         self.plan.external += 1;
-        self.tileset(&json, &named.path, &named.folders, here, file.up)
+        self.tileset(json, &named.path, &named.folders, here, file.up)
     }
 }
 
@@ -221,30 +259,33 @@ impl Walk<'_> {
 ///
 /// # Errors
 /// [`ReadError`] where it cannot be read, or has more bytes than memory allows.
-pub(super) fn whole(source: impl Read, bytes: u64, path: &Path, options: &ReadOptions) -> Result<Vec<u8>, ReadError> {
-    check_memory(bytes, path, options)?;
+pub(super) fn whole(source: impl Read, bytes: u64, path: &Path, max: u64) -> Result<Vec<u8>, ReadError> {
+    check_memory(bytes, path, max)?;
     let mut json = Vec::new();
-    let read = source.take(options.document).read_to_end(&mut json);
+    let read = source.take(max).read_to_end(&mut json);
     read.map_err(|source| ReadError::Io { file: path.to_owned(), offset: 0, source })?;
-    if is_gzip(&json) { gunzip(&json[..], path, options) } else { Ok(json) }
+    if is_gzip(&json) { gunzip(&json[..], path, max) } else { Ok(json) }
 }
 
-fn check_memory(bytes: u64, path: &Path, options: &ReadOptions) -> Result<(), ReadError> {
-    if bytes <= options.document {
+fn check_memory(bytes: u64, path: &Path, max: u64) -> Result<(), ReadError> {
+    if bytes <= max {
         return Ok(());
     }
     let what = format!(
-        "its JSON may take {} MiB of memory, and {} MiB are allowed; give a larger --memory",
+        "its JSON may take {} MiB of memory, and {} MiB are left for it and the tilesets that it names; give a larger --memory",
         bytes.div_ceil(1 << 20),
-        options.document >> 20
+        max >> 20
     );
     Err(ReadError::TooLarge { file: path.to_owned(), what })
 }
 
-fn parse(json: &[u8], path: &Path, names: &Names<'_>) -> Result<Tileset, ReadError> {
+/// The tileset, and the bytes that it takes in memory without its text.
+fn parse(json: &[u8], path: &Path, names: &Names<'_>, max: u64) -> Result<(Tileset, u64), ReadError> {
     let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
-    check_memory(json.len() as u64 + Tally::of(json).bytes(), path, names.options)?;
-    let tileset: Tileset = json_of(json, path, names.companions, "a tileset of 3D Tiles 1.0 or 1.1")?;
+    let taken = Tally::of(json).bytes();
+    check_memory(json.len() as u64 + taken, path, max)?;
+    let parsed = json_of(json, path, names.companions, "a tileset of 3D Tiles 1.0 or 1.1");
+    let tileset: Tileset = parsed.map_err(|e| too_deep(e, path))?;
     let needs = |needs| ReadError::Needs { file: path.to_owned(), needs, way_out: EXPORT };
     // Drafts of 1.0 have 0.0.
     if !["0.0", "1.0", "1.1"].contains(&tileset.asset.version.as_str()) {
@@ -256,7 +297,21 @@ fn parse(json: &[u8], path: &Path, names: &Names<'_>) -> Result<Tileset, ReadErr
     if !unknown.is_empty() {
         return Err(needs(format!("requires extensions of 3D Tiles that are not read: {}", unknown.join(", "))));
     }
-    Ok(tileset)
+    Ok((tileset, taken))
+}
+
+/// An error of the parser; where it is that of JSON which goes too deep, in our words, because then nothing is damaged.
+fn too_deep(e: ReadError, path: &Path) -> ReadError {
+    match e {
+        ReadError::Part { found, .. } if found.contains("recursion limit exceeded") => ReadError::Needs {
+            file: path.to_owned(),
+            needs: format!(
+                "has more than the {MAX_LEVELS} levels of JSON that are read (some 60 tiles one below the other in one file)"
+            ),
+            way_out: "Export it again with its tiles in several tilesets, or give the mesh that the tiles were made of",
+        },
+        other => other,
+    }
 }
 
 /// What the tiles below a tile have from it.

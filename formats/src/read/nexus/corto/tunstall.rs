@@ -224,3 +224,47 @@ impl Dictionary {
         self.text.get(word.start..word.start + word.length)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A coded list: pairs of symbol and probability, the number of symbols, the code.
+    fn stream(pairs: &[[u8; 2]], size: u32, code: &[u8]) -> Vec<u8> {
+        let mut bytes = vec![pairs.len() as u8];
+        bytes.extend(pairs.iter().flatten());
+        bytes.extend(size.to_le_bytes());
+        bytes.extend((code.len() as u32).to_le_bytes());
+        bytes.extend(code);
+        bytes
+    }
+
+    fn decoded(bytes: &[u8], max: usize) -> Result<Vec<u8>, Fault> {
+        Entropy::Tunstall.symbols(&mut Cursor::new(bytes, 0), max)
+    }
+
+    /// 255 symbols leave room for one word beside them: the most probable symbol twice, here the first, 9.
+    #[test]
+    fn a_dictionary_with_one_word_of_two_symbols_is_made_again() {
+        let pairs: Vec<[u8; 2]> = (0..255u8).map(|i| [i.wrapping_add(9), if i == 0 { 2 } else { 1 }]).collect();
+        let of = |size: u32, code: &[u8]| decoded(&stream(&pairs, size, code), 100);
+        assert_eq!(of(4, &[5, 255, 7]).unwrap(), [14, 9, 9, 16]);
+        assert_eq!(of(3, &[0, 1, 254]).unwrap(), [9, 10, 7]);
+        // The last word may be longer than what is left, no other.
+        assert_eq!(of(2, &[1, 255]).unwrap(), [10, 9]);
+        assert!(of(2, &[1, 255, 1]).unwrap_err().found.contains("a longer code"));
+        assert!(of(5, &[5, 255, 7]).unwrap_err().found.contains("a code for 4 symbols"));
+        assert!(of(101, &[5]).unwrap_err().found.contains("101 symbols"));
+        let whole = stream(&pairs, 4, &[5, 255, 7]);
+        for length in 0..whole.len() {
+            assert!(decoded(&whole[..length], 100).is_err(), "{length}");
+        }
+    }
+
+    #[test]
+    fn lists_of_one_kind_and_of_none_have_no_code() {
+        assert_eq!(decoded(&stream(&[[7, 255]], 3, &[]), 3).unwrap(), [7, 7, 7]);
+        assert!(decoded(&stream(&[], 0, &[]), 3).unwrap().is_empty());
+        assert!(decoded(&stream(&[], 1, &[]), 3).unwrap_err().found.contains("of no kind"));
+    }
+}
