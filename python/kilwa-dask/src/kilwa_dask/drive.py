@@ -113,8 +113,6 @@ def _outcome(future: Any, mesh: Mesh) -> Outcome:
         error = future.exception()
         if isinstance(error, WorkerRefused):
             raise error
-        if isinstance(error, ImportError):
-            raise WorkerRefused(f"a worker that joined later cannot load kilwa-dask: {error}") from error
         message = f"{type(error).__name__}: {error}"
         if isinstance(error, KilledWorker):
             times = error.allowed_failures + 1
