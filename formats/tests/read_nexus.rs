@@ -1,11 +1,11 @@
-//! A real Nexus file, where `../shared/data` is present: compared with what Corto's own JavaScript decoder gave for it.
+//! A real Nexus file, if `../shared/data` is present, compared with the output of Corto's own JavaScript decoder.
 
 use crate::shared_data::{check_invariants, data};
 use glam::DVec3;
 use kilwa_formats::RawMesh;
 use kilwa_formats::read::read_mesh;
 
-/// The places of the corners of all triangles, sorted, each triangle from its smallest corner on.
+/// The corner positions of all triangles, sorted, each triangle starting at its smallest corner.
 fn triangles(mesh: &RawMesh) -> Vec<[[u64; 3]; 3]> {
     let place = |v: u32| (mesh.positions[v as usize] + DVec3::ZERO).to_array().map(f64::to_bits);
     let turned = |t: &[u32; 3]| {
@@ -19,7 +19,7 @@ fn triangles(mesh: &RawMesh) -> Vec<[[u64; 3]; 3]> {
 }
 
 #[test]
-fn a_real_compressed_model_is_read_as_the_decoder_of_its_makers_reads_it() {
+fn a_real_compressed_model_matches_the_reference_decoder() {
     let Some(folder) = data() else { return };
     let path = folder.join("cnr-isti-vclab+nexus/html/models/gargo.nxz");
     if !path.is_file() {
@@ -33,7 +33,7 @@ fn a_real_compressed_model_is_read_as_the_decoder_of_its_makers_reads_it() {
     assert_eq!(mesh.positions.iter().sum::<DVec3>(), DVec3::new(34144.25, 1_630_331.0, -288_010.75));
     let colors = mesh.colors.iter().fold([0; 3], |sum: [u64; 3], c| [0, 1, 2].map(|k| sum[k] + u64::from(c[k])));
     assert_eq!(colors, [2_458_476, 2_279_672, 1_821_816]);
-    // That decoder rounds corrections of normals otherwise than the encoder; each differs by up to 0.25 degrees.
+    // That decoder rounds normal corrections differently from the encoder; normals differ by up to 0.25 degrees.
     let normals: DVec3 = mesh.normals.iter().map(|n| n.as_dvec3()).sum();
     let theirs = DVec3::new(-219.272_121, 782.744_134, 1_008.091_587);
     assert!((normals - theirs).length() < 0.0005 * mesh.normals.len() as f64, "{normals}");
@@ -42,10 +42,10 @@ fn a_real_compressed_model_is_read_as_the_decoder_of_its_makers_reads_it() {
         eprintln!("skipped: {} is not there", derived.display());
         return;
     }
-    // It was decoded from the same file by others and its vertices joined.
+    // It was decoded from the same file by another program, and its vertices were merged.
     let other = read_mesh(&derived, &mut |_, _| {}).unwrap();
     let joined: std::collections::BTreeSet<_> = triangles(&other).into_iter().collect();
     let missing = triangles(&mesh).into_iter().filter(|t| !joined.contains(t)).count();
-    // Those that joining made degenerate.
+    // Merging made the missing ones degenerate.
     assert!(missing <= 50_000 - other.triangles.len(), "{missing} triangles are not in {}", derived.display());
 }

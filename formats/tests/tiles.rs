@@ -452,7 +452,7 @@ fn triangles_of(mesh: &RawMesh) -> Vec<[[i64; 3]; 3]> {
 }
 
 #[test]
-fn what_was_written_is_read_back_as_the_finest_surface() {
+fn a_written_tileset_is_read_back_as_the_finest_surface() {
     let work = tempfile::tempdir().unwrap();
     let pack = pack(1.0);
     let mut finest: Vec<[[i64; 3]; 3]> = Vec::new();
@@ -473,7 +473,7 @@ fn what_was_written_is_read_back_as_the_finest_surface() {
         let count = |kind: &str| mesh.diagnostics.count(kind);
         let coarser = count("coarser tiles left out, because finer ones replace them");
         assert_eq!(count("tiles of the finest level read") + coarser, report.tiles, "{name}");
-        assert_eq!(count("tilesets named by other tilesets read") + 1, report.tilesets, "{name}");
+        assert_eq!(count("external tilesets read") + 1, report.tilesets, "{name}");
         let geocentric = count("tiles in geocentric coordinates (EPSG:4978), kept as they are");
         assert_eq!(geocentric > 0, earth.is_some(), "{name}");
         if earth.is_none() {
@@ -484,7 +484,7 @@ fn what_was_written_is_read_back_as_the_finest_surface() {
             finest = triangles;
         }
     }
-    // The pack itself, as another writer gives it.
+    // The surface of the pack, extracted by another writer.
     let (_, expected) = extracted(&pack, None, WINDOW, None);
     assert!(finest == triangles_of(&expected), "the triangles of the pack");
 }

@@ -109,7 +109,7 @@ impl Companions {
         Self { folder, link, real, allow_outside, replaced, found, listed: RefCell::default() }
     }
 
-    /// The same where the mesh file is itself one that another names, in whose folder files may lie, too.
+    /// The same for a mesh file that another file refers to: files in the folder of the other file are also allowed.
     pub(super) fn within(mut self, other: &Self) -> Self {
         if let (Some(own), Some(above)) = (&self.real, &other.real)
             && own.starts_with(above)
@@ -150,7 +150,7 @@ impl Companions {
         found
     }
 
-    /// Where this very path leads: no other case of letters, no other folder.
+    /// Resolves exactly this path, without trying other capitalisation or other folders.
     pub(super) fn exactly(&self, path: PathBuf) -> Found {
         self.judged(path)
     }

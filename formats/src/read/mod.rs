@@ -128,7 +128,7 @@ pub struct Format {
 }
 
 impl Format {
-    /// Whether it is a tileset, whose tiles lie beside it.
+    /// Whether it is a tileset, whose tiles are in other files.
     pub fn is_tileset(&self) -> bool {
         self.name == TILES
     }

@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn pytest_closes_with_or_without_a_frame() {
+    fn pytest_summaries_are_read_with_or_without_a_frame() {
         assert_eq!(read(&["31 passed, 1 skipped in 110.58s (0:01:50)"]), (31, 0, 1));
         assert_eq!(read(&["===== 1 failed, 3 passed, 2 warnings, 1 error in 1.20s ====="]), (3, 2, 0));
         assert_eq!(read(&["2 errors in 0.30s", "no tests ran in 0.01s"]), (0, 2, 0));

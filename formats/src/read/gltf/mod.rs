@@ -89,24 +89,24 @@ const EXPORT: &str =
 struct Context<'a> {
     path: &'a Path,
     companions: &'a Companions,
-    /// What the JSON is expected to be.
+    /// The format that the JSON should have, for messages.
     format: &'static str,
 }
 
-/// What the JSON of a glTF is expected to be.
+/// The format of a glTF's JSON, for messages.
 const GLTF: &str = "glTF 2.0";
 
-/// Where a scene stands that is part of a larger whole.
-pub(super) struct Standing {
+/// The placement of a scene that is part of a larger model.
+pub(super) struct TilePlacement {
     /// From the coordinates of the tile, with z up, to those of the whole.
     pub(super) root_from_tile: DAffine3,
     /// Turns the scene so that z is up. `CESIUM_RTC`, which is given with z up, comes behind it.
     pub(super) tile_from_scene: DAffine3,
-    /// Finds what the file names.
+    /// Finds the files that the glTF refers to.
     pub(super) companions: Companions,
 }
 
-impl Standing {
+impl TilePlacement {
     /// From the coordinates of the scene to those of the whole, for positions that are relative to a centre.
     fn transform(&self, center: Option<DVec3>) -> Transform {
         let tile_from_centered = center.map_or(DAffine3::IDENTITY, DAffine3::from_translation);
@@ -194,18 +194,18 @@ fn deliver(input: Input<'_>, sink: &mut dyn MeshSink, detailing: Option<Detailin
 ///
 /// # Errors
 /// As [`read`].
-pub(super) fn deliver_standing(
+pub(super) fn deliver_placed(
     input: Input<'_>,
     sink: &mut dyn MeshSink,
     detailing: Option<Detailing<'_>>,
-    standing: &Standing,
+    standing: &TilePlacement,
 ) -> Result<Stood, ReadError> {
     let outer = |center| Some(standing.transform(center));
     let Delivered { triangles, origins, .. } = deliver_at(input, sink, detailing, &standing.companions, outer)?;
     Ok(Stood { triangles, origins })
 }
 
-/// JSON of another format that has glTF files in it. The caller has checked that there is memory for it.
+/// Parse the JSON of another format that contains glTF files. The caller has checked that there is enough memory.
 ///
 /// # Errors
 /// [`ReadError::Part`] with the path to what is wrong.
@@ -218,7 +218,7 @@ pub(super) fn json_of<T: DeserializeOwned>(
     deserialize(json, &Context { path, companions, format })
 }
 
-/// What a file had.
+/// What was delivered from a file.
 struct Delivered {
     triangles: u64,
     meshes: usize,

@@ -78,7 +78,7 @@ pub(super) struct RootExtensions {
     pub(super) rtc: Option<Rtc>,
 }
 
-/// Positions are relative to a centre: of glTF 1.0, but still written in tiles of 3D Tiles.
+/// Positions are relative to a centre: an extension of glTF 1.0, but still written in 3D Tiles.
 #[derive(Deserialize)]
 pub(super) struct Rtc {
     pub(super) center: [f64; 3],

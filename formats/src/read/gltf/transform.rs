@@ -31,7 +31,7 @@ impl Transform {
         Self { parent_from_node: DAffine3 { matrix3, translation } }
     }
 
-    /// Of any affine map.
+    /// From any affine transform.
     pub(super) fn new(parent_from_node: DAffine3) -> Self {
         Self { parent_from_node }
     }

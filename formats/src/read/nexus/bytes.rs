@@ -1,58 +1,58 @@
-//! Little-endian numbers from a piece of a file, with the place of what is missing or wrong.
+//! Reads little-endian numbers from a part of a file and reports the offset of anything missing or wrong.
 
 use super::super::error::{Place, ReadError};
 use std::path::Path;
 
-/// What is wrong at a byte of the file.
+/// An error at a byte of the file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Fault {
     /// Offset from the beginning of the file.
     pub(super) at: u64,
-    /// What stands there.
+    /// What was found there.
     pub(super) found: String,
-    /// What should stand there.
+    /// What was expected there.
     pub(super) expected: String,
 }
 
 impl Fault {
-    /// The error that names the file.
+    /// The error with the file name.
     pub(super) fn in_file(self, file: &Path) -> ReadError {
         let Self { at, found, expected } = self;
         ReadError::Malformed { file: file.to_owned(), place: Place::Byte(at), found, expected }
     }
 }
 
-/// Reads a piece of a file from its beginning.
+/// Reads a part of a file from its beginning.
 #[derive(Debug, Clone)]
 pub(super) struct Cursor<'b> {
     bytes: &'b [u8],
     at: usize,
-    /// Where the piece begins in the file.
+    /// Offset of the part in the file.
     base: u64,
 }
 
 impl<'b> Cursor<'b> {
-    /// For `bytes`, which stand at `base` in the file.
+    /// For `bytes`, which are at offset `base` in the file.
     pub(super) fn new(bytes: &'b [u8], base: u64) -> Self {
         Self { bytes, at: 0, base }
     }
 
-    /// Where in the file the next byte stands.
+    /// The offset of the next byte in the file.
     pub(super) fn offset(&self) -> u64 {
         self.base + self.at as u64
     }
 
-    /// What is wrong at the next byte.
+    /// An error at the next byte.
     pub(super) fn fault(&self, found: impl Into<String>, expected: impl Into<String>) -> Fault {
         Fault { at: self.offset(), found: found.into(), expected: expected.into() }
     }
 
-    /// The next `n` bytes; `what` they are, for the message.
+    /// The next `n` bytes; `what` describes them in the error message.
     pub(super) fn take(&mut self, n: usize, what: &str) -> Result<&'b [u8], Fault> {
         let left = &self.bytes[self.at..];
         let Some(taken) = left.get(..n) else {
             return Err(self.fault(
-                format!("{} bytes left", left.len()),
+                format!("only {} bytes", left.len()),
                 format!("{n} bytes for {what}; the file is truncated or damaged: copy it again"),
             ));
         };
@@ -90,7 +90,7 @@ impl<'b> Cursor<'b> {
         self.array(what).map(f32::from_le_bytes)
     }
 
-    /// Skip to a multiple of four bytes from the beginning of the piece.
+    /// Skip to a multiple of four bytes from the beginning of the part.
     pub(super) fn align(&mut self, what: &str) -> Result<(), Fault> {
         self.take(self.at.wrapping_neg() & 3, what).map(|_| ())
     }

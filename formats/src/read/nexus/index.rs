@@ -1,5 +1,5 @@
-//! The header and the index of a Nexus file: which attributes vertices have, where nodes and pictures lie, and which triangles
-//! of a node the finest level needs.
+//! The header and the index of a Nexus file: the vertex attributes, the offsets of nodes and textures, and the triangles
+//! of each node that belong to the finest level.
 
 use super::MAGIC;
 use super::bytes::{Cursor, Fault};
@@ -10,11 +10,11 @@ pub(super) const HEADER: usize = 88;
 const NODE: u64 = 44;
 const PATCH: u64 = 12;
 const TEXTURE: u64 = 68;
-/// Places in the file are multiples of this.
+/// Offsets in the file are multiples of this.
 const UNIT: u64 = 256;
 /// The version of the format that is read.
 pub(super) const VERSION: u32 = 2;
-/// A patch without a picture names this one.
+/// The texture index of a patch without a texture.
 const NO_TEXTURE: u32 = u32::MAX;
 
 /// Bytes of the types of attributes, by number: none, 8, 8, 16, 16, 32 and 32 bits, float, double.
@@ -29,19 +29,19 @@ const FLOAT: u8 = 7;
 pub(super) const MECO: u32 = 2;
 /// The nodes are compressed with Corto.
 pub(super) const CORTO: u32 = 4;
-/// The nodes lie in files of their own.
+/// Each node is in a separate file.
 pub(super) const DEEPZOOM: u32 = 8;
-/// All flags that are known, with the one of pictures for each patch.
+/// All known flags, including 1 for a texture per patch.
 pub(super) const FLAGS: u32 = 1 | MECO | CORTO | DEEPZOOM;
 
-/// The type and the number of components of an attribute; both 0 where it is not there.
+/// The type and the number of components of an attribute; 0 if it is absent.
 type Attribute = [u8; 2];
 
-/// What the header says.
+/// The contents of the header.
 #[derive(Debug)]
 pub(super) struct Header {
     pub(super) version: u32,
-    /// Of all nodes together.
+    /// In all nodes.
     pub(super) triangles: u64,
     pub(super) flags: u32,
     vertex: [Attribute; 8],
@@ -51,20 +51,20 @@ pub(super) struct Header {
     textures: u32,
 }
 
-/// Attributes of the vertices of nodes that are not compressed.
+/// The vertex attributes of uncompressed nodes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Layout {
     pub(super) normals: bool,
     pub(super) colors: bool,
     pub(super) coordinates: bool,
-    /// Bytes of a vertex in all.
+    /// Total bytes per vertex.
     pub(super) vertex_bytes: usize,
 }
 
-/// Triangles of a node, and the number of their picture.
+/// Triangles of a node, and the index of their texture.
 pub(super) type Part = (Range<usize>, Option<usize>);
 
-/// A node that the finest level needs.
+/// A node with triangles of the finest level.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Node {
     /// Its number in the file.
@@ -77,13 +77,13 @@ pub(super) struct Node {
     pub(super) parts: Vec<Part>,
 }
 
-/// Where all is.
+/// The contents of the index.
 #[derive(Debug)]
 pub(super) struct Index {
     pub(super) nodes: Vec<Node>,
-    /// Triangles of all nodes, also coarser ones.
+    /// Triangles of all nodes, including coarser ones.
     pub(super) triangles: u64,
-    /// The bytes of the pictures.
+    /// The byte ranges of the textures.
     pub(super) textures: Vec<Range<u64>>,
 }
 
@@ -120,12 +120,12 @@ impl Header {
         format!("{} nodes, {} patches and {} textures", self.nodes, self.patches, self.textures)
     }
 
-    /// Whether it is a cloud of points.
+    /// Whether it is a point cloud.
     pub(super) fn has_no_faces(&self) -> bool {
         is_absent(self.face[0])
     }
 
-    /// How vertices are stored without compression; where that is not understood, what is there.
+    /// The layout of uncompressed vertices; the error names an attribute that is not supported.
     pub(super) fn layout(&self) -> Result<Layout, String> {
         let names = ["positions", "normals", "colours", "texture coordinates"];
         let known: [&[Attribute]; 4] = [&[[FLOAT, 3]], &[[SHORT, 3]], &[[BYTE, 4], [UNSIGNED_BYTE, 4]], &[[FLOAT, 2]]];
@@ -136,7 +136,7 @@ impl Header {
             }
         }
         if self.face[0] != [UNSIGNED_SHORT, 3] || !self.face[1..].iter().all(|a| is_absent(*a)) {
-            return Err("triangles with more than three indices of 16 bits".to_owned());
+            return Err("faces that are not three 16-bit indices".to_owned());
         }
         let bytes = |a: &Attribute| Some(TYPE_BYTES.get(usize::from(a[0]))? * usize::from(a[1]));
         let Some(vertex_bytes) = self.vertex.iter().map(bytes).sum() else {
@@ -157,12 +157,12 @@ struct Entry {
     vertices: u32,
     triangles: u32,
     first_patch: usize,
-    /// Where it stands in the file.
+    /// Offset of this entry in the file.
     at: u64,
 }
 
 impl Index {
-    /// From the bytes behind the header of a file of `total` bytes.
+    /// From the bytes after the header of a file of `total` bytes.
     pub(super) fn parse(header: &Header, bytes: &[u8], total: u64) -> Result<Self, Fault> {
         let mut from = Cursor::new(bytes, HEADER as u64);
         let mut entries = Vec::new();
@@ -170,7 +170,7 @@ impl Index {
             entries.push(Entry::parse(&mut from)?);
         }
         let Some((sink, finer)) = entries.split_last() else {
-            return Err(from.fault("no nodes", "one at least; the file is damaged: copy it again"));
+            return Err(from.fault("no nodes", "at least one; the file is damaged: copy it again"));
         };
         let mut nodes = Vec::new();
         let mut patches = Patches { from: from.clone(), header, read: 0 };
@@ -193,30 +193,30 @@ impl Index {
 impl Entry {
     fn parse(from: &mut Cursor<'_>) -> Result<Self, Fault> {
         let at = from.offset();
-        let place = UNIT * u64::from(from.u32("the place of a node")?);
+        let place = UNIT * u64::from(from.u32("the offset of a node")?);
         let vertices = u32::from(from.u16("the vertices of a node")?);
         let triangles = u32::from(from.u16("the triangles of a node")?);
-        // Its error, cone of normals and spheres.
+        // Its error, normal cone and bounding spheres.
         from.take(32, "a node")?;
         let first_patch = from.u32("the first patch of a node")? as usize;
         Ok(Self { place, vertices, triangles, first_patch, at })
     }
 
-    /// The bytes of the node before `next`.
+    /// The byte range of the node, which ends where `next` begins.
     fn bytes(&self, next: &Self, total: u64) -> Result<Range<u64>, Fault> {
         range(self.place, next.place, total, "a node", self.at)
     }
 }
 
-/// The bytes from `start` to `end`, where only padding may be missing at the end of the file.
+/// The byte range from `start` to `end`; at the end of the file, padding may be missing.
 fn range(start: u64, end: u64, total: u64, what: &str, at: u64) -> Result<Range<u64>, Fault> {
     if start > end || start < HEADER as u64 {
         let found = format!("{what} from byte {start} to byte {end}");
-        return Err(Fault { at, found, expected: "places behind each other; the file is damaged".to_owned() });
+        return Err(Fault { at, found, expected: "ascending offsets; the file is damaged".to_owned() });
     }
     if end > total.next_multiple_of(UNIT) || start > total {
         let found = format!("{what} that ends at byte {end}");
-        let expected = format!("{total} bytes at most, as the file has; it is truncated: copy it again");
+        let expected = format!("at most {total}, the length of the file; it is truncated: copy it again");
         return Err(Fault { at, found, expected });
     }
     Ok(start..end.min(total))
@@ -238,8 +238,8 @@ impl Patches<'_, '_> {
         };
         let (first, end) = (entry.first_patch, next.first_patch);
         if first != self.read || end < first || end > self.header.patches as usize {
-            let found = format!("a node with the patches from {first} to {end}");
-            return Err(damaged(found, &format!("those from {} to {} at most", self.read, self.header.patches)));
+            let found = format!("a node with patches {first} to {end}");
+            return Err(damaged(found, &format!("patches from {} to at most {}", self.read, self.header.patches)));
         }
         let mut parts: Vec<Part> = Vec::new();
         let mut start = 0;
@@ -248,15 +248,15 @@ impl Patches<'_, '_> {
             let stop = self.from.u32("the triangles of a patch")? as usize;
             let texture = self.from.u32("the texture of a patch")?;
             if stop < start || stop > entry.triangles as usize || node >= self.header.nodes {
-                let found = format!("a patch of the triangles from {start} to {stop} that leads to node {node}");
-                let expected = format!("{} triangles and {} nodes", entry.triangles, self.header.nodes);
+                let found = format!("a patch with triangles {start} to {stop} that leads to node {node}");
+                let expected = format!("at most {} triangles and {} nodes", entry.triangles, self.header.nodes);
                 return Err(damaged(found, &expected));
             }
-            // The number of textures counts the end of the last.
+            // The last texture entry only marks the end of the one before.
             let is_there = u64::from(texture) + 1 < u64::from(self.header.textures);
             if texture != NO_TEXTURE && self.header.textures > 0 && !is_there {
-                let found = format!("a patch with the texture {texture}");
-                return Err(damaged(found, &format!("textures below {}", self.header.textures - 1)));
+                let found = format!("a patch with texture {texture}");
+                return Err(damaged(found, &format!("a texture below {}", self.header.textures - 1)));
             }
             if node == self.header.nodes - 1 && stop > start {
                 parts.push((start..stop, is_there.then_some(texture as usize)));
@@ -273,13 +273,13 @@ impl Patches<'_, '_> {
     }
 }
 
-/// The places of the pictures; the last entry is the end of the one before.
+/// The byte ranges of the textures; the last entry only marks the end of the one before.
 fn textures(from: &mut Cursor<'_>, count: u32, total: u64) -> Result<Vec<Range<u64>>, Fault> {
     let mut places = Vec::new();
     for _ in 0..count {
         let at = from.offset();
-        places.push((UNIT * u64::from(from.u32("the place of a texture")?), at));
-        // A matrix that is of no use for painted surfaces.
+        places.push((UNIT * u64::from(from.u32("the offset of a texture")?), at));
+        // A matrix that is not needed here.
         from.take(TEXTURE as usize - 4, "a texture")?;
     }
     places.windows(2).map(|pair| range(pair[0].0, pair[1].0, total, "a texture", pair[0].1)).collect()

@@ -1,17 +1,17 @@
-//! The reader of Nexus multiresolution models, version 2 (.nxs and .nxz, as 3DHOP shows them; F. Ponchio, "Multiresolution
+//! The reader of Nexus multiresolution models, version 2 (.nxs and .nxz, the format of 3DHOP; F. Ponchio, "Multiresolution
 //! structures for interactive visualization of very large 3D datasets", 2009): the finest level.
 //!
-//! A file has a header, an index (`index`) and nodes. Each node holds a piece of the surface at some detail as patches that name
-//! the node with the same surface in more detail; those that name the last node, the sink, are the finest and are all that
-//! is delivered. Nodes are read one at a time, plain (`node`) or compressed with Corto (`corto`).
+//! A file has a header, an index (`index`) and nodes. Each node holds a part of the surface at one level of detail, divided into patches. Each patch
+//! points to the node with the same surface in more detail; those that point to the last node, the sink, are the finest, and
+//! only they are delivered. Nodes are read one at a time, plain (`node`) or compressed with Corto (`corto`).
 //!
-//! What is kept: positions, normals, colours of vertices. Where a patch has a picture, vertices get its colour where they lie
-//! instead. A vertex at a border between nodes, or between pictures, is delivered once for each, at the same place;
-//! preparing the mesh makes them one. No units and no up axis are stored: metres and z unless told otherwise.
+//! Kept: positions, normals, vertex colours. If a patch has a texture, its vertices get the colours of the texture
+//! instead. A vertex at a border between nodes, or between textures, is delivered once for each, at the same position;
+//! preparing the mesh welds them. The format stores neither units nor the up axis; metres and z are the defaults.
 //!
-//! Counted: pictures that cannot be read; a count of triangles in the header that is not that of the nodes. Refused: MECO,
-//! nodes in files of their own, clouds of points, other versions; with the byte: places outside of the file, counts and
-//! indices that do not agree, streams that do not decode.
+//! Counted: textures that cannot be read; a triangle count in the header that differs from that of the nodes. Refused: MECO,
+//! one file per node, point clouds, other versions; and, with the offset: data outside the file, inconsistent counts and
+//! indices, streams that cannot be decoded.
 //!
 //! Memory: the index, one node (at most 65535 vertices and triangles), pictures. An index beyond the memory and a compressed node beyond all
 //! measure are refused.
@@ -28,26 +28,26 @@ use super::{Bytes, Input, MeshSink, ReadError, VertexBlock};
 use bytes::Cursor;
 use glam::{DVec2, DVec3, Vec3};
 use index::{Header, Index, Layout, Node};
-use node::Piece;
+use node::NodeMesh;
 use std::io::{Read, SeekFrom};
 use std::ops::Range;
 use std::path::Path;
 
 /// The first bytes of a file.
 const MAGIC: &[u8] = b" sxN";
-/// No vertex was delivered for this one.
+/// The vertex has not been delivered.
 const NONE: u64 = u64::MAX;
-/// Bytes after which progress is reported.
+/// Progress is reported every so many bytes.
 const REPORTED: u64 = 1 << 20;
 /// Bytes of a compressed node at the most. It has up to 65535 vertices and triangles, and a few hundred bytes for each would be far too many.
 const MAX_COMPRESSED: u64 = 64 << 20;
 /// Bytes that a byte of the index takes in memory, about, with the index itself.
 const INDEX_SHARE: u64 = 8;
 /// Diagnostic: the header and the nodes disagree.
-const OTHER_COUNT: &str = "headers that count other triangles than the nodes have; the nodes count";
+const COUNT_MISMATCH: &str = "headers whose triangle count differs from that of the nodes; the nodes were used";
 
-const OTHER_WAY: &str =
-    "Give the mesh from which it was built, or export its finest level as PLY with the tools of Nexus";
+const ALTERNATIVE: &str =
+    "Give the mesh from which it was built, or export its finest level as PLY with the Nexus tools";
 
 /// Whether a file that starts with these bytes is a Nexus model.
 pub fn is_nexus(start: &[u8]) -> bool {
@@ -57,7 +57,7 @@ pub fn is_nexus(start: &[u8]) -> bool {
 /// Deliver the finest level.
 ///
 /// # Errors
-/// [`ReadError`] for a file that is damaged, of another version or compression, or has no triangles; what the sink says.
+/// [`ReadError`] for a file that is damaged, of another version or compression, or has no triangles; errors of the sink.
 pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> {
     let Input { path, total, source, progress, options } = input;
     let mut file = File { source, path };
@@ -89,7 +89,7 @@ pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> 
     let index = Index::parse(&header, &bytes, total).map_err(|fault| fault.in_file(path))?;
     drop(bytes);
     if header.triangles != index.triangles {
-        sink.diagnostics().add(OTHER_COUNT, || format!("{} for {}", header.triangles, index.triangles));
+        sink.diagnostics().add(COUNT_MISMATCH, || format!("{} for {}", header.triangles, index.triangles));
     }
     let textures = Textures::new(options.texture_bytes).keeping(options.memory / 2).within(options.picture);
     let mut delivery = Delivery { file, index: &index, textures, sink, triangles: 0 };
@@ -108,8 +108,8 @@ pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> 
     if triangles > 0 {
         return Ok(());
     }
-    let found = "no patch of it leads to the last node, where the finest level ends".to_owned();
-    Err(ReadError::NoTriangles { file: path.to_owned(), found, way_out: OTHER_WAY })
+    let found = "no patch of it leads to the last node, so it has no finest level".to_owned();
+    Err(ReadError::NoTriangles { file: path.to_owned(), found, way_out: ALTERNATIVE })
 }
 
 /// How nodes are stored.
@@ -119,12 +119,12 @@ enum Coding {
     Corto,
 }
 
-/// How nodes are stored, where that is read.
+/// How nodes are stored; an error if that is not supported.
 fn coding(header: &Header, path: &Path) -> Result<Coding, ReadError> {
     let needs = |needs: String, way_out| ReadError::Needs { file: path.to_owned(), needs, way_out };
     if header.version != index::VERSION {
         let needed = format!("is a Nexus model of version {}; only version {} is read", header.version, index::VERSION);
-        return Err(needs(needed, OTHER_WAY));
+        return Err(needs(needed, ALTERNATIVE));
     }
     if header.flags & index::MECO != 0 {
         return Err(needs(
@@ -134,15 +134,15 @@ fn coding(header: &Header, path: &Path) -> Result<Coding, ReadError> {
     }
     if header.flags & index::DEEPZOOM != 0 {
         return Err(needs(
-            "is the index of a Nexus model whose nodes are in files of their own (deepzoom)".to_owned(),
+            "is the index of a Nexus model with one file per node (deepzoom)".to_owned(),
             "Give the .nxs or .nxz from which `nxsedit` made it",
         ));
     }
     if header.flags & !index::FLAGS != 0 {
-        return Err(needs(format!("is a Nexus model with unknown flags ({:#x})", header.flags), OTHER_WAY));
+        return Err(needs(format!("is a Nexus model with unknown flags ({:#x})", header.flags), ALTERNATIVE));
     }
     if header.has_no_faces() {
-        let found = "it is a Nexus model of a point cloud".to_owned();
+        let found = "it is a Nexus point cloud".to_owned();
         let way_out = "Make a mesh of the points first (for example Poisson reconstruction in CloudCompare or MeshLab)";
         return Err(ReadError::NoTriangles { file: path.to_owned(), found, way_out });
     }
@@ -152,10 +152,10 @@ fn coding(header: &Header, path: &Path) -> Result<Coding, ReadError> {
     let layout = header.layout();
     layout
         .map(Coding::Plain)
-        .map_err(|what| needs(format!("is a Nexus model with {what}, which is not read"), OTHER_WAY))
+        .map_err(|what| needs(format!("is a Nexus model with {what}, which is not read"), ALTERNATIVE))
 }
 
-/// The file in hand.
+/// The file being read.
 struct File<'a> {
     source: &'a mut dyn Bytes,
     path: &'a Path,
@@ -177,7 +177,7 @@ impl File<'_> {
     }
 }
 
-/// What is needed to deliver nodes.
+/// The state of the delivery.
 struct Delivery<'a, 's> {
     file: File<'a>,
     index: &'a Index,
@@ -187,12 +187,12 @@ struct Delivery<'a, 's> {
 }
 
 impl Delivery<'_, '_> {
-    /// Deliver what the finest level needs of a node.
+    /// Deliver the triangles of a node that belong to the finest level.
     fn node(&mut self, node: &Node, coding: Coding) -> Result<(), ReadError> {
         let bytes = self.file.bytes(self.needed(node, coding)?)?;
         let mut from = Cursor::new(&bytes, node.bytes.start);
         let piece = match coding {
-            Coding::Plain(layout) => Piece::plain(&mut from, layout, node),
+            Coding::Plain(layout) => NodeMesh::plain(&mut from, layout, node),
             Coding::Corto => corto::decode(&mut from, node.vertices, node.triangles),
         };
         let piece = piece.and_then(|piece| piece.checked(node.number, node.bytes.start));
@@ -227,11 +227,11 @@ impl Delivery<'_, '_> {
         }
     }
 
-    /// Deliver triangles of a node under one picture, with the vertices that they use. `numbers` is [`NONE`] for each vertex, and is so again
+    /// Deliver the triangles of a node that have one texture, with the vertices that they use. `numbers` is [`NONE`] for each vertex, and is so again
     /// afterwards.
     fn part(
         &mut self,
-        piece: &Piece,
+        piece: &NodeMesh,
         triangles: impl Iterator<Item = [u32; 3]>,
         texture: Option<usize>,
         numbers: &mut [u64],
@@ -253,7 +253,7 @@ impl Delivery<'_, '_> {
         let positions: Vec<DVec3> = used.iter().map(|&v| piece.positions[v]).collect();
         let normals: Vec<Vec3> = used.iter().filter_map(|&v| piece.normals.get(v).copied()).collect();
         let own = || used.iter().filter_map(|&v| piece.colors.get(v).copied()).collect();
-        let colors = self.painted(piece, &used, texture)?.unwrap_or_else(own);
+        let colors = self.texture_colors(piece, &used, texture)?.unwrap_or_else(own);
         let block = VertexBlock { positions: &positions, colors: &colors, normals: &normals, scalars: &[] };
         self.sink.vertices(&block)?;
         self.sink.triangles(&triangles, &[])?;
@@ -261,10 +261,10 @@ impl Delivery<'_, '_> {
         Ok(())
     }
 
-    /// The colours of vertices on a picture; none where there is no picture or it cannot be read.
-    fn painted(
+    /// The colours of vertices from a texture; `None` if there is none or it cannot be read.
+    fn texture_colors(
         &mut self,
-        piece: &Piece,
+        piece: &NodeMesh,
         vertices: &[usize],
         texture: Option<usize>,
     ) -> Result<Option<Vec<[u8; 3]>>, ReadError> {
@@ -274,14 +274,14 @@ impl Delivery<'_, '_> {
         let load = || {
             let length = range.end - range.start;
             if length > max {
-                let why = format!("it has {length} bytes, of which only {max} fit in memory; give a larger --memory");
+                let why = format!("it has {length} bytes, but only {max} fit in memory; give a larger --memory");
                 return Err(Refusal::Memory(why));
             }
             file.bytes(range.clone()).map_err(|e| Refusal::Unreadable(e.to_string()))
         };
         let diagnostics = self.sink.diagnostics();
         let picture = self.textures.get(number, load, |why| {
-            let kind = "pictures that cannot be read; what they cover has the colours of its vertices, if any";
+            let kind = "pictures that cannot be read; what they cover keeps its vertex colours, if any";
             diagnostics.add(kind, || format!("texture {number}: {why}"));
         });
         let colors = picture.map(|picture| {

@@ -4,19 +4,19 @@ use super::bytes::{Cursor, Fault};
 use super::index::{Layout, Node};
 use glam::{DVec2, DVec3, Vec3};
 
-/// What a node holds. Attributes are empty or have one entry for each position.
+/// The mesh of a node. Attributes are empty or have one entry for each position.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub(super) struct Piece {
+pub(super) struct NodeMesh {
     pub(super) positions: Vec<DVec3>,
     pub(super) normals: Vec<Vec3>,
     pub(super) colors: Vec<[u8; 3]>,
-    /// On the picture, (0, 0) at the bottom left.
+    /// In the texture, (0, 0) at the bottom left.
     pub(super) coordinates: Vec<DVec2>,
     pub(super) triangles: Vec<[u32; 3]>,
 }
 
-impl Piece {
-    /// From a node that is not compressed: each attribute of all its vertices after the other, then the triangles.
+impl NodeMesh {
+    /// From an uncompressed node: one attribute of all vertices after another, then the triangles.
     pub(super) fn plain(from: &mut Cursor<'_>, layout: Layout, node: &Node) -> Result<Self, Fault> {
         let (vertices, triangles) = (node.vertices as usize, node.triangles as usize);
         let mut whole = from.clone();
@@ -39,7 +39,7 @@ impl Piece {
             let color = from.take(4, "a colour")?;
             piece.colors.push([color[0], color[1], color[2]]);
         }
-        // Behind them there may be attributes that are not kept.
+        // Attributes that are not kept may follow.
         let kept = 12
             + if layout.coordinates { 8 } else { 0 }
             + if layout.normals { 6 } else { 0 }
@@ -52,11 +52,11 @@ impl Piece {
         Ok(piece)
     }
 
-    /// Refuse triangles that name vertices that are not there; `at` is where the node begins in the file.
+    /// Refuse triangles with vertices that do not exist; `at` is where the node begins in the file.
     pub(super) fn checked(self, node: usize, at: u64) -> Result<Self, Fault> {
         let count = self.positions.len();
         let Some(bad) = self.triangles.iter().flatten().find(|v| **v as usize >= count) else { return Ok(self) };
-        let found = format!("the vertex {bad} in a triangle of node {node}");
+        let found = format!("vertex {bad} in a triangle of node {node}");
         let expected = format!("vertices below {count}; the file is damaged: copy it again");
         Err(Fault { at, found, expected })
     }

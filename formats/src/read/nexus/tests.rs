@@ -1,8 +1,8 @@
-//! What the Nexus reader delivers and refuses, on files that are made here without compression.
+//! What the Nexus reader delivers and refuses, tested on uncompressed files made here.
 
 use super::super::{MemorySink, ReadError, ReadOptions, read_into_with, read_mesh_from};
 use super::corto;
-use super::{Cursor, OTHER_COUNT};
+use super::{COUNT_MISMATCH, Cursor};
 use crate::RawMesh;
 use glam::DVec3;
 use proptest::prelude::*;
@@ -28,7 +28,7 @@ struct Made {
 }
 
 const NO_TEXTURE: u32 = u32::MAX;
-/// Where things stand in the header and the index.
+/// Offsets in the header and the index.
 const FLAGS: usize = 56;
 const NODES: usize = 60;
 const PATCHES: usize = 64;
@@ -156,7 +156,7 @@ fn every_truncation_is_refused() {
 }
 
 #[test]
-fn what_is_not_read_is_refused_with_the_way_out() {
+fn unsupported_models_are_refused_with_advice() {
     let with = |at: usize, value: u32| {
         let mut bytes = model();
         bytes[at..at + 4].copy_from_slice(&value.to_le_bytes());
@@ -175,7 +175,7 @@ fn what_is_not_read_is_refused_with_the_way_out() {
 }
 
 #[test]
-fn counts_and_places_outside_of_the_file_are_refused_with_the_byte() {
+fn counts_and_offsets_outside_the_file_are_refused_with_the_offset() {
     let with = |at: usize, value: &[u8]| {
         let mut bytes = model();
         bytes[at..at + value.len()].copy_from_slice(value);
@@ -186,25 +186,25 @@ fn counts_and_places_outside_of_the_file_are_refused_with_the_byte() {
         (NODES, &[0xff; 4][..], "for the header and 4294967295 nodes"),
         (NODES, &[0; 4], "no nodes"),
         (PATCHES, &[0xff; 4], "4294967295 patches"),
-        (PATCHES, &[1, 0, 0, 0], "a node with the patches"),
-        (FIRST_NODE + 44, &[0; 4], "places behind each other"),
+        (PATCHES, &[1, 0, 0, 0], "a node with patches"),
+        (FIRST_NODE + 44, &[0; 4], "ascending offsets"),
         (FIRST_NODE + 44, &[0xff; 4], "it is truncated"),
         (FIRST_NODE + 3 * 44, &[0xff; 4], "it is truncated"),
         (FIRST_NODE + 44 + 4, &[0xff; 2], "bytes for the vertices and triangles"),
         (FIRST_NODE + 44 + 6, &[9, 0], "patches for all 9 of them"),
-        (FIRST_NODE + 44 + 40, &[7, 0, 0, 0], "a node with the patches"),
+        (FIRST_NODE + 44 + 40, &[7, 0, 0, 0], "a node with patches"),
         (patch, &[9, 0, 0, 0], "leads to node 9"),
-        (patch + 4, &[9, 0, 0, 0], "from 0 to 9"),
+        (patch + 4, &[9, 0, 0, 0], "triangles 0 to 9"),
     ] {
         let text = with(at, value);
         assert!(text.contains(part) && text.contains("byte "), "expected {part:?}: {text}");
     }
     let mut outside = square(0.0, &[[1, 2, NO_TEXTURE]]);
     outside.triangles[1] = [0, 2, 4];
-    assert!(refusal(&file(&[outside], &[])).contains("the vertex 4 in a triangle of node 0"));
+    assert!(refusal(&file(&[outside], &[])).contains("vertex 4 in a triangle of node 0"));
     let mut lies = model();
     lies[16] = 99;
-    assert_eq!(read(&lies).unwrap().diagnostics.count(OTHER_COUNT), 1);
+    assert_eq!(read(&lies).unwrap().diagnostics.count(COUNT_MISMATCH), 1);
 }
 
 #[test]
@@ -233,7 +233,7 @@ fn png(color: [u8; 3]) -> Vec<u8> {
 }
 
 #[test]
-fn parts_of_a_node_with_the_same_picture_share_their_vertices_wherever_they_stand() {
+fn parts_of_a_node_with_the_same_picture_share_their_vertices_in_any_order() {
     let mut node = square(0.0, &[]);
     node.coordinates = vec![[0.5; 2]; 4];
     node.triangles = vec![[0, 1, 2], [0, 2, 3], [0, 1, 3], [1, 2, 3], [2, 1, 0], [3, 2, 0]];
@@ -311,7 +311,7 @@ fn words(numbers: &[(u64, usize)]) -> Vec<u8> {
     bits.chunks(32).flat_map(|b| word(b).to_le_bytes()).collect()
 }
 
-/// A Corto stream without an entropy code: one triangle and one beyond its first edge, positions (0, 0, 0), (4, 0, 0),
+/// A Corto stream without entropy coding: one triangle and one beyond its first edge, positions (0, 0, 0), (4, 0, 0),
 /// (4, 4, 0), (8, 4, 0) in steps of a half.
 fn stream() -> Vec<u8> {
     let mut bytes = vec![0, 0x63, 0x7a, 0x78, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0];
@@ -336,7 +336,7 @@ fn stream() -> Vec<u8> {
 }
 
 #[test]
-fn a_stream_without_entropy_code_is_decoded() {
+fn a_stream_without_entropy_coding_is_decoded() {
     let bytes = stream();
     let piece = corto::decode(&mut Cursor::new(&bytes, 0), 4, 2).unwrap();
     assert_eq!(piece.triangles, [[0, 1, 2], [2, 1, 3]]);

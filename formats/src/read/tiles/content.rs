@@ -1,8 +1,8 @@
-//! What a tile shows: glTF, alone, behind the header of a b3dm (OGC 22-025r4, annex "Batched 3D Model"; deprecated in 1.1 but written by most
-//! programs), or several in a cmpt; any of them may be compressed with gzip.
+//! The content of a tile: a glTF, alone or in a b3dm (OGC 22-025r4, annex "Batched 3D Model"; deprecated in 1.1 but written by most
+//! programs), or several tiles in a cmpt; any of them may be gzipped.
 
 use super::super::companions::Companions;
-use super::super::gltf::{Detailing, Standing, deliver_standing, is_gltf};
+use super::super::gltf::{Detailing, TilePlacement, deliver_placed, is_gltf};
 use super::super::{Bytes, Input, MeshSink, OnProgress, Place, ReadError, ReadOptions};
 use super::is_tileset;
 use super::tree::Leaf;
@@ -17,13 +17,13 @@ use std::path::Path;
 const B3DM_HEADER: u64 = 28;
 /// Bytes of the header of a cmpt.
 const CMPT_HEADER: u64 = 16;
-/// Composites in each other.
+/// Maximum nesting of composites.
 const MAX_COMPOSITES: usize = 8;
 /// Bytes of the JSON of a feature table; a few dozen are usual.
 const MAX_FEATURES: u64 = 1 << 20;
 const COPY: &str = "the file is truncated or damaged: copy or export it again";
 
-/// Whether a file begins as gzip does.
+/// Whether a file is gzipped, by its first bytes.
 pub(super) fn is_gzip(start: &[u8]) -> bool {
     start.starts_with(b"\x1f\x8b")
 }
@@ -38,19 +38,16 @@ pub(super) fn gunzip(source: impl Read, path: &Path, max: u64) -> Result<Vec<u8>
         file: path.to_owned(),
         place: Place::Byte(0),
         found: format!("a gzip stream that cannot be decompressed ({e})"),
-        expected: format!("a sound one; {COPY}"),
+        expected: format!("a valid one; {COPY}"),
     })?;
     if bytes.len() as u64 > max {
-        let what = format!(
-            "uncompressed it has more than {} MiB, which is all that may be used; give a larger --memory",
-            max >> 20
-        );
+        let what = format!("its uncompressed size is over the limit of {} MiB; give a larger --memory", max >> 20);
         return Err(ReadError::TooLarge { file: path.to_owned(), what });
     }
     Ok(bytes)
 }
 
-/// A part of a file as a file.
+/// A part of a file, read as a file of its own.
 struct Window<'a> {
     source: &'a mut dyn Bytes,
     start: u64,
@@ -87,12 +84,12 @@ pub(super) struct Delivery<'a> {
     pub(super) options: &'a ReadOptions,
     pub(super) detailing: Option<Detailing<'a>>,
     pub(super) sink: &'a mut dyn MeshSink,
-    /// Tiles near the surface of the earth, if they are in geocentric coordinates.
+    /// Number of tiles whose origin, taken as geocentric, is near the surface of the earth.
     pub(super) geocentric: u64,
 }
 
 impl Delivery<'_> {
-    /// Deliver one file; the number of its triangles.
+    /// Deliver one file; returns its number of triangles.
     pub(super) fn leaf(&mut self, leaf: &Leaf, progress: &mut OnProgress<'_>) -> Result<u64, ReadError> {
         let (mut file, bytes) =
             self.companions.open(&leaf.path).map_err(|source| ReadError::Open { file: leaf.path.clone(), source })?;
@@ -123,7 +120,7 @@ impl Delivery<'_> {
     }
 }
 
-/// One file in hand.
+/// The file being read.
 struct Content<'c, 'd, 'p> {
     leaf: &'c Leaf,
     source: &'c mut dyn Bytes,
@@ -134,7 +131,7 @@ struct Content<'c, 'd, 'p> {
 }
 
 impl Content<'_, '_, '_> {
-    /// Deliver the content that begins at a byte and has so many.
+    /// Deliver the content of `length` bytes that begins at byte `at`.
     fn read(&mut self, at: u64, length: u64, composites: usize) -> Result<u64, ReadError> {
         let start = self.piece(at, length.min(super::super::SNIFFED))?;
         match start.get(..4).unwrap_or_default() {
@@ -144,10 +141,10 @@ impl Content<'_, '_, '_> {
             b"i3dm" => Err(self.refused("a tile of instances (i3dm)")),
             b"vctr" => Err(self.refused("a tile of vector data (vctr)")),
             b"subt" => Err(self.refused("a subtree of implicit tiling")),
-            _ if is_tileset(&start, length) => Err(self.refused("a tileset under the name of a mesh")),
+            _ if is_tileset(&start, length) => Err(self.refused("a tileset with the file extension of a mesh")),
             _ if is_gltf(&start, length) => self.gltf(at, length, DVec3::ZERO),
             _ => {
-                let found = format!("{} that are neither b3dm nor glTF", counted(length, "byte", "bytes"));
+                let found = format!("{} of an unknown format", counted(length, "byte", "bytes"));
                 Err(self.malformed(at, found, &format!("a tile in b3dm or glTF; {COPY}")))
             }
         }
@@ -155,8 +152,7 @@ impl Content<'_, '_, '_> {
 
     fn refused(&self, what: &str) -> ReadError {
         let needs = format!("is {what}, which is not read");
-        let way_out =
-            "Export the tileset again with meshes in b3dm or glTF alone, or give the mesh that it was made of";
+        let way_out = "Export the tileset again with only b3dm or glTF meshes, or give the mesh that it was made from";
         ReadError::Needs { file: self.leaf.path.clone(), needs, way_out }
     }
 
@@ -169,7 +165,7 @@ impl Content<'_, '_, '_> {
         piece(self.source, at, length, &self.leaf.path)
     }
 
-    /// The words of a header of `N` words, of which the third is the length of the whole; the length is checked.
+    /// The `N` words of a header; the third, the total length, is checked.
     fn header<const N: usize>(&mut self, at: u64, length: u64, what: &str) -> Result<[u32; N], ReadError> {
         let bytes = self.piece(at, length.min(4 * N as u64))?;
         if bytes.len() < 4 * N {
@@ -186,12 +182,12 @@ impl Content<'_, '_, '_> {
         let whole = u64::from(words[2]);
         if whole > length || whole < bytes.len() as u64 {
             let found = counted(length, "byte", "bytes").to_string();
-            return Err(self.malformed(at, found, &format!("{whole}, as the header of the {what} says; {COPY}")));
+            return Err(self.malformed(at, found, &format!("{whole}, as in the header of the {what}; {COPY}")));
         }
         Ok(words)
     }
 
-    /// A b3dm: header, tables of features and batches, each in JSON and binary, and a GLB.
+    /// A b3dm: header, feature table and batch table, each with a JSON and a binary part, and a GLB.
     fn batched(&mut self, at: u64, length: u64) -> Result<u64, ReadError> {
         let [_, _, whole, json, binary, batch_json, batch_binary] = self.header::<7>(at, length, "b3dm")?;
         let [json, binary] = [json, binary].map(u64::from);
@@ -206,16 +202,16 @@ impl Content<'_, '_, '_> {
         let first = at + B3DM_HEADER + tables;
         let start = self.piece(first, (room - tables).min(12))?;
         if !start.starts_with(b"glTF") {
-            let expected = "a GLB behind the tables of a b3dm; drafts of b3dm are not read: export the tileset again";
+            let expected = "a GLB after the tables of a b3dm; drafts of b3dm are not read: export the tileset again";
             return Err(self.malformed(first, "something else".to_owned(), expected));
         }
-        // What is behind the GLB fills the file up to a multiple of 8 bytes.
+        // Padding to a multiple of 8 bytes may follow the GLB.
         let own = start.get(8..12).and_then(|b| b.first_chunk()).map_or(u64::MAX, |b| u32::from_le_bytes(*b).into());
         let rest = room - tables;
         self.gltf(first, if own <= rest && rest - own < 8 { own } else { rest }, center)
     }
 
-    /// `RTC_CENTER` of the table of features.
+    /// `RTC_CENTER` of the feature table.
     fn center(&mut self, at: u64, json: u64, binary: u64) -> Result<DVec3, ReadError> {
         #[derive(Deserialize, Default)]
         struct Features {
@@ -243,15 +239,15 @@ impl Content<'_, '_, '_> {
         let features: Features = serde_json::from_slice(&text[..end]).map_err(|e| {
             let found =
                 format!("a feature table that cannot be read ({})", kilwa_pack::visible::visible(&e.to_string()));
-            self.malformed(at, found, &format!("JSON, with RTC_CENTER, if it is there, of three numbers; {COPY}"))
+            self.malformed(at, found, &format!("JSON in which RTC_CENTER, if present, is three numbers; {COPY}"))
         })?;
         let center = match features.center {
             None => DVec3::ZERO,
             Some(Center::Here(center)) => center.into(),
             Some(Center::Binary { offset }) => {
                 if offset.checked_add(12).is_none_or(|end| end > binary) {
-                    let found = format!("RTC_CENTER at byte {offset} of a binary part of {binary}");
-                    return Err(self.malformed(at, found, &format!("12 bytes that are there; {COPY}")));
+                    let found = format!("RTC_CENTER at byte {offset} of a binary part of {binary} bytes");
+                    return Err(self.malformed(at, found, &format!("12 bytes inside it; {COPY}")));
                 }
                 let bytes = self.piece(at + json + offset, 12)?;
                 let word = |i: usize| {
@@ -263,13 +259,13 @@ impl Content<'_, '_, '_> {
         if center.is_finite() {
             return Ok(center);
         }
-        Err(self.malformed(at, "RTC_CENTER that is not finite".to_owned(), &format!("three numbers; {COPY}")))
+        Err(self.malformed(at, "RTC_CENTER that is not finite".to_owned(), &format!("three finite numbers; {COPY}")))
     }
 
-    /// A cmpt: header, and tiles one after the other.
+    /// A cmpt: header, and tiles one after another.
     fn composite(&mut self, at: u64, length: u64, composites: usize) -> Result<u64, ReadError> {
         if composites == MAX_COMPOSITES {
-            let found = format!("more than {MAX_COMPOSITES} composites in each other");
+            let found = format!("more than {MAX_COMPOSITES} nested composites");
             return Err(self.malformed(at, found, "fewer; export the tileset again"));
         }
         let [_, _, whole, tiles] = self.header::<4>(at, length, "cmpt")?;
@@ -292,7 +288,7 @@ impl Content<'_, '_, '_> {
         Ok(triangles)
     }
 
-    /// A glTF, turned and moved to where the tile is.
+    /// A glTF, rotated and moved to the position of the tile.
     fn gltf(&mut self, at: u64, length: u64, center: DVec3) -> Result<u64, ReadError> {
         /// How far from the centre of the earth its surface can be, with mountains and trenches, metres.
         const SURFACE: std::ops::Range<f64> = 6_330_000.0..6_400_000.0;
@@ -309,14 +305,14 @@ impl Content<'_, '_, '_> {
             options,
         };
         let companions = Companions::of(&self.leaf.path, options).within(companions);
-        let standing = Standing { root_from_tile, tile_from_scene, companions };
-        let stood = deliver_standing(input, &mut **sink, *detailing, &standing)?;
+        let standing = TilePlacement { root_from_tile, tile_from_scene, companions };
+        let stood = deliver_placed(input, &mut **sink, *detailing, &standing)?;
         self.is_geocentric |= stood.origins.iter().any(|origin| SURFACE.contains(&origin.length()));
         Ok(stood.triangles)
     }
 }
 
-/// Bytes that lie in the file, or as many of them as are there.
+/// Up to `length` bytes of the file, fewer at its end.
 fn piece(source: &mut dyn Bytes, at: u64, length: u64, path: &Path) -> Result<Vec<u8>, ReadError> {
     let cannot = |source| ReadError::Io { file: path.to_owned(), offset: at, source };
     source.seek(SeekFrom::Start(at)).map_err(cannot)?;

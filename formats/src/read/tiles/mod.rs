@@ -1,18 +1,18 @@
-//! The reader of 3D Tiles (OGC, "3D Tiles Specification 1.1", 22-025r4; also 1.0 and its drafts), as Metashape, RealityCapture and iTwin write them.
+//! The reader of 3D Tiles (OGC, "3D Tiles Specification 1.1", 22-025r4; also 1.0 and its drafts), as written by Metashape, RealityCapture and iTwin Capture.
 //!
-//! Stages: `schema` (the JSON) → `tree` (which tiles are the finest, and where they are; `names` finds their files) → `content` (b3dm, glTF) → the reader of
+//! Stages: `schema` (the JSON) → `tree` (the finest tiles and their transforms; `names` finds their files) → `content` (b3dm, glTF) → the reader of
 //! glTF → the sink.
 //!
-//! Only the finest surface is read: tiles without children, and tiles that are refined by addition. Coarser tiles are counted and never
-//! opened, so that they may be missing. Positions are those of the frame of the first tileset in f64: transforms of tiles are multiplied down from
-//! the root, and z is up in all tiles (y in their glTF, unless `gltfUpAxis` says otherwise). Coordinates on the earth (geocentric, EPSG:4978) are kept as they are,
+//! Only the finest surface is read: tiles without children, and tiles with additive refinement. Coarser tiles are counted and never
+//! opened, so they may be missing. Positions are in the frame of the first tileset, in f64: tile transforms are multiplied from the
+//! root down, and z is up in all tiles (y in their glTF, unless `gltfUpAxis` states otherwise). Geocentric coordinates (EPSG:4978) are kept
 //! and counted.
 //!
 //! Refused: implicit tiling; tiles of points, instances and vectors; tilesets that name each other in a circle or twice; files that stand at the same place twice; addresses, absolute names and those
 //! that leave the folder; files of the finest tiles that are missing, before anything is delivered.
 //!
-//! Memory: the JSON of tilesets that contain each other, a few hundred bytes for each of the finest tiles, a tile that is compressed with gzip, and what the reader of glTF
-//! needs for one.
+//! Memory: the JSON of the nested tilesets that are open, a few hundred bytes for each of the finest tiles, one gzipped tile, and what the glTF
+//! reader needs for one tile.
 
 mod content;
 mod names;
@@ -49,7 +49,7 @@ impl UpAxis {
         }
     }
 
-    /// Turns it to z, as CesiumJS does.
+    /// Rotates it to z, as CesiumJS does.
     fn tile_from_gltf(self) -> DAffine3 {
         DAffine3::from_mat3(match self {
             Self::X => DMat3::from_cols(DVec3::Z, DVec3::Y, DVec3::NEG_X),
@@ -64,7 +64,7 @@ pub fn is_tileset(start: &[u8], _total: u64) -> bool {
     let mut unpacked = Vec::new();
     let mut text = start;
     if content::is_gzip(start) {
-        // The beginning of a stream ends with an error, but what came before is there.
+        // A truncated stream ends with an error, but its beginning is decompressed.
         let _ = GzDecoder::new(start).take(super::SNIFFED).read_to_end(&mut unpacked);
         text = &unpacked;
     }
@@ -76,7 +76,7 @@ pub fn is_tileset(start: &[u8], _total: u64) -> bool {
 /// Deliver the finest surface.
 ///
 /// # Errors
-/// [`ReadError`] for a tileset or a tile that is damaged, missing or needs what is not read, or where no tile has a triangle; what the sink says.
+/// [`ReadError`] for a tileset or a tile that is damaged, missing or needs unsupported features, or if no tile has a triangle; errors of the sink.
 pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> {
     let detailing = input.options.detail.as_deref().map(|detail| Detailing { detail, notes: false });
     deliver(input, sink, detailing)
@@ -98,9 +98,9 @@ fn deliver(input: Input<'_>, sink: &mut dyn MeshSink, detailing: Option<Detailin
     let diagnostics = sink.diagnostics();
     diagnostics.add_many("tiles of the finest level read", plan.leaves.len() as u64);
     diagnostics.add_many("coarser tiles left out, because finer ones replace them", plan.coarser);
-    let kind = "coarser tiles left out that tiles without content replace";
+    let kind = "coarser tiles left out, although nothing finer has content";
     diagnostics.add_many(kind, plan.replaced_by_nothing);
-    diagnostics.add_many("tilesets named by other tilesets read", plan.external);
+    diagnostics.add_many("external tilesets read", plan.external);
     let mut delivery = Delivery { companions, options, detailing, sink, geocentric: 0 };
     let all = plan.leaves.iter().fold(0u64, |sum, leaf| sum.saturating_add(leaf.bytes));
     let (mut before, mut triangles) = (0u64, 0u64);

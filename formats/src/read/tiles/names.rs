@@ -1,7 +1,7 @@
-//! Where the URIs of a tileset lead: to files in the folder of the first tileset or below it, and nowhere else.
+//! Resolves the URIs of a tileset to files in the folder of the first tileset or below it, and nowhere else.
 //!
-//! A name must lead exactly where it says. A file of the same name in another folder, which other readers take for one that was moved, is another tile
-//! here.
+//! Paths must match exactly. Other readers accept a file of the same name in another folder as one that was moved; here it would be a different
+//! tile.
 
 use super::super::companions::{Companions, Found, Reference};
 use super::super::{ReadError, ReadOptions};
@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Named {
     pub(super) path: PathBuf,
-    /// The folders from that of the first tileset to it.
+    /// Its folders, relative to that of the first tileset.
     pub(super) folders: Vec<String>,
 }
 
@@ -23,9 +23,9 @@ pub(super) struct Names<'a> {
     pub(super) options: &'a ReadOptions,
 }
 
-/// The file that has a name in it.
+/// The file that contains the URI.
 #[derive(Clone, Copy)]
-pub(super) struct From<'a> {
+pub(super) struct Referrer<'a> {
     pub(super) path: &'a Path,
     pub(super) folders: &'a [String],
 }
@@ -34,12 +34,12 @@ impl Names<'_> {
     /// The file that `uri` names in `from`, at `place`.
     ///
     /// # Errors
-    /// [`ReadError::Part`] where it is an address, absolute or not there; [`ReadError::Outside`] where it leaves the folder.
-    pub(super) fn locate(&self, uri: &str, place: &str, from: From<'_>) -> Result<Named, ReadError> {
+    /// [`ReadError::Part`] where it is a URL, absolute or missing; [`ReadError::Outside`] where it leaves the folder.
+    pub(super) fn locate(&self, uri: &str, place: &str, from: Referrer<'_>) -> Result<Named, ReadError> {
         let missing = || ReadError::Part {
             file: from.path.to_owned(),
             part: place.to_owned(),
-            found: format!("the file \"{}\", which is not there", shown(&decoded(uri))),
+            found: format!("the file \"{}\", which does not exist", shown(&decoded(uri))),
             expected: "all files of the tileset; copy the missing ones too".to_owned(),
         };
         self.find(uri, place, from)?.ok_or_else(missing)
@@ -49,7 +49,7 @@ impl Names<'_> {
     ///
     /// # Errors
     /// As [`Names::locate`].
-    pub(super) fn find(&self, uri: &str, place: &str, from: From<'_>) -> Result<Option<Named>, ReadError> {
+    pub(super) fn find(&self, uri: &str, place: &str, from: Referrer<'_>) -> Result<Option<Named>, ReadError> {
         let part = |found: String, expected: &str| ReadError::Part {
             file: from.path.to_owned(),
             part: place.to_owned(),
@@ -57,17 +57,17 @@ impl Names<'_> {
             expected: expected.to_owned(),
         };
         if is_address(uri) {
-            let expected = "the name of a file; download the whole tileset and give that";
-            return Err(part(format!("the address \"{}\"", shown(uri)), expected));
+            let expected = "the path of a local file; download the whole tileset first";
+            return Err(part(format!("the URL \"{}\"", shown(uri)), expected));
         }
-        // Some exporters do not escape: the name as it stands counts where there is such a file.
+        // Some exporters do not escape URIs, so the literal name is tried first.
         // What is behind a question mark may look like any path, so that a refusal counts only if neither name leads to a file.
         let reference = Reference { file: from.path, place, name: uri };
         let mut refused = None;
         for name in [uri, &decoded(uri)] {
             if is_absolute(name) {
-                let expected = "a name relative to the tileset; correct the tileset or export it again";
-                refused = Some(part(format!("the absolute name \"{}\"", shown(uri)), expected));
+                let expected = "a path relative to the tileset; correct the tileset or export it again";
+                refused = Some(part(format!("the absolute path \"{}\"", shown(uri)), expected));
                 continue;
             }
             let Some((folders, last)) = self.resolved(name, from) else {
@@ -86,8 +86,8 @@ impl Names<'_> {
         refused.map_or(Ok(None), Err)
     }
 
-    /// Folders and name, from the folder of the first tileset; `None` where that is left.
-    fn resolved(&self, name: &str, from: From<'_>) -> Option<(Vec<String>, String)> {
+    /// Folders and file name, relative to the folder of the first tileset; `None` if the path leaves it.
+    fn resolved(&self, name: &str, from: Referrer<'_>) -> Option<(Vec<String>, String)> {
         let mut all = from.folders.to_vec();
         for part in name.split(['/', '\\']).filter(|part| !part.is_empty() && *part != ".") {
             match part {
@@ -109,7 +109,7 @@ fn decoded(uri: &str) -> String {
     percent_decode_str(path_of_uri).decode_utf8_lossy().into_owned()
 }
 
-/// Whether a URI names something that is no file here: it has a scheme, which a drive of Windows is not, or the name of a computer.
+/// Whether a URI is not a local path: it has a scheme (other than a Windows drive letter) or a host name.
 fn is_address(uri: &str) -> bool {
     let is_scheme =
         |scheme: &str| scheme.len() > 1 && scheme.bytes().all(|b| b.is_ascii_alphanumeric() || b"+-.".contains(&b));

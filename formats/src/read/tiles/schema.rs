@@ -1,11 +1,11 @@
-//! The parts of a tileset's JSON that say what is shown where (OGC, "3D Tiles Specification 1.1", 22-025r4, section 7; 1.0 and its
-//! drafts name some parts differently). All else is not looked at, so that damage there refuses nothing.
+//! The parts of a tileset's JSON that describe the tiles and their positions (OGC, "3D Tiles Specification 1.1", 22-025r4, section 7; 1.0 and its
+//! drafts name some parts differently). Everything else is ignored, so errors there do not matter.
 
 use super::super::gltf::OBJECT_BYTES;
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-// What the memory for the JSON is estimated by.
+// The memory estimate for the JSON assumes these sizes.
 const _: () = assert!(size_of::<Tile>() <= OBJECT_BYTES && size_of::<Content>() <= OBJECT_BYTES);
 
 /// One file.
@@ -22,14 +22,14 @@ pub(super) struct Tileset {
 #[serde(rename_all = "camelCase")]
 pub(super) struct Asset {
     pub(super) version: String,
-    /// The axis that points up in the glTF of tiles: of drafts of 1.0, and still written.
+    /// The axis that points up in the glTF of tiles: from drafts of 1.0, but still written.
     pub(super) gltf_up_axis: Option<String>,
 }
 
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 pub(super) struct Tile {
-    /// Column by column.
+    /// In column-major order.
     pub(super) transform: Option<Box<[f64; 16]>>,
     pub(super) refine: Option<String>,
     /// Boxed, because memory is estimated by the size of elements of lists.
@@ -42,7 +42,7 @@ pub(super) struct Tile {
     extensions: Option<Box<Extensions>>,
 }
 
-/// What a tile shows. Drafts of 1.0 have `url`.
+/// The content of a tile. Drafts of 1.0 have `url`.
 #[derive(Deserialize)]
 pub(super) struct Content {
     uri: Option<String>,
@@ -72,7 +72,7 @@ impl Content {
 }
 
 impl Tile {
-    /// All that it shows, with the names of the parts.
+    /// All its contents, with the names of the JSON properties.
     pub(super) fn contents(&self) -> impl Iterator<Item = (String, &Content)> {
         let one = self.content.iter().map(|content| ("content".to_owned(), &**content));
         let multiple = self.extensions.iter().filter_map(|e| e.multiple.as_ref()).flat_map(|m| &m.contents);
@@ -80,7 +80,7 @@ impl Tile {
         one.chain(several.map(|(i, content)| (format!("contents[{i}]"), content)))
     }
 
-    /// Whether its tiles are not listed but computed.
+    /// Whether its descendants are defined by implicit tiling.
     pub(super) fn is_implicit(&self) -> bool {
         self.implicit_tiling.is_some() || self.extensions.as_ref().is_some_and(|e| e.implicit.is_some())
     }

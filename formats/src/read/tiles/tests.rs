@@ -1,4 +1,4 @@
-//! What the reader of 3D Tiles takes, leaves out and refuses.
+//! What the 3D Tiles reader reads, leaves out and refuses.
 
 use super::super::{ReadError, ReadOptions, read_into_with, read_mesh};
 use crate::RawMesh;
@@ -137,7 +137,7 @@ fn large_coordinates_keep_double_precision_and_are_counted() {
 }
 
 #[test]
-fn the_center_of_a_b3dm_comes_after_the_turn_and_before_the_transform() {
+fn the_center_of_a_b3dm_is_added_after_the_rotation_and_before_the_transform() {
     let turned = json!([0, 1, 0, 0, -1, 0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]);
     let corner = |bytes: &[u8]| {
         Site::new(&json!({"transform": turned, "content": {"uri": "a.b3dm"}})).with("a.b3dm", bytes).corners()[0]
@@ -153,7 +153,7 @@ fn the_center_of_a_b3dm_comes_after_the_turn_and_before_the_transform() {
     scene["extensionsRequired"] = json!(["CESIUM_RTC"]);
     let zeros = [[0u8; 12], [1; 12], [2; 12]].concat();
     let at = corner(&b3dm("", &[], &glb_of(&scene, &zeros)));
-    assert_eq!(at, [-20.0, 10.0, 30.0], "the same by the extension");
+    assert_eq!(at, [-20.0, 10.0, 30.0], "the extension has the same effect");
 }
 
 #[test]
@@ -167,7 +167,7 @@ fn other_axes_of_gltf_are_turned_as_the_tileset_states() {
 }
 
 #[test]
-fn the_center_of_a_glb_comes_after_the_turn_of_every_axis() {
+fn the_center_of_a_glb_is_added_after_the_rotation_of_every_axis() {
     let mut scene = triangle(&json!({"byteLength": 36}));
     scene["extensions"] = json!({"CESIUM_RTC": {"center": [10, 20, 30]}});
     scene["nodes"][0]["translation"] = json!([1, 2, 3]);
@@ -184,7 +184,7 @@ fn the_center_of_a_glb_comes_after_the_turn_of_every_axis() {
 }
 
 #[test]
-fn tiles_are_geocentric_where_their_meshes_stand_and_are_counted_once() {
+fn tiles_are_geocentric_by_the_position_of_their_meshes_and_counted_once() {
     let count = |bytes: &[u8], transform: &Value| {
         let root = json!({"transform": transform, "content": {"uri": "a.glb"}});
         let found = Site::new(&root).with("a.glb", bytes).mesh().diagnostics;
@@ -206,7 +206,7 @@ fn tiles_are_geocentric_where_their_meshes_stand_and_are_counted_once() {
 }
 
 #[test]
-fn only_the_finest_tiles_are_read_and_coarser_ones_need_not_be_there() {
+fn only_the_finest_tiles_are_read_and_coarser_ones_may_be_missing() {
     let leaf = |uri: &str| json!({"content": {"uri": uri}});
     let root = json!({"refine": "REPLACE", "content": {"uri": "coarse.b3dm"}, "children": [
         {"content": {"uri": "middle.b3dm"}, "children": [leaf("a.glb"), {"children": [leaf("b.glb")]}]},
@@ -225,12 +225,12 @@ fn only_the_finest_tiles_are_read_and_coarser_ones_need_not_be_there() {
     assert_eq!(xs, [0.0, 1.0, 2.0, 3.0, 4.0]);
     let found = site.mesh().diagnostics;
     assert_eq!(found.count("coarser tiles left out, because finer ones replace them"), 3);
-    assert_eq!(found.count("coarser tiles left out that tiles without content replace"), 1);
+    assert_eq!(found.count("coarser tiles left out, although nothing finer has content"), 1);
     assert_eq!(found.count("tiles of the finest level read"), 5);
 }
 
 #[test]
-fn external_tilesets_stand_in_the_place_of_their_tile() {
+fn external_tilesets_replace_the_tile_that_refers_to_them() {
     let site = Site::new(&json!({"transform": moved(100.0, 0.0, 0.0), "content": {"uri": "coarse.glb"}, "refine": "REPLACE", "children": [
             {"transform": moved(0.0, 10.0, 0.0), "content": {"uri": "sub/b%20c.json?v=3"}},
         ]}),
@@ -250,7 +250,7 @@ fn external_tilesets_stand_in_the_place_of_their_tile() {
     assert_eq!(site.corners(), [[100.0, 10.0, 1.0], [101.0, 9.0, 2.0]]);
     let found = site.mesh().diagnostics;
     assert_eq!(found.count("coarser tiles left out, because finer ones replace them"), 1);
-    assert_eq!(found.count("tilesets named by other tilesets read"), 1);
+    assert_eq!(found.count("external tilesets read"), 1);
 }
 
 #[test]
@@ -274,7 +274,7 @@ fn coarser_tiles_may_be_missing_whatever_their_names_are() {
     };
     assert_eq!(root("REPLACE", "gone.mesh").corners(), [[1.0, 0.0, 0.0]]);
     for site in [root("ADD", "gone.mesh"), root("REPLACE", "gone.json")] {
-        assert!(site.refusal().contains("which is not there"));
+        assert!(site.refusal().contains("which does not exist"));
     }
     assert!(root("REPLACE", "../gone.mesh").refusal().contains("outside the folder"));
 }
@@ -294,7 +294,7 @@ fn files_compressed_with_gzip_are_read_whatever_their_names_say() {
 }
 
 #[test]
-fn what_is_uncompressed_is_bounded() {
+fn the_uncompressed_size_is_limited() {
     let site = Site::new(&json!({"content": {"uri": "a.b3dm"}})).with("a.b3dm", &gzip(&vec![0; 1 << 20]));
     let options = ReadOptions { document: 1 << 16, ..ReadOptions::default() };
     let path = site.path("tileset.json");
@@ -303,7 +303,7 @@ fn what_is_uncompressed_is_bounded() {
 }
 
 #[test]
-fn composites_are_taken_apart() {
+fn composite_tiles_are_unpacked() {
     let parts = [b3dm("", &[], &glb([1.0, 0.0, 0.0])), b3dm(r#"{"RTC_CENTER":[5,0,0]}"#, &[], &glb([0.0; 3]))];
     let mut bytes = cmpt(&parts);
     let site = Site::new(&json!({"content": {"uri": "a.cmpt"}})).with("a.cmpt", &bytes);
@@ -314,12 +314,12 @@ fn composites_are_taken_apart() {
 }
 
 #[test]
-fn tilesets_that_name_each_other_in_a_circle_or_twice_are_refused() {
+fn circular_and_repeated_references_to_tilesets_are_refused() {
     let names = |uri: &str| json!({"children": [{"content": {"uri": uri}}]});
     let site = Site::new(&names("a/b.json")).with("a/b.json", &tileset(&names("../tileset.json")));
     let message = site.refusal();
-    assert!(message.contains("b.json, root.children[0].content.uri") && message.contains("in a circle"), "{message}");
-    assert!(Site::new(&names("tileset.json")).refusal().contains("in a circle"));
+    assert!(message.contains("b.json, root.children[0].content.uri") && message.contains("circular"), "{message}");
+    assert!(Site::new(&names("tileset.json")).refusal().contains("a circular reference"));
     let twice = json!({"children": [{"content": {"uri": "b.json"}}, {"content": {"uri": "./b.json"}}]});
     let site =
         Site::new(&twice).with("b.json", &tileset(&json!({"content": {"uri": "a.glb"}}))).with("a.glb", &glb([0.0; 3]));
@@ -327,7 +327,7 @@ fn tilesets_that_name_each_other_in_a_circle_or_twice_are_refused() {
 }
 
 #[test]
-fn a_mesh_may_stand_at_several_places_but_only_once_at_each() {
+fn a_mesh_may_be_placed_several_times_but_only_once_at_each_place() {
     let leaf = |uri: &str, x: f64| json!({"transform": moved(x, 0.0, 0.0), "content": {"uri": uri}});
     let site = |leaves: &[Value]| Site::new(&json!({"children": leaves})).with("a.glb", &glb([0.0; 3]));
     assert_eq!(site(&[leaf("a.glb", 0.0), leaf("a.glb", 5.0)]).corners(), [[0.0; 3], [5.0, 0.0, 0.0]]);
@@ -336,7 +336,7 @@ fn a_mesh_may_stand_at_several_places_but_only_once_at_each() {
 }
 
 #[test]
-fn a_query_is_no_part_of_the_name() {
+fn a_query_is_not_part_of_the_name() {
     for uri in ["a.glb?x=/../../..", "a.glb?x=C:\\", "a.glb#/../../.."] {
         let site = Site::new(&json!({"content": {"uri": uri}})).with("a.glb", &glb([0.0; 3]));
         assert_eq!(site.corners(), [[0.0; 3]], "{uri}");
@@ -344,23 +344,23 @@ fn a_query_is_no_part_of_the_name() {
 }
 
 #[test]
-fn names_that_are_addresses_absolute_or_outside_are_refused() {
+fn urls_absolute_paths_and_paths_outside_the_folder_are_refused() {
     for (uri, words) in [
-        ("https://example.org/a.glb", "the address \"https://example.org/a.glb\""),
+        ("https://example.org/a.glb", "the URL \"https://example.org/a.glb\""),
         ("http://example.org/a.json", "download the whole tileset"),
-        ("//example.org/a.b3dm", "the address"),
-        ("file:///etc/passwd", "the address"),
-        ("data:application/octet-stream;base64,AAAA", "the address"),
-        ("/etc/passwd", "the absolute name"),
-        ("C:\\tiles\\a.b3dm", "the absolute name"),
+        ("//example.org/a.b3dm", "the URL"),
+        ("file:///etc/passwd", "the URL"),
+        ("data:application/octet-stream;base64,AAAA", "the URL"),
+        ("/etc/passwd", "the absolute path"),
+        ("C:\\tiles\\a.b3dm", "the absolute path"),
         ("../secret.glb", "outside the folder"),
         ("x/../../secret.glb", "outside the folder"),
         ("%2e%2e/secret.glb", "outside the folder"),
         ("..\\secret.glb", "outside the folder"),
-        ("missing/a.glb", "the file \"missing/a.glb\", which is not there"),
-        ("", "which is not there"),
+        ("missing/a.glb", "the file \"missing/a.glb\", which does not exist"),
+        ("", "which does not exist"),
     ] {
-        // There would be a file of the same name in the folder, which is another tile.
+        // A file of the same name in the folder must not be used instead.
         let site = Site::new(&json!({"content": {"uri": uri}}))
             .with("a.glb", &glb([0.0; 3]))
             .with("../secret.glb", &glb([0.0; 3]));
@@ -387,18 +387,18 @@ fn links_out_of_the_folder_are_refused_unless_allowed() {
 }
 
 #[test]
-fn what_is_not_read_is_refused_by_its_name() {
+fn unsupported_content_is_refused_by_name() {
     let content = |bytes: &[u8]| Site::new(&json!({"content": {"uri": "a.b3dm"}})).with("a.b3dm", bytes).refusal();
     for (bytes, words) in [
         (&b"pnts\x01\0\0\0"[..], "tile of points (pnts)"),
         (b"i3dm\x01\0\0\0", "tile of instances (i3dm)"),
         (b"vctr\x01\0\0\0", "tile of vector data (vctr)"),
-        (b"", "0 bytes that are neither b3dm nor glTF"),
-        (&tileset(&json!({})), "a tileset under the name of a mesh"),
+        (b"", "0 bytes of an unknown format"),
+        (&tileset(&json!({})), "a tileset with the file extension of a mesh"),
         (&b3dm("", &[], b"glTF\x01\0\0\0\x14\0\0\0\0\0\0\0\0\0\0\0"), "is glTF 1;"),
         (&b3dm("{", &[], &glb([0.0; 3])), "a feature table that cannot be read"),
         (&b3dm(r#"{"RTC_CENTER":{"byteOffset":1}}"#, &[0; 12], &glb([0.0; 3])), "RTC_CENTER at byte 1"),
-        (&b3dm("", &[0; 8], b"not a GLB"), "behind the tables of a b3dm"),
+        (&b3dm("", &[0; 8], b"not a GLB"), "after the tables of a b3dm"),
     ] {
         let message = content(bytes);
         assert!(message.contains(words) && message.contains("a.b3dm"), "{words}: {message}");
@@ -428,7 +428,7 @@ fn what_is_not_read_is_refused_by_its_name() {
 }
 
 #[test]
-fn too_many_tiles_one_below_the_other_are_refused() {
+fn too_deeply_nested_tiles_are_refused() {
     let chain = |n: usize| {
         let mut site = Site::new(&json!({"content": {"uri": "0.json"}}));
         for i in 0..n {
@@ -448,7 +448,7 @@ fn too_many_tiles_one_below_the_other_are_refused() {
     assert!(message.contains("some 60 tiles one below the other in one file"), "{message}");
     assert!(!message.contains("damaged"), "{message}");
     assert_eq!(chain(150).mesh().triangles.len(), 1);
-    assert!(chain(250).refusal().contains("more than 200 tiles"));
+    assert!(chain(250).refusal().contains("more than 200 levels"));
 }
 
 #[test]
@@ -471,7 +471,7 @@ fn truncated_files_are_refused_at_every_length() {
 }
 
 #[test]
-fn any_byte_may_be_damaged() {
+fn damage_to_any_byte_does_not_panic() {
     let root = tileset(&json!({"children": [{"content": {"uri": "a.b3dm"}}], "transform": moved(1.0, 2.0, 3.0)}));
     let tile = b3dm(r#"{"RTC_CENTER":[1,2,3]}"#, &[0; 8], &glb([0.0; 3]));
     let mut random = fastrand::Rng::with_seed(26);
@@ -482,7 +482,7 @@ fn any_byte_may_be_damaged() {
         let at = random.usize(..which.len());
         which[at] = random.u8(..);
         site = site.with("tileset.json", &damaged[0]).with("a.b3dm", &damaged[1]);
-        // Whatever it is, it ends without panic.
+        // It may succeed or fail, but must not panic.
         let _ = site.read();
     }
 }
@@ -497,7 +497,7 @@ fn tiles_without_triangles_are_counted() {
     let mesh = site.mesh();
     assert_eq!((mesh.triangles.len(), mesh.diagnostics.count("tiles without triangles")), (1, 1));
     let message = site.with("b.glb", &glb_of(&empty, &[0; 36])).refusal();
-    assert!(message.contains("2 tiles of the finest level have none"), "{message}");
+    assert!(message.contains("no triangles in its 2 tiles of the finest level"), "{message}");
 }
 
 #[test]
@@ -510,7 +510,7 @@ fn memory_for_the_json_is_checked_before_it_is_parsed() {
 }
 
 #[test]
-fn tilesets_that_contain_each_other_share_the_memory() {
+fn nested_tilesets_share_the_memory_limit() {
     // Each takes some 330 kB.
     let full = |uri: &str| {
         let mut children = vec![json!({}); 1000];
@@ -537,7 +537,7 @@ fn tilesets_that_contain_each_other_share_the_memory() {
 }
 
 #[test]
-fn a_feature_table_of_any_length_is_not_taken_into_memory() {
+fn a_feature_table_that_is_too_long_is_refused_before_it_is_read() {
     let of = |spaces: usize| {
         let table = format!(r#"{{"RTC_CENTER":[5,0,0]}}{}"#, " ".repeat(spaces));
         Site::new(&json!({"content": {"uri": "a.b3dm"}})).with("a.b3dm", &b3dm(&table, &[], &glb([0.0; 3])))

@@ -1,15 +1,15 @@
-//! Which tiles are the finest: the trees of all tilesets are walked, and tiles that finer ones replace are left out.
+//! Finds the finest tiles: walks the trees of all tilesets and leaves out tiles that finer ones replace.
 //!
-//! A tile is taken if it has no children, or if it is refined by addition, so that it remains visible with them. Children without content replace it by nothing, as clients
-//! do: where tiles are refined together, what is finer may stand below another of them. A tileset that a tile names stands in the place of that tile. One that is named twice is refused: it would be in a circle, or the same surface twice,
-//! and a few small files could name each other billions of times. A mesh that is named twice is refused where it stands at the same place.
+//! A tile is read if it has no children, or if its refinement is additive, so that it remains visible with them. Children without content replace a tile by nothing, as in
+//! viewers: the finer surface may be below one of its siblings. An external tileset takes the place of the tile that refers to it. A tileset that is referenced twice is refused: the reference would be circular, or the surface would be included twice,
+//! and a few small files could refer to each other billions of times. A mesh that is named twice is refused where it stands at the same place.
 //!
 //! A tileset stays in memory while those that it names are walked, without its text: all of them together must fit.
 
 use super::super::ReadError;
 use super::super::gltf::{Tally, json_of};
 use super::content::{gunzip, is_gzip};
-use super::names::{From, Named, Names, shown};
+use super::names::{Named, Names, Referrer, shown};
 use super::schema::{Content, Tile, Tileset};
 use super::{UpAxis, is_tileset};
 use glam::{DAffine3, DMat3, DVec3};
@@ -18,11 +18,11 @@ use std::collections::HashSet;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 
-/// Tiles one below the other, in all tilesets together.
+/// Maximum depth of the tree, across all tilesets.
 const MAX_DEPTH: usize = 200;
 /// Objects and lists in each other in one file, which serde_json allows. A tile takes two, and what it contains up to four.
 const MAX_LEVELS: usize = 127;
-/// Extensions that a tileset may require: those that are read, and those that do not change what is shown where.
+/// Extensions that a tileset may require: those that are read, and those that do not affect the surface.
 const KNOWN_EXTENSIONS: &[&str] = &[
     "3DTILES_bounding_volume_S2",
     "3DTILES_content_gltf",
@@ -31,7 +31,7 @@ const KNOWN_EXTENSIONS: &[&str] = &[
     "3DTILES_batch_table_hierarchy",
 ];
 const EXPORT: &str =
-    "Export it again with explicit tiles in b3dm or glTF, or give the mesh that the tiles were made of";
+    "Export it again with explicit tiles in b3dm or glTF, or give the mesh that the tiles were made from";
 
 /// A file with a mesh that is part of the finest surface.
 pub(super) struct Leaf {
@@ -47,13 +47,13 @@ pub(super) struct Plan {
     pub(super) leaves: Vec<Leaf>,
     /// Tiles with content that finer ones replace.
     pub(super) coarser: u64,
-    /// Those of them below which no tile has content.
+    /// The number of these whose descendants have no content.
     pub(super) replaced_by_nothing: u64,
-    /// Tilesets beside the first.
+    /// External tilesets.
     pub(super) external: u64,
 }
 
-/// What a tile has from those above it.
+/// What a tile inherits from its ancestors.
 #[derive(Clone, Copy)]
 struct Above {
     root_from_tile: DAffine3,
@@ -66,12 +66,12 @@ struct File<'a> {
     path: &'a Path,
     folders: &'a [String],
     up: UpAxis,
-    /// The numbers of the children from its root to the tile in hand.
+    /// The child indices from its root to the current tile.
     trail: Vec<usize>,
 }
 
 impl File<'_> {
-    /// Where something is, for messages.
+    /// The JSON path of a part, for messages.
     fn place(&self, part: &str) -> String {
         let children = self.trail.iter().map(|i| format!(".children[{i}]"));
         format!("root{}{}{part}", children.collect::<String>(), if part.is_empty() { "" } else { "." })
@@ -112,7 +112,7 @@ pub(super) fn plan(json: Vec<u8>, path: &Path, names: Names<'_>) -> Result<Plan,
 }
 
 impl Walk<'_> {
-    /// Walk a tileset; whether anything in it has content.
+    /// Walk a tileset; returns whether anything in it has content.
     fn tileset(
         &mut self,
         json: Vec<u8>,
@@ -142,10 +142,10 @@ impl Walk<'_> {
         Ok(has_content)
     }
 
-    /// Walk a tile; whether it or anything below it has content.
+    /// Walk a tile; returns whether it or any descendant has content.
     fn tile(&mut self, tile: &Tile, file: &mut File<'_>, above: Above) -> Result<bool, ReadError> {
         if above.depth == MAX_DEPTH {
-            return Err(file.needs(format!("has more than {MAX_DEPTH} tiles one below the other")));
+            return Err(file.needs(format!("has tiles nested more than {MAX_DEPTH} levels deep")));
         }
         if tile.is_implicit() {
             return Err(file.needs(format!("has implicit tiling in {}, which is not read", file.place(""))));
@@ -157,7 +157,7 @@ impl Walk<'_> {
         for (part, content) in tile.contents() {
             let Some(uri) = content.uri() else {
                 let part = format!("{part}.uri");
-                return Err(file.error(&part, "nothing".to_owned(), "the name of a file; export the tileset again"));
+                return Err(file.error(&part, "nothing".to_owned(), "the path of a file; export the tileset again"));
             };
             let may_be_missing = is_refined && !here.is_added_to;
             match self.external(uri, &format!("{part}.uri"), file, may_be_missing)? {
@@ -179,11 +179,11 @@ impl Walk<'_> {
         Ok(has_below || !own.is_empty())
     }
 
-    /// Take what a tile shows.
+    /// Add the content of a tile to the plan.
     fn take(&mut self, own: &[(String, &Content)], file: &File<'_>, here: Above) -> Result<(), ReadError> {
         for (part, content) in own {
             let place = file.place(&format!("{part}.uri"));
-            let from = From { path: file.path, folders: file.folders };
+            let from = Referrer { path: file.path, folders: file.folders };
             let Named { path, .. } = self.names.locate(content.uri().unwrap_or_default(), &place, from)?;
             let real = path.canonicalize().unwrap_or_else(|_| path.clone());
             // 0 and -0 are the same place.
@@ -203,7 +203,7 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// The tileset that a URI names; `None` where it names anything else. Only files whose names do not say what they are are opened for that.
+    /// The tileset that a URI refers to; `None` for anything else. Only files without a known extension are opened to find out.
     /// Where it may be missing, it is no tileset if it is.
     fn external(
         &self,
@@ -217,7 +217,7 @@ impl Walk<'_> {
         if is_of(&[".b3dm", ".glb", ".gltf", ".cmpt", ".i3dm", ".pnts", ".vctr"]) {
             return Ok(None);
         }
-        let from = From { path: file.path, folders: file.folders };
+        let from = Referrer { path: file.path, folders: file.folders };
         if is_of(&[".json"]) {
             return self.names.locate(uri, &file.place(part), from).map(Some);
         }
@@ -235,15 +235,15 @@ impl Walk<'_> {
         Ok(is_tileset(&start, 0).then_some(named))
     }
 
-    /// Walk a tileset that a tile names.
+    /// Walk an external tileset.
     fn enter(&mut self, named: &Named, part: &str, file: &File<'_>, here: Above) -> Result<bool, ReadError> {
         let real = named.path.canonicalize().unwrap_or_else(|_| named.path.clone());
         if self.met.contains(&real) {
             let name = shown(&named.path.display().to_string());
             let found = if self.open.contains(&real) {
-                format!("the tileset {name}, which contains this one: they name each other in a circle")
+                format!("the tileset {name}, which contains this one (a circular reference)")
             } else {
-                format!("the tileset {name}, which another tile names, too: its surface would be included twice")
+                format!("the tileset {name}, which another tile also refers to: its surface would be included twice")
             };
             return Err(file.error(part, found, "a tree of tilesets; export the tileset again"));
         }
@@ -295,7 +295,7 @@ fn parse(json: &[u8], path: &Path, names: &Names<'_>, max: u64) -> Result<(Tiles
     let unknown = tileset.extensions_required.iter().filter(|name| !KNOWN_EXTENSIONS.contains(&name.as_str()));
     let unknown: Vec<String> = unknown.take(5).map(|name| shown(name)).collect();
     if !unknown.is_empty() {
-        return Err(needs(format!("requires extensions of 3D Tiles that are not read: {}", unknown.join(", "))));
+        return Err(needs(format!("requires 3D Tiles extensions that are not read: {}", unknown.join(", "))));
     }
     Ok((tileset, taken))
 }
@@ -308,13 +308,13 @@ fn too_deep(e: ReadError, path: &Path) -> ReadError {
             needs: format!(
                 "has more than the {MAX_LEVELS} levels of JSON that are read (some 60 tiles one below the other in one file)"
             ),
-            way_out: "Export it again with its tiles in several tilesets, or give the mesh that the tiles were made of",
+            way_out: "Export it again with its tiles in several tilesets, or give the mesh that the tiles were made from",
         },
         other => other,
     }
 }
 
-/// What the tiles below a tile have from it.
+/// What the children of a tile inherit.
 fn below(tile: &Tile, file: &File<'_>, above: Above) -> Result<Above, ReadError> {
     let is_added_to = match tile.refine.as_deref() {
         None => above.is_added_to,
@@ -330,26 +330,25 @@ fn below(tile: &Tile, file: &File<'_>, above: Above) -> Result<Above, ReadError>
     };
     if own[3] != 0.0 || own[7] != 0.0 || own[11] != 0.0 || own[15] != 1.0 {
         let found = format!("a matrix whose last row is {} {} {} {}", own[3], own[7], own[11], own[15]);
-        let expected = "0 0 0 1 there, column by column; export the tileset again";
+        let expected = "0 0 0 1, in column-major order; export the tileset again";
         return Err(file.error("transform", found, expected));
     }
     let column = |i: usize| DVec3::from_slice(&own[4 * i..]);
     let own = DAffine3 { matrix3: DMat3::from_cols(column(0), column(1), column(2)), translation: column(3) };
     let root_from_tile = above.root_from_tile * own;
     if !root_from_tile.is_finite() {
-        let found = "a matrix that, with those above it, is beyond all numbers".to_owned();
+        let found = "a matrix that overflows when multiplied with those of its parents".to_owned();
         return Err(file.error("transform", found, "finite numbers; export the tileset again"));
     }
     Ok(Above { root_from_tile, is_added_to, depth: above.depth + 1 })
 }
 
-/// What was found, for the report.
 impl Plan {
     /// The error for a tileset without any mesh.
     pub(super) fn nothing(&self, path: &Path) -> ReadError {
         let found = match self.leaves.len() {
             0 => "no tile has content".to_owned(),
-            n => format!("its {} of the finest level have none", counted(n as u64, "tile", "tiles")),
+            n => format!("no triangles in its {} of the finest level", counted(n as u64, "tile", "tiles")),
         };
         ReadError::NoTriangles { file: path.to_owned(), found, way_out: "Export the tileset again" }
     }

@@ -1,4 +1,4 @@
-//! Numbers of some bits each, from words of 32 bits, the highest bit first.
+//! A bit stream: numbers of variable bit length in 32-bit words, most significant bit first.
 
 use super::super::bytes::{Cursor, Fault};
 
@@ -7,17 +7,17 @@ pub(super) struct Bits<'b> {
     words: &'b [u8],
     /// Bits read so far.
     at: usize,
-    /// Where the words begin in the file.
+    /// Offset of the words in the file.
     base: u64,
 }
 
 impl<'b> Bits<'b> {
-    /// The words that begin behind their number, at a multiple of four bytes.
+    /// Reads the number of words, aligns to four bytes, and takes the words.
     pub(super) fn open(from: &mut Cursor<'b>) -> Result<Self, Fault> {
-        let words = from.u32("the number of words of bits")? as usize;
-        from.align("bits")?;
+        let words = from.u32("the length of a bit stream")? as usize;
+        from.align("a bit stream")?;
         let base = from.offset();
-        Ok(Self { words: from.take(words.saturating_mul(4), "bits")?, at: 0, base })
+        Ok(Self { words: from.take(words.saturating_mul(4), "a bit stream")?, at: 0, base })
     }
 
     /// The next number of `n` bits, at most 32.
@@ -31,7 +31,7 @@ impl<'b> Bits<'b> {
         }
         let end = self.at + n;
         if end > 8 * self.words.len() {
-            return Err(fault("the end of the bits".to_owned(), &format!("{n} more bits")));
+            return Err(fault("the end of the bit stream".to_owned(), &format!("{n} more bits")));
         }
         let word = |i: usize| {
             self.words.get(4 * i..4 * i + 4).map_or(0, |b| u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])))

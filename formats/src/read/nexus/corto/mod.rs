@@ -1,11 +1,11 @@
-//! Decodes one piece of a mesh compressed with Corto (F. Ponchio, M. Dellepiane: "Multiresolution and fast decompression for
+//! Decodes one node of a mesh compressed with Corto (F. Ponchio, M. Dellepiane: "Multiresolution and fast decompression for
 //! optimal web-based rendering", Graphical Models 88, 2016; github.com/cnr-isti-vclab/corto): version 1, triangles.
 //!
-//! A stream has a header that names its attributes, groups of triangles, the triangles (`topology`), and each attribute as
-//! differences of whole numbers (`values`, `normals`) in an entropy code (`tunstall`) with bits beside it (`bits`). Kept are
-//! `position`, `color`, `normal` and `uv`; other attributes are passed over without being decoded.
+//! A stream has a header that lists its attributes, groups of triangles, the connectivity (`topology`), and each attribute as
+//! integer differences (`values`, `normals`): entropy-coded bit lengths (`tunstall`) and a bit stream (`bits`). The attributes
+//! `position`, `color`, `normal` and `uv` are kept; others are skipped without being decoded.
 //!
-//! Failures: [`Fault`] with the byte of the file. Memory is bounded by the counts that the caller expects.
+//! Errors: [`Fault`] with the offset in the file. Memory is bounded by the counts that the caller expects.
 
 mod bits;
 mod normals;
@@ -14,7 +14,7 @@ mod tunstall;
 mod values;
 
 use super::bytes::{Cursor, Fault};
-use super::node::Piece;
+use super::node::NodeMesh;
 use glam::{DVec2, DVec3};
 use normals::{Stored, Surface};
 use topology::Topology;
@@ -26,16 +26,16 @@ const VERSION: u32 = 1;
 const NORMAL_CODEC: u32 = 2;
 const COLOR_CODEC: u32 = 3;
 
-/// An attribute as the header announces it.
+/// An attribute as declared in the header.
 struct Attribute {
     name: Vec<u8>,
     codec: u32,
-    /// Size of a step.
+    /// Quantisation step.
     step: f32,
     coding: Coding,
 }
 
-/// What was read of the attributes that are kept.
+/// The attributes that are kept, as stored.
 #[derive(Default)]
 struct Kept {
     positions: Option<(Vec<i32>, f64, Coding)>,
@@ -44,8 +44,8 @@ struct Kept {
     normals: Option<Stored>,
 }
 
-/// Decode the stream at the beginning of `from`, which must have so many vertices and triangles.
-pub(super) fn decode(from: &mut Cursor<'_>, vertices: u32, triangles: u32) -> Result<Piece, Fault> {
+/// Decode the stream at the beginning of `from`, which must have the given numbers of vertices and triangles.
+pub(super) fn decode(from: &mut Cursor<'_>, vertices: u32, triangles: u32) -> Result<NodeMesh, Fault> {
     let attributes = header(from, vertices, triangles)?;
     let ends = groups(from, triangles)?;
     let entropy = attributes.1;
@@ -61,10 +61,10 @@ fn damaged(found: impl Into<String>, expected: &str, at: u64) -> Fault {
     Fault { at, found: found.into(), expected: format!("{expected}; the file is damaged: copy it again") }
 }
 
-/// A text with its length before it and a zero at its end.
+/// A string: its length, then its bytes, which end with a zero.
 fn text(from: &mut Cursor<'_>) -> Result<Vec<u8>, Fault> {
-    let length = from.u16("the length of a text")?;
-    let text = from.take(usize::from(length), "a text")?;
+    let length = from.u16("the length of a string")?;
+    let text = from.take(usize::from(length), "a string")?;
     Ok(text.strip_suffix(&[0]).unwrap_or(text).to_vec())
 }
 
@@ -82,8 +82,8 @@ fn header(from: &mut Cursor<'_>, vertices: u32, triangles: u32) -> Result<(Vec<A
         0 => Entropy::Plain,
         1 => Entropy::Tunstall,
         other => {
-            let expected = "0 (none) or 1 (Tunstall), the codes that are read".to_owned();
-            return Err(Fault { at, found: format!("the entropy code {other}"), expected });
+            let expected = "0 (none) or 1 (Tunstall)".to_owned();
+            return Err(Fault { at, found: format!("entropy code {other}"), expected });
         }
     };
     for _ in 0..2 * u64::from(from.u32("the number of properties")?) {
@@ -103,19 +103,19 @@ fn header(from: &mut Cursor<'_>, vertices: u32, triangles: u32) -> Result<(Vec<A
     let there = [from.u32("the number of vertices")?, from.u32("the number of triangles")?];
     if there != [vertices, triangles] {
         let found = format!("{} vertices and {} triangles", there[0], there[1]);
-        return Err(damaged(found, &format!("{vertices} and {triangles}, as the index of the file counts"), at));
+        return Err(damaged(found, &format!("{vertices} and {triangles}, as in the index of the file"), at));
     }
     Ok((attributes, entropy))
 }
 
-/// Where the groups of triangles end.
+/// The end of each group of triangles.
 fn groups(from: &mut Cursor<'_>, triangles: u32) -> Result<Vec<u32>, Fault> {
     let mut ends = Vec::new();
     for _ in 0..from.u32("the number of groups")? {
         let at = from.offset();
         let end = from.u32("the end of a group")?;
         if end < ends.last().copied().unwrap_or(0) || end > triangles {
-            return Err(damaged(format!("a group that ends at {end}"), "one behind the others", at));
+            return Err(damaged(format!("a group that ends at {end}"), "one in ascending order", at));
         }
         ends.push(end);
         for _ in 0..2 * u16::from(from.u8("the number of properties")?) {
@@ -157,7 +157,7 @@ impl Kept {
             }
             (_, NORMAL_CODEC) => {
                 from.u8("the prediction of normals")?;
-                // Always one list of lengths.
+                // Always one list of bit lengths.
                 Coding { components: 1, ..*coding }.skip(from)?;
             }
             (_, COLOR_CODEC) => {
@@ -177,12 +177,12 @@ impl Kept {
         Ok(())
     }
 
-    fn piece(self, from: &Cursor<'_>, topology: Topology) -> Result<Piece, Fault> {
+    fn piece(self, from: &Cursor<'_>, topology: Topology) -> Result<NodeMesh, Fault> {
         let Some((mut positions, step, coding)) = self.positions else {
             return Err(damaged("no positions", "an attribute \"position\"", from.offset()));
         };
         let Topology { faces, predictions } = topology;
-        coding.add_up(&mut positions, &predictions);
+        coding.undo_prediction(&mut positions, &predictions);
         let normals = match self.normals {
             Some(stored) => {
                 stored.normals(&Surface { positions: &positions, faces: &faces, predictions: &predictions })?
@@ -190,20 +190,20 @@ impl Kept {
             None => Vec::new(),
         };
         let colors = self.colors.map_or_else(Vec::new, |(mut values, steps, coding)| {
-            coding.add_up(&mut values, &predictions);
+            coding.undo_prediction(&mut values, &predictions);
             values.chunks_exact(coding.components).map(|v| color([v[0], v[1], v[2]], steps)).collect()
         });
         let coordinates = self.coordinates.map_or_else(Vec::new, |(mut values, step, coding)| {
-            coding.add_up(&mut values, &predictions);
+            coding.undo_prediction(&mut values, &predictions);
             values.chunks_exact(2).map(|v| DVec2::new(f64::from(v[0]), f64::from(v[1])) * step).collect()
         });
         let point = |v: &[i32]| DVec3::new(f64::from(v[0]), f64::from(v[1]), f64::from(v[2])) * step;
         let positions = positions.chunks_exact(3).map(point).collect();
-        Ok(Piece { positions, normals, colors, coordinates, triangles: faces })
+        Ok(NodeMesh { positions, normals, colors, coordinates, triangles: faces })
     }
 }
 
-/// Red, green and blue from green and the differences of the others from it, in bytes that run over.
+/// Red, green and blue from green and the differences of the others from it, in wrapping byte arithmetic.
 fn color([green, blue, red]: [i32; 3], steps: [i32; 4]) -> [u8; 3] {
     let byte = |value: i32, step: i32| value.wrapping_mul(step) as u8;
     [byte(red.wrapping_add(green), steps[0]), byte(green, steps[1]), byte(blue.wrapping_add(green), steps[2])]

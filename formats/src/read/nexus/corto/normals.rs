@@ -1,15 +1,15 @@
-//! Normals as points of an octahedron unfolded into a square, as they are or as differences from normals of the triangles.
+//! Normals in octahedral encoding, stored directly or as differences from normals estimated from the triangles.
 //!
-//! The estimates are made in single precision, as the encoder makes them: the stored differences hold for its rounding.
+//! The estimates are computed in single precision, as in the encoder, because the stored differences depend on its rounding.
 
 use super::super::bytes::{Cursor, Fault};
 use super::values::Coding;
 use glam::Vec3;
 
-/// What the stored numbers are.
+/// What the stored values are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Prediction {
-    /// Differences along the predictions.
+    /// Differences from the vertex that predicts this one.
     Neighbour,
     /// Differences from the estimate.
     Estimate,
@@ -17,7 +17,7 @@ enum Prediction {
     Boundary,
 }
 
-/// The numbers of normals that were read.
+/// The stored values of the normals.
 pub(super) struct Stored {
     prediction: Prediction,
     values: Vec<i32>,
@@ -27,16 +27,16 @@ pub(super) struct Stored {
     at: u64,
 }
 
-/// What estimates are made of.
+/// The mesh from which normals are estimated.
 pub(super) struct Surface<'s> {
-    /// Positions in whole numbers, three for each vertex.
+    /// Quantised positions, three integers for each vertex.
     pub(super) positions: &'s [i32],
     pub(super) faces: &'s [[u32; 3]],
     pub(super) predictions: &'s [[u32; 3]],
 }
 
 impl Stored {
-    /// Read the numbers of up to `count` vertices.
+    /// Read the values of up to `count` vertices.
     pub(super) fn read(from: &mut Cursor<'_>, coding: Coding, unit: f32, count: usize) -> Result<Self, Fault> {
         let at = from.offset();
         let coding = Coding { components: 2, strategy: 0, ..coding };
@@ -46,10 +46,10 @@ impl Stored {
             2 => Prediction::Boundary,
             other => {
                 let expected = "0, 1 or 2; the file is damaged: copy it again".to_owned();
-                return Err(Fault { at, found: format!("the prediction {other} of normals"), expected });
+                return Err(Fault { at, found: format!("normal prediction {other}"), expected });
             }
         };
-        let values = coding.together(from, count)?;
+        let values = coding.read_correlated(from, count)?;
         let stored = Self { prediction, values, coding, unit: unit as i32, at };
         if prediction != Prediction::Boundary && stored.values.len() != 2 * count {
             return Err(stored.too_few(count));
@@ -66,7 +66,7 @@ impl Stored {
     pub(super) fn normals(mut self, surface: &Surface<'_>) -> Result<Vec<Vec3>, Fault> {
         let count = surface.predictions.len();
         if self.prediction == Prediction::Neighbour {
-            self.coding.add_up(&mut self.values, surface.predictions);
+            self.coding.undo_prediction(&mut self.values, surface.predictions);
             return Ok(self.values.chunks_exact(2).map(|v| on_sphere([v[0], v[1]], self.unit)).collect());
         }
         let estimates = estimates(surface, count);
@@ -90,7 +90,7 @@ impl Stored {
     }
 }
 
-/// For each vertex the sum of the normals of its triangles, weighted by area.
+/// For each vertex, the area-weighted sum of the normals of its triangles.
 fn estimates(surface: &Surface<'_>, count: usize) -> Vec<Vec3> {
     let point = |v: u32| Vec3::from_array([0, 1, 2].map(|k| surface.positions[3 * v as usize + k] as f32));
     let mut sums = vec![Vec3::ZERO; count];
@@ -115,7 +115,7 @@ fn at_boundary(faces: &[[u32; 3]], count: usize) -> Vec<bool> {
     neighbours.into_iter().map(|left| left != 0).collect()
 }
 
-/// Where a direction lies on the square.
+/// The octahedral encoding of a direction.
 fn on_octahedron(v: Vec3, unit: i32) -> [i32; 2] {
     let sum = v.x.abs() + v.y.abs() + v.z.abs();
     let (mut x, mut y) = (v.x / sum, v.y / sum);
@@ -123,11 +123,11 @@ fn on_octahedron(v: Vec3, unit: i32) -> [i32; 2] {
         let fold = |other: f32, sign: f32| if sign < 0.0 { other.abs() - 1.0 } else { 1.0 - other.abs() };
         (x, y) = (fold(y, v.x), fold(x, v.y));
     }
-    // Towards zero; what is not a number becomes zero.
+    // Rounds towards zero; NaN becomes zero.
     [x, y].map(|t| (t * unit as f32) as i32)
 }
 
-/// The direction of a place on the square.
+/// The direction of a point on the square.
 fn on_sphere([x, y]: [i32; 2], unit: i32) -> Vec3 {
     let (x, y, unit) = (f64::from(x), f64::from(y), f64::from(unit));
     let z = unit - x.abs() - y.abs();

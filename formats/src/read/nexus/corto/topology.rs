@@ -1,7 +1,7 @@
-//! Triangles from the codes of a front that grows over the surface, and for each vertex those from which it is predicted.
+//! Decodes the triangles from CLERS codes of a front that grows over the surface, and finds the vertices that predict each vertex.
 //!
-//! The front is a set of directed edges in loops. Each code says what lies beyond the edge in hand: a new vertex, the vertex
-//! of the previous or the next edge of the loop, a vertex met before, nothing, or that it is looked at later.
+//! The front is a set of loops of directed edges. Each code states what lies beyond the current edge: a new vertex, the vertex
+//! of the previous or the next edge of the loop, a known vertex, or nothing; or it delays the edge.
 
 use super::super::bytes::{Cursor, Fault};
 use super::bits::Bits;
@@ -16,15 +16,15 @@ const BOUNDARY: u8 = 4;
 const DELAY: u8 = 5;
 const SPLIT: u8 = 6;
 
-/// Codes that a triangle can need at the most, with room: one for itself, and for each of its edges that it is at the
-/// boundary and that it was put off.
+/// A generous upper limit of the codes per triangle: one for itself, and for each of its edges one for a boundary and one
+/// for a delay.
 const CODES_PER_FACE: usize = 16;
 
 /// The decoded triangles.
 #[derive(Debug)]
 pub(super) struct Topology {
     pub(super) faces: Vec<[u32; 3]>,
-    /// For each vertex a, b and c, earlier ones: it is near a, or near a + b - c. Of no meaning for the first vertex.
+    /// For each vertex, three earlier vertices a, b and c: it is predicted by a, or by a + b - c. Meaningless for the first vertex.
     pub(super) predictions: Vec<[u32; 3]>,
 }
 
@@ -37,25 +37,25 @@ struct Edge {
     behind: u32,
     previous: usize,
     next: usize,
-    gone: bool,
+    removed: bool,
 }
 
 struct Decoder<'b> {
     codes: std::vec::IntoIter<u8>,
     bits: Bits<'b>,
     vertices: u32,
-    /// Bits of the number of a vertex.
+    /// Bits of a vertex index.
     width: usize,
     topology: Topology,
     front: Vec<Edge>,
     waiting: VecDeque<usize>,
     delayed: Vec<usize>,
-    /// Where the codes stand in the file.
+    /// Offset of the codes in the file.
     at: u64,
 }
 
 impl Topology {
-    /// Decode the triangles of groups that end at the numbers `ends`, of which the last is the number of all triangles.
+    /// Decode the triangles of the groups that end at `ends`, the last of which is the total number of triangles.
     pub(super) fn decode(from: &mut Cursor<'_>, entropy: Entropy, vertices: u32, ends: &[u32]) -> Result<Self, Fault> {
         let faces = ends.last().copied().unwrap_or(0) as usize;
         from.u32("the size of the front")?;
@@ -70,7 +70,7 @@ impl Topology {
             decoder.group(end as usize)?;
         }
         let mut topology = decoder.topology;
-        // Vertices that no triangle uses.
+        // Unused vertices.
         topology.predictions.resize(vertices as usize, [0; 3]);
         Ok(topology)
     }
@@ -83,11 +83,11 @@ impl Decoder<'_> {
     }
 
     fn code(&mut self) -> Result<u8, Fault> {
-        let none = self.damaged("the end of the codes of triangles", "another code");
+        let none = self.damaged("the end of the triangle codes", "another code");
         self.codes.next().ok_or(none)
     }
 
-    /// Decode triangles until there are `end`. Fronts do not go on from one group to the next.
+    /// Decode triangles until there are `end`. Each group starts with an empty front.
     fn group(&mut self, end: usize) -> Result<(), Fault> {
         self.front.clear();
         self.waiting.clear();
@@ -97,29 +97,29 @@ impl Decoder<'_> {
             let next = made.take().or_else(|| self.waiting.pop_front()).or_else(|| self.delayed.pop());
             match next {
                 None => self.first_face()?,
-                Some(edge) if self.front[edge].gone => {}
-                Some(edge) => made = self.beyond(edge)?,
+                Some(edge) if self.front[edge].removed => {}
+                Some(edge) => made = self.decode_edge(edge)?,
             }
         }
         Ok(())
     }
 
-    /// A vertex that was not met before.
+    /// The next new vertex.
     fn new_vertex(&mut self, prediction: [u32; 3]) -> Result<u32, Fault> {
         let vertex = self.topology.predictions.len() as u32;
         if vertex >= self.vertices {
             let found = format!("more than {} vertices", self.vertices);
-            return Err(self.damaged(found, "as many as its header counts"));
+            return Err(self.damaged(found, "as many as in the header"));
         }
         self.topology.predictions.push(prediction);
         Ok(vertex)
     }
 
-    /// A vertex that was met before.
+    /// A vertex that is already known.
     fn old_vertex(&mut self) -> Result<u32, Fault> {
         let vertex = self.bits.read(self.width)?;
         if vertex as usize >= self.topology.predictions.len() {
-            return Err(self.damaged(format!("the vertex {vertex}"), "a vertex that was there before"));
+            return Err(self.damaged(format!("vertex {vertex}"), "a vertex that is already known"));
         }
         Ok(vertex)
     }
@@ -143,17 +143,17 @@ impl Decoder<'_> {
             let [from, to, behind] = [1, 2, 0].map(|i| corners[(k + i) % 3]);
             let (previous, next) = (first + (k + 2) % 3, first + (k + 1) % 3);
             self.waiting.push_back(first + k);
-            self.front.push(Edge { from, to, behind, previous, next, gone: false });
+            self.front.push(Edge { from, to, behind, previous, next, removed: false });
         }
         Ok(())
     }
 
-    /// What lies beyond an edge; the edge to go on with, if the code makes one.
-    fn beyond(&mut self, index: usize) -> Result<Option<usize>, Fault> {
+    /// Decode what lies beyond an edge; returns the edge to continue with, if the code creates one.
+    fn decode_edge(&mut self, index: usize) -> Result<Option<usize>, Fault> {
         let code = self.code()?;
         let Edge { from, to, behind, previous, next, .. } = self.front[index];
         let new = self.front.len();
-        let edge = |from, to, behind, previous, next| Edge { from, to, behind, previous, next, gone: false };
+        let edge = |from, to, behind, previous, next| Edge { from, to, behind, previous, next, removed: false };
         let (opposite, made) = match code {
             BOUNDARY => return Ok(None),
             DELAY => {
@@ -171,7 +171,7 @@ impl Decoder<'_> {
             }
             LEFT => {
                 let Edge { from: opposite, previous: before, .. } = self.front[previous];
-                self.front[previous].gone = true;
+                self.front[previous].removed = true;
                 self.front[before].next = new;
                 self.front[next].previous = new;
                 self.front.push(edge(opposite, to, from, before, next));
@@ -179,7 +179,7 @@ impl Decoder<'_> {
             }
             RIGHT => {
                 let Edge { to: opposite, next: after, .. } = self.front[next];
-                self.front[next].gone = true;
+                self.front[next].removed = true;
                 self.front[after].previous = new;
                 self.front[previous].next = new;
                 self.front.push(edge(from, opposite, to, previous, after));
@@ -188,13 +188,13 @@ impl Decoder<'_> {
             END => {
                 let Edge { from: opposite, previous: before, .. } = self.front[previous];
                 let after = self.front[next].next;
-                self.front[previous].gone = true;
-                self.front[next].gone = true;
+                self.front[previous].removed = true;
+                self.front[next].removed = true;
                 self.front[before].next = after;
                 self.front[after].previous = before;
                 (opposite, None)
             }
-            other => return Err(self.damaged(format!("the code {other} for a triangle"), "one of 0 to 6")),
+            other => return Err(self.damaged(format!("triangle code {other}"), "one of 0 to 6")),
         };
         self.topology.faces.push([to, from, opposite]);
         Ok(made)

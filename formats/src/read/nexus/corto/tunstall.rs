@@ -1,11 +1,11 @@
 //! Tunstall codes: each byte of the code stands for a word of one or more symbols. The dictionary is not stored; it is
-//! made again from the probabilities of the symbols, so every rounding here belongs to the format.
+//! rebuilt from the probabilities of the symbols, so the rounding here is part of the format.
 
 use super::super::bytes::{Cursor, Fault};
 
 /// Words of a dictionary: one for each value of a byte.
 const WORDS: usize = 256;
-/// From this length on, the run of the most probable symbol is put in as a whole.
+/// Runs of the most probable symbol of at least this length are added to the dictionary as a whole.
 const LONG_RUN: usize = 16;
 
 /// The entropy codes that a stream can name.
@@ -17,7 +17,7 @@ pub(super) enum Entropy {
     Tunstall,
 }
 
-/// A coded list of symbols that was found but not yet decoded.
+/// A coded list of symbols, not yet decoded.
 struct Coded<'b> {
     /// Symbol and probability in 1/256.
     symbols: &'b [u8],
@@ -27,11 +27,11 @@ struct Coded<'b> {
 }
 
 impl Entropy {
-    /// Decode a list of symbols; one of more than `max` symbols is refused before it takes memory.
+    /// Decode a list of symbols; a list of more than `max` symbols is refused before memory is allocated.
     pub(super) fn symbols(self, from: &mut Cursor<'_>, max: usize) -> Result<Vec<u8>, Fault> {
         let coded = self.find(from)?;
         if coded.size > max {
-            let expected = format!("{max} at most; the file is damaged: copy it again");
+            let expected = format!("at most {max}; the file is damaged: copy it again");
             return Err(Fault { at: coded.at, found: format!("{} symbols", coded.size), expected });
         }
         match self {
@@ -40,7 +40,7 @@ impl Entropy {
         }
     }
 
-    /// Pass over a list of symbols.
+    /// Skip a list of symbols.
     pub(super) fn skip(self, from: &mut Cursor<'_>) -> Result<(), Fault> {
         self.find(from).map(|_| ())
     }
@@ -70,7 +70,7 @@ impl Coded<'_> {
             return Ok(Vec::new());
         }
         match self.symbols {
-            [] => return Err(damaged(format!("{} symbols of no kind", self.size), "at least one kind")),
+            [] => return Err(damaged(format!("{} symbols from an empty alphabet", self.size), "at least one symbol")),
             [symbol, _] => return Ok(vec![*symbol; self.size]),
             _ => {}
         }
@@ -78,13 +78,13 @@ impl Coded<'_> {
         let mut out = Vec::with_capacity(self.size.min(1 << 16));
         for (i, &byte) in self.code.iter().enumerate() {
             let Some(word) = words.get(byte) else {
-                return Err(damaged(format!("the code {byte}"), "a code of the dictionary"));
+                return Err(damaged(format!("code {byte}"), "a code in the dictionary"));
             };
-            let room = self.size - out.len();
-            if word.len() > room && i + 1 < self.code.len() {
+            let remaining = self.size - out.len();
+            if word.len() > remaining && i + 1 < self.code.len() {
                 return Err(damaged("a longer code".to_owned(), &format!("a code for {} symbols", self.size)));
             }
-            out.extend(&word[..word.len().min(room)]);
+            out.extend(&word[..word.len().min(remaining)]);
         }
         if out.len() < self.size {
             return Err(damaged(format!("a code for {} symbols", out.len()), &format!("one for {}", self.size)));
@@ -93,7 +93,7 @@ impl Coded<'_> {
     }
 }
 
-/// A word: where its symbols stand, how many they are, and how probable it is, in 1/65536.
+/// A word: the start and number of its symbols, and its probability in 1/65536.
 #[derive(Debug, Clone, Copy)]
 struct Word {
     start: usize,
@@ -101,7 +101,7 @@ struct Word {
     probability: u32,
 }
 
-/// A dictionary in the making. Words are kept in rows by their last symbol; each row is in falling probability.
+/// A dictionary under construction. Words are kept in rows by their last symbol; each row is sorted by decreasing probability.
 struct Words {
     symbols: Vec<u8>,
     /// Of each symbol, in 1/65536.
@@ -130,7 +130,7 @@ impl Words {
         words.into_dictionary()
     }
 
-    /// How often the first symbol can follow itself until that is less probable than the second symbol.
+    /// How often the first symbol can be repeated until the run is less probable than the second symbol.
     fn longest_run(&self) -> usize {
         let (p0, p1) = (self.probabilities[0], self.probabilities[1]);
         let max = (WORDS - 1) / (self.symbols.len() - 1);
@@ -142,7 +142,7 @@ impl Words {
         run
     }
 
-    /// One word for each symbol; how many words that are.
+    /// Start with one word for each symbol; returns the number of words.
     fn begin_with_symbols(&mut self) -> usize {
         self.text.clone_from(&self.symbols);
         let word = |(start, p): (usize, &u32)| Word { start, length: 1, probability: *p };
@@ -150,7 +150,7 @@ impl Words {
         self.symbols.len()
     }
 
-    /// The run of the first symbol, and every shorter run that ends with another; how many words that are.
+    /// Start with the run of the first symbol, and every shorter run that ends with another symbol; returns the number of words.
     fn begin_with_run(&mut self, run: usize) -> usize {
         let n = self.symbols.len();
         let repeated = self.symbols[0];
@@ -196,7 +196,7 @@ impl Words {
                 let probability = product(word.probability, self.probabilities[k]);
                 self.queue.push(Word { start, length, probability });
             }
-            // The word itself stays where its continuations fill the dictionary.
+            // The word itself stays if its continuations fill the dictionary.
             if count + n < WORDS {
                 self.first[best.0] += n;
             }
@@ -245,7 +245,7 @@ mod tests {
 
     /// 255 symbols leave room for one word beside them: the most probable symbol twice, here the first, 9.
     #[test]
-    fn a_dictionary_with_one_word_of_two_symbols_is_made_again() {
+    fn a_dictionary_with_one_word_of_two_symbols_is_rebuilt() {
         let pairs: Vec<[u8; 2]> = (0..255u8).map(|i| [i.wrapping_add(9), if i == 0 { 2 } else { 1 }]).collect();
         let of = |size: u32, code: &[u8]| decoded(&stream(&pairs, size, code), 100);
         assert_eq!(of(4, &[5, 255, 7]).unwrap(), [14, 9, 9, 16]);

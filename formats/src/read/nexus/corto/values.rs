@@ -1,4 +1,4 @@
-//! Attributes as whole numbers: differences from the stream, added up along the predictions.
+//! Attributes as integers: differences from the stream, added to the predictions.
 
 use super::super::bytes::{Cursor, Fault};
 use super::bits::Bits;
@@ -14,7 +14,7 @@ const CORRELATED: u8 = 2;
 pub(super) struct Coding {
     pub(super) entropy: Entropy,
     pub(super) strategy: u8,
-    /// Numbers of a vertex.
+    /// Values per vertex.
     pub(super) components: usize,
 }
 
@@ -23,8 +23,11 @@ impl Coding {
     pub(super) fn read(self, from: &mut Cursor<'_>, count: usize) -> Result<Vec<i32>, Fault> {
         let at = from.offset();
         let n = self.components;
-        let values =
-            if self.strategy & CORRELATED != 0 { self.together(from, count)? } else { self.apart(from, count)? };
+        let values = if self.strategy & CORRELATED != 0 {
+            self.read_correlated(from, count)?
+        } else {
+            self.read_separate(from, count)?
+        };
         if values.len() != n * count {
             let expected = format!("{count}, one for each vertex; the file is damaged: copy it again");
             return Err(Fault { at, found: format!("values for {} vertices", values.len() / n.max(1)), expected });
@@ -32,9 +35,8 @@ impl Coding {
         Ok(values)
     }
 
-    /// Read up to `max` vertices whose components have the same number of bits; bit patterns stand for numbers from
-    /// -half on.
-    pub(super) fn together(self, from: &mut Cursor<'_>, max: usize) -> Result<Vec<i32>, Fault> {
+    /// Read up to `max` vertices whose components have the same number of bits, stored with an offset of half the range.
+    pub(super) fn read_correlated(self, from: &mut Cursor<'_>, max: usize) -> Result<Vec<i32>, Fault> {
         let mut bits = Bits::open(from)?;
         let lengths = self.entropy.symbols(from, max)?;
         let mut values = Vec::with_capacity(lengths.len() * self.components);
@@ -47,9 +49,9 @@ impl Coding {
         Ok(values)
     }
 
-    /// One list of lengths for each component. The highest bit is set in positive numbers; in negative ones the others
-    /// count down from -half.
-    fn apart(self, from: &mut Cursor<'_>, count: usize) -> Result<Vec<i32>, Fault> {
+    /// One list of bit lengths for each component. The highest bit is set in positive numbers; for negative ones, the remaining
+    /// bits count down from -half.
+    fn read_separate(self, from: &mut Cursor<'_>, count: usize) -> Result<Vec<i32>, Fault> {
         let mut bits = Bits::open(from)?;
         let n = self.components;
         let mut values = vec![0; n * count];
@@ -68,15 +70,15 @@ impl Coding {
         Ok(values)
     }
 
-    /// Pass over the attribute.
+    /// Skip the attribute.
     pub(super) fn skip(self, from: &mut Cursor<'_>) -> Result<(), Fault> {
         Bits::open(from)?;
         let lists = if self.strategy & CORRELATED != 0 { 1 } else { self.components };
         (0..lists).try_for_each(|_| self.entropy.skip(from))
     }
 
-    /// From differences to values, with `predictions` of [`super::topology::Topology`].
-    pub(super) fn add_up(self, values: &mut [i32], predictions: &[[u32; 3]]) {
+    /// Turn differences into values, with the `predictions` of [`super::topology::Topology`].
+    pub(super) fn undo_prediction(self, values: &mut [i32], predictions: &[[u32; 3]]) {
         let n = self.components;
         for (i, &prediction) in predictions.iter().enumerate().skip(1) {
             let [a, b, c] = prediction.map(|v| v as usize);
