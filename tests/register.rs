@@ -74,16 +74,17 @@ fn ambiguous_stations_are_refused_and_control_points_resolve_the_ambiguity() {
         succeeds(&["scans", "report", text(&survey), "-o", text(&all), "--force"]);
         serde_json::from_slice(&std::fs::read(&all).unwrap()).unwrap()
     };
-    assert!(of_survey()["stations"][1]["sigma"][0].as_f64() > Some(0.0));
+    let unedited = of_survey();
+    assert!(unedited["stations"][0]["sigma"][0].as_f64() > Some(0.0), "{unedited}");
     let before = std::fs::read_to_string(&toml).unwrap();
-    let second = before.find("name = \"s1\"").unwrap();
-    let start = second + before[second..].find("translation = [").unwrap() + "translation = [".len();
-    std::fs::write(&toml, format!("{}1{}", &before[..start], &before[start..])).unwrap();
+    let first = before.find("name = \"s0\"").unwrap();
+    let start = first + before[first..].find("translation = [").unwrap() + "translation = [".len();
+    std::fs::write(&toml, format!("{}9.5, 0.0, 0.0] # {}", &before[..start], &before[start..])).unwrap();
     let edited = of_survey();
-    assert!(edited["stations"][1]["sigma"].is_null() && !edited["stations"][0]["sigma"].is_null(), "{edited}");
+    assert!(edited["stations"][0]["sigma"].is_null() && !edited["stations"][1]["sigma"].is_null(), "{edited}");
     let page = folder.path().join("all.html");
     succeeds(&["scans", "report", text(&survey), "-o", text(&page)]);
-    assert!(std::fs::read_to_string(&page).unwrap().contains("stated pose"));
+    assert!(std::fs::read_to_string(&page).unwrap().contains("given pose"));
     let registration = survey.join("registration.json");
     let kept = fails(&["scans", "report", text(&survey), "-o", text(&registration), "--force"]);
     assert!(kept.contains("is an input of this command"), "{kept}");

@@ -120,10 +120,7 @@ impl Args {
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
-    ensure!(
-        args.surveyed == 0 || args.poses == PosesArg::Rough,
-        "--surveyed needs --poses rough"
-    );
+    ensure!(args.surveyed == 0 || args.poses == PosesArg::Rough, "--surveyed needs --poses rough");
     let options = args.options();
     let bar = super::progress_bar(0);
     let report = scans::write(&options, &args.output, &mut |done, total| {

@@ -1,4 +1,4 @@
-"""What the tests share: kilwa, collections of small meshes, and drivers as processes of their own."""
+"""Shared by the tests: kilwa, collections of small meshes, and drivers in separate processes."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from pathlib import Path
 import psutil
 import pytest
 
-# The long form takes a quarter of an hour on two cores.
+# The soak test takes a quarter of an hour on two cores.
 collect_ignore = [] if os.environ.get("KILWA_SOAK") else ["test_soak.py"]
 
 SOURCE = Path(__file__).resolve().parents[1] / "src"
-# A condition that does not come true in this time is a failure. Nothing waits for a time.
+# A condition that does not become true in this time, in seconds, is a failure. Nothing waits for a fixed time.
 LIMIT = float(os.environ.get("KILWA_DASK_TEST_LIMIT", "300"))
 
 
@@ -44,7 +44,7 @@ def kilwa() -> str:
 
 @dataclass
 class Collection:
-    """A folder of meshes and of their metadata, and where its packs and objects go."""
+    """A folder of meshes and their metadata, and the folders for packs and objects."""
 
     root: Path
     kilwa: str
@@ -145,7 +145,7 @@ def path_with_source() -> str:
 
 @pytest.fixture
 def collection(tmp_path: Path, kilwa: str) -> Iterator[Collection]:
-    """Return an empty collection; drivers that a failed test leaves are ended."""
+    """Return an empty collection; drivers that a failed test leaves running are killed."""
     made = Collection(tmp_path, kilwa)
     yield made
     # Builds that outlived their workers wait at the gate.
@@ -178,14 +178,14 @@ def workers(driver: subprocess.Popen[str]) -> list[psutil.Process]:
 
 
 def wrapper(path: Path, script: str) -> str:
-    """Write a shell script that stands for kilwa."""
+    """Write a shell script that replaces kilwa."""
     path.write_text("#!/bin/sh\n" + script)
     path.chmod(0o755)
     return str(path)
 
 
 def gated(collection: Collection, before: str = "") -> str:
-    """Return a kilwa whose builds note that they started and wait until `open_gate`; `before` is run first."""
+    """Return a kilwa whose builds record that they started and wait for `open_gate`; `before` is run first."""
     root = collection.root
     waits = f'touch "{root}/started.$$"; while [ ! -e "{root}/gate" ]; do sleep 0.05; done'
     script = f'if [ "$1" = build ]; then {before or ":"}; {waits}; fi\nexec "{collection.kilwa}" "$@"\n'
@@ -193,12 +193,12 @@ def gated(collection: Collection, before: str = "") -> str:
 
 
 def started(collection: Collection) -> int:
-    """Return how many builds have started behind the gate."""
+    """Return how many builds have started and reached the gate."""
     return sum(1 for _ in collection.root.glob("started.*"))
 
 
 def open_gate(collection: Collection) -> None:
-    """Let all builds go on."""
+    """Let all builds continue."""
     (collection.root / "gate").touch()
 
 

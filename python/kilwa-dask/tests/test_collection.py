@@ -43,7 +43,7 @@ def test_meshes_are_found_and_named(tmp_path: Path) -> None:
         names(str(tmp_path))
 
 
-def test_names_stay_below_the_output_if_the_way_leads_through_a_link(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_names_stay_below_the_output_if_the_pattern_leads_through_a_link(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Whether the pattern is relative or absolute; `..` after a sign is refused."""
     make(tmp_path, "real/deep/scans/a.ply", "real/deep/scans/wing/b.ply")
     (tmp_path / "link").symlink_to("real/deep/scans")

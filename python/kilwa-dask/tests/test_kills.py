@@ -26,11 +26,11 @@ def test_the_task_of_a_killed_worker_is_done_by_another(collection: Collection) 
     assert collection.strays() == []
 
 
-@pytest.mark.parametrize("orphans", ["that end with their worker", "that run on"])
-def test_after_a_killed_driver_the_same_command_goes_on(collection: Collection, orphans: str) -> None:
-    """Even if a kilwa without a worker runs on, beside the next driver."""
+@pytest.mark.parametrize("orphans", ["that end with their worker", "that keep running"])
+def test_the_same_command_continues_after_a_killed_driver(collection: Collection, orphans: str) -> None:
+    """Even if an orphaned kilwa keeps running beside the next driver."""
     names = collection.make(4)
-    kilwa = gated(collection, "trap '' TERM" if orphans == "that run on" else "")
+    kilwa = gated(collection, "trap '' TERM" if orphans == "that keep running" else "")
     driver = collection.start(kilwa=kilwa)
     until(lambda: started(collection) == 2, "two builds run")
     driver.kill()
@@ -48,18 +48,18 @@ def test_a_mesh_that_kills_three_workers_is_named_and_given_up(collection: Colle
     names = collection.make(3)
     script = f'case "$*" in build*mesh-001.ply*) kill -9 $PPID; exec sleep 60;; esac\nexec "{collection.kilwa}" "$@"\n'
     text = collection.run(kilwa=wrapper(collection.root / "kilwa", script), code=1)
-    assert "mesh-001: FAILED (worker): 3 workers died while they worked on mesh-001" in text
+    assert "mesh-001: FAILED (worker): 3 workers died while processing mesh-001" in text
     assert collection.packs() == collection.plain([name for name in names if name != "mesh-001"])
     assert collection.strays() == []
 
 
 def test_a_kilwa_that_is_killed_is_tried_three_times(collection: Collection) -> None:
-    """As the kernel does it when memory runs out."""
+    """As the kernel does when memory runs out."""
     collection.make(1)
     tries = collection.root / "tries"
     script = f'if [ "$1" = build ]; then echo >> "{tries}"; kill -9 $$; fi\nexec "{collection.kilwa}" "$@"\n'
     text = collection.run(kilwa=wrapper(collection.root / "kilwa", script), code=1)
-    assert "kilwa build was ended by signal SIGKILL; perhaps memory ran out; tried 3 times" in text
+    assert "kilwa build was killed by signal SIGKILL; perhaps memory ran out; tried 3 times" in text
     assert tries.read_text() == "\n\n\n"
     assert collection.strays() == []
 

@@ -22,7 +22,7 @@ def report_of(collection: Collection) -> dict[str, object]:
 
 
 def test_everything_is_built_and_a_second_run_builds_nothing(collection: Collection) -> None:
-    """A bad mesh is named with kilwa's message, the others are as plain `kilwa build` makes them."""
+    """A bad mesh is named with kilwa's message, the others are identical to those of plain `kilwa build`."""
     names = collection.make(4)
     (collection.meshes / "bad.ply").write_text("ply\nformat ascii 1.0\nelement vertex x\n")
     report_file = ["--json", str(collection.root / "report.json")]
@@ -49,7 +49,7 @@ def test_everything_is_built_and_a_second_run_builds_nothing(collection: Collect
 
 
 def test_two_drivers_at_once_build_each_mesh_once(collection: Collection) -> None:
-    """Both end well, and together they built each mesh once."""
+    """Both succeed, and together they build each mesh once."""
     names = collection.make(6)
     reports = [collection.root / f"report-{which}.json" for which in (1, 2)]
     drivers = [collection.start("--json", str(report)) for report in reports]
@@ -93,7 +93,7 @@ def test_another_version_on_a_worker_is_refused(collection: Collection) -> None:
     with scheduler() as (address, start_worker):
         start_worker(collection.root, OTHER="1")
         text = collection.run("--scheduler", address, code=1, kilwa=kilwa)
-    assert "has kilwa 9.9.9, and this computer has kilwa 0." in text
+    assert "has kilwa 9.9.9, but this computer has kilwa 0." in text
     assert collection.packs() == {}
     assert collection.strays() == []
 
@@ -109,7 +109,7 @@ def test_a_worker_that_joins_later_and_cannot_take_part_stops_the_run(collection
         until(lambda: started(collection) == 1, "a build runs")
         start_worker(collection.root, OTHER="1")
         text = collection.end(driver, code=1)
-    assert "has kilwa 9.9.9, and this computer has" in text
+    assert "has kilwa 9.9.9, but this computer has" in text
     assert "FAILED" not in text
     assert collection.packs() == {}
     assert collection.strays() == []
@@ -119,7 +119,7 @@ def test_a_worker_that_joins_later_and_cannot_take_part_stops_the_run(collection
 
 
 def test_objects_are_published_once(collection: Collection) -> None:
-    """Also if the driver is killed after kilwa published and before the manifest says so."""
+    """Even if the driver is killed after kilwa has published but before the manifest is updated."""
     collection.make(1)
     published = collection.root / "published"
     hang = f'"{collection.kilwa}" "$@"; touch "{published}"; exec sleep 600'

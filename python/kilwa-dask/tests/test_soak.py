@@ -1,4 +1,4 @@
-"""The long form (KILWA_SOAK=1): 300 meshes, the driver killed twice, every object published once."""
+"""The soak test (KILWA_SOAK=1): 300 meshes, the driver killed twice, every object published once."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ MESHES = 300
 
 
 def test_a_collection_of_300_survives_two_killed_drivers(collection: Collection) -> None:
-    """All meshes are built as plain `kilwa build` does it and published exactly once."""
+    """All packs are identical to those of plain `kilwa build` and published exactly once."""
     names = collection.make(MESHES, triangles=1000)
     options = ["--metadata", str(collection.root / "metadata"), "--publish", str(collection.store)]
 

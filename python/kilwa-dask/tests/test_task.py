@@ -21,7 +21,7 @@ from kilwa_dask.task import Outcome, Plan, WorkerRefused, announced, mesh_id, sw
 
 @pytest.fixture
 def plan(collection: Collection) -> Iterator[Plan]:
-    """Return the plan of a run that goes on, and check that it leaves nothing over."""
+    """Return the plan of an active run, and check that it leaves nothing behind."""
     made = Plan(uuid.uuid4().hex, str(collection.out), collection.kilwa, program.version(collection.kilwa))
     with announced(made):
         yield made
@@ -45,7 +45,7 @@ def wall(collection: Collection) -> Path:
 
 
 def test_what_changed_is_built_again_and_nothing_else(collection: Collection, plan: Plan) -> None:
-    """A pack that was damaged, a mesh or a file that it names, and an option."""
+    """A damaged pack, a changed mesh, and a changed option."""
     (name,) = collection.make(1)
     assert work(collection, plan).state == "built"
     assert work(collection, plan).state == "already done"
@@ -67,7 +67,7 @@ def test_what_changed_is_built_again_and_nothing_else(collection: Collection, pl
 
 
 def test_a_change_of_a_material_builds_the_mesh_again(collection: Collection, plan: Plan) -> None:
-    """The materials of an OBJ file are files of their own."""
+    """The materials of an OBJ file are in separate files."""
     material = wall(collection)
     first = work(collection, plan)
     assert (first.state, first.triangles) == ("built", 1), first.message
@@ -171,8 +171,8 @@ def test_a_worker_that_cannot_take_part_says_nothing_about_the_mesh(collection: 
         work(collection, replace(plan, output=str(collection.root / "elsewhere")))
 
 
-def test_a_pack_of_somebody_else_is_not_replaced(collection: Collection, plan: Plan) -> None:
-    """But one that is the same, as a killed task leaves it before its manifest, is taken over."""
+def test_a_foreign_pack_is_not_replaced(collection: Collection, plan: Plan) -> None:
+    """But an identical one, which a task killed before writing the manifest leaves behind, is accepted."""
     (name,) = collection.make(1)
     pack = collection.out / f"{name}.kilwa"
     pack.parent.mkdir()
@@ -189,7 +189,7 @@ def test_a_pack_of_somebody_else_is_not_replaced(collection: Collection, plan: P
 
 
 def test_a_full_disk_is_reported(collection: Collection, plan: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Here when the manifest is written; the pack is then not done."""
+    """Here the disk is full when the manifest is written, so the pack is not done."""
     collection.make(1)
 
     def full(*_: object) -> None:
@@ -203,7 +203,7 @@ def test_a_full_disk_is_reported(collection: Collection, plan: Plan, monkeypatch
     assert work(collection, plan).state == "built"
 
 
-def test_a_lock_is_held_by_one(tmp_path: Path) -> None:
+def test_a_lock_has_one_holder(tmp_path: Path) -> None:
     """And its file is gone afterwards."""
     path = tmp_path / "lock"
     with locked(path):
@@ -213,8 +213,8 @@ def test_a_lock_is_held_by_one(tmp_path: Path) -> None:
     assert not path.exists()
 
 
-def test_a_text_appears_whole_or_not_at_all(tmp_path: Path) -> None:
-    """Nothing is left if it cannot get its name."""
+def test_text_files_are_written_atomically(tmp_path: Path) -> None:
+    """No temporary file remains if the rename fails."""
     (tmp_path / "taken").mkdir()
     with pytest.raises(OSError):
         write_whole(tmp_path / "taken", "text")
@@ -222,5 +222,5 @@ def test_a_text_appears_whole_or_not_at_all(tmp_path: Path) -> None:
 
 
 def test_names_give_different_ids() -> None:
-    """Also if only signs differ that are not kept."""
+    """Even if they differ only in characters that are replaced."""
     assert len({mesh_id(name) for name in ("a/b", "a_b", "a b", "x" * 300 + "/b")}) == 4

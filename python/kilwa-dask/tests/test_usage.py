@@ -16,9 +16,9 @@ from kilwa_dask.cli import main
         ([], "there are no meshes"),
         (["--publish", "store"], "--publish needs --metadata"),
         (["--hosts", "a,b"], "--hosts is for --cluster ssh"),
-        (["--", "--output", "x"], "--output cannot stand after --"),
-        (["--", "--threads=2"], "--threads=2 cannot stand after --"),
-        (["--", "-opack.kilwa"], "-opack.kilwa cannot stand after --"),
+        (["--", "--output", "x"], "--output is not allowed after --"),
+        (["--", "--threads=2"], "--threads=2 is not allowed after --"),
+        (["--", "-opack.kilwa"], "-opack.kilwa is not allowed after --"),
     ],
 )
 def test_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], message: str) -> None:

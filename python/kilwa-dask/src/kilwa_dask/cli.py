@@ -22,7 +22,7 @@ from kilwa_dask.task import Outcome, Plan, WorkerRefused, announced, sweep
 
 # Options of `kilwa build` that kilwa-dask sets itself or that a collection cannot have.
 _OWN_OPTIONS = ("-o", "--output", "--json", "--force", "--resume", "--scratch", "--threads", "--memory", "--verbose", "--title")
-# What a stopped kilwa may take to end, in seconds, before it is left to itself.
+# How long to wait for a stopped kilwa to exit, in seconds.
 _PATIENCE = 10.0
 
 
@@ -39,7 +39,7 @@ def parser() -> argparse.ArgumentParser:
         "build-all",
         help="build, verify and publish every mesh of a collection",
         usage="kilwa-dask build-all IN OUT [OPTIONS] [-- OPTIONS OF kilwa build]",
-        description="Builds and verifies a pack of every mesh in IN, and publishes it if asked. What is done already is "
+        description="Builds and verifies a pack of every mesh in IN, and publishes it on request. Finished meshes are "
         "skipped, so running the same command again continues a run that was stopped, killed or partly failed. Options "
         "after -- go to every `kilwa build`, for example: -- --units mm --crs EPSG:32737",
         epilog="Exit codes: 0 done; 1 some meshes failed or a worker was refused; 2 the command line is wrong; 130 Ctrl-C.",
@@ -50,11 +50,11 @@ def parser() -> argparse.ArgumentParser:
         "--metadata", metavar="DIR|PATTERN", help="folder with NAME.toml for NAME.ply, or a pattern whose * stands for NAME"
     )
     build.add_argument("--publish", metavar="STORE", help="publish to this folder, server or store (as kilwa publish --to)")
-    build.add_argument("--version-note", metavar="TEXT", help="what is new; needed for objects that have a version already")
+    build.add_argument("--version-note", metavar="TEXT", help="what is new; required for objects already published")
     where = build.add_mutually_exclusive_group()
     where.add_argument("--scheduler", metavar="ADDRESS", help="a running Dask scheduler, such as tcp://host:8786")
     where.add_argument("--cluster", choices=("local", "ssh", "slurm"), default="local", help="default: local")
-    build.add_argument("--hosts", metavar="HOST,HOST", help="for ssh: the machines; the first also runs the scheduler")
+    build.add_argument("--hosts", metavar="HOST,HOST", help="for ssh: the machines; the first one also runs the scheduler")
     build.add_argument("--workers", type=_count, metavar="N", help="meshes at a time (for ssh: on each machine)")
     build.add_argument("--threads", type=_count, metavar="N", help="threads of each kilwa build")
     build.add_argument("--memory", metavar="SIZE", help="memory of each kilwa build, for example 2GiB")
@@ -92,7 +92,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 @contextmanager
 def _terminable() -> Iterator[None]:
-    """Turn SIGTERM into the exception `Ended`, so that everything is closed."""
+    """Turn SIGTERM into the exception `Ended`, so that everything is cleaned up."""
 
     def end(signum: int, frame: FrameType | None) -> NoReturn:
         del signum, frame
@@ -109,9 +109,9 @@ def _build_all(options: argparse.Namespace, build_options: list[str]) -> int:
     for option in build_options:
         # -o may have its value attached.
         if option.split("=")[0] in _OWN_OPTIONS or option.startswith("-o"):
-            raise UsageError(f"{option} cannot stand after --: kilwa-dask sets it, or it cannot hold for every mesh")
+            raise UsageError(f"{option} is not allowed after --: kilwa-dask sets it, or it cannot apply to every mesh")
     if options.publish is not None and options.metadata is None:
-        raise UsageError("--publish needs --metadata: a model is published with what is known about it")
+        raise UsageError("--publish needs --metadata: a model cannot be published without its metadata")
     if options.hosts is not None and options.cluster != "ssh":
         raise UsageError("--hosts is for --cluster ssh")
     output = Path(options.output).resolve()
@@ -127,7 +127,7 @@ def _build_all(options: argparse.Namespace, build_options: list[str]) -> int:
         _sweep(output, patience=_PATIENCE)
         seconds = time.monotonic() - started
         if stopped and outcomes:
-            print(f"\nstopped after {len(outcomes)} of {len(meshes)} meshes; the same command continues", file=sys.stderr)
+            print(f"\nstopped after {len(outcomes)} of {len(meshes)} meshes; run the same command to continue", file=sys.stderr)
         if outcomes and options.json is not None:
             report.write(Path(options.json), plan, outcomes, seconds, stopped=stopped)
     print(report.summary(outcomes, seconds))
@@ -189,7 +189,7 @@ def _run(options: argparse.Namespace, meshes: list[Mesh], plan: Plan, outcomes: 
 
 
 def _sweep(output: Path, patience: float) -> None:
-    """Remove what broken-off attempts left; wait for stopped programs to end, which still hold their locks."""
+    """Remove the files of interrupted attempts; wait for stopped programs to exit, because they still hold their locks."""
     until = time.monotonic() + patience
     while not sweep(output) and time.monotonic() < until:
         time.sleep(0.05)

@@ -1,4 +1,4 @@
-"""Opens the machines that work: an existing scheduler, this computer, hosts reached by SSH, or jobs of Slurm."""
+"""Connects to or starts the workers: an existing scheduler, this computer, hosts reached by SSH, or Slurm jobs."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from distributed.diagnostics.plugin import WorkerPlugin
 
 from kilwa_dask.collection import UsageError
 
-# A task is given up when as many workers as this, and one more, died while they worked on it.
+# A task may lose this many workers; when one more dies while processing it, the task is given up.
 ALLOWED_FAILURES = 2
 
 _CONFIG: dict[str, Any] = {
     "distributed.scheduler.allowed-failures": ALLOWED_FAILURES,
-    # A worker holds only the task that it works on, so that no waiting task is blamed when it dies.
+    # A worker holds only the task that it is running, so that no waiting task is blamed when it dies.
     "distributed.scheduler.worker-saturation": 1.0,
     "distributed.scheduler.work-stealing": False,
-    # The memory is that of kilwa, a process of its own, which is told how much to use.
+    # The memory is used by kilwa, a separate process with its own limit.
     "distributed.worker.memory.terminate": False,
     "distributed.worker.memory.pause": False,
 }
@@ -42,7 +42,7 @@ class Choice:
 
     scheduler: str | None = None
     kind: str = "local"
-    """"local", "ssh" or "slurm"; without meaning if there is a scheduler."""
+    """"local", "ssh" or "slurm"; ignored if there is a scheduler."""
     workers: int | None = None
     hosts: tuple[str, ...] = ()
     threads: int | None = None
@@ -61,12 +61,12 @@ class LeaveCtrlCToTheDriver(WorkerPlugin):  # type: ignore[misc]
         try:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
         except ValueError:
-            pass  # Not the main thread, so this process does not belong to the worker alone.
+            pass  # Not the main thread, so this process runs more than the worker.
 
 
 @contextmanager
 def opened(choice: Choice) -> Iterator[Client]:
-    """Open the cluster and a client, and close both at the end. Raises `UsageError` or `ClusterFailed` otherwise."""
+    """Open the cluster and a client, and close both at the end. Raises `UsageError` or `ClusterFailed` on failure."""
     with dask.config.set(_CONFIG):
         if choice.scheduler is not None:
             try:
@@ -88,7 +88,7 @@ def opened(choice: Choice) -> Iterator[Client]:
 
 
 def local_workers(workers: int | None) -> int:
-    """Return the number of workers on this computer: as asked, or one for every two cores."""
+    """Return the number of workers on this computer: as requested, or one for every two cores."""
     return workers or max(1, (os.cpu_count() or 1) // 2)
 
 
@@ -122,9 +122,9 @@ def _slurm(choice: Choice) -> Any:
     from dask_jobqueue import SLURMCluster
 
     if shutil.which("sbatch") is None:
-        raise UsageError("--cluster slurm needs Slurm's program sbatch; start kilwa-dask on a machine that submits jobs")
+        raise UsageError("--cluster slurm needs Slurm's program sbatch; start kilwa-dask on a machine that can submit jobs")
     memory = dask.config.get("jobqueue.slurm.memory", None) or "4GiB"
-    # One task at a time in a job, whose kilwa has all its cores.
+    # Each job runs one task at a time, whose kilwa uses all cores of the job.
     cluster = SLURMCluster(cores=1, processes=1, job_cpu=choice.threads or 1, memory=memory)
     cluster.scale(jobs=choice.workers or 1)
     return cluster

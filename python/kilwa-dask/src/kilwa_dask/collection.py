@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import NoReturn
 
 EXTENSIONS = frozenset({".ply", ".obj", ".stl", ".gltf", ".glb", ".nxs", ".nxz"})
-# Formats that may name further files: materials, pictures, buffers.
+# Formats that may refer to other files: materials, pictures, buffers.
 WITH_COMPANIONS = frozenset({".obj", ".gltf", ".glb"})
 
 
 class UsageError(Exception):
-    """The command line asks for something that cannot be done; nothing was started."""
+    """The command line requests something that cannot be done; nothing was started."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Hands the tasks of a run to a cluster, shows progress, collects what became of them."""
+"""Submits the tasks of a run to a cluster, shows progress, and collects the outcomes."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from kilwa_dask import program, report
 from kilwa_dask.collection import Mesh
 from kilwa_dask.task import Outcome, Plan, WorkerRefused, refusal, survey, work_on
 
-# How often a task is repeated whose kilwa was ended by a signal. That of a worker that died is repeated by the scheduler.
+# How often to repeat a task whose kilwa was killed by a signal. The scheduler repeats the tasks of workers that died.
 REPEATS = 2
 
 
 class Progress:
-    """Shows what is done: on a terminal one line that is replaced, elsewhere a line for each mesh."""
+    """Shows progress: on a terminal, one line that is updated in place; elsewhere, one line for each mesh."""
 
     def __init__(self, meshes: Sequence[Mesh]) -> None:
         """Start the clock."""
@@ -73,7 +73,7 @@ def drive(client: Client, meshes: Sequence[Mesh], plan: Plan, outcomes: list[Out
     that happens or the run is interrupted (Ctrl-C), what is running is stopped on the workers before the exception goes on.
     """
     ordered = sorted(meshes, key=lambda mesh: (-mesh.bytes, mesh.name))
-    # Keys are unlike those of other runs, which may use the same scheduler.
+    # Keys are unique to this run, because other runs may use the same scheduler.
     keys = [f"{mesh.name}-{plan.run}" for mesh in ordered]
     work = partial(work_on, plan=plan, wait=False)
     futures = client.map(work, ordered, key=keys, pure=False, retries=REPEATS)
@@ -84,10 +84,10 @@ def drive(client: Client, meshes: Sequence[Mesh], plan: Plan, outcomes: list[Out
         for future in ended:
             mesh = meshes_by_key[future.key]
             outcome = _outcome(future, mesh)
-            # Otherwise the scheduler would have it computed again when the worker that keeps it dies.
+            # Otherwise the scheduler would recompute it when the worker that holds the result dies.
             future.release()
             if outcome.state == "busy":
-                # Another run, or an orphan of one, works on it: wait for that when nothing else is left to do.
+                # Another run, or an orphaned process of one, is processing it: wait for that when nothing else is left to do.
                 key = f"{mesh.name}-waits-{plan.run}"
                 meshes_by_key[key] = mesh
                 waits = client.submit(work_on, mesh, plan, key=key, pure=False, retries=REPEATS, priority=-1)
@@ -116,7 +116,7 @@ def _outcome(future: Any, mesh: Mesh) -> Outcome:
         message = f"{type(error).__name__}: {error}"
         if isinstance(error, KilledWorker):
             times = error.allowed_failures + 1
-            message = f"{times} workers died while they worked on {mesh.name}; perhaps their memory ran out"
+            message = f"{times} workers died while processing {mesh.name}; perhaps they ran out of memory"
         elif isinstance(error, program.ProgramKilled):
             message = f"{error}; tried {REPEATS + 1} times"
     return Outcome(mesh.name, "failed", "worker", message, input_bytes=mesh.bytes)

@@ -36,7 +36,7 @@ def _sha256_of(path: Path, *state: int) -> str:
 
 
 def sync_folder(folder: Path) -> None:
-    """Write the names in a folder to the disk, so that a rename survives a power cut."""
+    """Flush the entries of a folder to the disk, so that a rename survives a power cut."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -72,13 +72,13 @@ def locked(path: Path, *, wait: bool = True) -> Iterator[int]:
 
     A subprocess that inherits the descriptor shares the lock: as long as it runs, nobody else gets the lock, even if the
     process that took it is dead. Raises `Busy` if `wait` is false and somebody else holds it, and `OSError` if the file
-    system has no locks.
+    system does not support locks.
     """
     while True:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
         try:
             _lock(descriptor, path, wait)
-            # Whoever held it before has removed the file: this lock is that of a file without a name.
+            # The previous holder may have removed the file; this lock would then be on an unlinked file.
             is_current = _same_file(descriptor, path)
             if is_current:
                 try:
@@ -96,7 +96,7 @@ def _lock(descriptor: int, path: Path, wait: bool) -> None:
     except BlockingIOError as error:
         raise Busy(path) from error
     except OSError as error:
-        reason = f"{error.strerror}; kilwa-dask needs a file system with locks (on Lustre: mount it with -o flock)"
+        reason = f"{error.strerror}; kilwa-dask needs a file system with file locks (on Lustre: mount it with -o flock)"
         raise OSError(error.errno, reason, str(path)) from error
 
 

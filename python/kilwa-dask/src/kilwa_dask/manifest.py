@@ -1,7 +1,7 @@
-"""The manifest of a pack: which inputs and options it was made from, its checksum, and where it was published.
+"""The manifest of a pack: the inputs and options it was made from, its checksum, and where it was published.
 
-It lies beside the pack as NAME.kilwa.json and is written last. A pack is done if and only if its manifest has the key
-of what is asked for and the SHA-256 of the pack. Manifest and pack are compared again in each run.
+It is beside the pack as NAME.kilwa.json and is written last. A pack is done if and only if its manifest has the
+requested key and the SHA-256 of the pack. Every run compares the manifest with the pack again.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ class Manifest:
     format: int = FORMAT
 
     def write(self, path: Path, temporary_in: Path) -> None:
-        """Write it; it appears complete or not at all."""
+        """Write it atomically."""
         write_whole(path, json.dumps(asdict(self), indent=2, sort_keys=True) + "\n", temporary_in=temporary_in)
 
     def describes(self, pack: Path) -> bool:
-        """Tell whether the pack has the size and the SHA-256 stated here."""
+        """Return whether the pack has the size and SHA-256 stated here."""
         try:
             return pack.stat().st_size == self.pack_bytes and sha256(pack) == self.pack_sha256
         except FileNotFoundError:

@@ -1,7 +1,7 @@
 """Runs the program kilwa as a subprocess of a worker.
 
-A worker that is killed takes its kilwa along where the program setpriv (util-linux, Linux only) exists: the kernel sends
-SIGTERM to a process whose parent died. Elsewhere such an orphan runs on, but writes only to its own folder (`task`).
+Where the program setpriv (util-linux, Linux only) exists, kilwa is terminated when its worker is killed: the kernel sends
+SIGTERM to a process whose parent died. Elsewhere the orphan keeps running, but writes only to its own folder (`task`).
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from typing import Any
 
 
 class ProgramFailed(Exception):
-    """kilwa ended with an error; the text is its own message."""
+    """kilwa failed; the text is its own error message."""
 
 
 class ProgramKilled(Exception):
-    """kilwa was ended by a signal that kilwa-dask did not send, for example because memory ran out."""
+    """kilwa was killed by a signal that kilwa-dask did not send, for example because memory ran out."""
 
 
 class RunStopped(Exception):
@@ -38,12 +38,12 @@ def find(program: str) -> str:
     """Return the path of kilwa on this machine; raises `ProgramFailed` if it is not there."""
     found = shutil.which(program)
     if found is None:
-        raise ProgramFailed(f"the program {program!r} is not on this machine; install kilwa or use --kilwa PATH")
+        raise ProgramFailed(f"the program {program!r} was not found on this machine; install kilwa or use --kilwa PATH")
     return found
 
 
 def version(program: str) -> str:
-    """Return what `kilwa --version` prints, for example "kilwa 0.1.0"; kept until the file changes."""
+    """Return what `kilwa --version` prints, for example "kilwa 0.1.0"; cached until the file changes."""
     path = find(program)
     stat = Path(path).stat()
     known = (path, stat.st_size, stat.st_mtime_ns)
@@ -72,7 +72,7 @@ def run_json(program: str, arguments: list[str], *, run: str, lock: int) -> dict
     with _lock:
         if run in _stopped:
             raise RunStopped
-        # A session of its own: Ctrl-C in the terminal of the driver does not reach it, `stop` does.
+        # A separate session: Ctrl-C in the driver's terminal does not reach it; `stop` ends it.
         process = subprocess.Popen(
             command,
             stdin=subprocess.DEVNULL,
@@ -94,21 +94,21 @@ def run_json(program: str, arguments: list[str], *, run: str, lock: int) -> dict
         raise RunStopped
     if process.returncode < 0 or process.returncode > 128:
         number = -process.returncode if process.returncode < 0 else process.returncode - 128
-        raise ProgramKilled(f"{verb} was ended by signal {_name(number)}; perhaps memory ran out")
-    # `kilwa verify` reports damage as JSON and exits with 1; the message for people is on standard error or absent.
+        raise ProgramKilled(f"{verb} was killed by signal {_name(number)}; perhaps memory ran out")
+    # `kilwa verify` reports damage as JSON and exits with 1; the error message, if any, is on standard error.
     if process.returncode != 0:
-        raise ProgramFailed(_message(messages) or _message(output) or f"{verb} failed with {process.returncode}")
+        raise ProgramFailed(_message(messages) or _message(output) or f"{verb} failed with exit code {process.returncode}")
     try:
         report = json.loads(output)
     except ValueError as error:
-        raise ProgramFailed(f"{verb} printed no JSON: {output[:200]!r}") from error
+        raise ProgramFailed(f"{verb} did not print JSON: {output[:200]!r}") from error
     if not isinstance(report, dict):
         raise ProgramFailed(f"{verb} printed {type(report).__name__} instead of an object")
     return report
 
 
 def stop(run: str) -> None:
-    """End what runs in this process for a run, and start nothing more for it."""
+    """Terminate the programs that this process runs for a run, and start no more for it."""
     with _lock:
         _stopped.add(run)
         for process in _running.get(run, ()):

@@ -1,4 +1,4 @@
-"""The report of a run: for people as text, for programs as JSON."""
+"""The report of a run, as text for people and as JSON for programs."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ STAGES = ("check", "build", "verify", "publish")
 
 
 def size(number: float) -> str:
-    """Write a number of bytes for people: 18.6 kB."""
+    """Format a number of bytes for people: 18.6 kB."""
     for unit in ("bytes", "kB", "MB", "GB"):
         if number < 1000:
             return f"{number:.0f} bytes" if unit == "bytes" else f"{number:.1f} {unit}"
@@ -24,7 +24,7 @@ def size(number: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Write a time for people: 4.2 s, 3 min 20 s, 2 h 5 min."""
+    """Format a duration for people: 4.2 s, 3 min 20 s, 2 h 5 min."""
     if seconds < 60:
         return f"{seconds:.1f} s"
     minutes, rest = divmod(round(seconds), 60)
@@ -34,13 +34,13 @@ def duration(seconds: float) -> str:
 
 
 def line(outcome: Outcome) -> str:
-    """Describe what became of a mesh in one line, or in more if kilwa's message has more."""
+    """Describe the outcome of a mesh in one line, or in several if kilwa's message has several."""
     if outcome.state == "failed":
         return f"{outcome.name}: FAILED ({outcome.stage}): {outcome.message}"
     if outcome.state == "already done":
         return f"{outcome.name}: already done"
     times = ", ".join(f"{stage} {duration(outcome.seconds[stage])}" for stage in STAGES[1:] if stage in outcome.seconds)
-    retried = f", {outcome.retries} earlier attempts broken off" if outcome.retries else ""
+    retried = f", earlier interrupted attempts: {outcome.retries}" if outcome.retries else ""
     return (
         f"{outcome.name}: {outcome.state}, {outcome.triangles:,} triangles, "
         f"{size(outcome.input_bytes)} to {size(outcome.pack_bytes)}, {times}{retried}"
@@ -54,12 +54,12 @@ def summary(outcomes: Sequence[Outcome], seconds: float) -> str:
     lines = [
         f"{len(outcomes)} meshes in {duration(seconds)}: {states['built']} built, {states['published']} only published, "
         f"{states['already done']} already done, {states['failed']} failed; "
-        f"{sum(outcome.retries for outcome in outcomes)} earlier attempts broken off"
+        f"earlier interrupted attempts: {sum(outcome.retries for outcome in outcomes)}"
     ]
     if worked:
         triangles = sum(outcome.triangles for outcome in worked)
         read, written = (sum(getattr(outcome, which) for outcome in worked) for which in ("input_bytes", "pack_bytes"))
-        lines.append(f"{triangles:,} triangles, {size(read)} read, packs of {size(written)}")
+        lines.append(f"{triangles:,} triangles, {size(read)} read, {size(written)} of packs written")
     lines += [f"{'stage':<10}{'meshes':>8}{'total':>14}{'mean':>10}{'longest':>10}{'failed':>8}"]
     for stage in (*STAGES, "place"):
         times = [outcome.seconds[stage] for outcome in outcomes if stage in outcome.seconds]
@@ -73,7 +73,7 @@ def summary(outcomes: Sequence[Outcome], seconds: float) -> str:
 
 
 def write(path: Path, plan: Plan, outcomes: Sequence[Outcome], seconds: float, *, stopped: bool) -> None:
-    """Write the report as JSON; it appears complete or not at all."""
+    """Write the report as JSON, atomically."""
     states = Counter(outcome.state for outcome in outcomes)
     report = {
         "format": 1,

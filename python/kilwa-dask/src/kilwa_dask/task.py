@@ -1,12 +1,12 @@
-"""The task of one mesh, which runs in a worker: build, verify, place, publish, each only if it is not done yet.
+"""The task for one mesh, which runs in a worker: build, verify, place and publish, each only if not yet done.
 
-Whatever is killed, the output has either the old pack or the new one:
+Whichever process is killed, the output has either the old pack or the new one:
 
-* The task holds the lock of its mesh (`files.locked`), which the kilwa that it starts shares. So neither a second driver,
-  nor the same task on another worker, nor an orphan of a killed worker works on the mesh at the same time.
-* kilwa builds into a folder of this attempt, OUT/.kilwa-dask/ID.N. Only the task renames the pack to its final name; an
-  orphan cannot. The next attempt removes the folder.
-* The manifest is written after the pack has its name. A pack with another manifest, or with none, is not done. Building
+* The task holds the lock of its mesh (`files.locked`) and shares it with the kilwa that it starts. So no second driver,
+  other worker or orphaned kilwa can process the mesh at the same time.
+* kilwa builds into a folder of its own for each attempt, OUT/.kilwa-dask/ID.N. Only the task renames the pack to its final
+  name; an orphan cannot. The next attempt removes the folder.
+* The manifest is written after the pack is renamed. A pack with a different manifest, or with none, is not done. Building
   it again gives the same bytes.
 * `kilwa publish` adds nothing if the same pack is already published.
 """
@@ -32,23 +32,23 @@ from kilwa_dask.files import Busy, locked, sha256, sha256_once, sync_folder
 from kilwa_dask.manifest import Manifest, key_of
 
 STATE = ".kilwa-dask"
-"""Folder in the output folder for locks and attempts; removed when a run ends and nobody else uses it."""
+"""Folder in the output folder for locks and attempts; removed when a run ends and no other run uses it."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What a run asks for; the same for all its meshes."""
+    """The settings of a run, the same for all its meshes."""
 
     run: str
-    """Name of the run, unlike any other."""
+    """Unique name of the run."""
     output: str
     program: str
     version: str
     """What `kilwa --version` prints where the run was started."""
     options: tuple[str, ...] = ()
-    """Options of `kilwa build` that shape the pack."""
+    """Options of `kilwa build` that affect the pack."""
     resources: tuple[str, ...] = ()
-    """Options of `kilwa build` that do not, such as --threads."""
+    """Options of `kilwa build` that do not affect the pack, such as --threads."""
     publish: str | None = None
     publish_options: tuple[str, ...] = ()
     report: str | None = None
@@ -62,11 +62,11 @@ class Plan:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a mesh."""
+    """The outcome of one mesh."""
 
     name: str
     state: str
-    """"built", "published" (built earlier), "already done", "failed", or "busy": somebody else works on it."""
+    """"built", "published" (built earlier), "already done", "failed", or "busy": another process is working on it."""
     stage: str | None = None
     """Where it failed: "check", "build", "verify", "place" or "publish"."""
     message: str | None = None
@@ -76,7 +76,7 @@ class Outcome:
     pack_sha256: str | None = None
     triangles: int = 0
     retries: int = 0
-    """Earlier attempts at this mesh that broke off, in this run or before."""
+    """Earlier attempts at this mesh that were interrupted, in this run or before."""
     publication: dict[str, Any] | None = None
     worker: str = ""
 
@@ -86,10 +86,10 @@ class WorkerRefused(Exception):
 
 
 class StageFailed(Exception):
-    """A stage failed in a way that trying again does not help."""
+    """A stage failed, and trying again would not help."""
 
     def __init__(self, stage: str, message: str) -> None:
-        """Note the stage and the message."""
+        """Store the stage and the message."""
         super().__init__(stage, message)
         self.stage = stage
         self.message = message
@@ -112,11 +112,11 @@ def refusal(plan: Plan, found: dict[str, object]) -> str | None:
     if found["problem"] is not None:
         return f"{where} cannot run kilwa: {found['problem']}"
     if found["version"] != plan.version:
-        return f"{where} has {found['version']}, and this computer has {plan.version}; install the same version on both"
+        return f"{where} has {found['version']}, but this computer has {plan.version}; install the same version on both"
     if found["package"] != __version__:
-        return f"{where} has kilwa-dask {found['package']}, and this computer has kilwa-dask {__version__}"
+        return f"{where} has kilwa-dask {found['package']}, but this computer has kilwa-dask {__version__}"
     if not found["sees_output"]:
-        return f"{where} does not see {plan.output} as this computer does; all machines need the same shared folder"
+        return f"{where} cannot see {plan.output}; the folder must be shared under the same path on all machines"
     return None
 
 
@@ -170,7 +170,7 @@ class _Attempt:
             try:
                 self._work_in(folder, lock, started)
             except program.ProgramKilled:
-                raise  # The folder remains, so that the next attempt knows that there was one.
+                raise  # The folder remains, so that the next attempt can count this one.
             except BaseException:
                 shutil.rmtree(folder, ignore_errors=True)
                 raise
@@ -204,13 +204,13 @@ class _Attempt:
         return [Path(option) for option in self.plan.options if os.path.isabs(option) and os.path.isfile(option)]
 
     def _key(self, beside: list[Path], named: list[Path]) -> str:
-        """Return the key of the pack: the version, options and contents of everything that shapes it."""
+        """Return the key of the pack: a hash of the version, the options and the contents of all inputs."""
         path = Path(self.mesh.path)
         return key_of(
             version=self.plan.version,
             options=self.plan.options,
             option_files={str(file): sha256_once(file) for file in named},
-            # The pack states the file's name, and the name says how the file is read.
+            # The pack stores the file's name, and the name can affect how the file is read.
             input=[path.name, sha256(path)],
             companions={file.relative_to(path.parent).as_posix(): sha256_once(file) for file in beside},
         )
@@ -229,7 +229,7 @@ class _Attempt:
         self.pack.parent.mkdir(parents=True, exist_ok=True)
         if self.pack.exists() and not replace_pack and sha256(self.pack) != digest:
             raise StageFailed(
-                "place", f"{self.pack} exists already, is another pack, and has no manifest; move it away or delete it"
+                "place", f"{self.pack} already exists, differs from this pack and has no manifest; move it away or delete it"
             )
         pack.replace(self.pack)
         sync_folder(self.pack.parent)
@@ -249,7 +249,7 @@ class _Attempt:
         self.stage = "publish"
         metadata = Path(self.mesh.metadata or "")
         if not metadata.is_file():
-            raise StageFailed("publish", f"its metadata file {metadata} does not exist (`kilwa metadata init` writes one)")
+            raise StageFailed("publish", f"its metadata file {metadata} does not exist; create it with `kilwa metadata init`")
         key = key_of(
             version=self.plan.version,
             pack=built.pack_sha256,
@@ -312,7 +312,7 @@ def _states(paths: Iterable[Path]) -> _States:
 
 
 def _is_published(to: str, slug: str) -> bool:
-    """Tell whether the object is still in a folder; servers and stores are not asked."""
+    """Return whether the object is still in its folder; servers and stores are not queried."""
     return "://" in to or Path(to, slug, "manifest.json").is_file()
 
 
@@ -323,7 +323,7 @@ def mesh_id(name: str) -> str:
 
 
 def sweep_attempts(state_folder: Path, mesh: str) -> int:
-    """Remove what broken-off attempts at a mesh left, and return how many there were. Its lock must be held."""
+    """Remove the files of interrupted attempts at a mesh and return how many there were. The caller must hold its lock."""
     last = 0
     for folder in state_folder.glob(f"{mesh}.*"):
         number = folder.name.removeprefix(mesh + ".")
@@ -334,9 +334,9 @@ def sweep_attempts(state_folder: Path, mesh: str) -> int:
 
 
 def sweep(output: Path) -> bool:
-    """Remove what ended runs and broken-off attempts left, except where somebody works.
+    """Remove the files of finished runs and interrupted attempts, except where another process is working.
 
-    Tell whether nothing is left, or another run goes on, which sweeps when it ends.
+    Return whether nothing is left, or another run is active, which will clean up when it ends.
     """
     state_folder = output / STATE
     try:
@@ -366,7 +366,7 @@ def sweep(output: Path) -> bool:
 
 @contextmanager
 def announced(plan: Plan) -> Iterator[None]:
-    """Keep a file in the state folder while a run goes on: workers look for it, and the folder is not removed."""
+    """Keep a file in the state folder during a run: workers look for it, and it keeps the folder from being removed."""
     state_folder = Path(plan.output, STATE)
     while True:
         state_folder.mkdir(parents=True, exist_ok=True)
