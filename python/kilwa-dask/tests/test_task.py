@@ -165,7 +165,7 @@ def test_a_change_while_it_is_built_is_reported(
 def test_a_worker_that_cannot_take_part_says_nothing_about_the_mesh(collection: Collection, plan: Plan) -> None:
     """It has another version, or does not see the output."""
     collection.make(1)
-    with pytest.raises(WorkerRefused, match=r"and this computer has kilwa 9\.9\.9"):
+    with pytest.raises(WorkerRefused, match=r"but this computer has kilwa 9\.9\.9"):
         work(collection, replace(plan, version="kilwa 9.9.9"))
     with pytest.raises(WorkerRefused, match="all machines need the same shared folder"):
         work(collection, replace(plan, output=str(collection.root / "elsewhere")))
