@@ -167,7 +167,7 @@ def test_a_worker_that_cannot_take_part_says_nothing_about_the_mesh(collection: 
     collection.make(1)
     with pytest.raises(WorkerRefused, match=r"but this computer has kilwa 9\.9\.9"):
         work(collection, replace(plan, version="kilwa 9.9.9"))
-    with pytest.raises(WorkerRefused, match="all machines need the same shared folder"):
+    with pytest.raises(WorkerRefused, match="must be shared under the same path on all machines"):
         work(collection, replace(plan, output=str(collection.root / "elsewhere")))
 
 
