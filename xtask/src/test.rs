@@ -1,7 +1,7 @@
 //! `cargo xtask test`: everything that has to hold before a change is taken, in the order that shares compile work.
 //!
 //! Stages: format, lints natively and for wasm32, the page, its code, the workspace's tests, its documentation's examples, fuzzing, the
-//! demo, the browser, the Python package.
+//! demo, the browser, the Python packages.
 //! All in the profile dev (the page in its own). Invariants: a failing stage does not stop the later ones, so that one run shows all
 //! failures; the last line is `N passed, N failed, N skipped` over all suites, where a stage that is not a suite counts only when it
 //! fails; a suite that ran no test has failed. The exit code is 1 when anything failed.
@@ -48,9 +48,12 @@ enum Suite {
 /// A store in Python, for the tests of the server, and where they look for it.
 const STORE_PACKAGES: &str = "server/tests/store/requirements.txt";
 const STORE_VARIABLE: &str = "KILWA_MOTO";
-/// The Python package, and the requirements of the package and its checks.
+/// The Python packages, and the requirements of each and its checks.
 const DASK: &str = "python/kilwa-dask";
 const DASK_PACKAGES: &str = "python/kilwa-dask/tests/requirements.txt";
+/// 200 MB to install, so that only the long form tests it.
+const INVENIO: &str = "python/kilwa-invenio";
+const INVENIO_PACKAGES: &str = "python/kilwa-invenio/tests/requirements.txt";
 /// Crates that have to build for wasm32: the page's own and every pure crate below them.
 const WASM_PACKAGES: [&str; 9] = [
     "kilwa-viewer",
@@ -324,10 +327,21 @@ fn browser(length: Length) -> Result<Tally> {
     suite(npm.current_dir(&folder).env("CHROMIUM", chromium).env("KILWA", kilwa), length)
 }
 
-/// The Python package: ruff, mypy, then its tests, with the same `kilwa` as the tests above.
+/// The Python packages, with the same `kilwa` as the tests above. The short form leaves out the previewer of InvenioRDM.
 fn python(length: Length) -> Result<Tally> {
-    let packages = setup::python_packages(DASK_PACKAGES)?;
-    let folder = root()?.join(DASK);
+    let mut tally = python_package(DASK, DASK_PACKAGES, length)?;
+    if length == Length::Long {
+        tally.add_all(python_package(INVENIO, INVENIO_PACKAGES, length).unwrap_or_else(|error| failure(&error)));
+    } else {
+        tally.skips.insert("the previewer of InvenioRDM (python/kilwa-invenio): only in the long form".to_owned());
+    }
+    Ok(tally)
+}
+
+/// A Python package in `folder`: ruff, mypy, then its tests.
+fn python_package(folder: &str, packages: &str, length: Length) -> Result<Tally> {
+    let packages = setup::python_packages(packages)?;
+    let folder = root()?.join(folder);
     let module = |args: &[&str]| {
         let mut python = command("python3", &["-m"])?;
         python.args(args).current_dir(&folder).env("PYTHONPATH", &packages);
