@@ -21,6 +21,15 @@ const GAP_BYTES: u64 = 16 << 10;
 /// While much of the picture is missing, a gap may be this part of it, up to [`WIDE_GAP_BYTES`]: it costs the same share of the time.
 const GAP_PART: u64 = 88;
 const WIDE_GAP_BYTES: u64 = 32 << 10;
+/// Some hosts answer so many requests a minute and no more (docs/bench/2026-11-27-hosts.md): where the missing chunks lie in more stretches than this,
+/// wider gaps are read through, the narrowest first...
+const STRETCHES: usize = 12;
+/// ... while all of them together are at most this part of the missing bytes.
+const WASTE_PART: u64 = 3;
+/// A chunk beside a request that is wanted, but not by the picture, comes along if it has at most so many bytes.
+const SMALL_BYTES: u64 = 12 << 10;
+/// A stretch shorter than this waits for directory pages that are on their way: the chunks that they name may lie beside it.
+const SHORT_BYTES: u64 = 64 << 10;
 /// All gaps of a request together: so many times one gap...
 const GAPS: u64 = 4;
 /// ... or this part of the bytes that are wanted.
@@ -70,6 +79,15 @@ pub(crate) fn retry_time(now_ms: f64, attempts: u32, salt: u64) -> f64 {
     let delay = (BACKOFF_MS.0 * f64::from(1u32 << exponent)).min(BACKOFF_MS.1);
     let mut jitter = fastrand::Rng::with_seed(salt ^ (u64::from(attempts) << 40));
     now_ms + delay * (0.5 + 0.5 * jitter.f64())
+}
+
+/// How the chunks of a step are joined into requests.
+#[derive(Clone, Copy)]
+struct Joining {
+    /// Gaps that are read through between chunks that lie beside the picture, and between those that it needs.
+    widest: [u64; 2],
+    /// Shorter stretches wait.
+    shortest: u64,
 }
 
 /// Requests of this step that take more, where the server takes several ranges in one.
@@ -133,6 +151,7 @@ impl Streamer {
         if self.waits_for_visible(wanted, &needed, now_ms) {
             candidates.retain(|c| c.rank.visible || self.is_in_head(c));
         }
+        let joining = self.joining(wanted, &needed, now_ms);
         // Pages come before chunks of the same rank.
         let keys =
             candidates.iter().map(|c| c.rank.key(u64::from(c.kind == FetchKind::Chunks) << 32 | u64::from(c.index)));
@@ -144,7 +163,7 @@ impl Streamer {
             } else if self.nodes.get(index).is_some_and(|n| n.state == State::Absent)
                 && !self.decode_from_head(index, wanted, commands)
             {
-                self.request_chunks(index, wanted, now_ms, &mut growing, commands);
+                self.request_chunks(index, wanted, now_ms, joining, &mut growing, commands);
             }
         }
     }
@@ -163,11 +182,15 @@ impl Streamer {
             State::Absent => n.retry_at <= now_ms,
             State::Resident => false,
         });
-        let is_page_coming = |&(&page, rank): &(&u32, &Rank)| {
+        waiting.next().is_some() || self.waits_for_pages(needed, now_ms)
+    }
+
+    /// Whether a page that the picture needs is being asked for or on its way.
+    fn waits_for_pages(&self, needed: &BTreeMap<u32, Rank>, now_ms: f64) -> bool {
+        needed.iter().any(|(&page, rank)| {
             rank.visible
                 && (self.is_page_ready(page, now_ms) || self.page_retries.get(&page).is_some_and(|r| r.in_flight))
-        };
-        waiting.next().is_some() || needed.iter().any(|p| is_page_coming(&p))
+        })
     }
 
     /// Unknown pages with children of a wanted chunk that may be wanted, too, if the chunk is held or the directory lists them; once there are
@@ -289,6 +312,7 @@ impl Streamer {
         index: u32,
         wanted: &Wanted,
         now_ms: f64,
+        joining: Joining,
         growing: &mut Growing,
         commands: &mut Vec<Command>,
     ) {
@@ -298,6 +322,11 @@ impl Streamer {
         let is_like =
             |&(id, visible): &(RequestId, bool)| !alone && visible == is_visible && self.may_grow(id, end - start);
         let joined = growing.chunks.filter(is_like).map(|(id, _)| id);
+        let widest = joining.widest[usize::from(is_visible)];
+        let is_short = || self.stretch(index, wanted, now_ms, is_visible, widest) < joining.shortest;
+        if !alone && index > 0 && joining.shortest > 0 && is_short() {
+            return;
+        }
         let id = joined.unwrap_or(self.next_request);
         if joined.is_none() && !self.may_request(end - start)
             || !self.hold(index, State::Requested(id), wanted, commands)
@@ -306,7 +335,6 @@ impl Streamer {
         }
         let mut parts = vec![index];
         let mut useful = end - start;
-        let widest = self.widest_gap(wanted);
         let ways: &[bool] = if alone { &[] } else { &[true, false] };
         for &forward in ways {
             let mut at = index;
@@ -336,21 +364,95 @@ impl Streamer {
                 }
             }
         }
+        if !alone && self.budgets.ranges == 1 {
+            let request = (joined, id);
+            (start, end) = self.take_along(request, start..end, &mut parts, wanted, now_ms, commands);
+        }
         parts.sort_unstable();
         let id = self.send(joined, FetchKind::Chunks, start..end, parts, commands);
         growing.chunks = (!alone).then_some((id, is_visible));
     }
 
-    /// Bytes between two wanted chunks that are read for nothing at most.
-    fn widest_gap(&self, wanted: &Wanted) -> u64 {
-        if self.budgets.ranges > 1 {
-            return 0; // Another range costs less than any gap.
+    /// Small chunks right before and behind a request that are wanted beside the picture come along: later, each would be a request of its own.
+    /// Where the request then begins and ends.
+    fn take_along(
+        &mut self,
+        (joined, id): (Option<RequestId>, RequestId),
+        Range { mut start, mut end }: Range<u64>,
+        parts: &mut Vec<u32>,
+        wanted: &Wanted,
+        now_ms: f64,
+        commands: &mut Vec<Command>,
+    ) -> (u64, u64) {
+        for forward in [true, false] {
+            let last = if forward { parts.iter().max() } else { parts.iter().min() };
+            let mut at = last.copied();
+            while let Some(next) = at.and_then(|i| if forward { i.checked_add(1) } else { i.checked_sub(1) }) {
+                let Some((from, to)) = self.range(next) else { break };
+                let is_beside = if forward { from == end } else { to == start };
+                let is_small = to - from <= SMALL_BYTES;
+                if !(is_beside && is_small && self.may_join(next, wanted, now_ms))
+                    || !self.fits(joined, end.max(to) - start.min(from))
+                    || !self.hold(next, State::Requested(id), wanted, commands)
+                {
+                    break;
+                }
+                (start, end, at) = (start.min(from), end.max(to), Some(next));
+                parts.push(next);
+            }
         }
-        let needed =
-            wanted.order.iter().filter(|&&i| wanted.is_visible(&self.nodes, i)).filter_map(|&i| self.nodes.get(i));
-        let missing = needed.filter(|n| matches!(n.state, State::Absent | State::Requested(_)));
-        let bytes: u64 = missing.map(|n| u64::from(n.entry.encoded_bytes)).sum();
-        (bytes / GAP_PART).clamp(GAP_BYTES, WIDE_GAP_BYTES)
+        (start, end)
+    }
+
+    /// How this step joins chunks.
+    fn joining(&mut self, wanted: &Wanted, needed: &BTreeMap<u32, Rank>, now_ms: f64) -> Joining {
+        if self.budgets.ranges > 1 {
+            return Joining { widest: [0; 2], shortest: 0 }; // Another range costs less than any gap.
+        }
+        // While the camera rests, gaps stay as wide as they were: part of the stretches is on its way, and the others are not to be split again.
+        let view = *wanted.view();
+        let before = self.widest_gaps.filter(|(of, _)| *of == view).map_or([0; 2], |(_, widest)| widest);
+        let widest = [false, true].map(|visible| self.widest_gap(wanted, visible, before[usize::from(visible)]));
+        self.widest_gaps = Some((view, widest));
+        let shortest = if self.waits_for_pages(needed, now_ms) { SHORT_BYTES } else { 0 };
+        Joining { widest, shortest }
+    }
+
+    /// Bytes that are read for nothing at most between two wanted chunks, if only `visible` ones are asked for, and at least `before`.
+    fn widest_gap(&self, wanted: &Wanted, visible: bool, before: u64) -> u64 {
+        let (mut missing, mut end, mut gaps) = (0, None, Vec::new());
+        // In order of the file.
+        for (index, _) in wanted.ranks.iter().filter(|&(i, _)| wanted.is_visible(&self.nodes, i) >= visible) {
+            let waits = |n: &&Node| matches!(n.state, State::Absent | State::Requested(_));
+            let Some(node) = self.nodes.get(index).filter(waits) else { continue };
+            missing += u64::from(node.entry.encoded_bytes);
+            if node.state == State::Absent {
+                let last = end.replace(node.end());
+                gaps.extend(last.map(|last| u128::from(node.entry.offset.saturating_sub(last))));
+            }
+        }
+        let mut widest = (missing / GAP_PART).clamp(GAP_BYTES, WIDE_GAP_BYTES).max(before);
+        let (mut stretches, mut waste) = (gaps.len() + 1, 0);
+        for gap in sorted(gaps.into_iter()).map(|gap| gap as u64) {
+            waste += gap;
+            if gap > widest {
+                if stretches <= STRETCHES || waste > missing / WASTE_PART {
+                    break;
+                }
+                widest = gap;
+            }
+            stretches -= 1;
+        }
+        widest
+    }
+
+    /// Bytes from the first to the last chunk that may be asked for together with this one.
+    fn stretch(&self, index: u32, wanted: &Wanted, now_ms: f64, visible: bool, widest: u64) -> u64 {
+        let end = |forward: bool| {
+            let next = |&at: &u32| self.next_in_file(at, forward, wanted, now_ms, visible, widest);
+            std::iter::successors(Some(index), next).last().and_then(|last| self.range(last))
+        };
+        end(false).zip(end(true)).map_or(0, |((start, _), (_, end))| end - start)
     }
 
     /// The next chunk after (or before) `at` that may be asked for together with it, not farther than a gap.

@@ -150,6 +150,11 @@ impl Wanted {
         self.cameras.priority(index, node)
     }
 
+    /// The view that they are wanted for.
+    pub(crate) fn view(&self) -> &View {
+        &self.cameras.view
+    }
+
     pub(crate) fn contains(&self, nodes: &Nodes, index: u32) -> bool {
         self.ranks.get(nodes, index).is_some()
     }
