@@ -8,7 +8,7 @@ import path from "node:path";
 import { after, before } from "node:test";
 import { ROOT, launch, open, packFolder, picture, serve, stats, test, waitFor } from "./harness.mjs";
 
-const [SIGNED, RESTRICTED, PUBLIC, TEXT, SILENT, HUGE, HIDDEN, GONE, BROKEN, EMPTY] = [7, 8, 9, 10, 11, 12, 13, 14, 15, 16];
+const [SIGNED, RESTRICTED, PUBLIC, TEXT, SILENT, HUGE, HIDDEN, GONE, BROKEN, EMPTY, UNNAMED] = [7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17];
 const TOKEN = "until=2026-12-01T00:00:00&user=amina&method=GET&token=0a+b/c";
 let manifest;
 let pack;
@@ -27,7 +27,8 @@ function toolParameters(id) {
     const url = dataverse.url + urlTemplate.replace("{fileId}", id);
     return { name, httpMethod, signedUrl: id === SIGNED ? `${url}&${TOKEN}` : url, timeOut };
   });
-  return { status: "OK", data: { queryParameters, signedUrls } };
+  // As for a manifest without `allowedApiCalls`.
+  return { status: "OK", data: id === UNNAMED ? { queryParameters } : { queryParameters, signedUrls } };
 }
 
 /** The address that Dataverse opens: its Base64 is not escaped. */
@@ -140,6 +141,7 @@ test("each reason why a file cannot be shown has its sentence", async () => {
     [launched(RESTRICTED), `This file is restricted. Sign in at ${host} with an account that has access to it, and open the file again.`],
     [launched(TEXT), "This file is not a Kilwa pack, so it cannot be shown as a 3D model."],
     [launched(EMPTY), "This file is not a Kilwa pack, so it cannot be shown as a 3D model."],
+    [launched(UNNAMED), `${host} gave no address for the contents of the file. The manifest of this tool needs the call retrieveFileContents.`],
     [launched(GONE), `${host} does not have this file any more.`],
     [launched(BROKEN), `${host} answers with error 503. Try again later.`],
     [
