@@ -210,6 +210,30 @@ fn what_every_client_shows_at_rest_is_closed() {
 }
 
 #[test]
+fn vertices_that_tiles_share_have_the_same_floats() {
+    let work = tempfile::tempdir().unwrap();
+    for (name, scale, earth) in
+        [("local", 1.0, None), ("flat", 1.0, Some(&Ball as &dyn Earth)), ("curved", 100.0, Some(&Ball))]
+    {
+        let folder = work.path().join(name);
+        let report = written(&pack(scale), Profile::Plain, SMALL, earth, &folder);
+        // With one offset, equal positions are equal floats, and clients compute the same of them in every tile.
+        let mut offsets = Vec::new();
+        Tile::whole(&folder, "tileset.json").visit(None, &mut |tile, _| {
+            let Some(content) = &tile.content else { return };
+            let bytes = std::fs::read(folder.join(content)).expect("is there");
+            let length = u32::from_le_bytes(bytes[12..16].try_into().expect("four bytes")) as usize;
+            let file: Value = serde_json::from_slice(&bytes[20..20 + length]).expect("JSON");
+            offsets.push(file["nodes"][0]["translation"].to_string());
+        });
+        assert_eq!(offsets.len() as u64, report.tiles);
+        offsets.sort();
+        offsets.dedup();
+        assert_eq!(offsets.len(), 1, "{name}: {offsets:?}");
+    }
+}
+
+#[test]
 fn a_wrong_decision_would_be_noticed() {
     let work = tempfile::tempdir().unwrap();
     let folder = work.path().join("tiles");

@@ -1,8 +1,12 @@
 //! A tile as GLB (Khronos, "glTF 2.0 Specification"): positions on a grid, relative to the node's translation, y up.
+//!
+//! Clients multiply positions by a matrix of floats for each tile. If two tiles have different translations, these matrices are rounded
+//! differently, and a vertex that both have moves apart by a ten-thousandth of a pixel: now and then, a single pixel at a border shows the
+//! background. So all tiles have the same translation, except in models that are wider than [`CELL`] steps.
 
 use super::Profile;
 use crate::extract::ExtractError;
-use glam::{DVec3, IVec3};
+use glam::{DVec3, I64Vec3, IVec3};
 use kilwa_geometry::Sphere;
 use kilwa_geometry::color::{light_from_srgb, srgb_from_light};
 use meshoptimizer_rs::{Workspace, codec};
@@ -17,6 +21,8 @@ const ARRAY_BUFFER: u32 = 34962;
 const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 /// Largest distance from the offset: 24 bits with a sign.
 const REACH: i32 = (1 << 23) - 1;
+/// Offsets are multiples of so many steps: 2 km in a grid of a millimetre. Floats move a vertex that is half as far away by an eighth of a step at most.
+const CELL: i64 = 1 << 21;
 /// The extension of glTF for compressed views, and the one for normals in bytes.
 const MESHOPT: &str = "EXT_meshopt_compression";
 const QUANTIZED: &str = "KHR_mesh_quantization";
@@ -59,10 +65,9 @@ impl Tile {
     ) -> Result<Self, ExtractError> {
         let min = points.iter().copied().fold(IVec3::MAX, IVec3::min);
         let max = points.iter().copied().fold(IVec3::MIN, IVec3::max);
-        let offset = ((min.as_i64vec3() + max.as_i64vec3()) / 2).as_ivec3();
-        if ((max.as_i64vec3() - min.as_i64vec3()) / 2 + 1).max_element() > i64::from(REACH) {
+        let Some(offset) = offset(min, max) else {
             return Err(ExtractError::Numbers("a tile is too wide for 32-bit floats".to_owned()));
-        }
+        };
         for p in &mut points {
             *p -= offset;
         }
@@ -276,6 +281,16 @@ impl Tile {
     }
 }
 
+/// The offset of a tile between two corners: the nearest multiple of [`CELL`], or the middle where positions relative to that have too many bits; `None` if
+/// all have.
+fn offset(min: IVec3, max: IVec3) -> Option<IVec3> {
+    let (min, max) = (min.as_i64vec3(), max.as_i64vec3());
+    let middle = (min + max) / 2;
+    let nearest = (middle + CELL / 2).map(|x| x.div_euclid(CELL) * CELL);
+    let fits = |offset: &I64Vec3| (max - offset).max(offset - min).max_element() <= i64::from(REACH);
+    [nearest, middle].into_iter().filter(fits).find_map(|offset| IVec3::try_from(offset).ok())
+}
+
 /// Light of each level of sRGB, in 16 bits: of the values that are rounded to the level again, one whose low byte is one of a few, the first if possible. A
 /// byte that seldom changes takes little room; without this, colours would take more than positions.
 static LIGHT: LazyLock<[u16; 256]> = LazyLock::new(|| std::array::from_fn(|level| light(level as u8)));
@@ -330,6 +345,20 @@ fn glb(file: &Value, binary: &[u8]) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn tiles_share_an_offset_and_wide_ones_fit() {
+        let cell = CELL as i32;
+        let around = |x: i32, half: i32| offset(IVec3::new(x - half, 0, -7), IVec3::new(x + half, 9, 7)).map(|o| o.x);
+        for x in [-cell / 2, -12_345, 0, 9, cell / 2 - 1] {
+            assert_eq!(around(x, 100), Some(0));
+        }
+        assert_eq!((around(cell / 2, 5), around(-cell / 2 - 1, 5)), (Some(cell), Some(-cell)));
+        // 24 bits: about the middle if need be, and no more.
+        assert_eq!((around(700, REACH - 700), around(700, REACH), around(0, REACH + 1)), (Some(0), Some(700), None));
+        let edge = i32::MAX - 10;
+        assert_eq!(around(edge, 5), Some(edge));
+    }
 
     #[test]
     fn every_level_of_srgb_is_restored_and_bright_ones_cost_a_byte() {
