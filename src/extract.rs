@@ -38,6 +38,9 @@ pub(crate) struct Args {
     /// PLY: write numbers as text instead of binary little-endian.
     #[arg(long)]
     ascii: bool,
+    /// GLB: compress with EXT_meshopt_compression, which three.js, Babylon.js and CesiumJS read.
+    #[arg(long, conflicts_with = "to")]
+    compress: bool,
     /// Replace an existing file.
     #[arg(long)]
     force: bool,
@@ -66,6 +69,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     }
     // An output that cannot be written is reported before the work is done.
     let format = Format::of(&args.output, args.ascii)?;
+    let format = if args.compress { format.compressed()? } else { format };
     refuse_inputs(&args.output, [args.pack.as_path()])?;
     let output = Output::prepare(&args.output, args.force)?;
     let reader = open_pack(&args.pack)?;
@@ -137,6 +141,7 @@ impl Report<'_> {
             "offset": self.written.offset,
             "left_out": self.written.left_out,
             "ascii": self.args.ascii,
+            "compressed": self.args.compress,
         });
         writeln!(crate::terminal::out(), "{}", crate::terminal::json_text(&report)?)?;
         Ok(())

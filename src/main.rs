@@ -28,6 +28,7 @@ mod source;
 mod stations;
 mod synth;
 mod terminal;
+mod tiles;
 mod verify;
 
 use clap::{Parser, Subcommand};

@@ -71,6 +71,7 @@ fn publication(slug: &str, number: u32, bytes: &[u8]) -> Publication {
         preview: None,
         notes: None,
         holes: None,
+        tiles: None,
         tool: "kilwa".to_owned(),
     }
 }
@@ -114,6 +115,7 @@ pub(crate) fn publish(shelf: &Path, slug: &str, number: u32) -> PathBuf {
             checksums,
             annotations: None,
             holes: None,
+            tiles: None,
             figures: p.figures.clone(),
             location_redacted: false,
         });

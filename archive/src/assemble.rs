@@ -6,9 +6,11 @@
 
 use super::draft::{Draft, DraftError};
 use super::layout::Slug;
-use super::layout::{ANNOTATIONS, CRATE, HOLES, MANIFEST, METADATA, VIEWER, pack_name, version_folder};
+use super::layout::{ANNOTATIONS, CRATE, HOLES, MANIFEST, METADATA, TILESET, VIEWER, pack_name, version_folder};
 use super::lock::Lock;
-use super::manifest::{Access, AccessState, FORM, Figures, FileEntry, Manifest, PackEntry, RightsEntry, Version};
+use super::manifest::{
+    Access, AccessState, FORM, Figures, FileEntry, Manifest, Optional, PackEntry, RightsEntry, Version,
+};
 use super::metadata::{Metadata, crs};
 use super::page::{self, Surroundings};
 use super::record::{Preview, Publication, citation, records, ro_crate};
@@ -84,6 +86,7 @@ impl Facts {
             preview,
             notes: None,
             holes: None,
+            tiles: None,
             tool: self.tool.clone(),
         }
     }
@@ -91,6 +94,11 @@ impl Facts {
     fn manifest(&self, p: &Publication, checksums: FileEntry, page: FileEntry) -> Manifest {
         let m = &p.metadata;
         let mut versions = self.before.as_ref().map(|b| b.versions.clone()).unwrap_or_default();
+        let entry = |path: &str, bytes: u64, sha256: &str| FileEntry {
+            url: format!("{}/{path}", version_folder(p.version)),
+            bytes,
+            sha256: sha256.to_owned(),
+        };
         versions.push(Version {
             version: p.version,
             folder: version_folder(p.version),
@@ -98,16 +106,9 @@ impl Facts {
             note: p.note.clone(),
             pack: p.pack.clone(),
             checksums,
-            annotations: p.notes.as_ref().map(|n| FileEntry {
-                url: format!("{}/{ANNOTATIONS}", version_folder(p.version)),
-                bytes: n.bytes,
-                sha256: n.sha256.clone(),
-            }),
-            holes: p.holes.as_ref().map(|n| FileEntry {
-                url: format!("{}/{HOLES}", version_folder(p.version)),
-                bytes: n.bytes,
-                sha256: n.sha256.clone(),
-            }),
+            annotations: p.notes.as_ref().map(|n| entry(ANNOTATIONS, n.bytes, &n.sha256)),
+            holes: p.holes.as_ref().map(|n| entry(HOLES, n.bytes, &n.sha256)),
+            tiles: p.tiles.as_ref().map(|t| entry(TILESET, t.root_bytes, &t.sha256)),
             figures: p.figures.clone(),
             location_redacted: p.location_redacted,
         });
@@ -210,15 +211,15 @@ pub fn complete(
     Ok(Completed { object, files, bytes })
 }
 
-/// Whether the last version of an object in a folder has this very pack and metadata, and these notes and holes (their SHA-256, where there are any).
+/// Whether the last version of an object in a folder has this very pack and metadata, and these other files.
 pub fn is_published(
     object: &Path,
     before: &Manifest,
     pack_sha256: &str,
     metadata: &Metadata,
-    (notes, holes): (Option<&str>, Option<&str>),
+    optional: Optional<'_>,
 ) -> bool {
-    let is_last = |v: &&Version| v.pack.sha256 == pack_sha256 && v.has_notes(notes) && v.has_holes(holes);
+    let is_last = |v: &&Version| v.pack.sha256 == pack_sha256 && v.optional() == optional;
     let Some(last) = before.versions.last().filter(is_last) else { return false };
     has_metadata(object, last, metadata)
 }

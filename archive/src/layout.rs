@@ -30,6 +30,10 @@ pub const ANNOTATIONS: &str = "annotations.json";
 pub const IIIF_ANNOTATIONS: &str = "iiif/annotations.json";
 /// The holes of the surface, where they were given: GeoJSON in coordinates of the pack.
 pub const HOLES: &str = "holes.geojson";
+/// Folder of the 3D Tiles, where there are any.
+pub const TILES: &str = "tiles";
+/// Their root.
+pub const TILESET: &str = "tiles/tileset.json";
 /// IIIF Presentation manifest.
 pub const IIIF: &str = "iiif/manifest.json";
 /// Dublin Core.
@@ -200,10 +204,14 @@ pub fn is_object(folder: &Path) -> bool {
     folder.join(MANIFEST).is_file()
 }
 
-/// Whether a file contains the geometry of the model: packs and other mesh formats.
+/// Whether a file, given by its path in an object or in a version of it, contains the geometry of the model: packs, other mesh formats, and 3D Tiles
+/// with the JSON that says where they are.
 pub fn is_geometry(name: &str) -> bool {
     // Notes and holes contain positions on the model.
     if name.rsplit('/').next().is_some_and(|name| [ANNOTATIONS, HOLES].contains(&name)) {
+        return true;
+    }
+    if name.rsplit('/').skip(1).any(|folder| folder == TILES) {
         return true;
     }
     let end = name.rsplit('.').next().unwrap_or_default().to_ascii_lowercase();

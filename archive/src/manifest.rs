@@ -6,7 +6,7 @@
 
 use super::checksums::{Checksum, is_sha256, sha256};
 use super::date::is_day;
-use super::layout::{ANNOTATIONS, HOLES, Slug, pack_name, safe, version_folder};
+use super::layout::{ANNOTATIONS, HOLES, Slug, TILESET, pack_name, safe, version_folder};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -211,6 +211,9 @@ pub struct Version {
     /// The holes of its surface, where they were given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub holes: Option<FileEntry>,
+    /// The root of its 3D Tiles, where it has any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tiles: Option<FileEntry>,
     /// Its numbers.
     pub figures: Figures,
     /// Whether reference system and place were removed or made coarse before publication.
@@ -354,15 +357,28 @@ fn check_file(field: &str, folder: &str, url: &str, sha256: &str) -> Result<(), 
     Ok(())
 }
 
-impl Version {
-    /// Whether its notes are those of this SHA-256, or it has none if there is none.
-    pub fn has_notes(&self, sha256: Option<&str>) -> bool {
-        self.annotations.as_ref().map(|n| n.sha256.as_str()) == sha256
-    }
+/// The SHA-256 of files that not every version has.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Optional<'a> {
+    /// Its notes.
+    pub notes: Option<&'a str>,
+    /// Its list of holes.
+    pub holes: Option<&'a str>,
+    /// The root of its 3D Tiles.
+    pub tiles: Option<&'a str>,
+}
 
-    /// Whether its list of holes has this SHA-256; `None` means no list.
-    pub fn has_holes(&self, sha256: Option<&str>) -> bool {
-        self.holes.as_ref().map(|n| n.sha256.as_str()) == sha256
+impl Version {
+    /// The files that not every version has.
+    pub fn optional(&self) -> Optional<'_> {
+        fn sum(file: Option<&FileEntry>) -> Option<&str> {
+            file.map(|file| file.sha256.as_str())
+        }
+        Optional {
+            notes: sum(self.annotations.as_ref()),
+            holes: sum(self.holes.as_ref()),
+            tiles: sum(self.tiles.as_ref()),
+        }
     }
 
     fn check(&self, number: u32) -> Result<(), ManifestError> {
@@ -393,6 +409,12 @@ impl Version {
             holes.check(&at("holes"), &folder)?;
             if holes.url != format!("{folder}{HOLES}") {
                 return wrong("holes.url", "holes must be in holes.geojson of the version");
+            }
+        }
+        if let Some(tiles) = &self.tiles {
+            tiles.check(&at("tiles"), &folder)?;
+            if tiles.url != format!("{folder}{TILESET}") {
+                return wrong("tiles.url", "3D Tiles must begin at tiles/tileset.json of the version");
             }
         }
         let [min, max] = self.figures.bounds;

@@ -50,7 +50,7 @@ pub(super) fn settle_object(
 #[cfg(unix)]
 pub(super) fn settle(folder: &Path, for_everybody: bool, shelf: &Path, steps: Steps<'_>) -> Result<(), DraftError> {
     let wanted = (!for_everybody).then(|| group_of(shelf)).transpose()?;
-    each_file(folder, &mut |path, metadata| settle_file(path, metadata, wanted, steps))
+    each_file(folder, folder, &mut |path, metadata| settle_file(path, metadata, wanted, steps))
 }
 
 /// Systems without such permissions leave it to the folder.
@@ -67,7 +67,7 @@ pub(super) fn settle(_: &Path, _: bool, _: &Path, _: Steps<'_>) -> Result<(), Dr
 pub fn unshared_with(folder: &Path, shelf: &Path) -> Result<Option<u32>, DraftError> {
     use std::os::unix::fs::MetadataExt as _;
     let (group, mut unshared) = (group_of(shelf)?, false);
-    each_file(folder, &mut |_, metadata| {
+    each_file(folder, folder, &mut |_, metadata| {
         unshared |= metadata.gid() != group && metadata.mode().trailing_zeros() >= 6;
         Ok(())
     })?;
@@ -92,19 +92,27 @@ fn group_of(shelf: &Path) -> Result<u32, DraftError> {
 #[cfg(unix)]
 type Look<'a> = &'a mut dyn FnMut(&Path, &std::fs::Metadata) -> Result<(), DraftError>;
 
-/// Call `look` with every file with geometry in a folder and its subfolders.
+/// Call `look` with every file with geometry in a folder of a version and its subfolders.
 #[cfg(unix)]
-fn each_file(folder: &Path, look: Look<'_>) -> Result<(), DraftError> {
+fn each_file(version: &Path, folder: &Path, look: Look<'_>) -> Result<(), DraftError> {
     for entry in std::fs::read_dir(folder).map_err(failed("read", folder))? {
         let entry = entry.map_err(failed("read", folder))?;
         let (path, metadata) = (entry.path(), entry.metadata().map_err(failed("read", folder))?);
         if metadata.is_dir() {
-            each_file(&path, look)?;
-        } else if metadata.is_file() && crate::layout::is_geometry(&entry.file_name().to_string_lossy()) {
+            each_file(version, &path, look)?;
+        } else if metadata.is_file() && has_geometry(version, &path) {
             look(&path, &metadata)?;
         }
     }
     Ok(())
+}
+
+/// Whether a file of a version contains geometry.
+#[cfg(unix)]
+fn has_geometry(version: &Path, file: &Path) -> bool {
+    let parts = file.strip_prefix(version).unwrap_or(file).components();
+    let parts: Vec<_> = parts.map(|part| part.as_os_str().to_string_lossy()).collect();
+    crate::layout::is_geometry(&parts.join("/"))
 }
 
 /// Close a file to all but its owner and a group, or open it to everybody if no group is given.

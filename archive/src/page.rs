@@ -6,7 +6,7 @@
 
 use super::layout::{
     ANNOTATIONS, CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, LINKSET, OEMBED, PARADATA, POSTER, PREVIEW,
-    README, THUMBNAILS, VIEWER, version_folder,
+    README, THUMBNAILS, TILESET, VIEWER, version_folder,
 };
 use super::manifest::{AccessState, Manifest, Version};
 use super::metadata::Metadata;
@@ -39,6 +39,15 @@ struct Link<'a> {
     href: String,
     media_type: &'static str,
     title: &'a str,
+}
+
+/// How other programs open the 3D Tiles.
+struct OtherPrograms {
+    /// Address of their root, with `…` for what is not known of it.
+    address: String,
+    /// Whether they need `EXT_meshopt_compression`.
+    is_compressed: bool,
+    is_on_globe: bool,
 }
 
 /// A file to download: its path in the version's folder, its name, and its size or what it shows.
@@ -77,6 +86,8 @@ struct Landing<'a> {
     rights: Vec<&'a str>,
     citation: String,
     downloads: Vec<Download<'a>>,
+    /// How other programs open the 3D Tiles.
+    tiles: Option<OtherPrograms>,
     /// The day of this version, in words.
     day: String,
     /// Latest first, with the sizes of their packs and their days in words.
@@ -119,6 +130,7 @@ pub fn landing(frame: Frame<'_>, p: &Publication, around: &Surroundings) -> Stri
         rights: [&m.rights.holder, &m.rights.statement].into_iter().flatten().map(String::as_str).collect(),
         citation: citation(p),
         downloads: downloads(p, around),
+        tiles: other_programs(p),
         day: in_words(&p.published),
         earlier: around.earlier.iter().rev().map(|v| (v, size(v.pack.bytes), in_words(&v.published))).collect(),
         creators: creators(m),
@@ -202,6 +214,10 @@ fn downloads<'a>(p: &'a Publication, around: &'a Surroundings) -> Vec<Download<'
         let what = counted(n.count, "hole", "holes").to_string();
         all.push(Download { path: HOLES, name: "GeoJSON", what });
     }
+    if let Some(t) = &p.tiles {
+        let what = format!("{}, {}", counted(t.tiles, "tile", "tiles"), size(t.bytes));
+        all.push(Download { path: TILESET, name: "3D Tiles", what });
+    }
     let records = [
         (DATACITE, "DataCite"),
         (DUBLIN_CORE, "Dublin Core"),
@@ -213,6 +229,15 @@ fn downloads<'a>(p: &'a Publication, around: &'a Surroundings) -> Vec<Download<'
     ];
     all.extend(records.map(|(path, name)| Download { path, name, what: String::new() }));
     all
+}
+
+fn other_programs(p: &Publication) -> Option<OtherPrograms> {
+    let t = p.tiles.as_ref()?;
+    let address = match p.url() {
+        Some(url) => format!("{url}{}/{TILESET}", version_folder(p.version)),
+        None => format!("https://…/{}/{TILESET}", version_folder(p.version)),
+    };
+    Some(OtherPrograms { address, is_compressed: t.is_compressed, is_on_globe: t.is_on_globe })
 }
 
 fn paragraphs(text: &str) -> Vec<&str> {

@@ -3,11 +3,10 @@
 use super::Args;
 use crate::info::grouped;
 use crate::source::{FileSource, open_pack};
+use crate::tiles::{Place, ProfileArg, parse_geoid_offset, write};
 use crate::verify::progress_bar;
-use glam::DVec3;
-use kilwa_archive::location::projection::Geocentric;
 use kilwa_archive::metadata::crs::normalise;
-use kilwa_formats::extract::tiles::{Earth, Folder, Limits, Profile, Request, Tileset, write_tiles};
+use kilwa_formats::extract::tiles::{Folder, Profile, Tileset};
 use kilwa_pack::Reader;
 use kilwa_pack::plural::plural;
 use std::io::Write as _;
@@ -19,48 +18,12 @@ pub(super) struct TilesArgs {
     #[arg(long, value_name = "PROFILE", default_value = "web", requires = "to")]
     profile: ProfileArg,
     /// 3D Tiles: height of the geoid above the ellipsoid at the site, in metres. It is added to all heights, because the globe needs ellipsoidal heights.
-    #[arg(long, value_name = "METRES", allow_negative_numbers = true, requires = "to", value_parser = offset)]
+    #[arg(long, value_name = "METRES", allow_negative_numbers = true, requires = "to", value_parser = parse_geoid_offset)]
     geoid_offset: Option<f64>,
     /// 3D Tiles: the reference system of the coordinates, for a pack that states none or one that Kilwa cannot convert (EPSG:N); local: do not place
     /// the model on the globe.
     #[arg(long, value_name = "EPSG:N", requires = "to")]
     crs: Option<String>,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum ProfileArg {
-    Web,
-    Plain,
-}
-
-impl ProfileArg {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Web => "web",
-            Self::Plain => "plain",
-        }
-    }
-}
-
-fn offset(text: &str) -> Result<f64, String> {
-    match text.parse::<f64>() {
-        // No geoid is farther than 110 m from its ellipsoid; local height systems can be.
-        Ok(x) if x.is_finite() && x.abs() <= 10_000.0 => Ok(x),
-        _ => Err("expected a length in metres, for example -28.5".to_owned()),
-    }
-}
-
-/// A reference system, and heights above its ellipsoid.
-struct Place {
-    crs: String,
-    geocentric: Geocentric,
-    geoid_offset: f64,
-}
-
-impl Earth for Place {
-    fn geocentric(&self, world: DVec3) -> Option<DVec3> {
-        self.geocentric.of(world + DVec3::Z * self.geoid_offset)
-    }
 }
 
 /// Where the model is on the earth; `None` for a local model.
@@ -76,35 +39,22 @@ fn place(reader: &Reader<FileSource>, args: &TilesArgs) -> anyhow::Result<Option
         );
         return Ok(None);
     };
-    let geocentric = Geocentric::new(&crs).map_err(|why| {
-        let shown: String = crs.chars().take(60).collect();
-        anyhow::anyhow!(
-            "the model cannot be placed on the globe from its reference system \"{shown}\": {why}; give the projected system of its coordinates \
-             with --crs EPSG:N, or use --crs local"
-        )
+    let place = Place::new(crs, args.geoid_offset).map_err(|why| {
+        anyhow::anyhow!("{why}; give the projected system of its coordinates with --crs EPSG:N, or use --crs local")
     })?;
-    Ok(Some(Place { crs, geocentric, geoid_offset: args.geoid_offset.unwrap_or(0.0) }))
+    Ok(Some(place))
 }
 
 pub(super) fn run(args: &Args) -> anyhow::Result<()> {
     let folder = Folder::prepare(&args.output)?;
     let reader = open_pack(&args.pack)?;
     let place = place(&reader, &args.tiles)?;
-    let request = Request {
-        profile: match args.tiles.profile {
-            ProfileArg::Web => Profile::Web,
-            ProfileArg::Plain => Profile::Plain,
-        },
-        limits: Limits::default(),
-        earth: place.as_ref().map(|place| place as &dyn Earth),
-        crs: place.as_ref().map(|place| place.crs.as_str()),
-    };
     let bar = progress_bar(0, "writing tiles");
     let progress = |done, all| {
         bar.set_length(all);
         bar.set_position(done);
     };
-    let written = write_tiles(&reader, &request, &folder, &progress);
+    let written = write(&reader, args.tiles.profile, place.as_ref(), &folder, &progress);
     bar.finish_and_clear();
     let written = written.map_err(|e| {
         if e.is_of_output() { e.into() } else { anyhow::Error::new(e).context(args.pack.display().to_string()) }
@@ -123,26 +73,14 @@ fn notes(args: &TilesArgs, place: Option<&Place>) -> Vec<String> {
         };
         return vec![format!("The tileset keeps the coordinates of the pack and is not placed on the globe: {why}.")];
     };
-    let mut notes = Vec::new();
-    if args.geoid_offset.is_none() {
-        notes.push(
-            "Heights were assumed to be ellipsoidal. If they are above sea level, add the height of the geoid at the site: --geoid-offset METRES.".to_owned(),
-        );
-    }
-    if place.geocentric.is_approximate() {
-        notes.push(format!(
-            "{} has a datum that is converted to WGS 84 by an approximate transformation with a few parameters: the position on the globe may be off by metres, but the shape is not affected.",
-            place.crs
-        ));
-    }
-    notes
+    place.notes()
 }
 
 fn json(args: &Args, written: &Tileset, place: Option<&Place>, notes: &[String]) -> anyhow::Result<()> {
     let report = serde_json::json!({
         "output": args.output.display().to_string(),
         "format": "tiles",
-        "profile": args.tiles.profile.name(),
+        "profile": Profile::from(args.tiles.profile).name(),
         "tiles": written.tiles,
         "tilesets": written.tilesets,
         "bytes": written.bytes,
@@ -152,7 +90,7 @@ fn json(args: &Args, written: &Tileset, place: Option<&Place>, notes: &[String])
         "stored_vertices": written.stored_vertices,
         "grid_spacing": written.spacing,
         "crs": place.map(|place| &place.crs),
-        "geoid_offset": place.map(|place| place.geoid_offset),
+        "geoid_offset": place.map(Place::geoid_offset),
         "per_vertex": written.is_curved,
         "affine_residual": written.residual,
         "left_out": written.left_out,

@@ -1,7 +1,7 @@
 //! `kilwa publish`: a pack and its metadata become an archive object.
 //!
 //! `plan` reads and checks everything and changes nothing; `progress` shows one bar for all stages; `pictures` draws; `write` puts the object on disk through
-//! `kilwa_archive::draft`; `remote` sends it to a server by `send`, `store` to an S3-compatible store; `mapping` shows where each field goes; `notes` puts notes on the model into it, `holes` the list of the holes of its surface; `withdraw` leaves a tombstone.
+//! `kilwa_archive::draft`; `remote` sends it to a server by `send`, `store` to an S3-compatible store; `mapping` shows where each field goes; `notes` puts notes on the model into it, `holes` the list of the holes of its surface, `tiles` 3D Tiles; `withdraw` leaves a tombstone.
 
 mod holes;
 mod mapping;
@@ -12,9 +12,11 @@ mod progress;
 mod remote;
 mod send;
 mod store;
+mod tiles;
 mod withdraw;
 mod write;
 
+use crate::tiles::{ProfileArg, parse_geoid_offset};
 use anyhow::{Context, ensure};
 use kilwa_archive::date::{day_of, is_day};
 use kilwa_pack::plural::counted;
@@ -52,6 +54,13 @@ pub(crate) struct Args {
     /// The list of holes that `kilwa merge --holes` wrote for this surface. It becomes part of the version, and the model's page can show the holes.
     #[arg(long, value_name = "FILE")]
     holes: Option<PathBuf>,
+    /// Also publish all levels of detail as 3D Tiles, for CesiumJS and other viewers: compressed for browsers (web, the default), or without extensions for
+    /// QGIS, Unreal and Blender (plain). Not for uploads.
+    #[arg(long, value_name = "PROFILE", num_args = 0..=1, require_equals = true, default_missing_value = "web")]
+    tiles: Option<ProfileArg>,
+    /// With --tiles: height of the geoid above the ellipsoid at the site, in metres. It is added to all heights, because the globe needs ellipsoidal heights.
+    #[arg(long, value_name = "METRES", allow_negative_numbers = true, requires = "tiles", value_parser = parse_geoid_offset)]
+    geoid_offset: Option<f64>,
     /// Publish as a new version of the object with this name, however different it looks.
     #[arg(long)]
     same_object: bool,
@@ -78,7 +87,7 @@ pub(crate) struct Args {
     #[arg(long)]
     site: bool,
     /// Withdraw an object instead: its files are moved to --keep, a page that says so remains, and pages of the folder that list it are updated.
-    #[arg(long, value_name = "NAME", requires = "reason", requires = "keep", conflicts_with_all = ["pack", "metadata", "version_note", "notes", "no_notes", "holes", "bag", "redact_location", "keep_channel"])]
+    #[arg(long, value_name = "NAME", requires = "reason", requires = "keep", conflicts_with_all = ["pack", "metadata", "version_note", "notes", "no_notes", "holes", "tiles", "bag", "redact_location", "keep_channel"])]
     withdraw: Option<String>,
     /// The reason for the withdrawal, which is public.
     #[arg(long, value_name = "TEXT", requires = "withdraw")]
@@ -142,6 +151,8 @@ struct Report {
     notes: usize,
     /// How many holes its list has.
     holes: usize,
+    /// How many 3D Tiles it has.
+    tiles: u64,
     #[serde(skip_serializing_if = "Option::is_none")]
     bag: Option<String>,
     /// Whether the pages of the folder were written.
@@ -173,7 +184,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     if args.dry_run {
         return mapping::print(args, &plan);
     }
-    let progress = Progress::new(&write::stages(&plan), plan.given.pack_bytes);
+    let progress = Progress::new(&write::stages(args, &plan), plan.given.pack_bytes);
     let report = write::run(args, &mut plan, &progress)?;
     progress.end();
     say(args, &report)
@@ -215,6 +226,9 @@ fn say(args: &Args, report: &Report) -> anyhow::Result<()> {
     }
     if report.holes > 0 {
         writeln!(out, "  with a list of {}", counted(report.holes, "hole", "holes"))?;
+    }
+    if report.tiles > 0 {
+        writeln!(out, "  with {}", counted(report.tiles, "3D tile", "3D tiles"))?;
     }
     for line in &report.left_out {
         writeln!(out, "  left out: {line}")?;

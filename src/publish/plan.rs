@@ -1,6 +1,6 @@
 //! The plan of a publication, checked: metadata, pack, name, version, day, viewer, disk space. Changes nothing on disk.
 
-use super::{Args, holes, notes};
+use super::{Args, holes, notes, tiles};
 use crate::redact::{self, Place};
 use crate::source::{open_pack, read_named};
 use anyhow::{Context, bail, ensure};
@@ -78,6 +78,7 @@ impl Given {
             holes: args.holes.as_deref().map(holes::read).transpose()?,
         };
         holes::check(args.holes.as_deref(), &given)?;
+        tiles::check(args, &given)?;
         given.check_withheld(&in_file(), &text, args.version_note.as_deref())?;
         if given.place.is_some() {
             redact::checked_channels(&reader, &given.keep_channels, &given.location())?;
@@ -179,7 +180,7 @@ impl Plan {
         let facts = decide(args, &given, before, &at, note.as_deref())?;
         let mut plan = Self { given, facts, at, page, published_elsewhere: None };
         plan.published_elsewhere = plan.same_model_in(&args.to);
-        plan.check_disk(&args.to)?;
+        plan.check_disk(args)?;
         if args.site {
             kilwa_archive::site::check(&args.to)?;
         }
@@ -210,8 +211,9 @@ impl Plan {
     }
 
     /// Whether the folder can be written to and has enough space.
-    fn check_disk(&self, shelf: &Path) -> anyhow::Result<()> {
-        let needed = self.given.pack_bytes + self.page.bytes() + RESERVE;
+    fn check_disk(&self, args: &Args) -> anyhow::Result<()> {
+        let shelf = &args.to;
+        let needed = self.given.pack_bytes + self.page.bytes() + RESERVE + tiles::need(args, &self.given);
         let at = match self.facts.before {
             Some(_) => shelf.join(self.facts.slug.as_str()),
             None => nearest_there(shelf)?,

@@ -12,6 +12,8 @@ const COPIED: f64 = 400e6;
 const HASHED: f64 = 800e6;
 const MOVED: f64 = 60e6;
 const SENT: f64 = 5e6;
+/// Bytes of the pack per second of which 3D Tiles are made.
+const TILED: f64 = 10e6;
 /// Seconds for the pictures of a small pack, and bytes of the pack for each further second: drawing time grows more slowly than the pack.
 const PICTURES: f64 = 8.0;
 const DRAWN: f64 = 200e6;
@@ -29,6 +31,7 @@ pub(super) enum Stage {
     Hash,
     Pictures,
     Preview,
+    Tiles,
     Records,
     Send,
     /// Verification by the server that it was sent to.
@@ -44,6 +47,7 @@ impl Stage {
             Self::Hash => "hashing the pack",
             Self::Pictures => "drawing",
             Self::Preview => "making the preview",
+            Self::Tiles => "writing 3D Tiles",
             Self::Records => "writing the records",
             Self::Send => "sending",
             Self::Verify => "verifying on the server",
@@ -59,6 +63,7 @@ impl Stage {
             Self::Hash => pack / HASHED,
             Self::Pictures => PICTURES + pack / DRAWN,
             Self::Preview => PREVIEW,
+            Self::Tiles => pack / TILED,
             Self::Records => RECORDS,
             Self::Send => pack / SENT,
         }

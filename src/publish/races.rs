@@ -127,7 +127,7 @@ fn publish(args: &Args) -> anyhow::Result<Report> {
 }
 
 fn run_planned(args: &Args, plan: &mut Plan, picture: Picture<'_>) -> anyhow::Result<Report> {
-    let progress = Progress::new(&stages(plan), plan.given.pack_bytes);
+    let progress = Progress::new(&stages(args, plan), plan.given.pack_bytes);
     run_with(args, plan, &progress, picture)
 }
 
@@ -136,7 +136,7 @@ fn progress_is_continuous_over_all_stages_of_a_publication() {
     let bench = Bench::new();
     let args = bench.publishing(None, &[]);
     let mut plan = Plan::for_folder(&args).unwrap();
-    let (progress, seen) = watched(&stages(&plan), plan.given.pack_bytes);
+    let (progress, seen) = watched(&stages(&args, &plan), plan.given.pack_bytes);
     // The pictures report as real ones do.
     let drawn = |pack: &Path, folder: &Path, plan: &Plan| {
         progress.begin(Stage::Pictures);

@@ -11,6 +11,7 @@ use anyhow::{Context, bail, ensure};
 use kilwa_archive::assemble::is_metadata;
 use kilwa_archive::checksums::{sha256, sha256_of};
 use kilwa_archive::layout::{ANNOTATIONS, HOLES, MANIFEST, METADATA, pack_name};
+use kilwa_archive::manifest::Optional;
 use kilwa_archive::{Holes, Manifest, PackEntry, Version};
 use kilwa_server::upload::wire::{AnnouncedFile, AnnouncedPreview, Drawing, FORM, Intent};
 use std::fs::File;
@@ -31,6 +32,11 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
     for (given, what, instead) in [
         (args.site, "--site", "the server makes these pages itself"),
         (args.bag, "--bag", "publish to a folder as well to get a bag"),
+        (
+            args.tiles.is_some(),
+            "--tiles",
+            "servers do not take 3D Tiles. On the computer that has the objects: kilwa publish --to DIR --tiles …; or write them with kilwa extract --to tiles and serve them from a web server",
+        ),
         (
             args.withdraw.is_some(),
             "--withdraw",
@@ -146,6 +152,7 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path, progress: &Progr
         pack: PackEntry { identity, ..version.pack.clone() },
         notes: plan.given.notes.as_ref().map_or(0, |n| n.notes.len()),
         holes: plan.given.holes.as_ref().map_or(0, |n| n.holes.len()),
+        tiles: 0,
         bag: None,
         pages: false,
         left_out,
@@ -191,9 +198,9 @@ fn already(sender: &Sender, given: &Given, before: Option<&Manifest>, at: &str) 
     let (bytes, pack_sum) = hashed(&given.pack)?;
     let noted = given.notes.as_ref().map(|n| n.to_bytes(&pack_name(&pack_sum), &given.identity)).transpose()?;
     let holes = given.holes.as_ref().map(Holes::to_bytes).transpose()?;
-    let has_lists = last.has_notes(noted.as_deref().map(sha256).as_deref())
-        && last.has_holes(holes.as_deref().map(sha256).as_deref());
-    if pack_sum != last.pack.sha256 || !has_lists {
+    let (noted, holes) = (noted.as_deref().map(sha256), holes.as_deref().map(sha256));
+    let optional = Optional { notes: noted.as_deref(), holes: holes.as_deref(), tiles: None };
+    if pack_sum != last.pack.sha256 || last.optional() != optional {
         return Ok(None);
     }
     let written = sender.fetch(&format!("{}/{}/{METADATA}", given.slug, last.folder)).map_err(anyhow::Error::msg)?;
@@ -213,6 +220,7 @@ fn already(sender: &Sender, given: &Given, before: Option<&Manifest>, at: &str) 
         pack: last.pack.clone(),
         notes: given.notes.as_ref().map_or(0, |n| n.notes.len()),
         holes: given.holes.as_ref().map_or(0, |n| n.holes.len()),
+        tiles: 0,
         bag: None,
         pages: false,
         left_out: Vec::new(),

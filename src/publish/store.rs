@@ -47,7 +47,7 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
     if args.dry_run {
         return mapping::print(&here, &plan);
     }
-    let mut stages = write::stages(&plan);
+    let mut stages = write::stages(&here, &plan);
     stages.push(Stage::Send);
     let progress = Progress::new(&stages, plan.given.pack_bytes);
     let mut report = write::run(&here, &mut plan, &progress).map_err(in_words)?;

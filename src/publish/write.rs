@@ -2,7 +2,7 @@
 
 use super::plan::{Given, Plan, is_same_request};
 use super::progress::{Progress, Stage};
-use super::{Args, Report, holes, notes, pictures};
+use super::{Args, Report, holes, notes, pictures, tiles};
 use crate::{redact, source, verify};
 use anyhow::{Context, ensure};
 use kilwa_archive::assemble::{Landing, complete, is_published, write_viewer};
@@ -12,6 +12,7 @@ use kilwa_archive::created_folders::CreatedFolders;
 use kilwa_archive::draft::{Draft, Steps};
 use kilwa_archive::layout::{ANNOTATIONS, HOLES, PREVIEW, PREVIEW_MAX, pack_name, version_folder};
 use kilwa_archive::lock::{Lock, PATIENCE};
+use kilwa_archive::manifest::Optional;
 use kilwa_archive::modes::{settle_published, unshared_with};
 use kilwa_archive::next::settle;
 use kilwa_archive::record::Preview;
@@ -26,9 +27,13 @@ use std::path::Path;
 const PART: &str = "pack.part";
 
 /// The stages of a publication to a folder.
-pub(super) fn stages(plan: &Plan) -> Vec<Stage> {
+pub(super) fn stages(args: &Args, plan: &Plan) -> Vec<Stage> {
     let copy = if plan.given.place.is_some() { Stage::Redact } else { Stage::Copy };
-    vec![Stage::Check, copy, Stage::Hash, Stage::Pictures, Stage::Preview, Stage::Records]
+    let tiles = args.tiles.map(|_| Stage::Tiles);
+    let mut all = vec![Stage::Check, copy, Stage::Hash, Stage::Pictures, Stage::Preview];
+    all.extend(tiles);
+    all.push(Stage::Records);
+    all
 }
 
 pub(super) fn run(args: &Args, plan: &mut Plan, progress: &Progress) -> anyhow::Result<Report> {
@@ -48,7 +53,7 @@ fn run_with(args: &Args, plan: &mut Plan, progress: &Progress, picture: Picture<
     let (_folders, lock) = CreatedFolders::create_locked(shelf, &|| waits(progress)(shelf), &say)?;
     let mut draft = Draft::begin(&lock, &slug, &say)?;
     drop(lock);
-    let made = Prepared::of(plan, &mut draft, picture, progress)?;
+    let made = Prepared::of(args, plan, &mut draft, picture, progress)?;
     progress.begin(Stage::Records);
     write_viewer(&mut draft, &plan.page)?;
     let lock = locked(shelf, progress)?;
@@ -60,18 +65,22 @@ fn run_with(args: &Args, plan: &mut Plan, progress: &Progress, picture: Picture<
     let noted = notes::published(plan, made.taken.as_ref(), &made.of_pack, &made.pack_sum, &made.identity)?;
     let listed_holes = holes::published(plan, made.taken.as_ref(), &made.of_pack)?;
     let (object, sums) = (shelf.join(slug.as_str()), [&noted, &listed_holes].map(|list| list.as_deref().map(sha256)));
-    let lists = (sums[0].as_deref(), sums[1].as_deref());
-    let is_there = |b: &&Manifest| is_published(&object, b, &made.pack_sum, &plan.facts.metadata, lists);
+    let tiles = made.tiles.as_ref().map(|tiles| tiles.published.sha256.as_str());
+    let optional = Optional { notes: sums[0].as_deref(), holes: sums[1].as_deref(), tiles };
+    let is_there = |b: &&Manifest| is_published(&object, b, &made.pack_sum, &plan.facts.metadata, optional);
     if let Some(before) = before.as_ref().filter(is_there) {
         ensure!(
             is_same_request(args, before),
-            "{}: version {} has the same pack, metadata, notes and holes; there is nothing new to publish",
+            "{}: version {} has the same pack, metadata, notes, holes and 3D Tiles; there is nothing new to publish",
             plan.at,
             before.versions.len()
         );
         drop(draft);
         return already(args, plan, before, &made, &lock, &say);
     }
+    let had_tiles = before.as_ref().and_then(|m| m.versions.last()).is_some_and(|v| v.tiles.is_some());
+    let lost_tiles = (had_tiles && args.tiles.is_none())
+        .then(|| "the previous version has 3D Tiles, and this one has none (--tiles)".to_owned());
     plan.renew(args, before)?;
     let facts = &plan.facts;
     for (path, list) in [(ANNOTATIONS, &noted), (HOLES, &listed_holes)] {
@@ -82,7 +91,8 @@ fn run_with(args: &Args, plan: &mut Plan, progress: &Progress, picture: Picture<
     let entry = facts.pack_entry(made.bytes, made.pack_sum, made.identity);
     let publication = facts.publication(entry, made.of_pack, made.pictured.preview);
     let publication = publication.with_notes(&draft.folder()).context("cannot read the notes")?;
-    let publication = publication.with_holes(&draft.folder()).context("cannot read the holes")?;
+    let mut publication = publication.with_holes(&draft.folder()).context("cannot read the holes")?;
+    publication.tiles = made.tiles.as_ref().map(|tiles| tiles.published.clone());
     let list = listed(args, &slug).map(|_| "../".to_owned());
     let landing = Landing { viewer: &plan.page, drawings: made.pictured.drawings, list };
     let completed = complete(draft, &lock, facts, &publication, landing)?;
@@ -94,6 +104,11 @@ fn run_with(args: &Args, plan: &mut Plan, progress: &Progress, picture: Picture<
         left_out.push("oembed.json, which needs an address".to_owned());
     }
     let mut warnings = plan.warnings();
+    warnings.extend(lost_tiles);
+    if let Some(tiles) = made.tiles {
+        warnings.extend(tiles.warnings);
+        left_out.extend(tiles.left_out);
+    }
     if publication.version != planned {
         warnings.push(format!(
             "version {planned} was published by somebody else while this one was made; this one is version {}",
@@ -112,6 +127,7 @@ fn run_with(args: &Args, plan: &mut Plan, progress: &Progress, picture: Picture<
         bytes: completed.bytes,
         notes: publication.notes.map_or(0, |n| n.notes.notes.len()),
         holes: publication.holes.map_or(0, |n| n.count),
+        tiles: publication.tiles.map_or(0, |tiles| tiles.tiles),
         pack: publication.pack,
         bag,
         pages,
@@ -171,10 +187,17 @@ struct Prepared {
     bytes: u64,
     pack_sum: String,
     pictured: Pictured,
+    tiles: Option<tiles::Made>,
 }
 
 impl Prepared {
-    fn of(plan: &Plan, draft: &mut Draft<'_>, picture: Picture<'_>, progress: &Progress) -> anyhow::Result<Self> {
+    fn of(
+        args: &Args,
+        plan: &Plan,
+        draft: &mut Draft<'_>,
+        picture: Picture<'_>,
+        progress: &Progress,
+    ) -> anyhow::Result<Self> {
         let folder = draft.folder();
         let part = folder.join(PART);
         let taken = without_place(plan, &part, progress)?;
@@ -191,7 +214,8 @@ impl Prepared {
         for path in &pictured.files {
             draft.adopt(path)?;
         }
-        Ok(Self { taken, of_pack, identity, bytes, pack_sum, pictured })
+        let tiles = tiles::make(args, &folder.join(pack_name(&pack_sum)), draft, progress)?;
+        Ok(Self { taken, of_pack, identity, bytes, pack_sum, pictured, tiles })
     }
 }
 
@@ -221,6 +245,7 @@ fn already(
         pack: last.pack.clone(),
         notes: plan.given.notes.as_ref().map_or(0, |n| n.notes.len()),
         holes: plan.given.holes.as_ref().map_or(0, |n| n.holes.len()),
+        tiles: made.tiles.as_ref().map_or(0, |made| made.published.tiles),
         bag,
         pages,
         left_out: Vec::new(),

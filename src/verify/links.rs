@@ -35,6 +35,16 @@ fn attribute(tag: &str, name: &str) -> Option<String> {
 
 /// Addresses in a record, by their keys. Names such as `#place` are none.
 pub(crate) fn of_json(value: &Value) -> Vec<String> {
+    under(value, &KEYS)
+}
+
+/// Addresses of tiles and further tilesets in a tileset of 3D Tiles.
+pub(crate) fn of_tileset(value: &Value) -> Vec<String> {
+    under(value, &["uri"])
+}
+
+/// Texts under these keys.
+fn under(value: &Value, keys: &[&str]) -> Vec<String> {
     let mut links = Vec::new();
     let mut open = vec![value];
     while let Some(value) = open.pop() {
@@ -43,7 +53,7 @@ pub(crate) fn of_json(value: &Value) -> Vec<String> {
             Value::Object(map) => {
                 for (key, value) in map {
                     match value.as_str() {
-                        Some(text) if KEYS.contains(&key.as_str()) => links.push(text.to_owned()),
+                        Some(text) if keys.contains(&key.as_str()) => links.push(text.to_owned()),
                         _ => open.push(value),
                     }
                 }

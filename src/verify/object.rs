@@ -15,7 +15,7 @@ use kilwa_archive::holes::HOLES_MAX;
 use kilwa_archive::keep::{KEEPING, KEEPING_TEXT};
 use kilwa_archive::layout::{
     ANNOTATIONS, CHECKSUMS, CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, LICENCE, LINKSET, MANIFEST,
-    METADATA, PAGE, PARADATA, POSTER, README, version_of,
+    METADATA, PAGE, PARADATA, POSTER, README, TILES, TILESET, version_of,
 };
 use kilwa_archive::manifest::{FileEntry, MANIFEST_MAX, Seal, seal_of};
 use kilwa_archive::next::NEXT;
@@ -426,16 +426,23 @@ impl Check<'_> {
                 records.push((in_folder(path), links::of_json(&value)));
             }
         }
+        let tilesets = list.iter().map(|(path, _)| path).filter(|path| is_tileset(path));
+        for path in tilesets {
+            if let Some(value) = self.record(&in_folder(path)) {
+                records.push((in_folder(path), links::of_tileset(&value)));
+            }
+        }
         self.agrees(manifest, version, &list);
         self.notes(version, &list);
         self.holes(version, &list);
+        self.tiles(version, &list);
         Ok(true)
     }
 
     /// The notes are those that the manifest names, can be read, and are on the model. Damage is named where their checksum is compared.
     fn notes(&mut self, version: &Version, list: &Checksums) {
         let path = format!("{}/{ANNOTATIONS}", version.folder);
-        if !version.has_notes(list.get(ANNOTATIONS)) {
+        if version.optional().notes != list.get(ANNOTATIONS) {
             let what = format!("{CHECKSUMS} and {MANIFEST} disagree about the notes of the version");
             self.add(&path, Kind::Incomplete, what);
             return;
@@ -461,7 +468,7 @@ impl Check<'_> {
     /// Check the list of holes in the same way.
     fn holes(&mut self, version: &Version, list: &Checksums) {
         let path = format!("{}/{HOLES}", version.folder);
-        if !version.has_holes(list.get(HOLES)) {
+        if version.optional().holes != list.get(HOLES) {
             let what = format!("{CHECKSUMS} and {MANIFEST} disagree about the holes of the version");
             self.add(&path, Kind::Incomplete, what);
             return;
@@ -481,6 +488,14 @@ impl Check<'_> {
         let [min, max] = version.figures.bounds;
         if let Err(e) = Holes::parse(&bytes).and_then(|holes| holes.within(min, max)) {
             self.add(&path, Kind::Incomplete, format!("its holes cannot be read: {e}"));
+        }
+    }
+
+    /// The 3D Tiles are those that the manifest names.
+    fn tiles(&mut self, version: &Version, list: &Checksums) {
+        if version.optional().tiles != list.get(TILESET) {
+            let what = format!("{CHECKSUMS} and {MANIFEST} disagree about the 3D Tiles of the version");
+            self.add(&format!("{}/{TILESET}", version.folder), Kind::Incomplete, what);
         }
     }
 
@@ -662,4 +677,9 @@ fn differs(found: &str, bytes: u64, expected: &str, length: Option<u64>, list: &
     format!(
         "it is not what was published: its SHA-256 is {found}, {list} says {expected}{lengths}. Take it from a copy"
     )
+}
+
+/// Whether a file of a version is JSON of its 3D Tiles.
+fn is_tileset(path: &str) -> bool {
+    path.strip_prefix(TILES).is_some_and(|rest| rest.starts_with('/') && rest.ends_with(".json"))
 }

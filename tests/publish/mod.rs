@@ -9,6 +9,7 @@ mod object;
 mod opinions;
 mod place;
 mod refusals;
+mod tiles;
 mod traces;
 
 use crate::support::{Input, built_once, serving};

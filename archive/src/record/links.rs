@@ -2,8 +2,13 @@
 
 use super::{Publication, media_type};
 use crate::html::{Embedded, render};
-use crate::layout::{ANNOTATIONS, CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, OEMBED, POSTER, PREVIEW};
+use crate::layout::{
+    ANNOTATIONS, CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, OEMBED, POSTER, PREVIEW, TILESET,
+};
 use serde_json::{Value, json};
+
+/// What says how 3D Tiles are to be read.
+pub(super) const TILES_SPECIFICATION: &str = "https://docs.ogc.org/cs/22-025r4/22-025r4.html";
 
 /// Size of the frame that others embed, CSS pixels.
 const FRAME: [u64; 2] = [960, 540];
@@ -31,6 +36,10 @@ pub(super) fn linkset(p: &Publication) -> Value {
     }
     if p.holes.is_some() {
         items.push(link(HOLES));
+    }
+    if p.tiles.is_some() {
+        items
+            .push(json!({ "href": p.file(TILESET, 0), "type": media_type(TILESET), "profile": [TILES_SPECIFICATION] }));
     }
     let authors: Vec<Value> = p
         .metadata

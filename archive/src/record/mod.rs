@@ -68,6 +68,8 @@ pub struct Publication {
     pub notes: Option<PublishedNotes>,
     /// The list of the holes of its surface, where one was given.
     pub holes: Option<PublishedHoles>,
+    /// The 3D Tiles of it, where they were made.
+    pub tiles: Option<PublishedTiles>,
     /// Program and version that publishes.
     pub tool: String,
 }
@@ -105,6 +107,25 @@ pub struct PublishedHoles {
     pub bytes: u64,
     /// Its SHA-256.
     pub sha256: Checksum,
+}
+
+/// The 3D Tiles of a version.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PublishedTiles {
+    /// Length of the root, `tiles/tileset.json`.
+    pub root_bytes: u64,
+    /// Its SHA-256.
+    pub sha256: Checksum,
+    /// How many tiles there are.
+    pub tiles: u64,
+    /// Bytes of all files.
+    pub bytes: u64,
+    /// Whether they need `EXT_meshopt_compression`.
+    pub is_compressed: bool,
+    /// Whether they are placed on the globe; if not, they have the coordinates of the pack.
+    pub is_on_globe: bool,
+    /// Height of the geoid above the ellipsoid that was added to all heights, metres.
+    pub geoid_offset: Option<f64>,
 }
 
 /// Which place of the pack is zero in a preview that `kilwa publish` made.

@@ -1,7 +1,7 @@
 //! `metadata/paradata.json`: what was captured, how, by which tools, and what was done since, with the hashes of what went in and came out.
 
 use super::Publication;
-use crate::layout::{ANNOTATIONS, HOLES};
+use crate::layout::{ANNOTATIONS, HOLES, TILESET};
 use serde_json::{Value, json};
 
 pub(super) fn paradata(p: &Publication) -> Value {
@@ -39,6 +39,8 @@ pub(super) fn paradata(p: &Publication) -> Value {
         "preview": p.preview.map(|v| json!({ "triangles": v.triangles, "error_m": v.error })),
         "notes": p.notes.as_ref().map(|n| json!({ "file": ANNOTATIONS, "sha256": n.sha256, "count": n.notes.notes.len() })),
         "holes": p.holes.as_ref().map(|n| json!({ "file": HOLES, "sha256": n.sha256, "count": n.count })),
+        "tiles": p.tiles.as_ref().map(|t| json!({ "file": TILESET, "sha256": t.sha256, "count": t.tiles, "bytes": t.bytes,
+            "compressed": t.is_compressed, "on_globe": t.is_on_globe, "geoid_offset_m": t.geoid_offset })),
         "publication": {
             "tool": p.tool,
             "version": p.version,

@@ -1,20 +1,29 @@
 //! `ro-crate-metadata.json`: RO-Crate 1.1 of the version folder: the data set, each of its files with size and SHA-256, people, place, licence.
 
+use super::links::TILES_SPECIFICATION;
 use super::schema_org::agent;
 use super::{Publication, media_type};
-use crate::layout::{ANNOTATIONS, CHECKSUMS, CRATE, HOLES, IIIF_ANNOTATIONS, VIEWER};
+use crate::layout::{ANNOTATIONS, CHECKSUMS, CRATE, HOLES, IIIF_ANNOTATIONS, TILES, TILESET, VIEWER};
 use serde_json::{Value, json};
 
 /// The crate; `files` are all other files of the folder: path, bytes, SHA-256.
 pub fn ro_crate(p: &Publication, files: &[(String, u64, String)]) -> Vec<u8> {
     let m = &p.metadata;
     let viewer = format!("{VIEWER}/");
-    let listed: Vec<&(String, u64, String)> =
-        files.iter().filter(|(path, ..)| !path.starts_with(&viewer) && path != CRATE && path != CHECKSUMS).collect();
+    // Thousands of tiles are one data set with one file to begin at.
+    let is_tile = |path: &str| path.strip_prefix(TILES).is_some_and(|rest| rest.starts_with('/')) && path != TILESET;
+    let listed: Vec<&(String, u64, String)> = files
+        .iter()
+        .filter(|(path, ..)| !path.starts_with(&viewer) && path != CRATE && path != CHECKSUMS && !is_tile(path))
+        .collect();
     let mut parts: Vec<Value> = listed.iter().map(|(path, ..)| json!({ "@id": path })).collect();
     let has_viewer = files.iter().any(|(path, ..)| path.starts_with(&viewer));
     if has_viewer {
         parts.push(json!({ "@id": viewer }));
+    }
+    let tiles = format!("{TILES}/");
+    if p.tiles.is_some() {
+        parts.push(json!({ "@id": tiles }));
     }
     let mut graph = vec![json!({
         "@id": CRATE,
@@ -66,6 +75,10 @@ pub fn ro_crate(p: &Publication, files: &[(String, u64, String)]) -> Vec<u8> {
         }
         match path.as_str() {
             ANNOTATIONS => one["name"] = json!("Notes on the model (Web Annotations)"),
+            TILESET => {
+                one["name"] = json!("Root of the 3D Tiles");
+                one["conformsTo"] = json!({ "@id": TILES_SPECIFICATION });
+            }
             HOLES => one["name"] = json!("Holes of the surface (GeoJSON)"),
             IIIF_ANNOTATIONS => one["name"] = json!("Notes on the model, in the scene of the IIIF manifest"),
             _ => {}
@@ -74,6 +87,11 @@ pub fn ro_crate(p: &Publication, files: &[(String, u64, String)]) -> Vec<u8> {
     }));
     if has_viewer {
         graph.push(json!({ "@id": viewer, "@type": "Dataset", "name": "Viewer: the program that shows the model in a browser" }));
+    }
+    if let Some(t) = &p.tiles {
+        graph.push(json!({ "@id": tiles, "@type": "Dataset", "name": "All levels of detail as OGC 3D Tiles 1.1",
+            "contentSize": t.bytes.to_string(), "hasPart": [{ "@id": TILESET }] }));
+        graph.push(json!({ "@id": TILES_SPECIFICATION, "@type": "CreativeWork", "name": "OGC 3D Tiles 1.1" }));
     }
     let mut seen = std::collections::BTreeSet::new();
     graph.extend(people.into_iter().filter(|(id, _)| seen.insert(id.to_string())).map(|(_, person)| person));

@@ -1,7 +1,7 @@
 //! schema.org JSON-LD for the landing page: what search engines read.
 
 use super::Publication;
-use crate::layout::{POSTER, PREVIEW, version_folder};
+use crate::layout::{POSTER, PREVIEW, TILESET, version_folder};
 use crate::metadata::{Agent, AgentKind, Metadata};
 use serde_json::{Value, json};
 
@@ -53,6 +53,9 @@ pub fn schema_org(p: &Publication) -> Value {
         list.push(
             json!({ "@type": "MediaObject", "contentUrl": file(PREVIEW), "encodingFormat": "model/gltf-binary" }),
         );
+    }
+    if let (Some(_), Some(list)) = (&p.tiles, v["encoding"].as_array_mut()) {
+        list.push(json!({ "@type": "MediaObject", "name": "3D Tiles 1.1", "contentUrl": file(TILESET), "encodingFormat": "application/json" }));
     }
     let set = |v: &mut Value, key: &str, value: Option<Value>| {
         if let Some(value) = value {

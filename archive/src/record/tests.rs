@@ -80,6 +80,7 @@ award = "1"
         preview: Some(Preview { bytes: 5, triangles: 9, error: 0.01 }),
         notes: None,
         holes: None,
+        tiles: None,
         tool: "kilwa 0".to_owned(),
     }
 }

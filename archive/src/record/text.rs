@@ -1,7 +1,7 @@
 //! `LICENSE.txt` and `README.txt`: for a person who has this folder and nothing else, perhaps in fifty years.
 
 use super::{Publication, citation};
-use crate::layout::{ANNOTATIONS, CHECKSUMS, DRAWINGS, HOLES, PREVIEW};
+use crate::layout::{ANNOTATIONS, CHECKSUMS, DRAWINGS, HOLES, PREVIEW, TILESET};
 use glam::DVec3;
 use kilwa_pack::plural::counted;
 use std::fmt::Write as _;
@@ -98,6 +98,14 @@ fn files(s: &mut String, p: &Publication) {
             s,
             "  {HOLES}\n      {} of the surface with cause, area and rim (GeoJSON): x, y and z are metres, as in the pack.\n",
             counted(n.count, "hole", "holes")
+        );
+    }
+    if let Some(t) = &p.tiles {
+        let place = if t.is_on_globe { "placed on the globe" } else { "in the coordinates of the pack" };
+        let _ = write!(
+            s,
+            "  {TILESET}\n      All levels of detail as OGC 3D Tiles 1.1, {place}: {}, for CesiumJS and other viewers.\n",
+            counted(t.tiles, "tile", "tiles")
         );
     }
     let _ = write!(

@@ -2,6 +2,7 @@
 
 use super::ExtractError;
 use super::choose::Chosen;
+use super::compressed::Compressed;
 use super::glb::Glb;
 use super::obj::Obj;
 use super::output::Scratch;
@@ -31,11 +32,14 @@ pub enum Format {
     /// Binary STL.
     Stl,
     /// GLB.
-    Glb,
+    Glb {
+        /// Compressed with `EXT_meshopt_compression`.
+        compressed: bool,
+    },
 }
 
 /// The formats, in the order in which messages name them.
-const ALL: [Format; 4] = [Format::Ply { ascii: false }, Format::Obj, Format::Stl, Format::Glb];
+const ALL: [Format; 4] = [Format::Ply { ascii: false }, Format::Obj, Format::Stl, Format::Glb { compressed: false }];
 
 /// Turns vertices and triangles into bytes.
 pub(super) trait Encoder {
@@ -77,7 +81,7 @@ impl Format {
             "ply" => Self::Ply { ascii },
             "obj" => Self::Obj,
             "stl" => Self::Stl,
-            "glb" => Self::Glb,
+            "glb" => Self::Glb { compressed: false },
             // A device or a pipe has no ending.
             "" if std::fs::metadata(path).is_ok_and(|m| !m.is_file() && !m.is_dir()) => Self::Ply { ascii },
             _ if path.is_dir() => return refused(format!("{shown} is a folder; add a file name")),
@@ -99,13 +103,24 @@ impl Format {
         Ok(format)
     }
 
+    /// The compressed form of it.
+    ///
+    /// # Errors
+    /// [`ExtractError::Output`] if it has none.
+    pub fn compressed(self) -> Result<Self, ExtractError> {
+        match self {
+            Self::Glb { .. } => Ok(Self::Glb { compressed: true }),
+            _ => Err(ExtractError::Output(format!("--compress works only with GLB; omit it for {}", self.title()))),
+        }
+    }
+
     /// Its name for machines.
     pub fn name(self) -> &'static str {
         match self {
             Self::Ply { .. } => "ply",
             Self::Obj => "obj",
             Self::Stl => "stl",
-            Self::Glb => "glb",
+            Self::Glb { .. } => "glb",
         }
     }
 
@@ -125,7 +140,7 @@ impl Format {
             Self::Ply { .. } => "PLY",
             Self::Obj => "OBJ",
             Self::Stl => "STL",
-            Self::Glb => "GLB",
+            Self::Glb { .. } => "GLB",
         }
     }
 
@@ -134,7 +149,8 @@ impl Format {
             Self::Ply { ascii } => Box::new(Ply::new(target.clone(), ascii)),
             Self::Obj => Box::new(Obj::new(target.clone())),
             Self::Stl => Box::new(Stl::new(target.clone())),
-            Self::Glb => Box::new(Glb::new(target.clone())),
+            Self::Glb { compressed: false } => Box::new(Glb::new(target.clone())),
+            Self::Glb { compressed: true } => Box::new(Compressed::new(target.clone())),
         }
     }
 
@@ -247,7 +263,7 @@ impl Coordinates {
             Format::Ply { .. } => !self.need_double() || self.fit_double(),
             Format::Obj => self.fit_double(),
             Format::Stl => !self.need_double() || self.fit_relative_float(),
-            Format::Glb => self.fit_relative_float(),
+            Format::Glb { .. } => self.fit_relative_float(),
         }
     }
 
@@ -382,6 +398,8 @@ pub(super) fn one_line(text: &str) -> String {
 mod tests {
     use super::*;
 
+    const GLB: Format = Format::Glb { compressed: false };
+
     /// A cube of 2^10 steps.
     fn coordinates(step_log2: i32, origin: f64) -> Coordinates {
         let lattice = Lattice { origin: DVec3::new(origin, -origin, origin), step_log2 };
@@ -427,7 +445,7 @@ mod tests {
                 assert!(!c.fit(Format::Obj) || apart(&world), "2^{step} at {origin}");
                 assert!(c.need_double() || apart(&|p| f64::from(world(p) as f32)), "2^{step} at {origin}");
                 let local = |p: i32| f64::from((f64::from(p - c.center().x) * c.lattice.step()) as f32);
-                assert!(!c.fit(Format::Glb) || apart(&local), "2^{step} at {origin}");
+                assert!(!c.fit(GLB) || apart(&local), "2^{step} at {origin}");
             }
         }
     }
@@ -447,10 +465,10 @@ mod tests {
         let mut wide = coordinates(-10, 0.0);
         (wide.cube_log2, wide.bounds.max) = (30, LatticePoint::splat((1 << 30) - 1));
         wide.median_edge = wide.lattice.step();
-        assert!(!wide.fit(Format::Glb));
+        assert!(!wide.fit(GLB));
         assert!(wide.fit(Format::Obj));
         wide.median_edge = wide.lattice.step() * 256.0;
-        assert!(wide.fit(Format::Glb));
+        assert!(wide.fit(GLB));
     }
 
     #[test]
@@ -459,7 +477,7 @@ mod tests {
         let far = say(coordinates(-40, 5e5), Format::Obj);
         assert!(far.contains("OBJ") && far.contains("2^-40 m") && far.contains("500000.0 -500000.0"), "{far}");
         assert!(far.contains("write STL or GLB instead"), "{far}");
-        assert!(say(coordinates(-900, 0.0), Format::Glb).contains("write PLY or OBJ instead"));
+        assert!(say(coordinates(-900, 0.0), GLB).contains("write PLY or OBJ instead"));
         assert!(say(coordinates(-900, 5e5), Format::Stl).contains("build the pack again"));
         let mut wide = coordinates(1000, 0.0);
         wide.bounds.max = LatticePoint::splat(1 << 24);

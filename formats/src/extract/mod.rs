@@ -6,9 +6,11 @@
 //! temporary name, renamed when complete). Memory follows the cross-section of the model and not its size.
 
 mod choose;
+mod compressed;
 mod error;
 mod format;
 mod glb;
+mod meshopt;
 mod obj;
 mod output;
 mod plain;

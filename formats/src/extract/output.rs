@@ -42,7 +42,7 @@ impl Output {
         Ok(())
     }
 
-    /// Two scratch files, beside the output where it is a file: what is written there is as large as the output.
+    /// The scratch files, beside the output where it is a file: what is written there is as large as the output.
     ///
     /// # Errors
     /// When they cannot be made.
@@ -55,7 +55,7 @@ impl Output {
             file.map(|f| BufWriter::with_capacity(1 << 20, f))
                 .map_err(|source| ExtractError::MakeScratch { folder: folder.clone(), source })
         };
-        Ok(Scratch { vertices: open()?, triangles: open()? })
+        Ok(Scratch { vertices: open()?, triangles: open()?, packed: open()? })
     }
 
     /// Write with `body` and return the number of bytes; after a failure or a signal nothing is left.
@@ -96,12 +96,14 @@ impl Output {
     }
 }
 
-/// The two parts of the output while they grow. The files have no name, so that nothing is left of them.
+/// The parts of the output while they grow. The files have no name, so that nothing is left of them.
 pub(super) struct Scratch {
     /// The vertices.
     pub(super) vertices: BufWriter<File>,
     /// The triangles.
     pub(super) triangles: BufWriter<File>,
+    /// What an encoder makes of both once they are complete.
+    pub(super) packed: BufWriter<File>,
 }
 
 impl Scratch {
@@ -113,6 +115,11 @@ impl Scratch {
     /// Copy the triangles to the output.
     pub(super) fn copy_triangles(&mut self, out: &mut dyn Write) -> std::io::Result<()> {
         copy(&mut self.triangles, out)
+    }
+
+    /// Copy what was made of both to the output.
+    pub(super) fn copy_packed(&mut self, out: &mut dyn Write) -> std::io::Result<()> {
+        copy(&mut self.packed, out)
     }
 }
 

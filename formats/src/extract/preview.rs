@@ -32,11 +32,12 @@ const TRIES: u32 = 6;
 /// When the pack cannot be read, even its simplest surface takes more than that, or the file cannot be written.
 pub fn preview<S: Source + Sync>(reader: &Reader<S>, to: &Path, max_bytes: u64) -> Result<Preview, ExtractError> {
     let mut max = (max_bytes / BYTES_PER_TRIANGLE).max(1);
+    let format = Format::Glb { compressed: false };
     for _ in 0..TRIES {
         let chosen = choose::choose(reader, None, Some(max), WINDOW, None)?;
-        let target = Target::new(reader, &chosen, None, Format::Glb)?;
+        let target = Target::new(reader, &chosen, None, format)?;
         let target = Target { at_zero: true, ..target };
-        let mut encoder = Format::Glb.encoder(&target);
+        let mut encoder = format.encoder(&target);
         let output = Output::prepare(to, false)?;
         let mut scratch = output.scratch()?;
         let source = stream::Chunks { reader, repaint: None };

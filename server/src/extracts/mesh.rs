@@ -30,7 +30,7 @@ pub(super) fn extract(
     };
     let format = match format {
         Format::Ply => extract::Format::Ply { ascii: false },
-        Format::Glb => extract::Format::Glb,
+        Format::Glb => extract::Format::Glb { compressed: false },
         Format::Obj => extract::Format::Obj,
         Format::Stl => extract::Format::Stl,
     };

@@ -2,7 +2,7 @@
 //!
 //! A store changes one file at a time. The manifest can be put on the condition that nobody has changed it; the files of a version cannot be put on the
 //! condition that nobody has published them meanwhile. So whoever sends a version claims its number first, and nobody else touches its files while that
-//! claim is renewed. A claim says what is published (a hash of the pack, metadata, notes, holes and version note), so that the same command continues at once where it was cut
+//! claim is renewed. A claim says what is published (a hash of the pack, metadata, notes, holes, 3D Tiles and version note), so that the same command continues at once where it was cut
 //! off; another one may take it over when it was not renewed for [`super::S3Options::lease`], by the clock of the store. The claim goes when
 //! the version is published. Failures: a claim of another user is an error that says since when and what to do.
 
@@ -46,9 +46,11 @@ pub(super) fn purpose(object: &Path, version: u32) -> io::Result<String> {
         Err(e) if e.kind() == io::ErrorKind::NotFound => Vec::new(),
         metadata => metadata?,
     };
-    let notes = entry.annotations.as_ref().map_or("", |notes| notes.sha256.as_str());
-    let holes = entry.holes.as_ref().map_or("", |holes| holes.sha256.as_str());
-    let parts = [&entry.pack.sha256, &sha256(&metadata), notes, holes, &entry.note];
+    let optional = entry.optional();
+    let [notes, holes] = [optional.notes, optional.holes].map(Option::unwrap_or_default);
+    let metadata = sha256(&metadata);
+    let mut parts = vec![&*entry.pack.sha256, &*metadata, notes, holes, &*entry.note];
+    parts.extend(optional.tiles);
     Ok(sha256(parts.join("\n").as_bytes()))
 }
 

@@ -200,7 +200,7 @@ fn placed(
     let mut there = uploads.there_at_last(&locked, &meant.slug, job)?;
     let (object, before) = (there.shelf.join(&intent.slug), there.before.take());
     if let Some(m) =
-        before.as_ref().filter(|m| is_published(&object, m, &meant.pack.sha256, &intent.metadata, intent.lists()))
+        before.as_ref().filter(|m| is_published(&object, m, &meant.pack.sha256, &intent.metadata, intent.optional()))
     {
         return Ok(Done { version: m.current, already: true });
     }

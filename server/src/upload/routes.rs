@@ -149,8 +149,9 @@ async fn begun(
         uploads.tidy(&meant.slug)?;
         let there = uploads.there(&meant.slug)?;
         let (object, before) = (there.shelf.join(meant.slug.as_str()), &there.before);
-        if let Some(m) =
-            before.as_ref().filter(|m| is_published(&object, m, &meant.pack.sha256, &intent.metadata, intent.lists()))
+        if let Some(m) = before
+            .as_ref()
+            .filter(|m| is_published(&object, m, &meant.pack.sha256, &intent.metadata, intent.optional()))
         {
             // A crash after the last step leaves what was sent behind.
             if let Ok(Some(left)) = uploads.staging(&intent.slug, &who) {

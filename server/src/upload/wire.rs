@@ -4,6 +4,7 @@ use super::{Refusal, UploadLimits};
 use kilwa_archive::checksums::is_sha256;
 use kilwa_archive::date::{day_of, is_day};
 use kilwa_archive::layout::{ANNOTATIONS, DRAWINGS, HOLES, POSTER, PREVIEW, Slug, THUMBNAILS, pack_name};
+use kilwa_archive::manifest::Optional;
 use kilwa_archive::metadata::Metadata;
 use kilwa_archive::record::Preview;
 use kilwa_archive::rights::Rights;
@@ -262,10 +263,10 @@ impl Intent {
         pack.ok_or_else(|| Refusal::content("the pack is missing; its name must be pack.<sha256>.kilwa"))
     }
 
-    /// The SHA-256 of the notes and of the holes, where there are any.
-    pub(super) fn lists(&self) -> (Option<&str>, Option<&str>) {
+    /// The files that not every version has.
+    pub(super) fn optional(&self) -> Optional<'_> {
         let sum = |path| self.files.iter().find(|f| f.path == path).map(|f| f.sha256.as_str());
-        (sum(ANNOTATIONS), sum(HOLES))
+        Optional { notes: sum(ANNOTATIONS), holes: sum(HOLES), tiles: None }
     }
 
     fn has(&self, path: &str) -> bool {

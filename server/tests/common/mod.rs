@@ -255,6 +255,7 @@ fn version(root: &Path, number: u32, pack: &[u8]) -> Version {
         },
         annotations: None,
         holes: None,
+        tiles: None,
         figures: Figures {
             bounds: [DVec3::ZERO, DVec3::ONE],
             crs: None,

@@ -6,7 +6,7 @@
 use super::glb::Tile;
 use super::groups::{Group, Groups};
 use super::{Limits, frame::Frame};
-use crate::extract::ExtractError;
+use crate::extract::{ExtractError, meshopt};
 use kilwa_geometry::{Mesh, Sphere};
 use kilwa_pack::{NO_DIAMOND, PatchRange, Reader, Source};
 use kilwa_simplify::Welder;
@@ -106,20 +106,8 @@ impl Joined {
 /// # Errors
 /// If a vertex has no place on the earth, or the tile is too wide for floats.
 pub(super) fn tile(mesh: &Mesh, frame: &Frame<'_>) -> Result<Tile, ExtractError> {
-    let mut work = meshoptimizer_rs::Workspace::default();
-    let flat = mesh.triangles.as_flattened();
-    let ordered = meshoptimizer_rs::optimize_vertex_cache_strip(flat, mesh.vertex_count(), &mut work);
-    let mut indices = ordered.map_err(|e| ExtractError::Encode(e.to_string()))?;
-    let mut numbers = vec![u32::MAX; mesh.vertex_count()];
-    let mut order = Vec::with_capacity(mesh.vertex_count());
-    for index in &mut indices {
-        let number = &mut numbers[*index as usize];
-        if *number == u32::MAX {
-            *number = order.len() as u32;
-            order.push(*index as usize);
-        }
-        *index = *number;
-    }
+    let ordered = meshopt::ordered(mesh.triangles.as_flattened(), mesh.vertex_count());
+    let (indices, order) = ordered.map_err(|e| ExtractError::Encode(e.to_string()))?;
     let points = order.iter().map(|v| frame.point(mesh.positions[*v])).collect::<Result<Vec<_>, _>>()?;
     let normal = |v: &usize| frame.normal(kilwa_geometry::normal::decode(mesh.normals[*v]));
     let has = |attributes: usize| attributes == mesh.vertex_count();

@@ -6,12 +6,10 @@
 
 use super::Profile;
 use crate::extract::ExtractError;
+use crate::extract::meshopt::{LIGHT, MESHOPT, QUANTIZED, ViewError, Views, exponential, octahedral};
 use glam::{DVec3, I64Vec3, IVec3};
 use kilwa_geometry::Sphere;
-use kilwa_geometry::color::{light_from_srgb, srgb_from_light};
-use meshoptimizer_rs::{Workspace, codec};
 use serde_json::{Value, json};
-use std::sync::LazyLock;
 
 /// Codes of OpenGL.
 const BYTE: u32 = 5120;
@@ -23,9 +21,7 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 const REACH: i32 = (1 << 23) - 1;
 /// Offsets are multiples of so many steps: 2 km in a grid of a millimetre. Floats move a vertex that is half as far away by an eighth of a step at most.
 const CELL: i64 = 1 << 21;
-/// The extension of glTF for compressed views, and the one for normals in bytes.
-const MESHOPT: &str = "EXT_meshopt_compression";
-const QUANTIZED: &str = "KHR_mesh_quantization";
+/// The extension of glTF for surfaces whose colours contain the light.
 const UNLIT: &str = "KHR_materials_unlit";
 
 /// The mesh of a tile.
@@ -117,9 +113,7 @@ impl Tile {
         let mut bytes = Vec::with_capacity(self.points.len() * 12);
         for x in self.points.iter().flat_map(|p| Self::y_up(*p)) {
             if filtered {
-                // Mantissa and exponent: what the filter turns into a float.
-                bytes.extend(&x.to_le_bytes()[..3]);
-                bytes.push((self.grid_log2 as i8).cast_unsigned());
+                bytes.extend(exponential(x, self.grid_log2 as i8));
             } else {
                 bytes.extend((libm::scalbn(f64::from(x), self.grid_log2) as f32).to_le_bytes());
             }
@@ -152,58 +146,27 @@ impl Tile {
                 (bytes, 12, json!({"componentType": FLOAT, "type": "VEC3"}))
             }
             Profile::Web => {
-                let four: Vec<f32> = turned.flat_map(|[x, y, z]| [x, y, z, 0.0]).collect();
-                let bytes = codec::encode_filter_oct(self.normals.len(), 4, 8, &four, &mut Workspace::default());
-                let accessor = json!({"componentType": BYTE, "normalized": true, "type": "VEC3"});
-                (bytes.map_err(failed)?, 4, accessor)
+                let bytes = octahedral(&turned.collect::<Vec<_>>()).map_err(ViewError::Encode).map_err(failed)?;
+                (bytes, 4, json!({"componentType": BYTE, "normalized": true, "type": "VEC3"}))
             }
         };
         Ok(Some(Attribute { name: "NORMAL", bytes, stride, accessor, filter: "OCTAHEDRAL" }))
     }
 
     fn compressed(&self, error: f64) -> Result<Vec<u8>, ExtractError> {
-        let mut work = Workspace::default();
         let normals = self.normals(Profile::Web)?;
         let is_quantized = normals.is_some();
-        let (mut file, mut binary) = (self.file(error), Vec::new());
-        // The fallback buffer for clients without the extension is declared, but has no bytes.
-        let mut plain = 0;
-        let mut view = |file: &mut Value, packed: &[u8], count: usize, stride: usize, target: u32, about: Value| {
-            let mut extension = json!({"buffer": 0, "byteOffset": binary.len(), "byteLength": packed.len(),
-                "byteStride": stride, "count": count});
-            for (key, value) in about.as_object().into_iter().flatten() {
-                extension[key] = value.clone();
-            }
-            let mut view = json!({"buffer": 1, "byteOffset": plain, "byteLength": count * stride, "target": target,
-                "extensions": {MESHOPT: extension}});
-            if target == ARRAY_BUFFER {
-                view["byteStride"] = json!(stride);
-            }
-            push(file, "bufferViews", view);
-            binary.extend(packed);
-            binary.resize(binary.len().next_multiple_of(4), 0);
-            plain += (count * stride).next_multiple_of(4);
-        };
-        let version = codec::VertexEncoding::new(0, 0).map_err(failed)?;
+        let (mut file, mut views) = (self.file(error), Views::new(Vec::new()));
         for attribute in [Some(self.positions(true)), self.colors(), normals].into_iter().flatten() {
             let Attribute { name, bytes, stride, mut accessor, filter } = attribute;
             let count = self.points.len();
-            let packed = codec::encode_vertex_buffer(&bytes, count, stride, version, &mut work).map_err(failed)?;
-            let about = if filter == "NONE" {
-                json!({"mode": "ATTRIBUTES"})
-            } else {
-                json!({"mode": "ATTRIBUTES", "filter": filter})
-            };
-            view(&mut file, &packed, count, stride, ARRAY_BUFFER, about);
+            accessor["bufferView"] = json!(views.vertices(&bytes, count, stride, filter).map_err(failed)?);
             accessor["count"] = json!(count);
             add(&mut file, name, accessor);
         }
-        let packed =
-            codec::encode_index_buffer(&self.indices, codec::IndexEncoding::DEFAULT, &mut work).map_err(failed)?;
-        view(&mut file, &packed, self.indices.len(), 2, ELEMENT_ARRAY_BUFFER, json!({"mode": "TRIANGLES"}));
-        self.add_indices(&mut file);
-        file["buffers"] = json!([{"byteLength": binary.len()},
-            {"byteLength": plain, "extensions": {MESHOPT: {"fallback": true}}}]);
+        let view = views.triangles(&self.indices).map_err(failed)?;
+        self.add_indices(&mut file, view);
+        views.describe(&mut file);
         let mut required = vec![MESHOPT];
         if is_quantized {
             required.push(QUANTIZED);
@@ -216,7 +179,7 @@ impl Tile {
         if !self.colors.is_empty() {
             file["materials"][0]["extensions"] = json!({UNLIT: {}});
         }
-        Ok(glb(&file, &binary))
+        Ok(glb(&file, &views.out))
     }
 
     fn plain(&self, error: f64) -> Vec<u8> {
@@ -250,13 +213,12 @@ impl Tile {
         push(&mut file, "bufferViews", view);
         binary.extend(self.indices.iter().flat_map(|i| (*i as u16).to_le_bytes()));
         binary.resize(binary.len().next_multiple_of(4), 0);
-        self.add_indices(&mut file);
+        self.add_indices(&mut file, 1);
         file["buffers"] = json!([{"byteLength": binary.len()}]);
         glb(&file, &binary)
     }
 
-    fn add_indices(&self, file: &mut Value) {
-        let view = file["bufferViews"].as_array().map_or(0, Vec::len) - 1;
+    fn add_indices(&self, file: &mut Value, view: usize) {
         let accessor =
             json!({"bufferView": view, "componentType": UNSIGNED_SHORT, "count": self.indices.len(), "type": "SCALAR"});
         let number = push(file, "accessors", accessor);
@@ -291,21 +253,11 @@ fn offset(min: IVec3, max: IVec3) -> Option<IVec3> {
     [nearest, middle].into_iter().filter(fits).find_map(|offset| IVec3::try_from(offset).ok())
 }
 
-/// Light of each level of sRGB, in 16 bits: of the values that are rounded to the level again, one whose low byte is one of a few, the first if possible. A
-/// byte that seldom changes takes little room; without this, colours would take more than positions.
-static LIGHT: LazyLock<[u16; 256]> = LazyLock::new(|| std::array::from_fn(|level| light(level as u8)));
-
-fn light(level: u8) -> u16 {
-    let exact = light_from_srgb(level) * 65535.0;
-    let is_level = |light: f64| srgb_from_light(light / 65535.0) == level;
-    let with_low_byte = |low: f64| ((exact - low) / 256.0).round() * 256.0 + low;
-    // With a margin for clients that compute in floats.
-    let is_safe = |light: &f64| (0.0..=65535.0).contains(light) && is_level(light - 2.0) && is_level(light + 2.0);
-    [128.0, 0.0, 64.0, 192.0].map(with_low_byte).into_iter().find(is_safe).unwrap_or(exact.round()) as u16
-}
-
-fn failed(error: meshoptimizer_rs::Error) -> ExtractError {
-    ExtractError::Encode(error.to_string())
+fn failed(error: ViewError) -> ExtractError {
+    match error {
+        ViewError::Encode(error) => ExtractError::Encode(error.to_string()),
+        ViewError::Write(error) => ExtractError::Encode(error.to_string()),
+    }
 }
 
 /// Append to a list of the file; returns the number of what was appended.
@@ -315,11 +267,8 @@ fn push(file: &mut Value, list: &str, what: Value) -> usize {
     list.len() - 1
 }
 
-/// Add an attribute: its accessor, of the last view where it names none.
-fn add(file: &mut Value, name: &str, mut accessor: Value) {
-    if accessor.get("bufferView").is_none() {
-        accessor["bufferView"] = json!(file["bufferViews"].as_array().map_or(0, Vec::len) - 1);
-    }
+/// Add an attribute by its accessor.
+fn add(file: &mut Value, name: &str, accessor: Value) {
     let number = push(file, "accessors", accessor);
     file["meshes"][0]["primitives"][0]["attributes"][name] = json!(number);
 }
@@ -358,16 +307,5 @@ mod tests {
         assert_eq!((around(700, REACH - 700), around(700, REACH), around(0, REACH + 1)), (Some(0), Some(700), None));
         let edge = i32::MAX - 10;
         assert_eq!(around(edge, 5), Some(edge));
-    }
-
-    #[test]
-    fn every_level_of_srgb_is_restored_and_bright_ones_cost_a_byte() {
-        let restored = |level: usize| usize::from(srgb_from_light(f64::from(LIGHT[level]) / 65535.0));
-        assert!((0..256).all(|level| restored(level) == level));
-        assert!(LIGHT.windows(2).all(|pair| pair[0] < pair[1]));
-        assert!((140..256).all(|level| LIGHT[level] % 256 == 128));
-        assert!((80..256).all(|level| LIGHT[level].is_multiple_of(128)));
-        let off = (0..256).map(|l| (f64::from(LIGHT[l]) - light_from_srgb(l as u8) * 65535.0).abs());
-        assert!(off.fold(0.0, f64::max) <= 128.0);
     }
 }

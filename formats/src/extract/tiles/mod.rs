@@ -34,6 +34,16 @@ pub enum Profile {
     Plain,
 }
 
+impl Profile {
+    /// As on the command line and in the tileset.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Web => "web",
+            Self::Plain => "plain",
+        }
+    }
+}
+
 /// How large the parts are.
 #[derive(Debug, Clone, Copy)]
 pub struct Limits {
@@ -196,6 +206,7 @@ fn finish<S: Source>(
         "title": reader.metadata().title,
         "pack": reader.identity(),
         "crs": request.crs,
+        "profile": request.profile.name(),
         "pixels_of_error": PIXELS,
         "grid_spacing_m": frame.spacing(),
     });
