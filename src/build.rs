@@ -6,6 +6,7 @@ mod finished;
 mod need;
 mod output;
 pub(crate) mod report;
+mod rights;
 pub(crate) mod size;
 
 use crate::inputs::{InputArgs, Inputs};
@@ -39,7 +40,7 @@ use std::time::Instant;
 
 /// Build a pack from meshes.
 ///
-/// Reads PLY, OBJ, STL, glTF, Nexus and the finest level of 3D Tiles (`tileset.json`). The pack holds the finest surface exactly, on a lattice finer than the mesh, and
+/// Reads PLY, OBJ, STL, glTF, Nexus, the finest level of 3D Tiles (`tileset.json`), and the mesh in a ZIP download of Sketchfab. The pack holds the finest surface exactly, on a lattice finer than the mesh, and
 /// coarser forms of it, each with a certified error.
 #[derive(clap::Args)]
 #[expect(clippy::struct_excessive_bools, reason = "every one is a switch of the command line")]
@@ -271,7 +272,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     complete.scratch.discard(|_| true)?;
     finished::remove(&args.output);
     let report = Report::of(&complete.built, complete.spent, &read_as, args);
-    print(args, &report)
+    print(args, &report)?;
+    rights::say_what_downloads_state(&args.input.inputs, &args.output);
+    Ok(())
 }
 
 /// The inputs and options of a build.

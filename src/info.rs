@@ -9,7 +9,7 @@ use crate::build::report::spread;
 use crate::inputs::InputArgs;
 use crate::source::open_pack;
 use glam::DVec3;
-use kilwa_formats::Up;
+use kilwa_formats::{Up, read};
 use kilwa_geometry::LengthUnit;
 use kilwa_pack::plural::plural;
 use kilwa_pack::visible::visible;
@@ -25,7 +25,7 @@ use std::path::PathBuf;
 /// built: borders, components, edges, noise, necessary repairs.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// The pack, or a mesh (PLY, OBJ, STL, glTF, Nexus, 3D Tiles).
+    /// The pack, or a mesh (PLY, OBJ, STL, glTF, Nexus, 3D Tiles, a ZIP download of Sketchfab).
     file: PathBuf,
     /// Units of a mesh: m, dm, cm, mm, km, ft, us-ft, in (default: m).
     #[arg(long, value_parser = crate::inputs::units)]
@@ -81,7 +81,8 @@ struct Info<'a> {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    if kilwa_formats::read::recognise(&args.file).is_ok() {
+    // What is wrong with an archive is said when it is read as a mesh.
+    if read::archive::is_archive(&args.file) || read::recognise(&args.file).is_ok() {
         let input = InputArgs {
             inputs: vec![args.file.clone()],
             units: args.units,

@@ -36,7 +36,7 @@ use std::sync::Arc;
 /// Which meshes are read, and how their coordinates are interpreted.
 #[derive(clap::Args)]
 pub(crate) struct InputArgs {
-    /// Mesh files (PLY, OBJ, STL, glTF, Nexus, 3D Tiles tilesets), folders of them, quoted patterns such as 'blocks/*.ply', or surveys of scans.
+    /// Mesh files (PLY, OBJ, STL, glTF, Nexus, 3D Tiles tilesets), ZIP downloads of Sketchfab, folders of meshes, quoted patterns such as 'blocks/*.ply', or surveys of scans.
     ///
     /// Several are joined, and matching vertices are welded; their order does not matter.
     #[arg(required = true, value_name = "INPUT")]
@@ -358,7 +358,11 @@ const MESHES: Wanted = Wanted {
 };
 
 /// Fails unless a file in a folder is a mesh. Tilesets are refused: the tiles beside one are the same surface at several levels of detail.
+/// So are archives, because what was unpacked from one is likely to lie beside it.
 fn recognise_in_folder(path: &Path) -> anyhow::Result<()> {
+    if read::archive::is_archive(path) {
+        bail!("{} is an archive; give the file itself instead of its folder", path.display());
+    }
     if read::recognise(path)?.is_tileset() {
         bail!("{} is a 3D Tiles tileset; give the file itself instead of its folder", path.display());
     }

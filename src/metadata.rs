@@ -1,5 +1,7 @@
 //! `kilwa metadata`: the file that `kilwa publish` reads, begun and checked.
 
+mod download;
+
 use crate::new_file::NewFile;
 use crate::source::open_pack;
 use anyhow::bail;
@@ -22,6 +24,9 @@ enum What {
     Init {
         /// A pack, for title, units, reference system and counts.
         pack: Option<PathBuf>,
+        /// A download of Sketchfab (ZIP), for title, author, licence, credit and source as it states them.
+        #[arg(long, value_name = "FILE.zip")]
+        download: Option<PathBuf>,
         /// The file to write (default: standard output).
         #[arg(short, long, value_name = "FILE")]
         output: Option<PathBuf>,
@@ -38,7 +43,7 @@ enum What {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     match &args.what {
-        What::Init { pack, output, quiet } => init(pack.as_ref(), output.as_ref(), *quiet),
+        What::Init { pack, download, output, quiet } => init(pack.as_ref(), download.as_ref(), output.as_ref(), *quiet),
         What::Check { file } => {
             let m = crate::publish::read_metadata(file)?;
             Ok(writeln!(crate::terminal::out(), "{}: right. \"{}\", {}", file.display(), m.title, m.rights.uri)?)
@@ -46,7 +51,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     }
 }
 
-fn init(pack: Option<&PathBuf>, output: Option<&PathBuf>, quiet: bool) -> anyhow::Result<()> {
+fn init(
+    pack: Option<&PathBuf>,
+    download: Option<&PathBuf>,
+    output: Option<&PathBuf>,
+    quiet: bool,
+) -> anyhow::Result<()> {
     if let Some(path) = output.filter(|p| p.exists()) {
         bail!("{} already exists; choose another name, or move it away", path.display());
     }
@@ -54,6 +64,9 @@ fn init(pack: Option<&PathBuf>, output: Option<&PathBuf>, quiet: bool) -> anyhow
         Some(path) => of_pack(open_pack(path)?.metadata()),
         None => Known::default(),
     };
+    if let Some(path) = download {
+        download::fill(&mut known, path)?;
+    }
     let (input, mut errors) = (std::io::stdin(), crate::terminal::err());
     if !quiet && input.is_terminal() && std::io::stderr().is_terminal() {
         ask(&mut known, &mut input.lock(), &mut errors)?;

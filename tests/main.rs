@@ -36,6 +36,7 @@ mod render_verb;
 mod scans;
 mod second_reader;
 mod serve;
+mod sketchfab;
 mod stored;
 mod streaming;
 mod support;

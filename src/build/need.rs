@@ -1,12 +1,13 @@
 //! How much disk space a build needs, estimated before anything is read.
 //!
 //! From headers where they say how many vertices and triangles there are (PLY, binary STL, glTF), from the length of the file
-//! otherwise; an estimate to the safe side. What is needed is compared with what is free, and refused with both numbers.
+//! otherwise; an estimate to the safe side. Of an archive, the mesh in it counts, and the bytes that its files inflate to in the scratch folder. What is needed is compared with what is free, and refused with both numbers.
 
 use kilwa_builder::build::machine;
 use kilwa_builder::ingest;
 use kilwa_files::size::binary;
-use kilwa_formats::read;
+use kilwa_formats::read::archive::Beginning;
+use kilwa_formats::read::{self, archive};
 use std::io::Read;
 use std::path::Path;
 
@@ -28,6 +29,8 @@ struct Count {
     triangles: u64,
     /// Bytes of attributes for each vertex in scratch files.
     attributes: u64,
+    /// Bytes that an archive inflates to in scratch files.
+    inflated: u64,
 }
 
 /// Disk space needed.
@@ -48,10 +51,12 @@ impl Need {
             all.vertices = all.vertices.saturating_add(count.vertices).min(COUNT_MAX);
             all.triangles = all.triangles.saturating_add(count.triangles).min(COUNT_MAX);
             all.attributes = all.attributes.max(count.attributes);
+            // One archive is read after another.
+            all.inflated = all.inflated.max(count.inflated);
         }
         let ingest = ingest::scratch_needed(all.vertices, all.triangles, all.attributes);
         Self {
-            scratch_bytes: ingest.max(all.triangles * LEVEL_BYTES) + FIXED,
+            scratch_bytes: ingest.saturating_add(all.inflated).max(all.triangles * LEVEL_BYTES).saturating_add(FIXED),
             pack_bytes: all.triangles * PACK_BYTES.0 + PACK_BYTES.1,
         }
     }
@@ -62,7 +67,7 @@ impl Need {
         if machine::same_disk(scratch, output) {
             return enough(
                 output,
-                needed + self.pack_bytes,
+                needed.saturating_add(self.pack_bytes),
                 &format!("{} for scratch files and {} for the pack", binary(needed), binary(self.pack_bytes)),
             );
         }
@@ -89,7 +94,10 @@ fn enough(folder: &Path, needed: u64, for_what: &str) -> anyhow::Result<()> {
 fn count(path: &Path, memory: u64) -> Option<Count> {
     if let Ok(scan) = kilwa_scan::spool::Reader::open(path) {
         let points = scan.header().statistics.measured;
-        return Some(Count { vertices: points, triangles: 2 * points, attributes: 16 });
+        return Some(Count { vertices: points, triangles: 2 * points, attributes: 16, inflated: 0 });
+    }
+    if archive::is_archive(path) {
+        return in_archive(path, memory);
     }
     let (mut file, bytes) = read::open_regular(path).ok()?;
     let mut start = Vec::new();
@@ -101,6 +109,14 @@ fn count(path: &Path, memory: u64) -> Option<Count> {
         }
     }
     Some(count_of(&start, bytes))
+}
+
+/// Of the mesh in an archive.
+fn in_archive(path: &Path, memory: u64) -> Option<Count> {
+    let Beginning { start, bytes, room, .. } = archive::beginning(path, 1 << 16).ok()?;
+    let json = json_length(&start, bytes).filter(|length| *length <= memory / 4);
+    let gltf = json.and_then(|length| gltf(&archive::beginning(path, length).ok()?.start, memory));
+    Some(Count { inflated: room, ..gltf.unwrap_or_else(|| count_of(&start, bytes)) })
 }
 
 /// Where the JSON of a glTF or GLB of so many bytes ends; `None` where it is neither, or absurdly long.
@@ -119,12 +135,12 @@ fn json_length(start: &[u8], bytes: u64) -> Option<u64> {
 fn gltf(bytes: &[u8], memory: u64) -> Option<Count> {
     let json = if bytes.starts_with(b"glTF") { bytes.get(20..)? } else { bytes };
     let sizes = read::gltf::sizes(json, memory / 2)?;
-    Some(Count { vertices: sizes.vertices, triangles: sizes.triangles, attributes: 8 })
+    Some(Count { vertices: sizes.vertices, triangles: sizes.triangles, attributes: 8, inflated: 0 })
 }
 
 /// From the beginning of a file of so many bytes.
 fn count_of(start: &[u8], bytes: u64) -> Count {
-    let colored = |vertices: u64, triangles: u64| Count { vertices, triangles, attributes: 8 };
+    let colored = |vertices: u64, triangles: u64| Count { vertices, triangles, attributes: 8, inflated: 0 };
     if start.starts_with(b"ply") {
         return ply(start, bytes);
     }
@@ -190,7 +206,7 @@ fn ply(start: &[u8], bytes: u64) -> Count {
         };
         triangles = faces.max(max);
     }
-    Count { vertices, triangles: triangles.min(bytes / 4), attributes }
+    Count { vertices, triangles: triangles.min(bytes / 4), attributes, inflated: 0 }
 }
 
 /// Bytes of a type of PLY.
@@ -219,7 +235,7 @@ mod tests {
         // 500 vertices of 15 bytes, 1000 triangles of 13 bytes or 1000 quads of 17.
         let bytes = header(1000).len() as u64 + 500 * 15;
         let count = count_of(header(1000).as_bytes(), bytes + 13_000);
-        assert_eq!(count, Count { vertices: 500, triangles: 1000, attributes: 8 });
+        assert_eq!(count, Count { vertices: 500, triangles: 1000, attributes: 8, inflated: 0 });
         assert_eq!(count_of(header(1000).as_bytes(), bytes + 17_000).triangles, 2000);
         let text = header(1000).replace("binary_little_endian", "ascii");
         assert_eq!(count_of(text.as_bytes(), bytes + 17_000).triangles, 1000);
@@ -231,7 +247,7 @@ mod tests {
         let json =
             br#"{"meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1},{"attributes":{"POSITION":0}}]}],
             "accessors":[{"count":30},{"count":60}],"buffers":[{"byteLength":600}]}"#;
-        assert_eq!(gltf(json, 1 << 20), Some(Count { vertices: 60, triangles: 30, attributes: 8 }));
+        assert_eq!(gltf(json, 1 << 20), Some(Count { vertices: 60, triangles: 30, attributes: 8, inflated: 0 }));
         assert_eq!(json_length(json, json.len() as u64), Some(json.len() as u64));
         let lie = br#"{"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"accessors":[{"count":4000000000}],
             "buffers":[{"byteLength":100}]}"#;

@@ -12,8 +12,8 @@ use kilwa_archive::{Checksums, Manifest, Metadata, Notes};
 use kilwa_formats::Diagnostics;
 use kilwa_formats::RawMesh;
 use kilwa_formats::read::{
-    Input, MemorySink, MeshSink, ReadError, ReadOptions, VertexBlock, VertexSink, gltf, nexus, obj, read_mesh_from,
-    stl, tiles,
+    Input, MemorySink, MeshSink, ReadError, ReadOptions, VertexBlock, VertexSink, archive, gltf, nexus, obj,
+    read_mesh_from, stl, tiles,
 };
 use kilwa_pack::chunk::{Declared, decode, encode};
 use kilwa_pack::reader::SliceSource;
@@ -38,13 +38,14 @@ use std::sync::LazyLock;
 pub(crate) type Body = fn(&[u8]) -> String;
 
 /// All targets by name.
-pub(crate) const ALL: [(&str, Body); 21] = [
+pub(crate) const ALL: [(&str, Body); 22] = [
     ("ply", ply),
     ("obj", obj_file),
     ("stl", stl_file),
     ("gltf", gltf_file),
     ("nexus", nexus_file),
     ("tiles", tiles_in_folder),
+    ("zip", archive_file),
     ("open_pack", open_pack),
     ("decode_chunk", decode_chunk),
     ("metadata", metadata),
@@ -119,7 +120,7 @@ pub(crate) fn obj_file(bytes: &[u8]) -> String {
     let mut sink = MemorySink::new(path);
     let (options, total) = (ReadOptions::default(), mesh.len() as u64);
     let mut source = Cursor::new(mesh);
-    let input = Input { path, total, source: &mut source, progress: &mut |_, _| {}, options: &options };
+    let input = Input { path, total, source: &mut source, progress: &mut |_, _| {}, options: &options, archive: None };
     // Also what the format detection would not recognise as an OBJ.
     match obj::read(input, &mut sink).and_then(|()| sink.into_mesh()) {
         Ok(mesh) => {
@@ -137,7 +138,7 @@ pub(crate) fn stl_file(bytes: &[u8]) -> String {
     let mut sink = MemorySink::new(path);
     let (options, total) = (ReadOptions::default(), bytes.len() as u64);
     let mut source = Cursor::new(bytes);
-    let input = Input { path, total, source: &mut source, progress: &mut |_, _| {}, options: &options };
+    let input = Input { path, total, source: &mut source, progress: &mut |_, _| {}, options: &options, archive: None };
     // Also what the format detection would not recognise as an STL.
     match stl::read(input, &mut sink).and_then(|()| sink.into_mesh()) {
         Ok(mesh) => {
@@ -198,7 +199,7 @@ pub(crate) fn gltf_file(bytes: &[u8]) -> String {
     let options = ReadOptions { texture_bytes: 1 << 22, ..ReadOptions::default() };
     let mut source = Cursor::new(bytes);
     let total = bytes.len() as u64;
-    let input = Input { path, total, source: &mut source, progress: &mut |_, _| {}, options: &options };
+    let input = Input { path, total, source: &mut source, progress: &mut |_, _| {}, options: &options, archive: None };
     match gltf::read(input, &mut sink).and_then(|()| sink.0.into_mesh()) {
         Ok(mesh) => sound(&mesh),
         Err(e) => complaint(e),
@@ -213,7 +214,7 @@ pub(crate) fn nexus_file(bytes: &[u8]) -> String {
     let options = ReadOptions { texture_bytes: 1 << 22, ..ReadOptions::default() };
     let mut source = Cursor::new(bytes);
     let total = bytes.len() as u64;
-    let input = Input { path, total, source: &mut source, progress: &mut |_, _| {}, options: &options };
+    let input = Input { path, total, source: &mut source, progress: &mut |_, _| {}, options: &options, archive: None };
     match nexus::read(input, &mut sink).and_then(|()| sink.0.into_mesh()) {
         Ok(mesh) => sound(&mesh),
         Err(e) => complaint(e),
@@ -233,10 +234,28 @@ pub(crate) fn tiles_in_folder(bytes: &[u8]) -> String {
     let options = ReadOptions { texture_bytes: 1 << 22, ..ReadOptions::default() };
     let mut source = Cursor::new(json);
     let total = json.len() as u64;
-    let input = Input { path, total, source: &mut source, progress: &mut |_, _| {}, options: &options };
+    let input = Input { path, total, source: &mut source, progress: &mut |_, _| {}, options: &options, archive: None };
     match tiles::read(input, &mut sink).and_then(|()| sink.0.into_mesh()) {
         Ok(mesh) => sound(&mesh),
         Err(e) => complaint(e),
+    }
+}
+
+/// Any bytes as a ZIP archive with a mesh: the reader ends, does not panic, and returns a sound mesh; what the archive states about its rights
+/// is read as well.
+pub(crate) fn archive_file(bytes: &[u8]) -> String {
+    let path = Path::new("fuzz.zip");
+    let mut sink = Limited(MemorySink::new(path), 1 << 20);
+    let options = ReadOptions { texture_bytes: 1 << 22, ..ReadOptions::default() };
+    let (total, mut source) = (bytes.len() as u64, Cursor::new(bytes));
+    let stated = archive::credits_from(&mut source, total, path);
+    let stated =
+        stated.map_or_else(complaint, |credits| format!("{} {}", credits.statements.len(), credits.notes.len()));
+    source.set_position(0);
+    let input = Input { path, total, source: &mut source, progress: &mut |_, _| {}, options: &options, archive: None };
+    match archive::read(input, &mut sink).and_then(|()| sink.0.into_mesh()) {
+        Ok(mesh) => stated + &sound(&mesh),
+        Err(e) => stated + &complaint(e),
     }
 }
 

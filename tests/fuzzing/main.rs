@@ -16,6 +16,9 @@ mod bodies;
 mod damage;
 mod mutate;
 mod seeds;
+#[path = "../support/zip.rs"]
+#[allow(dead_code, reason = "other tests use the rest")]
+mod zip;
 
 use bodies::Body;
 use mutate::{MAX_BYTES, Mutator};
@@ -184,6 +187,11 @@ fn any_bytes_are_read_as_a_nexus_model_or_refused() {
 #[test]
 fn any_bytes_are_read_as_3d_tiles_or_refused() {
     fuzz("tiles");
+}
+
+#[test]
+fn any_bytes_are_read_as_a_zip_archive_or_refused() {
+    fuzz("zip");
 }
 
 #[test]

@@ -2,6 +2,7 @@
 
 use crate::bodies::CHUNK_HEAD;
 use crate::mutate::MAX_BYTES;
+use crate::zip::{archive, deflated, ended, gltf, license, local, stored};
 use kilwa_builder::{BuildOptions, Silent, build_pack};
 use kilwa_formats::RawMesh;
 use kilwa_pack::Reader;
@@ -14,6 +15,7 @@ pub(crate) fn of(target: &str) -> Vec<Vec<u8>> {
         "obj" => objs(),
         "nexus" => nexus(),
         "tiles" => tiles(),
+        "zip" => archives(),
         "open_pack" => packs().into_iter().chain([of_points()]).collect(),
         "metadata" => metadata(),
         "manifest" => manifests(),
@@ -141,6 +143,30 @@ fn tiles() -> Vec<Vec<u8>> {
     ]
     .map(|(json, content)| [json.as_bytes(), b"\0", &content].concat())
     .to_vec()
+}
+
+/// Downloads with a glTF or an OBJ, compressed and not, and archives that are refused.
+fn archives() -> Vec<Vec<u8>> {
+    let text = license("Fort", "CC-BY-4.0 (http://creativecommons.org/licenses/by/4.0/)");
+    let (json, buffer) = gltf(Some("textures/a.png"), "{\"title\":\"Fort\",\"license\":\"Editorial\"}");
+    let parts = [("license.txt", text.as_bytes()), ("scene.bin", &buffer), ("scene.gltf", json.as_bytes())];
+    let obj = b"mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n";
+    let source = [
+        deflated("source/a.obj", obj),
+        stored("source/a.mtl", b"newmtl m\nKd 1 0 0\nmap_Kd ..\\textures\\a.png\n"),
+        stored("textures/a.png", b"no picture"),
+    ];
+    let mesh = deflated("a.obj", obj);
+    let mut overlapping = Vec::new();
+    local(&mesh, &mut overlapping);
+    vec![
+        archive(&parts.map(|(name, data)| deflated(name, data))),
+        archive(&parts.map(|(name, data)| stored(name, data))),
+        archive(&source),
+        archive(&[stored("source/a.zip", &archive(&source))]),
+        archive(&[mesh.clone(), stored("../b", b"x")]),
+        ended(overlapping, &[mesh.clone(), mesh], &[0, 0]),
+    ]
 }
 
 /// What `kilwa metadata init` writes, all its examples, and files with mistakes.

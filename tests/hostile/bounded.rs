@@ -237,7 +237,7 @@ fn peak() -> u64 {
 /// Build from a file: it is built or refused, within the memory that was given. The text is gone by then, for what this
 /// process holds counts for those that it begins.
 #[cfg(unix)]
-fn stays_within_memory(folder: &Path, name: &str, content: String) {
+fn stays_within_memory(folder: &Path, name: &str, content: impl AsRef<[u8]>) {
     let (input, pack) = (folder.join(name), folder.join("out.kilwa"));
     std::fs::write(&input, content).unwrap();
     let output = kilwa(&[
@@ -272,6 +272,46 @@ fn any_gltf_json_stays_within_the_memory_limit() {
 fn any_lines_headers_and_names_stay_within_the_memory_limit() {
     let folder = tempfile::tempdir().unwrap();
     texts(&mut |name, content| stays_within_memory(folder.path(), name, content));
+}
+
+/// Archives whose list of files, names, documents or contents take more than their size.
+#[cfg(unix)]
+#[test]
+fn any_archive_stays_within_the_memory_limit() {
+    use crate::support::zip::{archive, deflated, gltf, stored};
+    let folder = tempfile::tempdir().unwrap();
+    let mesh = || stored("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n");
+    let small = |i: usize| stored(&format!("{i}"), b"");
+    let check = |name: &str, content: Vec<u8>| stays_within_memory(folder.path(), name, content);
+    check("many.zip", archive(&(0..65_000).map(small).chain([mesh()]).collect::<Vec<_>>()));
+    check(
+        "names.zip",
+        archive(
+            &(0..900).map(|i| stored(&format!("{i}{}", "a".repeat(4000)), b"")).chain([mesh()]).collect::<Vec<_>>(),
+        ),
+    );
+    let (json, buffer) = gltf(None, &format!("{{\"title\":\"{}\"}}", "a".repeat(15 << 20)));
+    check("title.zip", archive(&[deflated("scene.gltf", json.as_bytes()), stored("scene.bin", &buffer)]));
+    check("license.zip", archive(&[mesh(), deflated("license.txt", &vec![b'a'; 15 << 20])]));
+    check("bomb.zip", archive(&[deflated("a.obj", &vec![b' '; 200 << 20])]));
+    // Buffers that are kept open, each small enough for memory.
+    let names: Vec<String> = (0..300).map(|i| format!("b{i}.bin")).collect();
+    let buffers: Vec<String> = names.iter().map(|name| format!("{{\"uri\":\"{name}\",\"byteLength\":36}}")).collect();
+    let list = |each: &dyn Fn(usize) -> String| (0..names.len()).map(each).collect::<Vec<_>>().join(",");
+    let json = format!(
+        "{{\"asset\":{{\"version\":\"2.0\"}},\"buffers\":[{}],\"bufferViews\":[{}],\"accessors\":[{}],\"meshes\":[{{\"primitives\":[{}]}}],\"nodes\":[{{\"mesh\":0}}]}}",
+        buffers.join(","),
+        list(&|i| format!("{{\"buffer\":{i},\"byteLength\":36}}")),
+        list(&|i| format!("{{\"bufferView\":{i},\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}}")),
+        list(&|i| format!("{{\"attributes\":{{\"POSITION\":{i}}}}}")),
+    );
+    let mut data: Vec<u8> =
+        [0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0].iter().flat_map(|v| v.to_le_bytes()).collect();
+    data.resize(1 << 20, 0);
+    let one = deflated("", &data);
+    let items = names.iter().map(|name| crate::support::zip::Item { name: name.clone().into_bytes(), ..one.clone() });
+    check("buffers.zip", archive(&items.chain([stored("scene.gltf", json.as_bytes())]).collect::<Vec<_>>()));
+    assert!(folder.path().join("out.kilwa").exists(), "the last one is sound");
 }
 
 /// An OBJ with one triangle that shows this picture.

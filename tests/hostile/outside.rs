@@ -275,6 +275,27 @@ fn a_mesh_opened_through_a_link_uses_files_beside_its_target() {
     assert!(succeeds(&["info", text(&site.path("linked.obj"))]).contains("colours     of the triangles"));
 }
 
+/// A mesh in an archive names files on the disk: none is read, allowed or not.
+#[test]
+fn a_mesh_in_an_archive_reads_no_file_of_the_disk() {
+    use crate::support::zip::{archive, stored};
+    let site = Site::new();
+    let absolute = site.path("secret.bin").display().to_string();
+    for name in ["../secret.bin", "secret.bin", "..\\secret.bin", "%2e%2e/secret.bin", &absolute] {
+        site.gltf(name, None);
+        let scene = std::fs::read(site.path("site/scan.gltf")).unwrap();
+        std::fs::write(site.path("site/scan.zip"), archive(&[stored("scene.gltf", &scene)])).unwrap();
+        for more in [&[][..], &["--allow-outside"]] {
+            let message = fails(&[&["info", text(&site.path("site/scan.zip"))], more].concat());
+            assert!(message.contains("buffers[0]") && message.contains("is not there"), "{name}: {message}");
+        }
+    }
+    let surface = "mtllib ../secret.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl red\nf 1 2 3\n";
+    std::fs::write(site.path("site/scan.zip"), archive(&[stored("scan.obj", surface.as_bytes())])).unwrap();
+    let report = succeeds(&["info", text(&site.path("site/scan.zip")), "--allow-outside"]);
+    assert!(report.contains("1 material library that is missing") && !report.contains(SECRET), "{report}");
+}
+
 /// Parts that names are made of.
 const PARTS: [&str; 18] = [
     "..",

@@ -222,6 +222,29 @@ fn names_in_meshes_never_control_the_terminal() {
     println!("{trials} outputs");
 }
 
+#[test]
+fn names_and_rights_in_archives_never_control_the_terminal() {
+    use crate::support::zip::{archive, license, stored};
+    let site = Site::new();
+    let obj = b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    let (zip, pack) = (site.path("a.zip"), site.path("a.kilwa"));
+    for name in &names() {
+        let stated = stored("license.txt", license(name, name).as_bytes());
+        let archives = [
+            vec![stored(&format!("{}.obj", name.replace('\\', "")), obj), stated.clone()],
+            vec![stored(name, b"x"), stored(&format!("/{name}"), b"x")],
+            vec![stored(&format!("{name}.obj"), b"no mesh"), stated],
+            vec![stored(&format!("a{name}.zip"), b"x")],
+        ];
+        for items in archives {
+            std::fs::write(&zip, archive(&items)).unwrap();
+            is_plain(&kilwa(&["info", text(&zip)]), name);
+            is_plain(&kilwa(&["build", text(&zip), "-o", text(&pack), "--force"]), name);
+            is_plain(&kilwa(&["metadata", "init", "--download", text(&zip)]), name);
+        }
+    }
+}
+
 /// The log of a server under hostile requests and packs.
 #[cfg(unix)]
 #[test]

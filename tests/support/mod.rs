@@ -3,6 +3,7 @@
 
 pub(crate) mod kill_seed;
 pub(crate) mod serving;
+pub(crate) mod zip;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};

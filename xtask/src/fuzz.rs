@@ -19,7 +19,7 @@ pub(crate) struct Args {
     /// Seconds for each target
     #[arg(long, value_name = "N", default_value_t = 600)]
     seconds: u64,
-    /// Only this target: `ply`, `obj`, `stl`, `gltf`, `nexus`, `tiles`, `photos`, `open_pack`, `decode_chunk`, `metadata`, `manifest`, `notes`,
+    /// Only this target: `ply`, `obj`, `stl`, `gltf`, `nexus`, `tiles`, `zip`, `photos`, `open_pack`, `decode_chunk`, `metadata`, `manifest`, `notes`,
     /// `ptx`, `points`, `e57`, `las`, `range_grid`, `survey`, `spool`, `mask` or `point_list`
     #[arg(long, value_name = "NAME")]
     only: Option<String>,
@@ -29,13 +29,14 @@ pub(crate) struct Args {
 }
 
 /// Targets, and the tests of `tests/fuzzing` that run their bodies.
-const TARGETS: [(&str, &str); 21] = [
+const TARGETS: [(&str, &str); 22] = [
     ("ply", "any_bytes_are_read_as_ply_or_refused"),
     ("obj", "any_bytes_are_read_as_obj_or_refused"),
     ("stl", "any_bytes_are_read_as_stl_or_refused"),
     ("gltf", "any_bytes_are_read_as_gltf_or_refused"),
     ("nexus", "any_bytes_are_read_as_a_nexus_model_or_refused"),
     ("tiles", "any_bytes_are_read_as_3d_tiles_or_refused"),
+    ("zip", "any_bytes_are_read_as_a_zip_archive_or_refused"),
     ("photos", "any_bytes_are_read_as_poses_of_photographs_or_refused"),
     ("open_pack", "any_bytes_are_read_as_a_pack_or_refused"),
     ("decode_chunk", "any_bytes_are_read_as_a_chunk_or_refused"),

@@ -1,6 +1,7 @@
 //! The commented file that `kilwa metadata init` writes.
 
 use kilwa_pack::plural::counted;
+use kilwa_pack::visible::visible;
 use std::fmt::Write as _;
 
 /// The values known before anybody writes: from a pack, or from answers.
@@ -34,6 +35,35 @@ pub struct Known {
     pub accuracy: Option<f64>,
     /// Triangles and vertices, for a comment.
     pub counts: Option<(u64, u64)>,
+    /// How to give credit.
+    pub credit: Option<String>,
+    /// Address of what the model was made from.
+    pub source: Option<String>,
+    /// Comments above fields, in order: for example where a value comes from.
+    pub remarks: Vec<(Remarked, String)>,
+}
+
+/// A field that can have a comment of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Remarked {
+    /// The title.
+    Title,
+    /// The licence.
+    Rights,
+    /// How to give credit.
+    Credit,
+    /// Who made it.
+    Creators,
+    /// What it was made from.
+    Source,
+}
+
+impl Known {
+    /// The comments above a field, each a line.
+    fn remarks(&self, field: Remarked) -> String {
+        let of_field = self.remarks.iter().filter(|(of, _)| *of == field);
+        of_field.map(|(_, text)| format!("# {}\n", visible(text))).collect()
+    }
 }
 
 /// The file. Known values are filled in, unknown required ones are empty, and everything else is commented out.
@@ -44,7 +74,8 @@ pub fn write(known: &Known) -> String {
             (counted(triangles, "triangle", "triangles"), counted(vertices, "vertex", "vertices"));
         let _ = writeln!(s, "# The pack has {triangles} and {vertices}.");
     }
-    needed(&mut s, "\n# REQUIRED. The name of the model.", "title", known.title.as_deref());
+    let _ = write!(s, "\n{}", known.remarks(Remarked::Title));
+    needed(&mut s, "# REQUIRED. The name of the model.", "title", known.title.as_deref());
     optional(
         &mut s,
         "# What it shows, for people who have not seen it. Put three quotation marks before and after a text of several lines.",
@@ -54,7 +85,7 @@ pub fn write(known: &Known) -> String {
     );
     optional(&mut s, "# Who publishes it.", "publisher", known.publisher.as_deref(), "Museum of …");
     s.push_str(TOP);
-    s.push_str("\n[rights]\n");
+    let _ = write!(s, "\n[rights]\n{}", known.remarks(Remarked::Rights));
     needed(
         &mut s,
         "# REQUIRED. A licence or rights statement that machines understand: \"CC BY 4.0\", \"CC0\", \"InC\" (in copyright) …, or its address.\n\
@@ -63,7 +94,9 @@ pub fn write(known: &Known) -> String {
         known.rights.as_deref(),
     );
     optional(&mut s, "# Who holds the rights.", "holder", known.holder.as_deref(), "Antiquities Division");
-    s.push_str("# How to give credit.\n# statement = \"<Please name the Antiquities Division.>\"\n");
+    s.push_str(&known.remarks(Remarked::Credit));
+    let example = "Please name the Antiquities Division.";
+    optional(&mut s, "# How to give credit.", "statement", known.credit.as_deref(), example);
     s.push_str("\n[model]\n");
     needed(
         &mut s,
@@ -81,6 +114,7 @@ pub fn write(known: &Known) -> String {
     s.push_str(
         "\n# One block [[creators]] for each person or organisation that made the model, the most important first.\n",
     );
+    s.push_str(&known.remarks(Remarked::Creators));
     if known.creators.is_empty() {
         s.push_str("# [[creators]]\n# name = \"<Family, Given>\"\n");
     }
@@ -94,8 +128,19 @@ pub fn write(known: &Known) -> String {
     place(&mut s, known);
     s.push_str(OBJECT);
     capture(&mut s, known);
-    s.push_str(REST);
+    s.push_str(ACCESS);
+    related(&mut s, known);
+    s.push_str(FUNDING);
     s
+}
+
+fn related(s: &mut String, known: &Known) {
+    s.push_str("\n# What belongs to it elsewhere: IsDescribedBy, IsDerivedFrom, IsPartOf, IsDocumentedBy …\n");
+    s.push_str(&known.remarks(Remarked::Source));
+    match &known.source {
+        Some(source) => drop(writeln!(s, "[[related]]\nrelation = \"IsDerivedFrom\"\nuri = {}", quoted(source))),
+        None => s.push_str(RELATED),
+    }
 }
 
 fn place(s: &mut String, known: &Known) {
@@ -207,20 +252,23 @@ const STEPS: &str = "\
 # date = \"<2009-09>\"
 ";
 
-const REST: &str = "
+const ACCESS: &str = "
 # Who may see it: public, embargo (until a day) or restricted. Without this block, public.
 # [access]
 # state = \"<embargo>\"
 # until = \"<2027-06-01>\"
 # reason = \"<The excavation is not published yet.>\"
 # contact = \"<archive@museum.example>\"
+";
 
-# What belongs to it elsewhere: IsDescribedBy, IsDerivedFrom, IsPartOf, IsDocumentedBy …
+const RELATED: &str = "\
 # [[related]]
 # relation = \"<IsDescribedBy>\"
 # uri = \"<doi:10.1234/article>\"
 # title = \"<The survey of 2009>\"
+";
 
+const FUNDING: &str = "
 # Who paid.
 # [[funding]]
 # funder = \"<World Monuments Fund>\"
@@ -256,6 +304,13 @@ mod tests {
             crs: text("EPSG:32737"),
             accuracy: Some(0.003),
             counts: Some((1, 2)),
+            credit: text("By \"h\",\nwith thanks"),
+            source: text("https://sketchfab.com/3d-models/fort"),
+            remarks: vec![
+                (Remarked::Title, "from license.txt\n[rights]\u{1b}".to_owned()),
+                (Remarked::Rights, "also from it".to_owned()),
+                (Remarked::Creators, "and again".to_owned()),
+            ],
         }
     }
 
@@ -267,6 +322,12 @@ mod tests {
         assert_eq!((m.title.as_str(), m.description.as_deref()), ("A \"fort\" \\", Some("two\nlines")));
         assert_eq!((m.creators.len(), m.creators[1].kind), (2, crate::metadata::AgentKind::Organisation));
         assert_eq!(m.capture.and_then(|c| c.accuracy), Some(0.003));
+        assert_eq!(m.rights.statement.as_deref(), Some("By \"h\",\nwith thanks"));
+        assert_eq!(m.related[0].uri, "https://sketchfab.com/3d-models/fort");
+        assert_eq!((m.related.len(), m.related[0].relation.as_str()), (1, "IsDerivedFrom"));
+        let text = write(&known);
+        assert!(text.contains("\n# from license.txt\\n[rights]\\u{1b}\n# REQUIRED. The name"), "{text}");
+        assert!(text.contains("[rights]\n# also from it\n") && text.contains("\n# and again\n[[creators]]"), "{text}");
         assert_eq!(
             (m.place.and_then(|p| p.country), m.model.crs),
             (Some("TZ".to_owned()), Some("EPSG:32737".to_owned()))

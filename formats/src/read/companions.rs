@@ -1,46 +1,21 @@
 //! Files that a mesh file names: material libraries, pictures, buffers. All readers find and open them here.
 //!
-//! A mesh may come from anybody, and what it names ends up in the pack. So only regular files inside the folder of the mesh
-//! file are opened, after symbolic links are resolved. What lies elsewhere is refused with its name, unless the user
-//! insists ([`ReadOptions::allow_outside`]). Where the mesh itself is named through a link, its folder is that of the real
-//! file; what lies only beside the link is outside. Names written on another system, in another case or before the files were
-//! moved are found all the same, as long as the file is in the folder.
-//!
-//! A file is opened by its real path and compared with what is there afterwards, so that it cannot be exchanged in
-//! between. Pipes and devices are never opened: opening one may wait for ever.
+//! They are where the mesh is: in its folder (`folder`), where only regular files inside are opened, or in the archive that
+//! the mesh is in, and then nowhere else (`archive/shelf.rs`). Names written on another system, in another case or before
+//! the files were moved are found all the same.
 
+mod folder;
+
+use super::archive::{Archived, Shelf};
 use super::{ReadError, ReadOptions};
+use folder::Folder;
 use kilwa_files::plain_file;
 use kilwa_pack::visible::visible;
-use std::cell::RefCell;
-use std::collections::HashMap;
 use std::fs::{File, Metadata};
-use std::io;
-use std::path::{Component, Path, PathBuf, Prefix};
-use std::sync::Arc;
+use std::io::{self, Read, Seek, SeekFrom};
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
-
-/// Names whose place is remembered.
-const REMEMBERED: usize = 1 << 16;
-
-/// The entries of a folder by their names in lower case.
-type Entries = HashMap<String, PathBuf>;
-
-/// Finds and opens what one mesh file names.
-#[derive(Debug)]
-pub(super) struct Companions {
-    /// The folder of the mesh file: as the user gave it, or, where the mesh is a link out of that, the real one.
-    folder: PathBuf,
-    /// Where the link lies, if the mesh is a link to a file in another folder.
-    link: Option<PathBuf>,
-    /// The same, links resolved; `None` where it cannot be.
-    real: Option<PathBuf>,
-    allow_outside: bool,
-    replaced: Option<Arc<Replaced>>,
-    /// Where names lead, by the folder that they are seen from.
-    found: RefCell<HashMap<(PathBuf, String), Found>>,
-    listed: RefCell<HashMap<PathBuf, Entries>>,
-}
+use tempfile::SpooledTempFile;
 
 /// The file that the output will replace, and whether a mesh refers to it.
 #[derive(Debug)]
@@ -91,68 +66,86 @@ pub(super) struct Reference<'a> {
     pub(super) name: &'a str,
 }
 
-impl Companions {
-    /// For a mesh file.
-    pub(super) fn of(input: &Path, options: &ReadOptions) -> Self {
-        let folder = match input.parent() {
-            Some(folder) if !folder.as_os_str().is_empty() => folder.to_owned(),
-            _ => PathBuf::from("."),
-        };
-        let given = folder.canonicalize().ok();
-        let allow_outside = options.allow_outside;
-        let real = input.canonicalize().ok().and_then(|file| file.parent().map(Path::to_owned));
-        let (folder, real, link) = match real {
-            Some(real) if given.as_ref() != Some(&real) => (real.clone(), Some(real), Some(folder)),
-            _ => (folder, given, None),
-        };
-        let (replaced, found) = (options.replaced.clone(), RefCell::default());
-        Self { folder, link, real, allow_outside, replaced, found, listed: RefCell::default() }
+/// Finds and opens what one mesh file names.
+#[derive(Debug)]
+pub(super) enum Companions<'s> {
+    /// Beside a mesh that is a file.
+    Folder(Folder),
+    /// Beside a mesh in an archive.
+    Archive(Shelf<'s>),
+}
+
+/// An open companion.
+#[derive(Debug)]
+pub(super) enum Opened {
+    /// The file itself.
+    File(File),
+    /// What an entry of an archive inflates to.
+    Entry(SpooledTempFile),
+}
+
+impl Read for Opened {
+    fn read(&mut self, into: &mut [u8]) -> io::Result<usize> {
+        match self {
+            Self::File(file) => file.read(into),
+            Self::Entry(file) => file.read(into),
+        }
+    }
+}
+
+impl Seek for Opened {
+    fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
+        match self {
+            Self::File(file) => file.seek(to),
+            Self::Entry(file) => file.seek(to),
+        }
+    }
+}
+
+impl<'s> Companions<'s> {
+    /// For a mesh file, which is in `archive` if there is one.
+    pub(super) fn of(input: &Path, options: &ReadOptions, archive: Option<Archived<'s>>) -> Self {
+        match archive {
+            Some(archive) => Self::Archive(Shelf::of(input, archive)),
+            None => Self::Folder(Folder::of(input, options)),
+        }
     }
 
     /// The same for a mesh file that another file refers to: files in the folder of the other file are also allowed.
-    pub(super) fn within(mut self, other: &Self) -> Self {
-        if let (Some(own), Some(above)) = (&self.real, &other.real)
-            && own.starts_with(above)
-        {
-            self.real = Some(above.clone());
+    pub(super) fn within(self, other: &Companions<'_>) -> Self {
+        match (self, other) {
+            (Self::Folder(own), Companions::Folder(other)) => Self::Folder(own.within(other)),
+            (own, _) => own,
         }
-        self
     }
 
     /// The folder of the mesh file.
     pub(super) fn folder(&self) -> &Path {
-        &self.folder
+        match self {
+            Self::Folder(folder) => folder.path(),
+            Self::Archive(shelf) => shelf.folder(),
+        }
     }
 
     /// Where `name` leads, seen from the folder `from`: as it is written (with `\` as `/`), else by its last part alone,
-    /// each time with the case of letters ignored where nothing fits exactly. The first of several in order; what lies
-    /// outside counts only where nothing inside fits.
+    /// each time with the case of letters ignored where nothing fits exactly.
     pub(super) fn find(&self, from: &Path, name: &str) -> Found {
         let name = name.trim().trim_matches('"').replace('\\', "/");
         if name.is_empty() || name.contains('\0') {
             return Found::Nothing;
         }
-        let key = (from.to_owned(), name);
-        if let Some(found) = self.found.borrow().get(&key) {
-            return found.clone();
+        match self {
+            Self::Folder(folder) => folder.find(from, name),
+            Self::Archive(shelf) => shelf.find(from, &name),
         }
-        let mut found = self.look(&key.0, &key.1);
-        // Beside a link to the mesh is outside: refused rather than missed without a word.
-        if let (Found::Nothing, Some(link)) = (&found, &self.link)
-            && key.0 == self.folder
-        {
-            found = self.look(link, &key.1);
-        }
-        let mut all = self.found.borrow_mut();
-        if all.len() < REMEMBERED {
-            all.insert(key, found.clone());
-        }
-        found
     }
 
     /// Resolves exactly this path, without trying other capitalisation or other folders.
     pub(super) fn exactly(&self, path: PathBuf) -> Found {
-        self.judged(path)
+        match self {
+            Self::Folder(folder) => folder.exactly(path),
+            Self::Archive(shelf) => shelf.exactly(path),
+        }
     }
 
     /// As [`Companions::find`], with an error for what lies outside. `None` where there is nothing.
@@ -174,93 +167,33 @@ impl Companions {
             place: by.place.to_owned(),
             name: visible(&by.name.chars().take(200).collect::<String>()).into_owned(),
             target,
-            folder: self.real.clone().unwrap_or_else(|| self.folder.clone()),
+            folder: match self {
+                Self::Folder(folder) => folder.limit().to_owned(),
+                Self::Archive(shelf) => shelf.folder().to_owned(),
+            },
         }
     }
 
-    fn look(&self, from: &Path, name: &str) -> Found {
-        let last = name.rsplit('/').next().unwrap_or(name);
-        let exact = from.join(name);
-        if is_of_another_computer(Path::new(name)) && !self.allow_outside {
-            // Even asking whether it is there would send the user's name to that computer.
-            let inside = self.ignoring_case(from, last).map_or(Found::Nothing, |path| self.judged(path));
-            return if inside == Found::Nothing { Found::Outside(exact) } else { inside };
+    /// The one path of a file that [`Companions::find`] found, whatever name led to it.
+    ///
+    /// # Errors
+    /// Where it is there no more.
+    pub(super) fn real(&self, path: &Path) -> io::Result<PathBuf> {
+        match self {
+            Self::Folder(_) => path.canonicalize(),
+            Self::Archive(_) => Ok(path.to_owned()),
         }
-        let mut outside = Found::Nothing;
-        let ways: [&dyn Fn() -> Option<PathBuf>; 3] =
-            [&|| Some(exact.clone()), &|| self.ignoring_case(from, name), &|| self.ignoring_case(from, last)];
-        for path in ways.into_iter().filter_map(|way| way()) {
-            match self.judged(path) {
-                Found::Outside(path) if outside == Found::Nothing => outside = Found::Outside(path),
-                Found::Outside(_) | Found::Nothing => {}
-                found @ Found::File(_) => return found,
-            }
-        }
-        outside
-    }
-
-    /// Whether a path may be opened.
-    fn judged(&self, path: PathBuf) -> Found {
-        let Ok(real) = path.canonicalize() else { return Found::Nothing };
-        if !self.is_allowed(&real) {
-            return Found::Outside(real);
-        }
-        if real.is_file() { Found::File(path) } else { Found::Nothing }
-    }
-
-    /// Whether a real path lies in the folder, or anything is allowed.
-    fn is_allowed(&self, real: &Path) -> bool {
-        self.allow_outside || self.real.as_ref().is_some_and(|folder| real.starts_with(folder))
-    }
-
-    /// Go down part by part; where a part does not exist, take the entry that differs in case only.
-    fn ignoring_case(&self, folder: &Path, name: &str) -> Option<PathBuf> {
-        let mut here = if name.starts_with('/') { PathBuf::from("/") } else { folder.to_owned() };
-        for part in name.split('/').filter(|p| !p.is_empty() && *p != ".") {
-            let exact = here.join(part);
-            here = if part == ".." || exact.exists() { exact } else { self.entry(&here, &part.to_lowercase())? };
-        }
-        here.is_file().then_some(here)
-    }
-
-    /// The first entry of a folder that has this name in lower case.
-    fn entry(&self, folder: &Path, lower: &str) -> Option<PathBuf> {
-        let mut listed = self.listed.borrow_mut();
-        let entries = listed.entry(folder.to_owned()).or_insert_with(|| {
-            let mut entries = Entries::new();
-            for path in std::fs::read_dir(folder).into_iter().flatten().filter_map(|e| e.ok().map(|e| e.path())) {
-                let Some(name) = path.file_name().map(|n| n.to_string_lossy().to_lowercase()) else { continue };
-                if entries.get(&name).is_none_or(|other| path < *other) {
-                    entries.insert(name, path);
-                }
-            }
-            entries
-        });
-        entries.get(lower).cloned()
     }
 
     /// Open a file that [`Companions::find`] found; how many bytes it has.
     ///
     /// # Errors
-    /// Where it cannot be opened, is no regular file any more, or leads out of the folder by now.
-    pub(super) fn open(&self, path: &Path) -> io::Result<(File, u64)> {
-        let real = path.canonicalize()?;
-        if !self.is_allowed(&real) {
-            return Err(plain_file::replaced());
+    /// Where it cannot be opened, is no regular file any more, leads out of the folder by now, or is a damaged entry of an archive.
+    pub(super) fn open(&self, path: &Path) -> io::Result<(Opened, u64)> {
+        match self {
+            Self::Folder(folder) => folder.open(path).map(|(file, bytes)| (Opened::File(file), bytes)),
+            Self::Archive(shelf) => shelf.open(path).map(|(file, bytes)| (Opened::Entry(file), bytes)),
         }
-        let (file, bytes) = open_regular(&real)?;
-        if let Some(replaced) = &self.replaced {
-            replaced.refuse(&file)?;
-        }
-        if self.allow_outside {
-            return Ok((file, bytes));
-        }
-        // What was opened must be what lies at a path without links inside of the folder.
-        let is_same = || -> io::Result<bool> {
-            let there = std::fs::symlink_metadata(&real)?;
-            Ok(real.canonicalize()? == real && plain_file::is_same_file(&file.metadata()?, &there))
-        };
-        if is_same()? { Ok((file, bytes)) } else { Err(plain_file::replaced()) }
     }
 
     /// All bytes of a file that [`Companions::find`] found, at most so many.
@@ -268,7 +201,10 @@ impl Companions {
     /// # Errors
     /// As [`Companions::open`]; where it has more.
     pub(super) fn read(&self, path: &Path, max: u64) -> io::Result<Vec<u8>> {
-        plain_file::read(self.open(path)?.0, max)
+        match self {
+            Self::Folder(folder) => plain_file::read(folder.open(path)?.0, max),
+            Self::Archive(shelf) => shelf.read(path, max),
+        }
     }
 }
 
@@ -280,12 +216,6 @@ pub fn open_regular(path: &Path) -> io::Result<(File, u64)> {
     let file = plain_file::open(path)?;
     let bytes = file.metadata()?.len();
     Ok((file, bytes))
-}
-
-/// Whether a path begins with the name of another computer or of a device, as on Windows.
-fn is_of_another_computer(path: &Path) -> bool {
-    let Some(Component::Prefix(prefix)) = path.components().next() else { return false };
-    matches!(prefix.kind(), Prefix::UNC(..) | Prefix::VerbatimUNC(..) | Prefix::DeviceNS(..) | Prefix::Verbatim(..))
 }
 
 #[cfg(test)]
@@ -308,8 +238,8 @@ mod tests {
         Site { _all: all, folder }
     }
 
-    fn companions(site: &Site, allow_outside: bool) -> Companions {
-        Companions::of(&site.folder.join("scan.obj"), &ReadOptions { allow_outside, ..ReadOptions::default() })
+    fn companions(site: &Site, allow_outside: bool) -> Companions<'static> {
+        Companions::of(&site.folder.join("scan.obj"), &ReadOptions { allow_outside, ..ReadOptions::default() }, None)
     }
 
     fn found(site: &Site, allow_outside: bool, name: &str) -> Found {
@@ -366,7 +296,7 @@ mod tests {
         // The folder itself may be named by way of a link.
         let by_link = site.folder.join("../by_link");
         symlink(&site.folder, &by_link).unwrap();
-        let companions = Companions::of(&by_link.join("scan.obj"), &ReadOptions::default());
+        let companions = Companions::of(&by_link.join("scan.obj"), &ReadOptions::default(), None);
         assert!(matches!(companions.find(&by_link, "plain.png"), Found::File(_)));
     }
 

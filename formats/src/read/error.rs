@@ -76,7 +76,7 @@ pub enum ReadError {
         source: io::Error,
     },
     /// The file is of a format that is not read.
-    #[error("{} is {what}; this version of Kilwa reads PLY, OBJ, STL, glTF, Nexus and 3D Tiles. {way_out}", file.display())]
+    #[error("{} is {what}; this version of Kilwa reads PLY, OBJ, STL, glTF, Nexus and 3D Tiles, also in ZIP archives. {way_out}", file.display())]
     Format {
         /// The file.
         file: PathBuf,

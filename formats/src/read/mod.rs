@@ -10,6 +10,7 @@
 //! Failures: the file cannot be opened or read; it is of another format; it is damaged or cut; it has no triangles.
 //! Memory is bounded by what the file really holds, never by what its header claims.
 
+pub mod archive;
 mod companions;
 mod error;
 mod faces;
@@ -35,6 +36,7 @@ pub use sink::{MeshSink, VertexBlock, VertexSink};
 
 use crate::RawMesh;
 use crate::Up;
+use archive::Archived;
 use std::fs::File;
 use std::io::{Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
@@ -64,6 +66,8 @@ pub struct Input<'a> {
     pub progress: &'a mut OnProgress<'a>,
     /// What the user can choose.
     pub options: &'a ReadOptions,
+    /// The archive that it is in, where files that it names are looked for instead.
+    pub archive: Option<Archived<'a>>,
 }
 
 /// What the user can choose about reading.
@@ -132,10 +136,17 @@ impl Format {
     pub fn is_tileset(&self) -> bool {
         self.name == TILES
     }
+
+    /// Whether it is an archive with a mesh in it.
+    pub fn is_archive(&self) -> bool {
+        self.name == ARCHIVE
+    }
 }
 
 /// The name of 3D Tiles.
 const TILES: &str = "3D Tiles";
+/// The name of ZIP archives.
+const ARCHIVE: &str = "ZIP archive";
 
 /// Asked in this order.
 const FORMATS: &[Format] = &[
@@ -143,6 +154,14 @@ const FORMATS: &[Format] = &[
     Format { name: TILES, up: Up::Z, is: tiles::is_tileset, read: tiles::read, note_detail: Some(tiles::note_detail) },
     Format { name: "glTF", up: Up::Y, is: gltf::is_gltf, read: gltf::read, note_detail: Some(gltf::note_detail) },
     Format { name: "Nexus", up: Up::Z, is: |start, _| nexus::is_nexus(start), read: nexus::read, note_detail: None },
+    // The axis is that of the mesh inside: see `recognise`.
+    Format {
+        name: ARCHIVE,
+        up: Up::Y,
+        is: archive::is_zip,
+        read: archive::read,
+        note_detail: Some(archive::note_detail),
+    },
     Format { name: "STL", up: Up::Z, is: stl::is_stl, read: stl::read, note_detail: None },
     Format {
         name: "OBJ",
@@ -174,7 +193,10 @@ pub fn read_into_with(
     progress: &mut OnProgress<'_>,
 ) -> Result<(), ReadError> {
     let (mut file, total) = open(path)?;
-    dispatch(Input { path, total, source: &mut file, progress: &mut |a, b| progress(a, b), options }, sink)
+    dispatch(
+        Input { path, total, source: &mut file, progress: &mut |a, b| progress(a, b), options, archive: None },
+        sink,
+    )
 }
 
 /// First pass of [`ReadOptions::detail`]: note how many texels the edges of the mesh at `path` span.
@@ -187,7 +209,7 @@ pub fn note_detail(path: &Path, options: &ReadOptions, progress: &mut OnProgress
     match (format.note_detail, &options.detail) {
         (Some(note), Some(detail)) => {
             let progress = &mut |a, b| progress(a, b);
-            note(Input { path, total, source: &mut file, progress, options }, detail)
+            note(Input { path, total, source: &mut file, progress, options, archive: None }, detail)
         }
         _ => Ok(()),
     }
@@ -205,16 +227,22 @@ pub fn read_into_from(
     progress: &mut OnProgress<'_>,
 ) -> Result<(), ReadError> {
     let options = &ReadOptions::default();
-    dispatch(Input { path, total, source, progress: &mut |a, b| progress(a, b), options }, sink)
+    dispatch(Input { path, total, source, progress: &mut |a, b| progress(a, b), options, archive: None }, sink)
 }
 
-/// The format of the file at `path`, recognised by its content.
+/// The format of the file at `path`, recognised by its content; of an archive with the axis of the mesh in it.
 ///
 /// # Errors
 /// [`ReadError`] where it cannot be opened or is of no format that is read.
 pub fn recognise(path: &Path) -> Result<Format, ReadError> {
     let (mut file, total) = open(path)?;
-    format_of(&mut file, total, path)
+    let format = format_of(&mut file, total, path)?;
+    if !format.is_archive() {
+        return Ok(format);
+    }
+    let (options, progress) = (&ReadOptions::default(), &mut |_, _| ());
+    let inside = archive::format_inside(Input { path, total, source: &mut file, progress, options, archive: None })?;
+    Ok(Format { up: inside.up, ..format })
 }
 
 fn dispatch(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> {

@@ -24,7 +24,6 @@ const SIGNATURES: &[(&[u8], Known)] = &[
     (b"LASF", ("a LAS or LAZ point cloud", SCAN)),
     (b"ASTM-E57", ("an E57 scan", SCAN)),
     (b"# .PCD", ("a PCD point cloud", MESH_FIRST)),
-    (b"PK\x03\x04", ("a ZIP archive (or a 3MF or USDZ, which are ZIP archives)", UNPACK)),
     (b"\x1f\x8b", ("a gzip file", UNPACK)),
     (b"BZh", ("a bzip2 file", UNPACK)),
     (b"\xfd7zXZ\x00", ("an xz file", UNPACK)),
@@ -184,8 +183,8 @@ mod tests {
 
     #[test]
     fn a_refusal_lists_the_supported_formats_and_what_to_do() {
-        let text = message(b"PK\x03\x04....", "site.zip");
-        assert!(text.contains("site.zip") && text.contains("reads PLY") && text.contains("Unpack it"), "{text}");
+        let text = message(b"Rar!....", "site.rar");
+        assert!(text.contains("site.rar") && text.contains("reads PLY") && text.contains("Unpack it"), "{text}");
     }
 
     #[test]

@@ -3,7 +3,7 @@
 //! Nothing is opened before it is used, so that what no surface needs may be missing. Plain views are read in pieces;
 //! compressed ones are decoded whole and the last few are kept, because exporters put many meshes into one view.
 
-use super::super::companions::{Found, Reference};
+use super::super::companions::{Found, Opened, Reference};
 use super::super::{Bytes, ReadError};
 use super::Context;
 use super::schema::{Meshopt, Root};
@@ -15,7 +15,6 @@ use kilwa_pack::plural::counted;
 use kilwa_pack::visible::visible;
 use meshoptimizer_rs::codec;
 use percent_encoding::percent_decode_str;
-use std::fs::File;
 use std::io::{Read, SeekFrom};
 use std::path::PathBuf;
 use std::rc::Rc;
@@ -38,7 +37,7 @@ enum Store {
     /// In the GLB: offset and length.
     Inside(u64, u64),
     /// A file of so many bytes.
-    Beside(File, u64),
+    Beside(Opened, u64),
     Memory(Rc<Vec<u8>>),
 }
 

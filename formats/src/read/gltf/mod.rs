@@ -88,7 +88,7 @@ const EXPORT: &str =
 /// What messages need.
 struct Context<'a> {
     path: &'a Path,
-    companions: &'a Companions,
+    companions: &'a Companions<'a>,
     /// The format that the JSON should have, for messages.
     format: &'static str,
 }
@@ -103,7 +103,7 @@ pub(super) struct TilePlacement {
     /// Turns the scene so that z is up. `CESIUM_RTC`, which is given with z up, comes behind it.
     pub(super) tile_from_scene: DAffine3,
     /// Finds the files that the glTF refers to.
-    pub(super) companions: Companions,
+    pub(super) companions: Companions<'static>,
 }
 
 impl TilePlacement {
@@ -171,7 +171,7 @@ pub fn note_detail(input: Input<'_>, detail: &Detail) -> Result<(), ReadError> {
 
 fn deliver(input: Input<'_>, sink: &mut dyn MeshSink, detailing: Option<Detailing<'_>>) -> Result<(), ReadError> {
     let path = input.path;
-    let companions = Companions::of(path, input.options);
+    let companions = Companions::of(path, input.options, input.archive);
     let delivered =
         deliver_at(input, sink, detailing, &companions, |center| center.map(Transform::relative_to_center))?;
     if delivered.triangles > 0 || detailing.is_some_and(|d| d.notes) {
@@ -212,7 +212,7 @@ pub(super) fn deliver_placed(
 pub(super) fn json_of<T: DeserializeOwned>(
     json: &[u8],
     path: &Path,
-    companions: &Companions,
+    companions: &Companions<'_>,
     format: &'static str,
 ) -> Result<T, ReadError> {
     deserialize(json, &Context { path, companions, format })
@@ -231,10 +231,10 @@ fn deliver_at(
     input: Input<'_>,
     sink: &mut dyn MeshSink,
     detailing: Option<Detailing<'_>>,
-    companions: &Companions,
+    companions: &Companions<'_>,
     outer: impl FnOnce(Option<DVec3>) -> Option<Transform>,
 ) -> Result<Delivered, ReadError> {
-    let Input { path, total, source, progress, options } = input;
+    let Input { path, total, source, progress, options, .. } = input;
     let context = Context { path, companions, format: GLTF };
     let Container { json, binary, trailing } = container::open(source, total, options.document, &context)?;
     let root = parse(json, options.document, &context)?;

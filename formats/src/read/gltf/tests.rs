@@ -376,7 +376,7 @@ fn a_texture_rotation_turns_like_the_khronos_sample_model() {
     scene.0["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["extensions"] =
         json!({"KHR_texture_transform": {"rotation": rotation}});
     let root = serde_json::from_value::<super::Root>(scene.0.clone()).unwrap();
-    let companions = super::Companions::of(Path::new("a.gltf"), &ReadOptions::default());
+    let companions = super::Companions::of(Path::new("a.gltf"), &ReadOptions::default(), None);
     let context = super::Context { path: Path::new("a.gltf"), companions: &companions, format: super::GLTF };
     let material = super::Material::of(&root, &root.meshes[0].primitives[0], "", &context).unwrap();
     let at = material.texture.unwrap().place(shown.map(f64::from).into());

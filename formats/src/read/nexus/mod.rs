@@ -59,7 +59,7 @@ pub fn is_nexus(start: &[u8]) -> bool {
 /// # Errors
 /// [`ReadError`] for a file that is damaged, of another version or compression, or has no triangles; errors of the sink.
 pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> {
-    let Input { path, total, source, progress, options } = input;
+    let Input { path, total, source, progress, options, .. } = input;
     let mut file = File { source, path };
     let start = file.bytes(0..total.min(index::HEADER as u64))?;
     if !is_nexus(&start) {

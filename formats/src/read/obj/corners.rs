@@ -71,7 +71,7 @@ pub(super) struct Corners<'s, 'p> {
     epoch: u64,
     paint: Paint,
     textures: Textures,
-    companions: &'p Companions,
+    companions: &'p Companions<'p>,
     /// The mesh file.
     path: &'p Path,
     /// Pictures by their numbers: name and file.
@@ -102,7 +102,7 @@ impl<'s, 'p> Corners<'s, 'p> {
     pub(super) fn new(
         path: &'p Path,
         options: &'p ReadOptions,
-        companions: &'p Companions,
+        companions: &'p Companions<'p>,
         survey: &Survey,
         to: To<'s>,
         diagnostics: Diagnostics,

@@ -98,9 +98,9 @@ trait Body {
 /// # Errors
 /// [`ReadError`] for a file that is damaged, cut or without triangles.
 pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> {
-    let Input { path, total, source, progress, options } = input;
+    let Input { path, total, source, progress, options, archive } = input;
     let mut source = Source::new(source, total, path, progress);
-    let companions = Companions::of(path, options);
+    let companions = Companions::of(path, options, archive);
     let (survey, materials, diagnostics) = first_pass(&mut source, path, &companions)?;
     source.begin_pass(SURVEY, 1.0 - SURVEY)?;
     let has_normals = survey.uses_normals && survey.normals > 0;
@@ -125,9 +125,9 @@ pub fn read(input: Input<'_>, sink: &mut dyn MeshSink) -> Result<(), ReadError> 
 /// # Errors
 /// As [`read`].
 pub fn note_detail(input: Input<'_>, detail: &Detail) -> Result<(), ReadError> {
-    let Input { path, total, source, progress, options } = input;
+    let Input { path, total, source, progress, options, archive } = input;
     let mut source = Source::new(source, total, path, progress);
-    let companions = Companions::of(path, options);
+    let companions = Companions::of(path, options, archive);
     let (survey, materials, diagnostics) = first_pass(&mut source, path, &companions)?;
     if has_pictures(&materials) {
         source.begin_pass(SURVEY, 1.0 - SURVEY)?;
@@ -146,7 +146,7 @@ fn has_pictures(materials: &HashMap<String, Material>) -> bool {
 fn first_pass(
     source: &mut Source<'_>,
     path: &Path,
-    companions: &Companions,
+    companions: &Companions<'_>,
 ) -> Result<(Survey, HashMap<String, Material>, Diagnostics), ReadError> {
     let mut diagnostics = Diagnostics::default();
     source.begin_pass(0.0, SURVEY)?;
@@ -249,7 +249,7 @@ fn color(color: DVec3, full: f64, diagnostics: &mut Diagnostics) -> [u8; 3] {
 /// The materials that the mesh uses, of the libraries that are there.
 fn libraries(
     path: &Path,
-    companions: &Companions,
+    companions: &Companions<'_>,
     survey: &Survey,
     diagnostics: &mut Diagnostics,
 ) -> Result<HashMap<String, Material>, ReadError> {
@@ -267,7 +267,7 @@ fn libraries(
         };
         for file in files {
             let cannot = |source| ReadError::Open { file: file.clone(), source };
-            if !done.insert(file.canonicalize().map_err(cannot)?) {
+            if !done.insert(companions.real(&file).map_err(cannot)?) {
                 continue;
             }
             let (mut bytes, total) = companions.open(&file).map_err(cannot)?;
@@ -283,7 +283,7 @@ fn libraries(
 /// The files that `mtllib` names: one name with spaces, or several names. `None` where one is missing.
 fn libraries_named(
     path: &Path,
-    companions: &Companions,
+    companions: &Companions<'_>,
     name: &str,
     line: u64,
 ) -> Result<Option<Vec<PathBuf>>, ReadError> {

@@ -80,7 +80,7 @@ impl Seek for Window<'_> {
 
 /// Delivers the contents of tiles.
 pub(super) struct Delivery<'a> {
-    pub(super) companions: &'a Companions,
+    pub(super) companions: &'a Companions<'a>,
     pub(super) options: &'a ReadOptions,
     pub(super) detailing: Option<Detailing<'a>>,
     pub(super) sink: &'a mut dyn MeshSink,
@@ -303,8 +303,9 @@ impl Content<'_, '_, '_> {
             source: &mut window,
             progress: &mut |done, total| progress(done, total),
             options,
+            archive: None,
         };
-        let companions = Companions::of(&self.leaf.path, options).within(companions);
+        let companions = Companions::of(&self.leaf.path, options, None).within(companions);
         let standing = TilePlacement { root_from_tile, tile_from_scene, companions };
         let stood = deliver_placed(input, &mut **sink, *detailing, &standing)?;
         self.is_geocentric |= stood.origins.iter().any(|origin| SURFACE.contains(&origin.length()));

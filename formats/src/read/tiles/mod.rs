@@ -91,8 +91,8 @@ pub fn note_detail(input: Input<'_>, detail: &Detail) -> Result<(), ReadError> {
 }
 
 fn deliver(input: Input<'_>, sink: &mut dyn MeshSink, detailing: Option<Detailing<'_>>) -> Result<(), ReadError> {
-    let Input { path, total, source, progress, options } = input;
-    let companions = &Companions::of(path, options);
+    let Input { path, total, source, progress, options, .. } = input;
+    let companions = &Companions::of(path, options, None);
     let json = tree::whole(source, total, path, options.document)?;
     let plan = tree::plan(json, path, Names { companions, options })?;
     let diagnostics = sink.diagnostics();

@@ -19,7 +19,7 @@ pub(super) struct Named {
 
 /// Finds files.
 pub(super) struct Names<'a> {
-    pub(super) companions: &'a Companions,
+    pub(super) companions: &'a Companions<'a>,
     pub(super) options: &'a ReadOptions,
 }
 
