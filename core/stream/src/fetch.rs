@@ -26,7 +26,7 @@ const WIDE_GAP_BYTES: u64 = 32 << 10;
 const STRETCHES: usize = 12;
 /// ... while all of them together are at most this part of the missing bytes.
 const WASTE_PART: u64 = 3;
-/// A chunk beside a request that is wanted, but not by the picture, comes along if it has at most so many bytes.
+/// A chunk right beside those that are asked for comes along if it is wanted at all and has at most so many bytes: later it would need a request of its own.
 const SMALL_BYTES: u64 = 12 << 10;
 /// A stretch shorter than this waits for directory pages that are on their way: the chunks that they name may lie beside it.
 const SHORT_BYTES: u64 = 64 << 10;
@@ -364,44 +364,9 @@ impl Streamer {
                 }
             }
         }
-        if !alone && self.budgets.ranges == 1 {
-            let request = (joined, id);
-            (start, end) = self.take_along(request, start..end, &mut parts, wanted, now_ms, commands);
-        }
         parts.sort_unstable();
         let id = self.send(joined, FetchKind::Chunks, start..end, parts, commands);
         growing.chunks = (!alone).then_some((id, is_visible));
-    }
-
-    /// Small chunks right before and behind a request that are wanted beside the picture come along: later, each would be a request of its own.
-    /// Where the request then begins and ends.
-    fn take_along(
-        &mut self,
-        (joined, id): (Option<RequestId>, RequestId),
-        Range { mut start, mut end }: Range<u64>,
-        parts: &mut Vec<u32>,
-        wanted: &Wanted,
-        now_ms: f64,
-        commands: &mut Vec<Command>,
-    ) -> (u64, u64) {
-        for forward in [true, false] {
-            let last = if forward { parts.iter().max() } else { parts.iter().min() };
-            let mut at = last.copied();
-            while let Some(next) = at.and_then(|i| if forward { i.checked_add(1) } else { i.checked_sub(1) }) {
-                let Some((from, to)) = self.range(next) else { break };
-                let is_beside = if forward { from == end } else { to == start };
-                let is_small = to - from <= SMALL_BYTES;
-                if !(is_beside && is_small && self.may_join(next, wanted, now_ms))
-                    || !self.fits(joined, end.max(to) - start.min(from))
-                    || !self.hold(next, State::Requested(id), wanted, commands)
-                {
-                    break;
-                }
-                (start, end, at) = (start.min(from), end.max(to), Some(next));
-                parts.push(next);
-            }
-        }
-        (start, end)
     }
 
     /// How this step joins chunks.
@@ -474,7 +439,9 @@ impl Streamer {
             if gap > widest {
                 return None;
             }
-            if self.may_join(next, wanted, now_ms) && wanted.is_visible(&self.nodes, next) >= visible {
+            let is_small = gap == 0 && widest > 0 && next_to - next_from <= SMALL_BYTES;
+            let is_alike = is_small || wanted.is_visible(&self.nodes, next) >= visible;
+            if is_alike && self.may_join(next, wanted, now_ms) {
                 return Some(next);
             }
         }
