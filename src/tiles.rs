@@ -12,7 +12,7 @@ use kilwa_pack::Reader;
 pub(crate) enum ProfileArg {
     /// Compressed (EXT_meshopt_compression), for browsers.
     Web,
-    /// Without extensions, for QGIS, Unreal and Blender.
+    /// Uncompressed, without glTF extensions, for QGIS, Unreal and Blender.
     Plain,
 }
 

@@ -333,6 +333,7 @@ fn may_be_there(args: &Args, given: &Given, object: &Path, m: &Manifest) -> bool
     let Some(last) = m.versions.last().filter(|_| is_same_request(args, m)) else { return false };
     let is_pack = last.pack.identity == given.identity && last.pack.bytes == given.pack_bytes;
     last.location_redacted == given.place.is_some()
+        && last.tiles.is_some() == args.tiles.is_some()
         && (is_pack || given.place.is_some())
         && has_metadata(object, last, &given.published_metadata())
 }

@@ -4,7 +4,7 @@ use super::plan::{Given, Plan};
 use super::progress::{Progress, Stage};
 use super::send::{Patience, SendEvent, Sender, is_loopback};
 use super::write::{check, picture, without_place};
-use super::{Args, Report, holes, mapping, notes};
+use super::{Args, Report, holes, mapping, notes, tiles};
 use crate::redact::Place;
 use crate::verify::is_address;
 use anyhow::{Context, bail, ensure};
@@ -35,7 +35,7 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
         (
             args.tiles.is_some(),
             "--tiles",
-            "servers do not take 3D Tiles. On the computer that has the objects: kilwa publish --to DIR --tiles …; or write them with kilwa extract --to tiles and serve them from a web server",
+            "servers do not accept 3D Tiles. On the computer that has the objects: kilwa publish --to DIR --tiles …; or write them with kilwa extract --to tiles and serve them from a web server",
         ),
         (
             args.withdraw.is_some(),
@@ -156,7 +156,7 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path, progress: &Progr
         bag: None,
         pages: false,
         left_out,
-        warnings: plan.warnings(),
+        warnings: plan.warnings().into_iter().chain(tiles::lost(args, facts.before.as_ref())).collect(),
         advice: plan.advice(),
     })
 }

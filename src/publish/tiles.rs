@@ -3,12 +3,12 @@
 use super::Args;
 use super::plan::Given;
 use super::progress::{Progress, Stage};
-use crate::redact;
 use crate::source;
 use crate::tiles::{Place, ProfileArg, write};
-use anyhow::{Context, ensure};
+use anyhow::{Context, anyhow, ensure};
+use kilwa_archive::Manifest;
 use kilwa_archive::draft::Draft;
-use kilwa_archive::layout::{TILES, TILESET};
+use kilwa_archive::layout::{FILES_MAX, TILES, TILESET};
 use kilwa_archive::record::PublishedTiles;
 use kilwa_formats::extract::tiles::Folder;
 use std::path::{Path, PathBuf};
@@ -39,12 +39,22 @@ pub(super) fn check(args: &Args, given: &Given) -> anyhow::Result<()> {
         "{}: 3D Tiles are made of meshes, and this pack has points; publish it without --tiles",
         given.pack.display()
     );
-    let has_place = given.of_pack.crs.is_some() && given.place != Some(redact::Place::Nowhere);
-    ensure!(
-        args.geoid_offset.is_none() || has_place,
-        "--geoid-offset is for models that are published with a coordinate reference system, and this one is not; omit it"
-    );
-    Ok(())
+    if args.geoid_offset.is_none() {
+        return Ok(());
+    }
+    // Inside the cell of a redacted location, the geoid would be a contour line.
+    let crs = given.of_pack.crs.clone().filter(|_| given.place.is_none());
+    let crs = crs.context(
+        "--geoid-offset is for models that are published with their coordinate reference system, and this one is not; omit it",
+    )?;
+    Place::new(crs, args.geoid_offset).map(drop).map_err(|why| anyhow!("{why}; omit --geoid-offset"))
+}
+
+/// A warning if the previous version has tiles and this one does not.
+pub(super) fn lost(args: &Args, before: Option<&Manifest>) -> Option<String> {
+    let had = before.and_then(|m| m.versions.last()).is_some_and(|v| v.tiles.is_some());
+    (had && args.tiles.is_none())
+        .then(|| "the previous version has 3D Tiles, and this one has none (--tiles)".to_owned())
 }
 
 /// Disk space for the tiles, bytes.
@@ -63,6 +73,7 @@ pub(super) fn need(args: &Args, given: &Given) -> u64 {
 /// If the pack cannot be read or the disk refuses.
 pub(super) fn make(
     args: &Args,
+    given: &Given,
     pack: &Path,
     draft: &mut Draft<'_>,
     progress: &Progress,
@@ -71,6 +82,7 @@ pub(super) fn make(
     progress.begin(Stage::Tiles);
     let reader = source::open_pack(pack)?;
     let place = match reader.metadata().crs.clone() {
+        Some(_) if given.place.is_some() => Err("the location was removed or made coarser".to_owned()),
         None => Err("the published model has no coordinate reference system".to_owned()),
         Some(crs) => Place::new(crs, args.geoid_offset),
     };
@@ -80,6 +92,12 @@ pub(super) fn make(
     let at = draft.folder().join(TILES);
     let written = write(&reader, profile, place.as_ref(), &Folder::prepare(&at)?, &|done, all| progress.at(done, all));
     let written = written.with_context(|| format!("cannot make the 3D Tiles of {}", pack.display()))?;
+    ensure!(
+        written.tiles + written.tilesets < FILES_MAX as u64 / 2,
+        "{}: there would be {} 3D Tiles, too many files for a version; publish it without --tiles, and serve the tiles of kilwa extract --to tiles separately",
+        given.pack.display(),
+        written.tiles
+    );
     let mut files = Vec::new();
     list(&at, TILES, &mut files).with_context(|| format!("cannot read {}", at.display()))?;
     files.sort();

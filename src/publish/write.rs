@@ -78,9 +78,7 @@ fn run_with(args: &Args, plan: &mut Plan, progress: &Progress, picture: Picture<
         drop(draft);
         return already(args, plan, before, &made, &lock, &say);
     }
-    let had_tiles = before.as_ref().and_then(|m| m.versions.last()).is_some_and(|v| v.tiles.is_some());
-    let lost_tiles = (had_tiles && args.tiles.is_none())
-        .then(|| "the previous version has 3D Tiles, and this one has none (--tiles)".to_owned());
+    let lost_tiles = tiles::lost(args, before.as_ref());
     plan.renew(args, before)?;
     let facts = &plan.facts;
     for (path, list) in [(ANNOTATIONS, &noted), (HOLES, &listed_holes)] {
@@ -146,7 +144,7 @@ fn closed_files(plan: &Plan) -> bool {
 fn is_for_owner_only(args: &Args, object: &Path, version: u32, warnings: &mut Vec<String>) -> anyhow::Result<bool> {
     let Some(group) = unshared_with(&object.join(version_folder(version)), &args.to)? else { return Ok(false) };
     warnings.push(format!(
-        "you are not in {}, the group of {}: only you can read the pack, preview, notes and holes; a server that runs as another user cannot. \
+        "you are not in {}, the group of {}: only you can read the pack, preview, notes, holes and 3D Tiles; a server that runs as another user cannot. \
          Ask an administrator to add you to that group, log in again, and run the same command again",
         group_name(group),
         args.to.display()
@@ -214,7 +212,7 @@ impl Prepared {
         for path in &pictured.files {
             draft.adopt(path)?;
         }
-        let tiles = tiles::make(args, &folder.join(pack_name(&pack_sum)), draft, progress)?;
+        let tiles = tiles::make(args, &plan.given, &folder.join(pack_name(&pack_sum)), draft, progress)?;
         Ok(Self { taken, of_pack, identity, bytes, pack_sum, pictured, tiles })
     }
 }

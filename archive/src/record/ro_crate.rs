@@ -16,7 +16,8 @@ pub fn ro_crate(p: &Publication, files: &[(String, u64, String)]) -> Vec<u8> {
         .iter()
         .filter(|(path, ..)| !path.starts_with(&viewer) && path != CRATE && path != CHECKSUMS && !is_tile(path))
         .collect();
-    let mut parts: Vec<Value> = listed.iter().map(|(path, ..)| json!({ "@id": path })).collect();
+    let of_root = listed.iter().filter(|(path, ..)| path != TILESET);
+    let mut parts: Vec<Value> = of_root.map(|(path, ..)| json!({ "@id": path })).collect();
     let has_viewer = files.iter().any(|(path, ..)| path.starts_with(&viewer));
     if has_viewer {
         parts.push(json!({ "@id": viewer }));
@@ -90,7 +91,7 @@ pub fn ro_crate(p: &Publication, files: &[(String, u64, String)]) -> Vec<u8> {
     }
     if let Some(t) = &p.tiles {
         graph.push(json!({ "@id": tiles, "@type": "Dataset", "name": "All levels of detail as OGC 3D Tiles 1.1",
-            "contentSize": t.bytes.to_string(), "hasPart": [{ "@id": TILESET }] }));
+            "description": format!("{} tiles, {} bytes; {CHECKSUMS} lists all files", t.tiles, t.bytes), "hasPart": [{ "@id": TILESET }] }));
         graph.push(json!({ "@id": TILES_SPECIFICATION, "@type": "CreativeWork", "name": "OGC 3D Tiles 1.1" }));
     }
     let mut seen = std::collections::BTreeSet::new();

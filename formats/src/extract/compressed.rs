@@ -1,16 +1,16 @@
 //! GLB with `EXT_meshopt_compression`: one mesh of one node, in primitives with at most 65,535 vertices.
 //!
 //! Vertices and triangles are collected as they come, and compressed part by part when all are known: memory follows the size of a part. Vertices at the
-//! border between two parts are stored in both, with the same coordinates. Positions are multiples of the lattice step, or of a multiple of it in models
-//! that are wider than 2^24 steps, and are restored without rounding; normals are rounded to 8 bits, colours restored to the same level of sRGB.
+//! border between two parts are stored in both, with the same coordinates. Positions within 2^23 steps of the middle are
+//! restored exactly, and farther ones are rounded to 23 significant bits; normals are rounded to 8 bits, colours restored to the same level of sRGB.
 
 use super::format::{Encoder, Target};
 use super::glb::{begin, document, padded};
 use super::meshopt::{LIGHT, MESHOPT, QUANTIZED, ViewError, Views, exponential, octahedral, ordered};
 use super::output::Scratch;
 use super::stream::Counts;
-use glam::IVec3;
-use kilwa_geometry::{Aabb, LatticePoint, Mesh, normal};
+use glam::{DVec3, IVec3};
+use kilwa_geometry::{LatticePoint, Mesh, normal};
 use serde_json::{Value, json};
 use std::collections::HashMap;
 use std::fs::File;
@@ -29,12 +29,13 @@ const VERTICES_MAX: usize = 65_535;
 const TRIANGLES_MAX: usize = 65_536;
 /// Vertices that are read although they are not needed, rather than searched for.
 const GAP: u32 = 200;
+/// Vertices that are read at once.
+const RUN_MAX: u32 = 200_000;
 /// Largest mantissa of the exponential filter.
 const MANTISSA_MAX: i32 = (1 << 23) - 1;
 
 pub(super) struct Compressed {
     target: Target,
-    bounds: Aabb,
 }
 
 /// A vertex as it was collected.
@@ -73,14 +74,7 @@ impl Part {
 
 impl Compressed {
     pub(super) fn new(target: Target) -> Self {
-        Self { target, bounds: Aabb::EMPTY }
-    }
-
-    /// By which power of two steps are divided so that they fit 24 bits; 0 unless the model is very wide.
-    fn shift(&self) -> u32 {
-        let reach = [self.bounds.min, self.bounds.max].map(|p| (p - self.target.center).abs().max_element());
-        let reach = reach[0].max(reach[1]).max(1);
-        (0..8).find(|shift| rounded(reach, *shift) <= MANTISSA_MAX).unwrap_or(8)
+        Self { target }
     }
 
     /// Compress a part and describe it in the JSON.
@@ -94,15 +88,19 @@ impl Compressed {
         let (indices, order) = ordered(&part.corners, vertices.len()).map_err(ViewError::Encode)?;
         let vertices: Vec<Vertex> = order.iter().map(|v| vertices[*v]).collect();
         let count = vertices.len();
-        let (shift, exponent) = (self.shift(), self.target.lattice.step_log2 + self.shift() as i32);
-        let mantissas: Vec<IVec3> =
-            vertices.iter().map(|v| IVec3::from_array(v.position.to_array().map(|x| rounded(x, shift)))).collect();
-        let bytes: Vec<u8> =
-            mantissas.iter().flat_map(|m| m.to_array()).flat_map(|x| exponential(x, exponent as i8)).collect();
+        let step_log2 = self.target.lattice.step_log2;
+        let (mut bytes, mut min, mut max) = (Vec::with_capacity(12 * count), DVec3::MAX, DVec3::MIN);
+        for vertex in &vertices {
+            let restored = vertex.position.to_array().map(|x| {
+                let (mantissa, shift) = shortened(x);
+                let exponent = step_log2 + shift;
+                bytes.extend(exponential(mantissa, exponent as i8));
+                libm::scalbn(f64::from(mantissa), exponent)
+            });
+            (min, max) = (min.min(restored.into()), max.max(restored.into()));
+        }
+        let (min, max) = (min.to_array(), max.to_array());
         let view = views.vertices(&bytes, count, 12, "EXPONENTIAL")?;
-        let spacing = libm::scalbn(1.0, exponent);
-        let (min, max) = mantissas.iter().fold((IVec3::MAX, IVec3::MIN), |(a, b), m| (a.min(*m), b.max(*m)));
-        let [min, max] = [min, max].map(|corner| (corner.as_dvec3() * spacing).to_array());
         let mut accessors = file["accessors"].as_array_mut().map(std::mem::take).unwrap_or_default();
         let mut accessor = |value: Value| {
             accessors.push(value);
@@ -167,9 +165,14 @@ impl Compressed {
     }
 }
 
-/// A number of steps divided by a power of two, rounded to the nearest.
-fn rounded(x: i32, shift: u32) -> i32 {
-    if shift == 0 { x } else { ((i64::from(x) + (1 << (shift - 1))) >> shift) as i32 }
+/// A number of steps as a mantissa and an exponent of two, rounded to the nearest.
+fn shortened(x: i32) -> (i32, i32) {
+    let (mut mantissa, mut exponent) = (i64::from(x), 0);
+    while mantissa.abs() > i64::from(MANTISSA_MAX) {
+        exponent += 1;
+        mantissa = (i64::from(x) + (1 << (exponent - 1))) >> exponent;
+    }
+    (mantissa as i32, exponent)
 }
 
 fn next_triangle(from: &mut impl Read) -> std::io::Result<Option<[u32; 3]>> {
@@ -192,8 +195,12 @@ fn read_vertices(file: &mut File, names: &[u32]) -> std::io::Result<Vec<Vertex>>
     sorted.sort_unstable();
     let mut vertices = vec![Vertex::default(); names.len()];
     let mut bytes = Vec::new();
-    for run in sorted.chunk_by(|a, b| b.0 - a.0 <= GAP) {
-        let (first, last) = (run[0].0, run[run.len() - 1].0);
+    let mut rest = &*sorted;
+    while let Some((first, _)) = rest.first().copied() {
+        let goes_on = |pair: &[(u32, usize)]| pair[1].0 - pair[0].0 <= GAP && pair[1].0 - first < RUN_MAX;
+        let (run, others) = rest.split_at(1 + rest.windows(2).take_while(|pair| goes_on(pair)).count());
+        rest = others;
+        let last = run[run.len() - 1].0;
         bytes.resize((last - first + 1) as usize * VERTEX, 0);
         file.seek(SeekFrom::Start(u64::from(first) * VERTEX as u64))?;
         file.read_exact(&mut bytes)?;
@@ -229,10 +236,8 @@ impl Vertex {
 
 impl Encoder for Compressed {
     fn vertex(&mut self, out: &mut Vec<u8>, mesh: &Mesh, v: usize) {
-        let position = mesh.positions[v];
-        self.bounds.add(position);
         let vertex = Vertex {
-            position: position - self.target.center,
+            position: mesh.positions[v] - self.target.center,
             normal: mesh.normals[v],
             color: mesh.colors.get(v).copied().unwrap_or_default(),
         };
@@ -271,10 +276,17 @@ mod tests {
     }
 
     #[test]
-    fn wide_models_are_rounded_to_the_nearest_multiple_of_a_step() {
-        assert_eq!([5, -5, 6, -6].map(|x| rounded(x, 0)), [5, -5, 6, -6]);
-        assert_eq!([5, -5, 6, 7].map(|x| rounded(x, 2)), [1, -1, 2, 2]);
-        assert_eq!(rounded(i32::MAX, 8), 1 << 23);
+    fn only_positions_far_from_the_middle_are_rounded_and_to_the_nearest() {
+        for exact in [0, 5, -5, MANTISSA_MAX, -MANTISSA_MAX] {
+            assert_eq!(shortened(exact), (exact, 0));
+        }
+        assert_eq!(shortened(MANTISSA_MAX + 1), (1 << 22, 1));
+        for far in [(1 << 23) + 3, -(1 << 23) - 3, (1 << 25) - 1, 1 << 29, -(1 << 30), i32::MAX - 5] {
+            let (mantissa, exponent) = shortened(far);
+            let restored = i64::from(mantissa) << exponent;
+            assert!(mantissa.abs() <= MANTISSA_MAX && mantissa.abs() >= 1 << 21);
+            assert!((restored - i64::from(far)).abs() <= 1 << (exponent - 1), "{far}: {restored}");
+        }
     }
 
     #[test]

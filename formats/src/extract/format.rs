@@ -257,13 +257,23 @@ impl Coordinates {
             && self.lattice.world_from_lattice(center).is_finite()
     }
 
+    /// Whether they fit the form that is compressed: as floats, with a bit less, and no very large or small steps.
+    fn fit_compressed(&self) -> bool {
+        let reach = f64::from((self.bounds.max - self.center()).max_element().max(0));
+        let is_precise =
+            reach * 2.0 <= Self::EXACT || reach * 2f64.powi(-22) * self.lattice.step() <= self.median_edge * 0.5;
+        // With room for the exponents of far positions.
+        is_precise && (-100..=90).contains(&self.lattice.step_log2) && self.fit_relative_float()
+    }
+
     /// Whether a format can represent them.
     fn fit(&self, format: Format) -> bool {
         match format {
             Format::Ply { .. } => !self.need_double() || self.fit_double(),
             Format::Obj => self.fit_double(),
             Format::Stl => !self.need_double() || self.fit_relative_float(),
-            Format::Glb { .. } => self.fit_relative_float(),
+            Format::Glb { compressed: false } => self.fit_relative_float(),
+            Format::Glb { compressed: true } => self.fit_compressed(),
         }
     }
 

@@ -45,7 +45,7 @@ use std::time::Duration;
 /// Folders below a version folder are looked into down to this depth.
 const DEPTH: usize = 6;
 /// A version with more files than this is no work of `kilwa publish`; it is not served, and that is logged.
-const MAX_FILES: usize = 20_000;
+const MAX_FILES: usize = kilwa_archive::layout::FILES_MAX;
 /// Requests to a store at once when many objects are looked at.
 const AT_ONCE: usize = 24;
 

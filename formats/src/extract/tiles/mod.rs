@@ -202,7 +202,6 @@ fn finish<S: Source>(
         left_out: reader.metadata().scalars.iter().map(|s| format!("the channel {}", s.name)).collect(),
     };
     let about = json!({
-        "generator": format!("kilwa {}", env!("CARGO_PKG_VERSION")),
         "title": reader.metadata().title,
         "pack": reader.identity(),
         "crs": request.crs,
