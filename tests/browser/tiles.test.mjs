@@ -15,9 +15,9 @@ import { cracksIn, levelsOf, moved, unpacked, viewsOf } from "./tiles/views.mjs"
 
 const IS_LONG = Boolean(process.env.KILWA_SOAK);
 /** Views in each client; the first half of them sees the tileset `web`, the others `plain`. */
-const VIEWS = IS_LONG ? 100 : 8;
-const TRIANGLES = 1_000_000;
-/** Every other view has this limit instead of the client's own: with larger errors, more levels are side by side, and cracks would be wider. */
+const VIEWS = IS_LONG ? 100 : 6;
+const TRIANGLES = IS_LONG ? 1_000_000 : 600_000;
+/** Every other view has this limit, the others the client's own: with larger errors, more levels are side by side, and cracks would be wider. */
 const COARSE = 64;
 /** The page of each client, and its own limit. */
 const CLIENTS = { CesiumJS: ["cesium", 16], "3d-tiles-renderer": ["renderer", 16], "loaders.gl": ["loaders", 8] };
@@ -75,7 +75,7 @@ async function measure(client, tileset, some, limits) {
     assert.equal(shown.limit, limit);
     // Coarse levels may move an outline by a pixel for 16 of the limit, and rounding may move it in both pictures.
     const { inside, cracks } = cracksIn(unpacked(shown.background), entry.covered, Math.ceil(limit / 16) + 2);
-    assert.ok(inside > 2000, `view ${views.indexOf(entry)} shows the model: ${inside} pixels`);
+    assert.ok(inside > 500, `view ${views.indexOf(entry)} shows the model: ${inside} pixels`);
     sum.inside += inside;
     sum.background += cracks.length;
     sum.levels += levelsOf(shown.tiles) / some.length;
@@ -93,7 +93,7 @@ for (const [name, [page, own]] of Object.entries(CLIENTS)) {
     for (const [tileset, some] of Object.entries(halves())) {
       const started = Date.now();
       assert.equal(await client.load(`${tileset}/tileset.json`), own, "the client's own limit");
-      const found = await measure(client, tileset, some, [own, COARSE]);
+      const found = await measure(client, tileset, some, [COARSE, own]);
       t.diagnostic(`${name}, ${tileset}: ${JSON.stringify({ ...found, seconds: (Date.now() - started) / 1000 })}`);
       assert.deepEqual(found.where, [], "pixels inside the model that show the background");
       assert.ok(found.levels >= 2, `on average, ${found.levels} levels are side by side`);
@@ -107,7 +107,7 @@ for (const [name, [page]] of Object.entries(CLIENTS).filter(([name]) => IS_LONG 
   test(`tiles that decide separately crack in ${name}, and this is found`, { timeout: 3_600_000 }, async (t) => {
     const client = await openClient(page);
     await client.load("separate/tileset.json");
-    const found = await measure(client, "separate", views.slice(0, 8), [COARSE]);
+    const found = await measure(client, "separate", views.slice(0, 6), [COARSE]);
     t.diagnostic(`${name}, separate: ${JSON.stringify({ ...found, where: found.where.length })}`);
     assert.ok(found.background > 100, `${found.background} pixels`);
     await client.closed();

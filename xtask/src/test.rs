@@ -324,7 +324,8 @@ fn browser(length: Length) -> Result<Tally> {
     let folder = setup::npm_packages("tests/browser")?;
     let kilwa = tested_kilwa()?;
     let mut npm = command("npm", &["test", "--silent"])?;
-    suite(npm.current_dir(&folder).env("CHROMIUM", chromium).env("KILWA", kilwa), length)
+    npm.current_dir(&folder).env("CHROMIUM", chromium).env("KILWA", kilwa);
+    suite(length.apply_to(&mut npm), length)
 }
 
 /// The Python packages, with the same `kilwa` as the tests above. The short form leaves out the previewer of InvenioRDM.
