@@ -1,17 +1,18 @@
 // An answer to a request for a part of a pack: what it is a part of, its bytes, and why they did not come.
 
-/** Why bytes did not come. `kind`: missing, offline, server, noRange, changed, truncated, cutOff (beyond the end of the file), closed (with `signIn`, an address or null). */
+/** Why bytes did not come. `kind`: missing, offline, server, noRange, noCors (with `host`), changed, truncated, cutOff (beyond the end of the file), closed (with `signIn`, an address or null). */
 export class PackError extends Error {
   /**
    * @param {string} kind
    * @param {string} message
-   * @param {{signIn?: string | null, bytes?: number}} more
+   * @param {{signIn?: string | null, bytes?: number, host?: string}} more
    */
-  constructor(kind, message, { signIn, bytes } = {}) {
+  constructor(kind, message, { signIn, bytes, host } = {}) {
     super(message);
     this.kind = kind;
     this.signIn = signIn;
     this.bytes = bytes;
+    this.host = host;
   }
 }
 
@@ -81,6 +82,22 @@ export function contentRange(response) {
  */
 export async function discard(response) {
   await response.body?.cancel().catch(() => {});
+}
+
+/** Longest wait before a server that asked for one is asked again, milliseconds. */
+const LONGEST_WAIT = 60_000;
+
+/**
+ * Milliseconds to wait for a server that asks to: as long as it says (seconds, or a date), and longer from time to time where it keeps refusing or nothing can be read;
+ * pages of other sites see Retry-After only if the server exposes it.
+ * @param {Response} response
+ * @param {number} refusals so many in a row
+ */
+export function waitOf({ headers }, refusals) {
+  const said = headers.get("retry-after") ?? "";
+  const told = /^\d+$/.test(said) ? Number(said) * 1000 : Date.parse(said) - Date.now() || 0;
+  const own = 2 ** Math.min(refusals, 7) * 500 * (0.5 + Math.random() / 2);
+  return Math.min(Math.max(told, own), LONGEST_WAIT);
 }
 
 /**

@@ -189,6 +189,7 @@ class Page {
       $(id).download = pack.name;
     }
     pack.onProgress = (done, total) => this.screen.progress(done, total);
+    pack.onLimit = (seconds) => this.screen.limited(seconds);
     let bytes;
     try {
       bytes = await firstBytes(pack, head, (seconds) => this.screen.waits(seconds));

@@ -1,7 +1,7 @@
 // The pack's name: links, notes, saved views and measurements name its identity (docs/FORMAT.md, section 7), which is in its last bytes. They are fetched once
 // the first picture is there. Until then, and in links of earlier versions of the page, the header's own hash is used instead.
 
-import { isPassing } from "./answer.js";
+import { isPassing } from "./loader.js";
 
 /** @import { PackSource, Program } from "./types/page.js" */
 

@@ -4,8 +4,13 @@
 // with what was asked for; checksums (in the decoder) catch the rest. A server that ignores Range is put up with where the
 // whole file is small: it is read once, front to back, and parts are given out as they come; the coarse levels lie in front. Where it is
 // large it is refused with its size, which the file itself states where the server does not (docs/FORMAT.md, section 3).
+//
+// A server that asks to wait (429, 503) is not asked for anything until the time is over: every request waits, and the one that was refused is made again.
 
-import { contentRange, discard, isSameTag, LENGTH_END, PackError, read, readStart, statedLength } from "./answer.js";
+import { contentRange, discard, isSameTag, LENGTH_END, PackError, read, readStart, statedLength, waitOf } from "./answer.js";
+
+// Other modules that ask for parts take it from here, so that the bundle has one file for both modules (each costs its headers before the first picture).
+export { isPassing } from "./answer.js";
 
 /** Length of the first request: header, metadata, the first directory page and the coarsest chunks. */
 export const HEAD_BYTES = 65536;
@@ -34,8 +39,18 @@ export class Pack {
     this.opening = null;
     this.requests = 0;
     this.received = 0;
+    this.headBytes = 0; // of the first answer
+    this.refusals = 0; // in a row, by a server that asks to wait
+    this.resumesAt = 0; // until then it is not asked for anything, by the page's clock
+    /** Called at least every second while requests wait for that. @type {(seconds: number) => void} */
+    this.onLimit = () => {};
     /** @type {(done: number, total: number) => void} */
     this.onProgress = () => {};
+  }
+
+  /** Seconds until the server may be asked again; 0 where it may. */
+  get limitedFor() {
+    return Math.max(0, Math.ceil((this.resumesAt - performance.now()) / 1000));
   }
 
   /**
@@ -56,14 +71,29 @@ export class Pack {
       }
     }
     const range = contentRange(response);
-    if (range?.from !== 0 || range.total === null) {
-      throw new PackError("noRange", "the answer does not say which part of which length it is", { bytes: NaN });
-    }
-    this.bytes = range.total;
     this.etag = response.headers.get("etag");
     this.maxRanges = Number(response.headers.get("kilwa-ranges")) || 1;
+    if (range?.from !== 0 || range.total === null) return this.#unstated(response, length);
+    this.bytes = range.total;
     const end = Math.min(length, range.total);
+    this.headBytes = end;
     return read(response, end, (n) => this.onProgress(n, end));
+  }
+
+  /**
+   * A first part whose place is not said: another site's Content-Range is read only if the server exposes it. A pack states its length itself.
+   * @param {Response} response
+   * @param {number} length
+   */
+  async #unstated(response, length) {
+    const reader = response.body?.getReader();
+    const first = (await readStart(reader, length)).slice(0, length);
+    await reader?.cancel().catch(() => {});
+    const stated = statedLength(first);
+    if (stated === null) throw new PackError("noRange", "the answer does not say which part of which length it is", { bytes: NaN });
+    // Fewer than were asked for: the file ends there.
+    this.bytes = first.length < length ? Math.min(first.length, stated) : stated;
+    return first;
   }
 
   /**
@@ -166,23 +196,38 @@ export class Pack {
    * @param {string} ranges
    */
   async #askOnce(offset, length, signal, fresh, ranges) {
-    this.requests += 1;
     const url = new URL(this.url);
     if (ranges) url.pathname += `/${ranges}`;
-    let response;
-    try {
-      response = await fetch(url, {
+    let asked = 0;
+    const ask = async () => {
+      await this.#turn(signal);
+      asked = performance.now();
+      this.requests += 1;
+      return fetch(url, {
         headers: ranges ? undefined : { Range: `bytes=${offset}-${offset + length - 1}` },
         signal,
         credentials: "same-origin",
-        cache: fresh ? "reload" : "default",
+        // A browser that has stored a part of what is asked for asks for that part first, to compare it: another request.
+        cache: fresh ? "reload" : offset > 0 && offset < this.headBytes ? "no-store" : "default",
       });
+    };
+    let response;
+    try {
+      for (;;) {
+        response = await ask().catch((error) => this.#unread(error, ask));
+        const isLimited = [429, 503].includes(response.status);
+        // What was on its way when the server began to refuse says nothing new.
+        if (asked >= this.resumesAt) this.refusals = isLimited ? this.refusals + 1 : 0;
+        if (!isLimited) break;
+        this.resumesAt = Math.max(this.resumesAt, performance.now() + waitOf(response, this.refusals));
+        await discard(response);
+      }
     } catch (error) {
-      if (error.name === "AbortError") throw error;
+      if (error.name === "AbortError" || error instanceof PackError) throw error;
       throw new PackError("offline", String(error.message ?? error));
     }
     if ([200, 206, 401].includes(response.status) && !(ranges && response.status === 206)) return response;
-    if (ranges && response.status < 500 && response.status !== 429) {
+    if (ranges && response.status < 500) {
       await discard(response);
       this.#oneByOne(String(response.status));
     }
@@ -193,6 +238,36 @@ export class Pack {
     // Nothing there to send a part of: an empty file at the start, a shorter file later.
     if (response.status === 416) throw new PackError(this.bytes === null ? "empty" : "changed", status);
     throw new PackError("server", status);
+  }
+
+  /**
+   * Until the server may be asked.
+   * @param {AbortSignal} [signal]
+   */
+  async #turn(signal) {
+    for (let left = this.limitedFor; left > 0; left = this.limitedFor) {
+      this.onLimit(left);
+      await new Promise((resolve) => setTimeout(resolve, Math.min(1000, this.resumesAt - performance.now())));
+      signal?.throwIfAborted();
+    }
+  }
+
+  /**
+   * A request that got no answer, of a file that nothing was read of yet: browsers do not say whether there was none, or one of another site that this page may
+   * not read. A request that reads nothing tells them apart; the first one may have failed by chance and is made once more.
+   * @param {any} error
+   * @param {() => Promise<Response>} ask
+   */
+  async #unread(error, ask) {
+    if (error.name === "AbortError" || this.bytes !== null || this.url.origin === globalThis.location?.origin) throw error;
+    const answers = await fetch(this.url, { method: "HEAD", mode: "no-cors", cache: "no-store" }).then(
+      () => true,
+      () => false,
+    );
+    if (!answers) throw error;
+    return ask().catch((again) => {
+      throw again.name === "AbortError" ? again : new PackError("noCors", String(again.message), { host: this.url.host });
+    });
   }
 
   /**

@@ -16,7 +16,7 @@ const KINDS = {
 };
 
 /** Failures that have a title of their own (trouble.js). */
-const NETWORK = new Set(["missing", "damaged", "noRange", "changed", "closed", "broken", "cutOff"]);
+const NETWORK = new Set(["missing", "damaged", "noRange", "noCors", "changed", "closed", "broken", "cutOff"]);
 
 /** @param {Message} message as `ToMessage::as_json` gives it */
 export function sentence({ code, values = {} }) {

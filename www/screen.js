@@ -81,6 +81,16 @@ export class Screen {
     $("loading-text").textContent = t("offlineFirst", { seconds });
   }
 
+  /**
+   * The server asks to wait before it is asked for anything else.
+   * @param {number} seconds
+   */
+  limited(seconds) {
+    const { scene } = this.current;
+    if (scene?.session.drawn) scene.session.wake();
+    else $("loading-text").textContent = t("limited", { seconds });
+  }
+
   /** @param {Model} model */
   about({ title, info }) {
     $("title").textContent = title;

@@ -2,6 +2,7 @@
 
 import { html, nothing, svg } from "lit-html";
 import { encode } from "uqr";
+import { input } from "./dom.js";
 import { credit } from "./facts.js";
 import { t } from "./i18n.js";
 import { download, fileName } from "./store.js";
@@ -79,7 +80,7 @@ export class ShareDialog {
    * @param {"link" | "code"} which
    */
   async #copy(which) {
-    const field = /** @type {HTMLInputElement | HTMLTextAreaElement} */ (this.dialog.querySelector(`[data-share=${which}]`));
+    const field = input(`[data-share=${which}]`);
     field.select();
     try {
       await navigator.clipboard.writeText(field.value);

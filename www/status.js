@@ -80,7 +80,10 @@ export class Status {
     const received = bytes(session.head.length + stats.bytesReceived);
     let line = t("complete", { received });
     let isLoading = false;
-    if (stats.retryInMs >= 0 && stats.requestsInFlight === 0) {
+    const { limitedFor } = session.pack;
+    if (limitedFor > 0 && stats.requestsInFlight > 0) {
+      line = t("limited", { seconds: limitedFor });
+    } else if (stats.retryInMs >= 0 && stats.requestsInFlight === 0) {
       const seconds = Math.max(1, Math.ceil(stats.retryInMs / 1000));
       const isOffline = !navigator.onLine || session.lastFailure?.kind === "offline";
       line = t(isOffline ? "offline" : "retrying", { seconds });

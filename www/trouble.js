@@ -16,12 +16,13 @@ const TEXTS = {
   missing: "missing",
   damaged: "damaged",
   noRange: "noRange",
+  noCors: "noCors",
   changed: "changed",
   closed: "closed",
   gpuGone: "gpuGone",
 };
 /** Trying the same again helps with these. */
-const RETRY = new Set(["broken", "gpuGone", "changed", "missing", "damaged", "server", "noRange"]);
+const RETRY = new Set(["broken", "gpuGone", "changed", "missing", "damaged", "server", "noRange", "noCors"]);
 
 export class Trouble {
   constructor() {
@@ -76,7 +77,7 @@ function words({ kind, error, reason }) {
   if (kind === "noGpu") return { title: t("noGpuTitle"), text: t(reason ?? "noGpuAdapter") };
   const key = TEXTS[kind] ?? "broken";
   const size = error?.bytes !== undefined && Number.isFinite(error.bytes) ? bytes(error.bytes) : "…";
-  return { title: t(`${key}Title`), text: t(`${key}Text`, { size }) };
+  return { title: t(`${key}Title`), text: t(`${key}Text`, { size, host: error?.host }) };
 }
 
 /** Longest way back that the form takes (server/src/auth/routes.rs). */

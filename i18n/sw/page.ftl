@@ -83,6 +83,8 @@ cutOffNotice = Faili halijakamilika: { $here } kati ya { $all } zipo. Kinachokos
 noRangeTitle = Seva hii haiwezi kutiririsha modeli
 noRangeText = Hutuma faili lote la { $size } badala ya sehemu zinazohitajika. Litoe kwa “kilwa serve” au seva yoyote inayojibu maombi ya sehemu.
 noRangeSmall = Seva hii haitumi sehemu za faili, hivyo faili lote la { $size } linapakiwa.
+noCorsTitle = Seva haishiriki modeli na ukurasa huu
+noCorsText = { $host } inajibu, lakini hairuhusu kurasa za tovuti nyingine kusoma faili zake (CORS). Msimamizi wake aifanye itume “Access-Control-Allow-Origin”; sura ya “Hosting” katika hati za Kilwa inaeleza jinsi. Faili iliyopakuliwa inaweza kufunguliwa hapa.
 closedTitle = Mfano huu si wa umma
 closedText = Maelezo, picha na namna ya kunukuu viko kwenye paneli; modeli yenyewe inaweza kufunguliwa na watu wenye ruhusa tu.
 signIn = Ingia
@@ -105,6 +107,10 @@ annotationsOrigin = faili hizi zitoke mahali pa ukurasa au pa modeli, si { $orig
 offlineFirst = Seva haijibu. Itajaribu tena baada ya sekunde { $seconds }.
 offline = nje ya mtandao, jaribio baada ya sek { $seconds }
 retrying = sehemu haikufika, jaribio baada ya sek { $seconds }
+limited = { $seconds ->
+        [one] seva hujibu maombi machache tu kwa wakati mmoja; itaendelea baada ya sekunde { $seconds }
+       *[other] seva hujibu maombi machache tu kwa wakati mmoja; itaendelea baada ya sekunde { $seconds }
+    }
 damagedPart = Sehemu ya faili inafika ikiwa imeharibika. Inaonyeshwa kwa maelezo machache na inajaribiwa tena.
 gpuLost = Kifaa cha michoro kimeanzishwa upya. Picha inaundwa tena.
 tabAbout = Kuhusu
@@ -544,6 +550,7 @@ captureInstruments = Vyombo
 publisher = Mchapishaji
 drawings = Michoro
 howToCite = Jinsi ya kunukuu
+otherPrograms = Fungua katika programu nyingine
 files = Faili
 versions = Matoleo
 accuracy = Usahihi wa upimaji

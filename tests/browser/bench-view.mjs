@@ -159,7 +159,7 @@ async function soak(minutes) {
   await page.route("**/packs/**", async (route) => {
     number += 1;
     // Every twentieth, but not the head: the page would wait for it without a model.
-    if (number % 20 === 7) await route.fulfill({ status: 503 });
+    if (number % 20 === 7) await route.fulfill({ status: 500 });
     else await route.continue();
   });
   await page.goto(`${server.url}/m/fort?err=1&memory=64`);

@@ -3,7 +3,7 @@
 import assert from "node:assert/strict";
 import http from "node:http";
 import { after, before, test } from "node:test";
-import { isPassing } from "../../www/answer.js";
+import { isPassing, waitOf } from "../../www/answer.js";
 import { HEAD_BYTES, Pack, WHOLE_LIMIT } from "../../www/loader.js";
 
 const FILE = Buffer.from(Array.from({ length: 300_000 }, (_, i) => (i * 31 + (i >> 8)) & 255));
@@ -125,7 +125,7 @@ test("a whole file that breaks off is asked for again, and a page instead of a p
   const waiting = pack.range(200_000, 10);
   breakOff();
   await assert.rejects(waiting, (e) => kind("truncated")(e) && isPassing(e));
-  behave = (_, response) => response.writeHead(503).end();
+  behave = (_, response) => response.writeHead(500).end();
   await assert.rejects(pack.range(200_000, 10), (e) => isPassing(e));
   behave = (_, response) => response.writeHead(200).end(packOf(300_001));
   await assert.rejects(pack.range(200_000, 10), kind("changed"));
@@ -234,8 +234,8 @@ test("short, long and misplaced answers are failures that can be tried again", a
     ({ body }) => ({ body: Buffer.concat([body, body]) }),
     ({ from, to }) => ({ headers: { etag: '"1"', "content-range": `bytes ${from + 1}-${to + 1}/300000` } }),
     () => ({ status: 200 }),
-    () => ({ status: 503 }),
-    () => ({ status: 429 }),
+    () => ({ status: 500 }),
+    () => ({ status: 502 }),
   ]) {
     behave = good(change);
     await assert.rejects(pack.range(100, 50), (e) => isPassing(e));
@@ -244,6 +244,52 @@ test("short, long and misplaced answers are failures that can be tried again", a
   await assert.rejects(pack.range(100, 50), kind("offline"));
   behave = good();
   assert.deepEqual(Buffer.from(await pack.range(100, 50)), FILE.subarray(100, 150));
+});
+
+test("a server that asks to wait is asked again when the time is over, by nobody before, and whoever gives up need not wait", async () => {
+  behave = good();
+  const pack = new Pack(url);
+  await pack.head();
+  const asked = [];
+  const said = [];
+  pack.onLimit = (seconds) => said.push(seconds);
+  behave = (request, response) => {
+    asked.push(Date.now());
+    if (asked.length === 1) response.writeHead(429, { "retry-after": "1" }).end();
+    else good()(request, response);
+  };
+  const first = pack.range(100, 50);
+  while (pack.limitedFor === 0) await new Promise((resolve) => setImmediate(resolve));
+  const controller = new AbortController();
+  const given_up = assert.rejects(pack.range(300, 50, controller.signal), { name: "AbortError" });
+  controller.abort();
+  const second = pack.range(200, 50);
+  assert.deepEqual(Buffer.from(await first), FILE.subarray(100, 150));
+  assert.deepEqual(Buffer.from(await second), FILE.subarray(200, 250));
+  await given_up;
+  assert.equal(asked.length, 3);
+  assert.ok(
+    asked.slice(1).every((at) => at - asked[0] >= 990),
+    String(asked),
+  );
+  assert.ok(said.length > 0 && said.every((seconds) => seconds === 1), String(said));
+  assert.equal(pack.limitedFor, 0);
+});
+
+test("how long a server is waited for: as it says, at most a minute, and by itself longer each time", () => {
+  const wait = (header, refusals = 1) => waitOf({ headers: new Headers(header === null ? {} : { "retry-after": header }) }, refusals);
+  assert.equal(wait("7"), 7000);
+  assert.equal(wait("86400"), 60_000);
+  const date = wait(new Date(Date.now() + 20_000).toUTCString());
+  assert.ok(date > 18_000 && date <= 20_000, String(date));
+  for (const useless of [null, "0", "-5", "soon", new Date(0).toUTCString()]) {
+    const waits = [1, 2, 3, 4, 5, 6, 7, 8, 1000].map((refusals) => wait(useless, refusals));
+    assert.ok(
+      waits.every((ms, k) => ms >= 2 ** Math.min(k, 6) * 500 && ms <= Math.min(60_000, 2 ** Math.min(k, 6) * 1000)),
+      `${useless}: ${waits}`,
+    );
+  }
+  assert.ok(wait("1", 6) > 10_000, "a server that keeps refusing is asked less often than it says");
 });
 
 test("what is not there, empty, or without a length is said", async () => {
@@ -343,8 +389,8 @@ test("an answer of several ranges that is too short, too long or refused for a w
     [({ body }) => ({ body: body.subarray(1) }), "truncated"],
     [({ body }) => ({ body: body.subarray(1), length: body.length }), "truncated"],
     [({ body }) => ({ body: Buffer.concat([body, body]) }), "truncated"],
-    [() => ({ status: 503 }), "server"],
-    [() => ({ status: 429 }), "server"],
+    [() => ({ status: 500 }), "server"],
+    [() => ({ status: 502 }), "server"],
   ]) {
     behave = several([], change);
     const pack = new Pack(url);

@@ -286,7 +286,7 @@ test("a silent server at the start, flipped bits, short answers and refusals are
     mishaps += 1;
     return [
       { body: flip },
-      { status: 503 },
+      { status: 500 },
       { body: (b) => b.subarray(0, b.length >> 1), announce: range[1] - range[0] + 1 },
       { drop: true },
       { body: (b) => b.subarray(1) },

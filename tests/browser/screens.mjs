@@ -267,7 +267,7 @@ const others = {
   "trouble-missing": { address: "/m/fort", mishap: () => ({ status: 404 }), wait: trouble },
   "trouble-damaged": { address: "/m/fort", mishap: () => ({ body: () => Buffer.alloc(65536, 65) }), wait: trouble },
   "trouble-gpu": { address: "/m/fort", before: (page) => page.addInitScript(noGpu), wait: trouble },
-  loading: { address: "/m/fort", mishap: () => ({ status: 503 }), wait: (shot) => shot.page.getByText(shot.words.offlineFirst.split("{")[0]) },
+  loading: { address: "/m/fort", mishap: () => ({ status: 500 }), wait: (shot) => shot.page.getByText(shot.words.offlineFirst.split("{")[0]) },
 };
 
 async function scalar(shot) {

@@ -63,7 +63,7 @@ test("a server that refuses or drops every third request gives the same picture 
     if (range[0] === 0 || chance > 0.35) return null;
     if (chance < 0.3) {
       refused += 1;
-      return { status: 503 };
+      return { status: 500 };
     }
     dropped += 1;
     return { drop: true };

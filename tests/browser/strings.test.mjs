@@ -148,7 +148,9 @@ test("every key that the page names has a message", async () => {
 
 test("every message of the page is used somewhere", async () => {
   const text = await sources();
-  const made = ["missing", "damaged", "noRange", "changed", "closed", "broken", "gpuGone"].flatMap((k) => [`${k}Title`, `${k}Text`]).concat("cutOffTitle");
+  const made = ["missing", "damaged", "noRange", "noCors", "changed", "closed", "broken", "gpuGone"]
+    .flatMap((k) => [`${k}Title`, `${k}Text`])
+    .concat("cutOffTitle");
   // Of what the engine says (viewer/measure/tests/messages.rs has the other direction).
   const said = (await codes()).map((code) => code.replace(/-(\w)/g, (_, letter) => letter.toUpperCase()));
   const unused = Object.keys(await messages("en")).filter((key) => !made.includes(key) && !said.includes(key) && !text.includes(`"${key}"`));

@@ -22,7 +22,7 @@
 // Progress: { done, all } bytes, of a drawing rows; all is 0 if it is unknown; { waiting: seconds } while the connection is gone. A signal that is aborted rejects with
 // an AbortError; a pack that changed or cannot be read with a sentence (`said` where it is the engine's, `kind` where it is the network's). Questions asked last are fetched for first.
 
-import { isPassing } from "../answer.js";
+import { isPassing } from "../loader.js";
 
 /** Requests on their way at a time. */
 const IN_FLIGHT = 6;

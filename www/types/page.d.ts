@@ -192,6 +192,7 @@ export interface Failure {
   kind?: string;
   said?: Message | null;
   bytes?: number;
+  host?: string;
   signIn?: string | null;
 }
 

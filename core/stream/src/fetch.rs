@@ -84,8 +84,8 @@ pub(crate) fn retry_time(now_ms: f64, attempts: u32, salt: u64) -> f64 {
 /// How the chunks of a step are joined into requests.
 #[derive(Clone, Copy)]
 struct Joining {
-    /// Gaps that are read through between chunks that lie beside the picture, and between those that it needs.
-    widest: [u64; 2],
+    /// Bytes that are read for nothing at most between two wanted chunks.
+    widest: u64,
     /// Shorter stretches wait.
     shortest: u64,
 }
@@ -322,7 +322,7 @@ impl Streamer {
         let is_like =
             |&(id, visible): &(RequestId, bool)| !alone && visible == is_visible && self.may_grow(id, end - start);
         let joined = growing.chunks.filter(is_like).map(|(id, _)| id);
-        let widest = joining.widest[usize::from(is_visible)];
+        let widest = joining.widest;
         let is_short = || self.stretch(index, wanted, now_ms, is_visible, widest) < joining.shortest;
         if !alone && index > 0 && joining.shortest > 0 && is_short() {
             return;
@@ -372,22 +372,22 @@ impl Streamer {
     /// How this step joins chunks.
     fn joining(&mut self, wanted: &Wanted, needed: &BTreeMap<u32, Rank>, now_ms: f64) -> Joining {
         if self.budgets.ranges > 1 {
-            return Joining { widest: [0; 2], shortest: 0 }; // Another range costs less than any gap.
+            return Joining { widest: 0, shortest: 0 }; // Another range costs less than any gap.
         }
         // While the camera rests, gaps stay as wide as they were: part of the stretches is on its way, and the others are not to be split again.
         let view = *wanted.view();
-        let before = self.widest_gaps.filter(|(of, _)| *of == view).map_or([0; 2], |(_, widest)| widest);
-        let widest = [false, true].map(|visible| self.widest_gap(wanted, visible, before[usize::from(visible)]));
-        self.widest_gaps = Some((view, widest));
+        let before = self.widest_gap.filter(|(of, _)| *of == view).map_or(0, |(_, widest)| widest);
+        let widest = self.widest_gap(wanted, before);
+        self.widest_gap = Some((view, widest));
         let shortest = if self.waits_for_pages(needed, now_ms) { SHORT_BYTES } else { 0 };
         Joining { widest, shortest }
     }
 
-    /// Bytes that are read for nothing at most between two wanted chunks, if only `visible` ones are asked for, and at least `before`.
-    fn widest_gap(&self, wanted: &Wanted, visible: bool, before: u64) -> u64 {
+    /// Bytes that are read for nothing at most between two wanted chunks, and at least `before`: by what the picture still needs.
+    fn widest_gap(&self, wanted: &Wanted, before: u64) -> u64 {
         let (mut missing, mut end, mut gaps) = (0, None, Vec::new());
         // In order of the file.
-        for (index, _) in wanted.ranks.iter().filter(|&(i, _)| wanted.is_visible(&self.nodes, i) >= visible) {
+        for (index, _) in wanted.ranks.iter().filter(|&(i, _)| wanted.is_visible(&self.nodes, i)) {
             let waits = |n: &&Node| matches!(n.state, State::Absent | State::Requested(_));
             let Some(node) = self.nodes.get(index).filter(waits) else { continue };
             missing += u64::from(node.entry.encoded_bytes);

@@ -34,8 +34,8 @@ pub struct Streamer {
     pub(crate) requests: BTreeMap<RequestId, Request>,
     pub(crate) next_request: RequestId,
     pub(crate) page_retries: BTreeMap<u32, PageRetry>,
-    /// The gaps that requests of the last step were joined over, and its view.
-    pub(crate) widest_gaps: Option<(View, [u64; 2])>,
+    /// The widest gap that requests of the last step were joined over, and its view.
+    pub(crate) widest_gap: Option<(View, u64)>,
     /// A request failed since the last answer that came.
     network_failed: bool,
     pub(crate) requests_made: u64,
@@ -74,7 +74,7 @@ impl Streamer {
             requests: BTreeMap::new(),
             next_request: crate::HEAD_REQUEST + 1,
             page_retries: BTreeMap::new(),
-            widest_gaps: None,
+            widest_gap: None,
             network_failed: false,
             requests_made: 0,
             decoding_bytes: 0,

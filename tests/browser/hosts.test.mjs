@@ -1,0 +1,282 @@
+// Hosts of other sites that limit how many requests they answer, that do not let this page read, or that know no ranges: the page comes to its end, or says what the
+// host lacks. The page lies on one origin, the pack on another; only requests to the second are counted.
+
+import assert from "node:assert/strict";
+import { execFile } from "node:child_process";
+import { mkdtemp, readFile, rename, rm, stat } from "node:fs/promises";
+import http from "node:http";
+import { tmpdir } from "node:os";
+import path from "node:path";
+import { after, before } from "node:test";
+import { promisify } from "node:util";
+import { KILWA, WWW, launch, open, packFolder, picture, stats, test, troubleOf, waitFor } from "./harness.mjs";
+
+const TYPES = {
+  ".html": "text/html",
+  ".js": "text/javascript",
+  ".css": "text/css",
+  ".json": "application/json",
+  ".wasm": "application/wasm",
+  ".svg": "image/svg+xml",
+};
+/** What a page of another site may read beside the few headers that it always may. */
+const EXPOSED = "ETag, Content-Range, Retry-After";
+/** Requests that the first view of the demo may take of a host that answers 60 a minute. */
+const FIRST_VIEW_MAX = 20;
+
+let browser;
+let site;
+/** The fort of the other tests. @type {Buffer} */
+let fort;
+
+const listening = async (answer) => {
+  const server = http.createServer(answer);
+  await new Promise((resolve) => server.listen(0, "127.0.0.1", resolve));
+  const stop = () => {
+    server.closeAllConnections();
+    return new Promise((resolve) => server.close(resolve));
+  };
+  return { url: `http://127.0.0.1:${server.address().port}`, stop };
+};
+
+before(async () => {
+  const folder = await packFolder();
+  fort = await readFile(path.join(folder, "fort.kilwa"));
+  await rm(folder, { recursive: true });
+  site = await listening(async (request, response) => {
+    const { pathname } = new URL(request.url, "http://page");
+    const name = pathname === "/" ? "/index.html" : pathname;
+    try {
+      const body = await readFile(path.join(WWW, path.normalize(name)));
+      response.writeHead(200, { "content-type": TYPES[path.extname(name)] ?? "application/octet-stream" }).end(body);
+    } catch {
+      response.writeHead(404).end();
+    }
+  });
+  browser = await launch();
+});
+after(async () => {
+  await browser?.close();
+  await site?.stop();
+});
+
+/**
+ * A host with one pack, on an origin of its own. `host.asked`: requests for it. Without `shares` no page of another site may read it; without `ranges` it sends all
+ * of it; `expose`: the headers that such a page may read. `refuse({ number, now })` answers a request with an error instead: `{ status, headers, bare }`, where
+ * `bare` is an answer that no page of another site may read.
+ */
+async function packHost(pack, { shares = true, ranges = true, expose = EXPOSED, refuse = () => null } = {}) {
+  const host = { asked: 0, refused: 0, methods: [], ranges: [] };
+  const server = await listening((request, response) => {
+    host.asked += 1;
+    host.methods.push(request.method);
+    host.ranges.push(request.headers.range);
+    const share = shares ? { "access-control-allow-origin": "*", ...(expose ? { "access-control-expose-headers": expose } : {}) } : {};
+    const refusal = refuse({ number: host.asked, now: Date.now() });
+    if (refusal) {
+      host.refused += 1;
+      response.writeHead(refusal.status, { ...(refusal.bare ? {} : share), ...refusal.headers }).end();
+      return;
+    }
+    const range = /^bytes=(\d+)-(\d+)$/.exec(request.headers.range ?? "");
+    if (!ranges || !range) {
+      response.writeHead(200, { ...share, etag: '"1"', "content-length": pack.length }).end(request.method === "HEAD" ? undefined : pack);
+      return;
+    }
+    const [from, to] = [Number(range[1]), Math.min(Number(range[2]), pack.length - 1)];
+    const headers = { ...share, etag: '"1"', "content-range": `bytes ${from}-${to}/${pack.length}`, "content-length": to - from + 1 };
+    response.writeHead(206, headers).end(pack.subarray(from, to + 1));
+  });
+  return Object.assign(host, server);
+}
+
+/**
+ * After so many requests the next ones are refused for so many milliseconds, then as many are answered again: what counts is their number, for a busy machine is slow. What is
+ * refused gets `status`, and Retry-After as `told` writes it.
+ */
+function limit(count, ms, { told = () => ({}), status = 429, bare = false } = {}) {
+  let [answered, until] = [0, null];
+  return ({ now }) => {
+    if (until !== null && now >= until) [answered, until] = [0, null];
+    answered += 1;
+    if (answered <= count) return null;
+    until ??= now + ms;
+    return { status, headers: told(until, now), bare };
+  };
+}
+
+const inSeconds = (until, now) => ({ "retry-after": String(Math.ceil((until - now) / 1000)) });
+/** Dates have whole seconds: rounded up. */
+const asDate = (until) => ({ "retry-after": new Date(Math.ceil(until / 1000) * 1000).toUTCString() });
+
+/** Runs in the page before its own scripts: `globalThis.sent` is when the pack was asked for, `globalThis.refusals` when that was refused and how long it asks to wait. */
+function watch() {
+  const { fetch } = globalThis;
+  Object.assign(globalThis, { sent: [], refusals: [] });
+  globalThis.fetch = async (address, options) => {
+    const isPack = String(address).includes(".kilwa");
+    if (isPack) globalThis.sent.push(performance.now());
+    const response = await fetch(address, options);
+    if (isPack && [429, 503].includes(response.status)) {
+      const said = response.headers.get("retry-after");
+      const wait = said === null ? null : /^\d+$/.test(said) ? Number(said) * 1000 : Date.parse(said) - Date.now();
+      globalThis.refusals.push({ at: performance.now(), wait });
+    }
+    return response;
+  };
+}
+
+/** Open the pack of a host in the page; `query` are other parameters of its address. */
+const look = (host, { query = "", ...options } = {}) => open(browser, `${site.url}/?pack=${host.url}/fort.kilwa${query}`, options);
+
+/** What the page says while it waits for a host. */
+const limited = (page) => page.getByText(/only so many requests at a time; going on in \d+ second/).filter({ visible: true });
+
+/** What refusals leave in the console is the browser's own. */
+const own = (complaints) => complaints.filter((text) => !/Failed to load resource|blocked by CORS policy/.test(text));
+
+let wanted;
+/** The first picture of the fort, from a host that refuses nothing: taken once. */
+const right = () => (wanted ??= take());
+
+async function take() {
+  const host = await packHost(fort);
+  const { page, close } = await look(host);
+  const found = await picture(page);
+  await close();
+  await host.stop();
+  return found;
+}
+
+/** The fort from a host that refuses: the page waits as long as it is told to, or by itself, says so, and shows the same in the end. */
+async function waitsFor({ leastWait, ...how }) {
+  const found = await right();
+  const host = await packHost(fort, how);
+  const { page, complaints, close } = await look(host, { wait: null, before: (page) => page.addInitScript(watch) });
+  await limited(page).first().waitFor();
+  await waitFor(page, "settled");
+  const s = await stats(page);
+  assert.ok(s.targetReached, JSON.stringify(s));
+  assert.equal(s.failures, 0, "a request that waits has not failed");
+  assert.deepEqual(await picture(page), found);
+  assert.equal(await limited(page).count(), 0, "the page goes on saying that it waits");
+  const { sent, refusals } = await page.evaluate(() => ({ sent: globalThis.sent, refusals: globalThis.refusals }));
+  assert.ok(refusals.length > 0 && host.refused > 0);
+  for (const { at, wait } of refusals) {
+    const until = at + Math.max(wait ?? 0, leastWait);
+    assert.deepEqual(
+      sent.filter((time) => time > at && time < until),
+      [],
+      `nothing is sent from ${at} to ${until}`,
+    );
+  }
+  assert.deepEqual(own(complaints), []);
+  await close();
+  await host.stop();
+  return refusals;
+}
+
+/** The model of `cargo xtask demo` (xtask/src/demo.rs), made once per version of the program. */
+async function demoPack() {
+  const kept = path.join(tmpdir(), `kilwa-browser-demo-${(await stat(KILWA)).mtimeMs}.kilwa`);
+  if (!(await stat(kept).catch(() => null))) {
+    const run = promisify(execFile);
+    const folder = await mkdtemp(path.join(tmpdir(), "kilwa-browser-demo-"));
+    const [mesh, pack] = [path.join(folder, "fort.ply"), path.join(folder, "fort.kilwa")];
+    await run(KILWA, ["synth", "fort", "--triangles", "2000000", "-o", mesh]);
+    await run(KILWA, ["build", mesh, "-o", pack]);
+    await rename(pack, kept);
+    await rm(folder, { recursive: true });
+  }
+  return readFile(kept);
+}
+
+test("the first view of the demo at one pixel takes at most 20 requests of a host that answers 60 a minute", async () => {
+  const host = await packHost(await demoPack(), { refuse: limit(60, 60_000, { told: inSeconds }) });
+  const { page, complaints, close } = await look(host, { size: [1280, 720], query: "&error=1" });
+  const s = await stats(page);
+  assert.ok(s.targetReached && s.worstPixelError <= 1, JSON.stringify(s));
+  console.log(`# ${host.asked} requests of the pack, ${s.bytesReceived} bytes beside the head, ${s.bytesShown} shown`);
+  assert.ok(host.asked <= FIRST_VIEW_MAX, `${host.asked} requests: ${host.ranges.join()}`);
+  // What is read for nothing to save requests is bounded.
+  assert.ok(s.bytesReceived <= s.bytesShown * 1.5, `${s.bytesReceived} bytes for ${s.bytesShown} that are shown`);
+  assert.equal(host.refused, 0);
+  assert.deepEqual(complaints, []);
+  await close();
+  await host.stop();
+});
+
+test("a host that answers 429 with Retry-After in seconds is left alone for so long, and the view is finished", async () => {
+  const refusals = await waitsFor({ refuse: limit(1, 2000, { told: inSeconds }), leastWait: 0 });
+  assert.ok(refusals.every(({ wait }) => wait >= 1000));
+});
+
+test("Retry-After as a date is waited for as well", async () => {
+  const refusals = await waitsFor({ refuse: limit(1, 2000, { told: asDate }), leastWait: 0 });
+  assert.ok(refusals.some(({ wait }) => wait > 0));
+});
+
+test("without Retry-After, and where the page may not read it, the page waits by itself, longer each time", async () => {
+  for (const how of [{ refuse: limit(1, 2000) }, { refuse: limit(1, 2000, { told: () => ({ "retry-after": "1" }) }), expose: "ETag, Content-Range" }]) {
+    const refusals = await waitsFor({ ...how, leastWait: 500 });
+    assert.ok(refusals.every(({ wait }) => wait === null));
+  }
+});
+
+test("a host that is busy (503) before it sends the first byte is waited for, and the page says so instead of a picture", async () => {
+  await waitsFor({ refuse: ({ number }) => (number <= 2 ? { status: 503, headers: { "retry-after": "2" } } : null), leastWait: 2000 });
+});
+
+test("a host whose refusals this page may not read does not keep the view from being finished", async () => {
+  const host = await packHost(fort, { refuse: limit(2, 1500, { bare: true }) });
+  const { page, complaints, close } = await look(host);
+  assert.ok((await stats(page)).targetReached);
+  assert.deepEqual(own(complaints), []);
+  await close();
+  await host.stop();
+});
+
+test("of a host that answers but does not share its files the page says so, by its name, after asking once more", async () => {
+  const host = await packHost(fort, { shares: false });
+  const { page, complaints, close } = await look(host, { wait: "trouble" });
+  const trouble = troubleOf(page);
+  assert.ok(await trouble.getByRole("heading", { name: "The host does not share the model with this page" }).isVisible());
+  const text = await trouble.innerText();
+  assert.ok(text.includes(`${new URL(host.url).host} answers, but does not allow pages of other sites to read its files (CORS)`), text);
+  assert.ok(text.includes("Access-Control-Allow-Origin") && text.includes("Hosting"), text);
+  assert.deepEqual(host.methods.toSorted(), ["GET", "GET", "HEAD"], "one request tells whether the host answers, and reads nothing");
+  assert.ok(await trouble.getByRole("button", { name: "Try again" }).isVisible());
+  assert.deepEqual(own(complaints), []);
+  await close();
+  await host.stop();
+});
+
+test("where nothing answers the page says that, and goes on asking", async () => {
+  const host = await packHost(fort);
+  await host.stop();
+  const { page, close } = await look(host, { wait: null });
+  await page.getByText(/The server does not answer\. Trying again in \d+ s\./).waitFor();
+  assert.equal(await troubleOf(page).count(), 0);
+  await close();
+});
+
+test("a host that shares its files but neither their length nor their tag serves the model all the same", async () => {
+  const host = await packHost(fort, { expose: null });
+  const { page, complaints, close } = await look(host);
+  assert.ok((await stats(page)).targetReached);
+  assert.equal(await page.evaluate(() => globalThis.kilwa.api.info().pack.bytes), fort.length);
+  assert.deepEqual(complaints, []);
+  await close();
+  await host.stop();
+});
+
+test("of a host that sends the whole file instead of parts the page says so, and asks once", async () => {
+  const host = await packHost(fort, { ranges: false });
+  const { page, complaints, close } = await look(host);
+  assert.ok((await stats(page)).targetReached);
+  assert.ok(await page.getByRole("main").getByRole("status").filter({ hasText: "does not send parts of files" }).isVisible());
+  assert.equal(host.asked, 1);
+  assert.deepEqual(complaints, []);
+  await close();
+  await host.stop();
+});
