@@ -171,16 +171,16 @@ mod tests {
 
     const BY: &str = "http://creativecommons.org/licenses/by/4.0/";
 
-    fn named(name: &str, address: &str) -> Option<Named> {
-        Some(Named { name: name.to_owned(), address: Some(address.to_owned()).filter(|a| !a.is_empty()) })
+    fn named(name: &str, address: &str) -> Named {
+        Named { name: name.to_owned(), address: Some(address.to_owned()).filter(|a| !a.is_empty()) }
     }
 
     fn statement() -> Statement {
         Statement {
             title: Some("Fort".to_owned()),
             source: Some("https://sketchfab.com/3d-models/fort-0123".to_owned()),
-            author: named("amina", "https://sketchfab.com/amina"),
-            license: named("CC-BY-4.0", BY),
+            author: Some(named("amina", "https://sketchfab.com/amina")),
+            license: Some(named("CC-BY-4.0", BY)),
             requirements: Some("Author must be credited.".to_owned()),
             credit: Some("This work is based on \"Fort\" by amina".to_owned()),
         }
@@ -217,7 +217,7 @@ mod tests {
     fn contradictions_are_reported_and_left_open() {
         let other = Statement {
             title: Some("Castle".to_owned()),
-            license: named("CC-BY-NC-4.0", "http://creativecommons.org/licenses/by-nc/4.0/"),
+            license: Some(named("CC-BY-NC-4.0", "http://creativecommons.org/licenses/by-nc/4.0/")),
             ..statement()
         };
         let (known, messages) = of(vec![statement(), other]);
@@ -229,9 +229,9 @@ mod tests {
         let fields: Vec<String> = Metadata::parse(&text).unwrap_err().0.into_iter().map(|p| p.field).collect();
         assert_eq!(fields, ["title", "rights.uri"]);
         // The same licence in other words is no contradiction, two in one line are.
-        let short = Statement { license: named("CC BY 4.0", ""), ..statement() };
+        let short = Statement { license: Some(named("CC BY 4.0", "")), ..statement() };
         assert!(of(vec![statement(), short]).1.is_empty());
-        assert_eq!(uri(&named("CC-BY-4.0", "http://creativecommons.org/licenses/by-nd/4.0/").unwrap()), None);
+        assert_eq!(uri(&named("CC-BY-4.0", "http://creativecommons.org/licenses/by-nd/4.0/")), None);
     }
 
     #[test]
@@ -239,7 +239,7 @@ mod tests {
         for (name, address) in
             [("Editorial", ""), ("SKETCHFAB Standard", "https://sketchfab.com/licenses"), ("Free Standard", "")]
         {
-            let (known, messages) = of(vec![Statement { license: named(name, address), ..statement() }]);
+            let (known, messages) = of(vec![Statement { license: Some(named(name, address)), ..statement() }]);
             assert_eq!(known.rights, None, "{name}");
             assert!(
                 messages[0].contains(name) && messages[0].contains("permission of the rights holder"),

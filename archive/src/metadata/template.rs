@@ -61,8 +61,11 @@ pub enum Remarked {
 impl Known {
     /// The comments above a field, each a line.
     fn remarks(&self, field: Remarked) -> String {
-        let of_field = self.remarks.iter().filter(|(of, _)| *of == field);
-        of_field.map(|(_, text)| format!("# {}\n", visible(text))).collect()
+        let mut lines = String::new();
+        for (_, text) in self.remarks.iter().filter(|(of, _)| *of == field) {
+            let _ = writeln!(lines, "# {}", visible(text));
+        }
+        lines
     }
 }
 

@@ -78,7 +78,8 @@ fn none(archive: &Archive<'_>) -> ReadError {
 fn names<'e>(entries: impl Iterator<Item = &'e Entry>) -> String {
     let mut names: Vec<String> = entries.take(SHOWN + 1).map(Entry::shown).collect();
     if names.len() > SHOWN {
-        names[SHOWN] = "…".to_owned();
+        names.truncate(SHOWN);
+        names.push("…".to_owned());
     }
     names.join(", ")
 }

@@ -1,17 +1,17 @@
 //! What a download states about its title, author, licence and source: in `license.txt`, which Sketchfab puts into every download, and in the
 //! `asset.extras` of its glTF. Both are taken as they stand; nothing is guessed from other files or names.
 //!
-//! The form of `license.txt`:
+//! The form of `license.txt`, with tabs behind the colons:
 //!
 //! ```text
 //! Model Information:
-//! * title:	NAME
-//! * source:	https://sketchfab.com/3d-models/…
-//! * author:	NAME (https://sketchfab.com/…)
+//! * title: NAME
+//! * source: https://sketchfab.com/3d-models/…
+//! * author: NAME (https://sketchfab.com/…)
 //!
 //! Model License:
-//! * license type:	CC-BY-4.0 (http://creativecommons.org/licenses/by/4.0/)
-//! * requirements:	Author must be credited. Commercial use is allowed.
+//! * license type: CC-BY-4.0 (http://creativecommons.org/licenses/by/4.0/)
+//! * requirements: Author must be credited. Commercial use is allowed.
 //!
 //! If you use this 3D model in your project be sure to copy paste this credit wherever you share it:
 //! This work is based on "NAME" (https://…) by NAME (https://…) licensed under CC-BY-4.0 (http://…)

@@ -120,7 +120,7 @@ impl<'s> Archive<'s> {
             .map_err(|(_, e)| damaged(path, e.into_kind(), total))?;
         let mut files = entries(&zip, total, path)?;
         files.sort_by(|a, b| a.name.cmp(&b.name));
-        if let Some([entry, _]) = files.array_windows().find(|[a, b]| a.name == b.name) {
+        if let Some((entry, _)) = files.iter().zip(files.iter().skip(1)).find(|(a, b)| a.name == b.name) {
             let found = "a name that occurs twice".to_owned();
             return Err(part(path, &entry.name, found, "each name once; unpack the archive and check the files"));
         }
@@ -284,7 +284,8 @@ fn refuse_overlaps(
 ) -> Result<(), ReadError> {
     ranges.sort_unstable();
     ranges.push((directory, directory));
-    if let Some([(_, end), (next, _)]) = ranges.array_windows().find(|[(_, end), (next, _)]| end > next) {
+    let mut neighbours = ranges.iter().zip(ranges.iter().skip(1));
+    if let Some(((_, end), (next, _))) = neighbours.find(|((_, end), (next, _))| end > next) {
         let found = format!("a file that ends at byte {end}, behind the beginning of the next at byte {next}");
         let expected = format!("files one after another; {AGAIN}, and do not trust it if that does not help");
         return Err(ReadError::Malformed { file: path.to_owned(), place: Place::Byte(*next), found, expected });

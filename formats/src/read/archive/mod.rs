@@ -81,7 +81,8 @@ fn inside(input: Input<'_>, then: impl FnOnce(Input<'_>, Format) -> Result<(), R
 /// # Errors
 /// As [`read`].
 pub(super) fn format_inside(input: Input<'_>) -> Result<Format, ReadError> {
-    let archive = Archive::open(input.source, input.total, input.path, input.options)?;
+    let Input { path, total, source, options, .. } = input;
+    let archive = Archive::open(source, total, path, options)?;
     format_in(&archive, choose::mesh(&archive)?)
 }
 

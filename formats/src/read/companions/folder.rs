@@ -29,7 +29,7 @@ type Entries = HashMap<String, PathBuf>;
 #[derive(Debug)]
 pub(in crate::read) struct Folder {
     /// The folder of the mesh file: as the user gave it, or, where the mesh is a link out of that, the real one.
-    folder: PathBuf,
+    path: PathBuf,
     /// Where the link lies, if the mesh is a link to a file in another folder.
     link: Option<PathBuf>,
     /// The same, links resolved; `None` where it cannot be.
@@ -51,12 +51,12 @@ impl Folder {
         let given = folder.canonicalize().ok();
         let allow_outside = options.allow_outside;
         let real = input.canonicalize().ok().and_then(|file| file.parent().map(Path::to_owned));
-        let (folder, real, link) = match real {
+        let (path, real, link) = match real {
             Some(real) if given.as_ref() != Some(&real) => (real.clone(), Some(real), Some(folder)),
             _ => (folder, given, None),
         };
         let (replaced, found) = (options.replaced.clone(), RefCell::default());
-        Self { folder, link, real, allow_outside, replaced, found, listed: RefCell::default() }
+        Self { path, link, real, allow_outside, replaced, found, listed: RefCell::default() }
     }
 
     /// The same for a mesh file that another file refers to: files in the folder of the other file are also allowed.
@@ -71,12 +71,12 @@ impl Folder {
 
     /// The folder of the mesh file.
     pub(super) fn path(&self) -> &Path {
-        &self.folder
+        &self.path
     }
 
     /// The folder that companions may not leave, for messages.
     pub(super) fn limit(&self) -> &Path {
-        self.real.as_ref().unwrap_or(&self.folder)
+        self.real.as_ref().unwrap_or(&self.path)
     }
 
     /// Where `name` (with `/` between its parts) leads, seen from the folder `from`: as it is written, else by its last part alone,
@@ -90,7 +90,7 @@ impl Folder {
         let mut found = self.look(&key.0, &key.1);
         // Beside a link to the mesh is outside: refused rather than missed without a word.
         if let (Found::Nothing, Some(link)) = (&found, &self.link)
-            && key.0 == self.folder
+            && key.0 == self.path
         {
             found = self.look(link, &key.1);
         }
