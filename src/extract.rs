@@ -15,6 +15,7 @@ use std::path::PathBuf;
 
 /// Extract the mesh from a pack, at full detail or coarser, as PLY, OBJ, STL or GLB, without cracks; or all levels of detail as 3D Tiles.
 #[derive(clap::Args)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a switch of the command line")]
 pub(crate) struct Args {
     /// The pack.
     pack: PathBuf,

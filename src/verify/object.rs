@@ -681,5 +681,5 @@ fn differs(found: &str, bytes: u64, expected: &str, length: Option<u64>, list: &
 
 /// Whether a file of a version is JSON of its 3D Tiles.
 fn is_tileset(path: &str) -> bool {
-    path.strip_prefix(TILES).is_some_and(|rest| rest.starts_with('/') && rest.ends_with(".json"))
+    path.strip_prefix(TILES).is_some_and(|rest| rest.starts_with('/') && rest.rsplit('.').next() == Some("json"))
 }

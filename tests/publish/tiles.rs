@@ -107,8 +107,7 @@ fn tiles_of_a_closed_model_are_only_for_those_who_may_have_it() {
     let bench = Bench::new();
     let closed = format!("{MINIMAL}[access]\nstate = \"restricted\"\nreason = \"Rock art\"\n");
     let object = bench.published(&other_pack(), &closed, &["--tiles"]);
-    let paths: Vec<String> =
-        tree(&object.join("v1/tiles")).into_iter().map(|(path, _)| path).filter(|path| !path.ends_with('/')).collect();
+    let paths: Vec<String> = tree(&object.join("v1/tiles")).into_keys().filter(|path| !path.ends_with('/')).collect();
     assert!(paths.iter().any(|path| path.ends_with("tileset.json")) && paths.len() > 1);
     for path in paths {
         assert!(kilwa_archive::layout::is_geometry(&format!("v1/tiles/{path}")), "{path}");

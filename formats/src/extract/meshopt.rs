@@ -20,7 +20,8 @@ pub(super) struct Views<W> {
     bytes: u64,
     /// Bytes of the fallback buffer, which is declared for clients without the extension but has no content.
     plain: u64,
-    views: Vec<Value>,
+    /// Their descriptions.
+    described: Vec<Value>,
     work: Workspace,
 }
 
@@ -33,7 +34,7 @@ pub(super) enum ViewError {
 
 impl<W: Write> Views<W> {
     pub(super) fn new(out: W) -> Self {
-        Self { out, bytes: 0, plain: 0, views: Vec::new(), work: Workspace::default() }
+        Self { out, bytes: 0, plain: 0, described: Vec::new(), work: Workspace::default() }
     }
 
     /// Append a view of `count` vertices of `stride` bytes each, which `filter` restores when it is read (`NONE`: they are stored as they are);
@@ -90,12 +91,12 @@ impl<W: Write> Views<W> {
         if target == ARRAY_BUFFER {
             view["byteStride"] = json!(stride);
         }
-        self.views.push(view);
+        self.described.push(view);
         let padding = packed.len().next_multiple_of(4) - packed.len();
         self.out.write_all(packed).and_then(|()| self.out.write_all(&[0; 3][..padding])).map_err(ViewError::Write)?;
         self.bytes += (packed.len() + padding) as u64;
         self.plain += (count * stride).next_multiple_of(4) as u64;
-        Ok(self.views.len() - 1)
+        Ok(self.described.len() - 1)
     }
 
     /// Bytes written so far.
@@ -105,7 +106,7 @@ impl<W: Write> Views<W> {
 
     /// Name the views and their two buffers in the JSON of the file.
     pub(super) fn describe(&mut self, file: &mut Value) {
-        file["bufferViews"] = Value::Array(std::mem::take(&mut self.views));
+        file["bufferViews"] = Value::Array(std::mem::take(&mut self.described));
         file["buffers"] = json!([{"byteLength": self.bytes},
             {"byteLength": self.plain, "extensions": {MESHOPT: {"fallback": true}}}]);
     }

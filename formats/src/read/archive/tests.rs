@@ -174,6 +174,9 @@ fn encrypted_files_links_and_repeated_names_are_refused() {
     assert!(made(&|item| item.name = b"./a.obj".to_vec()).contains("occurs twice"));
 }
 
+/// What is changed in an archive, and how.
+type Change<'a> = (&'a str, &'a dyn Fn(&mut Item));
+
 #[test]
 fn entries_that_are_not_what_is_stated_are_refused() {
     let damaged = |change: &dyn Fn(&mut Item)| {
@@ -182,7 +185,6 @@ fn entries_that_are_not_what_is_stated_are_refused() {
         refusal(&archive(&[item]))
     };
     let n = PLAIN.len() as u32;
-    type Change<'a> = (&'a str, &'a dyn Fn(&mut Item));
     let changes: [Change<'_>; 9] = [
         ("more than 31 bytes", &|item| item.bytes = n - 1),
         ("of 33 bytes", &|item| item.bytes = n + 1),
