@@ -197,7 +197,7 @@ test("the first view of the demo at one pixel takes at most 20 requests of a hos
   const s = await stats(page);
   assert.ok(s.targetReached && s.worstPixelError <= 1, JSON.stringify(s));
   console.log(`# ${host.asked} requests of the pack, ${s.bytesReceived} bytes beside the head, ${s.bytesShown} shown`);
-  assert.ok(host.asked <= FIRST_VIEW_MAX, `${host.asked} requests: ${host.ranges.join()}`);
+  assert.ok(host.asked <= FIRST_VIEW_MAX, `${host.asked} requests, ${s.requests} by the page, ${s.failures} failed: ${host.ranges.join()}`);
   // What is read for nothing to save requests is bounded.
   assert.ok(s.bytesReceived <= s.bytesShown * 1.5, `${s.bytesReceived} bytes for ${s.bytesShown} that are shown`);
   assert.equal(host.refused, 0);
