@@ -111,10 +111,14 @@ test("where no adapter answers, the transfer of the program that cannot be used 
 });
 
 test("the bar goes on and never back, and moves while it waits", async () => {
+  let release;
   const { page, close } = await open(browser, PAGE(), {
+    wait: null,
     reducedMotion: "no-preference",
-    before: (page) =>
-      page.addInitScript(() => {
+    before: async (page) => {
+      // Whichever of program and head comes first on a busy machine, the bar goes on: here the head does, so that it has three steps.
+      release = await hold(page, (name) => name === "viewer_bg.wasm");
+      await page.addInitScript(() => {
         globalThis.seen = [];
         new MutationObserver(() => {
           const bar = document.getElementById("loading-bar");
@@ -122,8 +126,12 @@ test("the bar goes on and never back, and moves while it waits", async () => {
           if (globalThis.seen.length === 0) globalThis.isMoving = bar.getAnimations().length > 0;
           if (bar.position >= 0 && bar.value !== globalThis.seen.at(-1)) globalThis.seen.push(bar.value);
         }).observe(document, { subtree: true, childList: true, attributes: true, attributeFilter: ["value"] });
-      }),
+      });
+    },
   });
+  await page.waitForFunction(() => globalThis.seen.some((value) => value > 0));
+  release();
+  await waitFor(page, "settled");
   const { seen, isMoving } = await page.evaluate(() => ({ seen: globalThis.seen, isMoving: globalThis.isMoving }));
   assert.ok(isMoving);
   assert.ok(seen.length >= 3, seen.join(" "));
