@@ -5,7 +5,7 @@
 //! restored exactly, and farther ones are rounded to 23 significant bits; normals are rounded to 8 bits, colours restored to the same level of sRGB.
 
 use super::format::{Encoder, Target};
-use super::glb::{begin, document, padded};
+use super::gltf::{BYTE, FLOAT, UNSIGNED_SHORT, begin, document, padded};
 use super::meshopt::{LIGHT, MESHOPT, QUANTIZED, ViewError, Views, exponential, octahedral, ordered};
 use super::output::Scratch;
 use super::stream::Counts;
@@ -16,10 +16,6 @@ use std::collections::HashMap;
 use std::fs::File;
 use std::io::{BufReader, BufWriter, Error, Read, Seek, SeekFrom, Write};
 
-/// Codes of OpenGL.
-const BYTE: u32 = 5120;
-const UNSIGNED_SHORT: u32 = 5123;
-const FLOAT: u32 = 5126;
 /// Bytes of a vertex in the scratch file: position, normal, colour and a byte for alignment.
 const VERTEX: usize = 20;
 /// Bytes of a triangle there.

@@ -1,5 +1,6 @@
 //! Buffer views of glTF compressed with `EXT_meshopt_compression` (Khronos, "EXT_meshopt_compression"), for tiles and for GLB files.
 
+use super::gltf::{ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER};
 use kilwa_geometry::color::{light_from_srgb, srgb_from_light};
 use meshoptimizer_rs::{Error, Workspace, codec};
 use serde_json::{Value, json};
@@ -9,9 +10,6 @@ use std::sync::LazyLock;
 /// The extension of glTF for compressed views, and the one for normals in bytes.
 pub(super) const MESHOPT: &str = "EXT_meshopt_compression";
 pub(super) const QUANTIZED: &str = "KHR_mesh_quantization";
-/// Codes of OpenGL.
-const ARRAY_BUFFER: u32 = 34962;
-const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
 /// Compressed views while they are written, one after the other, to `out`.
 pub(super) struct Views<W> {

@@ -6,17 +6,12 @@
 
 use super::Profile;
 use crate::extract::ExtractError;
+use crate::extract::gltf::{ARRAY_BUFFER, BYTE, ELEMENT_ARRAY_BUFFER, FLOAT, UNSIGNED_SHORT, begin, padded};
 use crate::extract::meshopt::{LIGHT, MESHOPT, QUANTIZED, ViewError, Views, exponential, octahedral};
 use glam::{DVec3, I64Vec3, IVec3};
 use kilwa_geometry::Sphere;
 use serde_json::{Value, json};
 
-/// Codes of OpenGL.
-const BYTE: u32 = 5120;
-const UNSIGNED_SHORT: u32 = 5123;
-const FLOAT: u32 = 5126;
-const ARRAY_BUFFER: u32 = 34962;
-const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 /// Largest distance from the offset: 24 bits with a sign.
 const REACH: i32 = (1 << 23) - 1;
 /// Offsets are multiples of so many steps: 2 km in a grid of a millimetre. Floats move a vertex that is half as far away by an eighth of a step at most.
@@ -92,7 +87,7 @@ impl Tile {
     pub(super) fn bytes(&self, profile: Profile, error: f64) -> Result<Vec<u8>, ExtractError> {
         match profile {
             Profile::Web => self.compressed(error),
-            Profile::Plain => Ok(self.plain(error)),
+            Profile::Plain => self.plain(error),
         }
     }
 
@@ -179,12 +174,12 @@ impl Tile {
         if !self.colors.is_empty() {
             file["materials"][0]["extensions"] = json!({UNLIT: {}});
         }
-        Ok(glb(&file, &views.out))
+        glb(&file, &views.out)
     }
 
-    fn plain(&self, error: f64) -> Vec<u8> {
+    fn plain(&self, error: f64) -> Result<Vec<u8>, ExtractError> {
         let mut file = self.file(error);
-        let normals = self.normals(Profile::Plain).ok().flatten();
+        let normals = self.normals(Profile::Plain)?;
         let attributes: Vec<Attribute> =
             [Some(self.positions(false)), normals, self.colors()].into_iter().flatten().collect();
         let stride: usize = attributes.iter().map(|a| a.stride).sum();
@@ -273,22 +268,15 @@ fn add(file: &mut Value, name: &str, accessor: Value) {
     file["meshes"][0]["primitives"][0]["attributes"][name] = json!(number);
 }
 
-/// The file with its two parts. A tile is far smaller than the 4 GiB that the format allows.
-fn glb(file: &Value, binary: &[u8]) -> Vec<u8> {
-    let mut json = file.to_string().into_bytes();
-    json.resize(json.len().next_multiple_of(4), b' ');
-    let total = 12 + 8 + json.len() + 8 + binary.len();
-    let mut out = Vec::with_capacity(total);
-    out.extend(b"glTF");
-    for word in [2, total as u32, json.len() as u32] {
-        out.extend(word.to_le_bytes());
-    }
-    out.extend(b"JSON");
-    out.extend(json);
-    out.extend((binary.len() as u32).to_le_bytes());
-    out.extend(b"BIN\0");
+/// The file with its two parts.
+///
+/// # Errors
+/// If it were longer than its format allows; tiles are far from that.
+fn glb(file: &Value, binary: &[u8]) -> Result<Vec<u8>, ExtractError> {
+    let (json, mut out) = (padded(file), Vec::with_capacity(binary.len()));
+    begin(&mut out, &json, binary.len() as u64).map_err(|e| ExtractError::Encode(e.to_string()))?;
     out.extend(binary);
-    out
+    Ok(out)
 }
 
 #[cfg(test)]
