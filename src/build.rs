@@ -40,7 +40,7 @@ use std::time::Instant;
 
 /// Build a pack from meshes.
 ///
-/// Reads PLY, OBJ, STL, glTF, Nexus, the finest level of 3D Tiles (`tileset.json`), and the mesh in a ZIP download of Sketchfab. The pack holds the finest surface exactly, on a lattice finer than the mesh, and
+/// Reads PLY, OBJ, STL, glTF, Nexus, the finest level of 3D Tiles (`tileset.json`), and the mesh in a ZIP download from Sketchfab. The pack holds the finest surface exactly, on a lattice finer than the mesh, and
 /// coarser forms of it, each with a certified error.
 #[derive(clap::Args)]
 #[expect(clippy::struct_excessive_bools, reason = "every one is a switch of the command line")]

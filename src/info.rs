@@ -25,7 +25,7 @@ use std::path::PathBuf;
 /// built: borders, components, edges, noise, necessary repairs.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// The pack, or a mesh (PLY, OBJ, STL, glTF, Nexus, 3D Tiles, a ZIP download of Sketchfab).
+    /// The pack, or a mesh (PLY, OBJ, STL, glTF, Nexus, 3D Tiles, a ZIP download from Sketchfab).
     file: PathBuf,
     /// Units of a mesh: m, dm, cm, mm, km, ft, us-ft, in (default: m).
     #[arg(long, value_parser = crate::inputs::units)]

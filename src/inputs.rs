@@ -21,7 +21,7 @@ use kilwa_files::atomic::folder_of;
 use kilwa_files::plain_file;
 use kilwa_formats::Up;
 use kilwa_formats::read::texture::detail::Detail;
-use kilwa_formats::read::{self, Placed, Placement, ReadError, ReadOptions, Replaced};
+use kilwa_formats::read::{self, MESH_EXTENSIONS, Placed, Placement, ReadError, ReadOptions, Replaced};
 use kilwa_geometry::LengthUnit;
 use kilwa_pack::metadata::SourceFile;
 use kilwa_pack::plural::counted;
@@ -36,7 +36,7 @@ use std::sync::Arc;
 /// Which meshes are read, and how their coordinates are interpreted.
 #[derive(clap::Args)]
 pub(crate) struct InputArgs {
-    /// Mesh files (PLY, OBJ, STL, glTF, Nexus, 3D Tiles tilesets), ZIP downloads of Sketchfab, folders of meshes, quoted patterns such as 'blocks/*.ply', or surveys of scans.
+    /// Mesh files (PLY, OBJ, STL, glTF, Nexus, 3D Tiles tilesets), ZIP downloads from Sketchfab, folders of meshes, quoted patterns such as 'blocks/*.ply', or surveys of scans.
     ///
     /// Several are joined, and matching vertices are welded; their order does not matter.
     #[arg(required = true, value_name = "INPUT")]
@@ -103,9 +103,6 @@ pub(crate) struct Inputs {
 /// Bytes of the metadata block that names of sources may take: half of it, so that there is room for the rest and for
 /// a picture in the head of the pack.
 const SOURCE_BYTES: usize = 32 * 1024;
-
-/// Extensions under which a file in a folder must be a mesh that can be read.
-const MESH_EXTENSIONS: [&str; 7] = ["ply", "obj", "stl", "glb", "gltf", "nxs", "nxz"];
 
 pub(crate) fn units(name: &str) -> Result<LengthUnit, String> {
     LengthUnit::parse(name).ok_or_else(|| format!("give one of {}", LengthUnit::symbols()))

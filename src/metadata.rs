@@ -24,7 +24,7 @@ enum What {
     Init {
         /// A pack, for title, units, reference system and counts.
         pack: Option<PathBuf>,
-        /// A download of Sketchfab (ZIP), for title, author, licence, credit and source as it states them.
+        /// A ZIP download from Sketchfab: fill in the title, author, licence, credit and source that it states.
         #[arg(long, value_name = "FILE.zip")]
         download: Option<PathBuf>,
         /// The file to write (default: standard output).

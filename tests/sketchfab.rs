@@ -94,7 +94,7 @@ fn a_build_says_what_the_download_states_and_how_to_keep_it() {
 }
 
 #[test]
-fn metadata_take_what_the_download_states_with_where_it_comes_from() {
+fn metadata_init_fills_in_what_the_download_states_and_names_the_source() {
     let site = Site::new(BY, EXTRAS);
     let (pack, file) = (site.path("fort.kilwa"), site.path("fort.toml"));
     succeeds(&["build", text(&site.path("fort.zip")), "-o", text(&pack)]);

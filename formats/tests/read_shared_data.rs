@@ -2,7 +2,7 @@
 //! refused with a reason and a place; a file of another format is refused by its name.
 
 use crate::shared_data::{check_invariants, data, extension, files, refusal_of};
-use kilwa_formats::read::{ReadError, read_mesh};
+use kilwa_formats::read::{MESH_EXTENSIONS, ReadError, read_mesh};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -162,9 +162,7 @@ fn files_of_other_formats_are_refused_by_the_name_of_their_format() {
     ];
     let all = files(&folder);
     let mut checked = 0;
-    for path in
-        all.iter().filter(|p| !["glb", "gltf", "nxs", "nxz", "obj", "ply", "stl"].contains(&extension(p).as_str()))
-    {
+    for path in all.iter().filter(|p| !MESH_EXTENSIONS.contains(&extension(p).as_str())) {
         let text = match read_mesh(path, &mut |_, _| {}) {
             Ok(_) => panic!("{} was read as a mesh", path.display()),
             Err(e) => e.to_string(),

@@ -113,7 +113,7 @@ fn count(path: &Path, memory: u64) -> Option<Count> {
 
 /// Of the mesh in an archive.
 fn in_archive(path: &Path, memory: u64) -> Option<Count> {
-    let Beginning { start, bytes, room, .. } = archive::beginning(path, 1 << 16).ok()?;
+    let Beginning { start, bytes, room } = archive::beginning(path, 1 << 16).ok()?;
     let json = json_length(&start, bytes).filter(|length| *length <= memory / 4);
     let gltf = json.and_then(|length| gltf(&archive::beginning(path, length).ok()?.start, memory));
     Some(Count { inflated: room, ..gltf.unwrap_or_else(|| count_of(&start, bytes)) })

@@ -46,7 +46,7 @@ fn filled(known: &mut Known, found: &Credits, file: &str) -> Vec<String> {
         if source.starts_with("https://") || source.starts_with("http://") {
             all.known.source = Some(source);
         } else {
-            all.remark(Remarked::Source, format!("It is no web address: \"{source}\""));
+            all.remark(Remarked::Source, format!("Not a web address: \"{source}\""));
         }
     }
     all.messages
@@ -89,7 +89,7 @@ impl Download<'_> {
         let lines: Vec<String> =
             stated.iter().map(|(place, value)| format!("{place} states \"{}\"", value.text())).collect();
         self.messages
-            .push(format!("contradictory statements about the {what}, which is left open: {}", lines.join("; ")));
+            .push(format!("contradictory statements about the {what}; the field is left empty: {}", lines.join("; ")));
         self.remark(field, format!("{} contradicts itself about the {what}:", self.file));
         for line in lines {
             self.remark(field, line);
@@ -124,7 +124,7 @@ impl Download<'_> {
         let text = license.text();
         self.remark(
             Remarked::Rights,
-            format!("The licence \"{text}\" is none that machines understand; publishing needs the permission of the rights holder."),
+            format!("The licence \"{text}\" is not a known licence, so rights.uri is left empty; to publish the model you need the permission of the rights holder."),
         );
         self.messages.push(format!(
             "the licence \"{text}\" is not a known licence or rights statement and is kept in rights.statement; to publish the model you need the permission of the rights holder"

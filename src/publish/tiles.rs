@@ -42,7 +42,7 @@ pub(super) fn check(args: &Args, given: &Given) -> anyhow::Result<()> {
     if args.geoid_offset.is_none() {
         return Ok(());
     }
-    // Inside the cell of a redacted location, the geoid would be a contour line.
+    // Within the cell of a redacted location, the geoid offset would narrow the place down to a contour line.
     let crs = given.of_pack.crs.clone().filter(|_| given.place.is_none());
     let crs = crs.context(
         "--geoid-offset is for models that are published with their coordinate reference system, and this one is not; omit it",

@@ -16,6 +16,8 @@ pub(crate) struct Item {
     pub(crate) flags: u16,
     /// Mode of Unix.
     pub(crate) mode: u32,
+    /// Whether length and checksum follow the data instead of preceding them, as programs write that do not know them beforehand.
+    pub(crate) has_descriptor: bool,
 }
 
 /// An entry that is compressed.
@@ -38,6 +40,7 @@ pub(crate) fn stored(name: &str, data: &[u8]) -> Item {
         method: 0,
         flags: 0,
         mode: 0o100_644,
+        has_descriptor: false,
     }
 }
 
@@ -56,9 +59,21 @@ pub(crate) fn archive(items: &[Item]) -> Vec<u8> {
 pub(crate) fn local(item: &Item, all: &mut Vec<u8>) {
     let name = item.local_name.as_ref().unwrap_or(&item.name);
     all.extend(b"PK\x03\x04\x14\0");
-    common(item, name, all);
+    if item.has_descriptor {
+        const DESCRIPTOR: u16 = 8;
+        let unknown = Item { flags: item.flags | DESCRIPTOR, crc: 0, bytes: 0, packed: Vec::new(), ..item.clone() };
+        common(&unknown, name, all);
+    } else {
+        common(item, name, all);
+    }
     all.extend(name);
     all.extend(&item.packed);
+    if item.has_descriptor {
+        all.extend(b"PK\x07\x08");
+        for word in [item.crc, item.packed.len() as u32, item.bytes] {
+            all.extend(word.to_le_bytes());
+        }
+    }
 }
 
 /// Entries, the list of them, and the end.
@@ -67,7 +82,8 @@ pub(crate) fn ended(mut all: Vec<u8>, items: &[Item], places: &[u32]) -> Vec<u8>
     for (item, place) in items.iter().zip(places) {
         // Made by Unix.
         all.extend(b"PK\x01\x02\x14\x03\x14\0");
-        common(item, &item.name, &mut all);
+        let flags = if item.has_descriptor { item.flags | 8 } else { item.flags };
+        common(&Item { flags, ..item.clone() }, &item.name, &mut all);
         all.extend([0; 6]);
         all.extend((item.mode << 16).to_le_bytes());
         all.extend(place.to_le_bytes());

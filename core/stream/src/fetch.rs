@@ -323,14 +323,13 @@ impl Streamer {
             |&(id, visible): &(RequestId, bool)| !alone && visible == is_visible && self.may_grow(id, end - start);
         let joined = growing.chunks.filter(is_like).map(|(id, _)| id);
         let widest = joining.widest;
-        let is_short = || self.stretch(index, wanted, now_ms, is_visible, widest) < joining.shortest;
-        if !alone && index > 0 && joining.shortest > 0 && is_short() {
+        if joined.is_none() && !self.may_request(end - start)
+            || !alone && index > 0 && self.is_short(index, wanted, now_ms, is_visible, joining)
+        {
             return;
         }
         let id = joined.unwrap_or(self.next_request);
-        if joined.is_none() && !self.may_request(end - start)
-            || !self.hold(index, State::Requested(id), wanted, commands)
-        {
+        if !self.hold(index, State::Requested(id), wanted, commands) {
             return;
         }
         let mut parts = vec![index];
@@ -411,13 +410,18 @@ impl Streamer {
         widest
     }
 
-    /// Bytes from the first to the last chunk that may be asked for together with this one.
-    fn stretch(&self, index: u32, wanted: &Wanted, now_ms: f64, visible: bool, widest: u64) -> u64 {
-        let end = |forward: bool| {
-            let next = |&at: &u32| self.next_in_file(at, forward, wanted, now_ms, visible, widest);
-            std::iter::successors(Some(index), next).last().and_then(|last| self.range(last))
-        };
-        end(false).zip(end(true)).map_or(0, |((start, _), (_, end))| end - start)
+    /// Whether the chunks that may be asked for together with this one lie in fewer bytes than a request is sent for now.
+    fn is_short(&self, index: u32, wanted: &Wanted, now_ms: f64, visible: bool, joining: Joining) -> bool {
+        let Some((mut start, mut end)) = self.range(index) else { return false };
+        for forward in [true, false] {
+            let mut at = index;
+            while end - start < joining.shortest {
+                let next = self.next_in_file(at, forward, wanted, now_ms, visible, joining.widest);
+                let Some((next, (from, to))) = next.and_then(|next| Some((next, self.range(next)?))) else { break };
+                (at, start, end) = (next, start.min(from), end.max(to));
+            }
+        }
+        end - start < joining.shortest
     }
 
     /// The next chunk after (or before) `at` that may be asked for together with it, not farther than a gap.

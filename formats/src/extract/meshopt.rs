@@ -144,8 +144,8 @@ pub(super) fn octahedral(normals: &[[f32; 3]]) -> Result<Vec<u8>, Error> {
     codec::encode_filter_oct(normals.len(), 4, 8, &four, &mut Workspace::default())
 }
 
-/// Light of each level of sRGB, in 16 bits: of the values that are rounded to the level again, one whose low byte is one of a few, the first if possible. A
-/// byte that seldom changes takes little room; without this, colours would take more than positions.
+/// Linear light of each sRGB level, in 16 bits. Several values convert back to the same level; the one chosen has, if possible, one of a few low bytes. A
+/// byte that seldom changes compresses well; without this, colours would take more space than positions.
 pub(super) static LIGHT: LazyLock<[u16; 256]> = LazyLock::new(|| std::array::from_fn(|level| light(level as u8)));
 
 fn light(level: u8) -> u16 {

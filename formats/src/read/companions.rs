@@ -1,12 +1,12 @@
 //! Files that a mesh file names: material libraries, pictures, buffers. All readers find and open them here.
 //!
 //! They are where the mesh is: in its folder (`folder`), where only regular files inside are opened, or in the archive that
-//! the mesh is in, and then nowhere else (`archive/shelf.rs`). Names written on another system, in another case or before
+//! the mesh is in, and then nowhere else (`archive/files.rs`). Names written on another system, in another case or before
 //! the files were moved are found all the same.
 
 mod folder;
 
-use super::archive::{Archived, Shelf};
+use super::archive::{ArchiveFiles, Archived};
 use super::{ReadError, ReadOptions};
 use folder::Folder;
 use kilwa_files::plain_file;
@@ -72,7 +72,7 @@ pub(super) enum Companions<'s> {
     /// Beside a mesh that is a file.
     Folder(Folder),
     /// Beside a mesh in an archive.
-    Archive(Shelf<'s>),
+    Archive(ArchiveFiles<'s>),
 }
 
 /// An open companion.
@@ -106,7 +106,7 @@ impl<'s> Companions<'s> {
     /// For a mesh file, which is in `archive` if there is one.
     pub(super) fn of(input: &Path, options: &ReadOptions, archive: Option<Archived<'s>>) -> Self {
         match archive {
-            Some(archive) => Self::Archive(Shelf::of(input, archive)),
+            Some(archive) => Self::Archive(ArchiveFiles::of(input, archive)),
             None => Self::Folder(Folder::of(input, options)),
         }
     }
@@ -123,7 +123,7 @@ impl<'s> Companions<'s> {
     pub(super) fn folder(&self) -> &Path {
         match self {
             Self::Folder(folder) => folder.path(),
-            Self::Archive(shelf) => shelf.folder(),
+            Self::Archive(files) => files.folder(),
         }
     }
 
@@ -136,7 +136,7 @@ impl<'s> Companions<'s> {
         }
         match self {
             Self::Folder(folder) => folder.find(from, name),
-            Self::Archive(shelf) => shelf.find(from, &name),
+            Self::Archive(files) => files.find(from, &name),
         }
     }
 
@@ -144,7 +144,7 @@ impl<'s> Companions<'s> {
     pub(super) fn exactly(&self, path: PathBuf) -> Found {
         match self {
             Self::Folder(folder) => folder.exactly(path),
-            Self::Archive(shelf) => shelf.exactly(path),
+            Self::Archive(files) => files.exactly(path),
         }
     }
 
@@ -169,7 +169,7 @@ impl<'s> Companions<'s> {
             target,
             folder: match self {
                 Self::Folder(folder) => folder.limit().to_owned(),
-                Self::Archive(shelf) => shelf.folder().to_owned(),
+                Self::Archive(files) => files.folder().to_owned(),
             },
         }
     }
@@ -177,7 +177,7 @@ impl<'s> Companions<'s> {
     /// The one path of a file that [`Companions::find`] found, whatever name led to it.
     ///
     /// # Errors
-    /// Where it is there no more.
+    /// If it no longer exists.
     pub(super) fn real(&self, path: &Path) -> io::Result<PathBuf> {
         match self {
             Self::Folder(_) => path.canonicalize(),
@@ -192,7 +192,7 @@ impl<'s> Companions<'s> {
     pub(super) fn open(&self, path: &Path) -> io::Result<(Opened, u64)> {
         match self {
             Self::Folder(folder) => folder.open(path).map(|(file, bytes)| (Opened::File(file), bytes)),
-            Self::Archive(shelf) => shelf.open(path).map(|(file, bytes)| (Opened::Entry(file), bytes)),
+            Self::Archive(files) => files.open(path).map(|(file, bytes)| (Opened::Entry(file), bytes)),
         }
     }
 
@@ -203,7 +203,7 @@ impl<'s> Companions<'s> {
     pub(super) fn read(&self, path: &Path, max: u64) -> io::Result<Vec<u8>> {
         match self {
             Self::Folder(folder) => plain_file::read(folder.open(path)?.0, max),
-            Self::Archive(shelf) => shelf.read(path, max),
+            Self::Archive(files) => files.read(path, max),
         }
     }
 }

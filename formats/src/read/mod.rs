@@ -148,6 +148,9 @@ const TILES: &str = "3D Tiles";
 /// The name of ZIP archives.
 const ARCHIVE: &str = "ZIP archive";
 
+/// Extensions of the mesh files that are read, beside `tileset.json` and archives.
+pub const MESH_EXTENSIONS: [&str; 7] = ["ply", "obj", "stl", "glb", "gltf", "nxs", "nxz"];
+
 /// Asked in this order.
 const FORMATS: &[Format] = &[
     Format { name: "PLY", up: Up::Z, is: |start, _| ply::is_ply(start), read: ply::read, note_detail: None },

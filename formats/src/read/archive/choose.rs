@@ -2,11 +2,9 @@
 //! glTF. Nothing else is preferred: several meshes may be several models, levels of detail, or the same model in several formats.
 
 use super::directory::{Archive, Entry, shown};
-use crate::read::ReadError;
+use crate::read::{MESH_EXTENSIONS, ReadError};
 use kilwa_pack::plural::counted;
 
-/// Extensions of meshes that are read.
-const MESHES: [&str; 7] = ["gltf", "glb", "obj", "ply", "stl", "nxs", "nxz"];
 /// Extensions of archives.
 const NESTED: [&str; 10] = ["zip", "7z", "rar", "tar", "gz", "tgz", "bz2", "xz", "zst", "zipx"];
 /// Extensions of models and scans that are not read.
@@ -24,7 +22,7 @@ const SHOWN: usize = 10;
 /// # Errors
 /// [`ReadError`] if there is none that is read, or several.
 pub(super) fn mesh(archive: &Archive<'_>) -> Result<usize, ReadError> {
-    let is_mesh = |entry: &Entry| entry.is_content() && MESHES.contains(&entry.extension().as_str());
+    let is_mesh = |entry: &Entry| entry.is_content() && MESH_EXTENSIONS.contains(&entry.extension().as_str());
     let found: Vec<usize> = (0..).zip(archive.files()).filter(|(_, entry)| is_mesh(entry)).map(|(i, _)| i).collect();
     match found.as_slice() {
         [one] => Ok(*one),

@@ -25,7 +25,6 @@ use crate::read::{Bytes, ReadError, ReadOptions, open};
 use serde::Deserialize;
 use serde::de::{Deserializer, IgnoredAny, MapAccess, SeqAccess, Visitor};
 use std::fmt;
-use std::io::{BufReader, Read};
 use std::path::Path;
 
 /// The file in which Sketchfab states the licence.
@@ -34,6 +33,8 @@ const LICENSE: &str = "license.txt";
 const LICENSE_MAX: u64 = 64 << 10;
 /// The most bytes of JSON that are looked through.
 const JSON_MAX: u64 = 16 << 20;
+/// Bytes of a GLB in front of its JSON.
+const GLB_HEAD: usize = 20;
 /// The longest text of one field, bytes.
 const TEXT_MAX: usize = 4096;
 
@@ -101,30 +102,53 @@ pub fn credits(path: &Path) -> Result<Credits, ReadError> {
 pub fn credits_from(source: &mut dyn Bytes, total: u64, path: &Path) -> Result<Credits, ReadError> {
     let archive = Archive::open(source, total, path, &ReadOptions::default())?;
     let mut credits = Credits::default();
-    if let Some(entry) = archive.named_in_any_case(LICENSE) {
-        match archive.bytes(entry, LICENSE_MAX) {
-            Ok(bytes) => {
-                let statement = of_license(&String::from_utf8_lossy(&bytes));
-                credits.add(&entry.name, statement, "it is not in the form of Sketchfab: read it yourself");
-            }
-            Err(e) => credits.notes.push(format!("{} cannot be read: {e}", entry.shown())),
-        }
-    }
-    // The build says what is wrong if there is no mesh.
-    if let Ok(number) = choose::mesh(&archive) {
-        let entry = &archive.files()[number];
-        match extras(&archive, entry) {
-            Ok(Some(statement)) if statement != Statement::default() => {
-                credits.statements.push((format!("asset.extras of {}", entry.name), statement));
-            }
-            Ok(_) => {}
-            Err(why) => credits.notes.push(format!("the asset of {} cannot be read: {why}", entry.shown())),
-        }
-    }
+    credits.add_license(&archive);
+    credits.add_mesh(&archive);
     Ok(credits)
 }
 
+/// The first statement in the download at `path` and where it is; the mesh is only read if `license.txt` states nothing.
+///
+/// # Errors
+/// As [`credits`].
+pub fn first_statement(path: &Path) -> Result<Option<(String, Statement)>, ReadError> {
+    let (mut file, total) = open(path)?;
+    let archive = Archive::open(&mut file, total, path, &ReadOptions::default())?;
+    let mut credits = Credits::default();
+    credits.add_license(&archive);
+    if credits.statements.is_empty() {
+        credits.add_mesh(&archive);
+    }
+    Ok(credits.statements.into_iter().next())
+}
+
 impl Credits {
+    /// What `license.txt` states.
+    fn add_license(&mut self, archive: &Archive<'_>) {
+        let Some(entry) = archive.named_in_any_case(LICENSE) else { return };
+        match archive.bytes(entry, LICENSE_MAX) {
+            Ok(bytes) => {
+                let statement = of_license(&String::from_utf8_lossy(&bytes));
+                self.add(&entry.name, statement, "it is not in Sketchfab's format; read it yourself");
+            }
+            Err(e) => self.notes.push(format!("{} cannot be read: {e}", entry.shown())),
+        }
+    }
+
+    /// What the extras of the glTF state.
+    fn add_mesh(&mut self, archive: &Archive<'_>) {
+        // The build says what is wrong if there is no mesh.
+        let Ok(number) = choose::mesh(archive) else { return };
+        let entry = &archive.files()[number];
+        match extras(archive, entry) {
+            Ok(Some(statement)) if statement != Statement::default() => {
+                self.statements.push((format!("asset.extras of {}", entry.name), statement));
+            }
+            Ok(_) => {}
+            Err(why) => self.notes.push(format!("the asset of {} cannot be read: {why}", entry.shown())),
+        }
+    }
+
     fn add(&mut self, place: &str, statement: Statement, otherwise: &str) {
         if statement == Statement::default() {
             self.notes.push(format!("{place}: {otherwise}"));
@@ -140,13 +164,13 @@ fn of_license(text: &str) -> Statement {
     let mut is_credit_next = false;
     for line in text.trim_start_matches('\u{feff}').lines().map(str::trim).filter(|line| !line.is_empty()) {
         if is_credit_next {
-            found.credit.get_or_insert_with(|| line.to_owned());
+            found.credit = Some(line.to_owned()).filter(|line| line.len() <= TEXT_MAX);
             break;
         }
         is_credit_next = line.starts_with("If you use this 3D model") && line.ends_with(':');
         let Some((key, value)) = line.strip_prefix('*').and_then(|line| line.split_once(':')) else { continue };
         let value = value.trim();
-        if value.is_empty() {
+        if value.is_empty() || value.len() > TEXT_MAX {
             continue;
         }
         match key.trim().to_ascii_lowercase().as_str() {
@@ -176,18 +200,29 @@ fn extras(archive: &Archive<'_>, entry: &Entry) -> Result<Option<Statement>, Str
     if !["gltf", "glb"].contains(&entry.extension().as_str()) {
         return Ok(None);
     }
-    let file = archive.spooled(entry).map_err(|fault| archive.refusal(entry, fault).to_string())?;
-    let mut file = BufReader::new(file);
-    let mut length = entry.bytes;
-    if entry.extension() == "glb" {
-        let mut head = [0; 20];
-        file.read_exact(&mut head).map_err(|e| e.to_string())?;
-        length = u64::from(u32::from_le_bytes([head[12], head[13], head[14], head[15]]));
+    let too_long = || Err(format!("its JSON has more than {} MiB", JSON_MAX >> 20));
+    let is_binary = entry.extension() == "glb";
+    if !is_binary && entry.bytes > JSON_MAX {
+        return too_long();
     }
-    if length > JSON_MAX {
-        return Err(format!("its JSON has more than {} MiB", JSON_MAX >> 20));
+    // All of it is inflated and compared with its checksum, but only the beginning is kept.
+    let mut start = Vec::new();
+    let keep = &mut |block: &[u8]| {
+        let room = GLB_HEAD + JSON_MAX as usize - start.len();
+        start.extend_from_slice(&block[..block.len().min(room)]);
+        Ok(())
+    };
+    archive.inflated(entry, keep).map_err(|fault| archive.refusal(entry, fault).to_string())?;
+    let mut json = start.as_slice();
+    if is_binary {
+        let (head, rest) = start.split_at_checked(GLB_HEAD).ok_or("it is shorter than the head of a GLB")?;
+        let length = u64::from(u32::from_le_bytes([head[12], head[13], head[14], head[15]]));
+        if length > JSON_MAX {
+            return too_long();
+        }
+        json = &rest[..rest.len().min(length as usize)];
     }
-    let mut json = serde_json::Deserializer::from_reader(file.take(length));
+    let mut json = serde_json::Deserializer::from_slice(json);
     let head = Head::deserialize(&mut json).map_err(|e| e.to_string())?;
     let Extras { title, source, author, license } = head.asset.extras;
     let named = |text: Text| text.0.map(|text| Named::parse(&text));

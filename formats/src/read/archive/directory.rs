@@ -253,7 +253,8 @@ pub(super) fn relative(raw: &[u8]) -> Result<String, &'static str> {
     if raw.len() > NAME_MAX {
         return Err("a name of more than 4096 bytes");
     }
-    let name = String::from_utf8_lossy(raw);
+    // Names in another encoding must stay distinct, and files are not found by them: each byte becomes a character.
+    let name = String::from_utf8(raw.to_vec()).unwrap_or_else(|_| raw.iter().copied().map(char::from).collect());
     if name.starts_with('/') {
         return Err("an absolute name");
     }

@@ -8,13 +8,13 @@ use std::borrow::Cow;
 use std::io::{self, BufReader, Read, Seek, SeekFrom, Write};
 use tempfile::{SpooledTempFile, spooled_tempfile_in};
 
-/// Bytes of entries that are kept in memory, together.
+/// Bytes of all entries that are ever inflated into memory while an archive is open; whatever comes after goes to scratch files.
 pub(super) const IN_MEMORY: u64 = 16 << 20;
 /// Bytes of one of them.
 const SMALL: u64 = 1 << 20;
 /// Bytes that deflate can yield for one.
 pub(super) const RATIO_MAX: u64 = 1032;
-/// Bytes for one that no mesh and no picture yields, of entries of [`BOMB`] bytes and more.
+/// Bytes per compressed byte that no mesh or picture reaches; checked for entries of [`BOMB`] bytes and more.
 const RATIO: u64 = 250;
 const BOMB: u64 = 16 << 20;
 /// Bytes read at a time.
@@ -22,7 +22,7 @@ const BLOCK: usize = 64 << 10;
 /// The longest name and extra fields of an entry.
 const LOCAL_NAMES: usize = 2 << 16;
 
-const DAMAGED: &str = "what its list of files states; it is damaged: download or copy the archive again";
+const DAMAGED: &str = "what the list of files in the archive states; the archive is damaged: download or copy it again";
 
 /// Why an entry cannot be read.
 #[derive(Debug)]
@@ -98,7 +98,14 @@ impl Archive<'_> {
     }
 
     /// Hand on all bytes in blocks, then compare their number and checksum.
-    fn inflated(&self, entry: &Entry, each: &mut dyn FnMut(&[u8]) -> Result<(), Fault>) -> Result<(), Fault> {
+    ///
+    /// # Errors
+    /// [`Fault`], and what `each` returns.
+    pub(super) fn inflated(
+        &self,
+        entry: &Entry,
+        each: &mut dyn FnMut(&[u8]) -> Result<(), Fault>,
+    ) -> Result<(), Fault> {
         // One byte more, to see whether there is more.
         let mut stream = self.stream(entry)?.take(entry.bytes.saturating_add(1));
         let (mut sum, mut count) = (Crc32::new(), 0);
@@ -144,10 +151,10 @@ impl Archive<'_> {
         }
         if entry.bytes > entry.at_most() || entry.bytes >= BOMB && entry.bytes / RATIO > entry.packed {
             let found = format!("{} that inflate to {}", counted(entry.packed, "byte", "bytes"), entry.bytes);
-            let expected = "at most 250 for each, as meshes and pictures are compressed; do not trust this archive unless you know it: unpack it and give the mesh";
+            let expected = "at most 250 bytes for each compressed byte, as in meshes and pictures; if you trust the archive, unpack it and give the mesh";
             return Err(Fault::bad(found, expected));
         }
-        let lies = |what: &str| Fault::bad(format!("another {what} in front of it"), DAMAGED);
+        let lies = |what: &str| Fault::bad(format!("a different {what} in front of its data"), DAMAGED);
         let found = self.zip.get_entry(entry.way).map_err(|_| lies("header"))?;
         let (_, end) = found.compressed_data_range();
         if end > entry.end {

@@ -1,12 +1,12 @@
 //! Meshes in ZIP archives, as Sketchfab delivers its downloads: read in place, nothing is unpacked beside them.
 //!
 //! Stages: `directory` (the list of entries, and what is refused at once) → `choose` (which entry is the mesh) → `inflate` (its bytes, checked, in
-//! memory or in a scratch file) → the reader of its format, which finds textures and buffers in the archive by way of `shelf`.
+//! memory or in a scratch file) → the reader of its format, which finds textures and buffers in the archive by way of `files`.
 //! `credits` reads what the archive states about title, author, licence and source.
 //!
 //! Refused: entries that are encrypted, links, or named so that they would leave the folder; a name that occurs twice; entries that overlap each
-//! other; archives inside the archive; compression other than deflate; entries that inflate to more or less than is stated,
-//! with another checksum, or to so much more than they take that they can be no mesh; no mesh, or several.
+//! other; archives inside the archive; compression other than deflate; entries whose length or checksum differs from what is stated,
+//! or that inflate too far to be a mesh (zip bombs); archives with no mesh, or several.
 //!
 //! Memory: the directory, whose size is limited, and small entries up to [`inflate::IN_MEMORY`] together; larger ones go to scratch files.
 //! How much an archive can inflate to is bounded by its size: entries do not overlap, archives in it are not opened, and
@@ -15,25 +15,25 @@
 mod choose;
 mod credits;
 mod directory;
+mod files;
 mod inflate;
-mod shelf;
 #[cfg(test)]
 mod tests;
 
-pub use credits::{Credits, Named, Statement, credits, credits_from};
-pub(super) use shelf::Shelf;
+pub use credits::{Credits, Named, Statement, credits, credits_from, first_statement};
+pub(super) use files::ArchiveFiles;
 
 use super::texture::detail::Detail;
 use super::{Format, Input, MeshSink, ReadError, ReadOptions, SNIFFED, format_of, open};
 use directory::Archive;
-use shelf::Entries;
+use files::Entries;
 use std::io::{Cursor, Read};
 use std::path::Path;
 
 /// What ZIP files begin with: an entry, or the end of an archive without any.
 const SIGNATURES: [&[u8]; 2] = [b"PK\x03\x04", b"PK\x05\x06"];
 
-/// The archive that a mesh is in.
+/// The archive that a mesh is in, without the lifetime of the file that it is read from.
 #[derive(Clone, Copy)]
 pub struct Archived<'s>(&'s dyn Entries);
 
@@ -104,8 +104,6 @@ fn format_in(archive: &Archive<'_>, mesh: usize) -> Result<Format, ReadError> {
 /// The beginning of the mesh in an archive.
 #[derive(Debug)]
 pub struct Beginning {
-    /// The name of the entry.
-    pub name: String,
     /// Its first bytes.
     pub start: Vec<u8>,
     /// The bytes that it inflates to, as the archive states.
@@ -124,5 +122,5 @@ pub fn beginning(path: &Path, max: u64) -> Result<Beginning, ReadError> {
     let entry = &archive.files()[choose::mesh(&archive)?];
     let start = archive.beginning(entry, max).map_err(|fault| archive.refusal(entry, fault))?;
     let room = archive.files().iter().fold(0u64, |sum, entry| sum.saturating_add(entry.at_most()));
-    Ok(Beginning { name: entry.name.clone(), start, bytes: entry.bytes, room })
+    Ok(Beginning { start, bytes: entry.bytes, room })
 }

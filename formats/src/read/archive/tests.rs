@@ -89,6 +89,18 @@ fn a_download_gives_the_same_mesh_as_its_unpacked_folder() {
 }
 
 #[test]
+fn lengths_may_follow_the_data_and_names_may_be_in_any_encoding() {
+    let streamed: Vec<Item> =
+        items(&download()).into_iter().map(|item| Item { has_descriptor: true, ..item }).collect();
+    assert_eq!(read(&archive(&streamed)).unwrap().triangles.len(), 2);
+    // "ä" and "ö" of Latin-1 are two names, although neither is UTF-8.
+    let [one, other] = [b"\xe4.png", b"\xf6.png"].map(|name| Item { name: name.to_vec(), ..stored("x", b"x") });
+    let mesh = stored("a.obj", PLAIN.as_bytes());
+    assert_eq!(read(&archive(&[one.clone(), other, mesh.clone()])).unwrap().triangles.len(), 1);
+    assert!(refusal(&archive(&[one.clone(), one, mesh])).contains("occurs twice"));
+}
+
+#[test]
 fn pictures_of_an_obj_are_found_where_sketchfab_puts_them() {
     let library = |name: &str| format!("newmtl m\nmap_Kd {name}\n").into_bytes();
     for name in ["a.png", "../textures/A.PNG", "C:\\maps\\a.png", "..\\..\\..\\a.png", "/home/a/a.png", "deep/a.png"] {
@@ -189,7 +201,7 @@ fn entries_that_are_not_what_is_stated_are_refused() {
         ("more than 31 bytes", &|item| item.bytes = n - 1),
         ("of 33 bytes", &|item| item.bytes = n + 1),
         ("another checksum", &|item| item.crc ^= 1),
-        ("another name", &|item| item.local_name = Some(b"b.obj".to_vec())),
+        ("a different name", &|item| item.local_name = Some(b"b.obj".to_vec())),
         ("method BZIP2", &|item| item.method = 12),
         ("method number 77", &|item| item.method = 77),
         ("not compressed", &|item| item.method = 0),
@@ -326,7 +338,7 @@ fn a_license_that_cannot_be_read_is_noted_and_extras_may_have_any_form() {
     };
     let long = "a".repeat(70_000);
     assert!(notes(stored("License.TXT", long.as_bytes()), "{}").notes[0].contains("longer than"));
-    assert!(notes(stored("license.txt", b"MIT"), "{}").notes[0].contains("not in the form of Sketchfab"));
+    assert!(notes(stored("license.txt", b"MIT"), "{}").notes[0].contains("not in Sketchfab's format"));
     for extras in
         ["{\"title\":5,\"author\":null,\"license\":[{}],\"source\":{\"a\":1}}", "{\"title\":true}", "{\"title\":\" \"}"]
     {

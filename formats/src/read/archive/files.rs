@@ -62,13 +62,13 @@ impl Entries for Archive<'_> {
 
 /// Finds and opens what a mesh in an archive names.
 #[derive(Debug)]
-pub(in crate::read) struct Shelf<'s> {
+pub(in crate::read) struct ArchiveFiles<'s> {
     entries: &'s dyn Entries,
     /// The folder of the mesh, behind the path of the archive.
     folder: PathBuf,
 }
 
-impl<'s> Shelf<'s> {
+impl<'s> ArchiveFiles<'s> {
     /// For the mesh at `input`, the path of the archive and the name of the entry.
     pub(in crate::read) fn of(input: &Path, archive: Archived<'s>) -> Self {
         let folder = input.parent().unwrap_or(input).to_owned();
@@ -97,7 +97,7 @@ impl<'s> Shelf<'s> {
         if is_there { Found::File(path) } else { Found::Nothing }
     }
 
-    /// Open an entry that [`Shelf::find`] found; how many bytes it has.
+    /// Open an entry that [`ArchiveFiles::find`] found; how many bytes it has.
     ///
     /// # Errors
     /// Where it is damaged, or cannot be put into a scratch file.
@@ -105,7 +105,7 @@ impl<'s> Shelf<'s> {
         self.entries.open(&self.name(path).ok_or(io::ErrorKind::NotFound)?)
     }
 
-    /// All bytes of an entry that [`Shelf::find`] found, at most so many.
+    /// All bytes of an entry that [`ArchiveFiles::find`] found, if there are at most `max`.
     ///
     /// # Errors
     /// Where it is damaged, or has more.
