@@ -108,8 +108,8 @@ offlineFirst = The server does not answer. Trying again in { $seconds } s.
 offline = offline, retrying in { $seconds } s
 retrying = a part did not arrive, retrying in { $seconds } s
 limited = { $seconds ->
-        [one] the host answers only so many requests at a time; going on in { $seconds } second
-       *[other] the host answers only so many requests at a time; going on in { $seconds } seconds
+        [one] the host limits requests; continuing in { $seconds } second
+       *[other] the host limits requests; continuing in { $seconds } seconds
     }
 damagedPart = Part of the file arrives damaged. It is shown in less detail and requested again.
 gpuLost = The graphics device was reset. The picture is being rebuilt.

@@ -152,7 +152,7 @@ test("each reason why a file cannot be shown has its sentence", async () => {
       launched(HIDDEN),
       `${host}, or the storage to which it redirects, does not allow ${tool.url} to read the header Content-Range. Its operator can allow it (CORS).`,
     ],
-    [launched(HUGE), `${host} sends this file only as a whole. It has 100 MB; above 64 MB, models can be shown only if the server answers Range requests.`],
+    [launched(HUGE), `${host} sends this file only as a whole. The file is 100 MB; above 64 MB, models can be shown only if the server answers Range requests.`],
     [`${page}?callback=${expired}`, `The link from ${host} has expired. Open the file in Dataverse again.`],
     ...[
       "",

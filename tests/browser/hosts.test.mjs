@@ -1,5 +1,5 @@
-// Hosts of other sites that limit how many requests they answer, that do not let this page read, or that know no ranges: the page comes to its end, or says what the
-// host lacks. The page lies on one origin, the pack on another; only requests to the second are counted.
+// Hosts on other origins that limit requests, do not let this page read their files, or do not support ranges: the page shows the model, or says what the
+// host lacks. The page is on one origin, the pack on another; only requests to the second are counted.
 
 import assert from "node:assert/strict";
 import { execFile } from "node:child_process";
@@ -91,8 +91,8 @@ async function packHost(pack, { shares = true, ranges = true, expose = EXPOSED, 
 }
 
 /**
- * After so many requests the next ones are refused for so many milliseconds, then as many are answered again: what counts is their number, for a busy machine is slow. What is
- * refused gets `status`, and Retry-After as `told` writes it.
+ * Answers `count` requests, refuses the next ones for `ms` milliseconds, then answers `count` again. It counts requests and not their rate, because a busy machine is slow.
+ * Refusals have `status`, and the headers that `told` returns.
  */
 function limit(count, ms, { told = () => ({}), status = 429, bare = false } = {}) {
   let [answered, until] = [0, null];
@@ -130,7 +130,7 @@ function watch() {
 const look = (host, { query = "", ...options } = {}) => open(browser, `${site.url}/?pack=${host.url}/fort.kilwa${query}`, options);
 
 /** What the page says while it waits for a host. */
-const limited = (page) => page.getByText(/only so many requests at a time; going on in \d+ second/).filter({ visible: true });
+const limited = (page) => page.getByText(/the host limits requests; continuing in \d+ second/).filter({ visible: true });
 
 /** What refusals leave in the console is the browser's own. */
 const own = (complaints) => complaints.filter((text) => !/Failed to load resource|blocked by CORS policy/.test(text));
@@ -148,7 +148,7 @@ async function take() {
   return found;
 }
 
-/** The fort from a host that refuses: the page waits as long as it is told to, or by itself, says so, and shows the same in the end. */
+/** The fort from a host that refuses: the page waits as long as the host says, or for a delay of its own, shows a message, and finally shows the same picture. */
 async function waitsFor({ leastWait, ...how }) {
   const found = await right();
   const host = await packHost(fort, how);
@@ -191,9 +191,9 @@ async function demoPack() {
   return readFile(kept);
 }
 
-test("the first view of the demo at one pixel takes at most 20 requests of a host that answers 60 a minute", async () => {
+test("the first view of the demo at one pixel takes at most 20 requests, within a limit of 60 a minute", async () => {
   const host = await packHost(await demoPack(), {
-    // As versions are published (docs/hosting.md). Without it, Chromium itself now and then repeats up to four requests, to compare what it has kept.
+    // As versions are published (docs/hosting.md). Without it, Chromium sometimes sends up to four extra requests to revalidate its cache.
     kept: { "cache-control": "public, max-age=31536000, immutable" },
     refuse: limit(60, 60_000, { told: inSeconds }),
   });
@@ -202,8 +202,8 @@ test("the first view of the demo at one pixel takes at most 20 requests of a hos
   assert.ok(s.targetReached && s.worstPixelError <= 1, JSON.stringify(s));
   console.log(`# ${host.asked} requests of the pack, ${s.bytesReceived} bytes beside the head, ${s.bytesShown} shown`);
   assert.ok(s.requests <= FIRST_VIEW_MAX, `${s.requests} requests by the page`);
-  // Under load Chromium repeats a few requests by itself even so (18 by the page, 20 and more at the host); the host must never have to refuse one.
-  // What is read for nothing to save requests is bounded.
+  // Under load, Chromium still sends a few extra requests (18 by the page, 20 or more at the host); none may be refused.
+  // The bytes that are read without need, to save requests, are limited.
   assert.ok(s.bytesReceived <= s.bytesShown * 1.5, `${s.bytesReceived} bytes for ${s.bytesShown} that are shown`);
   assert.equal(host.refused, 0);
   assert.deepEqual(complaints, []);
@@ -211,7 +211,7 @@ test("the first view of the demo at one pixel takes at most 20 requests of a hos
   await host.stop();
 });
 
-test("a host that answers 429 with Retry-After in seconds is left alone for so long, and the view is finished", async () => {
+test("after 429 with Retry-After in seconds, the page sends nothing for that time, then completes the view", async () => {
   const refusals = await waitsFor({ refuse: limit(1, 2000, { told: inSeconds }), leastWait: 0 });
   assert.ok(refusals.every(({ wait }) => wait >= 1000));
 });
@@ -221,18 +221,18 @@ test("Retry-After as a date is waited for as well", async () => {
   assert.ok(refusals.some(({ wait }) => wait > 0));
 });
 
-test("without Retry-After, and where the page may not read it, the page waits by itself, longer each time", async () => {
+test("if Retry-After is missing or cannot be read, the page waits for delays of its own, longer each time", async () => {
   for (const how of [{ refuse: limit(1, 2000) }, { refuse: limit(1, 2000, { told: () => ({ "retry-after": "1" }) }), expose: "ETag, Content-Range" }]) {
     const refusals = await waitsFor({ ...how, leastWait: 500 });
     assert.ok(refusals.every(({ wait }) => wait === null));
   }
 });
 
-test("a host that is busy (503) before it sends the first byte is waited for, and the page says so instead of a picture", async () => {
+test("if a host answers 503 to the first request, the page shows a message instead of a picture, and waits", async () => {
   await waitsFor({ refuse: ({ number }) => (number <= 2 ? { status: 503, headers: { "retry-after": "2" } } : null), leastWait: 2000 });
 });
 
-test("a host whose refusals this page may not read does not keep the view from being finished", async () => {
+test("the view is completed even if the page may not read the refusals of the host", async () => {
   const host = await packHost(fort, { refuse: limit(2, 1500, { bare: true }) });
   const { page, complaints, close } = await look(host);
   assert.ok((await stats(page)).targetReached);
@@ -241,7 +241,7 @@ test("a host whose refusals this page may not read does not keep the view from b
   await host.stop();
 });
 
-test("of a host that answers but does not share its files the page says so, by its name, after asking once more", async () => {
+test("if a host answers but does not share its files, the page tries once more and then names the host", async () => {
   const host = await packHost(fort, { shares: false });
   const { page, complaints, close } = await look(host, { wait: "trouble" });
   const trouble = troubleOf(page);
@@ -256,7 +256,7 @@ test("of a host that answers but does not share its files the page says so, by i
   await host.stop();
 });
 
-test("where nothing answers the page says that, and goes on asking", async () => {
+test("if the server does not answer, the page says so and keeps trying", async () => {
   const host = await packHost(fort);
   await host.stop();
   const { page, close } = await look(host, { wait: null });
@@ -275,7 +275,7 @@ test("a host that shares its files but neither their length nor their tag serves
   await host.stop();
 });
 
-test("of a host that sends the whole file instead of parts the page says so, and asks once", async () => {
+test("if a host sends the whole file instead of parts, the page says so and requests it only once", async () => {
   const host = await packHost(fort, { ranges: false });
   const { page, complaints, close } = await look(host);
   assert.ok((await stats(page)).targetReached);

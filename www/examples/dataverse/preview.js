@@ -72,7 +72,7 @@ async function fileAddress() {
   if (!parameters.has("callback")) {
     const id = parameters.get("fileid") ?? "";
     if (!/^\d+$/.test(id)) throw new Refusal("noFile");
-    // `gbrecs`: a look at the file, in many requests, is no download that is to be counted.
+    // `gbrecs` keeps Dataverse from counting each of the many requests as a download.
     return web(`${web(parameters.get("siteUrl")).href.replace(/\/$/, "")}/api/access/datafile/${id}?gbrecs=true`);
   }
   const callback = callbackAddress();

@@ -12,7 +12,7 @@ export const WORDS = {
     server: "{host} answers with error {status}. Try again later.",
     unreachable: "{host}, or the storage to which it redirects, does not answer or does not allow {here} to read files. Its operator can allow it (CORS).",
     hidden: "{host}, or the storage to which it redirects, does not allow {here} to read the header Content-Range. Its operator can allow it (CORS).",
-    noRange: "{host} sends this file only as a whole. It has {size} MB; above 64 MB, models can be shown only if the server answers Range requests.",
+    noRange: "{host} sends this file only as a whole. The file is {size} MB; above 64 MB, models can be shown only if the server answers Range requests.",
     notPack: "This file is not a Kilwa pack, so it cannot be shown as a 3D model.",
   },
   fr: {
