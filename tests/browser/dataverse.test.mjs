@@ -8,7 +8,7 @@ import path from "node:path";
 import { after, before } from "node:test";
 import { ROOT, launch, open, packFolder, picture, serve, stats, test, waitFor } from "./harness.mjs";
 
-const [SIGNED, RESTRICTED, PUBLIC, TEXT, SILENT, HUGE, HIDDEN, GONE, BROKEN, EMPTY, UNNAMED] = [7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17];
+const [SIGNED, RESTRICTED, PUBLIC, TEXT, SILENT, HUGE, HIDDEN, GONE, BROKEN, EMPTY, UNNAMED, BUSY] = [7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18];
 const TOKEN = "until=2026-12-01T00:00:00&user=amina&method=GET&token=0a+b/c";
 let manifest;
 let pack;
@@ -43,7 +43,9 @@ function sendFile(request, response, id, url, headers) {
   const forbidden = id === RESTRICTED || (id === SIGNED && !url.search.endsWith(`&${TOKEN}`));
   if (forbidden) return say(403, '{"status":"ERROR","code":403,"message":"Not authorized to access this object via this API endpoint."}');
   if (id === GONE) return say(404, "");
-  if (id === BROKEN) return say(503, "");
+  if (id === BROKEN) return say(500, "");
+  // Asks to wait once, before the first bytes.
+  if (id === BUSY && dataverse.asked.filter(([one]) => one === BUSY).length === 1) return say(429, "", { "retry-after": "1" });
   // A file of 100 MiB that is sent only as a whole; the reader of this test never wants more than its start.
   if (id === HUGE) return response.writeHead(200, { ...headers, "content-length": 100 * 2 ** 20 }).write(pack.subarray(0, 4096));
   const body = id === TEXT ? Buffer.from("x,y,z\n1,2,3\n") : id === EMPTY ? Buffer.alloc(0) : pack;
@@ -133,6 +135,23 @@ test("without a callback, a public file is read from the site that the address n
   await close();
 });
 
+test("a file is shown even if this page may not read Content-Range, or if the host asks to wait before the first bytes", async () => {
+  const { page, complaints, close } = await open(browser, "about:blank", { wait: null });
+  for (const id of [HIDDEN, BUSY]) {
+    await page.goto(launched(id));
+    const frame = await (await page.getByTitle("3D model").elementHandle()).contentFrame();
+    await waitFor(frame, "settled");
+    assert.ok((await picture(frame)).share > 0.05);
+    assert.equal(await page.getByRole("alert").count(), 0);
+  }
+  // The refusal leaves a line of the browser's own.
+  assert.deepEqual(
+    complaints.filter((text) => !/Failed to load resource/.test(text)),
+    [],
+  );
+  await close();
+});
+
 test("each reason why a file cannot be shown has its sentence", async () => {
   const host = new URL(dataverse.url).host;
   const page = `${tool.url}${new URL(manifest.toolUrl).pathname}`;
@@ -143,16 +162,15 @@ test("each reason why a file cannot be shown has its sentence", async () => {
     [launched(EMPTY), "This file is not a Kilwa pack, so it cannot be shown as a 3D model."],
     [launched(UNNAMED), `${host} gave no address for the contents of the file. The manifest of this tool needs the call retrieveFileContents.`],
     [launched(GONE), `${host} does not have this file any more.`],
-    [launched(BROKEN), `${host} answers with error 503. Try again later.`],
+    [launched(BROKEN), `${host} answers with error 500. Try again later.`],
     [
       launched(SILENT),
       `${host}, or the storage to which it redirects, does not answer or does not allow ${tool.url} to read files. Its operator can allow it (CORS).`,
     ],
     [
-      launched(HIDDEN),
-      `${host}, or the storage to which it redirects, does not allow ${tool.url} to read the header Content-Range. Its operator can allow it (CORS).`,
+      launched(HUGE),
+      `${host} sends this file only as a whole. The file is 100 MB; above 64 MB, models can be shown only if the server answers Range requests.`,
     ],
-    [launched(HUGE), `${host} sends this file only as a whole. The file is 100 MB; above 64 MB, models can be shown only if the server answers Range requests.`],
     [`${page}?callback=${expired}`, `The link from ${host} has expired. Open the file in Dataverse again.`],
     ...[
       "",

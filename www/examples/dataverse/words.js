@@ -11,7 +11,6 @@ export const WORDS = {
     missing: "{host} does not have this file any more.",
     server: "{host} answers with error {status}. Try again later.",
     unreachable: "{host}, or the storage to which it redirects, does not answer or does not allow {here} to read files. Its operator can allow it (CORS).",
-    hidden: "{host}, or the storage to which it redirects, does not allow {here} to read the header Content-Range. Its operator can allow it (CORS).",
     noRange: "{host} sends this file only as a whole. The file is {size} MB; above 64 MB, models can be shown only if the server answers Range requests.",
     notPack: "This file is not a Kilwa pack, so it cannot be shown as a 3D model.",
   },
@@ -25,7 +24,6 @@ export const WORDS = {
     server: "{host} répond par l’erreur {status}. Réessayez plus tard.",
     unreachable:
       "{host}, ou le stockage vers lequel il redirige, ne répond pas ou n’autorise pas {here} à lire ses fichiers. Son exploitant peut l’autoriser (CORS).",
-    hidden: "{host}, ou le stockage vers lequel il redirige, n’autorise pas {here} à lire l’en-tête Content-Range. Son exploitant peut l’autoriser (CORS).",
     noRange:
       "{host} n’envoie ce fichier qu’en entier. Il fait {size} Mo ; au-delà de 64 Mo, un modèle ne peut s’afficher que si le serveur répond aux requêtes Range.",
     notPack: "Ce fichier n’est pas un pack Kilwa et ne peut donc pas s’afficher comme modèle 3D.",
@@ -40,7 +38,6 @@ export const WORDS = {
     server: "{host} responde com o erro {status}. Tente mais tarde.",
     unreachable:
       "{host}, ou o armazenamento para onde redireciona, não responde ou não permite que {here} leia ficheiros. O seu operador pode permiti-lo (CORS).",
-    hidden: "{host}, ou o armazenamento para onde redireciona, não permite que {here} leia o cabeçalho Content-Range. O seu operador pode permiti-lo (CORS).",
     noRange: "{host} só envia este ficheiro inteiro. Tem {size} MB; acima de 64 MB, um modelo só pode ser mostrado se o servidor responder a pedidos Range.",
     notPack: "Este ficheiro não é um pack Kilwa, por isso não pode ser mostrado como modelo 3D.",
   },
@@ -53,7 +50,6 @@ export const WORDS = {
     missing: "{host} haina tena faili hii.",
     server: "{host} imejibu kwa kosa {status}. Jaribu tena baadaye.",
     unreachable: "{host}, au hifadhi inayoelekeza, haijibu au hairuhusu {here} kusoma faili. Mwendeshaji wake anaweza kuruhusu (CORS).",
-    hidden: "{host}, au hifadhi inayoelekeza, hairuhusu {here} kusoma kichwa Content-Range. Mwendeshaji wake anaweza kuruhusu (CORS).",
     noRange: "{host} hutuma faili hii nzima tu. Ina MB {size}; zaidi ya MB 64, modeli huonyeshwa tu kama seva inajibu maombi ya Range.",
     notPack: "Faili hii si pack ya Kilwa, kwa hiyo haiwezi kuonyeshwa kama modeli ya 3D.",
   },
@@ -66,7 +62,6 @@ export const WORDS = {
     missing: "لم يعد هذا الملف موجودًا في {host}.",
     server: "يجيب {host} بالخطأ {status}. حاول لاحقًا.",
     unreachable: "لا يجيب {host}، أو التخزين الذي يحوّل إليه، أو لا يسمح لـ {here} بقراءة الملفات. يمكن لمشغّله السماح بذلك (CORS).",
-    hidden: "لا يسمح {host}، أو التخزين الذي يحوّل إليه، لـ {here} بقراءة الترويسة Content-Range. يمكن لمشغّله السماح بذلك (CORS).",
     noRange: "يرسل {host} هذا الملف كاملًا فقط. حجمه {size} ميغابايت؛ وفوق 64 ميغابايت لا يمكن عرض النموذج إلا إذا كان الخادم يجيب طلبات Range.",
     notPack: "هذا الملف ليس حزمة Kilwa، لذلك لا يمكن عرضه كنموذج ثلاثي الأبعاد.",
   },
