@@ -13,7 +13,7 @@ const widget = new CesiumWidget(place, {
   skyAtmosphere: false,
   useDefaultRenderLoop: false,
   msaaSamples: 1,
-  contextOptions: { webgl: { antialias: false, preserveDrawingBuffer: true } },
+  contextOptions: { webgl: { antialias: false } },
 });
 widget.resize();
 const { scene } = widget;
@@ -73,5 +73,4 @@ globalThis.client = {
       failures,
     };
   },
-  picture: () => scene.canvas.toDataURL(),
 };

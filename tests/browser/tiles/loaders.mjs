@@ -10,7 +10,7 @@ import { BufferAttribute, BufferGeometry, Frustum, Matrix4, Mesh, MeshBasicMater
 import { HEIGHT, WIDTH } from "./picture.mjs";
 import { stage } from "./three.mjs";
 
-const { scene, camera, look, draw, picture } = stage();
+const { scene, camera, look, draw } = stage();
 const material = new MeshBasicMaterial({ vertexColors: true });
 const meshes = new Map();
 let tileset;
@@ -121,5 +121,4 @@ globalThis.client = {
       failures,
     };
   },
-  picture,
 };

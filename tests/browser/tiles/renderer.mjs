@@ -7,7 +7,7 @@ import { MeshoptDecoder } from "three/addons/libs/meshopt_decoder.module.js";
 import { breath } from "./picture.mjs";
 import { stage } from "./three.mjs";
 
-const { renderer, scene, camera, look, draw, picture } = stage();
+const { renderer, scene, camera, look, draw } = stage();
 scene.add(new AmbientLight(0xffffff, 3));
 let tiles;
 let failures = 0;
@@ -43,5 +43,4 @@ globalThis.client = {
     const chosen = [...tiles.visibleTiles].map((tile) => ({ uri: tile.content.uri, error: tile.geometricError }));
     return { background: draw(), tiles: chosen, limit: tiles.errorTarget, failures };
   },
-  picture,
 };

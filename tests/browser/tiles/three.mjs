@@ -3,9 +3,9 @@
 import { Color, PerspectiveCamera, Scene, WebGLRenderer } from "three";
 import { FAR, FIELD_OF_VIEW, HEIGHT, NEAR, WIDTH, background, canvas } from "./picture.mjs";
 
-/** A scene with a camera; `draw()` returns which pixels show the background, `picture()` a PNG as a data URL. */
+/** A scene with a camera; `draw()` returns which pixels show the background. */
 export function stage() {
-  const renderer = new WebGLRenderer({ canvas: canvas(), antialias: false, preserveDrawingBuffer: true });
+  const renderer = new WebGLRenderer({ canvas: canvas(), antialias: false });
   renderer.setSize(WIDTH, HEIGHT, false);
   const scene = new Scene();
   scene.background = new Color(1, 0, 1);
@@ -24,6 +24,5 @@ export function stage() {
       renderer.render(scene, camera);
       return background(renderer.getContext());
     },
-    picture: () => renderer.domElement.toDataURL(),
   };
 }

@@ -77,14 +77,5 @@ export function cracksIn(shown, whole, margin) {
   return { inside, cracks };
 }
 
-/** Pixels by which two pictures' outlines are apart at most, up to `most`. */
-export function apart(shown, whole, most) {
-  for (let margin = 0; margin <= most; margin += 1) {
-    const [a, b] = [widened(shown, margin), widened(whole, margin)];
-    if (shown.every((is, at) => !is || b[at]) && whole.every((is, at) => !is || a[at])) return margin;
-  }
-  return Infinity;
-}
-
 /** How many different levels of detail are among tiles: their errors by powers of two, those without error together. */
 export const levelsOf = (tiles) => new Set(tiles.map(({ error }) => (error === 0 ? "finest" : Math.round(Math.log2(error))))).size;

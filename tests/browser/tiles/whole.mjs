@@ -5,7 +5,7 @@ import { BufferAttribute, BufferGeometry, LineBasicMaterial, LineSegments, MeshB
 import { GLTFLoader } from "three/addons/loaders/GLTFLoader.js";
 import { stage } from "./three.mjs";
 
-const { scene, look, draw, picture } = stage();
+const { scene, look, draw } = stage();
 
 /** The edges that only one triangle has, as lines. */
 function borders({ attributes, index }) {
@@ -42,5 +42,4 @@ globalThis.client = {
     look(view);
     return { background: draw(), tiles: [] };
   },
-  picture,
 };
