@@ -40,6 +40,7 @@ export class Pack {
     this.requests = 0;
     this.received = 0;
     this.headBytes = 0; // of the first answer
+    this.held = 0; // requests that wait for the server to be asked again
     this.refusals = 0; // in a row, by a server that asks to wait
     this.resumesAt = 0; // until then it is not asked for anything, by the page's clock
     /** Called at least every second while requests wait for that. @type {(seconds: number) => void} */
@@ -91,6 +92,7 @@ export class Pack {
     await reader?.cancel().catch(() => {});
     const stated = statedLength(first);
     if (stated === null) throw new PackError("noRange", "the answer does not say which part of which length it is", { bytes: NaN });
+    this.headBytes = first.length;
     // Fewer than were asked for: the file ends there.
     this.bytes = first.length < length ? Math.min(first.length, stated) : stated;
     return first;
@@ -214,7 +216,7 @@ export class Pack {
     let response;
     try {
       for (;;) {
-        response = await ask().catch((error) => this.#unread(error, ask));
+        response = await ask().catch((error) => this.#unread(error, ask, signal));
         const isLimited = [429, 503].includes(response.status);
         // What was on its way when the server began to refuse says nothing new.
         if (asked >= this.resumesAt) this.refusals = isLimited ? this.refusals + 1 : 0;
@@ -245,10 +247,15 @@ export class Pack {
    * @param {AbortSignal} [signal]
    */
   async #turn(signal) {
-    for (let left = this.limitedFor; left > 0; left = this.limitedFor) {
-      this.onLimit(left);
-      await new Promise((resolve) => setTimeout(resolve, Math.min(1000, this.resumesAt - performance.now())));
-      signal?.throwIfAborted();
+    this.held += 1;
+    try {
+      for (let left = this.limitedFor; left > 0; left = this.limitedFor) {
+        this.onLimit(left);
+        await new Promise((resolve) => setTimeout(resolve, Math.min(1000, this.resumesAt - performance.now())));
+        signal?.throwIfAborted();
+      }
+    } finally {
+      this.held -= 1;
     }
   }
 
@@ -257,13 +264,15 @@ export class Pack {
    * not read. A request that reads nothing tells them apart; the first one may have failed by chance and is made once more.
    * @param {any} error
    * @param {() => Promise<Response>} ask
+   * @param {AbortSignal} [signal]
    */
-  async #unread(error, ask) {
+  async #unread(error, ask, signal) {
     if (error.name === "AbortError" || this.bytes !== null || this.url.origin === globalThis.location?.origin) throw error;
-    const answers = await fetch(this.url, { method: "HEAD", mode: "no-cors", cache: "no-store" }).then(
+    const answers = await fetch(this.url, { method: "HEAD", mode: "no-cors", cache: "no-store", signal }).then(
       () => true,
       () => false,
     );
+    signal?.throwIfAborted();
     if (!answers) throw error;
     return ask().catch((again) => {
       throw again.name === "AbortError" ? again : new PackError("noCors", String(again.message), { host: this.url.host });

@@ -16,7 +16,7 @@ export class LocalPack {
     this.whole = null; // only a server without ranges sends all of it
     this.requests = 0;
     this.received = 0;
-    this.limitedFor = 0; // no server asks to wait
+    this.limitedFor = this.held = 0; // no server asks to wait
     this.onLimit = () => {};
     this.maxRanges = 1; // ranges that one request may ask for
     /** @type {(done: number, total: number) => void} */

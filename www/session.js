@@ -203,6 +203,8 @@ export class Session {
     clearTimeout(this.retry ?? undefined);
     if (stats.more) this.#wakeInTurn();
     else if (stats.retryInMs >= 0) this.retry = setTimeout(() => this.wake(), Math.max(stats.retryInMs, 16));
+    // Such a wait may end with nothing new to draw, but the status line says when.
+    else if (this.pack.held > 0) this.retry = setTimeout(() => this.wake(), 1000);
     this.on.frame(stats);
     this.#tellWatchers();
   }

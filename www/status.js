@@ -80,8 +80,9 @@ export class Status {
     const received = bytes(session.head.length + stats.bytesReceived);
     let line = t("complete", { received });
     let isLoading = false;
-    const { limitedFor } = session.pack;
-    if (limitedFor > 0 && stats.requestsInFlight > 0) {
+    const { limitedFor, held } = session.pack;
+    // Whoever waits: the view, a measurement, or what reads the end of the file.
+    if (limitedFor > 0 && held > 0) {
       line = t("limited", { seconds: limitedFor });
     } else if (stats.retryInMs >= 0 && stats.requestsInFlight === 0) {
       const seconds = Math.max(1, Math.ceil(stats.retryInMs / 1000));

@@ -84,7 +84,7 @@ noRangeTitle = This server cannot stream the model
 noRangeText = It sends the whole file of { $size } instead of the parts that are needed. Serve it with “kilwa serve” or with any server that answers range requests.
 noRangeSmall = This server does not send parts of files, so the whole pack of { $size } is loaded.
 noCorsTitle = The host does not share the model with this page
-noCorsText = { $host } answers, but does not allow pages of other sites to read its files (CORS). Its operator must send “Access-Control-Allow-Origin”: see “Hosting” in Kilwa’s documentation.
+noCorsText = { $host } answers, but does not allow pages of other sites to read its files (CORS), or is refusing requests just now. If this persists, its operator must send “Access-Control-Allow-Origin”: see “Hosting” in Kilwa’s documentation.
 closedTitle = This model is not public
 closedText = Its description, pictures and citation are in the panel; the model itself can be opened only by people who have access.
 signIn = Sign in
@@ -108,8 +108,8 @@ offlineFirst = The server does not answer. Trying again in { $seconds } s.
 offline = offline, retrying in { $seconds } s
 retrying = a part did not arrive, retrying in { $seconds } s
 limited = { $seconds ->
-        [one] the host limits requests; continuing in { $seconds } second
-       *[other] the host limits requests; continuing in { $seconds } seconds
+        [one] the host asks to wait; continuing in { $seconds } second
+       *[other] the host asks to wait; continuing in { $seconds } seconds
     }
 damagedPart = Part of the file arrives damaged. It is shown in less detail and requested again.
 gpuLost = The graphics device was reset. The picture is being rebuilt.

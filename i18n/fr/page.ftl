@@ -84,7 +84,7 @@ noRangeTitle = Ce serveur ne peut pas diffuser le modèle
 noRangeText = Il envoie le fichier entier de { $size } au lieu des parties nécessaires. Servez-le avec « kilwa serve » ou tout serveur qui répond aux requêtes de plage.
 noRangeSmall = Ce serveur n’envoie pas de parties de fichiers : le fichier entier de { $size } est chargé.
 noCorsTitle = L’hébergeur ne partage pas le modèle avec cette page
-noCorsText = { $host } répond, mais n’autorise pas les pages d’autres sites à lire ses fichiers (CORS). Son exploitant doit lui faire envoyer « Access-Control-Allow-Origin » ; le chapitre « Hosting » de la documentation de Kilwa dit comment. Un fichier téléchargé peut être ouvert ici.
+noCorsText = { $host } répond, mais n’autorise pas les pages d’autres sites à lire ses fichiers (CORS), ou refuse les requêtes en ce moment. Si cela persiste, son exploitant doit lui faire envoyer « Access-Control-Allow-Origin » ; le chapitre « Hosting » de la documentation de Kilwa dit comment. Un fichier téléchargé peut être ouvert ici.
 closedTitle = Ce modèle n’est pas public
 closedText = Sa description, ses images et sa citation sont dans le panneau ; seules les personnes autorisées peuvent ouvrir le modèle lui-même.
 signIn = Se connecter
@@ -108,9 +108,9 @@ offlineFirst = Le serveur ne répond pas. Nouvel essai dans { $seconds } s.
 offline = hors ligne, nouvel essai dans { $seconds } s
 retrying = une partie n’est pas arrivée, nouvel essai dans { $seconds } s
 limited = { $seconds ->
-        [one] l’hébergeur ne répond qu’à un certain nombre de requêtes ; suite dans { $seconds } seconde
-        [many] l’hébergeur ne répond qu’à un certain nombre de requêtes ; suite dans { $seconds } de secondes
-       *[other] l’hébergeur ne répond qu’à un certain nombre de requêtes ; suite dans { $seconds } secondes
+        [one] l’hébergeur demande d’attendre ; suite dans { $seconds } seconde
+        [many] l’hébergeur demande d’attendre ; suite dans { $seconds } de secondes
+       *[other] l’hébergeur demande d’attendre ; suite dans { $seconds } secondes
     }
 damagedPart = Une partie du fichier arrive endommagée. Elle reste moins détaillée et sera redemandée.
 gpuLost = Le circuit graphique a été réinitialisé. L’image est reconstruite.

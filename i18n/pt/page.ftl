@@ -84,7 +84,7 @@ noRangeTitle = Este servidor não consegue transmitir o modelo
 noRangeText = Envia o ficheiro inteiro de { $size } em vez das partes necessárias. Sirva-o com “kilwa serve” ou com qualquer servidor que responda a pedidos de intervalo.
 noRangeSmall = Este servidor não envia partes de ficheiros, por isso é carregado o ficheiro inteiro de { $size }.
 noCorsTitle = O servidor não partilha o modelo com esta página
-noCorsText = { $host } responde, mas não permite que páginas de outros sítios leiam os seus ficheiros (CORS). Quem o gere deve fazê-lo enviar “Access-Control-Allow-Origin”; o capítulo “Hosting” da documentação do Kilwa explica como. Um ficheiro descarregado pode ser aberto aqui.
+noCorsText = { $host } responde, mas não permite que páginas de outros sítios leiam os seus ficheiros (CORS), ou está a recusar pedidos neste momento. Se isto persistir, quem o gere deve fazê-lo enviar “Access-Control-Allow-Origin”; o capítulo “Hosting” da documentação do Kilwa explica como. Um ficheiro descarregado pode ser aberto aqui.
 closedTitle = Este modelo não é público
 closedText = A descrição, as imagens e a citação estão no painel; só as pessoas com acesso podem abrir o próprio modelo.
 signIn = Entrar
@@ -108,9 +108,9 @@ offlineFirst = O servidor não responde. Nova tentativa em { $seconds } s.
 offline = sem ligação, nova tentativa em { $seconds } s
 retrying = uma parte não chegou, nova tentativa em { $seconds } s
 limited = { $seconds ->
-        [one] o servidor só responde a um certo número de pedidos; continua dentro de { $seconds } segundo
-        [many] o servidor só responde a um certo número de pedidos; continua dentro de { $seconds } de segundos
-       *[other] o servidor só responde a um certo número de pedidos; continua dentro de { $seconds } segundos
+        [one] o servidor pede para esperar; continua dentro de { $seconds } segundo
+        [many] o servidor pede para esperar; continua dentro de { $seconds } de segundos
+       *[other] o servidor pede para esperar; continua dentro de { $seconds } segundos
     }
 damagedPart = Uma parte do ficheiro chega danificada. Fica menos detalhada aí e será pedida de novo.
 gpuLost = O dispositivo gráfico foi reiniciado. A imagem está a ser refeita.

@@ -84,7 +84,7 @@ noRangeTitle = Seva hii haiwezi kutiririsha modeli
 noRangeText = Hutuma faili lote la { $size } badala ya sehemu zinazohitajika. Litoe kwa “kilwa serve” au seva yoyote inayojibu maombi ya sehemu.
 noRangeSmall = Seva hii haitumi sehemu za faili, hivyo faili lote la { $size } linapakiwa.
 noCorsTitle = Seva haishiriki modeli na ukurasa huu
-noCorsText = { $host } inajibu, lakini hairuhusu kurasa za tovuti nyingine kusoma faili zake (CORS). Msimamizi wake aifanye itume “Access-Control-Allow-Origin”; sura ya “Hosting” katika hati za Kilwa inaeleza jinsi. Faili iliyopakuliwa inaweza kufunguliwa hapa.
+noCorsText = { $host } inajibu, lakini hairuhusu kurasa za tovuti nyingine kusoma faili zake (CORS), au inakataa maombi kwa sasa. Hali hii ikiendelea, msimamizi wake aifanye itume “Access-Control-Allow-Origin”; sura ya “Hosting” katika hati za Kilwa inaeleza jinsi. Faili iliyopakuliwa inaweza kufunguliwa hapa.
 closedTitle = Mfano huu si wa umma
 closedText = Maelezo, picha na namna ya kunukuu viko kwenye paneli; modeli yenyewe inaweza kufunguliwa na watu wenye ruhusa tu.
 signIn = Ingia
@@ -108,8 +108,8 @@ offlineFirst = Seva haijibu. Itajaribu tena baada ya sekunde { $seconds }.
 offline = nje ya mtandao, jaribio baada ya sek { $seconds }
 retrying = sehemu haikufika, jaribio baada ya sek { $seconds }
 limited = { $seconds ->
-        [one] seva hujibu maombi machache tu kwa wakati mmoja; itaendelea baada ya sekunde { $seconds }
-       *[other] seva hujibu maombi machache tu kwa wakati mmoja; itaendelea baada ya sekunde { $seconds }
+        [one] seva inaomba kusubiri; itaendelea baada ya sekunde { $seconds }
+       *[other] seva inaomba kusubiri; itaendelea baada ya sekunde { $seconds }
     }
 damagedPart = Sehemu ya faili inafika ikiwa imeharibika. Inaonyeshwa kwa maelezo machache na inajaribiwa tena.
 gpuLost = Kifaa cha michoro kimeanzishwa upya. Picha inaundwa tena.

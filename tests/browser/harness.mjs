@@ -58,27 +58,27 @@ export const numbersOf = ({ azimuth, elevation, distance, target, orthographic, 
 /** The camera of a page that shows a model, as numbers. */
 export const cameraOf = async (page) => numbersOf(await page.evaluate(() => globalThis.kilwa.api.getCamera()));
 
+/**
+ * The path of a pack of a fort, made once per version of the program. Test files that run at once may each make it; it gets its name when it is complete.
+ * @param {number} triangles
+ */
+export async function cachedFort(triangles) {
+  const cached = path.join(tmpdir(), `kilwa-browser-${triangles}-${(await stat(KILWA)).mtimeMs}.kilwa`);
+  if (await stat(cached).catch(() => null)) return cached;
+  const run = promisify(execFile);
+  const making = await mkdtemp(path.join(tmpdir(), "kilwa-browser-fort-"));
+  const [mesh, pack] = [path.join(making, "fort.ply"), path.join(making, "fort.kilwa")];
+  await run(KILWA, ["synth", "fort", "--triangles", String(triangles), "-o", mesh]);
+  await run(KILWA, ["build", mesh, "-o", pack]);
+  await rename(pack, cached);
+  await rm(making, { recursive: true });
+  return cached;
+}
+
 /** A folder with `fort.kilwa` in it. */
 export async function packFolder() {
   const folder = await mkdtemp(path.join(tmpdir(), "kilwa-browser-"));
-  const pack = path.join(folder, "fort.kilwa");
-  if (process.env.KILWA_PACK) {
-    await copyFile(process.env.KILWA_PACK, pack);
-    return folder;
-  }
-  // Made once per version of the program. Test files that run at once may each make it; it gets its name when it is complete.
-  const cached = path.join(tmpdir(), `kilwa-browser-${(await stat(KILWA)).mtimeMs}.kilwa`);
-  if (!(await stat(cached).catch(() => null))) {
-    const making = await mkdtemp(path.join(tmpdir(), "kilwa-browser-fort-"));
-    const run = promisify(execFile);
-    const mesh = path.join(making, "fort.ply");
-    const built = path.join(making, "fort.kilwa");
-    await run(KILWA, ["synth", "fort", "--triangles", String(TRIANGLES), "-o", mesh]);
-    await run(KILWA, ["build", mesh, "-o", built]);
-    await rename(built, cached);
-    await rm(making, { recursive: true });
-  }
-  await copyFile(cached, pack);
+  await copyFile(process.env.KILWA_PACK || (await cachedFort(TRIANGLES)), path.join(folder, "fort.kilwa"));
   return folder;
 }
 

@@ -2,14 +2,12 @@
 // host lacks. The page is on one origin, the pack on another; only requests to the second are counted.
 
 import assert from "node:assert/strict";
-import { execFile } from "node:child_process";
-import { mkdtemp, readFile, rename, rm, stat } from "node:fs/promises";
+import { readFile, rm } from "node:fs/promises";
 import http from "node:http";
-import { tmpdir } from "node:os";
 import path from "node:path";
 import { after, before } from "node:test";
-import { promisify } from "node:util";
-import { KILWA, WWW, launch, open, packFolder, picture, stats, test, troubleOf, waitFor } from "./harness.mjs";
+import { WWW, cachedFort, canvasOf, launch, open, packFolder, picture, press, stats, test, troubleOf, waitFor } from "./harness.mjs";
+import { bar } from "./measuring.mjs";
 
 const TYPES = {
   ".html": "text/html",
@@ -23,6 +21,8 @@ const TYPES = {
 const EXPOSED = "ETag, Content-Range, Retry-After";
 /** Requests that the first view of the demo may take of a host that answers 60 a minute. */
 const FIRST_VIEW_MAX = 20;
+/** Of the model of `cargo xtask demo` (xtask/src/demo.rs). */
+const DEMO_TRIANGLES = 2_000_000;
 
 let browser;
 let site;
@@ -62,7 +62,7 @@ after(async () => {
 
 /**
  * A host with one pack, on an origin of its own. `host.asked`: requests for it. Without `shares` no page of another site may read it; without `ranges` it sends all
- * of it; `expose`: the headers that such a page may read; `kept`: those that say how long a browser may keep the file. `refuse({ number, now })` answers a request with an error instead: `{ status, headers, bare }`, where
+ * of it; `expose`: the headers that such a page may read; `kept`: those that say how long a browser may keep the file. `refuse({ number, now, range })` answers a request with an error instead: `{ status, headers, bare }`, where
  * `bare` is an answer that no page of another site may read.
  */
 async function packHost(pack, { shares = true, ranges = true, expose = EXPOSED, kept = {}, refuse = () => null } = {}) {
@@ -72,7 +72,7 @@ async function packHost(pack, { shares = true, ranges = true, expose = EXPOSED, 
     host.methods.push(request.method);
     host.ranges.push(request.headers.range);
     const share = shares ? { "access-control-allow-origin": "*", ...(expose ? { "access-control-expose-headers": expose } : {}) } : {};
-    const refusal = refuse({ number: host.asked, now: Date.now() });
+    const refusal = refuse({ number: host.asked, now: Date.now(), range: request.headers.range });
     if (refusal) {
       host.refused += 1;
       response.writeHead(refusal.status, { ...(refusal.bare ? {} : share), ...refusal.headers }).end();
@@ -119,7 +119,8 @@ function watch() {
     const response = await fetch(address, options);
     if (isPack && [429, 503].includes(response.status)) {
       const said = response.headers.get("retry-after");
-      const wait = said === null ? null : /^\d+$/.test(said) ? Number(said) * 1000 : Date.parse(said) - Date.now();
+      // A clock of whole milliseconds may be late by almost one.
+      const wait = said === null ? null : /^\d+$/.test(said) ? Number(said) * 1000 : Date.parse(said) - Date.now() - 1;
       globalThis.refusals.push({ at: performance.now(), wait });
     }
     return response;
@@ -130,7 +131,7 @@ function watch() {
 const look = (host, { query = "", ...options } = {}) => open(browser, `${site.url}/?pack=${host.url}/fort.kilwa${query}`, options);
 
 /** What the page says while it waits for a host. */
-const limited = (page) => page.getByText(/the host limits requests; continuing in \d+ second/).filter({ visible: true });
+const limited = (page) => page.getByText(/the host asks to wait; continuing in \d+ second/).filter({ visible: true });
 
 /** What refusals leave in the console is the browser's own. */
 const own = (complaints) => complaints.filter((text) => !/Failed to load resource|blocked by CORS policy/.test(text));
@@ -159,7 +160,8 @@ async function waitsFor({ leastWait, ...how }) {
   assert.ok(s.targetReached, JSON.stringify(s));
   assert.equal(s.failures, 0, "a request that waits has not failed");
   assert.deepEqual(await picture(page), found);
-  assert.equal(await limited(page).count(), 0, "the page goes on saying that it waits");
+  // The view may be complete before the end of the file, which names the pack.
+  await limited(page).first().waitFor({ state: "hidden" });
   const { sent, refusals } = await page.evaluate(() => ({ sent: globalThis.sent, refusals: globalThis.refusals }));
   assert.ok(refusals.length > 0 && host.refused > 0);
   for (const { at, wait } of refusals) {
@@ -176,23 +178,8 @@ async function waitsFor({ leastWait, ...how }) {
   return refusals;
 }
 
-/** The model of `cargo xtask demo` (xtask/src/demo.rs), made once per version of the program. */
-async function demoPack() {
-  const kept = path.join(tmpdir(), `kilwa-browser-demo-${(await stat(KILWA)).mtimeMs}.kilwa`);
-  if (!(await stat(kept).catch(() => null))) {
-    const run = promisify(execFile);
-    const folder = await mkdtemp(path.join(tmpdir(), "kilwa-browser-demo-"));
-    const [mesh, pack] = [path.join(folder, "fort.ply"), path.join(folder, "fort.kilwa")];
-    await run(KILWA, ["synth", "fort", "--triangles", "2000000", "-o", mesh]);
-    await run(KILWA, ["build", mesh, "-o", pack]);
-    await rename(pack, kept);
-    await rm(folder, { recursive: true });
-  }
-  return readFile(kept);
-}
-
 test("the first view of the demo at one pixel takes at most 20 requests, within a limit of 60 a minute", async () => {
-  const host = await packHost(await demoPack(), {
+  const host = await packHost(await readFile(await cachedFort(DEMO_TRIANGLES)), {
     // As versions are published (docs/hosting.md). Without it, Chromium sometimes sends up to four extra requests to revalidate its cache.
     kept: { "cache-control": "public, max-age=31536000, immutable" },
     refuse: limit(60, 60_000, { told: inSeconds }),
@@ -221,7 +208,7 @@ test("Retry-After as a date is waited for as well", async () => {
   assert.ok(refusals.some(({ wait }) => wait > 0));
 });
 
-test("if Retry-After is missing or cannot be read, the page waits for delays of its own, longer each time", async () => {
+test("if Retry-After is missing or cannot be read, the page waits for delays of its own", async () => {
   for (const how of [{ refuse: limit(1, 2000) }, { refuse: limit(1, 2000, { told: () => ({ "retry-after": "1" }) }), expose: "ETag, Content-Range" }]) {
     const refusals = await waitsFor({ ...how, leastWait: 500 });
     assert.ok(refusals.every(({ wait }) => wait === null));
@@ -251,6 +238,53 @@ test("if a host answers but does not share its files, the page tries once more a
   assert.ok(text.includes("Access-Control-Allow-Origin") && text.includes("Hosting"), text);
   assert.deepEqual(host.methods.toSorted(), ["GET", "GET", "HEAD"], "one request tells whether the host answers, and reads nothing");
   assert.ok(await trouble.getByRole("button", { name: "Try again" }).isVisible());
+  assert.deepEqual(own(complaints), []);
+  await close();
+  await host.stop();
+});
+
+test("if the very first request is refused and the page may not read that, it says that this is possible, and trying again shows the model", async () => {
+  // The request, the one that tells whether the host answers, and the request once more.
+  const host = await packHost(fort, { refuse: ({ number }) => (number <= 3 ? { status: 429, bare: true } : null) });
+  const { page, complaints, close } = await look(host, { wait: "trouble" });
+  const text = await troubleOf(page).innerText();
+  assert.ok(text.includes(`${new URL(host.url).host} answers, but`) && text.includes("or is refusing requests just now. If this persists,"), text);
+  await troubleOf(page).getByRole("button", { name: "Try again" }).click();
+  await waitFor(page, "settled");
+  assert.ok((await stats(page)).targetReached);
+  assert.equal(host.refused, 3);
+  assert.deepEqual(own(complaints), []);
+  await close();
+  await host.stop();
+});
+
+test("while only the end of the file waits for the host, the page says so, and stops saying so when it is there", async () => {
+  const end = `bytes=${fort.length - 80}-${fort.length - 1}`;
+  const host = await packHost(fort, { refuse: ({ range }) => (range === end && host.refused === 0 ? { status: 503, headers: { "retry-after": "3" } } : null) });
+  const { page, complaints, close } = await look(host, { query: "&error=12" });
+  await limited(page).first().waitFor();
+  assert.equal((await stats(page)).requestsInFlight, 0, "the view itself waits for nothing");
+  await limited(page).first().waitFor({ state: "hidden" });
+  assert.equal(host.refused, 1);
+  assert.deepEqual(own(complaints), []);
+  await close();
+  await host.stop();
+});
+
+test("while only a measurement waits for the host, the page says so, and stops saying so if it is given up", async () => {
+  let busyFrom = Infinity;
+  const host = await packHost(fort, { refuse: ({ number }) => (number === busyFrom ? { status: 503, headers: { "retry-after": "3" } } : null) });
+  const { page, complaints, close } = await look(host, { query: "&error=12" });
+  await canvasOf(page).focus();
+  await page.keyboard.press("m");
+  await bar(page).waitFor();
+  busyFrom = host.asked + 1;
+  await press(page, 0.42, 0.5);
+  await limited(page).first().waitFor();
+  assert.equal((await stats(page)).requestsInFlight, 0, "the view itself waits for nothing");
+  await page.keyboard.press("Escape");
+  await limited(page).first().waitFor({ state: "hidden" });
+  assert.equal(host.refused, 1);
   assert.deepEqual(own(complaints), []);
   await close();
   await host.stop();

@@ -264,6 +264,7 @@ test("a server that asks to wait is asked again when the time is over, by nobody
   const given_up = assert.rejects(pack.range(300, 50, controller.signal), { name: "AbortError" });
   controller.abort();
   const second = pack.range(200, 50);
+  assert.ok(pack.held >= 2, "requests that wait are counted");
   assert.deepEqual(Buffer.from(await first), FILE.subarray(100, 150));
   assert.deepEqual(Buffer.from(await second), FILE.subarray(200, 250));
   await given_up;
@@ -274,6 +275,45 @@ test("a server that asks to wait is asked again when the time is over, by nobody
   );
   assert.ok(said.length > 0 && said.every((seconds) => seconds === 1), String(said));
   assert.equal(pack.limitedFor, 0);
+  assert.equal(pack.held, 0);
+});
+
+test("parts of the first answer are not asked of the browser's own store, whether the answer says its place or not", async () => {
+  const real = globalThis.fetch;
+  const begin = Buffer.from(FILE);
+  begin.write("KILWAPCK");
+  begin.writeBigUInt64LE(BigInt(FILE.length), 64);
+  for (const place of [`bytes 0-${HEAD_BYTES - 1}/${FILE.length}`, null]) {
+    const stores = [];
+    globalThis.fetch = async (_, { headers, cache }) => {
+      stores.push(cache);
+      const [, from, to] = /^bytes=(\d+)-(\d+)$/.exec(headers.Range);
+      return new Response(begin.subarray(Number(from), Number(to) + 1), { status: 206, headers: place && from === "0" ? { "content-range": place } : {} });
+    };
+    try {
+      const pack = new Pack(url);
+      await pack.head();
+      for (const offset of [100, HEAD_BYTES - 1, HEAD_BYTES]) await pack.range(offset, 50);
+    } finally {
+      globalThis.fetch = real;
+    }
+    assert.deepEqual(stores, ["default", "no-store", "no-store", "default"], String(place));
+  }
+});
+
+test("whoever gives up while the host is asked whether it answers need not wait for that", async () => {
+  const real = globalThis.fetch;
+  const controller = new AbortController();
+  globalThis.fetch = async (_, { method, signal }) => {
+    if (method !== "HEAD") throw new TypeError("Failed to fetch");
+    controller.abort();
+    signal.throwIfAborted();
+  };
+  try {
+    await assert.rejects(new Pack(url).head(HEAD_BYTES, controller.signal), { name: "AbortError" });
+  } finally {
+    globalThis.fetch = real;
+  }
 });
 
 test("how long a server is waited for: as it says, at most a minute, and by itself longer each time", () => {
