@@ -4,7 +4,7 @@
 
 mod finished;
 mod need;
-mod output;
+pub(crate) mod output;
 pub(crate) mod report;
 mod rights;
 pub(crate) mod size;
@@ -38,33 +38,11 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicI32, Ordering};
 use std::time::Instant;
 
-/// Build a pack from meshes.
-///
-/// Reads PLY, OBJ, STL, glTF, Nexus, the finest level of 3D Tiles (`tileset.json`), and the mesh in a ZIP download from Sketchfab. The pack holds the finest surface exactly, on a lattice finer than the mesh, and
-/// coarser forms of it, each with a certified error.
+/// The inputs of a build, and every option that changes the bytes of the pack.
 #[derive(clap::Args)]
-#[expect(clippy::struct_excessive_bools, reason = "every one is a switch of the command line")]
-pub(crate) struct Args {
+pub(crate) struct Shaping {
     #[command(flatten)]
-    input: InputArgs,
-    /// The pack to write.
-    #[arg(short, long, value_name = "NAME.kilwa")]
-    output: PathBuf,
-    /// Build a pack from the points of surveys instead of a surface, to show what was scanned before any surface exists.
-    #[arg(long, conflicts_with_all = ["min_confidence", "drop_islands_below", "texture_detail", "resume", "color_bits"])]
-    points: bool,
-    /// Worker threads (default: one per core). The bytes do not depend on it.
-    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true, value_parser = parse_threads)]
-    threads: usize,
-    /// Memory to use, for example 300M or 2.5GiB (default: a quarter of the machine's). The bytes do not depend on it.
-    #[arg(long, value_name = "SIZE", value_parser = size::memory)]
-    memory: Option<u64>,
-    /// Folder for scratch files, preferably on a fast disk (default: beside the output).
-    #[arg(long, value_name = "DIR")]
-    scratch: Option<PathBuf>,
-    /// Resume a build that was stopped or killed, from its scratch files.
-    #[arg(long)]
-    resume: bool,
+    pub(crate) input: InputArgs,
     /// Lattice spacing in metres, a power of two such as 0.0001220703125 (default: derived from the mesh).
     #[arg(long, value_name = "METRES")]
     step: Option<f64>,
@@ -92,6 +70,35 @@ pub(crate) struct Args {
     /// Title of the model (default: the name of the first file).
     #[arg(long)]
     title: Option<String>,
+}
+
+/// Build a pack from meshes.
+///
+/// Reads PLY, OBJ, STL, glTF, Nexus, the finest level of 3D Tiles (`tileset.json`), and the mesh in a ZIP download from Sketchfab. The pack holds the finest surface exactly, on a lattice finer than the mesh, and
+/// coarser forms of it, each with a certified error.
+#[derive(clap::Args)]
+#[expect(clippy::struct_excessive_bools, reason = "every one is a switch of the command line")]
+pub(crate) struct Args {
+    #[command(flatten)]
+    shaping: Shaping,
+    /// The pack to write.
+    #[arg(short, long, value_name = "NAME.kilwa")]
+    output: PathBuf,
+    /// Build a pack from the points of surveys instead of a surface, to show what was scanned before any surface exists.
+    #[arg(long, conflicts_with_all = ["min_confidence", "drop_islands_below", "texture_detail", "resume", "color_bits"])]
+    points: bool,
+    /// Worker threads (default: one per core). The bytes do not depend on it.
+    #[arg(long, value_name = "N", default_value_t = 0, hide_default_value = true, value_parser = parse_threads)]
+    threads: usize,
+    /// Memory to use, for example 300M or 2.5GiB (default: a quarter of the machine's). The bytes do not depend on it.
+    #[arg(long, value_name = "SIZE", value_parser = size::memory)]
+    memory: Option<u64>,
+    /// Folder for scratch files, preferably on a fast disk (default: beside the output).
+    #[arg(long, value_name = "DIR")]
+    scratch: Option<PathBuf>,
+    /// Resume a build that was stopped or killed, from its scratch files.
+    #[arg(long)]
+    resume: bool,
     /// Replace an existing output file.
     #[arg(long)]
     force: bool,
@@ -113,7 +120,7 @@ impl Args {
     /// What `kilwa merge` builds: the merged surface of one survey.
     pub(crate) fn of_merged(merging: Merging, output: PathBuf, common: Common) -> Self {
         let mut args = Self::of_one(merging.folder.clone(), output, common);
-        args.input.unmasked = merging.options.unmasked;
+        args.shaping.input.unmasked = merging.options.unmasked;
         args.merging = Some(Box::new(merging));
         args
     }
@@ -126,7 +133,9 @@ impl Args {
         step: Option<f64>,
         provenance: Option<Provenance>,
     ) -> Self {
-        Self { step, provenance, ..Self::of_one(mesh, output, common) }
+        let mut args = Self::of_one(mesh, output, common);
+        args.shaping.step = step;
+        Self { provenance, ..args }
     }
 
     fn of_one(input: PathBuf, output: PathBuf, common: Common) -> Self {
@@ -141,14 +150,8 @@ impl Args {
             allow_outside: false,
             unmasked: false,
         };
-        Self {
+        let shaping = Shaping {
             input,
-            output,
-            points: false,
-            threads,
-            memory,
-            scratch,
-            resume,
             step: None,
             crop: None,
             min_confidence: None,
@@ -158,6 +161,15 @@ impl Args {
             crs,
             capture_accuracy,
             title,
+        };
+        Self {
+            shaping,
+            output,
+            points: false,
+            threads,
+            memory,
+            scratch,
+            resume,
             force,
             json,
             verbose: false,
@@ -173,8 +185,7 @@ impl Args {
 /// As for `kilwa build`; [`Interrupted`] if a stop is requested.
 pub(crate) fn within(args: &Args, bar: &Bar, stop: &Stop) -> anyhow::Result<BuildReport> {
     let (inputs, options) = prepare(args)?;
-    let read_as =
-        ReadAs { units: args.input.units, given_up: args.input.up, up: options.up, crs: options.crs.as_deref() };
+    let read_as = args.shaping.read_as(&options);
     let complete = make(args, inputs, &options, bar, stop, Instant::now(), &read_as)?;
     complete.scratch.discard(|_| true)?;
     finished::remove(&args.output);
@@ -266,49 +277,67 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
             return Err(exists(&args.output));
         }
     }
-    let read_as =
-        ReadAs { units: args.input.units, given_up: args.input.up, up: options.up, crs: options.crs.as_deref() };
+    let read_as = args.shaping.read_as(&options);
     let complete = make(args, inputs, &options, &bar, &stop, begun, &read_as)?;
     complete.scratch.discard(|_| true)?;
     finished::remove(&args.output);
     let report = Report::of(&complete.built, complete.spent, &read_as, args);
     print(args, &report)?;
-    rights::say_what_downloads_state(&args.input.inputs, &args.output);
+    rights::say_what_downloads_state(&args.shaping.input.inputs, &args.output);
     Ok(())
 }
 
 /// The inputs and options of a build.
 fn prepare(args: &Args) -> anyhow::Result<(Inputs, BuildOptions)> {
     refuse(args)?;
-    let crs = reference_system(args.crs.as_deref())?;
-    let mut inputs = Inputs::find(&args.input, args.points)?;
+    let (mut inputs, options) = args.shaping.prepare(args.points)?;
     inputs.merging.clone_from(&args.merging);
     inputs.provenance.clone_from(&args.provenance);
-    if let Some(first) = inputs.passed_over.first() {
-        let count = inputs.passed_over.len();
-        crate::terminal::say!(
-            "kilwa: skipped files that are not meshes ({count}), the first of them {}",
-            first.display()
-        );
-    }
     inputs.refuse_as_output(&args.output)?;
     refuse_name(&args.output)?;
-    let options = BuildOptions {
-        title: args.title.clone().unwrap_or_else(|| inputs.files.first().map_or_else(String::new, |f| stem(&f.path))),
-        threads: args.threads,
-        step: args.step,
-        units: args.input.units.unwrap_or_default(),
-        up: inputs.up(),
-        crs,
-        capture_accuracy: args.capture_accuracy,
-        crop: args.crop,
-        min_confidence: args.min_confidence,
-        drop_islands_below: args.drop_islands_below,
-        color_bits: args.color_bits,
-        normal_bits: args.normal_bits,
-        ..BuildOptions::default()
-    };
-    Ok((inputs, options))
+    Ok((inputs, BuildOptions { threads: args.threads, ..options }))
+}
+
+impl Shaping {
+    /// How the inputs are interpreted.
+    fn read_as<'a>(&self, options: &'a BuildOptions) -> ReadAs<'a> {
+        ReadAs { units: self.input.units, given_up: self.input.up, up: options.up, crs: options.crs.as_deref() }
+    }
+
+    /// Find the inputs, and turn the rest into options; `points` of surveys are wanted, or surfaces.
+    ///
+    /// # Errors
+    /// What is wrong with an option or an input.
+    pub(crate) fn prepare(&self, points: bool) -> anyhow::Result<(Inputs, BuildOptions)> {
+        if self.capture_accuracy.is_some_and(|a| !(a > 0.0 && a.is_finite())) {
+            anyhow::bail!("--capture-accuracy must be a length in metres, greater than zero");
+        }
+        let crs = reference_system(self.crs.as_deref())?;
+        let inputs = Inputs::find(&self.input, points)?;
+        if let Some(first) = inputs.passed_over.first() {
+            let count = inputs.passed_over.len();
+            crate::terminal::say!(
+                "kilwa: skipped files that are not meshes ({count}), the first of them {}",
+                first.display()
+            );
+        }
+        let first_file = || inputs.files.first().map_or_else(String::new, |f| stem(&f.path));
+        let options = BuildOptions {
+            title: self.title.clone().unwrap_or_else(first_file),
+            step: self.step,
+            units: self.input.units.unwrap_or_default(),
+            up: inputs.up(),
+            crs,
+            capture_accuracy: self.capture_accuracy,
+            crop: self.crop,
+            min_confidence: self.min_confidence,
+            drop_islands_below: self.drop_islands_below,
+            color_bits: self.color_bits,
+            normal_bits: self.normal_bits,
+            ..BuildOptions::default()
+        };
+        Ok((inputs, options))
+    }
 }
 
 /// Build until the pack has its final name; the scratch files and the note remain.
@@ -414,25 +443,30 @@ pub(crate) fn parse_threads(text: &str) -> Result<usize, String> {
 
 /// What is wrong with the arguments whatever the inputs are.
 fn refuse(args: &Args) -> anyhow::Result<()> {
+    // With --resume, what is there may be the pack of this very build.
+    refuse_place(&args.output, args.force || args.resume)
+}
+
+/// Refuse what cannot become a pack.
+pub(crate) fn refuse_output(output: &Path, force: bool) -> anyhow::Result<()> {
+    refuse_place(output, force)?;
+    refuse_name(output)
+}
+
+/// Refuse a place that no file can be written to.
+fn refuse_place(output: &Path, replace: bool) -> anyhow::Result<()> {
     // A rename would put a file in the place of a device or a pipe (as root even of /dev/full).
-    if args.output.exists() && !args.output.is_file() {
-        anyhow::bail!("{} is a folder or a device; choose a file name", args.output.display());
+    if output.exists() && !output.is_file() {
+        anyhow::bail!("{} is a folder or a device; choose a file name", output.display());
     }
-    if args.output.file_name().is_none() {
-        anyhow::bail!("{} is not a file name", args.output.display());
+    if output.file_name().is_none() {
+        anyhow::bail!("{} is not a file name", output.display());
     }
-    if args.output.is_symlink() && !args.output.exists() {
-        anyhow::bail!(
-            "{} is a link whose target does not exist; remove it, or choose another name",
-            args.output.display()
-        );
+    if output.is_symlink() && !output.exists() {
+        anyhow::bail!("{} is a link whose target does not exist; remove it, or choose another name", output.display());
     }
-    // With --resume it may be the pack of this very build.
-    if args.output.exists() && !args.force && !args.resume {
-        return Err(exists(&args.output));
-    }
-    if args.capture_accuracy.is_some_and(|a| !(a > 0.0 && a.is_finite())) {
-        anyhow::bail!("--capture-accuracy must be a length in metres, greater than zero");
+    if output.exists() && !replace {
+        return Err(exists(output));
     }
     Ok(())
 }

@@ -27,6 +27,7 @@ mod signals;
 mod source;
 mod stations;
 mod synth;
+mod tasks;
 mod terminal;
 mod tiles;
 mod verify;
@@ -38,19 +39,22 @@ use std::process::ExitCode;
 /// Publish scanned heritage sites in 3D, and measure on them.
 #[derive(Parser)]
 #[command(name = "kilwa", version, about)]
-struct Cli {
+pub(crate) struct Cli {
     #[command(subcommand)]
     verb: Verb,
 }
 
 #[derive(Subcommand)]
-enum Verb {
+pub(crate) enum Verb {
     Synth(synth::Args),
     Scans(scans::Args),
     Register(register::Args),
     Merge(merge::Args),
     Colour(colour::Args),
     Build(build::Args),
+    Plan(Box<tasks::PlanArgs>),
+    Task(tasks::TaskArgs),
+    Assemble(tasks::AssembleArgs),
     Info(info::Args),
     Verify(verify::Args),
     Extract(extract::Args),
@@ -66,6 +70,9 @@ fn run(cli: Cli) -> anyhow::Result<()> {
     match cli.verb {
         Verb::Synth(a) => synth::run(&a),
         Verb::Build(a) => build::run(&a),
+        Verb::Plan(a) => tasks::plan(&a),
+        Verb::Task(a) => tasks::task(&a),
+        Verb::Assemble(a) => tasks::assemble(&a),
         Verb::Scans(a) => scans::run(&a),
         Verb::Register(a) => register::run(&a),
         Verb::Merge(a) => merge::run(&a),
@@ -89,7 +96,7 @@ fn main() -> ExitCode {
     if matches!(cli.verb, Verb::Publish(_) | Verb::Render(_)) {
         without_wayland();
     }
-    if !matches!(&cli.verb, Verb::Build(_) | Verb::Colour(_) | Verb::Serve(_))
+    if !matches!(&cli.verb, Verb::Build(_) | Verb::Task(_) | Verb::Assemble(_) | Verb::Colour(_) | Verb::Serve(_))
         && !matches!(&cli.verb, Verb::Merge(a) if a.is_pack())
     {
         signals::end_at_once();

@@ -9,6 +9,8 @@
 //!
 //! [`points`] goes from points, without a mesh, to a pack of splats; it shares the tree and the assembly.
 //!
+//! [`tasks`] divides one build among many machines; it does the same with the same code.
+//!
 //! [`mod@build`] runs the stages and keeps a journal of what is complete; between stages everything is in files in a
 //! [`scratch`] folder. [`partition`] is the tree of tetrahedra that all stages share.
 
@@ -19,6 +21,7 @@ pub mod levels;
 pub mod partition;
 pub mod points;
 pub mod scratch;
+pub mod tasks;
 
 pub use assemble::Spread;
 pub use build::options::{BuildError, BuildOptions};

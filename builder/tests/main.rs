@@ -8,3 +8,4 @@ mod islands;
 mod out_of_core;
 mod same_bytes;
 mod support;
+mod tasks;

@@ -69,7 +69,7 @@ pub(super) fn check(path: &Path, bar: &Bar, stop: &Stop) -> anyhow::Result<Strin
 }
 
 /// The output under its temporary name.
-pub(super) struct Output {
+pub(crate) struct Output {
     writer: BufWriter<File>,
     pending: Pending,
     name: PathBuf,
@@ -77,7 +77,7 @@ pub(super) struct Output {
 
 impl Output {
     /// Begin; what an interrupted build left under the temporary name is written over.
-    pub(super) fn create(name: &Path) -> anyhow::Result<Self> {
+    pub(crate) fn create(name: &Path) -> anyhow::Result<Self> {
         let part = beside(name, ".part");
         let cannot =
             || format!("cannot write {}: cannot create a file in {}", name.display(), folder_of(name).display());
@@ -99,7 +99,7 @@ impl Output {
     }
 
     /// All `bytes` of the pack were written: cut off what an earlier attempt may have left, and wait for the disk.
-    pub(super) fn complete(&mut self, bytes: u64) -> anyhow::Result<()> {
+    pub(crate) fn complete(&mut self, bytes: u64) -> anyhow::Result<()> {
         let finish = |writer: &mut BufWriter<File>| {
             writer.flush()?;
             writer.get_ref().set_len(bytes)?;
@@ -109,12 +109,12 @@ impl Output {
     }
 
     /// Read every chunk back, on all threads. Returns the identity of the pack.
-    pub(super) fn check(&self, bar: &Bar, stop: &Stop) -> anyhow::Result<String> {
+    pub(crate) fn check(&self, bar: &Bar, stop: &Stop) -> anyhow::Result<String> {
         check(self.pending.temporary(), bar, stop)
     }
 
     /// Give it its name.
-    pub(super) fn keep(self, replace: bool) -> anyhow::Result<()> {
+    pub(crate) fn keep(self, replace: bool) -> anyhow::Result<()> {
         // Without --force a file that appeared in the meantime is not replaced. The file remains locked until it has its name.
         self.pending.commit(replace).with_context(|| format!("cannot write {}", self.name.display()))
     }

@@ -31,7 +31,7 @@ pub(super) struct Report<'a> {
 
 impl<'a> Report<'a> {
     pub(super) fn of(build: &'a BuildReport, run: Spent, read: &ReadAs<'_>, args: &Args) -> Self {
-        let is_split = args.input.texture_detail.is_some();
+        let is_split = args.shaping.input.texture_detail.is_some();
         let merge = args.merging.as_ref().and_then(|merging| merging.figures());
         let bounds = [build.bounds_min, build.bounds_min + build.extent];
         let is_closed = build.border_edges == 0;

@@ -98,7 +98,7 @@ fn progress_bar(length: u64) -> ProgressBar {
 }
 
 /// A count with an optional suffix k, M or G and optional digit separators.
-fn count(text: &str) -> Result<u64, String> {
+pub(crate) fn count(text: &str) -> Result<u64, String> {
     let plain = text.replace(['_', ','], "");
     let (digits, unit) = match plain.char_indices().last() {
         Some((at, 'k' | 'K')) => (&plain[..at], 1_000),

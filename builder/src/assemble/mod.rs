@@ -8,9 +8,9 @@ pub use spread::Spread;
 
 use crate::build::options::BuildError;
 use crate::build::work::Work;
-use crate::levels::{Levels, Refined};
+use crate::levels::{Bodies, Levels, Refined};
 use crate::partition::{Partition, tree_level};
-use crate::scratch::{ScratchError, ScratchFile};
+use crate::scratch::ScratchError;
 use kilwa_geometry::{Aabb, DiamondKey, Sphere};
 use kilwa_pack::chunk::{self, PatchRange};
 use kilwa_pack::directory::link_children;
@@ -58,7 +58,8 @@ pub fn assemble<W: std::io::Write>(
     let mut entries = vec![root.entry()];
     entries.extend(refined.iter().map(|r| entry_of(r, &tree, &number, step)));
     saturate(&mut entries);
-    let parts = Parts { refined: &refined, root: (root.patches, root.body), number: &number, chunks: &chunks, kind };
+    let parts =
+        Parts { refined: &refined, root: (root.patches, root.body), number: &number, chunks: chunks.as_ref(), kind };
     link_children(&mut entries, |i| parts.patches(i).iter().all(|p| p.count == 0 || number.contains_key(&p.diamond)));
     let total = entries.len() as u64;
     let done = AtomicU64::new(0);
@@ -108,7 +109,7 @@ struct Parts<'a> {
     root: (Vec<PatchRange>, Vec<u8>),
     /// Number in the pack of a diamond of the tree.
     number: &'a FxHashMap<u32, u32>,
-    chunks: &'a ScratchFile,
+    chunks: &'a dyn Bodies,
     kind: Kind,
 }
 
@@ -126,16 +127,17 @@ impl Parts<'_> {
     }
 
     /// The finished chunk.
-    fn chunk(&self, i: usize) -> Result<Vec<u8>, ScratchError> {
+    fn chunk(&self, i: usize) -> Result<Vec<u8>, BuildError> {
         let numbered = |p: &PatchRange| {
             let diamond = if p.diamond == NO_DIAMOND { None } else { self.number.get(&p.diamond) };
             PatchRange { diamond: diamond.copied().unwrap_or(NO_DIAMOND), ..*p }
         };
         let patches: Vec<PatchRange> = self.patches(i).iter().map(numbered).collect();
         let Some(r) = self.refined(i) else { return Ok(self.kind.chunk(&patches, &self.root.1)) };
-        let body = self.chunks.read(r.at, u64::from(r.bytes))?;
+        let body = self.chunks.body(r)?;
         if crc32fast::hash(&body) != r.sum {
-            return Err(ScratchError::damaged(self.chunks.path(), format!("the chunk at byte {} is not whole", r.at)));
+            let why = format!("the chunk at byte {} is not whole", r.at);
+            return Err(ScratchError::damaged(self.chunks.path(r), why).into());
         }
         Ok(self.kind.chunk(&patches, &body))
     }

@@ -206,7 +206,7 @@ pub fn plan(inputs: &dyn Inputs, options: &BuildOptions) -> Result<Plan, BuildEr
 }
 
 /// The program, and the format of its packs: encoded chunks are kept between runs.
-fn tool() -> String {
+pub fn tool() -> String {
     let (major, minor) = kilwa_pack::header::VERSION;
     format!("kilwa {} (format {major}.{minor})", env!("CARGO_PKG_VERSION"))
 }
@@ -216,6 +216,18 @@ fn shaping(options: &BuildOptions) -> BTreeMap<String, Value> {
     match serde_json::to_value(options) {
         Ok(Value::Object(map)) => map.into_iter().collect(),
         _ => BTreeMap::new(),
+    }
+}
+
+/// The options that concern the ingest.
+pub(crate) fn ingest_of(options: &BuildOptions) -> IngestOptions {
+    IngestOptions {
+        leaf_triangles: options.leaf_triangles,
+        step: options.step,
+        crop: options.crop,
+        min_confidence: options.min_confidence,
+        drop_islands_below: options.drop_islands_below,
+        precision: options.precision(),
     }
 }
 
@@ -312,16 +324,7 @@ impl Building<'_> {
         let read = self.journal.stage(READ).map(|s| s.data.clone()).unwrap_or_default();
         let provenance: Provenance = serde_json::from_value(read).map_err(|e| damaged(&journal, e.to_string()))?;
         self.timed(INGEST, |b| {
-            let o = b.options;
-            let options = IngestOptions {
-                leaf_triangles: o.leaf_triangles,
-                step: o.step,
-                crop: o.crop,
-                min_confidence: o.min_confidence,
-                drop_islands_below: o.drop_islands_below,
-                precision: o.precision(),
-            };
-            let ingested = ingest(&b.work, b.spooled.take(), &options, provenance)?;
+            let ingested = ingest(&b.work, b.spooled.take(), &ingest_of(b.options), provenance)?;
             tree_file::write(scratch, &ingested.tree)?;
             let surface = serde_json::to_value(&ingested.surface).map_err(|e| damaged(&journal, e.to_string()))?;
             b.journal.complete(INGEST, &[LEAVES, SHARED, TREE].map(str::to_owned), surface)?;

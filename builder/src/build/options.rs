@@ -166,6 +166,16 @@ pub enum BuildError {
     /// A scratch file could not be used.
     #[error(transparent)]
     Scratch(#[from] crate::scratch::ScratchError),
+    /// A file that several machines share could not be used.
+    #[error("cannot {doing} {place}: {why}")]
+    Shared {
+        /// What was being done: "read", "write" …
+        doing: &'static str,
+        /// The file or object.
+        place: String,
+        /// The reason.
+        why: String,
+    },
     /// There is a build to continue with, but it is another one.
     #[error(
         "cannot resume what is in {}: {why}; build without --resume to start over",

@@ -52,8 +52,9 @@ impl<'a> Gather<'a> {
 }
 
 impl Locks {
-    /// Find the locked points of `diamonds`, all those of `level`, from the records of the current surface. Records that
-    /// coarser levels need as they are go to `kept`; those of tetrahedra that this level merges do not.
+    /// Find the locked points of `diamonds`, which are at `level`, from the records of the current surface: all of them,
+    /// or at least those of the points that these diamonds use. Records that coarser levels need as they are go to
+    /// `kept`; those of tetrahedra that this level merges do not.
     ///
     /// An owner is the diamond whose split made a tetrahedron, for tetrahedra one level below; every other tetrahedron is
     /// a leaf at this level or above and owns itself.
@@ -152,7 +153,11 @@ impl Scan<'_> {
             if self.owners.len() > 1 {
                 let point = self.group[0] >> 32;
                 for &(_, d) in self.owners.iter().filter(|o| o.0) {
-                    self.locked.push(u128::from(self.rank[d as usize]) << 96 | point)?;
+                    // Others are not coarsened here, but by another task.
+                    let rank = self.rank[d as usize];
+                    if rank != u32::MAX {
+                        self.locked.push(u128::from(rank) << 96 | point)?;
+                    }
                 }
             }
             for r in self.group.iter().filter(|r| !below(tetrahedron_of(**r))) {

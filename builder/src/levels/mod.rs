@@ -14,7 +14,7 @@
 mod encode;
 pub mod fragment;
 mod locks;
-mod results;
+pub(crate) mod results;
 
 pub use results::Refined;
 
@@ -33,6 +33,7 @@ use kilwa_pack::Attributes;
 use kilwa_pack::chunk::MAX_CHUNK_TRIANGLES;
 use kilwa_simplify::Precision;
 use locks::Locks;
+use std::path::Path;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Name of the file of encoded chunks.
@@ -75,6 +76,13 @@ pub struct Hierarchy {
     results: Vec<Vec<Refined>>,
     /// The next level to do plus 1; 0 when all are done.
     left: u8,
+    /// Triangles to be simplified in all, for the display of progress.
+    total: u64,
+}
+
+/// A triangle of the finest level is simplified once, then a part of it, then that part of the part …
+fn simplified_in_all(surface: &Surface) -> u64 {
+    surface.triangles * REDUCTION / (REDUCTION - 1)
 }
 
 impl Hierarchy {
@@ -86,7 +94,26 @@ impl Hierarchy {
         let Ingested { surface, tree, leaves, shared } = ingested;
         let left = level_count(&tree);
         let chunks = work.scratch.create(CHUNKS)?;
-        Ok(Self { surface, tree, leaves, patches: None, shared, chunks, results: Vec::new(), left })
+        let total = simplified_in_all(&surface);
+        Ok(Self { surface, tree, leaves, patches: None, shared, chunks, results: Vec::new(), left, total })
+    }
+
+    /// Before the level below `left`, from the patches and records that finer levels left; `triangles` are about those
+    /// that are still to be simplified.
+    pub(crate) fn before(
+        ingested: Ingested,
+        patches: Option<PatchFile>,
+        chunks: ScratchFile,
+        left: u8,
+        triangles: u64,
+    ) -> Self {
+        let Ingested { surface, tree, leaves, shared } = ingested;
+        Self { surface, tree, leaves, patches, shared, chunks, results: Vec::new(), left, total: triangles }
+    }
+
+    /// The results of the levels done here.
+    pub(crate) fn results(&self) -> impl Iterator<Item = &Refined> {
+        self.results.iter().flatten()
     }
 
     /// After the level `done`, from the files that it left, `chunks` cut to the length that it had then.
@@ -108,7 +135,8 @@ impl Hierarchy {
         let levels = (done..level_count(&tree)).rev();
         let results = levels.map(|l| results::read(work.scratch, &results_name(l))).collect::<Result<_, _>>()?;
         let patches = Some(PatchFile::open(work.scratch, &patches_name(done))?);
-        Ok(Self { surface, tree, leaves, patches, shared, chunks: file, results, left: done })
+        let total = simplified_in_all(&surface);
+        Ok(Self { surface, tree, leaves, patches, shared, chunks: file, results, left: done, total })
     }
 
     /// The level to do next, `None` when all are done.
@@ -128,7 +156,7 @@ impl Hierarchy {
 
     /// What every chunk carries.
     pub fn attributes(&self) -> Attributes {
-        Attributes { colors: self.surface.colors, scalars: self.surface.scalars.len() as u8 }
+        attributes_of(&self.surface)
     }
 
     /// Do the next level. All its files are on the disk when it returns.
@@ -137,51 +165,22 @@ impl Hierarchy {
     /// [`BuildError`]: a scratch file cannot be written or read, a diamond is too large for a chunk, a stop was asked for.
     pub fn coarsen_next(&mut self, work: &Work<'_>, precision: Precision) -> Result<(), BuildError> {
         let Some(level) = self.next() else { return Ok(()) };
-        let tree = &self.tree;
-        let of_level = |d: &u32| {
-            let node = &tree.diamonds[*d as usize];
-            node.split && tree_level(node.key.level) == level
-        };
-        let mut diamonds: Vec<u32> = (0..tree.diamonds.len() as u32).filter(of_level).collect();
-        diamonds.sort_by_cached_key(|d| crate::assemble::order_key(&tree.diamonds[*d as usize].key));
-        let shared = Records::create(work.scratch, &shared_name(level))?;
-        let stage = Stage {
-            tree,
-            locks: Locks::of_level(work, tree, level, &diamonds, &self.shared, &shared)?,
+        let before = self.results.iter().flatten().map(|r| u64::from(r.triangles.0)).sum();
+        let batch = Batch {
+            surface: &self.surface,
+            tree: &self.tree,
+            level,
+            diamonds: &diamonds_of(&self.tree, level),
             leaves: &self.leaves,
             below: self.patches.as_ref(),
-            out: PatchFile::create(work.scratch, &patches_name(level))?,
-            shared: &shared,
+            shared: &self.shared,
             chunks: &self.chunks,
-            surface: &self.surface,
-            attributes: self.attributes(),
             precision,
+            progress: (before, self.total),
         };
-        let before: u64 = self.results.iter().flatten().map(|r| u64::from(r.triangles.0)).sum();
-        let done = AtomicU64::new(before);
-        // A triangle of the finest level is simplified once, then a part of it, then that part of the part …
-        let total = self.surface.triangles * REDUCTION / (REDUCTION - 1);
-        work.progress.update("simplifying", before.min(total), total);
-        let results = work.run_jobs(
-            diamonds.len(),
-            memory_for_fragments(work.memory),
-            |i| stage.triangles(diamonds[i]) * BYTES_PER_TRIANGLE,
-            |i| {
-                let refined = stage.refine(i as u32, diamonds[i])?;
-                let now = stage.triangles(diamonds[i]);
-                let now = done.fetch_add(now, Ordering::Relaxed) + now;
-                work.progress.update("simplifying", now.min(total), total);
-                Ok(refined)
-            },
-        )?;
-        let Stage { locks, out, .. } = stage;
-        locks.remove(work)?;
-        let out = out.finish()?;
-        let results: Vec<Refined> = results.into_iter().flatten().collect();
-        results::write(work.scratch, &results_name(level), &results)?;
-        self.shared = shared.finish()?;
-        self.chunks.sync()?;
-        self.patches = Some(out);
+        let Coarsened { patches, shared, results } = batch.coarsen(work)?;
+        self.shared = shared;
+        self.patches = Some(patches);
         self.results.push(results);
         self.left = level;
         Ok(())
@@ -205,6 +204,16 @@ impl Hierarchy {
     /// # Errors
     /// [`BuildError::Scratch`] where the patches of the root cannot be read.
     pub fn finish(self) -> Result<Levels, BuildError> {
+        let roots = self.roots()?;
+        let refined = self.results.into_iter().flatten().collect();
+        Levels::of_surface(self.surface, self.tree, refined, &roots, Box::new(self.chunks))
+    }
+
+    /// The patches of the root tetrahedra that are not empty, all levels done.
+    ///
+    /// # Errors
+    /// [`BuildError::Scratch`] where they cannot be read.
+    pub fn roots(&self) -> Result<Vec<(u32, Patch)>, BuildError> {
         let mut roots = Vec::new();
         for t in 0..6 {
             let from = if self.tree.tetrahedra[t as usize].children.is_some() { self.patches.as_ref() } else { None };
@@ -212,17 +221,108 @@ impl Hierarchy {
                 roots.push((t, patch));
             }
         }
-        let attributes = self.attributes();
-        let root = root_of(&roots, &self.tree, &self.surface, attributes)?;
-        Ok(Levels {
-            surface: self.surface,
-            tree: self.tree,
-            refined: self.results.into_iter().flatten().collect(),
-            root,
-            attributes,
+        Ok(roots)
+    }
+}
+
+/// What every chunk of a surface carries.
+fn attributes_of(surface: &Surface) -> Attributes {
+    Attributes { colors: surface.colors, scalars: surface.scalars.len() as u8 }
+}
+
+/// The split diamonds of a level in the order of the pack.
+pub fn diamonds_of(tree: &Partition, level: u8) -> Vec<u32> {
+    let of_level = |d: &u32| {
+        let node = &tree.diamonds[*d as usize];
+        node.split && tree_level(node.key.level) == level
+    };
+    let mut diamonds: Vec<u32> = (0..tree.diamonds.len() as u32).filter(of_level).collect();
+    diamonds.sort_by_cached_key(|d| crate::assemble::order_key(&tree.diamonds[*d as usize].key));
+    diamonds
+}
+
+/// The tetrahedra that a diamond merges.
+pub fn merged_by(tree: &Partition, diamond: u32) -> impl Iterator<Item = u32> + '_ {
+    let tetrahedra = tree.diamonds[diamond as usize].tetrahedra.iter();
+    tetrahedra.filter_map(|t| tree.tetrahedra[*t as usize].children).flatten()
+}
+
+/// Diamonds of one level to be coarsened, with all that they need: a whole level, or the share of a task.
+pub struct Batch<'a> {
+    /// What is known of the finest surface.
+    pub surface: &'a Surface,
+    /// The tree.
+    pub tree: &'a Partition,
+    /// The level of the diamonds.
+    pub level: u8,
+    /// The diamonds, in the order of the pack.
+    pub diamonds: &'a [u32],
+    /// The patches of leaves that they merge.
+    pub leaves: &'a PatchFile,
+    /// The other patches that they merge.
+    pub below: Option<&'a PatchFile>,
+    /// The records of every point that they use and another tetrahedron may use as well.
+    pub shared: &'a Records,
+    /// Where the bodies of their chunks go.
+    pub chunks: &'a ScratchFile,
+    /// Bits of colours and normals.
+    pub precision: Precision,
+    /// Triangles that were simplified before, and in all, for the display of progress.
+    pub progress: (u64, u64),
+}
+
+/// What coarsening leaves, its files complete and on the disk.
+pub struct Coarsened {
+    /// Patches of the tetrahedra of the diamonds.
+    pub patches: PatchFile,
+    /// The records as they are then.
+    pub shared: Records,
+    /// One entry per diamond with geometry, in the order of the pack; also in the file of [`results_name`].
+    pub results: Vec<Refined>,
+}
+
+impl Batch<'_> {
+    /// Merge, simplify, certify and encode every diamond.
+    ///
+    /// # Errors
+    /// As [`Hierarchy::coarsen_next`].
+    pub fn coarsen(&self, work: &Work<'_>) -> Result<Coarsened, BuildError> {
+        let (tree, level, diamonds) = (self.tree, self.level, self.diamonds);
+        let shared = Records::create(work.scratch, &shared_name(level))?;
+        let stage = Stage {
+            tree,
+            locks: Locks::of_level(work, tree, level, diamonds, self.shared, &shared)?,
+            leaves: self.leaves,
+            below: self.below,
+            out: PatchFile::create(work.scratch, &patches_name(level))?,
+            shared: &shared,
             chunks: self.chunks,
-            kind: Kind::Surface,
-        })
+            surface: self.surface,
+            attributes: attributes_of(self.surface),
+            precision: self.precision,
+        };
+        let (before, total) = self.progress;
+        let done = AtomicU64::new(before);
+        work.progress.update("simplifying", before.min(total), total);
+        let results = work.run_jobs(
+            diamonds.len(),
+            memory_for_fragments(work.memory),
+            |i| stage.triangles(diamonds[i]) * BYTES_PER_TRIANGLE,
+            |i| {
+                let refined = stage.refine(i as u32, diamonds[i])?;
+                let now = stage.triangles(diamonds[i]);
+                let now = done.fetch_add(now, Ordering::Relaxed) + now;
+                work.progress.update("simplifying", now.min(total), total);
+                Ok(refined)
+            },
+        )?;
+        let Stage { locks, out, .. } = stage;
+        locks.remove(work)?;
+        let patches = out.finish()?;
+        let results: Vec<Refined> = results.into_iter().flatten().collect();
+        results::write(work.scratch, &results_name(level), &results)?;
+        self.chunks.sync()?;
+        Ok(Coarsened { patches, shared: shared.finish()?, results })
     }
 }
 
@@ -239,9 +339,49 @@ pub struct Levels {
     /// What every chunk carries.
     pub attributes: Attributes,
     /// The bodies of all chunks but the root's.
-    pub chunks: ScratchFile,
+    pub chunks: Box<dyn Bodies>,
     /// What the chunks hold.
     pub kind: Kind,
+}
+
+impl Levels {
+    /// A surface with these results, whose coarsest form are the patches `roots` of root tetrahedra.
+    ///
+    /// # Errors
+    /// [`BuildError::TooLarge`] where a chunk cannot hold the coarsest form.
+    pub fn of_surface(
+        surface: Surface,
+        tree: Partition,
+        refined: Vec<Refined>,
+        roots: &[(u32, Patch)],
+        chunks: Box<dyn Bodies>,
+    ) -> Result<Self, BuildError> {
+        let attributes = attributes_of(&surface);
+        let root = root_of(roots, &tree, &surface, attributes)?;
+        Ok(Self { surface, tree, refined, root, attributes, chunks, kind: Kind::Surface })
+    }
+}
+
+/// Where the bodies of chunks are.
+pub trait Bodies: Sync {
+    /// The body of the chunk of a diamond; its checksum is not compared.
+    ///
+    /// # Errors
+    /// [`BuildError`] where it cannot be read.
+    fn body(&self, of: &Refined) -> Result<Vec<u8>, BuildError>;
+
+    /// The place to name where a body is not what was written.
+    fn path(&self, of: &Refined) -> &Path;
+}
+
+impl Bodies for ScratchFile {
+    fn body(&self, of: &Refined) -> Result<Vec<u8>, BuildError> {
+        Ok(self.read(of.at, u64::from(of.bytes))?)
+    }
+
+    fn path(&self, _: &Refined) -> &Path {
+        Self::path(self)
+    }
 }
 
 /// The chunk of the root, of the patches of the root tetrahedra that are not empty.
@@ -289,11 +429,7 @@ struct Stage<'a> {
 impl Stage<'_> {
     /// The tetrahedra that a diamond merges, each with the file that its patch is in.
     fn children(&self, diamond: u32) -> impl Iterator<Item = (u32, &PatchFile)> {
-        let quarters = self.tree.diamonds[diamond as usize]
-            .tetrahedra
-            .iter()
-            .filter_map(|t| self.tree.tetrahedra[*t as usize].children);
-        quarters.flatten().filter_map(|c| {
+        merged_by(self.tree, diamond).filter_map(|c| {
             let is_leaf = self.tree.tetrahedra[c as usize].children.is_none();
             Some((c, if is_leaf { self.leaves } else { self.below? }))
         })
@@ -335,6 +471,7 @@ impl Stage<'_> {
         self.shared.append(&records)?;
         Ok(Some(Refined {
             diamond,
+            file: 0,
             error: coarse.error,
             color_error: coarse.color_error,
             sphere: coarse.sphere,

@@ -11,6 +11,8 @@ use std::path::Path;
 pub struct Refined {
     /// Index in [`crate::partition::Partition::diamonds`].
     pub diamond: u32,
+    /// Which of several files the chunk's body is in; not written to the file of results, which belongs to one.
+    pub file: u32,
     /// Certified error of the coarse form in lattice units, not yet saturated over what lies below.
     pub error: f32,
     /// Root mean square colour difference of the coarse form, 0 to 255, not yet saturated.
@@ -37,7 +39,7 @@ pub struct Refined {
 const MAGIC: u32 = u32::from_le_bytes(*b"KLWR");
 
 /// Write a file of results and wait until it is on the disk.
-pub(super) fn write(scratch: &Scratch, name: &str, results: &[Refined]) -> Result<(), ScratchError> {
+pub(crate) fn write(scratch: &Scratch, name: &str, results: &[Refined]) -> Result<(), ScratchError> {
     let mut bytes = (results.len() as u32 ^ MAGIC).to_le_bytes().to_vec();
     for r in results {
         bytes.extend(r.diamond.to_le_bytes());
@@ -74,7 +76,8 @@ pub(super) fn read(scratch: &Scratch, name: &str) -> Result<Vec<Refined>, Scratc
     parse(&bytes, file.path())
 }
 
-fn parse(bytes: &[u8], path: &Path) -> Result<Vec<Refined>, ScratchError> {
+/// The results in the bytes of a file, which is at `path`.
+pub(crate) fn parse(bytes: &[u8], path: &Path) -> Result<Vec<Refined>, ScratchError> {
     let damaged = || ScratchError::damaged(path, "its results are not those that were written");
     let (body, sum) = bytes.split_last_chunk::<4>().ok_or_else(damaged)?;
     if crc32fast::hash(body) != u32::from_le_bytes(*sum) {
@@ -127,7 +130,7 @@ fn entry(f: &mut Fields<'_>) -> Option<Refined> {
         patches.push(PatchRange { first, count, diamond });
         first = first.checked_add(count)?;
     }
-    Some(Refined { diamond, error, color_error, sphere, triangles, vertices, bounds, patches, at, bytes, sum })
+    Some(Refined { diamond, file: 0, error, color_error, sphere, triangles, vertices, bounds, patches, at, bytes, sum })
 }
 
 #[cfg(test)]
@@ -139,6 +142,7 @@ mod tests {
         let scratch = Scratch::temporary().unwrap();
         let one = |n: u32| Refined {
             diamond: n,
+            file: 0,
             error: 0.1 * n as f32,
             color_error: 1.0 / 3.0,
             sphere: Sphere { center: DVec3::new(1.0 / 7.0, -2.5, 1e9), radius: f64::from(n) / 3.0 },

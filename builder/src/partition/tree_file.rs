@@ -55,12 +55,16 @@ pub fn write(scratch: &Scratch, tree: &Partition) -> Result<(), ScratchError> {
 pub fn read(scratch: &Scratch) -> Result<Partition, ScratchError> {
     let file = scratch.existing(TREE)?;
     let bytes = file.read(0, file.len())?;
-    let damaged = || ScratchError::damaged(file.path(), "it is not the tree that was written");
-    let (body, sum) = bytes.split_last_chunk::<4>().ok_or_else(damaged)?;
+    from_bytes(&bytes).ok_or_else(|| ScratchError::damaged(file.path(), "it is not the tree that was written"))
+}
+
+/// The tree in the bytes of a file, `None` where it is not what was written.
+pub(crate) fn from_bytes(bytes: &[u8]) -> Option<Partition> {
+    let (body, sum) = bytes.split_last_chunk::<4>()?;
     if crc32fast::hash(body) != u32::from_le_bytes(*sum) {
-        return Err(damaged());
+        return None;
     }
-    parse(body).ok_or_else(damaged)
+    parse(body)
 }
 
 fn parse(body: &[u8]) -> Option<Partition> {

@@ -81,7 +81,7 @@ pub(super) fn levels(
     let (sphere, bounds, vertices) = (Sphere::of(&root.corners), Aabb::of(&root.corners), root.vertices());
     let (triangles, body, patches) = (root.triangles(), root.encode()?, root.patches);
     let root = RootChunk { triangles, vertices, sphere, bounds, patches, body };
-    Ok(Levels { surface, tree, refined, root, attributes, chunks, kind: Kind::Points })
+    Ok(Levels { surface, tree, refined, root, attributes, chunks: Box::new(chunks), kind: Kind::Points })
 }
 
 /// One level being done.
@@ -140,6 +140,7 @@ impl Stage<'_> {
         let count = chunk.splats.len() as f64;
         Ok(Some(Refined {
             diamond,
+            file: 0,
             error,
             color_error: if self.attributes.colors {
                 (color_squares / 3.0 / count).sqrt().min(255.0) as f32

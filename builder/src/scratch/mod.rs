@@ -19,6 +19,8 @@ mod sum;
 pub use error::ScratchError;
 pub use file::{Appender, ScratchFile};
 pub use patch_file::PatchFile;
+pub(crate) use patch_file::{Place, read_index};
+pub(crate) use records::visit_finished;
 pub use records::{Records, point_key, point_of, record, tetrahedron_of};
 pub(crate) use sum::{Sum, seal, unseal};
 
@@ -84,12 +86,20 @@ impl Scratch {
     /// # Errors
     /// [`ScratchError::Io`] where it cannot be made.
     pub fn temporary() -> Result<Self, ScratchError> {
+        Self::temporary_in(&std::env::temp_dir())
+    }
+
+    /// A private folder in an existing one, removed with the last clone.
+    ///
+    /// # Errors
+    /// [`ScratchError::Io`] where it cannot be made.
+    pub fn temporary_in(parent: &Path) -> Result<Self, ScratchError> {
         let mut builder = tempfile::Builder::new();
         // Temporary files are private by default; temporary folders are not.
         #[cfg(unix)]
         builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o700));
-        let folder = unfinished::make(|| builder.prefix("kilwa-").tempdir(), tempfile::TempDir::path);
-        let folder = folder.map_err(|e| ScratchError::io(&std::env::temp_dir(), "create", e))?;
+        let folder = unfinished::make(|| builder.prefix("kilwa-").tempdir_in(parent), tempfile::TempDir::path);
+        let folder = folder.map_err(|e| ScratchError::io(parent, "create", e))?;
         Self::hold(folder.0.path().to_owned(), Some(folder))
     }
 

@@ -26,10 +26,33 @@ const END: u64 = 20;
 
 /// Where a patch is.
 #[derive(Debug, Clone, Copy)]
-struct Place {
-    at: u64,
-    bytes: u64,
-    triangles: u32,
+pub(crate) struct Place {
+    pub(crate) at: u64,
+    pub(crate) bytes: u64,
+    pub(crate) triangles: u32,
+}
+
+/// The index of a finished file of `length` bytes that `read` gives stretches of (first byte, number of bytes); `None`
+/// where it is not whole.
+///
+/// # Errors
+/// Those of `read`.
+pub(crate) fn read_index<E>(
+    length: u64,
+    read: impl Fn(u64, u64) -> Result<Vec<u8>, E>,
+) -> Result<Option<Vec<(u32, Place)>>, E> {
+    let Some(at) = length.checked_sub(END) else { return Ok(None) };
+    let end = read(at, END)?;
+    let sum = u32_at(&end, 0);
+    let count = u64_at(&end, 4);
+    let bytes = count.checked_mul(ENTRY as u64).filter(|b| *b <= at && u64_at(&end, 12) == MAGIC);
+    let Some(bytes) = bytes else { return Ok(None) };
+    let entries = read(at - bytes, bytes)?;
+    if crc32fast::hash(&entries) != sum {
+        return Ok(None);
+    }
+    let entry = |e: &[u8]| (u32_at(e, 0), Place { triangles: u32_at(e, 4), at: u64_at(e, 8), bytes: u64_at(e, 16) });
+    Ok(Some(entries.chunks_exact(ENTRY).map(entry).collect()))
 }
 
 /// A file of patches.
@@ -55,22 +78,8 @@ impl PatchFile {
     pub fn open(scratch: &Scratch, name: &str) -> Result<Self, ScratchError> {
         let file = scratch.existing(name)?;
         let damaged = || ScratchError::damaged(file.path(), "it has no whole index");
-        let at = file.len().checked_sub(END).ok_or_else(damaged)?;
-        let end = file.read(at, END)?;
-        let sum = u32_at(&end, 0);
-        let count = u64_at(&end, 4);
-        let bytes = count.checked_mul(ENTRY as u64).filter(|b| *b <= at).ok_or_else(damaged)?;
-        if u64_at(&end, 12) != MAGIC {
-            return Err(damaged());
-        }
-        let entries = file.read(at - bytes, bytes)?;
-        if crc32fast::hash(&entries) != sum {
-            return Err(damaged());
-        }
-        let index = entries
-            .chunks_exact(ENTRY)
-            .map(|e| (u32_at(e, 0), Place { triangles: u32_at(e, 4), at: u64_at(e, 8), bytes: u64_at(e, 16) }));
-        Ok(Self { index: RwLock::new(index.collect()), file })
+        let index = read_index(file.len(), |at, bytes| file.read(at, bytes))?.ok_or_else(damaged)?;
+        Ok(Self { index: RwLock::new(index.into_iter().collect()), file })
     }
 
     /// Append the patch of a tetrahedron. A second patch of the same tetrahedron replaces the first.
@@ -78,11 +87,27 @@ impl PatchFile {
     /// # Errors
     /// [`ScratchError`] where it cannot be written.
     pub fn append(&self, tetra: u32, patch: &Patch) -> Result<(), ScratchError> {
-        let bytes = encode(patch);
-        let at = self.file.append(&bytes)?;
-        let place = Place { at, bytes: bytes.len() as u64, triangles: patch.mesh.triangle_count() as u32 };
+        self.append_encoded(tetra, patch.mesh.triangle_count() as u32, &encode(patch))
+    }
+
+    /// Append a patch of `triangles` triangles as another file holds it.
+    ///
+    /// # Errors
+    /// [`ScratchError`] where it cannot be written.
+    pub(crate) fn append_encoded(&self, tetra: u32, triangles: u32, bytes: &[u8]) -> Result<(), ScratchError> {
+        let at = self.file.append(bytes)?;
+        let place = Place { at, bytes: bytes.len() as u64, triangles };
         self.index.write().unwrap_or_else(std::sync::PoisonError::into_inner).insert(tetra, place);
         Ok(())
+    }
+
+    /// A patch as the file holds it, with the number of its triangles.
+    ///
+    /// # Errors
+    /// [`ScratchError`] where it cannot be read.
+    pub(crate) fn read_encoded(&self, tetra: u32) -> Result<Option<(u32, Vec<u8>)>, ScratchError> {
+        let Some(place) = self.place(tetra) else { return Ok(None) };
+        Ok(Some((place.triangles, self.file.read(place.at, place.bytes)?)))
     }
 
     fn place(&self, tetra: u32) -> Option<Place> {

@@ -48,6 +48,32 @@ fn mixed(record: u128) -> u64 {
     h ^ (h >> 29)
 }
 
+/// Visit the records of a finished file of `length` bytes, in the order of the file, some at a time; `read` gives
+/// stretches of it (first byte, number of bytes). Returns whether they are those that were written.
+///
+/// # Errors
+/// Those of `read` and of `visit`.
+pub(crate) fn visit_finished<E>(
+    length: u64,
+    read: impl Fn(u64, u64) -> Result<Vec<u8>, E>,
+    mut visit: impl FnMut(&[u128]) -> Result<(), E>,
+) -> Result<bool, E> {
+    const STRETCH: u64 = 1 << 20;
+    let Some(end) = length.checked_sub(RECORD as u64).filter(|at| at.is_multiple_of(RECORD as u64)) else {
+        return Ok(false);
+    };
+    let mut sum = 0u64;
+    for at in (0..end).step_by(STRETCH as usize) {
+        let bytes = read(at, STRETCH.min(end - at))?;
+        let records: Vec<u128> = bytes.as_chunks::<RECORD>().0.iter().map(|r| u128::from_le_bytes(*r)).collect();
+        sum = records.iter().fold(sum, |sum, r| sum.wrapping_add(mixed(*r)));
+        visit(&records)?;
+    }
+    let last = read(end, RECORD as u64)?;
+    let written = u128::from(MAGIC) << 64 | u128::from(sum);
+    Ok(last == written.to_le_bytes())
+}
+
 /// A file of records.
 #[derive(Debug)]
 pub struct Records {

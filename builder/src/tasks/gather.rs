@@ -1,0 +1,222 @@
+//! What a task needs of other tasks' files, copied into its scratch folder.
+
+use super::plan::{Ingest, SharedBuild};
+use super::shards::{PointBox, extend, meet, union};
+use super::{Manifest, SharedFile, Task};
+use crate::build::options::BuildError;
+use crate::build::work::Work;
+use crate::levels::diamonds_of;
+use crate::partition::{BISECTIONS, Partition};
+use crate::scratch::{PatchFile, Place, Records, point_of, read_index, tetrahedron_of, visit_finished};
+use rustc_hash::FxHashSet;
+
+/// A stretch between two patches that are wanted is read too, where it is no longer than this.
+const GAP: u64 = 1 << 16;
+/// Most bytes read at a time.
+const STRETCH: u64 = 1 << 23;
+
+/// The patches and records that a part of the tree is made of.
+struct Source {
+    patches: SharedFile,
+    records: SharedFile,
+    /// Of the points in its records.
+    points: PointBox,
+    is_leaves: bool,
+}
+
+/// Where the patches and records of the surface are that a level coarsens.
+pub(super) struct Sources<'a> {
+    build: &'a SharedBuild,
+    tree: &'a Partition,
+    /// The level that was coarsened last: one more than the next.
+    below: u8,
+    /// Shards of leaves, then those of the level below.
+    files: Vec<Source>,
+    /// The source of each tetrahedron.
+    of: Vec<u32>,
+}
+
+/// No source.
+const NONE: u32 = u32::MAX;
+
+impl<'a> Sources<'a> {
+    /// Find out where everything is once the level `below` is coarsened, whose tasks must be done.
+    pub(super) fn find(build: &'a SharedBuild, ingest: &'a Ingest, below: u8) -> Result<Self, BuildError> {
+        let (tree, shards) = (&ingest.tree, &ingest.state.shards);
+        let mut sources = Vec::new();
+        let source = |manifest: &Manifest, names: [&str; 2], points, is_leaves| -> Result<Source, BuildError> {
+            let [patches, records] = names.map(|name| build.file(manifest, name).cloned());
+            Ok(Source { patches: patches?, records: records?, points, is_leaves })
+        };
+        for (i, shard) in shards.leaves.iter().enumerate() {
+            let names = [leaf_patches(i), leaf_records(i)];
+            let names = [names[0].as_str(), names[1].as_str()];
+            sources.push(source(&ingest.manifest, names, shard.records, true)?);
+        }
+        let mut of = vec![NONE; tree.tetrahedra.len()];
+        for leaf in tree.leaves() {
+            of[leaf as usize] = shards.of_leaf(leaf) as u32;
+        }
+        if let Some(divided) = shards.of_level(below) {
+            let first = sources.len();
+            for shard in 0..divided.shards.len() {
+                let manifest = build.finished(Task::Level { level: below, shard: shard as u32 })?;
+                let points: PointBox = serde_json::from_value(manifest.state.clone()).unwrap_or_default();
+                sources.push(source(&manifest, ["patches", "shared"], points, false)?);
+            }
+            for (rank, diamond) in (0u32..).zip(diamonds_of(tree, below)) {
+                for t in &tree.diamonds[diamond as usize].tetrahedra {
+                    of[*t as usize] = (first + divided.of_rank(rank)) as u32;
+                }
+            }
+        }
+        Ok(Self { build, tree, below, files: sources, of })
+    }
+
+    /// Copy the patches of these tetrahedra: those of leaves to `leaves`, others to `others`.
+    pub(super) fn patches(
+        &self,
+        work: &Work<'_>,
+        of: &[u32],
+        leaves: &PatchFile,
+        others: &PatchFile,
+    ) -> Result<(), BuildError> {
+        let mut wanted: Vec<(u32, u32)> = of.iter().map(|t| (self.of[*t as usize], *t)).collect();
+        wanted.retain(|(source, _)| *source != NONE);
+        wanted.sort_unstable();
+        wanted.dedup();
+        for same in wanted.chunk_by(|a, b| a.0 == b.0) {
+            let source = &self.files[same[0].0 as usize];
+            let index = self.index(&source.patches)?;
+            let want = |t: u32| same.binary_search(&(same[0].0, t)).is_ok();
+            let mut places: Vec<(u32, Place)> = index.into_iter().filter(|(t, _)| want(*t)).collect();
+            places.sort_unstable_by_key(|(_, place)| place.at);
+            self.copy(work, &source.patches, &places, if source.is_leaves { leaves } else { others })?;
+        }
+        Ok(())
+    }
+
+    fn index(&self, file: &SharedFile) -> Result<Vec<(u32, Place)>, BuildError> {
+        let index = read_index(file.bytes, |at, bytes| self.build.read(file, at, bytes))?;
+        index.ok_or_else(|| self.build.damaged(&file.name, "it has no whole index"))
+    }
+
+    /// Copy patches, neighbours in the file together.
+    fn copy(
+        &self,
+        work: &Work<'_>,
+        file: &SharedFile,
+        places: &[(u32, Place)],
+        to: &PatchFile,
+    ) -> Result<(), BuildError> {
+        let mut rest = places;
+        while let Some((_, first)) = rest.first() {
+            work.stop.check()?;
+            let mut end = first.at;
+            let near = |(_, p): &&(u32, Place)| {
+                let is = end == first.at || (p.at <= end + GAP && p.at + p.bytes - first.at <= STRETCH);
+                end = if is { p.at + p.bytes } else { end };
+                is
+            };
+            let count = rest.iter().take_while(near).count();
+            let (now, later) = rest.split_at(count);
+            let last = now.last().map_or(first.at, |(_, p)| p.at + p.bytes);
+            let bytes = self.build.read(file, first.at, last - first.at)?;
+            for (tetrahedron, place) in now {
+                let at = (place.at - first.at) as usize;
+                to.append_encoded(*tetrahedron, place.triangles, &bytes[at..at + place.bytes as usize])?;
+            }
+            rest = later;
+        }
+        Ok(())
+    }
+
+    /// Whether a tetrahedron is part of that surface: not inside of a diamond that has been coarsened.
+    fn is_current(&self, tetrahedron: u32) -> bool {
+        self.tree.tetrahedra[tetrahedron as usize].tetra.level <= BISECTIONS * self.below
+    }
+
+    fn visit(
+        &self,
+        file: &SharedFile,
+        mut visit: impl FnMut(u128) -> Result<(), BuildError>,
+    ) -> Result<(), BuildError> {
+        let read = |at, bytes| self.build.read(file, at, bytes);
+        let whole = visit_finished(file.bytes, read, |records| records.iter().try_for_each(|r| visit(*r)))?;
+        if whole { Ok(()) } else { Err(self.build.damaged(&file.name, "its records are not those that were written")) }
+    }
+
+    /// Copy the records of all points that any of these tetrahedra uses.
+    pub(super) fn records(&self, work: &Work<'_>, of: &[u32], to: &Records) -> Result<(), BuildError> {
+        let mut mine = vec![false; self.of.len()];
+        for t in of {
+            mine[*t as usize] = true;
+        }
+        let own: FxHashSet<u32> = of.iter().map(|t| self.of[*t as usize]).collect();
+        let mut points: FxHashSet<u128> = FxHashSet::default();
+        let mut bounds: PointBox = None;
+        for (_, source) in (0u32..).zip(&self.files).filter(|(i, _)| own.contains(i)) {
+            work.stop.check()?;
+            self.visit(&source.records, |r| {
+                if mine[tetrahedron_of(r) as usize] && points.insert(r >> 32) {
+                    extend(&mut bounds, point_of(r));
+                }
+                Ok(())
+            })?;
+        }
+        let mut gathered = Vec::new();
+        for source in self.files.iter().filter(|s| meet(s.points, bounds)) {
+            work.stop.check()?;
+            self.visit(&source.records, |r| {
+                if points.contains(&(r >> 32)) && self.is_current(tetrahedron_of(r)) {
+                    gathered.push(r);
+                }
+                Ok(())
+            })?;
+            to.append(&gathered)?;
+            gathered.clear();
+        }
+        Ok(())
+    }
+
+    /// Copy the records of all points of the surface.
+    pub(super) fn all_records(&self, work: &Work<'_>, to: &Records) -> Result<(), BuildError> {
+        let mut gathered = Vec::new();
+        for source in &self.files {
+            work.stop.check()?;
+            self.visit(&source.records, |r| {
+                if self.is_current(tetrahedron_of(r)) {
+                    gathered.push(r);
+                }
+                Ok(())
+            })?;
+            to.append(&gathered)?;
+            gathered.clear();
+        }
+        Ok(())
+    }
+}
+
+/// What the file of the patches of a shard of leaves is called.
+pub(super) fn leaf_patches(shard: usize) -> String {
+    format!("leaves-{shard:04}.patches")
+}
+
+/// What the file of the records of a shard of leaves is called.
+pub(super) fn leaf_records(shard: usize) -> String {
+    format!("leaves-{shard:04}.shared")
+}
+
+/// The box of the points of records.
+pub(super) fn box_of(records: &Records) -> Result<PointBox, BuildError> {
+    let mut bounds = None;
+    for first in (0..records.len()).step_by(1 << 16) {
+        let block = records.read(first, (records.len() - first).min(1 << 16) as usize)?;
+        let mut of_block = None;
+        for r in block {
+            extend(&mut of_block, point_of(r));
+        }
+        bounds = union(bounds, of_block);
+    }
+    Ok(bounds)
+}

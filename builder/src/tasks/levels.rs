@@ -1,0 +1,106 @@
+//! The tasks that coarsen: a shard of one level, or all levels that are left.
+
+use super::gather::{Sources, box_of};
+use super::manifest::Made;
+use super::plan::{Ingest, SharedBuild};
+use crate::build::options::BuildError;
+use crate::build::work::Work;
+use crate::ingest::surface::{Ingested, LEAVES, SHARED};
+use crate::levels::{
+    Batch, CHUNKS, Coarsened, Hierarchy, diamonds_of, merged_by, patches_name, results, results_name, shared_name,
+};
+use crate::partition::tree_level;
+use crate::scratch::{PatchFile, Records};
+use kilwa_simplify::Precision;
+
+/// The patches of the root tetrahedra, which the tail leaves.
+pub(super) const ROOTS: &str = "roots";
+/// The patches that a task leaves.
+const PATCHES: &str = "patches";
+/// Its records.
+const RECORDS: &str = "shared";
+/// Its results.
+pub(super) const RESULTS: &str = "results";
+
+fn precision(ingest: &Ingest) -> Precision {
+    Precision { color_bits: ingest.state.color_bits, normal_bits: ingest.state.normal_bits }
+}
+
+pub(super) fn level_task(build: &SharedBuild, work: &Work<'_>, level: u8, shard: u32) -> Result<Made, BuildError> {
+    let ingest = build.ingest()?;
+    let tree = &ingest.tree;
+    let of_level = diamonds_of(tree, level);
+    let about = ingest.state.shards.of_level(level);
+    let diamonds = about.and_then(|l| l.diamonds(shard as usize, &of_level)).ok_or_else(|| BuildError::Inputs {
+        why: format!("this build has no shard {shard} of level {level}; take the tasks that `kilwa plan` lists"),
+    })?;
+    let sources = Sources::find(build, &ingest, level + 1)?;
+    let merged: Vec<u32> = diamonds.iter().flat_map(|d| merged_by(tree, *d)).collect();
+    let leaves = PatchFile::create(work.scratch, LEAVES)?;
+    let below = PatchFile::create(work.scratch, &patches_name(level + 1))?;
+    sources.patches(work, &merged, &leaves, &below)?;
+    let shared = Records::create(work.scratch, SHARED)?;
+    sources.records(work, &merged, &shared)?;
+    let triangles = merged.iter().map(|t| u64::from(leaves.triangles(*t)) + u64::from(below.triangles(*t))).sum();
+    let chunks = work.scratch.create(CHUNKS)?;
+    let batch = Batch {
+        surface: &ingest.state.surface,
+        tree,
+        level,
+        diamonds,
+        leaves: &leaves,
+        below: Some(&below),
+        shared: &shared.finish()?,
+        chunks: &chunks,
+        precision: precision(&ingest),
+        progress: (0, triangles),
+    };
+    let Coarsened { shared, .. } = batch.coarsen(work)?;
+    let files = [
+        (PATCHES, patches_name(level)),
+        (RECORDS, shared_name(level)),
+        (CHUNKS, CHUNKS.to_owned()),
+        (RESULTS, results_name(level)),
+    ];
+    let state = serde_json::to_value(box_of(&shared)?).unwrap_or_default();
+    Ok(Made { files: files.map(|(holds, name)| (holds.to_owned(), name)).into(), state })
+}
+
+pub(super) fn tail_task(build: &SharedBuild, work: &Work<'_>) -> Result<Made, BuildError> {
+    let ingest = build.ingest()?;
+    let left = ingest.state.shards.tail;
+    let precision = precision(&ingest);
+    let leaves = PatchFile::create(work.scratch, LEAVES)?;
+    let below = PatchFile::create(work.scratch, &patches_name(left))?;
+    let shared = Records::create(work.scratch, SHARED)?;
+    {
+        let sources = Sources::find(build, &ingest, left)?;
+        let tree = &ingest.tree;
+        let level_of = |t: u32| tree_level(tree.tetrahedra[t as usize].tetra.level);
+        let wanted: Vec<u32> = (0..tree.tetrahedra.len() as u32)
+            .filter(|t| {
+                let is_leaf = tree.tetrahedra[*t as usize].children.is_none();
+                (is_leaf && level_of(*t) <= left) || (!is_leaf && level_of(*t) == left)
+            })
+            .collect();
+        sources.patches(work, &wanted, &leaves, &below)?;
+        sources.all_records(work, &shared)?;
+    }
+    let Ingest { state, tree, .. } = ingest;
+    let ingested = Ingested { surface: state.surface, tree, leaves, shared: shared.finish()? };
+    let chunks = work.scratch.create(CHUNKS)?;
+    let mut hierarchy = Hierarchy::before(ingested, Some(below), chunks, left, state.shards.tail_triangles);
+    while hierarchy.next().is_some() {
+        work.stop.check()?;
+        hierarchy.coarsen_next(work, precision)?;
+    }
+    let roots = PatchFile::create(work.scratch, ROOTS)?;
+    for (t, patch) in hierarchy.roots()? {
+        roots.append(t, &patch)?;
+    }
+    roots.finish()?;
+    let all: Vec<_> = hierarchy.results().cloned().collect();
+    results::write(work.scratch, RESULTS, &all)?;
+    let files = [ROOTS, CHUNKS, RESULTS].map(|name| (name.to_owned(), name.to_owned()));
+    Ok(Made { files: files.into(), state: serde_json::Value::Null })
+}

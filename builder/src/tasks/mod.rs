@@ -1,0 +1,110 @@
+//! One build as tasks for many machines, which exchange files through a [`Store`]: a folder that all of them see, or an
+//! object store.
+//!
+//! | task | needs | leaves |
+//! |---|---|---|
+//! | [`Task::Ingest`] | the inputs | the tree, the leaves divided into shards, and what is known of the surface |
+//! | [`Task::Level`] | the ingest, and every task of the level below | one shard of a level |
+//! | [`Task::Tail`] | the ingest, and every task of the finest level that is not its own | all coarser levels, which together fit one task |
+//!
+//! A shard of a level is a range of its diamonds in the order of the pack, along a Hilbert curve. [`plan`] lists the tasks;
+//! [`run`] does one of them, and [`assemble`] writes the pack. What the tasks do with a diamond is what [`mod@crate::build`]
+//! does with it, so the pack is the same to the last byte, whatever the shards.
+//!
+//! A task copies what it needs into a scratch folder of its own, works there, uploads what it made under names that no
+//! other attempt uses, and creates its *manifest*, `done/TASK.json`, last. The first manifest counts; an attempt that
+//! finds one removes its own files. So a task may be done twice, or by two workers at a time, or die at any moment.
+//! Every file that is exchanged carries checksums, which are compared by the task that reads it.
+//!
+//! Failures: [`BuildError`], with what is wrong and what to do.
+
+mod gather;
+mod ingest;
+mod levels;
+mod manifest;
+mod pack;
+mod plan;
+mod shards;
+mod store;
+
+pub use manifest::{Manifest, SharedFile};
+pub use pack::assemble;
+use plan::State;
+pub use plan::{Listed, PLAN, SharedBuild, SharedPlan, TaskFile};
+pub use shards::TASK_TRIANGLES;
+pub use store::{SharedFolder, Store};
+
+use crate::build::Inputs;
+use crate::build::machine;
+use crate::build::options::{BuildError, BuildOptions};
+use crate::build::work::Work;
+use serde::{Deserialize, Serialize};
+use std::time::Instant;
+
+/// One task of a build; the assembly of the pack is not among them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", tag = "kind")]
+pub enum Task {
+    /// Read the inputs, make the leaves and the tree.
+    Ingest,
+    /// Coarsen one shard of a level.
+    Level {
+        /// The level of the diamonds, 0 is the coarsest.
+        level: u8,
+        /// The number of the shard.
+        shard: u32,
+    },
+    /// Coarsen all levels that are left.
+    Tail,
+}
+
+impl Task {
+    /// Its name, unique in a build: `ingest`, `level-07-0012`, `tail`.
+    pub fn id(self) -> String {
+        match self {
+            Self::Ingest => "ingest".to_owned(),
+            Self::Level { level, shard } => format!("level-{level:02}-{shard:04}"),
+            Self::Tail => "tail".to_owned(),
+        }
+    }
+}
+
+/// What became of a task.
+#[derive(Debug, Clone, Serialize)]
+pub struct Done {
+    /// Its manifest.
+    pub manifest: Manifest,
+    /// Whether it was done before, or by somebody else at the same time.
+    pub was_done: bool,
+}
+
+/// Where the inputs and options of a build come from, for [`Task::Ingest`]; other tasks do not ask.
+pub type Prepare<'a> = &'a mut dyn FnMut() -> Result<(Box<dyn Inputs>, BuildOptions), BuildError>;
+
+/// Do a task, unless it is done.
+///
+/// # Errors
+/// [`BuildError`]: a task that it needs is not done, a file cannot be read or written or is damaged, the inputs have
+/// changed since the build was planned, or those of the stages themselves.
+pub fn run(build: &SharedBuild, task: Task, work: &Work<'_>, prepare: Prepare<'_>) -> Result<Done, BuildError> {
+    match build.state(task)? {
+        State::Finished(manifest) => return Ok(Done { manifest, was_done: true }),
+        State::Broken(why) => {
+            work.progress.note(&format!("the task {} was done, but {why}; it is done again", task.id()));
+            build.forget(task)?;
+        }
+        State::Open => {}
+    }
+    let (clock, cpu) = (Instant::now(), machine::cpu_seconds());
+    let made = match task {
+        Task::Ingest => {
+            let (mut inputs, options) = prepare()?;
+            ingest::ingest_task(build, work, inputs.as_mut(), &options)?
+        }
+        Task::Level { level, shard } => levels::level_task(build, work, level, shard)?,
+        Task::Tail => levels::tail_task(build, work)?,
+    };
+    work.stop.check()?;
+    let cpu_seconds = cpu.and_then(|before| Some(machine::cpu_seconds()? - before));
+    build.complete(task, work, made, clock.elapsed().as_secs_f64(), cpu_seconds)
+}

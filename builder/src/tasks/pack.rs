@@ -1,0 +1,96 @@
+//! The last step: from the results of all tasks to the pack.
+
+use super::levels::{RESULTS, ROOTS};
+use super::plan::{Ingest, SharedBuild};
+use super::{Manifest, SharedFile, Task};
+use crate::assemble;
+use crate::build::options::BuildError;
+use crate::build::work::Work;
+use crate::build::{BuildReport, StageTime, report};
+use crate::levels::{Bodies, CHUNKS, Levels, Refined, results};
+use crate::scratch::{PatchFile, ScratchError, read_index};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+/// The bodies of chunks, in the files of several tasks.
+struct SharedBodies {
+    build: Arc<SharedBuild>,
+    files: Vec<(SharedFile, PathBuf)>,
+}
+
+impl Bodies for SharedBodies {
+    fn body(&self, of: &Refined) -> Result<Vec<u8>, BuildError> {
+        self.build.read(&self.files[of.file as usize].0, of.at, u64::from(of.bytes))
+    }
+
+    fn path(&self, of: &Refined) -> &Path {
+        &self.files[of.file as usize].1
+    }
+}
+
+/// Write the pack of a build whose tasks are all done to `out`. What the report says of stages adds up the tasks of each.
+///
+/// # Errors
+/// [`BuildError`]: a task is not done, a file cannot be read or is damaged, the pack cannot be written.
+pub fn assemble(build: SharedBuild, work: &Work<'_>, out: &mut impl Write) -> Result<BuildReport, BuildError> {
+    let build = Arc::new(build);
+    let Ingest { state, tree, manifest } = build.ingest()?;
+    let (mut refined, mut files, mut stages) = (Vec::new(), Vec::new(), Vec::new());
+    add_time(&mut stages, "ingest", &manifest);
+    let mut tail = None;
+    for task in build.tasks()?.iter().map(|listed| listed.task).filter(|task| *task != Task::Ingest) {
+        work.stop.check()?;
+        let manifest = build.finished(task)?;
+        let place = |file: &SharedFile| PathBuf::from(build.store().place(&file.name));
+        let file = build.file(&manifest, RESULTS)?;
+        let mut part = results::parse(&build.read_whole(file)?, &place(file))?;
+        for r in &mut part {
+            r.file = files.len() as u32;
+        }
+        refined.append(&mut part);
+        let chunks = build.file(&manifest, CHUNKS)?.clone();
+        let at = place(&chunks);
+        files.push((chunks, at));
+        match task {
+            Task::Level { level, .. } => add_time(&mut stages, &format!("level-{level:02}"), &manifest),
+            _ => add_time(&mut stages, "tail", &manifest),
+        }
+        tail = Some(manifest);
+    }
+    let tail = tail.map_or_else(|| build.finished(Task::Tail), Ok)?;
+    let roots = local_patches(&build, work, build.file(&tail, ROOTS)?)?;
+    let mut root_patches = Vec::new();
+    for t in 0..6 {
+        root_patches.extend(roots.read(t)?.map(|patch| (t, patch)));
+    }
+    let bodies = Box::new(SharedBodies { build: Arc::clone(&build), files });
+    let levels = Levels::of_surface(state.surface, tree, refined, &root_patches, bodies)?;
+    let mut told = BuildReport::of(&levels);
+    let header = report::header_of(&levels);
+    let (_, pack) = assemble::assemble(levels, work, header, &state.metadata, out)?;
+    told.pack = pack;
+    told.stages = stages;
+    Ok(told)
+}
+
+/// A small file of patches, copied to this machine.
+fn local_patches(build: &SharedBuild, work: &Work<'_>, file: &SharedFile) -> Result<PatchFile, BuildError> {
+    let local = PatchFile::create(work.scratch, ROOTS)?;
+    let index = read_index(file.bytes, |at, bytes| build.read(file, at, bytes))?;
+    let damaged = || ScratchError::damaged(Path::new(&build.store().place(&file.name)), "it has no whole index");
+    for (tetrahedron, place) in index.ok_or_else(damaged)? {
+        local.append_encoded(tetrahedron, place.triangles, &build.read(file, place.at, place.bytes)?)?;
+    }
+    Ok(local)
+}
+
+fn add_time(stages: &mut Vec<StageTime>, stage: &str, of: &Manifest) {
+    match stages.last_mut().filter(|last| last.stage == stage) {
+        Some(last) => {
+            last.seconds += of.seconds;
+            last.cpu_seconds = last.cpu_seconds.zip(of.cpu_seconds).map(|(a, b)| a + b);
+        }
+        None => stages.push(StageTime { stage: stage.to_owned(), seconds: of.seconds, cpu_seconds: of.cpu_seconds }),
+    }
+}

@@ -1,0 +1,295 @@
+//! A build that several machines share: its plan, which tasks it has, and which of them are done.
+
+use super::manifest::Made;
+use super::shards::Shards;
+use super::{Done, Manifest, SharedFile, Store, Task};
+use crate::build::journal::Plan;
+use crate::build::options::BuildError;
+use crate::build::work::Work;
+use crate::ingest::surface::Surface;
+use crate::partition::{Partition, tree_file};
+use glam::DVec3;
+use kilwa_pack::Metadata;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::hash::BuildHasher;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+/// Name of the plan in the store.
+pub const PLAN: &str = "plan.json";
+
+/// What is built, and in what portions.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SharedPlan {
+    /// The program, the options and the inputs.
+    pub plan: Plan,
+    /// Triangles of a task.
+    pub task_triangles: u64,
+    /// The arguments that say the same, for the task that reads the inputs.
+    pub arguments: Vec<String>,
+    /// The folder in which relative names among the arguments begin.
+    pub folder: String,
+}
+
+impl SharedPlan {
+    /// Identifies the build: the same for the same inputs, options, program and portions. 32 hexadecimal digits.
+    pub fn key(&self) -> String {
+        let bytes = serde_json::to_vec(&(&self.plan, self.task_triangles)).unwrap_or_default();
+        format!("{:032x}", u128::from_be_bytes(kilwa_pack::checksum(&bytes)))
+    }
+}
+
+/// A task as it is handed to a worker: `tasks/TASK.json`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TaskFile {
+    /// Where the build is: a folder.
+    pub build: String,
+    /// [`SharedPlan::key`] of the build.
+    pub key: String,
+    /// The program that planned it; a worker with another version refuses.
+    pub tool: String,
+    /// The task.
+    pub task: Task,
+}
+
+/// A task in the list of those of a build.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Listed {
+    /// Its name.
+    pub id: String,
+    /// The task.
+    pub task: Task,
+    /// Whether it is done.
+    pub done: bool,
+    /// All tasks of smaller waves must be done before.
+    pub wave: u32,
+    /// Triangles that it is estimated to take, where that is known.
+    pub triangles: Option<u64>,
+    /// Where on the model it is, metres.
+    pub near: Option<DVec3>,
+}
+
+/// What the ingest leaves for all other tasks, beside its files.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct IngestState {
+    pub(super) surface: Surface,
+    pub(super) metadata: Metadata,
+    pub(super) color_bits: u8,
+    pub(super) normal_bits: u8,
+    pub(super) shards: Shards,
+}
+
+/// What is known once the ingest is done.
+pub(super) struct Ingest {
+    pub(super) state: IngestState,
+    pub(super) tree: Partition,
+    pub(super) manifest: Manifest,
+}
+
+/// A build in a store.
+pub struct SharedBuild {
+    store: Box<dyn Store>,
+    /// What is built.
+    pub plan: SharedPlan,
+    bytes_read: AtomicU64,
+}
+
+impl SharedBuild {
+    /// Begin a build, or find the same one that was begun before.
+    ///
+    /// # Errors
+    /// [`BuildError::Shared`] where the store fails or holds another build.
+    pub fn begin(store: Box<dyn Store>, plan: SharedPlan) -> Result<Self, BuildError> {
+        let bytes = serde_json::to_vec_pretty(&plan).unwrap_or_default();
+        if store.create(PLAN, &bytes)? {
+            return Ok(Self { store, plan, bytes_read: AtomicU64::new(0) });
+        }
+        let found = Self::open(store)?;
+        if found.plan.key() != plan.key() {
+            return Err(found.damaged(PLAN, "it is the plan of another build"));
+        }
+        Ok(found)
+    }
+
+    /// A build that was begun.
+    ///
+    /// # Errors
+    /// [`BuildError::Shared`] where there is none.
+    pub fn open(store: Box<dyn Store>) -> Result<Self, BuildError> {
+        let place = store.place(PLAN);
+        let refused = |why: &str| BuildError::Shared { doing: "use", place: place.clone(), why: why.to_owned() };
+        let bytes = store.whole(PLAN)?.ok_or_else(|| refused("there is no build; `kilwa plan` begins one"))?;
+        let plan = serde_json::from_slice(&bytes).map_err(|e| refused(&format!("it is not a plan of Kilwa: {e}")))?;
+        Ok(Self { store, plan, bytes_read: AtomicU64::new(0) })
+    }
+
+    /// Where its files are.
+    pub fn store(&self) -> &dyn Store {
+        self.store.as_ref()
+    }
+
+    pub(super) fn damaged(&self, name: &str, why: impl Into<String>) -> BuildError {
+        BuildError::Shared { doing: "use", place: self.store.place(name), why: why.into() }
+    }
+
+    /// Read a stretch of a file that a task left.
+    pub(super) fn read(&self, file: &SharedFile, at: u64, bytes: u64) -> Result<Vec<u8>, BuildError> {
+        self.bytes_read.fetch_add(bytes, Ordering::Relaxed);
+        self.store.read(&file.name, at, bytes)
+    }
+
+    /// Read a file that a task left.
+    pub(super) fn read_whole(&self, file: &SharedFile) -> Result<Vec<u8>, BuildError> {
+        self.read(file, 0, file.bytes)
+    }
+
+    /// Whether a task is done.
+    ///
+    /// # Errors
+    /// [`BuildError::Shared`] where the store fails.
+    pub(super) fn state(&self, task: Task) -> Result<State, BuildError> {
+        let Some(bytes) = self.store.whole(&manifest_name(task))? else { return Ok(State::Open) };
+        let manifest: Manifest = match serde_json::from_slice(&bytes) {
+            Ok(manifest) => manifest,
+            Err(e) => return Ok(State::Broken(format!("its manifest is damaged ({e})"))),
+        };
+        for file in manifest.files.values() {
+            let found = self.store.length(&file.name)?;
+            if found != Some(file.bytes) {
+                let found = found.map_or_else(|| "is missing".to_owned(), |n| format!("has {n} bytes"));
+                let place = self.store.place(&file.name);
+                return Ok(State::Broken(format!("its file {place} {found}, and had {} bytes", file.bytes)));
+            }
+        }
+        Ok(State::Finished(manifest))
+    }
+
+    /// Forget a task whose files are not whole, so that it can be done again.
+    pub(super) fn forget(&self, task: Task) -> Result<(), BuildError> {
+        self.store.remove(&manifest_name(task))
+    }
+
+    /// What a task left that must be done by now.
+    ///
+    /// # Errors
+    /// [`BuildError::Inputs`] where it is not; [`BuildError::Shared`] where the store fails.
+    pub fn finished(&self, task: Task) -> Result<Manifest, BuildError> {
+        let id = task.id();
+        let why = match self.state(task)? {
+            State::Finished(manifest) => return Ok(manifest),
+            State::Open => format!("the task {id} is not done yet, and its result is needed; do it first"),
+            State::Broken(why) => format!("the result of the task {id} is needed, but {why}; do that task again"),
+        };
+        Err(BuildError::Inputs { why })
+    }
+
+    fn is_done(&self, task: Task) -> Result<bool, BuildError> {
+        Ok(matches!(self.state(task)?, State::Finished(_)))
+    }
+
+    /// One of the files that a task left.
+    pub(super) fn file<'a>(&self, manifest: &'a Manifest, holds: &str) -> Result<&'a SharedFile, BuildError> {
+        let task = &manifest.task;
+        manifest.files.get(holds).ok_or_else(|| BuildError::Shared {
+            doing: "use",
+            place: self.store.place(&format!("done/{task}.json")),
+            why: format!("it names no file of {holds}; remove it, and do the task again"),
+        })
+    }
+
+    /// What the ingest left.
+    pub(super) fn ingest(&self) -> Result<Ingest, BuildError> {
+        let manifest = self.finished(Task::Ingest)?;
+        let state = self.state_of(&manifest)?;
+        let file = self.file(&manifest, tree_file::TREE)?;
+        let tree = tree_file::from_bytes(&self.read_whole(file)?)
+            .ok_or_else(|| self.damaged(&file.name, "it is not the tree that was written"))?;
+        Ok(Ingest { state, tree, manifest })
+    }
+
+    fn state_of(&self, manifest: &Manifest) -> Result<IngestState, BuildError> {
+        serde_json::from_value(manifest.state.clone())
+            .map_err(|e| self.damaged(&manifest_name(Task::Ingest), format!("it is damaged ({e}); plan another build")))
+    }
+
+    /// All tasks that are known: as long as the ingest is not done, only that.
+    ///
+    /// # Errors
+    /// [`BuildError::Shared`] where the store fails.
+    pub fn tasks(&self) -> Result<Vec<Listed>, BuildError> {
+        let listed =
+            |task: Task, wave: u32, triangles: Option<u64>, near: Option<DVec3>| -> Result<Listed, BuildError> {
+                Ok(Listed { id: task.id(), task, done: self.is_done(task)?, wave, triangles, near })
+            };
+        let State::Finished(ingest) = self.state(Task::Ingest)? else {
+            return Ok(vec![listed(Task::Ingest, 0, None, None)?]);
+        };
+        let IngestState { shards, surface, .. } = self.state_of(&ingest)?;
+        let mut tasks = vec![listed(Task::Ingest, 0, Some(surface.triangles), None)?];
+        let mut wave = 1;
+        for level in &shards.levels {
+            for (shard, about) in (0u32..).zip(&level.shards) {
+                let task = Task::Level { level: level.level, shard };
+                tasks.push(listed(task, wave, Some(about.triangles), Some(about.near))?);
+            }
+            wave += 1;
+        }
+        tasks.push(listed(Task::Tail, wave, Some(shards.tail_triangles), None)?);
+        Ok(tasks)
+    }
+
+    /// Upload what a task made, then create its manifest.
+    pub(super) fn complete(
+        &self,
+        task: Task,
+        work: &Work<'_>,
+        made: Made,
+        seconds: f64,
+        cpu_seconds: Option<f64>,
+    ) -> Result<Done, BuildError> {
+        // Two attempts at a task never write the same file.
+        let attempt = std::hash::RandomState::new().hash_one(std::process::id());
+        let mut files = BTreeMap::new();
+        let mut bytes_written = 0;
+        for (holds, local) in made.files {
+            work.stop.check()?;
+            let bytes = work.scratch.length(&local).unwrap_or(0);
+            let name = format!("files/{}.{attempt:016x}.{holds}", task.id());
+            self.store.upload(&name, &work.scratch.path(&local))?;
+            bytes_written += bytes;
+            files.insert(holds, SharedFile { name, bytes });
+        }
+        let manifest = Manifest {
+            task: task.id(),
+            tool: self.plan.plan.tool.clone(),
+            files,
+            state: made.state,
+            seconds,
+            cpu_seconds,
+            bytes_read: self.bytes_read.load(Ordering::Relaxed),
+            bytes_written,
+        };
+        let name = manifest_name(task);
+        if self.store.create(&name, &serde_json::to_vec(&manifest).unwrap_or_default())? {
+            return Ok(Done { manifest, was_done: false });
+        }
+        for file in manifest.files.values() {
+            self.store.remove(&file.name)?;
+        }
+        Ok(Done { manifest: self.finished(task)?, was_done: true })
+    }
+}
+
+/// Whether a task is done.
+pub(super) enum State {
+    /// It is not.
+    Open,
+    /// It was, but its files are no longer what it wrote: the reason.
+    Broken(String),
+    /// It is.
+    Finished(Manifest),
+}
+
+fn manifest_name(task: Task) -> String {
+    format!("done/{}.json", task.id())
+}

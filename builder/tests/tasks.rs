@@ -1,0 +1,257 @@
+//! A build that is divided into tasks gives the bytes of a build on one machine, whoever does the tasks, in whatever
+//! order, however often, and whatever dies meanwhile.
+
+use crate::support::{fort, non_manifold, wall, with_holes};
+use kilwa_builder::build::journal::PlannedInput;
+use kilwa_builder::build::work::{Stop, Work};
+use kilwa_builder::ingest::Spool;
+use kilwa_builder::scratch::Scratch;
+use kilwa_builder::tasks::{self, Done, Listed, SharedBuild, SharedFolder, SharedPlan, Task};
+use kilwa_builder::{BuildError, BuildOptions, Inputs, Progress, Provenance, Silent, build_pack};
+use kilwa_formats::RawMesh;
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+struct Delivered(RawMesh);
+
+impl Inputs for Delivered {
+    fn plan(&self) -> Result<Vec<PlannedInput>, BuildError> {
+        Ok(Vec::new())
+    }
+
+    fn deliver(&mut self, spool: &mut Spool, _work: &Work<'_>) -> Result<Provenance, BuildError> {
+        spool.add(&self.0)?;
+        Ok(Provenance::default())
+    }
+}
+
+fn options() -> BuildOptions {
+    BuildOptions { title: "test".into(), leaf_triangles: 300, ..BuildOptions::default() }
+}
+
+fn expected(raw: &RawMesh) -> Vec<u8> {
+    build_pack(raw.clone(), &options(), &Silent).unwrap().bytes
+}
+
+fn open(folder: &Path, task_triangles: u64) -> SharedBuild {
+    let plan = kilwa_builder::build::plan(&Delivered(RawMesh::default()), &options()).unwrap();
+    let plan = SharedPlan { plan, task_triangles, arguments: Vec::new(), folder: String::new() };
+    SharedBuild::begin(Box::new(SharedFolder::new(folder)), plan).unwrap()
+}
+
+/// One worker with a task.
+struct Worker<'a> {
+    raw: &'a RawMesh,
+    threads: usize,
+    memory: u64,
+}
+
+impl Worker<'_> {
+    fn with<T>(&self, stop: &Stop, progress: &dyn Progress, f: impl FnOnce(&Work<'_>) -> T) -> T {
+        let scratch = Scratch::temporary().unwrap();
+        f(&Work { scratch: &scratch, memory: self.memory, threads: self.threads, stop, progress })
+    }
+
+    fn run(&self, build: &SharedBuild, task: Task, stop: &Stop, progress: &dyn Progress) -> Result<Done, BuildError> {
+        let mut prepare = || -> Result<(Box<dyn Inputs>, BuildOptions), BuildError> {
+            Ok((Box::new(Delivered(self.raw.clone())), options()))
+        };
+        self.with(stop, progress, |work| tasks::run(build, task, work, &mut prepare))
+    }
+
+    fn assemble(&self, build: SharedBuild) -> Result<Vec<u8>, BuildError> {
+        let mut out = Vec::new();
+        self.with(&Stop::default(), &Silent, |work| tasks::assemble(build, work, &mut out))?;
+        Ok(out)
+    }
+}
+
+/// The tasks of the first wave that is not done.
+fn ready(build: &SharedBuild) -> Vec<Listed> {
+    let mut open: Vec<Listed> = build.tasks().unwrap().into_iter().filter(|t| !t.done).collect();
+    let wave = open.iter().map(|t| t.wave).min();
+    open.retain(|t| Some(t.wave) == wave);
+    open
+}
+
+fn run_all(folder: &Path, size: u64, raw: &RawMesh, random: &mut fastrand::Rng) -> usize {
+    let mut count = 0;
+    loop {
+        let build = open(folder, size);
+        let mut tasks = ready(&build);
+        if tasks.is_empty() {
+            return count;
+        }
+        random.shuffle(&mut tasks);
+        for task in tasks {
+            let worker = Worker { raw, threads: random.usize(1..4), memory: 1 << random.usize(20..32) };
+            // Each worker opens the build for itself.
+            let done = worker.run(&open(folder, size), task.task, &Stop::default(), &Silent).unwrap();
+            assert!(!done.was_done);
+            count += 1;
+        }
+    }
+}
+
+fn shared_files(folder: &Path) -> BTreeSet<String> {
+    let entries = std::fs::read_dir(folder.join("files")).unwrap();
+    entries.map(|e| format!("files/{}", e.unwrap().file_name().to_string_lossy())).collect()
+}
+
+/// The files that manifests name.
+fn named_files(build: &SharedBuild) -> BTreeSet<String> {
+    let tasks = build.tasks().unwrap();
+    let manifests = tasks.iter().filter(|t| t.done).map(|t| build.finished(t.task).unwrap());
+    manifests.flat_map(|m| m.files.into_values().map(|f| f.name)).collect()
+}
+
+#[test]
+fn tasks_of_any_size_in_any_order_give_the_bytes_of_a_build_on_one_machine() {
+    let mut random = fastrand::Rng::with_seed(2);
+    let mut levels_divided = 0;
+    for (name, raw) in [
+        ("fort", fort(60_000)),
+        ("wall", wall(40_000)),
+        ("holes", with_holes(40_000)),
+        ("non-manifold", non_manifold(60)),
+        ("small", wall(2_000)),
+    ] {
+        let expected = expected(&raw);
+        for size in [1, 2_000, 15_000, 1 << 40] {
+            if size == 1 && raw.triangles.len() > 3_000 {
+                continue;
+            }
+            let folder = tempfile::tempdir().unwrap();
+            let count = run_all(folder.path(), size, &raw, &mut random);
+            let build = open(folder.path(), size);
+            let tasks = build.tasks().unwrap();
+            assert_eq!(tasks.len(), count);
+            levels_divided += usize::from(tasks.iter().any(|t| matches!(t.task, Task::Level { shard: 1.., .. })));
+            assert_eq!(shared_files(folder.path()), named_files(&build));
+            let bytes = Worker { raw: &raw, threads: 2, memory: 1 << 28 }.assemble(build).unwrap();
+            assert!(bytes == expected, "{name}, tasks of {size} triangles: other bytes");
+        }
+    }
+    assert!(levels_divided >= 6, "{levels_divided}");
+}
+
+/// Asks to stop at a given update.
+struct StopAt<'a> {
+    stop: &'a Stop,
+    left: AtomicU64,
+}
+
+impl Progress for StopAt<'_> {
+    fn update(&self, _stage: &'static str, _done: u64, _total: u64) {
+        if self.left.fetch_sub(1, Ordering::Relaxed) == 1 {
+            self.stop.ask();
+        }
+    }
+}
+
+#[test]
+fn tasks_that_are_stopped_at_any_moment_and_repeated_give_the_same_bytes() {
+    let raw = wall(20_000);
+    let expected = expected(&raw);
+    let folder = tempfile::tempdir().unwrap();
+    let mut random = fastrand::Rng::with_seed(7);
+    let (mut stopped, mut longest) = (0, 20);
+    loop {
+        let build = open(folder.path(), 3_000);
+        let Some(task) = ready(&build).into_iter().next() else { break };
+        let stop = Stop::default();
+        let at = StopAt { stop: &stop, left: AtomicU64::new(random.u64(1..longest)) };
+        let worker = Worker { raw: &raw, threads: 2, memory: 1 << 26 };
+        match worker.run(&build, task.task, &stop, &at) {
+            Ok(_) => longest = 20,
+            Err(BuildError::Stopped) => {
+                stopped += 1;
+                longest += longest / 2;
+            }
+            Err(e) => panic!("{}: {e}", task.id),
+        }
+    }
+    assert!(stopped > 5, "{stopped}");
+    let worker = Worker { raw: &raw, threads: 1, memory: 1 << 26 };
+    assert!(worker.assemble(open(folder.path(), 3_000)).unwrap() == expected);
+}
+
+#[test]
+fn of_several_workers_with_the_same_task_one_is_counted_and_the_others_leave_nothing() {
+    let raw = wall(10_000);
+    let folder = tempfile::tempdir().unwrap();
+    while let Some(task) = ready(&open(folder.path(), 4_000)).into_iter().next() {
+        let done: Vec<Done> = std::thread::scope(|scope| {
+            let one = || {
+                let worker = Worker { raw: &raw, threads: 1, memory: 1 << 26 };
+                worker.run(&open(folder.path(), 4_000), task.task, &Stop::default(), &Silent).unwrap()
+            };
+            let threads: Vec<_> = (0..3).map(|_| scope.spawn(one)).collect();
+            threads.into_iter().map(|t| t.join().unwrap()).collect()
+        });
+        assert_eq!(done.iter().filter(|d| !d.was_done).count(), 1, "{}", task.id);
+        assert!(done.iter().all(|d| d.manifest == done[0].manifest), "{}", task.id);
+        assert_eq!(shared_files(folder.path()), named_files(&open(folder.path(), 4_000)));
+    }
+}
+
+#[test]
+fn a_task_that_comes_too_early_names_the_one_that_is_missing() {
+    let raw = wall(20_000);
+    let folder = tempfile::tempdir().unwrap();
+    let worker = Worker { raw: &raw, threads: 1, memory: 1 << 26 };
+    let error =
+        |task| worker.run(&open(folder.path(), 3_000), task, &Stop::default(), &Silent).unwrap_err().to_string();
+    assert!(error(Task::Tail).contains("ingest"), "{}", error(Task::Tail));
+    worker.run(&open(folder.path(), 3_000), Task::Ingest, &Stop::default(), &Silent).unwrap();
+    assert!(error(Task::Tail).contains("level-"), "{}", error(Task::Tail));
+    let none = Task::Level { level: 200, shard: 0 };
+    assert!(error(none).contains("no shard 0 of level 200"), "{}", error(none));
+    let early = worker.assemble(open(folder.path(), 3_000)).unwrap_err().to_string();
+    assert!(early.contains("level-"), "{early}");
+}
+
+#[test]
+fn a_lost_file_costs_its_task_and_a_damaged_one_is_named() {
+    let raw = wall(20_000);
+    let (folder, mut random) = (tempfile::tempdir().unwrap(), fastrand::Rng::with_seed(1));
+    let worker = Worker { raw: &raw, threads: 1, memory: 1 << 26 };
+    run_all(folder.path(), 3_000, &raw, &mut random);
+    let level = open(folder.path(), 3_000).tasks().unwrap()[1].task;
+    let chunks = |task| open(folder.path(), 3_000).finished(task).unwrap().files["chunks"].name.clone();
+
+    std::fs::remove_file(folder.path().join(chunks(level))).unwrap();
+    let why = worker.assemble(open(folder.path(), 3_000)).unwrap_err().to_string();
+    assert!(why.contains(&level.id()) && why.contains("is missing"), "{why}");
+    assert_eq!(ready(&open(folder.path(), 3_000))[0].task, level);
+    worker.run(&open(folder.path(), 3_000), level, &Stop::default(), &Silent).unwrap();
+
+    // One bit of each file that a task reads, in turn.
+    let ingest = open(folder.path(), 3_000).finished(Task::Ingest).unwrap();
+    let level_files = open(folder.path(), 3_000).finished(level).unwrap();
+    for (holds, file) in ingest.files.iter().chain(&level_files.files) {
+        let path = folder.path().join(&file.name);
+        let mut bytes = std::fs::read(&path).unwrap();
+        let at = bytes.len() / 2;
+        bytes[at] ^= 1;
+        std::fs::write(&path, &bytes).unwrap();
+        let all = [level, Task::Level { level: 200, shard: 0 }, Task::Tail];
+        let noticed = all.iter().filter(|t| **t != level || ingest.files.contains_key(holds)).any(|task| {
+            let manifest = folder.path().join(format!("done/{}.json", task.id()));
+            let kept = std::fs::read(&manifest).ok();
+            drop(std::fs::remove_file(&manifest));
+            let error = worker.run(&open(folder.path(), 3_000), *task, &Stop::default(), &Silent);
+            if let Some(kept) = kept {
+                std::fs::write(&manifest, kept).unwrap();
+            }
+            error.is_err_and(|e| e.to_string().contains(&file.name) || e.to_string().contains("is not whole"))
+        });
+        let noticed =
+            noticed || worker.assemble(open(folder.path(), 3_000)).is_err_and(|e| e.to_string().contains("files/"));
+        bytes[at] ^= 1;
+        std::fs::write(&path, &bytes).unwrap();
+        assert!(noticed || holds.starts_with("leaves-") || holds == "patches" || holds == "shared", "{holds}");
+    }
+    assert!(worker.assemble(open(folder.path(), 3_000)).unwrap() == expected(&raw));
+}
