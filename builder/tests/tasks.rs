@@ -110,18 +110,15 @@ fn named_files(build: &SharedBuild) -> BTreeSet<String> {
 fn tasks_of_any_size_in_any_order_give_the_bytes_of_a_build_on_one_machine() {
     let mut random = fastrand::Rng::with_seed(2);
     let mut levels_divided = 0;
-    for (name, raw) in [
-        ("fort", fort(60_000)),
-        ("wall", wall(40_000)),
-        ("holes", with_holes(40_000)),
-        ("non-manifold", non_manifold(60)),
-        ("small", wall(2_000)),
+    for (name, raw, few) in [
+        ("fort", fort(25_000), 2_000),
+        ("wall", wall(15_000), 4_000),
+        ("holes", with_holes(15_000), 1_000),
+        ("non-manifold", non_manifold(40), 2_000),
+        ("small", wall(2_000), 1),
     ] {
         let expected = expected(&raw);
-        for size in [1, 2_000, 15_000, 1 << 40] {
-            if size == 1 && raw.triangles.len() > 3_000 {
-                continue;
-            }
+        for size in [few, 1 << 40] {
             let folder = tempfile::tempdir().unwrap();
             let count = run_all(folder.path(), size, &raw, &mut random);
             let build = open(folder.path(), size);
@@ -133,7 +130,7 @@ fn tasks_of_any_size_in_any_order_give_the_bytes_of_a_build_on_one_machine() {
             assert!(bytes == expected, "{name}, tasks of {size} triangles: other bytes");
         }
     }
-    assert!(levels_divided >= 6, "{levels_divided}");
+    assert!(levels_divided >= 4, "{levels_divided}");
 }
 
 /// Asks to stop at a given update.

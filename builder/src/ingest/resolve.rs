@@ -12,7 +12,9 @@
 use super::IngestOptions;
 use super::collapse::spare_triangles;
 use super::lattice::{Box3, Lengths, Measured, Provisional, Rounding, choose};
-use super::spool::{COLORS, ColorSource, NORMALS, POSITIONS, Spooled, TRIANGLE_COLORS, TRIANGLES, position_of_row};
+use super::spool::{
+    COLORS, ColorSource, NORMALS, POSITIONS, Spooled, TRIANGLE_COLORS, TRIANGLES, TRIANGLES_HIGH, position_of_row,
+};
 use super::tally::Tally;
 use super::words::{INVALID, Layout, read_words, word_of_color, word_of_normal, write_words};
 use crate::build::options::BuildError;
@@ -194,6 +196,8 @@ struct Run<'a> {
     /// The word of the confidence.
     confidence: Option<usize>,
     triangles: ScratchFile,
+    /// The high bits of the vertex numbers of triangles.
+    triangles_high: Option<ScratchFile>,
     triangle_colors: Option<ScratchFile>,
     /// One bit for every vertex that a kept triangle uses.
     used: Vec<AtomicU64>,
@@ -266,6 +270,7 @@ impl<'a> Run<'a> {
             return Err(BuildError::Empty { why });
         }
         let colors = spooled.triangle_colors.then(|| work.scratch.existing(TRIANGLE_COLORS)).transpose()?;
+        let high = spooled.wide.then(|| work.scratch.existing(TRIANGLES_HIGH)).transpose()?;
         Ok(Self {
             work,
             spooled,
@@ -274,6 +279,7 @@ impl<'a> Run<'a> {
             weight,
             confidence: channel.filter(|_| options.min_confidence.is_some()).map(|c| layout.scalar() + c),
             triangles: work.scratch.existing(TRIANGLES)?,
+            triangles_high: high,
             triangle_colors: colors,
             used: (0..spooled.vertices.div_ceil(64)).map(|_| AtomicU64::new(0)).collect(),
         })
@@ -282,7 +288,7 @@ impl<'a> Run<'a> {
     /// Vertices that fit the budget.
     fn range(&self) -> u64 {
         let bits = 8 * self.used.len() as u64 + self.spooled.triangles / 8;
-        let blocks = (2 * block(self.work, self.layout) * (4 * self.layout.triangle() + 16)) as u64;
+        let blocks = (2 * block(self.work, self.layout) * (4 * self.layout.triangle() + 40)) as u64;
         let capacity = (self.work.memory / 8 * 7).saturating_sub(bits + blocks) / (4 * self.layout.vertex() as u64);
         // Ever more passes would take for ever: 64 of them at most.
         capacity.max(self.spooled.vertices.div_ceil(64)).clamp(1, self.spooled.vertices)
@@ -291,23 +297,25 @@ impl<'a> Run<'a> {
     /// Stream the triangles past the vertices; `keep` are the bits of those that are kept, where they are known.
     fn passes(&self, provisional: &Provisional, keep: Option<&[u64]>) -> Result<Measures, BuildError> {
         let corners = self.work.scratch.create(CORNERS)?;
-        let (vertices, range) = (self.spooled.vertices, self.range());
+        // Vertices before the first that a triangle names, and behind the last, are not needed.
+        let [start, last] = self.spooled.named.unwrap_or_default();
+        let (end, range) = (last + 1, self.range());
         let size = block(self.work, self.layout);
-        let total = self.spooled.triangles * vertices.div_ceil(range);
+        let total = self.spooled.triangles * (end - start).div_ceil(range);
         let mut measures = Measures::default();
         let mut done = 0;
-        for first in (0..vertices).step_by(range as usize) {
-            let count = range.min(vertices - first);
+        for first in (start..end).step_by(range as usize) {
+            let count = range.min(end - first);
             let loaded = Range { first, words: self.load(provisional, first, count as usize)? };
-            let is_last = first + count == vertices;
+            let is_last = first + count == end;
             let look = |block: u64| -> Result<Block, ScratchError> {
                 let n = self.spooled.triangles.saturating_sub(block).min(size as u64) as usize;
                 if n == 0 {
                     return Ok(Block::default());
                 }
-                let rows = self.triangles.read(12 * block, 12 * n as u64)?;
+                let rows = self.numbers(block, n)?;
                 let mut words = vec![0u32; n * self.layout.triangle()];
-                if first > 0 {
+                if first > start {
                     read_words(&corners, block * 4 * self.layout.triangle() as u64, &mut words)?;
                 }
                 self.fill(&loaded, &rows, &mut words);
@@ -345,6 +353,18 @@ impl<'a> Run<'a> {
             }
         }
         Ok(measures)
+    }
+
+    /// The vertices that `n` triangles from number `first` on name.
+    fn numbers(&self, first: u64, n: usize) -> Result<Vec<[u64; 3]>, ScratchError> {
+        let rows = self.triangles.read(12 * first, 12 * n as u64)?;
+        let number = |bytes: &[u8; 4]| u64::from(u32::from_le_bytes(*bytes));
+        let (numbers, _) = rows.as_chunks::<4>();
+        let low: Vec<[u64; 3]> = numbers.as_chunks::<3>().0.par_iter().map(|t| t.each_ref().map(number)).collect();
+        let Some(high) = &self.triangles_high else { return Ok(low) };
+        let high = high.read(3 * first, 3 * n as u64)?;
+        let joined = |(low, high): ([u64; 3], &[u8; 3])| std::array::from_fn(|k| low[k] | u64::from(high[k]) << 32);
+        Ok(low.into_iter().zip(high.as_chunks::<3>().0).map(joined).collect())
     }
 
     /// The vertices from `first` on as words on the provisional lattice.
@@ -399,12 +419,12 @@ impl<'a> Run<'a> {
     }
 
     /// Copy the vertices that are in memory to the corners that name them.
-    fn fill(&self, loaded: &Range, rows: &[u8], words: &mut [u32]) {
+    fn fill(&self, loaded: &Range, rows: &[[u64; 3]], words: &mut [u32]) {
         let width = self.layout.vertex();
         let triangle = self.layout.triangle();
-        words.par_chunks_mut(PIECE * triangle).zip(rows.par_chunks(PIECE * 12)).for_each(|(words, rows)| {
-            for (corner, row) in words.chunks_exact_mut(width).zip(rows.as_chunks::<4>().0) {
-                let vertex = u64::from(u32::from_le_bytes(*row)).wrapping_sub(loaded.first) as usize;
+        words.par_chunks_mut(PIECE * triangle).zip(rows.par_chunks(PIECE)).for_each(|(words, rows)| {
+            for (corner, number) in words.chunks_exact_mut(width).zip(rows.as_flattened()) {
+                let vertex = number.wrapping_sub(loaded.first) as usize;
                 let at = vertex.wrapping_mul(width);
                 if vertex < loaded.words.len() / width {
                     corner.copy_from_slice(&loaded.words[at..at + width]);
@@ -418,14 +438,14 @@ impl<'a> Run<'a> {
         &self,
         provisional: &Provisional,
         block: u64,
-        rows: &[u8],
+        rows: &[[u64; 3]],
         words: &mut [u32],
         keep: Option<&[u64]>,
     ) -> Result<Vec<Piece>, ScratchError> {
-        let n = rows.len() / 12;
+        let n = rows.len();
         let colors = self.triangle_colors.as_ref().map(|f| f.read(4 * block, 4 * n as u64)).transpose()?;
-        let pieces = words.par_chunks_mut(PIECE * self.layout.triangle()).zip(rows.par_chunks(PIECE * 12)).enumerate();
-        let piece = |(i, (words, rows)): (usize, (&mut [u32], &[u8]))| {
+        let pieces = words.par_chunks_mut(PIECE * self.layout.triangle()).zip(rows.par_chunks(PIECE)).enumerate();
+        let piece = |(i, (words, rows)): (usize, (&mut [u32], &[[u64; 3]]))| {
             let first = i * PIECE;
             let colors = colors.as_ref().map(|c| &c.as_chunks::<4>().0[first..]);
             let number = block + first as u64;
@@ -438,15 +458,15 @@ impl<'a> Run<'a> {
         &self,
         provisional: &Provisional,
         number: u64,
-        rows: &[u8],
+        rows: &[[u64; 3]],
         words: &mut [u32],
         colors: Option<&[[u8; 4]]>,
         keep: Option<&[u64]>,
     ) -> Piece {
         let (width, triangle) = (self.layout.vertex(), self.layout.triangle());
         let mut out = Piece::default();
-        out.keep.resize(rows.len().div_ceil(12 * 64), 0);
-        for (i, row) in rows.as_chunks::<12>().0.iter().enumerate() {
+        out.keep.resize(rows.len().div_ceil(64), 0);
+        for (i, row) in rows.iter().enumerate() {
             let at = i * triangle;
             let bit = 1u64 << (i % 64);
             let wanted = match keep {
@@ -457,9 +477,8 @@ impl<'a> Run<'a> {
                 continue;
             }
             out.keep[i / 64] |= bit;
-            for vertex in row.as_chunks::<4>().0 {
-                let v = u32::from_le_bytes(*vertex);
-                let (word, bit) = (&self.used[v as usize / 64], 1u64 << (v % 64));
+            for v in row {
+                let (word, bit) = (&self.used[(v / 64) as usize], 1u64 << (v % 64));
                 if word.load(Ordering::Relaxed) & bit == 0 {
                     word.fetch_or(bit, Ordering::Relaxed);
                 }
@@ -524,6 +543,10 @@ impl<'a> Run<'a> {
         let mut bounds = [DVec3::INFINITY, DVec3::NEG_INFINITY];
         for first in (0..self.spooled.vertices).step_by(ROWS) {
             let n = (self.spooled.vertices - first).min(ROWS as u64);
+            let words = &self.used[(first / 64) as usize..(first + n).div_ceil(64) as usize];
+            if words.iter().all(|w| w.load(Ordering::Relaxed) == 0) {
+                continue;
+            }
             let rows = positions.read(24 * first, 24 * n)?;
             for (v, row) in (first..).zip(rows.as_chunks::<24>().0) {
                 if self.used[(v / 64) as usize].load(Ordering::Relaxed) >> (v % 64) & 1 == 1 {
@@ -543,10 +566,9 @@ impl<'a> Run<'a> {
             if keep[(t / 64) as usize] >> (t % 64) & 1 == 0 {
                 continue;
             }
-            let row = self.triangles.read(12 * t, 12)?;
             let mut p = [DVec3::ZERO; 3];
-            for (p, vertex) in p.iter_mut().zip(row.as_chunks::<4>().0) {
-                let bytes = positions.read(24 * u64::from(u32::from_le_bytes(*vertex)), 24)?;
+            for (p, vertex) in p.iter_mut().zip(self.numbers(t, 1)?.into_iter().flatten()) {
+                let bytes = positions.read(24 * vertex, 24)?;
                 *p = position_of_row(&bytes.as_chunks::<24>().0[0]);
             }
             let edges = [(0, 1), (1, 2), (2, 0)];

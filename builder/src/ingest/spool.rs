@@ -2,12 +2,13 @@
 //!
 //! Input: blocks of vertices and triangles of one input after the other. Files (numbers little-endian, one row per
 //! vertex or triangle): `positions` 3×f64, `colors` r g b given?, `normals` octahedral 2×i16,
-//! `scalar-N` f32, `triangles` 3×u32 (numbers over all inputs), `triangle-colors` r g b given?. An attribute that no
-//! input has, has no file. [`Spooled`] says what is there.
+//! `scalar-N` f32, `triangles` 3×u32 (the low 32 bits of numbers over all inputs), `triangles-high` 3×u8 (bits 32 to 39),
+//! `triangle-colors` r g b given?. An attribute that no input has, has no file, nor have the high bits if they are all 0.
+//! [`Spooled`] says what is there.
 //!
 //! Inputs are joined here: channels by name (0 where an input lacks one), a neutral grey where only some vertices have
 //! colours, normals only where every vertex has one. Fails where a triangle names a vertex that its input does not have,
-//! where there are more vertices than 32 bits number, and where the scratch disk does.
+//! where there are more vertices than 40 bits number, and where the scratch disk does.
 
 use super::column::Column;
 use super::surface::ColoredBy;
@@ -25,10 +26,11 @@ pub(super) const POSITIONS: &str = "positions";
 pub(super) const COLORS: &str = "colors";
 pub(super) const NORMALS: &str = "normals";
 pub(super) const TRIANGLES: &str = "triangles";
+pub(super) const TRIANGLES_HIGH: &str = "triangles-high";
 pub(super) const TRIANGLE_COLORS: &str = "triangle-colors";
 
-/// Most vertices that a build numbers.
-const MAX_VERTICES: u64 = u32::MAX as u64 - 1;
+/// Most vertices that a build numbers: 40 bits, for 2 · 10^12 triangles.
+const MAX_VERTICES: u64 = (1 << 40) - 1;
 /// Vertices in a block of the cache for [`MeshSink::positions`].
 const CACHE_BLOCK: u64 = 1 << 12;
 /// Blocks in that cache: 6 MiB.
@@ -78,6 +80,10 @@ pub struct Spooled {
     pub(super) color: ColorSource,
     pub(super) vertex_colors: bool,
     pub(super) triangle_colors: bool,
+    /// Whether there is a file of the high bits of vertex numbers.
+    pub(super) wide: bool,
+    /// Smallest and largest vertex number that a triangle names; absent without triangles.
+    pub(super) named: Option<[u64; 2]>,
     pub(super) normals: bool,
     pub(super) channels: Vec<Channel>,
     pub(super) tally: Tally,
@@ -102,7 +108,7 @@ impl Spooled {
 
     /// Names of the files.
     pub(super) fn files(&self) -> Vec<&str> {
-        let fixed = [POSITIONS, COLORS, NORMALS, TRIANGLES, TRIANGLE_COLORS];
+        let fixed = [POSITIONS, COLORS, NORMALS, TRIANGLES, TRIANGLES_HIGH, TRIANGLE_COLORS];
         fixed.into_iter().chain(self.channels.iter().map(|c| c.file.as_str())).collect()
     }
 }
@@ -153,6 +159,8 @@ pub struct Spool {
     normals: Option<Column>,
     scalars: Vec<Scalar>,
     triangles: Column,
+    triangles_high: Option<Column>,
+    named: Option<[u64; 2]>,
     triangle_colors: Option<Column>,
     bounds: [DVec3; 2],
     current: Current,
@@ -180,6 +188,8 @@ impl Spool {
             normals: None,
             scalars: Vec::new(),
             triangles: Column::create(scratch, TRIANGLES, 12)?,
+            triangles_high: None,
+            named: None,
             triangle_colors: None,
             bounds: [DVec3::INFINITY, DVec3::NEG_INFINITY],
             current: Current::new(path, 0, 0),
@@ -270,6 +280,11 @@ impl Spool {
                 self.tally.add_many(NO_NORMAL, self.with_normal);
             }
         }
+        let wide = self.triangles_high.is_some();
+        if let Some(mut high) = self.triangles_high.take() {
+            high.fill([0; 3], triangles)?;
+            high.finish()?;
+        }
         self.positions.finish()?;
         self.triangles.finish()?;
         let mut tally = std::mem::take(&mut self.tally);
@@ -287,6 +302,8 @@ impl Spool {
             color,
             vertex_colors,
             triangle_colors,
+            wide,
+            named: self.named,
             normals,
             channels,
             tally,
@@ -506,10 +523,19 @@ impl MeshSink for Spool {
                     return Err(ReadError::Index { file, triangle: c.delivered - 1, vertex: largest, vertices });
                 }
             }
+            let numbers = t.map(|v| c.first_vertex + v);
+            let [min, max] = [numbers.iter().min(), numbers.iter().max()].map(|v| v.copied().unwrap_or_default());
+            self.named = Some(self.named.map_or([min, max], |[a, b]| [a.min(min), b.max(max)]));
+            if max > u64::from(u32::MAX) && self.triangles_high.is_none() {
+                self.triangles_high = Some(Column::create(&self.scratch, TRIANGLES_HIGH, 3)?);
+            }
+            if let Some(high) = &mut self.triangles_high {
+                high.fill([0; 3], self.triangles.rows())?;
+                high.push(std::iter::once(numbers.map(|v| (v >> 32) as u8)))?;
+            }
             let mut row = [0; 12];
-            for k in 0..3 {
-                // Wraps only where `end_input` refuses the number.
-                row[4 * k..4 * k + 4].copy_from_slice(&((c.first_vertex + t[k]) as u32).to_le_bytes());
+            for (bytes, v) in row.as_chunks_mut::<4>().0.iter_mut().zip(numbers) {
+                *bytes = (v as u32).to_le_bytes();
             }
             self.triangles.push(std::iter::once(row))?;
             if let (Some(column), Some([r, g, b])) = (&mut self.triangle_colors, colors.get(i)) {
@@ -561,4 +587,57 @@ pub(super) fn position_of_row(row: &[u8; 24]) -> DVec3 {
 fn row_of_normal(n: &Vec3) -> [u8; 4] {
     let [a, b] = normal::encode(n.as_dvec3()).map(i16::to_le_bytes);
     [a[0], a[1], b[0], b[1]]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::build::Provenance;
+    use crate::build::progress::Silent;
+    use crate::build::work::{Stop, Work};
+    use crate::ingest::surface::Ingested;
+    use crate::ingest::{IngestOptions, ingest};
+    use kilwa_simplify::Precision;
+
+    /// The leaves of a mesh whose vertices come after `unused` others that no triangle names.
+    fn ingested(mesh: &RawMesh, unused: u64) -> Vec<Vec<u8>> {
+        let (scratch, stop) = (Scratch::temporary().unwrap(), Stop::default());
+        let mut spool = Spool::create(&scratch, Path::new("mesh")).unwrap();
+        spool.positions.leap(unused).unwrap();
+        spool.input(Path::new("mesh")).unwrap();
+        spool.add(mesh).unwrap();
+        let spooled = spool.finish().unwrap();
+        assert_eq!(spooled.vertices, unused + mesh.positions.len() as u64);
+        assert_eq!(spooled.wide, spooled.vertices > 1 << 32);
+        let options = IngestOptions {
+            leaf_triangles: 100,
+            step: None,
+            crop: None,
+            min_confidence: None,
+            drop_islands_below: None,
+            precision: Precision { color_bits: 8, normal_bits: 10 },
+        };
+        let work = Work { scratch: &scratch, memory: 1 << 30, threads: 2, stop: &stop, progress: &Silent };
+        let Ingested { leaves, tree, .. } = ingest(&work, Some(spooled), &options, Provenance::default()).unwrap();
+        assert!(leaves.len() > 20);
+        let patch = |t: u32| leaves.read_encoded(t).unwrap().map_or_else(Vec::new, |(_, bytes)| bytes);
+        tree.leaves().map(patch).collect()
+    }
+
+    #[test]
+    fn numbers_of_vertices_around_and_beyond_32_bits_give_the_same_surface() {
+        let side = 60u32;
+        let at = |i: u32| DVec3::new((i % side).into(), (i / side).into(), (f64::from(i) * 0.1).sin());
+        let corner = |i: u32| [[i, i + 1, i + side], [i + 1, i + side + 1, i + side]];
+        let mesh = RawMesh {
+            positions: (0..side * side).map(at).collect(),
+            triangles: (0..side * (side - 1)).filter(|i| i % side < side - 1).flat_map(corner).collect(),
+            ..RawMesh::default()
+        };
+        let expected = ingested(&mesh, 0);
+        // Some triangles with numbers below 2^32, some at both sides of it, some beyond.
+        for unused in [7, (1 << 32) - 1000, (1 << 32) + 3] {
+            assert!(ingested(&mesh, unused) == expected, "{unused} unused vertices");
+        }
+    }
 }
