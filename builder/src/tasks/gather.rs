@@ -7,7 +7,7 @@ use crate::build::options::BuildError;
 use crate::build::work::Work;
 use crate::levels::diamonds_of;
 use crate::partition::{BISECTIONS, Partition};
-use crate::scratch::{PatchFile, Place, Records, point_of, read_index, tetrahedron_of, visit_finished};
+use crate::scratch::{PatchFile, Place, Records, is_whole, point_of, read_index, tetrahedron_of, visit_finished};
 use rustc_hash::FxHashSet;
 
 /// A stretch between two patches that are wanted is read too, where it is no longer than this.
@@ -98,7 +98,7 @@ impl<'a> Sources<'a> {
 
     fn index(&self, file: &SharedFile) -> Result<Vec<(u32, Place)>, BuildError> {
         let index = read_index(file.bytes, |at, bytes| self.build.read(file, at, bytes))?;
-        index.ok_or_else(|| self.build.damaged(&file.name, "it has no whole index"))
+        index.ok_or_else(|| self.build.damaged_file(file, "it has no whole index"))
     }
 
     /// Copy patches, neighbours in the file together.
@@ -124,7 +124,12 @@ impl<'a> Sources<'a> {
             let bytes = self.build.read(file, first.at, last - first.at)?;
             for (tetrahedron, place) in now {
                 let at = (place.at - first.at) as usize;
-                to.append_encoded(*tetrahedron, place.triangles, &bytes[at..at + place.bytes as usize])?;
+                let patch = &bytes[at..at + place.bytes as usize];
+                if !is_whole(patch) {
+                    let why = format!("the patch at byte {} is not whole", place.at);
+                    return Err(self.build.damaged_file(file, &why));
+                }
+                to.append_encoded(*tetrahedron, place.triangles, patch)?;
             }
             rest = later;
         }
@@ -133,9 +138,11 @@ impl<'a> Sources<'a> {
 
     /// Whether a tetrahedron is part of that surface: not inside of a diamond that has been coarsened.
     fn is_current(&self, tetrahedron: u32) -> bool {
-        self.tree.tetrahedra[tetrahedron as usize].tetra.level <= BISECTIONS * self.below
+        let node = self.tree.tetrahedra.get(tetrahedron as usize);
+        node.is_some_and(|node| node.tetra.level <= BISECTIONS * self.below)
     }
 
+    /// Visit the records of a file. Whether they are whole is known only at its end: until then they may be anything.
     fn visit(
         &self,
         file: &SharedFile,
@@ -143,7 +150,7 @@ impl<'a> Sources<'a> {
     ) -> Result<(), BuildError> {
         let read = |at, bytes| self.build.read(file, at, bytes);
         let whole = visit_finished(file.bytes, read, |records| records.iter().try_for_each(|r| visit(*r)))?;
-        if whole { Ok(()) } else { Err(self.build.damaged(&file.name, "its records are not those that were written")) }
+        if whole { Ok(()) } else { Err(self.build.damaged_file(file, "its records are not those that were written")) }
     }
 
     /// Copy the records of all points that any of these tetrahedra uses.
@@ -158,7 +165,8 @@ impl<'a> Sources<'a> {
         for (_, source) in (0u32..).zip(&self.files).filter(|(i, _)| own.contains(i)) {
             work.stop.check()?;
             self.visit(&source.records, |r| {
-                if mine[tetrahedron_of(r) as usize] && points.insert(r >> 32) {
+                let is_mine = mine.get(tetrahedron_of(r) as usize).is_some_and(|is| *is);
+                if is_mine && points.insert(r >> 32) {
                     extend(&mut bounds, point_of(r));
                 }
                 Ok(())

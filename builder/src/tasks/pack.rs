@@ -8,7 +8,7 @@ use crate::build::options::BuildError;
 use crate::build::work::Work;
 use crate::build::{BuildReport, StageTime, report};
 use crate::levels::{Bodies, CHUNKS, Levels, Refined, results};
-use crate::scratch::{PatchFile, ScratchError, read_index};
+use crate::scratch::{PatchFile, is_whole, read_index};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -44,7 +44,8 @@ pub fn assemble(build: SharedBuild, work: &Work<'_>, out: &mut impl Write) -> Re
         let manifest = build.finished(task)?;
         let place = |file: &SharedFile| PathBuf::from(build.store().place(&file.name));
         let file = build.file(&manifest, RESULTS)?;
-        let mut part = results::parse(&build.read_whole(file)?, &place(file))?;
+        let mut part = results::parse(&build.read_whole(file)?, &place(file))
+            .map_err(|_| build.damaged_file(file, "its results are not those that were written"))?;
         for r in &mut part {
             r.file = files.len() as u32;
         }
@@ -78,9 +79,12 @@ pub fn assemble(build: SharedBuild, work: &Work<'_>, out: &mut impl Write) -> Re
 fn local_patches(build: &SharedBuild, work: &Work<'_>, file: &SharedFile) -> Result<PatchFile, BuildError> {
     let local = PatchFile::create(work.scratch, ROOTS)?;
     let index = read_index(file.bytes, |at, bytes| build.read(file, at, bytes))?;
-    let damaged = || ScratchError::damaged(Path::new(&build.store().place(&file.name)), "it has no whole index");
-    for (tetrahedron, place) in index.ok_or_else(damaged)? {
-        local.append_encoded(tetrahedron, place.triangles, &build.read(file, place.at, place.bytes)?)?;
+    for (tetrahedron, place) in index.ok_or_else(|| build.damaged_file(file, "it has no whole index"))? {
+        let patch = build.read(file, place.at, place.bytes)?;
+        if !is_whole(&patch) {
+            return Err(build.damaged_file(file, &format!("the patch at byte {} is not whole", place.at)));
+        }
+        local.append_encoded(tetrahedron, place.triangles, &patch)?;
     }
     Ok(local)
 }

@@ -132,6 +132,13 @@ impl SharedBuild {
         BuildError::Shared { doing: "use", place: self.store.place(name), why: why.into() }
     }
 
+    /// A file that a task left is not what it wrote.
+    pub(super) fn damaged_file(&self, file: &SharedFile, why: &str) -> BuildError {
+        let task = file.name.strip_prefix("files/").and_then(|n| n.split('.').next()).unwrap_or_default();
+        let manifest = self.store.place(&format!("done/{task}.json"));
+        self.damaged(&file.name, format!("it is damaged: {why}; remove {manifest}, and do the task {task} again"))
+    }
+
     /// Read a stretch of a file that a task left.
     pub(super) fn read(&self, file: &SharedFile, at: u64, bytes: u64) -> Result<Vec<u8>, BuildError> {
         self.bytes_read.fetch_add(bytes, Ordering::Relaxed);
@@ -203,7 +210,7 @@ impl SharedBuild {
         let state = self.state_of(&manifest)?;
         let file = self.file(&manifest, tree_file::TREE)?;
         let tree = tree_file::from_bytes(&self.read_whole(file)?)
-            .ok_or_else(|| self.damaged(&file.name, "it is not the tree that was written"))?;
+            .ok_or_else(|| self.damaged_file(file, "it is not the tree that was written"))?;
         Ok(Ingest { state, tree, manifest })
     }
 
