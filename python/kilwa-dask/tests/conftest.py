@@ -1,8 +1,9 @@
-"""Shared by the tests: kilwa, collections of small meshes, and drivers in separate processes."""
+"""Shared by the tests: kilwa, small meshes, and drivers in separate processes."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import os
 import shutil
 import signal
@@ -10,12 +11,15 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
+from distributed import LocalCluster
 
 # The soak test takes a quarter of an hour on two cores.
 collect_ignore = [] if os.environ.get("KILWA_SOAK") else ["test_soak.py"]
@@ -43,12 +47,50 @@ def kilwa() -> str:
 
 
 @dataclass
-class Collection:
-    """A folder of meshes and their metadata, and the folders for packs and objects."""
+class Drivers:
+    """Drivers, each a process of its own, and the folder in which they work."""
 
     root: Path
     kilwa: str
     drivers: list[subprocess.Popen[str]] = field(default_factory=list)
+
+    def launch(self, *arguments: str, kilwa: str | None = None) -> subprocess.Popen[str]:
+        """Start a driver, with two workers if nothing else is said."""
+        command = [sys.executable, "-m", "kilwa_dask", *arguments]
+        if "--scheduler" not in arguments and "--workers" not in arguments:
+            command += ["--workers", "2"]
+        environment = {**os.environ, "KILWA": kilwa or self.kilwa, "PYTHONPATH": path_with_source()}
+        driver = subprocess.Popen(
+            command,
+            stdout=subprocess.PIPE,
+            stderr=(self.root / f"messages-{len(self.drivers)}").open("w"),
+            text=True,
+            env=environment,
+            start_new_session=True,
+            # A shell that starts the tests in the background has SIGINT ignored, which every process would inherit.
+            preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
+        )
+        self.drivers.append(driver)
+        return driver
+
+    def end(self, driver: subprocess.Popen[str], code: int = 0) -> str:
+        """Wait for a driver, check its exit code, and return all that it printed."""
+        output, _ = driver.communicate(timeout=LIMIT * (10 if os.environ.get("KILWA_SOAK") else 1))
+        text = output + (self.root / f"messages-{self.drivers.index(driver)}").read_text()
+        assert driver.returncode == code, text
+        return text
+
+    def sha256_of_plain_build(self, mesh: Path) -> str:
+        """Return the SHA-256 of the pack that plain `kilwa build` makes of a mesh."""
+        pack = self.root / "plain.kilwa"
+        command = [self.kilwa, "build", str(mesh), "--output", str(pack), "--force"]
+        subprocess.run(command, check=True, capture_output=True)
+        return hashlib.sha256(pack.read_bytes()).hexdigest()
+
+
+@dataclass
+class Collection(Drivers):
+    """A folder of meshes and their metadata, and the folders for packs and objects."""
 
     @property
     def meshes(self) -> Path:
@@ -80,38 +122,12 @@ class Collection:
         return names
 
     def start(self, *options: str, kilwa: str | None = None) -> subprocess.Popen[str]:
-        """Start a driver with two workers."""
-        command = [sys.executable, "-m", "kilwa_dask", "build-all", str(self.meshes), str(self.out)]
-        if "--scheduler" not in options and "--workers" not in options:
-            command += ["--workers", "2"]
-        environment = {**os.environ, "KILWA": kilwa or self.kilwa, "PYTHONPATH": path_with_source()}
-        driver = subprocess.Popen(
-            [*command, *options],
-            stdout=subprocess.PIPE,
-            stderr=(self.root / "messages").open("w"),
-            text=True,
-            env=environment,
-            start_new_session=True,
-            # A shell that starts the tests in the background has SIGINT ignored, which every process would inherit.
-            preexec_fn=partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
-        )
-        self.drivers.append(driver)
-        return driver
+        """Start a driver."""
+        return self.launch("build-all", str(self.meshes), str(self.out), *options, kilwa=kilwa)
 
     def run(self, *options: str, code: int = 0, kilwa: str | None = None) -> str:
         """Run a driver to its end and return all that it printed."""
         return self.end(self.start(*options, kilwa=kilwa), code)
-
-    def end(self, driver: subprocess.Popen[str], code: int = 0) -> str:
-        """Wait for a driver, check its exit code, and return all that it printed."""
-        output, _ = driver.communicate(timeout=LIMIT * (10 if os.environ.get("KILWA_SOAK") else 1))
-        text = output + self.messages()
-        assert driver.returncode == code, text
-        return text
-
-    def messages(self) -> str:
-        """Return what the latest driver printed to standard error."""
-        return (self.root / "messages").read_text()
 
     def packs(self) -> dict[str, str]:
         """Return the SHA-256 of each pack by name."""
@@ -122,13 +138,7 @@ class Collection:
 
     def plain(self, names: list[str]) -> dict[str, str]:
         """Return the SHA-256 of each pack as plain `kilwa build` makes it."""
-        digests = {}
-        pack = self.root / "plain.kilwa"
-        for name in names:
-            command = [self.kilwa, "build", str(self.meshes / f"{name}.ply"), "--output", str(pack), "--force"]
-            subprocess.run(command, check=True, capture_output=True)
-            digests[name] = hashlib.sha256(pack.read_bytes()).hexdigest()
-        return digests
+        return {name: self.sha256_of_plain_build(self.meshes / f"{name}.ply") for name in names}
 
     def strays(self) -> list[str]:
         """Return everything in the output and the store that does not belong there."""
@@ -136,6 +146,83 @@ class Collection:
         hidden = [path for path in self.out.rglob(".*")]
         part = [path for path in self.store.rglob("*") if path.name.startswith(".") or path.name.endswith(".part")]
         return sorted({str(path) for path in [*out, *hidden, *part]})
+
+
+@dataclass
+class Single(Drivers):
+    """A mesh, and the folders for its build."""
+
+    @property
+    def mesh(self) -> Path:
+        """The mesh."""
+        return self.root / "mesh.ply"
+
+    @property
+    def work(self) -> Path:
+        """Folder of the work."""
+        return self.root / "work"
+
+    @property
+    def scratch(self) -> Path:
+        """Folder for scratch files."""
+        return self.root / "scratch"
+
+    @property
+    def out(self) -> Path:
+        """The pack."""
+        return self.root / "packs" / "mesh.kilwa"
+
+    @property
+    def report(self) -> Path:
+        """The report of the latest driver."""
+        return self.root / "report.json"
+
+    def make(self, *shape: str, triangles: str = "20k") -> None:
+        """Make the mesh: a wall, or another shape of `kilwa synth`."""
+        command = [self.kilwa, "synth", *(shape or ("wall",)), "--triangles", triangles, "--output", str(self.mesh)]
+        subprocess.run([*command, "--force"], check=True, capture_output=True)
+
+    def arguments(self, *options: str) -> list[str]:
+        """Return the arguments of a driver that builds the mesh in small tasks: a dozen of 20,000 triangles."""
+        files = ["--output", str(self.out), "--work", str(self.work)]
+        return ["build", str(self.mesh), *files, "--task-triangles", "3k", *options]
+
+    def start(self, *options: str, kilwa: str | None = None) -> subprocess.Popen[str]:
+        """Start a driver."""
+        return self.launch(*self.arguments("--json", str(self.report), *options), kilwa=kilwa)
+
+    def run(self, *options: str, code: int = 0, kilwa: str | None = None) -> str:
+        """Run a driver to its end and return all that it printed."""
+        return self.end(self.start(*options, kilwa=kilwa), code)
+
+    def told(self) -> dict[str, Any]:
+        """Read the report of the latest driver."""
+        report = json.loads(self.report.read_text())
+        assert isinstance(report, dict)
+        return report
+
+    def check(self) -> None:
+        """Check that the pack is that of plain `kilwa build`, and that nothing else is left: no file and no process."""
+        until(lambda: not self.processes(), f"all processes ended: {self.processes()}")
+        assert hashlib.sha256(self.out.read_bytes()).hexdigest() == self.sha256_of_plain_build(self.mesh)
+        assert self.left_over() == []
+
+    def left_over(self) -> list[str]:
+        """Return what is in the folders of the work, of scratch files and of the pack, but not the pack."""
+        folders = [folder for folder in (self.work, self.scratch, self.out.parent) if folder.is_dir()]
+        return sorted(str(path) for folder in folders for path in folder.iterdir() if path != self.out)
+
+    def processes(self) -> list[str]:
+        """Return the command lines of all processes that work on the mesh."""
+        lines = []
+        for process in psutil.process_iter():
+            try:
+                line = " ".join(process.cmdline())
+            except (psutil.NoSuchProcess, psutil.AccessDenied):
+                continue
+            if str(self.root) in line and process.pid != os.getpid():
+                lines.append(line)
+        return lines
 
 
 def path_with_source() -> str:
@@ -148,7 +235,21 @@ def collection(tmp_path: Path, kilwa: str) -> Iterator[Collection]:
     """Return an empty collection; drivers that a failed test leaves running are killed."""
     made = Collection(tmp_path, kilwa)
     yield made
-    # Builds that outlived their workers wait at the gate.
+    end_all(made)
+
+
+@pytest.fixture
+def single(tmp_path: Path, kilwa: str) -> Iterator[Single]:
+    """Return the folders of one build, and its mesh; drivers that a failed test leaves running are killed."""
+    made = Single(tmp_path, kilwa)
+    made.make()
+    yield made
+    end_all(made)
+
+
+def end_all(made: Drivers) -> None:
+    """Kill all drivers and what they started."""
+    # Programs that outlived their workers wait at the gate.
     open_gate(made)
     for driver in made.drivers:
         for process in tree(driver):
@@ -184,22 +285,58 @@ def wrapper(path: Path, script: str) -> str:
     return str(path)
 
 
-def gated(collection: Collection, before: str = "") -> str:
-    """Return a kilwa whose builds record that they started and wait for `open_gate`; `before` is run first."""
-    root = collection.root
-    waits = f'touch "{root}/started.$$"; while [ ! -e "{root}/gate" ]; do sleep 0.05; done'
-    script = f'if [ "$1" = build ]; then {before or ":"}; {waits}; fi\nexec "{collection.kilwa}" "$@"\n'
+def gated(made: Drivers, before: str = "", verb: str = "build") -> str:
+    """Return a kilwa that records when `verb` is started and waits for `open_gate`; `before` is run first.
+
+    The record names the file that kilwa was given, the worker, and the process.
+    """
+    root = made.root
+    named = 'n=$(basename "$2" .json)'
+    waits = f'while [ ! -e "{root}/gate" ] && [ ! -e "{root}/gate.$n" ]; do sleep 0.05; done'
+    starts = f'{named}; touch "{root}/started.$n.$PPID.$$"; {waits}'
+    script = f'if [ "$1" = {verb} ]; then {before or ":"}; {starts}; fi\nexec "{made.kilwa}" "$@"\n'
     return wrapper(root / "gated-kilwa", script)
 
 
-def started(collection: Collection) -> int:
-    """Return how many builds have started and reached the gate."""
-    return sum(1 for _ in collection.root.glob("started.*"))
+def started(made: Drivers, name: str = "*") -> int:
+    """Return how many programs have started and reached the gate, with any file or with one of this name."""
+    return sum(1 for _ in made.root.glob(f"started.{name}.*.*"))
 
 
-def open_gate(collection: Collection) -> None:
-    """Let all builds continue."""
-    (collection.root / "gate").touch()
+def open_gate(made: Drivers, name: str | None = None) -> None:
+    """Let all programs continue, or only those with a file of this name."""
+    (made.root / ("gate" if name is None else f"gate.{name}")).touch()
+
+
+def kill_worker_of(made: Drivers, name: str) -> None:
+    """Kill the worker of the program that was last started with a file of this name."""
+    latest = max(made.root.glob(f"started.{name}.*.*"), key=lambda path: path.stat().st_mtime_ns)
+    kill(psutil.Process(int(latest.name.split(".")[-2])))
+
+
+OTHER = 'if [ "$1" = --version ] && [ -n "$OTHER" ]; then echo kilwa 9.9.9; exit; fi\n'
+"""Script of a kilwa that has another version where the variable OTHER is set."""
+
+
+@contextmanager
+def scheduler() -> Iterator[tuple[str, Callable[..., None]]]:
+    """Run a scheduler; yield its address and what starts a worker, a process of its own with variables of its own."""
+    cluster = LocalCluster(n_workers=0, threads_per_worker=1, memory_limit=0, host="127.0.0.1", dashboard_address="127.0.0.1:0")
+    command = [sys.executable, "-m", "distributed.cli.dask_worker", cluster.scheduler_address, "--nthreads", "1"]
+    workers: list[subprocess.Popen[bytes]] = []
+
+    def start_worker(folder: Path, **variables: str) -> None:
+        environment = {**os.environ, "PYTHONPATH": path_with_source(), **variables}
+        workers.append(subprocess.Popen([*command, "--no-dashboard"], env=environment, cwd=folder, stderr=subprocess.DEVNULL))
+
+    try:
+        yield cluster.scheduler_address, start_worker
+    finally:
+        for worker in workers:
+            worker.terminate()
+        for worker in workers:
+            worker.wait()
+        cluster.close()
 
 
 def kill(process: psutil.Process) -> None:

@@ -16,13 +16,14 @@ from kilwa_dask import collection as meshes_of
 from kilwa_dask import files, program, task
 from kilwa_dask.files import Busy, locked, sha256, write_whole
 from kilwa_dask.manifest import Manifest, key_of
-from kilwa_dask.task import Outcome, Plan, WorkerRefused, announced, mesh_id, sweep, work_on
+from kilwa_dask.run import WorkerRefused, announced, file_id, sweep
+from kilwa_dask.task import Outcome, Plan, work_on
 
 
 @pytest.fixture
 def plan(collection: Collection) -> Iterator[Plan]:
     """Return the plan of an active run, and check that it leaves nothing behind."""
-    made = Plan(uuid.uuid4().hex, str(collection.out), collection.kilwa, program.version(collection.kilwa))
+    made = Plan(uuid.uuid4().hex, (str(collection.out),), collection.kilwa, program.version(collection.kilwa), ())
     with announced(made):
         yield made
     assert sweep(collection.out)
@@ -62,7 +63,7 @@ def test_what_changed_is_built_again_and_nothing_else(collection: Collection, pl
     mesh.write_bytes(mesh.read_bytes().replace(b"end_header", b"comment changed\nend_header", 1))
     assert work(collection, plan).state == "built"
 
-    options = Plan(plan.run, plan.output, plan.program, plan.version, ("--color-bits", "6"))
+    options = replace(plan, options=("--color-bits", "6"))
     assert work(collection, options).state == "built"
 
 
@@ -82,7 +83,7 @@ def test_what_runs_write_beside_a_mesh_does_not_build_it_again(collection: Colle
     """The output, the store and the report, if they lie below the folder of an OBJ file."""
     wall(collection)
     below = {name: str(collection.meshes / name) for name in ("out", "store", "report.json")}
-    inside = replace(plan, run=uuid.uuid4().hex, output=below["out"], publish=below["store"], report=below["report.json"])
+    inside = replace(plan, run=uuid.uuid4().hex, shared=(below["out"],), publish=below["store"], report=below["report.json"])
     unpublished = replace(inside, publish=None)
     (mesh,) = meshes_of.find(str(collection.meshes), None, Path(inside.output))
     with announced(inside):
@@ -168,7 +169,7 @@ def test_a_worker_that_cannot_take_part_says_nothing_about_the_mesh(collection: 
     with pytest.raises(WorkerRefused, match=r"but this computer has kilwa 9\.9\.9"):
         work(collection, replace(plan, version="kilwa 9.9.9"))
     with pytest.raises(WorkerRefused, match="must be shared under the same path on all machines"):
-        work(collection, replace(plan, output=str(collection.root / "elsewhere")))
+        work(collection, replace(plan, shared=(str(collection.root / "elsewhere"),)))
 
 
 def test_a_foreign_pack_is_not_replaced(collection: Collection, plan: Plan) -> None:
@@ -223,4 +224,4 @@ def test_text_files_are_written_atomically(tmp_path: Path) -> None:
 
 def test_names_give_different_ids() -> None:
     """Even if they differ only in characters that are replaced."""
-    assert len({mesh_id(name) for name in ("a/b", "a_b", "a b", "x" * 300 + "/b")}) == 4
+    assert len({file_id(name) for name in ("a/b", "a_b", "a b", "x" * 300 + "/b")}) == 4

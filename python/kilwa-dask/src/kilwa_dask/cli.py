@@ -12,16 +12,23 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
-from typing import NoReturn
+from typing import Any, NoReturn
 
-from kilwa_dask import __version__, clusters, collection, program, report
+from kilwa_dask import __version__, build_report, clusters, collection, program, report
+from kilwa_dask.build_report import BuildReport
 from kilwa_dask.clusters import Choice, ClusterFailed
 from kilwa_dask.collection import Mesh, UsageError
+from kilwa_dask.divided import BuildPlan, sweep_scratch
 from kilwa_dask.drive import check_workers, drive
-from kilwa_dask.task import Outcome, Plan, WorkerRefused, announced, sweep
+from kilwa_dask.drive_build import BuildDriver, BuildFailed, refuse_existing
+from kilwa_dask.run import WorkerRefused, announced, sweep
+from kilwa_dask.task import Outcome, Plan
 
-# Options of `kilwa build` that kilwa-dask sets itself or that a collection cannot have.
-_OWN_OPTIONS = ("-o", "--output", "--json", "--force", "--resume", "--scratch", "--threads", "--memory", "--verbose", "--title")
+# Options of kilwa that kilwa-dask sets itself.
+_OWN_OPTIONS = ("-o", "--output", "--json", "--force", "--resume", "--scratch", "--threads", "--memory", "--verbose")
+# Those that a collection cannot have, and those of `kilwa plan`.
+_NOT_FOR_ALL = (*_OWN_OPTIONS, "--title")
+_NOT_FOR_ONE = (*_OWN_OPTIONS, "--work", "--task-triangles")
 # How long to wait for a stopped kilwa to exit, in seconds.
 _PATIENCE = 10.0
 
@@ -32,9 +39,34 @@ class Ended(Exception):
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    top = argparse.ArgumentParser(prog="kilwa-dask", description="Collections of meshes on many machines.")
+    top = argparse.ArgumentParser(prog="kilwa-dask", description="One mesh, or a collection of meshes, on many machines.")
     top.add_argument("--version", action="version", version=f"kilwa-dask {__version__}")
     verbs = top.add_subparsers(dest="verb", required=True)
+    _add_build(verbs)
+    _add_build_all(verbs)
+    return top
+
+
+def _add_build(verbs: Any) -> None:
+    build = verbs.add_parser(
+        "build",
+        help="build one pack of one or several meshes",
+        usage="kilwa-dask build INPUT... -o OUT.kilwa --work DIR [OPTIONS] [-- OPTIONS OF kilwa plan]",
+        description="Builds one pack on many machines: the one that `kilwa build` writes. Tasks that are done are skipped, so "
+        "running the same command again continues a build that was stopped or killed. Options after -- go to `kilwa plan`, for "
+        "example: -- --units mm --crs EPSG:32737",
+        epilog="Exit codes: 0 done; 1 a task failed or a worker was refused; 2 the command line is wrong; 130 Ctrl-C.",
+    )
+    build.add_argument("inputs", metavar="INPUT", nargs="+", help="meshes, folders, patterns or surveys, as for kilwa build")
+    build.add_argument("-o", "--output", required=True, metavar="OUT.kilwa", help="the pack to write")
+    build.add_argument("--work", required=True, metavar="DIR", help="folder that all machines see, for what they exchange")
+    build.add_argument("--task-triangles", metavar="N", help="triangles of a task (default: as kilwa plan, 10M)")
+    build.add_argument("--scratch", metavar="DIR", help="folder for scratch files on each machine (default: in --work)")
+    build.add_argument("--force", action="store_true", help="replace an existing output file")
+    _add_machines(build, "tasks", "kilwa task")
+
+
+def _add_build_all(verbs: Any) -> None:
     build = verbs.add_parser(
         "build-all",
         help="build, verify and publish every mesh of a collection",
@@ -51,16 +83,19 @@ def parser() -> argparse.ArgumentParser:
     )
     build.add_argument("--publish", metavar="STORE", help="publish to this folder, server or store (as kilwa publish --to)")
     build.add_argument("--version-note", metavar="TEXT", help="what is new; required for objects already published")
-    where = build.add_mutually_exclusive_group()
+    _add_machines(build, "meshes", "kilwa build")
+
+
+def _add_machines(verb: argparse.ArgumentParser, what: str, program: str) -> None:
+    where = verb.add_mutually_exclusive_group()
     where.add_argument("--scheduler", metavar="ADDRESS", help="a running Dask scheduler, such as tcp://host:8786")
     where.add_argument("--cluster", choices=("local", "ssh", "slurm"), default="local", help="default: local")
-    build.add_argument("--hosts", metavar="HOST,HOST", help="for ssh: the machines; the first one also runs the scheduler")
-    build.add_argument("--workers", type=_count, metavar="N", help="meshes at a time (for ssh: on each machine)")
-    build.add_argument("--threads", type=_count, metavar="N", help="threads of each kilwa build")
-    build.add_argument("--memory", metavar="SIZE", help="memory of each kilwa build, for example 2GiB")
-    build.add_argument("--kilwa", metavar="PATH", help="the program (default: $KILWA, or kilwa on PATH)")
-    build.add_argument("--json", metavar="FILE", help="also write the report to this file as JSON")
-    return top
+    verb.add_argument("--hosts", metavar="HOST,HOST", help="for ssh: the machines; the first one also runs the scheduler")
+    verb.add_argument("--workers", type=_count, metavar="N", help=f"{what} at a time (for ssh: on each machine)")
+    verb.add_argument("--threads", type=_count, metavar="N", help=f"threads of each {program}")
+    verb.add_argument("--memory", metavar="SIZE", help=f"memory of each {program}, for example 2GiB")
+    verb.add_argument("--kilwa", metavar="PATH", help="the program (default: $KILWA, or kilwa on PATH)")
+    verb.add_argument("--json", metavar="FILE", help="also write the report to this file as JSON")
 
 
 def _count(text: str) -> int:
@@ -77,11 +112,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parser().parse_args(given[:at])
     try:
         with _terminable():
-            return _build_all(options, given[at + 1 :])
+            verb = _build if options.verb == "build" else _build_all
+            return verb(options, given[at + 1 :])
     except UsageError as error:
         print(f"kilwa-dask: {error}", file=sys.stderr)
         return 2
-    except (WorkerRefused, ClusterFailed, program.ProgramFailed, OSError) as error:
+    except (WorkerRefused, ClusterFailed, BuildFailed, program.ProgramFailed, OSError) as error:
         print(f"kilwa-dask: {error}", file=sys.stderr)
         return 1
     except KeyboardInterrupt:
@@ -105,15 +141,69 @@ def _terminable() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _build_all(options: argparse.Namespace, build_options: list[str]) -> int:
-    for option in build_options:
+def _refuse(options: argparse.Namespace, kilwa_options: list[str], own: Sequence[str]) -> None:
+    """Raise `UsageError` if the options after -- have one of kilwa-dask's own, or if others do not fit together."""
+    for option in kilwa_options:
         # -o may have its value attached.
-        if option.split("=")[0] in _OWN_OPTIONS or option.startswith("-o"):
+        if option.split("=")[0] in own or option.startswith("-o"):
             raise UsageError(f"{option} is not allowed after --: kilwa-dask sets it, or it cannot apply to every mesh")
-    if options.publish is not None and options.metadata is None:
-        raise UsageError("--publish needs --metadata: a model cannot be published without its metadata")
     if options.hosts is not None and options.cluster != "ssh":
         raise UsageError("--hosts is for --cluster ssh")
+
+
+def _build(options: argparse.Namespace, plan_options: list[str]) -> int:
+    _refuse(options, plan_options, _NOT_FOR_ONE)
+    output, work = Path(options.output).absolute(), Path(options.work).absolute()
+    if output.is_dir():
+        raise UsageError(f"{output} is a folder; give the name of the pack")
+    plan = _build_plan(options, plan_options, output, work)
+    if not plan.record.exists():
+        refuse_existing(plan.output, plan.force)
+    told = BuildReport()
+    driver = BuildDriver(plan, told)
+    started = time.monotonic()
+    try:
+        with announced(plan), clusters.opened(_choice(options)) as client:
+            print(f"{output.name}; dashboard: {client.dashboard_link}", file=sys.stderr, flush=True)
+            check_workers(client, plan)
+            try:
+                driver.drive(client)
+            finally:
+                driver.sweep_scratch(client, patience=_PATIENCE)
+    finally:
+        if driver.build is not None:
+            sweep_scratch(plan, driver.build, patience=_PATIENCE)
+        for shared in plan.shared:
+            _sweep(Path(shared), patience=_PATIENCE)
+        seconds = time.monotonic() - started
+        if told.pack is None and told.done:
+            print(f"\nstopped after {len(told.done)} tasks; run the same command to continue", file=sys.stderr)
+        if told.key is not None and options.json is not None:
+            build_report.write(Path(options.json), plan, told, seconds)
+    print(build_report.summary(told, plan, seconds))
+    return 0
+
+
+def _build_plan(options: argparse.Namespace, plan_options: list[str], output: Path, work: Path) -> BuildPlan:
+    asked = _program(options)
+    portions = [f"--task-triangles={options.task_triangles}"] if options.task_triangles else []
+    return BuildPlan(
+        run=uuid.uuid4().hex,
+        shared=tuple(dict.fromkeys((str(work), str(output.parent)))),
+        program=asked,
+        version=program.version(asked),
+        resources=_resources(options),
+        arguments=("plan", "--work", str(work), "--json", *portions, *plan_options, "--", *options.inputs),
+        output=str(output),
+        force=options.force,
+        scratch=os.path.abspath(options.scratch) if options.scratch else None,
+    )
+
+
+def _build_all(options: argparse.Namespace, build_options: list[str]) -> int:
+    _refuse(options, build_options, _NOT_FOR_ALL)
+    if options.publish is not None and options.metadata is None:
+        raise UsageError("--publish needs --metadata: a model cannot be published without its metadata")
     output = Path(options.output).resolve()
     meshes = collection.find(options.source, options.metadata, output)
     plan = _plan(options, build_options, output)
@@ -134,28 +224,38 @@ def _build_all(options: argparse.Namespace, build_options: list[str]) -> int:
     return 1 if any(outcome.state == "failed" for outcome in outcomes) else 0
 
 
-def _plan(options: argparse.Namespace, build_options: list[str], output: Path) -> Plan:
+def _program(options: argparse.Namespace) -> str:
     asked: str = options.kilwa or os.environ.get("KILWA") or "kilwa"
-    if os.sep in asked:
-        asked = os.path.abspath(asked)
+    return os.path.abspath(asked) if os.sep in asked else asked
+
+
+def _resources(options: argparse.Namespace) -> tuple[str, ...]:
     threads, memory = options.threads, options.memory
     if options.scheduler is None and options.cluster == "local":
-        # Together the builds use what one build would use alone.
+        # Together the programs use what one would use alone.
         workers = clusters.local_workers(options.workers)
         threads = threads or max(1, (os.cpu_count() or 1) // workers)
         memory = memory or f"{max(256, _memory_mib() // 4 // workers)}MiB"
-    resources = [f"--threads={threads}"] if threads else []
-    resources += [f"--memory={memory}"] if memory else []
+    return (*([f"--threads={threads}"] if threads else []), *([f"--memory={memory}"] if memory else []))
+
+
+def _choice(options: argparse.Namespace) -> Choice:
+    hosts = tuple(host for host in (options.hosts or "").split(",") if host)
+    return Choice(options.scheduler, options.cluster, options.workers, hosts, options.threads)
+
+
+def _plan(options: argparse.Namespace, build_options: list[str], output: Path) -> Plan:
+    asked = _program(options)
     to: str | None = options.publish
     if to is not None and "://" not in to:
         to = str(Path(to).resolve())
     return Plan(
         run=uuid.uuid4().hex,
-        output=str(output),
+        shared=(str(output),),
         program=asked,
         version=program.version(asked),
+        resources=_resources(options),
         options=tuple(_absolute(build_options)),
-        resources=tuple(resources),
         publish=to,
         publish_options=("--version-note", options.version_note) if options.version_note else (),
         report=os.path.abspath(options.json) if options.json else None,
@@ -180,9 +280,7 @@ def _memory_mib() -> int:
 
 
 def _run(options: argparse.Namespace, meshes: list[Mesh], plan: Plan, outcomes: list[Outcome]) -> None:
-    hosts = tuple(host for host in (options.hosts or "").split(",") if host)
-    choice = Choice(options.scheduler, options.cluster, options.workers, hosts, options.threads)
-    with announced(plan), clusters.opened(choice) as client:
+    with announced(plan), clusters.opened(_choice(options)) as client:
         print(f"{len(meshes)} meshes; dashboard: {client.dashboard_link}", file=sys.stderr, flush=True)
         check_workers(client, plan)
         drive(client, meshes, plan, outcomes)

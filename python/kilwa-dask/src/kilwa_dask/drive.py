@@ -1,122 +1,168 @@
-"""Submits the tasks of a run to a cluster, shows progress, and collects the outcomes."""
+"""Submits the tasks of a run to a cluster, shows progress, and collects what became of each."""
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Container, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from itertools import count
+from typing import Any, Protocol, TypeVar
 
 from distributed import Client, as_completed
 from distributed.scheduler import KilledWorker
 
 from kilwa_dask import program, report
 from kilwa_dask.collection import Mesh
-from kilwa_dask.task import Outcome, Plan, WorkerRefused, refusal, survey, work_on
+from kilwa_dask.run import Run, WorkerRefused, refusal, survey
+from kilwa_dask.task import Outcome, Plan, work_on
 
-# How often to repeat a task whose kilwa was killed by a signal. The scheduler repeats the tasks of workers that died.
+# How often to repeat a task that failed with `program.MayPass`. The scheduler repeats the tasks of workers that died.
 REPEATS = 2
+
+# Makes the keys of a process unique: a task may be submitted again in a run.
+_submissions = count()
+
+
+class _HasState(Protocol):
+    """What a task returns."""
+
+    @property
+    def state(self) -> str:
+        """Return "busy" if another process is working on it."""
+
+
+Item = TypeVar("Item")
+Returned = TypeVar("Returned", bound=_HasState)
+
+
+@dataclass(frozen=True)
+class Lost:
+    """A task that returned nothing."""
+
+    message: str
+    """Why."""
 
 
 class Progress:
-    """Shows progress: on a terminal, one line that is updated in place; elsewhere, one line for each mesh."""
+    """Shows progress: on a terminal, one line that is updated in place; elsewhere, one line for each task."""
 
-    def __init__(self, meshes: Sequence[Mesh]) -> None:
-        """Start the clock."""
-        self._bytes = {mesh.name: mesh.bytes + 1 for mesh in meshes}
-        self._all = sum(self._bytes.values())
-        self._left = self._all
+    def __init__(self, weights: Mapping[str, int]) -> None:
+        """Start the clock. The weights of the tasks are what the time left is estimated from."""
+        self._open = {name: weight + 1 for name, weight in weights.items()}
+        self._tasks = len(self._open)
+        self._all = self._left = sum(self._open.values())
         self._done = 0
         self._failed = 0
         self._started = time.monotonic()
         self._in_place = sys.stderr.isatty()
 
-    def add(self, outcome: Outcome) -> None:
-        """Take an outcome into account and show it."""
+    def keep(self, names: Container[str]) -> None:
+        """Leave out all other tasks that have not ended: somebody else has done them."""
+        for name in [name for name in self._open if name not in names]:
+            weight = self._open.pop(name)
+            self._tasks -= 1
+            self._all -= weight
+            self._left -= weight
+
+    def add(self, name: str, line: str, *, failed: bool) -> None:
+        """Count a task that has ended, and show it."""
         self._done += 1
-        self._failed += outcome.state == "failed"
-        self._left -= self._bytes[outcome.name]
+        self._failed += failed
+        self._left -= self._open.pop(name)
         spent = time.monotonic() - self._started
         left = spent * self._left / max(1, self._all - self._left)
-        status = f"{self._done} of {len(self._bytes)} done, {self._failed} failed, about {report.duration(left)} left"
+        status = f"{self._done} of {self._tasks} done, {self._failed} failed, about {report.duration(left)} left"
         if not self._in_place:
-            print(f"[{status}] {report.line(outcome)}", file=sys.stderr, flush=True)
+            print(f"[{status}] {line}", file=sys.stderr, flush=True)
             return
-        if outcome.state == "failed":
-            print(f"\r\x1b[K{report.line(outcome)}", file=sys.stderr)
-        end = "" if self._done < len(self._bytes) else "\n"
+        if failed:
+            print(f"\r\x1b[K{line}", file=sys.stderr)
+        end = "" if self._done < self._tasks else "\n"
         print(f"\r\x1b[K{status}", end=end, file=sys.stderr, flush=True)
 
 
-def check_workers(client: Client, plan: Plan) -> None:
+def check_workers(client: Client, run: Run) -> None:
     """Wait for the first worker and refuse the run if one that is there cannot take part.
 
-    Each task looks again, because workers may join later (`drive`). Raises `WorkerRefused`.
+    Each task looks again, because workers may join later (`submit`). Raises `WorkerRefused`.
     """
     client.wait_for_workers(1)
-    found: dict[str, dict[str, object]] = client.run(survey, plan, on_error="return")
+    found: dict[str, dict[str, object]] = client.run(survey, run, on_error="return")
     reasons = set()
     for address, answer in found.items():
         if isinstance(answer, BaseException):
             reasons.add(f"the worker at {address} does not answer ({answer}); is kilwa-dask installed there?")
-        elif (reason := refusal(plan, answer)) is not None:
+        elif (reason := refusal(run, answer)) is not None:
             reasons.add(reason)
     if reasons:
         raise WorkerRefused("\n".join(sorted(reasons)))
 
 
-def drive(client: Client, meshes: Sequence[Mesh], plan: Plan, outcomes: list[Outcome]) -> None:
-    """Have every mesh worked on, the largest first, and append what became of each to `outcomes`.
+def submit(
+    client: Client,
+    items: Mapping[str, Item],
+    work: Callable[..., Returned],
+    run: str,
+    take: Callable[[str, Returned | Lost], None],
+) -> None:
+    """Have `work(item, wait=…)` done for all items, in their order, and hand what became of each to `take(name, …)`.
 
-    Raises `WorkerRefused` if a worker that joined later cannot take part: it would take every mesh from those that can. If
-    that happens or the run is interrupted (Ctrl-C), what is running is stopped on the workers before the exception goes on.
+    A task that returns "busy", because another run or an orphaned process of one works on it, is submitted again to wait for
+    that, when nothing else is left to do. Raises `WorkerRefused` if a worker that joined later cannot take part: it would
+    take every task from those that can. If that happens, if `take` raises, or if the run is interrupted (Ctrl-C), what is
+    running is stopped on the workers before the exception goes on.
     """
-    ordered = sorted(meshes, key=lambda mesh: (-mesh.bytes, mesh.name))
     # Keys are unique to this run, because other runs may use the same scheduler.
-    keys = [f"{mesh.name}-{plan.run}" for mesh in ordered]
-    work = partial(work_on, plan=plan, wait=False)
-    futures = client.map(work, ordered, key=keys, pure=False, retries=REPEATS)
-    meshes_by_key = dict(zip(keys, ordered, strict=True))
-    progress = Progress(meshes)
+    names = {f"{name}-{run}-{next(_submissions)}": name for name in items}
+    futures = client.map(partial(work, wait=False), list(items.values()), key=list(names), pure=False, retries=REPEATS)
     ended = as_completed(futures, loop=client.loop)
     try:
         for future in ended:
-            mesh = meshes_by_key[future.key]
-            outcome = _outcome(future, mesh)
+            name = names[future.key]
+            became: Returned | Lost = _became(future, name)
             # Otherwise the scheduler would recompute it when the worker that holds the result dies.
             future.release()
-            if outcome.state == "busy":
-                # Another run, or an orphaned process of one, is processing it: wait for that when nothing else is left to do.
-                key = f"{mesh.name}-waits-{plan.run}"
-                meshes_by_key[key] = mesh
-                waits = client.submit(work_on, mesh, plan, key=key, pure=False, retries=REPEATS, priority=-1)
-                futures.append(waits)
-                ended.add(waits)
+            if isinstance(became, Lost) or became.state != "busy":
+                take(name, became)
                 continue
-            outcomes.append(outcome)
-            progress.add(outcome)
+            key = f"{name}-waits-{run}-{next(_submissions)}"
+            names[key] = name
+            waits = client.submit(work, items[name], wait=True, key=key, pure=False, retries=REPEATS, priority=-1)
+            futures.append(waits)
+            ended.add(waits)
     except BaseException:
         client.cancel(futures, force=True)
-        client.run(program.stop, plan.run, on_error="ignore")
+        client.run(program.stop, run, on_error="ignore")
         raise
 
 
-def _outcome(future: Any, mesh: Mesh) -> Outcome:
+def _became(future: Any, name: str) -> Any:
     if future.status == "finished":
-        result = future.result()
-        assert isinstance(result, Outcome)
-        return result
+        return future.result()
     if future.status == "cancelled":
-        message = "the scheduler gave it up; run the command again"
-    else:
-        error = future.exception()
-        if isinstance(error, WorkerRefused):
-            raise error
-        message = f"{type(error).__name__}: {error}"
-        if isinstance(error, KilledWorker):
-            times = error.allowed_failures + 1
-            message = f"{times} workers died while processing {mesh.name}; perhaps they ran out of memory"
-        elif isinstance(error, program.ProgramKilled):
-            message = f"{error}; tried {REPEATS + 1} times"
-    return Outcome(mesh.name, "failed", "worker", message, input_bytes=mesh.bytes)
+        return Lost("the scheduler gave it up; run the command again")
+    error = future.exception()
+    if isinstance(error, WorkerRefused):
+        raise error
+    if isinstance(error, KilledWorker):
+        times = error.allowed_failures + 1
+        return Lost(f"{times} workers died while processing {name}; perhaps they ran out of memory")
+    if isinstance(error, program.MayPass):
+        return Lost(f"{error}; tried {REPEATS + 1} times")
+    return Lost(f"{type(error).__name__}: {error}")
+
+
+def drive(client: Client, meshes: Sequence[Mesh], plan: Plan, outcomes: list[Outcome]) -> None:
+    """Have every mesh worked on, the largest first, and append what became of each to `outcomes`. Raises as `submit`."""
+    ordered = {mesh.name: mesh for mesh in sorted(meshes, key=lambda mesh: (-mesh.bytes, mesh.name))}
+    progress = Progress({mesh.name: mesh.bytes for mesh in meshes})
+
+    def take(name: str, became: Outcome | Lost) -> None:
+        if isinstance(became, Lost):
+            became = Outcome(name, "failed", "worker", became.message, input_bytes=ordered[name].bytes)
+        outcomes.append(became)
+        progress.add(name, report.line(became), failed=became.state == "failed")
+
+    submit(client, ordered, partial(work_on, plan=plan), plan.run, take)

@@ -67,8 +67,8 @@ class Busy(Exception):
 
 
 @contextmanager
-def locked(path: Path, *, wait: bool = True) -> Iterator[int]:
-    """Hold an exclusive lock and yield its descriptor; the lock file is removed afterwards.
+def locked(path: Path, *, wait: bool = True, shared: bool = False) -> Iterator[int]:
+    """Hold a lock and yield its descriptor. The lock file is removed after an exclusive lock; many may hold a shared one.
 
     A subprocess that inherits the descriptor shares the lock: as long as it runs, nobody else gets the lock, even if the
     process that took it is dead. Raises `Busy` if `wait` is false and somebody else holds it, and `OSError` if the file
@@ -77,22 +77,24 @@ def locked(path: Path, *, wait: bool = True) -> Iterator[int]:
     while True:
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
         try:
-            _lock(descriptor, path, wait)
+            _lock(descriptor, path, fcntl.LOCK_SH if shared else fcntl.LOCK_EX, wait)
             # The previous holder may have removed the file; this lock would then be on an unlinked file.
             is_current = _same_file(descriptor, path)
             if is_current:
                 try:
                     yield descriptor
                 finally:
-                    path.unlink(missing_ok=True)
+                    # Who removed it under the others' shared locks would let somebody lock a new file beside them.
+                    if not shared:
+                        path.unlink(missing_ok=True)
                 return
         finally:
             os.close(descriptor)
 
 
-def _lock(descriptor: int, path: Path, wait: bool) -> None:
+def _lock(descriptor: int, path: Path, kind: int, wait: bool) -> None:
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        fcntl.flock(descriptor, kind | (0 if wait else fcntl.LOCK_NB))
     except BlockingIOError as error:
         raise Busy(path) from error
     except OSError as error:

@@ -12,6 +12,7 @@ import shutil
 import signal
 import subprocess
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,11 @@ class ProgramFailed(Exception):
     """kilwa failed; the text is its own error message."""
 
 
-class ProgramKilled(Exception):
+class MayPass(Exception):
+    """A failure that may be the machine's: another attempt, perhaps on another machine, may succeed."""
+
+
+class ProgramKilled(MayPass):
     """kilwa was killed by a signal that kilwa-dask did not send, for example because memory ran out."""
 
 
@@ -59,10 +64,10 @@ def version(program: str) -> str:
     return _versions[known]
 
 
-def run_json(program: str, arguments: list[str], *, run: str, lock: int) -> dict[str, Any]:
+def run_json(program: str, arguments: list[str], *, run: str, locks: Sequence[int] = ()) -> dict[str, Any]:
     """Run kilwa with `arguments` (which include --json) and return its report.
 
-    `run` is the run that `stop` may end; `lock` is a descriptor that the subprocess inherits. Raises `ProgramFailed`,
+    `run` is the run that `stop` may end; `locks` are descriptors that the subprocess inherits. Raises `ProgramFailed`,
     `ProgramKilled` or `RunStopped`.
     """
     command = [find(program), *arguments]
@@ -80,12 +85,17 @@ def run_json(program: str, arguments: list[str], *, run: str, lock: int) -> dict
             stderr=subprocess.PIPE,
             text=True,
             errors="replace",
-            pass_fds=[lock],
+            pass_fds=locks,
             start_new_session=True,
         )
         _running.setdefault(run, set()).add(process)
     try:
         output, messages = process.communicate()
+    except BaseException:
+        # Ctrl-C in the driver.
+        process.terminate()
+        process.wait()
+        raise
     finally:
         with _lock:
             _running[run].discard(process)

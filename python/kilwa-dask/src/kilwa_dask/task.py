@@ -14,45 +14,36 @@ Whichever process is killed, the output has either the old pack or the new one:
 from __future__ import annotations
 
 import errno
-import hashlib
 import os
-import re
-import shutil
 import time
-from collections.abc import Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
-from kilwa_dask import __version__, manifest, program
+from kilwa_dask import manifest, program
 from kilwa_dask.collection import Mesh, companions
 from kilwa_dask.files import Busy, locked, sha256, sha256_once, sync_folder
 from kilwa_dask.manifest import Manifest, key_of
-
-STATE = ".kilwa-dask"
-"""Folder in the output folder for locks and attempts; removed when a run ends and no other run uses it."""
+from kilwa_dask.run import STATE, Run, attempted, check_this_worker, file_id
 
 
 @dataclass(frozen=True)
-class Plan:
-    """The settings of a run, the same for all its meshes."""
+class Plan(Run):
+    """The settings of a run of `build-all`; the output is the only shared folder."""
 
-    run: str
-    """Unique name of the run."""
-    output: str
-    program: str
-    version: str
-    """What `kilwa --version` prints where the run was started."""
     options: tuple[str, ...] = ()
     """Options of `kilwa build` that affect the pack."""
-    resources: tuple[str, ...] = ()
-    """Options of `kilwa build` that do not affect the pack, such as --threads."""
     publish: str | None = None
     publish_options: tuple[str, ...] = ()
     report: str | None = None
     """The file that the driver writes at the end."""
+
+    @property
+    def output(self) -> str:
+        """Folder of the packs."""
+        return self.shared[0]
 
     def written(self) -> list[Path]:
         """List the files and folders that runs write, as real paths."""
@@ -81,10 +72,6 @@ class Outcome:
     worker: str = ""
 
 
-class WorkerRefused(Exception):
-    """A worker cannot take part; the text says which and why."""
-
-
 class StageFailed(Exception):
     """A stage failed, and trying again would not help."""
 
@@ -93,31 +80,6 @@ class StageFailed(Exception):
         super().__init__(stage, message)
         self.stage = stage
         self.message = message
-
-
-def survey(plan: Plan) -> dict[str, object]:
-    """Describe this worker: its machine, its versions, and whether it sees the output folder of the driver."""
-    try:
-        version, problem = program.version(plan.program), None
-    except (program.ProgramFailed, OSError) as error:
-        version, problem = None, str(error)
-    sees = Path(plan.output, STATE, f"{plan.run}.run").exists()
-    package = __version__
-    return {"host": program.host(), "version": version, "problem": problem, "package": package, "sees_output": sees}
-
-
-def refusal(plan: Plan, found: dict[str, object]) -> str | None:
-    """Return why a worker with this `survey` cannot take part, or None."""
-    where = f"the worker on {found['host']}"
-    if found["problem"] is not None:
-        return f"{where} cannot run kilwa: {found['problem']}"
-    if found["version"] != plan.version:
-        return f"{where} has {found['version']}, but this computer has {plan.version}; install the same version on both"
-    if found["package"] != __version__:
-        return f"{where} has kilwa-dask {found['package']}, but this computer has kilwa-dask {__version__}"
-    if not found["sees_output"]:
-        return f"{where} cannot see {plan.output}; the folder must be shared under the same path on all machines"
-    return None
 
 
 def work_on(mesh: Mesh, plan: Plan, wait: bool = True) -> Outcome:
@@ -150,7 +112,7 @@ class _Attempt:
         self.pack = Path(plan.output, mesh.name + ".kilwa")
         self.manifest_path = self.pack.with_name(self.pack.name + ".json")
         self.state_folder = Path(plan.output, STATE)
-        self.id = mesh_id(mesh.name)
+        self.id = file_id(mesh.name)
         self.stage = "check"
         self.state = "already done"
         self.seconds: dict[str, float] = {}
@@ -160,21 +122,10 @@ class _Attempt:
     def work(self, wait: bool) -> None:
         """Take the lock and do everything. Raises `Busy` if somebody else has it and `wait` is false."""
         started = time.monotonic()
-        refused = refusal(self.plan, survey(self.plan))
-        if refused is not None:
-            raise WorkerRefused(refused)
-        with locked(self.state_folder / f"{self.id}.lock", wait=wait) as lock:
-            self.retries = sweep_attempts(self.state_folder, self.id)
-            folder = self.state_folder / f"{self.id}.{self.retries + 1}"
-            folder.mkdir()
-            try:
-                self._work_in(folder, lock, started)
-            except program.ProgramKilled:
-                raise  # The folder remains, so that the next attempt can count this one.
-            except BaseException:
-                shutil.rmtree(folder, ignore_errors=True)
-                raise
-            shutil.rmtree(folder)
+        check_this_worker(self.plan)
+        with locked(self.state_folder / f"{self.id}.lock", wait=wait) as lock, attempted(self.state_folder, self.id) as attempt:
+            folder, self.retries = attempt
+            self._work_in(folder, lock, started)
 
     def _work_in(self, folder: Path, lock: int, started: float) -> None:
         earlier = manifest.read(self.manifest_path)
@@ -273,7 +224,7 @@ class _Attempt:
         self.stage = stage
         started = time.monotonic()
         try:
-            return program.run_json(self.plan.program, arguments, run=self.plan.run, lock=lock)
+            return program.run_json(self.plan.program, arguments, run=self.plan.run, locks=[lock])
         finally:
             self.seconds[stage] = round(time.monotonic() - started, 3)
 
@@ -314,66 +265,3 @@ def _states(paths: Iterable[Path]) -> _States:
 def _is_published(to: str, slug: str) -> bool:
     """Return whether the object is still in its folder; servers and stores are not queried."""
     return "://" in to or Path(to, slug, "manifest.json").is_file()
-
-
-def mesh_id(name: str) -> str:
-    """Return a file name for the lock and the attempts of a mesh, different for every mesh."""
-    readable = re.sub(r"[^A-Za-z0-9_-]", "_", name)[-40:]
-    return f"{readable}-{hashlib.sha256(name.encode()).hexdigest()[:16]}"
-
-
-def sweep_attempts(state_folder: Path, mesh: str) -> int:
-    """Remove the files of interrupted attempts at a mesh and return how many there were. The caller must hold its lock."""
-    last = 0
-    for folder in state_folder.glob(f"{mesh}.*"):
-        number = folder.name.removeprefix(mesh + ".")
-        if number.isdigit():
-            last = max(last, int(number))
-            shutil.rmtree(folder)
-    return last
-
-
-def sweep(output: Path) -> bool:
-    """Remove the files of finished runs and interrupted attempts, except where another process is working.
-
-    Return whether nothing is left, or another run is active, which will clean up when it ends.
-    """
-    state_folder = output / STATE
-    try:
-        entries = list(state_folder.iterdir())
-    except FileNotFoundError:
-        return True
-    meshes = {match[1] for entry in entries if (match := re.fullmatch(r"(.+)\.(\d+|lock)", entry.name))}
-    locks = {state_folder / f"{mesh}.lock": mesh for mesh in meshes}
-    for lock in [*locks, *(entry for entry in entries if entry.suffix == ".run")]:
-        try:
-            with locked(lock, wait=False):
-                if lock in locks:
-                    sweep_attempts(state_folder, locks[lock])
-        except Busy:
-            if lock not in locks:
-                return True
-        except FileNotFoundError:
-            continue
-    try:
-        state_folder.rmdir()
-    except FileNotFoundError:
-        return True
-    except OSError:
-        return False
-    return True
-
-
-@contextmanager
-def announced(plan: Plan) -> Iterator[None]:
-    """Keep a file in the state folder during a run: workers look for it, and it keeps the folder from being removed."""
-    state_folder = Path(plan.output, STATE)
-    while True:
-        state_folder.mkdir(parents=True, exist_ok=True)
-        with ExitStack() as stack:
-            try:
-                stack.enter_context(locked(state_folder / f"{plan.run}.run"))
-            except FileNotFoundError:
-                continue  # Another run that ended has just removed the folder.
-            yield
-            return

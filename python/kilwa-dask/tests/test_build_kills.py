@@ -1,0 +1,93 @@
+"""One build that is divided into tasks: whatever is killed or fails, the pack is the same, and nothing is left over."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from conftest import Single, gated, kill_worker_of, open_gate, started, until, wrapper
+
+
+@pytest.mark.parametrize("scratch", ["in the work", "of the machine"])
+def test_three_killed_workers_and_a_killed_driver(single: Single, scratch: str) -> None:
+    """At random tasks of different waves; the same command continues."""
+    options = ["--scratch", str(single.scratch)] if scratch == "of the machine" else []
+    kilwa = gated(single, verb="task")
+    first = single.start(*options, kilwa=kilwa)
+    until(lambda: started(single, "ingest") == 1, "the ingest runs")
+    kill_worker_of(single, "ingest")
+    until(lambda: started(single, "ingest") == 2, "another worker does the ingest")
+    open_gate(single, "ingest")
+    until(lambda: started(single, "level-03-0000") == 1, "the next wave runs")
+    kill_worker_of(single, "level-03-0000")
+    until(lambda: started(single, "level-03-0000") == 2, "another worker does it")
+    first.kill()
+    first.wait()
+    second = single.start(*options, kilwa=kilwa)
+    until(lambda: started(single, "level-03-0000") == 3, "the second driver does it")
+    open_gate(single, "level-03-0000")
+    until(lambda: started(single, "level-02-*") == 2, "two tasks run")
+    kill_worker_of(single, random.choice([path.name.split(".")[1] for path in single.root.glob("started.level-02-*")]))
+    until(lambda: started(single, "level-02-*") == 3, "another worker does it")
+    open_gate(single)
+    single.end(second)
+    told = single.told()
+    assert {stage["stage"]: stage["retries"] for stage in told["stages"] if stage["retries"]} == {"level-03": 2, "level-02": 1}
+    assert told["total"]["earlier"] == 1
+    single.check()
+
+
+@pytest.mark.parametrize("folder", ["is removed", "is still there"])
+def test_a_driver_killed_when_the_pack_is_in_place(single: Single, folder: str) -> None:
+    """The same command says so, although the output exists."""
+    assembled = single.root / "assembled"
+    keep = "--keep" if folder == "is still there" else ""
+    hang = f'"{single.kilwa}" "$@" {keep}; touch "{assembled}"; exec sleep 600'
+    script = f'if [ "$1" = assemble ]; then {hang}; fi\nexec "{single.kilwa}" "$@"\n'
+    driver = single.start(kilwa=wrapper(single.root / "kilwa", script))
+    until(assembled.exists, "the pack is in place")
+    driver.kill()
+    driver.wait()
+    assert f"SHA-256 {single.sha256_of_plain_build(single.mesh)}" in single.run()
+    single.check()
+    single.run(code=2)
+
+
+def test_a_worker_killed_while_the_pack_is_assembled(single: Single) -> None:
+    """Another assembles it."""
+    folder = single.root / "once"
+    script = f'if [ "$1" = assemble ] && mkdir "{folder}"; then kill -9 $PPID; exec sleep 60; fi\nexec "{single.kilwa}" "$@"\n'
+    single.run(kilwa=wrapper(single.root / "kilwa", script))
+    assert single.told()["total"]["retries"] == 1
+    single.check()
+
+
+PLACE = "the task level-02-0001 (round 1.00, 0.01, -1.50 m)"
+
+
+@pytest.mark.parametrize(
+    ("fails", "message", "tries"),
+    [
+        ('echo "kilwa: cannot write x: No space left on device (os error 28)" >&2; exit 1', "(os error 28)", 3),
+        ('echo "kilwa: the triangle is not one" >&2; exit 1', "the triangle is not one", 1),
+        ("kill -9 $$", "kilwa task was killed by signal SIGKILL; perhaps memory ran out", 3),
+        ("kill -9 $PPID; exec sleep 60", "3 workers died", 3),
+    ],
+    ids=["a full disk", "a fault of the model", "kilwa killed", "workers killed"],
+)
+def test_a_task_that_fails_is_named_with_its_place(single: Single, fails: str, message: str, tries: int) -> None:
+    """After three tries if another one might have helped; the same command continues when the cause is gone."""
+    tried = single.root / "tries"
+    case = f'case "$*" in "task "*level-02-0001.json*) echo >> "{tried}"; {fails};; esac\n'
+    kilwa = wrapper(single.root / "kilwa", f'{case}exec "{single.kilwa}" "$@"\n')
+    text = single.run("--scratch", str(single.scratch), code=1, kilwa=kilwa)
+    assert f"{PLACE}: " in text
+    assert message in text
+    assert ("tried 3 times" in text) == (tries == 3 and "workers" not in message)
+    assert tried.read_text() == "\n" * tries
+    told = single.told()
+    assert told["stopped"]
+    assert told["failure"] in text
+    assert all("kilwa-build-" in left for left in single.left_over())
+    single.run()
+    single.check()
