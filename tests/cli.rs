@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 
 /// The verbs, in the order of `kilwa --help`.
-const VERBS: [&str; 15] = [
-    "synth", "scans", "register", "merge", "colour", "build", "info", "verify", "extract", "render", "measure",
-    "publish", "metadata", "serve", "access",
+const VERBS: [&str; 18] = [
+    "synth", "scans", "register", "merge", "colour", "build", "plan", "task", "assemble", "info", "verify", "extract",
+    "render", "measure", "publish", "metadata", "serve", "access",
 ];
 
 fn kilwa(args: &[&str]) -> Output {
@@ -23,11 +23,14 @@ fn stderr(output: &Output) -> String {
 }
 
 /// A call with a file that does not exist: in the arguments `{in}` and `{out}` are paths in an empty folder.
-fn calls_without_input() -> [(&'static str, Vec<&'static str>); 9] {
+fn calls_without_input() -> [(&'static str, Vec<&'static str>); 12] {
     [
         ("register", vec!["{in}"]),
         ("merge", vec!["{in}", "-o", "{out}.kilwa"]),
         ("build", vec!["{in}.ply", "-o", "{out}.kilwa"]),
+        ("plan", vec!["{in}.ply", "--work", "{out}"]),
+        ("task", vec!["{in}.json"]),
+        ("assemble", vec!["{in}", "-o", "{out}.kilwa"]),
         ("info", vec!["{in}.kilwa"]),
         ("verify", vec!["{in}.kilwa"]),
         ("extract", vec!["{in}.kilwa", "-o", "{out}.ply"]),
@@ -39,7 +42,11 @@ fn calls_without_input() -> [(&'static str, Vec<&'static str>); 9] {
 
 /// The documentation page of a verb.
 fn page_of(verb: &str) -> PathBuf {
-    let page = if verb == "register" { "registering" } else { verb };
+    let page = match verb {
+        "register" => "registering",
+        "task" | "assemble" => "plan",
+        verb => verb,
+    };
     Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("docs/{page}.md"))
 }
 

@@ -41,6 +41,7 @@ mod stored;
 mod streaming;
 mod support;
 mod synth;
+mod tasks;
 mod trust;
 mod tutorial;
 mod verify_objects;
