@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import io
 import json
 import os
 import shutil
@@ -11,7 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -19,7 +20,10 @@ from typing import Any
 
 import psutil
 import pytest
-from distributed import LocalCluster
+from distributed import Client
+
+from kilwa_dask import clusters
+from kilwa_dask.cli import main
 
 # The soak test takes a quarter of an hour on two cores.
 collect_ignore = [] if os.environ.get("KILWA_SOAK") else ["test_soak.py"]
@@ -53,6 +57,8 @@ class Drivers:
     root: Path
     kilwa: str
     drivers: list[subprocess.Popen[str]] = field(default_factory=list)
+    plain_builds: dict[str, str] = field(default_factory=dict)
+    """SHA-256 of the packs of plain builds, by that of their meshes."""
 
     def launch(self, *arguments: str, kilwa: str | None = None) -> subprocess.Popen[str]:
         """Start a driver, with two workers if nothing else is said."""
@@ -82,10 +88,13 @@ class Drivers:
 
     def sha256_of_plain_build(self, mesh: Path) -> str:
         """Return the SHA-256 of the pack that plain `kilwa build` makes of a mesh."""
-        pack = self.root / "plain.kilwa"
-        command = [self.kilwa, "build", str(mesh), "--output", str(pack), "--force"]
-        subprocess.run(command, check=True, capture_output=True)
-        return hashlib.sha256(pack.read_bytes()).hexdigest()
+        content = hashlib.sha256(mesh.read_bytes()).hexdigest()
+        if content not in self.plain_builds:
+            pack = self.root / "plain.kilwa"
+            command = [self.kilwa, "build", str(mesh), "--output", str(pack), "--force"]
+            subprocess.run(command, check=True, capture_output=True)
+            self.plain_builds[content] = hashlib.sha256(pack.read_bytes()).hexdigest()
+        return self.plain_builds[content]
 
 
 @dataclass
@@ -152,6 +161,9 @@ class Collection(Drivers):
 class Single(Drivers):
     """A mesh, and the folders for its build."""
 
+    cluster: Client | None = None
+    """Workers for drivers in this process."""
+
     @property
     def mesh(self) -> Path:
         """The mesh."""
@@ -192,8 +204,20 @@ class Single(Drivers):
         return self.launch(*self.arguments("--json", str(self.report), *options), kilwa=kilwa)
 
     def run(self, *options: str, code: int = 0, kilwa: str | None = None) -> str:
-        """Run a driver to its end and return all that it printed."""
-        return self.end(self.start(*options, kilwa=kilwa), code)
+        """Run a driver in this process, with workers that are there already, and return all that it printed."""
+
+        @contextmanager
+        def opened(choice: clusters.Choice) -> Iterator[Client]:
+            del choice
+            yield self.cluster
+
+        text = io.StringIO()
+        with pytest.MonkeyPatch.context() as patched, redirect_stdout(text), redirect_stderr(text):
+            patched.setattr(clusters, "opened", opened)
+            patched.setenv("KILWA", kilwa or self.kilwa)
+            returned = main(self.arguments("--json", str(self.report), *options))
+        assert returned == code, text.getvalue()
+        return text.getvalue()
 
     def told(self) -> dict[str, Any]:
         """Read the report of the latest driver."""
@@ -238,10 +262,22 @@ def collection(tmp_path: Path, kilwa: str) -> Iterator[Collection]:
     end_all(made)
 
 
+@pytest.fixture(scope="session")
+def two_workers() -> Iterator[Client]:
+    """Start two workers for the drivers of this process."""
+    before = os.environ.get("PYTHONPATH")
+    os.environ["PYTHONPATH"] = path_with_source()
+    try:
+        with clusters.opened(clusters.Choice(workers=2)) as client:
+            yield client
+    finally:
+        os.environ.pop("PYTHONPATH") if before is None else os.environ.update(PYTHONPATH=before)
+
+
 @pytest.fixture
-def single(tmp_path: Path, kilwa: str) -> Iterator[Single]:
+def single(tmp_path: Path, kilwa: str, two_workers: Client) -> Iterator[Single]:
     """Return the folders of one build, and its mesh; drivers that a failed test leaves running are killed."""
-    made = Single(tmp_path, kilwa)
+    made = Single(tmp_path, kilwa, cluster=two_workers)
     made.make()
     yield made
     end_all(made)
@@ -312,31 +348,6 @@ def kill_worker_of(made: Drivers, name: str) -> None:
     """Kill the worker of the program that was last started with a file of this name."""
     latest = max(made.root.glob(f"started.{name}.*.*"), key=lambda path: path.stat().st_mtime_ns)
     kill(psutil.Process(int(latest.name.split(".")[-2])))
-
-
-OTHER = 'if [ "$1" = --version ] && [ -n "$OTHER" ]; then echo kilwa 9.9.9; exit; fi\n'
-"""Script of a kilwa that has another version where the variable OTHER is set."""
-
-
-@contextmanager
-def scheduler() -> Iterator[tuple[str, Callable[..., None]]]:
-    """Run a scheduler; yield its address and what starts a worker, a process of its own with variables of its own."""
-    cluster = LocalCluster(n_workers=0, threads_per_worker=1, memory_limit=0, host="127.0.0.1", dashboard_address="127.0.0.1:0")
-    command = [sys.executable, "-m", "distributed.cli.dask_worker", cluster.scheduler_address, "--nthreads", "1"]
-    workers: list[subprocess.Popen[bytes]] = []
-
-    def start_worker(folder: Path, **variables: str) -> None:
-        environment = {**os.environ, "PYTHONPATH": path_with_source(), **variables}
-        workers.append(subprocess.Popen([*command, "--no-dashboard"], env=environment, cwd=folder, stderr=subprocess.DEVNULL))
-
-    try:
-        yield cluster.scheduler_address, start_worker
-    finally:
-        for worker in workers:
-            worker.terminate()
-        for worker in workers:
-            worker.wait()
-        cluster.close()
 
 
 def kill(process: psutil.Process) -> None:

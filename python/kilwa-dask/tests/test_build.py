@@ -2,39 +2,31 @@
 
 from __future__ import annotations
 
+import json
+import os
 import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
-import pytest
-from conftest import OTHER, Single, gated, open_gate, scheduler, started, tree, until, wrapper
-from distributed import Client
-
-from kilwa_dask import clusters
-from kilwa_dask.cli import main
+from conftest import Single, gated, open_gate, started, tree, until, wrapper
 
 MESHES = (("wall",), ("fort",), ("phantom", "--shape", "sphere"))
 
 
-def test_the_pack_is_that_of_kilwa_build_for_any_number_of_workers(single: Single, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One, two and five, which are the same cluster that grows, and three meshes."""
-    monkeypatch.setenv("KILWA", single.kilwa)
-    with clusters.opened(clusters.Choice(workers=1)) as client:
-
-        @contextmanager
-        def opened(choice: clusters.Choice) -> Iterator[Client]:
-            assert choice.workers == len(client.scheduler_info()["workers"])
-            yield client
-
-        monkeypatch.setattr(clusters, "opened", opened)
-        for workers in (1, 2, 5):
+def test_the_pack_is_that_of_kilwa_build_for_any_number_of_workers(single: Single) -> None:
+    """One, two and five, and three meshes."""
+    client = single.cluster
+    assert client is not None
+    try:
+        for workers in (5, 2, 1):
             client.cluster.scale(workers)
-            client.wait_for_workers(workers)
+            until(lambda n=workers: len(client.scheduler_info()["workers"]) == n, f"{workers} workers")  # type: ignore[misc]
             for shape in MESHES:
                 single.make(*shape)
-                assert main(single.arguments("--workers", str(workers), "--force")) == 0
+                single.run("--force")
                 single.check()
+    finally:
+        client.cluster.scale(2)
+        client.wait_for_workers(2)
 
 
 def test_the_report_has_every_stage(single: Single) -> None:
@@ -68,35 +60,36 @@ def test_options_after_the_dashes_go_to_kilwa_plan(single: Single) -> None:
 
 def test_another_version_on_a_worker_is_refused(single: Single) -> None:
     """The message names both versions, and nothing is built."""
-    kilwa = wrapper(single.root / "kilwa", f'{OTHER}exec "{single.kilwa}" "$@"\n')
-    with scheduler() as (address, start_worker):
-        start_worker(single.root, OTHER="1")
-        text = single.run("--scheduler", address, code=1, kilwa=kilwa)
+    other = f'if [ "$1" = --version ] && [ $PPID != {os.getpid()} ]; then echo kilwa 9.9.9; exit; fi\n'
+    text = single.run(code=1, kilwa=wrapper(single.root / "kilwa", f'{other}exec "{single.kilwa}" "$@"\n'))
     assert "has kilwa 9.9.9, but this computer has kilwa 0." in text
     assert single.left_over() == []
 
 
 def test_two_drivers_at_once_make_one_pack(single: Single) -> None:
-    """Both succeed, and together they do each task once."""
-    kilwa = gated(single, verb="task")
-    reports = [single.root / f"report-{which}.json" for which in (1, 2)]
-    drivers = [single.launch(*single.arguments("--json", str(report)), kilwa=kilwa) for report in reports]
-    until(lambda: len(list(single.work.glob(".kilwa-dask/*.run"))) == 2, "both have begun")
-    open_gate(single)
-    texts = [single.end(driver) for driver in drivers]
-    sha = single.sha256_of_plain_build(single.mesh)
-    assert all(f"SHA-256 {sha}" in text for text in texts)
-    # Ingest, nine tasks of three levels, and the tail.
-    assert started(single) == 11
+    """Both succeed, and together they do each task once. No task begins before both drivers have planned the build."""
+    planned = f'if [ "$1" = plan ]; then touch "{single.root}/planned.$PPID"; fi'
+    both = f'[ "$(ls "{single.root}"/planned.* | wc -l)" = 2 ]'
+    script = f'{planned}\nif [ "$1" = task ]; then until {both}; do sleep 0.05; done; fi\nexec "{single.kilwa}" "$@"\n'
+    kilwa = wrapper(single.root / "kilwa", script)
+    other = single.root / "other.json"
+    driver = single.launch(*single.arguments("--json", str(other), "--workers", "1"), kilwa=kilwa)
+    until(lambda: any(single.work.glob(".kilwa-dask/*.run")), "the other driver has begun")
+    single.run(kilwa=kilwa)
+    single.end(driver)
+    reports = [single.told(), json.loads(other.read_text())]
+    assert reports[0]["pack"] == reports[1]["pack"]
+    done = [task["task"] for report in reports for task in report["tasks"] if task["state"] == "done"]
+    # Ingest, nine tasks of three levels, the tail, and the assembly.
+    assert len(done) == len(set(done)) == 12
     single.check()
 
 
-def test_an_existing_output_is_not_replaced(single: Single, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_existing_output_is_not_replaced(single: Single) -> None:
     """Nothing is done, unless --force is given."""
     single.out.parent.mkdir()
     single.out.write_text("mine")
-    assert main(single.arguments("--kilwa", single.kilwa)) == 2
-    assert f"{single.out} exists already; use --force to replace it" in capsys.readouterr().err
+    assert f"{single.out} exists already; use --force to replace it" in single.run(code=2)
     assert single.out.read_text() == "mine"
     assert not single.work.exists()
     single.run("--force")
@@ -115,22 +108,31 @@ def test_a_mesh_that_cannot_be_read_is_reported_once(single: Single) -> None:
     assert "No such file" in single.run(code=1)
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_signal_stops_the_build_and_the_same_command_continues(single: Single, number: int, code: int) -> None:
-    """What is done is kept, and nothing else."""
+def test_an_output_that_appears_meanwhile_is_not_replaced(single: Single) -> None:
+    """What is done is kept, and the same command with --force goes on."""
+    script = f'if [ "$1" = assemble ]; then echo mine > "{single.out}"; fi\nexec "{single.kilwa}" "$@"\n'
+    text = single.run(code=1, kilwa=wrapper(single.root / "kilwa", script))
+    assert f"{single.out} has appeared meanwhile" in text
+    assert single.out.read_text() == "mine\n"
+    single.run("--force")
+    assert single.told()["total"]["earlier"] == 11
+    single.check()
+
+
+def test_ctrl_c_stops_the_build_and_the_same_command_continues(single: Single) -> None:
+    """In a terminal it reaches the driver and its workers at once. What is done is kept, and nothing else."""
     kilwa = gated(single, verb="task")
     open_gate(single, "ingest")
-    driver = single.start("--scratch", str(single.scratch), kilwa=kilwa)
+    driver = single.start("--scratch", str(single.scratch), "--workers", "1", kilwa=kilwa)
     until(lambda: started(single, "level-03-0000") == 1, "the second task runs")
     family = tree(driver)
-    driver.send_signal(number)
-    text = single.end(driver, code)
+    os.killpg(driver.pid, signal.SIGINT)
+    text = single.end(driver, 130)
     assert "Traceback" not in text
     assert "stopped after 1 tasks; run the same command to continue" in text
     until(lambda: not any(process.is_running() for process in family), "all processes ended")
     (build,) = single.left_over()
     assert Path(build).name.startswith("kilwa-build-")
-    open_gate(single)
     single.run("--scratch", str(single.scratch))
     assert single.told()["total"]["earlier"] == 1
     single.check()

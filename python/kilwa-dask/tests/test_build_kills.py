@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import random
+from pathlib import Path
 
 import pytest
 from conftest import Single, gated, kill_worker_of, open_gate, started, until, wrapper
 
+from kilwa_dask import cli, divided
+from kilwa_dask.divided import Build
+from kilwa_dask.files import write_whole
+from kilwa_dask.run import announced
 
-@pytest.mark.parametrize("scratch", ["in the work", "of the machine"])
-def test_three_killed_workers_and_a_killed_driver(single: Single, scratch: str) -> None:
-    """At random tasks of different waves; the same command continues."""
-    options = ["--scratch", str(single.scratch)] if scratch == "of the machine" else []
+
+def test_three_killed_workers_and_a_killed_driver(single: Single) -> None:
+    """At tasks of different waves; the same command continues."""
+    options = ["--scratch", str(single.scratch)]
     kilwa = gated(single, verb="task")
     first = single.start(*options, kilwa=kilwa)
     until(lambda: started(single, "ingest") == 1, "the ingest runs")
@@ -37,26 +42,41 @@ def test_three_killed_workers_and_a_killed_driver(single: Single, scratch: str) 
     single.check()
 
 
-@pytest.mark.parametrize("folder", ["is removed", "is still there"])
-def test_a_driver_killed_when_the_pack_is_in_place(single: Single, folder: str) -> None:
-    """The same command says so, although the output exists."""
-    assembled = single.root / "assembled"
-    keep = "--keep" if folder == "is still there" else ""
-    hang = f'"{single.kilwa}" "$@" {keep}; touch "{assembled}"; exec sleep 600'
-    script = f'if [ "$1" = assemble ]; then {hang}; fi\nexec "{single.kilwa}" "$@"\n'
-    driver = single.start(kilwa=wrapper(single.root / "kilwa", script))
-    until(assembled.exists, "the pack is in place")
-    driver.kill()
-    driver.wait()
+class Died(BaseException):
+    """Stands for a death at a certain moment."""
+
+
+@pytest.mark.parametrize("moment", ["before it has its name", "after it has its name"])
+def test_a_death_while_the_pack_is_put_in_place(single: Single, moment: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same command continues, although the output may exist, and removes what is left."""
+    stops = f'if [ "$1" = assemble ]; then exit 1; fi\nexec "{single.kilwa}" "$@"\n'
+    single.run(code=1, kilwa=wrapper(single.root / "kilwa", stops))
+    options = cli.parser().parse_args(single.arguments("--kilwa", single.kilwa))
+    plan = cli._build_plan(options, [], single.out, single.work)
+    (folder,) = single.work.glob("kilwa-build-*")
+    build = Build(str(folder), folder.name.removeprefix("kilwa-build-"))
+
+    def die(*given: object) -> None:
+        if moment == "before it has its name":
+            write_whole(Path(str(given[0])), str(given[1]))
+        raise Died
+
+    with monkeypatch.context() as patched, announced(plan):
+        patched.setattr(divided, "write_whole" if moment == "before it has its name" else "sync_folder", die)
+        with pytest.raises(Died):
+            divided.assemble(build, wait=True, plan=plan)
+    assert plan.record.exists()
+    assert folder.is_dir()
+    assert single.out.exists() == (moment == "after it has its name")
     assert f"SHA-256 {single.sha256_of_plain_build(single.mesh)}" in single.run()
     single.check()
-    single.run(code=2)
+    assert "exists already" in single.run(code=2)
 
 
 def test_a_worker_killed_while_the_pack_is_assembled(single: Single) -> None:
     """Another assembles it."""
-    folder = single.root / "once"
-    script = f'if [ "$1" = assemble ] && mkdir "{folder}"; then kill -9 $PPID; exec sleep 60; fi\nexec "{single.kilwa}" "$@"\n'
+    once = single.root / "once"
+    script = f'if [ "$1" = assemble ] && mkdir "{once}"; then kill -9 $PPID; exec sleep 60; fi\nexec "{single.kilwa}" "$@"\n'
     single.run(kilwa=wrapper(single.root / "kilwa", script))
     assert single.told()["total"]["retries"] == 1
     single.check()

@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-from conftest import OTHER, Collection, gated, open_gate, scheduler, started, until, wrapper
+from conftest import Collection, gated, open_gate, path_with_source, started, until, wrapper
+from distributed import LocalCluster
 
 
 def report_of(collection: Collection) -> dict[str, object]:
@@ -54,6 +60,31 @@ def test_two_drivers_at_once_build_each_mesh_once(collection: Collection) -> Non
     assert sum(report["already_done"] for report in read) == 6
     assert collection.packs() == collection.plain(names)
     assert collection.strays() == []
+
+
+OTHER = 'if [ "$1" = --version ] && [ -n "$OTHER" ]; then echo kilwa 9.9.9; exit; fi\n'
+"""Script of a kilwa that has another version where the variable OTHER is set."""
+
+
+@contextmanager
+def scheduler() -> Iterator[tuple[str, Callable[..., None]]]:
+    """Run a scheduler; yield its address and what starts a worker, a process of its own with variables of its own."""
+    cluster = LocalCluster(n_workers=0, threads_per_worker=1, memory_limit=0, host="127.0.0.1", dashboard_address="127.0.0.1:0")
+    command = [sys.executable, "-m", "distributed.cli.dask_worker", cluster.scheduler_address, "--nthreads", "1"]
+    workers: list[subprocess.Popen[bytes]] = []
+
+    def start_worker(folder: Path, **variables: str) -> None:
+        environment = {**os.environ, "PYTHONPATH": path_with_source(), **variables}
+        workers.append(subprocess.Popen([*command, "--no-dashboard"], env=environment, cwd=folder, stderr=subprocess.DEVNULL))
+
+    try:
+        yield cluster.scheduler_address, start_worker
+    finally:
+        for worker in workers:
+            worker.terminate()
+        for worker in workers:
+            worker.wait()
+        cluster.close()
 
 
 def test_another_version_on_a_worker_is_refused(collection: Collection) -> None:

@@ -29,6 +29,22 @@ def test_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str], options: li
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--", "--work", "x"], "--work is not allowed after --"),
+        (["--", "--json"], "--json is not allowed after --"),
+        (["--hosts", "a,b"], "--hosts is for --cluster ssh"),
+        (["--output", "."], "is a folder; give the name of the pack"),
+    ],
+)
+def test_refused_for_one_build(tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], message: str) -> None:
+    """Before anything is started as well."""
+    assert main(["build", "a.ply", "--output", str(tmp_path / "a.kilwa"), "--work", str(tmp_path / "work"), *options]) == 2
+    assert message in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("options", [["--workers", "0"], ["--cluster", "cloud"], ["--cluster", "ssh", "--scheduler", "x"]])
 def test_refused_by_the_parser(options: list[str]) -> None:
     """With exit code 2 as well."""

@@ -1,20 +1,19 @@
 """One build that is divided into tasks: what a worker does.
 
 The driver asks `kilwa plan` which tasks there are (`drive_build`); a worker does one with `kilwa task`, or writes the pack
-with `kilwa assemble`. kilwa itself sees to it that a task may be done twice or die at any moment. The locks, in
-WORK/.kilwa-dask/, see to it that work is not done twice at a time, and that nobody works in a folder that is being removed:
+with `kilwa assemble`. kilwa itself sees to it that a task may be done twice or die at any moment. The locks see to it that
+work is not done twice at a time, and that nobody works in a folder that is being removed:
 
-* KEY-TASK.lock is held by the worker that does a task of the build KEY, and by its kilwa.
-* KEY.lock is shared by all who do tasks of the build; `kilwa assemble`, which removes its folder, holds it alone.
-* PACK.lock is held while the pack is assembled, and while the driver looks whether it is.
+* WORK/.kilwa-dask/KEY-TASK.lock is held by the worker that does a task of the build KEY, and by its kilwa.
+* WORK/.kilwa-dask/KEY.lock is shared by all who do tasks of the build; who removes its folder holds it alone.
+* .kilwa-dask/PACK.lock, beside the output, is held while the pack is assembled, and while a driver looks whether it is.
 
-PACK.json is written before the pack is assembled. It says how the output was then, so that a run after a death knows whether
-the file that is there is the pack, or one that was there before.
+The pack is assembled in .kilwa-dask/PACK.N, then described in WORK/.kilwa-dask/PACK.json, then renamed; the folder of the
+build is removed last. So a run after a death knows whether the file that is there is the pack, or another.
 """
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import resource
@@ -27,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 from kilwa_dask import program
-from kilwa_dask.files import Busy, locked, sha256, write_whole
+from kilwa_dask.files import Busy, locked, sha256, sync_folder, write_whole
 from kilwa_dask.run import STATE, Run, attempted, check_this_worker, file_id
 
 ASSEMBLE = "assemble"
@@ -53,11 +52,11 @@ class BuildPlan(Run):
     @property
     def pack_lock(self) -> Path:
         """Lock of the output."""
-        return self.state_folder / f"{file_id(self.output)}.lock"
+        return Path(self.output).parent / STATE / f"{file_id(self.output)}.lock"
 
     @property
     def record(self) -> Path:
-        """What is known of the output."""
+        """What is known of the pack that was put in place."""
         return self.state_folder / f"{file_id(self.output)}.json"
 
 
@@ -172,7 +171,7 @@ def do(task: Task, *, wait: bool, build: Build, plan: BuildPlan) -> TaskOutcome:
         ):
             if not Path(task.file).is_file():
                 return TaskOutcome(task.id, "gone")
-            with attempted(plan.state_folder, name) as (folder, retries), _scratch(plan, build, folder) as scratch:
+            with attempted(plan.state_folder, name) as (folder, retries), _scratch(plan, build, folder, name) as scratch:
                 command = ["task", task.file, "--scratch", str(scratch), "--json", *plan.resources]
                 report = _run(plan, command, [of_build, of_task], places=(build.folder, str(scratch)))
         state = "was done" if report["was_done"] else "done"
@@ -191,36 +190,33 @@ def assemble(build: Build, *, wait: bool, plan: BuildPlan) -> TaskOutcome:
 
     def work() -> TaskOutcome:
         with locked(plan.pack_lock, wait=wait) as of_pack, locked(build.lock(plan), wait=wait) as of_build:
-            locks = [of_pack, of_build]
             record = finished(plan)
             if record is not None and record.key == build.key:
-                pack = record.pack or _verified(plan, locks)
-                write_record(plan, replace(record, after=identity(plan.output), pack=pack))
                 shutil.rmtree(build.folder, ignore_errors=True)
-                return TaskOutcome(ASSEMBLE, "was done", pack=pack)
+                return TaskOutcome(ASSEMBLE, "was done", pack=record.pack)
             if not Path(build.folder).is_dir():
                 return TaskOutcome(ASSEMBLE, "gone")
-            name = f"{build.key}-{ASSEMBLE}"
-            with attempted(plan.state_folder, name) as (folder, retries), _scratch(plan, build, folder) as scratch:
-                return replace(_assemble(build, plan, scratch, locks), retries=retries)
+            with attempted(plan.pack_lock.parent, plan.pack_lock.stem) as (folder, retries):
+                with _scratch(plan, build, folder, f"{build.key}-{ASSEMBLE}") as scratch:
+                    outcome = _assemble(build, plan, folder, scratch, [of_pack, of_build])
+                return replace(outcome, retries=retries)
 
     return _outcome(ASSEMBLE, started, work)
 
 
-def _assemble(build: Build, plan: BuildPlan, scratch: Path, locks: list[int]) -> TaskOutcome:
+def _assemble(build: Build, plan: BuildPlan, folder: Path, scratch: Path, locks: list[int]) -> TaskOutcome:
     clock, cpu = time.monotonic(), _cpu_of_children()
-    record = Record(build.key, build.folder, before=identity(plan.output))
-    write_record(plan, record)
-    force = ["--force"] if plan.force else []
-    command = ["assemble", build.folder, "--output", plan.output, "--scratch", str(scratch), "--json", *force, *plan.resources]
-    try:
-        report = _run(plan, command, locks, places=(build.folder, str(scratch)))
-    except program.ProgramKilled:
-        _remove_part(Path(plan.output))
-        raise
-    pack = Pack(sha256(Path(plan.output)), report["pack"]["bytes"], report["triangles"])
-    write_record(plan, replace(record, after=identity(plan.output), pack=pack))
-    # The folder's removal is the last that kilwa does, and may have been left undone.
+    output = Path(plan.output)
+    made = folder / output.name
+    command = ["assemble", build.folder, "--output", str(made), "--keep", "--scratch", str(scratch), "--json", *plan.resources]
+    report = _run(plan, command, locks, places=(build.folder, str(folder), str(scratch)))
+    pack = Pack(sha256(made), report["pack"]["bytes"], report["triangles"])
+    if output.exists() and not plan.force:
+        raise program.ProgramFailed(f"{output} has appeared meanwhile; move it away or use --force")
+    record = Record(build.key, build.folder, identity(made), pack)
+    write_whole(plan.record, json.dumps(asdict(record)) + "\n")
+    made.replace(output)
+    sync_folder(output.parent)
     shutil.rmtree(build.folder, ignore_errors=True)
     figures = Figures(time.monotonic() - clock, _cpu_of_children() - cpu, None, pack.bytes)
     return TaskOutcome(ASSEMBLE, "done", figures=figures, pack=pack)
@@ -261,94 +257,63 @@ def _cpu_of_children() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def _remove_part(output: Path) -> None:
-    """Remove the unfinished pack that a killed `kilwa assemble` leaves beside the output, unless somebody writes it."""
-    part = output.with_name(f".{output.name}.part")
-    with suppress(OSError), part.open("rb+") as file:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        part.unlink()
-
-
 # The inode, length and time of modification of a file.
-Identity = tuple[int, int, int]
+Identity = tuple[int, ...]
 
 
-def identity(path: str) -> Identity | None:
-    """Return what tells a file from others that had its name before; None if there is no file."""
-    try:
-        stat = os.stat(path)
-    except FileNotFoundError:
-        return None
+def identity(path: Path) -> Identity:
+    """Return what tells a file from others that had or get its name; it stays the same when the file is renamed."""
+    stat = path.stat()
     return stat.st_ino, stat.st_size, stat.st_mtime_ns
 
 
 @dataclass(frozen=True)
 class Record:
-    """What is known of the output while and after it is assembled."""
+    """A pack that was put in place, or was about to be."""
 
     key: str
     """Key of the build."""
     folder: str
     """Its folder. A record is removed once that is gone and no run is active (`run.sweep`)."""
-    before: Identity | None
-    """What had the name of the output before."""
-    after: Identity | None = None
-    pack: Pack | None = None
-
-
-def read_record(path: Path) -> Record | None:
-    """Read a record; None if there is none, or if it is damaged."""
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-        before, after = (tuple(each) if (each := values[name]) else None for name in ("before", "after"))
-        pack = Pack(**values["pack"]) if values["pack"] else None
-        return Record(values["key"], values["folder"], before, after, pack)
-    except (FileNotFoundError, ValueError, TypeError, KeyError):
-        return None
-
-
-def write_record(plan: BuildPlan, record: Record) -> None:
-    """Write the record of the output."""
-    write_whole(plan.record, json.dumps(asdict(record)) + "\n")
+    identity: Identity
+    pack: Pack
 
 
 def finished(plan: BuildPlan) -> Record | None:
     """Return the record of the output if its pack is in place. The caller must hold the lock of the pack."""
-    record, now = read_record(plan.record), identity(plan.output)
-    if record is None or now is None:
+    try:
+        values = json.loads(plan.record.read_text(encoding="utf-8"))
+        record = Record(values["key"], values["folder"], tuple(values["identity"]), Pack(**values["pack"]))
+        return record if identity(Path(plan.output)) == record.identity else None
+    except (FileNotFoundError, ValueError, TypeError, KeyError):
         return None
-    is_in_place = now == record.after if record.after is not None else now != record.before
-    return record if is_in_place else None
-
-
-def _verified(plan: BuildPlan, locks: list[int]) -> Pack:
-    """Describe the pack that a worker put in place just before it died."""
-    report = _run(plan, ["verify", plan.output, "--json"], locks, places=())
-    return Pack(report["sha256"], report["bytes"], report["triangles"])
 
 
 @contextmanager
-def _scratch(plan: BuildPlan, build: Build, attempt: Path) -> Iterator[Path]:
-    """Yield the scratch folder of an attempt: the attempt's own, or one like it in the user's folder on this machine."""
+def _scratch(plan: BuildPlan, build: Build, attempt: Path, task: str) -> Iterator[Path]:
+    """Yield the scratch folder of an attempt: the attempt's own, or one in the user's folder on this machine.
+
+    The caller must hold the lock of the task.
+    """
     if plan.scratch is None:
         yield attempt
         return
     above = scratch_of(plan.scratch, build.key)
-    task = attempt.name.rsplit(".", 1)[0]
+    mine = above / f"{task}{attempt.suffix}"
     while True:
         above.mkdir(parents=True, exist_ok=True)
-        # What killed attempts left on this machine. The caller holds the lock of the task.
+        # What killed attempts left on this machine.
         for old in above.glob(f"{task}.*"):
             shutil.rmtree(old, ignore_errors=True)
         try:
-            (above / attempt.name).mkdir()
+            mine.mkdir()
             break
         except FileNotFoundError:
             continue  # Another worker that ended has just removed the folder above.
     try:
-        yield above / attempt.name
+        yield mine
     finally:
-        shutil.rmtree(above / attempt.name, ignore_errors=True)
+        shutil.rmtree(mine, ignore_errors=True)
         with suppress(OSError):
             above.rmdir()
 
@@ -370,7 +335,8 @@ def sweep_scratch(plan: BuildPlan, build: Build, patience: float) -> None:
     while above.is_dir():
         for folder in above.iterdir():
             task = folder.name.rsplit(".", 1)[0]
-            with suppress(Busy, FileNotFoundError), locked(plan.state_folder / f"{task}.lock", wait=False):
+            lock = plan.pack_lock if task.endswith(f"-{ASSEMBLE}") else plan.state_folder / f"{task}.lock"
+            with suppress(Busy, FileNotFoundError), locked(lock, wait=False):
                 shutil.rmtree(folder, ignore_errors=True)
         with suppress(OSError):
             above.rmdir()

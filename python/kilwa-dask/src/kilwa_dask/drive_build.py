@@ -106,11 +106,11 @@ class BuildDriver:
                 return Listing(self.build, (), complete=True)
             if self.build is None and record is None:
                 self._refuse_existing()
-            before = set(Path(self.plan.shared[0]).glob("kilwa-build-*"))
+            before = set(Path(self.plan.shared[0]).glob("kilwa-build-*")) if self.build is None else set()
             listing = self._plan(locks)
             if self.build is None and record is not None:
                 if record.key == listing.build.key:
-                    self.build = listing.build
+                    self.build, self.report.key = listing.build, listing.build.key
                     return Listing(listing.build, (), complete=True)
                 if not self.plan.force and Path(listing.build.folder) not in before:
                     _forget(Path(listing.build.folder))
