@@ -6,7 +6,7 @@
 
 use super::format::{Encoder, Target};
 use super::gltf::{BYTE, FLOAT, UNSIGNED_SHORT, begin, document, padded};
-use super::meshopt::{LIGHT, MESHOPT, QUANTIZED, ViewError, Views, exponential, octahedral, ordered};
+use super::meshopt::{MESHOPT, QUANTIZED, ViewError, Views, colored, exponential, octahedral, ordered};
 use super::output::Scratch;
 use super::stream::Counts;
 use glam::{DVec3, IVec3};
@@ -109,14 +109,10 @@ impl Compressed {
         attributes["NORMAL"] = json!(accessor(json!({"bufferView": view, "componentType": BYTE, "normalized": true,
             "count": count, "type": "VEC3"})));
         if self.target.colors {
-            let light = |v: &Vertex| {
-                let [r, g, b] = v.color.map(|level| LIGHT[usize::from(level)]);
-                [r, g, b, u16::MAX]
-            };
-            let bytes: Vec<u8> = vertices.iter().flat_map(light).flat_map(u16::to_le_bytes).collect();
-            let view = views.vertices(&bytes, count, 8, "NONE")?;
-            attributes["COLOR_0"] = json!(accessor(json!({"bufferView": view, "componentType": UNSIGNED_SHORT,
-                "normalized": true, "count": count, "type": "VEC4"})));
+            let colors: Vec<[u8; 3]> = vertices.iter().map(|v| v.color).collect();
+            let view = views.vertices(&colored(&colors).map_err(ViewError::Encode)?, count, 12, "EXPONENTIAL")?;
+            attributes["COLOR_0"] =
+                json!(accessor(json!({"bufferView": view, "componentType": FLOAT, "count": count, "type": "VEC3"})));
         }
         let view = views.triangles(&indices)?;
         let indices = accessor(json!({"bufferView": view, "componentType": UNSIGNED_SHORT, "count": indices.len(),

@@ -4,10 +4,11 @@
 //! to y up, so that map coordinates survive. Colours are linear light in 16 bits: 8 would show bands in the dark.
 
 use super::format::{Encoder, Target};
-use super::gltf::{ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, FLOAT, UNSIGNED_INT, UNSIGNED_SHORT, begin, document, padded};
+use super::gltf::{
+    ARRAY_BUFFER, ELEMENT_ARRAY_BUFFER, FLOAT, LIGHT, UNSIGNED_INT, UNSIGNED_SHORT, begin, document, padded,
+};
 use super::output::Scratch;
 use super::stream::Counts;
-use kilwa_geometry::color::light_from_srgb;
 use kilwa_geometry::{Aabb, LatticePoint, Mesh, normal};
 use serde_json::json;
 use std::io::Write;
@@ -20,14 +21,11 @@ const COLOR: u64 = 8;
 pub(super) struct Glb {
     target: Target,
     bounds: Aabb,
-    /// Light of each level of sRGB, in 16 bits.
-    light: [u16; 256],
 }
 
 impl Glb {
     pub(super) fn new(target: Target) -> Self {
-        let light = std::array::from_fn(|level| (light_from_srgb(level as u8) * 65535.0).round() as u16);
-        Self { target, bounds: Aabb::EMPTY, light }
+        Self { target, bounds: Aabb::EMPTY }
     }
 
     fn stride(&self) -> u64 {
@@ -76,7 +74,7 @@ impl Encoder for Glb {
         }
         if self.target.colors {
             let color = mesh.colors.get(v).copied().unwrap_or_default();
-            for light in color.map(|level| self.light[usize::from(level)]).into_iter().chain([u16::MAX]) {
+            for light in color.map(|level| LIGHT[usize::from(level)]).into_iter().chain([u16::MAX]) {
                 out.extend(light.to_le_bytes());
             }
         }

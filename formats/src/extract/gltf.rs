@@ -3,8 +3,10 @@
 use super::format::Target;
 use super::stream::Counts;
 use glam::DVec3;
+use kilwa_geometry::color::light_from_srgb;
 use serde_json::{Value, json};
 use std::io::{Error, Write};
+use std::sync::LazyLock;
 
 /// Types of components and targets of buffers, by their numbers in OpenGL.
 pub(super) const BYTE: u32 = 5120;
@@ -13,6 +15,10 @@ pub(super) const UNSIGNED_INT: u32 = 5125;
 pub(super) const FLOAT: u32 = 5126;
 pub(super) const ARRAY_BUFFER: u32 = 34962;
 pub(super) const ELEMENT_ARRAY_BUFFER: u32 = 34963;
+
+/// Light of each level of sRGB, in 16 bits.
+pub(super) static LIGHT: LazyLock<[u16; 256]> =
+    LazyLock::new(|| std::array::from_fn(|level| (light_from_srgb(level as u8) * 65535.0).round() as u16));
 
 /// What the file says beside its data: one node, with one mesh that has no primitives yet.
 pub(super) fn document(target: &Target, counts: Counts) -> Value {

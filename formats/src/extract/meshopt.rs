@@ -144,17 +144,60 @@ pub(super) fn octahedral(normals: &[[f32; 3]]) -> Result<Vec<u8>, Error> {
     codec::encode_filter_oct(normals.len(), 4, 8, &four, &mut Workspace::default())
 }
 
-/// Linear light of each sRGB level, in 16 bits. Several values convert back to the same level; the one chosen has, if possible, one of a few low bytes. A
-/// byte that seldom changes compresses well; without this, colours would take more space than positions.
-pub(super) static LIGHT: LazyLock<[u16; 256]> = LazyLock::new(|| std::array::from_fn(|level| light(level as u8)));
+/// Exponents of two that are tried for colours.
+const COARSENESS: [i8; 3] = [-8, -9, -10];
+/// By how much a colour may be off without changing its level, for clients that compute in floats.
+const MARGIN: f64 = 2.0 / 65535.0;
 
-fn light(level: u8) -> u16 {
-    let exact = light_from_srgb(level) * 65535.0;
-    let is_level = |light: f64| srgb_from_light(light / 65535.0) == level;
-    let with_low_byte = |low: f64| ((exact - low) / 256.0).round() * 256.0 + low;
-    // With a margin for clients that compute in floats.
-    let is_safe = |light: &f64| (0.0..=65535.0).contains(light) && is_level(light - 2.0) && is_level(light + 2.0);
-    [128.0, 0.0, 64.0, 192.0].map(with_low_byte).into_iter().find(is_safe).unwrap_or(exact.round()) as u16
+/// The light of every level of sRGB, for each of [`COARSENESS`].
+static LIGHT: LazyLock<[[(i32, i8); 256]; COARSENESS.len()]> =
+    LazyLock::new(|| COARSENESS.map(|coarsest| std::array::from_fn(|level| light(level as u8, coarsest))));
+
+/// The light of a level, 0 to 1, as a mantissa and an exponent of two: `coarsest`, or the first below it with which the level is restored.
+fn light(level: u8, coarsest: i8) -> (i32, i8) {
+    let exact = light_from_srgb(level);
+    let is_safe = |light: f64| [-MARGIN, MARGIN].iter().all(|off| srgb_from_light(light + off) == level);
+    let with = |exponent: i8| {
+        let steps = libm::scalbn(exact, -i32::from(exponent));
+        let near = [steps.round(), steps.floor(), steps.ceil()];
+        let restoring = near.into_iter().find(|steps| is_safe(libm::scalbn(*steps, i32::from(exponent))));
+        restoring.map(|steps| (steps as i32, exponent))
+    };
+    // Levels are 20 / 65535 apart where they are closest.
+    (-16..=coarsest).rev().find_map(with).unwrap_or((libm::scalbn(exact, 16).round() as i32, -16))
+}
+
+/// Colours as linear light, in floats for the exponential filter, twelve bytes to a colour. Every level of sRGB is restored exactly.
+///
+/// A mantissa of one byte and an exponent that seldom changes, by one, take less space than 16-bit integers, whose low byte changes by much. How
+/// coarse the light of a channel is at most, is chosen by what it takes then.
+///
+/// # Errors
+/// If meshopt fails.
+pub(super) fn colored(colors: &[[u8; 3]]) -> Result<Vec<u8>, Error> {
+    let mut bytes = vec![0; 12 * colors.len()];
+    let (mut work, version) = (Workspace::default(), codec::VertexEncoding::new(0, 0)?);
+    for channel in 0..3 {
+        let mut best: Option<(usize, Vec<u8>)> = None;
+        for light in LIGHT.iter() {
+            let floats: Vec<u8> = colors
+                .iter()
+                .flat_map(|color| {
+                    let (mantissa, exponent) = light[usize::from(color[channel])];
+                    exponential(mantissa, exponent)
+                })
+                .collect();
+            // Channels are compressed independently of each other.
+            let packed = codec::encode_vertex_buffer(&floats, colors.len(), 4, version, &mut work)?.len();
+            if best.as_ref().is_none_or(|(least, _)| packed < *least) {
+                best = Some((packed, floats));
+            }
+        }
+        for (v, float) in best.unwrap_or_default().1.as_chunks::<4>().0.iter().enumerate() {
+            bytes[12 * v + 4 * channel..][..4].copy_from_slice(float);
+        }
+    }
+    Ok(bytes)
 }
 
 #[cfg(test)]
@@ -162,13 +205,32 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_level_of_srgb_is_restored_and_bright_ones_cost_a_byte() {
-        let restored = |level: usize| usize::from(srgb_from_light(f64::from(LIGHT[level]) / 65535.0));
-        assert!((0..256).all(|level| restored(level) == level));
-        assert!(LIGHT.windows(2).all(|pair| pair[0] < pair[1]));
-        assert!((140..256).all(|level| LIGHT[level] % 256 == 128));
-        assert!((80..256).all(|level| LIGHT[level].is_multiple_of(128)));
-        let off = (0..256).map(|l| (f64::from(LIGHT[l]) - light_from_srgb(l as u8) * 65535.0).abs());
-        assert!(off.fold(0.0, f64::max) <= 128.0);
+    fn every_level_of_srgb_is_restored_in_any_coarseness() {
+        for (light, coarsest) in LIGHT.iter().zip(COARSENESS) {
+            let exact = |(mantissa, exponent): (i32, i8)| libm::scalbn(f64::from(mantissa), exponent.into());
+            let restored = light.map(|light| [-MARGIN, 0.0, MARGIN].map(|off| srgb_from_light(exact(light) + off)));
+            assert!((0..=255).zip(restored).all(|(level, restored)| restored == [level; 3]));
+            assert_eq!((exact(light[0]), exact(light[255])), (0.0, 1.0));
+            assert!(light.iter().all(|(_, exponent)| *exponent <= coarsest && *exponent >= -12));
+            // Bright colours have the coarsest steps.
+            assert!(light[140..].iter().all(|(_, exponent)| *exponent == coarsest));
+        }
+    }
+
+    #[test]
+    fn each_channel_of_a_colour_is_restored_and_has_its_own_coarseness() {
+        let colors: Vec<[u8; 3]> =
+            (0..3000u32).map(|i| [200 + (i % 3) as u8, (i * i % 256) as u8, 60 + (i * 7 % 30) as u8]).collect();
+        let bytes = colored(&colors).unwrap();
+        let exponents = [0, 1, 2].map(|k| bytes[3 + 4 * k].cast_signed());
+        assert_eq!((exponents[0], exponents[2]), (-8, exponents[2].min(-9)), "{exponents:?}");
+        for (color, floats) in colors.iter().zip(bytes.chunks(12)) {
+            let level = |k: usize| {
+                let mantissa = i32::from_le_bytes([floats[4 * k], floats[4 * k + 1], floats[4 * k + 2], 0]);
+                srgb_from_light(libm::scalbn(f64::from(mantissa), floats[4 * k + 3].cast_signed().into()))
+            };
+            assert_eq!([0, 1, 2].map(level), *color);
+        }
+        assert_eq!(colored(&[]).unwrap(), Vec::<u8>::new());
     }
 }

@@ -6,8 +6,8 @@
 
 use super::Profile;
 use crate::extract::ExtractError;
-use crate::extract::gltf::{ARRAY_BUFFER, BYTE, ELEMENT_ARRAY_BUFFER, FLOAT, UNSIGNED_SHORT, begin, padded};
-use crate::extract::meshopt::{LIGHT, MESHOPT, QUANTIZED, ViewError, Views, exponential, octahedral};
+use crate::extract::gltf::{ARRAY_BUFFER, BYTE, ELEMENT_ARRAY_BUFFER, FLOAT, LIGHT, UNSIGNED_SHORT, begin, padded};
+use crate::extract::meshopt::{MESHOPT, QUANTIZED, ViewError, Views, colored, exponential, octahedral};
 use glam::{DVec3, I64Vec3, IVec3};
 use kilwa_geometry::Sphere;
 use serde_json::{Value, json};
@@ -39,6 +39,7 @@ struct Attribute {
     stride: usize,
     /// What the accessor says of type, range and bounds.
     accessor: Value,
+    /// Of meshopt, in the profile `web`.
     filter: &'static str,
 }
 
@@ -117,17 +118,23 @@ impl Tile {
         Attribute { name: "POSITION", bytes, stride: 12, accessor, filter: "EXPONENTIAL" }
     }
 
-    fn colors(&self) -> Option<Attribute> {
-        let mut bytes = Vec::with_capacity(self.colors.len() * 8);
-        for color in &self.colors {
-            for level in color {
-                bytes.extend(LIGHT[usize::from(*level)].to_le_bytes());
-            }
-            bytes.extend([0; 2]);
+    fn colors(&self, profile: Profile) -> Result<Option<Attribute>, ExtractError> {
+        if self.colors.is_empty() {
+            return Ok(None);
         }
-        let accessor = json!({"componentType": UNSIGNED_SHORT, "normalized": true, "type": "VEC3"});
-        let attribute = Attribute { name: "COLOR_0", bytes, stride: 8, accessor, filter: "NONE" };
-        (!self.colors.is_empty()).then_some(attribute)
+        let (bytes, stride, accessor) = match profile {
+            Profile::Plain => {
+                let light = |[r, g, b]: [u8; 3]| [r, g, b].map(|level| LIGHT[usize::from(level)]);
+                let four = self.colors.iter().flat_map(|color| light(*color).into_iter().chain([0]));
+                let bytes = four.flat_map(u16::to_le_bytes).collect();
+                (bytes, 8, json!({"componentType": UNSIGNED_SHORT, "normalized": true, "type": "VEC3"}))
+            }
+            Profile::Web => {
+                let bytes = colored(&self.colors).map_err(ViewError::Encode).map_err(failed)?;
+                (bytes, 12, json!({"componentType": FLOAT, "type": "VEC3"}))
+            }
+        };
+        Ok(Some(Attribute { name: "COLOR_0", bytes, stride, accessor, filter: "EXPONENTIAL" }))
     }
 
     fn normals(&self, profile: Profile) -> Result<Option<Attribute>, ExtractError> {
@@ -149,10 +156,10 @@ impl Tile {
     }
 
     fn compressed(&self, error: f64) -> Result<Vec<u8>, ExtractError> {
-        let normals = self.normals(Profile::Web)?;
+        let (colors, normals) = (self.colors(Profile::Web)?, self.normals(Profile::Web)?);
         let is_quantized = normals.is_some();
         let (mut file, mut views) = (self.file(error), Views::new(Vec::new()));
-        for attribute in [Some(self.positions(true)), self.colors(), normals].into_iter().flatten() {
+        for attribute in [Some(self.positions(true)), colors, normals].into_iter().flatten() {
             let Attribute { name, bytes, stride, mut accessor, filter } = attribute;
             let count = self.points.len();
             accessor["bufferView"] = json!(views.vertices(&bytes, count, stride, filter).map_err(failed)?);
@@ -179,9 +186,8 @@ impl Tile {
 
     fn plain(&self, error: f64) -> Result<Vec<u8>, ExtractError> {
         let mut file = self.file(error);
-        let normals = self.normals(Profile::Plain)?;
-        let attributes: Vec<Attribute> =
-            [Some(self.positions(false)), normals, self.colors()].into_iter().flatten().collect();
+        let (colors, normals) = (self.colors(Profile::Plain)?, self.normals(Profile::Plain)?);
+        let attributes: Vec<Attribute> = [Some(self.positions(false)), normals, colors].into_iter().flatten().collect();
         let stride: usize = attributes.iter().map(|a| a.stride).sum();
         let count = self.points.len();
         let mut binary = Vec::with_capacity(count * stride + self.indices.len() * 2 + 2);
