@@ -13,6 +13,7 @@
 
 #[path = "../fuzz/bodies.rs"]
 mod bodies;
+mod cuts;
 mod damage;
 mod mutate;
 mod seeds;

@@ -2,7 +2,7 @@
 
 use crate::bodies::CHUNK_HEAD;
 use crate::mutate::MAX_BYTES;
-use crate::zip::{archive, deflated, ended, gltf, license, local, stored};
+use crate::zip::{Item, archive, archive64, deflated, ended, gltf, license, local, stored};
 use kilwa_builder::{BuildOptions, Silent, build_pack};
 use kilwa_formats::RawMesh;
 use kilwa_pack::Reader;
@@ -66,63 +66,98 @@ fn objs() -> Vec<Vec<u8>> {
     .to_vec()
 }
 
+/// A Nexus model of one node with so many vertices and triangles, stored or compressed as `flags` say.
+pub(crate) fn nexus_model(flags: u8, [vertices, triangles]: [usize; 2], node: &[u8]) -> Vec<u8> {
+    let short = |n: usize| (n as u16).to_le_bytes();
+    let mut bytes = b" sxN\x02\0\0\0".to_vec();
+    bytes.extend([vertices as u64, triangles as u64].iter().flat_map(|n| n.to_le_bytes()));
+    bytes.extend([7, 3]);
+    bytes.resize(40, 0);
+    bytes.extend([4, 3]);
+    bytes.resize(56, 0);
+    bytes.extend([flags, 0, 0, 0, 2, 0, 0, 0, 1, 0, 0, 0]);
+    bytes.resize(88, 0);
+    bytes.extend([1, 0, 0, 0]);
+    bytes.extend([short(vertices), short(triangles)].as_flattened());
+    bytes.resize(88 + 44, 0);
+    let end = (256 + node.len()).next_multiple_of(256);
+    bytes.extend((end as u32 / 256).to_le_bytes());
+    bytes.resize(88 + 84, 0);
+    bytes.extend([1, 0, 0, 0, 1, 0, 0, 0]);
+    bytes.extend((triangles as u32).to_le_bytes());
+    bytes.extend([0xff; 4]);
+    bytes.resize(256, 0);
+    bytes.extend(node);
+    bytes.resize(end, 0);
+    bytes
+}
+
+/// A strip of triangles in Corto without entropy coding: one attribute, one group, the CLERS codes, one list of bit lengths. `word` gives the bits of
+/// the differences, 15 for each vertex but the first.
+pub(crate) fn corto(triangles: usize, word: impl Fn(usize) -> [u8; 4]) -> Vec<u8> {
+    let mut bytes = vec![0, 0x63, 0x7a, 0x78, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 9, 0];
+    bytes.extend(b"position\0\x01\0\0\0\0\0\0\x3f\x03\x06\x03");
+    let vertices = triangles + 2;
+    let number = |n: usize, into: &mut Vec<u8>| into.extend((n as u32).to_le_bytes());
+    for n in [vertices, triangles, 1, triangles] {
+        number(n, &mut bytes);
+    }
+    bytes.push(0);
+    number(3 * triangles + 3, &mut bytes);
+    number(triangles, &mut bytes);
+    bytes.resize(bytes.len() + triangles, 0);
+    number(0, &mut bytes);
+    bytes.resize(bytes.len().next_multiple_of(4), 0);
+    let words = (15 * (vertices - 1)).div_ceil(32);
+    number(words, &mut bytes);
+    bytes.extend((0..words).flat_map(word));
+    number(vertices, &mut bytes);
+    bytes.push(0);
+    bytes.resize(bytes.len() + vertices - 1, 5);
+    bytes
+}
+
 /// A plain and a compressed Nexus model of one node with two triangles, and damaged ones.
 fn nexus() -> Vec<Vec<u8>> {
     let positions = [[0f32, 0.0, 0.0], [4.0, 0.0, 0.0], [4.0, 4.0, 0.0], [8.0, 4.0, 0.0]];
     let mut plain: Vec<u8> = positions.iter().flatten().flat_map(|x| x.to_le_bytes()).collect();
     plain.extend([0u16, 1, 2, 2, 1, 3].iter().flat_map(|v| v.to_le_bytes()));
-    // Corto without entropy coding: one attribute, one group, the CLERS codes of two triangles, one list of bit lengths.
-    let mut corto = vec![0, 0x63, 0x7a, 0x78, 1, 0, 0, 0, 0, 0, 0, 0, 0, 1, 0, 0, 0, 9, 0];
-    corto.extend(b"position\0\x01\0\0\0\0\0\0\x3f\x03\x06\x03");
-    corto.extend([4, 0, 0, 0, 2, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 0, 9, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
-    corto.resize(corto.len().next_multiple_of(4), 0);
-    corto.extend([1, 0, 0, 0, 0x40, 0x0c, 0x21, 0xc4]);
-    corto.extend([4, 0, 0, 0, 0, 5, 5, 0]);
-    let file = |flags: u8, node: &[u8]| {
-        let mut bytes = b" sxN\x02\0\0\0".to_vec();
-        bytes.extend([4, 0, 0, 0, 0, 0, 0, 0, 2, 0, 0, 0, 0, 0, 0, 0, 7, 3]);
-        bytes.resize(40, 0);
-        bytes.extend([4, 3]);
-        bytes.resize(56, 0);
-        bytes.extend([flags, 0, 0, 0, 2, 0, 0, 0, 1, 0, 0, 0]);
-        bytes.resize(88, 0);
-        bytes.extend([1, 0, 0, 0, 4, 0, 2, 0]);
-        bytes.resize(88 + 44, 0);
-        bytes.extend([2, 0, 0, 0]);
-        bytes.resize(88 + 84, 0);
-        bytes.extend([1, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 0xff, 0xff, 0xff, 0xff]);
-        bytes.resize(256, 0);
-        bytes.extend(node);
-        bytes.resize(512, 0);
-        bytes
-    };
+    let file = |flags: u8, node: &[u8]| nexus_model(flags, [4, 2], node);
+    let compressed = corto(2, |word| [[0x42, 0x0c, 0x21, 0xc4], [0, 0, 0x80, 0x10]][word]);
     let mut many_nodes = file(0, &plain);
     many_nodes[56 + 4] = 200;
     // Two that are read, and three that are refused: MECO compression, a node of the wrong kind, and nodes beyond the end.
-    vec![file(0, &plain), file(4, &corto), file(2, &corto), file(4, &plain), many_nodes]
+    vec![file(0, &plain), file(4, &compressed), file(2, &compressed), file(4, &plain), many_nodes]
+}
+
+/// A GLB of triangles without indices, whose JSON has this text behind its asset.
+pub(crate) fn glb_of(extensions: &str, buffer: &[u8]) -> Vec<u8> {
+    let (bytes, count) = (buffer.len(), buffer.len() / 12);
+    let mut json = format!(
+        "{{\"asset\":{{\"version\":\"2.0\"}},{extensions}\"buffers\":[{{\"byteLength\":{bytes}}}],\"bufferViews\":[{{\"buffer\":0,\"byteLength\":{bytes}}}],\
+         \"accessors\":[{{\"bufferView\":0,\"componentType\":5126,\"count\":{count},\"type\":\"VEC3\"}}],\
+         \"meshes\":[{{\"primitives\":[{{\"attributes\":{{\"POSITION\":0}}}}]}}],\"nodes\":[{{\"mesh\":0}}],\"scenes\":[{{\"nodes\":[0]}}],\"scene\":0}}"
+    );
+    while !json.len().is_multiple_of(4) {
+        json.push(' ');
+    }
+    let chunk = |kind: &[u8], data: &[u8]| [&(data.len() as u32).to_le_bytes()[..], kind, data].concat();
+    let chunks = [chunk(b"JSON", json.as_bytes()), chunk(b"BIN\0", buffer)].concat();
+    [&b"glTF\x02\0\0\0"[..], &(chunks.len() as u32 + 12).to_le_bytes(), &chunks].concat()
+}
+
+/// A b3dm with this feature table.
+pub(crate) fn b3dm_of(table: &str, glb: &[u8]) -> Vec<u8> {
+    let words = [1, 28 + table.len() + glb.len(), table.len(), 0, 0, 0];
+    let words = words.iter().flat_map(|word| (*word as u32).to_le_bytes());
+    [&b"b3dm"[..], &words.collect::<Vec<u8>>(), table.as_bytes(), glb].concat()
 }
 
 /// Tilesets, each with the file that all its tiles name: a GLB, a b3dm, or another tileset.
 fn tiles() -> Vec<Vec<u8>> {
     let buffer: Vec<u8> = [0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0].iter().flat_map(|v| v.to_le_bytes()).collect();
-    let glb = |extensions: &str| {
-        let mut json = format!(
-            "{{\"asset\":{{\"version\":\"2.0\"}},{extensions}\"buffers\":[{{\"byteLength\":36}}],\"bufferViews\":[{{\"buffer\":0,\"byteLength\":36}}],\
-             \"accessors\":[{{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}}],\
-             \"meshes\":[{{\"primitives\":[{{\"attributes\":{{\"POSITION\":0}}}}]}}],\"nodes\":[{{\"mesh\":0}}],\"scenes\":[{{\"nodes\":[0]}}],\"scene\":0}}"
-        );
-        while !json.len().is_multiple_of(4) {
-            json.push(' ');
-        }
-        let chunk = |kind: &[u8], data: &[u8]| [&(data.len() as u32).to_le_bytes()[..], kind, data].concat();
-        let chunks = [chunk(b"JSON", json.as_bytes()), chunk(b"BIN\0", &buffer)].concat();
-        [&b"glTF\x02\0\0\0"[..], &(chunks.len() as u32 + 12).to_le_bytes(), &chunks].concat()
-    };
-    let b3dm = |table: &str| {
-        let words = [1, 28 + table.len() + glb("").len(), table.len(), 0, 0, 0];
-        let words = words.iter().flat_map(|word| (*word as u32).to_le_bytes());
-        [&b"b3dm"[..], &words.collect::<Vec<u8>>(), table.as_bytes(), &glb("")].concat()
-    };
+    let glb = |extensions: &str| glb_of(extensions, &buffer);
+    let b3dm = |table: &str| b3dm_of(table, &glb(""));
     let tileset = |root: &str| {
         format!("{{\"asset\":{{\"version\":\"1.1\"}},\"geometricError\":9,\"root\":{{\"geometricError\":5,{root}}}}}")
     };
@@ -157,12 +192,15 @@ fn archives() -> Vec<Vec<u8>> {
         stored("textures/a.png", b"no picture"),
     ];
     let mesh = deflated("a.obj", obj);
+    let streamed = Item { has_descriptor: true, ..mesh.clone() };
     let mut overlapping = Vec::new();
     local(&mesh, &mut overlapping);
     vec![
         archive(&parts.map(|(name, data)| deflated(name, data))),
         archive(&parts.map(|(name, data)| stored(name, data))),
         archive(&source),
+        archive64(&source),
+        archive64(&[streamed]),
         archive(&[stored("source/a.zip", &archive(&source))]),
         archive(&[mesh.clone(), stored("../b", b"x")]),
         ended(overlapping, &[mesh.clone(), mesh], &[0, 0]),

@@ -100,6 +100,68 @@ pub(crate) fn ended(mut all: Vec<u8>, items: &[Item], places: &[u32]) -> Vec<u8>
     all
 }
 
+/// The archive as ZIP64, as programs write it that do not know beforehand how large it will be: all sizes, places and counts have 64 bits.
+pub(crate) fn archive64(items: &[Item]) -> Vec<u8> {
+    let (mut all, mut list) = (Vec::new(), Vec::new());
+    for item in items {
+        let place = all.len() as u64;
+        let sizes = [u64::from(item.bytes), item.packed.len() as u64];
+        let flags = if item.has_descriptor { item.flags | 8 } else { item.flags };
+        let before = if item.has_descriptor { (0, [0; 2]) } else { (item.crc, sizes) };
+        all.extend(b"PK\x03\x04\x2d\0");
+        fields64(item, flags, before.0, 20, &mut all);
+        all.extend(&item.name);
+        extra64(&before.1, &mut all);
+        all.extend(&item.packed);
+        if item.has_descriptor {
+            all.extend(b"PK\x07\x08");
+            all.extend(item.crc.to_le_bytes());
+            all.extend([sizes[1], sizes[0]].iter().flat_map(|size| size.to_le_bytes()));
+        }
+        list.extend(b"PK\x01\x02\x2d\x03\x2d\0");
+        fields64(item, flags, item.crc, 28, &mut list);
+        list.extend([0; 6]);
+        list.extend((item.mode << 16).to_le_bytes());
+        list.extend([0xff; 4]);
+        list.extend(&item.name);
+        extra64(&[sizes[0], sizes[1], place], &mut list);
+    }
+    let directory = all.len() as u64;
+    all.extend(&list);
+    let end = all.len() as u64;
+    all.extend(b"PK\x06\x06");
+    all.extend(44u64.to_le_bytes());
+    all.extend([45, 3, 45, 0, 0, 0, 0, 0, 0, 0, 0, 0]);
+    for number in [items.len() as u64, items.len() as u64, list.len() as u64, directory] {
+        all.extend(number.to_le_bytes());
+    }
+    all.extend(b"PK\x06\x07\0\0\0\0");
+    all.extend(end.to_le_bytes());
+    all.extend(1u32.to_le_bytes());
+    all.extend(b"PK\x05\x06\0\0\0\0");
+    all.extend([0xff; 12]);
+    all.extend([0; 2]);
+    all
+}
+
+/// As [`common`], with sizes that are in an extra field of so many bytes.
+fn fields64(item: &Item, flags: u16, crc: u32, extra: u16, all: &mut Vec<u8>) {
+    all.extend(flags.to_le_bytes());
+    all.extend(item.method.to_le_bytes());
+    all.extend([0; 4]);
+    all.extend(crc.to_le_bytes());
+    all.extend([0xff; 8]);
+    all.extend((item.name.len() as u16).to_le_bytes());
+    all.extend(extra.to_le_bytes());
+}
+
+/// The extra field of ZIP64.
+fn extra64(numbers: &[u64], all: &mut Vec<u8>) {
+    all.extend(1u16.to_le_bytes());
+    all.extend((8 * numbers.len() as u16).to_le_bytes());
+    all.extend(numbers.iter().flat_map(|number| number.to_le_bytes()));
+}
+
 /// Flags, method, time, sum, sizes and lengths.
 fn common(item: &Item, name: &[u8], all: &mut Vec<u8>) {
     all.extend(item.flags.to_le_bytes());

@@ -14,7 +14,7 @@ use crate::read::{
 use std::io::Cursor;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use zip::{Item, archive, deflated, ended, gltf, license, local, stored};
+use zip::{Item, archive, archive64, deflated, ended, gltf, license, local, stored};
 
 const OBJ: &str = "mtllib a.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl m\nf 1/1 2/2 3/3\n";
 const PLAIN: &str = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
@@ -98,6 +98,41 @@ fn lengths_may_follow_the_data_and_names_may_be_in_any_encoding() {
     let mesh = stored("a.obj", PLAIN.as_bytes());
     assert_eq!(read(&archive(&[one.clone(), other, mesh.clone()])).unwrap().triangles.len(), 1);
     assert!(refusal(&archive(&[one.clone(), one, mesh])).contains("occurs twice"));
+}
+
+#[test]
+fn archives_with_sizes_of_64_bits_are_read_and_lies_in_them_refused() {
+    let expected = read(&archive(&items(&download()))).unwrap();
+    for has_descriptor in [false, true] {
+        let all: Vec<Item> = items(&download()).into_iter().map(|item| Item { has_descriptor, ..item }).collect();
+        let whole = archive64(&all);
+        assert_eq!(read(&whole).unwrap(), expected);
+        for length in 4..whole.len() {
+            let message = refusal(&whole[..length]);
+            assert!(message.contains("truncated or damaged"), "{length}: {message}");
+        }
+    }
+    let whole = archive64(&[deflated("a.obj", PLAIN.as_bytes())]);
+    assert_eq!(read(&whole).unwrap().triangles.len(), 1);
+    // Length, compressed length and place in the list, and count, length and place of the list.
+    let of_entry = 4 + whole.windows(4).position(|bytes| bytes == [1, 0, 24, 0]).unwrap();
+    let of_list = 24 + whole.windows(4).position(|bytes| bytes == b"PK\x06\x06").unwrap();
+    let places = [of_entry, of_entry + 8, of_entry + 16, of_list, of_list + 16, of_list + 24];
+    for (place, found) in places.into_iter().zip([
+        "that inflate to",
+        "one after another",
+        "",
+        "",
+        "truncated or damaged",
+        "truncated or damaged",
+    ]) {
+        for lie in [1 << 40, i64::MAX as u64, u64::MAX - 3, u64::MAX] {
+            let mut bytes = whole.clone();
+            bytes[place..place + 8].copy_from_slice(&lie.to_le_bytes());
+            let message = refusal(&bytes);
+            assert!(message.contains(found) && message.starts_with("a.zip"), "{place} {lie}: {message}");
+        }
+    }
 }
 
 #[test]
