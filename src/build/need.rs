@@ -1,13 +1,14 @@
 //! How much disk space a build needs, estimated before anything is read.
 //!
-//! From headers where they say how many vertices and triangles there are (PLY, binary STL, glTF), from the length of the file
-//! otherwise; an estimate to the safe side. Of an archive, the mesh in it counts, and the bytes that its files inflate to in the scratch folder. What is needed is compared with what is free, and refused with both numbers.
+//! From headers where they say how many vertices and triangles there are (PLY, binary STL, glTF, Nexus, tiles with these), from the length of
+//! the file otherwise; an estimate to the safe side. Of an archive, the mesh in it counts, and the bytes that its files inflate to in the scratch folder. What is needed is compared with what is free, and refused with both numbers.
 
 use kilwa_builder::build::machine;
 use kilwa_builder::ingest;
 use kilwa_files::size::binary;
 use kilwa_formats::read::archive::Beginning;
-use kilwa_formats::read::{self, archive};
+use kilwa_formats::read::gltf::Sizes;
+use kilwa_formats::read::{self, ReadOptions, archive, nexus, tiles};
 use std::io::Read;
 use std::path::Path;
 
@@ -15,8 +16,10 @@ use std::path::Path;
 const PACK_BYTES: (u64, u64) = (12, 1 << 16);
 /// Bytes for each triangle that the levels need at most beside each other: leaves, two levels, chunks, records: an estimate; whole builds were seen to use 97 to 100 with what reading leaves.
 const LEVEL_BYTES: u64 = 80;
-/// The longest JSON of a glTF that is looked at.
-const MAX_JSON: u64 = 64 << 20;
+/// The longest JSON of a glTF, and index of a Nexus model, that is looked at.
+const MAX_HEAD: u64 = 64 << 20;
+/// Bytes that are looked at in any case.
+const START: u64 = 1 << 16;
 /// More vertices or triangles than any mesh has; what a file claims beyond them is not calculated with.
 const COUNT_MAX: u64 = 1 << 40;
 /// What the tree and the journal take in any case.
@@ -43,11 +46,11 @@ pub(crate) struct Need {
 }
 
 impl Need {
-    /// For these inputs together, found within so much memory.
-    pub(crate) fn of<'a>(inputs: impl Iterator<Item = &'a Path>, memory: u64) -> Self {
+    /// For these inputs together, found within so much memory; `allow_outside` as when they are read.
+    pub(crate) fn of<'a>(inputs: impl Iterator<Item = &'a Path>, memory: u64, allow_outside: bool) -> Self {
         let mut all = Count::default();
         for path in inputs {
-            let count = count(path, memory).unwrap_or_default();
+            let count = count(path, memory, allow_outside).unwrap_or_default();
             all.vertices = all.vertices.saturating_add(count.vertices).min(COUNT_MAX);
             all.triangles = all.triangles.saturating_add(count.triangles).min(COUNT_MAX);
             all.attributes = all.attributes.max(count.attributes);
@@ -91,7 +94,7 @@ fn enough(folder: &Path, needed: u64, for_what: &str) -> anyhow::Result<()> {
 }
 
 /// Vertices and triangles of the file at `path`; `None` where it cannot be read, which the reader will say better.
-fn count(path: &Path, memory: u64) -> Option<Count> {
+fn count(path: &Path, memory: u64, allow_outside: bool) -> Option<Count> {
     if let Ok(scan) = kilwa_scan::spool::Reader::open(path) {
         let points = scan.header().statistics.measured;
         return Some(Count { vertices: points, triangles: 2 * points, attributes: 16, inflated: 0 });
@@ -101,10 +104,14 @@ fn count(path: &Path, memory: u64) -> Option<Count> {
     }
     let (mut file, bytes) = read::open_regular(path).ok()?;
     let mut start = Vec::new();
-    file.by_ref().take(1 << 16).read_to_end(&mut start).ok()?;
-    if let Some(length) = json_length(&start, bytes).filter(|length| *length <= memory / 4) {
-        file.take(length.saturating_sub(1 << 16)).read_to_end(&mut start).ok()?;
-        if let Some(count) = start.get(..usize::try_from(length).ok()?).and_then(|json| gltf(json, memory)) {
+    file.by_ref().take(START).read_to_end(&mut start).ok()?;
+    if tiles::is_tileset(&start, bytes) {
+        let options = ReadOptions { document: memory / 4, allow_outside, ..ReadOptions::default() };
+        return tiles::sizes(path, &options).map(Count::of);
+    }
+    if let Some(length) = head_length(&start, bytes).filter(|length| *length <= memory / 4) {
+        file.take(length.saturating_sub(START)).read_to_end(&mut start).ok()?;
+        if let Some(count) = start.get(..usize::try_from(length).ok()?).and_then(|head| of_head(head, bytes, memory)) {
             return Some(count);
         }
     }
@@ -113,29 +120,40 @@ fn count(path: &Path, memory: u64) -> Option<Count> {
 
 /// Of the mesh in an archive.
 fn in_archive(path: &Path, memory: u64) -> Option<Count> {
-    let Beginning { start, bytes, room } = archive::beginning(path, 1 << 16).ok()?;
-    let json = json_length(&start, bytes).filter(|length| *length <= memory / 4);
-    let gltf = json.and_then(|length| gltf(&archive::beginning(path, length).ok()?.start, memory));
-    Some(Count { inflated: room, ..gltf.unwrap_or_else(|| count_of(&start, bytes)) })
+    let Beginning { start, bytes, room } = archive::beginning(path, START).ok()?;
+    let head = head_length(&start, bytes).filter(|length| *length <= memory / 4);
+    let stated = head.and_then(|length| of_head(&archive::beginning(path, length).ok()?.start, bytes, memory));
+    Some(Count { inflated: room, ..stated.unwrap_or_else(|| count_of(&start, bytes)) })
 }
 
-/// Where the JSON of a glTF or GLB of so many bytes ends; `None` where it is neither, or absurdly long.
-fn json_length(start: &[u8], bytes: u64) -> Option<u64> {
-    let length = if start.starts_with(b"glTF") {
+/// Where the JSON of a glTF or GLB, or the index of a Nexus model, of so many bytes ends; `None` where it is none of these, or absurdly long.
+fn head_length(start: &[u8], bytes: u64) -> Option<u64> {
+    let length = if let Some(length) = nexus::head_bytes(start) {
+        length
+    } else if start.starts_with(b"glTF") {
         20 + u64::from(u32::from_le_bytes(start.get(12..16)?.try_into().ok()?))
     } else if start.trim_ascii_start().starts_with(b"{") {
         bytes
     } else {
         return None;
     };
-    (length <= bytes.min(MAX_JSON)).then_some(length)
+    (length <= bytes.min(MAX_HEAD)).then_some(length)
 }
 
-/// The sizes that the accessors of a glTF state, compressed or not, of each mesh as often as it is shown.
-fn gltf(bytes: &[u8], memory: u64) -> Option<Count> {
-    let json = if bytes.starts_with(b"glTF") { bytes.get(20..)? } else { bytes };
-    let sizes = read::gltf::sizes(json, memory / 2)?;
-    Some(Count { vertices: sizes.vertices, triangles: sizes.triangles, attributes: 8, inflated: 0 })
+/// The sizes that the beginning of a file of so many bytes states, up to where [`head_length`] says, compressed or not.
+fn of_head(head: &[u8], bytes: u64, memory: u64) -> Option<Count> {
+    if nexus::is_nexus(head) {
+        return nexus::sizes(head, bytes).map(Count::of);
+    }
+    let json = if head.starts_with(b"glTF") { head.get(20..)? } else { head };
+    read::gltf::sizes(json, memory / 2).map(Count::of)
+}
+
+impl Count {
+    /// With colours or normals.
+    fn of(Sizes { vertices, triangles }: Sizes) -> Self {
+        Self { vertices, triangles, attributes: 8, inflated: 0 }
+    }
 }
 
 /// From the beginning of a file of so many bytes.
@@ -247,12 +265,56 @@ mod tests {
         let json =
             br#"{"meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1},{"attributes":{"POSITION":0}}]}],
             "accessors":[{"count":30},{"count":60}],"buffers":[{"byteLength":600}]}"#;
-        assert_eq!(gltf(json, 1 << 20), Some(Count { vertices: 60, triangles: 30, attributes: 8, inflated: 0 }));
-        assert_eq!(json_length(json, json.len() as u64), Some(json.len() as u64));
+        let bytes = json.len() as u64;
+        assert_eq!(
+            of_head(json, bytes, 1 << 20),
+            Some(Count { vertices: 60, triangles: 30, attributes: 8, inflated: 0 })
+        );
+        assert_eq!(head_length(json, bytes), Some(bytes));
         let lie = br#"{"meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],"accessors":[{"count":4000000000}],
             "buffers":[{"byteLength":100}]}"#;
-        assert_eq!(gltf(lie, 1 << 20).map(|c| c.vertices), Some(1600));
+        assert_eq!(of_head(lie, lie.len() as u64, 1 << 20).map(|c| c.vertices), Some(1600));
         assert_eq!(count_of(b"# obj\nv 1 2 3\n", 4000).triangles, 100);
+    }
+
+    #[test]
+    fn compressed_models_and_tilesets_need_what_they_decode_to() {
+        let folder = tempfile::tempdir().unwrap();
+        let written = |name: &str, bytes: &[u8]| {
+            let path = folder.path().join(name);
+            std::fs::write(&path, bytes).unwrap();
+            path
+        };
+        let of = |path: &Path| count(path, 1 << 30, false).unwrap();
+        // A Nexus model with a node of 8 KiB, compressed with Corto, and the sink.
+        let mut bytes = b" sxN\x02\0\0\0".to_vec();
+        bytes.extend([40_000u64, 65_000].iter().flat_map(|n| n.to_le_bytes()));
+        bytes.extend([7, 3]);
+        bytes.resize(40, 0);
+        bytes.extend([4, 3]);
+        bytes.resize(56, 0);
+        bytes.extend([4u32, 2, 1, 0].iter().flat_map(|n| n.to_le_bytes()));
+        bytes.resize(88, 0);
+        bytes.extend(1u32.to_le_bytes());
+        bytes.extend([40_000u16, 65_000].iter().flat_map(|n| n.to_le_bytes()));
+        bytes.resize(88 + 44, 0);
+        bytes.extend(33u32.to_le_bytes());
+        bytes.resize(88 + 84, 0);
+        bytes.extend([1u32, 1, 65_000, u32::MAX].iter().flat_map(|n| n.to_le_bytes()));
+        bytes.resize(33 * 256, 0);
+        let expected = Count { vertices: 40_000, triangles: 65_000, attributes: 8, inflated: 0 };
+        assert_eq!(of(&written("a.nxz", &bytes)), expected);
+        // A tileset of one small file, whose tile has a thousand times as many bytes when it is decoded.
+        let json = br#"{"meshes":[{"primitives":[{"attributes":{"POSITION":0},"indices":1}]}],"accessors":[{"count":40000},{"count":195000}],
+            "buffers":[{"byteLength":20000}]}"#;
+        let glb = [&b"glTF\x02\0\0\0\0\0\0\0"[..], &(json.len() as u32).to_le_bytes(), b"JSON", json].concat();
+        written("b.glb", &glb);
+        let tileset =
+            br#"{"asset":{"version":"1.1"},"geometricError":9,"root":{"geometricError":5,"content":{"uri":"b.glb"}}}"#;
+        let path = written("tileset.json", tileset);
+        assert_eq!(of(&path), expected);
+        let need = Need::of([path.as_path()].into_iter(), 1 << 30, false);
+        assert!(need.scratch_bytes >= 65_000 * LEVEL_BYTES && need.pack_bytes >= 65_000 * PACK_BYTES.0);
     }
 
     #[test]

@@ -1,15 +1,26 @@
-//! How many vertices and triangles a glTF has, as its JSON says, for what a build will need.
+//! How many vertices and triangles a glTF has, as its JSON says, for what a build will need. Nexus models and tilesets have the same type for theirs.
 
 use super::tally::Tally;
 use serde::Deserialize;
 
-/// What the JSON of a glTF says of its size, compressed or not; each mesh as often as nodes show it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// What a file says of its size, compressed or not; in a glTF each mesh as often as nodes show it.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Sizes {
     /// Vertices.
     pub vertices: u64,
     /// Triangles. Strips and fans have one for each corner.
     pub triangles: u64,
+}
+
+impl Sizes {
+    /// Both together.
+    #[must_use]
+    pub fn and(self, other: Self) -> Self {
+        Self {
+            vertices: self.vertices.saturating_add(other.vertices),
+            triangles: self.triangles.saturating_add(other.triangles),
+        }
+    }
 }
 
 #[derive(Deserialize)]

@@ -20,6 +20,7 @@ mod bytes;
 mod corto;
 mod index;
 mod node;
+mod sizes;
 #[cfg(test)]
 mod tests;
 
@@ -29,6 +30,7 @@ use bytes::Cursor;
 use glam::{DVec2, DVec3, Vec3};
 use index::{Header, Index, Layout, Node};
 use node::NodeMesh;
+pub use sizes::{head_bytes, sizes};
 use std::io::{Read, SeekFrom};
 use std::ops::Range;
 use std::path::Path;

@@ -2,7 +2,7 @@
 
 use super::super::{MemorySink, ReadError, ReadOptions, read_into_with, read_mesh_from};
 use super::corto;
-use super::{COUNT_MISMATCH, Cursor};
+use super::{COUNT_MISMATCH, Cursor, head_bytes, sizes};
 use crate::RawMesh;
 use glam::DVec3;
 use proptest::prelude::*;
@@ -302,6 +302,22 @@ fn an_index_beyond_the_memory_is_refused_before_it_is_read() {
     read(10_000).unwrap();
     let message = read(1000).unwrap_err().to_string();
     assert!(message.contains("4 nodes, 5 patches") && message.contains("give a larger --memory"), "{message}");
+}
+
+#[test]
+fn the_index_says_how_large_the_finest_level_is() {
+    let mut bytes = model();
+    let (mesh, total) = (read(&bytes).unwrap(), bytes.len() as u64);
+    let head = head_bytes(&bytes[..100]).unwrap() as usize;
+    assert_eq!(head, FIRST_NODE + 4 * 44 + 5 * 12);
+    let found = sizes(&bytes[..head], total).unwrap();
+    assert_eq!((found.vertices, found.triangles), (mesh.positions.len() as u64, mesh.triangles.len() as u64));
+    assert!(sizes(&bytes[..head - 1], total).is_none() && sizes(&bytes[..head], 300).is_none());
+    assert!(head_bytes(&bytes[..FIRST_NODE - 1]).is_none() && head_bytes(&[b'p'; 200]).is_none());
+    // More triangles than its 256 bytes can hold are not believed.
+    bytes[FIRST_NODE + 44 + 6..][..2].fill(0xff);
+    bytes[FIRST_NODE + 4 * 44 + 2 * 12 + 4..][..2].fill(0xff);
+    assert_eq!(sizes(&bytes[..head], total).unwrap().triangles, 256 * 16 + 2);
 }
 
 /// Numbers for a stream of bits of given lengths, in words.

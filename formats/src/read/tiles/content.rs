@@ -14,11 +14,11 @@ use std::io::{Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
 
 /// Bytes of the header of a b3dm.
-const B3DM_HEADER: u64 = 28;
+pub(super) const B3DM_HEADER: u64 = 28;
 /// Bytes of the header of a cmpt.
-const CMPT_HEADER: u64 = 16;
+pub(super) const CMPT_HEADER: u64 = 16;
 /// Maximum nesting of composites.
-const MAX_COMPOSITES: usize = 8;
+pub(super) const MAX_COMPOSITES: usize = 8;
 /// Bytes of the JSON of a feature table; a few dozen are usual.
 const MAX_FEATURES: u64 = 1 << 20;
 const COPY: &str = "the file is truncated or damaged: copy or export it again";
@@ -314,7 +314,7 @@ impl Content<'_, '_, '_> {
 }
 
 /// Up to `length` bytes of the file, fewer at its end.
-fn piece(source: &mut dyn Bytes, at: u64, length: u64, path: &Path) -> Result<Vec<u8>, ReadError> {
+pub(super) fn piece(source: &mut dyn Bytes, at: u64, length: u64, path: &Path) -> Result<Vec<u8>, ReadError> {
     let cannot = |source| ReadError::Io { file: path.to_owned(), offset: at, source };
     source.seek(SeekFrom::Start(at)).map_err(cannot)?;
     let mut bytes = Vec::new();

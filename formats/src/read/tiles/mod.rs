@@ -17,9 +17,12 @@
 mod content;
 mod names;
 mod schema;
+mod sizes;
 #[cfg(test)]
 mod tests;
 mod tree;
+
+pub use sizes::sizes;
 
 use super::companions::Companions;
 use super::gltf::{Detailing, Nowhere};

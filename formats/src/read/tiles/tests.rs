@@ -1,6 +1,7 @@
 //! What the 3D Tiles reader reads, leaves out and refuses.
 
 use super::super::{ReadError, ReadOptions, read_into_with, read_mesh};
+use super::sizes;
 use crate::RawMesh;
 use crate::read::MemorySink;
 use flate2::Compression;
@@ -300,6 +301,33 @@ fn the_uncompressed_size_is_limited() {
     let path = site.path("tileset.json");
     let refusal = read_into_with(&path, &options, &mut MemorySink::new(&path), &mut |_, _| {}).unwrap_err();
     assert!(refusal.to_string().contains("give a larger --memory"), "{refusal}");
+}
+
+#[test]
+fn the_tiles_say_how_large_the_surface_is() {
+    let tile = |i: usize| glb([i as f32, 0.0, 0.0]);
+    let parts = cmpt(&[b3dm("", &[], &tile(1)), cmpt(&[b3dm("", &[], &tile(2))])]);
+    let named = ["a.b3dm", "b.glb", "c.cmpt", "d.b3dm", "more.json"];
+    let children: Vec<Value> =
+        named.iter().map(|name| json!({"geometricError": 0, "content": {"uri": name}})).collect();
+    let root = json!({"geometricError": 9, "refine": "REPLACE", "content": {"uri": "b.glb"}, "children": children});
+    let site = Site::new(&root)
+        .with("a.b3dm", &b3dm("{\"BATCH_LENGTH\":0}  ", &[], &tile(3)))
+        .with("b.glb", &tile(4))
+        .with("c.cmpt", &parts)
+        .with("d.b3dm", &gzip(&b3dm("", &[], &tile(5))))
+        .with("more.json", &tileset(&json!({"geometricError": 0, "content": {"uri": "e.glb"}})))
+        .with("e.glb", &tile(6));
+    let (mesh, path) = (site.mesh(), site.path("tileset.json"));
+    let found = sizes(&path, &ReadOptions::default()).unwrap();
+    assert_eq!((found.vertices, found.triangles), (mesh.positions.len() as u64, mesh.triangles.len() as u64));
+    assert_eq!(found.triangles, 6);
+    // What the reader refuses counts as nothing.
+    let site = site.with("e.glb", &tile(6)[..30]).with("c.cmpt", &parts[..40]);
+    assert_eq!(sizes(&path, &ReadOptions::default()).unwrap().triangles, 3);
+    assert_eq!(sizes(&path, &ReadOptions { document: 100, ..ReadOptions::default() }), None);
+    let site = site.with("tileset.json", b"{");
+    assert_eq!(sizes(&site.path("tileset.json"), &ReadOptions::default()), None);
 }
 
 #[test]
