@@ -396,7 +396,7 @@ fn a_bag_is_checked_against_its_manifests_and_its_object() {
 }
 
 /// A server of a folder that misbehaves as configured; returns a counter of requests and its address.
-fn server(folder: &Path, behave: fn(usize, &str) -> Behaviour) -> (Arc<AtomicUsize>, String) {
+pub(crate) fn server(folder: &Path, behave: fn(usize, &str) -> Behaviour) -> (Arc<AtomicUsize>, String) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = format!("http://{}/", listener.local_addr().unwrap());
     let count = Arc::new(AtomicUsize::new(0));
@@ -410,8 +410,9 @@ fn server(folder: &Path, behave: fn(usize, &str) -> Behaviour) -> (Arc<AtomicUsi
     (count, address)
 }
 
+/// How a server answers.
 #[derive(PartialEq)]
-enum Behaviour {
+pub(crate) enum Behaviour {
     Good,
     IgnoresRange,
     Fails,

@@ -22,8 +22,10 @@ use kilwa_archive::next::NEXT;
 use kilwa_archive::notes::NOTES_MAX;
 use kilwa_archive::sound;
 use kilwa_archive::{AccessState, Holes, Manifest, Metadata, Notes, Version};
+use kilwa_pack::Source;
 use kilwa_pack::plural::counted;
-use std::collections::BTreeSet;
+use std::cell::RefCell;
+use std::collections::{BTreeMap, BTreeSet};
 
 /// Longest list of checksums, landing page or record that is read into memory.
 const LIST_MAX: u64 = 64 << 20;
@@ -45,6 +47,29 @@ const REQUIRED: [&str; 13] = [
 ];
 /// Records with links.
 const LINKING: [&str; 3] = [LINKSET, CRATE, IIIF];
+/// Files whose contents are checked beside their checksums.
+const CHECKED: [&str; 6] = [LINKSET, CRATE, IIIF, METADATA, ANNOTATIONS, HOLES];
+
+/// Contents of [`CHECKED`] by path, as they were read for their checksums.
+type Kept = BTreeMap<String, Vec<u8>>;
+
+/// A file whose bytes are kept while they are read, from the first to the last.
+struct Keeping<'a> {
+    file: &'a dyn Source,
+    kept: RefCell<Vec<u8>>,
+}
+
+impl Source for Keeping<'_> {
+    fn len(&self) -> std::io::Result<u64> {
+        self.file.len()
+    }
+
+    fn read_at(&self, offset: u64, length: usize) -> std::io::Result<Vec<u8>> {
+        let bytes = self.file.read_at(offset, length)?;
+        self.kept.borrow_mut().extend(&bytes);
+        Ok(bytes)
+    }
+}
 
 /// What the check of one unit needs.
 pub(crate) struct Check<'a> {
@@ -141,30 +166,50 @@ impl Check<'_> {
     /// # Errors
     /// When the state cannot be written.
     pub(crate) fn listed(&mut self, path: &str, expected: &str, list: &str) -> anyhow::Result<()> {
+        self.listed_and_kept(path, expected, list, 0).map(drop)
+    }
+
+    /// The same; its bytes, sound or not, if there are some and at most `limit`: over a network, no file is requested twice.
+    ///
+    /// # Errors
+    /// When the state cannot be written.
+    fn listed_and_kept(
+        &mut self,
+        path: &str,
+        expected: &str,
+        list: &str,
+        limit: u64,
+    ) -> anyhow::Result<Option<Vec<u8>>> {
         // Taken before the files are read, so that a change meanwhile gives another stamp.
         let stamp = self.state.stamp(self.place, path);
-        let Some(file) = self.open(path, list) else { return Ok(()) };
+        let Some(file) = self.open(path, list) else { return Ok(None) };
         let of_state = self.path(path);
-        match file.len() {
-            Ok(bytes) if self.state.has(&of_state, bytes, expected, &stamp) => {
-                self.progress.bytes(bytes);
-                return Ok(());
-            }
-            _ => {}
+        let length = file.len().unwrap_or(u64::MAX);
+        if self.state.has(&of_state, length, expected, &stamp) {
+            self.progress.bytes(length);
+            let count = usize::try_from(length).ok().filter(|_| length <= limit);
+            return Ok(count.and_then(|count| file.read_at(0, count).ok()));
         }
         self.progress.at(path.rsplit('/').next().unwrap_or_default());
-        match sound::sha256(file.as_ref(), &|n| self.progress.bytes(n)) {
+        let keeping = Keeping { file: file.as_ref(), kept: RefCell::default() };
+        let is_kept = length <= limit;
+        let source: &dyn Source = if is_kept { &keeping } else { file.as_ref() };
+        match sound::sha256(source, &|n| self.progress.bytes(n)) {
             Ok((bytes, found)) => {
                 self.report.files += 1;
                 self.report.bytes += bytes;
                 if found == expected {
-                    return self.state.file(&of_state, bytes, expected, &stamp);
+                    self.state.file(&of_state, bytes, expected, &stamp)?;
+                } else {
+                    self.add(path, Kind::Damaged, differs(&found, bytes, expected, None, list));
                 }
-                self.add(path, Kind::Damaged, differs(&found, bytes, expected, None, list));
+                Ok(is_kept.then(|| keeping.kept.into_inner()))
             }
-            Err(e) => self.add(path, Kind::Unreadable, format!("it cannot be read: {e}")),
+            Err(e) => {
+                self.add(path, Kind::Unreadable, format!("it cannot be read: {e}"));
+                Ok(None)
+            }
         }
-        Ok(())
     }
 
     /// A pack, by its chunks and by its checksum; what is known of it, where it is sound.
@@ -405,6 +450,7 @@ impl Check<'_> {
             self.add(&version.pack.url, Kind::Incomplete, what);
         }
         let name = in_folder(CHECKSUMS);
+        let mut kept = Kept::new();
         let withdrawn = manifest.access.state == AccessState::Withdrawn;
         for (path, sum) in list.iter() {
             there.insert(in_folder(path));
@@ -417,30 +463,32 @@ impl Check<'_> {
                 if let Some(checked) = self.pack(&in_folder(path), Some((sum, &name)))? {
                     self.figures(version, &checked);
                 }
+            } else if is_tileset(path) {
+                // There may be many: only their links are kept.
+                let bytes = self.listed_and_kept(&in_folder(path), sum, &name, LIST_MAX)?;
+                if let Some(value) = bytes.and_then(|bytes| self.record(&in_folder(path), &bytes)) {
+                    records.push((in_folder(path), links::of_tileset(&value)));
+                }
             } else {
-                self.listed(&in_folder(path), sum, &name)?;
+                let limit = if CHECKED.contains(&path) { LIST_MAX } else { 0 };
+                let bytes = self.listed_and_kept(&in_folder(path), sum, &name, limit)?;
+                kept.extend(bytes.map(|bytes| (path.to_owned(), bytes)));
             }
         }
-        for path in LINKING.iter().filter(|path| list.get(path).is_some()) {
-            if let Some(value) = self.record(&in_folder(path)) {
+        for path in LINKING {
+            if let Some(value) = kept.get(path).and_then(|bytes| self.record(&in_folder(path), bytes)) {
                 records.push((in_folder(path), links::of_json(&value)));
             }
         }
-        let tilesets = list.iter().map(|(path, _)| path).filter(|path| is_tileset(path));
-        for path in tilesets {
-            if let Some(value) = self.record(&in_folder(path)) {
-                records.push((in_folder(path), links::of_tileset(&value)));
-            }
-        }
-        self.agrees(manifest, version, &list);
-        self.notes(version, &list);
-        self.holes(version, &list);
+        self.agrees(manifest, version, &kept);
+        self.notes(version, &list, &kept);
+        self.holes(version, &list, &kept);
         self.tiles(version, &list);
         Ok(true)
     }
 
     /// The notes are those that the manifest names, can be read, and are on the model. Damage is named where their checksum is compared.
-    fn notes(&mut self, version: &Version, list: &Checksums) {
+    fn notes(&mut self, version: &Version, list: &Checksums, kept: &Kept) {
         let path = format!("{}/{ANNOTATIONS}", version.folder);
         if version.optional().notes != list.get(ANNOTATIONS) {
             let what = format!("{CHECKSUMS} and {MANIFEST} disagree about the notes of the version");
@@ -448,8 +496,8 @@ impl Check<'_> {
             return;
         }
         let Some(entry) = &version.annotations else { return };
-        let Ok(Some(bytes)) = self.place.read(&path, NOTES_MAX) else { return };
-        if sha256(&bytes) != entry.sha256 {
+        let Some(bytes) = kept.get(ANNOTATIONS).filter(|bytes| bytes.len() as u64 <= NOTES_MAX) else { return };
+        if sha256(bytes) != entry.sha256 {
             return;
         }
         let [min, max] = version.figures.bounds;
@@ -460,13 +508,13 @@ impl Check<'_> {
                 format!("it has {}; {MANIFEST} says {}", counted(bytes.len(), "byte", "bytes"), entry.bytes),
             );
         }
-        if let Err(e) = Notes::parse(&bytes).and_then(|notes| notes.within(min, max)) {
+        if let Err(e) = Notes::parse(bytes).and_then(|notes| notes.within(min, max)) {
             self.add(&path, Kind::Incomplete, format!("its notes cannot be read: {e}"));
         }
     }
 
     /// Check the list of holes in the same way.
-    fn holes(&mut self, version: &Version, list: &Checksums) {
+    fn holes(&mut self, version: &Version, list: &Checksums, kept: &Kept) {
         let path = format!("{}/{HOLES}", version.folder);
         if version.optional().holes != list.get(HOLES) {
             let what = format!("{CHECKSUMS} and {MANIFEST} disagree about the holes of the version");
@@ -474,8 +522,8 @@ impl Check<'_> {
             return;
         }
         let Some(entry) = &version.holes else { return };
-        let Ok(Some(bytes)) = self.place.read(&path, HOLES_MAX) else { return };
-        if sha256(&bytes) != entry.sha256 {
+        let Some(bytes) = kept.get(HOLES).filter(|bytes| bytes.len() as u64 <= HOLES_MAX) else { return };
+        if sha256(bytes) != entry.sha256 {
             return;
         }
         if bytes.len() as u64 != entry.bytes {
@@ -486,7 +534,7 @@ impl Check<'_> {
             );
         }
         let [min, max] = version.figures.bounds;
-        if let Err(e) = Holes::parse(&bytes).and_then(|holes| holes.within(min, max)) {
+        if let Err(e) = Holes::parse(bytes).and_then(|holes| holes.within(min, max)) {
             self.add(&path, Kind::Incomplete, format!("its holes cannot be read: {e}"));
         }
     }
@@ -500,9 +548,8 @@ impl Check<'_> {
     }
 
     /// A record as JSON. Damage is named where its checksum is compared.
-    fn record(&mut self, path: &str) -> Option<serde_json::Value> {
-        let bytes = self.place.read(path, LIST_MAX).ok()??;
-        match kilwa_pack::json::from_slice(&bytes) {
+    fn record(&mut self, path: &str, bytes: &[u8]) -> Option<serde_json::Value> {
+        match kilwa_pack::json::from_slice(bytes) {
             Ok(value) => Some(value),
             Err(e) => {
                 self.add(path, Kind::Incomplete, format!("it is not usable JSON: {e}"));
@@ -527,12 +574,9 @@ impl Check<'_> {
     }
 
     /// The metadata can be read, and the manifest of the current version says the same.
-    fn agrees(&mut self, manifest: &Manifest, version: &Version, list: &Checksums) {
+    fn agrees(&mut self, manifest: &Manifest, version: &Version, kept: &Kept) {
         let path = format!("{}/{METADATA}", version.folder);
-        if list.get(METADATA).is_none() {
-            return;
-        }
-        let Some(value) = self.record(&path) else { return };
+        let Some(value) = kept.get(METADATA).and_then(|bytes| self.record(&path, bytes)) else { return };
         match serde_json::from_value::<Metadata>(value) {
             Ok(metadata) if version.version == manifest.current && metadata.title != manifest.title => {
                 self.add(&path, Kind::Incomplete, format!("its title differs from that in {MANIFEST}"));

@@ -248,28 +248,30 @@ impl Source for WebFile {
     }
 
     fn read_at(&self, offset: u64, length: usize) -> io::Result<Vec<u8>> {
-        let cut = |(from, bytes): &(u64, Vec<u8>)| {
-            let at = usize::try_from(offset.checked_sub(*from)?).ok()?;
-            bytes.get(at..at.checked_add(length)?).map(<[u8]>::to_vec)
-        };
-        let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(bytes) = cut(&held) {
-            return Ok(bytes);
-        }
         let end = offset.checked_add(length as u64).filter(|end| *end <= self.length);
         let end = end.ok_or_else(|| io::Error::from(io::ErrorKind::UnexpectedEof))?;
-        let wanted = (end - offset).max(BLOCK).min(self.length - offset);
+        let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
+        // What is held of it, from its first byte on.
+        let at = offset.checked_sub(held.0).and_then(|at| usize::try_from(at).ok());
+        let mut wanted = at.and_then(|at| held.1.get(at..)).unwrap_or_default().to_vec();
+        wanted.truncate(length);
+        let from = offset + wanted.len() as u64;
+        if from == end {
+            return Ok(wanted);
+        }
+        let count = (end - from).max(BLOCK).min(self.length - from);
         let changed = || io::Error::other("the file changed on the server while it was read; check it again");
-        match ask(&self.agent, &self.url, offset, wanted)? {
+        match ask(&self.agent, &self.url, from, count)? {
             Some(Answer::Part { bytes, total, tag }) => {
                 if total != self.length || tag != self.tag {
                     return Err(changed());
                 }
-                if wanted > BLOCK {
-                    return Ok(bytes);
+                let missing = length - wanted.len();
+                wanted.extend(bytes.get(..missing).ok_or(io::ErrorKind::UnexpectedEof)?);
+                if count <= BLOCK {
+                    *held = (from, bytes);
                 }
-                *held = (offset, bytes);
-                cut(&held).ok_or_else(|| io::ErrorKind::UnexpectedEof.into())
+                Ok(wanted)
             }
             _ => Err(changed()),
         }
@@ -279,6 +281,58 @@ impl Source for WebFile {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::io::BufRead;
+    use std::net::TcpListener;
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    /// Answers requests of parts of `body`; the address, and how many bytes were sent.
+    fn server(body: Vec<u8>) -> (String, Arc<AtomicUsize>) {
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let address = format!("http://{}/a.bin", listener.local_addr().unwrap());
+        let sent = Arc::new(AtomicUsize::new(0));
+        let counter = Arc::clone(&sent);
+        std::thread::spawn(move || {
+            for mut stream in listener.incoming().flatten() {
+                let lines = io::BufReader::new(&stream).lines().map_while(Result::ok).take_while(|l| !l.is_empty());
+                let range =
+                    lines.filter_map(|l| l.to_ascii_lowercase().strip_prefix("range: bytes=").map(str::to_owned));
+                let range = range.last().unwrap();
+                let (from, last) = range.split_once('-').unwrap();
+                let (from, last) = (from.parse::<usize>().unwrap(), last.parse::<usize>().unwrap());
+                let part = &body[from..body.len().min(last + 1)];
+                counter.fetch_add(part.len(), Ordering::SeqCst);
+                let head = format!(
+                    "HTTP/1.1 206 Partial Content\r\nConnection: close\r\nContent-Length: {}\r\nContent-Range: bytes {from}-{}/{}\r\n\r\n",
+                    part.len(),
+                    from + part.len() - 1,
+                    body.len()
+                );
+                stream.write_all(head.as_bytes()).and_then(|()| stream.write_all(part)).unwrap();
+            }
+        });
+        (address, sent)
+    }
+
+    #[test]
+    fn no_byte_is_requested_twice_when_a_file_is_read_from_first_to_last() {
+        let body: Vec<u8> = (0..5_000_000u32).map(|i| (i.wrapping_mul(2_654_435_761) >> 24) as u8).collect();
+        let (address, sent) = server(body.clone());
+        let (web, name) = Web::split(&address);
+        for piece in [4 << 20, 1 << 20, 700_001, 5_000_000] {
+            let before = sent.load(Ordering::SeqCst);
+            let file = web.open(&name).unwrap().unwrap();
+            let mut read = Vec::new();
+            while read.len() < body.len() {
+                let count = piece.min(body.len() - read.len());
+                read.extend(file.read_at(read.len() as u64, count).unwrap());
+            }
+            assert!(read == body, "pieces of {piece}");
+            assert_eq!(sent.load(Ordering::SeqCst) - before, body.len(), "pieces of {piece}");
+            assert_eq!(file.read_at(12, 7).unwrap(), body[12..19]);
+            assert!(file.read_at(5_000_000, 1).is_err() && file.read_at(5_000_000, 0).unwrap().is_empty());
+        }
+    }
 
     #[test]
     fn an_address_is_divided_into_folder_and_file() {

@@ -2,8 +2,10 @@
 
 use super::{Bench, FULL, MINIMAL, json_of, other_pack, pack, run, tree};
 use crate::support::{succeeds, text};
+use crate::verify_objects::{Behaviour, server};
 use serde_json::Value;
 use std::path::Path;
+use std::sync::Mutex;
 
 /// Texts under `uri`, with the folder of the file that they are in.
 fn uris(root: &Path, tileset: &str) -> Vec<String> {
@@ -84,6 +86,25 @@ fn a_damaged_or_missing_tile_is_reported() {
     says("v1/tiles");
     std::fs::remove_file(&tile).unwrap();
     says("missing");
+}
+
+#[test]
+fn files_of_a_version_are_requested_once_when_it_is_verified_at_an_address() {
+    static ASKED: Mutex<Vec<String>> = Mutex::new(Vec::new());
+    let bench = Bench::new();
+    let object = bench.published(&pack(), FULL, &["--tiles"]);
+    let (_, address) = server(&object, |_, path| {
+        ASKED.lock().unwrap().push(path.to_owned());
+        Behaviour::Good
+    });
+    succeeds(&["verify", &address]);
+    let asked = ASKED.lock().unwrap();
+    let files: Vec<String> = tree(&object.join("v1")).into_keys().filter(|path| !path.ends_with('/')).collect();
+    assert!(files.iter().any(|path| path == "tiles/tileset.json") && files.len() > 20);
+    for path in files.iter().filter(|path| !path.ends_with(".kilwa")) {
+        let times = asked.iter().filter(|asked| **asked == format!("v1/{path}")).count();
+        assert_eq!(times, 1, "{path}");
+    }
 }
 
 #[test]
