@@ -98,6 +98,8 @@ impl<'a> Sources<'a> {
 
     fn index(&self, file: &SharedFile) -> Result<Vec<(u32, Place)>, BuildError> {
         let index = read_index(file.bytes, |at, bytes| self.build.read(file, at, bytes))?;
+        let is_inside = |p: &Place| p.at.checked_add(p.bytes).is_some_and(|end| end <= file.bytes);
+        let index = index.filter(|index| index.iter().all(|(_, place)| is_inside(place)));
         index.ok_or_else(|| self.build.damaged_file(file, "it has no whole index"))
     }
 
@@ -120,7 +122,7 @@ impl<'a> Sources<'a> {
             };
             let count = rest.iter().take_while(near).count();
             let (now, later) = rest.split_at(count);
-            let last = now.last().map_or(first.at, |(_, p)| p.at + p.bytes);
+            let last = now.iter().map(|(_, p)| p.at + p.bytes).max().unwrap_or(first.at);
             let bytes = self.build.read(file, first.at, last - first.at)?;
             for (tetrahedron, place) in now {
                 let at = (place.at - first.at) as usize;

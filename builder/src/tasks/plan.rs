@@ -161,6 +161,9 @@ impl SharedBuild {
             Err(e) => return Ok(State::Broken(format!("its manifest is damaged ({e})"))),
         };
         for file in manifest.files.values() {
+            if file.name.strip_prefix("files/").is_none_or(|name| name.contains(['/', '\\'])) {
+                return Ok(State::Broken(format!("its manifest names {:?}, which no task writes", file.name)));
+            }
             let found = self.store.length(&file.name)?;
             if found != Some(file.bytes) {
                 let found = found.map_or_else(|| "is missing".to_owned(), |n| format!("has {n} bytes"));

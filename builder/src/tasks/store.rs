@@ -51,7 +51,7 @@ pub trait Store: Send + Sync {
     /// [`BuildError::Shared`].
     fn list(&self, prefix: &str) -> Result<Vec<String>, BuildError>;
 
-    /// Remove everything, when the pack is complete.
+    /// Remove the build, when the pack is complete: its folders `done`, `files`, `tasks` and `scratch`, and its plan.
     ///
     /// # Errors
     /// [`BuildError::Shared`].
@@ -65,6 +65,9 @@ pub trait Store: Send + Sync {
         self.length(name)?.map(|bytes| self.read(name, 0, bytes)).transpose()
     }
 }
+
+/// The folders of a build: manifests, what they name, the files of tasks, and scratch files of workers that use none elsewhere.
+const FOLDERS: [&str; 4] = ["done", "files", "tasks", "scratch"];
 
 /// Files that stay open for the next read.
 const OPEN_FILES: usize = 128;
@@ -184,14 +187,16 @@ impl Store for SharedFolder {
 
     fn remove_all(&self) -> Result<(), BuildError> {
         self.open.lock().unwrap_or_else(PoisonError::into_inner).clear();
-        match std::fs::remove_dir_all(&self.folder) {
-            Err(e) if e.kind() != ErrorKind::NotFound => Err(BuildError::Shared {
-                doing: "remove",
-                place: self.folder.display().to_string(),
-                why: e.to_string(),
-            }),
-            _ => Ok(()),
+        // What else is in the folder stays, and then so does the folder. The plan goes last: until then, the build is found.
+        for name in FOLDERS {
+            match std::fs::remove_dir_all(self.path(name)) {
+                Err(e) if e.kind() != ErrorKind::NotFound => return Err(self.failed("remove", name, &e)),
+                _ => {}
+            }
         }
+        self.remove(super::PLAN)?;
+        drop(std::fs::remove_dir(&self.folder));
+        Ok(())
     }
 }
 
