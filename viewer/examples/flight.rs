@@ -4,9 +4,9 @@
 //! links: when the first picture and the target are there, what it cost, and that over the bytes of the chunks that are then shown. The pixel
 //! error is 1 or `ERR`; with `LOG` in the environment the requests over 10 Mbit/s are listed, too.
 //!
-//! `flight steps PACK WIDTH HEIGHT`: how long [`kilwa_stream::Streamer::step`] takes once a view is loaded, at rest and
-//! in an orbit around the whole
-//! model. The pixel error is 1 or `ERR`.
+//! `flight steps PACK WIDTH HEIGHT`: how long [`kilwa_stream::Streamer::step`] takes while a view is loaded, at rest, in an orbit around the
+//! whole model, in the same orbit again (now everything is resident), and in the recorded flight; and a digest of all answers. The pixel error is
+//! 1 or `ERR`, the memory for chunks `GPU_BYTES`.
 //!
 //! `flight render PACK WIDTH HEIGHT FRAMES`: a recorded flight (all of it, down to the surface, along it, back) drawn
 //! without a window: times of whole frames (deciding, reading, decoding, uploading, drawing, waiting for the GPU) and of drawing alone.
@@ -17,10 +17,12 @@ mod course;
 use kilwa_pack::reader::decode_checked;
 use kilwa_pack::{HEAD_BYTES, SliceSource, Source};
 use kilwa_stream::sim::{Decoders, Flight, Link, PackStore, Simulator};
-use kilwa_stream::{Budgets, Command, Event, FetchKind, Stats, Streamer, View, length_of};
+use kilwa_stream::{Budgets, Command, Event, FetchKind, Stats, Step, Streamer, View, length_of};
 use kilwa_viewer::shell::native::Session;
 use kilwa_viewer::{Bounds, Camera, Gpu, Prefer, RenderOptions, StandardView};
 use std::error::Error;
+use std::f64::consts::TAU;
+use std::hash::{DefaultHasher, Hash, Hasher};
 use std::time::Instant;
 
 const SIZE: [u32; 2] = [1280, 720];
@@ -121,23 +123,36 @@ fn steps(pack: &str, size: [u32; 2], error: f64) -> Result<(), Box<dyn Error>> {
     let source = SliceSource(std::fs::read(pack)?);
     let head = kilwa_pack::parse_head(&source.0)?;
     let bounds = Bounds { min: head.metadata.bounds_min, max: head.metadata.bounds_max };
-    let budgets = Budgets { uploads: 64, gpu_bytes: 16 << 30, cpu_bytes: 32 << 30, ..Budgets::default() };
+    let number = |name: &str, otherwise: u64| std::env::var(name).ok().map_or(Ok(otherwise), |e| e.parse::<u64>());
+    let budgets = Budgets {
+        uploads: 64,
+        gpu_bytes: number("GPU_BYTES", 16 << 30)?,
+        cpu_bytes: 32 << 30,
+        ..Budgets::default()
+    };
     let mut streamer = Streamer::new(&head, HEAD_BYTES, budgets);
-    let mut camera = course::whole(&bounds, size);
+    let whole = course::whole(&bounds, size);
     let lattice = head.header.lattice;
     let (mut now, mut events) = (0.0, Vec::new());
-    println!("| course | steps | ms p50 | ms p99 | chunks | patches | M triangles |");
-    println!("|---|---:|---:|---:|---:|---:|---:|");
-    for (course, turn, count) in [("load", 0.0, usize::MAX), ("rest", 0.0, 400), ("orbit", 0.0157, 400)] {
+    println!("| course | steps | ms p50 | ms p99 | chunks | patches | M triangles | digest |");
+    println!("|---|---:|---:|---:|---:|---:|---:|---|");
+    for (course, count) in [("load", usize::MAX), ("rest", 400), ("orbit", 400), ("orbit again", 400), ("flight", 400)] {
         let mut times = Vec::new();
         let mut stats = Stats::default();
-        for _ in 0..count {
-            camera.azimuth += turn;
+        let mut digest = DefaultHasher::new();
+        for frame in 0..count {
+            let share = frame as f64 / 400.0;
+            let camera = match course {
+                "load" | "rest" => whole,
+                "flight" => course::flight(&whole, &bounds, share),
+                _ => Camera { azimuth: whole.azimuth + TAU * share, ..whole },
+            };
             now += 16.0;
             let view = camera.view(&lattice, &bounds, size, error);
             let begun = Instant::now();
             let step = streamer.step(&view, now, std::mem::take(&mut events));
             times.push(begun.elapsed().as_secs_f64() * 1e3);
+            write_digest(&step, &mut digest);
             stats = step.stats;
             events = answers(&streamer, &source, &step.commands)?;
             if count == usize::MAX && stats.settled {
@@ -147,10 +162,21 @@ fn steps(pack: &str, size: [u32; 2], error: f64) -> Result<(), Box<dyn Error>> {
         times.sort_by(f64::total_cmp);
         let at = |share: f64| times[((times.len() - 1) as f64 * share).round() as usize];
         let (p50, p99, triangles) = (at(0.5), at(0.99), stats.triangles_drawn as f64 / 1e6);
-        let (chunks, patches) = (stats.chunks_resident, stats.patches_drawn);
-        println!("| {course} | {} | {p50:.3} | {p99:.3} | {chunks} | {patches} | {triangles:.2} |", times.len());
+        let (chunks, patches, digest) = (stats.chunks_resident, stats.patches_drawn, digest.finish());
+        println!(
+            "| {course} | {} | {p50:.3} | {p99:.3} | {chunks} | {patches} | {triangles:.2} | {digest:016x} |",
+            times.len()
+        );
     }
     Ok(())
+}
+
+/// Everything that a step answers: whoever changes the streamer sees whether it decides as before.
+fn write_digest(step: &Step, digest: &mut DefaultHasher) {
+    format!("{:?} {:?}", step.commands, step.stats).hash(digest);
+    for p in step.draw.iter() {
+        (p.chunk, p.patch, p.first, p.count, p.diamond, p.level, p.error.to_bits(), p.visible).hash(digest);
+    }
 }
 
 /// Everything that is asked for is answered before the next step.

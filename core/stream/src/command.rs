@@ -2,6 +2,7 @@
 
 use kilwa_pack::PatchRange;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// Bytes in ranges together.
 pub fn length_of(ranges: &[Range<u64>]) -> u64 {
@@ -237,8 +238,8 @@ pub struct Stats {
 pub struct Step {
     /// To be carried out in this order.
     pub commands: Vec<Command>,
-    /// The cut, in order of chunk and patch. Empty until the root chunk is resident.
-    pub draw: Vec<DrawPatch>,
+    /// The cut, in order of chunk and patch. Empty until the root chunk is resident. A step at rest hands out the list of the one before.
+    pub draw: Arc<Vec<DrawPatch>>,
     /// Figures.
     pub stats: Stats,
 }

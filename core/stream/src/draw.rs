@@ -1,12 +1,12 @@
 //! The cut that is drawn: the finest that the view asks for and that what is resident can show.
 
 use crate::command::DrawPatch;
-use crate::nodes::{PerNode, State};
-use crate::select::{HELD_BONUS, in_order, raw_priority};
+use crate::nodes::{Open, PerNode, State};
+use crate::select::{HELD_BONUS, Looks};
 use crate::streamer::Streamer;
-use crate::view::View;
-use kilwa_geometry::Sphere;
+use crate::view::Look;
 use kilwa_pack::NO_DIAMOND;
+use std::sync::Arc;
 
 /// What the cut is good for.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -14,23 +14,61 @@ pub(crate) struct Quality {
     pub(crate) pixels: f64,
     pub(crate) metres: f64,
     pub(crate) triangles: u64,
+    /// Chunks that are in the picture, and their encoded bytes.
+    pub(crate) chunks: u32,
+    pub(crate) bytes: u64,
 }
 
-/// What a patch shows in a view.
-#[derive(Debug, Clone, Copy)]
-struct Seen {
-    visible: bool,
-    /// Certified error, metres, and in pixels where it is visible.
-    error: f32,
-    pixels: f64,
+impl Quality {
+    /// Nothing is shown that is worse than this.
+    fn at_least(pixels_and_metres: f64) -> Self {
+        Self { pixels: pixels_and_metres, metres: pixels_and_metres, triangles: 0, chunks: 0, bytes: 0 }
+    }
+
+    /// Something that is visible has this error.
+    fn count(&mut self, look: &Look, error: f32) {
+        self.metres = self.metres.max(f64::from(error));
+        self.pixels = self.pixels.max(look.priority);
+    }
+}
+
+/// Entries of the hierarchy that the view asks to be refined.
+struct Asked {
+    /// In order of their indices.
+    indices: Vec<u32>,
+    is_in: PerNode<bool>,
+}
+
+/// The patches of the last two steps: where the shell has dropped the older ones, their memory is used again.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Lists([Arc<Vec<DrawPatch>>; 2]);
+
+impl Lists {
+    /// An empty list.
+    fn take(&mut self) -> Arc<Vec<DrawPatch>> {
+        self.0.swap(0, 1);
+        let mut list = std::mem::take(&mut self.0[1]);
+        match Arc::get_mut(&mut list) {
+            Some(patches) => patches.clear(),
+            None => list = Arc::default(),
+        }
+        list
+    }
+
+    fn keep(&mut self, list: &Arc<Vec<DrawPatch>>) {
+        self.0[1] = list.clone();
+    }
 }
 
 impl Streamer {
     /// The finest cut that can be drawn, no finer than the view asks for: closed under parents, and every entry of it is resident
     /// or all of its children are in the cut. It becomes [`Streamer::refined`]; hysteresis remembers it.
-    pub(crate) fn refine(&mut self, view: &View) {
-        let asked = self.asked_for(view);
-        let refined = self.drawable(&asked);
+    pub(crate) fn refine(&mut self, looks: &mut Looks) {
+        let asked = self.asked_for(looks);
+        let refined = self.drawable(asked);
+        if refined == self.refined {
+            return;
+        }
         for index in std::mem::take(&mut self.refined) {
             if let Some(node) = self.nodes.get_mut(index) {
                 node.refined = false;
@@ -45,26 +83,25 @@ impl Streamer {
     }
 
     /// Entries that the view asks to be refined, closed under parents, as far as resident or listed nodes reach.
-    fn asked_for(&self, view: &View) -> Vec<u32> {
-        let step = self.header.lattice.step();
-        let mut asked = Vec::new();
-        let mut parents_in = PerNode::<u8>::new(&self.nodes);
-        let mut open = vec![0u32];
+    fn asked_for(&self, looks: &mut Looks) -> Asked {
+        let nodes = &self.nodes;
+        let target = looks.lens().view.target_pixels;
+        let mut asked = Asked { indices: Vec::new(), is_in: PerNode::new(nodes) };
+        let mut open = Open::at_root(nodes);
         while let Some(index) = open.pop() {
-            let Some(node) = self.nodes.get(index) else { continue };
-            let bar = if node.refined { view.target_pixels / HELD_BONUS } else { view.target_pixels };
-            let is_there = node.state == State::Resident || index > 0 && self.nodes.whole_family(index).is_some();
-            if !is_there || raw_priority(index, node, view, step) <= bar {
+            let Some(node) = nodes.get(index) else { continue };
+            let bar = if node.refined { target / HELD_BONUS } else { target };
+            if !node.entry.parents().all(|parent| asked.is_in.get(nodes, parent))
+                || looks.priority(nodes, index) <= bar
+                || node.state != State::Resident && (index == 0 || nodes.whole_family(index).is_none())
+            {
                 continue;
             }
-            asked.push(index);
-            for &child in self.nodes.children(index) {
-                let Some(count) = parents_in.get_mut(&self.nodes, child) else { continue };
-                *count += 1;
-                if self.nodes.get(child).is_some_and(|node| *count == node.parent_count) {
-                    open.push(child);
-                }
+            asked.indices.push(index);
+            if let Some(slot) = asked.is_in.get_mut(nodes, index) {
+                *slot = true;
             }
+            open.extend(nodes.children(index));
         }
         asked
     }
@@ -72,19 +109,14 @@ impl Streamer {
     /// The largest subset of `asked` that can be drawn, in order of the indices: removes entries that are not resident
     /// while one of their children is not refined, and everything below them, until none is left. The union of two
     /// drawable cuts is drawable, so the largest one is unique.
-    fn drawable(&self, asked: &[u32]) -> Vec<u32> {
+    fn drawable(&self, asked: Asked) -> Vec<u32> {
         let nodes = &self.nodes;
-        let mut is_in = PerNode::<bool>::new(nodes);
-        for &index in asked {
-            if let Some(slot) = is_in.get_mut(nodes, index) {
-                *slot = true;
-            }
-        }
+        let Asked { mut indices, mut is_in } = asked;
         let is_resident = |i: u32| nodes.get(i).is_some_and(|n| n.state == State::Resident);
         let is_replaced = |is_in: &PerNode<bool>, i: u32| {
             nodes.whole_family(i).is_some_and(|children| children.iter().all(|&c| is_in.get(nodes, c)))
         };
-        let mut doubtful: Vec<u32> = asked.iter().copied().filter(|&i| !is_resident(i)).collect();
+        let mut doubtful: Vec<u32> = indices.iter().copied().filter(|&i| !is_resident(i)).collect();
         while let Some(index) = doubtful.pop() {
             if is_resident(index) || !is_in.get(nodes, index) || is_replaced(&is_in, index) {
                 continue;
@@ -98,50 +130,59 @@ impl Streamer {
                 doubtful.extend(parents.filter(|&p| !is_resident(p)));
             }
         }
-        let in_order = in_order(asked.iter().copied()).into_iter().filter_map(|k| asked.get(k).copied());
-        in_order.filter(|&i| is_in.get(nodes, i)).collect()
+        indices.retain(|&i| is_in.get(nodes, i));
+        indices
     }
 
     /// The patches of the cut, and its quality in the view.
-    pub(crate) fn cut(&self, view: &View) -> (Vec<DrawPatch>, Quality) {
-        let mut draw = Vec::new();
-        let mut quality = Quality { pixels: 0.0, metres: 0.0, triangles: 0 };
-        if self.refined.is_empty() {
-            return (draw, Quality { pixels: f64::INFINITY, metres: f64::INFINITY, triangles: 0 });
-        }
-        let step = self.header.lattice.step();
-        let look = |sphere: &Sphere, error: f32| {
-            let visible = view.may_see(sphere);
-            let pixels = if visible { view.pixel_error(sphere, f64::from(error) / step) } else { 0.0 };
-            Seen { visible, error, pixels }
+    pub(crate) fn cut(&mut self, looks: &mut Looks) -> (Arc<Vec<DrawPatch>>, Quality) {
+        let mut list = self.lists.take();
+        let quality = match Arc::get_mut(&mut list) {
+            Some(draw) if !self.refined.is_empty() => self.write_cut(looks, draw),
+            _ => Quality::at_least(f64::INFINITY),
         };
-        let mut is_frontier = PerNode::<bool>::new(&self.nodes);
-        let mut frontier = Vec::new();
-        // A diamond has patches in several chunks.
-        let mut diamonds = PerNode::<Option<Seen>>::new(&self.nodes);
+        self.lists.keep(&list);
+        (list, quality)
+    }
+
+    fn write_cut(&self, looks: &mut Looks, draw: &mut Vec<DrawPatch>) -> Quality {
+        let nodes = &self.nodes;
+        let step = self.header.lattice.step();
+        let mut quality = Quality::at_least(0.0);
+        let mut is_refined = PerNode::<bool>::new(nodes);
         for &chunk in &self.refined {
-            let Some(node) = self.nodes.get(chunk) else { continue };
-            for &child in self.nodes.children(chunk) {
-                let is_new = is_frontier.get_mut(&self.nodes, child).is_some_and(|slot| !std::mem::replace(slot, true));
-                frontier.extend(self.nodes.get(child).filter(|node| is_new && !node.refined));
+            if let Some(slot) = is_refined.get_mut(nodes, chunk) {
+                *slot = true;
             }
-            let leaf = look(&node.box_sphere, 0.0);
+        }
+        for &chunk in &self.refined {
+            let Some(node) = nodes.get(chunk) else { continue };
+            // A coarse form may be empty (islands that were pruned): its error counts although no patch shows it.
+            for &child in nodes.children(chunk).iter().filter(|&&child| !is_refined.get(nodes, child)) {
+                if let Some((look, error)) = looks.at(nodes, child).filter(|(look, _)| look.visible) {
+                    quality.count(&look, error);
+                }
+            }
+            let mut is_leaf_visible = None;
+            let mut is_shown = false;
             for (number, patch) in (0..).zip(&node.patches) {
-                let diamond = if patch.diamond == NO_DIAMOND { None } else { Some(self.nodes.get(patch.diamond)) };
-                let seen = match diamond {
-                    None => leaf,
-                    Some(Some(d)) if d.refined => continue,
-                    Some(Some(d)) => match diamonds.get_mut(&self.nodes, patch.diamond) {
-                        Some(seen) => *seen.get_or_insert_with(|| look(&d.entry.sphere, d.entry.error)),
-                        None => look(&d.entry.sphere, d.entry.error),
-                    },
-                    Some(None) => look(&node.entry.sphere, node.error_below()),
+                let (visible, error) = if patch.diamond == NO_DIAMOND {
+                    (*is_leaf_visible.get_or_insert_with(|| looks.lens().may_see(&node.box_sphere)), 0.0)
+                } else if is_refined.get(nodes, patch.diamond) {
+                    continue;
+                } else {
+                    let (look, error) = looks.at(nodes, patch.diamond).unwrap_or_else(|| {
+                        let error = node.error_below();
+                        (looks.lens().look(&node.entry.sphere, f64::from(error) / step), error)
+                    });
+                    if look.visible {
+                        quality.count(&look, error);
+                    }
+                    (look.visible, error)
                 };
-                let Seen { visible, error, pixels } = seen;
                 if visible {
                     quality.triangles += u64::from(patch.count);
-                    quality.metres = quality.metres.max(f64::from(error));
-                    quality.pixels = quality.pixels.max(pixels);
+                    is_shown = true;
                 }
                 draw.push(DrawPatch {
                     chunk,
@@ -154,15 +195,11 @@ impl Streamer {
                     visible,
                 });
             }
-        }
-        // A coarse form may be empty (islands that were pruned): its error counts although no patch shows it.
-        for node in frontier {
-            if view.may_see(&node.entry.sphere) {
-                let error = f64::from(node.entry.error);
-                quality.metres = quality.metres.max(error);
-                quality.pixels = quality.pixels.max(view.pixel_error(&node.entry.sphere, error / step));
+            if is_shown {
+                quality.chunks += 1;
+                quality.bytes += u64::from(node.entry.encoded_bytes);
             }
         }
-        (draw, quality)
+        quality
     }
 }

@@ -137,7 +137,7 @@ impl Streamer {
             .filter(|&(&page, _)| self.is_page_ready(page, now_ms))
             .map(|(&index, &rank)| Candidate { rank, kind: FetchKind::Pages, index })
             .collect();
-        for (index, rank) in wanted.ranks.iter() {
+        for &(index, rank) in &wanted.missing {
             let waits = self.nodes.get(index).is_some_and(|n| n.state == State::Absent && n.retry_at <= now_ms);
             if waits {
                 candidates.push(Candidate {
@@ -175,7 +175,7 @@ impl Streamer {
 
     /// Whether a visible part is being asked for, on its way, being decoded or uploaded; one that failed and has to wait does not count.
     fn waits_for_visible(&self, wanted: &Wanted, needed: &BTreeMap<u32, Rank>, now_ms: f64) -> bool {
-        let chunks = wanted.ranks.iter().map(|(i, _)| i).filter(|&i| wanted.is_visible(&self.nodes, i));
+        let chunks = wanted.missing.iter().map(|(i, _)| *i).filter(|&i| wanted.is_visible(&self.nodes, i));
         let chunks = chunks.filter_map(|i| self.nodes.get(i));
         let mut waiting = chunks.filter(|n| match n.state {
             State::Requested(_) | State::Decoding | State::Decoded => true,
@@ -201,10 +201,8 @@ impl Streamer {
         if self.nodes.page_count() == page_count as usize {
             return needed;
         }
-        let mut is_complete = true;
         for (index, rank) in wanted.ranks.iter() {
             let Some(node) = self.nodes.get(index) else { continue };
-            is_complete &= node.state == State::Resident;
             if !self.nodes.lacks_children(index) || !wanted.may_want_below(index, &self.nodes) {
                 continue;
             }
@@ -218,7 +216,7 @@ impl Streamer {
                 }
             }
         }
-        if is_complete && needed.is_empty() && page_count <= WHOLE_DIRECTORY {
+        if wanted.missing.is_empty() && needed.is_empty() && page_count <= WHOLE_DIRECTORY {
             let rank = Rank { visible: false, priority: 0.0 };
             needed.extend((0..page_count).filter(|&p| !self.nodes.has_page(p)).map(|p| (p, rank)));
         }
@@ -386,7 +384,7 @@ impl Streamer {
     fn widest_gap(&self, wanted: &Wanted, before: u64) -> u64 {
         let (mut missing, mut end, mut gaps) = (0, None, Vec::new());
         // In order of the file.
-        for (index, _) in wanted.ranks.iter().filter(|&(i, _)| wanted.is_visible(&self.nodes, i)) {
+        for &(index, _) in wanted.missing.iter().filter(|(i, _)| wanted.is_visible(&self.nodes, *i)) {
             let waits = |n: &&Node| matches!(n.state, State::Absent | State::Requested(_));
             let Some(node) = self.nodes.get(index).filter(waits) else { continue };
             missing += u64::from(node.entry.encoded_bytes);

@@ -122,6 +122,10 @@ pub(crate) struct Nodes {
     orphans: BTreeMap<u32, Vec<u32>>,
     /// Where the file ends, if it ends before what its header states.
     pub(crate) cut_off: Option<u64>,
+    /// How many are resident.
+    pub(crate) resident: u32,
+    /// How many are asked for or being decoded.
+    pub(crate) on_the_way: u32,
 }
 
 impl Nodes {
@@ -185,6 +189,11 @@ impl Nodes {
         (within < self.pages.get(place)?.nodes.len()).then_some(place * ENTRIES_PER_PAGE + within)
     }
 
+    /// No known index reaches this.
+    fn end(&self) -> usize {
+        self.places.len() * ENTRIES_PER_PAGE
+    }
+
     /// The length of a list with one value for every known node.
     pub(crate) fn slots(&self) -> usize {
         self.pages.len() * ENTRIES_PER_PAGE
@@ -197,6 +206,16 @@ impl Nodes {
     pub(crate) fn get_mut(&mut self, index: u32) -> Option<&mut Node> {
         let place = self.place(Self::page_of(index))?;
         self.pages.get_mut(place)?.nodes.get_mut(index as usize % ENTRIES_PER_PAGE)
+    }
+
+    /// Change the state of a known node, and what is counted of it.
+    pub(crate) fn set_state(&mut self, index: u32, state: State) {
+        let Some(node) = self.get_mut(index) else { return };
+        let before = std::mem::replace(&mut node.state, state);
+        let is_resident = |s: State| u32::from(s == State::Resident);
+        let is_on_the_way = |s: State| u32::from(matches!(s, State::Requested(_) | State::Decoding));
+        self.resident = self.resident + is_resident(state) - is_resident(before);
+        self.on_the_way = self.on_the_way + is_on_the_way(state) - is_on_the_way(before);
     }
 
     /// Known children, each once.
@@ -239,7 +258,7 @@ impl Nodes {
 }
 
 /// A value for every known node.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct PerNode<T>(Vec<T>);
 
 impl<T: Copy + Default> PerNode<T> {
@@ -252,8 +271,57 @@ impl<T: Copy + Default> PerNode<T> {
         nodes.slot(index).and_then(|slot| self.0.get(slot)).copied().unwrap_or_default()
     }
 
+    /// Defaults for all nodes.
+    pub(crate) fn clear(&mut self) {
+        self.0.fill(T::default());
+    }
+
+    /// Values for nodes that were not known before, too.
+    pub(crate) fn fit(&mut self, nodes: &Nodes) {
+        self.0.resize(nodes.slots(), T::default());
+    }
+
     /// The value of a known node, to change it.
     pub(crate) fn get_mut(&mut self, nodes: &Nodes, index: u32) -> Option<&mut T> {
         self.0.get_mut(nodes.slot(index)?)
+    }
+}
+
+/// Indices of nodes that are still to be visited, in ascending order: parents before children.
+#[derive(Debug)]
+pub(crate) struct Open {
+    /// A bit for every index.
+    words: Vec<u64>,
+    at: usize,
+}
+
+impl Open {
+    /// Only the root.
+    pub(crate) fn at_root(nodes: &Nodes) -> Self {
+        let mut open = Self { words: vec![0; nodes.end().div_ceil(64)], at: 0 };
+        open.extend(&[0]);
+        open
+    }
+
+    /// The next one.
+    pub(crate) fn pop(&mut self) -> Option<u32> {
+        loop {
+            let word = self.words.get_mut(self.at)?;
+            if *word != 0 {
+                let bit = word.trailing_zeros();
+                *word &= *word - 1;
+                return Some(self.at as u32 * 64 + bit);
+            }
+            self.at += 1;
+        }
+    }
+
+    /// More, all of them behind those that were visited; unknown ones are left out.
+    pub(crate) fn extend(&mut self, indices: &[u32]) {
+        for &index in indices {
+            if let Some(word) = self.words.get_mut(index as usize / 64) {
+                *word |= 1 << (index % 64);
+            }
+        }
     }
 }

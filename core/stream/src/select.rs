@@ -6,9 +6,9 @@
 //! trembles nothing is swapped, and at a camera at rest the wanted set can only stay as it is.
 
 use crate::command::Budgets;
-use crate::nodes::{Node, Nodes, PerNode};
+use crate::nodes::{Node, Nodes, Open, PerNode, State};
 use crate::skip;
-use crate::view::View;
+use crate::view::{Lens, Look, View};
 use std::collections::BinaryHeap;
 
 /// How much more a chunk counts that is already held, and how much farther one that is drawn stays drawn.
@@ -45,8 +45,8 @@ impl Rank {
 /// The cameras that chunks are wanted for.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Cameras {
-    pub(crate) view: View,
-    pub(crate) predicted: Option<View>,
+    pub(crate) now: Lens,
+    pub(crate) predicted: Option<Lens>,
     /// Metres of a lattice spacing.
     pub(crate) step: f64,
 }
@@ -54,15 +54,24 @@ pub(crate) struct Cameras {
 impl Cameras {
     /// Pixel error of what is shown while a chunk is not refined, weighted down where it is not seen, or not yet.
     fn priority(&self, index: u32, node: &Node) -> f64 {
-        let now = raw_priority(index, node, &self.view, self.step);
-        let seen = self.predicted.as_ref().filter(|p| p.may_see(&node.entry.sphere));
-        seen.map_or(now, |p| now.max(PREDICTED_WEIGHT * raw_priority(index, node, p, self.step)))
+        self.priority_of(node, raw_priority(index, node, &self.now, self.step))
+    }
+
+    /// The same, of a chunk whose priority in the present view is known.
+    fn priority_of(&self, node: &Node, now: f64) -> f64 {
+        self.foreseen(node, node.entry.error, now)
+    }
+
+    /// The larger of the priority now and of what the predicted camera will see, with this error in metres.
+    fn foreseen(&self, node: &Node, error: f32, now: f64) -> f64 {
+        let seen = self.predicted.as_ref().map(|p| p.look(&node.entry.sphere, f64::from(error) / self.step));
+        seen.filter(|look| look.visible).map_or(now, |look| now.max(PREDICTED_WEIGHT * look.priority))
     }
 
     /// [`Wanted::may_want_below`].
     fn may_want_below(&self, index: u32, nodes: &Nodes) -> bool {
         let bound = nodes.get(index).map(|node| self.bound_below(index, node));
-        bound.is_some_and(|bound| bound > self.view.target_pixels)
+        bound.is_some_and(|bound| bound > self.now.view.target_pixels)
     }
 
     /// The priority that children of a chunk have at most.
@@ -70,21 +79,55 @@ impl Cameras {
         if index == 0 {
             return f64::INFINITY;
         }
-        let error = f64::from(node.error_below()) / self.step;
-        let now = self.view.priority(&node.entry.sphere, error);
-        let seen = self.predicted.as_ref().filter(|p| p.may_see(&node.entry.sphere));
-        seen.map_or(now, |p| now.max(PREDICTED_WEIGHT * p.priority(&node.entry.sphere, error)))
+        let error = node.error_below();
+        self.foreseen(node, error, self.now.look(&node.entry.sphere, f64::from(error) / self.step).priority)
     }
 }
 
-/// The positions of the values, in ascending order of the values. Everything is sorted as `u128`: another instance of
-/// the sort would add 2 kB to the page's WebAssembly.
-pub(crate) fn in_order(values: impl Iterator<Item = u32>) -> Vec<usize> {
-    let keys = (0..).zip(values).map(|(place, value): (u128, u32)| u128::from(value) << 64 | place);
-    sorted(keys).map(|key| key as usize).collect()
+/// What the present view shows of the known nodes: each is looked at once a step at most, and not again while the view stays.
+#[derive(Debug, Clone)]
+pub(crate) struct Looks {
+    lens: Lens,
+    step: f64,
+    /// With the error of the entry, metres.
+    of: PerNode<Option<(Look, f32)>>,
 }
 
-/// The keys in ascending order; their lowest bits carry the payload.
+impl Looks {
+    /// Looks of this view, those of the last step kept where it had the same.
+    pub(crate) fn renew(last: Option<Self>, lens: &Lens, step: f64, nodes: &Nodes) -> Self {
+        let mut looks = last.unwrap_or_else(|| Self { lens: *lens, step, of: PerNode::new(nodes) });
+        let aside = |view: &View| View { target_pixels: 0.0, ..*view };
+        if aside(&looks.lens.view) != aside(&lens.view) {
+            looks.of.clear();
+        }
+        looks.of.fit(nodes);
+        Self { lens: *lens, step, ..looks }
+    }
+
+    /// The look at the ball of a known node, and the error of its coarse form in metres.
+    pub(crate) fn at(&mut self, nodes: &Nodes, index: u32) -> Option<(Look, f32)> {
+        let slot = self.of.get_mut(nodes, index)?;
+        if slot.is_none() {
+            let entry = &nodes.get(index)?.entry;
+            let look = self.lens.look(&entry.sphere, f64::from(entry.error) / self.step);
+            *slot = Some((look, entry.error));
+        }
+        *slot
+    }
+
+    /// [`raw_priority`] of a known node.
+    pub(crate) fn priority(&mut self, nodes: &Nodes, index: u32) -> f64 {
+        if index == 0 { f64::INFINITY } else { self.at(nodes, index).map_or(0.0, |(look, _)| look.priority) }
+    }
+
+    pub(crate) fn lens(&self) -> &Lens {
+        &self.lens
+    }
+}
+
+/// The keys in ascending order; their lowest bits carry the payload. Everything is sorted as `u128`: another instance of
+/// the sort would add 2 kB to the page's WebAssembly.
 pub(crate) fn sorted(keys: impl Iterator<Item = u128>) -> std::vec::IntoIter<u128> {
     let mut keys: Vec<u128> = keys.collect();
     keys.sort_unstable();
@@ -106,16 +149,16 @@ pub(crate) struct Ranks {
 }
 
 impl Ranks {
-    fn new(ranks: &[(u32, Rank)], nodes: &Nodes) -> Self {
-        let indices = ranks.iter().map(|(index, _)| *index);
-        let by_index: Vec<(u32, Rank)> = in_order(indices).into_iter().filter_map(|k| ranks.get(k).copied()).collect();
-        let mut places = PerNode::new(nodes);
-        for (place, (index, _)) in (1..).zip(&by_index) {
-            if let Some(slot) = places.get_mut(nodes, *index) {
-                *slot = place;
-            }
+    fn new(nodes: &Nodes) -> Self {
+        Self { by_index: Vec::new(), places: PerNode::new(nodes) }
+    }
+
+    /// One more, behind those that are there.
+    fn push(&mut self, nodes: &Nodes, index: u32, rank: Rank) {
+        self.by_index.push((index, rank));
+        if let Some(slot) = self.places.get_mut(nodes, index) {
+            *slot = self.by_index.len() as u32;
         }
-        Self { by_index, places }
     }
 
     pub(crate) fn get(&self, nodes: &Nodes, index: u32) -> Option<Rank> {
@@ -127,16 +170,22 @@ impl Ranks {
     pub(crate) fn iter(&self) -> impl DoubleEndedIterator<Item = (u32, Rank)> + '_ {
         self.by_index.iter().copied()
     }
+
+    pub(crate) fn len(&self) -> usize {
+        self.by_index.len()
+    }
 }
 
 /// The outcome.
 #[derive(Debug, Clone)]
 pub(crate) struct Wanted {
     cameras: Cameras,
-    /// Wanted chunks, most urgent first.
-    pub(crate) order: Vec<u32>,
-    /// The same with their ranks.
+    /// Wanted chunks with their ranks.
     pub(crate) ranks: Ranks,
+    /// Those of them that were not resident when this was decided, in order of their indices.
+    pub(crate) missing: Vec<(u32, Rank)>,
+    /// Encoded bytes of all of them.
+    pub(crate) bytes: u64,
     /// Those of them that the picture does not need ([`crate::skip`]).
     skipped: PerNode<bool>,
     /// Something above the target did not fit.
@@ -152,7 +201,7 @@ impl Wanted {
 
     /// The view that they are wanted for.
     pub(crate) fn view(&self) -> &View {
-        &self.cameras.view
+        &self.cameras.now.view
     }
 
     pub(crate) fn contains(&self, nodes: &Nodes, index: u32) -> bool {
@@ -223,12 +272,11 @@ impl Headroom {
 }
 
 /// Raw priority of a known chunk: weighted pixel error of what is shown while it is not refined.
-pub(crate) fn raw_priority(index: u32, node: &Node, view: &View, step: f64) -> f64 {
+fn raw_priority(index: u32, node: &Node, lens: &Lens, step: f64) -> f64 {
     if index == 0 {
         return f64::INFINITY;
     }
-    let priority = view.priority(&node.entry.sphere, f64::from(node.entry.error) / step);
-    if priority.is_nan() { 0.0 } else { priority }
+    lens.look(&node.entry.sphere, f64::from(node.entry.error) / step).priority
 }
 
 /// The pinned chunks: the first ones in directory order, closed under parents.
@@ -246,45 +294,122 @@ pub(crate) fn pinned(nodes: &Nodes, budgets: &Budgets, scalars: u8) -> Vec<u32> 
     pinned
 }
 
-/// What the cameras want of the known part of the directory.
-pub(crate) fn wanted(
-    nodes: &Nodes,
-    cameras: &Cameras,
-    budgets: &Budgets,
-    scalars: u8,
-    pinned: &[u32],
-    head_bytes: u64,
-) -> Wanted {
-    let mut headroom = Headroom { gpu: budgets.gpu_bytes, cpu: budgets.cpu_bytes };
-    for node in pinned.iter().filter_map(|&i| nodes.get(i)) {
-        headroom.force(node, scalars);
+/// What is known and held, and what there is room for.
+pub(crate) struct Holding<'a> {
+    pub(crate) nodes: &'a Nodes,
+    pub(crate) budgets: &'a Budgets,
+    pub(crate) scalars: u8,
+    pub(crate) pinned: &'a [u32],
+    pub(crate) head_bytes: u64,
+}
+
+impl Holding<'_> {
+    /// Pinned chunks are the first ones.
+    fn is_pinned(&self, index: u32) -> bool {
+        (index as usize) < self.pinned.len()
     }
-    let target = cameras.view.target_pixels;
-    let (mut limited, mut cut_off) = (false, false);
-    let mut is_pinned = PerNode::<bool>::new(nodes);
-    for &index in pinned {
-        if let Some(slot) = is_pinned.get_mut(nodes, index) {
-            *slot = true;
+
+    /// Memory for chunks that are not pinned.
+    fn headroom(&self) -> Headroom {
+        let mut headroom = Headroom { gpu: self.budgets.gpu_bytes, cpu: self.budgets.cpu_bytes };
+        for node in self.pinned.iter().filter_map(|&i| self.nodes.get(i)) {
+            headroom.force(node, self.scalars);
+        }
+        headroom
+    }
+}
+
+/// Wanted chunks in order of their indices, and the two flags of [`Wanted`].
+struct Found {
+    ranks: Ranks,
+    limited: bool,
+    cut_off: bool,
+}
+
+/// What the cameras want of the known part of the directory.
+pub(crate) fn wanted(holding: &Holding<'_>, cameras: &Cameras, looks: &mut Looks) -> Wanted {
+    let nodes = holding.nodes;
+    let found = all(holding, cameras, looks).unwrap_or_else(|| most_urgent(holding, cameras, looks));
+    let Found { ranks, limited, cut_off } = found;
+    let mut missing = Vec::new();
+    let mut bytes = 0;
+    for (index, rank) in ranks.iter() {
+        let Some(node) = nodes.get(index) else { continue };
+        bytes += u64::from(node.entry.encoded_bytes);
+        if node.state != State::Resident {
+            missing.push((index, rank));
         }
     }
+    let is_free = |index: u32, node: &Node| holding.is_pinned(index) || node.end() <= holding.head_bytes;
+    let skipped = skip::skipped(nodes, &ranks, &missing, |index| cameras.may_want_below(index, nodes), is_free);
+    Wanted { cameras: *cameras, ranks, missing, bytes, skipped, limited, cut_off }
+}
+
+/// How much a chunk counts by itself: more where it is held or drawn already.
+fn own_priority(cameras: &Cameras, nodes: &Nodes, looks: &mut Looks, index: u32, node: &Node) -> f64 {
+    let bonus = if node.is_held() || node.refined { HELD_BONUS } else { 1.0 };
+    cameras.priority_of(node, looks.priority(nodes, index)) * bonus
+}
+
+/// Everything that counts more than the target, where there is room for it.
+fn all(holding: &Holding<'_>, cameras: &Cameras, looks: &mut Looks) -> Option<Found> {
+    let nodes = holding.nodes;
+    let mut headroom = holding.headroom();
+    let target = cameras.now.view.target_pixels;
+    let mut found = Found { ranks: Ranks::new(nodes), limited: false, cut_off: false };
+    let mut open = Open::at_root(nodes);
+    while let Some(index) = open.pop() {
+        let Some(node) = nodes.get(index) else { continue };
+        // Parents have been here before: what is wanted below them counts as much as the least of them at most.
+        let least = node.entry.parents().try_fold(f64::INFINITY, |least, parent| {
+            found.ranks.get(nodes, parent).map(|rank| least.min(rank.priority))
+        });
+        let Some(least) = least else { continue };
+        let priority =
+            if index == 0 { least } else { own_priority(cameras, nodes, looks, index, node).min(least) };
+        let is_pinned = holding.is_pinned(index);
+        let is_there = nodes.is_there(node.end());
+        if priority <= target && (!is_pinned || !is_there) {
+            continue;
+        }
+        let visible = looks.at(nodes, index).is_some_and(|(look, _)| look.visible);
+        if !is_there {
+            found.cut_off |= visible;
+            continue; // So are all below it: nothing of them could be shown.
+        }
+        if !is_pinned && !headroom.take(node, holding.scalars) {
+            return None;
+        }
+        found.ranks.push(nodes, index, Rank { visible, priority });
+        open.extend(nodes.children(index));
+    }
+    Some(found)
+}
+
+/// What counts most of it, as much as there is room for.
+fn most_urgent(holding: &Holding<'_>, cameras: &Cameras, looks: &mut Looks) -> Found {
+    let nodes = holding.nodes;
+    let mut headroom = holding.headroom();
+    let target = cameras.now.view.target_pixels;
+    let (mut limited, mut cut_off) = (false, false);
     let mut ranks = Vec::new();
     let mut parents_in = PerNode::<u8>::new(nodes);
     let mut full = false;
     let mut heap = BinaryHeap::from([Candidate { priority: f64::INFINITY, index: 0 }]);
     while let Some(Candidate { priority, index }) = heap.pop() {
         let Some(node) = nodes.get(index) else { continue };
-        let visible = cameras.view.may_see(&node.entry.sphere);
+        let visible = looks.at(nodes, index).is_some_and(|(look, _)| look.visible);
         if !nodes.is_there(node.end()) {
             cut_off |= visible && priority > target;
             continue; // So are all below it: nothing of them could be shown.
         }
-        if !is_pinned.get(nodes, index) {
+        if !holding.is_pinned(index) {
             if priority <= target {
                 continue;
             }
-            full = full || !headroom.take(node, scalars);
+            full = full || !headroom.take(node, holding.scalars);
             if full {
-                limited |= raw_priority(index, node, &cameras.view, cameras.step) > target;
+                limited |= looks.priority(nodes, index) > target;
                 continue;
             }
         }
@@ -293,16 +418,15 @@ pub(crate) fn wanted(
             let Some((node, count)) = nodes.get(child).zip(parents_in.get_mut(nodes, child)) else { continue };
             *count += 1;
             if *count == node.parent_count {
-                let bonus = if node.is_held() || node.refined { HELD_BONUS } else { 1.0 };
-                let own = cameras.priority(child, node) * bonus;
+                let own = own_priority(cameras, nodes, looks, child, node);
                 heap.push(Candidate { priority: own.min(priority), index: child });
             }
         }
     }
-    let keys = ranks.iter().map(|(index, rank)| rank.key(u64::from(*index)));
-    let order = sorted(keys).map(|key| key as u32).collect();
-    let ranks = Ranks::new(&ranks, nodes);
-    let is_free = |index: u32, node: &Node| is_pinned.get(nodes, index) || node.end() <= head_bytes;
-    let skipped = skip::skipped(nodes, &ranks, |index| cameras.may_want_below(index, nodes), is_free);
-    Wanted { cameras: *cameras, order, ranks, skipped, limited, cut_off }
+    let keys = (0..).zip(&ranks).map(|(place, (index, _)): (u128, _)| u128::from(*index) << 64 | place);
+    let mut by_index = Ranks::new(nodes);
+    for (index, rank) in sorted(keys).filter_map(|key| ranks.get(key as usize).copied()) {
+        by_index.push(nodes, index, rank);
+    }
+    Found { ranks: by_index, limited, cut_off }
 }

@@ -8,19 +8,23 @@
 //! more than what it replaces. Chosen from the finest up, because there the bytes are: parents have a fifth of their children.
 
 use crate::nodes::{Node, Nodes, PerNode, State};
-use crate::select::Ranks;
+use crate::select::{Rank, Ranks};
 
-/// Those of the wanted chunks that the picture does not need. `is_free` decides what costs nothing (the head has it), or stays anyway;
+/// Those of the wanted chunks that the picture does not need; `missing` are those that are not resident. `is_free` decides what costs nothing (the head has it), or stays anyway;
 /// `is_likely` where children whose entries are not known yet will be wanted.
 pub(crate) fn skipped(
     nodes: &Nodes,
     ranks: &Ranks,
+    missing: &[(u32, Rank)],
     is_likely: impl Fn(u32) -> bool,
     is_free: impl Fn(u32, &Node) -> bool,
 ) -> PerNode<bool> {
+    if missing.is_empty() {
+        return PerNode::default();
+    }
     let mut skipped = PerNode::<bool>::new(nodes);
     // Children have larger indices than their parents.
-    for (index, rank) in ranks.iter().rev() {
+    for &(index, rank) in missing.iter().rev() {
         let Some(node) =
             nodes.get(index).filter(|n| n.state == State::Absent && n.entry.children.is_some_and(|c| c.is_whole))
         else {

@@ -1,11 +1,12 @@
 //! The state machine itself: events in, commands and a cut out.
 
 use crate::command::{Budgets, Command, Event, RequestId, Stats, Step};
+use crate::draw::Lists;
 use crate::fetch::{PageRetry, Request, retry_time};
 use crate::nodes::{Nodes, State};
 use crate::predict::Predictor;
-use crate::select::{self, Cameras, Wanted, bits, sorted};
-use crate::view::View;
+use crate::select::{self, Cameras, Holding, Looks, Wanted, bits, sorted};
+use crate::view::{Lens, View};
 use kilwa_pack::{DirectoryEntry, Head, Header, NO_DIAMOND, PAGE_BYTES, PatchRange, directory};
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -44,6 +45,9 @@ pub struct Streamer {
     pinned: Vec<u32>,
     /// The cut of the last step.
     pub(crate) refined: Vec<u32>,
+    pub(crate) lists: Lists,
+    /// Of the last step.
+    looks: Option<Looks>,
     /// As of the last step, unless something has changed since.
     rest: Option<Rest>,
     predictor: Predictor,
@@ -80,6 +84,8 @@ impl Streamer {
             decoding_bytes: 0,
             pinned: Vec::new(),
             refined: Vec::new(),
+            lists: Lists::default(),
+            looks: None,
             rest: None,
             predictor: Predictor::default(),
             predicted: None,
@@ -170,10 +176,17 @@ impl Streamer {
 
     fn decide(&mut self, view: &View, now_ms: f64, arrived: Vec<(u32, RequestId, u64)>, uploads: usize) -> Step {
         let mut commands = Vec::new();
-        let scalars = self.header.attributes.scalars;
         let step = self.header.lattice.step();
-        let cameras = Cameras { view: *view, predicted: self.predicted, step };
-        let wanted = select::wanted(&self.nodes, &cameras, &self.budgets, scalars, &self.pinned, self.head_bytes);
+        let cameras = Cameras { now: Lens::new(view), predicted: self.predicted.as_ref().map(Lens::new), step };
+        let mut looks = Looks::renew(self.looks.take(), &cameras.now, step, &self.nodes);
+        let holding = Holding {
+            nodes: &self.nodes,
+            budgets: &self.budgets,
+            scalars: self.header.attributes.scalars,
+            pinned: &self.pinned,
+            head_bytes: self.head_bytes,
+        };
+        let wanted = select::wanted(&holding, &cameras, &mut looks);
         // Answers first: their decoding frees no memory, but the bytes are here now.
         for (chunk, request, offset) in arrived {
             self.push_decode(chunk, request, offset, &mut commands);
@@ -182,18 +195,16 @@ impl Streamer {
         self.make_room(0, 0, &wanted, &mut commands);
         self.schedule(&wanted, now_ms, &mut commands);
         self.upload(&wanted, uploads, &mut commands);
-        self.refine(view);
-        let (draw, quality) = self.cut(view);
+        self.refine(&mut looks);
+        let (draw, quality) = self.cut(&mut looks);
+        self.looks = Some(looks);
         let mut stats = self.stats(&wanted, now_ms);
         stats.patches_drawn = draw.len() as u32;
         stats.triangles_drawn = quality.triangles;
         stats.worst_pixel_error = quality.pixels;
         stats.worst_error_metres = quality.metres;
-        // The cut is in order of the chunks.
-        let mut shown: Vec<u32> = draw.iter().filter(|d| d.visible).map(|d| d.chunk).collect();
-        shown.dedup();
-        stats.chunks_shown = shown.len() as u32;
-        stats.bytes_shown = shown.iter().filter_map(|&c| self.entry(c)).map(|e| u64::from(e.encoded_bytes)).sum();
+        stats.chunks_shown = quality.chunks;
+        stats.bytes_shown = quality.bytes;
         stats.target_reached = quality.pixels <= view.target_pixels;
         Step { commands, draw, stats }
     }
@@ -245,12 +256,12 @@ impl Streamer {
     /// Decode the chunks of a request that lie in its first `length` bytes and are still waited for.
     fn decode_parts(&mut self, request: RequestId, r: &Request, length: u64, arrived: &mut Vec<(u32, RequestId, u64)>) {
         for &chunk in &r.parts {
-            let Some(node) = self.nodes.get_mut(chunk) else { continue };
+            let Some(node) = self.nodes.get(chunk) else { continue };
             let Some(at) = r.place(node.entry.offset) else { continue };
             let is_there = at + u64::from(node.entry.encoded_bytes) <= length;
             if is_there && node.state == State::Requested(request) {
-                node.state = State::Decoding;
                 self.decoding_bytes += u64::from(node.entry.encoded_bytes);
+                self.nodes.set_state(chunk, State::Decoding);
                 arrived.push((chunk, request, at));
             }
         }
@@ -302,11 +313,11 @@ impl Streamer {
             self.fail_chunk(chunk, now_ms, true);
             return;
         }
-        node.state = State::Decoded;
         node.attempts = 0;
         node.damaged = false;
         node.patches = patches;
         self.decoding_bytes -= u64::from(node.entry.encoded_bytes);
+        self.nodes.set_state(chunk, State::Decoded);
     }
 
     fn fail_request(&mut self, request: RequestId, r: &Request, now_ms: f64) {
@@ -365,11 +376,10 @@ impl Streamer {
         if !self.make_room(gpu, cpu, wanted, commands) && chunk != 0 {
             return false;
         }
-        let Some(node) = self.nodes.get_mut(chunk) else { return false };
-        node.state = state;
-        if state == State::Decoding {
+        if let Some(node) = self.nodes.get(chunk).filter(|_| state == State::Decoding) {
             self.decoding_bytes += u64::from(node.entry.encoded_bytes);
         }
+        self.nodes.set_state(chunk, state);
         self.gpu_bytes += gpu;
         self.cpu_bytes += cpu;
         self.held.insert(chunk);
@@ -386,10 +396,10 @@ impl Streamer {
         if node.state == State::Decoding {
             self.decoding_bytes -= u64::from(node.entry.encoded_bytes);
         }
-        node.state = State::Absent;
         node.patches = Vec::new();
         self.gpu_bytes -= node.gpu_bytes();
         self.cpu_bytes -= node.cpu_bytes(scalars);
+        self.nodes.set_state(chunk, State::Absent);
         self.held.remove(&chunk);
     }
 
@@ -416,23 +426,23 @@ impl Streamer {
         fits(self)
     }
 
+    /// The most urgent of what is decoded goes into GPU memory.
     fn upload(&mut self, wanted: &Wanted, uploads: usize, commands: &mut Vec<Command>) {
-        let mut left = uploads;
-        for &chunk in &wanted.order {
-            if left == 0 {
-                break;
-            }
-            if let Some(node) = self.nodes.get_mut(chunk).filter(|n| n.state == State::Decoded) {
-                node.state = State::Resident;
-                commands.push(Command::Upload { chunk });
-                left -= 1;
-            }
+        let is_decoded = |i: u32| self.nodes.get(i).is_some_and(|n| n.state == State::Decoded);
+        let decoded = wanted.missing.iter().filter(|(i, _)| is_decoded(*i));
+        for key in sorted(decoded.map(|(index, rank)| rank.key(u64::from(*index)))).take(uploads) {
+            let chunk = key as u32;
+            self.nodes.set_state(chunk, State::Resident);
+            commands.push(Command::Upload { chunk });
         }
     }
 
     fn stats(&self, wanted: &Wanted, now_ms: f64) -> Stats {
         let mut stats = Stats {
-            chunks_wanted: wanted.order.len() as u32,
+            chunks_wanted: wanted.ranks.len() as u32,
+            bytes_wanted: wanted.bytes,
+            chunks_in_flight: self.nodes.on_the_way,
+            chunks_resident: self.nodes.resident,
             requests_in_flight: self.requests.len() as u32,
             requests_made: self.requests_made,
             bytes_in_flight: self.bytes_in_flight(),
@@ -448,15 +458,12 @@ impl Streamer {
             ..Stats::default()
         };
         let mut retry_at = f64::INFINITY;
-        for node in wanted.order.iter().filter_map(|&i| self.nodes.get(i)) {
-            let bytes = u64::from(node.entry.encoded_bytes);
-            stats.bytes_wanted += bytes;
-            if node.state != State::Resident {
-                stats.chunks_missing += 1;
-                stats.bytes_missing += bytes;
-                if node.state == State::Absent && node.attempts > 0 {
-                    retry_at = retry_at.min(node.retry_at);
-                }
+        let missing = wanted.missing.iter().filter_map(|(i, _)| self.nodes.get(*i));
+        for node in missing.filter(|n| n.state != State::Resident) {
+            stats.chunks_missing += 1;
+            stats.bytes_missing += u64::from(node.entry.encoded_bytes);
+            if node.state == State::Absent && node.attempts > 0 {
+                retry_at = retry_at.min(node.retry_at);
             }
         }
         for retry in self.page_retries.values().filter(|r| !r.in_flight) {
@@ -465,11 +472,6 @@ impl Streamer {
         if retry_at.is_finite() {
             stats.retry_in_ms = (retry_at - now_ms).max(0.0);
         }
-        let resident = |i: &&u32| self.nodes.get(**i).is_some_and(|n| n.state == State::Resident);
-        let on_the_way =
-            |i: &&u32| self.nodes.get(**i).is_some_and(|n| matches!(n.state, State::Requested(_) | State::Decoding));
-        stats.chunks_in_flight = self.held.iter().filter(on_the_way).count() as u32;
-        stats.chunks_resident = self.held.iter().filter(resident).count() as u32;
         stats.settled = stats.chunks_missing == 0
             && self.requests.is_empty()
             && self.decoding_bytes == 0

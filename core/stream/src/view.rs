@@ -63,69 +63,132 @@ impl View {
 
     /// Whether a ball may touch what is seen: the view volume, without what is cut away (never wrongly `false`).
     pub fn may_see(&self, sphere: &Sphere) -> bool {
-        if sphere.radius < 0.0 {
-            return false;
-        }
-        let DVec3 { x, y, z } = self.in_view(sphere.center);
-        let r = sphere.radius * (1.0 + 1e-9);
-        if z + r < self.near || self.clip.removes(sphere) {
-            return false;
-        }
-        match self.projection {
-            Projection::Perspective { tan_half_height } => {
-                let side = |c: f64, t: f64| c.abs() - t * z <= r * libm::sqrt(1.0 + t * t);
-                side(x, tan_half_height * self.aspect()) && side(y, tan_half_height)
-            }
-            Projection::Orthographic { half_height } => {
-                z - r <= self.far && x.abs() - r <= half_height * self.aspect() && y.abs() - r <= half_height
-            }
-        }
+        Lens::new(self).may_see(sphere)
     }
 
     /// Pixels that a displacement of `error` (lattice units) takes up at most, anywhere in the ball that the view
     /// can show: `error / distance × pixels per radian`, at the nearest point of the ball, times `1 / cos²` of the
     /// largest angle off the axis. Monotone: a ball inside another one never gets more.
     pub fn pixel_error(&self, sphere: &Sphere, error: f64) -> f64 {
-        if error <= 0.0 {
-            return 0.0;
-        }
-        let half_pixels = f64::from(self.size[1].max(1)) * 0.5;
-        match self.projection {
-            Projection::Orthographic { half_height } => error * half_pixels / half_height,
-            Projection::Perspective { tan_half_height } => {
-                let focal = half_pixels / tan_half_height;
-                let center = self.in_view(sphere.center);
-                let distance = center.length();
-                let nearest = (distance - sphere.radius).max(self.near);
-                let cos = self.smallest_cosine(center, distance, sphere.radius, tan_half_height);
-                error * focal / (nearest * cos * cos)
-            }
-        }
-    }
-
-    /// Cosine of the largest angle off the axis that the ball reaches, no larger than the angle of the corners.
-    fn smallest_cosine(&self, DVec3 { x, y, z }: DVec3, distance: f64, radius: f64, tan_half_height: f64) -> f64 {
-        let tan_width = tan_half_height * self.aspect();
-        let corner = 1.0 / libm::sqrt(1.0 + tan_half_height * tan_half_height + tan_width * tan_width);
-        if distance <= radius {
-            return corner;
-        }
-        let (cos_axis, sin_axis) = (z / distance, libm::sqrt(x * x + y * y) / distance);
-        let sin_ball = radius / distance;
-        let cos_ball = libm::sqrt((1.0 - sin_ball * sin_ball).max(0.0));
-        if sin_axis * cos_ball + cos_axis * sin_ball < 0.0 {
-            return corner; // The ball reaches round to the point straight behind the eye.
-        }
-        (cos_axis * cos_ball - sin_axis * sin_ball).max(corner)
+        Lens::new(self).pixel_error(self.in_view(sphere.center), sphere.radius, error)
     }
 
     /// [`View::pixel_error`], weighted down where the ball cannot be seen, and 0 where it is cut away: what decides what is loaded
     /// first, or at all.
     pub fn priority(&self, sphere: &Sphere, error: f64) -> f64 {
-        if self.clip.removes(sphere) {
+        Lens::new(self).look(sphere, error).priority
+    }
+}
+
+/// What a view shows of a ball.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Look {
+    /// [`View::may_see`].
+    pub(crate) visible: bool,
+    /// [`View::priority`]: where the ball is visible, its pixel error. Never NaN.
+    pub(crate) priority: f64,
+}
+
+/// A view, and what looking at any ball needs: computed once, because every step looks at thousands of balls.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Lens {
+    pub(crate) view: View,
+    is_clipped: bool,
+    /// Half the width and half the height of the picture: tangents in perspective, lattice units in parallel projection.
+    half: [f64; 2],
+    /// 1 over the cosines of the half angles, for perspective.
+    secant: [f64; 2],
+    /// Pixels per radian, or per lattice unit.
+    focal: f64,
+    /// Cosine of the angle between the axis and a corner.
+    corner: f64,
+}
+
+impl Lens {
+    pub(crate) fn new(view: &View) -> Self {
+        let half_pixels = f64::from(view.size[1].max(1)) * 0.5;
+        let (Projection::Perspective { tan_half_height: height } | Projection::Orthographic { half_height: height }) =
+            view.projection;
+        let half = [height * view.aspect(), height];
+        let [width, height] = half;
+        Self {
+            view: *view,
+            is_clipped: view.clip.is_on(),
+            half,
+            secant: half.map(|t| libm::sqrt(1.0 + t * t)),
+            focal: half_pixels / height,
+            corner: 1.0 / libm::sqrt(1.0 + height * height + width * width),
+        }
+    }
+
+    /// [`View::may_see`].
+    pub(crate) fn may_see(&self, sphere: &Sphere) -> bool {
+        !self.removes(sphere) && self.meets(self.view.in_view(sphere.center), sphere.radius)
+    }
+
+    /// Whether a ball can be seen, and its priority.
+    pub(crate) fn look(&self, sphere: &Sphere, error: f64) -> Look {
+        if self.removes(sphere) {
+            return Look::default();
+        }
+        let center = self.view.in_view(sphere.center);
+        let visible = self.meets(center, sphere.radius);
+        let weight = if visible { 1.0 } else { OFF_SCREEN_WEIGHT };
+        let priority = self.pixel_error(center, sphere.radius, error) * weight;
+        Look { visible, priority: if priority.is_nan() { 0.0 } else { priority } }
+    }
+
+    fn removes(&self, sphere: &Sphere) -> bool {
+        self.is_clipped && self.view.clip.removes(sphere)
+    }
+
+    /// Whether a ball touches the view volume. `center` counts from the eye.
+    fn meets(&self, DVec3 { x, y, z }: DVec3, radius: f64) -> bool {
+        let r = radius * (1.0 + 1e-9);
+        if radius < 0.0 || z + r < self.view.near {
+            return false;
+        }
+        let ([width, height], [by_width, by_height]) = (self.half, self.secant);
+        match self.view.projection {
+            Projection::Perspective { .. } => {
+                x.abs() - width * z <= r * by_width && y.abs() - height * z <= r * by_height
+            }
+            Projection::Orthographic { .. } => {
+                z - r <= self.view.far && x.abs() - r <= width && y.abs() - r <= height
+            }
+        }
+    }
+
+    /// [`View::pixel_error`]. `center` counts from the eye.
+    fn pixel_error(&self, center: DVec3, radius: f64, error: f64) -> f64 {
+        if error <= 0.0 {
             return 0.0;
         }
-        self.pixel_error(sphere, error) * if self.may_see(sphere) { 1.0 } else { OFF_SCREEN_WEIGHT }
+        match self.view.projection {
+            Projection::Orthographic { half_height } => {
+                error * (f64::from(self.view.size[1].max(1)) * 0.5) / half_height
+            }
+            Projection::Perspective { .. } => {
+                let distance = center.length();
+                let nearest = (distance - radius).max(self.view.near);
+                let cos = self.smallest_cosine(center, distance, radius);
+                error * self.focal / (nearest * cos * cos)
+            }
+        }
+    }
+
+    /// Cosine of the largest angle off the axis that the ball reaches, no larger than the angle of the corners.
+    fn smallest_cosine(&self, DVec3 { x, y, z }: DVec3, distance: f64, radius: f64) -> f64 {
+        if distance <= radius {
+            return self.corner;
+        }
+        let (cos_axis, sin_axis) = (z / distance, libm::sqrt(x * x + y * y) / distance);
+        let sin_ball = radius / distance;
+        let cos_ball = libm::sqrt((1.0 - sin_ball * sin_ball).max(0.0));
+        if sin_axis * cos_ball + cos_axis * sin_ball < 0.0 {
+            return self.corner; // The ball reaches round to the point straight behind the eye.
+        }
+        (cos_axis * cos_ball - sin_axis * sin_ball).max(self.corner)
     }
 }
 

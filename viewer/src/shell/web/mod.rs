@@ -121,7 +121,7 @@ pub struct Viewer {
     is_slow: bool,
     /// When the last frame was drawn, milliseconds.
     frame_at: f64,
-    draw: Vec<DrawPatch>,
+    draw: Arc<Vec<DrawPatch>>,
 }
 
 #[wasm_bindgen]
@@ -190,7 +190,7 @@ impl Viewer {
             paced: 1.0,
             is_slow: false,
             frame_at: 0.0,
-            draw: Vec::new(),
+            draw: Arc::default(),
         };
         viewer.apply_display();
         Ok(viewer)
