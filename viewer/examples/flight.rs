@@ -5,8 +5,8 @@
 //! error is 1 or `ERR`; with `LOG` in the environment the requests over 10 Mbit/s are listed, too.
 //!
 //! `flight steps PACK WIDTH HEIGHT`: how long [`kilwa_stream::Streamer::step`] takes while a view is loaded, at rest, in an orbit around the
-//! whole model, in the same orbit again (now everything is resident), and in the recorded flight; and a digest of all answers. The pixel error is
-//! 1 or `ERR`, the memory for chunks `GPU_BYTES`.
+//! whole model, in the same orbit again (now everything is resident), and in the recorded flight; what making the list of draw calls takes; and a
+//! digest of all answers. The pixel error is 1 or `ERR`, the memory for chunks `GPU_BYTES`.
 //!
 //! `flight render PACK WIDTH HEIGHT FRAMES`: a recorded flight (all of it, down to the surface, along it, back) drawn
 //! without a window: times of whole frames (deciding, reading, decoding, uploading, drawing, waiting for the GPU) and of drawing alone.
@@ -18,14 +18,18 @@ use kilwa_pack::reader::decode_checked;
 use kilwa_pack::{HEAD_BYTES, SliceSource, Source};
 use kilwa_stream::sim::{Decoders, Flight, Link, PackStore, Simulator};
 use kilwa_stream::{Budgets, Command, Event, FetchKind, Stats, Step, Streamer, View, length_of};
+use kilwa_viewer::draw_list::{DrawList, PerCall, Place};
 use kilwa_viewer::shell::native::Session;
 use kilwa_viewer::{Bounds, Camera, Gpu, Prefer, RenderOptions, StandardView};
+use std::collections::BTreeMap;
 use std::error::Error;
 use std::f64::consts::TAU;
 use std::hash::{DefaultHasher, Hash, Hasher};
 use std::time::Instant;
 
 const SIZE: [u32; 2] = [1280, 720];
+/// About as many as a slab of the largest size has.
+const SLAB_INDICES: u32 = 1_500_000;
 
 fn main() -> Result<(), Box<dyn Error>> {
     let args: Vec<String> = std::env::args().skip(1).collect();
@@ -134,10 +138,11 @@ fn steps(pack: &str, size: [u32; 2], error: f64) -> Result<(), Box<dyn Error>> {
     let whole = course::whole(&bounds, size);
     let lattice = head.header.lattice;
     let (mut now, mut events) = (0.0, Vec::new());
-    println!("| course | steps | ms p50 | ms p99 | chunks | patches | M triangles | digest |");
-    println!("|---|---:|---:|---:|---:|---:|---:|---|");
+    let (mut places, mut list) = (Places::default(), DrawList::default());
+    println!("| course | steps | ms p50 | ms p99 | draw list ms p50 | ms p99 | chunks | patches | calls | M triangles | digest |");
+    println!("|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---|");
     for (course, count) in [("load", usize::MAX), ("rest", 400), ("orbit", 400), ("orbit again", 400), ("flight", 400)] {
-        let mut times = Vec::new();
+        let (mut times, mut list_times) = (Vec::new(), Vec::new());
         let mut stats = Stats::default();
         let mut digest = DefaultHasher::new();
         for frame in 0..count {
@@ -152,6 +157,10 @@ fn steps(pack: &str, size: [u32; 2], error: f64) -> Result<(), Box<dyn Error>> {
             let begun = Instant::now();
             let step = streamer.step(&view, now, std::mem::take(&mut events));
             times.push(begun.elapsed().as_secs_f64() * 1e3);
+            places.follow(&streamer, &step);
+            let begun = Instant::now();
+            list.collect(&view, &step.draw, &[], PerCall::Fades, |chunk| places.of.get(&chunk).copied());
+            list_times.push(begun.elapsed().as_secs_f64() * 1e3);
             write_digest(&step, &mut digest);
             stats = step.stats;
             events = answers(&streamer, &source, &step.commands)?;
@@ -159,16 +168,61 @@ fn steps(pack: &str, size: [u32; 2], error: f64) -> Result<(), Box<dyn Error>> {
                 break;
             }
         }
-        times.sort_by(f64::total_cmp);
-        let at = |share: f64| times[((times.len() - 1) as f64 * share).round() as usize];
-        let (p50, p99, triangles) = (at(0.5), at(0.99), stats.triangles_drawn as f64 / 1e6);
-        let (chunks, patches, digest) = (stats.chunks_resident, stats.patches_drawn, digest.finish());
+        let at = |times: &mut Vec<f64>, share: f64| {
+            times.sort_by(f64::total_cmp);
+            times[((times.len() - 1) as f64 * share).round() as usize]
+        };
         println!(
-            "| {course} | {} | {p50:.3} | {p99:.3} | {chunks} | {patches} | {triangles:.2} | {digest:016x} |",
-            times.len()
+            "| {course} | {} | {:.3} | {:.3} | {:.3} | {:.3} | {} | {} | {} | {:.2} | {:016x} |",
+            times.len(),
+            at(&mut times, 0.5),
+            at(&mut times, 0.99),
+            at(&mut list_times, 0.5),
+            at(&mut list_times, 0.99),
+            stats.chunks_resident,
+            stats.patches_drawn,
+            list.calls().len(),
+            stats.triangles_drawn as f64 / 1e6,
+            digest.finish(),
         );
     }
     Ok(())
+}
+
+/// Where chunks would be in GPU memory: one behind the other in slabs of the usual size, whose gaps are not used again.
+#[derive(Default)]
+struct Places {
+    of: BTreeMap<u32, Place>,
+    slab: u32,
+    next_index: u32,
+}
+
+impl Places {
+    fn follow(&mut self, streamer: &Streamer, step: &Step) {
+        for command in &step.commands {
+            match *command {
+                Command::Upload { chunk } => {
+                    let Some(entry) = streamer.entry(chunk) else { continue };
+                    let [low, high] = [entry.bounds.min, entry.bounds.max].map(|corner| corner.as_dvec3());
+                    if self.next_index + entry.triangles * 3 > SLAB_INDICES {
+                        (self.slab, self.next_index) = (self.slab + 1, 0);
+                    }
+                    let place = Place {
+                        slab: self.slab,
+                        first_index: self.next_index,
+                        triangles: entry.triangles,
+                        middle: (low + high) * 0.5,
+                    };
+                    self.next_index += entry.triangles * 3;
+                    self.of.insert(chunk, place);
+                }
+                Command::Evict { chunk } => {
+                    self.of.remove(&chunk);
+                }
+                _ => {}
+            }
+        }
+    }
 }
 
 /// Everything that a step answers: whoever changes the streamer sees whether it decides as before.

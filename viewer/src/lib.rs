@@ -13,6 +13,7 @@ pub mod camera;
 pub mod clip;
 pub mod colormap;
 pub mod display;
+pub mod draw_list;
 pub mod fade;
 pub mod filled;
 pub mod gpu;

@@ -1,8 +1,11 @@
 //! The renderer: GPU memory of chunks, and pictures of a cut.
 
+use crate::draw_list::{Call, DrawList, PerCall, Place};
 use crate::gpu::context::{Gpu, GpuError};
 use crate::gpu::depth_normal::{self, DepthNormalBuffer};
-use crate::gpu::frame::{Draw, NO_FADE, TargetTraits, Uniforms, draw_uniform, frame_uniform};
+use crate::gpu::frame::{TargetTraits, Uniforms, frame_uniform};
+#[cfg(not(target_arch = "wasm32"))]
+use crate::gpu::indirect::Indirect;
 use crate::gpu::pool::{Pool, ShownScalar};
 use crate::gpu::present::Present;
 use crate::gpu::readback::Readback;
@@ -18,7 +21,6 @@ use kilwa_geometry::color::{decode_f32, encode_f32};
 use kilwa_pack::GpuChunk;
 use kilwa_stream::{DrawPatch, View};
 use std::collections::BTreeMap;
-use std::ops::Range;
 
 /// Format of pictures that are read back.
 pub const IMAGE_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
@@ -62,40 +64,6 @@ pub struct IdImage {
     pub pixels: Vec<(Option<u32>, f32)>,
 }
 
-/// One draw call.
-#[derive(Clone)]
-struct Call {
-    chunk: u32,
-    triangles: Range<u32>,
-    fade: [f32; 2],
-    /// Place of its uniforms among those of the frame.
-    draw: u32,
-}
-
-/// Number of layers of chunks, from near to far: within one, each buffer is bound once.
-const LAYERS: usize = 12;
-
-/// When a draw call needs uniforms of its own.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum PerCall {
-    /// Only for levels that fade into each other.
-    Fades,
-    /// For the level of detail, too.
-    Levels,
-    /// Every patch is a call, with its number and its error.
-    Patches,
-}
-
-impl PerCall {
-    fn of(mode: Mode) -> Self {
-        match mode {
-            Mode::Error => Self::Patches,
-            Mode::Level => Self::Levels,
-            _ => Self::Fades,
-        }
-    }
-}
-
 /// Draws cuts with one device. Chunks are uploaded and evicted as the streamer says.
 pub struct Renderer {
     device: wgpu::Device,
@@ -118,6 +86,11 @@ pub struct Renderer {
     attachments: Attachments,
     id_attachments: Attachments,
     depth_normal_attachments: Attachments,
+    /// Calls of the last frame.
+    list: DrawList,
+    /// Where calls are read from a buffer.
+    #[cfg(not(target_arch = "wasm32"))]
+    indirect: Option<Indirect>,
     timing: Timing,
 }
 
@@ -132,6 +105,8 @@ impl Renderer {
         let present = Present::new(&device, format);
         let surface = BTreeMap::from([(plain, surface::pipeline(&device, &uniforms, drawn, samples, plain))]);
         let background = background::pipeline(&device, &uniforms, drawn, samples);
+        #[cfg(not(target_arch = "wasm32"))]
+        let indirect = Indirect::suits(&device).then(Indirect::default);
         Self {
             device,
             queue,
@@ -150,6 +125,9 @@ impl Renderer {
             attachments: Attachments::default(),
             id_attachments: Attachments::default(),
             depth_normal_attachments: Attachments::default(),
+            list: DrawList::default(),
+            #[cfg(not(target_arch = "wasm32"))]
+            indirect,
             timing: Timing::default(),
         }
     }
@@ -199,6 +177,18 @@ impl Renderer {
         self.timing.timer.as_mut()
     }
 
+    /// Whether draw calls are read from a buffer, as they are by default where the device is made for it; otherwise they are recorded one by one. The
+    /// pictures are the same.
+    #[cfg(not(target_arch = "wasm32"))]
+    pub fn set_indirect(&mut self, is_on: bool) {
+        self.indirect = is_on.then(Indirect::default);
+    }
+
+    /// Draw calls of a pass of the last frame.
+    pub fn call_count(&self) -> usize {
+        self.list.calls().len()
+    }
+
     /// Free a chunk's GPU memory.
     pub fn evict(&mut self, index: u32) {
         self.pool.evict(index);
@@ -244,8 +234,8 @@ impl Renderer {
         let (depth, samples) = self.attachments.fit(&self.device, size, self.samples, self.drawn);
         let picture = self.present.as_mut().map(|p| p.fit(&self.device, size));
         let drawn_to = picture.as_ref().unwrap_or(target);
-        let (calls, draws) = self.calls(view, patches, fades, PerCall::of(options.mode));
-        let cut = options.clip.is_on() || calls.iter().any(|c| c.fade != NO_FADE);
+        self.collect(view, patches, fades, PerCall::of(options.mode));
+        let cut = options.clip.is_on() || self.list.is_fading();
         let smooth = options.clip.is_on() && self.samples > 1 && options.background != Background::Transparent;
         let scalar = options.mode == Mode::Scalar && self.pool.has_scalars();
         let variant = Variant { mode: options.mode, cut, smooth, scalar };
@@ -256,9 +246,9 @@ impl Renderer {
             traits.depth_normal_shift = shift;
             self.prepare_depth_normal(view, options, map, traits, cut);
         }
-        self.uniforms.write(&self.device, &self.queue, &frame_uniform(view, options, traits), &draws);
+        self.uniforms.write(&self.device, &self.queue, &frame_uniform(view, options, traits), self.list.draws());
         if let Some((map, _)) = map {
-            self.draw_depth_normal(&mut encoder, map.size, &calls, cut);
+            self.draw_depth_normal(&mut encoder, map.size, cut);
         }
         let (device, uniforms, format) = (&self.device, &self.uniforms, self.drawn);
         let make = || surface::pipeline(device, uniforms, format, self.samples, variant);
@@ -275,7 +265,7 @@ impl Renderer {
             pass.set_pipeline(&self.background);
             pass.draw(0..3, 0..1);
             pass.set_pipeline(&surface);
-            self.record(&mut pass, &calls, variant.scalar);
+            self.recorder().record(&mut pass, variant.scalar);
         }
         self.timing.end();
         if let Some(present) = &self.present {
@@ -304,7 +294,7 @@ impl Renderer {
         self.depth_normal_pipelines.entry(cut).or_insert_with(|| depth_normal::pipeline(device, uniforms, cut));
     }
 
-    fn draw_depth_normal(&mut self, encoder: &mut wgpu::CommandEncoder, size: [u32; 2], calls: &[Call], cut: bool) {
+    fn draw_depth_normal(&mut self, encoder: &mut wgpu::CommandEncoder, size: [u32; 2], cut: bool) {
         let (map, _) = self.depth_normal.fit(&self.device, size);
         let (depth, _) = self.depth_normal_attachments.fit(&self.device, size, 1, DEPTH_NORMAL_FORMAT);
         let Some(pipeline) = self.depth_normal_pipelines.get(&cut) else { return };
@@ -312,7 +302,7 @@ impl Renderer {
         let mut pass = begin(encoder, &map, None, &depth, timestamps);
         pass.set_bind_group(0, &self.uniforms.depth_normal_group, &[]);
         pass.set_pipeline(pipeline);
-        self.record(&mut pass, calls, false);
+        self.recorder().record(&mut pass, false);
         drop(pass);
         self.timing.end();
     }
@@ -375,10 +365,10 @@ impl Renderer {
         let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | wgpu::TextureUsages::COPY_SRC;
         let ids = texture(&self.device, "ids", size, 1, ID_FORMAT, usage);
         let (depth, _) = self.id_attachments.fit(&self.device, size, 1, ID_FORMAT);
-        let (calls, draws) = self.calls(view, patches, &[], PerCall::Patches);
+        self.collect(view, patches, &[], PerCall::Patches);
         let options = RenderOptions { tile, clip: *clip, ..RenderOptions::default() };
         let frame = frame_uniform(view, &options, TargetTraits::default());
-        self.uniforms.write(&self.device, &self.queue, &frame, &draws);
+        self.uniforms.write(&self.device, &self.queue, &frame, self.list.draws());
         let cut = clip.is_on();
         let pipeline = self.id.entry(cut).or_insert_with(|| id::pipeline(&self.device, &self.uniforms, cut)).clone();
         let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
@@ -386,7 +376,7 @@ impl Renderer {
             let mut pass = begin(&mut encoder, &view_of(&ids), None, &depth, None);
             pass.set_bind_group(0, &self.uniforms.frame_group, &[]);
             pass.set_pipeline(&pipeline);
-            self.record(&mut pass, &calls, false);
+            self.recorder().record(&mut pass, false);
         }
         let readback = Readback::record(&self.device, &mut encoder, &ids, 8);
         self.queue.submit([encoder.finish()]);
@@ -412,94 +402,87 @@ impl Renderer {
         Ok(ids.pixels.first().and_then(|(id, depth)| Some(((*id)?, crate::clip::distance_from_depth(view, *depth)))))
     }
 
-    /// Draw calls, nearest first so that what is hidden is not shaded, and their uniforms. The id of a patch is 1 plus its index. Neighbouring
-    /// patches of a chunk become one call where no uniform tells them apart, and calls share their uniforms.
-    fn calls(
-        &self,
-        view: &View,
-        patches: &[DrawPatch],
-        fades: &[[f32; 2]],
-        per_call: PerCall,
-    ) -> (Vec<Call>, Vec<Draw>) {
-        let mut calls: Vec<Call> = Vec::new();
-        let mut draws: Vec<Draw> = Vec::new();
-        // The slab and calls of every chunk; and sort keys of depth and index in that list.
-        let mut ranges: Vec<(usize, Range<usize>)> = Vec::new();
-        let mut near: Vec<u128> = Vec::new();
-        let mut first = 0;
-        for patches in patches.chunk_by(|a, b| a.chunk == b.chunk) {
-            let before = calls.len();
-            let Some(chunk) = patches.first().and_then(|p| self.pool.get(p.chunk)) else {
-                first += patches.len();
-                continue;
-            };
-            for (index, patch) in (first..).zip(patches) {
-                let end = patch.first.saturating_add(patch.count);
-                if !patch.visible || end > chunk.triangles || patch.count == 0 {
-                    continue;
-                }
-                let fade = fades.get(index).copied().unwrap_or(NO_FADE);
-                let continues = |c: &&mut Call| c.triangles.end == patch.first && c.fade == fade;
-                let last = calls[before..].last_mut().filter(|c| per_call != PerCall::Patches && continues(c));
-                if let Some(last) = last {
-                    last.triangles.end = end;
-                    continue;
-                }
-                let uniform = match per_call {
-                    PerCall::Fades => draw_uniform(0, 0, 0.0, fade),
-                    PerCall::Levels => draw_uniform(0, u32::from(patch.level), 0.0, fade),
-                    PerCall::Patches => draw_uniform(index as u32 + 1, u32::from(patch.level), patch.error, fade),
-                };
-                if draws.last() != Some(&uniform) {
-                    draws.push(uniform);
-                }
-                let draw = draws.len() as u32 - 1;
-                calls.push(Call { chunk: patch.chunk, triangles: patch.first..end, fade, draw });
-            }
-            first += patches.len();
-            if calls.len() == before {
-                continue; // A chunk without calls must not count towards a layer.
-            }
-            let depth = (chunk.middle - view.eye).dot(view.forward) as f32;
-            near.push(ordered_bits(depth) << 64 | ranges.len() as u128);
-            ranges.push((chunk.slab, before..calls.len()));
+    /// The calls of a cut, nearest first so that what is hidden is not shaded.
+    fn collect(&mut self, view: &View, patches: &[DrawPatch], fades: &[[f32; 2]], per_call: PerCall) {
+        let mut chunks = self.pool.cursor();
+        self.list.collect(view, patches, fades, per_call, |index| {
+            let chunk = chunks.find(index)?;
+            Some(Place {
+                slab: chunk.slab as u32,
+                first_index: chunk.indices.start,
+                triangles: chunk.triangles,
+                middle: chunk.middle,
+            })
+        });
+        #[cfg(not(target_arch = "wasm32"))]
+        if let Some(indirect) = &mut self.indirect {
+            indirect.write(&self.device, &self.queue, self.list.calls());
         }
-        near.sort_unstable();
-        let in_layer = near.len().div_ceil(LAYERS).max(1);
-        for (place, key) in near.iter_mut().enumerate() {
-            let range = *key as u32;
-            let slab = ranges.get(range as usize).map_or(0, |r| r.0);
-            *key = ((place / in_layer) as u128) << 96 | (slab as u128) << 64 | u128::from(range);
-        }
-        near.sort_unstable();
-        let ranges = near.into_iter().filter_map(|key| ranges.get(key as u32 as usize));
-        let ordered = ranges.flat_map(|(_, range)| calls[range.clone()].iter().cloned()).collect();
-        (ordered, draws)
     }
 
-    fn record(&self, pass: &mut wgpu::RenderPass<'_>, calls: &[Call], scalars: bool) {
+    fn recorder(&self) -> Recorder<'_> {
+        Recorder {
+            pool: &self.pool,
+            uniforms: &self.uniforms,
+            list: &self.list,
+            #[cfg(not(target_arch = "wasm32"))]
+            indirect: self.indirect.as_ref(),
+        }
+    }
+}
+
+/// What records the calls of a frame.
+#[derive(Clone, Copy)]
+struct Recorder<'a> {
+    pool: &'a Pool,
+    uniforms: &'a Uniforms,
+    list: &'a DrawList,
+    #[cfg(not(target_arch = "wasm32"))]
+    indirect: Option<&'a Indirect>,
+}
+
+impl Recorder<'_> {
+    fn record(&self, pass: &mut wgpu::RenderPass<'_>, scalars: bool) {
         let (mut bound, mut bound_draw) = (None, None);
-        for call in calls {
-            let Some(chunk) = self.pool.get(call.chunk) else { continue };
-            if bound != Some(chunk.slab) {
-                if !self.pool.bind(pass, chunk.slab, scalars) {
+        let mut first = 0;
+        // What needs neither other buffers nor other uniforms.
+        for calls in self.list.calls().chunk_by(|a, b| (a.slab, a.draw) == (b.slab, b.draw)) {
+            let place = first;
+            first += calls.len();
+            let Some(call) = calls.first() else { continue };
+            if bound != Some(call.slab) {
+                if !self.pool.bind(pass, call.slab as usize, scalars) {
                     continue;
                 }
-                bound = Some(chunk.slab);
+                bound = Some(call.slab);
             }
             if bound_draw != Some(call.draw) {
                 pass.set_bind_group(1, &self.uniforms.draw_group, &[call.draw * self.uniforms.stride]);
                 bound_draw = Some(call.draw);
             }
-            pass.draw_indexed(chunk.indices_of(&call.triangles), 0, 0..1);
+            self.draw(pass, place, calls);
         }
+    }
+
+    #[cfg(not(target_arch = "wasm32"))]
+    fn draw(&self, pass: &mut wgpu::RenderPass<'_>, first: usize, calls: &[Call]) {
+        match self.indirect {
+            Some(indirect) => indirect.record(pass, first, calls.len()),
+            None => draw_each(pass, calls),
+        }
+    }
+
+    #[cfg(target_arch = "wasm32")]
+    #[expect(clippy::unused_self, reason = "the interface of the native form")]
+    fn draw(&self, pass: &mut wgpu::RenderPass<'_>, _first: usize, calls: &[Call]) {
+        draw_each(pass, calls);
     }
 }
 
-/// The bits of a number as an integer with the same order.
-fn ordered_bits(x: f32) -> u128 {
-    let bits = x.to_bits();
-    u128::from(if bits >> 31 == 0 { bits | 1 << 31 } else { !bits })
+fn draw_each(pass: &mut wgpu::RenderPass<'_>, calls: &[Call]) {
+    for call in calls {
+        pass.draw_indexed(call.indices.clone(), 0, 0..1);
+    }
 }
 
 fn target_size(view: &View, tile: Option<Tile>) -> [u32; 2] {

@@ -40,6 +40,9 @@ struct Args {
     /// Decoding threads; by default as many as the page would have workers
     #[arg(long, value_name = "N")]
     threads: Option<NonZeroUsize>,
+    /// Record draw calls one by one, as a browser does, instead of letting the GPU read them from a buffer
+    #[arg(long)]
+    direct: bool,
     /// Write the figures as JSON, too
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
@@ -74,6 +77,7 @@ fn main() -> Result<(), Box<dyn Error>> {
                 seconds: args.seconds,
                 threads,
                 mode,
+                direct: args.direct,
             };
             for &pixels in &args.pixels {
                 eprintln!("{pack}, {} x {}, {pixels} px", size[0], size[1]);

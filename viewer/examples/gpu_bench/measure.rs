@@ -15,8 +15,8 @@ use std::time::Instant;
 pub(crate) const CANVAS_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 /// Frames that the GPU may be behind.
 const IN_FLIGHT: usize = 2;
-/// Chunks uploaded in a frame: as many as the page uploads in a sixtieth of a second (viewer/src/shell/web/stream.rs).
-const UPLOADS: usize = 16;
+/// Frames at rest.
+const REST_FRAMES: usize = 50;
 /// Time limit for loading, seconds; after it, the pack is drawn as far as it is loaded.
 const LOAD_S: f64 = 120.0;
 
@@ -34,11 +34,15 @@ pub(crate) struct Setting {
     /// Decoding threads.
     pub(crate) threads: NonZeroUsize,
     pub(crate) mode: Mode,
+    /// Draw calls are recorded one by one, as in a browser.
+    pub(crate) direct: bool,
 }
 
 /// The path of the camera.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Course {
+    /// None: the whole model, which is loaded.
+    Rest,
     /// Once around the whole model, which is loaded.
     Orbit,
     /// From all of the model to its surface, along it, and away again, while it loads.
@@ -52,10 +56,14 @@ pub(crate) struct Frame {
     pub(crate) ms: f64,
     /// Deciding what to show, and uploading, milliseconds.
     pub(crate) step_ms: f64,
+    /// Uploading alone, milliseconds.
+    pub(crate) upload_ms: f64,
     /// Recording and submitting, milliseconds.
     pub(crate) draw_ms: f64,
     pub(crate) triangles: u64,
     pub(crate) patches: u32,
+    /// Draw calls of a pass.
+    pub(crate) calls: usize,
     pub(crate) passes: Vec<PassTime>,
 }
 
@@ -91,6 +99,13 @@ pub(crate) fn run(gpu: &Gpu, bytes: &[u8], setting: Setting, courses: &[Course])
         let mut stage = Stage::new(gpu, bytes.to_vec(), &setting)?;
         if course == Course::Orbit {
             load = stage.load()?;
+            let still = camera_at(Course::Rest, 0.0, &stage.session.bounds(), setting.size);
+            let mut frames = Vec::new();
+            for _ in 0..REST_FRAMES {
+                frames.push(stage.frame(&still)?.0);
+            }
+            stage.finish(&mut frames)?;
+            flown.push((Course::Rest, frames));
         }
         let begun = Instant::now();
         let mut frames = Vec::new();
@@ -111,10 +126,11 @@ pub(crate) fn run(gpu: &Gpu, bytes: &[u8], setting: Setting, courses: &[Course])
 /// The camera at a share of a course.
 fn camera_at(course: Course, share: f64, bounds: &Bounds, size: [u32; 2]) -> Camera {
     let mut all = course::whole(bounds, size);
-    if course == Course::Flight {
-        return course::flight(&all, bounds, share);
+    match course {
+        Course::Flight => return course::flight(&all, bounds, share),
+        Course::Orbit => all.azimuth += TAU * share,
+        Course::Rest => {}
     }
-    all.azimuth += TAU * share;
     all
 }
 
@@ -140,9 +156,12 @@ impl<'g> Stage<'g> {
         let size = setting.size;
         let opened = Instant::now();
         let mut renderer = Renderer::new(gpu.device.clone(), gpu.queue.clone(), CANVAS_FORMAT, setting.samples);
+        if setting.direct {
+            renderer.set_indirect(false);
+        }
         renderer.set_timer(Some(PassTimer::new(&gpu.device, &gpu.queue)));
         // No limit of memory: what the view wants is drawn.
-        let budgets = Budgets { uploads: UPLOADS, gpu_bytes: 16 << 30, cpu_bytes: 32 << 30, ..Budgets::default() };
+        let budgets = Budgets { gpu_bytes: 16 << 30, cpu_bytes: 32 << 30, ..Budgets::default() };
         let session = LiveSession::open(bytes, renderer, budgets, setting.threads)?;
         Ok(Self {
             gpu,
@@ -201,9 +220,11 @@ impl<'g> Stage<'g> {
         let frame = Frame {
             ms: ms(self.last_frame, begun),
             step_ms: ms(begun, decided),
+            upload_ms: self.session.spent().upload_ms,
             draw_ms: ms(decided, drawn),
             triangles: step.stats.triangles_drawn,
             patches: step.stats.patches_drawn,
+            calls: self.session.renderer().call_count(),
             passes: Vec::new(),
         };
         self.last_frame = begun;
@@ -224,6 +245,9 @@ impl<'g> Stage<'g> {
             frame.passes = passes;
         }
         frames.remove(0);
+        self.skipped = 0;
+        self.in_flight.clear();
+        self.last_frame = Instant::now();
         Ok(())
     }
 }

@@ -61,15 +61,15 @@ pub(crate) fn tables(runs: &[Run]) -> String {
         );
     }
     out += "\nSizes are width x height x samples. Frames; processor and GPU times are those of one frame, p50 / p99:\n\n\
-         | pack | size | mode | px | course | frames | ms p50 | ms p95 | ms p99 | frames/s at p99 | processor: step ms | processor: draw ms | GPU ms | M triangles | patches | G triangles/s on the GPU |\n\
-         |---|---|---|---:|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n";
+         | pack | size | mode | px | course | frames | ms p50 | ms p95 | ms p99 | frames/s at p99 | processor: step ms | of it uploads ms | processor: draw ms | GPU ms | M triangles | patches | calls | G triangles/s on the GPU |\n\
+         |---|---|---|---:|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n";
     for (run, course, frames) in all_courses(runs) {
         let f = Figures::new(frames);
         let gpu = f.gpu.map_or("-".to_owned(), pair);
         let rate = f.gpu_triangles_per_s.map_or("-".to_owned(), |r| format!("{:.2}", r / 1e9));
         let _ = writeln!(
             out,
-            "| {} | {} | {} | {} | {} | {} | {:.2} | {:.2} | {:.2} | {:.0} | {} | {} | {gpu} | {:.2} | {:.0} | {rate} |",
+            "| {} | {} | {} | {} | {} | {} | {:.2} | {:.2} | {:.2} | {:.0} | {} | {} | {} | {gpu} | {:.2} | {:.0} | {:.0} | {rate} |",
             run.setting.pack,
             size(run),
             mode(run.setting.mode),
@@ -81,9 +81,11 @@ pub(crate) fn tables(runs: &[Run]) -> String {
             f.frame[2],
             1e3 / f.frame[2],
             pair(f.step),
+            pair(f.upload),
             pair(f.draw),
             f.triangles / 1e6,
             f.patches,
+            f.calls,
         );
     }
     out += "\nPasses, p50 / p99:\n\n| pack | size | mode | px | course | pass | processor ms | GPU ms |\n|---|---|---|---:|---|---|---:|---:|\n";
@@ -112,8 +114,8 @@ pub(crate) fn json(gpu: &Gpu, runs: &[Run]) -> serde_json::Value {
                 .map(|p| json!({ "pass": p.name, "cpu_ms": p.cpu, "gpu_ms": p.gpu }))
                 .collect();
             json!({
-                "course": name(*course), "frames": frames.len(), "frame_ms": f.frame, "step_ms": f.step, "draw_ms": f.draw,
-                "gpu_ms": f.gpu, "triangles": f.triangles, "patches": f.patches,
+                "course": name(*course), "frames": frames.len(), "frame_ms": f.frame, "step_ms": f.step, "upload_ms": f.upload, "draw_ms": f.draw,
+                "gpu_ms": f.gpu, "triangles": f.triangles, "patches": f.patches, "calls": f.calls,
                 "gpu_triangles_per_s": f.gpu_triangles_per_s, "passes": passes,
             })
         };
@@ -148,6 +150,7 @@ fn mode(mode: Mode) -> &'static str {
 
 fn name(course: Course) -> &'static str {
     match course {
+        Course::Rest => "rest",
         Course::Orbit => "orbit",
         Course::Flight => "flight",
     }
@@ -163,11 +166,13 @@ struct Figures {
     frame: [f64; 3],
     /// p50 and p99, milliseconds.
     step: [f64; 2],
+    upload: [f64; 2],
     draw: [f64; 2],
     gpu: Option<[f64; 2]>,
     /// Means.
     triangles: f64,
     patches: f64,
+    calls: f64,
     gpu_triangles_per_s: Option<f64>,
 }
 
@@ -187,10 +192,12 @@ impl Figures {
         Self {
             frame: [0.5, 0.95, 0.99].map(|share| at(&times, share)),
             step: both(&sorted(&|f| Some(f.step_ms))),
+            upload: both(&sorted(&|f| Some(f.upload_ms))),
             draw: both(&sorted(&|f| Some(f.draw_ms))),
             gpu: (!gpu.is_empty()).then(|| both(&gpu)),
             triangles: triangles / count,
             patches: frames.iter().map(|f| f64::from(f.patches)).sum::<f64>() / count,
+            calls: frames.iter().map(|f| f.calls as f64).sum::<f64>() / count,
             gpu_triangles_per_s: (gpu_s > 0.0).then(|| triangles / gpu_s),
         }
     }

@@ -5,6 +5,8 @@ pub mod context;
 pub mod depth_normal;
 pub mod frame;
 pub mod id;
+#[cfg(not(target_arch = "wasm32"))]
+pub(crate) mod indirect;
 pub(crate) mod pipeline;
 pub mod pool;
 pub(crate) mod present;

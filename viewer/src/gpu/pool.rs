@@ -5,7 +5,7 @@ use glam::{DVec3, IVec3};
 use kilwa_pack::GpuChunk;
 use kilwa_pack::vertex_layout::VERTEX_BYTES;
 use range_alloc::RangeAllocator;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, btree_map};
 use std::ops::Range;
 
 /// Attributes of the vertex buffer: position, colour, normal. 20 bytes.
@@ -79,7 +79,7 @@ pub(crate) struct ResidentChunk {
     pub(crate) slab: usize,
     vertices: Range<u32>,
     /// Of its triangles, which count vertices from the beginning of the slab: WebGL2 has no base vertex.
-    indices: Range<u32>,
+    pub(crate) indices: Range<u32>,
     has_scalars: bool,
     pub(crate) triangles: u32,
     /// Middle of the box of its vertices, in lattice units.
@@ -87,11 +87,6 @@ pub(crate) struct ResidentChunk {
 }
 
 impl ResidentChunk {
-    /// Indices of triangles of the chunk, in its slab.
-    pub(crate) fn indices_of(&self, triangles: &Range<u32>) -> Range<u32> {
-        self.indices.start + triangles.start * 3..self.indices.start + triangles.end * 3
-    }
-
     fn bytes(&self) -> u64 {
         let per_vertex = VERTEX_BYTES as u64 + if self.has_scalars { SCALAR_BYTES } else { 0 };
         self.vertices.len() as u64 * per_vertex + self.indices.len() as u64 * 4
@@ -235,6 +230,13 @@ impl Pool {
         }
     }
 
+    /// For looking up chunks one after the other, mostly in order of their indices.
+    pub(crate) fn cursor(&self) -> Cursor<'_> {
+        let mut rest = self.chunks.range(0..);
+        let next = rest.next();
+        Cursor { chunks: &self.chunks, rest, next, last: 0 }
+    }
+
     pub(crate) fn get(&self, index: u32) -> Option<&ResidentChunk> {
         self.chunks.get(&index)
     }
@@ -268,6 +270,30 @@ impl Pool {
 
     pub(crate) fn len(&self) -> usize {
         self.chunks.len()
+    }
+}
+
+/// Looks up chunks without a search where they are asked for in order of their indices.
+pub(crate) struct Cursor<'a> {
+    chunks: &'a BTreeMap<u32, ResidentChunk>,
+    rest: btree_map::Range<'a, u32, ResidentChunk>,
+    /// The first one that was not passed yet.
+    next: Option<(&'a u32, &'a ResidentChunk)>,
+    /// What was asked for last.
+    last: u32,
+}
+
+impl<'a> Cursor<'a> {
+    pub(crate) fn find(&mut self, index: u32) -> Option<&'a ResidentChunk> {
+        if index < self.last {
+            self.rest = self.chunks.range(index..);
+            self.next = self.rest.next();
+        }
+        self.last = index;
+        while self.next.is_some_and(|(at, _)| *at < index) {
+            self.next = self.rest.next();
+        }
+        self.next.filter(|(at, _)| **at == index).map(|(_, chunk)| chunk)
     }
 }
 

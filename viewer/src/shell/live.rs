@@ -11,6 +11,25 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::num::NonZeroUsize;
 use std::sync::{Arc, Mutex, mpsc};
 use std::thread::JoinHandle;
+use std::time::Instant;
+
+/// Chunks uploaded in a step: at most so many, ...
+const UPLOADS: usize = 16;
+/// ... in at most this part of the time from frame to frame, but for at least so many milliseconds: where the GPU takes long for a frame, the
+/// processor waits for it anyway. One chunk is always uploaded.
+const UPLOAD_PART: f64 = 1.0 / 8.0;
+const UPLOAD_MS: f64 = 0.5;
+
+/// Processor time of a step.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Spent {
+    /// What the streamer took to decide, milliseconds.
+    pub decide_ms: f64,
+    /// What uploading took, milliseconds.
+    pub upload_ms: f64,
+    /// Chunks uploaded.
+    pub uploads: u32,
+}
 
 /// A chunk to decode.
 struct Job {
@@ -43,6 +62,11 @@ pub struct LiveSession {
     /// Decoded chunks that are not uploaded yet.
     decoded: BTreeMap<u32, GpuChunk>,
     events: Vec<Event>,
+    /// Time of the last step, milliseconds.
+    stepped_at: f64,
+    /// What uploading a chunk takes, milliseconds, smoothed.
+    per_upload_ms: f64,
+    spent: Spent,
 }
 
 impl LiveSession {
@@ -79,7 +103,15 @@ impl LiveSession {
             awaited: BTreeSet::new(),
             decoded: BTreeMap::new(),
             events: Vec::new(),
+            stepped_at: 0.0,
+            per_upload_ms: 0.0,
+            spent: Spent::default(),
         })
+    }
+
+    /// What the last step took.
+    pub fn spent(&self) -> Spent {
+        self.spent
     }
 
     /// The model's box, world metres.
@@ -115,9 +147,20 @@ impl LiveSession {
                 None => Event::DecodeFailed { chunk },
             });
         }
+        let may_take = (now_ms - self.stepped_at) * UPLOAD_PART;
+        self.stepped_at = now_ms;
+        let fitting = may_take.max(UPLOAD_MS) / self.per_upload_ms.max(1e-3);
+        self.streamer.set_uploads(UPLOADS.min(fitting as usize).max(1));
+        self.spent = Spent::default();
+        let begun = Instant::now();
         let step = self.streamer.step(view, now_ms, events);
+        self.spent.decide_ms = ms_since(begun);
         for command in &step.commands {
             self.carry_out(command)?;
+        }
+        if self.spent.uploads > 0 {
+            let each = self.spent.upload_ms / f64::from(self.spent.uploads);
+            self.per_upload_ms += (each - self.per_upload_ms) * 0.2;
         }
         Ok(step)
     }
@@ -145,9 +188,12 @@ impl LiveSession {
                 }
             }
             Command::Upload { chunk } => {
+                let begun = Instant::now();
                 if let Some(decoded) = self.decoded.remove(&chunk) {
                     self.renderer.upload(chunk, &decoded);
                 }
+                self.spent.upload_ms += ms_since(begun);
+                self.spent.uploads += 1;
             }
             Command::Evict { chunk } => {
                 self.awaited.remove(&chunk);
@@ -168,6 +214,10 @@ impl Drop for LiveSession {
             let _ = thread.join();
         }
     }
+}
+
+fn ms_since(begun: Instant) -> f64 {
+    begun.elapsed().as_secs_f64() * 1e3
 }
 
 /// Decode queued chunks until the session is dropped.
