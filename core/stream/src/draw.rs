@@ -1,7 +1,7 @@
 //! The cut that is drawn: the finest that the view asks for and that what is resident can show.
 
 use crate::command::DrawPatch;
-use crate::nodes::{Open, PerNode, State};
+use crate::nodes::{Node, Open, PerNode, State};
 use crate::select::{HELD_BONUS, Looks};
 use crate::streamer::Streamer;
 use crate::view::Look;
@@ -147,7 +147,6 @@ impl Streamer {
 
     fn write_cut(&self, looks: &mut Looks, draw: &mut Vec<DrawPatch>) -> Quality {
         let nodes = &self.nodes;
-        let step = self.header.lattice.step();
         let mut quality = Quality::at_least(0.0);
         let mut is_refined = PerNode::<bool>::new(nodes);
         for &chunk in &self.refined {
@@ -157,49 +156,70 @@ impl Streamer {
         }
         for &chunk in &self.refined {
             let Some(node) = nodes.get(chunk) else { continue };
-            // A coarse form may be empty (islands that were pruned): its error counts although no patch shows it.
-            for &child in nodes.children(chunk).iter().filter(|&&child| !is_refined.get(nodes, child)) {
+            let children = nodes.children(chunk);
+            let mut refined_children = 0;
+            for &child in children {
+                if is_refined.get(nodes, child) {
+                    refined_children += 1;
+                    continue;
+                }
+                // A coarse form may be empty (islands that were pruned): its error counts although no patch shows it.
                 if let Some((look, error)) = looks.at(nodes, child).filter(|(look, _)| look.visible) {
                     quality.count(&look, error);
                 }
             }
-            let mut is_leaf_visible = None;
-            let mut is_shown = false;
-            for (number, patch) in (0..).zip(&node.patches) {
-                let (visible, error) = if patch.diamond == NO_DIAMOND {
-                    (*is_leaf_visible.get_or_insert_with(|| looks.lens().may_see(&node.box_sphere)), 0.0)
-                } else if is_refined.get(nodes, patch.diamond) {
-                    continue;
-                } else {
-                    let (look, error) = looks.at(nodes, patch.diamond).unwrap_or_else(|| {
-                        let error = node.error_below();
-                        (looks.lens().look(&node.entry.sphere, f64::from(error) / step), error)
-                    });
-                    if look.visible {
-                        quality.count(&look, error);
-                    }
-                    (look.visible, error)
-                };
-                if visible {
-                    quality.triangles += u64::from(patch.count);
-                    is_shown = true;
-                }
-                draw.push(DrawPatch {
-                    chunk,
-                    patch: number,
-                    first: patch.first,
-                    count: patch.count,
-                    diamond: patch.diamond,
-                    level: node.entry.level,
-                    error,
-                    visible,
-                });
+            if refined_children == children.len() && nodes.whole_family(chunk).is_some() {
+                continue; // Nothing is left of it.
             }
-            if is_shown {
+            let before = draw.len();
+            self.write_patches(chunk, node, (refined_children > 0).then_some(&is_refined), looks, draw, &mut quality);
+            let mut shown = draw.iter().skip(before).filter(|patch| patch.visible).peekable();
+            if shown.peek().is_some() {
                 quality.chunks += 1;
                 quality.bytes += u64::from(node.entry.encoded_bytes);
+                quality.triangles += shown.map(|patch| u64::from(patch.count)).sum::<u64>();
             }
         }
         quality
+    }
+
+    /// The patches of a chunk of the cut, less those whose diamond is refined.
+    fn write_patches(
+        &self,
+        chunk: u32,
+        node: &Node,
+        is_refined: Option<&PerNode<bool>>,
+        looks: &mut Looks,
+        draw: &mut Vec<DrawPatch>,
+        quality: &mut Quality,
+    ) {
+        let step = self.header.lattice.step();
+        let mut is_leaf_visible = None;
+        for (number, patch) in (0..).zip(&node.patches) {
+            let (visible, error) = if patch.diamond == NO_DIAMOND {
+                (*is_leaf_visible.get_or_insert_with(|| looks.lens().may_see(&node.box_sphere)), 0.0)
+            } else if is_refined.is_some_and(|refined| refined.get(&self.nodes, patch.diamond)) {
+                continue;
+            } else {
+                let (look, error) = looks.at(&self.nodes, patch.diamond).unwrap_or_else(|| {
+                    let error = node.error_below();
+                    (looks.lens().look(&node.entry.sphere, f64::from(error) / step), error)
+                });
+                if look.visible {
+                    quality.count(&look, error);
+                }
+                (look.visible, error)
+            };
+            draw.push(DrawPatch {
+                chunk,
+                patch: number,
+                first: patch.first,
+                count: patch.count,
+                diamond: patch.diamond,
+                level: node.entry.level,
+                error,
+                visible,
+            });
+        }
     }
 }

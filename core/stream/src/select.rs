@@ -54,12 +54,7 @@ pub(crate) struct Cameras {
 impl Cameras {
     /// Pixel error of what is shown while a chunk is not refined, weighted down where it is not seen, or not yet.
     fn priority(&self, index: u32, node: &Node) -> f64 {
-        self.priority_of(node, raw_priority(index, node, &self.now, self.step))
-    }
-
-    /// The same, of a chunk whose priority in the present view is known.
-    fn priority_of(&self, node: &Node, now: f64) -> f64 {
-        self.foreseen(node, node.entry.error, now)
+        self.foreseen(node, node.entry.error, raw_priority(index, node, &self.now, self.step))
     }
 
     /// The larger of the priority now and of what the predicted camera will see, with this error in metres.
@@ -96,13 +91,14 @@ pub(crate) struct Looks {
 impl Looks {
     /// Looks of this view, those of the last step kept where it had the same.
     pub(crate) fn renew(last: Option<Self>, lens: &Lens, step: f64, nodes: &Nodes) -> Self {
-        let mut looks = last.unwrap_or_else(|| Self { lens: *lens, step, of: PerNode::new(nodes) });
-        let aside = |view: &View| View { target_pixels: 0.0, ..*view };
-        if aside(&looks.lens.view) != aside(&lens.view) {
-            looks.of.clear();
+        let Some(mut last) = last else { return Self { lens: *lens, step, of: PerNode::new(nodes) } };
+        // The target does not change what a ball looks like.
+        let with_target = View { target_pixels: lens.view.target_pixels, ..last.lens.view };
+        if with_target != lens.view {
+            last.of.clear();
         }
-        looks.of.fit(nodes);
-        Self { lens: *lens, step, ..looks }
+        last.of.fit(nodes);
+        Self { lens: *lens, ..last }
     }
 
     /// The look at the ball of a known node, and the error of its coarse form in metres.
@@ -348,7 +344,7 @@ pub(crate) fn wanted(holding: &Holding<'_>, cameras: &Cameras, looks: &mut Looks
 /// How much a chunk counts by itself: more where it is held or drawn already.
 fn own_priority(cameras: &Cameras, nodes: &Nodes, looks: &mut Looks, index: u32, node: &Node) -> f64 {
     let bonus = if node.is_held() || node.refined { HELD_BONUS } else { 1.0 };
-    cameras.priority_of(node, looks.priority(nodes, index)) * bonus
+    cameras.foreseen(node, node.entry.error, looks.priority(nodes, index)) * bonus
 }
 
 /// Everything that counts more than the target, where there is room for it.

@@ -129,6 +129,8 @@ pub(crate) struct Pool {
     slabs: Vec<Option<Slab>>,
     chunks: BTreeMap<u32, ResidentChunk>,
     bytes: u64,
+    /// The indices of the last chunk that was uploaded, kept so that an upload allocates nothing.
+    in_slab: Vec<u32>,
 }
 
 impl Pool {
@@ -145,9 +147,10 @@ impl Pool {
         let place = self.allocate(device, chunk.vertex_count, local.len() as u32);
         let Some((slab, vertices, indices)) = place else { return };
         let Some(Some(buffers)) = self.slabs.get(slab) else { return };
-        let in_slab: Vec<u32> = local.iter().map(|vertex| vertices.start + vertex).collect();
+        self.in_slab.clear();
+        self.in_slab.extend(local.iter().map(|vertex| vertices.start + vertex));
         queue.write_buffer(&buffers.vertices, u64::from(vertices.start) * VERTEX_BYTES as u64, &chunk.vertices);
-        queue.write_buffer(&buffers.indices, u64::from(indices.start) * 4, bytemuck::cast_slice(&in_slab));
+        queue.write_buffer(&buffers.indices, u64::from(indices.start) * 4, bytemuck::cast_slice(&self.in_slab));
         let (triangles, middle) = (chunk.triangle_count, middle(&chunk.vertices));
         let resident = ResidentChunk { slab, vertices, indices, has_scalars: false, triangles, middle };
         self.bytes += resident.bytes();
