@@ -14,6 +14,7 @@
 #[path = "shared/course.rs"]
 mod course;
 
+use glam::IVec3;
 use kilwa_pack::reader::decode_checked;
 use kilwa_pack::{HEAD_BYTES, SliceSource, Source};
 use kilwa_stream::sim::{Decoders, Flight, Link, PackStore, Simulator};
@@ -128,20 +129,19 @@ fn steps(pack: &str, size: [u32; 2], error: f64) -> Result<(), Box<dyn Error>> {
     let head = kilwa_pack::parse_head(&source.0)?;
     let bounds = Bounds { min: head.metadata.bounds_min, max: head.metadata.bounds_max };
     let number = |name: &str, otherwise: u64| std::env::var(name).ok().map_or(Ok(otherwise), |e| e.parse::<u64>());
-    let budgets = Budgets {
-        uploads: 64,
-        gpu_bytes: number("GPU_BYTES", 16 << 30)?,
-        cpu_bytes: 32 << 30,
-        ..Budgets::default()
-    };
+    let budgets =
+        Budgets { uploads: 64, gpu_bytes: number("GPU_BYTES", 16 << 30)?, cpu_bytes: 32 << 30, ..Budgets::default() };
     let mut streamer = Streamer::new(&head, HEAD_BYTES, budgets);
     let whole = course::whole(&bounds, size);
     let lattice = head.header.lattice;
     let (mut now, mut events) = (0.0, Vec::new());
     let (mut places, mut list) = (Places::default(), DrawList::default());
-    println!("| course | steps | ms p50 | ms p99 | draw list ms p50 | ms p99 | chunks | patches | calls | M triangles | digest |");
+    println!(
+        "| course | steps | ms p50 | ms p99 | draw list ms p50 | ms p99 | chunks | patches | calls | M triangles | digest |"
+    );
     println!("|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---|");
-    for (course, count) in [("load", usize::MAX), ("rest", 400), ("orbit", 400), ("orbit again", 400), ("flight", 400)] {
+    for (course, count) in [("load", usize::MAX), ("rest", 400), ("orbit", 400), ("orbit again", 400), ("flight", 400)]
+    {
         let (mut times, mut list_times) = (Vec::new(), Vec::new());
         let mut stats = Stats::default();
         let mut digest = DefaultHasher::new();
@@ -203,7 +203,7 @@ impl Places {
             match *command {
                 Command::Upload { chunk } => {
                     let Some(entry) = streamer.entry(chunk) else { continue };
-                    let [low, high] = [entry.bounds.min, entry.bounds.max].map(|corner| corner.as_dvec3());
+                    let [low, high] = [entry.bounds.min, entry.bounds.max].map(IVec3::as_dvec3);
                     if self.next_index + entry.triangles * 3 > SLAB_INDICES {
                         (self.slab, self.next_index) = (self.slab + 1, 0);
                     }

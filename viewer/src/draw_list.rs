@@ -247,7 +247,8 @@ mod tests {
                     let at = place(p.chunk);
                     (at.first_index / 3 + p.first..at.first_index / 3 + p.first + p.count).map(move |t| (at.slab, t))
                 };
-                let wanted = patches.iter().filter(|p| p.visible && p.chunk != 5).flat_map(of).map(|t| (t, 1)).collect();
+                let wanted =
+                    patches.iter().filter(|p| p.visible && p.chunk != 5).flat_map(of).map(|t| (t, 1)).collect();
                 assert_eq!(drawn(&list), wanted);
                 let visible = patches.iter().filter(|p| p.visible && p.chunk != 5).count();
                 assert_eq!(list.calls().len() == visible, per_call == PerCall::Patches, "{per_call:?}");

@@ -361,8 +361,7 @@ fn all(holding: &Holding<'_>, cameras: &Cameras, looks: &mut Looks) -> Option<Fo
             found.ranks.get(nodes, parent).map(|rank| least.min(rank.priority))
         });
         let Some(least) = least else { continue };
-        let priority =
-            if index == 0 { least } else { own_priority(cameras, nodes, looks, index, node).min(least) };
+        let priority = if index == 0 { least } else { own_priority(cameras, nodes, looks, index, node).min(least) };
         let is_pinned = holding.is_pinned(index);
         let is_there = nodes.is_there(node.end());
         if priority <= target && (!is_pinned || !is_there) {

@@ -153,9 +153,7 @@ impl Lens {
             Projection::Perspective { .. } => {
                 x.abs() - width * z <= r * by_width && y.abs() - height * z <= r * by_height
             }
-            Projection::Orthographic { .. } => {
-                z - r <= self.view.far && x.abs() - r <= width && y.abs() - r <= height
-            }
+            Projection::Orthographic { .. } => z - r <= self.view.far && x.abs() - r <= width && y.abs() - r <= height,
         }
     }
 

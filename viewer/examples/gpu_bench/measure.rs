@@ -15,7 +15,7 @@ use std::time::Instant;
 pub(crate) const CANVAS_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 /// Frames that the GPU may be behind.
 const IN_FLIGHT: usize = 2;
-/// Frames at rest.
+/// Frames at rest, fewer where they take longer than an orbit.
 const REST_FRAMES: usize = 50;
 /// Time limit for loading, seconds; after it, the pack is drawn as far as it is loaded.
 const LOAD_S: f64 = 120.0;
@@ -100,8 +100,8 @@ pub(crate) fn run(gpu: &Gpu, bytes: &[u8], setting: Setting, courses: &[Course])
         if course == Course::Orbit {
             load = stage.load()?;
             let still = camera_at(Course::Rest, 0.0, &stage.session.bounds(), setting.size);
-            let mut frames = Vec::new();
-            for _ in 0..REST_FRAMES {
+            let (begun, mut frames) = (Instant::now(), Vec::new());
+            while frames.len() < 3 || frames.len() < REST_FRAMES && begun.elapsed().as_secs_f64() < setting.seconds {
                 frames.push(stage.frame(&still)?.0);
             }
             stage.finish(&mut frames)?;
