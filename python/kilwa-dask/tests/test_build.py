@@ -63,7 +63,10 @@ def test_another_version_on_a_worker_is_refused(single: Single) -> None:
     other = f'if [ "$1" = --version ] && [ $PPID != {os.getpid()} ]; then echo kilwa 9.9.9; exit; fi\n'
     text = single.run(code=1, kilwa=wrapper(single.root / "kilwa", f'{other}exec "{single.kilwa}" "$@"\n'))
     assert "has kilwa 9.9.9, but this computer has kilwa 0." in text
-    assert single.left_over() == []
+    (build,) = single.work.iterdir()
+    assert not list(build.glob("done/*"))
+    single.run()
+    single.check()
 
 
 def test_two_drivers_at_once_make_one_pack(single: Single) -> None:
@@ -105,7 +108,9 @@ def test_a_mesh_that_cannot_be_read_is_reported_once(single: Single) -> None:
     assert "tried" not in text
     assert single.told()["failure"] in text
     single.mesh.unlink()
-    assert "No such file" in single.run(code=1)
+    text = single.run(code=1)
+    assert "No such file" in text
+    assert "dashboard" not in text
 
 
 def test_an_output_that_appears_meanwhile_is_not_replaced(single: Single) -> None:

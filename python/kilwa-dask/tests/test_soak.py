@@ -1,10 +1,12 @@
-"""The soak test (KILWA_SOAK=1): 300 meshes, the driver killed twice, every object published once."""
+"""The soak tests (KILWA_SOAK=1): 300 meshes and two killed drivers; one mesh and 60 random kills."""
 
 from __future__ import annotations
 
 import json
+import random
+from typing import Any
 
-from conftest import Collection, until
+from conftest import LIMIT, Collection, Single, kill, until, workers, wrapper
 
 MESHES = 300
 
@@ -31,3 +33,45 @@ def test_a_collection_of_300_survives_two_killed_drivers(collection: Collection)
     assert collection.packs() == collection.plain(names)
     assert collection.strays() == []
     assert report["already_done"] >= MESHES // 2 - 4
+
+
+def test_one_build_survives_50_killed_workers_and_10_killed_drivers(single: Single) -> None:
+    """At random moments. Builds that come to their end are begun again until there have been enough."""
+    single.make(triangles="200k")
+    sleeps = f'if [ "$1" = task ] || [ "$1" = assemble ]; then touch "{single.root}/started.$$"; sleep 0.1; fi'
+    kilwa = wrapper(single.root / "kilwa", f'{sleeps}\nexec "{single.kilwa}" "$@"\n')
+    left = {"workers": 50, "drivers": 10}
+    counts = {"packs": 0, "stopped": 0}
+    chance = random.Random(25)
+
+    def started() -> int:
+        return sum(1 for _ in single.root.glob("started.*"))
+
+    def start() -> Any:
+        return single.start("--scratch", str(single.scratch), kilwa=kilwa)
+
+    driver = start()
+    while True:
+        seen, wanted = started(), chance.randint(1, 12)
+        until(lambda: driver.poll() is not None or started() >= seen + wanted, "tasks begin")  # noqa: B023
+        if driver.poll() is not None:
+            text, _ = driver.communicate(timeout=LIMIT)
+            if driver.returncode == 0:
+                single.check()
+                counts["packs"] += 1
+                if not any(left.values()):
+                    break
+                single.out.unlink()
+            else:
+                counts["stopped"] += 1
+                assert "3 workers died while processing" in str(single.told()["failure"]), text
+            driver = start()
+        elif left["drivers"] and chance.random() < 0.2:
+            left["drivers"] -= 1
+            driver.kill()
+            driver.wait()
+            driver = start()
+        elif left["workers"] and (found := workers(driver)):
+            left["workers"] -= 1
+            kill(chance.choice(found))
+    print(counts)

@@ -9,7 +9,7 @@ import sys
 import time
 import uuid
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
@@ -163,7 +163,11 @@ def _build(options: argparse.Namespace, plan_options: list[str]) -> int:
     driver = BuildDriver(plan, told)
     started = time.monotonic()
     try:
-        with announced(plan), clusters.opened(_choice(options)) as client:
+        with ExitStack() as stack:
+            stack.enter_context(announced(plan))
+            # What kilwa refuses is refused before workers are started.
+            driver.begin()
+            client = stack.enter_context(clusters.opened(_choice(options)))
             print(f"{output.name}; dashboard: {client.dashboard_link}", file=sys.stderr, flush=True)
             check_workers(client, plan)
             try:

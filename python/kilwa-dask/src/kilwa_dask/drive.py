@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import sys
 import time
+from asyncio import CancelledError
 from collections.abc import Callable, Container, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import count
@@ -133,25 +135,29 @@ def submit(
             futures.append(waits)
             ended.add(waits)
     except BaseException:
-        client.cancel(futures, force=True)
-        client.run(program.stop, run, on_error="ignore")
+        # The scheduler may be gone, and the reason to stop is what should be reported.
+        with suppress(Exception):
+            client.cancel(futures, force=True)
+            client.run(program.stop, run, on_error="ignore")
         raise
 
 
 def _became(future: Any, name: str) -> Any:
-    if future.status == "finished":
+    # A worker may die with its result between the message that it is done and this; the task is done again then, so the
+    # status of the future says nothing yet.
+    try:
         return future.result()
-    if future.status == "cancelled":
+    except CancelledError:
         return Lost("the scheduler gave it up; run the command again")
-    error = future.exception()
-    if isinstance(error, WorkerRefused):
-        raise error
-    if isinstance(error, KilledWorker):
+    except WorkerRefused:
+        raise
+    except KilledWorker as error:
         times = error.allowed_failures + 1
         return Lost(f"{times} workers died while processing {name}; perhaps they ran out of memory")
-    if isinstance(error, program.MayPass):
+    except program.MayPass as error:
         return Lost(f"{error}; tried {REPEATS + 1} times")
-    return Lost(f"{type(error).__name__}: {error}")
+    except Exception as error:
+        return Lost(f"{type(error).__name__}: {error}")
 
 
 def drive(client: Client, meshes: Sequence[Mesh], plan: Plan, outcomes: list[Outcome]) -> None:

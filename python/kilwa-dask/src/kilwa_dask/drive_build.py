@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -61,12 +61,12 @@ class BuildDriver:
         self._gone = False
         self._gone_since: float | None = None
 
-    def drive(self, client: Client) -> None:
-        """Do all tasks that are open, then assemble the pack.
+    def begin(self) -> None:
+        """Plan the build. Raises `UsageError` if the output exists, or `program.ProgramFailed` if kilwa refuses."""
+        self._list()
 
-        Raises `BuildFailed`, `WorkerRefused` as `drive.submit`, `UsageError` if the output exists, or
-        `program.ProgramFailed` if kilwa cannot plan the build.
-        """
+    def drive(self, client: Client) -> None:
+        """Do all tasks that are open, then assemble the pack. Raises `BuildFailed`, and `WorkerRefused` as `drive.submit`."""
         while self.report.pack is None:
             self._gone = False
             listing = self._list()
@@ -92,7 +92,9 @@ class BuildDriver:
 
     def sweep_scratch(self, client: Client, patience: float) -> None:
         """Remove what killed attempts left in the user's scratch folder on the machines of the workers."""
-        if self.build is not None and self.plan.scratch is not None:
+        if self.build is None or self.plan.scratch is None:
+            return
+        with suppress(Exception):  # The scheduler may be gone.
             client.run(divided.sweep_scratch, self.plan, self.build, patience, on_error="ignore")
 
     def _list(self) -> Listing:
