@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import asyncio
+import concurrent.futures
 import sys
 import time
-from asyncio import CancelledError
 from collections.abc import Callable, Container, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -147,7 +148,7 @@ def _became(future: Any, name: str) -> Any:
     # status of the future says nothing yet.
     try:
         return future.result()
-    except CancelledError:
+    except (concurrent.futures.CancelledError, asyncio.CancelledError):
         return Lost("the scheduler gave it up; run the command again")
     except WorkerRefused:
         raise
