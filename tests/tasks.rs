@@ -144,7 +144,7 @@ fn other_versions_other_files_and_changed_inputs_are_refused_with_what_to_do() {
     mesh.push(b'\n');
     std::fs::write(site.path("mesh.ply"), mesh).unwrap();
     let refused = fails(&["task", &ingest]);
-    assert!(refused.contains("mesh.ply was changed since") && refused.contains("plan it again"), "{refused}");
+    assert!(refused.contains("mesh.ply was changed since") && refused.contains("run `kilwa plan` again"), "{refused}");
 
     let none = kilwa(&["assemble", text(&site.path("nowhere")), "-o", text(&site.path("a.kilwa"))]);
     assert!(String::from_utf8_lossy(&none.stderr).contains("there is no build"));

@@ -1,5 +1,5 @@
-//! A build that is divided into tasks gives the bytes of a build on one machine, whoever does the tasks, in whatever
-//! order, however often, and whatever dies meanwhile.
+//! A build that is divided into tasks gives the bytes of a build on one machine, whichever worker runs a task, in any
+//! order, and even if tasks run twice or are killed.
 
 use crate::support::{fort, non_manifold, wall, with_holes};
 use kilwa_builder::build::journal::PlannedInput;
@@ -175,7 +175,7 @@ fn tasks_that_are_stopped_at_any_moment_and_repeated_give_the_same_bytes() {
 }
 
 #[test]
-fn of_several_workers_with_the_same_task_one_is_counted_and_the_others_leave_nothing() {
+fn only_one_of_several_workers_with_the_same_task_counts_and_the_others_leave_nothing() {
     let raw = wall(10_000);
     let folder = tempfile::tempdir().unwrap();
     while let Some(task) = ready(&open(folder.path(), 4_000)).into_iter().next() {
@@ -194,7 +194,7 @@ fn of_several_workers_with_the_same_task_one_is_counted_and_the_others_leave_not
 }
 
 #[test]
-fn a_task_that_comes_too_early_names_the_one_that_is_missing() {
+fn a_task_that_starts_too_early_names_the_task_that_must_run_first() {
     let raw = wall(20_000);
     let folder = tempfile::tempdir().unwrap();
     let worker = Worker { raw: &raw, threads: 1, memory: 1 << 26 };
@@ -210,7 +210,7 @@ fn a_task_that_comes_too_early_names_the_one_that_is_missing() {
 }
 
 #[test]
-fn a_lost_file_costs_its_task_and_a_damaged_one_is_named() {
+fn a_task_whose_file_is_lost_runs_again_and_a_damaged_file_is_named() {
     let raw = wall(8_000);
     let (folder, mut random) = (tempfile::tempdir().unwrap(), fastrand::Rng::with_seed(1));
     let worker = Worker { raw: &raw, threads: 1, memory: 1 << 26 };

@@ -60,7 +60,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     bar.clear();
     let report = match written {
         Err(_) if stop.asked() => {
-            return Err(Interrupted::new("stopped; the tasks are kept: give the same command to continue").into());
+            return Err(Interrupted::new("stopped; the tasks are kept: run the same command again").into());
         }
         other => other?,
     };

@@ -12,16 +12,16 @@ use std::path::{Path, PathBuf};
 
 /// Divide a build into tasks for many machines, or see which of its tasks are done.
 ///
-/// Until the task `ingest` is done, no other is known: do it, and give the same command again. `kilwa task` does a task,
-/// and `kilwa assemble` writes the pack, which is the one that `kilwa build` writes.
+/// At first, only the task `ingest` is listed: run it, then run the same command again to list the others. `kilwa task`
+/// runs a task, and `kilwa assemble` writes the pack, with the same bytes as `kilwa build`.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(flatten)]
     pub(super) shaping: Shaping,
-    /// Folder that all machines see under this name; the build makes a folder of its own in it.
+    /// Folder that all machines see at this path; the build makes a folder of its own in it.
     #[arg(long, value_name = "DIR")]
     work: PathBuf,
-    /// Triangles of a task, for example 10M: fewer make more and shorter tasks.
+    /// Triangles per task, for example 10M: a smaller number gives more, shorter tasks.
     #[arg(long, value_name = "N", default_value_t = TASK_TRIANGLES, value_parser = count)]
     task_triangles: u64,
     /// Print the list of tasks as JSON.
@@ -108,7 +108,7 @@ fn print(args: &Args, report: &Report<'_>) -> anyhow::Result<()> {
     let (all, done) = (report.tasks.len(), report.tasks.len() - open.len());
     writeln!(out, "{}: {done} of {} done", report.build, counted(all, "task", "tasks"))?;
     let Some(wave) = open.iter().map(|t| t.listed.wave).min() else {
-        let next = if report.complete { "assemble the pack" } else { "give the same command again" };
+        let next = if report.complete { "assemble the pack" } else { "run the same command again" };
         writeln!(out, "next: {next}")?;
         if report.complete {
             writeln!(out, "  kilwa assemble {} -o NAME.kilwa", report.build)?;
@@ -118,7 +118,7 @@ fn print(args: &Args, report: &Report<'_>) -> anyhow::Result<()> {
     let now: Vec<&&ListedFile> = open.iter().filter(|t| t.listed.wave == wave).collect();
     writeln!(
         out,
-        "next: {}, in any order and on any machine; then give the same command again",
+        "next: {}, in any order and on any machine; then run the same command again",
         counted(now.len(), "task", "tasks")
     )?;
     for task in now {

@@ -16,9 +16,9 @@ use std::path::PathBuf;
 /// A task file is some hundred bytes long.
 const LONGEST: u64 = 1 << 16;
 
-/// Do one task of a build that `kilwa plan` has divided.
+/// Run one task of a build that `kilwa plan` has divided.
 ///
-/// A task that is done is not done again, so it may be started twice, and killed at any moment. Exit code 0: it is done.
+/// A finished task does not run again. A task may be started twice, and killed at any moment. Exit code 0: it is done.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// The file of the task, as `kilwa plan` lists it.
@@ -35,7 +35,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let given = read(args)?;
     let build = open(given.build.as_ref())?;
     if build.plan.key() != given.key {
-        bail!("{}: the folder {} now holds another build; plan it again", args.file.display(), given.build);
+        bail!("{}: the folder {} now holds another build; run `kilwa plan` again", args.file.display(), given.build);
     }
     let (bar, stop) = (Bar::new(), stop_on_signals()?);
     let scratch = args.machine.scratch()?;

@@ -3,8 +3,8 @@
 //! Input: blocks of vertices and triangles of one input after the other. Files (numbers little-endian, one row per
 //! vertex or triangle): `positions` 3×f64, `colors` r g b given?, `normals` octahedral 2×i16,
 //! `scalar-N` f32, `triangles` 3×u32 (the low 32 bits of numbers over all inputs), `triangles-high` 3×u8 (bits 32 to 39),
-//! `triangle-colors` r g b given?. An attribute that no input has, has no file, nor have the high bits if they are all 0.
-//! [`Spooled`] says what is there.
+//! `triangle-colors` r g b given?. There is no file for an attribute that no input has, or for high bits that are all 0.
+//! [`Spooled`] lists what is there.
 //!
 //! Inputs are joined here: channels by name (0 where an input lacks one), a neutral grey where only some vertices have
 //! colours, normals only where every vertex has one. Fails where a triangle names a vertex that its input does not have,
@@ -29,7 +29,7 @@ pub(super) const TRIANGLES: &str = "triangles";
 pub(super) const TRIANGLES_HIGH: &str = "triangles-high";
 pub(super) const TRIANGLE_COLORS: &str = "triangle-colors";
 
-/// Most vertices that a build numbers: 40 bits, for 2 · 10^12 triangles.
+/// Max vertices of a build: their numbers have 40 bits, enough for 2 · 10^12 triangles.
 const MAX_VERTICES: u64 = (1 << 40) - 1;
 /// Vertices in a block of the cache for [`MeshSink::positions`].
 const CACHE_BLOCK: u64 = 1 << 12;

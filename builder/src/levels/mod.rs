@@ -98,8 +98,8 @@ impl Hierarchy {
         Ok(Self { surface, tree, leaves, patches: None, shared, chunks, results: Vec::new(), left, total })
     }
 
-    /// Before the level below `left`, from the patches and records that finer levels left; `triangles` are about those
-    /// that are still to be simplified.
+    /// A hierarchy whose levels from `left` on are done, from their patches and records; `triangles` is about how many are
+    /// still to be simplified.
     pub(crate) fn before(
         ingested: Ingested,
         patches: Option<PatchFile>,

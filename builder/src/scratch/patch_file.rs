@@ -32,8 +32,8 @@ pub(crate) struct Place {
     pub(crate) triangles: u32,
 }
 
-/// The index of a finished file of `length` bytes that `read` gives stretches of (first byte, number of bytes); `None`
-/// where it is not whole.
+/// The index of a finished file of `length` bytes, of which `read` returns a range (first byte, number of bytes); `None`
+/// if it is missing or damaged.
 ///
 /// # Errors
 /// Those of `read`.

@@ -1,4 +1,4 @@
-//! What a task needs of other tasks' files, copied into its scratch folder.
+//! Copies what a task needs from the files of other tasks into its scratch folder.
 
 use super::plan::{Ingest, SharedBuild};
 use super::shards::{PointBox, extend, meet, union};
@@ -10,21 +10,21 @@ use crate::partition::{BISECTIONS, Partition};
 use crate::scratch::{PatchFile, Place, Records, is_whole, point_of, read_index, tetrahedron_of, visit_finished};
 use rustc_hash::FxHashSet;
 
-/// A stretch between two patches that are wanted is read too, where it is no longer than this.
+/// A gap between two wanted patches is read along with them if it is no longer than this.
 const GAP: u64 = 1 << 16;
-/// Most bytes read at a time.
+/// Max bytes read at a time.
 const STRETCH: u64 = 1 << 23;
 
 /// The patches and records that a part of the tree is made of.
 struct Source {
     patches: SharedFile,
     records: SharedFile,
-    /// Of the points in its records.
+    /// Bounding box of the points in its records.
     points: PointBox,
     is_leaves: bool,
 }
 
-/// Where the patches and records of the surface are that a level coarsens.
+/// Where to find the patches and records of the surface that a level coarsens.
 pub(super) struct Sources<'a> {
     build: &'a SharedBuild,
     tree: &'a Partition,
@@ -100,7 +100,7 @@ impl<'a> Sources<'a> {
         let index = read_index(file.bytes, |at, bytes| self.build.read(file, at, bytes))?;
         let is_inside = |p: &Place| p.at.checked_add(p.bytes).is_some_and(|end| end <= file.bytes);
         let index = index.filter(|index| index.iter().all(|(_, place)| is_inside(place)));
-        index.ok_or_else(|| self.build.damaged_file(file, "it has no whole index"))
+        index.ok_or_else(|| self.build.damaged_file(file, "its index is missing or damaged"))
     }
 
     /// Copy patches, neighbours in the file together.
@@ -128,7 +128,7 @@ impl<'a> Sources<'a> {
                 let at = (place.at - first.at) as usize;
                 let patch = &bytes[at..at + place.bytes as usize];
                 if !is_whole(patch) {
-                    let why = format!("the patch at byte {} is not whole", place.at);
+                    let why = format!("the patch at byte {} does not match its checksum", place.at);
                     return Err(self.build.damaged_file(file, &why));
                 }
                 to.append_encoded(*tetrahedron, place.triangles, patch)?;
@@ -144,7 +144,7 @@ impl<'a> Sources<'a> {
         node.is_some_and(|node| node.tetra.level <= BISECTIONS * self.below)
     }
 
-    /// Visit the records of a file. Whether they are whole is known only at its end: until then they may be anything.
+    /// Visit the records of a file. Their checksum is compared only at the end: until then, they may be damaged.
     fn visit(
         &self,
         file: &SharedFile,
@@ -152,7 +152,7 @@ impl<'a> Sources<'a> {
     ) -> Result<(), BuildError> {
         let read = |at, bytes| self.build.read(file, at, bytes);
         let whole = visit_finished(file.bytes, read, |records| records.iter().try_for_each(|r| visit(*r)))?;
-        if whole { Ok(()) } else { Err(self.build.damaged_file(file, "its records are not those that were written")) }
+        if whole { Ok(()) } else { Err(self.build.damaged_file(file, "its records do not match their checksum")) }
     }
 
     /// Copy the records of all points that any of these tetrahedra uses.

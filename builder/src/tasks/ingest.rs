@@ -27,7 +27,7 @@ pub(super) fn ingest_task(
     let now = plan(inputs, options)?;
     // Names, lengths and times must agree. Stamps need not: another machine may see other inodes of the same files.
     if let Some(why) = now.difference(&build.plan.plan, &[], &|_, _| Ok(true))? {
-        let why = format!("this is not the build that was planned: {why}; plan it again");
+        let why = format!("this is not the build that was planned: {why}; run `kilwa plan` again");
         return Err(BuildError::Inputs { why });
     }
     let mut spool = Spool::create(work.scratch, Path::new("mesh"))?;

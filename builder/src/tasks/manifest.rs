@@ -1,4 +1,4 @@
-//! What a finished task says of itself.
+//! The manifest of a finished task.
 
 use serde::{Deserialize, Serialize};
 use serde_json::Value;

@@ -5,15 +5,15 @@
 //! |---|---|---|
 //! | [`Task::Ingest`] | the inputs | the tree, the leaves divided into shards, and what is known of the surface |
 //! | [`Task::Level`] | the ingest, and every task of the level below | one shard of a level |
-//! | [`Task::Tail`] | the ingest, and every task of the finest level that is not its own | all coarser levels, which together fit one task |
+//! | [`Task::Tail`] | the ingest, and every task of the coarsest level that is divided into shards | all coarser levels, which together fit one task |
 //!
 //! A shard of a level is a range of its diamonds in the order of the pack, along a Hilbert curve. [`plan`] lists the tasks;
-//! [`run`] does one of them, and [`assemble`] writes the pack. What the tasks do with a diamond is what [`mod@crate::build`]
-//! does with it, so the pack is the same to the last byte, whatever the shards.
+//! [`run`] does one of them, and [`assemble`] writes the pack. A task processes a diamond exactly as [`mod@crate::build`]
+//! does, so the pack is the same to the last byte, whatever the shards.
 //!
 //! A task copies what it needs into a scratch folder of its own, works there, uploads what it made under names that no
 //! other attempt uses, and creates its *manifest*, `done/TASK.json`, last. The first manifest counts; an attempt that
-//! finds one removes its own files. So a task may be done twice, or by two workers at a time, or die at any moment.
+//! finds one removes its own files. So a task may run twice, or on two workers at once, or be killed at any moment.
 //! Every file that is exchanged carries checksums, which are compared by the task that reads it.
 //!
 //! Failures: [`BuildError`], with what is wrong and what to do.
@@ -90,7 +90,7 @@ pub fn run(build: &SharedBuild, task: Task, work: &Work<'_>, prepare: Prepare<'_
     match build.state(task)? {
         State::Finished(manifest) => return Ok(Done { manifest, was_done: true }),
         State::Broken(why) => {
-            work.progress.note(&format!("the task {} was done, but {why}; it is done again", task.id()));
+            work.progress.note(&format!("the task {} was done, but {why}; running it again", task.id()));
             build.forget(task)?;
         }
         State::Open => {}

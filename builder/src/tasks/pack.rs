@@ -29,7 +29,7 @@ impl Bodies for SharedBodies {
     }
 }
 
-/// Write the pack of a build whose tasks are all done to `out`. What the report says of stages adds up the tasks of each.
+/// Write the pack of a build whose tasks are all done to `out`. The report adds up the tasks of each stage.
 ///
 /// # Errors
 /// [`BuildError`]: a task is not done, a file cannot be read or is damaged, the pack cannot be written.
@@ -67,22 +67,23 @@ pub fn assemble(build: SharedBuild, work: &Work<'_>, out: &mut impl Write) -> Re
     }
     let bodies = Box::new(SharedBodies { build: Arc::clone(&build), files });
     let levels = Levels::of_surface(state.surface, tree, refined, &root_patches, bodies)?;
-    let mut told = BuildReport::of(&levels);
+    let mut summary = BuildReport::of(&levels);
     let header = report::header_of(&levels);
     let (_, pack) = assemble::assemble(levels, work, header, &state.metadata, out)?;
-    told.pack = pack;
-    told.stages = stages;
-    Ok(told)
+    summary.pack = pack;
+    summary.stages = stages;
+    Ok(summary)
 }
 
 /// A small file of patches, copied to this machine.
 fn local_patches(build: &SharedBuild, work: &Work<'_>, file: &SharedFile) -> Result<PatchFile, BuildError> {
     let local = PatchFile::create(work.scratch, ROOTS)?;
     let index = read_index(file.bytes, |at, bytes| build.read(file, at, bytes))?;
-    for (tetrahedron, place) in index.ok_or_else(|| build.damaged_file(file, "it has no whole index"))? {
+    for (tetrahedron, place) in index.ok_or_else(|| build.damaged_file(file, "its index is missing or damaged"))? {
         let patch = build.read(file, place.at, place.bytes)?;
         if !is_whole(&patch) {
-            return Err(build.damaged_file(file, &format!("the patch at byte {} is not whole", place.at)));
+            let why = format!("the patch at byte {} does not match its checksum", place.at);
+            return Err(build.damaged_file(file, &why));
         }
         local.append_encoded(tetrahedron, place.triangles, &patch)?;
     }

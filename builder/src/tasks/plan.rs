@@ -25,9 +25,9 @@ pub struct SharedPlan {
     pub plan: Plan,
     /// Triangles of a task.
     pub task_triangles: u64,
-    /// The arguments that say the same, for the task that reads the inputs.
+    /// The command line that it was planned with, for the task that reads the inputs.
     pub arguments: Vec<String>,
-    /// The folder in which relative names among the arguments begin.
+    /// The folder that relative paths in the arguments start from.
     pub folder: String,
 }
 
@@ -61,7 +61,7 @@ pub struct Listed {
     pub task: Task,
     /// Whether it is done.
     pub done: bool,
-    /// All tasks of smaller waves must be done before.
+    /// All tasks of earlier waves must be done first.
     pub wave: u32,
     /// Triangles that it is estimated to take, where that is known.
     pub triangles: Option<u64>,
@@ -118,7 +118,7 @@ impl SharedBuild {
     pub fn open(store: Box<dyn Store>) -> Result<Self, BuildError> {
         let place = store.place(PLAN);
         let refused = |why: &str| BuildError::Shared { doing: "use", place: place.clone(), why: why.to_owned() };
-        let bytes = store.whole(PLAN)?.ok_or_else(|| refused("there is no build; `kilwa plan` begins one"))?;
+        let bytes = store.whole(PLAN)?.ok_or_else(|| refused("there is no build; start one with `kilwa plan`"))?;
         let plan = serde_json::from_slice(&bytes).map_err(|e| refused(&format!("it is not a plan of Kilwa: {e}")))?;
         Ok(Self { store, plan, bytes_read: AtomicU64::new(0) })
     }
@@ -136,7 +136,7 @@ impl SharedBuild {
     pub(super) fn damaged_file(&self, file: &SharedFile, why: &str) -> BuildError {
         let task = file.name.strip_prefix("files/").and_then(|n| n.split('.').next()).unwrap_or_default();
         let manifest = self.store.place(&format!("done/{task}.json"));
-        self.damaged(&file.name, format!("it is damaged: {why}; remove {manifest}, and do the task {task} again"))
+        self.damaged(&file.name, format!("it is damaged: {why}; remove {manifest}, and run the task {task} again"))
     }
 
     /// Read a stretch of a file that a task left.
@@ -174,7 +174,7 @@ impl SharedBuild {
         Ok(State::Finished(manifest))
     }
 
-    /// Forget a task whose files are not whole, so that it can be done again.
+    /// Remove the manifest of a task whose files are damaged, so that it can run again.
     pub(super) fn forget(&self, task: Task) -> Result<(), BuildError> {
         self.store.remove(&manifest_name(task))
     }
@@ -187,8 +187,8 @@ impl SharedBuild {
         let id = task.id();
         let why = match self.state(task)? {
             State::Finished(manifest) => return Ok(manifest),
-            State::Open => format!("the task {id} is not done yet, and its result is needed; do it first"),
-            State::Broken(why) => format!("the result of the task {id} is needed, but {why}; do that task again"),
+            State::Open => format!("the task {id} is not done yet, and its result is needed; run it first"),
+            State::Broken(why) => format!("the result of the task {id} is needed, but {why}; run that task again"),
         };
         Err(BuildError::Inputs { why })
     }
@@ -203,7 +203,7 @@ impl SharedBuild {
         manifest.files.get(holds).ok_or_else(|| BuildError::Shared {
             doing: "use",
             place: self.store.place(&format!("done/{task}.json")),
-            why: format!("it names no file of {holds}; remove it, and do the task again"),
+            why: format!("it lists no file of {holds}; remove it, and run the task again"),
         })
     }
 
@@ -218,11 +218,13 @@ impl SharedBuild {
     }
 
     fn state_of(&self, manifest: &Manifest) -> Result<IngestState, BuildError> {
-        serde_json::from_value(manifest.state.clone())
-            .map_err(|e| self.damaged(&manifest_name(Task::Ingest), format!("it is damaged ({e}); plan another build")))
+        serde_json::from_value(manifest.state.clone()).map_err(|e| {
+            let why = format!("it is damaged ({e}); remove it, and run the task ingest again");
+            self.damaged(&manifest_name(Task::Ingest), why)
+        })
     }
 
-    /// All tasks that are known: as long as the ingest is not done, only that.
+    /// All tasks that are known: until the ingest is done, only the ingest.
     ///
     /// # Errors
     /// [`BuildError::Shared`] where the store fails.
@@ -292,11 +294,11 @@ impl SharedBuild {
 
 /// Whether a task is done.
 pub(super) enum State {
-    /// It is not.
+    /// Not done.
     Open,
-    /// It was, but its files are no longer what it wrote: the reason.
+    /// Done, but its manifest or its files have been lost or damaged since: the reason.
     Broken(String),
-    /// It is.
+    /// Done.
     Finished(Manifest),
 }
 

@@ -1,5 +1,5 @@
-//! How the work is divided: leaves by ranges of the walk through the tree, the diamonds of a level by ranges along the
-//! order of the pack, such that a shard has about as many triangles as one task may.
+//! How the work is divided: the leaves into ranges in the order of the tree, the diamonds of a level into ranges in the
+//! order of the pack, so that a shard has about as many triangles as one task should take.
 
 use crate::levels::fragment::REDUCTION;
 use crate::levels::{diamonds_of, level_count, merged_by};
@@ -8,7 +8,7 @@ use glam::DVec3;
 use kilwa_geometry::{Lattice, LatticePoint};
 use serde::{Deserialize, Serialize};
 
-/// Triangles that a task takes, if the user does not say: about half a minute of one processor.
+/// Default number of triangles per task: about half a minute on one core.
 pub const TASK_TRIANGLES: u64 = 10_000_000;
 
 /// Smallest and largest coordinates of some points; `None` of none.

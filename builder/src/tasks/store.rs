@@ -205,7 +205,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn of_several_that_create_a_file_one_succeeds_and_its_bytes_stay() {
+    fn only_one_of_several_writers_creates_a_file_and_its_bytes_stay() {
         let folder = tempfile::tempdir().unwrap();
         let store = SharedFolder::new(&folder.path().join("new"));
         let made: Vec<bool> = std::thread::scope(|scope| {
