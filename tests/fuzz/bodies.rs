@@ -223,13 +223,17 @@ pub(crate) fn nexus_file(bytes: &[u8]) -> String {
 
 /// Any bytes as a tileset and, after the first zero byte, the file of its tiles: the reader ends, does not panic, and returns a sound mesh.
 pub(crate) fn tiles_in_folder(bytes: &[u8]) -> String {
-    static FOLDER: LazyLock<tempfile::TempDir> = LazyLock::new(|| tempfile::tempdir().expect("a temporary folder"));
+    // Several tests call this side by side.
+    thread_local! {
+        static FOLDER: tempfile::TempDir = tempfile::tempdir().expect("a temporary folder");
+    }
+    let folder = FOLDER.with(|folder| folder.path().to_owned());
     let end = bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len());
     let (json, content) = (&bytes[..end], bytes.get(end + 1..).unwrap_or_default());
     for name in ["a.b3dm", "b.glb", "more.json"] {
-        write(&FOLDER.path().join(name), content);
+        write(&folder.join(name), content);
     }
-    let path = &FOLDER.path().join("tileset.json");
+    let path = &folder.join("tileset.json");
     let mut sink = Limited(MemorySink::new(path), 1 << 20);
     let options = ReadOptions { texture_bytes: 1 << 22, ..ReadOptions::default() };
     let mut source = Cursor::new(json);
