@@ -363,7 +363,7 @@ fn make(
     let parents = MadeFolders::for_file(&scratch_folder);
     let parents = parents.with_context(|| format!("cannot make {}", folder_of(&scratch_folder).display()))?;
     let scratch = Scratch::open(&scratch_folder)?;
-    let need = Need::of(inputs.files.iter().map(|f| f.path.as_path()), memory, args.input.allow_outside);
+    let need = Need::of(inputs.files.iter().map(|f| f.path.as_path()), memory, args.shaping.input.allow_outside);
     let held = if args.resume { scratch.bytes() } else { discard_earlier(&scratch)? };
     if args.verbose {
         crate::terminal::say!(

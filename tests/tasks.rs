@@ -74,8 +74,12 @@ fn tasks_give_the_pack_of_a_build_and_leave_nothing() {
     assert_eq!(plan["complete"], true);
     assert!(plan["tasks"].as_array().unwrap().len() > 8, "{plan}");
     let done = json(&["task", plan["tasks"][1]["file"].as_str().unwrap()]);
-    assert_eq!(done["was_done"], true);
+    assert_eq!(done["already_done"], true);
 
+    for inside in ["pack.kilwa", "files/pack.kilwa", "new/pack.kilwa"] {
+        let refused = fails(&["assemble", text(&folder), "-o", text(&folder.join(inside))]);
+        assert!(refused.contains("in the folder of the build"), "{refused}");
+    }
     let pack = site.path("made/pack.kilwa");
     let report = json(&["assemble", text(&folder), "-o", text(&pack), "--keep"]);
     assert!(std::fs::read(&pack).unwrap() == site.expected);
@@ -126,6 +130,15 @@ fn other_versions_other_files_and_changed_inputs_are_refused_with_what_to_do() {
     let refused = fails(&["task", text(&other)]);
     assert!(refused.contains("kilwa 99") && refused.contains("install the same version"), "{refused}");
 
+    let plan = PathBuf::from(site.plan()["build"].as_str().unwrap()).join("plan.json");
+    let bytes = std::fs::read(&plan).unwrap();
+    for (other, says) in [(&b"{}"[..], "not a plan of Kilwa"), (&bytes[..bytes.len() - 3], "it is damaged")] {
+        std::fs::write(&plan, other).unwrap();
+        let refused = fails(&["task", &ingest]);
+        assert!(refused.contains("plan.json") && refused.contains(says), "{refused}");
+    }
+    std::fs::write(&plan, bytes).unwrap();
+
     std::fs::write(&other, "{}").unwrap();
     let refused = fails(&["task", text(&other)]);
     assert!(refused.contains("other.json") && refused.contains("kilwa plan"), "{refused}");
@@ -138,6 +151,9 @@ fn other_versions_other_files_and_changed_inputs_are_refused_with_what_to_do() {
     let early = fails(&["assemble", site.plan()["build"].as_str().unwrap(), "-o", text(&site.path("a.kilwa"))]);
     assert!(early.contains("ingest is not done"), "{early}");
     assert!(!site.path("a.kilwa").exists());
+
+    // Other permissions do not make another build; a moved folder works in its new place.
+    assert_eq!(site.ready(), [ingest.as_str()]);
 
     // The input grows between the plan and the task.
     let mut mesh = std::fs::read(site.path("mesh.ply")).unwrap();

@@ -36,7 +36,8 @@ fn expected(raw: &RawMesh) -> Vec<u8> {
 
 fn open(folder: &Path, task_triangles: u64) -> SharedBuild {
     let plan = kilwa_builder::build::plan(&Delivered(RawMesh::default()), &options()).unwrap();
-    let plan = SharedPlan { plan, task_triangles, arguments: Vec::new(), folder: String::new() };
+    let plan =
+        SharedPlan { plan, reading: String::new(), task_triangles, arguments: Vec::new(), folder: String::new() };
     SharedBuild::begin(Box::new(SharedFolder::new(folder)), plan).unwrap()
 }
 
@@ -88,7 +89,7 @@ fn run_all(folder: &Path, size: u64, raw: &RawMesh, random: &mut fastrand::Rng) 
             let worker = Worker { raw, threads: random.usize(1..4), memory: 1 << random.usize(20..32) };
             // Each worker opens the build for itself.
             let done = worker.run(&open(folder, size), task.task, &Stop::default(), &Silent).unwrap();
-            assert!(!done.was_done);
+            assert!(!done.already_done);
             count += 1;
         }
     }
@@ -187,7 +188,7 @@ fn only_one_of_several_workers_with_the_same_task_counts_and_the_others_leave_no
             let threads: Vec<_> = (0..3).map(|_| scope.spawn(one)).collect();
             threads.into_iter().map(|t| t.join().unwrap()).collect()
         });
-        assert_eq!(done.iter().filter(|d| !d.was_done).count(), 1, "{}", task.id);
+        assert_eq!(done.iter().filter(|d| !d.already_done).count(), 1, "{}", task.id);
         assert!(done.iter().all(|d| d.manifest == done[0].manifest), "{}", task.id);
         assert_eq!(shared_files(folder.path()), named_files(&open(folder.path(), 4_000)));
     }

@@ -8,10 +8,11 @@ use anyhow::Context;
 use kilwa_builder::BuildReport;
 use kilwa_builder::build::work::Work;
 use kilwa_builder::tasks::{self, SharedFolder, Store};
+use kilwa_files::atomic::folder_of;
 use kilwa_files::made_folders::MadeFolders;
 use kilwa_pack::plural::counted;
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Write the pack of a build whose tasks are all done.
 ///
@@ -40,6 +41,7 @@ pub(crate) struct Args {
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     build::refuse_output(&args.output, args.force)?;
     let shared = open(&args.build)?;
+    refuse_inside(args)?;
     let (bar, stop) = (Bar::new(), stop_on_signals()?);
     let folders = MadeFolders::for_file(&args.output);
     // Dropped after the file that is in them.
@@ -65,10 +67,28 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         other => other?,
     };
     output.keep(args.force)?;
-    if !args.keep {
-        SharedFolder::new(&args.build).remove_all()?;
+    print(args, &report)?;
+    let removed = if args.keep { Ok(()) } else { SharedFolder::new(&args.build).remove_all() };
+    if let Err(e) = removed {
+        // The pack is in place all the same.
+        crate::terminal::say!("kilwa: warning: {e}; the pack is complete, so remove {} yourself", args.build.display());
     }
-    print(args, &report)
+    Ok(())
+}
+
+/// The folder of the build is removed in the end, and the pack would be with it.
+fn refuse_inside(args: &Args) -> anyhow::Result<()> {
+    let real = |path: &Path| path.canonicalize().or_else(|_| std::path::absolute(path));
+    let folder = folder_of(&args.output);
+    let outer = folder.ancestors().find(|outer| outer.exists()).unwrap_or(folder);
+    let outer = if outer.as_os_str().is_empty() { Path::new(".") } else { outer };
+    if real(outer)?.starts_with(real(&args.build)?) {
+        anyhow::bail!(
+            "{} is in the folder of the build, which is removed when the pack is complete; choose another place",
+            args.output.display()
+        );
+    }
+    Ok(())
 }
 
 fn print(args: &Args, report: &BuildReport) -> anyhow::Result<()> {

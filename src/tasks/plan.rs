@@ -56,6 +56,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let work = std::path::absolute(&args.work).with_context(|| format!("cannot use {}", args.work.display()))?;
     let plan = SharedPlan {
         plan: plan_of(&inputs, &options)?,
+        reading: format!(
+            "allow-outside {}, unmasked {}",
+            args.shaping.input.allow_outside, args.shaping.input.unmasked
+        ),
         task_triangles: args.task_triangles,
         arguments: arguments()?,
         folder: utf8(&folder)?,
@@ -88,11 +92,14 @@ fn write_tasks(build: &SharedBuild, place: &Path, key: &str) -> anyhow::Result<V
     let mut tasks = Vec::new();
     for listed in build.tasks()? {
         let name = format!("tasks/{}.json", listed.id);
-        if !written.contains(&name) {
-            let tool = build.plan.plan.tool.clone();
-            let file = TaskFile { build: utf8(place)?, key: key.to_owned(), tool, task: listed.task };
-            build.store().create(&name, crate::terminal::json_text(&file)?.as_bytes())?;
+        let tool = build.plan.plan.tool.clone();
+        let file = TaskFile { build: utf8(place)?, key: key.to_owned(), tool, task: listed.task };
+        let text = crate::terminal::json_text(&file)?;
+        // One that is damaged, or that names the place from which the folder was moved, is replaced.
+        if written.contains(&name) && build.store().whole(&name)?.is_some_and(|there| there != text.as_bytes()) {
+            build.store().remove(&name)?;
         }
+        build.store().create(&name, text.as_bytes())?;
         tasks.push(ListedFile { file: utf8(&place.join(name))?, listed });
     }
     Ok(tasks)

@@ -50,7 +50,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let id = given.task.id();
     match done {
         Ok(done) => print(args, &id, &done),
-        Err(_) if stop.asked() => Err(Interrupted::new(&format!("{id} was stopped; nothing of it was kept")).into()),
+        Err(_) if stop.asked() => Err(Interrupted::new(&format!("{id} was stopped; nothing was kept")).into()),
         Err(error) => Err(anyhow::Error::new(error).context(format!("the task {id}{}", near(&build, given.task)))),
     }
 }
@@ -87,7 +87,7 @@ fn prepared(build: &SharedBuild) -> Result<(Box<dyn Inputs>, BuildOptions), Buil
 fn near(build: &SharedBuild, task: Task) -> String {
     let tasks = build.tasks().unwrap_or_default();
     let near = tasks.into_iter().find(|t| t.task == task).and_then(|t| t.near);
-    near.map_or_else(String::new, |p| format!(" (round {:.2}, {:.2}, {:.2} m)", p.x, p.y, p.z))
+    near.map_or_else(String::new, |p| format!(" (near {:.2}, {:.2}, {:.2} m)", p.x, p.y, p.z))
 }
 
 fn print(args: &Args, id: &str, done: &Done) -> anyhow::Result<()> {
@@ -95,8 +95,8 @@ fn print(args: &Args, id: &str, done: &Done) -> anyhow::Result<()> {
     let m = &done.manifest;
     if args.json {
         writeln!(out, "{}", crate::terminal::json_text(done)?)?;
-    } else if done.was_done {
-        writeln!(out, "{id}: was done already")?;
+    } else if done.already_done {
+        writeln!(out, "{id}: already done")?;
     } else {
         writeln!(
             out,

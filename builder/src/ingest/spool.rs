@@ -70,6 +70,7 @@ pub(super) struct Channel {
 
 /// What the scratch files hold once all inputs are read.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[expect(clippy::struct_excessive_bools, reason = "each says whether there is a file")]
 pub struct Spooled {
     /// Vertices of all inputs.
     pub vertices: u64,

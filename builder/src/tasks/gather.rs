@@ -61,7 +61,10 @@ impl<'a> Sources<'a> {
             let first = sources.len();
             for shard in 0..divided.shards.len() {
                 let manifest = build.finished(Task::Level { level: below, shard: shard as u32 })?;
-                let points: PointBox = serde_json::from_value(manifest.state.clone()).unwrap_or_default();
+                let points: PointBox = serde_json::from_value(manifest.state.clone()).map_err(|_| {
+                    let name = format!("done/{}.json", manifest.task);
+                    build.damaged(&name, "it does not state where its records are; remove it, and run the task again")
+                })?;
                 sources.push(source(&manifest, ["patches", "shared"], points, false)?);
             }
             for (rank, diamond) in (0u32..).zip(diamonds_of(tree, below)) {

@@ -11,11 +11,13 @@ use crate::build::{Inputs, ingest_of, plan, report};
 use crate::ingest::surface::Ingested;
 use crate::ingest::{Spool, ingest};
 use crate::partition::tree_file::{self, TREE};
-use crate::scratch::{PatchFile, Records, tetrahedron_of};
+use crate::scratch::{PatchFile, Records, point_of, tetrahedron_of};
 use std::path::Path;
 
 /// Records of a shard that are gathered before they are written.
-const GATHERED: usize = 1 << 12;
+const GATHERED: usize = 1 << 14;
+/// The records of all shards, by leaf.
+const BY_LEAF: &str = "shards.records";
 
 pub(super) fn ingest_task(
     build: &SharedBuild,
@@ -46,7 +48,7 @@ pub(super) fn ingest_task(
     let metadata = report::metadata(&surface, options);
     let (color_bits, normal_bits) = (options.color_bits, options.normal_bits);
     let state = IngestState { surface, metadata, color_bits, normal_bits, shards };
-    Ok(Made { files, state: serde_json::to_value(&state).unwrap_or_default() })
+    Ok(Made { files, of_ingest: None, state: serde_json::to_value(&state).unwrap_or_default() })
 }
 
 fn divide_patches(work: &Work<'_>, shards: &Shards, leaves: &PatchFile) -> Result<(), BuildError> {
@@ -65,23 +67,48 @@ fn divide_patches(work: &Work<'_>, shards: &Shards, leaves: &PatchFile) -> Resul
 }
 
 fn divide_records(work: &Work<'_>, shards: &mut Shards, shared: &Records) -> Result<(), BuildError> {
-    let count = shards.leaves.len();
-    let files = (0..count).map(|i| Records::create(work.scratch, &leaf_records(i)));
-    let files: Vec<Records> = files.collect::<Result<_, _>>()?;
-    let mut gathered: Vec<Vec<u128>> = vec![Vec::new(); count];
-    shared.sorted::<BuildError>(work.scratch, "shards.runs", work.memory / 4, |r| {
+    // Sorted by leaf, they come shard by shard, so that one file at a time is open.
+    let by_leaf = Records::create(work.scratch, BY_LEAF)?;
+    for first in (0..shared.len()).step_by(GATHERED) {
+        let mut block = shared.read(first, (shared.len() - first).min(GATHERED as u64) as usize)?;
+        for r in &mut block {
+            *r = r.rotate_right(32);
+        }
+        by_leaf.append(&block)?;
+    }
+    let mut next = 0;
+    let mut file: Option<Records> = None;
+    let mut gathered = Vec::new();
+    let close = |file: &mut Option<Records>, gathered: &mut Vec<u128>| -> Result<(), BuildError> {
+        if let Some(file) = file.take() {
+            file.append(gathered)?;
+            gathered.clear();
+            file.finish()?;
+        }
+        Ok(())
+    };
+    let mut go_to = |shard: usize, file: &mut Option<Records>, gathered: &mut Vec<u128>| -> Result<(), BuildError> {
+        while next <= shard {
+            close(file, gathered)?;
+            *file = Some(Records::create(work.scratch, &leaf_records(next))?);
+            next += 1;
+        }
+        Ok(())
+    };
+    by_leaf.sorted::<BuildError>(work.scratch, "shards.runs", work.memory / 4, |r| {
+        let r = r.rotate_left(32);
         let shard = shards.of_leaf(tetrahedron_of(r));
-        extend(&mut shards.leaves[shard].records, crate::scratch::point_of(r));
-        gathered[shard].push(r);
-        if gathered[shard].len() == GATHERED {
-            files[shard].append(&gathered[shard])?;
-            gathered[shard].clear();
+        go_to(shard, &mut file, &mut gathered)?;
+        extend(&mut shards.leaves[shard].records, point_of(r));
+        gathered.push(r);
+        if let Some(file) = file.as_ref().filter(|_| gathered.len() == GATHERED) {
+            file.append(&gathered)?;
+            gathered.clear();
         }
         Ok(())
     })?;
-    for (file, rest) in files.into_iter().zip(gathered) {
-        file.append(&rest)?;
-        file.finish()?;
-    }
-    Ok(())
+    go_to(shards.leaves.len(), &mut file, &mut gathered)?;
+    drop(by_leaf);
+    work.scratch.remove(BY_LEAF)?;
+    Ok(work.scratch.remove(&leaf_records(shards.leaves.len()))?)
 }

@@ -9,6 +9,7 @@ use crate::ingest::surface::{Ingested, LEAVES, SHARED};
 use crate::levels::{
     Batch, CHUNKS, Coarsened, Hierarchy, diamonds_of, merged_by, patches_name, results, results_name, shared_name,
 };
+use crate::partition::tree_file::TREE;
 use crate::partition::tree_level;
 use crate::scratch::{PatchFile, Records};
 use kilwa_simplify::Precision;
@@ -63,7 +64,8 @@ pub(super) fn level_task(build: &SharedBuild, work: &Work<'_>, level: u8, shard:
         (RESULTS, results_name(level)),
     ];
     let state = serde_json::to_value(box_of(&shared)?).unwrap_or_default();
-    Ok(Made { files: files.map(|(holds, name)| (holds.to_owned(), name)).into(), state })
+    let of_ingest = Some(build.file(&ingest.manifest, TREE)?.name.clone());
+    Ok(Made { files: files.map(|(holds, name)| (holds.to_owned(), name)).into(), of_ingest, state })
 }
 
 pub(super) fn tail_task(build: &SharedBuild, work: &Work<'_>) -> Result<Made, BuildError> {
@@ -86,6 +88,7 @@ pub(super) fn tail_task(build: &SharedBuild, work: &Work<'_>) -> Result<Made, Bu
         sources.patches(work, &wanted, &leaves, &below)?;
         sources.all_records(work, &shared)?;
     }
+    let of_ingest = Some(build.file(&ingest.manifest, TREE)?.name.clone());
     let Ingest { state, tree, .. } = ingest;
     let ingested = Ingested { surface: state.surface, tree, leaves, shared: shared.finish()? };
     let chunks = work.scratch.create(CHUNKS)?;
@@ -102,5 +105,5 @@ pub(super) fn tail_task(build: &SharedBuild, work: &Work<'_>) -> Result<Made, Bu
     let all: Vec<_> = hierarchy.results().cloned().collect();
     results::write(work.scratch, RESULTS, &all)?;
     let files = [ROOTS, CHUNKS, RESULTS].map(|name| (name.to_owned(), name.to_owned()));
-    Ok(Made { files: files.into(), state: serde_json::Value::Null })
+    Ok(Made { files: files.into(), of_ingest, state: serde_json::Value::Null })
 }

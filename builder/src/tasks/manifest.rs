@@ -11,6 +11,8 @@ pub struct Manifest {
     pub task: String,
     /// The program that did it.
     pub tool: String,
+    /// The tree, in the store, that the ingest left and this task worked with; none for the ingest itself.
+    pub of_ingest: Option<String>,
     /// The files that it left, by what they hold.
     pub files: BTreeMap<String, SharedFile>,
     /// What the next tasks must know.
@@ -39,6 +41,8 @@ pub struct SharedFile {
 pub(super) struct Made {
     /// What each file holds, and its name in the scratch folder.
     pub(super) files: Vec<(String, String)>,
+    /// See [`Manifest::of_ingest`].
+    pub(super) of_ingest: Option<String>,
     /// What the next tasks must know.
     pub(super) state: Value,
 }

@@ -75,7 +75,7 @@ pub struct Done {
     /// Its manifest.
     pub manifest: Manifest,
     /// Whether it was done before, or by somebody else at the same time.
-    pub was_done: bool,
+    pub already_done: bool,
 }
 
 /// Where the inputs and options of a build come from, for [`Task::Ingest`]; other tasks do not ask.
@@ -88,10 +88,10 @@ pub type Prepare<'a> = &'a mut dyn FnMut() -> Result<(Box<dyn Inputs>, BuildOpti
 /// changed since the build was planned, or those of the stages themselves.
 pub fn run(build: &SharedBuild, task: Task, work: &Work<'_>, prepare: Prepare<'_>) -> Result<Done, BuildError> {
     match build.state(task)? {
-        State::Finished(manifest) => return Ok(Done { manifest, was_done: true }),
-        State::Broken(why) => {
+        State::Finished(manifest) => return Ok(Done { manifest, already_done: true }),
+        State::Broken { why, bytes, manifest } => {
             work.progress.note(&format!("the task {} was done, but {why}; running it again", task.id()));
-            build.forget(task)?;
+            build.forget(task, &bytes, manifest.as_ref())?;
         }
         State::Open => {}
     }

@@ -5,11 +5,14 @@ use super::shards::Shards;
 use super::{Done, Manifest, SharedFile, Store, Task};
 use crate::build::journal::Plan;
 use crate::build::options::BuildError;
+use crate::build::tool;
 use crate::build::work::Work;
 use crate::ingest::surface::Surface;
 use crate::partition::{Partition, tree_file};
+use crate::scratch::{seal, unseal};
 use glam::DVec3;
 use kilwa_pack::Metadata;
+use kilwa_pack::plural::counted;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::hash::BuildHasher;
@@ -23,6 +26,8 @@ pub const PLAN: &str = "plan.json";
 pub struct SharedPlan {
     /// The program, the options and the inputs.
     pub plan: Plan,
+    /// What else changes how the inputs are read, as text.
+    pub reading: String,
     /// Triangles of a task.
     pub task_triangles: u64,
     /// The command line that it was planned with, for the task that reads the inputs.
@@ -34,7 +39,10 @@ pub struct SharedPlan {
 impl SharedPlan {
     /// Identifies the build: the same for the same inputs, options, program and portions. 32 hexadecimal digits.
     pub fn key(&self) -> String {
-        let bytes = serde_json::to_vec(&(&self.plan, self.task_triangles)).unwrap_or_default();
+        let mut plan = self.plan.clone();
+        // Other inodes or other permissions do not make another file.
+        plan.inputs.iter_mut().for_each(|input| input.stamp.clear());
+        let bytes = serde_json::to_vec(&(plan, &self.reading, self.task_triangles)).unwrap_or_default();
         format!("{:032x}", u128::from_be_bytes(kilwa_pack::checksum(&bytes)))
     }
 }
@@ -100,7 +108,7 @@ impl SharedBuild {
     /// # Errors
     /// [`BuildError::Shared`] where the store fails or holds another build.
     pub fn begin(store: Box<dyn Store>, plan: SharedPlan) -> Result<Self, BuildError> {
-        let bytes = serde_json::to_vec_pretty(&plan).unwrap_or_default();
+        let bytes = seal(&serde_json::to_vec(&plan).unwrap_or_default());
         if store.create(PLAN, &bytes)? {
             return Ok(Self { store, plan, bytes_read: AtomicU64::new(0) });
         }
@@ -119,7 +127,15 @@ impl SharedBuild {
         let place = store.place(PLAN);
         let refused = |why: &str| BuildError::Shared { doing: "use", place: place.clone(), why: why.to_owned() };
         let bytes = store.whole(PLAN)?.ok_or_else(|| refused("there is no build; start one with `kilwa plan`"))?;
-        let plan = serde_json::from_slice(&bytes).map_err(|e| refused(&format!("it is not a plan of Kilwa: {e}")))?;
+        let text = std::str::from_utf8(&bytes).ok().and_then(|text| unseal(text.trim_end_matches('\n')));
+        let plan: Option<SharedPlan> = text.and_then(|text| serde_json::from_str(text).ok());
+        let plan = plan.ok_or_else(|| refused("it is damaged, or not a plan of Kilwa"))?;
+        if plan.plan.tool != tool() {
+            let (planned, this) = (&plan.plan.tool, tool());
+            let why =
+                format!("{planned} planned this build, and this is {this}; install the same version on every machine");
+            return Err(BuildError::Inputs { why });
+        }
         Ok(Self { store, plan, bytes_read: AtomicU64::new(0) })
     }
 
@@ -156,27 +172,44 @@ impl SharedBuild {
     /// [`BuildError::Shared`] where the store fails.
     pub(super) fn state(&self, task: Task) -> Result<State, BuildError> {
         let Some(bytes) = self.store.whole(&manifest_name(task))? else { return Ok(State::Open) };
-        let manifest: Manifest = match serde_json::from_slice(&bytes) {
-            Ok(manifest) => manifest,
-            Err(e) => return Ok(State::Broken(format!("its manifest is damaged ({e})"))),
+        let text = std::str::from_utf8(&bytes).ok().and_then(|text| unseal(text.trim_end_matches('\n')));
+        let manifest: Option<Manifest> = text.and_then(|text| serde_json::from_str(text).ok());
+        let Some(manifest) = manifest else {
+            return Ok(State::Broken { why: "its manifest is damaged".to_owned(), bytes, manifest: None });
         };
+        Ok(match self.fault(&manifest)? {
+            Some(why) => State::Broken { why, bytes, manifest: Some(manifest) },
+            None => State::Finished(manifest),
+        })
+    }
+
+    /// What is wrong with the files that a manifest names.
+    fn fault(&self, manifest: &Manifest) -> Result<Option<String>, BuildError> {
         for file in manifest.files.values() {
             if file.name.strip_prefix("files/").is_none_or(|name| name.contains(['/', '\\'])) {
-                return Ok(State::Broken(format!("its manifest names {:?}, which no task writes", file.name)));
+                return Ok(Some(format!("its manifest names {:?}, which no task writes", file.name)));
             }
             let found = self.store.length(&file.name)?;
             if found != Some(file.bytes) {
-                let found = found.map_or_else(|| "is missing".to_owned(), |n| format!("has {n} bytes"));
+                let bytes = |n| counted(n, "byte", "bytes");
+                let found = found.map_or_else(|| "is missing".to_owned(), |n| format!("has {}", bytes(n)));
                 let place = self.store.place(&file.name);
-                return Ok(State::Broken(format!("its file {place} {found}, and had {} bytes", file.bytes)));
+                return Ok(Some(format!("its file {place} {found}; it should have {}", bytes(file.bytes))));
             }
         }
-        Ok(State::Finished(manifest))
+        let of_ingest = manifest.of_ingest.as_ref().map(|tree| self.store.length(tree)).transpose()?;
+        Ok((of_ingest == Some(None)).then(|| "it was made from an earlier result of the task ingest".to_owned()))
     }
 
-    /// Remove the manifest of a task whose files are damaged, so that it can run again.
-    pub(super) fn forget(&self, task: Task) -> Result<(), BuildError> {
-        self.store.remove(&manifest_name(task))
+    /// Remove the manifest of a task whose files are damaged, unless it was replaced meanwhile, and the files that it
+    /// names, so that the task can run again.
+    pub(super) fn forget(&self, task: Task, bytes: &[u8], manifest: Option<&Manifest>) -> Result<(), BuildError> {
+        let name = manifest_name(task);
+        if self.store.whole(&name)?.is_some_and(|now| now == bytes) {
+            self.store.remove(&name)?;
+            manifest.map_or(Ok(()), |manifest| self.remove_files(manifest))?;
+        }
+        Ok(())
     }
 
     /// What a task left that must be done by now.
@@ -188,7 +221,9 @@ impl SharedBuild {
         let why = match self.state(task)? {
             State::Finished(manifest) => return Ok(manifest),
             State::Open => format!("the task {id} is not done yet, and its result is needed; run it first"),
-            State::Broken(why) => format!("the result of the task {id} is needed, but {why}; run that task again"),
+            State::Broken { why, .. } => {
+                format!("the result of the task {id} is needed, but {why}; run that task again")
+            }
         };
         Err(BuildError::Inputs { why })
     }
@@ -261,34 +296,58 @@ impl SharedBuild {
     ) -> Result<Done, BuildError> {
         // Two attempts at a task never write the same file.
         let attempt = std::hash::RandomState::new().hash_one(std::process::id());
-        let mut files = BTreeMap::new();
-        let mut bytes_written = 0;
-        for (holds, local) in made.files {
-            work.stop.check()?;
-            let bytes = work.scratch.length(&local).unwrap_or(0);
-            let name = format!("files/{}.{attempt:016x}.{holds}", task.id());
-            self.store.upload(&name, &work.scratch.path(&local))?;
-            bytes_written += bytes;
-            files.insert(holds, SharedFile { name, bytes });
-        }
-        let manifest = Manifest {
+        let mut manifest = Manifest {
             task: task.id(),
-            tool: self.plan.plan.tool.clone(),
-            files,
+            tool: tool(),
+            of_ingest: made.of_ingest,
+            files: BTreeMap::new(),
             state: made.state,
             seconds,
             cpu_seconds,
             bytes_read: self.bytes_read.load(Ordering::Relaxed),
-            bytes_written,
+            bytes_written: 0,
         };
-        let name = manifest_name(task);
-        if self.store.create(&name, &serde_json::to_vec(&manifest).unwrap_or_default())? {
-            return Ok(Done { manifest, was_done: false });
+        for (holds, local) in made.files {
+            let bytes = work.scratch.length(&local).unwrap_or(0);
+            let name = format!("files/{}.{attempt:016x}.{holds}", task.id());
+            manifest.bytes_written += bytes;
+            manifest.files.insert(holds, SharedFile { name: name.clone(), bytes });
+            let uploaded = work
+                .stop
+                .check()
+                .and_then(|()| self.still_there())
+                .and_then(|()| self.store.upload(&name, &work.scratch.path(&local)));
+            if let Err(error) = uploaded {
+                drop(self.remove_files(&manifest));
+                return Err(error);
+            }
         }
-        for file in manifest.files.values() {
-            self.store.remove(&file.name)?;
+        let created = self.still_there().and_then(|()| {
+            self.store.create(&manifest_name(task), &seal(&serde_json::to_vec(&manifest).unwrap_or_default()))
+        });
+        if matches!(created, Ok(true)) {
+            return Ok(Done { manifest, already_done: false });
         }
-        Ok(Done { manifest: self.finished(task)?, was_done: true })
+        // The manifest may be ours all the same, where the answer of a network file system was lost.
+        let found = self.finished(task);
+        if found.as_ref().is_ok_and(|found| *found == manifest) {
+            return Ok(Done { manifest, already_done: false });
+        }
+        if created.is_ok() {
+            self.remove_files(&manifest)?;
+        }
+        created.and(found).map(|manifest| Done { manifest, already_done: true })
+    }
+
+    /// A build that was assembled and removed meanwhile must not come back in parts.
+    fn still_there(&self) -> Result<(), BuildError> {
+        let there = self.store.length(PLAN)?.is_some();
+        let why = || "the build was assembled or removed meanwhile; there is nothing left to do".to_owned();
+        there.then_some(()).ok_or_else(|| BuildError::Inputs { why: why() })
+    }
+
+    fn remove_files(&self, of: &Manifest) -> Result<(), BuildError> {
+        of.files.values().try_for_each(|file| self.store.remove(&file.name))
     }
 }
 
@@ -297,7 +356,14 @@ pub(super) enum State {
     /// Not done.
     Open,
     /// Done, but its manifest or its files have been lost or damaged since: the reason.
-    Broken(String),
+    Broken {
+        /// The reason.
+        why: String,
+        /// The manifest as it was read.
+        bytes: Vec<u8>,
+        /// What it says, if it can be read.
+        manifest: Option<Manifest>,
+    },
     /// Done.
     Finished(Manifest),
 }

@@ -62,9 +62,17 @@ pub trait Store: Send + Sync {
     /// # Errors
     /// [`BuildError::Shared`].
     fn whole(&self, name: &str) -> Result<Option<Vec<u8>>, BuildError> {
-        self.length(name)?.map(|bytes| self.read(name, 0, bytes)).transpose()
+        let Some(bytes) = self.length(name)? else { return Ok(None) };
+        if bytes > LARGEST_WHOLE {
+            let why = format!("it has {bytes} bytes, far more than Kilwa writes there");
+            return Err(BuildError::Shared { doing: "read", place: self.place(name), why });
+        }
+        self.read(name, 0, bytes).map(Some)
     }
 }
+
+/// Longest plan or manifest: that of an ingest has some hundred bytes for each shard.
+const LARGEST_WHOLE: u64 = 1 << 28;
 
 /// The folders of a build: manifests, what they name, the files of tasks, and scratch files of workers that use none elsewhere.
 const FOLDERS: [&str; 4] = ["done", "files", "tasks", "scratch"];

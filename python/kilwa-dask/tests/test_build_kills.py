@@ -82,7 +82,7 @@ def test_a_worker_killed_while_the_pack_is_assembled(single: Single) -> None:
     single.check()
 
 
-PLACE = "the task level-02-0001 (round 1.00, 0.01, -1.50 m)"
+PLACE = "the task level-02-0001 (near 1.00, 0.01, -1.50 m)"
 
 
 @pytest.mark.parametrize(

@@ -106,7 +106,7 @@ def line(outcome: TaskOutcome) -> str:
     """Describe a task that is done in one line."""
     retried = f", earlier interrupted attempts: {outcome.retries}" if outcome.retries else ""
     if outcome.state == "was done":
-        return f"{outcome.name}: was done already{retried}"
+        return f"{outcome.name}: already done{retried}"
     figures = outcome.figures
     sizes = f", {size(figures.bytes_read or 0)} read, {size(figures.bytes_written or 0)} written"
     return f"{outcome.name}: {duration(figures.seconds)}{sizes}{retried}"

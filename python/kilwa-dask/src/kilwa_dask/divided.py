@@ -94,7 +94,7 @@ class Task:
         if self.near is None:
             return f"the task {self.id}"
         x, y, z = self.near
-        return f"the task {self.id} (round {x:.2f}, {y:.2f}, {z:.2f} m)"
+        return f"the task {self.id} (near {x:.2f}, {y:.2f}, {z:.2f} m)"
 
 
 def stage_of(task: str) -> str:
@@ -174,7 +174,7 @@ def do(task: Task, *, wait: bool, build: Build, plan: BuildPlan) -> TaskOutcome:
             with attempted(plan.state_folder, name) as (folder, retries), _scratch(plan, build, folder, name) as scratch:
                 command = ["task", task.file, "--scratch", str(scratch), "--json", *plan.resources]
                 report = _run(plan, command, [of_build, of_task], places=(build.folder, str(scratch)))
-        state = "was done" if report["was_done"] else "done"
+        state = "was done" if report["already_done"] else "done"
         return TaskOutcome(task.id, state, figures=Figures.of(report["manifest"]), retries=retries)
 
     return _outcome(task.id, started, work)

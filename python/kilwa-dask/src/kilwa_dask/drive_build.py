@@ -201,7 +201,9 @@ def listing_of(told: dict[str, Any]) -> Listing:
 def _figures(build: Build, task: Task) -> Figures:
     """Read what a task that was done earlier has cost; its manifest may be gone, or damaged."""
     try:
-        return Figures.of(json.loads(Path(build.folder, "done", f"{task.id}.json").read_text(encoding="utf-8")))
+        # A line of JSON, then its checksum.
+        sealed = Path(build.folder, "done", f"{task.id}.json").read_text(encoding="utf-8")
+        return Figures.of(json.loads(sealed.rsplit(" ", 1)[0]))
     except (OSError, ValueError, AttributeError):
         return Figures()
 
