@@ -120,7 +120,7 @@ fn tasks_killed_at_any_moment_and_done_by_two_at_once_give_the_same_pack() {
 }
 
 #[test]
-fn other_versions_other_files_and_changed_inputs_are_refused_with_what_to_do() {
+fn refusals_of_other_versions_other_files_and_changed_inputs_say_what_to_do() {
     let site = Site::new("wall");
     let ingest = site.ready().remove(0);
     let given = std::fs::read_to_string(&ingest).unwrap();

@@ -1,7 +1,7 @@
 //! The bytes do not depend on the memory or on what is kept on disk, nor on being stopped at any moment and resumed with
 //! other threads and other memory.
 
-use crate::support::{fort, non_manifold, wall};
+use crate::support::{StopAt, fort, non_manifold, wall};
 use kilwa_builder::build::journal::PlannedInput;
 use kilwa_builder::build::work::{Stop, Work};
 use kilwa_builder::ingest::Spool;
@@ -10,7 +10,6 @@ use kilwa_builder::{BuildError, BuildOptions, BuildReport, Inputs, Progress, Pro
 use kilwa_formats::RawMesh;
 use std::io::Cursor;
 use std::path::Path;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 struct Delivered<'a>(&'a RawMesh);
 
@@ -61,20 +60,6 @@ fn one_mebibyte_of_memory_gives_the_same_bytes_as_plenty() {
     }
 }
 
-/// Asks to stop at a given update.
-struct StopAt<'a> {
-    stop: &'a Stop,
-    left: AtomicU64,
-}
-
-impl Progress for StopAt<'_> {
-    fn update(&self, _stage: &'static str, _done: u64, _total: u64) {
-        if self.left.fetch_sub(1, Ordering::Relaxed) == 1 {
-            self.stop.ask();
-        }
-    }
-}
-
 #[test]
 fn a_build_stopped_at_any_moment_resumes_to_the_same_bytes() {
     let raw = wall(10_000);
@@ -86,7 +71,7 @@ fn a_build_stopped_at_any_moment_resumes_to_the_same_bytes() {
         let (mut resume, mut longest) = (false, 100);
         let bytes = loop {
             let stop = Stop::default();
-            let at = StopAt { stop: &stop, left: AtomicU64::new(1 + random.usize(..longest) as u64) };
+            let at = StopAt::new(&stop, 1 + random.usize(..longest) as u64);
             // A stage that is restarted again and again must finish in the end.
             longest *= 2;
             let (threads, memory) = (1 + random.usize(..3), 1 << (24 + random.usize(..8)));

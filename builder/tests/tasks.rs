@@ -1,17 +1,16 @@
 //! A build that is divided into tasks gives the bytes of a build on one machine, whichever worker runs a task, in any
 //! order, and even if tasks run twice or are killed.
 
-use crate::support::{fort, non_manifold, wall, with_holes};
+use crate::support::{StopAt, fort, non_manifold, wall, with_holes};
 use kilwa_builder::build::journal::PlannedInput;
 use kilwa_builder::build::work::{Stop, Work};
 use kilwa_builder::ingest::Spool;
 use kilwa_builder::scratch::Scratch;
-use kilwa_builder::tasks::{self, Done, Listed, SharedBuild, SharedFolder, SharedPlan, Task};
+use kilwa_builder::tasks::{self, Outcome, SharedBuild, SharedFolder, SharedPlan, Task, TaskEntry};
 use kilwa_builder::{BuildError, BuildOptions, Inputs, Progress, Provenance, Silent, build_pack};
 use kilwa_formats::RawMesh;
 use std::collections::BTreeSet;
 use std::path::Path;
-use std::sync::atomic::{AtomicU64, Ordering};
 
 struct Delivered(RawMesh);
 
@@ -36,8 +35,13 @@ fn expected(raw: &RawMesh) -> Vec<u8> {
 
 fn open(folder: &Path, task_triangles: u64) -> SharedBuild {
     let plan = kilwa_builder::build::plan(&Delivered(RawMesh::default()), &options()).unwrap();
-    let plan =
-        SharedPlan { plan, reading: String::new(), task_triangles, arguments: Vec::new(), folder: String::new() };
+    let plan = SharedPlan {
+        plan,
+        reading: String::new(),
+        task_triangles,
+        arguments: Vec::new(),
+        working_folder: String::new(),
+    };
     SharedBuild::begin(Box::new(SharedFolder::new(folder)), plan).unwrap()
 }
 
@@ -54,7 +58,13 @@ impl Worker<'_> {
         f(&Work { scratch: &scratch, memory: self.memory, threads: self.threads, stop, progress })
     }
 
-    fn run(&self, build: &SharedBuild, task: Task, stop: &Stop, progress: &dyn Progress) -> Result<Done, BuildError> {
+    fn run(
+        &self,
+        build: &SharedBuild,
+        task: Task,
+        stop: &Stop,
+        progress: &dyn Progress,
+    ) -> Result<Outcome, BuildError> {
         let mut prepare = || -> Result<(Box<dyn Inputs>, BuildOptions), BuildError> {
             Ok((Box::new(Delivered(self.raw.clone())), options()))
         };
@@ -69,8 +79,8 @@ impl Worker<'_> {
 }
 
 /// The tasks of the first wave that is not done.
-fn ready(build: &SharedBuild) -> Vec<Listed> {
-    let mut open: Vec<Listed> = build.tasks().unwrap().into_iter().filter(|t| !t.done).collect();
+fn ready(build: &SharedBuild) -> Vec<TaskEntry> {
+    let mut open: Vec<TaskEntry> = build.tasks().unwrap().into_iter().filter(|t| !t.done).collect();
     let wave = open.iter().map(|t| t.wave).min();
     open.retain(|t| Some(t.wave) == wave);
     open
@@ -128,24 +138,10 @@ fn tasks_of_any_size_in_any_order_give_the_bytes_of_a_build_on_one_machine() {
             levels_divided += usize::from(tasks.iter().any(|t| matches!(t.task, Task::Level { shard: 1.., .. })));
             assert_eq!(shared_files(folder.path()), named_files(&build));
             let bytes = Worker { raw: &raw, threads: 2, memory: 1 << 28 }.assemble(build).unwrap();
-            assert!(bytes == expected, "{name}, tasks of {size} triangles: other bytes");
+            assert!(bytes == expected, "{name}, tasks of {size} triangles: different bytes");
         }
     }
     assert!(levels_divided >= 4, "{levels_divided}");
-}
-
-/// Asks to stop at a given update.
-struct StopAt<'a> {
-    stop: &'a Stop,
-    left: AtomicU64,
-}
-
-impl Progress for StopAt<'_> {
-    fn update(&self, _stage: &'static str, _done: u64, _total: u64) {
-        if self.left.fetch_sub(1, Ordering::Relaxed) == 1 {
-            self.stop.ask();
-        }
-    }
 }
 
 #[test]
@@ -159,7 +155,7 @@ fn tasks_that_are_stopped_at_any_moment_and_repeated_give_the_same_bytes() {
         let build = open(folder.path(), 3_000);
         let Some(task) = ready(&build).into_iter().next() else { break };
         let stop = Stop::default();
-        let at = StopAt { stop: &stop, left: AtomicU64::new(random.u64(1..longest)) };
+        let at = StopAt::new(&stop, random.u64(1..longest));
         let worker = Worker { raw: &raw, threads: 2, memory: 1 << 26 };
         match worker.run(&build, task.task, &stop, &at) {
             Ok(_) => longest = 20,
@@ -180,7 +176,7 @@ fn only_one_of_several_workers_with_the_same_task_counts_and_the_others_leave_no
     let raw = wall(10_000);
     let folder = tempfile::tempdir().unwrap();
     while let Some(task) = ready(&open(folder.path(), 4_000)).into_iter().next() {
-        let done: Vec<Done> = std::thread::scope(|scope| {
+        let done: Vec<Outcome> = std::thread::scope(|scope| {
             let one = || {
                 let worker = Worker { raw: &raw, threads: 1, memory: 1 << 26 };
                 worker.run(&open(folder.path(), 4_000), task.task, &Stop::default(), &Silent).unwrap()
@@ -227,12 +223,12 @@ fn a_task_whose_file_is_lost_runs_again_and_a_damaged_file_is_named() {
 
     // One bit of each file of the first two waves, in turn: the tasks after it, or the assembly, refuse it by name.
     let files_of = |task| open(folder.path(), 1_500).finished(task).unwrap().files;
-    let names = |task| files_of(task).into_keys().map(move |holds| (task, holds));
+    let names = |task| files_of(task).into_keys().map(move |content| (task, content));
     let files: Vec<(Task, String)> = names(Task::Ingest).chain(names(level)).collect();
     let later: Vec<Task> = open(folder.path(), 1_500).tasks().unwrap().iter().map(|t| t.task).collect();
     let mut bits = fastrand::Rng::with_seed(4);
-    for (of, holds) in files {
-        let file = files_of(of)[&holds].clone();
+    for (of, content) in files {
+        let file = files_of(of)[&content].clone();
         let path = folder.path().join(&file.name);
         let mut bytes = std::fs::read(&path).unwrap();
         let at = bits.usize(..bytes.len());

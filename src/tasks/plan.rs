@@ -4,7 +4,7 @@ use crate::build::Shaping;
 use crate::synth::count;
 use anyhow::Context;
 use kilwa_builder::build::plan as plan_of;
-use kilwa_builder::tasks::{Listed, SharedBuild, SharedFolder, SharedPlan, TASK_TRIANGLES, TaskFile};
+use kilwa_builder::tasks::{SharedBuild, SharedFolder, SharedPlan, TASK_TRIANGLES, TaskEntry, TaskFile};
 use kilwa_pack::plural::counted;
 use serde::Serialize;
 use std::io::Write;
@@ -36,15 +36,15 @@ struct Report<'a> {
     build: String,
     key: String,
     tool: &'a str,
-    tasks: Vec<ListedFile>,
+    tasks: Vec<TaskEntryFile>,
     /// Whether all tasks are known and done.
     complete: bool,
 }
 
 #[derive(Serialize)]
-struct ListedFile {
+struct TaskEntryFile {
     #[serde(flatten)]
-    listed: Listed,
+    listed: TaskEntry,
     /// The file to give to `kilwa task`.
     file: String,
 }
@@ -62,7 +62,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         ),
         task_triangles: args.task_triangles,
         arguments: arguments()?,
-        folder: utf8(&folder)?,
+        working_folder: utf8(&folder)?,
     };
     let key = plan.key();
     let place = work.join(format!("kilwa-build-{key}"));
@@ -87,7 +87,7 @@ fn utf8(path: &Path) -> anyhow::Result<String> {
 }
 
 /// Write the files of all tasks that are known.
-fn write_tasks(build: &SharedBuild, place: &Path, key: &str) -> anyhow::Result<Vec<ListedFile>> {
+fn write_tasks(build: &SharedBuild, place: &Path, key: &str) -> anyhow::Result<Vec<TaskEntryFile>> {
     let written = build.store().list("tasks")?;
     let mut tasks = Vec::new();
     for listed in build.tasks()? {
@@ -96,11 +96,11 @@ fn write_tasks(build: &SharedBuild, place: &Path, key: &str) -> anyhow::Result<V
         let file = TaskFile { build: utf8(place)?, key: key.to_owned(), tool, task: listed.task };
         let text = crate::terminal::json_text(&file)?;
         // One that is damaged, or that names the place from which the folder was moved, is replaced.
-        if written.contains(&name) && build.store().whole(&name)?.is_some_and(|there| there != text.as_bytes()) {
+        if written.contains(&name) && build.store().read_all(&name)?.is_some_and(|there| there != text.as_bytes()) {
             build.store().remove(&name)?;
         }
-        build.store().create(&name, text.as_bytes())?;
-        tasks.push(ListedFile { file: utf8(&place.join(name))?, listed });
+        build.store().create_new(&name, text.as_bytes())?;
+        tasks.push(TaskEntryFile { file: utf8(&place.join(name))?, listed });
     }
     Ok(tasks)
 }
@@ -111,7 +111,7 @@ fn print(args: &Args, report: &Report<'_>) -> anyhow::Result<()> {
         writeln!(out, "{}", crate::terminal::json_text(report)?)?;
         return Ok(());
     }
-    let open: Vec<&ListedFile> = report.tasks.iter().filter(|t| !t.listed.done).collect();
+    let open: Vec<&TaskEntryFile> = report.tasks.iter().filter(|t| !t.listed.done).collect();
     let (all, done) = (report.tasks.len(), report.tasks.len() - open.len());
     writeln!(out, "{}: {done} of {} done", report.build, counted(all, "task", "tasks"))?;
     let Some(wave) = open.iter().map(|t| t.listed.wave).min() else {
@@ -122,7 +122,7 @@ fn print(args: &Args, report: &Report<'_>) -> anyhow::Result<()> {
         }
         return Ok(());
     };
-    let now: Vec<&&ListedFile> = open.iter().filter(|t| t.listed.wave == wave).collect();
+    let now: Vec<&&TaskEntryFile> = open.iter().filter(|t| t.listed.wave == wave).collect();
     writeln!(
         out,
         "next: {}, in any order and on any machine; then run the same command again",

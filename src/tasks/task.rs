@@ -6,15 +6,15 @@ use crate::progress::Bar;
 use anyhow::{Context, bail};
 use clap::Parser;
 use kilwa_builder::build::work::Work;
-use kilwa_builder::tasks::{self, Done, SharedBuild, Task, TaskFile};
+use kilwa_builder::tasks::{self, Outcome, SharedBuild, Task, TaskFile};
 use kilwa_builder::{BuildError, BuildOptions, Inputs};
 use kilwa_files::plain_file;
 use kilwa_files::size::binary;
 use std::io::{Read, Write};
 use std::path::PathBuf;
 
-/// A task file is some hundred bytes long.
-const LONGEST: u64 = 1 << 16;
+/// A task file is a few hundred bytes long.
+const MAX_TASK_FILE_BYTES: u64 = 1 << 16;
 
 /// Run one task of a build that `kilwa plan` has divided.
 ///
@@ -58,7 +58,11 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
 fn read(args: &Args) -> anyhow::Result<TaskFile> {
     let cannot = || format!("cannot read {}", args.file.display());
     let mut text = String::new();
-    plain_file::open(&args.file).with_context(cannot)?.take(LONGEST).read_to_string(&mut text).with_context(cannot)?;
+    plain_file::open(&args.file)
+        .with_context(cannot)?
+        .take(MAX_TASK_FILE_BYTES)
+        .read_to_string(&mut text)
+        .with_context(cannot)?;
     let task: TaskFile = serde_json::from_str(&text).with_context(|| {
         format!("{} is not a task: give one of the files that `kilwa plan` lists", args.file.display())
     })?;
@@ -72,7 +76,7 @@ fn read(args: &Args) -> anyhow::Result<TaskFile> {
 /// The inputs and options, from the arguments that the build was planned with.
 fn prepared(build: &SharedBuild) -> Result<(Box<dyn Inputs>, BuildOptions), BuildError> {
     let refused = |why: String| BuildError::Inputs { why };
-    let folder = &build.plan.folder;
+    let folder = &build.plan.working_folder;
     std::env::set_current_dir(folder).map_err(|e| refused(format!("the folder {folder} cannot be used here: {e}")))?;
     let words = std::iter::once("kilwa".to_owned()).chain(build.plan.arguments.iter().cloned());
     let cli = crate::Cli::try_parse_from(words).map_err(|e| refused(format!("the plan cannot be read: {e}")))?;
@@ -90,7 +94,7 @@ fn near(build: &SharedBuild, task: Task) -> String {
     near.map_or_else(String::new, |p| format!(" (near {:.2}, {:.2}, {:.2} m)", p.x, p.y, p.z))
 }
 
-fn print(args: &Args, id: &str, done: &Done) -> anyhow::Result<()> {
+fn print(args: &Args, id: &str, done: &Outcome) -> anyhow::Result<()> {
     let mut out = crate::terminal::out();
     let m = &done.manifest;
     if args.json {

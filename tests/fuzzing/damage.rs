@@ -4,7 +4,7 @@
 //! what its damaged header announces, and with an error that names the file, the place and what was expected. What is promised beyond that:
 //! a truncated file is never taken for a whole one, and a damaged E57, whose pages have checksums, never gives other samples.
 
-use crate::bodies::{e57_file, read_scans};
+use crate::bodies::scans::{e57_file, read_scans};
 use crate::{Current, Done};
 use kilwa_scan::ScanError;
 use std::fmt::Write as _;

@@ -43,7 +43,7 @@ impl Column {
 
     /// Append zeros until there are `rows`, without taking disk space for them.
     #[cfg(test)]
-    pub(super) fn leap(&mut self, rows: u64) -> Result<(), ScratchError> {
+    pub(super) fn skip_to(&mut self, rows: u64) -> Result<(), ScratchError> {
         self.flush()?;
         self.file.truncate(rows * self.width as u64)?;
         self.written = rows;

@@ -270,7 +270,7 @@ impl<'a> Run<'a> {
             return Err(BuildError::Empty { why });
         }
         let colors = spooled.triangle_colors.then(|| work.scratch.existing(TRIANGLE_COLORS)).transpose()?;
-        let high = spooled.wide.then(|| work.scratch.existing(TRIANGLES_HIGH)).transpose()?;
+        let high = spooled.has_high_bits.then(|| work.scratch.existing(TRIANGLES_HIGH)).transpose()?;
         Ok(Self {
             work,
             spooled,
@@ -297,8 +297,8 @@ impl<'a> Run<'a> {
     /// Stream the triangles past the vertices; `keep` are the bits of those that are kept, where they are known.
     fn passes(&self, provisional: &Provisional, keep: Option<&[u64]>) -> Result<Measures, BuildError> {
         let corners = self.work.scratch.create(CORNERS)?;
-        // Vertices before the first that a triangle names, and behind the last, are not needed.
-        let [start, last] = self.spooled.named.unwrap_or_default();
+        // Vertices before the first that a triangle names, and after the last, are not needed.
+        let [start, last] = self.spooled.vertex_range.unwrap_or_default();
         let (end, range) = (last + 1, self.range());
         let size = block(self.work, self.layout);
         let total = self.spooled.triangles * (end - start).div_ceil(range);

@@ -82,9 +82,9 @@ pub struct Spooled {
     pub(super) vertex_colors: bool,
     pub(super) triangle_colors: bool,
     /// Whether there is a file of the high bits of vertex numbers.
-    pub(super) wide: bool,
+    pub(super) has_high_bits: bool,
     /// Smallest and largest vertex number that a triangle names; absent without triangles.
-    pub(super) named: Option<[u64; 2]>,
+    pub(super) vertex_range: Option<[u64; 2]>,
     pub(super) normals: bool,
     pub(super) channels: Vec<Channel>,
     pub(super) tally: Tally,
@@ -161,7 +161,7 @@ pub struct Spool {
     scalars: Vec<Scalar>,
     triangles: Column,
     triangles_high: Option<Column>,
-    named: Option<[u64; 2]>,
+    vertex_range: Option<[u64; 2]>,
     triangle_colors: Option<Column>,
     bounds: [DVec3; 2],
     current: Current,
@@ -190,7 +190,7 @@ impl Spool {
             scalars: Vec::new(),
             triangles: Column::create(scratch, TRIANGLES, 12)?,
             triangles_high: None,
-            named: None,
+            vertex_range: None,
             triangle_colors: None,
             bounds: [DVec3::INFINITY, DVec3::NEG_INFINITY],
             current: Current::new(path, 0, 0),
@@ -281,7 +281,7 @@ impl Spool {
                 self.tally.add_many(NO_NORMAL, self.with_normal);
             }
         }
-        let wide = self.triangles_high.is_some();
+        let has_high_bits = self.triangles_high.is_some();
         if let Some(mut high) = self.triangles_high.take() {
             high.fill([0; 3], triangles)?;
             high.finish()?;
@@ -303,8 +303,8 @@ impl Spool {
             color,
             vertex_colors,
             triangle_colors,
-            wide,
-            named: self.named,
+            has_high_bits,
+            vertex_range: self.vertex_range,
             normals,
             channels,
             tally,
@@ -323,8 +323,8 @@ impl Spool {
         let (colors, normals) = (&mesh.colors, &mesh.normals);
         self.vertices(&VertexBlock { positions: &mesh.positions, colors, normals, scalars: &scalars })?;
         for block in mesh.triangles.chunks(ROWS) {
-            let wide: Vec<[u64; 3]> = block.iter().map(|t| t.map(u64::from)).collect();
-            self.triangles(&wide, &[])?;
+            let has_high_bits: Vec<[u64; 3]> = block.iter().map(|t| t.map(u64::from)).collect();
+            self.triangles(&has_high_bits, &[])?;
         }
         self.diagnostics.merge(mesh.diagnostics.clone());
         Ok(())
@@ -526,7 +526,7 @@ impl MeshSink for Spool {
             }
             let numbers = t.map(|v| c.first_vertex + v);
             let [min, max] = [numbers.iter().min(), numbers.iter().max()].map(|v| v.copied().unwrap_or_default());
-            self.named = Some(self.named.map_or([min, max], |[a, b]| [a.min(min), b.max(max)]));
+            self.vertex_range = Some(self.vertex_range.map_or([min, max], |[a, b]| [a.min(min), b.max(max)]));
             if max > u64::from(u32::MAX) && self.triangles_high.is_none() {
                 self.triangles_high = Some(Column::create(&self.scratch, TRIANGLES_HIGH, 3)?);
             }
@@ -604,12 +604,12 @@ mod tests {
     fn ingested(mesh: &RawMesh, unused: u64) -> Vec<Vec<u8>> {
         let (scratch, stop) = (Scratch::temporary().unwrap(), Stop::default());
         let mut spool = Spool::create(&scratch, Path::new("mesh")).unwrap();
-        spool.positions.leap(unused).unwrap();
+        spool.positions.skip_to(unused).unwrap();
         spool.input(Path::new("mesh")).unwrap();
         spool.add(mesh).unwrap();
         let spooled = spool.finish().unwrap();
         assert_eq!(spooled.vertices, unused + mesh.positions.len() as u64);
-        assert_eq!(spooled.wide, spooled.vertices > 1 << 32);
+        assert_eq!(spooled.has_high_bits, spooled.vertices > 1 << 32);
         let options = IngestOptions {
             leaf_triangles: 100,
             step: None,
@@ -636,7 +636,7 @@ mod tests {
             ..RawMesh::default()
         };
         let expected = ingested(&mesh, 0);
-        // Some triangles with numbers below 2^32, some at both sides of it, some beyond.
+        // Some triangles with numbers below 2^32, some on both sides of it, some beyond.
         for unused in [7, (1 << 32) - 1000, (1 << 32) + 3] {
             assert!(ingested(&mesh, unused) == expected, "{unused} unused vertices");
         }

@@ -81,7 +81,7 @@ pub struct Hierarchy {
 }
 
 /// A triangle of the finest level is simplified once, then a part of it, then that part of the part …
-fn simplified_in_all(surface: &Surface) -> u64 {
+fn total_to_simplify(surface: &Surface) -> u64 {
     surface.triangles * REDUCTION / (REDUCTION - 1)
 }
 
@@ -94,13 +94,13 @@ impl Hierarchy {
         let Ingested { surface, tree, leaves, shared } = ingested;
         let left = level_count(&tree);
         let chunks = work.scratch.create(CHUNKS)?;
-        let total = simplified_in_all(&surface);
+        let total = total_to_simplify(&surface);
         Ok(Self { surface, tree, leaves, patches: None, shared, chunks, results: Vec::new(), left, total })
     }
 
     /// A hierarchy whose levels from `left` on are done, from their patches and records; `triangles` is about how many are
     /// still to be simplified.
-    pub(crate) fn before(
+    pub(crate) fn above(
         ingested: Ingested,
         patches: Option<PatchFile>,
         chunks: ScratchFile,
@@ -135,7 +135,7 @@ impl Hierarchy {
         let levels = (done..level_count(&tree)).rev();
         let results = levels.map(|l| results::read(work.scratch, &results_name(l))).collect::<Result<_, _>>()?;
         let patches = Some(PatchFile::open(work.scratch, &patches_name(done))?);
-        let total = simplified_in_all(&surface);
+        let total = total_to_simplify(&surface);
         Ok(Self { surface, tree, leaves, patches, shared, chunks: file, results, left: done, total })
     }
 

@@ -78,7 +78,7 @@ pub(super) fn read(scratch: &Scratch, name: &str) -> Result<Vec<Refined>, Scratc
 
 /// The results in the bytes of a file, which is at `path`.
 pub(crate) fn parse(bytes: &[u8], path: &Path) -> Result<Vec<Refined>, ScratchError> {
-    let damaged = || ScratchError::damaged(path, "its results are not those that were written");
+    let damaged = || ScratchError::damaged(path, "its results do not match their checksum");
     let (body, sum) = bytes.split_last_chunk::<4>().ok_or_else(damaged)?;
     if crc32fast::hash(body) != u32::from_le_bytes(*sum) {
         return Err(damaged());

@@ -19,7 +19,7 @@ mod sum;
 pub use error::ScratchError;
 pub use file::{Appender, ScratchFile};
 pub use patch_file::PatchFile;
-pub(crate) use patch_file::{Place, is_whole, read_index};
+pub(crate) use patch_file::{Place, checksum_matches, read_index};
 pub(crate) use records::visit_finished;
 pub use records::{Records, point_key, point_of, record, tetrahedron_of};
 pub(crate) use sum::{Sum, seal, unseal};

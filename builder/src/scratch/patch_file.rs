@@ -230,13 +230,13 @@ fn encode(patch: &Patch) -> Vec<u8> {
 }
 
 /// Whether the bytes of a patch are those that were written.
-pub(crate) fn is_whole(bytes: &[u8]) -> bool {
+pub(crate) fn checksum_matches(bytes: &[u8]) -> bool {
     bytes.split_last_chunk::<4>().is_some_and(|(body, sum)| crc32fast::hash(body) == u32::from_le_bytes(*sum))
 }
 
 /// The patch, or `None` where the bytes are not what [`encode`] made.
 fn decode(bytes: &[u8]) -> Option<Patch> {
-    let (body, _) = bytes.split_last_chunk::<4>().filter(|_| is_whole(bytes))?;
+    let (body, _) = bytes.split_last_chunk::<4>().filter(|_| checksum_matches(bytes))?;
     let mut rest = body;
     let mut take = |n: usize| {
         let (head, tail) = rest.split_at_checked(n)?;

@@ -1,19 +1,21 @@
 //! Copies what a task needs from the files of other tasks into its scratch folder.
 
 use super::plan::{Ingest, SharedBuild};
-use super::shards::{PointBox, extend, meet, union};
+use super::shards::{PointBox, include, overlap, union};
 use super::{Manifest, SharedFile, Task};
 use crate::build::options::BuildError;
 use crate::build::work::Work;
 use crate::levels::diamonds_of;
 use crate::partition::{BISECTIONS, Partition};
-use crate::scratch::{PatchFile, Place, Records, is_whole, point_of, read_index, tetrahedron_of, visit_finished};
+use crate::scratch::{
+    PatchFile, Place, Records, checksum_matches, point_of, read_index, tetrahedron_of, visit_finished,
+};
 use rustc_hash::FxHashSet;
 
 /// A gap between two wanted patches is read along with them if it is no longer than this.
-const GAP: u64 = 1 << 16;
+const MAX_GAP: u64 = 1 << 16;
 /// Max bytes read at a time.
-const STRETCH: u64 = 1 << 23;
+const MAX_READ: u64 = 1 << 23;
 
 /// The patches and records that a part of the tree is made of.
 struct Source {
@@ -119,7 +121,7 @@ impl<'a> Sources<'a> {
             work.stop.check()?;
             let mut end = first.at;
             let near = |(_, p): &&(u32, Place)| {
-                let is = end == first.at || (p.at <= end + GAP && p.at + p.bytes - first.at <= STRETCH);
+                let is = end == first.at || (p.at <= end + MAX_GAP && p.at + p.bytes - first.at <= MAX_READ);
                 end = if is { p.at + p.bytes } else { end };
                 is
             };
@@ -130,7 +132,7 @@ impl<'a> Sources<'a> {
             for (tetrahedron, place) in now {
                 let at = (place.at - first.at) as usize;
                 let patch = &bytes[at..at + place.bytes as usize];
-                if !is_whole(patch) {
+                if !checksum_matches(patch) {
                     let why = format!("the patch at byte {} does not match its checksum", place.at);
                     return Err(self.build.damaged_file(file, &why));
                 }
@@ -172,39 +174,38 @@ impl<'a> Sources<'a> {
             self.visit(&source.records, |r| {
                 let is_mine = mine.get(tetrahedron_of(r) as usize).is_some_and(|is| *is);
                 if is_mine && points.insert(r >> 32) {
-                    extend(&mut bounds, point_of(r));
+                    include(&mut bounds, point_of(r));
                 }
                 Ok(())
             })?;
         }
-        let mut gathered = Vec::new();
-        for source in self.files.iter().filter(|s| meet(s.points, bounds)) {
-            work.stop.check()?;
-            self.visit(&source.records, |r| {
-                if points.contains(&(r >> 32)) && self.is_current(tetrahedron_of(r)) {
-                    gathered.push(r);
-                }
-                Ok(())
-            })?;
-            to.append(&gathered)?;
-            gathered.clear();
-        }
-        Ok(())
+        let near = self.files.iter().filter(|s| overlap(s.points, bounds));
+        self.copy_records(work, near, |r| points.contains(&(r >> 32)), to)
     }
 
     /// Copy the records of all points of the surface.
     pub(super) fn all_records(&self, work: &Work<'_>, to: &Records) -> Result<(), BuildError> {
-        let mut gathered = Vec::new();
-        for source in &self.files {
+        self.copy_records(work, &self.files, |_| true, to)
+    }
+
+    /// Copy the records of the current surface that are `wanted`.
+    fn copy_records<'s>(
+        &self,
+        work: &Work<'_>,
+        from: impl IntoIterator<Item = &'s Source>,
+        wanted: impl Fn(u128) -> bool,
+        to: &Records,
+    ) -> Result<(), BuildError> {
+        for source in from {
             work.stop.check()?;
+            let mut gathered = Vec::new();
             self.visit(&source.records, |r| {
-                if self.is_current(tetrahedron_of(r)) {
+                if wanted(r) && self.is_current(tetrahedron_of(r)) {
                     gathered.push(r);
                 }
                 Ok(())
             })?;
             to.append(&gathered)?;
-            gathered.clear();
         }
         Ok(())
     }
@@ -227,7 +228,7 @@ pub(super) fn box_of(records: &Records) -> Result<PointBox, BuildError> {
         let block = records.read(first, (records.len() - first).min(1 << 16) as usize)?;
         let mut of_block = None;
         for r in block {
-            extend(&mut of_block, point_of(r));
+            include(&mut of_block, point_of(r));
         }
         bounds = union(bounds, of_block);
     }

@@ -2,9 +2,9 @@
 //! shards.
 
 use super::gather::{leaf_patches, leaf_records};
-use super::manifest::Made;
+use super::manifest::TaskOutput;
 use super::plan::{IngestState, SharedBuild};
-use super::shards::{Shards, extend};
+use super::shards::{Shards, include};
 use crate::build::options::{BuildError, BuildOptions};
 use crate::build::work::Work;
 use crate::build::{Inputs, ingest_of, plan, report};
@@ -24,7 +24,7 @@ pub(super) fn ingest_task(
     work: &Work<'_>,
     inputs: &mut dyn Inputs,
     options: &BuildOptions,
-) -> Result<Made, BuildError> {
+) -> Result<TaskOutput, BuildError> {
     options.check()?;
     let now = plan(inputs, options)?;
     // Names, lengths and times must agree. Stamps need not: another machine may see other inodes of the same files.
@@ -48,7 +48,7 @@ pub(super) fn ingest_task(
     let metadata = report::metadata(&surface, options);
     let (color_bits, normal_bits) = (options.color_bits, options.normal_bits);
     let state = IngestState { surface, metadata, color_bits, normal_bits, shards };
-    Ok(Made { files, of_ingest: None, state: serde_json::to_value(&state).unwrap_or_default() })
+    Ok(TaskOutput { files, of_ingest: None, state: serde_json::to_value(&state).unwrap_or_default() })
 }
 
 fn divide_patches(work: &Work<'_>, shards: &Shards, leaves: &PatchFile) -> Result<(), BuildError> {
@@ -99,7 +99,7 @@ fn divide_records(work: &Work<'_>, shards: &mut Shards, shared: &Records) -> Res
         let r = r.rotate_left(32);
         let shard = shards.of_leaf(tetrahedron_of(r));
         go_to(shard, &mut file, &mut gathered)?;
-        extend(&mut shards.leaves[shard].records, point_of(r));
+        include(&mut shards.leaves[shard].records, point_of(r));
         gathered.push(r);
         if let Some(file) = file.as_ref().filter(|_| gathered.len() == GATHERED) {
             file.append(&gathered)?;

@@ -1,7 +1,7 @@
 //! The tasks that coarsen: a shard of one level, or all levels that are left.
 
 use super::gather::{Sources, box_of};
-use super::manifest::Made;
+use super::manifest::TaskOutput;
 use super::plan::{Ingest, SharedBuild};
 use crate::build::options::BuildError;
 use crate::build::work::Work;
@@ -27,13 +27,18 @@ fn precision(ingest: &Ingest) -> Precision {
     Precision { color_bits: ingest.state.color_bits, normal_bits: ingest.state.normal_bits }
 }
 
-pub(super) fn level_task(build: &SharedBuild, work: &Work<'_>, level: u8, shard: u32) -> Result<Made, BuildError> {
+pub(super) fn level_task(
+    build: &SharedBuild,
+    work: &Work<'_>,
+    level: u8,
+    shard: u32,
+) -> Result<TaskOutput, BuildError> {
     let ingest = build.ingest()?;
     let tree = &ingest.tree;
     let of_level = diamonds_of(tree, level);
     let about = ingest.state.shards.of_level(level);
     let diamonds = about.and_then(|l| l.diamonds(shard as usize, &of_level)).ok_or_else(|| BuildError::Inputs {
-        why: format!("this build has no shard {shard} of level {level}; take the tasks that `kilwa plan` lists"),
+        why: format!("this build has no shard {shard} of level {level}; use one of the tasks that `kilwa plan` lists"),
     })?;
     let sources = Sources::find(build, &ingest, level + 1)?;
     let merged: Vec<u32> = diamonds.iter().flat_map(|d| merged_by(tree, *d)).collect();
@@ -65,10 +70,10 @@ pub(super) fn level_task(build: &SharedBuild, work: &Work<'_>, level: u8, shard:
     ];
     let state = serde_json::to_value(box_of(&shared)?).unwrap_or_default();
     let of_ingest = Some(build.file(&ingest.manifest, TREE)?.name.clone());
-    Ok(Made { files: files.map(|(holds, name)| (holds.to_owned(), name)).into(), of_ingest, state })
+    Ok(TaskOutput { files: files.map(|(content, name)| (content.to_owned(), name)).into(), of_ingest, state })
 }
 
-pub(super) fn tail_task(build: &SharedBuild, work: &Work<'_>) -> Result<Made, BuildError> {
+pub(super) fn tail_task(build: &SharedBuild, work: &Work<'_>) -> Result<TaskOutput, BuildError> {
     let ingest = build.ingest()?;
     let left = ingest.state.shards.tail;
     let precision = precision(&ingest);
@@ -92,7 +97,7 @@ pub(super) fn tail_task(build: &SharedBuild, work: &Work<'_>) -> Result<Made, Bu
     let Ingest { state, tree, .. } = ingest;
     let ingested = Ingested { surface: state.surface, tree, leaves, shared: shared.finish()? };
     let chunks = work.scratch.create(CHUNKS)?;
-    let mut hierarchy = Hierarchy::before(ingested, Some(below), chunks, left, state.shards.tail_triangles);
+    let mut hierarchy = Hierarchy::above(ingested, Some(below), chunks, left, state.shards.tail_triangles);
     while hierarchy.next().is_some() {
         work.stop.check()?;
         hierarchy.coarsen_next(work, precision)?;
@@ -105,5 +110,5 @@ pub(super) fn tail_task(build: &SharedBuild, work: &Work<'_>) -> Result<Made, Bu
     let all: Vec<_> = hierarchy.results().cloned().collect();
     results::write(work.scratch, RESULTS, &all)?;
     let files = [ROOTS, CHUNKS, RESULTS].map(|name| (name.to_owned(), name.to_owned()));
-    Ok(Made { files: files.into(), of_ingest, state: serde_json::Value::Null })
+    Ok(TaskOutput { files: files.into(), of_ingest, state: serde_json::Value::Null })
 }

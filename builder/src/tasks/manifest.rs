@@ -19,7 +19,7 @@ pub struct Manifest {
     pub state: Value,
     /// Seconds by the clock.
     pub seconds: f64,
-    /// Seconds of processor time, all threads, where the system says.
+    /// Seconds of processor time, all threads, if the system reports it.
     pub cpu_seconds: Option<f64>,
     /// Bytes read from the store.
     pub bytes_read: u64,
@@ -38,8 +38,8 @@ pub struct SharedFile {
 
 /// What a task has made in its scratch folder.
 #[derive(Debug, Default)]
-pub(super) struct Made {
-    /// What each file holds, and its name in the scratch folder.
+pub(super) struct TaskOutput {
+    /// What each file content, and its name in the scratch folder.
     pub(super) files: Vec<(String, String)>,
     /// See [`Manifest::of_ingest`].
     pub(super) of_ingest: Option<String>,

@@ -30,7 +30,7 @@ mod store;
 pub use manifest::{Manifest, SharedFile};
 pub use pack::assemble;
 use plan::State;
-pub use plan::{Listed, PLAN, SharedBuild, SharedPlan, TaskFile};
+pub use plan::{PLAN, SharedBuild, SharedPlan, TaskEntry, TaskFile};
 pub use shards::TASK_TRIANGLES;
 pub use store::{SharedFolder, Store};
 
@@ -69,9 +69,9 @@ impl Task {
     }
 }
 
-/// What became of a task.
+/// The outcome of a task.
 #[derive(Debug, Clone, Serialize)]
-pub struct Done {
+pub struct Outcome {
     /// Its manifest.
     pub manifest: Manifest,
     /// Whether it was done before, or by somebody else at the same time.
@@ -86,14 +86,14 @@ pub type Prepare<'a> = &'a mut dyn FnMut() -> Result<(Box<dyn Inputs>, BuildOpti
 /// # Errors
 /// [`BuildError`]: a task that it needs is not done, a file cannot be read or written or is damaged, the inputs have
 /// changed since the build was planned, or those of the stages themselves.
-pub fn run(build: &SharedBuild, task: Task, work: &Work<'_>, prepare: Prepare<'_>) -> Result<Done, BuildError> {
+pub fn run(build: &SharedBuild, task: Task, work: &Work<'_>, prepare: Prepare<'_>) -> Result<Outcome, BuildError> {
     match build.state(task)? {
-        State::Finished(manifest) => return Ok(Done { manifest, already_done: true }),
-        State::Broken { why, bytes, manifest } => {
+        State::Done(manifest) => return Ok(Outcome { manifest, already_done: true }),
+        State::Damaged { why, bytes, manifest } => {
             work.progress.note(&format!("the task {} was done, but {why}; running it again", task.id()));
-            build.forget(task, &bytes, manifest.as_ref())?;
+            build.remove_manifest(task, &bytes, manifest.as_ref())?;
         }
-        State::Open => {}
+        State::Pending => {}
     }
     let (clock, cpu) = (Instant::now(), machine::cpu_seconds());
     let made = match task {

@@ -8,7 +8,7 @@ use crate::build::options::BuildError;
 use crate::build::work::Work;
 use crate::build::{BuildReport, StageTime, report};
 use crate::levels::{Bodies, CHUNKS, Levels, Refined, results};
-use crate::scratch::{PatchFile, is_whole, read_index};
+use crate::scratch::{PatchFile, checksum_matches, read_index};
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -42,10 +42,10 @@ pub fn assemble(build: SharedBuild, work: &Work<'_>, out: &mut impl Write) -> Re
     for task in build.tasks()?.iter().map(|listed| listed.task).filter(|task| *task != Task::Ingest) {
         work.stop.check()?;
         let manifest = build.finished(task)?;
-        let place = |file: &SharedFile| PathBuf::from(build.store().place(&file.name));
+        let place = |file: &SharedFile| PathBuf::from(build.store().display_path(&file.name));
         let file = build.file(&manifest, RESULTS)?;
         let mut part = results::parse(&build.read_whole(file)?, &place(file))
-            .map_err(|_| build.damaged_file(file, "its results are not those that were written"))?;
+            .map_err(|_| build.damaged_file(file, "its results do not match their checksum"))?;
         for r in &mut part {
             r.file = files.len() as u32;
         }
@@ -81,7 +81,7 @@ fn local_patches(build: &SharedBuild, work: &Work<'_>, file: &SharedFile) -> Res
     let index = read_index(file.bytes, |at, bytes| build.read(file, at, bytes))?;
     for (tetrahedron, place) in index.ok_or_else(|| build.damaged_file(file, "its index is missing or damaged"))? {
         let patch = build.read(file, place.at, place.bytes)?;
-        if !is_whole(&patch) {
+        if !checksum_matches(&patch) {
             let why = format!("the patch at byte {} does not match its checksum", place.at);
             return Err(build.damaged_file(file, &why));
         }

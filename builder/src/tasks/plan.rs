@@ -1,8 +1,8 @@
 //! A build that several machines share: its plan, which tasks it has, and which of them are done.
 
-use super::manifest::Made;
+use super::manifest::TaskOutput;
 use super::shards::Shards;
-use super::{Done, Manifest, SharedFile, Store, Task};
+use super::{Manifest, Outcome, SharedFile, Store, Task};
 use crate::build::journal::Plan;
 use crate::build::options::BuildError;
 use crate::build::tool;
@@ -33,11 +33,11 @@ pub struct SharedPlan {
     /// The command line that it was planned with, for the task that reads the inputs.
     pub arguments: Vec<String>,
     /// The folder that relative paths in the arguments start from.
-    pub folder: String,
+    pub working_folder: String,
 }
 
 impl SharedPlan {
-    /// Identifies the build: the same for the same inputs, options, program and portions. 32 hexadecimal digits.
+    /// Identifies the build: the same for the same inputs, options, program and task size. 32 hexadecimal digits.
     pub fn key(&self) -> String {
         let mut plan = self.plan.clone();
         // Other inodes or other permissions do not make another file.
@@ -62,7 +62,7 @@ pub struct TaskFile {
 
 /// A task in the list of those of a build.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Listed {
+pub struct TaskEntry {
     /// Its name.
     pub id: String,
     /// The task.
@@ -109,7 +109,7 @@ impl SharedBuild {
     /// [`BuildError::Shared`] where the store fails or holds another build.
     pub fn begin(store: Box<dyn Store>, plan: SharedPlan) -> Result<Self, BuildError> {
         let bytes = seal(&serde_json::to_vec(&plan).unwrap_or_default());
-        if store.create(PLAN, &bytes)? {
+        if store.create_new(PLAN, &bytes)? {
             return Ok(Self { store, plan, bytes_read: AtomicU64::new(0) });
         }
         let found = Self::open(store)?;
@@ -124,9 +124,9 @@ impl SharedBuild {
     /// # Errors
     /// [`BuildError::Shared`] where there is none.
     pub fn open(store: Box<dyn Store>) -> Result<Self, BuildError> {
-        let place = store.place(PLAN);
+        let place = store.display_path(PLAN);
         let refused = |why: &str| BuildError::Shared { doing: "use", place: place.clone(), why: why.to_owned() };
-        let bytes = store.whole(PLAN)?.ok_or_else(|| refused("there is no build; start one with `kilwa plan`"))?;
+        let bytes = store.read_all(PLAN)?.ok_or_else(|| refused("there is no build; start one with `kilwa plan`"))?;
         let text = std::str::from_utf8(&bytes).ok().and_then(|text| unseal(text.trim_end_matches('\n')));
         let plan: Option<SharedPlan> = text.and_then(|text| serde_json::from_str(text).ok());
         let plan = plan.ok_or_else(|| refused("it is damaged, or not a plan of Kilwa"))?;
@@ -145,13 +145,13 @@ impl SharedBuild {
     }
 
     pub(super) fn damaged(&self, name: &str, why: impl Into<String>) -> BuildError {
-        BuildError::Shared { doing: "use", place: self.store.place(name), why: why.into() }
+        BuildError::Shared { doing: "use", place: self.store.display_path(name), why: why.into() }
     }
 
     /// A file that a task left is not what it wrote.
     pub(super) fn damaged_file(&self, file: &SharedFile, why: &str) -> BuildError {
         let task = file.name.strip_prefix("files/").and_then(|n| n.split('.').next()).unwrap_or_default();
-        let manifest = self.store.place(&format!("done/{task}.json"));
+        let manifest = self.store.display_path(&format!("done/{task}.json"));
         self.damaged(&file.name, format!("it is damaged: {why}; remove {manifest}, and run the task {task} again"))
     }
 
@@ -171,15 +171,15 @@ impl SharedBuild {
     /// # Errors
     /// [`BuildError::Shared`] where the store fails.
     pub(super) fn state(&self, task: Task) -> Result<State, BuildError> {
-        let Some(bytes) = self.store.whole(&manifest_name(task))? else { return Ok(State::Open) };
+        let Some(bytes) = self.store.read_all(&manifest_name(task))? else { return Ok(State::Pending) };
         let text = std::str::from_utf8(&bytes).ok().and_then(|text| unseal(text.trim_end_matches('\n')));
         let manifest: Option<Manifest> = text.and_then(|text| serde_json::from_str(text).ok());
         let Some(manifest) = manifest else {
-            return Ok(State::Broken { why: "its manifest is damaged".to_owned(), bytes, manifest: None });
+            return Ok(State::Damaged { why: "its manifest is damaged".to_owned(), bytes, manifest: None });
         };
         Ok(match self.fault(&manifest)? {
-            Some(why) => State::Broken { why, bytes, manifest: Some(manifest) },
-            None => State::Finished(manifest),
+            Some(why) => State::Damaged { why, bytes, manifest: Some(manifest) },
+            None => State::Done(manifest),
         })
     }
 
@@ -193,7 +193,7 @@ impl SharedBuild {
             if found != Some(file.bytes) {
                 let bytes = |n| counted(n, "byte", "bytes");
                 let found = found.map_or_else(|| "is missing".to_owned(), |n| format!("has {}", bytes(n)));
-                let place = self.store.place(&file.name);
+                let place = self.store.display_path(&file.name);
                 return Ok(Some(format!("its file {place} {found}; it should have {}", bytes(file.bytes))));
             }
         }
@@ -203,9 +203,14 @@ impl SharedBuild {
 
     /// Remove the manifest of a task whose files are damaged, unless it was replaced meanwhile, and the files that it
     /// names, so that the task can run again.
-    pub(super) fn forget(&self, task: Task, bytes: &[u8], manifest: Option<&Manifest>) -> Result<(), BuildError> {
+    pub(super) fn remove_manifest(
+        &self,
+        task: Task,
+        bytes: &[u8],
+        manifest: Option<&Manifest>,
+    ) -> Result<(), BuildError> {
         let name = manifest_name(task);
-        if self.store.whole(&name)?.is_some_and(|now| now == bytes) {
+        if self.store.read_all(&name)?.is_some_and(|now| now == bytes) {
             self.store.remove(&name)?;
             manifest.map_or(Ok(()), |manifest| self.remove_files(manifest))?;
         }
@@ -219,9 +224,9 @@ impl SharedBuild {
     pub fn finished(&self, task: Task) -> Result<Manifest, BuildError> {
         let id = task.id();
         let why = match self.state(task)? {
-            State::Finished(manifest) => return Ok(manifest),
-            State::Open => format!("the task {id} is not done yet, and its result is needed; run it first"),
-            State::Broken { why, .. } => {
+            State::Done(manifest) => return Ok(manifest),
+            State::Pending => format!("the task {id} is not done yet, and its result is needed; run it first"),
+            State::Damaged { why, .. } => {
                 format!("the result of the task {id} is needed, but {why}; run that task again")
             }
         };
@@ -229,16 +234,16 @@ impl SharedBuild {
     }
 
     fn is_done(&self, task: Task) -> Result<bool, BuildError> {
-        Ok(matches!(self.state(task)?, State::Finished(_)))
+        Ok(matches!(self.state(task)?, State::Done(_)))
     }
 
     /// One of the files that a task left.
-    pub(super) fn file<'a>(&self, manifest: &'a Manifest, holds: &str) -> Result<&'a SharedFile, BuildError> {
+    pub(super) fn file<'a>(&self, manifest: &'a Manifest, content: &str) -> Result<&'a SharedFile, BuildError> {
         let task = &manifest.task;
-        manifest.files.get(holds).ok_or_else(|| BuildError::Shared {
+        manifest.files.get(content).ok_or_else(|| BuildError::Shared {
             doing: "use",
-            place: self.store.place(&format!("done/{task}.json")),
-            why: format!("it lists no file of {holds}; remove it, and run the task again"),
+            place: self.store.display_path(&format!("done/{task}.json")),
+            why: format!("it lists no file of {content}; remove it, and run the task again"),
         })
     }
 
@@ -248,7 +253,7 @@ impl SharedBuild {
         let state = self.state_of(&manifest)?;
         let file = self.file(&manifest, tree_file::TREE)?;
         let tree = tree_file::from_bytes(&self.read_whole(file)?)
-            .ok_or_else(|| self.damaged_file(file, "it is not the tree that was written"))?;
+            .ok_or_else(|| self.damaged_file(file, "it does not match its checksum"))?;
         Ok(Ingest { state, tree, manifest })
     }
 
@@ -263,12 +268,12 @@ impl SharedBuild {
     ///
     /// # Errors
     /// [`BuildError::Shared`] where the store fails.
-    pub fn tasks(&self) -> Result<Vec<Listed>, BuildError> {
+    pub fn tasks(&self) -> Result<Vec<TaskEntry>, BuildError> {
         let listed =
-            |task: Task, wave: u32, triangles: Option<u64>, near: Option<DVec3>| -> Result<Listed, BuildError> {
-                Ok(Listed { id: task.id(), task, done: self.is_done(task)?, wave, triangles, near })
+            |task: Task, wave: u32, triangles: Option<u64>, near: Option<DVec3>| -> Result<TaskEntry, BuildError> {
+                Ok(TaskEntry { id: task.id(), task, done: self.is_done(task)?, wave, triangles, near })
             };
-        let State::Finished(ingest) = self.state(Task::Ingest)? else {
+        let State::Done(ingest) = self.state(Task::Ingest)? else {
             return Ok(vec![listed(Task::Ingest, 0, None, None)?]);
         };
         let IngestState { shards, surface, .. } = self.state_of(&ingest)?;
@@ -290,10 +295,10 @@ impl SharedBuild {
         &self,
         task: Task,
         work: &Work<'_>,
-        made: Made,
+        made: TaskOutput,
         seconds: f64,
         cpu_seconds: Option<f64>,
-    ) -> Result<Done, BuildError> {
+    ) -> Result<Outcome, BuildError> {
         // Two attempts at a task never write the same file.
         let attempt = std::hash::RandomState::new().hash_one(std::process::id());
         let mut manifest = Manifest {
@@ -307,11 +312,11 @@ impl SharedBuild {
             bytes_read: self.bytes_read.load(Ordering::Relaxed),
             bytes_written: 0,
         };
-        for (holds, local) in made.files {
+        for (content, local) in made.files {
             let bytes = work.scratch.length(&local).unwrap_or(0);
-            let name = format!("files/{}.{attempt:016x}.{holds}", task.id());
+            let name = format!("files/{}.{attempt:016x}.{content}", task.id());
             manifest.bytes_written += bytes;
-            manifest.files.insert(holds, SharedFile { name: name.clone(), bytes });
+            manifest.files.insert(content, SharedFile { name: name.clone(), bytes });
             let uploaded = work
                 .stop
                 .check()
@@ -323,20 +328,20 @@ impl SharedBuild {
             }
         }
         let created = self.still_there().and_then(|()| {
-            self.store.create(&manifest_name(task), &seal(&serde_json::to_vec(&manifest).unwrap_or_default()))
+            self.store.create_new(&manifest_name(task), &seal(&serde_json::to_vec(&manifest).unwrap_or_default()))
         });
         if matches!(created, Ok(true)) {
-            return Ok(Done { manifest, already_done: false });
+            return Ok(Outcome { manifest, already_done: false });
         }
         // The manifest may be ours all the same, where the answer of a network file system was lost.
         let found = self.finished(task);
         if found.as_ref().is_ok_and(|found| *found == manifest) {
-            return Ok(Done { manifest, already_done: false });
+            return Ok(Outcome { manifest, already_done: false });
         }
         if created.is_ok() {
             self.remove_files(&manifest)?;
         }
-        created.and(found).map(|manifest| Done { manifest, already_done: true })
+        created.and(found).map(|manifest| Outcome { manifest, already_done: true })
     }
 
     /// A build that was assembled and removed meanwhile must not come back in parts.
@@ -354,9 +359,9 @@ impl SharedBuild {
 /// Whether a task is done.
 pub(super) enum State {
     /// Not done.
-    Open,
-    /// Done, but its manifest or its files have been lost or damaged since: the reason.
-    Broken {
+    Pending,
+    /// Outcome, but its manifest or its files have been lost or damaged since: the reason.
+    Damaged {
         /// The reason.
         why: String,
         /// The manifest as it was read.
@@ -365,7 +370,7 @@ pub(super) enum State {
         manifest: Option<Manifest>,
     },
     /// Done.
-    Finished(Manifest),
+    Done(Manifest),
 }
 
 fn manifest_name(task: Task) -> String {

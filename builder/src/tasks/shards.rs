@@ -15,12 +15,12 @@ pub const TASK_TRIANGLES: u64 = 10_000_000;
 pub(super) type PointBox = Option<[LatticePoint; 2]>;
 
 /// Add a point.
-pub(super) fn extend(of: &mut PointBox, p: LatticePoint) {
+pub(super) fn include(of: &mut PointBox, p: LatticePoint) {
     *of = Some(of.map_or([p, p], |[min, max]| [min.min(p), max.max(p)]));
 }
 
 /// Whether two boxes have a point in common.
-pub(super) fn meet(a: PointBox, b: PointBox) -> bool {
+pub(super) fn overlap(a: PointBox, b: PointBox) -> bool {
     let (Some([a, b]), Some([c, d])) = (a, b) else { return false };
     a.cmple(d).all() && c.cmple(b).all()
 }
@@ -29,7 +29,7 @@ pub(super) fn meet(a: PointBox, b: PointBox) -> bool {
 pub(super) fn union(a: PointBox, b: PointBox) -> PointBox {
     let mut all = a;
     for p in b.into_iter().flatten() {
-        extend(&mut all, p);
+        include(&mut all, p);
     }
     all
 }
@@ -52,7 +52,7 @@ pub(super) struct LeafShard {
     /// The first tetrahedron; the shard ends where the next begins.
     pub(super) first: u32,
     pub(super) triangles: u64,
-    /// Of the points in its records.
+    /// Bounding box of the points in its records.
     pub(super) records: PointBox,
 }
 

@@ -13,7 +13,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// whole, once, and never changed.
 pub trait Store: Send + Sync {
     /// The file's place, for messages.
-    fn place(&self, name: &str) -> String;
+    fn display_path(&self, name: &str) -> String;
 
     /// Its length in bytes, `None` where there is none.
     ///
@@ -37,7 +37,7 @@ pub trait Store: Send + Sync {
     ///
     /// # Errors
     /// [`BuildError::Shared`].
-    fn create(&self, name: &str, bytes: &[u8]) -> Result<bool, BuildError>;
+    fn create_new(&self, name: &str, bytes: &[u8]) -> Result<bool, BuildError>;
 
     /// Remove a file; a missing one is not an error.
     ///
@@ -61,11 +61,11 @@ pub trait Store: Send + Sync {
     ///
     /// # Errors
     /// [`BuildError::Shared`].
-    fn whole(&self, name: &str) -> Result<Option<Vec<u8>>, BuildError> {
+    fn read_all(&self, name: &str) -> Result<Option<Vec<u8>>, BuildError> {
         let Some(bytes) = self.length(name)? else { return Ok(None) };
         if bytes > LARGEST_WHOLE {
             let why = format!("it has {bytes} bytes, far more than Kilwa writes there");
-            return Err(BuildError::Shared { doing: "read", place: self.place(name), why });
+            return Err(BuildError::Shared { doing: "read", place: self.display_path(name), why });
         }
         self.read(name, 0, bytes).map(Some)
     }
@@ -97,14 +97,14 @@ impl SharedFolder {
         self.folder.join(name)
     }
 
-    fn failed(&self, doing: &'static str, name: &str, why: &std::io::Error) -> BuildError {
-        BuildError::Shared { doing, place: self.place(name), why: why.to_string() }
+    fn error(&self, doing: &'static str, name: &str, why: &std::io::Error) -> BuildError {
+        BuildError::Shared { doing, place: self.display_path(name), why: why.to_string() }
     }
 
     /// The folders above a file.
     fn make_folders(&self, name: &str) -> Result<(), BuildError> {
         let path = self.path(name);
-        std::fs::create_dir_all(atomic::folder_of(&path)).map_err(|e| self.failed("write", name, &e))
+        std::fs::create_dir_all(atomic::folder_of(&path)).map_err(|e| self.error("write", name, &e))
     }
 
     fn opened(&self, name: &str) -> std::io::Result<Arc<Mutex<File>>> {
@@ -122,16 +122,16 @@ impl SharedFolder {
 }
 
 impl Store for SharedFolder {
-    fn place(&self, name: &str) -> String {
+    fn display_path(&self, name: &str) -> String {
         self.path(name).display().to_string()
     }
 
     fn length(&self, name: &str) -> Result<Option<u64>, BuildError> {
         match std::fs::symlink_metadata(self.path(name)) {
             Ok(about) if about.is_file() => Ok(Some(about.len())),
-            Ok(_) => Err(self.failed("read", name, &std::io::Error::other("it is not a regular file"))),
+            Ok(_) => Err(self.error("read", name, &std::io::Error::other("it is not a regular file"))),
             Err(e) if e.kind() == ErrorKind::NotFound => Ok(None),
-            Err(e) => Err(self.failed("read", name, &e)),
+            Err(e) => Err(self.error("read", name, &e)),
         }
     }
 
@@ -148,7 +148,7 @@ impl Store for SharedFolder {
             file.read_exact(&mut buffer)?;
             Ok(buffer)
         };
-        read().map_err(|e| self.failed("read", name, &e))
+        read().map_err(|e| self.error("read", name, &e))
     }
 
     fn upload(&self, name: &str, from: &Path) -> Result<(), BuildError> {
@@ -158,22 +158,22 @@ impl Store for SharedFolder {
             std::io::copy(&mut File::open(from)?, file.file_mut())?;
             file.commit(true)
         };
-        copy().map_err(|e| self.failed("write", name, &e))
+        copy().map_err(|e| self.error("write", name, &e))
     }
 
-    fn create(&self, name: &str, bytes: &[u8]) -> Result<bool, BuildError> {
+    fn create_new(&self, name: &str, bytes: &[u8]) -> Result<bool, BuildError> {
         self.make_folders(name)?;
         match atomic::write(&self.path(name), bytes, Access::Private, false) {
             Ok(()) => Ok(true),
             Err(e) if e.kind() == ErrorKind::AlreadyExists => Ok(false),
-            Err(e) => Err(self.failed("write", name, &e)),
+            Err(e) => Err(self.error("write", name, &e)),
         }
     }
 
     fn remove(&self, name: &str) -> Result<(), BuildError> {
         self.open.lock().unwrap_or_else(PoisonError::into_inner).remove(name);
         match std::fs::remove_file(self.path(name)) {
-            Err(e) if e.kind() != ErrorKind::NotFound => Err(self.failed("remove", name, &e)),
+            Err(e) if e.kind() != ErrorKind::NotFound => Err(self.error("remove", name, &e)),
             _ => Ok(()),
         }
     }
@@ -182,11 +182,11 @@ impl Store for SharedFolder {
         let entries = match std::fs::read_dir(self.path(prefix)) {
             Ok(entries) => entries,
             Err(e) if e.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
-            Err(e) => return Err(self.failed("list", prefix, &e)),
+            Err(e) => return Err(self.error("list", prefix, &e)),
         };
         let mut names = Vec::new();
         for entry in entries {
-            let entry = entry.map_err(|e| self.failed("list", prefix, &e))?;
+            let entry = entry.map_err(|e| self.error("list", prefix, &e))?;
             names.push(format!("{prefix}/{}", entry.file_name().to_string_lossy()));
         }
         names.sort_unstable();
@@ -198,7 +198,7 @@ impl Store for SharedFolder {
         // What else is in the folder stays, and then so does the folder. The plan goes last: until then, the build is found.
         for name in FOLDERS {
             match std::fs::remove_dir_all(self.path(name)) {
-                Err(e) if e.kind() != ErrorKind::NotFound => return Err(self.failed("remove", name, &e)),
+                Err(e) if e.kind() != ErrorKind::NotFound => return Err(self.error("remove", name, &e)),
                 _ => {}
             }
         }
@@ -219,12 +219,12 @@ mod tests {
         let made: Vec<bool> = std::thread::scope(|scope| {
             let store = &store;
             let threads: Vec<_> =
-                (0..8u8).map(|i| scope.spawn(move || store.create("done/a.json", &[i; 100]).unwrap())).collect();
+                (0..8u8).map(|i| scope.spawn(move || store.create_new("done/a.json", &[i; 100]).unwrap())).collect();
             threads.into_iter().map(|t| t.join().unwrap()).collect()
         });
         assert_eq!(made.iter().filter(|made| **made).count(), 1);
         let winner = made.iter().position(|made| *made).unwrap() as u8;
-        assert_eq!(store.whole("done/a.json").unwrap().unwrap(), [winner; 100]);
+        assert_eq!(store.read_all("done/a.json").unwrap().unwrap(), [winner; 100]);
         assert_eq!(store.list("done").unwrap(), ["done/a.json"]);
     }
 
@@ -232,12 +232,12 @@ mod tests {
     fn reading_beyond_the_end_is_an_error_that_names_the_file() {
         let folder = tempfile::tempdir().unwrap();
         let store = SharedFolder::new(folder.path());
-        store.create("a", b"0123").unwrap();
+        store.create_new("a", b"0123").unwrap();
         assert_eq!(store.read("a", 1, 2).unwrap(), b"12");
         for (at, bytes) in [(0, 5), (4, 1), (u64::MAX, 2), (1, u64::MAX)] {
             let error = store.read("a", at, bytes).unwrap_err().to_string();
-            assert!(error.contains(&store.place("a")), "{error}");
+            assert!(error.contains(&store.display_path("a")), "{error}");
         }
-        assert!(store.whole("b").unwrap().is_none());
+        assert!(store.read_all("b").unwrap().is_none());
     }
 }

@@ -2,7 +2,8 @@
 #![allow(dead_code, reason = "each test file uses its own part")]
 
 use glam::DVec3;
-use kilwa_builder::{BuildOptions, Silent, build_pack};
+use kilwa_builder::build::work::Stop;
+use kilwa_builder::{BuildOptions, Progress, Silent, build_pack};
 use kilwa_formats::RawMesh;
 use kilwa_geometry::LatticePoint;
 use kilwa_pack::cut::Cut;
@@ -10,6 +11,7 @@ use kilwa_pack::reader::SliceSource;
 use kilwa_pack::{Chunk, DirectoryEntry, Reader};
 use kilwa_synth::{self as synth, Phantom, SiteKind, SynthOptions};
 use std::collections::HashMap;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 pub(crate) fn fort(triangles: u64) -> RawMesh {
     synth::mesh(SiteKind::Fort, &SynthOptions::new(triangles)).expect("fort")
@@ -160,4 +162,25 @@ pub(crate) fn shuffled(mesh: &RawMesh, seed: u64) -> RawMesh {
         out.triangles.swap(i, random.usize(..=i));
     }
     out
+}
+
+/// Asks to stop at a given update of the progress.
+pub(crate) struct StopAt<'a> {
+    stop: &'a Stop,
+    left: AtomicU64,
+}
+
+impl<'a> StopAt<'a> {
+    /// At update `number`, counted from 1.
+    pub(crate) fn new(stop: &'a Stop, number: u64) -> Self {
+        Self { stop, left: AtomicU64::new(number) }
+    }
+}
+
+impl Progress for StopAt<'_> {
+    fn update(&self, _stage: &'static str, _done: u64, _total: u64) {
+        if self.left.fetch_sub(1, Ordering::Relaxed) == 1 {
+            self.stop.ask();
+        }
+    }
 }

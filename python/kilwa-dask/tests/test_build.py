@@ -134,7 +134,7 @@ def test_ctrl_c_stops_the_build_and_the_same_command_continues(single: Single) -
     os.killpg(driver.pid, signal.SIGINT)
     text = single.end(driver, 130)
     assert "Traceback" not in text
-    assert "stopped after 1 tasks; run the same command to continue" in text
+    assert "stopped after 1 task; run the same command to continue" in text
     until(lambda: not any(process.is_running() for process in family), "all processes ended")
     (build,) = single.left_over()
     assert Path(build).name.startswith("kilwa-build-")

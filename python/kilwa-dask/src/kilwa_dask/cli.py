@@ -159,8 +159,8 @@ def _build(options: argparse.Namespace, plan_options: list[str]) -> int:
     plan = _build_plan(options, plan_options, output, work)
     if not plan.record.exists():
         refuse_existing(plan.output, plan.force)
-    told = BuildReport()
-    driver = BuildDriver(plan, told)
+    result = BuildReport()
+    driver = BuildDriver(plan, result)
     started = time.monotonic()
     try:
         with ExitStack() as stack:
@@ -180,11 +180,12 @@ def _build(options: argparse.Namespace, plan_options: list[str]) -> int:
         for shared in plan.shared:
             _sweep(Path(shared), patience=_PATIENCE)
         seconds = time.monotonic() - started
-        if told.pack is None and told.done:
-            print(f"\nstopped after {len(told.done)} tasks; run the same command to continue", file=sys.stderr)
-        if told.key is not None and options.json is not None:
-            build_report.write(Path(options.json), plan, told, seconds)
-    print(build_report.summary(told, plan, seconds))
+        if result.pack is None and result.done:
+            done = "1 task" if len(result.done) == 1 else f"{len(result.done)} tasks"
+            print(f"\nstopped after {done}; run the same command to continue", file=sys.stderr)
+        if result.key is not None and options.json is not None:
+            build_report.write(Path(options.json), plan, result, seconds)
+    print(build_report.summary(result, plan, seconds))
     return 0
 
 
