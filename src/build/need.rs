@@ -1,6 +1,6 @@
 //! How much disk space a build needs, estimated before anything is read.
 //!
-//! From headers where they say how many vertices and triangles there are (PLY, binary STL, glTF, Nexus, tiles with these), from the length of
+//! From headers where they say how many vertices and triangles there are (PLY, binary STL, glTF, Nexus, and tilesets of glTF), from the length of
 //! the file otherwise; an estimate to the safe side. Of an archive, the mesh in it counts, and the bytes that its files inflate to in the scratch folder. What is needed is compared with what is free, and refused with both numbers.
 
 use kilwa_builder::build::machine;

@@ -214,6 +214,11 @@ pub(crate) fn nexus_file(bytes: &[u8]) -> String {
     let path = Path::new("fuzz.nxz");
     let mut sink = Limited(MemorySink::new(path), 1 << 20);
     let options = ReadOptions { texture_bytes: 1 << 22, ..ReadOptions::default() };
+    // What a build looks at before it reads.
+    let start = &bytes[..bytes.len().min(1 << 16)];
+    let head =
+        nexus::head_bytes(start).map_or(bytes.len(), |n| bytes.len().min(usize::try_from(n).unwrap_or(usize::MAX)));
+    let _ = nexus::sizes(&bytes[..head], bytes.len() as u64);
     let mut source = Cursor::new(bytes);
     let total = bytes.len() as u64;
     let input = Input { path, total, source: &mut source, progress: &mut |_, _| {}, options: &options, archive: None };
@@ -236,8 +241,11 @@ pub(crate) fn tiles_in_folder(bytes: &[u8]) -> String {
         write(&folder.join(name), content);
     }
     let path = &folder.join("tileset.json");
+    write(path, json);
     let mut sink = Limited(MemorySink::new(path), 1 << 20);
     let options = ReadOptions { texture_bytes: 1 << 22, ..ReadOptions::default() };
+    // What a build looks at before it reads.
+    let _ = tiles::sizes(path, &options);
     let mut source = Cursor::new(json);
     let total = json.len() as u64;
     let input = Input { path, total, source: &mut source, progress: &mut |_, _| {}, options: &options, archive: None };

@@ -26,7 +26,8 @@ fn cut(name: &str, whole: &[u8], needed: usize, body: Body) {
         for k in 0..count {
             let (length, begun) = (k * whole.len() / count, Instant::now());
             let kind = current.run(body, &whole[..length]);
-            assert!(length >= needed || kind != of_whole, "{name} cut at byte {length} is taken for whole");
+            // A mesh has its three counts in its kind, an error has none.
+            assert!(length >= needed || !kind.contains("0 0 0"), "{name} cut at byte {length} is read: {kind}");
             slowest = slowest.max(begun.elapsed().as_secs_f64());
         }
     });

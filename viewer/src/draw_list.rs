@@ -261,7 +261,7 @@ mod tests {
         let mut list = DrawList::default();
         let patches: Vec<_> = (0..8).flat_map(|c| (0..4).map(move |p| patch(c, p, true))).collect();
         let beside = |chunk: u32| Place { middle: DVec3::Y, slab: 0, first_index: chunk * 120, triangles: 40 };
-        // All of one layer: as many as there are layers, twelve times.
+        // Eight chunks in each of twelve layers.
         let many: Vec<_> = (0..96).flat_map(|c| (0..4).map(move |p| patch(c, p, true))).collect();
         list.collect(&view(), &many, &[], PerCall::Fades, |c| Some(beside(c)));
         assert_eq!(list.calls().len(), 1, "chunks at the same depth keep their order: {:?}", list.calls());

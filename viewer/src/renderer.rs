@@ -184,7 +184,7 @@ impl Renderer {
         self.indirect = is_on.then(Indirect::default);
     }
 
-    /// Draw calls of a pass of the last frame.
+    /// Draw calls of the last pass: of a frame, or of what was drawn to find an id.
     pub fn call_count(&self) -> usize {
         self.list.calls().len()
     }

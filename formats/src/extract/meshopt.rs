@@ -169,8 +169,8 @@ fn light(level: u8, coarsest: i8) -> (i32, i8) {
 
 /// Colours as linear light, in floats for the exponential filter, twelve bytes to a colour. Every level of sRGB is restored exactly.
 ///
-/// A mantissa of one byte and an exponent that seldom changes, by one, take less space than 16-bit integers, whose low byte changes by much. How
-/// coarse the light of a channel is at most, is chosen by what it takes then.
+/// A mantissa of one byte and an exponent that seldom changes, by one, take less space than 16-bit integers, whose low byte changes by much. For
+/// each channel, the coarsest exponent is the one that compresses best.
 ///
 /// # Errors
 /// If meshopt fails.

@@ -65,7 +65,7 @@ impl Gpu {
     pub async fn headless(prefer: Prefer) -> Result<Self, GpuError> {
         let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
         descriptor.backends = wgpu::Backends::PRIMARY;
-        // The renderer writes the arguments of its indirect draws itself, and right: checking each costs more than drawing it.
+        // The renderer writes the arguments of its indirect draws itself, and correctly: checking each costs more than drawing it.
         descriptor.flags.remove(wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL);
         let instance = wgpu::Instance::new(descriptor);
         let mut adapters = instance.enumerate_adapters(wgpu::Backends::all()).await;

@@ -70,7 +70,8 @@ pub struct LiveSession {
 }
 
 impl LiveSession {
-    /// Read the head of a pack and start this many decoding threads. `renderer` draws the pack.
+    /// Read the head of a pack and start this many decoding threads. `renderer` draws the pack. How much a step uploads
+    /// follows from the time between frames; `budgets.uploads` is not used.
     ///
     /// # Errors
     /// [`SessionError`] if it is not a valid pack.

@@ -60,7 +60,8 @@ impl Part<'_> {
             b"cmpt" if composites < MAX_COMPOSITES => {
                 let (mut all, mut inner) = (Sizes::default(), CMPT_HEADER);
                 for _ in 0..self.word(at, 3)? {
-                    let own = self.word(at + inner, 2).filter(|own| *own >= 12 && *own <= length - inner)?;
+                    let left = length.checked_sub(inner)?;
+                    let own = self.word(at + inner, 2).filter(|own| *own >= 12 && *own <= left)?;
                     all = all.and(self.content(at + inner, own, composites + 1)?);
                     inner += own;
                 }

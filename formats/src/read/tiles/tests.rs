@@ -325,6 +325,17 @@ fn the_tiles_say_how_large_the_surface_is() {
     // What the reader refuses counts as nothing.
     let site = site.with("e.glb", &tile(6)[..30]).with("c.cmpt", &parts[..40]);
     assert_eq!(sizes(&path, &ReadOptions::default()).unwrap().triangles, 3);
+    // A composite inside another one that states fewer bytes than its own header has.
+    let mut short = b"cmpt".to_vec();
+    for word in [1, 44, 1] {
+        short.extend(u32::to_le_bytes(word));
+    }
+    short.extend(b"cmpt");
+    for word in [1, 12, 9, 0, 0, 44] {
+        short.extend(u32::to_le_bytes(word));
+    }
+    let site = site.with("c.cmpt", &short);
+    assert_eq!(sizes(&path, &ReadOptions::default()).unwrap().triangles, 3);
     assert_eq!(sizes(&path, &ReadOptions { document: 100, ..ReadOptions::default() }), None);
     let site = site.with("tileset.json", b"{");
     assert_eq!(sizes(&site.path("tileset.json"), &ReadOptions::default()), None);
