@@ -1,5 +1,6 @@
 //! `kilwa colour`: vertex colours from photographs.
 
+mod frame;
 mod photos;
 mod report;
 
@@ -17,7 +18,8 @@ use kilwa_files::made_folders::MadeFolders;
 use kilwa_formats::extract::{Extraction, Format, Output, Repaint, extract_repainted};
 use kilwa_pack::{Chunk, Reader};
 use kilwa_scan::ScanError;
-use kilwa_scan::colour::{Colouring, Options, Report, colour};
+use kilwa_scan::colour::align::{Aligned, Start};
+use kilwa_scan::colour::{Colouring, Model, Options, Report, colour};
 use kilwa_scan::survey;
 use photos::Photographs;
 use std::error::Error;
@@ -38,6 +40,8 @@ pub(crate) struct Args {
     /// The file with the poses, if the folder contains several such files or the file is elsewhere; for COLMAP, the model's folder or one of its files.
     #[arg(long, value_name = "FILE", requires = "photos")]
     poses: Option<PathBuf>,
+    #[command(flatten)]
+    frame: frame::KnownFrame,
     /// The file to write: a pack (.kilwa) or a mesh (.ply, .obj, .glb).
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
@@ -61,7 +65,7 @@ pub(crate) struct Args {
 }
 
 /// The model as a pack.
-struct Model {
+struct ModelPack {
     path: PathBuf,
     /// The mesh that it was built from, if the pack is temporary.
     mesh: Option<PathBuf>,
@@ -118,8 +122,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         if args.is_pack() { Format::of(Path::new("coloured.ply"), false)? } else { Format::of(&args.output, false)? };
     ensure!(format.has_colors(), "{} cannot store colours; write a pack, PLY, OBJ or GLB", format.title());
     let photographs = Photographs::find(args.photos.as_deref(), args.poses.as_deref(), survey)?;
+    let start = args.frame.start()?;
     let read = photographs.inputs.iter().map(|input| input.path.as_path());
-    let read: Vec<&Path> = read.chain([path]).collect();
+    let read: Vec<&Path> = read.chain([path]).chain(args.frame.files()).collect();
     refuse_inputs(&args.output, read.iter().copied())?;
     if let Some(report) = &args.report {
         ensure!(
@@ -135,16 +140,21 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let made = MadeFolders::all_of(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
     let scratch = private_folder_in(&folder, ".kilwa-colour-");
     let scratch = scratch.with_context(|| format!("cannot make a scratch folder in {}", folder.display()))?;
-    let done = work(args, path, &photographs, format, &output, &scratch, (&bar, &stop));
+    let done = work(args, path, (photographs, start), format, &output, &scratch, (&bar, &stop));
     bar.clear();
     let done =
         if done.is_err() && stop.asked() { Err(Interrupted::new("stopped; nothing was written").into()) } else { done };
     drop((scratch, made));
-    done.and_then(|done| report::print(args, &photographs, &done, begun.elapsed().as_secs_f64()))
+    done.and_then(|done| report::print(args, &done, begun.elapsed().as_secs_f64()))
 }
 
 /// What was written.
 struct Done {
+    photographs: Photographs,
+    /// How the frame of their reconstruction was found, if it was not the model's.
+    aligned: Option<Aligned>,
+    /// Points of the reconstruction near the model and all of them, if the poses seem to be in other coordinates.
+    doubt: Option<[usize; 2]>,
     report: Report,
     triangles: u64,
     vertices: u64,
@@ -156,7 +166,7 @@ struct Done {
 fn work(
     args: &Args,
     path: &Path,
-    photographs: &Photographs,
+    (mut photographs, start): (Photographs, Option<Start>),
     format: Format,
     output: &Output,
     scratch: &PrivateFolder,
@@ -177,18 +187,29 @@ fn work(
         refine: args.refine,
         overlays: args.overlays.clone(),
     };
+    let (mut aligned, mut doubt) = (None, None);
+    bar.update("placing the photographs", 0, 1);
+    let model_in_memory = Model::new(&reader, options.memory / 2);
+    if let Some(start) = start {
+        let (placed, found) = photographs.placed(&start, &model_in_memory)?;
+        (photographs, aligned) = (placed, Some(found));
+    } else {
+        doubt = photographs.doubt(&model_in_memory)?;
+    }
+    drop(model_in_memory);
     let progress = BarProgress { bar, stop };
     let (colouring, report) = colour(&reader, &photographs.inputs, &options, &progress)?;
     let coloured = Coloured { args, reader: &reader, colouring, report, bar, stop };
     let (written, bytes) = if args.is_pack() {
-        coloured.write_pack(&model, photographs, scratch.path())?
+        coloured.write_pack(&model, &photographs, scratch.path())?
     } else {
         let written = coloured.write_mesh(format, output)?;
         let bytes = written.bytes;
         (written, bytes)
     };
     let report = coloured.report;
-    Ok(Done { report, triangles: written.triangles, vertices: written.vertices, bytes, left_out: written.left_out })
+    let Extraction { triangles, vertices, left_out, .. } = written;
+    Ok(Done { photographs, aligned, doubt, report, triangles, vertices, bytes, left_out })
 }
 
 /// A model with its new colours.
@@ -224,7 +245,7 @@ impl Coloured<'_> {
     /// Build a pack of the coloured surface, on the lattice of the model; also returns the size of the pack in bytes.
     fn write_pack(
         &self,
-        model: &Model,
+        model: &ModelPack,
         photographs: &Photographs,
         scratch: &Path,
     ) -> anyhow::Result<(Extraction, u64)> {
@@ -262,16 +283,16 @@ impl Coloured<'_> {
 }
 
 /// The model as a pack: itself, or a temporary one.
-fn as_pack(args: &Args, path: &Path, scratch: &Path, bar: &Bar, stop: &Stop) -> anyhow::Result<Model> {
+fn as_pack(args: &Args, path: &Path, scratch: &Path, bar: &Bar, stop: &Stop) -> anyhow::Result<ModelPack> {
     ensure!(path.exists(), "{} does not exist", path.display());
     ensure!(path.is_file(), "{} is not a file; give one mesh or pack", path.display());
     if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("kilwa")) {
-        return Ok(Model { path: path.to_owned(), mesh: None });
+        return Ok(ModelPack { path: path.to_owned(), mesh: None });
     }
     let pack = scratch.join("model.kilwa");
     let building = build::Args::of_mesh(path.to_owned(), pack.clone(), args.common(scratch, None, None), None, None);
     build::within(&building, bar, stop)?;
-    Ok(Model { path: pack, mesh: Some(path.to_owned()) })
+    Ok(ModelPack { path: pack, mesh: Some(path.to_owned()) })
 }
 
 /// Shows progress on a bar; a signal stops the work.

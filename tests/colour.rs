@@ -144,3 +144,96 @@ fn a_signal_during_colouring_leaves_no_files() {
         leaves_nothing_partial(&out, &["colour", text(&pack), "--photos", text(&photos), "-o", text(&out)]);
     }
 }
+
+/// Simulated photographs in the frame of a reconstruction, with what is known of it: control points, and the positions of cameras in the model.
+fn reconstructed(folder: &Path) -> [PathBuf; 3] {
+    let [known, loose] = ["known", "loose"].map(|name| folder.join(name));
+    let options = ["synth", "photos", "--photos", "8", "--panoramas", "0", "--size", "160x120", "-o"];
+    succeeds(&[&options, [text(&known)].as_slice()].concat());
+    succeeds(&[&options, [text(&loose), "--sfm-frame"].as_slice()].concat());
+    let places = |session: &Path| {
+        let path = session.join("photos/sparse/points3D.txt");
+        let file = std::fs::read_to_string(path).unwrap();
+        let lines = file.lines().filter(|line| !line.starts_with('#'));
+        lines.step_by(10).map(|line| line.split(' ').take(4).map(str::to_owned).collect::<Vec<_>>()).collect::<Vec<_>>()
+    };
+    let pairs = places(&loose).into_iter().zip(places(&known)).take(12);
+    let line = |(a, b): (Vec<String>, Vec<String>)| {
+        assert_eq!(a[0], b[0]);
+        format!("P{}, {}, {}, 0.02\n", a[0], a[1..].join(", "), b[1..].join(", "))
+    };
+    let points = folder.join("points.csv");
+    std::fs::write(&points, pairs.map(line).collect::<String>()).unwrap();
+    let listed = json(&["scans", "photos", "list", text(&known.join("photos"))]);
+    let position = |photo: &serde_json::Value| {
+        let at: Vec<String> = photo["pose"]["position"].as_array().unwrap().iter().map(ToString::to_string).collect();
+        format!("{} {}\n", photo["name"].as_str().unwrap(), at.join(" "))
+    };
+    let cameras = folder.join("cameras.txt");
+    std::fs::write(&cameras, listed["photographs"].as_array().unwrap().iter().map(position).collect::<String>())
+        .unwrap();
+    [loose.join("photos"), points, cameras]
+}
+
+#[test]
+fn photographs_of_a_reconstruction_get_the_models_frame_from_points_or_cameras() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let [pack, _] = fort(folder.path(), "150k");
+    let [photos, points, cameras] = reconstructed(folder.path());
+    let expected = at("expected.ply");
+    let known_photos = at("known/photos");
+    let right = ["colour", text(&pack), "--photos", text(&known_photos), "-o", text(&expected)];
+    let shown = succeeds(&right);
+    assert!(!shown.contains("Warning"), "{shown}");
+    let (color, count) = seen(&Ply::read(&expected));
+    for (option, file, known) in [("--control-points", &points, 12), ("--camera-positions", &cameras, 8)] {
+        let out = at(&format!("out{option}.ply"));
+        let report = json(&["colour", text(&pack), "--photos", text(&photos), option, text(file), "-o", text(&out)]);
+        let frame = &report["frame"];
+        assert_eq!(frame["residuals"].as_array().unwrap().len(), known, "{frame}");
+        assert!(frame["surface"]["share"].as_f64().unwrap() > 0.5, "{frame}");
+        let (other, same) = seen(&Ply::read(&out));
+        assert!((same as f64 / count as f64 - 1.0).abs() < 0.05, "{same} {count} {frame}");
+        assert!(color.iter().zip(other).all(|(a, b)| (a - b).abs() < 3.0), "{color:?} {other:?}");
+    }
+    // Without them, there is a warning.
+    let out = at("out.ply");
+    let shown = succeeds(&["colour", text(&pack), "--photos", text(&photos), "-o", text(&out)]);
+    assert!(shown.contains("points of the reconstruction are near the model"), "{shown}");
+    // A mistake in a file is named with its line.
+    let mistaken = at("mistaken.csv");
+    std::fs::write(&mistaken, "A 1 2 3 4 5 6\nB 1 2 3\n").unwrap();
+    let error = fails(&[&right, ["--force", "--control-points", text(&mistaken)].as_slice()].concat());
+    assert!(error.contains("line 2") && error.contains("mistaken.csv"), "{error}");
+}
+
+#[test]
+fn poses_that_are_off_by_a_common_shift_are_corrected_by_the_points_of_the_reconstruction() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let [photos, ..] = [photographs(folder.path(), "160x120")];
+    let (mesh, pack, out) = (at("fort.ply"), at("shifted.kilwa"), at("out.ply"));
+    succeeds(&["synth", "fort", "--triangles", "150k", "-o", text(&mesh)]);
+    let shift = "1 0 0 0.3 0 1 0 -0.2 0 0 1 0.25 0 0 0 1";
+    std::fs::write(at("shift.xf"), shift).unwrap();
+    succeeds(&["build", text(&mesh), "--transform", text(&at("shift.xf")), "-o", text(&pack)]);
+    let options = ["colour", text(&pack), "--photos", text(&photos), "-o", text(&out), "--approximate-poses"];
+    let report = json(&[&options, ["1"].as_slice()].concat());
+    let found: Vec<f64> =
+        report["frame"]["translation"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
+    let off = found.iter().zip([0.3, -0.2, 0.25]).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+    assert!(off < 0.1, "{off} {}", report["frame"]);
+    // Farther off than allowed: nothing is made up.
+    let (elsewhere, far) = (at("elsewhere.kilwa"), at("far.ply"));
+    std::fs::write(at("far.xf"), "1 0 0 900 0 1 0 0 0 0 1 0 0 0 0 1").unwrap();
+    succeeds(&["build", text(&mesh), "--transform", text(&at("far.xf")), "-o", text(&elsewhere)]);
+    let far = ["colour", text(&elsewhere), "--photos", text(&photos), "-o", text(&far), "--approximate-poses"];
+    let error = fails(&[&far, ["1"].as_slice()].concat());
+    assert!(error.contains("cannot be fitted to the model"), "{error}");
+    for (reach, message) in [("0", "0.001 to 100 metres"), ("x", "not a number"), ("1e9", "0.001 to 100 metres")] {
+        let output = kilwa(&[&options, [reach].as_slice()].concat());
+        let error = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(2) && error.contains(message), "{error}");
+    }
+}

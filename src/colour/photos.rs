@@ -1,13 +1,19 @@
 //! Which photographs a model is coloured from, and which are left out.
 
 use anyhow::{Context as _, bail, ensure};
-use kilwa_scan::colour::Input;
-use kilwa_scan::photos::{self, Missing, Options, PhotoRecord, PhotoSet, Source};
+use kilwa_scan::colour::align::{self, Aligned, Start};
+use kilwa_scan::colour::{Input, Model};
+use kilwa_scan::photos::{self, Frame, Missing, Options, PhotoRecord, PhotoSet, Source};
 use kilwa_scan::survey::Survey;
 use std::path::Path;
 
+/// Poses are in doubt if the reconstruction has at least this many points, and less than this share of them are near the model.
+const FEWEST_POINTS: usize = 30;
+const NEAR: f64 = 0.2;
+
 /// The photographs of a folder or a survey.
 pub(super) struct Photographs {
+    set: PhotoSet,
     /// Those with file, camera and pose.
     pub(super) inputs: Vec<Input>,
     /// The names of the others, each with the reason.
@@ -28,25 +34,65 @@ impl Photographs {
             (None, Some((path, survey))) => photos::of_survey(path, survey),
             (None, None) => bail!("no photographs: give their folder with --photos, or a survey before the model"),
         };
-        let found = Self::of(&set);
         ensure!(!set.photos.is_empty(), "no photographs were found; JPEG and PNG files are photographs");
+        let found = Self::of(set);
         ensure!(
             !found.inputs.is_empty(),
             "0 of {} photographs have a file, a camera and a pose; `kilwa scans photos list` shows what is missing",
-            set.photos.len()
+            found.set.photos.len()
         );
         Ok(found)
     }
 
-    fn of(set: &PhotoSet) -> Self {
-        let mut photographs = Self { inputs: Vec::new(), left_out: Vec::new() };
+    fn of(set: PhotoSet) -> Self {
+        let (mut inputs, mut left_out) = (Vec::new(), Vec::new());
         for photo in &set.photos {
             match input(photo) {
-                Ok(input) => photographs.inputs.push(input),
-                Err(why) => photographs.left_out.push((photo.name.clone(), why)),
+                Ok(input) => inputs.push(input),
+                Err(why) => left_out.push((photo.name.clone(), why)),
             }
         }
-        photographs
+        Self { set, inputs, left_out }
+    }
+
+    /// Points of the reconstruction near the model and all of them, if so few are near that the poses seem to be in other coordinates.
+    pub(super) fn doubt<S: kilwa_pack::Source + Sync>(
+        &self,
+        model: &Model<'_, S>,
+    ) -> anyhow::Result<Option<[usize; 2]>> {
+        if self.set.sparse_points.is_empty() {
+            return Ok(None);
+        }
+        let (surface, spacing) = align::surface_of(model)?;
+        let (near, all) = align::near_surface(&self.set, (&surface, spacing));
+        Ok((all >= FEWEST_POINTS && (near as f64) < NEAR * all as f64).then_some([near, all]))
+    }
+
+    /// The photographs in the coordinates of the model, and how the frame of their reconstruction was found.
+    pub(super) fn placed<S: kilwa_pack::Source + Sync>(
+        &self,
+        start: &Start,
+        model: &Model<'_, S>,
+    ) -> anyhow::Result<(Self, Aligned)> {
+        let loose = |photo: &PhotoRecord| photo.camera_from_world.is_some() && photo.frame == Frame::Reconstruction;
+        ensure!(
+            self.set.photos.iter().any(loose),
+            "no photograph has a pose in the frame of a reconstruction, so there is no frame to find"
+        );
+        let (surface, spacing) = align::surface_of(model)?;
+        let aligned = align::frame(&self.set, start, Some((&surface, spacing)))?;
+        if let Start::Given(..) = start {
+            match &aligned.not_landed {
+                Some(why) => bail!("the poses cannot be fitted to the model: {why}"),
+                None => ensure!(
+                    aligned.landed.is_some(),
+                    "the poses cannot be fitted to the model, because the reconstruction has no points; give control points"
+                ),
+            }
+        }
+        let mut set = self.set.clone();
+        aligned.apply(&mut set);
+        Ok((Self::of(set), aligned))
     }
 }
 

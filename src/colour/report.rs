@@ -1,19 +1,22 @@
 //! What `kilwa colour` prints.
 
-use super::photos::Photographs;
 use super::{Args, Done};
 use crate::info::grouped;
 use kilwa_builder::build::machine;
 use kilwa_pack::plural::{counted, plural};
 use kilwa_pack::visible::visible;
+use kilwa_scan::colour::align::Aligned;
 use kilwa_scan::colour::{Input, PhotoReport};
+use kilwa_scan_core::photo_pose::Similarity;
+use kilwa_scan_core::photo_pose::icp::SurfaceFit;
 use serde_json::{Value, json};
 use std::io::Write as _;
 
-pub(super) fn print(args: &Args, photographs: &Photographs, done: &Done, seconds: f64) -> anyhow::Result<()> {
+pub(super) fn print(args: &Args, done: &Done, seconds: f64) -> anyhow::Result<()> {
     let mut out = crate::terminal::out();
     let report = &done.report;
-    let left_out: Vec<(&str, &str)> = photographs
+    let left_out: Vec<(&str, &str)> = done
+        .photographs
         .left_out
         .iter()
         .map(|(name, why)| (name.as_str(), why.as_str()))
@@ -26,11 +29,11 @@ pub(super) fn print(args: &Args, photographs: &Photographs, done: &Done, seconds
         "scratch_bytes": report.scratch,
     });
     if let Some(path) = &args.report {
-        let text = crate::terminal::json_text(&as_json(args, photographs, done, &left_out))?;
+        let text = crate::terminal::json_text(&as_json(args, done, &left_out))?;
         crate::new_file::NewFile::write(path, text.as_bytes(), args.force)?;
     }
     if args.json {
-        let mut json = as_json(args, photographs, done, &left_out);
+        let mut json = as_json(args, done, &left_out);
         if let (Some(json), Value::Object(cost)) = (json.as_object_mut(), cost) {
             json.extend(cost);
         }
@@ -46,6 +49,15 @@ pub(super) fn print(args: &Args, photographs: &Photographs, done: &Done, seconds
         100.0 * share(report.coloured, report.vertices),
         counted(report.photos.iter().filter(|photo| photo.seen > 0).count() as u64, "photograph", "photographs"),
     )?;
+    if let Some(aligned) = &done.aligned {
+        writeln!(out, "  {}", frame_in_words(aligned))?;
+    }
+    if let Some([near, all]) = done.doubt {
+        writeln!(
+            out,
+            "  Warning: only {near} of {all} points of the reconstruction are near the model. If its poses are not in the coordinates of the model, give --control-points, --camera-positions or --approximate-poses."
+        )?;
+    }
     let blind: Vec<&str> =
         report.photos.iter().filter(|p| p.seen == 0 && p.left_out.is_none()).map(|p| p.name.as_str()).collect();
     for name in blind {
@@ -69,9 +81,9 @@ fn share(part: u64, whole: u64) -> f64 {
 }
 
 /// What does not change from run to run.
-fn as_json(args: &Args, photographs: &Photographs, done: &Done, left_out: &[(&str, &str)]) -> Value {
+fn as_json(args: &Args, done: &Done, left_out: &[(&str, &str)]) -> Value {
     let report = &done.report;
-    let used = report.photos.iter().zip(&photographs.inputs).filter(|(photo, _)| photo.left_out.is_none());
+    let used = report.photos.iter().zip(&done.photographs.inputs).filter(|(photo, _)| photo.left_out.is_none());
     json!({
         "output": args.output.display().to_string(),
         "bytes": done.bytes,
@@ -82,7 +94,44 @@ fn as_json(args: &Args, photographs: &Photographs, done: &Done, left_out: &[(&st
         "not_stored": done.left_out,
         "brightness": report.brightness,
         "photographs": used.map(|(photo, input)| photo_as_json(photo, input)).collect::<Vec<_>>(),
+        "frame": done.aligned.as_ref().map(frame_as_json),
+        "points_near_model": done.doubt.map(|[near, all]| json!({"near": near, "points": all})),
         "left_out": left_out.iter().map(|(name, why)| json!({"name": name, "why": why})).collect::<Vec<_>>(),
+    })
+}
+
+/// How the frame of the reconstruction was found.
+fn frame_in_words(aligned: &Aligned) -> String {
+    let worst = aligned.residuals.iter().max_by(|a, b| a.after.total_cmp(&b.after));
+    let known = aligned.rms.zip(worst).map_or_else(String::new, |(rms, worst)| {
+        let points = counted(aligned.residuals.len() as u64, "known position", "known positions");
+        let (largest, name) = (worst.after, visible(&worst.name));
+        format!(" {rms:.3} m from {points} (root mean square), {largest:.3} m at {name};")
+    });
+    let surface = match (&aligned.landed, &aligned.not_landed) {
+        (Some(SurfaceFit { points, share, median, .. }), _) => {
+            let points = counted(*points as u64, "point", "points");
+            format!(
+                "{points} of the reconstruction ({:.0} %) on the surface, median distance {median:.4} m",
+                100.0 * share
+            )
+        }
+        (None, Some(why)) => format!("not fitted to the surface: {why}"),
+        (None, None) => "not fitted to the surface, because the reconstruction has no points".to_owned(),
+    };
+    format!("Frame of the reconstruction:{known} {surface}.")
+}
+
+fn frame_as_json(aligned: &Aligned) -> Value {
+    let Similarity { scale, rotation: q, translation } = aligned.similarity;
+    json!({
+        "scale": scale,
+        "rotation_wxyz": [q.w, q.x, q.y, q.z],
+        "translation": translation.to_array(),
+        "rms": aligned.rms,
+        "residuals": aligned.residuals.iter().map(|r| json!({"name": r.name, "before": r.before, "after": r.after})).collect::<Vec<_>>(),
+        "surface": aligned.landed.as_ref().map(|fit| json!({"points": fit.points, "share": fit.share, "median": fit.median})),
+        "surface_not_used": aligned.not_landed.as_ref().map(ToString::to_string),
     })
 }
 

@@ -337,7 +337,7 @@ fn refuse_if_none(photos: &[PhotoReport]) -> Result<(), ScanError> {
     let readable = photos.iter().filter(|photo| photo.left_out.is_none()).count() as u64;
     if readable > 0 {
         return Err(ScanError::Request(format!(
-            "no photograph sees the model ({} read); check that the poses are in the coordinates of the model, and that its surface faces outwards",
+            "no photograph sees the model ({} read); check that the surface of the model faces outwards, and that the poses are in its coordinates; if they are in the frame of a reconstruction, give control points (--control-points) or the positions of cameras (--camera-positions)",
             counted(readable, "photograph was", "photographs were")
         )));
     }

@@ -25,6 +25,16 @@ pub struct Part {
 }
 
 impl Part {
+    /// Its patches, in order.
+    pub fn patches(&self) -> &[PatchRange] {
+        &self.patches
+    }
+
+    /// The triangles of a patch, as numbers of vertices.
+    pub fn triangles_of(&self, patch: &PatchRange) -> &[[u32; 3]] {
+        self.triangles.get(patch.first as usize..(patch.first + patch.count) as usize).unwrap_or_default()
+    }
+
     fn bytes(&self) -> usize {
         let vertex = 2 * size_of::<Vec3>() + 3;
         self.positions.len() * vertex + self.triangles.len() * 12 + self.patches.len() * size_of::<PatchRange>()
@@ -140,8 +150,7 @@ impl<'r, S: Source + Sync> Model<'r, S> {
             seen.extend(part.positions.iter().map(|p| turn * *p + turned));
             let is_drawn = |patch: &&PatchRange| !is_refined.get(patch.diamond as usize).copied().unwrap_or(false);
             for patch in part.patches.iter().filter(is_drawn) {
-                let range = patch.first as usize..(patch.first + patch.count) as usize;
-                for triangle in part.triangles.get(range).unwrap_or_default() {
+                for triangle in part.triangles_of(patch) {
                     let corners = triangle.map(|k| seen[k as usize]);
                     raster.draw(corners, triangle.map(|k| value(&part, k as usize)));
                 }

@@ -1,6 +1,6 @@
 //! The frame of a reconstruction brought to the survey's.
 
-use super::pairs::NamedPair;
+use super::pairs::{KnownCamera, NamedPair};
 use crate::ScanError;
 use crate::photos::{Frame, PhotoSet};
 use glam::DVec3;
@@ -21,8 +21,8 @@ const REACH_SHARE: f64 = 0.01;
 pub enum Start {
     /// Points that are known in both frames.
     Points(Vec<NamedPair>),
-    /// Known positions of cameras: the name of a photograph, its place in the survey (metres), and its standard deviation (metres).
-    Cameras(Vec<(String, DVec3, f64)>),
+    /// Known positions of cameras.
+    Cameras(Vec<KnownCamera>),
     /// The frame itself, in error by at most some metres.
     Given(Similarity, f64),
 }
@@ -105,6 +105,17 @@ pub fn frame(set: &PhotoSet, start: &Start, surface: Option<(&Surface, f64)>) ->
     let square: f64 = residuals.iter().map(|r| r.after * r.after).sum();
     let rms = (!residuals.is_empty()).then(|| (square / residuals.len() as f64).sqrt());
     Ok(Aligned { similarity, residuals, rms, landed, not_landed })
+}
+
+/// How many points of a reconstruction are near a surface, and how many there are, if its poses are taken as they are. `surface`: as for [`frame()`].
+pub fn near_surface(set: &PhotoSet, (surface, spacing): (&Surface, f64)) -> (usize, usize) {
+    let sparse = sparse_points(set);
+    let reach = REACH_SHARE * extent(&sparse);
+    let is_near = |point: &&DVec3| {
+        let nearest = surface.nearest(**point, reach.hypot(spacing));
+        nearest.is_some_and(|(foot, normal)| (**point - foot).dot(normal).abs() <= reach)
+    };
+    (sparse.iter().filter(is_near).count(), sparse.len())
 }
 
 /// The points that are known in both frames.

@@ -5,12 +5,14 @@
 //! photograph with what the model shows, and refuses those of which too few patches agree. [`Overlay`] shows a refused photograph with the borders of the model.
 
 mod frame;
+mod model_surface;
 mod overlay;
 pub mod pairs;
 mod refine;
 #[cfg(test)]
 mod tests;
 
-pub use frame::{Aligned, Residual, Start, frame};
+pub use frame::{Aligned, Residual, Start, frame, near_surface};
+pub use model_surface::surface_of;
 pub use overlay::Overlay;
 pub use refine::{draw, refine_photograph};

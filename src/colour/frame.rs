@@ -1,0 +1,44 @@
+//! Where the frame of a reconstruction lies in the coordinates of the model.
+
+use kilwa_scan::ScanError;
+use kilwa_scan::colour::align::{Start, pairs};
+use kilwa_scan_core::photo_pose::Similarity;
+use std::path::{Path, PathBuf};
+
+/// What is known about the frame. Without any of these, the poses are those of the model already.
+#[derive(clap::Args)]
+pub(super) struct KnownFrame {
+    /// A text file with points that are known both in the frame of the reconstruction and in the coordinates of the model: name, x y z there, x y z here (metres), and optionally the standard deviation of a point (metres). Three or more points.
+    #[arg(long, value_name = "FILE", group = "frame")]
+    control_points: Option<PathBuf>,
+    /// A text file with the measured positions of cameras: name of the photograph, x y z in the coordinates of the model (metres), and optionally the standard deviation (metres). Three or more cameras.
+    #[arg(long, value_name = "FILE", group = "frame")]
+    camera_positions: Option<PathBuf>,
+    /// The poses are in the coordinates of the model, except for a common shift, rotation and scale that move what they show by at most this far, in metres. The correction is found from the points of the reconstruction.
+    #[arg(long, value_name = "METRES", group = "frame", value_parser = metres)]
+    approximate_poses: Option<f64>,
+}
+
+impl KnownFrame {
+    /// Where to start; None if the poses are used as they are.
+    pub(super) fn start(&self) -> Result<Option<Start>, ScanError> {
+        if let Some(file) = &self.control_points {
+            return Ok(Some(Start::Points(pairs::read(file)?)));
+        }
+        if let Some(file) = &self.camera_positions {
+            return Ok(Some(Start::Cameras(pairs::read_cameras(file)?)));
+        }
+        Ok(self.approximate_poses.map(|reach| Start::Given(Similarity::IDENTITY, reach)))
+    }
+
+    /// The files that are read.
+    pub(super) fn files(&self) -> impl Iterator<Item = &Path> {
+        self.control_points.iter().chain(&self.camera_positions).map(PathBuf::as_path)
+    }
+}
+
+/// A length between a millimetre and a hundred metres.
+fn metres(text: &str) -> Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "not a number of metres".to_owned())?;
+    if (0.001..=100.0).contains(&value) { Ok(value) } else { Err("give 0.001 to 100 metres".to_owned()) }
+}
