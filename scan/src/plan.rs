@@ -1,9 +1,10 @@
-//! The layout shared by all plans of a survey: the area shown, the scale bar, and the placement of labels. Used by the server's survey page and by the report
-//! of a registration draw with it.
+//! The layout shared by all plans of a survey: the area shown, the scale bar, and the placement of labels. Used by the server's survey page and by the
+//! report of a registration.
 //!
 //! A drawing has its own units: its longer side is [`LONGER`] units, x points right and y down.
 
 use glam::DVec2;
+use std::collections::HashMap;
 
 /// Units of the drawing along its longer side.
 pub const LONGER: f64 = 720.0;
@@ -66,13 +67,44 @@ pub fn bar(metres: f64, scale: f64) -> ScaleBar {
     ScaleBar { length: metres * scale, metres }
 }
 
+/// A rectangle: its least x and y, and its largest.
+type Rectangle = [f64; 4];
+
+/// Side of the squares by which rectangles are found, in units: about the height of a label.
+const SQUARE: f64 = 16.0;
+
+/// Where no label may be placed any more.
+#[derive(Clone, Default)]
+struct Taken {
+    by_square: HashMap<[i32; 2], Vec<Rectangle>>,
+}
+
+impl Taken {
+    fn squares([x0, y0, x1, y1]: Rectangle) -> impl Iterator<Item = [i32; 2]> {
+        let [x0, y0, x1, y1] = [x0, y0, x1, y1].map(|v| (v / SQUARE).floor() as i32);
+        (y0..=y1).flat_map(move |y| (x0..=x1).map(move |x| [x, y]))
+    }
+
+    fn add(&mut self, rectangle: Rectangle) {
+        for square in Self::squares(rectangle) {
+            self.by_square.entry(square).or_default().push(rectangle);
+        }
+    }
+
+    fn meets(&self, a: Rectangle) -> bool {
+        let meets = |b: &Rectangle| a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3];
+        Self::squares(a).filter_map(|square| self.by_square.get(&square)).flatten().any(meets)
+    }
+}
+
 /// Places labels beside their marks so that they do not overlap each other, other marks, or the scale bar. Earlier marks take precedence.
 pub fn labels(marks: &[(&str, [f64; 2])], [width, height]: [f64; 2], bar: f64) -> Vec<Option<Label>> {
-    type Box = [f64; 4];
-    let meets = |a: &Box, b: &Box| a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3];
-    let mut taken: Vec<Box> = marks.iter().map(|(_, [x, y])| [x - DOT, y - DOT, x + DOT, y + DOT]).collect();
-    taken.push([0.0, height - 52.0, bar + 40.0, height]);
-    taken.push([width - 76.0, 0.0, width, 84.0]);
+    let mut taken = Taken::default();
+    for (_, [x, y]) in marks {
+        taken.add([x - DOT, y - DOT, x + DOT, y + DOT]);
+    }
+    taken.add([0.0, height - 52.0, bar + 40.0, height]);
+    taken.add([width - 76.0, 0.0, width, 84.0]);
     let mut taken = [taken.clone(), taken];
     let place = |name: &str, [x, y]: [f64; 2], size: f64| {
         let (long, high) = (name.chars().count() as f64 * 0.68 * size, 1.1 * size);
@@ -90,12 +122,14 @@ pub fn labels(marks: &[(&str, [f64; 2])], [width, height]: [f64; 2], bar: f64) -
         for (k, size) in TEXTS.into_iter().enumerate() {
             for (own, [x, y], anchor) in place(name, at, size) {
                 let is_inside = own[0] >= 0.0 && own[1] >= 0.0 && own[2] <= width && own[3] <= height;
-                if is_inside && !taken[k].iter().any(|other| meets(other, &own)) {
-                    taken[k].push(own);
+                if is_inside && !taken[k].meets(own) {
+                    taken[k].add(own);
                     if k == 0 {
                         // On a large screen the same name is smaller.
                         let small = place(name, at, TEXTS[1]);
-                        taken[1].extend(small.into_iter().find(|(.., other)| *other == anchor).map(|(own, ..)| own));
+                        if let Some((own, ..)) = small.into_iter().find(|(.., other)| *other == anchor) {
+                            taken[1].add(own);
+                        }
                     }
                     return Some(Label { x: text(x), y: text(y), anchor, is_for_large: k == 1 });
                 }
@@ -160,5 +194,15 @@ mod tests {
         let count = found.iter().flatten().count();
         assert!(large.len() > 3 && count > large.len() + 5 && count < 60, "{} of {count}", large.len());
         assert!(labels(&[("a", [5.0, 5.0])], [10.0, 10.0], 1.0)[0].is_none());
+    }
+
+    /// As many as no survey has: each is compared with those near it only.
+    #[test]
+    fn labels_of_very_many_marks_are_placed_without_comparing_all_pairs() {
+        let mut rng = fastrand::Rng::with_seed(8);
+        let marks: Vec<[f64; 2]> = (0..100_000).map(|_| [rng.f64() * 720.0, rng.f64() * 540.0]).collect();
+        let named: Vec<(&str, [f64; 2])> = marks.iter().map(|at| ("s", *at)).collect();
+        let found = labels(&named, [720.0, 540.0], 100.0);
+        assert!(found.len() == marks.len() && found.iter().flatten().count() < 100);
     }
 }

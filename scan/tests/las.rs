@@ -1,4 +1,4 @@
-//! LAS of point formats 6 to 10, and LAZ of them, which is refused: `laz` 0.13 overflows its stack on damaged layers.
+//! LAS of point formats 6 to 10, and LAZ of them, whose chunks are in layers.
 
 use crate::support::{Site, seen_from};
 use kilwa_scan::read::ReadOptions;
@@ -49,15 +49,15 @@ fn samples(site: &Site, path: PathBuf) -> Vec<Sample> {
     site.samples(&report.stations[0].station.name)
 }
 
+/// Chunks have 50,000 points, so there is more than one.
 #[test]
-fn las_of_the_extended_point_formats_is_read_and_their_laz_refused_by_name() {
+fn las_and_laz_of_the_extended_point_formats_hold_the_same_samples() {
     const COUNT: u32 = 60_000;
     let site = Site::new();
     for format in [6, 7, 8, 9, 10] {
         let plain = samples(&site, written(&site, &format!("plain{format}.las"), format, COUNT));
-        let layered = written(&site, &format!("layered{format}.laz"), format, 50);
-        let refused = site.import(&[layered], here()).unwrap_err().to_string();
-        assert!(refused.contains("compressed in layers") && refused.contains("convert it"), "{refused}");
+        let layered = samples(&site, written(&site, &format!("layered{format}.laz"), format, COUNT));
+        assert!(plain == layered, "format {format}");
         assert_eq!(plain.len(), COUNT as usize);
         let has_color = [7, 8, 10].contains(&format);
         assert!(plain.iter().all(|s| s.state.has_color() == has_color));
@@ -67,6 +67,60 @@ fn las_of_the_extended_point_formats_is_read_and_their_laz_refused_by_name() {
             numbers[usize::from(sample.state.return_number())] += 1;
         }
         assert!(numbers[0] == 0 && numbers[1..].iter().all(|n| *n > 3000), "{numbers:?}");
+    }
+}
+
+fn refusal(site: &Site, bytes: &[u8]) -> String {
+    let file = site.write("a.laz", bytes);
+    site.import(&[file], here()).unwrap_err().to_string()
+}
+
+/// What the head of a chunk announces is compared with the file before anything is allocated for it.
+#[test]
+fn heads_of_chunks_that_lie_are_refused_by_the_byte_of_the_chunk() {
+    let site = Site::new();
+    let bytes = std::fs::read(written(&site, "seed.laz", 6, 50)).unwrap();
+    let at = chunks_at(&bytes);
+    // After the first point, of 30 bytes and three of the program: the number of points, and the lengths of nine layers.
+    let count = at + 33;
+    let with = |place: usize, value: u32| {
+        let mut lying = bytes.clone();
+        lying[place..place + 4].copy_from_slice(&value.to_le_bytes());
+        refusal(&site, &lying)
+    };
+    for (place, value, expected) in [
+        (count, 0, "a chunk without points"),
+        (count, 51, "chunks of 51 points in all"),
+        (count, 40, "a chunk of"),
+        (count + 4, u32::MAX, "are left in the file"),
+        (count + 36, u32::MAX, "are left in the file"),
+    ] {
+        let message = with(place, value);
+        assert!(message.contains(expected) && message.contains("byte "), "{message}");
+        assert!(value == 40 || message.contains(&format!("byte {at}")), "{message}");
+    }
+}
+
+/// Bytes that are not those of a layer lead `laz` into a call of itself without end where it decodes GPS times, which are not kept and not decoded.
+#[test]
+fn any_layer_of_gps_times_is_passed_over() {
+    let site = Site::new();
+    let sound = written(&site, "seed.laz", 6, 2000);
+    let bytes = std::fs::read(&sound).unwrap();
+    let before = samples(&site, sound);
+    let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
+    let lengths = chunks_at(&bytes) + 33 + 4;
+    // Nine layers of a point, the last of them GPS times, and three of its other bytes.
+    let layers = lengths + 4 * 12;
+    let begin = layers + (0..8).map(|k| word(lengths + 4 * k)).sum::<usize>();
+    let times = begin..begin + word(lengths + 4 * 8);
+    assert!(times.len() > 100);
+    for seed in 0..50 {
+        let mut damaged = bytes.clone();
+        let mut rng = fastrand::Rng::with_seed(seed);
+        damaged[times.clone()].fill_with(|| rng.u8(..));
+        let file = site.write(&format!("damaged{seed}.laz"), &damaged);
+        assert!(samples(&site, file) == before);
     }
 }
 

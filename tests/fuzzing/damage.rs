@@ -1,4 +1,5 @@
-//! Truncations and single flipped bits of a small PTX and a small E57 (grid, intensities, colours), as a bad disk or a broken copy makes them.
+//! Truncations and single flipped bits of a small PTX, a small E57 (grid, intensities, colours) and a small LAZ in layers, as a bad disk or a broken copy
+//! makes them.
 //!
 //! `KILWA_SOAK=1` runs the full numbers: 10^4 truncations and 10^5 flips of each. Every input has to be read or refused in time, in memory that does not depend on
 //! what its damaged header announces, and with an error that names the file, the place and what was expected. What is promised beyond that:
@@ -130,6 +131,41 @@ fn e57_that_is_cut(bytes: &[u8]) -> String {
     kind
 }
 
+/// Points of format 7, in layers.
+fn laz() -> Vec<u8> {
+    let mut builder = las::Builder::from((1, 4));
+    builder.point_format = las::point::Format::new(7).unwrap();
+    builder.point_format.is_compressed = true;
+    let mut writer = las::Writer::new(std::io::Cursor::new(Vec::new()), builder.into_header().unwrap()).unwrap();
+    let mut rng = fastrand::Rng::with_seed(5);
+    for k in 0..800 {
+        let (x, y, z) = (rng.f64() * 90.0, rng.f64() * 90.0, rng.f64() * 9.0);
+        let color = Some(las::Color { red: rng.u16(..), green: 7, blue: 65_535 });
+        let (intensity, gps_time) = (rng.u16(..), Some(rng.f64() * f64::from(k)));
+        writer.write_point(las::Point { x, y, z, intensity, color, gps_time, ..las::Point::default() }).unwrap();
+    }
+    writer.close().unwrap();
+    writer.into_inner().unwrap().into_inner()
+}
+
+fn laz_that_is_damaged(bytes: &[u8]) -> String {
+    read_scans(bytes, "a.laz", true).map_or_else(|e| refused(&e), |_| "read".to_owned())
+}
+
+/// It is whole only where nothing but the table of chunks is cut, which is not used.
+fn laz_that_is_cut(bytes: &[u8]) -> String {
+    thread_local! {
+        static SOUND: u64 = read_scans(&laz(), "a.laz", false).unwrap().digest;
+    }
+    match read_scans(bytes, "a.laz", true) {
+        Ok(scans) => {
+            assert_eq!(scans.digest, SOUND.with(|sound| *sound), "other samples were read");
+            "read".to_owned()
+        }
+        Err(e) => refused(&e),
+    }
+}
+
 type Body = fn(&[u8]) -> String;
 
 /// Every so many bytes truncated, and bits flipped, each alone.
@@ -175,4 +211,9 @@ fn a_truncated_or_damaged_ptx_is_read_or_refused_with_its_place() {
 #[test]
 fn a_truncated_or_damaged_e57_is_refused_with_its_place() {
     damage("e57", &e57(), e57_that_is_cut, e57_that_is_damaged);
+}
+
+#[test]
+fn a_truncated_or_damaged_laz_in_layers_is_read_or_refused_with_its_place() {
+    damage("laz", &laz(), laz_that_is_cut, laz_that_is_damaged);
 }

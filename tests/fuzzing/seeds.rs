@@ -454,13 +454,24 @@ fn e57s() -> Vec<Vec<u8>> {
 }
 
 fn las_files() -> Vec<Vec<u8>> {
-    let formats = [(2, 0, false), (2, 1, true), (2, 2, false), (4, 3, true), (4, 7, false), (4, 6, true)];
+    let formats = [
+        (2, 0, false),
+        (2, 1, true),
+        (2, 2, false),
+        (4, 3, true),
+        (4, 7, false),
+        (4, 6, true),
+        (4, 7, true),
+        (4, 8, true),
+        (4, 10, true),
+    ];
     let write = |(minor, format, is_compressed)| {
         let mut builder = las::Builder::from((1, minor));
         builder.point_format = las::point::Format::new(format).unwrap();
         builder.point_format.is_compressed = is_compressed;
         let has_color = builder.point_format.has_color;
         let has_time = builder.point_format.has_gps_time;
+        let (has_nir, has_waveform) = (builder.point_format.has_nir, builder.point_format.has_waveform);
         let mut writer = las::Writer::new(std::io::Cursor::new(Vec::new()), builder.into_header().unwrap()).unwrap();
         for k in 0..12_u16 {
             let color = has_color.then_some(las::Color { red: 9 * k, green: 7, blue: 3 });
@@ -472,6 +483,8 @@ fn las_files() -> Vec<Vec<u8>> {
                 number_of_returns: 3,
                 color,
                 gps_time,
+                nir: has_nir.then_some(5 * k),
+                waveform: has_waveform.then(Default::default),
                 ..las::Point::default()
             };
             writer.write_point(point).unwrap();

@@ -9,7 +9,7 @@ use kilwa_scan::plan::{DOT, LONGER, Label, ScaleBar, around, bar, labels, text};
 use kilwa_scan::survey::{Station, Survey};
 use kilwa_scan::top_view::{self, TopView};
 use kilwa_scan_core::Pose;
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
 use std::sync::{Arc, PoisonError};
 
 /// Pixels of the background along its longer side, at least and at most: so few that there are samples for them.
@@ -37,12 +37,11 @@ pub(crate) struct Control<'a> {
 /// The control points whose places in the survey are known, each once.
 pub(crate) fn controls(survey: &Survey) -> Vec<Control<'_>> {
     let mut names = BTreeSet::new();
+    let poses: HashMap<&str, Option<Pose>> =
+        survey.stations.iter().map(|station| (station.name.as_str(), station.pose)).collect();
     let place = |control: &kilwa_scan::survey::Control| match &control.station {
         None => Some(control.at),
-        Some(name) => {
-            let station = survey.stations.iter().find(|station| station.name == *name)?;
-            Some(station.pose?.apply(control.at))
-        }
+        Some(name) => Some((*poses.get(name.as_str())?)?.apply(control.at)),
     };
     // Coordinates of the survey before those that depend on a pose.
     let mut all: Vec<_> = survey.controls.iter().collect();

@@ -6,8 +6,10 @@
 //! seen aslant; the geometric mean of the second and third smallest distance measures how much support is missing. The smallest alone says little: with
 //! eight directions, one fits by chance.
 //!
-//! The distance is compared with what relief explains between two rays (a share of their spacing) and with noise; and without a jump in depth around the
-//! sample that is larger than incidence, noise and the width of the beam explain, there is no mixed pixel.
+//! The distance is compared with what relief explains between two rays and with noise. Relief explains a share of the spacing of the rays; more where
+//! the depths beyond the neighbours change much too, as on relief seen aslant, beside a mixed pixel they do not; and more where rays are far apart, in
+//! proportion: what a curved surface deviates from a plane grows with the square of the distance, and a sample lost there leaves a large hole.
+//! Without a jump in depth around the sample that is larger than incidence, noise and the width of the beam explain, there is no mixed pixel.
 
 use crate::sample::{Rays, Sample};
 use crate::tessellate::Instrument;
@@ -25,14 +27,18 @@ impl Default for Options {
     }
 }
 
-/// Depth that relief explains between neighbouring rays, in terms of their spacing.
-const RELIEF: f64 = 0.6;
+/// Depth that relief explains between neighbouring rays, in terms of their spacing; of how depths change around (see [`STEPS`]); and the spacing from
+/// which on it grows, metres. Chosen on two simulated surveys (docs/bench/2026-11-27-scans.md).
+const RELIEF: f64 = 0.38;
+const AROUND: f64 = 0.15;
+const WIDE: f64 = 0.03;
 /// Smallest jump around a mixed pixel, in terms of the spacing: a surface seen at 50° explains 2.4 from corner to corner of the neighbours.
 const JUMP: f64 = 2.5;
 /// Standard deviations of a range that noise explains, in a jump.
 const SIGMAS: f64 = 3.0;
-/// Directions of which a sample needs neighbours to be judged.
-const MIN_NEIGHBOURS: usize = 3;
+/// In so many directions the depth changes less, from the neighbour to the next, than it is taken to change around a sample; if fewer have two
+/// samples, it is not judged.
+const STEPS: usize = 5;
 
 const DIRECTIONS: [(isize, isize); 8] = [(1, 0), (0, 1), (1, 1), (1, -1), (-1, 0), (0, -1), (-1, -1), (-1, 1)];
 
@@ -67,28 +73,30 @@ impl Mixed {
 
     fn is_mixed(&self, sample: &Sample, at: usize, window: [Option<&[Sample]>; 5]) -> bool {
         let own = self.depths[2][at];
-        let mut lack = [f64::INFINITY; 3];
-        let (mut nearest, mut farthest, mut neighbours) = (own, own, 0);
+        let (mut lack, mut steps) = ([f64::INFINITY; 3], [f64::INFINITY; STEPS]);
+        let (mut nearest, mut farthest) = (own, own);
         for (lines, places) in DIRECTIONS {
             let Some(first) = self.depth(lines, places, at) else { continue };
-            neighbours += 1;
             nearest = nearest.min(first);
             farthest = farthest.max(first);
             let mut distance = (first - own).abs();
             if let Some(second) = self.depth(2 * lines, 2 * places, at) {
                 distance = distance.min(self.beyond(first, second).map_or(f64::INFINITY, |plane| (plane - own).abs()));
+                insert(&mut steps, (second - first).abs());
             }
             insert(&mut lack, distance);
         }
-        if neighbours < MIN_NEIGHBOURS {
+        let around = steps[STEPS - 1];
+        if !around.is_finite() {
             return false;
         }
         let spacing = self.spacing(sample, at, window);
         let [constant, growth] = self.instrument.range_noise;
         let sigma = constant + growth * own;
         let beam = self.instrument.beam[0] + self.instrument.beam[1] * own;
+        let relief = RELIEF * libm::hypot(spacing, AROUND * around) * (spacing / WIDE).max(1.0);
         farthest - nearest > (JUMP * spacing).max(beam) + SIGMAS * sigma
-            && (lack[1] * lack[2]).sqrt() * self.options.strictness > RELIEF * spacing + sigma
+            && (lack[1] * lack[2]).sqrt() * self.options.strictness > relief + sigma
     }
 
     /// The depth of a neighbour, if it was measured.
@@ -131,8 +139,8 @@ fn depth(sample: &Sample, rays: Rays) -> f64 {
     }
 }
 
-/// Keep the three smallest, in their order.
-fn insert(smallest: &mut [f64; 3], value: f64) {
+/// Keep the smallest, in their order.
+fn insert<const N: usize>(smallest: &mut [f64; N], value: f64) {
     let place = smallest.iter().position(|kept| value < *kept);
     if let Some(place) = place {
         smallest[place..].rotate_right(1);

@@ -6,10 +6,18 @@ use std::io::{Read, Seek, SeekFrom};
 /// Bytes of a variable length record before its data, and of an extended one.
 const RECORD: u64 = 54;
 const EXTENDED: u64 = 60;
-/// The record of LAZ: its number, its compressor of chunks in layers, and the first kind of items that are in layers (LASzip, "laszip.hpp").
+/// The record of LAZ: its number, its compressor of chunks in layers, and kinds of items; those from that of point format 6 on are in layers (LASzip,
+/// "laszip.hpp").
 const LASZIP: u64 = 22_204;
 const LAYERED: u64 = 3;
+const BYTE: u64 = 0;
 const POINT14: u64 = 10;
+const RGB14: u64 = 11;
+const RGBNIR14: u64 = 12;
+const WAVEPACKET14: u64 = 13;
+const BYTE14: u64 = 14;
+/// Bytes that a program adds to its points, at most, where they are in layers: `laz` takes 10 kB of memory for each.
+const ADDED: u64 = 4096;
 
 /// What a file announces and cannot have.
 pub(super) struct Excess {
@@ -76,22 +84,25 @@ fn compressed(file: &mut (impl Read + Seek), total: u64, head: [u64; 4]) -> Opti
     let Some(record) = laszip(file, head) else {
         return damaged(records_at, "no LASzip record", "one, because the points are compressed");
     };
-    if record.is_layered {
-        // `laz` 0.13 calls itself without end on some damaged layers, which ends the program.
-        let expected =
-            "LAS of these formats, LAZ of point formats 0 to 5, or E57: convert it, for example with LAStools or PDAL";
-        let found = "points compressed in layers (LAZ of point formats 6 to 10), which are not read";
-        return Some(Excess { at: record.at, found: found.to_owned(), expected: expected.to_owned() });
-    }
     if let Some(at) = record.contradicts {
-        return damaged(at, "an item of points of another size", "that of its kind");
+        return damaged(at, "an item of points of another size or version", "those of its kind and of the compressor");
+    }
+    if let Some(at) = record.repeats {
+        return damaged(at, "a second item of points of one kind", "one of each");
     }
     if let Some(at) = record.again {
         // It is not known which of them the crate reads.
         return damaged(at, "a second LASzip record", "one");
     }
-    if let Some(excess) = too_many(record.at + 32, record.point, "bytes in a point", point) {
-        return Some(excess);
+    if record.point != point {
+        let found = format!("items of {} bytes in a point", record.point);
+        return damaged(record.at + 32, &found, &format!("{point}, as the header states"));
+    }
+    if record.is_layered {
+        // What their chunks announce is checked as they are read; the table of chunks is not used.
+        let expected = || format!("at most {ADDED}; leave some out, or convert it to LAS");
+        let found = || format!("{} bytes of a program's own in each point", record.added);
+        return (record.added > ADDED).then(|| Excess { at: record.at + 34, found: found(), expected: expected() });
     }
     // The points begin with the place of the table; where it was not known when they were written, the file ends with it.
     let table = number(file, points_at, 8)?;
@@ -107,17 +118,23 @@ fn compressed(file: &mut (impl Read + Seek), total: u64, head: [u64; 4]) -> Opti
 }
 
 /// What the record of LAZ says.
+#[derive(Default)]
 struct LasZip {
     /// The byte where its data begin.
     at: u64,
     /// Those of a second record.
     again: Option<u64>,
-    /// The byte of an item whose size is not that of its kind.
+    /// The byte of an item whose size or version is not that of its kind, or of the compressor: `laz` goes by the kind.
     contradicts: Option<u64>,
+    /// The byte of an item whose kind came before: `laz` would take memory for each.
+    repeats: Option<u64>,
     /// Whether chunks are in layers.
     is_layered: bool,
-    /// Bytes of a point.
+    /// Bytes of a point, and those among them that a program added.
     point: u64,
+    added: u64,
+    /// Layers of a chunk, where there are any.
+    layers: u64,
 }
 
 /// The record of LAZ, by what the header says of records and points.
@@ -128,24 +145,37 @@ fn laszip(file: &mut (impl Read + Seek), [mut at, records, _, _]: [u64; 4]) -> O
         if number(file, at + 18, 2)? == LASZIP {
             let at = at + RECORD;
             let is_layered = number(file, at, 2)? == LAYERED;
-            let mut found = LasZip { at, again: None, contradicts: None, is_layered, point: 0 };
+            let mut found = LasZip { at, is_layered, ..LasZip::default() };
+            let mut kinds = 0_u32;
             for item in 0..number(file, at + 32, 2)? {
                 let place = at + 34 + 6 * item;
                 let (kind, bytes, version) =
                     (number(file, place, 2)?, number(file, place + 2, 2)?, number(file, place + 4, 2)?);
-                // `laz` goes by the kind, whatever size is stated.
-                let size = match kind {
-                    6 => 20,
-                    7 => 8,
-                    8 => 6,
-                    9 => 29,
-                    _ => bytes,
+                let (size, layers) = match kind {
+                    6 => (20, 0),
+                    7 => (8, 0),
+                    8 => (6, 0),
+                    9 => (29, 0),
+                    POINT14 => (30, 9),
+                    RGB14 => (6, 1),
+                    RGBNIR14 => (8, 2),
+                    WAVEPACKET14 => (29, 1),
+                    BYTE14 => (bytes, bytes),
+                    _ => (bytes, 0),
                 };
-                found.is_layered |= kind >= POINT14 || version >= 3;
-                if bytes != size {
+                if bytes != size || is_layered != (kind >= POINT14) || is_layered != (version >= 3) {
                     found.contradicts = found.contradicts.or(Some(place));
                 }
+                let bit = 1_u32.checked_shl(kind as u32).unwrap_or(0);
+                if kinds & bit != 0 {
+                    found.repeats = found.repeats.or(Some(place));
+                }
+                kinds |= bit;
                 found.point += bytes;
+                found.layers += layers;
+                if kind == BYTE || kind == BYTE14 {
+                    found.added += bytes;
+                }
             }
             match &mut first {
                 None => first = Some(found),
@@ -155,6 +185,26 @@ fn laszip(file: &mut (impl Read + Seek), [mut at, records, _, _]: [u64; 4]) -> O
         at += RECORD + length;
     }
     first
+}
+
+/// How the chunks of a file are in layers.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Layers {
+    /// The byte where the first chunk begins.
+    pub(super) first: u64,
+    /// Bytes of a point.
+    pub(super) point: u64,
+    /// Layers of a chunk.
+    pub(super) count: u64,
+}
+
+/// The layers of a file in which [`excess`] found nothing; none if it has none.
+pub(super) fn layers(file: &mut (impl Read + Seek)) -> Option<Layers> {
+    let (format, point) = (number(file, 104, 1)?, number(file, 105, 2)?);
+    let head = [number(file, 94, 2)?, number(file, 100, 4)?, number(file, 96, 4)?, point];
+    let record = laszip(file, head).filter(|record| format & 0xc0 != 0 && record.is_layered)?;
+    // Before the chunks comes the place of their table.
+    Some(Layers { first: head[2] + 8, point: record.point, count: record.layers })
 }
 
 /// A little-endian number at a place of a file, if it is there.

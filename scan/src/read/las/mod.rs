@@ -1,11 +1,9 @@
 //! LAS and LAZ (ASPRS, "LAS Specification 1.4"), by the crates `las` and `laz`. They have no grid and no scanner: the position must be given.
 //!
-//! LAZ is read in point formats 0 to 5. In 6 to 10 each chunk is in layers; on damaged ones `laz` 0.13 allocates without a bound and overflows its
-//! stack, so these files are refused.
-//!
 //! Colours have 16 bits; many programs write 8 into them. So a file with colours is read twice: if no value exceeds 255, they are taken as they are.
 
 mod bounds;
+mod layered;
 
 use super::{Frame, Head, Input, too_far};
 use crate::ScanError;
@@ -29,8 +27,8 @@ pub(super) fn read(input: &mut Input<'_>) -> Result<(), ScanError> {
     if input.options.station.is_none() {
         return Err(ScanError::NoStation { file: input.path.to_owned() });
     }
-    let (mut reader, points_at) = open(input)?;
-    let header = reader.header().clone();
+    let mut points = open(input)?;
+    let header = points.header().clone();
     let count = header.number_of_points();
     let format = *header.point_format();
     let least = u64::from(format.len());
@@ -56,7 +54,7 @@ pub(super) fn read(input: &mut Input<'_>) -> Result<(), ScanError> {
         return Ok(());
     }
     let mut done = 0;
-    batches(&mut reader, count, input.path, &mut |points| {
+    batches(&mut points, count, input.path, &mut |points, from| {
         let mut colors = points.rgb();
         let positions = points.x().zip(points.y()).zip(points.z());
         for (((position, intensity), number), k) in
@@ -64,7 +62,7 @@ pub(super) fn read(input: &mut Input<'_>) -> Result<(), ScanError> {
         {
             let ((x, y), z) = position;
             // In LAZ, points have no byte of their own.
-            let at = || if format.is_compressed { points_at } else { points_at + least * (done + k) };
+            let at = || if format.is_compressed { from } else { from + least * (done + k) };
             let far = |metres| too_far(input.path, Place::Byte(at()), metres);
             let position = frame.place(DVec3::new(x, y, z)).map_err(far)?;
             let color = colors.as_mut().and_then(Iterator::next);
@@ -81,18 +79,53 @@ pub(super) fn read(input: &mut Input<'_>) -> Result<(), ScanError> {
     input.sink.progress(input.total)
 }
 
-/// The reader, and the byte where the points begin.
-fn open(input: &Input<'_>) -> Result<(Reader, u64), ScanError> {
+/// The points of a file that was opened.
+enum Points {
+    /// Those that `las` reads, and the byte where they begin.
+    Plain(Reader, u64),
+    Layered(Box<layered::Layered>),
+}
+
+impl Points {
+    fn header(&self) -> &las::Header {
+        match self {
+            Self::Plain(reader, _) => reader.header(),
+            Self::Layered(reader) => reader.header(),
+        }
+    }
+
+    /// The next points, `count` at most.
+    fn read(&mut self, count: u64) -> las::Result<PointData> {
+        match self {
+            Self::Plain(reader, _) => reader.read_points(count),
+            Self::Layered(reader) => reader.read_points(count),
+        }
+    }
+
+    /// The byte where the points begin, or their chunk.
+    fn at(&self) -> u64 {
+        match self {
+            Self::Plain(_, at) => *at,
+            Self::Layered(reader) => reader.at(),
+        }
+    }
+}
+
+fn open(input: &Input<'_>) -> Result<Points, ScanError> {
     let cannot = |source| ReadError::Open { file: input.path.to_owned(), source };
     let mut file = kilwa_files::plain_file::open(input.path).map_err(cannot)?;
     if let Some(bounds::Excess { at, found, expected }) = bounds::excess(&mut file, input.total) {
         return Err(ScanError::malformed(input.path, Place::Byte(at), found, expected));
     }
-    let points_at = bounds::number(&mut file, 96, 4).unwrap_or(0);
+    let (layers, at) = (bounds::layers(&mut file), bounds::number(&mut file, 96, 4).unwrap_or(0));
     file.rewind().map_err(cannot)?;
-    let buffered = BufReader::with_capacity(1 << 20, file);
-    let reader = survived(|| Reader::new(buffered)).map_err(|e| damaged(input.path, 0, &e))?;
-    Ok((reader, points_at))
+    let opened = survived(|| match layers {
+        Some(layers) => {
+            layered::Layered::new(file, input.total, layers).map(|reader| Points::Layered(Box::new(reader)))
+        }
+        None => Reader::new(BufReader::with_capacity(1 << 20, file)).map(|reader| Points::Plain(reader, at)),
+    });
+    opened.map_err(|e| damaged(input.path, 0, 0, &e))
 }
 
 thread_local! {
@@ -122,34 +155,45 @@ fn survived<T>(call: impl FnOnce() -> las::Result<T>) -> Result<T, String> {
     }
 }
 
-fn damaged(path: &Path, point: u64, e: &str) -> ScanError {
+fn damaged(path: &Path, at: u64, point: u64, e: &str) -> ScanError {
     let place = if point == 0 { "its header or its first points".to_owned() } else { format!("after point {point}") };
     ScanError::malformed(
         path,
-        Place::Byte(0),
+        Place::Byte(at),
         format!("{e} ({place})"),
         "a valid LAS or LAZ file; it is truncated or damaged: copy or export it again",
     )
 }
 
-/// Decode all points, a batch at a time.
+/// Decode all points, a batch at a time, and visit each with the byte where its points begin, or their chunk.
 fn batches(
-    reader: &mut Reader,
+    points: &mut Points,
     count: u64,
     path: &Path,
-    visit: &mut dyn FnMut(&PointData) -> Result<(), ScanError>,
+    visit: &mut dyn FnMut(&PointData, u64) -> Result<(), ScanError>,
 ) -> Result<(), ScanError> {
     let mut done = 0;
-    let batch = (BATCH_BYTES / u64::from(reader.header().point_format().len()).max(1)).clamp(1, BATCH);
+    let batch = (BATCH_BYTES / u64::from(points.header().point_format().len()).max(1)).clamp(1, BATCH);
     while done < count {
-        let points = survived(|| reader.read_points(batch.min(count - done)));
-        let points = points.map_err(|e| damaged(path, done, &e))?;
-        if points.is_empty() {
+        let read = survived(|| points.read(batch.min(count - done)));
+        let read = read.map_err(|e| {
+            let at = if let Points::Layered(reader) = points { reader.at() } else { 0 };
+            damaged(path, at, done, &e)
+        })?;
+        if read.is_empty() {
             let found = format!("the end of the file after {}", counted(done, "point", "points"));
             return Err(ScanError::malformed(path, Place::Byte(0), found, format!("{count}, as the header announces")));
         }
-        done += points.len() as u64;
-        visit(&points)?;
+        done += read.len() as u64;
+        visit(&read, points.at())?;
+    }
+    // Layers have no checksum; where a length is wrong, this is what shows.
+    if let Points::Layered(reader) = points
+        && reader.begun() != count
+    {
+        let found = format!("chunks of {} in all", counted(reader.begun(), "point", "points"));
+        let expected = format!("{count}, as the header announces; the file is damaged: copy or export it again");
+        return Err(ScanError::malformed(path, Place::Byte(reader.at()), found, expected));
     }
     Ok(())
 }
@@ -157,8 +201,8 @@ fn batches(
 /// By how many bits colours must be shifted to have 8.
 fn color_shift(input: &Input<'_>, count: u64) -> Result<u32, ScanError> {
     let mut largest = 0;
-    let (mut reader, _) = open(input)?;
-    batches(&mut reader, count, input.path, &mut |points| {
+    let mut points = open(input)?;
+    batches(&mut points, count, input.path, &mut |points, _| {
         for (r, g, b) in points.rgb().into_iter().flatten() {
             largest = largest.max(r).max(g).max(b);
         }
