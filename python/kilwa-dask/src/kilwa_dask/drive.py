@@ -16,7 +16,7 @@ from typing import Any, Protocol, TypeVar
 from distributed import Client, as_completed
 from distributed.scheduler import KilledWorker
 
-from kilwa_dask import program, report
+from kilwa_dask import clusters, program, report
 from kilwa_dask.collection import Mesh
 from kilwa_dask.run import Run, WorkerRefused, refusal, survey
 from kilwa_dask.task import Outcome, Plan, work_on
@@ -89,9 +89,10 @@ class Progress:
 def check_workers(client: Client, run: Run) -> None:
     """Wait for the first worker and refuse the run if one that is there cannot take part.
 
-    Each task looks again, because workers may join later (`submit`). Raises `WorkerRefused`.
+    Each task looks again, because workers may join later (`submit`). Raises `WorkerRefused`, and `clusters.ClusterFailed` if no
+    worker can join.
     """
-    client.wait_for_workers(1)
+    clusters.wait_for_worker(client)
     found: dict[str, dict[str, object]] = client.run(survey, run, on_error="return")
     reasons = set()
     for address, answer in found.items():
