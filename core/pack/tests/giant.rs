@@ -122,7 +122,7 @@ fn a_pack_of_15_thousand_million_triangles_is_opened_cut_and_read_to_its_end() {
     let reader = Reader::open(&sparse).expect("opens");
     let (header, entries) = (reader.header(), reader.entries());
     assert_eq!((header.triangles, reader.metadata().triangles), (TRIANGLES, TRIANGLES));
-    assert_eq!(header.stored_triangles, u64::from(ENTRIES - 1) << 20 | 72);
+    assert_eq!(header.stored_triangles, (u64::from(ENTRIES - 1) << 20) + 72);
     assert_eq!(header.stored_vertices, (u64::from(ENTRIES - 1) << 19) + 49);
     assert!(header.file_bytes > 49_900_000_000, "{} bytes", header.file_bytes);
     verify::directory(entries).expect("a sound directory");

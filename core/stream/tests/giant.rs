@@ -96,6 +96,21 @@ fn last_chunk() -> Chunk {
     Chunk { mesh, patches: vec![PatchRange { first: 0, count: 2, diamond: NO_DIAMOND }] }
 }
 
+/// The patches of a chunk: one for every child, or all of a chunk of the finest level.
+fn patches(index: u32) -> Vec<PatchRange> {
+    if index + 1 == entry_count() {
+        return last_chunk().patches;
+    }
+    let (level, at) = if index == 0 { (0, 0) } else { place(index) };
+    let below = match level {
+        0 => (0..count(1)).collect(),
+        LEVELS => return vec![PatchRange { first: 0, count: FINEST_TRIANGLES, diamond: NO_DIAMOND }],
+        _ => children(level, at),
+    };
+    let diamonds = below.into_iter().map(|at| start(level + 1) + at);
+    (0..).zip(diamonds).map(|(k, diamond): (u32, _)| PatchRange { first: 800 * k, count: 800, diamond }).collect()
+}
+
 /// The model, its file, and what was asked for.
 struct Giant {
     header: Header,
@@ -195,28 +210,24 @@ impl Giant {
     }
 
     fn offset(&self, index: u32) -> u64 {
-        let from = match index < self.before {
-            true => self.header.first_page + PAGE_BYTES as u64,
-            false => self.header.other_pages + u64::from(self.header.page_count() - 1) * PAGE_BYTES as u64,
+        let (from, first) = if index < self.before {
+            (self.header.first_page + PAGE_BYTES as u64, 0)
+        } else {
+            (self.header.other_pages + u64::from(self.header.page_count() - 1) * PAGE_BYTES as u64, self.before)
         };
-        from + u64::from(index - if index < self.before { 0 } else { self.before }) * u64::from(CHUNK_BYTES)
+        from + u64::from(index - first) * u64::from(CHUNK_BYTES)
     }
 
     fn entry(&self, index: u32) -> DirectoryEntry {
-        let (error, level, at) = match index {
-            0 => (f32::INFINITY, 0, 0),
-            _ => {
-                let (level, at) = place(index);
-                (0.02 * libm::exp2f(f32::from(LEVELS - level)), level, at)
-            }
-        };
+        let (level, at) = if index == 0 { (0, 0) } else { place(index) };
+        let error = if index == 0 { f32::INFINITY } else { 0.02 * libm::exp2f(f32::from(LEVELS - level)) };
         let mut slots = [NO_DIAMOND; 4];
         match level {
             0 => {}
             1 => slots[0] = 0,
             _ => slots.iter_mut().zip(parents(level, at)).for_each(|(slot, p)| *slot = start(level - 1) + p),
         }
-        let triangles: u32 = self.patches(index).iter().map(|p| p.count).sum();
+        let triangles: u32 = patches(index).iter().map(|p| p.count).sum();
         let is_last = index + 1 == entry_count();
         let corner = (SIDE as i32) - 1;
         DirectoryEntry {
@@ -237,23 +248,6 @@ impl Giant {
             checksum: if is_last { checksum(&self.last) } else { self.hole },
             children: None,
         }
-    }
-
-    fn patches(&self, index: u32) -> Vec<PatchRange> {
-        if index + 1 == entry_count() {
-            return last_chunk().patches;
-        }
-        let below: Vec<u32> = match index {
-            0 => (0..count(1)).map(|at| start(1) + at).collect(),
-            _ => {
-                let (level, at) = place(index);
-                if level == LEVELS {
-                    return vec![PatchRange { first: 0, count: FINEST_TRIANGLES, diamond: NO_DIAMOND }];
-                }
-                children(level, at).into_iter().map(|c| start(level + 1) + c).collect()
-            }
-        };
-        (0..).zip(below).map(|(k, diamond): (u32, _)| PatchRange { first: 800 * k, count: 800, diamond }).collect()
     }
 
     fn write_page(&self, page: u32) {
@@ -277,7 +271,7 @@ impl Store for Giant {
     }
 
     fn patches(&mut self, chunk: u32) -> Option<Vec<PatchRange>> {
-        Some(Giant::patches(self, chunk))
+        Some(patches(chunk))
     }
 }
 

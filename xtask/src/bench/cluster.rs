@@ -1,7 +1,7 @@
 //! `cargo xtask bench cluster`: one build as tasks beside `kilwa build`: one worker and two, what each stage takes, and what larger models would cost.
 //!
 //! A worker is a thread that starts one `kilwa task` with one thread at a time, wave by wave. So it measures the division itself; Dask and
-//! Slurm add what [`docs/cluster.md`](../../../docs/cluster.md) says.
+//! Slurm add what docs/cluster.md says.
 
 mod costs;
 
