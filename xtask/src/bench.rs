@@ -4,6 +4,7 @@
 //! the release program and prints a table: time, triangles per CPU second, peak memory per input triangle, pack size. The
 //! table is added to `docs/bench/DATE-build.md` with the machine it ran on, so that figures are never compared across machines unseen.
 
+mod cluster;
 mod codec;
 mod colour;
 mod gpu;
@@ -42,6 +43,8 @@ enum What {
     Quality(Quality),
     /// Bytes by part and level, speed and vertex-cache use of the chunk codec, beside meshoptimizer's
     Codec(codec::Args),
+    /// One build as tasks: one worker and two beside `kilwa build`, and what larger models would cost
+    Cluster(cluster::Args),
     /// Streaming and drawing: a recorded flight natively, the page in Chromium on three links
     View(view::Args),
     /// Frame times and GPU pass times: makes an archive for other machines, and measures this one
@@ -106,6 +109,7 @@ pub(crate) fn run(args: &Args) -> Result<()> {
         What::Build(build) => bench_build(build),
         What::Quality(quality) => bench_quality(quality),
         What::Codec(codec) => codec::run(codec),
+        What::Cluster(cluster) => cluster::run(cluster),
         What::View(view) => view::run(view),
         What::Gpu(gpu) => gpu::run(gpu),
         What::Scans(scans) => scans::run(scans),

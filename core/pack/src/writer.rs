@@ -142,7 +142,7 @@ fn lay_out(header: &mut Header, entries: &mut [DirectoryEntry]) -> usize {
 }
 
 /// The footer's hash of the directory, from the page checksums in order.
-pub(crate) fn directory_hash(checksums: impl Iterator<Item = [u8; 16]>) -> [u8; 32] {
+pub fn directory_hash(checksums: impl Iterator<Item = [u8; 16]>) -> [u8; 32] {
     let mut hasher = blake3::Hasher::new();
     for sum in checksums {
         hasher.update(&sum);

@@ -4,5 +4,7 @@ mod codec;
 mod common;
 mod container;
 mod cuts;
+#[cfg(unix)]
+mod giant;
 mod points;
 mod relocate;

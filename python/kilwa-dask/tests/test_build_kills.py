@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import random
+from functools import partial
 from pathlib import Path
 
 import pytest
 from conftest import Single, gated, kill_worker_of, open_gate, started, until, wrapper
+from distributed import Client
 
-from kilwa_dask import cli, divided
+from kilwa_dask import cli, divided, drive
 from kilwa_dask.divided import Build
 from kilwa_dask.files import write_whole
 from kilwa_dask.run import announced
@@ -71,6 +73,34 @@ def test_a_death_while_the_pack_is_put_in_place(single: Single, moment: str, mon
     assert f"SHA-256 {single.sha256_of_plain_build(single.mesh)}" in single.run()
     single.check()
     assert "exists already" in single.run(code=2)
+
+
+def test_a_task_leaves_a_worker_whose_disk_is_full(single: Single) -> None:
+    """Every task that this worker tries is done by the other one, which never fails, and the build comes to its end."""
+    full, tried = single.root / "full", single.root / "tried"
+    # The first worker that begins a task of a level has the full disk.
+    first = f'[ -e "{full}" ] || ln -s $PPID "{full}"'
+    says = 'echo "kilwa: cannot write x: No space left on device (os error 28)" >&2; exit 1'
+    fails = f'if [ "$(readlink "{full}")" = $PPID ]; then basename "$2" >> "{tried}"; {says}; fi'
+    case = f'case "$*" in "task "*level-*) {first}; {fails};; esac\n'
+    kilwa = wrapper(single.root / "kilwa", f'{case}exec "{single.kilwa}" "$@"\n')
+    single.run("--scratch", str(single.scratch), kilwa=kilwa)
+    tasks = tried.read_text().split()
+    assert len(tasks) == len(set(tasks)) >= 1
+    assert single.told()["total"]["retries"] == len(tasks)
+    single.check()
+
+
+def test_a_worker_that_is_to_be_avoided_hands_the_task_back(two_workers: Client) -> None:
+    """Schedulers may give it to an idle worker although others are preferred."""
+    first, second = two_workers.scheduler_info()["workers"]
+
+    def avoiding(avoid: str) -> object:
+        work = partial(drive._attempt, lambda item, wait: item, "x", wait=False, avoid=(avoid,))
+        return two_workers.submit(work, workers=[first], pure=False).result()
+
+    assert avoiding(first) == drive.Again("", None)
+    assert avoiding(second) == "x"
 
 
 def test_a_worker_killed_while_the_pack_is_assembled(single: Single) -> None:

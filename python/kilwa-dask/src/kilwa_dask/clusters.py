@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import os
-import shutil
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,6 +16,7 @@ import dask
 from distributed import Client, LocalCluster
 from distributed.diagnostics.plugin import WorkerPlugin
 
+from kilwa_dask import slurm
 from kilwa_dask.collection import UsageError
 
 # A task may lose this many workers; when one more dies while processing it, the task is given up.
@@ -30,6 +31,12 @@ _CONFIG: dict[str, Any] = {
     "distributed.worker.memory.terminate": False,
     "distributed.worker.memory.pause": False,
 }
+
+
+# When a scheduler on another machine ends by itself. The driver never leaves it idle for that long (`drive_build`).
+_IDLE_LIMIT = "300s"
+# How often to look whether a worker can still join, in seconds.
+_LOOK_EVERY = 5
 
 
 class ClusterFailed(Exception):
@@ -79,8 +86,11 @@ def opened(choice: Choice) -> Iterator[Client]:
         open_cluster = {"local": _local, "ssh": _ssh, "slurm": _slurm}[choice.kind]
         try:
             opening = open_cluster(choice)
+        except slurm.Refused as error:
+            raise ClusterFailed(str(error)) from error
         except (OSError, ValueError, RuntimeError) as error:
-            raise ClusterFailed(f"cannot start the workers ({choice.kind}): {error}") from error
+            on = f" on {', '.join(choice.hosts)}" if choice.hosts else ""
+            raise ClusterFailed(f"cannot start the workers ({choice.kind}{on}): {error}") from error
         with opening as cluster, Client(cluster, set_as_default=False) as client:
             if choice.kind == "local":
                 client.register_plugin(LeaveCtrlCToTheDriver())
@@ -113,7 +123,10 @@ def _ssh(choice: Choice) -> Any:
 
     each = choice.workers or 1
     options = {"nthreads": 1, "n_workers": each, "memory_limit": "0"}
-    return SSHCluster([choice.hosts[0], *choice.hosts], worker_options=options)
+    # Nothing tells a program that SSH has started that the driver was killed: the scheduler ends, and with it the workers, when
+    # there has been nothing to do for this time.
+    idle = {"idle_timeout": _IDLE_LIMIT}
+    return SSHCluster([choice.hosts[0], *choice.hosts], worker_options=options, scheduler_options=idle)
 
 
 def _slurm(choice: Choice) -> Any:
@@ -121,10 +134,27 @@ def _slurm(choice: Choice) -> Any:
         raise UsageError("--cluster slurm needs the package dask-jobqueue: pip install 'kilwa-dask[slurm]'")
     from dask_jobqueue import SLURMCluster
 
-    if shutil.which("sbatch") is None:
+    if not slurm.is_there():
         raise UsageError("--cluster slurm needs Slurm's program sbatch; start kilwa-dask on a machine that can submit jobs")
     memory = dask.config.get("jobqueue.slurm.memory", None) or "4GiB"
     # Each job runs one task at a time, whose kilwa uses all cores of the job.
     cluster = SLURMCluster(cores=1, processes=1, job_cpu=choice.threads or 1, memory=memory)
-    cluster.scale(jobs=choice.workers or 1)
+    try:
+        cluster.kilwa_dask_jobs = slurm.Jobs(cluster, choice.workers or 1)
+    except BaseException:
+        cluster.close()
+        raise
     return cluster
+
+
+def wait_for_worker(client: Client) -> None:
+    """Wait until a worker has joined. Raises `ClusterFailed` if jobs of Slurm end before one does."""
+    jobs = getattr(client.cluster, "kilwa_dask_jobs", None)
+    while True:
+        try:
+            client.wait_for_workers(1, timeout=_LOOK_EVERY)
+            return
+        except (TimeoutError, asyncio.TimeoutError):
+            problem = jobs.problem() if jobs is not None else None
+            if problem is not None:
+                raise ClusterFailed(problem) from None

@@ -13,16 +13,19 @@ from functools import partial
 from itertools import count
 from typing import Any, Protocol, TypeVar
 
-from distributed import Client, as_completed
+from distributed import Client, as_completed, get_worker
 from distributed.scheduler import KilledWorker
 
-from kilwa_dask import program, report
+from kilwa_dask import clusters, program, report
 from kilwa_dask.collection import Mesh
 from kilwa_dask.run import Run, WorkerRefused, refusal, survey
 from kilwa_dask.task import Outcome, Plan, work_on
 
-# How often to repeat a task that failed with `program.MayPass`. The scheduler repeats the tasks of workers that died.
+# How often to repeat a task that failed with `program.MayPass`, on other workers if there are any. The scheduler repeats the
+# tasks of workers that died.
 REPEATS = 2
+# How long a worker keeps a task that it is not to do, in seconds.
+_PAUSE = 1.0
 
 # Makes the keys of a process unique: a task may be submitted again in a run.
 _submissions = count()
@@ -46,6 +49,16 @@ class Lost:
 
     message: str
     """Why."""
+
+
+@dataclass(frozen=True)
+class Again:
+    """A task that is to be submitted again."""
+
+    message: str
+    """Why: the text of `program.MayPass`."""
+    worker: str | None
+    """Address of the worker where it failed; None if it came to one that was to be avoided."""
 
 
 class Progress:
@@ -89,9 +102,10 @@ class Progress:
 def check_workers(client: Client, run: Run) -> None:
     """Wait for the first worker and refuse the run if one that is there cannot take part.
 
-    Each task looks again, because workers may join later (`submit`). Raises `WorkerRefused`.
+    Each task looks again, because workers may join later (`submit`). Raises `WorkerRefused`, and `clusters.ClusterFailed` if no
+    worker can join.
     """
-    client.wait_for_workers(1)
+    clusters.wait_for_worker(client)
     found: dict[str, dict[str, object]] = client.run(survey, run, on_error="return")
     reasons = set()
     for address, answer in found.items():
@@ -113,34 +127,65 @@ def submit(
     """Have `work(item, wait=…)` done for all items, in their order, and hand what became of each to `take(name, …)`.
 
     A task that returns "busy", because another run or an orphaned process of one works on it, is submitted again to wait for
-    that, when nothing else is left to do. Raises `WorkerRefused` if a worker that joined later cannot take part: it would
-    take every task from those that can. If that happens, if `take` raises, or if the run is interrupted (Ctrl-C), what is
-    running is stopped on the workers before the exception goes on.
+    that, when nothing else is left to do. One that fails with `program.MayPass` is repeated, on another worker if there is one.
+    Raises `WorkerRefused` if a worker that joined later cannot take part: it would take every task from those that can. If that
+    happens, if `take` raises, or if the run is interrupted (Ctrl-C), what is running is stopped on the workers before the
+    exception goes on.
     """
     # Keys are unique to this run, because other runs may use the same scheduler.
     names = {f"{name}-{run}-{next(_submissions)}": name for name in items}
-    futures = client.map(partial(work, wait=False), list(items.values()), key=list(names), pure=False, retries=REPEATS)
+    attempt = partial(_attempt, work)
+    futures = client.map(partial(attempt, wait=False), list(items.values()), key=list(names), pure=False)
     ended = as_completed(futures, loop=client.loop)
+    failed: dict[str, list[str]] = {}
+
+    def submit_again(name: str, **how: Any) -> None:
+        key = f"{name}-again-{run}-{next(_submissions)}"
+        names[key] = name
+        again = client.submit(attempt, items[name], key=key, pure=False, **how)
+        futures.append(again)
+        ended.add(again)
+
     try:
         for future in ended:
             name = names[future.key]
-            became: Returned | Lost = _became(future, name)
+            became: Returned | Lost | Again = _became(future, name)
             # Otherwise the scheduler would recompute it when the worker that holds the result dies.
             future.release()
+            if isinstance(became, Again):
+                tried = failed.setdefault(name, [])
+                if became.worker is not None:
+                    tried.append(became.worker)
+                if len(tried) <= REPEATS:
+                    others = [worker for worker in client.scheduler_info(n_workers=-1)["workers"] if worker not in tried]
+                    # Others are preferred, not required: they may all be gone by then.
+                    prefer = {"workers": others, "allow_other_workers": True} if others else {}
+                    submit_again(name, wait=False, avoid=tuple(tried) if others else (), **prefer)
+                    continue
+                became = Lost(f"{became.message}; tried {len(tried)} times")
             if isinstance(became, Lost) or became.state != "busy":
                 take(name, became)
                 continue
-            key = f"{name}-waits-{run}-{next(_submissions)}"
-            names[key] = name
-            waits = client.submit(work, items[name], wait=True, key=key, pure=False, retries=REPEATS, priority=-1)
-            futures.append(waits)
-            ended.add(waits)
+            submit_again(name, wait=True, priority=-1)
     except BaseException:
         # The scheduler may be gone, and the reason to stop is what should be reported.
         with suppress(Exception):
             client.cancel(futures, force=True)
             client.run(program.stop, run, on_error="ignore")
         raise
+
+
+def _attempt(work: Callable[..., Returned], item: object, *, wait: bool, avoid: Container[str] = ()) -> Returned | Again:
+    """Do the work in a worker, but not in one of those to avoid."""
+    worker: str = get_worker().address
+    if worker in avoid:
+        # A scheduler of the user's own may let an idle worker take over what others are to do.
+        time.sleep(_PAUSE)
+        return Again("", None)
+    try:
+        return work(item, wait=wait)
+    except program.MayPass as error:
+        return Again(str(error), worker)
 
 
 def _became(future: Any, name: str) -> Any:
@@ -155,8 +200,6 @@ def _became(future: Any, name: str) -> Any:
     except KilledWorker as error:
         times = error.allowed_failures + 1
         return Lost(f"{times} workers died while processing {name}; perhaps they ran out of memory")
-    except program.MayPass as error:
-        return Lost(f"{error}; tried {REPEATS + 1} times")
     except Exception as error:
         return Lost(f"{type(error).__name__}: {error}")
 
