@@ -250,7 +250,8 @@ fn a_task_whose_file_is_lost_runs_again_and_a_damaged_file_is_named() {
     let mut files: Vec<(Task, String, String)> = Vec::new();
     for task in damaged {
         // Of the files of regions, those of one.
-        let files_of = files_of(task).into_iter().filter(|(content, _)| !content.contains("-0") || content.ends_with("-0001"));
+        let files_of =
+            files_of(task).into_iter().filter(|(content, _)| !content.contains("-0") || content.ends_with("-0001"));
         files.extend(files_of.map(|(content, file)| (task, content, file.name)));
     }
     assert!(files.len() > 15, "{files:?}");

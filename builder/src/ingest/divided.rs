@@ -80,7 +80,8 @@ pub(crate) fn sort(
     region: u64,
 ) -> Result<(Basis, Vec<RegionFiles>), BuildError> {
     let mut stages = Stages { work, unchecked: BTreeMap::new() };
-    let Sorted { spooled, mut resolved, mut scattered } = Sorted::find(&mut stages, Some(spooled), options, Some(region))?;
+    let Sorted { spooled, mut resolved, mut scattered } =
+        Sorted::find(&mut stages, Some(spooled), options, Some(region))?;
     let files = |r: usize| RegionFiles { own: scattered.own.of_file(r), halo: scattered.halo.of_file(r) };
     let regions = (0..scattered.regions.len()).map(files).collect();
     resolved.samples = Vec::new();
@@ -115,11 +116,6 @@ impl Basis {
         &self.resolved.lattice
     }
 
-    /// Largest leaf in triangles.
-    pub(crate) fn leaf_triangles(&self) -> usize {
-        self.leaf_triangles
-    }
-
     fn buckets(&self) -> Buckets {
         Buckets::of_shape(self.scattered.cube_log2, self.scattered.shape.clone())
     }
@@ -141,7 +137,11 @@ impl RegionFiles {
 ///
 /// # Errors
 /// [`BuildError`]: a place has more triangles than a chunk can hold; the scratch folder fails.
-pub(crate) fn weld(work: &Work<'_>, basis: &Basis, region: &RegionFiles) -> Result<(Findings, RegionIndex), BuildError> {
+pub(crate) fn weld(
+    work: &Work<'_>,
+    basis: &Basis,
+    region: &RegionFiles,
+) -> Result<(Findings, RegionIndex), BuildError> {
     let (shape, tally) = (basis.scattered.shape.clone(), basis.scattered.tally.clone());
     let (own, halo) = (region.own.clone(), region.halo.clone());
     let scattered = Scattered { own, halo, shape, tally, regions: Vec::new(), ..basis.scattered };

@@ -175,8 +175,8 @@ impl Sorted {
         let resolved =
             stages.run("resolve", &inputs, &[resolve::CORNERS], || resolve::resolve(work, &spooled, options))?;
         let (layout, files) = (resolved.layout, [scatter::BUCKETS, scatter::HALO]);
-        let mut scattered =
-            stages.run("scatter", &[resolve::CORNERS], &files, || scatter::scatter(work, &resolved, options, region))?;
+        let mut scattered = stages
+            .run("scatter", &[resolve::CORNERS], &files, || scatter::scatter(work, &resolved, options, region))?;
         if let Some(below) = options.drop_islands_below {
             scattered = stages.run("islands", &files, &[islands::KEPT_BUCKETS, islands::KEPT_HALO], || {
                 islands::drop_islands(work, layout, &scattered, below)

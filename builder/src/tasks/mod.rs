@@ -80,7 +80,9 @@ impl Task {
     pub fn id(self) -> String {
         let number = match self {
             Self::Ingest | Self::Tree | Self::Tail => return self.stage(),
-            Self::Region { region: number } | Self::Leaves { shard: number } | Self::Level { shard: number, .. } => number,
+            Self::Region { region: number } | Self::Leaves { shard: number } | Self::Level { shard: number, .. } => {
+                number
+            }
         };
         format!("{}-{number:04}", self.stage())
     }

@@ -6,8 +6,8 @@ use super::shards::Shards;
 use super::{Manifest, Outcome, SharedFile, Store, Task};
 use crate::build::journal::Plan;
 use crate::build::options::BuildError;
-use crate::build::{report, tool};
 use crate::build::work::Work;
+use crate::build::{report, tool};
 use crate::ingest::divided::Basis;
 use crate::ingest::surface::Surface;
 use crate::partition::{Partition, tree_file};
@@ -354,7 +354,8 @@ impl SharedBuild {
     pub(super) fn state_of<T: DeserializeOwned>(&self, manifest: &Manifest) -> Result<T, BuildError> {
         T::deserialize(&manifest.state).map_err(|e| {
             let task = &manifest.task;
-            let why = format!("what it states is not what that task writes ({e}); remove it, and run the task {task} again");
+            let why =
+                format!("what it states is not what that task writes ({e}); remove it, and run the task {task} again");
             self.damaged(&format!("done/{task}.json"), why)
         })
     }
