@@ -221,7 +221,7 @@ impl<'a> Joined<'a> {
     pub(crate) fn add(&mut self, mut findings: Findings) -> Option<u32> {
         let numbers = findings.numbers;
         let first = self.joining.make_room(numbers)?;
-        let whole = findings.parts.iter_mut().fold(true, |whole, part| part.renumber(first, numbers) && whole);
+        let whole = findings.parts.iter_mut().all(|part| part.renumber(first, numbers));
         self.findings.push(findings);
         whole.then_some(first)
     }

@@ -1,6 +1,6 @@
 //! Copies what a task needs from the files of other tasks into its scratch folder.
 
-use super::plan::{SharedBuild, Tree};
+use super::plan::{Divided, SharedBuild};
 use super::regions::{LeavesState, PATCHES, RECORDS};
 use super::shards::{PointBox, include, overlap, union};
 use super::{Manifest, SharedFile, Task};
@@ -45,7 +45,7 @@ const NONE: u32 = u32::MAX;
 
 impl<'a> Sources<'a> {
     /// Find out where everything is once the level `below` is coarsened, whose tasks must be done.
-    pub(super) fn find(build: &'a SharedBuild, grown: &'a Tree, below: u8) -> Result<Self, BuildError> {
+    pub(super) fn find(build: &'a SharedBuild, grown: &'a Divided, below: u8) -> Result<Self, BuildError> {
         let (tree, shards) = (&grown.tree, &grown.state.shards);
         let of_tree = &build.file(&grown.manifest, TREE)?.name;
         let mut sources = Vec::new();

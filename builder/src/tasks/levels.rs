@@ -2,7 +2,7 @@
 
 use super::gather::{Sources, box_of};
 use super::manifest::TaskOutput;
-use super::plan::{SharedBuild, Tree};
+use super::plan::{Divided, SharedBuild};
 use super::regions::{PATCHES, RECORDS};
 use crate::build::options::BuildError;
 use crate::build::work::Work;
@@ -20,8 +20,8 @@ pub(super) const ROOTS: &str = "roots";
 /// The results of a task.
 pub(super) const RESULTS: &str = "results";
 
-fn precision(tree: &Tree) -> Precision {
-    Precision { color_bits: tree.state.color_bits, normal_bits: tree.state.normal_bits }
+fn precision(divided: &Divided) -> Precision {
+    Precision { color_bits: divided.state.color_bits, normal_bits: divided.state.normal_bits }
 }
 
 pub(super) fn level_task(
@@ -91,7 +91,7 @@ pub(super) fn tail_task(build: &SharedBuild, work: &Work<'_>) -> Result<TaskOutp
         sources.all_records(work, &shared)?;
     }
     let of = Some(build.file(&grown.manifest, TREE)?.name.clone());
-    let Tree { state, tree, .. } = grown;
+    let Divided { state, tree, .. } = grown;
     let ingested = Ingested { surface: state.surface, tree, leaves, shared: shared.finish()? };
     let chunks = work.scratch.create(CHUNKS)?;
     let mut hierarchy = Hierarchy::above(ingested, Some(below), chunks, left, state.shards.tail_triangles);

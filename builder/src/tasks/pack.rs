@@ -1,7 +1,7 @@
 //! The last step: from the results of all tasks to the pack.
 
 use super::levels::{RESULTS, ROOTS};
-use super::plan::{SharedBuild, Tree};
+use super::plan::{Divided, SharedBuild};
 use super::regions::LeavesState;
 use super::{Manifest, SharedFile, Task};
 use crate::assemble;
@@ -37,7 +37,7 @@ impl Bodies for SharedBodies {
 /// [`BuildError`]: a task is not done, a file cannot be read or is damaged, the pack cannot be written.
 pub fn assemble(build: SharedBuild, work: &Work<'_>, out: &mut impl Write) -> Result<BuildReport, BuildError> {
     let build = Arc::new(build);
-    let Tree { state, mut tree, manifest: grown } = build.tree()?;
+    let Divided { state, mut tree, manifest: grown } = build.tree()?;
     let of_tree = &build.file(&grown, TREE)?.name;
     let (mut refined, mut files, mut stages) = (Vec::new(), Vec::new(), Vec::new());
     let mut tail = None;

@@ -127,7 +127,7 @@ pub(super) struct TreeState {
 }
 
 /// What is known once the tree is there.
-pub(super) struct Tree {
+pub(super) struct Divided {
     pub(super) state: TreeState,
     pub(super) tree: Partition,
     pub(super) manifest: Manifest,
@@ -303,15 +303,15 @@ impl SharedBuild {
     /// # Errors
     /// [`BuildError::Inputs`] where it is not; [`BuildError::Shared`] where the store fails.
     pub fn finished(&self, task: Task) -> Result<Manifest, BuildError> {
-        self.done_or(task, self.state(task)?)
+        Self::done_or(task, self.state(task)?)
     }
 
     /// The same of a task that was made from the file `of`.
     pub(super) fn finished_of(&self, task: Task, of: Option<&str>) -> Result<Manifest, BuildError> {
-        self.done_or(task, self.state_where(task, of)?)
+        Self::done_or(task, self.state_where(task, of)?)
     }
 
-    fn done_or(&self, task: Task, state: State) -> Result<Manifest, BuildError> {
+    fn done_or(task: Task, state: State) -> Result<Manifest, BuildError> {
         let id = task.id();
         let why = match state {
             State::Done(manifest) => return Ok(manifest),
@@ -341,13 +341,13 @@ impl SharedBuild {
     }
 
     /// The tree, and how it is divided.
-    pub(super) fn tree(&self) -> Result<Tree, BuildError> {
+    pub(super) fn tree(&self) -> Result<Divided, BuildError> {
         let manifest = self.finished(Task::Tree)?;
         let state = self.state_of(&manifest)?;
         let file = self.file(&manifest, tree_file::TREE)?;
         let tree = tree_file::from_bytes(&self.read_whole(file)?)
             .ok_or_else(|| self.damaged_file(file, "it does not match its checksum"))?;
-        Ok(Tree { state, tree, manifest })
+        Ok(Divided { state, tree, manifest })
     }
 
     /// What a task states in its manifest.

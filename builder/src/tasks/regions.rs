@@ -4,7 +4,7 @@
 use super::gather::box_of;
 use super::ingest::{BASIS, REGIONS};
 use super::manifest::TaskOutput;
-use super::plan::{Ingest, SharedBuild, Tree, TreeState};
+use super::plan::{Divided, Ingest, SharedBuild, TreeState};
 use super::shards::Shards;
 use super::{Manifest, SharedFile, Task};
 use crate::build::options::BuildError;
@@ -104,7 +104,7 @@ pub(super) struct LeavesState {
 
 pub(super) fn leaves_task(build: &SharedBuild, work: &Work<'_>, shard: u32) -> Result<TaskOutput, BuildError> {
     let ingest = build.ingest()?;
-    let Tree { state, tree, manifest } = build.tree()?;
+    let Divided { state, tree, manifest } = build.tree()?;
     let about = state.shards.leaves.get(shard as usize).ok_or_else(|| BuildError::Inputs {
         why: format!("this build has no shard {shard} of leaves; use one of the tasks that `kilwa plan` lists"),
     })?;
