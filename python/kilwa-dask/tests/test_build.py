@@ -123,7 +123,8 @@ def test_an_output_that_appears_meanwhile_is_not_replaced(single: Single) -> Non
     assert f"{single.out} has appeared meanwhile" in text
     assert single.out.read_text() == "mine\n"
     single.run("--force")
-    assert single.told()["total"]["earlier"] == 11
+    total = single.told()["total"]
+    assert total["earlier"] == total["tasks"] - 1 > 10
     single.check()
 
 
@@ -132,7 +133,7 @@ def test_ctrl_c_stops_the_build_and_the_same_command_continues(single: Single) -
     kilwa = gated(single, verb="task")
     open_gate(single, "ingest")
     driver = single.start("--scratch", str(single.scratch), "--workers", "1", kilwa=kilwa)
-    until(lambda: started(single, "level-03-0000") == 1, "the second task runs")
+    until(lambda: started(single, "region-*") == 1, "the second task runs")
     family = tree(driver)
     os.killpg(driver.pid, signal.SIGINT)
     text = single.end(driver, 130)
