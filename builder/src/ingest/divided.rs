@@ -205,6 +205,8 @@ pub(crate) struct Joined<'a> {
 pub(crate) struct Grown {
     /// Without the numbers of triangles of its leaves.
     pub(crate) tree: Partition,
+    /// Triangles of each tetrahedron that is a leaf, within what the groups of triangles tell.
+    pub(crate) estimate: Vec<f64>,
     pub(crate) surface: Surface,
 }
 
@@ -239,16 +241,21 @@ impl<'a> Joined<'a> {
     /// # Errors
     /// [`BuildError::TooLarge`] for a leaf that no chunk can hold; the scratch folder fails.
     pub(crate) fn grow(self, triangles: impl Fn(u32) -> u64) -> Result<Grown, BuildError> {
-        let Self { work, basis, joining, findings } = self;
+        let Self { work, basis, joining, mut findings } = self;
+        let groups: Vec<_> = findings.iter_mut().map(|f| std::mem::take(&mut f.groups)).collect();
         let buckets = basis.buckets();
         let (keys, whole) = topology::join(work, &buckets, basis.leaf_triangles, joining, findings)?;
         let keys = keys.into_iter().map(|(level, midpoint)| DiamondKey { level, midpoint });
         let tree = leaves::tree_of(basis.resolved.cube_log2, keys);
         refuse_leaves(&buckets, &basis.resolved.lattice, triangles, &tree)?;
+        let mut estimate = vec![0.0; tree.tetrahedra.len()];
+        for (sum, n) in groups.into_iter().flatten() {
+            estimate[tree.leaf_at(sum.map(i64::from).into()) as usize] += f64::from(n);
+        }
         let Basis { spooled, resolved, scattered, provenance, .. } = basis;
         let (spooled, resolved, scattered) = (spooled.clone(), resolved.clone(), scattered.clone());
         let surface = Sorted { spooled, resolved, scattered }.surface(&whole, provenance.clone());
-        Ok(Grown { tree, surface })
+        Ok(Grown { tree, estimate, surface })
     }
 }
 

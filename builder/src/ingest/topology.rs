@@ -15,7 +15,7 @@ use super::lattice::Lengths;
 use super::resolve::Resolved;
 use super::scatter::{HALO_HEAD, Scattered, bytes_per_triangle};
 use super::spill::{Lists, Spill};
-use super::split_requests::{self, Above, SplitRequests};
+use super::split_requests::{self, Above, Group, SplitRequests};
 use super::weld::Weld;
 use super::words::{Layout, append_words, normal_of_word, word_of_normal, words_of_bytes};
 use crate::build::options::BuildError;
@@ -113,6 +113,8 @@ pub(crate) struct Findings {
     pub(super) numbers: u32,
     /// The diamonds that are wanted, as level and midpoint.
     pub(super) keys: Vec<(u8, LatticePoint)>,
+    /// Where the triangles are, so finely that a leaf holds a few of these groups; empty where the region is all.
+    pub(super) groups: Vec<Group>,
     pub(super) counts: Counts,
     /// See [`Lengths::sparse`].
     pub(super) roughness: Vec<(u32, u64)>,
@@ -270,6 +272,8 @@ impl Region<'_> {
             findings.above.push(f.above);
             findings.parts.push(f.part);
             findings.keys.extend(f.keys.iter().map(|k| (k.level, k.midpoint)));
+            // Only tasks ask for the groups.
+            findings.groups.extend(f.groups.into_iter().filter(|_| !self.is_all));
             findings.counts.add(&f.counts);
             roughness = roughness.merge(&f.roughness);
             bounds = bounds.union(&f.bounds);
@@ -299,13 +303,13 @@ impl Region<'_> {
                 replies.push(*to as usize, words)?;
             }
         }
-        let (above, keys) = local.split_requests(self.buckets, self.leaf_triangles);
+        let (above, keys, groups) = local.split_requests(self.buckets, self.leaf_triangles);
         let counts = local.counts(&edges);
         let (_, part) = local.components(self.joining)?;
         let roughness = local.roughness(&normals);
         let bounds = local.bounds();
         let place = local.into_welded(&edges.borders, normals).write(welded)?;
-        Ok(Finished { place, above, keys, counts, part, roughness, bounds })
+        Ok(Finished { place, above, keys, groups, counts, part, roughness, bounds })
     }
 }
 
@@ -340,6 +344,7 @@ struct Finished {
     place: WeldedPlace,
     above: Above,
     keys: Vec<DiamondKey>,
+    groups: Vec<Group>,
     counts: Counts,
     part: Part,
     roughness: Lengths,
@@ -530,7 +535,7 @@ impl Local {
         out
     }
 
-    fn split_requests(&self, buckets: &Buckets, leaf_triangles: usize) -> (Above, Vec<DiamondKey>) {
+    fn split_requests(&self, buckets: &Buckets, leaf_triangles: usize) -> (Above, Vec<DiamondKey>, Vec<Group>) {
         let mut sums = Vec::with_capacity(self.own);
         let mut sizes = Vec::with_capacity(self.own);
         for vertices in &self.triangles[..self.own] {
@@ -539,9 +544,10 @@ impl Local {
             sizes.push(split_requests::size_of(corners));
         }
         let deepest = max_level(buckets.cube_log2());
-        let mut requests = SplitRequests { sums: &sums, sizes: &sizes, leaf_triangles, deepest, keys: Vec::new() };
+        let (keys, groups) = (Vec::new(), Vec::new());
+        let mut requests = SplitRequests { sums: &sums, sizes: &sizes, leaf_triangles, deepest, keys, groups };
         let above = requests.collect(&buckets.tetrahedra()[self.bucket as usize]);
-        (above, requests.keys)
+        (above, requests.keys, requests.groups)
     }
 
     fn counts(&self, edges: &Edges) -> Counts {

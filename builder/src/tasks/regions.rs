@@ -73,10 +73,10 @@ pub(super) fn tree_task(build: &SharedBuild, work: &Work<'_>) -> Result<TaskOutp
         let region = indices.partition_point(|index| index.buckets().end <= bucket);
         indices.get(region).map_or(0, |index| index.triangles(bucket))
     };
-    let Grown { tree, surface } = joined.grow(triangles)?;
+    let Grown { tree, estimate, surface } = joined.grow(triangles)?;
     let runs = basis.runs(&tree);
     let of_run: Vec<u64> = runs.iter().map(|run| run.buckets.clone().map(triangles).sum()).collect();
-    let mut shards = Shards::divide(&tree, basis.lattice(), &runs, &of_run, build.plan.task_triangles);
+    let mut shards = Shards::divide(&tree, basis.lattice(), estimate, (&runs, &of_run), build.plan.task_triangles);
     for i in 0..shards.leaves.len() {
         let of_shard = &runs[shards.runs(i, runs.len())];
         let (first, end) = (of_shard.first(), of_shard.last());

@@ -103,19 +103,18 @@ impl LevelShards {
 }
 
 impl Shards {
-    /// Divide a tree into shards of about `size` triangles. Its leaves are made of `runs` of buckets with so many
-    /// triangles; those of a leaf are only estimated.
-    pub(super) fn divide(tree: &Partition, lattice: &Lattice, runs: &[Run], triangles: &[u64], size: u64) -> Self {
+    /// Divide a tree into shards of about `size` triangles. `estimate` are about the triangles of each tetrahedron that is a
+    /// leaf; the leaves are made of runs of buckets with so many triangles.
+    pub(super) fn divide(
+        tree: &Partition,
+        lattice: &Lattice,
+        mut estimate: Vec<f64>,
+        (runs, triangles): (&[Run], &[u64]),
+        size: u64,
+    ) -> Self {
         let size = size.max(1);
         let midpoint = |diamond: u32| lattice.world_from_lattice(tree.diamonds[diamond as usize].key.midpoint);
         // What the coarse form of each tetrahedron is estimated to have; children come after their parents.
-        let mut estimate = vec![0.0f64; tree.tetrahedra.len()];
-        for (run, n) in runs.iter().zip(triangles) {
-            let leaves = leaves_of(tree, run);
-            for leaf in &leaves {
-                estimate[*leaf as usize] += *n as f64 / leaves.len() as f64;
-            }
-        }
         for t in (0..tree.tetrahedra.len()).rev() {
             if let Some(children) = tree.tetrahedra[t].children {
                 estimate[t] = children.map(|c| estimate[c as usize]).iter().sum::<f64>() / REDUCTION as f64;
@@ -199,29 +198,13 @@ fn divide_leaves(
     shards
 }
 
-/// The tetrahedra that a run of buckets fills.
-fn filled(run: &Run) -> Vec<u32> {
-    run.half.map_or_else(|| vec![run.tetrahedron], |quarters| quarters.to_vec())
-}
-
 /// The first leaf in a run, in the order of the tree.
 fn first_leaf(tree: &Partition, run: &Run) -> u32 {
-    let mut first = filled(run)[0];
+    let mut first = run.half.map_or(run.tetrahedron, |quarters| quarters[0]);
     while let Some(children) = tree.tetrahedra[first as usize].children {
         first = children[0];
     }
     first
-}
-
-fn leaves_of(tree: &Partition, run: &Run) -> Vec<u32> {
-    let (mut leaves, mut stack) = (Vec::new(), filled(run));
-    while let Some(t) = stack.pop() {
-        match tree.tetrahedra[t as usize].children {
-            Some(children) => stack.extend(children),
-            None => leaves.push(t),
-        }
-    }
-    leaves
 }
 
 /// Into how many parts to divide work of `sum` triangles, so that each has at most about `size`. A few are a power of two,
