@@ -199,11 +199,33 @@ fn a_task_that_starts_too_early_names_the_task_that_must_run_first() {
         |task| worker.run(&open(folder.path(), 3_000), task, &Stop::default(), &Silent).unwrap_err().to_string();
     assert!(error(Task::Tail).contains("ingest"), "{}", error(Task::Tail));
     worker.run(&open(folder.path(), 3_000), Task::Ingest, &Stop::default(), &Silent).unwrap();
-    assert!(error(Task::Tail).contains("level-"), "{}", error(Task::Tail));
+    assert!(error(Task::Tree).contains("region-"), "{}", error(Task::Tree));
+    assert!(error(Task::Tail).contains("tree"), "{}", error(Task::Tail));
+    for wave in ["region", "tree"] {
+        assert!(ready(&open(folder.path(), 3_000)).iter().all(|t| t.id.starts_with(wave)), "{wave}");
+        for task in ready(&open(folder.path(), 3_000)) {
+            worker.run(&open(folder.path(), 3_000), task.task, &Stop::default(), &Silent).unwrap();
+        }
+    }
+    assert!(error(Task::Tail).contains("leaves-"), "{}", error(Task::Tail));
+    let none = Task::Region { region: 1000 };
+    assert!(error(none).contains("no region 1000"), "{}", error(none));
     let none = Task::Level { level: 200, shard: 0 };
     assert!(error(none).contains("no shard 0 of level 200"), "{}", error(none));
     let early = worker.assemble(open(folder.path(), 3_000)).unwrap_err().to_string();
-    assert!(early.contains("level-"), "{early}");
+    assert!(early.contains("leaves-"), "{early}");
+}
+
+fn copy_folder(from: &Path, to: &Path) {
+    std::fs::create_dir_all(to).unwrap();
+    for entry in std::fs::read_dir(from).unwrap().map(Result::unwrap) {
+        let to = to.join(entry.file_name());
+        if entry.file_type().unwrap().is_dir() {
+            copy_folder(&entry.path(), &to);
+        } else {
+            std::fs::copy(entry.path(), to).unwrap();
+        }
+    }
 }
 
 #[test]
@@ -212,7 +234,8 @@ fn a_task_whose_file_is_lost_runs_again_and_a_damaged_file_is_named() {
     let (folder, mut random) = (tempfile::tempdir().unwrap(), fastrand::Rng::with_seed(1));
     let worker = Worker { raw: &raw, threads: 1, memory: 1 << 26 };
     run_all(folder.path(), 1_500, &raw, &mut random);
-    let level = open(folder.path(), 1_500).tasks().unwrap()[1].task;
+    let tasks = || open(folder.path(), 1_500).tasks().unwrap().into_iter().map(|t| t.task);
+    let level = tasks().find(|t| matches!(t, Task::Level { .. })).unwrap();
     let chunks = |task| open(folder.path(), 1_500).finished(task).unwrap().files["chunks"].name.clone();
 
     std::fs::remove_file(folder.path().join(chunks(level))).unwrap();
@@ -221,36 +244,36 @@ fn a_task_whose_file_is_lost_runs_again_and_a_damaged_file_is_named() {
     assert_eq!(ready(&open(folder.path(), 1_500))[0].task, level);
     worker.run(&open(folder.path(), 1_500), level, &Stop::default(), &Silent).unwrap();
 
-    // One bit of each file of the first two waves, in turn: the tasks after it, or the assembly, refuse it by name.
+    // One bit of a file of each content of some task of each kind: the tasks after it, or the assembly, refuse it by name.
     let files_of = |task| open(folder.path(), 1_500).finished(task).unwrap().files;
-    let names = |task| files_of(task).into_keys().map(move |content| (task, content));
-    let files: Vec<(Task, String)> = names(Task::Ingest).chain(names(level)).collect();
-    let later: Vec<Task> = open(folder.path(), 1_500).tasks().unwrap().iter().map(|t| t.task).collect();
+    let damaged = [Task::Ingest, Task::Region { region: 1 }, Task::Tree, Task::Leaves { shard: 1 }, level];
+    let mut files: Vec<(Task, String, String)> = Vec::new();
+    for task in damaged {
+        // Of the files of regions, those of one.
+        let files_of =
+            files_of(task).into_iter().filter(|(content, _)| !content.contains("-0") || content.ends_with("-0001"));
+        files.extend(files_of.map(|(content, file)| (task, content, file.name)));
+    }
+    assert!(files.len() > 15, "{files:?}");
+    let later: Vec<Task> = tasks().collect();
     let mut bits = fastrand::Rng::with_seed(4);
-    for (of, content) in files {
-        let file = files_of(of)[&content].clone();
-        let path = folder.path().join(&file.name);
+    for (of, content, name) in files {
+        let copy = tempfile::tempdir().unwrap();
+        copy_folder(folder.path(), copy.path());
+        let path = copy.path().join(&name);
         let mut bytes = std::fs::read(&path).unwrap();
         let at = bits.usize(..bytes.len());
         bytes[at] ^= 1 << bits.u8(..8);
-        let whole = std::fs::read(&path).unwrap();
-        std::fs::write(&path, &bytes).unwrap();
+        std::fs::write(&path, bytes).unwrap();
         let attempt = || -> Result<Vec<u8>, BuildError> {
-            for task in later.iter().filter(|t| **t != Task::Ingest && (**t != level || file.name.contains("ingest"))) {
-                let manifest = folder.path().join(format!("done/{}.json", task.id()));
-                let kept = std::fs::read(&manifest).unwrap();
-                std::fs::remove_file(&manifest).unwrap();
-                let done = worker.run(&open(folder.path(), 1_500), *task, &Stop::default(), &Silent);
-                if done.is_err() {
-                    std::fs::write(&manifest, kept).unwrap();
-                }
-                done?;
+            for task in later.iter().skip_while(|t| **t != of).skip(1) {
+                std::fs::remove_file(copy.path().join(format!("done/{}.json", task.id()))).unwrap();
+                worker.run(&open(copy.path(), 1_500), *task, &Stop::default(), &Silent)?;
             }
-            worker.assemble(open(folder.path(), 1_500))
+            worker.assemble(open(copy.path(), 1_500))
         };
         let error = attempt().map(|_| "no error").unwrap_err().to_string();
-        assert!(error.contains(&file.name) || error.contains(&path.display().to_string()), "{}: {error}", file.name);
-        std::fs::write(&path, whole).unwrap();
+        assert!(error.contains(&name), "{content}, byte {at}: {error}");
     }
     run_all(folder.path(), 1_500, &raw, &mut random);
     assert!(worker.assemble(open(folder.path(), 1_500)).unwrap() == expected(&raw));

@@ -299,7 +299,7 @@ impl Building<'_> {
         self.timed("assemble", |b| {
             let levels = hierarchy.finish()?;
             let mut report = BuildReport::of(&levels);
-            let metadata = report::metadata(&levels.surface, b.options);
+            let metadata = report::metadata(&levels.surface, &report::Stated::of(b.options));
             let header = report::header_of(&levels);
             out.rewind().map_err(output_failed)?;
             let (_, pack) = assemble(levels, &b.work, header, &metadata, out)?;

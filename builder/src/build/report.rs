@@ -121,25 +121,54 @@ pub(crate) fn header_of(levels: &Levels) -> Header {
     Header::new(s.lattice, s.cube_log2, s.triangles, levels.attributes)
 }
 
-pub(crate) fn metadata(s: &Surface, options: &BuildOptions) -> Metadata {
-    let mut shaped = BTreeMap::new();
-    shaped.insert("step".to_owned(), if options.step.is_some() { "given" } else { "derived" }.to_owned());
-    let precision = options.precision();
-    shaped.insert("color-bits".to_owned(), precision.color_bits.to_string());
-    shaped.insert("normal-bits".to_owned(), precision.normal_bits.to_string());
-    shaped.insert("coarse-color-bits".to_owned(), precision.coarse().color_bits.to_string());
-    shaped.insert("coarse-normal-bits".to_owned(), precision.coarse().normal_bits.to_string());
-    let positions = "made ones rounded to a power of two of the step, at most their distance from what they stand for";
-    shaped.insert("coarse-positions".to_owned(), positions.to_owned());
-    shaped.insert("leaf-triangles".to_owned(), options.leaf_triangles.to_string());
+/// What the options say in the metadata.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub(crate) struct Stated {
+    title: String,
+    units: String,
+    up: String,
+    crs: Option<String>,
+    capture_accuracy: Option<f64>,
+    pub(crate) color_bits: u8,
+    pub(crate) normal_bits: u8,
+    shaped: BTreeMap<String, String>,
+}
+
+impl Stated {
+    pub(crate) fn of(options: &BuildOptions) -> Self {
+        let mut shaped = BTreeMap::new();
+        shaped.insert("step".to_owned(), if options.step.is_some() { "given" } else { "derived" }.to_owned());
+        let precision = options.precision();
+        shaped.insert("color-bits".to_owned(), precision.color_bits.to_string());
+        shaped.insert("normal-bits".to_owned(), precision.normal_bits.to_string());
+        shaped.insert("coarse-color-bits".to_owned(), precision.coarse().color_bits.to_string());
+        shaped.insert("coarse-normal-bits".to_owned(), precision.coarse().normal_bits.to_string());
+        let positions =
+            "made ones rounded to a power of two of the step, at most their distance from what they stand for";
+        shaped.insert("coarse-positions".to_owned(), positions.to_owned());
+        shaped.insert("leaf-triangles".to_owned(), options.leaf_triangles.to_string());
+        Self {
+            title: options.title.clone(),
+            units: options.units.symbol().to_owned(),
+            up: if options.up == Up::Z { "z" } else { "y" }.to_owned(),
+            crs: options.crs.clone(),
+            capture_accuracy: options.capture_accuracy,
+            color_bits: options.color_bits,
+            normal_bits: options.normal_bits,
+            shaped,
+        }
+    }
+}
+
+pub(crate) fn metadata(s: &Surface, stated: &Stated) -> Metadata {
     let [bounds_min, bounds_max] = s.bounds.map(|p| s.lattice.world_from_lattice(p));
     // A value given by the user takes precedence; its parts are unknown.
-    let capture = s.capture.filter(|_| options.capture_accuracy.is_none());
+    let capture = s.capture.filter(|_| stated.capture_accuracy.is_none());
     Metadata {
-        title: options.title.clone(),
-        source_units: options.units.symbol().to_owned(),
-        source_up: if options.up == Up::Z { "z" } else { "y" }.to_owned(),
-        crs: options.crs.clone(),
+        title: stated.title.clone(),
+        source_units: stated.units.clone(),
+        source_up: stated.up.clone(),
+        crs: stated.crs.clone(),
         lattice_step: s.lattice.step(),
         bounds_min,
         bounds_max,
@@ -150,8 +179,8 @@ pub(crate) fn metadata(s: &Surface, options: &BuildOptions) -> Metadata {
         scalars: s.scalars.clone(),
         sources: s.sources.clone(),
         tool: format!("kilwa {}", env!("CARGO_PKG_VERSION")),
-        options: shaped,
-        capture_accuracy: options.capture_accuracy.or(capture.map(|capture| capture.accuracy)),
+        options: stated.shaped.clone(),
+        capture_accuracy: stated.capture_accuracy.or(capture.map(|capture| capture.accuracy)),
         capture_registration: capture.map(|capture| capture.registration),
         capture_instrument: capture.map(|capture| capture.instrument),
         repairs: s.diagnostics.iter().map(|(kind, f)| (kind.clone(), f.count)).collect(),

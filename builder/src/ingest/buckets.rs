@@ -17,6 +17,15 @@ enum Node {
     Bucket(u32),
 }
 
+/// Buckets that together fill a tetrahedron of the tree, or a half of one.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Run {
+    pub(crate) tetrahedron: u32,
+    /// The quarters that its half consists of, if it is one.
+    pub(crate) half: Option<[u32; 2]>,
+    pub(crate) buckets: Range<u32>,
+}
+
 /// The tetrahedra above the buckets.
 #[derive(Debug, Clone)]
 pub(super) struct Buckets {
@@ -143,16 +152,16 @@ impl Buckets {
 
     /// Which tetrahedron of the tree each run of buckets lies in: a bucket its own, where the tree has it, or the one of
     /// which it is a half; where the tree ends above, all buckets below that leaf are one run.
-    pub(super) fn runs(&self, tree: &Partition) -> Vec<(u32, Range<u32>)> {
-        let mut runs: Vec<(u32, Range<u32>)> = Vec::new();
+    pub(super) fn runs(&self, tree: &Partition) -> Vec<Run> {
+        let mut runs: Vec<Run> = Vec::new();
         // With the tetrahedron, the quarters that a half of it consists of.
         let mut stack: Vec<(u32, u32, Option<[u32; 2]>)> = (0..6).rev().map(|root| (root, root, None)).collect();
         while let Some((node, tetrahedron, half)) = stack.pop() {
             let quarters = tree.tetrahedra[tetrahedron as usize].children;
             match self.nodes[node as usize] {
                 Node::Bucket(b) => match runs.last_mut() {
-                    Some((last, run)) if *last == tetrahedron && quarters.is_none() => run.end = b + 1,
-                    _ => runs.push((tetrahedron, b..b + 1)),
+                    Some(last) if last.tetrahedron == tetrahedron && quarters.is_none() => last.buckets.end = b + 1,
+                    _ => runs.push(Run { tetrahedron, half, buckets: b..b + 1 }),
                 },
                 Node::Split { children: [first, second], .. } => stack.extend(match (half, quarters) {
                     (Some([a, b]), _) => [(second, b, None), (first, a, None)],

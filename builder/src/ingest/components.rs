@@ -89,7 +89,7 @@ pub(super) struct Joining {
 }
 
 /// What is kept of the components of a bucket.
-#[derive(Debug, Default)]
+#[derive(Debug, Default, Serialize, Deserialize)]
 pub(super) struct Part {
     /// Sizes of components that lie in the bucket, ascending, with how often.
     inner: Vec<(u64, u64)>,
@@ -97,11 +97,40 @@ pub(super) struct Part {
     outer: Vec<(u32, u64)>,
 }
 
-pub(super) const LINKS: &str = "links";
+impl Part {
+    /// Add `first` to all numbers, which are below `count`; `false` if one is not.
+    pub(super) fn renumber(&mut self, first: u32, count: u32) -> bool {
+        self.outer.iter_mut().for_each(|(number, _)| *number = number.wrapping_add(first));
+        self.outer.iter().all(|(number, _)| (first..first + count).contains(number))
+    }
+}
+
+pub(crate) const LINKS: &str = "links";
 
 impl Joining {
     pub(super) fn create(scratch: &Scratch) -> Result<Self, ScratchError> {
         Ok(Self { links: Records::create(scratch, LINKS)?, next: AtomicU32::new(0) })
+    }
+
+    /// Complete the records, for [`Joining::take`] in another folder. Returns how many numbers were given.
+    pub(super) fn hand_over(self) -> Result<u32, ScratchError> {
+        self.links.finish()?;
+        Ok(self.next.into_inner())
+    }
+
+    /// Make room for `count` numbers that were given elsewhere, where they began at 0. Returns what to add to them.
+    pub(super) fn make_room(&mut self, count: u32) -> Option<u32> {
+        let next = self.next.get_mut();
+        let first = *next;
+        *next = first.checked_add(count).filter(|end| *end < INNER)?;
+        Some(first)
+    }
+
+    /// Take over records from elsewhere, with `first` added to their numbers.
+    pub(super) fn take(&self, records: &[u128], first: u32) -> Result<(), ScratchError> {
+        // A number that no region gave is that of a damaged file, which is noticed when all of it has been read.
+        let moved = |r: &u128| record(point_of(*r), tetrahedron_of(*r).wrapping_add(first));
+        self.links.append(&records.iter().map(moved).collect::<Vec<_>>())
     }
 
     /// Number the components of a bucket that reach points which others may use; `shared` are these points and where

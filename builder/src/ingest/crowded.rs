@@ -6,11 +6,11 @@
 //!
 //! Fails with [`BuildError::TooLarge`] for a leaf with more triangles than a chunk holds: no later stage could divide it.
 
-use super::buckets::Buckets;
+use super::buckets::{Buckets, Run, point_of_words};
 use super::leaves::tree_of;
 use super::resolve::PIECE;
 use super::scatter::Scattered;
-use super::split_requests::{self, Above, Places, add_place};
+use super::split_requests::{self, Above, Places, add_place, sum_of};
 use super::words::{Layout, read_words};
 use crate::build::options::BuildError;
 use crate::build::work::Work;
@@ -19,6 +19,7 @@ use crate::partition::Partition;
 use crate::scratch::ScratchFile;
 use kilwa_geometry::{DiamondKey, Lattice};
 use kilwa_pack::chunk::MAX_CHUNK_TRIANGLES;
+use rustc_hash::FxHashMap;
 
 /// The input of the search.
 pub(super) struct Crowd<'a> {
@@ -53,35 +54,54 @@ impl Crowd<'_> {
         }
         let cube_log2 = self.scattered.cube_log2;
         keys.extend(split_requests::above(self.buckets, &known, cube_log2, self.leaf_triangles));
-        self.refuse_leaves(&tree_of(cube_log2, keys))
+        let triangles = |bucket: u32| (self.scattered.own.words(bucket as usize) / self.layout.triangle()) as u64;
+        refuse_leaves(self.buckets, self.lattice, triangles, &tree_of(cube_log2, keys))
     }
 
-    /// Refuse a leaf of the tree that no chunk can hold.
+    /// Refuse a place with more triangles than a chunk holds in the buckets `large`: in a region, it is not known how others divide space.
     ///
     /// # Errors
-    /// [`BuildError::TooLarge`] with the number of triangles and their place.
-    pub(super) fn refuse_leaves(&self, tree: &Partition) -> Result<(), BuildError> {
-        for (node, run) in self.buckets.runs(tree) {
-            let tetrahedron = &tree.tetrahedra[node as usize];
-            if tetrahedron.children.is_some() {
-                continue;
-            }
-            let words: u64 = run.map(|bucket| self.scattered.own.words(bucket as usize) as u64).sum();
-            let triangles = words / self.layout.triangle() as u64;
-            if triangles > u64::from(MAX_CHUNK_TRIANGLES) {
-                let near = DiamondKey::of(&tetrahedron.tetra).midpoint;
-                return Err(too_large(triangles, self.lattice.world_from_lattice(near)));
-            }
+    /// As [`Crowd::refuse`].
+    pub(super) fn refuse_piles(&self, own: &ScratchFile, large: &[usize]) -> Result<(), BuildError> {
+        for &bucket in large {
+            let mut at: FxHashMap<[u32; 3], u32> = FxHashMap::default();
+            self.visit(own, bucket, |corners| {
+                let sum = sum_of(corners);
+                // Few places have so many; where there are too many places to count, none is known to have.
+                if at.len() < self.leaf_triangles || at.contains_key(&sum) {
+                    let n = at.entry(sum).or_default();
+                    *n += 1;
+                    if *n > MAX_CHUNK_TRIANGLES {
+                        let near = point_of_words(corners[0]);
+                        return Err(too_large(u64::from(*n), self.lattice.world_from_lattice(near)));
+                    }
+                }
+                Ok(true)
+            })?;
         }
         Ok(())
     }
 
     /// The figures of a bucket that the tetrahedra above it need, if it has no more places than a leaf may have.
     fn survey(&self, own: &ScratchFile, bucket: usize) -> Result<Option<Above>, BuildError> {
-        let (width, triangle) = (self.layout.vertex(), self.layout.triangle());
         let mut places = Places::default();
+        self.visit(own, bucket, |corners| {
+            add_place(&mut places, corners);
+            Ok(places.len() <= self.leaf_triangles)
+        })?;
+        Ok((places.len() <= self.leaf_triangles).then(|| Above::of_places(&places)))
+    }
+
+    /// Visit the corners of the triangles of a bucket, until `visit` returns `false`.
+    fn visit(
+        &self,
+        own: &ScratchFile,
+        bucket: usize,
+        mut visit: impl FnMut([[u32; 3]; 3]) -> Result<bool, BuildError>,
+    ) -> Result<(), BuildError> {
+        let (width, triangle) = (self.layout.vertex(), self.layout.triangle());
         let mut words = Vec::new();
-        for &(byte, count) in &self.scattered.own.0[bucket] {
+        for &(byte, count) in self.scattered.own.extents(bucket) {
             // Extents contain whole triangles.
             for first in (0..count as usize).step_by(PIECE * triangle) {
                 self.work.stop.check()?;
@@ -89,13 +109,36 @@ impl Crowd<'_> {
                 read_words(own, byte + 4 * first as u64, &mut words)?;
                 for corners in words.chunks_exact(triangle) {
                     let corner = |k: usize| [corners[k * width], corners[k * width + 1], corners[k * width + 2]];
-                    add_place(&mut places, [corner(0), corner(1), corner(2)]);
-                    if places.len() > self.leaf_triangles {
-                        return Ok(None);
+                    if !visit([corner(0), corner(1), corner(2)])? {
+                        return Ok(());
                     }
                 }
             }
         }
-        Ok(Some(Above::of_places(&places)))
+        Ok(())
     }
+}
+
+/// Refuse a leaf of the tree that no chunk can hold; `triangles` are those of a bucket.
+///
+/// # Errors
+/// [`BuildError::TooLarge`] with the number of triangles and their place.
+pub(super) fn refuse_leaves(
+    buckets: &Buckets,
+    lattice: &Lattice,
+    triangles: impl Fn(u32) -> u64,
+    tree: &Partition,
+) -> Result<(), BuildError> {
+    for Run { tetrahedron, buckets, .. } in buckets.runs(tree) {
+        let tetrahedron = &tree.tetrahedra[tetrahedron as usize];
+        if tetrahedron.children.is_some() {
+            continue;
+        }
+        let triangles: u64 = buckets.map(&triangles).sum();
+        if triangles > u64::from(MAX_CHUNK_TRIANGLES) {
+            let near = DiamondKey::of(&tetrahedron.tetra).midpoint;
+            return Err(too_large(triangles, lattice.world_from_lattice(near)));
+        }
+    }
+    Ok(())
 }

@@ -5,7 +5,7 @@
 
 use super::buckets::Buckets;
 use super::components::{INNER, Joining, Part};
-use super::scatter::{BUCKETS, HALO, HALO_HEAD, Scattered, bytes_per_triangle};
+use super::scatter::{HALO_HEAD, Scattered, bytes_per_triangle};
 use super::spill::Spill;
 use super::topology::Local;
 use super::words::{Layout, append_words, read_words};
@@ -31,7 +31,7 @@ pub(super) fn drop_islands(
     below: u64,
 ) -> Result<Scattered, BuildError> {
     let buckets = Buckets::of_shape(scattered.cube_log2, scattered.shape.clone());
-    let files = (work.scratch.existing(BUCKETS)?, work.scratch.existing(HALO)?);
+    let files = (scattered.own.open(work.scratch)?, scattered.halo.open(work.scratch)?);
     let (own, halo) = (&files.0, &files.1);
     let marks = work.scratch.create(MARKS)?;
     let joining = Joining::create(work.scratch)?;
@@ -52,7 +52,7 @@ pub(super) fn drop_islands(
         work.run_jobs(buckets.len(), work.memory / 10 * 9, cost, mark)?.into_iter().unzip();
     let joined = joining.finish(work.scratch, work.memory / 4, &parts)?;
     // Then copy what is kept, and note how many are kept before each triangle.
-    let mut kept_own = Spill::create(work.scratch, KEPT_BUCKETS, buckets.len(), work.memory / 4)?;
+    let mut kept_own = Spill::create(work.scratch, KEPT_BUCKETS, buckets.len(), &scattered.regions, work.memory / 4)?;
     let mut kept_before: Vec<Kept> = Vec::with_capacity(buckets.len());
     let mut triangles = 0;
     let mut words = Vec::new();
@@ -77,7 +77,7 @@ pub(super) fn drop_islands(
         );
         return Err(BuildError::Empty { why });
     }
-    let mut kept_halo = Spill::create(work.scratch, KEPT_HALO, buckets.len(), work.memory / 16)?;
+    let mut kept_halo = Spill::create(work.scratch, KEPT_HALO, buckets.len(), &scattered.regions, work.memory / 16)?;
     for bucket in 0..buckets.len() {
         words.clear();
         scattered.halo.read(halo, bucket, &mut words)?;
@@ -89,13 +89,11 @@ pub(super) fn drop_islands(
             }
         }
     }
-    let (own_extents, halo_extents) = (kept_own.finish()?, kept_halo.finish()?);
     drop(marks);
     work.scratch.remove(MARKS)?;
     let mut out = scattered.clone();
     out.tally.add_many(DROPPED, scattered.triangles - triangles);
-    (out.own, out.halo, out.triangles) = (own_extents, halo_extents, triangles);
-    (out.own_file, out.halo_file) = (KEPT_BUCKETS.to_owned(), KEPT_HALO.to_owned());
+    (out.own, out.halo, out.triangles) = (kept_own.finish()?, kept_halo.finish()?, triangles);
     Ok(out)
 }
 

@@ -142,6 +142,21 @@ impl Default for Lengths {
 }
 
 impl Lengths {
+    /// The classes that are not empty, with their numbers.
+    pub(super) fn sparse(&self) -> Vec<(u32, u64)> {
+        (0u32..).zip(&self.counts).filter(|(_, n)| **n > 0).map(|(class, n)| (class, *n)).collect()
+    }
+
+    /// Add what [`Lengths::sparse`] gave; classes that do not exist are left out.
+    pub(super) fn add_sparse(&mut self, classes: &[(u32, u64)]) {
+        for (class, n) in classes {
+            if let Some(count) = self.counts.get_mut(*class as usize) {
+                *count += n;
+                self.total += n;
+            }
+        }
+    }
+
     /// Count an edge between cells.
     pub(super) fn add(&mut self, a: &[u32], b: &[u32]) {
         let square = (0..3).map(|i| (f64::from(a[i]) - f64::from(b[i])).powi(2)).sum::<f64>();

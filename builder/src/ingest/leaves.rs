@@ -5,8 +5,8 @@
 //! than one leaf uses them). Triangles of a patch are sorted by their corners, vertices are in the order of first use:
 //! what comes out depends on the mesh alone.
 
-use super::buckets::{Buckets, point_of_words};
-use super::scatter::{Scattered, bytes_per_triangle};
+use super::buckets::{Buckets, Run, point_of_words};
+use super::scatter::bytes_per_triangle;
 use super::topology::{BORDER, REPLIES, REPLY, Topology, WELDED, Welded};
 use super::words::{Layout, color_of_word, normal_of_word};
 use crate::build::options::BuildError;
@@ -50,38 +50,86 @@ impl Leaves {
     }
 }
 
+/// What the patches are made of.
+pub(super) trait Welds: Sync {
+    /// Triangles of a bucket.
+    fn triangles(&self, bucket: u32) -> u64;
+
+    /// A bucket.
+    ///
+    /// # Errors
+    /// [`BuildError`] where it cannot be read or is damaged.
+    fn welded(&self, bucket: u32) -> Result<Welded, BuildError>;
+
+    /// What other buckets found out about its triangles.
+    ///
+    /// # Errors
+    /// As [`Welds::welded`].
+    fn replies(&self, bucket: u32) -> Result<Vec<u32>, BuildError>;
+}
+
+/// Buckets in the scratch folder.
+struct Kept<'a> {
+    topology: &'a Topology,
+    layout: Layout,
+    welded: ScratchFile,
+    replies: ScratchFile,
+}
+
+impl Welds for Kept<'_> {
+    fn triangles(&self, bucket: u32) -> u64 {
+        self.topology.places[bucket as usize].triangles
+    }
+
+    fn welded(&self, bucket: u32) -> Result<Welded, BuildError> {
+        Ok(Welded::read(&self.welded, self.topology.places[bucket as usize], self.layout)?)
+    }
+
+    fn replies(&self, bucket: u32) -> Result<Vec<u32>, BuildError> {
+        let mut words = Vec::new();
+        self.topology.replies.read(&self.replies, bucket as usize, &mut words)?;
+        Ok(words)
+    }
+}
+
 /// The stage.
 pub(super) fn leaves(
     work: &Work<'_>,
     layout: Layout,
-    scattered: &Scattered,
+    buckets: &Buckets,
     topology: &Topology,
     tree: &Partition,
 ) -> Result<Leaves, BuildError> {
-    let buckets = Buckets::of_shape(scattered.cube_log2, scattered.shape.clone());
-    let units = buckets.runs(tree);
     let (welded, replies) = (work.scratch.existing(WELDED)?, work.scratch.existing(REPLIES)?);
+    fill(work, layout, &Kept { topology, layout, welded, replies }, tree, &buckets.runs(tree))
+}
+
+/// Fill the leaves in some runs of buckets.
+pub(super) fn fill(
+    work: &Work<'_>,
+    layout: Layout,
+    from: &dyn Welds,
+    tree: &Partition,
+    runs: &[Run],
+) -> Result<Leaves, BuildError> {
     let (patches, shared) = (PatchFile::create(work.scratch, LEAVES)?, Records::create(work.scratch, SHARED)?);
     let done = AtomicU64::new(0);
-    let cost = |u: usize| {
-        let words: usize = units[u].1.clone().map(|b| scattered.own.words(b as usize)).sum();
-        (words / layout.triangle()) as u64 * bytes_per_triangle(layout) / 2
-    };
+    let triangles = |run: &Run| run.buckets.clone().map(|b| from.triangles(b)).sum::<u64>();
+    let cost = |u: usize| triangles(&runs[u]) * bytes_per_triangle(layout) / 2;
     let one = |u: usize| -> Result<Vec<(u32, u64)>, BuildError> {
-        let (node, range) = units[u].clone();
-        let mut unit = Unit::read(&welded, &replies, layout, topology, range)?;
+        let mut unit = Unit::read(from, layout, runs[u].buckets.clone())?;
         let mut counts = Vec::new();
         let mut records = Vec::new();
-        unit.divide(tree, node, &mut |unit, leaf, triangles| {
+        unit.divide(tree, runs[u].tetrahedron, &mut |unit, leaf, triangles| {
             let mesh = unit.patch(leaf, triangles, &mut records);
             counts.push((leaf, triangles.len() as u64));
             patches.append(leaf, &Patch { bounds: vec![Bound::default(); mesh.triangle_count()], mesh })
         })?;
         shared.append(&records)?;
-        work.progress.update("filling leaves", done.fetch_add(1, Ordering::Relaxed) + 1, units.len() as u64);
+        work.progress.update("filling leaves", done.fetch_add(1, Ordering::Relaxed) + 1, runs.len() as u64);
         Ok(counts)
     };
-    let parts = work.run_jobs(units.len(), work.memory / 10 * 9, cost, one)?;
+    let parts = work.run_jobs(runs.len(), work.memory / 10 * 9, cost, one)?;
     let mut triangles: Vec<(u32, u64)> = parts.into_iter().flatten().collect();
     triangles.sort_unstable();
     patches.finish()?;
@@ -110,22 +158,12 @@ struct Unit {
 }
 
 impl Unit {
-    fn read(
-        welded: &ScratchFile,
-        replies: &ScratchFile,
-        layout: Layout,
-        topology: &Topology,
-        buckets: Range<u32>,
-    ) -> Result<Self, ScratchError> {
+    fn read(from: &dyn Welds, layout: Layout, buckets: Range<u32>) -> Result<Self, BuildError> {
         let mut all = Welded::default();
         let mut points = 0;
-        let mut words = Vec::new();
         for bucket in buckets {
-            let bucket = bucket as usize;
-            let mut w = Welded::read(welded, topology.places[bucket], layout)?;
-            words.clear();
-            topology.replies.read(replies, bucket, &mut words)?;
-            apply(&mut w, words.as_chunks::<REPLY>().0);
+            let mut w = from.welded(bucket)?;
+            apply(&mut w, from.replies(bucket)?.as_chunks::<REPLY>().0);
             let first = all.point_of.len() as u32;
             let count = w.point_of.iter().map(|p| p + 1).max().unwrap_or(0);
             all.vertices.append(&mut w.vertices);

@@ -24,6 +24,7 @@ mod collapse;
 mod column;
 mod components;
 mod crowded;
+pub(crate) mod divided;
 mod islands;
 mod lattice;
 mod leaves;
@@ -44,7 +45,7 @@ use crate::build::work::Work;
 use crate::ingest::surface::{Diagnostic, Ingested, LEAVES, SHARED, Surface};
 use crate::scratch::{PatchFile, Records, Scratch, ScratchError, Sum, seal, unseal};
 use buckets::{Buckets, point_of_words};
-use crowded::Crowd;
+use crowded::refuse_leaves;
 use glam::DVec3;
 use kilwa_geometry::{DiamondKey, LatticePoint};
 use kilwa_pack::chunk::MAX_SCALARS;
@@ -55,7 +56,7 @@ use serde::{Deserialize, Serialize};
 pub use spool::{Spool, Spooled};
 use std::collections::BTreeMap;
 pub use topology::Counts;
-use topology::Welded;
+use topology::{Welded, Whole};
 use words::color_of_word;
 
 /// What the user can choose.
@@ -99,12 +100,14 @@ pub fn ingest(
     let mut stages = Stages { work, unchecked: BTreeMap::new() };
     let known = Known::find(&mut stages, spooled, options)?;
     let key = |(level, midpoint): &(u8, LatticePoint)| DiamondKey { level: *level, midpoint: *midpoint };
-    let mut tree = leaves::tree_of(known.resolved.cube_log2, known.topology.split_requests.iter().map(key));
+    let mut tree = leaves::tree_of(known.sorted.resolved.cube_log2, known.topology.split_requests.iter().map(key));
     // The files that this stage writes carry their own checksums.
     let leaves = stages.run("leaves", &[topology::WELDED, topology::REPLIES], &[""; 0], || {
-        let buckets = Buckets::of_shape(known.scattered.cube_log2, known.scattered.shape.clone());
-        known.crowd(work, &buckets, options).refuse_leaves(&tree)?;
-        leaves::leaves(work, known.resolved.layout, &known.scattered, &known.topology, &tree)
+        let Known { sorted: Sorted { resolved, scattered, .. }, topology } = &known;
+        let buckets = Buckets::of_shape(scattered.cube_log2, scattered.shape.clone());
+        let triangles = |bucket: u32| topology.places[bucket as usize].triangles;
+        refuse_leaves(&buckets, &resolved.lattice, triangles, &tree)?;
+        leaves::leaves(work, resolved.layout, &buckets, topology, &tree)
     })?;
     leaves.count(&mut tree, options.leaf_triangles);
     let (leaves, shared) = (PatchFile::open(work.scratch, LEAVES)?, Records::open(work.scratch, SHARED)?);
@@ -138,16 +141,21 @@ pub trait TriangleVisitor {
     fn triangle(&mut self, corners: [DVec3; 3], colors: Option<[[u8; 3]; 3]>);
 }
 
-/// What all stages but the last know.
-struct Known {
+/// What is known once the triangles are sorted into regions.
+struct Sorted {
     spooled: Spooled,
     resolved: resolve::Resolved,
     scattered: scatter::Scattered,
-    topology: topology::Topology,
 }
 
-impl Known {
-    fn find(stages: &mut Stages<'_>, spooled: Option<Spooled>, options: &IngestOptions) -> Result<Self, BuildError> {
+impl Sorted {
+    /// Do the stages up to there; in regions of about `region` triangles, where that is given.
+    fn find(
+        stages: &mut Stages<'_>,
+        spooled: Option<Spooled>,
+        options: &IngestOptions,
+        region: Option<u64>,
+    ) -> Result<Self, BuildError> {
         let work = stages.work;
         if spooled.is_some() {
             work.scratch.create(SESSION)?.append(session().as_bytes())?;
@@ -167,35 +175,74 @@ impl Known {
         let resolved =
             stages.run("resolve", &inputs, &[resolve::CORNERS], || resolve::resolve(work, &spooled, options))?;
         let (layout, files) = (resolved.layout, [scatter::BUCKETS, scatter::HALO]);
-        let mut scattered =
-            stages.run("scatter", &[resolve::CORNERS], &files, || scatter::scatter(work, &resolved, options))?;
+        let mut scattered = stages
+            .run("scatter", &[resolve::CORNERS], &files, || scatter::scatter(work, &resolved, options, region))?;
         if let Some(below) = options.drop_islands_below {
             scattered = stages.run("islands", &files, &[islands::KEPT_BUCKETS, islands::KEPT_HALO], || {
                 islands::drop_islands(work, layout, &scattered, below)
             })?;
         }
-        let (files, left) =
-            ([scattered.own_file.as_str(), &scattered.halo_file], [topology::WELDED, topology::REPLIES]);
-        let topology =
-            stages.run("topology", &files, &left, || topology::topology(work, &resolved, &scattered, options))?;
-        Ok(Self { spooled, resolved, scattered, topology })
+        Ok(Self { spooled, resolved, scattered })
     }
 
-    fn crowd<'a>(&'a self, work: &'a Work<'a>, buckets: &'a Buckets, options: &IngestOptions) -> Crowd<'a> {
-        Crowd {
-            work,
-            layout: self.resolved.layout,
-            lattice: &self.resolved.lattice,
-            scattered: &self.scattered,
-            buckets,
-            leaf_triangles: options.leaf_triangles,
+    fn surface(&self, whole: &Whole, provenance: Provenance) -> Surface {
+        let Self { spooled, resolved, scattered } = self;
+        let mut tally = spooled.tally.clone();
+        tally.merge(&resolved.tally);
+        tally.merge(&scattered.tally);
+        tally.add_many(WELDED_VERTICES, resolved.used.saturating_sub(whole.counts.vertices));
+        let channel = |c: &spool::Channel| ScalarChannel { name: c.name.clone(), min: c.min, max: c.max };
+        let diagnostic = |(kind, count, places): (&str, u64, &[String])| {
+            (kind.to_owned(), Diagnostic { count, places: places.to_vec() })
+        };
+        Surface {
+            lattice: resolved.lattice,
+            cube_log2: resolved.cube_log2,
+            bounds: whole.bounds,
+            supplied_normals: resolved.layout.normals,
+            colors: resolved.layout.colors,
+            colored_by: spooled.colored_by(),
+            facing: resolved.facing,
+            scalars: spooled.channels.iter().map(channel).collect(),
+            triangles: scattered.triangles,
+            points: whole.counts.points,
+            border_edges: whole.counts.border_edges,
+            non_manifold_edges: whole.counts.non_manifold_edges,
+            inconsistent_edges: whole.counts.inconsistent_edges,
+            duplicate_triangles: whole.counts.duplicate_triangles,
+            components: whole.components.count,
+            largest_component: whole.components.largest,
+            median_edge: resolved.median,
+            short_edge: resolved.first,
+            noise: whole.roughness * resolved.lattice.step() * DEVIATION_PER_MEDIAN,
+            sources: provenance.sources,
+            capture: provenance.capture,
+            diagnostics: tally.iter().map(diagnostic).collect::<BTreeMap<_, _>>(),
         }
+    }
+}
+
+/// What all stages but the last know.
+struct Known {
+    sorted: Sorted,
+    topology: topology::Topology,
+}
+
+impl Known {
+    fn find(stages: &mut Stages<'_>, spooled: Option<Spooled>, options: &IngestOptions) -> Result<Self, BuildError> {
+        let work = stages.work;
+        let sorted = Sorted::find(stages, spooled, options, None)?;
+        let Sorted { resolved, scattered, .. } = &sorted;
+        let left = [topology::WELDED, topology::REPLIES];
+        let topology = stages
+            .run("topology", &scattered.files(), &left, || topology::topology(work, resolved, scattered, options))?;
+        Ok(Self { sorted, topology })
     }
 
     fn visit(&self, work: &Work<'_>, visitor: &mut dyn TriangleVisitor) -> Result<(), BuildError> {
-        let Self { resolved, topology, .. } = self;
+        let Self { sorted: Sorted { resolved, .. }, topology } = self;
         let layout = resolved.layout;
-        visitor.begin(topology.bounds.map(|p| resolved.lattice.world_from_lattice(p)));
+        visitor.begin(topology.whole.bounds.map(|p| resolved.lattice.world_from_lattice(p)));
         let file = work.scratch.existing(topology::WELDED)?;
         for (done, place) in (1..).zip(&topology.places) {
             let welded = Welded::read(&file, *place, layout)?;
@@ -215,39 +262,7 @@ impl Known {
     }
 
     fn surface(&self, provenance: Provenance) -> Surface {
-        let Self { spooled, resolved, scattered, topology } = self;
-        let mut tally = spooled.tally.clone();
-        tally.merge(&resolved.tally);
-        tally.merge(&scattered.tally);
-        tally.add_many(WELDED_VERTICES, resolved.used.saturating_sub(topology.counts.vertices));
-        let channel = |c: &spool::Channel| ScalarChannel { name: c.name.clone(), min: c.min, max: c.max };
-        let diagnostic = |(kind, count, places): (&str, u64, &[String])| {
-            (kind.to_owned(), Diagnostic { count, places: places.to_vec() })
-        };
-        Surface {
-            lattice: resolved.lattice,
-            cube_log2: resolved.cube_log2,
-            bounds: topology.bounds,
-            supplied_normals: resolved.layout.normals,
-            colors: resolved.layout.colors,
-            colored_by: spooled.colored_by(),
-            facing: resolved.facing,
-            scalars: spooled.channels.iter().map(channel).collect(),
-            triangles: scattered.triangles,
-            points: topology.counts.points,
-            border_edges: topology.counts.border_edges,
-            non_manifold_edges: topology.counts.non_manifold_edges,
-            inconsistent_edges: topology.counts.inconsistent_edges,
-            duplicate_triangles: topology.counts.duplicate_triangles,
-            components: topology.components.count,
-            largest_component: topology.components.largest,
-            median_edge: resolved.median,
-            short_edge: resolved.first,
-            noise: topology.roughness * resolved.lattice.step() * DEVIATION_PER_MEDIAN,
-            sources: provenance.sources,
-            capture: provenance.capture,
-            diagnostics: tally.iter().map(diagnostic).collect::<BTreeMap<_, _>>(),
-        }
+        self.sorted.surface(&self.topology.whole, provenance)
     }
 }
 

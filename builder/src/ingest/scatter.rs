@@ -10,12 +10,13 @@ use super::IngestOptions;
 use super::buckets::{Buckets, point_of_words};
 use super::lattice::Rounding;
 use super::resolve::{CORNERS, PIECE, Resolved, block, read_corners};
-use super::spill::{Extents, Spill};
+use super::spill::{Lists, Spill};
 use super::tally::Tally;
 use super::words::Layout;
 use crate::build::options::BuildError;
 use crate::build::work::Work;
 use crate::scratch::ScratchError;
+use crate::tasks::equal_parts;
 use glam::{DVec3, I64Vec3};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -29,39 +30,48 @@ const NOWHERE: u32 = u32::MAX;
 /// Words before the corners of a halo triangle: its bucket, its place there.
 pub(super) const HALO_HEAD: usize = 2;
 
-/// Where the triangles are.
+/// Where the triangles are. Consecutive buckets are a *region*, whose triangles are in files of their own: the whole model
+/// is one, or each region has about as many triangles as a task of many should take.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Scattered {
     pub(super) cube_log2: u32,
     pub(super) shape: Vec<bool>,
-    pub(super) own: Extents,
-    pub(super) halo: Extents,
-    /// The files that these are in.
-    pub(super) own_file: String,
-    pub(super) halo_file: String,
+    pub(super) own: Lists,
+    pub(super) halo: Lists,
+    /// The first bucket of each region.
+    pub(super) regions: Vec<u32>,
     pub(super) triangles: u64,
     pub(super) tally: Tally,
 }
 
 impl Scattered {
+    /// Names of the files of triangles.
+    pub(super) fn files(&self) -> Vec<&str> {
+        self.own.files.iter().chain(&self.halo.files).map(|file| file.name.as_str()).collect()
+    }
+
     /// Triangles of a bucket, halo included.
     pub(super) fn triangles_in(&self, layout: Layout, bucket: usize) -> u64 {
         ((self.own.words(bucket) + self.halo.words(bucket)) / layout.triangle()) as u64
     }
 }
 
+/// Buckets of a region, at least: regions of whole buckets are then about equal.
+const BUCKETS_OF_REGION: u64 = 8;
+
 /// What a triangle of a bucket that is worked on takes: corners as they were, welded vertices, tables, edges, sums.
 pub(super) fn bytes_per_triangle(layout: Layout) -> u64 {
     8 * layout.triangle() as u64 + 150
 }
 
-/// How many triangles a bucket should have.
-pub(super) fn capacity(work: &Work<'_>, layout: Layout, triangles: u64, options: &IngestOptions) -> u64 {
+/// How many triangles a bucket should have, in regions of about `region` triangles.
+fn capacity(work: &Work<'_>, layout: Layout, triangles: u64, options: &IngestOptions, region: Option<u64>) -> u64 {
     let threads = work.threads.max(1) as u64;
     let fits = work.memory / 10 * 7 / threads / bytes_per_triangle(layout);
     // Small enough to keep all threads busy to the end, large enough for few halo triangles.
     let even = (triangles / (8 * threads)).max(1 << 15);
     // They are also small enough that a bucket's tables stay in the processor's caches even if its triangles are in no particular order.
+    let even = even.min(region.map_or(u64::MAX, |n| n / BUCKETS_OF_REGION));
     fits.min(even).clamp((options.leaf_triangles as u64 / 2).max(16), 1 << 18)
 }
 
@@ -73,16 +83,33 @@ struct Piece {
     collapsed: Tally,
 }
 
-/// The stage.
-pub(super) fn scatter(work: &Work<'_>, resolved: &Resolved, options: &IngestOptions) -> Result<Scattered, BuildError> {
+/// The first bucket of each region of about `size` triangles.
+fn regions(buckets: &Buckets, resolved: &Resolved, size: u64) -> Vec<u32> {
+    let mut weights = vec![0.0; buckets.len()];
+    for sample in &resolved.samples {
+        weights[buckets.of_sum(*sample) as usize] += resolved.weight as f64;
+    }
+    equal_parts(&weights, size)
+}
+
+/// The stage; in regions of about `region` triangles, where that is given.
+pub(super) fn scatter(
+    work: &Work<'_>,
+    resolved: &Resolved,
+    options: &IngestOptions,
+    region: Option<u64>,
+) -> Result<Scattered, BuildError> {
     let (layout, rounding) = (resolved.layout, resolved.rounding());
-    let capacity = capacity(work, layout, resolved.triangles, options);
+    let capacity = capacity(work, layout, resolved.triangles, options, region);
     let mut samples = resolved.samples.clone();
     let buckets = Buckets::divide(resolved.cube_log2, &mut samples, resolved.weight, capacity);
     drop(samples);
+    let firsts = region.map_or_else(|| vec![0], |size| regions(&buckets, resolved, size));
+    // Islands are dropped from all regions together, which are divided after that.
+    let in_files: &[u32] = if options.drop_islands_below.is_some() { &[0] } else { &firsts };
     let corners = work.scratch.existing(CORNERS)?;
-    let mut own = Spill::create(work.scratch, BUCKETS, buckets.len(), work.memory / 4)?;
-    let mut halo = Spill::create(work.scratch, HALO, buckets.len(), work.memory / 16)?;
+    let mut own = Spill::create(work.scratch, BUCKETS, buckets.len(), in_files, work.memory / 4)?;
+    let mut halo = Spill::create(work.scratch, HALO, buckets.len(), in_files, work.memory / 16)?;
     let mut counts = vec![0u32; buckets.len()];
     let mut tally = Tally::default();
     let (triangle, mut kept) = (layout.triangle(), 0);
@@ -141,9 +168,8 @@ pub(super) fn scatter(work: &Work<'_>, resolved: &Resolved, options: &IngestOpti
         return Err(BuildError::Empty { why });
     }
     let (cube_log2, shape) = (resolved.cube_log2, buckets.shape().to_vec());
-    let (own_file, halo_file) = (BUCKETS.to_owned(), HALO.to_owned());
     let (own, halo) = (own.finish()?, halo.finish()?);
-    Ok(Scattered { cube_log2, shape, own, halo, own_file, halo_file, triangles: kept, tally })
+    Ok(Scattered { cube_log2, shape, own, halo, regions: firsts, triangles: kept, tally })
 }
 
 fn piece(words: &mut [u32], layout: Layout, rounding: &Rounding, buckets: &Buckets, resolved: &Resolved) -> Piece {

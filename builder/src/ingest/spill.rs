@@ -1,27 +1,72 @@
-//! Many lists of words in one file: each grows through a buffer of its own, and its extents are remembered.
+//! Many lists of words in a few files: each list grows through a buffer of its own, and its extents are remembered.
 
 use super::words::{append_words, read_words};
 use crate::scratch::{Scratch, ScratchError, ScratchFile};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// Words that all buffers together hold at most, by list: between these.
 const BUFFER: std::ops::RangeInclusive<usize> = 256..=1 << 16;
+/// Files that are open at a time.
+const OPEN: usize = 128;
 
-/// Where each list is: byte and number of words of every piece.
+/// Lists that are complete.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub(super) struct Extents(pub(super) Vec<Vec<(u64, u32)>>);
+pub(super) struct Lists {
+    /// Number of the first list.
+    first: u32,
+    /// The files, in the order of the lists that they hold.
+    pub(super) files: Vec<ListFile>,
+    /// Where each list is in its file: byte and number of words of every piece.
+    extents: Vec<Vec<(u64, u32)>>,
+}
 
-impl Extents {
+/// A file of consecutive lists.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct ListFile {
+    pub(super) name: String,
+    /// Number of the first list in it.
+    pub(super) first: u32,
+    /// CRC-32 of the file.
+    pub(super) crc32: u32,
+}
+
+impl Lists {
+    /// Where a list is in its file; no pieces where there is no such list.
+    pub(super) fn extents(&self, list: usize) -> &[(u64, u32)] {
+        list.checked_sub(self.first as usize).and_then(|i| self.extents.get(i)).map_or(&[], Vec::as_slice)
+    }
+
     /// Words of a list.
     pub(super) fn words(&self, list: usize) -> usize {
-        self.0[list].iter().map(|(_, n)| *n as usize).sum()
+        self.extents(list).iter().map(|(_, n)| *n as usize).sum()
+    }
+
+    /// Numbers of the lists.
+    pub(super) fn range(&self) -> Range<u32> {
+        self.first..self.first + self.extents.len() as u32
+    }
+
+    /// Those of one file alone; none where there is no such file.
+    pub(super) fn of_file(&self, file: usize) -> Self {
+        let Some(one) = self.files.get(file) else { return Self::default() };
+        let end = self.files.get(file + 1).map_or(self.range().end, |next| next.first);
+        let extents = (one.first..end).map(|list| self.extents(list as usize).to_vec()).collect();
+        Self { first: one.first, files: vec![one.clone()], extents }
+    }
+
+    /// Open the first file, which must be the only one.
+    pub(super) fn open(&self, scratch: &Scratch) -> Result<ScratchFile, ScratchError> {
+        let only = || ScratchError::damaged(scratch.folder(), "lists of several files, where one was expected");
+        let [file] = self.files.as_slice() else { return Err(only()) };
+        scratch.existing(&file.name)
     }
 
     /// Read a list; it is appended to `into`.
     pub(super) fn read(&self, file: &ScratchFile, list: usize, into: &mut Vec<u32>) -> Result<(), ScratchError> {
         let mut at = into.len();
         into.resize(at + self.words(list), 0);
-        for &(byte, n) in &self.0[list] {
+        for &(byte, n) in self.extents(list) {
             read_words(file, byte, &mut into[at..at + n as usize])?;
             at += n as usize;
         }
@@ -32,21 +77,42 @@ impl Extents {
 /// Lists that are being written.
 #[derive(Debug)]
 pub(super) struct Spill {
-    file: ScratchFile,
+    scratch: Scratch,
+    files: Vec<ListFile>,
+    sums: Vec<crc32fast::Hasher>,
+    open: Vec<Option<ScratchFile>>,
+    open_now: usize,
     buffers: Vec<Vec<u32>>,
     capacity: usize,
-    extents: Extents,
+    extents: Vec<Vec<(u64, u32)>>,
 }
 
 impl Spill {
-    /// Empty lists; their buffers take about `memory` bytes.
-    pub(super) fn create(scratch: &Scratch, name: &str, lists: usize, memory: u64) -> Result<Self, ScratchError> {
+    /// Empty lists, numbered from 0; their buffers take about `memory` bytes. `firsts` are the numbers of the lists with
+    /// which a new file begins: the file `name`, where it is the only one, otherwise its name with a number.
+    pub(super) fn create(
+        scratch: &Scratch,
+        name: &str,
+        lists: usize,
+        firsts: &[u32],
+        memory: u64,
+    ) -> Result<Self, ScratchError> {
         let capacity = ((memory / 4) as usize / lists.max(1)).clamp(*BUFFER.start(), *BUFFER.end());
+        let name = |i: usize| if firsts.len() == 1 { name.to_owned() } else { format!("{name}-{i:04}") };
+        let files: Vec<ListFile> =
+            firsts.iter().enumerate().map(|(i, first)| ListFile { name: name(i), first: *first, crc32: 0 }).collect();
+        for file in &files {
+            scratch.create(&file.name)?;
+        }
         Ok(Self {
-            file: scratch.create(name)?,
+            scratch: scratch.clone(),
+            sums: vec![crc32fast::Hasher::new(); files.len()],
+            open: files.iter().map(|_| None).collect(),
+            open_now: 0,
+            files,
             buffers: vec![Vec::new(); lists],
             capacity,
-            extents: Extents(vec![Vec::new(); lists]),
+            extents: vec![Vec::new(); lists],
         })
     }
 
@@ -54,33 +120,79 @@ impl Spill {
     pub(super) fn push(&mut self, list: usize, words: &[u32]) -> Result<(), ScratchError> {
         let buffer = &mut self.buffers[list];
         buffer.extend_from_slice(words);
-        if buffer.len() >= self.capacity {
-            flush(&self.file, buffer, &mut self.extents.0[list])?;
-        }
-        Ok(())
+        if buffer.len() >= self.capacity { self.flush(list) } else { Ok(()) }
     }
 
     /// Write what is left.
-    pub(super) fn finish(mut self) -> Result<Extents, ScratchError> {
-        for (buffer, extents) in self.buffers.iter_mut().zip(&mut self.extents.0) {
-            if !buffer.is_empty() {
-                flush(&self.file, buffer, extents)?;
+    pub(super) fn finish(mut self) -> Result<Lists, ScratchError> {
+        for list in 0..self.buffers.len() {
+            if !self.buffers[list].is_empty() {
+                self.flush(list)?;
             }
         }
-        Ok(self.extents)
+        for (file, sum) in self.files.iter_mut().zip(self.sums) {
+            file.crc32 = sum.finalize();
+        }
+        Ok(Lists { first: 0, files: self.files, extents: self.extents })
+    }
+
+    fn flush(&mut self, list: usize) -> Result<(), ScratchError> {
+        let number = self.files.partition_point(|f| f.first as usize <= list).saturating_sub(1);
+        if self.open[number].is_none() {
+            if self.open_now >= OPEN {
+                self.open.iter_mut().for_each(|file| *file = None);
+                self.open_now = 0;
+            }
+            self.open_now += 1;
+        }
+        let file = match &mut self.open[number] {
+            Some(file) => file,
+            closed => closed.insert(self.scratch.existing(&self.files[number].name)?),
+        };
+        let (buffer, extents) = (&mut self.buffers[list], &mut self.extents[list]);
+        let n = buffer.len() as u32;
+        let at = append_words(file, buffer)?;
+        self.sums[number].update(bytemuck::cast_slice(buffer));
+        buffer.clear();
+        match extents.last_mut() {
+            Some((before, words)) if *before + 4 * u64::from(*words) == at => match words.checked_add(n) {
+                Some(sum) => *words = sum,
+                None => extents.push((at, n)),
+            },
+            _ => extents.push((at, n)),
+        }
+        Ok(())
     }
 }
 
-fn flush(file: &ScratchFile, buffer: &mut Vec<u32>, extents: &mut Vec<(u64, u32)>) -> Result<(), ScratchError> {
-    let n = buffer.len() as u32;
-    let at = append_words(file, buffer)?;
-    buffer.clear();
-    match extents.last_mut() {
-        Some((before, words)) if *before + 4 * u64::from(*words) == at => match words.checked_add(n) {
-            Some(sum) => *words = sum,
-            None => extents.push((at, n)),
-        },
-        _ => extents.push((at, n)),
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lists_in_several_files_come_back_whole_or_file_by_file() {
+        let scratch = Scratch::temporary().unwrap();
+        let mut spill = Spill::create(&scratch, "lists", 7, &[0, 3, 6], 0).unwrap();
+        let mut expected = vec![Vec::new(); 7];
+        let mut random = fastrand::Rng::with_seed(3);
+        for i in 0..9000u32 {
+            let list = random.usize(..6);
+            spill.push(list, &[i, i + 1]).unwrap();
+            expected[list].extend([i, i + 1]);
+        }
+        let lists = spill.finish().unwrap();
+        assert_eq!((lists.range(), lists.files.len()), (0..7, 3));
+        for (number, file) in lists.files.iter().enumerate() {
+            let bytes = std::fs::read(scratch.path(&file.name)).unwrap();
+            assert_eq!(crc32fast::hash(&bytes), file.crc32);
+            let part = lists.of_file(number);
+            assert_eq!(part.range(), [0..3, 3..6, 6..7][number]);
+            let opened = part.open(&scratch).unwrap();
+            for list in part.range() {
+                let mut words = Vec::new();
+                part.read(&opened, list as usize, &mut words).unwrap();
+                assert_eq!(words, expected[list as usize]);
+            }
+        }
     }
-    Ok(())
 }

@@ -66,7 +66,12 @@ pub(super) struct SplitRequests<'a> {
     pub(super) deepest: u8,
     /// The diamonds that are wanted.
     pub(super) keys: Vec<DiamondKey>,
+    /// Groups of triangles that a leaf can hold: a centroid, three times, and how many they are.
+    pub(super) groups: Vec<Group>,
 }
+
+/// Triangles that are close to each other: three times one of their centroids, and their number.
+pub(super) type Group = ([u32; 3], u32);
 
 impl SplitRequests<'_> {
     /// The split requests inside a bucket whose tetrahedron is `tetra`.
@@ -84,6 +89,7 @@ impl SplitRequests<'_> {
 
     fn descend(&mut self, tetra: &Tetra, triangles: &mut [u32]) -> bool {
         if triangles.len() <= self.leaf_triangles || tetra.level >= self.deepest {
+            self.groups.extend(triangles.first().map(|t| (self.sums[*t as usize], triangles.len() as u32)));
             return false;
         }
         let plane = tetra.split_plane();

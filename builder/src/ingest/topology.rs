@@ -14,23 +14,23 @@ use super::crowded::Crowd;
 use super::lattice::Lengths;
 use super::resolve::Resolved;
 use super::scatter::{HALO_HEAD, Scattered, bytes_per_triangle};
-use super::spill::{Extents, Spill};
-use super::split_requests::{self, Above, SplitRequests};
+use super::spill::{Lists, Spill};
+use super::split_requests::{self, Above, Group, SplitRequests};
 use super::weld::Weld;
-use super::words::{Layout, append_words, normal_of_word, read_words, word_of_normal};
+use super::words::{Layout, append_words, normal_of_word, word_of_normal, words_of_bytes};
 use crate::build::options::BuildError;
 use crate::build::work::Work;
 use crate::scratch::{ScratchError, ScratchFile};
 use glam::I64Vec3;
 use kilwa_geometry::tetra::max_level;
-use kilwa_geometry::{Aabb, DiamondKey, LatticePoint, normal};
+use kilwa_geometry::{Aabb, DiamondKey, Lattice, LatticePoint, normal};
 use kilwa_simplify::Precision;
 use serde::{Deserialize, Serialize};
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Mutex, PoisonError};
 
-pub(super) const WELDED: &str = "welded";
-pub(super) const REPLIES: &str = "replies";
+pub(crate) const WELDED: &str = "welded";
+pub(crate) const REPLIES: &str = "replies";
 
 /// Words of a reply: place of the triangle, bits, three normals.
 pub(super) const REPLY: usize = 5;
@@ -74,18 +74,51 @@ impl Counts {
 /// What the stage leaves.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Topology {
-    /// Byte of each bucket in `welded`, and its words.
-    pub(super) places: Vec<(u64, u64)>,
-    pub(super) replies: Extents,
+    pub(super) places: Vec<WeldedPlace>,
+    pub(super) replies: Lists,
     /// Level and midpoint of the diamonds that are wanted, sorted.
     #[serde(rename = "wishes")]
     pub(super) split_requests: Vec<(u8, LatticePoint)>,
+    pub(super) whole: Whole,
+}
+
+/// What is known of the whole model.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct Whole {
     pub(super) counts: Counts,
     pub(super) components: Components,
     /// Median distance of a point from its neighbours, in lattice units: see [`Local::roughness`].
     pub(super) roughness: f64,
     /// Smallest and largest coordinates.
     pub(super) bounds: [LatticePoint; 2],
+}
+
+/// Where a bucket is in `welded`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct WeldedPlace {
+    /// First byte.
+    pub(super) at: u64,
+    pub(super) words: u64,
+    pub(super) triangles: u64,
+    pub(super) crc32: u32,
+}
+
+/// What is found out about some buckets, for what follows.
+#[derive(Debug, Default, Serialize, Deserialize)]
+pub(crate) struct Findings {
+    /// What is known of each bucket.
+    pub(super) above: Vec<Above>,
+    pub(super) parts: Vec<Part>,
+    /// How many numbers the components in these have, where others are to be joined with them.
+    pub(super) numbers: u32,
+    /// The diamonds that are wanted, as level and midpoint.
+    pub(super) keys: Vec<(u8, LatticePoint)>,
+    /// Where the triangles are, so finely that a leaf holds a few of these groups; empty where the region is all.
+    pub(super) groups: Vec<Group>,
+    pub(super) counts: Counts,
+    /// See [`Lengths::sparse`].
+    pub(super) roughness: Vec<(u32, u64)>,
+    pub(super) bounds: Option<[LatticePoint; 2]>,
 }
 
 /// A bucket as an indexed mesh.
@@ -105,35 +138,44 @@ pub(super) struct Welded {
 
 impl Welded {
     /// Write it: four lengths, then the lists.
-    fn write(&self, file: &ScratchFile) -> Result<(u64, u64), ScratchError> {
+    fn write(&self, file: &ScratchFile) -> Result<WeldedPlace, ScratchError> {
         let lengths = [self.point_of.len(), self.normals.len(), self.shared.len(), self.triangles.len()];
         let mut words: Vec<u32> = lengths.iter().map(|n| *n as u32).collect();
         for list in [&self.vertices, &self.point_of, &self.normals, &self.shared] {
             words.extend_from_slice(list);
         }
         words.extend_from_slice(self.triangles.as_flattened());
-        let n = words.len() as u64;
-        Ok((append_words(file, &mut words)?, n))
+        let at = append_words(file, &mut words)?;
+        let crc32 = crc32fast::hash(bytemuck::cast_slice(&words));
+        Ok(WeldedPlace { at, words: words.len() as u64, triangles: self.triangles.len() as u64, crc32 })
     }
 
     /// Read what was written at a place.
-    pub(super) fn read(file: &ScratchFile, (at, n): (u64, u64), layout: Layout) -> Result<Self, ScratchError> {
-        let mut words = vec![0; n as usize];
-        read_words(file, at, &mut words)?;
-        let whole = || ScratchError::damaged(file.path(), format!("the bucket at byte {at} is not whole"));
-        let (head, mut rest) = words.split_at_checked(4).ok_or_else(whole)?;
-        let mut take = |n: usize| -> Result<Vec<u32>, ScratchError> {
-            let (list, after) = rest.split_at_checked(n).ok_or_else(whole)?;
+    pub(super) fn read(file: &ScratchFile, place: WeldedPlace, layout: Layout) -> Result<Self, ScratchError> {
+        let bytes = file.read(place.at, place.words * 4)?;
+        let whole = || ScratchError::damaged(file.path(), format!("the bucket at byte {} is not whole", place.at));
+        Self::of_bytes(&bytes, place, layout).ok_or_else(whole)
+    }
+
+    /// What was written at a place, from its bytes; `None` if they are not those that were written.
+    pub(super) fn of_bytes(bytes: &[u8], place: WeldedPlace, layout: Layout) -> Option<Self> {
+        if crc32fast::hash(bytes) != place.crc32 {
+            return None;
+        }
+        let words = words_of_bytes(bytes);
+        let (head, mut rest) = words.split_at_checked(4)?;
+        let mut take = |n: usize| -> Option<Vec<u32>> {
+            let (list, after) = rest.split_at_checked(n)?;
             rest = after;
-            Ok(list.to_vec())
+            Some(list.to_vec())
         };
         let [vertices, normals, shared, triangles] = std::array::from_fn(|i| head[i] as usize);
-        Ok(Self {
-            vertices: take(vertices * layout.vertex())?,
+        Some(Self {
+            vertices: take(vertices.checked_mul(layout.vertex())?)?,
             point_of: take(vertices)?,
             normals: take(normals)?,
             shared: take(shared)?,
-            triangles: take(3 * triangles)?.as_chunks::<3>().0.to_vec(),
+            triangles: take(triangles.checked_mul(3)?)?.as_chunks::<3>().0.to_vec(),
         })
     }
 }
@@ -145,17 +187,115 @@ pub(super) fn topology(
     scattered: &Scattered,
     options: &IngestOptions,
 ) -> Result<Topology, BuildError> {
-    let layout = resolved.layout;
     let buckets = Buckets::of_shape(scattered.cube_log2, scattered.shape.clone());
-    let files = (work.scratch.existing(&scattered.own_file)?, work.scratch.existing(&scattered.halo_file)?);
     let joining = Joining::create(work.scratch)?;
-    let welded = work.scratch.create(WELDED)?;
-    let replies = Mutex::new(Spill::create(work.scratch, REPLIES, buckets.len(), work.memory / 16)?);
-    let done = AtomicU64::new(0);
-    let one = |bucket: usize| -> Result<Finished, BuildError> {
-        let local = Local::read(scattered, layout, (&files.0, &files.1), bucket, &buckets)?;
+    let region = Region {
+        work,
+        layout: resolved.layout,
+        lattice: &resolved.lattice,
+        scattered,
+        buckets: &buckets,
+        leaf_triangles: options.leaf_triangles,
+        precision: options.precision,
+        joining: &joining,
+        is_all: true,
+    };
+    let Welding { places, replies, findings } = region.weld()?;
+    let (split_requests, whole) = join(work, &buckets, options.leaf_triangles, joining, vec![findings])?;
+    Ok(Topology { places, replies, split_requests, whole })
+}
+
+/// Buckets whose triangles are in the scratch folder: all, or those of one region.
+pub(super) struct Region<'a> {
+    pub(super) work: &'a Work<'a>,
+    pub(super) layout: Layout,
+    pub(super) lattice: &'a Lattice,
+    pub(super) scattered: &'a Scattered,
+    /// All buckets of the model.
+    pub(super) buckets: &'a Buckets,
+    pub(super) leaf_triangles: usize,
+    pub(super) precision: Precision,
+    pub(super) joining: &'a Joining,
+    /// Whether the region is the whole model.
+    pub(super) is_all: bool,
+}
+
+/// What a region leaves beside the file of [`WELDED`].
+pub(super) struct Welding {
+    /// By bucket, from the first of the region on.
+    pub(super) places: Vec<WeldedPlace>,
+    /// For every bucket of the model.
+    pub(super) replies: Lists,
+    pub(super) findings: Findings,
+}
+
+impl Region<'_> {
+    /// Weld the buckets, and find out how their triangles relate to their neighbours.
+    pub(super) fn weld(&self) -> Result<Welding, BuildError> {
+        let Self { work, layout, scattered, buckets, .. } = *self;
+        let files = (scattered.own.open(work.scratch)?, scattered.halo.open(work.scratch)?);
+        let welded = work.scratch.create(WELDED)?;
+        let replies = Mutex::new(Spill::create(work.scratch, REPLIES, buckets.len(), &[0], work.memory / 16)?);
+        let done = AtomicU64::new(0);
+        let all: Vec<usize> = scattered.own.range().map(|b| b as usize).collect();
+        let one = |bucket: usize| -> Result<Finished, BuildError> {
+            let finished = self.bucket((&files.0, &files.1), bucket, &welded, &replies)?;
+            let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+            work.progress.update("joining triangles", done, all.len() as u64);
+            Ok(finished)
+        };
+        let cost = |b: usize| scattered.triangles_in(layout, b) * bytes_per_triangle(layout);
+        let budget = work.memory / 10 * 9;
+        let run = |of: &[usize]| -> Result<Vec<(usize, Finished)>, BuildError> {
+            let done = work.run_jobs(of.len(), budget, |i| cost(of[i]), |i| one(of[i]))?;
+            Ok(of.iter().copied().zip(done).collect())
+        };
+        let (large, small): (Vec<usize>, Vec<usize>) = all.iter().partition(|b| cost(**b) > budget);
+        let mut finished = run(&small)?;
+        let Self { lattice, leaf_triangles, .. } = *self;
+        let crowd = Crowd { work, layout, lattice, scattered, buckets, leaf_triangles };
+        if self.is_all {
+            let mut known = vec![Above::default(); buckets.len()];
+            for (b, f) in &finished {
+                known[*b] = f.above.clone();
+            }
+            crowd.refuse(&files.0, known, finished.iter().flat_map(|(_, f)| &f.keys).copied().collect(), &large)?;
+        } else {
+            crowd.refuse_piles(&files.0, &large)?;
+        }
+        finished.extend(run(&large)?);
+        finished.sort_unstable_by_key(|(bucket, _)| *bucket);
+        let mut findings = Findings::default();
+        let (mut places, mut bounds, mut roughness) = (Vec::new(), Aabb::EMPTY, Lengths::default());
+        for (_, f) in finished {
+            places.push(f.place);
+            findings.above.push(f.above);
+            findings.parts.push(f.part);
+            findings.keys.extend(f.keys.iter().map(|k| (k.level, k.midpoint)));
+            // Only tasks ask for the groups.
+            findings.groups.extend(f.groups.into_iter().filter(|_| !self.is_all));
+            findings.counts.add(&f.counts);
+            roughness = roughness.merge(&f.roughness);
+            bounds = bounds.union(&f.bounds);
+        }
+        findings.keys.sort_unstable_by_key(|(level, midpoint)| DiamondKey { level: *level, midpoint: *midpoint });
+        findings.keys.dedup();
+        findings.roughness = roughness.sparse();
+        findings.bounds = (bounds != Aabb::EMPTY).then_some([bounds.min, bounds.max]);
+        let replies = replies.into_inner().unwrap_or_else(PoisonError::into_inner).finish()?;
+        Ok(Welding { places, replies, findings })
+    }
+
+    fn bucket(
+        &self,
+        files: (&ScratchFile, &ScratchFile),
+        bucket: usize,
+        welded: &ScratchFile,
+        replies: &Mutex<Spill>,
+    ) -> Result<Finished, BuildError> {
+        let local = Local::read(self.scattered, self.layout, files, bucket, self.buckets)?;
         let edges = local.edges();
-        let normals = if layout.normals { Vec::new() } else { local.normals(options.precision) };
+        let normals = if self.layout.normals { Vec::new() } else { local.normals(self.precision) };
         let answers = local.answers(&edges.borders, &normals);
         {
             let mut replies = replies.lock().unwrap_or_else(PoisonError::into_inner);
@@ -163,62 +303,48 @@ pub(super) fn topology(
                 replies.push(*to as usize, words)?;
             }
         }
-        let (above, keys) = local.split_requests(&buckets, options.leaf_triangles);
+        let (above, keys, groups) = local.split_requests(self.buckets, self.leaf_triangles);
         let counts = local.counts(&edges);
-        let (_, part) = local.components(&joining)?;
+        let (_, part) = local.components(self.joining)?;
         let roughness = local.roughness(&normals);
         let bounds = local.bounds();
-        let place = local.into_welded(&edges.borders, normals).write(&welded)?;
-        work.progress.update("joining triangles", done.fetch_add(1, Ordering::Relaxed) + 1, buckets.len() as u64);
-        Ok(Finished { place, above, keys, counts, part, roughness, bounds })
-    };
-    let cost = |b: usize| scattered.triangles_in(layout, b) * bytes_per_triangle(layout);
-    let budget = work.memory / 10 * 9;
-    let run = |of: &[usize]| -> Result<Vec<(usize, Finished)>, BuildError> {
-        let done = work.run_jobs(of.len(), budget, |i| cost(of[i]), |i| one(of[i]))?;
-        Ok(of.iter().copied().zip(done).collect())
-    };
-    let (large, small): (Vec<usize>, Vec<usize>) = (0..buckets.len()).partition(|b| cost(*b) > budget);
-    let mut finished = run(&small)?;
-    let leaf_triangles = options.leaf_triangles;
-    let crowd = Crowd { work, layout, lattice: &resolved.lattice, scattered, buckets: &buckets, leaf_triangles };
-    let mut known = vec![Above::default(); buckets.len()];
-    for (b, f) in &finished {
-        known[*b] = f.above.clone();
+        let place = local.into_welded(&edges.borders, normals).write(welded)?;
+        Ok(Finished { place, above, keys, groups, counts, part, roughness, bounds })
     }
-    crowd.refuse(&files.0, known, finished.iter().flat_map(|(_, f)| &f.keys).copied().collect(), &large)?;
-    finished.extend(run(&large)?);
-    finished.sort_unstable_by_key(|(bucket, _)| *bucket);
-    let mut finished: Vec<Finished> = finished.into_iter().map(|(_, f)| f).collect();
-    let known: Vec<Above> = finished.iter().map(|f| f.above.clone()).collect();
-    let mut keys = split_requests::above(&buckets, &known, scattered.cube_log2, options.leaf_triangles);
-    let mut bounds = Aabb::EMPTY;
-    let (mut counts, mut roughness, mut parts) = (Counts::default(), Lengths::default(), Vec::new());
-    for f in &mut finished {
-        keys.extend(&f.keys);
-        counts.add(&f.counts);
-        roughness = roughness.merge(&f.roughness);
-        bounds = bounds.union(&f.bounds);
-        parts.push(std::mem::take(&mut f.part));
+}
+
+/// Join what was found out about all regions, in their order: the diamonds that are wanted, and what is known of the whole.
+pub(super) fn join(
+    work: &Work<'_>,
+    buckets: &Buckets,
+    leaf_triangles: usize,
+    joining: Joining,
+    regions: Vec<Findings>,
+) -> Result<(Vec<(u8, LatticePoint)>, Whole), BuildError> {
+    let (mut above, mut parts, mut keys) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut counts, mut lengths, mut bounds) = (Counts::default(), Lengths::default(), Aabb::EMPTY);
+    for region in regions {
+        above.extend(region.above);
+        parts.extend(region.parts);
+        keys.extend(region.keys);
+        counts.add(&region.counts);
+        lengths.add_sparse(&region.roughness);
+        region.bounds.into_iter().flatten().for_each(|p| bounds.add(p));
     }
-    keys.sort_unstable();
+    let wanted = split_requests::above(buckets, &above, buckets.cube_log2(), leaf_triangles);
+    keys.extend(wanted.into_iter().map(|k| (k.level, k.midpoint)));
+    keys.sort_unstable_by_key(|(level, midpoint)| DiamondKey { level: *level, midpoint: *midpoint });
     keys.dedup();
-    let replies = replies.into_inner().unwrap_or_else(PoisonError::into_inner).finish()?;
-    Ok(Topology {
-        places: finished.iter().map(|f| f.place).collect(),
-        replies,
-        split_requests: keys.into_iter().map(|k| (k.level, k.midpoint)).collect(),
-        counts,
-        components: joining.finish(work.scratch, work.memory / 4, &parts)?.components,
-        roughness: roughness.percentile(0.5) / ROUGHNESS_PARTS,
-        bounds: [bounds.min, bounds.max],
-    })
+    let components = joining.finish(work.scratch, work.memory / 4, &parts)?.components;
+    let roughness = lengths.percentile(0.5) / ROUGHNESS_PARTS;
+    Ok((keys, Whole { counts, components, roughness, bounds: [bounds.min, bounds.max] }))
 }
 
 struct Finished {
-    place: (u64, u64),
+    place: WeldedPlace,
     above: Above,
     keys: Vec<DiamondKey>,
+    groups: Vec<Group>,
     counts: Counts,
     part: Part,
     roughness: Lengths,
@@ -409,7 +535,7 @@ impl Local {
         out
     }
 
-    fn split_requests(&self, buckets: &Buckets, leaf_triangles: usize) -> (Above, Vec<DiamondKey>) {
+    fn split_requests(&self, buckets: &Buckets, leaf_triangles: usize) -> (Above, Vec<DiamondKey>, Vec<Group>) {
         let mut sums = Vec::with_capacity(self.own);
         let mut sizes = Vec::with_capacity(self.own);
         for vertices in &self.triangles[..self.own] {
@@ -418,9 +544,10 @@ impl Local {
             sizes.push(split_requests::size_of(corners));
         }
         let deepest = max_level(buckets.cube_log2());
-        let mut requests = SplitRequests { sums: &sums, sizes: &sizes, leaf_triangles, deepest, keys: Vec::new() };
+        let (keys, groups) = (Vec::new(), Vec::new());
+        let mut requests = SplitRequests { sums: &sums, sizes: &sizes, leaf_triangles, deepest, keys, groups };
         let above = requests.collect(&buckets.tetrahedra()[self.bucket as usize]);
-        (above, requests.keys)
+        (above, requests.keys, requests.groups)
     }
 
     fn counts(&self, edges: &Edges) -> Counts {

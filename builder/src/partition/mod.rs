@@ -68,6 +68,18 @@ impl Partition {
         (0..self.tetrahedra.len() as u32).filter(|t| self.tetrahedra[*t as usize].children.is_none())
     }
 
+    /// The leaf that holds the point `sum / 3`.
+    pub(crate) fn leaf_at(&self, sum: I64Vec3) -> u32 {
+        let mut at = root_of(sum) as u32;
+        while let Some([a, b, c, d]) = self.tetrahedra[at as usize].children {
+            let tetra = &self.tetrahedra[at as usize].tetra;
+            let half = tetra.split_plane().child_of_sum(sum);
+            let quarter = tetra.children()[half].split_plane().child_of_sum(sum);
+            at = [[a, b], [c, d]][half][quarter];
+        }
+        at
+    }
+
     /// The smallest conforming tree in which these diamonds are split. Numbers follow from the tree alone: tetrahedra
     /// in the order of a depth-first walk behind the six roots, diamonds by their first tetrahedron.
     pub fn from_split_requests(cube_log2: u32, requests: impl IntoIterator<Item = DiamondKey>) -> Self {

@@ -137,7 +137,7 @@ impl Stages {
         self.timed("assemble", || {
             let mut report = BuildReport::of(&levels);
             report.points = Some(levels.surface.points);
-            let mut metadata = report::metadata(&levels.surface, options);
+            let mut metadata = report::metadata(&levels.surface, &report::Stated::of(options));
             metadata.options = shaped(options);
             let header = report::header_of(&levels).of_points();
             let failed = |source| kilwa_pack::PackError::Io { what: "pack".to_owned(), source };

@@ -102,9 +102,7 @@ impl PatchFile {
     }
 
     /// A patch as the file holds it, with the number of its triangles.
-    ///
-    /// # Errors
-    /// [`ScratchError`] where it cannot be read.
+    #[cfg(test)]
     pub(crate) fn read_encoded(&self, tetra: u32) -> Result<Option<(u32, Vec<u8>)>, ScratchError> {
         let Some(place) = self.place(tetra) else { return Ok(None) };
         Ok(Some((place.triangles, self.file.read(place.at, place.bytes)?)))

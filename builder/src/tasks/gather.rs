@@ -1,11 +1,13 @@
 //! Copies what a task needs from the files of other tasks into its scratch folder.
 
-use super::plan::{Ingest, SharedBuild};
+use super::plan::{Divided, SharedBuild};
+use super::regions::{LeavesState, PATCHES, RECORDS};
 use super::shards::{PointBox, include, overlap, union};
 use super::{Manifest, SharedFile, Task};
 use crate::build::options::BuildError;
 use crate::build::work::Work;
 use crate::levels::diamonds_of;
+use crate::partition::tree_file::TREE;
 use crate::partition::{BISECTIONS, Partition};
 use crate::scratch::{
     PatchFile, Place, Records, checksum_matches, point_of, read_index, tetrahedron_of, visit_finished,
@@ -43,17 +45,18 @@ const NONE: u32 = u32::MAX;
 
 impl<'a> Sources<'a> {
     /// Find out where everything is once the level `below` is coarsened, whose tasks must be done.
-    pub(super) fn find(build: &'a SharedBuild, ingest: &'a Ingest, below: u8) -> Result<Self, BuildError> {
-        let (tree, shards) = (&ingest.tree, &ingest.state.shards);
+    pub(super) fn find(build: &'a SharedBuild, grown: &'a Divided, below: u8) -> Result<Self, BuildError> {
+        let (tree, shards) = (&grown.tree, &grown.state.shards);
+        let of_tree = &build.file(&grown.manifest, TREE)?.name;
         let mut sources = Vec::new();
-        let source = |manifest: &Manifest, names: [&str; 2], points, is_leaves| -> Result<Source, BuildError> {
-            let [patches, records] = names.map(|name| build.file(manifest, name).cloned());
+        let source = |manifest: &Manifest, points, is_leaves| -> Result<Source, BuildError> {
+            let [patches, records] = [PATCHES, RECORDS].map(|content| build.file(manifest, content).cloned());
             Ok(Source { patches: patches?, records: records?, points, is_leaves })
         };
-        for (i, shard) in shards.leaves.iter().enumerate() {
-            let names = [leaf_patches(i), leaf_records(i)];
-            let names = [names[0].as_str(), names[1].as_str()];
-            sources.push(source(&ingest.manifest, names, shard.records, true)?);
+        for shard in 0..shards.leaves.len() as u32 {
+            let manifest = build.finished_of(Task::Leaves { shard }, Some(of_tree))?;
+            let LeavesState { points, .. } = build.state_of(&manifest)?;
+            sources.push(source(&manifest, points, true)?);
         }
         let mut of = vec![NONE; tree.tetrahedra.len()];
         for leaf in tree.leaves() {
@@ -61,13 +64,10 @@ impl<'a> Sources<'a> {
         }
         if let Some(divided) = shards.of_level(below) {
             let first = sources.len();
-            for shard in 0..divided.shards.len() {
-                let manifest = build.finished(Task::Level { level: below, shard: shard as u32 })?;
-                let points: PointBox = serde_json::from_value(manifest.state.clone()).map_err(|_| {
-                    let name = format!("done/{}.json", manifest.task);
-                    build.damaged(&name, "it does not state where its records are; remove it, and run the task again")
-                })?;
-                sources.push(source(&manifest, ["patches", "shared"], points, false)?);
+            for shard in 0..divided.shards.len() as u32 {
+                let manifest = build.finished_of(Task::Level { level: below, shard }, Some(of_tree))?;
+                let points: PointBox = build.state_of(&manifest)?;
+                sources.push(source(&manifest, points, false)?);
             }
             for (rank, diamond) in (0u32..).zip(diamonds_of(tree, below)) {
                 for t in &tree.diamonds[diamond as usize].tetrahedra {
@@ -209,16 +209,6 @@ impl<'a> Sources<'a> {
         }
         Ok(())
     }
-}
-
-/// What the file of the patches of a shard of leaves is called.
-pub(super) fn leaf_patches(shard: usize) -> String {
-    format!("leaves-{shard:04}.patches")
-}
-
-/// What the file of the records of a shard of leaves is called.
-pub(super) fn leaf_records(shard: usize) -> String {
-    format!("leaves-{shard:04}.shared")
 }
 
 /// The box of the points of records.

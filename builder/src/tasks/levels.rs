@@ -2,7 +2,8 @@
 
 use super::gather::{Sources, box_of};
 use super::manifest::TaskOutput;
-use super::plan::{Ingest, SharedBuild};
+use super::plan::{Divided, SharedBuild};
+use super::regions::{PATCHES, RECORDS};
 use crate::build::options::BuildError;
 use crate::build::work::Work;
 use crate::ingest::surface::{Ingested, LEAVES, SHARED};
@@ -16,15 +17,11 @@ use kilwa_simplify::Precision;
 
 /// The patches of the root tetrahedra, which the tail leaves.
 pub(super) const ROOTS: &str = "roots";
-/// The patches that a task leaves.
-const PATCHES: &str = "patches";
-/// Its records.
-const RECORDS: &str = "shared";
-/// Its results.
+/// The results of a task.
 pub(super) const RESULTS: &str = "results";
 
-fn precision(ingest: &Ingest) -> Precision {
-    Precision { color_bits: ingest.state.color_bits, normal_bits: ingest.state.normal_bits }
+fn precision(divided: &Divided) -> Precision {
+    Precision { color_bits: divided.state.color_bits, normal_bits: divided.state.normal_bits }
 }
 
 pub(super) fn level_task(
@@ -33,14 +30,14 @@ pub(super) fn level_task(
     level: u8,
     shard: u32,
 ) -> Result<TaskOutput, BuildError> {
-    let ingest = build.ingest()?;
-    let tree = &ingest.tree;
+    let grown = build.tree()?;
+    let tree = &grown.tree;
     let of_level = diamonds_of(tree, level);
-    let about = ingest.state.shards.of_level(level);
+    let about = grown.state.shards.of_level(level);
     let diamonds = about.and_then(|l| l.diamonds(shard as usize, &of_level)).ok_or_else(|| BuildError::Inputs {
         why: format!("this build has no shard {shard} of level {level}; use one of the tasks that `kilwa plan` lists"),
     })?;
-    let sources = Sources::find(build, &ingest, level + 1)?;
+    let sources = Sources::find(build, &grown, level + 1)?;
     let merged: Vec<u32> = diamonds.iter().flat_map(|d| merged_by(tree, *d)).collect();
     let leaves = PatchFile::create(work.scratch, LEAVES)?;
     let below = PatchFile::create(work.scratch, &patches_name(level + 1))?;
@@ -50,7 +47,7 @@ pub(super) fn level_task(
     let triangles = merged.iter().map(|t| u64::from(leaves.triangles(*t)) + u64::from(below.triangles(*t))).sum();
     let chunks = work.scratch.create(CHUNKS)?;
     let batch = Batch {
-        surface: &ingest.state.surface,
+        surface: &grown.state.surface,
         tree,
         level,
         diamonds,
@@ -58,7 +55,7 @@ pub(super) fn level_task(
         below: Some(&below),
         shared: &shared.finish()?,
         chunks: &chunks,
-        precision: precision(&ingest),
+        precision: precision(&grown),
         progress: (0, triangles),
     };
     let Coarsened { shared, .. } = batch.coarsen(work)?;
@@ -69,20 +66,20 @@ pub(super) fn level_task(
         (RESULTS, results_name(level)),
     ];
     let state = serde_json::to_value(box_of(&shared)?).unwrap_or_default();
-    let of_ingest = Some(build.file(&ingest.manifest, TREE)?.name.clone());
-    Ok(TaskOutput { files: files.map(|(content, name)| (content.to_owned(), name)).into(), of_ingest, state })
+    let of = Some(build.file(&grown.manifest, TREE)?.name.clone());
+    Ok(TaskOutput { files: files.map(|(content, name)| (content.to_owned(), name)).into(), of, state })
 }
 
 pub(super) fn tail_task(build: &SharedBuild, work: &Work<'_>) -> Result<TaskOutput, BuildError> {
-    let ingest = build.ingest()?;
-    let left = ingest.state.shards.tail;
-    let precision = precision(&ingest);
+    let grown = build.tree()?;
+    let left = grown.state.shards.tail;
+    let precision = precision(&grown);
     let leaves = PatchFile::create(work.scratch, LEAVES)?;
     let below = PatchFile::create(work.scratch, &patches_name(left))?;
     let shared = Records::create(work.scratch, SHARED)?;
     {
-        let sources = Sources::find(build, &ingest, left)?;
-        let tree = &ingest.tree;
+        let sources = Sources::find(build, &grown, left)?;
+        let tree = &grown.tree;
         let level_of = |t: u32| tree_level(tree.tetrahedra[t as usize].tetra.level);
         let wanted: Vec<u32> = (0..tree.tetrahedra.len() as u32)
             .filter(|t| {
@@ -93,8 +90,8 @@ pub(super) fn tail_task(build: &SharedBuild, work: &Work<'_>) -> Result<TaskOutp
         sources.patches(work, &wanted, &leaves, &below)?;
         sources.all_records(work, &shared)?;
     }
-    let of_ingest = Some(build.file(&ingest.manifest, TREE)?.name.clone());
-    let Ingest { state, tree, .. } = ingest;
+    let of = Some(build.file(&grown.manifest, TREE)?.name.clone());
+    let Divided { state, tree, .. } = grown;
     let ingested = Ingested { surface: state.surface, tree, leaves, shared: shared.finish()? };
     let chunks = work.scratch.create(CHUNKS)?;
     let mut hierarchy = Hierarchy::above(ingested, Some(below), chunks, left, state.shards.tail_triangles);
@@ -110,5 +107,5 @@ pub(super) fn tail_task(build: &SharedBuild, work: &Work<'_>) -> Result<TaskOutp
     let all: Vec<_> = hierarchy.results().cloned().collect();
     results::write(work.scratch, RESULTS, &all)?;
     let files = [ROOTS, CHUNKS, RESULTS].map(|name| (name.to_owned(), name.to_owned()));
-    Ok(TaskOutput { files: files.into(), of_ingest, state: serde_json::Value::Null })
+    Ok(TaskOutput { files: files.into(), of, state: serde_json::Value::Null })
 }

@@ -11,8 +11,9 @@ pub struct Manifest {
     pub task: String,
     /// The program that did it.
     pub tool: String,
-    /// The tree, in the store, that the ingest left and this task worked with; none for the ingest itself.
-    pub of_ingest: Option<String>,
+    /// What this task was made from: a file in the store that the ingest left, or the task that grows the tree; none for the
+    /// ingest itself.
+    pub of: Option<String>,
     /// The files that it left, by what they hold.
     pub files: BTreeMap<String, SharedFile>,
     /// What the next tasks must know.
@@ -41,8 +42,8 @@ pub struct SharedFile {
 pub(super) struct TaskOutput {
     /// What each file content, and its name in the scratch folder.
     pub(super) files: Vec<(String, String)>,
-    /// See [`Manifest::of_ingest`].
-    pub(super) of_ingest: Option<String>,
+    /// See [`Manifest::of`].
+    pub(super) of: Option<String>,
     /// What the next tasks must know.
     pub(super) state: Value,
 }

@@ -3,11 +3,14 @@
 //!
 //! | task | needs | leaves |
 //! |---|---|---|
-//! | [`Task::Ingest`] | the inputs | the tree, the leaves divided into shards, and what is known of the surface |
-//! | [`Task::Level`] | the ingest, and every task of the level below | one shard of a level |
-//! | [`Task::Tail`] | the ingest, and every task of the coarsest level that is divided into shards | all coarser levels, which together fit one task |
+//! | [`Task::Ingest`] | the inputs | the triangles, sorted into regions |
+//! | [`Task::Region`] | the triangles of a region, and those of others that touch it | welded vertices, and what is known of the region |
+//! | [`Task::Tree`] | what is known of every region | the tree, how it is divided into shards, and what is known of the surface |
+//! | [`Task::Leaves`] | the tree, and the regions that a shard of its leaves touches | the patches of these leaves |
+//! | [`Task::Level`] | the tree, and every task of the leaves and of the level below | one shard of a level |
+//! | [`Task::Tail`] | the tree, and every task of the leaves and of the coarsest level that is divided into shards | all coarser levels, which together are a part of a task |
 //!
-//! A shard of a level is a range of its diamonds in the order of the pack, along a Hilbert curve. [`plan`] lists the tasks;
+//! A region and a shard of leaves are ranges of the buckets of the ingest, in the order of the tree. A shard of a level is a range of its diamonds in the order of the pack, along a Hilbert curve. [`plan`] lists the tasks;
 //! [`run`] does one of them, and [`assemble`] writes the pack. A task processes a diamond exactly as [`mod@crate::build`]
 //! does, so the pack is the same to the last byte, whatever the shards.
 //!
@@ -24,6 +27,7 @@ mod levels;
 mod manifest;
 mod pack;
 mod plan;
+mod regions;
 mod shards;
 mod store;
 
@@ -32,6 +36,7 @@ pub use pack::assemble;
 use plan::State;
 pub use plan::{PLAN, SharedBuild, SharedPlan, TaskEntry, TaskFile};
 pub use shards::TASK_TRIANGLES;
+pub(crate) use shards::equal_parts;
 pub use store::{SharedFolder, Store};
 
 use crate::build::Inputs;
@@ -45,8 +50,20 @@ use std::time::Instant;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "kind")]
 pub enum Task {
-    /// Read the inputs, make the leaves and the tree.
+    /// Read the inputs, sort the triangles into regions.
     Ingest,
+    /// Weld the triangles of a region.
+    Region {
+        /// The number of the region.
+        region: u32,
+    },
+    /// Grow the tree from what is known of the regions.
+    Tree,
+    /// Fill one shard of the leaves.
+    Leaves {
+        /// The number of the shard.
+        shard: u32,
+    },
     /// Coarsen one shard of a level.
     Level {
         /// The level of the diamonds, 0 is the coarsest.
@@ -59,11 +76,25 @@ pub enum Task {
 }
 
 impl Task {
-    /// Its name, unique in a build: `ingest`, `level-07-0012`, `tail`.
+    /// Its name, unique in a build: `ingest`, `region-0012`, `tree`, `leaves-0012`, `level-07-0012`, `tail`.
     pub fn id(self) -> String {
+        let number = match self {
+            Self::Ingest | Self::Tree | Self::Tail => return self.stage(),
+            Self::Region { region: number } | Self::Leaves { shard: number } | Self::Level { shard: number, .. } => {
+                number
+            }
+        };
+        format!("{}-{number:04}", self.stage())
+    }
+
+    /// What it has in common with tasks of the same kind: `ingest`, `region`, `tree`, `leaves`, `level-07`, `tail`.
+    pub(crate) fn stage(self) -> String {
         match self {
             Self::Ingest => "ingest".to_owned(),
-            Self::Level { level, shard } => format!("level-{level:02}-{shard:04}"),
+            Self::Region { .. } => "region".to_owned(),
+            Self::Tree => "tree".to_owned(),
+            Self::Leaves { .. } => "leaves".to_owned(),
+            Self::Level { level, .. } => format!("level-{level:02}"),
             Self::Tail => "tail".to_owned(),
         }
     }
@@ -101,6 +132,9 @@ pub fn run(build: &SharedBuild, task: Task, work: &Work<'_>, prepare: Prepare<'_
             let (mut inputs, options) = prepare()?;
             ingest::ingest_task(build, work, inputs.as_mut(), &options)?
         }
+        Task::Region { region } => regions::region_task(build, work, region)?,
+        Task::Tree => regions::tree_task(build, work)?,
+        Task::Leaves { shard } => regions::leaves_task(build, work, shard)?,
         Task::Level { level, shard } => levels::level_task(build, work, level, shard)?,
         Task::Tail => levels::tail_task(build, work)?,
     };

@@ -1,13 +1,15 @@
 //! The last step: from the results of all tasks to the pack.
 
 use super::levels::{RESULTS, ROOTS};
-use super::plan::{Ingest, SharedBuild};
+use super::plan::{Divided, SharedBuild};
+use super::regions::LeavesState;
 use super::{Manifest, SharedFile, Task};
 use crate::assemble;
 use crate::build::options::BuildError;
 use crate::build::work::Work;
 use crate::build::{BuildReport, StageTime, report};
 use crate::levels::{Bodies, CHUNKS, Levels, Refined, results};
+use crate::partition::tree_file::TREE;
 use crate::scratch::{PatchFile, checksum_matches, read_index};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -35,13 +37,25 @@ impl Bodies for SharedBodies {
 /// [`BuildError`]: a task is not done, a file cannot be read or is damaged, the pack cannot be written.
 pub fn assemble(build: SharedBuild, work: &Work<'_>, out: &mut impl Write) -> Result<BuildReport, BuildError> {
     let build = Arc::new(build);
-    let Ingest { state, tree, manifest } = build.ingest()?;
+    let Divided { state, mut tree, manifest: grown } = build.tree()?;
+    let of_tree = &build.file(&grown, TREE)?.name;
     let (mut refined, mut files, mut stages) = (Vec::new(), Vec::new(), Vec::new());
-    add_time(&mut stages, "ingest", &manifest);
     let mut tail = None;
-    for task in build.tasks()?.iter().map(|listed| listed.task).filter(|task| *task != Task::Ingest) {
+    for task in build.tasks()?.iter().map(|listed| listed.task) {
         work.stop.check()?;
-        let manifest = build.finished(task)?;
+        let manifest = match task {
+            Task::Ingest | Task::Region { .. } | Task::Tree => build.finished(task)?,
+            _ => build.finished_of(task, Some(of_tree))?,
+        };
+        add_time(&mut stages, &task.stage(), &manifest);
+        match task {
+            Task::Ingest | Task::Region { .. } | Task::Tree => continue,
+            Task::Leaves { .. } => {
+                tree.overfull_leaves += build.state_of::<LeavesState>(&manifest)?.overfull;
+                continue;
+            }
+            Task::Level { .. } | Task::Tail => {}
+        }
         let place = |file: &SharedFile| PathBuf::from(build.store().display_path(&file.name));
         let file = build.file(&manifest, RESULTS)?;
         let mut part = results::parse(&build.read_whole(file)?, &place(file))
@@ -53,10 +67,6 @@ pub fn assemble(build: SharedBuild, work: &Work<'_>, out: &mut impl Write) -> Re
         let chunks = build.file(&manifest, CHUNKS)?.clone();
         let at = place(&chunks);
         files.push((chunks, at));
-        match task {
-            Task::Level { level, .. } => add_time(&mut stages, &format!("level-{level:02}"), &manifest),
-            _ => add_time(&mut stages, "tail", &manifest),
-        }
         tail = Some(manifest);
     }
     let tail = tail.map_or_else(|| build.finished(Task::Tail), Ok)?;

@@ -1,18 +1,21 @@
 //! A build that several machines share: its plan, which tasks it has, and which of them are done.
 
+use super::ingest::BASIS;
 use super::manifest::TaskOutput;
 use super::shards::Shards;
 use super::{Manifest, Outcome, SharedFile, Store, Task};
 use crate::build::journal::Plan;
 use crate::build::options::BuildError;
-use crate::build::tool;
 use crate::build::work::Work;
+use crate::build::{report, tool};
+use crate::ingest::divided::Basis;
 use crate::ingest::surface::Surface;
 use crate::partition::{Partition, tree_file};
 use crate::scratch::{seal, unseal};
 use glam::DVec3;
 use kilwa_pack::Metadata;
 use kilwa_pack::plural::counted;
+use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::hash::BuildHasher;
@@ -20,6 +23,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Name of the plan in the store.
 pub const PLAN: &str = "plan.json";
+
+/// Bytes that are copied at a time.
+const STRETCH: u64 = 1 << 22;
 
 /// What is built, and in what portions.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -77,9 +83,42 @@ pub struct TaskEntry {
     pub near: Option<DVec3>,
 }
 
-/// What the ingest leaves for all other tasks, beside its files.
+/// What the ingest leaves for the next tasks, beside its files.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct IngestState {
+    /// Triangles of the model.
+    pub(super) triangles: u64,
+    pub(super) regions: Vec<RegionEntry>,
+}
+
+/// A region.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub(super) struct RegionEntry {
+    /// Where it is described in the file of regions: first byte, number of bytes.
+    pub(super) at: u64,
+    pub(super) bytes: u64,
+    pub(super) triangles: u64,
+    /// A point in its middle, metres.
+    pub(super) near: DVec3,
+}
+
+/// What the ingest knows, for all other tasks.
+#[derive(Serialize, Deserialize)]
+pub(super) struct Stated {
+    pub(super) basis: Basis,
+    pub(super) metadata: report::Stated,
+}
+
+/// What is known once the ingest is done.
+pub(super) struct Ingest {
+    pub(super) stated: Stated,
+    pub(super) state: IngestState,
+    pub(super) manifest: Manifest,
+}
+
+/// What the task that grows the tree leaves beside it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub(super) struct TreeState {
     pub(super) surface: Surface,
     pub(super) metadata: Metadata,
     pub(super) color_bits: u8,
@@ -87,9 +126,9 @@ pub(super) struct IngestState {
     pub(super) shards: Shards,
 }
 
-/// What is known once the ingest is done.
-pub(super) struct Ingest {
-    pub(super) state: IngestState,
+/// What is known once the tree is there.
+pub(super) struct Divided {
+    pub(super) state: TreeState,
     pub(super) tree: Partition,
     pub(super) manifest: Manifest,
 }
@@ -166,18 +205,61 @@ impl SharedBuild {
         self.read(file, 0, file.bytes)
     }
 
-    /// Whether a task is done.
+    /// Copy a file that a task left into the scratch folder, as `local`; its CRC-32 must be this.
+    pub(super) fn download(
+        &self,
+        file: &SharedFile,
+        crc32: u32,
+        work: &Work<'_>,
+        local: &str,
+    ) -> Result<(), BuildError> {
+        let (to, mut sum) = (work.scratch.create(local)?, crc32fast::Hasher::new());
+        for at in (0..file.bytes).step_by(STRETCH as usize) {
+            work.stop.check()?;
+            let bytes = self.read(file, at, STRETCH.min(file.bytes - at))?;
+            sum.update(&bytes);
+            to.append(&bytes)?;
+        }
+        if sum.finalize() == crc32 { Ok(()) } else { Err(self.damaged_file(file, "it does not match its checksum")) }
+    }
+
+    /// Read a checksummed line of JSON in a file that a task left.
+    pub(super) fn sealed<T: DeserializeOwned>(&self, file: &SharedFile, at: u64, bytes: u64) -> Result<T, BuildError> {
+        let bytes = self.read(file, at, bytes)?;
+        let text = std::str::from_utf8(&bytes).ok().and_then(|text| unseal(text.strip_suffix('\n')?));
+        let text = text.ok_or_else(|| self.damaged_file(file, "it does not match its checksum"))?;
+        serde_json::from_str(text).map_err(|e| self.damaged_file(file, &e.to_string()))
+    }
+
+    /// Whether a task is done. What it was made from must be done.
     ///
     /// # Errors
-    /// [`BuildError::Shared`] where the store fails.
+    /// [`BuildError::Inputs`] where that is not; [`BuildError::Shared`] where the store fails.
     pub(super) fn state(&self, task: Task) -> Result<State, BuildError> {
+        let of = match task {
+            Task::Ingest => None,
+            Task::Region { .. } | Task::Tree => Some((Task::Ingest, BASIS)),
+            Task::Leaves { .. } | Task::Level { .. } | Task::Tail => Some((Task::Tree, tree_file::TREE)),
+        };
+        let Some((before, content)) = of else { return self.state_where(task, None) };
+        let manifest = self.finished(before)?;
+        self.state_where(task, Some(&self.file(&manifest, content)?.name))
+    }
+
+    /// Whether a task is done that must have been made from the file `of`.
+    fn state_where(&self, task: Task, of: Option<&str>) -> Result<State, BuildError> {
         let Some(bytes) = self.store.read_all(&manifest_name(task))? else { return Ok(State::Pending) };
         let text = std::str::from_utf8(&bytes).ok().and_then(|text| unseal(text.trim_end_matches('\n')));
         let manifest: Option<Manifest> = text.and_then(|text| serde_json::from_str(text).ok());
         let Some(manifest) = manifest else {
             return Ok(State::Damaged { why: "its manifest is damaged".to_owned(), bytes, manifest: None });
         };
-        Ok(match self.fault(&manifest)? {
+        let fault = if manifest.of.as_deref() == of {
+            self.fault(&manifest)?
+        } else {
+            Some("it was made from an earlier result of a task before it".to_owned())
+        };
+        Ok(match fault {
             Some(why) => State::Damaged { why, bytes, manifest: Some(manifest) },
             None => State::Done(manifest),
         })
@@ -197,8 +279,7 @@ impl SharedBuild {
                 return Ok(Some(format!("its file {place} {found}; it should have {}", bytes(file.bytes))));
             }
         }
-        let of_ingest = manifest.of_ingest.as_ref().map(|tree| self.store.length(tree)).transpose()?;
-        Ok((of_ingest == Some(None)).then(|| "it was made from an earlier result of the task ingest".to_owned()))
+        Ok(None)
     }
 
     /// Remove the manifest of a task whose files are damaged, unless it was replaced meanwhile, and the files that it
@@ -222,8 +303,17 @@ impl SharedBuild {
     /// # Errors
     /// [`BuildError::Inputs`] where it is not; [`BuildError::Shared`] where the store fails.
     pub fn finished(&self, task: Task) -> Result<Manifest, BuildError> {
+        Self::done_or(task, self.state(task)?)
+    }
+
+    /// The same of a task that was made from the file `of`.
+    pub(super) fn finished_of(&self, task: Task, of: Option<&str>) -> Result<Manifest, BuildError> {
+        Self::done_or(task, self.state_where(task, of)?)
+    }
+
+    fn done_or(task: Task, state: State) -> Result<Manifest, BuildError> {
         let id = task.id();
-        let why = match self.state(task)? {
+        let why = match state {
             State::Done(manifest) => return Ok(manifest),
             State::Pending => format!("the task {id} is not done yet, and its result is needed; run it first"),
             State::Damaged { why, .. } => {
@@ -231,10 +321,6 @@ impl SharedBuild {
             }
         };
         Err(BuildError::Inputs { why })
-    }
-
-    fn is_done(&self, task: Task) -> Result<bool, BuildError> {
-        Ok(matches!(self.state(task)?, State::Done(_)))
     }
 
     /// One of the files that a task left.
@@ -250,43 +336,64 @@ impl SharedBuild {
     /// What the ingest left.
     pub(super) fn ingest(&self) -> Result<Ingest, BuildError> {
         let manifest = self.finished(Task::Ingest)?;
+        let (state, file) = (self.state_of(&manifest)?, self.file(&manifest, BASIS)?);
+        Ok(Ingest { stated: self.sealed(file, 0, file.bytes)?, state, manifest })
+    }
+
+    /// The tree, and how it is divided.
+    pub(super) fn tree(&self) -> Result<Divided, BuildError> {
+        let manifest = self.finished(Task::Tree)?;
         let state = self.state_of(&manifest)?;
         let file = self.file(&manifest, tree_file::TREE)?;
         let tree = tree_file::from_bytes(&self.read_whole(file)?)
             .ok_or_else(|| self.damaged_file(file, "it does not match its checksum"))?;
-        Ok(Ingest { state, tree, manifest })
+        Ok(Divided { state, tree, manifest })
     }
 
-    fn state_of(&self, manifest: &Manifest) -> Result<IngestState, BuildError> {
-        serde_json::from_value(manifest.state.clone()).map_err(|e| {
-            let why = format!("it is damaged ({e}); remove it, and run the task ingest again");
-            self.damaged(&manifest_name(Task::Ingest), why)
+    /// What a task states in its manifest.
+    pub(super) fn state_of<T: DeserializeOwned>(&self, manifest: &Manifest) -> Result<T, BuildError> {
+        T::deserialize(&manifest.state).map_err(|e| {
+            let task = &manifest.task;
+            let why =
+                format!("what it states is not what that task writes ({e}); remove it, and run the task {task} again");
+            self.damaged(&format!("done/{task}.json"), why)
         })
     }
 
-    /// All tasks that are known: until the ingest is done, only the ingest.
+    /// All tasks that are known: until the ingest is done, only the ingest; until the tree has grown, all up to that.
     ///
     /// # Errors
     /// [`BuildError::Shared`] where the store fails.
     pub fn tasks(&self) -> Result<Vec<TaskEntry>, BuildError> {
-        let listed =
-            |task: Task, wave: u32, triangles: Option<u64>, near: Option<DVec3>| -> Result<TaskEntry, BuildError> {
-                Ok(TaskEntry { id: task.id(), task, done: self.is_done(task)?, wave, triangles, near })
-            };
-        let State::Done(ingest) = self.state(Task::Ingest)? else {
-            return Ok(vec![listed(Task::Ingest, 0, None, None)?]);
+        let listed = |task: Task, of: Option<&str>, wave, triangles, near| -> Result<TaskEntry, BuildError> {
+            let done = matches!(self.state_where(task, of)?, State::Done(_));
+            Ok(TaskEntry { id: task.id(), task, done, wave, triangles, near })
         };
-        let IngestState { shards, surface, .. } = self.state_of(&ingest)?;
-        let mut tasks = vec![listed(Task::Ingest, 0, Some(surface.triangles), None)?];
-        let mut wave = 1;
+        let State::Done(ingest) = self.state(Task::Ingest)? else {
+            return Ok(vec![listed(Task::Ingest, None, 0, None, None)?]);
+        };
+        let IngestState { triangles, regions } = self.state_of(&ingest)?;
+        let mut tasks = vec![listed(Task::Ingest, None, 0, Some(triangles), None)?];
+        let basis = Some(self.file(&ingest, BASIS)?.name.as_str());
+        for (region, about) in (0u32..).zip(&regions) {
+            tasks.push(listed(Task::Region { region }, basis, 1, Some(about.triangles), Some(about.near))?);
+        }
+        tasks.push(listed(Task::Tree, basis, 2, None, None)?);
+        let State::Done(tree) = self.state_where(Task::Tree, basis)? else { return Ok(tasks) };
+        let TreeState { shards, .. } = self.state_of(&tree)?;
+        let of = Some(self.file(&tree, tree_file::TREE)?.name.as_str());
+        for (shard, about) in (0u32..).zip(&shards.leaves) {
+            tasks.push(listed(Task::Leaves { shard }, of, 3, Some(about.triangles), Some(about.near))?);
+        }
+        let mut wave = 4;
         for level in &shards.levels {
             for (shard, about) in (0u32..).zip(&level.shards) {
                 let task = Task::Level { level: level.level, shard };
-                tasks.push(listed(task, wave, Some(about.triangles), Some(about.near))?);
+                tasks.push(listed(task, of, wave, Some(about.triangles), Some(about.near))?);
             }
             wave += 1;
         }
-        tasks.push(listed(Task::Tail, wave, Some(shards.tail_triangles), None)?);
+        tasks.push(listed(Task::Tail, of, wave, Some(shards.tail_triangles), None)?);
         Ok(tasks)
     }
 
@@ -304,7 +411,7 @@ impl SharedBuild {
         let mut manifest = Manifest {
             task: task.id(),
             tool: tool(),
-            of_ingest: made.of_ingest,
+            of: made.of,
             files: BTreeMap::new(),
             state: made.state,
             seconds,

@@ -1,15 +1,23 @@
-//! How the work is divided: the leaves into ranges in the order of the tree, the diamonds of a level into ranges in the
+//! How the work is divided: the leaves into ranges of the buckets that they are made of, the diamonds of a level into ranges in the
 //! order of the pack, so that a shard has about as many triangles as one task should take.
 
+use crate::ingest::divided::Run;
 use crate::levels::fragment::REDUCTION;
 use crate::levels::{diamonds_of, level_count, merged_by};
 use crate::partition::Partition;
 use glam::DVec3;
 use kilwa_geometry::{Lattice, LatticePoint};
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 
 /// Default number of triangles per task: about half a minute on one core.
 pub const TASK_TRIANGLES: u64 = 10_000_000;
+
+/// Fewer parts than this are a power of two of them.
+const FEW: usize = 16;
+/// The levels of the tail have at most a share of one in so many of the triangles of a task; a larger level is divided into at least so many
+/// shards. While the tail runs, all other workers wait.
+const TAIL_PARTS: usize = 4;
 
 /// Smallest and largest coordinates of some points; `None` of none.
 pub(super) type PointBox = Option<[LatticePoint; 2]>;
@@ -47,13 +55,19 @@ pub(super) struct Shards {
 }
 
 /// Some leaves.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct LeafShard {
-    /// The first tetrahedron; the shard ends where the next begins.
-    pub(super) first: u32,
+    /// The first of the runs of buckets that its leaves are made of; the shard ends where the next begins.
+    first_run: u32,
+    /// The first leaf, roots aside.
+    first: u32,
+    /// Roots that are leaves.
+    roots: Vec<u32>,
     pub(super) triangles: u64,
-    /// Bounding box of the points in its records.
-    pub(super) records: PointBox,
+    /// A point in its middle, metres.
+    pub(super) near: DVec3,
+    /// The regions with its buckets, or with replies to these.
+    pub(super) regions: Vec<u32>,
 }
 
 /// The shards of a level.
@@ -89,17 +103,22 @@ impl LevelShards {
 }
 
 impl Shards {
-    /// Divide a tree whose leaf `t` has `leaf_triangles(t)` triangles into shards of about `size` triangles.
-    pub(super) fn divide(tree: &Partition, lattice: &Lattice, leaf_triangles: impl Fn(u32) -> u64, size: u64) -> Self {
+    /// Divide a tree into shards of about `size` triangles. `estimate` are about the triangles of each tetrahedron that is a
+    /// leaf; the leaves are made of runs of buckets with so many triangles.
+    pub(super) fn divide(
+        tree: &Partition,
+        lattice: &Lattice,
+        mut estimate: Vec<f64>,
+        (runs, triangles): (&[Run], &[u64]),
+        size: u64,
+    ) -> Self {
         let size = size.max(1);
-        let leaves = divide_leaves(tree, &leaf_triangles, size);
+        let midpoint = |diamond: u32| lattice.world_from_lattice(tree.diamonds[diamond as usize].key.midpoint);
         // What the coarse form of each tetrahedron is estimated to have; children come after their parents.
-        let mut estimate = vec![0.0f64; tree.tetrahedra.len()];
         for t in (0..tree.tetrahedra.len()).rev() {
-            estimate[t] = match tree.tetrahedra[t].children {
-                None => leaf_triangles(t as u32) as f64,
-                Some(children) => children.map(|c| estimate[c as usize]).iter().sum::<f64>() / REDUCTION as f64,
-            };
+            if let Some(children) = tree.tetrahedra[t].children {
+                estimate[t] = children.map(|c| estimate[c as usize]).iter().sum::<f64>() / REDUCTION as f64;
+            }
         }
         let weight = |d: u32| merged_by(tree, d).map(|t| estimate[t as usize]).sum::<f64>();
         let mut levels = Vec::new();
@@ -109,40 +128,35 @@ impl Shards {
             let diamonds = diamonds_of(tree, level);
             let weights: Vec<f64> = diamonds.iter().map(|d| weight(*d)).collect();
             let sum: f64 = weights.iter().sum();
-            if sum <= size as f64 {
+            if sum * TAIL_PARTS as f64 <= size as f64 {
                 // The levels above take a part of it, then a part of that part …
                 left = sum * REDUCTION as f64 / (REDUCTION - 1) as f64;
                 break;
             }
-            let count = (sum / size as f64).ceil();
-            let mut shards: Vec<LevelShard> = Vec::new();
-            let mut before = 0.0;
-            let midpoint = |rank: usize| {
-                lattice.world_from_lattice(tree.diamonds[diamonds[rank.min(diamonds.len() - 1)] as usize].key.midpoint)
+            let firsts = parts(&weights, parts_of(sum, size).max(TAIL_PARTS));
+            let shard = |(first, end): (u32, u32)| LevelShard {
+                first,
+                triangles: weights[first as usize..end as usize].iter().sum::<f64>() as u64,
+                near: midpoint(diamonds[u32::midpoint(first, end.max(first + 1) - 1) as usize]),
             };
-            for (rank, weight) in weights.iter().enumerate() {
-                // Where the sum so far passes the next of `count` equal parts.
-                if shards.is_empty() || (before * count / sum) as usize >= shards.len() {
-                    shards.push(LevelShard { first: rank as u32, triangles: 0, near: midpoint(rank) });
-                }
-                if let Some(shard) = shards.last_mut() {
-                    shard.triangles += *weight as u64;
-                }
-                before += weight;
-            }
-            for i in 0..shards.len() {
-                let end = shards.get(i + 1).map_or(diamonds.len(), |s| s.first as usize);
-                shards[i].near = midpoint(usize::midpoint(shards[i].first as usize, end));
-            }
-            levels.push(LevelShards { level, shards });
+            levels.push(LevelShards { level, shards: ranges(&firsts, diamonds.len()).map(shard).collect() });
             below = level;
         }
+        let leaves = divide_leaves(tree, runs, triangles, size, midpoint);
         Self { leaves, levels, tail: below, tail_triangles: left as u64 }
+    }
+
+    /// The runs of a shard of leaves, of `count` in all.
+    pub(super) fn runs(&self, shard: usize, count: usize) -> Range<usize> {
+        let first = |i: usize| self.leaves.get(i).map_or(count, |s| (s.first_run as usize).min(count));
+        first(shard)..first(shard + 1).max(first(shard))
     }
 
     /// The shard of leaves that a leaf is in.
     pub(super) fn of_leaf(&self, leaf: u32) -> usize {
-        self.leaves.partition_point(|s| s.first <= leaf).saturating_sub(1)
+        // Roots are numbered before all others.
+        let of_root = (leaf < 6).then(|| self.leaves.iter().position(|s| s.roots.contains(&leaf))).flatten();
+        of_root.unwrap_or_else(|| self.leaves.partition_point(|s| s.first <= leaf).saturating_sub(1))
     }
 
     /// The shards of a level, `None` where the tail has it.
@@ -151,15 +165,76 @@ impl Shards {
     }
 }
 
-fn divide_leaves(tree: &Partition, triangles: impl Fn(u32) -> u64, size: u64) -> Vec<LeafShard> {
-    let mut shards = vec![LeafShard { first: 0, triangles: 0, records: None }];
-    for leaf in tree.leaves() {
-        let (n, last) = (triangles(leaf), shards.len() - 1);
-        if shards[last].triangles > 0 && shards[last].triangles + n > size {
-            shards.push(LeafShard { first: leaf, triangles: n, records: None });
-        } else {
-            shards[last].triangles += n;
+fn divide_leaves(
+    tree: &Partition,
+    runs: &[Run],
+    triangles: &[u64],
+    size: u64,
+    midpoint: impl Fn(u32) -> DVec3,
+) -> Vec<LeafShard> {
+    let weights: Vec<f64> = triangles.iter().map(|n| *n as f64).collect();
+    let firsts = equal_parts(&weights, size);
+    let shard = |(start, end): (u32, u32)| {
+        let of_shard = &runs[start as usize..end as usize];
+        let roots = of_shard.iter().filter(|r| tree.tetrahedra[r.tetrahedron as usize].children.is_none());
+        let middle = of_shard.get(of_shard.len() / 2).map_or(0, |run| run.tetrahedron);
+        LeafShard {
+            first_run: start,
+            first: 0,
+            roots: roots.map(|r| r.tetrahedron).filter(|t| *t < 6).collect(),
+            triangles: triangles[start as usize..end as usize].iter().sum(),
+            near: midpoint(tree.tetrahedra[middle as usize].diamond),
+            regions: Vec::new(),
         }
+    };
+    let mut shards: Vec<LeafShard> = ranges(&firsts, runs.len()).map(shard).collect();
+    // From the last on: a shard of roots alone begins where the next does.
+    let mut next = u32::MAX;
+    for (shard, (start, end)) in shards.iter_mut().zip(ranges(&firsts, runs.len())).rev() {
+        let leaves = runs[start as usize..end as usize].iter().map(|run| first_leaf(tree, run));
+        shard.first = leaves.filter(|leaf| *leaf >= 6).min().unwrap_or(next);
+        next = shard.first;
     }
     shards
+}
+
+/// The first leaf in a run, in the order of the tree.
+fn first_leaf(tree: &Partition, run: &Run) -> u32 {
+    let mut first = run.half.map_or(run.tetrahedron, |quarters| quarters[0]);
+    while let Some(children) = tree.tetrahedra[first as usize].children {
+        first = children[0];
+    }
+    first
+}
+
+/// Into how many parts to divide work of `sum` triangles, so that each has at most about `size`. A few are a power of two,
+/// which a few equal workers can do without one of them waiting for another.
+fn parts_of(sum: f64, size: u64) -> usize {
+    let count = (sum / size.max(1) as f64).ceil().max(1.0) as usize;
+    if count < FEW { count.next_power_of_two() } else { count }
+}
+
+/// The first of each of at most `count` parts of about the same weight, which are not empty.
+fn parts(weights: &[f64], count: usize) -> Vec<u32> {
+    let sum: f64 = weights.iter().sum();
+    let (mut firsts, mut before) = (Vec::new(), 0.0);
+    for (i, weight) in (0u32..).zip(weights) {
+        // Where the middle of this one passes the next of `count` equal parts.
+        if firsts.is_empty() || ((before + weight / 2.0) * count as f64 / sum) as usize >= firsts.len() {
+            firsts.push(i);
+        }
+        before += weight;
+    }
+    if firsts.is_empty() { vec![0] } else { firsts }
+}
+
+/// The first of each of as many parts of about `size` as these weights need.
+pub(crate) fn equal_parts(weights: &[f64], size: u64) -> Vec<u32> {
+    parts(weights, parts_of(weights.iter().sum(), size))
+}
+
+/// Where parts begin and end.
+fn ranges(firsts: &[u32], end: usize) -> impl DoubleEndedIterator<Item = (u32, u32)> + ExactSizeIterator {
+    let end = end as u32;
+    (0..firsts.len()).map(move |i| (firsts[i], firsts.get(i + 1).copied().unwrap_or(end)))
 }

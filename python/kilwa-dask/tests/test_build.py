@@ -39,7 +39,10 @@ def test_the_report_has_every_stage(single: Single) -> None:
     assert told["pack"]["triangles"] > 19_000
     assert not told["stopped"]
     names = [stage["stage"] for stage in told["stages"]]
-    assert names == ["ingest", "level-03", "level-02", "level-01", "tail", "assemble"]
+    levels = [name for name in names if name.startswith("level-")]
+    assert names == ["ingest", "region", "tree", "leaves", *levels, "tail", "assemble"]
+    assert len(levels) >= 3
+    assert levels == sorted(levels, reverse=True)
     assert sum(stage["tasks"] for stage in told["stages"]) == told["total"]["tasks"] == len(told["tasks"])
     assert all(stage["seconds"] > 0 and stage["bytes_written"] > 0 for stage in told["stages"])
     assert told["total"]["retries"] == told["total"]["earlier"] == 0
@@ -120,7 +123,8 @@ def test_an_output_that_appears_meanwhile_is_not_replaced(single: Single) -> Non
     assert f"{single.out} has appeared meanwhile" in text
     assert single.out.read_text() == "mine\n"
     single.run("--force")
-    assert single.told()["total"]["earlier"] == 11
+    total = single.told()["total"]
+    assert total["earlier"] == total["tasks"] - 1 > 10
     single.check()
 
 
@@ -129,7 +133,7 @@ def test_ctrl_c_stops_the_build_and_the_same_command_continues(single: Single) -
     kilwa = gated(single, verb="task")
     open_gate(single, "ingest")
     driver = single.start("--scratch", str(single.scratch), "--workers", "1", kilwa=kilwa)
-    until(lambda: started(single, "level-03-0000") == 1, "the second task runs")
+    until(lambda: started(single, "region-*") == 1, "the second task runs")
     family = tree(driver)
     os.killpg(driver.pid, signal.SIGINT)
     text = single.end(driver, 130)

@@ -25,22 +25,25 @@ def test_three_killed_workers_and_a_killed_driver(single: Single) -> None:
     kill_worker_of(single, "ingest")
     until(lambda: started(single, "ingest") == 2, "another worker does the ingest")
     open_gate(single, "ingest")
-    until(lambda: started(single, "level-03-0000") == 1, "the next wave runs")
-    kill_worker_of(single, "level-03-0000")
-    until(lambda: started(single, "level-03-0000") == 2, "another worker does it")
+    for number in range(100):
+        open_gate(single, f"region-{number:04}")
+    until(lambda: started(single, "tree") == 1, "the wave after the next runs")
+    kill_worker_of(single, "tree")
+    until(lambda: started(single, "tree") == 2, "another worker does it")
     first.kill()
     first.wait()
     second = single.start(*options, kilwa=kilwa)
-    until(lambda: started(single, "level-03-0000") == 3, "the second driver does it")
-    open_gate(single, "level-03-0000")
-    until(lambda: started(single, "level-02-*") == 2, "two tasks run")
-    kill_worker_of(single, random.choice([path.name.split(".")[1] for path in single.root.glob("started.level-02-*")]))
-    until(lambda: started(single, "level-02-*") == 3, "another worker does it")
+    until(lambda: started(single, "tree") == 3, "the second driver does it")
+    open_gate(single, "tree")
+    until(lambda: started(single, "leaves-*") == 2, "two tasks run")
+    kill_worker_of(single, random.choice([path.name.split(".")[1] for path in single.root.glob("started.leaves-*")]))
+    until(lambda: started(single, "leaves-*") == 3, "another worker does it")
     open_gate(single)
     single.end(second)
     told = single.told()
-    assert {stage["stage"]: stage["retries"] for stage in told["stages"] if stage["retries"]} == {"level-03": 2, "level-02": 1}
-    assert told["total"]["earlier"] == 1
+    assert {stage["stage"]: stage["retries"] for stage in told["stages"] if stage["retries"]} == {"tree": 2, "leaves": 1}
+    regions = next(stage["tasks"] for stage in told["stages"] if stage["stage"] == "region")
+    assert told["total"]["earlier"] == 1 + regions > 2
     single.check()
 
 

@@ -86,9 +86,9 @@ class BuildReport:
 
     def ordered(self) -> list[tuple[str, Stage]]:
         """Return the stages in the order in which they are done; levels from the finest on."""
-        places = {"ingest": 0, "tail": 2, ASSEMBLE: 3}
+        order = ["ingest", "region", "tree", "leaves", "level", "tail", ASSEMBLE]
         names = sorted(self.stages, reverse=True)
-        return [(name, self.stages[name]) for name in sorted(names, key=lambda name: places.get(name, 1))]
+        return [(name, self.stages[name]) for name in sorted(names, key=lambda name: order.index(name.split("-")[0]))]
 
     def total(self) -> Stage:
         """Return the sums over all stages."""

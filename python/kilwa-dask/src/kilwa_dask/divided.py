@@ -85,7 +85,7 @@ class Task:
 
     @property
     def stage(self) -> str:
-        """Return `ingest`, `level-07` or `tail`."""
+        """Return `ingest`, `region`, `tree`, `leaves`, `level-07` or `tail`."""
         return stage_of(self.id)
 
     @property
@@ -98,8 +98,8 @@ class Task:
 
 
 def stage_of(task: str) -> str:
-    """Return the stage of a task: its name without the number of the shard."""
-    return task.rsplit("-", 1)[0] if task.startswith("level-") else task
+    """Return the stage of a task: its name without the number of the region or shard."""
+    return task.rsplit("-", 1)[0] if "-" in task else task
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,153 @@
+//! The tasks between the inputs and the levels: weld the triangles of a region, grow the tree from what all regions
+//! found, fill a shard of the leaves.
+
+use super::gather::box_of;
+use super::ingest::{BASIS, REGIONS};
+use super::manifest::TaskOutput;
+use super::plan::{Divided, Ingest, SharedBuild, TreeState};
+use super::shards::Shards;
+use super::{Manifest, SharedFile, Task};
+use crate::build::options::BuildError;
+use crate::build::report;
+use crate::build::work::Work;
+use crate::ingest::divided::{
+    self, Findings, Grown, Joined, LINKS, REPLIES, RegionFiles, RegionIndex, RegionStore, Run, WELDED,
+};
+use crate::ingest::surface::{LEAVES, SHARED};
+use crate::partition::tree_file::{self, TREE};
+use crate::scratch::{Records, seal, visit_finished};
+use serde::{Deserialize, Serialize};
+
+/// What a region found out for the whole.
+const FINDINGS: &str = "findings";
+/// What its files hold.
+const INDEX: &str = "index";
+/// The patches and the records of a shard.
+pub(super) const PATCHES: &str = "patches";
+pub(super) const RECORDS: &str = "shared";
+
+pub(super) fn region_task(build: &SharedBuild, work: &Work<'_>, region: u32) -> Result<TaskOutput, BuildError> {
+    let Ingest { stated, state, manifest } = build.ingest()?;
+    let about = state.regions.get(region as usize).ok_or_else(|| BuildError::Inputs {
+        why: format!("this build has no region {region}; use one of the tasks that `kilwa plan` lists"),
+    })?;
+    let files: RegionFiles = build.sealed(build.file(&manifest, REGIONS)?, about.at, about.bytes)?;
+    for (name, crc32) in files.files() {
+        build.download(build.file(&manifest, name)?, crc32, work, name)?;
+    }
+    let (findings, index) = divided::weld(work, &stated.basis, &files)?;
+    work.scratch.write(FINDINGS, &seal(&serde_json::to_vec(&findings).unwrap_or_default()))?;
+    work.scratch.write(INDEX, &seal(&serde_json::to_vec(&index).unwrap_or_default()))?;
+    let files = [WELDED, REPLIES, LINKS, FINDINGS, INDEX].map(|name| (name.to_owned(), name.to_owned()));
+    let of = Some(build.file(&manifest, BASIS)?.name.clone());
+    Ok(TaskOutput { files: files.into(), of, state: serde_json::Value::Null })
+}
+
+/// The manifests of all regions, in their order.
+fn regions(build: &SharedBuild, ingest: &Ingest) -> Result<Vec<Manifest>, BuildError> {
+    let basis = &build.file(&ingest.manifest, BASIS)?.name;
+    let all = (0..ingest.state.regions.len() as u32).map(|region| Task::Region { region });
+    all.map(|task| build.finished_of(task, Some(basis))).collect()
+}
+
+pub(super) fn tree_task(build: &SharedBuild, work: &Work<'_>) -> Result<TaskOutput, BuildError> {
+    let ingest = build.ingest()?;
+    let basis = &ingest.stated.basis;
+    let mut joined = Joined::new(work, basis)?;
+    let mut indices: Vec<RegionIndex> = Vec::new();
+    for manifest in regions(build, &ingest)? {
+        work.stop.check()?;
+        let file = build.file(&manifest, FINDINGS)?;
+        let findings: Findings = build.sealed(file, 0, file.bytes)?;
+        let first = joined.add(findings).ok_or_else(|| build.damaged_file(file, "its components are too many"))?;
+        let links = build.file(&manifest, LINKS)?;
+        let read = |at, bytes| build.read(links, at, bytes);
+        let take = |records: &[u128]| -> Result<(), BuildError> { Ok(joined.links(records, first)?) };
+        if !visit_finished(links.bytes, read, take)? {
+            return Err(build.damaged_file(links, "its records do not match their checksum"));
+        }
+        let file = build.file(&manifest, INDEX)?;
+        indices.push(build.sealed(file, 0, file.bytes)?);
+    }
+    let triangles = |bucket: u32| -> u64 {
+        let region = indices.partition_point(|index| index.buckets().end <= bucket);
+        indices.get(region).map_or(0, |index| index.triangles(bucket))
+    };
+    let Grown { tree, estimate, surface } = joined.grow(triangles)?;
+    let runs = basis.runs(&tree);
+    let of_run: Vec<u64> = runs.iter().map(|run| run.buckets.clone().map(triangles).sum()).collect();
+    let mut shards = Shards::divide(&tree, basis.lattice(), estimate, (&runs, &of_run), build.plan.task_triangles);
+    for i in 0..shards.leaves.len() {
+        let of_shard = &runs[shards.runs(i, runs.len())];
+        let (first, end) = (of_shard.first(), of_shard.last());
+        let buckets = first.map_or(0, |r| r.buckets.start)..end.map_or(0, |r| r.buckets.end);
+        let concerned = (0u32..).zip(&indices).filter(|(_, index)| index.concerns(&buckets));
+        shards.leaves[i].regions = concerned.map(|(region, _)| region).collect();
+    }
+    tree_file::write(work.scratch, &tree)?;
+    let metadata = report::metadata(&surface, &ingest.stated.metadata);
+    let (color_bits, normal_bits) = (ingest.stated.metadata.color_bits, ingest.stated.metadata.normal_bits);
+    let state = TreeState { surface, metadata, color_bits, normal_bits, shards };
+    let of = Some(build.file(&ingest.manifest, BASIS)?.name.clone());
+    let files = vec![(TREE.to_owned(), TREE.to_owned())];
+    Ok(TaskOutput { files, of, state: serde_json::to_value(&state).unwrap_or_default() })
+}
+
+/// What a shard of the leaves leaves beside its files.
+#[derive(Serialize, Deserialize)]
+pub(super) struct LeavesState {
+    /// Bounding box of the points in its records.
+    pub(super) points: super::shards::PointBox,
+    /// Leaves that hold more than they should.
+    pub(super) overfull: u64,
+}
+
+pub(super) fn leaves_task(build: &SharedBuild, work: &Work<'_>, shard: u32) -> Result<TaskOutput, BuildError> {
+    let ingest = build.ingest()?;
+    let Divided { state, tree, manifest } = build.tree()?;
+    let about = state.shards.leaves.get(shard as usize).ok_or_else(|| BuildError::Inputs {
+        why: format!("this build has no shard {shard} of leaves; use one of the tasks that `kilwa plan` lists"),
+    })?;
+    let basis = &ingest.stated.basis;
+    let of_basis = &build.file(&ingest.manifest, BASIS)?.name;
+    let (mut files, mut indices) = (Vec::new(), Vec::new());
+    for &region in &about.regions {
+        let manifest = build.finished_of(Task::Region { region }, Some(of_basis))?;
+        let index = build.file(&manifest, INDEX)?;
+        indices.push(build.sealed::<RegionIndex>(index, 0, index.bytes)?);
+        files.push([build.file(&manifest, WELDED)?.clone(), build.file(&manifest, REPLIES)?.clone()]);
+    }
+    let runs: Vec<Run> = basis.runs(&tree);
+    let of_shard = &runs[state.shards.runs(shard as usize, runs.len())];
+    let store = WeldedFiles { build, files };
+    let overfull = divided::fill(work, basis, &indices, &store, &tree, of_shard)?;
+    let points = box_of(&Records::open(work.scratch, SHARED)?)?;
+    let files = [(PATCHES, LEAVES), (RECORDS, SHARED)].map(|(content, name)| (content.to_owned(), name.to_owned()));
+    let of = Some(build.file(&manifest, TREE)?.name.clone());
+    let state = serde_json::to_value(LeavesState { points, overfull }).unwrap_or_default();
+    Ok(TaskOutput { files: files.into(), of, state })
+}
+
+/// The files of some regions.
+struct WeldedFiles<'a> {
+    build: &'a SharedBuild,
+    /// Welded buckets, replies.
+    files: Vec<[SharedFile; 2]>,
+}
+
+impl WeldedFiles<'_> {
+    fn file(&self, region: usize, content: &str) -> &SharedFile {
+        &self.files[region][usize::from(content == REPLIES)]
+    }
+}
+
+impl RegionStore for WeldedFiles<'_> {
+    fn read(&self, region: usize, content: &str, at: u64, bytes: u64) -> Result<Vec<u8>, BuildError> {
+        self.build.read(self.file(region, content), at, bytes)
+    }
+
+    fn damaged(&self, region: usize, content: &str, at: u64) -> BuildError {
+        let why = format!("the bucket at byte {at} does not match its checksum");
+        self.build.damaged_file(self.file(region, content), &why)
+    }
+}
