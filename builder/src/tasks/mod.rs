@@ -18,10 +18,12 @@
 //!
 //! Failures: [`BuildError`], with what is wrong and what to do.
 
+mod ahead;
 mod gather;
 mod ingest;
 mod levels;
 mod manifest;
+mod objects;
 mod pack;
 mod plan;
 mod shards;
@@ -29,6 +31,7 @@ mod store;
 
 pub use manifest::{Manifest, SharedFile};
 pub use pack::assemble;
+pub use objects::ObjectFolder;
 use plan::State;
 pub use plan::{PLAN, SharedBuild, SharedPlan, TaskEntry, TaskFile};
 pub use shards::TASK_TRIANGLES;
