@@ -31,7 +31,8 @@ pub struct Access {
 
 /// The environment variables `AWS_…` that are not empty.
 pub fn environment() -> Vec<(String, String)> {
-    let all = std::env::vars_os().filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)));
+    let all =
+        std::env::vars_os().filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)));
     all.filter(|(name, value)| name.starts_with("AWS_") && !value.is_empty()).collect()
 }
 

@@ -15,6 +15,7 @@ mod unfinished;
 pub use access::{Access, environment};
 pub use address::{Address, is_address};
 pub use http::{Failure, Seen};
+pub use object_store::{BackoffConfig, RetryConfig};
 pub use objects::{About, Client, ObjectError, Objects, Patience};
 pub use transfer::Condition;
 pub use unfinished::{Unfinished, Upload};

@@ -11,8 +11,10 @@ use hyper::body::Bytes;
 use object_store::multipart::MultipartStore;
 use object_store::path::Path;
 use object_store::{
-    Error, GetOptions, GetRange, ObjectMeta, ObjectStore, ObjectStoreExt as _, PutMode, PutOptions, PutPayload,
+    Attribute, Attributes, Error, GetOptions, GetRange, ObjectMeta, ObjectStore, ObjectStoreExt as _, PutMode,
+    PutOptions, PutPayload,
 };
+use std::collections::BTreeMap;
 use std::fmt;
 use std::hash::{BuildHasher, RandomState};
 use std::ops::Range;
@@ -171,6 +173,26 @@ impl Objects {
         self.wait(async move { this.head(&path).await })
     }
 
+    /// What was noted of an object when it was uploaded, `None` where there is none.
+    ///
+    /// # Errors
+    /// [`ObjectError`].
+    pub fn notes(&self, path: &Path) -> Result<Option<BTreeMap<String, String>>, ObjectError> {
+        let (this, path) = (self.clone(), path.clone());
+        self.wait(async move {
+            let head = || this.client.get_opts(&path, GetOptions { head: true, ..GetOptions::default() });
+            let found = match this.tried(head).await {
+                Err(ObjectError::Missing) => return Ok(None),
+                found => found?,
+            };
+            let note = |(name, value): (&Attribute, &object_store::AttributeValue)| match name {
+                Attribute::Metadata(name) => Some((name.to_string(), value.to_string())),
+                _ => None,
+            };
+            Ok(Some(found.attributes.iter().filter_map(note).collect()))
+        })
+    }
+
     /// All of a small object, `None` where there is none. One that is longer than `most` bytes is an error.
     ///
     /// # Errors
@@ -210,7 +232,7 @@ impl Objects {
     /// [`ObjectError`].
     pub fn put(&self, path: &Path, bytes: Bytes) -> Result<(), ObjectError> {
         let (this, path) = (self.clone(), path.clone());
-        self.wait(async move { this.put_as(&path, &bytes, PutMode::Overwrite).await.map(|_| ()) })
+        self.wait(async move { this.put_as(&path, &bytes, PutMode::Overwrite, &Attributes::new()).await.map(|_| ()) })
     }
 
     /// Put a small object where there is none; whether that was so. It is `false` too where the first answer to this very request was lost.
@@ -219,7 +241,7 @@ impl Objects {
     /// [`ObjectError`].
     pub fn put_new(&self, path: &Path, bytes: Bytes) -> Result<bool, ObjectError> {
         let (this, path) = (self.clone(), path.clone());
-        self.wait(async move { this.put_as(&path, &bytes, PutMode::Create).await })
+        self.wait(async move { this.put_as(&path, &bytes, PutMode::Create, &Attributes::new()).await })
     }
 
     /// Remove an object; a missing one is no error.
@@ -312,7 +334,12 @@ impl Objects {
     }
 
     /// The bytes `range`, of the object with this tag if one is given.
-    pub(crate) async fn stretch(&self, path: &Path, range: Range<u64>, tag: Option<&str>) -> Result<Bytes, ObjectError> {
+    pub(crate) async fn stretch(
+        &self,
+        path: &Path,
+        range: Range<u64>,
+        tag: Option<&str>,
+    ) -> Result<Bytes, ObjectError> {
         let get = || async {
             let options = GetOptions {
                 range: Some(GetRange::Bounded(range.clone())),
@@ -320,7 +347,8 @@ impl Objects {
                 ..GetOptions::default()
             };
             let found = self.client.get_opts(path, options).await?;
-            let is_same = found.range.start == range.start && tag.is_none_or(|tag| found.meta.e_tag.as_deref() == Some(tag));
+            let is_same =
+                found.range.start == range.start && tag.is_none_or(|tag| found.meta.e_tag.as_deref() == Some(tag));
             // Not every store knows `If-Match`.
             if !is_same {
                 return Err(Error::Precondition { path: path.to_string(), source: "another object".into() });
@@ -335,10 +363,17 @@ impl Objects {
         self.tried(get).await
     }
 
-    pub(crate) async fn put_as(&self, path: &Path, bytes: &Bytes, mode: PutMode) -> Result<bool, ObjectError> {
+    pub(crate) async fn put_as(
+        &self,
+        path: &Path,
+        bytes: &Bytes,
+        mode: PutMode,
+        attributes: &Attributes,
+    ) -> Result<bool, ObjectError> {
         loop {
             let put = || {
-                let options = PutOptions { mode: mode.clone(), ..PutOptions::default() };
+                let options =
+                    PutOptions { mode: mode.clone(), attributes: attributes.clone(), ..PutOptions::default() };
                 self.client.put_opts(path, PutPayload::from_bytes(bytes.clone()), options)
             };
             match self.tried(put).await {
@@ -382,7 +417,8 @@ impl Objects {
             Error::Precondition { .. } | Error::NotModified { .. } => ObjectError::Changed,
             Error::NotFound { .. } | Error::PermissionDenied { .. } | Error::Unauthenticated { .. } => {
                 let why = (self.words)(e);
-                let check = "check the address, AWS_ENDPOINT_URL, AWS_REGION, AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY";
+                let check =
+                    "check the address, AWS_ENDPOINT_URL, AWS_REGION, AWS_ACCESS_KEY_ID and AWS_SECRET_ACCESS_KEY";
                 ObjectError::Failed(format!("{why}; {check}"))
             }
             e if is_final(e) => ObjectError::Failed((self.words)(e)),

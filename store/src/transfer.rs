@@ -7,7 +7,8 @@ use futures_util::{StreamExt as _, TryStreamExt as _};
 use hyper::body::Bytes;
 use object_store::multipart::PartId;
 use object_store::path::Path;
-use object_store::{MultipartId, PutMode, PutPayload};
+use object_store::{Attribute, Attributes, MultipartId, PutMode, PutMultipartOptions, PutPayload};
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{Read as _, Seek as _, SeekFrom, Write as _};
 use std::sync::Arc;
@@ -29,7 +30,7 @@ pub enum Condition {
 }
 
 impl Objects {
-    /// Copy a file of this machine into the store. `progress` is told the bytes that are there, and all.
+    /// Copy a file of this machine into the store, with some notes on it. `progress` is told the bytes that are there, and all.
     ///
     /// # Errors
     /// [`ObjectError`]; nothing is left then.
@@ -38,13 +39,22 @@ impl Objects {
         path: &Path,
         from: &std::path::Path,
         condition: Condition,
+        notes: &BTreeMap<String, String>,
         progress: &mut dyn FnMut(u64, u64),
     ) -> Result<(), ObjectError> {
         let cannot = |source| ObjectError::Local { file: from.to_owned(), source };
         let file = File::open(from).map_err(cannot)?;
         let length = file.metadata().map_err(cannot)?.len();
         let done = Arc::new(AtomicU64::new(0));
-        let job = Job { objects: self.clone(), path: path.clone(), from: from.to_owned(), length, done: Arc::clone(&done) };
+        let note = |(name, value): (&String, &String)| (Attribute::Metadata(name.clone().into()), value.clone());
+        let job = Job {
+            objects: self.clone(),
+            path: path.clone(),
+            from: from.to_owned(),
+            length,
+            attributes: notes.iter().map(note).collect(),
+            done: Arc::clone(&done),
+        };
         let look = || progress(done.load(Ordering::Relaxed), length);
         self.wait_watching(async move { job.run(condition).await }, look)
     }
@@ -112,6 +122,7 @@ struct Job {
     path: Path,
     from: std::path::PathBuf,
     length: u64,
+    attributes: Attributes,
     done: Arc<AtomicU64>,
 }
 
@@ -121,11 +132,15 @@ impl Job {
         if self.length <= *part {
             let bytes = self.part(0, self.length).await?;
             let mode = if condition == Condition::New { PutMode::Create } else { PutMode::Overwrite };
-            let put = self.objects.put_as(&self.path, &bytes, mode).await?;
+            let put = self.objects.put_as(&self.path, &bytes, mode, &self.attributes).await?;
             self.done.store(self.length, Ordering::Relaxed);
             return if put { Ok(()) } else { Err(ObjectError::Exists) };
         }
-        let id = self.objects.tried(|| client.create_multipart(&self.path)).await?;
+        let create = || {
+            let options = PutMultipartOptions { attributes: self.attributes.clone(), ..PutMultipartOptions::default() };
+            client.create_multipart_opts(&self.path, options)
+        };
+        let id = self.objects.tried(create).await?;
         let sent = async {
             let parts = self.send_parts(&id).await?;
             if condition == Condition::New && self.objects.head(&self.path).await?.is_some() {

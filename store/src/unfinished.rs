@@ -133,7 +133,8 @@ mod tests {
 
     #[test]
     fn lists_with_and_without_uploads_are_read() {
-        let head = "<?xml version=\"1.0\"?><ListMultipartUploadsResult xmlns=\"http://s3.amazonaws.com/doc/2006-03-01/\">";
+        let head =
+            "<?xml version=\"1.0\"?><ListMultipartUploadsResult xmlns=\"http://s3.amazonaws.com/doc/2006-03-01/\">";
         let some = "<Bucket>b</Bucket><IsTruncated>true</IsTruncated><NextKeyMarker>a &amp; b</NextKeyMarker>\
             <NextUploadIdMarker>7</NextUploadIdMarker><Upload><Key>a &amp; b</Key><UploadId>7</UploadId>\
             <Owner><ID>x</ID></Owner></Upload><Upload><Key>c</Key><UploadId>8</UploadId></Upload>";

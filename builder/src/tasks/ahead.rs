@@ -62,7 +62,8 @@ impl State {
 
     /// What to read for a piece, of an object of `length` bytes if that is known.
     fn stretch(&self, name: &str, range: &Range<u64>, length: Option<u64>) -> Range<u64> {
-        let follows = |s: &Stretch| s.name == name && (s.end().saturating_sub(GAP)..=s.end() + GAP).contains(&range.start);
+        let follows =
+            |s: &Stretch| s.name == name && (s.end().saturating_sub(GAP)..=s.end() + GAP).contains(&range.start);
         let ahead = if self.held.iter().any(follows) { NEXT_STRETCH } else { STRETCH };
         let end = range.end.max(range.start.saturating_add(ahead));
         match length {

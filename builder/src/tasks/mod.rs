@@ -30,8 +30,8 @@ mod shards;
 mod store;
 
 pub use manifest::{Manifest, SharedFile};
-pub use pack::assemble;
 pub use objects::ObjectFolder;
+pub use pack::assemble;
 use plan::State;
 pub use plan::{PLAN, SharedBuild, SharedPlan, TaskEntry, TaskFile};
 pub use shards::TASK_TRIANGLES;

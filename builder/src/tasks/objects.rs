@@ -9,7 +9,8 @@ use crate::build::options::BuildError;
 use bytes::Bytes;
 use kilwa_store::{Condition, ObjectError, Objects};
 use object_store::path::Path as Key;
-use rustc_hash::{FxHashMap, FxHashSet};
+use rustc_hash::FxHashMap;
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -36,7 +37,8 @@ pub struct ObjectFolder {
 /// Small objects that were read with others, until they are asked for, once.
 #[derive(Debug, Default)]
 struct Together {
-    levels: FxHashSet<String>,
+    /// Levels of which a manifest was asked for, and whether all were read then.
+    levels: FxHashMap<String, bool>,
     read: FxHashMap<String, Bytes>,
 }
 
@@ -79,12 +81,16 @@ impl ObjectFolder {
         Ok(lengths.as_ref().and_then(|lengths| lengths.get(name).copied()))
     }
 
-    /// A manifest of a shard, read with those of the other shards of its level the first time that one of them is asked for.
+    /// A manifest of a shard, read with those of the other shards of its level the second time that one of them is asked for.
     fn read_together(&self, name: &str) -> Result<Option<Bytes>, BuildError> {
         let level = name.strip_prefix(DONE).and_then(|_| name.rsplit_once('-')).map(|(level, _)| level);
         let Some(level) = level else { return Ok(None) };
         let mut together = lock(&self.read_together);
-        if together.levels.insert(level.to_owned()) {
+        let Some(were_read) = together.levels.get_mut(level) else {
+            together.levels.insert(level.to_owned(), false);
+            return Ok(None);
+        };
+        if !std::mem::replace(were_read, true) {
             let names: Vec<String> = self.listed(DONE)?.into_iter().map(|(name, _)| name).collect();
             let of_level = |name: &&String| name.rsplit_once('-').is_some_and(|(of, _)| of == level);
             let names: Vec<&String> = names.iter().filter(of_level).collect();
@@ -151,7 +157,8 @@ impl Store for ObjectFolder {
     }
 
     fn upload(&self, name: &str, from: &Path) -> Result<(), BuildError> {
-        let uploaded = self.objects.upload(&self.key(name)?, from, Condition::Replace, &mut |_, _| ());
+        let uploaded =
+            self.objects.upload(&self.key(name)?, from, Condition::Replace, &BTreeMap::new(), &mut |_, _| ());
         uploaded.map_err(|e| self.error("write", name, e))
     }
 

@@ -339,7 +339,7 @@ impl SharedBuild {
             return Ok(Outcome { manifest, already_done: false });
         }
         // Where the build is gone, nobody else would remove them.
-        if created.is_ok() || self.still_there().is_err() {
+        if created.is_ok() || matches!(self.store.length(PLAN), Ok(None)) {
             self.remove_files(&manifest)?;
         }
         created.and(found).map(|manifest| Outcome { manifest, already_done: true })
