@@ -13,6 +13,7 @@ use rustc_hash::FxHashMap;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
 
 /// Objects that never change.
 const FILES: &str = "files";
@@ -20,6 +21,8 @@ const FILES: &str = "files";
 const DONE: &str = "done";
 /// Longer pieces are read as they are, several parts at a time.
 const LONG: u64 = 4 << 20;
+/// How long a small object counts that was read with others.
+const FRESH: Duration = Duration::from_secs(5);
 /// How often the objects of a build are listed and removed while others still add to them.
 const SWEEPS: usize = 5;
 
@@ -39,7 +42,7 @@ pub struct ObjectFolder {
 struct Together {
     /// Levels of which a manifest was asked for, and whether all were read then.
     levels: FxHashMap<String, bool>,
-    read: FxHashMap<String, Bytes>,
+    read: FxHashMap<String, (Instant, Bytes)>,
 }
 
 impl ObjectFolder {
@@ -91,14 +94,25 @@ impl ObjectFolder {
             return Ok(None);
         };
         if !std::mem::replace(were_read, true) {
+            let now = Instant::now();
             let names: Vec<String> = self.listed(DONE)?.into_iter().map(|(name, _)| name).collect();
             let of_level = |name: &&String| name.rsplit_once('-').is_some_and(|(of, _)| of == level);
             let names: Vec<&String> = names.iter().filter(of_level).collect();
             let keys = names.iter().map(|name| self.key(name)).collect::<Result<Vec<_>, _>>()?;
             let read = self.objects.read_several(keys, LARGEST_WHOLE).map_err(|e| self.error("read", name, e))?;
-            together.read.extend(names.into_iter().zip(read).filter_map(|(name, bytes)| Some((name.clone(), bytes?))));
+            together.read.extend(names.into_iter().zip(read).filter_map(|(name, bytes)| Some((name.clone(), (now, bytes?)))));
         }
-        Ok(together.read.remove(name))
+        let read = together.read.remove(name).filter(|(at, _)| at.elapsed() < FRESH);
+        Ok(read.map(|(_, bytes)| bytes))
+    }
+
+    /// What was read of an object counts no more.
+    fn forget(&self, name: &str) {
+        self.ahead.forget(Some(name));
+        lock(&self.read_together).read.remove(name);
+        if let Some(lengths) = lock(&self.lengths).as_mut() {
+            lengths.remove(name);
+        }
     }
 
     /// Remove all objects below a folder of the build; whether there were any.
@@ -157,21 +171,20 @@ impl Store for ObjectFolder {
     }
 
     fn upload(&self, name: &str, from: &Path) -> Result<(), BuildError> {
+        self.forget(name);
         let uploaded =
             self.objects.upload(&self.key(name)?, from, Condition::Replace, &BTreeMap::new(), &mut |_, _| ());
         uploaded.map_err(|e| self.error("write", name, e))
     }
 
     fn create_new(&self, name: &str, bytes: &[u8]) -> Result<bool, BuildError> {
+        self.forget(name);
         let put = self.objects.put_new(&self.key(name)?, Bytes::copy_from_slice(bytes));
         put.map_err(|e| self.error("write", name, e))
     }
 
     fn remove(&self, name: &str) -> Result<(), BuildError> {
-        self.ahead.forget(Some(name));
-        if let Some(lengths) = lock(&self.lengths).as_mut() {
-            lengths.remove(name);
-        }
+        self.forget(name);
         self.objects.remove(&self.key(name)?).map_err(|e| self.error("remove", name, e))
     }
 

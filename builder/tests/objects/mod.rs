@@ -10,6 +10,7 @@ use kilwa_builder::{BuildError, Silent, build::work::Stop};
 use kilwa_store::{Client, Objects, Patience, Unfinished};
 use object_store::path::Path;
 use std::collections::BTreeMap;
+use std::sync::atomic::Ordering;
 use std::sync::{Arc, LazyLock};
 use std::time::Duration;
 
@@ -131,7 +132,7 @@ fn a_store_holds_what_was_written_whoever_reads_it() {
         let local = tempfile::NamedTempFile::new().unwrap();
         for step in 0..300u32 {
             let reader = if random.bool() { &store } else { &other };
-            let name = format!("done/task-{}.json", random.u8(..6));
+            let name = format!("done/task{}.json", random.u8(..6));
             match random.u8(..6) {
                 0 => {
                     let bytes = step.to_le_bytes().repeat(random.usize(1..50));
@@ -177,6 +178,34 @@ fn a_store_holds_what_was_written_whoever_reads_it() {
         store.remove_all().unwrap();
         assert_eq!(shared.left(), [""; 0]);
     }
+}
+
+#[test]
+fn manifests_of_a_level_are_read_together_and_each_as_it_is_then() {
+    let shared = Arc::new(Faulty::new(0, 1));
+    let name = |shard: usize| format!("done/level-07-{shard:04}.json");
+    let store = folder(&shared);
+    for shard in 0..40 {
+        assert!(store.create_new(&name(shard), &[shard as u8; 10]).unwrap());
+    }
+    let reader = folder(&shared);
+    let before = shared.requests.load(Ordering::Relaxed);
+    for shard in 0..41 {
+        let expected = (shard < 40).then(|| vec![shard as u8; 10]);
+        assert_eq!(reader.read_all(&name(shard)).unwrap(), expected, "{shard}");
+    }
+    // One, the list, forty together, and the one that is missing.
+    assert_eq!(shared.requests.load(Ordering::Relaxed) - before, 43);
+    // What was read together is used once, and not after a change.
+    let reader = folder(&shared);
+    reader.read_all(&name(0)).unwrap();
+    reader.read_all(&name(1)).unwrap();
+    reader.remove(&name(2)).unwrap();
+    assert_eq!(reader.read_all(&name(2)).unwrap(), None);
+    assert!(reader.create_new(&name(2), b"other").unwrap());
+    assert_eq!(reader.read_all(&name(2)).unwrap().unwrap(), b"other");
+    store.remove(&name(1)).unwrap();
+    assert_eq!(reader.read_all(&name(1)).unwrap(), None);
 }
 
 #[test]

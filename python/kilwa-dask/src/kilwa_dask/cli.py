@@ -59,9 +59,16 @@ def _add_build(verbs: Any) -> None:
     )
     build.add_argument("inputs", metavar="INPUT", nargs="+", help="meshes, folders, patterns or surveys, as for kilwa build")
     build.add_argument("-o", "--output", required=True, metavar="OUT.kilwa", help="the pack to write, or s3://BUCKET/OUT.kilwa")
-    build.add_argument("--work", required=True, metavar="DIR", help="for what the machines exchange: a folder that all see, or s3://BUCKET/FOLDER")
+    build.add_argument(
+        "--work",
+        required=True,
+        metavar="DIR",
+        help="for what the machines exchange: a folder that all see, or s3://BUCKET/FOLDER",
+    )
     build.add_argument("--task-triangles", metavar="N", help="triangles of a task (default: as kilwa plan, 10M)")
-    build.add_argument("--scratch", metavar="DIR", help="folder for scratch files on each machine (default: in --work, or the system's)")
+    build.add_argument(
+        "--scratch", metavar="DIR", help="folder for scratch files on each machine (default: in --work, or the system's)"
+    )
     build.add_argument("--force", action="store_true", help="replace an existing output file")
     _add_machines(build, "tasks", "kilwa task")
 
