@@ -320,7 +320,9 @@ impl Objects {
             if found.meta.size > most {
                 return Ok(Err(found.meta.size));
             }
-            found.bytes().await.map(Ok)
+            let expected = found.meta.size;
+            let bytes = found.bytes().await?;
+            if bytes.len() as u64 == expected { Ok(Ok(bytes)) } else { Err(broke_off()) }
         };
         match self.tried(get).await {
             Ok(Ok(bytes)) => Ok(Some(bytes)),
@@ -358,7 +360,7 @@ impl Objects {
             if bytes.len() as u64 == expected {
                 return Ok(bytes);
             }
-            Err(Error::Generic { store: "S3", source: "the answer broke off".into() })
+            Err(broke_off())
         };
         self.tried(get).await
     }
@@ -479,6 +481,10 @@ impl Objects {
             }
         }
     }
+}
+
+fn broke_off() -> Error {
+    Error::Generic { store: "S3", source: "the answer broke off".into() }
 }
 
 pub(crate) fn about(meta: &ObjectMeta) -> About {

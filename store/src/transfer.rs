@@ -109,8 +109,14 @@ impl Objects {
                     if is_whole { Ok(got) } else { Err(ObjectError::Failed("it ends before".to_owned())) }
                 }
             };
-            let parts: Vec<Bytes> = stream::iter(ranges.map(get)).buffered(AT_ONCE).try_collect().await?;
-            Ok(parts.concat())
+            let mut parts = stream::iter(ranges.map(get)).buffered(AT_ONCE);
+            let mut all = Vec::new();
+            while let Some(part) = parts.try_next().await? {
+                // For the whole at once, but only when the first part shows that there is such an object.
+                all.reserve_exact((bytes as usize).saturating_sub(all.len()));
+                all.extend_from_slice(&part);
+            }
+            Ok(all)
         };
         self.wait_watching(work, || ())
     }

@@ -79,7 +79,7 @@ impl Seaweed {
     }
 
     fn access(&self, patience: Duration) -> Access {
-        let backoff = BackoffConfig { init_backoff: PAUSE, max_backoff: PAUSE, base: 1.0 };
+        let backoff = BackoffConfig { init_backoff: PAUSE, max_backoff: PAUSE * 2, base: 2.0 };
         Access {
             endpoint: Some(self.endpoint()),
             settings: KEYS.map(|(n, v)| (n.to_owned(), v.to_owned())).to_vec(),

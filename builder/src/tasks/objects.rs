@@ -100,7 +100,9 @@ impl ObjectFolder {
             let names: Vec<&String> = names.iter().filter(of_level).collect();
             let keys = names.iter().map(|name| self.key(name)).collect::<Result<Vec<_>, _>>()?;
             let read = self.objects.read_several(keys, LARGEST_WHOLE).map_err(|e| self.error("read", name, e))?;
-            together.read.extend(names.into_iter().zip(read).filter_map(|(name, bytes)| Some((name.clone(), (now, bytes?)))));
+            together
+                .read
+                .extend(names.into_iter().zip(read).filter_map(|(name, bytes)| Some((name.clone(), (now, bytes?)))));
         }
         let read = together.read.remove(name).filter(|(at, _)| at.elapsed() < FRESH);
         Ok(read.map(|(_, bytes)| bytes))

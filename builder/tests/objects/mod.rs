@@ -9,7 +9,7 @@ use kilwa_builder::tasks::{ObjectFolder, Outcome, SharedBuild, SharedFolder, Sto
 use kilwa_builder::{BuildError, Silent, build::work::Stop};
 use kilwa_store::{Client, Objects, Patience, Unfinished};
 use object_store::path::Path;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::Ordering;
 use std::sync::{Arc, LazyLock};
 use std::time::Duration;
@@ -129,11 +129,14 @@ fn a_store_holds_what_was_written_whoever_reads_it() {
         let mut random = fastrand::Rng::with_seed(11);
         let (store, other) = (shared.store(), shared.store());
         let mut model: BTreeMap<String, Vec<u8>> = BTreeMap::new();
+        // A name is not given to another object later, so that readers may keep files open.
+        let mut gone = BTreeSet::new();
         let local = tempfile::NamedTempFile::new().unwrap();
         for step in 0..300u32 {
             let reader = if random.bool() { &store } else { &other };
-            let name = format!("done/task{}.json", random.u8(..6));
+            let name = format!("done/task{}.json", random.u8(..30));
             match random.u8(..6) {
+                0 if gone.contains(&name) => {}
                 0 => {
                     let bytes = step.to_le_bytes().repeat(random.usize(1..50));
                     let created = store.create_new(&name, &bytes).unwrap();
@@ -148,6 +151,7 @@ fn a_store_holds_what_was_written_whoever_reads_it() {
                 1 => {
                     store.remove(&name).unwrap();
                     model.remove(&name);
+                    gone.insert(name);
                 }
                 2 => {
                     let name = format!("files/task.{step}");
