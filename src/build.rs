@@ -39,7 +39,7 @@ use std::sync::atomic::{AtomicI32, Ordering};
 use std::time::Instant;
 
 /// The inputs of a build, and every option that changes the bytes of the pack.
-#[derive(clap::Args)]
+#[derive(Clone, clap::Args)]
 pub(crate) struct Shaping {
     #[command(flatten)]
     pub(crate) input: InputArgs,
@@ -149,6 +149,7 @@ impl Args {
             texture_detail: None,
             allow_outside: false,
             unmasked: false,
+            stores: None,
         };
         let shaping = Shaping {
             input,
@@ -484,7 +485,7 @@ fn reference_system(given: Option<&str>) -> anyhow::Result<Option<String>> {
 }
 
 /// Refuse the name of another kind of file: what is called `a.ply` should be a PLY.
-fn refuse_name(output: &Path) -> anyhow::Result<()> {
+pub(crate) fn refuse_name(output: &Path) -> anyhow::Result<()> {
     let extension = output.extension().and_then(|e| e.to_str());
     if extension.is_some_and(|e| e.eq_ignore_ascii_case("kilwa")) {
         return Ok(());

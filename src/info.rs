@@ -92,6 +92,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
             texture_detail: None,
             allow_outside: args.allow_outside,
             unmasked: false,
+            stores: None,
         };
         let picture = args.picture.as_deref().map(|path| Picture { path, replace: args.force });
         return mesh::run(&input, picture, args.json);

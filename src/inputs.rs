@@ -8,6 +8,9 @@
 //! matches, a folder without meshes, a folder with something that is named like a mesh but is not one, something that matches a pattern but is not
 //! a readable regular file (a broken link, a folder, a pipe), a matrix that cannot place a mesh.
 
+pub(crate) mod remote;
+
+use self::remote::{Allowed, Outlines, Remote};
 use crate::named_files::{Wanted, named, refuse_link_out, refuse_twice};
 use crate::stations::merged::Merging;
 use crate::stations::{self, StationInput};
@@ -34,7 +37,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Which meshes are read, and how their coordinates are interpreted.
-#[derive(clap::Args)]
+#[derive(Clone, clap::Args)]
 pub(crate) struct InputArgs {
     /// Mesh files (PLY, OBJ, STL, glTF, Nexus, 3D Tiles tilesets), ZIP downloads from Sketchfab, folders of meshes, quoted patterns such as 'blocks/*.ply', or surveys of scans.
     ///
@@ -68,6 +71,9 @@ pub(crate) struct InputArgs {
     /// Also read what the masks of a survey mask.
     #[arg(long)]
     pub(crate) unmasked: bool,
+    /// Whether meshes may be in object stores; set by the verbs for which that is so.
+    #[arg(skip)]
+    pub(crate) stores: Option<Allowed>,
 }
 
 /// One input.
@@ -81,6 +87,15 @@ pub(crate) struct InputFile {
     pub(crate) placement: Placement,
     /// How it is meshed, if it is a station of a survey.
     pub(crate) station: Option<StationInput>,
+    /// The object that it is; the path is that of its outline, until it is fetched.
+    pub(crate) remote: Option<Remote>,
+}
+
+impl InputFile {
+    /// Where it is, for messages and for the order of the inputs.
+    pub(crate) fn place(&self) -> PathBuf {
+        self.remote.as_ref().map_or_else(|| self.path.clone(), |remote| remote.address.to_string().into())
+    }
 }
 
 /// All inputs.
@@ -98,6 +113,8 @@ pub(crate) struct Inputs {
     pub(crate) merging: Option<Box<Merging>>,
     /// What the metadata records instead of the files.
     pub(crate) provenance: Option<Provenance>,
+    /// Outlines of the meshes in stores.
+    outlines: Option<Outlines>,
 }
 
 /// Bytes of the metadata block that names of sources may take: half of it, so that there is room for the rest and for
@@ -138,20 +155,34 @@ impl Inputs {
     ///
     /// With `points`, they must be surveys, whose stations need no grid.
     pub(crate) fn find(args: &InputArgs, points: bool) -> anyhow::Result<Self> {
-        let (surveys, meshes): (Vec<PathBuf>, Vec<PathBuf>) =
-            args.inputs.iter().cloned().partition(|given| survey::is_survey(given));
+        let is_remote = |given: &PathBuf| given.to_str().is_some_and(kilwa_store::is_address);
+        let (remote, local): (Vec<PathBuf>, Vec<PathBuf>) = args.inputs.iter().cloned().partition(is_remote);
+        let (surveys, mut meshes): (Vec<PathBuf>, Vec<PathBuf>) =
+            local.into_iter().partition(|given| survey::is_survey(given));
         if points && let Some(other) = meshes.first() {
             bail!(
                 "{} is no survey; --points builds the points of surveys: import point clouds with `kilwa scans import {0} -o survey/`",
                 other.display()
             );
         }
-        let (named, mut passed_over) = named(&meshes, args.allow_outside, &MESHES)?;
+        let is_auto = args.transform.as_ref().is_some_and(|file| file.as_os_str() == "auto");
+        let outlines = match (remote.first(), &args.stores) {
+            (None, _) => None,
+            (Some(first), None) => {
+                bail!("{}: only `kilwa plan` reads meshes from a store; copy it to this machine first", first.display())
+            }
+            (Some(_), Some(allowed)) => Some(Outlines::of(&remote, allowed, is_auto)?),
+        };
+        meshes.extend(outlines.iter().flat_map(Outlines::paths).cloned());
+        let in_words = |e: anyhow::Error| match &outlines {
+            Some(outlines) => anyhow::anyhow!(outlines.in_words(&format!("{e:#}"))),
+            None => e,
+        };
+        let (named, mut passed_over) = named(&meshes, args.allow_outside, &MESHES).map_err(in_words)?;
         let common = match &args.transform {
             Some(file) if file.as_os_str() != "auto" => matrix(file)?,
             _ => Placement::IDENTITY,
         };
-        let is_auto = args.transform.as_ref().is_some_and(|file| file.as_os_str() == "auto");
         let matrices = match &args.transform {
             Some(_) if is_auto => named.iter().map(|path| path.with_extension("xf")).collect(),
             file => file.iter().cloned().collect(),
@@ -160,27 +191,31 @@ impl Inputs {
         for path in named {
             let format = read::recognise(&path)?;
             let up = args.up.unwrap_or(format.up);
-            let own = if is_auto { own_matrix(&path, args.allow_outside)? } else { common };
+            let own = if is_auto { own_matrix(&path, args.allow_outside).map_err(in_words)? } else { common };
             let placement = own
                 .then(&Placement::translation(args.origin.unwrap_or_default()))
                 .then(&Placement::to_metres(args.units.unwrap_or_default(), up));
-            files.push(InputFile { path, up, placement, station: None });
+            let remote = outlines.as_ref().and_then(|outlines| outlines.remote(&path));
+            files.push(InputFile { path, up, placement, station: None, remote });
         }
         for folder in &surveys {
             let origin = Placement::translation(args.origin.unwrap_or_default());
             for (path, station) in stations::of(folder, args.unmasked, points)? {
                 let placement = common.then(&origin);
-                files.push(InputFile { path, up: Up::Z, placement, station: Some(station) });
+                files.push(InputFile { path, up: Up::Z, placement, station: Some(station), remote: None });
             }
         }
+        if outlines.is_some() {
+            files.sort_by_cached_key(InputFile::place);
+        }
         if !surveys.is_empty() {
-            files.sort_by(|a, b| a.path.cmp(&b.path));
+            files.sort_by_cached_key(InputFile::place);
             refuse_twice(&files.iter().map(|file| file.path.clone()).collect::<Vec<_>>())?;
         }
         passed_over.sort();
         let detail = args.texture_detail.map(|texels| Arc::new(Detail::new(texels)));
         let options = ReadOptions { detail, allow_outside: args.allow_outside, ..ReadOptions::default() };
-        Ok(Self { options, matrices, files, passed_over, merging: None, provenance: None })
+        Ok(Self { options, matrices, files, passed_over, merging: None, provenance: None, outlines })
     }
 
     /// Refuse an output that would replace an input. Files that the meshes refer to are known only when the meshes are read; they
@@ -194,6 +229,33 @@ impl Inputs {
         Ok(())
     }
 
+    /// Any text that differs where the placement of a file does, or how it is meshed.
+    fn placement_of(&self, file: &InputFile) -> String {
+        match &file.station {
+            Some(station) => {
+                let merging = self.merging.as_ref().map(|merging| merging.plan()).unwrap_or_default();
+                format!("{:?} {station:?}{merging}", file.placement)
+            }
+            None => format!("{:?} {:?}", file.placement, self.options.detail.as_ref().map(|d| d.texels())),
+        }
+    }
+
+    /// Download the inputs that are in stores to the scratch folder; does nothing when they are there.
+    pub(crate) fn fetch(&mut self, work: &Work<'_>) -> Result<(), BuildError> {
+        let Some(outlines) = &self.outlines else { return Ok(()) };
+        let of_outline = |file: &&mut InputFile| outlines.remote(&file.path).is_some();
+        let wanted: Vec<&mut InputFile> = self.files.iter_mut().filter(of_outline).collect();
+        let total = wanted.iter().filter_map(|file| Some(file.remote.as_ref()?.about.bytes)).sum();
+        let mut before = 0;
+        for file in wanted {
+            if let Some(remote) = &file.remote {
+                file.path = remote.fetch(work, before, total)?;
+                before += remote.about.bytes;
+            }
+        }
+        Ok(())
+    }
+
     /// The axis that points up, as the metadata has it: that of most inputs where they differ.
     pub(crate) fn up(&self) -> Up {
         let y = self.files.iter().filter(|f| f.up == Up::Y).count();
@@ -203,7 +265,7 @@ impl Inputs {
     /// The names of all files, for messages; the first few where there are many.
     pub(crate) fn names(&self) -> String {
         const SHOWN: usize = 5;
-        let shown: Vec<String> = self.files.iter().take(SHOWN).map(|f| f.path.display().to_string()).collect();
+        let shown: Vec<String> = self.files.iter().take(SHOWN).map(|f| f.place().display().to_string()).collect();
         let more = self.files.len().saturating_sub(SHOWN);
         if more > 0 { format!("{} and {more} more", shown.join(", ")) } else { shown.join(", ") }
     }
@@ -234,6 +296,16 @@ impl Inputs {
 impl kilwa_builder::Inputs for Inputs {
     fn plan(&self) -> Result<Vec<PlannedInput>, BuildError> {
         let planned = |file: &InputFile| {
+            if let Some(Remote { address, about, .. }) = &file.remote {
+                return Ok(PlannedInput {
+                    path: address.to_string(),
+                    bytes: about.bytes,
+                    modified: None,
+                    placement: self.placement_of(file),
+                    stamp: String::new(),
+                    tag: about.tag.clone(),
+                });
+            }
             let cannot = |source| ReadError::Open { file: file.path.clone(), source };
             let path = file.path.canonicalize().map_err(cannot)?;
             let about = path.metadata().map_err(cannot)?;
@@ -242,14 +314,9 @@ impl kilwa_builder::Inputs for Inputs {
                 path: path.display().to_string(),
                 bytes: about.len(),
                 modified: modified.and_then(|t| u64::try_from(t.as_nanos()).ok()),
-                placement: match &file.station {
-                    Some(station) => {
-                        let merging = self.merging.as_ref().map(|merging| merging.plan()).unwrap_or_default();
-                        format!("{:?} {station:?}{merging}", file.placement)
-                    }
-                    None => format!("{:?} {:?}", file.placement, self.options.detail.as_ref().map(|d| d.texels())),
-                },
+                placement: self.placement_of(file),
                 stamp: plain_file::stamp(&about),
+                tag: None,
             })
         };
         self.files.iter().map(planned).collect()
@@ -271,6 +338,7 @@ impl kilwa_builder::Inputs for Inputs {
     }
 
     fn deliver(&mut self, spool: &mut Spool, work: &Work<'_>) -> Result<Provenance, BuildError> {
+        self.fetch(work)?;
         let total: u64 = self.files.iter().map(|f| f.path.metadata().map_or(0, |about| about.len())).sum();
         work.scratch.folder().clone_into(&mut self.options.scratch);
         self.options.memory = self.options.memory.min(work.memory / 2);

@@ -26,6 +26,7 @@ mod sheet;
 mod signals;
 mod source;
 mod stations;
+mod stores;
 mod synth;
 mod tasks;
 mod terminal;

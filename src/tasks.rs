@@ -1,9 +1,11 @@
 //! One build on many machines: `kilwa plan` lists its tasks, `kilwa task` does one, `kilwa assemble` writes the pack.
 //!
-//! The machines exchange files in a folder that all of them see. Whatever starts the tasks (kilwa-dask, an array of
+//! The machines exchange files in a folder that all of them see, or in an object store. Whatever starts the tasks (kilwa-dask, an array of
 //! Slurm jobs, a shell) reads the list, and may start a task twice or kill it at any moment.
 
 mod assemble;
+mod object;
+mod place;
 mod plan;
 mod task;
 
@@ -17,9 +19,11 @@ pub(crate) use task::run as task;
 
 use anyhow::Context;
 use kilwa_builder::build::machine;
+use kilwa_builder::build::work::Stop;
 use kilwa_builder::scratch::Scratch;
-use kilwa_builder::tasks::{SharedBuild, SharedFolder};
-use std::path::{Path, PathBuf};
+use kilwa_builder::tasks::SharedBuild;
+use place::Place;
+use std::path::PathBuf;
 
 /// What a verb that works on a shared build may use of this machine.
 #[derive(clap::Args)]
@@ -53,7 +57,7 @@ impl Machine {
     }
 }
 
-/// The build in a folder.
-fn open(folder: &Path) -> anyhow::Result<SharedBuild> {
-    Ok(SharedBuild::open(Box::new(SharedFolder::new(folder)))?)
+/// The build in a folder or store.
+fn open(place: &Place, stop: &Stop) -> anyhow::Result<SharedBuild> {
+    Ok(SharedBuild::open(place.store(stop)?)?)
 }

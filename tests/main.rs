@@ -9,6 +9,7 @@ mod build_resume;
 mod capture_accuracy;
 mod cli;
 mod colour;
+mod divided;
 #[path = "../server/tests/common/eventually.rs"]
 mod eventually;
 // Named by `send`, which is compiled into the tests of uploads.

@@ -5,6 +5,7 @@ mod bound;
 mod cracks;
 mod ingest;
 mod islands;
+mod objects;
 mod out_of_core;
 mod same_bytes;
 mod support;

@@ -6,13 +6,13 @@ use kilwa_builder::build::journal::PlannedInput;
 use kilwa_builder::build::work::{Stop, Work};
 use kilwa_builder::ingest::Spool;
 use kilwa_builder::scratch::Scratch;
-use kilwa_builder::tasks::{self, Outcome, SharedBuild, SharedFolder, SharedPlan, Task, TaskEntry};
+use kilwa_builder::tasks::{self, Outcome, SharedBuild, SharedFolder, SharedPlan, Store, Task, TaskEntry};
 use kilwa_builder::{BuildError, BuildOptions, Inputs, Progress, Provenance, Silent, build_pack};
 use kilwa_formats::RawMesh;
 use std::collections::BTreeSet;
 use std::path::Path;
 
-struct Delivered(RawMesh);
+pub(crate) struct Delivered(RawMesh);
 
 impl Inputs for Delivered {
     fn plan(&self) -> Result<Vec<PlannedInput>, BuildError> {
@@ -25,15 +25,19 @@ impl Inputs for Delivered {
     }
 }
 
-fn options() -> BuildOptions {
+pub(crate) fn options() -> BuildOptions {
     BuildOptions { title: "test".into(), leaf_triangles: 300, ..BuildOptions::default() }
 }
 
-fn expected(raw: &RawMesh) -> Vec<u8> {
+pub(crate) fn expected(raw: &RawMesh) -> Vec<u8> {
     build_pack(raw.clone(), &options(), &Silent).unwrap().bytes
 }
 
 fn open(folder: &Path, task_triangles: u64) -> SharedBuild {
+    open_in(Box::new(SharedFolder::new(folder)), task_triangles)
+}
+
+pub(crate) fn open_in(store: Box<dyn Store>, task_triangles: u64) -> SharedBuild {
     let plan = kilwa_builder::build::plan(&Delivered(RawMesh::default()), &options()).unwrap();
     let plan = SharedPlan {
         plan,
@@ -42,14 +46,14 @@ fn open(folder: &Path, task_triangles: u64) -> SharedBuild {
         arguments: Vec::new(),
         working_folder: String::new(),
     };
-    SharedBuild::begin(Box::new(SharedFolder::new(folder)), plan).unwrap()
+    SharedBuild::begin(store, plan).unwrap()
 }
 
 /// One worker with a task.
-struct Worker<'a> {
-    raw: &'a RawMesh,
-    threads: usize,
-    memory: u64,
+pub(crate) struct Worker<'a> {
+    pub(crate) raw: &'a RawMesh,
+    pub(crate) threads: usize,
+    pub(crate) memory: u64,
 }
 
 impl Worker<'_> {
@@ -58,7 +62,7 @@ impl Worker<'_> {
         f(&Work { scratch: &scratch, memory: self.memory, threads: self.threads, stop, progress })
     }
 
-    fn run(
+    pub(crate) fn run(
         &self,
         build: &SharedBuild,
         task: Task,
@@ -71,7 +75,7 @@ impl Worker<'_> {
         self.with(stop, progress, |work| tasks::run(build, task, work, &mut prepare))
     }
 
-    fn assemble(&self, build: SharedBuild) -> Result<Vec<u8>, BuildError> {
+    pub(crate) fn assemble(&self, build: SharedBuild) -> Result<Vec<u8>, BuildError> {
         let mut out = Vec::new();
         self.with(&Stop::default(), &Silent, |work| tasks::assemble(build, work, &mut out))?;
         Ok(out)
@@ -79,7 +83,7 @@ impl Worker<'_> {
 }
 
 /// The tasks of the first wave that is not done.
-fn ready(build: &SharedBuild) -> Vec<TaskEntry> {
+pub(crate) fn ready(build: &SharedBuild) -> Vec<TaskEntry> {
     let mut open: Vec<TaskEntry> = build.tasks().unwrap().into_iter().filter(|t| !t.done).collect();
     let wave = open.iter().map(|t| t.wave).min();
     open.retain(|t| Some(t.wave) == wave);

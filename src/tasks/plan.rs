@@ -1,10 +1,14 @@
 //! `kilwa plan`: begin a build on many machines, or see how far it is; list its tasks, and write a file for each.
 
-use crate::build::Shaping;
+use super::object::{Object, Pack};
+use super::place::Place;
+use crate::build::{Shaping, refuse_output};
+use crate::inputs::remote::Allowed;
 use crate::synth::count;
 use anyhow::Context;
 use kilwa_builder::build::plan as plan_of;
-use kilwa_builder::tasks::{SharedBuild, SharedFolder, SharedPlan, TASK_TRIANGLES, TaskEntry, TaskFile};
+use kilwa_builder::build::work::Stop;
+use kilwa_builder::tasks::{SharedBuild, SharedPlan, TASK_TRIANGLES, TaskEntry, TaskFile};
 use kilwa_pack::plural::counted;
 use serde::Serialize;
 use std::io::Write;
@@ -13,17 +17,24 @@ use std::path::{Path, PathBuf};
 /// Divide a build into tasks for many machines, or see which of its tasks are done.
 ///
 /// At first, only the task `ingest` is listed: run it, then run the same command again to list the others. `kilwa task`
-/// runs a task, and `kilwa assemble` writes the pack, with the same bytes as `kilwa build`.
+/// runs a task, and `kilwa assemble` writes the pack, with the same bytes as `kilwa build`. The folder and the inputs may be in
+/// an S3-compatible store, s3://bucket/…, whose keys come from the environment (AWS_…).
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(flatten)]
     pub(super) shaping: Shaping,
-    /// Folder that all machines see at this path; the build makes a folder of its own in it.
+    /// Folder that all machines see at this path, or s3://bucket/folder; the build makes a folder of its own in it.
     #[arg(long, value_name = "DIR")]
     work: PathBuf,
     /// Triangles per task, for example 10M: a smaller number gives more, shorter tasks.
     #[arg(long, value_name = "N", default_value_t = TASK_TRIANGLES, value_parser = count)]
     task_triangles: u64,
+    /// The pack that `kilwa assemble` shall write: an existing one is refused now, and one in a store that this very build made is reported.
+    #[arg(short, long, value_name = "NAME.kilwa")]
+    output: Option<PathBuf>,
+    /// Do not refuse an existing output.
+    #[arg(long, requires = "output")]
+    force: bool,
     /// Print the list of tasks as JSON.
     #[arg(long)]
     json: bool,
@@ -39,6 +50,9 @@ struct Report<'a> {
     tasks: Vec<TaskEntryFile>,
     /// Whether all tasks are known and done.
     complete: bool,
+    /// The pack, if it is in its place.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pack: Option<Pack>,
 }
 
 #[derive(Serialize)]
@@ -50,10 +64,9 @@ struct TaskEntryFile {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    let (inputs, options) = args.shaping.prepare(false)?;
-    let folder = std::env::current_dir().context("the current folder is unknown")?;
-    std::fs::create_dir_all(&args.work).with_context(|| format!("cannot make the folder {}", args.work.display()))?;
-    let work = std::path::absolute(&args.work).with_context(|| format!("cannot use {}", args.work.display()))?;
+    let stop = Stop::default();
+    let (inputs, options) = shaping(args, &std::env::temp_dir(), &stop).prepare(false)?;
+    let work = Place::made(&args.work)?;
     let plan = SharedPlan {
         plan: plan_of(&inputs, &options)?,
         reading: format!(
@@ -62,15 +75,55 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         ),
         task_triangles: args.task_triangles,
         arguments: arguments()?,
-        working_folder: utf8(&folder)?,
+        working_folder: working_folder(args)?,
     };
     let key = plan.key();
-    let place = work.join(format!("kilwa-build-{key}"));
-    let build = SharedBuild::begin(Box::new(SharedFolder::new(&place)), plan)?;
+    let place = work.join(&format!("kilwa-build-{key}"));
+    if let Some(pack) = finished(args, &key, &stop)? {
+        // The build was killed when its pack was in place.
+        place.store(&stop)?.remove_all()?;
+        let tool = &plan.plan.tool;
+        let report = Report { build: place.text()?, key, tool, tasks: Vec::new(), complete: true, pack: Some(pack) };
+        return print(args, &report);
+    }
+    let build = SharedBuild::begin(place.store(&stop)?, plan)?;
+    place.refuse_unfit(build.store())?;
     let tasks = write_tasks(&build, &place, &key)?;
     let complete = tasks.len() > 1 && tasks.iter().all(|t| t.listed.done);
-    let report = Report { build: utf8(&place)?, key, tool: &build.plan.plan.tool, tasks, complete };
+    let report = Report { build: place.text()?, key, tool: &build.plan.plan.tool, tasks, complete, pack: None };
     print(args, &report)
+}
+
+/// The pack of this build, if it is in its place. Another file or object there is refused.
+fn finished(args: &Args, key: &str, stop: &Stop) -> anyhow::Result<Option<Pack>> {
+    let Some(output) = &args.output else { return Ok(None) };
+    let Some(object) = Object::of(output, stop)? else {
+        refuse_output(output, args.force)?;
+        return Ok(None);
+    };
+    let finished = object.finished(key)?;
+    if finished.is_none() && !args.force {
+        object.refuse_existing()?;
+    }
+    Ok(finished)
+}
+
+/// The inputs and options, where inputs may be in stores; `scratch` is an existing folder.
+pub(super) fn shaping(args: &Args, scratch: &Path, stop: &Stop) -> Shaping {
+    let mut shaping = args.shaping.clone();
+    shaping.input.stores = Some(Allowed { scratch: scratch.to_owned(), stop: stop.clone() });
+    shaping
+}
+
+/// The folder that relative names start from; empty where there are none, so that other machines need not have it.
+fn working_folder(args: &Args) -> anyhow::Result<String> {
+    let input = &args.shaping.input;
+    let matrix = input.transform.iter().filter(|file| file.as_os_str() != "auto");
+    let is_elsewhere = |path: &PathBuf| path.is_absolute() || path.to_str().is_some_and(kilwa_store::is_address);
+    if input.inputs.iter().chain(matrix).all(is_elsewhere) {
+        return Ok(String::new());
+    }
+    utf8(&std::env::current_dir().context("the current folder is unknown")?)
 }
 
 /// The program's arguments; the task that reads the inputs parses them again.
@@ -87,20 +140,20 @@ fn utf8(path: &Path) -> anyhow::Result<String> {
 }
 
 /// Write the files of all tasks that are known.
-fn write_tasks(build: &SharedBuild, place: &Path, key: &str) -> anyhow::Result<Vec<TaskEntryFile>> {
+fn write_tasks(build: &SharedBuild, place: &Place, key: &str) -> anyhow::Result<Vec<TaskEntryFile>> {
     let written = build.store().list("tasks")?;
     let mut tasks = Vec::new();
     for listed in build.tasks()? {
         let name = format!("tasks/{}.json", listed.id);
         let tool = build.plan.plan.tool.clone();
-        let file = TaskFile { build: utf8(place)?, key: key.to_owned(), tool, task: listed.task };
+        let file = TaskFile { build: place.text()?, key: key.to_owned(), tool, task: listed.task };
         let text = crate::terminal::json_text(&file)?;
         // One that is damaged, or that names the place from which the folder was moved, is replaced.
         if written.contains(&name) && build.store().read_all(&name)?.is_some_and(|there| there != text.as_bytes()) {
             build.store().remove(&name)?;
         }
         build.store().create_new(&name, text.as_bytes())?;
-        tasks.push(TaskEntryFile { file: utf8(&place.join(name))?, listed });
+        tasks.push(TaskEntryFile { file: place.join(&name).text()?, listed });
     }
     Ok(tasks)
 }
@@ -109,6 +162,11 @@ fn print(args: &Args, report: &Report<'_>) -> anyhow::Result<()> {
     let mut out = crate::terminal::out();
     if args.json {
         writeln!(out, "{}", crate::terminal::json_text(report)?)?;
+        return Ok(());
+    }
+    if report.pack.is_some() {
+        let output = args.output.as_deref().unwrap_or(Path::new("the pack")).display();
+        writeln!(out, "{output}: complete; nothing is left to do")?;
         return Ok(());
     }
     let open: Vec<&TaskEntryFile> = report.tasks.iter().filter(|t| !t.listed.done).collect();

@@ -1,17 +1,20 @@
 //! `kilwa task`: do one task of a build on many machines.
 
+use super::place::Place;
 use super::{Machine, open};
 use crate::build::{Interrupted, stop_on_signals};
+use crate::inputs::remote;
 use crate::progress::Bar;
+use crate::stores;
 use anyhow::{Context, bail};
 use clap::Parser;
-use kilwa_builder::build::work::Work;
+use kilwa_builder::build::work::{Stop, Work};
 use kilwa_builder::tasks::{self, Outcome, SharedBuild, Task, TaskFile};
 use kilwa_builder::{BuildError, BuildOptions, Inputs};
 use kilwa_files::plain_file;
 use kilwa_files::size::binary;
 use std::io::{Read, Write};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A task file is a few hundred bytes long.
 const MAX_TASK_FILE_BYTES: u64 = 1 << 16;
@@ -21,7 +24,7 @@ const MAX_TASK_FILE_BYTES: u64 = 1 << 16;
 /// A finished task does not run again. A task may be started twice, and killed at any moment. Exit code 0: it is done.
 #[derive(clap::Args)]
 pub(crate) struct Args {
-    /// The file of the task, as `kilwa plan` lists it.
+    /// The file of the task, or its address s3://…, as `kilwa plan` lists it.
     #[arg(value_name = "TASK.json")]
     file: PathBuf,
     #[command(flatten)]
@@ -32,18 +35,19 @@ pub(crate) struct Args {
 }
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
-    let given = read(args)?;
-    let build = open(given.build.as_ref())?;
+    let stop = stop_on_signals()?;
+    let given = read(args, &stop)?;
+    let build = open(&Place::of(given.build.as_ref())?, &stop)?;
     if build.plan.key() != given.key {
         bail!("{}: the folder {} now holds another build; run `kilwa plan` again", args.file.display(), given.build);
     }
-    let (bar, stop) = (Bar::new(), stop_on_signals()?);
+    let bar = Bar::new();
     let scratch = args.machine.scratch()?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(args.machine.threads).build()?;
     let threads = pool.install(|| args.machine.threads());
     let work = Work { scratch: &scratch, memory: args.machine.memory(), threads, stop: &stop, progress: &bar };
     let done = pool.install(|| {
-        let mut inputs = || prepared(&build);
+        let mut inputs = || prepared(&build, scratch.folder(), &stop);
         tasks::run(&build, given.task, &work, &mut inputs)
     });
     bar.clear();
@@ -51,18 +55,31 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     match done {
         Ok(done) => print(args, &id, &done),
         Err(_) if stop.asked() => Err(Interrupted::new(&format!("{id} was stopped; nothing was kept")).into()),
-        Err(error) => Err(anyhow::Error::new(error).context(format!("the task {id}{}", near(&build, given.task)))),
+        Err(error) => {
+            // Nobody knows the folder that meshes were downloaded to.
+            let words = error.to_string();
+            let better = remote::in_words(&words, scratch.folder());
+            let error = if better == words { error.into() } else { anyhow::anyhow!(better) };
+            Err(error.context(format!("the task {id}{}", near(&build, given.task))))
+        }
     }
 }
 
-fn read(args: &Args) -> anyhow::Result<TaskFile> {
+fn read(args: &Args, stop: &Stop) -> anyhow::Result<TaskFile> {
     let cannot = || format!("cannot read {}", args.file.display());
     let mut text = String::new();
-    plain_file::open(&args.file)
-        .with_context(cannot)?
-        .take(MAX_TASK_FILE_BYTES)
-        .read_to_string(&mut text)
-        .with_context(cannot)?;
+    if let Some(address) = stores::address(&args.file)? {
+        let objects = stores::objects(&address.bucket, stop)?;
+        let found = objects.read_all(&address.path, MAX_TASK_FILE_BYTES).with_context(cannot)?;
+        let found = found.with_context(|| format!("{address} is not in the store; run `kilwa plan` again"))?;
+        text = String::from_utf8_lossy(&found).into_owned();
+    } else {
+        plain_file::open(&args.file)
+            .with_context(cannot)?
+            .take(MAX_TASK_FILE_BYTES)
+            .read_to_string(&mut text)
+            .with_context(cannot)?;
+    }
     let task: TaskFile = serde_json::from_str(&text).with_context(|| {
         format!("{} is not a task: give one of the files that `kilwa plan` lists", args.file.display())
     })?;
@@ -74,16 +91,20 @@ fn read(args: &Args) -> anyhow::Result<TaskFile> {
 }
 
 /// The inputs and options, from the arguments that the build was planned with.
-fn prepared(build: &SharedBuild) -> Result<(Box<dyn Inputs>, BuildOptions), BuildError> {
+fn prepared(build: &SharedBuild, scratch: &Path, stop: &Stop) -> Result<(Box<dyn Inputs>, BuildOptions), BuildError> {
     let refused = |why: String| BuildError::Inputs { why };
     let folder = &build.plan.working_folder;
-    std::env::set_current_dir(folder).map_err(|e| refused(format!("the folder {folder} cannot be used here: {e}")))?;
+    if !folder.is_empty() {
+        std::env::set_current_dir(folder)
+            .map_err(|e| refused(format!("the folder {folder} cannot be used here: {e}")))?;
+    }
     let words = std::iter::once("kilwa".to_owned()).chain(build.plan.arguments.iter().cloned());
     let cli = crate::Cli::try_parse_from(words).map_err(|e| refused(format!("the plan cannot be read: {e}")))?;
     let crate::Verb::Plan(args) = cli.verb else {
         return Err(refused("the plan was not made by `kilwa plan`".to_owned()));
     };
-    let (inputs, options) = args.shaping.prepare(false).map_err(|e| refused(format!("{e:#}")))?;
+    let shaping = super::plan::shaping(&args, scratch, stop);
+    let (inputs, options) = shaping.prepare(false).map_err(|e| refused(format!("{e:#}")))?;
     Ok((Box::new(inputs), options))
 }
 

@@ -48,6 +48,9 @@ enum Suite {
 /// A store in Python, for the tests of the server, and where they look for it.
 const STORE_PACKAGES: &str = "server/tests/store/requirements.txt";
 const STORE_VARIABLE: &str = "KILWA_MOTO";
+/// Another one, a program, for the tests of divided builds.
+const SEAWEED_PACKAGES: &str = "tests/divided/requirements.txt";
+const SEAWEED_VARIABLE: &str = "KILWA_SEAWEED";
 /// The Python packages, and the requirements of each and its checks.
 const DASK: &str = "python/kilwa-dask";
 const DASK_PACKAGES: &str = "python/kilwa-dask/tests/requirements.txt";
@@ -290,6 +293,7 @@ fn rust_tests(length: Length) -> Result<Tally> {
         // Without these packages the tests that need them print that they are skipped.
         runner.env(trust::VARIABLE, setup::python_packages(trust::PACKAGES)?);
         runner.env(STORE_VARIABLE, setup::python_packages(STORE_PACKAGES)?);
+        runner.env(SEAWEED_VARIABLE, setup::python_packages(SEAWEED_PACKAGES)?);
         let counts = suite(length.apply_to(&mut runner), length);
         tally.add_all(counts.unwrap_or_else(|error| failure(&error)));
     }
@@ -353,7 +357,9 @@ fn python_package(folder: &str, packages: &str, length: Length) -> Result<Tally>
         tally.add_all(check(&mut module(args)?).unwrap_or_else(|error| failure(&error)));
     }
     let kilwa = tested_kilwa()?;
-    let counts = suite(length.apply_to(module(&["pytest", "--quiet"])?.env("KILWA", kilwa)), length);
+    let mut pytest = module(&["pytest", "--quiet"])?;
+    pytest.env("KILWA", kilwa).env(SEAWEED_VARIABLE, setup::python_packages(SEAWEED_PACKAGES)?);
+    let counts = suite(length.apply_to(&mut pytest), length);
     tally.add_all(counts.unwrap_or_else(|error| failure(&error)));
     Ok(tally)
 }

@@ -37,7 +37,7 @@ pub type IsUnchanged<'a> = &'a dyn Fn(usize, &[SourceFile]) -> Result<bool, Buil
 /// One input.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PlannedInput {
-    /// Its absolute path.
+    /// Its absolute path, or its address in a store.
     pub path: String,
     /// Its length in bytes.
     pub bytes: u64,
@@ -50,13 +50,16 @@ pub struct PlannedInput {
     /// compared, because a disk that was mounted again may have other inodes.
     #[serde(default)]
     pub stamp: String,
+    /// The ETag of an object in a store, which changes with its content.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub tag: Option<String>,
 }
 
 impl PlannedInput {
     /// Whether two are the same except for their stamps.
     fn is_like(&self, other: &Self) -> bool {
-        (&self.path, self.bytes, self.modified, &self.placement)
-            == (&other.path, other.bytes, other.modified, &other.placement)
+        (&self.path, self.bytes, self.modified, &self.placement, &self.tag)
+            == (&other.path, other.bytes, other.modified, &other.placement, &other.tag)
     }
 }
 
@@ -258,7 +261,7 @@ mod tests {
     fn plan() -> Plan {
         let options = BTreeMap::from([("step".to_owned(), Value::from(0.25)), ("title".to_owned(), Value::from("a"))]);
         let (path, stamp) = ("/a.ply".to_owned(), "inode 7".to_owned());
-        let input = PlannedInput { path, bytes: 10, modified: Some(5), placement: String::new(), stamp };
+        let input = PlannedInput { path, bytes: 10, modified: Some(5), placement: String::new(), stamp, tag: None };
         Plan { tool: "kilwa 1".into(), options, inputs: vec![input] }
     }
 

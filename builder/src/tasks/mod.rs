@@ -21,10 +21,12 @@
 //!
 //! Failures: [`BuildError`], with what is wrong and what to do.
 
+mod ahead;
 mod gather;
 mod ingest;
 mod levels;
 mod manifest;
+mod objects;
 mod pack;
 mod plan;
 mod regions;
@@ -32,6 +34,7 @@ mod shards;
 mod store;
 
 pub use manifest::{Manifest, SharedFile};
+pub use objects::ObjectFolder;
 pub use pack::assemble;
 use plan::State;
 pub use plan::{PLAN, SharedBuild, SharedPlan, TaskEntry, TaskFile};

@@ -445,7 +445,8 @@ impl SharedBuild {
         if found.as_ref().is_ok_and(|found| *found == manifest) {
             return Ok(Outcome { manifest, already_done: false });
         }
-        if created.is_ok() {
+        // Where the build is gone, nobody else would remove them.
+        if created.is_ok() || matches!(self.store.length(PLAN), Ok(None)) {
             self.remove_files(&manifest)?;
         }
         created.and(found).map(|manifest| Outcome { manifest, already_done: true })

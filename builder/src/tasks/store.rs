@@ -33,7 +33,8 @@ pub trait Store: Send + Sync {
     /// [`BuildError::Shared`].
     fn upload(&self, name: &str, from: &Path) -> Result<(), BuildError>;
 
-    /// Create a small file; `false` where the name is taken. Of several machines that try, one succeeds.
+    /// Create a small file; `false` where the name is taken. Of several machines that try, one succeeds. Where the answer of a store was lost,
+    /// it is `false` for that one too: compare what is there.
     ///
     /// # Errors
     /// [`BuildError::Shared`].
@@ -72,10 +73,10 @@ pub trait Store: Send + Sync {
 }
 
 /// Longest plan or manifest: that of an ingest has some hundred bytes for each shard.
-const LARGEST_WHOLE: u64 = 1 << 28;
+pub(super) const LARGEST_WHOLE: u64 = 1 << 28;
 
 /// The folders of a build: manifests, what they name, the files of tasks, and scratch files of workers that use none elsewhere.
-const FOLDERS: [&str; 4] = ["done", "files", "tasks", "scratch"];
+pub(super) const FOLDERS: [&str; 4] = ["done", "files", "tasks", "scratch"];
 
 /// Files that stay open for the next read.
 const OPEN_FILES: usize = 128;

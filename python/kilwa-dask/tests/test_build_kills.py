@@ -57,7 +57,7 @@ def test_a_death_while_the_pack_is_put_in_place(single: Single, moment: str, mon
     stops = f'if [ "$1" = assemble ]; then exit 1; fi\nexec "{single.kilwa}" "$@"\n'
     single.run(code=1, kilwa=wrapper(single.root / "kilwa", stops))
     options = cli.parser().parse_args(single.arguments("--kilwa", single.kilwa))
-    plan = cli._build_plan(options, [], single.out, single.work)
+    plan = cli._build_plan(options, [], str(single.out), str(single.work))
     (folder,) = single.work.glob("kilwa-build-*")
     build = Build(str(folder), folder.name.removeprefix("kilwa-build-"))
 

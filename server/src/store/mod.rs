@@ -10,7 +10,6 @@ mod blocks;
 mod claim;
 mod folder;
 mod held;
-mod http;
 mod outage;
 mod publish;
 mod refused;

@@ -7,7 +7,6 @@
 //! that answers does not give is [`super::refused`], one file at a time.
 
 use super::held::Held;
-use super::http::{Connector, Failure, Seen};
 use super::outage::{Away, Outage};
 use super::refused::{Refusals, Refused, is_refused};
 use super::survey::Survey;
@@ -17,7 +16,8 @@ use futures_util::stream::{self, BoxStream};
 use futures_util::{StreamExt as _, TryStreamExt as _};
 use kilwa_archive::checksums::hex;
 use kilwa_archive::layout::MANIFEST;
-use object_store::aws::{AmazonS3, AmazonS3Builder, AmazonS3ConfigKey};
+use kilwa_store::{Access, Address, Failure, Seen};
+use object_store::aws::AmazonS3;
 use object_store::client::HttpError;
 use object_store::path::Path;
 use object_store::{
@@ -36,14 +36,6 @@ use tokio::runtime::Runtime;
 
 /// Files up to this length are held in memory when they have been read.
 pub(crate) const HELD_MAX: u64 = 1 << 20;
-/// Settings that say how to sign; without any of them nothing is signed.
-const KEYS: [&str; 5] = [
-    "AWS_ACCESS_KEY_ID",
-    "AWS_WEB_IDENTITY_TOKEN_FILE",
-    "AWS_CONTAINER_CREDENTIALS_RELATIVE_URI",
-    "AWS_CONTAINER_CREDENTIALS_FULL_URI",
-    "AWS_SKIP_SIGNATURE",
-];
 /// How long the state of one object is trusted at most.
 const LOOK_AGAIN: Duration = Duration::from_secs(5);
 
@@ -72,15 +64,23 @@ pub struct S3Options {
 impl S3Options {
     /// With what the environment says, ten seconds for a step, and a list that is half a minute old at most.
     pub fn from_environment(url: &str) -> Self {
-        let settings =
-            std::env::vars_os().filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)));
-        let settings = settings.filter(|(name, value)| name.starts_with("AWS_") && !value.is_empty()).collect();
+        let settings = kilwa_store::environment();
         let (timeout, refresh) = (Duration::from_secs(10), Duration::from_secs(30));
         Self { url: url.to_owned(), endpoint: None, settings, timeout, refresh, retries: 1, lease: LEASE }
     }
 
-    fn has(&self, name: &str) -> bool {
-        self.settings.iter().any(|(n, _)| n == name)
+    fn access(&self) -> Access {
+        let backoff = BackoffConfig {
+            init_backoff: Duration::from_millis(50),
+            max_backoff: Duration::from_millis(500),
+            base: 2.0,
+        };
+        Access {
+            endpoint: self.endpoint.clone(),
+            settings: self.settings.clone(),
+            timeout: self.timeout,
+            retry: RetryConfig { backoff, max_retries: self.retries, retry_timeout: self.timeout * 2 },
+        }
     }
 }
 
@@ -158,10 +158,9 @@ impl S3 {
     pub fn open(options: &S3Options) -> Result<Arc<Self>, StoreError> {
         // Whoever writes keys into the address does not get them into a log.
         let address = || StoreError::Address(options.url.rsplit('@').next().unwrap_or_default().to_owned());
-        let (bucket, prefix) = parse(&options.url).ok_or_else(address)?;
-        let prefix = Path::parse(prefix).map_err(|_| address())?;
-        let name =
-            if prefix.as_ref().is_empty() { format!("s3://{bucket}") } else { format!("s3://{bucket}/{prefix}") };
+        let parsed = Address::parse(&options.url).ok_or_else(address)?;
+        let name = parsed.to_string();
+        let Address { bucket, path: prefix } = parsed;
         let failed = |why: String| StoreError::Settings { name: name.clone(), why };
         let threads = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(2)
@@ -170,7 +169,7 @@ impl S3 {
             .build()
             .map_err(|e| failed(e.to_string()))?;
         let seen = Arc::new(Seen::default());
-        let client = client(options, bucket, &threads, &seen).map_err(|e| failed(e.to_string()))?;
+        let client = options.access().client(&bucket, threads.handle(), &seen).map_err(|e| failed(e.to_string()))?;
         let store = Arc::new(Self {
             name: name.clone(),
             prefix,
@@ -471,7 +470,7 @@ impl S3 {
             Error::Precondition { .. } | Error::NotModified { .. } => changed(),
             Error::InvalidPath { source } => io::Error::other(source.to_string()),
             e => {
-                let (why, is_server_error) = self.reason(&e.to_string());
+                let Failure { what: why, is_server_error } = self.seen.reason(&e);
                 if !is_silence(&e) && (self.refusals.has_answered() || self.first().await.is_ok()) {
                     let refused = Refused { why, is_server_error };
                     self.refusals.say(&self.name, key, &refused);
@@ -484,19 +483,6 @@ impl S3 {
                 away.into()
             }
         }
-    }
-
-    /// The last failure, with the store's error code if it gives one. The rest of its answer may repeat what was signed.
-    fn reason(&self, body: &str) -> (String, bool) {
-        let Failure { what: seen, is_server_error } = self.seen.last();
-        let word = body.split_once("<Code>").and_then(|(_, rest)| rest.split_once("</Code>")).map(|(code, _)| code);
-        let why = match word.filter(|code| code.len() <= 64 && code.bytes().all(|b| b.is_ascii_alphanumeric())) {
-            Some("NoSuchBucket") => "the store has no such bucket".to_owned(),
-            Some(code) => format!("{seen} ({code})"),
-            None if seen.is_empty() => "the request to the store failed".to_owned(),
-            None => seen,
-        };
-        (why, is_server_error)
     }
 
     /// Until it answers.
@@ -514,41 +500,6 @@ impl S3 {
             }
         });
     }
-}
-
-/// The library's client; without keys in the settings it asks for what is public.
-fn client(options: &S3Options, bucket: &str, threads: &Runtime, seen: &Arc<Seen>) -> Result<AmazonS3, Error> {
-    let mut builder = AmazonS3Builder::new();
-    for (name, value) in &options.settings {
-        if let Ok(key) = name.to_ascii_lowercase().parse::<AmazonS3ConfigKey>() {
-            builder = builder.with_config(key, value);
-        }
-    }
-    if !KEYS.iter().any(|name| options.has(name)) {
-        builder = builder.with_skip_signature(true);
-    }
-    if let Some(endpoint) = &options.endpoint {
-        // Over what the environment says, in whichever of its two forms.
-        builder = builder.with_config(AmazonS3ConfigKey::S3Endpoint, endpoint).with_endpoint(endpoint);
-    }
-    let endpoint = [AmazonS3ConfigKey::S3Endpoint, AmazonS3ConfigKey::Endpoint];
-    let endpoint = endpoint.iter().find_map(|key| builder.get_config_value(key));
-    let is_plain = endpoint.is_some_and(|endpoint| endpoint.starts_with("http://"));
-    let backoff =
-        BackoffConfig { init_backoff: Duration::from_millis(50), max_backoff: Duration::from_millis(500), base: 2.0 };
-    let retry = RetryConfig { backoff, max_retries: options.retries, retry_timeout: options.timeout * 2 };
-    let connector =
-        Connector { threads: threads.handle().clone(), timeout: options.timeout, is_plain, seen: Arc::clone(seen) };
-    builder.with_bucket_name(bucket).with_allow_http(is_plain).with_retry(retry).with_http_connector(connector).build()
-}
-
-/// Bucket and prefix.
-fn parse(url: &str) -> Option<(&str, &str)> {
-    let rest = url.strip_prefix("s3://")?;
-    let (bucket, prefix) = rest.split_once('/').unwrap_or((rest, ""));
-    let is_plain =
-        (3..=63).contains(&bucket.len()) && bucket.bytes().all(|b| b.is_ascii_alphanumeric() || b"-._".contains(&b));
-    is_plain.then_some((bucket, prefix.trim_matches('/')))
 }
 
 pub(super) fn identity_of(meta: &ObjectMeta) -> Identity {
@@ -582,21 +533,4 @@ pub(crate) fn is_changed(e: &io::Error) -> bool {
 
 pub(super) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn addresses_have_a_bucket_and_an_optional_prefix() {
-        assert_eq!(parse("s3://museum"), Some(("museum", "")));
-        assert_eq!(parse("s3://museum/"), Some(("museum", "")));
-        assert_eq!(parse("s3://museum.tz/a/b/"), Some(("museum.tz", "a/b")));
-        for bad in
-            ["s3://", "s3:///a", "s3://a b/c", "s3://ab", "s3:/museum", "https://museum", "s3://key:secret@museum"]
-        {
-            assert_eq!(parse(bad), None, "{bad}");
-        }
-    }
 }

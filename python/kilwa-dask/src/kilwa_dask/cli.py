@@ -18,10 +18,10 @@ from kilwa_dask import __version__, build_report, clusters, collection, program,
 from kilwa_dask.build_report import BuildReport
 from kilwa_dask.clusters import Choice, ClusterFailed
 from kilwa_dask.collection import Mesh, UsageError
-from kilwa_dask.divided import BuildPlan, sweep_scratch
+from kilwa_dask.divided import BuildPlan, make_state, remove_base, sweep_scratch
 from kilwa_dask.drive import check_workers, drive
 from kilwa_dask.drive_build import BuildDriver, BuildFailed, refuse_existing
-from kilwa_dask.run import WorkerRefused, announced, sweep
+from kilwa_dask.run import WorkerRefused, announced, is_address, sweep
 from kilwa_dask.task import Outcome, Plan
 
 # Options of kilwa that kilwa-dask sets itself.
@@ -58,10 +58,17 @@ def _add_build(verbs: Any) -> None:
         epilog="Exit codes: 0 done; 1 a task failed or a worker was refused; 2 the command line is wrong; 130 Ctrl-C.",
     )
     build.add_argument("inputs", metavar="INPUT", nargs="+", help="meshes, folders, patterns or surveys, as for kilwa build")
-    build.add_argument("-o", "--output", required=True, metavar="OUT.kilwa", help="the pack to write")
-    build.add_argument("--work", required=True, metavar="DIR", help="folder that all machines see, for what they exchange")
+    build.add_argument("-o", "--output", required=True, metavar="OUT.kilwa", help="the pack to write, or s3://BUCKET/OUT.kilwa")
+    build.add_argument(
+        "--work",
+        required=True,
+        metavar="DIR",
+        help="for what the machines exchange: a folder that all see, or s3://BUCKET/FOLDER",
+    )
     build.add_argument("--task-triangles", metavar="N", help="triangles of a task (default: as kilwa plan, 10M)")
-    build.add_argument("--scratch", metavar="DIR", help="folder for scratch files on each machine (default: in --work)")
+    build.add_argument(
+        "--scratch", metavar="DIR", help="folder for scratch files on each machine (default: in --work, or the system's)"
+    )
     build.add_argument("--force", action="store_true", help="replace an existing output file")
     _add_machines(build, "tasks", "kilwa task")
 
@@ -153,8 +160,8 @@ def _refuse(options: argparse.Namespace, kilwa_options: list[str], own: Sequence
 
 def _build(options: argparse.Namespace, plan_options: list[str]) -> int:
     _refuse(options, plan_options, _NOT_FOR_ONE)
-    output, work = Path(options.output).absolute(), Path(options.work).absolute()
-    if output.is_dir():
+    output, work = (name if is_address(name) else os.path.abspath(name) for name in (options.output, options.work))
+    if not is_address(output) and os.path.isdir(output):
         raise UsageError(f"{output} is a folder; give the name of the pack")
     plan = _build_plan(options, plan_options, output, work)
     if not plan.record.exists():
@@ -162,23 +169,26 @@ def _build(options: argparse.Namespace, plan_options: list[str]) -> int:
     result = BuildReport()
     driver = BuildDriver(plan, result)
     started = time.monotonic()
+    make_state(plan)
     try:
         with ExitStack() as stack:
             stack.enter_context(announced(plan))
             # What kilwa refuses is refused before workers are started.
             driver.begin()
             client = stack.enter_context(clusters.opened(_choice(options)))
-            print(f"{output.name}; dashboard: {client.dashboard_link}", file=sys.stderr, flush=True)
+            print(f"{os.path.basename(output)}; dashboard: {client.dashboard_link}", file=sys.stderr, flush=True)
             check_workers(client, plan)
             try:
                 driver.drive(client)
             finally:
                 driver.sweep_scratch(client, patience=_PATIENCE)
+                driver.sweep_state(client)
     finally:
         if driver.build is not None:
             sweep_scratch(plan, driver.build, patience=_PATIENCE)
-        for shared in plan.shared:
-            _sweep(Path(shared), patience=_PATIENCE)
+        for folder in plan.announced_in:
+            _sweep(Path(folder), patience=_PATIENCE)
+        remove_base(plan)
         seconds = time.monotonic() - started
         if result.pack is None and result.done:
             done = "1 task" if len(result.done) == 1 else f"{len(result.done)} tasks"
@@ -189,17 +199,21 @@ def _build(options: argparse.Namespace, plan_options: list[str]) -> int:
     return 0
 
 
-def _build_plan(options: argparse.Namespace, plan_options: list[str], output: Path, work: Path) -> BuildPlan:
+def _build_plan(options: argparse.Namespace, plan_options: list[str], output: str, work: str) -> BuildPlan:
     asked = _program(options)
+    # kilwa itself looks whether a pack is in a store.
+    into = [f"--output={output}", *(["--force"] if options.force else [])] if is_address(output) else []
+    folders = [*([] if is_address(work) else [work]), *([] if is_address(output) else [os.path.dirname(output)])]
     portions = [f"--task-triangles={options.task_triangles}"] if options.task_triangles else []
     return BuildPlan(
         run=uuid.uuid4().hex,
-        shared=tuple(dict.fromkeys((str(work), str(output.parent)))),
+        shared=tuple(dict.fromkeys(folders)),
         program=asked,
         version=program.version(asked),
         resources=_resources(options),
-        arguments=("plan", "--work", str(work), "--json", *portions, *plan_options, "--", *options.inputs),
-        output=str(output),
+        arguments=("plan", "--work", work, "--json", *portions, *into, *plan_options, "--", *options.inputs),
+        work=work,
+        output=output,
         force=options.force,
         scratch=os.path.abspath(options.scratch) if options.scratch else None,
     )

@@ -8,8 +8,12 @@ work is not done twice at a time, and that nobody works in a folder that is bein
 * WORK/.kilwa-dask/KEY.lock is shared by all who do tasks of the build; who removes its folder holds it alone.
 * .kilwa-dask/PACK.lock, beside the output, is held while the pack is assembled, and while a driver looks whether it is.
 
+If the work is in an object store (s3://…), there is no folder for locks that all machines see: then they are in a folder of each
+machine, keep only the workers of that machine from each other's work, and kilwa alone keeps tasks of several machines apart.
+
 The pack is assembled in .kilwa-dask/PACK.N, then described in WORK/.kilwa-dask/PACK.json, then renamed; the folder of the
-build is removed last. So a run after a death knows whether the file that is there is the pack, or another.
+build is removed last. So a run after a death knows whether the file that is there is the pack, or another. If the work or the
+output is in a store, kilwa puts the pack in place and removes the build itself; a pack in a store says which build made it.
 """
 
 from __future__ import annotations
@@ -18,6 +22,7 @@ import json
 import os
 import resource
 import shutil
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -27,7 +32,7 @@ from typing import Any
 
 from kilwa_dask import program
 from kilwa_dask.files import Busy, locked, sha256, sync_folder, write_whole
-from kilwa_dask.run import STATE, Run, attempted, check_this_worker, file_id
+from kilwa_dask.run import STATE, Run, attempted, check_this_worker, file_id, is_address, sweep
 
 ASSEMBLE = "assemble"
 """Name of the last task, which is not in kilwa's list."""
@@ -35,24 +40,45 @@ ASSEMBLE = "assemble"
 
 @dataclass(frozen=True)
 class BuildPlan(Run):
-    """The settings of a run of `build`; the folder of the work is the first of the shared ones."""
+    """The settings of a run of `build`. The folders of the work and of the output are shared, unless they are in a store."""
 
     arguments: tuple[str, ...]
     """Arguments of kilwa that list the tasks."""
+    work: str
+    """A folder, or an address."""
     output: str
+    """A file, or an address."""
     force: bool = False
     scratch: str | None = None
     """Folder for scratch files on each machine, if not in the folder of the work."""
 
     @property
+    def is_stored(self) -> bool:
+        """Whether the work or the output is in a store."""
+        return is_address(self.work) or is_address(self.output)
+
+    @property
+    def base(self) -> Path:
+        """Folder in which the folder of the locks is: that of the work, or one of this machine."""
+        if not is_address(self.work):
+            return Path(self.work)
+        return Path(self.scratch or tempfile.gettempdir(), f"kilwa-dask-{os.getuid()}-{file_id(self.work)}")
+
+    @property
+    def announced_in(self) -> tuple[str, ...]:
+        """Folders in which the run is announced: the shared ones, and that of the locks."""
+        return tuple(dict.fromkeys((str(self.base), *self.shared)))
+
+    @property
     def state_folder(self) -> Path:
         """Folder of the locks."""
-        return Path(self.shared[0], STATE)
+        return self.base / STATE
 
     @property
     def pack_lock(self) -> Path:
         """Lock of the output."""
-        return Path(self.output).parent / STATE / f"{file_id(self.output)}.lock"
+        state = self.state_folder if is_address(self.output) else Path(self.output).parent / STATE
+        return state / f"{file_id(self.output)}.lock"
 
     @property
     def record(self) -> Path:
@@ -65,6 +91,7 @@ class Build:
     """A build, as `kilwa plan` names it."""
 
     folder: str
+    """A folder, or an address."""
     key: str
 
     def lock(self, plan: BuildPlan) -> Path:
@@ -127,6 +154,10 @@ class Pack:
     triangles: int
 
 
+# What kilwa says where a build was removed, because another driver has assembled its pack.
+_GONE = ("is not in the store; run `kilwa plan` again", "there is no build; start one", "there is nothing left to do")
+
+
 @dataclass(frozen=True)
 class TaskOutcome:
     """What became of one attempt at a task."""
@@ -148,6 +179,10 @@ class MachineFailed(program.MayPass):
     """A task failed because of its machine, its disk or the shared folder."""
 
 
+class Gone(Exception):
+    """The build was removed, because another driver has assembled its pack."""
+
+
 def this_worker() -> str:
     """Return the name of this worker, for messages."""
     return f"{program.host()}, process {os.getpid()}"
@@ -162,6 +197,7 @@ def do(task: Task, *, wait: bool, build: Build, plan: BuildPlan) -> TaskOutcome:
     """
     started = time.monotonic()
     check_this_worker(plan)
+    make_state(plan)
     name = f"{build.key}-{task.id}"
 
     def work() -> TaskOutcome:
@@ -169,7 +205,7 @@ def do(task: Task, *, wait: bool, build: Build, plan: BuildPlan) -> TaskOutcome:
             locked(build.lock(plan), shared=True) as of_build,
             locked(plan.state_folder / f"{name}.lock", wait=wait) as of_task,
         ):
-            if not Path(task.file).is_file():
+            if not is_address(task.file) and not Path(task.file).is_file():
                 return TaskOutcome(task.id, "gone")
             with attempted(plan.state_folder, name) as (folder, retries), _scratch(plan, build, folder, name) as scratch:
                 command = ["task", task.file, "--scratch", str(scratch), "--json", *plan.resources]
@@ -187,6 +223,7 @@ def assemble(build: Build, *, wait: bool, plan: BuildPlan) -> TaskOutcome:
     """
     started = time.monotonic()
     check_this_worker(plan)
+    make_state(plan)
 
     def work() -> TaskOutcome:
         with locked(plan.pack_lock, wait=wait) as of_pack, locked(build.lock(plan), wait=wait) as of_build:
@@ -194,7 +231,7 @@ def assemble(build: Build, *, wait: bool, plan: BuildPlan) -> TaskOutcome:
             if record is not None and record.key == build.key:
                 shutil.rmtree(build.folder, ignore_errors=True)
                 return TaskOutcome(ASSEMBLE, "was done", pack=record.pack)
-            if not Path(build.folder).is_dir():
+            if not is_address(build.folder) and not Path(build.folder).is_dir():
                 return TaskOutcome(ASSEMBLE, "gone")
             with attempted(plan.pack_lock.parent, plan.pack_lock.stem) as (folder, retries):
                 with _scratch(plan, build, folder, f"{build.key}-{ASSEMBLE}") as scratch:
@@ -206,6 +243,8 @@ def assemble(build: Build, *, wait: bool, plan: BuildPlan) -> TaskOutcome:
 
 def _assemble(build: Build, plan: BuildPlan, folder: Path, scratch: Path, locks: list[int]) -> TaskOutcome:
     clock, cpu = time.monotonic(), _cpu_of_children()
+    if plan.is_stored:
+        return _assemble_stored(build, plan, scratch, locks)
     output = Path(plan.output)
     made = folder / output.name
     command = ["assemble", build.folder, "--output", str(made), "--keep", "--scratch", str(scratch), "--json", *plan.resources]
@@ -222,12 +261,36 @@ def _assemble(build: Build, plan: BuildPlan, folder: Path, scratch: Path, locks:
     return TaskOutcome(ASSEMBLE, "done", figures=figures, pack=pack)
 
 
+def _assemble_stored(build: Build, plan: BuildPlan, scratch: Path, locks: list[int]) -> TaskOutcome:
+    """Have kilwa put the pack in place and remove the build."""
+    clock, cpu = time.monotonic(), _cpu_of_children()
+    force = ["--force"] if plan.force else []
+    command = ["assemble", build.folder, "--output", plan.output, *force, "--scratch", str(scratch), "--json", *plan.resources]
+    report = _run(plan, command, locks, places=(build.folder, str(scratch)))
+    digest = report["sha256"] if is_address(plan.output) else sha256(Path(plan.output))
+    pack = Pack(digest, report["pack"]["bytes"], report["triangles"])
+    figures = Figures(time.monotonic() - clock, _cpu_of_children() - cpu, None, pack.bytes)
+    return TaskOutcome(ASSEMBLE, "done", figures=figures, pack=pack)
+
+
+def make_state(plan: BuildPlan) -> None:
+    """Make the folder of the locks, if it is one of this machine. In a folder that all users see it is this user's alone."""
+    if not is_address(plan.work):
+        return
+    plan.base.mkdir(mode=0o700, parents=True, exist_ok=True)
+    if plan.base.stat().st_uid != os.getuid():
+        raise OSError(f"{plan.base} belongs to another user; remove it, or use --scratch DIR")
+    plan.state_folder.mkdir(exist_ok=True)
+
+
 def _outcome(name: str, started: float, work: Any) -> TaskOutcome:
     """Complete the outcome of `work`, and make one of its failure."""
     try:
         outcome: TaskOutcome = work()
     except Busy:
         outcome = TaskOutcome(name, "busy")
+    except Gone:
+        outcome = TaskOutcome(name, "gone")
     except program.ProgramFailed as failed:
         outcome = TaskOutcome(name, "failed", str(failed))
     except OSError as error:
@@ -242,14 +305,16 @@ def _run(plan: BuildPlan, command: list[str], locks: list[int], places: tuple[st
     except program.ProgramKilled as killed:
         raise program.ProgramKilled(f"{killed} (on {this_worker()})") from killed
     except program.ProgramFailed as failed:
+        if plan.is_stored and any(text in str(failed) for text in _GONE):
+            raise Gone from failed
         if _may_pass(str(failed), places):
             raise MachineFailed(f"{failed} (on {this_worker()})") from failed
         raise
 
 
 def _may_pass(message: str, places: tuple[str, ...]) -> bool:
-    """Return whether the message names an error of the operating system, or a file that only tasks write."""
-    return "(os error " in message or any(place in message for place in places)
+    """Return whether the message names an error of the operating system or a store, or a file that only tasks write."""
+    return "(os error " in message or "check AWS_ENDPOINT_URL" in message or any(place in message for place in places)
 
 
 def _cpu_of_children() -> float:
@@ -280,7 +345,12 @@ class Record:
 
 
 def finished(plan: BuildPlan) -> Record | None:
-    """Return the record of the output if its pack is in place. The caller must hold the lock of the pack."""
+    """Return the record of the output if its pack is in place. The caller must hold the lock of the pack.
+
+    There is none if the work or the output is in a store.
+    """
+    if plan.is_stored:
+        return None
     try:
         values = json.loads(plan.record.read_text(encoding="utf-8"))
         record = Record(values["key"], values["folder"], tuple(values["identity"]), Pack(**values["pack"]))
@@ -316,6 +386,19 @@ def _scratch(plan: BuildPlan, build: Build, attempt: Path, task: str) -> Iterato
         shutil.rmtree(mine, ignore_errors=True)
         with suppress(OSError):
             above.rmdir()
+
+
+def sweep_state(plan: BuildPlan) -> None:
+    """Remove the folder of the locks of this machine, unless it is in use."""
+    sweep(plan.base)
+    remove_base(plan)
+
+
+def remove_base(plan: BuildPlan) -> None:
+    """Remove the folder of this machine that the locks were in, if it is empty."""
+    if is_address(plan.work):
+        with suppress(OSError):
+            plan.base.rmdir()
 
 
 def scratch_of(scratch: str, key: str) -> Path:

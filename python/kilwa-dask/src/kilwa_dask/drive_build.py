@@ -17,9 +17,10 @@ from distributed import Client
 from kilwa_dask import divided, program
 from kilwa_dask.build_report import BuildReport, line
 from kilwa_dask.collection import UsageError
-from kilwa_dask.divided import ASSEMBLE, Build, BuildPlan, Figures, Task, TaskOutcome
+from kilwa_dask.divided import ASSEMBLE, Build, BuildPlan, Figures, Pack, Task, TaskOutcome
 from kilwa_dask.drive import Lost, Progress, submit
 from kilwa_dask.files import locked
+from kilwa_dask.run import is_address
 
 # How long the driver waits until it sees in the shared folder what workers on other machines have written, in seconds: NFS
 # may keep the names of a folder for a minute.
@@ -39,6 +40,8 @@ class Listing:
     tasks: Sequence[Task]
     complete: bool
     """Nothing is left but to assemble the pack, if that is not done as well."""
+    pack: Pack | None = None
+    """The pack, if it is in place in a store."""
 
     def wave(self) -> dict[str, Task]:
         """Return the tasks that can be done now, the largest first."""
@@ -70,7 +73,9 @@ class BuildDriver:
         while self.report.pack is None:
             self._gone = False
             listing = self._list()
-            if listing.complete:
+            if listing.pack is not None:
+                self._take(ASSEMBLE, TaskOutcome(ASSEMBLE, "was done", pack=listing.pack, worker=divided.this_worker()))
+            elif listing.complete:
                 submit(client, {ASSEMBLE: listing.build}, partial(divided.assemble, plan=self.plan), self.plan.run, self._take)
             else:
                 wave = self._seen(listing)
@@ -97,6 +102,12 @@ class BuildDriver:
         with suppress(Exception):  # The scheduler may be gone.
             client.run(divided.sweep_scratch, self.plan, self.build, patience, on_error="ignore")
 
+    def sweep_state(self, client: Client) -> None:
+        """Remove the folders of the locks on the machines of the workers, if each machine has its own."""
+        if is_address(self.plan.work):
+            with suppress(Exception):  # The scheduler may be gone.
+                client.run(divided.sweep_state, self.plan, on_error="ignore")
+
     def _list(self) -> Listing:
         """Ask kilwa for the tasks. Nobody assembles the pack and removes the folder of the build meanwhile."""
         with ExitStack() as held:
@@ -106,9 +117,11 @@ class BuildDriver:
             record = divided.finished(self.plan)
             if record is not None and self.build is not None and record.key == self.build.key:
                 return Listing(self.build, (), complete=True)
-            if self.build is None and record is None:
+            # There is no record if the pack, or the work, is in a store: then a file that appears is another driver's.
+            if (self.build is None or self.plan.is_stored) and record is None:
                 self._refuse_existing()
-            before = set(Path(self.plan.shared[0]).glob("kilwa-build-*")) if self.build is None else set()
+            is_first = self.build is None and not self.plan.is_stored
+            before = set(Path(self.plan.work).glob("kilwa-build-*")) if is_first else set()
             listing = self._plan(locks)
             if self.build is None and record is not None:
                 if record.key == listing.build.key:
@@ -174,8 +187,8 @@ class BuildDriver:
 
 
 def refuse_existing(output: str, force: bool) -> None:
-    """Raise `UsageError` if there is a file that must not be replaced."""
-    if not force and Path(output).exists():
+    """Raise `UsageError` if there is a file that must not be replaced. kilwa refuses objects in stores."""
+    if not force and not is_address(output) and Path(output).exists():
         raise UsageError(f"{output} exists already; use --force to replace it")
 
 
@@ -193,7 +206,9 @@ def listing_of(told: dict[str, Any]) -> Listing:
             )
             for each in told["tasks"]
         ]
-        return Listing(Build(told["build"], told["key"]), tasks, told["complete"])
+        made = told.get("pack")
+        pack = Pack(made["sha256"], made["bytes"], made["triangles"]) if made is not None else None
+        return Listing(Build(told["build"], told["key"]), tasks, told["complete"], pack)
     except (KeyError, TypeError) as error:
         raise program.ProgramFailed(f"kilwa plan printed no list of tasks ({error!r})") from error
 

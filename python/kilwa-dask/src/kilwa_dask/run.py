@@ -40,6 +40,11 @@ class Run:
     resources: tuple[str, ...]
     """Options of kilwa that do not affect the pack, such as --threads."""
 
+    @property
+    def announced_in(self) -> tuple[str, ...]:
+        """Folders in which the run is announced while it goes on: the shared ones."""
+        return self.shared
+
 
 class WorkerRefused(Exception):
     """A worker cannot take part; the text says which and why."""
@@ -76,6 +81,11 @@ def check_this_worker(run: Run) -> None:
     refused = refusal(run, survey(run))
     if refused is not None:
         raise WorkerRefused(refused)
+
+
+def is_address(name: str) -> bool:
+    """Return whether a name is the address of an object in a store."""
+    return name.startswith("s3://")
 
 
 def file_id(name: str) -> str:
@@ -161,7 +171,7 @@ def _names_a_folder(record: Path) -> bool:
 def announced(run: Run) -> Iterator[None]:
     """Keep the file RUN.run in the state folders during a run."""
     with ExitStack() as stack:
-        for shared in run.shared:
+        for shared in run.announced_in:
             _announce(stack, Path(shared, STATE), run.run)
         yield
 

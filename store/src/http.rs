@@ -1,10 +1,9 @@
 //! How the library for S3 reaches the store: HTTP/1.1 over hyper, on threads of the store's own, with a limit in time on each step and a
 //! small, fixed buffer for each answer, so that memory does not grow with files nor with slow readers.
 
-use axum::body::Bytes;
-use axum::http::StatusCode;
 use http_body::{Body, Frame, SizeHint};
-use hyper::body::Incoming;
+use hyper::StatusCode;
+use hyper::body::{Bytes, Incoming};
 use hyper_rustls::{HttpsConnector, HttpsConnectorBuilder};
 use hyper_util::client::legacy::Client;
 use hyper_util::client::legacy::connect::HttpConnector as Tcp;
@@ -33,19 +32,30 @@ const IDLE_FOR: Duration = Duration::from_secs(20);
 
 /// The store's last failure, in words without addresses or keys.
 #[derive(Debug, Default)]
-pub(super) struct Seen(Mutex<Failure>);
+pub struct Seen(Mutex<Failure>);
 
+/// What a store answered, or that it did not.
 #[derive(Debug, Default, Clone)]
-pub(super) struct Failure {
+pub struct Failure {
     /// In words; empty before the first.
-    pub(super) what: String,
+    pub what: String,
     /// Whether the store answered with a status of 500 or more.
-    pub(super) is_server_error: bool,
+    pub is_server_error: bool,
 }
 
 impl Seen {
-    pub(super) fn last(&self) -> Failure {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    /// The last failure, with the error code in the store's answer `e` if it gives one. The rest of that answer may repeat what was signed.
+    pub fn reason(&self, e: &object_store::Error) -> Failure {
+        let body = e.to_string();
+        let seen = self.0.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let word = body.split_once("<Code>").and_then(|(_, rest)| rest.split_once("</Code>")).map(|(code, _)| code);
+        let what = match word.filter(|code| code.len() <= 64 && code.bytes().all(|b| b.is_ascii_alphanumeric())) {
+            Some("NoSuchBucket") => "the store has no such bucket".to_owned(),
+            Some(code) => format!("{} ({code})", seen.what),
+            None if seen.what.is_empty() => "the request to the store failed".to_owned(),
+            None => seen.what,
+        };
+        Failure { what, is_server_error: seen.is_server_error }
     }
 
     fn note(&self, what: String) {
@@ -63,11 +73,11 @@ impl Seen {
 
 /// Makes clients for the library.
 #[derive(Debug)]
-pub(super) struct Connector {
-    pub(super) threads: Handle,
-    pub(super) timeout: Duration,
-    pub(super) is_plain: bool,
-    pub(super) seen: Arc<Seen>,
+pub(crate) struct Connector {
+    pub(crate) threads: Handle,
+    pub(crate) timeout: Duration,
+    pub(crate) is_plain: bool,
+    pub(crate) seen: Arc<Seen>,
 }
 
 impl HttpConnector for Connector {

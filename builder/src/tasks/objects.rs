@@ -1,0 +1,233 @@
+//! A part of an object store in which the tasks of a build exchange files.
+//!
+//! What tasks leave, `files/…`, never changes: its lengths are listed together, and it is read ahead. Plan, tasks and manifests are asked for
+//! whenever they are needed; manifests of the shards of one level together. Every request is tried again while the store is busy.
+
+use super::ahead::Ahead;
+use super::store::{FOLDERS, LARGEST_WHOLE, Store};
+use crate::build::options::BuildError;
+use bytes::Bytes;
+use kilwa_store::{Condition, ObjectError, Objects};
+use object_store::path::Path as Key;
+use rustc_hash::FxHashMap;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+/// Objects that never change.
+const FILES: &str = "files";
+/// Manifests.
+const DONE: &str = "done";
+/// Longer pieces are read as they are, several parts at a time.
+const LONG: u64 = 4 << 20;
+/// How long a small object counts that was read with others.
+const FRESH: Duration = Duration::from_secs(5);
+/// How often the objects of a build are listed and removed while others still add to them.
+const SWEEPS: usize = 5;
+
+/// A part of an object store.
+#[derive(Debug)]
+pub struct ObjectFolder {
+    objects: Objects,
+    folder: Key,
+    ahead: Ahead,
+    /// Lengths of the objects below [`FILES`], once they were listed.
+    lengths: Mutex<Option<FxHashMap<String, u64>>>,
+    read_together: Mutex<Together>,
+}
+
+/// Small objects that were read with others, until they are asked for, once.
+#[derive(Debug, Default)]
+struct Together {
+    /// Levels of which a manifest was asked for, and whether all were read then.
+    levels: FxHashMap<String, bool>,
+    read: FxHashMap<String, (Instant, Bytes)>,
+}
+
+impl ObjectFolder {
+    /// The objects below `folder`.
+    pub fn new(objects: Objects, folder: Key) -> Self {
+        let (ahead, lengths, read_together) = (Ahead::default(), Mutex::default(), Mutex::default());
+        Self { objects, folder, ahead, lengths, read_together }
+    }
+
+    fn key(&self, name: &str) -> Result<Key, BuildError> {
+        let key = Key::parse(format!("{}/{name}", self.folder));
+        key.map_err(|e| BuildError::Shared { doing: "use", place: self.display_path(name), why: e.to_string() })
+    }
+
+    fn error(&self, doing: &'static str, name: &str, error: ObjectError) -> BuildError {
+        match error {
+            ObjectError::Stopped => BuildError::Stopped,
+            e => BuildError::Shared { doing, place: self.display_path(name), why: e.to_string() },
+        }
+    }
+
+    /// The name of a key in this folder.
+    fn name(&self, key: &Key) -> Option<String> {
+        let parts: Vec<String> = key.prefix_match(&self.folder)?.map(|part| part.as_ref().to_owned()).collect();
+        Some(parts.join("/"))
+    }
+
+    fn listed(&self, prefix: &str) -> Result<Vec<(String, u64)>, BuildError> {
+        let listed = self.objects.list(&self.key(prefix)?).map_err(|e| self.error("list", prefix, e))?;
+        Ok(listed.into_iter().filter_map(|(key, bytes)| Some((self.name(&key)?, bytes))).collect())
+    }
+
+    /// The length of an object that never changes, if it is known.
+    fn known_length(&self, name: &str) -> Result<Option<u64>, BuildError> {
+        let mut lengths = lock(&self.lengths);
+        if lengths.is_none() {
+            *lengths = Some(self.listed(FILES)?.into_iter().collect());
+        }
+        Ok(lengths.as_ref().and_then(|lengths| lengths.get(name).copied()))
+    }
+
+    /// A manifest of a shard, read with those of the other shards of its level the second time that one of them is asked for.
+    fn read_together(&self, name: &str) -> Result<Option<Bytes>, BuildError> {
+        let level = name.strip_prefix(DONE).and_then(|_| name.rsplit_once('-')).map(|(level, _)| level);
+        let Some(level) = level else { return Ok(None) };
+        let mut together = lock(&self.read_together);
+        let Some(were_read) = together.levels.get_mut(level) else {
+            together.levels.insert(level.to_owned(), false);
+            return Ok(None);
+        };
+        if !std::mem::replace(were_read, true) {
+            let now = Instant::now();
+            let names: Vec<String> = self.listed(DONE)?.into_iter().map(|(name, _)| name).collect();
+            let of_level = |name: &&String| name.rsplit_once('-').is_some_and(|(of, _)| of == level);
+            let names: Vec<&String> = names.iter().filter(of_level).collect();
+            let keys = names.iter().map(|name| self.key(name)).collect::<Result<Vec<_>, _>>()?;
+            let read = self.objects.read_several(keys, LARGEST_WHOLE).map_err(|e| self.error("read", name, e))?;
+            together
+                .read
+                .extend(names.into_iter().zip(read).filter_map(|(name, bytes)| Some((name.clone(), (now, bytes?)))));
+        }
+        let read = together.read.remove(name).filter(|(at, _)| at.elapsed() < FRESH);
+        Ok(read.map(|(_, bytes)| bytes))
+    }
+
+    /// What was read of an object counts no more.
+    fn forget(&self, name: &str) {
+        self.ahead.forget(Some(name));
+        lock(&self.read_together).read.remove(name);
+        if let Some(lengths) = lock(&self.lengths).as_mut() {
+            lengths.remove(name);
+        }
+    }
+
+    /// Remove all objects below a folder of the build; whether there were any.
+    fn remove_below(&self, prefix: &str) -> Result<bool, BuildError> {
+        let keys = self.objects.list(&self.key(prefix)?).map_err(|e| self.error("list", prefix, e))?;
+        let keys: Vec<Key> = keys.into_iter().map(|(key, _)| key).collect();
+        let found = !keys.is_empty();
+        self.objects.remove_several(keys).map_err(|e| self.error("remove", prefix, e))?;
+        Ok(found)
+    }
+}
+
+impl Store for ObjectFolder {
+    fn display_path(&self, name: &str) -> String {
+        self.objects.display(&format!("{}/{name}", self.folder).into())
+    }
+
+    fn length(&self, name: &str) -> Result<Option<u64>, BuildError> {
+        if name.starts_with(FILES)
+            && let Some(bytes) = self.known_length(name)?
+        {
+            return Ok(Some(bytes));
+        }
+        let about = self.objects.about(&self.key(name)?).map_err(|e| self.error("read", name, e))?;
+        if let (Some(about), Some(lengths)) = (&about, lock(&self.lengths).as_mut())
+            && name.starts_with(FILES)
+        {
+            lengths.insert(name.to_owned(), about.bytes);
+        }
+        Ok(about.map(|about| about.bytes))
+    }
+
+    fn read(&self, name: &str, at: u64, bytes: u64) -> Result<Vec<u8>, BuildError> {
+        let key = self.key(name)?;
+        let fail = |e| self.error("read", name, e);
+        let too_short = || fail(ObjectError::Failed("it ends before".to_owned()));
+        let length = if name.starts_with(FILES) { self.known_length(name)? } else { None };
+        let end = at.checked_add(bytes).ok_or_else(too_short)?;
+        // Nothing is allocated for bytes that are not there.
+        let length = if length.is_none() && bytes > LONG { self.length(name)? } else { length };
+        if length.is_some_and(|length| end > length) {
+            return Err(too_short());
+        }
+        if bytes == 0 {
+            return Ok(Vec::new());
+        }
+        if bytes > LONG {
+            return self.objects.read_long(&key, at, bytes).map_err(fail);
+        }
+        if !name.starts_with(FILES) {
+            let read = self.objects.read(&key, at..end).map_err(fail)?;
+            return if read.len() as u64 == bytes { Ok(read.into()) } else { Err(too_short()) };
+        }
+        let read = self.ahead.read(name, at..end, length, |stretch| self.objects.read(&key, stretch));
+        read.map_err(fail)?.ok_or_else(too_short)
+    }
+
+    fn upload(&self, name: &str, from: &Path) -> Result<(), BuildError> {
+        self.forget(name);
+        let uploaded =
+            self.objects.upload(&self.key(name)?, from, Condition::Replace, &BTreeMap::new(), &mut |_, _| ());
+        uploaded.map_err(|e| self.error("write", name, e))
+    }
+
+    fn create_new(&self, name: &str, bytes: &[u8]) -> Result<bool, BuildError> {
+        self.forget(name);
+        let put = self.objects.put_new(&self.key(name)?, Bytes::copy_from_slice(bytes));
+        put.map_err(|e| self.error("write", name, e))
+    }
+
+    fn remove(&self, name: &str) -> Result<(), BuildError> {
+        self.forget(name);
+        self.objects.remove(&self.key(name)?).map_err(|e| self.error("remove", name, e))
+    }
+
+    fn list(&self, prefix: &str) -> Result<Vec<String>, BuildError> {
+        let is_direct = |name: &String| name.get(prefix.len() + 1..).is_some_and(|rest| !rest.contains('/'));
+        let names = self.listed(prefix)?.into_iter().map(|(name, _)| name);
+        Ok(names.filter(is_direct).collect())
+    }
+
+    fn remove_all(&self) -> Result<(), BuildError> {
+        self.ahead.forget(None);
+        *lock(&self.lengths) = None;
+        for name in FOLDERS {
+            self.remove_below(name)?;
+        }
+        // The plan goes last: until then, the build is found. An attempt that is still uploading then finds none, and removes what it made;
+        // uploads that it does not complete are given up here.
+        self.remove(super::PLAN)?;
+        for _ in 0..SWEEPS {
+            let given_up = self.objects.abort_unfinished(&self.folder);
+            let given_up = given_up.map_err(|e| self.error("give up the unfinished uploads to", "", e))?;
+            let mut found = given_up > 0;
+            for name in FOLDERS {
+                found |= self.remove_below(name)?;
+            }
+            if !found {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    fn read_all(&self, name: &str) -> Result<Option<Vec<u8>>, BuildError> {
+        if let Some(bytes) = self.read_together(name)? {
+            return Ok(Some(bytes.into()));
+        }
+        let read = self.objects.read_all(&self.key(name)?, LARGEST_WHOLE);
+        Ok(read.map_err(|e| self.error("read", name, e))?.map(Vec::from))
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,175 @@
+"""One build by way of an object store: SeaweedFS, which `cargo xtask test` puts where KILWA_SEAWEED says."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import socket
+import subprocess
+import tempfile
+import urllib.error
+import urllib.request
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from conftest import Drivers, end_all, tree, until
+
+BUCKET = "museum"
+# The keys of kilwa; the tests themselves ask without any.
+IDENTITIES = {
+    "identities": [
+        {"name": "test", "credentials": [{"accessKey": "test", "secretKey": "secret-of-the-test"}], "actions": ["Admin"]},
+        {"name": "anonymous", "actions": ["Admin"]},
+    ]
+}
+PORTS = ("master.port", "master.port.grpc", "volume.port", "volume.port.grpc", "filer.port", "filer.port.grpc", "s3.port")
+
+
+@dataclass
+class Store:
+    """A store with one bucket."""
+
+    url: str
+
+    def ask(self, key: str, method: str = "GET", body: bytes | None = None) -> bytes:
+        """Send a request about an object, or about the bucket, and return the answer."""
+        request = urllib.request.Request(f"{self.url}/{BUCKET}{key}", data=body, method=method)
+        with urllib.request.urlopen(request, timeout=20) as answer:
+            content: bytes = answer.read()
+            return content
+
+    def list(self, query: str = "list-type=2", what: str = "Key") -> list[str]:
+        """Return the keys of all objects, or of what else the bucket lists."""
+        root = ET.fromstring(self.ask(f"?{query}"))
+        return [element.text or "" for element in root.iter() if element.tag.rpartition("}")[2] == what]
+
+
+@pytest.fixture(scope="module")
+def store() -> Iterator[Store]:
+    """Start a store."""
+    packages = os.environ.get("KILWA_SEAWEED")
+    if packages is None:
+        pytest.skip("KILWA_SEAWEED is not set (cargo xtask test sets it)")
+    folder = Path(tempfile.mkdtemp(prefix="kilwa-store-"))
+    (folder / "data").mkdir()
+    (folder / "s3.json").write_text(json.dumps(IDENTITIES))
+    sockets = [socket.create_server(("127.0.0.1", 0)) for _ in (*PORTS, "s3.port.grpc")]
+    ports = [held.getsockname()[1] for held in sockets]
+    for held in sockets:
+        held.close()
+    numbered = [f"-{name}={port}" for name, port in zip((*PORTS, "s3.port.grpc"), ports, strict=True)]
+    options = ["-ip=127.0.0.1", "-ip.bind=127.0.0.1", "-filer", "-s3", "-master.electionTimeout=1s", "-volume.max=100"]
+    places = [f"-dir={folder}/data", f"-s3.config={folder}/s3.json", f"-filer.localSocket={folder}/socket"]
+    more = ["-master.telemetry=false", "-master.volumeSizeLimitMB=64"]
+    weed = [os.path.join(packages, "bin", "weed"), "server", *options, *more, *places, *numbered]
+    with (folder / "log").open("w") as log:
+        process = subprocess.Popen(weed, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
+    made = Store(f"http://127.0.0.1:{ports[PORTS.index('s3.port')]}")
+
+    def ready() -> bool:
+        try:
+            made.ask("/begin", "PUT", b"1")
+            made.ask("/begin", "DELETE")
+        except (urllib.error.URLError, OSError):
+            return False
+        return True
+
+    try:
+        until(ready, "the store is there")
+        yield made
+    finally:
+        process.kill()
+        process.wait()
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+@dataclass
+class Stored(Drivers):
+    """A mesh in a store, and where its build is."""
+
+    store: Store | None = None
+    output: str = f"s3://{BUCKET}/packs/mesh.kilwa"
+
+    @property
+    def mesh(self) -> Path:
+        """The mesh, before it was put into the store."""
+        return self.root / "mesh.ply"
+
+    def start(self, *options: str) -> subprocess.Popen[str]:
+        """Start a driver."""
+        files = [f"s3://{BUCKET}/in/mesh.ply", "-o", self.output, "--work", f"s3://{BUCKET}/work"]
+        return self.launch("build", *files, "--task-triangles", "3k", "--scratch", str(self.root / "scratch"), *options)
+
+    def run(self, *options: str, code: int = 0) -> str:
+        """Run a driver to its end and return what it printed."""
+        return self.end(self.start(*options), code)
+
+    def check(self) -> None:
+        """Check the pack, and that nothing else is left: no object, no upload, no file."""
+        assert self.store is not None
+        pack = Path(self.output).read_bytes() if self.output.startswith("/") else self.store.ask("/packs/mesh.kilwa")
+        assert hashlib.sha256(pack).hexdigest() == self.sha256_of_plain_build(self.mesh)
+        assert [key for key in self.store.list() if key.startswith("work/")] == []
+        assert self.store.list("uploads", "UploadId") == []
+        scratch = self.root / "scratch"
+        assert not scratch.exists() or list(scratch.iterdir()) == []
+
+
+@pytest.fixture
+def stored(tmp_path: Path, kilwa: str, store: Store, monkeypatch: pytest.MonkeyPatch) -> Iterator[Stored]:
+    """Return a mesh in the store."""
+    monkeypatch.setenv("AWS_ENDPOINT_URL", store.url)
+    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "test")
+    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret-of-the-test")
+    monkeypatch.setenv("AWS_REGION", "us-east-1")
+    made = Stored(tmp_path, kilwa, store=store)
+    command = [kilwa, "synth", "wall", "--triangles", "20k", "--output", str(made.mesh)]
+    subprocess.run(command, check=True, capture_output=True)
+    store.ask("/in/mesh.ply", "PUT", made.mesh.read_bytes())
+    yield made
+    end_all(made)
+    for key in store.list():
+        store.ask(f"/{key}", "DELETE")
+
+
+def test_inputs_work_and_pack_in_a_store(stored: Stored) -> None:
+    """The pack is that of kilwa build; the same command finds it, and another is refused."""
+    report = stored.root / "report.json"
+    text = stored.run("--json", str(report))
+    told = json.loads(report.read_text())
+    assert told["pack"]["sha256"] == stored.sha256_of_plain_build(stored.mesh)
+    assert f"SHA-256 {told['pack']['sha256']}" in text
+    stored.check()
+    stored.run("--json", str(report))
+    assert json.loads(report.read_text())["pack"] == told["pack"]
+    stored.check()
+    text = stored.run("--", "--title", "another", code=1)
+    assert f"{stored.output} already exists; use --force" in text
+    stored.check()
+
+
+def test_a_file_of_work_in_a_store(stored: Stored) -> None:
+    """The output is a file, which is refused the second time."""
+    stored.output = str(stored.root / "packs" / "mesh.kilwa")
+    stored.run()
+    stored.check()
+    assert "use --force" in stored.run(code=2)
+    assert [path.name for path in Path(stored.output).parent.iterdir()] == ["mesh.kilwa"]
+
+
+def test_a_driver_that_dies_is_continued(stored: Stored) -> None:
+    """With all its workers, when some tasks are done."""
+    assert stored.store is not None
+    driver = stored.start()
+    until(lambda: sum("/done/level" in key for key in stored.store.list()) > 1, "tasks are done")  # type: ignore[union-attr]
+    for process in tree(driver):
+        process.kill()
+    driver.wait()
+    text = stored.run()
+    assert "done earlier" in text or "earlier" in text
+    stored.check()

@@ -1,0 +1,162 @@
+//! Meshes in object stores, `s3://bucket/wall.ply`, for `kilwa plan` and the task that reads the inputs.
+//!
+//! What a mesh is, is decided by its beginning: so an *outline* of each is made on this machine, a sparse file of its length with its first
+//! bytes. The whole is downloaded when it is read, and must then be the object that was looked at: its ETag and its length are part of the plan.
+//! Refused: formats whose meshes refer to other files, because those are not fetched.
+
+use crate::new_file::{PrivateFolder, private_folder_in};
+use crate::stores;
+use anyhow::{Context, bail};
+use kilwa_builder::BuildError;
+use kilwa_builder::build::work::{Stop, Work};
+use kilwa_formats::read;
+use kilwa_store::{About, Address, ObjectError, Objects};
+use std::fs::File;
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// Bytes of an outline that are the mesh's own.
+const BEGINNING: u64 = 1 << 16;
+/// A matrix file is not longer.
+const MATRIX: u64 = 1 << 16;
+/// Folder of the downloaded meshes, in the scratch folder.
+const FOLDER: &str = "inputs";
+
+/// That a verb may read meshes from stores.
+#[derive(Debug, Clone)]
+pub(crate) struct Allowed {
+    /// Existing folder for outlines.
+    pub(crate) scratch: PathBuf,
+    pub(crate) stop: Stop,
+}
+
+/// A mesh in a store.
+#[derive(Debug, Clone)]
+pub(crate) struct Remote {
+    pub(crate) address: Address,
+    pub(crate) about: About,
+    objects: Objects,
+}
+
+/// The outlines of meshes; they go away with it.
+#[derive(Debug)]
+pub(crate) struct Outlines {
+    folder: PrivateFolder,
+    all: Vec<(PathBuf, Remote)>,
+}
+
+impl Outlines {
+    /// Make those of the arguments; `with_matrices`: each with the matrix file beside it.
+    ///
+    /// # Errors
+    /// Where there is no such object, or it is no mesh of a format that is read from stores.
+    pub(crate) fn of(given: &[PathBuf], allowed: &Allowed, with_matrices: bool) -> anyhow::Result<Self> {
+        let folder = private_folder_in(&allowed.scratch, "kilwa-inputs-");
+        let folder = folder.with_context(|| format!("cannot make a folder in {}", allowed.scratch.display()))?;
+        let mut outlines = Self { folder, all: Vec::new() };
+        for given in given {
+            let address = stores::address(given)?.with_context(|| format!("{} is no address", given.display()))?;
+            let objects = stores::objects(&address.bucket, &allowed.stop)?;
+            outlines.add(address, objects, with_matrices)?;
+        }
+        Ok(outlines)
+    }
+
+    fn add(&mut self, address: Address, objects: Objects, with_matrix: bool) -> anyhow::Result<()> {
+        let cannot = || format!("cannot read {address}");
+        let about = objects.about(&address.path).with_context(cannot)?;
+        let about = about.with_context(|| format!("{address} does not exist; give the address of one object"))?;
+        let beginning = match about.bytes.min(BEGINNING) {
+            0 => Vec::new(),
+            bytes => objects.read(&address.path, 0..bytes).with_context(cannot)?.to_vec(),
+        };
+        let outline = self.path(&address);
+        if outline.exists() {
+            bail!("{address} was given twice");
+        }
+        write_outline(&outline, &beginning, about.bytes)
+            .with_context(|| format!("cannot write {}", outline.display()))?;
+        let matrix = Path::new(address.path.as_ref()).with_extension("xf");
+        if let (true, Some(key)) = (with_matrix, matrix.to_str()) {
+            let found = objects
+                .read_all(&key.into(), MATRIX)
+                .with_context(|| format!("cannot read s3://{}/{key}", address.bucket))?;
+            found.map_or(Ok(()), |bytes| std::fs::write(outline.with_extension("xf"), bytes))?;
+        }
+        let format = read::recognise(&outline).map_err(|e| anyhow::anyhow!(self.in_words(&e.to_string())))?;
+        let is_whole = ["PLY", "STL", "Nexus"].contains(&format.name) || beginning.starts_with(b"glTF");
+        if !is_whole {
+            bail!(
+                "{address}: meshes of the format {} may refer to other files, which are not fetched from a store; give PLY, STL, GLB or Nexus, or copy the mesh with its files to a folder that all machines see",
+                format.name
+            );
+        }
+        self.all.push((outline, Remote { address, about, objects }));
+        Ok(())
+    }
+
+    /// Where the outline of an object is.
+    fn path(&self, address: &Address) -> PathBuf {
+        below(self.folder.path(), address)
+    }
+
+    /// The outlines.
+    pub(crate) fn paths(&self) -> impl Iterator<Item = &PathBuf> {
+        self.all.iter().map(|(outline, _)| outline)
+    }
+
+    /// The object whose outline this is.
+    pub(crate) fn remote(&self, path: &Path) -> Option<Remote> {
+        self.all.iter().find(|(outline, _)| outline == path).map(|(_, remote)| remote.clone())
+    }
+
+    /// A message with the addresses of the objects in place of the names of the outlines.
+    pub(crate) fn in_words(&self, message: &str) -> String {
+        message.replace(&*self.folder.path().to_string_lossy(), "s3:/")
+    }
+}
+
+impl Remote {
+    /// Copy it to the scratch folder; `before` of `total` bytes of all inputs are there already.
+    ///
+    /// # Errors
+    /// [`BuildError::Inputs`] where it has changed since it was planned, or cannot be read.
+    pub(crate) fn fetch(&self, work: &Work<'_>, before: u64, total: u64) -> Result<PathBuf, BuildError> {
+        let to = below(&downloads(work.scratch.folder()), &self.address);
+        let address = &self.address;
+        let made = to.parent().map_or(Ok(()), std::fs::create_dir_all);
+        made.map_err(|e| BuildError::Inputs { why: format!("cannot make a folder for {}: {e}", to.display()) })?;
+        let progress = &mut |done: u64, _: u64| work.progress.update("downloading", before + done, total);
+        self.objects.download(&address.path, &self.about, &to, progress).map_err(|e| match e {
+            ObjectError::Stopped => BuildError::Stopped,
+            ObjectError::Changed | ObjectError::Missing => BuildError::Inputs {
+                why: format!("{address} was changed or removed while it was read; run `kilwa plan` again"),
+            },
+            e => BuildError::Inputs { why: format!("cannot read {address}: {e}") },
+        })?;
+        Ok(to)
+    }
+}
+
+/// A message about files below a scratch folder, with the addresses of the objects instead.
+pub(crate) fn in_words(message: &str, scratch: &Path) -> String {
+    message.replace(&*downloads(scratch).to_string_lossy(), "s3:/")
+}
+
+/// Where meshes are downloaded to.
+pub(crate) fn downloads(scratch: &Path) -> PathBuf {
+    scratch.join(FOLDER)
+}
+
+/// The file for an object; files are in the order of addresses.
+fn below(folder: &Path, address: &Address) -> PathBuf {
+    let parts = address.path.parts();
+    parts.fold(folder.join(&address.bucket), |path, part| path.join::<&str>(part.as_ref()))
+}
+
+fn write_outline(path: &Path, beginning: &[u8], bytes: u64) -> std::io::Result<()> {
+    path.parent().map_or(Ok(()), std::fs::create_dir_all)?;
+    let mut file = File::options().write(true).create_new(true).open(path)?;
+    file.write_all(beginning)?;
+    file.set_len(bytes)
+}

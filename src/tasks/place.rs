@@ -1,0 +1,86 @@
+//! Where a divided build is.
+
+use crate::stores;
+use anyhow::{Context, bail};
+use kilwa_builder::build::work::Stop;
+use kilwa_builder::tasks::{ObjectFolder, PLAN, SharedFolder, Store};
+use kilwa_store::Address;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+/// A folder that all machines see, or a part of an object store.
+#[derive(Debug, Clone)]
+pub(super) enum Place {
+    Folder(PathBuf),
+    Store(Address),
+}
+
+impl Place {
+    /// What an argument names.
+    pub(super) fn of(given: &Path) -> anyhow::Result<Self> {
+        Ok(stores::address(given)?.map_or_else(|| Self::Folder(given.to_owned()), Self::Store))
+    }
+
+    /// The place for all builds; its folder is made.
+    pub(super) fn made(given: &Path) -> anyhow::Result<Self> {
+        match Self::of(given)? {
+            Self::Folder(folder) => {
+                std::fs::create_dir_all(&folder)
+                    .with_context(|| format!("cannot make the folder {}", folder.display()))?;
+                let absolute = std::path::absolute(&folder);
+                Ok(Self::Folder(absolute.with_context(|| format!("cannot use {}", folder.display()))?))
+            }
+            store => Ok(store),
+        }
+    }
+
+    /// `name` below it.
+    pub(super) fn join(&self, name: &str) -> Self {
+        match self {
+            Self::Folder(folder) => Self::Folder(folder.join(name)),
+            Self::Store(address) => Self::Store(address.join(name)),
+        }
+    }
+
+    /// As it is given to commands.
+    pub(super) fn text(&self) -> anyhow::Result<String> {
+        match self {
+            Self::Folder(folder) => {
+                let text = folder.to_str();
+                Ok(text.with_context(|| format!("the name {} is not UTF-8 text", folder.display()))?.to_owned())
+            }
+            Self::Store(address) => Ok(address.to_string()),
+        }
+    }
+
+    /// How its files are read and written; waiting for a store ends when `stop` is asked for.
+    pub(super) fn store(&self, stop: &Stop) -> anyhow::Result<Box<dyn Store>> {
+        Ok(match self {
+            Self::Folder(folder) => Box::new(SharedFolder::new(folder)),
+            Self::Store(address) => {
+                Box::new(ObjectFolder::new(stores::objects(&address.bucket, stop)?, address.path.clone()))
+            }
+        })
+    }
+
+    /// Refuse a store in which several machines could create the same object: the second attempt to create the plan must fail.
+    pub(super) fn refuse_unfit(&self, store: &dyn Store) -> anyhow::Result<()> {
+        let Self::Store(address) = self else { return Ok(()) };
+        let plan = store.read_all(PLAN)?.context("the build was removed meanwhile; run the same command again")?;
+        if store.create_new(PLAN, &plan)? {
+            bail!(
+                "the store of {address} replaces objects although it is told not to (If-None-Match: *), so machines could spoil each other's work; use a store with conditional writes, such as Amazon S3, MinIO, Ceph, Cloudflare R2 or SeaweedFS 4.48"
+            );
+        }
+        Ok(())
+    }
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Folder(folder) => folder.display().fmt(f),
+            Self::Store(address) => address.fmt(f),
+        }
+    }
+}

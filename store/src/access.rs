@@ -1,0 +1,90 @@
+//! How a store is reached.
+
+use crate::http::{Connector, Seen};
+use object_store::aws::{AmazonS3, AmazonS3Builder, AmazonS3ConfigKey};
+use object_store::{Error, RetryConfig};
+use std::sync::Arc;
+use std::time::Duration;
+use tokio::runtime::Handle;
+
+/// Settings that say how to sign; without any of them nothing is signed.
+const KEYS: [&str; 5] = [
+    "AWS_ACCESS_KEY_ID",
+    "AWS_WEB_IDENTITY_TOKEN_FILE",
+    "AWS_CONTAINER_CREDENTIALS_RELATIVE_URI",
+    "AWS_CONTAINER_CREDENTIALS_FULL_URI",
+    "AWS_SKIP_SIGNATURE",
+];
+
+/// Keys, region and address of a store, and how long it is waited for.
+#[derive(Clone)]
+pub struct Access {
+    /// Address of a store that is not Amazon's; over what the settings say.
+    pub endpoint: Option<String>,
+    /// Keys, region and the like by the names of the environment variables, `AWS_…`.
+    pub settings: Vec<(String, String)>,
+    /// How long each step of a request may take.
+    pub timeout: Duration,
+    /// How often a request is tried that the store is too busy for.
+    pub retry: RetryConfig,
+}
+
+/// The environment variables `AWS_…` that are not empty.
+pub fn environment() -> Vec<(String, String)> {
+    let all =
+        std::env::vars_os().filter_map(|(name, value)| Some((name.into_string().ok()?, value.into_string().ok()?)));
+    all.filter(|(name, value)| name.starts_with("AWS_") && !value.is_empty()).collect()
+}
+
+impl Access {
+    /// The library's client for a bucket, whose connections belong to `threads` and whose failures `seen` holds. Without keys in the
+    /// settings it asks for what is public.
+    ///
+    /// # Errors
+    /// Where the settings contradict each other.
+    pub fn client(&self, bucket: &str, threads: &Handle, seen: &Arc<Seen>) -> Result<AmazonS3, Error> {
+        let builder = self.builder();
+        let connector = self.connector(&builder, threads, seen);
+        let is_plain = connector.is_plain;
+        let builder = builder.with_bucket_name(bucket).with_allow_http(is_plain).with_retry(self.retry.clone());
+        builder.with_http_connector(connector).build()
+    }
+
+    /// Makes the connections of such a client.
+    pub(crate) fn connections(&self, threads: &Handle, seen: &Arc<Seen>) -> Connector {
+        self.connector(&self.builder(), threads, seen)
+    }
+
+    fn builder(&self) -> AmazonS3Builder {
+        let mut builder = AmazonS3Builder::new();
+        for (name, value) in &self.settings {
+            if let Ok(key) = name.to_ascii_lowercase().parse::<AmazonS3ConfigKey>() {
+                builder = builder.with_config(key, value);
+            }
+        }
+        if !KEYS.iter().any(|name| self.has(name)) {
+            builder = builder.with_skip_signature(true);
+        }
+        if let Some(endpoint) = &self.endpoint {
+            // Over what the environment says, in whichever of its two forms.
+            builder = builder.with_config(AmazonS3ConfigKey::S3Endpoint, endpoint).with_endpoint(endpoint);
+        }
+        builder
+    }
+
+    fn connector(&self, builder: &AmazonS3Builder, threads: &Handle, seen: &Arc<Seen>) -> Connector {
+        let endpoint = [AmazonS3ConfigKey::S3Endpoint, AmazonS3ConfigKey::Endpoint];
+        let endpoint = endpoint.iter().find_map(|key| builder.get_config_value(key));
+        let is_plain = endpoint.is_some_and(|endpoint| endpoint.starts_with("http://"));
+        Connector { threads: threads.clone(), timeout: self.timeout, is_plain, seen: Arc::clone(seen) }
+    }
+
+    /// Whether requests are signed.
+    pub(crate) fn is_signed(&self) -> bool {
+        KEYS[..4].iter().any(|name| self.has(name))
+    }
+
+    fn has(&self, name: &str) -> bool {
+        self.settings.iter().any(|(n, _)| n == name)
+    }
+}
