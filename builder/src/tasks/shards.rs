@@ -222,7 +222,8 @@ fn parts(weights: &[f64], count: usize) -> Vec<u32> {
     let (mut firsts, mut before) = (Vec::new(), 0.0);
     for (i, weight) in (0u32..).zip(weights) {
         // Where the middle of this one passes the next of `count` equal parts.
-        if firsts.is_empty() || ((before + weight / 2.0) * count as f64 / sum) as usize >= firsts.len() {
+        let part = ((before + weight / 2.0) * count as f64 / sum) as usize;
+        if firsts.is_empty() || part.min(count - 1) >= firsts.len() {
             firsts.push(i);
         }
         before += weight;
