@@ -15,9 +15,11 @@ pub const TASK_TRIANGLES: u64 = 10_000_000;
 
 /// Fewer parts than this are a power of two of them.
 const FEW: usize = 16;
-/// The levels of the tail have at most a share of one in so many of the triangles of a task; a larger level is divided into at least so many
-/// shards. While the tail runs, all other workers wait.
-const TAIL_PARTS: usize = 4;
+/// The coarsest level that is divided has more than a share of one in so many of the triangles of a task. While the tail runs, all other
+/// workers wait.
+const TAIL_SHARE: u64 = 16;
+/// Shards of a level that is divided, at least.
+const LEAST: usize = 4;
 
 /// Smallest and largest coordinates of some points; `None` of none.
 pub(super) type PointBox = Option<[LatticePoint; 2]>;
@@ -128,12 +130,12 @@ impl Shards {
             let diamonds = diamonds_of(tree, level);
             let weights: Vec<f64> = diamonds.iter().map(|d| weight(*d)).collect();
             let sum: f64 = weights.iter().sum();
-            if sum * TAIL_PARTS as f64 <= size as f64 {
+            if sum * TAIL_SHARE as f64 <= size as f64 {
                 // The levels above take a part of it, then a part of that part …
                 left = sum * REDUCTION as f64 / (REDUCTION - 1) as f64;
                 break;
             }
-            let firsts = parts(&weights, parts_of(sum, size).max(TAIL_PARTS));
+            let firsts = parts(&weights, parts_of(sum, size).max(LEAST));
             let shard = |(first, end): (u32, u32)| LevelShard {
                 first,
                 triangles: weights[first as usize..end as usize].iter().sum::<f64>() as u64,
@@ -220,7 +222,8 @@ fn parts(weights: &[f64], count: usize) -> Vec<u32> {
     let (mut firsts, mut before) = (Vec::new(), 0.0);
     for (i, weight) in (0u32..).zip(weights) {
         // Where the middle of this one passes the next of `count` equal parts.
-        if firsts.is_empty() || ((before + weight / 2.0) * count as f64 / sum) as usize >= firsts.len() {
+        let part = ((before + weight / 2.0) * count as f64 / sum) as usize;
+        if firsts.is_empty() || part.min(count - 1) >= firsts.len() {
             firsts.push(i);
         }
         before += weight;
