@@ -24,8 +24,8 @@ impl<'a> Site<'a> {
     fn new(store: &'a Seaweed, shape: &[&'static str], triangles: &str, task_triangles: &'static str) -> Self {
         let kind = shape[0];
         let (mesh, pack) = (store.path(&format!("{kind}.ply")), store.path(&format!("{kind}.kilwa")));
-        succeeds(&[&["synth"], shape, &["--triangles", triangles, "-o", text(&mesh)]].concat());
-        succeeds(&["build", text(&mesh), "-o", text(&pack), "--title", "the site"]);
+        succeeds(&[&["synth"], shape, &["--force", "--triangles", triangles, "-o", text(&mesh)]].concat());
+        succeeds(&["build", text(&mesh), "-o", text(&pack), "--force", "--title", "the site"]);
         let site =
             Self { store, kind, endpoint: store.endpoint(), task_triangles, expected: std::fs::read(&pack).unwrap() };
         store.put(&mesh, &site.mesh());
