@@ -148,7 +148,7 @@ def test_inputs_work_and_pack_in_a_store(stored: Stored) -> None:
     stored.run("--json", str(report))
     assert json.loads(report.read_text())["pack"] == told["pack"]
     stored.check()
-    text = stored.run("--", "--title", "another", code=1)
+    text = stored.run("--workers", "2", "--", "--title", "another", code=1)
     assert f"{stored.output} already exists; use --force" in text
     stored.check()
 
