@@ -24,8 +24,8 @@ impl<'a> Site<'a> {
     fn new(store: &'a Seaweed, shape: &[&'static str], triangles: &str, task_triangles: &'static str) -> Self {
         let kind = shape[0];
         let (mesh, pack) = (store.path(&format!("{kind}.ply")), store.path(&format!("{kind}.kilwa")));
-        succeeds(&[&["synth"], shape, &["--triangles", triangles, "-o", text(&mesh)]].concat());
-        succeeds(&["build", text(&mesh), "-o", text(&pack), "--title", "the site"]);
+        succeeds(&[&["synth"], shape, &["--force", "--triangles", triangles, "-o", text(&mesh)]].concat());
+        succeeds(&["build", text(&mesh), "-o", text(&pack), "--force", "--title", "the site"]);
         let site =
             Self { store, kind, endpoint: store.endpoint(), task_triangles, expected: std::fs::read(&pack).unwrap() };
         store.put(&mesh, &site.mesh());
@@ -136,7 +136,7 @@ fn tasks_through_a_store_give_the_pack_of_a_build_and_leave_nothing() {
 
 /// Workers that are killed while they read and send, and an assembly that is; nothing of them stays.
 fn killed(store: &Seaweed) {
-    let site = Site::new(store, &["wall"], "60000", "30k");
+    let site = Site::new(store, &["wall"], "60000", "10k");
     let mut random = fastrand::Rng::with_seed(crate::support::kill_seed::seed().into());
     for _ in 0..6 {
         let plan = site.plan(&[]);
@@ -211,7 +211,7 @@ fn refusals(store: &Seaweed) {
 #[test]
 fn a_store_of_which_three_answers_in_ten_fail_gives_the_same_pack() {
     let Some(store) = Seaweed::start("a_store_of_which_three_answers_in_ten_fail_gives_the_same_pack") else { return };
-    let mut site = Site::new(&store, &["wall"], "8000", "4k");
+    let mut site = Site::new(&store, &["wall"], "20000", "5k");
     let (port, seen) = busy::way(store.port, 30, 5);
     site.endpoint = format!("http://127.0.0.1:{port}");
     let build = site.work_off(2);
@@ -226,7 +226,7 @@ fn a_store_of_which_three_answers_in_ten_fail_gives_the_same_pack() {
 #[test]
 fn folders_and_stores_mix() {
     let Some(store) = Seaweed::start("folders_and_stores_mix") else { return };
-    let site = Site::new(&store, &["wall"], "6000", "3k");
+    let site = Site::new(&store, &["wall"], "20000", "5k");
     let build = site.work_off(2);
     let pack = store.path("made.kilwa");
     site.run(&["assemble", &build, "-o", text(&pack)]);
@@ -236,7 +236,7 @@ fn folders_and_stores_mix() {
     let (mesh, work) = (store.path("wall.ply"), store.path("work"));
     let plan = || -> Value {
         let args =
-            ["plan", text(&mesh), "--work", text(&work), "--task-triangles", "3k", "--title", "the site", "--json"];
+            ["plan", text(&mesh), "--work", text(&work), "--task-triangles", "5k", "--title", "the site", "--json"];
         serde_json::from_str(&site.run(&args)).unwrap()
     };
     let build = loop {

@@ -52,7 +52,13 @@ impl Seaweed {
         let log = std::fs::File::create(folder.path().join("log")).unwrap();
         let child = Command::new(Path::new(&packages).join("bin/weed"))
             .args(["server", "-ip=127.0.0.1", "-ip.bind=127.0.0.1", "-filer", "-s3", "-master.electionTimeout=1s"])
-            .args(["-master.volumeSizeLimitMB=64", "-volume.max=100", "-master.telemetry=false"])
+            .args([
+                "-master.volumeSizeLimitMB=64",
+                "-volume.max=100",
+                "-master.telemetry=false",
+                "-s3.port.iceberg=0",
+                "-s3.port.lance=0",
+            ])
             .args([format!("-dir={}", at("data")), format!("-s3.config={}", at("s3.json"))])
             .arg(format!("-filer.localSocket={}", at("socket")))
             .args(options)

@@ -65,7 +65,7 @@ def store() -> Iterator[Store]:
     numbered = [f"-{name}={port}" for name, port in zip((*PORTS, "s3.port.grpc"), ports, strict=True)]
     options = ["-ip=127.0.0.1", "-ip.bind=127.0.0.1", "-filer", "-s3", "-master.electionTimeout=1s", "-volume.max=100"]
     places = [f"-dir={folder}/data", f"-s3.config={folder}/s3.json", f"-filer.localSocket={folder}/socket"]
-    more = ["-master.telemetry=false", "-master.volumeSizeLimitMB=64"]
+    more = ["-master.telemetry=false", "-master.volumeSizeLimitMB=64", "-s3.port.iceberg=0", "-s3.port.lance=0"]
     weed = [os.path.join(packages, "bin", "weed"), "server", *options, *more, *places, *numbered]
     with (folder / "log").open("w") as log:
         process = subprocess.Popen(weed, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
@@ -148,7 +148,7 @@ def test_inputs_work_and_pack_in_a_store(stored: Stored) -> None:
     stored.run("--json", str(report))
     assert json.loads(report.read_text())["pack"] == told["pack"]
     stored.check()
-    text = stored.run("--", "--title", "another", code=1)
+    text = stored.run("--workers", "2", "--", "--title", "another", code=1)
     assert f"{stored.output} already exists; use --force" in text
     stored.check()
 
