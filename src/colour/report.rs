@@ -108,6 +108,10 @@ fn frame_in_words(aligned: &Aligned) -> String {
         let (largest, name) = (worst.after, visible(&worst.name));
         format!(" {rms:.3} m from {points} (root mean square), {largest:.3} m at {name};")
     });
+    let missing = match aligned.without_pose.len() as u64 {
+        0 => String::new(),
+        n => format!(" {} no pose;", counted(n, "known camera has", "known cameras have")),
+    };
     let surface = match (&aligned.landed, &aligned.not_landed) {
         (Some(SurfaceFit { points, share, median, .. }), _) => {
             let points = counted(*points as u64, "point", "points");
@@ -119,7 +123,7 @@ fn frame_in_words(aligned: &Aligned) -> String {
         (None, Some(why)) => format!("not fitted to the surface: {why}"),
         (None, None) => "not fitted to the surface, because the reconstruction has no points".to_owned(),
     };
-    format!("Frame of the reconstruction:{known} {surface}.")
+    format!("Frame of the reconstruction:{known}{missing} {surface}.")
 }
 
 fn frame_as_json(aligned: &Aligned) -> Value {
@@ -130,6 +134,7 @@ fn frame_as_json(aligned: &Aligned) -> Value {
         "translation": translation.to_array(),
         "rms": aligned.rms,
         "residuals": aligned.residuals.iter().map(|r| json!({"name": r.name, "before": r.before, "after": r.after})).collect::<Vec<_>>(),
+        "cameras_without_pose": aligned.without_pose,
         "surface": aligned.landed.as_ref().map(|fit| json!({"points": fit.points, "share": fit.share, "median": fit.median})),
         "surface_not_used": aligned.not_landed.as_ref().map(ToString::to_string),
     })

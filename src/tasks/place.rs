@@ -30,7 +30,7 @@ impl Place {
                 let absolute = std::path::absolute(&folder);
                 Ok(Self::Folder(absolute.with_context(|| format!("cannot use {}", folder.display()))?))
             }
-            store => Ok(store),
+            store @ Self::Store(_) => Ok(store),
         }
     }
 

@@ -28,6 +28,8 @@ use tokio::runtime::Handle;
 
 /// Requests for small objects at once.
 const AT_ONCE: usize = 16;
+/// How long requests are tried after the user has asked for a stop.
+const AFTER_STOP: Duration = Duration::from_secs(10);
 /// How often it is looked whether the user asks for a stop.
 const LOOK: Duration = Duration::from_millis(50);
 
@@ -145,6 +147,16 @@ impl Objects {
     #[must_use]
     pub fn with_stop(self, stop: impl Fn() -> bool + Send + Sync + 'static) -> Self {
         Self { stop: Arc::new(stop), ..self }
+    }
+
+    /// The same for removing what was made, also after the user has asked for a stop; then for a short time only.
+    #[must_use]
+    pub fn even_if_stopped(&self) -> Self {
+        if !(self.stop)() {
+            return self.clone();
+        }
+        let patience = Patience { whole: self.patience.whole.min(AFTER_STOP), ..self.patience };
+        Self { stop: Arc::new(|| false), patience, ..self.clone() }
     }
 
     /// The same with parts of another length, bytes. S3 takes none below 5 MiB but the last.
@@ -295,7 +307,10 @@ impl Objects {
         let (this, path) = (self.clone(), path.clone());
         let Some(unfinished) = self.unfinished.clone() else { return Ok(0) };
         self.wait(async move {
-            let found = this.tried(|| unfinished.uploads(&path)).await?;
+            // The library does not send this request, and so does not repeat it.
+            let patience = Patience { attempts: u32::MAX, ..this.patience };
+            let patient = Self { patience, ..this.clone() };
+            let found = patient.tried(|| unfinished.uploads(&path)).await?;
             for upload in &found {
                 match this.tried(|| unfinished.abort(upload)).await {
                     Err(ObjectError::Missing) => {}
@@ -372,6 +387,7 @@ impl Objects {
         mode: PutMode,
         attributes: &Attributes,
     ) -> Result<bool, ObjectError> {
+        let begun = Instant::now();
         loop {
             let put = || {
                 let options =
@@ -381,7 +397,13 @@ impl Objects {
             match self.tried(put).await {
                 Ok(_) => return Ok(true),
                 // A store that is asked by two at once may refuse both: then there is none yet.
-                Err(ObjectError::Exists) if self.head(path).await?.is_some() => return Ok(false),
+                Err(ObjectError::Exists) if mode == PutMode::Create && self.head(path).await?.is_some() => {
+                    return Ok(false);
+                }
+                Err(ObjectError::Exists) if begun.elapsed() >= self.patience.whole => {
+                    let why = "the store refuses the object, as if there were one of its name or somebody else were writing it";
+                    return Err(ObjectError::Failed(why.to_owned()));
+                }
                 Err(ObjectError::Exists) => self.pause(self.patience.longest_pause).await?,
                 Err(e) => return Err(e),
             }

@@ -71,7 +71,13 @@ impl OfBucket {
         let body = answer.into_body().bytes().await.map_err(generic)?;
         let text = String::from_utf8_lossy(&body);
         if !status.is_success() {
-            return Err(generic(format!("{status}: {text}")));
+            let (path, source) = (prefix.to_string(), format!("{status}: {text}").into());
+            return Err(match status.as_u16() {
+                401 => Error::Unauthenticated { path, source },
+                403 => Error::PermissionDenied { path, source },
+                404 => Error::NotFound { path, source },
+                _ => generic(source),
+            });
         }
         quick_xml::de::from_str(&text).map_err(|_| generic("its list of unfinished uploads cannot be read"))
     }

@@ -129,7 +129,9 @@ impl ObjectFolder {
 
 impl Store for ObjectFolder {
     fn display_path(&self, name: &str) -> String {
-        self.objects.display(&format!("{}/{name}", self.folder).into())
+        // Not `Path::from`, which encodes characters, so that nobody would find the object.
+        let name = format!("{}/{name}", self.folder);
+        Key::parse(&name).map_or_else(|_| name.clone(), |key| self.objects.display(&key))
     }
 
     fn length(&self, name: &str) -> Result<Option<u64>, BuildError> {
@@ -187,7 +189,8 @@ impl Store for ObjectFolder {
 
     fn remove(&self, name: &str) -> Result<(), BuildError> {
         self.forget(name);
-        self.objects.remove(&self.key(name)?).map_err(|e| self.error("remove", name, e))
+        // What a stopped task made is removed all the same.
+        self.objects.even_if_stopped().remove(&self.key(name)?).map_err(|e| self.error("remove", name, e))
     }
 
     fn list(&self, prefix: &str) -> Result<Vec<String>, BuildError> {

@@ -254,6 +254,11 @@ impl SharedBuild {
         let Some(manifest) = manifest else {
             return Ok(State::Damaged { why: "its manifest is damaged".to_owned(), bytes, manifest: None });
         };
+        if let Some(file) = manifest.files.values().find(|file| !is_of_a_task(&file.name)) {
+            // Not given to anybody who would remove what it names.
+            let why = format!("its manifest names {:?}, which no task writes", file.name);
+            return Ok(State::Damaged { why, bytes, manifest: None });
+        }
         let fault = if manifest.of.as_deref() == of {
             self.fault(&manifest)?
         } else {
@@ -268,9 +273,6 @@ impl SharedBuild {
     /// What is wrong with the files that a manifest names.
     fn fault(&self, manifest: &Manifest) -> Result<Option<String>, BuildError> {
         for file in manifest.files.values() {
-            if file.name.strip_prefix("files/").is_none_or(|name| name.contains(['/', '\\'])) {
-                return Ok(Some(format!("its manifest names {:?}, which no task writes", file.name)));
-            }
             let found = self.store.length(&file.name)?;
             if found != Some(file.bytes) {
                 let bytes = |n| counted(n, "byte", "bytes");
@@ -438,15 +440,21 @@ impl SharedBuild {
             self.store.create_new(&manifest_name(task), &seal(&serde_json::to_vec(&manifest).unwrap_or_default()))
         });
         if matches!(created, Ok(true)) {
+            // A store may have been asked again for minutes; the build may be gone by now.
+            if let Err(error) = self.still_there() {
+                self.store.remove(&manifest_name(task))?;
+                self.remove_files(&manifest)?;
+                return Err(error);
+            }
             return Ok(Outcome { manifest, already_done: false });
         }
-        // The manifest may be ours all the same, where the answer of a network file system was lost.
+        // The manifest may be ours all the same, if the answer of a network file system or store was lost.
         let found = self.finished(task);
         if found.as_ref().is_ok_and(|found| *found == manifest) {
             return Ok(Outcome { manifest, already_done: false });
         }
-        // Where the build is gone, nobody else would remove them.
-        if created.is_ok() || matches!(self.store.length(PLAN), Ok(None)) {
+        // A manifest that cannot be read may be ours, and then its files are needed. If the build is gone, nobody else would remove them.
+        if found.is_ok() || matches!(self.store.length(PLAN), Ok(None)) {
             self.remove_files(&manifest)?;
         }
         created.and(found).map(|manifest| Outcome { manifest, already_done: true })
@@ -462,6 +470,11 @@ impl SharedBuild {
     fn remove_files(&self, of: &Manifest) -> Result<(), BuildError> {
         of.files.values().try_for_each(|file| self.store.remove(&file.name))
     }
+}
+
+/// Whether a name is one of those under which tasks leave files.
+fn is_of_a_task(name: &str) -> bool {
+    name.strip_prefix("files/").is_some_and(|name| !name.contains(['/', '\\']))
 }
 
 /// Whether a task is done.

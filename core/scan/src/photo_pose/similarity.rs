@@ -9,6 +9,8 @@ use std::fmt;
 
 /// Fewest pairs that define a similarity.
 pub const MIN_PAIRS: usize = 3;
+/// So many pairs, those with the largest residuals, are left out one at a time to find the one that is wrong.
+const MAX_SUSPECTS: usize = 100;
 
 /// Takes coordinates of a reconstruction to those of the survey: `scale · rotation · p + translation`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -206,7 +208,9 @@ impl Similarity {
         // Which pair is wrong? The one without which the others agree; with three pairs, the others always do to a point.
         let mut suspects = Vec::new();
         if pairs.len() > MIN_PAIRS + 1 {
-            for left_out in 0..pairs.len() {
+            let mut order: Vec<usize> = (0..pairs.len()).collect();
+            order.sort_by(|a, b| excess(&pairs[*b], residuals[*b]).total_cmp(&excess(&pairs[*a], residuals[*a])));
+            for left_out in order.into_iter().take(MAX_SUSPECTS) {
                 let others: Vec<Pair> =
                     pairs.iter().enumerate().filter(|(k, _)| *k != left_out).map(|(_, pair)| *pair).collect();
                 if let Some(fit) = Self::umeyama(&others)

@@ -2,11 +2,13 @@
 
 use super::pairs::{KnownCamera, NamedPair};
 use crate::ScanError;
-use crate::photos::{Frame, PhotoSet};
+use crate::photos::{Frame, PhotoRecord, PhotoSet};
 use glam::DVec3;
+use kilwa_scan_core::Pose;
 use kilwa_scan_core::photo_pose::icp::{SurfaceFit, SurfaceFitError, fit_to_surface};
-use kilwa_scan_core::photo_pose::similarity::{Fit, FrameError, Pair};
+use kilwa_scan_core::photo_pose::similarity::{Fit, FrameError, MIN_PAIRS, Pair};
 use kilwa_scan_core::photo_pose::{Similarity, Surface};
+use std::collections::HashMap;
 
 /// Sparse points are used if at least this many photographs saw them.
 const MIN_SEEN: u32 = 2;
@@ -15,6 +17,9 @@ const MAX_POINTS: usize = 50_000;
 /// How far sparse points may be from the surface at first: this many times the root mean square of the pairs, and at least this share of their extent.
 const REACH_PER_RMS: f64 = 5.0;
 const REACH_SHARE: f64 = 0.01;
+
+/// Names of cameras without a pose that an error lists, at most.
+const NAMED: usize = 5;
 
 /// Where the frame comes from.
 #[derive(Debug, Clone, PartialEq)]
@@ -51,6 +56,8 @@ pub struct Aligned {
     pub landed: Option<SurfaceFit>,
     /// Why they were not used, although there is a surface.
     pub not_landed: Option<SurfaceFitError>,
+    /// Cameras whose positions are known, but that have no pose in the reconstruction.
+    pub without_pose: Vec<String>,
 }
 
 impl Aligned {
@@ -75,7 +82,7 @@ impl Aligned {
 /// # Errors
 /// [`ScanError::Request`] if there are too few points, they are on a line, or one contradicts the others; it names the points.
 pub fn frame(set: &PhotoSet, start: &Start, surface: Option<(&Surface, f64)>) -> Result<Aligned, ScanError> {
-    let pairs = pairs(set, start)?;
+    let (pairs, without_pose) = pairs(set, start)?;
     let sparse: Vec<DVec3> = sparse_points(set);
     let (first, before, reach) = if let Start::Given(similarity, reach) = start {
         (*similarity, Vec::new(), *reach)
@@ -104,7 +111,7 @@ pub fn frame(set: &PhotoSet, start: &Start, surface: Option<(&Surface, f64)>) ->
     let residuals: Vec<Residual> = pairs.iter().enumerate().map(residual).collect();
     let square: f64 = residuals.iter().map(|r| r.after * r.after).sum();
     let rms = (!residuals.is_empty()).then(|| (square / residuals.len() as f64).sqrt());
-    Ok(Aligned { similarity, residuals, rms, landed, not_landed })
+    Ok(Aligned { similarity, residuals, rms, landed, not_landed, without_pose })
 }
 
 /// How many points of a reconstruction are near a surface, and how many there are, if its poses are taken as they are. `surface`: as for [`frame()`].
@@ -118,26 +125,36 @@ pub fn near_surface(set: &PhotoSet, (surface, spacing): (&Surface, f64)) -> (usi
     (sparse.iter().filter(is_near).count(), sparse.len())
 }
 
-/// The points that are known in both frames.
-fn pairs(set: &PhotoSet, start: &Start) -> Result<Vec<NamedPair>, ScanError> {
-    match start {
-        Start::Points(pairs) => Ok(pairs.clone()),
-        Start::Given(..) => Ok(Vec::new()),
-        Start::Cameras(cameras) => cameras
-            .iter()
-            .map(|(name, survey, sigma)| {
-                let photo = set.photos.iter().find(|photo| photo.name == *name);
-                let pose = photo.filter(|p| p.frame == Frame::Reconstruction).and_then(|p| p.camera_from_world);
-                let Some(pose) = pose else {
-                    return Err(ScanError::Request(format!(
-                        "the camera position of {name} is known, but the reconstruction has no pose for this photograph; check the name"
-                    )));
-                };
-                let reconstruction = pose.inverse().translation;
-                Ok(NamedPair { name: name.clone(), pair: Pair { survey: *survey, reconstruction, sigma: *sigma } })
-            })
-            .collect(),
+/// The points that are known in both frames, and the cameras that are known only in the survey.
+fn pairs(set: &PhotoSet, start: &Start) -> Result<(Vec<NamedPair>, Vec<String>), ScanError> {
+    let cameras = match start {
+        Start::Points(pairs) => return Ok((pairs.clone(), Vec::new())),
+        Start::Given(..) => return Ok((Vec::new(), Vec::new())),
+        Start::Cameras(cameras) => cameras,
+    };
+    let of_photo = |photo: &PhotoRecord| (photo.frame == Frame::Reconstruction).then_some(photo.camera_from_world)?;
+    let poses: HashMap<&str, Pose> =
+        set.photos.iter().filter_map(|photo| Some((photo.name.as_str(), of_photo(photo)?))).collect();
+    let (mut pairs, mut without_pose) = (Vec::new(), Vec::new());
+    for (name, survey, sigma) in cameras {
+        let Some(pose) = poses.get(name.as_str()) else {
+            without_pose.push(name.clone());
+            continue;
+        };
+        let reconstruction = pose.inverse().translation;
+        pairs.push(NamedPair { name: name.clone(), pair: Pair { survey: *survey, reconstruction, sigma: *sigma } });
     }
+    if pairs.len() < MIN_PAIRS && !without_pose.is_empty() {
+        let some: Vec<&str> = without_pose.iter().take(NAMED).map(String::as_str).collect();
+        let more = if without_pose.len() > NAMED { ", …" } else { "" };
+        return Err(ScanError::Request(format!(
+            "the reconstruction has poses for only {} of the {} cameras whose positions are known; {MIN_PAIRS} are needed. Check the names of the photographs without a pose: {}{more}",
+            pairs.len(),
+            cameras.len(),
+            some.join(", ")
+        )));
+    }
+    Ok((pairs, without_pose))
 }
 
 /// Sparse points that enough photographs saw, evenly chosen if there are very many.
