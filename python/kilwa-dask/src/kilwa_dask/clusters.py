@@ -6,10 +6,12 @@ import asyncio
 import logging
 import os
 import signal
+import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
+from types import FrameType
 from typing import Any
 
 import dask
@@ -33,14 +35,19 @@ _CONFIG: dict[str, Any] = {
 }
 
 
-# When a scheduler on another machine ends by itself. The driver never leaves it idle for that long (`drive_build`).
+# When a scheduler on another machine ends by itself, and how often the driver keeps it from that, in seconds (`_kept_busy`).
 _IDLE_LIMIT = "300s"
+_KEEP_BUSY_EVERY = 60.0
 # How often to look whether a worker can still join, in seconds.
 _LOOK_EVERY = 5
 
 
 class ClusterFailed(Exception):
     """The machines cannot be used; the text says why."""
+
+
+class _NoWorkers(BaseException):
+    """No worker will join any more. No handler of errors on the way to `opened` may take it for one of its own."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +101,56 @@ def opened(choice: Choice) -> Iterator[Client]:
         with opening as cluster, Client(cluster, set_as_default=False) as client:
             if choice.kind == "local":
                 client.register_plugin(LeaveCtrlCToTheDriver())
-            yield client
+            during = {"ssh": _kept_busy, "slurm": _watched}.get(choice.kind, nullcontext)
+            with during(client):
+                yield client
+
+
+@contextmanager
+def _kept_busy(client: Client) -> Iterator[None]:
+    """Give the scheduler an empty task now and then, whatever the driver waits for, for example for a lock of another driver."""
+    ended = threading.Event()
+
+    def keep() -> None:
+        latest = None
+        while not ended.wait(_KEEP_BUSY_EVERY):
+            # One that is not done keeps the scheduler from being idle.
+            if latest is None or latest.done():
+                with suppress(Exception):  # The driver meets the same failure, and reports it.
+                    latest = client.submit(int, pure=False)
+
+    keeper = threading.Thread(target=keep, name="kilwa-dask-keeper", daemon=True)
+    keeper.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        keeper.join()
+
+
+@contextmanager
+def _watched(client: Client) -> Iterator[None]:
+    """Raise `ClusterFailed` when no job of Slurm will bring a worker any more. This interrupts the thread as Ctrl-C does."""
+    jobs = client.cluster.kilwa_dask_jobs
+    thread = threading.get_ident()
+    over = threading.Event()
+
+    def stop(signum: int, frame: FrameType | None) -> None:
+        del signum, frame
+        if not over.is_set():
+            raise _NoWorkers
+
+    # By default, this signal is ignored, should it arrive late.
+    before = signal.signal(signal.SIGURG, stop)
+    try:
+        jobs.on_problem(lambda: signal.pthread_kill(thread, signal.SIGURG))
+        yield
+    except _NoWorkers:
+        raise ClusterFailed(jobs.problem()) from None
+    finally:
+        over.set()
+        jobs.on_problem(None)
+        signal.signal(signal.SIGURG, before)
 
 
 def local_workers(workers: int | None) -> int:
@@ -148,7 +204,7 @@ def _slurm(choice: Choice) -> Any:
 
 
 def wait_for_worker(client: Client) -> None:
-    """Wait until a worker has joined. Raises `ClusterFailed` if jobs of Slurm end before one does."""
+    """Wait until a worker has joined. Raises `ClusterFailed` if no job of Slurm can bring one."""
     jobs = getattr(client.cluster, "kilwa_dask_jobs", None)
     while True:
         try:

@@ -4,17 +4,25 @@ from __future__ import annotations
 
 import asyncio
 import os
+import re
 import shutil
 import subprocess
 import tempfile
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from distributed import Status
+from distributed.diagnostics.plugin import SchedulerPlugin
 from tornado.ioloop import PeriodicCallback
 
 # How often to look for jobs that ended, in milliseconds.
 _LOOK_EVERY = 5000
-# So many jobs that end before a worker of theirs joins mean that none can.
+# How long to wait before jobs are replaced that ended in vain, in seconds: the first time, and at most. It doubles each time.
+_FIRST_WAIT = 5.0
+_LONGEST_WAIT = 300.0
+# So many jobs that end before a worker of theirs joins mean that none can, if no other job is queued.
 _HOPELESS = 3
 
 
@@ -22,20 +30,46 @@ class Refused(Exception):
     """Slurm does not accept the jobs; the text is its own message."""
 
 
+class _Joins(SchedulerPlugin):  # type: ignore[misc]
+    """Tells which workers join, however short they stay."""
+
+    name = "kilwa-dask-joins"
+
+    def __init__(self, joined: Callable[[str], None]) -> None:
+        self._joined = joined
+
+    def add_worker(self, scheduler: Any, worker: str, **_: Any) -> None:
+        """Pass on the name of the worker; dask-jobqueue gives it that of the job."""
+        self._joined(str(scheduler.workers[worker].name))
+
+
 class Jobs:
     """The jobs of a `SLURMCluster`: always as many as asked for.
 
     dask-jobqueue submits each job once. It neither replaces a job that ends, nor notices one that ends before its worker
     joins, nor one that Slurm has refused.
+
+    A job that ended before its worker joined has ended in vain. Those that replace such jobs wait longer each time, until a
+    worker joins; if none ever will, no more are submitted.
     """
 
     def __init__(self, cluster: Any, number: int) -> None:
         """Submit so many jobs, and begin to replace those that end. Raises `Refused`."""
         self._cluster = cluster
         self._number = number
+        self._problem: str | None = None
+        self._tell: Callable[[], None] | None = None
+        # Names of jobs: all that dask-jobqueue has ever listed, and those whose workers have joined. A job that replaces
+        # another has a name of its own, because dask closes the job with the name of a worker 15 s after that has left.
+        self._listed: set[str] = set()
         self._joined: set[str] = set()
+        self._named = 0
+        # Numbers of the jobs that have ended in vain since the last join.
         self._in_vain: list[str] = []
+        self._wait = _FIRST_WAIT
+        self._not_before = 0.0
         _test(cluster.job_script())
+        cluster.scheduler.add_plugin(_Joins(self._join))
         cluster.scale(jobs=number)
         look = PeriodicCallback(self._look, _LOOK_EVERY)
         # The cluster stops it when it is closed.
@@ -43,40 +77,87 @@ class Jobs:
         cluster.loop.add_callback(look.start)
 
     def problem(self) -> str | None:
-        """Return why no worker will ever join, or None if one may."""
-        if self._joined or len(self._in_vain) < _HOPELESS:
-            return None
-        jobs = ", ".join(self._in_vain[-_HOPELESS:])
-        said = f"slurm-{self._in_vain[-1]}.out"
-        return f"the jobs {jobs} of Slurm ended before their workers joined; what they printed says why (for example {said})"
+        """Return why no worker will join any more, or None if one may."""
+        return self._problem
+
+    def on_problem(self, tell: Callable[[], None] | None) -> None:
+        """Have `tell` called in the thread of the cluster when there is a problem, but not if there is one already."""
+        self._tell = tell
+
+    def _join(self, name: str) -> None:
+        if name in self._joined:
+            return
+        self._joined.add(name)
+        self._in_vain.clear()
+        self._wait = _FIRST_WAIT
+        self._not_before = 0.0
 
     async def _look(self) -> None:
-        """Submit the jobs again that have ended."""
-        workers = self._cluster.workers
-        present = {worker["name"] for worker in self._cluster.scheduler_info["workers"].values()}
-        self._joined |= {workers[name].job_id for name in present if name in workers}
-        # A job without an identifier was refused.
-        submitted = {name: job.job_id for name, job in workers.items() if name not in present}
-        queued = await _queued()
-        if queued is None:
+        """Submit other jobs for those that have ended."""
+        workers, wanted = self._cluster.workers, self._cluster.worker_spec
+        # Those that are submitted while Slurm is asked are not in its answer.
+        submitted = {name: job.job_id for name, job in workers.items()}
+        self._listed |= set(submitted)
+        queued = await asyncio.to_thread(_queued)
+        if queued is None or self._problem is not None or self._cluster.status != Status.running:
             return
+        present = {worker["name"] for worker in self._cluster.scheduler_info["workers"].values()}
+        in_vain = False
         for name, job in submitted.items():
-            # Jobs whose workers had joined are left out: dask forgets them itself, after 15 s, and would cancel another job
-            # that has got the name meanwhile.
-            if job in queued or job in self._joined or name not in workers or workers[name].job_id != job:
+            if job in queued or name in present or name not in workers:
                 continue
-            if job is not None:
+            # A job without a number was refused.
+            in_vain |= name not in self._joined
+            if job is not None and name not in self._joined:
                 self._in_vain.append(job)
             del workers[name]
-        self._cluster.scale(jobs=self._number)
+        # Dask has closed others, because their workers had left. The rest are those that are just being submitted.
+        known = self._listed | (self._joined - present)
+        for name in [name for name in wanted if name in known and name not in workers]:
+            del wanted[name]
+        if in_vain:
+            self._not_before = time.monotonic() + self._wait
+            self._wait = min(2 * self._wait, _LONGEST_WAIT)
+        if not present and self._is_hopeless():
+            self._problem = self._describe()
+            if self._tell is not None:
+                self._tell()
+        elif len(wanted) < self._number and time.monotonic() >= self._not_before:
+            while len(wanted) < self._number:
+                self._named += 1
+                wanted[f"again-{self._named}"] = self._cluster.new_spec
+            self._cluster.scale(jobs=self._number)
+
+    def _is_hopeless(self) -> bool:
+        """Return whether so many jobs have ended in vain that none can do better; no worker is there."""
+        # Wanted are jobs that wait, run, or are just being submitted.
+        if self._cluster.worker_spec and len(self._in_vain) < self._number:
+            return False
+        return len(self._in_vain) >= _HOPELESS
+
+    def _describe(self) -> str:
+        jobs = ", ".join(self._in_vain[-_HOPELESS:])
+        said = _output_of(self._in_vain[-1], self._cluster.job_header, self._cluster.job_name)
+        return f"the jobs {jobs} of Slurm ended before their workers joined; what they printed says why (for example {said})"
 
 
-async def _queued() -> set[str] | None:
+def _output_of(job: str, header: str, name: str | None) -> str:
+    """Return the file with the messages of a job, by the directives at the head of its script."""
+    files = {}
+    for option, file in re.findall(r"^#SBATCH\s+(-[oe]|--output|--error)[\s=]*(\S+)", header, re.MULTILINE):
+        files["e" if "e" in option.removeprefix("--")[:2] else "o"] = file
+    pattern = files.get("e") or files.get("o") or "slurm-%j.out"
+    return re.sub("%[jJA]", job, pattern.replace("%x", name or "%x"))
+
+
+def _queued() -> set[str] | None:
     """Return the identifiers of this user's jobs that wait or run; None if Slurm does not answer."""
     command = ["squeue", "--noheader", "--format=%A", f"--user={os.getuid()}"]
-    asked = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.DEVNULL)
-    output, _ = await asked.communicate()
-    return set(output.decode().split()) if asked.returncode == 0 else None
+    try:
+        asked = subprocess.run(command, capture_output=True, text=True, check=False)
+    except OSError:
+        return None
+    return set(asked.stdout.split()) if asked.returncode == 0 else None
 
 
 def _test(script: str) -> None:

@@ -1,0 +1,29 @@
+"""Schedulers that end by themselves when there is nothing to do, because their driver may have been killed."""
+
+from __future__ import annotations
+
+import time
+
+import dask
+import pytest
+from conftest import until
+from distributed import Client, LocalCluster, Status
+
+from kilwa_dask import clusters
+
+
+def test_a_scheduler_is_kept_busy_until_its_driver_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the driver waits for, it is not idle for as long as its limit; afterwards it ends."""
+    monkeypatch.setattr(clusters, "_KEEP_BUSY_EVERY", 0.1)
+    settings = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"idle_timeout": "2s"}}
+    # Closing the cluster looks for the scheduler for so long.
+    with (
+        dask.config.set({"distributed.comm.timeouts.connect": "3s"}),
+        LocalCluster(n_workers=1, processes=False, protocol="tcp", **settings) as cluster,
+    ):
+        with Client(cluster, set_as_default=False) as client:
+            with clusters._kept_busy(client):
+                end = time.monotonic() + 3
+                until(lambda: time.monotonic() > end, "more than the limit has passed")
+                assert cluster.scheduler.status == Status.running
+            until(lambda: cluster.scheduler.status == Status.closed, "the scheduler has ended")
