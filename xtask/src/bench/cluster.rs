@@ -38,6 +38,8 @@ pub(super) struct Args {
 /// A program that ran, and what kilwa itself counted of it.
 struct Done {
     stage: String,
+    /// As `kilwa plan` estimates them; none of tasks that are not divided.
+    triangles: f64,
     used: Usage,
     /// Seconds by the clock that kilwa counts; the rest is the fixed cost of a task.
     seconds: f64,
@@ -49,6 +51,7 @@ struct Done {
 #[derive(Default, Clone)]
 struct Stage {
     tasks: u32,
+    triangles: f64,
     wall_s: f64,
     cpu_s: f64,
     fixed_s: f64,
@@ -139,7 +142,7 @@ fn divided(args: &Args, place: &Place, workers: usize) -> Result<Built> {
         place.measured("assemble", &["assemble", &build, "-o", &pack, "--force", "--threads", "1", "--json"])?;
     let seconds = used.wall_s;
     let written = fs::metadata(&pack)?.len() as f64;
-    done.push(Done { stage: "assemble".into(), used, seconds, read: f64::NAN, written });
+    done.push(Done { stage: "assemble".into(), triangles: 0.0, used, seconds, read: f64::NAN, written });
     let wall_s = started.elapsed().as_secs_f64();
     ensure!(
         same(Path::new(&pack), &place.at("plain.kilwa"))?,
@@ -181,7 +184,7 @@ fn wave(place: &Place, plan: &Value, workers: usize) -> Result<Vec<Done>> {
     let take = || open.lock().ok().and_then(|mut open| open.pop());
     let work = || -> Result<()> {
         while let Some(task) = take() {
-            let one = one(place, &text(task, "id")?, &text(task, "file")?)?;
+            let one = one(place, task)?;
             if let Ok(mut done) = done.lock() {
                 done.push(one);
             }
@@ -199,12 +202,13 @@ fn wave(place: &Place, plan: &Value, workers: usize) -> Result<Vec<Done>> {
 }
 
 /// One task.
-fn one(place: &Place, id: &str, file: &str) -> Result<Done> {
-    let (used, told) = place.measured(&format!("task-{id}"), &["task", file, "--threads", "1", "--json"])?;
+fn one(place: &Place, task: &Value) -> Result<Done> {
+    let (id, file) = (text(task, "id")?, text(task, "file")?);
+    let (used, told) = place.measured(&format!("task-{id}"), &["task", &file, "--threads", "1", "--json"])?;
     let manifest = &told["manifest"];
-    let stage = if id.starts_with("level-") { "levels" } else { id };
     Ok(Done {
-        stage: stage.to_owned(),
+        stage: stage_of(&id).to_owned(),
+        triangles: task["triangles"].as_f64().unwrap_or_default(),
         used,
         seconds: number(manifest, "seconds")?,
         read: number(manifest, "bytes_read")?,
@@ -212,11 +216,17 @@ fn one(place: &Place, id: &str, file: &str) -> Result<Done> {
     })
 }
 
+/// The name of a task without its number; all levels are one stage.
+fn stage_of(id: &str) -> &str {
+    if id.starts_with("level-") { "levels" } else { id.rsplit_once('-').map_or(id, |(stage, _)| stage) }
+}
+
 fn stages(done: Vec<Done>) -> BTreeMap<String, Stage> {
     let mut stages = BTreeMap::<String, Stage>::new();
     for d in done {
         let stage = stages.entry(d.stage).or_default();
         stage.tasks += 1;
+        stage.triangles += d.triangles;
         stage.wall_s += d.used.wall_s;
         stage.cpu_s += d.used.cpu_s;
         stage.fixed_s += d.used.wall_s - d.seconds;
@@ -272,18 +282,19 @@ fn tables(args: &Args, triangles: u64, sha256: &str, rounds: &[[Built; 3]]) -> R
         )?;
     }
     let first = rounds.first().context("no round")?;
-    let measured = costs::Measured::of(n, args.task_triangles as f64, &stages, &first[1].left)?;
+    let measured = costs::Measured::of(n, &stages, &first[1].left)?;
     table.push_str(&costs::table(&measured)?);
     Ok(table)
 }
 
 /// The stages of one worker, in the order in which they are done.
 fn medians_of(rounds: &[[Built; 3]]) -> Result<Vec<(String, Stage)>> {
-    let names = ["ingest", "levels", "tail", "assemble"];
+    let names = ["ingest", "region", "tree", "leaves", "levels", "tail", "assemble"];
     let known = &rounds.first().context("no round")?[1].stages;
-    // A build may have more kinds of tasks; they are done before the levels.
-    let others = known.keys().map(String::as_str).filter(|name| !names.contains(name));
-    let ordered = others.chain(names.into_iter().filter(|&name| known.contains_key(name)));
+    if let Some(other) = known.keys().find(|name| !names.contains(&name.as_str())) {
+        bail!("this program does not know the stage {other} of a build");
+    }
+    let ordered = names.into_iter().filter(|&name| known.contains_key(name));
     let of = |name: &str| {
         let all: Vec<&Stage> = rounds.iter().filter_map(|round| round[1].stages.get(name)).collect();
         let mid = |field: &dyn Fn(&Stage) -> f64| median(all.iter().map(|stage| field(stage)));
@@ -326,7 +337,13 @@ fn number(value: &Value, key: &str) -> Result<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::median;
+    use super::{median, stage_of};
+
+    #[test]
+    fn a_stage_is_the_name_without_the_number() {
+        let ids = ["ingest", "region-0000", "tree", "leaves-0003", "level-09-0001", "level-10-0000", "tail"];
+        assert_eq!(ids.map(stage_of), ["ingest", "region", "tree", "leaves", "levels", "levels", "tail"]);
+    }
 
     #[test]
     fn a_median_is_in_the_middle() {

@@ -2,12 +2,13 @@
 //!
 //! With N triangles, tasks of [`TASK`] triangles and P cores, each a worker with one thread:
 //!
-//! * Level k below the finest has N / 4^k triangles (two bisections of a surface halve its triangles twice), and is divided into N / 4^k /
-//!   TASK tasks, as long as that is more than one; the rest is the tail.
-//! * The levels cost as much per triangle of theirs, on each level, as measured over all divided levels.
-//! * Waves do not overlap: a level takes ceil(tasks / P) times as long as a task.
-//! * Of the ingest, [`DIVIDED`] can be divided; the rest is done by one worker on one core.
-//! * Every task reads the whole tree: [`TREE_MEMORY`] bytes per triangle in memory (decision 83).
+//! * The ingest, the tree and the assembly are one task each, whose time grows with N; they are not divided.
+//! * The regions and the leaves are N / TASK tasks each.
+//! * Level k below the finest has N / [`REDUCTION`]^k triangles. It is divided into as many tasks as its triangles need, at least
+//!   [`LEAST`], as long as it has more than a share of one in [`TAIL_SHARE`] of the triangles of a task; the rest is the tail.
+//! * The levels cost as much per triangle of theirs, on each level, as measured over all divided levels; so does the tail.
+//! * Waves do not overlap: a stage takes ceil(tasks / P) times as long as one of its tasks.
+//! * Every task after the tree, and the assembly, read the whole tree: [`TREE_MEMORY`] bytes per triangle in memory (decision 83).
 //! * Assembling holds the directory: [`ENTRY_MEMORY`] bytes for each chunk.
 
 use super::Stage;
@@ -16,8 +17,11 @@ use std::fmt::Write as _;
 
 /// Triangles of a task by default.
 const TASK: f64 = 1e7;
-/// Share of the ingest's processor time that can be divided. Decision 83: none, the ingest is one task.
-const DIVIDED: f64 = 0.0;
+/// How many triangles become one at each level (`levels::fragment::REDUCTION` of the builder).
+const REDUCTION: f64 = 5.0;
+/// Tasks of a divided level, at least, and how small a part of a task a level of the tail is (`tasks/shards.rs` of the builder).
+const LEAST: f64 = 4.0;
+const TAIL_SHARE: f64 = 16.0;
 /// Bytes of memory per triangle for the tree in every task, as decision 83 measured.
 const TREE_MEMORY: f64 = 1.5;
 /// Bytes of memory for each chunk of a pack while it is assembled, its entry and its place in a page: measured with 5.5 million chunks
@@ -26,20 +30,38 @@ const ENTRY_MEMORY: f64 = 283.0;
 const SIZES: [f64; 3] = [1e9, 1e10, 1.5e10];
 const CORES: [f64; 3] = [1.0, 16.0, 512.0];
 
-/// What was measured, per triangle of the model if nothing else is said.
+/// A stage, per triangle: of the model, or of the tasks of the stage.
+struct Rates {
+    cpu_s: f64,
+    /// Reading the tree is left out.
+    read: f64,
+    written: f64,
+}
+
+impl Rates {
+    /// Of a stage with so many triangles. `trees` are the bytes that its tasks read of the tree.
+    fn of(stage: &Stage, triangles: f64, trees: f64) -> Self {
+        // What the assembly reads is not counted.
+        let read = if stage.read.is_nan() { 0.0 } else { (stage.read - trees).max(0.0) };
+        Self { cpu_s: stage.cpu_s / triangles, read: read / triangles, written: stage.written / triangles }
+    }
+
+    fn moved(&self) -> f64 {
+        self.read + self.written
+    }
+}
+
+/// What was measured. Rates are per triangle of the model; those of the levels and the tail per triangle of theirs.
 pub(super) struct Measured {
-    ingest_cpu_s: f64,
-    /// Per triangle of the levels.
-    level_cpu_s: f64,
-    /// Per triangle of the level that the tail begins with.
-    tail_cpu_s: f64,
-    assemble_cpu_s: f64,
-    ingest_written: f64,
-    /// Per triangle of the levels; reading the tree is left out.
-    level_read: f64,
-    level_written: f64,
-    tree: f64,
-    pack: f64,
+    ingest: Rates,
+    region: Rates,
+    tree: Rates,
+    leaves: Rates,
+    levels: Rates,
+    tail: Rates,
+    assemble: Rates,
+    /// Bytes of the file of the tree per triangle.
+    tree_bytes: f64,
     /// Memory of a level's task beside the tree, bytes per triangle of the task.
     level_memory: f64,
     files_per_task: f64,
@@ -56,84 +78,131 @@ pub(super) struct Left {
 
 impl Measured {
     /// From the stages of a model of `n` triangles.
-    pub(super) fn of(n: f64, task: f64, stages: &[(String, Stage)], left: &Left) -> Result<Self> {
+    pub(super) fn of(n: f64, stages: &[(String, Stage)], left: &Left) -> Result<Self> {
         let of = |name: &str| {
             let found = stages.iter().find(|(stage, _)| stage == name).map(|(_, stage)| stage);
             found.with_context(|| format!("the mesh is too small for its tasks: there is no stage {name}"))
         };
-        let (ingest, of_shards, tail, assemble) = (of("ingest")?, of("levels")?, of("tail")?, of("assemble")?);
-        let tasks = f64::from(of_shards.tasks);
-        let divided = levels(n, task);
-        let of_levels = divided.iter().sum::<f64>() * task;
-        let of_tail = n / 4f64.powi(i32::try_from(divided.len())?);
-        let tree = left.tree_bytes / n;
+        let trees = |stage: &Stage| f64::from(stage.tasks) * left.tree_bytes;
+        let (leaves, levels, tail) = (of("leaves")?, of("levels")?, of("tail")?);
+        // All but the assembly.
+        let tasks: u32 = stages.iter().filter(|(name, _)| name != "assemble").map(|(_, stage)| stage.tasks).sum();
         Ok(Self {
-            ingest_cpu_s: ingest.cpu_s / n,
-            level_cpu_s: of_shards.cpu_s / of_levels,
-            tail_cpu_s: tail.cpu_s / of_tail,
-            assemble_cpu_s: assemble.cpu_s / n,
-            ingest_written: ingest.written / n,
-            level_read: (of_shards.read - tasks * left.tree_bytes).max(0.0) / of_levels,
-            level_written: of_shards.written / of_levels,
-            tree,
-            pack: assemble.written / n,
-            level_memory: (of_shards.peak_bytes as f64 - TREE_MEMORY * n).max(0.0) / task,
-            files_per_task: left.files / (tasks + 2.0),
+            ingest: Rates::of(of("ingest")?, n, 0.0),
+            region: Rates::of(of("region")?, n, 0.0),
+            tree: Rates::of(of("tree")?, n, 0.0),
+            leaves: Rates::of(leaves, n, trees(leaves)),
+            levels: Rates::of(levels, levels.triangles, trees(levels)),
+            tail: Rates::of(tail, tail.triangles, trees(tail)),
+            assemble: Rates::of(of("assemble")?, n, 0.0),
+            tree_bytes: left.tree_bytes / n,
+            level_memory: (levels.peak_bytes as f64 - TREE_MEMORY * n).max(0.0) * f64::from(levels.tasks)
+                / levels.triangles,
+            files_per_task: left.files / f64::from(tasks),
             chunks: left.chunks / n,
         })
     }
 }
 
-/// Tasks of the divided levels, the finest first.
-fn levels(n: f64, task: f64) -> Vec<f64> {
-    let sizes = std::iter::successors(Some(n), |above| Some(above / 4.0));
-    sizes.map(|at| at / task).take_while(|&tasks| tasks > 1.0).collect()
+/// A model as it is divided into tasks of [`TASK`] triangles.
+struct Division {
+    /// Tasks of the regions; there are as many of the leaves.
+    regions: f64,
+    /// Triangles and tasks of the divided levels, the finest first.
+    levels: Vec<(f64, f64)>,
+    /// Triangles of the tail.
+    tail: f64,
+}
+
+impl Division {
+    fn of(n: f64) -> Self {
+        let sizes = || std::iter::successors(Some(n), |below| Some(below / REDUCTION));
+        let is_divided = |level: &f64| level * TAIL_SHARE > TASK;
+        let levels: Vec<_> =
+            sizes().take_while(is_divided).map(|level| (level, (level / TASK).ceil().max(LEAST))).collect();
+        // The levels of the tail are a part of a part of a part …
+        let tail = sizes().find(|level| !is_divided(level)).unwrap_or_default() * REDUCTION / (REDUCTION - 1.0);
+        Self { regions: (n / TASK).ceil(), levels, tail }
+    }
+
+    fn level_triangles(&self) -> f64 {
+        self.levels.iter().map(|(triangles, _)| triangles).sum()
+    }
+
+    fn level_tasks(&self) -> f64 {
+        self.levels.iter().map(|(_, tasks)| tasks).sum()
+    }
+
+    /// All tasks but the assembly: also the ingest, the tree and the tail.
+    fn tasks(&self) -> f64 {
+        2.0 * self.regions + self.level_tasks() + 3.0
+    }
+
+    /// How often the tree is read as a whole: by the leaves, the levels, the tail and the assembly.
+    fn readers_of_tree(&self) -> f64 {
+        self.regions + self.level_tasks() + 2.0
+    }
+}
+
+/// Seconds that one worker is busy while the others wait: the ingest, the tree, the tail and the assembly.
+fn alone(m: &Measured, n: f64, divided: &Division) -> f64 {
+    (m.ingest.cpu_s + m.tree.cpu_s + m.assemble.cpu_s) * n + m.tail.cpu_s * divided.tail
 }
 
 /// Seconds by the clock on so many cores.
-fn seconds(m: &Measured, n: f64, cores: f64) -> f64 {
-    let ingest = m.ingest_cpu_s * n * ((1.0 - DIVIDED) + DIVIDED / cores);
-    let task = m.level_cpu_s * TASK;
-    let waves: f64 = levels(n, TASK).iter().map(|tasks| (tasks.ceil() / cores).ceil() * task).sum();
-    ingest + waves + m.tail_cpu_s * TASK + m.assemble_cpu_s * n
+fn seconds(m: &Measured, n: f64, divided: &Division, cores: f64) -> f64 {
+    let rounds = |tasks: f64| (tasks / cores).ceil();
+    let finest = rounds(divided.regions) * (m.region.cpu_s + m.leaves.cpu_s) * n / divided.regions;
+    let levels = divided.levels.iter().map(|(triangles, tasks)| rounds(*tasks) * m.levels.cpu_s * triangles / tasks);
+    alone(m, n, divided) + finest + levels.sum::<f64>()
+}
+
+fn constants(m: &Measured) -> String {
+    let [ingest, region, tree, leaves, assembly] =
+        [&m.ingest, &m.region, &m.tree, &m.leaves, &m.assemble].map(|rates| rates.cpu_s * 1e6);
+    let [levels, tail] = [&m.levels, &m.tail].map(|rates| rates.cpu_s * 1e6);
+    format!(
+        "\nCosts on paper, by the formulae of `xtask/src/bench/cluster/costs.rs`, from these constants: µs of processor time per triangle: ingest {ingest:.2}, regions {region:.2}, tree {tree:.3}, leaves {leaves:.2}, assembly {assembly:.2}, and per triangle of theirs: levels {levels:.2}, tail {tail:.2}; bytes per triangle: {:.1} written by the ingest, {:.1} read and {:.1} written by the regions, {:.1} and {:.1} by the leaves, and per triangle of theirs {:.1} and {:.1} by the levels; {:.2} for the tree, read by every task after it; pack {:.2}; {:.0} triangles per chunk.\n\n",
+        m.ingest.written,
+        m.region.read,
+        m.region.written,
+        m.leaves.read,
+        m.leaves.written,
+        m.levels.read,
+        m.levels.written,
+        m.tree_bytes,
+        m.assemble.written,
+        1.0 / m.chunks
+    )
 }
 
 pub(super) fn table(m: &Measured) -> Result<String> {
-    let mut table = format!(
-        "\nCosts on paper, by the formulae of `xtask/src/bench/cluster/costs.rs`, from these constants: ingest {:.2} and assembly {:.2} µs of processor time per triangle, levels {:.2} and tail {:.2} µs per triangle of theirs; {:.1} bytes per triangle written by the ingest, {:.1} read and {:.1} written by the levels, per triangle of theirs, and {:.2} for the tree, read by every task; pack {:.2} bytes per triangle, {:.0} triangles per chunk.\n\n\
-         | triangles | tasks | files | processor h | moved, TB | of that the tree, TB | memory of a task of a level, GB | of the assembly, GB | 1 core: h | 16 cores: h | 512 cores: h | of that the ingest: h |\n\
+    let mut table = constants(m);
+    table.push_str(
+        "| triangles | tasks | files | processor h | moved, TB | of that the tree, TB | memory of a task of a level, GB | of the assembly, GB | 1 core: h | 16 cores: h | 512 cores: h | of that one task alone: h |\n\
          |---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n",
-        m.ingest_cpu_s * 1e6,
-        m.assemble_cpu_s * 1e6,
-        m.level_cpu_s * 1e6,
-        m.tail_cpu_s * 1e6,
-        m.ingest_written,
-        m.level_read,
-        m.level_written,
-        m.tree,
-        m.pack,
-        1.0 / m.chunks
     );
     for n in SIZES {
-        let levels = levels(n, TASK);
-        let tasks: f64 = levels.iter().map(|tasks| tasks.ceil()).sum();
-        let of_levels: f64 = levels.iter().sum::<f64>() * TASK;
-        let cpu_h =
-            (m.ingest_cpu_s * n + m.level_cpu_s * of_levels + m.tail_cpu_s * TASK + m.assemble_cpu_s * n) / 3600.0;
-        let trees = (tasks + 2.0) * m.tree * n;
-        let moved = m.ingest_written * n + (m.level_read + m.level_written) * of_levels + 2.0 * m.pack * n + trees;
+        let divided = Division::of(n);
+        let trees = divided.readers_of_tree() * m.tree_bytes * n;
+        // The pack is read once to check it.
+        let of_model = [&m.ingest, &m.region, &m.tree, &m.leaves, &m.assemble].map(Rates::moved).iter().sum::<f64>();
+        let moved = (of_model + m.assemble.written) * n
+            + m.levels.moved() * divided.level_triangles()
+            + m.tail.moved() * divided.tail
+            + trees;
         let [memory, assembly] = [TREE_MEMORY * n + m.level_memory * TASK, (TREE_MEMORY + ENTRY_MEMORY * m.chunks) * n];
-        let [one, some, many] = CORES.map(|cores| seconds(m, n, cores) / 3600.0);
+        let [one, some, many] = CORES.map(|cores| seconds(m, n, &divided, cores) / 3600.0);
         writeln!(
             table,
-            "| {n:.1e} | {:.0} | {:.0} | {cpu_h:.1} | {:.2} | {:.2} | {:.1} | {:.1} | {one:.1} | {some:.1} | {many:.1} | {:.1} |",
-            tasks + 3.0,
-            (tasks + 2.0) * m.files_per_task,
+            "| {n:.1e} | {:.0} | {:.0} | {one:.1} | {:.2} | {:.2} | {:.1} | {:.1} | {one:.1} | {some:.1} | {many:.1} | {:.1} |",
+            divided.tasks() + 1.0,
+            divided.tasks() * m.files_per_task,
             moved / 1e12,
             trees / 1e12,
             memory / 1e9,
             assembly / 1e9,
-            m.ingest_cpu_s * n * ((1.0 - DIVIDED) + DIVIDED / CORES[2]) / 3600.0
+            alone(m, n, &divided) / 3600.0
         )?;
     }
     Ok(table)
@@ -144,9 +213,35 @@ mod tests {
     use super::*;
 
     #[test]
-    fn levels_shrink_to_a_quarter_until_they_are_one_task() {
-        let tasks = levels(1e9, TASK);
-        assert_eq!(tasks.iter().map(|t| t.ceil() as u32).collect::<Vec<_>>(), [100, 25, 7, 2]);
-        assert!(levels(9e6, TASK).is_empty());
+    fn levels_shrink_to_a_fifth_until_they_are_a_part_of_a_task() {
+        let divided = Division::of(1e9);
+        assert_eq!(divided.levels.iter().map(|(_, tasks)| *tasks as u32).collect::<Vec<_>>(), [100, 20, 4, 4, 4]);
+        assert!((divided.tail - 400_000.0).abs() < 1.0);
+        assert!(Division::of(6e5).levels.is_empty());
+    }
+
+    #[test]
+    fn one_core_takes_the_sum_and_very_many_what_is_not_divided() {
+        let rates = |cpu_s| Rates { cpu_s, read: 1.0, written: 1.0 };
+        let m = Measured {
+            ingest: rates(4e-7),
+            region: rates(4e-7),
+            tree: rates(4e-8),
+            leaves: rates(2e-7),
+            levels: rates(4e-6),
+            tail: rates(8e-6),
+            assemble: rates(2e-7),
+            tree_bytes: 0.6,
+            level_memory: 80.0,
+            files_per_task: 3.0,
+            chunks: 1.0 / 3400.0,
+        };
+        let (n, divided) = (1e10, Division::of(1e10));
+        let shared = (m.region.cpu_s + m.leaves.cpu_s) * n + m.levels.cpu_s * divided.level_triangles();
+        assert!((seconds(&m, n, &divided, 1.0) - alone(&m, n, &divided) - shared).abs() < 1.0);
+        // A task of each stage that is divided is left.
+        let most = 1e7 * (m.region.cpu_s + m.leaves.cpu_s + m.levels.cpu_s * divided.levels.len() as f64);
+        let many = seconds(&m, n, &divided, 1e6) - alone(&m, n, &divided);
+        assert!(many > 0.0 && many <= most * 1.001, "{many} of at most {most}");
     }
 }
