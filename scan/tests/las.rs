@@ -101,6 +101,54 @@ fn heads_of_chunks_that_lie_are_refused_by_the_byte_of_the_chunk() {
     }
 }
 
+/// The record says how many items a point has: it is not read beyond its end, and not once more for each record like it.
+#[test]
+fn very_many_laszip_records_of_very_many_items_are_refused_at_once() {
+    const RECORDS: u32 = 20_000;
+    let site = Site::new();
+    let sound = std::fs::read(written(&site, "seed.laz", 6, 50)).unwrap();
+    let head = usize::from(u16::from_le_bytes([sound[94], sound[95]]));
+    let mut record = [0; 54];
+    record[18..20].copy_from_slice(&22_204_u16.to_le_bytes());
+    // Behind a record without data, this is the number of items of the one before it.
+    record[32..34].fill(255);
+    let mut bytes = sound[..head].to_vec();
+    bytes.extend(record.repeat(RECORDS as usize));
+    let points = bytes.len() as u32;
+    bytes.resize(bytes.len() + 6 * 65_535, 0);
+    bytes[96..100].copy_from_slice(&points.to_le_bytes());
+    bytes[100..104].copy_from_slice(&RECORDS.to_le_bytes());
+    let message = refusal(&site, &bytes);
+    assert!(message.contains(&format!("byte {}:", head + 54 + 32)), "{message}");
+    assert!(message.contains("65535 items of points in a LASzip record of 0 bytes"), "{message}");
+}
+
+#[test]
+fn a_second_laszip_record_and_too_many_items_are_refused_by_their_bytes() {
+    let site = Site::new();
+    let sound = std::fs::read(written(&site, "seed.laz", 6, 50)).unwrap();
+    let (head, points) = (usize::from(u16::from_le_bytes([sound[94], sound[95]])), chunks_at(&sound) - 8);
+    let found = (head..points).find(|at| sound[at + 18..at + 20] == 22_204_u16.to_le_bytes()).unwrap();
+    let length = 54 + usize::from(u16::from_le_bytes([sound[found + 20], sound[found + 21]]));
+    let record = sound[found..found + length].to_vec();
+    // The record is replaced by these bytes, which are this many records.
+    let with = |records: &[u8], more: u32| {
+        let mut bytes = [&sound[..found], records, &sound[found + length..]].concat();
+        let count = u32::from_le_bytes(sound[100..104].try_into().unwrap()) + more;
+        bytes[96..100].copy_from_slice(&((points + records.len() - length) as u32).to_le_bytes());
+        bytes[100..104].copy_from_slice(&count.to_le_bytes());
+        refusal(&site, &bytes)
+    };
+    let message = with(&record.repeat(2), 1);
+    assert!(message.contains(&format!("byte {}: found a second LASzip record", found + length)), "{message}");
+    let mut many = record.clone();
+    many[20..22].copy_from_slice(&(34 + 6 * 16_u16).to_le_bytes());
+    many[54 + 32..54 + 34].copy_from_slice(&16_u16.to_le_bytes());
+    many.resize(54 + 34 + 6 * 16, 0);
+    let message = with(&many, 0);
+    assert!(message.contains(&format!("byte {}: found 16 items", found + 54 + 32)), "{message}");
+}
+
 /// Bytes that are not those of a layer lead `laz` into a call of itself without end where it decodes GPS times, which are not kept and not decoded.
 #[test]
 fn any_layer_of_gps_times_is_passed_over() {

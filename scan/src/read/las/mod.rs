@@ -114,10 +114,10 @@ impl Points {
 fn open(input: &Input<'_>) -> Result<Points, ScanError> {
     let cannot = |source| ReadError::Open { file: input.path.to_owned(), source };
     let mut file = kilwa_files::plain_file::open(input.path).map_err(cannot)?;
-    if let Some(bounds::Excess { at, found, expected }) = bounds::excess(&mut file, input.total) {
-        return Err(ScanError::malformed(input.path, Place::Byte(at), found, expected));
-    }
-    let (layers, at) = (bounds::layers(&mut file), bounds::number(&mut file, 96, 4).unwrap_or(0));
+    let layers = bounds::layers(&mut file, input.total).map_err(|bounds::Excess { at, found, expected }| {
+        ScanError::malformed(input.path, Place::Byte(at), found, expected)
+    })?;
+    let at = bounds::number(&mut file, 96, 4).unwrap_or(0);
     file.rewind().map_err(cannot)?;
     let opened = survived(|| match layers {
         Some(layers) => {
