@@ -32,6 +32,8 @@ pub(crate) fn written(site: &Site, name: &str, format: u8, count: u32) -> PathBu
             nir: format.has_nir.then(|| rng.u16(..)),
             waveform: format.has_waveform.then(Default::default),
             extra_bytes: vec![rng.u8(..), 7, (k % 3) as u8],
+            // Each channel of the scanner has contexts of its own in layers.
+            scanner_channel: (k / 7 % 4) as u8,
             ..las::Point::default()
         };
         writer.write_point(point).unwrap();
