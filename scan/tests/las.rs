@@ -17,6 +17,7 @@ pub(crate) fn written(site: &Site, name: &str, format: u8, count: u32) -> PathBu
     let format = builder.point_format;
     let mut writer = las::Writer::from_path(&path, builder.into_header().unwrap()).unwrap();
     let mut rng = fastrand::Rng::with_seed(3);
+    let returns = if format.is_extended { 15 } else { 5 };
     for k in 0..count {
         let mut near = || 566_000.0 + f64::from(rng.u32(..90_000)) * 0.001;
         let (x, y, z) = (near(), near(), near());
@@ -25,15 +26,15 @@ pub(crate) fn written(site: &Site, name: &str, format: u8, count: u32) -> PathBu
             y,
             z,
             intensity: rng.u16(..),
-            return_number: rng.u8(1..=15),
-            number_of_returns: 15,
+            return_number: rng.u8(1..=returns),
+            number_of_returns: returns,
             gps_time: format.has_gps_time.then_some(f64::from(k)),
             color: format.has_color.then(|| las::Color { red: rng.u16(..), green: 700, blue: 65_535 }),
             nir: format.has_nir.then(|| rng.u16(..)),
             waveform: format.has_waveform.then(Default::default),
             extra_bytes: vec![rng.u8(..), 7, (k % 3) as u8],
             // Each channel of the scanner has contexts of its own in layers.
-            scanner_channel: (k / 7 % 4) as u8,
+            scanner_channel: if format.is_extended { (k / 7 % 4) as u8 } else { 0 },
             ..las::Point::default()
         };
         writer.write_point(point).unwrap();
@@ -149,6 +150,26 @@ fn a_second_laszip_record_and_too_many_items_are_refused_by_their_bytes() {
     many.resize(54 + 34 + 6 * 16, 0);
     let message = with(&many, 0);
     assert!(message.contains(&format!("byte {}: found 16 items", found + 54 + 32)), "{message}");
+}
+
+/// Layers of values that never change take almost no bytes, so that a small file can hold more points than the disk has room for.
+#[test]
+fn points_that_the_disk_has_no_room_for_are_refused_before_they_are_read() {
+    let site = Site::new();
+    for format in [3, 6] {
+        let mut bytes = std::fs::read(written(&site, "seed.laz", format, 50)).unwrap();
+        // The number of points has 32 bits in older versions and 64 in version 1.4; which one is read depends on both.
+        bytes[107..111].fill(255);
+        bytes[247..251].fill(255);
+        let message = refusal(&site, &bytes);
+        let free = fs4::available_space(site.survey()).unwrap();
+        if free > 80 << 30 {
+            eprintln!("skipped: the disk has room for {free} bytes");
+            continue;
+        }
+        assert!(message.contains("4294967295 samples take 80 GiB") && message.contains(" free"), "{message}");
+        assert!(!site.survey().join("stations").exists());
+    }
 }
 
 /// Bytes that are not those of a layer lead `laz` into a call of itself without end where it decodes GPS times, which are not kept and not decoded.

@@ -46,13 +46,13 @@ pub(super) fn read(input: &mut Input<'_>) -> Result<(), ScanError> {
             format!("at most {most}; the file is truncated, or must be split"),
         ));
     }
-    let shift = if format.has_color { color_shift(input, count)? } else { 0 };
     let frame = Frame::unplaced(input.options, input.options.units.metres());
     let pose = Some(frame.pose(Pose::default()));
-    let head = Head { pose, crs: crs(&header), is_position_given: true, ..Head::default() };
+    let head = Head { pose, crs: crs(&header), is_position_given: true, samples: Some(count), ..Head::default() };
     if !input.sink.begin(&head)? {
         return Ok(());
     }
+    let shift = if format.has_color { color_shift(input, count)? } else { 0 };
     let mut done = 0;
     batches(&mut points, count, input.path, &mut |points, from| {
         let mut colors = points.rgb();
