@@ -7,11 +7,12 @@
 use crate::ScanError;
 use crate::lock::Lock;
 use crate::read::{self, Head, Picture, ReadOptions, Sink};
-use crate::spool::{Header, Layout, Writer};
+use crate::spool::{Header, Layout, SAMPLE_BYTES, Writer};
 use crate::survey::edit::{Edit, clean_name};
 use crate::survey::{PHOTOGRAPHS, Photograph, STATIONS, Source, Station, spool_of};
 use kilwa_files::atomic::{Access, AtomicFile};
 use kilwa_files::plain_file;
+use kilwa_files::size::binary;
 use kilwa_formats::Diagnostics;
 use kilwa_formats::read::ReadError;
 use kilwa_scan_core::{Pose, Sample};
@@ -142,6 +143,21 @@ fn source(path: &Path, before: u64, total: u64, progress: &dyn Progress) -> Resu
     Ok(Source { file: name, bytes, blake3: hash.finalize().to_hex().to_string(), number: 0 })
 }
 
+/// Fail if so many samples of `file` take more than the disk that holds `folder` has `free`, in bytes.
+fn check_room(file: &Path, samples: u64, folder: &Path, free: u64) -> Result<(), ScanError> {
+    let needed = samples.saturating_mul(SAMPLE_BYTES as u64);
+    if needed <= free {
+        return Ok(());
+    }
+    Err(ScanError::Request(format!(
+        "{}: its {samples} samples take {} in the survey, and the disk that holds {} has {} free; make room, or choose a survey on a larger disk",
+        file.display(),
+        binary(needed),
+        folder.display(),
+        binary(free)
+    )))
+}
+
 /// Files that a command left that was killed. Nobody else writes here while the lock is held.
 pub(crate) fn remove_unfinished(folder: &Path) {
     for folder in [folder.to_owned(), folder.join(STATIONS), folder.join(PHOTOGRAPHS)] {
@@ -239,6 +255,11 @@ impl Sink for Into<'_> {
                 self.number,
                 known.name
             )));
+        }
+        if let Some(samples) = head.samples {
+            // If the system does not report its free space, the import goes ahead.
+            let free = fs4::available_space(self.folder).unwrap_or(u64::MAX);
+            check_room(self.file, samples, self.folder, free)?;
         }
         if let Some(crs) = &head.crs
             && !self.edit.set_crs(crs)
@@ -342,5 +363,20 @@ impl Sink for Into<'_> {
 
     fn diagnostics(&mut self) -> &mut Diagnostics {
         &mut self.diagnostics
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_that_do_not_fit_are_refused_with_both_sizes() {
+        let check = |samples, free| check_room(Path::new("a.laz"), samples, Path::new("survey"), free);
+        check(1000, 20_000).unwrap();
+        let message = check(4_000_000_000, 5 << 30).unwrap_err().to_string();
+        assert!(message.contains("4000000000 samples take 75 GiB") && message.contains("5.0 GiB free"), "{message}");
+        check(1000, 19_999).unwrap_err();
+        check(u64::MAX, u64::MAX - 1).unwrap_err();
     }
 }

@@ -17,6 +17,7 @@ pub(crate) fn written(site: &Site, name: &str, format: u8, count: u32) -> PathBu
     let format = builder.point_format;
     let mut writer = las::Writer::from_path(&path, builder.into_header().unwrap()).unwrap();
     let mut rng = fastrand::Rng::with_seed(3);
+    let returns = if format.is_extended { 15 } else { 5 };
     for k in 0..count {
         let mut near = || 566_000.0 + f64::from(rng.u32(..90_000)) * 0.001;
         let (x, y, z) = (near(), near(), near());
@@ -25,13 +26,15 @@ pub(crate) fn written(site: &Site, name: &str, format: u8, count: u32) -> PathBu
             y,
             z,
             intensity: rng.u16(..),
-            return_number: rng.u8(1..=15),
-            number_of_returns: 15,
+            return_number: rng.u8(1..=returns),
+            number_of_returns: returns,
             gps_time: format.has_gps_time.then_some(f64::from(k)),
             color: format.has_color.then(|| las::Color { red: rng.u16(..), green: 700, blue: 65_535 }),
             nir: format.has_nir.then(|| rng.u16(..)),
             waveform: format.has_waveform.then(Default::default),
             extra_bytes: vec![rng.u8(..), 7, (k % 3) as u8],
+            // Each channel of the scanner has contexts of its own in layers.
+            scanner_channel: if format.is_extended { (k / 7 % 4) as u8 } else { 0 },
             ..las::Point::default()
         };
         writer.write_point(point).unwrap();
@@ -98,6 +101,74 @@ fn heads_of_chunks_that_lie_are_refused_by_the_byte_of_the_chunk() {
         let message = with(place, value);
         assert!(message.contains(expected) && message.contains("byte "), "{message}");
         assert!(value == 40 || message.contains(&format!("byte {at}")), "{message}");
+    }
+}
+
+/// The record says how many items a point has: it is not read beyond its end, and not once more for each record like it.
+#[test]
+fn very_many_laszip_records_of_very_many_items_are_refused_at_once() {
+    const RECORDS: u32 = 20_000;
+    let site = Site::new();
+    let sound = std::fs::read(written(&site, "seed.laz", 6, 50)).unwrap();
+    let head = usize::from(u16::from_le_bytes([sound[94], sound[95]]));
+    let mut record = [0; 54];
+    record[18..20].copy_from_slice(&22_204_u16.to_le_bytes());
+    // Behind a record without data, this is the number of items of the one before it.
+    record[32..34].fill(255);
+    let mut bytes = sound[..head].to_vec();
+    bytes.extend(record.repeat(RECORDS as usize));
+    let points = bytes.len() as u32;
+    bytes.resize(bytes.len() + 6 * 65_535, 0);
+    bytes[96..100].copy_from_slice(&points.to_le_bytes());
+    bytes[100..104].copy_from_slice(&RECORDS.to_le_bytes());
+    let message = refusal(&site, &bytes);
+    assert!(message.contains(&format!("byte {}:", head + 54 + 32)), "{message}");
+    assert!(message.contains("65535 items of points in a LASzip record of 0 bytes"), "{message}");
+}
+
+#[test]
+fn a_second_laszip_record_and_too_many_items_are_refused_by_their_bytes() {
+    let site = Site::new();
+    let sound = std::fs::read(written(&site, "seed.laz", 6, 50)).unwrap();
+    let (head, points) = (usize::from(u16::from_le_bytes([sound[94], sound[95]])), chunks_at(&sound) - 8);
+    let found = (head..points).find(|at| sound[at + 18..at + 20] == 22_204_u16.to_le_bytes()).unwrap();
+    let length = 54 + usize::from(u16::from_le_bytes([sound[found + 20], sound[found + 21]]));
+    let record = sound[found..found + length].to_vec();
+    // The record is replaced by these bytes, which are this many records.
+    let with = |records: &[u8], more: u32| {
+        let mut bytes = [&sound[..found], records, &sound[found + length..]].concat();
+        let count = u32::from_le_bytes(sound[100..104].try_into().unwrap()) + more;
+        bytes[96..100].copy_from_slice(&((points + records.len() - length) as u32).to_le_bytes());
+        bytes[100..104].copy_from_slice(&count.to_le_bytes());
+        refusal(&site, &bytes)
+    };
+    let message = with(&record.repeat(2), 1);
+    assert!(message.contains(&format!("byte {}: found a second LASzip record", found + length)), "{message}");
+    let mut many = record.clone();
+    many[20..22].copy_from_slice(&(34 + 6 * 16_u16).to_le_bytes());
+    many[54 + 32..54 + 34].copy_from_slice(&16_u16.to_le_bytes());
+    many.resize(54 + 34 + 6 * 16, 0);
+    let message = with(&many, 0);
+    assert!(message.contains(&format!("byte {}: found 16 items", found + 54 + 32)), "{message}");
+}
+
+/// Layers of values that never change take almost no bytes, so that a small file can hold more points than the disk has room for.
+#[test]
+fn points_that_the_disk_has_no_room_for_are_refused_before_they_are_read() {
+    let site = Site::new();
+    for format in [3, 6] {
+        let mut bytes = std::fs::read(written(&site, "seed.laz", format, 50)).unwrap();
+        // The number of points has 32 bits in older versions and 64 in version 1.4; which one is read depends on both.
+        bytes[107..111].fill(255);
+        bytes[247..251].fill(255);
+        let message = refusal(&site, &bytes);
+        let free = fs4::available_space(site.survey()).unwrap();
+        if free > 80 << 30 {
+            eprintln!("skipped: the disk has room for {free} bytes");
+            continue;
+        }
+        assert!(message.contains("4294967295 samples take 80 GiB") && message.contains(" free"), "{message}");
+        assert!(!site.survey().join("stations").exists());
     }
 }
 

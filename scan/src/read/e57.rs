@@ -276,6 +276,7 @@ fn one_cloud(
         pose,
         instrument: (!instrument.is_empty()).then(|| instrument.join(" ")),
         is_position_given: is_given,
+        samples: None,
         crs: reader.coordinate_metadata().map(str::to_owned).filter(|text| !text.trim().is_empty()),
     };
     if !input.sink.begin(&head)? {

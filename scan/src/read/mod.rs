@@ -63,6 +63,8 @@ pub struct Head {
     pub crs: Option<String>,
     /// Whether the position of the scanner is [`ReadOptions::station`].
     pub is_position_given: bool,
+    /// How many samples come, of files that may take much less room than these.
+    pub samples: Option<u64>,
 }
 
 /// A photograph inside a scan file.

@@ -16,6 +16,8 @@ const RGB14: u64 = 11;
 const RGBNIR14: u64 = 12;
 const WAVEPACKET14: u64 = 13;
 const BYTE14: u64 = 14;
+/// Items of a point, at most: one of each kind from [`BYTE`] to [`BYTE14`].
+const ITEMS: u64 = 15;
 /// Bytes that a program adds to its points, at most, where they are in layers: `laz` takes 10 kB of memory for each.
 const ADDED: u64 = 4096;
 
@@ -29,105 +31,124 @@ pub(super) struct Excess {
     pub(super) expected: String,
 }
 
-fn too_many(at: u64, found: u64, what: &str, most: u64) -> Option<Excess> {
+fn too_many(at: u64, found: u64, what: &str, most: u64) -> Result<(), Excess> {
+    if found <= most {
+        return Ok(());
+    }
     let expected =
-        || format!("at most {most} in a file of this length; it is truncated or damaged: copy or export it again");
-    (found > most).then(|| Excess { at, found: format!("{found} {what}"), expected: expected() })
+        format!("at most {most} in a file of this length; it is truncated or damaged: copy or export it again");
+    Err(Excess { at, found: format!("{found} {what}"), expected })
 }
 
-/// The first number in a file of `total` bytes that it cannot hold; none if there is none, or if the file ends before it.
-pub(super) fn excess(file: &mut (impl Read + Seek), total: u64) -> Option<Excess> {
-    let records_at = number(file, 94, 2)?;
-    let (points_at, records) = (number(file, 96, 4)?, number(file, 100, 4)?);
-    let (format, point) = (number(file, 104, 1)?, number(file, 105, 2)?);
-    too_many(96, points_at, "bytes before the points", total)
-        .or_else(|| too_many(100, records, "variable length records", total / RECORD))
-        .or_else(|| if number(file, 25, 1)? >= 4 { extended(file, total) } else { None })
-        .or_else(|| {
-            if format & 0xc0 == 0 { None } else { compressed(file, total, [records_at, records, points_at, point]) }
+fn damaged(at: u64, found: impl Into<String>, expected: &str) -> Excess {
+    let expected = format!("{expected}; the file is damaged: copy or export it again");
+    Excess { at, found: found.into(), expected }
+}
+
+/// How a file of `total` bytes is in layers, if it is.
+///
+/// # Errors
+/// The first number in it that it cannot hold. A file that ends before such a number is left to the crates.
+pub(super) fn layers(file: &mut (impl Read + Seek), total: u64) -> Result<Option<Layers>, Excess> {
+    let mut head = || {
+        Some(Head {
+            version: number(file, 25, 1)?,
+            records_at: number(file, 94, 2)?,
+            points_at: number(file, 96, 4)?,
+            records: number(file, 100, 4)?,
+            format: number(file, 104, 1)?,
+            point: number(file, 105, 2)?,
         })
+    };
+    let Some(head) = head() else { return Ok(None) };
+    too_many(96, head.points_at, "bytes before the points", total)?;
+    too_many(100, head.records, "variable length records", total / RECORD)?;
+    if head.version >= 4 {
+        extended(file, total)?;
+    }
+    if head.format & 0xc0 == 0 { Ok(None) } else { compressed(file, total, &head) }
+}
+
+/// What the header of a file says.
+struct Head {
+    /// The second part of its version.
+    version: u64,
+    /// Bytes of the header, behind which the records begin, and their number.
+    records_at: u64,
+    records: u64,
+    /// The byte where the points begin.
+    points_at: u64,
+    /// The point format, with the bits of compression, and bytes of a point.
+    format: u64,
+    point: u64,
 }
 
 /// Extended records (version 1.4): their length is in bytes 20 to 27.
-fn extended(file: &mut (impl Read + Seek), total: u64) -> Option<Excess> {
-    let (mut at, count) = (number(file, 235, 8)?, number(file, 243, 4)?);
-    if let Some(excess) = too_many(243, count, "extended variable length records", total / EXTENDED) {
-        return Some(excess);
-    }
+fn extended(file: &mut (impl Read + Seek), total: u64) -> Result<(), Excess> {
+    let (Some(mut at), Some(count)) = (number(file, 235, 8), number(file, 243, 4)) else { return Ok(()) };
+    too_many(243, count, "extended variable length records", total / EXTENDED)?;
     for _ in 0..count {
-        let length = number(file, at.checked_add(20)?, 8)?;
+        let length = at.checked_add(20).and_then(|at| number(file, at, 8));
+        let Some(length) = length else { return Ok(()) };
         let rest = total.saturating_sub(at).saturating_sub(EXTENDED);
-        if let Some(excess) = too_many(at, length, "bytes in an extended record", rest) {
-            return Some(excess);
-        }
+        too_many(at, length, "bytes in an extended record", rest)?;
         at += EXTENDED + length;
     }
-    None
+    Ok(())
 }
 
 /// The record of LAZ, and the table of chunks.
-fn compressed(file: &mut (impl Read + Seek), total: u64, head: [u64; 4]) -> Option<Excess> {
-    let [records_at, _, points_at, point] = head;
-    let damaged = |at, found: &str, expected: &str| {
-        let expected = format!("{expected}; the file is damaged: copy or export it again");
-        Some(Excess { at, found: found.to_owned(), expected })
-    };
+fn compressed(file: &mut (impl Read + Seek), total: u64, head: &Head) -> Result<Option<Layers>, Excess> {
     // The crate reads the whole header of the version, whatever length it states, and the records behind that.
-    let least = match number(file, 25, 1)? {
+    let least = match head.version {
         0..=2 => 227,
         3 => 235,
         _ => 375,
     };
-    if records_at < least {
-        return damaged(94, &format!("a header of {records_at} bytes"), &format!("{least} or more in this version"));
+    if head.records_at < least {
+        let found = format!("a header of {} bytes", head.records_at);
+        return Err(damaged(94, found, &format!("{least} or more in this version")));
     }
-    let Some(record) = laszip(file, head) else {
-        return damaged(records_at, "no LASzip record", "one, because the points are compressed");
+    let Some(record) = laszip(file, head)? else {
+        return Err(damaged(head.records_at, "no LASzip record", "one, because the points are compressed"));
     };
-    if let Some(at) = record.contradicts {
-        return damaged(at, "an item of points of another size or version", "those of its kind and of the compressor");
-    }
-    if let Some(at) = record.repeats {
-        return damaged(at, "a second item of points of one kind", "one of each");
-    }
-    if let Some(at) = record.again {
-        // It is not known which of them the crate reads.
-        return damaged(at, "a second LASzip record", "one");
-    }
-    if record.point != point {
+    if record.point != head.point {
         let found = format!("items of {} bytes in a point", record.point);
-        return damaged(record.at + 32, &found, &format!("{point}, as the header states"));
+        return Err(damaged(record.at + 32, found, &format!("{}, as the header states", head.point)));
     }
     if record.is_layered {
         // What their chunks announce is checked as they are read; the table of chunks is not used.
-        let expected = || format!("at most {ADDED}; leave some out, or convert it to LAS");
-        let found = || format!("{} bytes of a program's own in each point", record.added);
-        return (record.added > ADDED).then(|| Excess { at: record.at + 34, found: found(), expected: expected() });
+        if record.added > ADDED {
+            let expected = format!("at most {ADDED}; leave some out, or convert it to LAS");
+            let found = format!("{} bytes of a program's own in each point", record.added);
+            return Err(Excess { at: record.at + 34, found, expected });
+        }
+        // Before the chunks comes the place of their table.
+        return Ok(Some(Layers { first: head.points_at + 8, point: record.point, count: record.layers }));
     }
+    table_of_chunks(file, total, head)?;
+    Ok(None)
+}
+
+/// The number of chunks, which is the first in their table.
+fn table_of_chunks(file: &mut (impl Read + Seek), total: u64, head: &Head) -> Result<(), Excess> {
     // The points begin with the place of the table; where it was not known when they were written, the file ends with it.
-    let table = number(file, points_at, 8)?;
-    let is_known = table > points_at && table >> 63 == 0;
-    let table = if is_known { table } else { number(file, total.checked_sub(8)?, 8)? };
+    let Some(table) = number(file, head.points_at, 8) else { return Ok(()) };
+    let is_known = table > head.points_at && table >> 63 == 0;
+    let table = if is_known { Some(table) } else { total.checked_sub(8).and_then(|at| number(file, at, 8)) };
+    let Some(table) = table else { return Ok(()) };
     // From a place beyond the file, `laz` returns to another byte than that where the chunks begin.
-    if let Some(excess) = too_many(points_at, table, "bytes before the table of chunks", total.saturating_sub(8)) {
-        return Some(excess);
-    }
-    let at = table.checked_add(4)?;
+    too_many(head.points_at, table, "bytes before the table of chunks", total.saturating_sub(8))?;
+    let at = table.saturating_add(4);
+    let Some(chunks) = number(file, at, 4) else { return Ok(()) };
     // Each chunk begins with a point as it is.
-    too_many(at, number(file, at, 4)?, "chunks", total / point.max(1))
+    too_many(at, chunks, "chunks", total / head.point.max(1))
 }
 
 /// What the record of LAZ says.
-#[derive(Default)]
 struct LasZip {
     /// The byte where its data begin.
     at: u64,
-    /// Those of a second record.
-    again: Option<u64>,
-    /// The byte of an item whose size or version is not that of its kind, or of the compressor: `laz` goes by the kind.
-    contradicts: Option<u64>,
-    /// The byte of an item whose kind came before: `laz` would take memory for each.
-    repeats: Option<u64>,
     /// Whether chunks are in layers.
     is_layered: bool,
     /// Bytes of a point, and those among them that a program added.
@@ -137,54 +158,75 @@ struct LasZip {
     layers: u64,
 }
 
-/// The record of LAZ, by what the header says of records and points.
-fn laszip(file: &mut (impl Read + Seek), [mut at, records, _, _]: [u64; 4]) -> Option<LasZip> {
-    let mut first = None;
-    for _ in 0..records {
-        let length = number(file, at + 20, 2)?;
-        if number(file, at + 18, 2)? == LASZIP {
-            let at = at + RECORD;
-            let is_layered = number(file, at, 2)? == LAYERED;
-            let mut found = LasZip { at, is_layered, ..LasZip::default() };
-            let mut kinds = 0_u32;
-            for item in 0..number(file, at + 32, 2)? {
-                let place = at + 34 + 6 * item;
-                let (kind, bytes, version) =
-                    (number(file, place, 2)?, number(file, place + 2, 2)?, number(file, place + 4, 2)?);
-                let (size, layers) = match kind {
-                    6 => (20, 0),
-                    7 => (8, 0),
-                    8 => (6, 0),
-                    9 => (29, 0),
-                    POINT14 => (30, 9),
-                    RGB14 => (6, 1),
-                    RGBNIR14 => (8, 2),
-                    WAVEPACKET14 => (29, 1),
-                    BYTE14 => (bytes, bytes),
-                    _ => (bytes, 0),
-                };
-                if bytes != size || is_layered != (kind >= POINT14) || is_layered != (version >= 3) {
-                    found.contradicts = found.contradicts.or(Some(place));
-                }
-                let bit = 1_u32.checked_shl(kind as u32).unwrap_or(0);
-                if kinds & bit != 0 {
-                    found.repeats = found.repeats.or(Some(place));
-                }
-                kinds |= bit;
-                found.point += bytes;
-                found.layers += layers;
-                if kind == BYTE || kind == BYTE14 {
-                    found.added += bytes;
-                }
+/// The record of LAZ, if the file does not end before it.
+fn laszip(file: &mut (impl Read + Seek), head: &Head) -> Result<Option<LasZip>, Excess> {
+    let (mut at, mut found) = (head.records_at, None);
+    for _ in 0..head.records {
+        let (Some(kind), Some(length)) = (number(file, at + 18, 2), number(file, at + 20, 2)) else { return Ok(None) };
+        if kind == LASZIP {
+            if found.is_some() {
+                // It is not known which of them the crate reads.
+                return Err(damaged(at, "a second LASzip record", "one"));
             }
-            match &mut first {
-                None => first = Some(found),
-                Some(first) => first.again = Some(at),
-            }
+            let Some(record) = items(file, at + RECORD, length)? else { return Ok(None) };
+            found = Some(record);
         }
         at += RECORD + length;
     }
-    first
+    Ok(found)
+}
+
+/// What a record of LAZ says whose data begin at byte `at` and have `length` bytes: 34, and 6 for each item. None if the file ends in it.
+fn items(file: &mut (impl Read + Seek), at: u64, length: u64) -> Result<Option<LasZip>, Excess> {
+    let (Some(compressor), Some(count)) = (number(file, at, 2), number(file, at + 32, 2)) else { return Ok(None) };
+    if 34 + 6 * count > length {
+        let found = format!("{count} items of points in a LASzip record of {length} bytes");
+        return Err(damaged(at + 32, found, "34 bytes and 6 more for each item"));
+    }
+    if count > ITEMS {
+        return Err(damaged(
+            at + 32,
+            format!("{count} items of points"),
+            &format!("at most {ITEMS}, one of each kind"),
+        ));
+    }
+    let is_layered = compressor == LAYERED;
+    let mut found = LasZip { at, is_layered, point: 0, added: 0, layers: 0 };
+    let mut kinds = 0_u32;
+    for item in 0..count {
+        let place = at + 34 + 6 * item;
+        let mut word = |k| number(file, place + k, 2);
+        let (Some(kind), Some(bytes), Some(version)) = (word(0), word(2), word(4)) else { return Ok(None) };
+        let (size, layers) = match kind {
+            6 => (20, 0),
+            7 => (8, 0),
+            8 => (6, 0),
+            9 => (29, 0),
+            POINT14 => (30, 9),
+            RGB14 => (6, 1),
+            RGBNIR14 => (8, 2),
+            WAVEPACKET14 => (29, 1),
+            BYTE14 => (bytes, bytes),
+            _ => (bytes, 0),
+        };
+        // `laz` goes by the kind.
+        if bytes != size || is_layered != (kind >= POINT14) || is_layered != (version >= 3) {
+            let found = "an item of points of another size or version";
+            return Err(damaged(place, found, "those of its kind and of the compressor"));
+        }
+        // `laz` would take memory for each.
+        let bit = 1_u32.checked_shl(kind as u32).unwrap_or(0);
+        if kinds & bit != 0 {
+            return Err(damaged(place, "a second item of points of one kind", "one of each"));
+        }
+        kinds |= bit;
+        found.point += bytes;
+        found.layers += layers;
+        if kind == BYTE || kind == BYTE14 {
+            found.added += bytes;
+        }
+    }
+    Ok(Some(found))
 }
 
 /// How the chunks of a file are in layers.
@@ -196,15 +238,6 @@ pub(super) struct Layers {
     pub(super) point: u64,
     /// Layers of a chunk.
     pub(super) count: u64,
-}
-
-/// The layers of a file in which [`excess`] found nothing; none if it has none.
-pub(super) fn layers(file: &mut (impl Read + Seek)) -> Option<Layers> {
-    let (format, point) = (number(file, 104, 1)?, number(file, 105, 2)?);
-    let head = [number(file, 94, 2)?, number(file, 100, 4)?, number(file, 96, 4)?, point];
-    let record = laszip(file, head).filter(|record| format & 0xc0 != 0 && record.is_layered)?;
-    // Before the chunks comes the place of their table.
-    Some(Layers { first: head[2] + 8, point: record.point, count: record.layers })
 }
 
 /// A little-endian number at a place of a file, if it is there.

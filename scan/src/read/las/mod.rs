@@ -46,13 +46,13 @@ pub(super) fn read(input: &mut Input<'_>) -> Result<(), ScanError> {
             format!("at most {most}; the file is truncated, or must be split"),
         ));
     }
-    let shift = if format.has_color { color_shift(input, count)? } else { 0 };
     let frame = Frame::unplaced(input.options, input.options.units.metres());
     let pose = Some(frame.pose(Pose::default()));
-    let head = Head { pose, crs: crs(&header), is_position_given: true, ..Head::default() };
+    let head = Head { pose, crs: crs(&header), is_position_given: true, samples: Some(count), ..Head::default() };
     if !input.sink.begin(&head)? {
         return Ok(());
     }
+    let shift = if format.has_color { color_shift(input, count)? } else { 0 };
     let mut done = 0;
     batches(&mut points, count, input.path, &mut |points, from| {
         let mut colors = points.rgb();
@@ -114,10 +114,10 @@ impl Points {
 fn open(input: &Input<'_>) -> Result<Points, ScanError> {
     let cannot = |source| ReadError::Open { file: input.path.to_owned(), source };
     let mut file = kilwa_files::plain_file::open(input.path).map_err(cannot)?;
-    if let Some(bounds::Excess { at, found, expected }) = bounds::excess(&mut file, input.total) {
-        return Err(ScanError::malformed(input.path, Place::Byte(at), found, expected));
-    }
-    let (layers, at) = (bounds::layers(&mut file), bounds::number(&mut file, 96, 4).unwrap_or(0));
+    let layers = bounds::layers(&mut file, input.total).map_err(|bounds::Excess { at, found, expected }| {
+        ScanError::malformed(input.path, Place::Byte(at), found, expected)
+    })?;
+    let at = bounds::number(&mut file, 96, 4).unwrap_or(0);
     file.rewind().map_err(cannot)?;
     let opened = survived(|| match layers {
         Some(layers) => {
