@@ -98,7 +98,8 @@ fn found(args: &Args, place: &Place, object: Option<&Object>, stop: &Stop) -> an
     let store = place.store(stop)?;
     let pack = if assembled::exists(&*store)? {
         let shared = open(place, stop)?;
-        let noted = Assembled::of(&*store)?;
+        // A build that was kept on purpose is none that an attempt at this command has left.
+        let noted = Assembled::of(&*store)?.filter(|noted| noted.kept == args.keep);
         match object {
             None => noted.map_or(Ok(None), |noted| the_output(args, &noted))?,
             Some(object) => match object.finished(&shared.plan.key())? {
