@@ -4,6 +4,7 @@
 //! Slurm jobs, a shell) reads the list, and may start a task twice or kill it at any moment.
 
 mod assemble;
+mod assembled;
 mod object;
 mod place;
 mod plan;

@@ -4,6 +4,7 @@
 use crate::progress::Bar;
 use crate::source::open_pack;
 use anyhow::Context;
+use kilwa_archive::checksums::sha256_of;
 use kilwa_builder::Progress;
 use kilwa_builder::build::work::Stop;
 use kilwa_files::atomic::{Pending, folder_of};
@@ -111,6 +112,12 @@ impl Output {
     /// Read every chunk back, on all threads. Returns the identity of the pack.
     pub(crate) fn check(&self, bar: &Bar, stop: &Stop) -> anyhow::Result<String> {
         check(self.pending.temporary(), bar, stop)
+    }
+
+    /// Its SHA-256.
+    pub(crate) fn sha256(&self) -> anyhow::Result<String> {
+        let cannot = || format!("cannot read {}", self.pending.temporary().display());
+        Ok(sha256_of(File::open(self.pending.temporary()).with_context(cannot)?).with_context(cannot)?.1)
     }
 
     /// Give it its name.

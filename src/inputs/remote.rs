@@ -2,7 +2,9 @@
 //!
 //! What a mesh is, is decided by its beginning: so an *outline* of each is made on this machine, a sparse file of its length with its first
 //! bytes. The whole is downloaded when it is read, and must then be the object that was looked at: its ETag and its length are part of the plan.
-//! Refused: formats whose meshes refer to other files, because those are not fetched.
+//! Refused: formats whose meshes refer to other files, because those are not fetched, and GLBs that do.
+
+mod glb;
 
 use crate::new_file::{PrivateFolder, private_folder_in};
 use crate::stores;
@@ -19,6 +21,8 @@ use std::path::{Path, PathBuf};
 const BEGINNING: u64 = 1 << 16;
 /// A matrix file is not longer.
 const MATRIX: u64 = 1 << 16;
+/// What a GLB begins with.
+const GLB: &[u8] = b"glTF";
 /// Folder of the downloaded meshes, in the scratch folder.
 const FOLDER: &str = "inputs";
 
@@ -78,17 +82,27 @@ impl Outlines {
             .with_context(|| format!("cannot write {}", outline.display()))?;
         let matrix = Path::new(address.path.as_ref()).with_extension("xf");
         if let (true, Some(key)) = (with_matrix, matrix.to_str()) {
-            let found = objects
-                .read_all(&key.into(), MATRIX)
-                .with_context(|| format!("cannot read s3://{}/{key}", address.bucket))?;
+            let url = format!("s3://{}/{key}", address.bucket);
+            let cannot = || format!("cannot read {url}");
+            // As an address is read; a key that is made from text would be escaped once more.
+            let matrix = Address::parse(&url).with_context(cannot)?;
+            let found = objects.read_all(&matrix.path, MATRIX).with_context(cannot)?;
             found.map_or(Ok(()), |bytes| std::fs::write(outline.with_extension("xf"), bytes))?;
         }
         let format = read::recognise(&outline).map_err(|e| anyhow::anyhow!(self.in_words(&e.to_string())))?;
-        let is_whole = ["PLY", "STL", "Nexus"].contains(&format.name) || beginning.starts_with(b"glTF");
+        let is_whole = ["PLY", "STL", "Nexus"].contains(&format.name) || beginning.starts_with(GLB);
         if !is_whole {
             bail!(
                 "{address}: meshes of the format {} may refer to other files, which are not fetched from a store; give PLY, STL, GLB or Nexus, or copy the mesh with its files to a folder that all machines see",
                 format.name
+            );
+        }
+        if beginning.starts_with(GLB)
+            && let Some(uri) = glb::refers_to(&objects, &address, about.bytes, &beginning).with_context(cannot)?
+        {
+            bail!(
+                "{address} refers to the file {}, which is not fetched from a store; embed it (export one GLB with all pictures and buffers), or copy the mesh with its files to a folder that all machines see",
+                kilwa_pack::visible::visible(&uri)
             );
         }
         self.all.push((outline, Remote { address, about, objects }));

@@ -1,6 +1,7 @@
 //! `kilwa assemble`: write the pack of a build on many machines, check it, and remove what the machines exchanged.
 
-use super::object::Object;
+use super::assembled::{self, Assembled};
+use super::object::{Object, Pack};
 use super::place::Place;
 use super::{Machine, open};
 use crate::build::output::Output;
@@ -8,6 +9,7 @@ use crate::build::{self, Interrupted, stop_on_signals};
 use crate::progress::Bar;
 use crate::stores;
 use anyhow::Context;
+use kilwa_archive::checksums::sha256_of;
 use kilwa_builder::BuildReport;
 use kilwa_builder::build::work::{Stop, Work};
 use kilwa_builder::scratch::Scratch;
@@ -16,6 +18,7 @@ use kilwa_files::atomic::folder_of;
 use kilwa_files::made_folders::MadeFolders;
 use kilwa_pack::plural::counted;
 use serde::Serialize;
+use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -51,16 +54,23 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let (bar, stop) = (Bar::new(), stop_on_signals()?);
     let place = Place::of(&args.build)?;
     let object = Object::of(&args.output, &stop)?;
+    if object.is_none() {
+        // Whose pack it is that exists already, the build says.
+        build::refuse_output(&args.output, true)?;
+    }
+    refuse_inside(args, &place)?;
+    if let Some(found) = found(args, &place, object.as_ref(), &stop)? {
+        return print_found(args, &found);
+    }
     match &object {
         None => build::refuse_output(&args.output, args.force)?,
         Some(_) if args.force => {}
         Some(object) => object.refuse_existing()?,
     }
     let shared = open(&place, &stop)?;
-    refuse_inside(args, &place)?;
     let written = match &object {
-        None => to_file(args, shared, &bar, &stop),
-        Some(object) => to_store(args, object, shared, &bar, &stop),
+        None => to_file(args, &place, shared, &bar, &stop),
+        Some(object) => to_store(args, object, &place, shared, &bar, &stop),
     };
     bar.clear();
     let made = match written {
@@ -70,7 +80,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         other => other?,
     };
     print(args, &made)?;
-    let removed = if args.keep { Ok(()) } else { place.store(&stop)?.remove_all() };
+    remove(args, &place, &stop)
+}
+
+/// Remove the build, whose pack is in place.
+fn remove(args: &Args, place: &Place, stop: &Stop) -> anyhow::Result<()> {
+    let removed = if args.keep { Ok(()) } else { place.store(stop)?.remove_all() };
     if let Err(e) = removed {
         // The pack is in place all the same.
         crate::terminal::say!("kilwa: warning: {e}; the pack is complete, so remove {place} yourself");
@@ -78,37 +93,88 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// The pack, if an earlier attempt at the same command put it in place and was killed then; what is left of the build is removed.
+fn found(args: &Args, place: &Place, object: Option<&Object>, stop: &Stop) -> anyhow::Result<Option<Pack>> {
+    let store = place.store(stop)?;
+    let pack = if assembled::exists(&*store)? {
+        let shared = open(place, stop)?;
+        // A build that was kept on purpose is none that an attempt at this command has left.
+        let noted = Assembled::of(&*store)?.filter(|noted| noted.kept == args.keep);
+        match object {
+            None => noted.map_or(Ok(None), |noted| the_output(args, &noted))?,
+            Some(object) => match object.finished(&shared.plan.key())? {
+                Some(pack) if noted.as_ref().is_some_and(|noted| noted.is(&pack)) => Some(pack),
+                // The note was removed with all that the tasks had left.
+                Some(pack) if noted.is_none() && !args.force && assembled::is_being_removed(&shared)? => Some(pack),
+                _ => None,
+            },
+        }
+    } else {
+        // The plan, too, is gone, if not all that was still being uploaded; the name of the folder says which build it was.
+        place.key().zip(object).map_or(Ok(None), |(key, object)| object.finished(&key))?
+    };
+    if pack.is_some() {
+        remove(args, place, stop)?;
+    }
+    Ok(pack)
+}
+
+/// The output, if it is the file that the build has noted.
+fn the_output(args: &Args, noted: &Assembled) -> anyhow::Result<Option<Pack>> {
+    if !std::fs::metadata(&args.output).is_ok_and(|about| about.len() == noted.pack.bytes) {
+        return Ok(None);
+    }
+    let cannot = || format!("cannot read {}", args.output.display());
+    let (bytes, sha256) = sha256_of(File::open(&args.output).with_context(cannot)?).with_context(cannot)?;
+    let pack = Pack { bytes, sha256, triangles: noted.pack.triangles };
+    Ok(noted.is(&pack).then_some(pack))
+}
+
 /// The report for machines.
 #[derive(Serialize)]
 struct Made {
     #[serde(flatten)]
     built: BuildReport,
-    /// SHA-256 of a pack in a store.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    sha256: Option<String>,
+    /// SHA-256 of the pack.
+    sha256: String,
+}
+
+/// The report for machines where an earlier attempt had put the pack in place.
+#[derive(Serialize)]
+struct Found<'a> {
+    already_done: bool,
+    triangles: u64,
+    sha256: &'a str,
+    pack: FoundPack,
+}
+
+#[derive(Serialize)]
+struct FoundPack {
+    bytes: u64,
 }
 
 /// Write the pack to a file of this machine.
-fn to_file(args: &Args, shared: SharedBuild, bar: &Bar, stop: &Stop) -> anyhow::Result<Made> {
+fn to_file(args: &Args, place: &Place, shared: SharedBuild, bar: &Bar, stop: &Stop) -> anyhow::Result<Made> {
     let folders = MadeFolders::for_file(&args.output);
     // Dropped after the file that is in them.
     let _folders = folders.with_context(|| format!("cannot write {}", args.output.display()))?;
     let mut output = Output::create(&args.output)?;
     let scratch = args.machine.scratch()?;
-    let built = write(args, shared, &mut output, &scratch, bar, stop)?;
+    let (built, pack) = write(args, place, shared, &mut output, &scratch, bar, stop)?;
     output.keep(args.force)?;
-    Ok(Made { built, sha256: None })
+    Ok(Made { built, sha256: pack.sha256 })
 }
 
-/// Write the pack, read it back and check it; it has not its name yet.
+/// Write the pack, read it back, check it, and note it in the build; it has not its name yet.
 fn write(
     args: &Args,
+    place: &Place,
     shared: SharedBuild,
     output: &mut Output,
     scratch: &Scratch,
     bar: &Bar,
     stop: &Stop,
-) -> anyhow::Result<BuildReport> {
+) -> anyhow::Result<(BuildReport, Pack)> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(args.machine.threads).build()?;
     let threads = pool.install(|| args.machine.threads());
     let work = Work { scratch, memory: args.machine.memory(), threads, stop, progress: bar };
@@ -116,18 +182,27 @@ fn write(
     output.complete(report.pack.bytes)?;
     let checked = pool.install(|| output.check(bar, stop));
     checked.context("the pack that was just written cannot be read back; nothing was kept")?;
-    Ok(report)
+    let pack = Pack { bytes: report.pack.bytes, sha256: output.sha256()?, triangles: report.triangles };
+    Assembled { pack: pack.clone(), kept: args.keep }.note(&*place.store(stop)?)?;
+    Ok((report, pack))
 }
 
 /// Write and check the pack in the scratch folder, then send it to a store.
-fn to_store(args: &Args, object: &Object, shared: SharedBuild, bar: &Bar, stop: &Stop) -> anyhow::Result<Made> {
+fn to_store(
+    args: &Args,
+    object: &Object,
+    place: &Place,
+    shared: SharedBuild,
+    bar: &Bar,
+    stop: &Stop,
+) -> anyhow::Result<Made> {
     let scratch = args.machine.scratch()?;
     let (local, key) = (scratch.path(PACK), shared.plan.key());
     let mut output = Output::create(&local)?;
-    let built = write(args, shared, &mut output, &scratch, bar, stop)?;
+    let (built, pack) = write(args, place, shared, &mut output, &scratch, bar, stop)?;
     output.keep(true)?;
-    let pack = object.send(&local, &key, built.triangles, args.force, bar)?;
-    Ok(Made { built, sha256: Some(pack.sha256) })
+    object.send(&local, &key, &pack, args.force, bar)?;
+    Ok(Made { built, sha256: pack.sha256 })
 }
 
 /// The folder of the build is removed in the end, and the pack would be with it.
@@ -148,6 +223,18 @@ fn refuse_inside(args: &Args, place: &Place) -> anyhow::Result<()> {
             "{} is in the folder of the build, which is removed when the pack is complete; choose another place",
             args.output.display()
         );
+    }
+    Ok(())
+}
+
+fn print_found(args: &Args, pack: &Pack) -> anyhow::Result<()> {
+    let mut out = crate::terminal::out();
+    if args.json {
+        let found = FoundPack { bytes: pack.bytes };
+        let found = Found { already_done: true, triangles: pack.triangles, sha256: &pack.sha256, pack: found };
+        writeln!(out, "{}", crate::terminal::json_text(&found)?)?;
+    } else {
+        writeln!(out, "{}: complete already; nothing was left to do", args.output.display())?;
     }
     Ok(())
 }

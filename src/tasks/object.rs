@@ -3,14 +3,12 @@
 use crate::build;
 use crate::progress::Bar;
 use crate::stores;
-use anyhow::{Context, anyhow};
-use kilwa_archive::checksums::sha256_of;
+use anyhow::{Context, anyhow, bail};
 use kilwa_builder::Progress;
 use kilwa_builder::build::work::Stop;
 use kilwa_store::{Address, Condition, ObjectError, Objects};
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-use std::fs::File;
 use std::path::Path;
 
 /// Names of the notes.
@@ -19,7 +17,7 @@ const SHA256: &str = "kilwa-sha256";
 const TRIANGLES: &str = "kilwa-triangles";
 
 /// A pack that is complete.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Pack {
     pub(super) bytes: u64,
     pub(super) sha256: String,
@@ -59,24 +57,36 @@ impl Object {
     }
 
     /// Send the pack that the build with this key made; it appears when it is whole.
-    pub(super) fn send(&self, local: &Path, key: &str, triangles: u64, force: bool, bar: &Bar) -> anyhow::Result<Pack> {
-        let cannot = || format!("cannot read {}", local.display());
-        let (bytes, sha256) = sha256_of(File::open(local).with_context(cannot)?).with_context(cannot)?;
+    pub(super) fn send(&self, local: &Path, key: &str, pack: &Pack, force: bool, bar: &Bar) -> anyhow::Result<()> {
+        let Pack { sha256, triangles, .. } = pack;
         let notes = [(BUILD, key.to_owned()), (SHA256, sha256.clone()), (TRIANGLES, triangles.to_string())];
         let notes: BTreeMap<String, String> = notes.map(|(name, value)| (name.to_owned(), value)).into();
         let condition = if force { Condition::Replace } else { Condition::New };
         let progress = &mut |done, all| bar.update("uploading", done, all);
-        match self.objects.upload(&self.address.path, local, condition, &notes, progress) {
-            // Ours, where the answer was lost.
-            Err(ObjectError::Exists) if self.finished(key)?.is_some_and(|there| there.sha256 == sha256) => {}
-            Err(ObjectError::Exists) => return Err(self.exists()),
-            sent => sent.with_context(|| self.cannot())?,
+        // What assemblies left that were killed while they sent. One that begins later may still be sending.
+        let earlier = self.objects.unfinished_of(&self.address.path);
+        let sent = self.objects.upload(&self.address.path, local, condition, &notes, progress);
+        let is_taken = match sent {
+            Ok(()) | Err(ObjectError::Missing) => false,
+            Err(ObjectError::Exists) => true,
+            Err(e) => return Err(e).with_context(|| self.cannot()),
+        };
+        // It is there too where the answer was lost, or where another assembly of the same build was first and gave this upload up.
+        let is_there = self.finished(key)?.is_some_and(|there| there.sha256 == *sha256);
+        if is_taken && !is_there {
+            return Err(self.exists());
         }
-        // What assemblies left that were killed while they sent.
-        if let Err(e) = self.objects.abort_unfinished(&self.address.path) {
-            crate::terminal::say!("kilwa: warning: cannot look for unfinished uploads to {}: {e}", self.address);
+        if !is_there {
+            bail!(
+                "{}: somebody else gave the upload up, or has replaced the pack meanwhile; run the same command again",
+                self.cannot()
+            );
         }
-        Ok(Pack { bytes, sha256, triangles })
+        let given_up = earlier.and_then(|uploads| self.objects.abort_uploads(uploads));
+        if let Err(e) = given_up {
+            crate::terminal::say!("kilwa: warning: cannot give up earlier uploads to {}: {e}", self.address);
+        }
+        Ok(())
     }
 
     fn cannot(&self) -> String {

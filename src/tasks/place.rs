@@ -8,6 +8,9 @@ use kilwa_store::Address;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
+/// What the name of a build's folder begins with; its key follows.
+pub(super) const BUILD_FOLDER: &str = "kilwa-build-";
+
 /// A folder that all machines see, or a part of an object store.
 #[derive(Debug, Clone)]
 pub(super) enum Place {
@@ -53,6 +56,15 @@ impl Place {
         }
     }
 
+    /// The key of the build whose folder this is.
+    pub(super) fn key(&self) -> Option<String> {
+        let name = match self {
+            Self::Folder(folder) => folder.file_name()?.to_str()?,
+            Self::Store(address) => address.path.filename()?,
+        };
+        name.strip_prefix(BUILD_FOLDER).map(str::to_owned)
+    }
+
     /// How its files are read and written; waiting for a store ends when `stop` is asked for.
     pub(super) fn store(&self, stop: &Stop) -> anyhow::Result<Box<dyn Store>> {
         Ok(match self {
@@ -68,6 +80,8 @@ impl Place {
         let Self::Store(address) = self else { return Ok(()) };
         let plan = store.read_all(PLAN)?.context("the build was removed meanwhile; run the same command again")?;
         if store.create_new(PLAN, &plan)? {
+            // Nobody can build here. If it cannot be removed, the reason to refuse is the same.
+            drop(store.remove(PLAN));
             bail!(
                 "the store of {address} replaces objects although it is told not to (If-None-Match: *), so machines could spoil each other's work; use a store with conditional writes, such as Amazon S3, MinIO, Ceph, Cloudflare R2 or SeaweedFS 4.48"
             );

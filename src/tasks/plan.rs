@@ -1,7 +1,8 @@
 //! `kilwa plan`: begin a build on many machines, or see how far it is; list its tasks, and write a file for each.
 
+use super::assembled::Assembled;
 use super::object::{Object, Pack};
-use super::place::Place;
+use super::place::{BUILD_FOLDER, Place};
 use crate::build::{Shaping, refuse_output};
 use crate::inputs::remote::Allowed;
 use crate::synth::count;
@@ -78,10 +79,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         working_folder: working_folder(args)?,
     };
     let key = plan.key();
-    let place = work.join(&format!("kilwa-build-{key}"));
-    if let Some(pack) = finished(args, &key, &stop)? {
-        // The build was killed when its pack was in place.
-        place.store(&stop)?.remove_all()?;
+    let place = work.join(&format!("{BUILD_FOLDER}{key}"));
+    if let Some((pack, kept)) = finished(args, &key, &place, &stop)? {
+        if !kept {
+            // The build was killed when its pack was in place.
+            place.store(&stop)?.remove_all()?;
+        }
         let tool = &plan.plan.tool;
         let report = Report { build: place.text()?, key, tool, tasks: Vec::new(), complete: true, pack: Some(pack) };
         return print(args, &report);
@@ -94,18 +97,25 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     print(args, &report)
 }
 
-/// The pack of this build, if it is in its place. Another file or object there is refused.
-fn finished(args: &Args, key: &str, stop: &Stop) -> anyhow::Result<Option<Pack>> {
+/// The pack of this build, if it is in its place, and whether the build was kept. Another file or object there is refused.
+///
+/// With `--force`, an earlier pack of the same build does not count, because files that meshes refer to may have changed since: only one that
+/// the build which is there now has made.
+fn finished(args: &Args, key: &str, place: &Place, stop: &Stop) -> anyhow::Result<Option<(Pack, bool)>> {
     let Some(output) = &args.output else { return Ok(None) };
     let Some(object) = Object::of(output, stop)? else {
         refuse_output(output, args.force)?;
         return Ok(None);
     };
-    let finished = object.finished(key)?;
-    if finished.is_none() && !args.force {
-        object.refuse_existing()?;
-    }
-    Ok(finished)
+    let Some(pack) = object.finished(key)? else {
+        if !args.force {
+            object.refuse_existing()?;
+        }
+        return Ok(None);
+    };
+    let noted = Assembled::of(&*place.store(stop)?)?.filter(|noted| noted.is(&pack));
+    let kept = noted.as_ref().is_some_and(|noted| noted.kept);
+    Ok((noted.is_some() || !args.force).then_some((pack, kept)))
 }
 
 /// The inputs and options, where inputs may be in stores; `scratch` is an existing folder.
@@ -148,11 +158,14 @@ fn write_tasks(build: &SharedBuild, place: &Place, key: &str) -> anyhow::Result<
         let tool = build.plan.plan.tool.clone();
         let file = TaskFile { build: place.text()?, key: key.to_owned(), tool, task: listed.task };
         let text = crate::terminal::json_text(&file)?;
-        // One that is damaged, or that names the place from which the folder was moved, is replaced.
-        if written.contains(&name) && build.store().read_all(&name)?.is_some_and(|there| there != text.as_bytes()) {
-            build.store().remove(&name)?;
+        let there = if written.contains(&name) { build.store().read_all(&name)? } else { None };
+        if there.as_deref() != Some(text.as_bytes()) {
+            // One that is damaged, or that names the place from which the folder was moved, is replaced.
+            if there.is_some() {
+                build.store().remove(&name)?;
+            }
+            build.store().create_new(&name, text.as_bytes())?;
         }
-        build.store().create_new(&name, text.as_bytes())?;
         tasks.push(TaskEntryFile { file: place.join(&name).text()?, listed });
     }
     Ok(tasks)

@@ -2,6 +2,7 @@
 //! that changes while it is read is noticed by its tag.
 
 use crate::objects::{About, ObjectError, Objects};
+use crate::unfinished::Upload;
 use futures_util::stream;
 use futures_util::{StreamExt as _, TryStreamExt as _};
 use hyper::body::Bytes;
@@ -32,8 +33,11 @@ pub enum Condition {
 impl Objects {
     /// Copy a file of this machine into the store, with some notes on it. `progress` is told the bytes that are there, and all.
     ///
+    /// Where the answer to the last request of a long upload was lost, an object of the same length counts as this one; the caller tells by
+    /// its notes whether it is.
+    ///
     /// # Errors
-    /// [`ObjectError`]; nothing is left then.
+    /// [`ObjectError`]; nothing is left then. [`ObjectError::Missing`] where somebody else gave the upload up.
     pub fn upload(
         &self,
         path: &Path,
@@ -57,6 +61,40 @@ impl Objects {
         };
         let look = || progress(done.load(Ordering::Relaxed), length);
         self.wait_watching(async move { job.run(condition).await }, look)
+    }
+
+    /// The uploads to this very object that were begun and neither completed nor given up.
+    ///
+    /// # Errors
+    /// [`ObjectError`], also where the store cannot say which there are.
+    pub fn unfinished_of(&self, path: &Path) -> Result<Vec<Upload>, ObjectError> {
+        let (this, path) = (self.clone(), path.clone());
+        let Some(unfinished) = self.unfinished.clone() else { return Ok(Vec::new()) };
+        let work = async move {
+            let mut found = this.tried(|| unfinished.uploads(&path)).await?;
+            found.retain(|upload| upload.path == path);
+            Ok(found)
+        };
+        self.wait_watching(work, || ())
+    }
+
+    /// Give up uploads; those that are over meanwhile are no error.
+    ///
+    /// # Errors
+    /// [`ObjectError`].
+    pub fn abort_uploads(&self, uploads: Vec<Upload>) -> Result<(), ObjectError> {
+        let this = self.clone();
+        let Some(unfinished) = self.unfinished.clone() else { return Ok(()) };
+        let work = async move {
+            for upload in &uploads {
+                match this.tried(|| unfinished.abort(upload)).await {
+                    Err(ObjectError::Missing) => {}
+                    done => done?,
+                }
+            }
+            Ok(())
+        };
+        self.wait_watching(work, || ())
     }
 
     /// Copy the object that was found as `about` to a new file of this machine.
@@ -182,10 +220,10 @@ impl Job {
         let complete = || self.objects.client.complete_multipart(&self.path, id, parts.clone());
         match self.objects.tried(complete).await {
             Ok(_) => Ok(()),
-            // It was completed by an attempt whose answer was lost.
+            // It was completed by an attempt whose answer was lost, or somebody else gave it up.
             Err(ObjectError::Missing) => match self.objects.head(&self.path).await? {
                 Some(there) if there.bytes == self.length => Ok(()),
-                _ => Err(ObjectError::Failed("the store has lost the parts that were uploaded".to_owned())),
+                _ => Err(ObjectError::Missing),
             },
             Err(e) => Err(e),
         }

@@ -1,4 +1,4 @@
-//! A way to a store on which requests fail as with a store that is too busy: 503, answers that break off or are lost, and slow ones.
+//! A way to a store on which requests fail as with a store that is too busy: 503, answers that break off or are lost, and slow ones; or which does not keep to conditions.
 
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
 use std::net::{Shutdown, TcpListener, TcpStream};
@@ -16,17 +16,27 @@ pub(super) struct Seen {
     pub(super) broken: AtomicU64,
 }
 
-/// Its port. Of a hundred requests, `percent` fail; with 100, all.
-pub(super) fn way(upstream: u16, percent: u8, seed: u64) -> (u16, Arc<Seen>) {
+/// What happens on the way.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Trouble {
+    /// Of a hundred requests, so many fail; with 100, all.
+    pub(super) percent: u8,
+    /// Whether a refusal to replace an object is answered as if it had been replaced.
+    pub(super) ignores_conditions: bool,
+    pub(super) seed: u64,
+}
+
+/// Its port.
+pub(super) fn way(upstream: u16, trouble: Trouble) -> (u16, Arc<Seen>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = listener.local_addr().unwrap().port();
-    let (seen, random) = (Arc::new(Seen::default()), Arc::new(Mutex::new(fastrand::Rng::with_seed(seed))));
+    let (seen, random) = (Arc::new(Seen::default()), Arc::new(Mutex::new(fastrand::Rng::with_seed(trouble.seed))));
     let counts = Arc::clone(&seen);
     std::thread::spawn(move || {
         for near in listener.incoming().map_while(Result::ok) {
             let (seen, random) = (Arc::clone(&counts), Arc::clone(&random));
             // A connection that ends is the business of whoever made it.
-            std::thread::spawn(move || drop(one(near, upstream, percent, &seen, &random)));
+            std::thread::spawn(move || drop(one(near, upstream, trouble, &seen, &random)));
         }
     });
     (port, seen)
@@ -36,7 +46,7 @@ pub(super) fn way(upstream: u16, percent: u8, seed: u64) -> (u16, Arc<Seen>) {
 fn one(
     mut near: TcpStream,
     upstream: u16,
-    percent: u8,
+    Trouble { percent, ignores_conditions, .. }: Trouble,
     seen: &Seen,
     random: &Mutex<fastrand::Rng>,
 ) -> std::io::Result<()> {
@@ -76,6 +86,9 @@ fn one(
     far.write_all(&body)?;
     let mut answer = Vec::new();
     far.read_to_end(&mut answer)?;
+    if ignores_conditions && answer.starts_with(b"HTTP/1.1 412") {
+        answer = b"HTTP/1.1 200 OK\r\netag: \"0\"\r\ncontent-length: 0\r\nconnection: close\r\n\r\n".to_vec();
+    }
     if fails {
         seen.broken.fetch_add(1, Ordering::Relaxed);
         answer.truncate(if kind == 8 { 0 } else { answer.len() / 2 });

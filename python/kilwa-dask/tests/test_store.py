@@ -170,6 +170,9 @@ def test_a_driver_that_dies_is_continued(stored: Stored) -> None:
     for process in tree(driver):
         process.kill()
     driver.wait()
-    text = stored.run()
-    assert "done earlier" in text or "earlier" in text
+    report = stored.root / "report.json"
+    stored.run("--json", str(report))
+    earlier = {stage["stage"]: stage["earlier"] for stage in json.loads(report.read_text())["stages"]}
+    assert earlier["ingest"] == earlier["tree"] == 1
+    assert sum(done for stage, done in earlier.items() if stage.startswith("level")) > 1
     stored.check()

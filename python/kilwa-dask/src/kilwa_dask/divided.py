@@ -267,8 +267,10 @@ def _assemble_stored(build: Build, plan: BuildPlan, scratch: Path, locks: list[i
     force = ["--force"] if plan.force else []
     command = ["assemble", build.folder, "--output", plan.output, *force, "--scratch", str(scratch), "--json", *plan.resources]
     report = _run(plan, command, locks, places=(build.folder, str(scratch)))
-    digest = report["sha256"] if is_address(plan.output) else sha256(Path(plan.output))
-    pack = Pack(digest, report["pack"]["bytes"], report["triangles"])
+    pack = Pack(report["sha256"], report["pack"]["bytes"], report["triangles"])
+    if report.get("already_done", False):
+        # An earlier attempt was killed when the pack was in place.
+        return TaskOutcome(ASSEMBLE, "was done", pack=pack)
     figures = Figures(time.monotonic() - clock, _cpu_of_children() - cpu, None, pack.bytes)
     return TaskOutcome(ASSEMBLE, "done", figures=figures, pack=pack)
 

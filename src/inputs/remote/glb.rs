@@ -1,0 +1,85 @@
+//! Whether a GLB in a store refers to other files: its JSON is read alone (Khronos, "glTF 2.0 Specification", 2021, section 4.4).
+
+use kilwa_store::{Address, Objects};
+use serde::Deserialize;
+
+/// Bytes of the header of the file and of that of the first chunk.
+const HEADERS: u64 = 20;
+/// Type of the first chunk.
+const JSON: u32 = 0x4e4f_534a;
+/// A description of scenes is not longer. Buffers and pictures may be embedded in it as text.
+const LONGEST: u64 = 1 << 30;
+
+/// The parts that may be in files of their own.
+#[derive(Deserialize)]
+struct Root {
+    #[serde(default)]
+    buffers: Vec<Part>,
+    #[serde(default)]
+    images: Vec<Part>,
+}
+
+#[derive(Deserialize)]
+struct Part {
+    uri: Option<String>,
+}
+
+/// The first file that a GLB of `bytes` bytes refers to, if it refers to any. One that is damaged or of another version refers to none here: the
+/// reader says what is wrong with it.
+pub(super) fn refers_to(
+    objects: &Objects,
+    address: &Address,
+    bytes: u64,
+    beginning: &[u8],
+) -> anyhow::Result<Option<String>> {
+    let Some(length) = length_of_json(beginning).filter(|length| HEADERS + length <= bytes) else { return Ok(None) };
+    anyhow::ensure!(length <= LONGEST, "its JSON has {length} bytes; export it again with binary buffers and pictures");
+    let have = beginning.get(HEADERS as usize..(HEADERS + length) as usize);
+    Ok(match have {
+        Some(json) => file_of(json),
+        None => file_of(&objects.read_long(&address.path, HEADERS, length)?),
+    })
+}
+
+/// The length of the JSON of a GLB of version 2 that begins so.
+fn length_of_json(beginning: &[u8]) -> Option<u64> {
+    let word = |at: usize| Some(u32::from_le_bytes(beginning.get(at..at + 4)?.try_into().ok()?));
+    (word(4)? == 2 && word(16)? == JSON).then(|| word(12).map(u64::from))?
+}
+
+/// The first file that the JSON names.
+fn file_of(json: &[u8]) -> Option<String> {
+    // Some writers pad it with zeros instead of spaces.
+    let end = json.iter().rposition(|b| *b != 0).map_or(0, |last| last + 1);
+    let root: Root = serde_json::from_slice(json.get(..end)?).ok()?;
+    let embedded = |uri: &String| uri.get(..5).is_some_and(|scheme| scheme.eq_ignore_ascii_case("data:"));
+    root.buffers.into_iter().chain(root.images).filter_map(|part| part.uri).find(|uri| !embedded(uri))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_beside_are_found_and_embedded_ones_are_not() {
+        let none = r#"{"asset":{"version":"2.0"},"buffers":[{"byteLength":4}],"images":[{"bufferView":0},{"uri":"data:image/png;base64,AA"}]}"#;
+        assert_eq!(file_of(none.as_bytes()), None);
+        assert_eq!(file_of(format!("{none}\0\0").as_bytes()), None);
+        let image = none.replace("data:image/png;base64,AA", "wall.png");
+        assert_eq!(file_of(image.as_bytes()).unwrap(), "wall.png");
+        let buffer = none.replace("\"byteLength\":4", "\"uri\":\"wall.bin\"");
+        assert_eq!(file_of(format!("{buffer}\0").as_bytes()).unwrap(), "wall.bin");
+        assert_eq!(file_of(b"{"), None);
+    }
+
+    #[test]
+    fn only_glbs_of_version_2_have_json_of_a_known_length() {
+        let glb = |version: u32, kind: u32| {
+            [b"glTF".to_vec(), [version, 999, 77, kind].iter().flat_map(|n| n.to_le_bytes()).collect()].concat()
+        };
+        assert_eq!(length_of_json(&glb(2, JSON)), Some(77));
+        assert_eq!(length_of_json(&glb(1, JSON)), None);
+        assert_eq!(length_of_json(&glb(2, 0)), None);
+        assert_eq!(length_of_json(&glb(2, JSON)[..19]), None);
+    }
+}
