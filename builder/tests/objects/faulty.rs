@@ -199,7 +199,11 @@ impl MultipartStore for Faulty {
 
     async fn abort_multipart(&self, path: &Path, id: &MultipartId) -> Result<()> {
         let abort = async {
-            self.uploads.lock().unwrap().remove(id);
+            // As S3 says it; the store in memory says it in words only.
+            if self.uploads.lock().unwrap().remove(id).is_none() {
+                let (path, source) = (path.to_string(), "NoSuchUpload".into());
+                return Err(Error::NotFound { path, source });
+            }
             self.inner.abort_multipart(path, id).await
         };
         self.carry_out(abort).await
