@@ -151,7 +151,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
 /// What was written.
 struct Done {
     photographs: Photographs,
-    /// How the frame of their reconstruction was found, if it was not the model's.
+    /// How the frame of the reconstruction was found, if it is not that of the model.
     aligned: Option<Aligned>,
     /// Points of the reconstruction near the model and all of them, if the poses seem to be in other coordinates.
     doubt: Option<[usize; 2]>,

@@ -71,7 +71,7 @@ pub(crate) struct InputArgs {
     /// Also read what the masks of a survey mask.
     #[arg(long)]
     pub(crate) unmasked: bool,
-    /// Whether meshes may be in object stores; set by the verbs for which that is so.
+    /// Whether meshes may be in object stores; set by the verbs that allow it.
     #[arg(skip)]
     pub(crate) stores: Option<Allowed>,
 }
@@ -87,12 +87,12 @@ pub(crate) struct InputFile {
     pub(crate) placement: Placement,
     /// How it is meshed, if it is a station of a survey.
     pub(crate) station: Option<StationInput>,
-    /// The object that it is; the path is that of its outline, until it is fetched.
+    /// The object, if the mesh is in a store; until it is downloaded, the path is that of its outline.
     pub(crate) remote: Option<Remote>,
 }
 
 impl InputFile {
-    /// Where it is, for messages and for the order of the inputs.
+    /// Its path or address, for messages and for the order of the inputs.
     pub(crate) fn place(&self) -> PathBuf {
         self.remote.as_ref().map_or_else(|| self.path.clone(), |remote| remote.address.to_string().into())
     }
@@ -229,7 +229,7 @@ impl Inputs {
         Ok(())
     }
 
-    /// Any text that differs where the placement of a file does, or how it is meshed.
+    /// A text that differs if the placement of a file, or how it is meshed, differs.
     fn placement_of(&self, file: &InputFile) -> String {
         match &file.station {
             Some(station) => {
@@ -240,7 +240,7 @@ impl Inputs {
         }
     }
 
-    /// Download the inputs that are in stores to the scratch folder; does nothing when they are there.
+    /// Download the inputs that are in stores to the scratch folder, unless this was done before.
     pub(crate) fn fetch(&mut self, work: &Work<'_>) -> Result<(), BuildError> {
         let Some(outlines) = &self.outlines else { return Ok(()) };
         let of_outline = |file: &&mut InputFile| outlines.remote(&file.path).is_some();

@@ -1,7 +1,7 @@
 //! One build on many machines: `kilwa plan` lists its tasks, `kilwa task` does one, `kilwa assemble` writes the pack.
 //!
-//! The machines exchange files in a folder that all of them see, or in an object store. Whatever starts the tasks (kilwa-dask, an array of
-//! Slurm jobs, a shell) reads the list, and may start a task twice or kill it at any moment.
+//! The machines exchange files in a folder that all of them see, or in an object store. The program that starts the tasks (kilwa-dask, a
+//! Slurm job array, a shell) reads the list, and may start a task twice or kill it at any moment.
 
 mod assemble;
 mod assembled;

@@ -145,7 +145,7 @@ fn a_signal_during_colouring_leaves_no_files() {
     }
 }
 
-/// Simulated photographs in the frame of a reconstruction, with what is known of it: control points, and the positions of cameras in the model.
+/// Simulated photographs in the frame of a reconstruction, with files of control points and of camera positions in the model.
 fn reconstructed(folder: &Path) -> [PathBuf; 3] {
     let [known, loose] = ["known", "loose"].map(|name| folder.join(name));
     let options = ["synth", "photos", "--photos", "8", "--panoramas", "0", "--size", "160x120", "-o"];
@@ -176,7 +176,7 @@ fn reconstructed(folder: &Path) -> [PathBuf; 3] {
 }
 
 #[test]
-fn photographs_of_a_reconstruction_get_the_models_frame_from_points_or_cameras() {
+fn photographs_of_a_reconstruction_are_placed_by_control_points_or_camera_positions() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let [pack, _] = fort(folder.path(), "150k");
@@ -209,7 +209,7 @@ fn photographs_of_a_reconstruction_get_the_models_frame_from_points_or_cameras()
 }
 
 #[test]
-fn poses_that_are_off_by_a_common_shift_are_corrected_by_the_points_of_the_reconstruction() {
+fn a_common_shift_of_poses_is_corrected_with_the_points_of_the_reconstruction() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     let [photos, ..] = [photographs(folder.path(), "160x120")];
@@ -224,7 +224,7 @@ fn poses_that_are_off_by_a_common_shift_are_corrected_by_the_points_of_the_recon
         report["frame"]["translation"].as_array().unwrap().iter().map(|v| v.as_f64().unwrap()).collect();
     let off = found.iter().zip([0.3, -0.2, 0.25]).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
     assert!(off < 0.1, "{off} {}", report["frame"]);
-    // Farther off than allowed: nothing is made up.
+    // Farther away than allowed: the command fails.
     let (elsewhere, far) = (at("elsewhere.kilwa"), at("far.ply"));
     std::fs::write(at("far.xf"), "1 0 0 900 0 1 0 0 0 0 1 0 0 0 0 1").unwrap();
     succeeds(&["build", text(&mesh), "--transform", text(&at("far.xf")), "-o", text(&elsewhere)]);

@@ -248,12 +248,12 @@ fn a_task_whose_file_is_lost_runs_again_and_a_damaged_file_is_named() {
     assert_eq!(ready(&open(folder.path(), 1_500))[0].task, level);
     worker.run(&open(folder.path(), 1_500), level, &Stop::default(), &Silent).unwrap();
 
-    // One bit of a file of each content of some task of each kind: the tasks after it, or the assembly, refuse it by name.
+    // Flip one bit in each file of one task of each kind: later tasks, or the assembly, refuse the file by name.
     let files_of = |task| open(folder.path(), 1_500).finished(task).unwrap().files;
     let damaged = [Task::Ingest, Task::Region { region: 1 }, Task::Tree, Task::Leaves { shard: 1 }, level];
     let mut files: Vec<(Task, String, String)> = Vec::new();
     for task in damaged {
-        // Of the files of regions, those of one.
+        // Of the files of regions, only those of one region.
         let files_of =
             files_of(task).into_iter().filter(|(content, _)| !content.contains("-0") || content.ends_with("-0001"));
         files.extend(files_of.map(|(content, file)| (task, content, file.name)));

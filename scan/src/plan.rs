@@ -67,17 +67,17 @@ pub fn bar(metres: f64, scale: f64) -> ScaleBar {
     ScaleBar { length: metres * scale, metres }
 }
 
-/// A rectangle: its least x and y, and its largest.
+/// A rectangle: its smallest x and y, and its largest.
 type Rectangle = [f64; 4];
 
 fn overlap(a: Rectangle, b: Rectangle) -> bool {
     a[0] < b[2] && b[0] < a[2] && a[1] < b[3] && b[1] < a[3]
 }
 
-/// Side of the squares by which rectangles are found, in units: about the height of a label.
+/// Cell size of the grid for finding rectangles, in units: about the height of a label.
 const SQUARE: f64 = 16.0;
 
-/// Where no label may be placed any more.
+/// Areas where no label may be placed.
 #[derive(Clone, Default)]
 struct Taken {
     by_square: HashMap<[i32; 2], Vec<Rectangle>>,

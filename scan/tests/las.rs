@@ -1,4 +1,4 @@
-//! LAS of point formats 6 to 10, and LAZ of them, whose chunks are in layers.
+//! LAS of point formats 6 to 10, and LAZ with layered chunks.
 
 use crate::support::{Site, seen_from};
 use kilwa_scan::read::ReadOptions;
@@ -78,13 +78,13 @@ fn refusal(site: &Site, bytes: &[u8]) -> String {
     site.import(&[file], here()).unwrap_err().to_string()
 }
 
-/// What the head of a chunk announces is compared with the file before anything is allocated for it.
+/// The lengths in the head of a chunk are compared with the file before anything is allocated for it.
 #[test]
-fn heads_of_chunks_that_lie_are_refused_by_the_byte_of_the_chunk() {
+fn chunks_with_wrong_heads_are_refused_with_their_byte() {
     let site = Site::new();
     let bytes = std::fs::read(written(&site, "seed.laz", 6, 50)).unwrap();
     let at = chunks_at(&bytes);
-    // After the first point, of 30 bytes and three of the program: the number of points, and the lengths of nine layers.
+    // After the first point (30 bytes, and three extra bytes): the number of points, and the lengths of nine layers.
     let count = at + 33;
     let with = |place: usize, value: u32| {
         let mut lying = bytes.clone();
@@ -172,16 +172,16 @@ fn points_that_the_disk_has_no_room_for_are_refused_before_they_are_read() {
     }
 }
 
-/// Bytes that are not those of a layer lead `laz` into a call of itself without end where it decodes GPS times, which are not kept and not decoded.
+/// On damaged bytes, `laz` recurses without limit when it decodes GPS times. They are not kept, so they are not decoded.
 #[test]
-fn any_layer_of_gps_times_is_passed_over() {
+fn the_layer_of_gps_times_is_skipped_even_if_it_is_damaged() {
     let site = Site::new();
     let sound = written(&site, "seed.laz", 6, 2000);
     let bytes = std::fs::read(&sound).unwrap();
     let before = samples(&site, sound);
     let word = |at: usize| u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize;
     let lengths = chunks_at(&bytes) + 33 + 4;
-    // Nine layers of a point, the last of them GPS times, and three of its other bytes.
+    // Nine layers of a point, the last of which has the GPS times, and three layers of extra bytes.
     let layers = lengths + 4 * 12;
     let begin = layers + (0..8).map(|k| word(lengths + 4 * k)).sum::<usize>();
     let times = begin..begin + word(lengths + 4 * 8);

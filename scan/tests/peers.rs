@@ -113,9 +113,9 @@ fn laspy_finds_the_same_points_in_las_and_laz() {
     }
 }
 
-/// LAZ of formats 6 to 10 as `lazrs` and LASzip itself write it.
+/// LAZ of point formats 6 to 10, written by `lazrs` and by LASzip itself.
 #[test]
-fn laspy_finds_the_same_points_in_layered_laz_of_other_programs() {
+fn laspy_reads_the_same_points_from_layered_laz_of_other_programs() {
     for (backend, module) in [("Lazrs", "lazrs"), ("Laszip", "laszip")] {
         if !has("laspy") || !has(module) {
             continue;

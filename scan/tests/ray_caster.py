@@ -1,8 +1,8 @@
 """Masks of `--seen-through` against open3d's ray caster on the true surface: ray_caster.py SCANS SURVEY SURFACE.ply
 
 SCANS and SURFACE.ply are made by `kilwa synth scans --columns 1550` (with and without people) and `--truth-mesh`, with the same seed; SURVEY is the import
-of SCANS, with the mask. A station is a witness of a sample if open3d's ray from it to the sample goes at least FARTHER on, past the true surface, and the
-ray that it measured nearest to this one did so too: open3d knows nothing of the people in front of it.
+of SCANS, with the mask. A station is a witness of a sample if open3d's ray from it towards the sample meets the true surface only FARTHER behind the
+sample or later, and the nearest ray that it measured did so too, because open3d does not know the people in front of the station.
 """
 
 import sys
@@ -51,7 +51,7 @@ def cast(scene, position, directions):
 
 
 def witnesses(scene, other, places):
-    """Which places the rays of another station pass."""
+    """Return which places the rays of another station pass through."""
     ray = places - other.position
     distance = np.linalg.norm(ray, axis=1)
     x, y, z = (ray @ other.turn.T).T
@@ -81,9 +81,9 @@ def main(scans, survey, surface):
         good, lost = good + (own.labels == SURFACE).sum(), lost + own.masked[own.labels == SURFACE].sum()
         print(
             f"{own.name}: ranges of {len(some)} surface samples: median {1e3 * np.median(error):.1f} mm from open3d's, "
-            f"{100 * (error < 0.05).mean():.2f} % within 5 cm; {len(people)} of people, {seen.sum()} passed by two others"
+            f"{100 * (error < 0.05).mean():.2f} % within 5 cm; {len(people)} of people, {seen.sum()} crossed by rays of two others"
         )
-    print(f"{passed} samples of people passed by two others, {100 * found / passed:.1f} % masked")
+    print(f"{passed} samples of people crossed by rays of two others, {100 * found / passed:.1f} % masked")
     print(f"{good} good points, {100 * lost / good:.4f} % masked")
 
 

@@ -1,20 +1,20 @@
-//! Where the frame of a reconstruction lies in the coordinates of the model.
+//! The position of the frame of a reconstruction in the coordinates of the model.
 
 use kilwa_scan::ScanError;
 use kilwa_scan::colour::align::{Start, pairs};
 use kilwa_scan_core::photo_pose::Similarity;
 use std::path::{Path, PathBuf};
 
-/// What is known about the frame. Without any of these, the poses are those of the model already.
+/// What is known about the frame. Without any of these, the poses are used as they are.
 #[derive(clap::Args)]
 pub(super) struct KnownFrame {
-    /// A text file with points that are known both in the frame of the reconstruction and in the coordinates of the model: name, x y z there, x y z here (metres), and optionally the standard deviation of a point (metres). Three or more points.
+    /// A text file with three or more points that are known in both frames: name, x y z in the reconstruction, x y z in the model (metres), and optionally the standard deviation of the point (metres).
     #[arg(long, value_name = "FILE", group = "frame")]
     control_points: Option<PathBuf>,
-    /// A text file with the measured positions of cameras: name of the photograph, x y z in the coordinates of the model (metres), and optionally the standard deviation (metres). Three or more cameras.
+    /// A text file with the measured positions of three or more cameras: name of the photograph, x y z in the coordinates of the model (metres), and optionally the standard deviation (metres).
     #[arg(long, value_name = "FILE", group = "frame")]
     camera_positions: Option<PathBuf>,
-    /// The poses are in the coordinates of the model, except for a common shift, rotation and scale that move what they show by at most this far, in metres. The correction is found from the points of the reconstruction.
+    /// The poses are in the coordinates of the model, except for a common shift, rotation and scale that displaces the points they see by at most this many metres. The correction is computed from the points of the reconstruction.
     #[arg(long, value_name = "METRES", group = "frame", value_parser = metres)]
     approximate_poses: Option<f64>,
 }

@@ -7,7 +7,7 @@ use kilwa_scan::photos::{self, Frame, Missing, Options, PhotoRecord, PhotoSet, S
 use kilwa_scan::survey::Survey;
 use std::path::Path;
 
-/// Poses are in doubt if the reconstruction has at least this many points, and less than this share of them are near the model.
+/// The poses seem wrong if the reconstruction has at least `FEWEST_POINTS` points, and less than the share `NEAR` of them is near the model.
 const FEWEST_POINTS: usize = 30;
 const NEAR: f64 = 0.2;
 

@@ -17,16 +17,16 @@ use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Bytes of an outline that are the mesh's own.
+/// Bytes at the beginning of a mesh that its outline contains.
 const BEGINNING: u64 = 1 << 16;
-/// A matrix file is not longer.
+/// Maximum length of a matrix file.
 const MATRIX: u64 = 1 << 16;
 /// What a GLB begins with.
 const GLB: &[u8] = b"glTF";
 /// Folder of the downloaded meshes, in the scratch folder.
 const FOLDER: &str = "inputs";
 
-/// That a verb may read meshes from stores.
+/// Permission to read meshes from stores.
 #[derive(Debug, Clone)]
 pub(crate) struct Allowed {
     /// Existing folder for outlines.
@@ -42,7 +42,7 @@ pub(crate) struct Remote {
     objects: Objects,
 }
 
-/// The outlines of meshes; they go away with it.
+/// The outlines of meshes; they are removed when it is dropped.
 #[derive(Debug)]
 pub(crate) struct Outlines {
     folder: PrivateFolder,
@@ -50,16 +50,16 @@ pub(crate) struct Outlines {
 }
 
 impl Outlines {
-    /// Make those of the arguments; `with_matrices`: each with the matrix file beside it.
+    /// Make the outlines of the arguments; `with_matrices`: each with the matrix file next to it.
     ///
     /// # Errors
-    /// Where there is no such object, or it is no mesh of a format that is read from stores.
+    /// If there is no such object, or its format cannot be read from a store.
     pub(crate) fn of(given: &[PathBuf], allowed: &Allowed, with_matrices: bool) -> anyhow::Result<Self> {
         let folder = private_folder_in(&allowed.scratch, "kilwa-inputs-");
         let folder = folder.with_context(|| format!("cannot make a folder in {}", allowed.scratch.display()))?;
         let mut outlines = Self { folder, all: Vec::new() };
         for given in given {
-            let address = stores::address(given)?.with_context(|| format!("{} is no address", given.display()))?;
+            let address = stores::address(given)?.with_context(|| format!("{} is not an address", given.display()))?;
             let objects = stores::objects(&address.bucket, &allowed.stop)?;
             outlines.add(address, objects, with_matrices)?;
         }
@@ -93,7 +93,7 @@ impl Outlines {
         let is_whole = ["PLY", "STL", "Nexus"].contains(&format.name) || beginning.starts_with(GLB);
         if !is_whole {
             bail!(
-                "{address}: meshes of the format {} may refer to other files, which are not fetched from a store; give PLY, STL, GLB or Nexus, or copy the mesh with its files to a folder that all machines see",
+                "{address}: meshes of the format {} may refer to other files, which are not downloaded from a store; use PLY, STL, GLB or Nexus, or copy the mesh with its files to a folder that all machines see",
                 format.name
             );
         }
@@ -109,7 +109,7 @@ impl Outlines {
         Ok(())
     }
 
-    /// Where the outline of an object is.
+    /// The path of the outline of an object.
     fn path(&self, address: &Address) -> PathBuf {
         below(self.folder.path(), address)
     }
@@ -119,22 +119,22 @@ impl Outlines {
         self.all.iter().map(|(outline, _)| outline)
     }
 
-    /// The object whose outline this is.
+    /// The object that this outline belongs to.
     pub(crate) fn remote(&self, path: &Path) -> Option<Remote> {
         self.all.iter().find(|(outline, _)| outline == path).map(|(_, remote)| remote.clone())
     }
 
-    /// A message with the addresses of the objects in place of the names of the outlines.
+    /// A message with the paths of outlines replaced by the addresses of their objects.
     pub(crate) fn in_words(&self, message: &str) -> String {
         message.replace(&*self.folder.path().to_string_lossy(), "s3:/")
     }
 }
 
 impl Remote {
-    /// Copy it to the scratch folder; `before` of `total` bytes of all inputs are there already.
+    /// Copy it to the scratch folder; `before` of the `total` bytes of all inputs have already been downloaded.
     ///
     /// # Errors
-    /// [`BuildError::Inputs`] where it has changed since it was planned, or cannot be read.
+    /// [`BuildError::Inputs`] if it has changed since it was planned, or cannot be read.
     pub(crate) fn fetch(&self, work: &Work<'_>, before: u64, total: u64) -> Result<PathBuf, BuildError> {
         let to = below(&downloads(work.scratch.folder()), &self.address);
         let address = &self.address;
@@ -152,12 +152,12 @@ impl Remote {
     }
 }
 
-/// A message about files below a scratch folder, with the addresses of the objects instead.
+/// A message with the paths of downloaded files replaced by the addresses of their objects.
 pub(crate) fn in_words(message: &str, scratch: &Path) -> String {
     message.replace(&*downloads(scratch).to_string_lossy(), "s3:/")
 }
 
-/// Where meshes are downloaded to.
+/// The folder that meshes are downloaded to.
 pub(crate) fn downloads(scratch: &Path) -> PathBuf {
     scratch.join(FOLDER)
 }

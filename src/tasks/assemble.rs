@@ -22,13 +22,13 @@ use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-/// Name of a pack in the scratch folder, before it is sent to a store.
+/// Name of a pack in the scratch folder, before it is uploaded to a store.
 const PACK: &str = "pack.kilwa";
 
 /// Write the pack of a build whose tasks are all done.
 ///
-/// The pack is read back and checked before it gets its name. Then the folder of the build is removed. A pack for a store
-/// (`-o s3://…`) is first written to the scratch folder.
+/// The pack is written under a temporary name, read back, checked and renamed. Then the folder of the build is removed. A pack for a
+/// store (`-o s3://…`) is first written to the scratch folder, then uploaded.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     /// The folder of the build, or its address s3://…, as `kilwa plan` prints it.
@@ -39,7 +39,7 @@ pub(crate) struct Args {
     output: PathBuf,
     #[command(flatten)]
     machine: Machine,
-    /// Replace an existing output file.
+    /// Replace an existing output.
     #[arg(long)]
     force: bool,
     /// Keep the folder of the build.
@@ -156,7 +156,7 @@ struct FoundPack {
 /// Write the pack to a file of this machine.
 fn to_file(args: &Args, place: &Place, shared: SharedBuild, bar: &Bar, stop: &Stop) -> anyhow::Result<Made> {
     let folders = MadeFolders::for_file(&args.output);
-    // Dropped after the file that is in them.
+    // Dropped after the file inside them.
     let _folders = folders.with_context(|| format!("cannot write {}", args.output.display()))?;
     let mut output = Output::create(&args.output)?;
     let scratch = args.machine.scratch()?;
@@ -187,7 +187,7 @@ fn write(
     Ok((report, pack))
 }
 
-/// Write and check the pack in the scratch folder, then send it to a store.
+/// Write and check the pack in the scratch folder, then upload it to a store.
 fn to_store(
     args: &Args,
     object: &Object,

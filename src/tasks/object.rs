@@ -1,4 +1,4 @@
-//! A pack in a store. Which build made it is noted on the object, so that a build that was killed when its pack was in place is found complete.
+//! A pack in a store. The metadata of the object states which build made it, so that a build that was killed after its pack was uploaded counts as complete.
 
 use crate::build;
 use crate::progress::Bar;
@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Names of the notes.
+/// Names of the metadata.
 const BUILD: &str = "kilwa-build";
 const SHA256: &str = "kilwa-sha256";
 const TRIANGLES: &str = "kilwa-triangles";
@@ -31,7 +31,7 @@ pub(super) struct Object {
 }
 
 impl Object {
-    /// The one that an output names, if it names one.
+    /// The object that an output argument names, if it is an address.
     pub(super) fn of(output: &Path, stop: &Stop) -> anyhow::Result<Option<Self>> {
         let Some(address) = stores::address(output)? else { return Ok(None) };
         build::refuse_name(output)?;
@@ -39,7 +39,7 @@ impl Object {
         Ok(Some(Self { address, objects }))
     }
 
-    /// Refuse to replace what is there.
+    /// Refuse to replace an existing object.
     pub(super) fn refuse_existing(&self) -> anyhow::Result<()> {
         let there = self.objects.about(&self.address.path).with_context(|| self.cannot())?;
         if there.is_some() { Err(self.exists()) } else { Ok(()) }
@@ -56,14 +56,14 @@ impl Object {
         Ok(sha256.zip(triangles).map(|(sha256, triangles)| Pack { bytes: about.bytes, sha256, triangles }))
     }
 
-    /// Send the pack that the build with this key made; it appears when it is whole.
+    /// Upload the pack that the build with this key made; it becomes visible only when it is complete.
     pub(super) fn send(&self, local: &Path, key: &str, pack: &Pack, force: bool, bar: &Bar) -> anyhow::Result<()> {
         let Pack { sha256, triangles, .. } = pack;
         let notes = [(BUILD, key.to_owned()), (SHA256, sha256.clone()), (TRIANGLES, triangles.to_string())];
         let notes: BTreeMap<String, String> = notes.map(|(name, value)| (name.to_owned(), value)).into();
         let condition = if force { Condition::Replace } else { Condition::New };
         let progress = &mut |done, all| bar.update("uploading", done, all);
-        // What assemblies left that were killed while they sent. One that begins later may still be sending.
+        // Left by assemblies that were killed during the upload. One that begins later may still be sending.
         let earlier = self.objects.unfinished_of(&self.address.path);
         let sent = self.objects.upload(&self.address.path, local, condition, &notes, progress);
         let is_taken = match sent {

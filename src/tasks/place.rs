@@ -1,4 +1,4 @@
-//! Where a divided build is.
+//! The location of a divided build.
 
 use crate::stores;
 use anyhow::{Context, bail};
@@ -19,12 +19,12 @@ pub(super) enum Place {
 }
 
 impl Place {
-    /// What an argument names.
+    /// The place that an argument names.
     pub(super) fn of(given: &Path) -> anyhow::Result<Self> {
         Ok(stores::address(given)?.map_or_else(|| Self::Folder(given.to_owned()), Self::Store))
     }
 
-    /// The place for all builds; its folder is made.
+    /// The place for all builds; creates the folder.
     pub(super) fn made(given: &Path) -> anyhow::Result<Self> {
         match Self::of(given)? {
             Self::Folder(folder) => {
@@ -65,7 +65,7 @@ impl Place {
         name.strip_prefix(BUILD_FOLDER).map(str::to_owned)
     }
 
-    /// How its files are read and written; waiting for a store ends when `stop` is asked for.
+    /// How its files are read and written; requests to a store end when `stop` is set.
     pub(super) fn store(&self, stop: &Stop) -> anyhow::Result<Box<dyn Store>> {
         Ok(match self {
             Self::Folder(folder) => Box::new(SharedFolder::new(folder)),
@@ -83,7 +83,7 @@ impl Place {
             // Nobody can build here. If it cannot be removed, the reason to refuse is the same.
             drop(store.remove(PLAN));
             bail!(
-                "the store of {address} replaces objects although it is told not to (If-None-Match: *), so machines could spoil each other's work; use a store with conditional writes, such as Amazon S3, MinIO, Ceph, Cloudflare R2 or SeaweedFS 4.48"
+                "the store of {address} ignores the condition If-None-Match: * and replaces objects, so machines could overwrite each other's results; use a store with conditional writes, such as Amazon S3, MinIO, Ceph, Cloudflare R2 or SeaweedFS 4.48"
             );
         }
         Ok(())

@@ -30,7 +30,7 @@ pub(crate) struct Args {
     /// Triangles per task, for example 10M: a smaller number gives more, shorter tasks.
     #[arg(long, value_name = "N", default_value_t = TASK_TRIANGLES, value_parser = count)]
     task_triangles: u64,
-    /// The pack that `kilwa assemble` shall write: an existing one is refused now, and one in a store that this very build made is reported.
+    /// The pack that `kilwa assemble` will write: an existing one is refused now, unless it is in a store and this same build made it.
     #[arg(short, long, value_name = "NAME.kilwa")]
     output: Option<PathBuf>,
     /// Do not refuse an existing output.
@@ -51,7 +51,7 @@ struct Report<'a> {
     tasks: Vec<TaskEntryFile>,
     /// Whether all tasks are known and done.
     complete: bool,
-    /// The pack, if it is in its place.
+    /// The pack, if it is already in the store.
     #[serde(skip_serializing_if = "Option::is_none")]
     pack: Option<Pack>,
 }
@@ -82,7 +82,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let place = work.join(&format!("{BUILD_FOLDER}{key}"));
     if let Some((pack, kept)) = finished(args, &key, &place, &stop)? {
         if !kept {
-            // The build was killed when its pack was in place.
+            // The build was killed after its pack was uploaded.
             place.store(&stop)?.remove_all()?;
         }
         let tool = &plan.plan.tool;
@@ -118,14 +118,14 @@ fn finished(args: &Args, key: &str, place: &Place, stop: &Stop) -> anyhow::Resul
     Ok((noted.is_some() || !args.force).then_some((pack, kept)))
 }
 
-/// The inputs and options, where inputs may be in stores; `scratch` is an existing folder.
+/// The inputs, which may be in stores, and the options; `scratch` is an existing folder.
 pub(super) fn shaping(args: &Args, scratch: &Path, stop: &Stop) -> Shaping {
     let mut shaping = args.shaping.clone();
     shaping.input.stores = Some(Allowed { scratch: scratch.to_owned(), stop: stop.clone() });
     shaping
 }
 
-/// The folder that relative names start from; empty where there are none, so that other machines need not have it.
+/// The folder that relative paths start from; empty if there are none, so that other machines need not have it.
 fn working_folder(args: &Args) -> anyhow::Result<String> {
     let input = &args.shaping.input;
     let matrix = input.transform.iter().filter(|file| file.as_os_str() != "auto");
@@ -179,7 +179,7 @@ fn print(args: &Args, report: &Report<'_>) -> anyhow::Result<()> {
     }
     if report.pack.is_some() {
         let output = args.output.as_deref().unwrap_or(Path::new("the pack")).display();
-        writeln!(out, "{output}: complete; nothing is left to do")?;
+        writeln!(out, "{output} is complete; there is nothing left to do")?;
         return Ok(());
     }
     let open: Vec<&TaskEntryFile> = report.tasks.iter().filter(|t| !t.listed.done).collect();

@@ -56,7 +56,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
         Ok(done) => print(args, &id, &done),
         Err(_) if stop.asked() => Err(Interrupted::new(&format!("{id} was stopped; nothing was kept")).into()),
         Err(error) => {
-            // Nobody knows the folder that meshes were downloaded to.
+            // Users do not know the folder that meshes were downloaded to.
             let words = error.to_string();
             let better = remote::in_words(&words, scratch.folder());
             let error = if better == words { error.into() } else { anyhow::anyhow!(better) };

@@ -1,4 +1,4 @@
-//! How a store is reached.
+//! Credentials and connection settings of a store.
 
 use crate::http::{Connector, Seen};
 use object_store::aws::{AmazonS3, AmazonS3Builder, AmazonS3ConfigKey};
@@ -7,7 +7,7 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::runtime::Handle;
 
-/// Settings that say how to sign; without any of them nothing is signed.
+/// Settings for signing requests; without any of them, requests are not signed.
 const KEYS: [&str; 5] = [
     "AWS_ACCESS_KEY_ID",
     "AWS_WEB_IDENTITY_TOKEN_FILE",
@@ -16,16 +16,16 @@ const KEYS: [&str; 5] = [
     "AWS_SKIP_SIGNATURE",
 ];
 
-/// Keys, region and address of a store, and how long it is waited for.
+/// Keys, region and address of a store, with timeout and retries.
 #[derive(Clone)]
 pub struct Access {
-    /// Address of a store that is not Amazon's; over what the settings say.
+    /// Address of a store other than Amazon's; overrides the settings.
     pub endpoint: Option<String>,
-    /// Keys, region and the like by the names of the environment variables, `AWS_…`.
+    /// Keys, region and other settings, named like the environment variables `AWS_…`.
     pub settings: Vec<(String, String)>,
-    /// How long each step of a request may take.
+    /// Timeout of each step of a request.
     pub timeout: Duration,
-    /// How often a request is tried that the store is too busy for.
+    /// Retry policy of the library, for responses that say that the store is too busy.
     pub retry: RetryConfig,
 }
 
@@ -37,11 +37,11 @@ pub fn environment() -> Vec<(String, String)> {
 }
 
 impl Access {
-    /// The library's client for a bucket, whose connections belong to `threads` and whose failures `seen` holds. Without keys in the
-    /// settings it asks for what is public.
+    /// The library's client for a bucket, whose connections run on `threads` and whose last failure is kept in `seen`. Without keys in
+    /// the settings, it can read only public objects.
     ///
     /// # Errors
-    /// Where the settings contradict each other.
+    /// If the settings contradict each other.
     pub fn client(&self, bucket: &str, threads: &Handle, seen: &Arc<Seen>) -> Result<AmazonS3, Error> {
         let builder = self.builder();
         let connector = self.connector(&builder, threads, seen);
@@ -50,7 +50,7 @@ impl Access {
         builder.with_http_connector(connector).build()
     }
 
-    /// Makes the connections of such a client.
+    /// The connector of such a client.
     pub(crate) fn connections(&self, threads: &Handle, seen: &Arc<Seen>) -> Connector {
         self.connector(&self.builder(), threads, seen)
     }
@@ -66,7 +66,7 @@ impl Access {
             builder = builder.with_skip_signature(true);
         }
         if let Some(endpoint) = &self.endpoint {
-            // Over what the environment says, in whichever of its two forms.
+            // Overrides both settings that can hold an address.
             builder = builder.with_config(AmazonS3ConfigKey::S3Endpoint, endpoint).with_endpoint(endpoint);
         }
         builder

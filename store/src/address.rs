@@ -3,7 +3,7 @@
 use object_store::path::Path;
 use std::fmt;
 
-/// A bucket, and a key or the beginning of keys in it.
+/// A bucket, and a key or a key prefix in it.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Address {
     /// Name of the bucket.
@@ -12,13 +12,13 @@ pub struct Address {
     pub path: Path,
 }
 
-/// Whether a text is meant as an address of a store.
+/// Whether a text looks like the address of an object.
 pub fn is_address(text: &str) -> bool {
     text.starts_with("s3://")
 }
 
 impl Address {
-    /// Read an address; `None` where it is none.
+    /// Parse an address; `None` if it is not valid.
     pub fn parse(url: &str) -> Option<Self> {
         let (bucket, key) = parts(url)?;
         Some(Self { bucket: bucket.to_owned(), path: Path::parse(key).ok()? })
@@ -71,7 +71,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_joined_is_below_and_printed_as_it_was_given() {
+    fn a_joined_address_is_below_its_parent_and_printed_as_it_was_given() {
         let work = Address::parse("s3://museum/work/of forts/").unwrap();
         assert_eq!(work.to_string(), "s3://museum/work/of forts");
         let file = work.join("kilwa-build-1/plan.json");

@@ -1,5 +1,5 @@
-//! How the library for S3 reaches the store: HTTP/1.1 over hyper, on threads of the store's own, with a limit in time on each step and a
-//! small, fixed buffer for each answer, so that memory does not grow with files nor with slow readers.
+//! The HTTP client of the S3 library: HTTP/1.1 over hyper, on the store's own threads, with a timeout for each step and a small, fixed buffer
+//! for each response, so that memory grows neither with the size of files nor with slow readers.
 
 use http_body::{Body, Frame, SizeHint};
 use hyper::StatusCode;
@@ -22,29 +22,29 @@ use std::time::Duration;
 use tokio::runtime::Handle;
 use tokio::time::Sleep;
 
-/// Bytes read at a time for one answer.
+/// Bytes read at a time for one response.
 const BUFFER: usize = 32 * 1024;
-/// Connections that wait for use, and how long.
+/// Maximum number of idle connections; see also `IDLE_FOR`.
 const IDLE: usize = 64;
-/// A connection is there within this.
+/// Timeout for connecting.
 const CONNECT: Duration = Duration::from_secs(10);
 const IDLE_FOR: Duration = Duration::from_secs(20);
 
-/// The store's last failure, in words without addresses or keys.
+/// The store's last failure, as a message without addresses or keys.
 #[derive(Debug, Default)]
 pub struct Seen(Mutex<Failure>);
 
-/// What a store answered, or that it did not.
+/// An error response of a store, or a missing response.
 #[derive(Debug, Default, Clone)]
 pub struct Failure {
-    /// In words; empty before the first.
+    /// The message; empty before the first failure.
     pub what: String,
     /// Whether the store answered with a status of 500 or more.
     pub is_server_error: bool,
 }
 
 impl Seen {
-    /// The last failure, with the error code in the store's answer `e` if it gives one. The rest of that answer may repeat what was signed.
+    /// The last failure, with the error code from the store's response `e` if there is one; not the rest, which may repeat signed data.
     pub fn reason(&self, e: &object_store::Error) -> Failure {
         let body = e.to_string();
         let seen = self.0.lock().unwrap_or_else(PoisonError::into_inner).clone();

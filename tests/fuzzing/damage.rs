@@ -1,5 +1,5 @@
-//! Truncations and single flipped bits of a small PTX, a small E57 (grid, intensities, colours) and a small LAZ in layers, as a bad disk or a broken copy
-//! makes them.
+//! Truncations and single flipped bits of a small PTX, a small E57 (grid, intensities, colours) and a small layered LAZ, as from a bad disk or a broken
+//! copy.
 //!
 //! `KILWA_SOAK=1` runs the full numbers: 10^4 truncations and 10^5 flips of each. Every input has to be read or refused in time, in memory that does not depend on
 //! what its damaged header announces, and with an error that names the file, the place and what was expected. What is promised beyond that:
@@ -131,7 +131,7 @@ fn e57_that_is_cut(bytes: &[u8]) -> String {
     kind
 }
 
-/// Points of format 7, in layers.
+/// Points of format 7, in layered chunks.
 fn laz() -> Vec<u8> {
     let mut builder = las::Builder::from((1, 4));
     builder.point_format = las::point::Format::new(7).unwrap();
@@ -152,7 +152,7 @@ fn laz_that_is_damaged(bytes: &[u8]) -> String {
     read_scans(bytes, "a.laz", true).map_or_else(|e| refused(&e), |_| "read".to_owned())
 }
 
-/// It is whole only where nothing but the table of chunks is cut, which is not used.
+/// All samples can be read only if nothing but the chunk table, which is not used, is cut off.
 fn laz_that_is_cut(bytes: &[u8]) -> String {
     thread_local! {
         static SOUND: u64 = read_scans(&laz(), "a.laz", false).unwrap().digest;
@@ -214,6 +214,6 @@ fn a_truncated_or_damaged_e57_is_refused_with_its_place() {
 }
 
 #[test]
-fn a_truncated_or_damaged_laz_in_layers_is_read_or_refused_with_its_place() {
+fn a_truncated_or_damaged_layered_laz_is_read_or_refused_with_its_place() {
     damage("laz", &laz(), laz_that_is_cut, laz_that_is_damaged);
 }

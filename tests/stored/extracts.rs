@@ -59,7 +59,7 @@ fn an_extract_from_a_store_equals_one_from_a_folder_and_a_small_one_reads_little
     // Four blocks of 256 KiB, of eleven: head, directory, and some chunks.
     assert!(carried < 1 << 20 && pack.len() > 5 << 19, "{carried} of {}", pack.len());
     assert!(small == folder.extract("format=ply&detail=triangles&triangles=2000"));
-    // Every format once, and every kind of detail.
+    // Each format, and each kind of detail, once.
     let details = ["detail=triangles&triangles=60000", "detail=error&error=0.05", "detail=whole", "detail=whole"];
     for (format, detail) in ["ply", "glb", "obj", "stl"].into_iter().zip(details) {
         let form = format!("format={format}&{detail}");

@@ -43,7 +43,7 @@ enum What {
     Quality(Quality),
     /// Bytes by part and level, speed and vertex-cache use of the chunk codec, beside meshoptimizer's
     Codec(codec::Args),
-    /// One build as tasks: one worker and two beside `kilwa build`, and what larger models would cost
+    /// One build as tasks with one and two workers, compared with `kilwa build`; estimated costs of larger models
     Cluster(cluster::Args),
     /// Streaming and drawing: a recorded flight natively, the page in Chromium on three links
     View(view::Args),

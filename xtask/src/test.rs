@@ -48,7 +48,7 @@ enum Suite {
 /// A store in Python, for the tests of the server, and where they look for it.
 const STORE_PACKAGES: &str = "server/tests/store/requirements.txt";
 const STORE_VARIABLE: &str = "KILWA_MOTO";
-/// Another one, a program, for the tests of divided builds.
+/// Another store, a real program, for the tests of divided builds.
 const SEAWEED_PACKAGES: &str = "tests/divided/requirements.txt";
 const SEAWEED_VARIABLE: &str = "KILWA_SEAWEED";
 /// The Python packages, and the requirements of each and its checks.

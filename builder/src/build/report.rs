@@ -121,7 +121,7 @@ pub(crate) fn header_of(levels: &Levels) -> Header {
     Header::new(s.lattice, s.cube_log2, s.triangles, levels.attributes)
 }
 
-/// What the options say in the metadata.
+/// The metadata that come from the options.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub(crate) struct Stated {
     title: String,

@@ -21,7 +21,7 @@ enum Node {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Run {
     pub(crate) tetrahedron: u32,
-    /// The quarters that its half consists of, if it is one.
+    /// The quarters of which the half consists, if it is a half.
     pub(crate) half: Option<[u32; 2]>,
     pub(crate) buckets: Range<u32>,
 }

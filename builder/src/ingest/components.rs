@@ -98,7 +98,7 @@ pub(super) struct Part {
 }
 
 impl Part {
-    /// Add `first` to all numbers, which are below `count`; `false` if one is not.
+    /// Add `first` to all numbers. Returns `false` if one of them was not below `count`.
     pub(super) fn renumber(&mut self, first: u32, count: u32) -> bool {
         self.outer.iter_mut().for_each(|(number, _)| *number = number.wrapping_add(first));
         self.outer.iter().all(|(number, _)| (first..first + count).contains(number))
@@ -112,13 +112,13 @@ impl Joining {
         Ok(Self { links: Records::create(scratch, LINKS)?, next: AtomicU32::new(0) })
     }
 
-    /// Complete the records, for [`Joining::take`] in another folder. Returns how many numbers were given.
+    /// Complete the records, for [`Joining::take`] in another folder. Returns how many numbers were assigned.
     pub(super) fn hand_over(self) -> Result<u32, ScratchError> {
         self.links.finish()?;
         Ok(self.next.into_inner())
     }
 
-    /// Make room for `count` numbers that were given elsewhere, where they began at 0. Returns what to add to them.
+    /// Reserve `count` numbers for components that were numbered elsewhere, from 0. Returns the offset to add to them.
     pub(super) fn make_room(&mut self, count: u32) -> Option<u32> {
         let next = self.next.get_mut();
         let first = *next;
@@ -126,9 +126,9 @@ impl Joining {
         Some(first)
     }
 
-    /// Take over records from elsewhere, with `first` added to their numbers.
+    /// Add records from elsewhere, with `first` added to their numbers.
     pub(super) fn take(&self, records: &[u128], first: u32) -> Result<(), ScratchError> {
-        // A number that no region gave is that of a damaged file, which is noticed when all of it has been read.
+        // A number that no region assigned comes from a damaged file, which is detected once all of it has been read.
         let moved = |r: &u128| record(point_of(*r), tetrahedron_of(*r).wrapping_add(first));
         self.links.append(&records.iter().map(moved).collect::<Vec<_>>())
     }

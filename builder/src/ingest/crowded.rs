@@ -58,7 +58,8 @@ impl Crowd<'_> {
         refuse_leaves(self.buckets, self.lattice, triangles, &tree_of(cube_log2, keys))
     }
 
-    /// Refuse a place with more triangles than a chunk holds in the buckets `large`: in a region, it is not known how others divide space.
+    /// Refuse a place in the buckets `large` with more triangles than a chunk can hold. Leaves are not checked here, because a region does not
+    /// know how the others divide space.
     ///
     /// # Errors
     /// As [`Crowd::refuse`].
@@ -67,7 +68,7 @@ impl Crowd<'_> {
             let mut at: FxHashMap<[u32; 3], u32> = FxHashMap::default();
             self.visit(own, bucket, |corners| {
                 let sum = sum_of(corners);
-                // Few places have so many; where there are too many places to count, none is known to have.
+                // If a bucket has too many places to count, only the first ones are counted.
                 if at.len() < self.leaf_triangles || at.contains_key(&sum) {
                     let n = at.entry(sum).or_default();
                     *n += 1;
@@ -119,7 +120,7 @@ impl Crowd<'_> {
     }
 }
 
-/// Refuse a leaf of the tree that no chunk can hold; `triangles` are those of a bucket.
+/// Refuse a leaf of the tree that no chunk can hold; `triangles` returns the number of triangles of a bucket.
 ///
 /// # Errors
 /// [`BuildError::TooLarge`] with the number of triangles and their place.

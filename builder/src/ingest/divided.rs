@@ -1,14 +1,14 @@
-//! The ingest in parts, for a build that is divided among many machines: the same functions as [`super::ingest`] runs,
-//! region by region.
+//! The ingest in parts, for a build that is divided among many machines: the same functions as in [`super::ingest`],
+//! run region by region.
 //!
-//! | part | input | leaves |
+//! | part | input | output |
 //! |---|---|---|
 //! | [`sort`] | the spool | [`Basis`], and the triangles of each region ([`RegionFiles`]) |
-//! | [`weld`] | those of one region | `welded`, `replies`, `links`; [`Findings`] for the whole, [`RegionIndex`] of its files |
+//! | [`weld`] | the triangles of one region | `welded`, `replies`, `links`; [`Findings`] for the whole model, [`RegionIndex`] of its files |
 //! | [`Joined`] | the findings and links of all regions | the tree, and what is known of the surface |
-//! | [`fill`] | the tree, the buckets below some of its tetrahedra and replies to them ([`Regions`]) | the patches and records of these leaves |
+//! | [`fill`] | the tree, the buckets below some of its tetrahedra, and the replies to them ([`Regions`]) | the patches and records of these leaves |
 //!
-//! Which buckets and regions there are depends on the memory of the machine that sorts; what comes out does not.
+//! The buckets and regions depend on the memory of the machine that sorts; the result does not.
 
 use super::buckets::Buckets;
 use super::components::Joining;
@@ -50,21 +50,21 @@ pub(crate) struct Basis {
     normal_bits: u8,
 }
 
-/// Where the triangles of a region are: a file of own ones, and one of those of others that touch it.
+/// The files with the triangles of a region: its own, and those of other regions that touch it.
 #[derive(Serialize, Deserialize)]
 pub(crate) struct RegionFiles {
     own: Lists,
     halo: Lists,
 }
 
-/// What the files of a region hold.
+/// Index of the files of a region.
 #[derive(Serialize, Deserialize)]
 pub(crate) struct RegionIndex {
     /// The first bucket.
     first: u32,
-    /// By bucket, from the first on.
+    /// By bucket, starting with the first.
     places: Vec<WeldedPlace>,
-    /// By bucket, also of other regions: where the replies are, and the checksum of their bytes.
+    /// By bucket, including those of other regions: the place of the replies, and the checksum of their bytes.
     replies: BTreeMap<u32, (Vec<(u64, u32)>, u32)>,
 }
 
@@ -103,7 +103,7 @@ impl Basis {
         words / self.resolved.layout.triangle() as u64
     }
 
-    /// Where a region is: a point in its middle, metres.
+    /// The position of a region: a point in its middle, metres.
     pub(crate) fn near(&self, region: &RegionFiles) -> DVec3 {
         let Range { start, end } = region.own.range();
         let tetrahedra = self.buckets();
@@ -177,12 +177,12 @@ impl RegionIndex {
         self.first..self.first + self.places.len() as u32
     }
 
-    /// Triangles of one of its buckets; 0 of others.
+    /// Triangles of one of its buckets; 0 for other buckets.
     pub(crate) fn triangles(&self, bucket: u32) -> u64 {
         self.place(bucket).map_or(0, |place| place.triangles)
     }
 
-    /// Whether it has a bucket, or replies to one, among these.
+    /// Whether it contains one of these buckets, or replies to one.
     pub(crate) fn concerns(&self, buckets: &Range<u32>) -> bool {
         let own = self.buckets();
         (own.start < buckets.end && buckets.start < own.end) || self.replies.range(buckets.clone()).next().is_some()
@@ -193,7 +193,7 @@ impl RegionIndex {
     }
 }
 
-/// All regions, while they are joined, in their order.
+/// Joins all regions, in their order.
 pub(crate) struct Joined<'a> {
     work: &'a Work<'a>,
     basis: &'a Basis,
@@ -201,20 +201,20 @@ pub(crate) struct Joined<'a> {
     findings: Vec<Findings>,
 }
 
-/// What comes of all regions.
+/// The result of joining all regions.
 pub(crate) struct Grown {
-    /// Without the numbers of triangles of its leaves.
+    /// The numbers of triangles of its leaves are not set.
     pub(crate) tree: Partition,
-    /// Triangles of each tetrahedron that is a leaf, within what the groups of triangles tell.
+    /// Triangles of each tetrahedron that is a leaf, estimated from the groups of triangles.
     pub(crate) estimate: Vec<f64>,
     pub(crate) surface: Surface,
 }
 
 impl<'a> Joined<'a> {
-    /// No region.
+    /// Start without any region.
     ///
     /// # Errors
-    /// [`ScratchError`] where the scratch folder fails.
+    /// [`ScratchError`] if the scratch folder fails.
     pub(crate) fn new(work: &'a Work<'a>, basis: &'a Basis) -> Result<Self, ScratchError> {
         Ok(Self { work, basis, joining: Joining::create(work.scratch)?, findings: Vec::new() })
     }
@@ -231,15 +231,15 @@ impl<'a> Joined<'a> {
     /// Add links of the region for which [`Joined::add`] returned `first`.
     ///
     /// # Errors
-    /// [`ScratchError`] where the scratch folder fails.
+    /// [`ScratchError`] if the scratch folder fails.
     pub(crate) fn links(&self, records: &[u128], first: u32) -> Result<(), ScratchError> {
         self.joining.take(records, first)
     }
 
-    /// Grow the tree; `triangles` are those of a bucket.
+    /// Grow the tree; `triangles` returns the number of triangles of a bucket.
     ///
     /// # Errors
-    /// [`BuildError::TooLarge`] for a leaf that no chunk can hold; the scratch folder fails.
+    /// [`BuildError::TooLarge`] if a leaf does not fit into a chunk; the scratch folder fails.
     pub(crate) fn grow(self, triangles: impl Fn(u32) -> u64) -> Result<Grown, BuildError> {
         let Self { work, basis, joining, mut findings } = self;
         let groups: Vec<_> = findings.iter_mut().map(|f| std::mem::take(&mut f.groups)).collect();
@@ -261,17 +261,17 @@ impl<'a> Joined<'a> {
 
 /// The files of regions.
 pub(crate) trait RegionStore: Sync {
-    /// A stretch of the file of a region with this content, [`WELDED`] or [`REPLIES`].
+    /// A range of bytes of a region's file with this content, [`WELDED`] or [`REPLIES`].
     ///
     /// # Errors
-    /// [`BuildError`] where it cannot be read.
+    /// [`BuildError`] if it cannot be read.
     fn read(&self, region: usize, content: &str, at: u64, bytes: u64) -> Result<Vec<u8>, BuildError>;
 
-    /// The error where such a stretch is not what was written.
+    /// The error for such a range that is damaged.
     fn damaged(&self, region: usize, content: &str, at: u64) -> BuildError;
 }
 
-/// The regions that some runs of buckets are in, or that have replies to them.
+/// The regions that contain some runs of buckets, or have replies to them.
 struct Regions<'a> {
     basis: &'a Basis,
     indices: &'a [RegionIndex],
@@ -291,7 +291,7 @@ impl Welds for Regions<'_> {
 
     fn welded(&self, bucket: u32) -> Result<Welded, BuildError> {
         let Some((region, place)) = self.place(bucket) else {
-            let why = format!("the region with bucket {bucket} is not there; run `kilwa plan` again");
+            let why = format!("the region with bucket {bucket} is missing; run `kilwa plan` again");
             return Err(BuildError::Inputs { why });
         };
         let bytes = self.store.read(region, WELDED, place.at, place.words.saturating_mul(4))?;
@@ -317,8 +317,8 @@ impl Welds for Regions<'_> {
     }
 }
 
-/// Fill the leaves of some runs into the files of [`super::surface`]. `indices` are those of all regions that they
-/// concern, and regions of the store are numbered as these. Returns the number of leaves that hold more than they should.
+/// Fill the leaves of some runs into the files of [`super::surface`]. `indices` are those of all regions that concern
+/// them, in the order in which the store numbers its regions. Returns the number of leaves that hold more triangles than they should.
 ///
 /// # Errors
 /// [`BuildError`]: a file of a region cannot be read or is damaged; the scratch folder fails.

@@ -142,12 +142,12 @@ impl Default for Lengths {
 }
 
 impl Lengths {
-    /// The classes that are not empty, with their numbers.
+    /// The non-empty classes, as pairs of class and count.
     pub(super) fn sparse(&self) -> Vec<(u32, u64)> {
         (0u32..).zip(&self.counts).filter(|(_, n)| **n > 0).map(|(class, n)| (class, *n)).collect()
     }
 
-    /// Add what [`Lengths::sparse`] gave; classes that do not exist are left out.
+    /// Add the result of [`Lengths::sparse`]; classes that do not exist are ignored.
     pub(super) fn add_sparse(&mut self, classes: &[(u32, u64)]) {
         for (class, n) in classes {
             if let Some(count) = self.counts.get_mut(*class as usize) {

@@ -50,7 +50,7 @@ impl Leaves {
     }
 }
 
-/// What the patches are made of.
+/// The source of the triangles of patches.
 pub(super) trait Welds: Sync {
     /// Triangles of a bucket.
     fn triangles(&self, bucket: u32) -> u64;
@@ -58,10 +58,10 @@ pub(super) trait Welds: Sync {
     /// A bucket.
     ///
     /// # Errors
-    /// [`BuildError`] where it cannot be read or is damaged.
+    /// [`BuildError`] if it cannot be read or is damaged.
     fn welded(&self, bucket: u32) -> Result<Welded, BuildError>;
 
-    /// What other buckets found out about its triangles.
+    /// The replies of other buckets about its triangles.
     ///
     /// # Errors
     /// As [`Welds::welded`].

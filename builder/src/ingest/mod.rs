@@ -149,7 +149,7 @@ struct Sorted {
 }
 
 impl Sorted {
-    /// Do the stages up to there; in regions of about `region` triangles, where that is given.
+    /// Run the stages up to sorting; with regions of about `region` triangles, if that is given.
     fn find(
         stages: &mut Stages<'_>,
         spooled: Option<Spooled>,

@@ -30,8 +30,8 @@ const NOWHERE: u32 = u32::MAX;
 /// Words before the corners of a halo triangle: its bucket, its place there.
 pub(super) const HALO_HEAD: usize = 2;
 
-/// Where the triangles are. Consecutive buckets are a *region*, whose triangles are in files of their own: the whole model
-/// is one, or each region has about as many triangles as a task of many should take.
+/// Where the triangles are. A *region* is a range of consecutive buckets whose triangles are in their own files. Either the
+/// whole model is one region, or each region has about as many triangles as one task should take.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Scattered {
     pub(super) cube_log2: u32,
@@ -56,7 +56,7 @@ impl Scattered {
     }
 }
 
-/// Buckets of a region, at least: regions of whole buckets are then about equal.
+/// Minimum number of buckets of a region, so that regions of whole buckets have about the same size.
 const BUCKETS_OF_REGION: u64 = 8;
 
 /// What a triangle of a bucket that is worked on takes: corners as they were, welded vertices, tables, edges, sums.
@@ -92,7 +92,7 @@ fn regions(buckets: &Buckets, resolved: &Resolved, size: u64) -> Vec<u32> {
     equal_parts(&weights, size)
 }
 
-/// The stage; in regions of about `region` triangles, where that is given.
+/// Run the stage; with regions of about `region` triangles, if that is given.
 pub(super) fn scatter(
     work: &Work<'_>,
     resolved: &Resolved,
@@ -105,7 +105,7 @@ pub(super) fn scatter(
     let buckets = Buckets::divide(resolved.cube_log2, &mut samples, resolved.weight, capacity);
     drop(samples);
     let firsts = region.map_or_else(|| vec![0], |size| regions(&buckets, resolved, size));
-    // Islands are dropped from all regions together, which are divided after that.
+    // Islands are dropped from the whole model, before it is divided into regions.
     let in_files: &[u32] = if options.drop_islands_below.is_some() { &[0] } else { &firsts };
     let corners = work.scratch.existing(CORNERS)?;
     let mut own = Spill::create(work.scratch, BUCKETS, buckets.len(), in_files, work.memory / 4)?;

@@ -1,4 +1,4 @@
-//! Many lists of words in a few files: each list grows through a buffer of its own, and its extents are remembered.
+//! Many lists of words in a few files: each list has its own buffer, and its extents are recorded.
 
 use super::words::{append_words, read_words};
 use crate::scratch::{Scratch, ScratchError, ScratchFile};
@@ -7,17 +7,17 @@ use std::ops::Range;
 
 /// Words that all buffers together hold at most, by list: between these.
 const BUFFER: std::ops::RangeInclusive<usize> = 256..=1 << 16;
-/// Files that are open at a time.
+/// Maximum number of open files.
 const OPEN: usize = 128;
 
-/// Lists that are complete.
+/// Complete lists.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub(super) struct Lists {
     /// Number of the first list.
     first: u32,
     /// The files, in the order of the lists that they hold.
     pub(super) files: Vec<ListFile>,
-    /// Where each list is in its file: byte and number of words of every piece.
+    /// Extents of each list in its file: first byte and number of words of each.
     extents: Vec<Vec<(u64, u32)>>,
 }
 
@@ -32,7 +32,7 @@ pub(super) struct ListFile {
 }
 
 impl Lists {
-    /// Where a list is in its file; no pieces where there is no such list.
+    /// The extents of a list in its file; empty if there is no such list.
     pub(super) fn extents(&self, list: usize) -> &[(u64, u32)] {
         list.checked_sub(self.first as usize).and_then(|i| self.extents.get(i)).map_or(&[], Vec::as_slice)
     }
@@ -42,12 +42,12 @@ impl Lists {
         self.extents(list).iter().map(|(_, n)| *n as usize).sum()
     }
 
-    /// Numbers of the lists.
+    /// The numbers of the lists.
     pub(super) fn range(&self) -> Range<u32> {
         self.first..self.first + self.extents.len() as u32
     }
 
-    /// Those of one file alone; none where there is no such file.
+    /// Only the lists of one file; empty if there is no such file.
     pub(super) fn of_file(&self, file: usize) -> Self {
         let Some(one) = self.files.get(file) else { return Self::default() };
         let end = self.files.get(file + 1).map_or(self.range().end, |next| next.first);
@@ -57,7 +57,7 @@ impl Lists {
 
     /// Open the first file, which must be the only one.
     pub(super) fn open(&self, scratch: &Scratch) -> Result<ScratchFile, ScratchError> {
-        let only = || ScratchError::damaged(scratch.folder(), "lists of several files, where one was expected");
+        let only = || ScratchError::damaged(scratch.folder(), "lists in several files instead of one");
         let [file] = self.files.as_slice() else { return Err(only()) };
         scratch.existing(&file.name)
     }
@@ -170,7 +170,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lists_in_several_files_come_back_whole_or_file_by_file() {
+    fn lists_in_several_files_can_be_read_together_or_file_by_file() {
         let scratch = Scratch::temporary().unwrap();
         let mut spill = Spill::create(&scratch, "lists", 7, &[0, 3, 6], 0).unwrap();
         let mut expected = vec![Vec::new(); 7];

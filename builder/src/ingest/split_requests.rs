@@ -66,7 +66,7 @@ pub(super) struct SplitRequests<'a> {
     pub(super) deepest: u8,
     /// The diamonds that are wanted.
     pub(super) keys: Vec<DiamondKey>,
-    /// Groups of triangles that a leaf can hold: a centroid, three times, and how many they are.
+    /// Groups of triangles that fit into a leaf: three times a centroid, and the number of triangles.
     pub(super) groups: Vec<Group>,
 }
 

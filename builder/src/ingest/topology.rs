@@ -82,7 +82,7 @@ pub(super) struct Topology {
     pub(super) whole: Whole,
 }
 
-/// What is known of the whole model.
+/// What is known about the whole model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Whole {
     pub(super) counts: Counts,
@@ -103,17 +103,17 @@ pub(super) struct WeldedPlace {
     pub(super) crc32: u32,
 }
 
-/// What is found out about some buckets, for what follows.
+/// Results for some buckets, for the following stages.
 #[derive(Debug, Default, Serialize, Deserialize)]
 pub(crate) struct Findings {
-    /// What is known of each bucket.
+    /// The results of each bucket.
     pub(super) above: Vec<Above>,
     pub(super) parts: Vec<Part>,
-    /// How many numbers the components in these have, where others are to be joined with them.
+    /// How many numbers their components have, if other regions are to be joined with them.
     pub(super) numbers: u32,
-    /// The diamonds that are wanted, as level and midpoint.
+    /// The requested diamonds, as level and midpoint.
     pub(super) keys: Vec<(u8, LatticePoint)>,
-    /// Where the triangles are, so finely that a leaf holds a few of these groups; empty where the region is all.
+    /// Groups of triangles with their places, so small that a leaf holds a few of them; empty if the region is the whole model.
     pub(super) groups: Vec<Group>,
     pub(super) counts: Counts,
     /// See [`Lengths::sparse`].
@@ -157,7 +157,7 @@ impl Welded {
         Self::of_bytes(&bytes, place, layout).ok_or_else(whole)
     }
 
-    /// What was written at a place, from its bytes; `None` if they are not those that were written.
+    /// Parse the bucket at a place from its bytes; `None` if they are damaged.
     pub(super) fn of_bytes(bytes: &[u8], place: WeldedPlace, layout: Layout) -> Option<Self> {
         if crc32fast::hash(bytes) != place.crc32 {
             return None;
@@ -220,9 +220,9 @@ pub(super) struct Region<'a> {
     pub(super) is_all: bool,
 }
 
-/// What a region leaves beside the file of [`WELDED`].
+/// The results of a region in addition to the file [`WELDED`].
 pub(super) struct Welding {
-    /// By bucket, from the first of the region on.
+    /// By bucket, starting with the first of the region.
     pub(super) places: Vec<WeldedPlace>,
     /// For every bucket of the model.
     pub(super) replies: Lists,
@@ -230,7 +230,7 @@ pub(super) struct Welding {
 }
 
 impl Region<'_> {
-    /// Weld the buckets, and find out how their triangles relate to their neighbours.
+    /// Weld the buckets, and determine how their triangles relate to their neighbours.
     pub(super) fn weld(&self) -> Result<Welding, BuildError> {
         let Self { work, layout, scattered, buckets, .. } = *self;
         let files = (scattered.own.open(work.scratch)?, scattered.halo.open(work.scratch)?);
@@ -272,7 +272,7 @@ impl Region<'_> {
             findings.above.push(f.above);
             findings.parts.push(f.part);
             findings.keys.extend(f.keys.iter().map(|k| (k.level, k.midpoint)));
-            // Only tasks ask for the groups.
+            // Only tasks need the groups.
             findings.groups.extend(f.groups.into_iter().filter(|_| !self.is_all));
             findings.counts.add(&f.counts);
             roughness = roughness.merge(&f.roughness);
@@ -313,7 +313,7 @@ impl Region<'_> {
     }
 }
 
-/// Join what was found out about all regions, in their order: the diamonds that are wanted, and what is known of the whole.
+/// Join the results of all regions, in their order: the requested diamonds, and what is known about the whole model.
 pub(super) fn join(
     work: &Work<'_>,
     buckets: &Buckets,

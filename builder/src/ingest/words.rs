@@ -94,7 +94,7 @@ pub(super) fn read_words(file: &ScratchFile, at: u64, into: &mut [u32]) -> Resul
     Ok(())
 }
 
-/// The words in the bytes of a file; bytes after the last whole word are left out.
+/// The words in the bytes of a file; bytes after the last whole word are ignored.
 pub(super) fn words_of_bytes(bytes: &[u8]) -> Vec<u32> {
     let mut words = vec![0u32; bytes.len() / 4];
     bytemuck::cast_slice_mut(&mut words).copy_from_slice(&bytes[..bytes.len() / 4 * 4]);

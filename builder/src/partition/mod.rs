@@ -68,7 +68,7 @@ impl Partition {
         (0..self.tetrahedra.len() as u32).filter(|t| self.tetrahedra[*t as usize].children.is_none())
     }
 
-    /// The leaf that holds the point `sum / 3`.
+    /// The leaf that contains the point `sum / 3`.
     pub(crate) fn leaf_at(&self, sum: I64Vec3) -> u32 {
         let mut at = root_of(sum) as u32;
         while let Some([a, b, c, d]) = self.tetrahedra[at as usize].children {

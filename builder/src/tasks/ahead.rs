@@ -1,33 +1,34 @@
-//! Stretches of objects that were read ahead. A request to a store takes tens of milliseconds, whatever its length, and tasks read many small
-//! pieces one after another: patches, blocks of records, bodies of chunks. So more is read than is asked for, and kept for the next pieces.
+//! A read-ahead cache for objects that never change. A request to a store takes tens of milliseconds, however little it reads, and tasks read many
+//! small pieces one after another: patches, blocks of records, bodies of chunks. So each request reads more than was asked for, and the rest is kept
+//! for the next pieces.
 //!
-//! Only for objects that never change. Memory: [`MOST`] bytes, and one stretch for each thread that reads.
+//! Memory: [`MOST`] bytes, and one stretch for each thread that reads.
 
 use bytes::Bytes;
 use std::collections::VecDeque;
 use std::ops::Range;
 use std::sync::{Condvar, Mutex, PoisonError};
 
-/// Bytes that are kept.
+/// Size limit of the cache, bytes.
 const MOST: usize = 64 << 20;
-/// Bytes that are read at least.
+/// Minimum number of bytes per request.
 const STRETCH: u64 = 1 << 20;
-/// The same where a piece follows one that was read before.
+/// The same if the piece follows one that was read before.
 const NEXT_STRETCH: u64 = 4 << 20;
-/// A piece follows another if it begins at most so many bytes after its end.
+/// A piece follows another if it begins at most this many bytes before or after its end.
 const GAP: u64 = 1 << 18;
 
-/// What is kept.
+/// The cache.
 #[derive(Debug, Default)]
 pub(super) struct Ahead {
     state: Mutex<State>,
-    /// Something that was under way is there, or failed.
+    /// Signals that a request has succeeded or failed.
     arrived: Condvar,
 }
 
 #[derive(Debug, Default)]
 struct State {
-    /// The piece that was used last is last.
+    /// Least recently used first.
     held: VecDeque<Stretch>,
     bytes: usize,
     under_way: Vec<(String, Range<u64>)>,
@@ -45,7 +46,7 @@ impl Stretch {
         self.at + self.bytes.len() as u64
     }
 
-    /// A piece of it.
+    /// A piece of the stretch.
     fn piece(&self, name: &str, range: &Range<u64>) -> Option<Bytes> {
         let is_inside = self.name == name && self.at <= range.start && range.end <= self.end();
         is_inside.then(|| self.bytes.slice((range.start - self.at) as usize..(range.end - self.at) as usize))
@@ -60,14 +61,14 @@ impl State {
         Some(piece)
     }
 
-    /// What to read for a piece, of an object of `length` bytes if that is known.
+    /// The range to read for a piece; `length` is the length of the object, if it is known.
     fn stretch(&self, name: &str, range: &Range<u64>, length: Option<u64>) -> Range<u64> {
         let follows =
             |s: &Stretch| s.name == name && (s.end().saturating_sub(GAP)..=s.end() + GAP).contains(&range.start);
         let ahead = if self.held.iter().any(follows) { NEXT_STRETCH } else { STRETCH };
         let end = range.end.max(range.start.saturating_add(ahead));
         match length {
-            // The end of an object, and what is before it: there is its index.
+            // Near the end of an object, read back from the end, because its index is there.
             Some(length) if end >= length => length.saturating_sub(ahead).min(range.start)..length.max(range.end),
             _ => range.start..end,
         }
@@ -84,7 +85,7 @@ impl State {
 }
 
 impl Ahead {
-    /// A piece of an object; `fetch` reads a stretch of it, which may end where the object ends. `None` where the object ends before the piece does.
+    /// A piece of an object. `fetch` reads a stretch of it, which is shorter if the object ends. `None` if the object ends before the piece does.
     pub(super) fn read<E>(
         &self,
         name: &str,
@@ -97,7 +98,7 @@ impl Ahead {
             if let Some(piece) = state.find(name, &range) {
                 return Ok(Some(piece.to_vec()));
             }
-            // Another thread reads it just now.
+            // Another thread is reading it.
             let is_coming = |(of, coming): &(String, Range<u64>)| of == name && coming.contains(&range.start);
             if !state.under_way.iter().any(is_coming) {
                 break state.stretch(name, &range, length);
@@ -136,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn pieces_are_those_of_the_object_whatever_was_read_before_and_by_whom() {
+    fn pieces_have_the_bytes_of_the_object_whatever_any_thread_read_before() {
         let (ahead, requests) = (Ahead::default(), AtomicUsize::new(0));
         let length = 9 << 20;
         std::thread::scope(|scope| {
@@ -165,7 +166,7 @@ mod tests {
     }
 
     #[test]
-    fn pieces_in_order_need_a_request_for_megabytes_and_memory_is_bounded() {
+    fn sequential_pieces_need_one_request_per_few_megabytes_and_memory_is_bounded() {
         let (ahead, mut requests, length) = (Ahead::default(), 0, 200u64 << 20);
         for at in (0..length).step_by(1 << 18) {
             let fetch = |wanted: Range<u64>| {
@@ -183,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn the_end_of_an_object_comes_with_what_is_before_it() {
+    fn reading_the_end_of_an_object_also_reads_the_bytes_before_it() {
         let ahead = Ahead::default();
         let length = 5 << 20;
         let fetch = |wanted: Range<u64>| Ok::<Bytes, ()>(content("a", wanted, length));

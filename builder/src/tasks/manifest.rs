@@ -11,7 +11,7 @@ pub struct Manifest {
     pub task: String,
     /// The program that did it.
     pub tool: String,
-    /// What this task was made from: a file in the store that the ingest left, or the task that grows the tree; none for the
+    /// The file that this task was made from: one from the ingest, or from the task that grows the tree; none for the
     /// ingest itself.
     pub of: Option<String>,
     /// The files that it left, by what they hold.

@@ -1,21 +1,21 @@
 //! One build as tasks for many machines, which exchange files through a [`Store`]: a folder that all of them see, or an
 //! object store.
 //!
-//! | task | needs | leaves |
+//! | task | input | output |
 //! |---|---|---|
 //! | [`Task::Ingest`] | the inputs | the triangles, sorted into regions |
-//! | [`Task::Region`] | the triangles of a region, and those of others that touch it | welded vertices, and what is known of the region |
-//! | [`Task::Tree`] | what is known of every region | the tree, how it is divided into shards, and what is known of the surface |
+//! | [`Task::Region`] | the triangles of a region, and those of others that touch it | welded vertices, and what is known about the region |
+//! | [`Task::Tree`] | what is known about every region | the tree, its division into shards, and what is known about the surface |
 //! | [`Task::Leaves`] | the tree, and the regions that a shard of its leaves touches | the patches of these leaves |
 //! | [`Task::Level`] | the tree, and every task of the leaves and of the level below | one shard of a level |
 //! | [`Task::Tail`] | the tree, and every task of the leaves and of the coarsest level that is divided into shards | all coarser levels, which together are a part of a task |
 //!
 //! A region and a shard of leaves are ranges of the buckets of the ingest, in the order of the tree. A shard of a level is a range of its diamonds in the order of the pack, along a Hilbert curve. [`plan`] lists the tasks;
-//! [`run`] does one of them, and [`assemble`] writes the pack. A task processes a diamond exactly as [`mod@crate::build`]
-//! does, so the pack is the same to the last byte, whatever the shards.
+//! [`run`] runs one of them, and [`assemble`] writes the pack. A task processes a diamond exactly as [`mod@crate::build`]
+//! does, so the pack is byte for byte the same, however the work is divided.
 //!
-//! A task copies what it needs into a scratch folder of its own, works there, uploads what it made under names that no
-//! other attempt uses, and creates its *manifest*, `done/TASK.json`, last. The first manifest counts; an attempt that
+//! A task copies what it needs into its own scratch folder, works there, uploads its results under names that no other
+//! attempt uses, and creates its *manifest*, `done/TASK.json`, last. The first manifest counts; an attempt that
 //! finds one removes its own files. So a task may run twice, or on two workers at once, or be killed at any moment.
 //! Every file that is exchanged carries checksums, which are compared by the task that reads it.
 //!
@@ -60,7 +60,7 @@ pub enum Task {
         /// The number of the region.
         region: u32,
     },
-    /// Grow the tree from what is known of the regions.
+    /// Grow the tree from the results of the regions.
     Tree,
     /// Fill one shard of the leaves.
     Leaves {
@@ -90,7 +90,7 @@ impl Task {
         format!("{}-{number:04}", self.stage())
     }
 
-    /// What it has in common with tasks of the same kind: `ingest`, `region`, `tree`, `leaves`, `level-07`, `tail`.
+    /// The stage it belongs to: `ingest`, `region`, `tree`, `leaves`, `level-07`, `tail`.
     pub(crate) fn stage(self) -> String {
         match self {
             Self::Ingest => "ingest".to_owned(),

@@ -1,7 +1,8 @@
 //! A part of an object store in which the tasks of a build exchange files.
 //!
-//! What tasks leave, `files/…`, never changes: its lengths are listed together, and it is read ahead. Plan, tasks and manifests are asked for
-//! whenever they are needed; manifests of the shards of one level together. Every request is tried again while the store is busy.
+//! The results of tasks, `files/…`, never change: their lengths are listed with one request, and they are read through a read-ahead cache. Plan, tasks
+//! and manifests are requested whenever they are needed; the manifests of the shards of one level in one batch. Requests are retried while the store is
+//! busy.
 
 use super::ahead::Ahead;
 use super::store::{FOLDERS, LARGEST_WHOLE, Store};
@@ -19,11 +20,11 @@ use std::time::{Duration, Instant};
 const FILES: &str = "files";
 /// Manifests.
 const DONE: &str = "done";
-/// Longer pieces are read as they are, several parts at a time.
+/// Longer pieces are read without the cache, in concurrent parts.
 const LONG: u64 = 4 << 20;
-/// How long a small object counts that was read with others.
+/// How long a manifest that was read in a batch is valid.
 const FRESH: Duration = Duration::from_secs(5);
-/// How often the objects of a build are listed and removed while others still add to them.
+/// Maximum number of times that the objects of a build are listed and removed, because other machines may still add some.
 const SWEEPS: usize = 5;
 
 /// A part of an object store.
@@ -32,15 +33,15 @@ pub struct ObjectFolder {
     objects: Objects,
     folder: Key,
     ahead: Ahead,
-    /// Lengths of the objects below [`FILES`], once they were listed.
+    /// Lengths of the objects below [`FILES`], once they have been listed.
     lengths: Mutex<Option<FxHashMap<String, u64>>>,
-    read_together: Mutex<Together>,
+    read_together: Mutex<ManifestCache>,
 }
 
-/// Small objects that were read with others, until they are asked for, once.
+/// Manifests that were read in a batch. Each is used once.
 #[derive(Debug, Default)]
-struct Together {
-    /// Levels of which a manifest was asked for, and whether all were read then.
+struct ManifestCache {
+    /// Levels of which a manifest was requested, and whether the batch has been read.
     levels: FxHashMap<String, bool>,
     read: FxHashMap<String, (Instant, Bytes)>,
 }
@@ -84,7 +85,7 @@ impl ObjectFolder {
         Ok(lengths.as_ref().and_then(|lengths| lengths.get(name).copied()))
     }
 
-    /// A manifest of a shard, read with those of the other shards of its level the second time that one of them is asked for.
+    /// A manifest of a shard. When a second manifest of its level is requested, all of them are read in one batch.
     fn read_together(&self, name: &str) -> Result<Option<Bytes>, BuildError> {
         let level = name.strip_prefix(DONE).and_then(|_| name.rsplit_once('-')).map(|(level, _)| level);
         let Some(level) = level else { return Ok(None) };
@@ -108,7 +109,7 @@ impl ObjectFolder {
         Ok(read.map(|(_, bytes)| bytes))
     }
 
-    /// What was read of an object counts no more.
+    /// Drop what is cached of an object.
     fn forget(&self, name: &str) {
         self.ahead.forget(Some(name));
         lock(&self.read_together).read.remove(name);
@@ -117,7 +118,7 @@ impl ObjectFolder {
         }
     }
 
-    /// Remove all objects below a folder of the build; whether there were any.
+    /// Remove all objects below a folder of the build. Returns whether there were any.
     fn remove_below(&self, prefix: &str) -> Result<bool, BuildError> {
         let keys = self.objects.list(&self.key(prefix)?).map_err(|e| self.error("list", prefix, e))?;
         let keys: Vec<Key> = keys.into_iter().map(|(key, _)| key).collect();
@@ -129,7 +130,7 @@ impl ObjectFolder {
 
 impl Store for ObjectFolder {
     fn display_path(&self, name: &str) -> String {
-        // Not `Path::from`, which encodes characters, so that nobody would find the object.
+        // Not `Path::from`, which encodes characters, so that users could not find the object.
         let name = format!("{}/{name}", self.folder);
         Key::parse(&name).map_or_else(|_| name.clone(), |key| self.objects.display(&key))
     }
@@ -152,10 +153,10 @@ impl Store for ObjectFolder {
     fn read(&self, name: &str, at: u64, bytes: u64) -> Result<Vec<u8>, BuildError> {
         let key = self.key(name)?;
         let fail = |e| self.error("read", name, e);
-        let too_short = || fail(ObjectError::Failed("it ends before".to_owned()));
+        let too_short = || fail(ObjectError::Failed("it is too short".to_owned()));
         let length = if name.starts_with(FILES) { self.known_length(name)? } else { None };
         let end = at.checked_add(bytes).ok_or_else(too_short)?;
-        // Nothing is allocated for bytes that are not there.
+        // Check the length first, so that nothing is allocated for bytes that do not exist.
         let length = if length.is_none() && bytes > LONG { self.length(name)? } else { length };
         if length.is_some_and(|length| end > length) {
             return Err(too_short());
@@ -189,7 +190,7 @@ impl Store for ObjectFolder {
 
     fn remove(&self, name: &str) -> Result<(), BuildError> {
         self.forget(name);
-        // What a stopped task made is removed all the same.
+        // The results of a stopped task are removed too.
         self.objects.even_if_stopped().remove(&self.key(name)?).map_err(|e| self.error("remove", name, e))
     }
 
@@ -205,13 +206,13 @@ impl Store for ObjectFolder {
         for name in FOLDERS {
             self.remove_below(name)?;
         }
-        // The plan goes last: until then, the build is found. An attempt that is still uploading then finds none, and removes what it made;
-        // uploads that it does not complete are given up here.
+        // The plan is removed last: until then, the build can be found. Afterwards, a task that is still uploading finds no build and removes its
+        // results; incomplete uploads are aborted here.
         self.remove(super::PLAN)?;
         for _ in 0..SWEEPS {
-            let given_up = self.objects.abort_unfinished(&self.folder);
-            let given_up = given_up.map_err(|e| self.error("give up the unfinished uploads to", "", e))?;
-            let mut found = given_up > 0;
+            let aborted = self.objects.abort_unfinished(&self.folder);
+            let aborted = aborted.map_err(|e| self.error("abort the incomplete uploads to", "", e))?;
+            let mut found = aborted > 0;
             for name in FOLDERS {
                 found |= self.remove_below(name)?;
             }

@@ -24,7 +24,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// Name of the plan in the store.
 pub const PLAN: &str = "plan.json";
 
-/// Bytes that are copied at a time.
+/// Bytes copied at a time.
 const STRETCH: u64 = 1 << 22;
 
 /// What is built, and in what portions.
@@ -77,13 +77,13 @@ pub struct TaskEntry {
     pub done: bool,
     /// All tasks of earlier waves must be done first.
     pub wave: u32,
-    /// Triangles that it is estimated to take, where that is known.
+    /// Estimated number of triangles, if known.
     pub triangles: Option<u64>,
     /// Where on the model it is, metres.
     pub near: Option<DVec3>,
 }
 
-/// What the ingest leaves for the next tasks, beside its files.
+/// The results of the ingest for the next tasks, in addition to its files.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct IngestState {
     /// Triangles of the model.
@@ -94,7 +94,7 @@ pub(super) struct IngestState {
 /// A region.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(super) struct RegionEntry {
-    /// Where it is described in the file of regions: first byte, number of bytes.
+    /// The place of its description in the file of regions: first byte, number of bytes.
     pub(super) at: u64,
     pub(super) bytes: u64,
     pub(super) triangles: u64,
@@ -109,14 +109,14 @@ pub(super) struct Stated {
     pub(super) metadata: report::Stated,
 }
 
-/// What is known once the ingest is done.
+/// The results of the ingest.
 pub(super) struct Ingest {
     pub(super) stated: Stated,
     pub(super) state: IngestState,
     pub(super) manifest: Manifest,
 }
 
-/// What the task that grows the tree leaves beside it.
+/// The results of the task that grows the tree, in addition to the tree.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct TreeState {
     pub(super) surface: Surface,
@@ -126,7 +126,7 @@ pub(super) struct TreeState {
     pub(super) shards: Shards,
 }
 
-/// What is known once the tree is there.
+/// The tree, and what is known once it has grown.
 pub(super) struct Divided {
     pub(super) state: TreeState,
     pub(super) tree: Partition,
@@ -142,10 +142,10 @@ pub struct SharedBuild {
 }
 
 impl SharedBuild {
-    /// Begin a build, or find the same one that was begun before.
+    /// Begin a build, or open it if it exists already.
     ///
     /// # Errors
-    /// [`BuildError::Shared`] where the store fails or holds another build.
+    /// [`BuildError::Shared`] if the store fails or contains another build.
     pub fn begin(store: Box<dyn Store>, plan: SharedPlan) -> Result<Self, BuildError> {
         let bytes = seal(&serde_json::to_vec(&plan).unwrap_or_default());
         if store.create_new(PLAN, &bytes)? {
@@ -158,10 +158,10 @@ impl SharedBuild {
         Ok(found)
     }
 
-    /// A build that was begun.
+    /// Open an existing build.
     ///
     /// # Errors
-    /// [`BuildError::Shared`] where there is none.
+    /// [`BuildError::Shared`] if there is none.
     pub fn open(store: Box<dyn Store>) -> Result<Self, BuildError> {
         let place = store.display_path(PLAN);
         let refused = |why: &str| BuildError::Shared { doing: "use", place: place.clone(), why: why.to_owned() };
@@ -205,7 +205,7 @@ impl SharedBuild {
         self.read(file, 0, file.bytes)
     }
 
-    /// Copy a file that a task left into the scratch folder, as `local`; its CRC-32 must be this.
+    /// Copy a file from a task to the scratch folder, as `local`, and check its CRC-32.
     pub(super) fn download(
         &self,
         file: &SharedFile,
@@ -223,7 +223,7 @@ impl SharedBuild {
         if sum.finalize() == crc32 { Ok(()) } else { Err(self.damaged_file(file, "it does not match its checksum")) }
     }
 
-    /// Read a checksummed line of JSON in a file that a task left.
+    /// Read a checksummed line of JSON in a file from a task.
     pub(super) fn sealed<T: DeserializeOwned>(&self, file: &SharedFile, at: u64, bytes: u64) -> Result<T, BuildError> {
         let bytes = self.read(file, at, bytes)?;
         let text = std::str::from_utf8(&bytes).ok().and_then(|text| unseal(text.strip_suffix('\n')?));
@@ -231,10 +231,10 @@ impl SharedBuild {
         serde_json::from_str(text).map_err(|e| self.damaged_file(file, &e.to_string()))
     }
 
-    /// Whether a task is done. What it was made from must be done.
+    /// Whether a task is done. The task that it was made from must be done.
     ///
     /// # Errors
-    /// [`BuildError::Inputs`] where that is not; [`BuildError::Shared`] where the store fails.
+    /// [`BuildError::Inputs`] if that one is not done; [`BuildError::Shared`] if the store fails.
     pub(super) fn state(&self, task: Task) -> Result<State, BuildError> {
         let of = match task {
             Task::Ingest => None,
@@ -246,7 +246,7 @@ impl SharedBuild {
         self.state_where(task, Some(&self.file(&manifest, content)?.name))
     }
 
-    /// Whether a task is done that must have been made from the file `of`.
+    /// Whether a task is done; it must have been made from the file `of`.
     fn state_where(&self, task: Task, of: Option<&str>) -> Result<State, BuildError> {
         let Some(bytes) = self.store.read_all(&manifest_name(task))? else { return Ok(State::Pending) };
         let text = std::str::from_utf8(&bytes).ok().and_then(|text| unseal(text.trim_end_matches('\n')));
@@ -255,14 +255,14 @@ impl SharedBuild {
             return Ok(State::Damaged { why: "its manifest is damaged".to_owned(), bytes, manifest: None });
         };
         if let Some(file) = manifest.files.values().find(|file| !is_of_a_task(&file.name)) {
-            // Not given to anybody who would remove what it names.
+            // Not passed on, so that nobody removes the file that it names.
             let why = format!("its manifest names {:?}, which no task writes", file.name);
             return Ok(State::Damaged { why, bytes, manifest: None });
         }
         let fault = if manifest.of.as_deref() == of {
             self.fault(&manifest)?
         } else {
-            Some("it was made from an earlier result of a task before it".to_owned())
+            Some("it was made from an outdated result of an earlier task".to_owned())
         };
         Ok(match fault {
             Some(why) => State::Damaged { why, bytes, manifest: Some(manifest) },
@@ -284,7 +284,7 @@ impl SharedBuild {
         Ok(None)
     }
 
-    /// Remove the manifest of a task whose files are damaged, unless it was replaced meanwhile, and the files that it
+    /// Remove the manifest of a task whose files are damaged, unless it has been replaced since, and the files that it
     /// names, so that the task can run again.
     pub(super) fn remove_manifest(
         &self,
@@ -300,15 +300,15 @@ impl SharedBuild {
         Ok(())
     }
 
-    /// What a task left that must be done by now.
+    /// The manifest of a task that must be done by now.
     ///
     /// # Errors
-    /// [`BuildError::Inputs`] where it is not; [`BuildError::Shared`] where the store fails.
+    /// [`BuildError::Inputs`] if it is not; [`BuildError::Shared`] if the store fails.
     pub fn finished(&self, task: Task) -> Result<Manifest, BuildError> {
         Self::done_or(task, self.state(task)?)
     }
 
-    /// The same of a task that was made from the file `of`.
+    /// The same for a task that must have been made from the file `of`.
     pub(super) fn finished_of(&self, task: Task, of: Option<&str>) -> Result<Manifest, BuildError> {
         Self::done_or(task, self.state_where(task, of)?)
     }
@@ -342,7 +342,7 @@ impl SharedBuild {
         Ok(Ingest { stated: self.sealed(file, 0, file.bytes)?, state, manifest })
     }
 
-    /// The tree, and how it is divided.
+    /// The tree, and its division into shards.
     pub(super) fn tree(&self) -> Result<Divided, BuildError> {
         let manifest = self.finished(Task::Tree)?;
         let state = self.state_of(&manifest)?;
@@ -357,15 +357,15 @@ impl SharedBuild {
         T::deserialize(&manifest.state).map_err(|e| {
             let task = &manifest.task;
             let why =
-                format!("what it states is not what that task writes ({e}); remove it, and run the task {task} again");
+                format!("its contents are not valid for that task ({e}); remove it, and run the task {task} again");
             self.damaged(&format!("done/{task}.json"), why)
         })
     }
 
-    /// All tasks that are known: until the ingest is done, only the ingest; until the tree has grown, all up to that.
+    /// All known tasks: until the ingest is done, only the ingest; until the tree has grown, all tasks up to the one that grows it.
     ///
     /// # Errors
-    /// [`BuildError::Shared`] where the store fails.
+    /// [`BuildError::Shared`] if the store fails.
     pub fn tasks(&self) -> Result<Vec<TaskEntry>, BuildError> {
         let listed = |task: Task, of: Option<&str>, wave, triangles, near| -> Result<TaskEntry, BuildError> {
             let done = matches!(self.state_where(task, of)?, State::Done(_));
@@ -440,7 +440,7 @@ impl SharedBuild {
             self.store.create_new(&manifest_name(task), &seal(&serde_json::to_vec(&manifest).unwrap_or_default()))
         });
         if matches!(created, Ok(true)) {
-            // A store may have been asked again for minutes; the build may be gone by now.
+            // Requests may have been retried for minutes; the build may be gone by now.
             if let Err(error) = self.still_there() {
                 self.store.remove(&manifest_name(task))?;
                 self.remove_files(&manifest)?;
@@ -448,19 +448,19 @@ impl SharedBuild {
             }
             return Ok(Outcome { manifest, already_done: false });
         }
-        // The manifest may be ours all the same, if the answer of a network file system or store was lost.
+        // The manifest may still be our own, if the response of a network file system or store was lost.
         let found = self.finished(task);
         if found.as_ref().is_ok_and(|found| *found == manifest) {
             return Ok(Outcome { manifest, already_done: false });
         }
-        // A manifest that cannot be read may be ours, and then its files are needed. If the build is gone, nobody else would remove them.
+        // An unreadable manifest may be our own, and then its files are needed. If the build is gone, nobody else would remove them.
         if found.is_ok() || matches!(self.store.length(PLAN), Ok(None)) {
             self.remove_files(&manifest)?;
         }
         created.and(found).map(|manifest| Outcome { manifest, already_done: true })
     }
 
-    /// A build that was assembled and removed meanwhile must not come back in parts.
+    /// Parts of a build must not reappear after it was assembled and removed.
     fn still_there(&self) -> Result<(), BuildError> {
         let there = self.store.length(PLAN)?.is_some();
         let why = || "the build was assembled or removed meanwhile; there is nothing left to do".to_owned();
@@ -472,7 +472,7 @@ impl SharedBuild {
     }
 }
 
-/// Whether a name is one of those under which tasks leave files.
+/// Whether a file name is one that tasks use for their results.
 fn is_of_a_task(name: &str) -> bool {
     name.strip_prefix("files/").is_some_and(|name| !name.contains(['/', '\\']))
 }

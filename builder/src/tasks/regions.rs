@@ -1,5 +1,5 @@
-//! The tasks between the inputs and the levels: weld the triangles of a region, grow the tree from what all regions
-//! found, fill a shard of the leaves.
+//! The tasks between the ingest and the levels: weld the triangles of a region, grow the tree from the results of all
+//! regions, fill a shard of the leaves.
 
 use super::gather::box_of;
 use super::ingest::{BASIS, REGIONS};
@@ -18,9 +18,9 @@ use crate::partition::tree_file::{self, TREE};
 use crate::scratch::{Records, seal, visit_finished};
 use serde::{Deserialize, Serialize};
 
-/// What a region found out for the whole.
+/// The results of a region for the whole model.
 const FINDINGS: &str = "findings";
-/// What its files hold.
+/// Index of its files.
 const INDEX: &str = "index";
 /// The patches and the records of a shard.
 pub(super) const PATCHES: &str = "patches";
@@ -59,7 +59,7 @@ pub(super) fn tree_task(build: &SharedBuild, work: &Work<'_>) -> Result<TaskOutp
         work.stop.check()?;
         let file = build.file(&manifest, FINDINGS)?;
         let findings: Findings = build.sealed(file, 0, file.bytes)?;
-        let first = joined.add(findings).ok_or_else(|| build.damaged_file(file, "its components are too many"))?;
+        let first = joined.add(findings).ok_or_else(|| build.damaged_file(file, "it has too many components"))?;
         let links = build.file(&manifest, LINKS)?;
         let read = |at, bytes| build.read(links, at, bytes);
         let take = |records: &[u128]| -> Result<(), BuildError> { Ok(joined.links(records, first)?) };
@@ -93,12 +93,12 @@ pub(super) fn tree_task(build: &SharedBuild, work: &Work<'_>) -> Result<TaskOutp
     Ok(TaskOutput { files, of, state: serde_json::to_value(&state).unwrap_or_default() })
 }
 
-/// What a shard of the leaves leaves beside its files.
+/// The results of a shard of leaves, in addition to its files.
 #[derive(Serialize, Deserialize)]
 pub(super) struct LeavesState {
     /// Bounding box of the points in its records.
     pub(super) points: super::shards::PointBox,
-    /// Leaves that hold more than they should.
+    /// Leaves that hold more triangles than they should.
     pub(super) overfull: u64,
 }
 

@@ -1,4 +1,4 @@
-//! How the work is divided: the leaves into ranges of the buckets that they are made of, the diamonds of a level into ranges in the
+//! Division of the work: the leaves by ranges of the buckets that they are made of, the diamonds of a level by ranges in the
 //! order of the pack, so that a shard has about as many triangles as one task should take.
 
 use crate::ingest::divided::Run;
@@ -13,12 +13,12 @@ use std::ops::Range;
 /// Default number of triangles per task: about half a minute on one core.
 pub const TASK_TRIANGLES: u64 = 10_000_000;
 
-/// Fewer parts than this are a power of two of them.
+/// Fewer parts than this are rounded up to a power of two.
 const FEW: usize = 16;
-/// The coarsest level that is divided has more than a share of one in so many of the triangles of a task. While the tail runs, all other
-/// workers wait.
+/// A level is divided if it has more than 1 / `TAIL_SHARE` of the triangles of a task; smaller levels are in the tail, which is kept small
+/// because all other workers wait for it.
 const TAIL_SHARE: u64 = 16;
-/// Shards of a level that is divided, at least.
+/// Minimum number of shards of a divided level.
 const LEAST: usize = 4;
 
 /// Smallest and largest coordinates of some points; `None` of none.
@@ -61,7 +61,7 @@ pub(super) struct Shards {
 pub(super) struct LeafShard {
     /// The first of the runs of buckets that its leaves are made of; the shard ends where the next begins.
     first_run: u32,
-    /// The first leaf, roots aside.
+    /// The first leaf that is not a root.
     first: u32,
     /// Roots that are leaves.
     roots: Vec<u32>,
@@ -84,7 +84,7 @@ pub(super) struct LevelShards {
 pub(super) struct LevelShard {
     /// Rank of the first diamond in the order of the pack; the shard ends where the next begins.
     pub(super) first: u32,
-    /// Triangles that it is estimated to take.
+    /// Estimated number of triangles.
     pub(super) triangles: u64,
     /// Midpoint of the diamond in the middle, metres.
     pub(super) near: DVec3,
@@ -105,8 +105,8 @@ impl LevelShards {
 }
 
 impl Shards {
-    /// Divide a tree into shards of about `size` triangles. `estimate` are about the triangles of each tetrahedron that is a
-    /// leaf; the leaves are made of runs of buckets with so many triangles.
+    /// Divide a tree into shards of about `size` triangles. `estimate` is the estimated number of triangles of each tetrahedron
+    /// that is a leaf; the leaves are made of the runs of buckets, which have that many `triangles`.
     pub(super) fn divide(
         tree: &Partition,
         lattice: &Lattice,
@@ -148,7 +148,7 @@ impl Shards {
         Self { leaves, levels, tail: below, tail_triangles: left as u64 }
     }
 
-    /// The runs of a shard of leaves, of `count` in all.
+    /// The runs of a shard of leaves; there are `count` runs in total.
     pub(super) fn runs(&self, shard: usize, count: usize) -> Range<usize> {
         let first = |i: usize| self.leaves.get(i).map_or(count, |s| (s.first_run as usize).min(count));
         first(shard)..first(shard + 1).max(first(shard))
@@ -161,7 +161,7 @@ impl Shards {
         of_root.unwrap_or_else(|| self.leaves.partition_point(|s| s.first <= leaf).saturating_sub(1))
     }
 
-    /// The shards of a level, `None` where the tail has it.
+    /// The shards of a level; `None` if it is in the tail.
     pub(super) fn of_level(&self, level: u8) -> Option<&LevelShards> {
         self.levels.iter().find(|l| l.level == level)
     }
@@ -190,7 +190,7 @@ fn divide_leaves(
         }
     };
     let mut shards: Vec<LeafShard> = ranges(&firsts, runs.len()).map(shard).collect();
-    // From the last on: a shard of roots alone begins where the next does.
+    // Backwards from the last: a shard with nothing but roots begins where the next one does.
     let mut next = u32::MAX;
     for (shard, (start, end)) in shards.iter_mut().zip(ranges(&firsts, runs.len())).rev() {
         let leaves = runs[start as usize..end as usize].iter().map(|run| first_leaf(tree, run));
@@ -209,19 +209,19 @@ fn first_leaf(tree: &Partition, run: &Run) -> u32 {
     first
 }
 
-/// Into how many parts to divide work of `sum` triangles, so that each has at most about `size`. A few are a power of two,
-/// which a few equal workers can do without one of them waiting for another.
+/// The number of parts for `sum` triangles, so that each has at most about `size`. A small number is rounded up to a power of
+/// two, so that a few equal workers finish at the same time.
 fn parts_of(sum: f64, size: u64) -> usize {
     let count = (sum / size.max(1) as f64).ceil().max(1.0) as usize;
     if count < FEW { count.next_power_of_two() } else { count }
 }
 
-/// The first of each of at most `count` parts of about the same weight, which are not empty.
+/// The first item of each of at most `count` non-empty parts of about the same weight.
 fn parts(weights: &[f64], count: usize) -> Vec<u32> {
     let sum: f64 = weights.iter().sum();
     let (mut firsts, mut before) = (Vec::new(), 0.0);
     for (i, weight) in (0u32..).zip(weights) {
-        // Where the middle of this one passes the next of `count` equal parts.
+        // A part begins where the middle of this item passes the next of `count` equal shares.
         let part = ((before + weight / 2.0) * count as f64 / sum) as usize;
         if firsts.is_empty() || part.min(count - 1) >= firsts.len() {
             firsts.push(i);
@@ -231,12 +231,12 @@ fn parts(weights: &[f64], count: usize) -> Vec<u32> {
     if firsts.is_empty() { vec![0] } else { firsts }
 }
 
-/// The first of each of as many parts of about `size` as these weights need.
+/// The first item of each part, if these weights are divided into parts of about `size`.
 pub(crate) fn equal_parts(weights: &[f64], size: u64) -> Vec<u32> {
     parts(weights, parts_of(weights.iter().sum(), size))
 }
 
-/// Where parts begin and end.
+/// The first item and the end of each part.
 fn ranges(firsts: &[u32], end: usize) -> impl DoubleEndedIterator<Item = (u32, u32)> + ExactSizeIterator {
     let end = end as u32;
     (0..firsts.len()).map(move |i| (firsts[i], firsts.get(i + 1).copied().unwrap_or(end)))

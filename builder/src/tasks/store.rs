@@ -15,7 +15,7 @@ pub trait Store: Send + Sync {
     /// The file's place, for messages.
     fn display_path(&self, name: &str) -> String;
 
-    /// Its length in bytes, `None` where there is none.
+    /// The length of a file in bytes; `None` if it does not exist.
     ///
     /// # Errors
     /// [`BuildError::Shared`].
@@ -24,17 +24,17 @@ pub trait Store: Send + Sync {
     /// `bytes` bytes from byte `at` on.
     ///
     /// # Errors
-    /// [`BuildError::Shared`], also where the file ends before.
+    /// [`BuildError::Shared`], also if the file is shorter.
     fn read(&self, name: &str, at: u64, bytes: u64) -> Result<Vec<u8>, BuildError>;
 
-    /// Copy a file of this machine into the store. An existing file of that name is replaced.
+    /// Copy a local file to the store. An existing file of that name is replaced.
     ///
     /// # Errors
     /// [`BuildError::Shared`].
     fn upload(&self, name: &str, from: &Path) -> Result<(), BuildError>;
 
-    /// Create a small file; `false` where the name is taken. Of several machines that try, one succeeds. Where the answer of a store was lost,
-    /// it is `false` for that one too: compare what is there.
+    /// Create a small file; `false` if the name is taken. If several machines try, one succeeds. If the response of a store was lost,
+    /// it gets `false` too: compare the content.
     ///
     /// # Errors
     /// [`BuildError::Shared`].
@@ -58,7 +58,7 @@ pub trait Store: Send + Sync {
     /// [`BuildError::Shared`].
     fn remove_all(&self) -> Result<(), BuildError>;
 
-    /// The whole of a small file, `None` where there is none.
+    /// The content of a small file; `None` if it does not exist.
     ///
     /// # Errors
     /// [`BuildError::Shared`].

@@ -1,5 +1,5 @@
-//! A store in memory that fails as stores on a network do: it is too busy (503), or slow, its answers break off, or are lost after the
-//! request was carried out. It counts the uploads that were begun.
+//! An in-memory store that fails as stores on a network do: it is too busy (503) or slow, its responses are truncated, or they are lost after
+//! the request was carried out. It records incomplete uploads.
 
 use async_trait::async_trait;
 use futures_util::StreamExt as _;
@@ -18,13 +18,13 @@ use std::sync::Mutex;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Duration;
 
-/// What becomes of a request.
+/// What happens to a request.
 #[derive(Clone, Copy, PartialEq)]
 enum Fate {
     Answered,
     /// It is not carried out.
     Busy,
-    /// It is carried out, and the answer is lost.
+    /// It is carried out, but the response is lost.
     Lost,
 }
 
@@ -32,9 +32,9 @@ enum Fate {
 pub(super) struct Faulty {
     inner: InMemory,
     random: Mutex<fastrand::Rng>,
-    /// Of a hundred requests, so many fail.
+    /// The percentage of requests that fail.
     percent: u8,
-    /// No answer comes any more.
+    /// The store no longer responds.
     is_away: AtomicBool,
     uploads: Mutex<BTreeMap<MultipartId, Path>>,
     pub(super) requests: AtomicU64,
@@ -60,7 +60,7 @@ impl Faulty {
         self.is_away.store(true, Ordering::Relaxed);
     }
 
-    /// Everything that is there, begun uploads included.
+    /// Everything in the store, including incomplete uploads.
     pub(super) fn left(&self) -> Vec<String> {
         let objects = futures_util::FutureExt::now_or_never(self.inner.list(None).collect::<Vec<_>>()).unwrap();
         let mut all: Vec<String> = objects.into_iter().map(|meta| meta.unwrap().location.to_string()).collect();
@@ -118,7 +118,7 @@ impl ObjectStore for Faulty {
             Fate::Busy => Err(busy()),
             Fate::Lost if is_head => Err(busy()),
             Fate::Lost => {
-                // The answer breaks off in the middle, with or without a word.
+                // The response is truncated in the middle, with or without an error.
                 let found = self.inner.get_opts(path, options).await?;
                 let (meta, range) = (found.meta.clone(), found.range.clone());
                 let is_silent = meta.size.is_multiple_of(2);

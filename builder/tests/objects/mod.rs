@@ -1,4 +1,4 @@
-//! The tasks of a build exchange files through an object store as through a folder, also through one that fails in all ways that a network has.
+//! The tasks of a build exchange files through an object store as through a folder, even if the store fails in all the ways that a network can.
 
 mod faulty;
 
@@ -17,7 +17,7 @@ use std::time::Duration;
 static THREADS: LazyLock<tokio::runtime::Runtime> =
     LazyLock::new(|| tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap());
 
-/// Enough for a store that fails three times in ten: one in 10^10 requests fails.
+/// Enough for a store where three requests in ten fail: only one in 10^10 fails for good.
 const PATIENCE: Patience = Patience {
     attempts: 20,
     first_pause: Duration::from_micros(50),
@@ -35,7 +35,7 @@ fn folder(store: &Arc<Faulty>) -> Box<dyn Store> {
     Box::new(ObjectFolder::new(objects(store), Path::from("work/kilwa-build-1")))
 }
 
-/// Where a build is: a folder, or a store that fails so many times in a hundred.
+/// The location of a build: a folder, or a store where a percentage of requests fails.
 enum Shared {
     Folder(tempfile::TempDir),
     Store(Arc<Faulty>),
@@ -70,7 +70,7 @@ impl Shared {
 }
 
 #[test]
-fn tasks_in_any_order_give_the_bytes_of_a_build_on_one_machine_and_leave_nothing() {
+fn tasks_in_any_order_give_the_same_bytes_as_a_build_on_one_machine_and_leave_nothing() {
     let raw = fort(25_000);
     let expected = expected(&raw);
     for shared in Shared::all() {
@@ -96,7 +96,7 @@ fn tasks_in_any_order_give_the_bytes_of_a_build_on_one_machine_and_leave_nothing
 }
 
 #[test]
-fn tasks_that_are_stopped_or_done_by_several_at_once_give_the_same_bytes() {
+fn tasks_that_are_stopped_or_run_several_times_at_once_give_the_same_bytes() {
     let raw = wall(15_000);
     let expected = expected(&raw);
     for shared in Shared::all() {
@@ -124,12 +124,12 @@ fn tasks_that_are_stopped_or_done_by_several_at_once_give_the_same_bytes() {
 }
 
 #[test]
-fn a_store_holds_what_was_written_whoever_reads_it() {
+fn every_reader_of_a_store_sees_what_was_written() {
     for shared in Shared::all() {
         let mut random = fastrand::Rng::with_seed(11);
         let (store, other) = (shared.store(), shared.store());
         let mut model: BTreeMap<String, Vec<u8>> = BTreeMap::new();
-        // A name is not given to another object later, so that readers may keep files open.
+        // Names are never reused, so that readers may keep files open.
         let mut gone = BTreeSet::new();
         let local = tempfile::NamedTempFile::new().unwrap();
         for step in 0..300u32 {
@@ -141,7 +141,7 @@ fn a_store_holds_what_was_written_whoever_reads_it() {
                     let bytes = step.to_le_bytes().repeat(random.usize(1..50));
                     let created = store.create_new(&name, &bytes).unwrap();
                     let was_free = !model.contains_key(&name);
-                    // Where the answer was lost, it is taken by ourselves.
+                    // If the response was lost, the object is our own.
                     assert!(was_free || !created);
                     if was_free {
                         assert_eq!(other.read_all(&name).unwrap().unwrap(), bytes);
@@ -185,7 +185,7 @@ fn a_store_holds_what_was_written_whoever_reads_it() {
 }
 
 #[test]
-fn manifests_of_a_level_are_read_together_and_each_as_it_is_then() {
+fn manifests_of_a_level_are_read_in_one_batch_and_never_outdated() {
     let shared = Arc::new(Faulty::new(0, 1));
     let name = |shard: usize| format!("done/level-07-{shard:04}.json");
     let store = folder(&shared);
@@ -198,9 +198,9 @@ fn manifests_of_a_level_are_read_together_and_each_as_it_is_then() {
         let expected = (shard < 40).then(|| vec![shard as u8; 10]);
         assert_eq!(reader.read_all(&name(shard)).unwrap(), expected, "{shard}");
     }
-    // One, the list, forty together, and the one that is missing.
+    // One, the list, forty in a batch, and the missing one.
     assert_eq!(shared.requests.load(Ordering::Relaxed) - before, 43);
-    // What was read together is used once, and not after a change.
+    // What was read in a batch is used once, and not after a change.
     let reader = folder(&shared);
     reader.read_all(&name(0)).unwrap();
     reader.read_all(&name(1)).unwrap();
@@ -229,7 +229,7 @@ fn only_one_of_several_writers_creates_an_object() {
 }
 
 #[test]
-fn a_store_that_stays_away_is_named_with_what_to_do_and_a_stop_ends_the_waiting() {
+fn the_error_for_an_unavailable_store_says_what_to_do_and_a_stop_ends_the_retries() {
     let shared = Arc::new(Faulty::new(0, 1));
     folder(&shared).create_new("plan.json", b"{}").unwrap();
     shared.go_away();
@@ -246,11 +246,11 @@ fn a_store_that_stays_away_is_named_with_what_to_do_and_a_stop_ends_the_waiting(
 }
 
 #[test]
-fn unfinished_uploads_are_given_up_with_the_build() {
+fn incomplete_uploads_are_aborted_with_the_build() {
     let shared = Arc::new(Faulty::new(30, 9));
     let store = folder(&shared);
     store.create_new("plan.json", b"{}").unwrap();
-    // What a machine leaves that loses its power while it uploads.
+    // Left by a machine that lost power during an upload.
     for path in ["work/kilwa-build-1/files/a", "work/kilwa-build-10/files/b"] {
         let path = Path::from(path);
         while THREADS.block_on(object_store::multipart::MultipartStore::create_multipart(&*shared, &path)).is_err() {}

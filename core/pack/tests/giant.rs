@@ -1,5 +1,5 @@
-//! A pack as large as one of 1.5 · 10^10 triangles: a file of 50 GB that takes little space, because the bodies of its chunks are
-//! holes. Counts and offsets need more than 32 bits, and children lie farther apart than the directory can say.
+//! A pack as large as one of 1.5 · 10^10 triangles: a sparse file of 50 GB that takes little space, because the bodies of its chunks are
+//! holes. Counts and offsets need more than 32 bits, and some children are farther apart than the directory can state.
 
 use kilwa_pack::cut::{Cut, coarse_triangles};
 use kilwa_pack::directory::link_children;
@@ -17,10 +17,10 @@ use std::path::PathBuf;
 const ATTRIBUTES: Attributes = Attributes { colors: true, scalars: 0 };
 /// Triangles of the finest level.
 const TRIANGLES: u64 = 15_000_000_000;
-/// As many chunks of 2^20 triangles as have 2.1 · 10^10 together: 158 pages of the directory.
+/// Chunks of 2^20 triangles, 2.1 · 10^10 triangles in total: 158 directory pages.
 const ENTRIES: u32 = 20_000;
 const CHUNK_BYTES: u32 = 2_500_000;
-/// An entry on the last page that a parent on page 0 can state, and one on the next page.
+/// An entry on the last page that a parent on page 0 can refer to, and one on the next page.
 const LAST_STATED: u32 = 127 * 127 + 5;
 const FIRST_UNSTATED: u32 = 128 * 127;
 
@@ -40,7 +40,7 @@ impl Sparse {
 
 impl Drop for Sparse {
     fn drop(&mut self) {
-        // What is left in the system's temporary folder takes little space.
+        // A leftover file in the system's temporary folder takes little space.
         let _ = std::fs::remove_file(&self.path);
     }
 }
@@ -57,7 +57,7 @@ impl Source for &Sparse {
     }
 }
 
-/// A binary tree whose last entry, and two others on the farthest pages that count, have a second parent on page 0.
+/// A binary tree in which the last entry, and the two entries around the limit, have a second parent on page 0.
 fn parents_of(index: u32) -> Vec<u32> {
     let far = match index {
         FIRST_UNSTATED => Some(1),
@@ -86,7 +86,7 @@ fn entries(last: &[u8], of_last: &kilwa_pack::Chunk) -> Vec<DirectoryEntry> {
     entries
 }
 
-/// Write header, metadata and directory with the project's own writer, the last chunk and the footer; the rest are holes.
+/// Write header, metadata and directory with the project's own writer, then the last chunk and the footer; the rest are holes.
 fn write(sparse: &Sparse, last: &[u8], entries: Vec<DirectoryEntry>) {
     let metadata = crate::common::metadata(ATTRIBUTES, TRIANGLES);
     let mut file = &sparse.file;
@@ -111,7 +111,7 @@ fn write(sparse: &Sparse, last: &[u8], entries: Vec<DirectoryEntry>) {
 }
 
 #[test]
-fn a_pack_of_15_thousand_million_triangles_is_opened_cut_and_read_to_its_end() {
+fn a_pack_of_15_billion_triangles_is_opened_cut_and_read_to_its_end() {
     let chunk = crate::common::height_field(6, 1, 1, ATTRIBUTES);
     let last = kilwa_pack::chunk::encode(&chunk, ATTRIBUTES).expect("encodes");
     let sparse = Sparse::new();

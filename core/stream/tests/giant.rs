@@ -1,8 +1,8 @@
 //! The streamer over the directory of a pack of 1.5 · 10^10 triangles: 5.5 million entries, 43,000 pages, 50 GB. The file is sparse:
-//! pages are made when they are asked for, written and read at their true offsets; of the chunks' bodies only the last one is there.
+//! pages are written on request, at their true offsets; of the chunks' bodies, only the last one exists.
 //!
-//! The model is a strip that is folded in half like a hairpin. So are the two halves of a level along a space-filling curve: what lies on both sides of
-//! the fold is together in space and a whole level apart in the file.
+//! The model is a strip that is folded in half like a hairpin, as a level is along a space-filling curve: entries on opposite sides of the fold are
+//! close in space, but can be a whole level apart in the file.
 
 use glam::DVec3;
 use kilwa_geometry::{Aabb, Lattice, Mesh, Sphere};
@@ -22,7 +22,7 @@ use std::os::unix::fs::FileExt;
 use std::path::PathBuf;
 
 const ATTRIBUTES: Attributes = Attributes { colors: false, scalars: 0 };
-/// Triangles of the finest level, about as many for each chunk as packs of walls have (docs/bench, build).
+/// Triangles of the finest level; about as many per chunk as in packs of walls (docs/bench, build).
 const TRIANGLES: u64 = FINEST as u64 * FINEST_TRIANGLES as u64;
 const FINEST_TRIANGLES: u32 = 5435;
 /// Entries of the finest level, and the number of levels.
@@ -30,7 +30,7 @@ const FINEST: u32 = 2_760_000;
 const LEVELS: u8 = 22;
 /// Bytes of every chunk but the last.
 const CHUNK_BYTES: u32 = 9_000;
-/// The strip's length, and half the distance of its two halves, in lattice steps.
+/// The strip's length, and half the distance between its two halves, in lattice steps.
 const SIDE: f64 = (1u32 << 30) as f64;
 const HALF_GAP: f64 = 100.0;
 
@@ -39,7 +39,7 @@ const fn count(level: u8) -> u32 {
     FINEST >> (LEVELS - level)
 }
 
-/// Index of the first entry of every level, and behind the last one.
+/// Index of the first entry of every level, and of the end of the last one.
 const STARTS: [u32; LEVELS as usize + 2] = {
     let (mut starts, mut level) = ([0; LEVELS as usize + 2], 1);
     while level < starts.len() {
@@ -58,7 +58,7 @@ fn entry_count() -> u32 {
     start(LEVELS + 1)
 }
 
-/// Level and place in it of an entry other than the root.
+/// The level of an entry other than the root, and its place in that level.
 fn place(index: u32) -> (u8, u32) {
     let level = (1..=LEVELS).rev().find(|&level| start(level) <= index).expect("not the root");
     (level, index - start(level))
@@ -96,7 +96,7 @@ fn last_chunk() -> Chunk {
     Chunk { mesh, patches: vec![PatchRange { first: 0, count: 2, diamond: NO_DIAMOND }] }
 }
 
-/// The patches of a chunk: one for every child, or all of a chunk of the finest level.
+/// The patches of a chunk: one for every child; on the finest level, a single one.
 fn patches(index: u32) -> Vec<PatchRange> {
     if index + 1 == entry_count() {
         return last_chunk().patches;
@@ -111,10 +111,10 @@ fn patches(index: u32) -> Vec<PatchRange> {
     (0..).zip(diamonds).map(|(k, diamond): (u32, _)| PatchRange { first: 800 * k, count: 800, diamond }).collect()
 }
 
-/// The model, its file, and what was asked for.
+/// The model, its file, and what was requested.
 struct Giant {
     header: Header,
-    /// Chunks that lie before page 1.
+    /// Chunks that are before page 1.
     before: u32,
     hole: [u8; 16],
     last: Vec<u8>,
@@ -125,7 +125,7 @@ struct Giant {
 
 impl Drop for Giant {
     fn drop(&mut self) {
-        // What is left in the system's temporary folder takes little space.
+        // A leftover file in the system's temporary folder takes little space.
         let _ = std::fs::remove_file(&self.path);
     }
 }
@@ -180,7 +180,7 @@ impl Giant {
             path,
             pages: BTreeSet::new(),
         };
-        // The writer's own header and metadata of a pack of one entry, with what is larger put in.
+        // The writer's own header and metadata of a pack of one entry, with the larger numbers filled in.
         let mut small = Vec::new();
         PackWriter::begin(&mut small, giant.header.clone(), &metadata(), vec![giant.entry(0)]).expect("begins");
         let written = Header::parse(&small).expect("parses");
@@ -294,7 +294,7 @@ fn at_the_ends() -> View {
 }
 
 #[test]
-fn the_last_chunk_of_15_thousand_million_triangles_is_found_with_few_pages() {
+fn the_last_chunk_of_15_billion_triangles_is_found_with_few_pages() {
     let giant = Giant::new("giant");
     let (head, header) = (giant.head(), giant.header.clone());
     assert_eq!((header.entry_count, header.page_count()), (5_519_993, 43_465));
@@ -319,7 +319,7 @@ fn the_last_chunk_of_15_thousand_million_triangles_is_found_with_few_pages() {
     assert!(step.stats.target_reached, "{:?}", step.stats);
     let shown: BTreeSet<u32> = step.draw.iter().map(|d| d.chunk).collect();
     assert!(shown.contains(&last) && shown.contains(&start(LEVELS)), "the ends are shown in full");
-    // What is drawn is a cut: no patch is drawn whose diamond is drawn, too.
+    // The drawn patches are a cut: no patch is drawn if its diamond is drawn too.
     assert!(step.draw.iter().all(|d| !shown.contains(&d.diamond)), "no overlap");
     let giant = simulator.store();
     assert!(giant.pages.contains(&(header.page_count() - 1)));
@@ -335,7 +335,7 @@ fn the_last_chunk_of_15_thousand_million_triangles_is_found_with_few_pages() {
 /// Everything at once: `cargo nextest run -E 'test(giant)' --run-ignored all`.
 #[test]
 #[ignore = "takes 3 GB of memory and 0.7 GB of disk"]
-fn the_whole_directory_of_15_thousand_million_triangles_is_written_and_opened() {
+fn the_whole_directory_of_15_billion_triangles_is_written_and_opened() {
     let mut giant = Giant::new("giant-whole");
     let mut entries: Vec<DirectoryEntry> = (0..entry_count()).map(|index| giant.entry(index)).collect();
     link_children(&mut entries, |_| false);

@@ -79,9 +79,9 @@ def test_a_death_while_the_pack_is_put_in_place(single: Single, moment: str, mon
 
 
 def test_a_task_leaves_a_worker_whose_disk_is_full(single: Single) -> None:
-    """Every task that this worker tries is done by the other one, which never fails, and the build comes to its end."""
+    """The other worker does every task that this one tried and failed, and the build finishes."""
     full, tried = single.root / "full", single.root / "tried"
-    # The first worker that begins a task of a level has the full disk.
+    # The first worker that starts a level task has the full disk.
     first = f'[ -e "{full}" ] || ln -s $PPID "{full}"'
     says = 'echo "kilwa: cannot write x: No space left on device (os error 28)" >&2; exit 1'
     fails = f'if [ "$(readlink "{full}")" = $PPID ]; then basename "$2" >> "{tried}"; {says}; fi'
@@ -94,8 +94,8 @@ def test_a_task_leaves_a_worker_whose_disk_is_full(single: Single) -> None:
     single.check()
 
 
-def test_a_worker_that_is_to_be_avoided_hands_the_task_back(two_workers: Client) -> None:
-    """Schedulers may give it to an idle worker although others are preferred."""
+def test_a_worker_that_should_be_avoided_returns_the_task(two_workers: Client) -> None:
+    """Schedulers may assign it to an idle worker even though others are preferred."""
     first, second = two_workers.scheduler_info()["workers"]
 
     def avoiding(avoid: str) -> object:

@@ -13,7 +13,7 @@ from kilwa_dask import clusters
 
 
 def test_a_scheduler_is_kept_busy_until_its_driver_has_ended(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever the driver waits for, it is not idle for as long as its limit; afterwards it ends."""
+    """While the driver waits, the scheduler is never idle as long as the limit; afterwards it ends."""
     monkeypatch.setattr(clusters, "_KEEP_BUSY_EVERY", 0.1)
     settings = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"idle_timeout": "2s"}}
     # Closing the cluster looks for the scheduler for so long.

@@ -1,4 +1,4 @@
-"""The manifests for Kubernetes (docs/hosting/kubernetes.yaml): their commands have options that exist, and fit together."""
+"""The manifests for Kubernetes (docs/hosting/kubernetes.yaml): the options of their commands exist, and they are consistent."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def container(kind: str, name: str) -> Any:
     return only
 
 
-def test_the_commands_have_options_that_exist() -> None:
-    """Of Dask, and of kilwa-dask; all use the service of the scheduler."""
+def test_the_options_of_the_commands_exist() -> None:
+    """The options of Dask and of kilwa-dask; all commands use the scheduler's service."""
     service = manifests()["Service", "kilwa-scheduler"]["spec"]["ports"][0]
     address = f"tcp://kilwa-scheduler:{service['port']}"
     dask_program, verb, *options = container("Deployment", "kilwa-scheduler")["command"]
@@ -40,16 +40,16 @@ def test_the_commands_have_options_that_exist() -> None:
     assert (program, build.verb, build.scheduler) == ("kilwa-dask", "build", address)
 
 
-def test_the_scheduler_is_configured_as_those_of_kilwa_dask() -> None:
-    """By variables of the environment, as Dask reads them."""
+def test_the_scheduler_has_the_same_settings_as_those_of_kilwa_dask() -> None:
+    """They are environment variables, as Dask reads them."""
     variables = {each["name"]: each["value"] for each in container("Deployment", "kilwa-scheduler")["env"]}
     read = dask.config.collect_env(variables)
     wanted = {key: value for key, value in clusters._CONFIG.items() if key.startswith("distributed.scheduler.")}
     assert {key: dask.config.get(key, config=read) for key in wanted} == wanted
 
 
-def test_the_manifests_fit_together() -> None:
-    """Selectors, volumes, the version, and who may connect."""
+def test_the_manifests_are_consistent() -> None:
+    """Selectors, volumes, the version, and the network policy."""
     found = manifests()
     pods = {key: each["spec"]["template"] for key, each in found.items() if "template" in each["spec"]}
     (policy,) = (each["spec"] for (kind, _), each in found.items() if kind == "NetworkPolicy")

@@ -1,4 +1,4 @@
-"""Workers in jobs of Slurm, with stand-ins for its programs that run the jobs on this machine."""
+"""Workers in Slurm jobs, with fakes of its programs that run the jobs on this machine."""
 
 from __future__ import annotations
 
@@ -41,25 +41,25 @@ kill -9 -- "-$(cat "job.$1")"
 
 @dataclass
 class Slurm:
-    """The folder in which the stand-ins keep their jobs."""
+    """The folder in which the fakes keep their jobs."""
 
     folder: Path
 
     def prepare(self, before: str = ":") -> None:
-        """Write the stand-ins; `before` is what a job does first, $0 is its number."""
+        """Write the fakes; `before` is what a job does first, $0 is its number."""
         for name, script in (("sbatch", SBATCH), ("squeue", SQUEUE), ("scancel", SCANCEL)):
             new = Path(wrapper(self.folder / f"{name}.new", script.format(folder=self.folder, before=before)))
             new.replace(self.folder / name)
 
     def processes(self) -> list[int]:
-        """Return the groups of processes of all jobs, the earliest first."""
+        """Return the process groups of all jobs, the earliest first."""
         jobs = sorted(self.folder.glob("job.*"), key=lambda job: int(job.name.removeprefix("job.")))
         return [int(job.read_text()) for job in jobs]
 
 
 @pytest.fixture
 def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Slurm]:
-    """Put the stand-ins first on PATH; jobs that a failed test leaves running are killed."""
+    """Put the fakes first on PATH; kill the jobs that a failed test leaves running."""
     folder = tmp_path / "slurm"
     folder.mkdir()
     monkeypatch.setenv("PATH", f"{folder}{os.pathsep}{os.environ['PATH']}")
@@ -75,14 +75,14 @@ def stand_in(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Slurm]
 
 @pytest.fixture
 def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Look often, and wait for a short time only, in this process."""
+    """Use short intervals and delays in this process."""
     monkeypatch.setattr(slurm, "_LOOK_EVERY", 100)
     monkeypatch.setattr(slurm, "_FIRST_WAIT", 0.1)
     monkeypatch.setattr(clusters, "_LOOK_EVERY", 0.2)
 
 
 def test_a_job_that_ends_is_replaced(single: Single, stand_in: Slurm) -> None:
-    """Although it was the only one. Its task is begun again, and no job is left at the end."""
+    """Even if it was the only one. Its task is restarted, and no job is left at the end."""
     driver = single.start("--cluster", "slurm", "--workers", "1", "--threads", "1", kilwa=gated(single, verb="task"))
     until(lambda: started(single, "ingest") == 1, "the ingest runs")
     (job,) = stand_in.processes()
@@ -102,7 +102,7 @@ def arguments(single: Single, workers: int = 1, kilwa: str | None = None) -> lis
 
 @contextmanager
 def meanwhile(act: Callable[[], None]) -> Iterator[None]:
-    """Act in another thread, and see to it that it did not fail."""
+    """Call `act` in another thread, and check that it did not fail."""
     with ThreadPoolExecutor(1) as pool:
         acting = pool.submit(act)
         yield
@@ -122,16 +122,16 @@ def test_jobs_that_slurm_refuses(single: Single, stand_in: Slurm, capsys: pytest
 def test_jobs_that_end_before_a_worker_joins(
     single: Single, stand_in: Slurm, logs: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Three of them end the run, which names them and the file with what the last one has said, wherever that is."""
+    """Three such jobs end the run with a message that names them and the output file of the last one."""
     stand_in.prepare("echo said by $0; exit 1")
     folder = stand_in.folder / "logs" if logs else None
     with dask.config.set({"jobqueue.slurm.log-directory": folder and str(folder)}):
         assert main(arguments(single)) == 1
     told = capsys.readouterr().err
-    assert "the jobs 1, 2, 3 of Slurm ended before their workers joined" in told
+    assert "Slurm jobs 1, 2, 3 ended before their workers joined" in told
     named = re.search(r"\(for example (.+)\)", told)
     assert named is not None
-    # sbatch takes a relative name as one of the current folder, the stand-in as one of its own.
+    # sbatch resolves a relative name in the current folder, the fake in its own folder.
     assert (stand_in.folder / named[1]).read_text() == "said by 3\n"
     assert named[1] == (f"{folder}/dask-worker-3.err" if logs else "slurm-3.out")
 
@@ -147,7 +147,7 @@ def test_jobs_that_end_before_a_worker_joins(
     ],
 )
 def test_the_file_with_the_messages_of_a_job(header: str, file: str) -> None:
-    """The one for errors, if there is one; otherwise that for output; the last directive counts."""
+    """The file for errors if there is one, otherwise that for output; the last directive counts."""
     assert slurm._output_of("14", header, "worker") == file
 
 
@@ -155,7 +155,7 @@ def test_the_file_with_the_messages_of_a_job(header: str, file: str) -> None:
 def test_jobs_that_end_at_once_after_a_worker_has_joined(
     single: Single, stand_in: Slurm, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """They are not submitted for ever: three in vain end the run."""
+    """They are not resubmitted forever: three failed jobs end the run."""
 
     def end_the_job() -> None:
         until(lambda: started(single, "ingest") == 1, "the ingest runs")
@@ -164,13 +164,13 @@ def test_jobs_that_end_at_once_after_a_worker_has_joined(
 
     with meanwhile(end_the_job):
         assert main(arguments(single, kilwa=gated(single, verb="task"))) == 1
-    assert "the jobs 2, 3, 4 of Slurm ended before their workers joined" in capsys.readouterr().err
+    assert "Slurm jobs 2, 3, 4 ended before their workers joined" in capsys.readouterr().err
     assert len(stand_in.processes()) == 4
 
 
 @pytest.mark.usefixtures("hurried")
-def test_jobs_that_are_queued_are_waited_for(single: Single, stand_in: Slurm) -> None:
-    """Three of the first four jobs end in vain, for example on one bad node; the others begin later and do the work."""
+def test_the_run_waits_for_queued_jobs(single: Single, stand_in: Slurm) -> None:
+    """Three of the first four jobs fail, for example on one bad node; the others start later and do the work."""
     stand_in.prepare("[ $0 -gt 3 ] || exit 1; while [ ! -e begins ]; do sleep 0.05; done")
 
     def begin() -> None:
@@ -183,17 +183,17 @@ def test_jobs_that_are_queued_are_waited_for(single: Single, stand_in: Slurm) ->
 
 
 @pytest.mark.usefixtures("hurried")
-def test_as_many_jobs_in_vain_as_were_asked_for_end_the_run(
+def test_the_run_ends_after_as_many_failed_jobs_as_workers(
     single: Single, stand_in: Slurm, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Although another one is still queued."""
+    """Even if another one is still queued."""
     stand_in.prepare("[ $0 -eq 2 ] || exit 1; sleep 1000")
     assert main(arguments(single, workers=4)) == 1
-    assert "of Slurm ended before their workers joined" in capsys.readouterr().err
+    assert "ended before their workers joined" in capsys.readouterr().err
 
 
-def test_a_job_that_joins_and_ends_between_two_looks(stand_in: Slurm, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It is not one in vain. Its successor has another name, so that dask does not close it when it forgets the first."""
+def test_a_job_that_joins_and_ends_between_two_checks(stand_in: Slurm, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It does not count as failed. Its replacement has another name, so that dask does not close it when it forgets the first."""
     monkeypatch.setattr(slurm, "_LOOK_EVERY", 1e9)
     with (
         dask.config.set({"distributed.deploy.lost-worker-timeout": "500ms"}),
@@ -207,7 +207,7 @@ def test_a_job_that_joins_and_ends_between_two_looks(stand_in: Slurm, monkeypatc
         until(lambda: not cluster.scheduler_info["workers"] and not psutil.pid_exists(job), "the job has ended")
         cluster.sync(cluster.kilwa_dask_jobs._look)
         until(lambda: len(stand_in.processes()) == 2, "another job was submitted")
-        # Called after what dask had planned for the same delay before.
+        # Runs after what dask scheduled earlier with the same delay.
         cluster.sync(asyncio.sleep, 0.6)
         (stand_in.folder / "begins").touch()
         client.wait_for_workers(1, timeout=LIMIT)

@@ -1,4 +1,4 @@
-"""One build by way of an object store: SeaweedFS, which `cargo xtask test` puts where KILWA_SEAWEED says."""
+"""One build through an object store: SeaweedFS, which `cargo xtask test` installs in the folder KILWA_SEAWEED."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ import pytest
 from conftest import Drivers, end_all, tree, until
 
 BUCKET = "museum"
-# The keys of kilwa; the tests themselves ask without any.
+# The keys of kilwa; the tests themselves send anonymous requests.
 IDENTITIES = {
     "identities": [
         {"name": "test", "credentials": [{"accessKey": "test", "secretKey": "secret-of-the-test"}], "actions": ["Admin"]},
@@ -37,14 +37,14 @@ class Store:
     url: str
 
     def ask(self, key: str, method: str = "GET", body: bytes | None = None) -> bytes:
-        """Send a request about an object, or about the bucket, and return the answer."""
+        """Send a request for an object, or for the bucket, and return the response."""
         request = urllib.request.Request(f"{self.url}/{BUCKET}{key}", data=body, method=method)
         with urllib.request.urlopen(request, timeout=20) as answer:
             content: bytes = answer.read()
             return content
 
     def list(self, query: str = "list-type=2", what: str = "Key") -> list[str]:
-        """Return the keys of all objects, or of what else the bucket lists."""
+        """Return the keys of all objects, or the values of another element in the list of the bucket."""
         root = ET.fromstring(self.ask(f"?{query}"))
         return [element.text or "" for element in root.iter() if element.tag.rpartition("}")[2] == what]
 
@@ -80,7 +80,7 @@ def store() -> Iterator[Store]:
         return True
 
     try:
-        until(ready, "the store is there")
+        until(ready, "the store is ready")
         yield made
     finally:
         process.kill()
@@ -90,14 +90,14 @@ def store() -> Iterator[Store]:
 
 @dataclass
 class Stored(Drivers):
-    """A mesh in a store, and where its build is."""
+    """A mesh in a store, and the place of its build."""
 
     store: Store | None = None
     output: str = f"s3://{BUCKET}/packs/mesh.kilwa"
 
     @property
     def mesh(self) -> Path:
-        """The mesh, before it was put into the store."""
+        """The local copy of the mesh."""
         return self.root / "mesh.ply"
 
     def start(self, *options: str) -> subprocess.Popen[str]:
@@ -110,7 +110,7 @@ class Stored(Drivers):
         return self.end(self.start(*options), code)
 
     def check(self) -> None:
-        """Check the pack, and that nothing else is left: no object, no upload, no file."""
+        """Check the pack, and that nothing else remains: no object, no upload, no file."""
         assert self.store is not None
         pack = Path(self.output).read_bytes() if self.output.startswith("/") else self.store.ask("/packs/mesh.kilwa")
         assert hashlib.sha256(pack).hexdigest() == self.sha256_of_plain_build(self.mesh)
@@ -138,7 +138,7 @@ def stored(tmp_path: Path, kilwa: str, store: Store, monkeypatch: pytest.MonkeyP
 
 
 def test_inputs_work_and_pack_in_a_store(stored: Stored) -> None:
-    """The pack is that of kilwa build; the same command finds it, and another is refused."""
+    """The pack is equal to that of kilwa build; the same command finds it, and a different one is refused."""
     report = stored.root / "report.json"
     text = stored.run("--json", str(report))
     told = json.loads(report.read_text())
@@ -153,8 +153,8 @@ def test_inputs_work_and_pack_in_a_store(stored: Stored) -> None:
     stored.check()
 
 
-def test_a_file_of_work_in_a_store(stored: Stored) -> None:
-    """The output is a file, which is refused the second time."""
+def test_work_in_a_store_and_output_in_a_file(stored: Stored) -> None:
+    """The second time, the existing output is refused."""
     stored.output = str(stored.root / "packs" / "mesh.kilwa")
     stored.run()
     stored.check()
@@ -162,8 +162,8 @@ def test_a_file_of_work_in_a_store(stored: Stored) -> None:
     assert [path.name for path in Path(stored.output).parent.iterdir()] == ["mesh.kilwa"]
 
 
-def test_a_driver_that_dies_is_continued(stored: Stored) -> None:
-    """With all its workers, when some tasks are done."""
+def test_a_build_continues_after_its_driver_died(stored: Stored) -> None:
+    """The driver is killed with all its workers when some tasks are done."""
     assert stored.store is not None
     driver = stored.start()
     until(lambda: sum("/done/level" in key for key in stored.store.list()) > 1, "tasks are done")  # type: ignore[union-attr]

@@ -1,7 +1,8 @@
-//! `cargo xtask bench cluster`: one build as tasks beside `kilwa build`: one worker and two, what each stage takes, and what larger models would cost.
+//! `cargo xtask bench cluster`: one build as tasks with one and two workers, compared with `kilwa build`; the costs of each stage; and estimated costs of
+//! larger models.
 //!
-//! A worker is a thread that starts one `kilwa task` with one thread at a time, wave by wave. So it measures the division itself; Dask and
-//! Slurm add what docs/cluster.md says.
+//! A worker is a thread that starts one `kilwa task` with one thread at a time, wave by wave. So it measures the division itself; the
+//! overhead of Dask and Slurm is in docs/cluster.md.
 
 mod costs;
 
@@ -21,10 +22,10 @@ pub(super) struct Args {
     /// Triangles of the mesh
     #[arg(long, value_name = "N", default_value_t = 4_000_000, value_parser = clap::value_parser!(u64).range(10_000..))]
     triangles: u64,
-    /// Triangles of a task
+    /// Triangles per task
     #[arg(long, value_name = "N", default_value_t = 500_000, value_parser = clap::value_parser!(u64).range(1000..))]
     task_triangles: u64,
-    /// Rounds; the table has the median
+    /// Rounds; the table shows the median
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
     rounds: u32,
     /// Cargo profile of the program; figures of `dev` are for trying out only
@@ -35,13 +36,13 @@ pub(super) struct Args {
     dry: bool,
 }
 
-/// A program that ran, and what kilwa itself counted of it.
+/// A finished program, and what kilwa itself measured of it.
 struct Done {
     stage: String,
-    /// As `kilwa plan` estimates them; none of tasks that are not divided.
+    /// Estimated by `kilwa plan`; 0 for tasks that are not divided.
     triangles: f64,
     used: Usage,
-    /// Seconds by the clock that kilwa counts; the rest is the fixed cost of a task.
+    /// Wall time that kilwa measures itself; the rest is the fixed cost of a task.
     seconds: f64,
     read: f64,
     written: f64,
@@ -60,7 +61,7 @@ struct Stage {
     written: f64,
 }
 
-/// A build, one way or another.
+/// A build, on one machine or as tasks.
 struct Built {
     wall_s: f64,
     cpu_s: f64,
@@ -101,7 +102,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
     run_command(&mut command(&program, &made)?)?;
     let mut rounds = Vec::new();
     for _ in 0..args.rounds {
-        // In turn, so that what disturbs the machine disturbs all three.
+        // Alternating, so that other load on the machine affects all three.
         let plain = plain(&place)?;
         let one = divided(args, &place, 1)?;
         let two = divided(args, &place, 2)?;
@@ -122,7 +123,7 @@ fn plain(place: &Place) -> Result<Built> {
     Ok(Built { wall_s: used.wall_s, cpu_s: used.cpu_s, stages: BTreeMap::new(), left: costs::Left::default() })
 }
 
-/// The same pack by tasks, with so many workers.
+/// The same pack as tasks, with `workers` workers.
 fn divided(args: &Args, place: &Place, workers: usize) -> Result<Built> {
     let (work, pack) = (place.text("work"), place.text("divided.kilwa"));
     drop(fs::remove_dir_all(&work));
@@ -146,14 +147,14 @@ fn divided(args: &Args, place: &Place, workers: usize) -> Result<Built> {
     let wall_s = started.elapsed().as_secs_f64();
     ensure!(
         same(Path::new(&pack), &place.at("plain.kilwa"))?,
-        "the pack of {workers} workers is not that of `kilwa build`"
+        "the pack of {workers} workers differs from that of `kilwa build`"
     );
     left.chunks = number(&told["pack"], "chunks")?;
     let cpu_s = done.iter().map(|d| d.used.cpu_s).sum();
     Ok(Built { wall_s, cpu_s, stages: stages(done), left })
 }
 
-/// How many files the tasks of a build have exchanged, and how large the tree is.
+/// The number of files that the tasks of a build exchanged, and the size of the tree.
 fn left_in(folder: &Path) -> Result<costs::Left> {
     let mut left = costs::Left::default();
     for file in fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))? {
@@ -240,7 +241,7 @@ fn stages(done: Vec<Done>) -> BTreeMap<String, Stage> {
 fn tables(args: &Args, triangles: u64, sha256: &str, rounds: &[[Built; 3]]) -> Result<String> {
     let mut table = format!(
         "A wall of {triangles} triangles, `--task-triangles {}`, one thread for each program. All packs have the SHA-256 {sha256}.\n\n\
-         | round | `build`: s | its processor s | one worker: s | its processor s | two workers: s | their processor s | two against one | one against `build` |\n\
+         | round | `build`: s | CPU s | one worker: s | CPU s | two workers: s | CPU s | speedup of two workers | one worker / `build` |\n\
          |---|---:|---:|---:|---:|---:|---:|---:|---:|\n",
         args.task_triangles
     );
@@ -263,8 +264,8 @@ fn tables(args: &Args, triangles: u64, sha256: &str, rounds: &[[Built; 3]]) -> R
         )?;
     }
     table.push_str(
-        "\nThe stages with one worker, medians of the sums over their tasks. The fixed cost is what starting a program takes beside what kilwa counts itself; memory is that of the largest task.\n\n\
-         | stage | tasks | s | processor s | fixed cost of a task, ms | peak MiB | read, bytes / triangle | written, bytes / triangle |\n\
+        "\nThe stages with one worker: medians of the sums over their tasks. The fixed cost of a task is its wall time minus the time that kilwa measures itself. The memory is the peak of the largest task.\n\n\
+         | stage | tasks | s | CPU s | fixed cost of a task, ms | peak MiB | read, bytes / triangle | written, bytes / triangle |\n\
          |---|---:|---:|---:|---:|---:|---:|---:|\n",
     );
     let stages = medians_of(rounds)?;
@@ -287,7 +288,7 @@ fn tables(args: &Args, triangles: u64, sha256: &str, rounds: &[[Built; 3]]) -> R
     Ok(table)
 }
 
-/// The stages of one worker, in the order in which they are done.
+/// The stages of one worker, in the order in which they run.
 fn medians_of(rounds: &[[Built; 3]]) -> Result<Vec<(String, Stage)>> {
     let names = ["ingest", "region", "tree", "leaves", "levels", "tail", "assemble"];
     let known = &rounds.first().context("no round")?[1].stages;

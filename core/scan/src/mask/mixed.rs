@@ -1,15 +1,15 @@
 //! Mixed pixels: a beam that meets two surfaces one behind the other, whose ranges the scanner averages.
 //!
-//! Such a sample lies on neither surface, but its neighbours do. So each of the eight directions of the grid is asked whether it supports the sample:
-//! how far the sample is from its neighbour in depth, or, if that is less, from where the surface through the next two samples in that direction
-//! would be (a plane has inverse depths that are linear in the angle). A sample on a surface is supported by at least three directions also at an edge or
-//! seen aslant; the geometric mean of the second and third smallest distance measures how much support is missing. The smallest alone says little: with
+//! Such a sample lies on neither surface, but its neighbours do. So each of the eight directions of the grid is tested for support of the
+//! sample: how far in depth is it from its neighbour, or, if that is less, from the surface through the next two samples in that direction (the inverse
+//! depths of a plane are linear in the angle)? A sample on a surface is supported by at least three directions, even at an edge or at
+//! an oblique angle; the geometric mean of the second and third smallest distance measures how much support is missing. The smallest alone says little: with
 //! eight directions, one fits by chance.
 //!
-//! The distance is compared with what relief explains between two rays and with noise. Relief explains a share of the spacing of the rays; more where
-//! the depths beyond the neighbours change much too, as on relief seen aslant, beside a mixed pixel they do not; and more where rays are far apart, in
-//! proportion: what a curved surface deviates from a plane grows with the square of the distance, and a sample lost there leaves a large hole.
-//! Without a jump in depth around the sample that is larger than incidence, noise and the width of the beam explain, there is no mixed pixel.
+//! The distance is compared with an allowance for relief between two rays, plus noise. The allowance is a share of the ray spacing. It is larger if the
+//! depths beyond the neighbours vary strongly too, as on relief seen at an oblique angle; next to a mixed pixel they do not. It also grows in proportion
+//! to the spacing if rays are far apart, because the deviation of a curved surface from a plane grows with the square of the distance, and a sample lost
+//! there leaves a large hole. A sample can be a mixed pixel only if the depth jump around it is larger than incidence, noise and beam width explain.
 
 use crate::sample::{Rays, Sample};
 use crate::tessellate::Instrument;
@@ -27,8 +27,8 @@ impl Default for Options {
     }
 }
 
-/// Depth that relief explains between neighbouring rays, in terms of their spacing; of how depths change around (see [`STEPS`]); and the spacing from
-/// which on it grows, metres. Chosen on two simulated surveys (docs/bench/2026-11-27-scans.md).
+/// The allowance for relief between neighbouring rays: as a share of their spacing (`RELIEF`), as a share of the depth variation around (`AROUND`, see
+/// [`STEPS`]), and the spacing above which it grows, in metres (`WIDE`). Tuned on two simulated surveys (docs/bench/2026-11-27-scans.md).
 const RELIEF: f64 = 0.38;
 const AROUND: f64 = 0.15;
 const WIDE: f64 = 0.03;
@@ -36,8 +36,8 @@ const WIDE: f64 = 0.03;
 const JUMP: f64 = 2.5;
 /// Standard deviations of a range that noise explains, in a jump.
 const SIGMAS: f64 = 3.0;
-/// In so many directions the depth changes less, from the neighbour to the next, than it is taken to change around a sample; if fewer have two
-/// samples, it is not judged.
+/// The depth variation around a sample is the `STEPS`-th smallest depth difference between a neighbour and the sample beyond it. If fewer than
+/// this many directions have two samples, the sample is not judged.
 const STEPS: usize = 5;
 
 const DIRECTIONS: [(isize, isize); 8] = [(1, 0), (0, 1), (1, 1), (1, -1), (-1, 0), (0, -1), (-1, -1), (-1, 1)];
@@ -139,7 +139,7 @@ fn depth(sample: &Sample, rays: Rays) -> f64 {
     }
 }
 
-/// Keep the smallest, in their order.
+/// Keep the smallest values, sorted.
 fn insert<const N: usize>(smallest: &mut [f64; N], value: f64) {
     let place = smallest.iter().position(|kept| value < *kept);
     if let Some(place) = place {

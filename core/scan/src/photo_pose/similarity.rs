@@ -9,7 +9,7 @@ use std::fmt;
 
 /// Fewest pairs that define a similarity.
 pub const MIN_PAIRS: usize = 3;
-/// So many pairs, those with the largest residuals, are left out one at a time to find the one that is wrong.
+/// Maximum number of pairs, those with the largest residuals, that are left out one at a time to find the wrong one.
 const MAX_SUSPECTS: usize = 100;
 
 /// Takes coordinates of a reconstruction to those of the survey: `scale · rotation · p + translation`.

@@ -63,11 +63,13 @@ def _add_build(verbs: Any) -> None:
         "--work",
         required=True,
         metavar="DIR",
-        help="for what the machines exchange: a folder that all see, or s3://BUCKET/FOLDER",
+        help="folder through which the machines exchange files, visible to all of them, or s3://BUCKET/FOLDER",
     )
     build.add_argument("--task-triangles", metavar="N", help="triangles of a task (default: as kilwa plan, 10M)")
     build.add_argument(
-        "--scratch", metavar="DIR", help="folder for scratch files on each machine (default: in --work, or the system's)"
+        "--scratch",
+        metavar="DIR",
+        help="folder for scratch files on each machine (default: in --work; with s3://, the system's temporary folder)",
     )
     build.add_argument("--force", action="store_true", help="replace an existing output file")
     _add_machines(build, "tasks", "kilwa task")
@@ -201,7 +203,7 @@ def _build(options: argparse.Namespace, plan_options: list[str]) -> int:
 
 def _build_plan(options: argparse.Namespace, plan_options: list[str], output: str, work: str) -> BuildPlan:
     asked = _program(options)
-    # kilwa itself looks whether a pack is in a store.
+    # If the output is in a store, kilwa itself checks whether it exists.
     into = [f"--output={output}", *(["--force"] if options.force else [])] if is_address(output) else []
     folders = [*([] if is_address(work) else [work]), *([] if is_address(output) else [os.path.dirname(output)])]
     portions = [f"--task-triangles={options.task_triangles}"] if options.task_triangles else []

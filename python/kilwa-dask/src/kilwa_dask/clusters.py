@@ -35,10 +35,10 @@ _CONFIG: dict[str, Any] = {
 }
 
 
-# When a scheduler on another machine ends by itself, and how often the driver keeps it from that, in seconds (`_kept_busy`).
+# Idle time after which a scheduler on another machine ends by itself, and how often the driver gives it work, in seconds.
 _IDLE_LIMIT = "300s"
 _KEEP_BUSY_EVERY = 60.0
-# How often to look whether a worker can still join, in seconds.
+# How often to check whether a worker can still join, in seconds.
 _LOOK_EVERY = 5
 
 
@@ -47,7 +47,7 @@ class ClusterFailed(Exception):
 
 
 class _NoWorkers(BaseException):
-    """No worker will join any more. No handler of errors on the way to `opened` may take it for one of its own."""
+    """No worker will join any more. A `BaseException`, so that only `opened` handles it."""
 
 
 @dataclass(frozen=True)
@@ -108,15 +108,15 @@ def opened(choice: Choice) -> Iterator[Client]:
 
 @contextmanager
 def _kept_busy(client: Client) -> Iterator[None]:
-    """Give the scheduler an empty task now and then, whatever the driver waits for, for example for a lock of another driver."""
+    """Give the scheduler an empty task from time to time, even while the driver waits, for example for another driver's lock."""
     ended = threading.Event()
 
     def keep() -> None:
         latest = None
         while not ended.wait(_KEEP_BUSY_EVERY):
-            # One that is not done keeps the scheduler from being idle.
+            # A pending task also keeps the scheduler from being idle.
             if latest is None or latest.done():
-                with suppress(Exception):  # The driver meets the same failure, and reports it.
+                with suppress(Exception):  # The driver gets the same error, and reports it.
                     latest = client.submit(int, pure=False)
 
     keeper = threading.Thread(target=keep, name="kilwa-dask-keeper", daemon=True)
@@ -130,7 +130,7 @@ def _kept_busy(client: Client) -> Iterator[None]:
 
 @contextmanager
 def _watched(client: Client) -> Iterator[None]:
-    """Raise `ClusterFailed` when no job of Slurm will bring a worker any more. This interrupts the thread as Ctrl-C does."""
+    """Raise `ClusterFailed` when no Slurm job will bring a worker any more. This interrupts the thread as Ctrl-C does."""
     jobs = client.cluster.kilwa_dask_jobs
     thread = threading.get_ident()
     over = threading.Event()
@@ -140,7 +140,7 @@ def _watched(client: Client) -> Iterator[None]:
         if not over.is_set():
             raise _NoWorkers
 
-    # By default, this signal is ignored, should it arrive late.
+    # If this signal arrives late, the default handler ignores it.
     before = signal.signal(signal.SIGURG, stop)
     try:
         jobs.on_problem(lambda: signal.pthread_kill(thread, signal.SIGURG))
@@ -179,8 +179,8 @@ def _ssh(choice: Choice) -> Any:
 
     each = choice.workers or 1
     options = {"nthreads": 1, "n_workers": each, "memory_limit": "0"}
-    # Nothing tells a program that SSH has started that the driver was killed: the scheduler ends, and with it the workers, when
-    # there has been nothing to do for this time.
+    # A program started over SSH does not notice that the driver was killed. So the scheduler ends when it has been idle for this
+    # time, and the workers end with it.
     idle = {"idle_timeout": _IDLE_LIMIT}
     return SSHCluster([choice.hosts[0], *choice.hosts], worker_options=options, scheduler_options=idle)
 
@@ -204,7 +204,7 @@ def _slurm(choice: Choice) -> Any:
 
 
 def wait_for_worker(client: Client) -> None:
-    """Wait until a worker has joined. Raises `ClusterFailed` if no job of Slurm can bring one."""
+    """Wait until a worker has joined. Raises `ClusterFailed` if no Slurm job can bring one."""
     jobs = getattr(client.cluster, "kilwa_dask_jobs", None)
     while True:
         try:

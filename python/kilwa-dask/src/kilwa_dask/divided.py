@@ -1,19 +1,19 @@
 """One build that is divided into tasks: what a worker does.
 
 The driver asks `kilwa plan` which tasks there are (`drive_build`); a worker does one with `kilwa task`, or writes the pack
-with `kilwa assemble`. kilwa itself sees to it that a task may be done twice or die at any moment. The locks see to it that
-work is not done twice at a time, and that nobody works in a folder that is being removed:
+with `kilwa assemble`. kilwa itself ensures that a task may run twice or be killed at any moment. The locks ensure that no
+task runs twice at the same time, and that nobody works in a folder that is being removed:
 
 * WORK/.kilwa-dask/KEY-TASK.lock is held by the worker that does a task of the build KEY, and by its kilwa.
-* WORK/.kilwa-dask/KEY.lock is shared by all who do tasks of the build; who removes its folder holds it alone.
-* .kilwa-dask/PACK.lock, beside the output, is held while the pack is assembled, and while a driver looks whether it is.
+* WORK/.kilwa-dask/KEY.lock is shared by all workers that do tasks of the build; whoever removes its folder holds it exclusively.
+* .kilwa-dask/PACK.lock, next to the output, is held while the pack is assembled, and while a driver checks whether it is.
 
-If the work is in an object store (s3://…), there is no folder for locks that all machines see: then they are in a folder of each
-machine, keep only the workers of that machine from each other's work, and kilwa alone keeps tasks of several machines apart.
+If the work is in an object store (s3://…), there is no shared folder for locks. Then each machine has its own folder, whose locks
+coordinate only the workers of that machine; across machines, kilwa alone resolves conflicts.
 
 The pack is assembled in .kilwa-dask/PACK.N, then described in WORK/.kilwa-dask/PACK.json, then renamed; the folder of the
-build is removed last. So a run after a death knows whether the file that is there is the pack, or another. If the work or the
-output is in a store, kilwa puts the pack in place and removes the build itself; a pack in a store says which build made it.
+build is removed last. So a run that continues after a crash knows whether an existing file is the pack. If the work or the
+output is in a store, kilwa itself puts the pack in place and removes the build; the metadata of a pack in a store name the build.
 """
 
 from __future__ import annotations
@@ -59,14 +59,14 @@ class BuildPlan(Run):
 
     @property
     def base(self) -> Path:
-        """Folder in which the folder of the locks is: that of the work, or one of this machine."""
+        """Parent of the folder of the locks: the work folder, or a local folder."""
         if not is_address(self.work):
             return Path(self.work)
         return Path(self.scratch or tempfile.gettempdir(), f"kilwa-dask-{os.getuid()}-{file_id(self.work)}")
 
     @property
     def announced_in(self) -> tuple[str, ...]:
-        """Folders in which the run is announced: the shared ones, and that of the locks."""
+        """Folders in which the run is announced: the shared ones, and the one with the locks."""
         return tuple(dict.fromkeys((str(self.base), *self.shared)))
 
     @property
@@ -154,7 +154,7 @@ class Pack:
     triangles: int
 
 
-# What kilwa says where a build was removed, because another driver has assembled its pack.
+# Messages of kilwa if a build was removed because another driver has assembled its pack.
 _GONE = ("is not in the store; run `kilwa plan` again", "there is no build; start one", "there is nothing left to do")
 
 
@@ -276,7 +276,7 @@ def _assemble_stored(build: Build, plan: BuildPlan, scratch: Path, locks: list[i
 
 
 def make_state(plan: BuildPlan) -> None:
-    """Make the folder of the locks, if it is one of this machine. In a folder that all users see it is this user's alone."""
+    """Make the folder of the locks, if it is local. Only this user may use it, because all users share the temporary folder."""
     if not is_address(plan.work):
         return
     plan.base.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -315,7 +315,7 @@ def _run(plan: BuildPlan, command: list[str], locks: list[int], places: tuple[st
 
 
 def _may_pass(message: str, places: tuple[str, ...]) -> bool:
-    """Return whether the message names an error of the operating system or a store, or a file that only tasks write."""
+    """Return whether the message is about an error of the operating system or a store, or about a file that only tasks write."""
     return "(os error " in message or "check AWS_ENDPOINT_URL" in message or any(place in message for place in places)
 
 
@@ -349,7 +349,7 @@ class Record:
 def finished(plan: BuildPlan) -> Record | None:
     """Return the record of the output if its pack is in place. The caller must hold the lock of the pack.
 
-    There is none if the work or the output is in a store.
+    There is no record if the work or the output is in a store.
     """
     if plan.is_stored:
         return None
@@ -391,13 +391,13 @@ def _scratch(plan: BuildPlan, build: Build, attempt: Path, task: str) -> Iterato
 
 
 def sweep_state(plan: BuildPlan) -> None:
-    """Remove the folder of the locks of this machine, unless it is in use."""
+    """Remove the local folder of the locks, unless it is in use."""
     sweep(plan.base)
     remove_base(plan)
 
 
 def remove_base(plan: BuildPlan) -> None:
-    """Remove the folder of this machine that the locks were in, if it is empty."""
+    """Remove the local parent of the folder of the locks, if it is empty."""
     if is_address(plan.work):
         with suppress(OSError):
             plan.base.rmdir()

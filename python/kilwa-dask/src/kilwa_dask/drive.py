@@ -24,7 +24,7 @@ from kilwa_dask.task import Outcome, Plan, work_on
 # How often to repeat a task that failed with `program.MayPass`, on other workers if there are any. The scheduler repeats the
 # tasks of workers that died.
 REPEATS = 2
-# How long a worker keeps a task that it is not to do, in seconds.
+# How long a worker holds a task that it should not do, in seconds.
 _PAUSE = 1.0
 
 # Makes the keys of a process unique: a task may be submitted again in a run.
@@ -53,12 +53,12 @@ class Lost:
 
 @dataclass(frozen=True)
 class Again:
-    """A task that is to be submitted again."""
+    """A task that must be submitted again."""
 
     message: str
     """Why: the text of `program.MayPass`."""
     worker: str | None
-    """Address of the worker where it failed; None if it came to one that was to be avoided."""
+    """Address of the worker where it failed; None if it was assigned to a worker that should be avoided."""
 
 
 class Progress:
@@ -176,10 +176,10 @@ def submit(
 
 
 def _attempt(work: Callable[..., Returned], item: object, *, wait: bool, avoid: Container[str] = ()) -> Returned | Again:
-    """Do the work in a worker, but not in one of those to avoid."""
+    """Do the work in this worker, unless it is one of those to avoid."""
     worker: str = get_worker().address
     if worker in avoid:
-        # A scheduler of the user's own may let an idle worker take over what others are to do.
+        # The user's own scheduler may let an idle worker steal tasks that were meant for others.
         time.sleep(_PAUSE)
         return Again("", None)
     try:

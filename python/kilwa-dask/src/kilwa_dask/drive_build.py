@@ -41,7 +41,7 @@ class Listing:
     complete: bool
     """Nothing is left but to assemble the pack, if that is not done as well."""
     pack: Pack | None = None
-    """The pack, if it is in place in a store."""
+    """The pack, if it is already in a store."""
 
     def wave(self) -> dict[str, Task]:
         """Return the tasks that can be done now, the largest first."""
@@ -103,7 +103,7 @@ class BuildDriver:
             client.run(divided.sweep_scratch, self.plan, self.build, patience, on_error="ignore")
 
     def sweep_state(self, client: Client) -> None:
-        """Remove the folders of the locks on the machines of the workers, if each machine has its own."""
+        """Remove the folders of the locks on the workers' machines, if each machine has its own."""
         if is_address(self.plan.work):
             with suppress(Exception):  # The scheduler may be gone.
                 client.run(divided.sweep_state, self.plan, on_error="ignore")
@@ -117,7 +117,7 @@ class BuildDriver:
             record = divided.finished(self.plan)
             if record is not None and self.build is not None and record.key == self.build.key:
                 return Listing(self.build, (), complete=True)
-            # There is no record if the pack, or the work, is in a store: then a file that appears is another driver's.
+            # There is no record if the pack or the work is in a store. Then a file that appears belongs to another driver.
             if (self.build is None or self.plan.is_stored) and record is None:
                 self._refuse_existing()
             is_first = self.build is None and not self.plan.is_stored
@@ -187,7 +187,7 @@ class BuildDriver:
 
 
 def refuse_existing(output: str, force: bool) -> None:
-    """Raise `UsageError` if there is a file that must not be replaced. kilwa refuses objects in stores."""
+    """Raise `UsageError` if a file exists that must not be replaced. For objects in stores, kilwa checks this."""
     if not force and not is_address(output) and Path(output).exists():
         raise UsageError(f"{output} exists already; use --force to replace it")
 

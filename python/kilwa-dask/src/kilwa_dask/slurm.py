@@ -1,4 +1,4 @@
-"""Workers as jobs of Slurm: submitted if Slurm would accept them, and replaced when they end, for example at their wall time."""
+"""Workers as Slurm jobs: submitted if Slurm would accept them, and replaced when they end, for example at their time limit."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from distributed import Status
 from distributed.diagnostics.plugin import SchedulerPlugin
 from tornado.ioloop import PeriodicCallback
 
-# How often to look for jobs that ended, in milliseconds.
+# How often to check for jobs that ended, in milliseconds.
 _LOOK_EVERY = 5000
-# How long to wait before jobs are replaced that ended in vain, in seconds: the first time, and at most. It doubles each time.
+# Backoff before failed jobs are replaced, in seconds: the first and the longest delay. The delay doubles each time.
 _FIRST_WAIT = 5.0
 _LONGEST_WAIT = 300.0
-# So many jobs that end before a worker of theirs joins mean that none can, if no other job is queued.
+# If this many jobs end before their workers join and no other job is queued, no worker will ever join.
 _HOPELESS = 3
 
 
 class Refused(Exception):
-    """Slurm does not accept the jobs; the text is its own message."""
+    """Slurm does not accept the jobs; the text includes its own message."""
 
 
 class _Joins(SchedulerPlugin):  # type: ignore[misc]
-    """Tells which workers join, however short they stay."""
+    """Reports every worker that joins, even if it stays only for a short time."""
 
     name = "kilwa-dask-joins"
 
@@ -39,32 +39,32 @@ class _Joins(SchedulerPlugin):  # type: ignore[misc]
         self._joined = joined
 
     def add_worker(self, scheduler: Any, worker: str, **_: Any) -> None:
-        """Pass on the name of the worker; dask-jobqueue gives it that of the job."""
+        """Report the name of the worker, which dask-jobqueue sets to that of the job."""
         self._joined(str(scheduler.workers[worker].name))
 
 
 class Jobs:
-    """The jobs of a `SLURMCluster`: always as many as asked for.
+    """The jobs of a `SLURMCluster`, kept at the requested number.
 
-    dask-jobqueue submits each job once. It neither replaces a job that ends, nor notices one that ends before its worker
-    joins, nor one that Slurm has refused.
+    dask-jobqueue submits each job once. It does not replace a job that ends, and does not notice if a job ends before its worker
+    joins, or if Slurm refuses it.
 
-    A job that ended before its worker joined has ended in vain. Those that replace such jobs wait longer each time, until a
-    worker joins; if none ever will, no more are submitted.
+    A job that ends before its worker joins has failed. Failed jobs are replaced with increasing delays until a worker joins; if
+    none ever will, no more jobs are submitted.
     """
 
     def __init__(self, cluster: Any, number: int) -> None:
-        """Submit so many jobs, and begin to replace those that end. Raises `Refused`."""
+        """Submit this many jobs, and start replacing those that end. Raises `Refused`."""
         self._cluster = cluster
         self._number = number
         self._problem: str | None = None
         self._tell: Callable[[], None] | None = None
-        # Names of jobs: all that dask-jobqueue has ever listed, and those whose workers have joined. A job that replaces
-        # another has a name of its own, because dask closes the job with the name of a worker 15 s after that has left.
+        # Names of jobs: all that dask-jobqueue has ever listed, and those whose workers have joined. A replacement job gets a
+        # new name, because 15 s after a worker has left, dask closes the job with that worker's name.
         self._listed: set[str] = set()
         self._joined: set[str] = set()
         self._named = 0
-        # Numbers of the jobs that have ended in vain since the last join.
+        # Numbers of the jobs that have failed since the last join.
         self._in_vain: list[str] = []
         self._wait = _FIRST_WAIT
         self._not_before = 0.0
@@ -77,11 +77,11 @@ class Jobs:
         cluster.loop.add_callback(look.start)
 
     def problem(self) -> str | None:
-        """Return why no worker will join any more, or None if one may."""
+        """Return why no worker will join any more, or None if one still may."""
         return self._problem
 
     def on_problem(self, tell: Callable[[], None] | None) -> None:
-        """Have `tell` called in the thread of the cluster when there is a problem, but not if there is one already."""
+        """Call `tell` in the thread of the cluster when a problem occurs, but not for an existing one."""
         self._tell = tell
 
     def _join(self, name: str) -> None:
@@ -93,9 +93,9 @@ class Jobs:
         self._not_before = 0.0
 
     async def _look(self) -> None:
-        """Submit other jobs for those that have ended."""
+        """Replace the jobs that have ended."""
         workers, wanted = self._cluster.workers, self._cluster.worker_spec
-        # Those that are submitted while Slurm is asked are not in its answer.
+        # Jobs that are submitted while the request runs are not in the response.
         submitted = {name: job.job_id for name, job in workers.items()}
         self._listed |= set(submitted)
         queued = await asyncio.to_thread(_queued)
@@ -111,7 +111,7 @@ class Jobs:
             if job is not None and name not in self._joined:
                 self._in_vain.append(job)
             del workers[name]
-        # Dask has closed others, because their workers had left. The rest are those that are just being submitted.
+        # Dask has closed others because their workers had left. The rest are being submitted.
         known = self._listed | (self._joined - present)
         for name in [name for name in wanted if name in known and name not in workers]:
             del wanted[name]
@@ -129,8 +129,8 @@ class Jobs:
             self._cluster.scale(jobs=self._number)
 
     def _is_hopeless(self) -> bool:
-        """Return whether so many jobs have ended in vain that none can do better; no worker is there."""
-        # Wanted are jobs that wait, run, or are just being submitted.
+        """Return whether so many jobs have failed that none can succeed. Called only if there is no worker."""
+        # `worker_spec` has the jobs that are pending, running or being submitted.
         if self._cluster.worker_spec and len(self._in_vain) < self._number:
             return False
         return len(self._in_vain) >= _HOPELESS
@@ -138,11 +138,11 @@ class Jobs:
     def _describe(self) -> str:
         jobs = ", ".join(self._in_vain[-_HOPELESS:])
         said = _output_of(self._in_vain[-1], self._cluster.job_header, self._cluster.job_name)
-        return f"the jobs {jobs} of Slurm ended before their workers joined; what they printed says why (for example {said})"
+        return f"Slurm jobs {jobs} ended before their workers joined; their output says why (for example {said})"
 
 
 def _output_of(job: str, header: str, name: str | None) -> str:
-    """Return the file with the messages of a job, by the directives at the head of its script."""
+    """Return the file with the messages of a job, according to the directives in its script."""
     files = {}
     for option, file in re.findall(r"^#SBATCH\s+(-[oe]|--output|--error)[\s=]*(\S+)", header, re.MULTILINE):
         files["e" if "e" in option.removeprefix("--")[:2] else "o"] = file
@@ -151,7 +151,7 @@ def _output_of(job: str, header: str, name: str | None) -> str:
 
 
 def _queued() -> set[str] | None:
-    """Return the identifiers of this user's jobs that wait or run; None if Slurm does not answer."""
+    """Return the identifiers of this user's pending and running jobs; None if Slurm does not respond."""
     command = ["squeue", "--noheader", "--format=%A", f"--user={os.getuid()}"]
     try:
         asked = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -165,9 +165,9 @@ def _test(script: str) -> None:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "job.sh")
         file.write_text(script)
-        told = subprocess.run(["sbatch", "--test-only", str(file)], capture_output=True, text=True, check=False)
-    if told.returncode != 0:
-        raise Refused(f"Slurm does not accept the jobs: {told.stderr.strip()}")
+        result = subprocess.run(["sbatch", "--test-only", str(file)], capture_output=True, text=True, check=False)
+    if result.returncode != 0:
+        raise Refused(f"Slurm does not accept the jobs: {result.stderr.strip()}")
 
 
 def is_there() -> bool:

@@ -18,7 +18,7 @@ const MAX_POINTS: usize = 50_000;
 const REACH_PER_RMS: f64 = 5.0;
 const REACH_SHARE: f64 = 0.01;
 
-/// Names of cameras without a pose that an error lists, at most.
+/// Maximum number of cameras without a pose that an error lists.
 const NAMED: usize = 5;
 
 /// Where the frame comes from.
@@ -56,7 +56,7 @@ pub struct Aligned {
     pub landed: Option<SurfaceFit>,
     /// Why they were not used, although there is a surface.
     pub not_landed: Option<SurfaceFitError>,
-    /// Cameras whose positions are known, but that have no pose in the reconstruction.
+    /// Cameras with a known position but without a pose in the reconstruction.
     pub without_pose: Vec<String>,
 }
 
@@ -114,7 +114,7 @@ pub fn frame(set: &PhotoSet, start: &Start, surface: Option<(&Surface, f64)>) ->
     Ok(Aligned { similarity, residuals, rms, landed, not_landed, without_pose })
 }
 
-/// How many points of a reconstruction are near a surface, and how many there are, if its poses are taken as they are. `surface`: as for [`frame()`].
+/// How many points of a reconstruction are near a surface if its poses are used unchanged, and how many points there are. `surface`: as for [`frame()`].
 pub fn near_surface(set: &PhotoSet, (surface, spacing): (&Surface, f64)) -> (usize, usize) {
     let sparse = sparse_points(set);
     let reach = REACH_SHARE * extent(&sparse);

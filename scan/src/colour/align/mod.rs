@@ -1,6 +1,6 @@
-//! Poses of photographs made to fit a model.
+//! Fits the poses of photographs to a model.
 //!
-//! A reconstruction from photographs has a frame of its own. [`frame()`] brings it to the survey's: from control points ([`pairs`]), known positions of cameras, or a given
+//! A reconstruction from photographs has its own frame. [`frame()`] transforms it to that of the survey: from control points ([`pairs`]), known positions of cameras, or a given
 //! similarity, and then from its sparse points, which must lie on the surface of the model. That leaves errors of some pixels to some tens of pixels, because reconstructions bend. [`refine_photograph`] therefore compares each
 //! photograph with what the model shows, and refuses those of which too few patches agree. [`Overlay`] shows a refused photograph with the borders of the model.
 

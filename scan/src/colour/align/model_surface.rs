@@ -6,7 +6,7 @@ use kilwa_pack::Source;
 use kilwa_pack::cut::Cut;
 use kilwa_scan_core::photo_pose::Surface;
 
-/// Triangles of the cut whose vertices stand for the surface, at most.
+/// Maximum number of triangles of the cut whose vertices represent the surface.
 const MAX_TRIANGLES: u64 = 1_000_000;
 
 /// The surface of a model for [`frame()`](super::frame()): the vertices of a cut of at most a million triangles, and the mean length of its edges, metres.

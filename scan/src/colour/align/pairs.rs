@@ -1,8 +1,8 @@
 //! Files with points that are known in the reconstruction and in the survey, and files with known positions of cameras.
 //!
-//! Text, a point per line: its name, x y z in the reconstruction, x y z in the survey (metres), and if known the standard deviation of their difference (metres).
-//! For a camera: the name of its photograph, x y z in the survey (metres), and if known their standard deviation (metres). Columns are separated by
-//! commas, semicolons, tabs or spaces; names with such characters stand in double quotes. Lines that begin with `#` are comments.
+//! Text, a point per line: its name, x y z in the reconstruction, x y z in the survey (metres), and optionally the standard deviation of their difference (metres).
+//! For a camera: the name of its photograph, x y z in the survey (metres), and optionally their standard deviation (metres). Columns are separated by
+//! commas, semicolons, tabs or spaces; names with such characters are in double quotes. Lines that begin with `#` are comments.
 
 use crate::ScanError;
 use crate::photos::text::{Lines, number, quoted};
@@ -13,9 +13,9 @@ use std::path::Path;
 
 /// The standard deviation of a point where none is given, metres.
 pub const SIGMA: f64 = 0.01;
-/// The same of the position of a camera: that of satellite positioning with corrections, roughly.
+/// The same for the position of a camera: roughly that of satellite positioning with corrections.
 pub const CAMERA_SIGMA: f64 = 0.1;
-/// Most lines of a file.
+/// Maximum number of lines of a file.
 const MAX_ROWS: usize = 100_000;
 
 /// A point that is known in both frames, with its name.
@@ -58,7 +58,7 @@ pub fn read_cameras(file: &Path) -> Result<Vec<KnownCamera>, ScanError> {
 /// A line of `N` coordinates: its name, the coordinates, and the standard deviation.
 type Row<const N: usize> = (String, [f64; N], f64);
 
-/// The lines of a file, whose names differ. `sigma`: the standard deviation where none is given.
+/// The lines of a file; all names must differ. `sigma`: the default standard deviation.
 fn named_rows<const N: usize>(file: &Path, sigma: f64, expected: &'static str) -> Result<Vec<Row<N>>, ScanError> {
     let mut lines = Lines::open(file)?;
     let mut out: Vec<Row<N>> = Vec::new();
@@ -79,7 +79,7 @@ fn named_rows<const N: usize>(file: &Path, sigma: f64, expected: &'static str) -
     Ok(out)
 }
 
-/// What a line states; or what was found, and what was expected.
+/// The values of a line; or what was found, and what was expected.
 fn parsed<const N: usize>(text: &str, sigma: f64, expected: &'static str) -> Result<Row<N>, (String, &'static str)> {
     let (name, rest) = match text.strip_prefix('"') {
         Some(quoted) => quoted.split_once('"').ok_or(("a name without a closing quote".to_owned(), expected))?,

@@ -6,8 +6,7 @@ use std::io::{Read, Seek, SeekFrom};
 /// Bytes of a variable length record before its data, and of an extended one.
 const RECORD: u64 = 54;
 const EXTENDED: u64 = 60;
-/// The record of LAZ: its number, its compressor of chunks in layers, and kinds of items; those from that of point format 6 on are in layers (LASzip,
-/// "laszip.hpp").
+/// The LAZ record: its number, the compressor for layered chunks, and item types; those of point format 6 and later are layered (LASzip, "laszip.hpp").
 const LASZIP: u64 = 22_204;
 const LAYERED: u64 = 3;
 const BYTE: u64 = 0;
@@ -18,7 +17,7 @@ const WAVEPACKET14: u64 = 13;
 const BYTE14: u64 = 14;
 /// Items of a point, at most: one of each kind from [`BYTE`] to [`BYTE14`].
 const ITEMS: u64 = 15;
-/// Bytes that a program adds to its points, at most, where they are in layers: `laz` takes 10 kB of memory for each.
+/// Maximum number of extra bytes per point in layered chunks: `laz` takes 10 kB of memory for each.
 const ADDED: u64 = 4096;
 
 /// What a file announces and cannot have.
@@ -117,13 +116,13 @@ fn compressed(file: &mut (impl Read + Seek), total: u64, head: &Head) -> Result<
         return Err(damaged(record.at + 32, found, &format!("{}, as the header states", head.point)));
     }
     if record.is_layered {
-        // What their chunks announce is checked as they are read; the table of chunks is not used.
+        // The lengths in the chunks are checked as they are read; the chunk table is not used.
         if record.added > ADDED {
             let expected = format!("at most {ADDED}; leave some out, or convert it to LAS");
-            let found = format!("{} bytes of a program's own in each point", record.added);
+            let found = format!("{} extra bytes in each point", record.added);
             return Err(Excess { at: record.at + 34, found, expected });
         }
-        // Before the chunks comes the place of their table.
+        // The chunks are preceded by the offset of their table.
         return Ok(Some(Layers { first: head.points_at + 8, point: record.point, count: record.layers }));
     }
     table_of_chunks(file, total, head)?;
@@ -151,10 +150,10 @@ struct LasZip {
     at: u64,
     /// Whether chunks are in layers.
     is_layered: bool,
-    /// Bytes of a point, and those among them that a program added.
+    /// Bytes of a point, and how many of them are extra bytes.
     point: u64,
     added: u64,
-    /// Layers of a chunk, where there are any.
+    /// Layers of a chunk, if there are any.
     layers: u64,
 }
 
@@ -217,7 +216,7 @@ fn items(file: &mut (impl Read + Seek), at: u64, length: u64) -> Result<Option<L
         // `laz` would take memory for each.
         let bit = 1_u32.checked_shl(kind as u32).unwrap_or(0);
         if kinds & bit != 0 {
-            return Err(damaged(place, "a second item of points of one kind", "one of each"));
+            return Err(damaged(place, "two point items of the same type", "at most one of each type"));
         }
         kinds |= bit;
         found.point += bytes;
@@ -229,7 +228,7 @@ fn items(file: &mut (impl Read + Seek), at: u64, length: u64) -> Result<Option<L
     Ok(Some(found))
 }
 
-/// How the chunks of a file are in layers.
+/// The layered chunks of a file.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Layers {
     /// The byte where the first chunk begins.

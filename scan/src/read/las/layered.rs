@@ -1,8 +1,8 @@
-//! LAZ of point formats 6 to 10, whose chunks are in layers: one for each kind of value, so that those that are not kept need not be decoded.
+//! LAZ of point formats 6 to 10, whose chunks are layered: one layer for each type of value, so that values that are not kept need not be decoded.
 //!
-//! A chunk is its first point, its number of points, the length of each layer (4 bytes each), and the layers (LASzip, "lasreadpoint.cpp" and
-//! "lasreaditemcompressed_v3.cpp"). Its head is checked here before `laz` decodes it, because `laz` 0.13 allocates whatever the lengths announce.
-//! The layer of GPS times must never be decoded: on damaged bytes `laz` calls itself there without end (`read_gps_time`) and overflows its stack.
+//! A chunk consists of its first point, its number of points, the length of each layer (4 bytes each), and the layers (LASzip, "lasreadpoint.cpp" and
+//! "lasreaditemcompressed_v3.cpp"). Its head is checked here before `laz` decodes it, because `laz` 0.13 allocates whatever the lengths state.
+//! The layer of GPS times must never be decoded: on damaged bytes `laz` recurses without limit (`read_gps_time`) and overflows its stack.
 
 use super::bounds::Layers;
 use las::{Header, PointData, PointDataBuilder};
@@ -11,15 +11,15 @@ use laz::{DecompressionSelection, LazVlr};
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 
-/// What is decoded besides x, y and returns, which always are.
+/// What is decoded in addition to x, y and returns, which always are.
 const KEPT: DecompressionSelection =
     DecompressionSelection(DecompressionSelection::Z | DecompressionSelection::INTENSITY | DecompressionSelection::RGB);
-/// Bytes of a chunk, at most. Programs write chunks of 50,000 points, about a mebibyte.
+/// Maximum number of bytes of a chunk. Programs write chunks of 50,000 points, about 1 MiB.
 const LARGEST: u64 = 256 << 20;
-/// Bytes read at a time where layers are passed over.
+/// Bytes read at a time when layers are skipped.
 const BUFFER: usize = 1 << 16;
 
-/// Reads the points of such a file, one chunk after another. The table of chunks is not needed.
+/// Reads the points of such a file, one chunk after another. The chunk table is not needed.
 pub(super) struct Layered {
     decoder: LayeredPointRecordDecompressor<'static, BufReader<File>>,
     header: Header,
@@ -30,14 +30,14 @@ pub(super) struct Layered {
     /// Where the chunk that is being read begins, and the next one.
     at: u64,
     next: u64,
-    /// Points of this chunk that were not read yet.
+    /// Points of this chunk that have not been read yet.
     left: u64,
-    /// Points of the chunks that were begun.
+    /// Points of the chunks that have been entered.
     begun: u64,
 }
 
 impl Layered {
-    /// A file of `total` bytes with such layers, at its beginning.
+    /// Start reading a file of `total` bytes with such layers.
     pub(super) fn new(file: File, total: u64, layers: Layers) -> las::Result<Self> {
         let mut buffered = BufReader::with_capacity(BUFFER, file);
         let header = Header::new(&mut buffered)?;
@@ -50,12 +50,12 @@ impl Layered {
         &self.header
     }
 
-    /// The byte where the chunk begins that is being read.
+    /// The first byte of the chunk that is being read.
     pub(super) fn at(&self) -> u64 {
         self.at
     }
 
-    /// Points of the chunks that were begun, as these say.
+    /// Points of the chunks that have been entered, as their heads state.
     pub(super) fn begun(&self) -> u64 {
         self.begun
     }
@@ -74,7 +74,7 @@ impl Layered {
         PointDataBuilder::new().for_header(&self.header).build_from_bytes(bytes)
     }
 
-    /// Begin the next chunk, if the file can hold what its head announces.
+    /// Enter the next chunk, if the rest of the file is as long as its head states.
     fn enter(&mut self) -> las::Result<()> {
         self.at = self.next;
         let invalid = |text: String| Err(io::Error::new(io::ErrorKind::InvalidData, text).into());

@@ -79,7 +79,7 @@ pub(super) fn read(input: &mut Input<'_>) -> Result<(), ScanError> {
     input.sink.progress(input.total)
 }
 
-/// The points of a file that was opened.
+/// The points of an open file.
 enum Points {
     /// Those that `las` reads, and the byte where they begin.
     Plain(Reader, u64),
@@ -94,7 +94,7 @@ impl Points {
         }
     }
 
-    /// The next points, `count` at most.
+    /// The next points, at most `count`.
     fn read(&mut self, count: u64) -> las::Result<PointData> {
         match self {
             Self::Plain(reader, _) => reader.read_points(count),
@@ -102,7 +102,7 @@ impl Points {
         }
     }
 
-    /// The byte where the points begin, or their chunk.
+    /// The first byte of the points, or of their chunk.
     fn at(&self) -> u64 {
         match self {
             Self::Plain(_, at) => *at,
@@ -165,7 +165,7 @@ fn damaged(path: &Path, at: u64, point: u64, e: &str) -> ScanError {
     )
 }
 
-/// Decode all points, a batch at a time, and visit each with the byte where its points begin, or their chunk.
+/// Decode all points in batches, and visit each batch with the first byte of its points, or of their chunk.
 fn batches(
     points: &mut Points,
     count: u64,
@@ -187,12 +187,12 @@ fn batches(
         done += read.len() as u64;
         visit(&read, points.at())?;
     }
-    // Layers have no checksum; where a length is wrong, this is what shows.
+    // Layers have no checksum; a wrong length shows only here.
     if let Points::Layered(reader) = points
         && reader.begun() != count
     {
         let found = format!("chunks of {} in all", counted(reader.begun(), "point", "points"));
-        let expected = format!("{count}, as the header announces; the file is damaged: copy or export it again");
+        let expected = format!("{count}, as the header states; the file is damaged: copy or export it again");
         return Err(ScanError::malformed(path, Place::Byte(reader.at()), found, expected));
     }
     Ok(())

@@ -1,30 +1,30 @@
-//! What a build of a larger model would cost, from what was measured: formulae, each with its assumption.
+//! Estimated costs of a build of a larger model, extrapolated from measurements: formulae, each with its assumption.
 //!
 //! With N triangles, tasks of [`TASK`] triangles and P cores, each a worker with one thread:
 //!
 //! * The ingest, the tree and the assembly are one task each, whose time grows with N; they are not divided.
 //! * The regions and the leaves are N / TASK tasks each.
 //! * Level k below the finest has N / [`REDUCTION`]^k triangles. It is divided into as many tasks as its triangles need, at least
-//!   [`LEAST`], as long as it has more than a share of one in [`TAIL_SHARE`] of the triangles of a task; the rest is the tail.
-//! * The levels cost as much per triangle of theirs, on each level, as measured over all divided levels; so does the tail.
+//!   [`LEAST`], if it has more than 1 / [`TAIL_SHARE`] of the triangles of a task; the other levels are the tail.
+//! * Each level costs as much per triangle as all divided levels together did in the measurement; so does the tail.
 //! * Waves do not overlap: a stage takes ceil(tasks / P) times as long as one of its tasks.
 //! * Every task after the tree, and the assembly, read the whole tree: [`TREE_MEMORY`] bytes per triangle in memory (decision 83).
-//! * Assembling holds the directory: [`ENTRY_MEMORY`] bytes for each chunk.
+//! * The assembly holds the directory in memory: [`ENTRY_MEMORY`] bytes for each chunk.
 
 use super::Stage;
 use anyhow::{Context, Result};
 use std::fmt::Write as _;
 
-/// Triangles of a task by default.
+/// Default number of triangles of a task.
 const TASK: f64 = 1e7;
-/// How many triangles become one at each level (`levels::fragment::REDUCTION` of the builder).
+/// Factor by which each level reduces the triangles (`levels::fragment::REDUCTION` of the builder).
 const REDUCTION: f64 = 5.0;
-/// Tasks of a divided level, at least, and how small a part of a task a level of the tail is (`tasks/shards.rs` of the builder).
+/// Minimum number of tasks of a divided level, and the limit for levels of the tail (`tasks/shards.rs` of the builder).
 const LEAST: f64 = 4.0;
 const TAIL_SHARE: f64 = 16.0;
 /// Bytes of memory per triangle for the tree in every task, as decision 83 measured.
 const TREE_MEMORY: f64 = 1.5;
-/// Bytes of memory for each chunk of a pack while it is assembled, its entry and its place in a page: measured with 5.5 million chunks
+/// Bytes of memory per chunk of a pack during assembly, for its entry and its place in a page: measured with 5.5 million chunks
 /// (`core/stream/tests/giant.rs`: 1.56 GB).
 const ENTRY_MEMORY: f64 = 283.0;
 const SIZES: [f64; 3] = [1e9, 1e10, 1.5e10];
@@ -33,13 +33,13 @@ const CORES: [f64; 3] = [1.0, 16.0, 512.0];
 /// A stage, per triangle: of the model, or of the tasks of the stage.
 struct Rates {
     cpu_s: f64,
-    /// Reading the tree is left out.
+    /// Without reading the tree.
     read: f64,
     written: f64,
 }
 
 impl Rates {
-    /// Of a stage with so many triangles. `trees` are the bytes that its tasks read of the tree.
+    /// The rates of a stage with that many triangles. `trees` are the bytes of the tree that its tasks read.
     fn of(stage: &Stage, triangles: f64, trees: f64) -> Self {
         // What the assembly reads is not counted.
         let read = if stage.read.is_nan() { 0.0 } else { (stage.read - trees).max(0.0) };
@@ -51,7 +51,7 @@ impl Rates {
     }
 }
 
-/// What was measured. Rates are per triangle of the model; those of the levels and the tail per triangle of theirs.
+/// The measurements. Rates are per triangle of the model; those of the levels and the tail are per triangle that they process.
 pub(super) struct Measured {
     ingest: Rates,
     region: Rates,
@@ -62,13 +62,13 @@ pub(super) struct Measured {
     assemble: Rates,
     /// Bytes of the file of the tree per triangle.
     tree_bytes: f64,
-    /// Memory of a level's task beside the tree, bytes per triangle of the task.
+    /// Memory of a level task in addition to the tree, bytes per triangle of the task.
     level_memory: f64,
     files_per_task: f64,
     chunks: f64,
 }
 
-/// What a build left before the pack was assembled: files in its folder, bytes of the tree; and chunks of the pack.
+/// The files in the folder of a build before the assembly, the bytes of the tree, and the chunks of the pack.
 #[derive(Default, Clone)]
 pub(super) struct Left {
     pub(super) files: f64,
@@ -104,7 +104,7 @@ impl Measured {
     }
 }
 
-/// A model as it is divided into tasks of [`TASK`] triangles.
+/// A model divided into tasks of [`TASK`] triangles.
 struct Division {
     /// Tasks of the regions; there are as many of the leaves.
     regions: f64,
@@ -138,7 +138,7 @@ impl Division {
         2.0 * self.regions + self.level_tasks() + 3.0
     }
 
-    /// How often the tree is read as a whole: by the leaves, the levels, the tail and the assembly.
+    /// How often the whole tree is read: by the leaves, the levels, the tail and the assembly.
     fn readers_of_tree(&self) -> f64 {
         self.regions + self.level_tasks() + 2.0
     }
@@ -149,7 +149,7 @@ fn alone(m: &Measured, n: f64, divided: &Division) -> f64 {
     (m.ingest.cpu_s + m.tree.cpu_s + m.assemble.cpu_s) * n + m.tail.cpu_s * divided.tail
 }
 
-/// Seconds by the clock on so many cores.
+/// Wall time in seconds on `cores` cores.
 fn seconds(m: &Measured, n: f64, divided: &Division, cores: f64) -> f64 {
     let rounds = |tasks: f64| (tasks / cores).ceil();
     let finest = rounds(divided.regions) * (m.region.cpu_s + m.leaves.cpu_s) * n / divided.regions;
@@ -162,7 +162,7 @@ fn constants(m: &Measured) -> String {
         [&m.ingest, &m.region, &m.tree, &m.leaves, &m.assemble].map(|rates| rates.cpu_s * 1e6);
     let [levels, tail] = [&m.levels, &m.tail].map(|rates| rates.cpu_s * 1e6);
     format!(
-        "\nCosts on paper, by the formulae of `xtask/src/bench/cluster/costs.rs`, from these constants: µs of processor time per triangle: ingest {ingest:.2}, regions {region:.2}, tree {tree:.3}, leaves {leaves:.2}, assembly {assembly:.2}, and per triangle of theirs: levels {levels:.2}, tail {tail:.2}; bytes per triangle: {:.1} written by the ingest, {:.1} read and {:.1} written by the regions, {:.1} and {:.1} by the leaves, and per triangle of theirs {:.1} and {:.1} by the levels; {:.2} for the tree, read by every task after it; pack {:.2}; {:.0} triangles per chunk.\n\n",
+        "\nEstimated costs of larger models, by the formulae of `xtask/src/bench/cluster/costs.rs`, from these constants. CPU time per triangle of the model, µs: ingest {ingest:.2}, regions {region:.2}, tree {tree:.3}, leaves {leaves:.2}, assembly {assembly:.2}; per triangle that the stage processes: levels {levels:.2}, tail {tail:.2}. Bytes per triangle: {:.1} written by the ingest, {:.1} read and {:.1} written by the regions, {:.1} and {:.1} by the leaves, and {:.1} and {:.1} by the levels per triangle that they process; {:.2} for the tree, read by every task after it; pack {:.2}; {:.0} triangles per chunk.\n\n",
         m.ingest.written,
         m.region.read,
         m.region.written,
@@ -179,7 +179,7 @@ fn constants(m: &Measured) -> String {
 pub(super) fn table(m: &Measured) -> Result<String> {
     let mut table = constants(m);
     table.push_str(
-        "| triangles | tasks | files | processor h | moved, TB | of that the tree, TB | memory of a task of a level, GB | of the assembly, GB | 1 core: h | 16 cores: h | 512 cores: h | of that one task alone: h |\n\
+        "| triangles | tasks | files | CPU h | data moved, TB | tree's share, TB | memory of a level task, GB | memory of the assembly, GB | 1 core: h | 16 cores: h | 512 cores: h | of which one task runs alone: h |\n\
          |---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n",
     );
     for n in SIZES {
