@@ -5,6 +5,7 @@
 //! hash of their file and their number in it, and left out.
 
 use crate::ScanError;
+use crate::free_space::free_space;
 use crate::lock::Lock;
 use crate::read::{self, Head, Picture, ReadOptions, Sink};
 use crate::spool::{Header, Layout, SAMPLE_BYTES, Writer};
@@ -258,8 +259,7 @@ impl Sink for Into<'_> {
         }
         if let Some(samples) = head.samples {
             // If the system does not report its free space, the import goes ahead.
-            let free = fs4::available_space(self.folder).unwrap_or(u64::MAX);
-            check_room(self.file, samples, self.folder, free)?;
+            check_room(self.file, samples, self.folder, free_space(self.folder))?;
         }
         if let Some(crs) = &head.crs
             && !self.edit.set_crs(crs)

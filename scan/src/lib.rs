@@ -10,6 +10,7 @@
 pub mod colour;
 mod error;
 pub mod export;
+mod free_space;
 mod hashed;
 pub mod import;
 mod lock;

@@ -112,6 +112,7 @@ fn very_many_laszip_records_of_very_many_items_are_refused_at_once() {
     let sound = std::fs::read(written(&site, "seed.laz", 6, 50)).unwrap();
     let head = usize::from(u16::from_le_bytes([sound[94], sound[95]]));
     let mut record = [0; 54];
+    record[2..16].copy_from_slice(b"laszip encoded");
     record[18..20].copy_from_slice(&22_204_u16.to_le_bytes());
     // Behind a record without data, this is the number of items of the one before it.
     record[32..34].fill(255);
@@ -144,6 +145,20 @@ fn a_second_laszip_record_and_too_many_items_are_refused_by_their_bytes() {
     };
     let message = with(&record.repeat(2), 1);
     assert!(message.contains(&format!("byte {}: found a second LASzip record", found + length)), "{message}");
+    // The compatibility mode of LASzip has a record of the same number and another user ID.
+    let mut compatible = record.clone();
+    compatible[2..18].copy_from_slice(b"lascompatible\0\0\0");
+    let mut bytes = [&sound[..found], &compatible[..], &sound[found..]].concat();
+    bytes[96..100].copy_from_slice(&((points + length) as u32).to_le_bytes());
+    let count = u32::from_le_bytes(sound[100..104].try_into().unwrap()) + 1;
+    bytes[100..104].copy_from_slice(&count.to_le_bytes());
+    // The place of the table of chunks, which precedes them, has moved too.
+    let table = u64::from_le_bytes(sound[points..points + 8].try_into().unwrap()) + length as u64;
+    let at = points + length;
+    bytes[at..at + 8].copy_from_slice(&table.to_le_bytes());
+    let other = Site::new();
+    let file = other.write("compatible.laz", &bytes);
+    other.import(&[file], here()).unwrap();
     let mut many = record.clone();
     many[20..22].copy_from_slice(&(34 + 6 * 16_u16).to_le_bytes());
     many[54 + 32..54 + 34].copy_from_slice(&16_u16.to_le_bytes());

@@ -29,6 +29,10 @@ impl Assembled {
         let text = crate::terminal::json_text(self)?;
         for _ in 0..2 {
             if store.create_new(NOTE, text.as_bytes())? {
+                // If another assembly has removed the build, the note must not stay for a later build of the same inputs.
+                if !exists(store)? {
+                    store.remove(NOTE)?;
+                }
                 return Ok(());
             }
             match store.read_all(NOTE)? {

@@ -76,6 +76,8 @@ impl OfBucket {
                 401 => Error::Unauthenticated { path, source },
                 403 => Error::PermissionDenied { path, source },
                 404 => Error::NotFound { path, source },
+                // The store cannot list them at all.
+                405 | 501 => Error::NotSupported { source },
                 _ => generic(source),
             });
         }

@@ -441,10 +441,10 @@ impl SharedBuild {
         });
         if matches!(created, Ok(true)) {
             // Requests may have been retried for minutes; the build may be gone by now.
-            if let Err(error) = self.still_there() {
+            if matches!(self.store.length(PLAN), Ok(None)) {
                 self.store.remove(&manifest_name(task))?;
                 self.remove_files(&manifest)?;
-                return Err(error);
+                self.still_there()?;
             }
             return Ok(Outcome { manifest, already_done: false });
         }

@@ -3,6 +3,7 @@
 use super::cut::Station;
 use super::{Options, Scale};
 use crate::ScanError;
+use crate::free_space::free_space;
 use crate::mesh::{MeshVertex, Surface, sample_strips};
 use glam::DVec3;
 use kilwa_files::size::binary;
@@ -34,7 +35,7 @@ pub(super) fn scratch_bytes(
 /// Fail if the scratch folder has less free space than that.
 pub(super) fn check(needed: u64, options: &Options) -> Result<(), ScanError> {
     // If the system does not report its free space, the merge goes ahead.
-    let free = fs4::available_space(&options.scratch).unwrap_or(u64::MAX);
+    let free = free_space(&options.scratch);
     if free >= needed {
         return Ok(());
     }

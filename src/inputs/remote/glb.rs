@@ -2,6 +2,7 @@
 
 use kilwa_store::{Address, Objects};
 use serde::Deserialize;
+use serde::de::IgnoredAny;
 
 /// Bytes of the header of the file and of that of the first chunk.
 const HEADERS: u64 = 20;
@@ -19,9 +20,12 @@ struct Root {
     images: Vec<Part>,
 }
 
+/// A buffer or image. An image in a buffer view needs no file.
 #[derive(Deserialize)]
+#[serde(rename_all = "camelCase")]
 struct Part {
     uri: Option<String>,
+    buffer_view: Option<IgnoredAny>,
 }
 
 /// The first file that a GLB of `bytes` bytes refers to, if it refers to any. One that is damaged or of another version refers to none here: the
@@ -51,9 +55,11 @@ fn length_of_json(beginning: &[u8]) -> Option<u64> {
 fn file_of(json: &[u8]) -> Option<String> {
     // Some writers pad it with zeros instead of spaces.
     let end = json.iter().rposition(|b| *b != 0).map_or(0, |last| last + 1);
-    let root: Root = serde_json::from_slice(json.get(..end)?).ok()?;
-    let embedded = |uri: &String| uri.get(..5).is_some_and(|scheme| scheme.eq_ignore_ascii_case("data:"));
-    root.buffers.into_iter().chain(root.images).filter_map(|part| part.uri).find(|uri| !embedded(uri))
+    let json = json.get(..end)?;
+    // The reader of meshes takes a byte order mark, too.
+    let root: Root = serde_json::from_slice(json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json)).ok()?;
+    let parts = root.buffers.into_iter().chain(root.images).filter(|part| part.buffer_view.is_none());
+    parts.filter_map(|part| part.uri).find(|uri| !uri.starts_with("data:"))
 }
 
 #[cfg(test)]
@@ -69,6 +75,9 @@ mod tests {
         assert_eq!(file_of(image.as_bytes()).unwrap(), "wall.png");
         let buffer = none.replace("\"byteLength\":4", "\"uri\":\"wall.bin\"");
         assert_eq!(file_of(format!("{buffer}\0").as_bytes()).unwrap(), "wall.bin");
+        assert_eq!(file_of(format!("\u{feff}{image}").as_bytes()).unwrap(), "wall.png");
+        let both = image.replace("\"uri\":", "\"bufferView\":1,\"uri\":");
+        assert_eq!(file_of(both.as_bytes()), None);
         assert_eq!(file_of(b"{"), None);
     }
 

@@ -8,6 +8,8 @@ const RECORD: u64 = 54;
 const EXTENDED: u64 = 60;
 /// The LAZ record: its number, the compressor for layered chunks, and item types; those of point format 6 and later are layered (LASzip, "laszip.hpp").
 const LASZIP: u64 = 22_204;
+/// Its user ID.
+const USER_ID: &[u8] = b"laszip encoded";
 const LAYERED: u64 = 3;
 const BYTE: u64 = 0;
 const POINT14: u64 = 10;
@@ -162,7 +164,7 @@ fn laszip(file: &mut (impl Read + Seek), head: &Head) -> Result<Option<LasZip>, 
     let (mut at, mut found) = (head.records_at, None);
     for _ in 0..head.records {
         let (Some(kind), Some(length)) = (number(file, at + 18, 2), number(file, at + 20, 2)) else { return Ok(None) };
-        if kind == LASZIP {
+        if kind == LASZIP && is_of_laszip(file, at) {
             if found.is_some() {
                 // It is not known which of them the crate reads.
                 return Err(damaged(at, "a second LASzip record", "one"));
@@ -173,6 +175,13 @@ fn laszip(file: &mut (impl Read + Seek), head: &Head) -> Result<Option<LasZip>, 
         at += RECORD + length;
     }
     Ok(found)
+}
+
+/// Whether the record at byte `at` has the user ID of LASzip. Other records may have the same number, for example that of the compatibility mode.
+fn is_of_laszip(file: &mut (impl Read + Seek), at: u64) -> bool {
+    let mut id = [0; 16];
+    let read = file.seek(SeekFrom::Start(at + 2)).and_then(|_| file.read_exact(&mut id));
+    read.is_ok() && id.split(|b| *b == 0).next() == Some(USER_ID)
 }
 
 /// What a record of LAZ says whose data begin at byte `at` and have `length` bytes: 34, and 6 for each item. None if the file ends in it.
