@@ -6,7 +6,7 @@
 use anyhow::anyhow;
 use kilwa_builder::build::work::Stop;
 use kilwa_server::store::StoreError;
-use kilwa_store::{Access, Address, BackoffConfig, Objects, Patience, RetryConfig, environment, is_address};
+use kilwa_store::{Access, Address, BackoffConfig, Objects, RetryConfig, RetryPolicy, environment, is_address};
 use std::path::Path;
 use std::sync::LazyLock;
 use std::time::Duration;
@@ -46,8 +46,8 @@ pub(crate) fn objects(bucket: &str, stop: &Stop) -> anyhow::Result<Objects> {
     let retry = RetryConfig { backoff, max_retries: 10, retry_timeout: PATIENCE };
     let access = Access { endpoint: None, settings: environment(), timeout: TIMEOUT, retry };
     // For failures that the library does not retry: truncated responses, and requests whose response is lost.
-    let patience = Patience { attempts: 4, first_pause: first, longest_pause: longest, whole: PATIENCE };
-    let objects = Objects::of_bucket(bucket, &access, patience, threads.handle());
+    let retry_policy = RetryPolicy { attempts: 4, first_pause: first, longest_pause: longest, whole: PATIENCE };
+    let objects = Objects::of_bucket(bucket, &access, retry_policy, threads.handle());
     let stop = stop.clone();
     Ok(objects.map_err(|e| anyhow!("s3://{bucket}: {e}"))?.with_stop(move || stop.asked()))
 }

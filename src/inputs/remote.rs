@@ -12,7 +12,7 @@ use anyhow::{Context, bail};
 use kilwa_builder::BuildError;
 use kilwa_builder::build::work::{Stop, Work};
 use kilwa_formats::read;
-use kilwa_store::{About, Address, ObjectError, Objects};
+use kilwa_store::{Address, ObjectError, ObjectInfo, Objects};
 use std::fs::File;
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -38,7 +38,7 @@ pub(crate) struct Allowed {
 #[derive(Debug, Clone)]
 pub(crate) struct Remote {
     pub(crate) address: Address,
-    pub(crate) about: About,
+    pub(crate) about: ObjectInfo,
     objects: Objects,
 }
 
@@ -68,7 +68,7 @@ impl Outlines {
 
     fn add(&mut self, address: Address, objects: Objects, with_matrix: bool) -> anyhow::Result<()> {
         let cannot = || format!("cannot read {address}");
-        let about = objects.about(&address.path).with_context(cannot)?;
+        let about = objects.info(&address.path).with_context(cannot)?;
         let about = about.with_context(|| format!("{address} does not exist; give the address of one object"))?;
         let beginning = match about.bytes.min(BEGINNING) {
             0 => Vec::new(),

@@ -41,14 +41,14 @@ impl Object {
 
     /// Refuse to replace an existing object.
     pub(super) fn refuse_existing(&self) -> anyhow::Result<()> {
-        let there = self.objects.about(&self.address.path).with_context(|| self.cannot())?;
+        let there = self.objects.info(&self.address.path).with_context(|| self.cannot())?;
         if there.is_some() { Err(self.exists()) } else { Ok(()) }
     }
 
     /// The pack, if it is there and was made by the build with this key.
     pub(super) fn finished(&self, key: &str) -> anyhow::Result<Option<Pack>> {
         let cannot = || format!("cannot read {}", self.address);
-        let Some(about) = self.objects.about(&self.address.path).with_context(cannot)? else { return Ok(None) };
+        let Some(about) = self.objects.info(&self.address.path).with_context(cannot)? else { return Ok(None) };
         let notes = self.objects.notes(&self.address.path).with_context(cannot)?.unwrap_or_default();
         let is_ours = notes.get(BUILD).is_some_and(|of| of == key);
         let triangles = notes.get(TRIANGLES).and_then(|n| n.parse().ok());

@@ -1,6 +1,6 @@
 //! Credentials and connection settings of a store.
 
-use crate::http::{Connector, Seen};
+use crate::http::{Connector, LastFailure};
 use object_store::aws::{AmazonS3, AmazonS3Builder, AmazonS3ConfigKey};
 use object_store::{Error, RetryConfig};
 use std::sync::Arc;
@@ -37,22 +37,22 @@ pub fn environment() -> Vec<(String, String)> {
 }
 
 impl Access {
-    /// The library's client for a bucket, whose connections run on `threads` and whose last failure is kept in `seen`. Without keys in
+    /// The library's client for a bucket, whose connections run on `threads` and whose last failure is kept in `last_failure`. Without keys in
     /// the settings, it can read only public objects.
     ///
     /// # Errors
     /// If the settings contradict each other.
-    pub fn client(&self, bucket: &str, threads: &Handle, seen: &Arc<Seen>) -> Result<AmazonS3, Error> {
+    pub fn client(&self, bucket: &str, threads: &Handle, last_failure: &Arc<LastFailure>) -> Result<AmazonS3, Error> {
         let builder = self.builder();
-        let connector = self.connector(&builder, threads, seen);
+        let connector = self.connector(&builder, threads, last_failure);
         let is_plain = connector.is_plain;
         let builder = builder.with_bucket_name(bucket).with_allow_http(is_plain).with_retry(self.retry.clone());
         builder.with_http_connector(connector).build()
     }
 
     /// The connector of such a client.
-    pub(crate) fn connections(&self, threads: &Handle, seen: &Arc<Seen>) -> Connector {
-        self.connector(&self.builder(), threads, seen)
+    pub(crate) fn connections(&self, threads: &Handle, last_failure: &Arc<LastFailure>) -> Connector {
+        self.connector(&self.builder(), threads, last_failure)
     }
 
     fn builder(&self) -> AmazonS3Builder {
@@ -72,11 +72,11 @@ impl Access {
         builder
     }
 
-    fn connector(&self, builder: &AmazonS3Builder, threads: &Handle, seen: &Arc<Seen>) -> Connector {
+    fn connector(&self, builder: &AmazonS3Builder, threads: &Handle, last_failure: &Arc<LastFailure>) -> Connector {
         let endpoint = [AmazonS3ConfigKey::S3Endpoint, AmazonS3ConfigKey::Endpoint];
         let endpoint = endpoint.iter().find_map(|key| builder.get_config_value(key));
         let is_plain = endpoint.is_some_and(|endpoint| endpoint.starts_with("http://"));
-        Connector { threads: threads.clone(), timeout: self.timeout, is_plain, seen: Arc::clone(seen) }
+        Connector { threads: threads.clone(), timeout: self.timeout, is_plain, last_failure: Arc::clone(last_failure) }
     }
 
     /// Whether requests are signed.

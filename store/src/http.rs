@@ -32,7 +32,7 @@ const IDLE_FOR: Duration = Duration::from_secs(20);
 
 /// The store's last failure, as a message without addresses or keys.
 #[derive(Debug, Default)]
-pub struct Seen(Mutex<Failure>);
+pub struct LastFailure(Mutex<Failure>);
 
 /// An error response of a store, or a missing response.
 #[derive(Debug, Default, Clone)]
@@ -43,19 +43,19 @@ pub struct Failure {
     pub is_server_error: bool,
 }
 
-impl Seen {
+impl LastFailure {
     /// The last failure, with the error code from the store's response `e` if there is one; not the rest, which may repeat signed data.
     pub fn reason(&self, e: &object_store::Error) -> Failure {
         let body = e.to_string();
-        let seen = self.0.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        let last_failure = self.0.lock().unwrap_or_else(PoisonError::into_inner).clone();
         let word = body.split_once("<Code>").and_then(|(_, rest)| rest.split_once("</Code>")).map(|(code, _)| code);
         let what = match word.filter(|code| code.len() <= 64 && code.bytes().all(|b| b.is_ascii_alphanumeric())) {
             Some("NoSuchBucket") => "the store has no such bucket".to_owned(),
-            Some(code) => format!("{} ({code})", seen.what),
-            None if seen.what.is_empty() => "the request to the store failed".to_owned(),
-            None => seen.what,
+            Some(code) => format!("{} ({code})", last_failure.what),
+            None if last_failure.what.is_empty() => "the request to the store failed".to_owned(),
+            None => last_failure.what,
         };
-        Failure { what, is_server_error: seen.is_server_error }
+        Failure { what, is_server_error: last_failure.is_server_error }
     }
 
     fn note(&self, what: String) {
@@ -77,7 +77,7 @@ pub(crate) struct Connector {
     pub(crate) threads: Handle,
     pub(crate) timeout: Duration,
     pub(crate) is_plain: bool,
-    pub(crate) seen: Arc<Seen>,
+    pub(crate) last_failure: Arc<LastFailure>,
 }
 
 impl HttpConnector for Connector {
@@ -90,7 +90,7 @@ impl HttpConnector for Connector {
             .http1_read_buf_exact_size(BUFFER)
             .build(connector(self.timeout, self.is_plain).map_err(generic)?);
         let (threads, timeout) = (self.threads.clone(), self.timeout);
-        Ok(HttpClient::new(Service { client, threads, timeout, seen: Arc::clone(&self.seen) }))
+        Ok(HttpClient::new(Service { client, threads, timeout, last_failure: Arc::clone(&self.last_failure) }))
     }
 }
 
@@ -137,14 +137,14 @@ struct Service {
     client: Client<HttpsConnector<Tcp>, HttpRequestBody>,
     threads: Handle,
     timeout: Duration,
-    seen: Arc<Seen>,
+    last_failure: Arc<LastFailure>,
 }
 
 #[async_trait::async_trait]
 impl HttpService for Service {
     async fn call(&self, request: HttpRequest) -> Result<HttpResponse, HttpError> {
         let asked = self.client.request(request);
-        let (timeout, seen) = (self.timeout, Arc::clone(&self.seen));
+        let (timeout, last_failure) = (self.timeout, Arc::clone(&self.last_failure));
         // A connection belongs to the threads that it was made on.
         let answered = self.threads.spawn(tokio::time::timeout(timeout, asked)).await;
         let response = match answered {
@@ -152,20 +152,20 @@ impl HttpService for Service {
             Ok(Ok(Err(e))) => {
                 let is_connect = e.is_connect();
                 let what = if is_connect { "no connection" } else { "the connection broke" };
-                seen.note(format!("the store does not answer: {what}: {}", root(&e)));
+                last_failure.note(format!("the store does not answer: {what}: {}", root(&e)));
                 let kind = if is_connect { HttpErrorKind::Connect } else { HttpErrorKind::Request };
                 return Err(HttpError::new(kind, e));
             }
             Ok(Err(e)) => {
-                seen.note(silence(timeout));
+                last_failure.note(silence(timeout));
                 return Err(HttpError::new(HttpErrorKind::Timeout, e));
             }
             Err(e) => return Err(HttpError::new(HttpErrorKind::Unknown, e)),
         };
         if !response.status().is_success() {
-            seen.note_status(response.status());
+            last_failure.note_status(response.status());
         }
-        Ok(response.map(|body| HttpResponseBody::new(Timed { body, timeout, patience: None, seen })))
+        Ok(response.map(|body| HttpResponseBody::new(Timed { body, timeout, timer: None, last_failure })))
     }
 }
 
@@ -186,8 +186,8 @@ fn root(e: &(dyn Error + 'static)) -> String {
 struct Timed {
     body: Incoming,
     timeout: Duration,
-    patience: Option<Pin<Box<Sleep>>>,
-    seen: Arc<Seen>,
+    timer: Option<Pin<Box<Sleep>>>,
+    last_failure: Arc<LastFailure>,
 }
 
 impl Body for Timed {
@@ -196,20 +196,20 @@ impl Body for Timed {
 
     fn poll_frame(mut self: Pin<&mut Self>, cx: &mut Context<'_>) -> Poll<Option<Result<Frame<Bytes>, HttpError>>> {
         if let Poll::Ready(frame) = Pin::new(&mut self.body).poll_frame(cx) {
-            self.patience = None;
+            self.timer = None;
             return Poll::Ready(frame.map(|frame| {
                 frame.map_err(|e| {
-                    self.seen.note(format!("the store does not answer: the connection broke: {}", root(&e)));
+                    self.last_failure.note(format!("the store does not answer: the connection broke: {}", root(&e)));
                     HttpError::new(HttpErrorKind::Interrupted, e)
                 })
             }));
         }
         let timeout = self.timeout;
-        let patience = self.patience.get_or_insert_with(|| Box::pin(tokio::time::sleep(timeout)));
-        if patience.as_mut().poll(cx).is_pending() {
+        let timer = self.timer.get_or_insert_with(|| Box::pin(tokio::time::sleep(timeout)));
+        if timer.as_mut().poll(cx).is_pending() {
             return Poll::Pending;
         }
-        self.seen.note(silence(timeout));
+        self.last_failure.note(silence(timeout));
         Poll::Ready(Some(Err(HttpError::new(HttpErrorKind::Timeout, io::Error::from(io::ErrorKind::TimedOut)))))
     }
 

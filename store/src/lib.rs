@@ -14,8 +14,8 @@ mod unfinished;
 
 pub use access::{Access, environment};
 pub use address::{Address, is_address};
-pub use http::{Failure, Seen};
+pub use http::{Failure, LastFailure};
 pub use object_store::{BackoffConfig, RetryConfig};
-pub use objects::{About, Client, ObjectError, Objects, Patience};
+pub use objects::{Client, ObjectError, ObjectInfo, Objects, RetryPolicy};
 pub use transfer::Condition;
 pub use unfinished::{Unfinished, Upload};

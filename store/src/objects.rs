@@ -1,10 +1,10 @@
 //! The objects of a bucket, for blocking code. Requests run on their own threads.
 //!
 //! If the store is too busy, does not respond or sends a truncated response, the request is retried with exponential backoff, up to the limits of
-//! [`Patience`].
+//! [`RetryPolicy`].
 
 use crate::access::Access;
-use crate::http::Seen;
+use crate::http::LastFailure;
 use crate::unfinished::{OfBucket, Unfinished};
 use futures_util::future::{Either, select};
 use futures_util::{StreamExt as _, TryStreamExt as _};
@@ -69,7 +69,7 @@ pub enum ObjectError {
 
 /// The retry policy of requests.
 #[derive(Debug, Clone, Copy)]
-pub struct Patience {
+pub struct RetryPolicy {
     /// Maximum number of attempts.
     pub attempts: u32,
     /// The first pause; each is twice as long as the one before, up to `longest_pause`.
@@ -82,7 +82,7 @@ pub struct Patience {
 
 /// An object as it is now.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct About {
+pub struct ObjectInfo {
     /// Its length in bytes.
     pub bytes: u64,
     /// Its ETag, which changes with its content.
@@ -100,7 +100,7 @@ pub struct Objects {
     pub(crate) client: Arc<dyn Client>,
     name: String,
     threads: Handle,
-    patience: Patience,
+    retry_policy: RetryPolicy,
     stop: Stop,
     words: Words,
     pub(crate) unfinished: Option<Arc<dyn Unfinished>>,
@@ -119,24 +119,29 @@ impl Objects {
     ///
     /// # Errors
     /// [`ObjectError::Failed`] if the settings contradict each other.
-    pub fn of_bucket(bucket: &str, access: &Access, patience: Patience, threads: &Handle) -> Result<Self, ObjectError> {
+    pub fn of_bucket(
+        bucket: &str,
+        access: &Access,
+        retry_policy: RetryPolicy,
+        threads: &Handle,
+    ) -> Result<Self, ObjectError> {
         let failed = |e: Error| ObjectError::Failed(e.to_string());
-        let seen = Arc::new(Seen::default());
-        let client = Arc::new(access.client(bucket, threads, &seen).map_err(failed)?);
-        let unfinished = OfBucket::new(&client, access, threads, &seen).map_err(failed)?;
-        let mut objects = Self::of(client, &format!("s3://{bucket}"), patience, threads);
+        let last_failure = Arc::new(LastFailure::default());
+        let client = Arc::new(access.client(bucket, threads, &last_failure).map_err(failed)?);
+        let unfinished = OfBucket::new(&client, access, threads, &last_failure).map_err(failed)?;
+        let mut objects = Self::of(client, &format!("s3://{bucket}"), retry_policy, threads);
         objects.unfinished = unfinished.map(|u| Arc::new(u) as Arc<dyn Unfinished>);
-        objects.words = Arc::new(move |e| seen.reason(e).what);
+        objects.words = Arc::new(move |e| last_failure.reason(e).what);
         Ok(objects)
     }
 
     /// The objects of any store; in messages, `name` is the prefix of their names.
-    pub fn of(client: Arc<dyn Client>, name: &str, patience: Patience, threads: &Handle) -> Self {
+    pub fn of(client: Arc<dyn Client>, name: &str, retry_policy: RetryPolicy, threads: &Handle) -> Self {
         Self {
             client,
             name: name.to_owned(),
             threads: threads.clone(),
-            patience,
+            retry_policy,
             stop: Arc::new(|| false),
             words: Arc::new(ToString::to_string),
             unfinished: None,
@@ -156,8 +161,8 @@ impl Objects {
         if !(self.stop)() {
             return self.clone();
         }
-        let patience = Patience { whole: self.patience.whole.min(AFTER_STOP), ..self.patience };
-        Self { stop: Arc::new(|| false), patience, ..self.clone() }
+        let retry_policy = RetryPolicy { whole: self.retry_policy.whole.min(AFTER_STOP), ..self.retry_policy };
+        Self { stop: Arc::new(|| false), retry_policy, ..self.clone() }
     }
 
     /// The same with parts of another length, in bytes. In S3, all parts but the last must have at least 5 MiB.
@@ -181,7 +186,7 @@ impl Objects {
     ///
     /// # Errors
     /// [`ObjectError`].
-    pub fn about(&self, path: &Path) -> Result<Option<About>, ObjectError> {
+    pub fn info(&self, path: &Path) -> Result<Option<ObjectInfo>, ObjectError> {
         let (this, path) = (self.clone(), path.clone());
         self.wait(async move { this.head(&path).await })
     }
@@ -236,7 +241,7 @@ impl Objects {
     /// [`ObjectError`]; [`ObjectError::Missing`] also if the object ends before `range` begins.
     pub fn read(&self, path: &Path, range: Range<u64>) -> Result<Bytes, ObjectError> {
         let (this, path) = (self.clone(), path.clone());
-        self.wait(async move { this.stretch(&path, range, None).await })
+        self.wait(async move { this.read_range(&path, range, None).await })
     }
 
     /// Put a small object; an existing one is replaced.
@@ -309,8 +314,8 @@ impl Objects {
         let Some(unfinished) = self.unfinished.clone() else { return Ok(0) };
         self.wait(async move {
             // The library does not send this request, so it does not retry it.
-            let patience = Patience { attempts: u32::MAX, ..this.patience };
-            let patient = Self { patience, ..this.clone() };
+            let retry_policy = RetryPolicy { attempts: u32::MAX, ..this.retry_policy };
+            let patient = Self { retry_policy, ..this.clone() };
             let found = patient.tried(|| unfinished.uploads(&path)).await?;
             for upload in &found {
                 match this.tried(|| unfinished.abort(upload)).await {
@@ -322,9 +327,9 @@ impl Objects {
         })
     }
 
-    pub(crate) async fn head(&self, path: &Path) -> Result<Option<About>, ObjectError> {
+    pub(crate) async fn head(&self, path: &Path) -> Result<Option<ObjectInfo>, ObjectError> {
         match self.tried(|| self.client.head(path)).await {
-            Ok(meta) => Ok(Some(about(&meta))),
+            Ok(meta) => Ok(Some(info_of(&meta))),
             Err(ObjectError::Missing) => Ok(None),
             Err(e) => Err(e),
         }
@@ -352,7 +357,7 @@ impl Objects {
     }
 
     /// The bytes `range`, of the object with this tag if one is given.
-    pub(crate) async fn stretch(
+    pub(crate) async fn read_range(
         &self,
         path: &Path,
         range: Range<u64>,
@@ -401,12 +406,12 @@ impl Objects {
                 Err(ObjectError::Exists) if mode == PutMode::Create && self.head(path).await?.is_some() => {
                     return Ok(false);
                 }
-                Err(ObjectError::Exists) if begun.elapsed() >= self.patience.whole => {
+                Err(ObjectError::Exists) if begun.elapsed() >= self.retry_policy.whole => {
                     let why =
                         "the store refuses the object, as if it existed already or another program were writing it";
                     return Err(ObjectError::Failed(why.to_owned()));
                 }
-                Err(ObjectError::Exists) => self.pause(self.patience.longest_pause).await?,
+                Err(ObjectError::Exists) => self.pause(self.retry_policy.longest_pause).await?,
                 Err(e) => return Err(e),
             }
         }
@@ -417,7 +422,7 @@ impl Objects {
         &self,
         request: impl Fn() -> F,
     ) -> Result<T, ObjectError> {
-        let (begun, mut pause) = (Instant::now(), self.patience.first_pause);
+        let (begun, mut pause) = (Instant::now(), self.retry_policy.first_pause);
         // So that machines that were refused at the same time retry at different times.
         let mut jitter = fastrand::Rng::with_seed(RandomState::new().hash_one(begun));
         let mut attempt = 1;
@@ -426,11 +431,11 @@ impl Objects {
                 Ok(done) => return Ok(done),
                 Err(e) => e,
             };
-            if is_final(&e) || attempt >= self.patience.attempts || begun.elapsed() >= self.patience.whole {
+            if is_final(&e) || attempt >= self.retry_policy.attempts || begun.elapsed() >= self.retry_policy.whole {
                 return Err(self.explained(&e, attempt, begun.elapsed()));
             }
             self.pause(pause.mul_f64(0.5 + jitter.f64())).await?;
-            pause = (pause * 2).min(self.patience.longest_pause);
+            pause = (pause * 2).min(self.retry_policy.longest_pause);
             attempt += 1;
         }
     }
@@ -511,8 +516,8 @@ fn broke_off() -> Error {
     Error::Generic { store: "S3", source: "the response was truncated".into() }
 }
 
-pub(crate) fn about(meta: &ObjectMeta) -> About {
-    About { bytes: meta.size, tag: meta.e_tag.clone() }
+pub(crate) fn info_of(meta: &ObjectMeta) -> ObjectInfo {
+    ObjectInfo { bytes: meta.size, tag: meta.e_tag.clone() }
 }
 
 /// Whether no further attempt can help after this error.

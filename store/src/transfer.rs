@@ -1,7 +1,7 @@
 //! Uploads and downloads of long files, in parts. An object becomes visible only when it is complete, and a failed upload is aborted. If an object
 //! changes while it is read, its ETag shows it.
 
-use crate::objects::{About, ObjectError, Objects};
+use crate::objects::{ObjectError, ObjectInfo, Objects};
 use crate::unfinished::Upload;
 use futures_util::stream;
 use futures_util::{StreamExt as _, TryStreamExt as _};
@@ -97,27 +97,27 @@ impl Objects {
         self.wait_watching(work, || ())
     }
 
-    /// Copy an object to a new local file; `about` is what was found before.
+    /// Copy an object to a new local file; `info` is what was found before.
     ///
     /// # Errors
     /// [`ObjectError`]; [`ObjectError::Changed`] if the object has changed since.
     pub fn download(
         &self,
         path: &Path,
-        about: &About,
+        info: &ObjectInfo,
         to: &std::path::Path,
         progress: &mut dyn FnMut(u64, u64),
     ) -> Result<(), ObjectError> {
-        let (this, path, about, to) = (self.clone(), path.clone(), about.clone(), to.to_owned());
-        let (done, length) = (Arc::new(AtomicU64::new(0)), about.bytes);
+        let (this, path, info, to) = (self.clone(), path.clone(), info.clone(), to.to_owned());
+        let (done, length) = (Arc::new(AtomicU64::new(0)), info.bytes);
         let counted = Arc::clone(&done);
         let work = async move {
             let cannot = |source| ObjectError::Local { file: to.clone(), source };
             let mut file = File::options().write(true).create_new(true).open(&to).map_err(cannot)?;
-            let ranges = (0..about.bytes).step_by(this.part as usize).map(|at| at..(at + this.part).min(about.bytes));
+            let ranges = (0..info.bytes).step_by(this.part as usize).map(|at| at..(at + this.part).min(info.bytes));
             let get = |range| {
-                let (this, path, tag) = (&this, &path, about.tag.as_deref());
-                async move { this.stretch(path, range, tag).await }
+                let (this, path, tag) = (&this, &path, info.tag.as_deref());
+                async move { this.read_range(path, range, tag).await }
             };
             let mut parts = stream::iter(ranges.map(get)).buffered(AT_ONCE);
             while let Some(bytes) = parts.try_next().await? {
@@ -125,7 +125,7 @@ impl Objects {
                 counted.fetch_add(bytes.len() as u64, Ordering::Relaxed);
             }
             // Without an ETag, the parts may be from two versions of the object; and an object that grew has more bytes than were read.
-            if this.head(&path).await?.as_ref() == Some(&about) { Ok(()) } else { Err(ObjectError::Changed) }
+            if this.head(&path).await?.as_ref() == Some(&info) { Ok(()) } else { Err(ObjectError::Changed) }
         };
         self.wait_watching(work, || progress(done.load(Ordering::Relaxed), length))
     }
@@ -142,7 +142,7 @@ impl Objects {
             let get = |range: std::ops::Range<u64>| {
                 let (this, path) = (&this, &path);
                 async move {
-                    let got = this.stretch(path, range.clone(), None).await?;
+                    let got = this.read_range(path, range.clone(), None).await?;
                     let is_whole = got.len() as u64 == range.end - range.start;
                     if is_whole { Ok(got) } else { Err(ObjectError::Failed("it is too short".to_owned())) }
                 }

@@ -2,7 +2,7 @@
 //! requested here, with an address that the library signs.
 
 use crate::access::Access;
-use crate::http::Seen;
+use crate::http::LastFailure;
 use async_trait::async_trait;
 use hyper::Method;
 use object_store::aws::AmazonS3;
@@ -50,12 +50,12 @@ impl OfBucket {
         client: &Arc<AmazonS3>,
         access: &Access,
         threads: &Handle,
-        seen: &Arc<Seen>,
+        last_failure: &Arc<LastFailure>,
     ) -> Result<Option<Self>, Error> {
         if !access.is_signed() {
             return Ok(None);
         }
-        let http = access.connections(threads, seen).connect(&ClientOptions::default())?;
+        let http = access.connections(threads, last_failure).connect(&ClientOptions::default())?;
         Ok(Some(Self { client: Arc::clone(client), http }))
     }
 

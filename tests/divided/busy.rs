@@ -27,7 +27,7 @@ pub(super) struct Trouble {
 }
 
 /// Its port.
-pub(super) fn way(upstream: u16, trouble: Trouble) -> (u16, Arc<Seen>) {
+pub(super) fn proxy(upstream: u16, trouble: Trouble) -> (u16, Arc<Seen>) {
     let listener = TcpListener::bind("127.0.0.1:0").unwrap();
     let port = listener.local_addr().unwrap().port();
     let (seen, random) = (Arc::new(Seen::default()), Arc::new(Mutex::new(fastrand::Rng::with_seed(trouble.seed))));

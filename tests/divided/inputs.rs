@@ -1,6 +1,6 @@
 //! Meshes in a store that cannot be read from there, and stores that cannot be used.
 
-use super::busy::{Trouble, way};
+use super::busy::{Trouble, proxy};
 use super::{Seaweed, Site};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -45,14 +45,14 @@ fn what_cannot_be_fetched_and_stores_that_cannot_be_used_are_refused() {
 
     // A store that replaces objects although it is told not to; nothing is left there.
     let work = "s3://museum/elsewhere";
-    let (port, _) = way(store.port, Trouble { ignores_conditions: true, ..Trouble::default() });
+    let (port, _) = proxy(store.port, Trouble { ignores_conditions: true, ..Trouble::default() });
     site.endpoint = format!("http://127.0.0.1:{port}");
     let unfit = site.fails(&["plan", &mesh, "--work", work]);
     assert!(unfit.contains("If-None-Match"), "{unfit}");
     assert_eq!(store.left(work), (Vec::new(), 0));
 
     // Ctrl-C while the store does not answer leaves nothing on this machine.
-    let (port, seen) = way(store.port, Trouble { percent: 100, ..Trouble::default() });
+    let (port, seen) = proxy(store.port, Trouble { percent: 100, ..Trouble::default() });
     let temporary = tempfile::tempdir().unwrap();
     let mut plan = Seaweed::kilwa(&format!("http://127.0.0.1:{port}"), &["plan", &mesh, "--work", work]);
     let mut plan = plan.env("TMPDIR", temporary.path()).stderr(Stdio::null()).spawn().unwrap();

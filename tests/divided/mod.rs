@@ -214,7 +214,7 @@ fn refusals(store: &Seaweed) {
 fn a_store_of_which_three_answers_in_ten_fail_gives_the_same_pack() {
     let Some(store) = Seaweed::start("a_store_of_which_three_answers_in_ten_fail_gives_the_same_pack") else { return };
     let mut site = Site::new(&store, &["wall"], "20000", "5k");
-    let (port, seen) = busy::way(store.port, Trouble { percent: 30, seed: 5, ..Trouble::default() });
+    let (port, seen) = busy::proxy(store.port, Trouble { percent: 30, seed: 5, ..Trouble::default() });
     site.endpoint = format!("http://127.0.0.1:{port}");
     let build = site.work_off(2);
     site.run(&["assemble", &build, "-o", &site.output()]);

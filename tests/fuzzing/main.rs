@@ -3,7 +3,7 @@
 //! By default every target runs a fixed number of inputs from a fixed seed: always the same ones. Environment variables
 //! change this, as `cargo xtask test` does in its stage "fuzz":
 //!
-//! * `KILWA_FUZZ_SECONDS=30` runs for this time;
+//! * `KILWA_FUZZ_SECONDS=30` runs for this time, `KILWA_FUZZ_SECONDS=10,ptx=30` the target `ptx` for another;
 //! * `KILWA_FUZZ_SEED=2` uses other random numbers;
 //! * `KILWA_FUZZ_INPUT=FILE` runs one input alone;
 //! * `KILWA_FUZZ_CORPUS=DIR` writes the seeds to `DIR/TARGET` for cargo-fuzz and runs nothing.
@@ -130,10 +130,16 @@ fn fuzz(name: &str) {
     std::fs::remove_file(&current.path).unwrap();
 }
 
+/// The time of a target, from a list such as `10,ptx=30,e57=30`.
+fn seconds_of(name: &str, list: &str) -> u64 {
+    let own = list.split(',').find_map(|item| item.split_once('=').filter(|(of, _)| *of == name).map(|(_, s)| s));
+    let seconds = own.or_else(|| list.split(',').find(|item| !item.contains('=')));
+    seconds.and_then(|s| s.parse().ok()).expect("KILWA_FUZZ_SECONDS is a number, or a list such as 10,ptx=30")
+}
+
 /// Mutates until the time or the number is up; how many inputs there were.
 fn go_on(name: &str, body: Body, seeds: Vec<Vec<u8>>, current: &Current) -> u64 {
-    let seconds: Option<u64> =
-        variable("KILWA_FUZZ_SECONDS").map(|s| s.parse().expect("KILWA_FUZZ_SECONDS is a number"));
+    let seconds = variable("KILWA_FUZZ_SECONDS").map(|list| seconds_of(name, &list));
     let seed = variable("KILWA_FUZZ_SEED").map_or(1, |s| s.parse().expect("KILWA_FUZZ_SEED is a number"));
     let begun = Instant::now();
     let mut kinds: HashSet<String> = HashSet::new();

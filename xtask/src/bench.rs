@@ -10,6 +10,7 @@ mod colour;
 mod gpu;
 mod masks;
 mod merge;
+mod place;
 mod points;
 mod register;
 mod scans;

@@ -84,14 +84,19 @@ fn fuzzing() -> Result<Command> {
     Ok(test)
 }
 
-/// The stage of `cargo xtask test`: every target of `tests/fuzzing` for so many seconds, two at a time, compiled as the tests were.
+/// Targets that read files of scanners. Many programs write these, so they get more time.
+const SCANS: [&str; 5] = ["ptx", "points", "e57", "las", "range_grid"];
+
+/// The stage of `cargo xtask test`: every target of `tests/fuzzing` for so many seconds (those of scans three times as long), two at a time, compiled as the tests were.
 ///
 /// # Errors
 /// As `suite`.
 pub(crate) fn stage(seconds: u64, suite: impl FnOnce(&mut Command) -> Result<Tally>) -> Result<Tally> {
     let mut test = fuzzing()?;
     test.args(["--", "--nocapture", "--test-threads", &AT_ONCE.to_string()]);
-    suite(test.env("KILWA_FUZZ_SECONDS", seconds.to_string()))
+    let of_scans = SCANS.iter().map(|target| format!("{target}={}", 3 * seconds));
+    let times: Vec<String> = std::iter::once(seconds.to_string()).chain(of_scans).collect();
+    suite(test.env("KILWA_FUZZ_SECONDS", times.join(",")))
 }
 
 /// cargo of the nightly toolchain. The variables that the stable one sets for its children would lead it astray.

@@ -9,11 +9,10 @@
 use super::buckets::{Buckets, Run, point_of_words};
 use super::leaves::tree_of;
 use super::resolve::PIECE;
-use super::scatter::Scattered;
 use super::split_requests::{self, Above, Places, add_place, sum_of};
-use super::words::{Layout, read_words};
+use super::topology::Region;
+use super::words::read_words;
 use crate::build::options::BuildError;
-use crate::build::work::Work;
 use crate::levels::too_large;
 use crate::partition::Partition;
 use crate::scratch::ScratchFile;
@@ -21,23 +20,13 @@ use kilwa_geometry::{DiamondKey, Lattice};
 use kilwa_pack::chunk::MAX_CHUNK_TRIANGLES;
 use rustc_hash::FxHashMap;
 
-/// The input of the search.
-pub(super) struct Crowd<'a> {
-    pub(super) work: &'a Work<'a>,
-    pub(super) layout: Layout,
-    pub(super) lattice: &'a Lattice,
-    pub(super) scattered: &'a Scattered,
-    pub(super) buckets: &'a Buckets,
-    pub(super) leaf_triangles: usize,
-}
-
-impl Crowd<'_> {
+impl Region<'_> {
     /// Refuse a leaf that no chunk can hold, as far as this is known before the buckets `large` are read. The others gave `known` (by
     /// bucket; ignored for those in `large`) and the split requests `keys`.
     ///
     /// # Errors
     /// [`BuildError::TooLarge`]; if a scratch file cannot be read, or a stop was requested.
-    pub(super) fn refuse(
+    pub(super) fn refuse_crowded_leaves(
         &self,
         own: &ScratchFile,
         mut known: Vec<Above>,
@@ -62,7 +51,7 @@ impl Crowd<'_> {
     /// know how the others divide space.
     ///
     /// # Errors
-    /// As [`Crowd::refuse`].
+    /// As [`Region::refuse_crowded_leaves`].
     pub(super) fn refuse_piles(&self, own: &ScratchFile, large: &[usize]) -> Result<(), BuildError> {
         for &bucket in large {
             let mut at: FxHashMap<[u32; 3], u32> = FxHashMap::default();

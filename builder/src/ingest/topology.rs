@@ -10,7 +10,6 @@
 use super::IngestOptions;
 use super::buckets::{Buckets, point_of_words};
 use super::components::{Components, Joining, LocalComponents, Part};
-use super::crowded::Crowd;
 use super::lattice::Lengths;
 use super::resolve::Resolved;
 use super::scatter::{HALO_HEAD, Scattered, bytes_per_triangle};
@@ -252,16 +251,19 @@ impl Region<'_> {
         };
         let (large, small): (Vec<usize>, Vec<usize>) = all.iter().partition(|b| cost(**b) > budget);
         let mut finished = run(&small)?;
-        let Self { lattice, leaf_triangles, .. } = *self;
-        let crowd = Crowd { work, layout, lattice, scattered, buckets, leaf_triangles };
         if self.is_all {
             let mut known = vec![Above::default(); buckets.len()];
             for (b, f) in &finished {
                 known[*b] = f.above.clone();
             }
-            crowd.refuse(&files.0, known, finished.iter().flat_map(|(_, f)| &f.keys).copied().collect(), &large)?;
+            self.refuse_crowded_leaves(
+                &files.0,
+                known,
+                finished.iter().flat_map(|(_, f)| &f.keys).copied().collect(),
+                &large,
+            )?;
         } else {
-            crowd.refuse_piles(&files.0, &large)?;
+            self.refuse_piles(&files.0, &large)?;
         }
         finished.extend(run(&large)?);
         finished.sort_unstable_by_key(|(bucket, _)| *bucket);

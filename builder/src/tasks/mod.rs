@@ -21,7 +21,6 @@
 //!
 //! Failures: [`BuildError`], with what is wrong and what to do.
 
-mod ahead;
 mod gather;
 mod ingest;
 mod levels;
@@ -29,6 +28,7 @@ mod manifest;
 mod objects;
 mod pack;
 mod plan;
+mod read_ahead;
 mod regions;
 mod shards;
 mod store;

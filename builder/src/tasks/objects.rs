@@ -4,7 +4,7 @@
 //! and manifests are requested whenever they are needed; the manifests of the shards of one level in one batch. Requests are retried while the store is
 //! busy.
 
-use super::ahead::Ahead;
+use super::read_ahead::ReadAhead;
 use super::store::{FOLDERS, LARGEST_WHOLE, Store};
 use crate::build::options::BuildError;
 use bytes::Bytes;
@@ -32,7 +32,7 @@ const SWEEPS: usize = 5;
 pub struct ObjectFolder {
     objects: Objects,
     folder: Key,
-    ahead: Ahead,
+    ahead: ReadAhead,
     /// Lengths of the objects below [`FILES`], once they have been listed.
     lengths: Mutex<Option<FxHashMap<String, u64>>>,
     read_together: Mutex<ManifestCache>,
@@ -49,7 +49,7 @@ struct ManifestCache {
 impl ObjectFolder {
     /// The objects below `folder`.
     pub fn new(objects: Objects, folder: Key) -> Self {
-        let (ahead, lengths, read_together) = (Ahead::default(), Mutex::default(), Mutex::default());
+        let (ahead, lengths, read_together) = (ReadAhead::default(), Mutex::default(), Mutex::default());
         Self { objects, folder, ahead, lengths, read_together }
     }
 
@@ -141,7 +141,7 @@ impl Store for ObjectFolder {
         {
             return Ok(Some(bytes));
         }
-        let about = self.objects.about(&self.key(name)?).map_err(|e| self.error("read", name, e))?;
+        let about = self.objects.info(&self.key(name)?).map_err(|e| self.error("read", name, e))?;
         if let (Some(about), Some(lengths)) = (&about, lock(&self.lengths).as_mut())
             && name.starts_with(FILES)
         {
@@ -171,7 +171,7 @@ impl Store for ObjectFolder {
             let read = self.objects.read(&key, at..end).map_err(fail)?;
             return if read.len() as u64 == bytes { Ok(read.into()) } else { Err(too_short()) };
         }
-        let read = self.ahead.read(name, at..end, length, |stretch| self.objects.read(&key, stretch));
+        let read = self.ahead.read(name, at..end, length, |block| self.objects.read(&key, block));
         read.map_err(fail)?.ok_or_else(too_short)
     }
 

@@ -7,7 +7,7 @@ use crate::tasks::{Worker, expected, open_in, ready};
 use faulty::Faulty;
 use kilwa_builder::tasks::{ObjectFolder, Outcome, SharedBuild, SharedFolder, Store, Task};
 use kilwa_builder::{BuildError, Silent, build::work::Stop};
-use kilwa_store::{Client, Objects, Patience, Unfinished};
+use kilwa_store::{Client, Objects, RetryPolicy, Unfinished};
 use object_store::path::Path;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::Ordering;
@@ -18,7 +18,7 @@ static THREADS: LazyLock<tokio::runtime::Runtime> =
     LazyLock::new(|| tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build().unwrap());
 
 /// Enough for a store where three requests in ten fail: only one in 10^10 fails for good.
-const PATIENCE: Patience = Patience {
+const PATIENCE: RetryPolicy = RetryPolicy {
     attempts: 20,
     first_pause: Duration::from_micros(50),
     longest_pause: Duration::from_millis(1),
@@ -239,7 +239,7 @@ fn the_error_for_an_unavailable_store_says_what_to_do_and_a_stop_ends_the_retrie
     }
     let stop = Stop::default();
     stop.ask();
-    let long = Patience { first_pause: Duration::from_secs(3600), ..PATIENCE };
+    let long = RetryPolicy { first_pause: Duration::from_secs(3600), ..PATIENCE };
     let objects = Objects::of(Arc::clone(&shared) as Arc<dyn Client>, "s3://museum", long, THREADS.handle());
     let stopped = ObjectFolder::new(objects.with_stop(move || stop.asked()), Path::from("work"));
     assert!(matches!(stopped.read_all("plan.json"), Err(BuildError::Stopped)));

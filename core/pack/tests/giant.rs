@@ -1,6 +1,7 @@
 //! A pack as large as one of 1.5 · 10^10 triangles: a sparse file of 50 GB that takes little space, because the bodies of its chunks are
 //! holes. Counts and offsets need more than 32 bits, and some children are farther apart than the directory can state.
 
+use crate::common::sparse::Sparse;
 use kilwa_pack::cut::{Cut, coarse_triangles};
 use kilwa_pack::directory::link_children;
 use kilwa_pack::footer::{FOOTER_BYTES, Footer};
@@ -9,10 +10,7 @@ use kilwa_pack::{
     Attributes, DirectoryEntry, ENTRIES_PER_PAGE, HEAD_BYTES, Header, PAGE_BYTES, PackWriter, PatchRange, Reader,
     Source, checksum, parse_head, verify,
 };
-use std::fs::File;
 use std::io::{Seek, SeekFrom, Write};
-use std::os::unix::fs::FileExt;
-use std::path::PathBuf;
 
 const ATTRIBUTES: Attributes = Attributes { colors: true, scalars: 0 };
 /// Triangles of the finest level.
@@ -23,39 +21,6 @@ const CHUNK_BYTES: u32 = 2_500_000;
 /// An entry on the last page that a parent on page 0 can refer to, and one on the next page.
 const LAST_STATED: u32 = 127 * 127 + 5;
 const FIRST_UNSTATED: u32 = 128 * 127;
-
-/// A file that is removed at the end.
-struct Sparse {
-    file: File,
-    path: PathBuf,
-}
-
-impl Sparse {
-    fn new() -> Self {
-        let path = std::env::temp_dir().join(format!("kilwa-giant-{}.kilwa", std::process::id()));
-        let file = File::options().read(true).write(true).create(true).truncate(true).open(&path).expect("opens");
-        Self { file, path }
-    }
-}
-
-impl Drop for Sparse {
-    fn drop(&mut self) {
-        // A leftover file in the system's temporary folder takes little space.
-        let _ = std::fs::remove_file(&self.path);
-    }
-}
-
-impl Source for &Sparse {
-    fn len(&self) -> std::io::Result<u64> {
-        Ok(self.file.metadata()?.len())
-    }
-
-    fn read_at(&self, offset: u64, length: usize) -> std::io::Result<Vec<u8>> {
-        let mut bytes = vec![0; length];
-        self.file.read_exact_at(&mut bytes, offset)?;
-        Ok(bytes)
-    }
-}
 
 /// A binary tree in which the last entry, and the two entries around the limit, have a second parent on page 0.
 fn parents_of(index: u32) -> Vec<u32> {
@@ -114,7 +79,7 @@ fn write(sparse: &Sparse, last: &[u8], entries: Vec<DirectoryEntry>) {
 fn a_pack_of_15_billion_triangles_is_opened_cut_and_read_to_its_end() {
     let chunk = crate::common::height_field(6, 1, 1, ATTRIBUTES);
     let last = kilwa_pack::chunk::encode(&chunk, ATTRIBUTES).expect("encodes");
-    let sparse = Sparse::new();
+    let sparse = Sparse::new("giant-pack");
     write(&sparse, &last, entries(&last, &chunk));
 
     let head = parse_head(&(&sparse).read_at(0, HEAD_BYTES as usize).expect("reads")).expect("the head is sound");

@@ -1,10 +1,10 @@
 //! A recorded flight over simulated links: the commands are the same on every machine, byte by byte (`tests/snapshots`; written
 //! again with `KILWA_BLESS=1`), every step is sound, and at every stop the target is reached, after any failure.
 
-use crate::support::{Pack, assert_sound};
+use crate::support::{Pack, assert_sound, perspective};
 use glam::DVec3;
 use kilwa_stream::sim::{Decoders, Flight, Link, Simulator};
-use kilwa_stream::{Budgets, Command, Projection, Step, Streamer, View};
+use kilwa_stream::{Budgets, Command, Step, Streamer, View};
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -18,19 +18,7 @@ fn look(eye: DVec3, at: DVec3) -> View {
     let unit = |v: DVec3| v / v.length();
     let forward = unit(at - eye);
     let right = unit(forward.cross(DVec3::Z));
-    View {
-        eye,
-        right,
-        up: right.cross(forward),
-        forward,
-        anchor: eye,
-        projection: Projection::Perspective { tan_half_height: 0.4 },
-        size: [1280, 720],
-        near: 1.0,
-        far: f64::INFINITY,
-        target_pixels: 3.0,
-        clip: kilwa_stream::Clip::default(),
-    }
+    perspective(eye, [right, right.cross(forward), forward])
 }
 
 /// Looks, glides, looks, glides, jumps: 150 s with four stops.

@@ -16,7 +16,7 @@ use futures_util::stream::{self, BoxStream};
 use futures_util::{StreamExt as _, TryStreamExt as _};
 use kilwa_archive::checksums::hex;
 use kilwa_archive::layout::MANIFEST;
-use kilwa_store::{Access, Address, Failure, Seen};
+use kilwa_store::{Access, Address, Failure, LastFailure};
 use object_store::aws::AmazonS3;
 use object_store::client::HttpError;
 use object_store::path::Path;
@@ -124,7 +124,7 @@ pub struct S3 {
     pub(super) client: AmazonS3,
     /// `None` only while it is dropped.
     threads: Option<Runtime>,
-    seen: Arc<Seen>,
+    seen: Arc<LastFailure>,
     outage: Outage,
     refusals: Refusals,
     held: Mutex<Held>,
@@ -168,7 +168,7 @@ impl S3 {
             .enable_all()
             .build()
             .map_err(|e| failed(e.to_string()))?;
-        let seen = Arc::new(Seen::default());
+        let seen = Arc::new(LastFailure::default());
         let client = options.access().client(&bucket, threads.handle(), &seen).map_err(|e| failed(e.to_string()))?;
         let store = Arc::new(Self {
             name: name.clone(),

@@ -6,6 +6,7 @@
 
 mod costs;
 
+use super::place::Place;
 use super::{Usage, archive, run_measured};
 use crate::process::{command, compile_kilwa, output, root, run as run_command};
 use anyhow::{Context, Result, bail, ensure};
@@ -13,7 +14,7 @@ use serde_json::Value;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::Mutex;
 use std::time::Instant;
 
@@ -69,27 +70,12 @@ struct Built {
     left: costs::Left,
 }
 
-struct Place {
-    folder: PathBuf,
-    kilwa: PathBuf,
-}
-
-impl Place {
-    fn at(&self, name: &str) -> PathBuf {
-        self.folder.join(name)
-    }
-
-    fn text(&self, name: &str) -> String {
-        self.at(name).display().to_string()
-    }
-
-    /// Run kilwa and measure it; what it printed is in `NAME.json`.
-    fn measured(&self, name: &str, args: &[&str]) -> Result<(Usage, Value)> {
-        let args: Vec<String> = args.iter().map(|&arg| arg.to_owned()).collect();
-        let used = run_measured(&self.kilwa, &args, &self.at(name))?;
-        let told = fs::read_to_string(self.at(name).with_extension("json"))?;
-        Ok((used, serde_json::from_str(&told).with_context(|| format!("kilwa {} printed no JSON", args.join(" ")))?))
-    }
+/// Run kilwa and measure it; what it printed is in `NAME.json`.
+fn measured(place: &Place, name: &str, args: &[&str]) -> Result<(Usage, Value)> {
+    let args: Vec<String> = args.iter().map(|&arg| arg.to_owned()).collect();
+    let used = run_measured(&place.kilwa, &args, &place.at(name))?;
+    let printed = fs::read_to_string(place.at(name).with_extension("json"))?;
+    Ok((used, serde_json::from_str(&printed).with_context(|| format!("kilwa {} printed no JSON", args.join(" ")))?))
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {
@@ -119,7 +105,7 @@ pub(super) fn run(args: &Args) -> Result<()> {
 /// `kilwa build` with one thread.
 fn plain(place: &Place) -> Result<Built> {
     let (mesh, pack) = (place.text("wall.ply"), place.text("plain.kilwa"));
-    let (used, _) = place.measured("plain", &["build", &mesh, "-o", &pack, "--force", "--threads", "1", "--json"])?;
+    let (used, _) = measured(place, "plain", &["build", &mesh, "-o", &pack, "--force", "--threads", "1", "--json"])?;
     Ok(Built { wall_s: used.wall_s, cpu_s: used.cpu_s, stages: BTreeMap::new(), left: costs::Left::default() })
 }
 
@@ -139,8 +125,8 @@ fn divided(args: &Args, place: &Place, workers: usize) -> Result<Built> {
         done.extend(wave(place, &plan, workers)?);
     };
     let mut left = left_in(&Path::new(&build).join("files"))?;
-    let (used, told) =
-        place.measured("assemble", &["assemble", &build, "-o", &pack, "--force", "--threads", "1", "--json"])?;
+    let (used, printed) =
+        measured(place, "assemble", &["assemble", &build, "-o", &pack, "--force", "--threads", "1", "--json"])?;
     let seconds = used.wall_s;
     let written = fs::metadata(&pack)?.len() as f64;
     done.push(Done { stage: "assemble".into(), triangles: 0.0, used, seconds, read: f64::NAN, written });
@@ -149,7 +135,7 @@ fn divided(args: &Args, place: &Place, workers: usize) -> Result<Built> {
         same(Path::new(&pack), &place.at("plain.kilwa"))?,
         "the pack of {workers} workers differs from that of `kilwa build`"
     );
-    left.chunks = number(&told["pack"], "chunks")?;
+    left.chunks = number(&printed["pack"], "chunks")?;
     let cpu_s = done.iter().map(|d| d.used.cpu_s).sum();
     Ok(Built { wall_s, cpu_s, stages: stages(done), left })
 }
@@ -170,8 +156,8 @@ fn left_in(folder: &Path) -> Result<costs::Left> {
 fn plan(args: &Args, place: &Place, work: &str) -> Result<Value> {
     let (mesh, portion) = (place.text("wall.ply"), args.task_triangles.to_string());
     let listed = ["plan", &mesh, "--work", work, "--task-triangles", &portion, "--json"];
-    let told = output(&mut command(&place.kilwa.to_string_lossy(), &listed)?)?;
-    serde_json::from_str(&told).context("kilwa plan printed no JSON")
+    let printed = output(&mut command(&place.kilwa.to_string_lossy(), &listed)?)?;
+    serde_json::from_str(&printed).context("kilwa plan printed no JSON")
 }
 
 /// The open tasks of the first wave, the largest first, each to the first worker that is free.
@@ -205,8 +191,8 @@ fn wave(place: &Place, plan: &Value, workers: usize) -> Result<Vec<Done>> {
 /// One task.
 fn one(place: &Place, task: &Value) -> Result<Done> {
     let (id, file) = (text(task, "id")?, text(task, "file")?);
-    let (used, told) = place.measured(&format!("task-{id}"), &["task", &file, "--threads", "1", "--json"])?;
-    let manifest = &told["manifest"];
+    let (used, printed) = measured(place, &format!("task-{id}"), &["task", &file, "--threads", "1", "--json"])?;
+    let manifest = &printed["manifest"];
     Ok(Done {
         stage: stage_of(&id).to_owned(),
         triangles: task["triangles"].as_f64().unwrap_or_default(),
@@ -324,8 +310,8 @@ fn same(a: &Path, b: &Path) -> Result<bool> {
 }
 
 fn sha256(place: &Place, pack: &str) -> Result<String> {
-    let told = output(&mut command(&place.kilwa.to_string_lossy(), &["verify", &place.text(pack), "--json"])?)?;
-    text(&serde_json::from_str(&told).context("kilwa verify printed no JSON")?, "sha256")
+    let printed = output(&mut command(&place.kilwa.to_string_lossy(), &["verify", &place.text(pack), "--json"])?)?;
+    text(&serde_json::from_str(&printed).context("kilwa verify printed no JSON")?, "sha256")
 }
 
 fn text(value: &Value, key: &str) -> Result<String> {

@@ -6,6 +6,7 @@
 mod flags;
 mod kill;
 
+use super::place::Place;
 use super::scans::{ROWS, write_ptx};
 use super::{Usage, archive, number_of, run_measured};
 use crate::process::{command, compile_kilwa, root, run as run_command};
@@ -59,22 +60,6 @@ pub(super) struct Args {
     /// Print the table without adding it to docs/bench
     #[arg(long)]
     dry: bool,
-}
-
-/// The folder of the survey, its scans and results.
-struct Place {
-    folder: PathBuf,
-    kilwa: PathBuf,
-}
-
-impl Place {
-    fn at(&self, name: &str) -> PathBuf {
-        self.folder.join(name)
-    }
-
-    fn kilwa(&self, args: &[&str], paths: &[&Path]) -> Result<()> {
-        run_command(command(&self.kilwa.to_string_lossy(), args)?.args(paths))
-    }
 }
 
 pub(super) fn run(args: &Args) -> Result<()> {

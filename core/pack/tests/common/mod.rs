@@ -1,6 +1,9 @@
 //! Chunks, entries and small packs to test with; deterministic.
 #![allow(dead_code, reason = "each test file uses its part")]
 
+#[cfg(unix)]
+pub(crate) mod sparse;
+
 use glam::DVec3;
 use kilwa_geometry::{Aabb, Lattice, Mesh, Sphere, normal};
 use kilwa_pack::metadata::{ScalarChannel, SourceFile};

@@ -193,19 +193,9 @@ fn all_tetras(split: &BTreeSet<DiamondKey>) -> Vec<Tetra> {
     out
 }
 
-fn head(entries: &[DirectoryEntry], end: u64) -> Head {
-    let lattice = Lattice { origin: DVec3::ZERO, step_log2: -12 };
-    let header = Header {
-        file_bytes: end + (1 << 40),
-        metadata: (256, 100),
-        entry_count: entries.len() as u32,
-        first_page: 512,
-        other_pages: 1 << 39,
-        stored_triangles: 1,
-        stored_vertices: 1,
-        ..Header::new(lattice, CUBE_LOG2, 1, Attributes { colors: true, scalars: 0 })
-    };
-    let metadata = Metadata {
+/// Metadata of a pack without a name.
+pub(crate) fn metadata() -> Metadata {
+    Metadata {
         title: String::new(),
         source_units: "m".into(),
         source_up: "z".into(),
@@ -225,10 +215,41 @@ fn head(entries: &[DirectoryEntry], end: u64) -> Head {
         capture_registration: None,
         capture_instrument: None,
         repairs: BTreeMap::new(),
+    }
+}
+
+/// A camera with a perspective picture of 1280 × 720 pixels.
+pub(crate) fn perspective(eye: DVec3, [right, up, forward]: [DVec3; 3]) -> View {
+    View {
+        eye,
+        right,
+        up,
+        forward,
+        anchor: eye,
+        projection: Projection::Perspective { tan_half_height: 0.4 },
+        size: [1280, 720],
+        near: 1.0,
+        far: f64::INFINITY,
+        target_pixels: 3.0,
+        clip: Clip::default(),
+    }
+}
+
+fn head(entries: &[DirectoryEntry], end: u64) -> Head {
+    let lattice = Lattice { origin: DVec3::ZERO, step_log2: -12 };
+    let header = Header {
+        file_bytes: end + (1 << 40),
+        metadata: (256, 100),
+        entry_count: entries.len() as u32,
+        first_page: 512,
+        other_pages: 1 << 39,
+        stored_triangles: 1,
+        stored_vertices: 1,
+        ..Header::new(lattice, CUBE_LOG2, 1, Attributes { colors: true, scalars: 0 })
     };
     let page = directory::write_page(&entries[..entries.len().min(ENTRIES_PER_PAGE)], 0);
     let entries = directory::parse_page(&page, 0, header.entry_count).expect("a sound page");
-    Head { header, metadata, entries }
+    Head { header, metadata: metadata(), entries }
 }
 
 /// A camera on a sphere round the cube, or inside it.

@@ -2,7 +2,7 @@
 //! small pieces one after another: patches, blocks of records, bodies of chunks. So each request reads more than was asked for, and the rest is kept
 //! for the next pieces.
 //!
-//! Memory: [`MOST`] bytes, and one stretch for each thread that reads.
+//! Memory: [`CAPACITY`] bytes, and one block for each thread that reads.
 
 use bytes::Bytes;
 use std::collections::VecDeque;
@@ -10,17 +10,17 @@ use std::ops::Range;
 use std::sync::{Condvar, Mutex, PoisonError};
 
 /// Size limit of the cache, bytes.
-const MOST: usize = 64 << 20;
+const CAPACITY: usize = 64 << 20;
 /// Minimum number of bytes per request.
-const STRETCH: u64 = 1 << 20;
+const BLOCK: u64 = 1 << 20;
 /// The same if the piece follows one that was read before.
-const NEXT_STRETCH: u64 = 4 << 20;
+const NEXT_BLOCK: u64 = 4 << 20;
 /// A piece follows another if it begins at most this many bytes before or after its end.
 const GAP: u64 = 1 << 18;
 
 /// The cache.
 #[derive(Debug, Default)]
-pub(super) struct Ahead {
+pub(super) struct ReadAhead {
     state: Mutex<State>,
     /// Signals that a request has succeeded or failed.
     arrived: Condvar,
@@ -29,24 +29,24 @@ pub(super) struct Ahead {
 #[derive(Debug, Default)]
 struct State {
     /// Least recently used first.
-    held: VecDeque<Stretch>,
+    held: VecDeque<Block>,
     bytes: usize,
     under_way: Vec<(String, Range<u64>)>,
 }
 
 #[derive(Debug)]
-struct Stretch {
+struct Block {
     name: String,
     at: u64,
     bytes: Bytes,
 }
 
-impl Stretch {
+impl Block {
     fn end(&self) -> u64 {
         self.at + self.bytes.len() as u64
     }
 
-    /// A piece of the stretch.
+    /// A piece of the block.
     fn piece(&self, name: &str, range: &Range<u64>) -> Option<Bytes> {
         let is_inside = self.name == name && self.at <= range.start && range.end <= self.end();
         is_inside.then(|| self.bytes.slice((range.start - self.at) as usize..(range.end - self.at) as usize))
@@ -62,10 +62,10 @@ impl State {
     }
 
     /// The range to read for a piece; `length` is the length of the object, if it is known.
-    fn stretch(&self, name: &str, range: &Range<u64>, length: Option<u64>) -> Range<u64> {
+    fn block_for(&self, name: &str, range: &Range<u64>, length: Option<u64>) -> Range<u64> {
         let follows =
-            |s: &Stretch| s.name == name && (s.end().saturating_sub(GAP)..=s.end() + GAP).contains(&range.start);
-        let ahead = if self.held.iter().any(follows) { NEXT_STRETCH } else { STRETCH };
+            |s: &Block| s.name == name && (s.end().saturating_sub(GAP)..=s.end() + GAP).contains(&range.start);
+        let ahead = if self.held.iter().any(follows) { NEXT_BLOCK } else { BLOCK };
         let end = range.end.max(range.start.saturating_add(ahead));
         match length {
             // Near the end of an object, read back from the end, because its index is there.
@@ -74,18 +74,18 @@ impl State {
         }
     }
 
-    fn keep(&mut self, stretch: Stretch) {
-        self.bytes += stretch.bytes.len();
-        self.held.push_back(stretch);
-        while self.bytes > MOST {
+    fn keep(&mut self, block: Block) {
+        self.bytes += block.bytes.len();
+        self.held.push_back(block);
+        while self.bytes > CAPACITY {
             let Some(oldest) = self.held.pop_front() else { break };
             self.bytes -= oldest.bytes.len();
         }
     }
 }
 
-impl Ahead {
-    /// A piece of an object. `fetch` reads a stretch of it, which is shorter if the object ends. `None` if the object ends before the piece does.
+impl ReadAhead {
+    /// A piece of an object. `fetch` reads a block of it, which is shorter if the object ends. `None` if the object ends before the piece does.
     pub(super) fn read<E>(
         &self,
         name: &str,
@@ -101,7 +101,7 @@ impl Ahead {
             // Another thread is reading it.
             let is_coming = |(of, coming): &(String, Range<u64>)| of == name && coming.contains(&range.start);
             if !state.under_way.iter().any(is_coming) {
-                break state.stretch(name, &range, length);
+                break state.block_for(name, &range, length);
             }
             state = self.arrived.wait(state).unwrap_or_else(PoisonError::into_inner);
         };
@@ -112,9 +112,9 @@ impl Ahead {
         let mut state = self.state.lock().unwrap_or_else(PoisonError::into_inner);
         state.under_way.retain(|other| *other != mine);
         self.arrived.notify_all();
-        let stretch = Stretch { name: name.to_owned(), at: wanted.start, bytes: fetched? };
-        let piece = stretch.piece(name, &range).map(|piece| piece.to_vec());
-        state.keep(stretch);
+        let block = Block { name: name.to_owned(), at: wanted.start, bytes: fetched? };
+        let piece = block.piece(name, &range).map(|piece| piece.to_vec());
+        state.keep(block);
         Ok(piece)
     }
 
@@ -138,7 +138,7 @@ mod tests {
 
     #[test]
     fn pieces_have_the_bytes_of_the_object_whatever_any_thread_read_before() {
-        let (ahead, requests) = (Ahead::default(), AtomicUsize::new(0));
+        let (ahead, requests) = (ReadAhead::default(), AtomicUsize::new(0));
         let length = 9 << 20;
         std::thread::scope(|scope| {
             for seed in 0..4 {
@@ -167,14 +167,14 @@ mod tests {
 
     #[test]
     fn sequential_pieces_need_one_request_per_few_megabytes_and_memory_is_bounded() {
-        let (ahead, mut requests, length) = (Ahead::default(), 0, 200u64 << 20);
+        let (ahead, mut requests, length) = (ReadAhead::default(), 0, 200u64 << 20);
         for at in (0..length).step_by(1 << 18) {
             let fetch = |wanted: Range<u64>| {
                 requests += 1;
                 Ok::<Bytes, ()>(vec![0; (wanted.end.min(length) - wanted.start) as usize].into())
             };
             assert_eq!(ahead.read("a", at..at + (1 << 18), None, fetch).unwrap().unwrap().len(), 1 << 18);
-            assert!(ahead.state.lock().unwrap().bytes <= MOST);
+            assert!(ahead.state.lock().unwrap().bytes <= CAPACITY);
         }
         assert!(requests <= 52, "{requests}");
         let failed = ahead.read("a", 0..1, None, |_| Err(()));
@@ -185,7 +185,7 @@ mod tests {
 
     #[test]
     fn reading_the_end_of_an_object_also_reads_the_bytes_before_it() {
-        let ahead = Ahead::default();
+        let ahead = ReadAhead::default();
         let length = 5 << 20;
         let fetch = |wanted: Range<u64>| Ok::<Bytes, ()>(content("a", wanted, length));
         assert!(ahead.read("a", length - 20..length, Some(length), fetch).unwrap().is_some());
