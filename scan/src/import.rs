@@ -144,14 +144,14 @@ fn source(path: &Path, before: u64, total: u64, progress: &dyn Progress) -> Resu
     Ok(Source { file: name, bytes, blake3: hash.finalize().to_hex().to_string(), number: 0 })
 }
 
-/// Fail if so many samples of `file` take more than the disk that holds `folder` has `free`, in bytes.
+/// Fail if `samples` of `file` need more than `free` bytes, the free space of the disk that holds `folder`.
 fn check_room(file: &Path, samples: u64, folder: &Path, free: u64) -> Result<(), ScanError> {
     let needed = samples.saturating_mul(SAMPLE_BYTES as u64);
     if needed <= free {
         return Ok(());
     }
     Err(ScanError::Request(format!(
-        "{}: its {samples} samples take {} in the survey, and the disk that holds {} has {} free; make room, or choose a survey on a larger disk",
+        "{}: its {samples} samples take {} in the survey, and the disk that holds {} has {} free; free some space, or use a survey on a larger disk",
         file.display(),
         binary(needed),
         folder.display(),

@@ -159,6 +159,13 @@ fn a_second_laszip_record_and_too_many_items_are_refused_by_their_bytes() {
     let other = Site::new();
     let file = other.write("compatible.laz", &bytes);
     other.import(&[file], here()).unwrap();
+    let mut pointwise = record.clone();
+    pointwise[54] = 1;
+    let message = with(&pointwise, 0);
+    assert!(
+        message.contains(&format!("byte {}: found points that are not divided into chunks", found + 54)),
+        "{message}"
+    );
     let mut many = record.clone();
     many[20..22].copy_from_slice(&(34 + 6 * 16_u16).to_le_bytes());
     many[54 + 32..54 + 34].copy_from_slice(&16_u16.to_le_bytes());

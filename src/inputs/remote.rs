@@ -1,8 +1,8 @@
 //! Meshes in object stores, `s3://bucket/wall.ply`, for `kilwa plan` and the task that reads the inputs.
 //!
-//! What a mesh is, is decided by its beginning: so an *outline* of each is made on this machine, a sparse file of its length with its first
-//! bytes. The whole is downloaded when it is read, and must then be the object that was looked at: its ETag and its length are part of the plan.
-//! Refused: formats whose meshes refer to other files, because those are not fetched, and GLBs that do.
+//! The first bytes of a mesh show its format. `kilwa plan` therefore makes an *outline* of each mesh: a local sparse file with the same length and
+//! the same first bytes. The whole mesh is downloaded when it is read, and must then be the same object: its ETag and length are part of the plan.
+//! Formats whose meshes refer to other files are refused, and so are GLBs that do, because those files are not downloaded.
 
 mod glb;
 
@@ -84,7 +84,7 @@ impl Outlines {
         if let (true, Some(key)) = (with_matrix, matrix.to_str()) {
             let url = format!("s3://{}/{key}", address.bucket);
             let cannot = || format!("cannot read {url}");
-            // As an address is read; a key that is made from text would be escaped once more.
+            // Parsed like an address, because a path made from text would be escaped again.
             let matrix = Address::parse(&url).with_context(cannot)?;
             let found = objects.read_all(&matrix.path, MATRIX).with_context(cannot)?;
             found.map_or(Ok(()), |bytes| std::fs::write(outline.with_extension("xf"), bytes))?;
@@ -101,7 +101,7 @@ impl Outlines {
             && let Some(uri) = glb::refers_to(&objects, &address, about.bytes, &beginning).with_context(cannot)?
         {
             bail!(
-                "{address} refers to the file {}, which is not fetched from a store; embed it (export one GLB with all pictures and buffers), or copy the mesh with its files to a folder that all machines see",
+                "{address} refers to the file {}, which is not downloaded from a store; embed it (export one GLB with all pictures and buffers), or copy the mesh with its files to a folder that all machines see",
                 kilwa_pack::visible::visible(&uri)
             );
         }

@@ -55,7 +55,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     let place = Place::of(&args.build)?;
     let object = Object::of(&args.output, &stop)?;
     if object.is_none() {
-        // Whose pack it is that exists already, the build says.
+        // Whether an existing output is the pack of this build is checked below.
         build::refuse_output(&args.output, true)?;
     }
     refuse_inside(args, &place)?;
@@ -83,7 +83,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     remove(args, &place, &stop)
 }
 
-/// Remove the build, whose pack is in place.
+/// Remove the build; its pack is in place.
 fn remove(args: &Args, place: &Place, stop: &Stop) -> anyhow::Result<()> {
     let removed = if args.keep { Ok(()) } else { place.store(stop)?.remove_all() };
     if let Err(e) = removed {
@@ -93,24 +93,24 @@ fn remove(args: &Args, place: &Place, stop: &Stop) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// The pack, if an earlier attempt at the same command put it in place and was killed then; what is left of the build is removed.
+/// The pack, if an earlier run of the same command put it in place and was then killed; the rest of the build is removed.
 fn found(args: &Args, place: &Place, object: Option<&Object>, stop: &Stop) -> anyhow::Result<Option<Pack>> {
     let store = place.store(stop)?;
     let pack = if assembled::exists(&*store)? {
         let shared = open(place, stop)?;
-        // A build that was kept on purpose is none that an attempt at this command has left.
+        // A build that was kept on purpose was not left over by a killed run.
         let noted = Assembled::of(&*store)?.filter(|noted| noted.kept == args.keep);
         match object {
             None => noted.map_or(Ok(None), |noted| the_output(args, &noted))?,
             Some(object) => match object.finished(&shared.plan.key())? {
                 Some(pack) if noted.as_ref().is_some_and(|noted| noted.is(&pack)) => Some(pack),
-                // The note was removed with all that the tasks had left.
+                // The record was removed together with the results of the tasks.
                 Some(pack) if noted.is_none() && !args.force && assembled::is_being_removed(&shared)? => Some(pack),
                 _ => None,
             },
         }
     } else {
-        // The plan, too, is gone, if not all that was still being uploaded; the name of the folder says which build it was.
+        // The plan has been removed too, although some uploads may remain; the name of the folder contains the key of the build.
         place.key().zip(object).map_or(Ok(None), |(key, object)| object.finished(&key))?
     };
     if pack.is_some() {
@@ -119,7 +119,7 @@ fn found(args: &Args, place: &Place, object: Option<&Object>, stop: &Stop) -> an
     Ok(pack)
 }
 
-/// The output, if it is the file that the build has noted.
+/// The output, if it is the pack in the record of the build.
 fn the_output(args: &Args, noted: &Assembled) -> anyhow::Result<Option<Pack>> {
     if !std::fs::metadata(&args.output).is_ok_and(|about| about.len() == noted.pack.bytes) {
         return Ok(None);
@@ -139,7 +139,7 @@ struct Made {
     sha256: String,
 }
 
-/// The report for machines where an earlier attempt had put the pack in place.
+/// The JSON report if an earlier run had put the pack in place.
 #[derive(Serialize)]
 struct Found<'a> {
     already_done: bool,
@@ -165,7 +165,7 @@ fn to_file(args: &Args, place: &Place, shared: SharedBuild, bar: &Bar, stop: &St
     Ok(Made { built, sha256: pack.sha256 })
 }
 
-/// Write the pack, read it back, check it, and note it in the build; it has not its name yet.
+/// Write the pack under a temporary name, read it back, check it, and record it in the build.
 fn write(
     args: &Args,
     place: &Place,

@@ -1,15 +1,15 @@
-//! What a build notes about its own pack before that gets its name: so the same command, after a death, knows whether the pack that is there is
-//! the one that this build made, or an older one of the same name.
+//! A record of the pack, which a build writes before the pack gets its final name. If the command is killed and run again, it shows whether the
+//! existing pack was made by this build or is an older one with the same name.
 
 use super::object::Pack;
 use anyhow::Context;
 use kilwa_builder::tasks::{PLAN, SharedBuild, Store};
 use serde::{Deserialize, Serialize};
 
-/// The note. Of all folders of a build this one is removed last.
+/// The record. Its folder is the last one of a build to be removed.
 const NOTE: &str = "scratch/assembled.json";
 
-/// A pack that is complete, and about to get its name.
+/// A complete pack that is about to get its final name.
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct Assembled {
     #[serde(flatten)]
@@ -19,17 +19,17 @@ pub(super) struct Assembled {
 }
 
 impl Assembled {
-    /// The note of the build in a store, if there is one that can be read.
+    /// The record of the build in a store, if it exists and can be read.
     pub(super) fn of(store: &dyn Store) -> anyhow::Result<Option<Self>> {
         Ok(store.read_all(NOTE)?.and_then(|text| serde_json::from_slice(&text).ok()))
     }
 
-    /// Write it, in place of an earlier one.
+    /// Write it, replacing an earlier one.
     pub(super) fn note(&self, store: &dyn Store) -> anyhow::Result<()> {
         let text = crate::terminal::json_text(self)?;
         for _ in 0..2 {
             if store.create_new(NOTE, text.as_bytes())? {
-                // If another assembly has removed the build, the note must not stay for a later build of the same inputs.
+                // If another assembly has removed the build, the record must not stay for a later build of the same inputs.
                 if !exists(store)? {
                     store.remove(NOTE)?;
                 }
@@ -40,7 +40,7 @@ impl Assembled {
                 _ => store.remove(NOTE)?,
             }
         }
-        // Another assembly notes the same at the same time.
+        // Another assembly is writing the same.
         Ok(())
     }
 
@@ -50,7 +50,7 @@ impl Assembled {
     }
 }
 
-/// Whether the build was being removed when its pack was in place: what its tasks left goes first.
+/// Whether the build is partly removed: the results of its tasks are removed first.
 pub(super) fn is_being_removed(build: &SharedBuild) -> anyhow::Result<bool> {
     Ok(build.store().list("done")?.is_empty())
 }

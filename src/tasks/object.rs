@@ -63,7 +63,7 @@ impl Object {
         let notes: BTreeMap<String, String> = notes.map(|(name, value)| (name.to_owned(), value)).into();
         let condition = if force { Condition::Replace } else { Condition::New };
         let progress = &mut |done, all| bar.update("uploading", done, all);
-        // Left by assemblies that were killed during the upload. One that begins later may still be sending.
+        // Left by assemblies that were killed during the upload. Uploads that begin later may still be running.
         let earlier = self.objects.unfinished_of(&self.address.path);
         let sent = self.objects.upload(&self.address.path, local, condition, &notes, progress);
         let is_taken = match sent {
@@ -71,20 +71,20 @@ impl Object {
             Err(ObjectError::Exists) => true,
             Err(e) => return Err(e).with_context(|| self.cannot()),
         };
-        // It is there too where the answer was lost, or where another assembly of the same build was first and gave this upload up.
+        // The pack may also be there if the response was lost, or if another assembly of the same build was faster and aborted this upload.
         let is_there = self.finished(key)?.is_some_and(|there| there.sha256 == *sha256);
         if is_taken && !is_there {
             return Err(self.exists());
         }
         if !is_there {
             bail!(
-                "{}: somebody else gave the upload up, or has replaced the pack meanwhile; run the same command again",
+                "{}: another process aborted the upload or replaced the pack; run the same command again",
                 self.cannot()
             );
         }
-        let given_up = earlier.and_then(|uploads| self.objects.abort_uploads(uploads));
-        if let Err(e) = given_up {
-            crate::terminal::say!("kilwa: warning: cannot give up earlier uploads to {}: {e}", self.address);
+        let aborted = earlier.and_then(|uploads| self.objects.abort_uploads(uploads));
+        if let Err(e) = aborted {
+            crate::terminal::say!("kilwa: warning: cannot abort earlier incomplete uploads to {}: {e}", self.address);
         }
         Ok(())
     }

@@ -97,10 +97,9 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     print(args, &report)
 }
 
-/// The pack of this build, if it is in its place, and whether the build was kept. Another file or object there is refused.
+/// The pack of this build, if it is in place, and whether the build was kept. Any other file or object there is refused.
 ///
-/// With `--force`, an earlier pack of the same build does not count, because files that meshes refer to may have changed since: only one that
-/// the build which is there now has made.
+/// With `--force`, only a pack made by the existing build counts, because files that meshes refer to may have changed since an earlier build.
 fn finished(args: &Args, key: &str, place: &Place, stop: &Stop) -> anyhow::Result<Option<(Pack, bool)>> {
     let Some(output) = &args.output else { return Ok(None) };
     let Some(object) = Object::of(output, stop)? else {
@@ -160,7 +159,7 @@ fn write_tasks(build: &SharedBuild, place: &Place, key: &str) -> anyhow::Result<
         let text = crate::terminal::json_text(&file)?;
         let there = if written.contains(&name) { build.store().read_all(&name)? } else { None };
         if there.as_deref() != Some(text.as_bytes()) {
-            // One that is damaged, or that names the place from which the folder was moved, is replaced.
+            // A file that is damaged, or that names the place the folder was moved from, is replaced.
             if there.is_some() {
                 build.store().remove(&name)?;
             }

@@ -1,14 +1,14 @@
-//! Whether a GLB in a store refers to other files: its JSON is read alone (Khronos, "glTF 2.0 Specification", 2021, section 4.4).
+//! Whether a GLB in a store refers to other files; only its JSON chunk is read (Khronos, "glTF 2.0 Specification", 2021, section 4.4).
 
 use kilwa_store::{Address, Objects};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-/// Bytes of the header of the file and of that of the first chunk.
+/// Bytes of the file header and the header of the first chunk.
 const HEADERS: u64 = 20;
 /// Type of the first chunk.
 const JSON: u32 = 0x4e4f_534a;
-/// A description of scenes is not longer. Buffers and pictures may be embedded in it as text.
+/// Maximum length of the JSON, which may contain buffers and images as text.
 const LONGEST: u64 = 1 << 30;
 
 /// The parts that may be in files of their own.
@@ -28,8 +28,7 @@ struct Part {
     buffer_view: Option<IgnoredAny>,
 }
 
-/// The first file that a GLB of `bytes` bytes refers to, if it refers to any. One that is damaged or of another version refers to none here: the
-/// reader says what is wrong with it.
+/// The first file that a GLB of `bytes` bytes refers to, if any. `None` also for damaged files and other versions, which the reader reports.
 pub(super) fn refers_to(
     objects: &Objects,
     address: &Address,
@@ -45,7 +44,7 @@ pub(super) fn refers_to(
     })
 }
 
-/// The length of the JSON of a GLB of version 2 that begins so.
+/// The length of the JSON of a GLB of version 2 with this beginning.
 fn length_of_json(beginning: &[u8]) -> Option<u64> {
     let word = |at: usize| Some(u32::from_le_bytes(beginning.get(at..at + 4)?.try_into().ok()?));
     (word(4)? == 2 && word(16)? == JSON).then(|| word(12).map(u64::from))?
@@ -56,7 +55,7 @@ fn file_of(json: &[u8]) -> Option<String> {
     // Some writers pad it with zeros instead of spaces.
     let end = json.iter().rposition(|b| *b != 0).map_or(0, |last| last + 1);
     let json = json.get(..end)?;
-    // The reader of meshes takes a byte order mark, too.
+    // The mesh reader also accepts a byte order mark.
     let root: Root = serde_json::from_slice(json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json)).ok()?;
     let parts = root.buffers.into_iter().chain(root.images).filter(|part| part.buffer_view.is_none());
     parts.filter_map(|part| part.uri).find(|uri| !uri.starts_with("data:"))

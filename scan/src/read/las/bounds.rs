@@ -11,6 +11,8 @@ const LASZIP: u64 = 22_204;
 /// Its user ID.
 const USER_ID: &[u8] = b"laszip encoded";
 const LAYERED: u64 = 3;
+/// The compressor of LASzip 1, without chunks.
+const POINTWISE: u64 = 1;
 const BYTE: u64 = 0;
 const POINT14: u64 = 10;
 const RGB14: u64 = 11;
@@ -46,7 +48,7 @@ fn damaged(at: u64, found: impl Into<String>, expected: &str) -> Excess {
     Excess { at, found: found.into(), expected }
 }
 
-/// How a file of `total` bytes is in layers, if it is.
+/// The layered chunks of a file of `total` bytes, if it has any.
 ///
 /// # Errors
 /// The first number in it that it cannot hold. A file that ends before such a number is left to the crates.
@@ -131,7 +133,7 @@ fn compressed(file: &mut (impl Read + Seek), total: u64, head: &Head) -> Result<
     Ok(None)
 }
 
-/// The number of chunks, which is the first in their table.
+/// Check the number of chunks, at the beginning of their table.
 fn table_of_chunks(file: &mut (impl Read + Seek), total: u64, head: &Head) -> Result<(), Excess> {
     // The points begin with the place of the table; where it was not known when they were written, the file ends with it.
     let Some(table) = number(file, head.points_at, 8) else { return Ok(()) };
@@ -159,14 +161,14 @@ struct LasZip {
     layers: u64,
 }
 
-/// The record of LAZ, if the file does not end before it.
+/// The LASzip record, unless the file ends before it.
 fn laszip(file: &mut (impl Read + Seek), head: &Head) -> Result<Option<LasZip>, Excess> {
     let (mut at, mut found) = (head.records_at, None);
     for _ in 0..head.records {
         let (Some(kind), Some(length)) = (number(file, at + 18, 2), number(file, at + 20, 2)) else { return Ok(None) };
         if kind == LASZIP && is_of_laszip(file, at) {
             if found.is_some() {
-                // It is not known which of them the crate reads.
+                // It is unknown which of them the crate reads.
                 return Err(damaged(at, "a second LASzip record", "one"));
             }
             let Some(record) = items(file, at + RECORD, length)? else { return Ok(None) };
@@ -184,7 +186,7 @@ fn is_of_laszip(file: &mut (impl Read + Seek), at: u64) -> bool {
     read.is_ok() && id.split(|b| *b == 0).next() == Some(USER_ID)
 }
 
-/// What a record of LAZ says whose data begin at byte `at` and have `length` bytes: 34, and 6 for each item. None if the file ends in it.
+/// The LASzip record whose data begin at byte `at`: 34 bytes and 6 for each item, `length` bytes in total. `None` if the file ends inside it.
 fn items(file: &mut (impl Read + Seek), at: u64, length: u64) -> Result<Option<LasZip>, Excess> {
     let (Some(compressor), Some(count)) = (number(file, at, 2), number(file, at + 32, 2)) else { return Ok(None) };
     if 34 + 6 * count > length {
@@ -197,6 +199,11 @@ fn items(file: &mut (impl Read + Seek), at: u64, length: u64) -> Result<Option<L
             format!("{count} items of points"),
             &format!("at most {ITEMS}, one of each kind"),
         ));
+    }
+    if compressor == POINTWISE {
+        let found = "points that are not divided into chunks (LASzip 1)".to_owned();
+        let expected = "chunks; write the file again with LASzip 2 or later, laspy or PDAL".to_owned();
+        return Err(Excess { at, found, expected });
     }
     let is_layered = compressor == LAYERED;
     let mut found = LasZip { at, is_layered, point: 0, added: 0, layers: 0 };
