@@ -232,8 +232,16 @@ struct Facing {
 impl Facing {
     /// Count a triangle, given by its cells.
     fn triangle(&mut self, a: &[u32], b: &[u32], c: &[u32]) {
-        let along = |p: &[u32], i: usize| i128::from(p[i]) - i128::from(a[i]);
-        let (u, v) = (|i: usize| along(b, i), |i: usize| along(c, i));
+        let along = |p: &[u32]| I64Vec3::from(std::array::from_fn(|i| i64::from(p[i]) - i64::from(a[i])));
+        let (u, v) = (along(b), along(c));
+        if u.abs().max(v.abs()).max_element() < 1 << 30 {
+            // Nearly all triangles: their products fit 64 bits.
+            let normal = u.cross(v);
+            self.normals.iter_mut().zip(normal.to_array()).for_each(|(sum, n)| *sum += i128::from(n));
+            self.areas += u128::from(normal.as_dvec3().length() as u64);
+            return;
+        }
+        let (u, v) = (|i: usize| i128::from(u[i]), |i: usize| i128::from(v[i]));
         let normal = [u(1) * v(2) - u(2) * v(1), u(2) * v(0) - u(0) * v(2), u(0) * v(1) - u(1) * v(0)];
         self.normals.iter_mut().zip(normal).for_each(|(sum, n)| *sum += n);
         self.areas += DVec3::from(normal.map(|n| n as f64)).length() as u128;

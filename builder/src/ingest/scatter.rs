@@ -176,6 +176,8 @@ fn piece(words: &mut [u32], layout: Layout, rounding: &Rounding, buckets: &Bucke
     let (width, triangle) = (layout.vertex(), layout.triangle());
     let n = words.len() / triangle;
     let mut out = Piece { bucket: Vec::with_capacity(n), halo: Vec::new(), collapsed: Tally::default() };
+    // Neighbours in the file are mostly neighbours in space.
+    let mut last = NOWHERE;
     for (t, corners) in words.chunks_exact_mut(triangle).enumerate() {
         let mut p = [[0; 3]; 3];
         for (k, vertex) in corners.chunks_exact_mut(width).enumerate() {
@@ -190,9 +192,14 @@ fn piece(words: &mut [u32], layout: Layout, rounding: &Rounding, buckets: &Bucke
             out.bucket.push(NOWHERE);
             continue;
         }
+        if last != NOWHERE && p.iter().all(|p| buckets.is_inside(last, *p)) {
+            out.bucket.push(last);
+            continue;
+        }
         let of = p.map(|p| buckets.of_point(p));
         if of[0] == of[1] && of[1] == of[2] {
-            out.bucket.push(of[0]);
+            last = of[0];
+            out.bucket.push(last);
             continue;
         }
         let home = buckets.of_sum(p.map(|p| I64Vec3::from(p.map(i64::from))).into_iter().sum());

@@ -434,8 +434,15 @@ impl Local {
             self.add(&t[HALO_HEAD..]);
         }
         self.weld.close();
-        let points = 0..self.weld.point_count() as u32;
-        self.owner = points.map(|p| buckets.of_point(self.weld.position_of_point(p))).collect();
+        let mut last = None;
+        let owner = |p| {
+            let position = self.weld.position_of_point(p);
+            // Nearly all points are in this bucket.
+            let bucket = last.filter(|b| buckets.is_inside(*b, position)).unwrap_or_else(|| buckets.of_point(position));
+            last = Some(bucket);
+            bucket
+        };
+        self.owner = (0..self.weld.point_count() as u32).map(owner).collect();
     }
 
     /// All edges, by their smaller and then their larger end.

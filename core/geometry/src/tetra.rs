@@ -81,12 +81,23 @@ impl Tetra {
     pub fn split_plane(&self) -> SplitPlane {
         // It contains the midpoint and the two vertices off the longest edge; v[0] lies on its positive side.
         let m = self.midpoint();
-        let mut n = between(m, self.v[1]).cross(between(m, self.v[2]));
-        n /= gcd(gcd(n.x.unsigned_abs(), n.y.unsigned_abs()), n.z.unsigned_abs()).max(1) as i64;
+        let mut n = shortest_normal([m, self.v[1], self.v[2]]);
         if n.dot(between(m, self.v[0])) < 0 {
             n = -n;
         }
         SplitPlane { normal: n, through3: 3 * m.as_i64vec3() }
+    }
+
+    /// Its interior, without the faces.
+    pub fn interior(&self) -> Interior {
+        Interior(std::array::from_fn(|i| {
+            let face @ [a, _, _] = [self.v[(i + 1) % 4], self.v[(i + 2) % 4], self.v[(i + 3) % 4]];
+            let mut n = shortest_normal(face);
+            if n.dot(between(a, self.v[i])) < 0 {
+                n = -n;
+            }
+            (n, n.dot(a.as_i64vec3()))
+        }))
     }
 
     /// Its four faces, for [`Faces::violation`].
@@ -104,6 +115,18 @@ impl Tetra {
     /// [`Faces::violation`] of a single point.
     pub fn violation(&self, sum: I64Vec3) -> f64 {
         self.faces().violation(sum)
+    }
+}
+
+/// The interior of a tetrahedron: normals of its faces pointing in, and their product with a point of each face.
+#[derive(Debug, Clone, Copy)]
+pub struct Interior([(I64Vec3, i64); 4]);
+
+impl Interior {
+    /// Whether a point is inside and on no face. Exact.
+    #[inline]
+    pub fn contains(&self, point: I64Vec3) -> bool {
+        self.0.iter().all(|(normal, face)| normal.dot(point) > *face)
     }
 }
 
@@ -155,6 +178,12 @@ fn longest_first_last(v: [LatticePoint; 4]) -> [LatticePoint; 4] {
 /// `to - from`. Corners lie within 2^30 of each other, so that a cross product of two of these and the square of one fit `i64`.
 fn between(from: LatticePoint, to: LatticePoint) -> I64Vec3 {
     to.as_i64vec3() - from.as_i64vec3()
+}
+
+/// The shortest normal of a plane through three lattice points that has whole components.
+fn shortest_normal([a, b, c]: [LatticePoint; 3]) -> I64Vec3 {
+    let n = between(a, b).cross(between(a, c));
+    n / gcd(gcd(n.x.unsigned_abs(), n.y.unsigned_abs()), n.z.unsigned_abs()).max(1) as i64
 }
 
 fn gcd(a: u64, b: u64) -> u64 {
