@@ -9,8 +9,12 @@ use kilwa_builder::scratch::Scratch;
 use kilwa_builder::tasks::{self, Outcome, SharedBuild, SharedFolder, SharedPlan, Store, Task, TaskEntry};
 use kilwa_builder::{BuildError, BuildOptions, Inputs, Progress, Provenance, Silent, build_pack};
 use kilwa_formats::RawMesh;
+use kilwa_pack::verify::{self, Totals};
+use kilwa_pack::{Reader, SliceSource};
 use std::collections::BTreeSet;
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 pub(crate) struct Delivered(RawMesh);
 
@@ -77,9 +81,17 @@ impl Worker<'_> {
 
     pub(crate) fn assemble(&self, build: SharedBuild) -> Result<Vec<u8>, BuildError> {
         let mut out = Vec::new();
-        self.with(&Stop::default(), &Silent, |work| tasks::assemble(build, work, &mut out))?;
+        let (_, totals) = self.with(&Stop::default(), &Silent, |work| tasks::assemble(build, work, &mut out))?;
+        assert_eq!(totals, totals_of(&out), "the tasks did not count what is in the pack");
         Ok(out)
     }
+}
+
+/// The counts of a pack, every chunk decoded.
+fn totals_of(pack: &[u8]) -> Totals {
+    let reader = Reader::open(SliceSource(pack)).unwrap();
+    let of_chunk = |i| verify::chunk(i, &reader.chunk(i).unwrap(), reader.entries()).unwrap();
+    (0..reader.header().entry_count).map(of_chunk).fold(Totals::default(), Totals::plus)
 }
 
 /// The tasks of the first wave that is not done.
@@ -218,6 +230,70 @@ fn a_task_that_starts_too_early_names_the_task_that_must_run_first() {
     assert!(error(none).contains("no shard 0 of level 200"), "{}", error(none));
     let early = worker.assemble(open(folder.path(), 3_000)).unwrap_err().to_string();
     assert!(early.contains("leaves-"), "{early}");
+}
+
+/// Counts the bytes that are read of the files with the tree.
+#[derive(Debug)]
+struct Counting {
+    folder: SharedFolder,
+    read: Arc<AtomicU64>,
+}
+
+impl Store for Counting {
+    fn display_path(&self, name: &str) -> String {
+        self.folder.display_path(name)
+    }
+
+    fn length(&self, name: &str) -> Result<Option<u64>, BuildError> {
+        self.folder.length(name)
+    }
+
+    fn read(&self, name: &str, at: u64, bytes: u64) -> Result<Vec<u8>, BuildError> {
+        self.read.fetch_add(if name.ends_with(".tree") { bytes } else { 0 }, Ordering::Relaxed);
+        self.folder.read(name, at, bytes)
+    }
+
+    fn upload(&self, name: &str, from: &Path) -> Result<(), BuildError> {
+        self.folder.upload(name, from)
+    }
+
+    fn create_new(&self, name: &str, bytes: &[u8]) -> Result<bool, BuildError> {
+        self.folder.create_new(name, bytes)
+    }
+
+    fn remove(&self, name: &str) -> Result<(), BuildError> {
+        self.folder.remove(name)
+    }
+
+    fn list(&self, prefix: &str) -> Result<Vec<String>, BuildError> {
+        self.folder.list(prefix)
+    }
+
+    fn remove_all(&self) -> Result<(), BuildError> {
+        self.folder.remove_all()
+    }
+}
+
+#[test]
+fn a_task_reads_only_its_part_of_the_tree() {
+    let raw = wall(60_000);
+    let folder = tempfile::tempdir().unwrap();
+    let (mut most, mut sum, mut tetrahedra) = (0, 0, 0);
+    loop {
+        let Some(task) = ready(&open(folder.path(), 3_000)).into_iter().next() else { break };
+        let read = Arc::new(AtomicU64::new(0));
+        let store = Counting { folder: SharedFolder::new(folder.path()), read: Arc::clone(&read) };
+        let build = open_in(Box::new(store), 3_000);
+        let worker = Worker { raw: &raw, threads: 1, memory: 1 << 26 };
+        let done = worker.run(&build, task.task, &Stop::default(), &Silent).unwrap();
+        tetrahedra = done.manifest.files.get("levels").map_or(tetrahedra, |file| file.bytes);
+        let read = read.load(Ordering::Relaxed);
+        (most, sum) = (most.max(read), sum + read);
+    }
+    // A tetrahedron takes 73 bytes, and the file has a byte for each.
+    let whole = 73 * tetrahedra;
+    assert!(most > 0 && most * 3 < whole, "{most} of {whole} bytes");
+    assert!(sum < 4 * whole, "{sum} of {whole} bytes by all tasks together");
 }
 
 fn copy_folder(from: &Path, to: &Path) {

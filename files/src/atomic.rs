@@ -46,6 +46,25 @@ impl Pending {
         Ok(Self { temporary, target: target.to_owned(), _unfinished: unfinished })
     }
 
+    /// Move the complete file `from`, which is private from now on, to a temporary name beside `target`, and sync it to disk. `None` if it cannot be
+    /// moved there, for example because it is on another file system; it is unchanged then.
+    ///
+    /// # Errors
+    /// If it cannot be synced; then it is removed.
+    pub fn moved(from: &Path, target: &Path) -> io::Result<Option<Self>> {
+        let mut builder = tempfile::Builder::new();
+        builder.prefix(PREFIX).suffix(SUFFIX);
+        let make = || builder.make_in(folder_of(target), |temporary| std::fs::rename(from, temporary));
+        let Ok((made, unfinished)) = unfinished::make(make, tempfile::NamedTempFile::path) else { return Ok(None) };
+        let pending = Self { temporary: made.into_temp_path(), target: target.to_owned(), _unfinished: unfinished };
+        // Windows syncs only files that are open for writing.
+        let file = File::options().read(true).write(true).open(pending.temporary())?;
+        #[cfg(unix)]
+        file.set_permissions(std::os::unix::fs::PermissionsExt::from_mode(0o600))?;
+        file.sync_all()?;
+        Ok(Some(pending))
+    }
+
     /// Where it is for now.
     pub fn temporary(&self) -> &Path {
         &self.temporary

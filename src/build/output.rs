@@ -2,7 +2,7 @@
 //! complete, and renamed; whatever goes wrong, it is removed. The final name is given to a complete, checked pack only.
 
 use crate::progress::Bar;
-use crate::source::open_pack;
+use crate::source::{FileSource, open_pack};
 use anyhow::Context;
 use kilwa_archive::checksums::sha256_of;
 use kilwa_builder::Progress;
@@ -10,6 +10,7 @@ use kilwa_builder::build::work::Stop;
 use kilwa_files::atomic::{Pending, folder_of};
 use kilwa_files::plain_file;
 use kilwa_pack::verify::{self, Totals};
+use kilwa_pack::{NO_DIAMOND, Reader};
 use rayon::prelude::*;
 use std::fs::{File, Metadata};
 use std::io::{BufWriter, Seek, SeekFrom, Write};
@@ -51,8 +52,19 @@ fn has_other_names(_: &Metadata) -> bool {
     false
 }
 
-/// Read every chunk of a pack, on all threads. Returns the identity of the pack.
+/// Read and decode every chunk of a pack, on all threads. Returns the identity of the pack.
 pub(super) fn check(path: &Path, bar: &Bar, stop: &Stop) -> anyhow::Result<String> {
+    let one = |pack: &Reader<FileSource>, i| Ok(verify::chunk(i, &pack.chunk(i)?, pack.entries())?);
+    Ok(check_chunks(path, bar, stop, one)?.0)
+}
+
+/// Read every chunk of a pack, on all threads, and check it with `one`, which returns its counts. Returns the identity of the pack, and the totals.
+fn check_chunks(
+    path: &Path,
+    bar: &Bar,
+    stop: &Stop,
+    one: impl Fn(&Reader<FileSource>, u32) -> anyhow::Result<Totals> + Sync,
+) -> anyhow::Result<(String, Totals)> {
     let pack = open_pack(path)?;
     verify::directory(pack.entries())?;
     verify::order(pack.header(), pack.entries())?;
@@ -60,13 +72,13 @@ pub(super) fn check(path: &Path, bar: &Bar, stop: &Stop) -> anyhow::Result<Strin
     let done = AtomicU64::new(0);
     let one = |i: u32| -> anyhow::Result<Totals> {
         stop.check()?;
-        let totals = verify::chunk(i, &pack.chunk(i)?, pack.entries())?;
+        let totals = one(&pack, i)?;
         bar.update("checking", done.fetch_add(1, Ordering::Relaxed) + 1, u64::from(total));
         Ok(totals)
     };
     let totals = (0..total).into_par_iter().map(one).try_reduce(Totals::default, |a, b| Ok(a.plus(b)))?;
     totals.agree(pack.header(), pack.metadata())?;
-    Ok(pack.identity())
+    Ok((pack.identity(), totals))
 }
 
 /// The output under its temporary name.
@@ -99,19 +111,57 @@ impl Output {
         Ok(Self { writer, pending, name: name.to_owned() })
     }
 
-    /// All `bytes` of the pack were written: cut off what an earlier attempt may have left, and wait for the disk.
+    /// All `bytes` of the pack were written: cut off what an earlier attempt may have left.
     pub(crate) fn complete(&mut self, bytes: u64) -> anyhow::Result<()> {
         let finish = |writer: &mut BufWriter<File>| {
             writer.flush()?;
-            writer.get_ref().set_len(bytes)?;
-            writer.get_ref().sync_all()
+            writer.get_ref().set_len(bytes)
         };
         finish(&mut self.writer).with_context(|| format!("cannot write {}", self.name.display()))
     }
 
-    /// Read every chunk back, on all threads. Returns the identity of the pack.
+    /// Sync the complete pack to disk; meanwhile, read and decode every chunk, on all threads. Returns the identity of the pack.
     pub(crate) fn check(&self, bar: &Bar, stop: &Stop) -> anyhow::Result<String> {
-        check(self.pending.temporary(), bar, stop)
+        self.while_syncing(|path| check(path, bar, stop))
+    }
+
+    /// Sync the complete pack to disk; meanwhile, check it, which returns its identity.
+    fn while_syncing(&self, check: impl FnOnce(&Path) -> anyhow::Result<String>) -> anyhow::Result<String> {
+        std::thread::scope(|scope| {
+            let synced = scope.spawn(|| self.writer.get_ref().sync_all());
+            let identity = check(self.pending.temporary())
+                .context("the pack that was just written cannot be read back; nothing was kept")?;
+            let synced = synced.join().unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            synced.with_context(|| format!("cannot write {}", self.name.display()))?;
+            Ok(identity)
+        })
+    }
+
+    /// As [`Output::check`], but compare only checksums, patches and counts: the chunks were `decoded` when they were encoded, and have had the
+    /// same checksums since.
+    pub(crate) fn check_decoded(&self, decoded: Totals, bar: &Bar, stop: &Stop) -> anyhow::Result<String> {
+        let one = |pack: &Reader<FileSource>, i| {
+            let patches = pack.patches(i)?;
+            verify::links(i, &patches, pack.entries())?;
+            let triangles = |leaf: bool| {
+                let counted = patches.iter().filter(|p| !leaf || p.diamond == NO_DIAMOND);
+                counted.map(|p| u64::from(p.count)).sum()
+            };
+            let counted = Totals {
+                chunks: 1,
+                finest_triangles: triangles(true),
+                stored_triangles: triangles(false),
+                ..Totals::default()
+            };
+            // Borders and the box are known only of all chunks together.
+            let Totals { finest_borders, finest_bounds, .. } = decoded;
+            Ok(if i == 0 { Totals { finest_borders, finest_bounds, ..counted } } else { counted })
+        };
+        self.while_syncing(|path| {
+            let (identity, totals) = check_chunks(path, bar, stop, one)?;
+            anyhow::ensure!(totals == decoded, "it has {totals:?}, and the tasks had encoded {decoded:?}");
+            Ok(identity)
+        })
     }
 
     /// Its SHA-256.

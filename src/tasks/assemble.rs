@@ -178,10 +178,9 @@ fn write(
     let pool = rayon::ThreadPoolBuilder::new().num_threads(args.machine.threads).build()?;
     let threads = pool.install(|| args.machine.threads());
     let work = Work { scratch, memory: args.machine.memory(), threads, stop, progress: bar };
-    let report = pool.install(|| tasks::assemble(shared, &work, output))?;
+    let (report, decoded) = pool.install(|| tasks::assemble(shared, &work, output))?;
     output.complete(report.pack.bytes)?;
-    let checked = pool.install(|| output.check(bar, stop));
-    checked.context("the pack that was just written cannot be read back; nothing was kept")?;
+    pool.install(|| output.check_decoded(decoded, bar, stop))?;
     let pack = Pack { bytes: report.pack.bytes, sha256: output.sha256()?, triangles: report.triangles };
     Assembled { pack: pack.clone(), kept: args.keep }.note(&*place.store(stop)?)?;
     Ok((report, pack))

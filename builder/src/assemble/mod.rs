@@ -14,6 +14,7 @@ use crate::scratch::ScratchError;
 use kilwa_geometry::{Aabb, DiamondKey, Sphere};
 use kilwa_pack::chunk::{self, PatchRange};
 use kilwa_pack::directory::link_children;
+use kilwa_pack::verify::Totals;
 use kilwa_pack::{DirectoryEntry, Header, Metadata, NO_DIAMOND, PackWriter};
 use rustc_hash::FxHashMap;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -200,6 +201,8 @@ pub struct RootChunk {
     pub patches: Vec<PatchRange>,
     /// All but the patch table.
     pub body: Vec<u8>,
+    /// Its counts, decoded again; those of a pack of points are not counted.
+    pub decoded: Totals,
 }
 
 impl RootChunk {
@@ -259,6 +262,7 @@ fn saturate(entries: &mut [DirectoryEntry]) {
         if let Some(mut below) = balls.remove(&(i as u32)) {
             below.insert(0, entries[i].sphere);
             entries[i].sphere = enclose(&below);
+            debug_assert!(below.iter().all(|s| contains(&entries[i].sphere, s)), "{:?} {below:?}", entries[i].sphere);
         }
         let (error, color, sphere) = (entries[i].error, entries[i].color_error, entries[i].sphere);
         for p in entries[i].parents {
@@ -273,6 +277,12 @@ fn saturate(entries: &mut [DirectoryEntry]) {
             balls.entry(p).or_default().push(sphere);
         }
     }
+}
+
+/// Whether a sphere contains another, up to rounding.
+fn contains(outer: &Sphere, inner: &Sphere) -> bool {
+    let reach = outer.center.distance(inner.center) + inner.radius;
+    inner.radius < 0.0 || reach <= outer.radius * (1.0 + 1e-9) + 1e-6
 }
 
 /// A bounding sphere of spheres, the first of which bounds the entry's own geometry: centred on that one, or the running union, whichever

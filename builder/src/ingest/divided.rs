@@ -104,11 +104,16 @@ impl Basis {
     }
 
     /// The position of a region: a point in its middle, metres.
-    pub(crate) fn near(&self, region: &RegionFiles) -> DVec3 {
+    fn near(&self, buckets: &Buckets, region: &RegionFiles) -> DVec3 {
         let Range { start, end } = region.own.range();
-        let tetrahedra = self.buckets();
-        let middle = tetrahedra.tetrahedra()[u32::midpoint(start, end.max(start + 1) - 1) as usize];
+        let middle = buckets.tetrahedra()[u32::midpoint(start, end.max(start + 1) - 1) as usize];
         self.resolved.lattice.world_from_lattice(DiamondKey::of(&middle).midpoint)
+    }
+
+    /// The positions of regions: a point in the middle of each, metres.
+    pub(crate) fn positions(&self, regions: &[RegionFiles]) -> Vec<DVec3> {
+        let buckets = self.buckets();
+        regions.iter().map(|region| self.near(&buckets, region)).collect()
     }
 
     /// The lattice.

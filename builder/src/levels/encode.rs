@@ -5,9 +5,10 @@
 use crate::build::options::BuildError;
 use crate::partition::Partition;
 use glam::DVec3;
-use kilwa_geometry::{Aabb, Mesh};
-use kilwa_pack::chunk::{self, Chunk, MAX_CHUNK_TRIANGLES, PatchRange};
+use kilwa_geometry::{Aabb, Mesh, Sphere};
+use kilwa_pack::chunk::{self, Chunk, Declared, MAX_CHUNK_TRIANGLES, PatchRange};
 use kilwa_pack::plural::counted;
+use kilwa_pack::verify::{self, Totals};
 use kilwa_pack::{Attributes, NO_DIAMOND};
 
 /// Patches of overfull leaves are cut into runs of this many triangles.
@@ -40,6 +41,28 @@ pub(crate) fn encode_chunk(
     }
     let (vertices, bounds) = (chunk.mesh.vertex_count() as u32, chunk.mesh.bounds());
     Ok(Encoded { body, patches: chunk.patches, vertices, bounds })
+}
+
+/// Decode a chunk again and check it: the counts, the box, and the `sphere`, in lattice units, that must contain all vertices. Returns what
+/// [`verify::geometry`] counts.
+///
+/// # Errors
+/// [`BuildError::Inputs`] if it is not what was encoded: a fault of this machine or of the program.
+pub(crate) fn decode_again(
+    encoded: &Encoded,
+    triangles: u32,
+    sphere: &Sphere,
+    attributes: Attributes,
+) -> Result<Totals, BuildError> {
+    let bytes = chunk::with_patches(&encoded.patches, &encoded.body);
+    let decoded = chunk::decode(&bytes, Declared { vertices: encoded.vertices, triangles }, attributes);
+    let checked = decoded.and_then(|chunk| verify::geometry("chunk", &chunk, &encoded.bounds, sphere));
+    checked.map_err(|e| {
+        let why = format!(
+            "a chunk that was just encoded cannot be decoded ({e}); run this again, and if it fails again, test the memory of this machine, or report the error"
+        );
+        BuildError::Inputs { why }
+    })
 }
 
 /// More triangles in one diamond than a chunk holds.

@@ -10,6 +10,7 @@ use crate::build::work::Work;
 use crate::partition::{BISECTIONS, Partition};
 use crate::scratch::{Records, ScratchError, point_of, tetrahedron_of};
 use kilwa_geometry::LatticePoint;
+use rustc_hash::FxHashMap;
 
 /// Locked points by diamond, in no order.
 const UNSORTED: &str = "locked.unsorted";
@@ -66,8 +67,7 @@ impl Locks {
         shared: &Records,
         kept: &Records,
     ) -> Result<Self, BuildError> {
-        let mut rank = vec![u32::MAX; tree.diamonds.len()];
-        (0u32..).zip(diamonds).for_each(|(r, d)| rank[*d as usize] = r);
+        let rank = (0u32..).zip(diamonds).map(|(r, d)| (*d, r)).collect();
         let unsorted = Records::create(work.scratch, UNSORTED)?;
         let mut scan = Scan {
             tree,
@@ -121,7 +121,7 @@ impl Locks {
 struct Scan<'a> {
     tree: &'a Partition,
     level: u8,
-    rank: &'a [u32],
+    rank: &'a FxHashMap<u32, u32>,
     locked: Gather<'a>,
     kept: Gather<'a>,
     /// The records of one point.
@@ -142,11 +142,13 @@ impl Scan<'_> {
     /// will be: others get at a point only by having it locked, and keep it then.
     fn close(&mut self) -> Result<(), ScratchError> {
         if self.group.len() > 1 {
-            let below = |t: u32| self.tree.tetrahedra[t as usize].tetra.level == BISECTIONS * (self.level + 1);
+            let below = |t: u32| self.tree.level_of(t) == Some(BISECTIONS * (self.level + 1));
             self.owners.clear();
             self.owners.extend(self.group.iter().map(|r| {
                 let t = tetrahedron_of(*r);
-                if below(t) { (true, self.tree.tetrahedra[t as usize].parent_diamond) } else { (false, t) }
+                // A tetrahedron outside of this part of the tree belongs to a diamond of another task.
+                let merged = self.tree.tetrahedra.get(t).filter(|_| below(t));
+                merged.map_or((false, t), |node| (true, node.parent_diamond))
             }));
             self.owners.sort_unstable();
             self.owners.dedup();
@@ -154,8 +156,7 @@ impl Scan<'_> {
                 let point = self.group[0] >> 32;
                 for &(_, d) in self.owners.iter().filter(|o| o.0) {
                     // Others are not coarsened here, but by another task.
-                    let rank = self.rank[d as usize];
-                    if rank != u32::MAX {
+                    if let Some(&rank) = self.rank.get(&d) {
                         self.locked.push(u128::from(rank) << 96 | point)?;
                     }
                 }

@@ -26,11 +26,12 @@ use crate::levels::fragment::{Patch, REDUCTION, coarsen};
 use crate::partition::{Partition, tree_level};
 use crate::scratch::{PatchFile, Records, ScratchFile, record};
 pub(crate) use encode::too_large;
-use encode::{Encoded, encode_chunk};
+use encode::{Encoded, decode_again, encode_chunk};
 use fragment::merge;
 use kilwa_geometry::{Aabb, Sphere};
 use kilwa_pack::Attributes;
 use kilwa_pack::chunk::MAX_CHUNK_TRIANGLES;
+use kilwa_pack::verify::Totals;
 use kilwa_simplify::Precision;
 use locks::Locks;
 use std::path::Path;
@@ -78,6 +79,8 @@ pub struct Hierarchy {
     left: u8,
     /// Triangles to be simplified in all, for the display of progress.
     total: u64,
+    /// The counts of the chunks encoded here, if each is to be decoded again.
+    decoded: Option<Totals>,
 }
 
 /// A triangle of the finest level is simplified once, then a part of it, then that part of the part …
@@ -95,11 +98,22 @@ impl Hierarchy {
         let left = level_count(&tree);
         let chunks = work.scratch.create(CHUNKS)?;
         let total = total_to_simplify(&surface);
-        Ok(Self { surface, tree, leaves, patches: None, shared, chunks, results: Vec::new(), left, total })
+        Ok(Self {
+            surface,
+            tree,
+            leaves,
+            patches: None,
+            shared,
+            chunks,
+            results: Vec::new(),
+            left,
+            total,
+            decoded: None,
+        })
     }
 
     /// A hierarchy whose levels from `left` on are done, from their patches and records; `triangles` is about how many are
-    /// still to be simplified.
+    /// still to be simplified. Every chunk is decoded again.
     pub(crate) fn above(
         ingested: Ingested,
         patches: Option<PatchFile>,
@@ -108,7 +122,13 @@ impl Hierarchy {
         triangles: u64,
     ) -> Self {
         let Ingested { surface, tree, leaves, shared } = ingested;
-        Self { surface, tree, leaves, patches, shared, chunks, results: Vec::new(), left, total: triangles }
+        let (results, decoded) = (Vec::new(), Some(Totals::default()));
+        Self { surface, tree, leaves, patches, shared, chunks, results, left, total: triangles, decoded }
+    }
+
+    /// The counts of the chunks encoded here, if they were decoded again.
+    pub(crate) fn decoded(&self) -> Option<Totals> {
+        self.decoded
     }
 
     /// The results of the levels done here.
@@ -136,7 +156,7 @@ impl Hierarchy {
         let results = levels.map(|l| results::read(work.scratch, &results_name(l))).collect::<Result<_, _>>()?;
         let patches = Some(PatchFile::open(work.scratch, &patches_name(done))?);
         let total = total_to_simplify(&surface);
-        Ok(Self { surface, tree, leaves, patches, shared, chunks: file, results, left: done, total })
+        Ok(Self { surface, tree, leaves, patches, shared, chunks: file, results, left: done, total, decoded: None })
     }
 
     /// The level to do next, `None` when all are done.
@@ -176,9 +196,11 @@ impl Hierarchy {
             shared: &self.shared,
             chunks: &self.chunks,
             precision,
+            decode_again: self.decoded.is_some(),
             progress: (before, self.total),
         };
-        let Coarsened { patches, shared, results } = batch.coarsen(work)?;
+        let Coarsened { patches, shared, results, decoded } = batch.coarsen(work)?;
+        self.decoded = self.decoded.map(|before| before.plus(decoded));
         self.shared = shared;
         self.patches = Some(patches);
         self.results.push(results);
@@ -232,11 +254,8 @@ fn attributes_of(surface: &Surface) -> Attributes {
 
 /// The split diamonds of a level in the order of the pack.
 pub fn diamonds_of(tree: &Partition, level: u8) -> Vec<u32> {
-    let of_level = |d: &u32| {
-        let node = &tree.diamonds[*d as usize];
-        node.split && tree_level(node.key.level) == level
-    };
-    let mut diamonds: Vec<u32> = (0..tree.diamonds.len() as u32).filter(of_level).collect();
+    let of_level = tree.diamonds.numbered().filter(|(_, node)| node.split && tree_level(node.key.level) == level);
+    let mut diamonds: Vec<u32> = of_level.map(|(d, _)| d).collect();
     diamonds.sort_by_cached_key(|d| crate::assemble::order_key(&tree.diamonds[*d as usize].key));
     diamonds
 }
@@ -267,6 +286,8 @@ pub struct Batch<'a> {
     pub chunks: &'a ScratchFile,
     /// Bits of colours and normals.
     pub precision: Precision,
+    /// Whether to decode every chunk again, to check it.
+    pub decode_again: bool,
     /// Triangles that were simplified before, and in all, for the display of progress.
     pub progress: (u64, u64),
 }
@@ -279,6 +300,8 @@ pub struct Coarsened {
     pub shared: Records,
     /// One entry per diamond with geometry, in the order of the pack; also in the file of [`results_name`].
     pub results: Vec<Refined>,
+    /// The counts of the chunks, if they were decoded again.
+    pub decoded: Totals,
 }
 
 impl Batch<'_> {
@@ -300,6 +323,7 @@ impl Batch<'_> {
             surface: self.surface,
             attributes: attributes_of(self.surface),
             precision: self.precision,
+            decode_again: self.decode_again,
         };
         let (before, total) = self.progress;
         let done = AtomicU64::new(before);
@@ -319,10 +343,11 @@ impl Batch<'_> {
         let Stage { locks, out, .. } = stage;
         locks.remove(work)?;
         let patches = out.finish()?;
-        let results: Vec<Refined> = results.into_iter().flatten().collect();
+        let decoded = results.iter().flatten().fold(Totals::default(), |sum, (_, totals)| sum.plus(*totals));
+        let results: Vec<Refined> = results.into_iter().flatten().map(|(refined, _)| refined).collect();
         results::write(work.scratch, &results_name(level), &results)?;
         self.chunks.sync()?;
-        Ok(Coarsened { patches, shared: shared.finish()?, results })
+        Ok(Coarsened { patches, shared: shared.finish()?, results, decoded })
     }
 }
 
@@ -403,8 +428,10 @@ fn root_of(
     }
     let merged = merge(roots, attributes.scalars);
     let counts = roots.iter().map(|(t, p)| (*t, p.mesh.triangle_count()));
-    let Encoded { body, patches, vertices, bounds } = encode_chunk(merged.mesh, counts, tree, attributes)?;
-    Ok(RootChunk { triangles: count as u32, vertices, sphere, bounds, patches, body })
+    let encoded = encode_chunk(merged.mesh, counts, tree, attributes)?;
+    let decoded = decode_again(&encoded, count as u32, &sphere, attributes)?;
+    let Encoded { body, patches, vertices, bounds } = encoded;
+    Ok(RootChunk { triangles: count as u32, vertices, sphere, bounds, patches, body, decoded })
 }
 
 /// The share of the budget that fragments being simplified may take; the rest is for the tree, results and indices.
@@ -424,6 +451,7 @@ struct Stage<'a> {
     surface: &'a Surface,
     attributes: Attributes,
     precision: Precision,
+    decode_again: bool,
 }
 
 impl Stage<'_> {
@@ -441,7 +469,7 @@ impl Stage<'_> {
     }
 
     /// Coarsen the `rank`-th diamond of the level; `None` where it has no geometry.
-    fn refine(&self, rank: u32, diamond: u32) -> Result<Option<Refined>, BuildError> {
+    fn refine(&self, rank: u32, diamond: u32) -> Result<Option<(Refined, Totals)>, BuildError> {
         let count = self.triangles(diamond);
         if count > u64::from(MAX_CHUNK_TRIANGLES) {
             let key = self.tree.diamonds[diamond as usize].key;
@@ -462,6 +490,10 @@ impl Stage<'_> {
         drop(input);
         let coarse = coarsen(&fragment, &locked, (self.tree, diamond), self.precision, supplied);
         let encoded = encode_chunk(fragment.mesh, counts.into_iter(), self.tree, self.attributes)?;
+        let mut totals = Totals::default();
+        if self.decode_again {
+            totals = decode_again(&encoded, coarse.triangles.0 as u32, &coarse.sphere, self.attributes)?;
+        }
         let at = self.chunks.append(&encoded.body)?;
         for (t, patch) in &coarse.output {
             self.out.append(*t, patch)?;
@@ -469,7 +501,7 @@ impl Stage<'_> {
         let records: Vec<u128> =
             coarse.records.iter().map(|(key, t)| record(crate::scratch::point_of(key << 32), *t)).collect();
         self.shared.append(&records)?;
-        Ok(Some(Refined {
+        let refined = Refined {
             diamond,
             file: 0,
             error: coarse.error,
@@ -482,6 +514,7 @@ impl Stage<'_> {
             at,
             bytes: encoded.body.len() as u32,
             sum: crc32fast::hash(&encoded.body),
-        }))
+        };
+        Ok(Some((refined, totals)))
     }
 }

@@ -10,7 +10,11 @@
 //! depends on the triangle alone. The set of split diamonds is the smallest set that is closed under "parents first",
 //! and numbers follow from the tree, so nothing depends on the order of work or of the triangles.
 
+mod nodes;
+pub(crate) mod part;
 pub mod tree_file;
+
+pub use nodes::Nodes;
 
 use glam::I64Vec3;
 use kilwa_geometry::{DiamondKey, Tetra};
@@ -48,24 +52,32 @@ pub struct DiamondNode {
     pub split: bool,
 }
 
-/// The conforming tree.
+/// The conforming tree, or a part of it.
 pub struct Partition {
     /// The root cube.
     pub cube_log2: u32,
     /// All tetrahedra; the first six are the roots.
-    pub tetrahedra: Vec<TetraNode>,
+    pub tetrahedra: Nodes<TetraNode>,
     /// All diamonds.
-    pub diamonds: Vec<DiamondNode>,
-    /// Diamond index by name.
+    pub diamonds: Nodes<DiamondNode>,
+    /// Diamond index by name; empty in a part of a tree.
     pub by_key: FxHashMap<DiamondKey, u32>,
     /// Leaves that hold more than they should because space cannot separate their triangles.
     pub overfull_leaves: u64,
+    /// In a part of a tree: the level of bisection of every tetrahedron of the whole tree, if it is needed.
+    pub(crate) levels: Vec<u8>,
 }
 
 impl Partition {
     /// All unsplit tetrahedra.
     pub fn leaves(&self) -> impl Iterator<Item = u32> + '_ {
-        (0..self.tetrahedra.len() as u32).filter(|t| self.tetrahedra[*t as usize].children.is_none())
+        self.tetrahedra.numbered().filter(|(_, node)| node.children.is_none()).map(|(t, _)| t)
+    }
+
+    /// The level of bisection of a tetrahedron of the whole tree; `None` of a number that no tetrahedron has.
+    pub(crate) fn level_of(&self, tetrahedron: u32) -> Option<u8> {
+        let known = self.levels.get(tetrahedron as usize).copied();
+        known.or_else(|| self.tetrahedra.get(tetrahedron).map(|node| node.tetra.level))
     }
 
     /// The leaf that contains the point `sum / 3`.
@@ -85,10 +97,11 @@ impl Partition {
     pub fn from_split_requests(cube_log2: u32, requests: impl IntoIterator<Item = DiamondKey>) -> Self {
         let mut tree = Self {
             cube_log2,
-            tetrahedra: Vec::new(),
-            diamonds: Vec::new(),
+            tetrahedra: Nodes::default(),
+            diamonds: Nodes::default(),
             by_key: FxHashMap::default(),
             overfull_leaves: 0,
+            levels: Vec::new(),
         };
         for tetra in Tetra::roots(cube_log2) {
             tree.add(tetra, u32::MAX);
@@ -146,7 +159,8 @@ impl Partition {
         (0u32..).zip(&old_of_new).for_each(|(new, old)| new_of_old[*old as usize] = new);
         // A parent comes before its children, so its diamond has its number by then.
         let mut diamond_of_old = vec![u32::MAX; self.diamonds.len()];
-        let mut tree = Self { tetrahedra: Vec::new(), diamonds: Vec::new(), by_key: FxHashMap::default(), ..self };
+        let (tetrahedra, diamonds, by_key) = (Nodes::default(), Nodes::default(), FxHashMap::default());
+        let mut tree = Self { tetrahedra, diamonds, by_key, levels: Vec::new(), ..self };
         for (new, old) in (0u32..).zip(&old_of_new) {
             let node = &self.tetrahedra[*old as usize];
             let diamond = &mut diamond_of_old[node.diamond as usize];
@@ -224,18 +238,20 @@ mod tests {
         let a = Partition::from_split_requests(10, requests());
         let b = Partition::from_split_requests(10, requests().into_iter().rev());
         assert_eq!(a.tetrahedra.len(), b.tetrahedra.len());
-        for (x, y) in a.tetrahedra.iter().zip(&b.tetrahedra) {
+        for (x, y) in a.tetrahedra.iter().zip(b.tetrahedra.iter()) {
             assert_eq!((x.tetra, x.diamond, x.children), (y.tetra, y.diamond, y.children));
             assert_eq!(x.parent_diamond, y.parent_diamond);
         }
-        assert!(a.diamonds.iter().zip(&b.diamonds).all(|(x, y)| (x.key, &x.tetrahedra) == (y.key, &y.tetrahedra)));
+        assert!(
+            a.diamonds.iter().zip(b.diamonds.iter()).all(|(x, y)| (x.key, &x.tetrahedra) == (y.key, &y.tetrahedra))
+        );
         assert!((0..6).all(|i| a.tetrahedra[i].tetra == Tetra::roots(10)[i]));
     }
 
     #[test]
     fn node_numbers_are_consistent_and_leaves_are_in_traversal_order() {
         let p = Partition::from_split_requests(10, requests());
-        for (i, t) in (0u32..).zip(&p.tetrahedra) {
+        for (i, t) in p.tetrahedra.numbered() {
             let d = &p.diamonds[t.diamond as usize];
             assert!(d.key == DiamondKey::of(&t.tetra) && d.tetrahedra.contains(&i) && d.tetrahedra.is_sorted());
             assert_eq!(d.split, t.children.is_some());

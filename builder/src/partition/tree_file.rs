@@ -1,7 +1,7 @@
 //! The tree in a scratch file, `tree`, for a build that is resumed: tetrahedra and diamonds one after the other, numbers
 //! little-endian, a CRC-32 at the end. Numbers of triangles are not kept.
 
-use crate::partition::{DiamondNode, Partition, TetraNode};
+use crate::partition::{DiamondNode, Nodes, Partition, TetraNode};
 use crate::scratch::{Appender, Scratch, ScratchError};
 use kilwa_geometry::{DiamondKey, LatticePoint, Tetra};
 
@@ -28,24 +28,32 @@ pub fn write(scratch: &Scratch, tree: &Partition) -> Result<(), ScratchError> {
         bytes.clear();
         pushed
     };
-    for node in &tree.tetrahedra {
-        bytes.push(node.tetra.level);
-        let corners = node.tetra.v.map(|p| p.to_array());
-        bytes.extend(corners.as_flattened().iter().flat_map(|x| x.to_le_bytes()));
-        let [a, b, c, d] = node.children.unwrap_or([NONE; 4]);
-        bytes.extend([node.diamond, a, b, c, d, node.parent_diamond].iter().flat_map(|x| x.to_le_bytes()));
+    for node in tree.tetrahedra.iter() {
+        push_tetrahedron(&mut bytes, node);
         put(&mut bytes)?;
     }
-    for node in &tree.diamonds {
-        bytes.extend([node.key.level, u8::from(node.split)]);
-        bytes.extend(node.key.midpoint.to_array().iter().flat_map(|x| x.to_le_bytes()));
-        bytes.extend((node.tetrahedra.len() as u32).to_le_bytes());
-        bytes.extend(node.tetrahedra.iter().flat_map(|x| x.to_le_bytes()));
+    for node in tree.diamonds.iter() {
+        push_diamond(&mut bytes, node);
         put(&mut bytes)?;
     }
     put(&mut bytes)?;
     file.push(&sum.finalize().to_le_bytes())?;
     file.finish()?.sync()
+}
+
+pub(super) fn push_tetrahedron(bytes: &mut Vec<u8>, node: &TetraNode) {
+    bytes.push(node.tetra.level);
+    let corners = node.tetra.v.map(|p| p.to_array());
+    bytes.extend(corners.as_flattened().iter().flat_map(|x| x.to_le_bytes()));
+    let [a, b, c, d] = node.children.unwrap_or([NONE; 4]);
+    bytes.extend([node.diamond, a, b, c, d, node.parent_diamond].iter().flat_map(|x| x.to_le_bytes()));
+}
+
+pub(super) fn push_diamond(bytes: &mut Vec<u8>, node: &DiamondNode) {
+    bytes.extend([node.key.level, u8::from(node.split)]);
+    bytes.extend(node.key.midpoint.to_array().iter().flat_map(|x| x.to_le_bytes()));
+    bytes.extend((node.tetrahedra.len() as u32).to_le_bytes());
+    bytes.extend(node.tetrahedra.iter().flat_map(|x| x.to_le_bytes()));
 }
 
 /// Read the tree.
@@ -59,7 +67,7 @@ pub fn read(scratch: &Scratch) -> Result<Partition, ScratchError> {
 }
 
 /// The tree in the bytes of a file, `None` where it is not what was written.
-pub(crate) fn from_bytes(bytes: &[u8]) -> Option<Partition> {
+fn from_bytes(bytes: &[u8]) -> Option<Partition> {
     let (body, sum) = bytes.split_last_chunk::<4>()?;
     if crc32fast::hash(body) != u32::from_le_bytes(*sum) {
         return None;
@@ -72,41 +80,25 @@ fn parse(body: &[u8]) -> Option<Partition> {
     let head = [fields.number()?, fields.number()?, fields.number()?, fields.number()?];
     let mut tree = Partition {
         cube_log2: head[0],
-        tetrahedra: Vec::new(),
-        diamonds: Vec::new(),
+        tetrahedra: Nodes::default(),
+        diamonds: Nodes::default(),
         by_key: rustc_hash::FxHashMap::default(),
         overfull_leaves: u64::from(head[3]),
+        levels: Vec::new(),
     };
     for _ in 0..head[1] {
-        let level = fields.byte()?;
-        let mut v = [[0; 3]; 4];
-        for x in v.as_flattened_mut() {
-            *x = fields.number()? as i32;
-        }
-        let diamond = fields.number()?;
-        let children = [fields.number()?, fields.number()?, fields.number()?, fields.number()?];
-        tree.tetrahedra.push(TetraNode {
-            tetra: Tetra { v: v.map(LatticePoint::from), level },
-            diamond,
-            children: (children[0] != NONE).then_some(children),
-            parent_diamond: fields.number()?,
-            triangles: 0,
-        });
+        tree.tetrahedra.push(fields.tetrahedron()?);
     }
     for i in 0..head[2] {
-        let (level, split) = (fields.byte()?, fields.byte()? != 0);
-        let midpoint = LatticePoint::new(fields.number()? as i32, fields.number()? as i32, fields.number()? as i32);
-        let key = DiamondKey { level, midpoint };
-        let count = fields.number()?;
-        let tetrahedra = (0..count).map(|_| fields.number()).collect::<Option<_>>()?;
-        tree.by_key.insert(key, i);
-        tree.diamonds.push(DiamondNode { key, tetrahedra, split });
+        let node = fields.diamond()?;
+        tree.by_key.insert(node.key, i);
+        tree.diamonds.push(node);
     }
     fields.0.is_empty().then_some(tree)
 }
 
 /// Little-endian numbers, one after the other.
-struct Fields<'a>(&'a [u8]);
+pub(super) struct Fields<'a>(pub(super) &'a [u8]);
 
 impl Fields<'_> {
     fn byte(&mut self) -> Option<u8> {
@@ -115,10 +107,35 @@ impl Fields<'_> {
         Some(*first)
     }
 
-    fn number(&mut self) -> Option<u32> {
+    pub(super) fn number(&mut self) -> Option<u32> {
         let (head, rest) = self.0.split_first_chunk::<4>()?;
         self.0 = rest;
         Some(u32::from_le_bytes(*head))
+    }
+
+    pub(super) fn tetrahedron(&mut self) -> Option<TetraNode> {
+        let level = self.byte()?;
+        let mut v = [[0; 3]; 4];
+        for x in v.as_flattened_mut() {
+            *x = self.number()? as i32;
+        }
+        let diamond = self.number()?;
+        let children = [self.number()?, self.number()?, self.number()?, self.number()?];
+        Some(TetraNode {
+            tetra: Tetra { v: v.map(LatticePoint::from), level },
+            diamond,
+            children: (children[0] != NONE).then_some(children),
+            parent_diamond: self.number()?,
+            triangles: 0,
+        })
+    }
+
+    pub(super) fn diamond(&mut self) -> Option<DiamondNode> {
+        let (level, split) = (self.byte()?, self.byte()? != 0);
+        let midpoint = LatticePoint::new(self.number()? as i32, self.number()? as i32, self.number()? as i32);
+        let count = self.number()?;
+        let tetrahedra = (0..count).map(|_| self.number()).collect::<Option<_>>()?;
+        Some(DiamondNode { key: DiamondKey { level, midpoint }, tetrahedra, split })
     }
 }
 
@@ -142,13 +159,13 @@ mod tests {
         let back = read(&scratch).unwrap();
         assert_eq!((back.cube_log2, back.overfull_leaves), (10, tree.overfull_leaves));
         assert_eq!(back.tetrahedra.len(), tree.tetrahedra.len());
-        for (a, b) in back.tetrahedra.iter().zip(&tree.tetrahedra) {
+        for (a, b) in back.tetrahedra.iter().zip(tree.tetrahedra.iter()) {
             assert_eq!(
                 (a.tetra, a.diamond, a.children, a.parent_diamond),
                 (b.tetra, b.diamond, b.children, b.parent_diamond)
             );
         }
-        for (a, b) in back.diamonds.iter().zip(&tree.diamonds) {
+        for (a, b) in back.diamonds.iter().zip(tree.diamonds.iter()) {
             assert_eq!((a.key, &a.tetrahedra, a.split), (b.key, &b.tetrahedra, b.split));
         }
         assert_eq!(back.by_key, tree.by_key);

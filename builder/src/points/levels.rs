@@ -6,16 +6,17 @@ use super::coarsen::{Coarse, thinned};
 use super::leaves::Ingested;
 use super::runs::ByTetrahedron;
 use super::splat::{BYTES, Splat};
-use crate::assemble::{Kind, RootChunk, order_key};
+use crate::assemble::{Kind, RootChunk};
 use crate::build::options::BuildError;
 use crate::build::work::Work;
 use crate::ingest::surface::Surface;
-use crate::levels::{CHUNKS, Levels, Refined, level_count};
-use crate::partition::{Partition, tree_level};
+use crate::levels::{CHUNKS, Levels, Refined, diamonds_of, level_count};
+use crate::partition::Partition;
 use crate::scratch::ScratchFile;
 use kilwa_geometry::{Aabb, LatticePoint, Sphere};
 use kilwa_pack::chunk::PatchRange;
 use kilwa_pack::chunk::splat::{self, Splats, TRIANGLES, VERTICES};
+use kilwa_pack::verify::Totals;
 use kilwa_pack::{Attributes, NO_DIAMOND};
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -38,12 +39,7 @@ pub(super) fn levels(
     // A point is thinned once, then a third of it, then a ninth …
     let total = points * 3 / 2;
     for level in (0..level_count(&tree)).rev() {
-        let is_of_level = |d: &u32| {
-            let node = &tree.diamonds[*d as usize];
-            node.split && tree_level(node.key.level) == level
-        };
-        let mut diamonds: Vec<u32> = (0..tree.diamonds.len() as u32).filter(is_of_level).collect();
-        diamonds.sort_by_cached_key(|d| order_key(&tree.diamonds[*d as usize].key));
+        let diamonds = diamonds_of(&tree, level);
         let name = format!("level-{level:02}");
         let out = ByTetrahedron::create(work.scratch, &name)?;
         let stage = Stage {
@@ -80,7 +76,7 @@ pub(super) fn levels(
     }
     let (sphere, bounds, vertices) = (Sphere::of(&root.corners), Aabb::of(&root.corners), root.vertices());
     let (triangles, body, patches) = (root.triangles(), root.encode()?, root.patches);
-    let root = RootChunk { triangles, vertices, sphere, bounds, patches, body };
+    let root = RootChunk { triangles, vertices, sphere, bounds, patches, body, decoded: Totals::default() };
     Ok(Levels { surface, tree, refined, root, attributes, chunks: Box::new(chunks), kind: Kind::Points })
 }
 

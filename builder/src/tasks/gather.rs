@@ -1,12 +1,13 @@
 //! Copies what a task needs from the files of other tasks into its scratch folder.
 
+use super::levels::LevelState;
 use super::plan::{Divided, SharedBuild};
 use super::regions::{LeavesState, PATCHES, RECORDS};
-use super::shards::{PointBox, include, overlap, union};
+use super::shards::{LevelShard, PointBox, Shards, include, overlap, union};
 use super::{Manifest, SharedFile, Task};
+use crate::assemble::order_key;
 use crate::build::options::BuildError;
 use crate::build::work::Work;
-use crate::levels::diamonds_of;
 use crate::partition::tree_file::TREE;
 use crate::partition::{BISECTIONS, Partition};
 use crate::scratch::{
@@ -31,22 +32,26 @@ struct Source {
 /// Where to find the patches and records of the surface that a level coarsens.
 pub(super) struct Sources<'a> {
     build: &'a SharedBuild,
+    shards: &'a Shards,
+    /// The part of the tree that is coarsened, with the levels of all tetrahedra.
     tree: &'a Partition,
     /// The level that was coarsened last: one more than the next.
     below: u8,
     /// Shards of leaves, then those of the level below.
     files: Vec<Source>,
-    /// The source of each tetrahedron.
-    of: Vec<u32>,
+    /// Where each shard of the level below begins in the order of the pack; empty if it is not divided.
+    firsts: Vec<(u8, u128)>,
 }
-
-/// No source.
-const NONE: u32 = u32::MAX;
 
 impl<'a> Sources<'a> {
     /// Find out where everything is once the level `below` is coarsened, whose tasks must be done.
-    pub(super) fn find(build: &'a SharedBuild, grown: &'a Divided, below: u8) -> Result<Self, BuildError> {
-        let (tree, shards) = (&grown.tree, &grown.state.shards);
+    pub(super) fn find(
+        build: &'a SharedBuild,
+        grown: &'a Divided,
+        tree: &'a Partition,
+        below: u8,
+    ) -> Result<Self, BuildError> {
+        let shards = &grown.state.shards;
         let of_tree = &build.file(&grown.manifest, TREE)?.name;
         let mut sources = Vec::new();
         let source = |manifest: &Manifest, points, is_leaves| -> Result<Source, BuildError> {
@@ -58,24 +63,28 @@ impl<'a> Sources<'a> {
             let LeavesState { points, .. } = build.state_of(&manifest)?;
             sources.push(source(&manifest, points, true)?);
         }
-        let mut of = vec![NONE; tree.tetrahedra.len()];
-        for leaf in tree.leaves() {
-            of[leaf as usize] = shards.of_leaf(leaf) as u32;
-        }
+        let mut firsts = Vec::new();
         if let Some(divided) = shards.of_level(below) {
-            let first = sources.len();
+            firsts = divided.shards.iter().map(LevelShard::order_key).collect();
             for shard in 0..divided.shards.len() as u32 {
                 let manifest = build.finished_of(Task::Level { level: below, shard }, Some(of_tree))?;
-                let points: PointBox = build.state_of(&manifest)?;
+                let LevelState { points, .. } = build.state_of(&manifest)?;
                 sources.push(source(&manifest, points, false)?);
             }
-            for (rank, diamond) in (0u32..).zip(diamonds_of(tree, below)) {
-                for t in &tree.diamonds[diamond as usize].tetrahedra {
-                    of[*t as usize] = (first + divided.of_rank(rank)) as u32;
-                }
-            }
         }
-        Ok(Self { build, tree, below, files: sources, of })
+        Ok(Self { build, shards, tree, below, files: sources, firsts })
+    }
+
+    /// The source of a tetrahedron of this part of the tree.
+    fn of(&self, tetrahedron: u32) -> Option<u32> {
+        let node = self.tree.tetrahedra.get(tetrahedron)?;
+        if node.children.is_none() {
+            return Some(self.shards.of_leaf(tetrahedron) as u32);
+        }
+        let is_below = !self.firsts.is_empty() && node.tetra.level == BISECTIONS * self.below;
+        let key = order_key(&self.tree.diamonds.get(node.diamond).filter(|_| is_below)?.key);
+        let shard = self.firsts.partition_point(|first| *first <= key).saturating_sub(1);
+        Some((self.shards.leaves.len() + shard) as u32)
     }
 
     /// Copy the patches of these tetrahedra: those of leaves to `leaves`, others to `others`.
@@ -86,8 +95,7 @@ impl<'a> Sources<'a> {
         leaves: &PatchFile,
         others: &PatchFile,
     ) -> Result<(), BuildError> {
-        let mut wanted: Vec<(u32, u32)> = of.iter().map(|t| (self.of[*t as usize], *t)).collect();
-        wanted.retain(|(source, _)| *source != NONE);
+        let mut wanted: Vec<(u32, u32)> = of.iter().filter_map(|t| Some((self.of(*t)?, *t))).collect();
         wanted.sort_unstable();
         wanted.dedup();
         for same in wanted.chunk_by(|a, b| a.0 == b.0) {
@@ -145,8 +153,7 @@ impl<'a> Sources<'a> {
 
     /// Whether a tetrahedron is part of that surface: not inside of a diamond that has been coarsened.
     fn is_current(&self, tetrahedron: u32) -> bool {
-        let node = self.tree.tetrahedra.get(tetrahedron as usize);
-        node.is_some_and(|node| node.tetra.level <= BISECTIONS * self.below)
+        self.tree.level_of(tetrahedron).is_some_and(|level| level <= BISECTIONS * self.below)
     }
 
     /// Visit the records of a file. Their checksum is compared only at the end: until then, they may be damaged.
@@ -162,18 +169,14 @@ impl<'a> Sources<'a> {
 
     /// Copy the records of all points that any of these tetrahedra uses.
     pub(super) fn records(&self, work: &Work<'_>, of: &[u32], to: &Records) -> Result<(), BuildError> {
-        let mut mine = vec![false; self.of.len()];
-        for t in of {
-            mine[*t as usize] = true;
-        }
-        let own: FxHashSet<u32> = of.iter().map(|t| self.of[*t as usize]).collect();
+        let mine: FxHashSet<u32> = of.iter().copied().collect();
+        let own: FxHashSet<u32> = of.iter().filter_map(|t| self.of(*t)).collect();
         let mut points: FxHashSet<u128> = FxHashSet::default();
         let mut bounds: PointBox = None;
         for (_, source) in (0u32..).zip(&self.files).filter(|(i, _)| own.contains(i)) {
             work.stop.check()?;
             self.visit(&source.records, |r| {
-                let is_mine = mine.get(tetrahedron_of(r) as usize).is_some_and(|is| *is);
-                if is_mine && points.insert(r >> 32) {
+                if mine.contains(&tetrahedron_of(r)) && points.insert(r >> 32) {
                     include(&mut bounds, point_of(r));
                 }
                 Ok(())

@@ -35,10 +35,10 @@ pub(super) fn ingest_task(
     let stated = Stated { basis, metadata: report::Stated::of(options) };
     work.scratch.write(BASIS, &seal(&serde_json::to_vec(&stated).unwrap_or_default()))?;
     let (mut regions, mut all) = (Vec::new(), Vec::new());
-    for region in &sorted {
+    for (region, near) in sorted.iter().zip(stated.basis.positions(&sorted)) {
         let line = seal(&serde_json::to_vec(region).unwrap_or_default());
         let (at, bytes) = (all.len() as u64, line.len() as u64);
-        let (triangles, near) = (stated.basis.triangles_of(region), stated.basis.near(region));
+        let triangles = stated.basis.triangles_of(region);
         regions.push(RegionEntry { at, bytes, triangles, near });
         all.extend(line);
         files.extend(region.files().map(|(name, _)| (name.to_owned(), name.to_owned())));

@@ -4,6 +4,7 @@ use super::gather::{Sources, box_of};
 use super::manifest::TaskOutput;
 use super::plan::{Divided, SharedBuild};
 use super::regions::{PATCHES, RECORDS};
+use super::shards::PointBox;
 use crate::build::options::BuildError;
 use crate::build::work::Work;
 use crate::ingest::surface::{Ingested, LEAVES, SHARED};
@@ -13,12 +14,30 @@ use crate::levels::{
 use crate::partition::tree_file::TREE;
 use crate::partition::tree_level;
 use crate::scratch::{PatchFile, Records};
+use kilwa_pack::verify::Totals;
 use kilwa_simplify::Precision;
+use serde::{Deserialize, Serialize};
 
 /// The patches of the root tetrahedra, which the tail leaves.
 pub(super) const ROOTS: &str = "roots";
 /// The results of a task.
 pub(super) const RESULTS: &str = "results";
+
+/// The results of a shard of a level, in addition to its files.
+#[derive(Serialize, Deserialize)]
+pub(super) struct LevelState {
+    /// Bounding box of the points in its records.
+    pub(super) points: PointBox,
+    /// The counts of its chunks, decoded again.
+    pub(super) decoded: Totals,
+}
+
+/// The results of the tail, in addition to its files.
+#[derive(Serialize, Deserialize)]
+pub(super) struct TailState {
+    /// The counts of its chunks, decoded again.
+    pub(super) decoded: Totals,
+}
 
 fn precision(divided: &Divided) -> Precision {
     Precision { color_bits: divided.state.color_bits, normal_bits: divided.state.normal_bits }
@@ -30,14 +49,14 @@ pub(super) fn level_task(
     level: u8,
     shard: u32,
 ) -> Result<TaskOutput, BuildError> {
-    let grown = build.tree()?;
-    let tree = &grown.tree;
-    let of_level = diamonds_of(tree, level);
-    let about = grown.state.shards.of_level(level);
-    let diamonds = about.and_then(|l| l.diamonds(shard as usize, &of_level)).ok_or_else(|| BuildError::Inputs {
+    let grown = build.divided()?;
+    let of_level = grown.state.shards.of_level(level);
+    let about = of_level.and_then(|l| l.shards.get(shard as usize)).ok_or_else(|| BuildError::Inputs {
         why: format!("this build has no shard {shard} of level {level}; use one of the tasks that `kilwa plan` lists"),
     })?;
-    let sources = Sources::find(build, &grown, level + 1)?;
+    let tree = &build.part_with_levels(&grown, about.part)?;
+    let diamonds = &diamonds_of(tree, level);
+    let sources = Sources::find(build, &grown, tree, level + 1)?;
     let merged: Vec<u32> = diamonds.iter().flat_map(|d| merged_by(tree, *d)).collect();
     let leaves = PatchFile::create(work.scratch, LEAVES)?;
     let below = PatchFile::create(work.scratch, &patches_name(level + 1))?;
@@ -56,42 +75,42 @@ pub(super) fn level_task(
         shared: &shared.finish()?,
         chunks: &chunks,
         precision: precision(&grown),
+        decode_again: true,
         progress: (0, triangles),
     };
-    let Coarsened { shared, .. } = batch.coarsen(work)?;
+    let Coarsened { shared, decoded, .. } = batch.coarsen(work)?;
     let files = [
         (PATCHES, patches_name(level)),
         (RECORDS, shared_name(level)),
         (CHUNKS, CHUNKS.to_owned()),
         (RESULTS, results_name(level)),
     ];
-    let state = serde_json::to_value(box_of(&shared)?).unwrap_or_default();
+    let state = LevelState { points: box_of(&shared)?, decoded };
+    let state = serde_json::to_value(state).unwrap_or_default();
     let of = Some(build.file(&grown.manifest, TREE)?.name.clone());
     Ok(TaskOutput { files: files.map(|(content, name)| (content.to_owned(), name)).into(), of, state })
 }
 
 pub(super) fn tail_task(build: &SharedBuild, work: &Work<'_>) -> Result<TaskOutput, BuildError> {
-    let grown = build.tree()?;
+    let grown = build.divided()?;
     let left = grown.state.shards.tail;
+    let tree = build.part_with_levels(&grown, grown.state.shards.tail_part)?;
     let precision = precision(&grown);
     let leaves = PatchFile::create(work.scratch, LEAVES)?;
     let below = PatchFile::create(work.scratch, &patches_name(left))?;
     let shared = Records::create(work.scratch, SHARED)?;
     {
-        let sources = Sources::find(build, &grown, left)?;
-        let tree = &grown.tree;
-        let level_of = |t: u32| tree_level(tree.tetrahedra[t as usize].tetra.level);
-        let wanted: Vec<u32> = (0..tree.tetrahedra.len() as u32)
-            .filter(|t| {
-                let is_leaf = tree.tetrahedra[*t as usize].children.is_none();
-                (is_leaf && level_of(*t) <= left) || (!is_leaf && level_of(*t) == left)
-            })
-            .collect();
+        let sources = Sources::find(build, &grown, &tree, left)?;
+        let wanted = tree.tetrahedra.numbered().filter(|(_, node)| {
+            let level = tree_level(node.tetra.level);
+            if node.children.is_none() { level <= left } else { level == left }
+        });
+        let wanted: Vec<u32> = wanted.map(|(t, _)| t).collect();
         sources.patches(work, &wanted, &leaves, &below)?;
         sources.all_records(work, &shared)?;
     }
     let of = Some(build.file(&grown.manifest, TREE)?.name.clone());
-    let Divided { state, tree, .. } = grown;
+    let Divided { state, .. } = grown;
     let ingested = Ingested { surface: state.surface, tree, leaves, shared: shared.finish()? };
     let chunks = work.scratch.create(CHUNKS)?;
     let mut hierarchy = Hierarchy::above(ingested, Some(below), chunks, left, state.shards.tail_triangles);
@@ -107,5 +126,7 @@ pub(super) fn tail_task(build: &SharedBuild, work: &Work<'_>) -> Result<TaskOutp
     let all: Vec<_> = hierarchy.results().cloned().collect();
     results::write(work.scratch, RESULTS, &all)?;
     let files = [ROOTS, CHUNKS, RESULTS].map(|name| (name.to_owned(), name.to_owned()));
-    Ok(TaskOutput { files: files.into(), of, state: serde_json::Value::Null })
+    let state = TailState { decoded: hierarchy.decoded().unwrap_or_default() };
+    let state = serde_json::to_value(state).unwrap_or_default();
+    Ok(TaskOutput { files: files.into(), of, state })
 }

@@ -6,13 +6,15 @@
 //! | [`Task::Ingest`] | the inputs | the triangles, sorted into regions |
 //! | [`Task::Region`] | the triangles of a region, and those of others that touch it | welded vertices, and what is known about the region |
 //! | [`Task::Tree`] | what is known about every region | the tree, its division into shards, and what is known about the surface |
-//! | [`Task::Leaves`] | the tree, and the regions that a shard of its leaves touches | the patches of these leaves |
-//! | [`Task::Level`] | the tree, and every task of the leaves and of the level below | one shard of a level |
-//! | [`Task::Tail`] | the tree, and every task of the leaves and of the coarsest level that is divided into shards | all coarser levels, which together are a part of a task |
+//! | [`Task::Leaves`] | a part of the tree, and the regions that a shard of its leaves touches | the patches of these leaves |
+//! | [`Task::Level`] | a part of the tree, and every task of the leaves and of the level below | one shard of a level |
+//! | [`Task::Tail`] | a part of the tree, and every task of the leaves and of the coarsest level that is divided into shards | all coarser levels, which together are a part of a task |
 //!
+//! The file of the tree contains the part that each task needs, one after the other, so no task but the one that writes it holds the whole tree.
 //! A region and a shard of leaves are ranges of the buckets of the ingest, in the order of the tree. A shard of a level is a range of its diamonds in the order of the pack, along a Hilbert curve. [`plan`] lists the tasks;
 //! [`run`] runs one of them, and [`assemble`] writes the pack. A task processes a diamond exactly as [`mod@crate::build`]
-//! does, so the pack is byte for byte the same, however the work is divided.
+//! does, so the pack is byte for byte the same, however the work is divided. It also decodes each chunk that it encoded, and counts what is in it;
+//! [`assemble`] only compares checksums and adds up the counts.
 //!
 //! A task copies what it needs into its own scratch folder, works there, uploads its results under names that no other
 //! attempt uses, and creates its *manifest*, `done/TASK.json`, last. The first manifest counts; an attempt that

@@ -1,6 +1,6 @@
 //! The last step: from the results of all tasks to the pack.
 
-use super::levels::{RESULTS, ROOTS};
+use super::levels::{LevelState, RESULTS, ROOTS, TailState};
 use super::plan::{Divided, SharedBuild};
 use super::regions::LeavesState;
 use super::{Manifest, SharedFile, Task};
@@ -11,6 +11,7 @@ use crate::build::{BuildReport, StageTime, report};
 use crate::levels::{Bodies, CHUNKS, Levels, Refined, results};
 use crate::partition::tree_file::TREE;
 use crate::scratch::{PatchFile, checksum_matches, read_index};
+use kilwa_pack::verify::Totals;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -31,16 +32,23 @@ impl Bodies for SharedBodies {
     }
 }
 
-/// Write the pack of a build whose tasks are all done to `out`. The report adds up the tasks of each stage.
+/// Write the pack of a build whose tasks are all done to `out`. The report adds up the tasks of each stage; the totals are those of the chunks,
+/// which the tasks decoded again when they encoded them.
 ///
 /// # Errors
 /// [`BuildError`]: a task is not done, a file cannot be read or is damaged, the pack cannot be written.
-pub fn assemble(build: SharedBuild, work: &Work<'_>, out: &mut impl Write) -> Result<BuildReport, BuildError> {
+pub fn assemble(
+    build: SharedBuild,
+    work: &Work<'_>,
+    out: &mut impl Write,
+) -> Result<(BuildReport, Totals), BuildError> {
     let build = Arc::new(build);
-    let Divided { state, mut tree, manifest: grown } = build.tree()?;
+    let grown = build.divided()?;
+    let mut tree = build.part(&grown, grown.state.shards.pack_part)?;
+    let Divided { state, manifest: grown } = grown;
     let of_tree = &build.file(&grown, TREE)?.name;
     let (mut refined, mut files, mut stages) = (Vec::new(), Vec::new(), Vec::new());
-    let mut tail = None;
+    let (mut tail, mut totals) = (None, Totals::default());
     for task in build.tasks()?.iter().map(|listed| listed.task) {
         work.stop.check()?;
         let manifest = match task {
@@ -54,7 +62,8 @@ pub fn assemble(build: SharedBuild, work: &Work<'_>, out: &mut impl Write) -> Re
                 tree.overfull_leaves += build.state_of::<LeavesState>(&manifest)?.overfull;
                 continue;
             }
-            Task::Level { .. } | Task::Tail => {}
+            Task::Level { .. } => totals = totals.plus(build.state_of::<LevelState>(&manifest)?.decoded),
+            Task::Tail => totals = totals.plus(build.state_of::<TailState>(&manifest)?.decoded),
         }
         let place = |file: &SharedFile| PathBuf::from(build.store().display_path(&file.name));
         let file = build.file(&manifest, RESULTS)?;
@@ -77,12 +86,12 @@ pub fn assemble(build: SharedBuild, work: &Work<'_>, out: &mut impl Write) -> Re
     }
     let bodies = Box::new(SharedBodies { build: Arc::clone(&build), files });
     let levels = Levels::of_surface(state.surface, tree, refined, &root_patches, bodies)?;
-    let mut summary = BuildReport::of(&levels);
+    let (mut summary, totals) = (BuildReport::of(&levels), totals.plus(levels.root.decoded));
     let header = report::header_of(&levels);
     let (_, pack) = assemble::assemble(levels, work, header, &state.metadata, out)?;
     summary.pack = pack;
     summary.stages = stages;
-    Ok(summary)
+    Ok((summary, totals))
 }
 
 /// A small file of patches, copied to this machine.

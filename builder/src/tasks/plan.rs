@@ -2,7 +2,8 @@
 
 use super::ingest::BASIS;
 use super::manifest::TaskOutput;
-use super::shards::Shards;
+use super::regions::LEVELS;
+use super::shards::{Shards, Stretch};
 use super::{Manifest, Outcome, SharedFile, Store, Task};
 use crate::build::journal::Plan;
 use crate::build::options::BuildError;
@@ -10,7 +11,7 @@ use crate::build::work::Work;
 use crate::build::{report, tool};
 use crate::ingest::divided::Basis;
 use crate::ingest::surface::Surface;
-use crate::partition::{Partition, tree_file};
+use crate::partition::{Partition, part, tree_file};
 use crate::scratch::{seal, unseal};
 use glam::DVec3;
 use kilwa_pack::Metadata;
@@ -126,10 +127,9 @@ pub(super) struct TreeState {
     pub(super) shards: Shards,
 }
 
-/// The tree, and what is known once it has grown.
+/// What is known once the tree has grown.
 pub(super) struct Divided {
     pub(super) state: TreeState,
-    pub(super) tree: Partition,
     pub(super) manifest: Manifest,
 }
 
@@ -342,14 +342,28 @@ impl SharedBuild {
         Ok(Ingest { stated: self.sealed(file, 0, file.bytes)?, state, manifest })
     }
 
-    /// The tree, and its division into shards.
-    pub(super) fn tree(&self) -> Result<Divided, BuildError> {
+    /// The division of the tree into shards.
+    pub(super) fn divided(&self) -> Result<Divided, BuildError> {
         let manifest = self.finished(Task::Tree)?;
-        let state = self.state_of(&manifest)?;
-        let file = self.file(&manifest, tree_file::TREE)?;
-        let tree = tree_file::from_bytes(&self.read_whole(file)?)
-            .ok_or_else(|| self.damaged_file(file, "it does not match its checksum"))?;
-        Ok(Divided { state, tree, manifest })
+        Ok(Divided { state: self.state_of(&manifest)?, manifest })
+    }
+
+    /// A part of the tree.
+    pub(super) fn part(&self, divided: &Divided, stretch: Stretch) -> Result<Partition, BuildError> {
+        let file = self.file(&divided.manifest, tree_file::TREE)?;
+        let bytes = self.read(file, stretch.at, stretch.bytes)?;
+        part::from_bytes(&bytes).ok_or_else(|| self.damaged_file(file, "a part does not match its checksum"))
+    }
+
+    /// The same, with the levels of all tetrahedra of the tree.
+    pub(super) fn part_with_levels(&self, divided: &Divided, stretch: Stretch) -> Result<Partition, BuildError> {
+        let file = self.file(&divided.manifest, LEVELS)?;
+        let mut levels = self.read_whole(file)?;
+        let sum = levels.split_off(levels.len().saturating_sub(4));
+        if sum != crc32fast::hash(&levels).to_le_bytes() {
+            return Err(self.damaged_file(file, "it does not match its checksum"));
+        }
+        Ok(Partition { levels, ..self.part(divided, stretch)? })
     }
 
     /// What a task states in its manifest.

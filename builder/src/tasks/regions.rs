@@ -4,8 +4,8 @@
 use super::gather::box_of;
 use super::ingest::{BASIS, REGIONS};
 use super::manifest::TaskOutput;
-use super::plan::{Divided, Ingest, SharedBuild, TreeState};
-use super::shards::Shards;
+use super::plan::{Ingest, SharedBuild, TreeState};
+use super::shards::{Shards, Stretch};
 use super::{Manifest, SharedFile, Task};
 use crate::build::options::BuildError;
 use crate::build::report;
@@ -14,14 +14,19 @@ use crate::ingest::divided::{
     self, Findings, Grown, Joined, LINKS, REPLIES, RegionFiles, RegionIndex, RegionStore, Run, WELDED,
 };
 use crate::ingest::surface::{LEAVES, SHARED};
-use crate::partition::tree_file::{self, TREE};
-use crate::scratch::{Records, seal, visit_finished};
+use crate::levels::diamonds_of;
+use crate::partition::part::Part;
+use crate::partition::tree_file::TREE;
+use crate::partition::{BISECTIONS, Partition};
+use crate::scratch::{Appender, Records, seal, visit_finished};
 use serde::{Deserialize, Serialize};
 
 /// The results of a region for the whole model.
 const FINDINGS: &str = "findings";
 /// Index of its files.
 const INDEX: &str = "index";
+/// The levels of bisection of all tetrahedra, one byte each, and a CRC-32.
+pub(super) const LEVELS: &str = "levels";
 /// The patches and the records of a shard.
 pub(super) const PATCHES: &str = "patches";
 pub(super) const RECORDS: &str = "shared";
@@ -84,13 +89,43 @@ pub(super) fn tree_task(build: &SharedBuild, work: &Work<'_>) -> Result<TaskOutp
         let concerned = (0u32..).zip(&indices).filter(|(_, index)| index.concerns(&buckets));
         shards.leaves[i].regions = concerned.map(|(region, _)| region).collect();
     }
-    tree_file::write(work.scratch, &tree)?;
+    write_parts(work, &tree, &runs, &mut shards)?;
     let metadata = report::metadata(&surface, &ingest.stated.metadata);
     let (color_bits, normal_bits) = (ingest.stated.metadata.color_bits, ingest.stated.metadata.normal_bits);
     let state = TreeState { surface, metadata, color_bits, normal_bits, shards };
     let of = Some(build.file(&ingest.manifest, BASIS)?.name.clone());
-    let files = vec![(TREE.to_owned(), TREE.to_owned())];
+    let files = [TREE, LEVELS].map(|name| (name.to_owned(), name.to_owned())).into();
     Ok(TaskOutput { files, of, state: serde_json::to_value(&state).unwrap_or_default() })
+}
+
+/// Write the part of the tree that each task needs, one after the other, and the levels of all tetrahedra.
+fn write_parts(work: &Work<'_>, tree: &Partition, runs: &[Run], shards: &mut Shards) -> Result<(), BuildError> {
+    let (mut file, mut end) = (Appender::new(work.scratch.create(TREE)?), 0);
+    let mut push = |bytes: &[u8]| -> Result<Stretch, BuildError> {
+        work.stop.check()?;
+        file.push(bytes)?;
+        let stretch = Stretch { at: end, bytes: bytes.len() as u64 };
+        end += stretch.bytes;
+        Ok(stretch)
+    };
+    for i in 0..shards.leaves.len() {
+        let of_shard = &runs[shards.runs(i, runs.len())];
+        shards.leaves[i].runs = push(&seal(&serde_json::to_vec(of_shard).unwrap_or_default()))?;
+        shards.leaves[i].part = push(&Part::below(tree, of_shard).bytes(tree))?;
+    }
+    for level in &mut shards.levels {
+        let diamonds = diamonds_of(tree, level.level);
+        for i in 0..level.shards.len() {
+            let of_shard = level.diamonds(i, &diamonds).unwrap_or_default();
+            level.shards[i].part = push(&Part::to_coarsen(tree, of_shard).bytes(tree))?;
+        }
+    }
+    shards.tail_part = push(&Part::above(tree, BISECTIONS * shards.tail).bytes(tree))?;
+    shards.pack_part = push(&Part::of_pack(tree).bytes(tree))?;
+    file.finish()?.sync()?;
+    let mut levels: Vec<u8> = tree.tetrahedra.iter().map(|node| node.tetra.level).collect();
+    levels.extend(crc32fast::hash(&levels).to_le_bytes());
+    Ok(work.scratch.write(LEVELS, &levels)?)
 }
 
 /// The results of a shard of leaves, in addition to its files.
@@ -104,8 +139,8 @@ pub(super) struct LeavesState {
 
 pub(super) fn leaves_task(build: &SharedBuild, work: &Work<'_>, shard: u32) -> Result<TaskOutput, BuildError> {
     let ingest = build.ingest()?;
-    let Divided { state, tree, manifest } = build.tree()?;
-    let about = state.shards.leaves.get(shard as usize).ok_or_else(|| BuildError::Inputs {
+    let divided = build.divided()?;
+    let about = divided.state.shards.leaves.get(shard as usize).ok_or_else(|| BuildError::Inputs {
         why: format!("this build has no shard {shard} of leaves; use one of the tasks that `kilwa plan` lists"),
     })?;
     let basis = &ingest.stated.basis;
@@ -117,13 +152,14 @@ pub(super) fn leaves_task(build: &SharedBuild, work: &Work<'_>, shard: u32) -> R
         indices.push(build.sealed::<RegionIndex>(index, 0, index.bytes)?);
         files.push([build.file(&manifest, WELDED)?.clone(), build.file(&manifest, REPLIES)?.clone()]);
     }
-    let runs: Vec<Run> = basis.runs(&tree);
-    let of_shard = &runs[state.shards.runs(shard as usize, runs.len())];
+    let of_tree = build.file(&divided.manifest, TREE)?;
+    let runs: Vec<Run> = build.sealed(of_tree, about.runs.at, about.runs.bytes)?;
+    let tree = build.part(&divided, about.part)?;
     let store = WeldedFiles { build, files };
-    let overfull = divided::fill(work, basis, &indices, &store, &tree, of_shard)?;
+    let overfull = divided::fill(work, basis, &indices, &store, &tree, &runs)?;
     let points = box_of(&Records::open(work.scratch, SHARED)?)?;
     let files = [(PATCHES, LEAVES), (RECORDS, SHARED)].map(|(content, name)| (content.to_owned(), name.to_owned()));
-    let of = Some(build.file(&manifest, TREE)?.name.clone());
+    let of = Some(of_tree.name.clone());
     let state = serde_json::to_value(LeavesState { points, overfull }).unwrap_or_default();
     Ok(TaskOutput { files: files.into(), of, state })
 }

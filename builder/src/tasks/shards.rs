@@ -1,12 +1,13 @@
 //! Division of the work: the leaves by ranges of the buckets that they are made of, the diamonds of a level by ranges in the
 //! order of the pack, so that a shard has about as many triangles as one task should take.
 
+use crate::assemble::order_key;
 use crate::ingest::divided::Run;
 use crate::levels::fragment::REDUCTION;
 use crate::levels::{diamonds_of, level_count, merged_by};
 use crate::partition::Partition;
 use glam::DVec3;
-use kilwa_geometry::{Lattice, LatticePoint};
+use kilwa_geometry::{DiamondKey, Lattice, LatticePoint};
 use serde::{Deserialize, Serialize};
 use std::ops::Range;
 
@@ -44,6 +45,13 @@ pub(super) fn union(a: PointBox, b: PointBox) -> PointBox {
     all
 }
 
+/// A range of bytes in a file.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub(super) struct Stretch {
+    pub(super) at: u64,
+    pub(super) bytes: u64,
+}
+
 /// How a build is divided.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(super) struct Shards {
@@ -54,6 +62,9 @@ pub(super) struct Shards {
     pub(super) tail: u8,
     /// Triangles that the tail is estimated to take.
     pub(super) tail_triangles: u64,
+    /// The parts of the tree for the tail and for the pack, in the file of the tree.
+    pub(super) tail_part: Stretch,
+    pub(super) pack_part: Stretch,
 }
 
 /// Some leaves.
@@ -70,6 +81,9 @@ pub(super) struct LeafShard {
     pub(super) near: DVec3,
     /// The regions with its buckets, or with replies to these.
     pub(super) regions: Vec<u32>,
+    /// Its runs and its part of the tree, in the file of the tree.
+    pub(super) runs: Stretch,
+    pub(super) part: Stretch,
 }
 
 /// The shards of a level.
@@ -88,14 +102,21 @@ pub(super) struct LevelShard {
     pub(super) triangles: u64,
     /// Midpoint of the diamond in the middle, metres.
     pub(super) near: DVec3,
+    /// The first diamond: its level of bisection, and its midpoint.
+    first_diamond: (u8, LatticePoint),
+    /// Its part of the tree, in the file of the tree.
+    pub(super) part: Stretch,
+}
+
+impl LevelShard {
+    /// Where it begins in the order of the pack.
+    pub(super) fn order_key(&self) -> (u8, u128) {
+        let (level, midpoint) = self.first_diamond;
+        order_key(&DiamondKey { level, midpoint })
+    }
 }
 
 impl LevelShards {
-    /// The shard of the diamond with this rank.
-    pub(super) fn of_rank(&self, rank: u32) -> usize {
-        self.shards.partition_point(|s| s.first <= rank).saturating_sub(1)
-    }
-
     /// The diamonds of a shard; `diamonds` are those of the level in the order of the pack.
     pub(super) fn diamonds<'a>(&self, shard: usize, diamonds: &'a [u32]) -> Option<&'a [u32]> {
         let first = self.shards.get(shard)?.first as usize;
@@ -136,16 +157,22 @@ impl Shards {
                 break;
             }
             let firsts = parts(&weights, parts_of(sum, size).max(LEAST));
-            let shard = |(first, end): (u32, u32)| LevelShard {
-                first,
-                triangles: weights[first as usize..end as usize].iter().sum::<f64>() as u64,
-                near: midpoint(diamonds[u32::midpoint(first, end.max(first + 1) - 1) as usize]),
+            let shard = |(first, end): (u32, u32)| {
+                let key = tree.diamonds[diamonds[first as usize] as usize].key;
+                LevelShard {
+                    first,
+                    triangles: weights[first as usize..end as usize].iter().sum::<f64>() as u64,
+                    near: midpoint(diamonds[u32::midpoint(first, end.max(first + 1) - 1) as usize]),
+                    first_diamond: (key.level, key.midpoint),
+                    part: Stretch::default(),
+                }
             };
             levels.push(LevelShards { level, shards: ranges(&firsts, diamonds.len()).map(shard).collect() });
             below = level;
         }
         let leaves = divide_leaves(tree, runs, triangles, size, midpoint);
-        Self { leaves, levels, tail: below, tail_triangles: left as u64 }
+        let [tail_part, pack_part] = [Stretch::default(); 2];
+        Self { leaves, levels, tail: below, tail_triangles: left as u64, tail_part, pack_part }
     }
 
     /// The runs of a shard of leaves; there are `count` runs in total.
@@ -187,6 +214,8 @@ fn divide_leaves(
             triangles: triangles[start as usize..end as usize].iter().sum(),
             near: midpoint(tree.tetrahedra[middle as usize].diamond),
             regions: Vec::new(),
+            runs: Stretch::default(),
+            part: Stretch::default(),
         }
     };
     let mut shards: Vec<LeafShard> = ranges(&firsts, runs.len()).map(shard).collect();

@@ -1,7 +1,7 @@
 //! Where the tasks of a build exchange files.
 
 use crate::build::options::BuildError;
-use kilwa_files::atomic::{self, Access};
+use kilwa_files::atomic::{self, Access, Pending};
 use kilwa_files::plain_file;
 use rustc_hash::FxHashMap;
 use std::fs::File;
@@ -27,7 +27,8 @@ pub trait Store: Send + Sync {
     /// [`BuildError::Shared`], also if the file is shorter.
     fn read(&self, name: &str, at: u64, bytes: u64) -> Result<Vec<u8>, BuildError>;
 
-    /// Copy a local file to the store. An existing file of that name is replaced.
+    /// Put a complete local file into the store, by copying or by moving it: the caller does not use it any more. An existing file of that name is
+    /// replaced.
     ///
     /// # Errors
     /// [`BuildError::Shared`].
@@ -154,12 +155,18 @@ impl Store for SharedFolder {
 
     fn upload(&self, name: &str, from: &Path) -> Result<(), BuildError> {
         self.make_folders(name)?;
-        let copy = || -> std::io::Result<()> {
-            let mut file = atomic::AtomicFile::create(&self.path(name), Access::Private)?;
+        self.open.lock().unwrap_or_else(PoisonError::into_inner).remove(name);
+        let target = self.path(name);
+        let write = || -> std::io::Result<()> {
+            // If the scratch folder is on the same file system, nothing needs to be copied.
+            if let Some(moved) = Pending::moved(from, &target)? {
+                return moved.commit(true);
+            }
+            let mut file = atomic::AtomicFile::create(&target, Access::Private)?;
             std::io::copy(&mut File::open(from)?, file.file_mut())?;
             file.commit(true)
         };
-        copy().map_err(|e| self.error("write", name, &e))
+        write().map_err(|e| self.error("write", name, &e))
     }
 
     fn create_new(&self, name: &str, bytes: &[u8]) -> Result<bool, BuildError> {
@@ -227,6 +234,26 @@ mod tests {
         let winner = made.iter().position(|made| *made).unwrap() as u8;
         assert_eq!(store.read_all("done/a.json").unwrap().unwrap(), [winner; 100]);
         assert_eq!(store.list("done").unwrap(), ["done/a.json"]);
+    }
+
+    #[test]
+    fn an_uploaded_file_is_complete_private_and_replaces_an_earlier_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = SharedFolder::new(&folder.path().join("new"));
+        for content in [&b"first"[..], b"second"] {
+            let local = folder.path().join("local");
+            std::fs::write(&local, content).unwrap();
+            store.upload("files/a", &local).unwrap();
+            assert_eq!(store.read_all("files/a").unwrap().unwrap(), content);
+            #[cfg(unix)]
+            {
+                use std::os::unix::fs::PermissionsExt;
+                let about = std::fs::metadata(folder.path().join("new/files/a")).unwrap();
+                assert_eq!(about.permissions().mode() & 0o777, 0o600);
+            }
+        }
+        assert!(store.upload("files/b", &folder.path().join("missing")).is_err());
+        assert_eq!(store.list("files").unwrap(), ["files/a"]);
     }
 
     #[test]

@@ -2,9 +2,10 @@
 
 use crate::lattice::LatticePoint;
 use glam::{DVec3, IVec3};
+use serde::{Deserialize, Serialize};
 
 /// A closed box of lattice points. The empty box has `min > max`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Aabb {
     /// Smallest coordinate on each axis.
     pub min: LatticePoint,

@@ -4,7 +4,7 @@ use crate::chunk::Declared;
 use crate::footer::{FOOTER_BYTES, Footer};
 use crate::index::{Index, Pages};
 use crate::plural::counted;
-use crate::{Chunk, DirectoryEntry, HEADER_BYTES, Header, Metadata, PAGE_BYTES, PackError};
+use crate::{Chunk, DirectoryEntry, HEADER_BYTES, Header, Metadata, PAGE_BYTES, PackError, PatchRange};
 
 /// Bytes by range: a file, a memory slice, an HTTP object.
 pub trait Source {
@@ -134,6 +134,29 @@ impl<S: Source> Reader<S> {
         let bytes = read(&self.source, &what, entry.offset, u64::from(entry.encoded_bytes))?;
         decode_checked(&bytes, index, entry, self.header())
     }
+
+    /// The patch table of a chunk whose checksum matches; its geometry is not decoded.
+    ///
+    /// # Errors
+    /// As [`Self::chunk`], except for errors in the geometry.
+    pub fn patches(&self, index: u32) -> Result<Vec<PatchRange>, PackError> {
+        let what = format!("chunk {index}");
+        let entry = self.entries().get(index as usize).ok_or_else(|| {
+            let count = counted(self.entries().len(), "chunk", "chunks");
+            PackError::invalid(what.clone(), format!("the pack has {count}"))
+        })?;
+        let bytes = read(&self.source, &what, entry.offset, u64::from(entry.encoded_bytes))?;
+        if crate::checksum(&bytes) != entry.checksum {
+            return Err(PackError::checksum(what));
+        }
+        self.header().announces_codec_of(&bytes)?;
+        let patches = crate::chunk::patch_table(&bytes)?;
+        if patches.iter().map(|p| u64::from(p.count)).sum::<u64>() != u64::from(entry.triangles) {
+            return Err(PackError::invalid(what, "its patches do not have the triangles of its directory entry"));
+        }
+        refuse_earlier(&what, index, &patches, self.header())?;
+        Ok(patches)
+    }
 }
 
 /// Check and decode the bytes of chunk `index`, however they were fetched.
@@ -156,16 +179,16 @@ pub fn decode_checked(bytes: &[u8], index: u32, entry: &DirectoryEntry, header: 
         PackError::Invalid { what: part, why } => PackError::invalid(what.clone(), format!("{part}: {why}")),
         other => other,
     })?;
-    let unknown = |p: &&crate::PatchRange| {
-        p.diamond != crate::NO_DIAMOND && (p.diamond <= index || p.diamond >= header.entry_count)
-    };
-    if let Some(patch) = chunk.patches.iter().find(unknown) {
-        return Err(PackError::invalid(
-            what,
-            format!("a patch names diamond {}, which is no later one", patch.diamond),
-        ));
-    }
+    refuse_earlier(&what, index, &chunk.patches, header)?;
     Ok(chunk)
+}
+
+/// Patches name diamonds that come later in the directory.
+fn refuse_earlier(what: &str, index: u32, patches: &[PatchRange], header: &Header) -> Result<(), PackError> {
+    let unknown =
+        |p: &&PatchRange| p.diamond != crate::NO_DIAMOND && (p.diamond <= index || p.diamond >= header.entry_count);
+    let Some(patch) = patches.iter().find(unknown) else { return Ok(()) };
+    Err(PackError::invalid(what, format!("a patch names diamond {}, which is no later one", patch.diamond)))
 }
 
 /// Read `length` bytes that were checked to lie inside the file.

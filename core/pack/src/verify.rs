@@ -2,11 +2,13 @@
 //! chunk, and that nothing of the finest level is lost. [`crate::Reader::open`] has checked header, metadata,
 //! directory and footer before.
 
+use crate::chunk::PatchRange;
 use crate::directory::children_of;
 use crate::reader::check_spheres;
 use crate::{Children, Chunk, DirectoryEntry, HEAD_BYTES, Header, Metadata, NO_DIAMOND, PAGE_BYTES, PackError};
 use glam::DVec3;
-use kilwa_geometry::Aabb;
+use kilwa_geometry::{Aabb, Sphere};
+use serde::{Deserialize, Serialize};
 
 /// Rounding that a sphere may be short of, relative to its radius and to the coordinates.
 const SLACK: f64 = 1e-9;
@@ -14,7 +16,7 @@ const SLACK: f64 = 1e-9;
 const MAX_COLOR_ERROR: f32 = 255.0;
 
 /// Counts that grow chunk by chunk and are compared with header and metadata at the end.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Totals {
     /// Chunks seen.
     pub chunks: u64,
@@ -126,21 +128,30 @@ pub fn order(header: &Header, entries: &[DirectoryEntry]) -> Result<(), PackErro
     Err(PackError::invalid("header", why))
 }
 
-/// One decoded chunk against the directory: its box is exact, its geometry inside its sphere, and every patch's
-/// diamond has this entry among its parents.
+/// One decoded chunk against the directory: its geometry ([`geometry`]) and its links ([`links`]).
 ///
 /// # Errors
 /// [`PackError::Invalid`] naming the chunk.
 pub fn chunk(index: u32, chunk: &Chunk, entries: &[DirectoryEntry]) -> Result<Totals, PackError> {
-    let bad = |why: String| Err(PackError::invalid(format!("chunk {index}"), why));
+    let what = format!("chunk {index}");
     let Some(entry) = entries.get(index as usize) else {
-        return bad("it has no directory entry".to_owned());
+        return Err(PackError::invalid(what, "it has no directory entry"));
     };
-    let bounds = Aabb::of(&chunk.mesh.positions);
-    if bounds != entry.bounds && !(bounds.is_empty() && entry.bounds.is_empty()) {
+    let totals = geometry(&what, chunk, &entry.bounds, &entry.sphere)?;
+    links(index, &chunk.patches, entries)?;
+    Ok(totals)
+}
+
+/// The geometry of a decoded chunk, called `what` in errors: `bounds` is its exact box, and `sphere` contains all its vertices. Returns its counts.
+///
+/// # Errors
+/// [`PackError::Invalid`] naming the chunk.
+pub fn geometry(what: &str, chunk: &Chunk, bounds: &Aabb, sphere: &Sphere) -> Result<Totals, PackError> {
+    let bad = |why: String| Err(PackError::invalid(what, why));
+    let found = Aabb::of(&chunk.mesh.positions);
+    if found != *bounds && !(found.is_empty() && bounds.is_empty()) {
         return bad("its box is not the one in the directory".to_owned());
     }
-    let sphere = &entry.sphere;
     for p in &chunk.mesh.positions {
         if p.as_dvec3().distance(sphere.center) > sphere.radius * (1.0 + SLACK) + SLACK {
             return bad(format!("the vertex at {:?} lies outside its bounding sphere", p.to_array()));
@@ -154,22 +165,38 @@ pub fn chunk(index: u32, chunk: &Chunk, entries: &[DirectoryEntry]) -> Result<To
         let bits: u64 = borders.by_ref().take(patch.count as usize).map(|b| u64::from(b.count_ones())).sum();
         let of_patch = triangles.by_ref().take(patch.count as usize);
         totals.stored_triangles += count;
+        if patch.diamond != NO_DIAMOND {
+            of_patch.for_each(drop);
+            continue;
+        }
+        totals.finest_triangles += count;
+        totals.finest_borders += bits;
+        for position in of_patch.flatten().filter_map(|&v| chunk.mesh.positions.get(v as usize)) {
+            totals.finest_bounds.add(*position);
+        }
+    }
+    Ok(totals)
+}
+
+/// The patch table of a chunk against the directory: every patch's diamond has this entry among its parents, and there is no leaf patch
+/// where the children replace all of the chunk.
+///
+/// # Errors
+/// [`PackError::Invalid`] naming the chunk.
+pub fn links(index: u32, patches: &[PatchRange], entries: &[DirectoryEntry]) -> Result<(), PackError> {
+    let bad = |why: String| Err(PackError::invalid(format!("chunk {index}"), why));
+    let is_replaced = entries.get(index as usize).and_then(|entry| entry.children).is_some_and(|c| c.is_whole);
+    for patch in patches {
         if patch.diamond == NO_DIAMOND {
-            totals.finest_triangles += count;
-            totals.finest_borders += bits;
-            if count > 0 && entry.children.is_some_and(|c| c.is_whole) {
+            if patch.count > 0 && is_replaced {
                 return bad("it has a leaf patch, but by the directory its children replace all of it".to_owned());
-            }
-            for position in of_patch.flatten().filter_map(|&v| chunk.mesh.positions.get(v as usize)) {
-                totals.finest_bounds.add(*position);
             }
             continue;
         }
-        of_patch.for_each(drop);
         let below = entries.get(patch.diamond as usize);
         if !below.is_some_and(|below| below.parents().any(|parent| parent == index)) {
             return bad(format!("a patch names diamond {}, which does not name it as a parent", patch.diamond));
         }
     }
-    Ok(totals)
+    Ok(())
 }

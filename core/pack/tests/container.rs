@@ -349,6 +349,23 @@ fn a_full_disk_is_an_error() {
 }
 
 #[test]
+fn patch_tables_are_read_without_geometry_and_damage_is_found() {
+    let bytes = crate::common::pack(7, 4, COLORED);
+    let reader = Reader::open(SliceSource(&bytes[..])).expect("opens");
+    for i in 0..7 {
+        assert_eq!(reader.patches(i).expect("intact"), reader.chunk(i).expect("decodes").patches);
+        let entry = &reader.entries()[i as usize];
+        for at in (entry.offset..entry.offset + u64::from(entry.encoded_bytes)).step_by(11) {
+            let mut damaged = bytes.clone();
+            damaged[at as usize] ^= 16;
+            let damaged = Reader::open(SliceSource(damaged)).expect("opens");
+            assert!(matches!(damaged.patches(i), Err(PackError::Checksum { .. })), "chunk {i}, byte {at}");
+        }
+    }
+    assert!(reader.patches(7).is_err());
+}
+
+#[test]
 fn a_model_of_another_size_than_announced_is_found() {
     let reader = Reader::open(SliceSource(crate::common::pack(3, 2, COLORED))).expect("opens");
     let mut totals = Totals::default();

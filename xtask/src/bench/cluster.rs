@@ -21,10 +21,10 @@ use std::time::Instant;
 #[derive(clap::Args)]
 pub(super) struct Args {
     /// Triangles of the mesh
-    #[arg(long, value_name = "N", default_value_t = 4_000_000, value_parser = clap::value_parser!(u64).range(10_000..))]
+    #[arg(long, value_name = "N", default_value_t = 10_000_000, value_parser = clap::value_parser!(u64).range(10_000..))]
     triangles: u64,
     /// Triangles per task
-    #[arg(long, value_name = "N", default_value_t = 500_000, value_parser = clap::value_parser!(u64).range(1000..))]
+    #[arg(long, value_name = "N", default_value_t = 1_000_000, value_parser = clap::value_parser!(u64).range(1000..))]
     task_triangles: u64,
     /// Rounds; the table shows the median
     #[arg(long, value_name = "N", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..))]
@@ -140,14 +140,15 @@ fn divided(args: &Args, place: &Place, workers: usize) -> Result<Built> {
     Ok(Built { wall_s, cpu_s, stages: stages(done), left })
 }
 
-/// The number of files that the tasks of a build exchanged, and the size of the tree.
+/// The number of files that the tasks of a build exchanged, and the tetrahedra of the tree.
 fn left_in(folder: &Path) -> Result<costs::Left> {
     let mut left = costs::Left::default();
     for file in fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))? {
         let file = file?;
         left.files += 1.0;
-        if file.path().extension().is_some_and(|extension| extension == "tree") {
-            left.tree_bytes += file.metadata()?.len() as f64;
+        // One byte for each tetrahedron.
+        if file.path().extension().is_some_and(|extension| extension == "levels") {
+            left.tetrahedra += file.metadata()?.len() as f64;
         }
     }
     Ok(left)

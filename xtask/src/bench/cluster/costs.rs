@@ -8,8 +8,9 @@
 //!   [`LEAST`], if it has more than 1 / [`TAIL_SHARE`] of the triangles of a task; the other levels are the tail.
 //! * Each level costs as much per triangle as all divided levels together did in the measurement; so does the tail.
 //! * Waves do not overlap: a stage takes ceil(tasks / P) times as long as one of its tasks.
-//! * Every task after the tree, and the assembly, read the whole tree: [`TREE_MEMORY`] bytes per triangle in memory (decision 83).
-//! * The assembly holds the directory in memory: [`ENTRY_MEMORY`] bytes for each chunk.
+//! * The task `tree` holds the whole tree in memory: [`TREE_MEMORY`] bytes per triangle. All others read their part of it; the levels and the tail also
+//!   read one byte for each tetrahedron of the whole tree.
+//! * The assembly holds, for each chunk, its part of the tree ([`PART_MEMORY`] bytes) and its entry in the directory ([`ENTRY_MEMORY`]).
 
 use super::Stage;
 use anyhow::{Context, Result};
@@ -22,8 +23,10 @@ const REDUCTION: f64 = 5.0;
 /// Minimum number of tasks of a divided level, and the limit for levels of the tail (`tasks/shards.rs` of the builder).
 const LEAST: f64 = 4.0;
 const TAIL_SHARE: f64 = 16.0;
-/// Bytes of memory per triangle for the tree in every task, as decision 83 measured.
+/// Bytes of memory per triangle for the whole tree (decision 83).
 const TREE_MEMORY: f64 = 1.5;
+/// Bytes of memory per chunk for its part of the tree and its results, during assembly (decision 83).
+const PART_MEMORY: f64 = 1700.0;
 /// Bytes of memory per chunk of a pack during assembly, for its entry and its place in a page: measured with 5.5 million chunks
 /// (`core/stream/tests/giant.rs`: 1.56 GB).
 const ENTRY_MEMORY: f64 = 283.0;
@@ -33,16 +36,16 @@ const CORES: [f64; 3] = [1.0, 16.0, 512.0];
 /// A stage, per triangle: of the model, or of the tasks of the stage.
 struct Rates {
     cpu_s: f64,
-    /// Without reading the tree.
+    /// Without the levels of all tetrahedra.
     read: f64,
     written: f64,
 }
 
 impl Rates {
-    /// The rates of a stage with that many triangles. `trees` are the bytes of the tree that its tasks read.
-    fn of(stage: &Stage, triangles: f64, trees: f64) -> Self {
+    /// The rates of a stage with that many triangles. `tetrahedra` are the bytes of the levels of all tetrahedra that its tasks read.
+    fn of(stage: &Stage, triangles: f64, tetrahedra: f64) -> Self {
         // What the assembly reads is not counted.
-        let read = if stage.read.is_nan() { 0.0 } else { (stage.read - trees).max(0.0) };
+        let read = if stage.read.is_nan() { 0.0 } else { (stage.read - tetrahedra).max(0.0) };
         Self { cpu_s: stage.cpu_s / triangles, read: read / triangles, written: stage.written / triangles }
     }
 
@@ -60,19 +63,19 @@ pub(super) struct Measured {
     levels: Rates,
     tail: Rates,
     assemble: Rates,
-    /// Bytes of the file of the tree per triangle.
-    tree_bytes: f64,
-    /// Memory of a level task in addition to the tree, bytes per triangle of the task.
+    /// Tetrahedra of the tree per triangle.
+    tetrahedra: f64,
+    /// Memory of a level task in addition to the levels of all tetrahedra, bytes per triangle of the task.
     level_memory: f64,
     files_per_task: f64,
     chunks: f64,
 }
 
-/// The files in the folder of a build before the assembly, the bytes of the tree, and the chunks of the pack.
+/// The files in the folder of a build before the assembly, the tetrahedra of the tree, and the chunks of the pack.
 #[derive(Default, Clone)]
 pub(super) struct Left {
     pub(super) files: f64,
-    pub(super) tree_bytes: f64,
+    pub(super) tetrahedra: f64,
     pub(super) chunks: f64,
 }
 
@@ -83,7 +86,7 @@ impl Measured {
             let found = stages.iter().find(|(stage, _)| stage == name).map(|(_, stage)| stage);
             found.with_context(|| format!("the mesh is too small for its tasks: there is no stage {name}"))
         };
-        let trees = |stage: &Stage| f64::from(stage.tasks) * left.tree_bytes;
+        let tetrahedra = |stage: &Stage| f64::from(stage.tasks) * left.tetrahedra;
         let (leaves, levels, tail) = (of("leaves")?, of("levels")?, of("tail")?);
         // All but the assembly.
         let tasks: u32 = stages.iter().filter(|(name, _)| name != "assemble").map(|(_, stage)| stage.tasks).sum();
@@ -91,12 +94,12 @@ impl Measured {
             ingest: Rates::of(of("ingest")?, n, 0.0),
             region: Rates::of(of("region")?, n, 0.0),
             tree: Rates::of(of("tree")?, n, 0.0),
-            leaves: Rates::of(leaves, n, trees(leaves)),
-            levels: Rates::of(levels, levels.triangles, trees(levels)),
-            tail: Rates::of(tail, tail.triangles, trees(tail)),
+            leaves: Rates::of(leaves, n, 0.0),
+            levels: Rates::of(levels, levels.triangles, tetrahedra(levels)),
+            tail: Rates::of(tail, tail.triangles, tetrahedra(tail)),
             assemble: Rates::of(of("assemble")?, n, 0.0),
-            tree_bytes: left.tree_bytes / n,
-            level_memory: (levels.peak_bytes as f64 - TREE_MEMORY * n).max(0.0) * f64::from(levels.tasks)
+            tetrahedra: left.tetrahedra / n,
+            level_memory: (levels.peak_bytes as f64 - left.tetrahedra).max(0.0) * f64::from(levels.tasks)
                 / levels.triangles,
             files_per_task: left.files / f64::from(tasks),
             chunks: left.chunks / n,
@@ -138,9 +141,9 @@ impl Division {
         2.0 * self.regions + self.level_tasks() + 3.0
     }
 
-    /// How often the whole tree is read: by the leaves, the levels, the tail and the assembly.
-    fn readers_of_tree(&self) -> f64 {
-        self.regions + self.level_tasks() + 2.0
+    /// How often the levels of all tetrahedra are read: by the levels and the tail.
+    fn readers_of_tetrahedra(&self) -> f64 {
+        self.level_tasks() + 1.0
     }
 }
 
@@ -162,7 +165,7 @@ fn constants(m: &Measured) -> String {
         [&m.ingest, &m.region, &m.tree, &m.leaves, &m.assemble].map(|rates| rates.cpu_s * 1e6);
     let [levels, tail] = [&m.levels, &m.tail].map(|rates| rates.cpu_s * 1e6);
     format!(
-        "\nEstimated costs of larger models, by the formulae of `xtask/src/bench/cluster/costs.rs`, from these constants. CPU time per triangle of the model, µs: ingest {ingest:.2}, regions {region:.2}, tree {tree:.3}, leaves {leaves:.2}, assembly {assembly:.2}; per triangle that the stage processes: levels {levels:.2}, tail {tail:.2}. Bytes per triangle: {:.1} written by the ingest, {:.1} read and {:.1} written by the regions, {:.1} and {:.1} by the leaves, and {:.1} and {:.1} by the levels per triangle that they process; {:.2} for the tree, read by every task after it; pack {:.2}; {:.0} triangles per chunk.\n\n",
+        "\nEstimated costs of larger models, by the formulae of `xtask/src/bench/cluster/costs.rs`, from these constants. CPU time per triangle of the model, µs: ingest {ingest:.2}, regions {region:.2}, tree {tree:.3}, leaves {leaves:.2}, assembly {assembly:.2}; per triangle that the stage processes: levels {levels:.2}, tail {tail:.2}. Bytes per triangle: {:.1} written by the ingest, {:.1} read and {:.1} written by the regions, {:.1} and {:.1} by the leaves, and {:.1} and {:.1} by the levels per triangle that they process; {:.4} for the levels of all tetrahedra, read by every task of a level and the tail; pack {:.2}; {:.0} triangles per chunk.\n\n",
         m.ingest.written,
         m.region.read,
         m.region.written,
@@ -170,7 +173,7 @@ fn constants(m: &Measured) -> String {
         m.leaves.written,
         m.levels.read,
         m.levels.written,
-        m.tree_bytes,
+        m.tetrahedra,
         m.assemble.written,
         1.0 / m.chunks
     )
@@ -179,27 +182,28 @@ fn constants(m: &Measured) -> String {
 pub(super) fn table(m: &Measured) -> Result<String> {
     let mut table = constants(m);
     table.push_str(
-        "| triangles | tasks | files | CPU h | data moved, TB | tree's share, TB | memory of a level task, GB | memory of the assembly, GB | 1 core: h | 16 cores: h | 512 cores: h | of which one task runs alone: h |\n\
+        "| triangles | tasks | files | CPU h | data moved, TB | memory of the task `tree`, GB | memory of a level task, GB | memory of the assembly, GB | 1 core: h | 16 cores: h | 512 cores: h | of which one task runs alone: h |\n\
          |---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|\n",
     );
     for n in SIZES {
         let divided = Division::of(n);
-        let trees = divided.readers_of_tree() * m.tree_bytes * n;
+        let tetrahedra = divided.readers_of_tetrahedra() * m.tetrahedra * n;
         // The pack is read once to check it.
         let of_model = [&m.ingest, &m.region, &m.tree, &m.leaves, &m.assemble].map(Rates::moved).iter().sum::<f64>();
         let moved = (of_model + m.assemble.written) * n
             + m.levels.moved() * divided.level_triangles()
             + m.tail.moved() * divided.tail
-            + trees;
-        let [memory, assembly] = [TREE_MEMORY * n + m.level_memory * TASK, (TREE_MEMORY + ENTRY_MEMORY * m.chunks) * n];
+            + tetrahedra;
+        let memory = m.tetrahedra * n + m.level_memory * TASK;
+        let [tree, assembly] = [TREE_MEMORY * n, (PART_MEMORY + ENTRY_MEMORY) * m.chunks * n];
         let [one, some, many] = CORES.map(|cores| seconds(m, n, &divided, cores) / 3600.0);
         writeln!(
             table,
-            "| {n:.1e} | {:.0} | {:.0} | {one:.1} | {:.2} | {:.2} | {:.1} | {:.1} | {one:.1} | {some:.1} | {many:.1} | {:.1} |",
+            "| {n:.1e} | {:.0} | {:.0} | {one:.1} | {:.2} | {:.1} | {:.1} | {:.1} | {one:.1} | {some:.1} | {many:.1} | {:.1} |",
             divided.tasks() + 1.0,
             divided.tasks() * m.files_per_task,
             moved / 1e12,
-            trees / 1e12,
+            tree / 1e9,
             memory / 1e9,
             assembly / 1e9,
             alone(m, n, &divided) / 3600.0
@@ -231,7 +235,7 @@ mod tests {
             levels: rates(4e-6),
             tail: rates(8e-6),
             assemble: rates(2e-7),
-            tree_bytes: 0.6,
+            tetrahedra: 0.009,
             level_memory: 80.0,
             files_per_task: 3.0,
             chunks: 1.0 / 3400.0,
