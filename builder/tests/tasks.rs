@@ -249,7 +249,9 @@ impl Store for Counting {
     }
 
     fn read(&self, name: &str, at: u64, bytes: u64) -> Result<Vec<u8>, BuildError> {
-        self.read.fetch_add(if name.ends_with(".tree") { bytes } else { 0 }, Ordering::Relaxed);
+        if Path::new(name).extension().is_some_and(|extension| extension == "tree") {
+            self.read.fetch_add(bytes, Ordering::Relaxed);
+        }
         self.folder.read(name, at, bytes)
     }
 

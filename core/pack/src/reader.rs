@@ -135,10 +135,10 @@ impl<S: Source> Reader<S> {
         decode_checked(&bytes, index, entry, self.header())
     }
 
-    /// The patch table of a chunk whose checksum matches; its geometry is not decoded.
+    /// The patch table of a chunk whose checksum matches; its geometry is not decoded. [`crate::verify::links`] checks which diamonds it names.
     ///
     /// # Errors
-    /// As [`Self::chunk`], except for errors in the geometry.
+    /// As [`Self::chunk`], except for errors in the geometry and for diamonds that a patch must not name.
     pub fn patches(&self, index: u32) -> Result<Vec<PatchRange>, PackError> {
         let what = format!("chunk {index}");
         let entry = self.entries().get(index as usize).ok_or_else(|| {
@@ -154,7 +154,6 @@ impl<S: Source> Reader<S> {
         if patches.iter().map(|p| u64::from(p.count)).sum::<u64>() != u64::from(entry.triangles) {
             return Err(PackError::invalid(what, "its patches do not have the triangles of its directory entry"));
         }
-        refuse_earlier(&what, index, &patches, self.header())?;
         Ok(patches)
     }
 }
@@ -179,16 +178,16 @@ pub fn decode_checked(bytes: &[u8], index: u32, entry: &DirectoryEntry, header: 
         PackError::Invalid { what: part, why } => PackError::invalid(what.clone(), format!("{part}: {why}")),
         other => other,
     })?;
-    refuse_earlier(&what, index, &chunk.patches, header)?;
+    let unknown = |p: &&crate::PatchRange| {
+        p.diamond != crate::NO_DIAMOND && (p.diamond <= index || p.diamond >= header.entry_count)
+    };
+    if let Some(patch) = chunk.patches.iter().find(unknown) {
+        return Err(PackError::invalid(
+            what,
+            format!("a patch names diamond {}, which is no later one", patch.diamond),
+        ));
+    }
     Ok(chunk)
-}
-
-/// Patches name diamonds that come later in the directory.
-fn refuse_earlier(what: &str, index: u32, patches: &[PatchRange], header: &Header) -> Result<(), PackError> {
-    let unknown =
-        |p: &&PatchRange| p.diamond != crate::NO_DIAMOND && (p.diamond <= index || p.diamond >= header.entry_count);
-    let Some(patch) = patches.iter().find(unknown) else { return Ok(()) };
-    Err(PackError::invalid(what, format!("a patch names diamond {}, which is no later one", patch.diamond)))
 }
 
 /// Read `length` bytes that were checked to lie inside the file.

@@ -25,8 +25,9 @@ const LEAST: f64 = 4.0;
 const TAIL_SHARE: f64 = 16.0;
 /// Bytes of memory per triangle for the whole tree (decision 83).
 const TREE_MEMORY: f64 = 1.5;
-/// Bytes of memory per chunk for its part of the tree and its results, during assembly (decision 83).
-const PART_MEMORY: f64 = 1700.0;
+/// Bytes of memory per chunk for its part of the tree and its results, during assembly: the growth from 10^7 to 10^8 triangles, without the entry
+/// (docs/bench/2026-11-27-tasks.md).
+const PART_MEMORY: f64 = 700.0;
 /// Bytes of memory per chunk of a pack during assembly, for its entry and its place in a page: measured with 5.5 million chunks
 /// (`core/stream/tests/giant.rs`: 1.56 GB).
 const ENTRY_MEMORY: f64 = 283.0;
