@@ -82,12 +82,12 @@ impl Worker<'_> {
     pub(crate) fn assemble(&self, build: SharedBuild) -> Result<Vec<u8>, BuildError> {
         let mut out = Vec::new();
         let (_, totals) = self.with(&Stop::default(), &Silent, |work| tasks::assemble(build, work, &mut out))?;
-        assert_eq!(totals, totals_of(&out), "the tasks did not count what is in the pack");
+        assert_eq!(totals, totals_of(&out), "the counts of the tasks differ from those of the pack");
         Ok(out)
     }
 }
 
-/// The counts of a pack, every chunk decoded.
+/// The counts of a pack, found by decoding every chunk.
 fn totals_of(pack: &[u8]) -> Totals {
     let reader = Reader::open(SliceSource(pack)).unwrap();
     let of_chunk = |i| verify::chunk(i, &reader.chunk(i).unwrap(), reader.entries()).unwrap();
@@ -232,7 +232,7 @@ fn a_task_that_starts_too_early_names_the_task_that_must_run_first() {
     assert!(early.contains("leaves-"), "{early}");
 }
 
-/// Counts the bytes that are read of the files with the tree.
+/// Counts the bytes that are read from the file of the tree.
 #[derive(Debug)]
 struct Counting {
     folder: SharedFolder,
@@ -292,7 +292,7 @@ fn a_task_reads_only_its_part_of_the_tree() {
         let read = read.load(Ordering::Relaxed);
         (most, sum) = (most.max(read), sum + read);
     }
-    // A tetrahedron takes 73 bytes, and the file has a byte for each.
+    // A tetrahedron takes 73 bytes in the tree, and one byte in the file `levels`.
     let whole = 73 * tetrahedra;
     assert!(most > 0 && most * 3 < whole, "{most} of {whole} bytes");
     assert!(sum < 4 * whole, "{sum} of {whole} bytes by all tasks together");

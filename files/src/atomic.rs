@@ -46,8 +46,8 @@ impl Pending {
         Ok(Self { temporary, target: target.to_owned(), _unfinished: unfinished })
     }
 
-    /// Move the complete file `from`, which is private from now on, to a temporary name beside `target`, and sync it to disk. `None` if it cannot be
-    /// moved there, for example because it is on another file system; it is unchanged then.
+    /// Move the complete file `from` to a temporary name beside `target`, make it private, and sync it to disk. `None` if it cannot be
+    /// moved there, for example because it is on another file system; then it is unchanged.
     ///
     /// # Errors
     /// If it cannot be synced; then it is removed.

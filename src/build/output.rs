@@ -125,7 +125,7 @@ impl Output {
         self.while_syncing(|path| check(path, bar, stop))
     }
 
-    /// Sync the complete pack to disk; meanwhile, check it, which returns its identity.
+    /// Sync the complete pack to disk; meanwhile, run `check`, which returns the identity of the pack.
     fn while_syncing(&self, check: impl FnOnce(&Path) -> anyhow::Result<String>) -> anyhow::Result<String> {
         std::thread::scope(|scope| {
             let synced = scope.spawn(|| self.writer.get_ref().sync_all());
@@ -137,8 +137,8 @@ impl Output {
         })
     }
 
-    /// As [`Output::check`], but compare only checksums, patches and counts: the chunks were `decoded` when they were encoded, and have had the
-    /// same checksums since.
+    /// As [`Output::check`], but compare only checksums, patches and counts: the tasks decoded the chunks when they encoded
+    /// them and counted `decoded`, and the checksums have not changed since.
     pub(crate) fn check_decoded(&self, decoded: Totals, bar: &Bar, stop: &Stop) -> anyhow::Result<String> {
         let one = |pack: &Reader<FileSource>, i| {
             let patches = pack.patches(i)?;
@@ -153,13 +153,13 @@ impl Output {
                 stored_triangles: triangles(false),
                 ..Totals::default()
             };
-            // Borders and the box are known only of all chunks together.
+            // The borders and the box are known only for all chunks together.
             let Totals { finest_borders, finest_bounds, .. } = decoded;
             Ok(if i == 0 { Totals { finest_borders, finest_bounds, ..counted } } else { counted })
         };
         self.while_syncing(|path| {
             let (identity, totals) = check_chunks(path, bar, stop, one)?;
-            anyhow::ensure!(totals == decoded, "it has {totals:?}, and the tasks had encoded {decoded:?}");
+            anyhow::ensure!(totals == decoded, "it has {totals:?}, but the tasks encoded {decoded:?}");
             Ok(identity)
         })
     }

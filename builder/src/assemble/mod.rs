@@ -201,7 +201,7 @@ pub struct RootChunk {
     pub patches: Vec<PatchRange>,
     /// All but the patch table.
     pub body: Vec<u8>,
-    /// Its counts, decoded again; those of a pack of points are not counted.
+    /// Its counts, found by decoding it again; empty for a pack of points.
     pub decoded: Totals,
 }
 

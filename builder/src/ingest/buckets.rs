@@ -38,7 +38,7 @@ pub(super) struct Buckets {
     tetrahedra: Vec<Tetra>,
     /// Whether each tetrahedron of that walk is split: enough to rebuild the rest.
     shape: Vec<bool>,
-    /// Made when it is first used: other uses of buckets need none of it.
+    /// Made on first use: other uses of the buckets do not need it.
     lookup: OnceLock<Lookup>,
 }
 
@@ -141,7 +141,7 @@ impl Buckets {
         }
     }
 
-    /// Whether a point is inside a bucket and on none of its faces; then it is the bucket of the point. This takes a fraction of the time of
+    /// Whether a point is inside a bucket and on none of its faces. If so, this is the bucket of the point. This takes a fraction of the time of
     /// [`Buckets::of_point`].
     #[inline]
     pub(super) fn is_inside(&self, bucket: u32, p: [u32; 3]) -> bool {
@@ -340,7 +340,7 @@ mod tests {
                 assert!(holding.clone().all(|b| b == bucket));
                 inside += holding.count();
             }
-            // Of random points in a large cube, hardly any is on a face.
+            // In a large cube, hardly any random point is on a face.
             assert!(cube_log2 < 12 || inside > 2900, "{inside}");
         }
     }

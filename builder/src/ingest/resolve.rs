@@ -235,7 +235,7 @@ impl Facing {
         let along = |p: &[u32]| I64Vec3::from(std::array::from_fn(|i| i64::from(p[i]) - i64::from(a[i])));
         let (u, v) = (along(b), along(c));
         if u.abs().max(v.abs()).max_element() < 1 << 30 {
-            // Nearly all triangles: their products fit 64 bits.
+            // True of nearly all triangles: the products fit in 64 bits.
             let normal = u.cross(v);
             self.normals.iter_mut().zip(normal.to_array()).for_each(|(sum, n)| *sum += i128::from(n));
             self.areas += u128::from(normal.as_dvec3().length() as u64);

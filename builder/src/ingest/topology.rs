@@ -437,7 +437,7 @@ impl Local {
         let mut last = None;
         let owner = |p| {
             let position = self.weld.position_of_point(p);
-            // Nearly all points are in this bucket.
+            // Nearly every point is in the same bucket as the point before it.
             let bucket = last.filter(|b| buckets.is_inside(*b, position)).unwrap_or_else(|| buckets.of_point(position));
             last = Some(bucket);
             bucket

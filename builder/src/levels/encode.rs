@@ -43,11 +43,11 @@ pub(crate) fn encode_chunk(
     Ok(Encoded { body, patches: chunk.patches, vertices, bounds })
 }
 
-/// Decode a chunk again and check it: the counts, the box, and the `sphere`, in lattice units, that must contain all vertices. Returns what
+/// Decode a chunk again and check its counts, its box, and that `sphere`, in lattice units, contains all vertices. Returns what
 /// [`verify::geometry`] counts.
 ///
 /// # Errors
-/// [`BuildError::Inputs`] if it is not what was encoded: a fault of this machine or of the program.
+/// [`BuildError::Inputs`] if the check fails: the fault is in this machine or in the program.
 pub(crate) fn decode_again(
     encoded: &Encoded,
     triangles: u32,
@@ -59,7 +59,7 @@ pub(crate) fn decode_again(
     let checked = decoded.and_then(|chunk| verify::geometry("chunk", &chunk, &encoded.bounds, sphere));
     checked.map_err(|e| {
         let why = format!(
-            "a chunk that was just encoded cannot be decoded ({e}); run this again, and if it fails again, test the memory of this machine, or report the error"
+            "a chunk that was just encoded is not right when it is decoded again ({e}); run the same command again; if it fails again, test the memory of this machine or report the error"
         );
         BuildError::Inputs { why }
     })

@@ -146,7 +146,7 @@ impl Scan<'_> {
             self.owners.clear();
             self.owners.extend(self.group.iter().map(|r| {
                 let t = tetrahedron_of(*r);
-                // A tetrahedron outside of this part of the tree belongs to a diamond of another task.
+                // A tetrahedron outside this part of the tree belongs to a diamond of another task.
                 let merged = self.tree.tetrahedra.get(t).filter(|_| below(t));
                 merged.map_or((false, t), |node| (true, node.parent_diamond))
             }));

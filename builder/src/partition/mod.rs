@@ -64,7 +64,7 @@ pub struct Partition {
     pub by_key: FxHashMap<DiamondKey, u32>,
     /// Leaves that hold more than they should because space cannot separate their triangles.
     pub overfull_leaves: u64,
-    /// In a part of a tree: the level of bisection of every tetrahedron of the whole tree, if it is needed.
+    /// In a part of a tree: the level of bisection of every tetrahedron of the whole tree, if the task needs it.
     pub(crate) levels: Vec<u8>,
 }
 
@@ -74,7 +74,7 @@ impl Partition {
         self.tetrahedra.numbered().filter(|(_, node)| node.children.is_none()).map(|(t, _)| t)
     }
 
-    /// The level of bisection of a tetrahedron of the whole tree; `None` of a number that no tetrahedron has.
+    /// The level of bisection of a tetrahedron of the whole tree; `None` if it is not known.
     pub(crate) fn level_of(&self, tetrahedron: u32) -> Option<u8> {
         let known = self.levels.get(tetrahedron as usize).copied();
         known.or_else(|| self.tetrahedra.get(tetrahedron).map(|node| node.tetra.level))

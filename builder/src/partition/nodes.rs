@@ -16,13 +16,13 @@ impl<T> Default for Nodes<T> {
 }
 
 impl<T> Nodes<T> {
-    /// A part, with the number of each node; `None` unless the numbers are ascending.
+    /// A part, with the number of each node; `None` unless the numbers are ascending, one for each node.
     pub(crate) fn of_part(nodes: Vec<T>, numbers: Vec<u32>) -> Option<Self> {
         let ascending = numbers.is_sorted_by(|a, b| a < b) && numbers.len() == nodes.len();
         ascending.then_some(Self { nodes, numbers: Some(numbers) })
     }
 
-    /// Add a node with the next number, to a whole tree.
+    /// Add a node with the next number. Only for a whole tree.
     pub(crate) fn push(&mut self, node: T) {
         debug_assert!(self.numbers.is_none());
         self.nodes.push(node);
@@ -60,7 +60,7 @@ impl<T> Nodes<T> {
         numbers.binary_search(&(number as u32)).ok()
     }
 
-    /// The same for a node that must be there.
+    /// Where a node is that must be in this part.
     fn known(&self, number: usize) -> usize {
         match self.place(number) {
             Some(place) => place,

@@ -1,12 +1,12 @@
-//! A part of the tree: what one task of a divided build needs, so that no task has to read the whole.
+//! A part of the tree: what one task of a divided build needs, so that no task has to read the whole tree.
 //!
-//! Its bytes: as [`super::tree_file`], with the number of each node before it, and a CRC-32 at the end.
+//! Its bytes are like those of [`super::tree_file`], with the number of each node before the node, and a CRC-32 at the end.
 
 use super::tree_file::{Fields, push_diamond, push_tetrahedron};
 use super::{Nodes, Partition};
 use crate::ingest::divided::Run;
 
-/// About as many bytes as a node takes.
+/// About how many bytes a node takes.
 const BYTES: usize = 80;
 
 /// The nodes of a part, by their numbers.
@@ -17,7 +17,7 @@ pub(crate) struct Part {
 }
 
 impl Part {
-    /// What is needed to coarsen these diamonds: they, their tetrahedra, the quarters of these, and the diamonds of the quarters.
+    /// What is needed to coarsen these diamonds: the diamonds, their tetrahedra, the quarters of these, and the diamonds of the quarters.
     pub(crate) fn to_coarsen(tree: &Partition, diamonds: &[u32]) -> Self {
         let mut part = Self::of_diamonds(tree, diamonds.iter().copied());
         let split = |t: &u32| tree.tetrahedra[*t as usize].children;
@@ -34,19 +34,19 @@ impl Part {
         Self::to_coarsen(tree, &diamonds).with_roots(tree)
     }
 
-    /// The diamonds that are split, with their tetrahedra, and the roots: what the pack is put together from.
+    /// The diamonds that are split, with their tetrahedra, and the roots: what the assembly of the pack needs.
     pub(crate) fn of_pack(tree: &Partition) -> Self {
         let split = tree.diamonds.numbered().filter(|(_, node)| node.split);
         Self::of_diamonds(tree, split.map(|(d, _)| d)).with_roots(tree)
     }
 
-    /// The tetrahedra of these runs, and everything below.
+    /// The tetrahedra of these runs, and everything below them.
     pub(crate) fn below(tree: &Partition, runs: &[Run]) -> Self {
         let mut part = Self { tetrahedra: Vec::new(), diamonds: Vec::new() };
         let mut stack = Vec::new();
         for run in runs {
             part.tetrahedra.push(run.tetrahedron);
-            // The other half may be almost the whole tree.
+            // The other half may contain almost the whole tree.
             match run.half {
                 Some(quarters) => stack.extend(quarters),
                 None => stack.extend(tree.tetrahedra[run.tetrahedron as usize].children.into_iter().flatten()),
@@ -188,7 +188,7 @@ mod tests {
         let roots: Vec<Run> = (0..6).map(|root| run(root, None)).collect();
         let all = from_bytes(&Part::below(&tree, &roots).bytes(&tree)).unwrap();
         assert_eq!(leaves(&all), leaves(&tree));
-        // The halves of a tetrahedron are apart: one with almost all of the tree, and the other.
+        // The halves of a tetrahedron are separate parts: one has almost all of the tree, the other the rest.
         let [a, b, c, d] = tree.tetrahedra[2].children.unwrap();
         let sizes = [[a, b], [c, d]].map(|half| Part::below(&tree, &[run(2, Some(half))]).tetrahedra.len());
         let both = Part::below(&tree, &[run(2, Some([a, b])), run(2, Some([c, d]))]).tetrahedra.len();

@@ -39,7 +39,7 @@ pub(super) struct Sources<'a> {
     below: u8,
     /// Shards of leaves, then those of the level below.
     files: Vec<Source>,
-    /// Where each shard of the level below begins in the order of the pack; empty if it is not divided.
+    /// Where each shard of the level below begins in the order of the pack; empty if that level is not divided.
     firsts: Vec<(u8, u128)>,
 }
 

@@ -28,14 +28,14 @@ pub(super) const RESULTS: &str = "results";
 pub(super) struct LevelState {
     /// Bounding box of the points in its records.
     pub(super) points: PointBox,
-    /// The counts of its chunks, decoded again.
+    /// The counts of its chunks, found by decoding them again.
     pub(super) decoded: Totals,
 }
 
 /// The results of the tail, in addition to its files.
 #[derive(Serialize, Deserialize)]
 pub(super) struct TailState {
-    /// The counts of its chunks, decoded again.
+    /// The counts of its chunks, found by decoding them again.
     pub(super) decoded: Totals,
 }
 

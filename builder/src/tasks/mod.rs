@@ -10,7 +10,7 @@
 //! | [`Task::Level`] | a part of the tree, and every task of the leaves and of the level below | one shard of a level |
 //! | [`Task::Tail`] | a part of the tree, and every task of the leaves and of the coarsest level that is divided into shards | all coarser levels, which together are a part of a task |
 //!
-//! The file of the tree contains the part that each task needs, one after the other, so no task but the one that writes it holds the whole tree.
+//! The file of the tree contains the parts that the other tasks need, one after the other, so only the task that writes it holds the whole tree.
 //! A region and a shard of leaves are ranges of the buckets of the ingest, in the order of the tree. A shard of a level is a range of its diamonds in the order of the pack, along a Hilbert curve. [`plan`] lists the tasks;
 //! [`run`] runs one of them, and [`assemble`] writes the pack. A task processes a diamond exactly as [`mod@crate::build`]
 //! does, so the pack is byte for byte the same, however the work is divided. It also decodes each chunk that it encoded, and counts what is in it;

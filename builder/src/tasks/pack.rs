@@ -32,8 +32,8 @@ impl Bodies for SharedBodies {
     }
 }
 
-/// Write the pack of a build whose tasks are all done to `out`. The report adds up the tasks of each stage; the totals are those of the chunks,
-/// which the tasks decoded again when they encoded them.
+/// Write the pack of a build whose tasks are all done to `out`. The report adds up the tasks of each stage; the totals are what the tasks
+/// counted when they decoded their chunks again.
 ///
 /// # Errors
 /// [`BuildError`]: a task is not done, a file cannot be read or is damaged, the pack cannot be written.

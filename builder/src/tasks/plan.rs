@@ -352,7 +352,8 @@ impl SharedBuild {
     pub(super) fn part(&self, divided: &Divided, stretch: Stretch) -> Result<Partition, BuildError> {
         let file = self.file(&divided.manifest, tree_file::TREE)?;
         let bytes = self.read(file, stretch.at, stretch.bytes)?;
-        part::from_bytes(&bytes).ok_or_else(|| self.damaged_file(file, "a part does not match its checksum"))
+        part::from_bytes(&bytes)
+            .ok_or_else(|| self.damaged_file(file, "a part of the tree does not match its checksum"))
     }
 
     /// The same, with the levels of all tetrahedra of the tree.

@@ -98,7 +98,7 @@ pub(super) fn tree_task(build: &SharedBuild, work: &Work<'_>) -> Result<TaskOutp
     Ok(TaskOutput { files, of, state: serde_json::to_value(&state).unwrap_or_default() })
 }
 
-/// Write the part of the tree that each task needs, one after the other, and the levels of all tetrahedra.
+/// Write the parts of the tree that the other tasks need, one after the other, and the levels of all tetrahedra.
 fn write_parts(work: &Work<'_>, tree: &Partition, runs: &[Run], shards: &mut Shards) -> Result<(), BuildError> {
     let (mut file, mut end) = (Appender::new(work.scratch.create(TREE)?), 0);
     let mut push = |bytes: &[u8]| -> Result<Stretch, BuildError> {

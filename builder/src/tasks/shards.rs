@@ -62,7 +62,7 @@ pub(super) struct Shards {
     pub(super) tail: u8,
     /// Triangles that the tail is estimated to take.
     pub(super) tail_triangles: u64,
-    /// The parts of the tree for the tail and for the pack, in the file of the tree.
+    /// Where the parts for the tail and for the pack are in the file of the tree.
     pub(super) tail_part: Stretch,
     pub(super) pack_part: Stretch,
 }
@@ -81,7 +81,7 @@ pub(super) struct LeafShard {
     pub(super) near: DVec3,
     /// The regions with its buckets, or with replies to these.
     pub(super) regions: Vec<u32>,
-    /// Its runs and its part of the tree, in the file of the tree.
+    /// Where its runs and its part of the tree are in the file of the tree.
     pub(super) runs: Stretch,
     pub(super) part: Stretch,
 }
@@ -104,7 +104,7 @@ pub(super) struct LevelShard {
     pub(super) near: DVec3,
     /// The first diamond: its level of bisection, and its midpoint.
     first_diamond: (u8, LatticePoint),
-    /// Its part of the tree, in the file of the tree.
+    /// Where its part of the tree is in the file of the tree.
     pub(super) part: Stretch,
 }
 

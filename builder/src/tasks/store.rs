@@ -27,7 +27,7 @@ pub trait Store: Send + Sync {
     /// [`BuildError::Shared`], also if the file is shorter.
     fn read(&self, name: &str, at: u64, bytes: u64) -> Result<Vec<u8>, BuildError>;
 
-    /// Put a complete local file into the store, by copying or by moving it: the caller does not use it any more. An existing file of that name is
+    /// Put a complete local file into the store, by copying or moving it: the caller must not use it afterwards. An existing file of that name is
     /// replaced.
     ///
     /// # Errors

@@ -118,7 +118,7 @@ impl Tetra {
     }
 }
 
-/// The interior of a tetrahedron: normals of its faces pointing in, and their product with a point of each face.
+/// The interior of a tetrahedron: for each face, the normal pointing in, and its dot product with a point of the face.
 #[derive(Debug, Clone, Copy)]
 pub struct Interior([(I64Vec3, i64); 4]);
 
@@ -180,7 +180,7 @@ fn between(from: LatticePoint, to: LatticePoint) -> I64Vec3 {
     to.as_i64vec3() - from.as_i64vec3()
 }
 
-/// The shortest normal of a plane through three lattice points that has whole components.
+/// The shortest normal with integer components of the plane through three lattice points.
 fn shortest_normal([a, b, c]: [LatticePoint; 3]) -> I64Vec3 {
     let n = between(a, b).cross(between(a, c));
     n / gcd(gcd(n.x.unsigned_abs(), n.y.unsigned_abs()), n.z.unsigned_abs()).max(1) as i64

@@ -135,10 +135,10 @@ impl<S: Source> Reader<S> {
         decode_checked(&bytes, index, entry, self.header())
     }
 
-    /// The patch table of a chunk whose checksum matches; its geometry is not decoded. [`crate::verify::links`] checks which diamonds it names.
+    /// The patch table of a chunk. The checksum is compared, but the geometry is not decoded; [`crate::verify::links`] checks the diamonds in it.
     ///
     /// # Errors
-    /// As [`Self::chunk`], except for errors in the geometry and for diamonds that a patch must not name.
+    /// As [`Self::chunk`], but not for errors in the geometry, nor for patches with wrong diamonds.
     pub fn patches(&self, index: u32) -> Result<Vec<PatchRange>, PackError> {
         let what = format!("chunk {index}");
         let entry = self.entries().get(index as usize).ok_or_else(|| {
@@ -152,7 +152,7 @@ impl<S: Source> Reader<S> {
         self.header().announces_codec_of(&bytes)?;
         let patches = crate::chunk::patch_table(&bytes)?;
         if patches.iter().map(|p| u64::from(p.count)).sum::<u64>() != u64::from(entry.triangles) {
-            return Err(PackError::invalid(what, "its patches do not have the triangles of its directory entry"));
+            return Err(PackError::invalid(what, "its patches do not have as many triangles as its directory entry"));
         }
         Ok(patches)
     }

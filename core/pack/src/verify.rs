@@ -128,7 +128,7 @@ pub fn order(header: &Header, entries: &[DirectoryEntry]) -> Result<(), PackErro
     Err(PackError::invalid("header", why))
 }
 
-/// One decoded chunk against the directory: its geometry ([`geometry`]) and its links ([`links`]).
+/// Check one decoded chunk against the directory: its geometry ([`geometry`]) and its links ([`links`]).
 ///
 /// # Errors
 /// [`PackError::Invalid`] naming the chunk.
@@ -142,7 +142,8 @@ pub fn chunk(index: u32, chunk: &Chunk, entries: &[DirectoryEntry]) -> Result<To
     Ok(totals)
 }
 
-/// The geometry of a decoded chunk, called `what` in errors: `bounds` is its exact box, and `sphere` contains all its vertices. Returns its counts.
+/// Check the geometry of a decoded chunk: `bounds` must be its exact box, and `sphere` must contain all its vertices. Errors call the chunk `what`.
+/// Returns its counts.
 ///
 /// # Errors
 /// [`PackError::Invalid`] naming the chunk.
@@ -178,8 +179,8 @@ pub fn geometry(what: &str, chunk: &Chunk, bounds: &Aabb, sphere: &Sphere) -> Re
     Ok(totals)
 }
 
-/// The patch table of a chunk against the directory: every patch's diamond has this entry among its parents, and there is no leaf patch
-/// where the children replace all of the chunk.
+/// Check the patch table of a chunk against the directory: every patch's diamond must have this entry among its parents, and there must be no
+/// leaf patch if the children replace all of the chunk.
 ///
 /// # Errors
 /// [`PackError::Invalid`] naming the chunk.

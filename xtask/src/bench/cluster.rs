@@ -140,7 +140,7 @@ fn divided(args: &Args, place: &Place, workers: usize) -> Result<Built> {
     Ok(Built { wall_s, cpu_s, stages: stages(done), left })
 }
 
-/// The number of files that the tasks of a build exchanged, and the tetrahedra of the tree.
+/// The number of files that the tasks of a build exchanged, and the number of tetrahedra in the tree.
 fn left_in(folder: &Path) -> Result<costs::Left> {
     let mut left = costs::Left::default();
     for file in fs::read_dir(folder).with_context(|| format!("cannot read {}", folder.display()))? {

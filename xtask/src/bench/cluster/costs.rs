@@ -8,7 +8,7 @@
 //!   [`LEAST`], if it has more than 1 / [`TAIL_SHARE`] of the triangles of a task; the other levels are the tail.
 //! * Each level costs as much per triangle as all divided levels together did in the measurement; so does the tail.
 //! * Waves do not overlap: a stage takes ceil(tasks / P) times as long as one of its tasks.
-//! * The task `tree` holds the whole tree in memory: [`TREE_MEMORY`] bytes per triangle. All others read their part of it; the levels and the tail also
+//! * The task `tree` holds the whole tree in memory: [`TREE_MEMORY`] bytes per triangle. All others read only their part of it; the level tasks and the tail also
 //!   read one byte for each tetrahedron of the whole tree.
 //! * The assembly holds, for each chunk, its part of the tree ([`PART_MEMORY`] bytes) and its entry in the directory ([`ENTRY_MEMORY`]).
 
@@ -25,7 +25,7 @@ const LEAST: f64 = 4.0;
 const TAIL_SHARE: f64 = 16.0;
 /// Bytes of memory per triangle for the whole tree (decision 83).
 const TREE_MEMORY: f64 = 1.5;
-/// Bytes of memory per chunk for its part of the tree and its results, during assembly: the growth from 10^7 to 10^8 triangles, without the entry
+/// Bytes of memory per chunk for its part of the tree and its results, during assembly: measured as the growth from 10^7 to 10^8 triangles, without the entry
 /// (docs/bench/2026-11-27-tasks.md).
 const PART_MEMORY: f64 = 700.0;
 /// Bytes of memory per chunk of a pack during assembly, for its entry and its place in a page: measured with 5.5 million chunks
@@ -43,7 +43,7 @@ struct Rates {
 }
 
 impl Rates {
-    /// The rates of a stage with that many triangles. `tetrahedra` are the bytes of the levels of all tetrahedra that its tasks read.
+    /// The rates of a stage with that many triangles. `tetrahedra` is how many bytes its tasks read for the levels of all tetrahedra.
     fn of(stage: &Stage, triangles: f64, tetrahedra: f64) -> Self {
         // What the assembly reads is not counted.
         let read = if stage.read.is_nan() { 0.0 } else { (stage.read - tetrahedra).max(0.0) };
@@ -72,7 +72,7 @@ pub(super) struct Measured {
     chunks: f64,
 }
 
-/// The files in the folder of a build before the assembly, the tetrahedra of the tree, and the chunks of the pack.
+/// The number of files in the folder of a build before the assembly, of tetrahedra in the tree, and of chunks in the pack.
 #[derive(Default, Clone)]
 pub(super) struct Left {
     pub(super) files: f64,
@@ -142,7 +142,7 @@ impl Division {
         2.0 * self.regions + self.level_tasks() + 3.0
     }
 
-    /// How often the levels of all tetrahedra are read: by the levels and the tail.
+    /// How often the levels of all tetrahedra are read: once by each level task and by the tail.
     fn readers_of_tetrahedra(&self) -> f64 {
         self.level_tasks() + 1.0
     }
@@ -166,7 +166,7 @@ fn constants(m: &Measured) -> String {
         [&m.ingest, &m.region, &m.tree, &m.leaves, &m.assemble].map(|rates| rates.cpu_s * 1e6);
     let [levels, tail] = [&m.levels, &m.tail].map(|rates| rates.cpu_s * 1e6);
     format!(
-        "\nEstimated costs of larger models, by the formulae of `xtask/src/bench/cluster/costs.rs`, from these constants. CPU time per triangle of the model, µs: ingest {ingest:.2}, regions {region:.2}, tree {tree:.3}, leaves {leaves:.2}, assembly {assembly:.2}; per triangle that the stage processes: levels {levels:.2}, tail {tail:.2}. Bytes per triangle: {:.1} written by the ingest, {:.1} read and {:.1} written by the regions, {:.1} and {:.1} by the leaves, and {:.1} and {:.1} by the levels per triangle that they process; {:.4} for the levels of all tetrahedra, read by every task of a level and the tail; pack {:.2}; {:.0} triangles per chunk.\n\n",
+        "\nEstimated costs of larger models, by the formulae of `xtask/src/bench/cluster/costs.rs`, from these constants. CPU time per triangle of the model, µs: ingest {ingest:.2}, regions {region:.2}, tree {tree:.3}, leaves {leaves:.2}, assembly {assembly:.2}; per triangle that the stage processes: levels {levels:.2}, tail {tail:.2}. Bytes per triangle: {:.1} written by the ingest, {:.1} read and {:.1} written by the regions, {:.1} and {:.1} by the leaves, and {:.1} and {:.1} by the levels per triangle that they process; {:.4} for the levels of all tetrahedra, read by every level task and by the tail; pack {:.2}; {:.0} triangles per chunk.\n\n",
         m.ingest.written,
         m.region.read,
         m.region.written,
