@@ -175,12 +175,10 @@ impl Lengths {
         self.total += 1;
     }
 
-    #[must_use]
-    pub(super) fn merge(mut self, other: &Self) -> Self {
+    pub(super) fn merge(&mut self, other: &Self) {
         self.counts.iter_mut().zip(&other.counts).for_each(|(a, b)| *a += b);
         self.none += other.none;
         self.total += other.total;
-        self
     }
 
     /// How many edges are shorter than a length in steps of the provisional lattice; up to 1/365 longer ones may be among them.

@@ -178,7 +178,7 @@ struct Measures {
 impl Measures {
     fn take(&mut self, piece: &Piece) {
         self.triangles += piece.kept as u64;
-        self.lengths = std::mem::take(&mut self.lengths).merge(&piece.lengths);
+        self.lengths.merge(&piece.lengths);
         self.facing.add(&piece.facing);
         self.samples.extend(&piece.samples);
         self.keep.extend(&piece.keep);
@@ -316,13 +316,13 @@ impl<'a> Run<'a> {
             let count = range.min(end - first);
             let loaded = Range { first, words: self.load(provisional, first, count as usize)? };
             let is_last = first + count == end;
-            let look = |block: u64| -> Result<Block, ScratchError> {
+            let look = |block: u64, mut words: Vec<u32>| -> Result<Block, ScratchError> {
                 let n = self.spooled.triangles.saturating_sub(block).min(size as u64) as usize;
                 if n == 0 {
                     return Ok(Block::default());
                 }
                 let rows = self.numbers(block, n)?;
-                let mut words = vec![0u32; n * self.layout.triangle()];
+                words.resize(n * self.layout.triangle(), 0);
                 if first > start {
                     read_words(&corners, block * 4 * self.layout.triangle() as u64, &mut words)?;
                 }
@@ -332,7 +332,7 @@ impl<'a> Run<'a> {
                 Ok(Block { words, pieces })
             };
             let mut written = 0;
-            let mut write = |mut block: Block| -> Result<(), ScratchError> {
+            let mut write = |mut block: Block| -> Result<Vec<u32>, ScratchError> {
                 if !is_last {
                     write_words(&corners, written, &mut block.words)?;
                     written += 4 * block.words.len() as u64;
@@ -344,14 +344,13 @@ impl<'a> Run<'a> {
                     written += 4 * kept.len() as u64;
                     measures.take(piece);
                 }
-                Ok(())
+                Ok(block.words)
             };
-            // One block is written while the next is looked at.
-            let mut ready = look(0)?;
+            // One block is written while the next is looked at, in the memory of the one before.
+            let (mut ready, mut spare) = (look(0, Vec::new())?, Vec::new());
             for block in (0..self.spooled.triangles).step_by(size) {
-                let (was_written, next) = rayon::join(|| write(ready), || look(block + size as u64));
-                was_written?;
-                ready = next?;
+                let (written, next) = rayon::join(|| write(ready), || look(block + size as u64, spare));
+                (ready, spare) = (next?, written?);
                 done += (self.spooled.triangles - block).min(size as u64);
                 self.work.progress.update("finding corners", done, total);
                 self.work.stop.check()?;
@@ -492,7 +491,9 @@ impl<'a> Run<'a> {
                 }
             }
             let to = out.kept * triangle;
-            words.copy_within(at..at + triangle, to);
+            if to < at {
+                words.copy_within(at..at + triangle, to);
+            }
             out.kept += 1;
             let corners = &mut words[to..to + triangle];
             if let (Some(at), Some([r, g, b, 1])) = (self.layout.color(), colors.map(|c| c[i])) {
@@ -603,10 +604,10 @@ fn grey_of_row(row: [u8; 4], [black, white]: [f32; 2], none: u32, precision: Pre
     word_of_color(precision.color([libm::round(share.clamp(0.0, 1.0) * 255.0) as u8; 3]))
 }
 
-/// Triangles read at a time: a few pieces, as memory allows.
+/// Triangles read at a time: two pieces for each thread, as memory allows. Fewer would leave threads idle; more would not stay in the processor's caches.
 pub(super) fn block(work: &Work<'_>, layout: Layout) -> usize {
     let fit = work.memory / 64 / (4 * layout.triangle() as u64) / PIECE as u64;
-    PIECE * fit.clamp(1, 8) as usize
+    PIECE * fit.clamp(1, 2 * work.threads.max(1) as u64) as usize
 }
 
 /// The corners of triangles, block by block: words of `n` triangles from number `first` on.

@@ -114,15 +114,14 @@ pub(super) fn scatter(
     let mut tally = Tally::default();
     let (triangle, mut kept) = (layout.triangle(), 0);
     let size = block(work, layout);
-    let look = |block: u64| -> Result<(Vec<u32>, Vec<Piece>), ScratchError> {
+    let look = |block: u64, mut words: Vec<u32>| -> Result<(Vec<u32>, Vec<Piece>), ScratchError> {
         let n = resolved.triangles.saturating_sub(block).min(size as u64) as usize;
-        let mut words = Vec::new();
         read_corners(&corners, layout, block, n, &mut words)?;
         let pieces =
             words.par_chunks_mut(PIECE * triangle).map(|w| piece(w, layout, &rounding, &buckets, resolved)).collect();
         Ok((words, pieces))
     };
-    let mut keep = |(words, pieces): (Vec<u32>, Vec<Piece>)| -> Result<(), ScratchError> {
+    let mut keep = |(words, pieces): (Vec<u32>, Vec<Piece>)| -> Result<Vec<u32>, ScratchError> {
         for (piece, words) in pieces.iter().zip(words.chunks(PIECE * triangle)) {
             let mut places = vec![0u32; piece.bucket.len()];
             let mut first = 0;
@@ -147,14 +146,13 @@ pub(super) fn scatter(
             }
             tally.merge(&piece.collapsed);
         }
-        Ok(())
+        Ok(words)
     };
-    // One block is written while the next is looked at.
-    let mut ready = look(0)?;
+    // One block is written while the next is looked at, in the memory of the one before.
+    let (mut ready, mut spare) = (look(0, Vec::new())?, Vec::new());
     for block in (0..resolved.triangles).step_by(size) {
-        let (written, next) = rayon::join(|| keep(ready), || look(block + size as u64));
-        written?;
-        ready = next?;
+        let (written, next) = rayon::join(|| keep(ready), || look(block + size as u64, spare));
+        (ready, spare) = (next?, written?);
         work.progress.update("sorting into regions", (block + size as u64).min(resolved.triangles), resolved.triangles);
         work.stop.check()?;
     }

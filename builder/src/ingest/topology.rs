@@ -277,7 +277,7 @@ impl Region<'_> {
             // Only tasks need the groups.
             findings.groups.extend(f.groups.into_iter().filter(|_| !self.is_all));
             findings.counts.add(&f.counts);
-            roughness = roughness.merge(&f.roughness);
+            roughness.merge(&f.roughness);
             bounds = bounds.union(&f.bounds);
         }
         findings.keys.sort_unstable_by_key(|(level, midpoint)| DiamondKey { level: *level, midpoint: *midpoint });
