@@ -1,12 +1,19 @@
-"""The soak tests (KILWA_SOAK=1): 300 meshes and two killed drivers; one mesh and 60 random kills."""
+"""The soak tests (KILWA_SOAK=1): 300 meshes and two killed drivers; one mesh and 60 random kills, also in a busy store."""
 
 from __future__ import annotations
 
 import json
 import random
+from collections.abc import Callable
 from typing import Any
 
+import pytest
+from busy import proxy
 from conftest import LIMIT, Collection, Single, kill, until, workers, wrapper
+from test_store import Stored, store, stored
+
+# Fixtures of another module.
+__all__ = ["store", "stored"]
 
 MESHES = 300
 
@@ -38,39 +45,53 @@ def test_a_collection_of_300_survives_two_killed_drivers(collection: Collection)
 def test_one_build_survives_50_killed_workers_and_10_killed_drivers(single: Single) -> None:
     """At random moments. Builds that come to their end are begun again until there have been enough."""
     single.make(triangles="200k")
-    sleeps = f'if [ "$1" = task ] || [ "$1" = assemble ]; then touch "{single.root}/started.$$"; sleep 0.1; fi'
-    kilwa = wrapper(single.root / "kilwa", f'{sleeps}\nexec "{single.kilwa}" "$@"\n')
+    soak(single, lambda kilwa: single.start("--scratch", str(single.scratch), kilwa=kilwa), single.out.unlink)
+
+
+def test_a_build_in_a_busy_store_survives_the_same(stored: Stored, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three of ten requests to the store fail while workers and drivers are killed."""
+    bucket = stored.store
+    assert bucket is not None
+    stored.make("100k")
+    with proxy(int(bucket.url.rpartition(":")[2]), percent=30, seed=25) as (port, seen):
+        monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{port}")
+        soak(stored, lambda kilwa: stored.start(kilwa=kilwa), lambda: bucket.ask("/packs/mesh.kilwa", "DELETE"))
+    print(seen)
+    assert seen["busy"] * 5 > seen["all"]
+
+
+def soak(made: Single | Stored, begin: Callable[[str], Any], remove_pack: Callable[[], object]) -> None:
+    """Kill 50 workers and 10 drivers at random moments, and check every pack; builds are begun again until the last is killed."""
+    sleeps = f'if [ "$1" = task ] || [ "$1" = assemble ]; then touch "{made.root}/started.$$"; sleep 0.1; fi'
+    kilwa = wrapper(made.root / "kilwa", f'{sleeps}\nexec "{made.kilwa}" "$@"\n')
     left = {"workers": 50, "drivers": 10}
     counts = {"packs": 0, "stopped": 0}
     chance = random.Random(25)
 
     def started() -> int:
-        return sum(1 for _ in single.root.glob("started.*"))
+        return sum(1 for _ in made.root.glob("started.*"))
 
-    def start() -> Any:
-        return single.start("--scratch", str(single.scratch), kilwa=kilwa)
-
-    driver = start()
+    driver = begin(kilwa)
     while True:
         seen, wanted = started(), chance.randint(1, 12)
         until(lambda: driver.poll() is not None or started() >= seen + wanted, "tasks begin")  # noqa: B023
         if driver.poll() is not None:
             text, _ = driver.communicate(timeout=LIMIT)
             if driver.returncode == 0:
-                single.check()
+                made.check()
                 counts["packs"] += 1
                 if not any(left.values()):
                     break
-                single.out.unlink()
+                remove_pack()
             else:
                 counts["stopped"] += 1
-                assert "3 workers died while processing" in str(single.told()["failure"]), text
-            driver = start()
+                assert "3 workers died while processing" in str(json.loads(made.report.read_text())["failure"]), text
+            driver = begin(kilwa)
         elif left["drivers"] and chance.random() < 0.2:
             left["drivers"] -= 1
             driver.kill()
             driver.wait()
-            driver = start()
+            driver = begin(kilwa)
         elif left["workers"] and (found := workers(driver)):
             left["workers"] -= 1
             kill(chance.choice(found))

@@ -100,10 +100,28 @@ class Stored(Drivers):
         """The local copy of the mesh."""
         return self.root / "mesh.ply"
 
-    def start(self, *options: str) -> subprocess.Popen[str]:
+    @property
+    def scratch(self) -> Path:
+        """Folder for scratch files."""
+        return self.root / "scratch"
+
+    @property
+    def report(self) -> Path:
+        """The report of the latest driver."""
+        return self.root / "report.json"
+
+    def make(self, triangles: str) -> None:
+        """Make the mesh, and put it into the store."""
+        assert self.store is not None
+        command = [self.kilwa, "synth", "wall", "--triangles", triangles, "--output", str(self.mesh), "--force"]
+        subprocess.run(command, check=True, capture_output=True)
+        self.store.ask("/in/mesh.ply", "PUT", self.mesh.read_bytes())
+
+    def start(self, *options: str, kilwa: str | None = None) -> subprocess.Popen[str]:
         """Start a driver."""
         files = [f"s3://{BUCKET}/in/mesh.ply", "-o", self.output, "--work", f"s3://{BUCKET}/work"]
-        return self.launch("build", *files, "--task-triangles", "3k", "--scratch", str(self.root / "scratch"), *options)
+        options = ("--task-triangles", "3k", "--scratch", str(self.scratch), "--json", str(self.report), *options)
+        return self.launch("build", *files, *options, kilwa=kilwa)
 
     def run(self, *options: str, code: int = 0) -> str:
         """Run a driver to its end and return what it printed."""
@@ -116,8 +134,7 @@ class Stored(Drivers):
         assert hashlib.sha256(pack).hexdigest() == self.sha256_of_plain_build(self.mesh)
         assert [key for key in self.store.list() if key.startswith("work/")] == []
         assert self.store.list("uploads", "UploadId") == []
-        scratch = self.root / "scratch"
-        assert not scratch.exists() or list(scratch.iterdir()) == []
+        assert not self.scratch.exists() or list(self.scratch.iterdir()) == []
 
 
 @pytest.fixture
@@ -128,9 +145,7 @@ def stored(tmp_path: Path, kilwa: str, store: Store, monkeypatch: pytest.MonkeyP
     monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret-of-the-test")
     monkeypatch.setenv("AWS_REGION", "us-east-1")
     made = Stored(tmp_path, kilwa, store=store)
-    command = [kilwa, "synth", "wall", "--triangles", "20k", "--output", str(made.mesh)]
-    subprocess.run(command, check=True, capture_output=True)
-    store.ask("/in/mesh.ply", "PUT", made.mesh.read_bytes())
+    made.make("20k")
     yield made
     end_all(made)
     for key in store.list():
@@ -139,14 +154,13 @@ def stored(tmp_path: Path, kilwa: str, store: Store, monkeypatch: pytest.MonkeyP
 
 def test_inputs_work_and_pack_in_a_store(stored: Stored) -> None:
     """The pack is equal to that of kilwa build; the same command finds it, and a different one is refused."""
-    report = stored.root / "report.json"
-    text = stored.run("--json", str(report))
-    told = json.loads(report.read_text())
+    text = stored.run()
+    told = json.loads(stored.report.read_text())
     assert told["pack"]["sha256"] == stored.sha256_of_plain_build(stored.mesh)
     assert f"SHA-256 {told['pack']['sha256']}" in text
     stored.check()
-    stored.run("--json", str(report))
-    assert json.loads(report.read_text())["pack"] == told["pack"]
+    stored.run()
+    assert json.loads(stored.report.read_text())["pack"] == told["pack"]
     stored.check()
     text = stored.run("--workers", "2", "--", "--title", "another", code=1)
     assert f"{stored.output} already exists; use --force" in text
@@ -170,9 +184,8 @@ def test_a_build_continues_after_its_driver_died(stored: Stored) -> None:
     for process in tree(driver):
         process.kill()
     driver.wait()
-    report = stored.root / "report.json"
-    stored.run("--json", str(report))
-    earlier = {stage["stage"]: stage["earlier"] for stage in json.loads(report.read_text())["stages"]}
+    stored.run()
+    earlier = {stage["stage"]: stage["earlier"] for stage in json.loads(stored.report.read_text())["stages"]}
     assert earlier["ingest"] == earlier["tree"] == 1
     assert sum(done for stage, done in earlier.items() if stage.startswith("level")) > 1
     stored.check()
