@@ -3,7 +3,7 @@
 use super::ingest::BASIS;
 use super::manifest::TaskOutput;
 use super::regions::LEVELS;
-use super::shards::{Shards, Stretch};
+use super::shards::{ByteRange, Shards};
 use super::{Manifest, Outcome, SharedFile, Store, Task};
 use crate::build::journal::Plan;
 use crate::build::options::BuildError;
@@ -20,13 +20,17 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::hash::BuildHasher;
+use std::path::PathBuf;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Name of the plan in the store.
 pub const PLAN: &str = "plan.json";
 
+/// Files of a task that are uploaded at the same time.
+const UPLOADS: usize = 4;
+
 /// Bytes copied at a time.
-const STRETCH: u64 = 1 << 22;
+const COPY_BLOCK: u64 = 1 << 22;
 
 /// What is built, and in what portions.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -194,7 +198,7 @@ impl SharedBuild {
         self.damaged(&file.name, format!("it is damaged: {why}; remove {manifest}, and run the task {task} again"))
     }
 
-    /// Read a stretch of a file that a task left.
+    /// Read a byte range of a file that a task left.
     pub(super) fn read(&self, file: &SharedFile, at: u64, bytes: u64) -> Result<Vec<u8>, BuildError> {
         self.bytes_read.fetch_add(bytes, Ordering::Relaxed);
         self.store.read(&file.name, at, bytes)
@@ -214,9 +218,9 @@ impl SharedBuild {
         local: &str,
     ) -> Result<(), BuildError> {
         let (to, mut sum) = (work.scratch.create(local)?, crc32fast::Hasher::new());
-        for at in (0..file.bytes).step_by(STRETCH as usize) {
+        for at in (0..file.bytes).step_by(COPY_BLOCK as usize) {
             work.stop.check()?;
-            let bytes = self.read(file, at, STRETCH.min(file.bytes - at))?;
+            let bytes = self.read(file, at, COPY_BLOCK.min(file.bytes - at))?;
             sum.update(&bytes);
             to.append(&bytes)?;
         }
@@ -349,22 +353,22 @@ impl SharedBuild {
     }
 
     /// A part of the tree.
-    pub(super) fn part(&self, divided: &Divided, stretch: Stretch) -> Result<Partition, BuildError> {
+    pub(super) fn part(&self, divided: &Divided, range: ByteRange) -> Result<Partition, BuildError> {
         let file = self.file(&divided.manifest, tree_file::TREE)?;
-        let bytes = self.read(file, stretch.at, stretch.bytes)?;
+        let bytes = self.read(file, range.at, range.bytes)?;
         part::from_bytes(&bytes)
             .ok_or_else(|| self.damaged_file(file, "a part of the tree does not match its checksum"))
     }
 
     /// The same, with the levels of all tetrahedra of the tree.
-    pub(super) fn part_with_levels(&self, divided: &Divided, stretch: Stretch) -> Result<Partition, BuildError> {
+    pub(super) fn part_with_levels(&self, divided: &Divided, range: ByteRange) -> Result<Partition, BuildError> {
         let file = self.file(&divided.manifest, LEVELS)?;
         let mut levels = self.read_whole(file)?;
         let sum = levels.split_off(levels.len().saturating_sub(4));
         if sum != crc32fast::hash(&levels).to_le_bytes() {
             return Err(self.damaged_file(file, "it does not match its checksum"));
         }
-        Ok(Partition { levels, ..self.part(divided, stretch)? })
+        Ok(Partition { levels, ..self.part(divided, range)? })
     }
 
     /// What a task states in its manifest.
@@ -436,20 +440,24 @@ impl SharedBuild {
             bytes_read: self.bytes_read.load(Ordering::Relaxed),
             bytes_written: 0,
         };
-        for (content, local) in made.files {
-            let bytes = work.scratch.length(&local).unwrap_or(0);
+        let mut names = Vec::new();
+        for (content, local) in &made.files {
+            let bytes = work.scratch.length(local).unwrap_or(0);
             let name = format!("files/{}.{attempt:016x}.{content}", task.id());
             manifest.bytes_written += bytes;
-            manifest.files.insert(content, SharedFile { name: name.clone(), bytes });
-            let uploaded = work
-                .stop
-                .check()
-                .and_then(|()| self.still_there())
-                .and_then(|()| self.store.upload(&name, &work.scratch.path(&local)));
-            if let Err(error) = uploaded {
-                drop(self.remove_files(&manifest));
-                return Err(error);
-            }
+            names.push((name.clone(), work.scratch.path(local)));
+            manifest.files.insert(content.clone(), SharedFile { name, bytes });
+        }
+        // They wait for the disk or the network, not for the processor.
+        let uploading = Work { threads: UPLOADS, ..*work };
+        let upload = |i: usize| {
+            let (name, local): &(String, PathBuf) = &names[i];
+            self.still_there()?;
+            self.store.upload(name, local)
+        };
+        if let Err(error) = uploading.run_jobs(names.len(), UPLOADS as u64, |_| 1, upload) {
+            drop(self.remove_files(&manifest));
+            return Err(error);
         }
         let created = self.still_there().and_then(|()| {
             self.store.create_new(&manifest_name(task), &seal(&serde_json::to_vec(&manifest).unwrap_or_default()))

@@ -5,7 +5,7 @@ use super::gather::box_of;
 use super::ingest::{BASIS, REGIONS};
 use super::manifest::TaskOutput;
 use super::plan::{Ingest, SharedBuild, TreeState};
-use super::shards::{Shards, Stretch};
+use super::shards::{ByteRange, Shards};
 use super::{Manifest, SharedFile, Task};
 use crate::build::options::BuildError;
 use crate::build::report;
@@ -101,12 +101,12 @@ pub(super) fn tree_task(build: &SharedBuild, work: &Work<'_>) -> Result<TaskOutp
 /// Write the parts of the tree that the other tasks need, one after the other, and the levels of all tetrahedra.
 fn write_parts(work: &Work<'_>, tree: &Partition, runs: &[Run], shards: &mut Shards) -> Result<(), BuildError> {
     let (mut file, mut end) = (Appender::new(work.scratch.create(TREE)?), 0);
-    let mut push = |bytes: &[u8]| -> Result<Stretch, BuildError> {
+    let mut push = |bytes: &[u8]| -> Result<ByteRange, BuildError> {
         work.stop.check()?;
         file.push(bytes)?;
-        let stretch = Stretch { at: end, bytes: bytes.len() as u64 };
-        end += stretch.bytes;
-        Ok(stretch)
+        let range = ByteRange { at: end, bytes: bytes.len() as u64 };
+        end += range.bytes;
+        Ok(range)
     };
     for i in 0..shards.leaves.len() {
         let of_shard = &runs[shards.runs(i, runs.len())];

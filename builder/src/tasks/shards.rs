@@ -16,9 +16,12 @@ pub const TASK_TRIANGLES: u64 = 10_000_000;
 
 /// Fewer parts than this are rounded up to a power of two.
 const FEW: usize = 16;
-/// A level is divided if it has more than 1 / `TAIL_SHARE` of the triangles of a task; smaller levels are in the tail, which is kept small
-/// because all other workers wait for it.
-const TAIL_SHARE: u64 = 16;
+/// A level is divided if it has more triangles than this part of a task; smaller levels are in the tail, which is kept small because all other
+/// workers wait for it.
+const TAIL_SHARE: u64 = 64;
+/// A level of fewer triangles is divided only if it has more than four times that part of a task: starting a program takes as long as simplifying a few
+/// thousand triangles.
+const WORTH_DIVIDING: u64 = 10_000;
 /// Minimum number of shards of a divided level.
 const LEAST: usize = 4;
 
@@ -47,7 +50,7 @@ pub(super) fn union(a: PointBox, b: PointBox) -> PointBox {
 
 /// A range of bytes in a file.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub(super) struct Stretch {
+pub(super) struct ByteRange {
     pub(super) at: u64,
     pub(super) bytes: u64,
 }
@@ -63,8 +66,8 @@ pub(super) struct Shards {
     /// Triangles that the tail is estimated to take.
     pub(super) tail_triangles: u64,
     /// Where the parts for the tail and for the pack are in the file of the tree.
-    pub(super) tail_part: Stretch,
-    pub(super) pack_part: Stretch,
+    pub(super) tail_part: ByteRange,
+    pub(super) pack_part: ByteRange,
 }
 
 /// Some leaves.
@@ -82,8 +85,8 @@ pub(super) struct LeafShard {
     /// The regions with its buckets, or with replies to these.
     pub(super) regions: Vec<u32>,
     /// Where its runs and its part of the tree are in the file of the tree.
-    pub(super) runs: Stretch,
-    pub(super) part: Stretch,
+    pub(super) runs: ByteRange,
+    pub(super) part: ByteRange,
 }
 
 /// The shards of a level.
@@ -105,7 +108,7 @@ pub(super) struct LevelShard {
     /// The first diamond: its level of bisection, and its midpoint.
     first_diamond: (u8, LatticePoint),
     /// Where its part of the tree is in the file of the tree.
-    pub(super) part: Stretch,
+    pub(super) part: ByteRange,
 }
 
 impl LevelShard {
@@ -151,7 +154,7 @@ impl Shards {
             let diamonds = diamonds_of(tree, level);
             let weights: Vec<f64> = diamonds.iter().map(|d| weight(*d)).collect();
             let sum: f64 = weights.iter().sum();
-            if sum * TAIL_SHARE as f64 <= size as f64 {
+            if sum <= largest_in_tail(size) as f64 {
                 // The levels above take a part of it, then a part of that part …
                 left = sum * REDUCTION as f64 / (REDUCTION - 1) as f64;
                 break;
@@ -164,14 +167,14 @@ impl Shards {
                     triangles: weights[first as usize..end as usize].iter().sum::<f64>() as u64,
                     near: midpoint(diamonds[u32::midpoint(first, end.max(first + 1) - 1) as usize]),
                     first_diamond: (key.level, key.midpoint),
-                    part: Stretch::default(),
+                    part: ByteRange::default(),
                 }
             };
             levels.push(LevelShards { level, shards: ranges(&firsts, diamonds.len()).map(shard).collect() });
             below = level;
         }
         let leaves = divide_leaves(tree, runs, triangles, size, midpoint);
-        let [tail_part, pack_part] = [Stretch::default(); 2];
+        let [tail_part, pack_part] = [ByteRange::default(); 2];
         Self { leaves, levels, tail: below, tail_triangles: left as u64, tail_part, pack_part }
     }
 
@@ -214,8 +217,8 @@ fn divide_leaves(
             triangles: triangles[start as usize..end as usize].iter().sum(),
             near: midpoint(tree.tetrahedra[middle as usize].diamond),
             regions: Vec::new(),
-            runs: Stretch::default(),
-            part: Stretch::default(),
+            runs: ByteRange::default(),
+            part: ByteRange::default(),
         }
     };
     let mut shards: Vec<LeafShard> = ranges(&firsts, runs.len()).map(shard).collect();
@@ -236,6 +239,12 @@ fn first_leaf(tree: &Partition, run: &Run) -> u32 {
         first = children[0];
     }
     first
+}
+
+/// The most triangles that a level of the tail has, with tasks of `size` triangles.
+fn largest_in_tail(size: u64) -> u64 {
+    let share = size / TAIL_SHARE;
+    share.max(WORTH_DIVIDING.min(4 * share))
 }
 
 /// The number of parts for `sum` triangles, so that each has at most about `size`. A small number is rounded up to a power of

@@ -22,7 +22,7 @@ const TASK: f64 = 1e7;
 const REDUCTION: f64 = 5.0;
 /// Minimum number of tasks of a divided level, and the limit for levels of the tail (`tasks/shards.rs` of the builder).
 const LEAST: f64 = 4.0;
-const TAIL_SHARE: f64 = 16.0;
+const TAIL_SHARE: f64 = 64.0;
 /// Bytes of memory per triangle for the whole tree (decision 83).
 const TREE_MEMORY: f64 = 1.5;
 /// Bytes of memory per chunk for its part of the tree and its results, during assembly: measured as the growth from 10^7 to 10^8 triangles, without the entry
@@ -220,8 +220,8 @@ mod tests {
     #[test]
     fn levels_shrink_to_a_fifth_until_they_are_a_part_of_a_task() {
         let divided = Division::of(1e9);
-        assert_eq!(divided.levels.iter().map(|(_, tasks)| *tasks as u32).collect::<Vec<_>>(), [100, 20, 4, 4, 4]);
-        assert!((divided.tail - 400_000.0).abs() < 1.0);
+        assert_eq!(divided.levels.iter().map(|(_, tasks)| *tasks as u32).collect::<Vec<_>>(), [100, 20, 4, 4, 4, 4]);
+        assert!((divided.tail - 80_000.0).abs() < 1.0);
         assert!(Division::of(6e5).levels.is_empty());
     }
 
