@@ -45,8 +45,9 @@ pub(crate) fn objects(bucket: &str, stop: &Stop) -> anyhow::Result<Objects> {
     // Even if three responses in ten are 503, only one request in a million fails eleven times.
     let retry = RetryConfig { backoff, max_retries: 10, retry_timeout: PATIENCE };
     let access = Access { endpoint: None, settings: environment(), timeout: TIMEOUT, retry };
-    // For failures that the library does not retry: truncated responses, and requests whose response is lost.
-    let retry_policy = RetryPolicy { attempts: 4, first_pause: first, longest_pause: longest, whole: PATIENCE };
+    // For failures that the library does not retry: truncated responses, and requests whose response is lost. If these are six in a hundred, only one
+    // request in twenty million fails six times.
+    let retry_policy = RetryPolicy { attempts: 6, first_pause: first, longest_pause: longest, whole: PATIENCE };
     let objects = Objects::of_bucket(bucket, &access, retry_policy, threads.handle());
     let stop = stop.clone();
     Ok(objects.map_err(|e| anyhow!("s3://{bucket}: {e}"))?.with_stop(move || stop.asked()))

@@ -232,11 +232,20 @@ fn a_task_that_starts_too_early_names_the_task_that_must_run_first() {
     assert!(early.contains("leaves-"), "{early}");
 }
 
-/// Counts the bytes that are read from the file of the tree.
+/// Counts the bytes that are read from the file of the tree; one of the uploads may fail.
 #[derive(Debug)]
 struct Counting {
     folder: SharedFolder,
     read: Arc<AtomicU64>,
+    /// The number of the upload that fails, counting from 0.
+    failing: Option<u64>,
+    uploads: AtomicU64,
+}
+
+impl Counting {
+    fn new(folder: &Path, read: &Arc<AtomicU64>, failing: Option<u64>) -> Self {
+        Self { folder: SharedFolder::new(folder), read: Arc::clone(read), failing, uploads: AtomicU64::new(0) }
+    }
 }
 
 impl Store for Counting {
@@ -256,6 +265,13 @@ impl Store for Counting {
     }
 
     fn upload(&self, name: &str, from: &Path) -> Result<(), BuildError> {
+        if self.failing == Some(self.uploads.fetch_add(1, Ordering::Relaxed)) {
+            return Err(BuildError::Shared {
+                doing: "write",
+                place: name.to_owned(),
+                why: "the disk is on fire".into(),
+            });
+        }
         self.folder.upload(name, from)
     }
 
@@ -284,7 +300,7 @@ fn a_task_reads_only_its_part_of_the_tree() {
     loop {
         let Some(task) = ready(&open(folder.path(), 3_000)).into_iter().next() else { break };
         let read = Arc::new(AtomicU64::new(0));
-        let store = Counting { folder: SharedFolder::new(folder.path()), read: Arc::clone(&read) };
+        let store = Counting::new(folder.path(), &read, None);
         let build = open_in(Box::new(store), 3_000);
         let worker = Worker { raw: &raw, threads: 1, memory: 1 << 26 };
         let done = worker.run(&build, task.task, &Stop::default(), &Silent).unwrap();
@@ -296,6 +312,25 @@ fn a_task_reads_only_its_part_of_the_tree() {
     let whole = 73 * tetrahedra;
     assert!(most > 0 && most * 3 < whole, "{most} of {whole} bytes");
     assert!(sum < 4 * whole, "{sum} of {whole} bytes by all tasks together");
+}
+
+#[test]
+fn a_task_whose_upload_fails_leaves_nothing_and_can_be_repeated() {
+    let raw = wall(8_000);
+    let folder = tempfile::tempdir().unwrap();
+    let worker = Worker { raw: &raw, threads: 1, memory: 1 << 26 };
+    let entries = |name: &str| std::fs::read_dir(folder.path().join(name)).map_or(0, Iterator::count);
+    let ingest = |failing| {
+        let store = Counting::new(folder.path(), &Arc::default(), failing);
+        worker.run(&open_in(Box::new(store), 1_500), Task::Ingest, &Stop::default(), &Silent)
+    };
+    for failing in 0..6 {
+        let why = ingest(Some(failing)).unwrap_err().to_string();
+        assert!(why.contains("the disk is on fire") && why.contains("files/ingest."), "{why}");
+        assert_eq!([entries("files"), entries("done")], [0, 0]);
+    }
+    let done = ingest(None).unwrap();
+    assert_eq!([entries("files"), entries("done")], [done.manifest.files.len(), 1]);
 }
 
 fn copy_folder(from: &Path, to: &Path) {

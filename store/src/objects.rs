@@ -5,6 +5,7 @@
 
 use crate::access::Access;
 use crate::http::LastFailure;
+use crate::transfer::PARTS_AT_ONCE;
 use crate::unfinished::{OfBucket, Unfinished};
 use futures_util::future::{Either, select};
 use futures_util::{StreamExt as _, TryStreamExt as _};
@@ -26,6 +27,7 @@ use std::sync::mpsc::RecvTimeoutError;
 use std::time::{Duration, Instant};
 use thiserror::Error as ThisError;
 use tokio::runtime::Handle;
+use tokio::sync::Semaphore;
 
 /// Concurrent requests for small objects.
 const AT_ONCE: usize = 16;
@@ -106,6 +108,8 @@ pub struct Objects {
     pub(crate) unfinished: Option<Arc<dyn Unfinished>>,
     /// Length of the parts of an upload or download, bytes.
     pub(crate) part: u64,
+    /// Limits the parts that are being uploaded: they are in memory, and share the connection. Clones share it.
+    pub(crate) uploading: Arc<Semaphore>,
 }
 
 impl fmt::Debug for Objects {
@@ -146,6 +150,7 @@ impl Objects {
             words: Arc::new(ToString::to_string),
             unfinished: None,
             part: 8 << 20,
+            uploading: Arc::new(Semaphore::new(PARTS_AT_ONCE)),
         }
     }
 

@@ -15,8 +15,8 @@ use std::io::{Read as _, Seek as _, SeekFrom, Write as _};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Parts transferred concurrently; all of them are in memory.
-const AT_ONCE: usize = 4;
+/// Parts transferred concurrently; all of them are in memory. All uploads together have this many.
+pub(crate) const PARTS_AT_ONCE: usize = 4;
 /// Maximum number of parts; stores accept ten thousand.
 const PARTS: u64 = 9000;
 
@@ -119,7 +119,7 @@ impl Objects {
                 let (this, path, tag) = (&this, &path, info.tag.as_deref());
                 async move { this.read_range(path, range, tag).await }
             };
-            let mut parts = stream::iter(ranges.map(get)).buffered(AT_ONCE);
+            let mut parts = stream::iter(ranges.map(get)).buffered(PARTS_AT_ONCE);
             while let Some(bytes) = parts.try_next().await? {
                 file.write_all(&bytes).map_err(cannot)?;
                 counted.fetch_add(bytes.len() as u64, Ordering::Relaxed);
@@ -147,7 +147,7 @@ impl Objects {
                     if is_whole { Ok(got) } else { Err(ObjectError::Failed("it is too short".to_owned())) }
                 }
             };
-            let mut parts = stream::iter(ranges.map(get)).buffered(AT_ONCE);
+            let mut parts = stream::iter(ranges.map(get)).buffered(PARTS_AT_ONCE);
             let mut all = Vec::new();
             while let Some(part) = parts.try_next().await? {
                 // Allocate everything at once, but only when the first part shows that the object exists.
@@ -174,6 +174,7 @@ impl Job {
     async fn run(&self, condition: Condition) -> Result<(), ObjectError> {
         let Objects { client, part, .. } = &self.objects;
         if self.length <= *part {
+            let _share = self.objects.uploading.acquire().await;
             let bytes = self.part(0, self.length).await?;
             let mode = if condition == Condition::New { PutMode::Create } else { PutMode::Overwrite };
             let put = self.objects.put_as(&self.path, &bytes, mode, &self.attributes).await?;
@@ -204,6 +205,7 @@ impl Job {
         let part = self.objects.part.max(self.length.div_ceil(PARTS));
         let starts = (0..self.length).step_by(part as usize);
         let one = |(number, at): (usize, u64)| async move {
+            let _share = self.objects.uploading.acquire().await;
             let bytes = self.part(at, part.min(self.length - at)).await?;
             let put = || {
                 let payload = PutPayload::from_bytes(bytes.clone());
@@ -213,7 +215,7 @@ impl Job {
             self.done.fetch_add(bytes.len() as u64, Ordering::Relaxed);
             Ok(part)
         };
-        stream::iter(starts.enumerate().map(one)).buffered(AT_ONCE).try_collect().await
+        stream::iter(starts.enumerate().map(one)).buffered(PARTS_AT_ONCE).try_collect().await
     }
 
     async fn complete(&self, id: &MultipartId, parts: Vec<PartId>) -> Result<(), ObjectError> {

@@ -38,6 +38,9 @@ pub(super) struct Faulty {
     is_away: AtomicBool,
     uploads: Mutex<BTreeMap<MultipartId, Path>>,
     pub(super) requests: AtomicU64,
+    /// Parts of uploads that are being sent, and the most that there were at any time.
+    sending: AtomicU64,
+    pub(super) most_sending: AtomicU64,
 }
 
 fn busy() -> Error {
@@ -53,6 +56,8 @@ impl Faulty {
             is_away: AtomicBool::new(false),
             uploads: Mutex::default(),
             requests: AtomicU64::new(0),
+            sending: AtomicU64::new(0),
+            most_sending: AtomicU64::new(0),
         }
     }
 
@@ -183,7 +188,13 @@ impl MultipartStore for Faulty {
     }
 
     async fn put_part(&self, path: &Path, id: &MultipartId, number: usize, data: PutPayload) -> Result<PartId> {
-        self.carry_out(self.inner.put_part(path, id, number, data)).await
+        let now = self.sending.fetch_add(1, Ordering::Relaxed) + 1;
+        self.most_sending.fetch_max(now, Ordering::Relaxed);
+        // So that other parts are sent at the same time.
+        tokio::time::sleep(Duration::from_millis(1)).await;
+        let sent = self.carry_out(self.inner.put_part(path, id, number, data)).await;
+        self.sending.fetch_sub(1, Ordering::Relaxed);
+        sent
     }
 
     async fn complete_multipart(&self, path: &Path, id: &MultipartId, parts: Vec<PartId>) -> Result<PutResult> {

@@ -7,7 +7,7 @@ use crate::tasks::{Worker, expected, open_in, ready};
 use faulty::Faulty;
 use kilwa_builder::tasks::{ObjectFolder, Outcome, SharedBuild, SharedFolder, Store, Task};
 use kilwa_builder::{BuildError, Silent, build::work::Stop};
-use kilwa_store::{Client, Objects, RetryPolicy, Unfinished};
+use kilwa_store::{Client, Condition, Objects, RetryPolicy, Unfinished};
 use object_store::path::Path;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::atomic::Ordering;
@@ -258,4 +258,27 @@ fn incomplete_uploads_are_aborted_with_the_build() {
     store.remove_all().unwrap();
     let left = shared.left();
     assert!(!left.is_empty() && left.iter().all(|l| l == "upload of work/kilwa-build-10/files/b"), "{left:?}");
+}
+
+#[test]
+fn several_uploads_together_send_no_more_parts_at_once_than_one() {
+    let shared = Arc::new(Faulty::new(0, 3));
+    let (objects, local) = (objects(&shared), tempfile::NamedTempFile::new().unwrap());
+    std::fs::write(local.path(), vec![7; 800_000]).unwrap();
+    let upload = |i: u32| {
+        let (to, notes) = (Path::from(format!("files/{i}")), BTreeMap::new());
+        objects.upload(&to, local.path(), Condition::Replace, &notes, &mut |_, _| ()).unwrap();
+    };
+    upload(0);
+    let alone = shared.most_sending.load(Ordering::Relaxed);
+    assert!(alone > 1, "{alone}");
+    std::thread::scope(|scope| {
+        for i in 1..5 {
+            let upload = &upload;
+            scope.spawn(move || upload(i));
+        }
+    });
+    let most = shared.most_sending.load(Ordering::Relaxed);
+    assert!(most <= alone, "{most} at once, {alone} by one upload");
+    assert_eq!(shared.left().len(), 5);
 }

@@ -35,6 +35,8 @@ def proxy(upstream: int, percent: int, seed: int) -> Iterator[tuple[int, Counter
                     length = int(value)
                 head += line
             body = self.rfile.read(length)
+            if len(body) < length:
+                return
             with lock:
                 seen["all"] += 1
                 fails, kind = chance.randrange(100) < percent, chance.randrange(10)

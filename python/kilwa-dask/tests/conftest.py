@@ -82,9 +82,13 @@ class Drivers:
     def end(self, driver: subprocess.Popen[str], code: int = 0) -> str:
         """Wait for a driver, check its exit code, and return all that it printed."""
         output, _ = driver.communicate(timeout=LIMIT * (10 if os.environ.get("KILWA_SOAK") else 1))
-        text = output + (self.root / f"messages-{self.drivers.index(driver)}").read_text()
+        text = output + self.messages(driver)
         assert driver.returncode == code, text
         return text
+
+    def messages(self, driver: subprocess.Popen[str]) -> str:
+        """Return what a driver wrote on standard error."""
+        return (self.root / f"messages-{self.drivers.index(driver)}").read_text()
 
     def sha256_of_plain_build(self, mesh: Path) -> str:
         """Return the SHA-256 of the pack that plain `kilwa build` makes of a mesh."""

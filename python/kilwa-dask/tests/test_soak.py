@@ -52,7 +52,7 @@ def test_a_build_in_a_busy_store_survives_the_same(stored: Stored, monkeypatch: 
     """Three of ten requests to the store fail while workers and drivers are killed."""
     bucket = stored.store
     assert bucket is not None
-    stored.make("100k")
+    stored.make("60k")
     with proxy(int(bucket.url.rpartition(":")[2]), percent=30, seed=25) as (port, seen):
         monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://127.0.0.1:{port}")
         soak(stored, lambda kilwa: stored.start(kilwa=kilwa), lambda: bucket.ask("/packs/mesh.kilwa", "DELETE"))
@@ -60,7 +60,7 @@ def test_a_build_in_a_busy_store_survives_the_same(stored: Stored, monkeypatch: 
     assert seen["busy"] * 5 > seen["all"]
 
 
-def soak(made: Single | Stored, begin: Callable[[str], Any], remove_pack: Callable[[], object]) -> None:
+def soak(made: Single | Stored, start: Callable[[str], Any], remove_pack: Callable[[], object]) -> None:
     """Kill 50 workers and 10 drivers at random moments, and check every pack; builds are begun again until the last is killed."""
     sleeps = f'if [ "$1" = task ] || [ "$1" = assemble ]; then touch "{made.root}/started.$$"; sleep 0.1; fi'
     kilwa = wrapper(made.root / "kilwa", f'{sleeps}\nexec "{made.kilwa}" "$@"\n')
@@ -71,7 +71,11 @@ def soak(made: Single | Stored, begin: Callable[[str], Any], remove_pack: Callab
     def started() -> int:
         return sum(1 for _ in made.root.glob("started.*"))
 
-    driver = begin(kilwa)
+    def begin() -> Any:
+        made.report.unlink(missing_ok=True)
+        return start(kilwa)
+
+    driver = begin()
     while True:
         seen, wanted = started(), chance.randint(1, 12)
         until(lambda: driver.poll() is not None or started() >= seen + wanted, "tasks begin")  # noqa: B023
@@ -85,13 +89,14 @@ def soak(made: Single | Stored, begin: Callable[[str], Any], remove_pack: Callab
                 remove_pack()
             else:
                 counts["stopped"] += 1
-                assert "3 workers died while processing" in str(json.loads(made.report.read_text())["failure"]), text
-            driver = begin(kilwa)
+                failure = json.loads(made.report.read_text())["failure"] if made.report.exists() else text + made.messages(driver)
+                assert "3 workers died while processing" in str(failure)
+            driver = begin()
         elif left["drivers"] and chance.random() < 0.2:
             left["drivers"] -= 1
             driver.kill()
             driver.wait()
-            driver = begin(kilwa)
+            driver = begin()
         elif left["workers"] and (found := workers(driver)):
             left["workers"] -= 1
             kill(chance.choice(found))
