@@ -222,7 +222,7 @@ mod tests {
         let divided = Division::of(1e9);
         assert_eq!(divided.levels.iter().map(|(_, tasks)| *tasks as u32).collect::<Vec<_>>(), [100, 20, 4, 4, 4, 4]);
         assert!((divided.tail - 80_000.0).abs() < 1.0);
-        assert!(Division::of(6e5).levels.is_empty());
+        assert!(Division::of(1.5e5).levels.is_empty());
     }
 
     #[test]
