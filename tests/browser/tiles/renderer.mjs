@@ -28,12 +28,12 @@ globalThis.client = {
     scene.add(tiles.group);
     return tiles.errorTarget;
   },
-  /** At rest: twice in a row it is loading nothing and shows the same tiles. */
+  /** At rest: ten times in a row it is loading nothing and shows the same tiles. Twice was not always enough: CI once saw a view with tiles missing. */
   async show({ limit = tiles.errorTarget, ...view }) {
     tiles.errorTarget = limit;
     look(view);
     let before = "";
-    for (let same = 0; same < 2; ) {
+    for (let same = 0; same < 10; ) {
       tiles.update();
       const shown = [...tiles.visibleTiles].map((tile) => tile.content.uri).join();
       same = tiles.root && !tiles.isLoading && shown === before ? same + 1 : 0;
