@@ -1,12 +1,13 @@
-"""Schedulers that end by themselves when there is nothing to do, because their driver may have been killed."""
+"""Schedulers end by themselves when there is nothing to do, because their driver may have been killed; workers are restarted."""
 
 from __future__ import annotations
 
 import time
 
 import dask
+import psutil
 import pytest
-from conftest import until
+from conftest import LIMIT, kill, until, workers
 from distributed import Client, LocalCluster, Status
 
 from kilwa_dask import clusters
@@ -27,3 +28,19 @@ def test_a_scheduler_is_kept_busy_until_its_driver_has_ended(monkeypatch: pytest
                 until(lambda: time.monotonic() > end, "more than the limit has passed")
                 assert cluster.scheduler.status == Status.running
             until(lambda: cluster.scheduler.status == Status.closed, "the scheduler has ended")
+
+
+def test_a_worker_that_keeps_dying_is_started_again_however_long_it_takes() -> None:
+    """It is killed whenever it starts, for longer than Dask by default waits for a lost worker (15 s); then it is left alone."""
+    others = workers(psutil.Process())
+    with clusters.opened(clusters.Choice(workers=1)) as client:
+        end = time.monotonic() + 18
+
+        def is_over() -> bool:
+            for process in workers(psutil.Process()):
+                if process not in others:
+                    kill(process)
+            return time.monotonic() > end
+
+        until(is_over, "Dask by default would have given the worker up")
+        assert client.submit(int, pure=False).result(timeout=LIMIT) == 0

@@ -33,6 +33,9 @@ _CONFIG: dict[str, Any] = {
     "distributed.worker.memory.terminate": False,
     "distributed.worker.memory.pause": False,
 }
+# On this computer and over SSH, a nanny restarts its worker. By default, Dask closes a nanny whose worker has been away for
+# 15 s, and a busy machine may need longer to restart it. Without any nanny, the run would wait for ever.
+_NANNIES_STAY = {"distributed.deploy.lost-worker-timeout": "365 days"}
 
 
 # Idle time after which a scheduler on another machine ends by itself, and how often the driver gives it work, in seconds.
@@ -81,7 +84,7 @@ class LeaveCtrlCToTheDriver(WorkerPlugin):  # type: ignore[misc]
 @contextmanager
 def opened(choice: Choice) -> Iterator[Client]:
     """Open the cluster and a client, and close both at the end. Raises `UsageError` or `ClusterFailed` on failure."""
-    with dask.config.set(_CONFIG):
+    with dask.config.set(_CONFIG if choice.kind == "slurm" else {**_CONFIG, **_NANNIES_STAY}):
         if choice.scheduler is not None:
             try:
                 client = Client(choice.scheduler, timeout="30s", set_as_default=False)
