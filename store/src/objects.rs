@@ -108,7 +108,7 @@ pub struct Objects {
     pub(crate) unfinished: Option<Arc<dyn Unfinished>>,
     /// Length of the parts of an upload or download, bytes.
     pub(crate) part: u64,
-    /// Limits the parts that are being uploaded: they are in memory, and share the connection. Clones share it.
+    /// Limits the number of parts that are uploaded at the same time, because they are in memory and share the connection. Clones share this limit.
     pub(crate) uploading: Arc<Semaphore>,
 }
 

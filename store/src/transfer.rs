@@ -15,7 +15,7 @@ use std::io::{Read as _, Seek as _, SeekFrom, Write as _};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Parts transferred concurrently; all of them are in memory. All uploads together have this many.
+/// Parts that a download transfers concurrently, and all uploads of an [`Objects`] together; all of them are in memory.
 pub(crate) const PARTS_AT_ONCE: usize = 4;
 /// Maximum number of parts; stores accept ten thousand.
 const PARTS: u64 = 9000;
@@ -174,7 +174,7 @@ impl Job {
     async fn run(&self, condition: Condition) -> Result<(), ObjectError> {
         let Objects { client, part, .. } = &self.objects;
         if self.length <= *part {
-            let _share = self.objects.uploading.acquire().await;
+            let _permit = self.objects.uploading.acquire().await;
             let bytes = self.part(0, self.length).await?;
             let mode = if condition == Condition::New { PutMode::Create } else { PutMode::Overwrite };
             let put = self.objects.put_as(&self.path, &bytes, mode, &self.attributes).await?;
@@ -205,7 +205,7 @@ impl Job {
         let part = self.objects.part.max(self.length.div_ceil(PARTS));
         let starts = (0..self.length).step_by(part as usize);
         let one = |(number, at): (usize, u64)| async move {
-            let _share = self.objects.uploading.acquire().await;
+            let _permit = self.objects.uploading.acquire().await;
             let bytes = self.part(at, part.min(self.length - at)).await?;
             let put = || {
                 let payload = PutPayload::from_bytes(bytes.clone());

@@ -28,7 +28,7 @@ globalThis.client = {
     scene.add(tiles.group);
     return tiles.errorTarget;
   },
-  /** At rest: ten times in a row it is loading nothing and shows the same tiles. Twice was not always enough: CI once saw a view with tiles missing. */
+  /** At rest: ten times in a row it is loading nothing and shows the same tiles. Twice was not always enough: CI once drew a view with tiles missing. */
   async show({ limit = tiles.errorTarget, ...view }) {
     tiles.errorTarget = limit;
     look(view);
