@@ -162,11 +162,8 @@ class Collection(Drivers):
 
 
 @dataclass
-class Single(Drivers):
-    """A mesh, and the folders for its build."""
-
-    cluster: Client | None = None
-    """Workers for drivers in this process."""
+class OneMesh(Drivers):
+    """A mesh, and the local folders for its build."""
 
     @property
     def mesh(self) -> Path:
@@ -174,24 +171,32 @@ class Single(Drivers):
         return self.root / "mesh.ply"
 
     @property
-    def work(self) -> Path:
-        """Folder of the work."""
-        return self.root / "work"
-
-    @property
     def scratch(self) -> Path:
         """Folder for scratch files."""
         return self.root / "scratch"
 
     @property
-    def out(self) -> Path:
-        """The pack."""
-        return self.root / "packs" / "mesh.kilwa"
-
-    @property
     def report(self) -> Path:
         """The report of the latest driver."""
         return self.root / "report.json"
+
+
+@dataclass
+class Single(OneMesh):
+    """A mesh, and the folders for its build."""
+
+    cluster: Client | None = None
+    """Workers for drivers in this process."""
+
+    @property
+    def work(self) -> Path:
+        """Folder of the work."""
+        return self.root / "work"
+
+    @property
+    def out(self) -> Path:
+        """The pack."""
+        return self.root / "packs" / "mesh.kilwa"
 
     def make(self, *shape: str, triangles: str = "20k") -> None:
         """Make the mesh: a wall, or another shape of `kilwa synth`."""
@@ -297,7 +302,7 @@ def end_all(made: Drivers) -> None:
         driver.wait()
 
 
-def tree(driver: subprocess.Popen[str]) -> list[psutil.Process]:
+def tree(driver: subprocess.Popen[str] | psutil.Process) -> list[psutil.Process]:
     """Return a driver and everything that it started."""
     try:
         top = psutil.Process(driver.pid)
@@ -306,7 +311,7 @@ def tree(driver: subprocess.Popen[str]) -> list[psutil.Process]:
         return []
 
 
-def workers(driver: subprocess.Popen[str]) -> list[psutil.Process]:
+def workers(driver: subprocess.Popen[str] | psutil.Process) -> list[psutil.Process]:
     """Return the workers of a driver: its children that have a nanny, not helpers of multiprocessing."""
 
     def is_worker(process: psutil.Process) -> bool:

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from conftest import Drivers, end_all, tree, until
+from conftest import OneMesh, end_all, tree, until
 
 BUCKET = "museum"
 # The keys of kilwa; the tests themselves send anonymous requests.
@@ -89,26 +89,11 @@ def store() -> Iterator[Store]:
 
 
 @dataclass
-class Stored(Drivers):
+class Stored(OneMesh):
     """A mesh in a store, and the place of its build."""
 
     store: Store | None = None
     output: str = f"s3://{BUCKET}/packs/mesh.kilwa"
-
-    @property
-    def mesh(self) -> Path:
-        """The local copy of the mesh."""
-        return self.root / "mesh.ply"
-
-    @property
-    def scratch(self) -> Path:
-        """Folder for scratch files."""
-        return self.root / "scratch"
-
-    @property
-    def report(self) -> Path:
-        """The report of the latest driver."""
-        return self.root / "report.json"
 
     def make(self, triangles: str) -> None:
         """Make the mesh, and put it into the store."""
