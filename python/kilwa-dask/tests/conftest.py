@@ -25,8 +25,9 @@ from distributed import Client
 from kilwa_dask import clusters
 from kilwa_dask.cli import main
 
-# The soak test takes a quarter of an hour on two cores.
-collect_ignore = [] if os.environ.get("KILWA_SOAK") else ["test_soak.py"]
+# Tests that take long on two cores, and the variables that enable them: the soak tests half an hour, the large builds two hours.
+LONG = {"test_soak.py": "KILWA_SOAK", "test_large.py": "KILWA_LARGE"}
+collect_ignore = [name for name, variable in LONG.items() if not os.environ.get(variable)]
 
 SOURCE = Path(__file__).resolve().parents[1] / "src"
 # A condition that does not become true in this time, in seconds, is a failure. Nothing waits for a fixed time.
@@ -81,7 +82,7 @@ class Drivers:
 
     def end(self, driver: subprocess.Popen[str], code: int = 0) -> str:
         """Wait for a driver, check its exit code, and return all that it printed."""
-        output, _ = driver.communicate(timeout=LIMIT * (10 if os.environ.get("KILWA_SOAK") else 1))
+        output, _ = driver.communicate(timeout=LIMIT * (10 if len(collect_ignore) < len(LONG) else 1))
         text = output + self.messages(driver)
         assert driver.returncode == code, text
         return text
@@ -321,6 +322,18 @@ def workers(driver: subprocess.Popen[str] | psutil.Process) -> list[psutil.Proce
             return False
 
     return [process for process in tree(driver) if is_worker(process)]
+
+
+def processes_of(driver: subprocess.Popen[str], program: str) -> list[psutil.Process]:
+    """Return the processes of a program that a driver or its workers have started."""
+
+    def runs(process: psutil.Process) -> bool:
+        try:
+            return bool(process.exe() == os.path.realpath(program))
+        except psutil.Error:
+            return False
+
+    return [process for process in tree(driver) if runs(process)]
 
 
 def wrapper(path: Path, script: str) -> str:

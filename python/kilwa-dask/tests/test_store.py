@@ -13,6 +13,7 @@ import urllib.error
 import urllib.request
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -49,9 +50,9 @@ class Store:
         return [element.text or "" for element in root.iter() if element.tag.rpartition("}")[2] == what]
 
 
-@pytest.fixture(scope="module")
-def store() -> Iterator[Store]:
-    """Start a store."""
+@contextmanager
+def serving(volume_mb: int = 64) -> Iterator[Store]:
+    """Start a store whose data fills at most 100 volumes of this size; stop it and remove its data at the end."""
     packages = os.environ.get("KILWA_SEAWEED")
     if packages is None:
         pytest.skip("KILWA_SEAWEED is not set (cargo xtask test sets it)")
@@ -65,7 +66,7 @@ def store() -> Iterator[Store]:
     numbered = [f"-{name}={port}" for name, port in zip((*PORTS, "s3.port.grpc"), ports, strict=True)]
     options = ["-ip=127.0.0.1", "-ip.bind=127.0.0.1", "-filer", "-s3", "-master.electionTimeout=1s", "-volume.max=100"]
     places = [f"-dir={folder}/data", f"-s3.config={folder}/s3.json", f"-filer.localSocket={folder}/socket"]
-    more = ["-master.telemetry=false", "-master.volumeSizeLimitMB=64", "-s3.port.iceberg=0", "-s3.port.lance=0"]
+    more = [f"-master.volumeSizeLimitMB={volume_mb}", "-master.telemetry=false", "-s3.port.iceberg=0", "-s3.port.lance=0"]
     weed = [os.path.join(packages, "bin", "weed"), "server", *options, *more, *places, *numbered]
     with (folder / "log").open("w") as log:
         process = subprocess.Popen(weed, stdin=subprocess.DEVNULL, stdout=log, stderr=log)
@@ -86,6 +87,21 @@ def store() -> Iterator[Store]:
         process.kill()
         process.wait()
         shutil.rmtree(folder, ignore_errors=True)
+
+
+@pytest.fixture(scope="module")
+def store() -> Iterator[Store]:
+    """Return a store for the tests of one module."""
+    with serving() as made:
+        yield made
+
+
+def set_keys(store: Store, environment: pytest.MonkeyPatch) -> None:
+    """Give the programs that are started from now on the address and the keys of a store."""
+    environment.setenv("AWS_ENDPOINT_URL", store.url)
+    environment.setenv("AWS_ACCESS_KEY_ID", "test")
+    environment.setenv("AWS_SECRET_ACCESS_KEY", "secret-of-the-test")
+    environment.setenv("AWS_REGION", "us-east-1")
 
 
 @dataclass
@@ -125,10 +141,7 @@ class Stored(OneMesh):
 @pytest.fixture
 def stored(tmp_path: Path, kilwa: str, store: Store, monkeypatch: pytest.MonkeyPatch) -> Iterator[Stored]:
     """Return a mesh in the store."""
-    monkeypatch.setenv("AWS_ENDPOINT_URL", store.url)
-    monkeypatch.setenv("AWS_ACCESS_KEY_ID", "test")
-    monkeypatch.setenv("AWS_SECRET_ACCESS_KEY", "secret-of-the-test")
-    monkeypatch.setenv("AWS_REGION", "us-east-1")
+    set_keys(store, monkeypatch)
     made = Stored(tmp_path, kilwa, store=store)
     made.make("20k")
     yield made
