@@ -14,7 +14,7 @@ import pytest
 from conftest import Single, end_all, processes_of
 from test_store import Stored, serving, set_keys
 
-MESHES = {"wall": ("wall",), "fort": ("fort",), "sphere": ("phantom", "--shape", "sphere", "--noise", "0.001")}
+MESHES = {"wall": ("wall",), "fort": ("fort",), "sphere": ("phantom", "--shape", "sphere", "--noise", "0.0001")}
 # The memory that the largest task may use, the ingest: 1 GiB is what a worker may have.
 MEMORY = {1: "1000M", 2: "1000M", 5: "600M"}
 
