@@ -9,6 +9,7 @@
 //! The short form has to end in 25 minutes on two cores, so that a change is judged while its author still thinks of it. `--long` gives every
 //! suite its full numbers: it finds what is rare, and is run before a release.
 
+mod processors;
 mod properties;
 mod soak;
 pub(crate) mod tally;
@@ -17,6 +18,7 @@ mod trust;
 use crate::process::{Ended, cargo, command, kilwa, on_path, output, root, run as run_command, watch};
 use crate::{demo, fuzz, setup, web};
 use anyhow::{Result, bail};
+use processors::Ticks;
 use std::fs;
 use std::path::PathBuf;
 use std::process::Command;
@@ -117,6 +119,8 @@ const DEMO_TRIANGLES: u64 = 50_000;
 struct Row {
     name: &'static str,
     took: Duration,
+    /// Percent of the time in which the processors were busy.
+    busy: Option<u64>,
     /// A stage that is no suite counts one failure or nothing.
     counts: Tally,
 }
@@ -149,9 +153,10 @@ pub(crate) fn run(args: &Args) -> Result<()> {
     let mut rows = Vec::new();
     for (name, stage) in STAGES.into_iter().filter(|(name, _)| wanted(name)) {
         println!("\n== {name}");
-        let started = Instant::now();
+        let (started, ticks) = (Instant::now(), Ticks::now());
         let counts = stage(length).unwrap_or_else(|error| failure(&error));
-        rows.push(Row { name, took: started.elapsed(), counts });
+        let busy = ticks.and_then(|ticks| Ticks::now()?.percent_busy_since(ticks));
+        rows.push(Row { name, took: started.elapsed(), busy, counts });
     }
     if rows.is_empty() {
         let names: Vec<_> = STAGES.iter().map(|(name, _)| *name).collect();
@@ -162,14 +167,15 @@ pub(crate) fn run(args: &Args) -> Result<()> {
 
 /// Prints the table, the skips and the closing line; an error when anything failed.
 fn report(rows: &[Row]) -> Result<()> {
-    println!("\n{:<14} {:>8} {:>7} {:>7} {:>8}  ", "stage", "seconds", "passed", "failed", "skipped");
+    println!("\n{:<14} {:>8} {:>7} {:>7} {:>7} {:>8}  ", "stage", "seconds", "busy", "passed", "failed", "skipped");
     let mut total = Tally::default();
     for row in rows {
         let counts = &row.counts;
         println!(
-            "{:<14} {:>8.1} {:>7} {:>7} {:>8}  {}",
+            "{:<14} {:>8.1} {:>7} {:>7} {:>7} {:>8}  {}",
             row.name,
             row.took.as_secs_f64(),
+            row.busy.map_or_else(|| "-".to_owned(), |percent| format!("{percent} %")),
             counts.passed,
             counts.failed,
             counts.skipped(),
