@@ -44,3 +44,35 @@ def test_a_worker_that_keeps_dying_is_started_again_however_long_it_takes() -> N
 
         until(is_over, "Dask by default would have given the worker up")
         assert client.submit(int, pure=False).result(timeout=LIMIT) == 0
+
+
+def test_a_run_whose_workers_are_all_gone_says_so_and_stops(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Its tasks wait for a worker that nobody starts."""
+    for name, seconds in (("_LOOK_EVERY", 0.1), ("_TELL_AFTER", 0.3), ("_STOP_AFTER", 1.0)):
+        monkeypatch.setattr(clusters, name, seconds)
+    with pytest.raises(clusters.ClusterFailed, match=r"none has come back for .*; run the same command to continue"):
+        with clusters.opened(clusters.Choice(workers=1)) as client:
+            client.cluster.scale(0)
+            client.submit(int, pure=False).result(timeout=LIMIT)
+    assert capsys.readouterr().err.count("no worker is connected") == 1
+
+
+def test_a_run_with_a_scheduler_of_its_own_waits_for_workers(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """They may join at any time, so the run only says that there is none."""
+    for name, seconds in (("_LOOK_EVERY", 0.1), ("_TELL_AFTER", 0.3), ("_STOP_AFTER", 1.0)):
+        monkeypatch.setattr(clusters, name, seconds)
+    settings = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0"}
+    with (
+        LocalCluster(n_workers=0, threads_per_worker=1, processes=False, protocol="tcp", **settings) as cluster,
+        clusters.opened(clusters.Choice(scheduler=cluster.scheduler_address)) as client,
+    ):
+        result = client.submit(int, pure=False)
+        end = time.monotonic() + 2
+        until(lambda: time.monotonic() > end, "another run would have stopped")
+        assert capsys.readouterr().err.count("no worker is connected") == 1
+        cluster.scale(1)
+        assert result.result(timeout=LIMIT) == 0

@@ -6,9 +6,11 @@ import asyncio
 import logging
 import os
 import signal
+import sys
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext, suppress
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from types import FrameType
@@ -20,6 +22,7 @@ from distributed.diagnostics.plugin import WorkerPlugin
 
 from kilwa_dask import slurm
 from kilwa_dask.collection import UsageError
+from kilwa_dask.report import duration
 
 # A task may lose this many workers; when one more dies while processing it, the task is given up.
 ALLOWED_FAILURES = 2
@@ -41,8 +44,11 @@ _NANNIES_STAY = {"distributed.deploy.lost-worker-timeout": "365 days"}
 # Idle time after which a scheduler on another machine ends by itself, and how often the driver gives it work, in seconds.
 _IDLE_LIMIT = "300s"
 _KEEP_BUSY_EVERY = 60.0
-# How often to check whether a worker can still join, in seconds.
-_LOOK_EVERY = 5
+# How often to look for workers, in seconds.
+_LOOK_EVERY = 5.0
+# How long there may be no worker before the run says so, and before it stops, in seconds.
+_TELL_AFTER = 60.0
+_STOP_AFTER = 900.0
 
 
 class ClusterFailed(Exception):
@@ -90,7 +96,7 @@ def opened(choice: Choice) -> Iterator[Client]:
                 client = Client(choice.scheduler, timeout="30s", set_as_default=False)
             except (OSError, ValueError) as error:
                 raise ClusterFailed(f"cannot reach the scheduler at {choice.scheduler}: {error}") from error
-            with client:
+            with client, _missed(client, may_join=True):
                 yield client
             return
         open_cluster = {"local": _local, "ssh": _ssh, "slurm": _slurm}[choice.kind]
@@ -104,8 +110,13 @@ def opened(choice: Choice) -> Iterator[Client]:
         with opening as cluster, Client(cluster, set_as_default=False) as client:
             if choice.kind == "local":
                 client.register_plugin(LeaveCtrlCToTheDriver())
-            during = {"ssh": _kept_busy, "slurm": _watched}.get(choice.kind, nullcontext)
-            with during(client):
+            with ExitStack() as stack:
+                if choice.kind == "slurm":
+                    stack.enter_context(_watched(client))
+                else:
+                    stack.enter_context(_missed(client, may_join=False))
+                if choice.kind == "ssh":
+                    stack.enter_context(_kept_busy(client))
                 yield client
 
 
@@ -132,28 +143,81 @@ def _kept_busy(client: Client) -> Iterator[None]:
 
 
 @contextmanager
-def _watched(client: Client) -> Iterator[None]:
-    """Raise `ClusterFailed` when no Slurm job will bring a worker any more. This interrupts the thread as Ctrl-C does."""
-    jobs = client.cluster.kilwa_dask_jobs
+def _stoppable() -> Iterator[Callable[[str], None]]:
+    """Yield a function for other threads, which raises `ClusterFailed` in this one. It interrupts this thread as Ctrl-C does."""
     thread = threading.get_ident()
     over = threading.Event()
+    reasons: list[str] = []
 
-    def stop(signum: int, frame: FrameType | None) -> None:
+    def interrupt(signum: int, frame: FrameType | None) -> None:
         del signum, frame
         if not over.is_set():
             raise _NoWorkers
 
+    def stop(reason: str) -> None:
+        reasons.append(reason)
+        signal.pthread_kill(thread, signal.SIGURG)
+
     # If this signal arrives late, the default handler ignores it.
-    before = signal.signal(signal.SIGURG, stop)
+    before = signal.signal(signal.SIGURG, interrupt)
     try:
-        jobs.on_problem(lambda: signal.pthread_kill(thread, signal.SIGURG))
-        yield
+        yield stop
     except _NoWorkers:
-        raise ClusterFailed(jobs.problem()) from None
+        raise ClusterFailed(reasons[0]) from None
     finally:
         over.set()
-        jobs.on_problem(None)
         signal.signal(signal.SIGURG, before)
+
+
+@contextmanager
+def _watched(client: Client) -> Iterator[None]:
+    """Raise `ClusterFailed` when no Slurm job will bring a worker any more."""
+    jobs = client.cluster.kilwa_dask_jobs
+    with _stoppable() as stop:
+        jobs.on_problem(stop)
+        try:
+            yield
+        finally:
+            jobs.on_problem(None)
+
+
+@contextmanager
+def _missed(client: Client, *, may_join: bool) -> Iterator[None]:
+    """Say when no worker is left, and raise `ClusterFailed` if none returns for a long time and others may not join either."""
+    ended = threading.Event()
+
+    def watch(stop: Callable[[str], None]) -> None:
+        since: float | None = None
+        is_told = False
+        while not ended.wait(_LOOK_EVERY):
+            with suppress(Exception):  # Without a scheduler, the driver gets the same error, and reports it.
+                if client.scheduler_info(n_workers=1)["workers"]:
+                    since, is_told = None, False
+                    continue
+                since = since or time.monotonic()
+                missing = time.monotonic() - since
+                if missing >= _STOP_AFTER and not may_join:
+                    stop(
+                        f"all workers are gone, and none has come back for {duration(missing)}; run the same command to continue"
+                    )
+                    return
+                if missing >= _TELL_AFTER and not is_told:
+                    is_told = True
+                    _warn("no worker is connected; waiting for one. Ctrl-C stops the run, and the same command continues it")
+
+    with _stoppable() as stop:
+        watcher = threading.Thread(target=watch, args=[stop], name="kilwa-dask-watcher", daemon=True)
+        watcher.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            watcher.join()
+
+
+def _warn(text: str) -> None:
+    """Write a line to standard error; on a terminal, it replaces the line that shows progress."""
+    print(f"\r\x1b[K{text}" if sys.stderr.isatty() else text, file=sys.stderr, flush=True)
 
 
 def local_workers(workers: int | None) -> int:

@@ -58,7 +58,7 @@ class Jobs:
         self._cluster = cluster
         self._number = number
         self._problem: str | None = None
-        self._tell: Callable[[], None] | None = None
+        self._tell: Callable[[str], None] | None = None
         # Names of jobs: all that dask-jobqueue has ever listed, and those whose workers have joined. A replacement job gets a
         # new name, because 15 s after a worker has left, dask closes the job with that worker's name.
         self._listed: set[str] = set()
@@ -80,8 +80,8 @@ class Jobs:
         """Return why no worker will join any more, or None if one still may."""
         return self._problem
 
-    def on_problem(self, tell: Callable[[], None] | None) -> None:
-        """Call `tell` in the thread of the cluster when a problem occurs, but not for an existing one."""
+    def on_problem(self, tell: Callable[[str], None] | None) -> None:
+        """Call `tell` with the problem, in the thread of the cluster, when one occurs, but not for an existing one."""
         self._tell = tell
 
     def _join(self, name: str) -> None:
@@ -121,7 +121,7 @@ class Jobs:
         if not present and self._is_hopeless():
             self._problem = self._describe()
             if self._tell is not None:
-                self._tell()
+                self._tell(self._problem)
         elif len(wanted) < self._number and time.monotonic() >= self._not_before:
             while len(wanted) < self._number:
                 self._named += 1
