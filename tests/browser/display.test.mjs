@@ -1,9 +1,7 @@
 // The panels Display and Section in Chromium, the recovery of a lost device, and levels that fade.
 
 import assert from "node:assert/strict";
-import { readFile } from "node:fs/promises";
-import { createRequire } from "node:module";
-import path from "node:path";
+import { serious } from "./axe.mjs";
 import { cameraOf, canvasOf, displayOf, fortSite, measuredPack, open, openTab, picture, pixels, press, test, tool, troubleOf, waitFor } from "./harness.mjs";
 
 const site = fortSite({ prepare: measuredPack });
@@ -334,19 +332,12 @@ test("where frames are slow to come levels do not fade, unless a person asked fo
 });
 
 test("axe-core finds nothing serious in either panel, whatever is chosen", async () => {
-  const axe = await readFile(path.join(path.dirname(createRequire(import.meta.url).resolve("axe-core")), "axe.min.js"), "utf8");
   const { page, close } = await fort({}, "?error=16");
-  await page.evaluate(axe);
   const found = [];
   const look = async (where) => {
     // The panel's contents and what it puts over the picture, in both themes.
     const include = [["[role=tabpanel]:not([hidden])"], ["[role=tablist]"], ["[role=group][aria-label=Section]"]];
-    for (const colorScheme of ["light", "dark"]) {
-      await page.emulateMedia({ colorScheme });
-      const { violations } = await page.evaluate((include) => globalThis.axe.run({ include }, { resultTypes: ["violations"] }), include);
-      const serious = violations.filter((v) => ["serious", "critical"].includes(v.impact));
-      found.push(...serious.map((v) => `${where} ${colorScheme}: ${v.id}: ${v.nodes.map((n) => `${n.target} ${n.failureSummary}`).join("; ")}`));
-    }
+    found.push(...(await serious(page, where, include)));
   };
   await openTab(page, "Display");
   for (const name of ["Raking light", "Ridges and hollows", "Distance from a plane", "Surface error"]) {

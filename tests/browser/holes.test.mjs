@@ -3,9 +3,9 @@
 import assert from "node:assert/strict";
 import { execFile } from "node:child_process";
 import { readFile, rm, writeFile } from "node:fs/promises";
-import { createRequire } from "node:module";
 import path from "node:path";
 import { promisify } from "node:util";
+import { serious } from "./axe.mjs";
 import { fortSite, KILWA, open, openTab, picture, setCamera, stats, test, waitFor } from "./harness.mjs";
 
 const run = promisify(execFile);
@@ -218,25 +218,14 @@ test("a list that cannot be loaded gives a message and leaves the model as it is
 });
 
 test("axe-core finds nothing serious in the list, in both themes and in Arabic", async () => {
-  const axe = await readFile(path.join(path.dirname(createRequire(import.meta.url).resolve("axe-core")), "axe.min.js"), "utf8");
-  for (const [colorScheme, locale] of [
-    ["light", "en"],
-    ["dark", "en"],
-    ["light", "ar"],
-  ]) {
-    const { page, complaints, close } = await open(site.browser, ruin(), { size: [1280, 900], colorScheme, locale });
+  for (const locale of ["en", "ar"]) {
+    const { page, complaints, close } = await open(site.browser, ruin(), { size: [1280, 900], locale });
     await page.locator("#tab-display").click();
     await page.locator("#holes input").check();
     await page.locator("#holes li button").nth(2).click();
     await waitFor(page, "settled");
-    if (process.env.KILWA_SHOTS) await page.screenshot({ path: path.join(process.env.KILWA_SHOTS, `holes-${colorScheme}-${locale}.png`) });
-    await page.evaluate(axe);
-    const { violations } = await page.evaluate(() => globalThis.axe.run({ include: ["#display"] }, { resultTypes: ["violations"] }));
-    const bad = violations.filter((v) => ["serious", "critical"].includes(v.impact));
-    assert.deepEqual(
-      bad.map((v) => `${colorScheme} ${locale}: ${v.id}: ${v.nodes.map((n) => n.failureSummary).join("; ")}`),
-      [],
-    );
+    if (process.env.KILWA_SHOTS) await page.screenshot({ path: path.join(process.env.KILWA_SHOTS, `holes-${locale}.png`) });
+    assert.deepEqual(await serious(page, locale, ["#display"]), []);
     assert.deepEqual(complaints, []);
     await close();
   }

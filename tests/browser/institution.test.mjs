@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 import path from "node:path";
 import { after, before } from "node:test";
 import { AMINA, archive } from "./archive.mjs";
-import { serious } from "./axe.mjs";
+import { seriousOn } from "./axe.mjs";
 import { launch, open, test } from "./harness.mjs";
 
 const OBJECTS = [
@@ -49,7 +49,7 @@ after(async () => {
 const look = (address, options = {}) => open(browser, `${server.url}${address}`, { size: [1200, 800], wait: null, ...options });
 
 test("axe-core finds nothing serious on the institution's pages, in both themes and in Arabic", async () => {
-  assert.deepEqual(await serious(look, PAGES), []);
+  assert.deepEqual(await seriousOn(look, PAGES), []);
 });
 
 test("the front page shows name, logo, introduction and featured models before the list, and a reader searches and returns", async () => {

@@ -4,9 +4,9 @@
 import assert from "node:assert/strict";
 import { execFile } from "node:child_process";
 import { readFile } from "node:fs/promises";
-import { createRequire } from "node:module";
 import path from "node:path";
 import { promisify } from "node:util";
+import { serious } from "./axe.mjs";
 import { KILWA, WWW, cameraOf, canvasOf, fortSite, open, openTab, spotOn, test, waitFor, tool as railTool } from "./harness.mjs";
 import {
   bar,
@@ -495,23 +495,13 @@ test("scripts measure, list measurements and receive events", async () => {
 });
 
 test("axe-core finds nothing serious in the tab, the table and the marks, in both themes", async () => {
-  const axe = await readFile(path.join(path.dirname(createRequire(import.meta.url).resolve("axe-core")), "axe.min.js"), "utf8");
   const { page, complaints, close } = await measured();
   await panel(page).getByText("All tools").click();
   await railTool(page, "Measure").click();
   await bar(page).waitFor();
   assert.ok(await table(page).isVisible());
   assert.equal(await labels(page).count(), 1);
-  await page.evaluate(axe);
-  for (const colorScheme of ["light", "dark"]) {
-    await page.emulateMedia({ colorScheme });
-    await page.waitForFunction((scheme) => matchMedia(`(prefers-color-scheme: ${scheme})`).matches, colorScheme);
-    const { violations } = await page.evaluate(() => globalThis.axe.run());
-    const serious = violations
-      .filter((v) => ["serious", "critical"].includes(v.impact))
-      .map((v) => `${v.id}: ${v.nodes.map((n) => `${n.target} ${n.failureSummary}`).join("; ")}`);
-    assert.deepEqual(serious, [], colorScheme);
-  }
+  assert.deepEqual(await serious(page, "measuring"), []);
   assert.deepEqual(complaints, []);
   await close();
 });

@@ -2,8 +2,7 @@
 
 import assert from "node:assert/strict";
 import { readFile } from "node:fs/promises";
-import { createRequire } from "node:module";
-import path from "node:path";
+import { serious } from "./axe.mjs";
 import { cameraOf, canvasOf, fortSite, open, openTab, pick, picture, setCamera, spotOn, stats, test, tool, troubleOf, waitFor } from "./harness.mjs";
 
 const HEAD = "bytes=0-65535";
@@ -424,55 +423,45 @@ test("a phone has the canvas first, large targets, and a sheet that opens", asyn
 });
 
 test("axe-core finds nothing serious, in both themes, on the list, the viewer, its dialogs and its troubles", async () => {
-  const axe = await readFile(path.join(path.dirname(createRequire(import.meta.url).resolve("axe-core")), "axe.min.js"), "utf8");
-  const serious = async (page, where) => {
-    await page.evaluate(axe);
-    const { violations } = await page.evaluate(() => globalThis.axe.run());
-    return violations
-      .filter((v) => ["serious", "critical"].includes(v.impact))
-      .map((v) => `${where}: ${v.id}: ${v.nodes.map((n) => `${n.target} ${n.failureSummary}`).join("; ")}`);
-  };
   const found = [];
-  for (const colorScheme of ["light", "dark"]) {
-    const list = await open(site.browser, site.server.url, { wait: null, colorScheme });
-    found.push(...(await serious(list.page, `list ${colorScheme}`)));
-    await list.close();
-    const { page, close } = await open(site.browser, fort("?error=8"), { colorScheme });
-    for (const tab of await page.getByRole("tab").all()) {
-      await tab.click();
-      found.push(...(await serious(page, `${await tab.innerText()} ${colorScheme}`)));
-    }
-    for (const name of ["How to look around", "Save a picture"]) {
-      await page.getByRole("banner").getByRole("button", { name, exact: true }).click();
-      await dialog(page, name).waitFor();
-      found.push(...(await serious(page, `${name} ${colorScheme}`)));
-      await dialog(page, name).getByRole("button", { name: "Close" }).click();
-    }
-    // Everything at once: a saved view, a note in its form, its card and pin, the pad for walking.
-    await openTab(page, "Views");
-    await page.getByRole("button", { name: "Save this view" }).click();
-    found.push(...(await serious(page, `saved view ${colorScheme}`)));
-    const { place } = await pick(page, 0.5, 0.5);
-    await page.evaluate((place) => {
-      const { api } = globalThis.kilwa;
-      for (const title of ["One", "Two"]) api.addAnnotation({ place, title, text: "Text", link: "https://example.org/" });
-      api.openAnnotation("1");
-    }, place);
-    await page.getByRole("region", { name: "Note", exact: true }).waitFor();
-    found.push(...(await serious(page, `note ${colorScheme}`)));
-    await page.getByRole("button", { name: "Edit the note" }).click();
-    await page.getByRole("textbox", { name: "Title" }).waitFor();
-    found.push(...(await serious(page, `note form ${colorScheme}`)));
-    await page.getByRole("button", { name: "Done" }).click();
-    await tool(page, "Walk at eye height").click();
-    await page.getByRole("group", { name: "Walking" }).waitFor();
-    found.push(...(await serious(page, `walking ${colorScheme}`)));
-    await close();
-    site.proxy.mishap = () => ({ status: 404 });
-    const lost = await open(site.browser, fort("", site.proxy.url), { colorScheme, wait: "trouble" });
-    found.push(...(await serious(lost.page, `trouble ${colorScheme}`)));
-    await lost.close();
-    site.proxy.mishap = null;
+  const list = await open(site.browser, site.server.url, { wait: null });
+  found.push(...(await serious(list.page, "list")));
+  await list.close();
+  const { page, close } = await open(site.browser, fort("?error=8"));
+  for (const tab of await page.getByRole("tab").all()) {
+    await tab.click();
+    found.push(...(await serious(page, await tab.innerText())));
   }
+  for (const name of ["How to look around", "Save a picture"]) {
+    await page.getByRole("banner").getByRole("button", { name, exact: true }).click();
+    await dialog(page, name).waitFor();
+    found.push(...(await serious(page, name)));
+    await dialog(page, name).getByRole("button", { name: "Close" }).click();
+  }
+  // Everything at once: a saved view, a note in its form, its card and pin, the pad for walking.
+  await openTab(page, "Views");
+  await page.getByRole("button", { name: "Save this view" }).click();
+  found.push(...(await serious(page, "saved view")));
+  const { place } = await pick(page, 0.5, 0.5);
+  await page.evaluate((place) => {
+    const { api } = globalThis.kilwa;
+    for (const title of ["One", "Two"]) api.addAnnotation({ place, title, text: "Text", link: "https://example.org/" });
+    api.openAnnotation("1");
+  }, place);
+  await page.getByRole("region", { name: "Note", exact: true }).waitFor();
+  found.push(...(await serious(page, "note")));
+  await page.getByRole("button", { name: "Edit the note" }).click();
+  await page.getByRole("textbox", { name: "Title" }).waitFor();
+  found.push(...(await serious(page, "note form")));
+  await page.getByRole("button", { name: "Done" }).click();
+  await tool(page, "Walk at eye height").click();
+  await page.getByRole("group", { name: "Walking" }).waitFor();
+  found.push(...(await serious(page, "walking")));
+  await close();
+  site.proxy.mishap = () => ({ status: 404 });
+  const lost = await open(site.browser, fort("", site.proxy.url), { wait: "trouble" });
+  found.push(...(await serious(lost.page, "trouble")));
+  await lost.close();
+  site.proxy.mishap = null;
   assert.deepEqual(found, []);
 });

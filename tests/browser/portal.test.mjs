@@ -5,7 +5,7 @@ import { readFile } from "node:fs/promises";
 import path from "node:path";
 import { after, before } from "node:test";
 import { archive } from "./archive.mjs";
-import { serious } from "./axe.mjs";
+import { seriousOn } from "./axe.mjs";
 import { launch, open, test } from "./harness.mjs";
 
 const OBJECTS = [
@@ -33,7 +33,7 @@ after(async () => {
 const look = (address, options = {}) => open(browser, `${server.url}${address}`, { size: [1200, 800], wait: null, ...options });
 
 test("axe-core finds nothing serious, in both themes and in Arabic", async () => {
-  assert.deepEqual(await serious(look, PAGES, (text) => text.includes("404")), []);
+  assert.deepEqual(await seriousOn(look, PAGES, (text) => text.includes("404")), []);
 });
 
 test("on a phone nothing is wider than the screen and every control is large enough for a finger", async () => {

@@ -7,7 +7,7 @@ import { tmpdir } from "node:os";
 import path from "node:path";
 import { after, before } from "node:test";
 import { promisify } from "node:util";
-import { serious } from "./axe.mjs";
+import { seriousOn } from "./axe.mjs";
 import { KILWA, launch, open, serve, test } from "./harness.mjs";
 import { decodePng } from "./png.mjs";
 
@@ -59,7 +59,7 @@ const picture = (page) => page.getByRole("group", { name: /image of station/i })
 const zoomOf = async (page) => Number.parseInt(await page.getByRole("status").innerText(), 10);
 
 test("axe-core finds nothing serious, in both themes and in Arabic", async () => {
-  assert.deepEqual(await serious(look, PAGES, (text) => text.includes("404")), []);
+  assert.deepEqual(await seriousOn(look, PAGES, (text) => text.includes("404")), []);
 });
 
 test("on a phone nothing is wider than the screen and every control is large enough for a finger", async () => {
