@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from conftest import Single, end_all, processes_of
+from conftest import LIMIT, Single, end_all, processes_of
 from test_store import Stored, serving, set_keys
 
 MESHES = {"wall": ("wall",), "fort": ("fort",), "sphere": ("phantom", "--shape", "sphere", "--noise", "0.0001")}
@@ -51,7 +51,7 @@ def test_any_number_of_workers_makes_the_same_pack_in_a_store(
     with serving(volume_mb=1024) as store:
         set_keys(store, monkeypatch)
         made = Stored(large.root, large.kilwa, large.drivers, large.plain_builds, store)
-        store.ask("/in/mesh.ply", "PUT", made.mesh.read_bytes())
+        store.ask("/in/mesh.ply", "PUT", made.mesh.read_bytes(), timeout=LIMIT)
         follow(made, made.start(*machines(workers)), f"store | {workers}")
         made.check()
 

@@ -37,10 +37,10 @@ class Store:
 
     url: str
 
-    def ask(self, key: str, method: str = "GET", body: bytes | None = None) -> bytes:
-        """Send a request for an object, or for the bucket, and return the response."""
+    def ask(self, key: str, method: str = "GET", body: bytes | None = None, timeout: float = 20) -> bytes:
+        """Send a request for an object, or for the bucket, and return the response. Sending may take `timeout` seconds."""
         request = urllib.request.Request(f"{self.url}/{BUCKET}{key}", data=body, method=method)
-        with urllib.request.urlopen(request, timeout=20) as answer:
+        with urllib.request.urlopen(request, timeout=timeout) as answer:
             content: bytes = answer.read()
             return content
 
