@@ -256,6 +256,8 @@ fn version(root: &Path, number: u32, pack: &[u8]) -> Version {
         annotations: None,
         holes: None,
         tiles: None,
+        colour_report: None,
+        photographs: None,
         figures: Figures {
             bounds: [DVec3::ZERO, DVec3::ONE],
             crs: None,
