@@ -116,7 +116,7 @@ impl Facts {
             colour_report: p.colours.as_ref().map(|c| entry(COLOUR_REPORT, c.bytes, &c.sha256)),
             photographs: p.photographs().map(|(taken, rights)| PhotographsEntry {
                 url: format!("{}/{PHOTOGRAPHS}/", version_folder(p.version)),
-                files: taken.files,
+                files: taken.files(),
                 bytes: taken.bytes,
                 rights: rights.rights.clone(),
             }),

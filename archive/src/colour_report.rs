@@ -327,7 +327,7 @@ impl Photograph {
         let pairs = [camera.focal, camera.center, camera.scale].into_iter().flatten().flatten();
         let refined = self.refined.iter().flat_map(|r| [r.moved_px, r.residual_px, r.agreement]);
         let pose = self.camera_from_world;
-        let places = [pose.translation, self.position].into_iter().flat_map(DVec3::to_array);
+        let places = [pose.translation, self.position].into_iter().flat_map(|place| place.to_array());
         let singles = [camera.max_angle_degrees, camera.skew.unwrap_or_default(), self.share, self.corner];
         let own = pose.rotation_wxyz.into_iter().chain(self.gain).chain(self.offset).chain(singles);
         own.chain(places).chain(lens).chain(pairs).chain(refined).collect()

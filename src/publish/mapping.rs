@@ -10,7 +10,7 @@ use std::io::Write as _;
 
 /// Field (of a list: without its number), Dublin Core, DataCite, Europeana, schema.org. Fields that are not listed here are in metadata.json,
 /// paradata.json and on the page.
-const TABLE: [(&str, &str, &str, &str, &str); 43] = [
+const TABLE: [(&str, &str, &str, &str, &str); 47] = [
     ("title", "title", "titles", "dc:title", "name"),
     ("alternative_titles", "title", "titles (AlternativeTitle)", "dcterms:alternative", "alternateName"),
     ("description", "description", "descriptions (Abstract)", "dc:description", "description"),
@@ -24,6 +24,10 @@ const TABLE: [(&str, &str, &str, &str, &str); 43] = [
     ("rights.uri", "rights", "rightsList", "edm:rights", "license"),
     ("rights.holder", "rights", "", "", "copyrightHolder"),
     ("rights.statement", "rights", "", "", "creditText"),
+    ("photographs.rights", "", "", "", ""),
+    ("photographs.creators", "", "", "", ""),
+    ("photographs.holder", "", "", "", ""),
+    ("photographs.credit", "", "", "", ""),
     ("creators.name", "creator", "creators", "dc:creator", "creator"),
     ("creators.kind", "", "creators.nameType", "", "creator.@type"),
     ("creators.orcid", "", "creators.nameIdentifiers", "", "creator.@id"),
@@ -156,6 +160,12 @@ fn text(plan: &Plan) -> String {
     if let Some(holes) = &plan.given.holes {
         let _ = write!(s, "\n  holes: {}", holes.holes.len());
     }
+    if let Some(colours) = &plan.given.colours {
+        let _ = write!(s, "\n  colour report: {}", colours.report_in_words());
+        if let Some(summary) = colours.summary() {
+            let _ = write!(s, "\n  photographs: {summary}");
+        }
+    }
     for what in plan.channels_left_out().into_iter().chain(notes::left_out(plan)) {
         let _ = write!(s, "\n  left out: {what}");
     }
@@ -181,6 +191,9 @@ fn json(plan: &Plan) -> Value {
             json!({ "field": r.field, "value": r.value, "dublin_core": dc, "datacite": datacite, "europeana": edm, "schema_org": schema })
         })
         .collect();
-    json!({ "object": plan.at, "version": plan.facts.version(), "published": plan.facts.published, "note": plan.facts.note,
+    let colours = plan.given.colours.as_ref();
+    let taken = colours.and_then(|colours| colours.taken);
+    json!({ "object": plan.at, "colour_report": colours.is_some(), "photographs": taken.map_or(0, |t| t.photographs), "masks": taken.map_or(0, |t| t.masks),
+        "photograph_bytes": taken.map_or(0, |t| t.bytes), "version": plan.facts.version(), "published": plan.facts.published, "note": plan.facts.note,
         "fields": fields, "notes": plan.given.notes.as_ref().map_or(0, |n| n.notes.len()), "holes": plan.given.holes.as_ref().map_or(0, |n| n.holes.len()), "left_out": plan.channels_left_out().into_iter().chain(notes::left_out(plan)).collect::<Vec<_>>(), "warnings": plan.warnings(), "advice": plan.advice() })
 }

@@ -7,6 +7,7 @@ mod holes;
 mod notes;
 mod object;
 mod opinions;
+pub(crate) mod photographs;
 mod place;
 mod refusals;
 mod tiles;

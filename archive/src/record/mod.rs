@@ -35,6 +35,7 @@ use super::viewer::content_type;
 use glam::DVec3;
 use kilwa_files::plain_file;
 use serde_json::Value;
+use std::collections::BTreeSet;
 use std::io;
 use std::path::Path;
 
@@ -130,8 +131,8 @@ pub struct PublishedColours {
 pub struct Taken {
     /// How many photographs.
     pub photographs: u64,
-    /// How many files, masks included.
-    pub files: u64,
+    /// How many masks, which photographs can share.
+    pub masks: u64,
     /// Bytes of all files.
     pub bytes: u64,
 }
@@ -140,9 +141,15 @@ impl Taken {
     /// Those of a report; None if it names no files of the version.
     pub fn of(report: &ColourReport) -> Option<Self> {
         let files = report.files();
-        let photographs = report.photographs.iter().filter(|photo| photo.path.is_some()).count() as u64;
+        let photographs: BTreeSet<&str> = report.photographs.iter().filter_map(|photo| photo.path.as_deref()).collect();
         let bytes = files.iter().map(|file| file.bytes).sum();
-        (!files.is_empty()).then_some(Self { photographs, files: files.len() as u64, bytes })
+        let masks = (files.len() - photographs.len()) as u64;
+        (!files.is_empty()).then_some(Self { photographs: photographs.len() as u64, masks, bytes })
+    }
+
+    /// How many files there are.
+    pub fn files(&self) -> u64 {
+        self.photographs + self.masks
     }
 }
 
