@@ -560,7 +560,7 @@ impl Check<'_> {
             return;
         }
         let listed: BTreeSet<(&str, &str)> =
-            list.iter().map(|(path, sum)| (path, &**sum)).filter(|(path, _)| is_photograph(path)).collect();
+            list.iter().filter(|(path, _)| is_photograph(path)).collect();
         let Some(entry) = &version.colour_report else {
             if let Some((photograph, _)) = listed.first() {
                 let what = format!("{CHECKSUMS} lists {photograph}, but there is no colour report that names it");

@@ -32,6 +32,11 @@ published = 2026-11-21
 [rights]
 uri = "https://creativecommons.org/licenses/by/4.0/deed.fr"
 holder = "Antiquities Division"
+[photographs]
+rights = "InC"
+creators = ["Juma, Amina"]
+holder = "Antiquities Division"
+credit = "Photographs & masks: A. Juma"
 [model]
 units = "m"
 crs = "EPSG:32737"
