@@ -157,11 +157,7 @@ struct PhotoFiles {
 
 impl PhotoFiles {
     /// Those of all inputs; None for a photograph that was left out because its file cannot be read.
-    fn of(
-        photographs: &Photographs,
-        report: &Report,
-        (bar, stop): (&Bar, &Stop),
-    ) -> anyhow::Result<Vec<Option<Self>>> {
+    fn of(photographs: &Photographs, report: &Report, (bar, stop): (&Bar, &Stop)) -> anyhow::Result<Vec<Option<Self>>> {
         let read = |input: &Input| -> anyhow::Result<Self> {
             let mask = input.mask.as_deref().map(|mask| source_file(mask, bar, stop)).transpose()?;
             Ok(Self { photograph: source_file(&input.path, bar, stop)?, mask })

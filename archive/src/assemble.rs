@@ -7,12 +7,13 @@
 use super::draft::{Draft, DraftError};
 use super::layout::Slug;
 use super::layout::{
-    ANNOTATIONS, COLOUR_REPORT, CRATE, HOLES, MANIFEST, METADATA, PHOTOGRAPHS, TILESET, VIEWER, pack_name, version_folder,
+    ANNOTATIONS, COLOUR_REPORT, CRATE, HOLES, MANIFEST, METADATA, PHOTOGRAPHS, TILESET, VIEWER, pack_name,
+    version_folder,
 };
 use super::lock::Lock;
 use super::manifest::{
-    Access, AccessState, FORM, Figures, FileEntry, Manifest, Optional, PackEntry, PhotographsEntry,
-    RightsEntry, Version,
+    Access, AccessState, FORM, Figures, FileEntry, Manifest, Optional, PackEntry, PhotographsEntry, RightsEntry,
+    Version,
 };
 use super::metadata::{Metadata, crs};
 use super::page::{self, Surroundings};

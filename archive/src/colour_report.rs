@@ -408,7 +408,12 @@ impl ColourReport {
         let mut differences = Vec::new();
         for photo in &unlisted {
             if let Some(other) = sources.iter().find(|source| source.name == photo.file) {
-                differences.push(format!("{} has the SHA-256 {}… in the report and {}… in the pack", photo.file, short(&photo.sha256), short(&other.sha256)));
+                differences.push(format!(
+                    "{} has the SHA-256 {}… in the report and {}… in the pack",
+                    photo.file,
+                    short(&photo.sha256),
+                    short(&other.sha256)
+                ));
             }
         }
         // A pack with many sources has one entry for the last ones.
@@ -426,7 +431,8 @@ impl ColourReport {
             }
             _ => {
                 let missing = unlisted.iter().filter(|photo| sources.iter().all(|source| source.name != photo.file));
-                differences.extend(missing.map(|photo| format!("{} is not among the source files of the pack", photo.file)));
+                differences
+                    .extend(missing.map(|photo| format!("{} is not among the source files of the pack", photo.file)));
             }
         }
         if differences.is_empty() {
@@ -450,7 +456,9 @@ impl ColourReport {
         let names: Vec<&str> = others.map(|source| source.name.as_str()).collect();
         let count = counted(names.len(), "picture", "pictures");
         let first = names.first()?;
-        Some(format!("the pack names {count} as source files that the colour report does not list, {first} for example"))
+        Some(format!(
+            "the pack names {count} as source files that the colour report does not list, {first} for example"
+        ))
     }
 }
 

@@ -50,7 +50,9 @@ fn anything_but_a_report_of_colours_is_refused_with_the_reason() {
         let why = ColourReport::parse(text.as_bytes()).unwrap_err().to_string();
         assert!(why.contains("kilwa colour --report"), "{why}");
     }
-    assert!(refused(&|v| drop(v.as_object_mut().unwrap().remove("kilwa_colour_report"))).contains("Run kilwa colour again"));
+    assert!(
+        refused(&|v| drop(v.as_object_mut().unwrap().remove("kilwa_colour_report"))).contains("Run kilwa colour again")
+    );
     assert!(refused(&|v| v["kilwa_colour_report"] = 7.into()).contains("format version 7"));
     let photo = |change: &'static dyn Fn(&mut Value)| refused(&move |v| change(&mut v["photographs"][1]));
     assert!(photo(&|p| p["sha256"] = "xy".into()).starts_with("photograph 2 (\"images/b.jpg\"): its SHA-256"));
@@ -59,7 +61,14 @@ fn anything_but_a_report_of_colours_is_refused_with_the_reason() {
     assert!(photo(&|p| p["share"] = (-1).into()).contains("not negative"));
     assert!(photo(&|p| p["position"][0] = 1e13.into()).contains("less than 1e12"));
     assert!(photo(&|p| p["camera_from_world"]["rotation_wxyz"][1] = 1.into()).contains("unit quaternion"));
-    for path in ["../x.jpg", "photographs/../x.jpg", "poster.jpg", "photographs/x.html", "photographs/a b.jpg", "/photographs/x.jpg"] {
+    for path in [
+        "../x.jpg",
+        "photographs/../x.jpg",
+        "poster.jpg",
+        "photographs/x.html",
+        "photographs/a b.jpg",
+        "/photographs/x.jpg",
+    ] {
         let why = refused(&|v| v["photographs"][0]["path"] = path.into());
         assert!(why.contains("its path must be in photographs"), "{path}: {why}");
     }
@@ -110,7 +119,11 @@ fn paths_are_plain_distinct_and_the_same_for_equal_files() {
     let mut paths = Paths::default();
     let of = |paths: &mut Paths, name: &str, sum: &str| paths.photograph(name, "jpg", sum);
     assert_eq!(of(&mut paths, "images/IMG_1.JPG", "1"), "photographs/images/IMG_1.jpg");
-    assert_eq!(of(&mut paths, "images/img_1.jpeg", "2"), "photographs/images/img_1-2.jpg", "no two differ in case only");
+    assert_eq!(
+        of(&mut paths, "images/img_1.jpeg", "2"),
+        "photographs/images/img_1-2.jpg",
+        "no two differ in case only"
+    );
     assert_eq!(of(&mut paths, "other/IMG_1.jpg", "1"), "photographs/images/IMG_1.jpg", "equal files share a path");
     assert_eq!(of(&mut paths, "../../etc/pass wd", "3"), "photographs/etc/pass_wd.jpg");
     assert_eq!(of(&mut paths, "C:\\Fotos\\Größe #1.jpg", "4"), "photographs/C_/Fotos/Gr__e__1.jpg");

@@ -6,9 +6,7 @@
 
 use super::checksums::{Checksum, is_sha256, sha256};
 use super::date::is_day;
-use super::layout::{
-    ANNOTATIONS, COLOUR_REPORT, HOLES, PHOTOGRAPHS, Slug, TILESET, pack_name, safe, version_folder,
-};
+use super::layout::{ANNOTATIONS, COLOUR_REPORT, HOLES, PHOTOGRAPHS, Slug, TILESET, pack_name, safe, version_folder};
 use super::rights::Rights;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};

@@ -5,14 +5,14 @@
 //! `../../`. The markup is in `archive/templates`. No inline script or style: it works under the server's Content-Security-Policy.
 
 use super::layout::{
-    ANNOTATIONS, CITATIONS, COLOUR_REPORT, CRATE, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, LINKSET, OEMBED, PARADATA, POSTER, PREVIEW,
-    README, THUMBNAILS, TILESET, VIEWER, version_folder,
+    ANNOTATIONS, CITATIONS, COLOUR_REPORT, CRATE, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, LINKSET, OEMBED, PARADATA,
+    POSTER, PREVIEW, README, THUMBNAILS, TILESET, VIEWER, version_folder,
 };
 use super::manifest::{AccessState, Manifest, Version};
 use super::metadata::Metadata;
 use super::notes::Note;
-use super::rights::Rights;
 use super::record::{Publication, citation, media_type, schema_org};
+use super::rights::Rights;
 use crate::date::in_words;
 use crate::frame::Frame;
 use crate::html::render;
@@ -136,11 +136,7 @@ impl<'a> Photographs<'a> {
         let more = files.len().saturating_sub(PHOTOGRAPHS_SHOWN);
         let creators = Some(field.creators.join("; ")).filter(|text| !text.is_empty());
         Some(Self {
-            summary: format!(
-                "{}, {}",
-                counted(taken.photographs, "photograph", "photographs"),
-                size(taken.bytes)
-            ),
+            summary: format!("{}, {}", counted(taken.photographs, "photograph", "photographs"), size(taken.bytes)),
             rights: Rights::parse(&field.rights).ok()?,
             words: [creators, field.holder.clone(), field.credit.clone()].into_iter().flatten().collect(),
             files: files.into_iter().take(PHOTOGRAPHS_SHOWN).collect(),

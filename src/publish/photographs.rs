@@ -110,7 +110,8 @@ impl Colours {
     /// What is taken along, in words.
     pub(super) fn summary(&self) -> Option<String> {
         let taken = self.taken?;
-        let masks = if taken.masks > 0 { format!(" and {}", counted(taken.masks, "mask", "masks")) } else { String::new() };
+        let masks =
+            if taken.masks > 0 { format!(" and {}", counted(taken.masks, "mask", "masks")) } else { String::new() };
         let photographs = counted(taken.photographs, "photograph", "photographs");
         Some(format!("{photographs}{masks}, {} ({})", size::text(taken.bytes), self.rights))
     }
@@ -165,7 +166,9 @@ pub(super) fn lost(given: &Given, before: Option<&Manifest>) -> Option<String> {
     let last = before.and_then(|m| m.versions.last())?;
     let taken = given.colours.as_ref().and_then(|colours| colours.taken);
     if last.photographs.is_some() && taken.is_none() {
-        return Some("the previous version has photographs, and this one has none (--colour-report, --photos)".to_owned());
+        return Some(
+            "the previous version has photographs, and this one has none (--colour-report, --photos)".to_owned(),
+        );
     }
     (last.colour_report.is_some() && given.colours.is_none())
         .then(|| "the previous version has a colour report, and this one has none (--colour-report)".to_owned())
@@ -295,17 +298,11 @@ impl Wanted {
             let published = path.and_then(|path| path.rsplit('/').next());
             [Some(file), published].into_iter().flatten().map(str::to_owned).collect()
         };
-        let photograph = Self {
-            names: names(&photo.file, photo.path.as_ref()),
-            bytes: photo.bytes,
-            sha256: photo.sha256.clone(),
-        };
+        let photograph =
+            Self { names: names(&photo.file, photo.path.as_ref()), bytes: photo.bytes, sha256: photo.sha256.clone() };
         let mask = photo.mask.as_ref().zip(photo.mask_bytes.zip(photo.mask_sha256.clone()));
-        let mask = mask.map(|(file, (bytes, sha256))| Self {
-            names: names(file, photo.mask_path.as_ref()),
-            bytes,
-            sha256,
-        });
+        let mask =
+            mask.map(|(file, (bytes, sha256))| Self { names: names(file, photo.mask_path.as_ref()), bytes, sha256 });
         [Some(photograph), mask]
     }
 

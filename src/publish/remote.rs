@@ -112,7 +112,8 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path, progress: &Progr
         lists.push(COLOUR_REPORT.to_owned());
     }
     let photos = plan.given.colours.iter().flat_map(|colours| &colours.files);
-    let of_photo: BTreeMap<&str, &Path> = photos.clone().map(|file| (file.path.as_str(), file.from.as_path())).collect();
+    let of_photo: BTreeMap<&str, &Path> =
+        photos.clone().map(|file| (file.path.as_str(), file.from.as_path())).collect();
     let photos = photos.map(|f| AnnouncedFile { path: f.path.clone(), bytes: f.bytes, sha256: f.sha256.clone() });
     let mut files = vec![AnnouncedFile { path: pack_name(&pack_sum), bytes, sha256: pack_sum.clone() }];
     let announced = |path: &String| -> anyhow::Result<AnnouncedFile> {

@@ -15,8 +15,8 @@ use kilwa_archive::draft::HIDDEN;
 use kilwa_archive::holes::HOLES_MAX;
 use kilwa_archive::keep::{KEEPING, KEEPING_TEXT};
 use kilwa_archive::layout::{
-    ANNOTATIONS, CHECKSUMS, CITATIONS, COLOUR_REPORT, CRATE, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, LICENCE, LINKSET, MANIFEST,
-    METADATA, PAGE, PARADATA, POSTER, README, TILES, TILESET, is_photograph, version_of,
+    ANNOTATIONS, CHECKSUMS, CITATIONS, COLOUR_REPORT, CRATE, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, LICENCE, LINKSET,
+    MANIFEST, METADATA, PAGE, PARADATA, POSTER, README, TILES, TILESET, is_photograph, version_of,
 };
 use kilwa_archive::manifest::{FileEntry, MANIFEST_MAX, Seal, seal_of};
 use kilwa_archive::next::NEXT;
@@ -559,8 +559,7 @@ impl Check<'_> {
             self.add(&path, Kind::Incomplete, what);
             return;
         }
-        let listed: BTreeSet<(&str, &str)> =
-            list.iter().filter(|(path, _)| is_photograph(path)).collect();
+        let listed: BTreeSet<(&str, &str)> = list.iter().filter(|(path, _)| is_photograph(path)).collect();
         let Some(entry) = &version.colour_report else {
             if let Some((photograph, _)) = listed.first() {
                 let what = format!("{CHECKSUMS} lists {photograph}, but there is no colour report that names it");
@@ -568,7 +567,9 @@ impl Check<'_> {
             }
             return;
         };
-        let Some(bytes) = kept.get(COLOUR_REPORT).filter(|bytes| bytes.len() as u64 <= COLOUR_REPORT_MAX) else { return };
+        let Some(bytes) = kept.get(COLOUR_REPORT).filter(|bytes| bytes.len() as u64 <= COLOUR_REPORT_MAX) else {
+            return;
+        };
         if sha256(bytes) != entry.sha256 {
             return;
         }

@@ -24,8 +24,7 @@ pub(crate) fn coloured() -> Coloured {
     let lock = std::fs::File::create(folder.join("lock")).unwrap();
     lock.lock().unwrap();
     let at = |name: &str| folder.join(name);
-    let made =
-        Coloured { pack: at("coloured.kilwa"), report: at("report.json"), photos: at("session/photos") };
+    let made = Coloured { pack: at("coloured.kilwa"), report: at("report.json"), photos: at("session/photos") };
     let changed = |of: &Path| std::fs::metadata(of).and_then(|m| m.modified());
     let programs = [PathBuf::from(env!("CARGO_BIN_EXE_kilwa")), std::env::current_exe().unwrap()];
     if changed(&at("done")).is_ok_and(|done| programs.iter().all(|program| changed(program).unwrap() < done)) {
@@ -92,9 +91,9 @@ fn photographs_and_their_report_become_part_of_the_version_and_are_verified() {
     // The same bytes, under the names that they have.
     let mut bytes = 0;
     for (path, name) in [
-        ("images/IMG_0001.jpg", "images/IMG_0001.jpg"),
-        ("images/IMG_0002.jpg", "images/IMG_0002.jpg"),
-        ("images/IMG_0003.jpg", "images/IMG_0003.jpg"),
+        ("images/IMG_0001.jpg", "IMG_0001.jpg"),
+        ("images/IMG_0002.jpg", "IMG_0002.jpg"),
+        ("images/IMG_0003.jpg", "IMG_0003.jpg"),
         ("images/IMG_0001.mask.png", "masks/IMG_0001.mask.png"),
     ] {
         let published = object.join("v1/photographs").join(name);
@@ -117,7 +116,7 @@ fn photographs_and_their_report_become_part_of_the_version_and_are_verified() {
     assert!(read("v1/LICENSE.txt").contains("Photographers: Juma, Amina"));
     assert!(read("v1/README.txt").contains("3 photographs that the colours come from"));
     let page = read("index.html");
-    assert!(page.contains("photographs/images/IMG_0002.jpg\" download>") && page.contains("A. Juma"), "{page}");
+    assert!(page.contains("photographs/IMG_0002.jpg\" download>") && page.contains("A. Juma"), "{page}");
     succeeds(&["verify", text(&object)]);
     // The report states neither folders of this computer nor anything else that is not part of it.
     assert!(!read("v1/colour-report.json").contains(env!("CARGO_TARGET_TMPDIR")));
@@ -143,7 +142,9 @@ fn paradata_list_every_photograph_with_its_pose_residual_and_share() {
     let (listed, expected) = (&colours["photographs"], &report["photographs"]);
     assert_eq!(listed.as_array().unwrap().len(), 3, "{colours}");
     for (photo, expected) in listed.as_array().unwrap().iter().zip(expected.as_array().unwrap()) {
-        for key in ["name", "bytes", "sha256", "camera", "camera_from_world", "position", "refined", "seen", "share", "gain"] {
+        for key in
+            ["name", "bytes", "sha256", "camera", "camera_from_world", "position", "refined", "seen", "share", "gain"]
+        {
             assert!(!photo[key].is_null() && photo[key] == expected[key], "{key}: {photo} {expected}");
         }
         assert!(photo["path"].is_null());
@@ -173,17 +174,24 @@ fn altered_or_missing_photographs_are_refused_by_name() {
     std::fs::remove_file(made.photos.join("images/IMG_0001.mask.png")).unwrap();
     let why = bench.refused(&made.pack, WITH_RIGHTS, &made.options());
     assert!(why.contains("2 files of the colour report are not in the folder"), "{why}");
-    assert!(why.contains("IMG_0001.mask.png, IMG_0003.jpg") && why.contains("changed since the model was coloured: IMG_0002.jpg"), "{why}");
+    assert!(
+        why.contains("IMG_0001.mask.png, IMG_0003.jpg")
+            && why.contains("changed since the model was coloured: IMG_0002.jpg"),
+        "{why}"
+    );
 }
 
 #[test]
 fn photographs_without_a_statement_of_rights_are_refused_with_what_to_write() {
     let (bench, made) = (Bench::new(), coloured());
     let why = bench.refused(&made.pack, MINIMAL, &made.options());
-    assert!(why.contains("add a line [photographs] and below it rights = \"…\"") && why.contains("metadata.toml"), "{why}");
+    assert!(
+        why.contains("add a line [photographs] and below it rights = \"…\"") && why.contains("metadata.toml"),
+        "{why}"
+    );
     let unknown = format!("{MINIMAL}[photographs]\nrights = \"CC BY 9.0\"\n");
     let why = bench.refused(&made.pack, &unknown, &made.options());
-    assert!(why.contains("line 7: photographs.rights: \"CC BY 9.0\" is not a known licence"), "{why}");
+    assert!(why.contains("line 8: photographs.rights: \"CC BY 9.0\" is not a known licence"), "{why}");
 }
 
 #[test]
@@ -194,14 +202,19 @@ fn what_is_not_the_colour_report_of_the_pack_is_refused_with_what_differs() {
     let why = refused(&other);
     assert!(why.contains("IMG_0002.jpg has the SHA-256 000000000000… in the report and"), "{why}");
     let why = bench.refused(&pack(), FULL, &["--colour-report", text(&made.report)]);
-    assert!(why.contains("IMG_0001.jpg is not among the source files of the pack") && why.contains("report.json"), "{why}");
-    let earlier = made.with_report(&bench, |report| drop(report.as_object_mut().unwrap().remove("kilwa_colour_report")));
+    assert!(
+        why.contains("IMG_0001.jpg is not among the source files of the pack") && why.contains("report.json"),
+        "{why}"
+    );
+    let earlier =
+        made.with_report(&bench, |report| drop(report.as_object_mut().unwrap().remove("kilwa_colour_report")));
     assert!(refused(&earlier).contains("without the hashes of the photographs"), "{}", refused(&earlier));
     let later = made.with_report(&bench, |report| report["kilwa_colour_report"] = 2.into());
     assert!(refused(&later).contains("format version 2"), "{}", refused(&later));
-    let broken = made.with_report(&bench, |report| report["photographs"][2]["camera_from_world"]["rotation_wxyz"][0] = 3.into());
+    let broken =
+        made.with_report(&bench, |report| report["photographs"][2]["camera_from_world"]["rotation_wxyz"][0] = 3.into());
     let why = refused(&broken);
-    assert!(why.contains("photograph 3 (\"images/IMG_0003.jpg\"): its rotation"), "{why}");
+    assert!(why.contains("photograph 3 (\"IMG_0003.jpg\"): its rotation"), "{why}");
     std::fs::write(bench.path("changed.json"), "{\n  \"kilwa_colour_report\": 1,\n  photographs\n}").unwrap();
     let why = refused(&later);
     assert!(why.contains("changed.json cannot be used") && why.contains("line 3"), "{why}");
@@ -224,7 +237,8 @@ fn a_version_can_keep_the_photographs_of_the_last_one_and_one_without_them_says_
     let object = bench.published(&made.pack, WITH_RIGHTS, &made.options());
     let [report, photos] = ["v1/colour-report.json", "v1/photographs"].map(|path| object.join(path));
     let better = WITH_RIGHTS.replace("\"Fort\"", "\"Fort\"\ndescription = \"Better\"");
-    let next = ["--version-note", "Text", "--date", "2026-12-01", "--colour-report", text(&report), "--photos", text(&photos)];
+    let next =
+        ["--version-note", "Text", "--date", "2026-12-01", "--colour-report", text(&report), "--photos", text(&photos)];
     bench.published(&made.pack, &better, &next);
     let of = |version: &str, path: &str| tree(&object.join(version).join(path));
     assert!(!of("v1", "photographs").is_empty() && of("v1", "photographs") == of("v2", "photographs"));
@@ -258,12 +272,12 @@ fn verify_names_photographs_that_are_damaged_missing_or_not_in_the_report() {
         let printed = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
         assert!(printed.contains(what), "{what} in {printed}");
     };
-    let photograph = object.join("v1/photographs/images/IMG_0002.jpg");
+    let photograph = object.join("v1/photographs/IMG_0002.jpg");
     let right = std::fs::read(&photograph).unwrap();
     let mut damaged = right.clone();
     damaged[100] ^= 1;
     std::fs::write(&photograph, damaged).unwrap();
-    failed("v1/photographs/images/IMG_0002.jpg");
+    failed("v1/photographs/IMG_0002.jpg");
     std::fs::remove_file(&photograph).unwrap();
     failed("missing");
     std::fs::write(&photograph, right).unwrap();
@@ -290,8 +304,12 @@ fn withdrawal_removes_photographs_and_report() {
     let args = ["publish", "--withdraw", "fort", "--to", text(&site), "--keep", text(&keep), "--reason", "Asked"];
     succeeds(&[&args[..], &["--www", text(&www), "--date", "2026-12-01"]].concat());
     let left = tree(&object);
-    assert!(left.keys().all(|path| !path.contains("photographs/images") && !path.contains("colour-report")), "{:?}", left.keys());
-    assert!(keep.join("fort/v1/photographs/images/IMG_0001.jpg").is_file());
+    assert!(
+        left.keys().all(|path| !path.ends_with("IMG_0001.jpg") && !path.contains("colour-report")),
+        "{:?}",
+        left.keys()
+    );
+    assert!(keep.join("fort/v1/photographs/IMG_0001.jpg").is_file());
     assert!(keep.join("fort/v1/colour-report.json").is_file());
     succeeds(&["verify", text(&object)]);
 }
@@ -301,7 +319,7 @@ fn photographs_of_a_closed_model_are_only_for_those_who_may_have_it() {
     let (bench, made) = (Bench::new(), coloured());
     let closed = format!("{WITH_RIGHTS}[access]\nstate = \"restricted\"\nreason = \"Rock art\"\n");
     let object = bench.published(&made.pack, &closed, &made.options());
-    for path in ["v1/photographs/images/IMG_0001.jpg", "v1/photographs/masks/IMG_0001.mask.png", "v1/colour-report.json"] {
+    for path in ["v1/photographs/IMG_0001.jpg", "v1/photographs/masks/IMG_0001.mask.png", "v1/colour-report.json"] {
         assert!(kilwa_archive::layout::is_geometry(path), "{path}");
         #[cfg(unix)]
         {

@@ -206,6 +206,6 @@ fn photographs_and_their_report_are_uploaded_with_the_bytes_of_a_local_publicati
     for (path, bytes) in &here {
         assert!(*bytes == there[path], "{path}");
     }
-    assert!(here.keys().any(|path| path.ends_with("photographs/images/IMG_0001.jpg")), "{:?}", here.keys());
+    assert!(here.keys().any(|path| path.ends_with("photographs/IMG_0001.jpg")), "{:?}", here.keys());
     assert_eq!(publish(&to)["already"], true);
 }

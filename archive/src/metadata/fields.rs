@@ -2,8 +2,8 @@
 
 use super::lines::{strays, syntax};
 use super::{
-    AccessField, Agent, AgentKind, Capture, CaptureStep, Funding, Heritage, Metadata, Model, PhotographsField, Place, Problem,
-    Problems, Related, RightsField, crs,
+    AccessField, Agent, AgentKind, Capture, CaptureStep, Funding, Heritage, Metadata, Model, PhotographsField, Place,
+    Problem, Problems, Related, RightsField, crs,
 };
 use crate::AccessState;
 use crate::date::{is_date_or_span, is_day, iso};

@@ -3,7 +3,8 @@
 use super::{Publication, media_type};
 use crate::html::{Embedded, render};
 use crate::layout::{
-    ANNOTATIONS, CITATIONS, COLOUR_REPORT, CRATE, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, OEMBED, POSTER, PREVIEW, TILESET,
+    ANNOTATIONS, CITATIONS, COLOUR_REPORT, CRATE, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, OEMBED, POSTER, PREVIEW,
+    TILESET,
 };
 use serde_json::{Value, json};
 

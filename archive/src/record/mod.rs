@@ -24,8 +24,8 @@ use super::checksums::{Checksum, sha256};
 use super::colour_report::{COLOUR_REPORT_MAX, ColourReport};
 use super::holes::{HOLES_MAX, Holes};
 use super::layout::{
-    ANNOTATIONS, CITATIONS, COLOUR_REPORT, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, IIIF_ANNOTATIONS, LICENCE, LINKSET, METADATA,
-    OEMBED, PARADATA, PREVIEW, PREVIEW_MAX, README, Slug, version_folder,
+    ANNOTATIONS, CITATIONS, COLOUR_REPORT, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, IIIF_ANNOTATIONS, LICENCE, LINKSET,
+    METADATA, OEMBED, PARADATA, PREVIEW, PREVIEW_MAX, README, Slug, version_folder,
 };
 use super::manifest::{Figures, PackEntry};
 use super::metadata::{Agent, AgentKind, Metadata, PhotographsField};

@@ -55,7 +55,8 @@ pub(super) fn paradata(p: &Publication) -> Value {
         about["file"] = json!(COLOUR_REPORT);
         about["sha256"] = json!(colours.sha256);
         if let Some((taken, rights)) = p.photographs() {
-            about["photographs_taken_along"] = json!({ "count": taken.photographs, "masks": taken.masks, "bytes": taken.bytes, "rights": rights });
+            about["photographs_taken_along"] =
+                json!({ "count": taken.photographs, "masks": taken.masks, "bytes": taken.bytes, "rights": rights });
         }
         all["colours"] = about;
     }

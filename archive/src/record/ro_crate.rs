@@ -86,7 +86,9 @@ pub fn ro_crate(p: &Publication, files: &[(String, u64, String)]) -> Vec<u8> {
                 one["conformsTo"] = json!({ "@id": TILES_SPECIFICATION });
             }
             HOLES => one["name"] = json!("Holes of the surface (GeoJSON)"),
-            COLOUR_REPORT => one["name"] = json!("Report of the colours: photographs with their poses, residuals and shares"),
+            COLOUR_REPORT => {
+                one["name"] = json!("Report of the colours: photographs with their poses, residuals and shares")
+            }
             IIIF_ANNOTATIONS => one["name"] = json!("Notes on the model, in the scene of the IIIF manifest"),
             _ => photographs.describe(path, &mut one),
         }

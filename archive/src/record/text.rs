@@ -38,7 +38,10 @@ pub(super) fn licence(p: &Publication) -> String {
 fn photographs(p: &Publication) -> String {
     let Some((_, field)) = p.photographs() else { return String::new() };
     let label = Rights::parse(&field.rights).map(|rights| rights.label).unwrap_or_default();
-    let mut s = format!("The photographs in the folder \"{PHOTOGRAPHS}\" have rights of their own: {label}\n{}\n", field.rights);
+    let mut s = format!(
+        "The photographs in the folder \"{PHOTOGRAPHS}\" have rights of their own: {label}\n{}\n",
+        field.rights
+    );
     if !field.creators.is_empty() {
         let _ = writeln!(s, "Photographers: {}", field.creators.join("; "));
     }

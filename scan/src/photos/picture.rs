@@ -67,7 +67,9 @@ pub(super) fn read(path: &Path) -> Result<Picture, String> {
 pub fn states_position(path: &Path) -> bool {
     let Ok(file) = plain_file::open(path) else { return false };
     let exif = exif::Reader::new().read_from_container(&mut BufReader::new(file));
-    exif.is_ok_and(|exif| [Tag::GPSLatitude, Tag::GPSLongitude].iter().any(|tag| exif.get_field(*tag, In::PRIMARY).is_some()))
+    exif.is_ok_and(|exif| {
+        [Tag::GPSLatitude, Tag::GPSLongitude].iter().any(|tag| exif.get_field(*tag, In::PRIMARY).is_some())
+    })
 }
 
 /// Add time and exposure where the EXIF segment of a JPEG file (at most 64 KiB) states them. Damaged EXIF is ignored:

@@ -4,9 +4,9 @@
 //! cannot become a page. A preview must be glTF 2.0 that is whole in itself. Nothing here decodes pixels. Notes and lists of holes must be byte for byte what
 //! `kilwa publish` writes, so they contain nothing that was not checked.
 
+use super::wire::AnnouncedFile;
 use super::wire::AnnouncedPreview;
 use glam::DVec3;
-use super::wire::AnnouncedFile;
 use kilwa_archive::ColourReport;
 use kilwa_archive::colour_report::{COLOUR_REPORT_MAX, PHOTOGRAPH_MAX, TakenFile};
 use kilwa_archive::holes::HOLES_MAX;
@@ -200,7 +200,8 @@ pub(super) fn check_colours(at: &Path, sources: &[SourceFile], files: &[Announce
     if sent == named {
         return Ok(());
     }
-    let other = sent.iter().find(|file| !named.contains(file)).or_else(|| named.iter().find(|file| !sent.contains(file)));
+    let other =
+        sent.iter().find(|file| !named.contains(file)).or_else(|| named.iter().find(|file| !sent.contains(file)));
     let path = other.map_or("", |file| file.path);
     Err(wrong(format!("the photographs that were sent are not those that it names: {path}")))
 }

@@ -106,7 +106,9 @@ async fn an_announcement_of_photographs_is_checked_before_a_byte_is_sent() {
         (b, "a colour report and photographs can reveal it"),
         (c, "no colour-report.json that names them"),
     ];
-    for path in ["photographs/a.html", "photographs/../a.jpg", "photographs/.a.jpg", "photographs/a.JPG", "photos/a.jpg"] {
+    for path in
+        ["photographs/a.html", "photographs/../a.jpg", "photographs/.a.jpg", "photographs/a.JPG", "photos/a.jpg"]
+    {
         let mut intent = with(|_, _| {}).intent;
         intent.files.iter_mut().filter(|file| file.path == PATH).for_each(|file| path.clone_into(&mut file.path));
         all.push((intent, "cannot be uploaded"));
