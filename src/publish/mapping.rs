@@ -1,6 +1,7 @@
 //! `--dry-run`: every field that was given, and where it goes.
 
 use super::notes;
+use super::photographs::TakenAlong;
 use super::plan::Plan;
 use kilwa_files::size;
 use kilwa_pack::plural::counted;
@@ -191,9 +192,8 @@ fn json(plan: &Plan) -> Value {
             json!({ "field": r.field, "value": r.value, "dublin_core": dc, "datacite": datacite, "europeana": edm, "schema_org": schema })
         })
         .collect();
-    let colours = plan.given.colours.as_ref();
-    let taken = colours.and_then(|colours| colours.taken);
-    json!({ "object": plan.at, "colour_report": colours.is_some(), "photographs": taken.map_or(0, |t| t.photographs), "masks": taken.map_or(0, |t| t.masks),
-        "photograph_bytes": taken.map_or(0, |t| t.bytes), "version": plan.facts.version(), "published": plan.facts.published, "note": plan.facts.note,
+    let taken = TakenAlong::of(&plan.given);
+    json!({ "object": plan.at, "colour_report": taken.colour_report, "photographs": taken.photographs, "masks": taken.masks,
+        "photograph_bytes": taken.photograph_bytes, "version": plan.facts.version(), "published": plan.facts.published, "note": plan.facts.note,
         "fields": fields, "notes": plan.given.notes.as_ref().map_or(0, |n| n.notes.len()), "holes": plan.given.holes.as_ref().map_or(0, |n| n.holes.len()), "left_out": plan.channels_left_out().into_iter().chain(notes::left_out(plan)).collect::<Vec<_>>(), "warnings": plan.warnings(), "advice": plan.advice() })
 }

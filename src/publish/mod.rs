@@ -161,12 +161,8 @@ struct Report {
     holes: usize,
     /// How many 3D Tiles it has.
     tiles: u64,
-    /// Whether it has a report of its colours.
-    colour_report: bool,
-    /// How many photographs it has, how many masks, and the bytes of both.
-    photographs: u64,
-    masks: u64,
-    photograph_bytes: u64,
+    #[serde(flatten)]
+    taken_along: photographs::TakenAlong,
     #[serde(skip_serializing_if = "Option::is_none")]
     bag: Option<String>,
     /// Whether the pages of the folder were written.
@@ -245,15 +241,7 @@ fn say(args: &Args, report: &Report) -> anyhow::Result<()> {
     if report.tiles > 0 {
         writeln!(out, "  with {}", counted(report.tiles, "3D tile", "3D tiles"))?;
     }
-    if report.colour_report {
-        writeln!(out, "  with the report of its colours")?;
-    }
-    if report.photographs > 0 {
-        let masks =
-            if report.masks > 0 { format!(" and {}", counted(report.masks, "mask", "masks")) } else { String::new() };
-        let photographs = counted(report.photographs, "photograph", "photographs");
-        writeln!(out, "  with {photographs}{masks}, {}", kilwa_files::size::text(report.photograph_bytes))?;
-    }
+    report.taken_along.print(&mut out)?;
     for line in &report.left_out {
         writeln!(out, "  left out: {line}")?;
     }

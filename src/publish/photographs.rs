@@ -20,9 +20,10 @@ use kilwa_archive::{ColourReport, Manifest, Metadata};
 use kilwa_files::{plain_file, size};
 use kilwa_pack::plural::{counted, plural};
 use kilwa_pack::visible::visible;
+use serde::Serialize;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::File;
-use std::io::{BufReader, Read};
+use std::io::{BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 
 /// Most photographs that a message lists.
@@ -110,8 +111,7 @@ impl Colours {
     /// What is taken along, in words.
     pub(super) fn summary(&self) -> Option<String> {
         let taken = self.taken?;
-        let masks =
-            if taken.masks > 0 { format!(" and {}", counted(taken.masks, "mask", "masks")) } else { String::new() };
+        let masks = in_words(taken.masks);
         let photographs = counted(taken.photographs, "photograph", "photographs");
         Some(format!("{photographs}{masks}, {} ({})", size::text(taken.bytes), self.rights))
     }
@@ -122,6 +122,48 @@ impl Colours {
         let left_out = if left_out > 0 { format!(", {left_out} left out") } else { String::new() };
         format!("{}{left_out}", counted(used, "photograph", "photographs"))
     }
+}
+
+/// What a version takes along, for the report of the command.
+#[derive(Debug, Clone, Copy, Default, Serialize)]
+pub(super) struct TakenAlong {
+    /// Whether it has a report of its colours.
+    pub(super) colour_report: bool,
+    pub(super) photographs: u64,
+    pub(super) masks: u64,
+    /// Bytes of photographs and masks.
+    pub(super) photograph_bytes: u64,
+}
+
+impl TakenAlong {
+    pub(super) fn of(given: &Given) -> Self {
+        let Some(colours) = &given.colours else { return Self::default() };
+        let none = Self { colour_report: true, ..Self::default() };
+        colours.taken.map_or(none, |taken| Self {
+            photographs: taken.photographs,
+            masks: taken.masks,
+            photograph_bytes: taken.bytes,
+            ..none
+        })
+    }
+
+    /// Print it, if there is anything.
+    pub(super) fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
+        if self.colour_report {
+            writeln!(out, "  with the report of its colours")?;
+        }
+        if self.photographs > 0 {
+            let masks = in_words(self.masks);
+            let photographs = counted(self.photographs, "photograph", "photographs");
+            writeln!(out, "  with {photographs}{masks}, {}", size::text(self.photograph_bytes))?;
+        }
+        Ok(())
+    }
+}
+
+/// ` and 2 masks`, if there are any.
+fn in_words(masks: u64) -> String {
+    if masks > 0 { format!(" and {}", counted(masks, "mask", "masks")) } else { String::new() }
 }
 
 /// State what will be published, with its size, before anything is written.

@@ -1,5 +1,6 @@
 //! `kilwa publish --to https://…`: made here as for a folder, then sent to a server, which verifies it and publishes it.
 
+use super::photographs::TakenAlong;
 use super::plan::{Given, Plan};
 use super::progress::{Progress, Stage};
 use super::send::{Patience, SendEvent, Sender, is_loopback};
@@ -97,33 +98,24 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path, progress: &Progr
     drop(reader);
     let noted = notes::published(plan, taken.as_ref(), &of_pack, &pack_sum, &identity)?;
     let pictured = picture(&pack, work, plan, args.software, progress)?;
-    let (paths, mut lists) = (pictured.files, Vec::new());
-    if let Some(noted) = &noted {
-        std::fs::write(work.join(ANNOTATIONS), noted).context("cannot write the notes to the temporary folder")?;
-        lists.push(ANNOTATIONS.to_owned());
-    }
-    if let Some(list) = holes::published(plan, taken.as_ref(), &of_pack)? {
-        std::fs::write(work.join(HOLES), list).context("cannot write the holes to the temporary folder")?;
-        lists.push(HOLES.to_owned());
-    }
-    if let Some(colours) = &plan.given.colours {
-        let written = std::fs::write(work.join(COLOUR_REPORT), &colours.bytes);
-        written.context("cannot write the colour report to the temporary folder")?;
-        lists.push(COLOUR_REPORT.to_owned());
+    let listed_holes = holes::published(plan, taken.as_ref(), &of_pack)?;
+    let colours = plan.given.colours.as_ref().map(|colours| colours.bytes.clone());
+    let mut lists = Vec::new();
+    for (path, list) in [(ANNOTATIONS, noted), (HOLES, listed_holes), (COLOUR_REPORT, colours)] {
+        if let Some(list) = list {
+            std::fs::write(work.join(path), list)
+                .with_context(|| format!("cannot write {path} to the temporary folder"))?;
+            lists.push(path.to_owned());
+        }
     }
     let photos = plan.given.colours.iter().flat_map(|colours| &colours.files);
     let of_photo: BTreeMap<&str, &Path> =
         photos.clone().map(|file| (file.path.as_str(), file.from.as_path())).collect();
     let photos = photos.map(|f| AnnouncedFile { path: f.path.clone(), bytes: f.bytes, sha256: f.sha256.clone() });
-    let mut files = vec![AnnouncedFile { path: pack_name(&pack_sum), bytes, sha256: pack_sum.clone() }];
-    let announced = |path: &String| -> anyhow::Result<AnnouncedFile> {
-        let (bytes, sha256) = hashed(&work.join(path))?;
-        Ok(AnnouncedFile { path: path.clone(), bytes, sha256 })
-    };
+    let pack_file = AnnouncedFile { path: pack_name(&pack_sum), bytes, sha256: pack_sum.clone() };
     // In the order in which publishing to a folder writes them, so that records list them in the same order.
-    files.extend(paths.iter().map(announced).collect::<anyhow::Result<Vec<_>>>()?);
-    files.extend(photos);
-    files.extend(lists.iter().map(announced).collect::<anyhow::Result<Vec<_>>>()?);
+    let pictures = announced(work, &pictured.files)?;
+    let files: Vec<_> = [pack_file].into_iter().chain(pictures).chain(photos).chain(announced(work, &lists)?).collect();
     let facts = &plan.facts;
     let intent = Intent {
         kilwa_upload: FORM,
@@ -162,7 +154,6 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path, progress: &Progr
     }
     let before = facts.before.as_ref();
     let lost = [tiles::lost(args, before), photographs::lost(&plan.given, before)];
-    let taken_along = plan.given.colours.as_ref().and_then(|colours| colours.taken);
     Ok(Report {
         object: format!("{}/", plan.at),
         slug: intent.slug.clone(),
@@ -177,16 +168,22 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path, progress: &Progr
         notes: plan.given.notes.as_ref().map_or(0, |n| n.notes.len()),
         holes: plan.given.holes.as_ref().map_or(0, |n| n.holes.len()),
         tiles: 0,
-        colour_report: plan.given.colours.is_some(),
-        photographs: taken_along.map_or(0, |taken| taken.photographs),
-        masks: taken_along.map_or(0, |taken| taken.masks),
-        photograph_bytes: taken_along.map_or(0, |taken| taken.bytes),
+        taken_along: TakenAlong::of(&plan.given),
         bag: None,
         pages: false,
         left_out,
         warnings: plan.warnings().into_iter().chain(lost.into_iter().flatten()).collect(),
         advice: plan.advice(),
     })
+}
+
+/// Files of a folder, as they are announced.
+fn announced(folder: &Path, paths: &[String]) -> anyhow::Result<Vec<AnnouncedFile>> {
+    let one = |path: &String| {
+        let (bytes, sha256) = hashed(&folder.join(path))?;
+        Ok(AnnouncedFile { path: path.clone(), bytes, sha256 })
+    };
+    paths.iter().map(one).collect()
 }
 
 /// The version that the server says it published, as its manifest has it now.
@@ -237,7 +234,6 @@ fn already(sender: &Sender, given: &Given, before: Option<&Manifest>, at: &str) 
     if !written.is_some_and(|w| is_metadata(&w, &given.published_metadata())) {
         return Ok(None);
     }
-    let taken = given.colours.as_ref().and_then(|colours| colours.taken);
     Ok(Some(Report {
         object: format!("{at}/"),
         slug: given.slug.to_string(),
@@ -252,10 +248,7 @@ fn already(sender: &Sender, given: &Given, before: Option<&Manifest>, at: &str) 
         notes: given.notes.as_ref().map_or(0, |n| n.notes.len()),
         holes: given.holes.as_ref().map_or(0, |n| n.holes.len()),
         tiles: 0,
-        colour_report: given.colours.is_some(),
-        photographs: taken.map_or(0, |taken| taken.photographs),
-        masks: taken.map_or(0, |taken| taken.masks),
-        photograph_bytes: taken.map_or(0, |taken| taken.bytes),
+        taken_along: TakenAlong::of(given),
         bag: None,
         pages: false,
         left_out: Vec::new(),

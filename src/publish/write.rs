@@ -1,5 +1,6 @@
 //! From a plan to the object on disk.
 
+use super::photographs::TakenAlong;
 use super::plan::{Given, Plan, is_same_request};
 use super::progress::{Progress, Stage};
 use super::{Args, Report, holes, notes, photographs, pictures, tiles};
@@ -123,7 +124,6 @@ fn run_with(args: &Args, plan: &mut Plan, progress: &Progress, picture: Picture<
             publication.version
         ));
     }
-    let taken = publication.colours.as_ref().and_then(|colours| colours.taken);
     Ok(Report {
         object: completed.object.display().to_string(),
         slug: facts.slug.to_string(),
@@ -137,10 +137,7 @@ fn run_with(args: &Args, plan: &mut Plan, progress: &Progress, picture: Picture<
         notes: publication.notes.map_or(0, |n| n.notes.notes.len()),
         holes: publication.holes.map_or(0, |n| n.count),
         tiles: publication.tiles.map_or(0, |tiles| tiles.tiles),
-        colour_report: publication.colours.is_some(),
-        photographs: taken.map_or(0, |taken| taken.photographs),
-        masks: taken.map_or(0, |taken| taken.masks),
-        photograph_bytes: taken.map_or(0, |taken| taken.bytes),
+        taken_along: TakenAlong::of(&plan.given),
         pack: publication.pack,
         bag,
         pages,
@@ -246,7 +243,6 @@ fn already(
     let settled = settle_published(lock, &plan.facts.slug, before, steps);
     settled.map_err(|e| e.after("the version is published, but the permissions of its files are not set"))?;
     let (bag, pages) = around(args, plan, lock, (&last.published, &last.pack.identity), steps)?;
-    let taken = plan.given.colours.as_ref().and_then(|colours| colours.taken);
     Ok(Report {
         object: plan.at.clone(),
         slug: plan.facts.slug.to_string(),
@@ -261,10 +257,7 @@ fn already(
         notes: plan.given.notes.as_ref().map_or(0, |n| n.notes.len()),
         holes: plan.given.holes.as_ref().map_or(0, |n| n.holes.len()),
         tiles: made.tiles.as_ref().map_or(0, |made| made.published.tiles),
-        colour_report: plan.given.colours.is_some(),
-        photographs: taken.map_or(0, |taken| taken.photographs),
-        masks: taken.map_or(0, |taken| taken.masks),
-        photograph_bytes: taken.map_or(0, |taken| taken.bytes),
+        taken_along: TakenAlong::of(&plan.given),
         bag,
         pages,
         left_out: Vec::new(),

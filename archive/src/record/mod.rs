@@ -10,6 +10,7 @@ mod edm;
 mod iiif;
 mod links;
 mod paradata;
+mod photographs;
 mod ro_crate;
 mod schema_org;
 mod text;

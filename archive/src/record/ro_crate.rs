@@ -1,13 +1,11 @@
 //! `ro-crate-metadata.json`: RO-Crate 1.1 of the version folder: the data set, each of its files with size and SHA-256, people, place, licence.
 
 use super::links::TILES_SPECIFICATION;
+use super::photographs::Photographs;
 use super::schema_org::agent;
 use super::{Publication, media_type};
 use crate::layout::{ANNOTATIONS, CHECKSUMS, COLOUR_REPORT, CRATE, HOLES, IIIF_ANNOTATIONS, TILES, TILESET, VIEWER};
-use crate::metadata::PhotographsField;
-use crate::rights::Rights;
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
 
 /// The crate; `files` are all other files of the folder: path, bytes, SHA-256.
 pub fn ro_crate(p: &Publication, files: &[(String, u64, String)]) -> Vec<u8> {
@@ -87,7 +85,7 @@ pub fn ro_crate(p: &Publication, files: &[(String, u64, String)]) -> Vec<u8> {
             }
             HOLES => one["name"] = json!("Holes of the surface (GeoJSON)"),
             COLOUR_REPORT => {
-                one["name"] = json!("Report of the colours: photographs with their poses, residuals and shares")
+                one["name"] = json!("Report of the colours: photographs with their poses, residuals and shares");
             }
             IIIF_ANNOTATIONS => one["name"] = json!("Notes on the model, in the scene of the IIIF manifest"),
             _ => photographs.describe(path, &mut one),
@@ -106,70 +104,6 @@ pub fn ro_crate(p: &Publication, files: &[(String, u64, String)]) -> Vec<u8> {
     graph.extend(people.into_iter().filter(|(id, _)| seen.insert(id.to_string())).map(|(_, person)| person));
     graph.insert(1, root);
     super::json(&json!({ "@context": "https://w3id.org/ro/crate/1.1/context", "@graph": graph }))
-}
-
-/// The photographs that the version takes along: whose they are, and what each file is.
-#[derive(Default)]
-struct Photographs<'a> {
-    /// Files of photographs (`true`) and masks, with the name of the photograph.
-    names: BTreeMap<&'a str, (&'a str, bool)>,
-    rights: Option<&'a PhotographsField>,
-}
-
-impl<'a> Photographs<'a> {
-    fn of(p: &'a Publication) -> Self {
-        let (Some((_, rights)), Some(colours)) = (p.photographs(), &p.colours) else { return Self::default() };
-        let mut names = BTreeMap::new();
-        for photo in &colours.report.photographs {
-            for (path, is_photograph) in [(&photo.mask_path, false), (&photo.path, true)] {
-                if let Some(path) = path {
-                    names.entry(path.as_str()).or_insert((photo.name.as_str(), is_photograph));
-                }
-            }
-        }
-        Self { names, rights: Some(rights) }
-    }
-
-    /// The statement of rights, unless it is that of the model, and the photographers and the holder of the rights.
-    fn entities(&self, of_model: &str) -> Vec<Value> {
-        let Some(rights) = self.rights else { return Vec::new() };
-        let mut all = Vec::new();
-        if let Some(statement) = Rights::parse(&rights.rights).ok().filter(|statement| statement.uri != of_model) {
-            all.push(json!({ "@id": statement.uri, "@type": "CreativeWork", "name": statement.label }));
-        }
-        let people = rights.creators.iter().zip(1..);
-        all.extend(people.map(|(name, n)| json!({ "@id": photographer(n), "@type": "Person", "name": name })));
-        let holder = rights.holder.iter();
-        all.extend(holder.map(|name| json!({ "@id": HOLDER, "@type": "Organization", "name": name })));
-        all
-    }
-
-    fn describe(&self, path: &str, one: &mut Value) {
-        let (Some(rights), Some((name, is_photograph))) = (self.rights, self.names.get(path)) else { return };
-        if *is_photograph {
-            one["name"] = json!(name);
-        } else {
-            one["name"] = json!(format!("Mask of {name}"));
-        }
-        one["license"] = json!({ "@id": rights.rights });
-        if !rights.creators.is_empty() {
-            let ids = (1..=rights.creators.len()).map(|n| json!({ "@id": photographer(n) }));
-            one["creator"] = ids.collect();
-        }
-        if rights.holder.is_some() {
-            one["copyrightHolder"] = json!({ "@id": HOLDER });
-        }
-        if let Some(credit) = &rights.credit {
-            one["creditText"] = json!(credit);
-        }
-    }
-}
-
-/// Who has the rights in the photographs.
-const HOLDER: &str = "#rights-holder-of-the-photographs";
-
-fn photographer(number: usize) -> String {
-    format!("#photographer-{number}")
 }
 
 /// A reference to a person and the person, who gets an id if there is none. An affiliation becomes text: entities must be flat.
