@@ -16,10 +16,11 @@ use kilwa_builder::build::work::Stop;
 use kilwa_builder::{Capture, Progress as _, Provenance};
 use kilwa_files::made_folders::MadeFolders;
 use kilwa_formats::extract::{Extraction, Format, Output, Repaint, extract_repainted};
+use kilwa_pack::metadata::SourceFile;
 use kilwa_pack::{Chunk, Reader};
 use kilwa_scan::ScanError;
 use kilwa_scan::colour::align::{Aligned, Start};
-use kilwa_scan::colour::{Colouring, Model, Options, Report, colour};
+use kilwa_scan::colour::{Colouring, Input, Model, Options, Report, colour};
 use kilwa_scan::survey;
 use photos::Photographs;
 use std::error::Error;
@@ -148,9 +149,34 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     done.and_then(|done| report::print(args, &done, begun.elapsed().as_secs_f64()))
 }
 
+/// The files of a photograph, as they were read.
+struct PhotoFiles {
+    photograph: SourceFile,
+    mask: Option<SourceFile>,
+}
+
+impl PhotoFiles {
+    /// Those of all inputs; None for a photograph that was left out because its file cannot be read.
+    fn of(photographs: &Photographs, report: &Report, (bar, stop): (&Bar, &Stop)) -> anyhow::Result<Vec<Option<Self>>> {
+        let read = |input: &Input| -> anyhow::Result<Self> {
+            let mask = input.mask.as_deref().map(|mask| source_file(mask, bar, stop)).transpose()?;
+            Ok(Self { photograph: source_file(&input.path, bar, stop)?, mask })
+        };
+        let pairs = photographs.inputs.iter().zip(&report.photos);
+        pairs
+            .map(|(input, photo)| match read(input) {
+                Err(_) if photo.left_out.is_some() && !stop.asked() => Ok(None),
+                files => files.map(Some),
+            })
+            .collect()
+    }
+}
+
 /// What was written.
 struct Done {
     photographs: Photographs,
+    /// The files of each photograph that has a file, a camera and a pose.
+    files: Vec<Option<PhotoFiles>>,
     /// How the frame of the reconstruction was found, if it is not that of the model.
     aligned: Option<Aligned>,
     /// Points of the reconstruction near the model and all of them, if the poses seem to be in other coordinates.
@@ -199,17 +225,18 @@ fn work(
     drop(model_in_memory);
     let progress = BarProgress { bar, stop };
     let (colouring, report) = colour(&reader, &photographs.inputs, &options, &progress)?;
-    let coloured = Coloured { args, reader: &reader, colouring, report, bar, stop };
+    let files = PhotoFiles::of(&photographs, &report, (bar, stop))?;
+    let coloured = Coloured { args, reader: &reader, colouring, report, files, bar, stop };
     let (written, bytes) = if args.is_pack() {
-        coloured.write_pack(&model, &photographs, scratch.path())?
+        coloured.write_pack(&model, scratch.path())?
     } else {
         let written = coloured.write_mesh(format, output)?;
         let bytes = written.bytes;
         (written, bytes)
     };
-    let report = coloured.report;
+    let Coloured { report, files, .. } = coloured;
     let Extraction { triangles, vertices, left_out, .. } = written;
-    Ok(Done { photographs, aligned, doubt, report, triangles, vertices, bytes, left_out })
+    Ok(Done { photographs, files, aligned, doubt, report, triangles, vertices, bytes, left_out })
 }
 
 /// A model with its new colours.
@@ -218,6 +245,7 @@ struct Coloured<'a> {
     reader: &'a Reader<FileSource>,
     colouring: Colouring,
     report: Report,
+    files: Vec<Option<PhotoFiles>>,
     bar: &'a Bar,
     stop: &'a Stop,
 }
@@ -243,12 +271,7 @@ impl Coloured<'_> {
     }
 
     /// Build a pack of the coloured surface, on the lattice of the model; also returns the size of the pack in bytes.
-    fn write_pack(
-        &self,
-        model: &ModelPack,
-        photographs: &Photographs,
-        scratch: &Path,
-    ) -> anyhow::Result<(Extraction, u64)> {
+    fn write_pack(&self, model: &ModelPack, scratch: &Path) -> anyhow::Result<(Extraction, u64)> {
         let mesh = scratch.join("coloured.ply");
         let surface = self.write_mesh(Format::of(&mesh, false)?, &Output::prepare(&mesh, false)?)?;
         let metadata = self.reader.metadata();
@@ -256,13 +279,10 @@ impl Coloured<'_> {
             Some(mesh) => vec![source_file(mesh, self.bar, self.stop)?],
             None => metadata.sources.clone(),
         };
-        for (input, photo) in photographs.inputs.iter().zip(&self.report.photos) {
-            if photo.seen > 0 {
-                let source = source_file(&input.path, self.bar, self.stop)?;
-                // The model may have been coloured from it before.
-                if !sources.contains(&source) {
-                    sources.push(source);
-                }
+        for (files, photo) in self.files.iter().zip(&self.report.photos) {
+            // The model may have been coloured from it before.
+            if let Some(files) = files.as_ref().filter(|files| photo.seen > 0 && !sources.contains(&files.photograph)) {
+                sources.push(files.photograph.clone());
             }
         }
         let mut common = self.args.common(scratch, Some(metadata.title.clone()), metadata.crs.clone());

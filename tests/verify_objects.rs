@@ -72,6 +72,7 @@ fn publication(slug: &str, number: u32, bytes: &[u8]) -> Publication {
         notes: None,
         holes: None,
         tiles: None,
+        colours: None,
         tool: "kilwa".to_owned(),
     }
 }
@@ -116,6 +117,8 @@ pub(crate) fn publish(shelf: &Path, slug: &str, number: u32) -> PathBuf {
             annotations: None,
             holes: None,
             tiles: None,
+            colour_report: None,
+            photographs: None,
             figures: p.figures.clone(),
             location_redacted: false,
         });

@@ -6,10 +6,14 @@
 
 use super::draft::{Draft, DraftError};
 use super::layout::Slug;
-use super::layout::{ANNOTATIONS, CRATE, HOLES, MANIFEST, METADATA, TILESET, VIEWER, pack_name, version_folder};
+use super::layout::{
+    ANNOTATIONS, COLOUR_REPORT, CRATE, HOLES, MANIFEST, METADATA, PHOTOGRAPHS, TILESET, VIEWER, pack_name,
+    version_folder,
+};
 use super::lock::Lock;
 use super::manifest::{
-    Access, AccessState, FORM, Figures, FileEntry, Manifest, Optional, PackEntry, RightsEntry, Version,
+    Access, AccessState, FORM, Figures, FileEntry, Manifest, Optional, PackEntry, PhotographsEntry, RightsEntry,
+    Version,
 };
 use super::metadata::{Metadata, crs};
 use super::page::{self, Surroundings};
@@ -87,6 +91,7 @@ impl Facts {
             notes: None,
             holes: None,
             tiles: None,
+            colours: None,
             tool: self.tool.clone(),
         }
     }
@@ -109,6 +114,13 @@ impl Facts {
             annotations: p.notes.as_ref().map(|n| entry(ANNOTATIONS, n.bytes, &n.sha256)),
             holes: p.holes.as_ref().map(|n| entry(HOLES, n.bytes, &n.sha256)),
             tiles: p.tiles.as_ref().map(|t| entry(TILESET, t.root_bytes, &t.sha256)),
+            colour_report: p.colours.as_ref().map(|c| entry(COLOUR_REPORT, c.bytes, &c.sha256)),
+            photographs: p.photographs().map(|(taken, rights)| PhotographsEntry {
+                url: format!("{}/{PHOTOGRAPHS}/", version_folder(p.version)),
+                files: taken.files(),
+                bytes: taken.bytes,
+                rights: rights.rights.clone(),
+            }),
             figures: p.figures.clone(),
             location_redacted: p.location_redacted,
         });

@@ -36,6 +36,10 @@ pub const HOLES: &str = "holes.geojson";
 pub const TILES: &str = "tiles";
 /// Their root.
 pub const TILESET: &str = "tiles/tileset.json";
+/// The report of the colours, where one was given: what `kilwa colour --report` wrote.
+pub const COLOUR_REPORT: &str = "colour-report.json";
+/// Folder of the photographs that the colours come from, with their masks, where they were taken along.
+pub const PHOTOGRAPHS: &str = "photographs";
 /// IIIF Presentation manifest.
 pub const IIIF: &str = "iiif/manifest.json";
 /// Dublin Core.
@@ -201,19 +205,30 @@ pub fn safe(path: &str) -> bool {
     path.len() <= 1000 && path.split('/').all(plain)
 }
 
+/// Whether a path in a version is one that a photograph or a mask can have.
+pub fn is_photograph(path: &str) -> bool {
+    let ending = path.rsplit_once('.').map(|(_, ending)| ending);
+    let is_plain = |c: char| c.is_ascii_alphanumeric() || "./-_".contains(c);
+    path.strip_prefix(PHOTOGRAPHS).is_some_and(|rest| rest.starts_with('/'))
+        && safe(path)
+        && path.chars().all(is_plain)
+        && ending.is_some_and(|ending| ["jpg", "png"].contains(&ending))
+}
+
 /// Whether a folder is an object: it has a manifest.
 pub fn is_object(folder: &Path) -> bool {
     folder.join(MANIFEST).is_file()
 }
 
-/// Whether a file, given by its path in an object or in a version of it, contains the geometry of the model: packs, other mesh formats, and 3D Tiles
-/// with the JSON that says where they are.
+/// Whether a file, given by its path in an object or in a version of it, contains the geometry of the model: packs, other mesh formats, 3D Tiles
+/// with the JSON that says where they are, and what only those may have who may have the model.
 pub fn is_geometry(name: &str) -> bool {
-    // Notes and holes contain positions on the model.
-    if name.rsplit('/').next().is_some_and(|name| [ANNOTATIONS, HOLES].contains(&name)) {
+    // Notes and holes contain positions on the model, and the report of the colours those of cameras.
+    if name.rsplit('/').next().is_some_and(|name| [ANNOTATIONS, HOLES, COLOUR_REPORT].contains(&name)) {
         return true;
     }
-    if name.rsplit('/').skip(1).any(|folder| folder == TILES) {
+    // Photographs show what the model shows.
+    if name.rsplit('/').skip(1).any(|folder| [TILES, PHOTOGRAPHS].contains(&folder)) {
         return true;
     }
     let end = name.rsplit('.').next().unwrap_or_default().to_ascii_lowercase();

@@ -14,6 +14,7 @@
 pub mod assemble;
 pub mod bag;
 pub mod checksums;
+pub mod colour_report;
 pub mod compare;
 pub mod created_folders;
 pub mod date;
@@ -47,6 +48,7 @@ pub mod viewer;
 pub mod withdraw;
 
 pub use checksums::{Checksum, Checksums};
+pub use colour_report::ColourReport;
 pub use holes::Holes;
 pub use layout::Slug;
 pub use manifest::{AccessState, Manifest, PackEntry, Version};

@@ -6,7 +6,8 @@
 
 use super::checksums::{Checksum, is_sha256, sha256};
 use super::date::is_day;
-use super::layout::{ANNOTATIONS, HOLES, Slug, TILESET, pack_name, safe, version_folder};
+use super::layout::{ANNOTATIONS, COLOUR_REPORT, HOLES, PHOTOGRAPHS, Slug, TILESET, pack_name, safe, version_folder};
+use super::rights::Rights;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
@@ -135,6 +136,20 @@ pub struct FileEntry {
     pub sha256: Checksum,
 }
 
+/// The photographs that a version takes along.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PhotographsEntry {
+    /// Relative address of their folder, `v1/photographs/`.
+    pub url: String,
+    /// How many files there are, masks included.
+    pub files: u64,
+    /// Bytes of all of them.
+    pub bytes: u64,
+    /// Canonical address of their statement of rights.
+    pub rights: String,
+}
+
 /// The pack of a version.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -214,6 +229,12 @@ pub struct Version {
     /// The root of its 3D Tiles, where it has any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tiles: Option<FileEntry>,
+    /// The report of its colours, where one was given.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub colour_report: Option<FileEntry>,
+    /// The photographs that the colours come from, where they were taken along.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub photographs: Option<PhotographsEntry>,
     /// Its numbers.
     pub figures: Figures,
     /// Whether reference system and place were removed or made coarse before publication.
@@ -366,6 +387,8 @@ pub struct Optional<'a> {
     pub holes: Option<&'a str>,
     /// The root of its 3D Tiles.
     pub tiles: Option<&'a str>,
+    /// The report of its colours, which names the photographs.
+    pub colour_report: Option<&'a str>,
 }
 
 impl Version {
@@ -378,6 +401,7 @@ impl Version {
             notes: sum(self.annotations.as_ref()),
             holes: sum(self.holes.as_ref()),
             tiles: sum(self.tiles.as_ref()),
+            colour_report: sum(self.colour_report.as_ref()),
         }
     }
 
@@ -417,9 +441,32 @@ impl Version {
                 return wrong("tiles.url", "3D Tiles must begin at tiles/tileset.json of the version");
             }
         }
+        self.check_colours(&at, &folder)?;
         let [min, max] = self.figures.bounds;
         if !min.is_finite() || !max.is_finite() || min.cmpgt(max).any() {
             return wrong("figures.bounds", "expected the smallest and the largest corner");
+        }
+        Ok(())
+    }
+
+    fn check_colours(&self, at: &dyn Fn(&str) -> String, folder: &str) -> Result<(), ManifestError> {
+        let wrong = |name: &str, why: &str| Err(ManifestError::Wrong { field: at(name), why: why.to_owned() });
+        if let Some(report) = &self.colour_report {
+            report.check(&at("colour_report"), folder)?;
+            if report.url != format!("{folder}{COLOUR_REPORT}") {
+                return wrong("colour_report.url", "the colour report must be in colour-report.json of the version");
+            }
+        }
+        if let Some(photographs) = &self.photographs {
+            if self.colour_report.is_none() {
+                return wrong("photographs", "photographs need a colour report, which names them");
+            }
+            if photographs.url != format!("{folder}{PHOTOGRAPHS}/") {
+                return wrong("photographs.url", "photographs must be in the folder photographs of the version");
+            }
+            if !Rights::parse(&photographs.rights).is_ok_and(|rights| rights.uri == photographs.rights) {
+                return wrong("photographs.rights", "expected the address of a known statement of rights");
+            }
         }
         Ok(())
     }

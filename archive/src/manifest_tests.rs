@@ -21,6 +21,8 @@ pub(crate) fn sample() -> Manifest {
         }),
         holes: (n == 2).then(|| FileEntry { url: "v2/holes.geojson".to_owned(), bytes: 1, sha256: sha256.clone() }),
         tiles: None,
+        colour_report: None,
+        photographs: None,
         figures: Figures {
             bounds: [glam::DVec3::ZERO, glam::DVec3::ONE],
             crs: None,

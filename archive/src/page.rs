@@ -5,13 +5,14 @@
 //! `../../`. The markup is in `archive/templates`. No inline script or style: it works under the server's Content-Security-Policy.
 
 use super::layout::{
-    ANNOTATIONS, CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, LINKSET, OEMBED, PARADATA, POSTER, PREVIEW,
-    README, THUMBNAILS, TILESET, VIEWER, version_folder,
+    ANNOTATIONS, CITATIONS, COLOUR_REPORT, CRATE, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, LINKSET, OEMBED, PARADATA,
+    POSTER, PREVIEW, README, THUMBNAILS, TILESET, VIEWER, version_folder,
 };
 use super::manifest::{AccessState, Manifest, Version};
 use super::metadata::Metadata;
 use super::notes::Note;
 use super::record::{Publication, citation, media_type, schema_org};
+use super::rights::Rights;
 use crate::date::in_words;
 use crate::frame::Frame;
 use crate::html::render;
@@ -99,6 +100,49 @@ struct Landing<'a> {
     /// Smallest first, with their widths in pixels.
     thumbnails: [(&'static str, u32); 2],
     notes: Option<String>,
+    photographs: Option<Photographs<'a>>,
+}
+
+/// Photographs that the page lists at most; all of them are in the colour report.
+const PHOTOGRAPHS_SHOWN: usize = 500;
+
+/// The photographs that the version takes along.
+struct Photographs<'a> {
+    /// How many there are, with their length.
+    summary: String,
+    rights: Rights,
+    /// Photographers, holder of the rights, and how to give credit.
+    words: Vec<String>,
+    /// Path, name, and length with the share of the coloured vertices; empty for a closed model.
+    files: Vec<(&'a str, &'a str, String)>,
+    /// How many of them are not listed.
+    more: usize,
+}
+
+impl<'a> Photographs<'a> {
+    fn of(p: &'a Publication) -> Option<Self> {
+        let (taken, field) = p.photographs()?;
+        let report = &p.colours.as_ref()?.report;
+        let all: f64 = report.photographs.iter().map(|photo| photo.share).sum();
+        let listed = report.photographs.iter().filter_map(|photo| Some((photo.path.as_deref()?, photo)));
+        let is_public = p.metadata.access() == AccessState::Public;
+        let files: Vec<_> = listed
+            .filter(|_| is_public)
+            .map(|(path, photo)| {
+                let share = 100.0 * photo.share / all.max(f64::MIN_POSITIVE);
+                (path, photo.name.as_str(), format!("{}, {share:.1} % of the colours", size(photo.bytes)))
+            })
+            .collect();
+        let more = files.len().saturating_sub(PHOTOGRAPHS_SHOWN);
+        let creators = Some(field.creators.join("; ")).filter(|text| !text.is_empty());
+        Some(Self {
+            summary: format!("{}, {}", counted(taken.photographs, "photograph", "photographs"), size(taken.bytes)),
+            rights: Rights::parse(&field.rights).ok()?,
+            words: [creators, field.holder.clone(), field.credit.clone()].into_iter().flatten().collect(),
+            files: files.into_iter().take(PHOTOGRAPHS_SHOWN).collect(),
+            more,
+        })
+    }
 }
 
 /// The landing page, in the frame of the built viewer page.
@@ -137,6 +181,7 @@ pub fn landing(frame: Frame<'_>, p: &Publication, around: &Surroundings) -> Stri
         lead: lead(p),
         thumbnails: [small, wide],
         notes: notes(p),
+        photographs: Photographs::of(p),
     })
 }
 
@@ -213,6 +258,10 @@ fn downloads<'a>(p: &'a Publication, around: &'a Surroundings) -> Vec<Download<'
     if let Some(n) = &p.holes {
         let what = counted(n.count, "hole", "holes").to_string();
         all.push(Download { path: HOLES, name: "GeoJSON", what });
+    }
+    if let Some(c) = &p.colours {
+        let what = counted(c.report.photographs.len(), "photograph", "photographs").to_string();
+        all.push(Download { path: COLOUR_REPORT, name: "Colour report", what });
     }
     if let Some(t) = &p.tiles {
         let what = format!("{}, {}", counted(t.tiles, "tile", "tiles"), size(t.bytes));

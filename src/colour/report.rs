@@ -1,8 +1,11 @@
 //! What `kilwa colour` prints.
 
-use super::{Args, Done};
+use super::{Args, Done, PhotoFiles};
 use crate::info::grouped;
+use crate::scans::photos::camera_as_json;
+use kilwa_archive::colour_report::COLOUR_REPORT_FORM;
 use kilwa_builder::build::machine;
+use kilwa_pack::metadata::SourceFile;
 use kilwa_pack::plural::{counted, plural};
 use kilwa_pack::visible::visible;
 use kilwa_scan::colour::align::Aligned;
@@ -15,13 +18,7 @@ use std::io::Write as _;
 pub(super) fn print(args: &Args, done: &Done, seconds: f64) -> anyhow::Result<()> {
     let mut out = crate::terminal::out();
     let report = &done.report;
-    let left_out: Vec<(&str, &str)> = done
-        .photographs
-        .left_out
-        .iter()
-        .map(|(name, why)| (name.as_str(), why.as_str()))
-        .chain(report.photos.iter().filter_map(|photo| Some((photo.name.as_str(), photo.left_out.as_deref()?))))
-        .collect();
+    let left_out = left_out(done);
     let cost = json!({
         "seconds": seconds,
         "cpu_seconds": machine::cpu_seconds(),
@@ -70,10 +67,28 @@ pub(super) fn print(args: &Args, done: &Done, seconds: f64) -> anyhow::Result<()
     if report.places == 0 && compared > 1 {
         writeln!(out, "  No vertex is seen clearly by two photographs, so their exposures could not be compared.")?;
     }
-    for (name, why) in left_out {
+    for LeftOut { name, why, .. } in left_out {
         writeln!(out, "  {} was left out: {}.", visible(name), visible(why))?;
     }
     Ok(())
+}
+
+/// A photograph that was not used.
+struct LeftOut<'a> {
+    name: &'a str,
+    why: &'a str,
+    /// Its file, if it could be read.
+    file: Option<&'a SourceFile>,
+}
+
+fn left_out(done: &Done) -> Vec<LeftOut<'_>> {
+    let unusable = done.photographs.left_out.iter().map(|(name, why)| LeftOut { name, why, file: None });
+    let photos = done.report.photos.iter().zip(&done.files);
+    let unfit = photos.filter_map(|(photo, files)| {
+        let file = files.as_ref().map(|files| &files.photograph);
+        Some(LeftOut { name: &photo.name, why: photo.left_out.as_deref()?, file })
+    });
+    unusable.chain(unfit).collect()
 }
 
 fn share(part: u64, whole: u64) -> f64 {
@@ -81,10 +96,12 @@ fn share(part: u64, whole: u64) -> f64 {
 }
 
 /// What does not change from run to run.
-fn as_json(args: &Args, done: &Done, left_out: &[(&str, &str)]) -> Value {
+fn as_json(args: &Args, done: &Done, left_out: &[LeftOut<'_>]) -> Value {
     let report = &done.report;
-    let used = report.photos.iter().zip(&done.photographs.inputs).filter(|(photo, _)| photo.left_out.is_none());
+    let all = report.photos.iter().zip(done.photographs.inputs.iter().zip(&done.files));
+    let used = all.filter(|(photo, _)| photo.left_out.is_none());
     json!({
+        "kilwa_colour_report": COLOUR_REPORT_FORM,
         "output": args.output.display().to_string(),
         "bytes": done.bytes,
         "triangles": done.triangles,
@@ -93,10 +110,12 @@ fn as_json(args: &Args, done: &Done, left_out: &[(&str, &str)]) -> Value {
         "points_compared": report.places,
         "not_stored": done.left_out,
         "brightness": report.brightness,
-        "photographs": used.map(|(photo, input)| photo_as_json(photo, input)).collect::<Vec<_>>(),
+        "photographs": used.map(|(photo, (input, files))| photo_as_json(photo, input, files.as_ref())).collect::<Vec<_>>(),
         "frame": done.aligned.as_ref().map(frame_as_json),
         "points_near_model": done.doubt.map(|[near, all]| json!({"near": near, "points": all})),
-        "left_out": left_out.iter().map(|(name, why)| json!({"name": name, "why": why})).collect::<Vec<_>>(),
+        "left_out": left_out.iter().map(|LeftOut { name, why, file }| {
+            json!({"name": name, "why": why, "bytes": file.map(|file| file.bytes), "sha256": file.map(|file| &file.sha256)})
+        }).collect::<Vec<_>>(),
     })
 }
 
@@ -140,13 +159,19 @@ fn frame_as_json(aligned: &Aligned) -> Value {
     })
 }
 
-fn photo_as_json(photo: &PhotoReport, input: &Input) -> Value {
+fn photo_as_json(photo: &PhotoReport, input: &Input, files: Option<&PhotoFiles>) -> Value {
+    let (file, mask) = (files.map(|files| &files.photograph), files.and_then(|files| files.mask.as_ref()));
     let pose = photo.camera.camera_from_world;
     let q = pose.rotation;
     json!({
         "name": photo.name,
         "file": input.path.display().to_string(),
+        "bytes": file.map(|file| file.bytes),
+        "sha256": file.map(|file| &file.sha256),
         "mask": input.mask.as_ref().map(|mask| mask.display().to_string()),
+        "mask_bytes": mask.map(|mask| mask.bytes),
+        "mask_sha256": mask.map(|mask| &mask.sha256),
+        "camera": camera_as_json(&photo.camera.camera),
         "camera_from_world": {"rotation_wxyz": [q.w, q.x, q.y, q.z], "translation": pose.translation.to_array()},
         "position": photo.camera.position().to_array(),
         "refined": photo.refined.map(|refined| json!({

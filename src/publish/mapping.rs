@@ -1,6 +1,7 @@
 //! `--dry-run`: every field that was given, and where it goes.
 
 use super::notes;
+use super::photographs::TakenAlong;
 use super::plan::Plan;
 use kilwa_files::size;
 use kilwa_pack::plural::counted;
@@ -10,7 +11,7 @@ use std::io::Write as _;
 
 /// Field (of a list: without its number), Dublin Core, DataCite, Europeana, schema.org. Fields that are not listed here are in metadata.json,
 /// paradata.json and on the page.
-const TABLE: [(&str, &str, &str, &str, &str); 43] = [
+const TABLE: [(&str, &str, &str, &str, &str); 47] = [
     ("title", "title", "titles", "dc:title", "name"),
     ("alternative_titles", "title", "titles (AlternativeTitle)", "dcterms:alternative", "alternateName"),
     ("description", "description", "descriptions (Abstract)", "dc:description", "description"),
@@ -24,6 +25,10 @@ const TABLE: [(&str, &str, &str, &str, &str); 43] = [
     ("rights.uri", "rights", "rightsList", "edm:rights", "license"),
     ("rights.holder", "rights", "", "", "copyrightHolder"),
     ("rights.statement", "rights", "", "", "creditText"),
+    ("photographs.rights", "", "", "", ""),
+    ("photographs.creators", "", "", "", ""),
+    ("photographs.holder", "", "", "", ""),
+    ("photographs.credit", "", "", "", ""),
     ("creators.name", "creator", "creators", "dc:creator", "creator"),
     ("creators.kind", "", "creators.nameType", "", "creator.@type"),
     ("creators.orcid", "", "creators.nameIdentifiers", "", "creator.@id"),
@@ -156,6 +161,12 @@ fn text(plan: &Plan) -> String {
     if let Some(holes) = &plan.given.holes {
         let _ = write!(s, "\n  holes: {}", holes.holes.len());
     }
+    if let Some(colours) = &plan.given.colours {
+        let _ = write!(s, "\n  colour report: {}", colours.report_in_words());
+        if let Some(summary) = colours.summary() {
+            let _ = write!(s, "\n  photographs: {summary}");
+        }
+    }
     for what in plan.channels_left_out().into_iter().chain(notes::left_out(plan)) {
         let _ = write!(s, "\n  left out: {what}");
     }
@@ -181,6 +192,8 @@ fn json(plan: &Plan) -> Value {
             json!({ "field": r.field, "value": r.value, "dublin_core": dc, "datacite": datacite, "europeana": edm, "schema_org": schema })
         })
         .collect();
-    json!({ "object": plan.at, "version": plan.facts.version(), "published": plan.facts.published, "note": plan.facts.note,
+    let taken = TakenAlong::of(&plan.given);
+    json!({ "object": plan.at, "colour_report": taken.colour_report, "photographs": taken.photographs, "masks": taken.masks,
+        "photograph_bytes": taken.photograph_bytes, "version": plan.facts.version(), "published": plan.facts.published, "note": plan.facts.note,
         "fields": fields, "notes": plan.given.notes.as_ref().map_or(0, |n| n.notes.len()), "holes": plan.given.holes.as_ref().map_or(0, |n| n.holes.len()), "left_out": plan.channels_left_out().into_iter().chain(notes::left_out(plan)).collect::<Vec<_>>(), "warnings": plan.warnings(), "advice": plan.advice() })
 }

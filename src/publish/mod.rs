@@ -1,11 +1,12 @@
 //! `kilwa publish`: a pack and its metadata become an archive object.
 //!
 //! `plan` reads and checks everything and changes nothing; `progress` shows one bar for all stages; `pictures` draws; `write` puts the object on disk through
-//! `kilwa_archive::draft`; `remote` sends it to a server by `send`, `store` to an S3-compatible store; `mapping` shows where each field goes; `notes` puts notes on the model into it, `holes` the list of the holes of its surface, `tiles` 3D Tiles; `withdraw` leaves a tombstone.
+//! `kilwa_archive::draft`; `remote` sends it to a server by `send`, `store` to an S3-compatible store; `mapping` shows where each field goes; `notes` puts notes on the model into it, `holes` the list of the holes of its surface, `tiles` 3D Tiles, `photographs` the colour report and the photographs; `withdraw` leaves a tombstone.
 
 mod holes;
 mod mapping;
 mod notes;
+mod photographs;
 mod pictures;
 mod plan;
 mod progress;
@@ -61,6 +62,13 @@ pub(crate) struct Args {
     /// With --tiles: height of the geoid above the ellipsoid at the site, in metres. It is added to all heights, because the globe needs ellipsoidal heights.
     #[arg(long, value_name = "METRES", allow_negative_numbers = true, requires = "tiles", value_parser = parse_geoid_offset)]
     geoid_offset: Option<f64>,
+    /// The report that `kilwa colour --report` wrote with this pack. It becomes part of the version, and its paradata list every photograph.
+    #[arg(long, value_name = "FILE")]
+    colour_report: Option<PathBuf>,
+    /// Also publish the photographs that the colours come from, and their masks: the folder that contains them. The metadata must state their rights in
+    /// [photographs].
+    #[arg(long, value_name = "DIR", requires = "colour_report")]
+    photos: Option<PathBuf>,
     /// Publish as a new version of the object with this name, however different it looks.
     #[arg(long)]
     same_object: bool,
@@ -87,7 +95,7 @@ pub(crate) struct Args {
     #[arg(long)]
     site: bool,
     /// Withdraw an object instead: its files are moved to --keep, a page that says so remains, and pages of the folder that list it are updated.
-    #[arg(long, value_name = "NAME", requires = "reason", requires = "keep", conflicts_with_all = ["pack", "metadata", "version_note", "notes", "no_notes", "holes", "tiles", "bag", "redact_location", "keep_channel"])]
+    #[arg(long, value_name = "NAME", requires = "reason", requires = "keep", conflicts_with_all = ["pack", "metadata", "version_note", "notes", "no_notes", "holes", "tiles", "colour_report", "photos", "bag", "redact_location", "keep_channel"])]
     withdraw: Option<String>,
     /// The reason for the withdrawal, which is public.
     #[arg(long, value_name = "TEXT", requires = "withdraw")]
@@ -153,6 +161,8 @@ struct Report {
     holes: usize,
     /// How many 3D Tiles it has.
     tiles: u64,
+    #[serde(flatten)]
+    taken_along: photographs::TakenAlong,
     #[serde(skip_serializing_if = "Option::is_none")]
     bag: Option<String>,
     /// Whether the pages of the folder were written.
@@ -182,9 +192,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     }
     let mut plan = plan::Plan::for_folder(args)?;
     if args.dry_run {
+        plan.given.verify_photographs()?;
         return mapping::print(args, &plan);
     }
-    let progress = Progress::new(&write::stages(args, &plan), plan.given.pack_bytes);
+    let progress = Progress::new(&write::stages(args, &plan), plan.given.lengths());
     let report = write::run(args, &mut plan, &progress)?;
     progress.end();
     say(args, &report)
@@ -230,6 +241,7 @@ fn say(args: &Args, report: &Report) -> anyhow::Result<()> {
     if report.tiles > 0 {
         writeln!(out, "  with {}", counted(report.tiles, "3D tile", "3D tiles"))?;
     }
+    report.taken_along.print(&mut out)?;
     for line in &report.left_out {
         writeln!(out, "  left out: {line}")?;
     }

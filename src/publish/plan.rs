@@ -1,5 +1,7 @@
 //! The plan of a publication, checked: metadata, pack, name, version, day, viewer, disk space. Changes nothing on disk.
 
+use super::photographs::{self, Colours};
+use super::progress::Lengths;
 use super::{Args, holes, notes, tiles};
 use crate::redact::{self, Place};
 use crate::source::{open_pack, read_named};
@@ -40,6 +42,8 @@ pub(super) struct Given {
     pub(super) notes: Option<Notes>,
     /// The holes of its surface, at coordinates of the pack that was given.
     pub(super) holes: Option<Holes>,
+    /// The report of its colours, and the photographs.
+    pub(super) colours: Option<Colours>,
 }
 
 impl Given {
@@ -63,7 +67,9 @@ impl Given {
         if let Some(place) = args.redact_location {
             check_cell(place, &of_pack)?;
         }
+        let colours = Colours::read(args, &metadata, &of_pack, file)?;
         let given = Self {
+            colours,
             pack: pack.clone(),
             identity: reader.identity(),
             pack_bytes: reader.header().file_bytes,
@@ -112,6 +118,16 @@ impl Given {
             bail!("{}: {field}: {finding}; build the pack again", self.pack.display());
         }
         Ok(())
+    }
+
+    /// Compare the photographs with the colour report, without progress.
+    pub(super) fn verify_photographs(&self) -> anyhow::Result<()> {
+        self.colours.as_ref().map_or(Ok(()), |colours| colours.verify(&|_| ()))
+    }
+
+    /// Bytes that take time.
+    pub(super) fn lengths(&self) -> Lengths {
+        Lengths { pack: self.pack_bytes, photographs: self.colours.as_ref().map_or(0, Colours::length) }
     }
 
     /// Language of the texts.
@@ -213,7 +229,8 @@ impl Plan {
     /// Whether the folder can be written to and has enough space.
     fn check_disk(&self, args: &Args) -> anyhow::Result<()> {
         let shelf = &args.to;
-        let needed = self.given.pack_bytes + self.page.bytes() + RESERVE + tiles::need(args, &self.given);
+        let Lengths { pack, photographs } = self.given.lengths();
+        let needed = pack + photographs + self.page.bytes() + RESERVE + tiles::need(args, &self.given);
         let at = match self.facts.before {
             Some(_) => shelf.join(self.facts.slug.as_str()),
             None => nearest_there(shelf)?,
@@ -254,6 +271,7 @@ impl Plan {
         let today = kilwa_archive::date::day_of(now.as_secs());
         let mut all = plausible::warnings(&self.facts.metadata, &self.given.of_pack, &today);
         all.extend(notes::warnings(self));
+        all.extend(photographs::warnings(&self.given));
         all.extend(self.published_elsewhere.iter().cloned());
         all
     }
@@ -334,6 +352,7 @@ fn may_be_there(args: &Args, given: &Given, object: &Path, m: &Manifest) -> bool
     let is_pack = last.pack.identity == given.identity && last.pack.bytes == given.pack_bytes;
     last.location_redacted == given.place.is_some()
         && last.tiles.is_some() == args.tiles.is_some()
+        && last.colour_report.is_some() == args.colour_report.is_some()
         && (is_pack || given.place.is_some())
         && has_metadata(object, last, &given.published_metadata())
 }

@@ -14,6 +14,8 @@ const MOVED: f64 = 60e6;
 const SENT: f64 = 5e6;
 /// Bytes of the pack per second of which 3D Tiles are made.
 const TILED: f64 = 10e6;
+/// Bytes per second at which photographs are copied and read again.
+const PHOTOGRAPHED: f64 = 250e6;
 /// Seconds for the pictures of a small pack, and bytes of the pack for each further second: drawing time grows more slowly than the pack.
 const PICTURES: f64 = 8.0;
 const DRAWN: f64 = 200e6;
@@ -21,10 +23,25 @@ const DRAWN: f64 = 200e6;
 const PREVIEW: f64 = 2.0;
 const RECORDS: f64 = 0.5;
 
+/// Bytes that take time.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Lengths {
+    pub(super) pack: u64,
+    /// Those of photographs and masks.
+    pub(super) photographs: u64,
+}
+
+impl From<u64> for Lengths {
+    fn from(pack: u64) -> Self {
+        Self { pack, photographs: 0 }
+    }
+}
+
 /// What is being done.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Stage {
     Check,
+    CheckPhotographs,
     Copy,
     /// Writing the pack without its location, and checking the result.
     Redact,
@@ -32,6 +49,7 @@ pub(super) enum Stage {
     Pictures,
     Preview,
     Tiles,
+    Photographs,
     Records,
     Send,
     /// Verification by the server that it was sent to.
@@ -42,22 +60,28 @@ impl Stage {
     fn name(self) -> &'static str {
         match self {
             Self::Check => "checking the pack",
+            Self::CheckPhotographs => "checking the photographs",
             Self::Copy => "copying the pack",
             Self::Redact => "removing the location",
             Self::Hash => "hashing the pack",
             Self::Pictures => "drawing",
             Self::Preview => "making the preview",
             Self::Tiles => "writing 3D Tiles",
+            Self::Photographs => "copying the photographs",
             Self::Records => "writing the records",
             Self::Send => "sending",
             Self::Verify => "verifying on the server",
         }
     }
 
-    /// Seconds that it is expected to take for a pack of this length.
-    fn seconds(self, pack: f64) -> f64 {
+    /// Seconds that it is expected to take for a pack and photographs of these lengths.
+    fn seconds(self, lengths: Lengths) -> f64 {
+        let (pack, photographs) = (lengths.pack as f64, lengths.photographs as f64);
         match self {
-            Self::Check | Self::Verify => pack / CHECKED,
+            Self::Check => pack / CHECKED,
+            Self::Verify => pack / CHECKED + photographs / HASHED,
+            Self::CheckPhotographs => photographs / HASHED,
+            Self::Photographs => photographs / PHOTOGRAPHED,
             Self::Copy => pack / COPIED,
             Self::Redact => pack / MOVED,
             Self::Hash => pack / HASHED,
@@ -65,7 +89,7 @@ impl Stage {
             Self::Preview => PREVIEW,
             Self::Tiles => pack / TILED,
             Self::Records => RECORDS,
-            Self::Send => pack / SENT,
+            Self::Send => (pack + photographs) / SENT,
         }
     }
 }
@@ -91,19 +115,19 @@ struct Now {
 }
 
 impl Progress {
-    /// For a publication with these stages of a pack of this length in bytes; shown on standard error if that is a terminal.
-    pub(super) fn new(stages: &[Stage], pack: u64) -> Self {
+    /// For a publication with these stages of a pack of this length in bytes, or with photographs; shown on standard error if that is a terminal.
+    pub(super) fn new(stages: &[Stage], lengths: impl Into<Lengths>) -> Self {
         let bar = Arc::new(Bar::new());
         let shown = Arc::clone(&bar);
         let show = move |stage, share| {
             shown.stage(stage);
             shown.share(share);
         };
-        Self::showing(stages, pack, bar, Box::new(show))
+        Self::showing(stages, lengths.into(), bar, Box::new(show))
     }
 
-    fn showing(stages: &[Stage], pack: u64, bar: Arc<Bar>, show: Show) -> Self {
-        let seconds: Vec<f64> = stages.iter().map(|stage| stage.seconds(pack as f64)).collect();
+    fn showing(stages: &[Stage], lengths: Lengths, bar: Arc<Bar>, show: Show) -> Self {
+        let seconds: Vec<f64> = stages.iter().map(|stage| stage.seconds(lengths)).collect();
         let (all, mut at) = (seconds.iter().sum::<f64>(), 0.0);
         let mut stretch = |seconds: f64| {
             let from = at;
@@ -173,7 +197,7 @@ pub(super) mod tests {
         let seen = Seen::default();
         let writer = Arc::clone(&seen);
         let show = move |stage, share| writer.lock().unwrap().push((stage, share));
-        (Progress::showing(stages, pack, Arc::new(Bar::new()), Box::new(show)), seen)
+        (Progress::showing(stages, pack.into(), Arc::new(Bar::new()), Box::new(show)), seen)
     }
 
     #[test]

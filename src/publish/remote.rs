@@ -1,19 +1,21 @@
 //! `kilwa publish --to https://…`: made here as for a folder, then sent to a server, which verifies it and publishes it.
 
+use super::photographs::TakenAlong;
 use super::plan::{Given, Plan};
 use super::progress::{Progress, Stage};
 use super::send::{Patience, SendEvent, Sender, is_loopback};
 use super::write::{check, picture, without_place};
-use super::{Args, Report, holes, mapping, notes, tiles};
+use super::{Args, Report, holes, mapping, notes, photographs, tiles};
 use crate::redact::Place;
 use crate::verify::is_address;
 use anyhow::{Context, bail, ensure};
 use kilwa_archive::assemble::is_metadata;
 use kilwa_archive::checksums::{sha256, sha256_of};
-use kilwa_archive::layout::{ANNOTATIONS, HOLES, MANIFEST, METADATA, pack_name};
+use kilwa_archive::layout::{ANNOTATIONS, COLOUR_REPORT, HOLES, MANIFEST, METADATA, pack_name};
 use kilwa_archive::manifest::Optional;
 use kilwa_archive::{Holes, Manifest, PackEntry, Version};
 use kilwa_server::upload::wire::{AnnouncedFile, AnnouncedPreview, Drawing, FORM, Intent};
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
@@ -58,7 +60,7 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
     sender.greet(given.slug.as_str()).map_err(anyhow::Error::msg).with_context(|| at.clone())?;
     let before = manifest(&sender, given.slug.as_str(), &at)?;
     let work = crate::new_file::private_folder("kilwa-publish-").context("cannot make a temporary folder")?;
-    let progress = Progress::new(&stages(&given), given.pack_bytes);
+    let progress = Progress::new(&stages(&given), given.lengths());
     if !args.dry_run {
         check(&given, &progress)?;
     }
@@ -68,6 +70,7 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
     }
     let plan = Plan::new(args, given, before, at)?;
     if args.dry_run {
+        plan.given.verify_photographs()?;
         return mapping::print(args, &plan);
     }
     let report = send(args, &sender, &plan, work.path(), &progress)?;
@@ -78,11 +81,13 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
 fn stages(given: &Given) -> Vec<Stage> {
     let redact = given.place.map(|_| Stage::Redact);
     let others = [Stage::Hash, Stage::Pictures, Stage::Preview, Stage::Send, Stage::Verify];
-    [Stage::Check].into_iter().chain(redact).chain(others).collect()
+    let photographs = (given.lengths().photographs > 0).then_some(Stage::CheckPhotographs);
+    [Stage::Check].into_iter().chain(photographs).chain(redact).chain(others).collect()
 }
 
 /// Make the version in `work`, send it, and look at what is there then.
 fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path, progress: &Progress) -> anyhow::Result<Report> {
+    photographs::announce(&plan.given, progress);
     let redacted = work.join("pack.kilwa");
     let taken = without_place(plan, &redacted, progress)?;
     let pack = if taken.is_some() { redacted } else { plan.given.pack.clone() };
@@ -93,20 +98,24 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path, progress: &Progr
     drop(reader);
     let noted = notes::published(plan, taken.as_ref(), &of_pack, &pack_sum, &identity)?;
     let pictured = picture(&pack, work, plan, args.software, progress)?;
-    let mut paths = pictured.files;
-    if let Some(noted) = &noted {
-        std::fs::write(work.join(ANNOTATIONS), noted).context("cannot write the notes to the temporary folder")?;
-        paths.push(ANNOTATIONS.to_owned());
+    let listed_holes = holes::published(plan, taken.as_ref(), &of_pack)?;
+    let colours = plan.given.colours.as_ref().map(|colours| colours.bytes.clone());
+    let mut lists = Vec::new();
+    for (path, list) in [(ANNOTATIONS, noted), (HOLES, listed_holes), (COLOUR_REPORT, colours)] {
+        if let Some(list) = list {
+            std::fs::write(work.join(path), list)
+                .with_context(|| format!("cannot write {path} to the temporary folder"))?;
+            lists.push(path.to_owned());
+        }
     }
-    if let Some(list) = holes::published(plan, taken.as_ref(), &of_pack)? {
-        std::fs::write(work.join(HOLES), list).context("cannot write the holes to the temporary folder")?;
-        paths.push(HOLES.to_owned());
-    }
-    let mut files = vec![AnnouncedFile { path: pack_name(&pack_sum), bytes, sha256: pack_sum.clone() }];
-    for path in &paths {
-        let (bytes, sha256) = hashed(&work.join(path))?;
-        files.push(AnnouncedFile { path: path.clone(), bytes, sha256 });
-    }
+    let photos = plan.given.colours.iter().flat_map(|colours| &colours.files);
+    let of_photo: BTreeMap<&str, &Path> =
+        photos.clone().map(|file| (file.path.as_str(), file.from.as_path())).collect();
+    let photos = photos.map(|f| AnnouncedFile { path: f.path.clone(), bytes: f.bytes, sha256: f.sha256.clone() });
+    let pack_file = AnnouncedFile { path: pack_name(&pack_sum), bytes, sha256: pack_sum.clone() };
+    // In the order in which publishing to a folder writes them, so that records list them in the same order.
+    let pictures = announced(work, &pictured.files)?;
+    let files: Vec<_> = [pack_file].into_iter().chain(pictures).chain(photos).chain(announced(work, &lists)?).collect();
     let facts = &plan.facts;
     let intent = Intent {
         kilwa_upload: FORM,
@@ -127,7 +136,11 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path, progress: &Progr
         files,
     };
     let place = |file: &AnnouncedFile| -> PathBuf {
-        if file.sha256 == pack_sum { pack.clone() } else { work.join(&file.path) }
+        match of_photo.get(file.path.as_str()) {
+            _ if file.sha256 == pack_sum => pack.clone(),
+            Some(from) => (*from).to_owned(),
+            None => work.join(&file.path),
+        }
     };
     let published = sender.publish(&intent, &place, &|event| show(progress, &event));
     let published = published.map_err(anyhow::Error::msg).with_context(|| plan.at.clone())?;
@@ -139,6 +152,8 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path, progress: &Progr
     if facts.metadata.url.is_none() {
         left_out.push("oembed.json, which needs an address".to_owned());
     }
+    let before = facts.before.as_ref();
+    let lost = [tiles::lost(args, before), photographs::lost(&plan.given, before)];
     Ok(Report {
         object: format!("{}/", plan.at),
         slug: intent.slug.clone(),
@@ -153,12 +168,22 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path, progress: &Progr
         notes: plan.given.notes.as_ref().map_or(0, |n| n.notes.len()),
         holes: plan.given.holes.as_ref().map_or(0, |n| n.holes.len()),
         tiles: 0,
+        taken_along: TakenAlong::of(&plan.given),
         bag: None,
         pages: false,
         left_out,
-        warnings: plan.warnings().into_iter().chain(tiles::lost(args, facts.before.as_ref())).collect(),
+        warnings: plan.warnings().into_iter().chain(lost.into_iter().flatten()).collect(),
         advice: plan.advice(),
     })
+}
+
+/// Files of a folder, as they are announced.
+fn announced(folder: &Path, paths: &[String]) -> anyhow::Result<Vec<AnnouncedFile>> {
+    let one = |path: &String| {
+        let (bytes, sha256) = hashed(&folder.join(path))?;
+        Ok(AnnouncedFile { path: path.clone(), bytes, sha256 })
+    };
+    paths.iter().map(one).collect()
 }
 
 /// The version that the server says it published, as its manifest has it now.
@@ -199,7 +224,9 @@ fn already(sender: &Sender, given: &Given, before: Option<&Manifest>, at: &str) 
     let noted = given.notes.as_ref().map(|n| n.to_bytes(&pack_name(&pack_sum), &given.identity)).transpose()?;
     let holes = given.holes.as_ref().map(Holes::to_bytes).transpose()?;
     let (noted, holes) = (noted.as_deref().map(sha256), holes.as_deref().map(sha256));
-    let optional = Optional { notes: noted.as_deref(), holes: holes.as_deref(), tiles: None };
+    let colours = given.colours.as_ref().map(|colours| sha256(&colours.bytes));
+    let optional =
+        Optional { notes: noted.as_deref(), holes: holes.as_deref(), tiles: None, colour_report: colours.as_deref() };
     if pack_sum != last.pack.sha256 || last.optional() != optional {
         return Ok(None);
     }
@@ -221,6 +248,7 @@ fn already(sender: &Sender, given: &Given, before: Option<&Manifest>, at: &str) 
         notes: given.notes.as_ref().map_or(0, |n| n.notes.len()),
         holes: given.holes.as_ref().map_or(0, |n| n.holes.len()),
         tiles: 0,
+        taken_along: TakenAlong::of(given),
         bag: None,
         pages: false,
         left_out: Vec::new(),

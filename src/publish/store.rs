@@ -45,11 +45,12 @@ pub(super) fn run(args: &Args, address: &str) -> anyhow::Result<()> {
     let mut plan = Plan::for_folder(&here).map_err(in_words)?;
     plan.at.clone_from(&at);
     if args.dry_run {
+        plan.given.verify_photographs()?;
         return mapping::print(&here, &plan);
     }
     let mut stages = write::stages(&here, &plan);
     stages.push(Stage::Send);
-    let progress = Progress::new(&stages, plan.given.pack_bytes);
+    let progress = Progress::new(&stages, plan.given.lengths());
     let mut report = write::run(&here, &mut plan, &progress).map_err(in_words)?;
     report.object = format!("{at}/");
     if report.already {

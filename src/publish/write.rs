@@ -1,8 +1,9 @@
 //! From a plan to the object on disk.
 
+use super::photographs::TakenAlong;
 use super::plan::{Given, Plan, is_same_request};
 use super::progress::{Progress, Stage};
-use super::{Args, Report, holes, notes, pictures, tiles};
+use super::{Args, Report, holes, notes, photographs, pictures, tiles};
 use crate::{redact, source, verify};
 use anyhow::{Context, ensure};
 use kilwa_archive::assemble::{Landing, complete, is_published, write_viewer};
@@ -10,7 +11,7 @@ use kilwa_archive::bag::{self, BagInfo};
 use kilwa_archive::checksums::sha256;
 use kilwa_archive::created_folders::CreatedFolders;
 use kilwa_archive::draft::{Draft, Steps};
-use kilwa_archive::layout::{ANNOTATIONS, HOLES, PREVIEW, PREVIEW_MAX, pack_name, version_folder};
+use kilwa_archive::layout::{ANNOTATIONS, COLOUR_REPORT, HOLES, PREVIEW, PREVIEW_MAX, pack_name, version_folder};
 use kilwa_archive::lock::{Lock, PATIENCE};
 use kilwa_archive::manifest::Optional;
 use kilwa_archive::modes::{settle_published, unshared_with};
@@ -30,8 +31,13 @@ const PART: &str = "pack.part";
 pub(super) fn stages(args: &Args, plan: &Plan) -> Vec<Stage> {
     let copy = if plan.given.place.is_some() { Stage::Redact } else { Stage::Copy };
     let tiles = args.tiles.map(|_| Stage::Tiles);
-    let mut all = vec![Stage::Check, copy, Stage::Hash, Stage::Pictures, Stage::Preview];
+    let has_photographs = plan.given.lengths().photographs > 0;
+    let [check, take] = [Stage::CheckPhotographs, Stage::Photographs].map(|stage| has_photographs.then_some(stage));
+    let mut all = vec![Stage::Check];
+    all.extend(check);
+    all.extend([copy, Stage::Hash, Stage::Pictures, Stage::Preview]);
     all.extend(tiles);
+    all.extend(take);
     all.push(Stage::Records);
     all
 }
@@ -48,6 +54,7 @@ type Picture<'a> = &'a dyn Fn(&Path, &Path, &Plan) -> anyhow::Result<Pictured>;
 fn run_with(args: &Args, plan: &mut Plan, progress: &Progress, picture: Picture<'_>) -> anyhow::Result<Report> {
     let (shelf, slug) = (&args.to, plan.facts.slug.clone());
     check(&plan.given, progress)?;
+    photographs::announce(&plan.given, progress);
     let say = |_: &str| Ok(());
     // Removed again if nothing is published to it.
     let (_folders, lock) = CreatedFolders::create_locked(shelf, &|| waits(progress)(shelf), &say)?;
@@ -64,24 +71,27 @@ fn run_with(args: &Args, plan: &mut Plan, progress: &Progress, picture: Picture<
     plan.facts.before.clone_from(&before);
     let noted = notes::published(plan, made.taken.as_ref(), &made.of_pack, &made.pack_sum, &made.identity)?;
     let listed_holes = holes::published(plan, made.taken.as_ref(), &made.of_pack)?;
-    let (object, sums) = (shelf.join(slug.as_str()), [&noted, &listed_holes].map(|list| list.as_deref().map(sha256)));
+    let colours = plan.given.colours.as_ref().map(|colours| colours.bytes.clone());
+    let object = shelf.join(slug.as_str());
+    let sums = [&noted, &listed_holes, &colours].map(|list| list.as_deref().map(sha256));
     let tiles = made.tiles.as_ref().map(|tiles| tiles.published.sha256.as_str());
-    let optional = Optional { notes: sums[0].as_deref(), holes: sums[1].as_deref(), tiles };
+    let [notes_sum, holes_sum, colour_report] = sums.each_ref().map(Option::as_deref);
+    let optional = Optional { notes: notes_sum, holes: holes_sum, tiles, colour_report };
     let is_there = |b: &&Manifest| is_published(&object, b, &made.pack_sum, &plan.facts.metadata, optional);
     if let Some(before) = before.as_ref().filter(is_there) {
         ensure!(
             is_same_request(args, before),
-            "{}: version {} has the same pack, metadata, notes, holes and 3D Tiles; there is nothing new to publish",
+            "{}: version {} has the same pack, metadata, notes, holes, 3D Tiles and colour report; there is nothing new to publish",
             plan.at,
             before.versions.len()
         );
         drop(draft);
         return already(args, plan, before, &made, &lock, &say);
     }
-    let lost_tiles = tiles::lost(args, before.as_ref());
+    let lost = [tiles::lost(args, before.as_ref()), photographs::lost(&plan.given, before.as_ref())];
     plan.renew(args, before)?;
     let facts = &plan.facts;
-    for (path, list) in [(ANNOTATIONS, &noted), (HOLES, &listed_holes)] {
+    for (path, list) in [(ANNOTATIONS, &noted), (HOLES, &listed_holes), (COLOUR_REPORT, &colours)] {
         if let Some(list) = list {
             draft.write(path, list)?;
         }
@@ -89,7 +99,8 @@ fn run_with(args: &Args, plan: &mut Plan, progress: &Progress, picture: Picture<
     let entry = facts.pack_entry(made.bytes, made.pack_sum, made.identity);
     let publication = facts.publication(entry, made.of_pack, made.pictured.preview);
     let publication = publication.with_notes(&draft.folder()).context("cannot read the notes")?;
-    let mut publication = publication.with_holes(&draft.folder()).context("cannot read the holes")?;
+    let publication = publication.with_holes(&draft.folder()).context("cannot read the holes")?;
+    let mut publication = publication.with_colours(&draft.folder()).context("cannot read the colour report")?;
     publication.tiles = made.tiles.as_ref().map(|tiles| tiles.published.clone());
     let list = listed(args, &slug).map(|_| "../".to_owned());
     let landing = Landing { viewer: &plan.page, drawings: made.pictured.drawings, list };
@@ -102,7 +113,7 @@ fn run_with(args: &Args, plan: &mut Plan, progress: &Progress, picture: Picture<
         left_out.push("oembed.json, which needs an address".to_owned());
     }
     let mut warnings = plan.warnings();
-    warnings.extend(lost_tiles);
+    warnings.extend(lost.into_iter().flatten());
     if let Some(tiles) = made.tiles {
         warnings.extend(tiles.warnings);
         left_out.extend(tiles.left_out);
@@ -126,6 +137,7 @@ fn run_with(args: &Args, plan: &mut Plan, progress: &Progress, picture: Picture<
         notes: publication.notes.map_or(0, |n| n.notes.notes.len()),
         holes: publication.holes.map_or(0, |n| n.count),
         tiles: publication.tiles.map_or(0, |tiles| tiles.tiles),
+        taken_along: TakenAlong::of(&plan.given),
         pack: publication.pack,
         bag,
         pages,
@@ -144,7 +156,7 @@ fn closed_files(plan: &Plan) -> bool {
 fn is_for_owner_only(args: &Args, object: &Path, version: u32, warnings: &mut Vec<String>) -> anyhow::Result<bool> {
     let Some(group) = unshared_with(&object.join(version_folder(version)), &args.to)? else { return Ok(false) };
     warnings.push(format!(
-        "you are not in {}, the group of {}: only you can read the pack, preview, notes, holes and 3D Tiles; a server that runs as another user cannot. \
+        "you are not in {}, the group of {}: only you can read the pack, preview, notes, holes, 3D Tiles and photographs; a server that runs as another user cannot. \
          Ask an administrator to add you to that group, log in again, and run the same command again",
         group_name(group),
         args.to.display()
@@ -201,7 +213,7 @@ impl Prepared {
         let taken = without_place(plan, &part, progress)?;
         if taken.is_none() {
             progress.begin(Stage::Copy);
-            copy(&plan.given.pack, &part, progress)?;
+            copy(&plan.given.pack, &part, progress, None)?;
         }
         let reader = source::open_pack(&part)?;
         let (of_pack, identity) = (reader.metadata().clone(), reader.identity());
@@ -213,6 +225,7 @@ impl Prepared {
             draft.adopt(path)?;
         }
         let tiles = tiles::make(args, &plan.given, &folder.join(pack_name(&pack_sum)), draft, progress)?;
+        photographs::take(&plan.given, draft, progress)?;
         Ok(Self { taken, of_pack, identity, bytes, pack_sum, pictured, tiles })
     }
 }
@@ -244,6 +257,7 @@ fn already(
         notes: plan.given.notes.as_ref().map_or(0, |n| n.notes.len()),
         holes: plan.given.holes.as_ref().map_or(0, |n| n.holes.len()),
         tiles: made.tiles.as_ref().map_or(0, |made| made.published.tiles),
+        taken_along: TakenAlong::of(&plan.given),
         bag,
         pages,
         left_out: Vec::new(),
@@ -263,11 +277,12 @@ pub(super) fn without_place(plan: &Plan, to: &Path, progress: &Progress) -> anyh
     Ok(Some(taken))
 }
 
-/// Check the pack.
+/// Check the pack and the photographs.
 pub(super) fn check(given: &Given, progress: &Progress) -> anyhow::Result<()> {
     let all = given.pack_bytes;
     progress.begin(Stage::Check);
-    verify::sound(&given.pack, &|bytes| progress.more(bytes, all))
+    verify::sound(&given.pack, &|bytes| progress.more(bytes, all))?;
+    photographs::verify(given, progress)
 }
 
 /// Pictures and preview of a version: their paths in its folder, and what is known of them.
@@ -299,12 +314,15 @@ pub(super) fn picture(
     Ok(Pictured { files, drawings: drawn.drawings, preview, left_out })
 }
 
-/// A copy whose bytes on disk are those that were read (`adopt_named` reads them again).
-fn copy(from: &Path, to: &Path, progress: &Progress) -> anyhow::Result<()> {
+/// A copy whose bytes on disk are those that were read (the draft reads them again). `all` is the length of all files of the stage, if there are several.
+pub(super) fn copy(from: &Path, to: &Path, progress: &Progress, all: Option<u64>) -> anyhow::Result<()> {
     let failed = || format!("cannot copy {} to {}", from.display(), to.display());
     let mut reader = File::open(from).with_context(failed)?;
     let mut writer = File::create_new(to).with_context(failed)?;
-    let all = reader.metadata().with_context(failed)?.len();
+    let all = match all {
+        Some(all) => all,
+        None => reader.metadata().with_context(failed)?.len(),
+    };
     let mut buffer = vec![0; 1 << 20];
     loop {
         let n = reader.read(&mut buffer).with_context(failed)?;

@@ -4,7 +4,7 @@ pub(crate) mod export;
 mod import;
 mod list;
 pub(crate) mod mask;
-mod photos;
+pub(crate) mod photos;
 mod report;
 mod view;
 

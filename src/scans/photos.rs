@@ -263,7 +263,8 @@ fn photo_as_json(photo: &PhotoRecord) -> Value {
     })
 }
 
-fn camera_as_json(camera: &Camera) -> Value {
+/// A camera with its coefficients.
+pub(crate) fn camera_as_json(camera: &Camera) -> Value {
     let (kind, lens) = kind(camera);
     let mut json = json!({"kind": kind, "size": camera.size(), "max_angle_degrees": camera.max_angle().to_degrees()});
     match camera.model() {

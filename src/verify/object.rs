@@ -10,18 +10,20 @@ use super::progress::Progress;
 use super::report::{Kind, Report};
 use super::state::{State, Unit, now};
 use kilwa_archive::checksums::{Checksums, sha256};
+use kilwa_archive::colour_report::COLOUR_REPORT_MAX;
 use kilwa_archive::draft::HIDDEN;
 use kilwa_archive::holes::HOLES_MAX;
 use kilwa_archive::keep::{KEEPING, KEEPING_TEXT};
 use kilwa_archive::layout::{
-    ANNOTATIONS, CHECKSUMS, CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, LICENCE, LINKSET, MANIFEST,
-    METADATA, PAGE, PARADATA, POSTER, README, TILES, TILESET, version_of,
+    ANNOTATIONS, CHECKSUMS, CITATIONS, COLOUR_REPORT, CRATE, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, LICENCE, LINKSET,
+    MANIFEST, METADATA, PAGE, PARADATA, POSTER, README, TILES, TILESET, is_photograph, version_of,
 };
 use kilwa_archive::manifest::{FileEntry, MANIFEST_MAX, Seal, seal_of};
 use kilwa_archive::next::NEXT;
 use kilwa_archive::notes::NOTES_MAX;
+use kilwa_archive::record::Taken;
 use kilwa_archive::sound;
-use kilwa_archive::{AccessState, Holes, Manifest, Metadata, Notes, Version};
+use kilwa_archive::{AccessState, ColourReport, Holes, Manifest, Metadata, Notes, Version};
 use kilwa_pack::Source;
 use kilwa_pack::plural::counted;
 use std::cell::RefCell;
@@ -48,7 +50,7 @@ const REQUIRED: [&str; 13] = [
 /// Records with links.
 const LINKING: [&str; 3] = [LINKSET, CRATE, IIIF];
 /// Files whose contents are checked beside their checksums.
-const CHECKED: [&str; 6] = [LINKSET, CRATE, IIIF, METADATA, ANNOTATIONS, HOLES];
+const CHECKED: [&str; 7] = [LINKSET, CRATE, IIIF, METADATA, ANNOTATIONS, HOLES, COLOUR_REPORT];
 
 /// Contents of [`CHECKED`] by path, as they were read for their checksums.
 type Kept = BTreeMap<String, Vec<u8>>;
@@ -484,6 +486,7 @@ impl Check<'_> {
         self.notes(version, &list, &kept);
         self.holes(version, &list, &kept);
         self.tiles(version, &list);
+        self.colours(version, &list, &kept);
         Ok(true)
     }
 
@@ -544,6 +547,48 @@ impl Check<'_> {
         if version.optional().tiles != list.get(TILESET) {
             let what = format!("{CHECKSUMS} and {MANIFEST} disagree about the 3D Tiles of the version");
             self.add(&format!("{}/{TILESET}", version.folder), Kind::Incomplete, what);
+        }
+    }
+
+    /// The report of the colours is the one that the manifest names, and the photographs of the version are those that it names. Damage is named where
+    /// checksums are compared.
+    fn colours(&mut self, version: &Version, list: &Checksums, kept: &Kept) {
+        let path = format!("{}/{COLOUR_REPORT}", version.folder);
+        if version.optional().colour_report != list.get(COLOUR_REPORT) {
+            let what = format!("{CHECKSUMS} and {MANIFEST} disagree about the colour report of the version");
+            self.add(&path, Kind::Incomplete, what);
+            return;
+        }
+        let listed: BTreeSet<(&str, &str)> = list.iter().filter(|(path, _)| is_photograph(path)).collect();
+        let Some(entry) = &version.colour_report else {
+            if let Some((photograph, _)) = listed.first() {
+                let what = format!("{CHECKSUMS} lists {photograph}, but there is no colour report that names it");
+                self.add(&path, Kind::Incomplete, what);
+            }
+            return;
+        };
+        let Some(bytes) = kept.get(COLOUR_REPORT).filter(|bytes| bytes.len() as u64 <= COLOUR_REPORT_MAX) else {
+            return;
+        };
+        if sha256(bytes) != entry.sha256 {
+            return;
+        }
+        let report = match ColourReport::parse(bytes) {
+            Ok(report) => report,
+            Err(e) => {
+                self.add(&path, Kind::Incomplete, format!("its colour report cannot be read: {e}"));
+                return;
+            }
+        };
+        let named: BTreeSet<(&str, &str)> = report.files().iter().map(|file| (file.path, file.sha256)).collect();
+        if let Some((photograph, _)) = named.symmetric_difference(&listed).next() {
+            let what = format!("{CHECKSUMS} and the colour report disagree about {photograph}");
+            self.add(&path, Kind::Incomplete, what);
+        }
+        let taken = Taken::of(&report).map(|taken| (taken.files(), taken.bytes));
+        if taken != version.photographs.as_ref().map(|entry| (entry.files, entry.bytes)) {
+            let what = format!("{MANIFEST} states another number or length of photographs than the colour report");
+            self.add(&path, Kind::Incomplete, what);
         }
     }
 

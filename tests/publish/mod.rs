@@ -7,6 +7,7 @@ mod holes;
 mod notes;
 mod object;
 mod opinions;
+pub(crate) mod photographs;
 mod place;
 mod refusals;
 mod tiles;
@@ -31,6 +32,11 @@ published = 2026-11-21
 [rights]
 uri = "https://creativecommons.org/licenses/by/4.0/deed.fr"
 holder = "Antiquities Division"
+[photographs]
+rights = "InC"
+creators = ["Juma, Amina"]
+holder = "Antiquities Division"
+credit = "Photographs & masks: A. Juma"
 [model]
 units = "m"
 crs = "EPSG:32737"

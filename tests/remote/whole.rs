@@ -180,3 +180,32 @@ fn a_file_that_changes_while_it_is_sent_is_reported_and_not_resent_forever() {
     let why = sender.publish(&intent, &at, &|_| ()).unwrap_err();
     assert!(why.contains("changed while it was sent") && why.contains(text(&changed)), "{why}");
 }
+
+#[test]
+fn photographs_and_their_report_are_uploaded_with_the_bytes_of_a_local_publication() {
+    let made = crate::publish::photographs::coloured();
+    let rights = "[photographs]\nrights = \"CC BY 4.0\"\n";
+    let (folder, metadata, www) = bench(&METADATA.replace("[[creators]]", &format!("{rights}[[creators]]")));
+    let server = Server::start();
+    let (to, here) = (format!("http://{}/", server.address), folder.path().join("site"));
+    let publish = |to: &str| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_kilwa"));
+        command.args(["publish", text(&made.pack), "--to", to, "--metadata", text(&metadata), "--www", text(&www)]);
+        command.args(["--colour-report", text(&made.report), "--photos", text(&made.photos), "--software", "--json"]);
+        command.args(["--date", "2026-11-19"]).env("KILWA_TOKEN", &server.token).env_remove("SOURCE_DATE_EPOCH");
+        let output = command.stdin(Stdio::null()).output().unwrap();
+        assert!(output.status.success(), "{}", printed(&output));
+        let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert_eq!((&report["photographs"], &report["masks"]), (&3.into(), &1.into()), "{report}");
+        report
+    };
+    publish(text(&here));
+    publish(&to);
+    let (here, there) = (tree(&here.join("fort/v1"), true), tree(&server.folder().join("fort/v1"), true));
+    assert_eq!(here.keys().collect::<Vec<_>>(), there.keys().collect::<Vec<_>>());
+    for (path, bytes) in &here {
+        assert!(*bytes == there[path], "{path}");
+    }
+    assert!(here.keys().any(|path| path.ends_with("photographs/IMG_0001.jpg")), "{:?}", here.keys());
+    assert_eq!(publish(&to)["already"], true);
+}

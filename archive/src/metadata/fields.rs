@@ -2,8 +2,8 @@
 
 use super::lines::{strays, syntax};
 use super::{
-    AccessField, Agent, AgentKind, Capture, CaptureStep, Funding, Heritage, Metadata, Model, Place, Problem, Problems,
-    Related, RightsField, crs,
+    AccessField, Agent, AgentKind, Capture, CaptureStep, Funding, Heritage, Metadata, Model, PhotographsField, Place,
+    Problem, Problems, Related, RightsField, crs,
 };
 use crate::AccessState;
 use crate::date::{is_date_or_span, is_day, iso};
@@ -114,6 +114,7 @@ fn metadata(t: Table<'_, '_>) -> Option<Metadata> {
         checked(&t, "published", is_day, "expected a date such as 2026-11-21"),
     );
     let rights = rights_field(&t);
+    let photographs = t.table("photographs").and_then(photographs);
     let creators = agents(&t, "creators");
     let contributors = agents(&t, "contributors");
     let (place, object, capture) =
@@ -135,6 +136,7 @@ fn metadata(t: Table<'_, '_>) -> Option<Metadata> {
         publisher,
         published,
         rights: rights?,
+        photographs,
         creators,
         contributors,
         place,
@@ -161,6 +163,17 @@ fn rights_field(t: &Table<'_, '_>) -> Option<RightsField> {
     let (holder, statement) = (table.text("holder").map(|f| f.value), table.paragraphs("statement"));
     table.finish();
     Some(RightsField { uri: uri?.uri, holder, statement })
+}
+
+fn photographs(t: Table<'_, '_>) -> Option<PhotographsField> {
+    let given = t.text("rights");
+    if given.is_none() {
+        t.missing("rights", &format!("photographs need a statement of rights of their own; write {}", rights::CHOICES));
+    }
+    let known = given.and_then(|f| Rights::parse(&f.value).map_err(|message| t.wrong("rights", f.at, message)).ok());
+    let (creators, holder, credit) = (t.texts("creators"), t.text("holder").map(|f| f.value), t.paragraphs("credit"));
+    t.finish();
+    Some(PhotographsField { rights: known?.uri, creators, holder, credit })
 }
 
 fn model(t: &Table<'_, '_>) -> Option<Model> {

@@ -5,8 +5,9 @@ use crate::date::iso;
 use kilwa_toml::Problem;
 
 /// The blocks of the template, with their fields.
-const BLOCKS: [(&str, &[&str]); 10] = [
+const BLOCKS: [(&str, &[&str]); 11] = [
     ("rights", &["uri", "holder", "statement"]),
+    ("photographs", &["rights", "creators", "holder", "credit"]),
     ("model", &["units", "crs"]),
     ("creators", &["name", "kind", "orcid", "ror", "affiliation", "role"]),
     ("contributors", &["name", "kind", "orcid", "ror", "affiliation", "role"]),

@@ -50,6 +50,9 @@ pub struct Metadata {
     pub published: Option<String>,
     /// Rights.
     pub rights: RightsField,
+    /// Rights in the photographs that the model was coloured from.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub photographs: Option<PhotographsField>,
     /// Who made it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub creators: Vec<Agent>,
@@ -90,6 +93,23 @@ pub struct RightsField {
     /// Further words, for example how to give credit.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub statement: Option<String>,
+}
+
+/// Rights in the photographs that the model was coloured from: they need not be those in the model.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PhotographsField {
+    /// Canonical address of a statement of [`super::rights`].
+    pub rights: String,
+    /// Names of the photographers.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub creators: Vec<String>,
+    /// Who holds the rights.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub holder: Option<String>,
+    /// How to give credit.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub credit: Option<String>,
 }
 
 /// A person or an organisation.

@@ -131,6 +131,7 @@ pub fn write(known: &Known) -> String {
     place(&mut s, known);
     s.push_str(OBJECT);
     capture(&mut s, known);
+    s.push_str(PHOTOGRAPHS);
     s.push_str(ACCESS);
     related(&mut s, known);
     s.push_str(FUNDING);
@@ -253,6 +254,16 @@ const STEPS: &str = "\
 # tool = \"<Cyclone 6.0>\"
 # by = \"<Family, Given>\"
 # date = \"<2009-09>\"
+";
+
+const PHOTOGRAPHS: &str = "
+# Rights in the photographs that the model was coloured from; needed to publish them with it (kilwa publish --photos).
+# [photographs]
+# A licence or rights statement, as above.
+# rights = \"<CC BY 4.0>\"
+# creators = [\"<Family, Given>\"]
+# holder = \"<Antiquities Division>\"
+# credit = \"<Photographs: Antiquities Division.>\"
 ";
 
 const ACCESS: &str = "

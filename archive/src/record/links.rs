@@ -3,7 +3,8 @@
 use super::{Publication, media_type};
 use crate::html::{Embedded, render};
 use crate::layout::{
-    ANNOTATIONS, CITATIONS, CRATE, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, OEMBED, POSTER, PREVIEW, TILESET,
+    ANNOTATIONS, CITATIONS, COLOUR_REPORT, CRATE, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, OEMBED, POSTER, PREVIEW,
+    TILESET,
 };
 use serde_json::{Value, json};
 
@@ -36,6 +37,9 @@ pub(super) fn linkset(p: &Publication) -> Value {
     }
     if p.holes.is_some() {
         items.push(link(HOLES));
+    }
+    if p.colours.is_some() {
+        items.push(link(COLOUR_REPORT));
     }
     if p.tiles.is_some() {
         items

@@ -10,6 +10,7 @@ mod edm;
 mod iiif;
 mod links;
 mod paradata;
+mod photographs;
 mod ro_crate;
 mod schema_org;
 mod text;
@@ -21,19 +22,21 @@ pub use ro_crate::ro_crate;
 pub use schema_org::schema_org;
 
 use super::checksums::{Checksum, sha256};
+use super::colour_report::{COLOUR_REPORT_MAX, ColourReport};
 use super::holes::{HOLES_MAX, Holes};
 use super::layout::{
-    ANNOTATIONS, CITATIONS, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, IIIF_ANNOTATIONS, LICENCE, LINKSET, METADATA,
-    OEMBED, PARADATA, PREVIEW, PREVIEW_MAX, README, Slug, version_folder,
+    ANNOTATIONS, CITATIONS, COLOUR_REPORT, DATACITE, DUBLIN_CORE, EDM, HOLES, IIIF, IIIF_ANNOTATIONS, LICENCE, LINKSET,
+    METADATA, OEMBED, PARADATA, PREVIEW, PREVIEW_MAX, README, Slug, version_folder,
 };
 use super::manifest::{Figures, PackEntry};
-use super::metadata::{Agent, AgentKind, Metadata};
+use super::metadata::{Agent, AgentKind, Metadata, PhotographsField};
 use super::notes::{NOTES_MAX, Notes};
 use super::rights::Rights;
 use super::viewer::content_type;
 use glam::DVec3;
 use kilwa_files::plain_file;
 use serde_json::Value;
+use std::collections::BTreeSet;
 use std::io;
 use std::path::Path;
 
@@ -70,6 +73,8 @@ pub struct Publication {
     pub holes: Option<PublishedHoles>,
     /// The 3D Tiles of it, where they were made.
     pub tiles: Option<PublishedTiles>,
+    /// The report of its colours, where one was given.
+    pub colours: Option<PublishedColours>,
     /// Program and version that publishes.
     pub tool: String,
 }
@@ -107,6 +112,46 @@ pub struct PublishedHoles {
     pub bytes: u64,
     /// Its SHA-256.
     pub sha256: Checksum,
+}
+
+/// The report of the colours of a version, as its file has it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PublishedColours {
+    /// What it says.
+    pub report: ColourReport,
+    /// Length of the file.
+    pub bytes: u64,
+    /// Its SHA-256.
+    pub sha256: Checksum,
+    /// The photographs that the version takes along, if it does.
+    pub taken: Option<Taken>,
+}
+
+/// Photographs and masks that a version takes along.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Taken {
+    /// How many photographs.
+    pub photographs: u64,
+    /// How many masks, which photographs can share.
+    pub masks: u64,
+    /// Bytes of all files.
+    pub bytes: u64,
+}
+
+impl Taken {
+    /// Those of a report; None if it names no files of the version.
+    pub fn of(report: &ColourReport) -> Option<Self> {
+        let files = report.files();
+        let photographs: BTreeSet<&str> = report.photographs.iter().filter_map(|photo| photo.path.as_deref()).collect();
+        let bytes = files.iter().map(|file| file.bytes).sum();
+        let masks = (files.len() - photographs.len()) as u64;
+        (!files.is_empty()).then_some(Self { photographs: photographs.len() as u64, masks, bytes })
+    }
+
+    /// How many files there are.
+    pub fn files(&self) -> u64 {
+        self.photographs + self.masks
+    }
 }
 
 /// The 3D Tiles of a version.
@@ -171,6 +216,26 @@ impl Publication {
         self.holes =
             Some(PublishedHoles { count: holes.holes.len(), bytes: bytes.len() as u64, sha256: sha256(&bytes) });
         Ok(self)
+    }
+
+    /// With the report of the colours in the version's folder, if there is one. It was checked before.
+    ///
+    /// # Errors
+    /// When it cannot be read.
+    pub fn with_colours(mut self, folder: &Path) -> io::Result<Self> {
+        let bytes = match plain_file::read_at(&folder.join(COLOUR_REPORT), COLOUR_REPORT_MAX) {
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(self),
+            bytes => bytes?,
+        };
+        let report = ColourReport::parse(&bytes).map_err(|e| io::Error::new(io::ErrorKind::InvalidData, e))?;
+        let taken = Taken::of(&report);
+        self.colours = Some(PublishedColours { report, bytes: bytes.len() as u64, sha256: sha256(&bytes), taken });
+        Ok(self)
+    }
+
+    /// The photographs that the version takes along, with their rights.
+    pub fn photographs(&self) -> Option<(Taken, &PhotographsField)> {
+        self.colours.as_ref()?.taken.zip(self.metadata.photographs.as_ref())
     }
 
     /// Absolute address of the object, ending with `/`.

@@ -1,7 +1,7 @@
 //! `metadata/paradata.json`: what was captured, how, by which tools, and what was done since, with the hashes of what went in and came out.
 
 use super::Publication;
-use crate::layout::{ANNOTATIONS, HOLES, TILESET};
+use crate::layout::{ANNOTATIONS, COLOUR_REPORT, HOLES, TILESET};
 use serde_json::{Value, json};
 
 pub(super) fn paradata(p: &Publication) -> Value {
@@ -49,6 +49,17 @@ pub(super) fn paradata(p: &Publication) -> Value {
             "location_redacted": p.location_redacted,
         },
     });
+    if let Some(colours) = &p.colours {
+        // Each photograph with its pose, residual and share; those left out with the reason.
+        let mut about = json!(colours.report);
+        about["file"] = json!(COLOUR_REPORT);
+        about["sha256"] = json!(colours.sha256);
+        if let Some((taken, rights)) = p.photographs() {
+            about["photographs_taken_along"] =
+                json!({ "count": taken.photographs, "masks": taken.masks, "bytes": taken.bytes, "rights": rights });
+        }
+        all["colours"] = about;
+    }
     if let Some([registration, instrument]) = pack.capture_parts() {
         all["pack"]["capture_registration_m"] = json!(registration);
         all["pack"]["capture_instrument_m"] = json!(instrument);

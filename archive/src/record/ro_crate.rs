@@ -1,9 +1,10 @@
 //! `ro-crate-metadata.json`: RO-Crate 1.1 of the version folder: the data set, each of its files with size and SHA-256, people, place, licence.
 
 use super::links::TILES_SPECIFICATION;
+use super::photographs::Photographs;
 use super::schema_org::agent;
 use super::{Publication, media_type};
-use crate::layout::{ANNOTATIONS, CHECKSUMS, CRATE, HOLES, IIIF_ANNOTATIONS, TILES, TILESET, VIEWER};
+use crate::layout::{ANNOTATIONS, CHECKSUMS, COLOUR_REPORT, CRATE, HOLES, IIIF_ANNOTATIONS, TILES, TILESET, VIEWER};
 use serde_json::{Value, json};
 
 /// The crate; `files` are all other files of the folder: path, bytes, SHA-256.
@@ -67,6 +68,8 @@ pub fn ro_crate(p: &Publication, files: &[(String, u64, String)]) -> Vec<u8> {
         graph.extend(place);
     }
     graph.push(json!({ "@id": p.rights.uri, "@type": "CreativeWork", "name": p.rights.label }));
+    let photographs = Photographs::of(p);
+    graph.extend(photographs.entities(&p.rights.uri));
     graph.extend(listed.iter().map(|(path, bytes, sha256)| {
         let mut one = json!({ "@id": path, "@type": "File", "name": path, "contentSize": bytes.to_string(),
             "encodingFormat": media_type(path), "sha256": sha256 });
@@ -81,8 +84,11 @@ pub fn ro_crate(p: &Publication, files: &[(String, u64, String)]) -> Vec<u8> {
                 one["conformsTo"] = json!({ "@id": TILES_SPECIFICATION });
             }
             HOLES => one["name"] = json!("Holes of the surface (GeoJSON)"),
+            COLOUR_REPORT => {
+                one["name"] = json!("Report of the colours: photographs with their poses, residuals and shares");
+            }
             IIIF_ANNOTATIONS => one["name"] = json!("Notes on the model, in the scene of the IIIF manifest"),
-            _ => {}
+            _ => photographs.describe(path, &mut one),
         }
         one
     }));

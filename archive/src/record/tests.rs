@@ -81,6 +81,7 @@ award = "1"
         notes: None,
         holes: None,
         tiles: None,
+        colours: None,
         tool: "kilwa 0".to_owned(),
     }
 }

@@ -1,7 +1,9 @@
 //! `LICENSE.txt` and `README.txt`: for a person who has this folder and nothing else, perhaps in fifty years.
 
 use super::{Publication, citation};
-use crate::layout::{ANNOTATIONS, CHECKSUMS, DRAWINGS, HOLES, PREVIEW, TILESET};
+use crate::layout::{ANNOTATIONS, CHECKSUMS, COLOUR_REPORT, DRAWINGS, HOLES, PHOTOGRAPHS, PREVIEW, TILESET};
+use crate::numbers::size;
+use crate::rights::Rights;
 use glam::DVec3;
 use kilwa_pack::plural::counted;
 use std::fmt::Write as _;
@@ -15,6 +17,7 @@ pub(super) fn licence(p: &Publication) -> String {
     if let Some(statement) = &m.rights.statement {
         let _ = write!(s, "\n{}\n", wrapped(statement));
     }
+    let photographs = photographs(p);
     let means = if p.rights.is_creative_commons() {
         "The address above leads to a summary and to the full text of the licence, in many languages."
     } else {
@@ -24,10 +27,31 @@ pub(super) fn licence(p: &Publication) -> String {
         s,
         "\n{}\n\nThis is about the model: the pack, the preview, the pictures and the texts of this folder. The viewer in the\n\
          folder \"viewer\" is the program Kilwa, under the Apache License 2.0 or the MIT License, at your option.\n\n\
-         How to cite it:\n\n{}\n",
+         {photographs}How to cite it:\n\n{}\n",
         means,
         wrapped(&citation(p))
     );
+    s
+}
+
+/// The rights in the photographs, which need not be those in the model.
+fn photographs(p: &Publication) -> String {
+    let Some((_, field)) = p.photographs() else { return String::new() };
+    let label = Rights::parse(&field.rights).map(|rights| rights.label).unwrap_or_default();
+    let mut s = format!(
+        "The photographs in the folder \"{PHOTOGRAPHS}\" have rights of their own: {label}\n{}\n",
+        field.rights
+    );
+    if !field.creators.is_empty() {
+        let _ = writeln!(s, "Photographers: {}", field.creators.join("; "));
+    }
+    if let Some(holder) = &field.holder {
+        let _ = writeln!(s, "Rights holder: {holder}");
+    }
+    if let Some(credit) = &field.credit {
+        let _ = writeln!(s, "{}", wrapped(credit));
+    }
+    s.push('\n');
     s
 }
 
@@ -98,6 +122,21 @@ fn files(s: &mut String, p: &Publication) {
             s,
             "  {HOLES}\n      {} of the surface with cause, area and rim (GeoJSON): x, y and z are metres, as in the pack.\n",
             counted(n.count, "hole", "holes")
+        );
+    }
+    if let Some(c) = &p.colours {
+        let _ = write!(
+            s,
+            "  {COLOUR_REPORT}\n      How the model was coloured: {} with pose, residual and share; those left out with the reason.\n",
+            counted(c.report.photographs.len(), "photograph", "photographs")
+        );
+    }
+    if let Some((taken, _)) = p.photographs() {
+        let _ = write!(
+            s,
+            "  {PHOTOGRAPHS}/\n      {} that the colours come from, and their masks ({}). LICENSE.txt states their rights.\n",
+            counted(taken.photographs, "photograph", "photographs"),
+            size(taken.bytes)
         );
     }
     if let Some(t) = &p.tiles {

@@ -25,7 +25,7 @@ mod xml;
 
 pub use e57::extract;
 pub(crate) use picture::size as picture_size;
-pub use picture::{Exposure, Picture, PictureFormat};
+pub use picture::{Exposure, Picture, PictureFormat, states_position};
 pub use sniff::Format;
 
 use crate::ScanError;

@@ -63,6 +63,15 @@ pub(super) fn read(path: &Path) -> Result<Picture, String> {
     Ok(picture)
 }
 
+/// Whether a JPEG file states where it was taken. A file that cannot be read states nothing.
+pub fn states_position(path: &Path) -> bool {
+    let Ok(file) = plain_file::open(path) else { return false };
+    let exif = exif::Reader::new().read_from_container(&mut BufReader::new(file));
+    exif.is_ok_and(|exif| {
+        [Tag::GPSLatitude, Tag::GPSLongitude].iter().any(|tag| exif.get_field(*tag, In::PRIMARY).is_some())
+    })
+}
+
 /// Add time and exposure where the EXIF segment of a JPEG file (at most 64 KiB) states them. Damaged EXIF is ignored:
 /// the picture is usable without it.
 fn add_exif(picture: &mut Picture, file: &mut BufReader<File>) {

@@ -51,6 +51,7 @@ pub(super) fn purpose(object: &Path, version: u32) -> io::Result<String> {
     let metadata = sha256(&metadata);
     let mut parts = vec![&*entry.pack.sha256, &*metadata, notes, holes, &*entry.note];
     parts.extend(optional.tiles);
+    parts.extend(optional.colour_report);
     Ok(sha256(parts.join("\n").as_bytes()))
 }
 

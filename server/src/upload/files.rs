@@ -4,13 +4,19 @@
 //! cannot become a page. A preview must be glTF 2.0 that is whole in itself. Nothing here decodes pixels. Notes and lists of holes must be byte for byte what
 //! `kilwa publish` writes, so they contain nothing that was not checked.
 
+use super::wire::AnnouncedFile;
 use super::wire::AnnouncedPreview;
 use glam::DVec3;
+use kilwa_archive::ColourReport;
+use kilwa_archive::colour_report::{COLOUR_REPORT_MAX, PHOTOGRAPH_MAX, TakenFile};
 use kilwa_archive::holes::HOLES_MAX;
-use kilwa_archive::layout::{ANNOTATIONS, DRAWINGS, HOLES, POSTER, PREVIEW, PREVIEW_MAX, THUMBNAILS};
+use kilwa_archive::layout::{
+    ANNOTATIONS, COLOUR_REPORT, DRAWINGS, HOLES, POSTER, PREVIEW, PREVIEW_MAX, THUMBNAILS, is_photograph,
+};
 use kilwa_archive::location::Location;
 use kilwa_archive::notes::NOTES_MAX;
 use kilwa_archive::{Holes, Notes};
+use kilwa_pack::metadata::SourceFile;
 use kilwa_pack::plural::{counted, plural};
 use serde_json::Value;
 use std::fs::File;
@@ -33,6 +39,8 @@ pub(super) fn is_expected(path: &str) -> bool {
         || path == WORLD
         || path == ANNOTATIONS
         || path == HOLES
+        || path == COLOUR_REPORT
+        || is_photograph(path)
         || THUMBNAILS.iter().any(|(name, _)| path == *name)
         || drawing.is_some_and(|d| ["plan", "north", "east", "south", "west"].contains(&d))
 }
@@ -44,6 +52,8 @@ pub(super) fn max_bytes(path: &str) -> u64 {
         WORLD => TEXT_MAX,
         ANNOTATIONS => NOTES_MAX,
         HOLES => HOLES_MAX,
+        COLOUR_REPORT => COLOUR_REPORT_MAX,
+        path if is_photograph(path) => PHOTOGRAPH_MAX,
         _ => PICTURE_MAX,
     }
 }
@@ -65,8 +75,8 @@ pub(super) fn check(path: &str, at: &Path) -> io::Result<()> {
             wrong("not a world file of six numbers")
         };
     }
-    if path == ANNOTATIONS || path == HOLES {
-        // With the pack, by [`check_notes`] and [`check_holes`].
+    if [ANNOTATIONS, HOLES, COLOUR_REPORT].contains(&path) {
+        // With the pack, by [`check_notes`], [`check_holes`] and [`check_colours`].
         return Ok(());
     }
     if path == PREVIEW {
@@ -166,6 +176,34 @@ pub(super) fn check_holes(at: &Path, [min, max]: [DVec3; 2], location_redacted: 
     Err(wrong(format!(
         "the list is not in the form in which kilwa publish writes it{hidden}; use the same version of kilwa on both sides"
     )))
+}
+
+/// Check the report of the colours of a version with these files, whose pack has these sources: it names all photographs and masks, and nothing else.
+///
+/// # Errors
+/// As [`check`].
+pub(super) fn check_colours(at: &Path, sources: &[SourceFile], files: &[AnnouncedFile]) -> io::Result<()> {
+    let wrong = |what: String| io::Error::new(io::ErrorKind::InvalidData, format!("{COLOUR_REPORT}: {what}"));
+    let mut bytes = Vec::new();
+    File::open(at)?.take(COLOUR_REPORT_MAX + 1).read_to_end(&mut bytes)?;
+    let report = ColourReport::parse(&bytes).map_err(|e| wrong(e.to_string()))?;
+    report.same_photographs(sources).map_err(|e| wrong(e.to_string()))?;
+    if !report.to_bytes().is_ok_and(|written| written == bytes) {
+        let what = "the report is not in the form in which kilwa publish writes it; use the same version of kilwa on both sides";
+        return Err(wrong(what.to_owned()));
+    }
+    let sent = files.iter().filter(|file| is_photograph(&file.path));
+    let mut sent: Vec<_> = sent.map(|f| TakenFile { path: &f.path, bytes: f.bytes, sha256: &f.sha256 }).collect();
+    let mut named = report.files();
+    sent.sort_by_key(|file| file.path);
+    named.sort_by_key(|file| file.path);
+    if sent == named {
+        return Ok(());
+    }
+    let other =
+        sent.iter().find(|file| !named.contains(file)).or_else(|| named.iter().find(|file| !sent.contains(file)));
+    let path = other.map_or("", |file| file.path);
+    Err(wrong(format!("the photographs that were sent are not those that it names: {path}")))
 }
 
 /// The JSON of a binary glTF 2.0 that is whole in itself: header and chunks of the right lengths, a chunk of JSON and at most one of binary data,

@@ -10,7 +10,7 @@ use kilwa_archive::assemble::{
 use kilwa_archive::checksums::sha256_of;
 use kilwa_archive::date::day_of;
 use kilwa_archive::draft::{Draft, DraftError};
-use kilwa_archive::layout::{ANNOTATIONS, HOLES, PREVIEW};
+use kilwa_archive::layout::{ANNOTATIONS, COLOUR_REPORT, HOLES, PREVIEW};
 use kilwa_archive::lock::{Lock, PATIENCE};
 use kilwa_archive::manifest::{Manifest, ManifestError};
 use kilwa_archive::sound;
@@ -153,6 +153,9 @@ fn checked(staging: &Staging, intent: &Intent, meant: &Meant, job: &Job) -> Resu
             let bounds = [of_pack.0.bounds_min, of_pack.0.bounds_max];
             files::check_holes(&at, bounds, intent.location_redacted).map_err(|e| refused_file(&e))?;
         }
+        if file.path == COLOUR_REPORT {
+            files::check_colours(&at, &of_pack.0.sources, &intent.files).map_err(|e| refused_file(&e))?;
+        }
         job.done.fetch_add(file.bytes, Ordering::Relaxed);
     }
     Ok(of_pack)
@@ -241,6 +244,8 @@ fn placed(
     let publication = facts.publication(entry, of_pack, meant.preview);
     let publication = publication.with_notes(&draft.folder()).map_err(|e| Refusal::disk("read the notes", &e))?;
     let publication = publication.with_holes(&draft.folder()).map_err(|e| Refusal::disk("read the holes", &e))?;
+    let publication =
+        publication.with_colours(&draft.folder()).map_err(|e| Refusal::disk("read the colour report", &e))?;
     let drawings = intent.drawings.iter().map(|d| (d.path.clone(), d.words.clone())).collect();
     write_viewer(&mut draft, &uploads.page).map_err(|e| refused(&e))?;
     let landing = Landing { viewer: &uploads.page, drawings, list: None };

@@ -3,7 +3,9 @@
 use super::{Refusal, UploadLimits};
 use kilwa_archive::checksums::is_sha256;
 use kilwa_archive::date::{day_of, is_day};
-use kilwa_archive::layout::{ANNOTATIONS, DRAWINGS, HOLES, POSTER, PREVIEW, Slug, THUMBNAILS, pack_name};
+use kilwa_archive::layout::{
+    ANNOTATIONS, COLOUR_REPORT, DRAWINGS, HOLES, POSTER, PREVIEW, Slug, THUMBNAILS, is_photograph, pack_name,
+};
 use kilwa_archive::manifest::Optional;
 use kilwa_archive::metadata::Metadata;
 use kilwa_archive::record::Preview;
@@ -51,7 +53,7 @@ pub struct Intent {
     pub preview: Option<AnnouncedPreview>,
     /// The drawings: path in the version and words.
     pub drawings: Vec<Drawing>,
-    /// The files: pack, pictures, preview, notes, holes.
+    /// The files: pack, pictures, preview, photographs, notes, holes, colour report.
     pub files: Vec<AnnouncedFile>,
 }
 
@@ -215,6 +217,7 @@ impl Intent {
         super::withheld::check_intent(self).map_err(Refusal::content)?;
         let pack = self.check_files(limits)?;
         self.check_drawings()?;
+        self.check_photographs()?;
         let preview = self.preview()?;
         Ok(Meant { slug, rights, pack, preview })
     }
@@ -229,7 +232,7 @@ impl Intent {
             let is_pack = file.path == pack_name(&file.sha256);
             if !is_pack && !super::files::is_expected(&file.path) {
                 return Err(Refusal::content(format!(
-                    "{:?} cannot be uploaded: only the pack, posters, drawings, preview, notes and holes can; the server makes everything else",
+                    "{:?} cannot be uploaded: only the pack, posters, drawings, preview, notes, holes, the colour report and its photographs can; the server makes everything else",
                     short(&file.path)
                 )));
             }
@@ -266,7 +269,7 @@ impl Intent {
     /// The files that not every version has.
     pub(super) fn optional(&self) -> Optional<'_> {
         let sum = |path| self.files.iter().find(|f| f.path == path).map(|f| f.sha256.as_str());
-        Optional { notes: sum(ANNOTATIONS), holes: sum(HOLES), tiles: None }
+        Optional { notes: sum(ANNOTATIONS), holes: sum(HOLES), tiles: None, colour_report: sum(COLOUR_REPORT) }
     }
 
     fn has(&self, path: &str) -> bool {
@@ -286,6 +289,24 @@ impl Intent {
         } else {
             Err(Refusal::content("the drawings are not those that kilwa publish makes"))
         }
+    }
+
+    /// Check what can be said about photographs without their report.
+    fn check_photographs(&self) -> Result<(), Refusal> {
+        let (has_report, has_photographs) =
+            (self.has(COLOUR_REPORT), self.files.iter().any(|file| is_photograph(&file.path)));
+        if has_photographs && !has_report {
+            return Err(Refusal::content(format!("there are photographs, but no {COLOUR_REPORT} that names them")));
+        }
+        if has_photographs && self.metadata.photographs.is_none() {
+            return Err(Refusal::content("metadata: photographs need a statement of rights; add [photographs]"));
+        }
+        if has_report && self.location_redacted {
+            return Err(Refusal::content(
+                "the location is to be withheld, and a colour report and photographs can reveal it; publish without them",
+            ));
+        }
+        Ok(())
     }
 
     fn preview(&self) -> Result<Option<Preview>, Refusal> {

@@ -110,6 +110,17 @@ pub(crate) fn pack_in(title: &str, crs: Option<&str>) -> Vec<u8> {
 
 /// The same with its lattice at `origin`, metres, and scalar channels: name and the values of the three vertices.
 pub(crate) fn pack_at(title: &str, crs: Option<&str>, origin: DVec3, channels: &[(&str, [f32; 3])]) -> Vec<u8> {
+    pack_from(title, crs, origin, channels, Vec::new())
+}
+
+/// The same that names the files that it was made from.
+pub(crate) fn pack_from(
+    title: &str,
+    crs: Option<&str>,
+    origin: DVec3,
+    channels: &[(&str, [f32; 3])],
+    sources: Vec<kilwa_pack::metadata::SourceFile>,
+) -> Vec<u8> {
     let attributes = Attributes { colors: true, scalars: channels.len() as u8 };
     let mut chunk = Chunk::default();
     chunk.mesh.positions = [[0, 0, 0], [1000, 0, 0], [0, 800, 400]].map(Into::into).to_vec();
@@ -158,7 +169,7 @@ pub(crate) fn pack_at(title: &str, crs: Option<&str>, origin: DVec3, channels: &
                 max: v.iter().copied().fold(f32::NEG_INFINITY, f32::max),
             })
             .collect(),
-        sources: Vec::new(),
+        sources,
         tool: "test".to_owned(),
         options: std::collections::BTreeMap::new(),
         capture_accuracy: None,
@@ -256,6 +267,8 @@ fn version(root: &Path, number: u32, pack: &[u8]) -> Version {
         annotations: None,
         holes: None,
         tiles: None,
+        colour_report: None,
+        photographs: None,
         figures: Figures {
             bounds: [DVec3::ZERO, DVec3::ONE],
             crs: None,

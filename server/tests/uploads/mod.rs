@@ -1,6 +1,7 @@
 //! Uploaded versions: published whole, verified and by authorised users, or not at all; and they contain nothing that a browser executes.
 
 mod limits;
+mod photographs;
 mod unfinished;
 mod withheld;
 
