@@ -189,7 +189,7 @@ fn a_further_version_must_state_whether_notes_are_kept() {
     let kept = object.join("v1/annotations.json");
     assert!(message.contains(text(&kept)), "{message}");
     let again = bench.refused(&pack(), FULL, &[&next[..], &["--notes", text(&kept)]].concat());
-    assert!(again.contains("the same pack, metadata, notes, holes and 3D Tiles"), "{again}");
+    assert!(again.contains("the same pack, metadata, notes, holes, 3D Tiles and colour report"), "{again}");
     bench.published(&pack(), &better, &[&next[..], &["--notes", text(&kept)]].concat());
     assert_eq!(
         std::fs::read(&kept).unwrap(),
