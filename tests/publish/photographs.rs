@@ -36,8 +36,8 @@ pub(crate) fn coloured() -> Coloured {
     let mask = image::GrayImage::from_fn(96, 72, |x, _| image::Luma([if x < 90 { 255 } else { 0 }]));
     mask.save(made.photos.join("images/IMG_0001.mask.png")).unwrap();
     let [mesh, plain] = ["fort.ply", "fort.kilwa"].map(at);
-    succeeds(&["synth", "fort", "--triangles", "6k", "-o", text(&mesh)]);
-    succeeds(&["build", text(&mesh), "-o", text(&plain)]);
+    succeeds(&["synth", "fort", "--triangles", "6k", "-o", text(&mesh), "--force"]);
+    succeeds(&["build", text(&mesh), "-o", text(&plain), "--force"]);
     let options = ["--photos", text(&made.photos), "--report", text(&made.report), "-o", text(&made.pack)];
     succeeds(&[&["colour", text(&plain), "--force"], options.as_slice()].concat());
     std::fs::write(at("done"), "").unwrap();
