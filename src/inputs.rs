@@ -26,8 +26,7 @@ use kilwa_formats::Up;
 use kilwa_formats::read::texture::detail::Detail;
 use kilwa_formats::read::{self, MESH_EXTENSIONS, Placed, Placement, ReadError, ReadOptions, Replaced};
 use kilwa_geometry::LengthUnit;
-use kilwa_pack::metadata::SourceFile;
-use kilwa_pack::plural::counted;
+use kilwa_pack::metadata::{SourceFile, sum_lines};
 use kilwa_scan::survey;
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
@@ -402,15 +401,9 @@ pub(crate) fn summarised(mut sources: Vec<SourceFile>) -> Vec<SourceFile> {
     let own = sources.iter().map(fits).take_while(|fits| *fits).count();
     if own < sources.len() {
         let rest = sources.split_off(own);
-        let lines = rest.iter().fold(String::new(), |lines, s| lines + &s.sha256 + "  " + &s.name + "\n");
-        sources.push(SourceFile {
-            name: format!(
-                "{} (SHA-256 of their list as sha256sum prints it)",
-                counted(rest.len(), "further file", "further files")
-            ),
-            bytes: rest.iter().map(|s| s.bytes).sum(),
-            sha256: hexadecimal(&Sha256::digest(lines)),
-        });
+        let lines = sum_lines(rest.iter().map(|s| (s.sha256.as_str(), s.name.as_str())));
+        let bytes = rest.iter().map(|s| s.bytes).sum();
+        sources.push(SourceFile::of_further(rest.len(), bytes, hexadecimal(&Sha256::digest(lines))));
     }
     sources
 }
@@ -732,7 +725,7 @@ mod tests {
         let (last, own) = many.split_last().unwrap();
         assert_eq!(own, (0..own.len() as u64).map(source).collect::<Vec<_>>());
         assert!(own.len() > 150 && serde_json::to_vec(&many).unwrap().len() <= SOURCE_BYTES + 300);
-        assert!(last.name.starts_with(&format!("{} further files", 5000 - own.len())));
+        assert_eq!(last.stands_for(), Some(5000 - own.len()));
         assert_eq!(last.bytes, (own.len() as u64..5000).sum::<u64>());
         // The hash holds every byte of the rest.
         let mut other: Vec<SourceFile> = (0..5000).map(source).collect();

@@ -115,10 +115,10 @@ impl Facts {
             holes: p.holes.as_ref().map(|n| entry(HOLES, n.bytes, &n.sha256)),
             tiles: p.tiles.as_ref().map(|t| entry(TILESET, t.root_bytes, &t.sha256)),
             colour_report: p.colours.as_ref().map(|c| entry(COLOUR_REPORT, c.bytes, &c.sha256)),
-            photographs: p.photographs().map(|(taken, rights)| PhotographsEntry {
+            photographs: p.photographs().map(|(included, rights)| PhotographsEntry {
                 url: format!("{}/{PHOTOGRAPHS}/", version_folder(p.version)),
-                files: taken.files(),
-                bytes: taken.bytes,
+                files: included.files(),
+                bytes: included.bytes,
                 rights: rights.rights.clone(),
             }),
             figures: p.figures.clone(),

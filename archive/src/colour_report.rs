@@ -1,4 +1,4 @@
-//! Published reports of colours: what `kilwa colour --report` writes, kept in a version as `colour-report.json`, and the photographs that a version takes along.
+//! Published reports of colours: what `kilwa colour --report` writes, kept in a version as `colour-report.json`, and the photographs that a version includes.
 //!
 //! [`ColourReport::parse`] reads the file of `kilwa colour` or of a version. Whatever is not part of the report is left out, folders of the computer on which
 //! the model was coloured among it, and a photograph that cannot be is refused with its number. [`ColourReport::to_bytes`] writes a canonical form: a server
@@ -10,7 +10,7 @@
 use crate::checksums::{Checksum, is_sha256, sha256};
 use crate::layout::{PHOTOGRAPHS, is_photograph};
 use glam::DVec3;
-use kilwa_pack::metadata::SourceFile;
+use kilwa_pack::metadata::{SourceFile, sum_lines};
 use kilwa_pack::plural::counted;
 use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
@@ -139,7 +139,7 @@ pub struct Photograph {
     /// Its file name.
     #[serde(deserialize_with = "file_name")]
     pub file: String,
-    /// Its path in the version, if the version takes it along.
+    /// Its path in the version, if the version includes it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub path: Option<String>,
     /// Length of its file.
@@ -149,7 +149,7 @@ pub struct Photograph {
     /// File name of its mask, if it has one.
     #[serde(default, skip_serializing_if = "Option::is_none", deserialize_with = "some_file_name")]
     pub mask: Option<String>,
-    /// Path of the mask in the version, if the version takes it along.
+    /// Path of the mask in the version, if the version includes it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub mask_path: Option<String>,
     /// Length of the mask.
@@ -186,7 +186,6 @@ pub struct LeftOut {
     /// Its name.
     pub name: String,
     /// Why.
-    #[serde(deserialize_with = "reason")]
     pub why: String,
     /// Length of its file, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -273,14 +272,9 @@ fn some_file_name<'de, D: serde::Deserializer<'de>>(from: D) -> Result<Option<St
     Option::<String>::deserialize(from).map(|path| path.map(|path| last_part(&path)))
 }
 
-/// A reason may name a picture on the computer on which the model was coloured.
-fn reason<'de, D: serde::Deserializer<'de>>(from: D) -> Result<String, D::Error> {
-    String::deserialize(from).map(|why| why.split(" (see ").next().unwrap_or_default().to_owned())
-}
-
 /// A file of the version that a report names.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct TakenFile<'a> {
+pub struct IncludedFile<'a> {
     /// Path in the version.
     pub path: &'a str,
     /// Length.
@@ -306,6 +300,11 @@ impl Photograph {
         let of_mask = [self.mask.is_some(), self.mask_bytes.is_some(), self.mask_sha256.is_some()];
         if of_mask != [of_mask[0]; 3] || (self.mask_path.is_some() && self.path.is_none()) {
             return Err("its mask needs a name, a length and a SHA-256".to_owned());
+        }
+        if self.path.is_some() && !self.is_used() {
+            return Err(
+                "it has a path, although no colour comes from it; such photographs are not published".to_owned()
+            );
         }
         if ![&self.path, &self.mask_path].into_iter().flatten().all(|path| is_photograph(path)) {
             return Err(format!("its path must be in {PHOTOGRAPHS}, with the ending jpg or png"));
@@ -377,17 +376,17 @@ impl ColourReport {
         Ok(bytes)
     }
 
-    /// The photographs and masks that the version takes along, each once, in the order of the report.
-    pub fn files(&self) -> Vec<TakenFile<'_>> {
+    /// The photographs and masks that the version includes, each once, in the order of the report.
+    pub fn files(&self) -> Vec<IncludedFile<'_>> {
         let mut seen = BTreeSet::new();
         let mut files = Vec::new();
         for photo in &self.photographs {
             if let Some(path) = photo.path.as_deref().filter(|path| seen.insert(path.to_owned())) {
-                files.push(TakenFile { path, bytes: photo.bytes, sha256: &photo.sha256 });
+                files.push(IncludedFile { path, bytes: photo.bytes, sha256: &photo.sha256 });
             }
             let mask = photo.mask_path.as_deref().zip(photo.mask_bytes.zip(photo.mask_sha256.as_deref()));
             if let Some((path, (bytes, sha256))) = mask.filter(|(path, _)| seen.insert(path.to_owned())) {
-                files.push(TakenFile { path, bytes, sha256 });
+                files.push(IncludedFile { path, bytes, sha256 });
             }
         }
         files
@@ -417,15 +416,15 @@ impl ColourReport {
             }
         }
         // A pack with many sources has one entry for the last ones.
-        let rest = sources.iter().find_map(|source| Some((further_files(&source.name)?, source)));
+        let rest = sources.iter().find_map(|source| Some((source.stands_for()?, source)));
         let mut left = Vec::new();
         match rest {
             Some((count, rest)) if differences.is_empty() && count >= unlisted.len() => {
-                let lines = unlisted.iter().fold(String::new(), |lines, p| lines + &p.sha256 + "  " + &p.file + "\n");
+                let lines = unlisted.iter().map(|photo| (photo.sha256.as_str(), photo.file.as_str()));
                 if count > unlisted.len() && !unlisted.is_empty() {
                     let photographs = counted(unlisted.len(), "photograph", "photographs");
                     left.push(format!("{photographs} of the report could not be compared with the pack, which lists its last {count} source files as one entry"));
-                } else if !unlisted.is_empty() && sha256(lines.as_bytes()) != rest.sha256 {
+                } else if !unlisted.is_empty() && sha256(sum_lines(lines).as_bytes()) != rest.sha256 {
                     differences.push(format!("the last {count} source files of the pack are others"));
                 }
             }
@@ -464,12 +463,6 @@ impl ColourReport {
 
 fn short(sum: &str) -> &str {
     sum.get(..12).unwrap_or(sum)
-}
-
-/// How many files an entry of a pack's sources stands for: `12 further files (SHA-256 …)`.
-fn further_files(name: &str) -> Option<usize> {
-    let (count, rest) = name.split_once(" further file")?;
-    rest.contains("(SHA-256 of their list").then(|| count.replace(',', "").parse().ok())?
 }
 
 /// Gives photographs and masks their paths in a version: the same names give the same paths, equal files share one, and no two paths differ in case only.

@@ -19,7 +19,7 @@ pub(crate) fn report(change: &dyn Fn(&mut Value)) -> Vec<u8> {
         "kilwa_colour_report": 1, "output": "/home/amina/fort.kilwa", "bytes": 5, "triangles": 9, "vertices": 200, "coloured_share": 0.75,
         "points_compared": 40, "brightness": 1.0, "frame": null,
         "photographs": [photo("a.jpg", "aa"), photo("b.jpg", "bb")],
-        "left_out": [{ "name": "c.jpg", "why": "its pose stays uncertain (see /home/amina/overlays/0003.png)", "bytes": 7, "sha256": "cc".repeat(32) }],
+        "left_out": [{ "name": "c.jpg", "why": "its pose stays uncertain", "overlay": "/home/amina/overlays/0003.png", "bytes": 7, "sha256": "cc".repeat(32) }],
     });
     change(&mut list);
     list.to_string().into_bytes()
@@ -58,6 +58,9 @@ fn anything_but_a_report_of_colours_is_refused_with_the_reason() {
     assert!(photo(&|p| p["sha256"] = "xy".into()).starts_with("photograph 2 (\"images/b.jpg\"): its SHA-256"));
     assert!(photo(&|p| p["name"] = "a\nb".into()).contains("control characters"));
     assert!(photo(&|p| p["mask"] = "m.png".into()).contains("its mask needs"));
+    assert!(
+        photo(&|p| (p["path"], p["seen"]) = ("photographs/b.jpg".into(), 0.into())).contains("no colour comes from it")
+    );
     assert!(photo(&|p| p["share"] = (-1).into()).contains("not negative"));
     assert!(photo(&|p| p["position"][0] = 1e13.into()).contains("less than 1e12"));
     assert!(photo(&|p| p["camera_from_world"]["rotation_wxyz"][1] = 1.into()).contains("unit quaternion"));
@@ -99,11 +102,7 @@ fn a_report_belongs_to_a_pack_whose_sources_are_its_photographs() {
 fn sources_that_a_pack_lists_as_one_entry_are_compared_by_their_common_hash() {
     let parsed = ColourReport::parse(&report(&|_| {})).unwrap();
     let lines = format!("{}  a.jpg\n{}  b.jpg\n", "aa".repeat(32), "bb".repeat(32));
-    let entry = |count: usize, text: &str| SourceFile {
-        name: format!("{count} further files (SHA-256 of their list as sha256sum prints it)"),
-        bytes: 20,
-        sha256: sha256(text.as_bytes()),
-    };
+    let entry = |count: usize, text: &str| SourceFile::of_further(count, 20, sha256(text.as_bytes()));
     assert_eq!(parsed.same_photographs(&[entry(2, &lines)]), Ok(vec![]));
     let why = parsed.same_photographs(&[entry(2, "other")]).unwrap_err().to_string();
     assert!(why.contains("the last 2 source files of the pack are others"), "{why}");

@@ -36,9 +36,9 @@ pub const HOLES: &str = "holes.geojson";
 pub const TILES: &str = "tiles";
 /// Their root.
 pub const TILESET: &str = "tiles/tileset.json";
-/// The report of the colours, where one was given: what `kilwa colour --report` wrote.
+/// The colour report, if there is one: what `kilwa colour --report` wrote.
 pub const COLOUR_REPORT: &str = "colour-report.json";
-/// Folder of the photographs that the colours come from, with their masks, where they were taken along.
+/// Folder of the photographs that the colours come from, with their masks, if the version includes them.
 pub const PHOTOGRAPHS: &str = "photographs";
 /// IIIF Presentation manifest.
 pub const IIIF: &str = "iiif/manifest.json";
@@ -223,7 +223,7 @@ pub fn is_object(folder: &Path) -> bool {
 /// Whether a file, given by its path in an object or in a version of it, contains the geometry of the model: packs, other mesh formats, 3D Tiles
 /// with the JSON that says where they are, and what only those may have who may have the model.
 pub fn is_geometry(name: &str) -> bool {
-    // Notes and holes contain positions on the model, and the report of the colours those of cameras.
+    // Notes and holes contain positions on the model, and the colour report those of cameras.
     if name.rsplit('/').next().is_some_and(|name| [ANNOTATIONS, HOLES, COLOUR_REPORT].contains(&name)) {
         return true;
     }

@@ -136,7 +136,7 @@ pub struct FileEntry {
     pub sha256: Checksum,
 }
 
-/// The photographs that a version takes along.
+/// The photographs that a version includes.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PhotographsEntry {
@@ -229,10 +229,10 @@ pub struct Version {
     /// The root of its 3D Tiles, where it has any.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub tiles: Option<FileEntry>,
-    /// The report of its colours, where one was given.
+    /// The colour report, if there is one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub colour_report: Option<FileEntry>,
-    /// The photographs that the colours come from, where they were taken along.
+    /// The photographs that the colours come from, if the version includes them.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub photographs: Option<PhotographsEntry>,
     /// Its numbers.
@@ -387,7 +387,7 @@ pub struct Optional<'a> {
     pub holes: Option<&'a str>,
     /// The root of its 3D Tiles.
     pub tiles: Option<&'a str>,
-    /// The report of its colours, which names the photographs.
+    /// The colour report, which names the photographs.
     pub colour_report: Option<&'a str>,
 }
 

@@ -106,7 +106,7 @@ struct Landing<'a> {
 /// Photographs that the page lists at most; all of them are in the colour report.
 const PHOTOGRAPHS_SHOWN: usize = 500;
 
-/// The photographs that the version takes along.
+/// The photographs that the version includes.
 struct Photographs<'a> {
     /// How many there are, with their length.
     summary: String,
@@ -121,7 +121,7 @@ struct Photographs<'a> {
 
 impl<'a> Photographs<'a> {
     fn of(p: &'a Publication) -> Option<Self> {
-        let (taken, field) = p.photographs()?;
+        let (included, field) = p.photographs()?;
         let report = &p.colours.as_ref()?.report;
         let all: f64 = report.photographs.iter().map(|photo| photo.share).sum();
         let listed = report.photographs.iter().filter_map(|photo| Some((photo.path.as_deref()?, photo)));
@@ -136,7 +136,11 @@ impl<'a> Photographs<'a> {
         let more = files.len().saturating_sub(PHOTOGRAPHS_SHOWN);
         let creators = Some(field.creators.join("; ")).filter(|text| !text.is_empty());
         Some(Self {
-            summary: format!("{}, {}", counted(taken.photographs, "photograph", "photographs"), size(taken.bytes)),
+            summary: format!(
+                "{}, {}",
+                counted(included.photographs, "photograph", "photographs"),
+                size(included.bytes)
+            ),
             rights: Rights::parse(&field.rights).ok()?,
             words: [creators, field.holder.clone(), field.credit.clone()].into_iter().flatten().collect(),
             files: files.into_iter().take(PHOTOGRAPHS_SHOWN).collect(),

@@ -14,6 +14,7 @@ use kilwa_scan_core::photo_pose::Similarity;
 use kilwa_scan_core::photo_pose::icp::SurfaceFit;
 use serde_json::{Value, json};
 use std::io::Write as _;
+use std::path::Path;
 
 pub(super) fn print(args: &Args, done: &Done, seconds: f64) -> anyhow::Result<()> {
     let mut out = crate::terminal::out();
@@ -67,8 +68,9 @@ pub(super) fn print(args: &Args, done: &Done, seconds: f64) -> anyhow::Result<()
     if report.places == 0 && compared > 1 {
         writeln!(out, "  No vertex is seen clearly by two photographs, so their exposures could not be compared.")?;
     }
-    for LeftOut { name, why, .. } in left_out {
-        writeln!(out, "  {} was left out: {}.", visible(name), visible(why))?;
+    for LeftOut { name, why, overlay, .. } in left_out {
+        let see = overlay.map_or_else(String::new, |path| format!(" (see {})", path.display()));
+        writeln!(out, "  {} was left out: {}{}.", visible(name), visible(why), visible(&see))?;
     }
     Ok(())
 }
@@ -77,16 +79,19 @@ pub(super) fn print(args: &Args, done: &Done, seconds: f64) -> anyhow::Result<()
 struct LeftOut<'a> {
     name: &'a str,
     why: &'a str,
+    /// The picture that shows why, if one was written.
+    overlay: Option<&'a Path>,
     /// Its file, if it could be read.
     file: Option<&'a SourceFile>,
 }
 
 fn left_out(done: &Done) -> Vec<LeftOut<'_>> {
-    let unusable = done.photographs.left_out.iter().map(|(name, why)| LeftOut { name, why, file: None });
+    let unusable = done.photographs.left_out.iter().map(|(name, why)| LeftOut { name, why, overlay: None, file: None });
     let photos = done.report.photos.iter().zip(&done.files);
     let unfit = photos.filter_map(|(photo, files)| {
         let file = files.as_ref().map(|files| &files.photograph);
-        Some(LeftOut { name: &photo.name, why: photo.left_out.as_deref()?, file })
+        let left_out = photo.left_out.as_ref()?;
+        Some(LeftOut { name: &photo.name, why: &left_out.why, overlay: left_out.overlay.as_deref(), file })
     });
     unusable.chain(unfit).collect()
 }
@@ -113,8 +118,8 @@ fn as_json(args: &Args, done: &Done, left_out: &[LeftOut<'_>]) -> Value {
         "photographs": used.map(|(photo, (input, files))| photo_as_json(photo, input, files.as_ref())).collect::<Vec<_>>(),
         "frame": done.aligned.as_ref().map(frame_as_json),
         "points_near_model": done.doubt.map(|[near, all]| json!({"near": near, "points": all})),
-        "left_out": left_out.iter().map(|LeftOut { name, why, file }| {
-            json!({"name": name, "why": why, "bytes": file.map(|file| file.bytes), "sha256": file.map(|file| &file.sha256)})
+        "left_out": left_out.iter().map(|LeftOut { name, why, overlay, file }| {
+            json!({"name": name, "why": why, "overlay": overlay, "bytes": file.map(|file| file.bytes), "sha256": file.map(|file| &file.sha256)})
         }).collect::<Vec<_>>(),
     })
 }

@@ -1,7 +1,7 @@
 //! `--dry-run`: every field that was given, and where it goes.
 
 use super::notes;
-use super::photographs::TakenAlong;
+use super::photographs::ColourFiles;
 use super::plan::Plan;
 use kilwa_files::size;
 use kilwa_pack::plural::counted;
@@ -192,8 +192,8 @@ fn json(plan: &Plan) -> Value {
             json!({ "field": r.field, "value": r.value, "dublin_core": dc, "datacite": datacite, "europeana": edm, "schema_org": schema })
         })
         .collect();
-    let taken = TakenAlong::of(&plan.given);
-    json!({ "object": plan.at, "colour_report": taken.colour_report, "photographs": taken.photographs, "masks": taken.masks,
-        "photograph_bytes": taken.photograph_bytes, "version": plan.facts.version(), "published": plan.facts.published, "note": plan.facts.note,
+    let colours = ColourFiles::of(&plan.given);
+    json!({ "object": plan.at, "colour_report": colours.colour_report, "photographs": colours.photographs, "masks": colours.masks,
+        "photograph_bytes": colours.photograph_bytes, "version": plan.facts.version(), "published": plan.facts.published, "note": plan.facts.note,
         "fields": fields, "notes": plan.given.notes.as_ref().map_or(0, |n| n.notes.len()), "holes": plan.given.holes.as_ref().map_or(0, |n| n.holes.len()), "left_out": plan.channels_left_out().into_iter().chain(notes::left_out(plan)).collect::<Vec<_>>(), "warnings": plan.warnings(), "advice": plan.advice() })
 }

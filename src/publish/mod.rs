@@ -162,7 +162,7 @@ struct Report {
     /// How many 3D Tiles it has.
     tiles: u64,
     #[serde(flatten)]
-    taken_along: photographs::TakenAlong,
+    colour_files: photographs::ColourFiles,
     #[serde(skip_serializing_if = "Option::is_none")]
     bag: Option<String>,
     /// Whether the pages of the folder were written.
@@ -241,7 +241,7 @@ fn say(args: &Args, report: &Report) -> anyhow::Result<()> {
     if report.tiles > 0 {
         writeln!(out, "  with {}", counted(report.tiles, "3D tile", "3D tiles"))?;
     }
-    report.taken_along.print(&mut out)?;
+    report.colour_files.print(&mut out)?;
     for line in &report.left_out {
         writeln!(out, "  left out: {line}")?;
     }

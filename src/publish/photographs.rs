@@ -3,7 +3,7 @@
 //!
 //! [`Colours::read`] checks the report against the pack and finds the photographs by name and length; [`Colours::verify`] compares their bytes with the
 //! report; both happen before anything is written. Photographs are copied byte for byte, with what they state about themselves (EXIF), so neither is
-//! published without the location of the model. Only photographs that a colour comes from are taken along, with their masks.
+//! published without the location of the model. Only photographs that a colour comes from are included, with their masks.
 
 use super::Args;
 use super::plan::Given;
@@ -14,7 +14,7 @@ use kilwa_archive::checksums::{Checksum, sha256_of};
 use kilwa_archive::colour_report::{COLOUR_REPORT_READ_MAX, PHOTOGRAPH_MAX, Paths, Photograph};
 use kilwa_archive::draft::Draft;
 use kilwa_archive::metadata::PhotographsField;
-use kilwa_archive::record::Taken;
+use kilwa_archive::record::Included;
 use kilwa_archive::rights::{CHOICES, Rights};
 use kilwa_archive::{ColourReport, Manifest, Metadata};
 use kilwa_files::{plain_file, size};
@@ -34,13 +34,13 @@ pub(super) struct Colours {
     /// Bytes of `colour-report.json`.
     pub(super) bytes: Vec<u8>,
     pub(super) report: ColourReport,
-    /// Photographs and masks that are taken along, each once.
+    /// Photographs and masks that the version includes, each once.
     pub(super) files: Vec<Found>,
     /// Their number and length.
-    pub(super) taken: Option<Taken>,
+    pub(super) included: Option<Included>,
     /// Short name of their rights.
     rights: String,
-    /// What is hardly meant.
+    /// Values that are probably mistakes.
     warnings: Vec<String>,
 }
 
@@ -81,8 +81,8 @@ impl Colours {
             without_paths(&mut report);
         }
         let bytes = report.to_bytes().with_context(in_report)?;
-        let taken = Taken::of(&report);
-        Ok(Some(Self { bytes, report, files, taken, rights, warnings }))
+        let included = Included::of(&report);
+        Ok(Some(Self { bytes, report, files, included, rights, warnings }))
     }
 
     /// Compare the bytes of every file with the report. Calls `on_read` with the number of bytes that were read.
@@ -103,17 +103,17 @@ impl Colours {
         refuse(&[], &changed)
     }
 
-    /// Bytes of all files that are taken along.
+    /// Bytes of all files that are included.
     pub(super) fn length(&self) -> u64 {
-        self.taken.map_or(0, |taken| taken.bytes)
+        self.included.map_or(0, |included| included.bytes)
     }
 
-    /// What is taken along, in words.
+    /// What is included, in words.
     pub(super) fn summary(&self) -> Option<String> {
-        let taken = self.taken?;
-        let masks = in_words(taken.masks);
-        let photographs = counted(taken.photographs, "photograph", "photographs");
-        Some(format!("{photographs}{masks}, {} ({})", size::text(taken.bytes), self.rights))
+        let included = self.included?;
+        let masks = in_words(included.masks);
+        let photographs = counted(included.photographs, "photograph", "photographs");
+        Some(format!("{photographs}{masks}, {} ({})", size::text(included.bytes), self.rights))
     }
 
     /// The report, in words.
@@ -124,10 +124,10 @@ impl Colours {
     }
 }
 
-/// What a version takes along, for the report of the command.
+/// What a version includes, for the report of the command.
 #[derive(Debug, Clone, Copy, Default, Serialize)]
-pub(super) struct TakenAlong {
-    /// Whether it has a report of its colours.
+pub(super) struct ColourFiles {
+    /// Whether it has a colour report.
     pub(super) colour_report: bool,
     pub(super) photographs: u64,
     pub(super) masks: u64,
@@ -135,14 +135,14 @@ pub(super) struct TakenAlong {
     pub(super) photograph_bytes: u64,
 }
 
-impl TakenAlong {
+impl ColourFiles {
     pub(super) fn of(given: &Given) -> Self {
         let Some(colours) = &given.colours else { return Self::default() };
         let none = Self { colour_report: true, ..Self::default() };
-        colours.taken.map_or(none, |taken| Self {
-            photographs: taken.photographs,
-            masks: taken.masks,
-            photograph_bytes: taken.bytes,
+        colours.included.map_or(none, |included| Self {
+            photographs: included.photographs,
+            masks: included.masks,
+            photograph_bytes: included.bytes,
             ..none
         })
     }
@@ -150,7 +150,7 @@ impl TakenAlong {
     /// Print it, if there is anything.
     pub(super) fn print(&self, out: &mut impl Write) -> std::io::Result<()> {
         if self.colour_report {
-            writeln!(out, "  with the report of its colours")?;
+            writeln!(out, "  with the colour report")?;
         }
         if self.photographs > 0 {
             let masks = in_words(self.masks);
@@ -169,7 +169,7 @@ fn in_words(masks: u64) -> String {
 /// State what will be published, with its size, before anything is written.
 pub(super) fn announce(given: &Given, progress: &Progress) {
     if let Some(summary) = given.colours.as_ref().and_then(Colours::summary) {
-        progress.say(&format!("kilwa: with the model, these are published: {summary}"));
+        progress.say(&format!("kilwa: also publishes {summary}"));
     }
 }
 
@@ -184,7 +184,7 @@ pub(super) fn verify(given: &Given, progress: &Progress) -> anyhow::Result<()> {
 ///
 /// # Errors
 /// If the disk refuses, or a photograph changes meanwhile.
-pub(super) fn take(given: &Given, draft: &mut Draft<'_>, progress: &Progress) -> anyhow::Result<()> {
+pub(super) fn copy_into(given: &Given, draft: &mut Draft<'_>, progress: &Progress) -> anyhow::Result<()> {
     let Some(colours) = given.colours.as_ref().filter(|colours| !colours.files.is_empty()) else { return Ok(()) };
     progress.begin(Stage::Photographs);
     for file in &colours.files {
@@ -206,8 +206,8 @@ pub(super) fn take(given: &Given, draft: &mut Draft<'_>, progress: &Progress) ->
 /// A warning if the previous version has a colour report or photographs and this one does not.
 pub(super) fn lost(given: &Given, before: Option<&Manifest>) -> Option<String> {
     let last = before.and_then(|m| m.versions.last())?;
-    let taken = given.colours.as_ref().and_then(|colours| colours.taken);
-    if last.photographs.is_some() && taken.is_none() {
+    let included = given.colours.as_ref().and_then(|colours| colours.included);
+    if last.photographs.is_some() && included.is_none() {
         return Some(
             "the previous version has photographs, and this one has none (--colour-report, --photos)".to_owned(),
         );
@@ -446,7 +446,7 @@ fn refuse(missing: &[String], changed: &[String]) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// A warning if photographs state where they were taken, and the model's location is not published.
+/// A warning if photographs state where they were included, and the model's location is not published.
 fn positions(files: &[Found], metadata: &Metadata, of_pack: &kilwa_pack::Metadata) -> Option<String> {
     let is_public = of_pack.crs.is_some() || metadata.place.as_ref().is_some_and(|place| place.latitude.is_some());
     let stating = files.iter().filter(|file| !is_public && kilwa_scan::photos::states_position(&file.from)).count();

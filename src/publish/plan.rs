@@ -42,7 +42,7 @@ pub(super) struct Given {
     pub(super) notes: Option<Notes>,
     /// The holes of its surface, at coordinates of the pack that was given.
     pub(super) holes: Option<Holes>,
-    /// The report of its colours, and the photographs.
+    /// The colour report, and the photographs.
     pub(super) colours: Option<Colours>,
 }
 

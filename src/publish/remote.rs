@@ -1,6 +1,6 @@
 //! `kilwa publish --to https://…`: made here as for a folder, then sent to a server, which verifies it and publishes it.
 
-use super::photographs::TakenAlong;
+use super::photographs::ColourFiles;
 use super::plan::{Given, Plan};
 use super::progress::{Progress, Stage};
 use super::send::{Patience, SendEvent, Sender, is_loopback};
@@ -168,7 +168,7 @@ fn send(args: &Args, sender: &Sender, plan: &Plan, work: &Path, progress: &Progr
         notes: plan.given.notes.as_ref().map_or(0, |n| n.notes.len()),
         holes: plan.given.holes.as_ref().map_or(0, |n| n.holes.len()),
         tiles: 0,
-        taken_along: TakenAlong::of(&plan.given),
+        colour_files: ColourFiles::of(&plan.given),
         bag: None,
         pages: false,
         left_out,
@@ -248,7 +248,7 @@ fn already(sender: &Sender, given: &Given, before: Option<&Manifest>, at: &str) 
         notes: given.notes.as_ref().map_or(0, |n| n.notes.len()),
         holes: given.holes.as_ref().map_or(0, |n| n.holes.len()),
         tiles: 0,
-        taken_along: TakenAlong::of(given),
+        colour_files: ColourFiles::of(given),
         bag: None,
         pages: false,
         left_out: Vec::new(),

@@ -1,6 +1,6 @@
 //! From a plan to the object on disk.
 
-use super::photographs::TakenAlong;
+use super::photographs::ColourFiles;
 use super::plan::{Given, Plan, is_same_request};
 use super::progress::{Progress, Stage};
 use super::{Args, Report, holes, notes, photographs, pictures, tiles};
@@ -137,7 +137,7 @@ fn run_with(args: &Args, plan: &mut Plan, progress: &Progress, picture: Picture<
         notes: publication.notes.map_or(0, |n| n.notes.notes.len()),
         holes: publication.holes.map_or(0, |n| n.count),
         tiles: publication.tiles.map_or(0, |tiles| tiles.tiles),
-        taken_along: TakenAlong::of(&plan.given),
+        colour_files: ColourFiles::of(&plan.given),
         pack: publication.pack,
         bag,
         pages,
@@ -225,7 +225,7 @@ impl Prepared {
             draft.adopt(path)?;
         }
         let tiles = tiles::make(args, &plan.given, &folder.join(pack_name(&pack_sum)), draft, progress)?;
-        photographs::take(&plan.given, draft, progress)?;
+        photographs::copy_into(&plan.given, draft, progress)?;
         Ok(Self { taken, of_pack, identity, bytes, pack_sum, pictured, tiles })
     }
 }
@@ -257,7 +257,7 @@ fn already(
         notes: plan.given.notes.as_ref().map_or(0, |n| n.notes.len()),
         holes: plan.given.holes.as_ref().map_or(0, |n| n.holes.len()),
         tiles: made.tiles.as_ref().map_or(0, |made| made.published.tiles),
-        taken_along: TakenAlong::of(&plan.given),
+        colour_files: ColourFiles::of(&plan.given),
         bag,
         pages,
         left_out: Vec::new(),

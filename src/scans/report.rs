@@ -33,7 +33,7 @@ pub(crate) struct Args {
     /// The report of the merge, written by `kilwa merge --json`.
     #[arg(long, value_name = "FILE.json")]
     merge: Option<PathBuf>,
-    /// The report of the colours, written by `kilwa colour --report`.
+    /// The colour report, written by `kilwa colour --report`.
     #[arg(long, value_name = "FILE.json")]
     colour: Option<PathBuf>,
     /// Replace an existing report.
@@ -103,6 +103,8 @@ struct Refined {
 struct LeftOut {
     name: String,
     why: String,
+    /// The picture that shows why.
+    overlay: Option<String>,
 }
 
 #[derive(Template)]

@@ -21,7 +21,7 @@ use kilwa_archive::layout::{
 use kilwa_archive::manifest::{FileEntry, MANIFEST_MAX, Seal, seal_of};
 use kilwa_archive::next::NEXT;
 use kilwa_archive::notes::NOTES_MAX;
-use kilwa_archive::record::Taken;
+use kilwa_archive::record::Included;
 use kilwa_archive::sound;
 use kilwa_archive::{AccessState, ColourReport, Holes, Manifest, Metadata, Notes, Version};
 use kilwa_pack::Source;
@@ -550,7 +550,7 @@ impl Check<'_> {
         }
     }
 
-    /// The report of the colours is the one that the manifest names, and the photographs of the version are those that it names. Damage is named where
+    /// The colour report is the one that the manifest names, and the photographs of the version are those that it names. Damage is named where
     /// checksums are compared.
     fn colours(&mut self, version: &Version, list: &Checksums, kept: &Kept) {
         let path = format!("{}/{COLOUR_REPORT}", version.folder);
@@ -585,8 +585,8 @@ impl Check<'_> {
             let what = format!("{CHECKSUMS} and the colour report disagree about {photograph}");
             self.add(&path, Kind::Incomplete, what);
         }
-        let taken = Taken::of(&report).map(|taken| (taken.files(), taken.bytes));
-        if taken != version.photographs.as_ref().map(|entry| (entry.files, entry.bytes)) {
+        let included = Included::of(&report).map(|included| (included.files(), included.bytes));
+        if included != version.photographs.as_ref().map(|entry| (entry.files, entry.bytes)) {
             let what = format!("{MANIFEST} states another number or length of photographs than the colour report");
             self.add(&path, Kind::Incomplete, what);
         }

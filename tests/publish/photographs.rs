@@ -1,4 +1,4 @@
-//! `kilwa publish --colour-report` and `--photos`: the report of the colours and the photographs that they come from become part of a version.
+//! `kilwa publish --colour-report` and `--photos`: the colour report and the photographs that they come from become part of a version.
 
 use super::{Bench, FULL, MINIMAL, json_of, pack, run, tree};
 use crate::support::{json, succeeds, text};
@@ -84,7 +84,7 @@ fn photographs_and_their_report_become_part_of_the_version_and_are_verified() {
     assert!(!bench.path("site").exists());
     let output = bench.publish(&made.pack, WITH_RIGHTS, &[&made.options()[..], &["--json"]].concat());
     let said = String::from_utf8(output.stderr).unwrap();
-    assert!(said.contains("these are published: 3 photographs and 1 mask, "), "{said}");
+    assert!(said.contains("also publishes 3 photographs and 1 mask, "), "{said}");
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!((&report["photographs"], &report["masks"]), (&3.into(), &1.into()), "{report}");
     let object = PathBuf::from(report["object"].as_str().unwrap());

@@ -73,7 +73,7 @@ pub struct Publication {
     pub holes: Option<PublishedHoles>,
     /// The 3D Tiles of it, where they were made.
     pub tiles: Option<PublishedTiles>,
-    /// The report of its colours, where one was given.
+    /// The colour report, if there is one.
     pub colours: Option<PublishedColours>,
     /// Program and version that publishes.
     pub tool: String,
@@ -114,7 +114,7 @@ pub struct PublishedHoles {
     pub sha256: Checksum,
 }
 
-/// The report of the colours of a version, as its file has it.
+/// The colour report of a version, as its file has it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PublishedColours {
     /// What it says.
@@ -123,13 +123,13 @@ pub struct PublishedColours {
     pub bytes: u64,
     /// Its SHA-256.
     pub sha256: Checksum,
-    /// The photographs that the version takes along, if it does.
-    pub taken: Option<Taken>,
+    /// The photographs that the version includes, if it does.
+    pub included: Option<Included>,
 }
 
-/// Photographs and masks that a version takes along.
+/// Photographs and masks that a version includes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Taken {
+pub struct Included {
     /// How many photographs.
     pub photographs: u64,
     /// How many masks, which photographs can share.
@@ -138,7 +138,7 @@ pub struct Taken {
     pub bytes: u64,
 }
 
-impl Taken {
+impl Included {
     /// Those of a report; None if it names no files of the version.
     pub fn of(report: &ColourReport) -> Option<Self> {
         let files = report.files();
@@ -218,7 +218,7 @@ impl Publication {
         Ok(self)
     }
 
-    /// With the report of the colours in the version's folder, if there is one. It was checked before.
+    /// With the colour report in the version's folder, if there is one. It was checked before.
     ///
     /// # Errors
     /// When it cannot be read.
@@ -228,14 +228,14 @@ impl Publication {
             bytes => bytes?,
         };
         let report = ColourReport::parse(&bytes).map_err(|e| io::Error::new(io::ErrorKind::InvalidData, e))?;
-        let taken = Taken::of(&report);
-        self.colours = Some(PublishedColours { report, bytes: bytes.len() as u64, sha256: sha256(&bytes), taken });
+        let included = Included::of(&report);
+        self.colours = Some(PublishedColours { report, bytes: bytes.len() as u64, sha256: sha256(&bytes), included });
         Ok(self)
     }
 
-    /// The photographs that the version takes along, with their rights.
-    pub fn photographs(&self) -> Option<(Taken, &PhotographsField)> {
-        self.colours.as_ref()?.taken.zip(self.metadata.photographs.as_ref())
+    /// The photographs that the version includes, with their rights.
+    pub fn photographs(&self) -> Option<(Included, &PhotographsField)> {
+        self.colours.as_ref()?.included.zip(self.metadata.photographs.as_ref())
     }
 
     /// Absolute address of the object, ending with `/`.

@@ -54,9 +54,8 @@ pub(super) fn paradata(p: &Publication) -> Value {
         let mut about = json!(colours.report);
         about["file"] = json!(COLOUR_REPORT);
         about["sha256"] = json!(colours.sha256);
-        if let Some((taken, rights)) = p.photographs() {
-            about["photographs_taken_along"] =
-                json!({ "count": taken.photographs, "masks": taken.masks, "bytes": taken.bytes, "rights": rights });
+        if let Some((included, rights)) = p.photographs() {
+            about["included_photographs"] = json!({ "count": included.photographs, "masks": included.masks, "bytes": included.bytes, "rights": rights });
         }
         all["colours"] = about;
     }

@@ -6,7 +6,7 @@ use crate::rights::Rights;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
-/// The photographs that the version takes along: whose they are, and what each file is.
+/// The photographs that the version includes: whose they are, and what each file is.
 #[derive(Default)]
 pub(super) struct Photographs<'a> {
     /// Files of photographs (`true`) and masks, with the name of the photograph.

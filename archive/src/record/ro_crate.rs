@@ -85,7 +85,7 @@ pub fn ro_crate(p: &Publication, files: &[(String, u64, String)]) -> Vec<u8> {
             }
             HOLES => one["name"] = json!("Holes of the surface (GeoJSON)"),
             COLOUR_REPORT => {
-                one["name"] = json!("Report of the colours: photographs with their poses, residuals and shares");
+                one["name"] = json!("Colour report: photographs with their poses, residuals and shares");
             }
             IIIF_ANNOTATIONS => one["name"] = json!("Notes on the model, in the scene of the IIIF manifest"),
             _ => photographs.describe(path, &mut one),

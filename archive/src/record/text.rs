@@ -131,12 +131,12 @@ fn files(s: &mut String, p: &Publication) {
             counted(c.report.photographs.len(), "photograph", "photographs")
         );
     }
-    if let Some((taken, _)) = p.photographs() {
+    if let Some((included, _)) = p.photographs() {
         let _ = write!(
             s,
             "  {PHOTOGRAPHS}/\n      {} that the colours come from, and their masks ({}). LICENSE.txt states their rights.\n",
-            counted(taken.photographs, "photograph", "photographs"),
-            size(taken.bytes)
+            counted(included.photographs, "photograph", "photographs"),
+            size(included.bytes)
         );
     }
     if let Some(t) = &p.tiles {

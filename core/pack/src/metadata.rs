@@ -28,6 +28,28 @@ pub struct SourceFile {
     pub sha256: String,
 }
 
+const FURTHER: [&str; 2] = ["further file", "further files"];
+const OF_THEIR_LIST: &str = " (SHA-256 of their list as sha256sum prints it)";
+
+impl SourceFile {
+    /// An entry that stands for several files, the last ones of a pack with many sources: their number, their bytes, and the SHA-256 of their
+    /// [`sum_lines`].
+    pub fn of_further(count: usize, bytes: u64, sha256: String) -> Self {
+        Self { name: format!("{}{OF_THEIR_LIST}", counted(count, FURTHER[0], FURTHER[1])), bytes, sha256 }
+    }
+
+    /// The number of files that the entry stands for, if it is one of [`SourceFile::of_further`].
+    pub fn stands_for(&self) -> Option<usize> {
+        let (count, noun) = self.name.strip_suffix(OF_THEIR_LIST)?.split_once(' ')?;
+        FURTHER.contains(&noun).then(|| count.parse().ok())?
+    }
+}
+
+/// Lines for files, given as SHA-256 and name, as sha256sum prints them.
+pub fn sum_lines<'a>(files: impl Iterator<Item = (&'a str, &'a str)>) -> String {
+    files.fold(String::new(), |lines, (sha256, name)| lines + sha256 + "  " + name + "\n")
+}
+
 /// The name of the scalar channel with the part of the capture accuracy that is due to registration, metres.
 pub const REGISTRATION: &str = "registration";
 

@@ -83,13 +83,28 @@ pub struct Input {
     pub exposure: Option<f64>,
 }
 
+/// Why a photograph was not used.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct LeftOut {
+    /// The reason.
+    pub why: String,
+    /// The picture that shows it, with the edges of the model, if one was written.
+    pub overlay: Option<PathBuf>,
+}
+
+impl From<String> for LeftOut {
+    fn from(why: String) -> Self {
+        Self { why, overlay: None }
+    }
+}
+
 /// How a photograph was used.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PhotoReport {
     /// Its name.
     pub name: String,
     /// Why it was not used.
-    pub left_out: Option<String>,
+    pub left_out: Option<LeftOut>,
     /// Its camera and pose, refined if that was asked for.
     pub camera: PosedCamera,
     /// How its pose was refined.
@@ -207,7 +222,7 @@ fn keep(samples: &mut Vec<ToneSample>, vertex: [u32; 2], sample: ToneSample) {
 }
 
 impl PhotoReport {
-    fn new(input: &Input, found: &PhotoObservations, left_out: Option<String>) -> Self {
+    fn new(input: &Input, found: &PhotoObservations, left_out: Option<LeftOut>) -> Self {
         Self {
             name: input.name.clone(),
             left_out,
@@ -232,7 +247,7 @@ fn observe_all<S: Source + Sync>(
     share: Subsample,
     options: &Options,
     progress: &(dyn Progress + Sync),
-) -> Result<Vec<Result<PhotoObservations, String>>, ScanError> {
+) -> Result<Vec<Result<PhotoObservations, LeftOut>>, ScanError> {
     let bytes = |input: &Input| {
         let [width, height] = input.camera.camera.size().map(u64::from);
         width.saturating_mul(height).saturating_mul(PIXEL_BYTES).saturating_add(VIEW_BYTES)
@@ -244,7 +259,7 @@ fn observe_all<S: Source + Sync>(
             return Err(ScanError::Stopped);
         }
         let result = if bytes(input) > all {
-            Err(format!("it needs {} MiB of memory; allow twice that with --memory", bytes(input) >> 20))
+            Err(LeftOut::from(format!("it needs {} MiB of memory; allow twice that with --memory", bytes(input) >> 20)))
         } else {
             let work = Observing { model, vertices, observations, share, options };
             work.photograph(*number, input)?
@@ -274,10 +289,10 @@ struct Observing<'a, S> {
 
 impl<S: Source + Sync> Observing<'_, S> {
     /// What a photograph shows; or why it cannot be used.
-    fn photograph(&self, photo: u32, input: &Input) -> Result<Result<PhotoObservations, String>, ScanError> {
+    fn photograph(&self, photo: u32, input: &Input) -> Result<Result<PhotoObservations, LeftOut>, ScanError> {
         let picture = match Photograph::read(&input.path, input.camera.camera.size(), input.mask.as_deref()) {
             Ok(picture) => picture,
-            Err(why) => return Ok(Err(why)),
+            Err(why) => return Ok(Err(why.into())),
         };
         let refined = if self.options.refine {
             match self.refined(photo, input, &picture)? {
@@ -299,11 +314,11 @@ impl<S: Source + Sync> Observing<'_, S> {
         photo: u32,
         input: &Input,
         picture: &Photograph,
-    ) -> Result<Result<(PosedCamera, Refinement), String>, ScanError> {
+    ) -> Result<Result<(PosedCamera, Refinement), LeftOut>, ScanError> {
         let how = photo_pose::Options::default();
         let side = picture.size().into_iter().max().unwrap_or(1).div_ceil(how.finest);
         let (values, size) = picture.luma(side);
-        let Some(grey) = Grey::new(size, values) else { return Ok(Err("the picture is too small".to_owned())) };
+        let Some(grey) = Grey::new(size, values) else { return Ok(Err("the picture is too small".to_owned().into())) };
         let factor = f64::from(side);
         match align::refine_photograph(self.model, &input.camera, &grey, factor, &how)? {
             Ok(found) => {
@@ -312,6 +327,7 @@ impl<S: Source + Sync> Observing<'_, S> {
                 Ok(Ok((found.camera, refined)))
             }
             Err(why) => {
+                let mut left_out = LeftOut::from(why.to_string());
                 if let Some(folder) = &self.options.overlays {
                     let rasters = align::draw(self.model, &input.camera, 1.0 / factor)?;
                     let path = folder.join(format!("{:04}.png", photo + 1));
@@ -322,9 +338,9 @@ impl<S: Source + Sync> Observing<'_, S> {
                         kilwa_files::atomic::write(&path, &bytes, kilwa_files::atomic::Access::Default, true)
                     });
                     written.map_err(ScanError::write(&path))?;
-                    return Ok(Err(format!("{why} (see {})", path.display())));
+                    left_out.overlay = Some(path);
                 }
-                Ok(Err(why.to_string()))
+                Ok(Err(left_out))
             }
         }
     }
@@ -341,7 +357,7 @@ fn refuse_if_none(photos: &[PhotoReport]) -> Result<(), ScanError> {
             counted(readable, "photograph was", "photographs were")
         )));
     }
-    let why = photos.iter().find_map(|photo| Some(format!("{}: {}", photo.name, photo.left_out.as_ref()?)));
+    let why = photos.iter().find_map(|photo| Some(format!("{}: {}", photo.name, photo.left_out.as_ref()?.why)));
     Err(ScanError::Request(format!(
         "no photograph could be read; {}",
         why.unwrap_or_else(|| "there is none".to_owned())

@@ -8,7 +8,7 @@ use super::wire::AnnouncedFile;
 use super::wire::AnnouncedPreview;
 use glam::DVec3;
 use kilwa_archive::ColourReport;
-use kilwa_archive::colour_report::{COLOUR_REPORT_MAX, PHOTOGRAPH_MAX, TakenFile};
+use kilwa_archive::colour_report::{COLOUR_REPORT_MAX, IncludedFile, PHOTOGRAPH_MAX};
 use kilwa_archive::holes::HOLES_MAX;
 use kilwa_archive::layout::{
     ANNOTATIONS, COLOUR_REPORT, DRAWINGS, HOLES, POSTER, PREVIEW, PREVIEW_MAX, THUMBNAILS, is_photograph,
@@ -178,7 +178,7 @@ pub(super) fn check_holes(at: &Path, [min, max]: [DVec3; 2], location_redacted: 
     )))
 }
 
-/// Check the report of the colours of a version with these files, whose pack has these sources: it names all photographs and masks, and nothing else.
+/// Check the colour report of a version with these files, whose pack has these sources: it names all photographs and masks, and nothing else.
 ///
 /// # Errors
 /// As [`check`].
@@ -193,7 +193,7 @@ pub(super) fn check_colours(at: &Path, sources: &[SourceFile], files: &[Announce
         return Err(wrong(what.to_owned()));
     }
     let sent = files.iter().filter(|file| is_photograph(&file.path));
-    let mut sent: Vec<_> = sent.map(|f| TakenFile { path: &f.path, bytes: f.bytes, sha256: &f.sha256 }).collect();
+    let mut sent: Vec<_> = sent.map(|f| IncludedFile { path: &f.path, bytes: f.bytes, sha256: &f.sha256 }).collect();
     let mut named = report.files();
     sent.sort_by_key(|file| file.path);
     named.sort_by_key(|file| file.path);
