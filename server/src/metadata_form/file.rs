@@ -25,17 +25,32 @@ pub enum FileError {
     #[error("{} does not exist; make this folder first, or give another name", .0.display())]
     NoFolder(PathBuf),
     /// It is larger than any metadata file.
-    #[error("{} has {1} bytes, too many for a metadata file", .0.display())]
-    TooLarge(PathBuf, u64),
+    #[error("{} has {bytes} bytes, too many for a metadata file", .path.display())]
+    TooLarge {
+        /// The file.
+        path: PathBuf,
+        /// Its size.
+        bytes: u64,
+    },
     /// It is not text.
-    #[error("{}: line {1}: the file is not UTF-8; save it as UTF-8 with a text editor (in Notepad: Save as, Encoding)", .0.display())]
-    NotText(PathBuf, usize),
+    #[error("{}: line {line}: the file is not UTF-8; save it as UTF-8 with a text editor (in Notepad: Save as, Encoding)", .path.display())]
+    NotText {
+        /// The file.
+        path: PathBuf,
+        /// From 1.
+        line: usize,
+    },
     /// It is text, and no TOML; the text has file and line.
     #[error("{0}")]
     NoToml(String),
     /// The system refused.
-    #[error("cannot read {}: {1}", .0.display())]
-    Unreadable(PathBuf, #[source] io::Error),
+    #[error("cannot read {}: {source}", .path.display())]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// Its error.
+        source: io::Error,
+    },
     /// The system gives no random numbers.
     #[error("{0}")]
     Secret(String),
@@ -112,7 +127,7 @@ pub(super) fn check_place(path: &Path) -> Result<(), FileError> {
 
 /// The file, which must be TOML.
 pub(super) fn read(path: &Path) -> Result<Content, FileError> {
-    let unreadable = |e| FileError::Unreadable(path.to_owned(), e);
+    let unreadable = |source| FileError::Unreadable { path: path.to_owned(), source };
     let about = match std::fs::metadata(path) {
         Ok(about) => about,
         Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(Content::Nothing),
@@ -120,12 +135,12 @@ pub(super) fn read(path: &Path) -> Result<Content, FileError> {
     };
     check_place(path)?;
     if about.len() > FILE_MAX {
-        return Err(FileError::TooLarge(path.to_owned(), about.len()));
+        return Err(FileError::TooLarge { path: path.to_owned(), bytes: about.len() });
     }
     let bytes = std::fs::read(path).map_err(unreadable)?;
     let text = String::from_utf8(bytes).map_err(|e| {
         let line = e.as_bytes().iter().take(e.utf8_error().valid_up_to()).filter(|b| **b == b'\n').count() + 1;
-        FileError::NotText(path.to_owned(), line)
+        FileError::NotText { path: path.to_owned(), line }
     })?;
     if let Err(e) = Document::parse(&text) {
         // The check says more about what people write by mistake.

@@ -5,7 +5,7 @@ use super::{Editor, FileError, Saved};
 use crate::content::text;
 use crate::packs::blocking;
 use crate::{Limits, Metrics, listen};
-use axum::extract::{DefaultBodyLimit, Query, Request, State};
+use axum::extract::{DefaultBodyLimit, RawQuery, Request, State};
 use axum::http::header::{
     ACCEPT_LANGUAGE, CACHE_CONTROL, CONTENT_SECURITY_POLICY, CONTENT_TYPE, HOST, ORIGIN, REFERRER_POLICY,
     X_CONTENT_TYPE_OPTIONS,
@@ -115,11 +115,6 @@ async fn admit(State(guard): State<Guard>, request: Request, next: Next) -> Resp
     response
 }
 
-#[derive(Deserialize)]
-struct InLanguage {
-    lang: Option<String>,
-}
-
 /// What the page sends.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -132,11 +127,9 @@ struct Given {
     copy: bool,
 }
 
-async fn show(
-    State(editor): State<Arc<Editor>>,
-    Query(InLanguage { lang }): Query<InLanguage>,
-    headers: HeaderMap,
-) -> Response {
+async fn show(State(editor): State<Arc<Editor>>, RawQuery(query): RawQuery, headers: HeaderMap) -> Response {
+    let query = query.unwrap_or_default();
+    let lang = form_urlencoded::parse(query.as_bytes()).find(|(name, _)| name == "lang").map(|(_, code)| code);
     let texts = Texts::choose(lang.as_deref(), text(&headers, &ACCEPT_LANGUAGE).unwrap_or_default());
     match blocking(move || editor.show().map(|shown| page::page(&shown, texts))).await {
         Ok(Ok(html)) => Html(html).into_response(),
