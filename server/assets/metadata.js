@@ -13,7 +13,7 @@ function find(selector, kind, inside = document) {
 
 const form = find("#form", HTMLFormElement);
 const summary = find("#summary", HTMLElement);
-const status = find("#status", HTMLElement);
+const statusLine = find("#status", HTMLElement);
 const preview = find("#preview", HTMLDetailsElement);
 const leave = find("#leave", HTMLDialogElement);
 const conflict = find("#conflict", HTMLDialogElement);
@@ -64,14 +64,15 @@ const isChanged = () => !isFinished && JSON.stringify(collect()) !== kept;
 
 /** @param {string} text @param {string} [kind] */
 function report(text, kind = "") {
-  status.textContent = text;
-  status.className = kind;
+  // The same text again would be read out again, at every key.
+  if (statusLine.textContent !== text) statusLine.textContent = text;
+  statusLine.className = kind;
 }
 
 function showChanged() {
   if (isSaving) return;
   if (isChanged()) report(say("unsaved"), "changed");
-  else if (status.classList.contains("changed")) report(say("unchanged"));
+  else if (statusLine.classList.contains("changed")) report(say("unchanged"));
 }
 
 /** The field of a mistake. @param {string} place */
@@ -166,7 +167,7 @@ async function save(copy = false) {
     return false;
   } finally {
     isSaving = false;
-    if (isChanged() && !status.classList.contains("failed")) report(say("unsaved"), "changed");
+    if (isChanged() && !statusLine.classList.contains("failed")) report(say("unsaved"), "changed");
   }
 }
 
