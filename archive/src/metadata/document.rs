@@ -146,10 +146,17 @@ impl Document {
         }
     }
 
-    /// What is wrong with the file, by the code of `kilwa metadata check`.
+    /// What is wrong with the file, by the code of `kilwa metadata check`: of each field of the form the first mistake.
     pub fn faults(&self) -> Vec<Fault> {
         let problems = Metadata::parse(&self.text).err().map(|p| p.0).unwrap_or_default();
-        problems.iter().map(|problem| self.fault(problem)).collect()
+        let mut faults: Vec<Fault> = Vec::new();
+        for fault in problems.iter().map(|problem| self.fault(problem)) {
+            // A value that is none makes others wrong too: a latitude needs a longitude.
+            if fault.place.is_empty() || faults.iter().all(|other| other.place != fault.place) {
+                faults.push(fault);
+            }
+        }
+        faults
     }
 
     fn fault(&self, problem: &Problem) -> Fault {

@@ -90,7 +90,16 @@ fn comments_and_unknown_fields_stay_whatever_is_changed() {
         put(v, "access.state", "restricted");
         v.blocks.get_mut("creators").unwrap().remove(0);
     });
-    for kept in ["# Ours, since 2009.", "# the working title", "unheard_of = 1", "# first", "# Heinz scanned.", "[model] # as scanned", "# Amina drew.", "# from GPS"] {
+    for kept in [
+        "# Ours, since 2009.",
+        "# the working title",
+        "unheard_of = 1",
+        "# first",
+        "# Heinz scanned.",
+        "[model] # as scanned",
+        "# Amina drew.",
+        "# from GPS",
+    ] {
         assert!(changed.contains(kept), "{kept}: {changed}");
     }
     assert!(!changed.contains("Rüther") && changed.contains("[access]\nstate = \"restricted\"\n"), "{changed}");
@@ -102,8 +111,9 @@ fn comments_and_unknown_fields_stay_whatever_is_changed() {
 #[test]
 fn blocks_are_moved_with_their_comments_and_added_and_removed() {
     let swapped = change(FILE, |v| v.blocks.get_mut("creators").unwrap().swap(0, 1));
-    let [first, second] = ["# Amina drew.\n[[creators]]\nname = \"Juma", "# Heinz scanned.\n[[creators]]\nname = \"Rüther"]
-        .map(|block| swapped.find(block).unwrap_or_else(|| panic!("{swapped}")));
+    let [first, second] =
+        ["# Amina drew.\n[[creators]]\nname = \"Juma", "# Heinz scanned.\n[[creators]]\nname = \"Rüther"]
+            .map(|block| swapped.find(block).unwrap_or_else(|| panic!("{swapped}")));
     let model = swapped.find("[model]").unwrap();
     assert!(first < model && model < second, "{swapped}");
     let added = change(FILE, |v| {
@@ -195,7 +205,19 @@ fn mistakes_are_found_by_the_check_and_shown_at_the_field_of_the_right_block() {
 
 #[test]
 fn texts_of_any_shape_survive() {
-    for text in ["a\n\"\"\"\nb", "ends with \"", "one\ntwo\"", "back\\slash\nand \\n", "# [place]\nname = x", "tab\there\nx", "a\n\n\nb", "\"\"\"\"\"\"\n\"\""] {
+    for text in [
+        "a\n\"\"\"\nb",
+        "ends with \"",
+        "one\ntwo\"",
+        "a\n\"\"\"",
+        "a\nb\\\"",
+        "a\n\n\"c",
+        "back\\slash\nand \\n",
+        "# [place]\nname = x",
+        "tab\there\nx",
+        "a\n\n\nb",
+        "\"\"\"\"\"\"\n\"\"",
+    ] {
         let changed = change(&template::write(&full()), |v| put(v, "description", text));
         assert_eq!(Document::parse(&changed).unwrap().value("description"), text, "{changed}");
         assert_eq!(Metadata::parse(&changed).unwrap().description.as_deref(), Some(text), "{changed}");

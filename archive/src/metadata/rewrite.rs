@@ -78,9 +78,7 @@ fn repeated<'d>(root: &'d Table, path: &str) -> Option<&'d Item> {
 /// The blocks of a repeated section, in their order.
 pub(super) fn blocks<'d>(root: &'d Table, path: &str) -> Vec<Spot<'d>> {
     match repeated(root, path) {
-        Some(Item::ArrayOfTables(all)) => {
-            all.iter().map(|table| Spot { table, form: form_of(table, path) }).collect()
-        }
+        Some(Item::ArrayOfTables(all)) => all.iter().map(|table| Spot { table, form: form_of(table, path) }).collect(),
         Some(Item::Value(Value::Array(list))) => list
             .iter()
             .filter_map(|value| {
@@ -431,11 +429,11 @@ fn written(kind: Kind, value: &str, end: &str) -> String {
             _ => quoted(value),
         },
         Kind::Paragraphs if value.contains('\n') => {
-            let lines: Vec<String> = value.lines().map(escaped).collect();
-            // The quotation marks would come together with those that end the text.
-            let last = if value.ends_with('"') { "\\" } else { "" };
-            let text = lines.join(end);
-            let text = if last.is_empty() { text } else { format!("{}\\\"", &text[..text.len() - 1]) };
+            let (first, last) = value.rsplit_once('\n').unwrap_or(("", value));
+            let mut text: String = first.split('\n').map(|line| format!("{}{end}", escaped(line))).collect();
+            // A quotation mark at the end would come together with those that end the text.
+            let last = quoted(last);
+            text += &last[1..last.len() - 1];
             format!("\"\"\"{end}{text}\"\"\"")
         }
         Kind::Line | Kind::Paragraphs | Kind::Choice(_) => quoted(value),
@@ -461,8 +459,8 @@ fn extent(located: &Located<'_>, spot: &Spot<'_>) -> Option<[usize; 3]> {
         }
         above = before;
     }
-    let mut end = own_values(spot.table).iter().map(|v| located.line_end(v.end)).max();
-    let mut end = *end.get_or_insert(located.line_end(header.end));
+    let last = own_values(spot.table).iter().map(|v| v.end).max();
+    let mut end = located.line_end(last.unwrap_or(header.end));
     for (at, line) in located.lines(end..located.next_header(end)) {
         let said = line.trim_start_matches('#').trim();
         if !line.starts_with('#') || lines::header(said).is_some() {
@@ -489,9 +487,11 @@ pub(super) fn arrange(text: &str, path: &str, order: &[usize]) -> Option<String>
             return arrange_list(text, list, order);
         }
         // Blocks below a block would get lost, or come to another one.
-        let has_more = |spot: &Spot<'_>| spot.table.iter().any(|(_, item)| {
-            item.is_array_of_tables() || item.as_table().is_some_and(|table| !table.is_dotted())
-        });
+        let has_more = |spot: &Spot<'_>| {
+            spot.table
+                .iter()
+                .any(|(_, item)| item.is_array_of_tables() || item.as_table().is_some_and(|table| !table.is_dotted()))
+        };
         if all.iter().any(has_more) {
             return None;
         }

@@ -16,6 +16,25 @@ use serde_json::json;
 /// The fields without which there is no model; they come first, whatever section they belong to.
 const NEEDED: [(&str, &str); 3] = [("", "title"), ("rights", "uri"), ("model", "units")];
 
+/// Keys of fields that are read from left to right in every language: addresses, days, numbers, codes.
+const CODES: [&str; 15] = [
+    "language",
+    "published",
+    "identifier",
+    "url",
+    "slug",
+    "crs",
+    "orcid",
+    "ror",
+    "latitude",
+    "longitude",
+    "uri",
+    "accuracy",
+    "until",
+    "contact",
+    "units",
+];
+
 /// The texts of the form in one language.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Texts {
@@ -157,12 +176,30 @@ pub(super) fn page(shown: &Shown, t: Texts) -> String {
         is_current: l.code == t.language.code,
     };
     let keys = [
-        "moved", "removed", "saving", "unsaved", "unchanged", "wrongTitle", "foundTitle", "draftTitle", "saved",
-        "savedDraft", "savedCopy", "conflictText", "conflictCopy", "cannotSave", "unwritable", "unreachable",
-        "checkSays", "doneNothing", "doneWritten", "up", "down", "remove",
+        "moved",
+        "removed",
+        "saving",
+        "unsaved",
+        "unchanged",
+        "wrongTitle",
+        "foundTitle",
+        "draftTitle",
+        "saved",
+        "savedDraft",
+        "savedCopy",
+        "conflictText",
+        "conflictCopy",
+        "cannotSave",
+        "unwritable",
+        "unreachable",
+        "checkSays",
+        "doneNothing",
+        "doneWritten",
+        "up",
+        "down",
+        "remove",
     ];
-    let messages: serde_json::Map<_, _> =
-        keys.iter().map(|key| ((*key).to_owned(), json!(t.with(key, &[])))).collect();
+    let messages: serde_json::Map<_, _> = keys.iter().map(|key| ((*key).to_owned(), json!(t.with(key, &[])))).collect();
     render(&FormPage {
         t,
         file: &shown.seen.name,
@@ -245,10 +282,6 @@ fn rows(shown: &Shown, t: Texts, section: &'static Section, name: &str) -> (Vec<
 
 fn input(t: Texts, section: &'static Section, f: &'static Field, id: String, value: String) -> Input {
     let name = message_name(&section.name_of(f.key));
-    const CODES: [&str; 15] = [
-        "language", "published", "identifier", "url", "slug", "crs", "orcid", "ror", "latitude", "longitude", "uri",
-        "accuracy", "until", "contact", "units",
-    ];
     Input {
         key: f.key,
         label: t.t(&format!("f-{name}")).to_owned(),

@@ -48,7 +48,13 @@ impl Desk {
         format!("/{}/{rest}", self.editor.secret())
     }
 
-    async fn ask(&self, method: &str, uri: &str, headers: &[(&str, &str)], body: String) -> (StatusCode, HeaderMap, String) {
+    async fn ask(
+        &self,
+        method: &str,
+        uri: &str,
+        headers: &[(&str, &str)],
+        body: String,
+    ) -> (StatusCode, HeaderMap, String) {
         let mut request = Request::builder().method(method).uri(uri);
         for (name, value) in headers {
             request = request.header(*name, *value);
@@ -150,7 +156,10 @@ async fn values_that_are_wrong_are_refused_with_their_field_and_nothing_is_writt
         let (status, answer) = desk.save(&hash, &values).await;
         assert_eq!((status.as_u16(), &answer["kind"]), (422, &json!("wrong")), "{name}");
         let fault = answer["faults"].as_array().unwrap().iter().find(|f| f["place"] == name).unwrap();
-        assert!(!fault["advice"].as_str().unwrap().is_empty() && !fault["check"].as_str().unwrap().is_empty(), "{fault}");
+        assert!(
+            !fault["advice"].as_str().unwrap().is_empty() && !fault["check"].as_str().unwrap().is_empty(),
+            "{fault}"
+        );
         assert_eq!(desk.text(), FILE);
     }
     let (hash, mut values) = desk.open().await;
@@ -245,12 +254,19 @@ async fn the_page_has_every_field_in_every_language_and_a_strict_policy() {
         let policy = headers["content-security-policy"].to_str().unwrap();
         assert!(policy.starts_with("default-src 'none'; script-src 'self';") && !policy.contains("unsafe"), "{policy}");
         assert_eq!(headers["cache-control"], "no-store");
-        assert!(html.contains(&format!("<html lang=\"{code}\"")) && !html.contains(" style=\"") && !html.contains(" onclick"));
+        assert!(
+            html.contains(&format!("<html lang=\"{code}\""))
+                && !html.contains(" style=\"")
+                && !html.contains(" onclick")
+        );
         for section in kilwa_archive::metadata::schema::SECTIONS {
             for field in section.fields {
                 let row = if section.is_repeated { format!("{}.new", section.path) } else { section.path.to_owned() };
                 let id = if row.is_empty() { field.key.to_owned() } else { format!("{row}.{}", field.key) };
-                assert!(html.contains(&format!("id=\"{id}\"")) && html.contains(&format!("<label for=\"{id}\">")), "{id}");
+                assert!(
+                    html.contains(&format!("id=\"{id}\"")) && html.contains(&format!("<label for=\"{id}\">")),
+                    "{id}"
+                );
             }
         }
         // A message that is missing is shown as its key.
@@ -266,7 +282,12 @@ async fn the_page_has_every_field_in_every_language_and_a_strict_policy() {
 
 #[tokio::test]
 async fn what_a_pack_says_fills_only_what_the_file_leaves_open() {
-    let known = Known { title: Some("Of the pack".into()), units: Some("m".into()), crs: Some("EPSG:32737".into()), ..Known::default() };
+    let known = Known {
+        title: Some("Of the pack".into()),
+        units: Some("m".into()),
+        crs: Some("EPSG:32737".into()),
+        ..Known::default()
+    };
     let desk = Desk::knowing(Some(FILE), Some(known.clone()));
     let shown = desk.editor.show().unwrap();
     assert!(shown.is_filled);
