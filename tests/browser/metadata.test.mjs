@@ -8,7 +8,7 @@ import path from "node:path";
 import { after, before } from "node:test";
 import { promisify } from "node:util";
 import { serious } from "./axe.mjs";
-import { KILWA, launch, open, test } from "./harness.mjs";
+import { cachedFort, KILWA, launch, open, test } from "./harness.mjs";
 
 const FILE = `# Ours.
 title = "Gereza"  # the working title
@@ -97,8 +97,11 @@ test("by keyboard alone, the required fields are filled in, a creator is added, 
   const text = await desk.read();
   for (const line of ['title = "Gereza fort"', 'uri = "CC BY 4.0"', 'units = "mm"', 'name = "Juma, Amina"', "# REQUIRED. The name of the model."])
     assert.ok(text.includes(line), `${line}\n${text}`);
-  const { stdout } = await promisify(execFile)(KILWA, ["metadata", "check", desk.file]);
-  assert.match(stdout, /gereza\.toml: right\./);
+  const run = promisify(execFile);
+  assert.match((await run(KILWA, ["metadata", "check", desk.file])).stdout, /gereza\.toml: right\./);
+  const site = path.join(desk.folder, "site");
+  await run(KILWA, ["publish", await cachedFort(20_000), "--to", site, "--metadata", desk.file]);
+  assert.match(await readFile(path.join(site, "gereza-fort", "metadata", "metadata.json"), "utf8").catch(() => ""), /Juma, Amina/);
   await tabTo(page, page.getByRole("button", { name: "Done" }));
   await page.keyboard.press("Enter");
   await page.getByRole("heading", { name: "Finished" }).waitFor();
@@ -166,7 +169,7 @@ test("a file that changed meanwhile is not overwritten: mine goes beside it, and
   const desk = await edit(text);
   const { page, close } = await look(desk.url);
   await page.getByLabel("Title (required)").fill("Mine");
-  await page.getByText("Unsaved changes").waitFor();
+  await page.getByText("Unsaved changes", { exact: true }).waitFor();
   await writeFile(desk.file, `${text}# theirs\n`);
   await page.getByRole("button", { name: "Save", exact: true }).click();
   const dialog = page.getByRole("alertdialog", { name: "The file has changed meanwhile" });
