@@ -99,6 +99,7 @@ fn main() -> ExitCode {
     }
     if !matches!(&cli.verb, Verb::Build(_) | Verb::Task(_) | Verb::Assemble(_) | Verb::Colour(_) | Verb::Serve(_))
         && !matches!(&cli.verb, Verb::Merge(a) if a.is_pack())
+        && !matches!(&cli.verb, Verb::Metadata(a) if a.is_edit())
     {
         signals::end_at_once();
     }

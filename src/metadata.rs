@@ -1,6 +1,7 @@
-//! `kilwa metadata`: the file that `kilwa publish` reads, begun and checked.
+//! `kilwa metadata`: the file that `kilwa publish` reads, begun, edited and checked.
 
 mod download;
+mod edit;
 
 use crate::new_file::NewFile;
 use crate::source::open_pack;
@@ -11,7 +12,7 @@ use kilwa_geometry::LengthUnit;
 use std::io::{BufRead, IsTerminal, Write};
 use std::path::PathBuf;
 
-/// Create or check the metadata file of a model.
+/// Create, edit or check the metadata file of a model.
 #[derive(clap::Args)]
 pub(crate) struct Args {
     #[command(subcommand)]
@@ -34,6 +35,16 @@ enum What {
         #[arg(long)]
         quiet: bool,
     },
+    /// Edit a metadata file in a form in the browser.
+    ///
+    /// Prints an address of this computer, which opens the form. The file is created if it does not exist; in an existing one, comments and everything
+    /// that the form does not change stay as they are. Stops when you press Done in the form, or at Ctrl-C.
+    Edit {
+        /// The file.
+        file: PathBuf,
+        /// A pack, for title, units, reference system and accuracy where the file does not have them.
+        pack: Option<PathBuf>,
+    },
     /// Check a metadata file: every mistake with its line.
     Check {
         /// The file.
@@ -41,9 +52,17 @@ enum What {
     },
 }
 
+impl Args {
+    /// Whether this runs until a signal ends it, which is then no failure.
+    pub(crate) fn is_edit(&self) -> bool {
+        matches!(self.what, What::Edit { .. })
+    }
+}
+
 pub(crate) fn run(args: &Args) -> anyhow::Result<()> {
     match &args.what {
         What::Init { pack, download, output, quiet } => init(pack.as_ref(), download.as_ref(), output.as_ref(), *quiet),
+        What::Edit { file, pack } => edit::run(file, pack.as_ref()),
         What::Check { file } => {
             let m = crate::publish::read_metadata(file)?;
             Ok(writeln!(crate::terminal::out(), "{}: right. \"{}\", {}", file.display(), m.title, m.rights.uri)?)

@@ -527,7 +527,7 @@ fn max_files(_wanted: u64) -> Option<u64> {
 }
 
 /// Resolves at Ctrl-C, SIGTERM or SIGHUP; a SIGHUP that is ignored (`nohup`) stays so.
-async fn stop() {
+pub(crate) async fn stop() {
     let interrupt = async {
         // Without a handler there is nothing to wait for; the system's default (to end) stays.
         if tokio::signal::ctrl_c().await.is_err() {

@@ -1,5 +1,5 @@
 //! Handles Ctrl-C, SIGTERM and SIGHUP: unfinished temporary files are removed, and the program exits with 128 plus the number of the
-//! signal, as shells report it. `build` and `serve` end in their own way.
+//! signal, as shells report it. `build`, `serve` and `metadata edit` end in their own way.
 //!
 //! An ignored signal stays ignored (`nohup`).
 

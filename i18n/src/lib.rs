@@ -1,8 +1,8 @@
 //! The messages of the page and the portal in every language: a folder for each language, and in it a file for
-//! the page, one for its list of holes, which few visitors load, and one for the portal, in [Fluent](https://projectfluent.org)'s syntax. A message whose wording depends on a number has a
+//! the page, one for its list of holes, which few visitors load, one for the portal and one for the form for metadata files, in [Fluent](https://projectfluent.org)'s syntax. A message whose wording depends on a number has a
 //! form for each plural category of its language (Unicode CLDR): two in English, six in Arabic.
 //!
-//! The server formats the portal's messages ([`portal`]). The page gets its messages as JSON ([`page_json`], [`holes_json`], written by
+//! The server formats the messages of the portal and the form ([`portal`], [`metadata`]). The page gets its messages as JSON ([`page_json`], [`holes_json`], written by
 //! `cargo xtask web`), so that browsers need no parser; `www/i18n.js` formats them in the same way, with the browser's own plural rules.
 
 use icu_locale_core::{Locale, locale};
@@ -22,6 +22,7 @@ struct Source {
     page: &'static str,
     holes: &'static str,
     portal: &'static str,
+    metadata: &'static str,
     /// Between groups of three digits. The digits are 0 to 9 in every language, as those of coordinates are.
     group: char,
 }
@@ -35,6 +36,7 @@ macro_rules! language {
             page: include_str!(concat!("../", $code, "/page.ftl")),
             holes: include_str!(concat!("../", $code, "/holes.ftl")),
             portal: include_str!(concat!("../", $code, "/portal.ftl")),
+            metadata: include_str!(concat!("../", $code, "/metadata.ftl")),
             group: $group,
         }
     };
@@ -82,6 +84,13 @@ fn json(code: &str, file: &str, text: fn(&Source) -> &'static str) -> Result<Str
 pub fn portal() -> &'static [Catalogue] {
     static ALL: LazyLock<Vec<Catalogue>> =
         LazyLock::new(|| SOURCES.iter().map(|s| Catalogue::new(s, s.portal)).collect());
+    &ALL
+}
+
+/// The messages of the form for metadata files, in the order of [`languages`].
+pub fn metadata() -> &'static [Catalogue] {
+    static ALL: LazyLock<Vec<Catalogue>> =
+        LazyLock::new(|| SOURCES.iter().map(|s| Catalogue::new(s, s.metadata)).collect());
     &ALL
 }
 

@@ -90,9 +90,13 @@ fn of_holes(source: &Source) -> &str {
     source.holes
 }
 
+fn of_metadata(source: &Source) -> &str {
+    source.metadata
+}
+
 #[test]
 fn every_language_has_the_same_messages_with_the_same_values_and_exactly_its_plural_forms() {
-    for (of, fewest) in [(of_page as fn(&Source) -> &str, 100), (of_portal, 100), (of_holes, 10)] {
+    for (of, fewest) in [(of_page as fn(&Source) -> &str, 100), (of_portal, 100), (of_holes, 10), (of_metadata, 100)] {
         let english = message::parse(of(&SOURCES[0])).unwrap();
         assert!(english.len() > fewest);
         for source in &SOURCES {
@@ -122,9 +126,10 @@ fn every_language_has_the_same_messages_with_the_same_values_and_exactly_its_plu
 }
 
 #[test]
-fn messages_of_the_portal_can_be_put_into_html() {
+fn messages_of_the_portal_and_the_form_can_be_put_into_html() {
     for source in &SOURCES {
-        for (key, message) in message::parse(source.portal).unwrap() {
+        let (portal, metadata) = (message::parse(source.portal).unwrap(), message::parse(source.metadata).unwrap());
+        for (key, message) in portal.into_iter().chain(metadata) {
             // The quotation marks of JSON itself are not in the message.
             let text = message.to_json().to_string();
             assert!(!text.contains(['<', '&']) && !text.contains("\\\""), "{} {key}", source.code);

@@ -23,6 +23,13 @@ pub(crate) fn names(code: &str) -> &'static [String] {
     NAMES.get(code).map(Vec::as_slice).unwrap_or_default()
 }
 
+/// All countries: code and name in a language.
+pub(crate) fn all(language: &str) -> impl Iterator<Item = (&'static str, &'static str)> {
+    let at = kilwa_messages::languages().position(|l| l == language).unwrap_or(0);
+    let countries = NAMES.iter().filter(|(code, _)| code.len() == 2);
+    countries.filter_map(move |(code, names)| Some((code.as_str(), names.get(at)?.as_str())))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -24,6 +24,7 @@ mod flow;
 mod gate;
 mod html;
 pub mod index;
+pub mod metadata_form;
 mod metrics;
 mod object_files;
 mod objects;

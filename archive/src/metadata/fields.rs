@@ -26,7 +26,7 @@ const EXAMPLES: [&str; 5] = [
 ];
 
 /// DataCite 4.5, relationType: the schema that what is written is checked with.
-const RELATIONS: [&str; 36] = [
+pub(super) const RELATIONS: [&str; 36] = [
     "IsCitedBy",
     "Cites",
     "IsSupplementTo",
@@ -109,7 +109,7 @@ fn metadata(t: Table<'_, '_>) -> Option<Metadata> {
         t.paragraphs("description"),
         t.text("language").and_then(|f| language(&t, f)).unwrap_or_else(|| "en".to_owned()),
         t.texts("subjects"),
-        t.text("identifier").and_then(|f| identifier(&t, &f)),
+        t.text("identifier").and_then(|f| identifier(&t, "identifier", &f)),
         t.text("publisher").map(|f| f.value),
         checked(&t, "published", is_day, "expected a date such as 2026-11-21"),
     );
@@ -363,7 +363,7 @@ fn related(t: &Table<'_, '_>) -> Vec<Related> {
         if uri.is_none() {
             table.missing("uri", "the address of the related item is missing");
         }
-        let uri = uri.and_then(|f| identifier(&table, &f));
+        let uri = uri.and_then(|f| identifier(&table, "uri", &f));
         let title = table.text("title").map(|f| f.value);
         table.finish();
         Some(Related { relation: relation?, uri: uri?, title })
@@ -431,7 +431,7 @@ fn is_address(text: &str) -> bool {
 }
 
 /// An address, or an identifier with a scheme of its own; DOIs as `https://doi.org/…`.
-fn identifier(t: &Table<'_, '_>, f: &Found<String>) -> Option<String> {
+fn identifier(t: &Table<'_, '_>, key: &str, f: &Found<String>) -> Option<String> {
     let text = f.value.trim();
     let lower = text.to_lowercase();
     let doi = ["doi:", "https://doi.org/", "http://doi.org/", "http://dx.doi.org/", "https://dx.doi.org/"]
@@ -455,7 +455,7 @@ fn identifier(t: &Table<'_, '_>, f: &Found<String>) -> Option<String> {
         return Some(text.to_owned());
     }
     t.wrong(
-        "identifier",
+        key,
         f.at,
         format!(
             "\"{text}\" is not an identifier; write a DOI (doi:10.1234/abc), ARK, URN, handle (hdl:) or an address"

@@ -53,14 +53,14 @@ pub(super) fn strays(text: &str) -> Vec<Problem> {
     all
 }
 
-fn header(line: &str) -> Option<String> {
+pub(super) fn header(line: &str) -> Option<String> {
     let inner = line.strip_prefix("[[").and_then(|l| l.strip_suffix("]]"));
     let inner = inner.or_else(|| line.strip_prefix('[').and_then(|l| l.strip_suffix(']')))?;
     let is_name = !inner.is_empty() && inner.chars().all(|c| c.is_ascii_alphanumeric() || "._-".contains(c));
     is_name.then(|| inner.to_owned())
 }
 
-fn fields(block: &str) -> Option<&'static [&'static str]> {
+pub(super) fn fields(block: &str) -> Option<&'static [&'static str]> {
     BLOCKS.iter().chain([&FUNDING]).find(|(name, _)| *name == block).map(|(_, fields)| *fields)
 }
 

@@ -5,9 +5,12 @@
 //! characters but line breaks; addresses begin with http:// or https://; dates exist; rights are canonical ([`super::rights`]).
 
 pub mod crs;
+pub mod document;
 mod fields;
 mod lines;
 pub mod plausible;
+mod rewrite;
+pub mod schema;
 pub mod template;
 mod withheld;
 

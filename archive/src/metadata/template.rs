@@ -185,7 +185,7 @@ fn optional(s: &mut String, comment: &str, key: &str, value: Option<&str>, examp
 }
 
 /// A text as TOML writes it.
-fn quoted(text: &str) -> String {
+pub(super) fn quoted(text: &str) -> String {
     let mut s = String::from("\"");
     for c in text.chars() {
         match c {

@@ -11,7 +11,7 @@ const LEFT_OUT: [&str; 5] = ["place.latitude", "place.longitude", "place.uri", "
 
 impl Metadata {
     /// Whether no text of a metadata file that would be published gives `location` away. Comments are not published; neither are the fields that
-    /// [`Metadata::without_location`] leaves out. A file that is no TOML has other problems, and none here.
+    /// [`Metadata::without_location`] leaves out. A file that is not TOML has other problems, and none here.
     ///
     /// # Errors
     /// Each text that does, with line, field, what was found and what to do.

@@ -7,7 +7,7 @@ use crate::metadata::{Agent, AgentKind, Related};
 use serde_json::{Map, Value, json};
 
 /// Values of `contributorType`.
-const CONTRIBUTORS: [&str; 22] = [
+pub const CONTRIBUTORS: [&str; 22] = [
     "ContactPerson",
     "DataCollector",
     "DataCurator",

@@ -17,6 +17,7 @@ mod text;
 pub mod xml;
 
 pub use citation::citation;
+pub use datacite::CONTRIBUTORS;
 pub use edm::europeana_lacks;
 pub use ro_crate::ro_crate;
 pub use schema_org::schema_org;
