@@ -125,8 +125,9 @@ impl Document {
         &self.values
     }
 
-    /// The same file with other values. Fields that are not in `wanted` keep theirs. The text of a file whose values are `wanted` already is
-    /// the same, byte for byte.
+    /// The same file with other values. Fields that are not in `wanted` keep theirs. If the values are `wanted` already, the text stays the
+    /// same, byte for byte, except that values of a wrong type are written as the form writes them, and an empty `[access]` or `[photographs]`
+    /// is left out.
     ///
     /// # Errors
     /// [`Unwritable`] names the field.
